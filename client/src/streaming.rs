@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use lodestream_protocol::message::Token;
 use lodestream_protocol::time::Time;
-use lodestream_protocol::view::View;
+use lodestream_scene::view::View;
 use tokio::sync::{mpsc, watch};
 use tokio::time::sleep;
 

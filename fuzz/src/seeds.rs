@@ -3,30 +3,30 @@
 use std::path::Path;
 
 use data_encoding::BASE64;
+use lodestream_bake::compose::compose;
+use lodestream_bake::scene;
 use lodestream_compress::{compress, encode_base};
 use lodestream_geometry::Codec;
 use lodestream_geometry::index::Sphere;
 use lodestream_geometry::mesh::SourceMesh;
 use lodestream_geometry::pack::{BlobKind, write};
 use lodestream_geometry::prepare::Prepared;
-use lodestream_protocol::asset::{
-    Alpha, AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, TextureLevel, Wrap,
-};
-use lodestream_protocol::blob::BlobId;
 use lodestream_protocol::frame::{BlobPiece, encode_client, encode_piece, encode_server};
 use lodestream_protocol::message::{
     ClientMessage, Close, CloseCode, Hello, ServerMessage, Token, Want, Welcome,
 };
-use lodestream_protocol::punctual_lights::{
+use lodestream_protocol::stream::blob_head;
+use lodestream_scene::asset::{
+    Alpha, AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, TextureLevel, Wrap,
+};
+use lodestream_scene::blob::BlobId;
+use lodestream_scene::description::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
+use lodestream_scene::punctual_lights::{
     PunctualLight, PunctualLightPageEntry, PunctualLights, Spot, encode_directory, encode_page,
 };
-use lodestream_protocol::scene::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
-use lodestream_protocol::shared::SharedTexture;
-use lodestream_protocol::stream::blob_head;
-use lodestream_protocol::view::View;
-use lodestream_server::compose::compose;
-use lodestream_server::scene;
-use lodestream_server::store::{PackName, SceneObject};
+use lodestream_scene::shared::SharedTexture;
+use lodestream_scene::view::View;
+use lodestream_store::{PackName, SceneObject};
 use lodestream_terrain::{
     Distribution, Erosion, HeightOverride, HeightOverrides, Mode, Parameters, Shape, Stamp, encode_points,
     encode_stamps,
@@ -481,11 +481,11 @@ fn published() -> Vec<(String, Vec<u8>)> {
             ..AssetEntry::default()
         };
         let entries: Vec<_> = (1..).zip(&scene.assets).map(entry).collect();
-        let composed = compose(&scene, &entries, &[Vec::new(), Vec::new()]).expect("it can be described");
-        let assets = composed.pages.iter().flat_map(|page| &page.assets);
+        let description = compose(&scene, &entries, &[Vec::new(), Vec::new()]).expect("it can be described");
+        let assets = description.pages.iter().flat_map(|page| &page.assets);
         let pack = |asset: &AssetEntry| PackName { name: asset.name.clone(), fingerprint: asset.fingerprint };
         let packs = assets.map(pack).collect();
-        SceneObject { composed, packs }.encode().expect("a scene is encoded")
+        SceneObject { description, packs }.encode().expect("a scene is encoded")
     };
     vec![
         seed("one", object(format!("{assets}{}", places(1)))),

@@ -15,11 +15,12 @@ use std::sync::Arc;
 
 use bytes::Bytes;
 use lodestream_fuzz::meter::measure;
+use lodestream_protocol::Time;
 use lodestream_protocol::message::{ClientMessage, Hello, Want};
-use lodestream_protocol::scene::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
 use lodestream_protocol::server::{ServerConfig, ServerSession};
 use lodestream_protocol::source::{SceneSource, SourceError};
-use lodestream_protocol::{BlobId, BlobPart, Time};
+use lodestream_scene::description::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
+use lodestream_scene::{BlobId, BlobPart};
 
 const CHUNKS: u32 = 10_000;
 /// What a session may hold: 256 KiB of queued requests, 64 KiB of answers, and what it is itself.

@@ -16,13 +16,13 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use futures_util::{SinkExt as _, StreamExt as _};
+use lodestream_daemon::http::server::accept_http;
+use lodestream_daemon::session::memory_scene::MemoryScene;
+use lodestream_daemon::{ServerState, SessionSettings};
 use lodestream_fuzz::meter::held_bytes;
-use lodestream_protocol::BlobId;
 use lodestream_protocol::frame::encode_client;
 use lodestream_protocol::message::{ClientMessage, Hello, Want};
-use lodestream_server::daemon::http::accept_http;
-use lodestream_server::daemon::memory_scene::MemoryScene;
-use lodestream_server::daemon::{ServerState, SessionSettings};
+use lodestream_scene::BlobId;
 use tokio::io::{DuplexStream, duplex};
 use tokio::runtime::Builder;
 use tokio::time::{Instant, interval, sleep, sleep_until, timeout_at};

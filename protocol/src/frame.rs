@@ -7,11 +7,11 @@
 
 use bytes::Bytes;
 
-use crate::blob::BlobId;
-pub use crate::coding::CodingError;
 use crate::coding::{decode_message, encode_message};
-use crate::limits::{MAX_BLOB_BYTES, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, MAX_PIECE_BYTES};
 use crate::message::{ClientMessage, MessageError, ServerMessage};
+use lodestream_scene::blob::BlobId;
+pub use lodestream_scene::coding::CodingError;
+use lodestream_scene::limits::{MAX_BLOB_BYTES, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, MAX_PIECE_BYTES};
 
 /// Bit of a tag that lets a peer skip the message if the tag is unknown to it.
 pub const OPTIONAL: u8 = 0x80;

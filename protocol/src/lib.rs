@@ -1,4 +1,4 @@
-//! Messages, framing, limits, sans-IO sessions, selection and scheduling.
+//! Messages, framing, sans-IO sessions, scheduling and rate limits.
 //!
 //! The crate is pure: it opens no file and no socket, reads no clock and spawns no thread. Time comes
 //! in as an argument ([`Time`]), bytes and messages go in and out by `handle_…` and `poll_…` calls in
@@ -7,14 +7,7 @@
 //!
 //! | module | idea |
 //! |---|---|
-//! | [`blob`] | names of the things that are sent: base meshes, index pages, chunks, texture levels |
-//! | [`scene`] | the scene description, paged, and the description of one asset |
-//! | [`shared`] | textures that assets have in common |
-//! | [`terrain`] | what a scene says of its terrain |
-//! | [`punctual_lights`] | what a scene says of the lights that stand in it |
-//! | [`view`] | the camera that everything is judged by |
-//! | [`select`] | which blobs a view wants, in which order, and which applied chunks it can do without |
-//! | [`message`], [`frame`], [`limits`] | control messages, their bytes, and the bounds on both |
+//! | [`message`], [`frame`] | control messages and their bytes |
 //! | [`stream`] | how frames and blobs map onto QUIC streams and WebSocket messages |
 //! | [`server`], [`client`] | the two session state machines |
 //! | [`scheduler`], [`limiter`], [`shared_rate_limit`] | what is sent next, and when |
@@ -29,26 +22,16 @@
     )
 )]
 
-pub mod asset;
-pub mod blob;
 pub mod client;
 pub mod frame;
 pub mod limiter;
-pub mod limits;
 pub mod message;
-pub mod pose;
-pub mod punctual_lights;
-pub mod scene;
 pub mod scheduler;
-pub mod select;
 pub mod server;
-pub mod shared;
 pub mod shared_rate_limit;
 pub mod source;
 pub mod stream;
-pub mod terrain;
 pub mod time;
-pub mod view;
 
 mod coding;
 #[cfg(test)]
@@ -56,6 +39,4 @@ mod pair;
 #[cfg(test)]
 mod testing;
 
-pub use blob::{BlobId, BlobPart, PunctualLightBlob, TerrainBlob};
 pub use time::Time;
-pub use view::View;

@@ -2,14 +2,14 @@
 
 use bincode::{Decode, Encode};
 
-use crate::blob::BlobId;
-use crate::limits::{
+use lodestream_scene::blob::BlobId;
+use lodestream_scene::description::{Fingerprint, SceneError, SceneHeader, ScenePage};
+use lodestream_scene::limits::{
     MAX_BLOB_BYTES, MAX_HAVE, MAX_IDS_PER_MESSAGE, MAX_NAME_BYTES, MAX_PAGES_PER_MESSAGE, MAX_REASON_BYTES,
     MAX_TOKEN_BYTES,
 };
-use crate::punctual_lights::{PunctualLights, PunctualLightsError};
-use crate::scene::{Fingerprint, SceneError, SceneHeader, ScenePage};
-use crate::view::{View, ViewError};
+use lodestream_scene::punctual_lights::{PunctualLights, PunctualLightsError};
+use lodestream_scene::view::{View, ViewError};
 
 /// Versions of the protocol that this crate speaks.
 pub const VERSIONS: std::ops::RangeInclusive<u16> = 4..=4;
@@ -93,7 +93,7 @@ impl std::fmt::Debug for Token {
 pub struct Want {
     /// The blob.
     pub id: BlobId,
-    /// Higher is sent first; see [`crate::select::Priority`].
+    /// Higher is sent first; see [`lodestream_select::Priority`].
     pub priority: u32,
     /// Bytes of the blob's beginning that the client has: what is sent begins there, or later where the
     /// server has sent more. Below the blob's length.

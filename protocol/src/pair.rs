@@ -7,18 +7,18 @@ use std::time::Duration;
 
 use bytes::Bytes;
 
-use crate::blob::{BlobId, BlobPart};
 use crate::client::{ClientConfig, ClientEvent, ClientSession, Resume};
 use crate::frame::{Frame, encode_client, encode_piece};
 use crate::message::{Close, Welcome};
-use crate::scene::InstanceEntry;
-use crate::select::{AssetState, Selection, Selector, State};
 use crate::server::{ServerConfig, ServerSession, Transmit};
 use crate::source::SceneSource;
 use crate::testing::{MemoryScene, SlowScene};
 use crate::time::Time;
-use crate::view::View;
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_stated_page};
+use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_scene::description::InstanceEntry;
+use lodestream_scene::view::View;
+use lodestream_select::{AssetState, Selection, Selector, State};
 
 /// A direction of the link: what is under way, with its arrival.
 #[derive(Default)]

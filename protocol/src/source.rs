@@ -6,10 +6,10 @@ use std::sync::Arc;
 
 use bytes::Bytes;
 
-use crate::blob::BlobId;
-use crate::punctual_lights::PunctualLights;
-use crate::scene::{SceneHeader, ScenePage};
-use crate::select::Occluder;
+use lodestream_scene::blob::BlobId;
+use lodestream_scene::description::{SceneHeader, ScenePage};
+use lodestream_scene::punctual_lights::PunctualLights;
+use lodestream_select::Occluder;
 
 /// Why a blob cannot be had.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -13,10 +13,11 @@
 use bytes::Bytes;
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, percent_decode_str, utf8_percent_encode};
 
-use crate::blob::BlobId;
-use crate::coding::{CodingError, decode_message, encode_message};
+use crate::coding::{decode_message, encode_message};
 use crate::frame::{BlobPiece, FrameError, PieceError};
-use crate::limits::{MAX_BLOB_BYTES, MAX_NAME_BYTES, MAX_PIECE_BYTES};
+use lodestream_scene::blob::BlobId;
+use lodestream_scene::coding::CodingError;
+use lodestream_scene::limits::{MAX_BLOB_BYTES, MAX_NAME_BYTES, MAX_PIECE_BYTES};
 
 /// Name of the protocol in TLS ALPN and as WebSocket subprotocol.
 pub const ALPN: &str = "lodestream/2";

@@ -16,13 +16,12 @@ use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::time::Instant;
 
+use lodestream_bake::prepare::Options;
+use lodestream_bake::scene;
 use lodestream_protocol::source::SceneSource as _;
-use lodestream_protocol::{BlobId, BlobPart};
+use lodestream_scene::{BlobId, BlobPart};
 use lodestream_server::catalogue::publish::publish;
-use lodestream_server::demo_scene;
-use lodestream_server::prepare::Options;
-use lodestream_server::scene;
-use lodestream_server::store::{BlobCache, Objects, SceneStore, retries};
+use lodestream_store::{BlobCache, Objects, SceneStore, retries};
 use object_store::aws::AmazonS3Builder;
 use tokio::runtime::Runtime;
 
@@ -82,7 +81,8 @@ fn bucket(endpoint: &str) -> Objects {
 fn measure(endpoint: &str, reads: &mut dyn FnMut() -> u64) {
     let (bucket, runtime) = (bucket(endpoint), Runtime::new().unwrap());
     let work = Path::new(env!("CARGO_TARGET_TMPDIR")).join("stores");
-    let made = demo_scene::generate(&work.join("demo"), &demo_scene::Options::full(1)).unwrap();
+    let made = lodestream_demo_scene::generate(&work.join("demo"), &lodestream_demo_scene::Options::full(1))
+        .unwrap();
     let scene = scene::read(&made.scene).unwrap();
     let options = Options { quiet: true, ..Options::default() };
     runtime.block_on(publish(&scene, &bucket, &work.join("cache"), &options)).unwrap();

@@ -1,15 +1,6 @@
-//! Preparation, scenes, pack store and the streaming daemon.
+//! The server's program: its command line, and the catalogue of the scenes that it serves.
+//!
+//! The daemon is `lodestream-daemon`, preparation `lodestream-bake`, packs and object stores `lodestream-store`.
 
 pub mod catalogue;
 pub mod cli;
-pub mod compare;
-pub mod compose;
-pub mod daemon;
-pub mod demo_scene;
-pub mod export_obj;
-pub mod inspect;
-pub mod mapped;
-pub mod prepare;
-pub mod scene;
-pub mod store;
-mod tell;

@@ -1,6 +1,6 @@
 //! The server's program: see [`lodestream_server::cli`].
 
-use lodestream_server::mapped::Mapped;
+use lodestream_bake::mapped::Mapped;
 
 #[global_allocator]
 static ALLOCATOR: Mapped = Mapped;

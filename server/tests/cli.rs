@@ -11,7 +11,7 @@ use std::process::{Command, Output};
 
 use lodestream_geometry::base::Base;
 use lodestream_geometry::pack::{BlobKind, HEAD_BYTES, Head, write};
-use lodestream_protocol::asset::AssetDescription;
+use lodestream_scene::asset::AssetDescription;
 use tempfile::TempDir;
 
 fn run(arguments: &[&str]) -> Output {

@@ -12,10 +12,10 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use lodestream_import::preparation_settings::PreparationSettings;
-use lodestream_server::mapped::{MapError, Mapped, Mapping};
-use lodestream_server::prepare::{Options, PrepareError, prepare_to};
-use lodestream_server::scene::Asset;
+use lodestream_bake::mapped::{MapError, Mapped, Mapping};
+use lodestream_bake::preparation_settings::PreparationSettings;
+use lodestream_bake::prepare::{Options, PrepareError, prepare_to};
+use lodestream_bake::scene::Asset;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use tempfile::TempDir;
 use tokio::signal::unix::{SignalKind, signal};
@@ -42,7 +42,7 @@ const FROM_BYTES: usize = 16 << 10;
 fn mapping(folder: &Path) -> Option<Mapping> {
     match Mapped::into(folder, FROM_BYTES) {
         Ok(mapping) => Some(mapping),
-        Err(error @ MapError::InMemoryCheckpoint(_)) => {
+        Err(error @ MapError::InMemory(_)) => {
             eprintln!("NOT TESTED: {error}");
             None
         }

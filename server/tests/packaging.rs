@@ -10,8 +10,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::Arc;
 
-use lodestream_server::daemon::memory_scene::MemoryScene;
-use lodestream_server::daemon::{ServerState, SessionSettings};
+use lodestream_daemon::session::memory_scene::MemoryScene;
+use lodestream_daemon::{ServerState, SessionSettings};
 
 fn shipped(name: &str) -> String {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("packaging").join(name);
@@ -131,7 +131,7 @@ fn completions_and_manuals_know_all_commands_and_flags() {
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
         let script = generate(&["completions", shell]).stdout;
         let script = String::from_utf8(script).unwrap();
-        for word in ["demo-scene", "terrain-import", "max-sessions-per-address", "completions"] {
+        for word in ["terrain-import", "max-sessions-per-address", "completions"] {
             assert!(script.contains(word), "{shell}: {word}");
         }
     }

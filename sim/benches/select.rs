@@ -10,16 +10,14 @@ use std::sync::Arc;
 use anyhow::Context as _;
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_stated_page};
 use lodestream_geometry::refine::ActiveMesh;
-use lodestream_protocol::scene::InstanceEntry;
-use lodestream_protocol::select::{
-    AssetState, InstanceTree, Instances, Occluder, SelectSettings, Selector, State,
-};
 use lodestream_protocol::source::SceneSource;
-use lodestream_protocol::view::View;
-use lodestream_protocol::{BlobId, BlobPart};
 use lodestream_scenario::plan::SceneChoice;
 use lodestream_scenario::scene;
 use lodestream_scenario::stopwatch::{median, paired_ratio, timed};
+use lodestream_scene::description::InstanceEntry;
+use lodestream_scene::view::View;
+use lodestream_scene::{BlobId, BlobPart};
+use lodestream_select::{AssetState, InstanceTree, Instances, Occluder, SelectSettings, Selector, State};
 
 const TIMES: usize = 60;
 /// As in `client/src/core/asset.rs`.

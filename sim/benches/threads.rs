@@ -12,13 +12,13 @@ use std::sync::Mutex;
 use std::time::Instant;
 
 use anyhow::Context as _;
+use lodestream_bake::prepare::Threads as Preparing;
 use lodestream_client::threads::Threads as Decoding;
 use lodestream_geometry::Settings;
 use lodestream_geometry::mesh::QuantisedMesh;
 use lodestream_geometry::pool::{Pool, Silent};
 use lodestream_geometry::prepare::{Hooks, Prepared, prepare};
 use lodestream_geometry::refine::{ActiveMesh, ChunkDelta};
-use lodestream_server::prepare::Threads as Preparing;
 
 /// Times that each is done on one thread and on two.
 const RUNS: usize = 7;

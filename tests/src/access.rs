@@ -4,11 +4,11 @@ use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use lodestream_client::core::Config;
+use lodestream_daemon::SessionSettings;
+use lodestream_daemon::auth::access::Access;
+use lodestream_daemon::auth::hook::Hook;
+use lodestream_daemon::auth::tokens::Tokens;
 use lodestream_protocol::message::Token;
-use lodestream_server::daemon::SessionSettings;
-use lodestream_server::daemon::access::Access;
-use lodestream_server::daemon::hook::Hook;
-use lodestream_server::daemon::tokens::Tokens;
 
 use crate::support::LIMIT;
 use crate::support::daemon::{Server, Transport};

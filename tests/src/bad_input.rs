@@ -6,10 +6,10 @@ use std::io::{Seek as _, SeekFrom, Write as _};
 use std::path::Path;
 use std::time::Duration;
 
-use lodestream_protocol::BlobId;
+use lodestream_bake::scene::of_files;
+use lodestream_daemon::SessionSettings;
 use lodestream_protocol::source::{SceneSource as _, SourceError};
-use lodestream_server::daemon::SessionSettings;
-use lodestream_server::scene::of_files;
+use lodestream_scene::BlobId;
 
 use crate::support::daemon::{Server, Transport};
 use crate::support::scene::{TestScene, prepare_all};

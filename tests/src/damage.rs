@@ -4,9 +4,9 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use lodestream_server::daemon::SessionSettings;
-use lodestream_server::scene::of_files;
-use lodestream_server::store::SceneStore;
+use lodestream_bake::scene::of_files;
+use lodestream_daemon::SessionSettings;
+use lodestream_store::BlobCache;
 
 use crate::support::daemon::{Server, Transport};
 use crate::support::scene::prepare_all;
@@ -21,7 +21,7 @@ fn damaged_by(damage: impl Fn(&Path)) {
     let packs = prepare_all(&scene, &cache);
     let paths: Vec<_> = packs.iter().map(|pack| pack.path().to_owned()).collect();
     // In memory is nothing but base meshes.
-    let store = SceneStore::new(&scene, packs, 256 << 20).unwrap();
+    let store = lodestream_bake::compose::open(&scene, packs, &BlobCache::new(256 << 20)).unwrap();
     let server = Server::start(Arc::new(store), SessionSettings::default());
     paths.iter().for_each(|path| damage(path));
     let mut viewer = Viewer::start(&server.address(Transport::WebSocket), config());

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use lodestream_server::daemon::SessionSettings;
+use lodestream_daemon::SessionSettings;
 
 use crate::support::LIMIT;
 use crate::support::daemon::{Server, Transport};

@@ -7,10 +7,11 @@ use std::time::Duration;
 use lodestream_client::core::{ClientCore, Milestone, Progress};
 use lodestream_client::net::{Clock, Host, WebSocketConnection, run_quic, run_websocket};
 use lodestream_compress::decode_base;
+use lodestream_daemon::{ServerState, SessionSettings};
 use lodestream_netsim::clock::virtual_runtime;
+use lodestream_protocol::Time;
 use lodestream_protocol::message::ClientMessage;
-use lodestream_protocol::{BlobId, BlobPart, Time};
-use lodestream_server::daemon::{ServerState, SessionSettings};
+use lodestream_scene::{BlobId, BlobPart};
 use tokio::time::timeout;
 
 use crate::support::raw::{Arrival, RawClient, RawQuic, RawWebSocket, hello};

@@ -5,10 +5,10 @@ use std::net::{Ipv4Addr, TcpStream, UdpSocket};
 use std::time::Duration;
 
 use lodestream_client::net::{client_config, endpoint};
-use lodestream_protocol::BlobId;
+use lodestream_daemon::SessionSettings;
 use lodestream_protocol::frame::encode_client;
 use lodestream_protocol::message::{ClientMessage, Close, CloseCode, Hello, RefusedReason, ServerMessage};
-use lodestream_server::daemon::SessionSettings;
+use lodestream_scene::BlobId;
 use tokio::time::timeout;
 
 use crate::support::LIMIT;

@@ -3,11 +3,11 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use lodestream_daemon::session::memory_scene::{MemoryScene, TEXTURE_LEVELS};
+use lodestream_daemon::{ServerState, SessionSettings};
 use lodestream_netsim::clock::virtual_runtime;
-use lodestream_protocol::BlobId;
 use lodestream_protocol::message::ClientMessage;
-use lodestream_server::daemon::memory_scene::{MemoryScene, TEXTURE_LEVELS};
-use lodestream_server::daemon::{ServerState, SessionSettings};
+use lodestream_scene::BlobId;
 
 use crate::support::raw::{RawClient, RawQuic, RawWebSocket, hello, want};
 use crate::support::virtual_link::{QuicLink, tcp_connect};

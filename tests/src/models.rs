@@ -9,10 +9,10 @@
 
 use std::path::{Path, PathBuf};
 
+use lodestream_bake::prepare::{Threads, prepare_cached};
+use lodestream_bake::scene::of_files;
 use lodestream_geometry::check::check;
 use lodestream_scenario::models::{self, Model};
-use lodestream_server::prepare::{Threads, prepare_cached};
-use lodestream_server::scene::of_files;
 
 use crate::support::scene::options;
 

@@ -6,8 +6,8 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use image::{Rgb, RgbImage};
-use lodestream_server::daemon::SessionSettings;
-use lodestream_server::scene::of_files;
+use lodestream_bake::scene::of_files;
+use lodestream_daemon::SessionSettings;
 
 use crate::support::daemon::{Server, Transport};
 use crate::support::picture::skipped;

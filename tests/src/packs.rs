@@ -4,13 +4,13 @@ use std::num::NonZeroUsize;
 use std::path::Path;
 
 use lodestream_assess::measure::{Settings, compare, read_obj};
+use lodestream_bake::export_obj::write_obj;
+use lodestream_bake::prepare::{Options, Threads, prepare_cached, prepare_to};
+use lodestream_bake::scene::{Asset, of_files};
 use lodestream_geometry::ancestor_closed_cut::{Budget, lowest_error};
 use lodestream_geometry::check::check;
-use lodestream_protocol::BlobPart;
-use lodestream_server::export_obj::write_obj;
-use lodestream_server::prepare::{Options, Threads, prepare_cached, prepare_to};
-use lodestream_server::scene::{Asset, of_files};
-use lodestream_server::store::PackFile;
+use lodestream_scene::BlobPart;
+use lodestream_store::PackFile;
 
 use crate::support::scene::{TestScene, options};
 use crate::support::shapes::{ball, write_scene};

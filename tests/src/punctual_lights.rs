@@ -4,13 +4,13 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::time::Duration;
 
+use lodestream_bake::scene::of_files;
 use lodestream_client::core::{Change, ClientCore, Milestone, Progress};
 use lodestream_client::net::{Clock, Host, WebSocketConnection, run_quic, run_websocket};
+use lodestream_daemon::{ServerState, SessionSettings};
 use lodestream_netsim::clock::virtual_runtime;
 use lodestream_protocol::Time;
 use lodestream_protocol::source::SceneSource as _;
-use lodestream_server::daemon::{ServerState, SessionSettings};
-use lodestream_server::scene::of_files;
 use serde_json::json;
 
 use crate::support::daemon::{Server, Transport};

@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use lodestream_client::core::{Change, ClientCore};
 use lodestream_client::net::{Address, Clock, Host, Retry, stream};
+use lodestream_daemon::SessionSettings;
 use lodestream_protocol::server::ServerConfig;
-use lodestream_server::daemon::SessionSettings;
 use tokio::sync::Notify;
 
 use crate::support::LIMIT;

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use lodestream_protocol::BlobId;
-use lodestream_server::daemon::SessionSettings;
+use lodestream_daemon::SessionSettings;
+use lodestream_scene::BlobId;
 
 use crate::support::daemon::{Server, Transport};
 use crate::support::picture::{comparison, draw, headless, keep, same};

@@ -5,10 +5,10 @@ use std::time::Duration;
 
 use lodestream_client::core::{ClientCore, Config, Progress, StartView, Stats};
 use lodestream_client::net::{Clock, Host, WebSocketConnection, run_quic, run_websocket};
+use lodestream_daemon::session::memory_scene::MemoryScene;
+use lodestream_daemon::{ServerState, SessionSettings};
 use lodestream_netsim::clock::virtual_runtime;
 use lodestream_protocol::time::Time;
-use lodestream_server::daemon::memory_scene::MemoryScene;
-use lodestream_server::daemon::{ServerState, SessionSettings};
 
 use crate::support::scene::TestScene;
 use crate::support::virtual_link::{QuicLink, cut_after, tcp_with_rate};

@@ -5,12 +5,12 @@ use std::net::{Ipv4Addr, Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
+use lodestream_bake::scene::of_files;
 use lodestream_client::core::Change;
+use lodestream_daemon::SessionSettings;
 use lodestream_protocol::source::SceneSource;
 use lodestream_server::catalogue::publish::publish;
-use lodestream_server::daemon::SessionSettings;
-use lodestream_server::scene::of_files;
-use lodestream_server::store::{BlobCache, Objects, SceneStore};
+use lodestream_store::{BlobCache, Objects, SceneStore};
 
 use crate::support::daemon::{Server, Transport};
 use crate::support::scene::options;

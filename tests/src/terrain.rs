@@ -1,10 +1,10 @@
 //! Terrain on its way: what a client makes of it is what the server has, and nothing is sent that no view needs.
 
+use lodestream_bake::scene::{of_files, read};
 use lodestream_client::core::Change;
+use lodestream_daemon::SessionSettings;
+use lodestream_demo_scene::{Options, generate};
 use lodestream_render::tiles::{GroundView, PlacedTerrain};
-use lodestream_server::daemon::SessionSettings;
-use lodestream_server::demo_scene::{Options, generate};
-use lodestream_server::scene::{of_files, read};
 use lodestream_terrain::{Scratch, Terrain};
 
 use crate::support::daemon::{Server, Transport};

@@ -1,8 +1,8 @@
 //! A texture that assets have in common is one on the device, as it is one on the wire.
 
+use lodestream_bake::scene::of_files;
 use lodestream_client::core::Change;
 use lodestream_render::{Headless, SceneView};
-use lodestream_server::scene::of_files;
 
 use crate::support::picture::{Picture, headless};
 use crate::support::scene::{TestScene, prepare_all};

@@ -4,8 +4,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime};
 
 use lodestream_client::net::{Address, Authorities, Server as Target};
+use lodestream_daemon::SessionSettings;
 use lodestream_protocol::source::SceneSource;
-use lodestream_server::daemon::SessionSettings;
 
 use crate::support::LIMIT;
 use crate::support::authority::{Authority, DAY, Files, new_key};

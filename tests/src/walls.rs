@@ -6,10 +6,10 @@
 use std::path::Path;
 
 use glam::{DVec3, Vec3};
+use lodestream_bake::scene::{Scene, read};
 use lodestream_client::core::Change;
+use lodestream_demo_scene::{Options, generate};
 use lodestream_render::{AntiAliasing, GradientSky, Headless, Pose, SceneView, Settings, Sky};
-use lodestream_server::demo_scene::{Options, generate};
-use lodestream_server::scene::{Scene, read};
 
 use crate::support::picture::headless;
 use crate::support::scene::{TestScene, prepare_all};

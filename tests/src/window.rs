@@ -5,12 +5,12 @@ use std::process::Output;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use lodestream_bake::scene::of_files;
 use lodestream_client::core::Change;
-use lodestream_protocol::BlobId;
+use lodestream_daemon::SessionSettings;
 use lodestream_report::image_error::image_error;
 use lodestream_report::pictures::shown::judge;
-use lodestream_server::daemon::SessionSettings;
-use lodestream_server::scene::of_files;
+use lodestream_scene::BlobId;
 use serde_json::Value;
 
 use crate::support::daemon::{Server, Transport};

@@ -7,8 +7,8 @@ use std::str::FromStr;
 use clap::Parser;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
-use lodestream_protocol::scene::Camera;
-use lodestream_protocol::view::View;
+use lodestream_scene::description::Camera;
+use lodestream_scene::view::View;
 
 use lodestream_client::net::Address;
 use lodestream_render::{

@@ -6,8 +6,8 @@ use std::time::Duration;
 
 use anyhow::{Context as _, bail};
 use lodestream_client::streaming::Streaming;
-use lodestream_protocol::limits::MAX_TOKEN_BYTES;
 use lodestream_protocol::message::Token;
+use lodestream_scene::limits::MAX_TOKEN_BYTES;
 
 /// Where it is if no file is named.
 pub(crate) const VARIABLE: &str = "LODESTREAM_TOKEN";

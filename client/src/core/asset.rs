@@ -10,8 +10,8 @@ use geometry::refine::{ActiveMesh, ChunkDelta, ChunkError, RefineError, Touched}
 #[cfg(feature = "zstd")]
 use lodestream_compress::{decode_base, decode_prefix};
 use lodestream_geometry as geometry;
-use lodestream_protocol::asset::{AssetDescription, DescriptionError};
-use lodestream_protocol::select::Occluder;
+use lodestream_scene::asset::{AssetDescription, DescriptionError};
+use lodestream_select::Occluder;
 
 use super::changes::{IndexRun, MeshChange, Vertex, runs};
 #[cfg(not(feature = "zstd"))]

@@ -6,7 +6,7 @@
 use std::collections::{BTreeMap, HashMap};
 
 use bytes::Bytes;
-use lodestream_protocol::BlobId;
+use lodestream_scene::BlobId;
 
 #[derive(Debug)]
 struct Entry {

@@ -4,10 +4,10 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use lodestream_geometry::refine::RenderVertex;
-use lodestream_protocol::asset::{Material, TextureInfo};
-use lodestream_protocol::punctual_lights::PunctualLight;
-use lodestream_protocol::scene::{InstanceEntry, SceneHeader};
-use lodestream_protocol::shared::SharedTexture;
+use lodestream_scene::asset::{Material, TextureInfo};
+use lodestream_scene::description::{InstanceEntry, SceneHeader};
+use lodestream_scene::punctual_lights::PunctualLight;
+use lodestream_scene::shared::SharedTexture;
 use lodestream_terrain::{HeightOverride, HeightOverrides};
 
 use super::texture_file::TexturePixels;

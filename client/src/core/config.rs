@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use crate::core::decoders::Decoders;
 use lodestream_protocol::client::ClientConfig;
-use lodestream_protocol::select::SelectSettings;
-use lodestream_protocol::view::View;
+use lodestream_scene::view::View;
+use lodestream_select::SelectSettings;
 
 /// Where the camera is before anybody moves it.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -5,7 +5,8 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use lodestream_protocol::{BlobId, Time};
+use lodestream_protocol::Time;
+use lodestream_scene::BlobId;
 
 /// Attempts in all before a damaged blob is given up, and a refused one counts as lacking for good.
 const MAX_ATTEMPTS: u32 = 4;

@@ -4,12 +4,12 @@ use std::collections::VecDeque;
 
 use glam::Vec3;
 use lodestream_geometry::DecodeError;
-use lodestream_protocol::blob::{BlobId, TerrainBlob};
-use lodestream_protocol::select::{Projection, State, Wanted, priority, shape_priority};
-use lodestream_protocol::terrain::{
+use lodestream_scene::blob::{BlobId, TerrainBlob};
+use lodestream_scene::terrain::{
     DirectoryError, OverridePatch, PATCHES_PER_PAGE, TerrainEntry, decode_directory,
 };
-use lodestream_protocol::view::View;
+use lodestream_scene::view::View;
+use lodestream_select::{Projection, State, Wanted, priority, shape_priority};
 use lodestream_terrain::{HeightOverrides, decode_points};
 
 use super::changes::Change;

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use lodestream_protocol::Time;
-use lodestream_protocol::select::Counters;
+use lodestream_select::Counters;
 
 /// Screen errors whose first attainment is noted, in pixels.
 pub const QUALITIES_PX: [f64; 3] = [16.0, 4.0, 1.0];

@@ -3,14 +3,14 @@
 use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
-use lodestream_protocol::blob::{BlobId, PunctualLightBlob};
-use lodestream_protocol::punctual_lights::{
+use lodestream_scene::blob::{BlobId, PunctualLightBlob};
+use lodestream_scene::description::SceneHeader;
+use lodestream_scene::punctual_lights::{
     First, LISTED_PER_PAGE, PunctualLight, PunctualLightPageEntry, PunctualLights, PunctualLightsError,
     decode_directory, decode_page,
 };
-use lodestream_protocol::scene::SceneHeader;
-use lodestream_protocol::select::{Projection, State, Wanted, punctual_light_priority};
-use lodestream_protocol::view::View;
+use lodestream_scene::view::View;
+use lodestream_select::{Projection, State, Wanted, punctual_light_priority};
 
 /// Pages of the directory count as if they lit the whole picture, and bring what follows them.
 const BEHIND_DIRECTORY_BYTES: u32 = 12_000;

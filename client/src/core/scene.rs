@@ -3,9 +3,9 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
-use lodestream_protocol::blob::{BlobId, BlobPart};
-use lodestream_protocol::scene::{InstanceEntry, SceneHeader, ScenePage};
-use lodestream_protocol::select::{AssetState, InstanceTree, Instances, State};
+use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_scene::description::{InstanceEntry, SceneHeader, ScenePage};
+use lodestream_select::{AssetState, InstanceTree, Instances, State};
 
 use super::asset::RefinedAsset;
 use super::changes::{Change, NewAsset};
@@ -197,7 +197,7 @@ impl Scene {
         let (sphere, shared) = (state.entry().sphere, state.entry().shared.clone());
         let mut materials = refined.description.materials.clone();
         if materials.is_empty() {
-            materials.push(lodestream_protocol::asset::Material::default());
+            materials.push(lodestream_scene::asset::Material::default());
         }
         self.push_change(Change::Asset(NewAsset {
             asset,
@@ -320,7 +320,7 @@ impl Scene {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lodestream_protocol::scene::{AssetEntry, Camera, Light};
+    use lodestream_scene::description::{AssetEntry, Camera, Light};
 
     fn header(pages: u32) -> SceneHeader {
         SceneHeader {

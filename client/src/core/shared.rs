@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use lodestream_protocol::blob::{BlobId, BlobPart};
-use lodestream_protocol::scene::AssetEntry;
-use lodestream_protocol::select::AssetState;
+use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_scene::description::AssetEntry;
+use lodestream_select::AssetState;
 
 /// See the module.
 #[derive(Debug, Default)]
@@ -56,7 +56,7 @@ impl SharedTextures {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lodestream_protocol::shared::SharedTexture;
+    use lodestream_scene::shared::SharedTexture;
 
     fn sharing(shared: &[(u16, u32, u16)]) -> AssetEntry {
         let of = |&(texture, asset, of): &(u16, u32, u16)| SharedTexture { texture, asset, of };

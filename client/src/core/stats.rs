@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use lodestream_protocol::BlobId;
 use lodestream_protocol::client::ClientStats;
-use lodestream_protocol::select::Counters;
+use lodestream_scene::BlobId;
+use lodestream_select::Counters;
 
 use super::milestones::Milestones;
 

@@ -12,22 +12,22 @@ use geometry::pool::{Serial, Silent};
 use geometry::prepare::Prepared;
 use geometry::quantise::{QuantiseSettings, quantise};
 use lodestream_geometry as geometry;
-use lodestream_protocol::asset::{
-    AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, TextureLevel,
-};
-use lodestream_protocol::blob::{BlobId, BlobPart};
 use lodestream_protocol::frame::ServerFrame;
 use lodestream_protocol::message::ClientMessage;
-use lodestream_protocol::punctual_lights::{
+use lodestream_protocol::server::{ServerConfig, ServerSession, Transmit};
+use lodestream_protocol::source::{SceneSource, SourceError};
+use lodestream_protocol::time::Time;
+use lodestream_scene::asset::{
+    AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, TextureLevel,
+};
+use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_scene::description::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
+use lodestream_scene::punctual_lights::{
     self, FEW_PAGES, FEW_PUNCTUAL_LIGHTS, LISTED_PER_PAGE, PUNCTUAL_LIGHTS_PER_PAGE, PunctualLight,
     PunctualLightPageEntry, PunctualLights, encode_page,
 };
-use lodestream_protocol::scene::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
-use lodestream_protocol::server::{ServerConfig, ServerSession, Transmit};
-use lodestream_protocol::shared::SharedTexture;
-use lodestream_protocol::source::{SceneSource, SourceError};
-use lodestream_protocol::terrain::{OverridePatch, TerrainEntry, encode_directory};
-use lodestream_protocol::time::Time;
+use lodestream_scene::shared::SharedTexture;
+use lodestream_scene::terrain::{OverridePatch, TerrainEntry, encode_directory};
 use lodestream_terrain::Parameters;
 
 use super::{ClientCore, Config, Progress, StartView};

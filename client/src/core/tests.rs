@@ -10,10 +10,10 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use lodestream_geometry::refine::ActiveMesh;
-use lodestream_protocol::blob::BlobId;
-use lodestream_protocol::scene::Camera;
-use lodestream_protocol::select::Share;
-use lodestream_protocol::view::View;
+use lodestream_scene::blob::BlobId;
+use lodestream_scene::description::Camera;
+use lodestream_scene::view::View;
+use lodestream_select::Share;
 
 use super::testing::{Loopback, TestScene, prepared};
 use super::{Change, Config, MeshChange};

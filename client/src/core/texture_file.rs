@@ -1,7 +1,7 @@
 //! Image files of texture levels to pixels, for a background thread.
 
 use image::{DynamicImage, ImageReader, Limits};
-use lodestream_protocol::asset::{TextureInfo, TextureKind, level_size};
+use lodestream_scene::asset::{TextureInfo, TextureKind, level_size};
 use thiserror::Error;
 
 /// A texture level that cannot be used.
@@ -70,7 +70,7 @@ impl TexturePixels {
 mod tests {
     use super::*;
     use image::{GrayImage, ImageBuffer, ImageFormat, Luma, RgbImage};
-    use lodestream_protocol::asset::{TextureFormat, TextureLevel};
+    use lodestream_scene::asset::{TextureFormat, TextureLevel};
 
     /// A texture with all levels down to 1×1.
     fn full(width: u32, height: u32, kind: TextureKind) -> TextureInfo {

@@ -3,10 +3,10 @@
 use std::future::{Future, pending};
 
 use futures_util::FutureExt;
-use lodestream_protocol::blob::BlobId;
 use lodestream_protocol::frame::{BlobPiece, FrameError, ServerFrame, encode_client};
 use lodestream_protocol::message::{Close, CloseCode, ServerMessage};
 use lodestream_protocol::time::Time;
+use lodestream_scene::blob::BlobId;
 use tokio::time::{Instant, sleep_until, timeout};
 
 use crate::core::{ClientCore, Progress};

@@ -212,11 +212,11 @@ async fn quic_tries_every_address_of_a_name_in_bounded_time_too() {
 #[tokio::test(start_paused = true)]
 async fn a_server_that_cuts_every_session_was_connected_to_without_a_pause() {
     use futures_util::SinkExt as _;
-    use lodestream_protocol::BlobId;
     use lodestream_protocol::frame::{BlobPiece, encode_piece, encode_server};
     use lodestream_protocol::message::{ServerMessage, VERSIONS, Welcome};
     use lodestream_protocol::source::SceneSource as _;
     use lodestream_protocol::stream::ALPN;
+    use lodestream_scene::BlobId;
     use tokio_tungstenite::tungstenite::Message;
     use tokio_tungstenite::tungstenite::handshake::server::{Request, Response};
 

@@ -23,11 +23,16 @@ use std::borrow::Cow;
 
 use lodestream_geometry::base::Base;
 use lodestream_geometry::index::ChunkInfo;
+#[cfg(feature = "prepare")]
 use lodestream_geometry::mesh::QuantisedMesh;
+#[cfg(feature = "prepare")]
 use lodestream_geometry::pool::{Monitor, Pool};
+#[cfg(feature = "prepare")]
 use lodestream_geometry::prepare::{self, Hooks, Prepared};
 use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, ChunkError};
-use lodestream_geometry::{Codec, DecodeError, MeshError, Settings};
+use lodestream_geometry::{Codec, DecodeError};
+#[cfg(feature = "prepare")]
+use lodestream_geometry::{MeshError, Settings};
 use zstd::zstd_safe;
 
 /// Compression level: the slowest without long tables, since a blob is compressed once. Levels above
@@ -168,6 +173,7 @@ pub fn decode_chunk(
     decode_prefix(mesh, chunk, info, None, stored)
 }
 
+#[cfg(feature = "prepare")]
 /// Prepares a mesh: [`prepare::prepare`], with chunks and their lengths as they are stored.
 ///
 /// # Errors
@@ -181,6 +187,7 @@ pub fn prepare(
     prepare_by(mesh, settings, Hooks::new(pool, monitor))
 }
 
+#[cfg(feature = "prepare")]
 /// The same, with all that a preparation calls on.
 ///
 /// # Errors

@@ -1,6 +1,8 @@
 //! Error values of the crate: what was wrong, and where.
 
+#[cfg(feature = "prepare")]
 use crate::checkpoint::CheckpointError;
+#[cfg(feature = "prepare")]
 use crate::simplify::settings::SettingsError;
 
 /// Bytes or values that cannot be what they claim to be.
@@ -66,6 +68,7 @@ pub enum MeshError {
         limit: usize,
     },
     /// A setting that is out of its range.
+    #[cfg(feature = "prepare")]
     #[error(transparent)]
     BadSetting(#[from] SettingsError),
     /// Bits or a tolerance that cannot be had.
@@ -81,6 +84,7 @@ pub enum MeshError {
         why: String,
     },
     /// Storage does not keep what is put away between levels.
+    #[cfg(feature = "prepare")]
     #[error(transparent)]
     CheckpointStore(#[from] CheckpointError),
     /// The pool of threads does not keep its promise.

@@ -3,7 +3,11 @@
 //! The crate is pure: it opens no file and no socket, reads no clock, spawns no thread unless handed
 //! a [`pool::Pool`], and links no C.
 
-// Ground.
+// The encoder shares its model with the decoder: without preparation some of it has no caller.
+#![cfg_attr(not(feature = "prepare"), allow(dead_code, reason = "encoders are called by preparation"))]
+
+// Foundations.
+#[cfg(feature = "prepare")]
 pub mod checkpoint;
 pub mod entropy;
 pub mod error;
@@ -14,13 +18,16 @@ pub mod pool;
 pub mod random;
 
 // From a mesh to a pack.
+#[cfg(feature = "prepare")]
 pub mod quantise;
 
 mod collapse;
+#[cfg(feature = "prepare")]
 mod simplify;
 
 mod codec;
 
+#[cfg(feature = "prepare")]
 pub mod prepare;
 
 mod asset;
@@ -42,7 +49,9 @@ pub use entropy::{Codec, steps};
 pub use error::{DecodeError, MeshError, SkippedTask};
 pub use mesh::{distance, normals, octahedral};
 pub use name::UnknownName;
+#[cfg(feature = "prepare")]
 pub use prepare::training;
+#[cfg(feature = "prepare")]
 pub use simplify::settings::{Metric, Settings, SettingsError};
 
 /// The chunk index: what a client must know of a chunk before it asks for it.

@@ -15,6 +15,7 @@ use std::collections::HashMap;
 use crate::error::MeshError;
 use crate::mesh::normals;
 use crate::mesh::{Attributes, Face, Grid, NO_COLOR, NONE, QuantisedMesh, SourceMesh, UvGrid, Wedge};
+pub use crate::mesh::{MAX_POSITION_BITS, MAX_UV_BITS};
 use crate::numbers::{id32, truncated};
 
 /// Default bits per axis of the position grid: 1/16384 of the longest side, a tenth of a pixel for an
@@ -26,10 +27,6 @@ pub const DEFAULT_UV_BITS: u8 = 12;
 pub const DEFAULT_NORMAL_TOLERANCE: f64 = 10.0;
 /// Fewest bits per axis that are accepted.
 pub const MIN_POSITION_BITS: u8 = 4;
-/// Most bits per axis that are accepted: differences then still fit f32 exactly.
-pub const MAX_POSITION_BITS: u8 = 24;
-/// Most bits per axis of the uv grid.
-pub const MAX_UV_BITS: u8 = 16;
 /// Fewest bits per axis that a tolerance is met with: what fewer would save is little.
 const MIN_TOLERANCE_BITS: u8 = 8;
 /// Largest number of faces, positions or wedges: ids keep a few bits to spare.

@@ -1,5 +1,5 @@
 //! Model files to [`SourceMesh`](lodestream_geometry::mesh::SourceMesh) and materials (OBJ with MTL, glTF 2.0 and
-//! GLB, PLY), their textures to mip levels, and terrain from files; with the settings of both.
+//! GLB, PLY), their textures to mip levels, and terrain from files.
 //!
 //! OBJ and MTL are parsed by the crate `tobj` behind a pass of our own (`normalise`) that checks every
 //! line and reports its number: tobj 4 lets NaN and infinities through, makes up texture
@@ -16,8 +16,7 @@ mod meshopt;
 mod model;
 mod obj;
 mod ply;
-pub mod preparation_settings;
-mod setting;
+pub mod setting;
 pub mod srgb;
 pub mod terrain;
 #[cfg(test)]

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use bytes::Bytes;
 use lodestream_geometry::mesh::SourceMesh;
-use lodestream_protocol::asset::Wrap;
+use lodestream_scene::asset::Wrap;
 
 use crate::srgb::srgb_to_linear;
 
@@ -129,7 +129,7 @@ pub struct Material {
     pub roughness: f32,
     /// Metal in `0..=1` (`Pm`).
     pub metallic: f32,
-    /// Light given off, linear, in `0..=`[`MAX_EMISSION`](lodestream_protocol::asset::MAX_EMISSION) (`Ke`).
+    /// Light given off, linear, in `0..=`[`MAX_EMISSION`](lodestream_scene::asset::MAX_EMISSION) (`Ke`).
     pub emission: [f32; 3],
     /// What opacity does.
     pub alpha: Alpha,

@@ -12,7 +12,8 @@ pub struct Impossible {
 
 impl Impossible {
     /// What is possible, as the first half of a sentence, and what was given instead.
-    pub(crate) fn new(possible: impl Into<String>, given: impl Into<String>) -> Self {
+    #[must_use]
+    pub fn new(possible: impl Into<String>, given: impl Into<String>) -> Self {
         Self { possible: possible.into(), given: given.into() }
     }
 }
@@ -24,9 +25,10 @@ impl From<UnknownName> for Impossible {
 }
 
 /// A number type with one range: both ends included, or from the first to just below the second.
+#[macro_export]
 macro_rules! setting {
     ($(#[$about:meta])* $name:ident($number:ty), $range:expr, $unit:literal) => {
-        $crate::setting::setting! { @number $(#[$about])* $name($number), $unit }
+        $crate::setting! { @number $(#[$about])* $name($number), $unit }
 
         impl $name {
             /// What is possible, both ends included.
@@ -38,7 +40,7 @@ macro_rules! setting {
         }
     };
     ($(#[$about:meta])* $name:ident($number:ty), below $range:expr, $unit:literal) => {
-        $crate::setting::setting! { @number $(#[$about])* $name($number), $unit }
+        $crate::setting! { @number $(#[$about])* $name($number), $unit }
 
         impl $name {
             /// What is possible: the beginning and all below the end.
@@ -91,5 +93,3 @@ macro_rules! setting {
         }
     };
 }
-
-pub(crate) use setting;

@@ -1,7 +1,7 @@
 //! From a pose to what the GPU needs: a reversed-Z projection without a far plane.
 
 use glam::{DVec3, Mat4, Vec4};
-use lodestream_protocol::pose::Pose;
+use lodestream_scene::pose::Pose;
 
 /// Projection from view space to clip space: `clip = (x/tx, y/ty, near, −z)`, so depth is
 /// `near / −z` (Lapidous and Jiao, "Optimal depth buffer for low-cost graphics hardware", 1999;

@@ -92,7 +92,7 @@ pub use headless::Headless;
 pub use ink::{Ink, MAX_INK_BLUR, MAX_INK_LEVELS, MAX_INK_WIDTH};
 pub use instance::Instance;
 pub use lights::{LIGHT_TILES, Light, LightCulling, MAX_LIGHTS, Spot};
-pub use lodestream_protocol::pose::Pose;
+pub use lodestream_scene::pose::Pose;
 pub use material::{Alpha, Material, Wrap};
 pub use occlusion::{
     AmbientOcclusion, MAX_SAMPLES, OcclusionMethod, OcclusionNormals, OcclusionRadius, STILL_FRAMES,

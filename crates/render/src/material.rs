@@ -1,7 +1,7 @@
 //! How surfaces look.
 
-use lodestream_protocol::asset as protocol;
-pub use lodestream_protocol::asset::{Alpha, Wrap};
+use lodestream_scene::asset as protocol;
+pub use lodestream_scene::asset::{Alpha, Wrap};
 
 use super::texture::{TextureKind, TextureShape};
 

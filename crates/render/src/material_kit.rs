@@ -3,7 +3,7 @@
 use std::sync::OnceLock;
 
 use bytemuck::{Pod, Zeroable};
-use lodestream_protocol::asset::{Alpha, Wrap};
+use lodestream_scene::asset::{Alpha, Wrap};
 use wgpu::util::DeviceExt;
 
 use super::gpu::Gpu;

@@ -1,6 +1,6 @@
 //! What a frame is made of, and what it reports.
 
-use lodestream_protocol::pose::Pose;
+use lodestream_scene::pose::Pose;
 
 use super::asset::AssetGpu;
 use super::bloom::Bloom;

@@ -5,10 +5,10 @@ use std::sync::Arc;
 
 use glam::{DQuat, DVec3, Vec3};
 use lodestream_client::core::{Change, NewAsset, TextureChange, TexturePixels};
-use lodestream_protocol::pose::Pose;
-use lodestream_protocol::punctual_lights::PunctualLight;
-use lodestream_protocol::scene::{InstanceEntry, SceneHeader};
-use lodestream_protocol::view::View;
+use lodestream_scene::description::{InstanceEntry, SceneHeader};
+use lodestream_scene::pose::Pose;
+use lodestream_scene::punctual_lights::PunctualLight;
+use lodestream_scene::view::View;
 
 use crate::asset::AssetGpu;
 use crate::counters::Counters;

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 use std::thread::JoinHandle;
 
-use lodestream_protocol::pose::Pose;
-use lodestream_protocol::terrain::TerrainEntry;
+use lodestream_scene::pose::Pose;
+use lodestream_scene::terrain::TerrainEntry;
 use lodestream_terrain::{HeightOverrides, Scratch, Terrain};
 
 use crate::gpu::{Gpu, RenderError};

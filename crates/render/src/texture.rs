@@ -9,7 +9,7 @@ use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
-use lodestream_protocol::asset::level_size;
+use lodestream_scene::asset::level_size;
 
 use super::gpu::{Gpu, RenderError};
 use super::relief_acceleration::ReliefAcceleration;

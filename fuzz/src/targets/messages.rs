@@ -1,11 +1,11 @@
 //! The wire: frames of either peer, streams of frames and of blobs, asset descriptions.
 
 use bytes::Bytes;
-use lodestream_protocol::asset::AssetDescription;
 use lodestream_protocol::frame::{
     Frame, FrameReader, ServerFrame, encode_client, encode_piece, encode_server,
 };
 use lodestream_protocol::stream::BlobStreamReader;
+use lodestream_scene::asset::AssetDescription;
 
 use crate::meter::{Ceiling, within};
 

@@ -1,6 +1,6 @@
 //! What a scene says of its punctual lights: pages of them, and their directory.
 
-use lodestream_protocol::punctual_lights::{
+use lodestream_scene::punctual_lights::{
     First, PunctualLight, PunctualLightPageEntry, PunctualLights, decode_directory, decode_page,
     encode_directory, encode_page,
 };

@@ -1,6 +1,6 @@
 //! A published scene: one object that says all of a scene but its packs.
 
-use lodestream_server::store::SceneObject;
+use lodestream_store::SceneObject;
 
 use crate::meter::{Ceiling, within};
 

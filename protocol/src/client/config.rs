@@ -2,10 +2,10 @@
 
 use std::time::Duration;
 
-use crate::blob::BlobId;
-use crate::limits::MAX_BLOB_BYTES;
 use crate::message::Token;
-use crate::scene::Fingerprint;
+use lodestream_scene::blob::BlobId;
+use lodestream_scene::description::Fingerprint;
+use lodestream_scene::limits::MAX_BLOB_BYTES;
 
 /// Settings of a client session.
 #[derive(Clone, Debug)]
@@ -48,7 +48,7 @@ impl Default for ClientConfig {
 pub struct Resume {
     /// Fingerprint of the scene.
     pub fingerprint: Fingerprint,
-    /// Base meshes and index pages that are still here ([`crate::select::AssetState::held`]). Chunks need
+    /// Base meshes and index pages that are still here ([`lodestream_select::AssetState::held`]). Chunks need
     /// not be listed: the server sends them unasked only to clients that hold nothing.
     pub have: Vec<BlobId>,
 }

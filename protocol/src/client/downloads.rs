@@ -5,11 +5,11 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use bytes::Bytes;
 
-use crate::blob::{BlobId, BlobPart};
 use crate::frame::BlobPiece;
-use crate::limits::MAX_IDS_PER_MESSAGE;
 use crate::message::{ClientMessage, Want};
-use crate::select::{Priority, State, Wanted};
+use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_scene::limits::MAX_IDS_PER_MESSAGE;
+use lodestream_select::{Priority, State, Wanted};
 
 /// Bytes assumed of a blob whose length is not known yet.
 const ASSUMED_BYTES: u32 = 1500;

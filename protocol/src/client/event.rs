@@ -4,10 +4,10 @@ use std::time::Duration;
 
 use bytes::Bytes;
 
-use crate::blob::BlobId;
 use crate::message::{Close, RefusedReason, Welcome};
-use crate::punctual_lights::PunctualLights;
-use crate::scene::ScenePage;
+use lodestream_scene::blob::BlobId;
+use lodestream_scene::description::ScenePage;
+use lodestream_scene::punctual_lights::PunctualLights;
 
 /// What happened.
 #[derive(Clone, Debug, PartialEq)]

@@ -10,15 +10,15 @@ use super::estimate::Estimate;
 use super::event::{ClientEvent, ClientStats};
 use super::keepalive::Keepalive;
 use super::view_updates::ViewUpdates;
-use crate::blob::BlobId;
 use crate::frame::{BlobPiece, FrameError, ServerFrame};
-use crate::limits::{MAX_HAVE, MAX_PAGES_PER_MESSAGE};
 use crate::message::{
     ClientMessage, Close, CloseCode, Hello, Refused, ServerMessage, Token, VERSIONS, Welcome,
 };
-use crate::select::Wanted;
 use crate::time::Time;
-use crate::view::View;
+use lodestream_scene::blob::BlobId;
+use lodestream_scene::limits::{MAX_HAVE, MAX_PAGES_PER_MESSAGE};
+use lodestream_scene::view::View;
+use lodestream_select::Wanted;
 
 /// A session with a server.
 #[derive(Debug)]

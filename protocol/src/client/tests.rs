@@ -5,17 +5,17 @@ use proptest::prelude::*;
 use super::downloads::{MAX_PARTIAL, Pending};
 use super::early::MAX_EARLY;
 use super::*;
-use crate::blob::BlobId;
 use crate::frame::BlobPiece;
-use crate::limits::MAX_BLOB_BYTES;
 use crate::message::{
     ClientMessage, Close, CloseCode, Refused, RefusedReason, ServerMessage, Token, VERSIONS, Want, Welcome,
 };
-use crate::select::{State, Wanted};
 use crate::source::SceneSource;
 use crate::testing::{MemoryScene, contents};
 use crate::time::Time;
-use crate::view::View;
+use lodestream_scene::blob::BlobId;
+use lodestream_scene::limits::MAX_BLOB_BYTES;
+use lodestream_scene::view::View;
+use lodestream_select::{State, Wanted};
 
 fn welcome(scene: &MemoryScene) -> ServerMessage {
     ServerMessage::Welcome(Welcome {
@@ -327,7 +327,10 @@ fn escape_codes_of_a_reason_reached_the_terminal() {
     assert!(close.reason.contains("full") && close.reason.ends_with("txt"), "{close:?}");
     assert_eq!(close.to_string().lines().count(), 1);
     assert_eq!(Close::new(CloseCode::Busy, "voll – 満員 ✓").reason, "voll – 満員 ✓");
-    assert!(Close::new(CloseCode::Busy, "\x1b".repeat(300)).reason.len() <= crate::limits::MAX_REASON_BYTES);
+    assert!(
+        Close::new(CloseCode::Busy, "\x1b".repeat(300)).reason.len()
+            <= lodestream_scene::limits::MAX_REASON_BYTES
+    );
 }
 
 proptest! {

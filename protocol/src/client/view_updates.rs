@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::time::Time;
-use crate::view::View;
+use lodestream_scene::view::View;
 
 /// Least time between two `SetView`.
 const VIEW_INTERVAL: Duration = Duration::from_millis(100);

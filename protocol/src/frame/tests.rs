@@ -3,13 +3,13 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::limits::{MAX_HAVE, MAX_IDS_PER_MESSAGE};
 use crate::message::*;
-use crate::punctual_lights::PunctualLights;
-use crate::scene::{InstanceEntry, ScenePage};
 use crate::source::SceneSource;
 use crate::testing::MemoryScene;
-use crate::view::View;
+use lodestream_scene::description::{InstanceEntry, ScenePage};
+use lodestream_scene::limits::{MAX_HAVE, MAX_IDS_PER_MESSAGE};
+use lodestream_scene::punctual_lights::PunctualLights;
+use lodestream_scene::view::View;
 
 fn view() -> View {
     View::look_at([1.0, 2.0, 3.0], [0.0; 3], [0.0, 1.0, 0.0], 0.9, [1280, 720])

@@ -16,11 +16,11 @@ use std::ops::Range;
 
 use bytes::Bytes;
 
-use crate::blob::BlobId;
 use crate::frame::BlobPiece;
 use crate::message::RefusedReason;
-use crate::select::priority::Priority;
 use crate::source::{Reading, SourceError};
+use lodestream_scene::blob::BlobId;
+use lodestream_select::priority::Priority;
 
 use queue::{Queue, Waiting};
 pub use reads::MAX_READS;

@@ -9,7 +9,7 @@ use std::ops::Range;
 
 use super::reads::Key;
 use super::{Unit, number};
-use crate::select::priority::Priority;
+use lodestream_select::priority::Priority;
 
 /// In the table: nobody's place.
 const FREE: u32 = u32::MAX;
@@ -258,7 +258,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::blob::BlobId;
+    use lodestream_scene::blob::BlobId;
 
     fn check(queue: &Queue) {
         for (at, entry) in queue.entries.iter().enumerate() {

@@ -5,10 +5,10 @@ use std::ops::Range;
 
 use bytes::Bytes;
 
-use crate::blob::BlobId;
 use crate::message::RefusedReason;
-use crate::select::priority::Priority;
 use crate::source::SourceError;
+use lodestream_scene::blob::BlobId;
+use lodestream_select::priority::Priority;
 
 /// Order in the queue: most urgent first, then first come, first served.
 pub(super) type Key = (Reverse<Priority>, u64);

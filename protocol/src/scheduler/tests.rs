@@ -1,7 +1,7 @@
 //! The queue: its order, its bounds, and what it does while reads are under way.
 
 use super::*;
-use crate::blob::BlobPart;
+use lodestream_scene::blob::BlobPart;
 
 fn read(id: &BlobId) -> Result<Reading, SourceError> {
     match id.part() {

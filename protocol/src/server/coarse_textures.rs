@@ -3,15 +3,15 @@
 use std::collections::BTreeMap;
 
 use super::refinement::Refining;
-use crate::blob::{BlobId, BlobPart};
-use crate::scene::InstanceEntry;
-use crate::select::difference::Picture;
-use crate::select::priority::refine_priority;
-use crate::select::textures::ShownArea;
-use crate::select::visibility::Visibility;
-use crate::select::{AssetState, Projection, SelectSettings};
 use crate::source::SceneSource;
-use crate::view::View;
+use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_scene::description::InstanceEntry;
+use lodestream_scene::view::View;
+use lodestream_select::difference::Picture;
+use lodestream_select::priority::refine_priority;
+use lodestream_select::textures::ShownArea;
+use lodestream_select::visibility::Visibility;
+use lodestream_select::{AssetState, Projection, SelectSettings};
 
 /// Most textures of an asset of which something is pushed.
 const MAX_TEXTURES: u16 = 8;
@@ -85,11 +85,11 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::select::Occluder;
-    use crate::select::priority::is_hidden;
     use crate::testing::MemoryScene;
+    use lodestream_select::Occluder;
+    use lodestream_select::priority::is_hidden;
 
-    fn flat(entry: &crate::scene::AssetEntry, half: f32) -> AssetState {
+    fn flat(entry: &lodestream_scene::description::AssetEntry, half: f32) -> AssetState {
         let corners = [[-half, 0.0, -half], [half, 0.0, -half], [half, 0.0, half], [-half, 0.0, half]];
         let mut asset = AssetState::new(entry.clone());
         asset.set_occluder(Arc::new(Occluder::new(corners.to_vec(), vec![[0, 1, 2], [0, 2, 3]])));

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::limiter::LimiterConfig;
-use crate::limits::MAX_QUEUED;
+use lodestream_scene::limits::MAX_QUEUED;
 
 /// Settings of a server session.
 #[derive(Clone, Debug)]

@@ -4,12 +4,12 @@ use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
 use super::places::Places;
-use crate::blob::{BlobId, BlobPart};
 use crate::scheduler::Unit;
-use crate::select::Projection;
-use crate::select::priority::{Priority, base_priority, refine_priority};
 use crate::source::SceneSource;
-use crate::view::View;
+use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_scene::view::View;
+use lodestream_select::Projection;
+use lodestream_select::priority::{Priority, base_priority, refine_priority};
 
 /// Square pixels a byte that pages without a visible instance count as: what is worth more comes first, but a camera that
 /// turns should not wait for long. The demo's refinement falls below that after half a second at 2 Mbit/s.
@@ -99,8 +99,8 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::scene::Camera;
     use crate::testing::MemoryScene;
+    use lodestream_scene::description::Camera;
 
     fn flight(scene: &MemoryScene, view: &View) -> Vec<(Priority, Unit)> {
         first_flight(scene, &Places::new(scene), view)

@@ -4,8 +4,8 @@
 use std::collections::VecDeque;
 use std::mem::size_of;
 
-use crate::limits::MAX_IDS_PER_MESSAGE;
 use crate::message::{Close, Refused, ServerMessage};
+use lodestream_scene::limits::MAX_IDS_PER_MESSAGE;
 
 /// Most memory that waiting messages may take, in bytes. A peer that causes more is closed. What a client may cause with
 /// one message is a third of it at most ([`MAX_IDS_PER_MESSAGE`] refusals).
@@ -118,8 +118,8 @@ impl Outbox {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::blob::BlobId;
     use crate::message::RefusedReason;
+    use lodestream_scene::blob::BlobId;
 
     fn refused(n: u32) -> Refused {
         Refused { id: BlobId::chunk(0, n), reason: RefusedReason::NotFound }

@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use crate::scene::{AssetEntry, InstanceEntry, ScenePage};
-use crate::select::{InstanceTree, Projection};
 use crate::source::SceneSource;
+use lodestream_scene::description::{AssetEntry, InstanceEntry, ScenePage};
+use lodestream_select::{InstanceTree, Projection};
 
 /// See the module.
 #[derive(Debug)]

@@ -10,9 +10,9 @@ use super::first_flight::first_flight;
 use super::places::Places;
 use super::refinement::{Missing, ReadPage, Refinement, Refining, first_refinement};
 use crate::scheduler::Unit;
-use crate::select::priority::Priority;
 use crate::source::SceneSource;
-use crate::view::View;
+use lodestream_scene::view::View;
+use lodestream_select::priority::Priority;
 
 /// Flights kept beside that of the start view, and refinements: those of clients with pictures of the same size who come
 /// at one time.
@@ -177,10 +177,10 @@ impl Queue {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::blob::BlobId;
-    use crate::select::Occluder;
     use crate::source::SourceError;
     use crate::testing::MemoryScene;
+    use lodestream_scene::blob::BlobId;
+    use lodestream_select::Occluder;
 
     #[test]
     fn flights_of_one_view_are_one_and_few_are_kept() {

@@ -10,12 +10,12 @@ use super::config::ServerConfig;
 use super::plans::{Plans, Queue};
 use super::refinement::{MAX_REFINED_PAGES, Missing, Refining};
 use super::requests::Requests;
-use crate::blob::{BlobId, BlobPart};
 use crate::scheduler::Unit;
-use crate::select::priority::{Priority, is_base};
 use crate::source::{Reading, SceneSource, SourceError};
 use crate::time::Time;
-use crate::view::View;
+use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_scene::view::View;
+use lodestream_select::priority::{Priority, is_base};
 
 /// Pushed units that are moved to the scheduler ahead of their turn.
 const PUSH_AHEAD: usize = 16;
@@ -383,7 +383,11 @@ mod tests {
             match requests.next(&*scene, 1 << 14).unwrap() {
                 Outgoing::Page(page) => push.settled(Unit::Page(page)),
                 Outgoing::Piece { piece, .. } => {
-                    assert_eq!(piece.id.part(), Some(crate::blob::BlobPart::Base), "before all bases");
+                    assert_eq!(
+                        piece.id.part(),
+                        Some(lodestream_scene::blob::BlobPart::Base),
+                        "before all bases"
+                    );
                     push.settled(Unit::Blob(piece.id));
                 }
                 Outgoing::Failed { id, .. } => push.settled(Unit::Blob(id)),

@@ -7,13 +7,13 @@ use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_stated_page};
 
 use super::coarse_textures::coarse_textures;
 use super::places::Places;
-use crate::blob::{BlobId, BlobPart};
-use crate::scene::InstanceEntry;
 use crate::scheduler::Unit;
-use crate::select::priority::Priority;
-use crate::select::{AssetState, Projection, SelectSettings, Selector, State, Wanted};
 use crate::source::{Reading, SceneSource, SourceError};
-use crate::view::View;
+use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_scene::description::InstanceEntry;
+use lodestream_scene::view::View;
+use lodestream_select::priority::Priority;
+use lodestream_select::{AssetState, Projection, SelectSettings, Selector, State, Wanted};
 
 /// Most assets whose first refinement is pushed, the largest on the screen.
 const MAX_REFINED_ASSETS: usize = 64;

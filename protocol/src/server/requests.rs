@@ -5,12 +5,12 @@ use std::collections::{HashMap, HashSet, VecDeque};
 
 use bytes::Bytes;
 
-use crate::blob::{BlobId, BlobPart};
-use crate::limits::MAX_BLOB_BYTES;
 use crate::message::{RefusedReason, Want};
 use crate::scheduler::{Cancelled, Outgoing, Scheduler, Unit};
-use crate::select::priority::{DIRECTORY, Priority};
 use crate::source::{Reading, SceneSource, SourceError};
+use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_scene::limits::MAX_BLOB_BYTES;
+use lodestream_select::priority::{DIRECTORY, Priority};
 
 /// See the module.
 #[derive(Debug)]

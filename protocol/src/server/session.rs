@@ -11,7 +11,6 @@ use super::plans::Plans;
 use super::push::Push;
 use super::requests::{PageWanted, Requests};
 use super::timers::{Timers, Waiting};
-use crate::blob::BlobId;
 use crate::frame::FrameError;
 use crate::message::{
     ClientMessage, Close, CloseCode, Hello, Refused, ServerMessage, VERSIONS, Want, Welcome,
@@ -20,7 +19,8 @@ use crate::scheduler::Unit;
 use crate::shared_rate_limit::{RateShare, Weight};
 use crate::source::{SceneSource, SourceError};
 use crate::time::Time;
-use crate::view::View;
+use lodestream_scene::blob::BlobId;
+use lodestream_scene::view::View;
 
 /// Counters of a session.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -6,13 +6,13 @@ use bytes::Bytes;
 use lodestream_geometry::numbers::id32;
 
 use super::session::{Phase, ServerSession};
-use crate::blob::BlobId;
 use crate::frame::{BlobPiece, encode_server};
-use crate::limits::MAX_PIECE_BYTES;
 use crate::message::{CloseCode, Refused, ServerMessage};
 use crate::scheduler::{Outgoing, Unit};
-use crate::select::Priority;
 use crate::time::Time;
+use lodestream_scene::blob::BlobId;
+use lodestream_scene::limits::MAX_PIECE_BYTES;
+use lodestream_select::Priority;
 
 /// What the driver should hand to the transport.
 #[derive(Clone, Debug, PartialEq)]

@@ -6,7 +6,7 @@ use anyhow::{Context as _, bail};
 use lodestream_import::MAX_FILE_BYTES;
 
 use super::place::has_ending;
-use crate::store::{Objects, StoreError};
+use lodestream_store::{Objects, StoreError};
 
 /// Files that one scene or model may name.
 const MAX_FILES: usize = 10_000;

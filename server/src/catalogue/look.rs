@@ -14,12 +14,12 @@ use tokio::sync::Mutex;
 use tokio::task::spawn_blocking;
 
 use super::place::{Place, SceneLocation};
-use crate::daemon::scene_watch::{self, SceneProvider};
-use crate::daemon::scenes::Scenes;
-use crate::prepare::{Options, prepare_cached};
-use crate::scene;
-use crate::store::{BlobCache, SceneStore};
-use crate::tell::tell;
+use lodestream_bake::prepare::{Options, prepare_cached};
+use lodestream_bake::scene;
+use lodestream_bake::stderr::write_line;
+use lodestream_daemon::session::scene_watch::{self, SceneProvider};
+use lodestream_daemon::session::scenes::Scenes;
+use lodestream_store::{BlobCache, SceneStore};
 
 /// What a scene was when it was looked at.
 type Stamp = blake3::Hash;
@@ -111,7 +111,7 @@ impl Catalogue {
             match opened {
                 Ok(()) => changed = true,
                 Err(why) if first && is_one => return Err(why),
-                Err(why) if first => tell(format_args!("warning: not served: {why:#}")),
+                Err(why) if first => write_line(format_args!("warning: not served: {why:#}")),
                 Err(why) => {
                     new.source = before.and_then(|before| before.source.clone());
                     let becomes = if new.source.is_some() { "stays as it was" } else { "is not served" };
@@ -194,14 +194,14 @@ fn read_files(
         let cached = prepare_cached(asset, folder, options)?;
         if let Some(report) = &cached.report {
             for warning in &report.warnings {
-                tell(format_args!("warning: {warning}"));
+                write_line(format_args!("warning: {warning}"));
             }
-            tell(format_args!("{}: {report}", asset.name));
+            write_line(format_args!("{}: {report}", asset.name));
         }
         files.extend(cached.files);
         packs.push(cached.pack);
     }
-    Ok(SceneStore::sharing(&scene, packs, blobs)?)
+    Ok(lodestream_bake::compose::open(&scene, packs, blobs)?)
 }
 
 /// What a scene is like now, as far as that shows without reading it.

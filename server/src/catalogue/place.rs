@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 
-use crate::scene::SceneError;
-use crate::store::{ObjectEntry, Objects};
+use lodestream_bake::scene::SceneError;
+use lodestream_store::{ObjectEntry, Objects};
 
 /// What a published scene's object is called behind its name.
 pub(super) const PUBLISHED: &str = ".lss";

@@ -10,10 +10,11 @@ use lodestream_geometry::pack::{HEAD_BYTES, Head};
 use lodestream_import::MAX_FILE_BYTES;
 
 use super::place::PUBLISHED;
-use crate::prepare::{Options, key_of, prepare_cached};
-use crate::scene::Scene;
-use crate::store::{MAX_SCENE_OBJECT_BYTES, Objects, PackFile, PackName, SceneObject, StoreError, describe};
-use crate::tell::tell;
+use lodestream_bake::compose::describe;
+use lodestream_bake::prepare::{Options, key_of, prepare_cached};
+use lodestream_bake::scene::Scene;
+use lodestream_bake::stderr::write_line;
+use lodestream_store::{MAX_SCENE_OBJECT_BYTES, Objects, PackFile, PackName, SceneObject, StoreError};
 
 /// What publishing came to.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -59,14 +60,14 @@ pub async fn publish(
             std::fs::create_dir_all(cache)?;
             // Another machine made it. Whether it is whole and the right one is looked at below.
             if let Err(why) = objects.download(&name, &local, MAX_FILE_BYTES).await {
-                tell(format_args!("warning: prepared here: {why}"));
+                write_line(format_args!("warning: prepared here: {why}"));
             }
         }
         let cached = prepare_cached(asset, cache, options)?;
         if let Some(report) = &cached.report {
             done.prepared += 1;
-            report.warnings.iter().for_each(|warning| tell(format_args!("warning: {warning}")));
-            tell(format_args!("{}: {report}", asset.name));
+            report.warnings.iter().for_each(|warning| write_line(format_args!("warning: {warning}")));
+            write_line(format_args!("{}: {report}", asset.name));
         }
         if is_there(objects, &name, &cached.pack).await? {
             done.there += 1;
@@ -77,12 +78,12 @@ pub async fn publish(
         names.push((cached.pack.path().to_owned(), name));
         packs.push(cached.pack);
     }
-    let (composed, packs) = describe(scene, packs)?;
+    let (description, packs) = describe(scene, packs)?;
     let name_of = |pack: &PackFile| {
         let name = names.iter().find(|(path, _)| path == pack.path()).map(|(_, name)| name.clone());
         PackName { name: name.unwrap_or_default(), fingerprint: pack.fingerprint() }
     };
-    let object = SceneObject { packs: packs.iter().map(name_of).collect(), composed };
+    let object = SceneObject { packs: packs.iter().map(name_of).collect(), description };
     done.name = format!("{}{PUBLISHED}", object_name(&scene.name));
     let bytes = object.encode().map_err(|what| anyhow::anyhow!("{}: {what}", scene.name))?;
     let before = match objects.whole(&done.name, MAX_SCENE_OBJECT_BYTES as u64).await {

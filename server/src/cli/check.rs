@@ -9,9 +9,9 @@ use lodestream_geometry::index::ChunkInfo;
 use lodestream_import::{Part, gltf};
 
 use super::outcome::Outcome;
-use crate::compare::{Difference, compare};
-use crate::prepare::Threads;
-use crate::store::PackFile;
+use lodestream_bake::compare::{Difference, compare};
+use lodestream_bake::prepare::Threads;
+use lodestream_store::PackFile;
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {

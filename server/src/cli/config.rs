@@ -16,7 +16,7 @@ use lodestream_compress::whole_file;
 use toml::{Spanned, Value};
 
 use super::outcome::Outcome;
-use crate::store::Objects;
+use lodestream_store::Objects;
 
 /// Longest file that is read.
 const MAX_BYTES: u64 = 1 << 20;

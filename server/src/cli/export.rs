@@ -10,8 +10,8 @@ use lodestream_geometry::ancestor_closed_cut::{Budget, lowest_error};
 use super::outcome::Outcome;
 use super::preparation_settings::positive;
 use super::units::parse_size;
-use crate::export_obj::write_obj;
-use crate::store::PackFile;
+use lodestream_bake::export_obj::write_obj;
+use lodestream_store::PackFile;
 
 /// What limits the mesh; nothing means all of it.
 #[derive(Clone, Copy, Debug, Args)]

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::outcome::Outcome;
-use crate::inspect::inspect;
+use lodestream_bake::inspect::inspect;
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {

@@ -2,7 +2,6 @@
 
 mod check;
 mod config;
-mod demo_scene;
 mod export;
 mod generate;
 mod inspect;
@@ -22,7 +21,7 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser, Subcommand};
 
-use crate::tell::tell;
+use lodestream_bake::stderr::write_line;
 use outcome::Outcome;
 
 /// Exit code for input that cannot be used, as clap has it for arguments that cannot.
@@ -48,8 +47,6 @@ enum Command {
     Export(export::Arguments),
     /// Try random sets of chunks for cracks, order dependence and inexact undo.
     Check(check::Arguments),
-    /// Generate the demo scene: models, textures and scene.toml.
-    DemoScene(demo_scene::Arguments),
     /// Generate one patch of a terrain, alone: heights, a picture or a hash.
     Terrain(terrain::Arguments),
     /// Read a 16-bit height map as features of a terrain.
@@ -75,7 +72,6 @@ pub fn main() -> ExitCode {
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Export(arguments) => export::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
-        Command::DemoScene(arguments) => demo_scene::run(&arguments),
         Command::Terrain(arguments) => terrain::run(&arguments),
         Command::TerrainImport(arguments) => terrain::import(&arguments),
         Command::Generate(arguments) => generate::run(&arguments, Cli::command()),
@@ -99,7 +95,7 @@ fn finish(outcome: anyhow::Result<Outcome>) -> ExitCode {
             if outcome.good { ExitCode::SUCCESS } else { ExitCode::FAILURE }
         }
         Err(error) => {
-            tell(format_args!("error: {}", one_line(&error)));
+            write_line(format_args!("error: {}", one_line(&error)));
             ExitCode::from(BAD_INPUT)
         }
     }
@@ -164,7 +160,6 @@ mod tests {
             "export a.lsp --bytes 40kB -o b.obj",
             "check a.lsp --random-sets 200 --seed 1",
             "check a.lsp --source a.glb --mesh hose",
-            "demo-scene -o dir --seed 7",
             "terrain --seed 7 --level 8 --patch -3,5 --hash",
             "terrain --seed 7 --level 4 --finest 8 --patch 0,-1 --features f.json --erosion 9 --png out.png",
             "terrain --level 4 --patch=-1,-1 --amplitude 9 --roughness 0.6 --base -5 --spike-limit 1 --raw a.i32",

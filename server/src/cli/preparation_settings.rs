@@ -1,11 +1,11 @@
 //! Options of preparation, shared by `prepare` and `serve`.
 
 use clap::Args;
-use lodestream_geometry::Metric;
-use lodestream_import::preparation_settings::{
+use lodestream_bake::preparation_settings::{
     BlockFaces, CodecChoice, NormalTolerance, PositionBits, Precision, PreparationSettings, ReliefDepth,
     Round, Tolerance, UvBits,
 };
+use lodestream_geometry::Metric;
 
 /// How finely positions are kept; one of the two, or neither for the default.
 #[derive(Clone, Copy, Debug, Args)]

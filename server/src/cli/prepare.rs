@@ -12,11 +12,11 @@ use super::outcome::Outcome;
 use super::preparation_settings::PreparationArguments;
 use crate::catalogue::fetch::fetch;
 use crate::catalogue::publish::publish;
-use crate::mapped::{FROM_BYTES, Mapped};
-use crate::prepare::{Options, Report, cache, key_of, prepare_to};
-use crate::scene::{self, Asset};
-use crate::store::{Objects, StoreError};
-use crate::tell::tell;
+use lodestream_bake::mapped::{FROM_BYTES, Mapped};
+use lodestream_bake::prepare::{Options, Report, cache, key_of, prepare_to};
+use lodestream_bake::scene::{self, Asset};
+use lodestream_bake::stderr::write_line;
+use lodestream_store::{Objects, StoreError};
 
 /// No list of a block that is a closed surface is longer than so many bytes a face (the longest is that of quadrics):
 /// those that are belong to the whole mesh, or to a block of faces that share few vertices.
@@ -141,7 +141,7 @@ fn objects(output: &Path) -> anyhow::Result<Objects> {
 
 fn told(report: &Report, output: &Path) -> Outcome {
     for warning in &report.warnings {
-        tell(format_args!("warning: {warning}"));
+        write_line(format_args!("warning: {warning}"));
     }
     Outcome::good(format!("{}: {report}\n", output.display()))
 }

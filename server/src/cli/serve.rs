@@ -18,19 +18,19 @@ use super::outcome::Outcome;
 use super::preparation_settings::PreparationArguments;
 use super::units::{Rate, parse_rate};
 use crate::catalogue::Catalogue;
-use crate::daemon::access::Access;
-use crate::daemon::admin::AdminPort;
-use crate::daemon::admission_settings::AdmissionSettings;
-use crate::daemon::hook::Hook;
-use crate::daemon::hook_url::Authorization;
-use crate::daemon::origin::Origin;
-use crate::daemon::proxy::Network;
-use crate::daemon::session_rate::SessionRateLimit;
-use crate::daemon::state::DRAIN_SECONDS;
-use crate::daemon::tokens::Tokens;
-use crate::daemon::{self, DaemonOptions, SessionSettings};
-use crate::prepare::{Options, cache, remove_stale_levels};
-use crate::store::DEFAULT_CACHE_BYTES;
+use lodestream_bake::prepare::{Options, cache, remove_stale_levels};
+use lodestream_daemon::admission::session_rate::SessionRateLimit;
+use lodestream_daemon::admission::settings::AdmissionSettings;
+use lodestream_daemon::auth::access::Access;
+use lodestream_daemon::auth::hook::Hook;
+use lodestream_daemon::auth::hook_url::Authorization;
+use lodestream_daemon::auth::tokens::Tokens;
+use lodestream_daemon::http::admin::AdminPort;
+use lodestream_daemon::http::origin::Origin;
+use lodestream_daemon::http::proxy::Network;
+use lodestream_daemon::session::state::DRAIN_SECONDS;
+use lodestream_daemon::{DaemonOptions, SessionSettings};
+use lodestream_store::DEFAULT_CACHE_BYTES;
 
 /// Longest time to drain: a day.
 const MAX_DRAIN_SECONDS: u64 = 24 * 60 * 60;
@@ -223,6 +223,6 @@ pub(super) fn run(
         dropped_log_lines: Some(log.dropped_lines()),
         ..DaemonOptions::new(cache)
     };
-    runtime.block_on(daemon::run(daemon, scenes))?;
+    runtime.block_on(lodestream_daemon::run(daemon, scenes))?;
     Ok(Outcome::good(""))
 }

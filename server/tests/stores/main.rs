@@ -13,14 +13,14 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, LazyLock};
 
+use lodestream_bake::prepare::{Options, prepare_cached};
+use lodestream_bake::scene::{self, Scene};
+use lodestream_daemon::session::scene_watch::SceneProvider as _;
 use lodestream_protocol::source::{SceneSource, SourceError};
-use lodestream_protocol::{BlobId, BlobPart};
+use lodestream_scene::{BlobId, BlobPart};
 use lodestream_server::catalogue::Catalogue;
 use lodestream_server::catalogue::publish::{Published, publish};
-use lodestream_server::daemon::scene_watch::SceneProvider as _;
-use lodestream_server::prepare::{Options, prepare_cached};
-use lodestream_server::scene::{self, Scene};
-use lodestream_server::store::{BlobCache, Objects, SceneStore};
+use lodestream_store::{BlobCache, Objects, SceneStore};
 use object_store::aws::AmazonS3Builder;
 use tokio::runtime::Runtime;
 
@@ -69,7 +69,7 @@ fn bucket(s3: &S3) -> Objects {
     // As `Objects::of_url` does.
     let _ = rustls::crypto::ring::default_provider().install_default();
     let builder = s3.environment().into_iter().fold(
-        AmazonS3Builder::new().with_bucket_name("bucket").with_retry(lodestream_server::store::retries()),
+        AmazonS3Builder::new().with_bucket_name("bucket").with_retry(lodestream_store::retries()),
         |builder, (key, value)| match key.to_ascii_lowercase().parse() {
             Ok(key) => builder.with_config(key, value),
             Err(_) => builder,
@@ -113,7 +113,7 @@ impl Two {
         runtime.block_on(publish(scene, &bucket(&s3), &cache, &options())).unwrap();
         let packs =
             scene.assets.iter().map(|a| prepare_cached(a, &cache, &options()).unwrap().pack).collect();
-        let files = SceneStore::new(scene, packs, 1 << 24).unwrap();
+        let files = lodestream_bake::compose::open(scene, packs, &BlobCache::new(1 << 24)).unwrap();
         let objects =
             runtime.block_on(SceneStore::open(&bucket(&s3), "hall.lss", &BlobCache::new(1 << 24))).unwrap();
         Self { s3, runtime, files, objects }

@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use anyhow::Context as _;
+use lodestream_bake::preparation_settings::{NormalTolerance, PositionBits};
 use lodestream_geometry::mesh::SourceMesh;
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
-use lodestream_import::preparation_settings::{NormalTolerance, PositionBits};
 use serde::Serialize;
 
 /// Wedges of a model that carry a normal of their own, at a tolerance.

@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use anyhow::Context as _;
+use lodestream_bake::preparation_settings::PositionBits;
 use lodestream_geometry::Settings;
 use lodestream_geometry::pool::Serial;
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
 use lodestream_geometry::training;
-use lodestream_import::preparation_settings::PositionBits;
 
 /// The table's bytes for some models, each prepared with the default settings.
 ///

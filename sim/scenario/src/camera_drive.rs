@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use lodestream_protocol::Time;
-use lodestream_protocol::scene::Camera;
-use lodestream_protocol::view::View;
+use lodestream_scene::description::Camera;
+use lodestream_scene::view::View;
 
 use super::camera_path::{CameraPath, Start};
 

@@ -1,7 +1,7 @@
 //! Camera paths: where the camera of a run is at a moment, from the scene's start camera on.
 
 use glam::{DQuat, DVec3, Vec3};
-use lodestream_protocol::scene::Camera;
+use lodestream_scene::description::Camera;
 
 /// What the camera does. Angles turn about the camera's own "up".
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -7,8 +7,8 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use anyhow::Context as _;
-use lodestream_protocol::scene::Camera;
-use lodestream_server::scene::{Instance, Scene};
+use lodestream_bake::scene::{Instance, Scene};
+use lodestream_scene::description::Camera;
 
 /// Most faces of an asset, assets, and instances.
 const MAX_FIELD_FACES: u32 = 4_000_000;

@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use lodestream_client::core::{ClientCore, Received};
-use lodestream_protocol::select::{Selection, State};
-use lodestream_protocol::{BlobId, BlobPart, TerrainBlob};
+use lodestream_scene::{BlobId, BlobPart, TerrainBlob};
+use lodestream_select::{Selection, State};
 use serde::Serialize;
 
 /// Payload bytes that were of no use, or of use again.
@@ -115,7 +115,7 @@ const fn is_refinement(id: &BlobId) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lodestream_protocol::select::Wanted;
+    use lodestream_select::Wanted;
 
     fn wanted(chunk: u32, end: Option<u32>, state: State) -> Wanted {
         Wanted { end, ..Wanted::whole(BlobId::chunk(0, chunk), 1, Some(100), state) }

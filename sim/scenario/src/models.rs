@@ -5,11 +5,11 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::Context as _;
+use lodestream_bake::inspect::inspect;
+use lodestream_bake::prepare::{Options, prepare_cached};
+use lodestream_bake::scene::Scene;
 use lodestream_protocol::source::{Immediate, SceneSource};
-use lodestream_server::inspect::inspect;
-use lodestream_server::prepare::{Options, prepare_cached};
-use lodestream_server::scene::Scene;
-use lodestream_server::store::{DEFAULT_CACHE_BYTES, SceneStore};
+use lodestream_store::{BlobCache, DEFAULT_CACHE_BYTES};
 use serde::Serialize;
 
 use crate::plan;
@@ -86,7 +86,8 @@ pub fn measure(file: &Path, cache: &Path) -> anyhow::Result<Model> {
     };
     let pack = prepare_cached(asset, cache, &Options { quiet: true, ..Options::default() })?.pack;
     let summary = inspect(pack.path())?;
-    let store = SceneStore::new(&scene, vec![pack], DEFAULT_CACHE_BYTES).with_context(context)?;
+    let store = lodestream_bake::compose::open(&scene, vec![pack], &BlobCache::new(DEFAULT_CACHE_BYTES))
+        .with_context(context)?;
     let source: Arc<dyn SceneSource> = Arc::new(Immediate(store));
     let plan = plan::parse(PLAN, Path::new("models"))?;
     let results = run(&plan, &[source], NonZeroUsize::MIN, |_| ()).with_context(context)?;

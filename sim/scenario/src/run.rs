@@ -13,15 +13,15 @@ use std::time::{Duration, SystemTime};
 
 use anyhow::Context as _;
 use lodestream_client::net::{self, QuicConnection, QuicOpenError, WebSocketConnection};
+use lodestream_daemon::http::server::accept_http;
+use lodestream_daemon::transport::certificate::Certificate;
+use lodestream_daemon::transport::quic::serve_quic;
+use lodestream_daemon::{ServerState, SessionSettings};
 use lodestream_netsim::clock::virtual_runtime;
 use lodestream_netsim::link::LinkSettings;
 use lodestream_protocol::message::{Close, CloseCode};
 use lodestream_protocol::source::SceneSource;
-use lodestream_protocol::view::View;
-use lodestream_server::daemon::certificate::Certificate;
-use lodestream_server::daemon::http::accept_http;
-use lodestream_server::daemon::quic::serve_quic;
-use lodestream_server::daemon::{ServerState, SessionSettings};
+use lodestream_scene::view::View;
 use tokio::time::timeout;
 
 use super::network::{CLIENT, QuicNetwork, SERVER, TcpNetwork, Traffic};

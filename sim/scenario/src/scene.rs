@@ -4,13 +4,12 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use lodestream_import::preparation_settings::{CodecChoice, Precision, PreparationSettings};
+use lodestream_bake::preparation_settings::{CodecChoice, Precision, PreparationSettings};
+use lodestream_bake::prepare::{Options, prepare_cached};
+use lodestream_bake::scene::{self, Scene};
+use lodestream_daemon::session::memory_scene::MemoryScene;
 use lodestream_protocol::source::{Immediate, SceneSource};
-use lodestream_server::daemon::memory_scene::MemoryScene;
-use lodestream_server::demo_scene;
-use lodestream_server::prepare::{Options, prepare_cached};
-use lodestream_server::scene::{self, Scene};
-use lodestream_server::store::{DEFAULT_CACHE_BYTES, PackFile, SceneStore};
+use lodestream_store::{BlobCache, DEFAULT_CACHE_BYTES, PackFile};
 
 use super::plan::SceneChoice;
 
@@ -34,7 +33,11 @@ pub fn open(
         SceneChoice::Empty => Ok(Arc::new(MemoryScene::new(0, 0, 0))),
         _ => {
             let (scene, packs) = prepared(choice, codec, cache, quiet)?;
-            Ok(Arc::new(Immediate(SceneStore::new(&scene, packs, DEFAULT_CACHE_BYTES)?)))
+            Ok(Arc::new(Immediate(lodestream_bake::compose::open(
+                &scene,
+                packs,
+                &BlobCache::new(DEFAULT_CACHE_BYTES),
+            )?)))
         }
     }
 }
@@ -72,14 +75,14 @@ fn prepared(
             let folder = tempfile::tempdir().context("no folder for the scene")?;
             return prepare(field.generate(folder.path())?, preparation_settings, cache, quiet);
         }
-        SceneChoice::Demo => demo_scene::Options::full(DEMO_SEED),
-        SceneChoice::DemoSmall => demo_scene::Options::small(DEMO_SEED),
+        SceneChoice::Demo => lodestream_demo_scene::Options::full(DEMO_SEED),
+        SceneChoice::DemoSmall => lodestream_demo_scene::Options::small(DEMO_SEED),
     };
     let folder = tempfile::tempdir().context("no folder for the demo scene")?;
     if !quiet {
         eprintln!("generating the demo scene");
     }
-    let made = demo_scene::generate(folder.path(), &options)?;
+    let made = lodestream_demo_scene::generate(folder.path(), &options)?;
     prepare(scene::read(&made.scene)?, preparation_settings, cache, quiet)
 }
 

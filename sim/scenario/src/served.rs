@@ -9,8 +9,8 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use anyhow::Context as _;
 use lodestream_client::net::Pin;
+use lodestream_daemon::{Daemon, DaemonOptions, SessionSettings};
 use lodestream_protocol::source::SceneSource;
-use lodestream_server::daemon::{Daemon, DaemonOptions, SessionSettings};
 use tokio::runtime::Builder;
 use tokio::sync::mpsc;
 

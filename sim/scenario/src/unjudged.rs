@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use bytes::Bytes;
-use lodestream_protocol::BlobId;
-use lodestream_protocol::punctual_lights::PunctualLights;
-use lodestream_protocol::scene::{SceneHeader, ScenePage};
 use lodestream_protocol::source::{Reading, SceneSource, SourceError};
+use lodestream_scene::BlobId;
+use lodestream_scene::description::{SceneHeader, ScenePage};
+use lodestream_scene::punctual_lights::PunctualLights;
 
 /// Another scene, without its occluders.
 pub(crate) struct Unjudged(pub(crate) Arc<dyn SceneSource>);

@@ -7,7 +7,7 @@ use lodestream_client::core::{ClientCore, Config, Decoders, Progress, QUALITIES_
 use lodestream_client::net::{Clock, Host};
 use lodestream_client::threads::Threads;
 use lodestream_protocol::Time;
-use lodestream_protocol::view::View;
+use lodestream_scene::view::View;
 
 use super::camera_drive::{CameraDrive, Phase, Reached};
 use super::camera_path::CameraPath;

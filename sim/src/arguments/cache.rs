@@ -5,10 +5,10 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use clap::Args;
+use lodestream_bake::prepare::cache::default_folder;
 use lodestream_protocol::source::SceneSource;
 use lodestream_scenario::plan::Plan;
 use lodestream_scenario::scene;
-use lodestream_server::prepare::cache::default_folder;
 
 // No doc comment: it would take the place of the command's own in --help.
 #[derive(Debug, Args)]

@@ -5,10 +5,10 @@ use std::path::PathBuf;
 
 use clap::Args;
 use lodestream_assess::assess::{self, Options};
-use lodestream_geometry::Metric;
-use lodestream_import::preparation_settings::{
+use lodestream_bake::preparation_settings::{
     BlockFaces, CoarseGrid, CodecChoice, LevelShare, PositionBits, RegionFaces, Round, TopRegions,
 };
+use lodestream_geometry::Metric;
 
 use crate::print::print;
 

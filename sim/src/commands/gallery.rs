@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use lodestream_protocol::scene::Camera;
 use lodestream_report::pictures::frame_time::MAX_FRAMES;
 use lodestream_report::pictures::gallery::gallery;
+use lodestream_scene::description::Camera;
 
 use super::occlusion_errors::camera;
 use crate::arguments::DrawnCase;

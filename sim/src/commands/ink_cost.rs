@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use anyhow::Context as _;
 use clap::Args;
-use lodestream_protocol::scene::Camera;
 use lodestream_report::pictures::frame_time::MAX_FRAMES;
 use lodestream_report::pictures::ink::ink_cost;
+use lodestream_scene::description::Camera;
 
 use super::occlusion_errors::camera;
 use crate::arguments::DrawnCase;

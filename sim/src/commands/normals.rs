@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use lodestream_assess::normals;
-use lodestream_import::preparation_settings::{NormalTolerance, PositionBits};
+use lodestream_bake::preparation_settings::{NormalTolerance, PositionBits};
 
 #[derive(Debug, Args)]
 pub(crate) struct Normals {

@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use anyhow::Context as _;
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use lodestream_protocol::scene::Camera;
 use lodestream_render::{MAX_SAMPLES, OcclusionMethod, OcclusionNormals, OcclusionRadius};
 use lodestream_report::pictures::frame_time::MAX_FRAMES;
 use lodestream_report::pictures::occlusion::{MAX_RAYS, Question, occlusion_errors};
+use lodestream_scene::description::Camera;
 
 use crate::arguments::DrawnCase;
 

@@ -1,10 +1,10 @@
 //! `lodestream-sim reflection-errors`: its arguments, and a line for each search and view.
 
 use clap::Args;
-use lodestream_protocol::scene::Camera;
 use lodestream_render::Reflections;
 use lodestream_report::pictures::frame_time::MAX_FRAMES;
 use lodestream_report::pictures::reflections::{Question, reflection_errors, search};
+use lodestream_scene::description::Camera;
 
 use super::occlusion_errors::camera;
 use crate::arguments::DrawnCase;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::Context as _;
 use clap::Args;
 use lodestream_assess::train;
-use lodestream_import::preparation_settings::PositionBits;
+use lodestream_bake::preparation_settings::PositionBits;
 
 #[derive(Debug, Args)]
 pub(crate) struct Train {

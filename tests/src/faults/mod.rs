@@ -17,16 +17,16 @@ use lodestream_client::core::{ClientCore, Config, Progress};
 use lodestream_client::net::{
     Clock, End, Host, Pin, QuicConnection, QuicOpenError, Retry, client_config, stream_quic,
 };
+use lodestream_daemon::transport::certificate::Certificate;
+use lodestream_daemon::transport::quic::{serve_quic, server_config};
+use lodestream_daemon::{ServerState, SessionSettings};
 use lodestream_netsim::clock::{VirtualClock, virtual_runtime};
 use lodestream_netsim::link::{IP_UDP_BYTES, Jitter, LinkSettings, Loss};
 use lodestream_netsim::udp::UdpNetwork;
 use lodestream_protocol::message::{Close, CloseCode};
 use lodestream_protocol::source::SceneSource as _;
 use lodestream_protocol::time::Time;
-use lodestream_protocol::{BlobId, BlobPart};
-use lodestream_server::daemon::certificate::Certificate;
-use lodestream_server::daemon::quic::{serve_quic, server_config};
-use lodestream_server::daemon::{ServerState, SessionSettings};
+use lodestream_scene::{BlobId, BlobPart};
 use tokio::time::{Instant, sleep, timeout};
 
 use crate::support::scene::TestScene;

@@ -1,11 +1,11 @@
 //! Servers that are killed under their clients and come back, and clocks that jump.
 
 use lodestream_client::net::{WebSocketConnection, stream_websocket};
+use lodestream_daemon::http::server::accept_http;
 use lodestream_netsim::link::Rate;
 use lodestream_netsim::stream_pipe;
 use lodestream_netsim::tcp::IP_TCP_BYTES;
 use lodestream_protocol::server::ServerConfig;
-use lodestream_server::daemon::http::accept_http;
 
 use super::*;
 use crate::support::daemon::Transport;

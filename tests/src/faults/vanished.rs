@@ -1,8 +1,8 @@
 //! Clients that are gone in the middle of a blob.
 
+use lodestream_daemon::session::memory_scene::MemoryScene;
 use lodestream_protocol::frame::encode_client;
 use lodestream_protocol::message::ClientMessage;
-use lodestream_server::daemon::memory_scene::MemoryScene;
 
 use super::*;
 use crate::support::raw::{Arrival, RawClient, RawQuic, hello, want};

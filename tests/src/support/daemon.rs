@@ -7,8 +7,8 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use lodestream_client::net::Address;
+use lodestream_daemon::{Daemon, DaemonOptions, ServerState, SessionSettings};
 use lodestream_protocol::source::SceneSource;
-use lodestream_server::daemon::{Daemon, DaemonOptions, ServerState, SessionSettings};
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 

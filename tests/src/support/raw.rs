@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 
 use bytes::Bytes;
 use futures_util::{SinkExt, StreamExt};
-use lodestream_protocol::BlobId;
 use lodestream_protocol::frame::{BlobPiece, Frame, FrameReader, ServerFrame, encode_client};
 use lodestream_protocol::message::{ClientMessage, Close, Hello, ServerMessage, Want};
 use lodestream_protocol::stream::{BLOB_STREAM, BlobStreamReader, CONTROL_STREAM};
+use lodestream_scene::BlobId;
 use quinn::{Connection, RecvStream, SendStream};
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::sync::mpsc;

@@ -4,15 +4,15 @@ use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
 use bytes::Bytes;
+use lodestream_bake::prepare::{Options, prepare_cached};
+use lodestream_bake::scene::{Scene, of_files};
 use lodestream_client::core::{Change, IndexRun, MeshChange, NewAsset, TextureChange, TexturePixels, Vertex};
 use lodestream_geometry::ancestor_closed_cut::{Budget, lowest_error};
-use lodestream_protocol::punctual_lights::{PunctualLight, PunctualLights, decode_page};
-use lodestream_protocol::scene::{AssetEntry, SceneHeader, ScenePage};
 use lodestream_protocol::source::{SceneSource, SourceError};
-use lodestream_protocol::{BlobId, BlobPart};
-use lodestream_server::prepare::{Options, prepare_cached};
-use lodestream_server::scene::{Scene, of_files};
-use lodestream_server::store::{DEFAULT_CACHE_BYTES, LoadedAsset, PackFile, SceneStore};
+use lodestream_scene::description::{AssetEntry, SceneHeader, ScenePage};
+use lodestream_scene::punctual_lights::{PunctualLight, PunctualLights, decode_page};
+use lodestream_scene::{BlobId, BlobPart};
+use lodestream_store::{BlobCache, DEFAULT_CACHE_BYTES, LoadedAsset, PackFile, SceneStore};
 
 use super::shapes::write_scene;
 
@@ -39,7 +39,9 @@ impl TestScene {
     pub(crate) fn open(scene: &Scene, packs: Vec<PackFile>) -> Self {
         let loaded: Vec<_> =
             scene.assets.iter().zip(&packs).map(|(a, p)| (a.name.clone(), p.load().unwrap())).collect();
-        let store = Arc::new(SceneStore::new(scene, packs, DEFAULT_CACHE_BYTES).unwrap());
+        let store = Arc::new(
+            lodestream_bake::compose::open(scene, packs, &BlobCache::new(DEFAULT_CACHE_BYTES)).unwrap(),
+        );
         let pages = (0..store.header().page_count).map(|page| store.page(page).unwrap());
         let names: Vec<String> = pages.flat_map(|p| p.assets.clone()).map(|entry| entry.name).collect();
         let find = |name: &String| loaded.iter().find(|(n, _)| n == name).unwrap().1.clone();

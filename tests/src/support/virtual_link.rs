@@ -6,15 +6,15 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 use lodestream_client::net::{Pin, client_config};
+use lodestream_daemon::ServerState;
+use lodestream_daemon::http::server::accept_http;
+use lodestream_daemon::transport::certificate::Certificate;
+use lodestream_daemon::transport::quic::{serve_quic, server_config};
 use lodestream_netsim::clock::VirtualClock;
 use lodestream_netsim::link::{IP_UDP_BYTES, LinkCounters, LinkSettings, Rate};
 use lodestream_netsim::stream_pipe::{self, Opening, StreamCounters, StreamEnd};
 use lodestream_netsim::tcp::IP_TCP_BYTES;
 use lodestream_netsim::udp::UdpNetwork;
-use lodestream_server::daemon::ServerState;
-use lodestream_server::daemon::certificate::Certificate;
-use lodestream_server::daemon::http::accept_http;
-use lodestream_server::daemon::quic::{serve_quic, server_config};
 
 pub(crate) const SERVER: SocketAddr =
     SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::new(10, 0, 0, 1)), 4433);

@@ -5,20 +5,20 @@ use std::collections::BTreeMap;
 use bytes::Bytes;
 use lodestream_compress::decode_base;
 use lodestream_geometry::base::Base;
-use lodestream_protocol::asset::{
-    Alpha, AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, Wrap,
-};
-use lodestream_protocol::blob::{PunctualLightBlob, TerrainBlob};
 use lodestream_protocol::frame::{BlobPiece, Frame, FrameReader, ServerFrame};
 use lodestream_protocol::message::{ClientMessage, Hello, Refused, ServerMessage, Want, Welcome};
-use lodestream_protocol::punctual_lights::{
+use lodestream_protocol::stream::{BLOB_STREAM, BlobStreamReader};
+use lodestream_scene::asset::{
+    Alpha, AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, Wrap,
+};
+use lodestream_scene::blob::{PunctualLightBlob, TerrainBlob};
+use lodestream_scene::description::{AssetEntry, InstanceEntry, SceneHeader, ScenePage};
+use lodestream_scene::punctual_lights::{
     First, PunctualLight, PunctualLightPageEntry, PunctualLights, decode_directory as decode_punctual_lights,
     decode_page,
 };
-use lodestream_protocol::scene::{AssetEntry, InstanceEntry, SceneHeader, ScenePage};
-use lodestream_protocol::stream::{BLOB_STREAM, BlobStreamReader};
-use lodestream_protocol::terrain::{TerrainEntry, decode_directory};
-use lodestream_protocol::{BlobId, BlobPart, View};
+use lodestream_scene::terrain::{TerrainEntry, decode_directory};
+use lodestream_scene::{BlobId, BlobPart, View};
 use lodestream_terrain::{Distribution, Mode, Shape, Stamp};
 use serde_json::{Value, json};
 

@@ -13,20 +13,20 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use lodestream_geometry::base::FORMAT_VERSION;
-use lodestream_protocol::limits::{
+use lodestream_protocol::message::{
+    ClientMessage, CloseCode, Hello, RefusedReason, ServerMessage, Token, VERSIONS,
+};
+use lodestream_protocol::source::SceneSource as _;
+use lodestream_protocol::stream::ALPN;
+use lodestream_scene::limits::{
     MAX_ASSETS, MAX_BLOB_BYTES, MAX_CHUNKS, MAX_DECODED_BYTES, MAX_DESCRIPTION_BYTES, MAX_ENTRIES_PER_PAGE,
     MAX_FRAME_BYTES, MAX_HAVE, MAX_IDS_PER_MESSAGE, MAX_INSTANCES, MAX_MESSAGE_BYTES, MAX_NAME_BYTES,
     MAX_PAGES_PER_MESSAGE, MAX_PIECE_BYTES, MAX_QUEUED, MAX_REASON_BYTES, MAX_SCENE_PAGES, MAX_TOKEN_BYTES,
 };
-use lodestream_protocol::message::{
-    ClientMessage, CloseCode, Hello, RefusedReason, ServerMessage, Token, VERSIONS,
-};
-use lodestream_protocol::punctual_lights::{
+use lodestream_scene::punctual_lights::{
     LISTED_PER_PAGE, MAX_PAGE_BYTES, MAX_PUNCTUAL_LIGHTS, PUNCTUAL_LIGHTS_PER_PAGE,
 };
-use lodestream_protocol::source::SceneSource as _;
-use lodestream_protocol::stream::ALPN;
-use lodestream_protocol::terrain::{MAX_EROSION_PASSES, MAX_SEGMENTS};
+use lodestream_scene::terrain::{MAX_EROSION_PASSES, MAX_SEGMENTS};
 use serde_json::Value;
 
 use crate::support::daemon::Transport;

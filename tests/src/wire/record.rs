@@ -8,12 +8,12 @@ use std::task::{Context, Poll};
 use std::time::Duration;
 
 use futures_util::{SinkExt as _, StreamExt as _};
+use lodestream_daemon::{ServerState, SessionSettings};
 use lodestream_netsim::clock::virtual_runtime;
 use lodestream_protocol::frame::encode_client;
 use lodestream_protocol::message::ClientMessage;
 use lodestream_protocol::source::SceneSource;
 use lodestream_protocol::stream::CONTROL_STREAM;
-use lodestream_server::daemon::{ServerState, SessionSettings};
 use serde_json::{Value, json};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::{sleep, timeout};

@@ -3,10 +3,10 @@
 
 use std::fmt::Write as _;
 
+use lodestream_bake::scene::of_files;
 use lodestream_protocol::message::{ClientMessage, Hello, Want};
 use lodestream_protocol::source::SceneSource;
-use lodestream_protocol::{BlobId, View};
-use lodestream_server::scene::of_files;
+use lodestream_scene::{BlobId, View};
 
 use crate::support::scene::{TestScene, prepare_all};
 use crate::support::shapes::{ball, write_wall};

@@ -1,9 +1,9 @@
 //! A camera that a user moves: orbiting a point, or flying.
 
 use glam::{DQuat, DVec3};
-use lodestream_protocol::pose::Pose;
-use lodestream_protocol::scene;
-use lodestream_protocol::view::View;
+use lodestream_scene::description as scene;
+use lodestream_scene::pose::Pose;
+use lodestream_scene::view::View;
 
 /// Radians per pixel of drag.
 const TURN_PER_PX: f64 = 0.005;

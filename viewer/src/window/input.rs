@@ -50,8 +50,8 @@ pub(super) fn move_camera(
 mod tests {
     use super::super::steps::{self, Steps};
     use super::*;
-    use lodestream_protocol::pose::Pose;
-    use lodestream_protocol::scene::Camera;
+    use lodestream_scene::description::Camera;
+    use lodestream_scene::pose::Pose;
 
     /// Time of a frame in full, as software takes at 1280×720, and of one that a moving camera needs.
     const FULL_S: f64 = 0.7;

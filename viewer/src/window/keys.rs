@@ -69,7 +69,7 @@ impl Keys {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lodestream_protocol::scene::Camera;
+    use lodestream_scene::description::Camera;
 
     /// Where a key that is held from 1 s to 9 s takes the camera, with frames every `frame_ms`.
     fn flown(frame_ms: u64) -> glam::DVec3 {

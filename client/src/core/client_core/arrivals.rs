@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use bytes::Bytes;
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, decode_stated_page};
-use lodestream_protocol::asset::TextureInfo;
-use lodestream_protocol::blob::{BlobId, BlobPart, PunctualLightBlob, TerrainBlob};
-use lodestream_protocol::select::{State, Wanted};
 use lodestream_protocol::time::Time;
+use lodestream_scene::asset::TextureInfo;
+use lodestream_scene::blob::{BlobId, BlobPart, PunctualLightBlob, TerrainBlob};
+use lodestream_select::{State, Wanted};
 
 use super::ClientCore;
 use crate::core::asset::RefinedAsset;

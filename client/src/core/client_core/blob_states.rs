@@ -1,9 +1,9 @@
 //! Where each blob is: the books that selections read.
 
-use lodestream_protocol::blob::{BlobId, BlobPart};
 use lodestream_protocol::message::CloseCode;
-use lodestream_protocol::select::State;
 use lodestream_protocol::time::Time;
+use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_select::State;
 
 use super::ClientCore;
 

@@ -4,9 +4,9 @@
 
 use bytes::Bytes;
 use lodestream_geometry::refine::ChunkDelta;
-use lodestream_protocol::blob::{BlobId, BlobPart};
-use lodestream_protocol::select::{State, Wanted};
 use lodestream_protocol::time::Time;
+use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_select::{State, Wanted};
 
 use super::ClientCore;
 

@@ -1,11 +1,11 @@
 //! What the session tells: the scene, its pages, blobs and refusals.
 
-use lodestream_protocol::blob::BlobId;
 use lodestream_protocol::client::{ClientEvent, ClientSession};
 use lodestream_protocol::message::{RefusedReason, Welcome};
-use lodestream_protocol::punctual_lights::PunctualLights;
-use lodestream_protocol::select::State;
 use lodestream_protocol::time::Time;
+use lodestream_scene::blob::BlobId;
+use lodestream_scene::punctual_lights::PunctualLights;
+use lodestream_select::State;
 
 use super::ClientCore;
 use super::arrivals::Arrived;

@@ -10,16 +10,16 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
 
 use bytes::Bytes;
-use lodestream_protocol::blob::BlobId;
 use lodestream_protocol::client::{ClientSession, Resume};
 use lodestream_protocol::frame::{BlobPiece, FrameError, ServerFrame};
-use lodestream_protocol::limits::MAX_HAVE;
 use lodestream_protocol::message::{ClientMessage, Close, CloseCode, Token, Welcome};
-use lodestream_protocol::punctual_lights::PunctualLight;
-use lodestream_protocol::scene::SceneHeader;
-use lodestream_protocol::select::{Counters, Selection, Selector, State, Wanted};
 use lodestream_protocol::time::Time;
-use lodestream_protocol::view::View;
+use lodestream_scene::blob::BlobId;
+use lodestream_scene::description::SceneHeader;
+use lodestream_scene::limits::MAX_HAVE;
+use lodestream_scene::punctual_lights::PunctualLight;
+use lodestream_scene::view::View;
+use lodestream_select::{Counters, Selection, Selector, State, Wanted};
 
 use super::cache::BlobCache;
 use super::changes::Change;

@@ -2,10 +2,10 @@
 
 use std::time::Duration;
 
-use lodestream_protocol::blob::{BlobId, BlobPart};
-use lodestream_protocol::scene::Light;
-use lodestream_protocol::select::State;
 use lodestream_protocol::time::Time;
+use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_scene::description::Light;
+use lodestream_select::State;
 
 use super::decoding::BLOB_COST;
 use super::{ClientCore, Progress};

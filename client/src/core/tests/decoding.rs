@@ -5,9 +5,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use lodestream_geometry::pool::Pool;
 use lodestream_geometry::refine::{RenderVertex, Snapshot};
-use lodestream_protocol::blob::BlobId;
-use lodestream_protocol::scene::Camera;
-use lodestream_protocol::select::Share;
+use lodestream_scene::blob::BlobId;
+use lodestream_scene::description::Camera;
+use lodestream_select::Share;
 
 use super::{finest, view};
 use crate::core::Decoders;

@@ -1,11 +1,11 @@
 //! What is damaged, missing, refused or lost, and comes again.
 
 use bytes::Bytes;
-use lodestream_protocol::blob::BlobId;
 use lodestream_protocol::message::CloseCode;
-use lodestream_protocol::scene::Camera;
-use lodestream_protocol::select::State;
-use lodestream_protocol::terrain::OverridePatch;
+use lodestream_scene::blob::BlobId;
+use lodestream_scene::description::Camera;
+use lodestream_scene::terrain::OverridePatch;
+use lodestream_select::State;
 
 use super::{Change, Loopback, TestScene, finest, prepared, view};
 

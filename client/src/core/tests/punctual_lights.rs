@@ -1,10 +1,10 @@
 //! Punctual lights: few come with the scene, many in pages that the view wants, and no base mesh waits for them.
 
-use lodestream_protocol::blob::{BlobId, BlobPart};
 use lodestream_protocol::frame::ServerFrame;
 use lodestream_protocol::message::{CloseCode, ServerMessage};
-use lodestream_protocol::punctual_lights::{PunctualLight, PunctualLights};
-use lodestream_protocol::view::View;
+use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_scene::punctual_lights::{PunctualLight, PunctualLights};
+use lodestream_scene::view::View;
 
 use super::{Change, Loopback, TestScene};
 use crate::core::punctual_light_pages::PunctualLightPages;

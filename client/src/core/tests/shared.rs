@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use lodestream_protocol::blob::{BlobId, BlobPart};
+use lodestream_scene::blob::{BlobId, BlobPart};
 
 use super::{finest, view};
 use crate::core::Change;

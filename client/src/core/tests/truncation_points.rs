@@ -1,8 +1,8 @@
 //! Chunks that are drawn up to a stop: only their rest is fetched, and they are undone like others.
 
-use lodestream_protocol::blob::BlobId;
-use lodestream_protocol::scene::Camera;
-use lodestream_protocol::select::Share;
+use lodestream_scene::blob::BlobId;
+use lodestream_scene::description::Camera;
+use lodestream_select::Share;
 
 use super::{Config, Loopback, TestScene, finest, prepared, view};
 

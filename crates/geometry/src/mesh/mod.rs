@@ -25,6 +25,12 @@ pub(crate) mod wide_bvh;
 /// Marks a [`Corner`] attribute that the source does not give.
 pub const NONE: u32 = u32::MAX;
 
+/// Most bits per axis that are accepted: differences then still fit f32 exactly.
+pub const MAX_POSITION_BITS: u8 = 24;
+
+/// Most bits per axis of the uv grid.
+pub const MAX_UV_BITS: u8 = 16;
+
 /// One corner of an imported face: indices into the arrays of its [`SourceMesh`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Corner {

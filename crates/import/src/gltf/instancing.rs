@@ -14,7 +14,7 @@ use crate::error::ImportError;
 const EXTENSION: &str = "EXT_mesh_gpu_instancing";
 
 /// Most places of one node: as many instances as a scene may have.
-const MAX_PLACES: usize = lodestream_protocol::limits::MAX_INSTANCES as usize;
+const MAX_PLACES: usize = lodestream_scene::limits::MAX_INSTANCES as usize;
 
 #[derive(Deserialize)]
 struct InstancingJson {

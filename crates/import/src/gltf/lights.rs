@@ -4,7 +4,7 @@
 
 use glam::{DMat3, DMat4, DVec3};
 use gltf::json;
-use lodestream_protocol::punctual_lights::{INTENSITIES, MAX_COORDINATE, PunctualLight, RANGES, Spot};
+use lodestream_scene::punctual_lights::{INTENSITIES, MAX_COORDINATE, PunctualLight, RANGES, Spot};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 

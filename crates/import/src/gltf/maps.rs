@@ -4,7 +4,7 @@ use gltf::json;
 use gltf::json::extensions::texture::TextureTransform;
 use gltf::json::texture::WrappingMode;
 use gltf::json::validation::Checked;
-use lodestream_protocol::asset::Wrap;
+use lodestream_scene::asset::Wrap;
 use serde_json::{Map, Value};
 
 use super::accessor::Buffers;

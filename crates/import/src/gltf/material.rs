@@ -4,7 +4,7 @@ use gltf::json;
 use gltf::json::extensions::material::PbrSpecularGlossiness;
 use gltf::json::material::AlphaMode;
 use gltf::json::validation::Checked;
-use lodestream_protocol::asset::{MAX_EMISSION, MAX_NORMAL_SCALE};
+use lodestream_scene::asset::{MAX_EMISSION, MAX_NORMAL_SCALE};
 
 use super::accessor::Buffers;
 use super::container::Document;

@@ -21,7 +21,7 @@ use crate::srgb::linear_to_srgb;
 /// Most triangles of one asset, over all nodes that are merged into it.
 const MAX_FACES: usize = 1 << 26;
 /// Most materials of one asset, as the protocol describes them.
-const MAX_MATERIALS: usize = lodestream_protocol::asset::MAX_MATERIALS;
+const MAX_MATERIALS: usize = lodestream_scene::asset::MAX_MATERIALS;
 
 /// Meshes merged so far.
 pub(super) struct Builder<'a> {

@@ -32,7 +32,7 @@ use crate::error::ImportError;
 use crate::file::{MAX_FILE_BYTES, read_file};
 use crate::model::{Imported, Part};
 use container::{Document, Location};
-use lodestream_protocol::punctual_lights::PunctualLight;
+use lodestream_scene::punctual_lights::PunctualLight;
 use mesh::Builder;
 
 /// Columns of two axes count as equally long, or as at right angles, within this share: what nodes that

@@ -17,7 +17,7 @@ use mtl::Library;
 use normalise::{Format, Normalised, logical_lines, normalise, unpack_color};
 
 /// Most materials of one asset, as the protocol describes them.
-const MAX_MATERIALS: usize = lodestream_protocol::asset::MAX_MATERIALS;
+const MAX_MATERIALS: usize = lodestream_scene::asset::MAX_MATERIALS;
 
 /// Imports an OBJ file and the MTL files that it names, relative to itself.
 ///

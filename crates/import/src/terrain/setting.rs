@@ -11,10 +11,11 @@
 //!
 //! What depends on several of them (how high, how large) is checked by [`Parameters::check`](lodestream_terrain::Parameters::check).
 
-use lodestream_protocol::terrain::MAX_EROSION_PASSES;
+use lodestream_scene::terrain::MAX_EROSION_PASSES;
 use lodestream_terrain::MAX_FINEST_LEVEL;
 
-use crate::setting::{Impossible, setting};
+use crate::setting;
+use crate::setting::Impossible;
 
 setting! {
     /// The finest level n: a patch has 2^n cells along each side.

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use image::{ExtendedColorType, ImageError, Rgba, RgbaImage};
-use lodestream_protocol::asset::TextureKind;
+use lodestream_scene::asset::TextureKind;
 
 use super::Texture;
 use super::channel::Channels;

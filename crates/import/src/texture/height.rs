@@ -1,7 +1,7 @@
 //! Heights, lossless.
 
 use image::{DynamicImage, ExtendedColorType};
-use lodestream_protocol::asset::TextureKind;
+use lodestream_scene::asset::TextureKind;
 
 use super::Texture;
 use super::decode::decode;

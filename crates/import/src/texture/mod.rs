@@ -17,7 +17,7 @@ mod normal;
 mod source;
 mod surface;
 
-pub use lodestream_protocol::asset::TextureKind;
+pub use lodestream_scene::asset::TextureKind;
 
 pub use error::TextureError;
 pub use limits::{MAX_PIXELS, MAX_SIDE_PX};

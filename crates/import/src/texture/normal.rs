@@ -1,7 +1,7 @@
 //! Normal maps: directions, whose means are directions again.
 
 use image::ExtendedColorType;
-use lodestream_protocol::asset::TextureKind;
+use lodestream_scene::asset::TextureKind;
 
 use super::Texture;
 use super::decode::decode;

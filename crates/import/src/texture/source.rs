@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use lodestream_protocol::asset::TextureKind;
+use lodestream_scene::asset::TextureKind;
 
 use crate::model::{Channel, ImageSource, SurfaceMap};
 

@@ -1,7 +1,7 @@
 //! Occlusion, roughness and metal, of one image or of several.
 
 use image::ExtendedColorType;
-use lodestream_protocol::asset::TextureKind;
+use lodestream_scene::asset::TextureKind;
 
 use super::Texture;
 use super::channel::{Channels, larger};

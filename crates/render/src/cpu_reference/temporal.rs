@@ -1,7 +1,7 @@
 //! Anti-aliasing over time: `temporal.wgsl` with `motion.wgsl`, and what `tonemap.wgsl` makes of it.
 
 use glam::{DVec2, DVec3};
-use lodestream_protocol::pose::Pose;
+use lodestream_scene::pose::Pose;
 
 use super::depth;
 

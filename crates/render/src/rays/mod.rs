@@ -11,7 +11,7 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 use lodestream_geometry::mesh::distance::TriangleBvh;
-use lodestream_protocol::pose::Pose;
+use lodestream_scene::pose::Pose;
 
 use crate::cpu_reference::depth::view_ray;
 use crate::cpu_reference::occlusion::radius_at;

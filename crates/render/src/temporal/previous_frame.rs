@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use lodestream_protocol::pose::Pose;
+use lodestream_scene::pose::Pose;
 
 use crate::asset::AssetGpu;
 use crate::environment::Environment;

@@ -125,7 +125,7 @@ fn maps_of_a_sky_that_are_there_already_are_those_that_a_frame_would_compute() {
 #[test]
 fn a_scenes_first_frame_waits_neither_for_its_sky_nor_for_a_pipeline() {
     use lodestream_client::core::Change;
-    use lodestream_protocol::scene::{
+    use lodestream_scene::description::{
         Camera, DEFAULT_AMBIENT, DEFAULT_BACKGROUND, Light as SceneLight, SceneHeader,
     };
 

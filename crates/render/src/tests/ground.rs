@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use half::f16;
-use lodestream_protocol::terrain::TerrainEntry;
+use lodestream_scene::terrain::TerrainEntry;
 
 use super::shapes::{asset, at, cube, quad};
 use super::terrain::{draw, entry, ground_height, scene};

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use image::RgbaImage;
 use lodestream_geometry::random::Random;
-use lodestream_protocol::terrain::TerrainEntry;
+use lodestream_scene::terrain::TerrainEntry;
 
 use super::terrain::{draw, entry, ground_height, prepare_casters, scene};
 use super::{headless, keep};

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use glam::DVec3;
 use lodestream_client::core::{Change, IndexRun, MeshChange, NewAsset, TextureChange, TexturePixels, Vertex};
 use lodestream_geometry::refine::RenderVertex;
-use lodestream_protocol::asset::{Material, TextureFormat, TextureInfo, TextureKind, TextureLevel};
-use lodestream_protocol::scene::InstanceEntry;
+use lodestream_scene::asset::{Material, TextureFormat, TextureInfo, TextureKind, TextureLevel};
+use lodestream_scene::description::InstanceEntry;
 
 use super::headless;
 use crate::{Headless, Pose, SceneView, Settings};

@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3};
 use image::RgbaImage;
 use lodestream_geometry::random::Random;
-use lodestream_protocol::terrain::TerrainEntry;
+use lodestream_scene::terrain::TerrainEntry;
 use lodestream_terrain::{Mode, Parameters, Scratch, Shape, Stamp, Terrain};
 use wgpu::util::DeviceExt;
 

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
-use lodestream_protocol::pose::Pose;
-use lodestream_protocol::terrain::TerrainEntry;
+use lodestream_scene::pose::Pose;
+use lodestream_scene::terrain::TerrainEntry;
 use lodestream_terrain::{HeightOverrides, Mode, Scratch, Shape, Terrain, TerrainError};
 
 use super::ranges::Ranges;

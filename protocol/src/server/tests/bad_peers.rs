@@ -5,10 +5,10 @@ use std::time::Duration;
 use proptest::prelude::*;
 
 use super::*;
-use crate::limits::MAX_IDS_PER_MESSAGE;
 use crate::message::{ClientMessage, CloseCode, Want};
 use crate::server::outbox::MAX_WAITING_BYTES;
-use crate::view::View;
+use lodestream_scene::limits::MAX_IDS_PER_MESSAGE;
+use lodestream_scene::view::View;
 
 #[test]
 fn peers_out_of_turn_or_version_get_a_reasoned_close() {

@@ -11,11 +11,11 @@ mod streaming;
 use std::sync::Arc;
 
 use super::{ServerConfig, ServerSession, Transmit};
-use crate::blob::BlobId;
 use crate::message::{Close, Hello, ServerMessage};
-use crate::scene::SceneHeader;
 use crate::testing::MemoryScene;
 use crate::time::Time;
+use lodestream_scene::blob::BlobId;
+use lodestream_scene::description::SceneHeader;
 
 const MBIT: u64 = 1_000_000;
 

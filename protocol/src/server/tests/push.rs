@@ -1,10 +1,10 @@
 //! What comes unasked, before and after `Hello`.
 
 use super::*;
-use crate::blob::BlobPart;
 use crate::message::{ClientMessage, Want};
 use crate::server::Plans;
-use crate::view::View;
+use lodestream_scene::blob::BlobPart;
+use lodestream_scene::view::View;
 
 #[test]
 fn before_hello_only_the_push_budget_is_sent() {
@@ -179,7 +179,7 @@ impl crate::source::SceneSource for Watched {
         self.scene.header()
     }
 
-    fn page(&self, page: u32) -> Option<Arc<crate::scene::ScenePage>> {
+    fn page(&self, page: u32) -> Option<Arc<lodestream_scene::description::ScenePage>> {
         self.looks.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
         self.scene.page(page)
     }

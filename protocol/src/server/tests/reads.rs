@@ -4,13 +4,13 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use super::*;
-use crate::blob::BlobPart;
 use crate::client::Resume;
 use crate::message::{ClientMessage, Want};
 use crate::pair::Pair;
 use crate::scheduler::MAX_READS;
-use crate::select::max_screen_error_px;
 use crate::source::{Reading, SceneSource as _};
+use lodestream_scene::blob::BlobPart;
+use lodestream_select::max_screen_error_px;
 
 fn slow_session(scene: &Arc<MemoryScene>, is_slow: fn(&BlobId) -> bool) -> ServerSession {
     let source = crate::testing::SlowScene { scene: Arc::clone(scene), is_slow };

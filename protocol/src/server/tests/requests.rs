@@ -7,7 +7,7 @@ use crate::frame::BlobPiece;
 use crate::message::{ClientMessage, RefusedReason, Want};
 use crate::scheduler::Unit;
 use crate::source::SceneSource as _;
-use crate::view::View;
+use lodestream_scene::view::View;
 
 /// A client whose wish goes further than what was pushed asks on when it has that: a run behind the run on
 /// its way would come before there is a wish for it, and be passed over.

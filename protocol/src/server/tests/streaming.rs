@@ -6,9 +6,9 @@ use std::time::Duration;
 use super::*;
 use crate::client::Resume;
 use crate::pair::Pair;
-use crate::select::{AssetState, State, max_screen_error_px};
 use crate::source::SceneSource as _;
-use crate::view::View;
+use lodestream_scene::view::View;
+use lodestream_select::{AssetState, State, max_screen_error_px};
 
 #[test]
 fn a_scene_streams_and_settles_on_both_transports() {

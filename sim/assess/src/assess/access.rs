@@ -3,7 +3,7 @@
 use lodestream_geometry::index::{ChunkInfo, Sphere, TruncationPoint};
 use lodestream_geometry::random::Random;
 use lodestream_geometry::screen::{scale_px, screen_error_px, visible_error};
-use lodestream_protocol::View;
+use lodestream_scene::View;
 use serde::Serialize;
 
 use super::model::Model;

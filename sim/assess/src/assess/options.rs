@@ -1,9 +1,9 @@
 //! What to assess, and how.
 
-use lodestream_geometry::Metric;
-use lodestream_import::preparation_settings::{
+use lodestream_bake::preparation_settings::{
     BlockFaces, CoarseGrid, CodecChoice, LevelShare, PositionBits, RegionFaces, Round, TopRegions,
 };
+use lodestream_geometry::Metric;
 
 /// What to assess, and how.
 #[derive(Clone, Copy, Debug)]

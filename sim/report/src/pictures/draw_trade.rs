@@ -8,11 +8,11 @@ use std::sync::Arc;
 use anyhow::Context as _;
 use image::RgbaImage;
 use lodestream_protocol::source::SceneSource;
-use lodestream_protocol::view::View;
 use lodestream_render::{AmbientOcclusion, AntiAliasing, Counters, Gpu, ReliefMethod, Settings, Shadows};
 use lodestream_scenario::picture::ImageError;
 use lodestream_scenario::plan::Plan;
 use lodestream_scenario::stopwatch::{Spread, median, paired_ratio, rounded};
+use lodestream_scene::view::View;
 use serde::Serialize;
 
 use super::painter::Studio;

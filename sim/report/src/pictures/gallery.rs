@@ -8,15 +8,15 @@ use std::sync::Arc;
 use anyhow::Context as _;
 use image::codecs::jpeg::JpegEncoder;
 use image::{DynamicImage, RgbaImage};
-use lodestream_protocol::scene::Camera;
 use lodestream_protocol::source::SceneSource;
-use lodestream_protocol::view::View;
 use lodestream_render::{
     AmbientOcclusion, AntiAliasing, Bloom, DebugView, Gpu, Ink, OcclusionMethod, OcclusionNormals,
     PnTriangles, ReflectionMethod, Reflections, ReliefMethod, STILL_FRAMES, Settings, ToneMapping,
 };
 use lodestream_scenario::plan::Plan;
 use lodestream_scenario::stopwatch::{paired_ratio, rounded};
+use lodestream_scene::description::Camera;
+use lodestream_scene::view::View;
 use serde::Serialize;
 
 use super::painter::{Painter, Studio};

@@ -4,11 +4,11 @@ use std::fmt;
 use std::sync::Arc;
 
 use image::RgbaImage;
-use lodestream_protocol::scene::Camera;
 use lodestream_protocol::source::SceneSource;
 use lodestream_render::{Gpu, Ink, Settings};
 use lodestream_scenario::plan::Plan;
 use lodestream_scenario::stopwatch::{median, paired_ratio, rounded};
+use lodestream_scene::description::Camera;
 use serde::Serialize;
 
 use super::painter::Studio;

@@ -33,13 +33,13 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use image::RgbaImage;
-use lodestream_protocol::view::View;
 use lodestream_render::{EMPTY_WINDOW, Gpu};
 use lodestream_scenario::parallel::Draw;
 use lodestream_scenario::picture::{FirstSecondsError, Picture};
 use lodestream_scenario::plan::PictureSettings;
 use lodestream_scenario::result::{RunResult, milliseconds};
 use lodestream_scenario::run::Run;
+use lodestream_scene::view::View;
 
 use crate::image_error::image_error;
 use painter::{Painter, Studio};

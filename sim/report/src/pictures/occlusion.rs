@@ -9,9 +9,7 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use image::{Rgba, RgbaImage};
-use lodestream_protocol::scene::Camera;
 use lodestream_protocol::source::SceneSource;
-use lodestream_protocol::view::View;
 use lodestream_render::rays::Seen;
 use lodestream_render::{
     AmbientOcclusion, AntiAliasing, DebugView, Gpu, OcclusionMethod, OcclusionNormals, OcclusionRadius,
@@ -19,6 +17,8 @@ use lodestream_render::{
 };
 use lodestream_scenario::plan::Plan;
 use lodestream_scenario::stopwatch::{median, rounded};
+use lodestream_scene::description::Camera;
+use lodestream_scene::view::View;
 use serde::Serialize;
 
 use super::painter::{Painter, Studio};

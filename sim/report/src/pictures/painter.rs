@@ -7,7 +7,6 @@ use anyhow::Context as _;
 use image::RgbaImage;
 use lodestream_client::core::ClientCore;
 use lodestream_protocol::Time;
-use lodestream_protocol::view::View;
 use lodestream_render::rays::Rays;
 use lodestream_render::{
     AntiAliasing, AssetGpu, Counters, Environment, Frame, Gpu, Headless, PassId, PnTriangles, RenderError,
@@ -16,6 +15,7 @@ use lodestream_render::{
 use lodestream_scenario::observer::Observer;
 use lodestream_scenario::plan::PictureSettings;
 use lodestream_scenario::timeline::Sample;
+use lodestream_scene::view::View;
 
 use super::{Instant, Shot};
 

@@ -5,13 +5,13 @@ use std::fmt;
 use std::sync::Arc;
 
 use lodestream_protocol::source::SceneSource;
-use lodestream_protocol::view::View;
 use lodestream_render::{
     AssetGpu, Drawable, Frame, Gpu, Headless, HostMesh, Instance, Material, PassId, PnTriangles, Settings,
     mark_smooth,
 };
 use lodestream_scenario::plan::Plan;
 use lodestream_scenario::stopwatch::{median, paired_ratio, rounded, timed};
+use lodestream_scene::view::View;
 use serde::Serialize;
 
 use super::painter::{Painter, Studio};

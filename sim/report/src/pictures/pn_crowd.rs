@@ -9,7 +9,6 @@ use std::fmt;
 use std::sync::Arc;
 
 use glam::{DQuat, DVec3};
-use lodestream_protocol::pose::Pose;
 use lodestream_protocol::source::SceneSource;
 use lodestream_render::{
     AmbientOcclusion, AntiAliasing, Drawable, Frame, Gpu, Headless, Instance, OcclusionMethod, PnTriangles,
@@ -17,6 +16,7 @@ use lodestream_render::{
 };
 use lodestream_scenario::plan::Plan;
 use lodestream_scenario::stopwatch::rounded;
+use lodestream_scene::pose::Pose;
 use serde::Serialize;
 
 use super::painter::Studio;

@@ -9,9 +9,7 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use glam::DVec3;
-use lodestream_protocol::scene::Camera;
 use lodestream_protocol::source::SceneSource;
-use lodestream_protocol::view::View;
 use lodestream_render::cpu_reference::depth::{project, view_ray};
 use lodestream_render::cpu_reference::reflections::{End, Mirror, Pyramid, Tracing};
 use lodestream_render::cpu_reference::surface::DepthPicture;
@@ -21,6 +19,8 @@ use lodestream_render::{
 };
 use lodestream_scenario::plan::Plan;
 use lodestream_scenario::stopwatch::{median, rounded};
+use lodestream_scene::description::Camera;
+use lodestream_scene::view::View;
 use serde::Serialize;
 
 use super::painter::{Painter, Studio};

@@ -8,14 +8,14 @@
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use lodestream_protocol::scene::Camera;
 use lodestream_protocol::source::SceneSource;
-use lodestream_protocol::view::View;
 use lodestream_scenario::plan::{Case, ClientSettings, PictureSettings, Plan};
 use lodestream_scenario::result::RunResult;
 use lodestream_scenario::run::{Run, certificate};
 use lodestream_scenario::stopwatch::timed;
 use lodestream_scenario::technique::Technique;
+use lodestream_scene::description::Camera;
+use lodestream_scene::view::View;
 
 use super::painter::{Painter, Studio};
 

@@ -9,10 +9,10 @@ use lodestream_geometry::ancestor_closed_cut::{Budget, Member, lowest_error};
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_page, page_count};
 use lodestream_geometry::mesh::QuantisedMesh;
 use lodestream_geometry::screen::{visible_error, visible_error_at};
-use lodestream_protocol::asset::AssetDescription;
 use lodestream_protocol::source::SceneSource;
-use lodestream_protocol::{BlobId, BlobPart};
-use lodestream_server::store::LoadedAsset;
+use lodestream_scene::asset::AssetDescription;
+use lodestream_scene::{BlobId, BlobPart};
+use lodestream_store::LoadedAsset;
 
 /// Reads an asset of a scene whole, from the blobs that a server sends.
 pub(super) fn load(scene: &dyn SceneSource, asset: u32) -> anyhow::Result<LoadedAsset> {

@@ -8,7 +8,7 @@ use anyhow::Context as _;
 use glam::Vec3;
 use lodestream_client::core::uv_per_unit;
 use lodestream_protocol::source::SceneSource;
-use lodestream_server::store::LoadedAsset;
+use lodestream_store::LoadedAsset;
 
 use super::levels::{self, Level};
 use super::mesh_text;

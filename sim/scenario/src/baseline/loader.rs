@@ -5,7 +5,8 @@ use std::time::Duration;
 
 use lodestream_client::core::{Milestone, QUALITIES_PX};
 use lodestream_client::net::Clock;
-use lodestream_protocol::{Time, View};
+use lodestream_protocol::Time;
+use lodestream_scene::View;
 use tokio::time::sleep;
 
 use super::library::Content;

@@ -1,7 +1,7 @@
 //! The order in which other techniques' pieces are asked for: octaves of screen error, so that everything above 4 px
 //! comes before anything below it; within the octave, screen error removed per byte and nearness to the centre.
 
-use lodestream_protocol::select::Priority;
+use lodestream_select::Priority;
 
 /// Bytes at which a piece ranks in the middle of its octave.
 const MIDDLE_BYTES: f32 = 1024.0;
@@ -25,7 +25,7 @@ pub(super) fn octave_priority(error_px: f32, bytes: u32, foveation: f32) -> Prio
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lodestream_protocol::select::priority::{base_priority, is_base};
+    use lodestream_select::priority::{base_priority, is_base};
 
     #[test]
     fn octave_decides_then_error_per_byte_then_foveation() {

@@ -1,9 +1,9 @@
 //! What a technique offers: an asset in pieces, and how well it is shown with some of them.
 
 use lodestream_geometry::index::Sphere;
-use lodestream_protocol::BlobId;
-use lodestream_protocol::asset::AssetDescription;
-use lodestream_protocol::scene::{AssetEntry, Camera, InstanceEntry};
+use lodestream_scene::BlobId;
+use lodestream_scene::asset::AssetDescription;
+use lodestream_scene::description::{AssetEntry, Camera, InstanceEntry};
 
 /// One thing to fetch of an asset.
 #[derive(Clone, Debug, PartialEq)]
@@ -87,8 +87,8 @@ impl Texture {
     /// The textures of an asset.
     #[must_use]
     pub fn of(description: &AssetDescription, uv_per_unit: f32) -> Vec<Self> {
-        let level = |l: &lodestream_protocol::asset::TextureLevel| (l.bytes, l.width.max(l.height));
-        let texture = |t: &lodestream_protocol::asset::TextureInfo| Self {
+        let level = |l: &lodestream_scene::asset::TextureLevel| (l.bytes, l.width.max(l.height));
+        let texture = |t: &lodestream_scene::asset::TextureInfo| Self {
             uv_per_unit,
             levels: t.levels.iter().map(level).collect(),
         };

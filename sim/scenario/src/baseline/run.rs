@@ -5,10 +5,10 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use lodestream_client::net::{self, Pin};
+use lodestream_daemon::transport::certificate::Certificate;
+use lodestream_daemon::transport::congestion::bounded_queue;
+use lodestream_daemon::transport::quic::server_config;
 use lodestream_netsim::clock::virtual_runtime;
-use lodestream_server::daemon::certificate::Certificate;
-use lodestream_server::daemon::congestion::bounded_queue;
-use lodestream_server::daemon::quic::server_config;
 use quinn::VarInt;
 use tokio::time::timeout;
 

@@ -7,9 +7,9 @@
 
 use std::cmp::Reverse;
 
-use lodestream_protocol::select::priority::{base_priority, prefetch_priority};
-use lodestream_protocol::select::{Priority, Projection};
-use lodestream_protocol::{BlobId, BlobPart, View};
+use lodestream_scene::{BlobId, BlobPart, View};
+use lodestream_select::priority::{base_priority, prefetch_priority};
+use lodestream_select::{Priority, Projection};
 
 use super::library::Content;
 use super::octave::octave_priority;

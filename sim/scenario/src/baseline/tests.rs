@@ -4,9 +4,9 @@ use std::path::Path;
 use std::sync::Arc;
 
 use lodestream_geometry::index::Sphere;
-use lodestream_protocol::View;
-use lodestream_protocol::scene::{AssetEntry, Camera, InstanceEntry};
-use lodestream_protocol::select::Projection;
+use lodestream_scene::View;
+use lodestream_scene::description::{AssetEntry, Camera, InstanceEntry};
+use lodestream_select::Projection;
 
 use super::library::{Content, Entry};
 use super::nodes;
@@ -153,7 +153,7 @@ fn textures_are_wanted_by_texels_once_their_asset_is_drawn() {
     have(&mut held, 0, 0);
     assert_eq!(wanted(&held), [50, 200], "two levels at a time");
     for level in 0..2 {
-        held.set(Item::Texture(lodestream_protocol::BlobId::texture(0, 0, level)), State::Here);
+        held.set(Item::Texture(lodestream_scene::BlobId::texture(0, 0, level)), State::Here);
     }
     // 82 px a unit: 128 texels are enough.
     assert_eq!(wanted(&held), [900]);

@@ -4,17 +4,17 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use lodestream_client::net::{Pin, client_config};
+use lodestream_daemon::ServerState;
+use lodestream_daemon::http::server::accept_http;
+use lodestream_daemon::transport::certificate::Certificate;
+use lodestream_daemon::transport::quic::{serve_quic, server_config};
 use lodestream_netsim::clock::VirtualClock;
 use lodestream_netsim::link::{IP_UDP_BYTES, LinkCounters};
 use lodestream_netsim::stream_pipe::{self, Opening, StreamCounters};
 use lodestream_netsim::tcp::IP_TCP_BYTES;
 use lodestream_netsim::udp::UdpNetwork;
-use lodestream_protocol::BlobId;
-use lodestream_protocol::select::Priority;
-use lodestream_server::daemon::ServerState;
-use lodestream_server::daemon::certificate::Certificate;
-use lodestream_server::daemon::http::accept_http;
-use lodestream_server::daemon::quic::{serve_quic, server_config};
+use lodestream_scene::BlobId;
+use lodestream_select::Priority;
 
 use super::Case;
 use crate::bare_client::{Arrival, BareClient};

@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use bytes::Bytes;
-use lodestream_protocol::scene::{SceneHeader, ScenePage};
+use lodestream_daemon::session::memory_scene::MemoryScene;
 use lodestream_protocol::source::{SceneSource, SourceError};
-use lodestream_protocol::{BlobId, BlobPart};
-use lodestream_server::daemon::memory_scene::MemoryScene;
+use lodestream_scene::description::{SceneHeader, ScenePage};
+use lodestream_scene::{BlobId, BlobPart};
 
 /// Length of the blob that the cold start asks for.
 pub(super) const COLD_BYTES: u32 = 1_000_000;

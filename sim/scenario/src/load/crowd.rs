@@ -6,7 +6,7 @@ use std::time::Duration;
 use futures_util::StreamExt as _;
 use lodestream_client::net;
 use lodestream_netsim::clock::VirtualClock;
-use lodestream_protocol::BlobId;
+use lodestream_scene::BlobId;
 use tokio::net::TcpStream;
 use tokio::runtime::Builder;
 use tokio::sync::mpsc;

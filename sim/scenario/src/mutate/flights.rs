@@ -8,9 +8,10 @@ use std::time::Duration;
 use anyhow::Context as _;
 use bytes::Bytes;
 use lodestream_client::core::ClientCore;
+use lodestream_protocol::Time;
 use lodestream_protocol::frame::{Frame, FrameError, FrameReader, ServerFrame};
 use lodestream_protocol::stream::{BlobStreamReader, blob_head};
-use lodestream_protocol::{BlobId, Time};
+use lodestream_scene::BlobId;
 use rand::Rng as _;
 use rand_pcg::Pcg64Mcg;
 

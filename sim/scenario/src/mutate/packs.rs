@@ -4,12 +4,12 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::Context as _;
+use lodestream_bake::scene::{Asset, Instance, Scene};
 use lodestream_compress::{compress, decompress};
 use lodestream_geometry::Codec;
 use lodestream_geometry::pack::{ENTRY_BYTES, HEAD_BYTES};
 use lodestream_protocol::source::Immediate;
-use lodestream_server::scene::{Asset, Instance, Scene};
-use lodestream_server::store::{PackFile, SceneStore};
+use lodestream_store::{BlobCache, PackFile};
 use rand::Rng as _;
 use rand_pcg::Pcg64Mcg;
 
@@ -121,7 +121,7 @@ fn read(scene: &Scene, path: &Path) -> Verdict {
         Err(_) => Some("base mesh, index or description"),
     });
     let _ = (pack.settings(), pack.verify_textures());
-    let store = match SceneStore::new(scene, vec![pack], CACHE_BYTES) {
+    let store = match lodestream_bake::compose::open(scene, vec![pack], &BlobCache::new(CACHE_BYTES)) {
         Ok(store) => store,
         Err(_) => return Verdict::refused(why.unwrap_or("description of the scene")),
     };

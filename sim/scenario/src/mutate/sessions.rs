@@ -10,11 +10,11 @@ use std::time::Duration;
 
 use futures_util::StreamExt as _;
 use futures_util::stream::iter;
-use lodestream_protocol::BlobId;
 use lodestream_protocol::frame::{FrameError, encode_client};
 use lodestream_protocol::message::{ClientMessage, Hello, Token, Want};
 use lodestream_protocol::source::SceneSource;
-use lodestream_protocol::view::View;
+use lodestream_scene::BlobId;
+use lodestream_scene::view::View;
 use rand::Rng as _;
 use rand_pcg::Pcg64Mcg;
 use tokio::runtime::Builder;

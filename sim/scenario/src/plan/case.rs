@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use lodestream_import::preparation_settings::PositionBits;
+use lodestream_bake::preparation_settings::PositionBits;
 use lodestream_netsim::link::LinkSettings;
 use serde::{Deserialize, Serialize};
 

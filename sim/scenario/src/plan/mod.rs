@@ -80,9 +80,9 @@ mod tests;
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use lodestream_bake::preparation_settings::{CodecChoice, PositionBits};
 use lodestream_client::core::QUALITIES_PX;
 use lodestream_geometry::UnknownName;
-use lodestream_import::preparation_settings::{CodecChoice, PositionBits};
 use serde::Deserialize;
 
 use crate::draco::Encoder;

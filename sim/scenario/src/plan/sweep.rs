@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Component, Path};
 use std::sync::Arc;
 
-use lodestream_import::preparation_settings::PositionBits;
+use lodestream_bake::preparation_settings::PositionBits;
 use lodestream_netsim::link::{IP_UDP_BYTES, LinkSettings, Loss};
 use serde::Deserialize;
 

@@ -5,10 +5,10 @@ use std::num::NonZeroU64;
 use std::sync::Arc;
 use std::time::Duration;
 
+use lodestream_daemon::transport::congestion::bounded_queue;
 use lodestream_netsim::clock::{VirtualClock, virtual_runtime};
 use lodestream_netsim::link::{IP_UDP_BYTES, Jitter, LinkCounters, LinkSettings};
 use lodestream_netsim::udp::UdpNetwork;
-use lodestream_server::daemon::congestion::bounded_queue;
 use quinn::congestion::{ControllerFactory, CubicConfig};
 use rustls::pki_types::PrivateKeyDer;
 

@@ -7,15 +7,15 @@ use std::net::SocketAddr;
 use std::num::NonZeroU64;
 use std::sync::Arc;
 
+use lodestream_daemon::session::memory_scene::MemoryScene;
+use lodestream_daemon::transport::quic::{serve_quic, server_config};
+use lodestream_daemon::{ServerState, SessionSettings};
 use lodestream_netsim::clock::{VirtualClock, virtual_runtime};
 use lodestream_netsim::link::{IP_UDP_BYTES, LinkSettings};
 use lodestream_netsim::udp::UdpNetwork;
 use lodestream_protocol::frame::{FrameReader, ServerFrame};
 use lodestream_protocol::message::ServerMessage;
 use lodestream_protocol::stream::{BlobStreamReader, CONTROL_STREAM};
-use lodestream_server::daemon::memory_scene::MemoryScene;
-use lodestream_server::daemon::quic::{serve_quic, server_config};
-use lodestream_server::daemon::{ServerState, SessionSettings};
 use quinn::RecvStream;
 use quinn::crypto::rustls::QuicClientConfig;
 use tokio::sync::mpsc;

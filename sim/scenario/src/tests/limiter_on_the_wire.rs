@@ -7,17 +7,17 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 use lodestream_client::net::{Pin, client_config};
+use lodestream_daemon::session::memory_scene::{MemoryScene, TEXTURE_LEVELS};
+use lodestream_daemon::transport::certificate::Certificate;
+use lodestream_daemon::transport::quic::{serve_quic, server_config};
+use lodestream_daemon::{ServerState, SessionSettings};
 use lodestream_netsim::clock::{VirtualClock, virtual_runtime};
 use lodestream_netsim::link::{IP_UDP_BYTES, LinkSettings, Loss};
 use lodestream_netsim::udp::UdpNetwork;
-use lodestream_protocol::BlobId;
 use lodestream_protocol::frame::encode_client;
 use lodestream_protocol::message::{ClientMessage, Hello, Want};
 use lodestream_protocol::stream::CONTROL_STREAM;
-use lodestream_server::daemon::certificate::Certificate;
-use lodestream_server::daemon::memory_scene::{MemoryScene, TEXTURE_LEVELS};
-use lodestream_server::daemon::quic::{serve_quic, server_config};
-use lodestream_server::daemon::{ServerState, SessionSettings};
+use lodestream_scene::BlobId;
 
 const MS: u64 = 1_000_000;
 /// How often the link's counters are read.

@@ -7,12 +7,12 @@ use std::time::{Duration, SystemTime};
 
 use anyhow::Context as _;
 use lodestream_client::net::{self, Address, Pin, Scheme};
+use lodestream_daemon::transport::certificate::Certificate;
+use lodestream_daemon::{Daemon, DaemonOptions, SessionSettings};
 use lodestream_netsim::link::{IP_UDP_BYTES, LinkCounters};
 use lodestream_netsim::tcp::IP_TCP_BYTES;
 use lodestream_protocol::message::{Close, CloseCode};
 use lodestream_protocol::source::SceneSource;
-use lodestream_server::daemon::certificate::Certificate;
-use lodestream_server::daemon::{Daemon, DaemonOptions, SessionSettings};
 use rand::{RngCore, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use tokio::net::TcpStream;

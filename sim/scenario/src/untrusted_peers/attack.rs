@@ -5,10 +5,10 @@ use std::sync::Arc;
 
 use futures_util::{SinkExt as _, StreamExt as _};
 use lodestream_client::net;
-use lodestream_protocol::BlobId;
 use lodestream_protocol::frame::encode_client;
 use lodestream_protocol::message::{ClientMessage, Hello, Want};
 use lodestream_protocol::stream::{ALPN, CONTROL_STREAM};
+use lodestream_scene::BlobId;
 use rand::{RngCore as _, SeedableRng as _};
 use rand_pcg::Pcg64Mcg;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};

@@ -12,8 +12,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use lodestream_netsim::clock::VirtualClock;
-use lodestream_protocol::BlobId;
 use lodestream_protocol::source::SceneSource;
+use lodestream_scene::BlobId;
 use serde::Serialize;
 use tokio::net::TcpSocket;
 use tokio::runtime::Builder;

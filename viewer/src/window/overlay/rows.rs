@@ -141,7 +141,7 @@ mod tests {
 
     #[test]
     fn a_row_says_which_blobs_an_incomplete_picture_lacks() {
-        let bad = lodestream_protocol::BlobId::base(3);
+        let bad = lodestream_scene::BlobId::base(3);
         let stats = Stats { lacking_blobs: 1, lacking: vec![bad], ..Stats::default() };
         let said = |state| value(&stats, &Facts { state, ..Facts::default() }, "screen error");
         assert!(

@@ -8,8 +8,8 @@ use crate::entropy::Codec;
 use crate::entropy::bytes::{Reader, put_varint};
 use crate::error::DecodeError;
 use crate::mesh::{Grid, Kinds, UvGrid};
+use crate::mesh::{MAX_POSITION_BITS, MAX_UV_BITS};
 use crate::numbers::id32;
-use crate::quantise::{MAX_POSITION_BITS, MAX_UV_BITS};
 
 /// How chunks are coded, beside the bits of positions.
 const BUILT: u8 = 0xc0;

@@ -1,7 +1,7 @@
 //! Lights of nodes: where they stand, whither they shine, and what no scale changes.
 
 use glam::DVec3;
-use lodestream_protocol::punctual_lights::{PunctualLight, Spot};
+use lodestream_scene::punctual_lights::{PunctualLight, Spot};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 

@@ -1,6 +1,6 @@
 //! What materials come to: every field, what files leave out, and what they get wrong.
 
-use lodestream_protocol::asset::{MAX_EMISSION, Wrap};
+use lodestream_scene::asset::{MAX_EMISSION, Wrap};
 use serde_json::{Value, json};
 
 use super::Model;

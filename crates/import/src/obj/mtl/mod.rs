@@ -13,7 +13,7 @@ mod tests;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use lodestream_protocol::asset::{MAX_EMISSION, MAX_NORMAL_SCALE};
+use lodestream_scene::asset::{MAX_EMISSION, MAX_NORMAL_SCALE};
 
 use crate::model::{Alpha, Channel, Component, ImageSource, Material, SurfaceMap};
 use crate::srgb::srgb_to_linear;

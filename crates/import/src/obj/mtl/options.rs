@@ -2,7 +2,7 @@
 
 use std::path::{Component as Part, Path, PathBuf};
 
-use lodestream_protocol::asset::Wrap;
+use lodestream_scene::asset::Wrap;
 
 use crate::model::Component;
 

@@ -70,7 +70,7 @@ fn every_statement_has_its_place() {
     assert_eq!(a.emission, [srgb_to_linear(0.5), 1.0, 4.0]);
     assert_eq!((a.roughness, a.metallic, a.opacity), (0.25, 0.75, 0.75));
     assert_eq!((a.unlit, a.alpha), (true, Alpha::Blend));
-    assert_eq!(a.wrap, [lodestream_protocol::asset::Wrap::Clamp; 2]);
+    assert_eq!(a.wrap, [lodestream_scene::asset::Wrap::Clamp; 2]);
     assert_eq!((&a.color_texture, &a.emission_texture), (&Some(image("c.png")), &Some(image("e.png"))));
     assert_eq!(a.surface.roughness, Some(Channel::plain(image("s.png"), Component::Green)));
     assert_eq!(a.surface.metallic, Some(Channel::plain(image("m.png"), Component::Luminance)));

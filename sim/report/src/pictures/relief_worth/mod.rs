@@ -13,13 +13,13 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use image::RgbaImage;
-use lodestream_protocol::scene::Camera;
 use lodestream_protocol::source::SceneSource;
 use lodestream_render::{Gpu, ReliefMethod, Settings};
 use lodestream_scenario::plan::{self, ClientSettings, Plan};
 use lodestream_scenario::run::{Run, certificate};
 use lodestream_scenario::scene;
 use lodestream_scenario::stopwatch::{median, paired_ratio, rounded};
+use lodestream_scene::description::Camera;
 use serde::Serialize;
 
 use super::painter::Studio;

@@ -6,10 +6,10 @@
 use glam::DVec3;
 use image::{Rgba, RgbaImage};
 use lodestream_geometry::mesh::distance::TriangleBvh;
-use lodestream_protocol::view::View;
 use lodestream_render::cpu_reference::brdf::{DIELECTRIC, Reflector, from_sky};
 use lodestream_render::cpu_reference::tone;
 use lodestream_render::{Environment, GradientSky, Sky};
+use lodestream_scene::view::View;
 
 use super::wall::{REPEATS, ROUGHNESS, SIDE_M, Wall, faces};
 

@@ -9,9 +9,9 @@ use std::path::{Path, PathBuf};
 use anyhow::Context as _;
 use glam::{DVec2, DVec3};
 use image::{ImageBuffer, Luma, Rgb};
-use lodestream_protocol::scene::Camera;
 use lodestream_render::cpu_reference::relief::{ReliefMap, height_maps};
 use lodestream_render::cpu_reference::tone;
+use lodestream_scene::description::Camera;
 
 /// Length of the wall's sides, in metres.
 pub(super) const SIDE_M: f64 = 2.0;

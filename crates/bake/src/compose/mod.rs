@@ -1,0 +1,397 @@
+//! A scene whose models are prepared, as the description that is sent: assets and instances in
+//! pages, nearest and largest first.
+
+mod shared;
+
+use std::collections::BTreeMap;
+
+use glam::{DQuat, DVec3, Quat, Vec3};
+use lodestream_scene::description::{
+    AssetEntry, Camera, Fingerprint, InstanceEntry, Light, SceneError, SceneHeader, ScenePage,
+};
+use lodestream_scene::limits::{MAX_ENTRIES_PER_PAGE, MAX_INSTANCES};
+use lodestream_scene::punctual_lights::PunctualLight;
+
+use lodestream_store::{
+    BlobCache, PackFile, PunctualLightBlobs, PunctualLightBlobsError, SceneDescription, SceneStore,
+    StoreError, TerrainBlobs, TerrainBlobsError,
+};
+
+use crate::scene::{DEFAULT_FOV_Y_DEGREES, Instance, Model, Scene, SceneTerrain};
+use shared::share_textures;
+
+/// Gap between models side by side, as a share of their mean radius.
+const GAP: f64 = 0.25;
+/// Distance of the start camera as a share of that at which the bounding sphere just fits the
+/// picture's height: bounding spheres are larger than what is in them.
+const FRAMING: f64 = 0.9;
+/// Direction from the scene to the start camera, where the scene file gives none.
+const START_DIRECTION: DVec3 = DVec3::new(0.4, 0.3, 1.0);
+/// Picture for which the order of pages is judged: its shape matters little.
+const ORDER_VIEWPORT_PX: [u32; 2] = [1280, 720];
+
+/// A scene description that cannot be made.
+#[derive(Debug, thiserror::Error)]
+pub enum ComposeError {
+    /// Nothing is placed.
+    #[error("scene {name:?} places nothing; add an [[instance]]")]
+    Empty {
+        /// The scene.
+        name: String,
+    },
+    /// More instances than the protocol numbers.
+    #[error("the scene has {count} instances; at most {MAX_INSTANCES} are supported")]
+    TooManyInstances {
+        /// How many.
+        count: usize,
+    },
+    /// The terrain's features cannot be sent.
+    #[error(transparent)]
+    Terrain(#[from] TerrainBlobsError),
+    /// The punctual lights cannot be sent.
+    #[error(transparent)]
+    PunctualLights(#[from] PunctualLightBlobsError),
+    /// A pack that cannot be read.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// A value that the protocol refuses.
+    #[error("the scene cannot be described: {0}")]
+    Refused(#[from] SceneError),
+}
+
+/// Describes `scene`, whose asset `i` was prepared as `entries[i]`, with what tells the contents of its textures apart in
+/// `textures[i]`; none of them may be stated.
+///
+/// # Errors
+/// See [`ComposeError`].
+pub fn compose(
+    scene: &Scene,
+    entries: &[AssetEntry],
+    textures: &[Vec<(u16, Fingerprint)>],
+) -> Result<SceneDescription, ComposeError> {
+    let (instances, punctual_lights) = match &scene.instances {
+        Some(instances) => (instances.clone(), scene.punctual_lights.clone()),
+        None => {
+            let (instances, punctual_lights) = side_by_side(&scene.models, entries);
+            (instances, [&scene.punctual_lights[..], &punctual_lights].concat())
+        }
+    };
+    if instances.is_empty() && scene.terrain.is_none() {
+        return Err(ComposeError::Empty { name: scene.name.clone() });
+    }
+    if instances.len() > MAX_INSTANCES as usize {
+        return Err(ComposeError::TooManyInstances { count: instances.len() });
+    }
+    let spheres: Vec<(DVec3, f64)> = instances.iter().map(|i| world_sphere(i, &entries[i.asset])).collect();
+    let camera = match scene.camera {
+        Some(camera) => camera,
+        None => match &scene.terrain {
+            Some(terrain) if spheres.is_empty() => overlook(terrain),
+            _ => framing_camera(&spheres),
+        },
+    };
+    let order = first_seen_first(&camera, &spheres);
+    let (mut pages, asset_order) = paginate(&instances, entries, &order);
+    share_textures(&mut pages, &asset_order, textures);
+    let header = SceneHeader {
+        name: scene.name.clone(),
+        fingerprint: Fingerprint::default(),
+        asset_count: asset_order.len() as u32,
+        instance_count: instances.len() as u32,
+        page_count: pages.len() as u32,
+        light: Light { direction: scene.light_direction, color: scene.light_color, ambient: scene.ambient },
+        background: scene.background,
+        terrain: scene.terrain.as_ref().map(|terrain| Box::new(terrain.entry.clone())),
+        camera,
+    };
+    let terrain = match &scene.terrain {
+        Some(terrain) => TerrainBlobs::new(&terrain.terrain)?,
+        None => TerrainBlobs::default(),
+    };
+    let punctual_lights = PunctualLightBlobs::new(&punctual_lights)?;
+    header.check()?;
+    for page in &pages {
+        page.check()?;
+    }
+    let mut description = SceneDescription { header, pages, asset_order, terrain, punctual_lights };
+    description.header.fingerprint = description.fingerprint();
+    Ok(description)
+}
+
+/// Bounding sphere of an instance, in the world.
+fn world_sphere(instance: &Instance, entry: &AssetEntry) -> (DVec3, f64) {
+    let local = DVec3::from(entry.origin) + Vec3::from(entry.sphere.center).as_dvec3();
+    let rotation: DQuat = Quat::from_array(instance.rotation).as_dquat().normalize();
+    let scale = f64::from(instance.scale);
+    let center = DVec3::from(instance.translation) + rotation * (local * scale);
+    (center, f64::from(entry.sphere.radius) * scale)
+}
+
+/// One model stays at its own origin; several stand in a row along x, their centres on one line.
+fn side_by_side(models: &[Model], entries: &[AssetEntry]) -> (Vec<Instance>, Vec<PunctualLight>) {
+    if let [] | [_] = models {
+        let one = models.first().cloned().unwrap_or_default();
+        return (one.parts, one.punctual_lights);
+    }
+    let bounds: Vec<(DVec3, f64)> = models
+        .iter()
+        .map(|model| {
+            let spheres: Vec<_> = model.parts.iter().map(|i| world_sphere(i, &entries[i.asset])).collect();
+            enclosing(&spheres)
+        })
+        .collect();
+    let gap = GAP * bounds.iter().map(|(_, radius)| radius).sum::<f64>() / bounds.len() as f64;
+    let mut x = 0.0;
+    let (mut instances, mut punctual_lights) = (Vec::new(), Vec::new());
+    for (model, (center, radius)) in models.iter().zip(bounds) {
+        x += radius;
+        let translation = (DVec3::new(x, 0.0, 0.0) - center).to_array();
+        let place = Instance { translation, ..Instance::unplaced(0) };
+        let (parts, lights) = model.placed(&place);
+        instances.extend(parts);
+        punctual_lights.extend(lights);
+        x += radius + gap;
+    }
+    (instances, punctual_lights)
+}
+
+/// A sphere about the middle of the spheres' bounding box that holds them.
+fn enclosing(spheres: &[(DVec3, f64)]) -> (DVec3, f64) {
+    if let [one] = spheres {
+        return *one;
+    }
+    let low = spheres.iter().fold(DVec3::INFINITY, |low, (c, r)| low.min(*c - DVec3::splat(*r)));
+    let high = spheres.iter().fold(DVec3::NEG_INFINITY, |high, (c, r)| high.max(*c + DVec3::splat(*r)));
+    let center = if spheres.is_empty() { DVec3::ZERO } else { (low + high) / 2.0 };
+    (center, spheres.iter().fold(0.0f64, |radius, (c, r)| radius.max(c.distance(center) + r)))
+}
+
+fn framing_camera(spheres: &[(DVec3, f64)]) -> Camera {
+    let (target, radius) = enclosing(spheres);
+    let fov_y = DEFAULT_FOV_Y_DEGREES.to_radians();
+    // A model of one point still needs a place to look from.
+    let radius = if radius > 0.0 { radius } else { 1.0 };
+    let distance = FRAMING * radius / (f64::from(fov_y) / 2.0).sin();
+    let eye = target + START_DIRECTION.normalize() * distance;
+    Camera { eye: eye.to_array(), target: target.to_array(), up: [0.0, 1.0, 0.0], fov_y }
+}
+
+/// A camera on the highest place near the middle of an empty terrain's world.
+fn overlook(terrain: &SceneTerrain) -> Camera {
+    let step =
+        f64::from(terrain.entry.unit) * f64::from(1_u32 << terrain.entry.parameters.finest_level) / 8.0;
+    let places = (0..81).map(|i| [f64::from(i % 9 - 4) * step, f64::from(i / 9 - 4) * step]);
+    let height = |[x, z]: [f64; 2]| terrain.height(x, z).unwrap_or(0.0);
+    let [x, z] = places.max_by(|a, b| height(*a).total_cmp(&height(*b))).unwrap_or([0.0; 2]);
+    let eye = DVec3::new(x, height([x, z]) + 2.0, z);
+    // Towards the middle, or anywhere from there.
+    let target = eye - DVec3::new(x, 0.1 * step, if x == 0.0 && z == 0.0 { step } else { z });
+    let (eye, target) = (eye.to_array(), target.to_array());
+    Camera { eye, target, up: [0.0, 1.0, 0.0], fov_y: DEFAULT_FOV_Y_DEGREES.to_radians() }
+}
+
+/// Indices of instances: what the start camera sees before what it does not, then by apparent size.
+fn first_seen_first(camera: &Camera, spheres: &[(DVec3, f64)]) -> Vec<usize> {
+    let view = camera.view(ORDER_VIEWPORT_PX, 1.0);
+    let frustum = view.frustum();
+    let eye = DVec3::from(camera.eye);
+    let key = |&(center, radius): &(DVec3, f64)| {
+        let relative = center - eye;
+        let seen = frustum.sees(relative.as_vec3(), radius as f32);
+        // Inside the sphere everything is as large as can be.
+        let apparent = radius / relative.length().max(radius).max(f64::MIN_POSITIVE);
+        (!seen, -apparent)
+    };
+    let keys: Vec<(bool, f64)> = spheres.iter().map(key).collect();
+    let mut order: Vec<usize> = (0..spheres.len()).collect();
+    order.sort_by(|&a, &b| keys[a].0.cmp(&keys[b].0).then(keys[a].1.total_cmp(&keys[b].1)).then(a.cmp(&b)));
+    order
+}
+
+/// Cuts the instances into pages, each preceded by the assets that it is the first to use.
+fn paginate(instances: &[Instance], entries: &[AssetEntry], order: &[usize]) -> (Vec<ScenePage>, Vec<usize>) {
+    let mut asset_order = Vec::new();
+    let mut numbers: BTreeMap<usize, u32> = BTreeMap::new();
+    let mut pages = Vec::new();
+    for (number, group) in order.chunks(MAX_ENTRIES_PER_PAGE).enumerate() {
+        let mut page = ScenePage {
+            page: number as u32,
+            first_asset: asset_order.len() as u32,
+            first_instance: (number * MAX_ENTRIES_PER_PAGE) as u32,
+            ..ScenePage::default()
+        };
+        for &index in group {
+            let instance = &instances[index];
+            let asset = *numbers.entry(instance.asset).or_insert_with(|| {
+                asset_order.push(instance.asset);
+                page.assets.push(entries[instance.asset].clone());
+                (asset_order.len() - 1) as u32
+            });
+            page.instances.push(InstanceEntry {
+                asset,
+                translation: instance.translation,
+                rotation: instance.rotation,
+                scale: instance.scale,
+            });
+        }
+        pages.push(page);
+    }
+    (pages, asset_order)
+}
+
+/// The description of a scene whose asset `i` is `packs[i]`, and the packs by asset number.
+///
+/// # Errors
+/// See [`ComposeError`].
+pub fn describe(
+    scene: &Scene,
+    packs: Vec<PackFile>,
+) -> Result<(SceneDescription, Vec<PackFile>), ComposeError> {
+    let entries: Vec<AssetEntry> = scene
+        .assets
+        .iter()
+        .zip(&packs)
+        .map(|(asset, pack)| pack.entry(&asset.name))
+        .collect::<Result<_, _>>()?;
+    let textures: Vec<_> = packs.iter().map(PackFile::textures).collect();
+    let composed = compose(scene, &entries, &textures)?;
+    let mut packs: Vec<Option<PackFile>> = packs.into_iter().map(Some).collect();
+    let in_order = composed.asset_order.iter().filter_map(|&i| packs.get_mut(i).and_then(Option::take));
+    let in_order = in_order.collect();
+    Ok((composed, in_order))
+}
+
+/// Opens a scene whose asset `i` is `packs[i]`, with blobs in a cache that other scenes may share.
+///
+/// # Errors
+/// A scene that cannot be described, packs whose base mesh is damaged.
+pub fn open(scene: &Scene, packs: Vec<PackFile>, cache: &BlobCache) -> Result<SceneStore, ComposeError> {
+    let (description, packs) = describe(scene, packs)?;
+    Ok(SceneStore::new(description, packs, cache)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::PathBuf;
+
+    use lodestream_geometry::index::Sphere;
+    use lodestream_scene::punctual_lights::First;
+
+    use super::*;
+
+    fn entry(name: &str, origin: [f64; 3], radius: f32) -> AssetEntry {
+        AssetEntry {
+            name: name.into(),
+            origin,
+            sphere: Sphere { center: [1.0, 0.0, 0.0], radius },
+            ..AssetEntry::default()
+        }
+    }
+
+    #[test]
+    fn one_model_stays_where_it_is_and_is_framed() {
+        let scene = Scene::of_models(&[PathBuf::from("a.obj")]).unwrap();
+        let composed = compose(&scene, &[entry("a", [1e7, 0.0, 0.0], 2.0)], &[]).unwrap();
+        assert_eq!(composed.pages[0].instances[0].translation, [0.0; 3]);
+        let camera = composed.header.camera;
+        assert_eq!(camera.target, [1e7 + 1.0, 0.0, 0.0]);
+        let view = camera.view([640, 360], 1.0);
+        let relative = DVec3::from(camera.target) - DVec3::from(camera.eye);
+        assert!(view.frustum().sees(relative.as_vec3(), 2.0));
+    }
+
+    #[test]
+    fn several_models_do_not_overlap_and_are_all_seen() {
+        let scene = Scene::of_models(&["a.obj", "b.obj", "c.obj"].map(PathBuf::from)).unwrap();
+        let entries = [entry("a", [0.0; 3], 2.0), entry("b", [50.0; 3], 1.0), entry("c", [-9.0; 3], 3.0)];
+        let composed = compose(&scene, &entries, &[]).unwrap();
+        let camera = composed.header.camera;
+        let frustum = camera.view([640, 360], 1.0).frustum();
+        let spheres: Vec<(DVec3, f64)> = composed.pages[0]
+            .instances
+            .iter()
+            .map(|i| {
+                let entry = &composed.pages[0].assets[i.asset as usize];
+                (i.to_world(entry.origin, entry.sphere.center), f64::from(entry.sphere.radius))
+            })
+            .collect();
+        for (i, (center, radius)) in spheres.iter().enumerate() {
+            assert!(frustum.sees((*center - DVec3::from(camera.eye)).as_vec3(), *radius as f32));
+            for (other, other_radius) in &spheres[i + 1..] {
+                assert!(center.distance(*other) >= radius + other_radius);
+            }
+        }
+    }
+
+    #[test]
+    fn pages_hold_the_near_and_the_seen_first_and_assets_before_their_instances() {
+        let mut scene = Scene::of_models(&["a.obj", "b.obj", "never.obj"].map(PathBuf::from)).unwrap();
+        scene.camera = Some(Camera {
+            eye: [0.0; 3],
+            target: [0.0, 0.0, -1.0],
+            up: [0.0, 1.0, 0.0],
+            fov_y: 60_f32.to_radians(),
+        });
+        let at = |asset, z| Instance {
+            asset,
+            translation: [-1.0, 0.0, z],
+            rotation: [0.0, 0.0, 0.0, 1.0],
+            scale: 1.0,
+        };
+        // Behind the camera, then far to near: 200 of them.
+        let mut instances = vec![at(0, 5.0)];
+        instances.extend((1..=200).rev().map(|i| at(usize::from(i <= 150), -10.0 * f64::from(i))));
+        scene.instances = Some(instances);
+        let entries = ["a", "b", "never"].map(|name| entry(name, [0.0; 3], 1.0));
+        let composed = compose(&scene, &entries, &[]).unwrap();
+        assert_eq!(composed.header.page_count, 4);
+        assert_eq!(composed.header.instance_count, 201);
+        assert_eq!(composed.asset_order, [1, 0]);
+        assert_eq!(composed.pages[0].assets[0].name, "b");
+        assert_eq!(composed.pages[2].assets[0].name, "a");
+        let all: Vec<f64> =
+            composed.pages.iter().flat_map(|p| &p.instances).map(|i| i.translation[2]).collect();
+        assert_eq!(all[0], -10.0);
+        assert_eq!(all[200], 5.0);
+        assert!(all[..200].is_sorted_by(|a, b| a >= b));
+    }
+
+    #[test]
+    fn the_fingerprint_follows_content() {
+        let scene = Scene::of_models(&[PathBuf::from("a.obj")]).unwrap();
+        let one = compose(&scene, &[entry("a", [0.0; 3], 2.0)], &[]).unwrap();
+        let same = compose(&scene, &[entry("a", [0.0; 3], 2.0)], &[]).unwrap();
+        let other = compose(&scene, &[entry("a", [0.0; 3], 2.5)], &[]).unwrap();
+        assert_eq!(one.header.fingerprint, same.header.fingerprint);
+        assert_ne!(one.header.fingerprint, other.header.fingerprint);
+    }
+
+    #[test]
+    fn punctual_lights_of_models_stand_where_the_models_do_and_tell_scenes_apart() {
+        let mut scene = Scene::of_models(&["a.obj", "b.obj"].map(PathBuf::from)).unwrap();
+        let entries = ["a", "b"].map(|name| entry(name, [0.0; 3], 2.0));
+        let dark = compose(&scene, &entries, &[]).unwrap();
+        assert_eq!(dark.punctual_lights.punctual_lights(), None);
+        let punctual_light =
+            PunctualLight { position: [1.0, 5.0, 0.0], intensity: [9.0; 3], range: 30.0, spot: None };
+        scene.models[1].punctual_lights = vec![punctual_light];
+        let lit = compose(&scene, &entries, &[]).unwrap();
+        assert_ne!(lit.header.fingerprint, dark.header.fingerprint);
+        let First::PunctualLights(punctual_lights) =
+            lit.punctual_lights.punctual_lights().unwrap().first().unwrap()
+        else {
+            panic!()
+        };
+        let second = lit.pages[0].instances.iter().find(|i| i.translation[0] > 1.0).unwrap();
+        assert_eq!(punctual_lights[0].position[0], second.translation[0] + 1.0);
+        assert_eq!(punctual_lights[0].position[1], 5.0);
+    }
+
+    #[test]
+    fn a_scene_that_places_nothing_says_so() {
+        let mut scene = Scene::of_models(&[PathBuf::from("a.obj")]).unwrap();
+        scene.instances = Some(Vec::new());
+        let message = compose(&scene, &[entry("a", [0.0; 3], 2.0)], &[]).unwrap_err().to_string();
+        assert!(message.contains("add an [[instance]]"), "{message}");
+    }
+}

@@ -1,0 +1,256 @@
+//! What may be chosen of how a model is prepared.
+
+use std::fmt;
+use std::str::FromStr;
+
+use lodestream_geometry::mesh::QuantisedMesh;
+use lodestream_geometry::quantise::{self, QuantiseSettings};
+use lodestream_geometry::{Metric, Settings};
+
+use lodestream_import::setting::Impossible;
+
+use super::codec_choice::CodecChoice;
+use super::setting::{
+    BlockFaces, NormalTolerance, PositionBits, RegionFaces, ReliefDepth, Round, Tolerance, UvBits,
+};
+
+/// How finely an asset's positions are kept.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Precision {
+    /// Bits per axis.
+    Bits(PositionBits),
+    /// Largest distance between a source position and its grid point.
+    Tolerance(Tolerance),
+}
+
+/// Choices; the defaults of `geometry` where `None`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PreparationSettings {
+    /// Precision of positions.
+    pub precision: Option<Precision>,
+    /// Bits per axis of texture coordinates.
+    pub uv_bits: Option<UvBits>,
+    /// Largest angle of a normal to what the faces say before it is sent.
+    pub normal_tolerance: Option<NormalTolerance>,
+    /// What a collapse is held to cost.
+    pub metric: Option<Metric>,
+    /// Order of collapses.
+    pub round: Option<Round>,
+    /// How base mesh and chunks are coded.
+    pub codec: Option<CodecChoice>,
+    /// Most faces that are simplified at once.
+    pub block_faces: Option<BlockFaces>,
+    /// Depth of relief, instead of what the materials say.
+    pub relief_depth: Option<ReliefDepth>,
+}
+
+impl PreparationSettings {
+    /// These choices, with those of `other` where there are none.
+    #[must_use]
+    pub fn or(self, other: Self) -> Self {
+        Self {
+            precision: self.precision.or(other.precision),
+            uv_bits: self.uv_bits.or(other.uv_bits),
+            normal_tolerance: self.normal_tolerance.or(other.normal_tolerance),
+            metric: self.metric.or(other.metric),
+            round: self.round.or(other.round),
+            codec: self.codec.or(other.codec),
+            block_faces: self.block_faces.or(other.block_faces),
+            relief_depth: self.relief_depth.or(other.relief_depth),
+        }
+    }
+
+    /// Settings of quantisation.
+    #[must_use]
+    pub fn quantise_settings(&self) -> QuantiseSettings {
+        let default = QuantiseSettings::default();
+        QuantiseSettings {
+            precision: match self.precision {
+                Some(Precision::Bits(bits)) => quantise::Precision::Bits(bits.get()),
+                Some(Precision::Tolerance(length)) => quantise::Precision::Tolerance(length.get()),
+                None => default.precision,
+            },
+            uv_bits: self.uv_bits.map_or(default.uv_bits, UvBits::get),
+            normal_tolerance: self.normal_tolerance.map_or(default.normal_tolerance, NormalTolerance::get),
+        }
+    }
+
+    /// Settings of simplification and coding, of a mesh.
+    #[must_use]
+    pub fn settings(&self, mesh: &QuantisedMesh) -> Settings {
+        Settings { codec: self.codec().of(mesh), ..self.simplify_settings() }
+    }
+
+    /// The same but for the codec, which may depend on the mesh.
+    #[must_use]
+    pub fn simplify_settings(&self) -> Settings {
+        let default = Settings::default();
+        Settings {
+            metric: self.metric.unwrap_or(default.metric),
+            round_share: self.round.map_or(default.round_share, Round::share),
+            block_faces: self.block_faces.map_or(default.block_faces, BlockFaces::get),
+            ..default
+        }
+    }
+
+    /// Which codec.
+    #[must_use]
+    pub fn codec(&self) -> CodecChoice {
+        self.codec.unwrap_or_default()
+    }
+}
+
+/// All settings that decide what a pack holds, the defaults among them, as `inspect` shows them.
+impl fmt::Display for PreparationSettings {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (quantise, settings) = (self.quantise_settings(), self.simplify_settings());
+        match quantise.precision {
+            quantise::Precision::Bits(bits) => write!(f, "position-bits {bits}")?,
+            quantise::Precision::Tolerance(length) => write!(f, "tolerance {length}")?,
+        }
+        write!(f, ", uv-bits {}, normal-tolerance {}°", quantise.uv_bits, quantise.normal_tolerance)?;
+        write!(f, ", metric {}", settings.metric)?;
+        match settings.round_share {
+            None => write!(f, ", round-size heap")?,
+            Some(share) => write!(f, ", round-size {share}")?,
+        }
+        write!(f, ", region-faces {}, codec {}", settings.region_faces, self.codec())?;
+        // Nothing to nearly all meshes, which are smaller.
+        self.block_faces.map_or(Ok(()), |faces| write!(f, ", block-faces {}", faces.get()))?;
+        self.relief_depth.map_or(Ok(()), |depth| write!(f, ", relief-depth {depth}"))
+    }
+}
+
+/// A pack's text about its making that cannot be read.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ReadError {
+    /// A part without a name or a value.
+    #[error("{item:?} is no setting")]
+    NoSetting {
+        /// The part.
+        item: String,
+    },
+    /// A setting that is not known here.
+    #[error("{item:?}: there is no such setting")]
+    Unknown {
+        /// The part.
+        item: String,
+    },
+    /// A value that the setting cannot have.
+    #[error("{item:?}: {why}")]
+    Impossible {
+        /// The part.
+        item: String,
+        /// Why not.
+        why: Impossible,
+    },
+}
+
+/// Reads what [`PreparationSettings`]'s display wrote.
+impl FromStr for PreparationSettings {
+    type Err = ReadError;
+
+    fn from_str(text: &str) -> Result<Self, ReadError> {
+        let mut preparation_settings = Self::default();
+        for item in text.split(", ") {
+            let Some((name, value)) = item.split_once(' ') else {
+                return Err(ReadError::NoSetting { item: item.to_owned() });
+            };
+            match preparation_settings.set(name, value) {
+                Ok(true) => {}
+                Ok(false) => return Err(ReadError::Unknown { item: item.to_owned() }),
+                Err(why) => return Err(ReadError::Impossible { item: item.to_owned(), why }),
+            }
+        }
+        Ok(preparation_settings)
+    }
+}
+
+impl PreparationSettings {
+    /// Takes a setting by its name in the text; false where there is none of that name.
+    fn set(&mut self, name: &str, value: &str) -> Result<bool, Impossible> {
+        match name {
+            "position-bits" => self.precision = Some(Precision::Bits(value.parse()?)),
+            "tolerance" => self.precision = Some(Precision::Tolerance(value.parse()?)),
+            "uv-bits" => self.uv_bits = Some(value.parse()?),
+            "normal-tolerance" => self.normal_tolerance = Some(value.trim_end_matches('°').parse()?),
+            "metric" => self.metric = Some(value.parse::<Metric>()?),
+            "round-size" => self.round = Some(value.parse()?),
+            "block-faces" => self.block_faces = Some(value.parse()?),
+            "codec" => self.codec = Some(value.parse::<CodecChoice>()?),
+            "relief-depth" => self.relief_depth = Some(value.parse()?),
+            // Told, but no choice yet.
+            "region-faces" => drop(value.parse::<RegionFaces>()?),
+            _ => return Ok(false),
+        }
+        Ok(true)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use lodestream_geometry::Codec;
+
+    use super::*;
+
+    fn uv(bits: u8) -> Option<UvBits> {
+        Some(bits.try_into().unwrap())
+    }
+
+    fn degrees(angle: f64) -> Option<NormalTolerance> {
+        Some(angle.try_into().unwrap())
+    }
+
+    #[test]
+    fn choices_come_before_defaults_and_are_told() {
+        let general = PreparationSettings {
+            uv_bits: uv(10),
+            normal_tolerance: degrees(3.0),
+            ..PreparationSettings::default()
+        };
+        let own = PreparationSettings {
+            uv_bits: uv(9),
+            round: Round::try_from(0.1).ok(),
+            ..PreparationSettings::default()
+        };
+        let both = own.or(general);
+        assert_eq!((both.uv_bits, both.normal_tolerance), (uv(9), degrees(3.0)));
+        assert_eq!(both.simplify_settings().round_share, Some(0.1));
+        assert_eq!(both.quantise_settings().normal_tolerance, 3.0);
+        let text = both.to_string();
+        for part in [
+            "position-bits 14",
+            "uv-bits 9",
+            "normal-tolerance 3°",
+            "metric qem",
+            "round-size 0.1",
+            "codec auto",
+        ] {
+            assert!(text.contains(part), "{text}");
+        }
+    }
+
+    #[test]
+    fn what_is_told_is_read_again() {
+        let all = PreparationSettings {
+            precision: Tolerance::try_from(0.1 + 0.2).ok().map(Precision::Tolerance),
+            uv_bits: uv(9),
+            normal_tolerance: degrees(2.5),
+            metric: Some(Metric::Melax),
+            round: Round::try_from(0.1).ok(),
+            codec: Some(Codec::Zstd.into()),
+            block_faces: BlockFaces::try_from(1_000_000).ok(),
+            relief_depth: ReliefDepth::try_from(0.1).ok(),
+        };
+        assert_eq!(all.to_string().parse(), Ok(all));
+        let told: PreparationSettings = PreparationSettings::default().to_string().parse().unwrap();
+        assert_eq!(told.quantise_settings(), PreparationSettings::default().quantise_settings());
+        assert_eq!(told.simplify_settings(), PreparationSettings::default().simplify_settings());
+        assert_eq!(told.codec(), CodecChoice::Auto);
+        for bad in
+            ["", "uv-bits", "uv-bits 17", "color red", "tolerance wide", "position-bits 3", "relief-depth 2"]
+        {
+            assert!(bad.parse::<PreparationSettings>().is_err(), "{bad}");
+        }
+    }
+}

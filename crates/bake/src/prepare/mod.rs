@@ -1,0 +1,309 @@
+//! From a model file to a prepared pack.
+
+pub mod cache;
+mod checkpoint_folder;
+pub mod describe;
+mod progress;
+#[cfg(test)]
+mod tests;
+mod textures;
+mod threads;
+
+use std::fmt;
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant, SystemTime};
+
+use crate::preparation_settings::{PreparationSettings, ReliefDepth};
+use lodestream_compress::whole_file::write_atomically;
+use lodestream_compress::{encode_base, prepare_by};
+use lodestream_geometry::MeshError;
+use lodestream_geometry::base::FORMAT_VERSION;
+use lodestream_geometry::pack::{BlobKind, PACK_VERSION};
+use lodestream_geometry::prepare::{Hooks, suit};
+use lodestream_geometry::quantise::quantise;
+use lodestream_import::ImportError;
+
+use crate::mapped::Mapped;
+use crate::scene::Asset;
+use lodestream_store::{PackFile, StoreError};
+
+use checkpoint_folder::CheckpointFolder;
+pub use checkpoint_folder::{Resumed, remove_stale_levels};
+pub use progress::Reporter;
+pub use threads::Threads;
+
+/// How to prepare.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Options {
+    /// Choices that come before those of the asset itself: flags come before files.
+    pub preparation_settings: PreparationSettings,
+    /// Threads; as many as there are cores where `None`. The pack does not depend on it.
+    pub threads: Option<NonZeroUsize>,
+    /// Shows no progress.
+    pub quiet: bool,
+    /// Keeps finished levels beside the pack however small the model is, not from [`KEPT_FROM_FACES`] on alone.
+    pub keep_levels: bool,
+}
+
+/// Models of so many faces and more have their finished levels kept beside the pack: they take a core ten seconds and more.
+pub const KEPT_FROM_FACES: usize = 1_000_000;
+
+/// The most that the lists of a preparation take, the input's included (docs/benchmarks/preparation.md).
+const LIST_BYTES_A_FACE: u64 = 300;
+
+/// A model that cannot be prepared.
+#[derive(Debug, thiserror::Error)]
+pub enum PrepareError {
+    /// The model cannot be imported.
+    #[error(transparent)]
+    Import(#[from] ImportError),
+    /// The mesh cannot be used.
+    #[error("{}: {source}", path.display())]
+    Mesh {
+        /// The model.
+        path: PathBuf,
+        /// Why.
+        source: MeshError,
+    },
+    /// Its materials cannot be used.
+    #[error("{}: {source}", path.display())]
+    Describe {
+        /// The model.
+        path: PathBuf,
+        /// Why.
+        source: describe::DescribeError,
+    },
+    /// The pack cannot be written.
+    #[error("{}: cannot be written: {source}", path.display())]
+    Write {
+        /// The pack.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The pack just written cannot be opened.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The disk with the lists of a preparation out of core has too little room for them.
+    #[error(
+        "{}: the lists of {faces} faces take about {:.1} GB, {:.1} GB are free for them: name a folder on a larger disk \
+         with --out-of-core", path.display(), *needed as f64 * 1e-9, *free as f64 * 1e-9
+    )]
+    NoRoom {
+        /// The model.
+        path: PathBuf,
+        /// Its faces.
+        faces: usize,
+        /// What its lists take.
+        needed: u64,
+        /// What there is.
+        free: u64,
+    },
+}
+
+impl PrepareError {
+    /// Refuses a mesh whose lists would not fit into so many bytes of a disk, if they are to lie on one.
+    ///
+    /// # Errors
+    /// [`PrepareError::NoRoom`].
+    pub fn room(path: &Path, faces: usize, free: Option<u64>) -> Result<(), Self> {
+        let needed = faces as u64 * LIST_BYTES_A_FACE;
+        match free {
+            Some(free) if free < needed => Err(Self::NoRoom { path: path.to_owned(), faces, needed, free }),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// What a preparation came to.
+#[derive(Clone, Debug)]
+pub struct Report {
+    /// Faces of the quantised input.
+    pub faces: usize,
+    /// Vertices of the quantised input.
+    pub vertices: usize,
+    /// Length of base mesh, index pages and chunks.
+    pub geometry_bytes: u64,
+    /// Length of the pack, textures included.
+    pub pack_bytes: u64,
+    /// Time of simplification, chunking and coding: without import and textures.
+    pub time: Duration,
+    /// What a run before this one had finished.
+    pub resumed: Resumed,
+    /// What was odd, a line each.
+    pub warnings: Vec<String>,
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let seconds = self.time.as_secs_f64();
+        let bits = 8.0 * self.geometry_bytes as f64 / self.vertices.max(1) as f64;
+        write!(
+            f,
+            "{} faces, {} vertices, {} bytes in all, {} of geometry ({bits:.1} bits/vertex), \
+             prepared in {seconds:.2} s ({:.0} faces/s)",
+            self.faces,
+            self.vertices,
+            self.pack_bytes,
+            self.geometry_bytes,
+            self.faces as f64 / seconds.max(1e-9)
+        )?;
+        if self.resumed == Resumed::default() {
+            return Ok(());
+        }
+        write!(f, "; went on from {}", self.resumed)
+    }
+}
+
+/// Prepares a model and writes its pack, whole or not at all.
+///
+/// # Errors
+/// See [`PrepareError`].
+pub fn prepare_to(asset: &Asset, options: &Options, pack: &Path) -> Result<Report, PrepareError> {
+    let (asset, key, _) = keyed(asset, options)?;
+    prepare_with_key(&asset, options, key, pack)
+}
+
+/// The asset with all choices made, the key of its pack, and the files that its model names.
+fn keyed(asset: &Asset, options: &Options) -> Result<(Asset, cache::Key, Vec<PathBuf>), ImportError> {
+    let asset = Asset {
+        preparation_settings: options.preparation_settings.or(asset.preparation_settings),
+        ..asset.clone()
+    };
+    let (key, files) = cache::key_and_files(&asset.file, &settings_text(&asset), pack_version())?;
+    Ok((asset, key, files))
+}
+
+/// The key of an asset's pack.
+///
+/// # Errors
+/// A model that cannot be read.
+pub fn key_of(asset: &Asset, options: &Options) -> Result<cache::Key, ImportError> {
+    keyed(asset, options).map(|(_, key, _)| key)
+}
+
+/// An asset's pack from the cache.
+#[derive(Debug)]
+pub struct Cached {
+    /// The pack.
+    pub pack: PackFile,
+    /// What preparing it came to; `None` where it was in the cache.
+    pub report: Option<Report>,
+    /// The model's file, and those that it names.
+    pub files: Vec<PathBuf>,
+}
+
+/// Opens an asset's pack in a cache folder, which is made if need be; prepares the asset where the pack
+/// is missing, of another version, of other input than its name says, or damaged.
+///
+/// # Errors
+/// See [`PrepareError`].
+pub fn prepare_cached(asset: &Asset, folder: &Path, options: &Options) -> Result<Cached, PrepareError> {
+    let (asset, key, mut files) = keyed(asset, options)?;
+    files.push(asset.file.clone());
+    let path = key.path(folder, &asset.name);
+    // The model itself was just read whole for its key; its pack is the smaller part.
+    if let Ok(pack) = PackFile::open(&path)
+        && pack.made_from() == key.bytes()
+        && pack.verify().and_then(|()| pack.base().map(drop)).is_ok()
+    {
+        return Ok(Cached { pack, report: None, files });
+    }
+    std::fs::create_dir_all(folder)
+        .map_err(|source| PrepareError::Write { path: folder.to_owned(), source })?;
+    let report = prepare_with_key(&asset, options, key, &path)?;
+    Ok(Cached { pack: PackFile::open(&path)?, report: Some(report), files })
+}
+
+/// Everything but the files that decides what a pack holds. Threads and progress do not.
+fn settings_text(asset: &Asset) -> String {
+    let Asset { name, file: _, part, preparation_settings } = asset;
+    let (quantise, settings) =
+        (preparation_settings.quantise_settings(), preparation_settings.simplify_settings());
+    let depth = preparation_settings.relief_depth.map(ReliefDepth::get);
+    format!("{name:?} {part:?} {quantise:?} {settings:?} {:?} {depth:?}", preparation_settings.codec())
+}
+
+fn pack_version() -> u32 {
+    u32::from(PACK_VERSION) << 8 | u32::from(FORMAT_VERSION)
+}
+
+/// Where finished levels are kept: nowhere but in memory if they need not be, if another process is making the same
+/// pack, or if the pack is no file, so that nothing belongs beside it.
+fn kept_levels(pack: &Path, key: &cache::Key, wanted: bool) -> std::io::Result<Option<CheckpointFolder>> {
+    if !wanted || std::fs::metadata(pack).is_ok_and(|at| !at.is_file()) {
+        return Ok(None);
+    }
+    if let Some(folder) = pack.parent() {
+        remove_stale_levels(folder, SystemTime::now());
+    }
+    CheckpointFolder::beside(pack, key)
+}
+
+fn prepare_with_key(
+    asset: &Asset,
+    options: &Options,
+    key: cache::Key,
+    pack: &Path,
+) -> Result<Report, PrepareError> {
+    let Asset { name, file: model, part, preparation_settings } = asset;
+    let mesh_error = |source| PrepareError::Mesh { path: model.clone(), source };
+    let imported = lodestream_import::import_part(model, part)?;
+    let mut warnings = imported.warnings;
+    let described = describe::describe(name, &imported.materials, preparation_settings.relief_depth)
+        .map_err(|source| PrepareError::Describe { path: model.clone(), source })?;
+    warnings.extend(described.warnings);
+    let description = described
+        .description
+        .encode()
+        .map_err(|error| PrepareError::Describe { path: model.clone(), source: error.into() })?;
+
+    let start = Instant::now();
+    let mut mesh = quantise(&imported.mesh, &preparation_settings.quantise_settings()).map_err(mesh_error)?;
+    drop(imported.mesh);
+    PrepareError::room(model, mesh.faces.len(), Mapped::free_bytes())?;
+    let kept = kept_levels(pack, &key, options.keep_levels || mesh.faces.len() >= KEPT_FROM_FACES);
+    let kept = kept.map_err(|source| PrepareError::Write { path: pack.to_owned(), source })?;
+    let reporter = Reporter::new(name, options.quiet);
+    let threads = Threads::new(options.threads);
+    let mut hooks = Hooks::new(&threads, &reporter);
+    if let Some(kept) = &kept {
+        hooks = hooks.checkpointing_to(kept);
+    }
+    let settings = preparation_settings.settings(&mesh);
+    suit(&mut mesh, settings.codec);
+    let prepared = prepare_by(&mesh, &settings, hooks);
+    reporter.finish();
+    let mut prepared = prepared.map_err(mesh_error)?;
+    let time = start.elapsed();
+
+    prepared.base.description = description;
+    let base =
+        encode_base(&prepared.base).map_err(|e| mesh_error(MeshError::Internal { why: e.to_string() }))?;
+    let mut blobs: Vec<(BlobKind, &[u8])> = vec![(BlobKind::Base, &base)];
+    blobs.extend(prepared.pages.iter().zip(0..).map(|(page, i)| (BlobKind::IndexPage(i), &page[..])));
+    blobs.extend(prepared.chunks.iter().zip(0..).map(|(chunk, i)| (BlobKind::Chunk(i), &chunk[..])));
+    let settings = preparation_settings.to_string();
+    let geometry_bytes = blobs.iter().map(|(_, blob)| blob.len() as u64).sum();
+    for (levels, texture) in described.textures.iter().zip(0..) {
+        let levels = levels.iter().zip(0..);
+        blobs.extend(levels.map(|(blob, level)| (BlobKind::Texture { texture, level }, &blob[..])));
+    }
+    blobs.push((BlobKind::Settings, settings.as_bytes()));
+    let write_error = |source| PrepareError::Write { path: pack.to_owned(), source };
+    let bytes = lodestream_geometry::pack::write(key.bytes(), &blobs)
+        .map_err(|error| write_error(std::io::Error::other(error)))?;
+    write_atomically(pack, |out| out.write_all(&bytes)).map_err(write_error)?;
+    let resumed = kept.as_ref().map(CheckpointFolder::resumed).unwrap_or_default();
+    kept.into_iter().for_each(CheckpointFolder::remove);
+    Ok(Report {
+        faces: mesh.faces.len(),
+        vertices: mesh.positions.len(),
+        geometry_bytes,
+        pack_bytes: bytes.len() as u64,
+        time,
+        resumed,
+        warnings,
+    })
+}

@@ -1,0 +1,145 @@
+//! Which of several words about a model counts.
+
+use std::path::Path;
+
+use crate::preparation_settings::{Precision, PreparationSettings};
+use lodestream_geometry::Codec;
+use tempfile::TempDir;
+
+use super::{Options, prepare_cached};
+use crate::scene::{self, Asset};
+
+const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+
+/// What the packs of a scene file say of their making.
+fn settings(folder: &Path, scene: &str, flags: PreparationSettings) -> Vec<String> {
+    let scene = scene::parse(&folder.join("scene.toml"), scene).unwrap();
+    let options = Options { preparation_settings: flags, quiet: true, ..Options::default() };
+    let pack = |asset| prepare_cached(asset, &folder.join("cache"), &options).unwrap().pack;
+    scene.assets.iter().map(|asset| pack(asset).settings().unwrap()).collect()
+}
+
+#[test]
+fn a_flag_was_lost_where_the_scene_file_had_a_value() {
+    let dir = TempDir::new().unwrap();
+    std::fs::write(dir.path().join("a.obj"), TRIANGLE).unwrap();
+    let scene = "[[asset]]\nname = 'fine'\nfile = 'a.obj'\nposition_bits = 16\ncodec = 'zstd'\n\
+        [[asset]]\nname = 'close'\nfile = 'a.obj'\ntolerance = 0.01\n\
+        [[asset]]\nname = 'plain'\nfile = 'a.obj'\n";
+    let flags = PreparationSettings {
+        precision: "10".parse().ok().map(Precision::Bits),
+        ..PreparationSettings::default()
+    };
+    let told = settings(dir.path(), scene, flags);
+    for settings in &told {
+        assert!(settings.starts_with("position-bits 10,"), "{told:?}");
+    }
+    // What no flag says is the file's, and then the default.
+    assert!(told[0].contains("codec zstd") && told[1].contains("codec auto"), "{told:?}");
+    let told = settings(dir.path(), scene, PreparationSettings::default());
+    assert!(told[0].starts_with("position-bits 16,") && told[1].starts_with("tolerance 0.01,"), "{told:?}");
+    assert!(told[2].starts_with("position-bits 14,"), "{told:?}");
+}
+
+#[test]
+fn each_model_has_the_codec_that_suits_it_unless_one_is_chosen() {
+    let dir = TempDir::new().unwrap();
+    // Steps, along the axes and turned about all of them.
+    let steps = |turned: bool| {
+        let mut obj = String::new();
+        for (x, y) in (0..10).flat_map(|y| (0..10).map(move |x| (f64::from(x), f64::from(y)))) {
+            let z = (x / 2.0).floor();
+            let [a, b, c] = if turned {
+                [0.36 * x - 0.48 * y + 0.8 * z, 0.8 * x + 0.6 * y, 0.64 * y - 0.48 * x + 0.6 * z]
+            } else {
+                [x, y, z]
+            };
+            obj.push_str(&format!("v {a} {b} {c}\n"));
+        }
+        for i in (1..=9).flat_map(|x| (0..9).map(move |y| y * 10 + x)) {
+            obj.push_str(&format!("f {} {} {} {}\n", i, i + 1, i + 11, i + 10));
+        }
+        obj
+    };
+    for (name, turned) in [("steps.obj", false), ("turned.obj", true)] {
+        std::fs::write(dir.path().join(name), steps(turned)).unwrap();
+    }
+    let scene = "[[asset]]\nname = 'a'\nfile = 'steps.obj'\n\
+        [[asset]]\nname = 'b'\nfile = 'turned.obj'\n\
+        [[asset]]\nname = 'c'\nfile = 'steps.obj'\ncodec = 'range'\n\
+        [[asset]]\nname = 'd'\nfile = 'turned.obj'\ncodec = 'built'\n";
+    let scene = scene::parse(&dir.path().join("scene.toml"), scene).unwrap();
+    let options = Options { quiet: true, ..Options::default() };
+    let codecs = scene.assets.iter().map(|asset| {
+        let pack = prepare_cached(asset, &dir.path().join("cache"), &options).unwrap().pack;
+        pack.base().unwrap().codec
+    });
+    assert_eq!(
+        codecs.collect::<Vec<_>>(),
+        [Codec::AxisAligned, Codec::Range, Codec::Range, Codec::AxisAligned]
+    );
+}
+
+#[test]
+fn a_pack_of_another_model_under_the_caches_name_was_served() {
+    let dir = tempfile::TempDir::new().unwrap();
+    let cache = dir.path().join("cache");
+    let options = Options { quiet: true, ..Options::default() };
+    let prepared = |name: &str, corner: u32| {
+        let file = dir.path().join(name);
+        std::fs::write(&file, format!("v 0 0 0\nv {corner} 0 0\nv 0 1 0\nf 1 2 3\n")).unwrap();
+        prepare_cached(&Asset::of_file(&file), &cache, &options).unwrap()
+    };
+    let (one, other) = (prepared("one.obj", 1), prepared("other.obj", 2));
+    let right = other.pack.fingerprint();
+    std::fs::copy(one.pack.path(), other.pack.path()).unwrap();
+    let again = prepared("other.obj", 2);
+    assert!(again.report.is_some(), "it is prepared anew");
+    assert_eq!(again.pack.fingerprint(), right);
+    assert!(prepared("other.obj", 2).report.is_none());
+}
+
+/// Real glTF files, prepared short of their geometry.
+///
+/// ```sh
+/// LODESTREAM_MODELS=… cargo test --release -p lodestream-server no_sample -- --ignored --nocapture
+/// ```
+#[test]
+#[ignore = "needs $LODESTREAM_MODELS, a folder with glTF files"]
+fn no_sample_is_refused_for_its_materials() {
+    let models = std::env::var_os("LODESTREAM_MODELS").expect("$LODESTREAM_MODELS names a folder");
+    let (mut folders, mut files) = (vec![std::path::PathBuf::from(models)], Vec::new());
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if lodestream_import::is_gltf(&path) {
+                files.push(path);
+            }
+        }
+    }
+    files.sort();
+    assert!(!files.is_empty());
+    for path in files {
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        match lodestream_import::import(&path) {
+            Ok(imported) => {
+                let described = super::describe::describe(&name, &imported.materials, None).unwrap();
+                let lost: Vec<_> = imported.warnings.iter().chain(&described.warnings).collect();
+                println!(
+                    "{name}: {} materials, {} textures",
+                    imported.materials.len(),
+                    described.textures.len()
+                );
+                lost.iter().for_each(|warning| println!("    {}", warning.rsplit('/').next().unwrap_or("")));
+            }
+            Err(error) => {
+                let why = error.to_string();
+                println!("{name}: {}", why.rsplit('/').next().unwrap_or(""));
+                let geometry = ["has no faces", ": nodes["].iter().any(|word| why.contains(word));
+                assert!(geometry, "{why}");
+            }
+        }
+    }
+}

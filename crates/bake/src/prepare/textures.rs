@@ -1,0 +1,106 @@
+//! The textures of an asset while it is described: each that differs from the others once.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use lodestream_import::ImageSource;
+use lodestream_import::texture::{self, Texture, TextureError, TextureSource, Transparency};
+use lodestream_scene::asset::{MAX_TEXTURES, TextureFormat, TextureInfo, TextureLevel};
+use lodestream_scene::limits::MAX_BLOB_BYTES;
+
+use super::describe::DescribeError;
+
+/// Textures made so far.
+#[derive(Default)]
+pub(super) struct Textures {
+    known: BTreeMap<(TextureSource, bool), Option<Made>>,
+    pub(super) infos: Vec<TextureInfo>,
+    pub(super) levels: Vec<Vec<Vec<u8>>>,
+    pub(super) warnings: Vec<String>,
+}
+
+/// What became of a source.
+#[derive(Clone)]
+pub(super) struct Made {
+    pub(super) index: u16,
+    pub(super) transparency: Transparency,
+    /// The source, short of images that could not be read.
+    pub(super) of: TextureSource,
+}
+
+impl Textures {
+    /// The texture of a source. Images that cannot be read become warnings, and are left out of what they were part of.
+    pub(super) fn make(&mut self, source: Option<TextureSource>) -> Result<Option<Made>, DescribeError> {
+        source.map_or(Ok(None), |source| self.made(source, false))
+    }
+
+    /// Heights, or the normals that exporters write in their place.
+    pub(super) fn heights_or_normals(&mut self, image: ImageSource) -> Result<Option<Made>, DescribeError> {
+        self.made(TextureSource::Height(image), true)
+    }
+
+    fn made(&mut self, source: TextureSource, or_normals: bool) -> Result<Option<Made>, DescribeError> {
+        let key = (source.clone(), or_normals);
+        if let Some(known) = self.known.get(&key) {
+            return Ok(known.clone());
+        }
+        let mut left = Some(source);
+        let mut made = None;
+        while let Some(of) = left.take() {
+            match (texture::load(&of), &of) {
+                (Ok(texture), _) => {
+                    let transparency = texture.transparency;
+                    let path = of.first_image().map(|image| image.path.clone()).unwrap_or_default();
+                    made = Some(Made { index: self.add(&path, texture)?, transparency, of });
+                }
+                (Err(TextureError::NormalMap { .. }), TextureSource::Height(image)) if or_normals => {
+                    made = self.made(TextureSource::Normal(image.clone()), false)?;
+                }
+                (Err(error @ (TextureError::TooLarge { .. } | TextureError::Encode { .. })), _) => {
+                    return Err(error.into());
+                }
+                (Err(error), _) => {
+                    left = of.without(error.path());
+                    self.warn(format!("{error}; the material is drawn without it"));
+                }
+            }
+        }
+        self.known.insert(key, made.clone());
+        Ok(made)
+    }
+
+    fn warn(&mut self, what: String) {
+        if !self.warnings.contains(&what) {
+            self.warnings.push(what);
+        }
+    }
+
+    fn add(&mut self, path: &Path, texture: Texture) -> Result<u16, DescribeError> {
+        if self.infos.len() >= MAX_TEXTURES {
+            return Err(DescribeError::TooManyTextures);
+        }
+        let finest = texture.levels.len() - 1;
+        let mut levels = Vec::with_capacity(texture.levels.len());
+        for (i, blob) in texture.levels.iter().enumerate() {
+            let bytes = u32::try_from(blob.len()).ok().filter(|&bytes| bytes <= MAX_BLOB_BYTES);
+            let bytes =
+                bytes.ok_or_else(|| DescribeError::LongLevel { path: path.to_owned(), bytes: blob.len() })?;
+            let shift = finest - i;
+            levels.push(TextureLevel {
+                width: (texture.width_px >> shift).max(1),
+                height: (texture.height_px >> shift).max(1),
+                bytes,
+                format: if blob.starts_with(b"\x89PNG") { TextureFormat::Png } else { TextureFormat::Jpeg },
+            });
+        }
+        self.infos.push(TextureInfo {
+            kind: texture.kind,
+            width: texture.width_px,
+            height: texture.height_px,
+            mean: texture.mean,
+            levels,
+        });
+        self.levels.push(texture.levels);
+        Ok((self.infos.len() - 1) as u16)
+    }
+}

@@ -1,0 +1,156 @@
+//! glTF files in scenes: meshes as assets, nodes as instances.
+
+use std::path::PathBuf;
+
+use crate::preparation_settings::{Precision, Round};
+use lodestream_geometry::Codec;
+use lodestream_import::Part;
+use tempfile::TempDir;
+
+use super::{Scene, of_files, parse};
+
+/// Two meshes, "hull" and "mast" (placed twice, once mirrored), of one triangle each.
+fn ship(dir: &TempDir) -> PathBuf {
+    let bytes: Vec<u8> =
+        [0f32, 0., 0., 1., 0., 0., 0., 1., 0.].iter().flat_map(|v| v.to_le_bytes()).collect();
+    let data = data_encoding::BASE64.encode(&bytes);
+    let text = serde_json::json!({
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0, 1, 2]}],
+        "nodes": [
+            {"mesh": 0},
+            {"mesh": 1, "translation": [1, 2, 3], "scale": [2, 2, 2]},
+            {"mesh": 1, "scale": [1, -1, 1]},
+        ],
+        "meshes": [
+            {"name": "hull", "primitives": [{"attributes": {"POSITION": 0}}]},
+            {"name": "mast", "primitives": [{"attributes": {"POSITION": 0}}]},
+        ],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 3}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "buffers": [{"byteLength": 36, "uri": format!("data:;base64,{data}")}],
+    });
+    let path = dir.path().join("ship.gltf");
+    std::fs::write(&path, text.to_string()).unwrap();
+    path
+}
+
+fn names(scene: &Scene) -> Vec<&str> {
+    scene.assets.iter().map(|asset| asset.name.as_str()).collect()
+}
+
+#[test]
+fn a_gltf_file_is_its_meshes_where_its_nodes_have_them() {
+    let dir = TempDir::new().unwrap();
+    let scene = of_files(&[ship(&dir)]).unwrap();
+    assert_eq!(scene.name, "ship");
+    assert_eq!(names(&scene), ["ship/hull", "ship/mast", "ship/mast-2"]);
+    let [model] = &scene.models[..] else { panic!("{:?}", scene.models) };
+    let model = &model.parts;
+    assert_eq!(model.iter().map(|i| i.asset).collect::<Vec<_>>(), [0, 1, 2]);
+    assert_eq!((model[1].translation, model[1].scale), ([1.0, 2.0, 3.0], 2.0));
+}
+
+#[test]
+fn scene_files_place_gltf_models_whole_by_mesh_and_merged() {
+    let dir = TempDir::new().unwrap();
+    ship(&dir);
+    let text = r#"
+        [[asset]]
+        name = "fleet"
+        file = "ship.gltf"
+        uv_bits = 10
+        normal_tolerance = 4.5
+        metric = "melax"
+        round_size = 0.25
+        codec = "zstd"
+        [[asset]]
+        name = "pole"
+        file = "ship.gltf"
+        mesh = "mast"
+        position_bits = 9
+        [[asset]]
+        name = "toy"
+        file = "ship.gltf"
+        merge = true
+        round_size = "heap"
+        [[instance]]
+        asset = "fleet"
+        translation = [10, 0, 0]
+        rotation = { yaw = 90 }
+        scale = 3
+        [[instance]]
+        asset = "pole"
+        [[instance]]
+        asset = "toy"
+    "#;
+    let at = dir.path().join("scene.toml");
+    let scene = parse(&at, text).unwrap();
+    assert_eq!(names(&scene), ["fleet/hull", "fleet/mast", "fleet/mast-2", "pole", "toy"]);
+    assert_eq!(scene.assets[4].part, Part::Whole);
+    let preparation_settings = scene.assets[1].preparation_settings;
+    assert_eq!(
+        (preparation_settings.uv_bits, preparation_settings.normal_tolerance),
+        ("10".parse().ok(), "4.5".parse().ok())
+    );
+    assert_eq!(preparation_settings.round, Round::try_from(0.25).ok());
+    assert_eq!(
+        (preparation_settings.codec, scene.assets[4].preparation_settings.codec),
+        (Some(Codec::Zstd.into()), None)
+    );
+    assert_eq!(scene.assets[3].preparation_settings.precision, "9".parse().ok().map(Precision::Bits));
+    assert_eq!(scene.assets[4].preparation_settings.round, Some(Round::Heap));
+    let instances = scene.instances.unwrap();
+    assert_eq!(instances.iter().map(|i| i.asset).collect::<Vec<_>>(), [0, 1, 2, 3, 4]);
+    // A quarter turn about y takes (1, 2, 3) to (3, 2, -1); three times that, moved.
+    let expected = [19.0, 6.0, -3.0];
+    for (found, expected) in instances[1].translation.iter().zip(expected) {
+        assert!((found - expected).abs() < 1e-5, "{:?}", instances[1].translation);
+    }
+    assert_eq!(instances[1].scale, 6.0);
+    for (from, to, fragment) in [
+        ("mesh = \"mast\"", "mesh = \"sail\"", "no mesh named \"sail\"; it has 2: hull, mast"),
+        ("mesh = \"mast\"", "mesh = \"mast\"\nmerge = true", "exclude each other"),
+        ("uv_bits = 10", "uv_bits = 17", ":2: asset \"fleet\": uv_bits: 1 to 16"),
+        ("4.5", "181", "normal_tolerance: 0 to 180"),
+        ("\"melax\"", "\"best\"", "metric: qem, melax, clustering or clustering-seams"),
+        ("0.25", "0.7", "round_size: heap, or a share"),
+        ("\"zstd\"", "\"gzip\"", "codec: auto, range, built or zstd"),
+        ("ship.gltf\"\n        uv", "no.gltf\"\n        uv", "no.gltf: cannot be read"),
+    ] {
+        let message = parse(&at, &text.replacen(from, to, 1)).unwrap_err().to_string();
+        assert!(message.contains(fragment), "{message:?} lacks {fragment:?}");
+    }
+}
+
+#[test]
+fn a_model_named_like_the_second_of_another_kept_that_name() {
+    let named = |files: &[&str]| {
+        let files: Vec<PathBuf> = files.iter().map(PathBuf::from).collect();
+        let names: Vec<String> =
+            of_files(&files).unwrap().assets.into_iter().map(|asset| asset.name).collect();
+        names
+    };
+    assert_eq!(named(&["chair-2.obj", "chair.obj"]), ["chair-2", "chair"]);
+    assert_eq!(named(&["a/chair.obj", "b/chair.obj", "chair-2.obj"]), ["chair", "chair-2", "chair-2-2"]);
+    assert_eq!(named(&["a/chair.obj", "chair-2.obj", "b/chair.obj"]), ["chair", "chair-2", "chair-3"]);
+}
+
+#[test]
+fn a_mesh_named_like_the_second_form_of_another_kept_that_name() {
+    let dir = TempDir::new().unwrap();
+    let path = ship(&dir);
+    // "mast" is placed twice, once mirrored: its second form is "mast-2".
+    let text = std::fs::read_to_string(&path).unwrap().replace("hull", "mast-2");
+    std::fs::write(&path, text).unwrap();
+    assert_eq!(
+        names(&of_files(std::slice::from_ref(&path)).unwrap()),
+        ["ship/mast-2", "ship/mast", "ship/mast-3"]
+    );
+    // A scene file's own names stay, wherever they stand.
+    let text = "[[asset]]\nname = 'ship'\nfile = 'ship.gltf'\n\
+        [[asset]]\nname = 'ship/mast'\nfile = 'ship.gltf'\nmerge = true\n\
+        [[instance]]\nasset = 'ship/mast'\n";
+    let scene = parse(&dir.path().join("scene.toml"), text).unwrap();
+    assert_eq!(names(&scene), ["ship/mast-2", "ship/mast-3", "ship/mast-4", "ship/mast"]);
+}

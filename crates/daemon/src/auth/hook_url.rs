@@ -1,0 +1,158 @@
+//! A URL that is asked for each question, as an endpoint of token introspection is (RFC 7662, section 2).
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, PoisonError, RwLock};
+
+use anyhow::Context as _;
+use reqwest::header::{ACCEPT, AUTHORIZATION, CONTENT_TYPE, HeaderValue};
+use reqwest::redirect::Policy;
+use reqwest::{Client, Response};
+use tokio::sync::watch;
+use url::Url;
+use url::form_urlencoded::Serializer;
+
+use crate::auth::hook::{Answer, Ask, Hook, HookError, MAX_ANSWER_BYTES, Pending, Question};
+use crate::lifecycle::reload::follow;
+use crate::transport::certificate::read_pem as read_small;
+
+/// What the server shows to the URL: the value of the header `Authorization`, from a file.
+#[derive(Clone)]
+pub struct Authorization {
+    file: PathBuf,
+    value: Arc<RwLock<HeaderValue>>,
+}
+
+impl fmt::Debug for Authorization {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Authorization").field("file", &self.file).finish_non_exhaustive()
+    }
+}
+
+impl Authorization {
+    /// Reads it, without the line end behind it.
+    ///
+    /// # Errors
+    /// Fails where the file cannot be read or holds no such value.
+    pub fn of_file(file: &Path) -> anyhow::Result<Self> {
+        let value = Self::parse(&read_small(file)?).with_context(|| file.display().to_string())?;
+        Ok(Self { file: file.to_owned(), value: Arc::new(RwLock::new(value)) })
+    }
+
+    fn parse(text: &[u8]) -> anyhow::Result<HeaderValue> {
+        let text = text.trim_ascii_end();
+        let scheme = text.split(|byte| *byte == b' ').next().unwrap_or_default();
+        anyhow::ensure!(
+            scheme.len() < text.len() && !scheme.is_empty(),
+            "it is no value of the header Authorization: \"Bearer SECRET\" or \"Basic BASE64\""
+        );
+        let mut value = HeaderValue::from_bytes(text).context("it has signs that no header may have")?;
+        value.set_sensitive(true);
+        Ok(value)
+    }
+
+    fn value(&self) -> HeaderValue {
+        self.value.read().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Takes it anew when its file has changed. Goes on for ever.
+    pub(crate) async fn renew(self, asked: watch::Receiver<u64>) {
+        follow("the authorization of the access URL", vec![self.file.clone()], asked, |texts, first| {
+            match texts.and_then(|texts| Self::parse(&texts.concat())) {
+                Ok(value) => {
+                    *self.value.write().unwrap_or_else(PoisonError::into_inner) = value;
+                    if !first {
+                        tracing::info!("the authorization of the access URL was exchanged");
+                    }
+                }
+                Err(why) => tracing::error!("the authorization of the access URL stays: {why:#}"),
+            }
+        })
+        .await;
+    }
+}
+
+impl Hook {
+    /// Asks a URL, with what the server shows it.
+    ///
+    /// # Errors
+    /// Fails where it is no URL of http or https, or has a name or password in it.
+    pub fn of_url(url: &Url, authorization: Option<Authorization>) -> anyhow::Result<Self> {
+        anyhow::ensure!(
+            matches!(url.scheme(), "http" | "https") && url.has_host(),
+            "--access-url {url}: it is no URL of http or https"
+        );
+        anyhow::ensure!(
+            url.username().is_empty() && url.password().is_none(),
+            "--access-url: credentials would be in logs and lists of processes: name a file with --access-authorization"
+        );
+        // The client takes the process's; harmless where there is one.
+        let _ = rustls::crypto::ring::default_provider().install_default();
+        // A redirect would take the token elsewhere.
+        let client = Client::builder().redirect(Policy::none()).build();
+        let client = client.context("no client for --access-url can be made")?;
+        // What a query says may be a secret.
+        let name = format!("--access-url {}", &url[..url::Position::AfterPath]);
+        Ok(Self::new(name, AskUrl { url: url.clone(), client, authorization }))
+    }
+}
+
+struct AskUrl {
+    url: Url,
+    client: Client,
+    authorization: Option<Authorization>,
+}
+
+impl Ask for AskUrl {
+    fn ask(&self, question: Question) -> Pending<Result<Answer, HookError>> {
+        let mut form = Serializer::new(String::new());
+        form.append_pair("token", &question.token);
+        if let Some(scene) = &question.scene {
+            form.append_pair("scene", scene);
+        }
+        form.append_pair("client_address", &question.address.to_string());
+        let mut request = self
+            .client
+            .post(self.url.clone())
+            .header(CONTENT_TYPE, "application/x-www-form-urlencoded")
+            .header(ACCEPT, "application/json")
+            .body(form.finish());
+        if let Some(authorization) = &self.authorization {
+            request = request.header(AUTHORIZATION, authorization.value());
+        }
+        Box::pin(async move {
+            let failed = |why: reqwest::Error| HookError::Ask(causes(&why.without_url()));
+            let response = request.send().await.map_err(failed)?;
+            if response.status() != reqwest::StatusCode::OK {
+                return Err(HookError::Status(response.status().as_u16()));
+            }
+            Answer::parse(&body(response, failed).await?)
+        })
+    }
+}
+
+/// The body of a response, within bounds.
+async fn body(
+    mut response: Response,
+    failed: impl Fn(reqwest::Error) -> HookError,
+) -> Result<Vec<u8>, HookError> {
+    let mut body = Vec::new();
+    while let Some(chunk) = response.chunk().await.map_err(&failed)? {
+        if body.len() + chunk.len() > MAX_ANSWER_BYTES {
+            return Err(HookError::Long);
+        }
+        body.extend_from_slice(&chunk);
+    }
+    Ok(body)
+}
+
+/// An error with what caused it: the library says only what it was at.
+fn causes(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut next = error.source();
+    while let Some(cause) = next {
+        text = format!("{text}: {cause}");
+        next = cause.source();
+    }
+    text
+}

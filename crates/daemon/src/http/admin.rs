@@ -1,0 +1,114 @@
+//! The port for who runs the server: `/health`, `/ready`, `/metrics` and `/scenes`, and nothing that a client could want. It shares
+//! no seats with the public port, so it answers while that is flooded.
+
+use std::convert::Infallible;
+use std::net::{Ipv4Addr, SocketAddr};
+use std::str::FromStr;
+use std::sync::Arc;
+
+use hyper::body::Incoming;
+use hyper::header::{self, HeaderValue};
+use hyper::service::service_fn;
+use hyper::{Method, Request, StatusCode};
+use hyper_util::rt::TokioIo;
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::net::TcpListener;
+use tokio::time::timeout;
+
+use crate::admission::pre_auth_pool::PreAuthPool;
+use crate::http::server::{Answer, REQUEST_TIMEOUT, health, one_request, ready, scenes, text, wrong_method};
+use crate::session::state::ServerState;
+use crate::transport::listen::{accept_each, listen_tcp};
+
+/// Where that port is. It should be nowhere that untrusted peers reach.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AdminPort {
+    /// Nowhere.
+    Off,
+    /// At this address; port 0 for any free one.
+    At(SocketAddr),
+    /// 127.0.0.1:8081, or any free port of 127.0.0.1 where another has that one.
+    Standard,
+}
+
+impl FromStr for AdminPort {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text.eq_ignore_ascii_case("off") {
+            return Ok(Self::Off);
+        }
+        let expected = |_| format!("{text:?} is no address: write for example 127.0.0.1:8081, or off");
+        text.parse().map(Self::At).map_err(expected)
+    }
+}
+
+impl AdminPort {
+    /// Listens there.
+    pub(crate) fn listen(self) -> anyhow::Result<Option<TcpListener>> {
+        let loopback = |port| listen_tcp(SocketAddr::from((Ipv4Addr::LOCALHOST, port)));
+        match self {
+            Self::Off => Ok(None),
+            Self::At(address) => listen_tcp(address).map(Some),
+            Self::Standard => loopback(STANDARD_PORT).or_else(|_| loopback(0)).map(Some),
+        }
+    }
+}
+
+/// Port where none is named.
+const STANDARD_PORT: u16 = 8081;
+/// Requests at once. Whoever runs the server asks now and then.
+const MAX_REQUESTS: usize = 64;
+
+/// Answers requests until the daemon stops, also while it drains.
+pub async fn serve_admin(listener: TcpListener, state: Arc<ServerState>) {
+    let room = PreAuthPool::new(MAX_REQUESTS);
+    let stopped = Arc::clone(&state);
+    accept_each(listener, &stopped, move |stream, peer| {
+        answer_one(stream, Arc::clone(&state), Arc::clone(&room), peer)
+    })
+    .await;
+}
+
+/// Answers one request.
+pub(crate) async fn answer_one<S>(
+    stream: S,
+    state: Arc<ServerState>,
+    room: Arc<PreAuthPool>,
+    peer: SocketAddr,
+) where
+    S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
+{
+    let seat = room.enter(peer.ip());
+    let service = service_fn(|request: Request<Incoming>| {
+        let response = answer(&request, &state);
+        async move { Ok::<_, Infallible>(response) }
+    });
+    let connection = one_request().serve_connection(TokioIo::new(stream), service);
+    // What goes wrong here is of no interest to anybody but who asks.
+    tokio::select! {
+        biased;
+        _ = timeout(REQUEST_TIMEOUT, connection) => {}
+        () = seat.lost() => {}
+    }
+}
+
+fn answer(request: &Request<Incoming>, state: &ServerState) -> Answer {
+    let path = request.uri().path();
+    if !matches!(path, "/health" | "/ready" | "/metrics" | "/scenes") {
+        return text(StatusCode::NOT_FOUND, "not found: try /health, /ready, /metrics or /scenes\n");
+    }
+    if !matches!(*request.method(), Method::GET | Method::HEAD) {
+        return wrong_method();
+    }
+    match path {
+        "/health" => return health(state),
+        "/ready" => return ready(state),
+        "/scenes" => return scenes(state, |_| true),
+        _ => {}
+    }
+    let mut response = text(StatusCode::OK, state.render_metrics());
+    let version = HeaderValue::from_static("text/plain; version=0.0.4; charset=utf-8");
+    response.headers_mut().insert(header::CONTENT_TYPE, version);
+    response
+}

@@ -1,0 +1,135 @@
+//! Which web pages may open sessions. Browsers let any page open a WebSocket to any address that they reach, a server on
+//! the same machine included, and say whose page it was (RFC 6455, section 10.2). Programs that are no browser say
+//! nothing.
+
+use std::collections::BTreeSet;
+use std::str::FromStr;
+
+use hyper::header::{self, HeaderMap};
+
+/// A page's origin (RFC 6454, section 6), such as `https://example.org:8443`, or `*` for any.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Origin(String);
+
+impl FromStr for Origin {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let lower = text.trim().to_ascii_lowercase();
+        if matches!(lower.as_str(), "*" | "null") {
+            return Ok(Self(lower));
+        }
+        let expected = || {
+            format!(
+                "{text:?} is no origin; write SCHEME://HOST[:PORT] without a path, for example https://example.org, or *"
+            )
+        };
+        let (scheme, host) = lower.split_once("://").ok_or_else(expected)?;
+        let plain = |c: char| c.is_ascii_graphic() && !matches!(c, '/' | '?' | '#' | '@' | ',' | '*' | '"');
+        let named = |scheme: &str| {
+            scheme.starts_with(|c: char| c.is_ascii_alphabetic())
+                && scheme.chars().all(|c| c.is_ascii_alphanumeric() || "+-.".contains(c))
+        };
+        if !named(scheme) || host.is_empty() || !host.chars().all(plain) {
+            return Err(expected());
+        }
+        // Browsers leave a scheme's own port out.
+        let port = match scheme {
+            "http" => ":80",
+            "https" => ":443",
+            _ => "",
+        };
+        let host = host.strip_suffix(port).unwrap_or(host);
+        if host.is_empty() { Err(expected()) } else { Ok(Self(format!("{scheme}://{host}"))) }
+    }
+}
+
+/// The origins whose pages may open sessions; by default none.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct AllowedOrigins(BTreeSet<Origin>);
+
+impl FromIterator<Origin> for AllowedOrigins {
+    fn from_iter<I: IntoIterator<Item = Origin>>(origins: I) -> Self {
+        Self(origins.into_iter().collect())
+    }
+}
+
+impl AllowedOrigins {
+    /// Whether who sent these header fields may open a session.
+    ///
+    /// # Errors
+    /// What may not: the origin as it was sent.
+    pub(crate) fn check(&self, headers: &HeaderMap) -> Result<(), String> {
+        let any = || self.0.contains(&Origin("*".into()));
+        for value in headers.get_all(header::ORIGIN) {
+            let sent = String::from_utf8_lossy(value.as_bytes());
+            if !(self.0.contains(&Origin(sent.to_ascii_lowercase())) || any()) {
+                return Err(sent.into_owned());
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use hyper::header::HeaderValue;
+
+    use super::*;
+
+    fn allowed(origins: &[&str]) -> AllowedOrigins {
+        origins.iter().map(|origin| origin.parse::<Origin>().unwrap()).collect()
+    }
+
+    fn of(origins: &[&str]) -> HeaderMap {
+        let mut headers = HeaderMap::new();
+        for origin in origins {
+            headers.append(header::ORIGIN, HeaderValue::from_str(origin).unwrap());
+        }
+        headers
+    }
+
+    #[test]
+    fn who_is_no_browser_says_nothing_and_may() {
+        assert_eq!(allowed(&[]).check(&of(&[])), Ok(()));
+    }
+
+    #[test]
+    fn pages_may_where_they_are_listed() {
+        let some = allowed(&["https://Example.org", "http://localhost:8000", "https://a.example:443"]);
+        for origin in ["https://example.org", "http://localhost:8000", "https://a.example"] {
+            assert_eq!(some.check(&of(&[origin])), Ok(()), "{origin}");
+        }
+        for origin in [
+            "http://example.org",
+            "https://example.org:8443",
+            "https://evil.example",
+            "http://localhost",
+            "null",
+            "",
+        ] {
+            assert_eq!(some.check(&of(&[origin])), Err(origin.into()));
+        }
+        assert!(some.check(&of(&["https://example.org", "https://evil.example"])).is_err(), "one of two");
+        assert_eq!(allowed(&["*"]).check(&of(&["https://evil.example"])), Ok(()));
+    }
+
+    #[test]
+    fn what_is_no_origin_is_said_so() {
+        for text in [
+            "",
+            "example.org",
+            "https://",
+            "https://:443",
+            "https://a/b",
+            "https://a,b",
+            "//a",
+            "1s://a",
+            "h ttp://a",
+            "https://*",
+        ] {
+            let why = text.parse::<Origin>().unwrap_err();
+            assert!(why.contains("SCHEME://HOST"), "{why}");
+        }
+    }
+}

@@ -1,0 +1,69 @@
+//! What is printed of where the daemon is, and of who may come there.
+
+use std::net::Ipv6Addr;
+
+use super::tokens::with_keys;
+use super::*;
+use crate::http::admin::AdminPort;
+
+/// A daemon whose ports are all at one address.
+async fn at(ip: std::net::IpAddr, set: impl FnOnce(&mut DaemonOptions)) -> (Daemon, tempfile::TempDir) {
+    let folder = tempfile::tempdir().unwrap();
+    let any = SocketAddr::new(ip, 0);
+    let mut options = DaemonOptions {
+        listen: Some(any),
+        http: Some(any),
+        admin: AdminPort::At(any),
+        ..DaemonOptions::new(folder.path())
+    };
+    set(&mut options);
+    (Daemon::bind(options, Arc::new(MemoryScene::new(1, 10, 10))).await.unwrap(), folder)
+}
+
+#[tokio::test]
+async fn no_address_that_stands_for_all_is_printed() {
+    let mut all: Vec<std::net::IpAddr> = vec![Ipv4Addr::UNSPECIFIED.into()];
+    // Not every machine has IPv6.
+    if std::net::UdpSocket::bind((Ipv6Addr::UNSPECIFIED, 0)).is_ok() {
+        all.push(Ipv6Addr::UNSPECIFIED.into());
+    }
+    for ip in all {
+        let (daemon, _folder) = at(ip, |_| {}).await;
+        let urls = [daemon.urls(), daemon.metrics_urls()].concat();
+        for scheme in ["quic://", "ws://", "http://"] {
+            assert!(urls.iter().any(|url| url.starts_with(scheme)), "{urls:?}");
+        }
+        assert!(!urls.iter().any(|url| url.contains("0.0.0.0") || url.contains("[::]")), "{urls:?}");
+        let pinned = urls.iter().filter(|url| url.starts_with("quic://"));
+        assert!(pinned.clone().all(|url| url.contains("#sha256=")), "{urls:?}");
+        let port = daemon.quic_address().unwrap().port();
+        assert!(pinned.clone().all(|url| url.contains(&format!(":{port}#"))), "{urls:?}");
+    }
+}
+
+#[tokio::test]
+async fn who_lets_untrusted_peers_in_is_warned() {
+    let (loopback, _folder) = at(Ipv4Addr::LOCALHOST.into(), |_| {}).await;
+    assert_eq!(loopback.warning_of_untrusted_peers(), None);
+    let (public, _folder) = at(Ipv4Addr::UNSPECIFIED.into(), |_| {}).await;
+    let warning = public.warning_of_untrusted_peers().unwrap();
+    assert!(warning.contains("nobody is asked for a token") && warning.contains("--token-keys"), "{warning}");
+    // One public port is enough.
+    let (half, _folder) = at(Ipv4Addr::LOCALHOST.into(), |options| {
+        options.http = Some(SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0)));
+    })
+    .await;
+    assert!(
+        half.warning_of_untrusted_peers().unwrap().contains("0.0.0.0:"),
+        "the port is named as it was given"
+    );
+    let asking = |options: &mut DaemonOptions| options.admission.access = with_keys();
+    let (plain, _folder) = at(Ipv4Addr::UNSPECIFIED.into(), asking).await;
+    assert!(plain.warning_of_untrusted_peers().unwrap().contains("--http-tls"));
+    let (safe, _folder) = at(Ipv4Addr::UNSPECIFIED.into(), |options| {
+        asking(options);
+        options.http_tls = true;
+    })
+    .await;
+    assert_eq!(safe.warning_of_untrusted_peers(), None);
+}

@@ -1,0 +1,333 @@
+//! The server's certificate: self-signed for development, or given as PEM files.
+//!
+//! A self-signed certificate is made on the first start and kept, so that its fingerprint, which
+//! viewers pin, stays the same. The fingerprint is the SHA-256 of the certificate's DER, as 64
+//! lowercase hexadecimal digits, and travels in the viewer's URL:
+//! `quic://HOST:PORT#sha256=FINGERPRINT`. Of certificates that are renewed, viewers pin the key instead
+//! (`#spki-sha256=`).
+//!
+//! Keys are Ed25519: signatures are short and of constant length, which makes simulated handshakes
+//! repeat byte count by byte count.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use anyhow::{Context, bail};
+use lodestream_compress::whole_file::write_privately;
+use pem::{EncodeConfig, LineEnding, Pem};
+use rustls::CertificateError;
+use rustls::client::WebPkiServerVerifier;
+use rustls::client::danger::ServerCertVerifier;
+use rustls::crypto::ring::cipher_suite::TLS13_AES_128_GCM_SHA256;
+use rustls::pki_types::pem::PemObject;
+use rustls::pki_types::{CertificateDer, PrivateKeyDer, PrivatePkcs8KeyDer, ServerName, UnixTime};
+use rustls::server::ParsedCertificate;
+use rustls::sign::CertifiedKey;
+
+/// Name of the file, in the state folder, that holds the development certificate and its key.
+pub const FILE_NAME: &str = "development-certificate.pem";
+
+/// Name that self-signed certificates carry. Viewers pin the fingerprint and do not look at names.
+const SUBJECT: &str = "localhost";
+/// How long a self-signed certificate is valid.
+const VALIDITY: Duration = Duration::from_secs(2 * 365 * 24 * 3600);
+/// A certificate that ends sooner than this is replaced at start.
+const RENEW_BEFORE: Duration = Duration::from_secs(24 * 3600);
+/// Longest PEM file that is read, in bytes.
+const MAX_PEM_BYTES: u64 = 1 << 20;
+
+/// A certificate chain with its private key.
+#[derive(Debug)]
+pub struct Certificate {
+    chain: Vec<CertificateDer<'static>>,
+    key: PrivateKeyDer<'static>,
+}
+
+impl Certificate {
+    /// A new self-signed certificate, valid from a day before `now` on.
+    ///
+    /// # Errors
+    /// Fails where the system gives no random numbers.
+    pub fn self_signed(now: SystemTime) -> anyhow::Result<Self> {
+        Self::self_signed_until(now, now + VALIDITY)
+    }
+
+    fn self_signed_until(now: SystemTime, end: SystemTime) -> anyhow::Result<Self> {
+        let key = rcgen::KeyPair::generate_for(&rcgen::PKCS_ED25519)?;
+        let mut params = rcgen::CertificateParams::new(vec![SUBJECT.to_owned()])?;
+        params.distinguished_name.push(rcgen::DnType::CommonName, "Lodestream development server");
+        let epoch = rcgen::date_time_ymd(1970, 1, 1);
+        let since_epoch = |time: SystemTime| time.duration_since(UNIX_EPOCH).unwrap_or_default();
+        // A day back, for clients whose clocks are slow.
+        params.not_before = epoch + since_epoch(now).saturating_sub(Duration::from_secs(24 * 3600));
+        params.not_after = epoch + since_epoch(end);
+        let certificate = params.self_signed(&key)?;
+        Ok(Self {
+            chain: vec![certificate.der().clone()],
+            key: PrivateKeyDer::Pkcs8(PrivatePkcs8KeyDer::from(key.serialize_der())),
+        })
+    }
+
+    /// The development certificate kept in `folder`; made (with the folder) where there is none yet,
+    /// and made anew, with a warning, where it is damaged or ends.
+    ///
+    /// # Errors
+    /// Fails where the folder cannot be written.
+    pub fn load_or_create(folder: &Path, now: SystemTime) -> anyhow::Result<Self> {
+        let path = folder.join(FILE_NAME);
+        if path.exists() {
+            match Self::from_pem_files(&path, &path).and_then(|kept| kept.check_validity(now).map(|()| kept))
+            {
+                Ok(kept) => return Ok(kept),
+                Err(why) => tracing::warn!(
+                    path = %path.display(),
+                    "the development certificate is replaced ({why:#}); viewers need the new URL"
+                ),
+            }
+        }
+        let new = Self::self_signed(now)?;
+        new.write(folder, &path)
+            .with_context(|| format!("cannot keep the development certificate in {}", path.display()))?;
+        Ok(new)
+    }
+
+    /// A certificate chain and its key from PEM files, which may be one and the same.
+    ///
+    /// # Errors
+    /// Fails where a file cannot be read, holds nothing of the kind, or the key is another's.
+    pub fn from_pem_files(chain: &Path, key: &Path) -> anyhow::Result<Self> {
+        Self::from_pem(&read_pem(chain)?, &read_pem(key)?, chain, key)
+    }
+
+    /// The same of what was read from the files.
+    pub(crate) fn from_pem(
+        chain_text: &[u8],
+        key_text: &[u8],
+        chain: &Path,
+        key: &Path,
+    ) -> anyhow::Result<Self> {
+        let certificates = CertificateDer::pem_slice_iter(chain_text)
+            .collect::<Result<Vec<_>, _>>()
+            .with_context(|| format!("{} holds no readable PEM certificate", chain.display()))?;
+        if certificates.is_empty() {
+            bail!("{} holds no PEM certificate", chain.display());
+        }
+        let private = PrivateKeyDer::from_pem_slice(key_text)
+            .with_context(|| format!("{} holds no readable PEM private key", key.display()))?;
+        let loaded = Self { chain: certificates, key: private };
+        let certified = loaded.certified_key().with_context(|| format!("in {}", key.display()))?;
+        certified
+            .keys_match()
+            .with_context(|| format!("{} and {} do not belong together", chain.display(), key.display()))?;
+        Ok(loaded)
+    }
+
+    /// What TLS signs with.
+    pub(crate) fn certified_key(&self) -> anyhow::Result<CertifiedKey> {
+        let signing = rustls::crypto::ring::sign::any_supported_type(&self.key)
+            .context("the private key is of no supported kind")?;
+        Ok(CertifiedKey::new(self.chain.clone(), signing))
+    }
+
+    /// The chain, the server's own certificate first.
+    #[must_use]
+    pub fn chain(&self) -> &[CertificateDer<'static>] {
+        &self.chain
+    }
+
+    /// The private key.
+    #[must_use]
+    pub fn key(&self) -> PrivateKeyDer<'static> {
+        self.key.clone_key()
+    }
+
+    /// SHA-256 of the certificate's DER.
+    #[must_use]
+    pub fn fingerprint(&self) -> [u8; 32] {
+        self.chain.first().map_or([0; 32], |der| sha256(der))
+    }
+
+    /// What a viewer's address says of this certificate: `sha256=` and 64 lowercase hexadecimal digits.
+    #[must_use]
+    pub fn pin(&self) -> String {
+        format!("sha256={}", hex(&self.fingerprint()))
+    }
+
+    /// What a viewer's address says of its key, which a certificate that renews it may keep: `spki-sha256=` and the
+    /// SHA-256 of the SubjectPublicKeyInfo's DER.
+    #[must_use]
+    pub fn key_pin(&self) -> String {
+        let parsed = self.chain.first().map(ParsedCertificate::try_from);
+        let digest = match parsed {
+            Some(Ok(parsed)) => sha256(&parsed.subject_public_key_info()),
+            // TLS would not have taken it.
+            _ => [0; 32],
+        };
+        format!("spki-sha256={}", hex(&digest))
+    }
+
+    /// When the certificate expires, if it says so in a way that is understood.
+    #[must_use]
+    pub fn not_after(&self) -> Option<SystemTime> {
+        // There is no shorter way to ask rustls.
+        let end_of_time = UnixTime::since_unix_epoch(Duration::from_secs(u64::from(u32::MAX) << 8));
+        match self.verify_at(end_of_time)? {
+            Err(rustls::Error::InvalidCertificate(CertificateError::ExpiredContext {
+                not_after, ..
+            })) => UNIX_EPOCH.checked_add(Duration::from_secs(not_after.as_secs())),
+            _ => None,
+        }
+    }
+
+    /// What a viewer would say of the certificate at a time, if it trusted it as an authority's.
+    fn verify_at(&self, time: UnixTime) -> Option<Result<(), rustls::Error>> {
+        let own = self.chain.first()?;
+        let mut roots = rustls::RootCertStore::empty();
+        roots.add(own.clone()).ok()?;
+        let provider = Arc::new(rustls::crypto::ring::default_provider());
+        let verifier = WebPkiServerVerifier::builder_with_provider(Arc::new(roots), provider).build().ok()?;
+        let name = ServerName::try_from(SUBJECT).ok()?;
+        Some(verifier.verify_server_cert(own, &[], &name, &[], time).map(drop))
+    }
+
+    /// Whether a self-signed certificate can be used at `now` and for a day more. One that is not valid yet can: the clock
+    /// was set back, as that of a machine is that has none of its own until the network is there, and viewers that pin a
+    /// certificate look at no dates.
+    fn check_validity(&self, now: SystemTime) -> anyhow::Result<()> {
+        for time in [now, now + RENEW_BEFORE] {
+            let time = UnixTime::since_unix_epoch(time.duration_since(UNIX_EPOCH).unwrap_or_default());
+            match self.verify_at(time).context("it cannot be read")? {
+                Err(rustls::Error::InvalidCertificate(
+                    CertificateError::NotValidYet | CertificateError::NotValidYetContext { .. },
+                )) => {}
+                verified => verified?,
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes certificate and key into one file, readable by the owner alone, in one step.
+    fn write(&self, folder: &Path, path: &Path) -> anyhow::Result<()> {
+        std::fs::create_dir_all(folder)?;
+        write_privately(path, |out| {
+            for certificate in &self.chain {
+                out.write_all(pem_text("CERTIFICATE", certificate).as_bytes())?;
+            }
+            out.write_all(pem_text("PRIVATE KEY", self.key.secret_der()).as_bytes())
+        })?;
+        Ok(())
+    }
+}
+
+fn hex(digest: &[u8; 32]) -> String {
+    digest.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// SHA-256, by way of a cipher suite: rustls gives no shorter way to its hash.
+fn sha256(bytes: &[u8]) -> [u8; 32] {
+    let mut out = [0; 32];
+    // The suite is a constant.
+    if let Some(suite) = TLS13_AES_128_GCM_SHA256.tls13() {
+        out.copy_from_slice(suite.common.hash_provider.hash(bytes).as_ref());
+    }
+    out
+}
+
+/// Reads a PEM file, which is short.
+pub(crate) fn read_pem(path: &Path) -> anyhow::Result<Vec<u8>> {
+    let about = || format!("cannot read {}", path.display());
+    let length = std::fs::metadata(path).with_context(about)?.len();
+    if length > MAX_PEM_BYTES {
+        bail!("{} is no PEM file: it has {length} bytes", path.display());
+    }
+    std::fs::read(path).with_context(about)
+}
+
+/// PEM text (RFC 7468), with the line ends of Unix on every machine.
+fn pem_text(label: &str, der: &[u8]) -> String {
+    let config = EncodeConfig::new().set_line_ending(LineEnding::LF);
+    pem::encode_config(&Pem::new(label, der), config)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_certificate_is_kept_and_private() {
+        let folder = tempfile::tempdir().unwrap();
+        let now = SystemTime::now();
+        let first = Certificate::load_or_create(&folder.path().join("deep/er"), now).unwrap();
+        let again = Certificate::load_or_create(&folder.path().join("deep/er"), now).unwrap();
+        assert_eq!(first.fingerprint(), again.fingerprint());
+        assert_eq!((first.pin().len(), first.key_pin().len()), (7 + 64, 12 + 64));
+        let lasts = first.not_after().unwrap().duration_since(now).unwrap();
+        assert!(VALIDITY.abs_diff(lasts) <= Duration::from_secs(1), "{lasts:?}");
+        assert_eq!(first.key().secret_der(), again.key().secret_der());
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            let meta = std::fs::metadata(folder.path().join("deep/er").join(FILE_NAME)).unwrap();
+            assert_eq!(meta.permissions().mode() & 0o777, 0o600);
+        }
+    }
+
+    #[test]
+    fn ended_and_damaged_certificates_are_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(FILE_NAME);
+        let now = SystemTime::now();
+        let short = Certificate::self_signed_until(now, now + Duration::from_secs(3600)).unwrap();
+        short.write(folder.path(), &path).unwrap();
+        let renewed = Certificate::load_or_create(folder.path(), now).unwrap();
+        assert_ne!(renewed.fingerprint(), short.fingerprint());
+        let much_later = now + 2 * VALIDITY;
+        let second = Certificate::load_or_create(folder.path(), much_later).unwrap();
+        assert_ne!(second.fingerprint(), renewed.fingerprint());
+
+        let good = std::fs::read(&path).unwrap();
+        for damaged in [&b""[..], b"\xff\0garbage", &good[..good.len() / 2]] {
+            std::fs::write(&path, damaged).unwrap();
+            let replaced = Certificate::load_or_create(folder.path(), much_later).unwrap();
+            assert_ne!(replaced.fingerprint(), second.fingerprint());
+        }
+    }
+
+    #[test]
+    fn a_clock_that_was_set_back_replaced_the_certificate() {
+        let folder = tempfile::tempdir().unwrap();
+        let now = SystemTime::now();
+        let kept = Certificate::load_or_create(folder.path(), now).unwrap();
+        let days = |n: u64| Duration::from_secs(n * 24 * 3600);
+        for then in [now - days(3), now - days(3000), UNIX_EPOCH, UNIX_EPOCH - days(1), now + days(700)] {
+            let again = Certificate::load_or_create(folder.path(), then).unwrap();
+            assert_eq!(again.fingerprint(), kept.fingerprint(), "{then:?}");
+        }
+        let later =
+            Certificate::load_or_create(folder.path(), now + days(729) + Duration::from_secs(3600)).unwrap();
+        assert_ne!(later.fingerprint(), kept.fingerprint(), "its last day");
+    }
+
+    #[test]
+    fn a_foreign_key_is_refused() {
+        let (a, b) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        for folder in [&a, &b] {
+            Certificate::load_or_create(folder.path(), SystemTime::now()).unwrap();
+        }
+        let refused =
+            Certificate::from_pem_files(&a.path().join(FILE_NAME), &b.path().join(FILE_NAME)).unwrap_err();
+        assert!(format!("{refused:#}").contains("do not belong together"), "{refused:#}");
+        assert!(Certificate::from_pem_files(Path::new("/nowhere"), Path::new("/nowhere")).is_err());
+    }
+
+    #[test]
+    fn the_fingerprint_is_sha256() {
+        // FIPS 180-2, appendix B.1.
+        let fake = Certificate {
+            chain: vec![CertificateDer::from(b"abc".to_vec())],
+            key: Certificate::self_signed(SystemTime::now()).unwrap().key(),
+        };
+        assert_eq!(fake.pin(), "sha256=ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+    }
+}

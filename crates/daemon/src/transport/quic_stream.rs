@@ -1,0 +1,301 @@
+//! A session's two halves on a QUIC connection: one stream of control frames each way, and one stream
+//! for each blob ([`lodestream_protocol::stream`]).
+
+use std::collections::BTreeMap;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use bytes::{Buf, Bytes};
+use lodestream_protocol::frame::{FrameError, FrameReader};
+use lodestream_protocol::message::{Close, CloseCode};
+use lodestream_protocol::server::Transmit;
+use lodestream_protocol::stream::{CONTROL_STREAM, blob_head, quic_priority};
+use lodestream_scene::BlobId;
+use quinn::{Connection, ConnectionError, ReadError, RecvStream, SendStream, VarInt, WriteError};
+use tokio::time::{Instant, timeout};
+
+use crate::admission::byte_rate::ByteRateLimiter;
+use crate::session::drive::{Deliver, Receive, Received};
+use crate::session::state::ServerState;
+
+/// Bytes read at once from the client's control stream.
+const READ_BYTES: usize = 16 * 1024;
+/// Application error code of streams that are reset because their blob was taken back.
+const ABANDONED: VarInt = VarInt::from_u32(0);
+/// How long the client may take to acknowledge the last words.
+const LAST_WORDS_TIMEOUT: Duration = Duration::from_secs(1);
+/// How often the send window is fitted to the path.
+const WINDOW_INTERVAL: Duration = Duration::from_millis(50);
+/// Bounds of the send window, in bytes.
+const SEND_WINDOW_BYTES: std::ops::RangeInclusive<u64> = 16 * 1024..=8 * 1024 * 1024;
+
+/// The send window before anything is known of the path: an initial congestion window and a quarter.
+pub(crate) const fn first_send_window(initial_window: u64) -> u64 {
+    initial_window + initial_window / 4
+}
+
+/// Why a connection ended, for the log: who ended it and why.
+fn ended_by(error: &ConnectionError) -> Received {
+    match error {
+        ConnectionError::ApplicationClosed(close)
+            if close.error_code.into_inner() == u64::from(CloseCode::Normal.number()) =>
+        {
+            Received::Ended
+        }
+        other => Received::Lost(other.to_string()),
+    }
+}
+
+/// Messages of the client.
+#[derive(Debug)]
+pub(crate) struct QuicReceiver {
+    connection: Connection,
+    state: Arc<ServerState>,
+    stream: Option<RecvStream>,
+    kind_known: bool,
+    frames: FrameReader,
+    intake: ByteRateLimiter,
+}
+
+impl QuicReceiver {
+    pub(crate) fn new(connection: Connection, state: Arc<ServerState>) -> Self {
+        Self {
+            connection,
+            state,
+            stream: None,
+            kind_known: false,
+            frames: FrameReader::new(),
+            intake: ByteRateLimiter::new(),
+        }
+    }
+}
+
+impl Receive for QuicReceiver {
+    fn peer(&self) -> Option<SocketAddr> {
+        Some(self.connection.remote_address())
+    }
+
+    async fn receive(&mut self) -> Received {
+        loop {
+            match self.frames.next_frame().and_then(|frame| match frame {
+                Some(frame) => frame.into_client_message().map(Some),
+                None => Ok(None),
+            }) {
+                Ok(Some(Some(message))) => return Received::Message(message),
+                // An unknown message that may be skipped.
+                Ok(Some(None)) => return Received::Skipped,
+                Ok(None) => {}
+                Err(why) => return Received::Malformed(why),
+            }
+            let Some(stream) = &mut self.stream else {
+                match self.connection.accept_uni().await {
+                    Ok(stream) => {
+                        if stream.is_0rtt() {
+                            self.state.metrics().early_data();
+                        }
+                        self.stream = Some(stream);
+                    }
+                    Err(why) => return ended_by(&why),
+                }
+                continue;
+            };
+            match stream.read_chunk(READ_BYTES, true).await {
+                Ok(Some(chunk)) if !self.intake.take(chunk.bytes.len()) => return Received::TooMuch,
+                Ok(Some(mut chunk)) => {
+                    if !self.kind_known && !chunk.bytes.is_empty() {
+                        self.kind_known = true;
+                        let kind = chunk.bytes.get_u8();
+                        if kind != CONTROL_STREAM {
+                            return Received::Violation(format!("a stream of unknown kind {kind:#04x}"));
+                        }
+                    }
+                    self.frames.push(&chunk.bytes);
+                }
+                Ok(None) if self.frames.pending() > 0 => return Received::Malformed(FrameError::Truncated),
+                Ok(None) => return Received::Ended,
+                Err(ReadError::ConnectionLost(why)) => return ended_by(&why),
+                Err(why) => return Received::Lost(format!("the client's control stream failed: {why}")),
+            }
+        }
+    }
+}
+
+/// What is being written.
+#[derive(Debug)]
+enum Pending {
+    Nothing,
+    /// Rest of a control frame.
+    Control(Bytes),
+    /// Rest of a piece; before it, the stream's head if the stream is not open yet.
+    Piece {
+        id: BlobId,
+        priority: i32,
+        head: Bytes,
+        bytes: Bytes,
+        last: bool,
+    },
+}
+
+/// Takes what a session sends.
+#[derive(Debug)]
+pub(crate) struct QuicSender {
+    connection: Connection,
+    rate_bits_per_s: Option<u64>,
+    control: Option<SendStream>,
+    /// Streams of blobs that have begun; `None` where the client has stopped the stream.
+    blobs: BTreeMap<BlobId, Option<SendStream>>,
+    pending: Pending,
+    window_at: Instant,
+}
+
+impl QuicSender {
+    pub(crate) fn new(connection: Connection, rate_bits_per_s: Option<u64>) -> Self {
+        Self {
+            connection,
+            rate_bits_per_s,
+            control: None,
+            blobs: BTreeMap::new(),
+            pending: Pending::Nothing,
+            window_at: Instant::now() + WINDOW_INTERVAL,
+        }
+    }
+
+    /// Fits the send window to the path: a quarter more than what may be in flight, so that acknowledged
+    /// bytes are replaced at once, and no more, since what lies in the window cannot be overtaken.
+    fn fit_window(&mut self) {
+        let now = Instant::now();
+        if now < self.window_at {
+            return;
+        }
+        self.window_at = now + WINDOW_INTERVAL;
+        let path = self.connection.stats().path;
+        let mut window = path.cwnd + path.cwnd / 4;
+        if let Some(rate) = self.rate_bits_per_s {
+            // Twice the bandwidth–delay product, and 50 ms for delayed acknowledgements and timers.
+            let rtt_ms = u64::try_from(path.rtt.as_millis()).unwrap_or(u64::MAX).min(10_000);
+            window = window.min((rate / 8000).saturating_mul(2 * rtt_ms + 50));
+        }
+        self.connection.set_send_window(window.clamp(*SEND_WINDOW_BYTES.start(), *SEND_WINDOW_BYTES.end()));
+    }
+
+    async fn open(&self, priority: i32) -> Result<SendStream, String> {
+        let stream = self.connection.open_uni().await.map_err(|why| why.to_string())?;
+        // Fails only on closed streams.
+        let _ = stream.set_priority(priority);
+        Ok(stream)
+    }
+
+    /// Closes the connection. Unless it is lost, the last words are given time to arrive.
+    pub(crate) async fn finish(mut self, close: &Close) {
+        if close.code != CloseCode::Lost
+            && let Some(control) = &mut self.control
+            && control.finish().is_ok()
+        {
+            let stopped = control.stopped();
+            let closed = self.connection.closed();
+            let _ = timeout(LAST_WORDS_TIMEOUT, async {
+                tokio::select! {
+                    biased;
+                    _ = closed => {}
+                    _ = stopped => {}
+                }
+            })
+            .await;
+        }
+        self.connection.close(VarInt::from(close.code.number()), close.reason.as_bytes());
+    }
+}
+
+/// Writes what fits; `Ok(false)` where the client has stopped the stream.
+async fn write(stream: &mut SendStream, bytes: &mut Bytes) -> Result<bool, String> {
+    while !bytes.is_empty() {
+        // Copies: a slice of a large blob in quinn's buffers would keep all of it alive.
+        match stream.write(bytes).await {
+            Ok(count) => bytes.advance(count),
+            Err(WriteError::Stopped(_) | WriteError::ClosedStream) => return Ok(false),
+            Err(why) => return Err(why.to_string()),
+        }
+    }
+    Ok(true)
+}
+
+impl Deliver for QuicSender {
+    fn start(&mut self, transmit: Transmit) -> Result<usize, FrameError> {
+        match transmit {
+            Transmit::Message { frame, .. } => {
+                let length = frame.len();
+                self.pending = Pending::Control(frame);
+                Ok(length)
+            }
+            Transmit::Piece { piece, priority } => {
+                let last = piece.is_last();
+                let begins = !self.blobs.contains_key(&piece.id);
+                let head = if begins { blob_head(&piece)?.into() } else { Bytes::new() };
+                let length = head.len() + piece.bytes.len();
+                let priority = quic_priority(priority);
+                self.pending = Pending::Piece { id: piece.id, priority, head, bytes: piece.bytes, last };
+                Ok(length)
+            }
+            Transmit::Abandon(id) => {
+                if let Some(Some(mut stream)) = self.blobs.remove(&id) {
+                    let _ = stream.reset(ABANDONED);
+                }
+                Ok(0)
+            }
+        }
+    }
+
+    fn is_idle(&self) -> bool {
+        matches!(self.pending, Pending::Nothing)
+    }
+
+    async fn flush(&mut self) -> Result<(), String> {
+        self.fit_window();
+        // Everything that is awaited below may be dropped: what was written is gone from `pending`.
+        if let Pending::Control(frame) = &self.pending
+            && self.control.is_none()
+        {
+            let mut first = Vec::with_capacity(1 + frame.len());
+            first.push(CONTROL_STREAM);
+            first.extend_from_slice(frame);
+            self.control = Some(self.open(i32::MAX).await?);
+            self.pending = Pending::Control(first.into());
+        }
+        if let Pending::Piece { id, priority, .. } = self.pending
+            && !self.blobs.contains_key(&id)
+        {
+            let stream = self.open(priority).await?;
+            self.blobs.insert(id, Some(stream));
+        }
+        match &mut self.pending {
+            Pending::Nothing => {}
+            Pending::Control(frame) => {
+                if let Some(control) = &mut self.control
+                    && !write(control, frame).await?
+                {
+                    return Err("the client stopped the server's control stream".into());
+                }
+            }
+            Pending::Piece { id, priority, head, bytes, last } => {
+                if let Some(slot) = self.blobs.get_mut(id) {
+                    if let Some(stream) = slot {
+                        // The client may have changed its mind since the last piece.
+                        let _ = stream.set_priority(*priority);
+                        if !(write(stream, head).await? && write(stream, bytes).await?) {
+                            *slot = None;
+                        }
+                    }
+                    if *last {
+                        if let Some(stream) = slot {
+                            let _ = stream.finish();
+                        }
+                        self.blobs.remove(id);
+                    }
+                }
+            }
+        }
+        self.pending = Pending::Nothing;
+        Ok(())
+    }
+}

@@ -1,0 +1,220 @@
+//! A session over WebSocket: one binary message is one frame.
+
+use std::task::{Poll, ready};
+use std::time::Duration;
+
+use bytes::Bytes;
+use futures_util::stream::{SplitSink, SplitStream};
+use futures_util::{Sink, SinkExt, StreamExt};
+use lodestream_protocol::frame::{Frame, FrameError, encode_piece};
+use lodestream_protocol::message::{Close, CloseCode};
+use lodestream_protocol::server::Transmit;
+use lodestream_scene::limits::MAX_FRAME_BYTES;
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite};
+use tokio::time::{Instant, timeout};
+use tokio_tungstenite::WebSocketStream;
+use tokio_tungstenite::tungstenite::error::CapacityError;
+use tokio_tungstenite::tungstenite::protocol::{CloseFrame, Role, WebSocketConfig};
+use tokio_tungstenite::tungstenite::{self, Message};
+use tracing::Instrument;
+
+use crate::admission::byte_rate::{Lift, is_too_much};
+use crate::session::drive::{Deliver, Receive, Received, drive};
+use crate::session::state::SessionGuard;
+
+/// Read buffer of each connection, in bytes.
+const READ_BUFFER_BYTES: usize = 4 * 1024;
+/// How long the client may take to answer the closing handshake.
+const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
+/// What is read and thrown away of a client that broke the rules, so that it hears why, in bytes.
+const MAX_WASTE_BYTES: usize = 1 << 20;
+/// Added to our codes: WebSocket keeps 4000 and up for applications (RFC 6455 §7.4.2).
+const CLOSE_CODE_BASE: u16 = 4000;
+/// Longest reason of a WebSocket close frame (RFC 6455 §5.5): 125 bytes with the code.
+const MAX_CLOSE_FRAME_REASON_BYTES: usize = 123;
+
+/// The limits of a session's WebSocket.
+fn limits() -> WebSocketConfig {
+    WebSocketConfig::default()
+        .read_buffer_size(READ_BUFFER_BYTES)
+        // Each frame is written out at once; the driver waits until it is taken before it starts the
+        // next, so the buffer holds one frame and the answers to pings.
+        .write_buffer_size(0)
+        .max_write_buffer_size(2 * MAX_FRAME_BYTES)
+        .max_message_size(Some(MAX_FRAME_BYTES))
+        .max_frame_size(Some(MAX_FRAME_BYTES))
+}
+
+/// Runs the session that a guard stands for, over a stream whose bytes are bounded.
+pub(crate) async fn run_session<S>(stream: S, intake: Lift, mut guard: SessionGuard)
+where
+    S: AsyncRead + AsyncWrite + Unpin + Send,
+{
+    let span = tracing::info_span!("session", id = guard.id, transport = "ws", peer = %guard.peer);
+    async {
+        let started = Instant::now();
+        let socket = WebSocketStream::from_raw_socket(stream, Role::Server, Some(limits())).await;
+        let (sink, stream) = socket.split();
+        let mut receiver = WebSocketReceiver { stream, broken: false };
+        let mut sender = WebSocketSender { sink, pending: Pending::Nothing, sent_bytes: 0 };
+        // TCP's handshake has proved the address.
+        let close = drive(&mut guard, std::future::ready(()), &mut receiver, &mut sender).await;
+        tracing::info!(
+            scene = guard.scene_name(),
+            bytes = sender.sent_bytes,
+            seconds = started.elapsed().as_secs_f32(),
+            "session ended: {close}"
+        );
+        finish(sender, receiver, &intake, &close).await;
+    }
+    .instrument(span)
+    .await;
+}
+
+/// Closes in good order: our close frame, then the client's, so that nothing is torn off.
+async fn finish<S>(
+    mut sender: WebSocketSender<S>,
+    mut receiver: WebSocketReceiver<S>,
+    intake: &Lift,
+    close: &Close,
+) where
+    S: AsyncRead + AsyncWrite + Unpin,
+{
+    if close.code == CloseCode::Lost {
+        return;
+    }
+    let mut end = close.reason.len().min(MAX_CLOSE_FRAME_REASON_BYTES);
+    while !close.reason.is_char_boundary(end) {
+        end -= 1;
+    }
+    let code = if close.code == CloseCode::Normal { 1000 } else { CLOSE_CODE_BASE + close.code.number() };
+    let frame = CloseFrame { code: code.into(), reason: close.reason[..end].into() };
+    let _ = timeout(CLOSE_TIMEOUT, async {
+        if sender.sink.send(Message::Close(Some(frame))).await.is_err() {
+            return;
+        }
+        // Of who sent too much, nothing more is looked at.
+        if !receiver.broken && close.code != CloseCode::Limit {
+            while let Some(Ok(_)) = receiver.stream.next().await {}
+        } else if let Ok(mut socket) = receiver.stream.reunite(sender.sink) {
+            // What broke the rules cannot be read as messages. It is read all the same: a TCP socket that
+            // is closed over unread bytes is reset, and our last words with it.
+            intake.lift();
+            let stream = socket.get_mut();
+            let mut waste = [0; READ_BUFFER_BYTES];
+            let mut left = MAX_WASTE_BYTES;
+            while left > 0
+                && let Ok(count @ 1..) = stream.read(&mut waste).await
+            {
+                left = left.saturating_sub(count);
+            }
+        }
+    })
+    .await;
+}
+
+/// Messages of the client.
+struct WebSocketReceiver<S> {
+    stream: SplitStream<WebSocketStream<S>>,
+    /// What came was no WebSocket message; the stream cannot be read on.
+    broken: bool,
+}
+
+impl<S> Receive for WebSocketReceiver<S>
+where
+    S: AsyncRead + AsyncWrite + Unpin + Send,
+{
+    async fn receive(&mut self) -> Received {
+        let message = match self.stream.next().await {
+            None | Some(Err(tungstenite::Error::ConnectionClosed)) => return Received::Ended,
+            Some(Err(why)) => {
+                self.broken = true;
+                return refused(why);
+            }
+            Some(Ok(message)) => message,
+        };
+        match message {
+            Message::Binary(bytes) => match Frame::parse(bytes).and_then(Frame::into_client_message) {
+                Ok(Some(message)) => Received::Message(message),
+                // An unknown message that may be skipped.
+                Ok(None) => Received::Skipped,
+                Err(why) => Received::Malformed(why),
+            },
+            Message::Text(_) => Received::Violation("text messages are not understood".into()),
+            Message::Close(_) => Received::Ended,
+            Message::Ping(_) | Message::Pong(_) | Message::Frame(_) => Received::Skipped,
+        }
+    }
+}
+
+fn refused(error: tungstenite::Error) -> Received {
+    match error {
+        tungstenite::Error::Capacity(CapacityError::MessageTooLong { size, max_size }) => {
+            Received::Malformed(FrameError::TooLong { bytes: size as u64, limit: max_size })
+        }
+        tungstenite::Error::Protocol(
+            why @ tungstenite::error::ProtocolError::ResetWithoutClosingHandshake,
+        ) => Received::Lost(why.to_string()),
+        tungstenite::Error::Io(why) if is_too_much(&why) => Received::TooMuch,
+        why @ (tungstenite::Error::Io(_) | tungstenite::Error::AlreadyClosed) => {
+            Received::Lost(why.to_string())
+        }
+        why => Received::Violation(why.to_string()),
+    }
+}
+
+/// What is being written.
+#[derive(Debug)]
+enum Pending {
+    Nothing,
+    Frame(Bytes),
+    /// Handed to the WebSocket, not yet taken by the stream below.
+    Flushing,
+}
+
+/// Takes what a session sends.
+struct WebSocketSender<S> {
+    sink: SplitSink<WebSocketStream<S>, Message>,
+    pending: Pending,
+    sent_bytes: u64,
+}
+
+impl<S> Deliver for WebSocketSender<S>
+where
+    S: AsyncRead + AsyncWrite + Unpin + Send,
+{
+    fn start(&mut self, transmit: Transmit) -> Result<usize, FrameError> {
+        let frame = match transmit {
+            Transmit::Message { frame, .. } => frame,
+            Transmit::Piece { piece, .. } => encode_piece(&piece)?.into(),
+            Transmit::Abandon(_) => return Ok(0),
+        };
+        let length = frame.len();
+        self.sent_bytes += length as u64;
+        self.pending = Pending::Frame(frame);
+        Ok(length)
+    }
+
+    fn is_idle(&self) -> bool {
+        matches!(self.pending, Pending::Nothing)
+    }
+
+    async fn flush(&mut self) -> Result<(), String> {
+        std::future::poll_fn(|context| {
+            let mut sink = std::pin::Pin::new(&mut self.sink);
+            if matches!(self.pending, Pending::Frame(_)) {
+                ready!(sink.as_mut().poll_ready(context))?;
+            }
+            if let Pending::Frame(frame) = std::mem::replace(&mut self.pending, Pending::Flushing) {
+                // A full buffer (`WriteBufferFull`) cannot be: it was flushed before. If it is, the
+                // session ends like any other that the transport fails.
+                sink.as_mut().start_send(Message::Binary(frame))?;
+            }
+            ready!(sink.poll_flush(context))?;
+            self.pending = Pending::Nothing;
+            Poll::Ready(Ok(()))
+        })
+        .await
+        .map_err(|why: tungstenite::Error| why.to_string())
+    }
+}

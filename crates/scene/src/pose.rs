@@ -1,0 +1,78 @@
+//! Where a camera stands and looks: what programs compute with; messages carry it in forms of their own.
+
+use glam::{DMat3, DQuat, DVec3};
+
+/// A camera's place, direction and lens.
+///
+/// View space is right-handed with x to the right, y up and the view along −z. [`Camera`] is its wire form with a point
+/// that it looks at, [`View`] the one with a picture to draw; both give one.
+///
+/// [`Camera`]: crate::description::Camera
+/// [`View`]: crate::view::View
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    /// Position of the eye in the world.
+    pub eye: DVec3,
+    /// Turns view space into the world: a unit quaternion.
+    pub rotation: DQuat,
+    /// Vertical field of view in radians, in (0, π).
+    pub fov_y: f64,
+}
+
+impl Pose {
+    /// A camera at `eye` that looks at `target`; `up` need not be perpendicular. Where the
+    /// direction is degenerate (eye on target, or looking along `up`), any valid pose is taken.
+    #[must_use]
+    pub fn look_at(eye: DVec3, target: DVec3, up: DVec3, fov_y: f64) -> Self {
+        let forward = (target - eye).try_normalize().unwrap_or(DVec3::NEG_Z);
+        let right = forward
+            .cross(up)
+            .try_normalize()
+            .filter(|r| r.is_finite())
+            .unwrap_or_else(|| forward.any_orthonormal_vector());
+        let up = right.cross(forward);
+        let rotation = DQuat::from_mat3(&DMat3::from_cols(right, up, -forward)).normalize();
+        Self { eye, rotation, fov_y }
+    }
+
+    /// `(tan(fov_x / 2), tan(fov_y / 2))` for a picture of the given size. The field of view is
+    /// clamped to what a projection can hold.
+    #[must_use]
+    pub fn tan_half_fov(&self, width_px: u32, height_px: u32) -> (f64, f64) {
+        let y = (self.fov_y.clamp(1e-5, std::f64::consts::PI - 1e-3) * 0.5).tan();
+        (y * f64::from(width_px.max(1)) / f64::from(height_px.max(1)), y)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::description::Camera;
+
+    #[test]
+    fn look_at_puts_the_target_on_the_axis() {
+        let pose = Pose::look_at(DVec3::new(1.0, 2.0, 3.0), DVec3::new(-4.0, 0.5, 9.0), DVec3::Y, 1.0);
+        let v = pose.rotation.conjugate() * (DVec3::new(-4.0, 0.5, 9.0) - pose.eye);
+        assert!(v.x.abs() < 1e-12 && v.y.abs() < 1e-12 && v.z < 0.0, "{v}");
+        let up = pose.rotation * DVec3::Y;
+        assert!(up.y > 0.9);
+    }
+
+    #[test]
+    fn degenerate_directions_give_a_valid_pose() {
+        for (eye, at) in [(DVec3::ZERO, DVec3::ZERO), (DVec3::ZERO, DVec3::Y), (DVec3::NAN, DVec3::Y)] {
+            let pose = Pose::look_at(eye, at, DVec3::Y, 1.0);
+            assert!(pose.rotation.is_finite() && pose.rotation.is_normalized());
+        }
+    }
+
+    #[test]
+    fn messages_give_the_pose_that_they_carry() {
+        let camera =
+            Camera { eye: [3.0, -2.0, 5.0], target: [0.5, 1.0, -4.0], up: [0.0, 1.0, 0.0], fov_y: 0.9 };
+        let (exact, sent) = (camera.pose(), camera.view([64, 36], 1.0).pose());
+        assert_eq!((exact.eye, exact.fov_y), (sent.eye, sent.fov_y));
+        // A view's rotation has 24 bits.
+        assert!(exact.rotation.angle_between(sent.rotation) < 1e-6);
+    }
+}

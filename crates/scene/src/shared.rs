@@ -1,0 +1,101 @@
+//! Textures that assets have in common: of these one is asked for and sent, once a scene.
+//!
+//! An asset's entry says which of its textures are those of an earlier asset, to the byte and at every level. A client
+//! asks for the other's, and uses what comes for both. Costs some three bytes a texture in the scene's description, none
+//! where nothing is shared.
+
+use bincode::de::Decoder;
+use bincode::enc::Encoder;
+use bincode::error::{DecodeError, EncodeError};
+use bincode::{Decode, Encode};
+
+use crate::blob::{BlobId, BlobPart};
+use crate::description::AssetEntry;
+
+/// Most textures of one asset that are said to be another's. Further ones are sent for each.
+pub const MAX_SHARED_TEXTURES: usize = 32;
+
+/// A texture of an asset that is another's too.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
+pub struct SharedTexture {
+    /// Which of the asset's textures.
+    pub texture: u16,
+    /// Number of an earlier asset, or of the asset itself.
+    pub asset: u32,
+    /// Which of that asset's textures; of the asset itself, an earlier one. Not in turn another's.
+    pub of: u16,
+}
+
+pub(crate) fn encode<E: Encoder>(shared: &[SharedTexture], e: &mut E) -> Result<(), EncodeError> {
+    let count = u8::try_from(shared.len()).map_err(|_| EncodeError::Other("too many shared textures"))?;
+    count.encode(e)?;
+    shared.iter().try_for_each(|texture| texture.encode(e))
+}
+
+pub(crate) fn decode<D: Decoder<Context = C>, C>(d: &mut D) -> Result<Vec<SharedTexture>, DecodeError> {
+    let count = usize::from(u8::decode(d)?);
+    if count == 0 || count > MAX_SHARED_TEXTURES {
+        return Err(DecodeError::Other("no shared texture, or too many"));
+    }
+    d.claim_bytes_read(count * size_of::<SharedTexture>())?;
+    (0..count).map(|_| SharedTexture::decode(d)).collect()
+}
+
+/// Whether what asset `number` shares is in order, each texture named once, and with what came before it.
+pub(crate) fn in_order(number: u32, shared: &[SharedTexture]) -> bool {
+    shared.len() <= MAX_SHARED_TEXTURES
+        && shared.is_sorted_by(|a, b| a.texture < b.texture)
+        && shared.iter().all(|s| (s.asset, s.of) < (number, s.texture))
+}
+
+impl AssetEntry {
+    /// The asset and texture under which texture `texture` of this asset, whose number is `asset`, is asked for.
+    #[must_use]
+    pub fn sent_as(&self, asset: u32, texture: u16) -> (u32, u16) {
+        match self.shared.binary_search_by_key(&texture, |shared| shared.texture) {
+            Ok(at) => (self.shared[at].asset, self.shared[at].of),
+            Err(_) => (asset, texture),
+        }
+    }
+
+    /// The blob that is asked for where `part` of this asset, whose number is `asset`, is wanted.
+    #[must_use]
+    pub fn sent_blob(&self, asset: u32, part: BlobPart) -> BlobId {
+        match part {
+            BlobPart::Texture { texture, level } => {
+                let (asset, texture) = self.sent_as(asset, texture);
+                BlobId::texture(asset, texture, level)
+            }
+            part => BlobId::Asset { asset, part },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shared(texture: u16, asset: u32, of: u16) -> SharedTexture {
+        SharedTexture { texture, asset, of }
+    }
+
+    #[test]
+    fn a_shared_texture_is_asked_for_as_the_first_that_has_it() {
+        let entry = AssetEntry { shared: vec![shared(1, 0, 4), shared(3, 2, 0)], ..AssetEntry::default() };
+        assert_eq!([0, 1, 2, 3].map(|texture| entry.sent_as(7, texture)), [(7, 0), (0, 4), (7, 2), (2, 0)]);
+        let part = BlobPart::Texture { texture: 3, level: 5 };
+        assert_eq!(entry.sent_blob(7, part), BlobId::texture(2, 0, 5));
+        assert_eq!(entry.sent_blob(7, BlobPart::Base), BlobId::base(7));
+    }
+
+    #[test]
+    fn only_what_came_before_may_be_shared_and_each_texture_once() {
+        assert!(in_order(3, &[shared(0, 1, 9), shared(2, 3, 1)]));
+        assert!(!in_order(3, &[shared(0, 4, 0)]), "a later asset");
+        assert!(!in_order(3, &[shared(1, 3, 1)]), "itself");
+        assert!(!in_order(3, &[shared(1, 3, 2)]), "a later texture of itself");
+        assert!(!in_order(3, &[shared(1, 0, 0), shared(1, 1, 0)]), "one twice");
+        let many = (0..).map(|texture| shared(texture, 0, 0)).take(MAX_SHARED_TEXTURES + 1);
+        assert!(!in_order(3, &many.collect::<Vec<_>>()), "too many");
+    }
+}

@@ -1,0 +1,173 @@
+//! One instance as the view sees it: bounds on the screen, and the view in the instance's own axes.
+
+use glam::{DVec3, Vec3};
+use lodestream_geometry::index::Sphere;
+use lodestream_geometry::screen::screen_error_px;
+
+use lodestream_scene::description::{AssetEntry, InstanceEntry};
+use lodestream_scene::view::{Frustum, View};
+
+/// A view, with what all instances share computed once.
+#[derive(Clone, Copy, Debug)]
+pub struct Projection {
+    eye: DVec3,
+    frustum: Frustum,
+    scale_px: f64,
+}
+
+/// Where an instance's bounding sphere lies.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// Whether it reaches into the frustum.
+    pub visible: bool,
+    /// Depth of its nearest point, in world units; may be negative.
+    pub depth: f64,
+    /// Radius on the screen, in pixels, by distance (so it is defined out of view too).
+    pub coverage_px: f32,
+    /// 1 in the middle of the picture, falling outwards.
+    pub foveation: f32,
+}
+
+impl Projection {
+    /// What `view` sees.
+    #[must_use]
+    pub fn new(view: &View) -> Self {
+        Self { eye: DVec3::from(view.eye), frustum: view.frustum(), scale_px: view.scale_px() }
+    }
+
+    /// Pixels per unit of tangent.
+    #[must_use]
+    pub const fn scale_px(&self) -> f64 {
+        self.scale_px
+    }
+
+    /// Screen error of a world-space length at a depth, in pixels.
+    #[must_use]
+    pub fn error_px(&self, error: f64, depth: f64) -> f64 {
+        screen_error_px(error, depth, self.scale_px)
+    }
+
+    /// Where an instance's bounding sphere lies.
+    #[must_use]
+    pub fn bounds(&self, asset: &AssetEntry, instance: &InstanceEntry) -> Bounds {
+        let (center, radius) = self.sphere(asset, instance);
+        Bounds {
+            visible: self.frustum.sees(center, radius),
+            depth: f64::from(self.frustum.depth(center, radius)),
+            coverage_px: self.radius_px(center, radius),
+            foveation: foveation(&self.frustum, center, radius),
+        }
+    }
+
+    /// Radius of an instance on the screen, in pixels, as [`Bounds::coverage_px`].
+    pub fn coverage_px(&self, asset: &AssetEntry, instance: &InstanceEntry) -> f32 {
+        let (center, radius) = self.sphere(asset, instance);
+        self.radius_px(center, radius)
+    }
+
+    #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
+    fn radius_px(&self, center: Vec3, radius: f32) -> f32 {
+        let distance = f64::from(center.length()).max(f64::from(radius)).max(f64::MIN_POSITIVE);
+        (f64::from(radius) * self.scale_px / distance) as f32
+    }
+
+    /// Where the eye is.
+    pub(super) const fn eye(&self) -> DVec3 {
+        self.eye
+    }
+
+    pub(super) const fn frustum(&self) -> &Frustum {
+        &self.frustum
+    }
+
+    /// An instance's bounding sphere, its centre relative to the eye.
+    pub(super) fn sphere(&self, asset: &AssetEntry, instance: &InstanceEntry) -> (Vec3, f32) {
+        let center = instance.to_world(asset.origin, asset.sphere.center) - self.eye;
+        (center.as_vec3(), asset.sphere.radius * instance.scale)
+    }
+
+    /// Whether a sphere reaches into the frustum; `center` is relative to the eye.
+    pub(super) fn sees(&self, center: Vec3, radius: f32) -> bool {
+        self.frustum.sees(center, radius)
+    }
+
+    /// Depth at which a sphere's shadow may fall into the frustum, at the least, where the light carries it along `way`;
+    /// `None` where it does not. `center` is relative to the eye.
+    pub(super) fn shadow_depth(&self, center: Vec3, radius: f32, way: Vec3) -> Option<f64> {
+        shadow_depth(&self.frustum, center, radius, way)
+    }
+
+    /// The view in the axes and units of an instance, relative to the grid origin of its asset.
+    #[must_use]
+    pub fn local(&self, asset: &AssetEntry, instance: &InstanceEntry) -> LocalView {
+        let rotation = instance.orientation();
+        let offset = self.eye - DVec3::from(instance.translation);
+        let eye = rotation.conjugate().as_dquat() * offset / f64::from(instance.scale);
+        LocalView {
+            eye: (eye - DVec3::from(asset.origin)).as_vec3(),
+            frustum: self.frustum.rotated_into(rotation),
+            scale_px: self.scale_px,
+        }
+    }
+
+    /// Pixels that one unit of the asset covers at the given world depth, which is kept from zero by
+    /// the asset's own size.
+    #[must_use]
+    pub fn px_per_unit(&self, asset: &AssetEntry, instance: &InstanceEntry, depth: f64) -> f64 {
+        let scale = f64::from(instance.scale);
+        let nearest = f64::from(asset.sphere.radius) * scale * 0.02;
+        self.scale_px * scale / depth.max(nearest).max(f64::MIN_POSITIVE)
+    }
+}
+
+/// A view in an instance's own axes. The scale cancels in the screen error.
+#[derive(Clone, Copy, Debug)]
+pub struct LocalView {
+    eye: Vec3,
+    frustum: Frustum,
+    scale_px: f64,
+}
+
+impl LocalView {
+    /// Screen error in pixels of an error within a sphere, and the sphere's foveation; `None` out of
+    /// view.
+    #[inline]
+    #[must_use]
+    pub fn error_px(&self, sphere: &Sphere, error: f32) -> Option<(f64, f32)> {
+        let center = Vec3::from(sphere.center) - self.eye;
+        if !self.frustum.sees(center, sphere.radius) {
+            return None;
+        }
+        let depth = self.frustum.depth(center, sphere.radius);
+        let px = screen_error_px(f64::from(error), f64::from(depth), self.scale_px);
+        Some((px, foveation(&self.frustum, center, sphere.radius)))
+    }
+
+    /// By how many pixels an error within a sphere out of view displaces its shadow, where the light carries it along `way`
+    /// (in the instance's own axes and units), and pixels per unit there; `None` in view, or where no shadow falls into it.
+    pub(super) fn shadow_px(&self, sphere: &Sphere, error: f32, way: Vec3) -> Option<[f64; 2]> {
+        let center = Vec3::from(sphere.center) - self.eye;
+        if self.frustum.sees(center, sphere.radius) {
+            return None;
+        }
+        let depth = shadow_depth(&self.frustum, center, sphere.radius, way)?;
+        Some([screen_error_px(f64::from(error), depth, self.scale_px), self.scale_px / depth])
+    }
+}
+
+/// See [`Projection::shadow_depth`]. No shadow counts as nearer than the sphere is large: it is an estimate, not a bound.
+fn shadow_depth(frustum: &Frustum, center: Vec3, radius: f32, way: Vec3) -> Option<f64> {
+    let ends = frustum.sees_on_way(center, radius, way)?;
+    let depth = ends.map(|share| frustum.depth(center + way * share, 0.0));
+    Some(f64::from(depth[0].min(depth[1]).max(radius).max(f32::MIN_POSITIVE)))
+}
+
+/// 1 where the sphere covers the middle of the picture, falling with the tangent of the angle to its
+/// nearest point.
+#[inline]
+fn foveation(frustum: &Frustum, center: Vec3, radius: f32) -> f32 {
+    let along = frustum.forward.dot(center);
+    let across = ((center - frustum.forward * along).length() - radius).max(0.0);
+    let tangent = across / along.max(radius).max(f32::MIN_POSITIVE);
+    1.0 / (1.0 + tangent * tangent)
+}

@@ -1,0 +1,382 @@
+//! What is known of an asset, and where its blobs are.
+
+use std::sync::Arc;
+
+use lodestream_geometry::index::{
+    CHUNKS_PER_PAGE, ChunkInfo, IndexPage, TruncationPoint, expected_rest_error,
+};
+use lodestream_geometry::numbers::id32;
+
+use lodestream_scene::asset::{AssetDescription, TextureLevel};
+use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_scene::description::AssetEntry;
+
+use super::occluder::Occluder;
+use super::selection::{State, Wanted};
+
+/// One chunk: what the index says of it, and where it is.
+#[derive(Clone, Debug)]
+pub struct Chunk {
+    info: ChunkInfo,
+    state: State,
+    /// Bytes of its beginning that are here.
+    held: u32,
+    /// The truncation up to which it is in use, where it is not in use whole.
+    truncation: Option<u8>,
+    /// How far the occluder may be off where this chunk refines.
+    margin: f32,
+}
+
+impl Chunk {
+    /// What the index says of it.
+    #[must_use]
+    pub const fn info(&self) -> &ChunkInfo {
+        &self.info
+    }
+
+    /// Where it is. [`State::Applied`] is in use whole.
+    #[must_use]
+    pub const fn state(&self) -> State {
+        self.state
+    }
+
+    /// Bytes of its beginning that are here.
+    #[must_use]
+    pub const fn held_bytes(&self) -> u32 {
+        self.held
+    }
+
+    /// The truncation up to which it is in use; `None` where it is whole or not in use.
+    #[must_use]
+    pub const fn truncation(&self) -> Option<u8> {
+        match self.state {
+            State::Applied => None,
+            _ => self.truncation,
+        }
+    }
+
+    /// How far its asset's occluder may be off where this chunk refines, in the asset's units: the error of the coarsest of
+    /// its ancestors, itself among them, that the occluder lacks.
+    #[must_use]
+    pub(super) const fn margin(&self) -> f32 {
+        self.margin
+    }
+
+    /// What of it is in use, if anything.
+    #[must_use]
+    pub fn extent_in_use(&self) -> Option<TruncationPoint> {
+        match (self.state, self.truncation) {
+            (State::Applied, _) => Some(self.info.extent(None)),
+            (_, truncation @ Some(_)) => Some(self.info.extent(truncation)),
+            _ => None,
+        }
+    }
+
+    /// Where as much of it is as takes it to a truncation.
+    #[must_use]
+    pub fn state_up_to(&self, truncation: Option<u8>) -> State {
+        match self.state {
+            State::Applied | State::Failed => self.state,
+            _ if truncation.is_some() && self.truncation >= truncation => State::Applied,
+            _ if self.held >= self.info.extent(truncation).payload_bytes => State::Cached,
+            State::Cached => State::Absent,
+            state => state,
+        }
+    }
+}
+
+/// What is known of one asset and where its blobs are. The caller keeps one per asset, in the order of
+/// asset numbers, and updates it as things arrive; the selector only reads it.
+#[derive(Clone, Debug)]
+pub struct AssetState {
+    entry: AssetEntry,
+    base: State,
+    pages: Vec<State>,
+    /// Chunks up to the last known one.
+    chunks: Vec<Option<Chunk>>,
+    /// Number of leading index pages that are known without a gap.
+    known_pages: u32,
+    /// What the index pages state of those behind them, where they do.
+    rest_errors: Vec<Option<f32>>,
+    /// Upper bound on the error of any chunk whose index page is not known yet.
+    unknown_error: f32,
+    textures: Vec<TextureState>,
+    occluder: Option<Arc<Occluder>>,
+}
+
+/// A texture's levels and density.
+#[derive(Clone, Debug)]
+pub(super) struct TextureState {
+    pub(super) levels: Vec<(TextureLevel, State)>,
+    /// Texture coordinates per asset unit.
+    pub(super) uv_per_unit: f32,
+}
+
+/// An index page that does not fit its asset.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PageError {
+    /// The asset has no such page.
+    #[error("the asset has no index page {0}")]
+    NoSuchPage(u32),
+    /// Another number of chunks than the scene's entry implies.
+    #[error("index page {page} lists {got} chunks, but should list {expected}")]
+    WrongCount {
+        /// The page.
+        page: u32,
+        /// How many chunks it lists.
+        got: usize,
+        /// How many it should.
+        expected: usize,
+    },
+    /// A chunk names itself or a younger chunk as its parent.
+    #[error("chunk {0} has a parent that is not older")]
+    ParentNotOlder(u32),
+}
+
+impl AssetState {
+    /// An asset of which only the scene's entry is known.
+    #[must_use]
+    pub fn new(entry: AssetEntry) -> Self {
+        let page_count = entry.index_pages() as usize;
+        let pages = vec![State::Absent; page_count];
+        let unknown_error = if pages.is_empty() { 0.0 } else { entry.root_error };
+        Self {
+            entry,
+            base: State::Absent,
+            pages,
+            chunks: Vec::new(),
+            known_pages: 0,
+            rest_errors: vec![None; page_count],
+            unknown_error,
+            textures: Vec::new(),
+            occluder: None,
+        }
+    }
+
+    /// The scene's entry.
+    #[must_use]
+    pub const fn entry(&self) -> &AssetEntry {
+        &self.entry
+    }
+
+    /// Where a blob is. Blobs that do not exist, or whose page is not known, are absent.
+    #[must_use]
+    pub fn state(&self, part: BlobPart) -> State {
+        match part {
+            BlobPart::Base => self.base,
+            BlobPart::IndexPage(page) => self.pages.get(page as usize).copied().unwrap_or_default(),
+            BlobPart::Chunk(chunk) => self.known(chunk).map_or(State::Absent, Chunk::state),
+            BlobPart::Texture { texture, level } => self
+                .textures
+                .get(usize::from(texture))
+                .and_then(|t| t.levels.get(usize::from(level)))
+                .map_or(State::Absent, |(_, state)| *state),
+        }
+    }
+
+    /// A chunk, if its page is known.
+    #[must_use]
+    pub fn known(&self, chunk: u32) -> Option<&Chunk> {
+        self.chunks.get(chunk as usize)?.as_ref()
+    }
+
+    fn known_mut(&mut self, chunk: u32) -> Option<&mut Chunk> {
+        self.chunks.get_mut(chunk as usize)?.as_mut()
+    }
+
+    /// Sets how many bytes of a chunk's beginning are here.
+    pub fn set_held(&mut self, chunk: u32, bytes: u32) {
+        if let Some(chunk) = self.known_mut(chunk) {
+            chunk.held = bytes;
+        }
+    }
+
+    /// Bytes of a chunk's beginning that are here.
+    #[must_use]
+    pub fn held_bytes(&self, chunk: u32) -> u32 {
+        self.known(chunk).map_or(0, Chunk::held_bytes)
+    }
+
+    /// Says that a chunk is in use up to a truncation ([`ChunkInfo::truncation_points`]), or no longer: its state is then
+    /// that of the rest. A chunk that is [`State::Applied`] is in use whole.
+    pub fn set_truncation(&mut self, chunk: u32, truncation: Option<u8>) {
+        if let Some(chunk) = self.known_mut(chunk) {
+            chunk.truncation = truncation;
+        }
+    }
+
+    /// Brings what a selection said of a blob up to date with what has arrived since.
+    pub fn refresh(&self, wanted: &mut Wanted) {
+        wanted.state = match wanted.id.part() {
+            Some(BlobPart::Chunk(chunk)) => {
+                wanted.held = self.held_bytes(chunk);
+                self.known(chunk).map_or(State::Absent, |chunk| chunk.state_up_to(wanted.truncation))
+            }
+            Some(part) => self.state(part),
+            None => wanted.state,
+        };
+    }
+
+    /// Sets where a blob is; blobs that do not exist are ignored. An index page becomes
+    /// [`State::Applied`] by [`AssetState::add_index_page`] only.
+    pub fn set_state(&mut self, part: BlobPart, state: State) {
+        let slot = match part {
+            BlobPart::Base => Some(&mut self.base),
+            BlobPart::IndexPage(page) => {
+                self.pages.get_mut(page as usize).filter(|old| **old != State::Applied)
+            }
+            BlobPart::Chunk(chunk) => self.known_mut(chunk).map(|chunk| &mut chunk.state),
+            BlobPart::Texture { texture, level } => self
+                .textures
+                .get_mut(usize::from(texture))
+                .and_then(|t| t.levels.get_mut(usize::from(level)))
+                .map(|(_, state)| state),
+        };
+        if let Some(slot) = slot {
+            *slot = state;
+        }
+    }
+
+    /// Makes the chunks of an index page known. Pages may come in any order.
+    ///
+    /// # Errors
+    /// Refuses pages that do not fit the asset; nothing changes then.
+    pub fn add_index_page(&mut self, page: u32, contents: impl Into<IndexPage>) -> Result<(), PageError> {
+        let IndexPage { chunks: infos, rest_error } = contents.into();
+        if page as usize >= self.pages.len() {
+            return Err(PageError::NoSuchPage(page));
+        }
+        let first = page as usize * CHUNKS_PER_PAGE;
+        let expected = CHUNKS_PER_PAGE.min(self.entry.chunk_count as usize - first);
+        if infos.len() != expected {
+            return Err(PageError::WrongCount { page, got: infos.len(), expected });
+        }
+        for (info, id) in infos.iter().zip((page * id32(CHUNKS_PER_PAGE))..) {
+            if info.parents.iter().any(|&parent| parent >= id) {
+                return Err(PageError::ParentNotOlder(id));
+            }
+        }
+        let end = first + infos.len();
+        if self.chunks.len() < end {
+            self.chunks.resize(end, None);
+        }
+        for (id, info) in (first..end).zip(infos) {
+            let margin = self.margin_of(&info, false);
+            match &mut self.chunks[id] {
+                // Told again: where it is stays.
+                Some(chunk) => chunk.info = info,
+                slot => *slot = Some(Chunk { info, state: State::Absent, held: 0, truncation: None, margin }),
+            }
+        }
+        self.rest_errors[page as usize] = rest_error;
+        self.pages[page as usize] = State::Applied;
+        while self.pages.get(self.known_pages as usize) == Some(&State::Applied) {
+            self.known_pages += 1;
+        }
+        self.unknown_error = self.bound_of_unknown();
+        Ok(())
+    }
+
+    /// The surface as it is now, for what it hides: with the chunks that are [`State::Applied`] whole, or finer.
+    pub fn set_occluder(&mut self, occluder: Arc<Occluder>) {
+        self.occluder = Some(occluder);
+        for id in 0..self.chunks.len() {
+            let Some(chunk) = &self.chunks[id] else { continue };
+            let margin = self.margin_of(&chunk.info, chunk.state == State::Applied);
+            if let Some(chunk) = &mut self.chunks[id] {
+                chunk.margin = margin;
+            }
+        }
+    }
+
+    /// What hides other things, if it is known.
+    #[must_use]
+    pub const fn occluder(&self) -> Option<&Arc<Occluder>> {
+        self.occluder.as_ref()
+    }
+
+    /// [`Chunk::margin`] of a chunk whose parents have theirs. `drawn`: the occluder has it.
+    fn margin_of(&self, info: &ChunkInfo, drawn: bool) -> f32 {
+        let own = if drawn { 0.0 } else { info.error };
+        let parents = info.parents.iter().filter_map(|&parent| self.known(parent));
+        parents.map(Chunk::margin).fold(own, f32::max)
+    }
+
+    /// What the last page known without a gap says of those behind it: either in so many words, or by its chunks and
+    /// those before ([`expected_rest_error`]).
+    fn bound_of_unknown(&self) -> f32 {
+        if self.known_pages as usize == self.pages.len() {
+            return 0.0;
+        }
+        let Some(last) = self.known_pages.checked_sub(1) else { return self.entry.root_error };
+        let known = self.chunks[..self.known_pages as usize * CHUNKS_PER_PAGE].iter().flatten();
+        let stated = self.rest_errors[last as usize];
+        stated.unwrap_or_else(|| expected_rest_error(known.map(Chunk::info))).min(self.entry.root_error)
+    }
+
+    /// The base mesh arrived with this description. `uv_per_unit` gives texture coordinates per asset
+    /// unit (the square root of uv area over surface area), for the texel density.
+    pub fn set_description(&mut self, description: &AssetDescription, uv_per_unit: f32) {
+        self.textures = description
+            .textures
+            .iter()
+            .map(|t| TextureState {
+                levels: t.levels.iter().map(|level| (*level, State::Absent)).collect(),
+                uv_per_unit,
+            })
+            .collect();
+    }
+
+    /// A chunk's index entry, if its page is known.
+    #[must_use]
+    pub fn chunk(&self, chunk: u32) -> Option<&ChunkInfo> {
+        self.known(chunk).map(Chunk::info)
+    }
+
+    /// All chunks up to the last known one, by id; `None` where the page is not known.
+    #[must_use]
+    pub fn chunks(&self) -> &[Option<Chunk>] {
+        &self.chunks
+    }
+
+    /// Number of leading index pages that are known without a gap.
+    #[must_use]
+    pub const fn known_pages(&self) -> u32 {
+        self.known_pages
+    }
+
+    /// Upper bound on the error of chunks that are not known yet, in the asset's units: 0 once all
+    /// index pages are known, the root error before the first.
+    #[must_use]
+    pub const fn unknown_error(&self) -> f32 {
+        self.unknown_error
+    }
+
+    pub(super) fn textures(&self) -> &[TextureState] {
+        &self.textures
+    }
+
+    /// Length of a blob, where the scene or the index tells.
+    #[must_use]
+    pub fn blob_bytes(&self, part: BlobPart) -> Option<u32> {
+        match part {
+            BlobPart::Base => Some(self.entry.base_bytes),
+            BlobPart::IndexPage(_) => None,
+            BlobPart::Chunk(chunk) => self.chunk(chunk).map(|info| info.payload_bytes),
+            BlobPart::Texture { texture, level } => {
+                let texture = self.textures.get(usize::from(texture))?;
+                texture.levels.get(usize::from(level)).map(|(level, _)| level.bytes)
+            }
+        }
+    }
+
+    /// Ids of all blobs of `asset` (this asset's number) that are here: base and index pages only, as a
+    /// reconnecting client lists them.
+    #[must_use]
+    pub fn held(&self, asset: u32) -> Vec<BlobId> {
+        let here = |state: &State| matches!(state, State::Cached | State::Applied);
+        let base = Some(BlobId::base(asset)).filter(|_| here(&self.base));
+        let pages = (0..).zip(&self.pages).filter(|(_, state)| here(state));
+        base.into_iter().chain(pages.map(|(page, _)| BlobId::index_page(asset, page))).collect()
+    }
+}

@@ -1,0 +1,30 @@
+//! Packs and scenes, in files of this machine or as objects of a store. Every blob is checked against its hash when it is
+//! read.
+
+mod cache;
+mod description;
+mod error;
+mod file;
+mod handles;
+mod loaded;
+mod lru;
+mod object_pack;
+mod objects;
+mod pack;
+mod punctual_light_blobs;
+mod scene;
+mod scene_object;
+mod table;
+mod terrain_blobs;
+
+pub use cache::BlobCache;
+pub use description::SceneDescription;
+pub use error::StoreError;
+pub use file::PackFile;
+pub use handles::Handles;
+pub use loaded::LoadedAsset;
+pub use objects::{ObjectEntry, Objects, retries};
+pub use punctual_light_blobs::{PunctualLightBlobs, PunctualLightBlobsError};
+pub use scene::{DEFAULT_CACHE_BYTES, SceneStore};
+pub use scene_object::{MAX_SCENE_OBJECT_BYTES, PackName, SceneObject};
+pub use terrain_blobs::{TerrainBlobs, TerrainBlobsError};

@@ -1,0 +1,62 @@
+//! A pack wherever it lies: a file of this machine, or an object of a store.
+
+use std::sync::Arc;
+
+use bytes::Bytes;
+use lodestream_scene::BlobPart;
+use tokio::task::spawn_blocking;
+
+use super::cache::{BlobCache, CacheKey};
+use super::error::StoreError;
+use super::file::PackFile;
+use super::object_pack::ObjectPack;
+
+/// See the module.
+#[derive(Clone, Debug)]
+pub(super) enum Pack {
+    /// Blobs are read one by one: neighbours are in the system's page cache anyway.
+    File(Arc<PackFile>),
+    Object(Arc<ObjectPack>),
+}
+
+impl Pack {
+    pub(super) fn blob_len(&self, part: BlobPart) -> Option<u32> {
+        match self {
+            Self::File(file) => file.blob_len(part),
+            Self::Object(object) => object.blob_len(part),
+        }
+    }
+
+    /// What a blob of a file is called in the cache.
+    pub(super) fn key(&self, part: BlobPart) -> Option<CacheKey> {
+        match self {
+            Self::File(file) => Some((file.fingerprint(), file.number(part)?)),
+            Self::Object(_) => None,
+        }
+    }
+
+    /// The blob, if it is at hand. Waits for nothing.
+    pub(super) fn at_hand(&self, part: BlobPart, cache: &BlobCache) -> Option<Bytes> {
+        match self {
+            Self::File(_) => cache.get(self.key(part)?),
+            Self::Object(object) => object.at_hand(part, cache),
+        }
+    }
+
+    /// The blob. Files are read on threads that may wait, by one for all who ask at the same time.
+    pub(super) async fn fetch(&self, part: BlobPart, cache: &BlobCache) -> Result<Bytes, Arc<StoreError>> {
+        let file = match self {
+            Self::Object(object) => return object.fetch(part, cache).await,
+            Self::File(file) => Arc::clone(file),
+        };
+        let Some(key) = self.key(part) else { return Ok(file.read(part)?) };
+        let path = file.path().to_owned();
+        let read = async move {
+            let read = spawn_blocking(move || file.read(part)).await;
+            read.unwrap_or_else(|why| {
+                Err(StoreError::Read { path, source: std::io::Error::other(why.to_string()) })
+            })
+        };
+        cache.get_or(key, read).await
+    }
+}
