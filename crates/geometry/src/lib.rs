@@ -57,7 +57,8 @@ pub use simplify::settings::{Metric, Settings, SettingsError};
 /// The chunk index: what a client must know of a chunk before it asks for it.
 pub mod index {
     pub use crate::asset::index::{
-        CHUNKS_PER_PAGE, ChunkInfo, IndexPage, MAX_PARENTS, MAX_STOPS, Sphere, TruncationPoint, page_count,
+        CHUNKS_PER_PAGE, ChunkInfo, IndexPage, MAX_PARENTS, MAX_TRUNCATION_POINTS, Sphere, TruncationPoint,
+        page_count,
     };
     pub use crate::codec::index_page::{
         decode_page, decode_stated_page, encode_page, encode_pages, expected_rest_error,

@@ -6,83 +6,22 @@
 //! heights put in as it goes; but points need not know in which order.
 
 use super::mode::Mode;
-use super::numbers::{index, saturate, signed, span};
+use super::numbers::{saturate, signed};
+use super::patch_overrides::{OverrideDelta, PatchOverrides, row_points};
 use super::points::HeightOverrides;
 use super::rect::Rect;
 use super::refine::{Detail, View, refine};
 use super::window::{Buffers, Scratch, descend};
 use super::world::Terrain;
 
-/// A listed point, in the patch's coordinates of the level in which it appears.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct HeightOverride {
-    pub(super) y: u16,
-    pub(super) x: u16,
-    pub(super) mode: Mode,
-    /// What it changes.
-    pub(super) difference: i64,
-}
-
-/// A patch's listed points, and what they change.
-#[derive(Clone, Debug)]
-pub(super) struct PatchOverrides {
-    pub(super) points: HeightOverrides,
-    /// By the level in which points appear, by row and column.
-    levels: Vec<Vec<HeightOverride>>,
-}
-
 /// Finest points along the sides of a block in which heights under listed points are made.
 const BLOCK: u16 = 64;
 /// Points of a block, for each listed one, up to which it is made whole; else point by point.
 const SPARSE: usize = 64;
 
-impl PatchOverrides {
-    /// The points of a level, sorted.
-    pub(super) fn level(&self, level: u8) -> &[HeightOverride] {
-        self.levels.get(usize::from(level)).map_or(&[], Vec::as_slice)
-    }
-
-    /// The coarsest level with points.
-    fn first_level(&self) -> Option<u8> {
-        (0..).zip(&self.levels).find(|(_, points)| !points.is_empty()).map(|(level, _)| level)
-    }
-
-    /// Bytes that are held.
-    pub(super) fn bytes(&self) -> usize {
-        let listed: usize =
-            self.levels.iter().map(|level| level.capacity() * size_of::<HeightOverride>()).sum();
-        listed + size_of_val(self.points.as_slice())
-    }
-}
-
-/// The points of rows, among those sorted by row and column.
-fn rows(points: &[HeightOverride], first: i64, last: i64) -> &[HeightOverride] {
-    let from = points.partition_point(|p| i64::from(p.y) < first);
-    let to = points.partition_point(|p| i64::from(p.y) <= last);
-    &points[from..to]
-}
-
-/// Calls `each` with the column and the point, for the points of a row at `y` that starts at `x`.
-pub(super) fn row_points(
-    points: &[HeightOverride],
-    (x, y): (i64, i64),
-    width: usize,
-    mut each: impl FnMut(usize, &HeightOverride),
-) {
-    let row = rows(points, y, y);
-    let from = row.partition_point(|p| i64::from(p.x) < x);
-    for point in &row[from..] {
-        let column = i64::from(point.x) - x;
-        if column >= span(width) {
-            break;
-        }
-        each(index(column), point);
-    }
-}
-
 /// Differences of a level: nothing is added, listed points are given.
 struct Given<'a> {
-    points: &'a [HeightOverride],
+    points: &'a [OverrideDelta],
     /// The patch's first point of the level.
     origin: (i64, i64),
 }
@@ -139,7 +78,7 @@ impl Terrain {
                 Mode::Fixed => i64::from(point.height) - i64::from(under),
             };
             let (x, y) = (point.x >> zeros, point.y >> zeros);
-            levels[usize::from(n) - zeros as usize].push(HeightOverride {
+            levels[usize::from(n) - zeros as usize].push(OverrideDelta {
                 y,
                 x,
                 mode: point.mode,

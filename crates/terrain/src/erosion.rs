@@ -9,11 +9,11 @@
 //! A point's height follows from those at most [`Erosion::margin`] points away, so any rectangle is eroded
 //! alone with that margin, and neighbours agree.
 
-use super::differences::PatchOverrides;
-use super::differences::{HeightOverride, row_points};
 use super::mode::Mode;
 use super::numbers::{index, saturate, signed, span};
 use super::parameters::Erosion;
+use super::patch_overrides::PatchOverrides;
+use super::patch_overrides::{OverrideDelta, row_points};
 use super::rect::Rect;
 use super::refine::{Detail, View, refine};
 use super::window::{Scratch, descend, needed};
@@ -35,7 +35,7 @@ impl Eroded<'_> {
     fn fixed(&self, x: i64, y: i64, width: usize, mut each: impl FnMut(usize)) {
         for ((px, py), patch) in self.patches {
             let at = (x - (px << self.level), y - (py << self.level));
-            row_points(patch.level(self.level), at, width, |column, point: &HeightOverride| {
+            row_points(patch.level(self.level), at, width, |column, point: &OverrideDelta| {
                 if point.mode == Mode::Fixed {
                     each(column);
                 }

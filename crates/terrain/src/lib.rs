@@ -35,6 +35,7 @@ mod numbers;
 mod override_codec;
 mod override_prediction;
 mod parameters;
+mod patch_overrides;
 mod points;
 mod query;
 mod rect;

@@ -18,7 +18,7 @@ use super::mode::Mode;
 use super::override_prediction::Predictor;
 use super::points::{HeightOverride, HeightOverrides, MAX_PATCH_POINTS};
 use lodestream_geometry::DecodeError;
-use lodestream_geometry::entropy::ceiling::{least_bytes, most_elements};
+use lodestream_geometry::entropy::allocation_limit::{max_elements, min_bytes};
 use lodestream_geometry::entropy::context::{Contexts, Prob};
 use lodestream_geometry::entropy::range_coder::{Coder, Decoder, Encoder};
 use lodestream_geometry::entropy::symbols::{
@@ -123,7 +123,7 @@ pub fn encode_points(finest_level: u8, points: &HeightOverrides) -> Result<Vec<u
     let masks = lattice.area() <= MASK_CELLS * list.len() as u64 + MASK_FREE;
     let encode = |mask: bool| {
         let mut encoder = Encoder::new(contexts());
-        let least = least_bytes(list.len() as u64);
+        let least = min_bytes(list.len() as u64);
         // An encoder is given what it codes, so it cannot fail.
         let _ = code(&mut encoder, finest_level, u64::MAX, Some(list), mask, lattice);
         encoder.finish(least)
@@ -142,9 +142,9 @@ pub fn decode_points(finest_level: u8, bytes: &[u8]) -> Result<HeightOverrides, 
         Vec::new()
     } else {
         let mut decoder = Decoder::new(contexts(), bytes);
-        let limit = most_elements(bytes.len()).min(MAX_PATCH_POINTS as u64);
+        let limit = max_elements(bytes.len()).min(MAX_PATCH_POINTS as u64);
         let points = code(&mut decoder, finest_level, limit, None, false, Lattice::default())?;
-        decoder.end(least_bytes(points.len() as u64))?;
+        decoder.end(min_bytes(points.len() as u64))?;
         points
     };
     HeightOverrides::new(finest_level, points).map_err(|e| error(e.to_string()))
@@ -374,7 +374,7 @@ mod tests {
         #[test]
         fn any_bytes_give_points_of_the_patch_or_an_error(n in 1u8..13, bytes in prop::collection::vec(any::<u8>(), 0..200)) {
             if let Ok(points) = decode_points(n, &bytes) {
-                prop_assert!(points.len() as u64 <= most_elements(bytes.len()));
+                prop_assert!(points.len() as u64 <= max_elements(bytes.len()));
                 prop_assert_eq!(decode_points(n, &encode_points(n, &points).unwrap()).unwrap(), points);
             }
         }
@@ -390,10 +390,10 @@ mod tests {
     #[test]
     fn what_foresees_everything_is_padded_to_the_ceiling() {
         let flat = points(6, (0..65).flat_map(|y| (0..65).map(move |x| (x, y, 5))));
-        assert_eq!(bytes(6, &flat), least_bytes(65 * 65));
+        assert_eq!(bytes(6, &flat), min_bytes(65 * 65));
         // On a lattice, positions cost next to nothing.
         let sparse = points(12, (0..65).flat_map(|y| (0..65).map(move |x| (x * 64, y * 63, 5))));
-        assert_eq!(bytes(12, &sparse), least_bytes(65 * 65));
+        assert_eq!(bytes(12, &sparse), min_bytes(65 * 65));
     }
 
     #[test]

@@ -1,11 +1,11 @@
 //! A terrain: what its heights follow from, and windows of them.
 
-use super::differences::PatchOverrides;
 use super::error::TerrainError;
 use super::feature::{FeatureSet, Features};
 use super::noise::LevelNoise;
 use super::numbers::{signed, span};
 use super::parameters::Parameters;
+use super::patch_overrides::PatchOverrides;
 use super::points::HeightOverrides;
 use super::rect::Rect;
 use super::refine::{Offsets, refine};

@@ -102,4 +102,4 @@ pub fn page_count(chunks: usize) -> usize {
 /// Most parents of one chunk: bounds a decoder's memory.
 pub const MAX_PARENTS: usize = 4096;
 /// Most stopping points before a chunk's end.
-pub const MAX_STOPS: usize = 63;
+pub const MAX_TRUNCATION_POINTS: usize = 63;

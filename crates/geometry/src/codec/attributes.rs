@@ -1,7 +1,7 @@
 //! The attributes of a new wedge: texture coordinates, normal group, colour, explicit normal.
 
 use crate::codec::model::{
-    BASE_UV, BUILT_LIKE_NEAR, BUILT_UV, COLOR, EXPLICIT_NORMAL, GROUP, MIX_UV, NORMAL, SAME_COLOR,
+    AXIS_LIKE_NEAR, AXIS_UV, BASE_UV, COLOR, EXPLICIT_NORMAL, GROUP, MIX_UV, NORMAL, SAME_COLOR,
     SIZE_OTHER_CONTEXTS, SIZE_RECENT_CONTEXTS, UV_OTHER, UV_RECENT, UV_REST, UV_SIGN,
 };
 use crate::codec::residual::{Recent, Residual, UNKNOWN};
@@ -85,7 +85,7 @@ fn code_uv<C: Coder>(
         return Ok(uv);
     }
     if let (Some(context), Some(near)) = (expected.like_near, expected.near)
-        && coder.bit(BUILT_LIKE_NEAR + context, want.is_some_and(|w| w.uv == near.uv))
+        && coder.bit(AXIS_LIKE_NEAR + context, want.is_some_and(|w| w.uv == near.uv))
     {
         return Ok(near.uv);
     }
@@ -96,7 +96,7 @@ fn code_uv<C: Coder>(
         let residual = want.map_or(0, |w| w.uv[axis] - expected.uv[axis]);
         let got = match (expected.projected, expected.uv_size) {
             (Some(place), _) => {
-                let got = signed(coder, BUILT_UV + (place * 3 + missed) * INTEGER_CONTEXTS, residual);
+                let got = signed(coder, AXIS_UV + (place * 3 + missed) * INTEGER_CONTEXTS, residual);
                 missed = 1 + usize::from(got != 0);
                 got
             }

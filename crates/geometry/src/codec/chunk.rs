@@ -19,7 +19,7 @@ use crate::codec::residual::quarter_octaves;
 use crate::codec::source::Source;
 use crate::collapse::NO_VERTEX;
 use crate::entropy::Codec;
-use crate::entropy::ceiling::{least_bytes, most_elements};
+use crate::entropy::allocation_limit::{max_elements, min_bytes};
 use crate::entropy::range_coder::{Coder, Decoder, Encoder};
 use crate::entropy::symbols::{index, integer, signed};
 use crate::entropy::zstd_streams::{ZstdStreamDecoder, ZstdStreamEncoder};
@@ -141,10 +141,10 @@ impl ActiveMesh {
         };
         // Before anything is reserved, and before any work.
         let elements = ends.last().map_or(0, Elements::total);
-        if elements > most_elements(payload.len()) {
+        if elements > max_elements(payload.len()) {
             return fail(format!("{elements} elements announced, more than {} bytes can be", payload.len()));
         }
-        let fewest = least_bytes(elements);
+        let fewest = min_bytes(elements);
         let mut memory = Memory::take();
         let parents = info.parents.clone();
         let decoded = match self.codec {
@@ -184,12 +184,12 @@ pub(crate) fn encode(
         Codec::Range | Codec::AxisAligned => {
             let mut encoder = Encoder::new(contexts());
             let said = encode_with(&mut encoder, mesh, chunk, source)?;
-            (encoder.finish(said.least_bytes()), said)
+            (encoder.finish(said.min_bytes()), said)
         }
         Codec::Zstd => {
             let mut encoder = ZstdStreamEncoder::new(&STREAMS);
             let said = encode_with(&mut encoder, mesh, chunk, source)?;
-            (encoder.finish(said.least_bytes()), said)
+            (encoder.finish(said.min_bytes()), said)
         }
     };
     let ChunkEncoding { local, names, reached: mut truncation_points } = said;
@@ -201,7 +201,7 @@ pub(crate) fn encode(
     vertices.extend(tail(&names.vertices, added.vertices - id32(births)));
     truncation_points.pop();
     for truncation in &mut truncation_points {
-        let fewest = id32(least_bytes(truncation.added.total()));
+        let fewest = id32(min_bytes(truncation.added.total()));
         truncation.bytes = truncation.bytes.max(fewest).min(id32(bytes.len()));
     }
     Ok(Encoded {
@@ -226,8 +226,8 @@ pub(crate) struct ChunkEncoding<'m> {
 
 impl ChunkEncoding<'_> {
     /// Fewest bytes that justify it.
-    fn least_bytes(&self) -> usize {
-        self.reached.last().map_or(0, |reached| least_bytes(reached.added.total()))
+    fn min_bytes(&self) -> usize {
+        self.reached.last().map_or(0, |reached| min_bytes(reached.added.total()))
     }
 }
 

@@ -124,7 +124,7 @@ impl<'a, 'm, C: Coder> ChunkCoder<'a, 'm, C> {
 
     /// Whether what is built is expected: flats along the axes, textures as projected from them.
     #[inline]
-    pub(crate) fn built(&self) -> bool {
+    pub(crate) fn axis_aligned(&self) -> bool {
         self.mesh.codec == Codec::AxisAligned
     }
 

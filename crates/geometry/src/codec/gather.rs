@@ -1,36 +1,11 @@
 //! A region's beginning: what a chunk finds of the mesh.
 
+use crate::codec::gather_buffers::{GatherBuffers, IncidentFace};
 use crate::codec::local::{Gathered, Local, LocalFace, MAX_LOCAL_FACES, NONE};
 use crate::error::DecodeError;
 use crate::mesh::corner;
 use crate::mesh::vec3::{length, triangle_normal};
 use crate::numbers::id32;
-use crate::refine::Id;
-
-/// A face at the vertex whose star is being gathered.
-#[derive(Clone, Copy)]
-pub(crate) struct IncidentFace {
-    id: Id,
-    face: u32,
-    /// The slots of its vertices, and their local numbers as far as they had any when it was found.
-    vertices: [u32; 3],
-    corners: [u32; 3],
-}
-
-/// What gathering works in.
-#[derive(Default)]
-pub(crate) struct Gathering {
-    /// Interior vertices: local number and slot.
-    queue: Vec<(u32, u32)>,
-    found: Vec<IncidentFace>,
-}
-
-impl Gathering {
-    /// Memory held, in bytes.
-    pub(crate) fn bytes(&self) -> usize {
-        self.queue.capacity() * size_of::<(u32, u32)>() + self.found.capacity() * size_of::<IncidentFace>()
-    }
-}
 
 impl Local<'_> {
     /// Gathers the interior vertices that can be reached from the one at `seed`, and their stars.
@@ -41,7 +16,7 @@ impl Local<'_> {
         interior: &mut dyn FnMut(u32, usize) -> bool,
     ) -> Result<(), DecodeError> {
         self.refuse_known(seed)?;
-        let Gathering { mut queue, mut found } = std::mem::take(&mut self.gathering);
+        let GatherBuffers { mut queue, mut found } = std::mem::take(&mut self.gathering);
         queue.clear();
         queue.push((self.old_vertex(seed, true), seed));
         let mut at = 0;
@@ -66,7 +41,7 @@ impl Local<'_> {
                 self.gather(face, &mut queue, interior);
             }
         }
-        self.gathering = Gathering { queue, found };
+        self.gathering = GatherBuffers { queue, found };
         Ok(())
     }
 

@@ -1,7 +1,7 @@
 //! Index pages: the entries of up to 64 chunks, each said by how it differs from the one before.
 
 use crate::asset::index::{
-    CHUNKS_PER_PAGE, ChunkInfo, IndexPage, MAX_PARENTS, MAX_STOPS, Sphere, TruncationPoint,
+    CHUNKS_PER_PAGE, ChunkInfo, IndexPage, MAX_PARENTS, MAX_TRUNCATION_POINTS, Sphere, TruncationPoint,
 };
 use crate::asset::screen::visible_error;
 use crate::codec::model::{
@@ -21,7 +21,7 @@ use crate::numbers::{id32, truncated};
 /// parent's error still is not below its child's. [`decode_page`] tells what became of them.
 ///
 /// # Errors
-/// On more than [`CHUNKS_PER_PAGE`] chunks, [`MAX_PARENTS`] parents or [`MAX_STOPS`] truncation_points, on lengths that are not finite, and
+/// On more than [`CHUNKS_PER_PAGE`] chunks, [`MAX_PARENTS`] parents or [`MAX_TRUNCATION_POINTS`] truncation_points, on lengths that are not finite, and
 /// on parents that are not ascending and older than their child.
 pub fn encode_page(infos: &[ChunkInfo], first: u32) -> Result<Vec<u8>, DecodeError> {
     let mut encoder = Encoder::new(contexts());
@@ -176,9 +176,9 @@ fn may_be_coded(infos: &[ChunkInfo], first: u32) -> Result<(), DecodeError> {
                 info.parents.last()
             )));
         }
-        if info.truncation_points.len() > MAX_STOPS {
+        if info.truncation_points.len() > MAX_TRUNCATION_POINTS {
             return Err(fail(format!(
-                "chunk {id} has {} truncation_points; at most {MAX_STOPS} can be said",
+                "chunk {id} has {} truncation_points; at most {MAX_TRUNCATION_POINTS} can be said",
                 info.truncation_points.len()
             )));
         }
@@ -359,7 +359,7 @@ fn code_truncation_points<C: Coder>(
     want: Option<&[TruncationPoint]>,
 ) -> Result<Vec<TruncationPoint>, DecodeError> {
     let count = code_count(coder, INDEX_STOPS, before, want.map(|w| id32(w.len())))?;
-    if count as usize > MAX_STOPS {
+    if count as usize > MAX_TRUNCATION_POINTS {
         return Err(fail(format!("{count} truncation_points in one chunk")));
     }
     let mut truncation_points: Vec<TruncationPoint> = Vec::with_capacity(count as usize);

@@ -1,6 +1,6 @@
 //! A chunk's region as its decoder knows it: the stars of the region's interior vertices.
 //!
-//! Gathered from the mesh ([`crate::codec::gather`]) by breadth-first search over interior vertices, so numbering
+//! Gathered from the mesh (`codec::gather`) by breadth-first search over interior vertices, so numbering
 //! depends on nothing but the chunk: whatever else is applied, and in whatever order, the region's stars are
 //! the same (docs/design/refinement.md, "Why any order gives one mesh").
 //!
@@ -8,7 +8,7 @@
 
 use crate::codec::elements::Elements;
 use crate::codec::fan::StarFace;
-use crate::codec::gather::Gathering;
+use crate::codec::gather_buffers::GatherBuffers;
 use crate::codec::star::{Star, Stars};
 use crate::mesh::Attributes;
 use crate::mesh::corner::Spaced;
@@ -75,7 +75,7 @@ pub(crate) struct LocalMemory {
     vertex_at: SlotMap,
     wedge_at: SlotMap,
     new_vertices: Vec<(u32, Option<u32>)>,
-    gathering: Gathering,
+    gathering: GatherBuffers,
 }
 
 impl LocalMemory {
@@ -117,7 +117,7 @@ pub(crate) struct Local<'a> {
     pub(crate) vertex_at: SlotMap,
     /// Of wedges that were there, but for the first of each vertex.
     pub(crate) wedge_at: SlotMap,
-    pub(crate) gathering: Gathering,
+    pub(crate) gathering: GatherBuffers,
     /// The vertices that the chunk adds, and those they split from.
     pub(crate) new_vertices: Vec<(u32, Option<u32>)>,
     pub(crate) new_wedges: u32,

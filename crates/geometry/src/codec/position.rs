@@ -28,7 +28,7 @@ use crate::numbers::{real, truncated};
 const LAPLACIAN_SHARE: f64 = 0.23;
 const TARGET_SHARE: f64 = 0.22;
 /// Of the old vertex, of what is built.
-const BUILT_TARGET_SHARE: f64 = 0.6;
+const AXIS_ALIGNED_TARGET_SHARE: f64 = 0.6;
 const END_SHARE: f64 = -0.075;
 /// Expected residual in the tangent plane over the ring's radius.
 const TANGENTIAL_SIZE: f64 = 0.18;
@@ -78,9 +78,13 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         let bits = self.resolution.bits;
         let ring = ring(&self.local, star, vertex);
         let top = f64::from((1_u32 << bits) - 1);
-        let built = self.built();
+        let built = self.axis_aligned();
         let mut exact = tangential_guess(&self.local, &ring, roles, TARGET_SHARE);
-        let aim = if built { tangential_guess(&self.local, &ring, roles, BUILT_TARGET_SHARE) } else { exact };
+        let aim = if built {
+            tangential_guess(&self.local, &ring, roles, AXIS_ALIGNED_TARGET_SHARE)
+        } else {
+            exact
+        };
         let mut position = [0_i32; 3];
         let mut other = 3;
         let mut before = 0;

@@ -6,7 +6,7 @@ use crate::codec::attributes::Expected;
 use crate::codec::chunk_coder::ChunkCoder;
 use crate::codec::local::Local;
 use crate::codec::model::{
-    BUILT_COPIED, BUILT_COPY, BUILT_GROUP, BUILT_SAME_WEDGE, BUILT_SIDE, CORNERS, FACE_BENDS, PLACES,
+    AXIS_COPIED, AXIS_COPY, AXIS_GROUP, AXIS_SAME_WEDGE, AXIS_SIDE, CORNERS, FACE_BENDS, PLACES,
 };
 use crate::codec::uv_map::{Anchor, CornerLookup};
 use crate::entropy::range_coder::Coder;
@@ -85,7 +85,7 @@ fn anchor(local: &Local<'_>, wedge: u32) -> Anchor {
 impl<C: Coder> ChunkCoder<'_, '_, C> {
     /// Takes note of how textures lie on faces, where anybody will ask.
     pub(crate) fn see_textures(&mut self, faces: impl IntoIterator<Item = u32>) {
-        if self.built() && self.mesh.kinds.uv_bits > 0 {
+        if self.axis_aligned() && self.mesh.kinds.uv_bits > 0 {
             for number in faces {
                 let wedges = self.local.faces[number as usize].wedges;
                 let corners = wedges.map(|wedge| anchor(&self.local, wedge));
@@ -97,7 +97,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
     /// The context of whether the wedge at a corner is the one that is guessed.
     pub(crate) fn same_wedge(&self, of: &Facing<'_>, guess: u32) -> usize {
         let agrees = self.group_of(guess) % ORIENTATION_CLASSES == self.likely_group(of);
-        BUILT_SAME_WEDGE + (usize::from(agrees) * FACE_BENDS + of.bend) * (CORNERS - 1) + of.kind
+        AXIS_SAME_WEDGE + (usize::from(agrees) * FACE_BENDS + of.bend) * (CORNERS - 1) + of.kind
     }
 
     /// A wedge of the vertex, other than the guess, whose normal group is the likely one.
@@ -156,10 +156,10 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         let likely = self.likely_group(of);
         let want = want.unwrap_or(likely);
         let as_near = expected.near.is_some_and(|near| near.group == likely);
-        let context = BUILT_GROUP + usize::from(expected.first) * 2 + usize::from(as_near);
+        let context = AXIS_GROUP + usize::from(expected.first) * 2 + usize::from(as_near);
         let leans = match self.coder.bit(context, want % ORIENTATION_CLASSES == likely) {
             true => likely,
-            false => integer(self.coder, BUILT_SIDE, want % ORIENTATION_CLASSES),
+            false => integer(self.coder, AXIS_SIDE, want % ORIENTATION_CLASSES),
         };
         // Of what has a chamfer, each corner has one side along an axis of its own.
         let own = |w| self.group_of(w) < ORIENTATION_CLASSES && looks_along(self.group_of(w));
@@ -168,10 +168,10 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         let context = [of_copy, has_own, looks_along(leans)]
             .into_iter()
             .fold(of.kind, |c, bit| c * 2 + usize::from(bit));
-        if !self.coder.bit(BUILT_COPIED + context, want >= ORIENTATION_CLASSES) {
+        if !self.coder.bit(AXIS_COPIED + context, want >= ORIENTATION_CLASSES) {
             return leans;
         }
-        let copy = integer(self.coder, BUILT_COPY, (want / ORIENTATION_CLASSES).saturating_sub(1));
+        let copy = integer(self.coder, AXIS_COPY, (want / ORIENTATION_CLASSES).saturating_sub(1));
         leans.wrapping_add(ORIENTATION_CLASSES.wrapping_mul(copy.wrapping_add(1)))
     }
 }

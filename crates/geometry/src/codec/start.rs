@@ -6,7 +6,7 @@
 use crate::codec::fan::Fan;
 use crate::codec::local::Local;
 use crate::codec::model::{MAX_VALENCE, MIX_START, RUN_GAP, RUN_START};
-use crate::codec::scratch::{AREA, INTERIOR, LENGTH, Ring, SMALL_ROOM, VALENCE, X, Y, Z};
+use crate::codec::ring::{AREA, INTERIOR, LENGTH, Ring, SMALL_ROOM, VALENCE, X, Y, Z};
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::index;
 use crate::error::DecodeError;

@@ -5,8 +5,8 @@ use crate::codec::attributes::{Expected, code_attributes};
 use crate::codec::chunk_coder::ChunkCoder;
 use crate::codec::local::Local;
 use crate::codec::model::{
-    BUILT_LIKELY_WEDGE, BUILT_NEW_WEDGE, MATERIAL, NEW_MOVED_WEDGE, NEW_WEDGE, SAME_MATERIAL,
-    SAME_MOVED_WEDGE, SAME_WEDGE,
+    AXIS_LIKELY_WEDGE, AXIS_NEW_WEDGE, MATERIAL, NEW_MOVED_WEDGE, NEW_WEDGE, SAME_MATERIAL, SAME_MOVED_WEDGE,
+    SAME_WEDGE,
 };
 use crate::codec::plan::WantedWedge;
 use crate::codec::residual::quarter_octaves;
@@ -64,7 +64,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
                     let new = matches!(want, Some(WantedWedge::New(_)));
                     if first.is_none() || self.coder.bit(NEW_MOVED_WEDGE, new) {
                         let expected = self.expected(split, from);
-                        let sheet = self.built().then(|| {
+                        let sheet = self.axis_aligned().then(|| {
                             let normal = normal_of_moved(&self.local, split, Some(from));
                             Sheet::new(normal, self.local.material(star_face.face))
                         });
@@ -155,7 +155,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             beside = Some(star_face.face);
         }
         let near = beside.map_or(0, |f| self.local.material(f));
-        let sheet = self.built().then(|| Sheet::new(normal_of_face(&self.local, added.local), near));
+        let sheet = self.axis_aligned().then(|| Sheet::new(normal_of_face(&self.local, added.local), near));
         let sheet = sheet.as_ref();
         let bend = |face: Option<u32>| match (sheet, face) {
             (Some(sheet), Some(face)) => sheet.bend(normal_of_face(&self.local, face)),
@@ -217,11 +217,11 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         if let Some(facing) = &facing {
             let likely = self.likely_wedge(vertex, facing, guess);
             if let Some(likely) = likely
-                && self.coder.bit(BUILT_LIKELY_WEDGE + kind, want == Some(WantedWedge::Known(likely)))
+                && self.coder.bit(AXIS_LIKELY_WEDGE + kind, want == Some(WantedWedge::Known(likely)))
             {
                 return Ok(likely);
             }
-            new = BUILT_NEW_WEDGE + kind * 2 + usize::from(likely.is_some());
+            new = AXIS_NEW_WEDGE + kind * 2 + usize::from(likely.is_some());
         }
         if first.is_none() || self.coder.bit(new, matches!(want, Some(WantedWedge::New(_)))) {
             let near = guess.or(first).or(near);

@@ -3,7 +3,7 @@
 //! A model is written once, against [`range_coder::Coder`]: it says what it would write and goes on with what it gets
 //! back, so an encoder and its decoder cannot drift apart. Whole numbers and choices are in [`symbols`]; what a range
 //! coder believes is in [`context`]; how much may be believed of so many bytes, before anything is reserved, is in
-//! [`ceiling`].
+//! [`allocation_limit`].
 //!
 //! ```
 //! use lodestream_geometry::entropy::context::{Contexts, Prob};
@@ -31,8 +31,8 @@
     )
 )]
 
+pub mod allocation_limit;
 pub mod bytes;
-pub mod ceiling;
 pub mod context;
 pub mod null_coder;
 pub mod range_coder;
@@ -81,7 +81,7 @@ impl FromStr for Codec {
             "range" => Ok(Self::Range),
             "axis-aligned" => Ok(Self::AxisAligned),
             "zstd" => Ok(Self::Zstd),
-            _ => Err(UnknownName::new("range, built or zstd", name)),
+            _ => Err(UnknownName::new("range, axis-aligned or zstd", name)),
         }
     }
 }
@@ -96,6 +96,6 @@ mod tests {
             assert_eq!(codec.to_string().parse(), Ok(codec));
         }
         let refusal = "plain".parse::<Codec>().unwrap_err();
-        assert_eq!(refusal.to_string(), "range, built or zstd is possible; \"plain\" is not");
+        assert_eq!(refusal.to_string(), "range, axis-aligned or zstd is possible; \"plain\" is not");
     }
 }

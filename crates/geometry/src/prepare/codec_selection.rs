@@ -6,14 +6,14 @@ use crate::mesh::QuantisedMesh;
 /// The [`axis_aligned_share`] from which a mesh counts as built along the axes. Parts of houses and machines have 0.3 to 0.4,
 /// regular grids of heights 0.2; columns and teapots, which are turned about an axis, 0.1; scans and sculptures less. What is
 /// turned is smaller when coded as built, but larger while it is coarse (docs/benchmarks/codecs.md).
-const BUILT: f64 = 0.15;
+const MIN_AXIS_ALIGNED_SHARE: f64 = 0.15;
 /// Most faces that are looked at, evenly over the mesh's.
 const MOST_FACES: usize = 1 << 20;
 
 /// The codec that suits a mesh: [`Codec::AxisAligned`] where the [`axis_aligned_share`] says so, else [`Codec::Range`].
 #[must_use]
 pub fn select_codec(mesh: &QuantisedMesh) -> Codec {
-    if axis_aligned_share(mesh) >= BUILT { Codec::AxisAligned } else { Codec::Range }
+    if axis_aligned_share(mesh) >= MIN_AXIS_ALIGNED_SHARE { Codec::AxisAligned } else { Codec::Range }
 }
 
 /// Brings a mesh into the form that a codec codes best. What is drawn, and what errors are, is the same.

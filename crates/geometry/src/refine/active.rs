@@ -11,8 +11,8 @@ use crate::numbers::id32;
 use crate::refine::applied::{AppliedOwner, AppliedOwners, Undo, VertexState};
 use crate::refine::delta::Id;
 use crate::refine::marks::TouchMarks;
-use crate::refine::render::Touched;
 use crate::refine::slots::Slots;
+use crate::refine::touched::Touched;
 
 /// A mesh of a base and any ancestor-closed cut of chunks, those without applied children perhaps up to a truncation.
 ///

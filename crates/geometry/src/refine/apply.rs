@@ -13,7 +13,7 @@ use crate::refine::applied::{AppliedOwner, Undo, VertexState};
 use crate::refine::delta::{ChunkDelta, Id};
 use crate::refine::error::{ChunkError, RefineError};
 use crate::refine::owners::Owners;
-use crate::refine::render::Touched;
+use crate::refine::touched::Touched;
 
 /// What taking a chunk out undoes, so that it can be put back where it was.
 struct Forward {

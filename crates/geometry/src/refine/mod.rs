@@ -20,11 +20,13 @@ mod owners;
 mod render;
 mod slots;
 mod snapshot;
+mod touched;
 
 pub(crate) use owners::Owners;
 
 pub use active::ActiveMesh;
 pub use delta::{ChunkDelta, Id, Moved, NewFace, NewVertex, NewWedge, Repoint};
 pub use error::{ChunkError, RefineError};
-pub use render::{RenderVertex, Touched};
+pub use render::RenderVertex;
 pub use snapshot::Snapshot;
+pub use touched::Touched;

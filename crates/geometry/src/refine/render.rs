@@ -7,28 +7,6 @@ use crate::mesh::vec3::{Vec3, add, length, triangle_normal};
 use crate::numbers::{id32, nearest_f32};
 use crate::refine::active::ActiveMesh;
 
-/// What changed with a chunk: slots whose data a renderer must fetch again.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Touched {
-    /// Wedge slots, ascending.
-    pub wedges: Vec<u32>,
-    /// (material, slot in its index list), ascending.
-    pub draws: Vec<(u16, u32)>,
-}
-
-impl Touched {
-    /// Adds what changed after this.
-    pub fn merge(&mut self, later: Self) {
-        self.wedges.extend(later.wedges);
-        self.draws.extend(later.draws);
-        // Stable sorting merges what is in order already.
-        self.wedges.sort();
-        self.wedges.dedup();
-        self.draws.sort();
-        self.draws.dedup();
-    }
-}
-
 /// One wedge as a renderer sees it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RenderVertex {

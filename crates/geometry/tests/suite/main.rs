@@ -6,9 +6,9 @@
 
 mod common;
 
+mod allocation_limits;
 mod attributes;
 mod cancellation;
-mod ceilings;
 mod coarse_end;
 mod codecs;
 mod determinism;

@@ -12,10 +12,10 @@ use crate::mesh::{MAX_POSITION_BITS, MAX_UV_BITS};
 use crate::numbers::id32;
 
 /// How chunks are coded, beside the bits of positions.
-const BUILT: u8 = 0xc0;
+const AXIS_ALIGNED: u8 = 0xc0;
 const PLAIN: u8 = 0x80;
 /// What was built, before its textures were projected.
-const BUILT_BEFORE: u8 = 0x40;
+const AXIS_ALIGNED_V1: u8 = 0x40;
 const CODED: u8 = 0xc0;
 
 impl Base {
@@ -53,7 +53,7 @@ impl Base {
         let kinds = self.uv_grid.bits | u8::from(self.colors) << 6 | u8::from(self.normals) << 7;
         let coded = match self.codec {
             Codec::Range => 0,
-            Codec::AxisAligned => BUILT,
+            Codec::AxisAligned => AXIS_ALIGNED,
             Codec::Zstd => PLAIN,
         };
         let mut out = vec![FORMAT_VERSION, self.grid.bits | coded, kinds, self.level_count];
@@ -113,9 +113,9 @@ impl Base {
         let (bits, kinds, level_count) = (r.u8()?, r.u8()?, r.u8()?);
         let codec = match bits & CODED {
             0 => Codec::Range,
-            BUILT => Codec::AxisAligned,
+            AXIS_ALIGNED => Codec::AxisAligned,
             PLAIN => Codec::Zstd,
-            BUILT_BEFORE => {
+            AXIS_ALIGNED_V1 => {
                 return Err(r.error("what is built was coded otherwise then: prepare its model again"));
             }
             _ => return Err(r.error("its chunks are coded in no way that there is")),

@@ -9,7 +9,9 @@ mod blob;
 mod border;
 mod guess;
 pub(crate) mod mesh;
+mod position_guesses;
 mod repeats;
+mod uv_guesses;
 mod vertices;
 mod walk;
 mod wanted;
@@ -21,7 +23,7 @@ use crate::codec::base::wanted::WantedMesh;
 use crate::codec::model::{STREAMS, contexts};
 use crate::codec::numbering::Numbering;
 use crate::entropy::Codec;
-use crate::entropy::ceiling::{least_bytes, most_elements};
+use crate::entropy::allocation_limit::{max_elements, min_bytes};
 use crate::entropy::null_coder::NullCoder;
 use crate::entropy::range_coder::{Coder, Decoder, Encoder};
 use crate::entropy::zstd_streams::{ZstdStreamDecoder, ZstdStreamEncoder};
@@ -59,7 +61,7 @@ fn encode_range(mesh: &BaseMesh, format: BaseFormat) -> Result<Ranged, DecodeErr
     let walked = |chooses| -> Result<Ranged, DecodeError> {
         let mut encoder = Encoder::new(contexts());
         let said = encode_with(&mut encoder, mesh, format, chooses)?;
-        Ok(Ranged { bytes: encoder.finish(least_bytes(said.mesh.elements())), chooses })
+        Ok(Ranged { bytes: encoder.finish(min_bytes(said.mesh.elements())), chooses })
     };
     // Choosing pays where walls stand, and costs where all is round: both are tried.
     let (trusting, choosing) = (walked(false)?, walked(true)?);
@@ -70,7 +72,7 @@ fn encode_range(mesh: &BaseMesh, format: BaseFormat) -> Result<Ranged, DecodeErr
 fn encode_plain(mesh: &BaseMesh, format: BaseFormat, chooses: bool) -> Result<Vec<u8>, DecodeError> {
     let mut encoder = ZstdStreamEncoder::new(&STREAMS);
     let said = encode_with(&mut encoder, mesh, format, chooses)?;
-    Ok(encoder.finish(least_bytes(said.mesh.elements())))
+    Ok(encoder.finish(min_bytes(said.mesh.elements())))
 }
 
 /// Says a mesh to any coder, with choices of guesses or without.
@@ -90,18 +92,18 @@ pub(crate) fn encode_with<C: Coder>(
 
 /// Decodes a mesh.
 pub(crate) fn decode(bytes: &[u8], codec: Codec, format: BaseFormat) -> Result<BaseMesh, DecodeError> {
-    let most = most_elements(bytes.len());
+    let most = max_elements(bytes.len());
     match codec {
         Codec::Range | Codec::AxisAligned => {
             let mut decoder = Decoder::new(contexts(), bytes);
             let mesh = decode_with(&mut decoder, format, most)?;
-            decoder.end(least_bytes(mesh.elements()))?;
+            decoder.end(min_bytes(mesh.elements()))?;
             Ok(mesh)
         }
         Codec::Zstd => {
             let mut decoder = ZstdStreamDecoder::new(&STREAMS, bytes)?;
             let mesh = decode_with(&mut decoder, format, most)?;
-            decoder.end(least_bytes(mesh.elements()))?;
+            decoder.end(min_bytes(mesh.elements()))?;
             Ok(mesh)
         }
     }
@@ -110,9 +112,9 @@ pub(crate) fn decode(bytes: &[u8], codec: Codec, format: BaseFormat) -> Result<B
 fn decode_with<C: Coder>(
     coder: &mut C,
     format: BaseFormat,
-    most_elements: u64,
+    max_elements: u64,
 ) -> Result<BaseMesh, DecodeError> {
-    let mut walk = Walk::new(coder, format, most_elements, false);
+    let mut walk = Walk::new(coder, format, max_elements, false);
     walk.run()?;
     Ok(walk.mesh)
 }
@@ -228,9 +230,9 @@ mod tests {
         let bytes = greedy.0.finish(0);
         assert!(bytes.len() < MAX_BASE_FACES / 32, "{} bytes", bytes.len());
         let mut decoder = Decoder::new(contexts(), &bytes);
-        let mut walk = Walk::new(&mut decoder, format, most_elements(bytes.len()), false);
+        let mut walk = Walk::new(&mut decoder, format, max_elements(bytes.len()), false);
         let why = walk.run().unwrap_err().to_string();
         assert!(why.contains("more faces than its bytes can be"), "{why}");
-        assert!(walk.mesh.elements() <= most_elements(bytes.len()) + 6);
+        assert!(walk.mesh.elements() <= max_elements(bytes.len()) + 6);
     }
 }

@@ -1,52 +1,18 @@
 //! A corner's vertex: one that is there, or a new one and where it is.
 
 use crate::codec::base::border::Likely;
-use crate::codec::base::guess::{NEWEST, Newest, Trust};
+use crate::codec::base::position_guesses::{BESIDE, FIRST_CORNER, FIRST_NEWEST, GUESSES, REPEATED};
 use crate::codec::base::walk::{Corners, Walk};
 use crate::codec::model::{
     BASE_CHOICE, BASE_LIKELY_VERTEX, BASE_NEW_VERTEX, BASE_WHICH_VERTEX, MOST_CHOICES, TOLD,
 };
 use crate::codec::position::POSITION;
-use crate::codec::residual::{Recent, UNKNOWN};
+use crate::codec::residual::UNKNOWN;
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::index;
 use crate::error::DecodeError;
 use crate::mesh::corner;
 use crate::numbers::id32;
-
-/// Guesses at a coordinate: by the neighbours; as in a part before; those of the corners that are known; the values
-/// that came last.
-const GUESSES: usize = FIRST_NEWEST + NEWEST;
-const BESIDE: usize = 0;
-const REPEATED: usize = 1;
-const FIRST_CORNER: usize = 2;
-const FIRST_NEWEST: usize = 5;
-
-/// Which guesses at a coordinate to trust, by axis.
-pub(super) struct PositionGuesses {
-    seed: [Trust<GUESSES>; 3],
-    gate: [Trust<GUESSES>; 3],
-    newest: [Newest; 3],
-    recent: Recent,
-}
-
-impl PositionGuesses {
-    pub(super) fn new(bits: u8) -> Self {
-        // A face of a base mesh is some eighth of the grid across.
-        let across = 4 * (i32::from(bits) - 3);
-        let trust = |beside: i32, chosen: i32| {
-            let (mut all, mut when_chosen) = ([across; GUESSES], [0; GUESSES]);
-            (all[BESIDE], all[REPEATED], when_chosen[BESIDE]) = (beside, 0, chosen);
-            Trust::new(all, when_chosen)
-        };
-        Self {
-            seed: [(); 3].map(|()| trust(across, across)),
-            gate: [(); 3].map(|()| trust(across - 2, across - 4)),
-            newest: Default::default(),
-            recent: Recent::default(),
-        }
-    }
-}
 
 impl<C: Coder> Walk<'_, C> {
     /// The next corner's vertex; `want` is the wedge there that an encoder wants.

@@ -5,10 +5,10 @@ use std::collections::{HashMap, VecDeque};
 use crate::asset::base::MAX_BASE_FACES;
 use crate::codec::base::border::Border;
 use crate::codec::base::mesh::{BaseFormat, BaseMesh};
+use crate::codec::base::position_guesses::PositionGuesses;
 use crate::codec::base::repeats::Repeats;
-use crate::codec::base::vertices::PositionGuesses;
+use crate::codec::base::uv_guesses::UvGuesses;
 use crate::codec::base::wanted::WantedMesh;
-use crate::codec::base::wedges::UvGuesses;
 use crate::codec::model::{BASE_GATE, BASE_MATERIAL, BASE_MORE, BASE_SAME_MATERIAL};
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::integer;
@@ -25,7 +25,7 @@ pub(super) struct Walk<'a, C> {
     pub(super) wanted: Option<WantedMesh<'a>>,
     pub(super) format: BaseFormat,
     /// What its bytes can justify.
-    most_elements: u64,
+    max_elements: u64,
     /// Whether it is said which of several guesses a number is near to; else the most trusted one is taken.
     pub(super) choosing: bool,
     pub(super) mesh: BaseMesh,
@@ -60,12 +60,12 @@ pub(super) struct Corners {
 }
 
 impl<'a, C: Coder> Walk<'a, C> {
-    pub(super) fn new(coder: &'a mut C, format: BaseFormat, most_elements: u64, choosing: bool) -> Self {
+    pub(super) fn new(coder: &'a mut C, format: BaseFormat, max_elements: u64, choosing: bool) -> Self {
         Self {
             coder,
             wanted: None,
             format,
-            most_elements,
+            max_elements,
             choosing,
             mesh: BaseMesh::default(),
             wedges_of: Vec::new(),
@@ -107,7 +107,7 @@ impl<'a, C: Coder> Walk<'a, C> {
         if self.mesh.faces.len() >= MAX_BASE_FACES {
             return Err(DecodeError::new("base mesh", format!("more than {MAX_BASE_FACES} faces")));
         }
-        if self.mesh.elements() >= self.most_elements {
+        if self.mesh.elements() >= self.max_elements {
             return Err(DecodeError::new("base mesh", "more faces than its bytes can be"));
         }
         let across = gate.map_or([None; 3], |gate| {

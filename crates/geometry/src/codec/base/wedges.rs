@@ -1,71 +1,21 @@
 //! A corner's wedge: one of its vertex's, or a new one and its attributes.
 
 use crate::codec::attributes::{Expected, UV, code_attributes};
-use crate::codec::base::guess::{Chart, NEWEST, Newest, Trust, rounded};
+use crate::codec::base::guess::{Chart, rounded};
+use crate::codec::base::uv_guesses::{
+    BESIDE, CHART, ELSEWHERE, FACING, FIRST_NEWEST, FIRST_SEAM, FIRST_SIMILAR, GUESSES, REPEATED,
+    REPEATED_ALONG, REPEATED_ON, facing,
+};
 use crate::codec::base::walk::{Corners, Walk};
 use crate::codec::model::{
     BASE_CHOICE, BASE_NEW_WEDGE, BASE_SAME_GROUP, BASE_SAME_WEDGE, MOST_CHOICES, TOLD,
 };
-use crate::codec::position::axes;
 use crate::codec::residual::{Recent, UNKNOWN};
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::index;
 use crate::error::DecodeError;
-use crate::mesh::vec3::{Vec3, cross, sub};
 use crate::mesh::{Attributes, Kinds, Wedge, corner};
 use crate::numbers::id32;
-
-/// Guesses at a texture coordinate: that near by; along the chart, or beside it to either side; that of a part
-/// before, this moved on as from the one before that, and moved along with what is near by; that which the vertex
-/// has elsewhere; the edge across a seam, forwards and backwards, and turned to either side; along the last face
-/// that looked the same way; the values that came last.
-const GUESSES: usize = FIRST_NEWEST + NEWEST;
-const BESIDE: usize = 0;
-const CHART: usize = 1;
-const FIRST_SIMILAR: usize = 2;
-const REPEATED: usize = 4;
-const REPEATED_ON: usize = 5;
-const REPEATED_ALONG: usize = 6;
-const ELSEWHERE: usize = 7;
-const FIRST_SEAM: usize = 8;
-const FACING: usize = 12;
-const FIRST_NEWEST: usize = 13;
-
-/// Which guesses at a texture coordinate to trust, by axis.
-pub(super) struct UvGuesses {
-    trust: [Trust<GUESSES>; 2],
-    newest: [Newest; 2],
-    /// By the way a face looks, the wedges of the last that looked that way.
-    facing: [Option<[u32; 3]>; 6],
-    recent: Recent,
-}
-
-impl UvGuesses {
-    pub(super) fn new(bits: u8) -> Self {
-        let across = 4 * (i32::from(bits) - 3);
-        let (mut all, mut chosen) = ([across; GUESSES], [0; GUESSES]);
-        (all[CHART], all[REPEATED], all[REPEATED_ON], all[REPEATED_ALONG]) = (8, 16, 8, 0);
-        chosen[BESIDE] = across - 8;
-        Self {
-            trust: [(); 2].map(|()| Trust::new(all, chosen)),
-            newest: Default::default(),
-            facing: [None; 6],
-            recent: Recent::default(),
-        }
-    }
-
-    /// Takes note of a face.
-    pub(super) fn follow(&mut self, places: [Vec3; 3], wedges: [u32; 3]) {
-        self.facing[facing(places)] = Some(wedges);
-    }
-}
-
-/// Which of six ways a triangle looks most.
-fn facing(at: [Vec3; 3]) -> usize {
-    let normal = cross(sub(at[1], at[0]), sub(at[2], at[0]));
-    let [_, _, axis] = axes(normal);
-    axis * 2 + usize::from(normal[axis] < 0.0)
-}
 
 impl<C: Coder> Walk<'_, C> {
     /// The next corner's wedge; `want` is the one that an encoder wants.
