@@ -113,7 +113,7 @@ impl Monitor for Peaks {
 struct Files(PathBuf);
 
 impl CheckpointStore for Files {
-    fn lasts(&self) -> bool {
+    fn is_persistent(&self) -> bool {
         true
     }
 

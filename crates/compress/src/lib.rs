@@ -121,7 +121,7 @@ pub fn encode_base(base: &Base) -> Result<Vec<u8>, DecodeError> {
     match base.codec {
         Codec::Range | Codec::AxisAligned => {
             let blobs = base.encode_both()?;
-            let frame = compress(&blobs.plain)?;
+            let frame = compress(&blobs.zstd)?;
             Ok(if frame.len() < blobs.range.len() { frame } else { blobs.range })
         }
         Codec::Zstd => compress(&base.encode()?),

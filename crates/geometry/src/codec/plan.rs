@@ -158,7 +158,7 @@ impl<'a> Guide<'a> {
                     *corner = m.from;
                 }
             }
-            for (r, &vanished) in removed.iter().zip(self.records.vanished(index)) {
+            for (r, &vanished) in removed.iter().zip(self.records.removed_wedges(index)) {
                 let at = |vertex: u32| vanished.into_iter().find(|&w| self.vertex_of(w) == vertex);
                 if let (Some(from), Some(to)) = (at(u), at(t)) {
                     stands(from, to);

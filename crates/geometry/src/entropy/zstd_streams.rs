@@ -1,26 +1,26 @@
-//! A coder without a model, for payloads that a general-purpose compressor takes over.
+//! A coder without a model, whose output a general-purpose compressor takes.
 //!
-//! Symbols are written as they are: integers as LEB128 bytes (signed ones zigzagged), decisions and raw
-//! bits packed eight to a byte. Those of a kind lie together, because a compressor that knows nothing of
-//! meshes finds in runs of like bytes what an adaptive model would have learnt.
+//! Integers are written as LEB128 bytes (signed ones zigzagged), decisions and raw bits packed eight per byte.
+//! Symbols of a kind form one stream, because a compressor without a model of meshes compresses runs of similar bytes
+//! best.
 //!
 //! ```text
 //! length of each stream but the last (LEB128) | streams
 //! ```
 
 use crate::entropy::bytes::{Reader, put_varint};
-use crate::entropy::range_coder::{Coder, nothing_left};
+use crate::entropy::range_coder::{Coder, check_rest};
 use crate::entropy::steps;
 use crate::error::DecodeError;
 use crate::numbers::id32;
 
-/// Which contexts' symbols lie together: each stream takes those from its start on, up to the next one's. One more
-/// takes the bits that no context is known of.
+/// Assigns contexts to streams: each stream holds the contexts from its start to the next stream's. One further
+/// stream holds the bits without context.
 #[derive(Debug)]
 pub struct StreamTable<const BYTES: usize, const BITS: usize> {
-    /// First context of each stream of bytes, which whole numbers go to; ascending from 0.
+    /// First context of each byte stream (integers); ascending from 0.
     pub byte_starts: [usize; BYTES],
-    /// First context of each stream of bits; ascending from 0.
+    /// First context of each bit stream; ascending from 0.
     pub bit_starts: [usize; BITS],
 }
 
@@ -34,7 +34,7 @@ impl<const BYTES: usize, const BITS: usize> StreamTable<BYTES, BITS> {
     }
 }
 
-/// Writes symbols.
+/// Encodes symbols into streams.
 #[derive(Debug)]
 pub struct ZstdStreamEncoder<const BYTES: usize, const BITS: usize> {
     table: &'static StreamTable<BYTES, BITS>,
@@ -44,7 +44,7 @@ pub struct ZstdStreamEncoder<const BYTES: usize, const BITS: usize> {
 #[derive(Debug, Default)]
 struct Writer {
     bytes: Vec<u8>,
-    /// Bits of the last byte that are taken.
+    /// Used bits of the last byte.
     used: u32,
 }
 
@@ -62,13 +62,13 @@ impl Writer {
 }
 
 impl<const BYTES: usize, const BITS: usize> ZstdStreamEncoder<BYTES, BITS> {
-    /// An encoder of nothing yet.
+    /// An empty encoder.
     #[must_use]
     pub fn new(table: &'static StreamTable<BYTES, BITS>) -> Self {
         Self { table, streams: std::iter::repeat_with(Writer::default).take(BYTES + BITS + 1).collect() }
     }
 
-    /// Ends the payload and returns its bytes, padded with zeros if they are fewer than `fewest`.
+    /// Ends the payload and returns its bytes, padded with zeros to at least `fewest`.
     #[must_use]
     pub fn finish(self, fewest: usize) -> Vec<u8> {
         let mut out = Vec::new();
@@ -114,7 +114,7 @@ impl<const BYTES: usize, const BITS: usize> Coder for ZstdStreamEncoder<BYTES, B
     }
 }
 
-/// Reads symbols. Never panics; past the end of a stream it reads zeros and [`Coder::check`] fails.
+/// Decodes symbols. Never panics: past the end of a stream it reads zeros and [`Coder::check`] fails.
 #[derive(Debug)]
 pub struct ZstdStreamDecoder<'a, const BYTES: usize, const BITS: usize> {
     table: &'static StreamTable<BYTES, BITS>,
@@ -123,11 +123,11 @@ pub struct ZstdStreamDecoder<'a, const BYTES: usize, const BITS: usize> {
     bytes: usize,
 }
 
-/// What is left of a stream.
+/// The unread rest of a stream.
 #[derive(Debug)]
 struct Unread<'a> {
     bytes: &'a [u8],
-    /// Bits of the first byte that were read.
+    /// Bits of the first byte already read.
     used: u32,
 }
 
@@ -153,12 +153,12 @@ impl<'a, const BYTES: usize, const BITS: usize> ZstdStreamDecoder<'a, BYTES, BIT
     /// Ends decoding.
     ///
     /// # Errors
-    /// If a stream was too short, or has bytes that nothing needed, other than padding to `fewest`.
+    /// If a stream is too short, or has unused bytes other than padding to `fewest`.
     pub fn end(&self, fewest: usize) -> Result<(), DecodeError> {
         self.check()?;
         for (i, Unread { bytes, used }) in self.streams.iter().enumerate() {
             let rest = &bytes[usize::from(*used > 0)..];
-            nothing_left(rest, i == BYTES + BITS && self.bytes <= fewest)?;
+            check_rest(rest, i == BYTES + BITS && self.bytes <= fewest)?;
         }
         Ok(())
     }

@@ -5,7 +5,7 @@ use crate::codec::chunk::{Encoded, encode};
 use crate::codec::source::Source;
 use crate::error::{DecodeError, MeshError};
 use crate::mesh::QuantisedMesh;
-use crate::pool::Watched;
+use crate::pool::MonitoredPool;
 use crate::prepare::{BySlot, Hooks};
 use crate::refine::ActiveMesh;
 use crate::simplify::hierarchy::RegionChunk;
@@ -38,7 +38,7 @@ pub(super) struct Finished {
 pub(super) fn encode_all(
     plan: &Plan<'_>,
     mut by_slot: BySlot,
-    pool: &Watched<'_>,
+    pool: &MonitoredPool<'_>,
     hooks: &Hooks<'_>,
     keep: &mut dyn FnMut(Finished),
 ) -> Result<(), MeshError> {

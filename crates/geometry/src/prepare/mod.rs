@@ -19,7 +19,7 @@ use crate::error::{DecodeError, MeshError};
 use crate::mesh::Kinds;
 use crate::mesh::vec3::Vec3;
 use crate::mesh::{Face, NO_COLOR, QuantisedMesh, Wedge};
-use crate::pool::{Monitor, Pool, Stage, Watched};
+use crate::pool::{Monitor, MonitoredPool, Pool, Stage};
 use crate::prepare::encode::{Finished, Plan, encode_all};
 use crate::refine::ActiveMesh;
 use crate::simplify::blocks::{in_blocks, simplify_blocks};
@@ -105,7 +105,7 @@ pub fn prepare(mesh: &QuantisedMesh, settings: &Settings, hooks: &Hooks<'_>) -> 
         return Err(MeshError::NoFaces { dropped: 0 });
     }
     let in_memory = InMemoryCheckpoint::default();
-    let mut pool = Watched::new(hooks.pool, hooks.monitor, mesh.faces.len());
+    let mut pool = MonitoredPool::new(hooks.pool, hooks.monitor, mesh.faces.len());
     let mut levels = Levels::new(hooks.checkpoint.unwrap_or(&in_memory));
     let merged = if in_blocks(mesh, settings) {
         Some(simplify_blocks(mesh, settings, &mut pool, &mut levels)?)

@@ -10,7 +10,7 @@ use crate::checkpoint::InMemoryCheckpoint;
 use crate::collapse::NO_VERTEX;
 use crate::common;
 use crate::mesh::{QuantisedMesh, Wedge};
-use crate::pool::{Serial, Silent, Watched};
+use crate::pool::{MonitoredPool, Serial, Silent};
 use crate::prepare::encode::{Finished, Plan, encode_all};
 use crate::prepare::{Hooks, build_base};
 use crate::random::Random;
@@ -45,7 +45,7 @@ impl<'a> Case<'a> {
         settings: &Settings,
         (checkpoint, merged): (&'a InMemoryCheckpoint, &'a mut Option<Merged>),
     ) -> Self {
-        let mut pool = Watched::new(&Serial, &Silent, mesh.faces.len());
+        let mut pool = MonitoredPool::new(&Serial, &Silent, mesh.faces.len());
         let mut levels = Levels::new(checkpoint);
         *merged = in_blocks(mesh, settings)
             .then(|| simplify_blocks(mesh, settings, &mut pool, &mut levels).unwrap());

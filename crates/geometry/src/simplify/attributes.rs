@@ -218,7 +218,7 @@ mod tests {
     use crate::checkpoint::InMemoryCheckpoint;
     use crate::common;
     use crate::mesh::{Corner, SourceMesh};
-    use crate::pool::{Serial, Silent, Watched};
+    use crate::pool::{MonitoredPool, Serial, Silent};
     use crate::simplify::simplify;
 
     /// Largest attribute and geometric error of the chunks of a square of 40 × 40 cells, with heights and
@@ -239,7 +239,7 @@ mod tests {
             }
         }
         let mesh = common::quantised(&mesh);
-        let mut pool = Watched::new(&Serial, &Silent, mesh.faces.len());
+        let mut pool = MonitoredPool::new(&Serial, &Silent, mesh.faces.len());
         let checkpoint = InMemoryCheckpoint::default();
         let chunks = simplify(&mesh, &common::regions(400), &mut pool, &checkpoint).unwrap().levels.all();
         assert!(chunks.len() > 2);

@@ -23,7 +23,7 @@ impl Records {
         end: usize,
         changed: &mut dyn FnMut(u32),
     ) {
-        let first = self.first_kept;
+        let first = self.first_added_wedge;
         let final_id = |ids: &[u32], wedge: u32| {
             if wedge >= first { ids[(wedge - first) as usize] } else { wedge }
         };
@@ -36,9 +36,9 @@ impl Records {
         done.collapses = end;
         for collapse in &self.collapses[range] {
             let (u, t) = (collapse.removed, collapse.target);
-            while ids.len() < collapse.kept_end as usize {
-                let source = final_id(ids, self.kept[ids.len()]);
-                self.kept[ids.len()] = source;
+            while ids.len() < collapse.added_wedges_end as usize {
+                let source = final_id(ids, self.added_wedges[ids.len()]);
+                self.added_wedges[ids.len()] = source;
                 ids.push(live.keep_wedge(t, source));
             }
             for moved in &mut self.moved[moved_at..collapse.moved_end as usize] {

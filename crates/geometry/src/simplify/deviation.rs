@@ -22,7 +22,7 @@ use crate::mesh::distance::TriangleBvh;
 use crate::mesh::rows::Rows;
 use crate::mesh::vec3::{Vec3, add, length, scale, sub};
 use crate::mesh::wide_bvh::{Hints, Seeds, WideBvh};
-use crate::pool::Watched;
+use crate::pool::MonitoredPool;
 use crate::simplify::attributes::InputAttributes;
 use crate::simplify::inherited::Inherited;
 use crate::simplify::live::Live;
@@ -158,7 +158,7 @@ impl FirstSamples {
 
 impl Deviation {
     /// Of an input of which nothing is collapsed.
-    pub(crate) fn new(live: &Live<'_>, uv_grid: UvGrid, pool: &Watched<'_>) -> Result<Self, MeshError> {
+    pub(crate) fn new(live: &Live<'_>, uv_grid: UvGrid, pool: &MonitoredPool<'_>) -> Result<Self, MeshError> {
         let (hierarchy, rest) = pool.both(
             &|| {
                 let input = WideBvh::new(&live.positions, &live.face_vertices);
@@ -258,7 +258,7 @@ impl Deviation {
             {
                 place = nearest;
             }
-            // Where a component has vanished, its heirs may be far and another component near; the largest
+            // Where a component has removed_wedges, its heirs may be far and another component near; the largest
             // distance is what closeness is judged by, so it must not leap for nothing.
             if place.0.is_finite()
                 && place.0 > LEAP * error.max(self.mean_edge)
@@ -445,7 +445,7 @@ impl Deviation {
     }
 
     /// Finds all samples anew, wherever they were: the nearest face that is left.
-    pub(crate) fn find_again(&mut self, live: &Live<'_>, pool: &Watched<'_>) -> Result<(), MeshError> {
+    pub(crate) fn find_again(&mut self, live: &Live<'_>, pool: &MonitoredPool<'_>) -> Result<(), MeshError> {
         let triangles: Vec<[u32; 3]> = live.faces.iter().map(|&f| live.face_vertices[f as usize]).collect();
         let (positions, triangles) = compact(&live.positions, &triangles);
         let left = TriangleBvh::new(&positions, &triangles);

@@ -38,11 +38,11 @@ impl RegionChunk {
         let vertex = |v: u32| (v as usize) < bounds.vertices;
         let face = |f: u32| (f as usize) < bounds.faces;
         let wedge = |w: u32| (w as usize) < bounds.wedges;
-        let Records { collapses, moved, removed, vanished, kept, .. } = &self.records;
+        let Records { collapses, moved, removed, removed_wedges, added_wedges, .. } = &self.records;
         collapses.iter().all(|c| vertex(c.removed) && (vertex(c.target) || c.target == NO_VERTEX))
             && moved.iter().all(|m| face(m.face) && wedge(m.from) && wedge(m.to))
             && removed.iter().all(|r| face(r.face) && r.third().is_none_or(vertex))
-            && vanished.iter().flatten().chain(kept).all(|&w| wedge(w))
+            && removed_wedges.iter().flatten().chain(added_wedges).all(|&w| wedge(w))
             && self.faces.iter().all(|&f| face(f))
             && self.interior.iter().all(|&v| vertex(v))
             && self.moves.iter().all(|m| vertex(m.vertex))

@@ -245,7 +245,7 @@ impl Over<'_> {
 mod tests {
     use crate::common;
     use crate::mesh::{Corner, SourceMesh};
-    use crate::pool::{Serial, Silent, Watched};
+    use crate::pool::{MonitoredPool, Serial, Silent};
     use crate::simplify::deviation::Deviation;
     use crate::simplify::live::Live;
     use crate::simplify::surroundings::Surroundings;
@@ -267,7 +267,8 @@ mod tests {
         }
         let mesh = common::quantised(&mesh);
         let live = Live::new(&mesh, crate::entropy::Codec::Range);
-        let mut deviation = Deviation::new(&live, mesh.uv_grid, &Watched::new(&Serial, &Silent, 0)).unwrap();
+        let mut deviation =
+            Deviation::new(&live, mesh.uv_grid, &MonitoredPool::new(&Serial, &Silent, 0)).unwrap();
         let start = mesh.wedges[mesh.faces[0].wedges[0] as usize].vertex;
         for vertex in mesh.faces[0].wedges.map(|w| mesh.wedges[w as usize].vertex) {
             let face = if vertex == start { 1 } else { 2 };

@@ -3,7 +3,7 @@
 use crate::collapse::Records;
 use crate::error::MeshError;
 use crate::mesh::corner;
-use crate::pool::Watched;
+use crate::pool::MonitoredPool;
 use crate::simplify::deviation::{Deviation, Samples};
 use crate::simplify::live::Live;
 use crate::simplify::partition::{NOBODY, partition};
@@ -49,7 +49,7 @@ impl<'a> Level<'a> {
         number: usize,
         count: usize,
         fixed: Fixed<'a>,
-        pool: &Watched<'_>,
+        pool: &MonitoredPool<'_>,
     ) -> Result<Self, MeshError> {
         let list = &live.faces;
         let centroids = || list.iter().map(|&f| live.centroid(f as usize));
@@ -96,7 +96,7 @@ impl<'a> Level<'a> {
         last: bool,
         tear: bool,
         settings: &Settings,
-        pool: &Watched<'_>,
+        pool: &MonitoredPool<'_>,
     ) -> Result<Vec<Records>, MeshError> {
         let share = MOST_OF_A_REGION.max(settings.level_share);
         pool.map(self.faces.len(), &|r| {

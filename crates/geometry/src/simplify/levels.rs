@@ -193,7 +193,7 @@ impl<'a> Levels<'a> {
 
     /// Whether levels are to be closed.
     pub(crate) fn resumes(&self) -> bool {
-        self.checkpoint.lasts()
+        self.checkpoint.is_persistent()
     }
 
     /// Does again the next level, if a preparation before this one has finished it; answers how it ended.
@@ -202,7 +202,7 @@ impl<'a> Levels<'a> {
         live: &mut Live<'_>,
         deviation: &mut Deviation,
     ) -> Result<Option<Outcome>, MeshError> {
-        if !self.checkpoint.lasts() {
+        if !self.checkpoint.is_persistent() {
             return Ok(None);
         }
         let level = self.pieces.len();
@@ -274,9 +274,9 @@ impl<'a> Levels<'a> {
     }
 }
 
-/// Notes the wedges of faces that vanished, which `live` knows as long as they are not put away.
+/// Notes the wedges of faces that removed_wedges, which `live` knows as long as they are not put away.
 pub(crate) fn keep_vanished(chunks: &mut [RegionChunk], live: &Live<'_>) {
-    for Records { removed, vanished, .. } in chunks.iter_mut().map(|chunk| &mut chunk.records) {
-        *vanished = removed.iter().map(|r| live.face_wedges[r.face as usize]).collect();
+    for Records { removed, removed_wedges, .. } in chunks.iter_mut().map(|chunk| &mut chunk.records) {
+        *removed_wedges = removed.iter().map(|r| live.face_wedges[r.face as usize]).collect();
     }
 }

@@ -10,7 +10,7 @@ use crate::mesh::rows::Rows;
 use crate::mesh::slot_map::SlotMap;
 use crate::mesh::vec3::{Vec3, add, dot, length, scale, sub};
 use crate::mesh::wide_bvh::{Hints, WideBvh};
-use crate::pool::{Pool, Serial, Watched, map};
+use crate::pool::{MonitoredPool, Pool, Serial, map};
 use crate::simplify::deviation::{Deviation, MARGIN};
 use crate::simplify::level::Level;
 use crate::simplify::live::Live;
@@ -49,7 +49,7 @@ pub(crate) fn limit_error(
     records: &mut [Records],
     limit: &Limit,
     settings: &Settings,
-    pool: &Watched<'_>,
+    pool: &MonitoredPool<'_>,
 ) -> Result<(), MeshError> {
     let shorten = |r: usize, threads| {
         let limited = || Limited::new(live, deviation, level, r, limit, threads);
@@ -290,7 +290,7 @@ impl<'a> Limited<'a> {
     }
 
     /// The vertex to hold for a point of an input vertex's: what that had become before this level or,
-    /// where it had vanished, the nearest corner of the face that stood for it.
+    /// where it had removed_wedges, the nearest corner of the face that stood for it.
     fn removed_near(&self, sample: u32, root: u32, point: Vec3, went: &SlotMap) -> Option<u32> {
         let live = self.live;
         if went.get(root).is_some() {

@@ -10,7 +10,7 @@ use crate::collapse::Placed;
 use crate::collapse::Records;
 use crate::error::MeshError;
 use crate::mesh::vec3::{Vec3, add, length, scale, sub};
-use crate::pool::Watched;
+use crate::pool::MonitoredPool;
 use crate::simplify::commit::Committed;
 use crate::simplify::deviation::{
     Attachment, Deviation, FarEdge, MARGIN, MOST_DENSE, MOST_SPARSE, SUSPICIOUS, extend,
@@ -68,7 +68,7 @@ pub(crate) fn measure(
     level: &Level<'_>,
     records: Vec<Records>,
     coarsening: Coarsening,
-    pool: &Watched<'_>,
+    pool: &MonitoredPool<'_>,
     stray_error: &mut f64,
 ) -> Result<(Vec<RegionChunk>, u8), MeshError> {
     let mut courses: Vec<Course> = records.into_iter().map(Course::new).collect();
@@ -147,7 +147,7 @@ fn look(
     level: &Level<'_>,
     courses: &mut [Course],
     latest: &mut Latest,
-    pool: &Watched<'_>,
+    pool: &MonitoredPool<'_>,
 ) -> Result<(), MeshError> {
     // Nothing that is found here depends on where another region's samples are: some regions at a time, so that not all
     // new places are there twice.
@@ -314,7 +314,7 @@ fn finish(
     level: &Level<'_>,
     courses: Vec<Course>,
     mut interior: Vec<Vec<u32>>,
-    pool: &Watched<'_>,
+    pool: &MonitoredPool<'_>,
     stray_error: &mut f64,
 ) -> Result<Vec<RegionChunk>, MeshError> {
     let known = &*deviation;

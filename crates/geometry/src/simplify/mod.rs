@@ -39,7 +39,7 @@ use crate::checkpoint::CheckpointStore;
 use crate::entropy::Codec;
 use crate::error::MeshError;
 use crate::mesh::QuantisedMesh;
-use crate::pool::{Stage, Watched};
+use crate::pool::{MonitoredPool, Stage};
 use crate::simplify::blocks::catch_up;
 use crate::simplify::blocks::merged::Merged;
 use crate::simplify::deviation::Deviation;
@@ -62,7 +62,7 @@ const LEAST_PROGRESS: f64 = 0.05;
 pub(crate) fn simplify<'a>(
     mesh: &'a QuantisedMesh,
     settings: &Settings,
-    pool: &mut Watched<'_>,
+    pool: &mut MonitoredPool<'_>,
     checkpoint: &'a dyn CheckpointStore,
 ) -> Result<Simplified<'a>, MeshError> {
     simplify_from(mesh, None, settings, pool, Levels::new(checkpoint))
@@ -74,7 +74,7 @@ pub(crate) fn simplify_from<'a>(
     mesh: &'a QuantisedMesh,
     merged: Option<&'a Merged>,
     settings: &Settings,
-    pool: &mut Watched<'_>,
+    pool: &mut MonitoredPool<'_>,
     mut levels: Levels<'a>,
 ) -> Result<Simplified<'a>, MeshError> {
     let left = merged.map_or(mesh, |merged| &merged.mesh);

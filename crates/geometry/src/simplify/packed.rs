@@ -12,11 +12,13 @@ pub(crate) fn pack(chunks: &[RegionChunk]) -> Vec<u8> {
     let mut out = Vec::with_capacity(chunks.iter().map(bytes_of).sum());
     for chunk in chunks {
         let records = &chunk.records;
-        put(&mut out, &records.collapses, |c| [c.removed, c.target, c.moved_end, c.removed_end, c.kept_end]);
+        put(&mut out, &records.collapses, |c| {
+            [c.removed, c.target, c.moved_end, c.removed_end, c.added_wedges_end]
+        });
         put(&mut out, &records.moved, |m| [m.face, m.from, m.to]);
         put(&mut out, &records.removed, |r| [r.face, r.third().unwrap_or(NO_VERTEX)]);
-        put(&mut out, &records.vanished, |&wedges| wedges);
-        put(&mut out, &records.kept, |&k| [k]);
+        put(&mut out, &records.removed_wedges, |&wedges| wedges);
+        put(&mut out, &records.added_wedges, |&k| [k]);
         put(&mut out, &records.truncation_points, |&s| [s]);
         put(&mut out, &chunk.faces, |&f| [f]);
         put(&mut out, &chunk.interior, |&v| [v]);
@@ -25,7 +27,7 @@ pub(crate) fn pack(chunks: &[RegionChunk]) -> Vec<u8> {
             let [x, y, z] = m.cell.map(i32::cast_unsigned);
             [m.vertex, x, y, z, m.shift.into()]
         });
-        put(&mut out, &[records.first_kept], |&k| [k]);
+        put(&mut out, &[records.first_added_wedge], |&k| [k]);
         let [x, y, z] = chunk.center;
         let reals = [records.reach, chunk.error, chunk.attribute_error, x, y, z, chunk.radius];
         put(&mut out, &reals, |&x| halves(x));
@@ -44,17 +46,17 @@ pub(crate) fn unpack(bytes: &[u8], count: usize) -> Result<Vec<RegionChunk>, Dec
 }
 
 fn chunk(r: &mut Reader<'_>) -> Result<RegionChunk, DecodeError> {
-    let collapses = list(r, |[removed, target, moved_end, removed_end, kept_end]| Collapse {
+    let collapses = list(r, |[removed, target, moved_end, removed_end, added_wedges_end]| Collapse {
         removed,
         target,
         moved_end,
         removed_end,
-        kept_end,
+        added_wedges_end,
     })?;
     let moved = list(r, |[face, from, to]| MovedCorner { face, from, to })?;
     let removed = list(r, |[face, third]| RemovedFace::new(face, (third != NO_VERTEX).then_some(third)))?;
-    let vanished = list(r, |wedges| wedges)?;
-    let (kept, truncation_points) = (list(r, |[k]| k)?, list(r, |[s]| s)?);
+    let removed_wedges = list(r, |wedges| wedges)?;
+    let (added_wedges, truncation_points) = (list(r, |[k]| k)?, list(r, |[s]| s)?);
     let (faces, interior) = (list(r, |[f]| f)?, list(r, |[v]| v)?);
     let truncation_errors = list(r, real)?;
     let moves = list(r, |[vertex, x, y, z, shift]| Placed {
@@ -62,17 +64,17 @@ fn chunk(r: &mut Reader<'_>) -> Result<RegionChunk, DecodeError> {
         cell: [x, y, z].map(u32::cast_signed),
         shift: shift as u8,
     })?;
-    let first_kept = list(r, |[k]| k)?.first().copied().unwrap_or_default();
+    let first_added_wedge = list(r, |[k]| k)?.first().copied().unwrap_or_default();
     let reals = list(r, real)?;
     let &[reach, error, attribute_error, x, y, z, radius] = reals.as_slice() else {
         return Err(r.error("a chunk has not all its figures"));
     };
-    let ends = |c: &Collapse| [c.moved_end, c.removed_end, c.kept_end];
-    let lengths = [moved.len(), removed.len(), kept.len()];
+    let ends = |c: &Collapse| [c.moved_end, c.removed_end, c.added_wedges_end];
+    let lengths = [moved.len(), removed.len(), added_wedges.len()];
     let within = collapses.iter().all(|c| (0..3).all(|k| ends(c)[k] as usize <= lengths[k]));
     let rising = collapses.windows(2).all(|c| (0..3).all(|k| ends(&c[0])[k] <= ends(&c[1])[k]));
     if !within
-        || vanished.len() != removed.len()
+        || removed_wedges.len() != removed.len()
         || !rising
         || truncation_points.iter().any(|&s| s as usize > collapses.len())
     {
@@ -83,9 +85,9 @@ fn chunk(r: &mut Reader<'_>) -> Result<RegionChunk, DecodeError> {
         costs: Vec::new(),
         moved,
         removed,
-        vanished,
-        kept,
-        first_kept,
+        removed_wedges,
+        added_wedges,
+        first_added_wedge,
         truncation_points,
         reach,
     };
@@ -109,7 +111,7 @@ fn bytes_of(chunk: &RegionChunk) -> usize {
     let words = 5 * records.collapses.len()
         + 3 * records.moved.len()
         + 5 * records.removed.len()
-        + records.kept.len()
+        + records.added_wedges.len()
         + chunk.faces.len()
         + chunk.interior.len()
         + 5 * chunk.moves.len();
@@ -175,7 +177,7 @@ mod tests {
     use super::*;
     use crate::checkpoint::InMemoryCheckpoint;
     use crate::common;
-    use crate::pool::{Serial, Silent, Watched};
+    use crate::pool::{MonitoredPool, Serial, Silent};
     use crate::simplify::simplify;
 
     #[test]
@@ -184,7 +186,7 @@ mod tests {
         let mut taken = 0;
         for (name, source) in common::all() {
             let mesh = common::quantised(&source);
-            let mut pool = Watched::new(&Serial, &Silent, mesh.faces.len());
+            let mut pool = MonitoredPool::new(&Serial, &Silent, mesh.faces.len());
             let chunks = simplify(&mesh, &common::regions(400), &mut pool, &checkpoint).unwrap().levels.all();
             let bytes = pack(&chunks);
             assert!(unpack(&bytes, chunks.len()).unwrap() == chunks, "{name}");

@@ -7,7 +7,7 @@
 
 use crate::error::MeshError;
 use crate::mesh::vec3::{Vec3, dot};
-use crate::pool::Watched;
+use crate::pool::MonitoredPool;
 
 /// Rounds of majority voting.
 const SMOOTHING_ROUNDS: usize = 3;
@@ -24,7 +24,7 @@ pub(crate) fn partition<C: ExactSizeIterator<Item = Vec3>>(
     adjacent: &(dyn Fn() -> Vec<[u32; 3]> + Sync),
     count: usize,
     level: usize,
-    pool: &Watched<'_>,
+    pool: &MonitoredPool<'_>,
 ) -> Result<Vec<u32>, MeshError> {
     if count <= 1 {
         return Ok(halves(centroids(), count, level));

@@ -2,7 +2,7 @@
 
 use crate::entropy::Codec;
 use crate::error::MeshError;
-use crate::pool::{Stage, Watched};
+use crate::pool::{MonitoredPool, Stage};
 use crate::simplify::deviation::Deviation;
 use crate::simplify::hierarchy::RegionChunk;
 use crate::simplify::level::{Fixed, Level, truncate_globally};
@@ -54,7 +54,7 @@ impl Reduction<'_> {
         deviation: &mut Deviation,
         place: Place,
         stray_error: &mut f64,
-        pool: &mut Watched<'_>,
+        pool: &mut MonitoredPool<'_>,
     ) -> Result<Reduced, MeshError> {
         let &Self { settings, limit, fixed } = self;
         let Place { number, count, last, shift, coarse_grid, done } = place;

@@ -80,7 +80,7 @@ impl Region {
             wedges: faces.iter().map(|&f| live.face_wedges[f as usize]).collect(),
             gone: vec![false; vertices.len()],
             held: vec![false; vertices.len()],
-            records: Records { first_kept: live.wedges.len() as u32, ..Records::default() },
+            records: Records { first_added_wedge: live.wedges.len() as u32, ..Records::default() },
             highest_cost: 0.0,
             scratch: Scratch::default(),
             vertices,
@@ -189,8 +189,8 @@ impl Region {
         let to = match meets.iter().find(|m| m.0 == from) {
             Some(&(_, to)) => to,
             None => {
-                let kept = self.records.first_kept + self.records.kept.len() as u32;
-                self.records.kept.push(from);
+                let kept = self.records.first_added_wedge + self.records.added_wedges.len() as u32;
+                self.records.added_wedges.push(from);
                 meets.push((from, kept));
                 kept
             }
@@ -232,7 +232,7 @@ impl Region {
             target,
             moved_end: self.records.moved.len() as u32,
             removed_end: self.records.removed.len() as u32,
-            kept_end: self.records.kept.len() as u32,
+            added_wedges_end: self.records.added_wedges.len() as u32,
         });
     }
 }

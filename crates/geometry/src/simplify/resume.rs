@@ -158,8 +158,8 @@ pub(crate) fn perform(chunks: Vec<RegionChunk>, live: &mut Live<'_>) -> Result<V
     for chunk in chunks {
         let fits = chunk.fits(bounds);
         let RegionChunk { records, moves: moved, .. } = chunk;
-        let mut records = Records { first_kept: u32::MAX, kept: Vec::new(), ..records };
-        records.collapses.iter_mut().for_each(|c| c.kept_end = 0);
+        let mut records = Records { first_added_wedge: u32::MAX, added_wedges: Vec::new(), ..records };
+        records.collapses.iter_mut().for_each(|c| c.added_wedges_end = 0);
         if !fits {
             return Err(not_of_this_mesh());
         }

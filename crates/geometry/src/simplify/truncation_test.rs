@@ -3,7 +3,7 @@
 use crate::checkpoint::InMemoryCheckpoint;
 use crate::collapse::Records;
 use crate::common;
-use crate::pool::{Serial, Silent, Watched};
+use crate::pool::{MonitoredPool, Serial, Silent};
 use crate::simplify::settings::Settings;
 use crate::simplify::simplify;
 
@@ -13,7 +13,7 @@ fn each_chunk(parts: usize, check: &mut dyn FnMut(&Records)) {
         let settings = Settings { parts, min_part_splits: 4, ..common::regions(200) };
         let checkpoint = InMemoryCheckpoint::default();
         let simplified =
-            simplify(&mesh, &settings, &mut Watched::new(&Serial, &Silent, 0), &checkpoint).unwrap();
+            simplify(&mesh, &settings, &mut MonitoredPool::new(&Serial, &Silent, 0), &checkpoint).unwrap();
         simplified.levels.all().iter().for_each(|chunk| check(&chunk.records));
     }
 }

@@ -35,7 +35,7 @@ impl Lasting {
 }
 
 impl CheckpointStore for Lasting {
-    fn lasts(&self) -> bool {
+    fn is_persistent(&self) -> bool {
         true
     }
 

@@ -45,7 +45,7 @@ impl Base {
     pub fn encode_both(&self) -> Result<BaseBlobs, DecodeError> {
         let (head, base, format) = self.parts();
         let BothCodecs { range, plain } = base::encode_both(&base, format)?;
-        Ok(BaseBlobs { range: [&head[..], &range].concat(), plain: [head, plain].concat() })
+        Ok(BaseBlobs { range: [&head[..], &range].concat(), zstd: [head, plain].concat() })
     }
 
     /// Bytes of the head and the description; the mesh as it is coded, and its format.

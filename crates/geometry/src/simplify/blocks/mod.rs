@@ -15,7 +15,7 @@ pub(crate) mod names;
 use crate::error::MeshError;
 use crate::mesh::wedges::Wedges;
 use crate::mesh::{QuantisedMesh, Wedge};
-use crate::pool::Watched;
+use crate::pool::MonitoredPool;
 use crate::simplify::blocks::cut::Cut;
 
 use crate::simplify::blocks::end::BlockEnd;
@@ -60,7 +60,7 @@ fn level_count(faces: usize, settings: &Settings) -> usize {
 pub(crate) fn simplify_blocks(
     mesh: &QuantisedMesh,
     settings: &Settings,
-    pool: &mut Watched<'_>,
+    pool: &mut MonitoredPool<'_>,
     levels: &mut Levels<'_>,
 ) -> Result<Merged, MeshError> {
     let whole =
@@ -105,7 +105,7 @@ impl Whole<'_> {
         cut: &Cut,
         number: usize,
         wedges: &Wedges<'_>,
-        (done, pool): (usize, &mut Watched<'_>),
+        (done, pool): (usize, &mut MonitoredPool<'_>),
         levels: &mut Levels<'_>,
     ) -> Result<BlockEnd, MeshError> {
         let &Self { mesh, settings, diagonal, .. } = self;

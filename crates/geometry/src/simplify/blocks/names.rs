@@ -124,9 +124,9 @@ fn rename(
         moved.to = wedge(moved.to);
     }
     for removed in &mut records.removed {
-        *removed = removed.renamed(face, vertex);
+        *removed = removed.with_ids(face, vertex);
     }
-    records.vanished.iter_mut().flatten().chain(&mut records.kept).for_each(|w| *w = wedge(*w));
+    records.removed_wedges.iter_mut().flatten().chain(&mut records.added_wedges).for_each(|w| *w = wedge(*w));
     faces.iter_mut().for_each(|f| *f = face(*f));
     interior.iter_mut().for_each(|v| *v = vertex(*v));
     moves.iter_mut().for_each(|placed| placed.vertex = vertex(placed.vertex));
