@@ -1,4 +1,4 @@
-//! Buffers in which a region is gathered.
+//! Buffers for gathering a region.
 
 use crate::refine::Id;
 
@@ -7,7 +7,7 @@ use crate::refine::Id;
 pub(crate) struct IncidentFace {
     pub(crate) id: Id,
     pub(crate) face: u32,
-    /// The slots of its vertices, and their local numbers as far as they had any when it was found.
+    /// Slots of its vertices, and their local numbers at the time of collection ([`u32::MAX`] for none).
     pub(crate) vertices: [u32; 3],
     pub(crate) corners: [u32; 3],
 }

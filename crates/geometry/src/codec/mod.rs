@@ -1,4 +1,4 @@
-//! Coding: chunks, the base mesh and the index, as symbols that [`crate::entropy`] turns into bytes.
+//! Coding of chunks, the base mesh and the index as symbols, which [`crate::entropy`] turns into bytes.
 
 #![cfg_attr(
     not(test),
@@ -25,7 +25,7 @@ mod memory;
 pub(crate) mod model;
 mod moves;
 mod numbering;
-mod outcome;
+mod delta;
 mod plan;
 mod position;
 pub(crate) mod repeat;

@@ -22,7 +22,7 @@ impl Coder for NullCoder {
         value
     }
 
-    fn whole(&mut self, _at: usize, _bits: u32, value: u32) -> Option<u32> {
+    fn integer(&mut self, _at: usize, _bits: u32, value: u32) -> Option<u32> {
         Some(value)
     }
 

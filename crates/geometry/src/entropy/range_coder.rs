@@ -56,7 +56,7 @@ pub trait Coder: Sized {
     fn raw(&mut self, bits: u32, value: u32) -> u32;
     /// Codes `value < 2^bits` (0 to 32) as one unit, with the contexts from `at` on. `None` (the default) if the
     /// coder supports bits only.
-    fn whole(&mut self, at: usize, bits: u32, value: u32) -> Option<u32> {
+    fn integer(&mut self, at: usize, bits: u32, value: u32) -> Option<u32> {
         let _ = (at, bits, value);
         None
     }

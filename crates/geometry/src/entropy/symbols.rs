@@ -12,7 +12,7 @@ pub const fn tree_contexts(bits: u32) -> usize {
 /// Codes `value < 2^bits`, most significant bit first, down a binary tree of contexts from `at` on.
 #[inline]
 pub fn tree<C: Coder>(coder: &mut C, at: usize, bits: u32, value: u32) -> u32 {
-    if let Some(got) = coder.whole(at, bits, value) {
+    if let Some(got) = coder.integer(at, bits, value) {
         return got;
     }
     coder.tree(at, bits, value)
@@ -26,7 +26,7 @@ pub const INTEGER_CONTEXTS: usize = tree_contexts(CLASS_BITS) + 32;
 /// Codes `value < 2^31` by Elias-gamma classes: the bit length is adaptive, the bit below the leading one is adaptive
 /// per class, the rest is raw.
 pub fn integer<C: Coder>(coder: &mut C, at: usize, value: u32) -> u32 {
-    if let Some(got) = coder.whole(at, 31, value) {
+    if let Some(got) = coder.integer(at, 31, value) {
         return got;
     }
     let class = coder.zero_tree::<CLASS_BITS>(at, 32 - value.leading_zeros());
@@ -44,7 +44,7 @@ pub fn integer<C: Coder>(coder: &mut C, at: usize, value: u32) -> u32 {
 
 /// Codes a signed integer of at most 30 bits: magnitude by [`integer`], then a raw sign.
 pub fn signed<C: Coder>(coder: &mut C, at: usize, value: i32) -> i32 {
-    if let Some(got) = coder.whole(at, 31, zigzag(value)) {
+    if let Some(got) = coder.integer(at, 31, zigzag(value)) {
         return unzigzag(got);
     }
     let magnitude = integer(coder, at, value.unsigned_abs()).cast_signed();

@@ -104,7 +104,7 @@ impl<const BYTES: usize, const BITS: usize> Coder for ZstdStreamEncoder<BYTES, B
         value
     }
 
-    fn whole(&mut self, at: usize, _bits: u32, value: u32) -> Option<u32> {
+    fn integer(&mut self, at: usize, _bits: u32, value: u32) -> Option<u32> {
         put_varint(&mut self.streams[self.table.byte_stream(at)].bytes, u64::from(value));
         Some(value)
     }
@@ -196,7 +196,7 @@ impl<const BYTES: usize, const BITS: usize> Coder for ZstdStreamDecoder<'_, BYTE
         (0..bits).fold(0, |value, _| value << 1 | u32::from(self.next_bit(BYTES + BITS)))
     }
 
-    fn whole(&mut self, at: usize, bits: u32, _value: u32) -> Option<u32> {
+    fn integer(&mut self, at: usize, bits: u32, _value: u32) -> Option<u32> {
         steps::take(1);
         let stream = &mut self.streams[self.table.byte_stream(at)].bytes;
         let mut value = 0_u64;
@@ -243,7 +243,7 @@ mod tests {
                 encoder.bit(context, bit);
                 encoder.mix([context, 0], 0, !bit);
                 encoder.raw(bits, cut(bits, value));
-                encoder.whole(context, bits, cut(bits, value));
+                encoder.integer(context, bits, cut(bits, value));
             }
             let bytes = encoder.finish(0);
             let mut decoder = ZstdStreamDecoder::new(&TABLE, &bytes).unwrap();
@@ -251,7 +251,7 @@ mod tests {
                 prop_assert_eq!(decoder.bit(context, false), bit);
                 prop_assert_eq!(decoder.mix([context, 0], 0, false), !bit);
                 prop_assert_eq!(decoder.raw(bits, 0), cut(bits, value));
-                prop_assert_eq!(decoder.whole(context, bits, 0), Some(cut(bits, value)));
+                prop_assert_eq!(decoder.integer(context, bits, 0), Some(cut(bits, value)));
             }
             prop_assert!(decoder.end(0).is_ok());
         }
@@ -260,7 +260,7 @@ mod tests {
         fn any_bytes_are_decoded_without_panic_and_past_the_end_is_an_error(bytes in prop::collection::vec(any::<u8>(), 0..80), at in 0usize..CONTEXTS) {
             let Ok(mut decoder) = ZstdStreamDecoder::new(&TABLE, &bytes) else { return Ok(()) };
             for _ in 0..=bytes.len() {
-                decoder.whole(at, 31, 0);
+                decoder.integer(at, 31, 0);
             }
             prop_assert!(decoder.check().is_err() && decoder.end(0).is_err());
         }
@@ -269,10 +269,10 @@ mod tests {
     #[test]
     fn numbers_that_are_too_large_are_refused() {
         let mut encoder = ZstdStreamEncoder::new(&TABLE);
-        encoder.whole(0, 31, 1 << 20);
+        encoder.integer(0, 31, 1 << 20);
         let bytes = encoder.finish(0);
         let mut decoder = ZstdStreamDecoder::new(&TABLE, &bytes).unwrap();
-        assert_eq!(decoder.whole(0, 20, 0), Some(0));
+        assert_eq!(decoder.integer(0, 20, 0), Some(0));
         assert!(decoder.check().is_err());
     }
 

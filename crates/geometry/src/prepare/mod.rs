@@ -11,7 +11,7 @@ use crate::asset::index::{ChunkInfo, Sphere};
 use crate::checkpoint::{CheckpointStore, InMemoryCheckpoint};
 use crate::codec::base;
 use crate::codec::base::mesh::{BaseFormat, BaseMesh};
-use crate::codec::chunk::Reached;
+use crate::codec::chunk::PrefixSize;
 use crate::codec::index_page::encode_pages;
 use crate::codec::source::Source;
 use crate::entropy::Codec;
@@ -264,7 +264,7 @@ struct Chunk {
     center: Vec3,
     radius: f64,
     /// Each with its error.
-    truncation_points: Vec<(Reached, f64)>,
+    truncation_points: Vec<(PrefixSize, f64)>,
     vertices: u32,
     wedges: u32,
     faces: u32,
@@ -295,7 +295,7 @@ impl Chunk {
     fn info(&self, mesh: &QuantisedMesh, levels: usize, finer: f64) -> ChunkInfo {
         let step = mesh.grid.step;
         let truncation =
-            |&(truncation, error): &(Reached, f64)| truncation.truncation(round_up(error.max(finer) * step));
+            |&(truncation, error): &(PrefixSize, f64)| truncation.truncation(round_up(error.max(finer) * step));
         ChunkInfo {
             level: (levels - self.level).min(255) as u8,
             sphere: self.sphere(mesh),
