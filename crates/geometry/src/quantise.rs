@@ -124,7 +124,7 @@ pub fn quantise(source: &SourceMesh, settings: &QuantiseSettings) -> Result<Quan
     if !source.normals.is_empty() {
         let meant: Vec<_> =
             groups.of_wedge.iter().map(|&at| groups.normals[at as usize].map(f64::from)).collect();
-        normals::keep_explicit(&mut mesh, &meant, settings.normal_tolerance);
+        normals::store_explicit(&mut mesh, &meant, settings.normal_tolerance);
     }
     Ok(mesh)
 }

@@ -41,14 +41,14 @@ impl PatchOverrides {
     }
 }
 
-/// The points of rows, among those sorted by row and column.
+/// The points in a range of rows, among points sorted by row and column.
 fn rows(points: &[OverrideDelta], first: i64, last: i64) -> &[OverrideDelta] {
     let from = points.partition_point(|p| i64::from(p.y) < first);
     let to = points.partition_point(|p| i64::from(p.y) <= last);
     &points[from..to]
 }
 
-/// Calls `each` with the column and the point, for the points of a row at `y` that starts at `x`.
+/// Calls `each` with column and point for the points of a row at `y` that starts at `x`.
 pub(super) fn row_points(
     points: &[OverrideDelta],
     (x, y): (i64, i64),

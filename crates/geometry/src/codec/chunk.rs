@@ -293,7 +293,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         Ok(sizes)
     }
 
-    /// Splits until `end` is sizes: a flag per interior vertex tells whether it splits; both halves are visited in
+    /// Splits until `end` is reached: a flag per interior vertex tells whether it splits; both halves are visited in
     /// the next pass.
     fn segment(&mut self, end: &Elements, mut pass: Pass) -> Result<(), DecodeError> {
         let vertices = &self.local.vertices;

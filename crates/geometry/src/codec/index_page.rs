@@ -265,7 +265,10 @@ fn code_length<C: Coder>(coder: &mut C, at: usize, near: f32, want: Option<f32>)
 fn code_count<C: Coder>(coder: &mut C, at: usize, guess: u32, want: Option<u32>) -> Result<u32, DecodeError> {
     let guess = guess.min(MAX_COUNT);
     let got = signed(coder, at, want.map_or(0, |x| x.min(MAX_COUNT).cast_signed() - guess.cast_signed()));
-    guess.checked_add_signed(got).filter(|&c| c <= MAX_COUNT).ok_or_else(|| page_error("a count is out of range"))
+    guess
+        .checked_add_signed(got)
+        .filter(|&c| c <= MAX_COUNT)
+        .ok_or_else(|| page_error("a count is out of range"))
 }
 
 /// Largest byte or element count of an entry.
@@ -280,7 +283,8 @@ fn code_info<C: Coder>(
 ) -> Result<ChunkInfo, DecodeError> {
     let rise =
         integer(coder, INDEX_LEVEL, want.map_or(0, |w| u32::from(w.level.wrapping_sub(previous.level))));
-    let level = u8::try_from(rise).map_err(|_| page_error("a level is out of range"))?.wrapping_add(previous.level);
+    let level =
+        u8::try_from(rise).map_err(|_| page_error("a level is out of range"))?.wrapping_add(previous.level);
     let cell = want.map_or([0; 3], |w| grid.snap(w.sphere.center)).map(|x| coder.raw(CENTER_BITS, x));
     let center = grid.center(cell);
     if !center.iter().all(|x| x.is_finite()) {

@@ -15,7 +15,7 @@ use crate::mesh::corner::Spaced;
 use crate::mesh::slot_map::SlotMap;
 use crate::mesh::vec3::{Vec3, add, cross, length, scale, sub};
 use crate::numbers::{id32, inverse, truncated};
-use crate::refine::{ActiveMesh, Id, Moved, Owners};
+use crate::refine::{ActiveMesh, Id, MovedVertex, Owners};
 
 /// Most faces of a region: bounds the work that an untrusted peer's chunk can cause.
 pub(crate) const MAX_LOCAL_FACES: usize = 1 << 18;
@@ -122,7 +122,7 @@ pub(crate) struct Local<'a> {
     pub(crate) new_vertices: Vec<(u32, Option<u32>)>,
     pub(crate) new_wedges: u32,
     /// Older vertices that the chunk moves.
-    pub(crate) moves: Vec<Moved>,
+    pub(crate) moves: Vec<MovedVertex>,
 }
 
 impl<'a> Local<'a> {
@@ -268,7 +268,7 @@ impl<'a> Local<'a> {
     /// Moves an older vertex whose star is given.
     pub(crate) fn move_vertex(&mut self, vertex: u32, star: &[StarFace], position: [i32; 3], shift: u8) {
         let was = &self.vertices[vertex as usize];
-        self.moves.push(Moved {
+        self.moves.push(MovedVertex {
             vertex: self.vertex_ids[vertex as usize],
             from: was.position.map(truncated),
             to: position,

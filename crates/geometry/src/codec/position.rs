@@ -103,7 +103,8 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             let residual = actual.map_or(0, |p| (p[axis] >> shift) - guess);
             let shared = if built {
                 let (radius, normal_component) = (ring.radius, ring.normal[axis].abs());
-                let of = Coordinate { step, axis, shift, guess: cell_of(aim[axis]), radius, normal_component };
+                let of =
+                    Coordinate { step, axis, shift, guess: cell_of(aim[axis]), radius, normal_component };
                 let want = self.guide.as_ref().map(|_| guess.wrapping_add(residual));
                 self.repeated(star, roles.target, &of, &mut before, want)
             } else {

@@ -13,7 +13,7 @@ use crate::codec::uv_map::{Anchor, CornerLookup};
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::integer;
 use crate::mesh::Attributes;
-use crate::mesh::orientation_class::{ORIENTATION_CLASSES, looks_along, orientation_class};
+use crate::mesh::orientation_class::{ORIENTATION_CLASSES, has_one_axis, orientation_class};
 use crate::mesh::vec3::{Vec3, dot, triangle_normal};
 
 /// Kinds of corners, below [`CORNERS`]: t, x and u of a new face; u of a moved face.
@@ -163,10 +163,10 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             false => integer(self.coder, AXIS_SIDE, want % ORIENTATION_CLASSES),
         };
         // At a chamfer, each corner has a side along its own axis.
-        let own = |w| self.group_of(w) < ORIENTATION_CLASSES && looks_along(self.group_of(w));
+        let own = |w| self.group_of(w) < ORIENTATION_CLASSES && has_one_axis(self.group_of(w));
         let has_own = self.local.wedges_of(vertex).take(MAX_LOOKED_AT).any(own);
         let of_copy = of.from.is_some_and(|w| self.group_of(w) >= ORIENTATION_CLASSES);
-        let context = [of_copy, has_own, looks_along(leans)]
+        let context = [of_copy, has_own, has_one_axis(leans)]
             .into_iter()
             .fold(of.kind, |c, bit| c * 2 + usize::from(bit));
         if !self.coder.bit(AXIS_COPIED + context, want >= ORIENTATION_CLASSES) {

@@ -3,7 +3,7 @@
 
 use crate::codec::model::PLACES;
 use crate::codec::residual::quarter_octaves;
-use crate::mesh::orientation_class::{ORIENTATION_CLASSES, ways_of};
+use crate::mesh::orientation_class::{ORIENTATION_CLASSES, signs_of};
 use crate::mesh::vec3::{Vec3, sub};
 use crate::numbers::floored;
 
@@ -17,7 +17,7 @@ const ACROSS: [[usize; 2]; 3] = [[1, 2], [0, 2], [0, 1]];
 /// Length factor of edges at copied corners, which have the texture of the original's place: they count only until
 /// other edges are known.
 const COPY_EDGE_FACTOR: f64 = 1.0 / 32.0;
-/// A corner whose projection is errors by more cells was not projected.
+/// A corner whose projection is off by more cells was not projected.
 const NEAR: u32 = 8;
 
 /// Statistics of one side: how texture coordinates depend on the other two axes, as sums of products over edges,
@@ -113,7 +113,7 @@ fn apart(a: [i32; 2], b: [i32; 2]) -> u32 {
 
 /// The side of an orientation class with one axis; else `None`.
 fn only_side(group: u32) -> Option<(usize, usize)> {
-    let ways = ways_of(group);
+    let ways = signs_of(group);
     let mut axes = (0..3).filter(|&axis| ways[axis] != 0);
     let axis = axes.next()?;
     axes.next().is_none().then(|| (axis, side(axis, ways[axis])))
@@ -176,7 +176,7 @@ impl UvMaps {
         other: [i32; 2],
     ) -> CornerLookup {
         let sides = &self.sides[usize::from(material) % MATERIALS];
-        let ways = ways_of(group);
+        let ways = signs_of(group);
         let from = from.filter(|from| from.group == group % ORIENTATION_CLASSES);
         let mut likely = None;
         let mut least = NEAR;

@@ -10,8 +10,10 @@ use crate::codec::model::{
 };
 use crate::codec::plan::WantedWedge;
 use crate::codec::residual::quarter_octaves;
-use crate::codec::scratch::{AddedFace, UvFit, Split};
-use crate::codec::sheet::{AT_MOVED, AT_NEW, AT_TARGET, AT_THIRD, SheetCorner, NO_BEND, Sheet, normal_of_face};
+use crate::codec::scratch::{AddedFace, Split, UvFit};
+use crate::codec::sheet::{
+    AT_MOVED, AT_NEW, AT_TARGET, AT_THIRD, NO_BEND, Sheet, SheetCorner, normal_of_face,
+};
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::{index, integer};
 use crate::error::DecodeError;

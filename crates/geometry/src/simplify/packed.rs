@@ -1,5 +1,5 @@
-//! Chunks of a finished level as bytes, to be put away until they are encoded. Not a format: read by the program that
-//! wrote it, so numbers stand as they are, which costs least time.
+//! Serialisation of a finished level's chunks for checkpoints. Not an interchange format: read only by the program
+//! that wrote it, so numbers are stored uncompressed, which is fastest.
 
 use crate::collapse::{Collapse, MovedCorner, NO_VERTEX, Placed, Records, RemovedFace};
 use crate::entropy::bytes::Reader;
@@ -7,7 +7,7 @@ use crate::error::DecodeError;
 use crate::mesh::{Attributes, Wedge};
 use crate::simplify::hierarchy::RegionChunk;
 
-/// The chunks of one block.
+/// Serialises the chunks of one block.
 pub(crate) fn pack(chunks: &[RegionChunk]) -> Vec<u8> {
     let mut out = Vec::with_capacity(chunks.iter().map(bytes_of).sum());
     for chunk in chunks {
@@ -35,14 +35,14 @@ pub(crate) fn pack(chunks: &[RegionChunk]) -> Vec<u8> {
     out
 }
 
-/// Reads what [`pack`] has made of so many chunks.
+/// Parses `count` chunks written by [`pack`].
 ///
 /// # Errors
-/// Where it has not.
+/// If the bytes are damaged.
 pub(crate) fn unpack(bytes: &[u8], count: usize) -> Result<Vec<RegionChunk>, DecodeError> {
-    let mut r = Reader::new(bytes, "chunks that were put away");
+    let mut r = Reader::new(bytes, "checkpoint chunks");
     let chunks = (0..count).map(|_| chunk(&mut r)).collect::<Result<_, _>>()?;
-    if r.remaining() > 0 { Err(r.error("there are more than were put away")) } else { Ok(chunks) }
+    if r.remaining() > 0 { Err(r.error("it has trailing bytes")) } else { Ok(chunks) }
 }
 
 fn chunk(r: &mut Reader<'_>) -> Result<RegionChunk, DecodeError> {
@@ -67,7 +67,7 @@ fn chunk(r: &mut Reader<'_>) -> Result<RegionChunk, DecodeError> {
     let first_added_wedge = list(r, |[k]| k)?.first().copied().unwrap_or_default();
     let reals = list(r, real)?;
     let &[reach, error, attribute_error, x, y, z, radius] = reals.as_slice() else {
-        return Err(r.error("a chunk has not all its figures"));
+        return Err(r.error("a chunk lacks values"));
     };
     let ends = |c: &Collapse| [c.moved_end, c.removed_end, c.added_wedges_end];
     let lengths = [moved.len(), removed.len(), added_wedges.len()];
@@ -78,7 +78,7 @@ fn chunk(r: &mut Reader<'_>) -> Result<RegionChunk, DecodeError> {
         || !rising
         || truncation_points.iter().any(|&s| s as usize > collapses.len())
     {
-        return Err(r.error("its lists do not fit together"));
+        return Err(r.error("its lists have inconsistent lengths"));
     }
     let records = Records {
         collapses,
@@ -105,7 +105,7 @@ fn chunk(r: &mut Reader<'_>) -> Result<RegionChunk, DecodeError> {
     })
 }
 
-/// About how long a chunk gets.
+/// Estimated length of a chunk.
 fn bytes_of(chunk: &RegionChunk) -> usize {
     let records = &chunk.records;
     let words = 5 * records.collapses.len()
@@ -118,7 +118,7 @@ fn bytes_of(chunk: &RegionChunk) -> usize {
     4 * words + 160 + 12 * records.truncation_points.len()
 }
 
-/// Appends a list of entries of so many words each.
+/// Appends a list of entries of `N` words each.
 pub(super) fn put<T, const N: usize>(out: &mut Vec<u8>, list: &[T], words: impl Fn(&T) -> [u32; N]) {
     out.extend((list.len() as u32).to_le_bytes());
     for entry in list {
@@ -126,7 +126,7 @@ pub(super) fn put<T, const N: usize>(out: &mut Vec<u8>, list: &[T], words: impl 
     }
 }
 
-/// Reads what [`put`] has appended.
+/// Parses a list written by [`put`].
 pub(super) fn list<T, const N: usize>(
     r: &mut Reader<'_>,
     entry: impl Fn([u32; N]) -> T,
@@ -150,7 +150,7 @@ pub(super) fn put_wedges(out: &mut Vec<u8>, wedges: &[Wedge]) {
     });
 }
 
-/// Reads what [`put_wedges`] has appended.
+/// Parses wedges written by [`put_wedges`].
 pub(super) fn wedges(r: &mut Reader<'_>) -> Result<Vec<Wedge>, DecodeError> {
     list(r, |[vertex, u, v, group, color, has_normal, normal]| Wedge {
         vertex,
@@ -181,7 +181,7 @@ mod tests {
     use crate::simplify::simplify;
 
     #[test]
-    fn chunks_come_back_as_they_were_and_no_beginning_of_them_is_taken_for_them() {
+    fn chunks_round_trip_and_prefixes_are_rejected() {
         let checkpoint = InMemoryCheckpoint::default();
         let mut taken = 0;
         for (name, source) in common::all() {

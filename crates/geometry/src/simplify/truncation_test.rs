@@ -1,4 +1,4 @@
-//! Stops, on the collapses of every generated mesh.
+//! Truncation points of the collapses of every generated mesh.
 
 use crate::checkpoint::InMemoryCheckpoint;
 use crate::collapse::Records;
@@ -19,7 +19,7 @@ fn each_chunk(parts: usize, check: &mut dyn FnMut(&Records)) {
 }
 
 #[test]
-fn stops_cut_the_collapses_into_equal_parts() {
+fn truncation_points_divide_the_collapses_equally() {
     let mut with_truncation_points = 0;
     each_chunk(4, &mut |records| {
         with_truncation_points += usize::from(!records.truncation_points.is_empty());
@@ -33,7 +33,7 @@ fn stops_cut_the_collapses_into_equal_parts() {
 }
 
 #[test]
-fn small_chunks_have_no_stops() {
+fn small_chunks_have_no_truncation_points() {
     let mut records = Records::default();
     records.choose_truncation_points(4, 32);
     assert!(records.truncation_points.is_empty());

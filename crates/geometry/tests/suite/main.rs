@@ -1,4 +1,4 @@
-//! What the crate promises, tested through its public interface on generated meshes.
+//! Guarantees of the crate, tested through its public interface on generated meshes.
 #![allow(
     clippy::unwrap_used,
     reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"

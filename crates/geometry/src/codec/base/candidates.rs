@@ -259,7 +259,8 @@ mod tests {
             order.truncate(MAX_CHOICES);
             for (choosing, sizes) in [(false, &errors.all), (true, &errors.chosen)] {
                 let expected = order.iter().map(|&k| (k, candidates[k].unwrap(), sizes[k].div_euclid(PARTS)));
-                let choices = Choices::new(&errors, candidates, choosing).map(|c| (c.candidate, c.value, c.size));
+                let choices =
+                    Choices::new(&errors, candidates, choosing).map(|c| (c.candidate, c.value, c.size));
                 assert!(choices.eq(expected), "{:?} {candidates:?}", errors.all);
             }
         }
@@ -336,9 +337,8 @@ mod tests {
     #[test]
     fn recent_values_are_distinct_and_the_oldest_is_dropped() {
         let mut newest = RecentValues::default();
-        let values = |newest: &RecentValues| {
-            newest.values().iter().map_while(|value| *value).collect::<Vec<_>>()
-        };
+        let values =
+            |newest: &RecentValues| newest.values().iter().map_while(|value| *value).collect::<Vec<_>>();
         for (value, then) in [(5, vec![5]), (6, vec![6, 5]), (6, vec![6, 5]), (5, vec![5, 6])] {
             newest.follow(value);
             assert_eq!(values(&newest), then);

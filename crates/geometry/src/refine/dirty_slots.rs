@@ -1,20 +1,20 @@
-//! The slots that a change of the mesh touches.
+//! Dirty slots: the slots whose render data a change affects.
 
-/// What changed with a chunk: slots whose data a renderer must fetch again.
+/// Slots whose data a renderer must fetch again after a change.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Touched {
+pub struct DirtySlots {
     /// Wedge slots, ascending.
     pub wedges: Vec<u32>,
     /// (material, slot in its index list), ascending.
     pub draws: Vec<(u16, u32)>,
 }
 
-impl Touched {
-    /// Adds what changed after this.
+impl DirtySlots {
+    /// Adds the dirty slots of a later change.
     pub fn merge(&mut self, later: Self) {
         self.wedges.extend(later.wedges);
         self.draws.extend(later.draws);
-        // Stable sorting merges what is in order already.
+        // A stable sort exploits existing runs.
         self.wedges.sort();
         self.wedges.dedup();
         self.draws.sort();
