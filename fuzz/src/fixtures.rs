@@ -7,7 +7,7 @@ use lodestream_geometry::prepare::{Prepared, suit};
 use lodestream_geometry::refine::ActiveMesh;
 use lodestream_geometry::{Codec, Settings};
 
-use crate::common::{prepared, quantised, shapes, stopping};
+use crate::common::{prepared, quantised, shapes, with_truncation_points};
 
 /// A prepared asset and what it is for.
 pub struct Fixture {
@@ -44,7 +44,7 @@ pub fn all() -> &'static [Fixture] {
         .map(|(name, source, codec)| {
             let mut source = quantised(&source);
             suit(&mut source, codec);
-            let asset = prepared(&source, &Settings { codec, ..stopping(50) });
+            let asset = prepared(&source, &Settings { codec, ..with_truncation_points(50) });
             let mut mesh = ActiveMesh::new(&asset.base);
             let mut before = Vec::new();
             for (id, (info, payload)) in (0..).zip(asset.infos.iter().zip(&asset.chunks)) {

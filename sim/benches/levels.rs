@@ -77,7 +77,7 @@ fn row(
     let hooks = Hooks::new(&Serial, &peaks);
     let start = Instant::now();
     let asset =
-        prepare(mesh, settings, &checkpoint.map_or(hooks, |checkpoint| hooks.checkpointing_to(checkpoint)))?;
+        prepare(mesh, settings, &checkpoint.map_or(hooks, |checkpoint| hooks.with_checkpoints(checkpoint)))?;
     let seconds = start.elapsed().as_secs_f64();
     peaks.report(Progress::default());
     let (_, peaks) = peaks.0.into_inner().unwrap_or_default();
@@ -113,7 +113,7 @@ impl Monitor for Peaks {
 struct Files(PathBuf);
 
 impl CheckpointStore for Files {
-    fn lasts(&self) -> bool {
+    fn is_persistent(&self) -> bool {
         true
     }
 

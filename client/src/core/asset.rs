@@ -6,7 +6,7 @@ use geometry::DecodeError;
 use geometry::base::Base;
 use geometry::index::ChunkInfo;
 use geometry::mesh::NONE;
-use geometry::refine::{ActiveMesh, ChunkDelta, ChunkError, RefineError, Touched};
+use geometry::refine::{ActiveMesh, ChunkDelta, ChunkError, DirtySlots, RefineError};
 #[cfg(feature = "zstd")]
 use lodestream_compress::{decode_base, decode_prefix};
 use lodestream_geometry as geometry;
@@ -44,7 +44,7 @@ struct Dirty {
 }
 
 impl Dirty {
-    fn add(&mut self, touched: Touched) {
+    fn add(&mut self, touched: DirtySlots) {
         self.wedges.extend(touched.wedges);
         self.draws.extend(touched.draws);
         // Nobody may be looking for a long time (a hidden window): the same slots are then noted again
@@ -186,7 +186,7 @@ impl RefinedAsset {
         Ok(())
     }
 
-    fn note(&mut self, touched: Touched) {
+    fn note(&mut self, touched: DirtySlots) {
         if let Some(dirty) = &mut self.dirty {
             dirty.add(touched);
         }

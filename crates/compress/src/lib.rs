@@ -1,10 +1,9 @@
-//! zstd for what the plain codec writes ([`Codec::Zstd`]), kept out of `geometry`, which links no C.
+//! zstd compression for the codec [`Codec::Zstd`], in a crate of its own because `geometry` links no C.
 //!
-//! With that codec the base blob and every chunk are stored and sent as a zstd frame (RFC 8878) each. With
-//! the range coder they are stored as they are, but for a base blob that is smaller as a frame (tiles and
-//! boxes repeat themselves, which only zstd sees): whoever reads calls [`decode_base`] and
-//! [`decode_chunk`] for either. Index pages are range-coded under both codecs: sessions look into them, and
-//! they are small.
+//! With that codec the base blob and every chunk are stored and sent as a zstd frame (RFC 8878) each. With the range
+//! coder they are stored as they are, except a base blob that is smaller as a frame (zstd finds repetition that the
+//! range coder misses). Readers call [`decode_base`] and [`decode_chunk`] in either case. Index pages are always
+//! range-coded: sessions read them, and they are small.
 
 #![cfg_attr(
     not(test),
@@ -35,36 +34,35 @@ use lodestream_geometry::{Codec, DecodeError};
 use lodestream_geometry::{MeshError, Settings};
 use zstd::zstd_safe;
 
-/// Compression level: the slowest without long tables, since a blob is compressed once. Levels above
-/// gain nothing on blobs of a few kilobytes.
+/// Compression level: the slowest without long tables, since a blob is compressed once. Higher levels gain nothing on
+/// blobs of a few kilobytes.
 const LEVEL: i32 = 19;
-/// First bytes of a frame, and of a frame to be skipped (its last four bits are free). No base blob of
-/// the range coder begins so: its first byte is the format's version.
+/// Magic numbers of a frame and of a skippable frame (whose last four bits are free). A range-coded base blob never
+/// begins with them: its first byte is the format version.
 const FRAME_MAGIC: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
 const SKIPPED_MAGIC: [u8; 4] = [0x50, 0x2a, 0x4d, 0x18];
-/// What any frame may hold, and more for each of its bytes: a reader reserves no more.
+/// Decompressed size allowed per frame, and additionally per compressed byte.
 const FREE_BYTES: usize = 1 << 16;
-const MOST_PER_BYTE: usize = 64;
-/// Most bytes that a frame may hold.
-const MOST: usize = 1 << 26;
+const MAX_PER_BYTE: usize = 64;
+/// Largest decompressed size of a frame.
+const MAX_BYTES: usize = 1 << 26;
 
-/// Bytes that a frame of `stored` bytes may hold.
+/// Decompressed size allowed for a frame of `stored` bytes.
 fn limit(stored: usize) -> usize {
-    stored.saturating_mul(MOST_PER_BYTE).saturating_add(FREE_BYTES).min(MOST)
+    stored.saturating_mul(MAX_PER_BYTE).saturating_add(FREE_BYTES).min(MAX_BYTES)
 }
 
-/// Compresses a blob. What compresses better than [`decompress`] believes is followed by as much padding
-/// as it takes.
+/// Compresses a blob. If it compresses better than [`decompress`] allows, a skippable frame is appended as padding.
 ///
 /// # Errors
-/// On more than 64 MiB.
+/// If the blob is larger than 64 MiB.
 pub fn compress(plain: &[u8]) -> Result<Vec<u8>, DecodeError> {
     let fail = |why: String| DecodeError::new("compressed blob", why);
-    if plain.len() > MOST {
-        return Err(fail(format!("{} bytes; at most {MOST} can be said", plain.len())));
+    if plain.len() > MAX_BYTES {
+        return Err(fail(format!("{} bytes; at most {MAX_BYTES} are possible", plain.len())));
     }
     let mut out = zstd::bulk::compress(plain, LEVEL).map_err(|e| fail(e.to_string()))?;
-    let least = plain.len().saturating_sub(FREE_BYTES).div_ceil(MOST_PER_BYTE);
+    let least = plain.len().saturating_sub(FREE_BYTES).div_ceil(MAX_PER_BYTE);
     if let Some(missing) = least.checked_sub(out.len()).filter(|&m| m > 0) {
         let padding = missing.saturating_sub(8);
         out.extend(SKIPPED_MAGIC);
@@ -78,31 +76,29 @@ pub fn compress(plain: &[u8]) -> Result<Vec<u8>, DecodeError> {
 /// Decompresses a blob.
 ///
 /// # Errors
-/// On what is not a frame with its size said, holds more than its length can justify (64 bytes each
-/// beside 64 KiB), is damaged, or is followed by something else. Nothing is reserved before the size is
-/// checked.
+/// If the bytes are not one frame with a stated size, the size exceeds the limit (64 KiB plus 64 bytes per byte), the
+/// frame is damaged, or other data follows. Nothing is allocated before the size is checked.
 pub fn decompress(stored: &[u8]) -> Result<Vec<u8>, DecodeError> {
     let fail = |why: String| DecodeError::new("compressed blob", why);
     if !is_frame(stored) {
         return Err(fail("it is not a zstd frame".into()));
     }
     let size = zstd_safe::get_frame_content_size(stored).ok().flatten();
-    let size = size.ok_or_else(|| fail("it does not say its size".into()))?;
+    let size = size.ok_or_else(|| fail("its header lacks the decompressed size".into()))?;
     let limit = limit(stored.len());
     let size = usize::try_from(size).ok().filter(|&size| size <= limit);
-    let size = size.ok_or_else(|| {
-        fail(format!("it claims more than the {limit} bytes that {} can justify", stored.len()))
-    })?;
+    let size = size
+        .ok_or_else(|| fail(format!("it claims more than the {limit} bytes that {} allow", stored.len())))?;
     let plain = zstd::bulk::decompress(stored, size).map_err(|e| fail(e.to_string()))?;
     if plain.len() == size { Ok(plain) } else { Err(fail(format!("{} bytes of {size}", plain.len()))) }
 }
 
-/// Whether a blob begins as a frame does.
+/// Whether a blob begins with a frame.
 fn is_frame(stored: &[u8]) -> bool {
     stored.starts_with(&FRAME_MAGIC)
 }
 
-/// The bytes that `geometry` reads, of a chunk as it is stored.
+/// The payload that `geometry` decodes, from a stored chunk.
 ///
 /// # Errors
 /// As [`decompress`].
@@ -113,7 +109,7 @@ pub fn plain_chunk(codec: Codec, stored: &[u8]) -> Result<Cow<'_, [u8]>, DecodeE
     }
 }
 
-/// The base blob as it is stored: whichever is smaller for an asset of the range coder.
+/// The base blob as stored: with the range coder, the smaller of the two forms.
 ///
 /// # Errors
 /// As [`Base::encode`] and [`compress`].
@@ -121,30 +117,29 @@ pub fn encode_base(base: &Base) -> Result<Vec<u8>, DecodeError> {
     match base.codec {
         Codec::Range | Codec::AxisAligned => {
             let blobs = base.encode_both()?;
-            let frame = compress(&blobs.plain)?;
+            let frame = compress(&blobs.zstd)?;
             Ok(if frame.len() < blobs.range.len() { frame } else { blobs.range })
         }
         Codec::Zstd => compress(&base.encode()?),
     }
 }
 
-/// Reads a base blob as it is stored.
+/// Decodes a stored base blob.
 ///
 /// # Errors
-/// As [`Base::decode`] and [`decompress`]; also if the asset's codec is the plain one and the blob is not
-/// compressed.
+/// As [`Base::decode`] and [`decompress`]; also if the asset's codec is zstd and the blob is not compressed.
 pub fn decode_base(stored: &[u8]) -> Result<Base, DecodeError> {
     if is_frame(stored) {
         return Base::decode_as(&decompress(stored)?, Codec::Zstd);
     }
     let base = Base::decode(stored)?;
     if base.codec == Codec::Zstd {
-        return Err(DecodeError::new("base mesh", "it is of the plain codec, but not compressed"));
+        return Err(DecodeError::new("base mesh", "its codec is zstd, but it is not compressed"));
     }
     Ok(base)
 }
 
-/// Decodes a chunk as it is stored, up to a stopping point: [`ActiveMesh::decode_prefix`].
+/// Decodes a stored chunk up to a truncation point: [`ActiveMesh::decode_prefix`].
 ///
 /// # Errors
 /// As there, and as [`decompress`].
@@ -152,15 +147,15 @@ pub fn decode_prefix(
     mesh: &ActiveMesh,
     chunk: u32,
     info: &ChunkInfo,
-    stop: Option<u8>,
+    truncation: Option<u8>,
     stored: &[u8],
 ) -> Result<ChunkDelta, ChunkError> {
     let payload = plain_chunk(mesh.codec(), stored)
         .map_err(|e| DecodeError::new(format!("chunk {chunk}"), e.to_string()))?;
-    mesh.decode_prefix(chunk, info, stop, &payload)
+    mesh.decode_prefix(chunk, info, truncation, &payload)
 }
 
-/// Decodes a whole chunk as it is stored: [`ActiveMesh::decode`].
+/// Decodes a stored chunk: [`ActiveMesh::decode`].
 ///
 /// # Errors
 /// As there, and as [`decompress`].
@@ -174,7 +169,7 @@ pub fn decode_chunk(
 }
 
 #[cfg(feature = "prepare")]
-/// Prepares a mesh: [`prepare::prepare`], with chunks and their lengths as they are stored.
+/// Prepares a mesh with [`prepare::prepare`]; chunks and their stated lengths are the stored ones.
 ///
 /// # Errors
 /// As there.
@@ -184,22 +179,22 @@ pub fn prepare(
     pool: &dyn Pool,
     monitor: &dyn Monitor,
 ) -> Result<Prepared, MeshError> {
-    prepare_by(mesh, settings, Hooks::new(pool, monitor))
+    prepare_with_hooks(mesh, settings, Hooks::new(pool, monitor))
 }
 
 #[cfg(feature = "prepare")]
-/// The same, with all that a preparation calls on.
+/// As [`prepare`], with all callbacks of a preparation.
 ///
 /// # Errors
 /// As there.
-pub fn prepare_by(
+pub fn prepare_with_hooks(
     mesh: &QuantisedMesh,
     settings: &Settings,
     hooks: Hooks<'_>,
 ) -> Result<Prepared, MeshError> {
     match settings.codec {
         Codec::Range | Codec::AxisAligned => prepare::prepare(mesh, settings, &hooks),
-        Codec::Zstd => prepare::prepare(mesh, settings, &hooks.stored_by(&|plain| compress(&plain))),
+        Codec::Zstd => prepare::prepare(mesh, settings, &hooks.with_store(&|plain| compress(&plain))),
     }
 }
 
@@ -230,12 +225,12 @@ mod tests {
             assert!(plain.len() <= limit(stored.len()));
             assert_eq!(decompress(&stored).unwrap(), plain);
         }
-        // Nine million zeros are a frame of some hundred bytes, and padding.
+        // Nine million zeros compress to some hundred bytes, plus padding.
         assert!(compress(&vec![0; 9_000_000]).unwrap().len() > 100_000);
-        assert!(compress(&vec![0; MOST + 1]).is_err());
+        assert!(compress(&vec![0; MAX_BYTES + 1]).is_err());
     }
 
-    /// Triangles that share nothing.
+    /// Unconnected triangles.
     fn tiles(positions: Vec<[f64; 3]>) -> QuantisedMesh {
         let count = (positions.len() / 3) as u32;
         let corner = |position| Corner { position, uv: NONE, normal: NONE, color: NONE };
@@ -272,13 +267,13 @@ mod tests {
         for size in [1 << 20, 9_000_000, 100 << 20] {
             let bomb = zstd::bulk::compress(&vec![0; size], LEVEL).unwrap();
             let why = decompress(&bomb).unwrap_err().to_string();
-            assert!(why.contains("can justify"), "{why}");
+            assert!(why.contains("allow"), "{why}");
         }
-        // A frame header alone that claims 2^60 bytes: single segment, eight bytes of size.
+        // A bare frame header that claims 2^60 bytes: single segment, eight bytes of size.
         let mut forged = FRAME_MAGIC.to_vec();
         forged.push(0xe0);
         forged.extend((1_u64 << 60).to_le_bytes());
-        assert!(decompress(&forged).unwrap_err().to_string().contains("can justify"));
+        assert!(decompress(&forged).unwrap_err().to_string().contains("allow"));
     }
 
     #[test]
@@ -292,7 +287,7 @@ mod tests {
         let mut other = good;
         other[0] ^= 1;
         assert!(decompress(&other).unwrap_err().to_string().contains("not a zstd frame"));
-        // A stream that does not say its size.
+        // A stream without a stated size.
         let unsized_frame = zstd::stream::encode_all(&noise(300)[..], LEVEL).unwrap();
         assert!(decompress(&unsized_frame).unwrap_err().to_string().contains("size"));
     }

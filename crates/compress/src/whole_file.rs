@@ -1,17 +1,17 @@
-//! Files that are whole or absent.
+//! Atomic file writes: a file is complete or absent.
 
 use std::io::{self, Write};
 use std::path::Path;
 use std::time::{Duration, SystemTime};
 
-/// Names of temporary files begin and end like this.
+/// Prefix and suffix of temporary files.
 const PREFIX: &str = ".lodestream-";
 const SUFFIX: &str = ".part";
-/// A temporary file that nobody has written to for so long is nobody's: what is written is there whole beforehand.
+/// Age after which a temporary file is stale. Contents are complete in memory before writing starts, so writing is
+/// quick.
 const STALE_AFTER: Duration = Duration::from_secs(60 * 60);
 
-/// Removes temporary files from a folder that were left by processes that were killed. What cannot be looked at or
-/// removed stays.
+/// Removes temporary files that killed processes left in a folder. Files that cannot be examined or removed stay.
 pub fn remove_stale(folder: &Path, now: SystemTime) {
     for file in std::fs::read_dir(folder).into_iter().flatten().flatten() {
         let name = file.file_name();
@@ -24,25 +24,26 @@ pub fn remove_stale(folder: &Path, now: SystemTime) {
     }
 }
 
-/// Writes `path` by way of a temporary file in the same folder: written, synced, renamed. Whatever goes
-/// wrong, `path` is what it was before.
+/// Writes `path` through a temporary file in the same folder: written, synced, renamed. On any failure `path` is
+/// unchanged.
 ///
-/// A link is followed, and what is there and no regular file (a pipe, `/dev/null`) is not replaced but written to.
+/// A symbolic link is followed; an existing path that is not a regular file (a pipe, `/dev/null`) is written to, not
+/// replaced.
 ///
 /// # Errors
-/// Whatever creating, writing, syncing or renaming says.
+/// Any error of creating, writing, syncing or renaming.
 pub fn write_atomically(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
     let mut builder = tempfile::Builder::new();
     #[cfg(unix)]
     {
-        // Temporary files are private by default; these are meant to be shared, subject to the umask.
+        // Temporary files are private by default; these are shared, subject to the umask.
         use std::os::unix::fs::PermissionsExt as _;
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
     write_by(builder, path, write)
 }
 
-/// The same for a file that, on Unix, its owner alone may read: a private key.
+/// As [`write_atomically`], for a file that only its owner may read (on Unix), such as a private key.
 ///
 /// # Errors
 /// As [`write_atomically`].
@@ -61,7 +62,7 @@ fn write_by(
         write(&mut buffered)?;
         return buffered.flush();
     }
-    // Where there is nothing yet, nothing is a link.
+    // A path that does not exist is no link.
     let path = &std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -73,7 +74,7 @@ fn write_by(
     let temporary = buffered.into_inner().map_err(io::IntoInnerError::into_error)?;
     temporary.as_file().sync_all()?;
     temporary.persist(path).map_err(|error| error.error)?;
-    // The rename itself must survive a crash too; folders cannot be synced everywhere.
+    // The rename must survive a crash too; not every system can sync folders.
     #[cfg(unix)]
     std::fs::File::open(folder)?.sync_all()?;
     Ok(())
@@ -109,7 +110,7 @@ mod tests {
         assert_eq!(std::fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
     }
 
-    /// As root, `--stats /dev/null` would otherwise leave everybody a file there.
+    /// As root, `--stats /dev/null` would otherwise replace the device by a file.
     #[cfg(unix)]
     #[test]
     fn what_is_no_file_is_written_to_and_not_replaced() {
@@ -118,7 +119,7 @@ mod tests {
         let dir = tempfile::TempDir::new().unwrap();
         let path = dir.path().join("pipe");
         assert!(std::process::Command::new("mkfifo").arg(&path).status().unwrap().success());
-        // Opened for both, so that neither end waits for the other.
+        // Opened for both, so that neither end blocks.
         let mut pipe = std::fs::OpenOptions::new().read(true).write(true).open(&path).unwrap();
         write_atomically(&path, |out| out.write_all(b"told")).unwrap();
         assert!(std::fs::symlink_metadata(&path).unwrap().file_type().is_fifo());

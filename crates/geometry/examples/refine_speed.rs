@@ -1,7 +1,8 @@
-//! Times decoding and applying of a generated surface, on one thread: `script/refine-wasm` runs it natively and as wasm32.
+//! Measures decoding and applying of a generated surface on one thread; `script/refine-wasm` runs it natively and as
+//! wasm32.
 //!
-//! Prints how many vertex splits there are, how many a second were decoded, applied, and both, and a hash of what came
-//! out, which must be the same everywhere. Times are the best of several.
+//! Prints the number of vertex splits, the splits per second for decoding, applying and both, and a hash of the
+//! result, which must be equal on all machines. Times are the best of several runs.
 #![allow(clippy::disallowed_methods, clippy::print_stdout, reason = "an example may look at the clock")]
 
 use std::time::Instant;
@@ -13,9 +14,9 @@ use lodestream_geometry::prepare::{Hooks, Prepared, prepare};
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
 use lodestream_geometry::refine::ActiveMesh;
 
-/// Squares along a side of the surface.
+/// Squares per side of the surface.
 const SIDE: u32 = 180;
-/// Times that everything is decoded.
+/// Number of runs.
 const RUNS: u32 = 9;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -42,7 +43,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Seconds that decoding and applying all chunks take, and what comes of them.
+/// Seconds for decoding and for applying all chunks, and the resulting mesh.
 fn refine(prepared: &Prepared) -> Result<([f64; 2], ActiveMesh), Box<dyn std::error::Error>> {
     let mut mesh = ActiveMesh::new(&prepared.base);
     let mut seconds = [0.0; 2];
@@ -57,7 +58,7 @@ fn refine(prepared: &Prepared) -> Result<([f64; 2], ActiveMesh), Box<dyn std::er
     Ok((seconds, mesh))
 }
 
-/// Of positions and faces, in their slots (FNV-1a, 64 bits).
+/// FNV-1a hash (64 bits) of positions and faces in slot order.
 fn hash_of(mesh: &ActiveMesh) -> u64 {
     let (positions, faces) = mesh.surface();
     let positions = positions.iter().flatten().map(|x| x.to_bits());
@@ -68,11 +69,11 @@ fn hash_of(mesh: &ActiveMesh) -> u64 {
     })
 }
 
-/// A rolling landscape, of sums and products alone: the same on every machine.
+/// Rolling hills from sums and products only, identical on all machines.
 fn surface() -> SourceMesh {
     let mut mesh = SourceMesh::default();
     let wave = |x: f64| {
-        // A parabola in each unit, up and down by turns.
+        // A parabola per unit, alternately up and down.
         let (turn, along) = (x.floor() as i64, x - x.floor());
         let height = 4.0 * along * (1.0 - along);
         if turn % 2 == 0 { height } else { -height }

@@ -1,45 +1,45 @@
-//! How the pure crate borrows storage: what a preparation needs again only when it encodes is put away where its
-//! caller says.
+//! Storage for finished levels, which a preparation reads again only while encoding. The caller supplies the storage,
+//! so this crate opens no file.
 
 use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::{Mutex, PoisonError};
 
-/// What is put away and fetched as one.
+/// Key of one stored result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Piece {
     /// The level, 0 for the finest.
     pub level: u32,
-    /// Which of the level's blocks of regions; [`Piece::END`] for what closes the level.
+    /// Block of regions within the level; [`Piece::END`] for the piece that completes the level.
     pub block: u32,
 }
 
 impl Piece {
-    /// Stands for what is put away once all blocks of a level are.
+    /// Block number of the piece that completes a level.
     pub const END: u32 = u32::MAX;
-    /// Stands for the level of what closes a spatial block, of meshes that are simplified block after block.
+    /// Level number of the pieces that complete a spatial block (meshes that are simplified block by block).
     pub const OF_BLOCKS: u32 = u32::MAX;
 
-    /// What closes a level.
+    /// The piece that completes a level.
     #[must_use]
     pub const fn end_of(level: u32) -> Self {
         Self { level, block: Self::END }
     }
 
-    /// Whether it closes a level or a block: all that belongs to that was put away before.
+    /// Whether the piece completes a level or a spatial block: everything that belongs to it has been stored before.
     #[must_use]
-    pub const fn closes(self) -> bool {
+    pub const fn is_end(self) -> bool {
         self.block == Self::END || self.level == Self::OF_BLOCKS
     }
 
-    /// What closes a spatial block.
+    /// The piece that completes a spatial block.
     #[must_use]
     pub const fn end_of_block(block: u32) -> Self {
         Self { level: Self::OF_BLOCKS, block }
     }
 }
 
-/// A name that no other piece has, of letters, digits and a hyphen.
+/// A unique name of letters, digits and a hyphen, usable as a file name.
 impl fmt::Display for Piece {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.block {
@@ -50,47 +50,47 @@ impl fmt::Display for Piece {
     }
 }
 
-/// Storage that does not keep what it is given, or cannot give it back.
+/// A checkpoint could not be stored or read back.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("what is put away between levels: {why}")]
+#[error("checkpoint between levels: {why}")]
 pub struct CheckpointError {
     /// What went wrong, and where.
     pub why: String,
 }
 
 impl CheckpointError {
-    /// An error that says why.
+    /// An error with its cause.
     pub fn new(why: impl fmt::Display) -> Self {
         Self { why: why.to_string() }
     }
 }
 
-/// Keeps pieces. What [`CheckpointStore::get`] answers must be what [`CheckpointStore::put`] was given for the same mesh and settings, by
-/// this preparation or, where there is storage that lasts, by one before it that was ended early.
+/// Stores checkpoints. [`CheckpointStore::get`] returns what [`CheckpointStore::put`] was given for the same mesh and
+/// settings, by this preparation or, if the storage is persistent, by an earlier one that was interrupted.
 pub trait CheckpointStore: Sync {
-    /// Whether pieces outlive the process. Then a level is closed with what it takes to go on from it, about 7 bytes a
-    /// face of the input; and what is closed already is not done again.
-    fn lasts(&self) -> bool;
+    /// Whether pieces outlive the process. If so, each level is also stored with the state from which simplification
+    /// continues, about 7 bytes per face of the input, and levels that are complete are not computed again.
+    fn is_persistent(&self) -> bool;
 
-    /// Keeps a piece, in place of what was there under its name.
+    /// Stores a piece, replacing any earlier one with the same key.
     ///
     /// # Errors
-    /// Where it cannot be kept.
+    /// If it cannot be stored.
     fn put(&self, piece: Piece, bytes: Vec<u8>) -> Result<(), CheckpointError>;
 
-    /// A piece, or `None` where there is none that is whole.
+    /// Reads a piece; `None` if there is none or it is incomplete.
     ///
     /// # Errors
-    /// Where it cannot be said.
+    /// If the storage cannot be read.
     fn get(&self, piece: Piece) -> Result<Option<Vec<u8>>, CheckpointError>;
 }
 
-/// Keeps pieces in memory.
+/// Stores pieces in memory.
 #[derive(Debug, Default)]
 pub struct InMemoryCheckpoint(Mutex<BTreeMap<Piece, Vec<u8>>>);
 
 impl CheckpointStore for InMemoryCheckpoint {
-    fn lasts(&self) -> bool {
+    fn is_persistent(&self) -> bool {
         false
     }
 

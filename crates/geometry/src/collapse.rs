@@ -1,21 +1,21 @@
-//! What a region's simplification did, in the order it was done: enough to redo and to undo it. Simplification
-//! writes it; the encoder reads it backwards.
+//! The collapses of a region in order, with what is needed to redo and undo each. Simplification writes these
+//! records; the encoder reads them backwards.
 
 use std::ops::Range;
 
-/// Stands for the target of a vertex without faces, which is dropped.
+/// Target of a collapse that drops a vertex without faces.
 pub(crate) const NO_VERTEX: u32 = u32::MAX;
 
-/// Where a vertex is.
+/// A vertex and its grid cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Placed {
     pub(crate) vertex: u32,
     pub(crate) cell: [i32; 3],
-    /// How many of the lowest bits of `cell` are known to be zero.
+    /// Number of low bits of `cell` that are zero.
     pub(crate) shift: u8,
 }
 
-/// A corner of a face that moved with a collapse.
+/// A face corner that a collapse moves to another vertex.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct MovedCorner {
     pub(crate) face: u32,
@@ -25,7 +25,7 @@ pub(crate) struct MovedCorner {
     pub(crate) to: u32,
 }
 
-/// A face that vanished with a collapse.
+/// A face that a collapse removes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct RemovedFace {
     pub(crate) face: u32,
@@ -43,8 +43,8 @@ impl RemovedFace {
         (self.third != NO_VERTEX).then_some(self.third)
     }
 
-    /// The same by other ids.
-    pub(crate) fn renamed(&self, face: impl Fn(u32) -> u32, vertex: impl Fn(u32) -> u32) -> Self {
+    /// Maps the ids.
+    pub(crate) fn with_ids(&self, face: impl Fn(u32) -> u32, vertex: impl Fn(u32) -> u32) -> Self {
         Self::new(face(self.face), self.third().map(vertex))
     }
 }
@@ -59,29 +59,29 @@ pub(crate) struct Collapse {
     /// Ends of this collapse's parts of the lists in [`Records`]; they start where the previous ends.
     pub(crate) moved_end: u32,
     pub(crate) removed_end: u32,
-    pub(crate) kept_end: u32,
+    pub(crate) added_wedges_end: u32,
 }
 
 /// The collapses of one region in one level.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Records {
     pub(crate) collapses: Vec<Collapse>,
-    /// Largest cost so far in this region, by collapse; forgotten once it is known how many there are.
+    /// Largest cost so far in this region, by collapse; cleared once the number of collapses is final.
     pub(crate) costs: Vec<f64>,
     pub(crate) moved: Vec<MovedCorner>,
     pub(crate) removed: Vec<RemovedFace>,
-    /// Wedges of these faces when they vanished. Empty until a level is put away: so long, faces that are dead tell.
-    pub(crate) vanished: Vec<[u32; 3]>,
-    /// Wedges that a collapse kept: the source wedge of each. Until [`Records::commit`] they are
-    /// numbered from `first_kept` on.
-    pub(crate) kept: Vec<u32>,
-    pub(crate) first_kept: u32,
-    /// How many collapses are left at each point between none and all undone where a client may stop,
-    /// coarse to fine, so descending.
+    /// Wedges of the removed faces at the time they were removed. Empty until the level is stored as a checkpoint;
+    /// until then the dead faces still hold them.
+    pub(crate) removed_wedges: Vec<[u32; 3]>,
+    /// Wedges that a collapse adds to the target: the source wedge of each. Until [`Records::commit`] they are
+    /// numbered from `first_added_wedge` on.
+    pub(crate) added_wedges: Vec<u32>,
+    pub(crate) first_added_wedge: u32,
+    /// Truncation points: how many collapses remain at each, coarse to fine, so descending.
     pub(crate) truncation_points: Vec<u32>,
-    /// No input vertex is farther from the vertex that it was collapsed to; infinite where faces
-    /// vanished without one. So long as each point of a face is taken to the same place between the
-    /// face's corners, that bounds the distance of the surfaces, both ways.
+    /// Upper bound on the distance between an input vertex and the vertex it was collapsed to; infinite if faces were
+    /// removed without a target. If each point of a face is mapped to the same barycentric coordinates, this bounds
+    /// the distance of the surfaces both ways.
     pub(crate) reach: f64,
 }
 
@@ -100,43 +100,44 @@ impl Records {
         )
     }
 
-    /// Wedges of the faces that vanished with one collapse.
-    pub(crate) fn vanished(&self, index: usize) -> &[[u32; 3]] {
+    /// Wedges of the faces that one collapse removed.
+    pub(crate) fn removed_wedges(&self, index: usize) -> &[[u32; 3]] {
         let from = index.checked_sub(1).map_or(0, |i| self.collapses[i].removed_end);
-        &self.vanished[from as usize..self.collapses[index].removed_end as usize]
+        &self.removed_wedges[from as usize..self.collapses[index].removed_end as usize]
     }
 
-    /// Keeps the first `count` collapses only.
+    /// Drops all but the first `count` collapses.
     pub(crate) fn truncate(&mut self, count: usize) {
         self.collapses.truncate(count);
         self.costs.truncate(count);
-        let (moved, removed, kept) =
-            self.collapses.last().map_or((0, 0, 0), |c| (c.moved_end, c.removed_end, c.kept_end));
+        let (moved, removed, added_wedges) =
+            self.collapses.last().map_or((0, 0, 0), |c| (c.moved_end, c.removed_end, c.added_wedges_end));
         self.moved.truncate(moved as usize);
         self.removed.truncate(removed as usize);
-        self.kept.truncate(kept as usize);
+        self.added_wedges.truncate(added_wedges as usize);
         self.shrink();
     }
 
-    /// Gives back the room that grew with the lists: all regions of a level are kept at once.
+    /// Releases spare capacity: the records of all regions of a level are in memory together.
     pub(crate) fn shrink(&mut self) {
         self.collapses.shrink_to_fit();
         self.costs.shrink_to_fit();
         self.moved.shrink_to_fit();
         self.removed.shrink_to_fit();
-        self.kept.shrink_to_fit();
+        self.added_wedges.shrink_to_fit();
     }
 
-    /// Chooses the truncation_points: `parts` equal parts as long as each has `least` collapses, since errors fall
-    /// about in proportion to what is undone.
+    /// Chooses the truncation points: `parts` equal parts, or fewer so that each has at least `least` collapses.
+    /// Errors fall about in proportion to the number of splits.
     pub(crate) fn choose_truncation_points(&mut self, parts: usize, least: usize) {
         let total = self.collapses.len();
         let parts = parts.min(total / least.max(1)).max(1);
         self.truncation_points = (1..parts).rev().map(|part| (total * part / parts) as u32).collect();
     }
 
-    /// The truncation_points that are coded, as places in [`Records::truncation_points`]: the middle one. Each costs about 0.5 bits a
-    /// split, because which vertices go first must be said; errors are measured at all of them.
+    /// The truncation points that are encoded, as indices of [`Records::truncation_points`]: only the middle one.
+    /// Each costs about 0.5 bits per split, because the order of the splits must be encoded; errors are measured at
+    /// all of them.
     pub(crate) fn coded_truncation_points(&self) -> Range<usize> {
         let middle = self.truncation_points.len() / 2;
         middle..(middle + 1).min(self.truncation_points.len())

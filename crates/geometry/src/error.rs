@@ -1,11 +1,11 @@
-//! Error values of the crate: what was wrong, and where.
+//! Errors of the crate.
 
 #[cfg(feature = "prepare")]
 use crate::checkpoint::CheckpointError;
 #[cfg(feature = "prepare")]
 use crate::simplify::settings::SettingsError;
 
-/// Bytes or values that cannot be what they claim to be.
+/// Bytes or values that do not form what they should.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{what}: {why}")]
 pub struct DecodeError {
@@ -22,10 +22,10 @@ impl DecodeError {
     }
 }
 
-/// A mesh that cannot be prepared.
+/// A mesh that cannot be prepared, with the reason.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MeshError {
-    /// No face is left after degenerate faces are dropped.
+    /// No face remains after degenerate faces are dropped.
     #[error("the mesh has no usable face ({dropped} degenerate faces were dropped)")]
     NoFaces {
         /// Faces with repeated vertices.
@@ -45,7 +45,7 @@ pub enum MeshError {
         /// Index of the texture coordinate.
         index: usize,
     },
-    /// A face that refers to something that is not there.
+    /// A face refers to an element that does not exist.
     #[error("face {face} refers to {kind} {index}, but there are only {count}")]
     BadIndex {
         /// Index of the face.
@@ -57,7 +57,7 @@ pub enum MeshError {
         /// How many there are.
         count: usize,
     },
-    /// More of something than ids can number.
+    /// More elements than ids can number.
     #[error("the mesh has {count} {kind}; at most {limit} are supported")]
     TooLarge {
         /// "faces", "positions" or "materials".
@@ -67,27 +67,27 @@ pub enum MeshError {
         /// How many are supported.
         limit: usize,
     },
-    /// A setting that is out of its range.
+    /// A setting out of range.
     #[cfg(feature = "prepare")]
     #[error(transparent)]
     BadSetting(#[from] SettingsError),
-    /// Bits or a tolerance that cannot be had.
+    /// An impossible number of bits or tolerance.
     #[error("position precision: {why}")]
     BadPrecision {
         /// What is wrong with it.
         why: String,
     },
-    /// A promise of the format that preparation could not keep: a defect of this program.
+    /// Preparation violated an invariant of the format: a bug in this crate.
     #[error("preparation failed: {why}; please report this with the mesh")]
     Internal {
         /// What went wrong.
         why: String,
     },
-    /// Storage does not keep what is put away between levels.
+    /// The checkpoint store failed.
     #[cfg(feature = "prepare")]
     #[error(transparent)]
     CheckpointStore(#[from] CheckpointError),
-    /// The pool of threads does not keep its promise.
+    /// The thread pool left out a task.
     #[error(transparent)]
     SkippedTask(#[from] SkippedTask),
     /// Preparation was cancelled.
@@ -95,7 +95,7 @@ pub enum MeshError {
     Cancelled,
 }
 
-/// A pool that returned before all its tasks were done.
+/// A pool returned before all its tasks were done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the pool of threads left out task {task} of {count}: it must run each exactly once")]
 pub struct SkippedTask {

@@ -1,9 +1,9 @@
-//! Progressive meshes: quantise, simplify, chunk, code, refine, measure.
+//! Progressive meshes: quantisation, simplification into chunks, coding, refinement and their checks.
 //!
 //! The crate is pure: it opens no file and no socket, reads no clock, spawns no thread unless handed
 //! a [`pool::Pool`], and links no C.
 
-// The encoder shares its model with the decoder: without preparation some of it has no caller.
+// The encoder shares its model with the decoder; without the feature `prepare` parts of it have no caller.
 #![cfg_attr(not(feature = "prepare"), allow(dead_code, reason = "encoders are called by preparation"))]
 
 // Foundations.
@@ -54,10 +54,11 @@ pub use prepare::training;
 #[cfg(feature = "prepare")]
 pub use simplify::settings::{Metric, Settings, SettingsError};
 
-/// The chunk index: what a client must know of a chunk before it asks for it.
+/// The chunk index: metadata of each chunk, which a client needs before it requests the chunk.
 pub mod index {
     pub use crate::asset::index::{
-        CHUNKS_PER_PAGE, ChunkInfo, IndexPage, MAX_PARENTS, MAX_STOPS, Sphere, TruncationPoint, page_count,
+        CHUNKS_PER_PAGE, ChunkInfo, IndexPage, MAX_PARENTS, MAX_TRUNCATION_POINTS, Sphere, TruncationPoint,
+        page_count,
     };
     pub use crate::codec::index_page::{
         decode_page, decode_stated_page, encode_page, encode_pages, expected_rest_error,

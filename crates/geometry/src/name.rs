@@ -1,17 +1,17 @@
-//! Choices that people name: the error of a word that is no such name.
+//! The error of parsing a name that is not one of the choices.
 
-/// A word that names none of the choices that there are.
+/// A name that is none of the choices.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{possible} is possible; {given:?} is not")]
 pub struct UnknownName {
-    /// The names that there are, as the beginning of a sentence ("qem or melax").
+    /// The valid names, as the beginning of a sentence ("qem or melax").
     pub possible: &'static str,
-    /// What was given instead.
+    /// The name that was given.
     pub given: String,
 }
 
 impl UnknownName {
-    /// A refusal of `given`, where only `possible` is.
+    /// An error about `given` when the choices are `possible`.
     pub fn new(possible: &'static str, given: &str) -> Self {
         Self { possible, given: given.to_owned() }
     }

@@ -1,10 +1,10 @@
-//! Conversions between kinds of numbers where the range is known, so that no cast loses anything by surprise.
+//! Conversions between number types where the range is known, so that no cast is lossy unnoticed.
 //!
-//! What comes from an untrusted peer is converted with `try_from` and an error. These are for what the program itself has
-//! counted or bounded.
+//! Values from an untrusted peer are converted with `try_from` and an error. These functions are for values that the
+//! program itself has counted or bounded.
 
-/// A count of elements, or an index among them, as a 32-bit id. Every list of elements holds fewer than 2^32; what
-/// did not would count as 2^32 − 1.
+/// Converts a count or index of elements to a 32-bit id. Every list of elements holds fewer than 2^32; larger values
+/// saturate at 2^32 − 1.
 #[inline]
 #[must_use]
 pub fn id32(count: usize) -> u32 {
@@ -12,7 +12,7 @@ pub fn id32(count: usize) -> u32 {
     u32::try_from(count).unwrap_or(u32::MAX)
 }
 
-/// A count as a real number; exact below 2^53.
+/// Converts a count to f64; exact below 2^53.
 #[inline]
 #[must_use]
 #[expect(clippy::cast_precision_loss, reason = "no list of elements is that long")]
@@ -20,8 +20,7 @@ pub fn real(count: usize) -> f64 {
     count as f64
 }
 
-/// A real number without its fraction (towards zero); the nearest integer that there is if it is out of range, and 0
-/// for what is not a number.
+/// Truncates towards zero, saturating; NaN becomes 0.
 #[inline]
 #[must_use]
 #[expect(clippy::cast_possible_truncation, reason = "that is what it is for; such a cast saturates")]
@@ -29,8 +28,8 @@ pub fn truncated(x: f64) -> i32 {
     x as i32
 }
 
-/// The greatest integer that is not above a real number, with [`truncated`]'s ends. Where processors of any age are
-/// compiled for, `f64::floor` is a call.
+/// Rounds down, saturating as [`truncated`] does. Faster than `f64::floor`, which is a function call on baseline
+/// x86-64.
 #[inline]
 #[must_use]
 pub fn floored(x: f64) -> i32 {
@@ -38,7 +37,7 @@ pub fn floored(x: f64) -> i32 {
     whole.saturating_sub(i32::from(f64::from(whole) > x))
 }
 
-/// The lowest 32 bits: arithmetic modulo 2^32 goes on with them as if nothing had been lost.
+/// The lowest 32 bits, for arithmetic modulo 2^32.
 #[inline]
 #[must_use]
 pub fn low32(value: i128) -> i32 {
@@ -46,7 +45,7 @@ pub fn low32(value: i128) -> i32 {
     i32::from_le_bytes([a, b, c, d])
 }
 
-/// The nearest 32-bit number; infinite beyond their range.
+/// Rounds to the nearest f32; infinite beyond its range.
 #[inline]
 #[must_use]
 #[expect(clippy::cast_possible_truncation, reason = "that is what it is for")]
@@ -54,14 +53,14 @@ pub fn nearest_f32(x: f64) -> f32 {
     x as f32
 }
 
-/// The class that a number belongs to, of classes 0 … `classes` − 1 of which the outer ones take what lies beyond.
+/// Clamps a number to a class 0 … `classes` − 1.
 #[inline]
 #[must_use]
 pub fn class(value: i32, classes: usize) -> usize {
     usize::try_from(value).unwrap_or(0).min(classes - 1)
 }
 
-/// One over 1, 2, …: what dividing gives, to the bit.
+/// Reciprocals of 1, 2, …, bit-identical to a division.
 const INVERSE: [f64; 64] = {
     let mut table = [1.0; 64];
     let (mut k, mut x) = (2, 2.0);
@@ -72,7 +71,7 @@ const INVERSE: [f64; 64] = {
     table
 };
 
-/// One over a number that is not 0.
+/// Reciprocal of a number that is not 0.
 #[inline]
 pub(crate) fn inverse(count: u32) -> f64 {
     INVERSE.get(count as usize).copied().unwrap_or_else(|| 1.0 / f64::from(count))

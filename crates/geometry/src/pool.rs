@@ -1,11 +1,11 @@
-//! How the pure crate borrows threads and reports progress: both are handed in by the caller.
+//! Thread pools and progress reports, both supplied by the caller.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use crate::error::{MeshError, SkippedTask};
 
-/// Runs independent tasks, on as many threads as the implementor likes.
+/// Runs independent tasks on any number of threads.
 ///
 /// Implementations must call `task(i)` exactly once for each `i < count` before returning. Nothing in
 /// this crate depends on the order or on the number of threads.
@@ -26,7 +26,7 @@ impl Pool for Serial {
     }
 }
 
-/// Tasks that threads take one after the other, for implementors of [`Pool`]: each thread calls [`Tasks::work`].
+/// A queue of tasks for implementors of [`Pool`]: each thread calls [`Tasks::work`].
 pub struct Tasks<'a> {
     next: AtomicUsize,
     count: usize,
@@ -34,13 +34,13 @@ pub struct Tasks<'a> {
 }
 
 impl<'a> Tasks<'a> {
-    /// `task(0)` … `task(count - 1)`, none of them begun.
+    /// Tasks `task(0)` … `task(count - 1)`, none started.
     #[must_use]
     pub fn new(count: usize, task: &'a (dyn Fn(usize) + Sync)) -> Self {
         Self { next: AtomicUsize::new(0), count, task }
     }
 
-    /// Runs tasks that nobody has begun until there are none.
+    /// Runs tasks until none is left to start.
     pub fn work(&self) {
         loop {
             let i = self.next.fetch_add(1, Ordering::Relaxed);
@@ -52,35 +52,35 @@ impl<'a> Tasks<'a> {
     }
 }
 
-/// What a preparation is at. Stages alternate from level to level.
+/// The stage of a preparation. Stages alternate from level to level.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Stage {
-    /// Regions and their collapses.
+    /// Choosing regions and collapsing their edges.
     #[default]
     Simplify,
-    /// Distances between the input and what is left.
+    /// Measuring distances between the input and the simplified mesh.
     Measure,
-    /// Base mesh, chunks and index.
+    /// Encoding base mesh, chunks and index.
     Encode,
 }
 
-/// How far a preparation has come.
+/// Progress of a preparation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Progress {
-    /// What comes next.
+    /// The stage that starts now.
     pub stage: Stage,
-    /// Faces that no longer need simplification.
+    /// Faces that need no further simplification.
     pub faces_done: usize,
-    /// Faces in all.
+    /// Faces of the input.
     pub faces_total: usize,
     /// Edge collapses performed so far.
     pub collapses: usize,
 }
 
-/// Receives progress; answers whether to go on.
+/// Receives progress and may cancel.
 pub trait Monitor: Sync {
-    /// Called before each stage and each region, by any thread of the pool; `false` cancels the
-    /// preparation once the regions that are being worked on are done.
+    /// Called before each stage and each region, by any thread of the pool. `false` cancels the preparation once the
+    /// regions in progress are done.
     fn report(&self, progress: Progress) -> bool;
 }
 
@@ -118,38 +118,38 @@ fn taken<T>(slot: Mutex<Option<T>>) -> Option<T> {
     slot.into_inner().ok().flatten()
 }
 
-/// A pool whose tasks are skipped once the monitor has said no.
+/// A pool that skips the remaining tasks once the monitor has cancelled.
 #[derive(Clone, Copy)]
-pub(crate) struct Watched<'a> {
+pub(crate) struct MonitoredPool<'a> {
     pool: &'a dyn Pool,
     monitor: &'a dyn Monitor,
-    /// What the monitor is told before each task.
+    /// Progress reported before each task.
     progress: Progress,
 }
 
-impl<'a> Watched<'a> {
+impl<'a> MonitoredPool<'a> {
     pub(crate) fn new(pool: &'a dyn Pool, monitor: &'a dyn Monitor, faces_total: usize) -> Self {
         Self { pool, monitor, progress: Progress { faces_total, ..Progress::default() } }
     }
 
-    /// The threads alone, for parts of a task that the monitor was asked about.
+    /// The underlying pool, for subtasks of a task: the monitor is not asked again.
     pub(crate) fn threads(&self) -> &'a dyn Pool {
         self.pool
     }
 
-    /// Begins a stage.
+    /// Starts a stage.
     pub(crate) fn begin(&mut self, stage: Stage) -> Result<(), MeshError> {
         self.progress.stage = stage;
         if self.monitor.report(self.progress) { Ok(()) } else { Err(MeshError::Cancelled) }
     }
 
-    /// Notes what is done.
+    /// Updates the progress.
     pub(crate) fn advance(&mut self, faces_done: usize, collapses: usize) {
         self.progress.faces_done = faces_done;
         self.progress.collapses += collapses;
     }
 
-    /// Runs both, at the same time where there are threads.
+    /// Runs `a` and `b`, in parallel if there are threads.
     pub(crate) fn both<A: Send, B: Send>(
         &self,
         a: &(dyn Fn() -> A + Sync),
@@ -167,7 +167,7 @@ impl<'a> Watched<'a> {
         Ok((taken(first).ok_or_else(|| left_out(0))?, taken(second).ok_or_else(|| left_out(1))?))
     }
 
-    /// Runs `f(i)` for all `i`, asking the monitor before each, and returns the results in order.
+    /// Runs `f(i)` for all `i`, calling the monitor before each, and returns the results in order.
     pub(crate) fn map<T: Send>(
         &self,
         count: usize,
@@ -184,7 +184,7 @@ impl<'a> Watched<'a> {
         if cancelled.into_inner() {
             return Err(MeshError::Cancelled);
         }
-        // None is empty unless cancelled.
+        // Results are missing only after cancellation.
         Ok(results?.into_iter().flatten().collect())
     }
 }
@@ -193,30 +193,30 @@ impl<'a> Watched<'a> {
 mod tests {
     use super::*;
 
-    /// Leaves out one task.
-    struct Without(usize);
+    /// A faulty pool that leaves out one task.
+    struct SkippingPool(usize);
 
-    impl Pool for Without {
+    impl Pool for SkippingPool {
         fn run(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
             (0..count).filter(|&i| i != self.0).for_each(task);
         }
     }
 
     #[test]
-    fn of_two_both_come_back_or_an_error() {
-        let both = |pool: &dyn Pool| Watched::new(pool, &Silent, 0).both(&|| 1, &|| "two");
+    fn both_returns_both_results_or_an_error() {
+        let both = |pool: &dyn Pool| MonitoredPool::new(pool, &Silent, 0).both(&|| 1, &|| "two");
         assert_eq!(both(&Serial).unwrap(), (1, "two"));
         for task in [0, 1] {
-            let error = both(&Without(task)).unwrap_err();
+            let error = both(&SkippingPool(task)).unwrap_err();
             assert_eq!(error, MeshError::SkippedTask(SkippedTask { task, count: 2 }));
         }
     }
 
     #[test]
     fn a_skipped_task_is_named_and_shifts_no_result() {
-        assert_eq!(map(&Without(7), 4, &|i| i * 10), Ok(vec![0, 10, 20, 30]));
-        assert_eq!(map(&Without(1), 4, &|i| i * 10), Err(SkippedTask { task: 1, count: 4 }));
-        let watched = Watched::new(&Without(3), &Silent, 0);
+        assert_eq!(map(&SkippingPool(7), 4, &|i| i * 10), Ok(vec![0, 10, 20, 30]));
+        assert_eq!(map(&SkippingPool(1), 4, &|i| i * 10), Err(SkippedTask { task: 1, count: 4 }));
+        let watched = MonitoredPool::new(&SkippingPool(3), &Silent, 0);
         let error = watched.map(4, &|i| i).unwrap_err();
         assert_eq!(error, MeshError::SkippedTask(SkippedTask { task: 3, count: 4 }));
         assert!(error.to_string().contains("left out task 3 of 4"), "{error}");

@@ -1,4 +1,4 @@
-//! From a source mesh to its grids: weld, drop what is unused, snap positions and uvs to integers.
+//! Quantisation of a source mesh: weld positions, drop unused elements, snap positions and uvs to integer grids.
 
 #![cfg_attr(
     not(test),
@@ -25,18 +25,18 @@ pub const DEFAULT_POSITION_BITS: u8 = 14;
 pub const DEFAULT_UV_BITS: u8 = 12;
 /// Default of [`QuantiseSettings::normal_tolerance`], in degrees.
 pub const DEFAULT_NORMAL_TOLERANCE: f64 = 10.0;
-/// Fewest bits per axis that are accepted.
+/// Fewest bits per axis.
 pub const MIN_POSITION_BITS: u8 = 4;
-/// Fewest bits per axis that a tolerance is met with: what fewer would save is little.
+/// Fewest bits per axis chosen for a tolerance; fewer would save little.
 const MIN_TOLERANCE_BITS: u8 = 8;
 /// Largest number of faces, positions or wedges: ids keep a few bits to spare.
 const MAX_ELEMENTS: usize = 1 << 30;
-/// Longest side of a mesh: spheres and errors about it still fit an f32.
+/// Longest side of a mesh: spheres and errors still fit an f32.
 const MAX_EXTENT: f64 = 1e38;
 /// Normals of one vertex closer than this (cosine of 1°) belong to one normal group.
 const SAME_NORMAL_COS: f32 = 0.999_847_7;
 
-/// How finely positions are kept.
+/// Precision of positions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Precision {
     /// Bits per axis, [`MIN_POSITION_BITS`]`..=`[`MAX_POSITION_BITS`].
@@ -52,8 +52,8 @@ pub struct QuantiseSettings {
     pub precision: Precision,
     /// Bits per axis of texture coordinates, `1..=16`.
     pub uv_bits: u8,
-    /// Largest angle, in degrees, between a normal of the source and what the faces say before it is
-    /// sent: 0 sends all that differ at all, 180 none.
+    /// Largest angle, in degrees, between a source normal and the normal computed from the faces, above which the
+    /// normal is stored: 0 stores every normal that differs, 180 none.
     pub normal_tolerance: f64,
 }
 
@@ -67,17 +67,17 @@ impl Default for QuantiseSettings {
     }
 }
 
-/// Snaps a source mesh to its grids.
+/// Quantises a source mesh.
 ///
-/// Equal positions are welded into one vertex; faces with a repeated vertex are dropped, then
-/// whatever no face uses. Distinct positions that fall on the same grid point stay distinct vertices.
-/// Normals become normal groups: the corners at a vertex whose normals agree within 1° share one, and
-/// where a group's normal is further from what its faces say than the tolerance, its wedges carry it.
-/// A source without normals is smooth everywhere: one group per vertex. Colours split wedges as uvs do.
+/// Equal positions are welded into one vertex; faces with a repeated vertex are dropped, then all unused elements.
+/// Distinct positions on the same grid point stay distinct vertices. Normals become normal groups: corners at a
+/// vertex whose normals agree within 1° share one; where a group's normal differs from the computed one by more than
+/// the tolerance, its wedges store it. A source without normals is smooth: one group per vertex. Colours split wedges
+/// as uvs do.
 ///
 /// # Errors
-/// Refuses indices out of range, coordinates that are not finite 32-bit numbers, meshes longer than
-/// such a number can say, material 65535, meshes without a usable face, and tolerances that need more than [`MAX_POSITION_BITS`].
+/// Indices out of range, coordinates that are not finite f32 numbers, meshes longer than an f32 can represent,
+/// material 65535, meshes without a usable face, and tolerances that need more than [`MAX_POSITION_BITS`].
 pub fn quantise(source: &SourceMesh, settings: &QuantiseSettings) -> Result<QuantisedMesh, MeshError> {
     validate(source)?;
     let (vertex_of, positions) = weld(source);
@@ -92,7 +92,7 @@ pub fn quantise(source: &SourceMesh, settings: &QuantiseSettings) -> Result<Quan
         return Err(MeshError::NoFaces { dropped: source.faces.len() });
     }
     if !(1..=MAX_UV_BITS).contains(&settings.uv_bits) {
-        let why = format!("{} uv bits asked for; 1 to {MAX_UV_BITS} are possible", settings.uv_bits);
+        let why = format!("{} uv bits requested; 1 to {MAX_UV_BITS} are possible", settings.uv_bits);
         return Err(MeshError::BadPrecision { why });
     }
     let grid = position_grid(source, &kept, &vertex_of, &positions, settings.precision)?;
@@ -103,7 +103,7 @@ pub fn quantise(source: &SourceMesh, settings: &QuantiseSettings) -> Result<Quan
     mesh.faces.reserve_exact(kept.len());
     let mut vertex_new = vec![NONE; positions.len()];
     let mut groups = NormalGroups::default();
-    let mut known = KnownWedges::default();
+    let mut known = WedgeTable::default();
     for &index in &kept {
         let wedges = source.faces[index].map(|corner| {
             let welded = vertex_of[corner.position as usize] as usize;
@@ -124,25 +124,26 @@ pub fn quantise(source: &SourceMesh, settings: &QuantiseSettings) -> Result<Quan
     if !source.normals.is_empty() {
         let meant: Vec<_> =
             groups.of_wedge.iter().map(|&at| groups.normals[at as usize].map(f64::from)).collect();
-        normals::keep_explicit(&mut mesh, &meant, settings.normal_tolerance);
+        normals::store_explicit(&mut mesh, &meant, settings.normal_tolerance);
     }
     Ok(mesh)
 }
 
-/// The normal groups of each vertex, in order of first use: lists within one list, since most vertices have one group.
+/// Normal groups of each vertex in order of first use, as linked lists in one array, since most vertices have one
+/// group.
 #[derive(Default)]
 struct NormalGroups {
-    /// By vertex, the first of its groups, [`NONE`] for none.
+    /// First group of each vertex; [`NONE`] for none.
     first: Vec<u32>,
-    /// Unit normals, zero where the source gives none, and the next group of the same vertex.
+    /// Unit normal of each group, zero if the source gives none, and in `next` the next group of the same vertex.
     normals: Vec<[f32; 3]>,
     next: Vec<u32>,
-    /// By wedge, its place among the normals; empty where no source normal is given.
+    /// Group index of each wedge; empty if the source has no normals.
     of_wedge: Vec<u32>,
 }
 
 impl NormalGroups {
-    /// The group's number within the vertex, and its place among the normals, where there are any.
+    /// The group's number within the vertex, and its index among the normals, if there are any.
     fn group(&mut self, vertex: u32, normal: u32, normals: &[[f32; 3]]) -> (u32, Option<u32>) {
         if normals.is_empty() {
             return (0, None);
@@ -170,20 +171,21 @@ impl NormalGroups {
     }
 }
 
-/// Wedges of one vertex that are compared one by one; those beyond are hashed.
-const MOST_COMPARED: usize = 16;
+/// Wedges per vertex that are compared one by one; further ones are hashed.
+const MAX_COMPARED: usize = 16;
 
-/// The wedges that there are, by vertex: nearly all have one or two, which takes a quarter of what hashing them all would.
+/// Deduplicates wedges by vertex. Nearly all vertices have one or two wedges; comparing takes a quarter of the time
+/// of hashing all.
 #[derive(Default)]
-struct KnownWedges {
-    /// By vertex, the last of its compared wedges, [`NONE`] for none; by wedge, the one before it.
+struct WedgeTable {
+    /// Last compared wedge of each vertex, [`NONE`] for none; in `before`, the previous one of each wedge.
     last: Vec<u32>,
     before: Vec<u32>,
     others: HashMap<Wedge, u32>,
 }
 
-impl KnownWedges {
-    /// The number of a wedge, which is added to the list, and told, where it is new.
+impl WedgeTable {
+    /// The number of a wedge; a new one is appended to `wedges`, and `added` is called.
     fn number(&mut self, wedge: Wedge, wedges: &mut Vec<Wedge>, added: impl FnOnce()) -> u32 {
         let vertex = wedge.vertex as usize;
         if self.last.len() <= vertex {
@@ -198,7 +200,7 @@ impl KnownWedges {
             at = self.before[at as usize];
         }
         let new = id32(wedges.len());
-        let many = compared == MOST_COMPARED;
+        let many = compared == MAX_COMPARED;
         if many && let Some(&number) = self.others.get(&wedge) {
             return number;
         }
@@ -261,7 +263,7 @@ fn validate(source: &SourceMesh) -> Result<(), MeshError> {
     Ok(())
 }
 
-/// Welds equal positions: (welded vertex of each source position, welded positions).
+/// Welds equal positions. Returns the welded vertex of each source position, and the welded positions.
 fn weld(source: &SourceMesh) -> (Vec<u32>, Vec<[f64; 3]>) {
     let mut first: HashMap<[u64; 3], u32> = HashMap::with_capacity(source.positions.len());
     let mut positions: Vec<[f64; 3]> = Vec::new();
@@ -308,7 +310,7 @@ fn position_grid(
             if !(MIN_POSITION_BITS..=MAX_POSITION_BITS).contains(&bits) {
                 return Err(MeshError::BadPrecision {
                     why: format!(
-                        "{bits} bits asked for; {MIN_POSITION_BITS} to {MAX_POSITION_BITS} are possible"
+                        "{bits} bits requested; {MIN_POSITION_BITS} to {MAX_POSITION_BITS} are possible"
                     ),
                 });
             }
@@ -320,7 +322,7 @@ fn position_grid(
     Ok(Grid { origin: min, step: extent / cells, bits })
 }
 
-/// The fewest bits whose cells' half diagonal is at most `tolerance`.
+/// The fewest bits at which half a cell's diagonal is at most `tolerance`.
 fn bits_for(extent: f64, tolerance: f64) -> Result<u8, MeshError> {
     if !(tolerance > 0.0 && tolerance.is_finite()) {
         return Err(MeshError::BadPrecision {

@@ -1,12 +1,12 @@
-//! A small seeded generator for choosing random sets and orders (SplitMix64: Steele, Lea and Flood,
-//! "Fast splittable pseudorandom number generators", 2014).
+//! A small seeded random number generator (SplitMix64: Steele, Lea and Flood, "Fast splittable pseudorandom number
+//! generators", 2014).
 
-/// A generator of 64-bit numbers; the same on every machine.
+/// A generator of 64-bit numbers, identical on every machine.
 #[derive(Clone, Debug)]
 pub struct Random(u64);
 
 impl Random {
-    /// A generator whose numbers follow from the seed.
+    /// A generator with a seed.
     #[must_use]
     pub fn new(seed: u64) -> Self {
         Self(seed)
@@ -21,17 +21,17 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// A number below `limit` (0 for a limit of 0); the bias is below limit / 2^64.
+    /// A number below `limit` (0 if the limit is 0); the bias is below limit / 2^64.
     ///
     /// # Panics
-    /// With debug assertions, for a limit of 2^32 or more: on 32-bit machines there is none, so what came of it would not
-    /// be the same there. [`Self::below_u64`] takes it.
+    /// In debug builds, for a limit of 2^32 or more: the result would differ on 32-bit machines. Use
+    /// [`Self::below_u64`] then.
     pub fn below(&mut self, limit: usize) -> usize {
         debug_assert!(u32::try_from(limit).is_ok(), "a limit of {limit}, which 32-bit machines cannot have");
         self.below_u64(limit as u64) as usize
     }
 
-    /// As [`Self::below`], on every machine up to 2^64.
+    /// As [`Self::below`], for limits up to 2^64.
     pub fn below_u64(&mut self, limit: u64) -> u64 {
         ((u128::from(self.next_u64()) * u128::from(limit)) >> 64) as u64
     }

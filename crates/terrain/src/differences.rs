@@ -1,93 +1,32 @@
-//! What listed points change: a second field, by the same averages as the first but without offsets, that has
-//! given values at listed points and is added to the heights.
+//! Applying height overrides: a second field, interpolated like the first but without offsets, that takes given
+//! values at overridden points and is added to the generated heights.
 //!
-//! At a fixed point the value is what its height lacks; at an additive one it is the change itself. Because
-//! the averages are those of diamond-square, the result is what diamond-square would make with the listed
-//! heights put in as it goes; but points need not know in which order.
+//! At a fixed point its value is the given height minus the generated one; at an additive point it is the given
+//! change. Because it is interpolated like diamond-square, the result is what diamond-square would give with the
+//! overridden heights inserted during generation; but overrides may be set in any order.
 
 use super::mode::Mode;
-use super::numbers::{index, saturate, signed, span};
+use super::numbers::{saturate, signed};
+use super::patch_overrides::{OverrideDelta, PatchOverrides, row_points};
 use super::points::HeightOverrides;
 use super::rect::Rect;
 use super::refine::{Detail, View, refine};
 use super::window::{Buffers, Scratch, descend};
 use super::world::Terrain;
 
-/// A listed point, in the patch's coordinates of the level in which it appears.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct HeightOverride {
-    pub(super) y: u16,
-    pub(super) x: u16,
-    pub(super) mode: Mode,
-    /// What it changes.
-    pub(super) difference: i64,
-}
-
-/// A patch's listed points, and what they change.
-#[derive(Clone, Debug)]
-pub(super) struct PatchOverrides {
-    pub(super) points: HeightOverrides,
-    /// By the level in which points appear, by row and column.
-    levels: Vec<Vec<HeightOverride>>,
-}
-
-/// Finest points along the sides of a block in which heights under listed points are made.
+/// Side, in finest points, of the blocks in which the heights below fixed points are generated.
 const BLOCK: u16 = 64;
-/// Points of a block, for each listed one, up to which it is made whole; else point by point.
+/// A block is generated as a whole if it has at most this many points per override, else point by point.
 const SPARSE: usize = 64;
 
-impl PatchOverrides {
-    /// The points of a level, sorted.
-    pub(super) fn level(&self, level: u8) -> &[HeightOverride] {
-        self.levels.get(usize::from(level)).map_or(&[], Vec::as_slice)
-    }
-
-    /// The coarsest level with points.
-    fn first_level(&self) -> Option<u8> {
-        (0..).zip(&self.levels).find(|(_, points)| !points.is_empty()).map(|(level, _)| level)
-    }
-
-    /// Bytes that are held.
-    pub(super) fn bytes(&self) -> usize {
-        let listed: usize =
-            self.levels.iter().map(|level| level.capacity() * size_of::<HeightOverride>()).sum();
-        listed + size_of_val(self.points.as_slice())
-    }
-}
-
-/// The points of rows, among those sorted by row and column.
-fn rows(points: &[HeightOverride], first: i64, last: i64) -> &[HeightOverride] {
-    let from = points.partition_point(|p| i64::from(p.y) < first);
-    let to = points.partition_point(|p| i64::from(p.y) <= last);
-    &points[from..to]
-}
-
-/// Calls `each` with the column and the point, for the points of a row at `y` that starts at `x`.
-pub(super) fn row_points(
-    points: &[HeightOverride],
-    (x, y): (i64, i64),
-    width: usize,
-    mut each: impl FnMut(usize, &HeightOverride),
-) {
-    let row = rows(points, y, y);
-    let from = row.partition_point(|p| i64::from(p.x) < x);
-    for point in &row[from..] {
-        let column = i64::from(point.x) - x;
-        if column >= span(width) {
-            break;
-        }
-        each(index(column), point);
-    }
-}
-
-/// Differences of a level: nothing is added, listed points are given.
-struct Given<'a> {
-    points: &'a [HeightOverride],
-    /// The patch's first point of the level.
+/// The difference field of a level: no offsets, given values at overridden points.
+struct GivenDifferences<'a> {
+    points: &'a [OverrideDelta],
+    /// The patch's first point in the level.
     origin: (i64, i64),
 }
 
-impl Detail<i64> for Given<'_> {
+impl Detail<i64> for GivenDifferences<'_> {
     type Row = ();
     #[inline(always)]
     fn row(&self, _x: i64, _y: i64) {}
@@ -101,7 +40,7 @@ impl Detail<i64> for Given<'_> {
     }
 }
 
-/// The differences of a rectangle inside a patch's closed square, at a level from 0 on. False if all are 0.
+/// The differences in a rectangle inside a patch's closed square, at a level from 0 on. Returns false if all are 0.
 fn window(
     patch: &PatchOverrides,
     (px, py): (i64, i64),
@@ -111,7 +50,8 @@ fn window(
     out: &mut Vec<i64>,
 ) -> bool {
     let Some(first) = patch.first_level().filter(|&first| first <= level) else { return false };
-    let given = |level: u8| Given { points: patch.level(level), origin: (px << level, py << level) };
+    let given =
+        |level: u8| GivenDifferences { points: patch.level(level), origin: (px << level, py << level) };
     let corners = |rect: Rect, out: &mut Vec<i64>| {
         out.clear();
         out.resize(rect.len(), 0);
@@ -127,7 +67,7 @@ fn window(
 }
 
 impl Terrain {
-    /// Works out what points of patch (`px`, `py`) change.
+    /// Computes the differences that the height overrides of patch (`px`, `py`) make.
     pub(super) fn differences(&self, px: i64, py: i64, points: HeightOverrides) -> PatchOverrides {
         let n = self.parameters.finest_level;
         let mut levels = vec![Vec::new(); usize::from(n) + 1];
@@ -139,7 +79,7 @@ impl Terrain {
                 Mode::Fixed => i64::from(point.height) - i64::from(under),
             };
             let (x, y) = (point.x >> zeros, point.y >> zeros);
-            levels[usize::from(n) - zeros as usize].push(HeightOverride {
+            levels[usize::from(n) - zeros as usize].push(OverrideDelta {
                 y,
                 x,
                 mode: point.mode,
@@ -150,7 +90,7 @@ impl Terrain {
         PatchOverrides { points, levels }
     }
 
-    /// The heights without points at fixed points (0 at others), block by block: memory is a block's.
+    /// Generated heights at fixed points (0 at others), block by block, so that memory is that of one block.
     fn heights_under(&self, px: i64, py: i64, points: &HeightOverrides) -> Vec<i32> {
         let n = self.parameters.finest_level;
         let points = points.as_slice();
@@ -187,19 +127,19 @@ impl Terrain {
         under
     }
 
-    /// Adds what listed points change to the heights of a rectangle.
+    /// Adds the effect of height overrides to the heights of a rectangle.
     pub(super) fn add_differences(&self, level: i8, rect: Rect, scratch: &mut Scratch, heights: &mut [i32]) {
         if self.patches.is_empty() {
             return;
         }
         let Ok(fine) = u8::try_from(level) else {
             let sparse = u32::from(level.unsigned_abs());
-            for (&(px, py), patch) in self.touched(level, rect) {
-                for corner in self.own(px, py, 0) {
+            for (&(px, py), patch) in self.patches_near(level, rect) {
+                for corner in self.owned_points(px, py, 0) {
                     let at = Rect::new(corner.x >> sparse, corner.y >> sparse, 1, 1);
                     if (corner.x | corner.y) & ((1 << sparse) - 1) == 0 && rect.intersection(&at).is_some() {
                         let mut change = [0];
-                        Given { points: patch.level(0), origin: (px, py) }.give(
+                        GivenDifferences { points: patch.level(0), origin: (px, py) }.give(
                             corner.x,
                             corner.y,
                             &mut change,
@@ -212,9 +152,9 @@ impl Terrain {
             return;
         };
         let Scratch { differences, sums, .. } = scratch;
-        for (&(px, py), patch) in self.touched(level, rect) {
-            for own in self.own(px, py, fine) {
-                let Some(part) = rect.intersection(&own) else { continue };
+        for (&(px, py), patch) in self.patches_near(level, rect) {
+            for owned_points in self.owned_points(px, py, fine) {
+                let Some(part) = rect.intersection(&owned_points) else { continue };
                 if !window(patch, (px, py), fine, part, differences, sums) {
                     continue;
                 }
@@ -228,10 +168,9 @@ impl Terrain {
         }
     }
 
-    /// The points of a level whose differences are a patch's to add: all but those on a right or lower border
-    /// that another patch with points adds. Those on a border are listed with both its patches, so it does
-    /// not matter which does.
-    fn own(&self, px: i64, py: i64, level: u8) -> impl Iterator<Item = Rect> {
+    /// The points of a level whose differences this patch adds: all except those on a right or lower border that
+    /// another patch with overrides adds. Border points are overridden in both patches, so either may add them.
+    fn owned_points(&self, px: i64, py: i64, level: u8) -> impl Iterator<Item = Rect> {
         let has = |dx: i64, dy: i64| self.patches.contains_key(&(px + dx, py + dy));
         let (x, y, side) = (px << level, py << level, 1_usize << level);
         let (right, below) = ((px + 1) << level, (py + 1) << level);
@@ -245,8 +184,8 @@ impl Terrain {
         parts.into_iter().flatten()
     }
 
-    /// The patches with points that begin in a rectangle, or before it and reach in; some others too.
-    pub(super) fn touched(
+    /// The patches with overrides that begin in a rectangle, or before it and extend into it; may include others.
+    pub(super) fn patches_near(
         &self,
         level: i8,
         rect: Rect,
@@ -254,7 +193,7 @@ impl Terrain {
         let patch = |at: i64| if level < 0 { at << -level } else { at >> level };
         let world = 1_i64 << self.parameters.extent_log2;
         let clamp = |at: i64| patch(at).clamp(-world, world - 1);
-        // A rectangle that begins on a border may ask for the patch before it, whose border that is too.
+        // A rectangle that begins on a border also needs the patch before it.
         let (left, right) = (clamp(rect.x - 1), clamp(rect.right()));
         let (top, bottom) = (clamp(rect.y - 1), clamp(rect.bottom()));
         self.patches

@@ -1,41 +1,41 @@
 //! Spike removal and thermal erosion of one level.
 //!
-//! Thermal erosion after Musgrave, Kolb and Mace, "The synthesis and rendering of eroded fractal terrains",
-//! SIGGRAPH 1989: where two neighbours differ by more than the talus, part of the excess slides. Here all
-//! slides of a pass are worked out from the heights before it (Jacobi), so that no order matters, and what
-//! leaves a point arrives at its neighbour. Diamond-square's spikes (Miller 1986) are points that stand out of
-//! their neighbours' range.
+//! Thermal erosion after Musgrave, Kolb and Mace, "The synthesis and rendering of eroded fractal terrains", SIGGRAPH
+//! 1989: where neighbours differ by more than the talus, part of the excess slides. All slides of a pass are computed
+//! from the heights before it (Jacobi iteration), so the order does not matter and material is conserved. Spikes of
+//! diamond-square (Miller 1986) are points outside the range of their neighbours.
 //!
-//! A point's height follows from those at most [`Erosion::margin`] points away, so any rectangle is eroded
-//! alone with that margin, and neighbours agree.
+//! A point's height depends on points at most [`Erosion::margin`] away, so any rectangle can be eroded separately
+//! with that margin, and neighbouring rectangles agree.
 
-use super::differences::PatchOverrides;
-use super::differences::{HeightOverride, row_points};
 use super::mode::Mode;
 use super::numbers::{index, saturate, signed, span};
 use super::parameters::Erosion;
+use super::patch_overrides::PatchOverrides;
+use super::patch_overrides::{OverrideDelta, row_points};
 use super::rect::Rect;
 use super::refine::{Detail, View, refine};
 use super::window::{Scratch, descend, needed};
 use super::world::Terrain;
 
-/// Most points of the erosion level in a block that is eroded at once for a coarser level.
+/// Side of the largest block of the erosion level that is eroded at once for a coarser level.
 const BLOCK_SIDE: usize = 512;
-/// The part of an excess that slides to one neighbour in a pass: an eighth, so that four leave half.
+/// Share of an excess that slides to one neighbour in a pass, as a shift: an eighth, so that four neighbours leave
+/// half.
 const SLIDE_SHIFT: u32 = 3;
 
-/// Differences that erosion made, at a level finer than its own: they are averaged, but fixed points stay.
-struct Eroded<'a> {
+/// Changes by erosion at a level finer than the eroded one: interpolated, except at fixed points.
+struct ErosionDifferences<'a> {
     patches: &'a [(&'a (i64, i64), &'a PatchOverrides)],
     level: u8,
 }
 
-impl Eroded<'_> {
+impl ErosionDifferences<'_> {
     /// Calls `each` with the column of every fixed point in a row of the level.
     fn fixed(&self, x: i64, y: i64, width: usize, mut each: impl FnMut(usize)) {
         for ((px, py), patch) in self.patches {
             let at = (x - (px << self.level), y - (py << self.level));
-            row_points(patch.level(self.level), at, width, |column, point: &HeightOverride| {
+            row_points(patch.level(self.level), at, width, |column, point: &OverrideDelta| {
                 if point.mode == Mode::Fixed {
                     each(column);
                 }
@@ -44,7 +44,7 @@ impl Eroded<'_> {
     }
 }
 
-impl Detail<i64> for Eroded<'_> {
+impl Detail<i64> for ErosionDifferences<'_> {
     type Row = ();
     #[inline(always)]
     fn row(&self, _x: i64, _y: i64) {}
@@ -58,7 +58,7 @@ impl Detail<i64> for Eroded<'_> {
 }
 
 impl Terrain {
-    /// The heights of a rectangle with erosion, which is on.
+    /// The heights of a rectangle with erosion, which must be on.
     pub(super) fn eroded_window(&self, level: i8, rect: Rect, scratch: &mut Scratch, out: &mut Vec<i32>) {
         let eroding = self.parameters.erosion.level;
         if i32::from(level) < i32::from(eroding) {
@@ -77,10 +77,10 @@ impl Terrain {
         let differences: Vec<i64> =
             eroded.iter().zip(&*out).map(|(&after, &before)| i64::from(after) - i64::from(before)).collect();
         self.featured(signed(level), rect, scratch, out);
-        let patches: Vec<_> = self.touched(signed(level), rect).collect();
+        let patches: Vec<_> = self.patches_near(signed(level), rect).collect();
         let Scratch { differences: buffers, sums, .. } = scratch;
         let step = |parent: View<'_, i64>, level: u8, out: &mut [i64]| {
-            refine(parent, level, &Eroded { patches: &patches, level }, out);
+            refine(parent, level, &ErosionDifferences { patches: &patches, level }, out);
         };
         descend(rect, eroding, level, buffers, sums, |_, out| *out = differences, step);
         for (height, change) in out.iter_mut().zip(&*sums) {
@@ -88,9 +88,9 @@ impl Terrain {
         }
     }
 
-    /// Every 2^`sparse`th point of the level that erodes.
+    /// Every 2^`sparse`th point of the eroded level.
     fn eroded_subset(&self, rect: Rect, sparse: u32, scratch: &mut Scratch, out: &mut Vec<i32>) {
-        // Where points are farther apart than erosion reaches, each is eroded alone.
+        // If points are farther apart than erosion reaches, each is eroded separately.
         let margin = self.parameters.erosion.margin();
         let side = if (1_usize << sparse) > 2 * margin + 1 { 1 } else { (BLOCK_SIDE >> sparse).max(1) };
         out.clear();
@@ -115,7 +115,7 @@ impl Terrain {
         }
     }
 
-    /// The heights of a rectangle of the level that erodes.
+    /// The heights of a rectangle of the eroded level.
     fn erode(&self, rect: Rect, scratch: &mut Scratch, out: &mut Vec<i32>) {
         let erosion = self.parameters.erosion;
         let margin = erosion.margin();
@@ -123,19 +123,19 @@ impl Terrain {
         let grown = Rect::new(rect.x - m, rect.y - m, rect.width + 2 * margin, rect.height + 2 * margin);
         let mut heights = Vec::new();
         self.featured(signed(erosion.level), grown, scratch, &mut heights);
-        let pinned = self.pinned(erosion.level, grown);
+        let fixed_points = self.fixed_points(erosion.level, grown);
         let mut next = heights.clone();
         if erosion.spike_limit > 0 {
             let range = self.parameters.ranges()[usize::from(erosion.level)];
             let limit = (i64::from(range) * i64::from(erosion.spike_limit)) >> 4;
             pass(&heights, grown.width, 1, &mut next, |around, out| remove_spikes(around, limit, out));
-            keep(&pinned, &heights, &mut next);
+            restore_fixed(&fixed_points, &heights, &mut next);
             std::mem::swap(&mut heights, &mut next);
         }
         let talus = (i64::from(self.parameters.amplitude) * i64::from(erosion.talus)) >> 16;
-        // Heights stay within their range, so what is narrow remains so.
+        // Heights stay within their range, so narrow ones remain narrow.
         let narrow = talus <= i64::from(NARROW) && are_narrow(&heights);
-        // What a pass leaves out at the rim, those after it need less of: a lone point costs a third of its square.
+        // Later passes need a smaller margin than earlier ones: a single point costs a third of its square.
         let first = margin + 1 - usize::from(erosion.passes);
         for ring in first..=margin {
             if narrow {
@@ -145,7 +145,7 @@ impl Terrain {
                     slide::<false>(around, talus, out)
                 });
             }
-            keep(&pinned, &heights, &mut next);
+            restore_fixed(&fixed_points, &heights, &mut next);
             std::mem::swap(&mut heights, &mut next);
         }
         out.clear();
@@ -154,35 +154,35 @@ impl Terrain {
         }
     }
 
-    /// Where fixed points of the levels up to `level` are, in a rectangle of it.
-    fn pinned(&self, level: u8, rect: Rect) -> Vec<usize> {
-        let mut pinned = Vec::new();
-        for (&(px, py), patch) in self.touched(signed(level), rect) {
+    /// Indices of fixed points of the levels up to `level` in a rectangle of it.
+    fn fixed_points(&self, level: u8, rect: Rect) -> Vec<usize> {
+        let mut fixed_points = Vec::new();
+        for (&(px, py), patch) in self.patches_near(signed(level), rect) {
             for appears in 0..=level {
                 let shift = level - appears;
                 for point in patch.level(appears).iter().filter(|p| p.mode == Mode::Fixed) {
                     let x = (px << level) + (i64::from(point.x) << shift) - rect.x;
                     let y = (py << level) + (i64::from(point.y) << shift) - rect.y;
                     if (0..span(rect.width)).contains(&x) && (0..span(rect.height)).contains(&y) {
-                        pinned.push(index(y) * rect.width + index(x));
+                        fixed_points.push(index(y) * rect.width + index(x));
                     }
                 }
             }
         }
-        pinned
+        fixed_points
     }
 }
 
 impl Erosion {
-    /// Finest grid units around a patch in which features of other patches matter to its heights.
+    /// Distance around a patch, in finest grid units, within which other patches' features affect its heights.
     #[must_use]
     pub fn reach(&self, finest_level: u8) -> i64 {
         span(self.margin()) << finest_level.saturating_sub(self.level)
     }
 }
 
-/// A row of heights without its ends, and what is around it, all equally long.
-struct Around<'a> {
+/// Inner part of a row with its neighbouring rows and columns, all of equal length.
+struct Neighbourhood<'a> {
     row: &'a [i32],
     left: &'a [i32],
     right: &'a [i32],
@@ -190,15 +190,15 @@ struct Around<'a> {
     below: [&'a [i32]; 3],
 }
 
-/// Works out every point of a row-major array but those in its outermost `ring` ≥ 1 rows and columns from those around
-/// it, row by row. The rim of `next` is left as it is.
+/// Computes every point of a row-major array, except its outermost `ring` ≥ 1 rows and columns, from the points
+/// around it. The rim of `next` is unchanged.
 #[inline(always)]
 fn pass(
     heights: &[i32],
     width: usize,
     ring: usize,
     next: &mut [i32],
-    rule: impl Fn(&Around<'_>, &mut [i32]),
+    rule: impl Fn(&Neighbourhood<'_>, &mut [i32]),
 ) {
     if width <= 2 * ring {
         return;
@@ -207,7 +207,7 @@ fn pass(
     for y in ring..heights.len() / width - ring {
         let part = |y: usize, x: usize| &heights[y * width + x..][..inner];
         let three = |y: usize| [ring - 1, ring, ring + 1].map(|x| part(y, x));
-        let around = Around {
+        let around = Neighbourhood {
             row: part(y, ring),
             left: part(y, ring - 1),
             right: part(y, ring + 1),
@@ -218,24 +218,24 @@ fn pass(
     }
 }
 
-/// Magnitude up to which all arithmetic here fits in 32 bits. Heights without features are always below.
+/// Largest magnitude for which all arithmetic fits in 32 bits. Heights without features are always below.
 const NARROW: i32 = 1 << 29;
 
 fn are_narrow(heights: &[i32]) -> bool {
     heights.iter().all(|h| (-NARROW..=NARROW).contains(h))
 }
 
-/// Puts pinned points back.
-fn keep(pinned: &[usize], heights: &[i32], next: &mut [i32]) {
-    for &i in pinned {
+/// Restores fixed points.
+fn restore_fixed(fixed_points: &[usize], heights: &[i32], next: &mut [i32]) {
+    for &i in fixed_points {
         next[i] = heights[i];
     }
 }
 
-/// Brings heights back to at most `limit` outside the range of their eight neighbours.
-fn remove_spikes(around: &Around<'_>, limit: i64, out: &mut [i32]) {
-    let Around { row, left, right, above, below } = around;
-    // The same length for all, so that no index needs a check.
+/// Clamps heights to at most `limit` outside the range of their eight neighbours.
+fn remove_spikes(around: &Neighbourhood<'_>, limit: i64, out: &mut [i32]) {
+    let Neighbourhood { row, left, right, above, below } = around;
+    // Equal slice lengths eliminate bounds checks.
     let n = out.len();
     let [row, left, right] = [row, left, right].map(|part| &part[..n]);
     let [above, below] = [above, below].map(|three| three.map(|part| &part[..n]));
@@ -248,12 +248,12 @@ fn remove_spikes(around: &Around<'_>, limit: i64, out: &mut [i32]) {
     }
 }
 
-/// Heights after what slides to and from their four neighbours. `NARROW` if all are and the talus is.
-fn slide<const NARROW: bool>(around: &Around<'_>, talus: i64, out: &mut [i32]) {
-    let Around { row, left, right, above, below } = around;
+/// Heights after slides to and from the four neighbours. `NARROW` if heights and talus are.
+fn slide<const NARROW: bool>(around: &Neighbourhood<'_>, talus: i64, out: &mut [i32]) {
+    let Neighbourhood { row, left, right, above, below } = around;
     let n = out.len();
     let [row, left, right, above, below] = [*row, *left, *right, above[1], below[1]].map(|part| &part[..n]);
-    // Exact where it is used.
+    // Exact if `NARROW`.
     let narrow = saturate(talus);
     for i in 0..n {
         let height = row[i];
@@ -285,7 +285,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_leaves_a_point_arrives_elsewhere() {
+    fn erosion_conserves_material() {
         let mut heights = vec![0; 21 * 21];
         heights[10 * 21 + 10] = 100_003;
         let mut next = heights.clone();
@@ -308,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn a_spike_is_brought_back_and_a_slope_is_not_one() {
+    fn spikes_are_removed_and_slopes_are_not() {
         let mut heights: Vec<i32> = (0..81).map(|i| i % 9 * 1000).collect();
         heights[40] = 100_000;
         heights[22] = i32::MIN;
@@ -316,7 +316,7 @@ mod tests {
         pass(&heights, 9, 1, &mut next, |around, out| remove_spikes(around, 7, out));
         assert_eq!((next[40], next[22]), (5007, 3000 - 7));
         assert_eq!(next[50], 5000);
-        // The limits of integers are no reason to overflow.
+        // The extremes of integers must not overflow.
         let mut wild = [i32::MAX; 9];
         wild[4] = i32::MIN;
         let mut next = wild;

@@ -1,6 +1,6 @@
-//! What can be wrong with a terrain, its features, or a request for its heights.
+//! Errors of terrains, their features, and requests for heights.
 
-/// A terrain that cannot be made, or heights that cannot be had.
+/// An invalid terrain or feature, or heights that do not exist.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TerrainError {
     /// A parameter outside its range.
@@ -8,19 +8,19 @@ pub enum TerrainError {
     BadParameter {
         /// Name of the parameter.
         name: &'static str,
-        /// What it is.
+        /// Its value.
         value: i64,
-        /// What it must be.
+        /// Its valid range.
         range: &'static str,
     },
-    /// Parameters that together allow heights beyond what integers hold safely.
+    /// Parameters that allow heights beyond the safe integer range.
     #[error(
         "terrain heights can reach ±{worst}, more than {limit}: lower the amplitude, the roughness or the base"
     )]
     TooHigh {
         /// The largest magnitude that a height without features can have.
         worst: u64,
-        /// The largest that is allowed.
+        /// The largest magnitude allowed.
         limit: u64,
     },
     /// A level that the terrain does not have.
@@ -69,29 +69,29 @@ pub enum TerrainError {
         /// Most points of a window.
         limit: usize,
     },
-    /// More features than a terrain takes.
+    /// Too many features.
     #[error("{count} {what}, at most {limit} are possible")]
     TooMany {
-        /// What there is too much of.
+        /// The kind of feature.
         what: &'static str,
-        /// How many there are.
+        /// How many were given.
         count: usize,
-        /// How many there may be.
+        /// How many are allowed.
         limit: usize,
     },
-    /// A feature that cannot be.
+    /// An invalid feature.
     #[error("feature set {set}: {what} {index}: {why}")]
     BadFeature {
         /// Index of the set.
         set: usize,
-        /// What it is: a point or a stamp.
+        /// Its kind: a point or a stamp.
         what: &'static str,
         /// Its index in the set.
         index: usize,
         /// What is wrong with it.
         why: String,
     },
-    /// A listed point of a patch that cannot be.
+    /// An invalid height override of a patch.
     #[error("point {x}, {y} of a patch {why}")]
     BadPoint {
         /// Its column in the patch.

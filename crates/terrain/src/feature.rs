@@ -1,4 +1,4 @@
-//! Features as an author writes them: lists of points and stamps on the global grid of the finest level.
+//! Features as an author specifies them: points and stamps on the global grid of the finest level.
 
 use super::error::TerrainError;
 use super::mode::Mode;
@@ -7,7 +7,7 @@ use super::points::{HeightOverride, HeightOverrides, MAX_PATCH_POINTS};
 use super::stamp::{MAX_STAMPS, Shape, Stamp};
 use std::collections::{BTreeMap, HashSet};
 
-/// Most points of all lists of a terrain.
+/// Most points in all feature sets of a terrain.
 pub const MAX_POINTS: usize = 1 << 22;
 
 /// A height, or a change of height, at one point of the finest grid.
@@ -23,37 +23,36 @@ pub struct Point {
 
 /// Features of one mode.
 ///
-/// A point listed as fixed ends at exactly its height; one listed as additive at exactly what it was without
-/// points, plus its height, whatever else is listed. Points that are not listed follow as diamond-square has
-/// it: by the differences of those around them that are in coarser levels. The sets of a terrain apply in
-/// order: at a point of several lists, a later fixed height replaces and a later change adds. Stamps come
-/// before all lists.
+/// A fixed point has exactly the given height; an additive point has its height without points plus the given change,
+/// whatever other points there are. Other points follow by diamond-square interpolation of the changes around them in
+/// coarser levels. The sets of a terrain apply in order: at a point in several sets, a later fixed height replaces
+/// and a later change adds. Stamps apply before all points.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FeatureSet {
-    /// What the set does.
+    /// How the features change heights.
     pub mode: Mode,
-    /// Single points; none twice.
+    /// Single points, each at most once.
     pub points: Vec<Point>,
     /// Shapes.
     pub stamps: Vec<Shape>,
 }
 
-/// Features as a terrain takes them: stamps in order, and the points of each patch.
+/// Features by patch: stamps in order, and the height overrides of each patch.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Features {
     /// All stamps, in order.
     pub stamps: Vec<Stamp>,
-    /// The points of each patch that has any, by the patch's column and row. Points of a border are listed
-    /// with both patches, those of a corner with all four.
+    /// The overrides of each patch that has any, by the patch's column and row. Border points are in both patches,
+    /// corner points in all four.
     pub patches: BTreeMap<(i64, i64), HeightOverrides>,
 }
 
 impl Features {
-    /// Sorts sets of features by patches.
+    /// Distributes sets of features to patches.
     ///
     /// # Errors
-    /// If a point is listed twice in one set or is not in the world, a stamp is not sound, or there are too
-    /// many. The message names set and index.
+    /// If a point occurs twice in one set or is outside the world, a stamp is invalid, or there are too many. The
+    /// message names set and index.
     pub fn gather(parameters: &Parameters, sets: &[FeatureSet]) -> Result<Self, TerrainError> {
         parameters.check()?;
         let total: usize = sets.iter().map(|set| set.points.len()).sum();
@@ -81,10 +80,10 @@ impl Features {
                     return Err(bad("point", index, format!("({x}, {y}) is outside the world, ±{edge}")));
                 }
                 if !seen.insert((x, y)) {
-                    return Err(bad("point", index, format!("({x}, {y}) is listed before")));
+                    return Err(bad("point", index, format!("({x}, {y}) is given twice")));
                 }
                 match (features.mode, merged.get_mut(&(y, x))) {
-                    // A change of what an earlier list left.
+                    // Changes the result of the earlier set.
                     (Mode::Additive, Some((_, before))) => *before = before.saturating_add(height),
                     (mode, _) => {
                         merged.insert((y, x), (mode, height));
@@ -96,7 +95,7 @@ impl Features {
     }
 }
 
-/// Points, sorted by row and column, by the patches whose closed square they are in.
+/// Distributes points, sorted by row and column, to the patches whose closed square contains them.
 fn by_patch(
     parameters: &Parameters,
     merged: BTreeMap<(i64, i64), (Mode, i32)>,
@@ -105,8 +104,8 @@ fn by_patch(
     let patches = 1_i64 << parameters.extent_log2;
     let mut lists: BTreeMap<(i64, i64), Vec<HeightOverride>> = BTreeMap::new();
     for ((y, x), (mode, height)) in merged {
-        for (column, local_x) in homes(x, n, patches) {
-            for (row, local_y) in homes(y, n, patches) {
+        for (column, local_x) in patches_of(x, n, patches) {
+            for (row, local_y) in patches_of(y, n, patches) {
                 let point = HeightOverride { x: local_x, y: local_y, mode, height };
                 lists.entry((column, row)).or_default().push(point);
             }
@@ -125,8 +124,8 @@ fn by_patch(
     lists.into_iter().map(whole).collect()
 }
 
-/// The patches that a coordinate belongs to, two on a border, and the coordinate in each.
-fn homes(at: i64, n: u8, patches: i64) -> impl Iterator<Item = (i64, u16)> {
+/// The patches that a coordinate belongs to (two on a border), with the coordinate in each.
+fn patches_of(at: i64, n: u8, patches: i64) -> impl Iterator<Item = (i64, u16)> {
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -178,12 +177,12 @@ mod tests {
     }
 
     #[test]
-    fn duplicates_untrusted_peers_and_crowds_are_refused_with_their_index() {
+    fn duplicates_outside_points_and_too_many_points_are_refused() {
         let refused =
             |list: &[(i64, i64, i32)]| gather(&[points(Mode::Fixed, list)]).unwrap_err().to_string();
         assert_eq!(
             refused(&[(1, 2, 3), (2, 1, 3), (1, 2, 4)]),
-            "feature set 0: point 2: (1, 2) is listed before"
+            "feature set 0: point 2: (1, 2) is given twice"
         );
         assert_eq!(
             refused(&[(1, 2, 3), (33, 1, 3)]),

@@ -1,7 +1,6 @@
-//! A 64-bit hash of heights, for telling whether two machines computed the same.
+//! A 64-bit hash of heights, for comparing results between machines.
 
-/// FNV-1a (Fowler, Noll, Vo) over the heights as little-endian 32-bit integers, in order: short enough that
-/// a sceptic writes it again in a minute.
+/// FNV-1a (Fowler, Noll, Vo) over the heights as little-endian 32-bit integers, in order.
 #[must_use]
 pub fn fingerprint(heights: &[i32]) -> u64 {
     let mut hash = 0xcbf2_9ce4_8422_2325_u64;

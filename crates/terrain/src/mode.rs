@@ -1,11 +1,11 @@
-//! What a feature does to the heights that are there.
+//! How a feature changes heights.
 
-/// What a feature does to the terrain under it.
+/// How a feature changes the heights below it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Mode {
-    /// Heights become what is given.
+    /// Sets heights.
     Fixed,
-    /// Heights change by what is given.
+    /// Adds to heights.
     #[default]
     Additive,
 }

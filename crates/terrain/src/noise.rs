@@ -1,5 +1,5 @@
-//! Random offsets: a hash of (seed, level, finest x, finest y), so that a point's offset depends on nothing
-//! else, and every machine computes the same.
+//! Random offsets: a hash of (seed, level, finest x, finest y), so that a point's offset depends on nothing else and
+//! is identical on all machines.
 
 use super::parameters::{Distribution, Parameters};
 
@@ -20,12 +20,12 @@ pub(super) struct LevelNoise {
     key: u64,
     range: u32,
     distribution: Distribution,
-    /// Finest grid units between neighbouring points of the level, as a shift.
+    /// Distance of neighbouring points of the level in finest grid units, as a shift.
     shift: u32,
 }
 
 impl LevelNoise {
-    /// The offsets of `level`, 0 to the finest, whose range is `range`.
+    /// The offsets of `level` (0 to the finest), with range `range`.
     pub(super) fn new(parameters: &Parameters, level: u8, range: u32) -> Self {
         Self {
             key: mix(parameters.seed.wrapping_add(mix(u64::from(level) + 1))),
@@ -35,8 +35,8 @@ impl LevelNoise {
         }
     }
 
-    /// The offsets of one row, from column `x` on, in columns of the level. Rows get their own streams of
-    /// SplitMix64: a step in x is a step of its counter, a step in y is a new key, so x and y do not swap.
+    /// The offsets of one row, from column `x` of the level on. Each row is a stream of SplitMix64: a step in x
+    /// increments its counter, a step in y changes the key, so the noise is not symmetric in x and y.
     #[inline(always)]
     pub(super) fn row(&self, x: i64, y: i64) -> RowNoise {
         let key = mix(self.key.wrapping_add((y << self.shift).cast_unsigned().wrapping_mul(GOLDEN)));
@@ -46,16 +46,16 @@ impl LevelNoise {
         }
     }
 
-    /// Whether offsets are the sum of four parts; else uniform.
+    /// Whether offsets are sums of four parts; otherwise uniform.
     pub(super) fn is_gaussian(&self) -> bool {
         self.distribution == Distribution::Gaussian
     }
 
-    /// The offset that a hash stands for. `GAUSSIAN` must be [`Self::is_gaussian`].
+    /// Converts a hash to an offset. `GAUSSIAN` must equal [`Self::is_gaussian`].
     #[inline(always)]
     pub(super) fn offset<const GAUSSIAN: bool>(&self, hash: u64) -> i32 {
         if GAUSSIAN {
-            // Four parts of 16 bits have the variance 2^32 / 3: 2^16 of them are a range.
+            // The sum of four 16-bit parts has variance 2^32 / 3, so 2^16 of it are one range.
             let parts = (hash & 0xffff) + (hash >> 16 & 0xffff) + (hash >> 32 & 0xffff) + (hash >> 48);
             let centred = parts.cast_signed() - 2 * 0xffff;
             #[expect(
@@ -65,8 +65,7 @@ impl LevelNoise {
             let offset = ((centred * i64::from(self.range) + (1 << 15)) >> 16) as i32;
             offset
         } else {
-            // Lemire's multiply and shift, "Fast random integer generation in an interval", 2019; its bias
-            // is below range / 2^32.
+            // Lemire, "Fast random integer generation in an interval", 2019; the bias is below range / 2^32.
             let count = 2 * u64::from(self.range) + 1;
             (((hash >> 32) * count) >> 32) as i32 - self.range.cast_signed()
         }
@@ -87,7 +86,7 @@ pub(super) struct RowNoise {
 }
 
 impl RowNoise {
-    /// The hash of the point `columns` to the right of the row's first.
+    /// The hash of the point `columns` to the right of the row's first one.
     #[inline(always)]
     pub(super) fn hash(&self, columns: usize) -> u64 {
         mix(self.at.wrapping_add(self.step.wrapping_mul(columns as u64)))

@@ -1,24 +1,23 @@
-//! The wire form of one patch's listed points.
+//! The wire form of one patch's height overrides.
 //!
-//! Positions are taken relative to the lattice that they all lie on (the greatest common divisors of their
-//! columns and rows), and coded as a mask of its cells, each bit in the context of those around it (as JBIG
-//! does, ITU-T T.82), or as horizontal runs: whichever is smaller. Heights are taken in steps of their
-//! greatest common divisor, predicted from listed neighbours to the left and above, and the residuals coded in
-//! the context of their neighbours' residuals. All of it with the project's adaptive range coder.
+//! Positions are relative to their lattice (the greatest common divisors of columns and rows) and coded as a bit mask
+//! over its cells, with the neighbouring bits as context (as in JBIG, ITU-T T.82), or as horizontal runs, whichever
+//! is smaller. Heights are in units of their greatest common divisor, predicted from overridden neighbours to the
+//! left and above; the residuals' contexts are their neighbours' residuals. All symbols use the adaptive range coder.
 //!
 //! ```text
 //! one range-coded stream: layout | modes | count | lattice (first column and row, steps, columns, rows) |
 //! positions | first height, step of heights | for each point by row and column: mode if mixed, residual
 //! ```
 //!
-//! An empty list is no bytes.
+//! An empty list has no bytes.
 
 use super::error::TerrainError;
 use super::mode::Mode;
 use super::override_prediction::Predictor;
 use super::points::{HeightOverride, HeightOverrides, MAX_PATCH_POINTS};
 use lodestream_geometry::DecodeError;
-use lodestream_geometry::entropy::ceiling::{least_bytes, most_elements};
+use lodestream_geometry::entropy::allocation_limit::{max_elements, min_bytes};
 use lodestream_geometry::entropy::context::{Contexts, Prob};
 use lodestream_geometry::entropy::range_coder::{Coder, Decoder, Encoder};
 use lodestream_geometry::entropy::symbols::{
@@ -26,34 +25,33 @@ use lodestream_geometry::entropy::symbols::{
 };
 use lodestream_geometry::numbers::{id32, low32};
 
-/// Cells of a mask, for each point, above which it is not considered: runs are smaller, and a decoder's work
-/// stays in proportion to its bytes.
+/// Most mask cells per point: beyond it runs are smaller, and a decoder's work stays proportional to its input.
 const MASK_CELLS: u64 = 64;
-/// Cells that no point need justify.
-const MASK_FREE: u64 = 1024;
+/// Mask cells allowed in addition.
+const MASK_FREE_CELLS: u64 = 1024;
 
-/// Bits of a mask's context.
+/// Context bits of a mask.
 const MASK_BITS: u32 = 10;
-/// Classes of doubt about a prediction.
-const DOUBTS: usize = 12;
-/// Bits of the class of a residual: magnitudes of up to 32 bits.
+/// Classes of prediction uncertainty.
+const UNCERTAINTIES: usize = 12;
+/// Bits of a residual's class: magnitudes of up to 32 bits.
 const CLASS_BITS: u32 = 6;
 const RESIDUAL_CONTEXTS: usize = tree_contexts(CLASS_BITS) + 2 * 33;
 
-// Where contexts begin.
+// First contexts.
 const COUNT: usize = 0;
 const LATTICE: usize = COUNT + INTEGER_CONTEXTS;
 const RUNS: usize = LATTICE + INTEGER_CONTEXTS;
 const MASK: usize = RUNS + 4 * INTEGER_CONTEXTS;
 const MODES: usize = MASK + (1 << MASK_BITS);
 const RESIDUALS: usize = MODES + 2;
-const CONTEXTS: usize = RESIDUALS + DOUBTS * RESIDUAL_CONTEXTS;
+const CONTEXTS: usize = RESIDUALS + UNCERTAINTIES * RESIDUAL_CONTEXTS;
 
 fn contexts() -> Contexts {
     Contexts { probs: vec![Prob::default(); CONTEXTS], weights: Vec::new() }
 }
 
-/// The lattice that all points lie on.
+/// The lattice that contains all points.
 #[derive(Clone, Copy, Debug, Default)]
 struct Lattice {
     first: [u32; 2],
@@ -80,7 +78,7 @@ impl Lattice {
             got.cells[axis] = integer(coder, LATTICE, self.cells[axis]);
             got.step[axis] = integer(coder, LATTICE, self.step[axis]);
             let [first, cells, step] = [got.first, got.cells, got.step].map(|of| u64::from(of[axis]));
-            // All three below 2^31.
+            // All three are below 2^31.
             if cells == 0 || step == 0 || first + (cells - 1) * step > u64::from(side) {
                 return Err(error("positions are outside the patch"));
             }
@@ -92,7 +90,7 @@ impl Lattice {
         u64::from(self.cells[0]) * u64::from(self.cells[1])
     }
 
-    /// The cell of a point.
+    /// The lattice cell of a point.
     fn cell(&self, point: &HeightOverride) -> [u32; 2] {
         [0, 1].map(|axis| (u32::from([point.x, point.y][axis]) - self.first[axis]) / self.step[axis])
     }
@@ -106,7 +104,7 @@ fn error(why: impl Into<String>) -> DecodeError {
     DecodeError::new("terrain points", why)
 }
 
-/// The points of a patch of `finest_level` as bytes; none for an empty list.
+/// Encodes the height overrides of a patch of `finest_level`; no bytes for an empty list.
 ///
 /// # Errors
 /// If a point is outside such a patch.
@@ -120,11 +118,11 @@ pub fn encode_points(finest_level: u8, points: &HeightOverrides) -> Result<Vec<u
         return Ok(Vec::new());
     }
     let lattice = Lattice::of(list);
-    let masks = lattice.area() <= MASK_CELLS * list.len() as u64 + MASK_FREE;
+    let masks = lattice.area() <= MASK_CELLS * list.len() as u64 + MASK_FREE_CELLS;
     let encode = |mask: bool| {
         let mut encoder = Encoder::new(contexts());
-        let least = least_bytes(list.len() as u64);
-        // An encoder is given what it codes, so it cannot fail.
+        let least = min_bytes(list.len() as u64);
+        // An encoder cannot fail.
         let _ = code(&mut encoder, finest_level, u64::MAX, Some(list), mask, lattice);
         encoder.finish(least)
     };
@@ -132,25 +130,25 @@ pub fn encode_points(finest_level: u8, points: &HeightOverrides) -> Result<Vec<u
     Ok(if masks { Some(encode(true)).filter(|mask| mask.len() <= runs.len()).unwrap_or(runs) } else { runs })
 }
 
-/// Reads what [`encode_points`] wrote for a patch of `finest_level`. Memory and work are bounded by the bytes:
-/// at most 16 points for each, and 64 in all for none.
+/// Decodes the result of [`encode_points`] for a patch of `finest_level`. Memory and work are bounded by the input:
+/// at most 16 points per byte plus 64.
 ///
 /// # Errors
-/// If the bytes are not a list of points in such a patch.
+/// If the bytes are not height overrides of such a patch.
 pub fn decode_points(finest_level: u8, bytes: &[u8]) -> Result<HeightOverrides, DecodeError> {
     let points = if bytes.is_empty() {
         Vec::new()
     } else {
         let mut decoder = Decoder::new(contexts(), bytes);
-        let limit = most_elements(bytes.len()).min(MAX_PATCH_POINTS as u64);
+        let limit = max_elements(bytes.len()).min(MAX_PATCH_POINTS as u64);
         let points = code(&mut decoder, finest_level, limit, None, false, Lattice::default())?;
-        decoder.end(least_bytes(points.len() as u64))?;
+        decoder.end(min_bytes(points.len() as u64))?;
         points
     };
     HeightOverrides::new(finest_level, points).map_err(|e| error(e.to_string()))
 }
 
-/// Codes a list; the decoder is given none.
+/// Codes height overrides; `list` is `None` for a decoder.
 fn code<C: Coder>(
     coder: &mut C,
     finest_level: u8,
@@ -159,28 +157,28 @@ fn code<C: Coder>(
     mask: bool,
     lattice: Lattice,
 ) -> Result<Vec<HeightOverride>, DecodeError> {
-    let given = list.unwrap_or_default();
+    let overrides = list.unwrap_or_default();
     let side = 1_u32 << finest_level.min(15);
     let mask = coder.raw(1, u32::from(mask)) == 1;
-    let fixed = given.iter().filter(|p| p.mode == Mode::Fixed).count();
-    // 0: additive, 1: fixed, 2: each says.
-    let modes = if fixed == 0 { 0 } else { 1 + u32::from(fixed < given.len()) };
+    let fixed = overrides.iter().filter(|p| p.mode == Mode::Fixed).count();
+    // 0: all additive, 1: all fixed, 2: a flag per point.
+    let modes = if fixed == 0 { 0 } else { 1 + u32::from(fixed < overrides.len()) };
     let modes = coder.raw(2, modes);
-    let count = integer(coder, COUNT, id32(given.len()));
+    let count = integer(coder, COUNT, id32(overrides.len()));
     if modes > 2 || count == 0 {
         return Err(error("a list without points, or of unknown kind"));
     }
     if u64::from(count) > limit {
-        return Err(error(format!("{count} points, the bytes justify {limit}")));
+        return Err(error(format!("{count} points, its bytes allow {limit}")));
     }
     let lattice = lattice.code(coder, side)?;
     if u64::from(count) > lattice.area() {
         return Err(error(format!("{count} points in {} places", lattice.area())));
     }
-    let cells: Vec<[u32; 2]> = given.iter().map(|p| lattice.cell(p)).collect();
+    let cells: Vec<[u32; 2]> = overrides.iter().map(|p| lattice.cell(p)).collect();
     let given_cells = list.map(|_| cells.as_slice());
     let cells = if mask {
-        if lattice.area() > MASK_CELLS * u64::from(count) + MASK_FREE {
+        if lattice.area() > MASK_CELLS * u64::from(count) + MASK_FREE_CELLS {
             return Err(error(format!("a mask of {} places for {count} points", lattice.area())));
         }
         code_mask(coder, lattice, count as usize, given_cells)?
@@ -191,17 +189,17 @@ fn code<C: Coder>(
     code_heights(coder, lattice, &cells, modes, list)
 }
 
-/// Codes which cells of the lattice are listed.
+/// Codes the cells of the lattice that have an override.
 fn code_mask<C: Coder>(
     coder: &mut C,
     lattice: Lattice,
     count: usize,
-    given: Option<&[[u32; 2]]>,
+    overrides: Option<&[[u32; 2]]>,
 ) -> Result<Vec<[u32; 2]>, DecodeError> {
     let width = lattice.cells[0] as usize;
-    let mut left = given.unwrap_or_default().iter().copied().peekable();
+    let mut left = overrides.unwrap_or_default().iter().copied().peekable();
     let mut cells = Vec::with_capacity(count);
-    // Three rows, with two columns beside them that are never listed.
+    // Three rows, with two empty columns on either side.
     let mut rows: [Vec<bool>; 3] = std::array::from_fn(|_| vec![false; width + 4]);
     for y in 0..lattice.cells[1] {
         rows.rotate_right(1);
@@ -228,25 +226,25 @@ fn code_mask<C: Coder>(
     }
 }
 
-/// Codes listed cells as horizontal runs, by row and column.
+/// Codes the overridden cells as horizontal runs, by row and column.
 fn code_runs<C: Coder>(
     coder: &mut C,
     lattice: Lattice,
     count: usize,
-    given: Option<&[[u32; 2]]>,
+    overrides: Option<&[[u32; 2]]>,
 ) -> Result<Vec<[u32; 2]>, DecodeError> {
-    let given = given.unwrap_or_default();
+    let overrides = overrides.unwrap_or_default();
     let [width, height] = lattice.cells;
     let mut cells: Vec<[u32; 2]> = Vec::with_capacity(count);
     // Row, first column and end of the last run.
     let (mut y, mut start, mut end) = (0_u32, 0_u32, 0_u32);
     while cells.len() < count {
-        let rest = &given[cells.len().min(given.len())..];
+        let rest = &overrides[cells.len().min(overrides.len())..];
         let [next_x, next_y] = rest.first().copied().unwrap_or_default();
         let length = rest.iter().zip(0..).take_while(|&(&cell, i)| cell == [next_x + i, next_y]).count();
         let down = integer(coder, RUNS, next_y.wrapping_sub(y));
         let (row, column) = if down > 0 {
-            // Near where the last run began.
+            // Close to the start of the last run.
             let shift = zigzag(next_x.wrapping_sub(start).cast_signed());
             let shift = unzigzag(integer(coder, RUNS + INTEGER_CONTEXTS, shift));
             (u64::from(y) + u64::from(down), i64::from(start) + i64::from(shift))
@@ -279,35 +277,35 @@ fn code_heights<C: Coder>(
     modes: u32,
     list: Option<&[HeightOverride]>,
 ) -> Result<Vec<HeightOverride>, DecodeError> {
-    let given = list.unwrap_or_default();
-    let first = given.first().map_or(0, |p| p.height);
+    let overrides = list.unwrap_or_default();
+    let first = overrides.first().map_or(0, |p| p.height);
     let first = coder.raw(32, first.cast_unsigned()).cast_signed();
-    // All arithmetic is modulo 2^32, which loses nothing: multiples of the step are exact.
-    let step = given.iter().fold(0, |step, p| gcd(step, p.height.abs_diff(first))).max(1);
+    // All arithmetic is modulo 2^32, which is lossless for multiples of the step.
+    let step = overrides.iter().fold(0, |step, p| gcd(step, p.height.abs_diff(first))).max(1);
     let step = coder.raw(32, step);
     if step == 0 {
         return Err(error("heights have a step of 0"));
     }
     let (wide_first, wide_step) = (i64::from(first), i64::from(step));
     let steps_of = |p: &HeightOverride| low32(((i64::from(p.height) - wide_first) / wide_step).into());
-    // A list of changes changes nothing where it says nothing.
-    let unlisted =
+    // In additive lists, points without override have change 0.
+    let default_height =
         (modes == 0 && wide_first % wide_step == 0).then(|| low32((-wide_first / wide_step).into()));
-    let mut predictor = Predictor::new(lattice.cells[0] as usize, unlisted);
+    let mut predictor = Predictor::new(lattice.cells[0] as usize, default_height);
     let mut points = Vec::with_capacity(cells.len());
     let mut mode = usize::from(modes == 1);
     for (i, &[column, row]) in cells.iter().enumerate() {
         if modes == 2 {
-            let fixed = given.get(i).is_some_and(|p| p.mode == Mode::Fixed);
+            let fixed = overrides.get(i).is_some_and(|p| p.mode == Mode::Fixed);
             mode = usize::from(coder.bit(MODES + mode, fixed));
         }
         predictor.advance(row);
         let prediction = predictor.predict(column as usize);
-        let at = RESIDUALS + prediction.doubt * RESIDUAL_CONTEXTS;
-        let residual = given.get(i).map_or(0, |p| steps_of(p).wrapping_sub(prediction.value));
+        let at = RESIDUALS + prediction.uncertainty * RESIDUAL_CONTEXTS;
+        let residual = overrides.get(i).map_or(0, |p| steps_of(p).wrapping_sub(prediction.value));
         let steps = prediction.value.wrapping_add(unzigzag(code_residual(coder, at, zigzag(residual))));
-        predictor.learn(column as usize, &prediction, steps);
-        // Within the patch, as the lattice was checked to be.
+        predictor.update(column as usize, &prediction, steps);
+        // Within the patch, as checked for the lattice.
         let place = |axis: usize, cell: u32| {
             u16::try_from(lattice.first[axis] + cell * lattice.step[axis]).unwrap_or(u16::MAX)
         };
@@ -321,7 +319,7 @@ fn code_heights<C: Coder>(
     Ok(points)
 }
 
-/// Codes 32 bits: how many there are adapts, and so do the two below the leading one; the rest is raw.
+/// Codes 32 bits: the bit count and the two bits below the leading one are adaptive, the rest is raw.
 fn code_residual<C: Coder>(coder: &mut C, at: usize, value: u32) -> u32 {
     let class = tree(coder, at, CLASS_BITS, u32::BITS - value.leading_zeros()).min(32);
     if class < 2 {
@@ -374,26 +372,26 @@ mod tests {
         #[test]
         fn any_bytes_give_points_of_the_patch_or_an_error(n in 1u8..13, bytes in prop::collection::vec(any::<u8>(), 0..200)) {
             if let Ok(points) = decode_points(n, &bytes) {
-                prop_assert!(points.len() as u64 <= most_elements(bytes.len()));
+                prop_assert!(points.len() as u64 <= max_elements(bytes.len()));
                 prop_assert_eq!(decode_points(n, &encode_points(n, &points).unwrap()).unwrap(), points);
             }
         }
     }
 
     #[test]
-    fn nothing_costs_nothing_and_one_point_little() {
+    fn empty_lists_and_single_points_are_small() {
         assert_eq!(bytes(8, &points(8, [])), 0);
         let one = bytes(8, &points(8, [(200, 100, -12_345)]));
         assert!(one <= 20, "{one} bytes");
     }
 
     #[test]
-    fn what_foresees_everything_is_padded_to_the_ceiling() {
+    fn fully_predicted_lists_are_padded_to_the_allocation_limit() {
         let flat = points(6, (0..65).flat_map(|y| (0..65).map(move |x| (x, y, 5))));
-        assert_eq!(bytes(6, &flat), least_bytes(65 * 65));
-        // On a lattice, positions cost next to nothing.
+        assert_eq!(bytes(6, &flat), min_bytes(65 * 65));
+        // On a lattice, positions cost almost nothing.
         let sparse = points(12, (0..65).flat_map(|y| (0..65).map(move |x| (x * 64, y * 63, 5))));
-        assert_eq!(bytes(12, &sparse), least_bytes(65 * 65));
+        assert_eq!(bytes(12, &sparse), min_bytes(65 * 65));
     }
 
     #[test]
@@ -403,7 +401,7 @@ mod tests {
         let list: std::collections::BTreeMap<_, _> =
             (0..500).map(|_| ((below(4097) as u16, below(4097) as u16), below(1 << 16) as i32)).collect();
         let size = bytes(12, &points(12, list.into_iter().map(|((x, y), h)| (x, y, h))));
-        // Places of 500 among 4097² cost 16.5 bits each at best, heights 16.
+        // Positions of 500 among 4097² points cost at least 16.5 bits each, heights 16.
         assert!(size < 500 * 40 / 8, "{size} bytes");
     }
 
@@ -429,7 +427,7 @@ mod tests {
             decode_points(n, &encoder.finish(40)).unwrap_err().to_string()
         };
         let whole = Lattice { first: [0, 0], step: [1, 1], cells: [4097, 4097] };
-        assert!(forged(12, 0, 5_000_000, whole).contains("5000000 points, the bytes justify 704"));
+        assert!(forged(12, 0, 5_000_000, whole).contains("5000000 points, its bytes allow 704"));
         assert!(forged(12, 1, 700, whole).contains("a mask of 16785409 places for 700 points"));
         assert!(forged(11, 0, 700, whole).contains("outside the patch"));
         let far = Lattice { step: [0x7fff_ffff, 1], ..whole };

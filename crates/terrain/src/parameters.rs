@@ -1,4 +1,4 @@
-//! The parameters of a terrain: 24 bytes from which every height follows.
+//! The parameters of a terrain: 24 bytes that determine every height.
 
 use std::fmt;
 use std::str::FromStr;
@@ -11,24 +11,24 @@ use super::error::TerrainError;
 pub const PARAMETERS_BYTES: usize = 24;
 /// Largest [`Parameters::finest_level`]: patches of 4097 x 4097 points.
 pub const MAX_FINEST_LEVEL: u8 = 12;
-/// Largest magnitude that a height without features may reach, so that four of them add up in an `i32`.
+/// Largest magnitude of heights without features, so that the sum of four fits an `i32`.
 pub const MAX_BASE_HEIGHT: u64 = (1 << 29) - 1;
-/// Roughness at which the range of offsets halves from level to level.
+/// Roughness at which the range of offsets is halved from level to level.
 pub const HALVING: u16 = 1 << 14;
 
-/// How the random offsets are distributed; `uniform` or `gaussian` in words. Both have the same variance, a third of
-/// the range squared.
+/// Distribution of the random offsets, named `uniform` or `gaussian`. Both have the same variance, a third of the
+/// squared range.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Distribution {
-    /// Every offset in ± the range is as likely as any other.
+    /// Uniform in ± the range.
     #[default]
     Uniform,
-    /// The sum of four uniform parts (Irwin–Hall): like a Gaussian, but never beyond ± twice the range.
+    /// The sum of four uniform parts (Irwin–Hall): nearly Gaussian, but at most ± twice the range.
     Gaussian,
 }
 
 impl Distribution {
-    /// The largest offset, in ranges.
+    /// The largest offset, in units of the range.
     pub(super) fn reach(self) -> u64 {
         match self {
             Self::Uniform => 1,
@@ -60,48 +60,46 @@ impl FromStr for Distribution {
 
 /// Smoothing after generation: removal of spikes, then thermal erosion. Off by default.
 ///
-/// Costs: heights of a patch need a margin of [`Erosion::margin`] points of [`Erosion::level`] around it.
+/// Cost: heights of a patch need a margin of [`Erosion::margin`] points of [`Erosion::level`] around it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Erosion {
-    /// The level that erodes, 0 to the finest level. Coarser levels show its points, finer ones add detail.
+    /// The eroded level, 0 to the finest level. Coarser levels are subsets of it, finer ones add detail.
     pub level: u8,
     /// Passes of thermal erosion; 0 is off. Each moves material by at most one point.
     pub passes: u8,
-    /// Height difference between neighbouring points below which nothing slides, in 65536ths of the
-    /// amplitude.
+    /// Height difference between neighbouring points up to which nothing slides, in 65536ths of the amplitude.
     pub talus: u16,
-    /// How far a point may stand out of the range of its eight neighbours, in 16ths of the range of offsets
-    /// at the level that erodes; 0 is off.
+    /// Largest distance of a point from the range of its eight neighbours, in 16ths of the range of offsets at the
+    /// eroded level; 0 is off.
     pub spike_limit: u8,
 }
 
 impl Erosion {
-    /// Whether anything is done.
+    /// Whether any smoothing is on.
     #[must_use]
     pub fn is_on(&self) -> bool {
         self.passes > 0 || self.spike_limit > 0
     }
 
-    /// Points of the erosion level around a rectangle that its heights depend on.
+    /// Margin, in points of the eroded level, around a rectangle that its heights depend on.
     #[must_use]
     pub fn margin(&self) -> usize {
         usize::from(self.passes) + usize::from(self.spike_limit > 0)
     }
 }
 
-/// Everything that a terrain without features follows from.
+/// Everything that determines a terrain without features.
 ///
-/// Lengths are grid units of the finest level, heights are height units; how many metres each has is the
-/// scene's business.
+/// Lengths are grid units of the finest level, heights are height units; the scene defines their size in metres.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Parameters {
-    /// Chooses the random offsets.
+    /// Seed of the random offsets.
     pub seed: u64,
     /// n, 1 to [`MAX_FINEST_LEVEL`]: a patch has 2^n + 1 points along each side.
     pub finest_level: u8,
     /// e: the world has the patches −2^e to 2^e − 1 in both axes. n + e may be at most 31.
     pub extent_log2: u8,
-    /// How offsets are distributed.
+    /// Distribution of the offsets.
     pub distribution: Distribution,
     /// Range of the offsets of patch corners (level 0), in height units.
     pub amplitude: u32,
@@ -114,7 +112,7 @@ pub struct Parameters {
 }
 
 impl Default for Parameters {
-    /// Patches of 257 x 257 points in the largest world, and ranges that halve.
+    /// Patches of 257 x 257 points in the largest world; ranges halve per level.
     fn default() -> Self {
         Self {
             seed: 0,
@@ -133,7 +131,7 @@ impl Parameters {
     /// The range of the offsets of each level, 0 to the finest, in height units, rounded.
     #[must_use]
     pub fn ranges(&self) -> Vec<u32> {
-        // 16 bits of fraction: at most 2^32 × 2^16 before, and growth stops where it no longer fits.
+        // 16 fractional bits: at most 2^32 × 2^16 here; growth ends where it would overflow.
         let mut range = u64::from(self.amplitude) << 16;
         let mut ranges = Vec::with_capacity(usize::from(self.finest_level) + 1);
         for _ in 0..=self.finest_level {
@@ -143,17 +141,17 @@ impl Parameters {
         ranges
     }
 
-    /// The largest magnitude that a height without features can have.
+    /// The largest possible magnitude of heights without features.
     #[must_use]
     pub fn worst_height(&self) -> u64 {
         let ranges = self.ranges();
-        // Averages stay within what they are taken of; a level adds an offset to centres, and another to
-        // the midpoints that average those.
+        // Averages stay within their inputs' range; a level adds an offset to centres, and another to the midpoints
+        // that average those.
         let sum: u64 = ranges.iter().map(|&r| 2 * u64::from(r)).sum::<u64>() - u64::from(ranges[0]);
         u64::from(self.base.unsigned_abs()) + self.distribution.reach() * sum
     }
 
-    /// Checks that a terrain can be made.
+    /// Checks that the parameters are valid.
     ///
     /// # Errors
     /// If a parameter is out of range, or heights could leave ±[`MAX_BASE_HEIGHT`].
@@ -175,7 +173,7 @@ impl Parameters {
         Ok(())
     }
 
-    /// The parameters as bytes.
+    /// Encodes the parameters.
     ///
     /// ```text
     /// seed u64 | n (low 4 bits), erosion level | e (low 5 bits), distribution (bit 5) | amplitude u32 |
@@ -196,10 +194,10 @@ impl Parameters {
         out
     }
 
-    /// Reads what [`Self::encode`] wrote, and checks it.
+    /// Decodes and checks the result of [`Self::encode`].
     ///
     /// # Errors
-    /// If the bytes are not parameters of a terrain that can be made.
+    /// If the bytes are not valid parameters.
     pub fn decode(bytes: &[u8; PARAMETERS_BYTES]) -> Result<Self, DecodeError> {
         let error = |why: String| DecodeError::new("terrain parameters", why);
         if bytes[9] >> 6 != 0 {
@@ -231,7 +229,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn a_distribution_is_read_by_the_name_that_it_shows() {
+    fn distribution_names_round_trip() {
         for distribution in [Distribution::Uniform, Distribution::Gaussian] {
             assert_eq!(distribution.to_string().parse(), Ok(distribution));
         }

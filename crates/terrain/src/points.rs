@@ -1,35 +1,35 @@
-//! The listed points of one patch.
+//! The height overrides of one patch.
 
 use super::error::TerrainError;
 use super::mode::Mode;
 
-/// Most points listed for one patch: as many as a patch of level 10 has.
+/// Most height overrides per patch: as many as a patch of level 10 has points.
 pub const MAX_PATCH_POINTS: usize = 1025 * 1025;
 
-/// A listed point of a patch.
+/// A height override of one point of a patch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HeightOverride {
     /// Column in the patch, 0 to 2^n.
     pub x: u16,
     /// Row in the patch, 0 to 2^n.
     pub y: u16,
-    /// Whether the height is given or changed.
+    /// Whether the height is set or added to.
     pub mode: Mode,
-    /// Height or change.
+    /// The height, or the change.
     pub height: i32,
 }
 
-/// The listed points of one patch, borders included, sorted by row and then column, none twice.
+/// The height overrides of one patch, borders included, sorted by row and then column, without duplicates.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct HeightOverrides {
     points: Vec<HeightOverride>,
 }
 
 impl HeightOverrides {
-    /// Points of a patch of `finest_level`, in any order.
+    /// Overrides of a patch of `finest_level`, in any order.
     ///
     /// # Errors
-    /// If a point is outside the patch or listed twice, or there are more than [`MAX_PATCH_POINTS`].
+    /// If a point is outside the patch or occurs twice, or there are more than [`MAX_PATCH_POINTS`].
     pub fn new(finest_level: u8, mut points: Vec<HeightOverride>) -> Result<Self, TerrainError> {
         if points.len() > MAX_PATCH_POINTS {
             let (count, limit) = (points.len(), MAX_PATCH_POINTS);
@@ -41,18 +41,18 @@ impl HeightOverrides {
         }
         points.sort_unstable_by_key(|p| (p.y, p.x));
         if let Some(pair) = points.windows(2).find(|pair| (pair[0].x, pair[0].y) == (pair[1].x, pair[1].y)) {
-            return Err(TerrainError::BadPoint { x: pair[0].x, y: pair[0].y, why: "is listed twice" });
+            return Err(TerrainError::BadPoint { x: pair[0].x, y: pair[0].y, why: "is given twice" });
         }
         Ok(Self { points })
     }
 
-    /// The points, by row and then column.
+    /// The overrides, by row and then column.
     #[must_use]
     pub fn as_slice(&self) -> &[HeightOverride] {
         &self.points
     }
 
-    /// How many there are.
+    /// Number of overrides.
     #[must_use]
     pub fn len(&self) -> usize {
         self.points.len()

@@ -1,4 +1,4 @@
-//! Heights at single places.
+//! Heights at single positions.
 
 use super::error::TerrainError;
 use super::numbers::{real, truncated};
@@ -8,7 +8,7 @@ use super::world::Terrain;
 impl Terrain {
     /// The height of a point of the finest grid.
     ///
-    /// Cost: some ten points for each level, about a microsecond without erosion.
+    /// Cost: some ten points per level, about a microsecond without erosion.
     ///
     /// # Errors
     /// If the point is not in the world.
@@ -18,15 +18,14 @@ impl Terrain {
         Ok(heights[0])
     }
 
-    /// The height anywhere in the world, in height units: linear on the triangles of the finest grid, whose
-    /// cells are split from (x, y) to (x + 1, y + 1).
+    /// The height at any position, in height units: linear on the triangles of the finest grid, whose cells are split
+    /// from (x, y) to (x + 1, y + 1).
     ///
-    /// Places beyond the edge of the world have the height of the nearest place on it; a coordinate that is
-    /// no number counts as 0.
+    /// Positions outside the world have the height of the nearest position on its edge; NaN counts as 0.
     #[must_use]
     pub fn height_between(&self, x: f64, y: f64, scratch: &mut Scratch) -> f64 {
         let edge = 1_i64 << (self.parameters.extent_log2 + self.parameters.finest_level);
-        // The cell and the place in it; the last cell's far side belongs to it.
+        // The cell, and the position in it; the far side of the last cell belongs to it.
         let place = |at: f64| {
             let at = if at.is_nan() { 0.0 } else { at.clamp(real(-edge), real(edge)) };
             let cell = truncated(at.floor()).min(edge - 1);

@@ -1,4 +1,4 @@
-//! Rectangles of grid points, and what they need of the next coarser level.
+//! Rectangles of grid points, and the points of the next coarser level that they depend on.
 
 use super::numbers::{index, span};
 
@@ -26,7 +26,7 @@ impl Rect {
         self.y + span(self.height) - 1
     }
 
-    /// Where a point of the rectangle is in a list of its points, row by row.
+    /// Index of a point in the rectangle's row-major list.
     pub(super) fn index_of(&self, x: i64, y: i64) -> usize {
         index(y - self.y) * self.width + index(x - self.x)
     }
@@ -35,27 +35,27 @@ impl Rect {
         self.width * self.height
     }
 
-    /// The points of `level` - 1 that these of `level` ≥ 1 follow from: those around, and where the rectangle
-    /// does not end on a patch's border, those that the centres beside it need.
+    /// The points of `level` - 1 that this rectangle of `level` ≥ 1 depends on: those around it, and at sides that
+    /// are not patch borders also those for the centres beside it.
     pub(super) fn parent(&self, level: u8) -> Self {
         let (x, width) = parent_span(self.x, self.right(), level);
         let (y, height) = parent_span(self.y, self.bottom(), level);
         Self { x, y, width, height }
     }
 
-    /// The points of the next finer level that lie on and between these.
+    /// The points of the next finer level on and between these.
     pub(super) fn child(&self) -> Self {
         Self::new(2 * self.x, 2 * self.y, 2 * self.width - 1, 2 * self.height - 1)
     }
 
-    /// The points that both have; `None` if there are none.
+    /// The common points; `None` if there are none.
     pub(super) fn intersection(&self, other: &Self) -> Option<Self> {
         let (x, y) = (self.x.max(other.x), self.y.max(other.y));
         let (right, bottom) = (self.right().min(other.right()), self.bottom().min(other.bottom()));
         (x <= right && y <= bottom).then(|| Self::from_corners(x, y, right, bottom))
     }
 
-    /// The rectangle between two points, both included.
+    /// The rectangle between two points, inclusive.
     pub(super) fn from_corners(x: i64, y: i64, right: i64, bottom: i64) -> Self {
         Self::new(x, y, index(right - x + 1), index(bottom - y + 1))
     }
@@ -81,8 +81,8 @@ mod tests {
 
     #[test]
     fn a_point_needs_the_centres_around_it() {
-        // Inside a patch of 16 cells: columns 4 to 8 of the finer level around an even point, 4 to 6 around
-        // an odd one.
+        // Inside a patch of 16 cells: columns 4 to 8 of the finer level around an even point, 4 to 6 around an odd
+        // one.
         assert_eq!(Rect::new(6, 5, 1, 1).parent(4), Rect::new(2, 2, 3, 2));
     }
 }

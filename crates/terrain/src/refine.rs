@@ -1,15 +1,15 @@
 //! One step of diamond-square: from a rectangle of points to the points on and between them.
 //!
-//! Fournier, Fussell and Carpenter, "Computer rendering of stochastic models", CACM 25(6), 1982; in the form
-//! with centres and then edge midpoints that average two ends and two centres (as Miller, "The definition and
-//! rendering of terrain maps", SIGGRAPH 1986, describes it, with the artefacts that it has). Midpoints of a
-//! patch's border average their two ends only: a border follows from itself, so neighbours agree on it.
+//! Fournier, Fussell and Carpenter, "Computer rendering of stochastic models", CACM 25(6), 1982; in the form with
+//! centres and then edge midpoints that average two ends and two centres (described, with its artefacts, by Miller,
+//! "The definition and rendering of terrain maps", SIGGRAPH 1986). Midpoints on a patch border average their two ends
+//! only: a border depends on itself alone, so neighbours agree on it.
 
 use super::noise::{LevelNoise, RowNoise};
 use super::numbers::{index, span};
 use super::rect::Rect;
 
-/// A number that can be averaged: heights, or differences of heights.
+/// A value that can be averaged: a height or a difference.
 pub(super) trait Value: Copy + Default {
     /// (a + b + 1) / 2, rounded down.
     fn mean2(a: Self, b: Self) -> Self;
@@ -41,20 +41,20 @@ impl Value for i64 {
     }
 }
 
-/// What a level adds to averages.
+/// The detail that a level adds to averages.
 pub(super) trait Detail<V> {
-    /// What is kept for one row.
+    /// State of one row.
     type Row: Copy;
     /// Starts a row whose first point is (x, y).
     fn row(&self, x: i64, y: i64) -> Self::Row;
-    /// `mean`, the average at the point `column` to the right of the row's first, with what is added to it.
+    /// The average `mean` at the point `column` to the right of the row's first, with its detail added.
     fn add(&self, row: Self::Row, column: usize, mean: V) -> V;
-    /// Sets points of a row that are given instead of averaged: those that are new in the level and have
-    /// values. Called when a row's centres are there, before they are averaged, and when the row is complete.
+    /// Sets points of a row that are given instead of averaged: those that are new in the level. Called when the
+    /// row's centres are complete, before they are averaged, and when the row is complete.
     fn give(&self, x: i64, y: i64, row: &mut [V]);
 }
 
-/// Random offsets: nothing is given.
+/// Random offsets, without given values.
 pub(super) struct Offsets<'a, const GAUSSIAN: bool>(pub(super) &'a LevelNoise);
 
 impl<const GAUSSIAN: bool> Detail<i32> for Offsets<'_, GAUSSIAN> {
@@ -85,14 +85,14 @@ impl<'a, V> View<'a, V> {
     }
 }
 
-/// Fills `out` with the points of `level` ≥ 1 that lie on and between those of `parent`, row by row.
+/// Fills `out` with the points of `level` ≥ 1 on and between those of `parent`, row by row.
 ///
-/// The outermost rows and columns average along themselves, as is right on a patch's border; elsewhere their
-/// new points are not those of the terrain, and [`Rect::parent`] sees to it that nobody asks for them.
+/// The outermost rows and columns average along themselves, as is correct on a patch border; elsewhere their new
+/// points are wrong, and [`Rect::parent`] ensures that they are not used.
 pub(super) fn refine<V: Value, D: Detail<V>>(parent: View<'_, V>, level: u8, detail: &D, out: &mut [V]) {
     let Rect { x, y, width, height } = parent.rect.child();
     let border = (1_i64 << level) - 1;
-    // Columns of the parent, from its first on, that are borders between two patches.
+    // Columns of the parent (relative to its first) that are patch borders.
     let first_border = index((-(x >> 1)).rem_euclid(1 << (level - 1)));
     let cells = parent.rect.width - 1;
     for j in 0..parent.rect.height {

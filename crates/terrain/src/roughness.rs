@@ -1,38 +1,38 @@
-//! Where stamps make the ground rougher than it is without: places to draw finer than the rest.
+//! Places where stamps make the terrain rougher, so that it needs finer levels.
 
 use super::numbers::{real, truncated};
 use super::stamp::{Position, Stamp};
 use super::world::Terrain;
 
-/// Most places that are measured, those of the steepest stamps first.
-const MOST_PLACES: usize = 64;
-/// Most segments of stamps around a place that are measured with it.
-const MOST_AROUND: usize = 32;
-/// Half width of what is measured by itself along a line: a crest is where profiles bend. Stamps of hardly more reach are
-/// one place.
+/// Most places measured, those of the steepest stamps first.
+const MAX_PLACES: usize = 64;
+/// Most stamp segments around a place that are included.
+const MAX_SEGMENTS_AROUND: usize = 32;
+/// Half width of the separately measured strip along a line, since profiles bend at a crest. Stamps with little more
+/// reach are one place.
 const CREST: i64 = 8;
 
-/// A place that is rougher: what lies within `radius` of a segment.
+/// A rougher place: the points within `radius` of a segment.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RoughPlace {
-    /// One end, on the finest grid.
+    /// One end of the segment, on the finest grid.
     pub from: Position,
     /// The other.
     pub to: Position,
     /// In finest grid units.
     pub radius: i64,
-    /// Errors of drawing at each level, 0 to the finest, as in [`Terrain::level_errors`].
+    /// Errors at each level, 0 to the finest, as in [`Terrain::level_errors`].
     pub errors: Vec<u32>,
 }
 
 impl Terrain {
-    /// Places around stamps, with the errors of drawing them there: along their lines, and their whole reach. Many are no
-    /// rougher than the rest.
+    /// Places around stamps with their level errors: along their lines, and their whole reach. Many are no rougher
+    /// than the rest.
     ///
-    /// A stamp is measured together with those that reach what it changes, since a fixed one may be a deep cut through
-    /// the land and a shallow one through the valley that another has made; alone, where these have more than 32 segments.
-    /// The steepest stamps come first, and 64 places at most: what lies beyond is taken to be no rougher than the ground.
-    /// Cost: 0.7 ms for a place, 1.6 with 30 segments of stamps around it: 0.1 s at most.
+    /// A stamp is measured together with the stamps that overlap it: a fixed one may be a deep cut through hills but
+    /// a shallow one through a valley that another stamp has made. If these have more than 32 segments, it is
+    /// measured alone. The steepest stamps come first, 64 places at most; the rest is assumed to be no rougher than
+    /// the terrain. Cost: 0.7 ms per place, 1.6 ms with 30 segments around it, 0.1 s at most.
     #[must_use]
     pub fn rough_places(&self) -> Vec<RoughPlace> {
         let mut stamps: Vec<&Stamp> = self.stamps.iter().collect();
@@ -44,10 +44,10 @@ impl Terrain {
                 RoughPlace { from, to, radius, errors }
             })
         });
-        parts.take(MOST_PLACES).collect()
+        parts.take(MAX_PLACES).collect()
     }
 
-    /// A stamp and those whose footprints meet its own, in their order; it alone where they are too many.
+    /// A stamp with the stamps that overlap it, in order; alone if these are too many.
     fn around(&self, stamp: &Stamp) -> Vec<Stamp> {
         let meets = |other: &&Stamp| {
             let [a, b] = [stamp.footprint(), other.footprint()];
@@ -58,7 +58,7 @@ impl Terrain {
         let mut segments = 0;
         for other in self.stamps.iter().filter(meets) {
             segments += other.segments();
-            if segments > MOST_AROUND {
+            if segments > MAX_SEGMENTS_AROUND {
                 return vec![stamp.clone()];
             }
             around.push(other.clone());
@@ -67,7 +67,7 @@ impl Terrain {
     }
 }
 
-/// Parts of a stamp to measure: segment, radius, and where.
+/// Parts of a stamp to measure: segment, radius, and sample positions.
 fn parts(stamp: &Stamp) -> Vec<(Position, Position, i64, Vec<Position>)> {
     let (line, reach) = (stamp.line(), stamp.reach());
     let alone = [[line[0], line[0]]];
@@ -90,7 +90,7 @@ fn parts(stamp: &Stamp) -> Vec<(Position, Position, i64, Vec<Position>)> {
     parts
 }
 
-/// Unit vector across a segment.
+/// Unit vector perpendicular to a segment.
 fn sideways([a, b]: [Position; 2]) -> [f64; 2] {
     let [dx, dy] = [0, 1].map(|i| real(b[i] - a[i]));
     let length = (dx * dx + dy * dy).sqrt();
@@ -103,7 +103,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_crest_is_rougher_than_its_slopes_and_a_lawn_is_not() {
+    fn a_crest_is_rougher_than_its_slopes_and_flat_ground_is_not() {
         let parameters =
             Parameters { finest_level: 9, extent_log2: 4, amplitude: 9000, ..Default::default() };
         let from = [-900, 300];
@@ -125,13 +125,13 @@ mod tests {
         assert!(rougher(slopes, 8) < 1.5 && rougher(lawn, 8) < 1.5 && rougher(lawn, 4) < 1.5);
         assert!(crest.errors.last() == Some(&0));
 
-        // What was measured at three places of the crest holds for a fourth.
+        // The errors measured at three places of the crest hold for a fourth.
         let mut scratch = Scratch::new();
         let patch = terrain.patch_errors(1, 1, &mut scratch).unwrap();
         assert!((3..9).all(|level| patch[level] < 2 * crest.errors[level]), "{patch:?} {:?}", crest.errors);
     }
 
-    /// A river that a fixed stamp draws down to its bed is a shallow one where a valley is there already.
+    /// A river bed that cuts down to a fixed height is shallow where a valley exists already.
     #[test]
     fn a_bed_in_a_valley_is_as_rough_as_what_is_left_to_cut() {
         let parameters =
@@ -154,8 +154,8 @@ mod tests {
         let levels = 5..9;
         assert!(levels.clone().all(|level| 5 * within[level] < alone[level]), "{alone:?} {within:?}");
 
-        // Beyond so many stamps it is measured alone.
-        let mut many = vec![valley; MOST_AROUND - 2];
+        // With more stamps it is measured alone.
+        let mut many = vec![valley; MAX_SEGMENTS_AROUND - 2];
         many.push(bed.clone());
         assert!(levels.clone().all(|level| 5 * banks(many.clone())[level] < alone[level]));
         many.insert(0, bed);
@@ -171,6 +171,6 @@ mod tests {
             Stamp { mode: Mode::Additive, shape }
         };
         let terrain = Terrain::with_stamps(parameters, (0..1024).map(stamp).collect()).unwrap();
-        assert_eq!(terrain.rough_places().len(), MOST_PLACES);
+        assert_eq!(terrain.rough_places().len(), MAX_PLACES);
     }
 }

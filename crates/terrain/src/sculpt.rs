@@ -1,19 +1,18 @@
-//! Applies stamps to heights: at each point a function of its position and its height alone, so that levels
-//! and neighbours agree by themselves.
+//! Application of stamps to heights: at each point a function of its position and height only, so levels and
+//! neighbours agree.
 //!
-//! Integers throughout, with one square root, which IEEE 754 rounds correctly everywhere.
+//! Integers, except for one square root, which IEEE 754 rounds correctly.
 
 use super::mode::Mode;
 use super::numbers::{index, real, saturate, truncated};
 use super::rect::Rect;
 use super::stamp::{Position, Shape, Stamp};
 
-/// 1 in weights and in distances divided by a reach.
+/// 1.0 in fixed point, for weights and relative distances.
 const ONE: i64 = 1 << 16;
 
 impl Stamp {
-    /// The rectangle of finest points outside which nothing changes: first and last column, first and last
-    /// row.
+    /// The rectangle of finest points outside of which nothing changes: first and last column, first and last row.
     pub(super) fn footprint(&self) -> ([i64; 2], [i64; 2]) {
         let (line, reach) = (self.line(), self.reach());
         let span = |axis: usize| {
@@ -25,10 +24,10 @@ impl Stamp {
         (span(0), span(1))
     }
 
-    /// Changes the heights of `rect`, whose points are 2^`shift` finest grid units apart.
+    /// Applies the stamp to the heights of `rect`, whose points are 2^`shift` finest grid units apart.
     pub(super) fn apply(&self, base: i32, rect: Rect, shift: u32, heights: &mut [i32]) {
         let ([left, right], [top, bottom]) = self.footprint();
-        // The points of the rectangle that are in the footprint.
+        // The points of the rectangle inside the footprint.
         let first = |edge: i64, from: i64| ((edge + (1 << shift) - 1) >> shift).max(from);
         let (x0, x1) = (first(left, rect.x), (right >> shift).min(rect.right()));
         let (y0, y1) = (first(top, rect.y), (bottom >> shift).min(rect.bottom()));
@@ -55,8 +54,7 @@ impl Stamp {
         }
     }
 
-    /// The weight (of [`ONE`]) and the height at a distance from the line, in 16ths of a grid unit; `None`
-    /// outside.
+    /// Weight (in units of [`ONE`]) and height at a distance from the line, in 16ths of a grid unit; `None` outside.
     fn effect(&self, distance: i64) -> Option<(i64, i64)> {
         let part = |of: u32| (distance << 12) / i64::from(of);
         let inside = |from_edge: i64| (from_edge > 0).then_some(from_edge.min(ONE));
@@ -91,26 +89,26 @@ impl Stamp {
     }
 }
 
-/// 3t² − 2t³ for t of [`ONE`].
+/// Smoothstep 3t² − 2t³ for t in units of [`ONE`].
 fn smooth(t: i64) -> i64 {
     (((t * t) >> 16) * (3 * ONE - 2 * t)) >> 16
 }
 
-/// A line of segments, or one position.
+/// A polyline, or a single position.
 struct Segments {
-    alone: Option<Position>,
+    single: Option<Position>,
     segments: Vec<Segment>,
 }
 
 struct Segment {
     from: Position,
     to: Position,
-    /// Of the segment, in 256ths.
+    /// Length of the segment, in 256ths.
     length: i64,
 }
 
 impl Segments {
-    /// Those of a line that come within `reach` of a rectangle, given by its corners.
+    /// The segments of a line within `reach` of a rectangle, given by its corners.
     fn new(line: Vec<Position>, [low, high]: [Position; 2], reach: i64) -> Self {
         let near = |pair: &&[Position]| {
             (0..2).all(|i| {
@@ -127,15 +125,15 @@ impl Segments {
             }
         };
         Self {
-            alone: (line.len() == 1).then(|| line[0]),
+            single: (line.len() == 1).then(|| line[0]),
             segments: line.windows(2).filter(near).map(segment).collect(),
         }
     }
 
-    /// The distance of a position, in 16ths of a grid unit; `None` from `reach` on.
+    /// Distance of a position, in 16ths of a grid unit; `None` from `reach` on.
     fn distance(&self, at: Position, reach: i64) -> Option<i64> {
-        if let Some(alone) = self.alone {
-            return root(square(alone, at), reach);
+        if let Some(single) = self.single {
+            return root(square(single, at), reach);
         }
         self.segments.iter().filter_map(|segment| segment.distance(at, reach)).min()
     }
@@ -157,7 +155,7 @@ impl Segment {
         if along >= dx * dx + dy * dy {
             return root(square(self.to, at), reach);
         }
-        // Twice the area of the triangle over its base: at most 2^48 × 2^12.
+        // Twice the triangle's area over its base: at most 2^48 × 2^12.
         let distance = ((px * dy - py * dx).abs() << 12) / self.length;
         (distance < reach << 4).then_some(distance)
     }
@@ -168,7 +166,7 @@ fn square(a: Position, b: Position) -> i64 {
     dx * dx + dy * dy
 }
 
-/// The square root in 16ths, rounded down; `None` from `reach` ≤ 2^21 on.
+/// Square root in 16ths, rounded down; `None` from `reach` ≤ 2^21 on.
 fn root(squared: i64, reach: i64) -> Option<i64> {
     // Below 2^50, where the correctly rounded root has the right integer part.
     (squared < reach * reach).then(|| truncated(real(squared << 8).sqrt()))

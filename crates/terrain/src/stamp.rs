@@ -1,4 +1,4 @@
-//! Stamps: shapes that a few numbers describe.
+//! Stamps: parametric shapes that change heights.
 
 use super::mode::Mode;
 use lodestream_geometry::DecodeError;
@@ -19,11 +19,11 @@ const MAX_COORDINATE: i64 = 1 << 31;
 /// A position (x, y) on the finest grid.
 pub type Position = [i64; 2];
 
-/// What a stamp looks like from above, and its profile. Lengths are grid units of the finest level.
+/// Outline and profile of a stamp. Lengths are grid units of the finest level.
 ///
-/// Heights and depths are changes if the stamp is additive. If it is fixed, they are heights above or below
-/// [`super::Parameters::base`], which the terrain is drawn to: wholly where the stamp is strongest, less
-/// towards its edge.
+/// Heights and depths of additive stamps are changes. Those of fixed stamps are heights above or below
+/// [`super::Parameters::base`], with which the terrain is blended: fully where the stamp is strongest, less towards
+/// its edge.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Shape {
     /// A crest between two positions, concave slopes.
@@ -34,7 +34,7 @@ pub enum Shape {
         to: Position,
         /// Distance from the crest to where the slopes end.
         half_width: u32,
-        /// Of the crest.
+        /// Height of the crest.
         height: i32,
     },
     /// A trough between two positions, slopes rounded at both ends.
@@ -45,16 +45,16 @@ pub enum Shape {
         to: Position,
         /// Distance from the middle to where the slopes end.
         half_width: u32,
-        /// Of the middle.
+        /// Depth of the middle.
         depth: i32,
     },
     /// A bowl with a rim that falls off over another radius.
     Crater {
         /// Its middle.
         centre: Position,
-        /// Of the rim.
+        /// Radius of the rim.
         radius: u32,
-        /// Of the bowl.
+        /// Depth of the bowl.
         depth: i32,
         /// Height of the rim.
         rim: i32,
@@ -63,11 +63,11 @@ pub enum Shape {
     Plateau {
         /// Its middle.
         centre: Position,
-        /// Of the disc.
+        /// Radius of the disc.
         radius: u32,
         /// Width of the slope.
         falloff: u32,
-        /// Of the disc.
+        /// Height of the disc.
         height: i32,
     },
     /// A channel along a line, flat for half its width.
@@ -76,22 +76,22 @@ pub enum Shape {
         line: Vec<Position>,
         /// Distance from the line to where the banks end.
         half_width: u32,
-        /// Of the bed.
+        /// Depth of the bed.
         depth: i32,
     },
 }
 
-/// A shape, and what it does.
+/// A shape with its mode.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stamp {
-    /// Whether heights are changed or drawn to those given.
+    /// Whether heights are set or added to.
     pub mode: Mode,
     /// The shape.
     pub shape: Shape,
 }
 
 impl Stamp {
-    /// Checks that numbers are in range.
+    /// Checks that all numbers are in range.
     ///
     /// # Errors
     /// If a length is 0 or above [`MAX_REACH`], a position is beyond ±2^31, a segment longer than
@@ -132,7 +132,7 @@ impl Stamp {
         Ok(())
     }
 
-    /// The positions that the shape lies around.
+    /// The positions that define the shape.
     pub(super) fn line(&self) -> Vec<Position> {
         match &self.shape {
             Shape::Ridge { from, to, .. } | Shape::Valley { from, to, .. } => vec![*from, *to],
@@ -141,7 +141,7 @@ impl Stamp {
         }
     }
 
-    /// Distance from [`Self::line`] from which on nothing changes.
+    /// Distance from [`Self::line`] at which the effect ends.
     pub(super) fn reach(&self) -> i64 {
         match self.shape {
             Shape::Ridge { half_width, .. }
@@ -152,7 +152,7 @@ impl Stamp {
         }
     }
 
-    /// Segments of its line; 1 for a position. What a point around it costs grows with them.
+    /// Number of segments of its line, 1 for a position; proportional to the cost per point.
     #[must_use]
     pub fn segments(&self) -> usize {
         match &self.shape {
@@ -161,7 +161,7 @@ impl Stamp {
         }
     }
 
-    /// Height over width of its slopes, in 65536ths.
+    /// Slope, height over width, in 65536ths.
     pub(super) fn steepness(&self) -> u64 {
         let (height, width) = match self.shape {
             Shape::Ridge { half_width, height, .. } => (height.unsigned_abs(), half_width),
@@ -248,13 +248,13 @@ impl Stamp {
 }
 
 /// Fewest bytes of a stamp: kind, a position, a length and two heights.
-const LEAST_BYTES: usize = 6;
+const MIN_BYTES: usize = 6;
 
-/// Stamps as bytes: how many (LEB128), then each. A ridge or valley takes 10 to 30 bytes, a crater or plateau
-/// 8 to 25, a river bed 4 to 8 for each position and 5 to 10 more.
+/// Encodes stamps: their number (LEB128), then each. A ridge or valley takes 10 to 30 bytes, a crater or plateau 8 to
+/// 25, a river bed 4 to 8 per position and 5 to 10 more.
 ///
 /// # Errors
-/// If there are more than [`MAX_STAMPS`], or one does not pass [`Stamp::check`].
+/// If there are more than [`MAX_STAMPS`], or one fails [`Stamp::check`].
 pub fn encode_stamps(stamps: &[Stamp]) -> Result<Vec<u8>, DecodeError> {
     if stamps.len() > MAX_STAMPS {
         return Err(DecodeError::new("stamps", format!("{}, at most {MAX_STAMPS}", stamps.len())));
@@ -268,14 +268,14 @@ pub fn encode_stamps(stamps: &[Stamp]) -> Result<Vec<u8>, DecodeError> {
     Ok(out)
 }
 
-/// Reads what [`encode_stamps`] wrote. Memory is bounded by the bytes.
+/// Decodes the result of [`encode_stamps`]. Memory is bounded by the input.
 ///
 /// # Errors
-/// If the bytes are not stamps that pass [`Stamp::check`], or something is left over.
+/// If the bytes are not stamps that pass [`Stamp::check`], or have trailing bytes.
 pub fn decode_stamps(bytes: &[u8]) -> Result<Vec<Stamp>, DecodeError> {
     let mut reader = Reader::new(bytes, "stamps");
     let count = reader.varint32(id32(MAX_STAMPS))? as usize;
-    if count * LEAST_BYTES > reader.remaining() {
+    if count * MIN_BYTES > reader.remaining() {
         return Err(reader.error(format!("{count} stamps in {} bytes", reader.remaining())));
     }
     let stamps = (0..count).map(|_| Stamp::read(&mut reader)).collect::<Result<_, _>>()?;
@@ -290,7 +290,7 @@ fn read_height(reader: &mut Reader<'_>) -> Result<i32, DecodeError> {
     i32::try_from(value).map_err(|_| reader.error("a height is not a 32-bit number"))
 }
 
-/// Signed integers as unsigned ones, small ones first.
+/// Zigzag code of a signed integer.
 fn zigzag(value: i64) -> u64 {
     ((value << 1) ^ (value >> 63)).cast_unsigned()
 }
@@ -306,7 +306,7 @@ mod tests {
 
     const HEIGHTS: [i32; 5] = [i32::MIN, -300, 0, 40_000, i32::MAX];
 
-    /// A shape made of arbitrary numbers.
+    /// A shape with arbitrary numbers.
     pub(crate) fn any_stamp() -> impl Strategy<Value = Stamp> {
         let near = -3000_i64..3000;
         let centre =

@@ -1,10 +1,9 @@
-//! Any rectangle of any level, alone: from the patch corners around it, level by level.
+//! Generation of any rectangle of any level, level by level from the patch corners around it.
 
 use super::rect::Rect;
 use super::refine::{Value, View};
 
-/// Memory that generation uses again and again: at most about four values for each point of the largest
-/// window. One per thread.
+/// Reusable buffers of the generator: at most about four values per point of the largest window. One per thread.
 #[derive(Clone, Debug, Default)]
 pub struct Scratch {
     pub(super) heights: Buffers<i32>,
@@ -13,20 +12,20 @@ pub struct Scratch {
 }
 
 impl Scratch {
-    /// Empty memory.
+    /// Empty buffers.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Bytes that are held.
+    /// Memory held, in bytes.
     #[must_use]
     pub fn bytes(&self) -> usize {
         self.heights.bytes() + self.differences.bytes() + self.sums.capacity() * size_of::<i64>()
     }
 }
 
-/// Two levels at a time: the last, and the one that is made of it.
+/// Two levels: the current one, and the next one computed from it.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Buffers<V> {
     last: Vec<V>,
@@ -39,13 +38,13 @@ impl<V> Buffers<V> {
     }
 }
 
-/// The points of level `from` that those of `rect` of level `to` ≥ `from` follow from.
+/// The points of level `from` that `rect` of level `to` ≥ `from` depends on.
 pub(super) fn needed(rect: Rect, from: u8, to: u8) -> Rect {
     (from + 1..=to).rev().fold(rect, |rect, level| rect.parent(level))
 }
 
-/// Makes the points of `rect` of `to`, from level `from` ≤ `to` on: `coarsest` fills a rectangle of that
-/// level, `step` refines into the level it is given. Cost: about 4/3 of the points of `rect`.
+/// Generates `rect` of level `to`, starting at level `from` ≤ `to`: `coarsest` fills a rectangle of that level,
+/// `step` refines into the level it is given. Cost: about 4/3 of the points of `rect`.
 pub(super) fn descend<V: Value>(
     rect: Rect,
     from: u8,
@@ -65,7 +64,7 @@ pub(super) fn descend<V: Value>(
         return coarsest(rect, out);
     }
     coarsest(wanted[0], &mut buffers.last);
-    // What the array of the last level covers, of which `wanted` may be a part.
+    // The extent of the current array, which may exceed `wanted`.
     let mut have = wanted[0];
     for level in from + 1..=to {
         let i = usize::from(level - from);
@@ -73,7 +72,7 @@ pub(super) fn descend<V: Value>(
         let start = have.index_of(need.x, need.y);
         let parent = View { values: &buffers.last[start..], stride: have.width, rect: need };
         let child = need.child();
-        // Every value is written: what is there need not be cleared.
+        // Every value is overwritten, so nothing is cleared.
         if child == rect && level == to {
             out.resize(child.len(), V::default());
             return step(parent, level, out);

@@ -1,11 +1,11 @@
-//! A terrain: what its heights follow from, and windows of them.
+//! A terrain, and windows of its heights.
 
-use super::differences::PatchOverrides;
 use super::error::TerrainError;
 use super::feature::{FeatureSet, Features};
 use super::noise::LevelNoise;
 use super::numbers::{signed, span};
 use super::parameters::Parameters;
+use super::patch_overrides::PatchOverrides;
 use super::points::HeightOverrides;
 use super::rect::Rect;
 use super::refine::{Offsets, refine};
@@ -14,10 +14,10 @@ use super::window::{Buffers, Scratch, descend};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Most points of one window: 2^26, of 4 bytes each.
+/// Most points per window: 2^26, of 4 bytes each.
 pub const MAX_WINDOW_POINTS: usize = 1 << 26;
 
-/// A world of heights. Copies share the points of patches.
+/// A world of heights. Clones share the height overrides of patches.
 #[derive(Clone, Debug)]
 pub struct Terrain {
     pub(super) parameters: Parameters,
@@ -28,7 +28,7 @@ pub struct Terrain {
 }
 
 impl Terrain {
-    /// The terrain of some parameters, without features.
+    /// A terrain with these parameters, without features.
     ///
     /// # Errors
     /// If the parameters do not pass [`Parameters::check`].
@@ -41,7 +41,7 @@ impl Terrain {
         Ok(Self { parameters, noise, stamps: Vec::new(), patches: BTreeMap::new() })
     }
 
-    /// The terrain of some parameters, with stamps.
+    /// A terrain with these parameters and stamps.
     ///
     /// # Errors
     /// As [`Self::new`], or if there are more than [`MAX_STAMPS`] or one does not pass [`Stamp::check`].
@@ -57,7 +57,7 @@ impl Terrain {
         Ok(Self { stamps, ..Self::new(parameters)? })
     }
 
-    /// The terrain of some parameters, with all its features.
+    /// A terrain with these parameters and features.
     ///
     /// # Errors
     /// As [`Self::with_stamps`] and [`Features::gather`].
@@ -70,13 +70,12 @@ impl Terrain {
         Ok(terrain)
     }
 
-    /// Lists points for patch (`x`, `y`), in place of those it had.
+    /// Sets the height overrides of patch (`x`, `y`), replacing earlier ones.
     ///
-    /// Points on a border must be listed with both patches. While only one has them, both show the border as
-    /// that one has it. With erosion, heights of a patch also follow from points of others:
-    /// [`crate::Erosion::reach`].
+    /// Border points must be overridden in both patches. While only one has them, both show the border as in that
+    /// one. With erosion, heights of a patch also depend on overrides of other patches: [`crate::Erosion::reach`].
     ///
-    /// Cost: heights under fixed points are made, block by block.
+    /// Cost: the heights below fixed points are generated, block by block.
     ///
     /// # Errors
     /// If there is no such patch, or a point is outside it.
@@ -95,7 +94,7 @@ impl Terrain {
         Ok(())
     }
 
-    /// Forgets the points of patch (`x`, `y`).
+    /// Removes the height overrides of patch (`x`, `y`).
     pub fn remove_points(&mut self, x: i64, y: i64) {
         self.patches.remove(&(x, y));
     }
@@ -106,18 +105,18 @@ impl Terrain {
         &self.stamps
     }
 
-    /// The listed points of patch (`x`, `y`).
+    /// The height overrides of patch (`x`, `y`).
     #[must_use]
     pub fn points(&self, x: i64, y: i64) -> Option<&HeightOverrides> {
         self.patches.get(&(x, y)).map(|patch| &patch.points)
     }
 
-    /// The patches with listed points, by column and row.
+    /// The patches with height overrides, by column and row.
     pub fn patches_with_points(&self) -> impl Iterator<Item = (i64, i64)> {
         self.patches.keys().copied()
     }
 
-    /// Whether points or stamps change anything in patch (`x`, `y`), or might through erosion.
+    /// Whether overrides or stamps change anything in patch (`x`, `y`), possibly through erosion.
     #[must_use]
     pub fn has_features(&self, x: i64, y: i64) -> bool {
         let n = self.parameters.finest_level;
@@ -127,7 +126,7 @@ impl Terrain {
         let around = Rect::from_corners(left, top, right, bottom);
         let own = self.patches.contains_key(&(x, y));
         let others = reach > 0
-            && self.touched(signed(n), around).any(|(&(px, py), _)| {
+            && self.patches_near(signed(n), around).any(|(&(px, py), _)| {
                 let patch = Rect::from_corners(px << n, py << n, (px + 1) << n, (py + 1) << n);
                 patch.intersection(&around).is_some()
             });
@@ -138,32 +137,32 @@ impl Terrain {
             })
     }
 
-    /// Bytes that listed points take.
+    /// Memory held by height overrides, in bytes.
     #[must_use]
     pub fn points_bytes(&self) -> usize {
         self.patches.values().map(|patch| patch.bytes()).sum()
     }
 
-    /// What the terrain follows from.
+    /// The parameters.
     #[must_use]
     pub fn parameters(&self) -> &Parameters {
         &self.parameters
     }
 
-    /// n: the level of all points.
+    /// n: the finest level.
     #[must_use]
     pub fn finest_level(&self) -> i8 {
         signed(self.parameters.finest_level)
     }
 
-    /// The coarsest level there is: the world is two of its cells wide.
+    /// The coarsest level: the world is two of its cells wide.
     #[must_use]
     pub fn coarsest_level(&self) -> i8 {
         -signed(self.parameters.extent_log2)
     }
 
-    /// Largest coordinate of a level's points; the smallest is its negative. The world's own edge belongs to
-    /// it: on the finest level of the largest world, coordinates are −2^31 to 2^31.
+    /// Largest coordinate of a level's points; the smallest is its negative. The edge is part of the world: on the
+    /// finest level of the largest world, coordinates are −2^31 to 2^31.
     ///
     /// # Errors
     /// If there is no such level.
@@ -176,10 +175,10 @@ impl Terrain {
         Ok(1 << (i32::from(self.parameters.extent_log2) + i32::from(level)))
     }
 
-    /// The heights of `width` x `height` points of `level` from (`x`, `y`) on, row by row, replacing what
-    /// `out` held. Windows may lie anywhere in the world, across patches.
+    /// The heights of `width` x `height` points of `level` from (`x`, `y`) on, row by row; replaces the contents of
+    /// `out`. Windows may span patches.
     ///
-    /// Cost: about 4/3 of the points, and a few around them for each level above.
+    /// Cost: about 4/3 of the points, and a few around them per coarser level.
     ///
     /// # Errors
     /// If there is no such level, or the window is empty, too large, or not inside the world.
@@ -231,7 +230,7 @@ impl Terrain {
         Ok(Rect::new(x, y, width, height))
     }
 
-    /// The heights of patch (`x`, `y`) at a level from 0 to the finest: 2^level + 1 rows of as many.
+    /// The heights of patch (`x`, `y`) at a level from 0 to the finest: 2^level + 1 rows of that many points.
     ///
     /// # Errors
     /// If there is no such level or patch.
@@ -241,7 +240,7 @@ impl Terrain {
         Ok(out)
     }
 
-    /// As [`Self::patch`], with memory to use again.
+    /// As [`Self::patch`], with reusable buffers.
     ///
     /// # Errors
     /// As [`Self::patch`].
@@ -271,7 +270,7 @@ impl Terrain {
         Ok(())
     }
 
-    /// Heights without features or erosion of a rectangle of `level`, below 0 too.
+    /// Heights of a rectangle of any `level` without features or erosion.
     pub(super) fn base_window(&self, level: i8, rect: Rect, buffers: &mut Buffers<i32>, out: &mut Vec<i32>) {
         if level < 0 {
             return self.corners(rect, u32::from(level.unsigned_abs()), out);
@@ -294,7 +293,7 @@ impl Terrain {
         );
     }
 
-    /// Every 2^`sparse`th corner of patches.
+    /// Every 2^`sparse`th patch corner.
     fn corners(&self, rect: Rect, sparse: u32, out: &mut Vec<i32>) {
         out.clear();
         let noise = self.noise(0);

@@ -93,7 +93,7 @@ impl CheckpointFolder {
 }
 
 impl CheckpointStore for CheckpointFolder {
-    fn lasts(&self) -> bool {
+    fn is_persistent(&self) -> bool {
         true
     }
 
@@ -125,7 +125,7 @@ impl CheckpointStore for CheckpointFolder {
         if hash(piece, rest) != *said {
             return Ok(None);
         }
-        if piece.closes() {
+        if piece.is_end() {
             self.closing().insert(piece);
         }
         bytes.drain(..blake3::OUT_LEN);

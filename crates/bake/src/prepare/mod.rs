@@ -16,7 +16,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use crate::preparation_settings::{PreparationSettings, ReliefDepth};
 use lodestream_compress::whole_file::write_atomically;
-use lodestream_compress::{encode_base, prepare_by};
+use lodestream_compress::{encode_base, prepare_with_hooks};
 use lodestream_geometry::MeshError;
 use lodestream_geometry::base::FORMAT_VERSION;
 use lodestream_geometry::pack::{BlobKind, PACK_VERSION};
@@ -269,11 +269,11 @@ fn prepare_with_key(
     let threads = Threads::new(options.threads);
     let mut hooks = Hooks::new(&threads, &reporter);
     if let Some(kept) = &kept {
-        hooks = hooks.checkpointing_to(kept);
+        hooks = hooks.with_checkpoints(kept);
     }
     let settings = preparation_settings.settings(&mesh);
     suit(&mut mesh, settings.codec);
-    let prepared = prepare_by(&mesh, &settings, hooks);
+    let prepared = prepare_with_hooks(&mesh, &settings, hooks);
     reporter.finish();
     let mut prepared = prepared.map_err(mesh_error)?;
     let time = start.elapsed();

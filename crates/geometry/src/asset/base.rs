@@ -1,4 +1,4 @@
-//! The base blob: what a client needs to draw an asset at all, and to ask for more.
+//! The base blob: everything a client needs to draw an asset coarsely and to request more.
 
 use crate::asset::index::Sphere;
 use crate::entropy::Codec;
@@ -8,9 +8,9 @@ use crate::mesh::{Face, Grid, Kinds, UvGrid, Wedge};
 pub const FORMAT_VERSION: u8 = 4;
 /// Most faces of a base mesh: bounds a decoder's memory.
 pub const MAX_BASE_FACES: usize = 1 << 20;
-/// Most chunks of one asset.
+/// Most chunks per asset.
 pub const MAX_CHUNKS: u32 = 1 << 22;
-/// Most bytes of a description.
+/// Most bytes of an asset's description.
 pub const MAX_DESCRIPTION_BYTES: usize = 512 * 1024;
 
 /// Sizes of the fully refined asset.
@@ -24,7 +24,7 @@ pub struct Totals {
     pub faces: u64,
 }
 
-/// The base mesh of an asset and what describes the asset as a whole.
+/// The base mesh of an asset with the asset's metadata.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Base {
     /// Grid of the positions.
@@ -41,12 +41,12 @@ pub struct Base {
     pub chunk_count: u32,
     /// Levels above the base.
     pub level_count: u8,
-    /// How many of the lowest bits of positions the grids leave out: the base mesh's, then each level's; falling
-    /// to 0. What has more bits is there for vertices that no later chunk could move.
+    /// Number of low position bits that the grids leave out: of the base mesh, then of each level; descending to 0.
+    /// Vertices with more bits are those that no later chunk moves.
     pub shifts: Vec<u8>,
     /// Materials that faces may name.
     pub material_count: u16,
-    /// How the chunks are coded, and the base mesh unless [`Base::encode_as`] says otherwise.
+    /// Codec of the chunks, and of the base mesh unless [`Base::encode_as`] is used.
     pub codec: Codec,
     /// Whether wedges have colours.
     pub colors: bool,
@@ -54,7 +54,7 @@ pub struct Base {
     pub normals: bool,
     /// Sizes of the fully refined asset.
     pub totals: Totals,
-    /// Opaque here: materials and textures, as the protocol writes them.
+    /// Materials and textures as the scene crate encodes them; opaque in this crate.
     pub description: Vec<u8>,
     /// Positions of the base mesh.
     pub positions: Vec<[i32; 3]>,
@@ -64,17 +64,17 @@ pub struct Base {
     pub faces: Vec<Face>,
 }
 
-/// A base blob with its mesh coded by each codec; what carries one must say by which ([`Base::decode_as`]).
+/// A base blob with its mesh in each codec. The container must state which is used ([`Base::decode_as`]).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BaseBlobs {
-    /// By [`Codec::Range`].
+    /// Coded with [`Codec::Range`].
     pub range: Vec<u8>,
-    /// By [`Codec::Zstd`].
-    pub plain: Vec<u8>,
+    /// Coded with [`Codec::Zstd`].
+    pub zstd: Vec<u8>,
 }
 
 impl Base {
-    /// What its wedges carry.
+    /// Attributes of its wedges.
     pub(crate) fn kinds(&self) -> Kinds {
         Kinds { uv_bits: self.uv_grid.bits, colors: self.colors, normals: self.normals }
     }

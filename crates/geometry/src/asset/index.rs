@@ -1,4 +1,4 @@
-//! What a client must know of a chunk before it asks for it: the chunk index.
+//! The chunk index: metadata of each chunk.
 
 /// Chunks per index page.
 pub const CHUNKS_PER_PAGE: usize = 64;
@@ -12,15 +12,14 @@ pub struct Sphere {
     pub radius: f32,
 }
 
-/// A stopping point inside a chunk: what is there once the first `payload_bytes` of the payload are
-/// decoded and applied. Legal only while no chunk that has this one as a parent is applied.
+/// A truncation point of a chunk: the state after the first `payload_bytes` of the payload are decoded and applied.
+/// Valid only while no child of the chunk is applied.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct TruncationPoint {
-    /// Bytes of the payload that suffice to decode up to here.
+    /// Bytes of the payload to decode.
     pub payload_bytes: u32,
-    /// Geometric error of the region once the chunk is applied up to here, in the asset's units: never
-    /// below that of a chunk that has this one as a parent, and nearly always below the chunk's own (a
-    /// truncation where it is not is of no use).
+    /// Geometric error of the region at this point, in the asset's units. Never below that of the chunk's children,
+    /// and nearly always below the chunk's own (otherwise the point is useless).
     pub error: f32,
     /// Vertices added up to here.
     pub vertices: u32,
@@ -33,17 +32,16 @@ pub struct TruncationPoint {
 /// One chunk's entry in the index. Chunks are numbered coarse to fine: parents have smaller ids.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct ChunkInfo {
-    /// Level that the chunk leads to; level 0 is the base mesh, so this is at least 1.
+    /// Level that the chunk leads to; at least 1, since level 0 is the base mesh.
     pub level: u8,
     /// Bounds of the region's input surface and of its coarse surface.
     pub sphere: Sphere,
-    /// Geometric error while the chunk is missing, in the asset's units. Never smaller than that of
-    /// any chunk that has this one as a parent.
+    /// Geometric error while the chunk is missing, in the asset's units. At least that of each of its children.
     pub error: f32,
-    /// How far attributes slide while the chunk is missing, as a length in the asset's units
-    /// (docs/design/errors.md): texture over the surface, and shading. Monotone like `error`.
+    /// Attribute error while the chunk is missing (texture displacement over the surface and shading), as a length in
+    /// the asset's units (docs/design/errors.md). Monotone like `error`.
     pub attribute_error: f32,
-    /// Stopping points before the chunk's end, coarse to fine.
+    /// Truncation points before the chunk's end, coarse to fine.
     pub truncation_points: Vec<TruncationPoint>,
     /// Ids of the chunks that must be applied before this one, ascending.
     pub parents: Vec<u32>,
@@ -58,9 +56,8 @@ pub struct ChunkInfo {
 }
 
 impl ChunkInfo {
-    /// What is there once the chunk is applied up to a truncation, an index of [`Self::truncation_points`]; `None`, or a
-    /// truncation that it has not, stands for the whole chunk, whose error is 0: what is then left is its
-    /// children's.
+    /// The state at a truncation point (an index of [`Self::truncation_points`]). For `None` or an index out of
+    /// range, the whole chunk, with error 0: the remaining error is that of its children.
     #[must_use]
     pub fn extent(&self, truncation: Option<u8>) -> TruncationPoint {
         let whole = TruncationPoint {
@@ -82,8 +79,8 @@ impl ChunkInfo {
 pub struct IndexPage {
     /// Its chunks.
     pub chunks: Vec<ChunkInfo>,
-    /// The largest visible error (all attributes counted) of the chunks on later pages; `None` where
-    /// [`expected_rest_error`](crate::index::expected_rest_error) of this page and those before it is not below that.
+    /// The largest visible error (attributes at full weight) of the chunks on later pages; `None` if it does not
+    /// exceed [`expected_rest_error`](crate::index::expected_rest_error) of the pages up to this one.
     pub rest_error: Option<f32>,
 }
 
@@ -93,7 +90,7 @@ impl From<Vec<ChunkInfo>> for IndexPage {
     }
 }
 
-/// The number of pages that `chunks` entries fill.
+/// Number of pages for `chunks` entries.
 #[must_use]
 pub fn page_count(chunks: usize) -> usize {
     chunks.div_ceil(CHUNKS_PER_PAGE)
@@ -101,5 +98,5 @@ pub fn page_count(chunks: usize) -> usize {
 
 /// Most parents of one chunk: bounds a decoder's memory.
 pub const MAX_PARENTS: usize = 4096;
-/// Most stopping points before a chunk's end.
-pub const MAX_STOPS: usize = 63;
+/// Most truncation points per chunk.
+pub const MAX_TRUNCATION_POINTS: usize = 63;

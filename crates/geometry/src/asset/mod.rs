@@ -1,4 +1,4 @@
-//! A prepared asset: what it consists of, what it is good for on a screen, and the file that holds it.
+//! A prepared asset: base blob, chunk index, screen error, and the pack file.
 
 #![cfg_attr(
     not(test),

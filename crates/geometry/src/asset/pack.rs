@@ -22,7 +22,7 @@ pub const ENTRY_BYTES: usize = 36;
 /// Most blobs of one pack.
 pub const MAX_BLOBS: u32 = 1 << 25;
 
-/// What a blob is. The order is that of the file.
+/// Kind of a blob. Blobs are stored in this order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum BlobKind {
     /// The base blob ([`crate::asset::base::Base`]).
@@ -31,7 +31,7 @@ pub enum BlobKind {
     IndexPage(u32),
     /// A chunk's payload.
     Chunk(u32),
-    /// How the pack was made, as text for people. Never sent.
+    /// The settings of the preparation, as text for people. Never sent.
     Settings,
     /// A mip level of a texture, coarsest level first.
     Texture {
@@ -42,7 +42,7 @@ pub enum BlobKind {
     },
 }
 
-/// Where a blob is, and what it must hash to.
+/// Place and hash of a blob.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Entry {
     /// What it is.
@@ -61,7 +61,7 @@ impl Entry {
         self.hash
     }
 
-    /// Checks a blob that was read from the entry's place.
+    /// Verifies the blob's bytes as read from the file.
     ///
     /// # Errors
     /// If length or hash differ.
@@ -80,7 +80,7 @@ impl Entry {
 /// The head of a pack.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Head {
-    /// What the pack was made from: source files and settings, as the caller hashed them.
+    /// Hash of source files and settings, as the caller computed it.
     pub fingerprint: [u8; 32],
     blobs: u32,
     hash: [u8; 16],
@@ -90,7 +90,7 @@ impl Head {
     /// Reads the first [`HEAD_BYTES`] of a file.
     ///
     /// # Errors
-    /// If they are not those of a pack of this version.
+    /// If they are not the head of a pack of this version.
     pub fn parse(bytes: &[u8]) -> Result<Self, DecodeError> {
         let mut r = Reader::new(bytes, "pack");
         if r.array::<8>().ok() != Some(MAGIC) {
@@ -116,7 +116,7 @@ impl Head {
         self.blobs as usize * ENTRY_BYTES
     }
 
-    /// Reads the table; `file_length` bounds the entries.
+    /// Parses the table; `file_length` bounds the entries.
     ///
     /// # Errors
     /// If the table is damaged, out of order or points outside the file.
@@ -164,7 +164,7 @@ pub fn find(entries: &[Entry], kind: BlobKind) -> Option<&Entry> {
     entries.binary_search_by_key(&kind, |e| e.kind).ok().map(|i| &entries[i])
 }
 
-/// Lays out a pack. Blobs may come in any order; each kind once.
+/// Writes a pack. Blobs may come in any order, each kind once.
 ///
 /// # Errors
 /// If a blob is given twice or is longer than 4 GiB, or there are too many.
@@ -217,7 +217,7 @@ fn hash(bytes: &[u8]) -> [u8; 16] {
     out
 }
 
-/// Hash over everything in the head that is not checked otherwise, and the table.
+/// Hash over the unchecked fields of the head, and the table.
 fn head_hash(fingerprint: &[u8; 32], table: &[u8]) -> [u8; 16] {
     let mut hasher = blake3::Hasher::new();
     hasher.update(fingerprint);

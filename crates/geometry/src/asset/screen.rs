@@ -1,4 +1,4 @@
-//! Screen error: the one formula by which server, viewer and simulator judge a chunk.
+//! Screen error: the one formula that server, viewer and simulator use.
 //!
 //! `magnification = scale / depth` pixels per world unit, where `scale = height_px / (2 tan(fov_y / 2))`
 //! and `depth` is the distance along the view axis; `screen error = visible error × magnification`, where
@@ -7,15 +7,15 @@
 
 use crate::asset::index::{ChunkInfo, TruncationPoint};
 
-/// What an attribute error counts against a geometric error of the same length. Half: texture that slides
-/// within a surface moves no outline, and shading is judged on patches as large as an input face.
+/// Weight of an attribute error against a geometric error of the same length. One half: sliding texture moves no
+/// silhouette, and shading is measured on patches as large as an input face.
 pub const ATTRIBUTE_WEIGHT: f32 = 0.5;
 
-/// Smallest depth, as a fraction of the error's own length, at which the formula is evaluated:
-/// nearer than this the answer is "huge" either way, and division by zero is excluded.
+/// Smallest depth, as a fraction of the error, at which the formula is evaluated: any closer the result is huge
+/// anyway, and division by zero is excluded.
 const MIN_DEPTH_PER_ERROR: f64 = 1e-6;
 
-/// Pixels per radian-like unit: `height_px / (2 tan(fov_y / 2))`.
+/// Pixels per unit of tangent: `height_px / (2 tan(fov_y / 2))`.
 ///
 /// `fov_y` is the vertical field of view in radians, in (0, π).
 #[must_use]
@@ -23,22 +23,22 @@ pub fn scale_px(height_px: f64, fov_y: f64) -> f64 {
     height_px / (2.0 * (fov_y * 0.5).tan())
 }
 
-/// The length that shows while a chunk is missing, in the asset's units: what [`screen_error_px`] is asked
-/// for. `attribute_share`, 0 to 1, is how much of [`ATTRIBUTE_WEIGHT`] counts; 0 judges geometry alone.
+/// Visible error while a chunk is missing, in the asset's units: the argument of [`screen_error_px`].
+/// `attribute_share` (0 to 1) scales [`ATTRIBUTE_WEIGHT`]; 0 counts geometry only.
 #[must_use]
 pub fn visible_error(info: &ChunkInfo, attribute_share: f32) -> f32 {
     info.error.max(ATTRIBUTE_WEIGHT * attribute_share * info.attribute_error)
 }
 
-/// The same while a chunk is there up to a truncation. Attribute errors are stated for whole chunks only, so
-/// there they count in full.
+/// Visible error while a chunk is applied up to a truncation point. Attribute errors are known for whole chunks only,
+/// so they count in full.
 #[must_use]
 pub fn visible_error_at(info: &ChunkInfo, truncation: &TruncationPoint, attribute_share: f32) -> f32 {
     truncation.error.max(ATTRIBUTE_WEIGHT * attribute_share * info.attribute_error)
 }
 
-/// Screen error in pixels of a visible error (world units) whose nearest point has the view depth
-/// `depth` (world units). Depths at or behind the eye are clamped, so the answer is finite and large.
+/// Screen error in pixels of a visible error (world units) at view depth `depth` (world units). Depths at or behind
+/// the eye are clamped, so the result is finite.
 #[must_use]
 pub fn screen_error_px(error: f64, depth: f64, scale_px: f64) -> f64 {
     if error <= 0.0 {

@@ -1,56 +1,56 @@
-//! Sets of chunks that are closed under parents: by error, by budget, at random.
+//! Ancestor-closed cuts: by error, by budget, at random.
 //!
-//! A chunk none of whose children is in the set (a leaf) may be there up to a truncation only.
+//! A chunk with no child in the cut (a leaf) may be applied up to a truncation point only.
 
 use crate::asset::base::Base;
 use crate::asset::index::{ChunkInfo, TruncationPoint};
 use crate::random::Random;
 
-/// What a set of chunks may come to.
+/// Limit on an ancestor-closed cut.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Budget {
-    /// At most so many faces.
+    /// At most this many faces.
     Faces(u64),
     /// At most this geometric error, in the asset's units.
     Error(f64),
-    /// At most so many bytes: header, base and the whole index counted.
+    /// At most this many bytes, including head, base and the whole index.
     Bytes(u64),
-    /// No limit: everything.
+    /// No limit: all chunks.
     Everything,
 }
 
-/// A chunk of a ancestor-closed cut.
+/// A chunk of an ancestor-closed cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Member {
     /// The chunk.
     pub chunk: u32,
-    /// The truncation that it is applied up to, an index of [`ChunkInfo::truncation_points`]; `None` for the whole chunk,
-    /// as it must be where a child of it is a member.
+    /// The truncation point up to which it is applied, an index of [`ChunkInfo::truncation_points`]; `None` for the whole chunk,
+    /// as it must be if a child of it is a member.
     pub truncation: Option<u8>,
 }
 
-/// A ancestor-closed cut and what it comes to.
+/// An ancestor-closed cut with its error and sizes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AncestorClosedCut {
-    /// Its chunks, ascending: parents come first.
+    /// Its chunks, ascending, so parents come first.
     pub members: Vec<Member>,
     /// Geometric error of the mesh, in the asset's units.
     pub error: f64,
     /// Faces of the mesh.
     pub faces: u64,
-    /// Bytes: head, index and what the set needs of its payloads.
+    /// Bytes of head, index and the payload bytes needed.
     pub bytes: u64,
 }
 
-/// One way on for a chunk: from where it is, at this error, to a truncation or its end.
+/// A refinement step of one chunk: from its current state, of error `error`, to a truncation point or its end.
 struct Step {
     error: f32,
     chunk: u32,
     to: Option<u8>,
 }
 
-/// The steps of a chunk, from nothing to the whole; truncation_points that are no better than an earlier one are
-/// passed over, so that errors fall.
+/// The refinement steps of a chunk; truncation points whose error is not lower than an earlier one's are skipped, so
+/// errors fall.
 fn steps(chunk: u32, info: &ChunkInfo) -> impl Iterator<Item = Step> {
     let mut error = info.error;
     let truncation_points =
@@ -63,12 +63,11 @@ fn steps(chunk: u32, info: &ChunkInfo) -> impl Iterator<Item = Step> {
 
 /// The ancestor-closed cut of lowest error within a budget.
 ///
-/// Let S(e) hold what any ancestor-closed cut of stated error e or less must hold: the chunks whose error is above
-/// e, each up to its first truncation of error e or less, if it has one, else whole. A parent's error, at any
-/// truncation, is not below its children's, so S(e) is closed; and S(e) has the fewest faces and bytes of all
-/// sets of stated error e or less. So the set is the largest S(e) that fits, reached by taking steps
-/// (nothing → truncation → whole) by falling error, and then whatever of the other steps still fits: no closed
-/// set within the budget has a lower stated error. Cost: n log n in chunks and truncation_points.
+/// Let S(e) be the smallest ancestor-closed cut of error at most e: the chunks whose error is above e, each up to its
+/// first truncation point of error at most e, or whole. A parent's error, at any truncation point, is at least its
+/// children's, so S(e) is ancestor-closed, with the fewest faces and bytes of all cuts of error at most e. The result
+/// is the largest S(e) within the budget, built by taking steps by falling error, plus any further steps that fit: no
+/// ancestor-closed cut within the budget has a lower error. Cost: n log n in chunks and truncation points.
 ///
 /// `head_bytes` is the size of what every client needs: base blob and index.
 #[must_use]
@@ -107,8 +106,8 @@ pub fn lowest_error(base: &Base, infos: &[ChunkInfo], head_bytes: u64, budget: B
     AncestorClosedCut { members, error, faces, bytes }
 }
 
-/// A random ancestor-closed cut in ascending order, between one chunk's ancestors and nearly everything, its
-/// leaves up to random truncation_points.
+/// A random ancestor-closed cut in ascending order, from one chunk with its ancestors to nearly all chunks, with its
+/// leaves at random truncation points.
 #[must_use]
 pub fn random(infos: &[ChunkInfo], random: &mut Random) -> Vec<Member> {
     if infos.is_empty() {
@@ -131,14 +130,14 @@ pub fn random(infos: &[ChunkInfo], random: &mut Random) -> Vec<Member> {
     let member = |id: usize| {
         let truncation_points = infos[id].truncation_points.len();
         let truncation = random.below(if leaf[id] { truncation_points + 1 } else { 1 });
-        // The last of the choices, and the only one of an inner chunk, is the whole.
+        // The last choice, and the only one of an inner chunk, is the whole chunk.
         let partial = leaf[id] && truncation < truncation_points;
         Member { chunk: id as u32, truncation: partial.then_some(truncation as u8) }
     };
     (0..infos.len()).filter(|&id| taken[id]).map(member).collect()
 }
 
-/// A random order of a ancestor-closed cut, given in ascending order, in which parents come first.
+/// A random order of an ancestor-closed cut (given in ascending order) in which parents come first.
 #[must_use]
 pub fn random_order(infos: &[ChunkInfo], set: &[Member], random: &mut Random) -> Vec<Member> {
     let place = |id: u32| set.binary_search_by_key(&id, |m| m.chunk).ok();

@@ -1,17 +1,16 @@
-//! Checks a prepared asset's promises: random ancestor-closed cuts in random orders, undone again.
+//! Checks a prepared asset: applies random ancestor-closed cuts in random orders, and undoes them.
 //!
-//! *Cracks.* Let π send each vertex of the input to its ancestor in the mesh at hand. The mesh is the
-//! input's image under π without the faces that collapsed, and the boundary operator commutes with π;
-//! so the sum of the mesh's directed edges (opposite ones cancel) must equal the image of the input's
-//! boundary, whatever the input is: open, closed or not a manifold. An edge where it does not is a
-//! crack. If the input is closed and manifold, an edge without exactly two faces counts as well.
-//! All this takes place in the fully refined mesh for the input. Where that has more vertices than the
-//! input had, outlines were not locked and vertices came back once for each region: such doubles are
-//! told by their equal positions and count as one vertex.
+//! *Cracks.* Let π map each vertex of the input to its ancestor in the current mesh. The mesh is the image of the
+//! input under π without the collapsed faces, and the boundary operator commutes with π. So the sum of the mesh's
+//! directed edges (opposite ones cancel) must equal the image of the input's boundary, for any input: open, closed or
+//! non-manifold. An edge where it differs is a crack. If the input is a closed manifold, an edge without exactly two
+//! faces counts as well. The fully refined mesh stands for the input. If it has more vertices than the input,
+//! outlines were not locked and vertices were restored once per region: duplicates are recognised by equal positions
+//! and count as one vertex.
 //!
-//! *Order.* Every chunk is decoded afresh against the mesh as it happens to be, and must give the
-//! same delta as when everything coarser was applied; two random orders must give the same state, in
-//! one of which chunks were applied up to other truncation_points first.
+//! *Order.* Every chunk is decoded again against the current mesh and must give the same delta as with all coarser
+//! chunks applied. Two random orders must give the same state; in one of them chunks are first applied up to
+//! truncation points.
 
 pub mod ancestor_closed_cut;
 
@@ -26,31 +25,31 @@ use crate::pool::{self, Pool};
 use crate::random::Random;
 use crate::refine::{ActiveMesh, ChunkDelta, ChunkError, Id, Snapshot};
 
-/// What a check found.
+/// Result of a check.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CheckReport {
-    /// Sets tried.
+    /// Cuts tried.
     pub sets: usize,
-    /// Edges at which some mesh was torn.
+    /// Cracks: edges at which a mesh was torn.
     pub cracks: usize,
-    /// Chunks or sets whose result depended on the order.
+    /// Chunks or cuts whose result depended on the order.
     pub order_dependent: usize,
-    /// Sets whose undoing did not give the base mesh back.
+    /// Cuts whose undoing did not restore the base mesh.
     pub undo_errors: usize,
 }
 
-/// An asset with everything decoded once.
+/// An asset with all chunks decoded once.
 struct Reference<'a> {
     base: &'a Base,
     infos: &'a [ChunkInfo],
     payloads: &'a [Vec<u8>],
-    /// Of each chunk: up to each of its truncation_points, and whole.
+    /// Per chunk: the deltas at its truncation points, and of the whole.
     deltas: Vec<Vec<ChunkDelta>>,
     /// The input's boundary.
     boundary: BTreeMap<(Id, Id), i64>,
     closed_manifold: bool,
-    /// Vertices that are doubles of others, and of which.
-    doubles: BTreeMap<Id, Id>,
+    /// Duplicates, with the vertex that each is a duplicate of.
+    duplicates: BTreeMap<Id, Id>,
     start: Snapshot,
 }
 
@@ -88,10 +87,10 @@ pub fn check(
         deltas.push(ways);
     }
     let full = mesh.snapshot();
-    let doubles = doubles(&full, base.totals.vertices);
-    let (boundary, counts) = edges(&full, &doubles);
+    let duplicates = duplicates(&full, base.totals.vertices);
+    let (boundary, counts) = edges(&full, &duplicates);
     let closed_manifold = boundary.is_empty() && counts.values().all(|&c| c == 2);
-    let reference = Reference { base, infos, payloads, deltas, boundary, closed_manifold, doubles, start };
+    let reference = Reference { base, infos, payloads, deltas, boundary, closed_manifold, duplicates, start };
     let mut seeds = Random::new(seed);
     let seeds: Vec<u64> = (0..sets).map(|_| seeds.next_u64()).collect();
     let reports = pool::map(pool, sets, &|i| reference.try_set(&mut Random::new(seeds[i])))
@@ -124,7 +123,7 @@ impl Reference<'_> {
 
         let mut other = ActiveMesh::new(self.base);
         let order = ancestor_closed_cut::random_order(self.infos, &set, random);
-        let applied = order.iter().all(|&member| self.apply_by_way_of_a_stop(&mut other, member, random));
+        let applied = order.iter().all(|&member| self.apply_in_two_steps(&mut other, member, random));
         if !applied || other.snapshot() != state {
             report.order_dependent += 1;
         }
@@ -146,8 +145,8 @@ impl Reference<'_> {
         mesh.decode_prefix(member.chunk, &self.infos[id], member.truncation, &self.payloads[id])
     }
 
-    /// Applies a chunk, up to one of its truncation_points first if it has any, and takes it on from there.
-    fn apply_by_way_of_a_stop(&self, mesh: &mut ActiveMesh, member: Member, random: &mut Random) -> bool {
+    /// Applies a chunk, first up to a random truncation point if it has any, then to the member's.
+    fn apply_in_two_steps(&self, mesh: &mut ActiveMesh, member: Member, random: &mut Random) -> bool {
         let id = member.chunk as usize;
         let ways = &self.deltas[id];
         let way = &ways[random.below(ways.len())];
@@ -164,10 +163,10 @@ impl Reference<'_> {
     }
 
     fn cracks(&self, state: &Snapshot) -> usize {
-        let (boundary, counts) = edges(state, &self.doubles);
+        let (boundary, counts) = edges(state, &self.duplicates);
         let mut difference = boundary;
         for (&(a, b), &times) in &self.boundary {
-            let [a, b] = [a, b].map(|v| single(&self.doubles, self.ancestor(state, v)));
+            let [a, b] = [a, b].map(|v| representative(&self.duplicates, self.ancestor(state, v)));
             add(&mut difference, a, b, -times);
         }
         let torn = difference.values().filter(|&&times| times != 0).count();
@@ -175,7 +174,7 @@ impl Reference<'_> {
         torn + odd
     }
 
-    /// Where a vertex of the input is in this mesh.
+    /// The ancestor in this mesh of a vertex of the input.
     fn ancestor(&self, state: &Snapshot, mut vertex: Id) -> Id {
         while vertex.owner > 0 && state.vertices.binary_search_by_key(&vertex, |v| v.0).is_err() {
             let whole = Member { chunk: vertex.owner - 1, truncation: None };
@@ -190,33 +189,33 @@ impl Reference<'_> {
 
 type Boundary = BTreeMap<(Id, Id), i64>;
 
-/// Vertices that share the position of an earlier one, if there are more than there should be.
-fn doubles(full: &Snapshot, vertices: u64) -> BTreeMap<Id, Id> {
-    let mut doubles = BTreeMap::new();
+/// Vertices at the same position as an earlier one, if there are more vertices than expected.
+fn duplicates(full: &Snapshot, vertices: u64) -> BTreeMap<Id, Id> {
+    let mut duplicates = BTreeMap::new();
     if full.vertices.len() as u64 > vertices {
         let mut first = BTreeMap::new();
         for &(id, position) in &full.vertices {
-            let single = *first.entry(position).or_insert(id);
-            if single != id {
-                doubles.insert(id, single);
+            let representative = *first.entry(position).or_insert(id);
+            if representative != id {
+                duplicates.insert(id, representative);
             }
         }
     }
-    doubles
+    duplicates
 }
 
-fn single(doubles: &BTreeMap<Id, Id>, vertex: Id) -> Id {
-    doubles.get(&vertex).copied().unwrap_or(vertex)
+fn representative(duplicates: &BTreeMap<Id, Id>, vertex: Id) -> Id {
+    duplicates.get(&vertex).copied().unwrap_or(vertex)
 }
 
 /// The boundary of a mesh (signed sum of directed edges) and the number of faces at each edge.
-fn edges(state: &Snapshot, doubles: &BTreeMap<Id, Id>) -> (Boundary, BTreeMap<(Id, Id), u32>) {
+fn edges(state: &Snapshot, duplicates: &BTreeMap<Id, Id>) -> (Boundary, BTreeMap<(Id, Id), u32>) {
     let mut boundary = Boundary::new();
     let mut counts = BTreeMap::new();
     let vertex =
         |wedge: Id| state.wedges.binary_search_by_key(&wedge, |w| w.0).map_or(wedge, |i| state.wedges[i].1);
     for &(_, wedges, _) in &state.faces {
-        let v = wedges.map(|w| single(doubles, vertex(w)));
+        let v = wedges.map(|w| representative(duplicates, vertex(w)));
         for k in 0..3 {
             let (a, b) = (v[k], v[corner::next(k)]);
             add(&mut boundary, a, b, 1);

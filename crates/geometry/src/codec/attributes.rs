@@ -1,7 +1,7 @@
 //! The attributes of a new wedge: texture coordinates, normal group, colour, explicit normal.
 
 use crate::codec::model::{
-    BASE_UV, BUILT_LIKE_NEAR, BUILT_UV, COLOR, EXPLICIT_NORMAL, GROUP, MIX_UV, NORMAL, SAME_COLOR,
+    AXIS_LIKE_NEAR, AXIS_UV, BASE_UV, COLOR, EXPLICIT_NORMAL, GROUP, MIX_UV, NORMAL, SAME_COLOR,
     SIZE_OTHER_CONTEXTS, SIZE_RECENT_CONTEXTS, UV_OTHER, UV_RECENT, UV_REST, UV_SIGN,
 };
 use crate::codec::residual::{Recent, Residual, UNKNOWN};
@@ -11,25 +11,25 @@ use crate::error::DecodeError;
 use crate::mesh::octahedral;
 use crate::mesh::{Attributes, Kinds, NO_COLOR, NORMAL_BITS};
 
-/// What is expected of a new wedge.
+/// Predictions for a new wedge's attributes.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Expected {
     pub(crate) uv: [i32; 2],
-    /// Sizes of the errors of `uv`, in quarter octaves of the uv grid's cells; `None` where nothing is known.
+    /// Expected error sizes of `uv`, in quarter octaves of the uv grid's cells; `None` if unknown.
     pub(crate) uv_size: Option<[i32; 2]>,
-    /// Whether `uv` may be said to be that of `near`, and the context.
+    /// If set, whether `uv` equals that of `near` is coded first, with this context.
     pub(crate) like_near: Option<usize>,
-    /// Where `uv` was projected to, as contexts tell places apart; `uv_size` does not matter then.
+    /// If `uv` was projected, the context of its place; `uv_size` is ignored then.
     pub(crate) projected: Option<usize>,
-    /// A wedge near by.
+    /// A neighbouring wedge.
     pub(crate) near: Option<Attributes>,
-    /// The normal of the faces, not of unit length.
+    /// Normal of the faces, of any length.
     pub(crate) normal: [f64; 3],
     /// Whether it is the first wedge of its vertex.
     pub(crate) first: bool,
-    /// The group, where it was said before.
-    pub(crate) told_group: Option<u32>,
-    /// The group, where one is likely, and the context of whether it is that.
+    /// The group, if it has been coded already.
+    pub(crate) known_group: Option<u32>,
+    /// The likely group, and the context of whether it is right.
     pub(crate) group: Option<(u32, usize)>,
 }
 
@@ -61,7 +61,7 @@ pub(crate) fn code_attributes<C: Coder>(
 }
 
 fn code_group<C: Coder>(coder: &mut C, expected: &Expected, want: Option<Attributes>) -> u32 {
-    if let Some(group) = expected.told_group {
+    if let Some(group) = expected.known_group {
         return group;
     }
     let want = want.map(|w| w.group);
@@ -85,18 +85,18 @@ fn code_uv<C: Coder>(
         return Ok(uv);
     }
     if let (Some(context), Some(near)) = (expected.like_near, expected.near)
-        && coder.bit(BUILT_LIKE_NEAR + context, want.is_some_and(|w| w.uv == near.uv))
+        && coder.bit(AXIS_LIKE_NEAR + context, want.is_some_and(|w| w.uv == near.uv))
     {
         return Ok(near.uv);
     }
     let mut other = UNKNOWN;
-    // Which coordinate, and whether the first was as projected.
+    // Context by coordinate and by whether the first equalled its projection.
     let mut missed = 0;
     for axis in 0..2 {
         let residual = want.map_or(0, |w| w.uv[axis] - expected.uv[axis]);
         let got = match (expected.projected, expected.uv_size) {
             (Some(place), _) => {
-                let got = signed(coder, BUILT_UV + (place * 3 + missed) * INTEGER_CONTEXTS, residual);
+                let got = signed(coder, AXIS_UV + (place * 3 + missed) * INTEGER_CONTEXTS, residual);
                 missed = 1 + usize::from(got != 0);
                 got
             }
@@ -134,7 +134,7 @@ fn code_color<C: Coder>(
     })
 }
 
-/// An explicit normal is expected where the one near by is, else where the faces say.
+/// An explicit normal is predicted from the neighbouring wedge, else from the faces.
 fn code_normal<C: Coder>(
     coder: &mut C,
     kinds: Kinds,

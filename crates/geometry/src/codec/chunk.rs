@@ -1,7 +1,7 @@
-//! A chunk: births, the region's seeds and interior, then splits, breadth first.
+//! The chunk coder: vertices without faces, the region's seeds and interior, then vertex splits, breadth first.
 //!
-//! One function walks through the chunk for both directions ([`crate::entropy::range_coder::Coder`]), so what
-//! an encoder says and what a decoder hears cannot drift apart.
+//! One function codes both directions ([`crate::entropy::range_coder::Coder`]), so encoder and decoder cannot
+//! diverge.
 
 use crate::asset::index::{ChunkInfo, TruncationPoint};
 use crate::codec::chunk_coder::{ChunkCoder, Resolution};
@@ -14,12 +14,12 @@ use crate::codec::model::{
 };
 use crate::codec::moves::GridOwner;
 use crate::codec::numbering::Numbering;
-use crate::codec::plan::Guide;
+use crate::codec::plan::SplitPlan;
 use crate::codec::residual::quarter_octaves;
 use crate::codec::source::Source;
 use crate::collapse::NO_VERTEX;
 use crate::entropy::Codec;
-use crate::entropy::ceiling::{least_bytes, most_elements};
+use crate::entropy::allocation_limit::{max_elements, min_bytes};
 use crate::entropy::range_coder::{Coder, Decoder, Encoder};
 use crate::entropy::symbols::{index, integer, signed};
 use crate::entropy::zstd_streams::{ZstdStreamDecoder, ZstdStreamEncoder};
@@ -28,64 +28,64 @@ use crate::mesh::vec3::{dot, sub};
 use crate::numbers::{class, id32, real};
 use crate::refine::{ActiveMesh, ChunkDelta, ChunkError, Id, RefineError};
 
-/// Most vertices that one chunk may add: bounds a decoder's work.
+/// Most vertices that a chunk may add: bounds a decoder's work.
 pub(crate) const MAX_SPLITS: u32 = 1 << 17;
 
 /// An encoded chunk.
 pub(crate) struct Encoded {
     pub(crate) bytes: Vec<u8>,
     pub(crate) delta: ChunkDelta,
-    /// The builder's ids of what the chunk adds, in canonical order.
+    /// Builder's ids of the added elements, in canonical order.
     pub(crate) vertices: Vec<u32>,
     pub(crate) wedges: Vec<u32>,
     pub(crate) faces: Vec<u32>,
-    /// What is there at each stopping point before the end.
-    pub(crate) truncation_points: Vec<Reached>,
+    /// Size at each truncation point before the end.
+    pub(crate) truncation_points: Vec<PrefixSize>,
 }
 
-/// How far a chunk has come: bytes that suffice, and elements added.
+/// Size of a chunk's prefix: bytes that suffice to decode it, and elements it adds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Reached {
+pub(crate) struct PrefixSize {
     pub(crate) bytes: u32,
     pub(crate) added: Elements,
 }
 
-impl Reached {
-    /// The index's entry of a stopping point with the given error.
+impl PrefixSize {
+    /// The index entry of a truncation point with the given error.
     pub(crate) fn truncation(&self, error: f32) -> TruncationPoint {
         let Elements { vertices, wedges, faces } = self.added;
         TruncationPoint { payload_bytes: self.bytes, error, vertices, wedges, faces }
     }
 }
 
-/// What the index announces of a truncation.
-fn announced(truncation: &TruncationPoint) -> Elements {
+/// Elements that the index states for a truncation point.
+fn stated(truncation: &TruncationPoint) -> Elements {
     let TruncationPoint { vertices, wedges, faces, .. } = *truncation;
     Elements { vertices, wedges, faces }
 }
 
 impl ActiveMesh {
-    /// Decodes a chunk's payload against this mesh, to which all its parents are applied. The result
-    /// does not depend on what else is applied.
+    /// Decodes a chunk's payload against this mesh, to which all its parents must be applied. The result does not
+    /// depend on the other chunks that are applied.
     ///
-    /// Cost: 1.2 to 1.7 µs a split (docs/benchmarks/preparation.md); work and memory are bounded whatever the bytes say.
+    /// Cost: 1.2 to 1.7 µs per split (docs/benchmarks/preparation.md); work and memory are bounded for any payload.
     ///
     /// # Errors
-    /// [`ChunkError::Refine`] if a parent is missing, [`ChunkError::Decode`] if the payload is not what `info` announces.
+    /// [`ChunkError::Refine`] if a parent is missing, [`ChunkError::Decode`] if the payload does not match `info`.
     pub fn decode(&self, chunk: u32, info: &ChunkInfo, payload: &[u8]) -> Result<ChunkDelta, ChunkError> {
         self.decode_prefix(chunk, info, None, payload)
     }
 
-    /// Decodes the beginning of a chunk, up to its stopping point `truncation`, an index of
-    /// [`ChunkInfo::truncation_points`]; `None` stands for the whole chunk. `payload` needs the truncation's bytes only;
-    /// more do not matter.
+    /// Decodes a prefix of a chunk, up to truncation point `truncation`, an index of
+    /// [`ChunkInfo::truncation_points`]; `None` for the whole chunk. `payload` needs only the prefix's bytes; further
+    /// bytes are ignored.
     ///
-    /// The delta may be applied like a whole chunk's, but no child of the chunk may follow: undo it and
-    /// apply the whole first. The chunk itself must not be applied meanwhile.
+    /// The delta may be applied like a whole chunk's, but then no child of the chunk can be applied: undo it and
+    /// apply the whole chunk first. The chunk must not be applied while decoding.
     ///
     /// # Errors
-    /// [`ChunkError::Refine`] if a parent is missing or not whole, or if the chunk is applied, [`ChunkError::Decode`] if
-    /// the payload is not what `info` announces.
+    /// [`ChunkError::Refine`] if a parent is missing or applied up to a truncation point only, or if the chunk is
+    /// applied; [`ChunkError::Decode`] if the payload does not match `info`.
     pub fn decode_prefix(
         &self,
         chunk: u32,
@@ -97,7 +97,7 @@ impl ActiveMesh {
         Ok(self.decode_checked(chunk, info, truncation, payload)?)
     }
 
-    /// Whether the mesh is as decoding a chunk needs it.
+    /// Whether the chunk can be decoded against the mesh as it is.
     fn may_decode(&self, chunk: u32, info: &ChunkInfo) -> Result<(), RefineError> {
         let count = u32::try_from(self.applied.len() - 1).unwrap_or(u32::MAX);
         if chunk >= count {
@@ -126,43 +126,43 @@ impl ActiveMesh {
         let segments = truncation.map_or(info.truncation_points.len(), usize::from) + 1;
         if truncation.is_some() && segments > info.truncation_points.len() {
             return fail(format!(
-                "it has {} truncation_points, not {segments}",
+                "it has {} truncation points, not {segments}",
                 info.truncation_points.len()
             ));
         }
         if info.vertices > MAX_SPLITS {
-            return fail(format!("{} vertices announced, at most {MAX_SPLITS} possible", info.vertices));
+            return fail(format!("{} vertices stated, at most {MAX_SPLITS} possible", info.vertices));
         }
         let whole = info.extent(None);
         let ends: Vec<Elements> =
-            info.truncation_points.iter().chain([&whole]).take(segments).map(announced).collect();
+            info.truncation_points.iter().chain([&whole]).take(segments).map(stated).collect();
         let Some(&shift) = self.shifts.get(usize::from(info.level)) else {
             return fail(format!("level {} does not exist", info.level));
         };
-        // Before anything is reserved, and before any work.
+        // Checked before any allocation or work.
         let elements = ends.last().map_or(0, Elements::total);
-        if elements > most_elements(payload.len()) {
-            return fail(format!("{elements} elements announced, more than {} bytes can be", payload.len()));
+        if elements > max_elements(payload.len()) {
+            return fail(format!("{elements} elements stated, more than {} bytes can be", payload.len()));
         }
-        let fewest = least_bytes(elements);
+        let fewest = min_bytes(elements);
         let mut memory = Memory::take();
         let parents = info.parents.clone();
         let decoded = match self.codec {
             Codec::Range | Codec::AxisAligned => {
                 let mut decoder = Decoder::new(memory.contexts(), payload);
-                let mut hearing = ChunkCoder::hearing(&mut decoder, self, chunk, shift, &mut memory);
+                let mut hearing = ChunkCoder::decoding(&mut decoder, self, chunk, shift, &mut memory);
                 let heard = hearing.chunk(&ends, info.vertices);
-                let delta = hearing.heard(heard, parents, &mut memory);
-                // Behind a truncation comes what nobody reads.
+                let delta = hearing.finish_decoding(heard, parents, &mut memory);
+                // Bytes after a truncation point are not read.
                 let ended = if truncation.is_none() { decoder.end(fewest) } else { Ok(()) };
                 memory.keep_contexts(decoder.into_contexts());
                 delta.and_then(|delta| ended.map(|()| delta))
             }
-            Codec::Zstd if truncation.is_some() => return fail("its codec has no stopping points".into()),
+            Codec::Zstd if truncation.is_some() => return fail("its codec has no truncation points".into()),
             Codec::Zstd => ZstdStreamDecoder::new(&STREAMS, payload).and_then(|mut decoder| {
-                let mut hearing = ChunkCoder::hearing(&mut decoder, self, chunk, shift, &mut memory);
+                let mut hearing = ChunkCoder::decoding(&mut decoder, self, chunk, shift, &mut memory);
                 let heard = hearing.chunk(&ends, info.vertices);
-                let delta = hearing.heard(heard, parents, &mut memory)?;
+                let delta = hearing.finish_decoding(heard, parents, &mut memory)?;
                 decoder.end(fewest)?;
                 Ok(delta)
             }),
@@ -184,24 +184,24 @@ pub(crate) fn encode(
         Codec::Range | Codec::AxisAligned => {
             let mut encoder = Encoder::new(contexts());
             let said = encode_with(&mut encoder, mesh, chunk, source)?;
-            (encoder.finish(said.least_bytes()), said)
+            (encoder.finish(said.min_bytes()), said)
         }
         Codec::Zstd => {
             let mut encoder = ZstdStreamEncoder::new(&STREAMS);
             let said = encode_with(&mut encoder, mesh, chunk, source)?;
-            (encoder.finish(said.least_bytes()), said)
+            (encoder.finish(said.min_bytes()), said)
         }
     };
-    let ChunkEncoding { local, names, reached: mut truncation_points } = said;
+    let ChunkEncoding { local, names, sizes: mut truncation_points } = said;
     let added = local.added();
     let tail = |list: &[u32], count: u32| list[list.len() - count as usize..].to_vec();
-    // Births come before the gathered region; everything else new comes after it.
-    let births = source.records.collapses.iter().filter(|c| c.target == NO_VERTEX).count();
-    let mut vertices = names.vertices[..births].to_vec();
-    vertices.extend(tail(&names.vertices, added.vertices - id32(births)));
+    // Vertices without faces precede the gathered region; all other new elements follow it.
+    let isolated_vertices = source.records.collapses.iter().filter(|c| c.target == NO_VERTEX).count();
+    let mut vertices = names.vertices[..isolated_vertices].to_vec();
+    vertices.extend(tail(&names.vertices, added.vertices - id32(isolated_vertices)));
     truncation_points.pop();
     for truncation in &mut truncation_points {
-        let fewest = id32(least_bytes(truncation.added.total()));
+        let fewest = id32(min_bytes(truncation.added.total()));
         truncation.bytes = truncation.bytes.max(fewest).min(id32(bytes.len()));
     }
     Ok(Encoded {
@@ -214,32 +214,32 @@ pub(crate) fn encode(
     })
 }
 
-/// A chunk that was said.
+/// Result of encoding a chunk.
 pub(crate) struct ChunkEncoding<'m> {
-    /// The region as it is then.
+    /// The region after the chunk.
     local: Local<'m>,
-    /// The builder's names of it.
+    /// The builder's ids of the region.
     names: Numbering,
-    /// What was reached at each stopping point and at the end.
-    reached: Vec<Reached>,
+    /// Size at each truncation point and at the end.
+    sizes: Vec<PrefixSize>,
 }
 
 impl ChunkEncoding<'_> {
-    /// Fewest bytes that justify it.
-    fn least_bytes(&self) -> usize {
-        self.reached.last().map_or(0, |reached| least_bytes(reached.added.total()))
+    /// Fewest bytes that may encode it.
+    fn min_bytes(&self) -> usize {
+        self.sizes.last().map_or(0, |sizes| min_bytes(sizes.added.total()))
     }
 }
 
-/// Says a chunk to any coder.
+/// Encodes a chunk with any coder.
 pub(crate) fn encode_with<'m, C: Coder>(
     coder: &mut C,
     mesh: &'m ActiveMesh,
     chunk: u32,
     source: &Source<'_>,
 ) -> Result<ChunkEncoding<'m>, DecodeError> {
-    let guide = Guide::new(source);
-    let mut vertices = id32(guide.births().len());
+    let guide = SplitPlan::new(source);
+    let mut vertices = id32(guide.isolated_vertices().len());
     let ends: Vec<Elements> = guide
         .segments()
         .iter()
@@ -248,61 +248,61 @@ pub(crate) fn encode_with<'m, C: Coder>(
             Elements { vertices, ..Elements::default() }
         })
         .collect();
-    let mut saying = ChunkCoder::saying(coder, mesh, chunk, guide);
-    let reached = saying.chunk(&ends, vertices)?;
+    let mut saying = ChunkCoder::encoding(coder, mesh, chunk, guide);
+    let sizes = saying.chunk(&ends, vertices)?;
     let names = saying.guide.into_inner().map_or_else(Numbering::default, |guide| guide.names);
-    Ok(ChunkEncoding { local: saying.local, names, reached })
+    Ok(ChunkEncoding { local: saying.local, names, sizes })
 }
 
-/// One pass over the vertices of a segment.
+/// One pass over the vertices in a segment (the splits between two truncation points).
 struct Pass {
-    /// The segment, as contexts tell them apart.
+    /// The segment, as a context.
     segment: usize,
-    /// How many passes came before.
+    /// Number of earlier passes.
     depth: usize,
-    /// Area of a star at the segment's end, were all equal.
+    /// Mean area of a star at the segment's end.
     fair: f64,
 }
 
 impl<C: Coder> ChunkCoder<'_, '_, C> {
-    /// Codes a chunk up to the last of `ends`, whose numbers of vertices are those at the ends of its
-    /// segments; `total` is what the whole chunk adds. Answers what was reached at each.
-    fn chunk(&mut self, ends: &[Elements], total: u32) -> Result<Vec<Reached>, DecodeError> {
-        self.births(total)?;
+    /// Codes a chunk up to the last of `ends`, which hold the vertex counts at the ends of the segments; `total` is
+    /// the vertex count of the whole chunk. Returns the size at each end.
+    fn chunk(&mut self, ends: &[Elements], total: u32) -> Result<Vec<PrefixSize>, DecodeError> {
+        self.isolated_vertices(total)?;
         self.region()?;
         self.moves()?;
-        self.see_textures(0..id32(self.local.faces.len()));
+        self.record_projections(0..id32(self.local.faces.len()));
         let local = &self.local;
         let interior = local.vertices.iter().filter(|v| v.interior).count();
         let area: f64 = (0..id32(local.faces.len())).map(|f| local.face_area(f)).sum();
-        let mut reached = Vec::with_capacity(ends.len());
+        let mut sizes = Vec::with_capacity(ends.len());
         for (segment, end) in ends.iter().enumerate() {
             if let Some(guide) = self.guide.as_mut() {
                 guide.begin_segment(segment, &self.local);
             }
-            // Twice three shares of the area each.
+            // A star has three shares of the doubled area per vertex, counted twice.
             let fair = 3.0 * area / real((interior + end.vertices as usize).max(1));
             self.segment(end, Pass { segment: segment.min(SEGMENTS - 1), depth: 0, fair })?;
             let added = self.local.added();
-            // Vertices can be too many as well: those that start without faces come before any end.
+            // There may also be too many vertices: those without faces are coded before any end.
             if self.decodes() && added != *end {
-                return Err(DecodeError::new("chunk", format!("it adds {added}; {end} were announced")));
+                return Err(DecodeError::new("chunk", format!("it adds {added}; {end} were stated")));
             }
-            reached.push(Reached { bytes: id32(self.coder.bytes()), added });
+            sizes.push(PrefixSize { bytes: id32(self.coder.bytes()), added });
         }
-        Ok(reached)
+        Ok(sizes)
     }
 
-    /// Splits until so many vertices are there: every interior vertex is asked whether it splits; if so, both
-    /// halves are asked in the next pass.
+    /// Splits until `end` is reached: a flag per interior vertex tells whether it splits; both halves are visited in
+    /// the next pass.
     fn segment(&mut self, end: &Elements, mut pass: Pass) -> Result<(), DecodeError> {
         let vertices = &self.local.vertices;
         let mut asked: Vec<u32> =
             (0..id32(vertices.len())).filter(|&v| vertices[v as usize].interior).collect();
         let mut next = Vec::with_capacity(2 * asked.len());
         while self.local.added().vertices < end.vertices {
-            // What the next flag depends on is worked out before this one is read, and holds unless this vertex splits:
-            // who guesses wrong whether it does need not wait for that as well.
+            // The next flag's contexts are computed before this flag is read, and hold unless this vertex splits. So
+            // the processor does not wait for them after a branch misprediction.
             let mut known = None;
             for (i, &v) in asked.iter().enumerate() {
                 if self.local.added().vertices >= end.vertices {
@@ -319,11 +319,11 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
                 next.extend([v, u]);
                 let added = self.local.added();
                 if self.decodes() && (added.wedges > end.wedges || added.faces > end.faces) {
-                    return Err(DecodeError::new("chunk", "it adds more than was announced"));
+                    return Err(DecodeError::new("chunk", "it adds more than was stated"));
                 }
             }
             if next.is_empty() && self.local.added().vertices < end.vertices {
-                return Err(DecodeError::new("chunk", "it adds fewer vertices than were announced"));
+                return Err(DecodeError::new("chunk", "it adds fewer vertices than were stated"));
             }
             std::mem::swap(&mut asked, &mut next);
             next.clear();
@@ -332,13 +332,13 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         Ok(())
     }
 
-    /// Whether a vertex splits.
+    /// Codes whether a vertex splits.
     #[inline(always)]
     fn flag(&mut self, contexts: [usize; 3], want: bool) -> bool {
         if C::MODELS { self.coder.mix(contexts, MIX_FLAG, want) } else { self.coder.bit(FLAG_AREA, want) }
     }
 
-    /// What tells whether a vertex splits: the area of its star, how bent that is, and its valence.
+    /// Contexts of a split flag: area of the star, its bending, and the valence.
     #[inline]
     fn flag_contexts(&self, v: u32, pass: &Pass) -> [usize; 3] {
         if !C::MODELS {
@@ -363,16 +363,16 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         ]
     }
 
-    /// Vertices that start without faces: positions relative to one another.
-    fn births(&mut self, total: u32) -> Result<(), DecodeError> {
+    /// Codes vertices without faces: positions relative to one another.
+    fn isolated_vertices(&mut self, total: u32) -> Result<(), DecodeError> {
         let Resolution { bits, shift } = self.resolution;
-        let wanted = self.guide.as_ref().map_or_else(Vec::new, Guide::births);
-        let births = integer(self.coder, BIRTHS, id32(wanted.len()));
-        if births > total {
-            return Err(DecodeError::new("chunk", "more vertices appear than were announced"));
+        let wanted = self.guide.as_ref().map_or_else(Vec::new, SplitPlan::isolated_vertices);
+        let isolated_vertices = integer(self.coder, BIRTHS, id32(wanted.len()));
+        if isolated_vertices > total {
+            return Err(DecodeError::new("chunk", "more vertices appear than were stated"));
         }
         let mut previous = [1 << (bits - 1); 3];
-        for i in 0..births as usize {
+        for i in 0..isolated_vertices as usize {
             let name = wanted.get(i).copied();
             let actual = self.guide.as_ref().and_then(|g| Some((g.source.place)(name?)));
             let own = self.shift(GridOwner::New, shift, actual.map_or(0, |a| a.shift));
@@ -393,10 +393,10 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         Ok(())
     }
 
-    /// Seeds, and from each the interior vertices that it reaches.
+    /// Codes the seeds, and from each the interior vertices that it reaches.
     fn region(&mut self) -> Result<(), DecodeError> {
         let Self { coder, mesh, local, guide, .. } = self;
-        let needed = guide.as_ref().map_or_else(Vec::new, Guide::needed);
+        let needed = guide.as_ref().map_or_else(Vec::new, SplitPlan::needed);
         loop {
             let next = guide.as_ref().and_then(|g| {
                 needed
@@ -407,7 +407,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             if !coder.bit(MORE_SEEDS, next.is_some()) {
                 return coder.check();
             }
-            // The owner counts back from this chunk; the base mesh is owner 0.
+            // The owner is coded as distance from this chunk; the base mesh is owner 0.
             let want = next.map_or(Id { owner: 0, index: 0 }, |slot| mesh.vertex_id(slot));
             let back = integer(*coder, SEED_OWNER, self.chunk - want.owner);
             let applied =
@@ -421,8 +421,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
                 let guide = guide.as_ref();
                 guide.is_some_and(|g| (g.source.interior)(g.source.vertex_by_slot[slot as usize]))
             };
-            // A vertex of the outline that no star of the region holds is named without its star, which other
-            // regions may change.
+            // An outline vertex in no star of the region is added without its star, which other regions may change.
             if coder.bit(SEED_INTERIOR, interior(seed)) {
                 let mut previous = 0_usize;
                 local.explore(seed, &mut |slot, outlook| {
@@ -431,7 +430,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
                     inside
                 })?;
             } else {
-                local.name_outline(seed)?;
+                local.add_outline_vertex(seed)?;
             }
             if let Some(guide) = guide.as_mut() {
                 name_gathered(guide, mesh, local);
@@ -441,8 +440,8 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
     }
 }
 
-/// Gives the builder's names to what was gathered since the last call.
-fn name_gathered(guide: &mut Guide<'_>, mesh: &ActiveMesh, local: &Local<'_>) {
+/// Numbers the elements gathered since the last call.
+fn name_gathered(guide: &mut SplitPlan<'_>, mesh: &ActiveMesh, local: &Local<'_>) {
     let (source, names) = (guide.source, &mut guide.names);
     for v in names.vertices.len()..local.vertices.len() {
         names.vertex(source.vertex_by_slot[mesh.vertex_slot(local.vertex_id(id32(v))) as usize]);

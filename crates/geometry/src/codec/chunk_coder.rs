@@ -1,14 +1,13 @@
-//! What codes a chunk: one walk serves both directions ([`crate::entropy::range_coder::Coder`]), so what an encoder
-//! says and what a decoder hears cannot drift apart.
+//! The state for coding one chunk, shared by encoder and decoder ([`crate::entropy::range_coder::Coder`]).
 //!
-//! The walk is told file by file: `chunk` (vertices without faces, the region, which vertices split), `moves`,
-//! `split`, `position`, `wedges`.
+//! Its methods are spread over files in the order of the format: `chunk` (vertices without faces, the region, split
+//! flags), `moves`, `split`, `position`, `wedges`.
 
 use std::marker::PhantomData;
 
 use crate::codec::local::Local;
 use crate::codec::memory::Memory;
-use crate::codec::plan::Guide;
+use crate::codec::plan::SplitPlan;
 use crate::codec::residual::Recent;
 use crate::codec::scratch::Scratch;
 use crate::codec::uv_map::UvMaps;
@@ -17,37 +16,38 @@ use crate::entropy::range_coder::Coder;
 use crate::error::DecodeError;
 use crate::refine::{ActiveMesh, ChunkDelta};
 
-/// How fine the positions are that a chunk brings.
+/// Resolution of the positions that a chunk adds.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Resolution {
     /// Bits per axis of the asset's grid.
     pub(crate) bits: u8,
-    /// How many of the lowest bits the chunk's grid leaves out, at most.
+    /// Largest number of low bits that the chunk's grid leaves out.
     pub(crate) shift: u8,
 }
 
-/// What an encoder wants to say; a decoder has none, which is known where it is compiled: there nothing asks.
+/// The splits to encode; `None` in a decoder. For decoders this is known at compile time, so their code has no
+/// branches for it.
 pub(crate) struct EncoderTarget<'a, C> {
-    guide: Option<Guide<'a>>,
+    guide: Option<SplitPlan<'a>>,
     coder: PhantomData<C>,
 }
 
 impl<'a, C: Coder> EncoderTarget<'a, C> {
-    fn new(guide: Option<Guide<'a>>) -> Self {
+    fn new(guide: Option<SplitPlan<'a>>) -> Self {
         Self { guide, coder: PhantomData }
     }
 
     #[inline(always)]
-    pub(crate) fn as_ref(&self) -> Option<&Guide<'a>> {
+    pub(crate) fn as_ref(&self) -> Option<&SplitPlan<'a>> {
         if C::READS { None } else { self.guide.as_ref() }
     }
 
     #[inline(always)]
-    pub(crate) fn as_mut(&mut self) -> Option<&mut Guide<'a>> {
+    pub(crate) fn as_mut(&mut self) -> Option<&mut SplitPlan<'a>> {
         if C::READS { None } else { self.guide.as_mut() }
     }
 
-    pub(crate) fn into_inner(self) -> Option<Guide<'a>> {
+    pub(crate) fn into_inner(self) -> Option<SplitPlan<'a>> {
         self.guide
     }
 }
@@ -60,29 +60,29 @@ pub(crate) struct ChunkCoder<'a, 'm, C> {
     pub(crate) chunk: u32,
     pub(crate) resolution: Resolution,
     pub(crate) guide: EncoderTarget<'a, C>,
-    /// The region as far as it is known, and what was added to it.
+    /// The known part of the region, with the added elements.
     pub(crate) local: Local<'m>,
-    /// How the last residuals compared with what was expected: of positions, and of texture coordinates.
+    /// Recent ratios of residuals to their expected sizes: of positions, and of texture coordinates.
     pub(crate) recent: Recent,
     pub(crate) recent_uv: Recent,
-    /// How textures are projected, under [`Codec::AxisAligned`].
+    /// Texture projections, with [`Codec::AxisAligned`].
     pub(crate) uv_maps: UvMaps,
     pub(crate) scratch: Scratch,
 }
 
 impl<'a, 'm, C: Coder> ChunkCoder<'a, 'm, C> {
-    /// For an encoder, of what `guide` wants.
-    pub(crate) fn saying(coder: &'a mut C, mesh: &'m ActiveMesh, chunk: u32, guide: Guide<'a>) -> Self {
+    /// A coder that encodes `guide`.
+    pub(crate) fn encoding(coder: &'a mut C, mesh: &'m ActiveMesh, chunk: u32, guide: SplitPlan<'a>) -> Self {
         let shift = guide.source.shift;
         Self {
             guide: EncoderTarget::new(Some(guide)),
-            ..Self::hearing(coder, mesh, chunk, shift, &mut Memory::default())
+            ..Self::decoding(coder, mesh, chunk, shift, &mut Memory::default())
         }
     }
 
-    /// For a decoder, of a chunk whose grid leaves out `shift` bits. What it takes of `memory` is given back by
-    /// [`Self::heard`].
-    pub(crate) fn hearing(
+    /// A coder that decodes a chunk whose grid leaves out `shift` bits. It takes buffers from `memory`, which
+    /// [`Self::finish_decoding`] returns.
+    pub(crate) fn decoding(
         coder: &'a mut C,
         mesh: &'m ActiveMesh,
         chunk: u32,
@@ -103,32 +103,32 @@ impl<'a, 'm, C: Coder> ChunkCoder<'a, 'm, C> {
         }
     }
 
-    /// What was heard, if all of it was; gives the memory back.
-    pub(crate) fn heard<T>(
+    /// The decoded delta, unless decoding failed; returns the buffers.
+    pub(crate) fn finish_decoding<T>(
         self,
-        heard: Result<T, DecodeError>,
+        finish_decoding: Result<T, DecodeError>,
         parents: Vec<u32>,
         memory: &mut Memory,
     ) -> Result<ChunkDelta, DecodeError> {
-        // Where it broke off, new faces may lack their wedges.
-        let delta = heard.map(|_| self.local.delta(self.chunk, parents));
+        // After a failure new faces may lack their wedges.
+        let delta = finish_decoding.map(|_| self.local.delta(self.chunk, parents));
         memory.local = self.local.memory();
         memory.scratch = self.scratch;
         delta
     }
 
-    /// Whether nobody says what is wanted, so that what was announced must be held to.
+    /// Whether this is a decoder, which must enforce the sizes in the index.
     pub(crate) fn decodes(&self) -> bool {
         self.guide.as_ref().is_none()
     }
 
-    /// Whether what is built is expected: flats along the axes, textures as projected from them.
+    /// Whether the codec expects axis-aligned geometry with projected textures.
     #[inline]
-    pub(crate) fn built(&self) -> bool {
+    pub(crate) fn axis_aligned(&self) -> bool {
         self.mesh.codec == Codec::AxisAligned
     }
 
-    /// Materials that faces may name.
+    /// Number of materials.
     pub(crate) fn materials(&self) -> u16 {
         self.mesh.material_count()
     }

@@ -1,6 +1,6 @@
-//! Counts of what a chunk adds.
+//! Counts of vertices, wedges and faces.
 
-/// So many elements of each kind.
+/// Counts by kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Elements {
     pub(crate) vertices: u32,
@@ -9,7 +9,7 @@ pub(crate) struct Elements {
 }
 
 impl Elements {
-    /// All kinds together.
+    /// Sum of the counts.
     pub(crate) fn total(&self) -> u64 {
         u64::from(self.vertices) + u64::from(self.wedges) + u64::from(self.faces)
     }

@@ -1,4 +1,4 @@
-//! The faces around a vertex in a canonical order.
+//! The faces around a vertex, in canonical order.
 
 use crate::numbers::id32;
 
@@ -20,7 +20,7 @@ pub(crate) struct Segment {
     pub(crate) closed: bool,
 }
 
-/// Stars of up to this many faces are sorted by looking through them.
+/// Stars of up to this many faces are sorted by linear search.
 const SMALL: usize = 16;
 
 /// A star sorted into fans. A manifold star is one segment; anything else is several.
@@ -28,24 +28,24 @@ const SMALL: usize = 16;
 pub(crate) struct Fan {
     pub(crate) star_faces: Vec<StarFace>,
     pub(crate) segments: Vec<Segment>,
-    /// Which face of the star begins at a vertex, in stars of up to [`SMALL`]: right where that face says so too.
+    /// In stars of up to [`SMALL`] faces: the face that begins at a vertex. Entries are valid only if that face
+    /// confirms it.
     starts: Vec<u8>,
 }
 
 impl Fan {
-    /// Sorts a star: open runs from their start, in order of their
-    /// first face, then closed ones. Cost O(n log n) for n faces, whatever they look like.
-    /// Vertices' numbers must be below `vertices`.
+    /// Sorts a star: open runs from their start, in order of their first face, then closed ones. Cost: O(n log n) for
+    /// n faces of any connectivity. Vertex numbers must be below `vertices`.
     pub(crate) fn sort(&mut self, star: &[StarFace], vertices: usize) {
         if star.len() > SMALL {
             self.sort_in(star, SortedSearch::new(star));
-        } else if !self.go_round(star, vertices) {
+        } else if !self.sort_closed_run(star, vertices) {
             self.sort_in(star, LinearSearch::new(star));
         }
     }
 
-    /// Sorts a star that is one closed run in which no two faces begin at one vertex; answers whether it is.
-    fn go_round(&mut self, star: &[StarFace], vertices: usize) -> bool {
+    /// Sorts a star that is one closed run in which each vertex begins one face; returns whether it is.
+    fn sort_closed_run(&mut self, star: &[StarFace], vertices: usize) -> bool {
         self.clear();
         if self.starts.len() < vertices {
             self.starts.resize(vertices, 0);
@@ -67,7 +67,8 @@ impl Fan {
             if star.get(number).is_none_or(|next| next.a != star_face.b) {
                 return false;
             }
-            // Where each begins elsewhere, the first to come again is the first, unless two end at one vertex.
+            // If each face begins at a different vertex, the first to repeat is the first face, unless two faces end
+            // at one vertex.
             if number == 0 || self.star_faces.len() == star.len() {
                 break;
             }
@@ -95,7 +96,7 @@ impl Fan {
         }
     }
 
-    /// The run that starts with a face.
+    /// Adds the run that starts with a face.
     #[inline]
     fn run(&mut self, star: &[StarFace], faces: &mut impl Faces, first: usize) {
         let start = self.star_faces.len();
@@ -124,20 +125,20 @@ impl Fan {
     }
 }
 
-/// The faces of a star that no run holds yet.
+/// The faces of a star that are not yet in a run.
 trait Faces {
     fn is_left(&self, face: usize) -> bool;
     fn take(&mut self, face: usize);
-    /// The first face left whose `a` is this vertex.
+    /// The first remaining face whose `a` is this vertex.
     fn starting_at(&mut self, a: u32) -> Option<usize>;
-    /// Whether it is the `b` of any face.
+    /// Whether the vertex is the `b` of any face.
     fn is_end(&self, vertex: u32) -> bool;
 }
 
-/// A few faces: looks through them.
+/// Linear search, for few faces.
 struct LinearSearch<'a> {
     star: &'a [StarFace],
-    /// One bit a face.
+    /// A bit per face that is not yet used.
     left: u32,
 }
 
@@ -173,13 +174,13 @@ impl Faces for LinearSearch<'_> {
     }
 }
 
-/// Many faces: searches sorted lists.
+/// Binary search in sorted lists, for many faces.
 struct SortedSearch {
     /// (`a`, face), ascending.
     by_a: Vec<(u32, u32)>,
     /// Every `b`, ascending.
     ends: Vec<u32>,
-    /// Next candidate of each run of equal `a`, kept at the run's first place.
+    /// Next candidate of each run of equal `a`, stored at the run's first index.
     cursor: Vec<u32>,
     used: Vec<bool>,
 }
@@ -259,8 +260,8 @@ mod tests {
     }
 
     #[test]
-    fn looking_and_searching_give_one_order() {
-        // Stars of all kinds: few ring vertices, so that edges are shared by one, two and more faces.
+    fn linear_and_sorted_search_agree() {
+        // Random stars with few ring vertices, so edges have one, two or more faces.
         let mut random = crate::random::Random::new(7);
         let mut below = |n: usize| random.below(n) as u32;
         for _ in 0..2000 {

@@ -1,47 +1,22 @@
-//! A region's beginning: what a chunk finds of the mesh.
+//! Gathering of a chunk's region from the mesh.
 
-use crate::codec::local::{Gathered, Local, LocalFace, MAX_LOCAL_FACES, NONE};
+use crate::codec::gather_buffers::{GatherBuffers, IncidentFace};
+use crate::codec::local::{ExistingFace, Local, LocalFace, MAX_LOCAL_FACES, NONE};
 use crate::error::DecodeError;
 use crate::mesh::corner;
 use crate::mesh::vec3::{length, triangle_normal};
 use crate::numbers::id32;
-use crate::refine::Id;
-
-/// A face at the vertex whose star is being gathered.
-#[derive(Clone, Copy)]
-pub(crate) struct IncidentFace {
-    id: Id,
-    face: u32,
-    /// The slots of its vertices, and their local numbers as far as they had any when it was found.
-    vertices: [u32; 3],
-    corners: [u32; 3],
-}
-
-/// What gathering works in.
-#[derive(Default)]
-pub(crate) struct Gathering {
-    /// Interior vertices: local number and slot.
-    queue: Vec<(u32, u32)>,
-    found: Vec<IncidentFace>,
-}
-
-impl Gathering {
-    /// Memory held, in bytes.
-    pub(crate) fn bytes(&self) -> usize {
-        self.queue.capacity() * size_of::<(u32, u32)>() + self.found.capacity() * size_of::<IncidentFace>()
-    }
-}
 
 impl Local<'_> {
-    /// Gathers the interior vertices that can be reached from the one at `seed`, and their stars.
-    /// `interior(slot, outlook)` codes whether a vertex that was met is interior.
+    /// Gathers the interior vertices that are reachable from `seed`, with their stars. `interior(slot, context)`
+    /// codes whether a vertex is interior.
     pub(crate) fn explore(
         &mut self,
         seed: u32,
         interior: &mut dyn FnMut(u32, usize) -> bool,
     ) -> Result<(), DecodeError> {
-        self.refuse_known(seed)?;
-        let Gathering { mut queue, mut found } = std::mem::take(&mut self.gathering);
+        self.check_unknown(seed)?;
+        let GatherBuffers { mut queue, mut found } = std::mem::take(&mut self.gather_buffers);
         queue.clear();
         queue.push((self.old_vertex(seed, true), seed));
         let mut at = 0;
@@ -49,11 +24,11 @@ impl Local<'_> {
             at += 1;
             found.clear();
             for corner in self.mesh.stars.corners(slot) {
-                self.find(v, corner, &mut found);
+                self.collect(v, corner, &mut found);
             }
-            // The youngest face of a star comes first, so that it is almost in order the other way round.
+            // The newest face of a star comes first, so reversing almost sorts it.
             found.reverse();
-            // By id, as one number; a face has one.
+            // Sort by id, as one number; ids are unique per face.
             found.sort_unstable_by_key(|f| u64::from(f.id.owner) << 32 | u64::from(f.id.index));
             found.dedup_by_key(|f| f.face);
             if self.faces.len() + found.len() > MAX_LOCAL_FACES {
@@ -66,13 +41,13 @@ impl Local<'_> {
                 self.gather(face, &mut queue, interior);
             }
         }
-        self.gathering = Gathering { queue, found };
+        self.gather_buffers = GatherBuffers { queue, found };
         Ok(())
     }
 
-    /// Makes a vertex of the outline known, without its star.
-    pub(crate) fn name_outline(&mut self, slot: u32) -> Result<(), DecodeError> {
-        self.refuse_known(slot)?;
+    /// Adds an outline vertex without its star.
+    pub(crate) fn add_outline_vertex(&mut self, slot: u32) -> Result<(), DecodeError> {
+        self.check_unknown(slot)?;
         if self.vertices.len() > 3 * MAX_LOCAL_FACES {
             return Err(DecodeError::new("chunk", "too many seeds"));
         }
@@ -80,17 +55,16 @@ impl Local<'_> {
         Ok(())
     }
 
-    fn refuse_known(&self, seed: u32) -> Result<(), DecodeError> {
+    fn check_unknown(&self, seed: u32) -> Result<(), DecodeError> {
         match self.vertex_at.get(seed) {
             Some(_) => Err(DecodeError::new("chunk", "a seed vertex is given twice")),
             None => Ok(()),
         }
     }
 
-    /// Notes the face of a corner at interior vertex `v`, unless it came with another one's star: stars are gathered in
-    /// the order of the vertices' numbers.
+    /// Collects the face of a corner at interior vertex `v`, unless it was gathered with an earlier vertex's star.
     #[inline]
-    fn find(&mut self, v: u32, corner: u32, found: &mut Vec<IncidentFace>) {
+    fn collect(&mut self, v: u32, corner: u32, found: &mut Vec<IncidentFace>) {
         let (face, k) = (corner::face_of(corner), corner::side_of(corner));
         let vertices = self.mesh.faces[face as usize].map(|wedge| self.mesh.wedges[wedge as usize].vertex);
         let [b, c] = [corner::next(k), corner::previous(k)];
@@ -100,7 +74,7 @@ impl Local<'_> {
         let came = |c: u32| (c < v) & self.vertices.get(c as usize).is_some_and(|vertex| vertex.interior);
         let came = came(corners[b]) | came(corners[c]);
         let id = self.owners.id_of_face(self.mesh.face_owner[face as usize], face);
-        // Without a branch: whether it came cannot be foreseen.
+        // Branch-free, since the condition is unpredictable.
         found.push(IncidentFace { id, face, vertices, corners });
         found.truncate(found.len() - usize::from(came));
     }
@@ -114,7 +88,7 @@ impl Local<'_> {
         let IncidentFace { id, face, vertices, mut corners } = *found;
         let slots = self.mesh.faces[face as usize];
         for k in 0..3 {
-            // Another face may have made it known meanwhile.
+            // An earlier face may have added it meanwhile.
             if corners[k] == NONE {
                 corners[k] = self.vertex_at.get(vertices[k]).unwrap_or(NONE);
             }
@@ -122,12 +96,12 @@ impl Local<'_> {
         let mut wedges = [0; 3];
         for k in 0..3 {
             if corners[k] == NONE {
-                let inside = interior(vertices[k], self.outlook(&corners, k));
+                let inside = interior(vertices[k], self.interior_context(&corners, k));
                 let new = self.old_vertex(vertices[k], inside);
                 if inside {
                     queue.push((new, vertices[k]));
                 }
-                // A face that names a vertex twice is the same there.
+                // A face that repeats a vertex has the same number at both corners.
                 for at in 0..3 {
                     if vertices[at] == vertices[k] {
                         corners[at] = new;
@@ -138,13 +112,12 @@ impl Local<'_> {
         }
         let [a, b, c] = corners.map(|v| self.position(v));
         let area = length(triangle_normal(a, b, c));
-        self.gathered.push(Gathered { id, wedges });
+        self.gathered.push(ExistingFace { id, wedges });
         self.push_face(LocalFace { corners, wedges }, area, self.mesh.materials[face as usize]);
     }
 
-    /// What the other corners of a face say about whether a corner is interior, 0 to 8: each is
-    /// unknown, outside or inside.
-    fn outlook(&self, corners: &[u32; 3], k: usize) -> usize {
+    /// Context of whether a corner is interior, 0 to 8, by the other two corners: unknown, outside or inside each.
+    fn interior_context(&self, corners: &[u32; 3], k: usize) -> usize {
         let mut context = 0;
         for other in [corner::next(k), corner::previous(k)] {
             let known = self.vertices.get(corners[other] as usize);
@@ -161,7 +134,7 @@ impl Local<'_> {
     }
 
     fn old_wedge(&mut self, slot: u32, vertex: u32) -> u32 {
-        // Most vertices have one wedge: only further ones are looked up.
+        // Most vertices have one wedge, so only further ones use the map.
         let first = self.wedge_ends[vertex as usize][0];
         if first != NONE {
             if self.wedges[first as usize].slot == slot {

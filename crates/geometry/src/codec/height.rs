@@ -1,22 +1,21 @@
-//! The height of a new vertex above the plane of its ring, and how sure that is: a network of one hidden
-//! layer, trained once on the splits of several models (docs/design/coding.md); its weights belong to
-//! the format.
+//! Predicts the height of a new vertex above the plane of its ring, with its expected error, by a network of one
+//! hidden layer that was trained on the splits of several models (docs/design/coding.md). The weights are part of the
+//! format.
 //!
-//! Lengths are relative to the ring's radius. Sums run over the inputs in order, so every machine gets
-//! the same bits.
+//! Lengths are relative to the ring's radius. Sums run over the inputs in order, so results are bit-identical on all
+//! machines.
 
 use crate::numbers::truncated;
 
-/// Numbers that the network sees: the neighbours' heights weighted by nearness, the height of the
-/// neighbours' Laplacian, the place in the plane (away from the old vertex, across, distance
-/// squared), the ring's mean h·x², h·y² and h², the height of the old vertex, Laplacian × distance squared, valence / 6 − 1, and
-/// the logarithm of the radius.
+/// Inputs of the network: heights of the neighbours weighted by proximity, height of the neighbours' Laplacian,
+/// position in the plane (away from the old vertex, across, squared distance), the ring's mean h·x², h·y² and h²,
+/// height of the old vertex, Laplacian × squared distance, valence / 6 − 1, and the logarithm of the radius.
 pub(crate) const INPUTS: usize = 12;
 const HIDDEN: usize = 12;
-/// Inputs are cut off here.
+/// Inputs are clamped to this magnitude.
 const LIMIT: f64 = 4.0;
 
-/// Answers the height and four times the binary logarithm of the expected error.
+/// Returns the height, and four times the binary logarithm of the expected error.
 pub(crate) fn predict(inputs: &[f64; INPUTS]) -> (f64, i32) {
     let mut hidden = HIDDEN_BIAS;
     let mut out = OUT_BIAS;
@@ -36,7 +35,7 @@ pub(crate) fn predict(inputs: &[f64; INPUTS]) -> (f64, i32) {
         }
     }
     let log = out[1].clamp(-16.0, 4.0) * 4.0;
-    // Rounded down: a cast rounds towards zero, and `floor` is a call where the target has no instruction.
+    // Rounds down: a cast truncates, and `floor` is a call on targets without the instruction.
     let cut = truncated(log);
     (out[0].clamp(-LIMIT, LIMIT), cut - i32::from(log < f64::from(cut)))
 }
@@ -58,7 +57,7 @@ const HIDDEN_WEIGHTS: [[f64; HIDDEN]; INPUTS] = [
     [0.1061, 0.1546, 0.2504, -0.0071, -0.0156, 0.0939, -0.0002, -0.0084, 0.5208, 0.1496, -0.0566, -0.3548],
 ];
 const OUT_BIAS: [f64; 2] = [-0.0202, -3.0570];
-/// Straight from the inputs.
+/// Skip connections from the inputs to the output.
 const SKIP_WEIGHTS: [[f64; 2]; INPUTS] = [
     [-0.0779, -0.0564],
     [0.1017, -0.4151],

@@ -1,7 +1,7 @@
-//! Index pages: the entries of up to 64 chunks, each said by how it differs from the one before.
+//! Index pages: the entries of up to 64 chunks, each coded as differences from the previous one.
 
 use crate::asset::index::{
-    CHUNKS_PER_PAGE, ChunkInfo, IndexPage, MAX_PARENTS, MAX_STOPS, Sphere, TruncationPoint,
+    CHUNKS_PER_PAGE, ChunkInfo, IndexPage, MAX_PARENTS, MAX_TRUNCATION_POINTS, Sphere, TruncationPoint,
 };
 use crate::asset::screen::visible_error;
 use crate::codec::model::{
@@ -14,31 +14,30 @@ use crate::entropy::symbols::{integer, signed};
 use crate::error::DecodeError;
 use crate::numbers::{id32, truncated};
 
-/// Encodes the entries of one page: about 12 bytes a chunk.
+/// Encodes the entries of one page: about 12 bytes per chunk.
 ///
-/// Centres are snapped to a grid over the page's box and radii raised by what that moves them; radii and
-/// errors are rounded up to 8 significant bits (by 0.8 % at most). So spheres and errors still bound, and a
-/// parent's error still is not below its child's. [`decode_page`] tells what became of them.
+/// Centres are snapped to a grid over the page's box and radii increased accordingly; radii and errors are rounded up
+/// to 8 significant bits (by 0.8 % at most). So spheres and errors remain bounds, and a parent's error remains at
+/// least its child's. [`decode_page`] returns the rounded values.
 ///
 /// # Errors
-/// On more than [`CHUNKS_PER_PAGE`] chunks, [`MAX_PARENTS`] parents or [`MAX_STOPS`] truncation_points, on lengths that are not finite, and
-/// on parents that are not ascending and older than their child.
+/// More than [`CHUNKS_PER_PAGE`] chunks, [`MAX_PARENTS`] parents or [`MAX_TRUNCATION_POINTS`] truncation points,
+/// lengths that are not finite, and parents that are not ascending or not older than their child.
 pub fn encode_page(infos: &[ChunkInfo], first: u32) -> Result<Vec<u8>, DecodeError> {
     let mut encoder = Encoder::new(contexts());
     code_page(&mut encoder, first, Some(infos))?;
     Ok(encoder.finish(0))
 }
 
-/// Encodes the entries of all chunks of an asset, page by page; gives the pages, and the entries as
-/// [`decode_page`] gives them.
+/// Encodes the entries of all chunks of an asset. Returns the pages, and the entries as [`decode_page`] returns them.
 ///
-/// A page states the largest error of the chunks behind it where [`expected_rest_error`] would not bound it.
+/// A page states the largest error of the later chunks if [`expected_rest_error`] does not bound it.
 ///
 /// # Errors
 /// As [`encode_page`].
 pub fn encode_pages(infos: &[ChunkInfo]) -> Result<(Vec<Vec<u8>>, Vec<ChunkInfo>), DecodeError> {
     let mut pages = Vec::new();
-    // Rounding belongs to the index: what counts is what clients see.
+    // Errors are compared after rounding, as clients see them.
     let mut seen: Vec<ChunkInfo> = Vec::with_capacity(infos.len());
     for page in infos.chunks(CHUNKS_PER_PAGE) {
         let first = id32(seen.len());
@@ -62,12 +61,12 @@ pub fn encode_pages(infos: &[ChunkInfo]) -> Result<(Vec<Vec<u8>>, Vec<ChunkInfo>
     Ok((pages, seen))
 }
 
-/// What the chunks of the first pages say of the largest visible error of those that follow, where the last of these
-/// pages states nothing else.
+/// Upper bound on the visible error of later chunks that follows from the first pages, unless the last of these pages
+/// states a bound.
 ///
-/// A chunk's error is at most that of any of its parents. Chunks are numbered level by level, and parents lie in the
-/// nearest coarser level that has one there, as a rule the one before: so it is the largest among the last two levels.
-/// Where a region had no chunks for some levels, parents lie further up, and the page says so.
+/// A chunk's error is at most that of any of its parents. Chunks are numbered level by level, and parents usually lie
+/// in the previous level, so the bound is the largest error among the last two levels. If a region had no chunks in
+/// some levels, parents lie further up, and the page states the bound.
 #[must_use]
 pub fn expected_rest_error<'a>(known: impl IntoIterator<Item = &'a ChunkInfo, IntoIter: Clone>) -> f32 {
     let known = known.into_iter();
@@ -78,7 +77,7 @@ pub fn expected_rest_error<'a>(known: impl IntoIterator<Item = &'a ChunkInfo, In
         .fold(0.0, f32::max)
 }
 
-/// Decodes one index page and what it states of those behind it; see [`decode_page`].
+/// Decodes one index page with the bound that it states; see [`decode_page`].
 ///
 /// # Errors
 /// As [`decode_page`].
@@ -94,13 +93,13 @@ pub fn decode_stated_page(bytes: &[u8], first: u32) -> Result<IndexPage, DecodeE
 /// `first` is the id of the page's first chunk (`page × CHUNKS_PER_PAGE`).
 ///
 /// # Errors
-/// Refuses truncated pages, counts beyond [`CHUNKS_PER_PAGE`], parents that are not older than their
-/// child, truncation_points that are not ascending, and values that are not finite.
+/// For truncated pages, counts beyond [`CHUNKS_PER_PAGE`], parents that are not older than their child, truncation
+/// points that are not ascending, and values that are not finite.
 pub fn decode_page(bytes: &[u8], first: u32) -> Result<Vec<ChunkInfo>, DecodeError> {
     decode_stated_page(bytes, first).map(|page| page.chunks)
 }
 
-/// Codes the chunks of a page with any coder: says `infos` if given, and answers what a decoder hears.
+/// Codes the chunks of a page with any coder: encodes `infos` if given, and returns what a decoder reads.
 pub(crate) fn code_page<C: Coder>(
     coder: &mut C,
     first: u32,
@@ -109,10 +108,10 @@ pub(crate) fn code_page<C: Coder>(
     code_stated_page(coder, first, infos, None).map(|page| page.chunks)
 }
 
-/// What a page says in the place of its number of chunks where it is full and states the largest error of those
-/// behind it. Only a full page has any behind it.
-const STATES: u32 = 65;
-const _: () = assert!(STATES as usize == CHUNKS_PER_PAGE + 1);
+/// Coded in place of the number of chunks if the page is full and states a bound on later errors. Only a full page
+/// has successors.
+const FULL_WITH_BOUND: u32 = 65;
+const _: () = assert!(FULL_WITH_BOUND as usize == CHUNKS_PER_PAGE + 1);
 
 fn code_stated_page<C: Coder>(
     coder: &mut C,
@@ -121,21 +120,21 @@ fn code_stated_page<C: Coder>(
     stated: Option<f32>,
 ) -> Result<IndexPage, DecodeError> {
     if let Some(infos) = infos {
-        may_be_coded(infos, first)?;
+        check_encodable(infos, first)?;
     }
     let count = infos.map_or(0, |i| id32(i.len()));
-    let count = coder.raw(7, if stated.is_some() { STATES } else { count });
+    let count = coder.raw(7, if stated.is_some() { FULL_WITH_BOUND } else { count });
     let mut rest_error = None;
-    if count == STATES {
+    if count == FULL_WITH_BOUND {
         let stated = length_of(coder.raw(15, stated.map_or(0, length_code)));
         if !stated.is_finite() {
-            return Err(fail("the error behind a page is not finite"));
+            return Err(page_error("the error behind a page is not finite"));
         }
         rest_error = Some(stated);
     }
-    let count = if count == STATES { CHUNKS_PER_PAGE } else { count as usize };
+    let count = if count == FULL_WITH_BOUND { CHUNKS_PER_PAGE } else { count as usize };
     if count > CHUNKS_PER_PAGE {
-        return Err(fail(format!("{count} chunks; a page has {CHUNKS_PER_PAGE}")));
+        return Err(page_error(format!("{count} chunks; a page has {CHUNKS_PER_PAGE}")));
     }
     if count == 0 {
         return coder.check().map(|()| IndexPage::default());
@@ -144,7 +143,7 @@ fn code_stated_page<C: Coder>(
     let mut page = Vec::with_capacity(count);
     let mut previous = ChunkInfo::default();
     for i in 0..count {
-        let id = first.checked_add(id32(i)).ok_or_else(|| fail("a chunk id is out of range"))?;
+        let id = first.checked_add(id32(i)).ok_or_else(|| page_error("a chunk id is out of range"))?;
         let info = code_info(coder, &grid, id, &previous, infos.map(|all| &all[i]))?;
         coder.check()?;
         page.push(info.clone());
@@ -153,32 +152,32 @@ fn code_stated_page<C: Coder>(
     Ok(IndexPage { chunks: page, rest_error })
 }
 
-fn fail(why: impl Into<String>) -> DecodeError {
+fn page_error(why: impl Into<String>) -> DecodeError {
     DecodeError::new("index page", why)
 }
 
-fn may_be_coded(infos: &[ChunkInfo], first: u32) -> Result<(), DecodeError> {
+fn check_encodable(infos: &[ChunkInfo], first: u32) -> Result<(), DecodeError> {
     if infos.len() > CHUNKS_PER_PAGE {
-        return Err(fail(format!("{} chunks; a page has {CHUNKS_PER_PAGE}", infos.len())));
+        return Err(page_error(format!("{} chunks; a page has {CHUNKS_PER_PAGE}", infos.len())));
     }
     for (id, info) in (first..).zip(infos) {
         let lengths =
             info.sphere.center.iter().chain([&info.sphere.radius, &info.error, &info.attribute_error]);
         if !lengths.chain(info.truncation_points.iter().map(|s| &s.error)).all(|x| x.is_finite()) {
-            return Err(fail(format!("a length of chunk {id} is not finite")));
+            return Err(page_error(format!("a length of chunk {id} is not finite")));
         }
         let ascending =
             info.parents.is_sorted_by(|a, b| a < b) && info.parents.last().is_none_or(|&p| p < id);
         if !ascending || info.parents.len() > MAX_PARENTS {
-            return Err(fail(format!(
-                "chunk {id} has {} parents, up to {:?}; at most {MAX_PARENTS} older ones can be said",
+            return Err(page_error(format!(
+                "chunk {id} has {} parents, up to {:?}; at most {MAX_PARENTS} older ones are possible",
                 info.parents.len(),
                 info.parents.last()
             )));
         }
-        if info.truncation_points.len() > MAX_STOPS {
-            return Err(fail(format!(
-                "chunk {id} has {} truncation_points; at most {MAX_STOPS} can be said",
+        if info.truncation_points.len() > MAX_TRUNCATION_POINTS {
+            return Err(page_error(format!(
+                "chunk {id} has {} truncation points; at most {MAX_TRUNCATION_POINTS} are possible",
                 info.truncation_points.len()
             )));
         }
@@ -209,13 +208,13 @@ impl CenterGrid {
                 }
             }
             let extent = (0..3).map(|k| max[k] - min[k]).fold(0.0, f32::max);
-            (origin, step) = (min, raise(extent / f32::from(TOP_CELL)));
+            (origin, step) = (min, rounded_up(extent / f32::from(TOP_CELL)));
         }
         let mut number = |x: f32| f32::from_bits(coder.raw(32, x.to_bits()));
         let origin = origin.map(&mut number);
         let step = number(step);
         if !origin.iter().chain([&step]).all(|x| x.is_finite()) || step < 0.0 {
-            return Err(fail("a number is not finite"));
+            return Err(page_error("a number is not finite"));
         }
         Ok(Self { origin, step })
     }
@@ -237,10 +236,10 @@ impl CenterGrid {
     }
 }
 
-/// Bits of a float's mantissa that lengths lose.
+/// Mantissa bits that lengths lose.
 const LOST_BITS: u32 = 16;
 
-/// The code of the least length of 8 significant bits that is not below `x`.
+/// Code of the smallest length of 8 significant bits that is at least `x`.
 fn length_code(x: f32) -> u32 {
     let most = f32::MAX.to_bits() >> LOST_BITS;
     (x.max(0.0).to_bits().saturating_add((1 << LOST_BITS) - 1) >> LOST_BITS).min(most)
@@ -250,26 +249,29 @@ fn length_of(code: u32) -> f32 {
     f32::from_bits(code << LOST_BITS)
 }
 
-fn raise(x: f32) -> f32 {
+fn rounded_up(x: f32) -> f32 {
     length_of(length_code(x))
 }
 
-/// Codes a length, rounded up, by its difference from another.
+/// Codes a length, rounded up, as a difference from another.
 fn code_length<C: Coder>(coder: &mut C, at: usize, near: f32, want: Option<f32>) -> Result<f32, DecodeError> {
     let near = length_code(near).cast_signed();
     let got = near.wrapping_add(signed(coder, at, want.map_or(0, |x| length_code(x).cast_signed() - near)));
     let length = u32::try_from(got).ok().filter(|&c| c <= f32::MAX.to_bits() >> LOST_BITS).map(length_of);
-    length.ok_or_else(|| fail("a length is out of range"))
+    length.ok_or_else(|| page_error("a length is out of range"))
 }
 
-/// Codes a count by its difference from a guess.
+/// Codes a count as a difference from a prediction.
 fn code_count<C: Coder>(coder: &mut C, at: usize, guess: u32, want: Option<u32>) -> Result<u32, DecodeError> {
     let guess = guess.min(MAX_COUNT);
     let got = signed(coder, at, want.map_or(0, |x| x.min(MAX_COUNT).cast_signed() - guess.cast_signed()));
-    guess.checked_add_signed(got).filter(|&c| c <= MAX_COUNT).ok_or_else(|| fail("a count is out of range"))
+    guess
+        .checked_add_signed(got)
+        .filter(|&c| c <= MAX_COUNT)
+        .ok_or_else(|| page_error("a count is out of range"))
 }
 
-/// Most bytes or elements that an entry can say.
+/// Largest byte or element count of an entry.
 const MAX_COUNT: u32 = (1 << 29) - 1;
 
 fn code_info<C: Coder>(
@@ -281,11 +283,12 @@ fn code_info<C: Coder>(
 ) -> Result<ChunkInfo, DecodeError> {
     let rise =
         integer(coder, INDEX_LEVEL, want.map_or(0, |w| u32::from(w.level.wrapping_sub(previous.level))));
-    let level = u8::try_from(rise).map_err(|_| fail("a level is out of range"))?.wrapping_add(previous.level);
+    let level =
+        u8::try_from(rise).map_err(|_| page_error("a level is out of range"))?.wrapping_add(previous.level);
     let cell = want.map_or([0; 3], |w| grid.snap(w.sphere.center)).map(|x| coder.raw(CENTER_BITS, x));
     let center = grid.center(cell);
     if !center.iter().all(|x| x.is_finite()) {
-        return Err(fail("a centre is out of range"));
+        return Err(page_error("a centre is out of range"));
     }
     let radius = want.map(|w| {
         let moved: f32 = (0..3).map(|k| (center[k] - w.sphere.center[k]).abs()).sum();
@@ -332,10 +335,10 @@ fn share(whole: u32, part: u32, of: u32) -> u32 {
 fn code_parents<C: Coder>(coder: &mut C, id: u32, want: Option<&[u32]>) -> Result<Vec<u32>, DecodeError> {
     let count = integer(coder, INDEX_PARENTS, want.map_or(0, |w| id32(w.len()))) as usize;
     if count > MAX_PARENTS.min(id as usize) {
-        return Err(fail(format!("chunk {id} has {count} parents")));
+        return Err(page_error(format!("chunk {id} has {count} parents")));
     }
     let mut parents = Vec::with_capacity(count.min(64));
-    // The first counts back from the chunk, the others on from the one before.
+    // The first parent is coded as distance from the chunk, the others as distance from the previous one.
     for i in 0..count {
         let parent = if i == 0 {
             let back = integer(coder, INDEX_FIRST_PARENT, want.map_or(0, |w| id - w[0]));
@@ -345,13 +348,13 @@ fn code_parents<C: Coder>(coder: &mut C, id: u32, want: Option<&[u32]>) -> Resul
             let gap = integer(coder, INDEX_NEXT_PARENT, want.map_or(0, |w| w[i] - before - 1));
             before.checked_add(gap).and_then(|p| p.checked_add(1)).filter(|&p| p < id)
         };
-        parents.push(parent.ok_or_else(|| fail(format!("chunk {id} has a parent out of order")))?);
+        parents.push(parent.ok_or_else(|| page_error(format!("chunk {id} has a parent out of order")))?);
         coder.check()?;
     }
     Ok(parents)
 }
 
-/// Stops, each expected at its share of what the whole chunk adds.
+/// Codes truncation points, each predicted as its share of the whole chunk.
 fn code_truncation_points<C: Coder>(
     coder: &mut C,
     info: &ChunkInfo,
@@ -359,8 +362,8 @@ fn code_truncation_points<C: Coder>(
     want: Option<&[TruncationPoint]>,
 ) -> Result<Vec<TruncationPoint>, DecodeError> {
     let count = code_count(coder, INDEX_STOPS, before, want.map(|w| id32(w.len())))?;
-    if count as usize > MAX_STOPS {
-        return Err(fail(format!("{count} truncation_points in one chunk")));
+    if count as usize > MAX_TRUNCATION_POINTS {
+        return Err(page_error(format!("{count} truncation points in one chunk")));
     }
     let mut truncation_points: Vec<TruncationPoint> = Vec::with_capacity(count as usize);
     for i in 0..count {
@@ -388,7 +391,7 @@ fn code_truncation_points<C: Coder>(
         let ascends = last.vertices <= vertices && last.wedges <= wedges && last.faces <= faces;
         let ends = vertices <= info.vertices && wedges <= info.wedges && faces <= info.faces;
         if !ascends || !ends || last.payload_bytes > payload_bytes || payload_bytes > info.payload_bytes {
-            return Err(fail("truncation_points are out of order"));
+            return Err(page_error("truncation points are out of order"));
         }
         truncation_points.push(truncation);
     }
@@ -412,7 +415,7 @@ mod tests {
     }
 
     #[test]
-    fn pages_state_an_error_only_where_it_does_not_follow_and_are_as_before_otherwise() {
+    fn pages_state_a_bound_only_if_it_does_not_follow() {
         let mut infos = vec![chunk(1, 1.0, vec![]), chunk(1, 0.5, vec![])];
         infos.extend((2..64).map(|_| chunk(2, 0.25, vec![1])));
         infos.extend((64..130).map(|_| chunk(3, 0.125, vec![2])));
@@ -424,7 +427,7 @@ mod tests {
             let decoded = decode_stated_page(page, first as u32).unwrap();
             assert_eq!((&decoded.chunks[..], decoded.rest_error), (&seen[first..end], None));
         }
-        // The last one hangs on the first: its error follows from nothing that the second page holds.
+        // The last chunk's parent is the first chunk, so its error does not follow from the second page.
         infos[129] = chunk(5, 0.75, vec![0]);
         let (stating, seen) = encode_pages(&infos).unwrap();
         assert_eq!(stating[0], pages[0], "its own chunks bound what follows");
@@ -438,9 +441,9 @@ mod tests {
     }
 
     #[test]
-    fn a_stated_error_that_is_no_number_is_refused() {
+    fn a_stated_error_that_is_not_finite_is_refused() {
         let mut encoder = Encoder::new(contexts());
-        encoder.raw(7, STATES);
+        encoder.raw(7, FULL_WITH_BOUND);
         encoder.raw(15, 0x7F80);
         assert!(decode_stated_page(&encoder.finish(0), 0).unwrap_err().to_string().contains("not finite"));
     }

@@ -1,32 +1,32 @@
-//! A chunk's region as its decoder knows it: the stars of the region's interior vertices.
+//! A chunk's region as its decoder sees it: the stars of the region's interior vertices.
 //!
-//! Gathered from the mesh ([`crate::codec::gather`]) by breadth-first search over interior vertices, so numbering
-//! depends on nothing but the chunk: whatever else is applied, and in whatever order, the region's stars are
-//! the same (docs/design/refinement.md, "Why any order gives one mesh").
+//! ExistingFace from the mesh (`codec::gather`) by breadth-first search over interior vertices. The numbering depends on
+//! the chunk only: the region's stars are the same for any other chunks applied, in any order
+//! (docs/design/refinement.md, "Why any order gives one mesh").
 //!
-//! Positions are integers below 2^24 kept as `f64`, so sums and differences of them are exact.
+//! Positions are integers below 2^24 stored as `f64`, so their sums and differences are exact.
 
 use crate::codec::elements::Elements;
 use crate::codec::fan::StarFace;
-use crate::codec::gather::Gathering;
+use crate::codec::gather_buffers::GatherBuffers;
 use crate::codec::star::{Star, Stars};
 use crate::mesh::Attributes;
 use crate::mesh::corner::Spaced;
 use crate::mesh::slot_map::SlotMap;
 use crate::mesh::vec3::{Vec3, add, cross, length, scale, sub};
 use crate::numbers::{id32, inverse, truncated};
-use crate::refine::{ActiveMesh, Id, Moved, Owners};
+use crate::refine::{ActiveMesh, Id, MovedVertex, Owners};
 
-/// Most faces that a region may have: bounds the work that an untrusted peer's chunk can cause.
+/// Most faces of a region: bounds the work that an untrusted peer's chunk can cause.
 pub(crate) const MAX_LOCAL_FACES: usize = 1 << 18;
 
 pub(crate) struct LocalVertex {
     pub(crate) position: Vec3,
-    /// Sum of the positions at the far ends of the edges of its faces, each face counted: two a face.
+    /// Sum of the other corners' positions over the faces of the star, two per face.
     sum: Vec3,
     star: Star,
     pub(crate) interior: bool,
-    /// How many of the lowest bits of its position are zero, at most.
+    /// Largest known number of low bits of its position that are zero.
     pub(crate) shift: u8,
 }
 
@@ -52,15 +52,15 @@ impl LocalVertex {
     }
 }
 
-/// What a face was before the chunk.
-pub(crate) struct Gathered {
+/// An existing face with its wedges before the chunk.
+pub(crate) struct ExistingFace {
     pub(crate) id: Id,
     pub(crate) wedges: [u32; 3],
 }
 
 pub(crate) const NONE: u32 = u32::MAX;
 
-/// Memory of a region, kept from chunk to chunk.
+/// Buffers of a region, reused from chunk to chunk.
 #[derive(Default)]
 pub(crate) struct LocalMemory {
     vertices: Vec<LocalVertex>,
@@ -71,11 +71,11 @@ pub(crate) struct LocalMemory {
     stars: Stars,
     wedge_ends: Vec<[u32; 2]>,
     vertex_ids: Vec<Id>,
-    gathered: Vec<Gathered>,
+    gathered: Vec<ExistingFace>,
     vertex_at: SlotMap,
     wedge_at: SlotMap,
     new_vertices: Vec<(u32, Option<u32>)>,
-    gathering: Gathering,
+    gather_buffers: GatherBuffers,
 }
 
 impl LocalMemory {
@@ -88,11 +88,11 @@ impl LocalMemory {
             + self.materials.capacity() * 2
             + self.stars.bytes()
             + (self.wedge_ends.capacity() + self.vertex_ids.capacity()) * 8
-            + self.gathered.capacity() * size_of::<Gathered>()
+            + self.gathered.capacity() * size_of::<ExistingFace>()
             + self.vertex_at.bytes()
             + self.wedge_at.bytes()
             + self.new_vertices.capacity() * 12
-            + self.gathering.bytes()
+            + self.gather_buffers.bytes()
     }
 }
 
@@ -100,33 +100,33 @@ impl LocalMemory {
 pub(crate) struct Local<'a> {
     pub(crate) mesh: &'a ActiveMesh,
     pub(crate) owners: Owners<'a>,
-    /// Owner of what the chunk adds.
+    /// Owner id of the elements that the chunk adds.
     own: u32,
     pub(crate) vertices: Vec<LocalVertex>,
     pub(crate) wedges: Vec<LocalWedge>,
     pub(crate) faces: Vec<LocalFace>,
-    /// Of the faces, doubled, in square cells: by themselves, since whoever asks for a star's asks for nothing else.
+    /// Doubled areas of the faces, in square cells; a separate array, since area sums read nothing else.
     areas: Vec<f64>,
     pub(crate) materials: Vec<u16>,
     stars: Stars,
-    /// First and last wedge of each vertex that is known here; the others follow in `LocalWedge::next`.
+    /// First and last known wedge of each vertex; the others follow by `LocalWedge::next`.
     pub(crate) wedge_ends: Vec<[u32; 2]>,
     vertex_ids: Vec<Id>,
-    /// The faces that were there: the first ones.
-    pub(crate) gathered: Vec<Gathered>,
+    /// The existing faces, which are the first ones.
+    pub(crate) gathered: Vec<ExistingFace>,
     pub(crate) vertex_at: SlotMap,
-    /// Of wedges that were there, but for the first of each vertex.
+    /// Local numbers of existing wedges other than each vertex's first.
     pub(crate) wedge_at: SlotMap,
-    pub(crate) gathering: Gathering,
-    /// The vertices that the chunk adds, and those they split from.
+    pub(crate) gather_buffers: GatherBuffers,
+    /// AddedFace vertices, with the vertex that each splits from.
     pub(crate) new_vertices: Vec<(u32, Option<u32>)>,
     pub(crate) new_wedges: u32,
     /// Older vertices that the chunk moves.
-    pub(crate) moves: Vec<Moved>,
+    pub(crate) moves: Vec<MovedVertex>,
 }
 
 impl<'a> Local<'a> {
-    /// Of a chunk, in memory of which nothing else is used.
+    /// An empty region of a chunk, which takes the buffers of `memory`.
     pub(crate) fn new(mesh: &'a ActiveMesh, chunk: u32, memory: LocalMemory) -> Self {
         let mut local = Self {
             mesh,
@@ -143,7 +143,7 @@ impl<'a> Local<'a> {
             gathered: memory.gathered,
             vertex_at: memory.vertex_at,
             wedge_at: memory.wedge_at,
-            gathering: memory.gathering,
+            gather_buffers: memory.gather_buffers,
             new_vertices: memory.new_vertices,
             new_wedges: 0,
             moves: Vec::new(),
@@ -163,7 +163,7 @@ impl<'a> Local<'a> {
         local
     }
 
-    /// What another chunk may use.
+    /// Returns the buffers, for another chunk.
     pub(crate) fn memory(self) -> LocalMemory {
         LocalMemory {
             vertices: self.vertices,
@@ -177,7 +177,7 @@ impl<'a> Local<'a> {
             gathered: self.gathered,
             vertex_at: self.vertex_at,
             wedge_at: self.wedge_at,
-            gathering: self.gathering,
+            gather_buffers: self.gather_buffers,
             new_vertices: self.new_vertices,
         }
     }
@@ -200,8 +200,8 @@ impl<'a> Local<'a> {
         self.push_wedge(id, NONE, vertex, attributes)
     }
 
-    /// Adds a face two of whose corners are at the same place; its wedges and material must be set before
-    /// the next split.
+    /// Adds a degenerate face, two of whose corners coincide. Its wedges and material must be set before the next
+    /// split.
     pub(crate) fn add_face(&mut self, corners: [u32; 3]) -> u32 {
         self.push_face(LocalFace { corners, wedges: [NONE; 3] }, 0.0, 0)
     }
@@ -236,13 +236,13 @@ impl<'a> Local<'a> {
         for (k, v, ends) in [(0, a, add(q, r)), (1, b, add(r, p)), (2, c, add(p, q))] {
             let vertex = &mut self.vertices[v as usize];
             vertex.sum = add(vertex.sum, ends);
-            self.stars.enter(&mut vertex.star, Spaced::new(local, k));
+            self.stars.push(&mut vertex.star, Spaced::new(local, k));
         }
         local
     }
 
-    /// Moves the centres of star_faces of one vertex to another at the same place. Their wedges must be set before the next
-    /// split.
+    /// Moves the centre corners of star faces from one vertex to another at the same position. Their wedges must be
+    /// set before the next split.
     pub(crate) fn move_corners<'s>(
         &mut self,
         star_faces: impl Iterator<Item = &'s StarFace>,
@@ -256,19 +256,19 @@ impl<'a> Local<'a> {
             let (a, b) = (&vertices[star_face.a as usize], &vertices[star_face.b as usize]);
             ends = add(ends, add(a.position, b.position));
             faces[star_face.face as usize].corners[usize::from(star_face.k)] = to;
-            stars.enter(&mut star, Spaced::new(star_face.face, star_face.k));
+            stars.push(&mut star, Spaced::new(star_face.face, star_face.k));
         }
         let vertex = &mut vertices[to as usize];
         (vertex.star, vertex.sum) = (star, add(vertex.sum, ends));
         let vertex = &mut vertices[from as usize];
         vertex.sum = sub(vertex.sum, ends);
-        stars.leave(&mut vertex.star, |c| faces[c.face() as usize].corners[usize::from(c.side())] == to);
+        stars.remove_if(&mut vertex.star, |c| faces[c.face() as usize].corners[usize::from(c.side())] == to);
     }
 
-    /// Moves an older vertex, whose star is given.
+    /// Moves an older vertex whose star is given.
     pub(crate) fn move_vertex(&mut self, vertex: u32, star: &[StarFace], position: [i32; 3], shift: u8) {
         let was = &self.vertices[vertex as usize];
-        self.moves.push(Moved {
+        self.moves.push(MovedVertex {
             vertex: self.vertex_ids[vertex as usize],
             from: was.position.map(truncated),
             to: position,
@@ -278,7 +278,7 @@ impl<'a> Local<'a> {
         self.place_vertex(vertex, star, position);
     }
 
-    /// Puts a vertex, whose star is given, in its place.
+    /// Sets the position of a vertex whose star is given.
     pub(crate) fn place_vertex(&mut self, vertex: u32, star: &[StarFace], position: [i32; 3]) {
         let position = position.map(f64::from);
         let before = std::mem::replace(&mut self.vertices[vertex as usize].position, position);
@@ -289,14 +289,13 @@ impl<'a> Local<'a> {
                 end.sum = add(end.sum, moved);
                 sub(end.position, position)
             };
-            // Coordinates are integers, so the cross product is exact: the same from any corner.
+            // Coordinates are integers, so the cross product is exact and equal at every corner.
             let (a, b) = (at(star_face.a), at(star_face.b));
             self.areas[star_face.face as usize] = length(cross(a, b));
         }
     }
 
-    /// Mean of the far ends of the edges at a vertex, each face counted, leaving out `without` of
-    /// them that are at `at`.
+    /// Mean of the other corners over a vertex's faces, leaving out `without` of them that are at `at`.
     #[inline]
     pub(crate) fn mean_of_ends(&self, vertex: u32, without: u32, at: Vec3) -> Option<Vec3> {
         let v = &self.vertices[vertex as usize];
@@ -314,7 +313,7 @@ impl<'a> Local<'a> {
         self.faces[face as usize].wedges[usize::from(k)] = wedge;
     }
 
-    /// Gives a new face its wedges and material.
+    /// Sets the wedges and material of a new face.
     pub(crate) fn set_face(&mut self, face: u32, wedges: [u32; 3], material: u16) {
         self.faces[face as usize].wedges = wedges;
         self.materials[face as usize] = material;
@@ -335,7 +334,7 @@ impl<'a> Local<'a> {
         self.vertices[vertex as usize].star.len()
     }
 
-    /// The star of a vertex, the last face to come first: an order that depends on nothing but the chunk.
+    /// The star of a vertex, newest face first: an order that depends on the chunk only.
     pub(crate) fn star(&self, vertex: u32, star: &mut Vec<StarFace>) {
         star.clear();
         star.extend(self.stars.of(self.vertices[vertex as usize].star).iter().rev().map(|corner| {
@@ -345,27 +344,27 @@ impl<'a> Local<'a> {
         }));
     }
 
-    /// The sum of the areas (doubled) of the faces of a vertex, in the order of its star, in square cells.
+    /// Sum of the doubled areas of a vertex's faces, in star order, in square cells.
     #[inline]
     pub(crate) fn star_area(&self, vertex: u32) -> f64 {
         let corners = self.stars.of(self.vertices[vertex as usize].star);
         corners.iter().rev().fold(0.0, |area, corner| area + self.areas[corner.face() as usize])
     }
 
-    /// The wedge of a star_face at the centre, and at its vertices `a` and `b`.
+    /// The wedges of a star face at the centre, and at its vertices `a` and `b`.
     pub(crate) fn spoke_wedges(&self, star_face: &StarFace) -> [u32; 3] {
         let wedges = &self.faces[star_face.face as usize].wedges;
         let corner = Spaced::new(star_face.face, star_face.k);
         [wedges[usize::from(star_face.k)], wedges[corner.next()], wedges[corner.previous()]]
     }
 
-    /// The first wedge of a vertex that is known here, in order of discovery.
+    /// The first known wedge of a vertex, in order of discovery.
     #[inline]
     pub(crate) fn first_wedge(&self, vertex: u32) -> Option<u32> {
         Some(self.wedge_ends[vertex as usize][0]).filter(|&w| w != NONE)
     }
 
-    /// The wedges of a vertex that are known here, in order of discovery.
+    /// The known wedges of a vertex, in order of discovery.
     pub(crate) fn wedges_of(&self, vertex: u32) -> impl Iterator<Item = u32> {
         std::iter::successors(self.first_wedge(vertex), |&w| {
             Some(self.wedges[w as usize].next).filter(|&w| w != NONE)
@@ -383,7 +382,7 @@ impl<'a> Local<'a> {
         self.vertex_ids[vertex as usize]
     }
 
-    /// The ids of the faces that were there, in order of their numbers.
+    /// Ids of the existing faces, in order of their numbers.
     pub(crate) fn gathered_faces(&self) -> impl ExactSizeIterator<Item = Id> {
         self.gathered.iter().map(|f| f.id)
     }

@@ -1,4 +1,4 @@
-//! Memory that coding a chunk takes, kept from chunk to chunk: allocated once a thread.
+//! Buffers for coding chunks, reused by each thread.
 
 use std::cell::Cell;
 
@@ -7,10 +7,10 @@ use crate::codec::model::contexts_in;
 use crate::codec::scratch::Scratch;
 use crate::entropy::context::Contexts;
 
-/// Most bytes that a thread keeps; who took more gives it back. Chunks of 1,000 splits take 0.6 MB.
-const MOST_BYTES: usize = 4 << 20;
+/// Most bytes that a thread retains; larger buffers are freed. Chunks of 1,000 splits take 0.6 MB.
+const MAX_BYTES: usize = 4 << 20;
 
-/// What coding a chunk works in. What is in it means nothing to the next chunk.
+/// Buffers for coding a chunk; their contents do not carry over.
 #[derive(Default)]
 pub(crate) struct Memory {
     pub(crate) local: LocalMemory,
@@ -19,28 +19,28 @@ pub(crate) struct Memory {
 }
 
 thread_local! {
-    static KEPT: Cell<Option<Box<Memory>>> = const { Cell::new(None) };
+    static CACHED: Cell<Option<Box<Memory>>> = const { Cell::new(None) };
 }
 
 impl Memory {
-    /// This thread's, or new if that is in use.
+    /// This thread's buffers, or new ones if those are in use.
     pub(crate) fn take() -> Box<Self> {
-        KEPT.take().unwrap_or_default()
+        CACHED.take().unwrap_or_default()
     }
 
-    /// Leaves it to the thread's next chunk.
+    /// Retains the buffers for the thread's next chunk.
     pub(crate) fn keep(self: Box<Self>) {
-        if self.local.bytes() + self.scratch.bytes() <= MOST_BYTES {
-            KEPT.set(Some(self));
+        if self.local.bytes() + self.scratch.bytes() <= MAX_BYTES {
+            CACHED.set(Some(self));
         }
     }
 
-    /// The contexts that every chunk starts from, in memory that another chunk has had.
+    /// The contexts that every chunk starts from, in reused memory.
     pub(crate) fn contexts(&mut self) -> Contexts {
         contexts_in(self.contexts.take())
     }
 
-    /// Takes contexts back that are of no more use.
+    /// Retains the memory of used contexts.
     pub(crate) fn keep_contexts(&mut self, contexts: Contexts) {
         self.contexts = Some(contexts);
     }

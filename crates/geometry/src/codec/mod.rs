@@ -1,4 +1,4 @@
-//! Coding: chunks, the base mesh and the index, as symbols that [`crate::entropy`] turns into bytes.
+//! Coding of chunks, the base mesh and the index as symbols, which [`crate::entropy`] turns into bytes.
 
 #![cfg_attr(
     not(test),
@@ -14,9 +14,11 @@ mod attributes;
 pub(crate) mod base;
 pub(crate) mod chunk;
 mod chunk_coder;
+mod delta;
 mod elements;
 mod fan;
 mod gather;
+mod gather_buffers;
 mod height;
 pub(crate) mod index_page;
 mod local;
@@ -24,11 +26,11 @@ mod memory;
 pub(crate) mod model;
 mod moves;
 mod numbering;
-mod outcome;
 mod plan;
 mod position;
 pub(crate) mod repeat;
 mod residual;
+mod ring;
 mod scratch;
 pub(crate) mod sheet;
 pub(crate) mod source;

@@ -1,4 +1,4 @@
-//! The contexts of chunks and of base meshes: where each kind of decision keeps its probabilities.
+//! Context layout of chunks and base meshes: the range of contexts of each kind of decision.
 
 use std::sync::LazyLock;
 
@@ -7,56 +7,56 @@ use crate::entropy::range_coder::MIX_TREE_BITS;
 use crate::entropy::symbols::{INTEGER_CONTEXTS, tree_contexts};
 use crate::entropy::zstd_streams::StreamTable;
 
-/// Valences up to this have contexts of their own.
+/// Valences up to this have separate contexts.
 pub(crate) const MAX_VALENCE: usize = 12;
 /// Classes of a split flag's star area.
 pub(crate) const AREAS: usize = 16;
-/// Splits since the chunk's start, counted up to this.
+/// Split depths (passes since the chunk's start), counted up to this.
 pub(crate) const DEPTHS: usize = 4;
-/// Segments of a chunk that are told apart; later ones count as the last.
+/// Segments of a chunk with separate contexts; later ones count as the last.
 pub(crate) const SEGMENTS: usize = 3;
-/// Classes of bentness.
+/// Classes of the bending of a star.
 pub(crate) const BENDS: usize = 8;
 /// Buckets of the expected size of a residual.
 pub(crate) const SIZES: usize = 28;
-/// Classes of how the last residuals compared with what was expected.
+/// Classes of the recent ratios of residuals to their expected sizes.
 pub(crate) const RECENTS: usize = 4;
-/// Classes of how the residual before compared with what was expected of it.
+/// Classes of the previous residual's ratio to its expected size.
 pub(crate) const OTHERS: usize = 8;
 /// Bits of a residual's class.
 pub(crate) const CLASS_BITS: u32 = MIX_TREE_BITS;
 pub(crate) const CLASSES: usize = tree_contexts(CLASS_BITS);
 
-/// Bits that a vertex's position gains, told apart up to this.
+/// Number of bits that a vertex's position gains, clamped to this.
 pub(crate) const MOVE_STEPS: usize = 4;
-/// Steps between grids that are told apart.
+/// Number of distinguished steps between grids.
 pub(crate) const SHIFT_STEPS: usize = 6;
 
-/// Contexts of a base mesh's decision: no earlier part is known to be like this one, or one decided no, or yes.
-pub(crate) const TOLD: usize = 3;
-/// Guesses at a number of a base mesh that one may be chosen of.
-pub(crate) const MOST_CHOICES: usize = 12;
+/// Contexts per decision of a base mesh: no matching component is known, or one decided false, or true.
+pub(crate) const REPEAT_STATES: usize = 3;
+/// Most candidates for a number of a base mesh that can be coded.
+pub(crate) const MAX_CHOICES: usize = 12;
 
-/// Coordinates of neighbours that one of a vertex may repeat: those nearest to the guess.
-pub(crate) const MOST_REPEATED: usize = 4;
-/// Neighbours that share a coordinate, told apart up to this.
+/// Most coordinates of neighbours that a new vertex's coordinate may repeat: those nearest to the prediction.
+pub(crate) const MAX_REPEATED: usize = 4;
+/// Number of neighbours that share a coordinate, clamped to this.
 pub(crate) const SHARERS: usize = 4;
-/// Neighbours that do not share the nearest coordinate, and the old vertex, told apart up to one less than this.
+/// Number of neighbours (and the old vertex) that do not share the nearest coordinate, clamped below this.
 pub(crate) const NOT_SHARERS: usize = 6;
-/// Distances between a coordinate and the guess, in quarters of the ring's radius, told apart up to one less than this.
+/// Distance between a coordinate and the prediction, in quarters of the ring's radius, clamped below this.
 pub(crate) const GAPS: usize = 9;
-/// Classes of how far a ring's normal leans to an axis.
+/// Classes of the angle between a ring's normal and an axis.
 pub(crate) const TILTS: usize = 8;
-/// Whether the two coordinates before were repeated, a bit each.
+/// Whether the two previous coordinates were repeated, a bit each.
 pub(crate) const BEFORE: usize = 4;
-/// Classes of how two faces are bent against each other.
+/// Classes of the dihedral angle of two faces.
 pub(crate) const FACE_BENDS: usize = 4;
-/// Corners of a new face, and one of a face that moved.
+/// Corners of a new face, and one of a moved face.
 pub(crate) const CORNERS: usize = 4;
-/// Places for which projections of textures and what else is expected are compared.
+/// Places at which projections of textures are compared with other predictions.
 pub(crate) const PLACES: usize = 3;
 
-/// Contexts of one kind of residual: by recent ratios, and by the residual before.
+/// Contexts per kind of residual: by recent ratios, and by the previous residual.
 pub(crate) const SIZE_RECENT_CONTEXTS: usize = SIZES * RECENTS * CLASSES;
 pub(crate) const SIZE_OTHER_CONTEXTS: usize = SIZES / 2 * OTHERS * CLASSES;
 
@@ -113,13 +113,13 @@ layout! { CONTEXTS:
     RESIDUAL_SIGN = 3,
     RESIDUAL_REST = INTEGER_CONTEXTS,
     BASE_MORE = 1,
-    BASE_GATE = TOLD,
-    BASE_NEW_VERTEX = 4 * TOLD,
-    BASE_LIKELY_VERTEX = TOLD,
-    BASE_WHICH_VERTEX = 2 * TOLD,
-    BASE_SAME_WEDGE = 5 * TOLD,
-    BASE_NEW_WEDGE = TOLD,
-    BASE_CHOICE = 12 * MOST_CHOICES,
+    BASE_GATE = REPEAT_STATES,
+    BASE_NEW_VERTEX = 4 * REPEAT_STATES,
+    BASE_LIKELY_VERTEX = REPEAT_STATES,
+    BASE_WHICH_VERTEX = 2 * REPEAT_STATES,
+    BASE_SAME_WEDGE = 5 * REPEAT_STATES,
+    BASE_NEW_WEDGE = REPEAT_STATES,
+    BASE_CHOICE = 12 * MAX_CHOICES,
     BASE_UV = 2 * INTEGER_CONTEXTS,
     BASE_SAME_GROUP = 6,
     BASE_SAME_MATERIAL = 1,
@@ -141,26 +141,26 @@ layout! { CONTEXTS:
     INDEX_STOP_FACES = INTEGER_CONTEXTS,
     INDEX_STOP_BYTES = INTEGER_CONTEXTS,
     INDEX_STOP_ERROR = INTEGER_CONTEXTS,
-    BUILT_SAME_WEDGE = 2 * FACE_BENDS * (CORNERS - 1),
-    BUILT_LIKELY_WEDGE = CORNERS - 1,
-    BUILT_NEW_WEDGE = (CORNERS - 1) * 2,
-    BUILT_GROUP = 4,
-    BUILT_SIDE = INTEGER_CONTEXTS,
-    BUILT_COPIED = CORNERS * 2 * 2 * 2,
-    BUILT_COPY = INTEGER_CONTEXTS,
-    BUILT_LIKE_NEAR = PLACES,
-    BUILT_UV = 2 * PLACES * 3 * INTEGER_CONTEXTS,
+    AXIS_SAME_WEDGE = 2 * FACE_BENDS * (CORNERS - 1),
+    AXIS_LIKELY_WEDGE = CORNERS - 1,
+    AXIS_NEW_WEDGE = (CORNERS - 1) * 2,
+    AXIS_GROUP = 4,
+    AXIS_SIDE = INTEGER_CONTEXTS,
+    AXIS_COPIED = CORNERS * 2 * 2 * 2,
+    AXIS_COPY = INTEGER_CONTEXTS,
+    AXIS_LIKE_NEAR = PLACES,
+    AXIS_UV = 2 * PLACES * 3 * INTEGER_CONTEXTS,
     REPEATS_SO_FAR = 3 * BEFORE * 2,
     REPEATS_TILT = TILTS * NOT_SHARERS,
-    REPEATS_NEAR = GAPS * SHARERS * MOST_REPEATED,
-    WHICH_SHARERS = (MOST_REPEATED - 1) * SHARERS * SHARERS * (MOST_REPEATED + 1),
-    WHICH_GAPS = (MOST_REPEATED - 1) * GAPS * (GAPS + 1),
-    WHICH_REST = (MOST_REPEATED - 1) * NOT_SHARERS * BEFORE,
+    REPEATS_NEAR = GAPS * SHARERS * MAX_REPEATED,
+    WHICH_SHARERS = (MAX_REPEATED - 1) * SHARERS * SHARERS * (MAX_REPEATED + 1),
+    WHICH_GAPS = (MAX_REPEATED - 1) * GAPS * (GAPS + 1),
+    WHICH_REST = (MAX_REPEATED - 1) * NOT_SHARERS * BEFORE,
 }
 
-/// Where [`crate::entropy::zstd_streams`]'s streams begin in the layout. Bytes: what is rare; lengths and starts
-/// of runs; groups; texture coordinates by axis; colours and normals; moves; residuals of positions by step, with
-/// the base mesh. Bits: of the region; of splits; of connectivity; of wedges, materials and the base mesh.
+/// Assigns contexts to the streams of [`crate::entropy::zstd_streams`]. Byte streams: rare symbols; lengths and
+/// starts of runs; groups; texture coordinates by axis; colours and normals; moves; residuals of positions by step,
+/// with the base mesh. Bit streams: region; splits; connectivity; wedges, materials and the base mesh.
 pub(crate) static STREAMS: StreamTable<11, 4> = StreamTable {
     byte_starts: [
         0,
@@ -187,17 +187,17 @@ pub(crate) const MIX_REPEATS: usize = 7;
 pub(crate) const MIX_WHICH: usize = 10;
 pub(crate) const MIXERS: usize = 13;
 
-/// The trained priors ([`crate::prepare::training`]): part of the format, as its version says.
+/// The trained priors ([`crate::prepare::training`]): part of the format and covered by its version.
 static PRIORS: &[u8] = include_bytes!("priors.bin");
-/// Bytes of the table: per context a probability and what it is worth, per mixer its weights.
+/// Bytes of the table: a probability with its count per context, weights per mixer.
 const PRIOR_BYTES: usize = CONTEXTS * 3 + MIXERS * MAX_INPUTS * 4;
 
-/// What every stream starts from.
+/// The initial contexts of every stream.
 pub(crate) fn contexts() -> Contexts {
     trained().clone()
 }
 
-/// The same, in memory of contexts that are of no more use.
+/// The initial contexts, in reused memory.
 pub(crate) fn contexts_in(old: Option<Contexts>) -> Contexts {
     let Some(mut contexts) = old else { return contexts() };
     contexts.probs.clone_from(&trained().probs);
@@ -206,14 +206,14 @@ pub(crate) fn contexts_in(old: Option<Contexts>) -> Contexts {
 }
 
 fn trained() -> &'static Contexts {
-    // While the layout changes the table does not fit it, and training starts from nothing.
+    // When the layout changes, the table does not fit, and training starts from untrained contexts.
     static TRAINED: LazyLock<Contexts> = LazyLock::new(|| {
         if PRIORS.len() == PRIOR_BYTES { Contexts::from_bytes(PRIORS, CONTEXTS) } else { untrained() }
     });
     &TRAINED
 }
 
-/// What training starts from: nothing known, all inputs of a mixer worth the same.
+/// Untrained contexts: probabilities of one half, equal mixing weights.
 pub(crate) fn untrained() -> Contexts {
     Contexts { probs: vec![Prob::default(); CONTEXTS], weights: vec![[26_000; MAX_INPUTS]; MIXERS] }
 }

@@ -1,10 +1,10 @@
-//! The older vertices of a region's interior: what the coarser grid left out of their positions.
+//! Moves of older vertices of a region: refinement of their positions to a finer grid.
 //!
-//! Coarse levels have coarse grids ([`crate::asset::base::Base::shifts`]): a vertex of theirs lies on a point of its
-//! grid near where it will be. The chunk that brings it to a finer grid says so before it splits anything.
-//! Mostly a vertex goes to the level's own grid; one that no finer chunk will reach again, because it lies on
-//! their outlines, goes to the grid that it keeps. Rounding moved it along the surface more than across, so
-//! the axis nearest the normal comes last and is expected to keep it in the tangent plane.
+//! Coarse levels have coarse grids ([`crate::asset::base::Base::shifts`]): a vertex lies on the grid point near its
+//! final position. The chunk that refines it to a finer grid codes the offsets before any split. Usually a vertex
+//! moves to the level's own grid; one on the outline of all finer chunks moves to its final grid. Rounding moved it
+//! along the surface more than across it, so the axis nearest the normal is coded last, predicted to keep the vertex
+//! in the tangent plane.
 
 use crate::codec::chunk_coder::{ChunkCoder, Resolution};
 use crate::codec::fan::StarFace;
@@ -17,17 +17,17 @@ use crate::error::DecodeError;
 use crate::mesh::vec3::{Vec3, add, cross, sub};
 use crate::numbers::{id32, truncated};
 
-/// GridOwner grid it is.
+/// The vertex whose grid is coded.
 #[derive(Clone, Copy)]
 pub(crate) enum GridOwner {
-    /// A new vertex's.
+    /// A new vertex.
     New,
-    /// One that moves.
+    /// A vertex that moves.
     Moving,
 }
 
 impl<C: Coder> ChunkCoder<'_, '_, C> {
-    /// Codes how many of the lowest bits of a vertex's cell are zero, at most `most`.
+    /// Codes the number of low bits of a vertex's cell that are zero, at most `most`.
     pub(crate) fn shift(&mut self, whose: GridOwner, most: u8, want: u8) -> u8 {
         for shift in (1..=most).rev() {
             let step = usize::from(most - shift).min(SHIFT_STEPS - 1);
@@ -38,11 +38,11 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         0
     }
 
-    /// Moves the vertices that the region holds to their grids.
+    /// Moves the region's existing vertices to their grids.
     pub(crate) fn moves(&mut self) -> Result<(), DecodeError> {
         let Resolution { bits, shift } = self.resolution;
         let mut star: Vec<StarFace> = Vec::new();
-        // Those that start without faces come first, and are where they belong.
+        // Vertices without faces come first, and are at their final positions.
         for v in self.local.added().vertices..id32(self.local.vertices.len()) {
             let vertex = &self.local.vertices[v as usize];
             let now = vertex.shift;
@@ -88,10 +88,10 @@ fn normal(local: &Local<'_>, v: u32, star: &[StarFace]) -> Vec3 {
         .fold([0.0; 3], |sum, s| add(sum, cross(sub(local.position(s.a), at), sub(local.position(s.b), at))))
 }
 
-/// A number about zero; |value| < 2^30.
+/// Codes a number near zero; |value| < 2^30.
 fn code_offset<C: Coder>(coder: &mut C, at: usize, value: i32) -> i32 {
     let offset = zigzag(value);
-    if let Some(got) = coder.whole(at, 31, offset) {
+    if let Some(got) = coder.integer(at, 31, offset) {
         return unzigzag(got);
     }
     let low = tree(coder, at, 4, offset.min(15));

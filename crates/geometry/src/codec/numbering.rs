@@ -1,11 +1,11 @@
-//! The numbers that a mesh's elements get as they are said, in a chunk or in a base mesh. Only an encoder keeps them.
+//! Numbers assigned to elements in coding order, in a chunk or a base mesh; used by encoders only.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
 
 use crate::numbers::id32;
 
-/// Multiplicative hashing of the builder's ids (Knuth, TAOCP 3, §6.4): keys are small, distinct and ours.
+/// Multiplicative hashing of the builder's ids (Knuth, TAOCP 3, §6.4): keys are small, distinct and trusted.
 #[derive(Default)]
 pub(crate) struct BuilderHasher(u64);
 
@@ -25,7 +25,7 @@ impl Hasher for BuilderHasher {
 
 pub(crate) type BuilderMap<T> = HashMap<u32, T, BuildHasherDefault<BuilderHasher>>;
 
-/// The builder's ids of what was said so far, by the number that saying it gave it, and back.
+/// Builder's ids of the coded elements by number, and numbers by builder's id.
 #[derive(Default)]
 pub(crate) struct Numbering {
     pub(crate) vertices: Vec<u32>,
@@ -36,13 +36,13 @@ pub(crate) struct Numbering {
 }
 
 impl Numbering {
-    /// A vertex gets the next number.
+    /// Assigns the next number to a vertex.
     pub(crate) fn vertex(&mut self, builder: u32) {
         self.local_vertex.insert(builder, id32(self.vertices.len()));
         self.vertices.push(builder);
     }
 
-    /// A wedge gets the next number.
+    /// Assigns the next number to a wedge.
     pub(crate) fn wedge(&mut self, builder: u32) {
         self.local_wedge.insert(builder, id32(self.wedges.len()));
         self.wedges.push(builder);

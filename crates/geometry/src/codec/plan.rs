@@ -1,10 +1,9 @@
-//! What an encoder wants to say: a region's collapses reversed, as a forest.
+//! The encoder's plan of a chunk: a region's collapses reversed, as a forest of vertex splits.
 //!
-//! A chunk is applied whole (or up to a stopping point), so the order of the splits between two
-//! stopping points is free as long as a vertex is there before it splits. The coder therefore walks
-//! the forest "who was split from whom" breadth first, and the stars on the way are those of the mesh
-//! in which exactly the splits so far are undone, whether or not simplification passed through it:
-//! a corner is where the youngest vertex on its path is that is there, and a face is there once its
+//! The order of the splits between two truncation points is free, as long as a vertex exists before it splits. The
+//! coder visits the forest (by the vertex that each splits from) breadth first, and the stars are those of the mesh
+//! in which exactly the splits so far are done, whether or not simplification passed through that mesh: a corner is
+//! at the newest existing vertex on its path, and a face exists once its three corners are distinct.
 //! three corners are apart.
 
 use std::collections::VecDeque;
@@ -19,53 +18,53 @@ use crate::collapse::RemovedFace;
 use crate::mesh::corner;
 use crate::numbers::id32;
 
-/// A vertex that is not there yet.
+/// A vertex that is not yet split off.
 struct PendingVertex {
-    /// The vertex that it is part of.
+    /// The vertex that represents it.
     parent: u32,
-    /// Its wedges, and the parent's that stand for them.
+    /// Its wedges, each with the parent's wedge that represents it.
     wedges: Vec<(u32, u32)>,
 }
 
-/// A face that a split brings.
+/// A face that a split adds.
 #[derive(Clone, Copy)]
 pub(crate) struct SplitFace {
     /// Builder's face.
     pub(crate) face: u32,
-    /// Local number of the corner that is neither the split vertex nor the new one.
+    /// Local number of the corner that is neither the split nor the new vertex.
     pub(crate) x: u32,
-    /// The face runs (split vertex, x, new vertex), else (new, x, split).
+    /// Orientation: (split vertex, x, new vertex), else (new, x, split).
     pub(crate) left: bool,
 }
 
-/// A wedge that the encoder wants at a corner.
+/// The wedge to encode at a corner.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum WantedWedge {
-    /// One that is there, by local number.
+    /// An existing one, by local number.
     Known(u32),
-    /// One that is not there yet, by the builder's number.
+    /// A new one, by the builder's number.
     New(u32),
 }
 
-/// The walk over one region's splits.
-pub(crate) struct Guide<'a> {
+/// The splits of one region to encode.
+pub(crate) struct SplitPlan<'a> {
     pub(crate) source: &'a Source<'a>,
     records: &'a Records,
-    /// Ends of the segments in collapses, from the coarsest segment's start down to 0.
+    /// Ends of the segments as collapse counts, from the coarsest segment's start down to 0.
     ends: Vec<usize>,
     pub(crate) names: Numbering,
-    /// Wedges of the faces that this chunk touches, as they are at the end of the current segment.
+    /// Wedges of the faces that this chunk touches, at the end of the current segment.
     state: BuilderMap<[u32; 3]>,
-    unmade: BuilderMap<PendingVertex>,
+    pending_vertices: BuilderMap<PendingVertex>,
     children: BuilderMap<VecDeque<u32>>,
-    /// Faces that are not there, by a vertex that holds two of their corners.
+    /// Faces that do not exist yet, by a vertex that represents two of their corners.
     pending: BuilderMap<Vec<u32>>,
     current: (u32, u32),
-    /// Some wedge of each vertex that takes part.
+    /// One wedge of each vertex involved.
     any_wedge: BuilderMap<u32>,
 }
 
-impl<'a> Guide<'a> {
+impl<'a> SplitPlan<'a> {
     pub(crate) fn new(source: &'a Source<'a>) -> Self {
         let records = source.records;
         let mut ends = vec![records.collapses.len()];
@@ -77,7 +76,7 @@ impl<'a> Guide<'a> {
             ends,
             names: Numbering::default(),
             state: BuilderMap::default(),
-            unmade: BuilderMap::default(),
+            pending_vertices: BuilderMap::default(),
             children: BuilderMap::default(),
             pending: BuilderMap::default(),
             current: (NO_VERTEX, NO_VERTEX),
@@ -85,12 +84,12 @@ impl<'a> Guide<'a> {
         }
     }
 
-    /// Vertices without faces that the chunk starts from, in decoding order.
-    pub(crate) fn births(&self) -> Vec<u32> {
+    /// Vertices without faces that the chunk starts with, in decoding order.
+    pub(crate) fn isolated_vertices(&self) -> Vec<u32> {
         self.records.collapses.iter().rev().filter(|c| c.target == NO_VERTEX).map(|c| c.removed).collect()
     }
 
-    /// Splits of each segment, coarse to fine.
+    /// Number of splits in each segment, coarse to fine.
     pub(crate) fn segments(&self) -> Vec<u32> {
         self.ends
             .windows(2)
@@ -100,13 +99,13 @@ impl<'a> Guide<'a> {
             .collect()
     }
 
-    /// Where a vertex, given by local number, goes before the first split.
+    /// New position of an existing vertex (local number), if it moves.
     pub(crate) fn moving(&self, vertex: u32) -> Option<Placed> {
         let (moves, name) = (self.source.moves, self.names.vertices[vertex as usize]);
         moves.binary_search_by_key(&name, |m| m.vertex).ok().map(|at| moves[at])
     }
 
-    /// Vertices that must be known before the first split, ascending.
+    /// Vertices that must be gathered before the first split, ascending.
     pub(crate) fn needed(&self) -> Vec<u32> {
         let mut needed = Vec::new();
         let mut made: Vec<u32> = Vec::new();
@@ -130,7 +129,7 @@ impl<'a> Guide<'a> {
         self.source.wedges.get(wedge).vertex
     }
 
-    /// Builds the forest of a segment. The region must have been gathered.
+    /// Builds the forest of a segment. The region must be gathered.
     pub(crate) fn begin_segment(&mut self, segment: usize, local: &Local<'_>) {
         if segment == 0 {
             for (face, &name) in local.faces.iter().zip(&self.names.faces) {
@@ -158,7 +157,7 @@ impl<'a> Guide<'a> {
                     *corner = m.from;
                 }
             }
-            for (r, &vanished) in removed.iter().zip(self.records.vanished(index)) {
+            for (r, &vanished) in removed.iter().zip(self.records.removed_wedges(index)) {
                 let at = |vertex: u32| vanished.into_iter().find(|&w| self.vertex_of(w) == vertex);
                 if let (Some(from), Some(to)) = (at(u), at(t)) {
                     stands(from, to);
@@ -170,25 +169,25 @@ impl<'a> Guide<'a> {
                 born.push(r.face);
             }
             self.children.entry(t).or_default().push_back(u);
-            self.unmade.insert(u, PendingVertex { parent: t, wedges });
+            self.pending_vertices.insert(u, PendingVertex { parent: t, wedges });
         }
         for face in born {
             self.wait(face);
         }
     }
 
-    /// The vertex that a vertex is part of now.
-    fn stands_for(&self, mut vertex: u32) -> u32 {
-        while let Some(unmade) = self.unmade.get(&vertex) {
-            vertex = unmade.parent;
+    /// The existing vertex that represents a vertex now.
+    fn representative(&self, mut vertex: u32) -> u32 {
+        while let Some(pending_vertices) = self.pending_vertices.get(&vertex) {
+            vertex = pending_vertices.parent;
         }
         vertex
     }
 
-    /// Files a face that is not there under the vertex that holds two of its corners; answers its
-    /// corners if they are apart.
+    /// Stores a face that does not exist yet under the vertex that represents two of its corners; returns its corners
+    /// if they are distinct.
     fn wait(&mut self, face: u32) -> Option<[u32; 3]> {
-        let corners = self.state[&face].map(|w| self.stands_for(self.vertex_of(w)));
+        let corners = self.state[&face].map(|w| self.representative(self.vertex_of(w)));
         let [a, b, c] = corners;
         let pair = if a == b || a == c { a } else { b };
         if a != b && b != c && a != c {
@@ -198,18 +197,18 @@ impl<'a> Guide<'a> {
         None
     }
 
-    /// Whether a vertex, given by local number, splits (again) in this segment.
+    /// Whether a vertex (local number) splits again in this segment.
     pub(crate) fn splits(&self, vertex: u32) -> bool {
         self.children.get(&self.names.vertices[vertex as usize]).is_some_and(|c| !c.is_empty())
     }
 
-    /// Starts the next split of a vertex; answers the faces that it brings.
+    /// Starts the next split of a vertex; returns the faces that it adds.
     pub(crate) fn begin_split(&mut self, vertex: u32) -> Vec<SplitFace> {
         let t = self.names.vertices[vertex as usize];
         let Some(u) = self.children.get_mut(&t).and_then(VecDeque::pop_front) else { return Vec::new() };
         self.current = (t, u);
         let mut born = Vec::new();
-        self.unmade.remove(&u);
+        self.pending_vertices.remove(&u);
         for face in self.pending.remove(&t).unwrap_or_default() {
             if let Some(corners) = self.wait(face)
                 && let Some(at) = corners.iter().position(|&v| v == u)
@@ -225,22 +224,22 @@ impl<'a> Guide<'a> {
         born
     }
 
-    /// Whether a face of the split vertex, by local number, goes to the new one.
+    /// Whether a face of the split vertex (local number) moves to the new one.
     pub(crate) fn moves(&self, face: u32) -> bool {
         let corners = self.state.get(&self.names.faces[face as usize]);
-        corners.is_some_and(|w| w.iter().any(|&w| self.stands_for(self.vertex_of(w)) == self.current.1))
+        corners.is_some_and(|w| w.iter().any(|&w| self.representative(self.vertex_of(w)) == self.current.1))
     }
 
     pub(crate) fn new_vertex(&self) -> u32 {
         self.current.1
     }
 
-    /// The wedge that a face of the builder's should have at a vertex (local number).
+    /// The wedge to encode at a vertex (local number) of a builder's face.
     pub(crate) fn wedge(&self, face: u32, vertex: u32, guess: Option<u32>, own: Option<u32>) -> WantedWedge {
         let vertex = self.names.vertices[vertex as usize];
         let found = self.state.get(&face).and_then(|wedges| {
-            let &w = wedges.iter().find(|&&w| self.stands_for(self.vertex_of(w)) == vertex)?;
-            self.stands_for_wedge(w, vertex)
+            let &w = wedges.iter().find(|&&w| self.representative(self.vertex_of(w)) == vertex)?;
+            self.representative_wedge(w, vertex)
         });
         if let Some(wedge) = found {
             return self
@@ -249,22 +248,22 @@ impl<'a> Guide<'a> {
                 .get(&wedge)
                 .map_or(WantedWedge::New(wedge), |&w| WantedWedge::Known(w));
         }
-        // No collapse said which wedge stands for one whose face was not there then: any will do, since
-        // the corner moves on.
+        // No collapse determines the wedge of a face that did not exist then. Any wedge will do, since the corner
+        // moves later.
         match guess.or(own) {
             Some(known) => WantedWedge::Known(known),
             None => self.any_wedge.get(&vertex).map_or(WantedWedge::Known(0), |&w| WantedWedge::New(w)),
         }
     }
 
-    fn stands_for_wedge(&self, mut wedge: u32, vertex: u32) -> Option<u32> {
+    fn representative_wedge(&self, mut wedge: u32, vertex: u32) -> Option<u32> {
         loop {
             let at = self.vertex_of(wedge);
             if at == vertex {
                 return Some(wedge);
             }
-            let unmade = self.unmade.get(&at)?;
-            wedge = unmade.wedges.iter().find(|w| w.0 == wedge)?.1;
+            let pending_vertices = self.pending_vertices.get(&at)?;
+            wedge = pending_vertices.wedges.iter().find(|w| w.0 == wedge)?.1;
         }
     }
 }

@@ -1,12 +1,12 @@
-//! Predicting and coding where a new vertex is.
+//! Prediction and coding of a new vertex's position.
 //!
-//! Connectivity comes first, so the whole one-ring is known. In the tangent plane the prediction is the
-//! ring's mean, moved by shares of the Laplacian of the neighbours and of where the old vertex and the
-//! ends of the new edges are. The two axes nearest the tangent plane are coded first. Across it, the
-//! height above the ring's plane and its likely error come from a small network that sees the ring's
-//! shape about the place that is known by then ([`crate::codec::height`]). What is [built](crate::entropy::Codec::AxisAligned)
-//! has its own guess, and each coordinate may be said to be a neighbour's first ([`crate::codec::repeat`]). Only
-//! + − × ÷ √ in a fixed order, so every machine predicts the same integers.
+//! Connectivity is coded first, so the complete one-ring is known. In the tangent plane the prediction is the ring's
+//! mean, shifted by shares of the neighbours' Laplacian, of the old vertex and of the ends of the new edges. The two
+//! axes nearest the tangent plane are coded first. Then a small network predicts the height above the ring's plane
+//! and its error from the ring's shape around the known coordinates ([`crate::codec::height`]). With
+//! [`Codec::AxisAligned`](crate::entropy::Codec::AxisAligned) the prediction differs, and each coordinate may repeat
+//! a neighbour's ([`crate::codec::repeat`]). Only + − × ÷ √ in a fixed order are used, so every machine predicts the
+//! same integers.
 
 use crate::codec::chunk_coder::ChunkCoder;
 use crate::codec::fan::StarFace;
@@ -23,12 +23,12 @@ use crate::error::DecodeError;
 use crate::mesh::vec3::{Vec3, add, cross, dot, scale, sub};
 use crate::numbers::{real, truncated};
 
-/// Shares of the neighbours' Laplacian, of the old vertex and of each end of the new edges, all
-/// relative to the ring's mean. Least squares over the models of BENCHMARKS.md, bunny left out.
+/// Shares of the neighbours' Laplacian, of the old vertex and of each end of the new edges, relative to the ring's
+/// mean. Least squares over the benchmark models without the bunny.
 const LAPLACIAN_SHARE: f64 = 0.23;
 const TARGET_SHARE: f64 = 0.22;
-/// Of the old vertex, of what is built.
-const BUILT_TARGET_SHARE: f64 = 0.6;
+/// Share of the old vertex with the axis-aligned codec.
+const AXIS_ALIGNED_TARGET_SHARE: f64 = 0.6;
 const END_SHARE: f64 = -0.075;
 /// Expected residual in the tangent plane over the ring's radius.
 const TANGENTIAL_SIZE: f64 = 0.18;
@@ -46,7 +46,7 @@ const fn step(step: usize) -> Residual {
     }
 }
 
-/// The ring about a new vertex.
+/// The ring around a new vertex.
 struct Ring {
     mean: Vec3,
     /// Unit normal.
@@ -58,7 +58,7 @@ struct Ring {
     axes: [usize; 3],
 }
 
-/// Who is who around a new vertex: the vertex it splits from, and the ends of the new edges.
+/// Neighbours with a role in the split: the vertex it splits from, and the ends of the new edges.
 #[derive(Clone, Copy)]
 pub(crate) struct Roles {
     pub(crate) target: u32,
@@ -78,9 +78,13 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         let bits = self.resolution.bits;
         let ring = ring(&self.local, star, vertex);
         let top = f64::from((1_u32 << bits) - 1);
-        let built = self.built();
+        let built = self.axis_aligned();
         let mut exact = tangential_guess(&self.local, &ring, roles, TARGET_SHARE);
-        let aim = if built { tangential_guess(&self.local, &ring, roles, BUILT_TARGET_SHARE) } else { exact };
+        let aim = if built {
+            tangential_guess(&self.local, &ring, roles, AXIS_ALIGNED_TARGET_SHARE)
+        } else {
+            exact
+        };
         let mut position = [0_i32; 3];
         let mut other = 3;
         let mut before = 0;
@@ -91,15 +95,16 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
                 exact[axis] = third;
                 size = log;
             }
-            // Nothing here is negative, so cutting off rounds down.
+            // Nothing here is negative, so truncation rounds down.
             let cell = 1.0 / f64::from(1_u32 << shift);
             let cell_of = |x: f64| truncated(x.clamp(0.0, top) * cell + 0.5);
             let guess = cell_of(exact[axis]);
             let size = size - 4 * i32::from(shift);
             let residual = actual.map_or(0, |p| (p[axis] >> shift) - guess);
             let shared = if built {
-                let (radius, lean) = (ring.radius, ring.normal[axis].abs());
-                let of = Coordinate { step, axis, shift, guess: cell_of(aim[axis]), radius, lean };
+                let (radius, normal_component) = (ring.radius, ring.normal[axis].abs());
+                let of =
+                    Coordinate { step, axis, shift, guess: cell_of(aim[axis]), radius, normal_component };
                 let want = self.guide.as_ref().map(|_| guess.wrapping_add(residual));
                 self.repeated(star, roles.target, &of, &mut before, want)
             } else {
@@ -132,7 +137,7 @@ fn ring(local: &Local<'_>, star: &[StarFace], vertex: u32) -> Ring {
         let from = sub(a, mean);
         square += dot(from, from);
         normal = add(normal, cross(from, sub(b, mean)));
-        // Each neighbour of a closed star is an `a` once, and shares two faces with the vertex.
+        // Each neighbour in a closed star is an `a` once, and shares two faces with the vertex.
         if let Some(around) = local.mean_of_ends(s.a, 2, at) {
             laplacian = add(laplacian, sub(a, around));
             counted += 1.0;
@@ -150,7 +155,7 @@ fn ring(local: &Local<'_>, star: &[StarFace], vertex: u32) -> Ring {
     Ring { mean, normal, laplacian, radius, axes }
 }
 
-/// The axes, the one nearest a normal last.
+/// The axes, ordered so that the one nearest a normal is last.
 pub(crate) fn axes(normal: Vec3) -> [usize; 3] {
     let last = (0..3).max_by(|&a, &b| normal[a].abs().total_cmp(&normal[b].abs())).unwrap_or(2);
     match last {
@@ -169,13 +174,13 @@ fn tangential_guess(local: &Local<'_>, ring: &Ring, roles: Roles, target_share: 
     guess
 }
 
-/// The third axis, where the first two of `known` are: its coordinate, and the expected residual in
-/// quarter octaves.
+/// Predicts the third axis when the first two coordinates of `known` are set: the coordinate, and the expected
+/// residual in quarter octaves.
 fn third_axis(local: &Local<'_>, star: &[StarFace], ring: &Ring, target: u32, known: Vec3) -> (f64, i32) {
     let [a, b, c] = ring.axes;
     let n = ring.normal;
     let inverse = 1.0 / ring.radius;
-    // Where the axis through what is known meets the plane through the mean.
+    // Intersection of the axis through the known coordinates with the plane through the mean.
     let slope = (n[a] * (known[a] - ring.mean[a]) + n[b] * (known[b] - ring.mean[b])) / n[c];
     let mut foot = known;
     foot[c] = ring.mean[c] - slope;

@@ -1,16 +1,16 @@
-//! Residuals of predictions whose likely size is known.
+//! Coding of prediction residuals whose expected size is known.
 //!
-//! A residual is coded by its class, two an octave, under two contexts that are mixed: its expected
-//! size with how the last residuals compared with theirs, and its expected size with how the residual
-//! before it, of the same vertex, did. Residuals expected to be long send their lowest bits as they are,
-//! so that the same contexts serve all scales.
+//! A residual is coded by its class, two per octave, with two mixed contexts: its expected size with the recent
+//! ratios of residuals to their expected sizes, and its expected size with the ratio of the vertex's previous
+//! residual. The lowest bits of residuals that are expected to be large are raw, so that the same contexts serve all
+//! scales.
 
 use crate::codec::model::{CLASSES, OTHERS, RECENTS, SIZES};
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::{integer, unzigzag, zigzag};
 use crate::numbers::{class, id32};
 
-/// Contexts of one kind of residual.
+/// Context ranges of one kind of residual.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Residual {
     pub(crate) recent: usize,
@@ -20,14 +20,13 @@ pub(crate) struct Residual {
     pub(crate) mixer: usize,
 }
 
-/// How the last residuals compared with what was expected, by step: mean of the logarithm of the ratio,
-/// in quarter octaves × 16.
+/// Recent ratios of residuals to their expected sizes, by step: mean logarithm, in quarter octaves × 16.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Recent([i32; 3]);
 
-/// Nothing is known of the residual before.
+/// Class of the previous residual if there is none.
 pub(crate) const UNKNOWN: usize = 3;
-/// Bound of a ratio, in quarter octaves.
+/// Bound on a ratio, in quarter octaves.
 const MOST: i32 = 12;
 
 impl Recent {
@@ -35,7 +34,7 @@ impl Recent {
         class(self.0[step] / 32 + 2, RECENTS)
     }
 
-    /// Takes note of a residual; answers its class for [`Residual::code`]'s `other`.
+    /// Records a residual; returns its class for [`Residual::code`]'s `other`.
     pub(crate) fn follow(&mut self, step: usize, residual: i32, size: i32) -> usize {
         let ratio = quarter_octaves(f64::from(residual.unsigned_abs()) + 0.25) - size;
         let ratio = ratio.clamp(-MOST, MOST);
@@ -44,13 +43,13 @@ impl Recent {
     }
 }
 
-/// Four times the binary logarithm of a positive number, rounded down: exact at powers of two, linear
-/// between. Bounded by -256.
+/// Four times the binary logarithm of a positive number, rounded down: exact at powers of two, linear between. At
+/// least -256.
 pub(crate) fn quarter_octaves(x: f64) -> i32 {
     if x > 0.0 { ((x.to_bits() >> 50) as i32 - (1023 << 2)).max(-256) } else { -256 }
 }
 
-/// Residuals expected to be longer than 2 to this, in cells, send their lowest bits as they are.
+/// Residuals expected to exceed 2 to this, in cells, have raw low bits.
 const COARSE: i32 = 3;
 
 impl Residual {
@@ -63,7 +62,7 @@ impl Residual {
         other: usize,
         value: i32,
     ) -> i32 {
-        if let Some(got) = coder.whole(self.recent, 31, zigzag(value)) {
+        if let Some(got) = coder.integer(self.recent, 31, zigzag(value)) {
             return unzigzag(got);
         }
         let shift = (size.div_euclid(4) - COARSE + 1).clamp(0, 24).unsigned_abs();
@@ -93,7 +92,7 @@ impl Residual {
     }
 }
 
-/// First magnitude of each class, and bits that tell its members apart.
+/// First magnitude of each class, and the number of bits that distinguish its members.
 const CLASS_RANGE: [(u32, u32); CLASSES] = [
     (0, 0),
     (1, 0),

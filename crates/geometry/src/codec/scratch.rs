@@ -1,23 +1,24 @@
-//! What the splits of a chunk are worked out in: allocated once a chunk.
+//! Buffers for coding splits, reused over a chunk.
 
 use crate::codec::fan::{Fan, StarFace};
+use crate::codec::ring::Ring;
 use crate::codec::start::Starts;
 use crate::mesh::vec3::Vec3;
 
-/// A side at which the fan of a split vertex is cut, where a new face may appear: between a face that stays and one
-/// that goes, or at an end.
+/// A side at which a split vertex's fan is cut, where a new face may appear: between a face that stays and one that
+/// moves, or at an end.
 pub(crate) struct Cut {
     /// Ring vertex of the new face.
     pub(crate) x: u32,
     /// The new face is (t, x, u), else (u, x, t).
     pub(crate) left: bool,
-    /// Neighbouring star_faces: one that stays, one that moves.
+    /// The neighbouring star faces: one that stays, one that moves.
     pub(crate) stays: Option<usize>,
     pub(crate) moves: usize,
 }
 
-/// A face that the split adds: third vertex, orientation, and the cut that it fills.
-pub(crate) struct Added {
+/// A face that the split adds: third vertex, orientation, and the cut that it fills, if any.
+pub(crate) struct AddedFace {
     pub(crate) x: u32,
     pub(crate) left: bool,
     pub(crate) cut: Option<usize>,
@@ -27,62 +28,36 @@ pub(crate) struct Added {
     pub(crate) face: Option<u32>,
 }
 
-/// What was decided about a split so far.
+/// State of a split.
 #[derive(Default)]
 pub(crate) struct Split {
     pub(crate) t: u32,
     pub(crate) u: u32,
     pub(crate) fan: Fan,
-    /// The star_faces that move, in order of the list.
+    /// The star faces that move, ascending.
     pub(crate) moving: Vec<usize>,
-    /// Whether each star_face moves; not set where those that move are one run.
+    /// Whether each star face moves; empty if the moving faces are one run.
     pub(crate) moves: Vec<bool>,
-    /// Start and length, if those that move are one run of the only segment.
+    /// Start and length, if the moving faces are one run of the only segment.
     pub(crate) run: Option<(usize, usize)>,
     pub(crate) cuts: Vec<Cut>,
-    pub(crate) added: Vec<Added>,
-    /// The wedge that each star_face had at the old vertex.
+    pub(crate) added: Vec<AddedFace>,
+    /// The wedge of each star face at the old vertex.
     pub(crate) targets: Vec<u32>,
 }
 
-/// What is known of a neighbour of a star's centre, by list: where it is relative to the centre, how far that is, its
-/// valence, whether it is interior (1 or 0), and the area of the face from here to the next, doubled.
-pub(crate) const X: usize = 0;
-pub(crate) const Y: usize = 1;
-pub(crate) const Z: usize = 2;
-pub(crate) const LENGTH: usize = 3;
-pub(crate) const VALENCE: usize = 4;
-pub(crate) const INTERIOR: usize = 5;
-pub(crate) const AREA: usize = 6;
-
-/// Room of each list of a small ring.
-pub(crate) const SMALL_ROOM: usize = 32;
-
-/// The neighbours in order, a list for each thing that is known of them; what is behind the last means nothing. Those of
-/// few neighbours are where it is known when compiling, so nothing asks where and whether there is room.
-pub(crate) struct Ring {
-    pub(crate) few: Box<[[f64; SMALL_ROOM]; 7]>,
-    pub(crate) many: [Vec<f64>; 7],
-}
-
-impl Default for Ring {
-    fn default() -> Self {
-        Self { few: Box::new([[0.0; SMALL_ROOM]; 7]), many: Default::default() }
-    }
-}
-
-/// What texture coordinates are fitted to.
+/// Points that texture coordinates are fitted to.
 #[derive(Default)]
-pub(crate) struct Fitting {
+pub(crate) struct UvFit {
     /// (wedge of t, wedge of u) pairs so far.
     pub(crate) pairs: Vec<(u32, u32)>,
-    /// (place, texture coordinate, weight) of each wedge that was seen.
+    /// (position, texture coordinate, weight) of each wedge visited.
     pub(crate) points: Vec<(Vec3, Vec3, f64)>,
     pub(crate) seen: Vec<u32>,
 }
 
 impl Scratch {
-    /// Memory held, in bytes, but for what only a star of many faces takes much of.
+    /// Memory held, in bytes, without buffers that only large stars enlarge.
     pub(crate) fn bytes(&self) -> usize {
         (self.star.capacity() + self.split.as_ref().map_or(0, |s| s.fan.star_faces.capacity()))
             * size_of::<StarFace>()
@@ -91,14 +66,14 @@ impl Scratch {
     }
 }
 
-/// All of it.
+/// All buffers.
 #[derive(Default)]
 pub(crate) struct Scratch {
-    /// The star that was looked at last.
+    /// The most recent star.
     pub(crate) star: Vec<StarFace>,
-    /// The ring around it, and the runs that may move.
+    /// The ring around it, and the possible starts of the moving run.
     pub(crate) ring: Ring,
     pub(crate) starts: Starts,
     pub(crate) split: Option<Box<Split>>,
-    pub(crate) fitting: Fitting,
+    pub(crate) fitting: UvFit,
 }

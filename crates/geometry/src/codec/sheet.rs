@@ -1,64 +1,65 @@
-//! The wedges of new faces as what is [built](crate::entropy::Codec::AxisAligned) has them: whether a face is flat with a neighbour
-//! or bent sharply away says which wedges they share, how it leans says the normal groups of its corners
-//! ([`crate::mesh::orientation_class`]), and textures are projected along the axes ([`crate::codec::uv_map`]).
+//! Wedges of new faces with the [axis-aligned codec](crate::entropy::Codec::AxisAligned): whether a face is coplanar
+//! with a neighbour or bends sharply predicts which wedges they share, its orientation predicts the normal groups of
+//! its corners ([`crate::mesh::orientation_class`]), and textures are projected along the axes
+//! ([`crate::codec::uv_map`]).
 
 use crate::codec::attributes::Expected;
 use crate::codec::chunk_coder::ChunkCoder;
 use crate::codec::local::Local;
 use crate::codec::model::{
-    BUILT_COPIED, BUILT_COPY, BUILT_GROUP, BUILT_SAME_WEDGE, BUILT_SIDE, CORNERS, FACE_BENDS, PLACES,
+    AXIS_COPIED, AXIS_COPY, AXIS_GROUP, AXIS_SAME_WEDGE, AXIS_SIDE, CORNERS, FACE_BENDS, PLACES,
 };
 use crate::codec::uv_map::{Anchor, CornerLookup};
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::integer;
 use crate::mesh::Attributes;
-use crate::mesh::orientation_class::{ORIENTATION_CLASSES, looks_along, orientation_class};
+use crate::mesh::orientation_class::{ORIENTATION_CLASSES, has_one_axis, orientation_class};
 use crate::mesh::vec3::{Vec3, dot, triangle_normal};
 
-/// Corners, fewer than [`CORNERS`]: t, x and u of a new face; u of a face that moved.
+/// Kinds of corners, below [`CORNERS`]: t, x and u of a new face; u of a moved face.
 pub(crate) const AT_TARGET: usize = 0;
 pub(crate) const AT_THIRD: usize = 1;
 pub(crate) const AT_NEW: usize = 2;
 pub(crate) const AT_MOVED: usize = 3;
 
-/// Of the classes of how two faces are bent (flat within 1.5°, within 15°, more): there is no other, or one has no area.
+/// Last of the dihedral classes (flat within 1.5°, within 15°, more): no other face, or one without area.
 pub(crate) const NO_BEND: usize = FACE_BENDS - 1;
 
-/// Wedges of a vertex that are looked at, so that an untrusted peer's vertex of many costs no more.
-const MOST_LOOKED_AT: usize = 32;
+/// Most wedges of a vertex that are examined: bounds the work for an untrusted peer's vertex.
+const MAX_LOOKED_AT: usize = 32;
 
-/// What is known of faces before their wedges are: a new one, or those that moved with one wedge.
+/// Faces whose wedges are not coded yet: a new one, or the moved ones with one wedge.
 pub(crate) struct Sheet {
     normal: Vec3,
-    /// The number of a normal group that leans as the faces do.
+    /// The normal group number that corresponds to the faces' orientation.
     group: u32,
-    /// The material that they are likely to have.
+    /// Their likely material.
     material: u16,
 }
 
-/// One corner of it.
+/// One corner of a [`Sheet`].
 #[derive(Clone, Copy)]
-pub(crate) struct Facing<'a> {
+pub(crate) struct SheetCorner<'a> {
     sheet: &'a Sheet,
     /// [`AT_TARGET`] to [`AT_MOVED`].
     kind: usize,
     /// A wedge of another corner, or of the old vertex in the same faces.
     from: Option<u32>,
-    /// How the face is bent against the one that the corner's wedge is guessed of.
+    /// Dihedral class against the face that the corner's wedge is predicted from.
     bend: usize,
 }
 
 impl Sheet {
-    /// Of faces with the given normal, of any length.
+    /// Faces with the given normal, of any length.
     pub(crate) fn new(normal: Vec3, material: u16) -> Self {
         Self { normal, group: orientation_class(normal), material }
     }
 
-    pub(crate) fn corner(&self, kind: usize, from: Option<u32>, bend: usize) -> Facing<'_> {
-        Facing { sheet: self, kind, from, bend }
+    pub(crate) fn corner(&self, kind: usize, from: Option<u32>, bend: usize) -> SheetCorner<'_> {
+        SheetCorner { sheet: self, kind, from, bend }
     }
 
-    /// How another face is bent against these.
+    /// Dihedral class between another face and these.
     pub(crate) fn bend(&self, normal: Vec3) -> usize {
         let (along, sizes) = (dot(self.normal, normal), dot(self.normal, self.normal) * dot(normal, normal));
         match along * along {
@@ -70,7 +71,7 @@ impl Sheet {
     }
 }
 
-/// The normal of a face that is there, twice its area long.
+/// Normal of an existing face, of twice its area in length.
 pub(crate) fn normal_of_face(local: &Local<'_>, face: u32) -> Vec3 {
     let [a, b, c] = local.faces[face as usize].corners.map(|v| local.position(v));
     triangle_normal(a, b, c)
@@ -83,27 +84,27 @@ fn anchor(local: &Local<'_>, wedge: u32) -> Anchor {
 }
 
 impl<C: Coder> ChunkCoder<'_, '_, C> {
-    /// Takes note of how textures lie on faces, where anybody will ask.
-    pub(crate) fn see_textures(&mut self, faces: impl IntoIterator<Item = u32>) {
-        if self.built() && self.mesh.kinds.uv_bits > 0 {
+    /// Records the texture projections of faces, if the codec uses them.
+    pub(crate) fn record_projections(&mut self, faces: impl IntoIterator<Item = u32>) {
+        if self.axis_aligned() && self.mesh.kinds.uv_bits > 0 {
             for number in faces {
                 let wedges = self.local.faces[number as usize].wedges;
                 let corners = wedges.map(|wedge| anchor(&self.local, wedge));
-                self.uv_maps.face(self.local.material(number), corners);
+                self.uv_maps.add_face(self.local.material(number), corners);
             }
         }
     }
 
-    /// The context of whether the wedge at a corner is the one that is guessed.
-    pub(crate) fn same_wedge(&self, of: &Facing<'_>, guess: u32) -> usize {
+    /// Context of whether the wedge at a corner equals the prediction.
+    pub(crate) fn same_wedge(&self, of: &SheetCorner<'_>, guess: u32) -> usize {
         let agrees = self.group_of(guess) % ORIENTATION_CLASSES == self.likely_group(of);
-        BUILT_SAME_WEDGE + (usize::from(agrees) * FACE_BENDS + of.bend) * (CORNERS - 1) + of.kind
+        AXIS_SAME_WEDGE + (usize::from(agrees) * FACE_BENDS + of.bend) * (CORNERS - 1) + of.kind
     }
 
-    /// A wedge of the vertex, other than the guess, whose normal group is the likely one.
-    pub(crate) fn likely_wedge(&self, vertex: u32, of: &Facing<'_>, guess: Option<u32>) -> Option<u32> {
+    /// A wedge of the vertex other than the prediction whose normal group is the likely one.
+    pub(crate) fn likely_wedge(&self, vertex: u32, of: &SheetCorner<'_>, guess: Option<u32>) -> Option<u32> {
         let group = self.likely_group(of);
-        let mut others = self.local.wedges_of(vertex).take(MOST_LOOKED_AT).filter(|&w| Some(w) != guess);
+        let mut others = self.local.wedges_of(vertex).take(MAX_LOOKED_AT).filter(|&w| Some(w) != guess);
         others.find(|&w| self.group_of(w) == group)
     }
 
@@ -111,28 +112,28 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         self.local.wedges[wedge as usize].attributes.group
     }
 
-    /// The normal group that a corner is likely to have: that of another corner, but for copies, else as the face leans.
-    fn likely_group(&self, of: &Facing<'_>) -> u32 {
+    /// The likely normal group of a corner: another corner's (without copies), else by the faces' orientation.
+    fn likely_group(&self, of: &SheetCorner<'_>) -> u32 {
         of.from.map_or(of.sheet.group, |wedge| self.group_of(wedge) % ORIENTATION_CLASSES)
     }
 
-    /// Codes the normal group of a new wedge, and works out the texture coordinates that it is likely to have.
-    pub(crate) fn look(
+    /// Codes the normal group of a new wedge, and predicts its texture coordinates.
+    pub(crate) fn predict_new_wedge(
         &mut self,
         vertex: u32,
-        of: &Facing<'_>,
+        of: &SheetCorner<'_>,
         expected: &mut Expected,
         want: Option<Attributes>,
     ) -> CornerLookup {
         let group = self.group(vertex, of, expected, want.map(|want| want.group));
-        expected.told_group = Some(group);
+        expected.known_group = Some(group);
         let place = match (of.kind, of.from) {
             (AT_MOVED, _) => 0,
             (_, Some(_)) => 1,
             (_, None) => 2,
         };
         let from = of.from.map(|wedge| anchor(&self.local, wedge));
-        let looked = self.uv_maps.look(
+        let lookup = self.uv_maps.predict(
             place,
             (group, of.sheet.material),
             from,
@@ -142,36 +143,36 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         if self.mesh.kinds.uv_bits > 0 {
             let copy = group >= ORIENTATION_CLASSES;
             expected.like_near = copy.then_some(place);
-            if let Some(uv) = self.uv_maps.choose(&looked) {
+            if let Some(uv) = self.uv_maps.choose(&lookup) {
                 let top = (1 << self.mesh.kinds.uv_bits) - 1;
                 expected.uv = uv.map(|x| x.clamp(0, top));
                 expected.projected = Some(usize::from(copy) * PLACES + place);
             }
         }
-        looked
+        lookup
     }
 
-    /// Codes a normal group: how it leans, of which one way is likely, and which copy of that it is.
-    fn group(&mut self, vertex: u32, of: &Facing<'_>, expected: &Expected, want: Option<u32>) -> u32 {
+    /// Codes a normal group: its orientation class, one of which is likely, and which copy of it.
+    fn group(&mut self, vertex: u32, of: &SheetCorner<'_>, expected: &Expected, want: Option<u32>) -> u32 {
         let likely = self.likely_group(of);
         let want = want.unwrap_or(likely);
         let as_near = expected.near.is_some_and(|near| near.group == likely);
-        let context = BUILT_GROUP + usize::from(expected.first) * 2 + usize::from(as_near);
+        let context = AXIS_GROUP + usize::from(expected.first) * 2 + usize::from(as_near);
         let leans = match self.coder.bit(context, want % ORIENTATION_CLASSES == likely) {
             true => likely,
-            false => integer(self.coder, BUILT_SIDE, want % ORIENTATION_CLASSES),
+            false => integer(self.coder, AXIS_SIDE, want % ORIENTATION_CLASSES),
         };
-        // Of what has a chamfer, each corner has one side along an axis of its own.
-        let own = |w| self.group_of(w) < ORIENTATION_CLASSES && looks_along(self.group_of(w));
-        let has_own = self.local.wedges_of(vertex).take(MOST_LOOKED_AT).any(own);
+        // At a chamfer, each corner has a side along its own axis.
+        let own = |w| self.group_of(w) < ORIENTATION_CLASSES && has_one_axis(self.group_of(w));
+        let has_own = self.local.wedges_of(vertex).take(MAX_LOOKED_AT).any(own);
         let of_copy = of.from.is_some_and(|w| self.group_of(w) >= ORIENTATION_CLASSES);
-        let context = [of_copy, has_own, looks_along(leans)]
+        let context = [of_copy, has_own, has_one_axis(leans)]
             .into_iter()
             .fold(of.kind, |c, bit| c * 2 + usize::from(bit));
-        if !self.coder.bit(BUILT_COPIED + context, want >= ORIENTATION_CLASSES) {
+        if !self.coder.bit(AXIS_COPIED + context, want >= ORIENTATION_CLASSES) {
             return leans;
         }
-        let copy = integer(self.coder, BUILT_COPY, (want / ORIENTATION_CLASSES).saturating_sub(1));
+        let copy = integer(self.coder, AXIS_COPY, (want / ORIENTATION_CLASSES).saturating_sub(1));
         leans.wrapping_add(ORIENTATION_CLASSES.wrapping_mul(copy.wrapping_add(1)))
     }
 }

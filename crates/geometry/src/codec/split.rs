@@ -1,4 +1,4 @@
-//! One vertex split: which faces go to the new vertex, which faces appear, position, wedges.
+//! Coding of one vertex split: the faces that move to the new vertex, the new faces, position, wedges.
 
 use crate::codec::chunk_coder::ChunkCoder;
 use crate::codec::fan::{Fan, StarFace};
@@ -6,26 +6,26 @@ use crate::codec::model::{CUT, EXTRA_IN_RING, EXTRAS, LABEL, LONG_RUN, MAX_VALEN
 use crate::codec::moves::GridOwner;
 use crate::codec::plan::SplitFace;
 use crate::codec::position::Roles;
-use crate::codec::scratch::{Added, Cut, Scratch, Split};
+use crate::codec::scratch::{AddedFace, Cut, Scratch, Split};
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::{index, integer, tree, tree_contexts};
 use crate::error::DecodeError;
 use crate::numbers::id32;
 
-/// Most new faces of one split beyond the usual two.
+/// Most new faces per split beyond the usual two.
 const MAX_EXTRAS: u32 = 1 << 16;
 
 impl<C: Coder> ChunkCoder<'_, '_, C> {
     /// Codes the split of `t`; returns the new vertex.
     pub(crate) fn split(&mut self, t: u32) -> Result<u32, DecodeError> {
-        let born = self.guide.as_mut().map_or_else(Vec::new, |g| g.begin_split(t));
+        let new_faces = self.guide.as_mut().map_or_else(Vec::new, |g| g.begin_split(t));
         let mut split = self.scratch.split.take().unwrap_or_default();
         split.t = t;
         self.local.star(t, &mut self.scratch.star);
         split.fan.sort(&self.scratch.star, self.local.vertices.len());
         self.labels(&mut split)?;
         find_cuts(&mut split);
-        self.faces(&mut split, born)?;
+        self.faces(&mut split, new_faces)?;
         self.grow(&mut split);
 
         let u = split.u;
@@ -47,7 +47,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         Ok(u)
     }
 
-    /// Which star_faces move to the new vertex.
+    /// Codes which star faces move to the new vertex.
     fn labels(&mut self, split: &mut Split) -> Result<(), DecodeError> {
         let Split { t, ref fan, ref mut moving, ref mut moves, ref mut run, .. } = *split;
         let n = fan.star_faces.len();
@@ -59,7 +59,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         if fan.segments.len() == 1 {
             let closed = fan.segments[0].closed;
             let Scratch { ring, starts: runs, .. } = &mut self.scratch;
-            runs.look(&self.local, fan, t, ring);
+            runs.measure(&self.local, fan, t, ring);
             let want = wanted.as_ref().map(|w| single_run(w, closed));
             if self.coder.bit(SINGLE_RUN + usize::from(closed), want.as_ref().is_some_and(Option::is_some)) {
                 let (start, length) = want.flatten().unwrap_or((0, 0));
@@ -75,7 +75,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
                     runs.score(fan, length, starts, ring);
                     at = runs.code(self.coder, n, wanted.is_some().then_some(start))?;
                 }
-                // A run of a closed star may reach over the end of the list.
+                // A run of a closed star may wrap around the end of the list.
                 let (over, end) = ((at + length).saturating_sub(n), (at + length).min(n));
                 (0..over).chain(at..end).for_each(|i| moving.push(i));
                 *run = Some((at, length));
@@ -95,25 +95,25 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         Ok(())
     }
 
-    /// The faces that the split adds.
-    fn faces(&mut self, split: &mut Split, mut born: Vec<SplitFace>) -> Result<(), DecodeError> {
+    /// Codes the faces that the split adds.
+    fn faces(&mut self, split: &mut Split, mut new_faces: Vec<SplitFace>) -> Result<(), DecodeError> {
         let Split { t, fan, cuts, added, .. } = split;
         added.clear();
         for (number, cut) in cuts.iter().enumerate() {
-            let found = born.iter().position(|b| b.x == cut.x && b.left == cut.left);
+            let found = new_faces.iter().position(|b| b.x == cut.x && b.left == cut.left);
             let context = usize::from(cut.stays.is_some()) * 2 + usize::from(cut.left);
             if self.coder.bit(CUT + context, found.is_some()) {
-                let face = found.map(|i| born.remove(i).face);
-                added.push(Added { x: cut.x, left: cut.left, cut: Some(number), local: 0, face });
+                let face = found.map(|i| new_faces.remove(i).face);
+                added.push(AddedFace { x: cut.x, left: cut.left, cut: Some(number), local: 0, face });
             }
         }
-        let extras = integer(self.coder, EXTRAS, id32(born.len()));
+        let extras = integer(self.coder, EXTRAS, id32(new_faces.len()));
         if extras > MAX_EXTRAS {
             return Err(DecodeError::new("chunk", format!("a split adds {extras} faces")));
         }
         let ring = if extras > 0 { fan.ring() } else { Vec::new() };
         for i in 0..extras as usize {
-            let want = born.get(i);
+            let want = new_faces.get(i);
             let place = want.and_then(|w| ring.iter().position(|&v| v == w.x));
             let x = if !ring.is_empty() && self.coder.bit(EXTRA_IN_RING, place.is_some()) {
                 ring[index(self.coder, ring.len(), place.unwrap_or(0), "chunk: ring vertex")?]
@@ -125,13 +125,13 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
                 return Err(DecodeError::new("chunk", "a face uses a vertex twice"));
             }
             let left = self.coder.raw(1, u32::from(want.is_some_and(|w| w.left))) == 1;
-            added.push(Added { x, left, cut: None, local: 0, face: want.map(|w| w.face) });
+            added.push(AddedFace { x, left, cut: None, local: 0, face: want.map(|w| w.face) });
             self.coder.check()?;
         }
         Ok(())
     }
 
-    /// Makes the new vertex and its faces. Until its place is known, it is where the old one is.
+    /// Adds the new vertex and its faces. Its position is the old vertex's until coded.
     fn grow(&mut self, split: &mut Split) {
         let (local, t) = (&mut self.local, split.t);
         let u = local.add_vertex(local.position(t), Some(t), 0);
@@ -154,16 +154,16 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
     }
 }
 
-/// The star of the new vertex, the last face to come first, as [`Local::star`](crate::codec::local::Local::star) has it;
-/// answers whether it is known without asking: a face may name the old vertex twice.
+/// The star of the new vertex, newest face first, in the order of [`Local::star`](crate::codec::local::Local::star).
+/// Returns false if it must be gathered instead, because a face may repeat the old vertex.
 fn star_of_new(split: &Split, star: &mut Vec<StarFace>) -> bool {
     let Split { t, fan, moving, added, .. } = split;
     star.clear();
-    star.extend(added.iter().rev().map(|&Added { x, left, local: face, .. }| match left {
+    star.extend(added.iter().rev().map(|&AddedFace { x, left, local: face, .. }| match left {
         true => StarFace { face, k: 2, a: *t, b: x },
         false => StarFace { face, k: 0, a: x, b: *t },
     }));
-    // Those that moved came in the order of the fan, before the new faces.
+    // Moved faces come in fan order, before the new faces.
     let mut once = true;
     star.extend(moving.iter().rev().map(|&i| {
         let star_face = fan.star_faces[i];
@@ -186,7 +186,7 @@ fn code_length<C: Coder>(coder: &mut C, n: usize, closed: bool, length: usize) -
     Ok(length)
 }
 
-/// The only run of moving star_faces, as (start, length), where there is at most one.
+/// The only run of moving star faces, as (start, length), if there is at most one.
 fn single_run(moves: &[bool], closed: bool) -> Option<(usize, usize)> {
     let n = moves.len();
     let length = moves.iter().filter(|&&m| m).count();
@@ -199,7 +199,7 @@ fn single_run(moves: &[bool], closed: bool) -> Option<(usize, usize)> {
     (starts.len() == 1).then(|| (starts[0], length))
 }
 
-/// Where new faces are expected: around each run of moving star_faces.
+/// Expected places of new faces: both ends of each run of moving star faces.
 fn find_cuts(split: &mut Split) {
     let Split { fan, moves, cuts, run, .. } = split;
     cuts.clear();
@@ -221,7 +221,7 @@ fn find_cuts(split: &mut Split) {
     }
 }
 
-/// The same for one run in a fan that is one segment.
+/// As [`find_cuts`], for one run in a fan of one segment.
 fn cut_run(fan: &Fan, start: usize, length: usize, cuts: &mut Vec<Cut>) {
     let (n, closed) = (fan.star_faces.len(), fan.segments[0].closed);
     if length == 0 || (closed && length == n) {
@@ -236,6 +236,6 @@ fn cut_run(fan: &Fan, start: usize, length: usize, cuts: &mut Vec<Cut>) {
     };
     let first = Cut { x: fan.star_faces[start].a, left: true, stays: before, moves: start };
     let second = Cut { x: fan.star_faces[last].b, left: false, stays: after, moves: last };
-    // In order of the list.
+    // In list order.
     cuts.extend(if reaches_over { [second, first] } else { [first, second] });
 }

@@ -1,60 +1,60 @@
-//! The stars of a region's vertices, each a run of corners in one array: a walk around a vertex waits for no pointer.
+//! The stars of a region's vertices: runs of corners in one array, so that visiting a star follows no pointers.
 
 use crate::entropy::steps;
 use crate::mesh::corner::Spaced;
 
-/// Room that a star gets first.
-const FIRST_ROOM: u32 = 8;
+/// Initial capacity of a star.
+const INITIAL_CAPACITY: u32 = 8;
 
-/// Where a vertex's star is.
+/// Place of a vertex's star in the array.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Star {
     start: u32,
     count: u32,
-    room: u32,
+    capacity: u32,
 }
 
 impl Star {
-    /// How many corners it has.
+    /// Number of corners.
     #[inline]
     pub(crate) fn len(self) -> usize {
         self.count as usize
     }
 }
 
-/// The corners of all stars, each star's in the order in which they entered. A star that outgrows its
-/// room moves to the end, with twice as much.
+/// The corners of all stars, each in insertion order. A star that exceeds its capacity moves to the end of the array,
+/// with twice the capacity.
 #[derive(Default)]
 pub(crate) struct Stars {
     corners: Vec<Spaced>,
 }
 
 impl Stars {
-    /// Forgets all stars.
+    /// Removes all stars.
     pub(crate) fn clear(&mut self) {
         self.corners.clear();
     }
 
-    /// The corners of a star, the last to enter last.
+    /// The corners of a star in insertion order.
     #[inline]
     pub(crate) fn of(&self, star: Star) -> &[Spaced] {
         steps::take(star.len() as u64);
         &self.corners[star.start as usize..][..star.len()]
     }
 
-    /// Adds a corner to a star.
+    /// Appends a corner to a star.
     #[inline]
-    pub(crate) fn enter(&mut self, star: &mut Star, corner: Spaced) {
-        if star.count == star.room {
+    pub(crate) fn push(&mut self, star: &mut Star, corner: Spaced) {
+        if star.count == star.capacity {
             self.make_room(star);
         }
         self.corners[(star.start + star.count) as usize] = corner;
         star.count += 1;
     }
 
-    /// Takes out the corners for which `goes` says so.
+    /// Removes the corners that satisfy `goes`.
     #[inline]
-    pub(crate) fn leave(&mut self, star: &mut Star, mut goes: impl FnMut(Spaced) -> bool) {
+    pub(crate) fn remove_if(&mut self, star: &mut Star, mut goes: impl FnMut(Spaced) -> bool) {
         steps::take(star.len() as u64);
         let corners = &mut self.corners[star.start as usize..][..star.len()];
         let mut stay = 0;
@@ -68,21 +68,21 @@ impl Stars {
 
     #[inline]
     fn make_room(&mut self, star: &mut Star) {
-        if star.room > 0 {
+        if star.capacity > 0 {
             return self.move_away(star);
         }
         star.start = crate::numbers::id32(self.corners.len());
-        star.room = FIRST_ROOM;
-        self.corners.extend_from_slice(&[Spaced::default(); FIRST_ROOM as usize]);
+        star.capacity = INITIAL_CAPACITY;
+        self.corners.extend_from_slice(&[Spaced::default(); INITIAL_CAPACITY as usize]);
     }
 
     #[cold]
     fn move_away(&mut self, star: &mut Star) {
         let from = star.start as usize..(star.start + star.count) as usize;
         let start = self.corners.len();
-        star.room *= 2;
+        star.capacity *= 2;
         self.corners.extend_from_within(from);
-        self.corners.resize(start + star.room as usize, Spaced::default());
+        self.corners.resize(start + star.capacity as usize, Spaced::default());
         star.start = crate::numbers::id32(start);
     }
 
@@ -103,15 +103,15 @@ mod tests {
         let mut all = vec![(Star::default(), Vec::new()); 5];
         for corner in (0..2000).map(|face| Spaced::new(face, 1)) {
             let (star, expected) = &mut all[random.below(5)];
-            stars.enter(star, corner);
+            stars.push(star, corner);
             expected.push(corner);
             if random.below(3) == 0 {
                 let gone = random.below(7) as u32;
-                stars.leave(star, |c| c.face() % 7 == gone);
+                stars.remove_if(star, |c| c.face() % 7 == gone);
                 expected.retain(|c| c.face() % 7 != gone);
             }
             assert!(all.iter().all(|(star, expected)| stars.of(*star) == expected));
         }
-        assert!(all.iter().any(|(_, expected)| expected.len() > FIRST_ROOM as usize));
+        assert!(all.iter().any(|(_, expected)| expected.len() > INITIAL_CAPACITY as usize));
     }
 }

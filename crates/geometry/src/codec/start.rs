@@ -1,21 +1,21 @@
-//! Where the run of faces begins that goes to a new vertex: the starts that there may be, ranked.
+//! The start of the run of faces that moves to a new vertex: possible starts, ranked by a score.
 //!
-//! The score is linear in what was seen to tell starts apart, with weights from a logistic regression
-//! over the splits of several models (bunny left out), so differences are log odds.
+//! The score is linear in features of the run, with weights from a logistic regression over the splits of several
+//! models (without the bunny), so differences are log odds.
 
 use crate::codec::fan::Fan;
 use crate::codec::local::Local;
 use crate::codec::model::{MAX_VALENCE, MIX_START, RUN_GAP, RUN_START};
-use crate::codec::scratch::{AREA, INTERIOR, LENGTH, Ring, SMALL_ROOM, VALENCE, X, Y, Z};
+use crate::codec::ring::{AREA, INTERIOR, LENGTH, Ring, SMALL_CAPACITY, VALENCE, X, Y, Z};
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::index;
 use crate::error::DecodeError;
 use crate::mesh::vec3::{Vec3, add, cross, dot, scale, sub};
 use crate::numbers::{class, id32, real, truncated};
 
-/// Log odds per: face at either end of the run, share of the star's area in it, how far its middle lies
-/// to the star's heavy side (in mean radii squared), cosine between its ends, their distance (in mean
-/// radii), end that is interior.
+/// Weights, as log odds per: face at either end of the run, share of the star's area in it, distance of its middle
+/// towards the star's heavy side (in squared mean radii), cosine between its ends, their distance (in mean radii),
+/// interior end.
 const PER_FACE: f64 = -0.096;
 const PER_SHARE: f64 = 2.6;
 const OUTWARD: f64 = 5.73;
@@ -23,45 +23,45 @@ const STRAIGHT: f64 = -0.513;
 const PER_LENGTH: f64 = -1.17;
 const INSIDE: f64 = 0.65;
 
-/// Starts that are scored together.
+/// Starts scored in parallel.
 const LANES: usize = 8;
 
-/// Room that each list of a ring needs: for all of it twice, one more, and what the last lanes read of nothing.
-fn room(fan: &Fan) -> usize {
+/// Length of each list of a ring: twice the neighbours, one more, and padding for the last lanes.
+fn list_length(fan: &Fan) -> usize {
     2 * fan.star_faces.len() + 1 + LANES
 }
 
-/// The starts that a run may have, in order.
+/// The possible starts of a run, ranked.
 #[derive(Default)]
 pub(crate) struct Starts {
-    whole: Whole,
+    star: StarMeasures,
     count: usize,
-    /// The more plausible, the lower; whole lanes, of which what is behind the last start means nothing.
+    /// Lower is more plausible; padded to star lanes.
     scores: Vec<f64>,
-    /// Numbers that compare as the scores; the highest behind the last start.
+    /// Integers that compare like the scores; the maximum for padding.
     keys: Vec<i64>,
-    /// The starts by score, and by number where scores are equal.
+    /// Starts by score, then by number.
     order: Vec<usize>,
 }
 
 impl Starts {
-    /// Looks around `t`, whose fan is one segment. That needs nothing of what is coded of the run, and does not wait
-    /// for it.
-    pub(crate) fn look(&mut self, local: &Local<'_>, fan: &Fan, t: u32, ring: &mut Ring) {
-        let room = room(fan);
-        self.whole = if room <= SMALL_ROOM {
-            look_around(local, fan, t, &mut ring.few)
+    /// Measures the ring of `t`, whose fan is one segment. This needs nothing that is coded of the run, so it does
+    /// not wait for decoding.
+    pub(crate) fn measure(&mut self, local: &Local<'_>, fan: &Fan, t: u32, ring: &mut Ring) {
+        let list_length = list_length(fan);
+        self.star = if list_length <= SMALL_CAPACITY {
+            measure_star(local, fan, t, &mut ring.few)
         } else {
             for list in &mut ring.many {
-                list.resize(list.len().max(room), 0.0);
+                list.resize(list.len().max(list_length), 0.0);
             }
-            look_around(local, fan, t, &mut ring.many)
+            measure_star(local, fan, t, &mut ring.many)
         };
     }
 
-    /// Scores the first `count` starts of a run of `length`, of which [`Self::look`] has seen the fan and the ring.
+    /// Scores the first `count` starts of a run of `length`, after [`Self::measure`].
     pub(crate) fn score(&mut self, fan: &Fan, length: usize, count: usize, ring: &Ring) {
-        if room(fan) <= SMALL_ROOM {
+        if list_length(fan) <= SMALL_CAPACITY {
             self.score_in(length, count, &ring.few);
         } else {
             self.score_in(length, count, &ring.many);
@@ -73,9 +73,9 @@ impl Starts {
         self.count = count;
         self.scores.clear();
         self.keys.clear();
-        // Starts are scored some at a time: each lane of a loop is a start.
+        // Each lane scores one start.
         for first in (0..count).step_by(LANES) {
-            let scores = score(ring, &self.whole, length, first);
+            let scores = score(ring, &self.star, length, first);
             self.scores.extend_from_slice(&scores);
             let number = |i: usize| if first + i < count { total_order(scores[i]) } else { i64::MAX };
             self.keys.extend_from_slice(&std::array::from_fn::<i64, LANES, _>(number));
@@ -91,8 +91,8 @@ impl Starts {
         }
     }
 
-    /// Which of the starts it is: "this one?" down the list of the most plausible first, by how much worse the next one
-    /// is. `n` faces are around the vertex.
+    /// Codes the start in unary down the ranked list, with contexts by the score difference to the next. `n` is the
+    /// number of faces around the vertex.
     pub(crate) fn code<C: Coder>(
         &mut self,
         coder: &mut C,
@@ -105,7 +105,7 @@ impl Starts {
         if count > 64 {
             return Ok(order[index(coder, count, want, "chunk: start of a run")?]);
         }
-        if let Some(rank) = coder.whole(RUN_START, 6, id32(want)) {
+        if let Some(rank) = coder.integer(RUN_START, 6, id32(want)) {
             let start = order.get(rank as usize);
             return start.copied().ok_or_else(|| DecodeError::new("chunk", "a run starts nowhere"));
         }
@@ -121,11 +121,11 @@ impl Starts {
     }
 }
 
-/// The places of keys, the least first, and of equal ones the first.
+/// Indices sorted by key, stable.
 #[inline]
 fn order<const N: usize>(keys: &[i64; N]) -> [usize; N] {
-    // How many come before each. Sums of comparisons have no branch: of half a dozen scores in any order none can be
-    // foreseen.
+    // Rank of each by counting smaller keys. Sums of comparisons are branch-free, and the order of a few scores is
+    // unpredictable.
     let mut ranks = [0_usize; N];
     for i in 1..N {
         for j in 0..i {
@@ -141,14 +141,14 @@ fn order<const N: usize>(keys: &[i64; N]) -> [usize; N] {
     order
 }
 
-/// The negative scores of so many starts from `first` on; those of starts that there are not mean nothing.
+/// Negative scores of the starts from `first` on; lanes past the last start are meaningless.
 #[inline(always)]
-fn score<L: AsRef<[f64]>>(ring: &[L; 7], whole: &Whole, length: usize, first: usize) -> [f64; LANES] {
+fn score<L: AsRef<[f64]>>(ring: &[L; 7], star: &StarMeasures, length: usize, first: usize) -> [f64; LANES] {
     let at = |list: usize, offset: usize| -> &[f64; LANES] {
-        const NOTHING: &[f64; LANES] = &[0.0; LANES];
-        ring[list].as_ref().get(first + offset..).and_then(<[f64]>::first_chunk).unwrap_or(NOTHING)
+        const ZEROS: &[f64; LANES] = &[0.0; LANES];
+        ring[list].as_ref().get(first + offset..).and_then(<[f64]>::first_chunk).unwrap_or(ZEROS)
     };
-    // Sums over the ring vertices inside the run; exact of places, since coordinates are integers.
+    // Sums over the ring vertices inside the run; exact for positions, which are integers.
     let (mut x, mut y, mut z) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
     let mut area = *at(AREA, 0);
     for offset in 1..length {
@@ -165,7 +165,7 @@ fn score<L: AsRef<[f64]>>(ring: &[L; 7], whole: &Whole, length: usize, first: us
     let (length0, length1) = (at(LENGTH, 0), at(LENGTH, length));
     let (valence0, valence1) = (at(VALENCE, 0), at(VALENCE, length));
     let (interior0, interior1) = (at(INTERIOR, 0), at(INTERIOR, length));
-    let (out, count) = (whole.outward, real(length));
+    let (out, count) = (star.outward, real(length));
     let mut scores = [0.0; LANES];
     for i in 0..LANES {
         let middle =
@@ -173,43 +173,43 @@ fn score<L: AsRef<[f64]>>(ring: &[L; 7], whole: &Whole, length: usize, first: us
         let outward = dot(middle, out);
         let across = x0[i] * x1[i] + y0[i] * y1[i] + z0[i] * z1[i];
         let product = length0[i] * length1[i];
-        // As `f64::max`, of what is a number.
+        // As `f64::max`, without its NaN handling.
         let product = if product > 1e-9 { product } else { 1e-9 };
         let score = PER_FACE * (valence0[i] + valence1[i])
-            + PER_SHARE * area[i] / whole.area
+            + PER_SHARE * area[i] / star.area
             + OUTWARD * outward / count
             + STRAIGHT * across / product
-            + PER_LENGTH * (length0[i] + length1[i]) * whole.inverse
+            + PER_LENGTH * (length0[i] + length1[i]) * star.inverse
             + INSIDE * (interior0[i] + interior1[i]);
         scores[i] = -score;
     }
     scores
 }
 
-/// A number that compares as [`f64::total_cmp`] does.
+/// An integer that compares as [`f64::total_cmp`] does.
 fn total_order(x: f64) -> i64 {
     let bits = x.to_bits().cast_signed();
     bits ^ ((bits >> 63).cast_unsigned() >> 1).cast_signed()
 }
 
-/// What the starts of one star share.
+/// Measures of a star, shared by all starts.
 #[derive(Default)]
-struct Whole {
-    /// Sum of the areas.
+struct StarMeasures {
+    /// Sum of the face areas.
     area: f64,
-    /// Where the ring's mean lies in the tangent plane, over the mean square radius.
+    /// The ring's mean in the tangent plane, over the mean square radius.
     outward: Vec3,
-    /// One over the root of the mean square radius.
+    /// Reciprocal of the root mean square radius.
     inverse: f64,
 }
 
-/// The ring around `t`, in order, and of a closed star once more: runs may reach over the end of the list.
+/// Fills the ring around `t` in order, and for a closed star twice, since runs may wrap around.
 #[inline(always)]
-fn look_around<L: AsMut<[f64]>>(local: &Local<'_>, fan: &Fan, t: u32, ring: &mut [L; 7]) -> Whole {
+fn measure_star<L: AsMut<[f64]>>(local: &Local<'_>, fan: &Fan, t: u32, ring: &mut [L; 7]) -> StarMeasures {
     let n = fan.star_faces.len();
     let center = local.position(t);
     let (mut mean, mut square, mut area) = ([0.0; 3], 0.0, 0.0);
-    // Cross products of neighbouring places, in order.
+    // Cross products of consecutive neighbours.
     let (mut normal, mut first, mut before) = ([0.0; 3], [0.0; 3], [0.0; 3]);
     let known = |v: u32| {
         let vertex = &local.vertices[v as usize];
@@ -223,7 +223,7 @@ fn look_around<L: AsMut<[f64]>>(local: &Local<'_>, fan: &Fan, t: u32, ring: &mut
         mean = add(mean, at);
         square += size;
         area += face;
-        // The first has none before it: what is no place spans nothing.
+        // For the first, `before` is zero and adds nothing.
         normal = add(normal, cross(before, at));
         before = at;
         first = if i == 0 { at } else { first };
@@ -252,10 +252,10 @@ fn look_around<L: AsMut<[f64]>>(local: &Local<'_>, fan: &Fan, t: u32, ring: &mut
     mean = scale(mean, 1.0 / real(count));
     let size = dot(normal, normal);
     if size > 0.0 {
-        // What is left of the mean lies in the tangent plane: the new vertex is on that side.
+        // The rest of the mean lies in the tangent plane and points towards the new vertex.
         mean = sub(mean, scale(normal, dot(mean, normal) / size));
     }
-    Whole { area: area.max(1e-9), outward: scale(mean, inverse * inverse), inverse }
+    StarMeasures { area: area.max(1e-9), outward: scale(mean, inverse * inverse), inverse }
 }
 
 #[cfg(test)]
@@ -263,10 +263,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn counting_what_comes_before_is_sorting() {
+    fn rank_order_equals_a_stable_sort() {
         let mut random = crate::random::Random::new(11);
         for _ in 0..4000 {
-            // Few values, so that some are equal; and both zeros.
+            // Few distinct values, to test ties, and both zeros.
             let scores: [f64; 2 * LANES] =
                 std::array::from_fn(|_| [-1.5, -0.0, 0.0, 2.0, f64::INFINITY][random.below(5)]);
             let mut expected: Vec<usize> = (0..2 * LANES).collect();

@@ -1,95 +1,96 @@
-//! Where textures lie on what is built: mostly as projected along the axis that a face looks along, on all faces alike, so
-//! texture coordinates follow from where a corner is and from the faces that are there.
+//! Projected textures of axis-aligned geometry: textures are usually projected along the main axis of a add_face, with
+//! the same map on all faces, so texture coordinates update from positions and from known faces.
 
 use crate::codec::model::PLACES;
 use crate::codec::residual::quarter_octaves;
-use crate::mesh::orientation_class::{ORIENTATION_CLASSES, ways_of};
+use crate::mesh::orientation_class::{ORIENTATION_CLASSES, signs_of};
 use crate::mesh::vec3::{Vec3, sub};
 use crate::numbers::floored;
 
-/// Sides: towards and against each axis.
+/// Sides: positive and negative direction of each axis.
 const SIDES: usize = 6;
-/// Materials whose textures are told apart; others count as one of these.
+/// Materials with separate maps; further ones share these.
 const MATERIALS: usize = 4;
 
-/// The axes across each.
+/// The other two axes of each axis.
 const ACROSS: [[usize; 2]; 3] = [[1, 2], [0, 2], [0, 1]];
-/// Edges count as if they were so much shorter where a corner is a copy: it has the texture of where it came from, so they
-/// count only until others are there.
-const OF_COPIES: f64 = 1.0 / 32.0;
-/// A corner that a projection misses by as many cells was not projected so.
+/// Length factor of edges at copied corners, which have the texture of the original's place: they count only until
+/// other edges are known.
+const COPY_EDGE_FACTOR: f64 = 1.0 / 32.0;
+/// A corner whose projection is off by more cells was not projected.
 const NEAR: u32 = 8;
 
-/// What the corners on one side say of how texture coordinates follow from the other two axes: sums of products over edges,
-/// which do not depend on where a texture begins.
+/// Statistics of one side: how texture coordinates depend on the other two axes, as sums of products over edges,
+/// which are independent of the texture's offset.
 #[derive(Clone, Copy, Default)]
 struct Side {
-    /// Of the edges along the two axes: xx, xy, yy.
+    /// Sums over edges of the two axes: xx, xy, yy.
     edges: [f64; 3],
-    /// With what texture coordinates change along them, for either: x, y.
+    /// Sums of either texture coordinate's change with x and y.
     changes: [[f64; 2]; 2],
-    /// The newest corner.
+    /// The most recent corner.
     newest: Option<Anchor>,
-    /// Sums over corners: how many, where along the two axes, and texture coordinates.
+    /// Sums over corners: count, position along the two axes, texture coordinates.
     corners: f64,
     at: [f64; 2],
     uv: [f64; 2],
 }
 
-/// What a projection goes on from.
+/// The point that a projection extrapolates from.
 #[derive(Clone, Copy)]
-enum From {
+enum Origin {
     /// The mean of all corners on the side.
     Mean,
-    /// The newest one.
+    /// The most recent corner.
     Newest,
     This(Anchor),
 }
 
-/// A corner whose texture coordinates are known.
+/// A corner with known texture coordinates.
 #[derive(Clone, Copy)]
 pub(crate) struct Anchor {
     pub(crate) at: Vec3,
     pub(crate) uv: [i32; 2],
-    /// Its normal group, numbered by how it [leans](crate::mesh::orientation_class).
+    /// Its normal group, numbered by [orientation class](crate::mesh::orientation_class).
     pub(crate) group: u32,
 }
 
-/// What is known of the projections of a region.
+/// The texture projections of a region.
 pub(crate) struct UvMaps {
     sides: [[Side; SIDES]; MATERIALS],
-    /// Along which of the axes that it leans to what leans so was projected last.
+    /// By orientation class: the axis of the last projection.
     last: [usize; ORIENTATION_CLASSES as usize],
-    /// By place (corners of faces that moved, of new ones of which another corner is known, and of others), how far off
-    /// projections from the mean, those from one corner and what else was expected were: means of logarithms, in quarter
+    /// By place (corners of moved faces, of new faces with a known corner, and others): the recent errors of
+    /// projections from the mean, of those from one corner, and of other predictions, as mean logarithms in quarter
     /// octaves × 16.
-    off: [[i32; 3]; PLACES],
+    errors: [[i32; 3]; PLACES],
 }
 
-/// What was looked up for a corner.
+/// The predictions for a corner.
 #[derive(Clone, Copy)]
 pub(crate) struct CornerLookup {
     place: usize,
     group: u32,
-    /// Texture coordinates as projected by each of the axes that it leans to, from the mean of the side and from one corner.
+    /// Texture coordinates projected along each axis of its orientation class, from the side's mean and from one
+    /// corner.
     by_axis: [[Option<[i32; 2]>; 2]; 3],
     /// The likely axis.
     likely: Option<usize>,
-    /// What else is expected.
+    /// The other prediction.
     other: [i32; 2],
 }
 
 impl Side {
-    /// Texture coordinates at `at`, as they go on from elsewhere: the gradient is that of least squares over all edges.
-    fn project(&self, axis: usize, from: From, at: Vec3) -> Option<[i32; 2]> {
+    /// Extrapolates texture coordinates to `at`, with the least-squares gradient over all edges.
+    fn project(&self, axis: usize, from: Origin, at: Vec3) -> Option<[i32; 2]> {
         let newest = self.newest?;
         let [x, y] = ACROSS[axis];
         let (origin, uv) = match from {
-            From::Mean if self.corners > 0.0 => {
+            Origin::Mean if self.corners > 0.0 => {
                 (self.at.map(|sum| sum / self.corners), self.uv.map(|sum| sum / self.corners))
             }
-            From::Mean | From::Newest => ([newest.at[x], newest.at[y]], newest.uv.map(f64::from)),
-            From::This(corner) => ([corner.at[x], corner.at[y]], corner.uv.map(f64::from)),
+            Origin::Mean | Origin::Newest => ([newest.at[x], newest.at[y]], newest.uv.map(f64::from)),
+            Origin::This(corner) => ([corner.at[x], corner.at[y]], corner.uv.map(f64::from)),
         };
         let [xx, xy, yy] = self.edges;
         let determinant = xx * yy - xy * xy;
@@ -105,14 +106,14 @@ impl Side {
     }
 }
 
-/// How far apart two are.
+/// Largest difference of either coordinate.
 fn apart(a: [i32; 2], b: [i32; 2]) -> u32 {
     a[0].abs_diff(b[0]).saturating_add(a[1].abs_diff(b[1]))
 }
 
-/// The side of one axis, if the group leans to one alone.
+/// The side of an orientation class with one axis; else `None`.
 fn only_side(group: u32) -> Option<(usize, usize)> {
-    let ways = ways_of(group);
+    let ways = signs_of(group);
     let mut axes = (0..3).filter(|&axis| ways[axis] != 0);
     let axis = axes.next()?;
     axes.next().is_none().then(|| (axis, side(axis, ways[axis])))
@@ -124,13 +125,13 @@ fn side(axis: usize, way: i8) -> usize {
 
 impl Default for UvMaps {
     fn default() -> Self {
-        Self { sides: Default::default(), last: [0; ORIENTATION_CLASSES as usize], off: [[0; 3]; PLACES] }
+        Self { sides: Default::default(), last: [0; ORIENTATION_CLASSES as usize], errors: [[0; 3]; PLACES] }
     }
 }
 
 impl UvMaps {
-    /// Takes note of a face.
-    pub(crate) fn face(&mut self, material: u16, corners: [Anchor; 3]) {
+    /// Adds a add_face.
+    pub(crate) fn add_face(&mut self, material: u16, corners: [Anchor; 3]) {
         let sides = &mut self.sides[usize::from(material) % MATERIALS];
         for (from, to) in [(0, 1), (1, 2), (2, 0)] {
             let (from, to) = (&corners[from], &corners[to]);
@@ -150,7 +151,7 @@ impl UvMaps {
                 continue;
             }
             let edge = sub(to.at, from.at);
-            let weight = if copies == [false; 2] { 1.0 } else { OF_COPIES };
+            let weight = if copies == [false; 2] { 1.0 } else { COPY_EDGE_FACTOR };
             let [ex, ey] = ACROSS[axis].map(|axis| edge[axis] * weight);
             for (sum, product) in side.edges.iter_mut().zip([ex * ex, ex * ey, ey * ey]) {
                 *sum += product;
@@ -163,10 +164,10 @@ impl UvMaps {
         }
     }
 
-    /// What texture coordinates are likely at `at`, of a corner of a normal group on a face of a material: as they go on
-    /// from `from` or, where that is `None` or leans elsewhere, from the newest corner on the same side. What leans to
-    /// several axes may be projected along either: as `from` was, else as the last that leant so.
-    pub(crate) fn look(
+    /// Predicts texture coordinates at `at` for a corner of a normal group on a add_face of a material, extrapolating
+    /// from `from` or, if that is `None` or has another orientation, from the most recent corner on the side. A class
+    /// with several axes is projected along the axis of `from`, else along that of the class's last projection.
+    pub(crate) fn predict(
         &self,
         place: usize,
         (group, material): (u32, u16),
@@ -175,7 +176,7 @@ impl UvMaps {
         other: [i32; 2],
     ) -> CornerLookup {
         let sides = &self.sides[usize::from(material) % MATERIALS];
-        let ways = ways_of(group);
+        let ways = signs_of(group);
         let from = from.filter(|from| from.group == group % ORIENTATION_CLASSES);
         let mut likely = None;
         let mut least = NEAR;
@@ -185,16 +186,16 @@ impl UvMaps {
             }
             let side = &sides[side(axis, ways[axis])];
             let Some(from) = from else {
-                return [From::Mean, From::Newest].map(|from| side.project(axis, from, at));
+                return [Origin::Mean, Origin::Newest].map(|from| side.project(axis, from, at));
             };
-            let missed = [From::Mean, From::Newest]
+            let missed = [Origin::Mean, Origin::Newest]
                 .into_iter()
                 .filter_map(|of| Some(apart(side.project(axis, of, from.at)?, from.uv)))
                 .min();
             if let Some(missed) = missed.filter(|&missed| missed < least) {
                 (likely, least) = (Some(axis), missed);
             }
-            [From::Mean, From::This(from)].map(|from| side.project(axis, from, at))
+            [Origin::Mean, Origin::This(from)].map(|from| side.project(axis, from, at))
         });
         if from.is_none() {
             let last = self.last[(group % ORIENTATION_CLASSES) as usize];
@@ -204,16 +205,16 @@ impl UvMaps {
         CornerLookup { place, group, by_axis, likely, other }
     }
 
-    /// Texture coordinates as projected, or `None` where what else was expected has been nearer.
-    pub(crate) fn choose(&self, looked: &CornerLookup) -> Option<[i32; 2]> {
-        let [mean, corner, other] = self.off[looked.place];
-        let by_axis = looked.by_axis[looked.likely?];
+    /// The projected texture coordinates, or `None` if the other prediction has been more accurate.
+    pub(crate) fn choose(&self, lookup: &CornerLookup) -> Option<[i32; 2]> {
+        let [mean, corner, other] = self.errors[lookup.place];
+        let by_axis = lookup.by_axis[lookup.likely?];
         (mean.min(corner) <= other).then(|| by_axis[usize::from(corner < mean)])?
     }
 
-    /// Takes note of what a corner's texture coordinates are.
-    pub(crate) fn follow(&mut self, looked: &CornerLookup, actual: [i32; 2]) {
-        let CornerLookup { place, group, by_axis, likely, other } = *looked;
+    /// Updates the errors with a corner's actual texture coordinates.
+    pub(crate) fn update(&mut self, lookup: &CornerLookup, actual: [i32; 2]) {
+        let CornerLookup { place, group, by_axis, likely, other } = *lookup;
         let missed = |uv: Option<[i32; 2]>| uv.map_or(u32::MAX, |uv| apart(uv, actual));
         let Some(axis) = (0..3).min_by_key(|&axis| by_axis[axis].map(missed).into_iter().min()) else {
             return;
@@ -223,8 +224,8 @@ impl UvMaps {
         }
         self.last[(group % ORIENTATION_CLASSES) as usize] = axis;
         let [mean, corner] = by_axis[likely.unwrap_or(axis)].map(missed);
-        for (off, apart) in self.off[place].iter_mut().zip([mean, corner, apart(other, actual)]) {
-            *off += (quarter_octaves(f64::from(apart) + 1.0) * 16 - *off) / 16;
+        for (errors, apart) in self.errors[place].iter_mut().zip([mean, corner, apart(other, actual)]) {
+            *errors += (quarter_octaves(f64::from(apart) + 1.0) * 16 - *errors) / 16;
         }
     }
 }
@@ -238,7 +239,7 @@ mod tests {
     const UP: [f64; 3] = [0.0, 0.0, 1.0];
     const EAST: [f64; 3] = [1.0, 0.0, 0.0];
 
-    /// A corner on a side, with the texture of a projection to thirds of cells.
+    /// A corner on a side with a projected texture, scaled by thirds of cells.
     fn corner(normal: Vec3, at: Vec3) -> Anchor {
         let group = orientation_class(normal);
         let [x, y] = ACROSS[(0..3).find(|&axis| normal[axis] != 0.0).unwrap()];
@@ -257,20 +258,20 @@ mod tests {
         let mut maps = UvMaps::default();
         for i in 0..20 {
             let at = [f64::from(i * 37 % 400), f64::from(i * 53 % 500), f64::from(i)];
-            maps.face(0, triangle(UP, at));
-            maps.face(0, triangle(EAST, [at[2], at[0], at[1]]));
+            maps.add_face(0, triangle(UP, at));
+            maps.add_face(0, triangle(EAST, [at[2], at[0], at[1]]));
         }
         maps
     }
 
     #[test]
-    fn what_was_not_seen_is_not_projected() {
+    fn unknown_materials_are_not_projected() {
         let maps = UvMaps::default();
-        let looked = maps.look(2, (orientation_class(UP), 0), None, [5.0; 3], [7, 7]);
-        assert_eq!(maps.choose(&looked), None);
-        // Another material may lie otherwise.
-        let looked = seen().look(2, (orientation_class(UP), 1), None, [5.0; 3], [7, 7]);
-        assert_eq!(seen().choose(&looked), None);
+        let lookup = maps.predict(2, (orientation_class(UP), 0), None, [5.0; 3], [7, 7]);
+        assert_eq!(maps.choose(&lookup), None);
+        // Another material may have another map.
+        let lookup = seen().predict(2, (orientation_class(UP), 1), None, [5.0; 3], [7, 7]);
+        assert_eq!(seen().choose(&lookup), None);
     }
 
     #[test]
@@ -278,43 +279,43 @@ mod tests {
         let maps = seen();
         for at in [[600.0, 30.0, 4.0], [-250.0, 810.0, 90.0], [0.0, 0.0, 0.0]] {
             for normal in [UP, EAST] {
-                let looked = maps.look(2, (orientation_class(normal), 0), None, at, [0, 0]);
-                let (uv, meant) = (maps.choose(&looked).unwrap(), corner(normal, at).uv);
+                let lookup = maps.predict(2, (orientation_class(normal), 0), None, at, [0, 0]);
+                let (uv, meant) = (maps.choose(&lookup).unwrap(), corner(normal, at).uv);
                 assert!(apart(uv, meant) <= 2, "{uv:?} instead of {meant:?}");
             }
         }
     }
 
     #[test]
-    fn what_leans_to_two_axes_is_projected_as_its_neighbour_was_or_as_the_last_was() {
+    fn a_two_axis_class_uses_its_neighbours_or_the_last_axis() {
         let mut maps = seen();
         let between = orientation_class([1.0, 0.0, 1.0]);
         let at = [300.0, 200.0, 40.0];
         for normal in [UP, EAST] {
             let neighbour = Anchor { group: between, ..corner(normal, [280.0, 250.0, 20.0]) };
-            let looked = maps.look(1, (between, 0), Some(neighbour), at, [0, 0]);
+            let lookup = maps.predict(1, (between, 0), Some(neighbour), at, [0, 0]);
             let meant = corner(normal, at).uv;
-            assert!(apart(maps.choose(&looked).unwrap(), meant) <= 2);
-            maps.follow(&looked, meant);
-            let looked = maps.look(1, (between, 0), None, at, [0, 0]);
-            assert!(apart(maps.choose(&looked).unwrap(), meant) <= 2);
+            assert!(apart(maps.choose(&lookup).unwrap(), meant) <= 2);
+            maps.update(&lookup, meant);
+            let lookup = maps.predict(1, (between, 0), None, at, [0, 0]);
+            assert!(apart(maps.choose(&lookup).unwrap(), meant) <= 2);
         }
-        // A neighbour that was projected in no such way says that this one is not, either.
+        // If a neighbour was not projected, this corner is not predicted as projected either.
         let strange = Anchor { at, uv: [1, 1], group: between };
-        assert_eq!(maps.choose(&maps.look(1, (between, 0), Some(strange), at, [0, 0])), None);
+        assert_eq!(maps.choose(&maps.predict(1, (between, 0), Some(strange), at, [0, 0])), None);
     }
 
     #[test]
-    fn where_projections_are_far_off_they_are_left() {
+    fn inaccurate_projections_are_abandoned() {
         let mut maps = seen();
         let at = [300.0, 200.0, 40.0];
         for _ in 0..30 {
-            let looked = maps.look(2, (orientation_class(UP), 0), None, at, [3000, 3000]);
-            maps.follow(&looked, [3000, 3001]);
+            let lookup = maps.predict(2, (orientation_class(UP), 0), None, at, [3000, 3000]);
+            maps.update(&lookup, [3000, 3001]);
         }
-        assert_eq!(maps.choose(&maps.look(2, (orientation_class(UP), 0), None, at, [3000, 3000])), None);
+        assert_eq!(maps.choose(&maps.predict(2, (orientation_class(UP), 0), None, at, [3000, 3000])), None);
         assert!(
-            maps.choose(&maps.look(0, (orientation_class(UP), 0), None, at, [3000, 3000])).is_some(),
+            maps.choose(&maps.predict(0, (orientation_class(UP), 0), None, at, [3000, 3000])).is_some(),
             "another place"
         );
     }

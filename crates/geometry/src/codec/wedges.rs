@@ -1,17 +1,19 @@
-//! Wedges and materials of a split: which wedges the moved corners and the new faces use, and the
-//! attributes of wedges that are new.
+//! Coding of wedges and materials of a split: the wedges of moved corners and new faces, and the attributes of new
+//! wedges.
 
 use crate::codec::attributes::{Expected, code_attributes};
 use crate::codec::chunk_coder::ChunkCoder;
 use crate::codec::local::Local;
 use crate::codec::model::{
-    BUILT_LIKELY_WEDGE, BUILT_NEW_WEDGE, MATERIAL, NEW_MOVED_WEDGE, NEW_WEDGE, SAME_MATERIAL,
-    SAME_MOVED_WEDGE, SAME_WEDGE,
+    AXIS_LIKELY_WEDGE, AXIS_NEW_WEDGE, MATERIAL, NEW_MOVED_WEDGE, NEW_WEDGE, SAME_MATERIAL, SAME_MOVED_WEDGE,
+    SAME_WEDGE,
 };
 use crate::codec::plan::WantedWedge;
 use crate::codec::residual::quarter_octaves;
-use crate::codec::scratch::{Added, Fitting, Split};
-use crate::codec::sheet::{AT_MOVED, AT_NEW, AT_TARGET, AT_THIRD, Facing, NO_BEND, Sheet, normal_of_face};
+use crate::codec::scratch::{AddedFace, Split, UvFit};
+use crate::codec::sheet::{
+    AT_MOVED, AT_NEW, AT_TARGET, AT_THIRD, NO_BEND, Sheet, SheetCorner, normal_of_face,
+};
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::{index, integer};
 use crate::error::DecodeError;
@@ -23,29 +25,29 @@ struct Corner<'a> {
     /// [`AT_TARGET`], [`AT_THIRD`] or [`AT_NEW`].
     kind: usize,
     vertex: u32,
-    /// The wedge that a neighbour has there.
+    /// The wedge that a neighbouring face has there.
     guess: Option<u32>,
-    /// A wedge near by.
+    /// A nearby wedge.
     near: Option<u32>,
     /// Builder's face, when encoding.
     face: Option<u32>,
-    /// Of what is built.
-    facing: Option<Facing<'a>>,
+    /// With the axis-aligned codec.
+    facing: Option<SheetCorner<'a>>,
 }
 
 impl<C: Coder> ChunkCoder<'_, '_, C> {
-    /// Codes the wedges of the corners that moved and of the new faces, and the latter's materials.
+    /// Codes the wedges of the moved corners and of the new faces, and the new faces' materials.
     pub(crate) fn wedges(&mut self, split: &Split) -> Result<(), DecodeError> {
         self.moved(split)?;
-        self.see_textures(split.moving.iter().map(|&i| split.fan.star_faces[i].face));
+        self.record_projections(split.moving.iter().map(|&i| split.fan.star_faces[i].face));
         for face in &split.added {
             self.face(split, face)?;
-            self.see_textures([face.local]);
+            self.record_projections([face.local]);
         }
         Ok(())
     }
 
-    /// Wedges of the new vertex for the faces that moved to it.
+    /// Codes wedges of the new vertex for the moved faces.
     fn moved(&mut self, split: &Split) -> Result<(), DecodeError> {
         let mut pairs = std::mem::take(&mut self.scratch.fitting.pairs);
         pairs.clear();
@@ -64,7 +66,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
                     let new = matches!(want, Some(WantedWedge::New(_)));
                     if first.is_none() || self.coder.bit(NEW_MOVED_WEDGE, new) {
                         let expected = self.expected(split, from);
-                        let sheet = self.built().then(|| {
+                        let sheet = self.axis_aligned().then(|| {
                             let normal = normal_of_moved(&self.local, split, Some(from));
                             Sheet::new(normal, self.local.material(star_face.face))
                         });
@@ -84,7 +86,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         Ok(())
     }
 
-    /// One of a vertex's wedges.
+    /// Codes one of a vertex's wedges.
     fn chosen(&mut self, vertex: u32, want: Option<WantedWedge>) -> Result<u32, DecodeError> {
         let wedges = || self.local.wedges_of(vertex);
         let place = wedges().position(|w| want == Some(WantedWedge::Known(w))).unwrap_or(0);
@@ -92,8 +94,8 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         wedges().nth(place).ok_or_else(|| DecodeError::new("chunk", "a vertex without wedges"))
     }
 
-    /// What the faces that moved with one wedge of t say about the wedge of u: texture coordinates by
-    /// an affine fit over the ring, weighted by nearness, at the place of u.
+    /// Predicts the new vertex's wedge from the moved faces that had wedge `from`: texture coordinates by an affine
+    /// fit over the ring, weighted by proximity, at the new position.
     fn expected(&mut self, split: &Split, from: u32) -> Expected {
         let (kinds, local) = (self.mesh.kinds, &self.local);
         let near = Some(local.wedges[from as usize].attributes);
@@ -102,7 +104,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             expected.normal = normal_of_moved(local, split, None);
         }
         if kinds.uv_bits > 0 {
-            let Fitting { points, seen, .. } = &mut self.scratch.fitting;
+            let UvFit { points, seen, .. } = &mut self.scratch.fitting;
             gather_points(local, split, from, points, seen);
             let (uv, spread) = fit(points, expected.normal);
             expected.uv = [0, 1].map(|k| floored((uv[k] + 0.5).clamp(-1.0e9, 1.0e9)));
@@ -115,7 +117,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         &mut self,
         vertex: u32,
         mut expected: Expected,
-        facing: Option<Facing<'_>>,
+        facing: Option<SheetCorner<'_>>,
         want: Option<WantedWedge>,
     ) -> Result<u32, DecodeError> {
         let builder = match want {
@@ -124,10 +126,10 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         };
         let want = builder.and_then(|b| Some(self.guide.as_ref()?.source.wedges.get(b).attributes));
         expected.first = self.local.first_wedge(vertex).is_none();
-        let looked = facing.map(|facing| self.look(vertex, &facing, &mut expected, want));
+        let lookup = facing.map(|facing| self.predict_new_wedge(vertex, &facing, &mut expected, want));
         let attributes = code_attributes(self.coder, self.mesh.kinds, &mut self.recent_uv, &expected, want)?;
-        if let Some(looked) = looked {
-            self.uv_maps.follow(&looked, attributes.uv);
+        if let Some(lookup) = lookup {
+            self.uv_maps.update(&lookup, attributes.uv);
         }
         let wedge = self.local.add_wedge(vertex, attributes);
         if let (Some(guide), Some(builder)) = (self.guide.as_mut(), builder) {
@@ -136,10 +138,10 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         Ok(wedge)
     }
 
-    /// Wedges and material of one new face.
-    fn face(&mut self, split: &Split, added: &Added) -> Result<(), DecodeError> {
+    /// Codes wedges and material of one new face.
+    fn face(&mut self, split: &Split, added: &AddedFace) -> Result<(), DecodeError> {
         let cut = added.cut.map(|c| &split.cuts[c]);
-        // The neighbours' wedges at t, x and u.
+        // The neighbouring faces' wedges at t, x and u.
         let (mut at_t, mut at_x, mut at_u, mut beside) = (None, None, None, None);
         let mut staying = None;
         if let Some(cut) = cut {
@@ -155,13 +157,13 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             beside = Some(star_face.face);
         }
         let near = beside.map_or(0, |f| self.local.material(f));
-        let sheet = self.built().then(|| Sheet::new(normal_of_face(&self.local, added.local), near));
+        let sheet = self.axis_aligned().then(|| Sheet::new(normal_of_face(&self.local, added.local), near));
         let sheet = sheet.as_ref();
         let bend = |face: Option<u32>| match (sheet, face) {
             (Some(sheet), Some(face)) => sheet.bend(normal_of_face(&self.local, face)),
             _ => NO_BEND,
         };
-        // Guesses at t are those of the face that stays, if one does; others those of the face that moves.
+        // The wedge at t is predicted from the face that stays, if there is one; the others from the face that moves.
         let (at_stay, at_move) = (bend(staying.or(beside)), bend(beside));
         let corner = |kind, vertex, guess, from, bend| {
             let facing = sheet.map(|sheet| sheet.corner(kind, from, bend));
@@ -190,7 +192,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         Ok(())
     }
 
-    /// The wedge at a corner of a new face: mostly the one that a neighbour has there.
+    /// Codes the wedge at a corner of a new face: usually that of a neighbouring face.
     #[inline(always)]
     fn corner(&mut self, corner: &Corner<'_>) -> Result<u32, DecodeError> {
         let Corner { kind, vertex, guess, face, ref facing, .. } = *corner;
@@ -217,11 +219,11 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         if let Some(facing) = &facing {
             let likely = self.likely_wedge(vertex, facing, guess);
             if let Some(likely) = likely
-                && self.coder.bit(BUILT_LIKELY_WEDGE + kind, want == Some(WantedWedge::Known(likely)))
+                && self.coder.bit(AXIS_LIKELY_WEDGE + kind, want == Some(WantedWedge::Known(likely)))
             {
                 return Ok(likely);
             }
-            new = BUILT_NEW_WEDGE + kind * 2 + usize::from(likely.is_some());
+            new = AXIS_NEW_WEDGE + kind * 2 + usize::from(likely.is_some());
         }
         if first.is_none() || self.coder.bit(new, matches!(want, Some(WantedWedge::New(_)))) {
             let near = guess.or(first).or(near);
@@ -233,7 +235,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
     }
 }
 
-/// Sum of the normals of the faces that moved, weighted by area: of all, or of those with one wedge of t.
+/// Area-weighted sum of the moved faces' normals: of all, or of those with one wedge of t.
 fn normal_of_moved(local: &Local<'_>, split: &Split, of: Option<u32>) -> Vec3 {
     let center = local.position(split.u);
     let mut normal = [0.0; 3];
@@ -245,7 +247,7 @@ fn normal_of_moved(local: &Local<'_>, split: &Split, of: Option<u32>) -> Vec3 {
     normal
 }
 
-/// The wedges of the faces that moved with one wedge of t, about the place of u.
+/// The wedges of the moved faces with one wedge of t, relative to the position of u.
 fn gather_points(
     local: &Local<'_>,
     split: &Split,
@@ -276,11 +278,11 @@ fn gather_points(
     }
 }
 
-/// Expected error of a fitted texture coordinate over the spread of those that it was fitted to.
+/// Expected error of a fitted texture coordinate, relative to the spread of the points.
 const UV_SIZE: f64 = 0.1;
 
-/// The value at the origin of an affine function fitted to (place, value, weight) in the plane with the
-/// given normal, and the root mean square of the values about their mean. With too few points: the mean.
+/// Value at the origin of an affine function fitted to (position, value, weight) in the plane with the given normal,
+/// and the root mean square of the values about their mean. With too few points: the mean.
 fn fit(points: &[(Vec3, Vec3, f64)], normal: Vec3) -> (Vec3, f64) {
     let total: f64 = points.iter().map(|p| p.2).sum();
     let (mut place, mut value) = ([0.0; 3], [0.0; 3]);
@@ -289,7 +291,7 @@ fn fit(points: &[(Vec3, Vec3, f64)], normal: Vec3) -> (Vec3, f64) {
         value = add(value, scale(p.1, p.2 / total));
     }
     let size = dot(normal, normal).sqrt();
-    // Any two directions in the plane will do.
+    // Any orthogonal frame of the plane.
     let n = if size > 0.0 { scale(normal, 1.0 / size) } else { [0.0, 0.0, 1.0] };
     let least = (0..3).min_by(|&a, &b| n[a].abs().total_cmp(&n[b].abs())).unwrap_or(0);
     let mut axis = [0.0; 3];

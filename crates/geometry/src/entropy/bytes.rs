@@ -1,4 +1,4 @@
-//! Plain bytes: numbers as LEB128, and reading with bounds checks.
+//! LEB128 numbers, and a bounds-checked byte reader.
 
 use crate::error::DecodeError;
 
@@ -11,25 +11,25 @@ pub fn put_varint(out: &mut Vec<u8>, mut value: u64) {
     out.push(value.to_le_bytes()[0]);
 }
 
-/// Reads bytes with bounds checks; every method fails, without moving on, where the bytes end too early.
+/// A bounds-checked byte reader. Every method fails without consuming anything if bytes are missing.
 pub struct Reader<'a> {
     bytes: &'a [u8],
     what: &'static str,
 }
 
 impl<'a> Reader<'a> {
-    /// Reads `bytes`; errors say that it was `what` that they were to be.
+    /// Reads `bytes`; errors name `what`.
     #[must_use]
     pub fn new(bytes: &'a [u8], what: &'static str) -> Self {
         Self { bytes, what }
     }
 
-    /// An error about what is read.
+    /// An error about the data being read.
     pub fn error(&self, why: impl Into<String>) -> DecodeError {
         DecodeError::new(self.what, why)
     }
 
-    /// Bytes that are left.
+    /// Number of bytes not yet read.
     #[must_use]
     pub fn remaining(&self) -> usize {
         self.bytes.len()
@@ -66,7 +66,7 @@ impl<'a> Reader<'a> {
         Ok(self.array::<1>()?[0])
     }
 
-    /// A finite number of four bytes, little-endian.
+    /// A finite f32, little-endian.
     ///
     /// # Errors
     /// If there are fewer, or the number is not finite.
@@ -75,7 +75,7 @@ impl<'a> Reader<'a> {
         if value.is_finite() { Ok(value) } else { Err(self.error("a number is not finite")) }
     }
 
-    /// A finite number of eight bytes, little-endian.
+    /// A finite f64, little-endian.
     ///
     /// # Errors
     /// If there are fewer, or the number is not finite.
@@ -103,7 +103,7 @@ impl<'a> Reader<'a> {
         Err(self.error("a number is too long"))
     }
 
-    /// The same of 32 bits.
+    /// A LEB128 number of 32 bits, at most `limit`.
     ///
     /// # Errors
     /// As [`Self::varint`].

@@ -1,22 +1,20 @@
-//! Adaptive probabilities and their mixing: what an entropy coder believes.
-//!
-//! Integers only, so every machine believes the same.
+//! Adaptive probabilities and their logistic mixing. Integer arithmetic only, so all machines agree.
 
-/// Observations after which adaptation truncation_points getting slower.
+/// Number of observations after which adaptation no longer slows down.
 pub const MAX_COUNT: u8 = 120;
-/// Most contexts that one decision looks at.
+/// Most contexts per mixed decision.
 pub const MAX_INPUTS: usize = 4;
-/// Probabilities stay this far (of 65536) from 0 and 1, so no symbol costs nothing or everything.
+/// Probabilities stay at least this far (of 65536) from 0 and 1, so every symbol has a bounded, positive cost.
 const MARGIN: i32 = 48;
-/// Speed at which mixing weights follow: weight += stretch × error / 2^this.
+/// Learning rate of mixing weights: weight += stretch × error / 2^this.
 const LEARNING_SHIFT: u32 = 17;
 
 /// An adaptive estimate of the probability that a bit is set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Prob {
-    /// In 65536ths.
+    /// Probability in 65536ths.
     pub p: u16,
-    /// Observations that the estimate is worth.
+    /// Number of observations behind the estimate.
     pub seen: u8,
 }
 
@@ -27,7 +25,7 @@ impl Default for Prob {
 }
 
 impl Prob {
-    /// Moves the estimate towards what was seen, by 1/(n + 1.5).
+    /// Moves the estimate towards an observed bit, by 1/(n + 1.5).
     #[inline(always)]
     #[expect(
         clippy::cast_possible_truncation,
@@ -36,7 +34,7 @@ impl Prob {
     )]
     pub fn update(&mut self, bit: bool) {
         let (p, rate) = (i32::from(self.p), RATE[usize::from(self.seen)]);
-        // No rate is so small that the other bound could matter.
+        // No rate is so small that the opposite bound could be exceeded.
         self.p = if bit {
             (p + (((65535 - p) * rate) >> 15)).min(65536 - MARGIN)
         } else {
@@ -64,7 +62,7 @@ const LOGISTIC: [i32; 33] = [
     47911, 53581, 57724, 60565, 62428, 63615, 64357, 64816, 65097, 65269, 65374, 65438, 65476, 65500, 65514,
 ];
 
-/// Log odds in 256ths, from -2048 to 2047, to probabilities in 65536ths: [`LOGISTIC`], interpolated.
+/// Log odds in 256ths, from -2048 to 2047, to probabilities in 65536ths: [`LOGISTIC`] interpolated.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_possible_wrap,
@@ -82,7 +80,7 @@ static SQUASH: [u16; 4096] = {
     table
 };
 
-/// The inverse: probabilities in 4096ths to log odds.
+/// Inverse of [`SQUASH`]: probabilities in 4096ths to log odds.
 #[expect(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "below 4096")]
 static STRETCH: [i16; 4096] = {
     let mut table = [0; 4096];
@@ -97,7 +95,7 @@ static STRETCH: [i16; 4096] = {
     table
 };
 
-/// All estimates of one stream.
+/// All adaptive state of one stream.
 #[derive(Clone, Debug)]
 pub struct Contexts {
     /// Estimates by context.
@@ -106,7 +104,7 @@ pub struct Contexts {
     pub weights: Vec<[i32; MAX_INPUTS]>,
 }
 
-/// A mixed estimate, and what it needs to learn from the outcome.
+/// A mixed estimate with its inputs, for learning.
 pub struct Mixed<const N: usize> {
     /// In 65536ths.
     pub p: u16,
@@ -114,10 +112,10 @@ pub struct Mixed<const N: usize> {
 }
 
 impl Contexts {
-    /// Reads what [`Contexts::to_bytes`] wrote: `count` probabilities, the rest weights.
+    /// Parses the bytes of [`Contexts::to_bytes`]: `count` probabilities, then weights.
     ///
     /// # Panics
-    /// If there are fewer bytes than `count` probabilities take: the table is a program's own.
+    /// If there are fewer than `count` probabilities: the table is compiled into the program.
     #[must_use]
     pub fn from_bytes(bytes: &[u8], count: usize) -> Self {
         let (probs, weights) = bytes.split_at(count * 3);
@@ -131,7 +129,7 @@ impl Contexts {
         }
     }
 
-    /// The table's bytes: three a context, then four a weight.
+    /// Serialises the state: three bytes per context, four per weight.
     #[must_use]
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(self.probs.len() * 3 + self.weights.len() * 4);
@@ -145,23 +143,23 @@ impl Contexts {
         bytes
     }
 
-    /// The estimate that several contexts give, mixed by the weights of `mixer`.
+    /// The estimates of several contexts, mixed with the weights of `mixer`.
     #[inline(always)]
     #[must_use]
     pub fn mixed<const N: usize>(&self, contexts: [usize; N], mixer: usize) -> Mixed<N> {
         Mixed::of(contexts.map(|context| self.probs[context]), &self.weights[mixer])
     }
 
-    /// Moves the contexts and the weights that gave an estimate towards what was seen.
+    /// Updates the contexts and weights of an estimate with the observed bit.
     #[inline(always)]
     pub fn learn<const N: usize>(&mut self, contexts: [usize; N], mixer: usize, mixed: &Mixed<N>, bit: bool) {
         for context in contexts {
             self.probs[context].update(bit);
         }
-        mixed.teach(&mut self.weights[mixer], bit);
+        mixed.update_weights(&mut self.weights[mixer], bit);
     }
 
-    /// Two runs of `T` contexts that do not overlap, the first before the second, and the weights of `mixer`.
+    /// Two runs of `T` contexts that do not overlap, in ascending order, and the weights of `mixer`.
     #[inline]
     pub fn trees<const T: usize>(&mut self, [a, b]: [usize; 2], mixer: usize) -> Option<Trees<'_, T>> {
         let (low, high) = self.probs.split_at_mut_checked(b)?;
@@ -170,11 +168,11 @@ impl Contexts {
     }
 }
 
-/// What [`Contexts::trees`] gives.
+/// Result of [`Contexts::trees`].
 pub type Trees<'a, const T: usize> = ([&'a mut [Prob; T]; 2], &'a mut [i32; MAX_INPUTS]);
 
 impl<const N: usize> Mixed<N> {
-    /// The estimates, mixed by weights.
+    /// Mixes estimates with weights.
     #[inline(always)]
     #[must_use]
     pub fn of(probs: [Prob; N], weights: &[i32; MAX_INPUTS]) -> Self {
@@ -184,9 +182,9 @@ impl<const N: usize> Mixed<N> {
         Self { p: SQUASH[usize::try_from(x).unwrap_or(0)], stretched }
     }
 
-    /// Moves the weights towards what was seen.
+    /// Updates the weights with the observed bit.
     #[inline(always)]
-    pub fn teach(&self, weights: &mut [i32; MAX_INPUTS], bit: bool) {
+    pub fn update_weights(&self, weights: &mut [i32; MAX_INPUTS], bit: bool) {
         let error = (i32::from(bit) << 16) - i32::from(self.p);
         for (weight, s) in weights.iter_mut().zip(self.stretched) {
             // Below 2^11 times 2^16.

@@ -1,9 +1,9 @@
-//! A coder that writes nothing down, for walks of which only the order matters.
+//! A coder without output, for traversals of which only the order matters.
 
 use crate::entropy::range_coder::Coder;
 use crate::error::DecodeError;
 
-/// Takes what it is told and forgets it.
+/// Discards all symbols and returns the values it is given.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct NullCoder;
 
@@ -22,7 +22,7 @@ impl Coder for NullCoder {
         value
     }
 
-    fn whole(&mut self, _at: usize, _bits: u32, value: u32) -> Option<u32> {
+    fn integer(&mut self, _at: usize, _bits: u32, value: u32) -> Option<u32> {
         Some(value)
     }
 

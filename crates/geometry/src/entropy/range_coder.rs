@@ -1,12 +1,10 @@
 //! An adaptive binary range coder.
 //!
-//! The interval arithmetic and carry handling are those of LZMA's range coder (Pavlov; after Martin,
-//! "Range encoding", 1979). Probabilities adapt fast at first, because a chunk has only a few hundred
-//! symbols per context, and may start from trained values. A decision may look
-//! at several contexts at once: their estimates are mixed in the logistic domain, with weights that
-//! adapt as well (Mahoney, "Adaptive weighing of context models for lossless data compression", 2005).
-//! Encoder and decoder implement one trait, [`Coder`], so that a model is written once and cannot
-//! disagree with itself.
+//! Interval arithmetic and carry handling are those of LZMA's range coder (Pavlov; after Martin, "Range encoding",
+//! 1979). Probabilities adapt fast at first, because a chunk has only a few hundred symbols per context, and may
+//! start from trained values. A decision may use several contexts: their estimates are mixed in the logistic domain
+//! with adaptive weights (Mahoney, "Adaptive weighing of context models for lossless data compression", 2005).
+//! Encoder and decoder implement one trait, [`Coder`], so a model is written once.
 
 use crate::entropy::context::{Contexts, Mixed};
 use crate::entropy::steps;
@@ -16,23 +14,23 @@ use crate::numbers::id32;
 /// Range below which bytes are shifted out.
 const TOP: u32 = 1 << 24;
 
-/// Bits of a symbol of [`Coder::mix_tree`].
+/// Bits per symbol of [`Coder::mix_tree`].
 pub const MIX_TREE_BITS: u32 = 4;
-/// Contexts of its tree.
+/// Contexts of the tree of [`Coder::mix_tree`].
 const TREE: usize = 1 << MIX_TREE_BITS;
 
-/// Writes or reads symbols: a model calls it with the value it would write, and goes on with the
-/// value it gets back. An encoder returns what it was given; a decoder ignores it.
+/// Encodes or decodes symbols: a model passes the value to encode and continues with the value returned. An encoder
+/// returns its argument; a decoder ignores it.
 pub trait Coder: Sized {
-    /// Whether contexts matter: where they do not, nobody needs to work them out.
+    /// Whether contexts matter; if not, callers need not compute them.
     const MODELS: bool = true;
-    /// Whether it reads, so that what it is told means nothing: where that is known, nobody needs to work it out.
+    /// Whether this is a decoder, which ignores the values passed; if so, callers need not compute them.
     const READS: bool = false;
     /// Codes one bit with the adaptive probability `context`.
     fn bit(&mut self, context: usize, value: bool) -> bool;
     /// Codes one bit with several contexts, mixed by the weights of `mixer`.
     fn mix<const N: usize>(&mut self, contexts: [usize; N], mixer: usize, value: bool) -> bool;
-    /// Codes `value < 2^bits`, most significant bit first down a binary tree, of whose nodes each has a context behind
+    /// Codes `value < 2^bits`, most significant bit first, down a binary tree with one context per node, starting at
     /// `at`.
     #[inline]
     fn tree(&mut self, at: usize, bits: u32, value: u32) -> u32 {
@@ -43,37 +41,37 @@ pub trait Coder: Sized {
         }
         node - (1 << bits)
     }
-    /// The same, of what is mostly 0.
+    /// [`Coder::tree`], optimised for values that are mostly 0.
     #[inline]
     fn zero_tree<const BITS: u32>(&mut self, at: usize, value: u32) -> u32 {
         self.tree(at, BITS, value)
     }
-    /// Codes `value` < 2^[`MIX_TREE_BITS`], most significant bit first down a binary tree, of whose nodes each has a
-    /// context behind each of `at`, mixed by the weights of `mixer`.
+    /// Codes `value` < 2^[`MIX_TREE_BITS`], most significant bit first, down a binary tree with two contexts per
+    /// node, starting at each of `at`, mixed with the weights of `mixer`.
     #[inline]
     fn mix_tree(&mut self, at: [usize; 2], mixer: usize, value: u32) -> u32 {
         mix_bits(self, at, mixer, value)
     }
     /// Codes `bits` (0 to 32) equiprobable bits.
     fn raw(&mut self, bits: u32, value: u32) -> u32;
-    /// Codes `value < 2^bits` (0 to 32) in one piece, with the contexts from `at` on, if the coder takes
-    /// integers so; `None` (the default) if they are to be taken apart into bits.
-    fn whole(&mut self, at: usize, bits: u32, value: u32) -> Option<u32> {
+    /// Codes `value < 2^bits` (0 to 32) as one unit, with the contexts from `at` on. `None` (the default) if the
+    /// coder supports bits only.
+    fn integer(&mut self, at: usize, bits: u32, value: u32) -> Option<u32> {
         let _ = (at, bits, value);
         None
     }
-    /// An error once more bytes were consumed than there are.
+    /// Fails if more bytes were consumed than there are.
     ///
     /// # Errors
-    /// When the input is exhausted.
+    /// If the input is exhausted.
     fn check(&self) -> Result<(), DecodeError>;
-    /// Bytes of the stream that suffice to decode what was coded so far; 0 for a decoder.
+    /// Bytes that suffice to decode everything coded so far; 0 for a decoder.
     fn bytes(&self) -> usize {
         0
     }
 }
 
-/// [`Coder::mix_tree`], bit by bit.
+/// [`Coder::mix_tree`] bit by bit.
 fn mix_bits<C: Coder>(coder: &mut C, at: [usize; 2], mixer: usize, value: u32) -> u32 {
     let mut node = 1_u32;
     for i in (0..MIX_TREE_BITS).rev() {
@@ -94,25 +92,25 @@ pub struct Encoder {
     out: Vec<u8>,
 }
 
-/// Bytes that the interval and the cache still hold when a symbol was coded.
-const HELD: usize = 5;
+/// Bytes that interval and cache still hold after a symbol.
+const HELD_BYTES: usize = 5;
 
 impl Encoder {
-    /// An encoder of nothing yet, which believes `contexts`.
+    /// An empty encoder that starts from `contexts`.
     #[must_use]
     pub fn new(contexts: Contexts) -> Self {
         Self { contexts, low: 0, range: u32::MAX, cache: 0, pending: 1, out: Vec::new() }
     }
 
-    /// Ends the stream and returns its bytes, padded with zeros if they are fewer than `fewest`.
+    /// Ends the stream and returns its bytes, padded with zeros to at least `fewest`.
     #[must_use]
     pub fn finish(mut self, fewest: usize) -> Vec<u8> {
         let least = self.out.len().max(1);
-        for _ in 0..HELD {
+        for _ in 0..HELD_BYTES {
             self.shift_low();
         }
-        // The first byte is always 0 (the initial cache); zeros at the end are what a decoder reads past
-        // it anyway, but only so many.
+        // The first byte is always 0 (the initial cache). A decoder reads zeros past the end, so trailing zeros are
+        // dropped, up to the number it accepts.
         let end = self.out.iter().rposition(|&b| b != 0).map_or(1, |p| p + 1).max(least);
         self.out.truncate(end);
         self.out.remove(0);
@@ -186,18 +184,18 @@ impl Coder for Encoder {
     }
 
     fn bytes(&self) -> usize {
-        self.out.len() + self.pending + HELD - 2
+        self.out.len() + self.pending + HELD_BYTES - 2
     }
 }
 
-/// Decodes symbols from bytes. Never panics; past the end it reads zeros and [`Coder::check`] fails.
+/// Decodes symbols from bytes. Never panics: past the end it reads zeros and [`Coder::check`] fails.
 #[derive(Debug)]
 pub struct Decoder<'a> {
     contexts: Contexts,
     stream: Stream<'a>,
 }
 
-/// The interval, and the bytes that say where in it. What decodes several bits works on a copy, which stays in registers.
+/// Interval and input. Functions that decode several bits work on a copy, which stays in registers.
 #[derive(Clone, Copy, Debug)]
 struct Stream<'a> {
     bytes: &'a [u8],
@@ -220,14 +218,14 @@ impl<'a> Decoder<'a> {
     /// Ends decoding.
     ///
     /// # Errors
-    /// If the stream was too short, or has bytes that nothing needed, other than padding to `fewest`.
+    /// If the stream is too short, or has unused bytes other than padding to `fewest`.
     pub fn end(&self, fewest: usize) -> Result<(), DecodeError> {
         self.check()?;
         let Stream { bytes, next, .. } = self.stream;
-        nothing_left(bytes.get(next..).unwrap_or_default(), bytes.len() <= fewest)
+        check_rest(bytes.get(next..).unwrap_or_default(), bytes.len() <= fewest)
     }
 
-    /// The contexts that were believed, as they are now.
+    /// The adapted contexts.
     #[must_use]
     pub fn into_contexts(self) -> Contexts {
         self.contexts
@@ -250,8 +248,8 @@ impl Stream<'_> {
         }
     }
 
-    /// Reads a bit that is set with probability `p`; [`Self::normalise`] must follow. Without a branch, for bits that
-    /// cannot be foreseen.
+    /// Reads a bit that is set with probability `p`, without a branch, for unpredictable bits. [`Self::normalise`]
+    /// must follow.
     #[inline(always)]
     fn get(&mut self, p: u16) -> bool {
         steps::take(1);
@@ -262,8 +260,8 @@ impl Stream<'_> {
         bit
     }
 
-    /// Reads a bit that is set with probability `p`, and says so to what `learns` from it. There are two ways through, so
-    /// that who guesses the bit right need not wait for it, and what learns knows it where it is compiled.
+    /// Reads a bit that is set with probability `p` and passes it to `learns`. Branches on the bit, so the processor
+    /// may predict it, and `learns` is compiled for a constant bit.
     #[inline(always)]
     fn bit(&mut self, p: u16, learns: impl FnOnce(bool)) -> bool {
         steps::take(1);
@@ -282,8 +280,8 @@ impl Stream<'_> {
     }
 }
 
-/// An error if anything is left, other than zeros where those are allowed.
-pub fn nothing_left(rest: &[u8], zeros: bool) -> Result<(), DecodeError> {
+/// Fails if bytes are left, other than zeros if those are allowed.
+pub fn check_rest(rest: &[u8], zeros: bool) -> Result<(), DecodeError> {
     if rest.is_empty() || (zeros && rest.iter().all(|&b| b == 0)) {
         return Ok(());
     }
@@ -324,8 +322,8 @@ impl Coder for Decoder<'_> {
     fn zero_tree<const BITS: u32>(&mut self, at: usize, value: u32) -> u32 {
         let probs = &mut self.contexts.probs[at..][..1 << BITS];
         let Stream { mut range, code, .. } = self.stream;
-        // Each bit that is not set takes what a set one would have left from the bottom of the interval. As long as
-        // no byte is shifted in, the bits are all 0 where the code lies above all of that.
+        // Each 0 bit removes the interval of a 1 from the bottom. As long as no byte is shifted in, all bits are 0 if
+        // the code lies above the sum of those.
         let mut taken = 0;
         for i in 0..BITS {
             let bound = (range >> 16) * u32::from(probs[1 << i].p);
@@ -353,7 +351,7 @@ impl Coder for Decoder<'_> {
             let bit = stream.bit(mixed.p, |bit| {
                 a.update(bit);
                 b.update(bit);
-                mixed.teach(&mut weights, bit);
+                mixed.update_weights(&mut weights, bit);
             });
             node = node * 2 + usize::from(bit);
         }
@@ -384,7 +382,7 @@ impl Coder for Decoder<'_> {
     }
 
     fn check(&self) -> Result<(), DecodeError> {
-        if self.stream.next > self.stream.bytes.len() + HELD {
+        if self.stream.next > self.stream.bytes.len() + HELD_BYTES {
             return Err(DecodeError::new("coded data", "ends too early"));
         }
         Ok(())
@@ -410,7 +408,7 @@ mod tests {
                 encoder.mix([ctx, (ctx + 1) % 4, 0], 0, bit);
                 encoder.raw(bits, if bits == 32 { raw } else { raw & ((1 << bits) - 1) });
                 encoder.tree(0, 2, raw & 3);
-                // Mostly nothing, so that whole trees of zeros are read at once.
+                // Mostly 0, so that whole trees of zeros are read at once.
                 encoder.tree(0, 2, if bit { 0 } else { raw >> 30 });
             }
             let bytes = encoder.finish(0);

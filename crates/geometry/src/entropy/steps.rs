@@ -1,15 +1,14 @@
-//! Counts elementary steps, so that tests and fuzzing can hold decoders to a ceiling of work as they
-//! hold them to one of memory. A step is one corner of a star visited, or one bit decoded: whatever a
-//! decoder does is a constant number of operations beside these.
+//! Counts elementary steps, so that tests and fuzzing can bound a decoder's work as they bound its memory. A step is
+//! one visited corner of a star or one decoded bit; a decoder does a constant number of operations per step.
 //!
-//! Counted in builds with debug assertions, per thread; elsewhere nothing is counted and nothing costs.
+//! Counted per thread, in builds with debug assertions only.
 
 #[cfg(debug_assertions)]
 thread_local! {
     static TAKEN: std::cell::Cell<u64> = const { std::cell::Cell::new(0) };
 }
 
-/// Counts so many steps.
+/// Adds steps to this thread's count.
 #[inline]
 pub fn take(steps: u64) {
     #[cfg(debug_assertions)]
@@ -18,7 +17,7 @@ pub fn take(steps: u64) {
     let _ = steps;
 }
 
-/// Steps taken by this thread so far; `None` in builds that do not count.
+/// Steps of this thread so far; `None` in builds that do not count.
 #[must_use]
 pub fn taken() -> Option<u64> {
     #[cfg(debug_assertions)]

@@ -1,26 +1,26 @@
-//! A coder without a model, for payloads that a general-purpose compressor takes over.
+//! A coder without a model, whose output a general-purpose compressor takes.
 //!
-//! Symbols are written as they are: integers as LEB128 bytes (signed ones zigzagged), decisions and raw
-//! bits packed eight to a byte. Those of a kind lie together, because a compressor that knows nothing of
-//! meshes finds in runs of like bytes what an adaptive model would have learnt.
+//! Integers are written as LEB128 bytes (signed ones zigzagged), decisions and raw bits packed eight per byte.
+//! Symbols of a kind form one stream, because a compressor without a model of meshes compresses runs of similar bytes
+//! best.
 //!
 //! ```text
 //! length of each stream but the last (LEB128) | streams
 //! ```
 
 use crate::entropy::bytes::{Reader, put_varint};
-use crate::entropy::range_coder::{Coder, nothing_left};
+use crate::entropy::range_coder::{Coder, check_rest};
 use crate::entropy::steps;
 use crate::error::DecodeError;
 use crate::numbers::id32;
 
-/// Which contexts' symbols lie together: each stream takes those from its start on, up to the next one's. One more
-/// takes the bits that no context is known of.
+/// Assigns contexts to streams: each stream holds the contexts from its start to the next stream's. One further
+/// stream holds the bits without context.
 #[derive(Debug)]
 pub struct StreamTable<const BYTES: usize, const BITS: usize> {
-    /// First context of each stream of bytes, which whole numbers go to; ascending from 0.
+    /// First context of each byte stream (integers); ascending from 0.
     pub byte_starts: [usize; BYTES],
-    /// First context of each stream of bits; ascending from 0.
+    /// First context of each bit stream; ascending from 0.
     pub bit_starts: [usize; BITS],
 }
 
@@ -34,7 +34,7 @@ impl<const BYTES: usize, const BITS: usize> StreamTable<BYTES, BITS> {
     }
 }
 
-/// Writes symbols.
+/// Encodes symbols into streams.
 #[derive(Debug)]
 pub struct ZstdStreamEncoder<const BYTES: usize, const BITS: usize> {
     table: &'static StreamTable<BYTES, BITS>,
@@ -44,7 +44,7 @@ pub struct ZstdStreamEncoder<const BYTES: usize, const BITS: usize> {
 #[derive(Debug, Default)]
 struct Writer {
     bytes: Vec<u8>,
-    /// Bits of the last byte that are taken.
+    /// Used bits of the last byte.
     used: u32,
 }
 
@@ -62,13 +62,13 @@ impl Writer {
 }
 
 impl<const BYTES: usize, const BITS: usize> ZstdStreamEncoder<BYTES, BITS> {
-    /// An encoder of nothing yet.
+    /// An empty encoder.
     #[must_use]
     pub fn new(table: &'static StreamTable<BYTES, BITS>) -> Self {
         Self { table, streams: std::iter::repeat_with(Writer::default).take(BYTES + BITS + 1).collect() }
     }
 
-    /// Ends the payload and returns its bytes, padded with zeros if they are fewer than `fewest`.
+    /// Ends the payload and returns its bytes, padded with zeros to at least `fewest`.
     #[must_use]
     pub fn finish(self, fewest: usize) -> Vec<u8> {
         let mut out = Vec::new();
@@ -104,7 +104,7 @@ impl<const BYTES: usize, const BITS: usize> Coder for ZstdStreamEncoder<BYTES, B
         value
     }
 
-    fn whole(&mut self, at: usize, _bits: u32, value: u32) -> Option<u32> {
+    fn integer(&mut self, at: usize, _bits: u32, value: u32) -> Option<u32> {
         put_varint(&mut self.streams[self.table.byte_stream(at)].bytes, u64::from(value));
         Some(value)
     }
@@ -114,7 +114,7 @@ impl<const BYTES: usize, const BITS: usize> Coder for ZstdStreamEncoder<BYTES, B
     }
 }
 
-/// Reads symbols. Never panics; past the end of a stream it reads zeros and [`Coder::check`] fails.
+/// Decodes symbols. Never panics: past the end of a stream it reads zeros and [`Coder::check`] fails.
 #[derive(Debug)]
 pub struct ZstdStreamDecoder<'a, const BYTES: usize, const BITS: usize> {
     table: &'static StreamTable<BYTES, BITS>,
@@ -123,11 +123,11 @@ pub struct ZstdStreamDecoder<'a, const BYTES: usize, const BITS: usize> {
     bytes: usize,
 }
 
-/// What is left of a stream.
+/// The unread rest of a stream.
 #[derive(Debug)]
 struct Unread<'a> {
     bytes: &'a [u8],
-    /// Bits of the first byte that were read.
+    /// Bits of the first byte already read.
     used: u32,
 }
 
@@ -153,12 +153,12 @@ impl<'a, const BYTES: usize, const BITS: usize> ZstdStreamDecoder<'a, BYTES, BIT
     /// Ends decoding.
     ///
     /// # Errors
-    /// If a stream was too short, or has bytes that nothing needed, other than padding to `fewest`.
+    /// If a stream is too short, or has unused bytes other than padding to `fewest`.
     pub fn end(&self, fewest: usize) -> Result<(), DecodeError> {
         self.check()?;
         for (i, Unread { bytes, used }) in self.streams.iter().enumerate() {
             let rest = &bytes[usize::from(*used > 0)..];
-            nothing_left(rest, i == BYTES + BITS && self.bytes <= fewest)?;
+            check_rest(rest, i == BYTES + BITS && self.bytes <= fewest)?;
         }
         Ok(())
     }
@@ -196,7 +196,7 @@ impl<const BYTES: usize, const BITS: usize> Coder for ZstdStreamDecoder<'_, BYTE
         (0..bits).fold(0, |value, _| value << 1 | u32::from(self.next_bit(BYTES + BITS)))
     }
 
-    fn whole(&mut self, at: usize, bits: u32, _value: u32) -> Option<u32> {
+    fn integer(&mut self, at: usize, bits: u32, _value: u32) -> Option<u32> {
         steps::take(1);
         let stream = &mut self.streams[self.table.byte_stream(at)].bytes;
         let mut value = 0_u64;
@@ -243,7 +243,7 @@ mod tests {
                 encoder.bit(context, bit);
                 encoder.mix([context, 0], 0, !bit);
                 encoder.raw(bits, cut(bits, value));
-                encoder.whole(context, bits, cut(bits, value));
+                encoder.integer(context, bits, cut(bits, value));
             }
             let bytes = encoder.finish(0);
             let mut decoder = ZstdStreamDecoder::new(&TABLE, &bytes).unwrap();
@@ -251,7 +251,7 @@ mod tests {
                 prop_assert_eq!(decoder.bit(context, false), bit);
                 prop_assert_eq!(decoder.mix([context, 0], 0, false), !bit);
                 prop_assert_eq!(decoder.raw(bits, 0), cut(bits, value));
-                prop_assert_eq!(decoder.whole(context, bits, 0), Some(cut(bits, value)));
+                prop_assert_eq!(decoder.integer(context, bits, 0), Some(cut(bits, value)));
             }
             prop_assert!(decoder.end(0).is_ok());
         }
@@ -260,7 +260,7 @@ mod tests {
         fn any_bytes_are_decoded_without_panic_and_past_the_end_is_an_error(bytes in prop::collection::vec(any::<u8>(), 0..80), at in 0usize..CONTEXTS) {
             let Ok(mut decoder) = ZstdStreamDecoder::new(&TABLE, &bytes) else { return Ok(()) };
             for _ in 0..=bytes.len() {
-                decoder.whole(at, 31, 0);
+                decoder.integer(at, 31, 0);
             }
             prop_assert!(decoder.check().is_err() && decoder.end(0).is_err());
         }
@@ -269,10 +269,10 @@ mod tests {
     #[test]
     fn numbers_that_are_too_large_are_refused() {
         let mut encoder = ZstdStreamEncoder::new(&TABLE);
-        encoder.whole(0, 31, 1 << 20);
+        encoder.integer(0, 31, 1 << 20);
         let bytes = encoder.finish(0);
         let mut decoder = ZstdStreamDecoder::new(&TABLE, &bytes).unwrap();
-        assert_eq!(decoder.whole(0, 20, 0), Some(0));
+        assert_eq!(decoder.integer(0, 20, 0), Some(0));
         assert!(decoder.check().is_err());
     }
 

@@ -1,11 +1,11 @@
-//! What of a mesh hangs together.
+//! Connected components of a mesh.
 
-/// The least vertex of each vertex's connected component under the faces, by union–find with path halving
-/// (Tarjan and van Leeuwen, "Worst-case analysis of set union algorithms", 1984): nearly linear.
+/// The smallest vertex of each vertex's connected component, by union–find with path halving (Tarjan and van Leeuwen,
+/// "Worst-case analysis of set union algorithms", 1984). Nearly linear.
 ///
 /// # Panics
 ///
-/// Where a face has a vertex that is not below `vertices`.
+/// If a face has a vertex that is not below `vertices`.
 #[must_use]
 pub fn components(vertices: usize, faces: &[[u32; 3]]) -> Vec<u32> {
     let mut parent: Vec<u32> = (0..vertices as u32).collect();

@@ -1,21 +1,19 @@
 //! Distance from points to a triangle surface, and a bounding volume hierarchy that makes it fast.
 //!
-//! The point–triangle distance is the case analysis by Voronoi regions of Ericson, "Real-Time
-//! Collision Detection" (2005), §5.1.5, in f64; degenerate triangles fall back on their edges. The
-//! hierarchy is a binary tree of axis-aligned boxes, split at the median of the boxes' longest axis,
-//! searched depth first with the nearer child first. Its build and its answers depend on the input
-//! alone (no randomness, no threads), and it may be shared between threads.
+//! The point–triangle distance is the case analysis by Voronoi regions of Ericson, "Real-Time Collision Detection"
+//! (2005), §5.1.5, in f64; degenerate triangles are treated as their edges. The hierarchy is a binary tree of
+//! axis-aligned boxes, split at the median of the longest axis, searched depth first with the nearer child first. It
+//! is deterministic and can be shared between threads.
 //!
-//! Cost: building is O(n log n); the hierarchy keeps about 40 bytes a triangle and 24 a position, boxes
-//! being rounded outwards to f32. A nearest query near the surface visits O(log n) nodes, one far from it
-//! more.
+//! Cost: building is O(n log n); memory about 40 bytes per triangle and 24 per position (boxes are f32, rounded
+//! outwards). A nearest query near the surface visits O(log n) nodes, one far away more.
 
 use glam::DVec3;
 
-/// Triangles per leaf: below four the boxes cost more than the triangles they save.
+/// Triangles per leaf; with fewer than four, boxes cost more than they save.
 const LEAF_TRIANGLES: usize = 4;
 
-/// Depth that no tree can exceed: each split halves the triangles, of which there are below 2^32.
+/// Upper bound on the depth: each split halves the triangles, of which there are fewer than 2^32.
 const STACK: usize = 40;
 
 /// A triangle whose squared double area is below this share of its edges' squared product is
@@ -73,8 +71,8 @@ pub fn closest_point_on_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> DVec3 {
     a + ab * (vb / sum) + ac * (vc / sum)
 }
 
-/// Whether the box of a triangle is farther from `p` than the root of `limit`, so that the triangle is: a quarter of the
-/// work of finding its nearest point.
+/// Whether the bounding box of a triangle, and so the triangle, is farther from `p` than √`limit`. A quarter of the
+/// cost of the exact distance.
 #[inline]
 pub(crate) fn box_is_beyond(p: DVec3, [a, b, c]: [DVec3; 3], limit: f64) -> bool {
     let less = |x: f64, y: f64| if x < y { x } else { y };
@@ -83,12 +81,12 @@ pub(crate) fn box_is_beyond(p: DVec3, [a, b, c]: [DVec3; 3], limit: f64) -> bool
         |p: f64, a: f64, b: f64, c: f64| more(more(less(less(a, b), c) - p, p - more(more(a, b), c)), 0.0);
     let way =
         DVec3::new(outside(p.x, a.x, b.x, c.x), outside(p.y, a.y, b.y, c.y), outside(p.z, a.z, b.z, c.z));
-    // Both are rounded.
+    // Both sides are rounded.
     way.length_squared() > limit * (1.0 + 1e-9)
 }
 
-/// The nearest of the edges and, where the triangle has a normal, the foot of the perpendicular if it
-/// is inside.
+/// The nearest point on the edges, or the foot of the perpendicular if the triangle has a normal and the foot is
+/// inside.
 fn closest_point_on_thin_triangle(p: DVec3, [a, b, c]: [DVec3; 3], normal: Option<DVec3>) -> DVec3 {
     let edge = closest_point_on_edges(p, [a, b, c]);
     let Some(n) = normal else { return edge };
@@ -97,7 +95,7 @@ fn closest_point_on_thin_triangle(p: DVec3, [a, b, c]: [DVec3; 3], normal: Optio
     if inside && p.distance_squared(foot) < p.distance_squared(edge) { foot } else { edge }
 }
 
-/// The nearest point of three segments, for triangles without an inside.
+/// The nearest point on three segments, for triangles without interior.
 fn closest_point_on_edges(p: DVec3, [a, b, c]: [DVec3; 3]) -> DVec3 {
     let mut best = closest_point_on_segment(p, a, b);
     for q in [closest_point_on_segment(p, b, c), closest_point_on_segment(p, c, a)] {
@@ -108,7 +106,7 @@ fn closest_point_on_edges(p: DVec3, [a, b, c]: [DVec3; 3]) -> DVec3 {
     best
 }
 
-/// The nearest point of the segment `a b`, which may be a point (Ericson §5.1.2).
+/// The nearest point of the segment `a b`, which may be degenerate (Ericson §5.1.2).
 fn closest_point_on_segment(p: DVec3, a: DVec3, b: DVec3) -> DVec3 {
     let ab = b - a;
     let t = ab.dot(p - a);
@@ -145,7 +143,7 @@ impl Node {
     }
 }
 
-/// A bounding volume hierarchy over triangles, for questions of distance and of rays.
+/// A bounding volume hierarchy over triangles, for distance and ray queries.
 #[derive(Clone, Debug)]
 pub struct TriangleBvh {
     pub(super) nodes: Vec<Node>,
@@ -157,22 +155,22 @@ pub struct TriangleBvh {
 }
 
 impl TriangleBvh {
-    /// Its nodes, the root first, the positions, and the triangles in the order of the leaves.
+    /// Its nodes (root first), the positions, and the triangles in leaf order.
     pub(crate) fn into_parts(self) -> (Vec<Node>, Vec<DVec3>, Vec<[u32; 3]>) {
         (self.nodes, self.positions, self.triangles)
     }
 
-    /// A hierarchy over `triangles`, which index `positions`. Degenerate triangles are kept: they
-    /// count as the segment or the point that they are.
+    /// Builds a hierarchy over `triangles`, which index `positions`. Degenerate triangles count as the segment or
+    /// point that they are.
     ///
     /// # Panics
-    /// If a triangle refers to a position that is not there, or there are 2^31 triangles or more.
+    /// If a triangle refers to a position out of range, or there are 2^31 triangles or more.
     #[must_use]
     pub fn new(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Self {
         assert!(triangles.len() < 1 << 31, "a TriangleBvh holds fewer than 2^31 triangles");
         let positions: Vec<DVec3> = positions.iter().map(|&p| DVec3::from_array(p)).collect();
         let corners = |i: u32| triangles[i as usize].map(|v| positions[v as usize]);
-        // Centres of the boxes, not of the triangles: needles then split as their boxes do.
+        // Centres of boxes rather than of triangles, so slivers are split as their boxes are.
         let centers = (0..triangles.len() as u32).map(|i| {
             let [a, b, c] = corners(i);
             0.5 * (a.min(b).min(c) + a.max(b).max(c))
@@ -208,7 +206,7 @@ impl TriangleBvh {
         }
         let ids: Vec<u32> = order.iter().map(|&(_, id)| id).collect();
         drop(order);
-        // Children come after what they are inside of.
+        // Children come after their parents.
         for index in (0..nodes.len()).rev() {
             let Node { start, count, .. } = nodes[index];
             let (low, high) = if count > 0 {
@@ -231,9 +229,8 @@ impl TriangleBvh {
         self.ids.is_empty()
     }
 
-    /// Distance to the nearest triangle that is at most `max_distance` away, and its index as given
-    /// to [`TriangleBvh::new`]; `None` where there is none. A finite `max_distance` makes the search
-    /// cheaper; `f64::INFINITY` always finds the nearest triangle of a hierarchy that has one.
+    /// Distance to the nearest triangle within `max_distance`, and its index as given to [`TriangleBvh::new`]; `None`
+    /// if there is none. A finite `max_distance` makes the search cheaper.
     #[must_use]
     pub fn nearest(&self, point: [f64; 3], max_distance: f64) -> Option<(f64, u32)> {
         let p = DVec3::from_array(point);
@@ -254,7 +251,7 @@ impl TriangleBvh {
         found.map(|id| (best.sqrt(), id))
     }
 
-    /// Whether any triangle is at most `radius` away; truncation_points at the first one that is.
+    /// Whether any triangle is at most `radius` away; stops at the first one.
     #[must_use]
     pub fn any_within(&self, point: [f64; 3], radius: f64) -> bool {
         let p = DVec3::from_array(point);
@@ -281,7 +278,7 @@ impl TriangleBvh {
         while depth > 0 {
             depth -= 1;
             let (index, distance) = stack[depth];
-            // A NaN distance (the query is no point) visits nothing, too.
+            // A NaN distance (from a NaN query) visits nothing.
             if distance > *limit || distance.is_nan() {
                 continue;
             }
@@ -322,7 +319,7 @@ fn bounds(corners: impl Fn(u32) -> [DVec3; 3], ids: &[u32]) -> ([f32; 3], [f32; 
     (low.to_array().map(below), high.to_array().map(above))
 }
 
-/// The axis along which the centres spread most.
+/// The axis with the largest spread of centres.
 fn longest_axis(run: &[(DVec3, u32)]) -> usize {
     let mut low = DVec3::INFINITY;
     let mut high = DVec3::NEG_INFINITY;
@@ -425,7 +422,7 @@ mod tests {
     }
 
     fn coordinate() -> impl Strategy<Value = f64> {
-        // Few distinct values, so that degenerate and touching triangles are common.
+        // Few distinct values, so degenerate and touching triangles are common.
         prop_oneof![(-4i32..=4).prop_map(f64::from), -4.0..4.0f64]
     }
 

@@ -1,21 +1,21 @@
-//! Four points at once against a triangle, or four triangles against a point, in single precision: which are surely near.
+//! Conservative proximity tests in single precision, of four points against a triangle or four triangles against a
+//! point.
 //!
-//! A point of the triangle that is about the nearest bounds the distance from above, however roughly it was found: the
-//! rounding of what was found enters only where the two are compared, and is allowed for there. So who is said to be near
-//! is near; who is not may be.
+//! Any point of the triangle gives an upper bound on the distance, however inexactly it was found; the rounding of
+//! the bound itself is accounted for in the comparison. So a positive answer is certain; a negative one is not.
 
 use glam::{DVec3, Vec4};
 
-/// Share of the largest coordinate by which a distance may be off: 24 bits hold 6e-8 of a number, and what is subtracted,
-/// weighted and added on the way to a distance keeps below forty such steps.
+/// Relative error of a distance, as a share of the largest coordinate: 24 bits give 6e-8 per operation, and fewer
+/// than forty operations lead to a distance.
 const ROUNDING: f32 = 2.5e-6;
-/// The same for a square, as a share of it.
+/// Relative error of a squared distance.
 const SQUARE_ROUNDING: f32 = 1e-5;
 
-/// Three coordinates of four things.
+/// Three coordinates of four points.
 type Lanes = [Vec4; 3];
 
-/// Four points, relative to an origin near by.
+/// Four points, relative to a nearby origin.
 pub(crate) struct FourPoints {
     origin: DVec3,
     at: Lanes,
@@ -32,7 +32,7 @@ impl FourPoints {
         Self { origin, at: [0, 1, 2].map(|k| Vec4::new(a[k], b[k], c[k], d[k])), size }
     }
 
-    /// A bit for each point that is at most `limit` from the triangle, but for some of those that are hardly nearer.
+    /// Bit mask of the points that are certainly within `limit` of the triangle.
     pub(crate) fn within(&self, triangle: [[f64; 3]; 3], limit: f64) -> u32 {
         let [a, b, c] = triangle.map(|corner| (DVec3::from_array(corner) - self.origin).as_vec3());
         let size = a.abs().max(b.abs()).max(c.abs()).max_element().max(self.size);
@@ -40,11 +40,11 @@ impl FourPoints {
         let all = |k: usize| (self.at[k] - a[k], Vec4::splat(ab[k]), Vec4::splat(ac[k]));
         let [x, y, z] = [all(0), all(1), all(2)];
         let squared = nearest_squared([x.0, y.0, z.0], [x.1, y.1, z.1], [x.2, y.2, z.2]);
-        surely(squared, limit as f32, Vec4::splat(size))
+        certainly_within(squared, limit as f32, Vec4::splat(size))
     }
 }
 
-/// A point, for triangles whose corners single precision has.
+/// A point, for triangles whose corners are exact in single precision.
 pub(crate) struct PointOfFour {
     rounded: [f32; 3],
     rest: [f32; 3],
@@ -56,8 +56,8 @@ impl PointOfFour {
         Self { rounded, rest: [0, 1, 2].map(|k| (point[k] - f64::from(rounded[k])) as f32) }
     }
 
-    /// A bit for each triangle that is at most `limit` from the point, but for some of those that are hardly nearer; and one
-    /// for each that may be at most the root of `square` from it, as its box is.
+    /// Bit mask of the triangles that are certainly within `limit` of the point, and of those whose bounding box is
+    /// within √`square`.
     pub(crate) fn within(&self, triangles: [[[f32; 3]; 3]; 4], limit: f64, square: f64) -> (u32, u32) {
         let corner = |i: usize| {
             [0, 1, 2].map(|k| {
@@ -74,28 +74,29 @@ impl PointOfFour {
             size = size.max(high.max(-low));
         }
         let less = |p: &Lanes, q: &Lanes| [p[0] - q[0], p[1] - q[1], p[2] - q[2]];
-        let near = surely(nearest_squared(a.map(|x| -x), less(&b, &a), less(&c, &a)), limit as f32, size);
-        // Coordinates, and with them distances, are off by shares of themselves.
+        let near =
+            certainly_within(nearest_squared(a.map(|x| -x), less(&b, &a), less(&c, &a)), limit as f32, size);
+        // Coordinates and distances have relative errors.
         let square = (square as f32) * (1.0 + SQUARE_ROUNDING);
         (near, beyond.cmple(Vec4::splat(square)).bitmask())
     }
 }
 
-/// A bit for each squared distance that is surely at most `limit`, by the largest coordinate that it is made of.
-fn surely(squared: Vec4, limit: f32, size: Vec4) -> u32 {
+/// Bit mask of the squared distances that are certainly at most `limit`; `size` is the largest coordinate involved.
+fn certainly_within(squared: Vec4, limit: f32, size: Vec4) -> u32 {
     let limit = limit - size * ROUNDING;
-    // What is not a number is near nothing.
+    // Comparisons with NaN are false.
     (limit.cmpgt(Vec4::ZERO) & squared.cmple(limit * limit * (1.0 - SQUARE_ROUNDING))).bitmask()
 }
 
-/// Squared distances between points and points of triangles that are about the nearest: from the points relative to the
-/// triangles' first corners, and the way from these to the others.
+/// Squared distances between points and approximately nearest points of triangles, given the points relative to the
+/// triangles' first corners, and the edge vectors from there.
 fn nearest_squared(point: Lanes, ab: Lanes, ac: Lanes) -> Vec4 {
     let dot = |p: &Lanes, q: &Lanes| p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
     let less = |p: &Lanes, q: &Lanes| [p[0] - q[0], p[1] - q[1], p[2] - q[2]];
     let (from_b, bc) = (less(&point, &ab), less(&ac, &ab));
     let (ab_ab, ac_ac, bc_bc, ab_ac) = (dot(&ab, &ab), dot(&ac, &ac), dot(&bc, &bc), dot(&ab, &ac));
-    // An edge without length is its first point, since nothing lies along it; a triangle without area is its edges.
+    // A degenerate edge is represented by its first point, a triangle without area by its edges.
     let inverse = |x: Vec4| Vec4::ONE / x.max(Vec4::splat(f32::MIN_POSITIVE));
     let edge = |p: &Lanes, way: &Lanes, along: Vec4, square: Vec4| {
         let t = (along * inverse(square)).clamp(Vec4::ZERO, Vec4::ONE);
@@ -123,7 +124,7 @@ mod tests {
     use crate::mesh::distance::closest_point_on_triangle;
     use proptest::prelude::*;
 
-    /// Cells of a grid about its middle, of which a few are common: corners coincide and triangles are needles.
+    /// Grid cells around the middle, few of them frequent, so corners coincide and triangles degenerate.
     fn cell() -> impl Strategy<Value = f64> {
         prop_oneof![
             (-4_i32..=4).prop_map(f64::from),
@@ -138,7 +139,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn who_is_said_to_be_near_is(
+        fn positive_answers_are_correct(
             triangle in [point(), point(), point()],
             weights in [[-0.5..1.5_f64, -0.5..1.5], [0.0..1.0, 0.0..1.0], [-0.1..0.1, 0.0..1.0], [0.4..0.6, 0.4..0.6]],
             ways in [[-3.0..3.0_f64, -3.0..3.0, -3.0..3.0], [-0.1..0.1, -0.1..0.1, -0.1..0.1],
@@ -170,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_clearly_near_is_said_to_be() {
+    fn clearly_near_points_are_found() {
         let triangle = [[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0]];
         // In front of the face, an edge and a corner, and beyond the longest edge.
         let four = FourPoints::new([[1.0, 1.0, 0.9], [2.0, -0.9, 0.0], [-0.6, -0.6, 0.0], [3.0, 2.5, 0.0]]);

@@ -1,18 +1,18 @@
-//! A set of ids that numbers its members in ascending order: two bits for each id that there could be, where a map of
-//! numbers would take thirty-two (Jacobson, "Space-efficient static trees and graphs", 1989: rank).
+//! A set of ids with rank queries: two bits per possible id, where a map to numbers would take 32 (Jacobson,
+//! "Space-efficient static trees and graphs", 1989).
 
 const BITS: usize = u64::BITS as usize;
 
-/// Ids below a bound, and how many lie below each.
+/// A bit set with the rank at each word.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct IdSet {
     words: Vec<u64>,
-    /// By word, the members in the words before it.
+    /// Number of members before each word.
     before: Vec<u32>,
 }
 
 impl IdSet {
-    /// The given ids, in any order, some perhaps more than once; all below `bound`.
+    /// The given ids, in any order, duplicates allowed; all below `bound`.
     pub(crate) fn new(bound: usize, ids: impl Iterator<Item = u32>) -> Self {
         let mut words = vec![0_u64; bound.div_ceil(BITS)];
         ids.for_each(|id| words[id as usize / BITS] |= 1 << (id as usize % BITS));
@@ -25,14 +25,14 @@ impl IdSet {
         Self { before: before.collect(), words }
     }
 
-    /// The number of a member: how many are less. `None` for what is none.
+    /// The rank of a member (the number of smaller members); `None` for others.
     pub(crate) fn number(&self, id: u32) -> Option<u32> {
         let (word, bit) = (id as usize / BITS, id as usize % BITS);
         let bits = *self.words.get(word)?;
         (bits >> bit & 1 == 1).then(|| self.before[word] + (bits & ((1 << bit) - 1)).count_ones())
     }
 
-    /// How many members there are.
+    /// Number of members.
     pub(crate) fn len(&self) -> usize {
         match (self.before.last(), self.words.last()) {
             (Some(&before), Some(word)) => (before + word.count_ones()) as usize,
@@ -58,7 +58,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn members_are_numbered_from_the_least_and_others_have_no_number() {
+    fn rank_counts_smaller_members() {
         let ids = [70_u32, 3, 3, 199, 64, 63, 127];
         let set = IdSet::new(200, ids.into_iter());
         let sorted = [3, 63, 64, 70, 127, 199];

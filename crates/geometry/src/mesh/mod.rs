@@ -1,9 +1,8 @@
 //! Meshes before preparation: as imported ([`SourceMesh`]) and as quantised ([`QuantisedMesh`]).
 //!
-//! Topology lives on vertices; attributes live on *wedges* (Hoppe, "Progressive Meshes", 1996, §2):
-//! a wedge is one tuple of ([`Attributes`]) at one vertex, and the corners of faces refer to
-//! wedges. Two faces that meet at a uv seam therefore still share their vertices, so no
-//! simplification can tear the surface open along a seam.
+//! Topology is on vertices, attributes on *wedges* (Hoppe, "Progressive Meshes", 1996, §2): a wedge is one tuple of
+//! [`Attributes`] at one vertex, and face corners refer to wedges. Faces that meet at a uv seam still share their
+//! vertices, so simplification cannot tear the surface along a seam.
 
 pub mod components;
 pub(crate) mod corner;
@@ -22,10 +21,10 @@ pub(crate) mod vec3;
 pub(crate) mod wedges;
 pub(crate) mod wide_bvh;
 
-/// Marks a [`Corner`] attribute that the source does not give.
+/// Marks a [`Corner`] attribute that the source lacks.
 pub const NONE: u32 = u32::MAX;
 
-/// Most bits per axis that are accepted: differences then still fit f32 exactly.
+/// Most bits per axis: differences still fit f32 exactly.
 pub const MAX_POSITION_BITS: u8 = 24;
 
 /// Most bits per axis of the uv grid.
@@ -54,22 +53,22 @@ impl Corner {
 
 /// A triangle mesh as an importer delivers it, in the source's own indexing.
 ///
-/// Nothing needs to be welded or cleaned beforehand: equal positions are welded, unused vertices
-/// and faces with a repeated vertex are dropped by [`crate::quantise::quantise`].
+/// No cleaning is needed: [`crate::quantise::quantise`] welds equal positions and drops unused vertices and faces
+/// with a repeated vertex.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SourceMesh {
     /// Positions in the asset's units.
     pub positions: Vec<[f64; 3]>,
     /// Texture coordinates, `v` up as in OBJ; may be empty.
     pub uvs: Vec<[f32; 2]>,
-    /// Unit normals; may be empty. They decide the normal groups (creases), and are kept only where
-    /// they differ from what the faces say ([`crate::quantise::QuantiseSettings::normal_tolerance`]).
+    /// Unit normals; may be empty. They determine the normal groups (creases), and are stored only where they differ
+    /// from the computed ones ([`crate::quantise::QuantiseSettings::normal_tolerance`]).
     pub normals: Vec<[f32; 3]>,
-    /// Colours as [`Attributes::color`] has them; may be empty.
+    /// Colours; see [`Attributes::color`]. May be empty.
     pub colors: Vec<[u8; 4]>,
     /// Triangles, counter-clockwise seen from outside.
     pub faces: Vec<[Corner; 3]>,
-    /// Index of each face's material; as long as `faces`.
+    /// Material index of each face; as long as `faces`.
     pub materials: Vec<u16>,
 }
 
@@ -84,22 +83,21 @@ pub(crate) struct Kinds {
 
 /// Bits per axis of an [`Attributes::normal`].
 pub const NORMAL_BITS: u8 = 10;
-/// The colour of a vertex that has none: white, opaque, so that multiplying by it changes nothing.
+/// The colour of wedges without colour: opaque white, neutral in multiplication.
 pub const NO_COLOR: [u8; 4] = [255; 4];
 
-/// What the corners of a wedge share besides their vertex.
+/// The attributes of a wedge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Attributes {
     /// Texture coordinates on the uv grid.
     pub uv: [i32; 2],
-    /// Normal group, numbered within the vertex: the corners of one group share one normal.
+    /// Normal group, numbered within the vertex: corners of one group share a normal.
     pub group: u32,
-    /// Red, green and blue as sRGB has them (IEC 61966-2-1: steps of 1/255 that look alike in dark and
-    /// bright, where linear ones would show bands in the dark), opacity linear; [`NO_COLOR`] where the
-    /// source has none. Multiplies the material's colour.
+    /// Red, green and blue in sRGB (IEC 61966-2-1), opacity linear; [`NO_COLOR`] if the source has none. Multiplies
+    /// the material's colour. sRGB, because 8-bit linear values would show bands in dark colours.
     pub color: [u8; 4],
-    /// The normal as a point of the octahedral map ([`crate::mesh::octahedral`]), [`NORMAL_BITS`] per axis,
-    /// where it differs from what the faces say; `None` where it is derived from them.
+    /// The explicit normal on the octahedral map ([`crate::mesh::octahedral`]), [`NORMAL_BITS`] per axis, if it
+    /// differs from the computed one; else `None`.
     pub normal: Option<[u16; 2]>,
 }
 
@@ -157,7 +155,7 @@ pub struct UvGrid {
     pub origin: [f64; 2],
     /// Size of a cell, per axis.
     pub step: [f64; 2],
-    /// Bits per axis; 0 where the mesh has no texture coordinates.
+    /// Bits per axis; 0 without texture coordinates.
     pub bits: u8,
 }
 
@@ -169,10 +167,9 @@ impl UvGrid {
     }
 }
 
-/// A mesh on its grids: what preparation reads, and what a fully refined asset equals exactly.
+/// A quantised mesh: the input of preparation, which a fully refined asset equals exactly.
 ///
-/// Every vertex, wedge and position is used by at least one face; faces have three distinct
-/// vertices.
+/// Every vertex, wedge and position is used by at least one face; faces have three distinct vertices.
 #[derive(Clone, Debug, PartialEq)]
 pub struct QuantisedMesh {
     /// Grid of the positions.

@@ -1,33 +1,33 @@
-//! Normals: derived from the faces, sent only where that is not what the source meant.
+//! Wedge normals: computed from the faces, stored only where the source differs.
 //!
-//! The derived normal of a wedge is the sum of the normals of the faces at its vertex whose corners
-//! share its normal group, weighted by area (Gouraud 1971; the weights are those of the cross product).
-//! Where the source's normal lies further from it than a tolerance, the wedge carries it instead.
+//! The computed normal of a wedge is the area-weighted sum of the normals of the faces at its vertex whose corners
+//! share its normal group (Gouraud 1971, with the weights of the cross product). If the source's normal differs by
+//! more than a tolerance, the wedge stores it.
 
 use crate::mesh::QuantisedMesh;
 use crate::mesh::octahedral;
 use crate::mesh::vec3::{Vec3, add, dot, length, triangle_normal};
 
-/// The unit normal of each wedge: its own, if it carries one, else the derived one; zero where the
-/// faces have no area. Cost: a sort of the wedges and one pass over the faces.
+/// The unit normal of each wedge: explicit, else computed; zero if the faces have no area. Cost: a sort of the wedges
+/// and one pass over the faces.
 #[must_use]
 pub fn wedge_normals(mesh: &QuantisedMesh) -> Vec<[f64; 3]> {
-    let derived = derived(mesh);
+    let computed = computed(mesh);
     let unit = |n: Vec3| {
         let size = length(n);
         if size > 0.0 { n.map(|x| x / size) } else { [0.0; 3] }
     };
     let explicit = mesh.wedges.iter().map(|wedge| wedge.attributes.normal);
-    explicit.zip(derived).map(|(own, sum)| own.map_or_else(|| unit(sum), octahedral::decode)).collect()
+    explicit.zip(computed).map(|(own, sum)| own.map_or_else(|| unit(sum), octahedral::decode)).collect()
 }
 
-/// Gives each wedge the normal that `source` names for it, where the derived one is further away than
-/// `tolerance` degrees. `source` has a unit normal per wedge, or zero where the source says nothing.
-pub(crate) fn keep_explicit(mesh: &mut QuantisedMesh, source: &[Vec3], tolerance: f64) {
+/// Stores explicit normals in the wedges whose `source` normal differs from the computed one by more than `tolerance`
+/// degrees. `source` has a unit normal per wedge, or zero for none.
+pub(crate) fn store_explicit(mesh: &mut QuantisedMesh, source: &[Vec3], tolerance: f64) {
     let tolerance = tolerance.clamp(0.0, 180.0);
     let least = cosine(tolerance);
-    let derived = derived(mesh);
-    for ((wedge, &meant), sum) in mesh.wedges.iter_mut().zip(source).zip(derived) {
+    let computed = computed(mesh);
+    for ((wedge, &meant), sum) in mesh.wedges.iter_mut().zip(source).zip(computed) {
         let size = length(sum);
         let far = if size > 0.0 { dot(meant, sum) < least * size } else { tolerance < 180.0 };
         if far && meant != [0.0; 3] {
@@ -36,9 +36,9 @@ pub(crate) fn keep_explicit(mesh: &mut QuantisedMesh, source: &[Vec3], tolerance
     }
 }
 
-/// Sum of the face normals over each wedge's normal group, not of unit length.
-fn derived(mesh: &QuantisedMesh) -> Vec<Vec3> {
-    // Wedges sorted by (vertex, group) stand together: equal neighbours share a sum.
+/// Sum of the face normals over each wedge's normal group, not normalised.
+fn computed(mesh: &QuantisedMesh) -> Vec<Vec3> {
+    // Sorting by (vertex, group) makes wedges of one group adjacent.
     let key = |w: u32| (mesh.wedges[w as usize].vertex, mesh.wedges[w as usize].attributes.group);
     let mut order: Vec<u32> = (0..mesh.wedges.len() as u32).collect();
     order.sort_unstable_by_key(|&w| (key(w), w));
@@ -64,8 +64,8 @@ fn derived(mesh: &QuantisedMesh) -> Vec<Vec3> {
     sum_of.into_iter().map(|i| sums[i as usize]).collect()
 }
 
-/// Cosine of `0..=180` degrees, to 2e-14: a Taylor series of an eighth of the angle, doubled three
-/// times. libm's differs from machine to machine, and packs must not.
+/// Cosine of `0..=180` degrees, to 2e-14: a Taylor series for an eighth of the angle, doubled three times. libm
+/// results differ between machines, and packs must not.
 fn cosine(degrees: f64) -> f64 {
     let x = degrees * (std::f64::consts::PI / 180.0) / 8.0;
     let square = x * x;
@@ -96,30 +96,30 @@ mod tests {
     }
 
     #[test]
-    fn only_normals_beyond_the_tolerance_are_kept() {
+    fn only_normals_beyond_the_tolerance_are_stored() {
         let tilted = |degrees: f64| [degrees.to_radians().sin(), 0.0, degrees.to_radians().cos()];
         let source = [tilted(0.0), tilted(4.9), tilted(5.1), [0.0; 3]];
         let mut mesh = square();
-        keep_explicit(&mut mesh, &source, 5.0);
+        store_explicit(&mut mesh, &source, 5.0);
         let kept: Vec<bool> = mesh.wedges.iter().map(|w| w.attributes.normal.is_some()).collect();
         assert_eq!(kept, [false, false, true, false]);
         let normals = wedge_normals(&mesh);
         assert_eq!(normals[1], [0.0, 0.0, 1.0]);
         assert!(dot(normals[2], source[2]) > 0.3_f64.to_radians().cos());
         let mut all = square();
-        keep_explicit(&mut all, &source.map(|_| tilted(0.5)), 0.0);
+        store_explicit(&mut all, &source.map(|_| tilted(0.5)), 0.0);
         assert!(all.wedges.iter().all(|w| w.attributes.normal.is_some()));
         let mut none = square();
-        keep_explicit(&mut none, &[[0.0, 0.0, -1.0]; 4], 180.0);
+        store_explicit(&mut none, &[[0.0, 0.0, -1.0]; 4], 180.0);
         assert_eq!(none, square());
     }
 
     #[test]
-    fn a_star_without_area_takes_the_normal_that_is_given() {
+    fn a_star_without_area_stores_the_source_normal() {
         let mut mesh = square();
         mesh.positions = vec![[0, 0, 0]; 4];
         assert_eq!(wedge_normals(&mesh)[0], [0.0; 3]);
-        keep_explicit(&mut mesh, &[[0.0, 1.0, 0.0]; 4], 10.0);
+        store_explicit(&mut mesh, &[[0.0, 1.0, 0.0]; 4], 10.0);
         assert_eq!(wedge_normals(&mesh)[0], [0.0, 1.0, 0.0]);
     }
 

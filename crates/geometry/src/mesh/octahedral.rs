@@ -4,12 +4,12 @@
 
 use crate::mesh::NORMAL_BITS;
 
-/// Largest integer of an axis; even, so that the six axes of space are met exactly.
+/// Largest coordinate; even, so that the six axis directions are exact.
 const TOP: f64 = ((1_u32 << NORMAL_BITS) - 2) as f64;
 
-/// The point of the map nearest to a vector's direction. A vector without one gives that of +z.
+/// Encodes the direction of a vector; a zero vector as +z.
 ///
-/// Error: at most 0.24° with 10 bits per axis. Only + − × ÷, so the same on every machine.
+/// Error: at most 0.24° with 10 bits per axis. Only + − × ÷, so identical on all machines.
 #[must_use]
 pub fn encode(v: [f64; 3]) -> [u16; 2] {
     let size = v[0].abs() + v[1].abs() + v[2].abs();
@@ -21,7 +21,7 @@ pub fn encode(v: [f64; 3]) -> [u16; 2] {
     [x, y].map(|c| ((c * 0.5 + 0.5) * TOP + 0.5).floor().clamp(0.0, TOP) as u16)
 }
 
-/// The unit vector of a point. Coordinates above the map's are clamped.
+/// Decodes to a unit vector. Coordinates out of range are clamped.
 #[must_use]
 pub fn decode(q: [u16; 2]) -> [f64; 3] {
     let [x, y] = q.map(|c| f64::from(c).min(TOP) / TOP * 2.0 - 1.0);
@@ -57,7 +57,7 @@ mod tests {
     }
 
     #[test]
-    fn axes_are_exact_and_nothing_is_not_a_number() {
+    fn axes_are_exact_and_no_result_is_nan() {
         for axis in 0..3 {
             for s in [-1.0, 1.0] {
                 let mut v = [0.0; 3];

@@ -1,26 +1,27 @@
-//! Which axes a face leans to: what flats of built things are told apart by.
+//! Orientation classes of normals: which axes a normal is close to. Distinguishes the flat sides of axis-aligned
+//! geometry.
 
 use crate::mesh::vec3::{Vec3, add, dot, triangle_normal};
 use crate::mesh::{QuantisedMesh, Wedge};
 use crate::numbers::id32;
 
-/// Ways to lean: [`orientation_class`] answers less.
+/// Number of classes; [`orientation_class`] is below this.
 pub(crate) const ORIENTATION_CLASSES: u32 = 26;
 
-/// How a normal, of any length, leans: towards, against or across each axis. It leans to an axis where that part of it is
-/// more than 0.39 of it: what lies along two axes does so to ±23°.
+/// The class of a normal of any length: positive, negative or neither for each axis. An axis counts if the normal's
+/// component is more than 0.39 of its length; normals along one axis may deviate by 23°.
 pub(crate) fn orientation_class(normal: Vec3) -> u32 {
     let least = 0.15 * dot(normal, normal);
     let number = (0..3).rev().fold(0, |number, axis| {
         let part = normal[axis];
         number * 3 + if part * part <= least { 0 } else { 1 + u32::from(part < 0.0) }
     });
-    // That which leans to nothing has no area.
+    // A normal close to no axis is zero.
     number.saturating_sub(1)
 }
 
-/// By orientation_class, which way to each axis.
-const WAYS: [[i8; 3]; ORIENTATION_CLASSES as usize] = {
+/// Sign for each axis, by class.
+const SIGNS: [[i8; 3]; ORIENTATION_CLASSES as usize] = {
     let mut ways = [[0; 3]; ORIENTATION_CLASSES as usize];
     let mut orientation_class = 0;
     while orientation_class < ways.len() {
@@ -36,23 +37,24 @@ const WAYS: [[i8; 3]; ORIENTATION_CLASSES as usize] = {
     ways
 };
 
-/// Which way what leans so does to each axis: 1, −1, or 0 for not at all. Copies lean as their originals.
-pub(crate) fn ways_of(orientation_class: u32) -> [i8; 3] {
-    WAYS[(orientation_class % ORIENTATION_CLASSES) as usize]
+/// Sign of a class for each axis: 1, −1, or 0. Copies have their originals' signs.
+pub(crate) fn signs_of(orientation_class: u32) -> [i8; 3] {
+    SIGNS[(orientation_class % ORIENTATION_CLASSES) as usize]
 }
 
-/// Whether what leans so does to one axis alone.
-pub(crate) fn looks_along(orientation_class: u32) -> bool {
-    ways_of(orientation_class).iter().filter(|&&way| way != 0).count() == 1
+/// Whether a class is close to one axis only.
+pub(crate) fn has_one_axis(orientation_class: u32) -> bool {
+    signs_of(orientation_class).iter().filter(|&&way| way != 0).count() == 1
 }
 
 impl QuantisedMesh {
-    /// Numbers the normal groups of each vertex by the axes that their faces lean to, so that who knows a face expects the
-    /// groups of its corners, as [`Codec::AxisAligned`](crate::Codec::AxisAligned) does. Groups' numbers mean nothing but that they
-    /// differ within a vertex, so nothing else changes. Where every vertex has one group all stays as it is.
+    /// Renumbers the normal groups of each vertex by the orientation classes of their faces, so that
+    /// [`Codec::AxisAligned`](crate::Codec::AxisAligned) can predict the groups of a face's corners. Group numbers
+    /// only distinguish groups within a vertex, so nothing else changes. A mesh with one group per vertex stays as it
+    /// is.
     ///
-    /// Cost: a pass over the faces and a sort of the wedges; 28 bytes a wedge meanwhile.
-    pub(crate) fn number_groups_by_axes(&mut self) {
+    /// Cost: a pass over the faces and a sort of the wedges; 28 bytes per wedge temporarily.
+    pub(crate) fn renumber_groups_by_orientation(&mut self) {
         if self.wedges.iter().all(|wedge| wedge.attributes.group == 0) {
             return;
         }
@@ -99,18 +101,18 @@ mod tests {
     use crate::mesh::normals::wedge_normals;
 
     #[test]
-    fn each_way_to_lean_has_a_number_of_its_own_and_is_told_by_it() {
+    fn classes_are_distinct_and_recover_their_signs() {
         let mut seen = BTreeSet::new();
         for ways in
             (0..27).map(|i: i32| [1, 3, 9].map(|place| i / place % 3 - 1)).filter(|ways| *ways != [0; 3])
         {
-            // Little turned and of any length.
+            // Slightly rotated, of any length.
             let normal = [0, 1, 2].map(|k| 700.0 * (f64::from(ways[k]) + 0.2 * f64::from(ways[(k + 1) % 3])));
             let number = orientation_class(normal);
             assert!(number < ORIENTATION_CLASSES && seen.insert(number), "{ways:?}: {number}");
-            assert_eq!(ways_of(number).map(i32::from), ways);
-            assert_eq!(ways_of(number + 3 * ORIENTATION_CLASSES).map(i32::from), ways, "a copy");
-            assert_eq!(looks_along(number), ways.iter().filter(|&&way| way != 0).count() == 1);
+            assert_eq!(signs_of(number).map(i32::from), ways);
+            assert_eq!(signs_of(number + 3 * ORIENTATION_CLASSES).map(i32::from), ways, "a copy");
+            assert_eq!(has_one_axis(number), ways.iter().filter(|&&way| way != 0).count() == 1);
         }
         assert!(orientation_class([0.0; 3]) < ORIENTATION_CLASSES);
     }
@@ -120,7 +122,7 @@ mod tests {
         for source in [shapes::stones(20), shapes::frigate(4), shapes::torus(12, 18)] {
             let before = quantised(&source);
             let mut after = before.clone();
-            after.number_groups_by_axes();
+            after.renumber_groups_by_orientation();
             let mut names = BTreeMap::new();
             for (a, b) in before.wedges.iter().zip(&after.wedges) {
                 let group = (a.vertex, a.attributes.group);
@@ -134,9 +136,9 @@ mod tests {
     }
 
     #[test]
-    fn a_corner_of_a_stone_has_its_groups_by_name() {
+    fn a_box_corner_has_its_three_classes() {
         let mut mesh = quantised(&shapes::stones(1));
-        mesh.number_groups_by_axes();
+        mesh.renumber_groups_by_orientation();
         let normals = wedge_normals(&mesh);
         for (wedge, normal) in mesh.wedges.iter().zip(normals) {
             assert_eq!(wedge.attributes.group, orientation_class(normal));

@@ -1,20 +1,19 @@
-//! The directions along which points lie.
+//! Principal axes of a set of points.
 
 use crate::mesh::vec3::{Vec3, add, scale, sub};
 
-/// Rounds over the three planes of a rotation; a symmetric matrix is diagonal, to rounding, after half as many.
-const ROUNDS: usize = 12;
-/// Share of the diagonal below which what is beside it counts as none.
+/// Sweeps over the three coordinate planes; half as many diagonalise a symmetric matrix to rounding.
+const SWEEPS: usize = 12;
+/// Off-diagonal entries below this share of the diagonal are treated as zero.
 const NEGLIGIBLE: f64 = 1e-12;
 
-/// The eigenvectors of the points' covariance, of unit length and at right angles, in no order, by Jacobi's rotations
-/// (Golub and Van Loan, "Matrix Computations", 4th ed., §8.5). Points that lie alike in several directions have
-/// any of these.
+/// Orthonormal eigenvectors of the points' covariance, in no order, by Jacobi rotations (Golub and Van Loan, "Matrix
+/// Computations", 4th ed., §8.5). For equal eigenvalues any basis is returned.
 pub(crate) fn principal_axes(points: impl Iterator<Item = Vec3> + Clone) -> [Vec3; 3] {
     let mut covariance = covariance(points);
     // Rows are the axes.
     let mut axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-    for _ in 0..ROUNDS {
+    for _ in 0..SWEEPS {
         for (p, q) in [(0, 1), (0, 2), (1, 2)] {
             let least = NEGLIGIBLE * (covariance[p][p] + covariance[q][q]);
             if covariance[p][q].abs() > least {
@@ -34,7 +33,7 @@ fn covariance(points: impl Iterator<Item = Vec3> + Clone) -> [Vec3; 3] {
     })
 }
 
-/// Turns the plane of two axes so that `matrix` has nothing beside its diagonal there.
+/// Rotates the plane of two axes so that `matrix` becomes diagonal there.
 fn rotate(matrix: &mut [Vec3; 3], axes: &mut [Vec3; 3], p: usize, q: usize) {
     let theta = (matrix[q][q] - matrix[p][p]) / (2.0 * matrix[p][q]);
     let tangent = theta.signum() / (theta.abs() + (theta * theta + 1.0).sqrt());

@@ -1,16 +1,16 @@
-//! Where a ray meets a surface first.
+//! Ray casting: the first intersection of a ray with a surface.
 
 use glam::DVec3;
 
 use crate::mesh::distance::{Node, TriangleBvh};
 
-/// Nodes that can wait: one at each level.
+/// Capacity of the traversal stack: one pending node per level.
 const STACK: usize = 64;
 
 impl TriangleBvh {
-    /// The first triangle that a ray meets from either side, among those more than `range[0]` and less than `range[1]`
-    /// lengths of `direction` from `origin`: how many, and its index as given to [`TriangleBvh::new`]. A ray in the plane
-    /// of a triangle misses it, and one along an edge meets at least one of those that share it, but for rounding
+    /// The first triangle that a ray triangle_hit from either side, at more than `range[0]` and less than `range[1]` lengths
+    /// of `direction` from `origin`: the parameter, and the index as given to [`TriangleBvh::new`]. A ray in the
+    /// plane of a triangle misses it; one along an edge triangle_hit at least one of the adjacent triangles, up to rounding
     /// (Möller and Trumbore, "Fast, minimum storage ray/triangle intersection", 1997). O(log n) for small triangles.
     #[must_use]
     pub fn first_hit(&self, origin: [f64; 3], direction: [f64; 3], range: [f64; 2]) -> Option<(f64, u32)> {
@@ -20,7 +20,7 @@ impl TriangleBvh {
         let mut found = None;
         let mut stack = [(0_u32, 0.0_f64); STACK];
         let mut waiting = 0;
-        if let Some(at) = self.nodes.first().and_then(|root| enters(root, origin, inverse, range)) {
+        if let Some(at) = self.nodes.first().and_then(|root| box_entry(root, origin, inverse, range)) {
             stack[0] = (0, at);
             waiting = 1;
         }
@@ -35,7 +35,7 @@ impl TriangleBvh {
             if node.count > 0 {
                 for i in start..start + node.count as usize {
                     let corners = self.triangles[i].map(|v| self.positions[v as usize]);
-                    let hit = meets(origin, direction, corners);
+                    let hit = triangle_hit(origin, direction, corners);
                     if let Some(t) = hit.filter(|t| *t > after && *t < before) {
                         before = t;
                         found = Some((t, self.ids[i]));
@@ -44,7 +44,7 @@ impl TriangleBvh {
                 continue;
             }
             let entered = [start, start + 1].map(|child| {
-                let at = enters(&self.nodes[child], origin, inverse, [after, before]);
+                let at = box_entry(&self.nodes[child], origin, inverse, [after, before]);
                 at.map(|at| (child as u32, at))
             });
             let mut push = |child| {
@@ -52,7 +52,7 @@ impl TriangleBvh {
                 waiting += 1;
             };
             match entered {
-                // The nearer on top.
+                // The nearer one on top.
                 [Some(a), Some(b)] if a.1 <= b.1 => [b, a].into_iter().for_each(&mut push),
                 children => children.into_iter().flatten().for_each(&mut push),
             }
@@ -61,21 +61,20 @@ impl TriangleBvh {
     }
 }
 
-/// How far along a ray it is in a box, if it comes into it within a range (Kay and Kajiya, "Ray tracing complex scenes",
-/// 1986).
-fn enters(node: &Node, origin: DVec3, inverse: DVec3, [after, before]: [f64; 2]) -> Option<f64> {
+/// Entry parameter of a ray into a box, if within the range (Kay and Kajiya, "Ray tracing complex scenes", 1986).
+fn box_entry(node: &Node, origin: DVec3, inverse: DVec3, [after, before]: [f64; 2]) -> Option<f64> {
     let (mut near, mut far) = (after, before);
     for axis in 0..3 {
         let [a, b] =
             [node.low, node.high].map(|corner| (f64::from(corner[axis]) - origin[axis]) * inverse[axis]);
-        // Of what is no number, where the ray lies in a side of the box, these take the other.
+        // `min` and `max` ignore NaN, which occurs for a ray within a side of the box.
         near = near.max(a.min(b));
         far = far.min(a.max(b));
     }
     (near <= far).then_some(near)
 }
 
-fn meets(origin: DVec3, direction: DVec3, [a, b, c]: [DVec3; 3]) -> Option<f64> {
+fn triangle_hit(origin: DVec3, direction: DVec3, [a, b, c]: [DVec3; 3]) -> Option<f64> {
     let (ab, ac) = (b - a, c - a);
     let across = direction.cross(ac);
     let volume = ab.dot(across);
@@ -83,7 +82,7 @@ fn meets(origin: DVec3, direction: DVec3, [a, b, c]: [DVec3; 3]) -> Option<f64> 
     let u = from.dot(across) / volume;
     let other = from.cross(ab);
     let v = direction.dot(other) / volume;
-    // ChunkEncoding so that what is no number meets nothing.
+    // Written so that NaN means no intersection.
     (u >= 0.0 && v >= 0.0 && u + v <= 1.0).then(|| ac.dot(other) / volume)
 }
 
@@ -109,7 +108,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_tree_answers_as_all_triangles_do(
+        fn the_tree_agrees_with_brute_force(
             positions in prop::collection::vec(prop::array::uniform3(-4_i32..=4), 3..40),
             picks in prop::collection::vec(prop::array::uniform3(any::<u32>()), 1..120),
             rays in prop::collection::vec((prop::array::uniform3(-5.0..5.0_f64), prop::array::uniform3(-1_i32..=1)), 1..20),
@@ -119,10 +118,10 @@ mod tests {
             let triangles: Vec<[u32; 3]> = picks.iter().map(|t| t.map(|i| i % n)).collect();
             let bvh = TriangleBvh::new(&positions, &triangles);
             for (origin, direction) in rays {
-                // Along axes too, where slabs divide by nothing.
+                // Axis directions too, where slabs divide by zero.
                 let direction = direction.map(f64::from);
                 let (from, along) = (DVec3::from_array(origin), DVec3::from_array(direction));
-                let of = |t: &[u32; 3]| meets(from, along, t.map(|v| DVec3::from_array(positions[v as usize])));
+                let of = |t: &[u32; 3]| triangle_hit(from, along, t.map(|v| DVec3::from_array(positions[v as usize])));
                 let nearest = triangles.iter().filter_map(of).filter(|t| *t > 0.0 && *t < 20.0).reduce(f64::min);
                 let found = bvh.first_hit(origin, direction, [0.0, 20.0]).map(|(t, _)| t);
                 prop_assert_eq!(found, nearest);

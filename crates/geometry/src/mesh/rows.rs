@@ -1,10 +1,10 @@
-//! Lists by number, one after another in one array (compressed sparse rows): for what is built as a whole and then
-//! only read. [`crate::mesh::stars::Stars`] are the same for what changes.
+//! Compressed sparse rows: immutable lists by number, in one array. [`crate::mesh::stars::Stars`] is the mutable
+//! counterpart.
 
-/// For each row, its entries.
+/// Entries by row.
 #[derive(Clone, Debug)]
 pub(crate) struct Rows<T> {
-    /// Where each row begins; one more at the end.
+    /// Start of each row, and the end of the last.
     first: Vec<u32>,
     entries: Vec<T>,
 }
@@ -16,17 +16,17 @@ impl<T> Default for Rows<T> {
 }
 
 impl<T: Copy + Default> Rows<T> {
-    /// Sorts entries by row, within a row in the order in which they come (a counting sort: time and memory are linear
-    /// in both). `entries` is asked for twice, and must give the same.
+    /// Groups entries by row, stable within a row (a counting sort: linear time and memory). `entries` is called
+    /// twice and must return the same.
     pub(crate) fn new<I: Iterator<Item = (u32, T)>>(rows: usize, entries: impl Fn() -> I) -> Self {
         let mut table = Self::default();
         table.rebuild(rows, entries);
         table
     }
 
-    /// As [`Self::new`], in the memory that the old entries had.
+    /// As [`Self::new`], reusing the memory.
     pub(crate) fn rebuild<I: Iterator<Item = (u32, T)>>(&mut self, rows: usize, entries: impl Fn() -> I) {
-        // Two places further on than a row's own, so that filling the rows moves each beginning where it belongs.
+        // Counts are stored two places ahead, so that filling the rows moves each start into place.
         self.first.clear();
         self.first.resize(rows + 2, 0);
         let mut count = 0;
@@ -46,7 +46,7 @@ impl<T: Copy + Default> Rows<T> {
         self.first.pop();
     }
 
-    /// How many rows there are.
+    /// Number of rows.
     pub(crate) fn len(&self) -> usize {
         self.first.len().saturating_sub(1)
     }

@@ -1,18 +1,18 @@
 //! A small hash map from slots to local numbers.
 //!
-//! Open addressing with linear probing and multiplicative hashing (Knuth, TAOCP 3, §6.4): keys are small,
-//! distinct and ours, and consecutive ones, which is what slots are, never meet.
+//! Open addressing with linear probing and multiplicative hashing (Knuth, TAOCP 3, §6.4): keys are small, distinct
+//! and trusted, and consecutive keys, which slots are, do not collide.
 
-/// Marks a place that holds nothing: no slot is that large.
+/// Key of an empty place: no slot is that large.
 const EMPTY: u32 = u32::MAX;
 const FIRST_BITS: u32 = 6;
-/// Most places that emptying a map keeps.
-const KEPT: usize = 1 << 14;
+/// Most places retained by [`SlotMap::clear`].
+const MAX_RETAINED: usize = 1 << 14;
 
-/// Numbers by slot; nothing is ever taken out.
+/// A map from slots to numbers, without removal.
 #[derive(Clone, Debug)]
 pub(crate) struct SlotMap {
-    /// (slot, number) pairs, a power of two of places, at most half of them taken.
+    /// (slot, number) pairs; the length is a power of two, at most half used.
     places: Vec<(u32, u32)>,
     taken: usize,
     shift: u32,
@@ -25,15 +25,15 @@ impl Default for SlotMap {
 }
 
 impl SlotMap {
-    /// A map that holds so many slots before it grows.
-    pub(crate) fn with_room(slots: usize) -> Self {
+    /// A map with capacity for `slots` slots.
+    pub(crate) fn with_capacity(slots: usize) -> Self {
         let bits = (slots * 2).next_power_of_two().trailing_zeros().max(FIRST_BITS);
         Self { places: vec![(EMPTY, 0); 1 << bits], taken: 0, shift: 32 - bits }
     }
 
-    /// Takes everything out. Keeps the memory, unless it is so much that emptying it would cost more than filling it.
+    /// Removes all entries. Retains the memory, unless clearing it would cost more than filling it.
     pub(crate) fn clear(&mut self) {
-        if self.places.len() > KEPT {
+        if self.places.len() > MAX_RETAINED {
             *self = Self::default();
         } else if self.taken > 0 {
             self.places.fill((EMPTY, 0));
@@ -46,7 +46,7 @@ impl SlotMap {
         self.places.capacity() * size_of::<(u32, u32)>()
     }
 
-    /// The number of a slot: the one that it has, or else the given one, which it then has.
+    /// The number of a slot; inserts `number` if it has none.
     #[inline]
     pub(crate) fn number_or(&mut self, slot: u32, number: u32) -> u32 {
         if 2 * (self.taken + 1) > self.places.len() {
@@ -66,7 +66,7 @@ impl SlotMap {
         (key == slot).then_some(number)
     }
 
-    /// Notes the number of a slot that is not in the map; answers false, and does nothing, if it is.
+    /// Inserts the number of a slot; returns false, without change, if the slot has one.
     pub(crate) fn insert(&mut self, slot: u32, number: u32) -> bool {
         if 2 * (self.taken + 1) > self.places.len() {
             self.grow();
@@ -80,7 +80,7 @@ impl SlotMap {
         new
     }
 
-    /// The place where a slot is, or where it would go.
+    /// The place of a slot, or where it would be inserted.
     #[inline]
     fn find(&self, slot: u32) -> usize {
         let mask = self.places.len() - 1;
@@ -110,7 +110,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn finds_what_was_put_in_and_nothing_else() {
+    fn finds_exactly_the_inserted_slots() {
         let mut map = SlotMap::default();
         let slots: Vec<u32> = (0..500).chain((1000..90_000).step_by(89)).collect();
         for (number, &slot) in slots.iter().enumerate() {
@@ -121,7 +121,7 @@ mod tests {
             assert_eq!(map.get(slot), Some(number as u32));
         }
         assert!(map.get(500).is_none() && map.get(90_001).is_none());
-        let mut roomy = SlotMap::with_room(slots.len());
+        let mut roomy = SlotMap::with_capacity(slots.len());
         let places = roomy.places.len();
         for (number, &slot) in (0..).zip(&slots) {
             assert_eq!((roomy.number_or(slot, number), roomy.number_or(slot, 7)), (number, number));

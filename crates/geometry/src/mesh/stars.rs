@@ -18,7 +18,7 @@ impl Stars {
         Self { head: vec![END; vertices], next: vec![END; faces * 3] }
     }
 
-    /// Makes room for at least so many vertices and faces.
+    /// Grows to at least this many vertices and faces.
     pub(crate) fn grow(&mut self, vertices: usize, faces: usize) {
         if self.head.len() < vertices {
             self.head.resize(vertices, END);
@@ -33,7 +33,7 @@ impl Stars {
         self.head[vertex as usize] = corner;
     }
 
-    /// Takes a corner out of a star; answers whether it was there.
+    /// Removes a corner from a star; returns whether it was there.
     pub(crate) fn remove(&mut self, vertex: u32, corner: u32) -> bool {
         let after = self.next[corner as usize];
         let mut at = self.head[vertex as usize];

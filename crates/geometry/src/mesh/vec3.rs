@@ -1,5 +1,5 @@
-//! Double-precision vectors as plain arrays. Only + − × ÷ √ in a fixed order, so that every machine
-//! gets the same bits.
+//! Double-precision vectors as plain arrays. Only + − × ÷ √ in a fixed order, so results are bit-identical on all
+//! machines.
 
 pub(crate) type Vec3 = [f64; 3];
 

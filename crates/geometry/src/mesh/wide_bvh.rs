@@ -1,28 +1,29 @@
-//! How far points are from a surface, where it does not matter which triangle is the nearest: whether any is within a
-//! distance, and how far the nearest is if none is.
+//! A four-wide bounding volume hierarchy for distance queries: whether any triangle is within a distance, and else
+//! how far the nearest is.
 //!
-//! The tree of [`TriangleBvh`] with every second level left out, so that four boxes are looked at together, in single
-//! precision: too near by the rounding where boxes are left out, too far where one is taken to be near for all of its
-//! triangles. Distances of triangles are those of [`closest_point_on_triangle`], so answers do not depend on the tree.
+//! It is the tree of [`TriangleBvh`] with every second level removed, so that four boxes are tested at once in single
+//! precision. Rounding is conservative: boxes are skipped only if certainly too far, and accepted as a whole only if
+//! certainly near. Triangle distances are those of [`closest_point_on_triangle`], so results do not depend on the
+//! tree.
 //!
-//! Cost: about 20 bytes a triangle besides corners and positions. A question about a point that is nearer than
-//! boxes are large takes O(log n) boxes, one with a distance beyond that few.
+//! Cost: about 20 bytes per triangle besides corners and positions. A query with a distance below the size of the
+//! boxes visits O(log n) boxes, one with a larger distance few.
 
 use glam::{DVec3, Vec4};
 
 use crate::mesh::distance::{Node, TriangleBvh, closest_point_on_triangle};
 use crate::mesh::four::PointOfFour;
 
-/// Covers the rounding of a squared distance in single precision.
+/// Relative rounding error of a squared distance in single precision.
 const SLACK: f32 = 1e-6;
-/// The same for a coordinate, as a share of it.
+/// Relative rounding error of a coordinate.
 const COORDINATE_SLACK: f32 = 1.2e-7;
-/// Children that can wait: three at each of the levels, of which a tree over 2^31 triangles has 16.
+/// Capacity of the traversal stack: three pending children per level; a tree over 2^31 triangles has 16 levels.
 const STACK: usize = 64;
 
-/// No triangle, and no boxes.
+/// No triangle, or no boxes.
 const NONE: u32 = u32::MAX;
-/// Places that [`Hints`] keeps.
+/// Entries of [`Hints`].
 const HINTS: usize = 1024;
 
 /// Four boxes.
@@ -30,19 +31,19 @@ const HINTS: usize = 1024;
 struct Boxes {
     low: [Vec4; 3],
     high: [Vec4; 3],
-    /// First triangle of a leaf; else index of the boxes inside.
+    /// First triangle of a leaf; else index of the child boxes.
     start: [u32; 4],
-    /// Triangles of a leaf; 0 for boxes inside.
+    /// Number of triangles of a leaf; 0 for an inner node.
     count: [u32; 4],
 }
 
 impl Boxes {
-    /// None of which holds anything.
+    /// Four empty boxes.
     const EMPTY: Self =
         Self { low: [Vec4::INFINITY; 3], high: [Vec4::NEG_INFINITY; 3], start: [0; 4], count: [0; 4] };
 }
 
-/// A point, as seen by [`Boxes`]: between two that single precision has.
+/// A query point, bracketed by two single-precision points.
 struct Point {
     exact: DVec3,
     of_four: PointOfFour,
@@ -61,8 +62,8 @@ impl Point {
         }
     }
 
-    /// Squared distances of the nearest and of the farthest point of each box: at most, and at least; but for the
-    /// rounding that [`SLACK`] covers.
+    /// Squared distances to the nearest (lower bound) and to the farthest point (upper bound) of each box, up to
+    /// [`SLACK`].
     fn distances(&self, boxes: &Boxes) -> (Vec4, Vec4) {
         let (mut nearest, mut farthest) = (Vec4::ZERO, Vec4::ZERO);
         for axis in 0..3 {
@@ -76,30 +77,30 @@ impl Point {
     }
 }
 
-/// A bounding volume hierarchy over triangles with four children a node.
+/// A bounding volume hierarchy over triangles with four children per node.
 pub(crate) struct WideBvh {
-    /// Empty where there is no triangle.
+    /// Empty if there are no triangles.
     boxes: Vec<Boxes>,
-    /// Which single precision has.
+    /// Exact in single precision.
     positions: Vec<[f32; 3]>,
     triangles: Vec<[u32; 3]>,
 }
 
 impl WideBvh {
-    /// A hierarchy over `triangles`, which index `positions`: cells of a grid, or what is as far below the end of
-    /// single precision. Panics as [`TriangleBvh::new`] does.
+    /// Builds a hierarchy over `triangles`, which index `positions`. Positions must be exact in f32, for example grid
+    /// cells. Panics as [`TriangleBvh::new`] does.
     pub(crate) fn new(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Self {
         let (nodes, positions, triangles) = TriangleBvh::new(positions, triangles).into_parts();
         let positions = positions.iter().map(|p| p.as_vec3().to_array()).collect();
         Self { boxes: widen(&nodes), positions, triangles }
     }
 
-    /// One of the positions.
+    /// The position with an index.
     pub(crate) fn position(&self, index: u32) -> [f64; 3] {
         self.positions[index as usize].map(f64::from)
     }
 
-    /// The triangles, by their corners, in the order of [`TriangleBvh`].
+    /// The triangles by their corners, in the order of [`TriangleBvh`].
     pub(crate) fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
     }
@@ -109,9 +110,9 @@ impl WideBvh {
         self.search(0, point, radius * radius, &mut Best::none(radius * radius), &mut new_stack()).is_some()
     }
 
-    /// The same, asking first the triangle that was near when the last point near by was asked for, then those where the
-    /// point is.
-    pub(crate) fn any_within_again(&self, point: [f64; 3], radius: f64, hints: &mut Hints<'_>) -> bool {
+    /// As [`Self::any_within`], testing first the triangle that was near for the last point close by, then those
+    /// around the point.
+    pub(crate) fn any_within_hinted(&self, point: [f64; 3], radius: f64, hints: &mut Hints<'_>) -> bool {
         let enough = radius * radius;
         let hint = hints.at(point);
         let known = hints.near[hint];
@@ -127,8 +128,8 @@ impl WideBvh {
         true
     }
 
-    /// How far the nearest triangle is, if none is at most `radius` away and there is any; `last` is a triangle that is
-    /// likely to be near, if there is one, and becomes the nearest that was found.
+    /// Distance to the nearest triangle, if it is more than `radius`; `None` if a triangle is within `radius` or
+    /// there is none. `last` is a triangle that is likely near, and becomes the nearest one found.
     pub(crate) fn distance_beyond(
         &self,
         point: [f64; 3],
@@ -137,7 +138,7 @@ impl WideBvh {
     ) -> Option<f64> {
         let enough = radius * radius;
         let mut best = Best::none(f64::INFINITY);
-        // What is no point is near nothing.
+        // A point that is not finite is near nothing.
         if let Some(triangle) = last.filter(|_| point.iter().all(|x| x.is_finite())) {
             best = Best { distance: self.distance_squared(DVec3::from_array(point), triangle), triangle };
             if best.distance <= enough {
@@ -165,8 +166,8 @@ impl WideBvh {
         point.distance_squared(closest_point_on_triangle(point, corners))
     }
 
-    /// A triangle inside of the boxes `from` whose squared distance is at most `enough`; if there is none, lowers `best` to
-    /// the least below it.
+    /// A triangle below the boxes `from` whose squared distance is at most `enough`; if there is none, lowers `best`
+    /// to the smallest one below it.
     fn search(
         &self,
         from: u32,
@@ -175,7 +176,7 @@ impl WideBvh {
         best: &mut Best,
         stack: &mut Stack,
     ) -> Option<u32> {
-        // What is no point is near nothing.
+        // A point that is not finite is near nothing.
         if self.boxes.is_empty() || !point.iter().all(|x| x.is_finite()) {
             return None;
         }
@@ -194,7 +195,7 @@ impl WideBvh {
                 continue;
             }
             if count > 0 {
-                // Up to four triangles at once: most questions end here.
+                // Up to four triangles at once: most queries end here.
                 let last = start + count - 1;
                 let four = [0, 1, 2, 3].map(|i| self.rounded_corners(last.min(start + i)));
                 let (near, open) = point.of_four.within(four, radius, best.distance.max(enough));
@@ -227,7 +228,7 @@ impl WideBvh {
             while lanes != 0 {
                 let lane = lanes.trailing_zeros() as usize;
                 lanes &= lanes - 1;
-                // The likeliest on top.
+                // The most promising on top.
                 let mut at = depth;
                 while at > bottom && keys[at - 1 - bottom] < order[lane] {
                     keys[at - bottom] = keys[at - 1 - bottom];
@@ -242,7 +243,7 @@ impl WideBvh {
         None
     }
 
-    /// The first triangle of a box, by what [`Boxes`] says of it.
+    /// The first triangle below a box, given its entry in [`Boxes`].
     fn first_in(&self, mut start: u32, mut count: u32) -> u32 {
         while count == 0 {
             let inside = &self.boxes[start as usize];
@@ -254,7 +255,7 @@ impl WideBvh {
 
 /// The nearest triangle so far.
 struct Best {
-    /// Squared.
+    /// Squared distance.
     distance: f64,
     triangle: u32,
 }
@@ -265,22 +266,22 @@ impl Best {
     }
 }
 
-/// Boxes that wait: where what is inside begins, how many triangles it is, and how far it is.
+/// Pending boxes: start, count and squared distance.
 type Stack = [(u32, u32, f32); STACK];
 
 fn new_stack() -> Stack {
     [(0, 0, 0.0); STACK]
 }
 
-/// Where in a hierarchy to begin, by place.
+/// Start boxes for queries, by position.
 pub(crate) struct Seeds {
     per_cell: f64,
-    /// Boxes that have triangles as their children, by a hash of cells with the middle of such a triangle.
+    /// Leaf-level boxes, by a hash of the cell of a triangle's centre.
     boxes: Vec<u32>,
 }
 
 impl Seeds {
-    /// For cells of an edge length of about `size`; 4 to 8 bytes a triangle.
+    /// For cells with edges of about `size`; 4 to 8 bytes per triangle.
     pub(crate) fn new(bvh: &WideBvh, size: f64) -> Self {
         let count = bvh.triangles.len().next_power_of_two();
         let mut seeds = Self { per_cell: 1.0 / size.max(f64::MIN_POSITIVE), boxes: vec![NONE; count] };
@@ -305,14 +306,14 @@ impl Seeds {
     }
 }
 
-/// A hash of the cell of a point: products with large odd numbers (Teschner et al., "Optimized spatial hashing", 2003,
+/// Hash of a point's cell: products with large odd numbers (Teschner et al., "Optimized spatial hashing", 2003,
 /// section 4.1).
 fn hash(point: [f64; 3], per_cell: f64) -> u32 {
     let [x, y, z] = point.map(|x| (x * per_cell) as i32 as u32);
     x.wrapping_mul(73_856_093) ^ y.wrapping_mul(19_349_663) ^ z.wrapping_mul(83_492_791)
 }
 
-/// Which triangles were near, by place: most questions are about places where others were asked for.
+/// Recently near triangles, by position: consecutive queries are often close to each other.
 pub(crate) struct Hints<'a> {
     per_cell: f64,
     near: Vec<u32>,
@@ -321,26 +322,26 @@ pub(crate) struct Hints<'a> {
 }
 
 impl<'a> Hints<'a> {
-    /// For points of which those less than about `size` apart are likely to be near the same triangle.
+    /// Points less than about `size` apart share a hint.
     pub(crate) fn new(size: f64, seeds: Option<&'a Seeds>) -> Self {
         let per_cell = 1.0 / size.max(f64::MIN_POSITIVE);
         Self { per_cell, near: vec![NONE; HINTS], seeds, stack: new_stack() }
     }
 
-    /// The place of a point, which it shares with others here and there.
+    /// The entry of a point; different cells may share one.
     fn at(&self, point: [f64; 3]) -> usize {
         hash(point, self.per_cell) as usize % HINTS
     }
 }
 
-/// The boxes of a binary tree, whose root comes first, those of two levels together.
+/// Merges two levels each of a binary tree whose root comes first.
 fn widen(nodes: &[Node]) -> Vec<Boxes> {
     let Some(root) = nodes.first() else { return Vec::new() };
     let mut wide = vec![Boxes::EMPTY];
-    // Boxes to fill, and the node that they are inside of.
+    // Boxes to fill, with the node that they are below.
     let mut open = vec![(0_usize, *root)];
     while let Some((at, node)) = open.pop() {
-        // A leaf is its own child.
+        // A leaf counts as its own child.
         let inside = |node: Node| match (node.count, node.start as usize) {
             (0, first) => [Some(nodes[first]), Some(nodes[first + 1])],
             _ => [Some(node), None],
@@ -370,7 +371,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn no_triangle_and_no_point_are_near_nothing() {
+    fn empty_trees_and_nan_points_are_near_nothing() {
         let none = WideBvh::new(&[], &[]);
         assert!(!none.any_within([0.0; 3], f64::INFINITY));
         assert_eq!(none.distance_beyond([0.0; 3], 0.0, &mut None), None);
@@ -381,14 +382,14 @@ mod tests {
         assert_eq!(one.distance_beyond([1.0, 1.0, 2.0], 2.0, &mut None), None);
     }
 
-    /// Cells of a grid about its middle; few of them, so that degenerate and touching triangles are common.
+    /// Few grid cells around the middle, so degenerate and touching triangles are common.
     fn cell() -> impl Strategy<Value = f64> {
         prop_oneof![(-4_i32..=4).prop_map(f64::from), (-8_388_608_i32..=8_388_607).prop_map(f64::from)]
     }
 
     proptest! {
         #[test]
-        fn answers_are_those_of_the_binary_tree(
+        fn results_equal_the_binary_trees(
             positions in prop::collection::vec([cell(), cell(), cell()], 3..40),
             picks in prop::collection::vec([any::<u32>(), any::<u32>(), any::<u32>()], 1..120),
             queries in prop::collection::vec((any::<u32>(), [-6.0..6.0_f64, -6.0..6.0, -6.0..6.0], 0.0..6.0_f64), 1..20),
@@ -406,7 +407,7 @@ mod tests {
                 for radius in [radius, distance, 0.5 * distance, 2.0 * distance, 0.0] {
                     let within = binary.any_within(point, radius);
                     prop_assert_eq!(wide.any_within(point, radius), within);
-                    prop_assert_eq!(wide.any_within_again(point, radius, &mut hints), within);
+                    prop_assert_eq!(wide.any_within_hinted(point, radius, &mut hints), within);
                     let beyond = (!within).then_some(distance);
                     prop_assert_eq!(wide.distance_beyond(point, radius, &mut None), beyond);
                     prop_assert_eq!(wide.distance_beyond(point, radius, &mut last), beyond);

@@ -1,36 +1,37 @@
-//! Which codec suits a mesh.
+//! Selection of the codec for a mesh.
 
 use crate::entropy::Codec;
 use crate::mesh::QuantisedMesh;
 
-/// The [`axis_aligned_share`] from which a mesh counts as built along the axes. Parts of houses and machines have 0.3 to 0.4,
-/// regular grids of heights 0.2; columns and teapots, which are turned about an axis, 0.1; scans and sculptures less. What is
-/// turned is smaller when coded as built, but larger while it is coarse (docs/benchmarks/codecs.md).
-const BUILT: f64 = 0.15;
-/// Most faces that are looked at, evenly over the mesh's.
-const MOST_FACES: usize = 1 << 20;
+/// Smallest [`axis_aligned_share`] of an axis-aligned mesh. Parts of buildings and machines have 0.3 to 0.4, regular
+/// height grids 0.2; surfaces of revolution such as columns and teapots 0.1; scans and sculptures less. Surfaces of
+/// revolution are smaller with the axis-aligned codec when complete, but larger while coarse
+/// (docs/benchmarks/codecs.md).
+const MIN_AXIS_ALIGNED_SHARE: f64 = 0.15;
+/// Most faces sampled, spread evenly over the mesh.
+const MAX_SAMPLED_FACES: usize = 1 << 20;
 
-/// The codec that suits a mesh: [`Codec::AxisAligned`] where the [`axis_aligned_share`] says so, else [`Codec::Range`].
+/// Selects [`Codec::AxisAligned`] or [`Codec::Range`] by [`axis_aligned_share`].
 #[must_use]
 pub fn select_codec(mesh: &QuantisedMesh) -> Codec {
-    if axis_aligned_share(mesh) >= BUILT { Codec::AxisAligned } else { Codec::Range }
+    if axis_aligned_share(mesh) >= MIN_AXIS_ALIGNED_SHARE { Codec::AxisAligned } else { Codec::Range }
 }
 
-/// Brings a mesh into the form that a codec codes best. What is drawn, and what errors are, is the same.
+/// Converts a mesh to the form that a codec encodes best. The surface, its attributes and errors are unchanged.
 pub fn suit(mesh: &mut QuantisedMesh, codec: Codec) {
     if codec == Codec::AxisAligned {
-        mesh.number_groups_by_axes();
+        mesh.renumber_groups_by_orientation();
     }
 }
 
-/// Share of the coordinates that are the same at both ends of an edge, on the mesh's grid, beyond what chance gives: about
-/// 0 where edges lie anywhere, 0.56 for a flat grid along the axes. Inner edges count twice.
+/// Share of the coordinates that are equal at both ends of an edge, on the mesh's grid, beyond the expected share for
+/// arbitrary edges: about 0 for arbitrary edges, 0.56 for a flat grid along the axes. Inner edges count twice.
 ///
-/// An edge whose ends lie anywhere has each small difference of a coordinate as often as the next, so 0 half as often as 1
-/// and −1 together; what is equal beyond that is so by design. Cost: some nanoseconds a face.
+/// For arbitrary edges, small coordinate differences are equally frequent, so 0 is half as frequent as 1 and −1
+/// together; any excess is due to alignment. Cost: some nanoseconds per face.
 #[must_use]
 pub fn axis_aligned_share(mesh: &QuantisedMesh) -> f64 {
-    let step = mesh.faces.len().div_ceil(MOST_FACES).max(1);
+    let step = mesh.faces.len().div_ceil(MAX_SAMPLED_FACES).max(1);
     let (mut same, mut next, mut all) = (0_u64, 0_u64, 0_u64);
     for face in mesh.faces.iter().step_by(step) {
         let corners = face.wedges.map(|w| mesh.positions[mesh.wedges[w as usize].vertex as usize]);
@@ -53,8 +54,8 @@ mod tests {
     use crate::mesh::{Corner, SourceMesh};
     use crate::quantise::{Precision, QuantiseSettings, quantise};
 
-    /// What suits a square of 40 × 40 cells, bent as told.
-    fn suited(bits: u8, bend: fn(f64, f64) -> [f64; 3]) -> Codec {
+    /// The codec selected for a square of 40 × 40 cells, deformed by `bend`.
+    fn selected(bits: u8, bend: fn(f64, f64) -> [f64; 3]) -> Codec {
         let mut mesh = SourceMesh::default();
         for (y, x) in (0..=40_u8).flat_map(|y| (0..=40_u8).map(move |x| (y, x))) {
             mesh.positions.push(bend(f64::from(x) / 40.0, f64::from(y) / 40.0));
@@ -68,22 +69,22 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_along_the_axes_is_built_and_what_does_not_is_not() {
+    fn axis_alignment_selects_the_codec() {
         for bits in [8, 12, 16] {
-            assert_eq!(suited(bits, |s, t| [s, t, 0.0]), Codec::AxisAligned, "a flat grid at {bits} bits");
+            assert_eq!(selected(bits, |s, t| [s, t, 0.0]), Codec::AxisAligned, "a flat grid at {bits} bits");
             assert_eq!(
-                suited(bits, |s, t| [s, t, 0.1 * (7.0 * s).sin() * (5.0 * t + s).cos()]),
+                selected(bits, |s, t| [s, t, 0.1 * (7.0 * s).sin() * (5.0 * t + s).cos()]),
                 Codec::AxisAligned,
                 "heights on a grid at {bits} bits"
             );
             assert_eq!(
-                suited(bits, |s, t| [(6.0 * s).cos(), (6.0 * s).sin(), (20.0 * t).floor()]),
+                selected(bits, |s, t| [(6.0 * s).cos(), (6.0 * s).sin(), (20.0 * t).floor()]),
                 Codec::AxisAligned,
                 "steps of a round tower at {bits} bits"
             );
-            // The same grid, turned about all axes.
+            // The same grid, rotated about all axes.
             let turned = |s: f64, t: f64| [0.8 * s - 0.36 * t, 0.6 * s + 0.48 * t, 0.13 * s + 0.8 * t];
-            assert_eq!(suited(bits, turned), Codec::Range, "a turned grid at {bits} bits");
+            assert_eq!(selected(bits, turned), Codec::Range, "a turned grid at {bits} bits");
         }
         let stone = common::quantised(&common::shapes::sphere(30, 60, 0.05));
         assert_eq!(select_codec(&stone), Codec::Range);

@@ -1,28 +1,28 @@
-//! Encoding: block by block from what simplification has put away, coarse levels first.
+//! Encoding, block by block from the stored levels, coarse levels first.
 
 use crate::asset::base::Base;
 use crate::codec::chunk::{Encoded, encode};
 use crate::codec::source::Source;
 use crate::error::{DecodeError, MeshError};
 use crate::mesh::QuantisedMesh;
-use crate::pool::Watched;
+use crate::pool::MonitoredPool;
 use crate::prepare::{BySlot, Hooks};
 use crate::refine::ActiveMesh;
 use crate::simplify::hierarchy::RegionChunk;
 use crate::simplify::levels::Simplified;
 
-/// Nobody's face: the base mesh's.
-const NOBODY: u32 = u32::MAX;
+/// Owner of base mesh faces.
+const BASE_OWNER: u32 = u32::MAX;
 
-/// What there is to encode.
+/// The input of encoding.
 pub(super) struct Plan<'a> {
     pub(super) mesh: &'a QuantisedMesh,
     pub(super) simplified: &'a Simplified<'a>,
     pub(super) base: &'a Base,
 }
 
-/// A chunk that is encoded.
-pub(super) struct Finished {
+/// An encoded chunk.
+pub(super) struct EncodedRegion {
     /// The level, counted from the finest.
     pub(super) level: usize,
     pub(super) region: RegionChunk,
@@ -30,17 +30,16 @@ pub(super) struct Finished {
     pub(super) encoded: Encoded,
 }
 
-/// Encodes all chunks, level by level and block by block: the chunks of a block at the same time, since those of a
-/// level do not depend on each other. `by_slot` is the base's; `keep` gets chunks in order.
+/// Encodes all chunks, level by level and block by block; the chunks of a block in parallel, since those of one level
+/// are independent. `by_slot` is the base mesh's; `keep` receives the chunks in order.
 ///
-/// The finest level is encoded against a mesh that it is never put into: with it, that mesh would be the largest thing
-/// of all.
+/// The finest level is encoded but not applied: the complete mesh would be the largest allocation of all.
 pub(super) fn encode_all(
     plan: &Plan<'_>,
     mut by_slot: BySlot,
-    pool: &Watched<'_>,
+    pool: &MonitoredPool<'_>,
     hooks: &Hooks<'_>,
-    keep: &mut dyn FnMut(Finished),
+    keep: &mut dyn FnMut(EncodedRegion),
 ) -> Result<(), MeshError> {
     let &Plan { mesh, simplified, base } = plan;
     let levels = &simplified.levels;
@@ -50,12 +49,12 @@ pub(super) fn encode_all(
     for (slot, &v) in by_slot.vertices.iter().enumerate() {
         slot_of_vertex[v as usize] = slot as u32;
     }
-    let mut owners = vec![NOBODY; mesh.faces.len()];
+    let mut owners = vec![BASE_OWNER; mesh.faces.len()];
     let mut first = 0;
     for (level, block) in (0..levels.count()).rev().flat_map(|l| (0..levels.blocks(l)).map(move |b| (l, b))) {
         let regions = levels.block(level, block)?;
         let parents: Vec<Vec<u32>> =
-            (first..).zip(&regions).map(|(id, region)| take_over(&mut owners, id, &region.faces)).collect();
+            (first..).zip(&regions).map(|(id, region)| claim_faces(&mut owners, id, &region.faces)).collect();
         let results = pool.map(regions.len(), &|i| {
             let region = &regions[i];
             let source = Source {
@@ -90,18 +89,18 @@ pub(super) fn encode_all(
                 by_slot.wedges.extend(&encoded.wedges);
                 by_slot.faces.extend(&encoded.faces);
             }
-            keep(Finished { level, region, parents, encoded });
+            keep(EncodedRegion { level, region, parents, encoded });
         }
     }
     Ok(())
 }
 
-/// Parents of a chunk: at each of its faces, the chunk of the nearest coarser level whose region held the face, whether
-/// or not it changed it (a chunk that only read a face must also come first, or it would be decoded against a star that
-/// a finer chunk has altered). The faces are then the chunk's own.
-fn take_over(owners: &mut [u32], id: u32, faces: &[u32]) -> Vec<u32> {
+/// Parents of a chunk: for each of its faces, the chunk of the nearest coarser level whose region contained the face,
+/// whether or not it changed it. (A chunk that only read a face must come first as well, or it would be decoded
+/// against a star that a finer chunk has changed.) Then the faces are owned by the chunk itself.
+fn claim_faces(owners: &mut [u32], id: u32, faces: &[u32]) -> Vec<u32> {
     let mut parents: Vec<u32> =
-        faces.iter().map(|&f| owners[f as usize]).filter(|&owner| owner != NOBODY).collect();
+        faces.iter().map(|&f| owners[f as usize]).filter(|&owner| owner != BASE_OWNER).collect();
     parents.sort_unstable();
     parents.dedup();
     faces.iter().for_each(|&f| owners[f as usize] = id);

@@ -1,4 +1,4 @@
-//! Preparation: from a quantised mesh to a base mesh, an index and chunk payloads.
+//! Preparation: from a quantised mesh to base mesh, index and chunk payloads.
 
 mod codec_selection;
 mod encode;
@@ -11,7 +11,7 @@ use crate::asset::index::{ChunkInfo, Sphere};
 use crate::checkpoint::{CheckpointStore, InMemoryCheckpoint};
 use crate::codec::base;
 use crate::codec::base::mesh::{BaseFormat, BaseMesh};
-use crate::codec::chunk::Reached;
+use crate::codec::chunk::PrefixSize;
 use crate::codec::index_page::encode_pages;
 use crate::codec::source::Source;
 use crate::entropy::Codec;
@@ -19,8 +19,8 @@ use crate::error::{DecodeError, MeshError};
 use crate::mesh::Kinds;
 use crate::mesh::vec3::Vec3;
 use crate::mesh::{Face, NO_COLOR, QuantisedMesh, Wedge};
-use crate::pool::{Monitor, Pool, Stage, Watched};
-use crate::prepare::encode::{Finished, Plan, encode_all};
+use crate::pool::{Monitor, MonitoredPool, Pool, Stage};
+use crate::prepare::encode::{EncodedRegion, Plan, encode_all};
 use crate::refine::ActiveMesh;
 use crate::simplify::blocks::{in_blocks, simplify_blocks};
 use crate::simplify::hierarchy::RegionChunk;
@@ -34,9 +34,9 @@ mod reference_test;
 /// A prepared asset.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prepared {
-    /// The base mesh and what describes the asset.
+    /// The base mesh with the asset's metadata.
     pub base: Base,
-    /// The index, as clients see it, coarse to fine.
+    /// The index entries as clients decode them, coarse to fine.
     pub infos: Vec<ChunkInfo>,
     /// Index pages.
     pub pages: Vec<Vec<u8>>,
@@ -44,7 +44,7 @@ pub struct Prepared {
     pub chunks: Vec<Vec<u8>>,
 }
 
-/// What a preparation calls on: threads, who is told of progress, and what becomes of payloads.
+/// Callbacks of a preparation: threads, progress, storage of payloads, checkpoints.
 #[derive(Clone, Copy)]
 pub struct Hooks<'a> {
     pool: &'a dyn Pool,
@@ -61,51 +61,50 @@ impl std::fmt::Debug for Hooks<'_> {
 }
 
 impl<'a> Hooks<'a> {
-    /// Works on the threads of `pool`, tells `monitor`, and leaves payloads as they are.
+    /// Runs on `pool`, reports to `monitor`, and stores payloads unchanged.
     #[must_use]
     pub fn new(pool: &'a dyn Pool, monitor: &'a dyn Monitor) -> Self {
         Self { pool, monitor, store: &Ok, observe: &|_, _, _| {}, checkpoint: None }
     }
 
-    /// Payloads, and the lengths that the index says, are what `store` makes of them.
+    /// Passes each payload through `store`; the index states the lengths of the results.
     #[must_use]
-    pub fn stored_by(self, store: Store<'a>) -> Self {
+    pub fn with_store(self, store: Store<'a>) -> Self {
         Self { store, ..self }
     }
 
-    /// Levels that are finished are put away into `checkpoint`, not kept in memory: 37 to 65 bytes a face. What is prepared does
-    /// not depend on it.
+    /// Stores finished levels in `checkpoint` instead of memory: 37 to 65 bytes per face. The result does not depend
+    /// on it.
     #[must_use]
-    pub fn checkpointing_to(self, checkpoint: &'a dyn CheckpointStore) -> Self {
+    pub fn with_checkpoints(self, checkpoint: &'a dyn CheckpointStore) -> Self {
         Self { checkpoint: Some(checkpoint), ..self }
     }
 
-    /// Shows each chunk to `observe` before it is encoded.
-    pub(crate) fn observed_by(self, observe: Observer<'a>) -> Self {
+    /// Calls `observe` with each chunk before it is encoded.
+    pub(crate) fn with_observer(self, observe: Observer<'a>) -> Self {
         Self { observe, ..self }
     }
 }
 
-/// Turns a payload into what is stored and sent of it.
+/// Converts a payload to the bytes that are stored and sent, for example by compressing it.
 pub type Store<'a> = &'a (dyn Fn(Vec<u8>) -> Result<Vec<u8>, DecodeError> + Sync);
-/// Sees each chunk just before it is encoded.
+/// Called with each chunk just before it is encoded.
 pub(crate) type Observer<'a> = &'a (dyn Fn(&ActiveMesh, u32, &Source<'_>) + Sync);
 
 /// Prepares a mesh for streaming.
-///
-/// The result depends on the mesh, the settings and what payloads are stored as alone, not on the pool. Cost: 21 to
-/// 33 µs a face on one core (BENCHMARKS.md).
+/// The result depends on the mesh, the settings and the stored form of payloads only, not on the pool. Cost: 21 to 33
+/// µs per face on one core (docs/benchmarks/preparation.md).
 ///
 /// # Errors
 /// [`MeshError::BadSetting`] for a setting out of its range, [`MeshError::NoFaces`] for an empty mesh,
-/// [`MeshError::Cancelled`] if the monitor says so, [`MeshError::Internal`] where storing a payload fails.
+/// [`MeshError::Cancelled`] if the monitor cancels, [`MeshError::Internal`] where storing a payload fails.
 pub fn prepare(mesh: &QuantisedMesh, settings: &Settings, hooks: &Hooks<'_>) -> Result<Prepared, MeshError> {
     settings.check()?;
     if mesh.faces.is_empty() {
         return Err(MeshError::NoFaces { dropped: 0 });
     }
     let in_memory = InMemoryCheckpoint::default();
-    let mut pool = Watched::new(hooks.pool, hooks.monitor, mesh.faces.len());
+    let mut pool = MonitoredPool::new(hooks.pool, hooks.monitor, mesh.faces.len());
     let mut levels = Levels::new(hooks.checkpoint.unwrap_or(&in_memory));
     let merged = if in_blocks(mesh, settings) {
         Some(simplify_blocks(mesh, settings, &mut pool, &mut levels)?)
@@ -138,8 +137,8 @@ pub fn prepare(mesh: &QuantisedMesh, settings: &Settings, hooks: &Hooks<'_>) -> 
             parent.attribute_error = parent.attribute_error.max(attribute_error);
         }
     }
-    // A chunk is no better at a truncation than its children are while they are missing. It can be worse than
-    // while it is missing itself: what is far on the way need not be in the end.
+    // The error at a truncation point is at least that of the chunk's children. It may exceed the chunk's own error:
+    // intermediate states can be worse.
     let mut finer = vec![0.0_f64; chunks.len()];
     for chunk in &chunks {
         for &parent in &chunk.parents {
@@ -160,7 +159,7 @@ pub fn prepare(mesh: &QuantisedMesh, settings: &Settings, hooks: &Hooks<'_>) -> 
     Ok(Prepared { base, infos, pages, chunks: payloads })
 }
 
-/// The builder's ids of everything in an [`ActiveMesh`] that only grows, by slot.
+/// Builder's ids of the elements of a growing [`ActiveMesh`], by slot.
 struct BySlot {
     vertices: Vec<u32>,
     wedges: Vec<u32>,
@@ -252,7 +251,7 @@ fn build_base(
     Ok((base, by_slot))
 }
 
-/// What is kept of an encoded chunk: not what it adds, which is as large as the mesh.
+/// The part of an encoded chunk that is kept: not its delta, since all deltas are as large as the mesh.
 struct Chunk {
     bytes: Vec<u8>,
     /// The level, counted from the finest.
@@ -264,14 +263,14 @@ struct Chunk {
     center: Vec3,
     radius: f64,
     /// Each with its error.
-    truncation_points: Vec<(Reached, f64)>,
+    truncation_points: Vec<(PrefixSize, f64)>,
     vertices: u32,
     wedges: u32,
     faces: u32,
 }
 
 impl Chunk {
-    fn of(Finished { level, region, parents, encoded: e }: Finished) -> Self {
+    fn of(EncodedRegion { level, region, parents, encoded: e }: EncodedRegion) -> Self {
         let [vertices, wedges, faces] = [&e.vertices, &e.wedges, &e.faces].map(|list| list.len() as u32);
         let RegionChunk { records, error, attribute_error, truncation_errors, center, radius, .. } = region;
         let truncation_errors = truncation_errors[records.coded_truncation_points()].iter().copied();
@@ -291,11 +290,12 @@ impl Chunk {
         }
     }
 
-    /// Its entry in the index; `finer` is the largest error of its children.
+    /// Its index entry; `finer` is the largest error of its children.
     fn info(&self, mesh: &QuantisedMesh, levels: usize, finer: f64) -> ChunkInfo {
         let step = mesh.grid.step;
-        let truncation =
-            |&(truncation, error): &(Reached, f64)| truncation.truncation(round_up(error.max(finer) * step));
+        let truncation = |&(truncation, error): &(PrefixSize, f64)| {
+            truncation.truncation(round_up(error.max(finer) * step))
+        };
         ChunkInfo {
             level: (levels - self.level).min(255) as u8,
             sphere: self.sphere(mesh),
@@ -310,7 +310,7 @@ impl Chunk {
         }
     }
 
-    /// Its sphere in the asset's units, relative to the grid's origin.
+    /// Its bounding sphere in the asset's units, relative to the grid's origin.
     fn sphere(&self, mesh: &QuantisedMesh) -> Sphere {
         let middle = f64::from(1_u32 << mesh.grid.bits) * 0.5;
         let center = self.center.map(|x| (x + middle) * mesh.grid.step);
@@ -318,7 +318,7 @@ impl Chunk {
     }
 }
 
-/// A float not below `x`, with a little to spare for the rounding of what it is added to.
+/// The nearest f32 not below `x`, with a margin for later roundings.
 fn round_up(x: f64) -> f32 {
     (x * (1.0 + 1e-6)) as f32
 }

@@ -1,5 +1,5 @@
-//! Refined meshes against an independent reference: the input with the complement's collapses done
-//! again, finest level first, in the builder's ids. The decoder has no part in the reference.
+//! Compares refined meshes with an independent reference: the input with the collapses of all chunks outside the cut
+//! redone, finest level first, in the builder's ids. The decoder is not part of the reference.
 
 use std::collections::BTreeMap;
 
@@ -10,8 +10,8 @@ use crate::checkpoint::InMemoryCheckpoint;
 use crate::collapse::NO_VERTEX;
 use crate::common;
 use crate::mesh::{QuantisedMesh, Wedge};
-use crate::pool::{Serial, Silent, Watched};
-use crate::prepare::encode::{Finished, Plan, encode_all};
+use crate::pool::{MonitoredPool, Serial, Silent};
+use crate::prepare::encode::{EncodedRegion, Plan, encode_all};
 use crate::prepare::{Hooks, build_base};
 use crate::random::Random;
 use crate::refine::{ActiveMesh, ChunkDelta, Id};
@@ -22,10 +22,10 @@ use crate::simplify::levels::{Levels, Simplified};
 use crate::simplify::settings::Settings;
 use crate::simplify::simplify_from;
 
-/// Faces by the builder's ids: wedges, rotated so that the least comes first.
+/// Faces by the builder's ids: wedges, rotated so that the smallest comes first.
 type Faces = BTreeMap<u32, [u32; 3]>;
 
-/// Everything that the two sides need, with the builder's names of canonical ids.
+/// Input of both sides, with the builder's id of each canonical id.
 struct Case<'a> {
     mesh: &'a QuantisedMesh,
     simplified: Simplified<'a>,
@@ -45,7 +45,7 @@ impl<'a> Case<'a> {
         settings: &Settings,
         (checkpoint, merged): (&'a InMemoryCheckpoint, &'a mut Option<Merged>),
     ) -> Self {
-        let mut pool = Watched::new(&Serial, &Silent, mesh.faces.len());
+        let mut pool = MonitoredPool::new(&Serial, &Silent, mesh.faces.len());
         let mut levels = Levels::new(checkpoint);
         *merged = in_blocks(mesh, settings)
             .then(|| simplify_blocks(mesh, settings, &mut pool, &mut levels).unwrap());
@@ -56,7 +56,7 @@ impl<'a> Case<'a> {
             (vec![first.vertices.clone()], vec![first.wedges.clone()], vec![first.faces.clone()]);
         let (mut regions, mut infos, mut payloads, mut deltas) =
             (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        let mut keep = |Finished { level, region, parents, encoded: e }: Finished| {
+        let mut keep = |EncodedRegion { level, region, parents, encoded: e }: EncodedRegion| {
             infos.push(ChunkInfo {
                 parents,
                 level: base.level_count - level as u8,
@@ -78,13 +78,13 @@ impl<'a> Case<'a> {
         Self { mesh, simplified, regions, infos, payloads, base, deltas, vertices, wedges, faces }
     }
 
-    /// All chunks.
-    fn everything(&self) -> Vec<Member> {
+    /// All chunks, whole.
+    fn all_chunks(&self) -> Vec<Member> {
         (0..self.infos.len() as u32).map(|chunk| Member { chunk, truncation: None }).collect()
     }
 
-    /// The input after the collapses of all chunks that are not in `set`, and those after the truncation_points of
-    /// those that are in it up to a truncation.
+    /// The input after the collapses of all chunks outside `set`, and those beyond the truncation points of its
+    /// members.
     fn collapsed(&self, set: &[Member]) -> Faces {
         let all_wedges = &self.simplified.wedges;
         let vertex = |w: u32| all_wedges.get(w).vertex;
@@ -96,7 +96,7 @@ impl<'a> Case<'a> {
                 around.entry(vertex(w)).or_default().push(face);
             }
         }
-        // Ids run from coarse to fine, so the finest level comes last.
+        // Ids ascend from coarse to fine, so the finest level is last.
         for id in (0..self.regions.len()).rev() {
             let records = &self.regions[id].records;
             let left = match set.binary_search_by_key(&(id as u32), |m| m.chunk).map(|at| set[at].truncation)
@@ -109,7 +109,7 @@ impl<'a> Case<'a> {
                 Err(_) => records.collapses.len(),
             };
             for i in 0..left {
-                let (collapse, moved, removed) = records.parts(i);
+                let (collapse, moved_positions, removed) = records.parts(i);
                 let (u, t) = (collapse.removed, collapse.target);
                 let star: Vec<u32> = around
                     .remove(&u)
@@ -121,17 +121,17 @@ impl<'a> Case<'a> {
                     assert!(star.is_empty(), "vertex {u} is dropped but has faces");
                     continue;
                 }
-                // What happens follows from u and t alone; the lists must say the same.
+                // The outcome is determined by u and t; the records must agree.
                 let (gone, stay): (Vec<u32>, Vec<u32>) =
                     star.into_iter().partition(|f| faces[f].iter().any(|&w| vertex(w) == t));
                 let mut listed: Vec<u32> = removed.iter().map(|r| r.face).collect();
                 listed.sort_unstable();
                 assert_eq!(gone, listed, "faces that vanish when {u} goes onto {t}");
-                assert_eq!(stay.len(), moved.len(), "faces that move when {u} goes onto {t}");
+                assert_eq!(stay.len(), moved_positions.len(), "faces that move when {u} goes onto {t}");
                 for face in gone {
                     faces.remove(&face);
                 }
-                for m in moved {
+                for m in moved_positions {
                     let corner =
                         faces.get_mut(&m.face).unwrap().iter_mut().find(|w| vertex(**w) == u).unwrap();
                     assert_eq!(*corner, m.from, "face {} is not as the builder saw it", m.face);
@@ -147,23 +147,26 @@ impl<'a> Case<'a> {
         faces.into_iter().map(|(f, w)| (f, rotated(w))).collect()
     }
 
-    /// Where the vertices are that some chunk of `set` moves: where the finest such chunk says.
-    fn moved(&self, set: &[Member]) -> BTreeMap<u32, [i32; 3]> {
+    /// Positions of the vertices that chunks of `set` move: those of the finest such chunk.
+    fn moved_positions(&self, set: &[Member]) -> BTreeMap<u32, [i32; 3]> {
         let chunk = |m: &Member| &self.regions[m.chunk as usize];
-        // Ids run from coarse to fine, so the finest comes last.
+        // Ids ascend from coarse to fine, so the finest wins.
         set.iter().flat_map(|m| chunk(m).moves.iter().map(|m| (m.vertex, m.cell))).collect()
     }
 
-    /// A refined mesh in the builder's ids; wedges and vertices must be the builder's, too, and where those
-    /// are that chunks of `set` move.
+    /// A refined mesh in the builder's ids; asserts that wedges, vertices and moved positions are the builder's.
     fn named(&self, mesh: &ActiveMesh, set: &[Member]) -> Faces {
-        let moved = self.moved(set);
+        let moved_positions = self.moved_positions(set);
         let snapshot = mesh.snapshot();
         let name = |lists: &[Vec<u32>], id: Id| lists[id.owner as usize][id.index as usize];
         for &(id, position) in &snapshot.vertices {
             let vertex = name(&self.vertices, id);
             let left = || self.simplified.placed(vertex).cell;
-            assert_eq!(position, moved.get(&vertex).copied().unwrap_or_else(left), "vertex {vertex}");
+            assert_eq!(
+                position,
+                moved_positions.get(&vertex).copied().unwrap_or_else(left),
+                "vertex {vertex}"
+            );
             if set.len() == self.infos.len() && set.iter().all(|m| m.truncation.is_none()) {
                 assert_eq!(position, self.mesh.positions[vertex as usize], "vertex {vertex} of the input");
             }
@@ -187,7 +190,7 @@ fn rotated(w: [u32; 3]) -> [u32; 3] {
 }
 
 #[test]
-fn any_closed_set_is_the_input_collapsed_by_the_complement() {
+fn any_ancestor_closed_cut_is_the_input_collapsed_by_the_complement() {
     let (mut at_truncation_points, mut moves) = (0, 0);
     for (name, source) in common::all() {
         let mesh = common::quantised(&source);
@@ -195,12 +198,12 @@ fn any_closed_set_is_the_input_collapsed_by_the_complement() {
         for settings in [50, 200, 1000].map(common::regions).into_iter().chain([blocks]) {
             let (checkpoint, mut merged) = (InMemoryCheckpoint::default(), None);
             let case = Case::new(&mesh, &settings, (&checkpoint, &mut merged));
-            moves += case.moved(&case.everything()).len();
+            moves += case.moved_positions(&case.all_chunks()).len();
             let mut random = Random::new(31);
             for attempt in 0..8 {
                 let set = match attempt {
                     0 => Vec::new(),
-                    1 => case.everything(),
+                    1 => case.all_chunks(),
                     _ => ancestor_closed_cut::random(&case.infos, &mut random),
                 };
                 let mut active = ActiveMesh::new(&case.base);
@@ -226,7 +229,7 @@ fn any_closed_set_is_the_input_collapsed_by_the_complement() {
         }
     }
     assert!(at_truncation_points >= 100, "only {at_truncation_points} chunks ended at a truncation");
-    assert!(moves >= 1000, "only {moves} vertices moved");
+    assert!(moves >= 1000, "only {moves} vertices moved_positions");
 }
 
 #[test]
@@ -234,6 +237,6 @@ fn the_reference_differs_when_one_chunk_is_left_out() {
     let mesh = common::quantised(&common::shapes::torus(40, 70));
     let (checkpoint, mut merged) = (InMemoryCheckpoint::default(), None);
     let case = Case::new(&mesh, &common::regions(200), (&checkpoint, &mut merged));
-    let all = case.everything();
+    let all = case.all_chunks();
     assert!(case.collapsed(&all) != case.collapsed(&all[..all.len() - 1]));
 }

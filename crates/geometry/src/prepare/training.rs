@@ -1,8 +1,8 @@
 //! Training of the priors that every stream starts from (`codec/model.rs`).
 //!
-//! The table belongs to the format: after training, [`crate::asset::base::FORMAT_VERSION`] must change. Per
-//! context the trained pair (probability, what it is worth) is the one that codes the sequences seen,
-//! chunk by chunk, in the fewest bits; weights of mixers are the means of those that chunks end with.
+//! The table is part of the format: after training, [`crate::asset::base::FORMAT_VERSION`] must change. Each
+//! context's prior (probability and count) is the one that codes the recorded sequences, chunk by chunk, in the
+//! fewest bits; mixing weights are the means of the final weights of the chunks.
 
 use std::collections::BTreeMap;
 use std::sync::Mutex;
@@ -21,14 +21,14 @@ use crate::pool::{Pool, Silent};
 use crate::prepare::{Hooks, Observer, prepare};
 use crate::simplify::settings::Settings;
 
-/// Rounds in which the weights of mixers settle.
+/// Iterations for the mixing weights.
 const WEIGHT_ROUNDS: usize = 24;
-/// What a prior may be worth.
-const WORTHS: [u8; 11] = [0, 1, 2, 4, 7, 12, 20, 35, 60, 90, 120];
-/// Log odds by which a prior may differ from the mean over all chunks.
+/// Candidate counts of a prior.
+const COUNTS: [u8; 11] = [0, 1, 2, 4, 7, 12, 20, 35, 60, 90, 120];
+/// Candidate offsets, in log odds, of a prior from the mean over all chunks.
 const SHIFTS: [f64; 3] = [-0.3, 0.0, 0.3];
 
-/// A decision: the contexts that were looked at, as many as count, the mixer if there was one, and the bit.
+/// A coded decision: its contexts (the first `count`), the mixer if any, and the bit.
 #[derive(Clone, Copy)]
 struct Decision {
     contexts: [u32; MAX_INPUTS],
@@ -37,8 +37,8 @@ struct Decision {
     bit: bool,
 }
 
-/// A coder that writes nothing down but what was decided in view of what. That does not depend on
-/// estimates, so one recording serves all rounds.
+/// Records decisions with their contexts. These do not depend on probabilities, so one recording serves all
+/// iterations.
 #[derive(Default)]
 struct Recorder(Vec<Decision>);
 
@@ -67,10 +67,10 @@ impl Coder for Recorder {
     }
 }
 
-/// Trains on the chunks and base meshes of some meshes; answers the table's bytes.
+/// Trains on the chunks and base meshes of some meshes; returns the table's bytes.
 ///
-/// Cost: preparing every mesh once, and half as much again. Uses floating-point logarithms: the table is the
-/// same on one machine, not on all.
+/// Cost: 1.5 times preparing every mesh. Uses floating-point logarithms, so the table is reproducible on one machine
+/// only.
 ///
 /// # Errors
 /// As [`crate::prepare::prepare`].
@@ -79,13 +79,13 @@ pub fn train(meshes: &[QuantisedMesh], settings: &Settings, pool: &dyn Pool) -> 
     let mut contexts = untrained();
     contexts.probs = priors(&streams);
     for _ in 0..WEIGHT_ROUNDS {
-        contexts.weights = settled(&contexts, &streams);
+        contexts.weights = trained_weights(&contexts, &streams);
     }
     Ok(contexts.to_bytes())
 }
 
-/// By mixer, the mean of the weights that streams end with, each stream as much as it used the mixer.
-fn settled(start: &Contexts, streams: &[Recorder]) -> Vec<[i32; MAX_INPUTS]> {
+/// Mean final weights of each mixer, weighted by its use in each stream.
+fn trained_weights(start: &Contexts, streams: &[Recorder]) -> Vec<[i32; MAX_INPUTS]> {
     let mut sums = vec![[0_i64; MAX_INPUTS]; start.weights.len()];
     let mut uses = vec![0_i64; start.weights.len()];
     for stream in streams {
@@ -140,7 +140,7 @@ fn record(
                 streams.insert(chunk, recorder);
             }
         };
-        let prepared = prepare(mesh, settings, &Hooks::new(pool, &Silent).observed_by(observe))?;
+        let prepared = prepare(mesh, settings, &Hooks::new(pool, &Silent).with_observer(observe))?;
         all.extend(streams.into_inner().unwrap_or_default().into_values());
         let base = &prepared.base;
         let mesh = BaseMesh {
@@ -179,7 +179,7 @@ fn priors(streams: &[Recorder]) -> Vec<Prob> {
     runs.iter().map(|runs| prior(runs)).collect()
 }
 
-/// The cheapest prior for some runs of one context.
+/// The cheapest prior for the sequences of one context.
 fn prior(runs: &[Vec<bool>]) -> Prob {
     let bits: usize = runs.iter().map(Vec::len).sum();
     if bits == 0 {
@@ -191,7 +191,7 @@ fn prior(runs: &[Vec<bool>]) -> Prob {
     for shift in SHIFTS {
         let odds = share / (1.0 - share) * f64::exp(shift);
         let p = (odds / (1.0 + odds) * 65536.0).clamp(48.0, 65488.0) as u16;
-        for seen in WORTHS.into_iter().filter(|&w| usize::from(w) <= bits + 1) {
+        for seen in COUNTS.into_iter().filter(|&w| usize::from(w) <= bits + 1) {
             let prior = Prob { p, seen };
             let cost = runs.iter().map(|run| cost(prior, run)).sum();
             if cost < best.0 {

@@ -1,5 +1,5 @@
-//! The refined mesh: structure of arrays over slots. Chunks get slots when they are applied, so memory
-//! follows what is applied, not what exists; ids stay canonical (see [`Id`]).
+//! The refined mesh, as a structure of arrays over slots. Chunks get slots when applied, so memory is proportional to
+//! the applied part; ids stay canonical (see [`Id`]).
 
 use crate::asset::base::Base;
 use crate::entropy::Codec;
@@ -10,16 +10,16 @@ use crate::mesh::{Grid, UvGrid, Wedge};
 use crate::numbers::id32;
 use crate::refine::applied::{AppliedOwner, AppliedOwners, Undo, VertexState};
 use crate::refine::delta::Id;
+use crate::refine::dirty_slots::DirtySlots;
 use crate::refine::marks::TouchMarks;
-use crate::refine::render::Touched;
 use crate::refine::slots::Slots;
 
-/// A mesh of a base and any ancestor-closed cut of chunks, those without applied children perhaps up to a truncation.
+/// A base mesh refined by an ancestor-closed cut of chunks; chunks without applied children may be applied up to a
+/// truncation point.
 ///
-/// Memory ([`Self::bytes`]): 85 to 148 bytes a face, measured on eleven meshes with every chunk applied before
-/// vertices knew what moved them, which adds 5 bytes a vertex (and 4 a move, not counted), and before marks, which add
-/// about 1/4 a face; what it is depends on how far the lists have grown beyond what they hold. What undoing a chunk
-/// puts back is 8 bytes a corner and 36 a vertex that the chunk moved, and nothing in a mesh that only grows.
+/// Memory ([`Self::bytes`]): about 85 to 148 bytes per face with all chunks applied (eleven meshes), depending on
+/// spare capacity, plus 5 bytes per vertex for its mover. Undo records take 8 bytes per moved corner and 36 per moved
+/// vertex; none in a mesh that only grows.
 #[derive(Clone, Debug)]
 pub struct ActiveMesh {
     pub(crate) grid: Grid,
@@ -28,13 +28,13 @@ pub struct ActiveMesh {
     pub(crate) kinds: Kinds,
     pub(crate) applied: AppliedOwners,
     pub(crate) positions: Vec<[i32; 3]>,
-    /// Where a vertex was before the chunk that brought it, or moved it last, was applied: a new one's is the
-    /// position of its oldest ancestor within the chunk's parents.
+    /// Position of a vertex before the last chunk that added or moved it. For an added vertex: the position of its
+    /// oldest ancestor outside the chunk.
     pub(crate) morph_from: Vec<[i32; 3]>,
     pub(crate) vertex_owner: Vec<u32>,
-    /// The owner that put a vertex where it is: its own, or a chunk's that moved it.
+    /// The owner that set a vertex's position: the one that added it, or a chunk that moved it.
     pub(crate) vertex_mover: Vec<u32>,
-    /// How many of the lowest bits of a position are zero, at most.
+    /// Known number of low bits of the position that are zero.
     pub(crate) vertex_shift: Vec<u8>,
     /// [`Base::shifts`].
     pub(crate) shifts: Vec<u8>,
@@ -55,16 +55,16 @@ pub struct ActiveMesh {
     pub(crate) live_faces: usize,
     pub(crate) live_vertices: usize,
     pub(crate) applied_chunks: usize,
-    /// Chunks cannot be undone: nothing is kept for it.
+    /// Whether chunks cannot be undone; no undo records are stored then.
     pub(crate) only_grows: bool,
-    /// What undoing the applied chunks puts back, in bytes.
+    /// Size of the undo records, in bytes.
     pub(crate) undo_bytes: usize,
-    /// What the change under way has touched; empty between changes.
+    /// Slots touched by the change in progress; empty between changes.
     pub(crate) marks: TouchMarks,
 }
 
 impl ActiveMesh {
-    /// The base mesh alone. The base must have been decoded or built by this crate.
+    /// The base mesh alone. `base` must have been decoded or prepared by this crate.
     #[must_use]
     pub fn new(base: &Base) -> Self {
         let materials = usize::from(base.material_count.max(1));
@@ -117,7 +117,7 @@ impl ActiveMesh {
         mesh
     }
 
-    /// The base mesh alone, of a mesh that only grows: chunks cannot be undone or raised, and no memory is spent on it.
+    /// The base mesh alone, without undo records: chunks cannot be undone or raised.
     #[must_use]
     pub fn growing(base: &Base) -> Self {
         Self { only_grows: true, ..Self::new(base) }
@@ -129,37 +129,37 @@ impl ActiveMesh {
         self.grid
     }
 
-    /// How its chunks are coded.
+    /// Codec of its chunks.
     #[must_use]
     pub fn codec(&self) -> Codec {
         self.codec
     }
 
-    /// Whether a chunk is applied, whole or up to a truncation.
+    /// Whether a chunk is applied, whole or up to a truncation point.
     #[must_use]
     pub fn is_applied(&self, chunk: u32) -> bool {
         chunk.checked_add(1).is_some_and(|owner| self.applied.get(owner).is_some())
     }
 
-    /// The truncation that a chunk is applied up to; `None` if it is whole or not applied.
+    /// The truncation point that a chunk is applied up to; `None` if it is whole or not applied.
     #[must_use]
     pub fn applied_truncation(&self, chunk: u32) -> Option<u8> {
         self.applied.get(chunk.checked_add(1)?)?.truncation
     }
 
-    /// Faces that are there now.
+    /// Current number of faces.
     #[must_use]
     pub fn face_count(&self) -> usize {
         self.live_faces
     }
 
-    /// Vertices that are there now.
+    /// Current number of vertices.
     #[must_use]
     pub fn vertex_count(&self) -> usize {
         self.live_vertices
     }
 
-    /// Chunks that are applied now.
+    /// Number of applied chunks.
     #[must_use]
     pub fn applied_count(&self) -> usize {
         self.applied_chunks
@@ -277,7 +277,7 @@ impl ActiveMesh {
         }
     }
 
-    /// The wedge that a corner (`face × 3 + k`) is at.
+    /// The wedge at a corner (`face × 3 + k`).
     pub(crate) fn corner_wedge(&self, corner: u32) -> u32 {
         corner::at(&self.faces, corner)
     }
@@ -292,9 +292,9 @@ impl ActiveMesh {
         self.indices[list][self.draw_slots[face] as usize][k] = to;
     }
 
-    /// What the marked faces and vertices, and the index entries given, mean to a renderer: the faces' index entries
-    /// too, and every wedge around the vertices, those of the faces included, since their normals may have changed.
-    pub(crate) fn finish_touched(&mut self, mut draws: Vec<(u16, u32)>) -> Touched {
+    /// The dirty slots of a change: the given index entries and those of the marked faces, and all wedges at the
+    /// marked vertices and at the vertices of marked faces, since their normals may have changed.
+    pub(crate) fn finish_touched(&mut self, mut draws: Vec<(u16, u32)>) -> DirtySlots {
         let TouchMarks { faces, vertices, wedges } = &mut self.marks;
         faces.drain(|face| {
             draws.push((self.materials[face as usize], self.draw_slots[face as usize]));
@@ -303,7 +303,7 @@ impl ActiveMesh {
             }
         });
         vertices.drain(|vertex| {
-            // Mostly all corners of a vertex are at one wedge.
+            // Usually all corners of a vertex have one wedge.
             let mut last = None;
             for corner in self.stars.corners(vertex) {
                 let wedge = corner::at(&self.faces, corner);
@@ -313,9 +313,9 @@ impl ActiveMesh {
                 }
             }
         });
-        let mut touched = Touched { wedges: Vec::with_capacity(draws.len()), draws };
+        let mut touched = DirtySlots { wedges: Vec::with_capacity(draws.len()), draws };
         wedges.drain(|wedge| touched.wedges.push(wedge));
-        // Those of one owner come in order: stable sorting merges them.
+        // Runs are mostly sorted, which a stable sort exploits.
         touched.draws.sort();
         touched.draws.dedup();
         touched
@@ -325,7 +325,7 @@ impl ActiveMesh {
         self.applied.get(owner)
     }
 
-    /// The slot of a vertex; 0 if its owner is not there.
+    /// The slot of a vertex; 0 if its owner is not applied.
     pub(crate) fn vertex_slot(&self, id: Id) -> u32 {
         self.applied_owner(id.owner).map_or(0, |p| p.vertices.start + id.index)
     }

@@ -1,11 +1,11 @@
-//! What is known of each applied owner: memory follows what is applied, not how many chunks the
-//! asset claims to have.
+//! Records of applied owners. Memory is proportional to the applied owners, not to the number of chunks that an asset
+//! claims.
 
 use std::ops::Range;
 
 use crate::numbers::id32;
 
-/// Where an applied owner's elements are.
+/// The slots of an applied owner's elements, and its undo record.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct AppliedOwner {
     pub(crate) vertices: Range<u32>,
@@ -13,17 +13,17 @@ pub(crate) struct AppliedOwner {
     pub(crate) faces: Range<u32>,
     /// Per material: slots in its index list.
     pub(crate) draws: Vec<(u16, Range<u32>)>,
-    /// The truncation that a chunk is applied up to; `None` once it is whole.
+    /// The truncation point that the chunk is applied up to; `None` if whole.
     pub(crate) truncation: Option<u8>,
-    /// Applied chunks that name this one as a parent, or refer to what it brought.
+    /// Number of applied chunks that depend on this one: as a parent, or by a reference to its elements.
     pub(crate) children: u32,
-    /// Owners among whose children this one was counted.
+    /// Owners that this one depends on.
     pub(crate) needs: Vec<u32>,
-    /// What undoing it puts back.
+    /// Restores the state before the chunk.
     pub(crate) undo: Undo,
 }
 
-/// What chunks change of a vertex that is older than they are.
+/// The part of a vertex's state that later chunks may change.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct VertexState {
     pub(crate) position: [i32; 3],
@@ -32,12 +32,12 @@ pub(crate) struct VertexState {
     pub(crate) mover: u32,
 }
 
-/// What undoing a chunk puts back, by slot.
+/// Undo record of a chunk, by slot.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Undo {
-    /// Older vertices that it moved, as they are put back.
+    /// Older vertices that the chunk moved, with the state to restore.
     pub(crate) vertices: Box<[(u32, VertexState)]>,
-    /// Corners of older faces that it moved (`face × 3 + k`), and the wedges that they were at.
+    /// Corners of older faces that the chunk moved (`face × 3 + k`), with the wedge to restore.
     pub(crate) corners: Box<[(u32, u32)]>,
 }
 
@@ -48,11 +48,11 @@ impl Undo {
     }
 }
 
-/// Owners per page: those of one index page, which is asked for as a whole.
+/// Owners per page: the size of an index page, which is requested as a whole.
 const PAGE: usize = 64;
 
-/// What is applied, by owner, in pages that exist once one of their owners is applied. A untrusted peer's asset may
-/// claim 2^22 chunks in a few bytes: that costs 0.5 MB here, and a list of all of them 0.5 GB.
+/// Applied owners in pages that are allocated when one of their owners is applied. An untrusted peer's asset may
+/// claim 2^22 chunks in a few bytes: pages cost 0.5 MB for it, a flat list 0.5 GB.
 #[derive(Clone, Debug)]
 pub(crate) struct AppliedOwners {
     pages: Vec<Option<Box<[Option<AppliedOwner>; PAGE]>>>,
@@ -60,13 +60,13 @@ pub(crate) struct AppliedOwners {
 }
 
 impl AppliedOwners {
-    /// None applied, of the base mesh and so many chunks.
+    /// An empty table for the base mesh and `chunks` chunks.
     pub(crate) fn new(chunks: u32) -> Self {
         let owners = chunks as usize + 1;
         Self { pages: vec![None; owners.div_ceil(PAGE)], owners }
     }
 
-    /// How many owners there may be: the chunks and the base mesh.
+    /// Number of possible owners: the chunks and the base mesh.
     pub(crate) fn len(&self) -> usize {
         self.owners
     }
@@ -118,7 +118,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn owners_come_back_in_order_and_pages_go_with_their_last() {
+    fn owners_are_sorted_and_empty_pages_are_freed() {
         let mut applied = AppliedOwners::new(1 << 24);
         let empty = applied.bytes();
         assert!(empty < 3 << 20, "{empty} bytes");

@@ -1,8 +1,8 @@
-//! Applying chunks, undoing them, and taking them on from truncation to truncation.
+//! Applying chunks, undoing them, and raising them to a later truncation point.
 //!
-//! The mesh keeps what undoing a chunk puts back ([`Undo`]): of older vertices where they were, of older corners the
-//! wedge they were at. What the chunk brought only goes. Both are kept by slot, since what a chunk refers to cannot go
-//! before the chunk does.
+//! The mesh stores an undo record per chunk ([`Undo`]): the state of moved older vertices and the wedges of moved
+//! older corners. Added elements are just removed. Records refer to slots, since elements that a chunk refers to
+//! cannot be removed before the chunk.
 
 use crate::asset::index::ChunkInfo;
 use crate::mesh::Wedge;
@@ -11,69 +11,69 @@ use crate::numbers::id32;
 use crate::refine::active::ActiveMesh;
 use crate::refine::applied::{AppliedOwner, Undo, VertexState};
 use crate::refine::delta::{ChunkDelta, Id};
+use crate::refine::dirty_slots::DirtySlots;
 use crate::refine::error::{ChunkError, RefineError};
 use crate::refine::owners::Owners;
-use crate::refine::render::Touched;
 
-/// What taking a chunk out undoes, so that it can be put back where it was.
-struct Forward {
+/// The state to restore if raising a chunk fails after it was removed.
+struct Redo {
     /// In the order of [`Undo::vertices`].
     vertices: Vec<VertexState>,
     /// In the order of [`Undo::corners`].
     wedges: Vec<u32>,
 }
 
-/// What checking a delta has found out.
+/// Result of checking a delta.
 struct Checked {
-    /// The owners of the parents and of everything older that the delta refers to, ascending; without the base mesh,
-    /// which is always there.
+    /// Owners of the parents and of all older elements that the delta refers to, ascending; without the base mesh,
+    /// which is always applied.
     needs: Vec<u32>,
-    /// The corners that move (`face × 3 + k`), and the wedges that they are at.
+    /// Corners that move (`face × 3 + k`), with their current wedges.
     corners: Vec<(u32, u32)>,
 }
 
 impl ActiveMesh {
-    /// Applies a decoded chunk, or its beginning up to a truncation, once its parents are applied whole. The delta is not
-    /// needed afterwards: [`Self::undo`] and [`Self::raise`] take the chunk's id.
+    /// Applies a decoded chunk, whole or up to a truncation point. Its parents must be applied whole. The delta is
+    /// not needed afterwards: [`Self::undo`] and [`Self::raise`] take the chunk's id.
     ///
     /// # Errors
     /// See [`RefineError`]; the mesh is then unchanged.
-    pub fn apply(&mut self, delta: &ChunkDelta) -> Result<Touched, RefineError> {
+    pub fn apply(&mut self, delta: &ChunkDelta) -> Result<DirtySlots, RefineError> {
         let checked = self.may_apply(delta)?;
         Ok(self.insert(delta, checked))
     }
 
-    /// Whether [`Self::apply`] would succeed, and if not, why.
+    /// Checks whether [`Self::apply`] would succeed.
     pub(crate) fn would_apply(&mut self, delta: &ChunkDelta) -> Result<(), RefineError> {
         self.may_apply(delta).map(drop)
     }
 
-    /// Undoes an applied chunk none of whose children is applied.
+    /// Undoes an applied chunk; none of its children may be applied.
     ///
     /// # Errors
     /// See [`RefineError`]; the mesh is then unchanged.
-    pub fn undo(&mut self, chunk: u32) -> Result<Touched, RefineError> {
+    pub fn undo(&mut self, chunk: u32) -> Result<DirtySlots, RefineError> {
         let (_, applied) = self.take_applied(chunk, false)?;
         let draws = self.take_out(&applied);
         self.release(applied);
         Ok(self.finish_touched(draws))
     }
 
-    /// Takes a chunk that is applied up to a truncation on to another, or to the whole (`None`): undoes it, decodes it from
-    /// `payload` as [`Self::decode_prefix`] does, and applies that. What changed in between counts as one change.
+    /// Raises a chunk that is applied up to a truncation point to another one, or to the whole chunk (`None`): undoes
+    /// it, decodes it from `payload` as [`Self::decode_prefix`] does, and applies the result, as one change.
     ///
     /// # Errors
-    /// If the chunk is not applied, or is whole, or cannot be decoded or applied so; the mesh is then unchanged. That
-    /// its beginning could be used does not show that it was sound: who mistrusts both undoes the chunk.
+    /// If the chunk is not applied, or is whole, or cannot be decoded or applied; the mesh is then unchanged. A
+    /// failure may mean that the prefix applied before was corrupt as well: to be safe, undo the chunk.
     pub fn raise(
         &mut self,
         chunk: u32,
         info: &ChunkInfo,
         truncation: Option<u8>,
         payload: &[u8],
-    ) -> Result<Touched, ChunkError> {
+    ) -> Result<DirtySlots, ChunkError> {
         let (owner, applied) = self.take_applied(chunk, true)?;
-        let forward = self.forward(&applied.undo);
+        let redo = self.redo(&applied.undo);
         let draws = self.take_out(&applied);
         let decoded = self.decode_prefix(chunk, info, truncation, payload);
         match decoded.and_then(|delta| Ok(self.may_apply(&delta).map(|checked| (delta, checked))?)) {
@@ -84,19 +84,19 @@ impl ActiveMesh {
                 Ok(touched)
             }
             Err(why) => {
-                self.put_back(owner, applied, forward);
+                self.put_back(owner, applied, redo);
                 Err(why)
             }
         }
     }
 
-    /// Applies what [`Self::may_apply`] has let pass.
-    fn insert(&mut self, delta: &ChunkDelta, checked: Checked) -> Touched {
+    /// Applies a delta that [`Self::may_apply`] accepted.
+    fn insert(&mut self, delta: &ChunkDelta, checked: Checked) -> DirtySlots {
         let owner = delta.chunk + 1;
         let Checked { mut needs, corners } = checked;
-        let vertices = if self.only_grows { Box::default() } else { self.before(delta) };
-        // Not the parents alone: an index that names too few must not make references dangle. What moves a vertex on
-        // can be undone only first.
+        let vertices = if self.only_grows { Box::default() } else { self.moved_vertex_states(delta) };
+        // Not only the parents: an incomplete parent list must not leave dangling references. A chunk that moves a
+        // vertex again must be undone first.
         needs.extend(vertices.iter().map(|(_, was)| was.mover).filter(|&mover| mover != 0));
         needs.sort_unstable();
         needs.dedup();
@@ -109,7 +109,7 @@ impl ActiveMesh {
         self.reserve(owner, delta.vertices.len(), delta.wedges.len(), &materials);
         let faces = self.place_elements(owner, delta);
         for m in &delta.moves {
-            // After the new vertices, which come from where it was.
+            // After the added vertices, whose origin is the position before the move.
             let state = VertexState { position: m.to, morph_from: m.from, shift: m.shifts[1], mover: owner };
             self.move_vertex(self.vertex_slot(m.vertex), state);
         }
@@ -135,7 +135,7 @@ impl ActiveMesh {
         self.finish_touched(Vec::with_capacity(2 * delta.faces.len()))
     }
 
-    /// Writes the vertices and wedges that a chunk brings; answers the wedges of its faces. All by slot.
+    /// Writes the vertices and wedges of a chunk to their slots; returns the wedge slots of its faces.
     fn place_elements(&mut self, owner: u32, delta: &ChunkDelta) -> Vec<[u32; 3]> {
         let mut owners = Owners::new(&self.applied);
         let start = |first: Option<u32>| first.unwrap_or(0);
@@ -158,27 +158,27 @@ impl ActiveMesh {
         delta.faces.iter().map(|face| face.wedges.map(|wedge| start(owners.wedge(wedge)))).collect()
     }
 
-    /// The older vertices that the delta moves, as undoing it puts them back.
-    fn before(&self, delta: &ChunkDelta) -> Box<[(u32, VertexState)]> {
+    /// The states of older vertices that the delta moves, for the undo record.
+    fn moved_vertex_states(&self, delta: &ChunkDelta) -> Box<[(u32, VertexState)]> {
         let states = delta.moves.iter().map(|m| {
             let slot = self.vertex_slot(m.vertex);
             let position = self.positions[slot as usize];
-            // Nothing morphs back: what was undone is where it is at once.
+            // Undone moves do not morph: the position is final at once.
             (slot, VertexState { morph_from: position, ..self.vertex_state(slot) })
         });
         states.collect()
     }
 
-    /// How the vertices and corners that undoing puts back are now.
-    fn forward(&self, undo: &Undo) -> Forward {
-        Forward {
+    /// The current state of the vertices and corners that an undo record restores.
+    fn redo(&self, undo: &Undo) -> Redo {
+        Redo {
             vertices: undo.vertices.iter().map(|&(slot, _)| self.vertex_state(slot)).collect(),
             wedges: undo.corners.iter().map(|&(corner, _)| self.corner_wedge(corner)).collect(),
         }
     }
 
-    /// Takes what a chunk brought and changed out of the mesh; its slots stay reserved, and what it needs stays needed.
-    /// Marks what that touches, and answers the index entries of the faces that went.
+    /// Removes a chunk's elements and changes from the mesh; its slots and dependencies stay reserved. Marks the
+    /// touched elements, and returns the index entries of the removed faces.
     fn take_out(&mut self, applied: &AppliedOwner) -> Vec<(u16, u32)> {
         let mut draws = Vec::with_capacity(2 * applied.faces.len());
         for slot in applied.faces.clone() {
@@ -201,23 +201,23 @@ impl ActiveMesh {
         draws
     }
 
-    /// Puts back what [`Self::take_out`] took, where it was.
-    fn put_back(&mut self, owner: u32, applied: AppliedOwner, forward: Forward) {
-        for (&(slot, _), state) in applied.undo.vertices.iter().zip(forward.vertices) {
+    /// Reverts [`Self::take_out`].
+    fn put_back(&mut self, owner: u32, applied: AppliedOwner, redo: Redo) {
+        for (&(slot, _), state) in applied.undo.vertices.iter().zip(redo.vertices) {
             self.move_vertex(slot, state);
         }
-        for (&(corner, _), wedge) in applied.undo.corners.iter().zip(forward.wedges) {
+        for (&(corner, _), wedge) in applied.undo.corners.iter().zip(redo.wedges) {
             self.move_corner(corner, wedge);
         }
         for slot in applied.faces.clone() {
             self.put_face(slot, self.faces[slot as usize]);
         }
         self.applied.insert(owner, applied);
-        // Who looks again finds what he has: nothing is touched.
+        // The mesh is as before, so no slots are dirty.
         self.finish_touched(Vec::new());
     }
 
-    /// Gives back what a chunk that was taken out held.
+    /// Releases the slots and dependencies of a removed chunk.
     fn release(&mut self, applied: AppliedOwner) {
         for &need in &applied.needs {
             if let Some(applied) = self.applied.get_mut(need) {
@@ -236,8 +236,8 @@ impl ActiveMesh {
         }
     }
 
-    /// The number and the record of a chunk that may be undone (`raised`: and that is not whole), which is then no longer
-    /// applied.
+    /// Removes the record of a chunk that may be undone (with `raised`: that is not whole), and returns it with its
+    /// owner id.
     fn take_applied(&mut self, chunk: u32, raised: bool) -> Result<(u32, AppliedOwner), RefineError> {
         let not_applied = RefineError::NotApplied(chunk);
         let owner = chunk.checked_add(1).ok_or(not_applied.clone())?;
@@ -269,8 +269,8 @@ impl ActiveMesh {
                 return Err(RefineError::MissingParent { chunk, parent });
             }
         }
-        let checked = self.fitting(delta).ok_or(RefineError::Mismatch(chunk))?;
-        // Not the parents alone, for the reason given in `insert`.
+        let checked = self.resolve(delta).ok_or(RefineError::Mismatch(chunk))?;
+        // Not only the parents, as in `insert`.
         if let Some(need) = checked.needs.iter().find(|&need| self.applied_truncation(need - 1).is_some()) {
             return Err(RefineError::PartialParent { chunk, parent: need - 1 });
         }
@@ -281,8 +281,8 @@ impl ActiveMesh {
         }
     }
 
-    /// Whether no corner is moved twice; the corners must be there. Marks them for the moment, which
-    /// costs less than sorting them.
+    /// Whether each corner is moved at most once; the corners must exist. Marks them temporarily, which is cheaper
+    /// than sorting.
     fn moves_corners_once(&mut self, corners: &[(u32, u32)]) -> bool {
         const MARK: u32 = u32::MAX;
         let mut marked = 0;
@@ -300,10 +300,10 @@ impl ActiveMesh {
         marked == corners.len()
     }
 
-    /// What the delta refers to, if all of that is there or is its own.
-    fn fitting(&self, delta: &ChunkDelta) -> Option<Checked> {
+    /// The elements that the delta refers to, if all of them exist or are its own.
+    fn resolve(&self, delta: &ChunkDelta) -> Option<Checked> {
         let own = delta.chunk + 1;
-        // What is its own and not there has no record either.
+        // An id of its own that is out of range has no record.
         let mut owners = Owners::new(&self.applied);
         let (vertices, wedges) = (delta.vertices.len(), delta.wedges.len());
         let is_own = |id: Id, count: usize| id.owner == own && (id.index as usize) < count;
@@ -336,8 +336,8 @@ impl ActiveMesh {
         }
         let mut corners = Vec::with_capacity(delta.repoints.len());
         for r in &delta.repoints {
-            // Corners move to wedges that the chunk brings, from wedges that were there: then whatever
-            // moves them on needs this chunk, and undoing it leaves none at a wedge that is gone.
+            // Corners move from existing wedges to wedges that the chunk adds. So a later move of the corner depends
+            // on this chunk, and undoing the chunk leaves no corner at a removed wedge.
             let (face, from) = (owners.face(r.face)?, owners.wedge(r.from)?);
             if r.corner >= 3 || !is_own(r.to, wedges) {
                 return None;

@@ -1,11 +1,11 @@
-//! What a decoded chunk does to a mesh, in canonical ids: independent of what else is applied.
+//! The changes of a decoded chunk, in canonical ids, independent of other applied chunks.
 
 use crate::mesh::Attributes;
 
-/// The id of a vertex, wedge or face: who brought it, and which of theirs it is.
+/// The id of a vertex, wedge or face: its owner, and its index among the owner's elements.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Id {
-    /// What brought it: 0 for the base mesh, chunk id + 1 for a chunk.
+    /// The owner: 0 for the base mesh, chunk id + 1 for a chunk.
     pub owner: u32,
     /// Index among the elements of its owner.
     pub index: u32,
@@ -13,14 +13,14 @@ pub struct Id {
 
 /// An older vertex that a chunk moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Moved {
+pub struct MovedVertex {
     /// The vertex.
     pub vertex: Id,
     /// Position before.
     pub from: [i32; 3],
     /// Position after.
     pub to: [i32; 3],
-    /// Shifts before and after.
+    /// Shifts (low bits that are zero) before and after.
     pub shifts: [u8; 2],
 }
 
@@ -29,9 +29,9 @@ pub struct Moved {
 pub struct NewVertex {
     /// Position on the grid.
     pub position: [i32; 3],
-    /// Its shift.
+    /// Its shift (low bits that are zero).
     pub shift: u8,
-    /// The vertex it splits from; `None` for a vertex that starts a new piece of surface.
+    /// The vertex it splits from; `None` for a vertex without faces, which starts a new piece of surface.
     pub parent: Option<Id>,
 }
 
@@ -44,7 +44,7 @@ pub struct NewWedge {
     pub attributes: Attributes,
 }
 
-/// A face that a chunk adds, as it is once the whole chunk is applied.
+/// A face that a chunk adds, in its state after the whole chunk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NewFace {
     /// Its wedges.
@@ -66,24 +66,24 @@ pub struct Repoint {
     pub to: Id,
 }
 
-/// A decoded chunk, or its beginning up to a truncation.
+/// A decoded chunk, whole or up to a truncation point.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ChunkDelta {
     /// Id of the chunk.
     pub chunk: u32,
-    /// The truncation that it ends at, an index of [`crate::asset::index::ChunkInfo::truncation_points`]; `None` for the whole
-    /// chunk. Its ids are those of the whole chunk, of which it holds the first.
+    /// The truncation point, an index of [`crate::asset::index::ChunkInfo::truncation_points`]; `None` for the whole
+    /// chunk. The elements are the first ones of the whole chunk, with the same ids.
     pub truncation: Option<u8>,
-    /// Ids of the chunks that must be applied whole first.
+    /// Ids of the chunks that must be applied (whole) first.
     pub parents: Vec<u32>,
-    /// Older vertices moved.
-    pub moves: Vec<Moved>,
-    /// Vertices added.
+    /// Older vertices that move.
+    pub moves: Vec<MovedVertex>,
+    /// New vertices.
     pub vertices: Vec<NewVertex>,
-    /// Wedges added.
+    /// New wedges.
     pub wedges: Vec<NewWedge>,
-    /// Faces added.
+    /// New faces.
     pub faces: Vec<NewFace>,
-    /// Corners moved.
+    /// Corners that move.
     pub repoints: Vec<Repoint>,
 }

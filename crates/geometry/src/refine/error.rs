@@ -1,14 +1,14 @@
-//! Why a chunk cannot be applied, undone or raised.
+//! Errors of applying, undoing and raising chunks.
 
 use crate::error::DecodeError;
 
-/// A chunk that cannot be applied or undone now. Nothing was changed.
+/// A chunk cannot be applied or undone. The mesh is unchanged.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RefineError {
-    /// Applied already.
+    /// The chunk is already applied.
     #[error("chunk {0} is applied already")]
     AlreadyApplied(u32),
-    /// Not applied.
+    /// The chunk is not applied.
     #[error("chunk {0} is not applied")]
     NotApplied(u32),
     /// There is no such chunk.
@@ -27,7 +27,7 @@ pub enum RefineError {
         /// Its parent.
         parent: u32,
     },
-    /// A parent is applied only up to a truncation.
+    /// A parent is applied up to a truncation point only.
     #[error("chunk {chunk} needs the whole of chunk {parent}, which is applied only up to a truncation")]
     PartialParent {
         /// The chunk.
@@ -40,10 +40,10 @@ pub enum RefineError {
     HasChildren {
         /// The chunk.
         chunk: u32,
-        /// Applied chunks that name it as a parent or refer to what it brought.
+        /// Number of applied chunks that depend on it.
         children: u32,
     },
-    /// The mesh was made with [`ActiveMesh::growing`](crate::refine::active::ActiveMesh::growing).
+    /// The mesh keeps no undo records ([`ActiveMesh::growing`](crate::refine::active::ActiveMesh::growing)).
     #[error("chunk {0} cannot be undone: this mesh only grows")]
     OnlyGrows(u32),
     /// The delta does not fit the mesh.
@@ -51,18 +51,18 @@ pub enum RefineError {
     Mismatch(u32),
 }
 
-/// A chunk that cannot be decoded, or not be taken on to another truncation. Nothing was changed.
+/// A chunk cannot be decoded or raised. The mesh is unchanged.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ChunkError {
-    /// Its bytes are not what the index announces.
+    /// The payload does not match the index.
     #[error(transparent)]
     Decode(#[from] DecodeError),
-    /// The mesh is not as it must be for that: a parent is missing, say. The bytes may be sound.
+    /// The mesh is in the wrong state, for example a parent is missing. The payload may be valid.
     #[error(transparent)]
     Refine(#[from] RefineError),
 }
 
-/// For who only wants to say why: which of both it was is lost.
+/// Keeps the message only.
 impl From<ChunkError> for DecodeError {
     fn from(error: ChunkError) -> Self {
         match error {

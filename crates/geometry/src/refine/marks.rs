@@ -1,9 +1,9 @@
-//! Sets of slots that are filled, read in ascending order and emptied again and again: what a chunk touched.
+//! Sets of slots that are filled and drained in ascending order repeatedly: the slots touched by a change.
 
 use crate::numbers::id32;
 
-/// A set of slots: a bit each, and a bit for each word that holds any, so reading a small set out of a large range
-/// costs what it holds.
+/// A two-level bit set: a bit per slot, and a bit per non-empty word, so draining costs time proportional to the
+/// members.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Marks {
     words: Vec<u64>,
@@ -11,7 +11,7 @@ pub(crate) struct Marks {
 }
 
 impl Marks {
-    /// Makes room for the slots below `count`.
+    /// Extends the range to slots below `count`.
     pub(crate) fn grow(&mut self, count: usize) {
         let words = count.div_ceil(64);
         if self.words.len() < words {
@@ -20,7 +20,7 @@ impl Marks {
         }
     }
 
-    /// Puts a slot into the set, which must have room for it.
+    /// Inserts a slot, which must be within the range.
     #[inline]
     pub(crate) fn set(&mut self, slot: u32) {
         let word = (slot / 64) as usize;
@@ -28,7 +28,7 @@ impl Marks {
         self.summary[word / 64] |= 1 << (word % 64);
     }
 
-    /// Takes every slot out of the set, ascending.
+    /// Removes all slots, in ascending order.
     #[inline]
     pub(crate) fn drain(&mut self, mut each: impl FnMut(u32)) {
         for (at, summary) in self.summary.iter_mut().enumerate() {
@@ -51,7 +51,7 @@ impl Marks {
     }
 }
 
-/// What was touched since it was last asked: faces, vertices (those of the faces come when it is asked), wedges.
+/// DirtySlots slots of the change in progress. Vertices of touched faces are added when the change is finished.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct TouchMarks {
     pub(crate) faces: Marks,
@@ -71,7 +71,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn slots_come_out_once_in_order_and_leave_nothing() {
+    fn draining_yields_each_slot_once_in_order() {
         let mut marks = Marks::default();
         marks.grow(300_000);
         let slots = [299_999, 0, 63, 64, 4095, 4096, 64, 70_000, 0];

@@ -1,4 +1,4 @@
-//! Refinement: a mesh to which chunks are applied, and from which they are undone.
+//! Refinement: a mesh on which chunks are applied and undone.
 
 #![cfg_attr(
     not(test),
@@ -14,6 +14,7 @@ mod active;
 mod applied;
 mod apply;
 mod delta;
+mod dirty_slots;
 mod error;
 mod marks;
 mod owners;
@@ -24,7 +25,8 @@ mod snapshot;
 pub(crate) use owners::Owners;
 
 pub use active::ActiveMesh;
-pub use delta::{ChunkDelta, Id, Moved, NewFace, NewVertex, NewWedge, Repoint};
+pub use delta::{ChunkDelta, Id, MovedVertex, NewFace, NewVertex, NewWedge, Repoint};
+pub use dirty_slots::DirtySlots;
 pub use error::{ChunkError, RefineError};
-pub use render::{RenderVertex, Touched};
+pub use render::RenderVertex;
 pub use snapshot::Snapshot;

@@ -1,4 +1,4 @@
-//! What a renderer needs of a refined mesh.
+//! Data of a refined mesh for a renderer.
 
 use crate::mesh::Wedge;
 use crate::mesh::corner::{self, face_of, side_of};
@@ -7,42 +7,20 @@ use crate::mesh::vec3::{Vec3, add, length, triangle_normal};
 use crate::numbers::{id32, nearest_f32};
 use crate::refine::active::ActiveMesh;
 
-/// What changed with a chunk: slots whose data a renderer must fetch again.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Touched {
-    /// Wedge slots, ascending.
-    pub wedges: Vec<u32>,
-    /// (material, slot in its index list), ascending.
-    pub draws: Vec<(u16, u32)>,
-}
-
-impl Touched {
-    /// Adds what changed after this.
-    pub fn merge(&mut self, later: Self) {
-        self.wedges.extend(later.wedges);
-        self.draws.extend(later.draws);
-        // Stable sorting merges what is in order already.
-        self.wedges.sort();
-        self.wedges.dedup();
-        self.draws.sort();
-        self.draws.dedup();
-    }
-}
-
-/// One wedge as a renderer sees it.
+/// The render data of one wedge.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RenderVertex {
     /// Position relative to [`crate::mesh::Grid::origin`], in the asset's units.
     pub position: [f32; 3],
-    /// Unit normal, or zero where the faces around have no area.
+    /// Unit normal; zero if the faces around have no area.
     pub normal: [f32; 3],
     /// Texture coordinates, `v` up.
     pub uv: [f32; 2],
-    /// Colour, as [`crate::mesh::Attributes::color`] has it.
+    /// Colour; see [`crate::mesh::Attributes::color`].
     pub color: [u8; 4],
-    /// Where the vertex was before [`ActiveMesh::wedge_chunk`] was applied, relative like `position`.
+    /// Position before [`ActiveMesh::wedge_chunk`] was applied, relative like `position`.
     pub morph_from: [f32; 3],
-    /// All wedges of the vertex have this normal: no crease runs through it.
+    /// Whether all wedges of the vertex have this normal, so no crease runs through it.
     pub smooth: bool,
 }
 
@@ -59,22 +37,22 @@ impl ActiveMesh {
         u16::try_from(self.indices.len()).unwrap_or(u16::MAX)
     }
 
-    /// The index list of a material: wedge slots, three a face; unused entries are `[0, 0, 0]`.
-    /// Empty for a material that does not exist.
+    /// The index list of a material: three wedge slots per face; unused entries are `[0, 0, 0]`. Empty for an unknown
+    /// material.
     #[must_use]
     pub fn indices(&self, material: u16) -> &[[u32; 3]] {
         self.indices.get(usize::from(material)).map_or(&[], Vec::as_slice)
     }
 
-    /// The chunk that brought a wedge slot's vertex or moved it last: `None` for the base mesh.
+    /// The chunk that added or last moved the vertex of a wedge slot; `None` for the base mesh.
     #[must_use]
     pub fn wedge_chunk(&self, slot: u32) -> Option<u32> {
         let vertex = self.wedges[slot as usize].vertex;
         self.vertex_mover[vertex as usize].checked_sub(1)
     }
 
-    /// The surface alone: positions by vertex slot, relative to [`crate::mesh::Grid::origin`], and three of their indices a
-    /// face. Cost: one pass over vertices and faces.
+    /// The bare surface: positions by vertex slot, relative to [`crate::mesh::Grid::origin`], and three position
+    /// indices per face. Cost: one pass over vertices and faces.
     #[must_use]
     pub fn surface(&self) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
         let step = self.grid.step;
@@ -86,9 +64,8 @@ impl ActiveMesh {
 
     /// The data of a wedge slot.
     ///
-    /// The normal is the wedge's own, if it has one, else the sum of the face normals, weighted by
-    /// area, over the corners at the vertex that share its normal group. Cost: one pass over the
-    /// vertex's star at most.
+    /// The normal is the wedge's explicit one, else the area-weighted sum of the face normals over the corners at the
+    /// vertex that share its normal group. Cost: at most one pass over the vertex's star.
     ///
     /// # Panics
     /// If the slot is not below [`Self::wedge_slots`].
@@ -109,7 +86,7 @@ impl ActiveMesh {
         }
     }
 
-    /// The unit normal of a wedge, or zero, and whether all wedges around its vertex have the same.
+    /// The unit normal of a wedge, or zero, and whether all wedges of its vertex have the same.
     fn normal(&self, wedge: Wedge) -> (Vec3, bool) {
         let mut smooth = true;
         if let Some(explicit) = wedge.attributes.normal {

@@ -1,4 +1,4 @@
-//! Hands out ranges of slots: first fit, neighbours merged, grown at the end.
+//! First-fit allocator of slot ranges: merges adjacent free ranges, grows at the end.
 
 use std::ops::Range;
 
@@ -11,7 +11,7 @@ pub(crate) struct Slots {
 }
 
 impl Slots {
-    /// Takes `count` slots in a row.
+    /// Allocates `count` consecutive slots.
     pub(crate) fn take(&mut self, count: u32) -> Range<u32> {
         if count == 0 {
             return 0..0;
@@ -29,7 +29,7 @@ impl Slots {
         start..self.high
     }
 
-    /// Gives a range back.
+    /// Frees a range.
     pub(crate) fn give_back(&mut self, range: Range<u32>) {
         if range.is_empty() {
             return;
@@ -44,7 +44,7 @@ impl Slots {
         }
     }
 
-    /// One more than the highest slot ever taken.
+    /// One more than the highest slot ever allocated.
     pub(crate) fn high(&self) -> u32 {
         self.high
     }

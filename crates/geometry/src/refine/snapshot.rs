@@ -1,11 +1,11 @@
-//! A mesh's state in canonical ids: equal for equal sets of chunks, however they were applied.
+//! The state of a mesh in canonical ids: equal for equal cuts, independent of the order of application.
 
 use crate::mesh::{Attributes, Face, QuantisedMesh, Wedge};
 use crate::numbers::id32;
 use crate::refine::active::ActiveMesh;
 use crate::refine::delta::Id;
 
-/// Everything that describes a refined mesh, sorted by id.
+/// Complete state of a refined mesh, sorted by id.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Snapshot {
     /// Vertices and their positions.
@@ -45,8 +45,8 @@ impl ActiveMesh {
         snapshot
     }
 
-    /// The mesh as it is now, with unused wedges and vertices dropped and everything renumbered by
-    /// order of use.
+    /// The current mesh as a [`QuantisedMesh`]: unused wedges and vertices dropped, all elements renumbered in order
+    /// of use.
     #[must_use]
     pub fn to_mesh(&self) -> QuantisedMesh {
         let mut mesh = QuantisedMesh {

@@ -1,14 +1,14 @@
-//! Attribute error: how far attributes slide while a chunk is missing, as lengths in grid cells.
+//! Attribute error: displacement of attributes while a chunk is missing, as lengths in grid cells.
 //!
-//! *Texture.* The distance between a point of the input and the place on the coarse surface where its
-//! texture coordinates went (texture deviation: Cohen, Olano and Manocha, "Appearance-preserving
-//! simplification", 1998, §5), here from the difference of texture coordinates at the nearest point and
-//! the input's local texture density. Across a seam that difference means nothing; but texture goes where
-//! vertices go, so no slide counts for more than its vertex has moved. The largest counts.
+//! *Texture.* Texture deviation (Cohen, Olano and Manocha, "Appearance-preserving simplification", 1998, §5): the
+//! distance between a point of the input and the place on the coarse surface with its texture coordinates, computed
+//! here from the difference of texture coordinates at the nearest point and the input's local texture density. Across
+//! a seam that difference is meaningless; but texture moves with vertices, so the value is bounded by the
+//! displacement of the vertex. The maximum counts.
 //!
-//! *Shading.* The chord between the input's normal and the coarse surface's, times the input's local edge
-//! length: what is smaller than a pixel needs no exact shading, and a wrong normal shows on about one
-//! input face. Single normals of tiny faces say nothing, so the root of the mean square counts.
+//! *Shading.* The chord between the input's normal and the coarse surface's, times the input's local edge length:
+//! shading below pixel size need not be exact, and a wrong normal is visible on about one input face. Normals of tiny
+//! faces are noisy, so the root mean square counts.
 
 use glam::DVec3;
 
@@ -20,10 +20,10 @@ use crate::mesh::vec3::{Vec3, add, cross, dot, length, scale, sub, triangle_norm
 use crate::mesh::wide_bvh::WideBvh;
 use crate::simplify::live::Live;
 
-/// Most samples of a region whose normals are compared.
+/// Most samples per region whose normals are compared.
 const NORMAL_SAMPLES: usize = 400;
 
-/// The input's attributes at its vertices.
+/// Attributes of the input at its vertices.
 pub(crate) struct InputAttributes {
     normals: Vec<[f32; 3]>,
     /// Local edge length.
@@ -34,14 +34,14 @@ pub(crate) struct InputAttributes {
 /// Texture coordinates of the input.
 struct Texture {
     grid: UvGrid,
-    /// Length on the surface for one unit of texture coordinates; 0 where there is no texture.
+    /// Length on the surface per unit of texture coordinates; 0 without texture.
     length_per_uv: Vec<f32>,
     /// Texture coordinates of each vertex's wedges.
     uvs: Rows<[i32; 2]>,
 }
 
 impl InputAttributes {
-    /// Of a mesh of which nothing is collapsed.
+    /// Attributes of an uncollapsed mesh.
     pub(crate) fn new(live: &Live<'_>, grid: UvGrid) -> Self {
         let area = |v: u32| -> f64 {
             let faces = live.stars.corners(v).map(|c| c / 3);
@@ -58,7 +58,7 @@ impl InputAttributes {
         }
     }
 
-    /// The attribute error of a region, from its samples and the live faces that they are near.
+    /// The attribute error of a region, from its samples and the live faces nearest to them.
     pub(crate) fn error(
         &self,
         live: &Live<'_>,
@@ -69,9 +69,10 @@ impl InputAttributes {
         let vertices = || samples.iter().copied().filter(|&s| (s as usize) < self.normals.len());
         let step = (samples.len() / NORMAL_SAMPLES).max(1);
         let (mut sum, mut count) = (0.0, 0.0);
-        let mut normals = KnownNormals { numbers: SlotMap::with_room(NORMAL_SAMPLES), normals: Vec::new() };
+        let mut normals =
+            NormalCache { numbers: SlotMap::with_capacity(NORMAL_SAMPLES), normals: Vec::new() };
         for sample in vertices().step_by(step) {
-            let near = Near::new(live, input.position(sample), face_near(sample));
+            let near = NearestPoint::new(live, input.position(sample), face_near(sample));
             let around = near.vertices.map(|v| normals.at(live, v));
             let coarse = unit(near.mix(|k| around[k].map(f64::from)));
             let own = self.normals[sample as usize].map(f64::from);
@@ -81,7 +82,8 @@ impl InputAttributes {
         }
         let shading = (sum / f64::max(count, 1.0)).sqrt();
         let Some(texture) = &self.texture else { return shading };
-        vertices().fold(shading, |worst, s| texture.slide(live, (s, input.position(s)), face_near(s), worst))
+        vertices()
+            .fold(shading, |worst, s| texture.displacement(live, (s, input.position(s)), face_near(s), worst))
     }
 }
 
@@ -104,18 +106,18 @@ impl Texture {
         Self { length_per_uv: length_per_uv.collect(), grid, uvs }
     }
 
-    /// How far the texture at a vertex of the input has slid, or `enough` where it is no farther.
-    fn slide(&self, live: &Live<'_>, (sample, point): (u32, Vec3), face: u32, enough: f64) -> f64 {
-        let heir = live.heir(sample);
+    /// Displacement of the texture at a vertex of the input, or `enough` if it is less.
+    fn displacement(&self, live: &Live<'_>, (sample, point): (u32, Vec3), face: u32, enough: f64) -> f64 {
+        let heir = live.successor(sample);
         let most = length(sub(point, live.positions[heir as usize]));
         if most <= enough {
             return enough;
         }
-        // The nearest face may lie across a seam: the texture is then on another one around the heir.
+        // The nearest face may lie across a seam; the matching texture is then on another face around the vertex.
         let around = live.stars.corners(heir).map(|c| c / 3);
         let mut best = most;
         for face in std::iter::once(face).chain(around) {
-            best = best.min(self.slide_on(live, (sample, point), face));
+            best = best.min(self.displacement_on(live, (sample, point), face));
             if best <= enough {
                 return enough;
             }
@@ -123,9 +125,9 @@ impl Texture {
         best
     }
 
-    /// The same, if the texture is on the given face; at least the distance of the face.
-    fn slide_on(&self, live: &Live<'_>, (sample, point): (u32, Vec3), face: u32) -> f64 {
-        let near = Near::new(live, point, face);
+    /// The displacement if the texture is on the given face; at least the distance to the face.
+    fn displacement_on(&self, live: &Live<'_>, (sample, point): (u32, Vec3), face: u32) -> f64 {
+        let near = NearestPoint::new(live, point, face);
         let wedges = live.face_wedges[face as usize];
         let [u, v, _] = near.mix(|k| {
             let [u, v] = uv_of(&self.grid, live.wedges.get(wedges[k]).attributes.uv);
@@ -142,14 +144,14 @@ impl Texture {
     }
 }
 
-/// The nearest point of a face to a vertex of the input, as weights of the face's corners.
-struct Near {
+/// The point of a face nearest to a vertex of the input, as weights of the face's corners.
+struct NearestPoint {
     vertices: [u32; 3],
     weights: [f64; 3],
     distance: f64,
 }
 
-impl Near {
+impl NearestPoint {
     fn new(live: &Live<'_>, point: Vec3, face: u32) -> Self {
         let vertices = live.face_vertices[face as usize];
         let triangle = live.triangle(face as usize);
@@ -163,7 +165,7 @@ impl Near {
     }
 }
 
-/// Barycentric coordinates of a point on a triangle; those of a corner where it has no area.
+/// Barycentric coordinates of a point on a triangle; those of a corner if the triangle has no area.
 fn weights(p: Vec3, [a, b, c]: [Vec3; 3]) -> [f64; 3] {
     let normal = triangle_normal(a, b, c);
     let square = dot(normal, normal);
@@ -175,13 +177,13 @@ fn weights(p: Vec3, [a, b, c]: [Vec3; 3]) -> [f64; 3] {
     [1.0 - v - w, v, w]
 }
 
-/// Normals of vertices that were asked for.
-struct KnownNormals {
+/// Cache of vertex normals.
+struct NormalCache {
     numbers: SlotMap,
     normals: Vec<[f32; 3]>,
 }
 
-impl KnownNormals {
+impl NormalCache {
     fn at(&mut self, live: &Live<'_>, vertex: u32) -> [f32; 3] {
         let next = self.normals.len() as u32;
         let number = self.numbers.number_or(vertex, next);
@@ -192,7 +194,7 @@ impl KnownNormals {
     }
 }
 
-/// The area-weighted normal of a vertex; zero where it has no faces.
+/// Area-weighted normal of a vertex; zero without faces.
 fn vertex_normal(live: &Live<'_>, vertex: u32) -> [f32; 3] {
     let faces = live.stars.corners(vertex).map(|c| c / 3);
     let sum = faces.fold([0.0; 3], |sum, face| add(sum, normal_of(live, face)));
@@ -218,11 +220,11 @@ mod tests {
     use crate::checkpoint::InMemoryCheckpoint;
     use crate::common;
     use crate::mesh::{Corner, SourceMesh};
-    use crate::pool::{Serial, Silent, Watched};
+    use crate::pool::{MonitoredPool, Serial, Silent};
     use crate::simplify::simplify;
 
-    /// Largest attribute and geometric error of the chunks of a square of 40 × 40 cells, with heights and
-    /// texture coordinates as given.
+    /// Largest attribute and geometric errors of the chunks of a square of 40 × 40 cells, with given heights and
+    /// texture coordinates.
     fn errors(z: fn(f64, f64) -> f64, uv: fn(f32, f32) -> [f32; 2]) -> (f64, f64) {
         let mut mesh = SourceMesh::default();
         for y in 0..=40_u8 {
@@ -239,7 +241,7 @@ mod tests {
             }
         }
         let mesh = common::quantised(&mesh);
-        let mut pool = Watched::new(&Serial, &Silent, mesh.faces.len());
+        let mut pool = MonitoredPool::new(&Serial, &Silent, mesh.faces.len());
         let checkpoint = InMemoryCheckpoint::default();
         let chunks = simplify(&mesh, &common::regions(400), &mut pool, &checkpoint).unwrap().levels.all();
         assert!(chunks.len() > 2);
@@ -251,20 +253,20 @@ mod tests {
     }
 
     #[test]
-    fn a_flat_square_with_even_texture_has_none() {
+    fn a_flat_square_with_uniform_texture_has_no_attribute_error() {
         let (attributes, _) = errors(|_, _| 0.0, |s, t| [s, t]);
-        // Rounding to the uv grid is what is left.
+        // Rounding to the uv grid remains.
         assert!(attributes < 2e-3, "{attributes}");
     }
 
     #[test]
-    fn texture_that_bends_on_a_flat_square_slides() {
+    fn distorted_texture_has_attribute_error() {
         let (attributes, geometric) = errors(|_, _| 0.0, |s, t| [s * s * s, t]);
         assert!(geometric < 1e-6 && attributes > 0.01, "{attributes} {geometric}");
     }
 
     #[test]
-    fn shading_of_waves_counts() {
+    fn waves_have_shading_error() {
         let (attributes, _) =
             errors(|s, _| 0.05 * (s * 10.0 - (s * 10.0).floor() - 0.5).abs(), |_, _| [0.0; 2]);
         let (flat, _) = errors(|_, _| 0.0, |_, _| [0.0; 2]);

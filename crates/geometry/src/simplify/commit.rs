@@ -1,29 +1,29 @@
-//! Performing a region's collapses on the mesh.
+//! Applies a region's collapses to the mesh.
 
 use crate::collapse::{NO_VERTEX, Records};
 use crate::mesh::vec3::{length, sub};
 use crate::simplify::live::Live;
 
-/// How far a region's collapses are performed.
+/// Progress of applying a region's collapses.
 #[derive(Default)]
-pub(crate) struct Committed {
+pub(crate) struct CommitProgress {
     collapses: usize,
-    /// Final ids of the wedges kept so far.
+    /// Final ids of the wedges added so far.
     ids: Vec<u32>,
 }
 
 impl Records {
-    /// Performs the collapses up to `end` on the mesh, but for its stars and its list of faces
-    /// ([`Live::settle`]), and gives the kept wedges their final ids; `done` tells how far earlier calls
-    /// got. `changed(corner)` is called for every corner that got another vertex.
+    /// Applies the collapses up to `end` to the mesh, except its stars and face list ([`Live::settle`]), and assigns
+    /// final ids to added wedges. `done` holds the progress of earlier calls. `changed(corner)` is called for every
+    /// corner that moves to another vertex.
     pub(crate) fn commit(
         &mut self,
         live: &mut Live<'_>,
-        done: &mut Committed,
+        done: &mut CommitProgress,
         end: usize,
         changed: &mut dyn FnMut(u32),
     ) {
-        let first = self.first_kept;
+        let first = self.first_added_wedge;
         let final_id = |ids: &[u32], wedge: u32| {
             if wedge >= first { ids[(wedge - first) as usize] } else { wedge }
         };
@@ -36,10 +36,10 @@ impl Records {
         done.collapses = end;
         for collapse in &self.collapses[range] {
             let (u, t) = (collapse.removed, collapse.target);
-            while ids.len() < collapse.kept_end as usize {
-                let source = final_id(ids, self.kept[ids.len()]);
-                self.kept[ids.len()] = source;
-                ids.push(live.keep_wedge(t, source));
+            while ids.len() < collapse.added_wedges_end as usize {
+                let source = final_id(ids, self.added_wedges[ids.len()]);
+                self.added_wedges[ids.len()] = source;
+                ids.push(live.add_wedge(t, source));
             }
             for moved in &mut self.moved[moved_at..collapse.moved_end as usize] {
                 moved.from = final_id(ids, moved.from);

@@ -1,19 +1,18 @@
-//! Geometric error: how far a simplified region is from the input, both ways.
+//! Geometric error: two-sided distance between a simplified region and the input.
 //!
-//! *Input to coarse:* the vertices of the input are the samples. Over one coarse face the distance is a
-//! convex function, so on an input face that lies over one it is largest at a vertex. Where the surface
-//! can open, at boundaries and edges of three faces and more, the middles of faces are samples too. Each
-//! sample keeps the coarse face that it was last found near; when that face changes, its heirs are looked at, and
-//! where they are farther than what is known, the region's nearest face. Searching the region alone
-//! can only overestimate. What lies between the samples is looked at where it matters (`input_faces`).
+//! *Input to coarse:* the samples are the vertices of the input. Over one coarse face the distance is convex, so for
+//! an input face over one coarse face it is largest at a vertex. Where the surface can open, at boundaries and at
+//! edges of three or more faces, face centres are samples too. Each sample remembers its nearest coarse face; when
+//! that face changes, its successors are searched, and if they are farther than the known error, the region's nearest
+//! face. Searching the region only can overestimate but not underestimate. Points between samples are examined where
+//! needed (`input_faces`).
 //!
-//! *Coarse to input:* where an input face lies over several coarse faces, the distance is largest over the
-//! edge between these. So points are laid along each new edge and in the middle of each face that moved,
-//! and looked up in a hierarchy over the input: few at first, many where one is far.
+//! *Coarse to input:* if an input face lies over several coarse faces, the distance is largest over the edge between
+//! these. So points along each new edge and at the centre of each moved face are looked up in a hierarchy over the
+//! input: few at first, many where one is far.
 //!
-//! Overlaying the two surfaces, all extremes lie at vertices or where edges cross (Cohen, Olano and
-//! Manocha, "Appearance-preserving simplification", 1998, §4); [`MARGIN`] stands for what lies between
-//! the points.
+//! In the overlay of the two surfaces, all extremes are at vertices or edge crossings (Cohen, Olano and Manocha,
+//! "Appearance-preserving simplification", 1998, §4); [`MARGIN`] covers the surface between the sampled points.
 
 use crate::error::MeshError;
 use crate::mesh::UvGrid;
@@ -22,66 +21,66 @@ use crate::mesh::distance::TriangleBvh;
 use crate::mesh::rows::Rows;
 use crate::mesh::vec3::{Vec3, add, length, scale, sub};
 use crate::mesh::wide_bvh::{Hints, Seeds, WideBvh};
-use crate::pool::Watched;
+use crate::pool::MonitoredPool;
 use crate::simplify::attributes::InputAttributes;
 use crate::simplify::inherited::Inherited;
 use crate::simplify::live::Live;
 use crate::simplify::star_table::each_edge;
 use crate::simplify::surroundings::{ROUNDING, Surroundings, compact};
 
-/// Safety factor for the surface between samples.
+/// Safety factor for the surface between sampled points.
 pub(crate) const MARGIN: f64 = 1.08;
-/// Share of the error known so far beyond which an edge or a face is looked at closely.
+/// Share of the current error above which an edge or face is sampled densely.
 pub(crate) const SUSPICIOUS: f64 = 0.7;
-/// Parts that a new edge is cut into at first, per mean edge of the input, and at most.
+/// Initial segments of a new edge per mean input edge, and their maximum.
 const SPARSE: f64 = 2.0;
-pub(crate) const MOST_SPARSE: usize = 4;
-/// The same for one that is looked at closely, and the least.
+pub(crate) const MAX_SPARSE: usize = 4;
+/// Segments of a densely sampled edge per mean input edge, their minimum and maximum.
 pub(crate) const DENSE: f64 = 4.0;
-pub(crate) const LEAST_DENSE: usize = 12;
-pub(crate) const MOST_DENSE: usize = 32;
-/// The same for the inside of a face, at least.
-const LEAST_LATTICE: usize = LEAST_DENSE / 2;
-/// Points less than this share of the input's mean edge apart, or of the error, are likely to be near the same face.
+pub(crate) const MIN_DENSE: usize = 12;
+pub(crate) const MAX_DENSE: usize = 32;
+/// Minimum subdivisions of a densely sampled face.
+const MIN_LATTICE: usize = MIN_DENSE / 2;
+/// Points closer than this share of the input's mean edge, or of the error, are likely near the same face.
 const HINT_SHARE: f64 = 0.5;
-/// Edges that are remembered as near.
+/// Size of the cache of edges near the input.
 const NEAR_EDGES: usize = 2048;
-/// The points of an edge are not quite the same from its other end: what is nearer than a limit by a share of it and a part
-/// of a cell is near from there too.
+/// Points of an edge differ slightly when computed from its other end. A distance below a limit by these relative and
+/// absolute margins is below it from both ends.
 const RELATIVE_ROUNDING: f64 = 1e-9;
 const ABSOLUTE_ROUNDING: f64 = 1e-4;
-/// A sample that raises the largest distance by more than this factor is looked at closely.
+/// A sample that raises the largest distance by more than this factor is searched exactly.
 pub(crate) const LEAP: f64 = 1.5;
 
-/// The input surface, its samples, and where the samples are now.
+/// The input surface, its samples, and their current nearest faces.
 pub(crate) struct Deviation {
     pub(crate) input: WideBvh,
     seeds: Seeds,
     /// The input's faces by their corners.
     pub(crate) input_faces: Rows<u32>,
     attributes: InputAttributes,
-    /// Samples beyond the vertices.
+    /// Samples besides the vertices: centres of open faces.
     middles: Vec<Vec3>,
-    /// By sample, vertices first: live face that it was last found near, and how far, in grid cells.
+    /// Per sample, vertices first: the live face found nearest, and its distance in grid cells.
     pub(crate) attached: Vec<u32>,
     distance: Vec<f32>,
-    /// By vertex: no point of the input's faces around it is farther from it.
+    /// Per vertex: upper bound on the distance to points of the input faces around it.
     around: Vec<f32>,
     /// Mean length of the input's edges.
     pub(crate) mean_edge: f64,
     inherited: Inherited,
 }
 
-/// The samples of each region of a level.
+/// The samples of a level, by region.
 pub(crate) struct Samples {
     lists: Rows<u32>,
-    /// By sample: its region; others than there are for those without.
+    /// Region of each sample; out-of-range values mean none.
     home: Vec<u32>,
 }
 
 /// The samples of one region.
 #[derive(Clone, Copy)]
-pub(crate) struct Own<'a> {
+pub(crate) struct RegionSamples<'a> {
     /// Ascending.
     pub(crate) list: &'a [u32],
     home: &'a [u32],
@@ -89,32 +88,32 @@ pub(crate) struct Own<'a> {
 }
 
 impl Samples {
-    /// The samples of the regions `0..regions`, by the region of each.
+    /// Groups samples by region; `home` holds the region of each.
     pub(crate) fn new(home: Vec<u32>, regions: usize) -> Self {
         let of_a_region = || (0..).zip(&home).map(|(sample, &region)| (region, sample));
         let lists = Rows::new(regions, || of_a_region().filter(|&(region, _)| (region as usize) < regions));
         Self { lists, home }
     }
 
-    pub(crate) fn of(&self, region: usize) -> Own<'_> {
+    pub(crate) fn of(&self, region: usize) -> RegionSamples<'_> {
         let region = region as u32;
-        Own { list: self.lists.row(region), home: &self.home, region }
+        RegionSamples { list: self.lists.row(region), home: &self.home, region }
     }
 }
 
-impl Own<'_> {
+impl RegionSamples<'_> {
     pub(crate) fn contains(&self, sample: u32) -> bool {
         self.home[sample as usize] == self.region
     }
 }
 
-/// Where a sample is found anew: (sample, face, distance).
+/// A sample's new nearest face: (sample, face, distance).
 pub(crate) type Attachment = (u32, u32, f32);
 
-/// An edge, and the distance of its farthest point from the input.
+/// An edge with the distance of its farthest point from the input.
 pub(crate) type FarEdge = ([u32; 2], f64);
 
-/// What is sampled, before anything is collapsed: see the fields of [`Deviation`].
+/// Initial samples of an uncollapsed mesh: see the fields of [`Deviation`].
 struct FirstSamples {
     attached: Vec<u32>,
     middles: Vec<Vec3>,
@@ -157,8 +156,8 @@ impl FirstSamples {
 }
 
 impl Deviation {
-    /// Of an input of which nothing is collapsed.
-    pub(crate) fn new(live: &Live<'_>, uv_grid: UvGrid, pool: &Watched<'_>) -> Result<Self, MeshError> {
+    /// For an uncollapsed input.
+    pub(crate) fn new(live: &Live<'_>, uv_grid: UvGrid, pool: &MonitoredPool<'_>) -> Result<Self, MeshError> {
         let (hierarchy, rest) = pool.both(
             &|| {
                 let input = WideBvh::new(&live.positions, &live.face_vertices);
@@ -185,12 +184,12 @@ impl Deviation {
         })
     }
 
-    /// The same where what is measured against is itself off: what is `inherited` comes on top of all that is found.
-    pub(crate) fn behind(self, inherited: Inherited) -> Self {
+    /// For a reference mesh that deviates from the input itself: the `inherited` error is added to all results.
+    pub(crate) fn with_inherited(self, inherited: Inherited) -> Self {
         Self { inherited, ..self }
     }
 
-    /// What comes on top of what is found around the given samples: of the surface, and of attributes.
+    /// Error to add around the given samples: geometric, and of attributes.
     pub(crate) fn inherited(&self, samples: &[u32]) -> [f64; 2] {
         self.inherited.around(samples)
     }
@@ -199,7 +198,7 @@ impl Deviation {
         self.attached.len()
     }
 
-    /// Where a sample is.
+    /// Position of a sample.
     pub(crate) fn point(&self, sample: u32) -> Vec3 {
         let vertices = self.attached.len() - self.middles.len();
         match (sample as usize).checked_sub(vertices) {
@@ -213,19 +212,18 @@ impl Deviation {
         Samples::new(self.attached.iter().map(|&face| region_of_face[face as usize]).collect(), regions)
     }
 
-    /// Upper bound on the distance of a vertex from the face that it was last found near.
+    /// Upper bound on the distance between a vertex and its last nearest face.
     pub(crate) fn last_distance(&self, vertex: u32) -> f64 {
         f64::from(self.distance[vertex as usize])
     }
 
-    /// Whether all points of the input's faces around a vertex are within `limit` of the face that the vertex was
-    /// last found near.
+    /// Whether all points of the input faces around a vertex are within `limit` of the vertex's last nearest face.
     pub(crate) fn all_around_within(&self, vertex: u32, limit: f64) -> bool {
         (self.last_distance(vertex) + f64::from(self.around[vertex as usize])) * ROUNDING <= limit
     }
 
-    /// Looks again at the samples whose face changed: their new places, and the largest distance of all,
-    /// at least `error`.
+    /// Updates the samples whose face changed. Returns their new attachments, and the largest distance of all, at
+    /// least `error`.
     pub(crate) fn follow(
         &self,
         region: &Surroundings<'_>,
@@ -250,7 +248,7 @@ impl Deviation {
                 continue;
             }
             let point = self.point(sample);
-            let mut place = region.heir(face, point, error);
+            let mut place = region.successor(face, point, error);
             if place.0 > error && place.0.is_finite() {
                 place = region.walk(point, place, error);
             } else if place.0.is_infinite()
@@ -258,8 +256,8 @@ impl Deviation {
             {
                 place = nearest;
             }
-            // Where a component has vanished, its heirs may be far and another component near; the largest
-            // distance is what closeness is judged by, so it must not leap for nothing.
+            // After a component is removed, the successors may be far while another component is near. Later searches
+            // are bounded by the largest distance, so it must not jump needlessly.
             if place.0.is_finite()
                 && place.0 > LEAP * error.max(self.mean_edge)
                 && let Some(nearest) = region.nearest(point, place.0)
@@ -274,8 +272,7 @@ impl Deviation {
         (places, error)
     }
 
-    /// The largest distance of the samples, exactly; and the new places of those that were nearer than
-    /// was thought.
+    /// Computes the largest distance of the samples exactly. Returns it with the attachments that became closer.
     pub(crate) fn settle(&self, region: &Surroundings<'_>, samples: &[u32]) -> (Vec<Attachment>, f64) {
         let farthest = samples
             .iter()
@@ -297,9 +294,8 @@ impl Deviation {
         (places, error)
     }
 
-    /// Looks at the edges that begin at corners whose vertex changed, and at the middles of their faces:
-    /// adds those that may be far and answers the largest distance, at least `error`.
-    /// Each edge is cut into at most `most` parts at first.
+    /// Samples the edges that begin at changed corners, and the centres of their faces. Appends possibly far ones to
+    /// `far`; returns the largest distance, at least `error`. Each edge has at most `most` segments at first.
     pub(crate) fn edges(
         &self,
         live: &Live<'_>,
@@ -308,7 +304,7 @@ impl Deviation {
         mut error: f64,
         most: usize,
     ) -> f64 {
-        let mut near = NearInput::new(HINT_SHARE * self.mean_edge.max(error), &self.seeds);
+        let mut near = NearInputCache::new(HINT_SHARE * self.mean_edge.max(error), &self.seeds);
         for &corner in corners {
             let (face, k) = (corner::face_of(corner) as usize, corner::side_of(corner));
             if !live.alive[face] {
@@ -318,7 +314,7 @@ impl Deviation {
             let (apex, next, before) =
                 (vertices[k], vertices[corner::next(k)], vertices[corner::previous(k)]);
             self.edge(live, [apex, next], (far, &mut near), &mut error, most);
-            // Most edges are some other face's "next"; what is left are ends of fans.
+            // Most edges are the "next" edge of another face; the rest are ends of fans.
             let next_of =
                 |c: u32| live.face_vertices[corner::face_of(c) as usize][corner::next(corner::side_of(c))];
             if !live.stars.corners(apex).any(|c| next_of(c) == before) {
@@ -329,9 +325,9 @@ impl Deviation {
             }
             let (triangle, limit) = (live.triangle(face), SUSPICIOUS * error);
             let lattice = self.lattice(triangle);
-            let mut is_near = |point| self.input.any_within_again(point, limit, &mut near.hints);
+            let mut is_near = |point| self.input.any_within_hinted(point, limit, &mut near.hints);
             if is_near(live.centroid(face))
-                && (lattice == LEAST_LATTICE || all_over(triangle, lattice, &mut is_near))
+                && (lattice == MIN_LATTICE || all_over(triangle, lattice, &mut is_near))
             {
                 near.face = Some(face);
             } else {
@@ -346,22 +342,22 @@ impl Deviation {
         error
     }
 
-    /// Parts that a face's edges are cut into to look at its inside closely. Behind blocks what is measured against has
-    /// few points itself, and a face may lie across a hole of it: wide faces are looked at by its mean edge.
+    /// Subdivisions for sampling a face densely. If the reference is the result of blocks, it has few points and
+    /// possibly holes, so wide faces are subdivided by its mean edge.
     fn lattice(&self, [a, b, c]: [Vec3; 3]) -> usize {
         if self.inherited.is_empty() {
-            return LEAST_LATTICE;
+            return MIN_LATTICE;
         }
         let longest = [sub(b, a), sub(c, b), sub(a, c)].map(length).into_iter().fold(0.0, f64::max);
         let parts = (longest / self.mean_edge.max(f64::MIN_POSITIVE)).ceil();
-        (parts as usize).clamp(LEAST_LATTICE, MOST_DENSE)
+        (parts as usize).clamp(MIN_LATTICE, MAX_DENSE)
     }
 
     fn edge(
         &self,
         live: &Live<'_>,
         edge: [u32; 2],
-        (far, near): (&mut Vec<FarEdge>, &mut NearInput<'_>),
+        (far, near): (&mut Vec<FarEdge>, &mut NearInputCache<'_>),
         error: &mut f64,
         most: usize,
     ) {
@@ -373,7 +369,7 @@ impl Deviation {
         let n = ((SPARSE * edges).ceil() as usize).clamp(2, most);
         let limit = SUSPICIOUS * *error;
         let mut all_within = |limit: f64| {
-            (1..n).all(|i| self.input.any_within_again(between(a, b, i, n), limit, &mut near.hints))
+            (1..n).all(|i| self.input.any_within_hinted(between(a, b, i, n), limit, &mut near.hints))
         };
         let surely = limit * (1.0 - RELATIVE_ROUNDING) - ABSOLUTE_ROUNDING;
         if surely > 0.0 && all_within(surely) {
@@ -383,7 +379,7 @@ impl Deviation {
         if all_within(limit) {
             return;
         }
-        let n = ((DENSE * edges).ceil() as usize).clamp(LEAST_DENSE, MOST_DENSE);
+        let n = ((DENSE * edges).ceil() as usize).clamp(MIN_DENSE, MAX_DENSE);
         let mut own = 0.0;
         let mut last = None;
         (1..n).for_each(|i| self.farthest(between(a, b, i, n), &mut own, &mut last));
@@ -391,15 +387,15 @@ impl Deviation {
         *error = error.max(own);
     }
 
-    /// Raises `error` to the distance of a point from the input; for `last` see [`WideBvh::distance_beyond`].
+    /// Raises `error` to the distance of a point from the input; see [`WideBvh::distance_beyond`] for `last`.
     pub(crate) fn farthest(&self, point: Vec3, error: &mut f64, last: &mut Option<u32>) {
         if let Some(distance) = self.input.distance_beyond(point, *error, last) {
             *error = error.max(distance);
         }
     }
 
-    /// Whether the given triangles are within `limit` of the input's samples, and the input of them,
-    /// judged by about `budget` of the samples and the middles of the triangles.
+    /// Whether the given triangles are within `limit` of the input samples and the reverse, judged by about `budget`
+    /// samples and triangle centres.
     pub(crate) fn within(
         &self,
         live: &Live<'_>,
@@ -419,39 +415,39 @@ impl Deviation {
             })
     }
 
-    /// Whether a point is within `limit` of the input, margin included.
+    /// Whether a point is within `limit` of the input, including [`MARGIN`].
     pub(crate) fn input_within(&self, point: Vec3, limit: f64) -> bool {
         self.input.any_within(point, limit / MARGIN)
     }
 
-    /// The face that a sample was last found near.
+    /// The last nearest face of a sample.
     pub(crate) fn face_near(&self, sample: u32) -> u32 {
         self.attached[sample as usize]
     }
 
-    /// The attribute error of a settled region.
+    /// The attribute error of a region after all its collapses.
     pub(crate) fn attribute_error(&self, live: &Live<'_>, samples: &[u32]) -> f64 {
         self.attributes.error(live, &self.input, samples, &|s| self.attached[s as usize])
     }
 
-    /// Where all samples are: faces, and how far.
+    /// Nearest faces and distances of all samples.
     pub(crate) fn places(&self) -> (&[u32], &[f32]) {
         (&self.attached, &self.distance)
     }
 
-    /// Takes over the places of all samples.
-    pub(crate) fn take_places(&mut self, attached: Vec<u32>, distance: Vec<f32>) {
+    /// Sets nearest faces and distances of all samples.
+    pub(crate) fn set_places(&mut self, attached: Vec<u32>, distance: Vec<f32>) {
         (self.attached, self.distance) = (attached, distance);
     }
 
-    /// Finds all samples anew, wherever they were: the nearest face that is left.
-    pub(crate) fn find_again(&mut self, live: &Live<'_>, pool: &Watched<'_>) -> Result<(), MeshError> {
+    /// Searches the nearest remaining face of all samples anew.
+    pub(crate) fn search_all(&mut self, live: &Live<'_>, pool: &MonitoredPool<'_>) -> Result<(), MeshError> {
         let triangles: Vec<[u32; 3]> = live.faces.iter().map(|&f| live.face_vertices[f as usize]).collect();
         let (positions, triangles) = compact(&live.positions, &triangles);
         let left = TriangleBvh::new(&positions, &triangles);
         let count = self.sample_count();
-        let found = pool.map(count.div_ceil(FOUND_TOGETHER), &|part| {
-            let samples = part * FOUND_TOGETHER..((part + 1) * FOUND_TOGETHER).min(count);
+        let found = pool.map(count.div_ceil(SAMPLES_PER_TASK), &|part| {
+            let samples = part * SAMPLES_PER_TASK..((part + 1) * SAMPLES_PER_TASK).min(count);
             let place = |sample: usize| {
                 let point = self.point(sample as u32);
                 left.nearest(point, f64::INFINITY)
@@ -468,7 +464,7 @@ impl Deviation {
         Ok(())
     }
 
-    /// Takes over the new places of samples.
+    /// Updates attachments.
     pub(crate) fn attach(&mut self, places: &[Attachment]) {
         for &(sample, face, distance) in places {
             self.attached[sample as usize] = face;
@@ -476,8 +472,8 @@ impl Deviation {
         }
     }
 
-    /// Attaches samples whose region has lost all its faces to the nearest face anywhere.
-    pub(crate) fn attach_anywhere(&mut self, live: &Live<'_>, samples: Own<'_>) -> f64 {
+    /// Attaches samples whose region lost all faces to the nearest face of the mesh.
+    pub(crate) fn attach_anywhere(&mut self, live: &Live<'_>, samples: RegionSamples<'_>) -> f64 {
         let faces: Vec<u32> = (0..live.alive.len() as u32).filter(|&f| live.alive[f as usize]).collect();
         let everywhere = Surroundings::new(live, &faces, &|_| true);
         let mut error = 0.0_f64;
@@ -492,20 +488,19 @@ impl Deviation {
     }
 }
 
-/// Samples that are found anew as one task.
-const FOUND_TOGETHER: usize = 4096;
+/// Samples per task of a full search.
+const SAMPLES_PER_TASK: usize = 4096;
 
-/// What was found near the input in a pass over edges and faces in which the largest distance only grows: it need not be
-/// looked at again.
-struct NearInput<'a> {
+/// Cache of edges and faces that are near the input, valid while the largest distance only grows.
+struct NearInputCache<'a> {
     hints: Hints<'a>,
     /// Edges, by a hash of theirs: each inner edge comes from both its faces. One takes another's place.
     edges: Vec<[u32; 2]>,
-    /// The last face whose middle was near.
+    /// The last face whose centre was near.
     face: Option<usize>,
 }
 
-impl<'a> NearInput<'a> {
+impl<'a> NearInputCache<'a> {
     fn new(hint_size: f64, seeds: &'a Seeds) -> Self {
         Self { hints: Hints::new(hint_size, Some(seeds)), edges: vec![[u32::MAX; 2]; NEAR_EDGES], face: None }
     }
@@ -527,7 +522,7 @@ impl<'a> NearInput<'a> {
     }
 }
 
-/// The `i`-th of the points that cut an edge into `n` parts.
+/// The `i`-th of the points that divide an edge into `n` segments.
 pub(crate) fn between(a: Vec3, b: Vec3, i: usize, n: usize) -> Vec3 {
     add(a, scale(sub(b, a), i as f64 / n as f64))
 }
@@ -536,19 +531,19 @@ pub(crate) fn middle([a, b, c]: [Vec3; 3]) -> Vec3 {
     scale(add(add(a, b), c), 1.0 / 3.0)
 }
 
-/// A point of the lattice that cuts the edges of a triangle into `n` parts.
+/// A lattice point of a triangle whose edges are divided into `n` segments.
 pub(crate) fn on_face([a, b, c]: [Vec3; 3], n: usize, i: usize, j: usize) -> Vec3 {
     let inverse = 1.0 / n as f64;
     let (u, v) = (i as f64 * inverse, j as f64 * inverse);
     add(add(scale(a, u), scale(b, v)), scale(c, 1.0 - u - v))
 }
 
-/// Whether all of [`over_face`]'s points are as asked.
+/// Whether all of [`over_face`]'s points satisfy a predicate.
 fn all_over(triangle: [Vec3; 3], n: usize, is: &mut dyn FnMut(Vec3) -> bool) -> bool {
     (1..n).all(|i| (1..n - i).all(|j| is(on_face(triangle, n, i, j))))
 }
 
-/// Calls `visit` for a lattice of points inside a triangle, edges left out.
+/// Calls `visit` for lattice points inside a triangle, without its edges.
 fn over_face(triangle: [Vec3; 3], n: usize, visit: &mut dyn FnMut(Vec3)) {
     for i in 1..n {
         (1..n - i).for_each(|j| visit(on_face(triangle, n, i, j)));

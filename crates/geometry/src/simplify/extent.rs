@@ -1,8 +1,8 @@
-//! Large, thin parts keep their extent.
+//! Preserves the extent of large, thin components.
 //!
-//! A wall, a step or a beam that is thinner than the base mesh may be off costs its quadrics next to nothing: what would
-//! be left of it, and of a row of its like, are shards, however large it is on the screen. So the corners of such
-//! components are held through all levels, and what is left of a box is that box.
+//! A wall, step or beam thinner than the base mesh's error costs quadrics almost nothing, so simplification would
+//! leave fragments of it, however large it is on the screen. So the corners of such components are locked at all
+//! levels; of a box, the box remains.
 
 use crate::mesh::QuantisedMesh;
 use crate::mesh::components::components;
@@ -11,28 +11,28 @@ use crate::mesh::vec3::{Vec3, dot, length, sub};
 use crate::simplify::deviation::extend;
 use crate::simplify::live::Live;
 
-/// Diagonal of a part that is large, as a share of the mesh's.
+/// Diagonal of a large component, as a share of the mesh's.
 const LARGE: f64 = 0.08;
-/// Times the base mesh's error that a part's least side is, where it is thin.
+/// A component is thin if its smallest side is below this multiple of the base mesh's error.
 const THIN: f64 = 2.0;
-/// Parts of a mesh that are held, the largest: with what each costs, some 60 bytes of a base mesh.
-const MOST_PARTS: usize = 64;
+/// Most components with locked corners, largest first; each costs some 60 bytes of base mesh.
+const MAX_PARTS: usize = 64;
 
-/// The vertices nearest to the corners of large, thin parts, ascending; `error` is the base mesh's and `diagonal` the
-/// mesh's, in grid cells.
+/// The vertices nearest to the corners of large, thin components, ascending. `error` is the base mesh's and
+/// `diagonal` the mesh's, in grid cells.
 pub(crate) fn corners_to_hold(live: &Live<'_>, error: f64, diagonal: f64) -> Vec<u32> {
     let component = components(live.positions.len(), &live.face_vertices);
     let mut vertices: Vec<u32> = (0..live.positions.len() as u32).collect();
     vertices.sort_by_key(|&v| component[v as usize]);
     let mut parts: Vec<Part<'_>> = vertices
         .chunk_by(|&a, &b| component[a as usize] == component[b as usize])
-        // What is all of a mesh keeps its extent to the base mesh's error anyway.
+        // A mesh of one component keeps its extent to within the base mesh's error anyway.
         .filter(|part| part.len() > 3 && part.len() < vertices.len())
         .map(|part| Part::new(live, part))
         .filter(|part| part.diagonal() > LARGE * diagonal && part.thickness() <= THIN * error)
         .collect();
     parts.sort_by(|a, b| b.diagonal().total_cmp(&a.diagonal()));
-    let mut held: Vec<u32> = parts.iter().take(MOST_PARTS).flat_map(Part::corners).collect();
+    let mut held: Vec<u32> = parts.iter().take(MAX_PARTS).flat_map(Part::corners).collect();
     held.sort_unstable();
     held.dedup();
     held
@@ -47,7 +47,7 @@ pub(crate) fn diagonal(mesh: &QuantisedMesh) -> f64 {
     length(sub(bounds[1], bounds[0]))
 }
 
-/// A component, and the box along its principal axes.
+/// A component with its box along its principal axes.
 struct Part<'a> {
     live: &'a Live<'a>,
     vertices: &'a [u32],
@@ -69,7 +69,7 @@ impl<'a> Part<'a> {
         part
     }
 
-    /// A vertex's place along the axes.
+    /// A vertex's coordinates along the axes.
     fn along(&self, vertex: u32) -> Vec3 {
         self.axes.map(|axis| dot(axis, self.live.positions[vertex as usize]))
     }
@@ -86,9 +86,9 @@ impl<'a> Part<'a> {
         self.sides().into_iter().fold(f64::INFINITY, f64::min)
     }
 
-    /// For each corner of the box the vertex that lies farthest that way, sides taken as equally long.
+    /// For each corner of the box, the vertex farthest in that direction, with sides scaled to equal length.
     fn corners(&self) -> impl Iterator<Item = u32> {
-        // A flat part has no side across, and nothing lies either way there.
+        // A flat component has no extent along one axis.
         let shares = self.sides().map(|side| if side > 0.0 { 1.0 / side } else { 0.0 });
         (0..8_u32).filter_map(move |corner| {
             let signed = [0, 1, 2].map(|k| if corner >> k & 1 == 1 { shares[k] } else { -shares[k] });

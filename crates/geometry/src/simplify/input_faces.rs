@@ -1,28 +1,27 @@
-//! Input to coarse, between the samples: input faces that lie over several coarse faces.
+//! Distance from input to coarse mesh between the samples: input faces over several coarse faces.
 //!
-//! Over one coarse face the distance is largest at a corner, and across an edge of the coarse surface it is
-//! about that of the edge. But where an input face's corners are near coarse faces that do not meet, the
-//! coarse surface may be open between these: its middle and those of its edges are looked at, and more of it
-//! where one is far.
+//! InputFace one coarse face the distance is largest at a corner, and across an edge of the coarse surface it is about
+//! that of the edge. But if an input face's corners are nearest to coarse faces that do not meet, the coarse surface
+//! may be open between these: the face's centre and edge midpoints are examined, and more points where one is far.
 
 use crate::mesh::corner::face_of;
 use crate::mesh::four::FourPoints;
 use crate::mesh::vec3::{Vec3, dot, length, sub};
 use crate::simplify::deviation::{
-    DENSE, Deviation, LEAP, LEAST_DENSE, MOST_DENSE, Own, SUSPICIOUS, between, middle, on_face,
+    DENSE, Deviation, LEAP, MAX_DENSE, MIN_DENSE, RegionSamples, SUSPICIOUS, between, middle, on_face,
 };
 use crate::simplify::live::Live;
 use crate::simplify::surroundings::{ROUNDING, Surroundings, distance_to};
 
 impl Deviation {
-    /// Looks at the input faces around the samples whose corners are near several coarse faces, one of them
-    /// `placed` anew: adds those that may be far and answers the largest distance, at least `error`. A face
-    /// that lies over several regions counts in each: its middle may be far while any of them is missing.
+    /// Examines the input faces around the samples whose corners are nearest to several coarse faces, at least one of
+    /// them newly `placed`. Appends possibly far ones to `far`; returns the largest distance, at least `error`. A
+    /// face over several regions counts in each, since its centre may be far while any of them is missing.
     pub(crate) fn faces(
         &self,
         region: &Surroundings<'_>,
         placed: &impl Fn(u32) -> bool,
-        samples: Own<'_>,
+        samples: RegionSamples<'_>,
         exact: bool,
         far: &mut Vec<u32>,
         mut error: f64,
@@ -30,7 +29,7 @@ impl Deviation {
         let live = region.live;
         let vertices = live.positions.len();
         for &sample in samples.list.iter().take_while(|&&s| (s as usize) < vertices) {
-            // Most of a coarse level's are nearer than what is known: no face need be looked at.
+            // In coarse levels most samples are nearer than the known error, so no face needs examination.
             if self.all_around_within(sample, SUSPICIOUS * error) {
                 continue;
             }
@@ -40,7 +39,7 @@ impl Deviation {
                 if (a == b && b == c) || !corners.into_iter().any(placed) {
                     continue;
                 }
-                // Once per region: from its first corner that is among the samples.
+                // Once per region: from its first corner among the samples.
                 let first = corners.into_iter().find(|&v| samples.contains(v));
                 if first != Some(sample)
                     || corners.into_iter().any(|v| self.all_around_within(v, SUSPICIOUS * error))
@@ -60,13 +59,13 @@ impl Deviation {
         error
     }
 
-    /// Looks again at the input faces of `far`: the largest distance, at least `error`.
-    pub(crate) fn faces_again(&self, region: &Surroundings<'_>, far: &[u32], error: f64) -> f64 {
+    /// Examines the input faces of `far` again: the largest distance, at least `error`.
+    pub(crate) fn recheck_faces(&self, region: &Surroundings<'_>, far: &[u32], error: f64) -> f64 {
         far.iter().fold(error, |error, &face| error.max(self.face(region, face, error, true)))
     }
 
-    /// The largest distance of an input face, where that may be more than `error`, else 0; from the
-    /// nearest coarse faces of all if `exact`, else mostly from those that are nearer than all around them.
+    /// The largest distance of an input face if it may exceed `error`, else 0. With `exact` from the nearest coarse
+    /// faces of all, otherwise usually from faces found by descent.
     fn face(&self, region: &Surroundings<'_>, face: u32, error: f64, exact: bool) -> f64 {
         let live = region.live;
         let corners = self.input.triangles()[face as usize];
@@ -77,12 +76,12 @@ impl Deviation {
         let limit = SUSPICIOUS * error;
         let points = corners.map(|v| self.input.position(v));
         let triangles = near.map(|f| live.triangle(f as usize));
-        // What lies between corners that are near the same face is no farther from it than these.
+        // Points between corners with the same nearest face are no farther from it than the corners.
         let is_apart = |i: usize, j: usize| near[i] != near[j];
         let halfway = |i: usize, j: usize| between(points[i], points[j], 1, 2);
         let asked = [middle(points), halfway(0, 1), halfway(1, 2), halfway(2, 0)];
         let open = [true, is_apart(0, 1), is_apart(1, 2), is_apart(2, 0)];
-        // Nearly all are near the faces of the corners.
+        // Nearly all points are near the faces of the corners.
         let mut left = (0..4).filter(|&i| open[i]).fold(0_u32, |bits, i| bits | 1 << i);
         let four = FourPoints::new(asked);
         for triangle in triangles {
@@ -99,7 +98,7 @@ impl Deviation {
         if left == 0 {
             return 0.0;
         }
-        // What a corner is near is no farther from a point than the corner and the way there.
+        // A corner's nearest face is no farther from a point than the corner's distance plus the way to the corner.
         let reach = corners.map(|v| limit - self.last_distance(v) * ROUNDING);
         let at_hand = |point| {
             (0..3).any(|k| {
@@ -108,7 +107,7 @@ impl Deviation {
             })
         };
         let far_from = error.max(self.mean_edge) * LEAP;
-        let over = Over { region, near, triangles, nearest_beyond: if exact { 0.0 } else { far_from } };
+        let over = InputFace { region, near, triangles, nearest_beyond: if exact { 0.0 } else { far_from } };
         let suspicious = |point, order| !at_hand(point) && over.farther(point, order, limit).is_some();
         let orders = [[0, 1, 2], [0, 1, 2], [1, 2, 0], [2, 0, 1]];
         if !(0..4).any(|i| left >> i & 1 == 1 && suspicious(asked[i], orders[i])) {
@@ -116,29 +115,29 @@ impl Deviation {
         }
         let edges = [(0, 1), (1, 2), (2, 0)].map(|(i, j)| (points[i], points[j]));
         let longest = edges.iter().map(|&(a, b)| length(sub(b, a))).fold(0.0, f64::max);
-        let n = ((DENSE * longest / self.mean_edge).ceil() as usize).clamp(LEAST_DENSE, MOST_DENSE);
+        let n = ((DENSE * longest / self.mean_edge).ceil() as usize).clamp(MIN_DENSE, MAX_DENSE);
         let inner = (1..n - 1).flat_map(|i| (1..n - i).map(move |j| on_face(points, n, i, j)));
         let outer = edges.into_iter().flat_map(|(a, b)| (1..n).map(move |i| between(a, b, i, n)));
         over.farthest_of(&inner.chain(outer).collect::<Vec<Vec3>>(), &mut bridges, limit)
     }
 }
 
-/// One of so many points is looked at first.
-const FEW: usize = 6;
-/// Most of [`Bridges`] that are looked at.
-const MOST_BRIDGES: usize = 8;
+/// One of this many points is examined first.
+const STRIDE: usize = 6;
+/// Most faces of [`Bridges`].
+const MAX_BRIDGES: usize = 8;
 
-/// Coarse faces that have a vertex in common with each of the three that an input face's corners are near: from whichever of
-/// these a walk begins, it looks at them first, so a point that is near one of them is near enough. Found one by one, since
-/// the first are often all that is needed.
+/// Coarse faces that share a vertex with each of the three faces nearest to an input face's corners. A walk from any
+/// of these visits the bridges first, so a point near a bridge is near enough. Enumerated lazily, since the first
+/// ones often suffice.
 struct Bridges<'a> {
     live: &'a Live<'a>,
     near: [u32; 3],
-    /// Corners around the vertices of the first that are still to be looked at.
+    /// Remaining corners around the current vertex of the first face.
     corners: std::slice::Iter<'a, u32>,
     vertices: std::array::IntoIter<u32, 3>,
-    faces: [u32; MOST_BRIDGES],
-    triangles: [[Vec3; 3]; MOST_BRIDGES],
+    faces: [u32; MAX_BRIDGES],
+    triangles: [[Vec3; 3]; MAX_BRIDGES],
     count: usize,
 }
 
@@ -149,17 +148,17 @@ impl<'a> Bridges<'a> {
             near,
             corners: [].iter(),
             vertices: live.face_vertices[near[0] as usize].into_iter(),
-            faces: [0; MOST_BRIDGES],
-            triangles: [[[0.0; 3]; 3]; MOST_BRIDGES],
+            faces: [0; MAX_BRIDGES],
+            triangles: [[[0.0; 3]; 3]; MAX_BRIDGES],
             count: 0,
         }
     }
 
-    /// Finds another.
+    /// Finds the next bridge.
     fn next(&mut self) -> Option<[Vec3; 3]> {
         let live = self.live;
         let others = [1, 2].map(|k| live.face_vertices[self.near[k] as usize]);
-        while self.count < MOST_BRIDGES {
+        while self.count < MAX_BRIDGES {
             let Some(&corner) = self.corners.next() else {
                 self.corners = live.stars.row(self.vertices.next()?).iter();
                 continue;
@@ -179,25 +178,25 @@ impl<'a> Bridges<'a> {
         None
     }
 
-    /// Those that were found.
+    /// The bridges found so far.
     fn found(&self) -> &[[Vec3; 3]] {
         &self.triangles[..self.count]
     }
 }
 
-/// An input face over the coarse faces that its corners are near.
-struct Over<'a> {
+/// An input face with the coarse faces nearest to its corners.
+struct InputFace<'a> {
     region: &'a Surroundings<'a>,
     near: [u32; 3],
     /// The corners of these.
     triangles: [[Vec3; 3]; 3],
-    /// Points that are farther than this from what is around are compared with the nearest coarse face of all.
+    /// Points farther than this from the surrounding faces are compared with the nearest coarse face of all.
     nearest_beyond: f64,
 }
 
-impl Over<'_> {
-    /// How far a point is, if that is more than `enough`; the nearest face may lie in another region. The corners' faces
-    /// are asked in the given order.
+impl InputFace<'_> {
+    /// The distance of a point if it exceeds `enough`; the nearest face may lie in another region. The corners' faces
+    /// are tested in the given order.
     fn farther(&self, point: Vec3, order: [usize; 3], enough: f64) -> Option<f64> {
         let mut distances = [0.0; 3];
         for k in order {
@@ -219,11 +218,11 @@ impl Over<'_> {
         (best.0 > enough).then_some(best.0)
     }
 
-    /// How far the farthest of the points is, if that is more than `most`, else `most`. In whichever order they come.
+    /// The distance of the farthest point if it exceeds `most`, else `most`; independent of the order of the points.
     fn farthest_of(&self, points: &[Vec3], bridges: &mut Bridges<'_>, mut most: f64) -> f64 {
         while bridges.next().is_some() {}
-        // Some that are far first: the others are then passed over.
-        let some = points.chunks(FEW).map(|few| few[0]).collect::<Vec<Vec3>>();
+        // Some far points first, so the others can be skipped.
+        let some = points.chunks(STRIDE).map(|few| few[0]).collect::<Vec<Vec3>>();
         for four in some.chunks(4).chain(points.chunks(4)) {
             let at = [0, 1, 2, 3].map(|i| four[i.min(four.len() - 1)]);
             let together = FourPoints::new(at);
@@ -245,15 +244,15 @@ impl Over<'_> {
 mod tests {
     use crate::common;
     use crate::mesh::{Corner, SourceMesh};
-    use crate::pool::{Serial, Silent, Watched};
+    use crate::pool::{MonitoredPool, Serial, Silent};
     use crate::simplify::deviation::Deviation;
     use crate::simplify::live::Live;
     use crate::simplify::surroundings::Surroundings;
 
-    /// While only the region around its second corner is missing, its middle is that region's fault.
+    /// While only the region around its second corner is missing, the error at its centre belongs to that region.
     #[test]
     fn an_input_face_over_two_regions_counts_in_both() {
-        // A long triangle, and a small one around each of its ends, which are left and do not meet.
+        // A long triangle, and a small one at either end; only the small ones remain, and they do not meet.
         let triangles = [
             [[0.0, 0.0], [10.0, 0.0], [10.0, 0.5]],
             [[-0.1, -0.1], [0.2, 0.0], [0.0, 0.2]],
@@ -267,7 +266,8 @@ mod tests {
         }
         let mesh = common::quantised(&mesh);
         let live = Live::new(&mesh, crate::entropy::Codec::Range);
-        let mut deviation = Deviation::new(&live, mesh.uv_grid, &Watched::new(&Serial, &Silent, 0)).unwrap();
+        let mut deviation =
+            Deviation::new(&live, mesh.uv_grid, &MonitoredPool::new(&Serial, &Silent, 0)).unwrap();
         let start = mesh.wedges[mesh.faces[0].wedges[0] as usize].vertex;
         for vertex in mesh.faces[0].wedges.map(|w| mesh.wedges[w as usize].vertex) {
             let face = if vertex == start { 1 } else { 2 };

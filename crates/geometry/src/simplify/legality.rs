@@ -1,30 +1,30 @@
-//! Which collapses are allowed.
+//! Rules for legal collapses.
 //!
-//! *Strict* rules keep the surface's kind: the link condition (Dey, Edelsbrunner, Guha and Nekhayev, "Topology
-//! preserving edge contraction", 1999) or, where sheets touch along edges of more than two faces, what is left of it
-//! there; boundaries collapse along themselves, seam vertices along their seam, no face turns by more than 75°.
-//! *Relaxed* rules, for what strict ones leave behind, allow what can be written down and gives no edge more faces than
-//! two (or than the input gave it): holes close, components vanish, seams shorten; faces that turn over cost extra. A
-//! closed manifold therefore stays one, down to nothing.
+//! *Strict* rules preserve the topology: the link condition (Dey, Edelsbrunner, Guha and Nekhayev, "Topology
+//! preserving edge contraction", 1999) or, at edges of more than two faces, a weaker form; boundary vertices collapse
+//! along the boundary, seam vertices along their seam, and no face turns by more than 75°. *Relaxed* rules, used when
+//! no strict collapse remains, allow everything that can be encoded and gives no edge more than two faces (or more
+//! than in the input): holes close, components vanish, seams shorten; flipped faces cost extra. So a closed manifold
+//! remains one, down to nothing.
 //!
-//! *Clustering* looks at no face: of the strict rules only that on seams is left, where it is asked for.
+//! *Clustering* ignores faces: of the strict rules only the seam rule applies, if requested.
 
 use crate::mesh::corner;
 use crate::mesh::vec3::{dot, sub, triangle_normal};
 use crate::simplify::region::Region;
 use crate::simplify::settings::Metric;
 
-/// Cosine of the largest angle by which a face may turn under the strict rules with quadrics: 75°.
+/// Cosine of the largest angle by which a face may turn under strict rules with quadrics: 75°.
 const MAX_TURN_COS: f64 = 0.258_819_045_102_520_76;
-/// Cost of turning a face over under the relaxed rules, per (edge length)² × area.
+/// Cost of flipping a face under relaxed rules, per (edge length)² × area.
 const FLIP_PENALTY: f64 = 0.5;
 
 /// A set of rules, with scratch space for applying them.
 pub(crate) struct Rules {
     pub(crate) strict: bool,
-    /// Room for a ring that callers borrow.
+    /// Buffer for a ring, borrowed by callers.
     pub(crate) ring_u: Vec<u32>,
-    /// Per vertex: how often faces join it to u, to t, and to both; valid where `stamp` is current.
+    /// Per vertex: number of faces that join it to u, to t, and to both; valid if `stamp` is current.
     around: Vec<Around>,
     stamp: u32,
     neighbours: Vec<u32>,
@@ -49,7 +49,7 @@ impl Rules {
         }
     }
 
-    /// The distinct neighbours of `v`.
+    /// Collects the distinct neighbours of `v`.
     pub(crate) fn ring(&mut self, region: &Region, v: u32, ring: &mut Vec<u32>) {
         self.stamp += 1;
         ring.clear();
@@ -65,7 +65,7 @@ impl Rules {
         }
     }
 
-    /// What collapsing `u` onto `t` costs beyond its metric, or `None` where it is not allowed.
+    /// Cost of collapsing `u` onto `t` in addition to its metric; `None` if it is not legal.
     pub(crate) fn penalty(&mut self, region: &Region, u: u32, t: u32) -> Option<f64> {
         if self.strict && region.metric != Metric::Clustering && !seams_allow(region, u, t) {
             return None;
@@ -86,7 +86,8 @@ impl Rules {
         if clusters { Some(0.0) } else { self.turning(region, u, t) }
     }
 
-    /// Counts the faces that join each neighbour to u, to t and to both; answers how many join u to t.
+    /// Counts the faces that join each neighbour to u, to t and to both; returns the number of faces that join u to
+    /// t.
     fn count_around(&mut self, region: &Region, u: u32, t: u32) -> u32 {
         self.stamp += 1;
         self.neighbours.clear();
@@ -115,8 +116,8 @@ impl Rules {
         removed
     }
 
-    /// The link condition; boundaries only along themselves. Edges of more than two faces go as others do, or all around
-    /// them would go in their place.
+    /// The link condition; boundary vertices only along the boundary. Edges of more than two faces may collapse as
+    /// well; otherwise everything around them would collapse instead.
     fn strict_topology(&self, region: &Region, u: u32, t: u32, removed: u32) -> bool {
         let (mut ring_u, mut ring_t, mut common) = (0, 0, 0);
         let mut boundary = false;
@@ -134,8 +135,8 @@ impl Rules {
         ring_u >= 3 && ring_t >= 3 && along && common == removed
     }
 
-    /// For a vertex where sheets touch along an edge: what is left of the link condition there. No other two edges become
-    /// one, no edge is left without a face, and none gets more faces than it may by the relaxed rules.
+    /// A weaker link condition for vertices at edges where sheets touch: no two other edges merge, no edge loses all
+    /// faces, and none gets more faces than the relaxed rules allow.
     fn touching_topology(&self, region: &Region, u: u32, t: u32) -> bool {
         let linked = self.neighbours.iter().filter(|&&w| w != u && w != t).all(|&w| {
             let Around { at_u, at_t, at_both, .. } = self.around[w as usize];
@@ -144,9 +145,9 @@ impl Rules {
         linked && self.relaxed_topology(region, u, t)
     }
 
-    /// No edge (t, w) of the result has more than two faces, unless one that it comes from had as many.
-    /// The third vertex of a removed face must be addressable by the split that brings it back: inside
-    /// the region, or still a neighbour of `t`.
+    /// No edge (t, w) of the result has more than two faces, unless one of its sources had as many. The third vertex
+    /// of a removed face must be addressable by the split that restores it: inside the region, or still a neighbour
+    /// of `t`.
     fn relaxed_topology(&self, region: &Region, u: u32, t: u32) -> bool {
         let held = &region.held;
         let mut left = 0;
@@ -155,9 +156,9 @@ impl Rules {
             let after = at_u + at_t - 2 * at_both;
             let thin = at_u == 0 || at_t == 0 || after <= 2 || after <= at_u || after <= at_t;
             left += after;
-            // A vertex that is held keeps a face.
-            let lonely = at_both > 0 && after == 0;
-            thin && (!lonely || (region.interior[w as usize] && !held[w as usize]))
+            // A locked vertex keeps a face.
+            let isolated = at_both > 0 && after == 0;
+            thin && (!isolated || (region.interior[w as usize] && !held[w as usize]))
         });
         thin && (left > 0 || !held[t as usize])
     }
@@ -195,8 +196,8 @@ impl Rules {
     }
 }
 
-/// Whether every wedge of a seam vertex `u` meets a wedge of `t` across a removed face, so that the
-/// collapse runs along the seam. A vertex with one wedge may go anywhere.
+/// Whether every wedge of a seam vertex `u` meets a wedge of `t` across a removed face, so the collapse runs along
+/// the seam. A vertex with one wedge may collapse anywhere.
 fn seams_allow(region: &Region, u: u32, t: u32) -> bool {
     let mut first = None;
     let mut seam = false;

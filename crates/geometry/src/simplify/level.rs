@@ -1,28 +1,29 @@
-//! One level: its regions, and how much each gives.
+//! One level: its regions, and the number of collapses in each.
 
 use crate::collapse::Records;
 use crate::error::MeshError;
 use crate::mesh::corner;
-use crate::pool::Watched;
+use crate::pool::MonitoredPool;
 use crate::simplify::deviation::{Deviation, Samples};
 use crate::simplify::live::Live;
-use crate::simplify::partition::{NOBODY, partition};
+use crate::simplify::partition::{NO_FACE, partition};
 use crate::simplify::queue::simplify_region;
 use crate::simplify::region::Region;
 use crate::simplify::settings::Settings;
 use crate::simplify::star_table::each_edge;
 
-/// Marks a vertex whose star lies in several regions, or that has none.
+/// Marks a vertex whose star is in several regions, or in none.
 const OUTLINE: u32 = u32::MAX;
-/// Share of a region's interior that is tried, so that flat regions can give more than others.
-const MOST_OF_A_REGION: f64 = 0.85;
+/// Share of a region's interior vertices tried, so that flat regions can lose more than others.
+const MAX_REGION_SHARE: f64 = 0.85;
 
 /// Vertices that no level removes.
 #[derive(Clone, Copy)]
 pub(crate) struct Fixed<'a> {
-    /// Ascending; others may be collapsed onto them.
+    /// Ascending; other vertices may collapse onto them.
     pub(crate) held: &'a [u32],
-    /// By vertex, whether faces of it are elsewhere, so that it is on every outline; empty where all faces are here.
+    /// Per vertex: whether some of its faces are outside this part, so that it is always on an outline. Empty if all
+    /// faces are here.
     pub(crate) locked: &'a [bool],
 }
 
@@ -32,9 +33,9 @@ pub(crate) struct Level<'a> {
     pub(crate) faces: Vec<Vec<u32>>,
     /// Region of each interior vertex, else [`OUTLINE`].
     pub(crate) interior: Vec<u32>,
-    /// Interior vertices of each region.
+    /// Number of interior vertices of each region.
     capacity: Vec<usize>,
-    /// Live vertices.
+    /// Number of live vertices.
     pub(crate) vertices: usize,
     fixed: Fixed<'a>,
     /// The samples of each region.
@@ -42,14 +43,14 @@ pub(crate) struct Level<'a> {
 }
 
 impl<'a> Level<'a> {
-    /// Cuts the live faces into `count` regions.
+    /// Partitions the live faces into `count` regions.
     pub(crate) fn new(
         live: &Live<'_>,
         deviation: &Deviation,
         number: usize,
         count: usize,
         fixed: Fixed<'a>,
-        pool: &Watched<'_>,
+        pool: &MonitoredPool<'_>,
     ) -> Result<Self, MeshError> {
         let list = &live.faces;
         let centroids = || list.iter().map(|&f| live.centroid(f as usize));
@@ -89,16 +90,16 @@ impl<'a> Level<'a> {
         lists
     }
 
-    /// Simplifies all regions; `last` lets each go as far as it can.
+    /// Simplifies all regions; with `last`, each as far as possible.
     pub(crate) fn simplify(
         &self,
         live: &Live<'_>,
         last: bool,
         tear: bool,
         settings: &Settings,
-        pool: &Watched<'_>,
+        pool: &MonitoredPool<'_>,
     ) -> Result<Vec<Records>, MeshError> {
-        let share = MOST_OF_A_REGION.max(settings.level_share);
+        let share = MAX_REGION_SHARE.max(settings.level_share);
         pool.map(self.faces.len(), &|r| {
             let limit = if last { usize::MAX } else { (self.capacity[r] as f64 * share) as usize };
             let mut region = self.region(live, r, settings);
@@ -110,9 +111,8 @@ impl<'a> Level<'a> {
         })
     }
 
-    /// Simplifies one region again, keeping the vertices of `held`, ascending, too: by at most so many
-    /// collapses up to a cost.
-    pub(crate) fn simplify_again(
+    /// Simplifies one region again with additional locked vertices `held` (ascending), limited in collapses and cost.
+    pub(crate) fn simplify_with_locked(
         &self,
         live: &Live<'_>,
         r: usize,
@@ -134,8 +134,8 @@ impl<'a> Level<'a> {
     }
 }
 
-/// Cuts all regions' collapses at one cost, so that a level removes its share where it hurts least;
-/// regions left with too few splits keep none.
+/// Truncates the collapses of all regions at one cost, so that a level removes its share where it costs least;
+/// regions with too few splits keep none.
 pub(crate) fn truncate_globally(records: &mut [Records], level: &Level<'_>, settings: &Settings) {
     let mut costs: Vec<f64> = records.iter().flat_map(|r| r.costs.iter().copied()).collect();
     let total: usize = level.capacity.iter().sum();
@@ -154,15 +154,15 @@ pub(crate) fn truncate_globally(records: &mut [Records], level: &Level<'_>, sett
     }
 }
 
-/// For each live face, by its place in the list, the place of a face across each edge.
+/// Per live face (by index in the list): the index of a face across each edge.
 fn adjacency(live: &Live<'_>) -> Vec<[u32; 3]> {
-    let mut place = vec![NOBODY; live.alive.len()];
+    let mut place = vec![NO_FACE; live.alive.len()];
     for (i, &f) in live.faces.iter().enumerate() {
         place[f as usize] = i as u32;
     }
-    let mut adjacent = vec![[NOBODY; 3]; live.faces.len()];
+    let mut adjacent = vec![[NO_FACE; 3]; live.faces.len()];
     each_edge(&live.stars, &live.face_vertices, &mut |_, _, corners| {
-        // Where more than two faces meet, each gets the next.
+        // At edges of more than two faces, each face gets the next one.
         for (i, &corner) in corners.iter().enumerate().filter(|_| corners.len() > 1) {
             let next = corners[(i + 1) % corners.len()];
             adjacent[place[corner::face_of(corner) as usize] as usize][corner::side_of(corner)] =

@@ -1,4 +1,4 @@
-//! Finished levels of a preparation, and what is left of the mesh: what simplification hands to the encoder.
+//! Finished levels and the remaining mesh: the output of simplification for the encoder.
 
 use crate::checkpoint::{CheckpointError, CheckpointStore, Piece};
 use crate::collapse::{Placed, Records};
@@ -13,26 +13,26 @@ use crate::simplify::deviation::Deviation;
 use crate::simplify::hierarchy::{Bounds, RegionChunk};
 use crate::simplify::live::Live;
 use crate::simplify::packed::{pack, unpack};
-use crate::simplify::resume::{End, Outcome, not_of_this_mesh, perform};
+use crate::simplify::resume::{End, Outcome, perform, wrong_mesh_error};
 
-/// Chunks that are put away and encoded together: enough for any number of threads, a few megabytes.
+/// Chunks that are stored and encoded together: enough for any number of threads, a few megabytes.
 const PIECE_CHUNKS: usize = 64;
 
-/// A mesh reduced to its base, and the way there.
+/// A mesh reduced to its base, with the levels in between.
 pub(crate) struct Simplified<'a> {
     /// Levels, finest first.
     pub(crate) levels: Levels<'a>,
-    /// What is left, by ids of its own where it was simplified in blocks.
+    /// The remaining mesh; with its own ids if it was simplified in blocks.
     pub(crate) live: Live<'a>,
-    /// The mesh's wedges, and those that collapses added.
+    /// The mesh's wedges, and those added by collapses.
     pub(crate) wedges: Wedges<'a>,
     merged: Option<&'a Merged>,
     mesh: &'a QuantisedMesh,
-    /// By the ids of what is left, where these are not the mesh's.
+    /// Maps the mesh's ids to the remaining mesh's, if they differ.
     numbers: IdSet,
-    /// Error of regions that vanished or were dropped without a chunk of their own.
+    /// Error of regions that vanished or were dropped without a chunk.
     pub(crate) stray_error: f64,
-    /// How many bits the grids leave out that the levels' chunks bring vertices to; one more for the base mesh.
+    /// Shift (low bits left out) of the grid of each level's chunks, and then of the base mesh.
     pub(crate) shifts: Vec<u8>,
 }
 
@@ -58,17 +58,17 @@ impl<'a> Simplified<'a> {
         Self { levels, live, wedges, merged, mesh, numbers, stray_error, shifts }
     }
 
-    /// Where a vertex is; where it was last, if it is gone.
+    /// Position of a vertex; the last one if it was removed.
     pub(crate) fn placed(&self, vertex: u32) -> Placed {
         match (self.merged, self.numbers.number(vertex)) {
             (None, _) => self.live.placed(vertex),
             (Some(_), Some(own)) => Placed { vertex, ..self.live.placed(own) },
-            // Blocks move nothing.
+            // Blocks do not move vertices.
             (Some(_), None) => Placed { vertex, cell: self.mesh.positions[vertex as usize], shift: 0 },
         }
     }
 
-    /// The faces that are left, ascending by ids of what is left: each with its id and its wedges, as the mesh has them.
+    /// The remaining faces, ascending by the remaining mesh's ids: each with the input's id and wedges.
     pub(crate) fn faces(&self) -> Vec<(u32, [u32; 3])> {
         let live = &self.live;
         let left = live.faces.iter().map(|&f| (f, live.face_wedges[f as usize]));
@@ -80,45 +80,45 @@ impl<'a> Simplified<'a> {
         }
     }
 
-    /// Lets go of what only the base mesh needs: where vertices are, and wedges, stay.
+    /// Frees what only the base mesh needs; vertex positions and wedges stay.
     pub(crate) fn forget_faces(&mut self) {
         self.live.forget_faces();
     }
 }
 
-/// Finished levels, finest first, each a list of chunks that are put away in pieces: chunks that follow one another are
-/// neighbours in space (`partition`).
+/// Finished levels, finest first: lists of chunks, stored in pieces. Consecutive chunks are neighbours in space
+/// (`partition`).
 pub(crate) struct Levels<'a> {
     checkpoint: &'a dyn CheckpointStore,
-    /// By level, how many chunks each of its pieces has.
+    /// Number of chunks in each piece, by level.
     pieces: Vec<Vec<u32>>,
-    /// From this level on, chunks are put away by ids that these names turn into the mesh's.
-    renamed: Option<(usize, &'a Names)>,
+    /// From this level on, stored chunks use ids that these names map to the input's.
+    id_mapping: Option<(usize, &'a Names)>,
 }
 
 impl<'a> Levels<'a> {
     pub(crate) fn new(checkpoint: &'a dyn CheckpointStore) -> Self {
-        Self { checkpoint, pieces: Vec::new(), renamed: None }
+        Self { checkpoint, pieces: Vec::new(), id_mapping: None }
     }
 
-    /// Begins so many levels at the same time, of blocks.
+    /// Starts a number of levels at once, for blocks.
     pub(crate) fn begin(&mut self, levels: usize) {
         self.pieces = vec![Vec::new(); levels];
     }
 
-    /// All levels to come are of a mesh with ids of its own.
+    /// Sets the id mapping for all later levels.
     pub(crate) fn rename_by(&mut self, names: Option<&'a Names>) {
-        self.renamed = names.map(|names| (self.count(), names));
+        self.id_mapping = names.map(|names| (self.count(), names));
     }
 
-    /// Puts a level away that `live` is the end of.
+    /// Stores a level; `live` is the mesh after it.
     pub(crate) fn push(&mut self, mut chunks: Vec<RegionChunk>, live: &Live<'_>) -> Result<(), MeshError> {
-        keep_vanished(&mut chunks, live);
+        record_removed_wedges(&mut chunks, live);
         self.pieces.push(Vec::new());
         self.append(self.pieces.len() - 1, chunks).map(|_| ())
     }
 
-    /// Puts chunks away behind those that a level has; answers how many chunks each piece has that was made of them.
+    /// Appends chunks to a level; returns the number of chunks in each new piece.
     pub(crate) fn append(
         &mut self,
         level: usize,
@@ -138,7 +138,7 @@ impl<'a> Levels<'a> {
         }
     }
 
-    /// Closes a block whose levels are put away.
+    /// Completes a block whose levels are stored.
     pub(crate) fn close_block(&self, block: usize, end: &BlockEnd) -> Result<(), MeshError> {
         if self.resumes() {
             self.checkpoint.put(Piece::end_of_block(block as u32), end.pack())?;
@@ -146,8 +146,8 @@ impl<'a> Levels<'a> {
         Ok(())
     }
 
-    /// What is left of a block, if a preparation before this one has finished it; `wedges` are those of the blocks before.
-    pub(crate) fn redo_block(
+    /// The rest of a block that an earlier run completed; `wedges` are those of the blocks before.
+    pub(crate) fn restore_block(
         &mut self,
         block: usize,
         mesh: &QuantisedMesh,
@@ -164,18 +164,18 @@ impl<'a> Levels<'a> {
             wedges: wedges + end.added.len(),
         };
         if !end.fits(bounds, self.count()) {
-            return Err(not_of_this_mesh());
+            return Err(wrong_mesh_error());
         }
         let before: Vec<usize> = self.pieces.iter().map(Vec::len).collect();
         for (level, pieces) in self.pieces.iter_mut().zip(&end.pieces) {
             level.extend(pieces);
         }
-        // A crash may have left some without others: then the block is done as if nothing were there.
+        // A crash may have lost some pieces: then the block is computed again.
         for level in 0..self.count() {
             for piece in before[level]..self.blocks(level) {
-                if let Some(chunks) = self.whole_block(level, piece)? {
+                if let Some(chunks) = self.complete_piece(level, piece)? {
                     if !chunks.iter().all(|chunk| chunk.fits(bounds)) {
-                        return Err(not_of_this_mesh());
+                        return Err(wrong_mesh_error());
                     }
                 } else {
                     self.pieces.iter_mut().zip(&before).for_each(|(level, &count)| level.truncate(count));
@@ -186,23 +186,23 @@ impl<'a> Levels<'a> {
         Ok(Some(end))
     }
 
-    /// Closes the level that was put away last.
+    /// Completes the level stored last.
     pub(crate) fn close(&self, end: &End) -> Result<(), MeshError> {
         Ok(self.checkpoint.put(Piece::end_of(self.pieces.len() as u32 - 1), end.pack())?)
     }
 
-    /// Whether levels are to be closed.
+    /// Whether levels can be resumed from the store.
     pub(crate) fn resumes(&self) -> bool {
-        self.checkpoint.lasts()
+        self.checkpoint.is_persistent()
     }
 
-    /// Does again the next level, if a preparation before this one has finished it; answers how it ended.
-    pub(crate) fn redo(
+    /// Restores the next level if an earlier run completed it; returns its outcome.
+    pub(crate) fn restore(
         &mut self,
         live: &mut Live<'_>,
         deviation: &mut Deviation,
     ) -> Result<Option<Outcome>, MeshError> {
-        if !self.checkpoint.lasts() {
+        if !self.checkpoint.is_persistent() {
             return Ok(None);
         }
         let level = self.pieces.len();
@@ -213,9 +213,9 @@ impl<'a> Levels<'a> {
         let full = std::iter::repeat_n(PIECE_CHUNKS as u32, outcome.chunks / PIECE_CHUNKS);
         let rest = (outcome.chunks % PIECE_CHUNKS) as u32;
         self.pieces.push(full.chain((rest > 0).then_some(rest)).collect());
-        // A crash may have left some without others: then the level is done as if nothing were there.
+        // A crash may have lost some pieces: then the level is computed again.
         for block in 0..self.blocks(level) {
-            if self.whole_block(level, block)?.is_none() {
+            if self.complete_piece(level, block)?.is_none() {
                 self.pieces.pop();
                 return Ok(None);
             }
@@ -229,38 +229,42 @@ impl<'a> Levels<'a> {
         Ok(Some(outcome))
     }
 
-    /// How many there are.
+    /// Number of levels.
     pub(crate) fn count(&self) -> usize {
         self.pieces.len()
     }
 
-    /// How many chunks they have together.
+    /// Number of chunks in all levels.
     pub(crate) fn chunk_count(&self) -> usize {
         self.pieces.iter().flatten().map(|&chunks| chunks as usize).sum()
     }
 
-    /// How many pieces a level is in.
+    /// Number of pieces of a level.
     pub(crate) fn blocks(&self, level: usize) -> usize {
         self.pieces[level].len()
     }
 
-    /// The chunks of a piece, by the mesh's ids.
+    /// The chunks of a piece, in the input's ids.
     pub(crate) fn block(&self, level: usize, block: usize) -> Result<Vec<RegionChunk>, MeshError> {
         let mut chunks = self.piece(level, block)?;
-        if let Some((_, names)) = self.renamed.filter(|&(first, _)| level >= first) {
+        if let Some((_, names)) = self.id_mapping.filter(|&(first, _)| level >= first) {
             chunks.iter_mut().for_each(|chunk| names.rename(chunk));
         }
         Ok(chunks)
     }
 
-    /// The chunks of a piece as they were put away.
+    /// The chunks of a piece as stored.
     fn piece(&self, level: usize, block: usize) -> Result<Vec<RegionChunk>, MeshError> {
-        let gone = || CheckpointError::new(format!("block {block} of level {level} is gone"));
-        Ok(self.whole_block(level, block)?.ok_or_else(gone)?)
+        let gone = || {
+            CheckpointError::new(format!(
+                "block {block} of level {level} is missing from the checkpoint store"
+            ))
+        };
+        Ok(self.complete_piece(level, block)?.ok_or_else(gone)?)
     }
 
-    /// The same, or `None` where it is not there or damaged.
-    fn whole_block(&self, level: usize, block: usize) -> Result<Option<Vec<RegionChunk>>, MeshError> {
+    /// The chunks of a piece; `None` if it is missing or damaged.
+    fn complete_piece(&self, level: usize, block: usize) -> Result<Option<Vec<RegionChunk>>, MeshError> {
         let count = self.pieces[level][block] as usize;
         let piece = Piece { level: level as u32, block: block as u32 };
         Ok(self.checkpoint.get(piece)?.and_then(|bytes| unpack(&bytes, count).ok()))
@@ -274,9 +278,9 @@ impl<'a> Levels<'a> {
     }
 }
 
-/// Notes the wedges of faces that vanished, which `live` knows as long as they are not put away.
-pub(crate) fn keep_vanished(chunks: &mut [RegionChunk], live: &Live<'_>) {
-    for Records { removed, vanished, .. } in chunks.iter_mut().map(|chunk| &mut chunk.records) {
-        *vanished = removed.iter().map(|r| live.face_wedges[r.face as usize]).collect();
+/// Records the wedges of removed faces, which `live` holds only until the next level.
+pub(crate) fn record_removed_wedges(chunks: &mut [RegionChunk], live: &Live<'_>) {
+    for Records { removed, removed_wedges, .. } in chunks.iter_mut().map(|chunk| &mut chunk.records) {
+        *removed_wedges = removed.iter().map(|r| live.face_wedges[r.face as usize]).collect();
     }
 }

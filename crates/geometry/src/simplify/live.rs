@@ -1,4 +1,4 @@
-//! The mesh while it is being simplified: what is left of it, with adjacency and quadrics.
+//! The mesh during simplification, with adjacency and quadrics.
 
 use std::collections::HashMap;
 
@@ -12,40 +12,40 @@ use crate::mesh::{Attributes, QuantisedMesh, Wedge};
 use crate::simplify::quadric::Quadric;
 use crate::simplify::star_table::{StarTable, each_edge};
 
-/// Weight of the plane that holds a boundary edge in place, per squared edge length.
+/// Weight of the constraint plane of a boundary edge, per squared edge length.
 const BOUNDARY_WEIGHT: f64 = 10.0;
-/// The same for an edge where uv, normal group or material jump.
+/// Weight of the constraint plane of an edge where uv, normal group or material change.
 const SEAM_WEIGHT: f64 = 1.0;
 
-/// Longest chain of collapses that is followed to find what became of a vertex.
-const MOST_HOPS: usize = 10_000;
+/// Longest chain of collapses followed to find a vertex's successor.
+const MAX_HOPS: usize = 10_000;
 
-/// What is left of a mesh at some point of its simplification. Ids are the input's throughout.
+/// The remaining mesh at some point of simplification, in the input's ids.
 pub(crate) struct Live<'a> {
     mesh: &'a QuantisedMesh,
-    /// Positions in grid cells about the middle of the grid.
+    /// Positions in grid cells relative to the centre of the grid.
     pub(crate) positions: Vec<Vec3>,
     pub(crate) quadrics: Vec<Quadric>,
-    /// How many of the lowest bits of each vertex's cell are known to be zero: it lies on that grid.
+    /// Known number of zero low bits of each vertex's cell.
     pub(crate) shifts: Vec<u8>,
-    /// Half the grid: what is added to a position to get its cell.
+    /// Half the grid: position + this = cell.
     middle: f64,
     /// Bits per axis.
     bits: u8,
-    /// Wedges; grows when a collapse keeps a wedge that meets none at its new vertex.
+    /// Wedges; a collapse adds one if a moved wedge meets none at its new vertex.
     pub(crate) wedges: Wedges<'a>,
     /// Next unused normal group of each vertex.
     next_group: Vec<u32>,
-    /// Where what is built is coded, groups tell sides ([`crate::mesh::orientation_class`]): the number of the newest copy of a side
-    /// that collapses have brought to a vertex, by both.
-    sides: Option<HashMap<(u32, u32), u32>>,
-    /// Corners of each face, as wedges and as vertices; meaningless for dead faces.
+    /// With the axis-aligned codec, groups are orientation classes ([`crate::mesh::orientation_class`]): the newest
+    /// copy number, by vertex and class, that collapses have created.
+    copies_by_class: Option<HashMap<(u32, u32), u32>>,
+    /// Corners of each face, as wedges and as vertices; meaningless for removed faces.
     pub(crate) face_wedges: Vec<[u32; 3]>,
     pub(crate) face_vertices: Vec<[u32; 3]>,
     pub(crate) alive: Vec<bool>,
-    /// Where a removed vertex was collapsed to; itself while it is there.
+    /// The vertex that a removed vertex was collapsed to; itself for existing vertices.
     pub(crate) moved_to: Vec<u32>,
-    /// How far the input vertices that were collapsed to a vertex can be from it.
+    /// Upper bound on the distance between a vertex and the input vertices collapsed to it.
     pub(crate) reach: Vec<f64>,
     /// As of the last [`Live::settle`].
     pub(crate) stars: StarTable,
@@ -74,7 +74,7 @@ impl<'a> Live<'a> {
             bits: mesh.grid.bits,
             positions,
             wedges: Wedges::new(&mesh.wedges),
-            sides: (codec == Codec::AxisAligned).then(HashMap::new),
+            copies_by_class: (codec == Codec::AxisAligned).then(HashMap::new),
             next_group,
             alive: vec![true; face_wedges.len()],
             reach: vec![0.0; mesh.positions.len()],
@@ -88,7 +88,7 @@ impl<'a> Live<'a> {
         live
     }
 
-    /// Where a vertex is; where it was last, if it is gone.
+    /// Position of a vertex; the last one if it was removed.
     pub(crate) fn placed(&self, vertex: u32) -> Placed {
         Placed { vertex, cell: self.cell(vertex), shift: self.shifts[vertex as usize] }
     }
@@ -103,7 +103,7 @@ impl<'a> Live<'a> {
         cell.map(|x| f64::from(x) - self.middle)
     }
 
-    /// The nearest point to `position` whose cell has `shift` lowest bits of zero.
+    /// The point nearest to `position` whose cell has `shift` zero low bits.
     pub(crate) fn on_grid(&self, position: Vec3, shift: u8) -> Vec3 {
         let most = (((1_i32 << self.bits) - 1) >> shift) << shift;
         let half = f64::from((1_i32 << shift) >> 1);
@@ -131,31 +131,31 @@ impl<'a> Live<'a> {
         scale(add(add(a, b), c), 1.0 / 3.0)
     }
 
-    /// Whether two faces are the same or meet at an edge.
+    /// Whether two faces are equal or share an edge.
     pub(crate) fn share_an_edge(&self, a: u32, b: u32) -> bool {
         let [a, b] = [a, b].map(|f| self.face_vertices[f as usize]);
         a.into_iter().filter(|v| b.contains(v)).count() > 1
     }
 
-    /// Lets go of what only simplification needs.
+    /// Frees what only simplification needs.
     pub(crate) fn finish(&mut self) {
         self.quadrics = Vec::new();
         self.reach = Vec::new();
         self.next_group = Vec::new();
-        self.sides = None;
+        self.copies_by_class = None;
         self.moved_to = Vec::new();
         self.face_vertices = Vec::new();
         self.stars = StarTable::default();
     }
 
-    /// Lets go of what only the base mesh needs: where vertices are, and wedges, stay.
+    /// Frees what only the base mesh needs; vertex positions and wedges stay.
     pub(crate) fn forget_faces(&mut self) {
         self.face_wedges = Vec::new();
         self.alive = Vec::new();
         self.faces = Vec::new();
     }
 
-    /// Where the corners of a face were before anything was collapsed.
+    /// The corner positions of a face in the input.
     pub(crate) fn first_triangle(&self, face: u32) -> [Vec3; 3] {
         let vertex = |wedge: u32| self.mesh.wedges[wedge as usize].vertex;
         let wedges = self.mesh.faces[face as usize].wedges;
@@ -167,10 +167,10 @@ impl<'a> Live<'a> {
         self.mesh.faces[face as usize].material
     }
 
-    /// The vertex that an input vertex has been collapsed to.
-    pub(crate) fn heir(&self, mut vertex: u32) -> u32 {
-        // Bounded: outlines unlocked on purpose can make two vertices each other's heirs.
-        for _ in 0..MOST_HOPS {
+    /// The vertex that an input vertex was collapsed to.
+    pub(crate) fn successor(&self, mut vertex: u32) -> u32 {
+        // Bounded, because deliberately unlocked outlines can create cycles.
+        for _ in 0..MAX_HOPS {
             let next = self.moved_to[vertex as usize];
             if next == vertex {
                 break;
@@ -180,13 +180,13 @@ impl<'a> Live<'a> {
         vertex
     }
 
-    /// A new wedge at `vertex` with the attributes of `source` and a normal group of its own.
-    pub(crate) fn keep_wedge(&mut self, vertex: u32, source: u32) -> u32 {
+    /// Adds a wedge at `vertex` with the attributes of `source` and a new normal group.
+    pub(crate) fn add_wedge(&mut self, vertex: u32, source: u32) -> u32 {
         let attributes = self.wedges.get(source).attributes;
-        let group = match &self.sides {
-            Some(sides) => {
+        let group = match &self.copies_by_class {
+            Some(copies_by_class) => {
                 let side = attributes.group % ORIENTATION_CLASSES;
-                let known = sides.get(&(vertex, side)).copied();
+                let known = copies_by_class.get(&(vertex, side)).copied();
                 side + ORIENTATION_CLASSES
                     * (known.unwrap_or(self.next_group[vertex as usize] / ORIENTATION_CLASSES) + 1)
             }
@@ -197,24 +197,24 @@ impl<'a> Live<'a> {
         self.wedges.push(Wedge { vertex, attributes })
     }
 
-    /// Takes over a wedge that [`Self::keep_wedge`] has made before.
-    pub(crate) fn keep_again(&mut self, wedge: Wedge) {
+    /// Restores a wedge that [`Self::add_wedge`] created earlier.
+    pub(crate) fn restore_wedge(&mut self, wedge: Wedge) {
         self.take_group(wedge.vertex, wedge.attributes.group);
         self.wedges.push(wedge);
     }
 
-    /// A group of a vertex is not given again.
+    /// Marks a vertex's group as used.
     fn take_group(&mut self, vertex: u32, group: u32) {
-        match &mut self.sides {
-            Some(sides) => {
-                let newest = sides.entry((vertex, group % ORIENTATION_CLASSES)).or_default();
+        match &mut self.copies_by_class {
+            Some(copies_by_class) => {
+                let newest = copies_by_class.entry((vertex, group % ORIENTATION_CLASSES)).or_default();
                 *newest = (*newest).max(group / ORIENTATION_CLASSES);
             }
             None => self.next_group[vertex as usize] = group + 1,
         }
     }
 
-    /// Brings faces and stars up to date after collapses.
+    /// Updates face list and stars after collapses.
     pub(crate) fn settle(&mut self) {
         self.faces.retain(|&f| self.alive[f as usize]);
         self.stars.rebuild(self.positions.len(), &self.faces, &self.face_vertices);
@@ -265,8 +265,8 @@ impl<'a> Live<'a> {
         }
     }
 
-    /// What must agree across an edge for it not to be a seam: both wedges and the material, in an
-    /// order that does not depend on the direction of the edge.
+    /// The values that differ across a seam edge: both wedges and the material, independent of the direction of the
+    /// edge.
     fn edge_attributes(&self, corner: u32) -> (u32, u32, u16) {
         let (face, k) = (corner::face_of(corner) as usize, corner::side_of(corner));
         let (a, b) = (self.face_wedges[face][k], self.face_wedges[face][corner::next(k)]);

@@ -1,8 +1,7 @@
-//! What a region's collapses did to the surface: the geometric error of its chunk, at each stop and as
-//! a whole, and the chunk's extent.
+//! Measures a region's chunk: geometric error, as a whole and at each truncation point, and extent.
 //!
-//! The collapses are performed part by part, between the truncation_points, and each part is measured by what it
-//! changed; so truncation_points cost what changes twice, not a whole measurement each.
+//! The collapses are applied part by part, between the truncation points, and each part is measured by its changes.
+//! So a truncation point costs what changes twice, not a complete measurement.
 
 use std::borrow::Cow;
 
@@ -10,10 +9,10 @@ use crate::collapse::Placed;
 use crate::collapse::Records;
 use crate::error::MeshError;
 use crate::mesh::vec3::{Vec3, add, length, scale, sub};
-use crate::pool::Watched;
-use crate::simplify::commit::Committed;
+use crate::pool::MonitoredPool;
+use crate::simplify::commit::CommitProgress;
 use crate::simplify::deviation::{
-    Attachment, Deviation, FarEdge, MARGIN, MOST_DENSE, MOST_SPARSE, SUSPICIOUS, extend,
+    Attachment, Deviation, FarEdge, MARGIN, MAX_DENSE, MAX_SPARSE, SUSPICIOUS, extend,
 };
 use crate::simplify::hierarchy::RegionChunk;
 use crate::simplify::level::Level;
@@ -21,201 +20,201 @@ use crate::simplify::live::Live;
 use crate::simplify::placement::{self, Move, Placement, Rounding, place};
 use crate::simplify::surroundings::Surroundings;
 
-/// Where what was far on the way exceeds the samples' distance by this factor, edges are looked at
-/// again.
-const ABSURD: f64 = 1.1;
+/// If intermediate errors exceed the samples' distance by this factor, the edges are measured again.
+const REMEASURE_FACTOR: f64 = 1.1;
 
-/// Regions whose samples are followed together: enough for any number of threads.
-const AT_A_TIME: usize = 1024;
+/// Regions whose samples are updated together: enough for any number of threads.
+const BATCH: usize = 1024;
 
-/// A region whose collapses are being performed.
-struct Course {
+/// A region whose collapses are being applied.
+struct RegionProgress {
     records: Records,
-    committed: Committed,
+    committed: CommitProgress,
     /// Whether the current part has collapses.
     performed: bool,
-    /// Corners that they changed, and whether all did.
+    /// Corners changed by them; `all_corners` if all are.
     corners: Vec<u32>,
     all_corners: bool,
     /// Largest distance so far, without margin.
     error: f64,
-    /// The same when each stop but the last was passed, finest first.
+    /// The largest distance at each truncation point, finest first.
     truncation_points: Vec<f64>,
     far: Vec<FarEdge>,
-    /// Input faces that were far on the way.
+    /// Input faces that were far at some point.
     far_faces: Vec<u32>,
-    /// The vertices that were put on a grid, and the largest distance of one.
+    /// Vertices placed on a grid, and their largest distance.
     moves: Vec<Placed>,
     moved: f64,
 }
 
-/// How vertices may come to lie on coarser grids.
+/// Parameters of placing vertices on coarser grids.
 #[derive(Clone, Copy)]
 pub(crate) struct Coarsening {
-    /// Bits that the grid of this level's start leaves out.
+    /// Shift (low bits left out) of the grid at this level's start.
     pub(crate) shift: u8,
-    /// [`crate::simplify::Settings::coarse_grid`], or 0 to stay on that grid.
+    /// [`crate::simplify::Settings::coarse_grid`], or 0 to keep that grid.
     pub(crate) share: f64,
-    /// Error that is allowed, in cells: what exceeds it moves less.
+    /// Allowed error in cells; placements that exceed it are reduced.
     pub(crate) limit: f64,
 }
 
-/// Performs the collapses, puts what is left on its grid, measures the regions, and makes chunks of those that
-/// have any collapses; answers them and the bits that the grid at the level's end leaves out.
+/// Applies the collapses, places the remaining vertices on their grid, measures the regions, and makes chunks of
+/// those with collapses. Returns these, and the shift of the grid at the level's end.
 pub(crate) fn measure(
     live: &mut Live<'_>,
     deviation: &mut Deviation,
     level: &Level<'_>,
     records: Vec<Records>,
     coarsening: Coarsening,
-    pool: &Watched<'_>,
+    pool: &MonitoredPool<'_>,
     stray_error: &mut f64,
 ) -> Result<(Vec<RegionChunk>, u8), MeshError> {
-    let mut courses: Vec<Course> = records.into_iter().map(Course::new).collect();
-    let mut latest = Latest::new(live, deviation);
-    let parts = courses.iter().map(|c| c.records.truncation_points.len() + 1).max().unwrap_or(0);
+    let mut regions_in_progress: Vec<RegionProgress> = records.into_iter().map(RegionProgress::new).collect();
+    let mut changes = ChangeLog::new(live, deviation);
+    let parts = regions_in_progress.iter().map(|c| c.records.truncation_points.len() + 1).max().unwrap_or(0);
     for part in 1..=parts {
-        latest.part = part as u8;
-        courses.iter_mut().for_each(|c| c.perform(part, live, &mut latest));
+        changes.part = part as u8;
+        regions_in_progress.iter_mut().for_each(|c| c.perform(part, live, &mut changes));
         live.settle();
-        look(live, deviation, level, &mut courses, &mut latest, pool)?;
-        courses.iter_mut().for_each(|c| c.truncation_points.push(c.error));
+        measure_part(live, deviation, level, &mut regions_in_progress, &mut changes, pool)?;
+        regions_in_progress.iter_mut().for_each(|c| c.truncation_points.push(c.error));
     }
     let interior = level.interior_vertices();
     let mut errors: Vec<f64> =
-        courses.iter().filter(|c| !c.records.collapses.is_empty()).map(|c| c.error).collect();
+        regions_in_progress.iter().filter(|c| !c.records.collapses.is_empty()).map(|c| c.error).collect();
     let mut rounding = Rounding {
         shift: placement::coarser(live, coarsening.shift, coarsening.share, &mut errors),
         way: Placement::Best,
     };
-    while rounding.shift > 0 || usize::from(latest.part) > parts {
-        latest.part += 1;
-        let (seen, now) = (&*courses, &*live);
+    while rounding.shift > 0 || usize::from(changes.part) > parts {
+        changes.part += 1;
+        let (seen, now) = (&*regions_in_progress, &*live);
         let moves = pool.map(seen.len(), &|r| match rounding.shift {
             1.. if !seen[r].records.collapses.is_empty() => place(now, &interior[r], rounding),
             _ => Vec::new(),
         })?;
-        for (course, (faces, moves)) in courses.iter_mut().zip(level.faces.iter().zip(moves)) {
-            course.place(live, faces, moves, rounding, &mut latest);
+        for (progress, (faces, moves)) in regions_in_progress.iter_mut().zip(level.faces.iter().zip(moves)) {
+            progress.place(live, faces, moves, rounding, &mut changes);
         }
-        look(live, deviation, level, &mut courses, &mut latest, pool)?;
-        let Some(gentler) = rounding.gentler(coarsening.shift).filter(|_| worst(&courses) > coarsening.limit)
+        measure_part(live, deviation, level, &mut regions_in_progress, &mut changes, pool)?;
+        let Some(gentler) =
+            rounding.weaker(coarsening.shift).filter(|_| worst(&regions_in_progress) > coarsening.limit)
         else {
             break;
         };
-        courses.iter_mut().for_each(|c| c.lift(live));
+        regions_in_progress.iter_mut().for_each(|c| c.undo_placement(live));
         rounding = gentler;
     }
-    for m in courses.iter().flat_map(|c| &c.moves) {
+    for m in regions_in_progress.iter().flat_map(|c| &c.moves) {
         let v = m.vertex as usize;
         live.reach[v] += length(sub(live.positions[v], live.position(m.cell)));
     }
     let shift = rounding.shift;
-    Ok((finish(live, deviation, level, courses, interior, pool, stray_error)?, shift))
+    Ok((finish(live, deviation, level, regions_in_progress, interior, pool, stray_error)?, shift))
 }
 
-/// The largest error of the regions.
-fn worst(courses: &[Course]) -> f64 {
-    courses.iter().map(|c| c.error).fold(0.0, f64::max) * MARGIN
+/// The largest error of all regions.
+fn worst(regions_in_progress: &[RegionProgress]) -> f64 {
+    regions_in_progress.iter().map(|c| c.error).fold(0.0, f64::max) * MARGIN
 }
 
-/// The corners of those of the given faces that are left.
+/// The corners of those of the given faces that remain.
 fn corners_left(live: &Live<'_>, faces: &[u32]) -> Vec<u32> {
     let left = faces.iter().filter(|&&f| live.alive[f as usize]);
     left.flat_map(|f| [f * 3, f * 3 + 1, f * 3 + 2]).collect()
 }
 
-/// What changed last.
-struct Latest {
-    /// Stops are few (`Settings::PARTS`), and so are attempts at a grid.
+/// The parts in which elements changed last.
+struct ChangeLog {
+    /// Parts are few (`Settings::PARTS`), and so are attempts at a grid.
     part: u8,
-    /// The part in which each face changed last, and each sample was placed.
+    /// The part in which each face last changed, and each sample was last placed.
     changed_in: Vec<u8>,
     placed_in: Vec<u8>,
 }
 
-impl Latest {
+impl ChangeLog {
     fn new(live: &Live<'_>, deviation: &Deviation) -> Self {
         Self { part: 0, changed_in: vec![0; live.alive.len()], placed_in: vec![0; deviation.sample_count()] }
     }
 }
 
-/// Measures what changed.
-fn look(
+/// Measures the changes of the current part.
+fn measure_part(
     live: &Live<'_>,
     deviation: &mut Deviation,
     level: &Level<'_>,
-    courses: &mut [Course],
-    latest: &mut Latest,
-    pool: &Watched<'_>,
+    regions_in_progress: &mut [RegionProgress],
+    changes: &mut ChangeLog,
+    pool: &MonitoredPool<'_>,
 ) -> Result<(), MeshError> {
-    // Nothing that is found here depends on where another region's samples are: some regions at a time, so that not all
-    // new places are there twice.
-    for first in (0..courses.len()).step_by(AT_A_TIME) {
-        let (known, now) = (&*deviation, &*latest);
-        let seen = &*courses;
-        let count = (seen.len() - first).min(AT_A_TIME);
+    // Results do not depend on other regions' samples. Regions are processed in batches, so that not all new
+    // attachments are in memory twice.
+    for first in (0..regions_in_progress.len()).step_by(BATCH) {
+        let (known, now) = (&*deviation, &*changes);
+        let seen = &*regions_in_progress;
+        let count = (seen.len() - first).min(BATCH);
         let results = pool.map(count, &|r| follow(live, known, level, (&seen[first + r], first + r), now))?;
-        for (course, result) in courses[first..].iter_mut().zip(results) {
+        for (progress, result) in regions_in_progress[first..].iter_mut().zip(results) {
             if let Some((places, far, moved, error)) = result {
                 deviation.attach(&places);
-                places.iter().for_each(|&(sample, ..)| latest.placed_in[sample as usize] = latest.part);
-                course.far.extend(far);
-                course.moved = moved;
-                course.error = error;
+                places.iter().for_each(|&(sample, ..)| changes.placed_in[sample as usize] = changes.part);
+                progress.far.extend(far);
+                progress.moved = moved;
+                progress.error = error;
             }
         }
     }
-    let (known, now) = (&*deviation, &*latest);
-    let seen = &*courses;
+    let (known, now) = (&*deviation, &*changes);
+    let seen = &*regions_in_progress;
     let results = pool.map(seen.len(), &|r| {
-        let course = &seen[r];
+        let progress = &seen[r];
         let inside = |f: u32| level.region_of_face[f as usize] == r as u32;
         let region = Surroundings::new(live, &level.faces[r], &inside);
         let placed = |sample: u32| now.placed_in[sample as usize] == now.part;
-        // Quickly at first, and exactly where that found more than there was.
+        // Approximately at first, exactly if the error exceeds the known one.
         let mut far = Vec::new();
-        let error = known.faces(&region, &placed, level.samples.of(r), false, &mut far, course.error);
-        let raised = error > course.error;
-        let error = if raised { known.faces_again(&region, &far, course.error) } else { error };
+        let error = known.faces(&region, &placed, level.samples.of(r), false, &mut far, progress.error);
+        let raised = error > progress.error;
+        let error = if raised { known.recheck_faces(&region, &far, progress.error) } else { error };
         (far, error)
     })?;
-    for (course, (far, error)) in courses.iter_mut().zip(results) {
-        course.far_faces.extend(far);
-        course.error = error;
+    for (progress, (far, error)) in regions_in_progress.iter_mut().zip(results) {
+        progress.far_faces.extend(far);
+        progress.error = error;
     }
     Ok(())
 }
 
-/// Where the samples of a region went, its edges that may be far, how far the vertices are that were put on a grid, and
-/// the largest distance; `None` where nothing changed.
+/// New attachments of a region's samples, its possibly far edges, the distance of placed vertices, and the largest
+/// distance; `None` if nothing changed.
 fn follow(
     live: &Live<'_>,
     known: &Deviation,
     level: &Level<'_>,
-    (course, r): (&Course, usize),
-    now: &Latest,
+    (progress, r): (&RegionProgress, usize),
+    now: &ChangeLog,
 ) -> Option<(Vec<Attachment>, Vec<FarEdge>, f64, f64)> {
-    if !course.performed {
+    if !progress.performed {
         return None;
     }
     let inside = |f: u32| level.region_of_face[f as usize] == r as u32;
     let region = Surroundings::new(live, &level.faces[r], &inside);
     let changed = |f: u32| now.changed_in[f as usize] == now.part;
-    let (places, error) = known.follow(&region, &changed, level.samples.of(r).list, course.error);
+    let (places, error) = known.follow(&region, &changed, level.samples.of(r).list, progress.error);
     let mut far = Vec::new();
-    let error = known.edges(live, &course.corners(live, &level.faces[r]), &mut far, error, MOST_SPARSE);
+    let error = known.edges(live, &progress.corners(live, &level.faces[r]), &mut far, error, MAX_SPARSE);
     let mut moved = 0.0;
-    for m in &course.moves {
+    for m in &progress.moves {
         let around = known.input_faces.row(m.vertex).first();
         known.farthest(live.positions[m.vertex as usize], &mut moved, &mut around.copied());
     }
     Some((places, far, moved, error.max(moved)))
 }
 
-impl Course {
+impl RegionProgress {
     fn new(records: Records) -> Self {
-        let (committed, corners) = (Committed::default(), Vec::new());
+        let (committed, corners) = (CommitProgress::default(), Vec::new());
         Self {
             records,
             committed,
@@ -231,8 +230,8 @@ impl Course {
         }
     }
 
-    /// Performs the collapses of one part, counted from 1.
-    fn perform(&mut self, part: usize, live: &mut Live<'_>, latest: &mut Latest) {
+    /// Applies the collapses of one part, counted from 1.
+    fn perform(&mut self, part: usize, live: &mut Live<'_>, changes: &mut ChangeLog) {
         self.corners.clear();
         self.performed = false;
         let truncation_points = self.records.truncation_points.len();
@@ -246,21 +245,21 @@ impl Course {
         self.performed = !self.records.collapses.is_empty();
         let corners = &mut self.corners;
         self.records.commit(live, &mut self.committed, end, &mut |corner| {
-            latest.changed_in[(corner / 3) as usize] = latest.part;
+            changes.changed_in[(corner / 3) as usize] = changes.part;
             corners.push(corner);
         });
         corners.sort_unstable();
         corners.dedup();
     }
 
-    /// Puts what is left of a region with collapses on a grid. Nothing that was known of it holds then.
+    /// Places the remaining vertices of a region with collapses on a grid, which invalidates its measurements.
     fn place(
         &mut self,
         live: &mut Live<'_>,
         faces: &[u32],
         moves: Vec<Move>,
         rounding: Rounding,
-        latest: &mut Latest,
+        changes: &mut ChangeLog,
     ) {
         self.corners = Vec::new();
         self.all_corners = true;
@@ -276,7 +275,7 @@ impl Course {
         }
         self.moves = moves.into_iter().map(|m| m.from).collect();
         for &face in faces.iter().filter(|&&f| live.alive[f as usize]) {
-            latest.changed_in[face as usize] = latest.part;
+            changes.changed_in[face as usize] = changes.part;
         }
         self.error = 0.0;
         self.far.clear();
@@ -288,16 +287,16 @@ impl Course {
         if self.all_corners { corners_left(live, faces).into() } else { (&self.corners).into() }
     }
 
-    /// Takes the vertices off the grid again.
-    fn lift(&mut self, live: &mut Live<'_>) {
+    /// Reverts the placement.
+    fn undo_placement(&mut self, live: &mut Live<'_>) {
         for m in self.moves.drain(..) {
             live.positions[m.vertex as usize] = live.position(m.cell);
             live.shifts[m.vertex as usize] = m.shift;
         }
     }
 
-    /// Largest distance from the input of the edges that are still there, and of their ends. What was not looked at closely
-    /// was within a share of the largest distance at that time.
+    /// Largest distance from the input of the remaining edges and their ends. Edges not sampled densely were within a
+    /// share of the largest distance at that time.
     fn edges(&self, live: &Live<'_>) -> f64 {
         let joined = |[a, b]: [u32; 2]| {
             live.stars.corners(a).any(|c| live.face_vertices[(c / 3) as usize].contains(&b))
@@ -307,19 +306,19 @@ impl Course {
     }
 }
 
-/// Settles the errors when all collapses are done.
+/// Computes the final errors after all collapses.
 fn finish(
     live: &Live<'_>,
     deviation: &mut Deviation,
     level: &Level<'_>,
-    courses: Vec<Course>,
+    regions_in_progress: Vec<RegionProgress>,
     mut interior: Vec<Vec<u32>>,
-    pool: &Watched<'_>,
+    pool: &MonitoredPool<'_>,
     stray_error: &mut f64,
 ) -> Result<Vec<RegionChunk>, MeshError> {
     let known = &*deviation;
-    let settled = pool.map(courses.len(), &|r| {
-        if courses[r].records.collapses.is_empty() {
+    let settled = pool.map(regions_in_progress.len(), &|r| {
+        if regions_in_progress[r].records.collapses.is_empty() {
             return None;
         }
         let inside = |f: u32| level.region_of_face[f as usize] == r as u32;
@@ -327,26 +326,33 @@ fn finish(
         let left = || level.faces[r].iter().copied().filter(|&f| live.alive[f as usize]);
         let result = left().next().map(|_| {
             let (places, error) = known.settle(&region, level.samples.of(r).list);
-            let error = known.faces_again(&region, &courses[r].far_faces, error);
-            let mut edges = courses[r].edges(live);
-            if edges > ABSURD * error && edges <= SUSPICIOUS * courses[r].error {
-                // Something on the way was far; what is there now need not be.
+            let error = known.recheck_faces(&region, &regions_in_progress[r].far_faces, error);
+            let mut edges = regions_in_progress[r].edges(live);
+            if edges > REMEASURE_FACTOR * error && edges <= SUSPICIOUS * regions_in_progress[r].error {
+                // Something was far at some point; the final state may be closer.
                 let corners = corners_left(live, &level.faces[r]);
-                edges = known.edges(live, &corners, &mut Vec::new(), error.max(courses[r].moved), MOST_DENSE);
+                edges = known.edges(
+                    live,
+                    &corners,
+                    &mut Vec::new(),
+                    error.max(regions_in_progress[r].moved),
+                    MAX_DENSE,
+                );
                 edges = known.faces(&region, &|_| true, level.samples.of(r), true, &mut Vec::new(), edges);
             }
             (places, error.max(edges) * MARGIN)
         });
         let points = || {
             let corners = left().flat_map(|f| live.triangle(f as usize));
-            // What the chunk brings lies on finer grids than what is left, and not quite on the input.
-            let brings = courses[r].records.collapses.iter().map(|c| live.positions[c.removed as usize]);
-            let moves = courses[r].moves.iter().map(|m| live.position(m.cell));
+            // The chunk's vertices lie on finer grids than the remaining ones, not exactly on the input.
+            let brings =
+                regions_in_progress[r].records.collapses.iter().map(|c| live.positions[c.removed as usize]);
+            let moves = regions_in_progress[r].moves.iter().map(|m| live.position(m.cell));
             level.samples.of(r).list.iter().map(|&s| known.point(s)).chain(corners).chain(brings).chain(moves)
         };
         Some((result, sphere(&points)))
     })?;
-    // Where all samples are comes first: attributes are compared there.
+    // All attachments must be final first, because attributes are compared there.
     let mut found = Vec::with_capacity(settled.len());
     for (r, settled) in settled.into_iter().enumerate() {
         found.push(settled.map(|(result, sphere)| {
@@ -362,34 +368,34 @@ fn finish(
         }));
     }
     let known = &*deviation;
-    let attributes = pool.map(courses.len(), &|r| {
+    let attributes = pool.map(regions_in_progress.len(), &|r| {
         let samples = level.samples.of(r).list;
         found[r].map_or(0.0, |_| known.attribute_error(live, samples))
     })?;
     let mut chunks = Vec::new();
     let found = found.into_iter().zip(attributes);
-    for (r, (course, (found, attribute_error))) in courses.into_iter().zip(found).enumerate() {
+    for (r, (progress, (found, attribute_error))) in regions_in_progress.into_iter().zip(found).enumerate() {
         let Some((error, stray, (center, radius))) = found else { continue };
         let [inherited, of_attributes] = deviation.inherited(level.samples.of(r).list);
         let error = error + inherited;
         if stray {
             *stray_error = stray_error.max(error);
         }
-        let truncation_points = course.records.truncation_points.len();
-        let truncation_errors = course.truncation_points[..truncation_points]
+        let truncation_points = progress.records.truncation_points.len();
+        let truncation_errors = progress.truncation_points[..truncation_points]
             .iter()
             .rev()
             .map(|e| e * MARGIN + inherited)
             .collect();
         let (faces, interior) = (level.faces[r].clone(), std::mem::take(&mut interior[r]));
         chunks.push(RegionChunk {
-            records: course.records,
+            records: progress.records,
             faces,
             interior,
             error,
             attribute_error: attribute_error + of_attributes,
             truncation_errors,
-            moves: course.moves,
+            moves: progress.moves,
             center,
             radius,
         });
@@ -397,7 +403,7 @@ fn finish(
     Ok(chunks)
 }
 
-/// A bounding sphere about the middle of the bounding box.
+/// Bounding sphere around the centre of the bounding box.
 fn sphere<P: Iterator<Item = Vec3>>(points: &dyn Fn() -> P) -> (Vec3, f64) {
     let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
     points().for_each(|p| extend(&mut bounds, p));

@@ -1,33 +1,32 @@
-//! What collapses cost: quadrics, edge length × curvature, or the cell that both ends share.
+//! Cost of collapses: quadrics, edge length × curvature, or octree cells for clustering.
 
 use crate::mesh::corner;
 use crate::mesh::vec3::{Vec3, dot, length, scale, sub, triangle_normal};
 use crate::simplify::region::Region;
 use crate::simplify::settings::Metric;
 
-/// Gives edges of flat areas an order: cost per fourth power of the edge length (a point quadric
-/// would do the same; this needs no memory).
+/// Orders edges of flat areas: cost per fourth power of the edge length (like a point quadric, without its memory).
 const FLAT_ORDER: f64 = 1e-9;
-/// The same for Melax's cost, per edge length.
+/// Orders edges of flat areas with Melax's cost, per edge length.
 const FLAT_CURVATURE: f64 = 1e-9;
-/// Gives equal weights an order, the near first: cost per edge length, as a share of the cell.
+/// Orders equal weights by distance: cost per edge length, as a share of the cell.
 const NEAR_FIRST: f64 = 1e-3;
 
-/// Computes costs; keeps room for the normals of a star.
+/// Computes costs, with buffers for the star of one vertex.
 #[derive(Default)]
 pub(crate) struct Pricer {
-    /// Corners of each face of the star and its unit normal, zero where it has none.
+    /// Corners of each face of the star with its unit normal, zero for degenerate faces.
     star: Vec<([u32; 3], Vec3)>,
-    /// The directions of its edges, and what the vertex weighs among those of its cell.
+    /// Directions of its edges, and the vertex's weight for clustering.
     edges: Vec<Vec3>,
     weight: f64,
 }
 
 impl Pricer {
-    /// Must be called before [`Pricer::cost`] for another `u`, or after a change at `u`.
-    pub(crate) fn look_at(&mut self, region: &Region, u: u32) {
+    /// Prepares for [`Pricer::cost`] of another `u`, or after a change at `u`.
+    pub(crate) fn prepare(&mut self, region: &Region, u: u32) {
         if region.metric.clusters() {
-            self.weight = self.weigh(region, u);
+            self.weight = self.clustering_weight(region, u);
         }
         if region.metric != Metric::Melax {
             return;
@@ -42,7 +41,7 @@ impl Pricer {
         }));
     }
 
-    /// The cost of `u` onto `t`: cells⁴ for quadrics (area × squared distance), cells for the others.
+    /// The cost of collapsing `u` onto `t`: cells⁴ for quadrics (area × squared distance), cells for the others.
     pub(crate) fn cost(&self, region: &Region, u: u32, t: u32) -> f64 {
         let edge = sub(region.positions[u as usize], region.positions[t as usize]);
         let square = dot(edge, edge);
@@ -51,14 +50,15 @@ impl Pricer {
             Metric::Melax => square.sqrt() * (self.curvature(t) + FLAT_CURVATURE),
             Metric::Clustering | Metric::ClusteringSeams => {
                 let cell = f64::from(1_u32 << shared_level(region.cell(u), region.cell(t)));
-                // Between this cell's size and the next one's, so that cells are emptied level by level.
+                // Between this cell's size and the next, so cells are emptied level by level.
                 cell * (1.0 + 0.9 * self.weight) + NEAR_FIRST * square.sqrt().min(cell)
             }
         }
     }
 
-    /// cos(θ/2), θ the widest angle between two edges at `u` (Low and Tan 1997): 0 within a plane, 1 at a spike.
-    fn weigh(&mut self, region: &Region, u: u32) -> f64 {
+    /// cos(θ/2), where θ is the largest angle between two edges at `u` (Low and Tan 1997): 0 in a plane, 1 at a
+    /// spike.
+    fn clustering_weight(&mut self, region: &Region, u: u32) -> f64 {
         let at = region.positions[u as usize];
         self.edges.clear();
         self.edges.extend(region.stars.corners(u).flat_map(|corner| {
@@ -76,8 +76,8 @@ impl Pricer {
         (0.5 * (1.0 + widest.max(-1.0))).sqrt()
     }
 
-    /// Melax's curvature at the star's vertex towards `t`: over the faces around it, the most that the
-    /// nearest in direction of the faces at the edge turns away; 0 flat, 1 folded back.
+    /// Melax's curvature at the star's vertex towards `t`: the maximum over its faces of the smallest angle to a face
+    /// at the edge; 0 flat, 1 folded back.
     fn curvature(&self, t: u32) -> f64 {
         let mut most = 0.0_f64;
         for (_, face) in &self.star {
@@ -91,7 +91,7 @@ impl Pricer {
     }
 }
 
-/// The level of the smallest octree cell that holds both cells of the grid, 0 for that of the grid itself.
+/// Level of the smallest octree cell that contains both grid cells; 0 for a grid cell itself.
 fn shared_level(a: [i32; 3], b: [i32; 3]) -> u32 {
     let differing = (0..3).map(|k| (a[k] ^ b[k]).unsigned_abs()).fold(0, |all, bits| all | bits);
     (u32::BITS - differing.leading_zeros()).min(u32::BITS - 1)
@@ -105,7 +105,7 @@ mod tests {
     fn cells_share_the_smallest_cell_of_the_octree_that_holds_both() {
         assert_eq!(shared_level([5, 6, 7], [5, 6, 7]), 0);
         assert_eq!(shared_level([4, 6, 7], [5, 6, 7]), 1);
-        // Neighbours, but on both sides of the middle.
+        // Adjacent, but on different sides of the middle.
         assert_eq!(shared_level([7, 0, 0], [8, 0, 0]), 4);
         assert_eq!(shared_level([1, 9, 0], [0, 8, 2]), 2);
     }

@@ -1,9 +1,9 @@
-//! Simplification: from the input to the base mesh, level by level, region by region.
+//! Simplification from the input to the base mesh, level by level, region by region.
 //!
-//! At a level's start the live faces are cut into regions. Within the level a collapse u → t is
-//! allowed only if the whole stars of u *and* t lie in one region, so no outline changes and regions
-//! are independent: simplified in any order, on any number of threads, with the same result. The next
-//! level cuts anew, so outlines move. The collapses of one region are one chunk.
+//! Each level partitions the live faces into regions. A collapse u → t is allowed only if the complete stars of u
+//! *and* t are in one region, so outlines do not change and regions are independent: they can be simplified in any
+//! order, on any number of threads, with the same result. The next level partitions anew, so outlines move. The
+//! collapses of one region are one chunk.
 
 mod attributes;
 pub(crate) mod blocks;
@@ -39,8 +39,8 @@ use crate::checkpoint::CheckpointStore;
 use crate::entropy::Codec;
 use crate::error::MeshError;
 use crate::mesh::QuantisedMesh;
-use crate::pool::{Stage, Watched};
-use crate::simplify::blocks::catch_up;
+use crate::pool::{MonitoredPool, Stage};
+use crate::simplify::blocks::apply_last_levels;
 use crate::simplify::blocks::merged::Merged;
 use crate::simplify::deviation::Deviation;
 use crate::simplify::extent::{corners_to_hold, diagonal};
@@ -48,53 +48,54 @@ use crate::simplify::level::Fixed;
 use crate::simplify::levels::{Levels, Simplified};
 use crate::simplify::limit::Limit;
 use crate::simplify::live::Live;
-use crate::simplify::reduce::{Place, Reduced, Reduction};
+use crate::simplify::reduce::{LevelParameters, LevelResult, Reduction};
 use crate::simplify::resume::{End, Outcome};
 use crate::simplify::settings::Settings;
 
-/// Where a level is stuck, as many faces still fit into one region.
+/// If a level makes little progress, up to this many faces are put into one region.
 const MAX_REGION_FACES: usize = *Settings::REGION_FACES.end();
 /// A level that removes less than this share of the vertices ends the hierarchy.
-const LEAST_PROGRESS: f64 = 0.05;
+const MIN_PROGRESS: f64 = 0.05;
 
 /// Simplifies a mesh of any size. `settings` must have passed [`Settings::check`].
 #[cfg(test)]
 pub(crate) fn simplify<'a>(
     mesh: &'a QuantisedMesh,
     settings: &Settings,
-    pool: &mut Watched<'_>,
+    pool: &mut MonitoredPool<'_>,
     checkpoint: &'a dyn CheckpointStore,
 ) -> Result<Simplified<'a>, MeshError> {
     simplify_from(mesh, None, settings, pool, Levels::new(checkpoint))
 }
 
-/// Simplifies a mesh, or what is left of one whose finest levels were simplified in blocks and are the first of `levels`.
-/// `settings` must have passed [`Settings::check`].
+/// Simplifies a mesh, or the merged result of blocks, whose levels are the first of `levels`. `settings` must have
+/// passed [`Settings::check`].
 pub(crate) fn simplify_from<'a>(
     mesh: &'a QuantisedMesh,
     merged: Option<&'a Merged>,
     settings: &Settings,
-    pool: &mut Watched<'_>,
+    pool: &mut MonitoredPool<'_>,
     mut levels: Levels<'a>,
 ) -> Result<Simplified<'a>, MeshError> {
     let left = merged.map_or(mesh, |merged| &merged.mesh);
     let mut live = Live::new(left, settings.codec);
     let inherited = merged.map(|merged| merged.inherited.clone()).unwrap_or_default();
     let diagonal = diagonal(mesh);
-    let limit = Limit::new(&live, (settings.base_error * diagonal - inherited.most()).max(0.0), diagonal);
-    let mut deviation = Deviation::new(&live, mesh.uv_grid, pool)?.behind(inherited);
+    let limit =
+        Limit::new(&live, (settings.base_error * diagonal - inherited.max_geometric()).max(0.0), diagonal);
+    let mut deviation = Deviation::new(&live, mesh.uv_grid, pool)?.with_inherited(inherited);
     let mut stray_error = merged.map_or(0.0, |merged| merged.stray_error);
     let mut shifts = vec![0; 1 + levels.count()];
     let mut held = corners_to_hold(&live, limit.error, diagonal);
     if let Some(merged) = merged {
-        catch_up(merged, mesh, &mut live, &levels)?;
-        deviation.find_again(&live, pool)?;
-        held.iter_mut().for_each(|v| *v = live.heir(*v));
+        apply_last_levels(merged, mesh, &mut live, &levels)?;
+        deviation.search_all(&live, pool)?;
+        held.iter_mut().for_each(|v| *v = live.successor(*v));
         held.sort_unstable();
         held.dedup();
     }
     let reduction = Reduction { settings, limit: &limit, fixed: Fixed { held: &held, locked: &[] } };
-    // Faces that the levels of blocks have removed.
+    // Faces removed by the levels of blocks.
     let gone = mesh.faces.len() - left.faces.len();
     let done = |live: &Live<'_>| gone + live.alive.len() - live.faces.len();
     let region_faces = settings.region_faces;
@@ -103,7 +104,7 @@ pub(crate) fn simplify_from<'a>(
     let mut stuck = false;
     let mut shift = 0;
     levels.rename_by(merged.map(|merged| &merged.names));
-    while let Some(outcome) = levels.redo(&mut live, &mut deviation)? {
+    while let Some(outcome) = levels.restore(&mut live, &mut deviation)? {
         (shift, stuck, stray_error) = (outcome.shift, outcome.little, outcome.stray_error);
         shifts.push(shift);
         pool.advance(done(&live), outcome.removed);
@@ -117,14 +118,14 @@ pub(crate) fn simplify_from<'a>(
         pool.begin(Stage::Simplify)?;
         let last = live.faces.len() <= if stuck { top_faces.max(MAX_REGION_FACES) } else { top_faces };
         let count = if last { 1 } else { live.faces.len() / region_faces };
-        // What the base mesh lacks besides counts against what it may: no coarser grid on the last way there.
+        // The last level to the base mesh uses no coarser grid, because its error counts against the limit.
         let coarse_grid =
             if last || settings.codec == Codec::AxisAligned { 0.0 } else { settings.coarse_grid };
-        let place = Place { number: levels.count(), count, last, shift, coarse_grid, done: gone };
+        let place = LevelParameters { number: levels.count(), count, last, shift, coarse_grid, done: gone };
         let wedges = live.wedges.len();
-        let Reduced { chunks, shift: next, removed, vertices } =
+        let LevelResult { chunks, shift: next, removed, vertices } =
             reduction.level(&mut live, &mut deviation, place, &mut stray_error, pool)?;
-        let little = (removed as f64) < LEAST_PROGRESS * vertices as f64;
+        let little = (removed as f64) < MIN_PROGRESS * vertices as f64;
         let last = last || (little && (stuck || live.faces.len() > MAX_REGION_FACES));
         if !chunks.is_empty() {
             let outcome = Outcome { chunks: chunks.len(), shift: next, little, last, removed, stray_error };
@@ -141,7 +142,7 @@ pub(crate) fn simplify_from<'a>(
             live.finish();
             return Ok(Simplified::new(mesh, merged, levels, live, stray_error, shifts));
         }
-        // Outlines may be what is in the way: one more level, in one region.
+        // Outlines may be the obstacle: one more level, in one region.
         stuck = little;
     }
 }

@@ -1,5 +1,5 @@
-//! Chunks of a finished level as bytes, to be put away until they are encoded. Not a format: read by the program that
-//! wrote it, so numbers stand as they are, which costs least time.
+//! Serialisation of a finished level's chunks for checkpoints. Not an interchange format: read only by the program
+//! that wrote it, so numbers are stored uncompressed, which is fastest.
 
 use crate::collapse::{Collapse, MovedCorner, NO_VERTEX, Placed, Records, RemovedFace};
 use crate::entropy::bytes::Reader;
@@ -7,16 +7,18 @@ use crate::error::DecodeError;
 use crate::mesh::{Attributes, Wedge};
 use crate::simplify::hierarchy::RegionChunk;
 
-/// The chunks of one block.
+/// Serialises the chunks of one block.
 pub(crate) fn pack(chunks: &[RegionChunk]) -> Vec<u8> {
     let mut out = Vec::with_capacity(chunks.iter().map(bytes_of).sum());
     for chunk in chunks {
         let records = &chunk.records;
-        put(&mut out, &records.collapses, |c| [c.removed, c.target, c.moved_end, c.removed_end, c.kept_end]);
+        put(&mut out, &records.collapses, |c| {
+            [c.removed, c.target, c.moved_end, c.removed_end, c.added_wedges_end]
+        });
         put(&mut out, &records.moved, |m| [m.face, m.from, m.to]);
         put(&mut out, &records.removed, |r| [r.face, r.third().unwrap_or(NO_VERTEX)]);
-        put(&mut out, &records.vanished, |&wedges| wedges);
-        put(&mut out, &records.kept, |&k| [k]);
+        put(&mut out, &records.removed_wedges, |&wedges| wedges);
+        put(&mut out, &records.added_wedges, |&k| [k]);
         put(&mut out, &records.truncation_points, |&s| [s]);
         put(&mut out, &chunk.faces, |&f| [f]);
         put(&mut out, &chunk.interior, |&v| [v]);
@@ -25,7 +27,7 @@ pub(crate) fn pack(chunks: &[RegionChunk]) -> Vec<u8> {
             let [x, y, z] = m.cell.map(i32::cast_unsigned);
             [m.vertex, x, y, z, m.shift.into()]
         });
-        put(&mut out, &[records.first_kept], |&k| [k]);
+        put(&mut out, &[records.first_added_wedge], |&k| [k]);
         let [x, y, z] = chunk.center;
         let reals = [records.reach, chunk.error, chunk.attribute_error, x, y, z, chunk.radius];
         put(&mut out, &reals, |&x| halves(x));
@@ -33,28 +35,28 @@ pub(crate) fn pack(chunks: &[RegionChunk]) -> Vec<u8> {
     out
 }
 
-/// Reads what [`pack`] has made of so many chunks.
+/// Parses `count` chunks written by [`pack`].
 ///
 /// # Errors
-/// Where it has not.
+/// If the bytes are damaged.
 pub(crate) fn unpack(bytes: &[u8], count: usize) -> Result<Vec<RegionChunk>, DecodeError> {
-    let mut r = Reader::new(bytes, "chunks that were put away");
+    let mut r = Reader::new(bytes, "checkpoint chunks");
     let chunks = (0..count).map(|_| chunk(&mut r)).collect::<Result<_, _>>()?;
-    if r.remaining() > 0 { Err(r.error("there are more than were put away")) } else { Ok(chunks) }
+    if r.remaining() > 0 { Err(r.error("it has trailing bytes")) } else { Ok(chunks) }
 }
 
 fn chunk(r: &mut Reader<'_>) -> Result<RegionChunk, DecodeError> {
-    let collapses = list(r, |[removed, target, moved_end, removed_end, kept_end]| Collapse {
+    let collapses = list(r, |[removed, target, moved_end, removed_end, added_wedges_end]| Collapse {
         removed,
         target,
         moved_end,
         removed_end,
-        kept_end,
+        added_wedges_end,
     })?;
     let moved = list(r, |[face, from, to]| MovedCorner { face, from, to })?;
     let removed = list(r, |[face, third]| RemovedFace::new(face, (third != NO_VERTEX).then_some(third)))?;
-    let vanished = list(r, |wedges| wedges)?;
-    let (kept, truncation_points) = (list(r, |[k]| k)?, list(r, |[s]| s)?);
+    let removed_wedges = list(r, |wedges| wedges)?;
+    let (added_wedges, truncation_points) = (list(r, |[k]| k)?, list(r, |[s]| s)?);
     let (faces, interior) = (list(r, |[f]| f)?, list(r, |[v]| v)?);
     let truncation_errors = list(r, real)?;
     let moves = list(r, |[vertex, x, y, z, shift]| Placed {
@@ -62,30 +64,30 @@ fn chunk(r: &mut Reader<'_>) -> Result<RegionChunk, DecodeError> {
         cell: [x, y, z].map(u32::cast_signed),
         shift: shift as u8,
     })?;
-    let first_kept = list(r, |[k]| k)?.first().copied().unwrap_or_default();
+    let first_added_wedge = list(r, |[k]| k)?.first().copied().unwrap_or_default();
     let reals = list(r, real)?;
     let &[reach, error, attribute_error, x, y, z, radius] = reals.as_slice() else {
-        return Err(r.error("a chunk has not all its figures"));
+        return Err(r.error("a chunk lacks values"));
     };
-    let ends = |c: &Collapse| [c.moved_end, c.removed_end, c.kept_end];
-    let lengths = [moved.len(), removed.len(), kept.len()];
+    let ends = |c: &Collapse| [c.moved_end, c.removed_end, c.added_wedges_end];
+    let lengths = [moved.len(), removed.len(), added_wedges.len()];
     let within = collapses.iter().all(|c| (0..3).all(|k| ends(c)[k] as usize <= lengths[k]));
     let rising = collapses.windows(2).all(|c| (0..3).all(|k| ends(&c[0])[k] <= ends(&c[1])[k]));
     if !within
-        || vanished.len() != removed.len()
+        || removed_wedges.len() != removed.len()
         || !rising
         || truncation_points.iter().any(|&s| s as usize > collapses.len())
     {
-        return Err(r.error("its lists do not fit together"));
+        return Err(r.error("its lists have inconsistent lengths"));
     }
     let records = Records {
         collapses,
         costs: Vec::new(),
         moved,
         removed,
-        vanished,
-        kept,
-        first_kept,
+        removed_wedges,
+        added_wedges,
+        first_added_wedge,
         truncation_points,
         reach,
     };
@@ -103,20 +105,20 @@ fn chunk(r: &mut Reader<'_>) -> Result<RegionChunk, DecodeError> {
     })
 }
 
-/// About how long a chunk gets.
+/// Estimated length of a chunk.
 fn bytes_of(chunk: &RegionChunk) -> usize {
     let records = &chunk.records;
     let words = 5 * records.collapses.len()
         + 3 * records.moved.len()
         + 5 * records.removed.len()
-        + records.kept.len()
+        + records.added_wedges.len()
         + chunk.faces.len()
         + chunk.interior.len()
         + 5 * chunk.moves.len();
     4 * words + 160 + 12 * records.truncation_points.len()
 }
 
-/// Appends a list of entries of so many words each.
+/// Appends a list of entries of `N` words each.
 pub(super) fn put<T, const N: usize>(out: &mut Vec<u8>, list: &[T], words: impl Fn(&T) -> [u32; N]) {
     out.extend((list.len() as u32).to_le_bytes());
     for entry in list {
@@ -124,7 +126,7 @@ pub(super) fn put<T, const N: usize>(out: &mut Vec<u8>, list: &[T], words: impl 
     }
 }
 
-/// Reads what [`put`] has appended.
+/// Parses a list written by [`put`].
 pub(super) fn list<T, const N: usize>(
     r: &mut Reader<'_>,
     entry: impl Fn([u32; N]) -> T,
@@ -148,7 +150,7 @@ pub(super) fn put_wedges(out: &mut Vec<u8>, wedges: &[Wedge]) {
     });
 }
 
-/// Reads what [`put_wedges`] has appended.
+/// Parses wedges written by [`put_wedges`].
 pub(super) fn wedges(r: &mut Reader<'_>) -> Result<Vec<Wedge>, DecodeError> {
     list(r, |[vertex, u, v, group, color, has_normal, normal]| Wedge {
         vertex,
@@ -175,16 +177,16 @@ mod tests {
     use super::*;
     use crate::checkpoint::InMemoryCheckpoint;
     use crate::common;
-    use crate::pool::{Serial, Silent, Watched};
+    use crate::pool::{MonitoredPool, Serial, Silent};
     use crate::simplify::simplify;
 
     #[test]
-    fn chunks_come_back_as_they_were_and_no_beginning_of_them_is_taken_for_them() {
+    fn chunks_round_trip_and_prefixes_are_rejected() {
         let checkpoint = InMemoryCheckpoint::default();
         let mut taken = 0;
         for (name, source) in common::all() {
             let mesh = common::quantised(&source);
-            let mut pool = Watched::new(&Serial, &Silent, mesh.faces.len());
+            let mut pool = MonitoredPool::new(&Serial, &Silent, mesh.faces.len());
             let chunks = simplify(&mesh, &common::regions(400), &mut pool, &checkpoint).unwrap().levels.all();
             let bytes = pack(&chunks);
             assert!(unpack(&bytes, chunks.len()).unwrap() == chunks, "{name}");

@@ -1,30 +1,29 @@
-//! Cuts the live faces of a level into regions: balanced, compact, in a different place each level.
+//! Partitions the live faces of a level into regions: balanced, compact, in different places at each level.
 //!
-//! Recursive bisection of face centroids (a k-d split by count), in a frame that is turned from level
-//! to level and with an uneven first cut, so that the outlines of one level lie inside the regions of
-//! the next. A few rounds of majority voting then straighten the outlines: a straight outline leaves
-//! more interior vertices.
+//! Recursive bisection of face centroids (a k-d split by count), in a frame that rotates from level to level and with
+//! an uneven first cut, so that the outlines of one level lie inside the regions of the next. A few rounds of
+//! majority voting straighten the outlines, which leaves more interior vertices.
 
 use crate::error::MeshError;
 use crate::mesh::vec3::{Vec3, dot};
-use crate::pool::Watched;
+use crate::pool::MonitoredPool;
 
 /// Rounds of majority voting.
 const SMOOTHING_ROUNDS: usize = 3;
 
-/// No neighbour.
-pub(crate) const NOBODY: u32 = u32::MAX;
+/// No adjacent face.
+pub(crate) const NO_FACE: u32 = u32::MAX;
 
 /// Assigns each face to a region `0..count`.
 ///
-/// `adjacent` is asked where there is more than one, and names for each face one across each of its edges, or
-/// [`NOBODY`].
+/// `adjacent` is called if there is more than one region; it returns a face across each edge of each face, or
+/// [`NO_FACE`].
 pub(crate) fn partition<C: ExactSizeIterator<Item = Vec3>>(
     centroids: &(dyn Fn() -> C + Sync),
     adjacent: &(dyn Fn() -> Vec<[u32; 3]> + Sync),
     count: usize,
     level: usize,
-    pool: &Watched<'_>,
+    pool: &MonitoredPool<'_>,
 ) -> Result<Vec<u32>, MeshError> {
     if count <= 1 {
         return Ok(halves(centroids(), count, level));
@@ -34,7 +33,7 @@ pub(crate) fn partition<C: ExactSizeIterator<Item = Vec3>>(
     Ok(region)
 }
 
-/// The same, with outlines as the cuts make them.
+/// The partition without smoothing of outlines.
 pub(crate) fn halves(centroids: impl ExactSizeIterator<Item = Vec3>, count: usize, level: usize) -> Vec<u32> {
     let mut region = vec![0_u32; centroids.len()];
     if count <= 1 {
@@ -49,7 +48,7 @@ pub(crate) fn halves(centroids: impl ExactSizeIterator<Item = Vec3>, count: usiz
     region
 }
 
-/// A face's centroid in the level's frame. Single precision: cuts need not be exact, only repeatable.
+/// A face's centroid in the level's frame. Single precision: cuts need not be exact, only reproducible.
 #[derive(Clone, Copy)]
 struct Point {
     at: [f32; 3],
@@ -104,7 +103,7 @@ fn longest_axis(points: &[Point]) -> usize {
     (0..3).max_by(|&a, &b| extent[a].total_cmp(&extent[b]).then(b.cmp(&a))).unwrap_or(0)
 }
 
-/// Moves a face to the region that holds most of its neighbours, in index order, a few times.
+/// Moves faces to the region of most of their neighbours, in index order, a few times.
 fn smooth(region: &mut [u32], count: usize, adjacent: &[[u32; 3]]) {
     let mut size = vec![0_usize; count];
     for &r in region.iter() {
@@ -114,10 +113,10 @@ fn smooth(region: &mut [u32], count: usize, adjacent: &[[u32; 3]]) {
         for face in 0..region.len() {
             let own = region[face];
             let around =
-                adjacent[face].map(|other| if other == NOBODY { NOBODY } else { region[other as usize] });
+                adjacent[face].map(|other| if other == NO_FACE { NO_FACE } else { region[other as usize] });
             let same = around.iter().filter(|&&r| r == own).count();
             let votes = |r: u32| around.iter().filter(|&&x| x == r).count();
-            let others = around.iter().copied().filter(|&r| r != own && r != NOBODY);
+            let others = around.iter().copied().filter(|&r| r != own && r != NO_FACE);
             let best = others.max_by_key(|&r| (votes(r), std::cmp::Reverse(r)));
             if let Some(best) = best.filter(|&r| votes(r) > same && size[own as usize] > 1) {
                 region[face] = best;

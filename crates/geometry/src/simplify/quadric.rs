@@ -3,10 +3,10 @@
 
 use crate::mesh::vec3::{Vec3, dot};
 
-/// A weighted sum of squared distances to planes, `vᵀAv + 2bᵀv + c`, symmetric part stored once.
+/// A weighted sum of squared distances to planes, `vᵀAv + 2bᵀv + c`, with the symmetric part stored once.
 ///
-/// Evaluated in f64 about the centre of the grid: expanded in f32, flat regions far from the origin
-/// drown in cancellation.
+/// Evaluated in f64 relative to the centre of the grid: in f32, cancellation dominates in flat regions far from the
+/// origin.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Quadric([f64; 10]);
 
@@ -35,7 +35,7 @@ impl Quadric {
         }
     }
 
-    /// The sum at `v`; rounding below zero is clamped.
+    /// Evaluates the sum at `v`; negative rounding errors are clamped to 0.
     pub(crate) fn evaluate(&self, v: Vec3) -> f64 {
         let q = &self.0;
         let [x, y, z] = v;

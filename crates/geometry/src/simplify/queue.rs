@@ -1,8 +1,8 @@
-//! The order of a region's collapses: the cheapest first from a heap, or rounds of independent ones.
+//! The order of a region's collapses: cheapest first from a heap, or rounds of independent collapses.
 //!
-//! Each vertex has one candidate, its cheapest. A collapse makes its neighbours' candidates stale; since
-//! quadrics only grow, a stale cost is too low, if wrong, so it is enough to look again when the
-//! candidate's turn comes. What a collapse makes cheaper, edges to its target, is looked at at once.
+//! Each vertex has one candidate, its cheapest. A collapse makes its neighbours' candidates stale. Since quadrics
+//! only grow, a stale cost is at most too low, so it is recomputed when the candidate reaches the top. Edges to the
+//! target may become cheaper and are updated at once.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -13,10 +13,10 @@ use crate::simplify::metric::Pricer;
 use crate::simplify::region::Region;
 use crate::simplify::settings::Metric;
 
-/// Collapses until `limit` vertices are gone or nothing more is allowed: strictly first, then by the
-/// relaxed rules. For `round_share` see [`crate::Settings::round_share`].
+/// Collapses until `limit` vertices are removed or no legal collapse remains: first by strict rules, then by relaxed
+/// ones. See [`crate::Settings::round_share`].
 pub(crate) fn simplify_region(region: Region, limit: usize, round_share: Option<f64>) -> Records {
-    let mut order = Order::new(region, limit);
+    let mut order = CollapseQueue::new(region, limit);
     for strict in [true, false] {
         order.begin(strict);
         match round_share {
@@ -34,25 +34,25 @@ pub(crate) fn simplify_region(region: Region, limit: usize, round_share: Option<
 struct Best {
     cost: f64,
     target: u32,
-    /// Whether the cost must be computed again before use.
+    /// Whether the cost must be recomputed before use.
     stale: bool,
 }
 
 /// No candidate.
 const NONE: Best = Best { cost: f64::INFINITY, target: u32::MAX, stale: false };
 
-struct Order {
+struct CollapseQueue {
     region: Region,
     rules: Rules,
     pricer: Pricer,
     limit: usize,
     best: Vec<Best>,
-    /// Cost, as the bits of a positive f32, above the vertex.
+    /// Cost (as the bits of a positive f32) in the high half, vertex in the low half.
     heap: BinaryHeap<Reverse<u64>>,
     ring: Vec<u32>,
 }
 
-impl Order {
+impl CollapseQueue {
     fn new(region: Region, limit: usize) -> Self {
         let vertices = region.vertex_count() as usize;
         Self {
@@ -72,7 +72,7 @@ impl Order {
         if !self.full() {
             for u in 0..self.region.vertex_count() {
                 self.best[u as usize] = NONE;
-                self.look_again(u, None);
+                self.find_candidate(u, None);
             }
         }
     }
@@ -86,13 +86,13 @@ impl Order {
             let Some(Reverse(entry)) = self.heap.pop() else { break };
             let u = entry as u32;
             let best = self.best[u as usize];
-            if self.region.gone[u as usize] || key(best.cost, u) != entry {
+            if self.region.removed[u as usize] || key(best.cost, u) != entry {
                 continue;
             }
             if best.stale {
-                self.look_again(u, None);
+                self.find_candidate(u, None);
             } else if self.rules.penalty(&self.region, u, best.target).is_none() {
-                self.look_again(u, Some(best));
+                self.find_candidate(u, Some(best));
             } else {
                 self.region.collapse(u, best.target, best.cost);
                 self.update(u, best.target);
@@ -100,20 +100,20 @@ impl Order {
         }
     }
 
-    /// Rounds of collapses that share no face, each of the cheapest.
+    /// Rounds of the cheapest collapses that share no face.
     fn run_rounds(&mut self, share: f64) {
         let mut used = vec![0_u32; self.region.corners.len()];
         for round in 1.. {
             let mut candidates: Vec<u64> = Vec::new();
             for u in 0..self.region.vertex_count() {
                 let at = u as usize;
-                if self.region.gone[at] || !self.region.interior[at] || self.region.held[at] {
+                if self.region.removed[at] || !self.region.interior[at] || self.region.held[at] {
                     continue;
                 }
                 self.best[u as usize].stale |= self.best[u as usize].target == NONE.target;
                 while self.best[u as usize].stale {
-                    self.look_again(u, None);
-                    self.settle_legality(u);
+                    self.find_candidate(u, None);
+                    self.find_legal_candidate(u);
                 }
                 if self.best[u as usize].target != NONE.target {
                     candidates.push(key(self.best[u as usize].cost, u));
@@ -135,10 +135,10 @@ impl Order {
                         .flat_map(|v| region.stars.corners(v))
                         .map(|c| (c / 3) as usize)
                 };
-                if region.gone[u as usize] || faces().any(|f| used[f] == round) {
+                if region.removed[u as usize] || faces().any(|f| used[f] == round) {
                     continue;
                 }
-                // Faces next to these may have changed since the candidate was judged.
+                // Adjacent faces may have changed since the candidate was checked.
                 if self.rules.penalty(region, u, best.target).is_none() {
                     self.best[u as usize].stale = true;
                     continue;
@@ -154,28 +154,28 @@ impl Order {
         }
     }
 
-    /// Takes the cheapest candidate of `u` that is allowed.
-    fn settle_legality(&mut self, u: u32) {
+    /// Selects the cheapest legal candidate of `u`.
+    fn find_legal_candidate(&mut self, u: u32) {
         loop {
             let best = self.best[u as usize];
             if best.target == NONE.target || self.rules.penalty(&self.region, u, best.target).is_some() {
                 return;
             }
-            self.look_again(u, Some(best));
+            self.find_candidate(u, Some(best));
         }
     }
 
-    /// After `u` went onto `t`.
+    /// Updates candidates after `u` was collapsed onto `t`.
     fn update(&mut self, u: u32, t: u32) {
         let mut ring = std::mem::take(&mut self.ring);
         self.rules.ring(&self.region, t, &mut ring);
-        self.look_again(t, None);
+        self.find_candidate(t, None);
         for &w in &ring {
             if !self.region.interior[w as usize] || self.region.held[w as usize] {
                 continue;
             }
             if self.region.metric != Metric::Qem {
-                self.look_again(w, None);
+                self.find_candidate(w, None);
                 continue;
             }
             let best = &mut self.best[w as usize];
@@ -190,16 +190,16 @@ impl Order {
         self.ring = ring;
     }
 
-    /// Finds the cheapest candidate of `u`; of those dearer than `after`, if given. Strict candidates
-    /// are judged when their turn comes, relaxed ones now, since a penalty changes their order.
-    fn look_again(&mut self, u: u32, after: Option<Best>) {
+    /// Finds the cheapest candidate of `u`; with `after`, only among dearer ones. Strict candidates are checked for
+    /// legality when they reach the top, relaxed ones now, since a penalty changes their order.
+    fn find_candidate(&mut self, u: u32, after: Option<Best>) {
         let at = u as usize;
-        if !self.region.interior[at] || self.region.gone[at] || self.region.held[at] {
+        if !self.region.interior[at] || self.region.removed[at] || self.region.held[at] {
             return;
         }
         let mut ring = std::mem::take(&mut self.rules.ring_u);
         self.rules.ring(&self.region, u, &mut ring);
-        self.pricer.look_at(&self.region, u);
+        self.pricer.prepare(&self.region, u);
         let mut best = NONE;
         for &t in ring.iter().filter(|&&t| self.region.interior[t as usize]) {
             let mut cost = self.pricer.cost(&self.region, u, t);

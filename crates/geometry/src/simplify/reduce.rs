@@ -1,8 +1,8 @@
-//! One level from end to end: cut, simplified, kept within its limit, measured.
+//! One level from partition to measurement.
 
 use crate::entropy::Codec;
 use crate::error::MeshError;
-use crate::pool::{Stage, Watched};
+use crate::pool::{MonitoredPool, Stage};
 use crate::simplify::deviation::Deviation;
 use crate::simplify::hierarchy::RegionChunk;
 use crate::simplify::level::{Fixed, Level, truncate_globally};
@@ -11,53 +11,53 @@ use crate::simplify::live::Live;
 use crate::simplify::measure::{Coarsening, measure};
 use crate::simplify::settings::Settings;
 
-/// What all levels of a mesh go by.
+/// Parameters shared by all levels of a mesh.
 pub(crate) struct Reduction<'a> {
     pub(crate) settings: &'a Settings,
     pub(crate) limit: &'a Limit,
     pub(crate) fixed: Fixed<'a>,
 }
 
-/// Which level it is.
+/// Parameters of one level.
 #[derive(Clone, Copy)]
-pub(crate) struct Place {
+pub(crate) struct LevelParameters {
     /// Counted from the finest.
     pub(crate) number: usize,
-    /// How many regions it is cut into.
+    /// Number of regions.
     pub(crate) count: usize,
-    /// Its one region goes as far as it can.
+    /// Whether its only region is simplified as far as possible.
     pub(crate) last: bool,
-    /// Bits that the grid of its start leaves out.
+    /// Shift (low bits left out) of the grid at its start.
     pub(crate) shift: u8,
     /// [`Settings::coarse_grid`] of this level.
     pub(crate) coarse_grid: f64,
-    /// Faces of the whole that are no more, beside those that are missing here.
+    /// Faces already removed from the complete mesh outside this part.
     pub(crate) done: usize,
 }
 
-/// What became of a level.
-pub(crate) struct Reduced {
+/// Result of a level.
+pub(crate) struct LevelResult {
     pub(crate) chunks: Vec<RegionChunk>,
-    /// Bits that the grid of its end leaves out.
+    /// Shift of the grid at its end.
     pub(crate) shift: u8,
-    /// Its collapses.
+    /// Number of collapses.
     pub(crate) removed: usize,
-    /// Vertices that there were.
+    /// Number of vertices before the level.
     pub(crate) vertices: usize,
 }
 
 impl Reduction<'_> {
-    /// Takes the mesh a level further.
+    /// Simplifies the mesh by one level.
     pub(crate) fn level(
         &self,
         live: &mut Live<'_>,
         deviation: &mut Deviation,
-        place: Place,
+        place: LevelParameters,
         stray_error: &mut f64,
-        pool: &mut Watched<'_>,
-    ) -> Result<Reduced, MeshError> {
+        pool: &mut MonitoredPool<'_>,
+    ) -> Result<LevelResult, MeshError> {
         let &Self { settings, limit, fixed } = self;
-        let Place { number, count, last, shift, coarse_grid, done } = place;
+        let LevelParameters { number, count, last, shift, coarse_grid, done } = place;
         pool.begin(Stage::Simplify)?;
         let level = Level::new(live, deviation, number, count, fixed, pool)?;
         let tear = settings.unlock_outlines && number == 0;
@@ -78,9 +78,9 @@ impl Reduction<'_> {
         let coarsening = Coarsening { shift, share: coarse_grid, limit: limit.error };
         let (mut chunks, shift) = measure(live, deviation, &level, records, coarsening, pool, stray_error)?;
         if settings.codec == Codec::Zstd {
-            chunks.iter_mut().for_each(RegionChunk::forget_truncation_points);
+            chunks.iter_mut().for_each(RegionChunk::clear_truncation_points);
         }
         pool.advance(done + live.alive.len() - live.faces.len(), removed);
-        Ok(Reduced { chunks, shift, removed, vertices })
+        Ok(LevelResult { chunks, shift, removed, vertices })
     }
 }

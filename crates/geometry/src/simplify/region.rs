@@ -1,8 +1,8 @@
-//! One region of a level while it is simplified.
+//! One region of a level during its simplification.
 //!
-//! The region is copied into local arrays, so regions can be simplified at the same time and the
-//! result depends on nothing but the region. Only vertices whose whole star lies in the region are
-//! removed or collapsed onto: the outline stays as it is.
+//! The region is copied to local arrays, so regions can be simplified in parallel and the result depends on the
+//! region only. Only vertices whose complete star is in the region are removed or collapsed onto, so the outline is
+//! unchanged.
 
 use crate::collapse::NO_VERTEX;
 use crate::collapse::{Collapse, MovedCorner, Records, RemovedFace};
@@ -17,8 +17,7 @@ use crate::simplify::settings::Metric;
 /// A region's mesh, in local indices.
 pub(crate) struct Region {
     pub(crate) metric: Metric,
-    /// Global ids of the local vertices, in the order in which the faces name them, and of the faces,
-    /// ascending.
+    /// Global ids of the local vertices in the order in which faces refer to them, and of the faces, ascending.
     vertices: Vec<u32>,
     faces: Vec<u32>,
     pub(crate) interior: Vec<bool>,
@@ -26,38 +25,38 @@ pub(crate) struct Region {
     /// Half the grid: see [`Live::middle`].
     middle: f64,
     quadrics: Vec<Quadric>,
-    /// Each quadric at its own vertex.
+    /// Each quadric evaluated at its own vertex.
     own_cost: Vec<f64>,
     reach: Vec<f64>,
     pub(crate) corners: Vec<[u32; 3]>,
     pub(crate) wedges: Vec<[u32; 3]>,
     pub(crate) stars: Stars,
-    pub(crate) gone: Vec<bool>,
-    /// Vertices that must stay.
+    pub(crate) removed: Vec<bool>,
+    /// Vertices that must not be removed.
     pub(crate) held: Vec<bool>,
     pub(crate) records: Records,
     highest_cost: f64,
     scratch: Scratch,
 }
 
-/// Kept between collapses to save allocations.
+/// Buffers reused between collapses.
 #[derive(Default)]
 struct Scratch {
     star: Vec<u32>,
-    /// Which wedge of the target each wedge of the removed vertex meets across the removed faces.
+    /// Pairs of a removed vertex's wedge and the target's wedge that it meets across removed faces.
     meets: Vec<(u32, u32)>,
-    lonely: Vec<u32>,
+    isolated: Vec<u32>,
 }
 
 impl Region {
-    /// Copies the region of the given faces. `is_interior` answers by global vertex id.
+    /// Copies the region of the given faces. `is_interior` takes global vertex ids.
     pub(crate) fn new(
         live: &Live<'_>,
         faces: Vec<u32>,
         is_interior: &dyn Fn(u32) -> bool,
         metric: Metric,
     ) -> Self {
-        let mut names = LocalNames::new(faces.len());
+        let mut names = LocalVertices::new(faces.len());
         let corners: Vec<[u32; 3]> =
             faces.iter().map(|&f| live.face_vertices[f as usize].map(|v| names.local(v))).collect();
         let vertices = names.vertices;
@@ -78,9 +77,9 @@ impl Region {
             positions,
             quadrics,
             wedges: faces.iter().map(|&f| live.face_wedges[f as usize]).collect(),
-            gone: vec![false; vertices.len()],
+            removed: vec![false; vertices.len()],
             held: vec![false; vertices.len()],
-            records: Records { first_kept: live.wedges.len() as u32, ..Records::default() },
+            records: Records { first_added_wedge: live.wedges.len() as u32, ..Records::default() },
             highest_cost: 0.0,
             scratch: Scratch::default(),
             vertices,
@@ -99,19 +98,19 @@ impl Region {
         self.positions[v as usize].map(|x| (x + self.middle) as i32)
     }
 
-    /// What moving `u` onto `t` costs by the quadrics of both.
+    /// Cost of moving `u` onto `t` by both quadrics.
     pub(crate) fn quadric_cost(&self, u: u32, t: u32) -> f64 {
         self.quadrics[u as usize].evaluate(self.positions[t as usize]) + self.own_cost[t as usize]
     }
 
-    /// Forbids to remove the vertices for which `holds` answers by global id, or all faces around one.
+    /// Locks the vertices (global ids) that satisfy `holds`: neither they nor all their faces may be removed.
     pub(crate) fn hold(&mut self, holds: impl Fn(u32) -> bool) {
         for (held, &v) in self.held.iter_mut().zip(&self.vertices) {
             *held = holds(v);
         }
     }
 
-    /// Collapses one outline vertex onto an interior one, although other regions keep it: see
+    /// Collapses an outline vertex onto an interior one although other regions keep it: see
     /// [`crate::Settings::unlock_outlines`].
     pub(crate) fn tear_outline(&mut self) {
         for u in (0..self.vertex_count()).filter(|&u| !self.interior[u as usize]) {
@@ -123,16 +122,16 @@ impl Region {
         }
     }
 
-    /// Puts `u` onto `t`. Both are interior and neighbours.
+    /// Collapses `u` onto `t`. Both must be interior and adjacent.
     pub(crate) fn collapse(&mut self, u: u32, t: u32, cost: f64) {
         let mut scratch = std::mem::take(&mut self.scratch);
-        self.look_around(u, t, &mut scratch);
+        self.collect_star(u, t, &mut scratch);
         self.stars.clear(u);
         let first_removed = self.records.removed.len();
         for &corner in &scratch.star {
             let (face, k) = (corner::face_of(corner) as usize, corner::side_of(corner));
             if self.corners[face].contains(&t) {
-                self.remove_face(face, k, t, &mut scratch.lonely);
+                self.remove_face(face, k, t, &mut scratch.isolated);
             } else {
                 self.move_corner(face, k, t, &mut scratch.meets);
             }
@@ -140,23 +139,23 @@ impl Region {
         let quadric = self.quadrics[u as usize];
         self.quadrics[t as usize].add(&quadric);
         self.own_cost[t as usize] = self.quadrics[t as usize].evaluate(self.positions[t as usize]);
-        self.gone[u as usize] = true;
+        self.removed[u as usize] = true;
         self.highest_cost = self.highest_cost.max(cost);
         self.extend_reach(u, t);
-        self.note_thirds(t, first_removed);
+        self.record_third_vertices(t, first_removed);
         self.record(self.vertices[u as usize], self.vertices[t as usize]);
-        for &v in &scratch.lonely {
-            if self.interior[v as usize] && !self.gone[v as usize] && self.stars.is_empty(v) {
-                self.gone[v as usize] = true;
+        for &v in &scratch.isolated {
+            if self.interior[v as usize] && !self.removed[v as usize] && self.stars.is_empty(v) {
+                self.removed[v as usize] = true;
                 self.record(self.vertices[v as usize], NO_VERTEX);
             }
         }
         self.scratch = scratch;
     }
 
-    /// Collects the star of `u`, in the order of faces, and which wedges meet across removed faces.
-    fn look_around(&self, u: u32, t: u32, scratch: &mut Scratch) {
-        scratch.lonely.clear();
+    /// Collects the star of `u` in face order, and the wedges that meet across removed faces.
+    fn collect_star(&self, u: u32, t: u32, scratch: &mut Scratch) {
+        scratch.isolated.clear();
         scratch.meets.clear();
         scratch.star.clear();
         scratch.star.extend(self.stars.corners(u));
@@ -172,14 +171,14 @@ impl Region {
         }
     }
 
-    fn remove_face(&mut self, face: usize, k: usize, t: u32, lonely: &mut Vec<u32>) {
+    fn remove_face(&mut self, face: usize, k: usize, t: u32, isolated: &mut Vec<u32>) {
         let corners = self.corners[face];
         let third = corners.into_iter().find(|&v| v != corners[k] && v != t);
         self.records.removed.push(RemovedFace::new(self.faces[face], third));
         for j in (0..3).filter(|&j| j != k) {
             self.stars.remove(corners[j], (face * 3 + j) as u32);
             if self.stars.is_empty(corners[j]) {
-                lonely.push(corners[j]);
+                isolated.push(corners[j]);
             }
         }
     }
@@ -189,8 +188,8 @@ impl Region {
         let to = match meets.iter().find(|m| m.0 == from) {
             Some(&(_, to)) => to,
             None => {
-                let kept = self.records.first_kept + self.records.kept.len() as u32;
-                self.records.kept.push(from);
+                let kept = self.records.first_added_wedge + self.records.added_wedges.len() as u32;
+                self.records.added_wedges.push(from);
                 meets.push((from, kept));
                 kept
             }
@@ -208,18 +207,17 @@ impl Region {
         self.records.reach = self.records.reach.max(reach);
     }
 
-    /// Keeps the names of those third vertices of removed faces that a split could not find among the
-    /// neighbours of `t`.
-    fn note_thirds(&mut self, t: u32, first_removed: usize) {
+    /// Records third vertices of removed faces that a split could not find among the neighbours of `t`.
+    fn record_third_vertices(&mut self, t: u32, first_removed: usize) {
         for i in first_removed..self.records.removed.len() {
             let RemovedFace { face, .. } = self.records.removed[i];
             let Some(x) = self.records.removed[i].third() else { continue };
-            // From the third's side: a hub is likelier to be the target.
+            // From the third vertex's side, since the target is more often the one of high valence.
             let found = self.stars.corners(x).any(|c| self.corners[corner::face_of(c) as usize].contains(&t));
             let third = (!found).then_some(self.vertices[x as usize]);
             self.records.removed[i] = RemovedFace::new(face, third);
             if !found {
-                // The face has shrunk to an edge of no face: its points may be far from any.
+                // The face has shrunk to an edge without faces, so its points may be far from any face.
                 self.records.reach = f64::INFINITY;
             }
         }
@@ -232,20 +230,20 @@ impl Region {
             target,
             moved_end: self.records.moved.len() as u32,
             removed_end: self.records.removed.len() as u32,
-            kept_end: self.records.kept.len() as u32,
+            added_wedges_end: self.records.added_wedges.len() as u32,
         });
     }
 }
 
-/// Numbers vertices in the order in which they are met.
-struct LocalNames {
+/// Numbers vertices in order of first use.
+struct LocalVertices {
     names: SlotMap,
     vertices: Vec<u32>,
 }
 
-impl LocalNames {
+impl LocalVertices {
     fn new(faces: usize) -> Self {
-        Self { names: SlotMap::with_room(3 * faces), vertices: Vec::with_capacity(faces) }
+        Self { names: SlotMap::with_capacity(3 * faces), vertices: Vec::with_capacity(faces) }
     }
 
     fn local(&mut self, vertex: u32) -> u32 {

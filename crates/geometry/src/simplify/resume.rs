@@ -1,7 +1,7 @@
-//! Going on where a preparation that was ended has finished a level.
+//! Resuming a preparation at the last level that an interrupted run completed.
 //!
-//! The blocks of a level tell what its collapses did; what they do not tell closes it ([`End`]). A level is done again by
-//! performing its collapses, without searching for them or measuring, which is nearly all of the work.
+//! The stored blocks of a level hold its collapses; a final piece ([`End`]) holds the rest. A level is restored by
+//! applying its collapses, without the search and the measurements, which are nearly all of the work.
 
 use crate::checkpoint::CheckpointError;
 use crate::collapse::{Placed, Records};
@@ -9,46 +9,46 @@ use crate::entropy::bytes::Reader;
 use crate::error::{DecodeError, MeshError};
 use crate::mesh::Wedge;
 use crate::mesh::vec3::{length, sub};
-use crate::simplify::commit::Committed;
+use crate::simplify::commit::CommitProgress;
 use crate::simplify::deviation::Deviation;
 use crate::simplify::hierarchy::{Bounds, RegionChunk};
 use crate::simplify::live::Live;
 use crate::simplify::packed::{halves, list, put, put_wedges, real, wedges};
 
-/// Pieces are read by the layout that wrote them.
+/// Version of the layout of stored pieces.
 const LAYOUT: u32 = 1;
 
-/// How a level ended.
+/// Outcome of a level.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Outcome {
-    /// How many chunks it has.
+    /// Number of chunks.
     pub(crate) chunks: usize,
-    /// Bits that its end's grid leaves out.
+    /// Shift of the grid at its end.
     pub(crate) shift: u8,
-    /// It removed little; nothing comes after it.
+    /// Whether it removed so little that no level follows.
     pub(crate) little: bool,
     pub(crate) last: bool,
-    /// Its collapses.
+    /// Number of collapses.
     pub(crate) removed: usize,
     /// Of all levels so far.
     pub(crate) stray_error: f64,
 }
 
-/// What closes a level: what is known when it is finished and its chunks do not tell.
+/// The piece that completes a level: its results beyond the chunks.
 #[derive(Debug, PartialEq)]
 pub(crate) struct End {
     pub(crate) outcome: Outcome,
-    /// Wedges that its collapses added, in their order.
+    /// Wedges that its collapses added, in order.
     added: Vec<Wedge>,
-    /// Where its chunks have put vertices, in the order of their moves.
+    /// Positions of the vertices placed by its chunks, in the order of their moves.
     placed: Vec<Placed>,
-    /// By sample, the face that it is near, and how far.
+    /// Per sample, the nearest face and its distance.
     attached: Vec<u32>,
     distance: Vec<f32>,
 }
 
 impl End {
-    /// Of a level that `live` is the end of, with what its chunks move, and how many wedges there were before.
+    /// For a level that ends at `live`, given its chunks' moves and the number of wedges before.
     pub(crate) fn new<'a>(
         outcome: Outcome,
         moves: impl Iterator<Item = &'a Placed>,
@@ -83,10 +83,10 @@ impl End {
         out
     }
 
-    /// Reads what [`Self::pack`] has made; `None` where another program did.
+    /// Parses the result of [`Self::pack`]; `None` if another version wrote it.
     ///
     /// # Errors
-    /// Where it is damaged.
+    /// If the bytes are damaged.
     pub(crate) fn unpack(bytes: &[u8]) -> Result<Option<Self>, DecodeError> {
         let mut r = Reader::new(bytes, "the end of a level");
         let head = list(&mut r, |[x]| x)?;
@@ -112,16 +112,16 @@ impl End {
         Ok(Some(Self { outcome, added, placed, attached, distance }))
     }
 
-    /// Takes over the wedges: what is performed again names them.
+    /// Adds the wedges that the restored collapses refer to.
     pub(crate) fn add_wedges(&mut self, live: &mut Live<'_>) -> Result<(), MeshError> {
         if self.added.iter().any(|wedge| wedge.vertex as usize >= live.positions.len()) {
-            return Err(not_of_this_mesh());
+            return Err(wrong_mesh_error());
         }
-        self.added.drain(..).for_each(|wedge| live.keep_again(wedge));
+        self.added.drain(..).for_each(|wedge| live.restore_wedge(wedge));
         Ok(())
     }
 
-    /// Takes over the rest, once the level's collapses are performed; `before` is where its moves came from.
+    /// Restores the rest after the collapses are applied; `before` holds the original positions of its moves.
     pub(crate) fn close(
         self,
         before: &[Placed],
@@ -136,7 +136,7 @@ impl End {
             || self.distance.len() != samples
             || self.attached.iter().any(|&face| face as usize >= live.alive.len())
         {
-            return Err(not_of_this_mesh());
+            return Err(wrong_mesh_error());
         }
         for (was, is) in before.iter().zip(&self.placed) {
             let v = is.vertex as usize;
@@ -145,12 +145,12 @@ impl End {
             live.reach[v] += length(sub(live.positions[v], live.position(was.cell)));
         }
         live.settle();
-        deviation.take_places(self.attached, self.distance);
+        deviation.set_places(self.attached, self.distance);
         Ok(())
     }
 }
 
-/// Performs a block's collapses again. The final numbers of wedges are known.
+/// Applies a block's collapses again, with the final wedge ids.
 pub(crate) fn perform(chunks: Vec<RegionChunk>, live: &mut Live<'_>) -> Result<Vec<Placed>, MeshError> {
     let bounds =
         Bounds { vertices: live.positions.len(), faces: live.alive.len(), wedges: live.wedges.len() };
@@ -158,18 +158,18 @@ pub(crate) fn perform(chunks: Vec<RegionChunk>, live: &mut Live<'_>) -> Result<V
     for chunk in chunks {
         let fits = chunk.fits(bounds);
         let RegionChunk { records, moves: moved, .. } = chunk;
-        let mut records = Records { first_kept: u32::MAX, kept: Vec::new(), ..records };
-        records.collapses.iter_mut().for_each(|c| c.kept_end = 0);
+        let mut records = Records { first_added_wedge: u32::MAX, added_wedges: Vec::new(), ..records };
+        records.collapses.iter_mut().for_each(|c| c.added_wedges_end = 0);
         if !fits {
-            return Err(not_of_this_mesh());
+            return Err(wrong_mesh_error());
         }
         let count = records.collapses.len();
-        records.commit(live, &mut Committed::default(), count, &mut |_| {});
+        records.commit(live, &mut CommitProgress::default(), count, &mut |_| {});
         moves.extend(moved);
     }
     Ok(moves)
 }
 
-pub(super) fn not_of_this_mesh() -> MeshError {
-    CheckpointError::new("a level that was put away is not of this mesh; remove it").into()
+pub(super) fn wrong_mesh_error() -> MeshError {
+    CheckpointError::new("a checkpoint belongs to another mesh; remove the checkpoint folder").into()
 }

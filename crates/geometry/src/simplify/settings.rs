@@ -1,4 +1,4 @@
-//! Settings of a preparation, and what they may be set to.
+//! Settings of a preparation, with their ranges.
 
 use std::fmt;
 use std::ops::RangeInclusive;
@@ -7,30 +7,30 @@ use std::str::FromStr;
 use crate::entropy::Codec;
 use crate::name::UnknownName;
 
-/// What a half-edge collapse is held to cost; `qem`, `melax`, `clustering` or `clustering-seams` in words.
+/// Cost of a half-edge collapse, named `qem`, `melax`, `clustering` or `clustering-seams`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Metric {
-    /// The quadric error metric of Garland and Heckbert (1997): squared distances to the planes of the
-    /// faces that a vertex stands for, and of its boundary and seam edges.
+    /// Quadric error metric of Garland and Heckbert (1997): squared distances to the planes of the faces that a
+    /// vertex represents, and of its boundary and seam edges.
     #[default]
     Qem,
-    /// Edge length × curvature, from the faces as they are (Melax, "A simple, fast, and effective
-    /// polygon reduction algorithm", 1998); no face may turn by more than 90°.
+    /// Edge length × curvature of the current faces (Melax, "A simple, fast, and effective polygon reduction
+    /// algorithm", 1998); no face may turn by more than 90°.
     Melax,
-    /// The size of the smallest cell of an octree that holds both ends, so that what shares a cell becomes one vertex,
-    /// the finest cells first: vertex clustering (Rossignac and Borrel, "Multi-resolution 3D approximations for rendering
-    /// complex scenes", 1993) with the weights of Low and Tan ("Model simplification using vertex-clustering", 1997)
-    /// saying which vertex stays. Looks at no face and no seam; a baseline.
+    /// Vertex clustering (Rossignac and Borrel, "Multi-resolution 3D approximations for rendering complex scenes",
+    /// 1993): the cost is the size of the smallest octree cell that contains both ends, so vertices in a common cell
+    /// merge, finest cells first. The weights of Low and Tan ("Model simplification using vertex-clustering", 1997)
+    /// select the remaining vertex. Ignores faces and seams; a baseline.
     Clustering,
-    /// The same, but a vertex of a seam goes along its seam as long as any can.
+    /// Clustering in which seam vertices collapse along their seam as long as any can.
     ClusteringSeams,
 }
 
 impl Metric {
-    /// All that there are.
+    /// All metrics.
     pub const ALL: [Self; 4] = [Self::Qem, Self::Melax, Self::Clustering, Self::ClusteringSeams];
 
-    /// Whether the cost looks at nothing but where vertices are.
+    /// Whether the cost depends on vertex positions only.
     pub(crate) fn clusters(self) -> bool {
         matches!(self, Self::Clustering | Self::ClusteringSeams)
     }
@@ -56,49 +56,49 @@ impl FromStr for Metric {
     }
 }
 
-/// Settings of a preparation. Each has its range beside it, outside of which [`crate::prepare::prepare`] refuses it
+/// Settings of a preparation. Each has a range; [`crate::prepare::prepare`] refuses values outside it
 /// ([`Settings::check`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// Faces per region ([`Self::REGION_FACES`]). Smaller regions follow the view more closely but lock more
-    /// outlines (worse meshes at equal size) and need more chunks and index bytes.
+    /// Faces per region ([`Self::REGION_FACES`]). Smaller regions follow the view more closely but lock more outlines
+    /// (worse meshes of equal size) and need more chunks and index bytes.
     pub region_faces: usize,
     /// Share of the removable vertices that one level removes ([`Self::LEVEL_SHARE`]). More means fewer levels, so
     /// fewer ancestors per chunk, but coarser steps.
     pub level_share: f64,
-    /// Regions that are merged into one at the top ([`Self::TOP_REGIONS`]): once no more faces are left than so many
-    /// regions hold (40,000 at most), one region of all of them goes as far as the base mesh's error
-    /// allows. More means fewer levels and slightly fewer bytes in all, but a larger first step, which no
-    /// view can do without; it is simplified on one thread.
+    /// Number of regions merged into one at the top ([`Self::TOP_REGIONS`]): when the remaining faces fit into this
+    /// many regions (40,000 at most), a single region is simplified as far as the base mesh's error allows. More
+    /// means fewer levels and slightly fewer bytes in total, but a larger first step, which every view needs; it is
+    /// simplified on one thread.
     pub top_regions: f64,
     /// Largest error of the base mesh as a share of the bounding box's diagonal ([`Self::BASE_ERROR`]).
     pub base_error: f64,
-    /// Fewest splits of a chunk ([`Self::MIN_SPLITS`]); what falls short is left to the next level.
+    /// Fewest splits per chunk ([`Self::MIN_SPLITS`]); regions with fewer are left to the next level.
     pub min_splits: usize,
-    /// Parts of a chunk ([`Self::PARTS`]): between them a client may stop. More follow the view and a limit on
-    /// faces more closely, and cost index bytes.
+    /// Parts of a chunk ([`Self::PARTS`]), separated by truncation points. More parts follow the view and a face
+    /// budget more closely, and cost index bytes.
     pub parts: usize,
-    /// Fewest splits of a part ([`Self::MIN_SPLITS`]).
+    /// Fewest splits per part ([`Self::MIN_SPLITS`]).
     pub min_part_splits: usize,
-    /// What a collapse is held to cost.
+    /// Cost of a collapse.
     pub metric: Metric,
-    /// `None`: the cheapest collapse of a region first, from a heap. `Some(share)`: rounds of
-    /// collapses that share no face, each of this share of the vertices
-    /// ([`Self::ROUND_SHARE`]): coarser.
+    /// `None`: the cheapest collapse of a region first, from a heap. `Some(share)`: rounds of collapses that share no
+    /// face, each with this share of the vertices ([`Self::ROUND_SHARE`]); lower quality.
     pub round_share: Option<f64>,
-    /// How the result is coded. [`Codec::Zstd`] has no stopping points, whatever `parts` says, and [`Codec::AxisAligned`] one
-    /// grid, whatever `coarse_grid` says.
+    /// Codec. [`Codec::Zstd`] has no truncation points, whatever `parts` is, and [`Codec::AxisAligned`] has one grid,
+    /// whatever `coarse_grid` is.
     pub codec: Codec,
-    /// How far apart the points of a level's grid of positions may be, as a share of the median of the errors of
-    /// the level's regions ([`Self::COARSE_GRID`]); 0 keeps one grid for all levels. More makes coarse levels smaller and
-    /// the whole larger: what a coarse grid leaves out comes later.
+    /// Spacing of a level's position grid, as a share of the median error of the level's regions
+    /// ([`Self::COARSE_GRID`]); 0 uses one grid for all levels. Larger values make coarse levels smaller and the
+    /// total larger, since omitted bits are coded later.
     pub coarse_grid: f64,
-    /// Most faces that are simplified at once ([`Self::BLOCK_FACES`]): a mesh of more is cut into spatial blocks, whose
-    /// finest levels are made one block after the other. It bounds memory (some 280 bytes a face): outlines of blocks
-    /// stay for these levels, and errors are stated about a quarter above what they are on the level behind them.
+    /// Most faces that are simplified at once ([`Self::BLOCK_FACES`]). Larger meshes are cut into spatial blocks,
+    /// whose finest levels are simplified one block after the other. Bounds memory (some 280 bytes per face). Block
+    /// outlines stay locked in these levels, and the errors of the level after them are overestimated by about a
+    /// quarter.
     pub block_faces: usize,
-    /// Lets each region of the finest level collapse one vertex of its outline, which tears the mesh.
-    /// Only for showing that the checks notice.
+    /// Lets each region of the finest level collapse one outline vertex, which tears the mesh. Only for testing that
+    /// checks detect it.
     #[doc(hidden)]
     pub unlock_outlines: bool,
 }
@@ -124,8 +124,8 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// Range of [`Self::region_faces`]. Its end: a level's regions hold up to twice the faces asked for, and faces
-    /// that share nothing have three vertices each; one chunk then still splits fewer than its decoder accepts.
+    /// Range of [`Self::region_faces`]. The upper end: a region may have twice the requested faces, and unconnected
+    /// faces have three vertices each; one chunk must still have no more splits than its decoder accepts.
     pub const REGION_FACES: RangeInclusive<usize> = 50..=20_000;
     /// Range of [`Self::level_share`].
     pub const LEVEL_SHARE: RangeInclusive<f64> = 0.1..=0.9;
@@ -144,10 +144,10 @@ impl Settings {
     /// Range of [`Self::block_faces`].
     pub const BLOCK_FACES: RangeInclusive<usize> = 100..=100_000_000;
 
-    /// Whether every setting is in its range.
+    /// Checks that every setting is in its range.
     ///
     /// # Errors
-    /// Names the first that is not, with its range.
+    /// Names the first setting that is not, with its range.
     pub fn check(&self) -> Result<(), SettingsError> {
         let whole = |setting, value: usize, range: RangeInclusive<usize>| {
             if range.contains(&value) {
@@ -162,7 +162,7 @@ impl Settings {
             })
         };
         let real = |setting, value: f64, range: RangeInclusive<f64>| {
-            // Not a number is in no range.
+            // NaN is in no range.
             if range.contains(&value) {
                 return Ok(());
             }
@@ -189,17 +189,17 @@ impl Settings {
     }
 }
 
-/// A setting that is out of its range.
+/// A setting out of its range.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{setting} {value} is out of range: {least} to {most}")]
 pub struct SettingsError {
-    /// What is set.
+    /// Name of the setting.
     pub setting: &'static str,
-    /// What it is set to.
+    /// Its value.
     pub value: String,
-    /// The least that it may be.
+    /// The minimum.
     pub least: String,
-    /// The most.
+    /// The maximum.
     pub most: String,
 }
 
@@ -231,7 +231,7 @@ mod tests {
         for (name, set, least, most) in settings {
             assert_eq!([least, most].map(|x| checked(set, x)), [Ok(()); 2], "{name}");
             assert_eq!(checked(set, most + 1.0), Err(name));
-            // Whole numbers have nothing below none.
+            // Unsigned settings have nothing below 0.
             if least != 0.0 || name == "base error" {
                 assert_eq!(checked(set, least - 1.0), Err(name));
             }
@@ -240,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn a_metric_is_read_by_the_name_that_it_shows() {
+    fn metric_names_round_trip() {
         for metric in Metric::ALL {
             assert_eq!(metric.to_string().parse(), Ok(metric));
         }
@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn the_message_says_what_and_which_range() {
+    fn the_message_names_setting_and_range() {
         let settings = Settings { top_regions: f64::INFINITY, ..Settings::default() };
         assert_eq!(settings.check().unwrap_err().to_string(), "top regions inf is out of range: 0.25 to 16");
     }

@@ -1,4 +1,4 @@
-//! Vertex stars of a mesh that changes rarely: one array of corners, sorted by vertex.
+//! Vertex stars of a mesh that changes rarely: an array of corners sorted by vertex.
 
 use crate::mesh::corner::{corner, face_of, next, previous, side_of};
 use crate::mesh::rows::Rows;
@@ -22,14 +22,14 @@ impl StarTable {
         self.0.row(vertex)
     }
 
-    /// The same one by one.
+    /// The corners at a vertex, as an iterator.
     pub(crate) fn corners(&self, vertex: u32) -> impl Iterator<Item = u32> + Clone + '_ {
         self.0.row(vertex).iter().copied()
     }
 }
 
-/// Calls `visit` once for every edge, with its end points and the corners (`face × 3 + k`, the edge from
-/// corner k to the next) of the faces at it, ascending. Time n log n in the valence n of a vertex.
+/// Calls `visit` once per edge with its end points and the corners (`face × 3 + k`, the edge from corner k to the
+/// next) of its faces, ascending. Time O(n log n) in the valence n of a vertex.
 pub(crate) fn each_edge(
     stars: &StarTable,
     face_vertices: &[[u32; 3]],

@@ -1,4 +1,4 @@
-//! What is around a region in the course of its collapses: the faces near a point.
+//! Nearest-face queries on a region during its collapses.
 
 use std::cell::OnceCell;
 
@@ -8,17 +8,17 @@ use crate::mesh::distance::{TriangleBvh, box_is_beyond, closest_point_on_triangl
 use crate::mesh::vec3::Vec3;
 use crate::simplify::live::Live;
 
-/// Stays above distances that were rounded.
+/// Factor that covers rounding of distances.
 pub(crate) const ROUNDING: f64 = 1.0 + 1e-6;
 
-/// A region in the course of its collapses.
+/// A region during its collapses.
 pub(crate) struct Surroundings<'a> {
     pub(crate) live: &'a Live<'a>,
     /// The region's faces at the level's start, ascending.
     pub(crate) faces: &'a [u32],
-    /// Which faces lie in the region.
+    /// Whether a face is in the region.
     pub(crate) inside: &'a dyn Fn(u32) -> bool,
-    /// What is left of the region, for searching; built when it is needed.
+    /// A hierarchy over the region's remaining faces; built on first use.
     nearest: OnceCell<(TriangleBvh, Vec<u32>)>,
 }
 
@@ -27,19 +27,19 @@ impl<'a> Surroundings<'a> {
         Self { live, faces, inside, nearest: OnceCell::new() }
     }
 
-    /// The nearest face that is left and its distance, which is at most about `bound`.
+    /// The nearest remaining face with its distance, which is at most about `bound`.
     pub(crate) fn nearest(&self, point: Vec3, bound: f64) -> Option<(f64, u32)> {
         let (bvh, left) = self.left();
         let found = bvh.nearest(point, bound * ROUNDING).or_else(|| bvh.nearest(point, f64::INFINITY));
         found.map(|(distance, face)| (distance, left[face as usize]))
     }
 
-    /// The distance of the nearest face that is left, or `bound` where none is nearer.
+    /// The distance of the nearest remaining face, or `bound` if none is nearer.
     pub(crate) fn nearer(&self, point: Vec3, bound: f64) -> f64 {
         self.left().0.nearest(point, bound).map_or(bound, |(distance, _)| distance)
     }
 
-    /// The faces that are left.
+    /// The remaining faces.
     fn left(&self) -> &(TriangleBvh, Vec<u32>) {
         self.nearest.get_or_init(|| {
             let live = self.live;
@@ -50,18 +50,17 @@ impl<'a> Surroundings<'a> {
         })
     }
 
-    /// The nearest face at hand to a point that was at `face`: the face itself, or one around the vertices
-    /// that its corners were collapsed to, the first that is near `enough`; infinitely far where the region
-    /// has none there.
-    pub(crate) fn heir(&self, face: u32, point: Vec3, enough: f64) -> (f64, u32) {
+    /// The nearest successor of `face` for a point that was at it: the face itself, or a face around the vertices
+    /// that its corners were collapsed to; the first within `enough`. Infinitely far if the region has none.
+    pub(crate) fn successor(&self, face: u32, point: Vec3, enough: f64) -> (f64, u32) {
         let live = self.live;
         if live.alive[face as usize] {
             return (distance_to(point, live.triangle(face as usize)), face);
         }
         let mut best = (f64::INFINITY, face);
         for vertex in live.face_vertices[face as usize] {
-            let heir = live.heir(vertex);
-            for other in live.stars.corners(heir).map(|c| c / 3).filter(|&f| (self.inside)(f)) {
+            let successor = live.successor(vertex);
+            for other in live.stars.corners(successor).map(|c| c / 3).filter(|&f| (self.inside)(f)) {
                 let distance = distance_to(point, live.triangle(other as usize));
                 if distance < best.0 {
                     best = (distance, other);
@@ -77,12 +76,12 @@ impl<'a> Surroundings<'a> {
         best
     }
 
-    /// Goes on from a face to ever nearer ones around it, until one is near `enough` or none is nearer.
+    /// Walks from a face to ever nearer adjacent ones, until one is within `enough` or none is nearer.
     pub(crate) fn walk(&self, point: Vec3, best: (f64, u32), enough: f64) -> (f64, u32) {
         self.walk_over(self.inside, point, best, enough)
     }
 
-    /// The same over the faces that satisfy `over`.
+    /// The walk over the faces that satisfy `over`.
     pub(crate) fn walk_over(
         &self,
         over: &dyn Fn(u32) -> bool,
@@ -123,7 +122,7 @@ pub(crate) fn distance_to(point: Vec3, triangle: [Vec3; 3]) -> f64 {
     closest_point_on_triangle(p, triangle.map(DVec3::from)).distance(p)
 }
 
-/// The positions that triangles use, and the triangles renumbered.
+/// The positions that triangles use, with the triangles renumbered.
 pub(crate) fn compact(positions: &[Vec3], triangles: &[[u32; 3]]) -> (Vec<Vec3>, Vec<[u32; 3]>) {
     let mut used: Vec<u32> = triangles.iter().flatten().copied().collect();
     used.sort_unstable();

@@ -1,9 +1,9 @@
-//! Stops, on the collapses of every generated mesh.
+//! Truncation points of the collapses of every generated mesh.
 
 use crate::checkpoint::InMemoryCheckpoint;
 use crate::collapse::Records;
 use crate::common;
-use crate::pool::{Serial, Silent, Watched};
+use crate::pool::{MonitoredPool, Serial, Silent};
 use crate::simplify::settings::Settings;
 use crate::simplify::simplify;
 
@@ -13,13 +13,13 @@ fn each_chunk(parts: usize, check: &mut dyn FnMut(&Records)) {
         let settings = Settings { parts, min_part_splits: 4, ..common::regions(200) };
         let checkpoint = InMemoryCheckpoint::default();
         let simplified =
-            simplify(&mesh, &settings, &mut Watched::new(&Serial, &Silent, 0), &checkpoint).unwrap();
+            simplify(&mesh, &settings, &mut MonitoredPool::new(&Serial, &Silent, 0), &checkpoint).unwrap();
         simplified.levels.all().iter().for_each(|chunk| check(&chunk.records));
     }
 }
 
 #[test]
-fn stops_cut_the_collapses_into_equal_parts() {
+fn truncation_points_divide_the_collapses_equally() {
     let mut with_truncation_points = 0;
     each_chunk(4, &mut |records| {
         with_truncation_points += usize::from(!records.truncation_points.is_empty());
@@ -33,7 +33,7 @@ fn stops_cut_the_collapses_into_equal_parts() {
 }
 
 #[test]
-fn small_chunks_have_no_stops() {
+fn small_chunks_have_no_truncation_points() {
     let mut records = Records::default();
     records.choose_truncation_points(4, 32);
     assert!(records.truncation_points.is_empty());

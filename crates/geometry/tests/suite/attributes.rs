@@ -1,4 +1,4 @@
-//! Colours and explicit normals come through simplification, coding, refinement and undo.
+//! Colours and explicit normals survive simplification, coding, refinement and undo.
 
 use std::collections::BTreeSet;
 
@@ -18,7 +18,7 @@ fn colours_and_normals_come_back_exactly() {
     assert!(explicit < mesh.wedges.len() * 3 / 4, "{explicit} of {}", mesh.wedges.len());
     let asset = prepared(&mesh, &regions(200));
     let (refined, _) = deltas(&asset);
-    // Not assert_eq!: thousands of faces would fill the log.
+    // Not assert_eq!, which would print thousands of faces.
     assert!(plain_faces(&refined.to_mesh()) == plain_faces(&mesh));
 }
 
@@ -26,7 +26,7 @@ fn colours_and_normals_come_back_exactly() {
 fn coarse_meshes_show_colours_and_normals_of_the_model() {
     let mesh = quantised(&shapes::painted(shapes::torus(30, 50)));
     let asset = prepared(&mesh, &Settings { coarse_grid: 0.0, ..regions(200) });
-    // On one grid for all levels vertices are a subset of the input's, and each keeps the attributes that it has there.
+    // With one grid for all levels, vertices are a subset of the input's and keep their attributes.
     let known: BTreeSet<_> = mesh
         .wedges
         .iter()
@@ -61,7 +61,7 @@ fn coarse_meshes_show_colours_and_normals_of_the_model() {
 }
 
 #[test]
-fn an_uncoloured_mesh_pays_nothing_for_colours_it_could_have() {
+fn an_uncoloured_mesh_pays_nothing_for_colours() {
     let plain = shapes::torus(30, 50);
     let mut white = plain.clone();
     white.colors = vec![NO_COLOR];

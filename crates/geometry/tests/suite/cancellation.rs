@@ -1,4 +1,4 @@
-//! A preparation that is told to stop does so within the regions that are being worked on.
+//! A cancelled preparation ends within the regions in progress.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -8,13 +8,13 @@ use lodestream_geometry::prepare::{Hooks, prepare};
 
 use crate::common::{Shuffled, quantised, regions, shapes};
 
-/// Says no from a certain report on.
-struct Until {
+/// Cancels from report number `no` on.
+struct CancelAt {
     no: usize,
     reports: AtomicUsize,
 }
 
-impl Monitor for Until {
+impl Monitor for CancelAt {
     fn report(&self, progress: Progress) -> bool {
         assert!(progress.faces_done <= progress.faces_total);
         self.reports.fetch_add(1, Ordering::SeqCst) < self.no
@@ -26,7 +26,7 @@ fn cancelling_takes_effect_at_any_report() {
     let mesh = quantised(&shapes::sphere(40, 60, 0.05));
     let threads = 3;
     let run = |no| {
-        let monitor = Until { no, reports: AtomicUsize::new(0) };
+        let monitor = CancelAt { no, reports: AtomicUsize::new(0) };
         let result = prepare(&mesh, &regions(200), &Hooks::new(&Shuffled { threads, seed: 4 }, &monitor));
         (result, monitor.reports.into_inner())
     };
@@ -35,6 +35,6 @@ fn cancelling_takes_effect_at_any_report() {
     for no in (0..reports).step_by(7) {
         let (result, made) = run(no);
         assert_eq!(result.unwrap_err(), MeshError::Cancelled, "report {no}");
-        assert!(made <= no + threads, "{made} reports, the first no was {no}");
+        assert!(made <= no + threads, "{made} reports, cancelled at {no}");
     }
 }

@@ -1,4 +1,4 @@
-//! The base mesh of meshes that resist: many components, holes, seams everywhere, hubs.
+//! Base meshes of difficult inputs: many components, holes, seams everywhere, high valences.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -10,8 +10,8 @@ use lodestream_geometry::{Metric, Settings};
 
 use crate::common::{prepared, quantised, regions, shapes};
 
-/// Prepares with the default settings, checks random ancestor-closed cuts, and holds the base to 5 %.
-fn whole(name: &str, mesh: &QuantisedMesh, sets: usize) -> Prepared {
+/// Prepares with the default settings, checks random ancestor-closed cuts, and requires a base error of at most 5 %.
+fn prepare_and_check(name: &str, mesh: &QuantisedMesh, sets: usize) -> Prepared {
     let asset = prepared(mesh, &Settings::default());
     let report = check(&asset.base, &asset.infos, &asset.chunks, sets, 7, &Serial).unwrap();
     assert_eq!((report.cracks, report.order_dependent, report.undo_errors), (0, 0, 0), "{name}");
@@ -37,18 +37,18 @@ fn boundary(wedges: &[Wedge], faces: &[Face]) -> usize {
 fn thirteen_hundred_components_have_a_small_base() {
     let mesh = quantised(&shapes::crowd(1299));
     assert!(mesh.faces.len() > 48_000 && mesh.faces.len() < 52_000, "{}", mesh.faces.len());
-    let asset = whole("crowd", &mesh, 4);
+    let asset = prepare_and_check("crowd", &mesh, 4);
     assert!(asset.base.faces.len() <= 2000, "{} faces", asset.base.faces.len());
     let bytes = asset.base.encode().unwrap().len();
     assert!(bytes <= 12_000, "{bytes} bytes");
 }
 
 #[test]
-fn large_thin_parts_are_no_shards() {
+fn large_thin_parts_keep_their_area() {
     let [width, height, thickness] = [1.5, 0.9, 0.03];
     let (columns, rows, layers, z) = (3, 4, 3, 2.0);
     let mut scene = shapes::crowd(200);
-    // One behind the other: what is left of one is near enough to all of them.
+    // One behind the other, so each is near enough to stand for all of them.
     for wall in 0..columns * rows * layers {
         let (layer, wall) = (wall / (columns * rows), wall % (columns * rows));
         let at = [
@@ -58,8 +58,8 @@ fn large_thin_parts_are_no_shards() {
         ];
         scene = shapes::join(scene, &shapes::slab([width, height, thickness]), at);
     }
-    let base = whole("walls", &quantised(&scene), 4).base;
-    // What of the base mesh a look along z meets, where the walls are; a coarse grid of positions may move them.
+    let base = prepare_and_check("walls", &quantised(&scene), 4).base;
+    // Area of the base mesh seen along z at the walls' positions, which a coarse grid may move.
     let mut area = 0.0;
     for face in &base.faces {
         let [a, b, c] =
@@ -78,7 +78,7 @@ fn holes_close() {
     let mesh = quantised(&shapes::perforated(60, 80));
     let before = boundary(&mesh.wedges, &mesh.faces);
     assert!(before > 500, "{before} boundary edges");
-    let asset = whole("holes", &mesh, 10);
+    let asset = prepare_and_check("holes", &mesh, 10);
     let after = boundary(&asset.base.wedges, &asset.base.faces);
     assert!(after * 7 < before, "{after} of {before} boundary edges are left");
     assert!(asset.base.faces.len() < 300, "{} faces", asset.base.faces.len());
@@ -94,13 +94,13 @@ fn a_frigate_with_seams_everywhere_never_opens() {
     let on_seams = wedges.values().filter(|uvs| uvs.len() > 1).count();
     assert!(on_seams * 10 > mesh.positions.len() * 9, "{on_seams} of {}", mesh.positions.len());
     assert_eq!(boundary(&mesh.wedges, &mesh.faces), 0);
-    let asset = whole("frigate", &mesh, 60);
+    let asset = prepare_and_check("frigate", &mesh, 60);
     assert_eq!(boundary(&asset.base.wedges, &asset.base.faces), 0);
     assert!(asset.base.faces.len() * 10 < mesh.faces.len(), "{} faces", asset.base.faces.len());
 }
 
 #[test]
-fn other_metrics_and_rounds_keep_the_promises() {
+fn other_metrics_and_rounds_pass_the_check() {
     let meshes = [shapes::torus(40, 70), shapes::perforated(24, 30), shapes::frigate(6), shapes::crowd(40)];
     let (mut bytes, mut along_seams) = (BTreeSet::new(), BTreeSet::new());
     for source in &meshes {
@@ -118,8 +118,8 @@ fn other_metrics_and_rounds_keep_the_promises() {
         }
     }
     assert_eq!(bytes.len(), meshes.len() * 9, "a setting does nothing");
-    // Not all have seams.
-    assert!(along_seams.difference(&bytes).count() >= 3, "seams are not looked at");
+    // Not all of them have seams.
+    assert!(along_seams.difference(&bytes).count() >= 3, "seams have no effect");
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Both codecs say the same meshes.
+//! All codecs encode the same meshes.
 
 use lodestream_geometry::base::Base;
 use lodestream_geometry::check::check;
@@ -10,14 +10,14 @@ use lodestream_geometry::random::Random;
 use lodestream_geometry::refine::ActiveMesh;
 use lodestream_geometry::{Codec, Settings};
 
-use crate::common::{all, bare, plain_faces, prepared, quantised, regions, shapes, stopping};
+use crate::common::{all, bare, plain_faces, prepared, quantised, regions, shapes, with_truncation_points};
 
-fn plain(faces: usize) -> Settings {
+fn zstd_settings(faces: usize) -> Settings {
     Settings { codec: Codec::Zstd, ..regions(faces) }
 }
 
-/// What an index says of a chunk, but for bytes, truncation_points and wedges: a wedge may come twice, in another
-/// chunk each, and a stop changes where.
+/// Index entries without bytes, truncation points and wedges: a wedge may occur twice, in different chunks, and
+/// truncation points change where.
 fn uncoded(infos: &[ChunkInfo]) -> Vec<ChunkInfo> {
     let uncoded =
         |i: &ChunkInfo| ChunkInfo { payload_bytes: 0, truncation_points: Vec::new(), wedges: 0, ..i.clone() };
@@ -28,11 +28,11 @@ fn uncoded(infos: &[ChunkInfo]) -> Vec<ChunkInfo> {
 fn every_level_is_the_same_mesh_under_both_codecs() {
     for (name, source) in all() {
         let mesh = quantised(&source);
-        let assets = [regions(200), plain(200)].map(|settings| prepared(&mesh, &settings));
-        let [ranged, plain] = &assets;
-        assert!(uncoded(&ranged.infos) == uncoded(&plain.infos), "{name}: index");
+        let assets = [regions(200), zstd_settings(200)].map(|settings| prepared(&mesh, &settings));
+        let [ranged, zstd_settings] = &assets;
+        assert!(uncoded(&ranged.infos) == uncoded(&zstd_settings.infos), "{name}: index");
         assert!(
-            plain.infos.iter().all(|info| info.truncation_points.is_empty()),
+            zstd_settings.infos.iter().all(|info| info.truncation_points.is_empty()),
             "{name}: truncation_points"
         );
         let levels = ranged.infos.iter().map(|info| info.level).max().unwrap_or(0);
@@ -52,7 +52,7 @@ fn every_level_is_the_same_mesh_under_both_codecs() {
     }
 }
 
-/// A base mesh may be coded by either codec, whatever codes the chunks: it is stored as what is smaller.
+/// A base mesh may be coded by either codec, independent of the chunks' codec; the smaller form is stored.
 #[test]
 fn base_meshes_are_the_same_under_both_codecs() {
     for (name, source) in all() {
@@ -65,19 +65,19 @@ fn base_meshes_are_the_same_under_both_codecs() {
 }
 
 #[test]
-fn the_plain_codec_passes_the_check_too() {
+fn the_zstd_codec_passes_the_check() {
     for (name, source) in all() {
-        let asset = prepared(&quantised(&source), &plain(200));
+        let asset = prepared(&quantised(&source), &zstd_settings(200));
         let report = check(&asset.base, &asset.infos, &asset.chunks, 10, 9, &Serial).unwrap();
         assert_eq!((report.cracks, report.order_dependent, report.undo_errors), (0, 0, 0), "{name}");
     }
 }
 
-/// A turned part: a profile of steps about an axis, whose corners alone are vertices.
-fn turned(steps: u32, around: u32) -> SourceMesh {
+/// A surface of revolution: a stepped profile about an axis, with vertices at the corners only.
+fn surface_of_revolution(steps: u32, around: u32) -> SourceMesh {
     let mut random = Random::new(3);
     let (mut radius, mut z) = (3.0, 0.0);
-    // Between the ends on the axis, two corners a step: along it, then across.
+    // Between the ends on the axis, each step has two corners: along the axis, then across.
     let mut profile = vec![(0.0, 0.0), (radius, 0.0)];
     for _ in 0..steps {
         z += 0.1 + random.unit();
@@ -110,15 +110,20 @@ fn turned(steps: u32, around: u32) -> SourceMesh {
 }
 
 #[test]
-fn what_is_built_along_the_axes_takes_a_third_fewer_bytes_and_is_the_same() {
-    let mesh = quantised(&turned(40, 48));
-    let of = |codec| prepared(&mesh, &Settings { codec, ..stopping(400) });
-    let [ranged, built] = [Codec::Range, Codec::AxisAligned].map(of);
+fn axis_aligned_geometry_takes_a_third_fewer_bytes() {
+    let mesh = quantised(&surface_of_revolution(40, 48));
+    let of = |codec| prepared(&mesh, &Settings { codec, ..with_truncation_points(400) });
+    let [ranged, axis_aligned] = [Codec::Range, Codec::AxisAligned].map(of);
     let bytes = |asset: &Prepared| asset.chunks.iter().map(Vec::len).sum::<usize>();
-    assert!(bytes(&built) * 3 <= bytes(&ranged) * 2, "{} bytes instead of {}", bytes(&built), bytes(&ranged));
-    assert!(built.infos.iter().any(|info| !info.truncation_points.is_empty()));
-    let base = Base::decode(&built.base.encode().unwrap()).unwrap();
-    assert!(base == built.base && base.codec == Codec::AxisAligned);
+    assert!(
+        bytes(&axis_aligned) * 3 <= bytes(&ranged) * 2,
+        "{} bytes instead of {}",
+        bytes(&axis_aligned),
+        bytes(&ranged)
+    );
+    assert!(axis_aligned.infos.iter().any(|info| !info.truncation_points.is_empty()));
+    let base = Base::decode(&axis_aligned.base.encode().unwrap()).unwrap();
+    assert!(base == axis_aligned.base && base.codec == Codec::AxisAligned);
     let whole = |asset: &Prepared| {
         let mut active = ActiveMesh::new(&asset.base);
         for (id, info) in (0..).zip(&asset.infos) {
@@ -127,35 +132,38 @@ fn what_is_built_along_the_axes_takes_a_third_fewer_bytes_and_is_the_same() {
         }
         plain_faces(&active.to_mesh())
     };
-    assert!(whole(&built) == whole(&ranged));
+    assert!(whole(&axis_aligned) == whole(&ranged));
 }
 
 #[test]
-fn built_assets_pass_the_check_whatever_they_are_of() {
+fn axis_aligned_assets_pass_the_check() {
     for (name, source) in all() {
-        let asset = prepared(&quantised(&source), &Settings { codec: Codec::AxisAligned, ..stopping(200) });
+        let asset = prepared(
+            &quantised(&source),
+            &Settings { codec: Codec::AxisAligned, ..with_truncation_points(200) },
+        );
         let report = check(&asset.base, &asset.infos, &asset.chunks, 10, 9, &Serial).unwrap();
         assert_eq!((report.cracks, report.order_dependent, report.undo_errors), (0, 0, 0), "{name}");
     }
 }
 
-/// Wedges of what is built follow from how faces lean and from where textures are projected.
+/// Wedges of axis-aligned geometry are predicted from face orientations and texture projections.
 #[test]
 fn dressed_stones_with_projected_textures_take_less_than_half_of_the_bytes() {
-    let plain = quantised(&shapes::stones(120));
-    let mut suited = plain.clone();
+    let zstd_settings = quantised(&shapes::stones(120));
+    let mut suited = zstd_settings.clone();
     suit(&mut suited, Codec::AxisAligned);
     let of = |mesh, codec| {
         let asset = prepared(mesh, &Settings { codec, ..regions(400) });
         let bytes = asset.base.encode().unwrap().len() + asset.chunks.iter().map(Vec::len).sum::<usize>();
         (asset, bytes)
     };
-    let (_, ranged) = of(&plain, Codec::Range);
-    let (asset, built) = of(&suited, Codec::AxisAligned);
-    assert!(built * 20 < ranged * 9, "{built} bytes instead of {ranged}");
-    // Without numbered groups it is as right, and larger.
-    let (_, unnamed) = of(&plain, Codec::AxisAligned);
-    assert!(built < unnamed, "{built} and {unnamed}");
+    let (_, ranged) = of(&zstd_settings, Codec::Range);
+    let (asset, axis_aligned) = of(&suited, Codec::AxisAligned);
+    assert!(axis_aligned * 20 < ranged * 9, "{axis_aligned} bytes instead of {ranged}");
+    // Without renumbered groups the result is equally correct, but larger.
+    let (_, unnamed) = of(&zstd_settings, Codec::AxisAligned);
+    assert!(axis_aligned < unnamed, "{axis_aligned} and {unnamed}");
     let mut active = ActiveMesh::new(&asset.base);
     for (id, info) in (0..).zip(&asset.infos) {
         let delta = active.decode(id, info, &asset.chunks[id as usize]).unwrap();
@@ -165,26 +173,29 @@ fn dressed_stones_with_projected_textures_take_less_than_half_of_the_bytes() {
 }
 
 #[test]
-fn what_was_built_before_is_refused_by_name() {
+fn the_old_axis_aligned_version_is_refused() {
     let settings = Settings { codec: Codec::AxisAligned, ..regions(200) };
     let mut blob = prepared(&quantised(&shapes::torus(8, 10)), &settings).base.encode().unwrap();
     blob[1] = blob[1] & 0x3f | 0x40;
     let why = Base::decode(&blob).unwrap_err().to_string();
-    assert!(why.contains("prepare its model again"), "{why}");
+    assert!(why.contains("prepare the model again"), "{why}");
 }
 
-/// A plain payload has no beginning that could be used, and one of the range coder's is none.
+/// A zstd payload has no decodable prefix, and is not mistaken for a range-coded one.
 #[test]
-fn plain_payloads_are_not_taken_for_others() {
+fn payloads_of_other_codecs_are_refused() {
     let mesh = quantised(&shapes::torus(30, 40));
-    let [ranged, plain] = [regions(2000), plain(2000)].map(|settings| prepared(&mesh, &settings));
+    let [ranged, zstd_settings] =
+        [regions(2000), zstd_settings(2000)].map(|settings| prepared(&mesh, &settings));
     assert!(!ranged.infos[0].truncation_points.is_empty());
-    let mut active = ActiveMesh::new(&plain.base);
-    let info =
-        ChunkInfo { truncation_points: ranged.infos[0].truncation_points.clone(), ..plain.infos[0].clone() };
-    let why = active.decode_prefix(0, &info, Some(0), &plain.chunks[0]).unwrap_err().to_string();
-    assert!(why.contains("no stopping points"), "{why}");
-    assert!(active.decode(0, &plain.infos[0], &ranged.chunks[0]).is_err());
+    let mut active = ActiveMesh::new(&zstd_settings.base);
+    let info = ChunkInfo {
+        truncation_points: ranged.infos[0].truncation_points.clone(),
+        ..zstd_settings.infos[0].clone()
+    };
+    let why = active.decode_prefix(0, &info, Some(0), &zstd_settings.chunks[0]).unwrap_err().to_string();
+    assert!(why.contains("no truncation points"), "{why}");
+    assert!(active.decode(0, &zstd_settings.infos[0], &ranged.chunks[0]).is_err());
     active = ActiveMesh::new(&ranged.base);
-    assert!(active.decode(0, &plain.infos[0], &plain.chunks[0]).is_err());
+    assert!(active.decode(0, &zstd_settings.infos[0], &zstd_settings.chunks[0]).is_err());
 }

@@ -1,4 +1,4 @@
-//! The same input gives the same bytes: from run to run, on any number of threads, in any order.
+//! The same input gives the same bytes: in every run, on any number of threads, in any task order.
 
 use lodestream_geometry::base::Base;
 use lodestream_geometry::check::check;
@@ -15,7 +15,7 @@ fn bytes_do_not_depend_on_threads_or_on_the_order_of_tasks() {
         let runs = [(1, 1, plain), (2, 2, plain), (5, 3, plain), (3, 4, in_blocks(500, regions(100)))];
         for (threads, seed, settings) in runs {
             let expected = prepared(&quantised(&source), &settings);
-            // Quantised anew: hash maps are seeded anew as well.
+            // Quantised again, because hash maps are seeded differently each time.
             let mesh = quantised(&source);
             let again = prepare(&mesh, &settings, &Hooks::new(&Shuffled { threads, seed }, &Silent)).unwrap();
             assert!(
@@ -28,7 +28,7 @@ fn bytes_do_not_depend_on_threads_or_on_the_order_of_tasks() {
     }
 }
 
-/// The last level has one region, and what is held there is searched for on all threads.
+/// The last level has one region, which is searched on all threads for vertices to lock.
 #[test]
 fn one_region_of_many_samples_is_the_same_on_any_number_of_threads() {
     let mesh = quantised(&shapes::sphere(96, 100, 0.3));
@@ -60,10 +60,10 @@ fn a_check_does_not_depend_on_threads() {
     assert_eq!(on(&Serial), on(&Shuffled { threads: 3, seed: 8 }));
 }
 
-/// Leaves out one of its tasks, where it has several.
-struct Forgetful;
+/// A faulty pool that leaves out one of several tasks.
+struct SkippingPool;
 
-impl Pool for Forgetful {
+impl Pool for SkippingPool {
     fn run(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
         (0..count).filter(|&i| count < 2 || i != count / 2).for_each(task);
     }
@@ -72,6 +72,6 @@ impl Pool for Forgetful {
 #[test]
 fn a_pool_that_skips_a_task_is_an_error_and_no_other_asset() {
     let mesh = quantised(&shapes::torus(30, 40));
-    let result = prepare(&mesh, &regions(200), &Hooks::new(&Forgetful, &Silent));
+    let result = prepare(&mesh, &regions(200), &Hooks::new(&SkippingPool, &Silent));
     assert!(result.is_err_and(|e| e.to_string().contains("left out task")));
 }

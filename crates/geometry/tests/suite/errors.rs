@@ -1,4 +1,4 @@
-//! Geometric errors: monotone, and never below what dense sampling finds.
+//! Geometric errors are monotone, and never below densely sampled distances.
 
 use lodestream_geometry::ancestor_closed_cut::{self, Member};
 use lodestream_geometry::distance::TriangleBvh;
@@ -9,7 +9,9 @@ use lodestream_geometry::random::Random;
 use lodestream_geometry::refine::ActiveMesh;
 use lodestream_geometry::screen::visible_error;
 
-use crate::common::{all, in_blocks, prepared, quantised, regions, shapes, stopping, with_bits};
+use crate::common::{
+    all, in_blocks, prepared, quantised, regions, shapes, with_bits, with_truncation_points,
+};
 use crate::promises::{apply, deltas};
 
 #[test]
@@ -26,7 +28,7 @@ fn errors_are_monotone_along_parents() {
     }
 }
 
-/// What an index page says of those behind it, in words or by its chunks, is never below what they hold.
+/// The bound on later errors that an index page states or implies is never below theirs.
 #[test]
 fn pages_bound_the_errors_of_those_behind_them() {
     for (name, source) in all() {
@@ -37,7 +39,7 @@ fn pages_bound_the_errors_of_those_behind_them() {
             let bound = page.rest_error.unwrap_or_else(|| expected_rest_error(&asset.infos[..end]));
             let errors = asset.infos[end..].iter().map(|info| visible_error(info, 1.0));
             let largest = errors.fold(0.0, f32::max);
-            assert!(bound >= largest, "{name}: {bound} on page {number}, {largest} behind it");
+            assert!(bound >= largest, "{name}: {bound} on page {number}, {largest} on later pages");
             assert!(page.rest_error.is_none_or(|stated| stated == largest));
         }
     }
@@ -73,8 +75,8 @@ impl Surface {
         0.5 * (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt()
     }
 
-    /// Largest distance of a lattice on this surface to another: 15 points a face, more on faces
-    /// larger than `area`, so that every `area` gets about 15.
+    /// Largest distance from lattice points of this surface to another: 15 points per face, more on faces larger than
+    /// `area`, so that each `area` gets about 15.
     fn farthest(&self, other: &Surface, area: f64) -> f64 {
         let mut worst = 0.0_f64;
         for &t in &self.triangles {
@@ -102,7 +104,7 @@ fn refined(asset: &Prepared, set: &[Member]) -> QuantisedMesh {
     active.to_mesh()
 }
 
-/// What the index states for a ancestor-closed cut.
+/// Error that the index states for an ancestor-closed cut.
 fn stated(asset: &Prepared, set: &[Member]) -> f32 {
     let left = |(id, info): (usize, &ChunkInfo)| {
         let member = set.binary_search_by_key(&(id as u32), |m| m.chunk);
@@ -111,7 +113,7 @@ fn stated(asset: &Prepared, set: &[Member]) -> f32 {
     asset.infos.iter().enumerate().map(left).fold(0.0, f32::max)
 }
 
-/// The generated meshes, and needles on a grid fine enough to show them as such.
+/// The generated meshes, and needles on a grid fine enough to represent them.
 fn meshes() -> Vec<(&'static str, QuantisedMesh)> {
     let mut list: Vec<_> = all().into_iter().map(|(name, source)| (name, quantised(&source))).collect();
     list.push(("needles on a fine grid", with_bits(&shapes::needles(800), 24)));
@@ -119,14 +121,19 @@ fn meshes() -> Vec<(&'static str, QuantisedMesh)> {
 }
 
 #[test]
-fn errors_bound_the_sampled_distance_and_are_not_absurd() {
+fn errors_bound_the_sampled_distance_within_a_factor() {
     let mut random = Random::new(19);
     let mut failures = Vec::new();
     for (name, mesh) in meshes() {
         let input = Surface::new(&mesh);
         let area = input.area() / input.triangles.len() as f64;
         let mut ratios = Vec::new();
-        for settings in [stopping(200), stopping(300), regions(1000), in_blocks(500, stopping(100))] {
+        for settings in [
+            with_truncation_points(200),
+            with_truncation_points(300),
+            regions(1000),
+            in_blocks(500, with_truncation_points(100)),
+        ] {
             let asset = prepared(&mesh, &settings);
             for attempt in 0..5 {
                 let set = if attempt == 0 {
@@ -144,7 +151,7 @@ fn errors_bound_the_sampled_distance_and_are_not_absurd() {
                 if cells > NOISE {
                     ratios.push(f64::from(error) / distance);
                 } else {
-                    // Nothing to see: at most flat neighbours merged.
+                    // No visible change: at most coplanar neighbours merged.
                     assert!(f64::from(error) <= mesh.grid.step, "{name}: {error} for nothing");
                 }
             }
@@ -153,7 +160,7 @@ fn errors_bound_the_sampled_distance_and_are_not_absurd() {
         if let (Some(&least), Some(&most)) = (ratios.first(), ratios.last()) {
             let median = ratios[ratios.len() / 2];
             println!("{name}: reported / sampled: {least:.3} {median:.3} {most:.3}");
-            // Where parts overlap, what is missing of one is near another, which no region can know.
+            // Where components overlap, missing parts of one are near another, which a region cannot know.
             let overlapping = name == "medley";
             if least < 0.99 || (median > 1.6 && !overlapping) {
                 failures.push(format!("{name}: {least:.3} {median:.3}"));
@@ -163,16 +170,16 @@ fn errors_bound_the_sampled_distance_and_are_not_absurd() {
     assert!(failures.is_empty(), "{failures:?}");
 }
 
-/// Everything coarser, all chunks of one level up to the same truncation and nothing else: what is stated then
-/// is the truncation_points' own errors, where a random set's is mostly that of a chunk it lacks.
+/// Cuts of all coarser chunks and all chunks of one level at the same truncation point: then the stated error is that
+/// of the truncation points, whereas in a random cut it is usually that of a missing chunk.
 #[test]
-fn errors_at_stops_bound_the_sampled_distance() {
+fn errors_at_truncation_points_bound_the_sampled_distance() {
     let mut failures = Vec::new();
     let mut tried = 0;
     for (name, mesh) in meshes() {
         let input = Surface::new(&mesh);
         let area = input.area() / input.triangles.len() as f64;
-        let settings = [stopping(200), in_blocks(500, stopping(100))];
+        let settings = [with_truncation_points(200), in_blocks(500, with_truncation_points(100))];
         let assets = settings.map(|settings| prepared(&mesh, &settings));
         for (asset, level) in
             assets.iter().flat_map(|a| (1..=a.base.level_count).map(move |level| (a, level)))
@@ -202,12 +209,12 @@ fn errors_at_stops_bound_the_sampled_distance() {
 }
 
 #[test]
-fn stops_help_and_are_never_better_than_the_children() {
+fn truncation_points_help_and_are_never_better_than_the_children() {
     let (mut truncation_points, mut better) = (0, 0);
     for (name, source) in all() {
-        let asset = prepared(&quantised(&source), &stopping(200));
+        let asset = prepared(&quantised(&source), &with_truncation_points(200));
         for (id, info) in asset.infos.iter().enumerate() {
-            // Collapses can go far and come back near, so some are worse than the chunk's own.
+            // Intermediate states can be farther off, so some points have a larger error than the chunk.
             truncation_points += info.truncation_points.len();
             better += info.truncation_points.iter().filter(|s| s.error < info.error).count();
             for &parent in &info.parents {

@@ -1,4 +1,4 @@
-//! Meshes at the edges of what there is: each prepares and passes its check, or is refused by name.
+//! Extreme meshes: each is prepared and passes its check, or is refused with a reason.
 
 use lodestream_geometry::base::Base;
 use lodestream_geometry::check::check;
@@ -61,14 +61,14 @@ fn tiny_and_huge_coordinates() {
 }
 
 #[test]
-fn a_mesh_longer_than_a_float_can_say_is_refused() {
+fn a_mesh_beyond_f32_range_is_refused() {
     let source = shapes::placed(shapes::sphere(8, 12, 0.0), 3e38, 0.0);
     assert!(matches!(refused(&source), MeshError::BadPrecision { .. }));
 }
 
 #[test]
 fn millimetres_at_ten_million() {
-    // A ball of a metre with two millimetres of relief.
+    // A ball of one metre with two millimetres of relief.
     let source = shapes::placed(shapes::sphere(16, 24, 4e-3), 0.5, 1e7);
     let mesh = with_bits(&source, 16);
     let asset = survives("offset", &mesh, 200);
@@ -98,7 +98,7 @@ fn all_points_equal() {
 }
 
 #[test]
-fn nothing_at_all() {
+fn an_empty_mesh() {
     assert_eq!(refused(&SourceMesh::default()), MeshError::NoFaces { dropped: 0 });
 }
 
@@ -111,7 +111,7 @@ fn faces_that_name_one_vertex_twice_alone() {
 #[test]
 fn faces_without_area_among_good_ones() {
     let mut source = shapes::sphere(16, 24, 0.05);
-    // At each of some edges a face to its middle, which lies on the edge; and slivers of repeated places.
+    // A degenerate face between some edges and their midpoints, and slivers of repeated positions.
     for i in (0..source.faces.len()).step_by(5) {
         let [a, b, c] = source.faces[i];
         let [p, q] = [a, b].map(|corner| source.positions[corner.position as usize]);
@@ -216,7 +216,7 @@ fn a_million_times_longer_than_wide() {
 }
 
 #[test]
-fn coarse_grids_fold_everything_together() {
+fn coarse_grids_merge_many_points() {
     for bits in [4, 6] {
         survives("coarse grid", &with_bits(&shapes::sphere(30, 40, 0.05), bits), 200);
     }
@@ -229,8 +229,8 @@ fn many_tiny_components_alone() {
     }
 }
 
-/// Components vanish, or shrink to two faces back to back; all come back.
-fn dust_settles(count: u32) {
+/// Components vanish or shrink to two faces back to back; all are restored.
+fn tiny_components_survive(count: u32) {
     let mesh = with_bits(&shapes::dust(count), 12);
     let asset = prepared(&mesh, &Settings::default());
     assert!(asset.base.faces.len() <= 2 * count as usize, "{} faces", asset.base.faces.len());
@@ -240,19 +240,19 @@ fn dust_settles(count: u32) {
 
 #[test]
 fn four_thousand_tiny_components() {
-    dust_settles(4_000);
+    tiny_components_survive(4_000);
 }
 
 /// Four million faces: `cargo test --release -p lodestream-geometry --test suite -- --ignored a_million_tiny`.
 #[test]
 #[ignore = "takes minutes and gigabytes"]
 fn a_million_tiny_components() {
-    dust_settles(1_000_000);
+    tiny_components_survive(1_000_000);
 }
 
 #[test]
 fn regions_are_never_larger_than_their_decoder_accepts() {
-    // Nearly three splits a face. In one region they would be more than one chunk may have.
+    // Nearly three splits per face; in one region they would exceed a chunk's limit.
     let mesh = quantised(&shapes::soup(50_000));
     for top_regions in [1.5, 16.0] {
         let asset = prepared(

@@ -1,4 +1,4 @@
-//! Precision by level: coarse levels lie on coarse grids, and what these leave out comes later.
+//! Grids by level: coarse levels use coarse grids, and finer levels add the omitted bits.
 
 use lodestream_geometry::Settings;
 use lodestream_geometry::ancestor_closed_cut::{Budget, lowest_error};
@@ -32,7 +32,7 @@ fn coarse_levels_lie_on_coarse_grids_and_the_last_on_the_finest() {
                 there += usize::from(position.iter().all(|x| x.trailing_zeros() >= shift));
             }
         }
-        // The others keep more: no finer chunk moves them.
+        // Vertices with more bits are those that no finer chunk moves.
         assert!(there * 4 > brought, "{there} of {brought} on the grid that leaves out {shift} bits");
         on_own_grid += usize::from(shift > 0);
     }
@@ -40,7 +40,7 @@ fn coarse_levels_lie_on_coarse_grids_and_the_last_on_the_finest() {
 }
 
 #[test]
-fn coarse_grids_take_fewer_bytes_to_an_error() {
+fn coarse_grids_need_fewer_bytes_for_an_error() {
     let mesh = quantised(&shapes::sphere(80, 120, 0.02));
     let bytes = |coarse_grid: f64| {
         let asset = prepared(&mesh, &Settings { coarse_grid, ..regions(500) });
@@ -89,7 +89,7 @@ fn grids_out_of_range_are_refused() {
 }
 
 #[test]
-fn what_moved_a_vertex_is_undone_after_what_moves_it_on() {
+fn chunks_that_move_a_vertex_are_undone_in_reverse_order() {
     let mesh = quantised(&shapes::sphere(60, 90, 0.05));
     let asset = prepared(&mesh, &regions(200));
     let deltas = deltas(&asset).1;
@@ -98,12 +98,12 @@ fn what_moved_a_vertex_is_undone_after_what_moves_it_on() {
     let moved = first.moves[0];
     active.apply(first).unwrap();
     let before = active.snapshot();
-    // Of a chunk that names no parents, though another has moved the vertex.
+    // A chunk without parents in its index entry, although another has moved the vertex.
     let mut to = moved.to;
     to[0] ^= 1;
     let forged = ChunkDelta {
         chunk: other.chunk,
-        moves: vec![lodestream_geometry::refine::Moved { from: moved.to, to, ..moved }],
+        moves: vec![lodestream_geometry::refine::MovedVertex { from: moved.to, to, ..moved }],
         ..ChunkDelta::default()
     };
     active.apply(&forged).unwrap();

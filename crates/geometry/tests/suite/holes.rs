@@ -1,11 +1,10 @@
-//! No hole that the input does not have, at any set of chunks closed under parents, leaves up to any of
-//! their truncation_points, for any input.
+//! No holes that the input does not have, for any ancestor-closed cut with leaves at any truncation points, for any
+//! input.
 //!
-//! [`lodestream_geometry::check`] compares *directed* edges; this test is independent of it. It counts
-//! faces at undirected edges: where an edge has an odd number, a surface ends. Sending each vertex of
-//! the input to its ancestor in the mesh at hand sends the edges where the input ends to edges of that
-//! mesh; taken modulo two, those and no others may be where the mesh ends. An input without such edges
-//! (closed, however tangled) has none at any time.
+//! Independent of [`lodestream_geometry::check`], which compares *directed* edges: this test counts faces at
+//! undirected edges. A surface ends at an edge with an odd number. Mapping each vertex of the input to its ancestor
+//! in the mesh maps the input's boundary edges to edges of the mesh; modulo two, these and no others may be boundary
+//! edges of the mesh. An input without boundary (closed, however tangled) has none at any time.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,11 +13,11 @@ use lodestream_geometry::mesh::SourceMesh;
 use lodestream_geometry::random::Random;
 use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, Id, Snapshot};
 
-use crate::common::{all, prepared, quantised, shapes, stopping, with_bits};
+use crate::common::{all, prepared, quantised, shapes, with_bits, with_truncation_points};
 use crate::promises::{apply, deltas};
 
-/// Undirected edges with an odd number of faces, the smaller id first.
-fn ends(state: &Snapshot) -> BTreeSet<(Id, Id)> {
+/// Undirected edges with an odd number of faces, smaller id first.
+fn boundary_edges(state: &Snapshot) -> BTreeSet<(Id, Id)> {
     let vertex: BTreeMap<Id, Id> = state.wedges.iter().map(|&(wedge, vertex, _)| (wedge, vertex)).collect();
     let mut odd = BTreeSet::new();
     for (_, wedges, _) in &state.faces {
@@ -37,7 +36,7 @@ fn flip(odd: &mut BTreeSet<(Id, Id)>, a: Id, b: Id) {
     }
 }
 
-/// Where a vertex of the input is in a mesh without some of the chunks.
+/// The ancestor of an input vertex in a mesh without some of the chunks.
 fn ancestor(state: &Snapshot, deltas: &[ChunkDelta], mut vertex: Id) -> Id {
     while state.vertices.binary_search_by_key(&vertex, |v| v.0).is_err() {
         let parent = deltas[vertex.owner as usize - 1].vertices[vertex.index as usize].parent;
@@ -47,11 +46,11 @@ fn ancestor(state: &Snapshot, deltas: &[ChunkDelta], mut vertex: Id) -> Id {
     vertex
 }
 
-/// Tries so many random ancestor-closed cuts. Answers how many edges of the input end a surface.
+/// Tries `sets` random ancestor-closed cuts. Returns the number of boundary edges of the input.
 fn no_new_holes(name: &str, source: &SourceMesh, bits: u8, region_faces: usize, sets: usize) -> usize {
-    let asset = prepared(&with_bits(source, bits), &stopping(region_faces));
+    let asset = prepared(&with_bits(source, bits), &with_truncation_points(region_faces));
     let (full, deltas) = deltas(&asset);
-    let input = ends(&full.snapshot());
+    let input = boundary_edges(&full.snapshot());
     let mut random = Random::new(region_faces as u64);
     for set in 0..sets {
         let set = if set == 0 { Vec::new() } else { ancestor_closed_cut::random(&asset.infos, &mut random) };
@@ -64,7 +63,11 @@ fn no_new_holes(name: &str, source: &SourceMesh, bits: u8, region_faces: usize, 
         for &(a, b) in &input {
             flip(&mut expected, ancestor(&state, &deltas, a), ancestor(&state, &deltas, b));
         }
-        assert!(ends(&state) == expected, "{name}, regions of {region_faces}, {} chunks applied", set.len());
+        assert!(
+            boundary_edges(&state) == expected,
+            "{name}, regions of {region_faces}, {} chunks applied",
+            set.len()
+        );
     }
     input.len()
 }
@@ -79,8 +82,8 @@ fn surfaces_end_only_where_the_input_does() {
 }
 
 #[test]
-fn closed_tangles_never_open() {
-    // Every generator's faces given twice close any surface: then no edge may ever have an odd count.
+fn closed_meshes_never_get_holes() {
+    // Giving every face twice closes any surface: no edge may ever have an odd count.
     for (name, mut source) in all() {
         source.faces.extend(source.faces.clone());
         source.materials.extend(source.materials.clone());
@@ -88,7 +91,7 @@ fn closed_tangles_never_open() {
     }
 }
 
-/// The low-poly model of the first prototype tore at its uv seams.
+/// An early low-poly test model tore at its uv seams.
 #[test]
 fn a_low_poly_model_with_seams_at_nearly_every_vertex_never_tears() {
     let source = shapes::frigate(9);

@@ -1,4 +1,4 @@
-//! Bytes and deltas from untrusted peers: errors, never panics, never half a change.
+//! Hostile bytes and deltas: errors, never panics, never partial changes.
 
 use lodestream_geometry::base::{Base, MAX_CHUNKS};
 use lodestream_geometry::index::{ChunkInfo, TruncationPoint, decode_page};
@@ -9,11 +9,11 @@ use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, Id, RefineError, Repoi
 use lodestream_geometry::{Codec, Settings};
 use proptest::prelude::*;
 
-use crate::common::{prepared, quantised, regions, shapes, stopping};
+use crate::common::{prepared, quantised, regions, shapes, with_truncation_points};
 use crate::promises::deltas;
 
-/// Small assets with everything in them: seams, materials, births, odd stars, colours and normals; once
-/// more with the plain codec.
+/// Small assets with all features: seams, materials, vertices without faces, non-manifold stars, colours and normals;
+/// with every codec.
 fn samples() -> Vec<Prepared> {
     let torus = shapes::materials(shapes::torus(9, 11), 3);
     let painted = shapes::painted(shapes::torus(7, 9));
@@ -32,17 +32,17 @@ fn samples() -> Vec<Prepared> {
 }
 
 #[test]
-fn the_samples_have_chunks_with_births_and_seams() {
+fn the_samples_cover_isolated_vertices_and_seams() {
     let samples = samples();
     let deltas: Vec<Vec<ChunkDelta>> = samples.iter().map(|asset| deltas(asset).1).collect();
     assert!(deltas.iter().all(|d| d.len() >= 2), "{:?}", deltas.iter().map(Vec::len).collect::<Vec<_>>());
     let all = || deltas.iter().flatten();
-    assert!(all().any(|d| d.vertices.iter().any(|v| v.parent.is_none())), "no births");
+    assert!(all().any(|d| d.vertices.iter().any(|v| v.parent.is_none())), "no vertices without faces");
     assert!(all().any(|d| d.wedges.len() > d.vertices.len()), "no seams");
     assert!(all().any(|d| d.faces.iter().any(|f| f.material > 0)), "no materials");
 }
 
-/// Every truncation, every single flipped bit, and some random replacements of bytes.
+/// Every truncation, every single flipped bit, and random replacements of bytes.
 fn damaged(bytes: &[u8], visit: &mut dyn FnMut(&[u8])) {
     for length in 0..bytes.len() {
         visit(&bytes[..length]);
@@ -83,7 +83,7 @@ fn damaged_base_blobs_give_errors_or_usable_meshes() {
     }
 }
 
-/// A count of chunks is only a number until chunks come.
+/// A claimed chunk count allocates little until chunks are applied.
 #[test]
 fn a_claim_of_four_million_chunks_holds_half_a_megabyte() {
     let mut base = samples().swap_remove(0).base;
@@ -113,8 +113,8 @@ fn damaged_index_pages_give_errors_or_entries_in_order() {
     }
 }
 
-/// Whatever a decoder lets through can be applied and undone without trace, or is refused without one.
-fn harmless(mesh: &mut ActiveMesh, before: &Snapshot, delta: &ChunkDelta) {
+/// Every delta that a decoder accepts can be applied and undone without trace, or is refused without one.
+fn check_harmless(mesh: &mut ActiveMesh, before: &Snapshot, delta: &ChunkDelta) {
     if mesh.apply(delta).is_ok() {
         mesh.undo(delta.chunk).unwrap();
     }
@@ -130,7 +130,7 @@ fn damaged_chunks_never_harm_the_mesh() {
             damaged(&asset.chunks[id], &mut |bytes| {
                 if let Ok(delta) = mesh.decode(id as u32, info, bytes) {
                     assert_eq!(delta.vertices.len() as u32, info.vertices);
-                    harmless(&mut mesh, &before, &delta);
+                    check_harmless(&mut mesh, &before, &delta);
                 }
             });
             assert!(mesh.snapshot() == before, "decoding changed the mesh");
@@ -148,11 +148,11 @@ fn chunks_of_other_places_never_harm_the_mesh() {
         let mut other = ActiveMesh::new(base);
         let before = other.snapshot();
         for (payload, info) in asset.chunks.iter().zip(infos) {
-            // The right payload in the wrong mesh, with an index that says no parents are needed.
+            // A valid payload against the wrong mesh, with an index entry without parents.
             let info = ChunkInfo { parents: Vec::new(), ..info.clone() };
             for id in [0, last / 2, last] {
                 if let Ok(delta) = other.decode(id, &info, payload) {
-                    harmless(&mut other, &before, &delta);
+                    check_harmless(&mut other, &before, &delta);
                 }
             }
         }
@@ -160,7 +160,7 @@ fn chunks_of_other_places_never_harm_the_mesh() {
 }
 
 #[test]
-fn lying_index_entries_are_refused_in_bounded_work() {
+fn false_index_entries_are_refused_in_bounded_work() {
     for asset in samples() {
         let id = asset.infos.len() as u32 / 2;
         let mut mesh = ActiveMesh::new(&asset.base);
@@ -188,7 +188,7 @@ fn lying_index_entries_are_refused_in_bounded_work() {
         assert!(mesh.decode(u32::MAX, info, payload).is_err());
         assert!(mesh.decode(id, info, payload).is_ok());
 
-        // Endless symbols from constant bytes.
+        // Unlimited symbols from constant bytes.
         let greedy = ChunkInfo { vertices: 1 << 17, wedges: u32::MAX, faces: u32::MAX, ..info.clone() };
         for byte in [0x00, 0x55, 0xaa, 0xff] {
             for length in [0, 16, 4096] {
@@ -198,7 +198,7 @@ fn lying_index_entries_are_refused_in_bounded_work() {
     }
 }
 
-/// An index that names no parents must not let a chunk be undone while others stand on it.
+/// An index without parents must not allow a chunk to be undone while others depend on it.
 #[test]
 fn an_index_without_parents_cannot_make_references_dangle() {
     let mut refused = 0;
@@ -221,13 +221,13 @@ fn an_index_without_parents_cannot_make_references_dangle() {
                     other => assert!(other.is_ok(), "{other:?}"),
                 }
             } else {
-                // May not fit while others are away; must never be half done.
+                // May not fit while others are missing; must never be applied partially.
                 let before = mesh.snapshot();
                 if mesh.apply(&blind[id]).is_err() {
                     assert!(mesh.snapshot() == before);
                 }
             }
-            consistent(&mesh);
+            check_references(&mesh);
         }
         for (id, delta) in deltas.iter().enumerate() {
             if !mesh.is_applied(id as u32) {
@@ -239,8 +239,8 @@ fn an_index_without_parents_cannot_make_references_dangle() {
     assert!(refused > 0);
 }
 
-/// Every reference of a state is to something in it.
-fn consistent(mesh: &ActiveMesh) {
+/// Every reference of a state is valid.
+fn check_references(mesh: &ActiveMesh) {
     let state = mesh.snapshot();
     for wedge in &state.wedges {
         assert!(state.vertices.binary_search_by_key(&wedge.1, |v| v.0).is_ok(), "{wedge:?}");
@@ -285,7 +285,8 @@ fn forged_deltas_are_refused_without_change() {
                 refused(&mut mesh, &|d| d.chunk = id.owner.max(asset.base.chunk_count));
             }
             refused(&mut mesh, &|d| d.repoints.iter_mut().for_each(|r| r.corner = 3));
-            // To where it is, and from what does not exist before: undoing would leave the corner there.
+            // To the current wedge, and from a wedge that does not exist before: undoing would leave the corner
+            // there.
             refused(&mut mesh, &|d| d.repoints.iter_mut().for_each(|r| r.to = r.from));
             refused(&mut mesh, &|d| d.repoints.iter_mut().for_each(|r| r.from = r.to));
             refused(&mut mesh, &|d| d.faces.iter_mut().for_each(|f| f.material = 999));
@@ -296,7 +297,7 @@ fn forged_deltas_are_refused_without_change() {
                     d.repoints.push(Repoint { to: last, ..first });
                 }
             });
-            // A vertex twice, from where it is not, or one that comes with the chunk.
+            // A vertex twice, from a wrong position, or one that the chunk adds.
             refused(&mut mesh, &|d| d.moves.extend(d.moves.last().copied()));
             refused(&mut mesh, &|d| d.moves.iter_mut().for_each(|m| m.from[1] ^= 1));
             refused(&mut mesh, &|d| d.moves.iter_mut().for_each(|m| m.vertex.owner = d.chunk + 1));
@@ -305,7 +306,7 @@ fn forged_deltas_are_refused_without_change() {
             mesh.apply(delta).unwrap();
             let after = mesh.snapshot();
             assert_eq!(mesh.apply(delta), Err(RefineError::AlreadyApplied(delta.chunk)));
-            // Whatever was refused left nothing behind that undoing would find.
+            // Refused deltas left no undo records.
             mesh.undo(delta.chunk).unwrap();
             assert!(mesh.snapshot() == before);
             assert_eq!(mesh.undo(delta.chunk), Err(RefineError::NotApplied(delta.chunk)));
@@ -327,7 +328,7 @@ proptest! {
         if let Ok(head) = Head::parse(&bytes) {
             let _ = head.parse_table(&bytes[HEAD_BYTES.min(bytes.len())..], u64::from(first));
         }
-        // A base mesh's head that is right, then anything.
+        // A valid head of a base blob, then arbitrary bytes.
         let asset = prepared(&quantised(&shapes::cube(1.0)), &regions(50));
         let mut base = asset.base.encode().unwrap();
         let keep = base.len().min(90);
@@ -366,17 +367,17 @@ fn random_payloads_are_never_a_panic() {
                 ..info.clone()
             };
             if let Ok(delta) = mesh.decode(id as u32, &counts, &bytes) {
-                harmless(&mut mesh, &before, &delta);
+                check_harmless(&mut mesh, &before, &delta);
             }
         }
         mesh.apply(&mesh.decode(id as u32, info, &asset.chunks[id]).unwrap()).unwrap();
     }
 }
 
-/// Vertices without faces come before any stop; a stop that announces fewer of them is refused.
+/// Vertices without faces precede any truncation point; a truncation point that states fewer is refused.
 #[test]
-fn loose_vertices_beyond_a_stop() {
-    let asset = prepared(&quantised(&shapes::soup(700)), &stopping(300));
+fn isolated_vertices_beyond_a_truncation_point() {
+    let asset = prepared(&quantised(&shapes::soup(700)), &with_truncation_points(300));
     let mesh = ActiveMesh::new(&asset.base);
     let mut tried = 0;
     for (chunk, info) in
@@ -389,7 +390,7 @@ fn loose_vertices_beyond_a_stop() {
         info.truncation_points[0] =
             TruncationPoint { vertices: 1, wedges: 0, faces: 0, ..info.truncation_points[0] };
         let why = mesh.decode_prefix(chunk, &info, Some(0), payload).unwrap_err().to_string();
-        assert!(why.contains("1 vertices, 0 wedges and 0 faces were announced"), "{why}");
+        assert!(why.contains("1 vertices, 0 wedges and 0 faces were stated"), "{why}");
         tried += 1;
     }
     assert!(tried > 0);

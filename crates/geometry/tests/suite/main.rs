@@ -1,4 +1,4 @@
-//! What the crate promises, tested through its public interface on generated meshes.
+//! Guarantees of the crate, tested through its public interface on generated meshes.
 #![allow(
     clippy::unwrap_used,
     reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
@@ -6,9 +6,9 @@
 
 mod common;
 
+mod allocation_limits;
 mod attributes;
 mod cancellation;
-mod ceilings;
 mod coarse_end;
 mod codecs;
 mod determinism;

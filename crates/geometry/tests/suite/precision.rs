@@ -1,4 +1,4 @@
-//! Quantisation: welding, dropping, snapping, normal groups, refusals.
+//! Quantisation: welding, dropping, snapping, normal groups, errors.
 
 use lodestream_geometry::MeshError;
 use lodestream_geometry::mesh::{Attributes, Corner, NONE, QuantisedMesh, SourceMesh};
@@ -10,8 +10,7 @@ fn with(source: &SourceMesh, precision: Precision) -> Result<QuantisedMesh, Mesh
     quantise(source, &QuantiseSettings { precision, ..QuantiseSettings::default() })
 }
 
-/// Largest distance between a corner's source position and its grid point; for meshes of which
-/// nothing is dropped.
+/// Largest distance between a corner's source position and its grid point, for meshes without dropped elements.
 fn farthest(source: &SourceMesh, mesh: &QuantisedMesh) -> f64 {
     assert_eq!(source.faces.len(), mesh.faces.len());
     let mut worst = 0.0_f64;
@@ -34,7 +33,7 @@ fn equal_positions_are_welded_and_unused_ones_dropped() {
     );
     let mesh = quantised(&source);
     assert_eq!((mesh.positions.len(), mesh.wedges.len(), mesh.faces.len()), (4, 4, 2));
-    // The unused corner at (9, 9, 9) does not stretch the grid.
+    // The unused corner at (9, 9, 9) does not extend the grid.
     assert_eq!(mesh.grid.origin, [0.0, -1.0, 0.0]);
 }
 
@@ -48,7 +47,7 @@ fn faces_with_a_repeated_vertex_are_dropped() {
 }
 
 #[test]
-fn what_is_kept_is_used_and_on_the_grid() {
+fn remaining_elements_are_used_and_on_the_grid() {
     for (name, source) in all() {
         let mesh = quantised(&source);
         let mut used = vec![false; mesh.wedges.len()];
@@ -141,14 +140,14 @@ fn normals_within_a_degree_share_a_group() {
         bare(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]], &[[0, 1, 2], [0, 2, 3]]);
     for (degrees, wedges) in [(0.5_f32, 4), (1.5, 6), (90.0, 6)] {
         let angle = degrees.to_radians();
-        // Lengths do not matter, only directions.
+        // Only directions matter, not lengths.
         source.normals = vec![[0.0, 0.0, 1.0], [3.0 * angle.sin(), 0.0, 3.0 * angle.cos()]];
         for (face, corners) in source.faces.iter_mut().enumerate() {
             corners.iter_mut().for_each(|c| c.normal = face as u32);
         }
         assert_eq!(quantised(&source).wedges.len(), wedges, "{degrees} degrees");
     }
-    // Normals that are not there, zero or not finite are one group, apart from real ones.
+    // Zero, missing and non-finite normals form one group, separate from valid ones.
     source.normals = vec![[0.0; 3], [f32::NAN, 0.0, 0.0]];
     assert_eq!(quantised(&source).wedges.len(), 4);
     source.faces[0].iter_mut().for_each(|c| c.normal = NONE);

@@ -1,4 +1,4 @@
-//! Any ancestor-closed cut, any order, exact undo, the input back.
+//! Any ancestor-closed cut, in any order, with exact undo, up to the exact input.
 
 use std::collections::BTreeSet;
 
@@ -12,7 +12,9 @@ use lodestream_geometry::prepare::Prepared;
 use lodestream_geometry::random::Random;
 use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, ChunkError, RefineError};
 
-use crate::common::{all, closed, in_blocks, plain_faces, prepared, quantised, regions, shapes, stopping};
+use crate::common::{
+    all, closed, in_blocks, plain_faces, prepared, quantised, regions, shapes, with_truncation_points,
+};
 
 /// The deltas of all chunks, decoded in order.
 pub(crate) fn deltas(prepared: &Prepared) -> (ActiveMesh, Vec<ChunkDelta>) {
@@ -26,14 +28,14 @@ pub(crate) fn deltas(prepared: &Prepared) -> (ActiveMesh, Vec<ChunkDelta>) {
     (mesh, deltas)
 }
 
-/// Applies a chunk, or its beginning.
+/// Applies a chunk, whole or up to a truncation point.
 pub(crate) fn apply(
     mesh: &mut ActiveMesh,
     asset: &Prepared,
     Member { chunk, truncation }: Member,
 ) -> ChunkDelta {
     let (info, payload) = (&asset.infos[chunk as usize], &asset.chunks[chunk as usize]);
-    // No more bytes than the truncation states may be needed.
+    // The truncation point's stated bytes must suffice.
     let needed = info.extent(truncation).payload_bytes as usize;
     let delta = mesh.decode_prefix(chunk, info, truncation, &payload[..needed]).unwrap();
     mesh.apply(&delta).unwrap();
@@ -53,14 +55,14 @@ fn passes_check(name: &str, mesh: &QuantisedMesh, settings: &Settings) {
 }
 
 #[test]
-fn random_closed_sets_have_no_cracks_in_any_order() {
+fn random_ancestor_closed_cuts_have_no_cracks_in_any_order() {
     for (name, source) in all() {
         let mesh = quantised(&source);
         for faces in [50, 200, 1000] {
             passes_check(name, &mesh, &regions(faces));
         }
-        passes_check(name, &mesh, &stopping(100));
-        passes_check(name, &mesh, &in_blocks(500, stopping(100)));
+        passes_check(name, &mesh, &with_truncation_points(100));
+        passes_check(name, &mesh, &in_blocks(500, with_truncation_points(100)));
     }
 }
 
@@ -79,7 +81,8 @@ fn the_meshes_under_test_have_enough_chunks_to_mean_something() {
 fn closed_manifolds_keep_two_faces_at_every_edge() {
     for (name, source) in closed() {
         let mesh = quantised(&source);
-        let assets = [stopping(200), in_blocks(700, stopping(200))].map(|s| prepared(&mesh, &s));
+        let assets = [with_truncation_points(200), in_blocks(700, with_truncation_points(200))]
+            .map(|s| prepared(&mesh, &s));
         let mut random = Random::new(4);
         for asset in assets.iter().flat_map(|asset| std::iter::repeat_n(asset, 15)) {
             let set = ancestor_closed_cut::random(&asset.infos, &mut random);
@@ -115,8 +118,8 @@ fn all_chunks_applied_give_the_input_back() {
             let full = active.to_mesh();
             assert!(plain_faces(&full) == expected, "{name}, {settings:?}");
             assert_eq!(full.positions.len(), mesh.positions.len(), "{name}: vertices");
-            // A region does not know the wedges that its outline's vertices have beyond it: one that only
-            // such faces use may come twice. It looks the same, so only its number tells.
+            // A region does not know the wedges of its outline's vertices outside it: one that only such faces use
+            // may be duplicated. The duplicate has equal attributes.
             let distinct: BTreeSet<_> = full.wedges.iter().map(|w| (w.vertex, w.attributes)).collect();
             assert_eq!(distinct.len(), mesh.wedges.len(), "{name}: wedges");
             assert!(full.wedges.len() * 100 <= mesh.wedges.len() * 101, "{name}: {}", full.wedges.len());
@@ -126,7 +129,7 @@ fn all_chunks_applied_give_the_input_back() {
     }
 }
 
-/// Chunks that may be applied (or raised from a truncation), and chunks that may be undone.
+/// Chunks that can be applied or raised, and chunks that can be undone.
 fn moves(infos: &[ChunkInfo], active: &ActiveMesh) -> (Vec<u32>, Vec<u32>) {
     let mut needed = vec![false; infos.len()];
     for (id, info) in infos.iter().enumerate() {
@@ -149,7 +152,7 @@ fn moves(infos: &[ChunkInfo], active: &ActiveMesh) -> (Vec<u32>, Vec<u32>) {
 fn random_walks_of_apply_and_undo_leave_no_trace() {
     for (name, source) in all() {
         let mesh = quantised(&source);
-        let asset = prepared(&mesh, &stopping(200));
+        let asset = prepared(&mesh, &with_truncation_points(200));
         let (full, whole) = deltas(&asset);
         let mut active = ActiveMesh::new(&asset.base);
         let mut applied: Vec<Option<ChunkDelta>> = vec![None; asset.infos.len()];
@@ -157,7 +160,7 @@ fn random_walks_of_apply_and_undo_leave_no_trace() {
         let mut random = Random::new(21);
         for step in 0..6 * asset.infos.len() {
             let (up, down) = moves(&asset.infos, &active);
-            // Drifts up for a while, then down.
+            // Mostly applies for a while, then mostly undoes.
             let up_first = random.below(10) < if (step / 40) % 2 == 0 { 7 } else { 3 };
             let from = if down.is_empty() || (up_first && !up.is_empty()) { &up } else { &down };
             if from.is_empty() {
@@ -169,7 +172,7 @@ fn random_walks_of_apply_and_undo_leave_no_trace() {
                 active.undo(delta.chunk).unwrap();
             }
             if undone.is_none() || up.contains(&id) {
-                // To a truncation or to the end, whatever was there before.
+                // To a random truncation point or the whole, whatever the state before.
                 let truncation_points = asset.infos[id as usize].truncation_points.len();
                 let truncation = random.below(2 * truncation_points + 1);
                 let member = Member {
@@ -207,7 +210,7 @@ fn random_walks_of_apply_and_undo_leave_no_trace() {
     }
 }
 
-/// Takes every chunk from truncation to truncation; says how often.
+/// Raises every chunk from truncation point to truncation point; returns the number of steps.
 fn raise_all(asset: &Prepared) -> usize {
     let mut active = ActiveMesh::new(&asset.base);
     let mut raised = 0;
@@ -219,7 +222,8 @@ fn raise_all(asset: &Prepared) -> usize {
         apply(&mut active, asset, Member { chunk: id, truncation: truncation_points[0] });
         for truncation_points in truncation_points.windows(2) {
             let (before, slots, bytes) = (active.snapshot(), active.wedge_slots(), active.bytes());
-            // Refused, the mesh is as it was: damaged bytes, another chunk's, no bytes, no such truncation.
+            // Refused raises leave the mesh unchanged: damaged bytes, another chunk's, no bytes, no such truncation
+            // point.
             for damaged in [&payload[..payload.len() / 9], &[0xa5; 4000], &[]] {
                 let refused = active.raise(id, info, truncation_points[1], damaged);
                 assert!(matches!(refused, Err(ChunkError::Decode(_))), "chunk {id}: {refused:?}");
@@ -246,19 +250,19 @@ fn raise_all(asset: &Prepared) -> usize {
 }
 
 #[test]
-fn a_chunk_taken_on_from_stop_to_stop_is_what_it_would_be_at_once() {
+fn raising_in_steps_equals_applying_at_once() {
     let mut raised = 0;
     for source in
         [shapes::medley(1), shapes::sphere(40, 60, 0.05), shapes::materials(shapes::torus(30, 40), 3)]
     {
-        raised += raise_all(&prepared(&quantised(&source), &stopping(200)));
+        raised += raise_all(&prepared(&quantised(&source), &with_truncation_points(200)));
     }
     assert!(raised > 20, "only {raised} times");
 }
 
 #[test]
 fn a_mesh_that_only_grows_is_the_same_and_smaller_but_undoes_nothing() {
-    let asset = prepared(&quantised(&shapes::sphere(40, 60, 0.05)), &stopping(200));
+    let asset = prepared(&quantised(&shapes::sphere(40, 60, 0.05)), &with_truncation_points(200));
     let (full, whole) = deltas(&asset);
     let mut growing = ActiveMesh::growing(&asset.base);
     whole.iter().for_each(|delta| drop(growing.apply(delta).unwrap()));
@@ -271,13 +275,13 @@ fn a_mesh_that_only_grows_is_the_same_and_smaller_but_undoes_nothing() {
 }
 
 #[test]
-fn children_wait_until_a_chunk_that_ends_at_a_stop_is_whole() {
-    let asset = prepared(&quantised(&shapes::sphere(40, 60, 0.05)), &stopping(200));
+fn children_require_whole_parents() {
+    let asset = prepared(&quantised(&shapes::sphere(40, 60, 0.05)), &with_truncation_points(200));
     let (_, whole) = deltas(&asset);
     let mut random = Random::new(3);
     let mut tried = 0;
     for (id, info) in (0..).zip(&asset.infos) {
-        // A parent with truncation_points, no other parent of the child being below it.
+        // A parent with truncation points that is no ancestor of the child's other parents.
         let Some(&parent) =
             info.parents.last().filter(|&&p| !asset.infos[p as usize].truncation_points.is_empty())
         else {
@@ -294,14 +298,14 @@ fn children_wait_until_a_chunk_that_ends_at_a_stop_is_whole() {
         assert_eq!(active.applied_truncation(parent), Some(truncation));
         let before = active.snapshot();
         let refusal = RefineError::PartialParent { chunk: id, parent };
-        // An index that leaves the parent out does not help, where the chunk builds on what it brought.
+        // Omitting the parent from the index does not help if the chunk builds on its elements.
         let mut blind = whole[id as usize].clone();
         blind.parents.retain(|&p| p != parent);
         match active.apply(&blind) {
             Ok(_) => drop(active.undo(id).unwrap()),
             Err(why) => assert!(why == refusal || why == RefineError::Mismatch(id), "{why}"),
         }
-        // Or a link that was forged: what it names must be whole, used or not.
+        // A forged parent link: the named chunk must be whole, used or not.
         let forged = ChunkDelta { chunk: id, parents: info.parents.clone(), ..ChunkDelta::default() };
         assert_eq!(active.apply(&forged), Err(refusal));
         assert!(active.apply(&whole[id as usize]).is_err());
@@ -332,7 +336,7 @@ fn a_dropped_parent_link_is_reported_as_order_dependence() {
         let mut infos = asset.infos.clone();
         let at = random.below(infos[id].parents.len());
         let parent = infos[id].parents.remove(at);
-        // A link that another parent implies changes nothing.
+        // A link implied by another parent changes nothing.
         let implied = |p: u32| ancestors(&infos, p).contains(&parent);
         if infos[id].parents.iter().any(|&p| implied(p)) {
             continue;

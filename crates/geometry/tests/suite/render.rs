@@ -1,11 +1,11 @@
-//! What a renderer gets: normals, texture coordinates, where to morph from, what to upload again.
+//! Render data: normals, texture coordinates, morph origins, dirty slots.
 
 use std::collections::BTreeSet;
 
 use lodestream_geometry::mesh::QuantisedMesh;
 use lodestream_geometry::prepare::Prepared;
 use lodestream_geometry::random::Random;
-use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, Id, RenderVertex, Touched};
+use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, DirtySlots, Id, RenderVertex};
 
 use crate::common::{all, plain_faces, prepared, quantised, regions, shapes};
 use crate::promises::deltas;
@@ -57,7 +57,7 @@ fn creases_of_a_cube_are_kept() {
         let n = active.render_vertex(slot).normal;
         assert_eq!(n.iter().filter(|x| x.abs() == 1.0).count(), 1, "{n:?}");
     }
-    // Without normals of its own the same cube is smooth: one normal a corner, along the diagonals.
+    // The same cube without source normals is smooth: one normal per corner, along the diagonals.
     let active = full(&quantised(&shapes::cube(2.0)));
     let wedges = live_wedges(&active);
     assert_eq!(wedges.len(), 8);
@@ -121,7 +121,7 @@ fn vertices_morph_from_where_they_or_their_ancestors_were() {
     }
 }
 
-/// Where a new vertex was on the mesh without its chunk.
+/// Origin of a new vertex on the mesh without its chunk.
 fn source_of(delta: &ChunkDelta, index: usize, before: &[(Id, [i32; 3])]) -> [i32; 3] {
     match delta.vertices[index].parent {
         Some(p) if p.owner == delta.chunk + 1 => source_of(delta, p.index as usize, before),
@@ -130,28 +130,28 @@ fn source_of(delta: &ChunkDelta, index: usize, before: &[(Id, [i32; 3])]) -> [i3
     }
 }
 
-/// A renderer that uploads what it is told to and nothing else.
-struct Mirror {
+/// A renderer that uploads dirty slots only.
+struct UploadMirror {
     vertices: Vec<Option<RenderVertex>>,
     indices: Vec<Vec<[u32; 3]>>,
 }
 
-impl Mirror {
+impl UploadMirror {
     fn new(mesh: &ActiveMesh) -> Self {
         let mut mirror = Self { vertices: Vec::new(), indices: Vec::new() };
         mirror.indices = (0..mesh.material_count()).map(|m| mesh.indices(m).to_vec()).collect();
-        let mut everything = Touched::default();
+        let mut everything = DirtySlots::default();
         everything.wedges.extend(live_wedges(mesh));
         mirror.upload(mesh, &everything);
         mirror
     }
 
-    fn upload(&mut self, mesh: &ActiveMesh, touched: &Touched) {
+    fn upload(&mut self, mesh: &ActiveMesh, dirty: &DirtySlots) {
         self.vertices.resize(mesh.wedge_slots() as usize, None);
-        for &slot in &touched.wedges {
+        for &slot in &dirty.wedges {
             self.vertices[slot as usize] = Some(mesh.render_vertex(slot));
         }
-        for &(material, at) in &touched.draws {
+        for &(material, at) in &dirty.draws {
             let list = &mut self.indices[usize::from(material)];
             let source = mesh.indices(material);
             list.resize(source.len(), [0; 3]);
@@ -170,7 +170,7 @@ impl Mirror {
 }
 
 #[test]
-fn touched_names_everything_that_changed() {
+fn dirty_slots_cover_every_change() {
     for (name, source) in [
         ("materials", shapes::materials(shapes::torus(30, 40), 5)),
         ("seams", shapes::frigate(12)),
@@ -180,18 +180,18 @@ fn touched_names_everything_that_changed() {
         let asset: Prepared = prepared(&quantised(&source), &regions(200));
         let deltas = deltas(&asset).1;
         let mut active = ActiveMesh::new(&asset.base);
-        let mut mirror = Mirror::new(&active);
+        let mut mirror = UploadMirror::new(&active);
         let mut random = Random::new(8);
         let (mut applied, mut undone) = (0, 0);
         for _ in 0..200 {
             let delta = &deltas[random.below(deltas.len())];
-            let touched = if active.is_applied(delta.chunk) {
+            let dirty = if active.is_applied(delta.chunk) {
                 active.undo(delta.chunk).inspect(|_| undone += 1)
             } else {
                 active.apply(delta).inspect(|_| applied += 1)
             };
-            let Ok(touched) = touched else { continue };
-            mirror.upload(&active, &touched);
+            let Ok(dirty) = dirty else { continue };
+            mirror.upload(&active, &dirty);
             mirror.agrees(&active);
         }
         assert!(applied > 5 && undone > 5, "{name}: {applied} applied, {undone} undone");

@@ -1,5 +1,5 @@
-//! Storage for finished levels: what is prepared does not depend on it, nor on how often a preparation was ended and
-//! went on from what it had kept.
+//! Checkpoint stores: the result does not depend on the store, nor on how often a preparation was interrupted and
+//! resumed.
 
 use std::collections::BTreeMap;
 use std::sync::Mutex;
@@ -13,29 +13,29 @@ use lodestream_geometry::{Codec, MeshError, Settings};
 
 use crate::common::{all, in_blocks, prepared, quantised, regions, shapes};
 
-/// Storage that lasts, until it breaks: after so many pieces, and for good.
-struct Lasting {
+/// A persistent store that fails for good after a number of pieces.
+struct FailingStore {
     pieces: Mutex<BTreeMap<Piece, Vec<u8>>>,
     left: AtomicUsize,
 }
 
-impl Lasting {
+impl FailingStore {
     fn new(left: usize) -> Self {
         Self { pieces: Mutex::default(), left: left.into() }
     }
 
-    fn mended(self, left: usize) -> Self {
+    fn repaired(self, left: usize) -> Self {
         Self { left: left.into(), ..self }
     }
 
-    /// Levels that are closed.
+    /// Number of complete levels.
     fn levels(&self) -> usize {
         self.pieces.lock().unwrap().keys().filter(|piece| piece.block == Piece::END).count()
     }
 }
 
-impl CheckpointStore for Lasting {
-    fn lasts(&self) -> bool {
+impl CheckpointStore for FailingStore {
+    fn is_persistent(&self) -> bool {
         true
     }
 
@@ -54,29 +54,29 @@ impl CheckpointStore for Lasting {
 }
 
 /// Counts reports of simplification, and cancels at one.
-struct Counting {
+struct CountingMonitor {
     reports: AtomicUsize,
     last: usize,
 }
 
-impl Counting {
+impl CountingMonitor {
     fn until(last: usize) -> Self {
         Self { reports: AtomicUsize::new(0), last }
     }
 }
 
-impl Monitor for Counting {
+impl Monitor for CountingMonitor {
     fn report(&self, _: Progress) -> bool {
         self.reports.fetch_add(1, Ordering::Relaxed) < self.last
     }
 }
 
-fn with(mesh: &QuantisedMesh, settings: &Settings, checkpoint: &Lasting) -> Result<Prepared, MeshError> {
-    prepare(mesh, settings, &Hooks::new(&Serial, &Silent).checkpointing_to(checkpoint))
+fn with(mesh: &QuantisedMesh, settings: &Settings, checkpoint: &FailingStore) -> Result<Prepared, MeshError> {
+    prepare(mesh, settings, &Hooks::new(&Serial, &Silent).with_checkpoints(checkpoint))
 }
 
 #[test]
-fn a_preparation_goes_on_from_wherever_its_storage_broke() {
+fn a_preparation_resumes_after_any_storage_failure() {
     let meshes = [
         ("medley", shapes::medley(3)),
         ("painted", shapes::painted(shapes::materials(shapes::sphere(40, 60, 0.02), 3))),
@@ -92,10 +92,10 @@ fn a_preparation_goes_on_from_wherever_its_storage_broke() {
         ] {
             let expected = prepare(&mesh, &settings, &Hooks::new(&Serial, &Silent)).unwrap();
             for pieces in (0..).step_by(step) {
-                let broken = Lasting::new(pieces);
+                let broken = FailingStore::new(pieces);
                 let Err(why) = with(&mesh, &settings, &broken) else { break };
                 assert!(why.to_string().contains("the disk is full"), "{name}: {why}");
-                let again = with(&mesh, &settings, &broken.mended(usize::MAX)).unwrap();
+                let again = with(&mesh, &settings, &broken.repaired(usize::MAX)).unwrap();
                 assert!(again == expected, "{name}: another asset after {pieces} pieces");
                 ends += 1;
             }
@@ -105,20 +105,20 @@ fn a_preparation_goes_on_from_wherever_its_storage_broke() {
 }
 
 #[test]
-fn levels_that_are_closed_are_not_done_again() {
+fn complete_levels_are_not_computed_again() {
     let mesh = quantised(&shapes::torus(60, 80));
-    let (settings, store) = (regions(200), Lasting::new(usize::MAX));
-    let whole = Counting::until(usize::MAX);
-    let expected = prepare(&mesh, &settings, &Hooks::new(&Serial, &whole).checkpointing_to(&store)).unwrap();
+    let (settings, store) = (regions(200), FailingStore::new(usize::MAX));
+    let whole = CountingMonitor::until(usize::MAX);
+    let expected = prepare(&mesh, &settings, &Hooks::new(&Serial, &whole).with_checkpoints(&store)).unwrap();
     let levels = store.levels();
     assert!(levels > 3, "{levels} levels");
     let reports = whole.reports.into_inner();
-    // Cancelled again and again, each time a little further on.
-    let mut store = Lasting::new(usize::MAX);
+    // Cancelled repeatedly, each time a little later.
+    let mut store = FailingStore::new(usize::MAX);
     let (mut runs, mut done) = (0, 0);
     loop {
-        let monitor = Counting::until(reports / 4);
-        let result = prepare(&mesh, &settings, &Hooks::new(&Serial, &monitor).checkpointing_to(&store));
+        let monitor = CountingMonitor::until(reports / 4);
+        let result = prepare(&mesh, &settings, &Hooks::new(&Serial, &monitor).with_checkpoints(&store));
         runs += 1;
         match result {
             Ok(again) => {
@@ -128,28 +128,28 @@ fn levels_that_are_closed_are_not_done_again() {
             Err(why) => assert_eq!(why, MeshError::Cancelled),
         }
         if store.levels() == done {
-            // The finest level takes more than a quarter.
-            let monitor = Counting::until(reports / 4 * 3);
-            let _ = prepare(&mesh, &settings, &Hooks::new(&Serial, &monitor).checkpointing_to(&store));
+            // The finest level takes more than a quarter of all reports.
+            let monitor = CountingMonitor::until(reports / 4 * 3);
+            let _ = prepare(&mesh, &settings, &Hooks::new(&Serial, &monitor).with_checkpoints(&store));
         }
         done = store.levels();
-        store = store.mended(usize::MAX);
+        store = store.repaired(usize::MAX);
         assert!(runs < 20, "{done} of {levels} levels after {runs} runs");
     }
-    // With all levels closed nothing is left but to encode.
-    let last = Counting::until(usize::MAX);
-    let again = prepare(&mesh, &settings, &Hooks::new(&Serial, &last).checkpointing_to(&store)).unwrap();
+    // With all levels complete only encoding remains.
+    let last = CountingMonitor::until(usize::MAX);
+    let again = prepare(&mesh, &settings, &Hooks::new(&Serial, &last).with_checkpoints(&store)).unwrap();
     assert!(again == expected);
     let left = last.reports.into_inner();
     assert!(left < reports / 2, "{left} reports of {reports}");
 }
 
-/// A crash of the machine may leave what was written last and not what was written before.
+/// A power failure may lose earlier pieces and keep later ones.
 #[test]
-fn a_level_that_lacks_a_block_is_done_again() {
+fn a_level_that_lacks_a_block_is_computed_again() {
     let mesh = quantised(&shapes::torus(60, 80));
     let settings = regions(200);
-    let store = Lasting::new(usize::MAX);
+    let store = FailingStore::new(usize::MAX);
     let expected = with(&mesh, &settings, &store).unwrap();
     for level in 0..store.levels() as u32 {
         store.pieces.lock().unwrap().remove(&Piece { level, block: 0 });
@@ -158,19 +158,19 @@ fn a_level_that_lacks_a_block_is_done_again() {
 }
 
 #[test]
-fn what_another_mesh_has_put_away_is_an_error_or_of_no_use() {
+fn checkpoints_of_another_mesh_are_refused_or_ignored() {
     for (name, source) in all() {
         let mesh = quantised(&source);
-        let store = Lasting::new(usize::MAX);
+        let store = FailingStore::new(usize::MAX);
         with(&quantised(&shapes::torus(60, 80)), &regions(200), &store).unwrap();
         if let Ok(asset) = with(&mesh, &regions(200), &store) {
             assert!(asset == prepared(&mesh, &regions(200)), "{name}");
         }
     }
-    // A block of a larger mesh names what a smaller one does not have.
+    // A block of a larger mesh refers to elements that a smaller one lacks.
     let (large, small) = (shapes::torus(60, 80), shapes::torus(30, 40));
-    let (settings, store) = (in_blocks(700, regions(100)), Lasting::new(usize::MAX));
+    let (settings, store) = (in_blocks(700, regions(100)), FailingStore::new(usize::MAX));
     with(&quantised(&large), &settings, &store).unwrap();
     let why = with(&quantised(&small), &settings, &store).unwrap_err();
-    assert!(why.to_string().contains("is not of this mesh"), "{why}");
+    assert!(why.to_string().contains("belongs to another mesh"), "{why}");
 }

@@ -1,4 +1,4 @@
-//! Closed sets by budget.
+//! Ancestor-closed cuts by budget.
 
 use lodestream_geometry::ancestor_closed_cut::{
     AncestorClosedCut, Budget, Member, lowest_error, random, random_order,
@@ -8,11 +8,11 @@ use lodestream_geometry::prepare::Prepared;
 use lodestream_geometry::random::Random;
 use lodestream_geometry::refine::ActiveMesh;
 
-use crate::common::{prepared, quantised, shapes, stopping};
+use crate::common::{prepared, quantised, shapes, with_truncation_points};
 use crate::promises::apply;
 
 fn asset() -> Prepared {
-    prepared(&quantised(&shapes::sphere(40, 60, 0.05)), &stopping(200))
+    prepared(&quantised(&shapes::sphere(40, 60, 0.05)), &with_truncation_points(200))
 }
 
 fn is_closed(infos: &[ChunkInfo], set: &[Member]) -> bool {
@@ -21,7 +21,7 @@ fn is_closed(infos: &[ChunkInfo], set: &[Member]) -> bool {
         && set.iter().all(|m| infos[m.chunk as usize].parents.iter().all(|&p| whole(p)))
 }
 
-/// Error that is left, by chunk.
+/// Remaining error by chunk.
 fn left<'a>(infos: &'a [ChunkInfo], set: &'a [Member]) -> impl Iterator<Item = f32> + 'a {
     let member = |id: usize| set.iter().find(|m| m.chunk == id as u32);
     (0..infos.len())
@@ -66,7 +66,7 @@ fn budgets_are_kept_and_more_is_never_worse() {
     assert!(at_truncation_points > 100, "only {at_truncation_points} chunks ended at a truncation");
 }
 
-/// No ancestor-closed cut within the budget states less: whatever states less must hold more than fits.
+/// No ancestor-closed cut within the budget has a lower stated error.
 #[test]
 fn no_smaller_set_states_less() {
     let asset = asset();
@@ -85,7 +85,7 @@ fn no_smaller_set_states_less() {
 }
 
 #[test]
-fn stops_make_sets_smaller() {
+fn truncation_points_make_cuts_smaller() {
     let asset = asset();
     let bare: Vec<ChunkInfo> =
         asset.infos.iter().map(|i| ChunkInfo { truncation_points: Vec::new(), ..i.clone() }).collect();

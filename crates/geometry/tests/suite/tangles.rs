@@ -1,4 +1,4 @@
-//! Random triangles over few points: every kind of star, seam and edge that there can be.
+//! Random triangles over few points, which cover all kinds of stars, seams and edges.
 
 use lodestream_geometry::mesh::{Corner, NONE, SourceMesh};
 use lodestream_geometry::quantise::{QuantiseSettings, quantise};
@@ -7,8 +7,8 @@ use lodestream_geometry::random::Random;
 use crate::common::with_bits;
 use crate::extremes::survives;
 
-/// A tangle: points in a cube, a ball or a plane; faces between near points or any; attributes at
-/// random, some shared.
+/// A random mesh: points in a cube, a ball or a plane; faces between near or arbitrary points; random attributes,
+/// some shared.
 fn tangle(random: &mut Random) -> SourceMesh {
     let points = 4 + random.below(400);
     let flat = random.below(4) == 0;
@@ -56,7 +56,7 @@ fn tangle(random: &mut Random) -> SourceMesh {
     mesh
 }
 
-/// `TANGLES=N` tries N of them instead of a few.
+/// `TANGLES=N` tries N meshes instead of a few.
 #[test]
 fn random_tangles_survive() {
     let seeds = std::env::var("TANGLES").ok().and_then(|n| n.parse().ok()).unwrap_or(60);

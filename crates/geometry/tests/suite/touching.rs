@@ -1,5 +1,5 @@
-//! Surfaces that touch along edges, as scans have them where sheets meet: such edges have four faces, and must not
-//! stay while all around them goes.
+//! Surfaces that touch along edges, as in scans: edges of four faces must collapse like others, or they remain while
+//! everything around them is simplified.
 
 use std::collections::BTreeMap;
 
@@ -12,8 +12,8 @@ use lodestream_geometry::prepare::Prepared;
 
 use crate::common::{prepared, quantised, shapes};
 
-/// A surface around the origin and a smaller one inside of it, which touch along an edge of every `step`th face; nowhere
-/// without.
+/// A surface around the origin with a smaller one inside, which touch along an edge of every `step`th face, or
+/// nowhere.
 fn shells(mut mesh: SourceMesh, step: Option<usize>) -> SourceMesh {
     let count = mesh.positions.len() as u32;
     let faces = mesh.faces.clone();
@@ -30,7 +30,7 @@ fn shells(mut mesh: SourceMesh, step: Option<usize>) -> SourceMesh {
     mesh
 }
 
-/// How many edges have more than two faces.
+/// Number of edges with more than two faces.
 fn shared(mesh: &QuantisedMesh) -> usize {
     let mut edges: BTreeMap<[u32; 2], u32> = BTreeMap::new();
     for face in &mesh.faces {
@@ -42,14 +42,14 @@ fn shared(mesh: &QuantisedMesh) -> usize {
     edges.values().filter(|&&faces| faces > 2).count()
 }
 
-/// The stated error of the best mesh of a share of the faces, over the diagonal.
+/// Stated error, relative to the diagonal, of the best mesh with a given number of faces.
 fn error(asset: &Prepared, faces: usize) -> f64 {
     let set = lowest_error(&asset.base, &asset.infos, 0, Budget::Faces(faces as u64));
     set.error / f64::from(asset.base.diagonal)
 }
 
 #[test]
-fn where_sheets_touch_vertices_go_as_they_do_elsewhere() {
+fn touching_sheets_are_simplified_like_others() {
     let sphere = shapes::sphere(50, 100, 0.004);
     let [apart, touching] = [None, Some(9)].map(|step| quantised(&shells(sphere.clone(), step)));
     assert!(shared(&touching) >= 1_000, "{} edges have more than two faces", shared(&touching));

@@ -11,16 +11,16 @@ use crate::mesh::{Grid, Kinds, UvGrid};
 use crate::mesh::{MAX_POSITION_BITS, MAX_UV_BITS};
 use crate::numbers::id32;
 
-/// How chunks are coded, beside the bits of positions.
-const BUILT: u8 = 0xc0;
+/// Codec of the chunks, in the top two bits of the byte that holds the position bits.
+const AXIS_ALIGNED: u8 = 0xc0;
 const PLAIN: u8 = 0x80;
-/// What was built, before its textures were projected.
-const BUILT_BEFORE: u8 = 0x40;
+/// An earlier form of axis-aligned, without projected textures; no longer readable.
+const AXIS_ALIGNED_V1: u8 = 0x40;
 const CODED: u8 = 0xc0;
 
 impl Base {
-    /// The blob's bytes. Vertices, wedges and faces must be in the order of
-    /// their codec's traversal, as [`crate::prepare::prepare`] and [`Base::decode`] leave them.
+    /// Encodes the blob. Vertices, wedges and faces must be in traversal order, as [`crate::prepare::prepare`] and
+    /// [`Base::decode`] return them.
     ///
     /// # Errors
     /// On more than [`crate::base::MAX_BASE_FACES`] faces and on faces with a repeated vertex.
@@ -28,8 +28,8 @@ impl Base {
         self.encode_as(self.codec)
     }
 
-    /// The same with the mesh coded by `mesh`, whatever codes the chunks; the blob does not say which, so
-    /// what carries it must ([`Base::decode_as`]).
+    /// Encodes the blob with the mesh coded by `mesh`, independent of the chunks' codec. The blob does not record
+    /// which, so its container must ([`Base::decode_as`]).
     ///
     /// # Errors
     /// As [`Base::encode`].
@@ -38,22 +38,22 @@ impl Base {
         Ok([head, base::encode(&base, mesh, format)?].concat())
     }
 
-    /// The same with each codec, for less work than one after the other.
+    /// Encodes the blob with each codec, cheaper than one after the other.
     ///
     /// # Errors
     /// As [`Base::encode`].
     pub fn encode_both(&self) -> Result<BaseBlobs, DecodeError> {
         let (head, base, format) = self.parts();
         let BothCodecs { range, plain } = base::encode_both(&base, format)?;
-        Ok(BaseBlobs { range: [&head[..], &range].concat(), plain: [head, plain].concat() })
+        Ok(BaseBlobs { range: [&head[..], &range].concat(), zstd: [head, plain].concat() })
     }
 
-    /// Bytes of the head and the description; the mesh as it is coded, and its format.
+    /// Bytes of the head and the description; the mesh to encode, and its format.
     fn parts(&self) -> (Vec<u8>, BaseMesh, BaseFormat) {
         let kinds = self.uv_grid.bits | u8::from(self.colors) << 6 | u8::from(self.normals) << 7;
         let coded = match self.codec {
             Codec::Range => 0,
-            Codec::AxisAligned => BUILT,
+            Codec::AxisAligned => AXIS_ALIGNED,
             Codec::Zstd => PLAIN,
         };
         let mut out = vec![FORMAT_VERSION, self.grid.bits | coded, kinds, self.level_count];
@@ -88,15 +88,15 @@ impl Base {
         (out, base, format)
     }
 
-    /// Reads a blob.
+    /// Decodes a blob.
     ///
     /// # Errors
-    /// Refuses other versions, truncated data, and values out of range.
+    /// For other versions, truncated data, and values out of range.
     pub fn decode(bytes: &[u8]) -> Result<Self, DecodeError> {
         Self::read(bytes, None)
     }
 
-    /// Reads a blob of [`Base::encode_as`].
+    /// Decodes a blob of [`Base::encode_as`].
     ///
     /// # Errors
     /// As [`Base::decode`].
@@ -113,12 +113,12 @@ impl Base {
         let (bits, kinds, level_count) = (r.u8()?, r.u8()?, r.u8()?);
         let codec = match bits & CODED {
             0 => Codec::Range,
-            BUILT => Codec::AxisAligned,
+            AXIS_ALIGNED => Codec::AxisAligned,
             PLAIN => Codec::Zstd,
-            BUILT_BEFORE => {
-                return Err(r.error("what is built was coded otherwise then: prepare its model again"));
+            AXIS_ALIGNED_V1 => {
+                return Err(r.error("its axis-aligned coding is an old version: prepare the model again"));
             }
-            _ => return Err(r.error("its chunks are coded in no way that there is")),
+            _ => return Err(r.error("unknown codec of its chunks")),
         };
         let bits = bits & !CODED;
         let (uv_bits, colors, normals) = (kinds & 0x3f, kinds & 0x40 != 0, kinds & 0x80 != 0);
@@ -132,7 +132,7 @@ impl Base {
             uv_grid.origin = [r.f64()?, r.f64()?];
             uv_grid.step = [r.f64()?, r.f64()?];
         }
-        // What is drawn is 32-bit and relative to the grid's origin.
+        // Renderers use f32 positions relative to the grid's origin.
         let fits = |size: f64| size <= f64::from(f32::MAX);
         let cells = |bits: u8| f64::from(1_u32 << bits);
         if !fits(grid.step.abs() * cells(bits))
@@ -178,14 +178,14 @@ impl Base {
     }
 }
 
-/// How many of the lowest bits are zero in all coordinates, at most `most`.
+/// Number of low bits that are zero in all coordinates, at most `most`.
 fn common_shift(positions: &[[i32; 3]], most: u8) -> u8 {
     let low = positions.iter().flatten().fold(0, |all, x| all | x).trailing_zeros();
     u8::try_from(low).map_or(most, |low| low.min(most))
 }
 
-/// The bits that grids leave out: of the base mesh's positions as they are coded, of the coarsest grid, and
-/// how many fewer each level's is, half a byte each.
+/// Writes shifts (low bits left out): the common shift of the encoded positions, the coarsest grid's, and each
+/// level's decrease, half a byte each.
 fn put_shifts(out: &mut Vec<u8>, own: u8, shifts: &[u8]) {
     out.push(own | shifts[0] << 4);
     let falls: Vec<u8> = shifts.windows(2).map(|pair| pair[0] - pair[1]).collect();

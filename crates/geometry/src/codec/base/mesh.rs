@@ -1,8 +1,8 @@
-//! What is coded, and what its symbols depend on.
+//! The mesh to encode, and its format.
 
 use crate::mesh::{Face, Kinds, UvGrid, Wedge};
 
-/// A small mesh in the order of the traversal.
+/// A small mesh in traversal order.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct BaseMesh {
     pub(crate) positions: Vec<[i32; 3]>,
@@ -17,7 +17,7 @@ impl BaseMesh {
     }
 }
 
-/// A base mesh in the order of the traversal, and where its elements come from in the mesh given.
+/// A base mesh in traversal order, with the original index of each element.
 pub(crate) struct OrderedBase {
     pub(crate) mesh: BaseMesh,
     pub(crate) vertices: Vec<u32>,
@@ -25,21 +25,21 @@ pub(crate) struct OrderedBase {
     pub(crate) faces: Vec<u32>,
 }
 
-/// A base mesh's bytes with each codec.
+/// The bytes of a base mesh in each codec.
 pub(crate) struct BothCodecs {
     pub(crate) range: Vec<u8>,
     pub(crate) plain: Vec<u8>,
 }
 
-/// What a base mesh's symbols depend on besides the mesh.
+/// Parameters of the coding of a base mesh besides the mesh.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct BaseFormat {
     /// Bits per axis of positions.
     pub(crate) bits: u8,
     pub(crate) kinds: Kinds,
-    /// Materials that faces may name.
+    /// Number of materials.
     pub(crate) materials: u16,
-    /// Height over width of a cell of the grid of texture coordinates; 1 where there are none.
+    /// Height over width of a cell of the uv grid; 1 without texture coordinates.
     pub(crate) uv_ratio: f64,
 }
 

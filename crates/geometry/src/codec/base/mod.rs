@@ -1,79 +1,81 @@
-//! The base mesh: a traversal over gates (directed edges), after the idea of Edgebreaker (Rossignac,
-//! 1999) but for any triangle soup: what a gate does not reach starts anew as a seed face.
+//! The base mesh coder: a traversal over gates (directed edges), after Edgebreaker (Rossignac, 1999), for any
+//! triangle soup. Faces that no gate reaches start new components as seed faces.
 //!
-//! What is said is what cannot be foreseen. A gate's third vertex is likely to be next to it on the border
-//! ([`border`]); a part may be like one before it ([`repeats`]); and where a mesh is made of straight, flat parts, a
-//! number is likely to be one of a few that are there already ([`guess`]).
+//! Predictions keep the symbols cheap: a gate's third vertex is likely to be next to it on the border ([`border`]); a
+//! component may repeat an earlier one ([`repeats`]); and in meshes of straight, flat parts a number often equals an
+//! earlier one ([`candidates`]).
 
 mod blob;
 mod border;
-mod guess;
+mod candidates;
 pub(crate) mod mesh;
+mod position_candidates;
 mod repeats;
+mod target;
+mod uv_candidates;
 mod vertices;
 mod walk;
-mod wanted;
 mod wedges;
 
 use crate::codec::base::mesh::{BaseFormat, BaseMesh, BothCodecs, OrderedBase};
+use crate::codec::base::target::TargetMesh;
 use crate::codec::base::walk::Walk;
-use crate::codec::base::wanted::WantedMesh;
 use crate::codec::model::{STREAMS, contexts};
 use crate::codec::numbering::Numbering;
 use crate::entropy::Codec;
-use crate::entropy::ceiling::{least_bytes, most_elements};
+use crate::entropy::allocation_limit::{max_elements, min_bytes};
 use crate::entropy::null_coder::NullCoder;
 use crate::entropy::range_coder::{Coder, Decoder, Encoder};
 use crate::entropy::zstd_streams::{ZstdStreamDecoder, ZstdStreamEncoder};
 use crate::error::DecodeError;
 
-/// Brings a mesh into the order of the traversal. Fails as [`encode`] does.
+/// Reorders a mesh into traversal order. Fails as [`encode`] does.
 pub(crate) fn ordered(mesh: &BaseMesh, format: BaseFormat) -> Result<OrderedBase, DecodeError> {
     encode_with(&mut NullCoder, mesh, format, false)
 }
 
-/// Encodes a mesh, given in any order. Fails on more than [`crate::base::MAX_BASE_FACES`] faces and on faces with a
+/// Encodes a mesh given in any order. Fails on more than [`crate::base::MAX_BASE_FACES`] faces and on faces with a
 /// repeated vertex.
 pub(crate) fn encode(mesh: &BaseMesh, codec: Codec, format: BaseFormat) -> Result<Vec<u8>, DecodeError> {
     let range = encode_range(mesh, format)?;
     match codec {
         Codec::Range | Codec::AxisAligned => Ok(range.bytes),
-        Codec::Zstd => encode_plain(mesh, format, range.chooses),
+        Codec::Zstd => encode_zstd(mesh, format, range.chooses),
     }
 }
 
-/// The same with both codecs: the mesh is walked three times, as often as for the plain one alone.
+/// Encodes with both codecs: three traversals, as many as for the zstd codec alone.
 pub(crate) fn encode_both(mesh: &BaseMesh, format: BaseFormat) -> Result<BothCodecs, DecodeError> {
     let range = encode_range(mesh, format)?;
-    let plain = encode_plain(mesh, format, range.chooses)?;
+    let plain = encode_zstd(mesh, format, range.chooses)?;
     Ok(BothCodecs { range: range.bytes, plain })
 }
 
-/// What the range coder made of a mesh, and whether by choosing.
-struct Ranged {
+/// A range-coded mesh, and whether candidates are chosen explicitly.
+struct RangeCoded {
     bytes: Vec<u8>,
     chooses: bool,
 }
 
-fn encode_range(mesh: &BaseMesh, format: BaseFormat) -> Result<Ranged, DecodeError> {
-    let walked = |chooses| -> Result<Ranged, DecodeError> {
+fn encode_range(mesh: &BaseMesh, format: BaseFormat) -> Result<RangeCoded, DecodeError> {
+    let traverse = |chooses| -> Result<RangeCoded, DecodeError> {
         let mut encoder = Encoder::new(contexts());
-        let said = encode_with(&mut encoder, mesh, format, chooses)?;
-        Ok(Ranged { bytes: encoder.finish(least_bytes(said.mesh.elements())), chooses })
+        let ordered_base = encode_with(&mut encoder, mesh, format, chooses)?;
+        Ok(RangeCoded { bytes: encoder.finish(min_bytes(ordered_base.mesh.elements())), chooses })
     };
-    // Choosing pays where walls stand, and costs where all is round: both are tried.
-    let (trusting, choosing) = (walked(false)?, walked(true)?);
-    Ok(if choosing.bytes.len() < trusting.bytes.len() { choosing } else { trusting })
+    // Choosing candidates pays for straight parts and costs for round ones: both are tried.
+    let (without_choice, choosing) = (traverse(false)?, traverse(true)?);
+    Ok(if choosing.bytes.len() < without_choice.bytes.len() { choosing } else { without_choice })
 }
 
-/// The plain codec goes by the range coder's choice.
-fn encode_plain(mesh: &BaseMesh, format: BaseFormat, chooses: bool) -> Result<Vec<u8>, DecodeError> {
+/// The zstd codec uses the choice made for the range coder.
+fn encode_zstd(mesh: &BaseMesh, format: BaseFormat, chooses: bool) -> Result<Vec<u8>, DecodeError> {
     let mut encoder = ZstdStreamEncoder::new(&STREAMS);
-    let said = encode_with(&mut encoder, mesh, format, chooses)?;
-    Ok(encoder.finish(least_bytes(said.mesh.elements())))
+    let ordered_base = encode_with(&mut encoder, mesh, format, chooses)?;
+    Ok(encoder.finish(min_bytes(ordered_base.mesh.elements())))
 }
 
-/// Says a mesh to any coder, with choices of guesses or without.
+/// Encodes a mesh with any coder, with or without explicit choice of candidates.
 pub(crate) fn encode_with<C: Coder>(
     coder: &mut C,
     mesh: &BaseMesh,
@@ -81,7 +83,7 @@ pub(crate) fn encode_with<C: Coder>(
     choosing: bool,
 ) -> Result<OrderedBase, DecodeError> {
     let mut walk = Walk::new(coder, format, u64::MAX, choosing);
-    walk.wanted = Some(WantedMesh::new(mesh));
+    walk.wanted = Some(TargetMesh::new(mesh));
     walk.run()?;
     let Numbering { vertices, wedges, faces, .. } =
         walk.wanted.map_or_else(Default::default, |wanted| wanted.names);
@@ -90,18 +92,18 @@ pub(crate) fn encode_with<C: Coder>(
 
 /// Decodes a mesh.
 pub(crate) fn decode(bytes: &[u8], codec: Codec, format: BaseFormat) -> Result<BaseMesh, DecodeError> {
-    let most = most_elements(bytes.len());
+    let most = max_elements(bytes.len());
     match codec {
         Codec::Range | Codec::AxisAligned => {
             let mut decoder = Decoder::new(contexts(), bytes);
             let mesh = decode_with(&mut decoder, format, most)?;
-            decoder.end(least_bytes(mesh.elements()))?;
+            decoder.end(min_bytes(mesh.elements()))?;
             Ok(mesh)
         }
         Codec::Zstd => {
             let mut decoder = ZstdStreamDecoder::new(&STREAMS, bytes)?;
             let mesh = decode_with(&mut decoder, format, most)?;
-            decoder.end(least_bytes(mesh.elements()))?;
+            decoder.end(min_bytes(mesh.elements()))?;
             Ok(mesh)
         }
     }
@@ -110,9 +112,9 @@ pub(crate) fn decode(bytes: &[u8], codec: Codec, format: BaseFormat) -> Result<B
 fn decode_with<C: Coder>(
     coder: &mut C,
     format: BaseFormat,
-    most_elements: u64,
+    max_elements: u64,
 ) -> Result<BaseMesh, DecodeError> {
-    let mut walk = Walk::new(coder, format, most_elements, false);
+    let mut walk = Walk::new(coder, format, max_elements, false);
     walk.run()?;
     Ok(walk.mesh)
 }
@@ -124,7 +126,7 @@ mod tests {
     use crate::codec::model::{BASE_GATE, BASE_LIKELY_VERTEX, BASE_MORE};
     use crate::mesh::{Attributes, Face, Kinds, Wedge};
 
-    /// Says yes wherever that makes the mesh grow.
+    /// Encodes the decisions that make the mesh grow as true.
     struct Greedy(Encoder);
 
     impl Coder for Greedy {
@@ -143,7 +145,7 @@ mod tests {
         }
     }
 
-    /// A box from `low` to `high`, each side with a chart of its own: its place in a plane, so many texels a cell.
+    /// A box from `low` to `high`; each side has its own chart, projected along its axis, at 8 texels per cell.
     fn add_box(mesh: &mut BaseMesh, low: [i32; 3], high: [i32; 3]) {
         const QUADS: [[u32; 4]; 6] =
             [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
@@ -171,21 +173,21 @@ mod tests {
     fn bytes_of(mesh: &BaseMesh) -> usize {
         let kinds = Kinds { uv_bits: 12, ..Kinds::default() };
         let format = BaseFormat { bits: 9, kinds, materials: 1, uv_ratio: 1.0 };
-        let mut said = None;
+        let mut ordered_base = None;
         for codec in [Codec::Zstd, Codec::Range] {
             let bytes = encode(mesh, codec, format).unwrap();
             let ordered = ordered(mesh, format).unwrap();
             assert!(decode(&bytes, codec, format).unwrap() == ordered.mesh, "{codec:?}");
             let both = encode_both(mesh, format).unwrap();
             let same = if codec == Codec::Range { both.range } else { both.plain };
-            assert!(same == bytes, "{codec:?}: other bytes beside the other codec's");
-            said = Some(bytes.len());
+            assert!(same == bytes, "{codec:?}: encode_both gives other bytes");
+            ordered_base = Some(bytes.len());
         }
-        said.unwrap()
+        ordered_base.unwrap()
     }
 
     #[test]
-    fn a_row_of_like_stones_costs_a_few_bytes_a_stone() {
+    fn repeated_boxes_cost_a_few_bytes_each() {
         let row = |stones: i32| {
             let mut mesh = BaseMesh::default();
             for i in 0..stones {
@@ -199,11 +201,11 @@ mod tests {
     }
 
     #[test]
-    fn stones_that_share_heights_cost_less_than_those_that_do_not() {
+    fn boxes_with_shared_heights_cost_less() {
         let wall = |step: i32| {
             let mut mesh = BaseMesh::default();
             for i in 0..24 {
-                // Lengths and order of corners without a rule, rows with one.
+                // Lengths and corner order vary irregularly, rows regularly.
                 let (x, length) = ((i * 37) % 101 * 4, 5 + (i * i * 13) % 23);
                 let low = [x, 100 + 20 * (i % 3) + step * (i * i % 7), 40 + step * (i * 3 % 5)];
                 add_box(
@@ -219,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn a_million_faces_in_a_few_kilobytes_are_refused_before_they_are_there() {
+    fn a_million_faces_in_a_few_kilobytes_are_refused_before_allocation() {
         let mut greedy = Greedy(Encoder::new(contexts()));
         let format = BaseFormat { bits: 12, kinds: Kinds::default(), materials: 1, uv_ratio: 1.0 };
         let mut walk = Walk::new(&mut greedy, format, u64::MAX, false);
@@ -228,9 +230,9 @@ mod tests {
         let bytes = greedy.0.finish(0);
         assert!(bytes.len() < MAX_BASE_FACES / 32, "{} bytes", bytes.len());
         let mut decoder = Decoder::new(contexts(), &bytes);
-        let mut walk = Walk::new(&mut decoder, format, most_elements(bytes.len()), false);
+        let mut walk = Walk::new(&mut decoder, format, max_elements(bytes.len()), false);
         let why = walk.run().unwrap_err().to_string();
-        assert!(why.contains("more faces than its bytes can be"), "{why}");
-        assert!(walk.mesh.elements() <= most_elements(bytes.len()) + 6);
+        assert!(why.contains("more faces than its bytes allow"), "{why}");
+        assert!(walk.mesh.elements() <= max_elements(bytes.len()) + 6);
     }
 }

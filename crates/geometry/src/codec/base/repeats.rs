@@ -1,83 +1,85 @@
-//! Parts that are like one before: stones of a wall, dentils of a cornice, leaves. What that part decided at the same
-//! place, and where its vertices and wedges are, predicts this one's.
+//! Components that repeat an earlier one, such as stones of a wall, dentils of a cornice or leaves. The earlier
+//! component's decisions and vertices predict the current one's.
 
 use std::collections::VecDeque;
 
-/// Decisions of a part that are kept; what repeats is small.
-const MOST_DECISIONS: usize = 4096;
-/// Parts that are kept.
-const MOST_PARTS: usize = 16;
+/// Decisions stored per component; repeated components are small.
+const MAX_DECISIONS: usize = 4096;
+/// Components stored.
+const MAX_PARTS: usize = 16;
 
-/// A part: all that grew from one seed face.
+/// A component: all faces grown from one seed face.
 #[derive(Clone, Debug, Default)]
 struct Part {
-    /// Its first vertex and wedge.
+    /// Index of its first vertex and first wedge.
     first: [usize; 2],
     decisions: Vec<(usize, bool)>,
 }
 
-/// The part that grows, and those before it.
+/// The current component and earlier ones.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Repeats {
-    now: Part,
-    /// The newest first.
+    current: Part,
+    /// Earlier components, newest first.
     before: VecDeque<Part>,
-    /// Those of them that decided all as this one did so far, by place.
+    /// Indices into `before` of the components whose decisions equal the current ones so far.
     alike: Vec<usize>,
 }
 
 impl Repeats {
-    /// A part begins at these numbers of vertices and wedges.
+    /// Starts a component at these vertex and wedge numbers.
     pub(super) fn begin(&mut self, vertices: usize, wedges: usize) {
         let before =
-            std::mem::replace(&mut self.now, Part { first: [vertices, wedges], decisions: Vec::new() });
+            std::mem::replace(&mut self.current, Part { first: [vertices, wedges], decisions: Vec::new() });
         if !before.decisions.is_empty() {
-            self.before.truncate(MOST_PARTS - 1);
+            self.before.truncate(MAX_PARTS - 1);
             self.before.push_front(before);
         }
         self.alike = (0..self.before.len()).collect();
     }
 
-    /// Which of [`TOLD`](crate::codec::model::TOLD) contexts a decision takes.
-    pub(super) fn told(&self, context: usize) -> usize {
-        let newest =
-            self.alike.first().and_then(|&part| self.before[part].decisions.get(self.now.decisions.len()));
+    /// Which of the [`REPEAT_STATES`](crate::codec::model::REPEAT_STATES) contexts the next decision takes.
+    pub(super) fn state(&self, context: usize) -> usize {
+        let newest = self
+            .alike
+            .first()
+            .and_then(|&part| self.before[part].decisions.get(self.current.decisions.len()));
         match newest {
             Some(&(same, bit)) if same == context => 1 + usize::from(bit),
             _ => 0,
         }
     }
 
-    /// Takes note of a decision.
+    /// Records a decision.
     pub(super) fn follow(&mut self, context: usize, bit: bool) {
-        let at = self.now.decisions.len();
+        let at = self.current.decisions.len();
         let before = &self.before;
         self.alike.retain(|&part| before[part].decisions.get(at) == Some(&(context, bit)));
-        if at < MOST_DECISIONS {
-            self.now.decisions.push((context, bit));
+        if at < MAX_DECISIONS {
+            self.current.decisions.push((context, bit));
         }
     }
 
-    /// The vertices of up to two parts which are like one of this part, that of the newest first.
+    /// The vertices in up to two matching components that correspond to a vertex of this one, newest component first.
     pub(super) fn vertex(&self, number: usize) -> [Option<usize>; 2] {
         self.like(0, number)
     }
 
-    /// First vertex of the part.
+    /// First vertex of the current component.
     pub(super) fn first_vertex(&self) -> usize {
-        self.now.first[0]
+        self.current.first[0]
     }
 
-    /// The same of wedges.
+    /// As [`Self::vertex`], for wedges.
     pub(super) fn wedge(&self, number: usize) -> [Option<usize>; 2] {
         self.like(1, number)
     }
 
     fn like(&self, kind: usize, number: usize) -> [Option<usize>; 2] {
-        let Some(at) = number.checked_sub(self.now.first[kind]) else { return [None; 2] };
+        let Some(at) = number.checked_sub(self.current.first[kind]) else { return [None; 2] };
         let mut alike = self.alike.iter().map(|&part| self.before[part].first[kind] + at);
-        // A part that is alike has as many; the first of this one bounds what hostile bytes say.
-        let mut next = || alike.next().filter(|&like| like < self.now.first[kind]);
+        // A matching component has as many elements; the bound protects against hostile bytes.
+        let mut next = || alike.next().filter(|&like| like < self.current.first[kind]);
         [next(), next()]
     }
 }

@@ -1,59 +1,25 @@
-//! A corner's vertex: one that is there, or a new one and where it is.
+//! Coding of a corner's vertex: an existing one, or a new one with its position.
 
 use crate::codec::base::border::Likely;
-use crate::codec::base::guess::{NEWEST, Newest, Trust};
+use crate::codec::base::position_candidates::{CANDIDATES, FIRST_CORNER, FIRST_RECENT, NEIGHBOUR, REPEATED};
 use crate::codec::base::walk::{Corners, Walk};
 use crate::codec::model::{
-    BASE_CHOICE, BASE_LIKELY_VERTEX, BASE_NEW_VERTEX, BASE_WHICH_VERTEX, MOST_CHOICES, TOLD,
+    BASE_CHOICE, BASE_LIKELY_VERTEX, BASE_NEW_VERTEX, BASE_WHICH_VERTEX, MAX_CHOICES, REPEAT_STATES,
 };
 use crate::codec::position::POSITION;
-use crate::codec::residual::{Recent, UNKNOWN};
+use crate::codec::residual::UNKNOWN;
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::index;
 use crate::error::DecodeError;
 use crate::mesh::corner;
 use crate::numbers::id32;
 
-/// Guesses at a coordinate: by the neighbours; as in a part before; those of the corners that are known; the values
-/// that came last.
-const GUESSES: usize = FIRST_NEWEST + NEWEST;
-const BESIDE: usize = 0;
-const REPEATED: usize = 1;
-const FIRST_CORNER: usize = 2;
-const FIRST_NEWEST: usize = 5;
-
-/// Which guesses at a coordinate to trust, by axis.
-pub(super) struct PositionGuesses {
-    seed: [Trust<GUESSES>; 3],
-    gate: [Trust<GUESSES>; 3],
-    newest: [Newest; 3],
-    recent: Recent,
-}
-
-impl PositionGuesses {
-    pub(super) fn new(bits: u8) -> Self {
-        // A face of a base mesh is some eighth of the grid across.
-        let across = 4 * (i32::from(bits) - 3);
-        let trust = |beside: i32, chosen: i32| {
-            let (mut all, mut when_chosen) = ([across; GUESSES], [0; GUESSES]);
-            (all[BESIDE], all[REPEATED], when_chosen[BESIDE]) = (beside, 0, chosen);
-            Trust::new(all, when_chosen)
-        };
-        Self {
-            seed: [(); 3].map(|()| trust(across, across)),
-            gate: [(); 3].map(|()| trust(across - 2, across - 4)),
-            newest: Default::default(),
-            recent: Recent::default(),
-        }
-    }
-}
-
 impl<C: Coder> Walk<'_, C> {
-    /// The next corner's vertex; `want` is the wedge there that an encoder wants.
+    /// Codes the next corner's vertex; `want` is the wedge there to encode.
     pub(super) fn vertex(&mut self, corners: &Corners, want: Option<u32>) -> Result<u32, DecodeError> {
         let count = self.mesh.positions.len();
         let wanted = match (&self.wanted, want) {
-            (Some(wanted), Some(wedge)) => wanted.said_vertex(wedge),
+            (Some(wanted), Some(wedge)) => wanted.vertex_number(wedge),
             _ => None,
         };
         let [b, a, _] = corners.vertices;
@@ -63,7 +29,7 @@ impl<C: Coder> Walk<'_, C> {
             Some(Likely { vertices, .. }) if vertices.is_empty() => 1,
             Some(Likely { closes, .. }) => 2 + usize::from(*closes),
         };
-        if count > 0 && !self.flag(BASE_NEW_VERTEX + context * TOLD, wanted.is_none()) {
+        if count > 0 && !self.flag(BASE_NEW_VERTEX + context * REPEAT_STATES, wanted.is_none()) {
             let likely = likely.map_or_else(Vec::new, |likely| likely.vertices);
             return self.old_vertex(&likely, wanted.unwrap_or(0));
         }
@@ -76,19 +42,19 @@ impl<C: Coder> Walk<'_, C> {
         self.wedges_of.push(Vec::new());
         self.border.vertex();
         if let (Some(wanted), Some(wedge)) = (&mut self.wanted, want) {
-            wanted.say_vertex(wedge);
+            wanted.number_vertex(wedge);
         }
         Ok(id32(count))
     }
 
-    /// One of the vertices that are there, perhaps a likely one.
+    /// Codes which existing vertex it is, the likely ones first.
     fn old_vertex(&mut self, likely: &[u32], wanted: u32) -> Result<u32, DecodeError> {
         let place = likely.iter().position(|&v| v == wanted);
         if let Some((&last, others)) = likely.split_last()
             && self.flag(BASE_LIKELY_VERTEX, place.is_some())
         {
             for (i, &v) in others.iter().enumerate() {
-                if self.flag(BASE_WHICH_VERTEX + i.min(1) * TOLD, place == Some(i)) {
+                if self.flag(BASE_WHICH_VERTEX + i.min(1) * REPEAT_STATES, place == Some(i)) {
                     return Ok(v);
                 }
             }
@@ -98,21 +64,22 @@ impl<C: Coder> Walk<'_, C> {
     }
 
     fn position(&mut self, corners: &Corners, actual: Option<[i32; 3]>) -> Result<[i32; 3], DecodeError> {
-        let guesses = self.guesses_at_position(corners);
+        let candidates = self.next_position_candidates(corners);
         let gate = usize::from(corners.gate.is_some());
         let top = (1 << self.format.bits) - 1;
         let mut position = [0; 3];
         let mut other = UNKNOWN;
         for axis in 0..3 {
-            let known = &self.position_guesses;
-            let mut guesses = guesses.map(|guess| guess.map(|guess| guess[axis].clamp(0, top)));
+            let known = &self.position_candidates;
+            let mut candidates = candidates.map(|guess| guess.map(|guess| guess[axis].clamp(0, top)));
             if self.choosing {
-                guesses[FIRST_NEWEST..].copy_from_slice(known.newest[axis].values());
+                candidates[FIRST_RECENT..].copy_from_slice(known.recent_values[axis].values());
             }
-            let trust = if gate == 1 { &known.gate } else { &known.seed };
-            let at = BASE_CHOICE + (gate * 3 + axis) * MOST_CHOICES;
-            let choice = trust[axis].choose(self.coder, at, guesses, self.choosing, actual.map(|p| p[axis]));
-            let known = &mut self.position_guesses;
+            let errors = if gate == 1 { &known.gate } else { &known.seed };
+            let at = BASE_CHOICE + (gate * 3 + axis) * MAX_CHOICES;
+            let choice =
+                errors[axis].choose(self.coder, at, candidates, self.choosing, actual.map(|p| p[axis]));
+            let known = &mut self.position_candidates;
             let residual = actual.map_or(0, |p| p[axis] - choice.value);
             let recent = known.recent.class(axis);
             let got = POSITION[axis].code(self.coder, choice.size, recent, other, residual);
@@ -121,48 +88,48 @@ impl<C: Coder> Walk<'_, C> {
                 return Err(DecodeError::new("base mesh", "a position is off the grid"));
             }
             other = known.recent.follow(axis, got, choice.size);
-            let trust = if gate == 1 { &mut known.gate } else { &mut known.seed };
-            trust[axis].follow(guesses, choice, position[axis]);
-            known.newest[axis].follow(position[axis]);
+            let errors = if gate == 1 { &mut known.gate } else { &mut known.seed };
+            errors[axis].follow(candidates, choice, position[axis]);
+            known.recent_values[axis].follow(position[axis]);
         }
         Ok(position)
     }
 
-    /// Where the next vertex may be; see [`GUESSES`].
-    fn guesses_at_position(&self, corners: &Corners) -> [Option<[i32; 3]>; GUESSES] {
+    /// Candidates for the next vertex's position; see [`CANDIDATES`].
+    fn next_position_candidates(&self, corners: &Corners) -> [Option<[i32; 3]>; CANDIDATES] {
         let p = &self.mesh.positions;
         let at = |v: u32| p[v as usize];
-        let mut guesses = [None; GUESSES];
+        let mut candidates = [None; CANDIDATES];
         let known = match corners.gate {
             Some(gate) => {
                 let v = self.corners(gate.face);
                 let [a, b, c] = [gate.k, corner::next(gate.k), corner::previous(gate.k)].map(|k| at(v[k]));
                 // Parallelogram rule (Touma and Gotsman, 1998).
-                guesses[BESIDE] = Some([0, 1, 2].map(|i| a[i] + b[i] - c[i]));
+                candidates[NEIGHBOUR] = Some([0, 1, 2].map(|i| a[i] + b[i] - c[i]));
                 [Some(a), Some(b), Some(c)]
             }
             None => {
                 let before = [0, 1].map(|i| (i < corners.next).then(|| at(corners.vertices[i])));
                 let near = before[1].or(before[0]).or(p.last().copied());
-                guesses[BESIDE] = Some(near.unwrap_or([1 << (self.format.bits - 1); 3]));
+                candidates[NEIGHBOUR] = Some(near.unwrap_or([1 << (self.format.bits - 1); 3]));
                 [before[0], None, None]
             }
         };
         if self.choosing {
-            guesses[FIRST_CORNER..FIRST_NEWEST].copy_from_slice(&known);
+            candidates[FIRST_CORNER..FIRST_RECENT].copy_from_slice(&known);
         }
         let (next, first) = (p.len(), self.repeats.first_vertex());
         let moved =
             |like: [i32; 3], from: [i32; 3], to: [i32; 3]| [0, 1, 2].map(|i| like[i] + to[i] - from[i]);
-        guesses[REPEATED] = match (self.repeats.vertex(next), self.repeats.vertex(first)) {
-            // Rows go on as they began.
+        candidates[REPEATED] = match (self.repeats.vertex(next), self.repeats.vertex(first)) {
+            // The first vertex of a component continues the spacing of the two before.
             ([Some(like), earlier], _) if next == first => {
                 Some(moved(p[like], earlier.map_or(p[like], |earlier| p[earlier]), p[like]))
             }
             ([Some(like), _], [Some(like_first), _]) => Some(moved(p[like], p[like_first], p[first])),
             _ => None,
         };
-        guesses
+        candidates
     }
 }
 
@@ -174,13 +141,13 @@ mod tests {
     use crate::entropy::null_coder::NullCoder;
     use crate::mesh::{Face, Kinds, Wedge};
 
-    /// Guesses at the next vertex beside these, with a wedge each, of which three and three are a part.
-    fn guesses(
+    /// Candidates for the next vertex after `positions`, each with one wedge; every three positions form a component.
+    fn candidates(
         positions: &[[i32; 3]],
         parts: usize,
         choosing: bool,
         corners: &Corners,
-    ) -> [Option<[i32; 3]>; GUESSES] {
+    ) -> [Option<[i32; 3]>; CANDIDATES] {
         let format = BaseFormat { bits: 8, kinds: Kinds::default(), materials: 1, uv_ratio: 1.0 };
         let mut coder = NullCoder;
         let mut walk = Walk::new(&mut coder, format, u64::MAX, choosing);
@@ -192,32 +159,32 @@ mod tests {
             walk.repeats.begin(3 * part, 3 * part);
             walk.repeats.follow(7, true);
         }
-        walk.guesses_at_position(corners)
+        walk.next_position_candidates(corners)
     }
 
     const PART: [[i32; 3]; 3] = [[10, 20, 30], [14, 21, 33], [11, 27, 39]];
 
     #[test]
-    fn over_a_gate_the_fourth_corner_of_a_parallelogram_and_the_gates_corners_are_guessed() {
+    fn a_gate_predicts_the_parallelogram_and_its_corners() {
         for (k, beside) in [(0, [13, 14, 24]), (1, [15, 28, 42]), (2, [7, 26, 36])] {
             let corners = Corners { gate: Some(Gate { face: 0, k }), next: 2, ..Corners::default() };
-            let there = guesses(&PART, 0, true, &corners);
-            assert_eq!(there[BESIDE], Some(beside));
+            let there = candidates(&PART, 0, true, &corners);
+            assert_eq!(there[NEIGHBOUR], Some(beside));
             let corners_of_gate = [k, corner::next(k), corner::previous(k)].map(|k| Some(PART[k]));
-            assert_eq!(there[FIRST_CORNER..FIRST_NEWEST], corners_of_gate);
-            assert!(there[REPEATED].is_none() && there[FIRST_NEWEST..].iter().all(Option::is_none));
-            // Only who chooses has others than that beside and that of a part before.
-            let mut first = [None; GUESSES];
-            first[BESIDE] = Some(beside);
-            assert_eq!(guesses(&PART, 0, false, &corners), first);
+            assert_eq!(there[FIRST_CORNER..FIRST_RECENT], corners_of_gate);
+            assert!(there[REPEATED].is_none() && there[FIRST_RECENT..].iter().all(Option::is_none));
+            // Without choosing, only the neighbour and repetition candidates are given.
+            let mut first = [None; CANDIDATES];
+            first[NEIGHBOUR] = Some(beside);
+            assert_eq!(candidates(&PART, 0, false, &corners), first);
         }
     }
 
     #[test]
-    fn a_seeds_corner_is_guessed_at_the_corner_before_or_at_the_newest_vertex_or_in_the_middle() {
+    fn a_seed_predicts_the_previous_corner_or_newest_vertex_or_centre() {
         let beside = |positions: &[[i32; 3]], vertices, next| {
-            let there = guesses(positions, 0, true, &Corners { vertices, next, ..Corners::default() });
-            (there[BESIDE].unwrap(), there[FIRST_CORNER], there[FIRST_CORNER + 1])
+            let there = candidates(positions, 0, true, &Corners { vertices, next, ..Corners::default() });
+            (there[NEIGHBOUR].unwrap(), there[FIRST_CORNER], there[FIRST_CORNER + 1])
         };
         assert_eq!(beside(&[], [0; 3], 0), ([128; 3], None, None));
         assert_eq!(beside(&PART, [0; 3], 0), (PART[2], None, None));
@@ -226,16 +193,17 @@ mod tests {
     }
 
     #[test]
-    fn a_part_like_one_before_is_guessed_to_lie_as_that_one_did() {
+    fn a_repeated_component_predicts_its_positions() {
         let moved = |by: i32| PART.map(|p| [p[0] + by, p[1], p[2] - 2 * by]);
         let corners = Corners::default();
-        let repeated = |positions: &[[i32; 3]], parts| guesses(positions, parts, false, &corners)[REPEATED];
+        let repeated =
+            |positions: &[[i32; 3]], parts| candidates(positions, parts, false, &corners)[REPEATED];
         let all = [PART, moved(50), moved(100)].concat();
-        // Of the first part nothing is before; the second begins where the first did, the third as far on.
+        // No component precedes the first; the second starts at the first's position, the third at equal spacing.
         assert_eq!(repeated(&all[..1], 1), None);
         assert_eq!(repeated(&all[..3], 2), Some(PART[0]));
         assert_eq!(repeated(&all[..6], 3), Some(all[6]));
-        // Where one has begun, the rest lies as before.
+        // Within a component, vertices repeat the offsets of the one before.
         for (parts, there) in [(2, 4), (2, 5), (3, 7), (3, 8)] {
             assert_eq!(repeated(&all[..there], parts), Some(all[there]));
         }

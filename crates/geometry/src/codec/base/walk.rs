@@ -1,14 +1,14 @@
-//! The traversal: gates and faces. Encoder, decoder and trainer walk the same way.
+//! The traversal over gates and faces, shared by encoder, decoder and training.
 
 use std::collections::{HashMap, VecDeque};
 
 use crate::asset::base::MAX_BASE_FACES;
 use crate::codec::base::border::Border;
 use crate::codec::base::mesh::{BaseFormat, BaseMesh};
+use crate::codec::base::position_candidates::PositionCandidates;
 use crate::codec::base::repeats::Repeats;
-use crate::codec::base::vertices::PositionGuesses;
-use crate::codec::base::wanted::WantedMesh;
-use crate::codec::base::wedges::UvGuesses;
+use crate::codec::base::target::TargetMesh;
+use crate::codec::base::uv_candidates::UvCandidates;
 use crate::codec::model::{BASE_GATE, BASE_MATERIAL, BASE_MORE, BASE_SAME_MATERIAL};
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::integer;
@@ -17,55 +17,55 @@ use crate::mesh::vec3::Vec3;
 use crate::mesh::{Face, corner};
 use crate::numbers::id32;
 
-/// The traversal, with the mesh so far.
+/// State of the traversal, with the mesh so far.
 pub(super) struct Walk<'a, C> {
     /// Writes, reads or records symbols.
     pub(super) coder: &'a mut C,
-    /// What an encoder wants said; a decoder has none.
-    pub(super) wanted: Option<WantedMesh<'a>>,
+    /// The mesh to encode; `None` in a decoder.
+    pub(super) wanted: Option<TargetMesh<'a>>,
     pub(super) format: BaseFormat,
-    /// What its bytes can justify.
-    most_elements: u64,
-    /// Whether it is said which of several guesses a number is near to; else the most trusted one is taken.
+    /// Most elements that the input's length allows.
+    max_elements: u64,
+    /// Whether the candidate to predict from is coded; otherwise the best-ranked one is used.
     pub(super) choosing: bool,
     pub(super) mesh: BaseMesh,
     pub(super) wedges_of: Vec<Vec<u32>>,
-    /// Where faces may grow yet.
+    /// Gates not yet visited.
     queue: VecDeque<Gate>,
-    /// Directed edges that have a face, and which.
+    /// Directed edges with a face, and the face.
     pub(super) edges: HashMap<(u32, u32), u32>,
     pub(super) border: Border,
     pub(super) repeats: Repeats,
-    pub(super) position_guesses: PositionGuesses,
-    pub(super) uv_guesses: UvGuesses,
+    pub(super) position_candidates: PositionCandidates,
+    pub(super) uv_candidates: UvCandidates,
 }
 
-/// Where a face grows from: a face there, and its corners along the shared edge and opposite.
+/// An edge at which a face may be attached: a face and the corner that starts the edge.
 #[derive(Clone, Copy)]
 pub(super) struct Gate {
     pub(super) face: u32,
     pub(super) k: usize,
 }
 
-/// Corners of a face as far as they are known: all vertices come before the first wedge.
+/// Known corners of the face being coded: all vertices come before the first wedge.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Corners {
     pub(super) gate: Option<Gate>,
-    /// Wedges across the gate, of the first two corners.
+    /// Wedges of the adjacent face at the gate, for the first two corners.
     pub(super) across: [Option<u32>; 3],
     pub(super) vertices: [u32; 3],
     pub(super) wedges: [u32; 3],
-    /// The corner to come, of vertices or of wedges.
+    /// The next corner to code, first of vertices, then of wedges.
     pub(super) next: usize,
 }
 
 impl<'a, C: Coder> Walk<'a, C> {
-    pub(super) fn new(coder: &'a mut C, format: BaseFormat, most_elements: u64, choosing: bool) -> Self {
+    pub(super) fn new(coder: &'a mut C, format: BaseFormat, max_elements: u64, choosing: bool) -> Self {
         Self {
             coder,
             wanted: None,
             format,
-            most_elements,
+            max_elements,
             choosing,
             mesh: BaseMesh::default(),
             wedges_of: Vec::new(),
@@ -73,8 +73,8 @@ impl<'a, C: Coder> Walk<'a, C> {
             edges: HashMap::new(),
             border: Border::default(),
             repeats: Repeats::default(),
-            position_guesses: PositionGuesses::new(format.bits),
-            uv_guesses: UvGuesses::new(format.kinds.uv_bits),
+            position_candidates: PositionCandidates::new(format.bits),
+            uv_candidates: UvCandidates::new(format.kinds.uv_bits),
         }
     }
 
@@ -82,7 +82,7 @@ impl<'a, C: Coder> Walk<'a, C> {
         self.choosing = self.coder.raw(1, self.choosing.into()) == 1;
         loop {
             let Some(gate) = self.queue.pop_front() else {
-                let seed = self.wanted.as_mut().and_then(WantedMesh::seed);
+                let seed = self.wanted.as_mut().and_then(TargetMesh::seed);
                 if !self.coder.bit(BASE_MORE, seed.is_some()) {
                     return self.coder.check();
                 }
@@ -102,13 +102,13 @@ impl<'a, C: Coder> Walk<'a, C> {
         }
     }
 
-    /// One face: at a gate its first two corners are the gate's, reversed.
+    /// Codes one face. At a gate its first two corners are the gate's, reversed.
     fn face(&mut self, gate: Option<Gate>, want: Option<(u32, [u32; 3])>) -> Result<(), DecodeError> {
         if self.mesh.faces.len() >= MAX_BASE_FACES {
             return Err(DecodeError::new("base mesh", format!("more than {MAX_BASE_FACES} faces")));
         }
-        if self.mesh.elements() >= self.most_elements {
-            return Err(DecodeError::new("base mesh", "more faces than its bytes can be"));
+        if self.mesh.elements() >= self.max_elements {
+            return Err(DecodeError::new("base mesh", "more faces than its bytes allow"));
         }
         let across = gate.map_or([None; 3], |gate| {
             let wedges = self.mesh.faces[gate.face as usize].wedges;
@@ -130,7 +130,7 @@ impl<'a, C: Coder> Walk<'a, C> {
             corners.next = i;
             corners.wedges[i] = self.wedge(&corners, want.map(|w| w.1[i]))?;
         }
-        self.uv_guesses.follow(corners.vertices.map(|v| self.place(v)), corners.wedges);
+        self.uv_candidates.follow(corners.vertices.map(|v| self.place(v)), corners.wedges);
         let material = self.material(gate, want.map(|w| w.0))?;
         let face = id32(self.mesh.faces.len());
         self.mesh.faces.push(Face { wedges: corners.wedges, material });
@@ -166,9 +166,9 @@ impl<'a, C: Coder> Walk<'a, C> {
         Ok(material)
     }
 
-    /// A decision that repeats where parts do.
+    /// Codes a decision that earlier components may predict.
     pub(super) fn flag(&mut self, context: usize, value: bool) -> bool {
-        let got = self.coder.bit(context + self.repeats.told(context), value);
+        let got = self.coder.bit(context + self.repeats.state(context), value);
         self.repeats.follow(context, got);
         got
     }

@@ -1,79 +1,29 @@
-//! A corner's wedge: one of its vertex's, or a new one and its attributes.
+//! Coding of a corner's wedge: one of its vertex's wedges, or a new one with its attributes.
 
 use crate::codec::attributes::{Expected, UV, code_attributes};
-use crate::codec::base::guess::{Chart, NEWEST, Newest, Trust, rounded};
+use crate::codec::base::candidates::{Chart, rounded};
+use crate::codec::base::uv_candidates::{
+    CANDIDATES, CHART, FIRST_RECENT, FIRST_SEAM, FIRST_SIMILAR, NEIGHBOUR, OTHER_WEDGE, REPEATED,
+    REPEATED_ALONG, REPEATED_ON, SAME_ORIENTATION, orientation,
+};
 use crate::codec::base::walk::{Corners, Walk};
 use crate::codec::model::{
-    BASE_CHOICE, BASE_NEW_WEDGE, BASE_SAME_GROUP, BASE_SAME_WEDGE, MOST_CHOICES, TOLD,
+    BASE_CHOICE, BASE_NEW_WEDGE, BASE_SAME_GROUP, BASE_SAME_WEDGE, MAX_CHOICES, REPEAT_STATES,
 };
-use crate::codec::position::axes;
 use crate::codec::residual::{Recent, UNKNOWN};
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::index;
 use crate::error::DecodeError;
-use crate::mesh::vec3::{Vec3, cross, sub};
 use crate::mesh::{Attributes, Kinds, Wedge, corner};
 use crate::numbers::id32;
 
-/// Guesses at a texture coordinate: that near by; along the chart, or beside it to either side; that of a part
-/// before, this moved on as from the one before that, and moved along with what is near by; that which the vertex
-/// has elsewhere; the edge across a seam, forwards and backwards, and turned to either side; along the last face
-/// that looked the same way; the values that came last.
-const GUESSES: usize = FIRST_NEWEST + NEWEST;
-const BESIDE: usize = 0;
-const CHART: usize = 1;
-const FIRST_SIMILAR: usize = 2;
-const REPEATED: usize = 4;
-const REPEATED_ON: usize = 5;
-const REPEATED_ALONG: usize = 6;
-const ELSEWHERE: usize = 7;
-const FIRST_SEAM: usize = 8;
-const FACING: usize = 12;
-const FIRST_NEWEST: usize = 13;
-
-/// Which guesses at a texture coordinate to trust, by axis.
-pub(super) struct UvGuesses {
-    trust: [Trust<GUESSES>; 2],
-    newest: [Newest; 2],
-    /// By the way a face looks, the wedges of the last that looked that way.
-    facing: [Option<[u32; 3]>; 6],
-    recent: Recent,
-}
-
-impl UvGuesses {
-    pub(super) fn new(bits: u8) -> Self {
-        let across = 4 * (i32::from(bits) - 3);
-        let (mut all, mut chosen) = ([across; GUESSES], [0; GUESSES]);
-        (all[CHART], all[REPEATED], all[REPEATED_ON], all[REPEATED_ALONG]) = (8, 16, 8, 0);
-        chosen[BESIDE] = across - 8;
-        Self {
-            trust: [(); 2].map(|()| Trust::new(all, chosen)),
-            newest: Default::default(),
-            facing: [None; 6],
-            recent: Recent::default(),
-        }
-    }
-
-    /// Takes note of a face.
-    pub(super) fn follow(&mut self, places: [Vec3; 3], wedges: [u32; 3]) {
-        self.facing[facing(places)] = Some(wedges);
-    }
-}
-
-/// Which of six ways a triangle looks most.
-fn facing(at: [Vec3; 3]) -> usize {
-    let normal = cross(sub(at[1], at[0]), sub(at[2], at[0]));
-    let [_, _, axis] = axes(normal);
-    axis * 2 + usize::from(normal[axis] < 0.0)
-}
-
 impl<C: Coder> Walk<'_, C> {
-    /// The next corner's wedge; `want` is the one that an encoder wants.
+    /// Codes the next corner's wedge; `want` is the one to encode.
     pub(super) fn wedge(&mut self, corners: &Corners, want: Option<u32>) -> Result<u32, DecodeError> {
         let i = corners.next;
         let (vertex, across) = (corners.vertices[i], corners.across[i]);
         let wanted = match (&self.wanted, want) {
-            (Some(wanted), Some(wedge)) => wanted.said_wedge(wedge),
+            (Some(wanted), Some(wedge)) => wanted.wedge_number(wedge),
             _ => None,
         };
         let on_chart = across.or_else(|| self.wedge_of_chart(corners));
@@ -83,7 +33,7 @@ impl<C: Coder> Walk<'_, C> {
                 (true, _) => 1 + usize::from(!self.shares_gate(corners, 1)),
                 (false, _) => 3 + usize::from(on_chart.is_none()),
             };
-            if self.flag(BASE_SAME_WEDGE + context * TOLD, wanted == Some(guess)) {
+            if self.flag(BASE_SAME_WEDGE + context * REPEAT_STATES, wanted == Some(guess)) {
                 return Ok(guess);
             }
             if !self.flag(BASE_NEW_WEDGE, wanted.is_none()) {
@@ -95,12 +45,12 @@ impl<C: Coder> Walk<'_, C> {
         self.new_wedge(corners, want)
     }
 
-    /// Whether the first `count` corners have the wedges across the gate.
+    /// Whether the first `count` corners share the adjacent face's wedges.
     fn shares_gate(&self, corners: &Corners, count: usize) -> bool {
         corners.gate.is_some() && (0..count).all(|i| corners.across[i] == Some(corners.wedges[i]))
     }
 
-    /// The wedge that a third corner's vertex has in a face next to it which shares a wedge with it.
+    /// The third corner's wedge in an adjacent face that shares a wedge with this one.
     fn wedge_of_chart(&self, corners: &Corners) -> Option<u32> {
         corners.gate.filter(|_| corners.next == 2)?;
         let [b, a, c] = corners.vertices;
@@ -158,19 +108,24 @@ impl<C: Coder> Walk<'_, C> {
         if self.format.kinds.uv_bits == 0 {
             return Ok(uv);
         }
-        let guesses = self.guesses_at_uv(corners, near);
+        let candidates = self.next_uv_candidates(corners, near);
         let top = (1 << self.format.kinds.uv_bits) - 1;
         let mut other = UNKNOWN;
         for axis in 0..2 {
-            let known = &self.uv_guesses;
-            let mut guesses = guesses.map(|guess| guess.map(|guess| guess[axis].clamp(0, top)));
+            let known = &self.uv_candidates;
+            let mut candidates = candidates.map(|guess| guess.map(|guess| guess[axis].clamp(0, top)));
             if self.choosing {
-                guesses[FIRST_NEWEST..].copy_from_slice(known.newest[axis].values());
+                candidates[FIRST_RECENT..].copy_from_slice(known.recent_values[axis].values());
             }
-            let at = BASE_CHOICE + (6 + corners.next * 2 + axis) * MOST_CHOICES;
-            let choice =
-                known.trust[axis].choose(self.coder, at, guesses, self.choosing, actual.map(|uv| uv[axis]));
-            let known = &mut self.uv_guesses;
+            let at = BASE_CHOICE + (6 + corners.next * 2 + axis) * MAX_CHOICES;
+            let choice = known.errors[axis].choose(
+                self.coder,
+                at,
+                candidates,
+                self.choosing,
+                actual.map(|uv| uv[axis]),
+            );
+            let known = &mut self.uv_candidates;
             let residual = actual.map_or(0, |uv| uv[axis] - choice.value);
             let got = UV[axis].code(self.coder, choice.size, known.recent.class(axis), other, residual);
             uv[axis] = choice.value.wrapping_add(got);
@@ -178,23 +133,23 @@ impl<C: Coder> Walk<'_, C> {
                 return Err(DecodeError::new("base mesh", "a texture coordinate is off the grid"));
             }
             other = known.recent.follow(axis, got, choice.size);
-            known.trust[axis].follow(guesses, choice, uv[axis]);
-            known.newest[axis].follow(uv[axis]);
+            known.errors[axis].follow(candidates, choice, uv[axis]);
+            known.recent_values[axis].follow(uv[axis]);
         }
         Ok(uv)
     }
 
-    /// What a new wedge's texture coordinates may be; see [`GUESSES`].
-    fn guesses_at_uv(&self, corners: &Corners, near: Option<u32>) -> [Option<[i32; 2]>; GUESSES] {
+    /// Candidates for a new wedge's texture coordinates; see [`CANDIDATES`].
+    fn next_uv_candidates(&self, corners: &Corners, near: Option<u32>) -> [Option<[i32; 2]>; CANDIDATES] {
         let uv = |wedge: usize| self.mesh.wedges[wedge].attributes.uv;
         let place = |wedge: u32| self.place(self.mesh.wedges[wedge as usize].vertex);
         let moved = |like: [i32; 2], from: [i32; 2], to: [i32; 2]| [0, 1].map(|k| like[k] + to[k] - from[k]);
         let ratio = self.format.uv_ratio;
         let beside = near.map_or([0; 2], |w| uv(w as usize));
         let places = corners.vertices.map(|v| self.place(v));
-        let mut guesses = [None; GUESSES];
-        guesses[BESIDE] = Some(beside);
-        guesses[FACING] = self.uv_guesses.facing[facing(places)].map(|wedges| {
+        let mut candidates = [None; CANDIDATES];
+        candidates[NEIGHBOUR] = Some(beside);
+        candidates[SAME_ORIENTATION] = self.uv_candidates.orientation[orientation(places)].map(|wedges| {
             let chart = Chart { at: wedges.map(place), uv: wedges.map(|w| uv(w as usize)) };
             chart.affine(places[corners.next])
         });
@@ -202,30 +157,31 @@ impl<C: Coder> Walk<'_, C> {
             let opposite = self.mesh.faces[gate.face as usize].wedges[corner::previous(gate.k)];
             let wedges = [corners.wedges[0], corners.wedges[1], opposite];
             let chart = Chart { at: wedges.map(place), uv: wedges.map(|w| uv(w as usize)) };
-            guesses[CHART] = Some(chart.affine(places[2]));
+            candidates[CHART] = Some(chart.affine(places[2]));
         } else if corners.next == 2 {
             let [a, b] = [0, 1].map(|k| uv(corners.wedges[k] as usize));
             let similar = Chart { at: places, uv: [a, b, [0; 2]] }.similar(ratio);
             let similar = similar.map_or([None; 2], |sides| sides.map(Some));
-            guesses[FIRST_SIMILAR..FIRST_SIMILAR + 2].copy_from_slice(&similar);
+            candidates[FIRST_SIMILAR..FIRST_SIMILAR + 2].copy_from_slice(&similar);
         }
         if let [Some(like), earlier] = self.repeats.wedge(self.mesh.wedges.len()) {
-            guesses[REPEATED] = Some(uv(like));
-            guesses[REPEATED_ON] = earlier.map(|earlier| moved(uv(like), uv(earlier), uv(like)));
+            candidates[REPEATED] = Some(uv(like));
+            candidates[REPEATED_ON] = earlier.map(|earlier| moved(uv(like), uv(earlier), uv(like)));
             let near_like = near.and_then(|w| self.repeats.wedge(w as usize)[0]);
-            guesses[REPEATED_ALONG] = near_like.map(|near_like| moved(uv(like), uv(near_like), beside));
+            candidates[REPEATED_ALONG] = near_like.map(|near_like| moved(uv(like), uv(near_like), beside));
         }
         let own = &self.wedges_of[corners.vertices[corners.next] as usize];
-        guesses[ELSEWHERE] = own.last().map(|&w| uv(w as usize));
+        candidates[OTHER_WEDGE] = own.last().map(|&w| uv(w as usize));
         if let (1, [Some(from), Some(to), _]) = (corners.next, corners.across) {
             let [from, to] = [from, to].map(|w| uv(w as usize));
             let [du, dv] = [to[0] - from[0], to[1] - from[1]];
             let turned = [rounded(-f64::from(dv) * ratio), rounded(f64::from(du) / ratio)];
             let [u, v] = uv(corners.wedges[0] as usize);
             let edges = [[du, dv], [-du, -dv], turned, turned.map(|x| -x)];
-            guesses[FIRST_SEAM..FACING].copy_from_slice(&edges.map(|[du, dv]| Some([u + du, v + dv])));
+            candidates[FIRST_SEAM..SAME_ORIENTATION]
+                .copy_from_slice(&edges.map(|[du, dv]| Some([u + du, v + dv])));
         }
-        guesses
+        candidates
     }
 }
 
@@ -239,40 +195,39 @@ mod tests {
 
     type Uv = [i32; 2];
 
-    /// Two texels a unit along x and three against y.
+    /// Texture coordinates: two texels per unit along x, minus three along y.
     fn map([x, y, _]: [i32; 3]) -> Uv {
         [20 + 2 * x, 99 - 3 * y]
     }
 
-    /// Of a square in the plane of x and y the first face, 0 1 2, as [`map`] says; the fourth corner, 3, has a wedge of
-    /// somewhere else.
+    /// A square in the xy plane: the first face is 0 1 2, mapped by [`map`]; corner 3 has a wedge of another chart.
     const SQUARE: [[i32; 3]; 4] = [[0, 0, 5], [8, 0, 5], [0, 8, 5], [8, 8, 5]];
-    const ELSE: Uv = [77, 7];
+    const OTHER_CHART: Uv = [77, 7];
 
-    /// What a walk guesses that stands there; `set` may change it.
-    fn guesses(
+    /// The candidates in that mesh; `set` may change the traversal's state.
+    fn candidates(
         corners: &Corners,
         near: Option<u32>,
         uv_ratio: f64,
         set: impl FnOnce(&mut Walk<'_, NullCoder>),
-    ) -> [Option<Uv>; GUESSES] {
+    ) -> [Option<Uv>; CANDIDATES] {
         let kinds = Kinds { uv_bits: 8, ..Kinds::default() };
         let mut coder = NullCoder;
         let format = BaseFormat { bits: 8, kinds, materials: 1, uv_ratio };
         let mut walk = Walk::new(&mut coder, format, u64::MAX, true);
         walk.mesh.positions = SQUARE.to_vec();
-        for (vertex, uv) in (0..).zip([map(SQUARE[0]), map(SQUARE[1]), map(SQUARE[2]), ELSE]) {
+        for (vertex, uv) in (0..).zip([map(SQUARE[0]), map(SQUARE[1]), map(SQUARE[2]), OTHER_CHART]) {
             walk.mesh.wedges.push(Wedge { vertex, attributes: Attributes { uv, ..Attributes::default() } });
             walk.wedges_of.push(vec![vertex]);
         }
         walk.mesh.faces = vec![Face { wedges: [0, 1, 2], material: 0 }];
         set(&mut walk);
-        walk.guesses_at_uv(corners, near)
+        walk.next_uv_candidates(corners, near)
     }
 
-    /// Where guesses are, in order.
-    fn there(guesses: &[Option<Uv>]) -> Vec<usize> {
-        guesses.iter().enumerate().filter(|(_, guess)| guess.is_some()).map(|(k, _)| k).collect()
+    /// Indices of the candidates that are given.
+    fn there(candidates: &[Option<Uv>]) -> Vec<usize> {
+        candidates.iter().enumerate().filter(|(_, guess)| guess.is_some()).map(|(k, _)| k).collect()
     }
 
     /// The face across the square's diagonal, at its corner `next`, with these wedges.
@@ -282,83 +237,87 @@ mod tests {
     }
 
     #[test]
-    fn a_chart_is_guessed_to_go_on_across_a_gate_whose_wedges_are_shared() {
-        let chart = guesses(&across(2, [2, 1, 0]), Some(1), 1.0, |_| ());
-        assert_eq!(there(&chart), [BESIDE, CHART, ELSEWHERE]);
+    fn a_shared_gate_predicts_the_affine_chart() {
+        let chart = candidates(&across(2, [2, 1, 0]), Some(1), 1.0, |_| ());
+        assert_eq!(there(&chart), [NEIGHBOUR, CHART, OTHER_WEDGE]);
         assert_eq!(
-            [BESIDE, CHART, ELSEWHERE].map(|k| chart[k].unwrap()),
-            [map(SQUARE[1]), map(SQUARE[3]), ELSE]
+            [NEIGHBOUR, CHART, OTHER_WEDGE].map(|k| chart[k].unwrap()),
+            [map(SQUARE[1]), map(SQUARE[3]), OTHER_CHART]
         );
     }
 
     #[test]
-    fn beyond_a_seam_and_at_a_seed_the_third_corner_is_guessed_to_either_side() {
-        // A right angle at 3 with sides of 8: the other two are 8√2 apart, the middle between is the third's foot.
-        let seam = |ratio| guesses(&across(2, [2, 3, 0]), Some(3), ratio, |_| ());
-        let [from, to] = [map(SQUARE[2]), ELSE];
+    fn seams_and_seeds_predict_similar_triangles_on_either_side() {
+        // A right angle at 3 with sides of 8: the other two corners are 8√2 apart, and the third projects to their
+        // middle.
+        let seam = |ratio| candidates(&across(2, [2, 3, 0]), Some(3), ratio, |_| ());
+        let [from, to] = [map(SQUARE[2]), OTHER_CHART];
         let (middle, half) = ([0, 1].map(|k| from[k] + to[k]), [0, 1].map(|k| to[k] - from[k]));
         let side = |sign: i32| {
             let doubled = [middle[0] - sign * half[1], middle[1] + sign * half[0]];
             Some(doubled.map(|x| (x + 1).div_euclid(2)))
         };
         assert_eq!(seam(1.0)[FIRST_SIMILAR..REPEATED], [side(1), side(-1)]);
-        assert_eq!(there(&seam(1.0)), [BESIDE, FIRST_SIMILAR, FIRST_SIMILAR + 1, ELSEWHERE]);
+        assert_eq!(there(&seam(1.0)), [NEIGHBOUR, FIRST_SIMILAR, FIRST_SIMILAR + 1, OTHER_WEDGE]);
         assert_ne!(seam(2.0)[FIRST_SIMILAR], side(1), "a cell's shape counts");
         let seed = Corners { gate: None, across: [None; 3], ..across(2, [2, 3, 0]) };
-        assert_eq!(guesses(&seed, Some(3), 1.0, |_| ()), seam(1.0));
-        // Corners before the third have none.
+        assert_eq!(candidates(&seed, Some(3), 1.0, |_| ()), seam(1.0));
+        // Only the third corner has these candidates.
         let second = Corners { next: 1, ..seed };
-        assert_eq!(there(&guesses(&second, Some(3), 1.0, |_| ())), [BESIDE, ELSEWHERE]);
+        assert_eq!(there(&candidates(&second, Some(3), 1.0, |_| ())), [NEIGHBOUR, OTHER_WEDGE]);
     }
 
     #[test]
-    fn across_a_seam_the_edge_is_guessed_forwards_backwards_and_turned() {
-        // At the second corner; the first has the wedge that is somewhere else. The edge runs from 2 to 1.
+    fn a_seam_predicts_the_edge_forwards_backwards_and_turned() {
+        // At the second corner; the first has the wedge of the other chart. The edge runs from 2 to 1.
         let [du, dv] = [16, 24];
-        let seam = guesses(&across(1, [3, 0, 0]), Some(3), 2.0, |_| ());
+        let seam = candidates(&across(1, [3, 0, 0]), Some(3), 2.0, |_| ());
         let edges = [[du, dv], [-du, -dv], [-dv * 2, du / 2], [dv * 2, -du / 2]];
-        assert_eq!(seam[FIRST_SEAM..FACING], edges.map(|[x, y]| Some([ELSE[0] + x, ELSE[1] + y])));
-        assert_eq!(there(&seam), [BESIDE, ELSEWHERE, FIRST_SEAM, 9, 10, 11]);
-        assert_eq!(seam[ELSEWHERE], Some(map(SQUARE[1])));
-        // At the first nothing of it is known.
-        assert_eq!(there(&guesses(&across(0, [0; 3]), Some(2), 2.0, |_| ())), [BESIDE, ELSEWHERE]);
+        assert_eq!(
+            seam[FIRST_SEAM..SAME_ORIENTATION],
+            edges.map(|[x, y]| Some([OTHER_CHART[0] + x, OTHER_CHART[1] + y]))
+        );
+        assert_eq!(there(&seam), [NEIGHBOUR, OTHER_WEDGE, FIRST_SEAM, 9, 10, 11]);
+        assert_eq!(seam[OTHER_WEDGE], Some(map(SQUARE[1])));
+        // The first corner has no edge yet.
+        assert_eq!(there(&candidates(&across(0, [0; 3]), Some(2), 2.0, |_| ())), [NEIGHBOUR, OTHER_WEDGE]);
     }
 
     #[test]
-    fn a_face_that_looks_as_one_before_did_is_guessed_to_be_on_its_chart() {
+    fn a_face_predicts_the_chart_of_the_last_with_its_orientation() {
         let corners = Corners { gate: None, across: [None; 3], ..across(0, [0; 3]) };
-        let facing = |places: [[i32; 3]; 3]| {
+        let orientation = |places: [[i32; 3]; 3]| {
             let set = |walk: &mut Walk<'_, NullCoder>| {
-                walk.uv_guesses.follow(places.map(|p| p.map(f64::from)), [0, 1, 2]);
+                walk.uv_candidates.follow(places.map(|p| p.map(f64::from)), [0, 1, 2]);
             };
-            let [first, second, third] =
-                [0, 1, 2].map(|next| guesses(&Corners { next, ..corners }, None, 1.0, set)[FACING]);
+            let [first, second, third] = [0, 1, 2]
+                .map(|next| candidates(&Corners { next, ..corners }, None, 1.0, set)[SAME_ORIENTATION]);
             [first, second, third]
         };
-        // The face 2 1 3 looks along z, as does 0 1 2.
+        // Face 2 1 3 has the orientation of 0 1 2, along z.
         let [a, b, c, d] = SQUARE;
-        assert_eq!(facing([a, b, c]), [c, b, d].map(|p| Some(map(p))));
-        assert_eq!(facing([a, c, b]), [None; 3]);
-        // Near nothing there is the corner of the map.
-        assert_eq!(guesses(&corners, None, 1.0, |_| ())[BESIDE], Some([0; 2]));
+        assert_eq!(orientation([a, b, c]), [c, b, d].map(|p| Some(map(p))));
+        assert_eq!(orientation([a, c, b]), [None; 3]);
+        // Without a neighbour the prediction is the origin.
+        assert_eq!(candidates(&corners, None, 1.0, |_| ())[NEIGHBOUR], Some([0; 2]));
     }
 
     #[test]
-    fn six_ways_to_look_are_told_apart_by_the_largest_part_of_the_normal() {
+    fn orientation_is_the_largest_component_of_the_normal() {
         let [x, y, z] = [[9.0, 1.0, 2.0], [2.0, 9.0, 1.0], [1.0, 2.0, 9.0]];
         let o = [0.0; 3];
-        // A normal is near the axis that is in neither edge.
+        // The normal's main axis is in neither edge.
         let ways = [[o, y, z], [o, z, y], [o, z, x], [o, x, z], [o, x, y], [o, y, x]];
-        assert_eq!(ways.map(facing), [0, 1, 2, 3, 4, 5]);
+        assert_eq!(ways.map(orientation), [0, 1, 2, 3, 4, 5]);
     }
 
     #[test]
-    fn a_part_like_one_before_is_guessed_to_be_mapped_as_that_one_was() {
+    fn a_repeated_component_predicts_its_texture_coordinates() {
         let corners = Corners { vertices: [3, 3, 3], ..Corners::default() };
-        // Parts of one wedge and then another, the third's second to come.
+        // Components of one wedge and then another; the third's second is next.
         let uvs = [[10, 10], [12, 17], [40, 20], [43, 28], [70, 90]];
-        let guesses = |wedges: usize, begins: &[usize], near: Option<u32>| {
-            guesses(&corners, near, 1.0, |walk| {
+        let candidates = |wedges: usize, begins: &[usize], near: Option<u32>| {
+            candidates(&corners, near, 1.0, |walk| {
                 let of =
                     |&uv: &Uv| Wedge { vertex: 0, attributes: Attributes { uv, ..Attributes::default() } };
                 walk.mesh.wedges = uvs[..wedges].iter().map(of).collect();
@@ -369,20 +328,20 @@ mod tests {
                 }
             })
         };
-        // The second part's second wedge: as the first's, and moved as the one near by was.
-        let second = guesses(3, &[0, 2], Some(2));
-        assert_eq!(there(&second), [BESIDE, REPEATED, REPEATED_ALONG]);
+        // The second component's second wedge: equal to the first's, or shifted by the neighbour's offset.
+        let second = candidates(3, &[0, 2], Some(2));
+        assert_eq!(there(&second), [NEIGHBOUR, REPEATED, REPEATED_ALONG]);
         assert_eq!(
-            [BESIDE, REPEATED, REPEATED_ALONG].map(|k| second[k].unwrap()),
+            [NEIGHBOUR, REPEATED, REPEATED_ALONG].map(|k| second[k].unwrap()),
             [[40, 20], [12, 17], [42, 27]]
         );
-        // The third's: as the second's, as far on from it as that was from the first's, and moved.
-        let third = guesses(5, &[0, 2, 4], Some(4));
+        // The third's: equal to the second's, shifted by the spacing of the two, or by the neighbour's offset.
+        let third = candidates(5, &[0, 2, 4], Some(4));
         let kinds = [REPEATED, REPEATED_ON, REPEATED_ALONG];
         assert_eq!(kinds.map(|k| third[k].unwrap()), [[43, 28], [74, 39], [73, 98]]);
-        // With nothing near by there is nothing to move along with.
-        assert_eq!(there(&guesses(5, &[0, 2, 4], None)), [BESIDE, REPEATED, REPEATED_ON]);
-        // The first part has none before.
-        assert_eq!(there(&guesses(1, &[0], Some(0))), [BESIDE]);
+        // Without a neighbour there is no offset.
+        assert_eq!(there(&candidates(5, &[0, 2, 4], None)), [NEIGHBOUR, REPEATED, REPEATED_ON]);
+        // No component precedes the first.
+        assert_eq!(there(&candidates(1, &[0], Some(0))), [NEIGHBOUR]);
     }
 }

@@ -1,4 +1,4 @@
-//! Cuts a mesh into blocks: compact, of equally many faces.
+//! Cuts a mesh into compact blocks with equal numbers of faces.
 
 use crate::mesh::QuantisedMesh;
 use crate::mesh::rows::Rows;
@@ -8,11 +8,11 @@ use crate::simplify::partition::halves;
 /// No block.
 const NONE: u32 = u32::MAX;
 
-/// The blocks of a mesh, in such an order that those that follow each other are mostly neighbours.
+/// The blocks of a mesh, ordered so that consecutive ones are mostly neighbours.
 pub(super) struct Cut {
-    /// By block, its faces, ascending.
+    /// Faces of each block, ascending.
     faces: Rows<u32>,
-    /// By vertex, whether several blocks have it.
+    /// Per vertex: whether it belongs to several blocks.
     shared: Vec<bool>,
 }
 

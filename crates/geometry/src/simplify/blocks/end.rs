@@ -1,4 +1,4 @@
-//! What is left of a block when its levels are done, and how it is put away: a run that was killed goes on behind it.
+//! The remaining mesh of a block after its levels, and its serialisation for resuming interrupted runs.
 
 use crate::entropy::bytes::Reader;
 use crate::error::DecodeError;
@@ -6,27 +6,26 @@ use crate::mesh::Wedge;
 use crate::simplify::hierarchy::Bounds;
 use crate::simplify::packed::{halves, list, put, put_wedges, real, wedges};
 
-/// Blocks are read by the layout that wrote them.
+/// Version of the layout.
 const LAYOUT: u32 = 1;
 
-/// What is left of one block, or of several, by the whole mesh's ids.
+/// The remaining mesh of one or several blocks, in the complete mesh's ids.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct BlockEnd {
-    /// Faces that are left, their wedges, and how far what is around them is from the input: [geometric, attributes], in
-    /// grid cells.
+    /// Remaining faces, their wedges, and the error around them [geometric, attributes] in grid cells.
     pub(super) faces: Vec<u32>,
     pub(super) corners: Vec<[u32; 3]>,
     pub(super) errors: Vec<[f32; 2]>,
-    /// Wedges that collapses added.
+    /// Wedges added by collapses.
     pub(crate) added: Vec<Wedge>,
     /// Error of regions that vanished.
     pub(super) stray_error: f64,
-    /// By level, how many chunks each piece has that it was put away in.
+    /// Number of chunks in each stored piece, by level.
     pub(crate) pieces: Vec<Vec<u32>>,
 }
 
 impl BlockEnd {
-    /// Takes in what is left of another.
+    /// Appends another block's remaining mesh.
     pub(super) fn append(&mut self, other: Self) {
         self.faces.extend(other.faces);
         self.corners.extend(other.corners);
@@ -47,7 +46,7 @@ impl BlockEnd {
         out
     }
 
-    /// Whether it has so many levels and names nothing that there is not.
+    /// Whether it has `levels` levels and all its references are within bounds.
     pub(crate) fn fits(&self, bounds: Bounds, levels: usize) -> bool {
         self.pieces.len() == levels
             && self.faces.iter().all(|&f| (f as usize) < bounds.faces)
@@ -55,10 +54,10 @@ impl BlockEnd {
             && self.added.iter().all(|wedge| (wedge.vertex as usize) < bounds.vertices)
     }
 
-    /// Reads what [`Self::pack`] has made; `None` where another program did.
+    /// Parses the result of [`Self::pack`]; `None` if another version wrote it.
     ///
     /// # Errors
-    /// Where it is damaged.
+    /// If the bytes are damaged.
     pub(crate) fn unpack(bytes: &[u8]) -> Result<Option<Self>, DecodeError> {
         let mut r = Reader::new(bytes, "the end of a block");
         let head = list(&mut r, |[x]| x)?;
@@ -69,7 +68,7 @@ impl BlockEnd {
         let errors = list(&mut r, |errors: [u32; 2]| errors.map(f32::from_bits))?;
         let added = wedges(&mut r)?;
         if [corners.len(), errors.len()] != [faces.len(); 2] {
-            return Err(r.error("its lists do not fit together"));
+            return Err(r.error("its lists have inconsistent lengths"));
         }
         Ok(Some(Self { faces, corners, errors, added, stray_error: real([low, high]), pieces }))
     }

@@ -1,22 +1,22 @@
-//! What simplification goes on with behind blocks.
+//! The merged result of blocks, from which simplification continues.
 
 use crate::mesh::{QuantisedMesh, Wedge};
 use crate::simplify::blocks::names::Names;
 use crate::simplify::inherited::Inherited;
 
-/// What is left of all blocks but for their last levels, as a mesh to go on with.
+/// The remaining mesh of all blocks before their last levels.
 #[derive(Debug)]
 pub(crate) struct Merged {
     pub(crate) mesh: QuantisedMesh,
     /// The input's ids.
     pub(crate) names: Names,
-    /// By vertex, what the levels of blocks have cost around it.
+    /// Per vertex: error accumulated by the levels of blocks.
     pub(crate) inherited: Inherited,
-    /// Wedges of the mesh that the blocks' last levels add, behind its own.
+    /// Further wedges, added by the blocks' last levels.
     pub(super) also: Vec<Wedge>,
-    /// Levels of blocks that the mesh lies behind.
+    /// Number of levels of blocks before this mesh.
     pub(super) levels: usize,
-    /// Wedges that the blocks' collapses added, as the input has them: numbered behind its own.
+    /// Wedges added by the blocks' collapses, in the input's ids, numbered after its own.
     pub(crate) added: Vec<Wedge>,
     /// Error of regions that vanished.
     pub(crate) stray_error: f64,

@@ -1,4 +1,4 @@
-//! What a part of a mesh calls its vertices, wedges and faces, and what the whole does.
+//! Id mappings between a part of a mesh and the complete mesh.
 
 use crate::collapse::NO_VERTEX;
 use crate::mesh::id_set::IdSet;
@@ -6,16 +6,16 @@ use crate::mesh::wedges::Wedges;
 use crate::mesh::{Face, QuantisedMesh, Wedge};
 use crate::simplify::hierarchy::{Bounds, RegionChunk};
 
-/// The whole's ids by a part's.
+/// Maps a part's ids to the complete mesh's.
 #[derive(Debug)]
 pub(crate) struct Names {
     /// Ascending.
     vertices: Vec<u32>,
-    /// Ascending, then those of [`Self::also`].
+    /// Ascending, then those added by [`Self::extend_wedges`].
     wedges: Vec<u32>,
     /// Ascending.
     faces: Vec<u32>,
-    /// The whole's id of the first wedge that the part's collapses add.
+    /// The complete mesh's id of the first wedge that the part's collapses add.
     first_added: u32,
 }
 
@@ -35,53 +35,53 @@ impl Names {
         self.faces[face as usize]
     }
 
-    /// The whole's ids of all vertices, ascending.
+    /// The complete mesh's ids of all vertices, ascending.
     pub(crate) fn vertices(&self) -> &[u32] {
         &self.vertices
     }
 
-    /// A wedge of the part as the whole has it.
+    /// A wedge of the part with the complete mesh's vertex id.
     pub(crate) fn of_whole(&self, wedge: Wedge) -> Wedge {
         Wedge { vertex: self.vertex(wedge.vertex), ..wedge }
     }
 
-    /// Wedges of the whole that no face of the part has yet are the part's, too.
-    pub(super) fn also(&mut self, wedges: impl Iterator<Item = u32>) {
+    /// Adds wedges of the complete mesh that no face of the part uses yet.
+    pub(super) fn extend_wedges(&mut self, wedges: impl Iterator<Item = u32>) {
         self.wedges.extend(wedges);
     }
 
-    /// How many wedges the part has before its own collapses add any.
+    /// Number of wedges of the part before its own collapses.
     pub(crate) fn wedge_count(&self) -> usize {
         self.wedges.len()
     }
 
-    /// What became of a region of the part, as the whole has it.
+    /// Converts a chunk of the part to the complete mesh's ids.
     pub(crate) fn rename(&self, chunk: &mut RegionChunk) {
         rename(chunk, &|v| self.vertex(v), &|w| self.wedge(w), &|f| self.face(f));
     }
 }
 
-/// The part's ids by the whole's; [`NOTHING`] for what the part does not have.
+/// Maps the complete mesh's ids to a part's; [`NO_ID`] for elements outside the part.
 pub(super) struct Numbers {
     vertices: IdSet,
     wedges: IdSet,
     faces: IdSet,
-    /// Wedges behind those, by their ids, ascending.
-    also: Vec<u32>,
+    /// Further wedges by id, ascending.
+    extend_wedges: Vec<u32>,
 }
 
 /// No id.
-const NOTHING: u32 = u32::MAX;
+const NO_ID: u32 = u32::MAX;
 
 impl Numbers {
-    /// Of a part with `own` wedges of its own, of a whole with so many.
+    /// For a part with `own` wedges, of a complete mesh with the given element counts.
     pub(super) fn new(names: &Names, own: usize, whole: Bounds) -> Self {
         let set = |bound: usize, ids: &[u32]| IdSet::new(bound, ids.iter().copied());
         Self {
             vertices: set(whole.vertices, &names.vertices),
             wedges: set(whole.wedges, &names.wedges[..own]),
             faces: set(whole.faces, &names.faces),
-            also: names.wedges[own..].to_vec(),
+            extend_wedges: names.wedges[own..].to_vec(),
         }
     }
 
@@ -93,18 +93,19 @@ impl Numbers {
         self.wedges.number(wedge).is_some()
     }
 
-    /// What became of a region of the whole, as the part has it.
+    /// Converts a chunk of the complete mesh to the part's ids.
     pub(super) fn rename(&self, chunk: &mut RegionChunk) {
-        let of = |set: &IdSet, id: u32| set.number(id).unwrap_or(NOTHING);
+        let of = |set: &IdSet, id: u32| set.number(id).unwrap_or(NO_ID);
         let wedge = |w: u32| {
-            let also = || self.also.binary_search(&w).map_or(NOTHING, |at| (self.wedges.len() + at) as u32);
-            self.wedges.number(w).unwrap_or_else(also)
+            let extend_wedges =
+                || self.extend_wedges.binary_search(&w).map_or(NO_ID, |at| (self.wedges.len() + at) as u32);
+            self.wedges.number(w).unwrap_or_else(extend_wedges)
         };
         rename(chunk, &|v| of(&self.vertices, v), &wedge, &|f| of(&self.faces, f));
     }
 }
 
-/// Gives all that a chunk names other ids.
+/// Replaces all ids in a chunk.
 fn rename(
     chunk: &mut RegionChunk,
     vertex: &dyn Fn(u32) -> u32,
@@ -124,16 +125,16 @@ fn rename(
         moved.to = wedge(moved.to);
     }
     for removed in &mut records.removed {
-        *removed = removed.renamed(face, vertex);
+        *removed = removed.with_ids(face, vertex);
     }
-    records.vanished.iter_mut().flatten().chain(&mut records.kept).for_each(|w| *w = wedge(*w));
+    records.removed_wedges.iter_mut().flatten().chain(&mut records.added_wedges).for_each(|w| *w = wedge(*w));
     faces.iter_mut().for_each(|f| *f = face(*f));
     interior.iter_mut().for_each(|v| *v = vertex(*v));
     moves.iter_mut().for_each(|placed| placed.vertex = vertex(placed.vertex));
 }
 
-/// The part of a mesh that some of its faces are. `corners` tells the wedges of the face at a place of the list, `wedges`
-/// all that there are: the mesh's, and those that collapses have added so far.
+/// The part of a mesh that consists of the given faces. `corners` returns the wedges of the face at an index of the
+/// list; `wedges` are the mesh's with those added by collapses so far.
 pub(crate) fn part(
     whole: &QuantisedMesh,
     wedges: &Wedges<'_>,
@@ -143,7 +144,7 @@ pub(crate) fn part(
     let wedge = |w: u32| wedges.get(w);
     let used = IdSet::new(wedges.len(), (0..faces.len()).flat_map(corners));
     let vertices = IdSet::new(whole.positions.len(), used.iter().map(|w| wedge(w).vertex));
-    // All that is asked for was put in.
+    // Every id requested below is in the set.
     let number = |set: &IdSet, id: u32| set.number(id).unwrap_or_default();
     let mesh = QuantisedMesh {
         grid: whole.grid,

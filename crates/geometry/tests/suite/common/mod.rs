@@ -1,4 +1,4 @@
-//! Meshes made from formulas, and how tests prepare them. Everything follows from constants.
+//! Deterministic generated meshes, and how tests prepare them.
 #![allow(dead_code, reason = "each of those who share it needs another part")]
 
 use std::collections::BTreeMap;
@@ -14,7 +14,7 @@ use lodestream_geometry::random::Random;
 
 pub(crate) mod shapes;
 
-/// Every generator by name, with meshes of a few thousand faces.
+/// Every generator with its name; meshes of a few thousand faces.
 pub(crate) fn all() -> Vec<(&'static str, SourceMesh)> {
     vec![
         ("noisy sphere", shapes::sphere(40, 60, 0.05)),
@@ -36,7 +36,7 @@ pub(crate) fn all() -> Vec<(&'static str, SourceMesh)> {
     ]
 }
 
-/// The generators whose meshes are closed and manifold.
+/// The generators of closed manifolds.
 pub(crate) fn closed() -> Vec<(&'static str, SourceMesh)> {
     vec![
         ("noisy sphere", shapes::sphere(40, 60, 0.05)),
@@ -55,42 +55,41 @@ pub(crate) fn with_bits(source: &SourceMesh, bits: u8) -> QuantisedMesh {
         .unwrap()
 }
 
-/// Settings with regions of so many faces, and chunks as small as such regions need.
+/// Settings with regions of `faces` faces, and a minimum chunk size to match.
 pub(crate) fn regions(faces: usize) -> Settings {
     Settings { region_faces: faces, min_splits: (faces / 50).max(1), ..Settings::default() }
 }
 
-/// Regions of so many faces, and truncation_points even in small chunks.
-pub(crate) fn stopping(faces: usize) -> Settings {
+/// Settings with regions of `faces` faces, and truncation points even in small chunks.
+pub(crate) fn with_truncation_points(faces: usize) -> Settings {
     Settings { min_part_splits: 4, ..regions(faces) }
 }
 
-/// The finest levels in blocks of so many faces.
+/// Settings that simplify the finest levels in blocks of `faces` faces.
 pub(crate) fn in_blocks(faces: usize, settings: Settings) -> Settings {
     Settings { block_faces: faces, ..settings }
 }
 
-/// Prepares a mesh, once for all tests that ask for the same of the same: what is prepared depends on nothing else, as
-/// `determinism` and `golden` show.
+/// Prepares a mesh, once for all tests with the same mesh and settings; the result depends on nothing else (tests
+/// `determinism` and `golden`).
 pub(crate) fn prepared(mesh: &QuantisedMesh, settings: &Settings) -> Prepared {
-    static KEPT: Mutex<BTreeMap<[u8; 32], Arc<OnceLock<Prepared>>>> = Mutex::new(BTreeMap::new());
+    static CACHE: Mutex<BTreeMap<[u8; 32], Arc<OnceLock<Prepared>>>> = Mutex::new(BTreeMap::new());
     let work = || prepare(mesh, settings, &Hooks::new(&Serial, &Silent)).unwrap();
-    if mesh.faces.len() > MOST_KEPT_FACES {
+    if mesh.faces.len() > MAX_CACHED_FACES {
         return work();
     }
     let key = blake3::hash(format!("{mesh:?} {settings:?}").as_bytes());
-    let kept = Arc::clone(KEPT.lock().unwrap().entry(key.into()).or_default());
+    let kept = Arc::clone(CACHE.lock().unwrap().entry(key.into()).or_default());
     kept.get_or_init(work).clone()
 }
 
-/// Larger meshes are for one test each.
-const MOST_KEPT_FACES: usize = 20_000;
+/// Larger meshes are not cached; each is used by one test.
+const MAX_CACHED_FACES: usize = 20_000;
 
-/// A face as geometry and attributes: per corner position and attributes, rotated so that the least
-/// comes first; and the material.
+/// A face by value: position and attributes per corner, rotated so that the smallest comes first, and the material.
 pub(crate) type PlainFace = ([([i32; 3], Attributes); 3], u16);
 
-/// The faces of a mesh, sorted, whatever its numbering.
+/// The faces of a mesh, sorted, independent of numbering.
 pub(crate) fn plain_faces(mesh: &QuantisedMesh) -> Vec<PlainFace> {
     let mut faces: Vec<PlainFace> = mesh
         .faces
@@ -108,7 +107,7 @@ pub(crate) fn plain_faces(mesh: &QuantisedMesh) -> Vec<PlainFace> {
     faces
 }
 
-/// A pool of so many threads that hands out tasks in a random order.
+/// A pool of several threads that runs tasks in a random order.
 pub(crate) struct Shuffled {
     pub(crate) threads: usize,
     pub(crate) seed: u64,

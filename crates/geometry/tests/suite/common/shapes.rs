@@ -1,4 +1,4 @@
-//! The generators.
+//! Mesh generators.
 
 use lodestream_geometry::mesh::{Corner, SourceMesh};
 use lodestream_geometry::random::Random;
@@ -33,7 +33,7 @@ pub(crate) fn sphere(rings: u32, columns: u32, noise: f64) -> SourceMesh {
     bare(positions, &faces)
 }
 
-/// A torus with a uv grid whose seams run both ways round.
+/// A torus with a uv grid and seams in both directions.
 pub(crate) fn torus(around: u32, across: u32) -> SourceMesh {
     let mut mesh = SourceMesh::default();
     for i in 0..around {
@@ -66,7 +66,7 @@ pub(crate) fn torus(around: u32, across: u32) -> SourceMesh {
     mesh
 }
 
-/// Bumpy ground, open, with holes.
+/// An open, bumpy height field with holes.
 pub(crate) fn height_field(size: u32) -> SourceMesh {
     let mut random = Random::new(11);
     let mut positions = Vec::new();
@@ -93,8 +93,8 @@ pub(crate) fn height_field(size: u32) -> SourceMesh {
     bare(positions, &faces)
 }
 
-/// A bit of everything at once: what each generator makes, overlapping, with faces left out, given
-/// twice and turned over, and uvs and materials of their own on most corners.
+/// Parts of all generators, overlapping, with missing, duplicate and flipped faces, and separate uvs and materials at
+/// most corners.
 pub(crate) fn medley(scale: u32) -> SourceMesh {
     let mut random = Random::new(23);
     let parts = [
@@ -111,7 +111,7 @@ pub(crate) fn medley(scale: u32) -> SourceMesh {
         let by = [0, 1, 2].map(|_| 2.0 * random.unit());
         mesh = join(mesh, part, by);
     }
-    // Vertices of different parts meet in places.
+    // Some vertices of different parts coincide.
     for i in (0..mesh.positions.len()).step_by(11) {
         mesh.positions[i] = mesh.positions[random.below(mesh.positions.len())];
     }
@@ -144,8 +144,7 @@ pub(crate) fn medley(scale: u32) -> SourceMesh {
     mesh
 }
 
-/// Boxes of a coarse grid of quads each with uvs of its own and hard edges: nearly every vertex is on
-/// a seam.
+/// Boxes of quads with separate uvs and hard edges, so that nearly every vertex is on a seam.
 pub(crate) fn frigate(boxes: u32) -> SourceMesh {
     const SIDE: u32 = 4;
     let mut mesh = SourceMesh::default();
@@ -159,7 +158,7 @@ pub(crate) fn frigate(boxes: u32) -> SourceMesh {
             mesh.normals.push(n);
             for i in 0..SIDE {
                 for j in 0..SIDE {
-                    // Charts of single quads: the uvs of neighbours never agree.
+                    // Charts of single quads; neighbours' uvs differ.
                     let chart = ((i * 7 + j * 3 + b) % 16) as f32;
                     let mut quad = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)].map(|(i, j)| {
                         let (s, t) = (f64::from(i) / f64::from(SIDE), f64::from(j) / f64::from(SIDE));
@@ -184,8 +183,8 @@ pub(crate) fn frigate(boxes: u32) -> SourceMesh {
     mesh
 }
 
-/// A wall of dressed stones with chamfered edges, flat and sharp, on a floor of another material; textures are projected
-/// along the axis that a face looks along.
+/// A wall of stones with chamfered edges, flat and sharp, on a floor of another material; textures are projected
+/// along the main axis of each face.
 pub(crate) fn stones(count: u32) -> SourceMesh {
     let mut random = Random::new(11);
     let mut mesh = SourceMesh::default();
@@ -231,8 +230,7 @@ fn stone(mesh: &mut SourceMesh, low: [f64; 3], high: [f64; 3], chamfer: f64) {
     }
 }
 
-/// A convex polygon, seen from the side that `inside` does not lie on, with a normal of its own; for a floor, `inside` is
-/// its normal.
+/// A convex polygon facing away from `inside`, with its own normal; for a floor, `inside` is the normal.
 fn flat(mesh: &mut SourceMesh, places: &[[f64; 3]], inside: [f64; 3], material: u16) {
     let minus = |a: [f64; 3], b: [f64; 3]| [0, 1, 2].map(|k| a[k] - b[k]);
     let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -242,7 +240,7 @@ fn flat(mesh: &mut SourceMesh, places: &[[f64; 3]], inside: [f64; 3], material: 
     let turned = dot(n, way) < 0.0;
     let size = dot(n, n).sqrt() * if turned { -1.0 } else { 1.0 };
     let n = n.map(|x| x / size);
-    // Of a chamfer, the first axis: what lies between two is not told by chance.
+    // For a chamfer the first axis, so that rounding does not decide.
     let axis = (0..3).find(|&k| n.iter().all(|x| x.abs() < n[k].abs() + 1e-9)).unwrap_or(0);
     let normal = mesh.normals.len() as u32;
     mesh.normals.push(n.map(|x| x as f32));
@@ -263,7 +261,7 @@ fn flat(mesh: &mut SourceMesh, places: &[[f64; 3]], inside: [f64; 3], material: 
     }
 }
 
-/// The same surface with a normal of its own for every face.
+/// The surface with a separate normal for every face.
 pub(crate) fn flat_shaded(mut mesh: SourceMesh) -> SourceMesh {
     mesh.normals.clear();
     for face in &mut mesh.faces {
@@ -279,8 +277,7 @@ pub(crate) fn flat_shaded(mut mesh: SourceMesh) -> SourceMesh {
     mesh
 }
 
-/// The same surface in colours that change smoothly, with stripes that are sharp and partly clear, and with
-/// normals on one side that lean away from the faces'.
+/// The surface with smoothly changing colours, sharp, partly transparent stripes, and deviating normals on one side.
 pub(crate) fn painted(mut mesh: SourceMesh) -> SourceMesh {
     for (i, p) in mesh.positions.iter().enumerate() {
         let shade = |x: f64| (127.5 + 40.0 * x).clamp(0.0, 255.0) as u8;
@@ -303,7 +300,7 @@ pub(crate) fn painted(mut mesh: SourceMesh) -> SourceMesh {
     mesh
 }
 
-/// The same surface with bands of materials.
+/// The surface with bands of materials.
 pub(crate) fn materials(mut mesh: SourceMesh, count: u16) -> SourceMesh {
     for (i, material) in mesh.materials.iter_mut().enumerate() {
         *material = ((i / 37) % usize::from(count)) as u16;
@@ -332,7 +329,7 @@ pub(crate) fn join(mut a: SourceMesh, b: &SourceMesh, by: [f64; 3]) -> SourceMes
     a
 }
 
-/// So many tetrahedra and cubes around one big sphere; all closed.
+/// `count` tetrahedra and cubes around a large sphere; all closed.
 pub(crate) fn components(count: usize) -> SourceMesh {
     let mut random = Random::new(3);
     let mut mesh = sphere(24, 30, 0.02);
@@ -348,7 +345,7 @@ pub(crate) fn components(count: usize) -> SourceMesh {
     mesh
 }
 
-/// So many ellipsoids of 36 faces, of sizes from 1 to 7, strewn around a sphere: a building's parts.
+/// `count` ellipsoids of 36 faces, of sizes 1 to 7, scattered around a sphere, like the parts of a building.
 pub(crate) fn crowd(count: usize) -> SourceMesh {
     let mut random = Random::new(11);
     let mut mesh = sphere(30, 40, 0.0);
@@ -370,7 +367,7 @@ pub(crate) fn crowd(count: usize) -> SourceMesh {
     mesh
 }
 
-/// A sphere whose faces around every 23rd vertex are missing.
+/// A sphere without the faces around every 23rd vertex.
 pub(crate) fn perforated(rings: u32, columns: u32) -> SourceMesh {
     let mut mesh = sphere(rings, columns, 0.02);
     let keep: Vec<bool> = mesh.faces.iter().map(|f| f.iter().all(|c| c.position % 23 != 11)).collect();
@@ -380,7 +377,7 @@ pub(crate) fn perforated(rings: u32, columns: u32) -> SourceMesh {
     mesh
 }
 
-/// So many tetrahedra alone, spread evenly through a cube.
+/// `count` separate tetrahedra, spread evenly in a cube.
 pub(crate) fn dust(count: u32) -> SourceMesh {
     let mut random = Random::new(17);
     let side = f64::from(count).cbrt();
@@ -413,7 +410,7 @@ pub(crate) fn slab(sides: [f64; 3]) -> SourceMesh {
     mesh
 }
 
-/// Triangles that share nothing.
+/// Unconnected triangles.
 pub(crate) fn soup(count: u32) -> SourceMesh {
     let mut random = Random::new(5);
     let mut positions = Vec::new();
@@ -427,7 +424,7 @@ pub(crate) fn soup(count: u32) -> SourceMesh {
     bare(positions, &faces)
 }
 
-/// Books: edges with three to seven faces, their spines joined end to end and crossing.
+/// Edges with three to seven faces, joined end to end and crossing.
 pub(crate) fn fans(books: u32) -> SourceMesh {
     let mut random = Random::new(13);
     let mut positions = Vec::new();
@@ -455,7 +452,7 @@ pub(crate) fn fans(books: u32) -> SourceMesh {
     bare(positions, &faces)
 }
 
-/// Every face twice, every third one turned over as well.
+/// Every face twice, every third one also flipped.
 pub(crate) fn duplicates(mut mesh: SourceMesh) -> SourceMesh {
     for (i, face) in mesh.faces.clone().into_iter().enumerate() {
         mesh.faces.push([face[1], face[2], face[0]]);
@@ -468,7 +465,7 @@ pub(crate) fn duplicates(mut mesh: SourceMesh) -> SourceMesh {
     mesh
 }
 
-/// Two sheets on the same places, one of them turned over; welding joins them vertex by vertex.
+/// Two coincident sheets, one of them flipped; welding joins them at every vertex.
 pub(crate) fn sheets(size: u32) -> SourceMesh {
     let mut mesh = height_field(size);
     for mut face in mesh.faces.clone() {
@@ -479,7 +476,7 @@ pub(crate) fn sheets(size: u32) -> SourceMesh {
     mesh
 }
 
-/// Pairs of cones that meet in nothing but their tips, in a row where each rim touches the next.
+/// Pairs of cones that share only their tips, in a row where neighbouring rims touch.
 pub(crate) fn bow_ties(count: u32) -> SourceMesh {
     const RIM: u32 = 6;
     let mut positions = Vec::new();
@@ -510,7 +507,7 @@ pub(crate) fn needles(count: u32) -> SourceMesh {
     bare(positions, &faces)
 }
 
-/// A disk of so many faces around one vertex.
+/// A disk of `valence` faces around one vertex.
 pub(crate) fn hub(valence: u32) -> SourceMesh {
     let mut positions = vec![[0.0, 0.0, 0.3]];
     for i in 0..valence {
@@ -521,7 +518,7 @@ pub(crate) fn hub(valence: u32) -> SourceMesh {
     bare(positions, &faces)
 }
 
-/// The same mesh, scaled and then moved.
+/// The mesh, scaled and then translated.
 pub(crate) fn placed(mut mesh: SourceMesh, scale: f64, by: f64) -> SourceMesh {
     for p in &mut mesh.positions {
         *p = p.map(|x| x * scale + by);

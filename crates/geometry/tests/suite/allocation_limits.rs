@@ -1,4 +1,4 @@
-//! Bytes must justify what they announce; and what an encoder makes is never refused for that.
+//! Decoders reject element counts beyond the allocation limit; encoders never exceed it.
 
 use lodestream_geometry::Codec;
 use lodestream_geometry::base::Base;
@@ -20,9 +20,9 @@ fn flat_grid(n: u32) -> SourceMesh {
     bare(positions.collect(), &faces)
 }
 
-/// What compresses best: a plane on a coarse grid, in regions as large as there can be.
+/// The most compressible mesh: a plane on a coarse grid, in regions of maximum size.
 #[test]
-fn a_big_flat_grid_is_not_refused_under_either_codec() {
+fn a_large_flat_grid_is_accepted_with_every_codec() {
     let mesh = with_bits(&flat_grid(200), 8);
     for codec in [Codec::Range, Codec::AxisAligned, Codec::Zstd] {
         let settings = lodestream_geometry::Settings { codec, ..regions(20_000) };
@@ -32,10 +32,10 @@ fn a_big_flat_grid_is_not_refused_under_either_codec() {
                 f64::from(info.vertices + info.wedges + info.faces) / bytes.len() as f64
             });
         let densest = densest.fold(0.0, f64::max);
-        assert!(codec == Codec::Zstd || densest > 4.0, "{densest} elements a byte: no hard case");
-        // What repeats coordinates foresees all of it, and is padded.
+        assert!(codec == Codec::Zstd || densest > 4.0, "{densest} elements a byte: the case is too easy");
+        // Repeated coordinates are fully predicted, so the chunks are padded.
         let most = if codec == Codec::AxisAligned { 16.1 } else { 12.0 };
-        assert!(densest < most, "{densest} elements a byte: too near the ceiling of 16");
+        assert!(densest < most, "{densest} elements a byte: too near the limit of 16");
         let mut active = ActiveMesh::new(&asset.base);
         for (id, (info, bytes)) in (0..).zip(asset.infos.iter().zip(&asset.chunks)) {
             for (stop, at) in (0..).zip(&info.truncation_points) {
@@ -49,9 +49,9 @@ fn a_big_flat_grid_is_not_refused_under_either_codec() {
     }
 }
 
-/// A base mesh of one long strip, all of whose positions are foreseen: 2 bits a face are left.
+/// A base mesh of one long strip whose positions are all predicted: 2 bits per face remain.
 #[test]
-fn the_cheapest_base_mesh_is_believed() {
+fn the_cheapest_base_mesh_is_accepted() {
     let mut base = prepared(&with_bits(&flat_grid(4), 16), &regions(50)).base;
     let count = 40_000_u32;
     // The parallelogram rule is always right.
@@ -66,13 +66,13 @@ fn the_cheapest_base_mesh_is_believed() {
         let again = Base::decode(&blob).unwrap();
         assert_eq!(again.positions.len() + again.wedges.len() + again.faces.len(), elements);
         let density = elements as f64 / blob.len() as f64;
-        assert!(codec == Codec::Zstd || density > 10.0, "{density} elements a byte: no hard case");
-        assert!(density < 14.0, "{density} elements a byte: too near the ceiling of 16");
+        assert!(codec == Codec::Zstd || density > 10.0, "{density} elements a byte: the case is too easy");
+        assert!(density < 14.0, "{density} elements a byte: too near the limit of 16");
     }
 }
 
 #[test]
-fn announcements_beyond_the_bytes_are_refused_at_once() {
+fn stated_counts_beyond_the_limit_are_refused() {
     for codec in [Codec::Range, Codec::AxisAligned, Codec::Zstd] {
         let settings = lodestream_geometry::Settings { codec, ..regions(200) };
         let asset = prepared(&with_bits(&shapes::torus(20, 30), 12), &settings);
@@ -81,8 +81,8 @@ fn announcements_beyond_the_bytes_are_refused_at_once() {
         let most = 64 + 16 * bytes.len() as u32;
         let announced = |faces| ChunkInfo { vertices: 1, wedges: 0, faces, ..asset.infos[0].clone() };
         let why = mesh.decode(0, &announced(most), bytes).unwrap_err().to_string();
-        assert!(why.contains("elements announced"), "{why}");
+        assert!(why.contains("elements stated"), "{why}");
         let why = mesh.decode(0, &announced(most - 1), bytes).unwrap_err().to_string();
-        assert!(!why.contains("elements announced"), "{why}");
+        assert!(!why.contains("elements stated"), "{why}");
     }
 }

@@ -1,11 +1,11 @@
-//! What a chunk has done to its region.
+//! The delta that results from decoding a chunk.
 
 use crate::codec::local::{Local, LocalFace, LocalWedge};
 use crate::numbers::truncated;
 use crate::refine::{ChunkDelta, NewFace, NewVertex, NewWedge, Repoint};
 
 impl Local<'_> {
-    /// What the chunk has done, in canonical ids.
+    /// The chunk's changes, in canonical ids.
     pub(crate) fn delta(&self, chunk: u32, parents: Vec<u32>) -> ChunkDelta {
         let mut moves = self.moves.clone();
         moves.sort_unstable_by_key(|m| m.vertex);

@@ -1,4 +1,4 @@
-//! What an encoder wants said.
+//! The mesh that an encoder encodes.
 
 use std::collections::HashMap;
 
@@ -8,8 +8,8 @@ use crate::mesh::Attributes;
 use crate::mesh::corner;
 use crate::numbers::id32;
 
-/// The mesh, and the names of what was said so far.
-pub(super) struct WantedMesh<'a> {
+/// The mesh to encode, with the numbers assigned in traversal order.
+pub(super) struct TargetMesh<'a> {
     mesh: &'a BaseMesh,
     /// Faces by directed edge (vertices of `mesh`), as (face, corner that starts the edge).
     edges: HashMap<(u32, u32), Vec<(u32, u8)>>,
@@ -18,7 +18,7 @@ pub(super) struct WantedMesh<'a> {
     pub(super) names: Numbering,
 }
 
-impl<'a> WantedMesh<'a> {
+impl<'a> TargetMesh<'a> {
     pub(super) fn new(mesh: &'a BaseMesh) -> Self {
         let mut edges: HashMap<(u32, u32), Vec<(u32, u8)>> = HashMap::new();
         for (f, face) in mesh.faces.iter().enumerate() {
@@ -30,14 +30,14 @@ impl<'a> WantedMesh<'a> {
         Self { mesh, edges, done: vec![false; mesh.faces.len()], next_seed: 0, names: Numbering::default() }
     }
 
-    /// The next face for a gate, as its wedges from the gate's edge on.
+    /// The next face at a gate, with its wedges starting at the gate's edge.
     pub(super) fn at_gate(&mut self, a: u32, b: u32) -> Option<(u32, [u32; 3])> {
         let edge = (self.names.vertices[a as usize], self.names.vertices[b as usize]);
         let (face, k) = *self.edges.get(&edge)?.iter().find(|(f, _)| !self.done[*f as usize])?;
         Some(self.take(face, usize::from(k)))
     }
 
-    /// The next face that no gate led to.
+    /// The next face that no gate reached.
     pub(super) fn seed(&mut self) -> Option<(u32, [u32; 3])> {
         while self.next_seed < self.done.len() && self.done[self.next_seed] {
             self.next_seed += 1;
@@ -55,13 +55,13 @@ impl<'a> WantedMesh<'a> {
         self.mesh.wedges[wedge as usize].vertex
     }
 
-    /// The number that a wedge's vertex was given, if it was said.
-    pub(super) fn said_vertex(&self, wedge: u32) -> Option<u32> {
+    /// The number of a wedge's vertex, if it has been encoded.
+    pub(super) fn vertex_number(&self, wedge: u32) -> Option<u32> {
         self.names.local_vertex.get(&self.vertex_of(wedge)).copied()
     }
 
-    /// The number that a wedge was given, if it was said.
-    pub(super) fn said_wedge(&self, wedge: u32) -> Option<u32> {
+    /// The number of a wedge, if it has been encoded.
+    pub(super) fn wedge_number(&self, wedge: u32) -> Option<u32> {
         self.names.local_wedge.get(&wedge).copied()
     }
 
@@ -77,8 +77,8 @@ impl<'a> WantedMesh<'a> {
         self.mesh.faces[face as usize].material
     }
 
-    /// A wedge's vertex gets the next number.
-    pub(super) fn say_vertex(&mut self, wedge: u32) {
+    /// Assigns the next number to a wedge's vertex.
+    pub(super) fn number_vertex(&mut self, wedge: u32) {
         self.names.vertex(self.vertex_of(wedge));
     }
 }
