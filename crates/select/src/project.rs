@@ -157,7 +157,7 @@ impl LocalView {
 
 /// See [`Projection::shadow_depth`]. No shadow counts as nearer than the sphere is large: it is an estimate, not a bound.
 fn shadow_depth(frustum: &Frustum, center: Vec3, radius: f32, way: Vec3) -> Option<f64> {
-    let ends = frustum.sees_on_way(center, radius, way)?;
+    let ends = frustum.sees_on_path(center, radius, way)?;
     let depth = ends.map(|share| frustum.depth(center + way * share, 0.0));
     Some(f64::from(depth[0].min(depth[1]).max(radius).max(f32::MIN_POSITIVE)))
 }

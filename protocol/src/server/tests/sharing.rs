@@ -309,7 +309,7 @@ fn links_that_are_all_slow_are_not_held_up() {
         let ratio = sender.bits(3000, 8000) / (5 * MBIT) as f64;
         assert!((0.97..=1.03).contains(&ratio), "{ratio}");
     }
-    assert!(shared_rate_limit.given_bits_per_s(Time::from_ms(8000)) < 11 * MBIT);
+    assert!(shared_rate_limit.allocated_bits_per_s(Time::from_ms(8000)) < 11 * MBIT);
 }
 
 #[test]
@@ -384,7 +384,7 @@ fn extremes_of_ceilings_and_rates_overflow_nothing() {
                     sender.pace.set_weight(now, Weight::new(50).unwrap());
                     let _ = sender.pace.ready_at();
                 }
-                let _ = shared_rate_limit.given_bits_per_s(Time::from_ms(moment));
+                let _ = shared_rate_limit.allocated_bits_per_s(Time::from_ms(moment));
             }
         }
     }
