@@ -179,8 +179,8 @@ pub(crate) fn put_length(length: usize, out: &mut Vec<u8>) {
     }
 }
 
-/// Reads a length; returns it and its size in bytes, or `None` if more bytes are needed. Reads the 8-byte form too, which
-/// is always too long, so that the error can state the length.
+/// Reads a length; returns it and its size in bytes, or `None` if more bytes are needed. Reads the 8-byte form too,
+/// which is always too long, so that the error can state the length.
 pub(crate) fn get_length(bytes: &[u8]) -> Option<(u64, usize)> {
     let first = *bytes.first()?;
     let size = 1_usize << (first >> 6);

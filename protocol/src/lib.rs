@@ -1,8 +1,8 @@
 //! Messages, framing, sans-IO sessions, scheduling and rate limits.
 //!
 //! The crate does no I/O: it opens no file and no socket, reads no clock and spawns no thread. Time is an argument
-//! ([`Time`]); messages and bytes enter and leave by `handle_…` and `poll_…` calls, as in quinn-proto. A server, a viewer
-//! and a simulator in virtual time drive the same state machines.
+//! ([`Time`]); messages and bytes enter and leave by `handle_…` and `poll_…` calls, as in quinn-proto. A server, a
+//! viewer and a simulator in virtual time drive the same state machines.
 //!
 //! | module | contents |
 //! |---|---|

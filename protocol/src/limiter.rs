@@ -1,9 +1,9 @@
 //! Token bucket, and the limiter of a session's sending rate. The rate that sessions share is in
 //! [`crate::shared_rate_limit`].
 //!
-//! The bucket is kept as a *theoretical arrival time* (the generic cell rate algorithm, ITU-T I.371): the moment at which
-//! it would be full again. This is equivalent to counting tokens, in integer nanoseconds, so rounding does not accumulate
-//! however small the pieces are.
+//! The bucket is kept as a *theoretical arrival time* (the generic cell rate algorithm, ITU-T I.371): the moment at
+//! which it would be full again. This is equivalent to counting tokens, in integer nanoseconds, so rounding does not
+//! accumulate however small the pieces are.
 
 use std::time::Duration;
 
@@ -151,8 +151,8 @@ impl LimiterConfig {
         }
     }
 
-    /// Estimated bytes on the wire of a frame or piece with `payload` bytes. Packets are shared with other frames, so their
-    /// headers are charged in proportion.
+    /// Estimated bytes on the wire of a frame or piece with `payload` bytes. Packets are shared with other frames, so
+    /// their headers are charged in proportion.
     #[must_use]
     pub fn wire_bytes(&self, payload: usize) -> u64 {
         let bytes = (payload as u64).saturating_add(u64::from(self.frame_overhead_bytes));
@@ -181,8 +181,8 @@ impl SendLimiter {
         self.bucket.rate_per_s()
     }
 
-    /// Changes the rate. Saved tokens and debt keep their value in bits: a debt of seconds at a low rate is paid sooner at
-    /// a higher one.
+    /// Changes the rate. Saved tokens and debt keep their value in bits: a debt of seconds at a low rate is paid
+    /// sooner at a higher one.
     pub fn set_rate(&mut self, now: Time, rate_bits_per_s: Option<u64>) {
         self.bucket.set_rate(now, rate_bits_per_s);
     }
@@ -199,7 +199,8 @@ impl SendLimiter {
         self.bucket.admits(now)
     }
 
-    /// Takes the tokens of a frame or piece with `payload` bytes, if necessary on credit; returns its bytes on the wire.
+    /// Takes the tokens of a frame or piece with `payload` bytes, if necessary on credit; returns its bytes on the
+    /// wire.
     pub fn spend(&mut self, now: Time, payload: usize) -> u64 {
         let wire_bytes = self.config.wire_bytes(payload);
         self.bucket.take(now, wire_bytes.saturating_mul(8));

@@ -19,18 +19,18 @@ pub const VERSIONS: std::ops::RangeInclusive<u16> = 5..=5;
 pub enum ClientMessage {
     /// Opens the session; first, once.
     Hello(Hello),
-    /// Requests blobs or parts of them, or changes the priority of requested ones. Bytes already sent are not sent again,
-    /// except after a `Cancel`.
+    /// Requests blobs or parts of them, or changes the priority of requested ones. Bytes already sent are not sent
+    /// again, except after a `Cancel`.
     Want(Vec<Want>),
-    /// Cancels requests. Bytes already passed to the transport still arrive. The server forgets that it sent these blobs, so
-    /// a client also cancels the blobs that it evicts.
+    /// Cancels requests. Bytes already passed to the transport still arrive. The server forgets that it sent these
+    /// blobs, so a client also cancels the blobs that it evicts.
     Cancel(Vec<BlobId>),
     /// The view has changed; it orders what the server pushes.
     SetView(View),
     /// Requests pages of the scene description, to be sent before all else.
     WantScenePages(Vec<u32>),
-    /// Grants access to the scene: sent before `Hello`, and again before the token expires. Servers without access control
-    /// ignore it.
+    /// Grants access to the scene: sent before `Hello`, and again before the token expires. Servers without access
+    /// control ignore it.
     Token(Token),
     /// Shows that the client is alive; answered by `Pong` at once.
     Ping(u32),
@@ -60,8 +60,8 @@ pub struct Hello {
 }
 
 impl Hello {
-    /// A `Hello` with this crate's versions for a scene (empty for the server's default): the start view, no blobs from an
-    /// earlier session, no limit on blob length, and 1 GiB of memory.
+    /// A `Hello` with this crate's versions for a scene (empty for the server's default): the start view, no blobs
+    /// from an earlier session, no limit on blob length, and 1 GiB of memory.
     #[must_use]
     pub fn new(scene: impl Into<String>) -> Self {
         Self {
@@ -94,8 +94,8 @@ pub struct Want {
     pub id: BlobId,
     /// Higher is sent first; see [`lodestream_select::Priority`].
     pub priority: u32,
-    /// Start of the part: bytes that the client has. The run begins here, or later if the server has sent more. Below the
-    /// blob's length.
+    /// Start of the part: bytes that the client has. The run begins here, or later if the server has sent more. Below
+    /// the blob's length.
     pub offset: u32,
     /// End of the part, above `offset` and at most the blob's length; `None` for the blob's end.
     pub end: Option<u32>,
@@ -122,8 +122,8 @@ pub enum ServerMessage {
     Refused(Refused),
     /// Refusals of several blobs, 1 to [`MAX_IDS_PER_MESSAGE`].
     RefusedMany(Vec<Refused>),
-    /// The base meshes of all visible instances, for the last known view, and their pages have been sent. Informative: on
-    /// QUIC it may overtake blobs.
+    /// The base meshes of all visible instances, for the last known view, and their pages have been sent.
+    /// Informative: on QUIC it may overtake blobs.
     BasesSent,
     /// Nothing is queued: all requested blobs have been sent.
     Done,
@@ -241,8 +241,8 @@ pub struct Close {
 }
 
 impl Close {
-    /// A close with a reason, cut to [`MAX_REASON_BYTES`]. Reasons come from peers and are shown in terminals, so control
-    /// characters, line ends and changes of text direction are replaced by U+FFFD.
+    /// A close with a reason, cut to [`MAX_REASON_BYTES`]. Reasons come from peers and are shown in terminals, so
+    /// control characters, line ends and changes of text direction are replaced by U+FFFD.
     pub fn new(code: CloseCode, reason: impl Into<String>) -> Self {
         let reason: String = reason.into();
         let mut reason = reason.replace(is_hidden, "\u{fffd}");

@@ -71,8 +71,8 @@ pub trait SceneSource: Send + Sync {
     /// If the blob is missing or damaged, or the store does not answer within its timeout.
     fn read(&self, id: &BlobId) -> Result<Bytes, SourceError>;
 
-    /// [`SceneSource::read`] as a future that holds no thread, for stores that offer one; drivers prefer it. May be dropped
-    /// before it resolves.
+    /// [`SceneSource::read`] as a future that holds no thread, for stores that offer one; drivers prefer it. May be
+    /// dropped before it resolves.
     fn fetch(&self, id: &BlobId) -> Option<BlobFuture> {
         let _ = id;
         None

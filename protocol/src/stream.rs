@@ -22,8 +22,8 @@ use lodestream_scene::limits::{MAX_BLOB_BYTES, MAX_NAME_BYTES, MAX_PIECE_BYTES};
 /// Name of the protocol in TLS ALPN and as WebSocket subprotocol.
 pub const ALPN: &str = "lodestream/2";
 
-/// ALPN name of a session with the scene `name`: [`ALPN`], a slash, and the first 32 hexadecimal digits of the
-/// name's BLAKE3 hash. A client offers it before [`ALPN`], so that a server with several scenes can choose the scene before
+/// ALPN name of a session with the scene `name`: [`ALPN`], a slash, and the first 32 hexadecimal digits of the name's
+/// BLAKE3 hash. A client offers it before [`ALPN`], so that a server with several scenes can choose the scene before
 /// `Hello`.
 #[must_use]
 pub fn alpn_of_scene(name: &str) -> String {
@@ -33,14 +33,15 @@ pub fn alpn_of_scene(name: &str) -> String {
 /// Characters that are not percent-encoded in a path (RFC 3986, section 2.3).
 const UNRESERVED: &AsciiSet = &NON_ALPHANUMERIC.remove(b'-').remove(b'.').remove(b'_').remove(b'~');
 
-/// The path of a scene in addresses and in WebSocket's request: `/NAME`, percent-encoded (RFC 3986); `/` without a name.
+/// The path of a scene in addresses and in WebSocket's request: `/NAME`, percent-encoded (RFC 3986); `/` without a
+/// name.
 #[must_use]
 pub fn path_of_scene(name: &str) -> String {
     format!("/{}", utf8_percent_encode(name, UNRESERVED))
 }
 
-/// Inverse of [`path_of_scene`]: the scene's name, empty for `/`. `None` if the path has a second slash, a query, invalid
-/// encoding or too long a name.
+/// Inverse of [`path_of_scene`]: the scene's name, empty for `/`. `None` if the path has a second slash, a query,
+/// invalid encoding or too long a name.
 #[must_use]
 pub fn scene_of_path(path: &str) -> Option<String> {
     let name = path.strip_prefix('/')?;

@@ -46,8 +46,8 @@ pub enum PunctualLightBlob {
 
 /// Name of one blob within a scene.
 ///
-/// Two to eleven bytes on the wire: a number, then the kind. The number is the asset's index where the kind is a part of
-/// an asset, and the index of the page or patch for terrain and punctual lights.
+/// Two to eleven bytes on the wire: a number, then the kind. The number is the asset's index where the kind is a part
+/// of an asset, and the index of the page or patch for terrain and punctual lights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum BlobId {
     /// Part of an asset.

@@ -1,7 +1,8 @@
 //! The scene description: a header, then pages of assets and their instances.
 //!
-//! Pages are ordered by distance and size from the start camera, so that ten thousand instances do not delay the first
-//! frame. Assets are numbered by the order of their entries over all pages; an asset's entry precedes its first instance.
+//! Pages are ordered by distance and size from the start camera, so that ten thousand instances do not delay the
+//! first frame. Assets are numbered by the order of their entries over all pages; an asset's entry precedes its first
+//! instance.
 
 use bincode::de::Decoder;
 use bincode::enc::Encoder;
@@ -125,8 +126,8 @@ pub struct AssetEntry {
     pub origin: [f64; 3],
     /// Bounds of the base and the finest mesh, relative to `origin`.
     pub sphere: Sphere,
-    /// Largest error of the base mesh alone, in the asset's units: the maximum of its geometric error and the visible errors
-    /// of all chunks ([`lodestream_geometry::screen::visible_error`]).
+    /// Largest error of the base mesh alone, in the asset's units: the maximum of its geometric error and the visible
+    /// errors of all chunks ([`lodestream_geometry::screen::visible_error`]).
     pub root_error: f32,
     /// Length of the base blob.
     pub base_bytes: u32,
@@ -185,8 +186,8 @@ const NO_ROTATION: u8 = 2;
 const ROTATION_ABOUT_Y: u8 = 4;
 const NO_SCALE: u8 = 8;
 
-// Encoded by hand with one byte of flags: 14 bytes for an instance with a translation only, not 45. A page of 64 instances
-// stays under 1 KB, which matters in the first flight.
+// Encoded by hand with one byte of flags: 14 bytes for an instance with a translation only, not 45. A page of 64
+// instances stays under 1 KB, which matters in the first flight.
 impl Encode for InstanceEntry {
     fn encode<E: Encoder>(&self, e: &mut E) -> Result<(), EncodeError> {
         let short = vector_fits_f32(&self.translation);

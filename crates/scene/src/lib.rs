@@ -1,7 +1,7 @@
 //! Data types of a scene: blob names, assets, materials, lights, instances, terrain and views.
 //!
-//! Importer, server, client and renderer share them. The crate does no I/O: it opens no file and no socket, reads no clock
-//! and spawns no thread.
+//! Importer, server, client and renderer share them. The crate does no I/O: it opens no file and no socket, reads no
+//! clock and spawns no thread.
 //!
 //! | module | contents |
 //! |---|---|

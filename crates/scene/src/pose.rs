@@ -4,8 +4,8 @@ use glam::{DMat3, DQuat, DVec3};
 
 /// A camera's position, orientation and field of view.
 ///
-/// View space is right-handed with x to the right, y up and the view along −z. [`Camera`] is the wire form with a target
-/// point, [`View`] the one with a viewport; both convert to a pose.
+/// View space is right-handed with x to the right, y up and the view along −z. [`Camera`] is the wire form with a
+/// target point, [`View`] the one with a viewport; both convert to a pose.
 ///
 /// [`Camera`]: crate::description::Camera
 /// [`View`]: crate::view::View

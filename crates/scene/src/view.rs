@@ -159,8 +159,8 @@ impl Frustum {
         self.forward.dot(center) + radius > 0.0 && self.sides.iter().all(|n| n.dot(center) >= -radius)
     }
 
-    /// The interval of a sphere's path from `center` to `center + way` in which it reaches into the frustum, as fractions 0
-    /// to 1; `None` if it never does. `center` is relative to the eye. Conservative as [`Self::sees`].
+    /// The interval of a sphere's path from `center` to `center + way` in which it reaches into the frustum, as
+    /// fractions 0 to 1; `None` if it never does. `center` is relative to the eye. Conservative as [`Self::sees`].
     #[must_use]
     pub fn sees_on_path(&self, center: Vec3, radius: f32, way: Vec3) -> Option<[f32; 2]> {
         let [mut from, mut to] = [0.0_f32, 1.0];

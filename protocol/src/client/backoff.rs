@@ -7,8 +7,8 @@ const FIRST: Duration = Duration::from_millis(500);
 /// Longest wait, before jitter.
 const LONGEST: Duration = Duration::from_secs(30);
 
-/// Exponential backoff with jitter. Waits double from 0.5 s to 30 s; each is drawn from the upper half of its range, so that
-/// the clients of a restarted server do not all reconnect at once.
+/// Exponential backoff with jitter. Waits double from 0.5 s to 30 s; each is drawn from the upper half of its range,
+/// so that the clients of a restarted server do not all reconnect at once.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Backoff {
     failures: u32,

@@ -104,8 +104,8 @@ impl Downloads {
 
     /// Takes a piece; returns the run if the piece completes it.
     ///
-    /// Ignores pieces that do not continue what was received: they belong to a blob that was cancelled while they were in
-    /// flight.
+    /// Ignores pieces that do not continue what was received: they belong to a blob that was cancelled while they
+    /// were in flight.
     ///
     /// # Errors
     /// If the piece breaks the protocol.
@@ -202,8 +202,8 @@ impl Downloads {
         self.cancels.clear();
     }
 
-    /// Requests as many of the wanted blobs, most urgent first, as `depth` allows, updates changed priorities and cancels
-    /// `cancel`. Returns the newly requested blobs.
+    /// Requests as many of the wanted blobs, most urgent first, as `depth` allows, updates changed priorities and
+    /// cancels `cancel`. Returns the newly requested blobs.
     pub(super) fn set_wanted(&mut self, wanted: &[Wanted], cancel: &[BlobId], depth: Depth) -> Vec<BlobId> {
         for &id in cancel {
             if self.pending.get(&id).is_some_and(|pending| pending.requested.is_some()) {

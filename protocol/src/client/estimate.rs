@@ -7,8 +7,8 @@ use crate::time::Time;
 
 /// Time over which throughput is averaged.
 const WINDOW: Duration = Duration::from_millis(400);
-/// Time after which a window with a higher rate than the last one counts before its end, so that a fast link is used after
-/// some tens of milliseconds.
+/// Time after which a window with a higher rate than the last one counts before its end, so that a fast link is used
+/// after some tens of milliseconds.
 const RISE: Duration = Duration::from_millis(50);
 /// Time from an arrival to the request that follows it (a frame, decoding), added to the round trip.
 const REACTION: Duration = Duration::from_millis(100);

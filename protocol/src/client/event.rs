@@ -18,8 +18,8 @@ pub enum ClientEvent {
     ScenePage(ScenePage),
     /// The scene has punctual lights; comes before the first page.
     PunctualLights(PunctualLights),
-    /// A blob or a part of one, requested or pushed, is complete. Comes after [`ClientEvent::Connected`] even if the bytes
-    /// arrived earlier.
+    /// A blob or a part of one, requested or pushed, is complete. Comes after [`ClientEvent::Connected`] even if the
+    /// bytes arrived earlier.
     Blob {
         /// The blob.
         id: BlobId,

@@ -82,8 +82,8 @@ impl Keepalive {
         }
     }
 
-    /// Time since the server's last message, if a ping is unanswered for longer than a few round trips (`rtt`). The connection
-    /// does not count as lost.
+    /// Time since the server's last message, if a ping is unanswered for longer than a few round trips (`rtt`). The
+    /// connection does not count as lost.
     pub(super) fn silence(&self, now: Time, rtt: Option<Duration>) -> Option<Duration> {
         self.server_idle?;
         let (_, pinged_at) = self.ping.filter(|(_, sent)| *sent >= self.last_received)?;

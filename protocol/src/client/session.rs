@@ -46,7 +46,8 @@ pub struct ClientSession {
 }
 
 impl ClientSession {
-    /// A session that begins now. `Hello` is the first message, after a token; `view` is `None` for the scene's start view.
+    /// A session that begins now. `Hello` is the first message, after a token; `view` is `None` for the scene's start
+    /// view.
     #[must_use]
     pub fn new(config: ClientConfig, view: Option<View>, resume: Resume, now: Time) -> Self {
         let Resume { fingerprint, mut have } = resume;
@@ -139,8 +140,8 @@ impl ClientSession {
 
     /// Handles a piece of a blob.
     ///
-    /// Ignores pieces that do not continue what was received: they belong to a blob that was cancelled while they were in
-    /// flight.
+    /// Ignores pieces that do not continue what was received: they belong to a blob that was cancelled while they
+    /// were in flight.
     pub fn handle_piece(&mut self, now: Time, piece: BlobPiece) {
         if self.close.is_some() {
             return;
@@ -155,8 +156,8 @@ impl ClientSession {
         }
     }
 
-    /// Reports a complete run, or holds it until `Welcome` identifies the scene. If too much is held, the blob is cancelled
-    /// and can be requested again.
+    /// Reports a complete run, or holds it until `Welcome` identifies the scene. If too much is held, the blob is
+    /// cancelled and can be requested again.
     fn completed(&mut self, blob: Complete) {
         if self.page_count.is_some() {
             self.events.push_back(blob_event(blob));
@@ -231,8 +232,8 @@ impl ClientSession {
         Some(self.view.next().map_or(next, |at| next.min(at)))
     }
 
-    /// Time since the server's last message, if the answer to a ping is overdue. Detected within two seconds, later on links
-    /// with round trips of half a second and more. The session continues.
+    /// Time since the server's last message, if the answer to a ping is overdue. Detected within two seconds, later
+    /// on links with round trips of half a second and more. The session continues.
     #[must_use]
     pub fn silence(&self, now: Time) -> Option<Duration> {
         if self.close.is_some() { None } else { self.keepalive.silence(now, self.estimate.rtt()) }
@@ -269,9 +270,9 @@ impl ClientSession {
 
     /// Sets the wanted blobs, most urgent first, and those to cancel.
     ///
-    /// The session requests as many as keep the link busy and sends changed priorities. Less urgent blobs in flight do not
-    /// count towards the limit, since the server sends them later. Returns the newly requested blobs; call again as blobs
-    /// arrive.
+    /// The session requests as many as keep the link busy and sends changed priorities. Less urgent blobs in flight
+    /// do not count towards the limit, since the server sends them later. Returns the newly requested blobs; call
+    /// again as blobs arrive.
     pub fn set_wanted(&mut self, _now: Time, wanted: &[Wanted], cancel: &[BlobId]) -> Vec<BlobId> {
         if self.close.is_some() {
             return Vec::new();

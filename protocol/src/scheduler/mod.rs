@@ -1,11 +1,11 @@
 //! Scheduler: one session's priority queue of requested blobs and scene pages.
 //!
-//! The scheduler returns small pieces, one at a time, so that nothing is committed before the limiter admits it. A blob
-//! that has begun is finished first, unless another is more urgent by [`OVERTAKE`]; then it is suspended. A request may be
-//! for any part of a blob; a contiguous part that is sent is a *run*.
+//! The scheduler returns small pieces, one at a time, so that nothing is committed before the limiter admits it. A
+//! blob that has begun is finished first, unless another is more urgent by [`OVERTAKE`]; then it is suspended. A
+//! request may be for any part of a blob; a contiguous part that is sent is a *run*.
 //!
-//! A blob that must be read from the store is set aside while others are sent (at most [`MAX_READS`] of them). After the
-//! first such blob, the next ones are read ahead while pieces are sent.
+//! A blob that must be read from the store is set aside while others are sent (at most [`MAX_READS`] of them). After
+//! the first such blob, the next ones are read ahead while pieces are sent.
 
 mod queue;
 mod reads;
@@ -118,8 +118,8 @@ impl Scheduler {
         self.want_part(unit, priority, 0..u32::MAX)
     }
 
-    /// Queues part of a blob, or changes its priority. A queued part is extended to cover the new one; after a run that has
-    /// begun, the rest of the part is queued. Returns `false` if the queue is full.
+    /// Queues part of a blob, or changes its priority. A queued part is extended to cover the new one; after a run
+    /// that has begun, the rest of the part is queued. Returns `false` if the queue is full.
     pub fn want_part(&mut self, unit: Unit, priority: Priority, mut part: Range<u32>) -> bool {
         if let Unit::Blob(id) = unit
             && let Some(begun) = self.begun.iter_mut().find(|begun| begun.id == id)
@@ -191,7 +191,8 @@ impl Scheduler {
         self.queue.len()
     }
 
-    /// Bytes of blobs that are queued, being read or begun and not returned yet; `length` gives the length of a blob. O(n).
+    /// Bytes of blobs that are queued, being read or begun and not returned yet; `length` gives the length of a blob.
+    /// O(n).
     pub(crate) fn waiting_bytes(&self, length: impl Fn(&BlobId) -> Option<u32>) -> u64 {
         let part = |id: &BlobId, part: &Range<u32>| {
             u64::from(part.end.min(length(id).unwrap_or(0)).saturating_sub(part.start))
@@ -230,8 +231,8 @@ impl Scheduler {
         Some((index, begun.priority))
     }
 
-    /// The next page or piece of at most `piece_bytes`. Blobs are read by `read` as they begin. A blob whose read is pending
-    /// is reported by [`Scheduler::poll_read`], and others are sent meanwhile.
+    /// The next page or piece of at most `piece_bytes`. Blobs are read by `read` as they begin. A blob whose read is
+    /// pending is reported by [`Scheduler::poll_read`], and others are sent meanwhile.
     pub fn next(
         &mut self,
         piece_bytes: usize,

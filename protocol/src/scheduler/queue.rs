@@ -1,7 +1,7 @@
 //! Priority queue with lookup by unit: a binary heap, and a hash table of heap indices.
 //!
-//! A client may have thousands of units queued for as long as its session lasts, so entries are small: 36 bytes, and 4 to
-//! 11 bytes of the table. A map by key with another by unit took three times as much.
+//! A client may have thousands of units queued for as long as its session lasts, so entries are small: 36 bytes, and
+//! 4 to 11 bytes of the table. A map by key with another by unit took three times as much.
 
 use std::cmp::Reverse;
 use std::hash::{BuildHasher as _, RandomState};
@@ -40,8 +40,8 @@ pub(super) struct QueuedUnit {
 pub(super) struct Queue {
     /// A binary heap: no key is less than that of the parent, at index (i - 1) / 2.
     entries: Vec<Entry>,
-    /// A hash table with linear probing: indices of entries, or [`FREE`]. Its length is a power of two, at least a quarter
-    /// of it is free. The hash is keyed, because clients choose the units and must not cause collisions.
+    /// A hash table with linear probing: indices of entries, or [`FREE`]. Its length is a power of two, at least a
+    /// quarter of it is free. The hash is keyed, because clients choose the units and must not cause collisions.
     slots: Vec<u32>,
     hasher: RandomState,
 }

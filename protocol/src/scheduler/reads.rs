@@ -13,8 +13,8 @@ use lodestream_select::priority::Priority;
 /// Order in the queue: most urgent first, then first come, first served.
 pub(super) type Key = (Reverse<Priority>, u64);
 
-/// Most reads of a session, outstanding or read ahead. Each holds the blob in memory. More would waste reads when the view
-/// changes; fewer leave the link idle if a read takes long.
+/// Most reads of a session, outstanding or read ahead. Each holds the blob in memory. More would waste reads when the
+/// view changes; fewer leave the link idle if a read takes long.
 pub const MAX_READS: usize = 8;
 
 /// Progress of a read.

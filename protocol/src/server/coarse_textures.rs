@@ -17,7 +17,8 @@ use lodestream_select::{AssetState, Projection, SelectSettings};
 const MAX_TEXTURES: u16 = 8;
 /// Levels pushed per texture, from the coarsest on: some hundred bytes together.
 pub(super) const COARSE_LEVELS: u8 = 2;
-/// Least radius of an asset on the screen whose textures are pushed, in pixels. Smaller ones are drawn in the mean colour.
+/// Least radius of an asset on the screen whose textures are pushed, in pixels. Smaller ones are drawn in the mean
+/// colour.
 const MIN_TEXTURED_RADIUS_PX: f32 = 32.0;
 
 /// Sums and maxima over the visible instances of an asset.
@@ -28,8 +29,9 @@ struct AssetOnScreen {
     area: ShownArea,
 }
 
-/// The coarsest texture levels of visible assets, most urgent first, those of hidden assets last. The server does not decode
-/// asset descriptions, so it knows neither kind nor density of a texture: each counts as a difference of the mean colour.
+/// The coarsest texture levels of visible assets, most urgent first, those of hidden assets last. The server does not
+/// decode asset descriptions, so it knows neither kind nor density of a texture: each counts as a difference of the
+/// mean colour.
 pub(super) fn coarse_textures(
     source: &dyn SceneSource,
     view: &View,

@@ -10,23 +10,23 @@ use lodestream_scene::limits::MAX_QUEUED;
 pub struct ServerConfig {
     /// Sending rate and burst.
     pub limiter: LimiterConfig,
-    /// Most bytes of blobs and scene pages pushed before `Hello` arrives. On QUIC about 2.3 KB of base meshes fit before
-    /// address validation (three times the client's first packet, less the handshake); more would only queue, for a view
-    /// that may change. Unlimited on WebSocket.
+    /// Most bytes of blobs and scene pages pushed before `Hello` arrives. On QUIC about 2.3 KB of base meshes fit
+    /// before address validation (three times the client's first packet, less the handshake); more would only queue,
+    /// for a view that may change. Unlimited on WebSocket.
     pub push_before_hello_bytes: u64,
-    /// Most bytes in all up to which refinement of the start view follows the base meshes before `Hello` arrives: what the
-    /// transport sends in a round trip. More would be in the socket when `Hello` brings another view. 0 on QUIC: before
-    /// address validation, refinement would share packets with the base meshes and delay them, and untrusted peers could
-    /// make the server run the selection.
+    /// Most bytes in all up to which refinement of the start view follows the base meshes before `Hello` arrives:
+    /// what the transport sends in a round trip. More would be in the socket when `Hello` brings another view. 0 on
+    /// QUIC: before address validation, refinement would share packets with the base meshes and delay them, and
+    /// untrusted peers could make the server run the selection.
     pub refine_before_hello_bytes: u64,
-    /// Most bytes of index pages and first chunks pushed after the base meshes, so that refinement does not wait for a round
-    /// trip. More covers longer round trips, but bytes that the client would not have requested are wasted.
+    /// Most bytes of index pages and first chunks pushed after the base meshes, so that refinement does not wait for
+    /// a round trip. More covers longer round trips, but bytes that the client would not have requested are wasted.
     pub push_after_hello_bytes: u64,
     /// Most bytes of a blob handed over at once. Small pieces let urgent blobs overtake; each costs a
     /// frame's overhead.
     pub piece_bytes: u32,
-    /// Most queued units, at least one; further requests are refused, pages and pushed units wait. A unit takes up to 128
-    /// bytes of memory.
+    /// Most queued units, at least one; further requests are refused, pages and pushed units wait. A unit takes up to
+    /// 128 bytes of memory.
     pub max_queued: usize,
     /// Time within which `Hello` must arrive.
     pub hello_timeout: Duration,

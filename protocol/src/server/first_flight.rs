@@ -11,9 +11,9 @@ use lodestream_scene::view::View;
 use lodestream_select::Projection;
 use lodestream_select::priority::{Priority, base_priority, refine_priority};
 
-/// Benefit of a page without a visible instance, in square pixels per byte. Chunks with more benefit come first, but after
-/// a turn of the camera the page is needed soon. In the demo the benefit of chunks falls below 1 after half a second at
-/// 2 Mbit/s.
+/// Benefit of a page without a visible instance, in square pixels per byte. Chunks with more benefit come first, but
+/// after a turn of the camera the page is needed soon. In the demo the benefit of chunks falls below 1 after half a
+/// second at 2 Mbit/s.
 const HIDDEN_PAGE_BENEFIT: f32 = 1.0;
 
 /// Most textures of an asset whose coarsest level is sent with its base mesh.
@@ -22,12 +22,13 @@ const MAX_TEXTURES: u16 = 4;
 const MAX_TEXTURE_BYTES: u32 = 512;
 /// Most bytes of all such levels: 16 ms at 2 Mbit/s.
 const MAX_TEXTURES_BYTES: u32 = 4096;
-/// Least radius of an asset whose textures are sent, as a fraction of the picture's height. Such an asset covers a quarter
-/// of the height, where its mean colour alone is far from its final look.
+/// Least radius of an asset whose textures are sent, as a fraction of the picture's height. Such an asset covers a
+/// quarter of the height, where its mean colour alone is far from its final look.
 const MIN_TEXTURED_RADIUS: f32 = 0.125;
 
-/// Orders scene pages, base meshes in view and, for assets that are large on the screen, the coarsest levels of textures.
-/// Least urgent first, so that the next is popped from the end. The client requests the base meshes out of view itself.
+/// Orders scene pages, base meshes in view and, for assets that are large on the screen, the coarsest levels of
+/// textures. Least urgent first, so that the next is popped from the end. The client requests the base meshes out of
+/// view itself.
 pub(super) fn first_flight(
     source: &dyn SceneSource,
     scene: &SceneIndex,
@@ -72,8 +73,8 @@ pub(super) fn first_flight(
     flight
 }
 
-/// The coarsest texture levels of the assets to which `priority_of` gives a priority, a shared texture once. If they exceed
-/// [`MAX_TEXTURES_BYTES`], the most urgent ones.
+/// The coarsest texture levels of the assets to which `priority_of` gives a priority, a shared texture once. If they
+/// exceed [`MAX_TEXTURES_BYTES`], the most urgent ones.
 fn coarsest_textures(
     source: &dyn SceneSource,
     scene: &SceneIndex,

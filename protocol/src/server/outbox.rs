@@ -1,4 +1,5 @@
-//! Queue of outgoing control messages, bounded in bytes: the client decides how many it causes and how fast it reads them.
+//! Queue of outgoing control messages, bounded in bytes: the client decides how many it causes and how fast it reads
+//! them.
 
 use std::collections::VecDeque;
 use std::mem::size_of;
@@ -6,8 +7,8 @@ use std::mem::size_of;
 use crate::message::{Close, Refused, ServerMessage};
 use lodestream_scene::limits::MAX_IDS_PER_MESSAGE;
 
-/// Most memory of queued messages, in bytes. A session that needs more is closed. One message of a client causes at most a
-/// third of it ([`MAX_IDS_PER_MESSAGE`] refusals).
+/// Most memory of queued messages, in bytes. A session that needs more is closed. One message of a client causes at
+/// most a third of it ([`MAX_IDS_PER_MESSAGE`] refusals).
 pub(super) const MAX_QUEUED_BYTES: usize = 64 * 1024;
 
 /// The queue has no room for another message.

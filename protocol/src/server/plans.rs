@@ -1,7 +1,7 @@
 //! Cache of first flights and first refinements, which the sessions of a scene share.
 //!
-//! Ordering a scene for a view costs a pass over the instances in view. All connections begin with the start view, before
-//! their addresses are validated, so the work must not grow with their number.
+//! Ordering a scene for a view costs a pass over the instances in view. All connections begin with the start view,
+//! before their addresses are validated, so the work must not grow with their number.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};

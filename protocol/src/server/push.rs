@@ -97,8 +97,8 @@ impl Push {
         &self.view
     }
 
-    /// Changes the view. Withdraws what was pushed for the old one and, if `replan`, schedules a reordering. `instances` is
-    /// the number of instances of the scene.
+    /// Changes the view. Withdraws what was pushed for the old one and, if `replan`, schedules a reordering.
+    /// `instances` is the number of instances of the scene.
     pub(super) fn set_view(
         &mut self,
         now: Time,

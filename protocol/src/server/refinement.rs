@@ -193,9 +193,9 @@ fn load_index_page(bytes: &[u8], page: u32, asset: &mut AssetState) -> Option<()
     asset.add_index_page(page, decode_stated_page(bytes, first).ok()?).ok()
 }
 
-/// The assets that cover most of the screen. Returns their numbers, their instances (with assets renumbered) and states with
-/// only the base mesh applied. Instances are those in view and the largest one of each asset, which decides the priority of
-/// its pages.
+/// The assets that cover most of the screen. Returns their numbers, their instances (with assets renumbered) and
+/// states with only the base mesh applied. Instances are those in view and the largest one of each asset, which
+/// decides the priority of its pages.
 fn visible_assets(
     source: &dyn SceneSource,
     index: &SceneIndex,

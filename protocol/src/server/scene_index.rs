@@ -65,8 +65,8 @@ impl SceneIndex {
         Some((u32::try_from(page).ok()?, instance))
     }
 
-    /// The instances that may be in view, as (instance number, page number, entry), by ascending number. Conservative: all
-    /// visible ones and some others.
+    /// The instances that may be in view, as (instance number, page number, entry), by ascending number.
+    /// Conservative: all visible ones and some others.
     pub(super) fn near(&self, projection: &Projection) -> Vec<(u32, u32, &InstanceEntry)> {
         let numbers = self.tree.in_view(projection);
         let with_page = |&number: &u32| self.find(number).map(|(page, instance)| (number, page, instance));

@@ -69,8 +69,8 @@ impl ServerSession {
         Self::with_plans(Plans::new(), config, source, session, now)
     }
 
-    /// As [`new`](Self::new), with first flights and refinements cached in `plans`, which all sessions with a scene share.
-    /// What is sent is the same.
+    /// As [`new`](Self::new), with first flights and refinements cached in `plans`, which all sessions with a scene
+    /// share. What is sent is the same.
     #[must_use]
     pub fn with_plans(
         plans: Arc<Plans>,
@@ -262,8 +262,9 @@ impl ServerSession {
     }
 
     /// The next blob to read from the store ([`SceneSource::read`], which may block); the driver passes the result to
-    /// [`ServerSession::handle_read`]. Call until `None`, after every [`ServerSession::poll_transmit`]. A session has at most
-    /// [`crate::scheduler::MAX_READS`] outstanding reads for its client, and as many of index pages for what it pushes.
+    /// [`ServerSession::handle_read`]. Call until `None`, after every [`ServerSession::poll_transmit`]. A session has
+    /// at most [`crate::scheduler::MAX_READS`] outstanding reads for its client, and as many of index pages for what
+    /// it pushes.
     pub fn poll_read(&mut self) -> Option<BlobId> {
         loop {
             let id = self.requests.scheduler.poll_read().or_else(|| self.push.poll_read())?;
@@ -348,8 +349,8 @@ impl ServerSession {
         self.phase == Phase::Open
     }
 
-    /// Bytes not handed over yet: of requested blobs and of those pushed next, and of queued control messages as counted in
-    /// memory. O(n) for n queued units: meant for occasional use.
+    /// Bytes not handed over yet: of requested blobs and of those pushed next, and of queued control messages as
+    /// counted in memory. O(n) for n queued units: meant for occasional use.
     #[must_use]
     pub fn waiting_bytes(&self) -> u64 {
         let blobs = self.requests.scheduler.waiting_bytes(|id| self.source.blob_len(id));

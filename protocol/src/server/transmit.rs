@@ -36,8 +36,8 @@ pub enum Transmit {
 }
 
 impl ServerSession {
-    /// The next item to send, if the limiter admits one now. Call until `None`, and only while the transport accepts data:
-    /// urgent blobs cannot overtake what was already returned.
+    /// The next item to send, if the limiter admits one now. Call until `None`, and only while the transport accepts
+    /// data: urgent blobs cannot overtake what was already returned.
     pub fn poll_transmit(&mut self, now: Time) -> Option<Transmit> {
         self.timers.work_offered(now);
         self.timers.driver_polled(now);

@@ -1,9 +1,9 @@
 //! Estimate of the rate that a session can use, where that is less than its share: its link is slow or its client
 //! requests little.
 //!
-//! A session whose bucket overflows while it has something to send is limited by something else. The overflow and the bits
-//! sent are measured over half a second at a time. The estimate only decides what other sessions may have; the session
-//! itself may use its whole share at any time.
+//! A session whose bucket overflows while it has something to send is limited by something else. The overflow and the
+//! bits sent are measured over half a second at a time. The estimate only decides what other sessions may have; the
+//! session itself may use its whole share at any time.
 
 use super::filling::{Level, level_of};
 

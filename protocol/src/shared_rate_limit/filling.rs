@@ -1,8 +1,8 @@
 //! Progressive filling: the level at which weighted claims add up to a capacity.
 //!
-//! Bertsekas and Gallager, *Data Networks*, 2nd ed. (1992), §6.5.2: all claims are raised together until one is satisfied,
-//! which stays there, and so on until the capacity is used up. The result is the unique max-min fair allocation: no claim
-//! can be raised without lowering one that has no more, by weight.
+//! Bertsekas and Gallager, *Data Networks*, 2nd ed. (1992), §6.5.2: all claims are raised together until one is
+//! satisfied, which stays there, and so on until the capacity is used up. The result is the unique max-min fair
+//! allocation: no claim can be raised without lowering one that has no more, by weight.
 
 /// Bits per second per unit of weight, in units of 1/65,536.
 pub(super) type Level = u128;

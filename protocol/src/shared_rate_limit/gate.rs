@@ -1,15 +1,16 @@
 //! The token bucket of a rate that many sessions share, and the queue of the sessions that found it empty.
 //!
-//! A session that must wait is given a turn: a moment of its own to ask again. Turns follow each other at the bucket's
-//! rate, so that the waiting sessions do not all wake for the one piece that fits, and later arrivals do not overtake them.
+//! A session that must wait is given a turn: a moment of its own to ask again. Turns follow each other at the
+//! bucket's rate, so that the waiting sessions do not all wake for the one piece that fits, and later arrivals do not
+//! overtake them.
 
 use std::time::Duration;
 
 use crate::limiter::{BURST, TokenBucket};
 use crate::time::Time;
 
-/// Turns are spaced by the mean cost of a piece less 1/16: a session that comes a little early waits for the bucket, while
-/// wider spacing would leave some of the rate unused.
+/// Turns are spaced by the mean cost of a piece less 1/16: a session that comes a little early waits for the bucket,
+/// while wider spacing would leave some of the rate unused.
 const EARLY: u64 = 16;
 /// Weight of a new piece in the moving mean of the cost: 1/8.
 const MEAN_OF: u64 = 8;

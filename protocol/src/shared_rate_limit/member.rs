@@ -7,8 +7,8 @@ use super::filling::Level;
 use crate::limiter::BURST;
 use crate::time::Time;
 
-/// Virtual time of generalised processor sharing (Parekh and Gallager 1993): what each unit of weight was given since the
-/// clock began, in units of 1/65,536 nanobit.
+/// Virtual time of generalised processor sharing (Parekh and Gallager 1993): what each unit of weight was given since
+/// the clock began, in units of 1/65,536 nanobit.
 pub(super) type Virtual = u128;
 
 /// First reading of a clock: larger than the capacity of a bucket at any level, so that subtraction does not saturate.

@@ -1,7 +1,7 @@
 //! Sending rates that sessions share: one limit for all, and one for each group of sessions (those of an address).
 //!
-//! Rates are max-min fair by weight among the sessions that have something to send. What a session cannot use, because of
-//! its own rate or its link, goes to the others. `docs/design/session.md` explains the method.
+//! Rates are max-min fair by weight among the sessions that have something to send. What a session cannot use,
+//! because of its own rate or its link, goes to the others. `docs/design/session.md` explains the method.
 //!
 //! | module | contents |
 //! |---|---|
@@ -11,13 +11,13 @@
 //! | `gate` | the token bucket of a limit, and turns for waiting sessions |
 //! | `table` | sessions, groups and gates of a limit |
 //!
-//! Bounds: in any time T, sessions send at most limit × (T + 20 ms), one piece, and control messages, which are charged but
-//! never delayed. Sessions that always have something to send use the whole limit, except that the share of a session that
-//! stops is unused for 5 ms plus 1 ms per 200 sessions. A waiting session whose share rises continues at most 25 ms, or
-//! 0.1 ms per sending session, later than it could.
+//! Bounds: in any time T, sessions send at most limit × (T + 20 ms), one piece, and control messages, which are
+//! charged but never delayed. Sessions that always have something to send use the whole limit, except that the share
+//! of a session that stops is unused for 5 ms plus 1 ms per 200 sessions. A waiting session whose share rises
+//! continues at most 25 ms, or 0.1 ms per sending session, later than it could.
 //!
-//! Cost: each call takes a lock for a short time. Levels are computed in O(n log n) for n sessions, at most every 5 ms plus
-//! 1 ms per 200 sessions.
+//! Cost: each call takes a lock for a short time. Levels are computed in O(n log n) for n sessions, at most every 5
+//! ms plus 1 ms per 200 sessions.
 
 mod demand;
 mod filling;
@@ -43,8 +43,8 @@ pub struct Limits {
     pub group_bits_per_s: Option<u64>,
 }
 
-/// Weight of a session in the allocation: 1 to 100, by default 1. A session of weight 5 has five times the rate of one of
-/// weight 1 if both could use more.
+/// Weight of a session in the allocation: 1 to 100, by default 1. A session of weight 5 has five times the rate of
+/// one of weight 1 if both could use more.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Weight(NonZeroU8);
 
@@ -101,22 +101,23 @@ impl SharedRateLimit {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Adds a session with nothing to send. `group` identifies the sessions that share a group's limit; `None` for a session
-    /// under the total limit only. `began` is the start of the session's clock, on the shared rate limit's clock.
+    /// Adds a session with nothing to send. `group` identifies the sessions that share a group's limit; `None` for a
+    /// session under the total limit only. `began` is the start of the session's clock, on the shared rate limit's
+    /// clock.
     #[must_use]
     pub fn join(self: &Arc<Self>, group: Option<u128>, weight: Weight, began: Time) -> RateShare {
         let member = self.table().join(group, weight, began);
         RateShare { shared_rate_limit: Arc::clone(self), member, group, weight, began }
     }
 
-    /// Changes the limits from `now` on, on the shared rate limit's clock. Sessions that joined while groups had no limit stay
-    /// under the total limit only.
+    /// Changes the limits from `now` on, on the shared rate limit's clock. Sessions that joined while groups had no
+    /// limit stay under the total limit only.
     pub fn set_limits(&self, limits: Limits, now: Time) {
         self.table().set_limits(limits, now);
     }
 
-    /// Sum of the rates allocated to the sessions that have something to send, in bits per second; `now` is on the shared
-    /// rate limit's clock.
+    /// Sum of the rates allocated to the sessions that have something to send, in bits per second; `now` is on the
+    /// shared rate limit's clock.
     #[must_use]
     pub fn allocated_bits_per_s(&self, now: Time) -> u64 {
         self.table().allocated_bits_per_s(now)

@@ -57,7 +57,7 @@ impl ClientCore {
         self.scene.renew_occluders();
         self.scene.renew_tree();
         let round_trip = self.session.as_ref().and_then(|session| session.stats().rtt);
-        self.selector.set_way(self.motion.way(now, round_trip.unwrap_or(USUAL_ROUND_TRIP)));
+        self.selector.set_travel_distance(self.motion.way(now, round_trip.unwrap_or(USUAL_ROUND_TRIP)));
         let light = self.scene.header.as_ref().map(|header| header.light);
         let shines = |light: &SceneLighting| light.color.iter().any(|&part| part > 0.0);
         self.selector.set_to_sun(light.filter(shines).map(|light| light.direction));

@@ -61,8 +61,8 @@ pub struct TextureInfo {
     pub width: u32,
     /// Height of the finest level, in texels.
     pub height: u32,
-    /// Mean colour, drawn until the first level arrives: sRGB, averaged in linear light and weighted by opacity; for surface
-    /// textures the mean of each channel. `None` for heights and normals.
+    /// Mean colour, drawn until the first level arrives: sRGB, averaged in linear light and weighted by opacity; for
+    /// surface textures the mean of each channel. `None` for heights and normals.
     pub mean: Option<[u8; 3]>,
     /// Levels, coarsest first, at least one; each is an image of its own.
     pub levels: Vec<TextureLevel>,

@@ -15,8 +15,8 @@ pub const MAX_SEGMENTS: usize = 2048;
 /// Most passes of erosion of a terrain. A coarse tile, whose points are eroded separately, then takes some 30 ms.
 pub const MAX_EROSION_PASSES: u8 = 32;
 
-/// A terrain and its placement: grid x is world x, grid y is world z, height is world y; grid point (0, 0) at height 0 is the
-/// world's origin.
+/// A terrain and its placement: grid x is world x, grid y is world z, height is world y; grid point (0, 0) at height
+/// 0 is the world's origin.
 ///
 /// Parameters and units take 32 bytes on the wire, water 8.
 #[derive(Clone, Debug, PartialEq)]

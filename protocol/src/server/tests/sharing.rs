@@ -1,5 +1,5 @@
-//! What sessions send that share a shared rate limit, in virtual time: each piece as its pace admits it, by drivers whose timers tick
-//! in whole milliseconds, late, and whose clocks began at different moments.
+//! What sessions send that share a shared rate limit, in virtual time: each piece as its pace admits it, by drivers
+//! whose timers tick in whole milliseconds, late, and whose clocks began at different moments.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -352,8 +352,8 @@ fn a_session_slept_on_at_an_old_rate_that_was_a_twentieth_of_its_new_one() {
     assert!(until > Time::from_ms(11_500), "it would have gone on soon: {:?}", last.sent);
     drop(senders);
     run(std::slice::from_mut(&mut last), 11_500, 16_000);
-    // What is left of the piece's debt takes 130 ms at most, it looks again within 25, and the shared rate limit's own bucket may be
-    // overdrawn by a piece of another. At the old rate it would have slept for a second and a half.
+    // What is left of the piece's debt takes 130 ms at most, it looks again within 25, and the shared rate limit's
+    // own bucket may be overdrawn by a piece of another. At the old rate it would have slept for a second and a half.
     let first = last.sent[before].0;
     assert!(first <= Time::from_ms(11_700), "{first:?}");
     let ratio = last.bits(12_000, 15_000) / (3 * rate) as f64;
