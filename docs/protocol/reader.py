@@ -24,7 +24,9 @@ REFUSED = ["NotFound", "Unreadable", "QueueFull", "TooLong", "OutOfRange"]
 CLOSE_CODES = ["Normal", "ShuttingDown", "Version", "NoSuchScene", "Protocol", "Limit", "Timeout", "Busy", "Lost",
                "Unauthorised"]
 STAMPS = ["ridge", "valley", "crater", "plateau", "river bed"]
-TERRAIN, PUNCTUAL_LIGHTS = 0xFFFFFFFF, 0xFFFFFFFE
+# Kinds of blobs that are no part of an asset.
+SCENE_BLOBS = {4: "terrain_directory_page", 5: "height_overrides", 6: "punctual_light_directory_page",
+               7: "punctual_light_page"}
 MAX_BODY, MAX_PIECE, MAX_BLOB = 65536, 16384, 1 << 26
 ZSTD = bytes.fromhex("28b52ffd")
 
@@ -178,20 +180,21 @@ class Reader:
         return self.f(name, self.read_id, show_id)
 
     def read_id(self):
-        asset, part = self.b.u32(), self.b.u32()
-        found = {"asset": {TERRAIN: "terrain", PUNCTUAL_LIGHTS: "punctual_lights"}.get(asset, asset)}
-        ensure(asset < PUNCTUAL_LIGHTS or part in (1, 2), f"part {part} of {found['asset']}")
-        if part == 0:
-            found["base"] = True
-        elif part == 1:
-            found["page"] = self.b.u32()
-        elif part == 2:
-            found["chunk"] = self.b.u32()
-        elif part == 3:
-            found["texture"], found["level"] = self.b.u16(), self.b.u8()
+        number, kind = self.b.u32(), self.b.u32()
+        if kind in SCENE_BLOBS:
+            return {SCENE_BLOBS[kind]: number}
+        blob = {"asset": number}
+        if kind == 0:
+            blob["base"] = True
+        elif kind == 1:
+            blob["page"] = self.b.u32()
+        elif kind == 2:
+            blob["chunk"] = self.b.u32()
+        elif kind == 3:
+            blob["texture"], blob["level"] = self.b.u16(), self.b.u8()
         else:
-            raise Broken(f"a blob id of part {part}")
-        return found
+            raise Broken(f"a blob id of kind {kind}")
+        return blob
 
     # From the client.
     def hello(self):
@@ -548,12 +551,11 @@ class Reader:
         return struct.unpack("<f", struct.pack("<I", self.b.fixed(2) << 15))[0]
 
 
-def show_id(found):
-    if found.get("base"):
-        return f"base mesh of asset {found['asset']}"
-    kinds = [f"{key} {value}" for key, value in found.items() if key != "asset"]
-    whose = f"the {found['asset']}" if isinstance(found["asset"], str) else f"asset {found['asset']}"
-    return f"{' '.join(kinds)} of {whose}"
+def show_id(blob):
+    if blob.get("base"):
+        return f"base mesh of asset {blob['asset']}"
+    parts = " ".join(f"{key} {value}" for key, value in blob.items() if key != "asset")
+    return f"{parts} of asset {blob['asset']}" if "asset" in blob else parts.replace("_", " ")
 
 
 def read_body(name, r):
@@ -671,10 +673,12 @@ class Session:
         b = cursor or Bytes(data)
         if whole and run["id"].get("base") and not data.startswith(ZSTD):
             run["contents"] = Reader(b).base()
-        elif whole and run["id"]["asset"] == "terrain" and "page" in run["id"]:
+        elif whole and "terrain_directory_page" in run["id"]:
             run["contents"] = Reader(b).directory()
-        elif whole and run["id"]["asset"] == "punctual_lights":
-            run["contents"] = Reader(b).punctual_light_directory() if "page" in run["id"] else Reader(b).punctual_light_page()
+        elif whole and "punctual_light_directory_page" in run["id"]:
+            run["contents"] = Reader(b).punctual_light_directory()
+        elif whole and "punctual_light_page" in run["id"]:
+            run["contents"] = Reader(b).punctual_light_page()
         elif b.left():
             b.note("blob", lambda: b.take(b.left()), lambda taken: f"{len(taken)} bytes")
         self.blobs.append(run)

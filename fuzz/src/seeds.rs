@@ -20,7 +20,9 @@ use lodestream_scene::asset::{
     Alpha, AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, TextureLevel, Wrap,
 };
 use lodestream_scene::blob::BlobId;
-use lodestream_scene::description::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
+use lodestream_scene::description::{
+    AssetEntry, Camera, InstanceEntry, SceneHeader, SceneLighting, ScenePage,
+};
 use lodestream_scene::punctual_lights::{
     PunctualLight, PunctualLightPageEntry, PunctualLights, Spot, encode_directory, encode_page,
 };
@@ -317,7 +319,7 @@ fn messages() -> Vec<(String, Vec<u8>)> {
         asset_count: 1,
         instance_count: 2,
         page_count: 1,
-        light: Light { direction: [0.0, -1.0, 0.0], color: [1.0; 3], ambient: [0.1; 3] },
+        light: SceneLighting { direction: [0.0, -1.0, 0.0], color: [1.0; 3], ambient: [0.1; 3] },
         background: [0.5; 3],
         terrain: None,
         camera,

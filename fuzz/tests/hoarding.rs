@@ -19,7 +19,9 @@ use lodestream_protocol::Time;
 use lodestream_protocol::message::{ClientMessage, Hello, Want};
 use lodestream_protocol::server::{ServerConfig, ServerSession};
 use lodestream_protocol::source::{SceneSource, SourceError};
-use lodestream_scene::description::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
+use lodestream_scene::description::{
+    AssetEntry, Camera, InstanceEntry, SceneHeader, SceneLighting, ScenePage,
+};
 use lodestream_scene::{BlobId, BlobPart};
 
 const CHUNKS: u32 = 10_000;
@@ -41,7 +43,7 @@ impl Unread {
             asset_count: 1,
             instance_count: 1,
             page_count: 1,
-            light: Light { direction: [0.0, 1.0, 0.0], color: [1.0; 3], ambient: [0.1; 3] },
+            light: SceneLighting { direction: [0.0, 1.0, 0.0], color: [1.0; 3], ambient: [0.1; 3] },
             background: [0.0; 3],
             terrain: None,
             camera: Camera { eye: [0.0, 0.0, 3.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_y: 1.0 },

@@ -1,4 +1,4 @@
-//! The bytes of control messages: bincode with limits, and the check that nothing is left over.
+//! Encoding of control messages: bincode with limits; trailing bytes are an error.
 
 use bincode::config::{Configuration, Limit, LittleEndian, Varint};
 use bincode::de::Decode;

@@ -1,7 +1,7 @@
-//! Frames: the bytes of messages and of blob pieces.
+//! Frames: the encoding of messages and blob pieces.
 //!
 //! A frame is `tag (1 byte) · length (QUIC variable-length integer, RFC 9000 §16) · body`. Bit 7 of the
-//! tag marks messages that a peer may skip where it does not know them; other unknown tags are refused.
+//! tag marks messages that a peer may skip if it does not know them; other unknown tags are errors.
 //! On WebSocket, one binary message carries exactly one frame; on QUIC control streams frames follow
 //! each other ([`FrameReader`]).
 
@@ -38,14 +38,13 @@ mod tag {
     pub(super) const PUNCTUAL_LIGHTS: u8 = 0x4A | OPTIONAL;
 }
 
-/// Why a frame is refused. The session that hears of it should be closed with
-/// [`crate::message::CloseCode::Protocol`] or [`crate::message::CloseCode::Limit`].
+/// A frame that cannot be decoded. The session is closed with [`FrameError::close_code`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FrameError {
     /// The frame ends early.
     #[error("a frame ends early")]
     Truncated,
-    /// Bytes follow the frame where there must be none.
+    /// Bytes follow the end of the frame or run.
     #[error("{0} bytes follow a frame")]
     TrailingBytes(usize),
     /// A tag that is unknown and not marked optional.
@@ -56,10 +55,10 @@ pub enum FrameError {
     TooLong {
         /// Its length.
         bytes: u64,
-        /// How much may be.
+        /// The greatest allowed length.
         limit: usize,
     },
-    /// The body is not what the tag says.
+    /// The body is not an encoding of the tag's message.
     #[error("malformed {what}: {why}")]
     Body {
         /// Name of the message.
@@ -67,15 +66,15 @@ pub enum FrameError {
         /// What is wrong.
         why: CodingError,
     },
-    /// The message says what cannot be.
+    /// The message has an invalid value.
     #[error("malformed message: {0}")]
     Message(#[from] MessageError),
-    /// The piece says what cannot be.
+    /// The piece has an invalid value.
     #[error("malformed piece: {0}")]
     Piece(#[from] PieceError),
 }
 
-/// A piece of a blob, or the head of a blob's stream, that cannot be.
+/// An invalid piece of a blob, or head of a blob's stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PieceError {
     /// The blob is longer than [`MAX_BLOB_BYTES`].
@@ -84,16 +83,16 @@ pub enum PieceError {
     /// More bytes than [`MAX_PIECE_BYTES`].
     #[error("{0} bytes, but at most {MAX_PIECE_BYTES} are allowed")]
     TooLong(usize),
-    /// The run ends before its blob begins, or behind its end.
+    /// The run ends beyond its blob.
     #[error("the run reaches beyond its blob")]
     RunBeyondBlob,
-    /// The piece ends behind its run.
+    /// The piece ends beyond its run.
     #[error("the piece reaches beyond its run")]
     BeyondRun,
-    /// A piece without bytes, of a blob that has some.
+    /// A piece without bytes, of a blob that is not empty.
     #[error("the piece is empty")]
     Empty,
-    /// A run without bytes, of a blob that has some.
+    /// A run without bytes, of a blob that is not empty.
     #[error("the run is empty")]
     EmptyRun,
 }
@@ -109,15 +108,14 @@ impl FrameError {
     }
 }
 
-/// Part of a blob. A *run* of pieces is sent in order and without gaps: the blob whole, its beginning, or
-/// its rest.
+/// A piece of a blob. A *run* is a contiguous part of a blob, whose pieces are sent in order and without gaps.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BlobPiece {
     /// The blob.
     pub id: BlobId,
     /// Offset of the piece within the blob, in bytes.
     pub offset: u32,
-    /// Where the run ends that the piece belongs to, in bytes from the blob's beginning.
+    /// End of the run that the piece belongs to, in bytes from the start of the blob.
     pub end: u32,
     /// Length of the whole blob, in bytes.
     pub total: u32,
@@ -152,7 +150,7 @@ impl BlobPiece {
     }
 }
 
-/// What a frame from the server holds.
+/// The content of a frame from the server.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ServerFrame {
     /// A control message.
@@ -161,7 +159,7 @@ pub enum ServerFrame {
     Piece(BlobPiece),
 }
 
-/// One frame, its body not decoded yet.
+/// A frame with an undecoded body.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Frame {
     tag: u8,
@@ -181,8 +179,8 @@ pub(crate) fn put_length(length: usize, out: &mut Vec<u8>) {
     }
 }
 
-/// Reads a length; gives it and the bytes it took, or `None` where more bytes are needed. The 8-byte
-/// form is read (and then refused as too long), so that the refusal can name the length.
+/// Reads a length; returns it and its size in bytes, or `None` if more bytes are needed. Reads the 8-byte form too,
+/// which is always too long, so that the error can state the length.
 pub(crate) fn get_length(bytes: &[u8]) -> Option<(u64, usize)> {
     let first = *bytes.first()?;
     let size = 1_usize << (first >> 6);
@@ -194,7 +192,7 @@ pub(crate) fn get_length(bytes: &[u8]) -> Option<(u64, usize)> {
 }
 
 impl Frame {
-    /// Splits the first frame off `bytes`; gives it and its length, or `None` where more are needed.
+    /// Finds the first frame of `bytes`; returns its tag and the range of its body, or `None` if more bytes are needed.
     fn split(bytes: &[u8]) -> Result<Option<(u8, std::ops::Range<usize>)>, FrameError> {
         let Some(&tag) = bytes.first() else { return Ok(None) };
         let Some((length, size)) = get_length(&bytes[1..]) else { return Ok(None) };
@@ -219,7 +217,7 @@ impl Frame {
         Ok(Self { tag, body: bytes.slice(body) })
     }
 
-    /// Decodes a frame from a client. `None`: an unknown message that may be skipped.
+    /// Decodes a frame from a client. Returns `None` for an unknown message that may be skipped.
     ///
     /// # Errors
     /// Refuses unknown messages that are not optional, and malformed bodies.
@@ -241,7 +239,7 @@ impl Frame {
         Ok(Some(message))
     }
 
-    /// Decodes a frame from a server. `None`: an unknown message that may be skipped.
+    /// Decodes a frame from a server. Returns `None` for an unknown message that may be skipped.
     ///
     /// # Errors
     /// Refuses unknown messages that are not optional, and malformed bodies.
@@ -270,7 +268,7 @@ impl Frame {
         let head = usize::from(*body.first().ok_or(FrameError::Truncated)?);
         let end = 1 + head;
         let head = body.get(1..end).ok_or(FrameError::Truncated)?;
-        // What is left of the blob behind the run is nearly always nothing: one byte.
+        // The bytes after the run are nearly always 0, which takes one byte.
         let (id, offset, total, behind): (_, _, u32, u32) = decode("piece", head)?;
         let run_end = total.checked_sub(behind).ok_or(PieceError::RunBeyondBlob)?;
         let piece = BlobPiece { id, offset, end: run_end, total, bytes: body.slice(end..) };

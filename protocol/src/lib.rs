@@ -1,16 +1,17 @@
 //! Messages, framing, sans-IO sessions, scheduling and rate limits.
 //!
-//! The crate is pure: it opens no file and no socket, reads no clock and spawns no thread. Time comes
-//! in as an argument ([`Time`]), bytes and messages go in and out by `handle_…` and `poll_…` calls in
-//! the shape of quinn-proto, so that a server, a viewer and a simulator in virtual time drive the same
-//! state machines.
+//! The crate does no I/O: it opens no file and no socket, reads no clock and spawns no thread. Time is an argument
+//! ([`Time`]); messages and bytes enter and leave by `handle_…` and `poll_…` calls, as in quinn-proto. A server, a
+//! viewer and a simulator in virtual time drive the same state machines.
 //!
-//! | module | idea |
+//! | module | contents |
 //! |---|---|
-//! | [`message`], [`frame`] | control messages and their bytes |
+//! | [`message`], [`frame`] | control messages and their encoding |
 //! | [`stream`] | how frames and blobs map onto QUIC streams and WebSocket messages |
 //! | [`server`], [`client`] | the two session state machines |
-//! | [`scheduler`], [`limiter`], [`shared_rate_limit`] | what is sent next, and when |
+//! | [`scheduler`] | which blob is sent next |
+//! | [`limiter`], [`shared_rate_limit`] | token buckets: when the next piece is sent |
+//! | [`source`] | the scenes and blobs that a server session sends |
 
 #![cfg_attr(
     not(test),

@@ -1,4 +1,4 @@
-//! Control messages: what the two peers say to each other beside the blobs themselves.
+//! Control messages: all that the peers exchange besides blobs.
 
 use bincode::{Decode, Encode};
 
@@ -11,26 +11,26 @@ use lodestream_scene::limits::{
 use lodestream_scene::punctual_lights::{PunctualLights, PunctualLightsError};
 use lodestream_scene::view::{View, ViewError};
 
-/// Versions of the protocol that this crate speaks.
-pub const VERSIONS: std::ops::RangeInclusive<u16> = 4..=4;
+/// Protocol versions that this crate supports.
+pub const VERSIONS: std::ops::RangeInclusive<u16> = 5..=5;
 
 /// From client to server.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ClientMessage {
     /// Opens the session; first, once.
     Hello(Hello),
-    /// Asks for blobs or parts of them, or changes the priority of blobs asked for. Bytes already sent are
-    /// not sent again, unless a `Cancel` came between.
+    /// Requests blobs or parts of them, or changes the priority of requested ones. Bytes already sent are not sent
+    /// again, except after a `Cancel`.
     Want(Vec<Want>),
-    /// Takes requests back. What has been handed to the transport still arrives; in any case the server
-    /// forgets that it sent these blobs, so a client that evicts a blob cancels it as well.
+    /// Cancels requests. Bytes already passed to the transport still arrive. The server forgets that it sent these
+    /// blobs, so a client also cancels the blobs that it evicts.
     Cancel(Vec<BlobId>),
-    /// The view has changed; orders what the server sends unasked.
+    /// The view has changed; it orders what the server pushes.
     SetView(View),
-    /// Asks for pages of the scene description ahead of their turn.
+    /// Requests pages of the scene description, to be sent before all else.
     WantScenePages(Vec<u32>),
-    /// Shows that the client may see the scene: before `Hello`, and again before that grant ends. Servers that ask for
-    /// none pass it over.
+    /// Grants access to the scene: sent before `Hello`, and again before the token expires. Servers without access
+    /// control ignore it.
     Token(Token),
     /// Shows that the client is alive; answered by `Pong` at once.
     Ping(u32),
@@ -41,28 +41,27 @@ pub enum ClientMessage {
 /// A client's first message.
 #[derive(Clone, Debug, PartialEq, Encode, Decode)]
 pub struct Hello {
-    /// Lowest version that the client speaks.
+    /// Lowest version that the client supports.
     pub version_min: u16,
-    /// Highest version that the client speaks.
+    /// Highest version that the client supports.
     pub version_max: u16,
     /// Name of the scene; empty for the server's default.
     pub scene: String,
-    /// What the client looks at; `None` for the scene's start view.
+    /// The client's view; `None` for the scene's start view.
     pub view: Option<View>,
-    /// Longest blob that the client takes, in bytes.
+    /// Longest blob that the client accepts, in bytes.
     pub max_blob_bytes: u32,
-    /// Bytes that the client can hold in all; the server sends no more than this unasked.
+    /// The client's memory for blobs, in bytes; the server pushes no more than this.
     pub budget_bytes: u64,
-    /// Fingerprint of the scene that `have` is about.
+    /// Fingerprint of the scene that the blobs of `have` belong to.
     pub fingerprint: Fingerprint,
-    /// Blobs that the client still has from an earlier session, which are not sent unasked.
+    /// Blobs that the client has from an earlier session; they are not pushed.
     pub have: Vec<BlobId>,
 }
 
 impl Hello {
-    /// A first message in the versions that this crate speaks, for the scene of that name (empty for the
-    /// server's default): from its start view, with nothing kept from an earlier session, blobs as long as
-    /// there are, and room for a gibibyte of them.
+    /// A `Hello` with this crate's versions for a scene (empty for the server's default): the start view, no blobs
+    /// from an earlier session, no limit on blob length, and 1 GiB of memory.
     #[must_use]
     pub fn new(scene: impl Into<String>) -> Self {
         Self {
@@ -78,7 +77,7 @@ impl Hello {
     }
 }
 
-/// A bearer token: whoever has it may do what it grants. Its text is not shown where a token is printed.
+/// A bearer token. Its `Debug` output does not show the text.
 #[derive(Clone, PartialEq, Eq, Encode, Decode)]
 pub struct Token(pub String);
 
@@ -95,15 +94,15 @@ pub struct Want {
     pub id: BlobId,
     /// Higher is sent first; see [`lodestream_select::Priority`].
     pub priority: u32,
-    /// Bytes of the blob's beginning that the client has: what is sent begins there, or later where the
-    /// server has sent more. Below the blob's length.
+    /// Start of the part: bytes that the client has. The run begins here, or later if the server has sent more. Below
+    /// the blob's length.
     pub offset: u32,
-    /// Where it ends, above `offset` and at most the blob's length; `None` for the blob's end.
+    /// End of the part, above `offset` and at most the blob's length; `None` for the blob's end.
     pub end: Option<u32>,
 }
 
 impl Want {
-    /// Asks for all of a blob.
+    /// A request for a whole blob.
     #[must_use]
     pub const fn whole(id: BlobId, priority: u32) -> Self {
         Self { id, priority, offset: 0, end: None }
@@ -113,20 +112,20 @@ impl Want {
 /// From server to client.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ServerMessage {
-    /// Opens the session; first, once, perhaps before the `Hello` was heard.
+    /// Opens the session; first, once, possibly before `Hello` arrives.
     Welcome(Welcome),
     /// A page of the scene description.
     ScenePage(ScenePage),
-    /// The scene has punctual lights: behind `Welcome`, once, where it has any. Clients that know of none skip it.
+    /// The scene's punctual lights: once, after `Welcome`, if there are any. Optional for clients.
     PunctualLights(PunctualLights),
-    /// A blob that was asked for will not come.
+    /// A requested blob will not be sent.
     Refused(Refused),
-    /// The same of several blobs, two at least and at most [`MAX_IDS_PER_MESSAGE`].
+    /// Refusals of several blobs, 1 to [`MAX_IDS_PER_MESSAGE`].
     RefusedMany(Vec<Refused>),
-    /// All visible instances' base meshes and the pages that place them have been handed over, for the
-    /// view last known. Informative: on QUIC it may overtake blobs.
+    /// The base meshes of all visible instances, for the last known view, and their pages have been sent.
+    /// Informative: on QUIC it may overtake blobs.
     BasesSent,
-    /// Nothing is queued: everything asked for has been handed over.
+    /// Nothing is queued: all requested blobs have been sent.
     Done,
     /// Answers a `Ping`.
     Pong(u32),
@@ -137,19 +136,19 @@ pub enum ServerMessage {
 /// A server's first message.
 #[derive(Clone, Debug, PartialEq, Encode, Decode)]
 pub struct Welcome {
-    /// Version that the server speaks. The client closes if it cannot.
+    /// The server's version. A client without it closes.
     pub version: u16,
     /// Number of the session, for logs.
     pub session: u64,
-    /// Rate that the limiter admits, in bits per second; 0 for unlimited.
+    /// The server's rate limit in bits per second; 0 for unlimited.
     pub rate_bits_per_s: u64,
-    /// Silence after which the server closes, in milliseconds. The client pings well before that.
+    /// Time without a message after which the server closes, in milliseconds. The client pings well before that.
     pub idle_timeout_ms: u32,
     /// The scene.
     pub scene: SceneHeader,
 }
 
-/// A request that is not granted.
+/// The refusal of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
 pub struct Refused {
     /// The blob.
@@ -163,20 +162,20 @@ pub struct Refused {
 pub enum RefusedReason {
     /// There is no such blob.
     NotFound,
-    /// The server cannot read it, now.
+    /// The server cannot read it at present.
     Unreadable,
-    /// Too many requests are queued; ask again later.
+    /// Too many requests are queued; request it again later.
     QueueFull,
     /// It is longer than the client's `max_blob_bytes`.
     TooLong,
-    /// The part asked for is empty or reaches beyond the blob.
+    /// The requested part is empty or reaches beyond the blob.
     OutOfRange,
 }
 
 /// Why a session ends. The number is the application error code on QUIC.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Encode, Decode)]
 pub enum CloseCode {
-    /// The peer said `Bye`, or the user left.
+    /// The client sent `Bye`, or the user left.
     Normal,
     /// The server shuts down; connect again later.
     ShuttingDown,
@@ -184,17 +183,17 @@ pub enum CloseCode {
     Version,
     /// No such scene.
     NoSuchScene,
-    /// Bytes that are not a message, or a message out of turn.
+    /// Invalid bytes, or a message in the wrong order.
     Protocol,
     /// A limit was exceeded.
     Limit,
-    /// Nothing was heard for too long, or nothing could be sent for too long.
+    /// The peer was silent, or the transport blocked, for too long.
     Timeout,
     /// The server is full.
     Busy,
     /// The transport failed. Never sent.
     Lost,
-    /// The client showed no token that grants it the scene, or its token has ended.
+    /// The client has no valid token for the scene, or its token has expired.
     Unauthorised,
 }
 
@@ -219,13 +218,13 @@ impl CloseCode {
         self as u16
     }
 
-    /// The code of a number.
+    /// The code with a number.
     #[must_use]
     pub fn from_number(number: u64) -> Option<Self> {
         usize::try_from(number).ok().and_then(|n| Self::ALL.get(n).copied())
     }
 
-    /// Whether connecting again, later, can help.
+    /// Whether reconnecting later may succeed.
     #[must_use]
     pub const fn worth_retrying(self) -> bool {
         matches!(self, Self::ShuttingDown | Self::Timeout | Self::Busy | Self::Lost)
@@ -242,8 +241,8 @@ pub struct Close {
 }
 
 impl Close {
-    /// A close with a reason, cut to [`MAX_REASON_BYTES`]. What a terminal would obey or hide instead of showing it (control
-    /// characters, line ends, changes of direction) is replaced by U+FFFD: reasons come from peers, and go to terminals.
+    /// A close with a reason, cut to [`MAX_REASON_BYTES`]. Reasons come from peers and are shown in terminals, so
+    /// control characters, line ends and changes of text direction are replaced by U+FFFD.
     pub fn new(code: CloseCode, reason: impl Into<String>) -> Self {
         let reason: String = reason.into();
         let mut reason = reason.replace(is_hidden, "\u{fffd}");
@@ -256,7 +255,7 @@ impl Close {
     }
 }
 
-/// Whether a character is more than what is seen of it.
+/// Whether a character is invisible or changes how others are shown.
 fn is_hidden(c: char) -> bool {
     c.is_control()
         || matches!(c, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}')
@@ -268,7 +267,7 @@ impl std::fmt::Display for Close {
     }
 }
 
-/// A message that says what cannot be.
+/// A message with an invalid value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MessageError {
     /// Longer than [`MAX_NAME_BYTES`].
@@ -277,7 +276,7 @@ pub enum MessageError {
     /// Longer than [`MAX_TOKEN_BYTES`].
     #[error("the token is too long")]
     Token,
-    /// The lowest is above the highest.
+    /// The lowest version is above the highest.
     #[error("the range of versions is empty")]
     Versions,
     /// More than [`MAX_HAVE`].
@@ -298,13 +297,13 @@ pub enum MessageError {
     /// Longer than [`MAX_REASON_BYTES`].
     #[error("the reason of a close is too long")]
     Reason,
-    /// Its view.
+    /// The view is invalid.
     #[error(transparent)]
     View(#[from] ViewError),
-    /// Its part of the scene's description.
+    /// The header or page of the scene is invalid.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// What it says of punctual lights.
+    /// The summary of punctual lights is invalid.
     #[error(transparent)]
     PunctualLights(#[from] PunctualLightsError),
 }
@@ -314,7 +313,7 @@ fn ensure(ok: bool, why: MessageError) -> Result<(), MessageError> {
 }
 
 impl ClientMessage {
-    /// Why the message cannot be accepted, if so; decoding calls this.
+    /// Checks the values; decoding calls this.
     pub(crate) fn check(&self) -> Result<(), MessageError> {
         match self {
             Self::Hello(hello) => {
@@ -336,7 +335,7 @@ impl ClientMessage {
 }
 
 impl ServerMessage {
-    /// Why the message cannot be accepted, if so; decoding calls this.
+    /// Checks the values; decoding calls this.
     pub(crate) fn check(&self) -> Result<(), MessageError> {
         match self {
             Self::Welcome(welcome) => Ok(welcome.scene.check()?),

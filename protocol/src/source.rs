@@ -1,4 +1,4 @@
-//! Where a server session finds scenes and blobs.
+//! `SceneSource`: the interface through which server sessions read scenes and blobs.
 
 use std::future::Future;
 use std::pin::Pin;
@@ -11,7 +11,7 @@ use lodestream_scene::description::{SceneHeader, ScenePage};
 use lodestream_scene::punctual_lights::PunctualLights;
 use lodestream_select::Occluder;
 
-/// Why a blob cannot be had.
+/// A blob that cannot be read.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SourceError {
     /// No such blob in this scene.
@@ -22,75 +22,74 @@ pub enum SourceError {
     Unreadable {
         /// The blob.
         id: BlobId,
-        /// What the store said.
+        /// The store's error.
         why: String,
     },
 }
 
-/// What a store has of a blob at hand.
+/// Result of a read without waiting.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Reading {
     /// The bytes.
     Ready(Bytes),
-    /// Not yet: [`SceneSource::read`] gets them, and may take its time.
+    /// The blob must be read by [`SceneSource::read`], which may block.
     Pending,
 }
 
-/// How often blobs were at hand when they were to be sent, since the start.
+/// Hits and misses of a blob cache since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CacheUse {
-    /// At hand.
+    /// Blobs found in the cache.
     pub hits: u64,
-    /// To be read first.
+    /// Blobs that had to be read.
     pub misses: u64,
 }
 
-/// A read that is under way, and holds no thread.
+/// An outstanding read that holds no thread.
 pub type BlobFuture = Pin<Box<dyn Future<Output = Result<Bytes, SourceError>> + Send>>;
 
 /// One scene with its blobs. Shared by all sessions.
 pub trait SceneSource: Send + Sync {
-    /// What holds for the whole scene.
+    /// The scene's header.
     fn header(&self) -> &SceneHeader;
 
     /// A page of the description; `None` beyond the last.
     fn page(&self, page: u32) -> Option<Arc<ScenePage>>;
 
-    /// What the scene says of its punctual lights; `None` where it has none.
+    /// Count and first page of the scene's punctual lights; `None` if it has none.
     fn punctual_lights(&self) -> Option<&PunctualLights> {
         None
     }
 
-    /// Length of a blob in bytes, or `None` where there is no such blob. Must not read the blob.
+    /// Length of a blob in bytes; `None` if there is no such blob. Must not read the blob.
     fn blob_len(&self, id: &BlobId) -> Option<u32>;
 
-    /// The blob's bytes, as long as [`SceneSource::blob_len`] says. May take as long as a disk or a store of objects
-    /// does; where it does, [`SceneSource::try_read`] says so, and drivers call this elsewhere than on the thread that
-    /// serves the network.
+    /// Reads a blob, of [`SceneSource::blob_len`] bytes. May block on a disk or an object store; then
+    /// [`SceneSource::try_read`] returns [`Reading::Pending`], and drivers call this outside the network's thread.
     ///
     /// # Errors
-    /// Fails where the blob is missing or damaged, or the store does not answer in the time that it allows itself.
+    /// If the blob is missing or damaged, or the store does not answer within its timeout.
     fn read(&self, id: &BlobId) -> Result<Bytes, SourceError>;
 
-    /// What [`SceneSource::read`] does, as a future that holds no thread, for stores that have one: drivers then use it in
-    /// place of a thread. May be dropped before it resolves.
+    /// [`SceneSource::read`] as a future that holds no thread, for stores that offer one; drivers prefer it. May be
+    /// dropped before it resolves.
     fn fetch(&self, id: &BlobId) -> Option<BlobFuture> {
         let _ = id;
         None
     }
 
-    /// How a cache of blobs has done; `None` where there is none.
+    /// Counters of the blob cache; `None` if there is none.
     fn cache_use(&self) -> Option<CacheUse> {
         None
     }
 
-    /// A coarse surface of an asset, by which is judged what hides what; `None` where there is none at hand.
+    /// A coarse surface of an asset for the occlusion test; `None` if none is in memory.
     fn occluder(&self, asset: u32) -> Option<Arc<Occluder>> {
         let _ = asset;
         None
     }
 
-    /// The blob's bytes if they are at hand, without waiting for anything. As it stands, for stores in memory, it reads.
+    /// Reads a blob if that needs no waiting. The default is for stores in memory: it calls [`SceneSource::read`].
     ///
     /// # Errors
     /// As [`SceneSource::read`].
@@ -99,7 +98,7 @@ pub trait SceneSource: Send + Sync {
     }
 }
 
-/// A source that reads everything at once, on the thread that asks: for virtual time, in which a disk takes none.
+/// A source whose reads never pend: for virtual time, in which a disk takes none.
 #[derive(Clone, Copy, Debug)]
 pub struct Immediate<S>(pub S);
 

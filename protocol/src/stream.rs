@@ -1,4 +1,4 @@
-//! How messages and blobs map onto the two transports.
+//! Mapping of messages and blobs onto the two transports.
 //!
 //! **QUIC** (ALPN [`ALPN`]). The client opens one unidirectional stream for its frames. The server opens
 //! one unidirectional stream for its control frames and one for each run of a blob, so that a lost packet delays
@@ -22,26 +22,26 @@ use lodestream_scene::limits::{MAX_BLOB_BYTES, MAX_NAME_BYTES, MAX_PIECE_BYTES};
 /// Name of the protocol in TLS ALPN and as WebSocket subprotocol.
 pub const ALPN: &str = "lodestream/2";
 
-/// Name in ALPN of a session with the scene of this name: [`ALPN`], a stroke, and 32 hexadecimal digits of the name's
-/// BLAKE3 hash. A client offers it in front of [`ALPN`], so that a server with several scenes knows which is meant before
+/// ALPN name of a session with the scene `name`: [`ALPN`], a slash, and the first 32 hexadecimal digits of the name's
+/// BLAKE3 hash. A client offers it before [`ALPN`], so that a server with several scenes can choose the scene before
 /// `Hello`.
 #[must_use]
 pub fn alpn_of_scene(name: &str) -> String {
     format!("{ALPN}/{}", &blake3::hash(name.as_bytes()).to_hex()[..32])
 }
 
-/// What stands as it is in a path (RFC 3986, section 2.3).
+/// Characters that are not percent-encoded in a path (RFC 3986, section 2.3).
 const UNRESERVED: &AsciiSet = &NON_ALPHANUMERIC.remove(b'-').remove(b'.').remove(b'_').remove(b'~');
 
-/// The path that names a scene in addresses and in WebSocket's request: `/NAME`, characters other than those that RFC 3986
-/// leaves alone as `%XX`; `/` without a name.
+/// The path of a scene in addresses and in WebSocket's request: `/NAME`, percent-encoded (RFC 3986); `/` without a
+/// name.
 #[must_use]
 pub fn path_of_scene(name: &str) -> String {
     format!("/{}", utf8_percent_encode(name, UNRESERVED))
 }
 
-/// The name in such a path, empty in `/`; `None` where it names none. A second stroke or a query is meant for something
-/// else.
+/// Inverse of [`path_of_scene`]: the scene's name, empty for `/`. `None` if the path has a second slash, a query,
+/// invalid encoding or too long a name.
 #[must_use]
 pub fn scene_of_path(path: &str) -> Option<String> {
     let name = path.strip_prefix('/')?;
@@ -53,22 +53,20 @@ pub fn scene_of_path(path: &str) -> Option<String> {
 pub const CONTROL_STREAM: u8 = 0;
 /// First byte of a stream that carries a run of one blob.
 pub const BLOB_STREAM: u8 = 1;
-/// Longest head of a blob's stream: kind, length of the head, id, length, and what is left out before and
-/// behind the run.
+/// Longest head of a blob's stream: kind, length of the head, id, total length, offset of the run, and bytes after it.
 pub const MAX_BLOB_HEAD_BYTES: usize = 1 + 1 + 11 + 5 + 5 + 5;
 
-/// Stream priority for quinn (higher first) of a blob of the given priority. Control streams should be
-/// above all of these: `i32::MAX`.
+/// Stream priority for quinn (higher first) of a blob with `priority`. Below `i32::MAX`, which is for control streams.
 #[must_use]
 pub fn quic_priority(priority: u32) -> i32 {
     // Half the range, so that the order is kept and i32::MAX stays free.
     i32::try_from(priority >> 2).unwrap_or(i32::MAX - 1)
 }
 
-/// First bytes of a blob's stream, kind included, whose run begins with this piece.
+/// The first bytes of a blob's stream, with the kind, for a run that begins with `first`.
 ///
 /// # Errors
-/// Refuses blobs longer than [`MAX_BLOB_BYTES`] and runs beyond their blob.
+/// If the blob is longer than [`MAX_BLOB_BYTES`] or the run ends beyond it.
 pub fn blob_head(first: &BlobPiece) -> Result<Vec<u8>, FrameError> {
     let BlobPiece { id, offset, end, total, .. } = *first;
     if total > MAX_BLOB_BYTES {
@@ -84,31 +82,30 @@ pub fn blob_head(first: &BlobPiece) -> Result<Vec<u8>, FrameError> {
     Ok(out)
 }
 
-/// Reads a blob's stream: bytes in, pieces out. Begins after the stream's kind byte.
+/// Incremental parser of a blob's stream, after the stream's kind byte.
 #[derive(Debug, Default)]
 pub struct BlobStreamReader {
     head: Vec<u8>,
     blob: Option<(BlobId, u32)>,
-    /// Where the next piece begins, and where the run ends.
+    /// Start of the next piece, and end of the run.
     next: u32,
     end: u32,
 }
 
 impl BlobStreamReader {
-    /// A reader behind the stream's first byte.
+    /// A reader at the second byte of the stream.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// The blob that the stream carries and its length, once known.
+    /// The blob and its total length, once the head is complete.
     #[must_use]
     pub const fn blob(&self) -> Option<(BlobId, u32)> {
         self.blob
     }
 
-    /// Takes bytes of the stream and gives the pieces they make, in order, none longer than
-    /// [`MAX_PIECE_BYTES`].
+    /// Takes bytes of the stream; returns the pieces in them, in order, none longer than [`MAX_PIECE_BYTES`].
     ///
     /// # Errors
     /// Refuses malformed heads and bytes beyond the blob's length.
@@ -158,10 +155,10 @@ impl BlobStreamReader {
         Ok(pieces)
     }
 
-    /// Call at the stream's end.
+    /// Checks the end of the stream.
     ///
     /// # Errors
-    /// Fails where the stream ended before its run.
+    /// If the stream ended before its run.
     pub fn finish(&self) -> Result<(), FrameError> {
         match self.blob {
             Some(_) if self.next == self.end => Ok(()),
@@ -198,7 +195,7 @@ mod tests {
     #[test]
     fn blobs_come_through_however_the_stream_is_cut() {
         for id in
-            [BlobId::base(0), BlobId::texture(u32::MAX - 2, u16::MAX, 255), BlobId::terrain_points(u32::MAX)]
+            [BlobId::base(0), BlobId::texture(u32::MAX, u16::MAX, 255), BlobId::height_overrides(u32::MAX)]
         {
             for length in [0, 1, 700, 40_000] {
                 let blob: Vec<u8> = (0..length).map(|i| (i % 251) as u8).collect();

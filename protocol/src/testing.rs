@@ -7,7 +7,7 @@ use lodestream_geometry::index::{ChunkInfo, encode_pages};
 
 use crate::source::{Reading, SceneSource, SourceError};
 use lodestream_scene::blob::{BlobId, BlobPart};
-use lodestream_scene::description::{Camera, InstanceEntry, Light, SceneHeader, ScenePage};
+use lodestream_scene::description::{Camera, InstanceEntry, SceneHeader, SceneLighting, ScenePage};
 use lodestream_select::Occluder;
 use lodestream_select::testing::{plane, plane_entry};
 
@@ -58,7 +58,7 @@ impl MemoryScene {
             asset_count: first_asset,
             instance_count: first_instance,
             page_count: pages.len() as u32,
-            light: Light { direction: [0.0, 1.0, 0.0], color: [1.0; 3], ambient: [0.1; 3] },
+            light: SceneLighting { direction: [0.0, 1.0, 0.0], color: [1.0; 3], ambient: [0.1; 3] },
             background: [0.0; 3],
             terrain: None,
             camera: Camera { eye: [0.0, 1.0, 4.0], target: [0.0, 0.0, 0.0], up: [0.0, 1.0, 0.0], fov_y: 0.9 },

@@ -1,17 +1,17 @@
-//! Moments: how time enters the state machines.
+//! Time as an argument of the state machines.
 
 use std::ops::{Add, Sub};
 use std::time::Duration;
 
-/// A moment, as the time since a start that the driver chooses (and keeps for one session).
+/// A moment: time since a start that the driver chooses and keeps for one session.
 ///
-/// Real drivers pass `start.elapsed()`, simulations pass virtual time. Resolution is one nanosecond,
-/// range 584 years; arithmetic saturates.
+/// Real drivers pass `start.elapsed()`, simulations pass virtual time. Resolution 1 ns, range 584 years; arithmetic
+/// saturates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Time(u64);
 
 impl Time {
-    /// The start itself.
+    /// The start.
     pub const ZERO: Self = Self(0);
 
     /// A moment this many nanoseconds after the start.
@@ -32,7 +32,7 @@ impl Time {
         self.0
     }
 
-    /// Time since `earlier`, or zero where that lies later.
+    /// Time since `earlier`, or zero if `earlier` is later.
     #[must_use]
     pub fn since(self, earlier: Self) -> Duration {
         Duration::from_nanos(self.0.saturating_sub(earlier.0))

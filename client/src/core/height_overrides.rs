@@ -93,7 +93,7 @@ impl TerrainPoints {
             TerrainBlob::DirectoryPage(page) => {
                 self.pages.get(page as usize).copied().unwrap_or(State::Absent)
             }
-            TerrainBlob::Points(patch) => {
+            TerrainBlob::HeightOverrides(patch) => {
                 let (page, at) = (patch / PATCHES_PER_PAGE, patch % PATCHES_PER_PAGE);
                 let patch = self.patches.get(page as usize).and_then(|page| page.get(at as usize));
                 patch.map_or(State::Absent, |patch| patch.state)
@@ -108,7 +108,7 @@ impl TerrainPoints {
                     *held = state;
                 }
             }
-            TerrainBlob::Points(patch) => {
+            TerrainBlob::HeightOverrides(patch) => {
                 if let Some(patch) = self.patch_mut(patch) {
                     patch.state = state;
                 }
@@ -164,7 +164,7 @@ impl TerrainPoints {
             }
             let radius_px = projection.error_px(0.5 * side, across.max(0.5 * side)) as f32;
             let priority = shape_priority(view, px, radius_px, listed.bytes);
-            let id = BlobId::terrain_points(number);
+            let id = BlobId::height_overrides(number);
             if *state == State::Failed {
                 failed.push(id);
                 continue;
@@ -191,7 +191,7 @@ impl TerrainPoints {
                 let held = held.ok_or(TerrainBlobError::Unknown("page of the directory"))?;
                 *held = listed.into_iter().map(|listed| Patch { listed, state: State::Absent }).collect();
             }
-            TerrainBlob::Points(number) => {
+            TerrainBlob::HeightOverrides(number) => {
                 let finest = self.entry.parameters.finest_level;
                 let points: HeightOverrides = decode_points(finest, bytes)?;
                 let patch = self.patch_mut(number).ok_or(TerrainBlobError::Unknown("patch"))?;

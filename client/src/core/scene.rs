@@ -320,7 +320,7 @@ impl Scene {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lodestream_scene::description::{AssetEntry, Camera, Light};
+    use lodestream_scene::description::{AssetEntry, Camera, SceneLighting};
 
     fn header(pages: u32) -> SceneHeader {
         SceneHeader {
@@ -329,7 +329,7 @@ mod tests {
             asset_count: pages,
             instance_count: pages,
             page_count: pages,
-            light: Light { direction: [0.0, 1.0, 0.0], color: [1.0; 3], ambient: [0.1; 3] },
+            light: SceneLighting { direction: [0.0, 1.0, 0.0], color: [1.0; 3], ambient: [0.1; 3] },
             background: [0.0; 3],
             terrain: None,
             camera: Camera { eye: [0.0, 0.0, 5.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_y: 1.0 },

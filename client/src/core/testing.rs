@@ -21,7 +21,9 @@ use lodestream_scene::asset::{
     AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, TextureLevel,
 };
 use lodestream_scene::blob::{BlobId, BlobPart};
-use lodestream_scene::description::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
+use lodestream_scene::description::{
+    AssetEntry, Camera, InstanceEntry, SceneHeader, SceneLighting, ScenePage,
+};
 use lodestream_scene::punctual_lights::{
     self, FEW_PAGES, FEW_PUNCTUAL_LIGHTS, LISTED_PER_PAGE, PUNCTUAL_LIGHTS_PER_PAGE, PunctualLight,
     PunctualLightPageEntry, PunctualLights, encode_page,
@@ -171,7 +173,7 @@ impl TestScene {
                 asset_count: assets,
                 instance_count: assets,
                 page_count: 1,
-                light: Light { direction: [0.0, 1.0, 0.0], color: [1.0; 3], ambient: [0.2; 3] },
+                light: SceneLighting { direction: [0.0, 1.0, 0.0], color: [1.0; 3], ambient: [0.2; 3] },
                 background: [0.1; 3],
                 terrain: None,
                 camera: Camera { eye: [0.0, 2.0, 3.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_y: 0.9 },

@@ -5,11 +5,11 @@ use bincode::enc::Encoder;
 use bincode::error::{DecodeError, EncodeError};
 use bincode::{Decode, Encode};
 
-/// Which part of an asset a blob holds.
+/// A part of an asset that is sent as one blob.
 ///
-/// The order of the variants is the order in which a client can use them: nothing can be drawn
-/// without the base mesh, no chunk asked for without its index page.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Encode, Decode)]
+/// The order of the variants is the order in which a client can use them: it draws nothing without the base mesh and
+/// requests no chunk without its index page.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum BlobPart {
     /// The base mesh with grids and description.
     Base,
@@ -26,16 +26,16 @@ pub enum BlobPart {
     },
 }
 
-/// Which part of a scene's terrain a blob holds.
+/// A part of a scene's terrain that is sent as one blob.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum TerrainBlob {
-    /// A page of the directory of patches with listed points ([`crate::terrain::decode_directory`]).
+    /// A page of the directory of patches with height overrides ([`crate::terrain::decode_directory`]).
     DirectoryPage(u32),
-    /// The listed points of the directory's patch of this number.
-    Points(u32),
+    /// The height overrides of one patch, by its index in the directory.
+    HeightOverrides(u32),
 }
 
-/// Which part of a scene's punctual lights a blob holds.
+/// A part of a scene's punctual lights that is sent as one blob.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum PunctualLightBlob {
     /// A page of the directory of pages ([`crate::punctual_lights::decode_directory`]).
@@ -46,14 +46,13 @@ pub enum PunctualLightBlob {
 
 /// Name of one blob within a scene.
 ///
-/// Two to eleven bytes on the wire: the asset's number, then the part. A terrain's blobs are written as if they were of
-/// asset 2³² − 1, which no scene has: a page of its directory as an index page, points as a chunk. So are those of
-/// punctual lights, of asset 2³² − 2: a page of their directory as an index page, a page of punctual lights as a chunk.
+/// Two to eleven bytes on the wire: a number, then the kind. The number is the asset's index where the kind is a part
+/// of an asset, and the index of the page or patch for terrain and punctual lights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum BlobId {
     /// Part of an asset.
     Asset {
-        /// Number of the asset: the index of its entry, counted over all scene pages in order.
+        /// The asset: index of its entry, counted over all scene pages in order.
         asset: u32,
         /// Part of the asset.
         part: BlobPart,
@@ -64,10 +63,18 @@ pub enum BlobId {
     PunctualLights(PunctualLightBlob),
 }
 
-/// What stands on the wire where an asset's number would, in names of a terrain's blobs.
-const TERRAIN: u32 = u32::MAX;
-/// The same in names of punctual lights' blobs.
-const PUNCTUAL_LIGHTS: u32 = u32::MAX - 1;
+/// The second field of a [`BlobId`] on the wire. The order of the variants is part of the format.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
+enum BlobKind {
+    Base,
+    IndexPage(u32),
+    Chunk(u32),
+    Texture { texture: u16, level: u8 },
+    TerrainDirectoryPage,
+    HeightOverrides,
+    PunctualLightDirectoryPage,
+    PunctualLightPage,
+}
 
 impl BlobId {
     /// The base mesh of an asset.
@@ -94,16 +101,16 @@ impl BlobId {
         Self::Asset { asset, part: BlobPart::Texture { texture, level } }
     }
 
-    /// A page of the terrain's directory of patches with listed points.
+    /// A page of the terrain's directory of patches with height overrides.
     #[must_use]
     pub const fn terrain_page(page: u32) -> Self {
         Self::Terrain(TerrainBlob::DirectoryPage(page))
     }
 
-    /// The listed points of the `patch`-th patch of the terrain's directory.
+    /// The height overrides of the `patch`-th patch of the terrain's directory.
     #[must_use]
-    pub const fn terrain_points(patch: u32) -> Self {
-        Self::Terrain(TerrainBlob::Points(patch))
+    pub const fn height_overrides(patch: u32) -> Self {
+        Self::Terrain(TerrainBlob::HeightOverrides(patch))
     }
 
     /// A page of the directory of the scene's punctual lights.
@@ -118,7 +125,7 @@ impl BlobId {
         Self::PunctualLights(PunctualLightBlob::Page(page))
     }
 
-    /// The asset that the blob is a part of, if any.
+    /// The asset that the blob is a part of; `None` for terrain and lights.
     #[must_use]
     pub const fn asset(&self) -> Option<u32> {
         match *self {
@@ -127,7 +134,7 @@ impl BlobId {
         }
     }
 
-    /// Which part of an asset it is, if of one.
+    /// The part of the asset that the blob is; `None` for terrain and lights.
     #[must_use]
     pub const fn part(&self) -> Option<BlobPart> {
         match *self {
@@ -139,36 +146,38 @@ impl BlobId {
 
 impl Encode for BlobId {
     fn encode<E: Encoder>(&self, e: &mut E) -> Result<(), EncodeError> {
-        let (number, part) = match *self {
-            Self::Asset { asset: TERRAIN | PUNCTUAL_LIGHTS, .. } => {
-                return Err(EncodeError::Other("no asset has the number 2^32 - 1 or 2^32 - 2"));
+        let (number, kind) = match *self {
+            Self::Asset { asset, part: BlobPart::Base } => (asset, BlobKind::Base),
+            Self::Asset { asset, part: BlobPart::IndexPage(page) } => (asset, BlobKind::IndexPage(page)),
+            Self::Asset { asset, part: BlobPart::Chunk(chunk) } => (asset, BlobKind::Chunk(chunk)),
+            Self::Asset { asset, part: BlobPart::Texture { texture, level } } => {
+                (asset, BlobKind::Texture { texture, level })
             }
-            Self::Asset { asset, part } => (asset, part),
-            Self::Terrain(TerrainBlob::DirectoryPage(page)) => (TERRAIN, BlobPart::IndexPage(page)),
-            Self::Terrain(TerrainBlob::Points(patch)) => (TERRAIN, BlobPart::Chunk(patch)),
+            Self::Terrain(TerrainBlob::DirectoryPage(page)) => (page, BlobKind::TerrainDirectoryPage),
+            Self::Terrain(TerrainBlob::HeightOverrides(patch)) => (patch, BlobKind::HeightOverrides),
             Self::PunctualLights(PunctualLightBlob::DirectoryPage(page)) => {
-                (PUNCTUAL_LIGHTS, BlobPart::IndexPage(page))
+                (page, BlobKind::PunctualLightDirectoryPage)
             }
-            Self::PunctualLights(PunctualLightBlob::Page(page)) => (PUNCTUAL_LIGHTS, BlobPart::Chunk(page)),
+            Self::PunctualLights(PunctualLightBlob::Page(page)) => (page, BlobKind::PunctualLightPage),
         };
         number.encode(e)?;
-        part.encode(e)
+        kind.encode(e)
     }
 }
 
 impl<Context> Decode<Context> for BlobId {
     fn decode<D: Decoder<Context = Context>>(d: &mut D) -> Result<Self, DecodeError> {
-        match (u32::decode(d)?, BlobPart::decode(d)?) {
-            (TERRAIN, BlobPart::IndexPage(page)) => Ok(Self::terrain_page(page)),
-            (TERRAIN, BlobPart::Chunk(patch)) => Ok(Self::terrain_points(patch)),
-            (TERRAIN, _) => Err(DecodeError::Other("a terrain has neither base mesh nor textures")),
-            (PUNCTUAL_LIGHTS, BlobPart::IndexPage(page)) => Ok(Self::punctual_light_directory(page)),
-            (PUNCTUAL_LIGHTS, BlobPart::Chunk(page)) => Ok(Self::punctual_light_page(page)),
-            (PUNCTUAL_LIGHTS, _) => {
-                Err(DecodeError::Other("punctual lights have neither base mesh nor textures"))
-            }
-            (asset, part) => Ok(Self::Asset { asset, part }),
-        }
+        let number = u32::decode(d)?;
+        Ok(match BlobKind::decode(d)? {
+            BlobKind::Base => Self::base(number),
+            BlobKind::IndexPage(page) => Self::index_page(number, page),
+            BlobKind::Chunk(chunk) => Self::chunk(number, chunk),
+            BlobKind::Texture { texture, level } => Self::texture(number, texture, level),
+            BlobKind::TerrainDirectoryPage => Self::terrain_page(number),
+            BlobKind::HeightOverrides => Self::height_overrides(number),
+            BlobKind::PunctualLightDirectoryPage => Self::punctual_light_directory(number),
+            BlobKind::PunctualLightPage => Self::punctual_light_page(number),
+        })
     }
 }
 
@@ -186,7 +195,9 @@ impl std::fmt::Display for BlobId {
                 }
             },
             Self::Terrain(TerrainBlob::DirectoryPage(page)) => write!(f, "terrain directory page {page}"),
-            Self::Terrain(TerrainBlob::Points(patch)) => write!(f, "terrain points of patch {patch}"),
+            Self::Terrain(TerrainBlob::HeightOverrides(patch)) => {
+                write!(f, "height overrides of terrain patch {patch}")
+            }
             Self::PunctualLights(PunctualLightBlob::DirectoryPage(page)) => {
                 write!(f, "punctual light directory page {page}")
             }
@@ -208,42 +219,38 @@ mod tests {
     }
 
     #[test]
-    fn names_are_a_number_and_a_part_on_the_wire() {
-        for (id, number, part) in [
-            (BlobId::base(0), 0, BlobPart::Base),
-            (BlobId::chunk(7, 300), 7, BlobPart::Chunk(300)),
-            (BlobId::texture(70_000, 3, 2), 70_000, BlobPart::Texture { texture: 3, level: 2 }),
-            (BlobId::terrain_page(1), u32::MAX, BlobPart::IndexPage(1)),
-            (BlobId::terrain_points(2000), u32::MAX, BlobPart::Chunk(2000)),
-            (BlobId::punctual_light_directory(3), u32::MAX - 1, BlobPart::IndexPage(3)),
-            (BlobId::punctual_light_page(4000), u32::MAX - 1, BlobPart::Chunk(4000)),
+    fn ids_are_a_number_and_a_kind_on_the_wire() {
+        for (id, bytes) in [
+            (BlobId::base(0), &[0, 0][..]),
+            (BlobId::index_page(5, 6), &[5, 1, 6]),
+            (BlobId::chunk(7, 300), &[7, 2, 251, 44, 1]),
+            (BlobId::texture(70_000, 3, 2), &[252, 112, 17, 1, 0, 3, 3, 2]),
+            (BlobId::base(u32::MAX), &[252, 255, 255, 255, 255, 0]),
+            (BlobId::terrain_page(1), &[1, 4]),
+            (BlobId::height_overrides(2000), &[251, 208, 7, 5]),
+            (BlobId::punctual_light_directory(3), &[3, 6]),
+            (BlobId::punctual_light_page(4000), &[251, 160, 15, 7]),
         ] {
-            let bytes = encoded(&id);
-            assert_eq!(bytes, encoded(&(number, part)), "{id}");
-            assert_eq!(decoded(&bytes).unwrap(), id);
+            assert_eq!(encoded(&id), bytes, "{id}");
+            assert_eq!(decoded(bytes).unwrap(), id);
         }
     }
 
     #[test]
-    fn names_of_what_cannot_be_are_refused() {
-        for part in [BlobPart::Base, BlobPart::Texture { texture: 0, level: 0 }] {
-            for whose in [u32::MAX, u32::MAX - 1] {
-                assert!(decoded(&encoded(&(whose, part))).is_err());
-            }
-        }
-        for whose in [u32::MAX, u32::MAX - 1] {
-            assert!(bincode::encode_to_vec(BlobId::chunk(whose, 0), bincode::config::standard()).is_err());
+    fn unknown_kinds_are_refused() {
+        for kind in [8, 250] {
+            assert!(decoded(&[0, kind, 0, 0]).is_err());
         }
     }
 
     #[test]
-    fn blobs_of_terrain_and_punctual_lights_come_after_all_assets_pages_of_directories_first() {
+    fn terrain_and_lights_sort_after_assets_and_directories_first() {
         let order = [
             BlobId::base(0),
             BlobId::chunk(0, 9),
             BlobId::base(1),
             BlobId::terrain_page(7),
-            BlobId::terrain_points(0),
+            BlobId::height_overrides(0),
             BlobId::punctual_light_directory(9),
             BlobId::punctual_light_page(0),
         ];

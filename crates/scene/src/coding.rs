@@ -1,4 +1,4 @@
-//! The one configuration of descriptions, with its limits, and checks.
+//! Encoding of descriptions: the bincode configuration, its limits, and helpers.
 
 use bincode::config::{Configuration, Limit, LittleEndian, Varint};
 use bincode::de::{Decode, Decoder};
@@ -12,16 +12,16 @@ type Limited<const N: usize> = Configuration<LittleEndian, Varint, Limit<N>>;
 const DESCRIPTION: Limited<{ 4 * MAX_DESCRIPTION_BYTES }> =
     bincode::config::standard().with_limit::<{ 4 * MAX_DESCRIPTION_BYTES }>();
 
-/// Why bytes are not the value they should be.
+/// Bytes that do not decode to a value.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CodingError {
     /// The bytes end early.
     #[error("the bytes end too early")]
     EndsEarly,
-    /// A length or count is beyond what may be.
+    /// A length or count exceeds its limit.
     #[error("a length exceeds its limit")]
     LimitExceeded,
-    /// A number that stands for none of the values of a type.
+    /// A number that is no variant of an enum.
     #[error("unknown variant of {0}")]
     UnknownVariant(&'static str),
     /// A value that its type refuses.
@@ -41,14 +41,14 @@ pub enum CodingError {
     TooLong {
         /// How many.
         bytes: usize,
-        /// How many may be.
+        /// The greatest allowed number.
         limit: usize,
     },
 }
 
 impl From<DecodeError> for CodingError {
     fn from(error: DecodeError) -> Self {
-        // The crate's own texts print whole types; a peer's operator needs the gist only.
+        // bincode's messages print whole types; operators need the cause only.
         match error {
             DecodeError::UnexpectedEnd { .. } => Self::EndsEarly,
             DecodeError::LimitExceeded => Self::LimitExceeded,
@@ -82,30 +82,33 @@ pub(crate) fn decode_description<T: Decode<()>>(bytes: &[u8]) -> Result<T, Codin
     consumed(value, used, bytes.len())
 }
 
-/// Fails where bytes were left over: bincode accepts them silently.
+/// Checks that decoding used all bytes: bincode accepts trailing bytes silently.
 ///
 /// # Errors
-/// See there.
+/// If bytes are left over.
 pub fn consumed<T>(value: T, used: usize, length: usize) -> Result<T, CodingError> {
     if used == length { Ok(value) } else { Err(CodingError::TrailingBytes { left: length - used }) }
 }
 
-/// True where the value survives a trip through f32.
+/// Whether a value is exact in f32.
 fn fits_f32(value: f64) -> bool {
-    #[expect(clippy::cast_possible_truncation, reason = "what is lost is looked at")]
+    #[expect(clippy::cast_possible_truncation, reason = "the loss is checked below")]
     let short = value as f32;
     f64::from(short) == value
 }
 
-/// True where a vector survives a trip through f32; callers keep that as a flag.
+/// Whether a vector is exact in f32; callers encode that as a flag.
 pub(crate) fn vector_fits_f32(v: &[f64; 3]) -> bool {
     v.iter().all(|&x| fits_f32(x))
 }
 
-/// Encodes a vector in 12 bytes where `short`, else in 24.
+/// Encodes a vector in 12 bytes if `short`, else in 24.
 pub(crate) fn encode_vector<E: Encoder>(v: &[f64; 3], short: bool, e: &mut E) -> Result<(), EncodeError> {
     if short {
-        #[expect(clippy::cast_possible_truncation, reason = "a caller asks for it where nothing is lost")]
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "`short` is set only if the vector is exact in f32"
+        )]
         v.map(|x| x as f32).encode(e)
     } else {
         v.encode(e)

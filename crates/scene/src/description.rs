@@ -1,8 +1,8 @@
 //! The scene description: a header, then pages of assets and their instances.
 //!
-//! Pages are ordered nearest and largest first, as seen from the start camera, so that ten thousand
-//! instances do not delay the first frame. Assets are numbered by the order of their entries over all
-//! pages; an asset's entry never comes after its first instance.
+//! Pages are ordered by distance and size from the start camera, so that ten thousand instances do not delay the
+//! first frame. Assets are numbered by the order of their entries over all pages; an asset's entry precedes its first
+//! instance.
 
 use bincode::de::Decoder;
 use bincode::enc::Encoder;
@@ -21,13 +21,13 @@ use crate::shared::{self, SharedTexture};
 use crate::terrain::{TerrainEntry, TerrainEntryError};
 use crate::view::{View, ViewError};
 
-/// First 16 bytes of a BLAKE3 hash: enough to name contents, short enough for the first flight.
+/// First 16 bytes of a BLAKE3 hash.
 pub type Fingerprint = [u8; 16];
 
-/// What holds for the whole scene.
+/// Header of a scene: counts, lighting, terrain and start camera.
 #[derive(Clone, Debug, PartialEq, Encode, Decode)]
 pub struct SceneHeader {
-    /// Name of the scene, as a client asks for it.
+    /// Name by which clients request the scene.
     pub name: String,
     /// Hash of the whole description and its packs: equal fingerprints mean equal blobs.
     pub fingerprint: Fingerprint,
@@ -37,49 +37,49 @@ pub struct SceneHeader {
     pub instance_count: u32,
     /// Number of pages.
     pub page_count: u32,
-    /// Light.
-    pub light: Light,
-    /// Linear red, green, blue of what no surface covers. With [`DEFAULT_BACKGROUND`] and [`DEFAULT_AMBIENT`] that is
-    /// left to who draws: an atmosphere, say.
+    /// Directional and ambient light.
+    pub light: SceneLighting,
+    /// Background, linear RGB. With [`DEFAULT_BACKGROUND`] and [`DEFAULT_AMBIENT`] the renderer chooses, for example an
+    /// atmosphere.
     pub background: [f32; 3],
-    /// The ground, if the scene has one.
+    /// The terrain, if the scene has one.
     pub terrain: Option<Box<TerrainEntry>>,
-    /// Where a viewer starts.
+    /// The start camera.
     pub camera: Camera,
 }
 
-/// Ambient light of scenes that state none, linear.
+/// Ambient light of scenes that specify none, linear RGB.
 pub const DEFAULT_AMBIENT: [f32; 3] = [0.25; 3];
-/// Background of scenes that state none, linear.
+/// Background of scenes that specify none, linear RGB.
 pub const DEFAULT_BACKGROUND: [f32; 3] = [0.35, 0.45, 0.6];
 
 impl SceneHeader {
-    /// Whether the scene states what light comes from all around.
+    /// Whether the scene specifies ambient light or background.
     #[must_use]
     pub fn states_sky(&self) -> bool {
         self.light.ambient != DEFAULT_AMBIENT || self.background != DEFAULT_BACKGROUND
     }
 }
 
-/// One directional light and an even ambient one; linear radiometric values.
+/// The light of a scene without its punctual lights: one directional light and a uniform ambient one, linear RGB.
 #[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
-pub struct Light {
-    /// Unit vector from the scene towards the light.
+pub struct SceneLighting {
+    /// Unit vector towards the directional light.
     pub direction: [f32; 3],
-    /// Linear red, green, blue of the directional light.
+    /// Colour of the directional light.
     pub color: [f32; 3],
-    /// Linear red, green, blue of the ambient light.
+    /// Colour of the ambient light.
     pub ambient: [f32; 3],
 }
 
-/// A camera without a viewport: where a viewer starts, and about which point it may turn.
+/// A camera without a viewport: the start position, and the point to orbit about.
 #[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
 pub struct Camera {
     /// Position of the eye, in world units.
     pub eye: [f64; 3],
-    /// Point in the middle of the picture (and the centre to orbit about).
+    /// Point in the middle of the picture, the centre to orbit about.
     pub target: [f64; 3],
-    /// Roughly up.
+    /// Approximate up vector.
     pub up: [f32; 3],
     /// Vertical field of view in radians, in (0, π).
     pub fov_y: f32,
@@ -92,7 +92,7 @@ impl Camera {
         View { target_px, ..View::look_at(self.eye, self.target, self.up, self.fov_y, viewport_px) }
     }
 
-    /// The camera as programs compute with it.
+    /// The camera as a [`Pose`].
     #[must_use]
     pub fn pose(&self) -> Pose {
         let up = Vec3::from(self.up).as_dvec3();
@@ -115,7 +115,7 @@ pub struct ScenePage {
     pub instances: Vec<InstanceEntry>,
 }
 
-/// What must be known of an asset before its base mesh arrives.
+/// Entry of an asset: what a client must know before the base mesh arrives.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct AssetEntry {
     /// Name for people.
@@ -126,14 +126,14 @@ pub struct AssetEntry {
     pub origin: [f64; 3],
     /// Bounds of the base and the finest mesh, relative to `origin`.
     pub sphere: Sphere,
-    /// The most that is off while only the base mesh is here, in the asset's units: the largest of its geometric error
-    /// and the visible error of every chunk ([`lodestream_geometry::screen::visible_error`]).
+    /// Largest error of the base mesh alone, in the asset's units: the maximum of its geometric error and the visible
+    /// errors of all chunks ([`lodestream_geometry::screen::visible_error`]).
     pub root_error: f32,
     /// Length of the base blob.
     pub base_bytes: u32,
     /// Number of chunks.
     pub chunk_count: u32,
-    /// Which of its textures are those of earlier assets, by texture.
+    /// Textures that equal earlier ones, by ascending texture.
     pub shared: Vec<SharedTexture>,
 }
 
@@ -160,7 +160,7 @@ pub struct InstanceEntry {
 }
 
 impl InstanceEntry {
-    /// An instance that is neither turned nor scaled.
+    /// An instance without rotation and scale.
     #[must_use]
     pub const fn at(asset: u32, translation: [f64; 3]) -> Self {
         Self { asset, translation, rotation: [0.0, 0.0, 0.0, 1.0], scale: 1.0 }
@@ -186,7 +186,7 @@ const NO_ROTATION: u8 = 2;
 const ROTATION_ABOUT_Y: u8 = 4;
 const NO_SCALE: u8 = 8;
 
-// By hand, with one byte of flags: 14 bytes for an instance that is only moved, not 45. A page of 64
+// Encoded by hand with one byte of flags: 14 bytes for an instance with a translation only, not 45. A page of 64
 // instances stays under 1 KB, which matters in the first flight.
 impl Encode for InstanceEntry {
     fn encode<E: Encoder>(&self, e: &mut E) -> Result<(), EncodeError> {
@@ -278,7 +278,7 @@ impl<Context> Decode<Context> for AssetEntry {
 bincode::impl_borrow_decode!(InstanceEntry);
 bincode::impl_borrow_decode!(AssetEntry);
 
-/// A header or page of a scene that cannot be used: what of it is out of range.
+/// A header or page of a scene with a value out of range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SceneError {
     /// Longer than [`MAX_NAME_BYTES`].
@@ -293,31 +293,31 @@ pub enum SceneError {
     /// More than [`MAX_SCENE_PAGES`].
     #[error("the scene has too many pages")]
     TooManyPages,
-    /// Direction, colour or ambient light.
+    /// A direction or colour that is not finite.
     #[error("a light is not finite")]
     Light,
-    /// A colour that is none.
+    /// A colour that is not finite.
     #[error("the background is not finite")]
     Background,
-    /// A direction that is none.
+    /// A direction that is not finite.
     #[error("the start camera's up is not finite")]
     CameraUp,
-    /// A point that is none.
+    /// A point that is not finite.
     #[error("the start camera's target is not finite")]
     CameraTarget,
     /// More than [`MAX_ENTRIES_PER_PAGE`].
     #[error("a scene page has too many entries")]
     TooManyEntries,
-    /// Its own, or those of its first entries.
+    /// The page's number, or those of its first entries.
     #[error("a scene page's numbers are out of range")]
     PageNumbers,
     /// Longer than [`MAX_NAME_BYTES`].
     #[error("an asset's name is too long")]
     AssetName,
-    /// Origin or sphere.
+    /// An origin or sphere that is not finite.
     #[error("an asset's bounds are not finite")]
     AssetBounds,
-    /// Error of a base mesh.
+    /// A negative or infinite root error.
     #[error("an asset's root error is not a finite positive number")]
     RootError,
     /// Longer than [`MAX_BLOB_BYTES`].
@@ -326,25 +326,25 @@ pub enum SceneError {
     /// More than [`MAX_CHUNKS`].
     #[error("an asset has too many chunks")]
     TooManyChunks,
-    /// With what came before it, each texture once, at most [`shared::MAX_SHARED_TEXTURES`].
+    /// Not sorted, not earlier textures, or more than [`shared::MAX_SHARED_TEXTURES`].
     #[error("an asset's shared textures are not those of earlier assets, or out of order")]
     SharedTextures,
-    /// Assets come before their instances.
+    /// An instance before its asset.
     #[error("an instance refers to an asset of a later page")]
     AssetOfLaterPage,
-    /// A point that is none.
+    /// A point that is not finite.
     #[error("an instance's place is not finite")]
     InstancePlace,
-    /// A rotation that is none.
+    /// A rotation that is not a unit quaternion.
     #[error("an instance's rotation is not a unit quaternion")]
     InstanceRotation,
-    /// A scale that is none.
+    /// A scale that is not positive and finite.
     #[error("an instance's scale is not a finite positive number")]
     InstanceScale,
-    /// The start camera's view.
+    /// The start camera is invalid.
     #[error(transparent)]
     Camera(#[from] ViewError),
-    /// The ground.
+    /// The terrain is invalid.
     #[error(transparent)]
     Terrain(#[from] TerrainEntryError),
 }
@@ -358,10 +358,10 @@ fn finite32(v: &[f32]) -> bool {
 }
 
 impl SceneHeader {
-    /// Why the header cannot be used, if so.
+    /// Checks the ranges of all values.
     ///
     /// # Errors
-    /// Names what is out of range.
+    /// The first value that is out of range.
     pub fn check(&self) -> Result<(), SceneError> {
         ensure(self.name.len() <= MAX_NAME_BYTES, SceneError::NameTooLong)?;
         ensure(self.asset_count <= MAX_ASSETS, SceneError::TooManyAssets)?;
@@ -384,10 +384,10 @@ impl SceneHeader {
 }
 
 impl ScenePage {
-    /// Why the page cannot be used, if so.
+    /// Checks the ranges of all values.
     ///
     /// # Errors
-    /// Names what is out of range.
+    /// The first value that is out of range.
     pub fn check(&self) -> Result<(), SceneError> {
         ensure(
             self.assets.len() <= MAX_ENTRIES_PER_PAGE && self.instances.len() <= MAX_ENTRIES_PER_PAGE,
@@ -442,7 +442,7 @@ mod tests {
     }
 
     #[test]
-    fn unusable_pages_are_named() {
+    fn invalid_pages_are_refused() {
         page().check().unwrap();
         let with = |change: fn(&mut ScenePage)| {
             let mut page = page();

@@ -1,19 +1,19 @@
-//! What a scene is: names of blobs, descriptions of assets, materials, lights, instances, terrain and views.
+//! Data types of a scene: blob names, assets, materials, lights, instances, terrain and views.
 //!
-//! The crate is the shared vocabulary of importer, server, client and renderer. It is pure: it opens no file and no
-//! socket, reads no clock and spawns no thread.
+//! Importer, server, client and renderer share them. The crate does no I/O: it opens no file and no socket, reads no
+//! clock and spawns no thread.
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`blob`] | names of what is sent: base meshes, index pages, chunks, texture levels |
+//! | [`blob`] | names of blobs: base meshes, index pages, chunks, texture levels, terrain, lights |
 //! | [`description`] | the scene's header and pages |
 //! | [`asset`] | the description of one asset: materials and textures |
-//! | [`shared`] | textures that several assets have in common |
+//! | [`shared`] | textures that several assets share |
 //! | [`terrain`] | a scene's terrain, and the directory of its height overrides |
 //! | [`punctual_lights`] | point and spot lights, and their pages |
-//! | [`view`], [`pose`] | the camera by which errors are judged |
+//! | [`view`], [`pose`] | the camera, for screen errors and drawing |
 //! | [`limits`] | bounds on every length and count that a peer may send |
-//! | [`coding`] | the bytes of descriptions and messages |
+//! | [`coding`] | encoding of descriptions |
 
 #![cfg_attr(
     not(test),

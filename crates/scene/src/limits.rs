@@ -1,4 +1,4 @@
-//! Bounds on everything that a peer may send. What lies beyond is refused with a reason.
+//! Bounds on all lengths and counts that a peer may send. Larger ones are refused with a reason.
 
 pub use lodestream_geometry::base::{MAX_CHUNKS, MAX_DESCRIPTION_BYTES};
 

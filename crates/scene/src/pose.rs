@@ -1,11 +1,11 @@
-//! Where a camera stands and looks: what programs compute with; messages carry it in forms of their own.
+//! Position, orientation and field of view of a camera, for computation in f64.
 
 use glam::{DMat3, DQuat, DVec3};
 
-/// A camera's place, direction and lens.
+/// A camera's position, orientation and field of view.
 ///
-/// View space is right-handed with x to the right, y up and the view along −z. [`Camera`] is its wire form with a point
-/// that it looks at, [`View`] the one with a picture to draw; both give one.
+/// View space is right-handed with x to the right, y up and the view along −z. [`Camera`] is the wire form with a
+/// target point, [`View`] the one with a viewport; both convert to a pose.
 ///
 /// [`Camera`]: crate::description::Camera
 /// [`View`]: crate::view::View
@@ -67,7 +67,7 @@ mod tests {
     }
 
     #[test]
-    fn messages_give_the_pose_that_they_carry() {
+    fn camera_and_view_give_the_same_pose() {
         let camera =
             Camera { eye: [3.0, -2.0, 5.0], target: [0.5, 1.0, -4.0], up: [0.0, 1.0, 0.0], fov_y: 0.9 };
         let (exact, sent) = (camera.pose(), camera.view([64, 36], 1.0).pose());

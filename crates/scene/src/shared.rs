@@ -1,8 +1,8 @@
-//! Textures that assets have in common: of these one is asked for and sent, once a scene.
+//! Textures that several assets share, which are sent once per scene.
 //!
-//! An asset's entry says which of its textures are those of an earlier asset, to the byte and at every level. A client
-//! asks for the other's, and uses what comes for both. Costs some three bytes a texture in the scene's description, none
-//! where nothing is shared.
+//! An asset's entry lists which of its textures are byte-identical, at every level, to a texture of an earlier asset. A
+//! client requests the earlier one and uses it for both. Costs some three bytes per shared texture in the scene
+//! description.
 
 use bincode::de::Decoder;
 use bincode::enc::Encoder;
@@ -12,17 +12,17 @@ use bincode::{Decode, Encode};
 use crate::blob::{BlobId, BlobPart};
 use crate::description::AssetEntry;
 
-/// Most textures of one asset that are said to be another's. Further ones are sent for each.
+/// Most shared textures of an asset; further ones are sent for each asset.
 pub const MAX_SHARED_TEXTURES: usize = 32;
 
-/// A texture of an asset that is another's too.
+/// A texture of an asset that equals an earlier texture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
 pub struct SharedTexture {
-    /// Which of the asset's textures.
+    /// Index of the asset's texture.
     pub texture: u16,
-    /// Number of an earlier asset, or of the asset itself.
+    /// An earlier asset, or the asset itself.
     pub asset: u32,
-    /// Which of that asset's textures; of the asset itself, an earlier one. Not in turn another's.
+    /// Index of the equal texture of that asset, which is not shared itself; if in the same asset, a lower index.
     pub of: u16,
 }
 
@@ -41,7 +41,7 @@ pub(crate) fn decode<D: Decoder<Context = C>, C>(d: &mut D) -> Result<Vec<Shared
     (0..count).map(|_| SharedTexture::decode(d)).collect()
 }
 
-/// Whether what asset `number` shares is in order, each texture named once, and with what came before it.
+/// Whether the shared textures of asset `number` are sorted, without duplicates, and refer only to earlier textures.
 pub(crate) fn in_order(number: u32, shared: &[SharedTexture]) -> bool {
     shared.len() <= MAX_SHARED_TEXTURES
         && shared.is_sorted_by(|a, b| a.texture < b.texture)
@@ -49,7 +49,7 @@ pub(crate) fn in_order(number: u32, shared: &[SharedTexture]) -> bool {
 }
 
 impl AssetEntry {
-    /// The asset and texture under which texture `texture` of this asset, whose number is `asset`, is asked for.
+    /// The asset and texture to request for texture `texture` of this asset, whose number is `asset`.
     #[must_use]
     pub fn sent_as(&self, asset: u32, texture: u16) -> (u32, u16) {
         match self.shared.binary_search_by_key(&texture, |shared| shared.texture) {
@@ -58,7 +58,7 @@ impl AssetEntry {
         }
     }
 
-    /// The blob that is asked for where `part` of this asset, whose number is `asset`, is wanted.
+    /// The blob to request for `part` of this asset, whose number is `asset`.
     #[must_use]
     pub fn sent_blob(&self, asset: u32, part: BlobPart) -> BlobId {
         match part {

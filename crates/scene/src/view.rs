@@ -1,4 +1,4 @@
-//! The camera: eye, orientation, lens and the quality asked for.
+//! A perspective view: eye, orientation, field of view, viewport and target screen error.
 
 use bincode::{Decode, Encode};
 use geometry::screen::scale_px;
@@ -25,16 +25,16 @@ pub struct View {
     pub target_px: f32,
 }
 
-/// A view that cannot be used.
+/// A view with a value out of range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ViewError {
     /// The eye is not a finite point.
     #[error("the eye is not a finite point")]
     Eye,
-    /// The rotation is no unit quaternion.
+    /// The rotation is not a unit quaternion.
     #[error("the view's rotation is not a unit quaternion")]
     Rotation,
-    /// The field of view is 0, negative, or half a turn.
+    /// The field of view is not in (0, π).
     #[error("the field of view is not within (0, pi)")]
     FieldOfView,
     /// The viewport has no pixels, or more than [`MAX_VIEWPORT_PX`] a side.
@@ -53,10 +53,10 @@ impl View {
         Self { eye, rotation: rotation.to_array(), fov_y, viewport_px, target_px: 1.0 }
     }
 
-    /// Why the view cannot be used, if so.
+    /// Checks the ranges of all values.
     ///
     /// # Errors
-    /// Names the value that is out of range.
+    /// The first value that is out of range.
     pub fn check(&self) -> Result<(), ViewError> {
         if !self.eye.iter().all(|x| x.is_finite()) {
             return Err(ViewError::Eye);
@@ -114,7 +114,7 @@ impl View {
         scale_px(f64::from(self.viewport_px[1]), f64::from(self.fov_y))
     }
 
-    /// The volume that the view sees, in world axes about the eye.
+    /// The view frustum, in world axes relative to the eye.
     #[must_use]
     pub fn frustum(&self) -> Frustum {
         let ty = (self.fov_y * 0.5).tan();
@@ -141,7 +141,7 @@ fn look_rotation(eye: DVec3, target: DVec3, up: Vec3) -> Quat {
     Quat::from_mat3(&Mat3::from_cols(right, up, -forward)).normalize()
 }
 
-/// The pyramid that a view sees, from the eye to infinity: four planes through the eye.
+/// A view frustum without near and far plane: four planes through the eye.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frustum {
     /// Unit vector along the view axis.
@@ -153,16 +153,16 @@ pub struct Frustum {
 impl Frustum {
     /// Whether a sphere reaches into the frustum; `center` is relative to the eye.
     ///
-    /// Conservative: spheres near an edge of the pyramid may be taken for visible.
+    /// Conservative: spheres near an edge may count as visible.
     #[must_use]
     pub fn sees(&self, center: Vec3, radius: f32) -> bool {
         self.forward.dot(center) + radius > 0.0 && self.sides.iter().all(|n| n.dot(center) >= -radius)
     }
 
-    /// Which part of a sphere's way along `way` reaches into the frustum, as shares of it, 0 to 1; `None` if no part does.
-    /// `center` is where it begins, relative to the eye. Conservative as [`Self::sees`] is.
+    /// The interval of a sphere's path from `center` to `center + way` in which it reaches into the frustum, as
+    /// fractions 0 to 1; `None` if it never does. `center` is relative to the eye. Conservative as [`Self::sees`].
     #[must_use]
-    pub fn sees_on_way(&self, center: Vec3, radius: f32, way: Vec3) -> Option<[f32; 2]> {
+    pub fn sees_on_path(&self, center: Vec3, radius: f32, way: Vec3) -> Option<[f32; 2]> {
         let [mut from, mut to] = [0.0_f32, 1.0];
         for normal in self.sides.iter().chain([&self.forward]) {
             let (inside, slope) = (normal.dot(center) + radius, normal.dot(way));
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sphere_is_seen_on_its_way_where_it_is_seen_at_a_place_of_it() {
+    fn path_interval_matches_tests_along_the_path() {
         let view = View::look_at([0.0; 3], [0.3, -0.2, -1.0], [0.0, 1.0, 0.0], 1.0, [640, 360]);
         let frustum = view.frustum();
         let mut cases = [0, 0];
@@ -223,7 +223,7 @@ mod tests {
             let way = Vec3::new((f * 0.29).cos() * 12.0, (f * 0.53).sin() * 12.0, (f * 0.83).cos() * 12.0);
             let radius = 0.5 + f32::from(i % 4) * 0.3;
             let at = |share: f32| frustum.sees(center + way * share, radius);
-            let range = frustum.sees_on_way(center, radius, way);
+            let range = frustum.sees_on_path(center, radius, way);
             cases[usize::from(range.is_some())] += 1;
             for step in 0_u16..=100 {
                 let share = f32::from(step) / 100.0;
@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn unusable_views_are_named() {
+    fn invalid_views_are_refused() {
         let good = View::look_at([0.0; 3], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0], 1.0, [64, 64]);
         assert!(View { eye: [f64::NAN, 0.0, 0.0], ..good }.check().is_err());
         assert!(View { rotation: [0.0; 4], ..good }.check().is_err());

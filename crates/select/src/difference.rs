@@ -1,29 +1,28 @@
-//! The visible difference that a blob makes: the one currency in which shapes and textures are compared.
+//! The visible difference that a blob makes: one measure for shapes, textures and lights.
 //!
-//! A difference is an area of the picture, in square pixels, times how much of it changes. The form is an estimate: a
-//! surface that lies up to `e` pixels off over a region of radius `r` is seen by its outline, which is of the order of
-//! `e · r`, and by its shading, whose angle is off by the order of `e / r` over the area `r²`; both grow as `e · r` does,
-//! up to the whole area. A texture's level changes its surface by the contrast that it adds, which matters less once its
-//! texels are small. The constants keep pictures on the way near the settled one without making the last errors wait
-//! long (docs/design/viewing.md, "What comes first"; docs/decisions.md has what was tried).
+//! A difference is an area of the picture, in square pixels, times the fraction by which it changes. It is an
+//! estimate: a surface with an error of `e` pixels over a region of radius `r` changes its outline by an area of the
+//! order of `e · r`, and its shading by an angle of the order of `e / r` over the area `r²`. Both are proportional to
+//! `e · r`, up to the whole area. A texture level changes its surface by the contrast that it adds, which decreases
+//! with the size of its texels. `docs/design/viewing.md` explains the constants.
 
 use super::priority::{Priority, hidden, refine_priority};
 use lodestream_scene::view::View;
 
-/// Difference of a shape over `e · r`.
+/// Difference of a shape per `e · r`.
 const SHAPE: f32 = 3.0;
-/// How much of an attribute's error is seen as an error of the shape: less than it counts against the target, since what
-/// slides within a surface moves no outline.
+/// Weight of an attribute error in the difference of a shape. Less than its weight against the target, since
+/// attributes do not move outlines.
 const ATTRIBUTE: f32 = 0.35;
-/// How much of what is seen changes where all light there comes from punctual lights that are missing: as much as in a picture
-/// that is a quarter too dark. What is missing of a shape is missed sooner.
+/// Fraction by which an area changes if all of its light comes from missing punctual lights: as in a picture that is a
+/// quarter too dark. Missing shapes are more visible.
 const LIT: f32 = 0.25;
-/// Texels of so many pixels and more are a blur all alike.
+/// Texels of at least this size count as a complete blur.
 const BLUR_PX: f32 = 16.0;
-/// Bytes that come before anything behind an index page is seen: its own and those of some chunks.
-const BEHIND_PAGE_BYTES: f32 = 4500.0;
+/// Bytes from an index page to the first visible effect: of the page and of some chunks.
+const PAGE_AND_CHUNKS_BYTES: f32 = 4500.0;
 
-/// What there is to be seen of a view, which bounds all differences.
+/// Size of the picture, which bounds all differences.
 #[derive(Clone, Copy, Debug)]
 pub struct Picture {
     /// Half the diagonal, in pixels.
@@ -40,39 +39,44 @@ impl Picture {
         Self { radius_px: 0.5 * (width * width + height * height).sqrt(), area_px2: width * height }
     }
 
-    /// Of a surface that lies up to `error_px` off within `radius_px`.
+    /// Difference of a surface with an error of `error_px` within `radius_px`.
     pub fn shape_px2(&self, error_px: f32, radius_px: f32) -> f32 {
         let radius = radius_px.max(error_px).min(self.radius_px);
         (SHAPE * error_px * radius).min(radius * radius)
     }
 
-    /// Of a texture whose texels are `texel_px` large on a surface of radius `coverage_px`; `weight` is the share of its
-    /// area that counts as different while it is a blur.
+    /// Difference of a texture with texels of `texel_px` on a surface of radius `coverage_px`; `weight` is the share
+    /// of its area that counts as different while it is a blur.
     pub fn texture_px2(&self, texel_px: f32, coverage_px: f32, weight: f32) -> f32 {
         weight * self.surface_px2(coverage_px) * (texel_px / BLUR_PX).min(1.0)
     }
 
-    /// Area of a surface of radius `coverage_px`, as textures count it.
+    /// Area of a surface of radius `coverage_px`, for textures.
     pub fn surface_px2(&self, coverage_px: f32) -> f32 {
         (coverage_px * coverage_px).min(0.25 * self.area_px2)
     }
 
     /// Priority of an index page whose chunks have an error of at most `error_px`, of an asset of radius `coverage_px`.
-    /// `seen`: of which something is.
-    pub fn page_priority(&self, error_px: f32, coverage_px: f32, seen: bool) -> Priority {
+    /// `visible` says that the asset is not fully occluded.
+    pub fn page_priority(&self, error_px: f32, coverage_px: f32, visible: bool) -> Priority {
         let difference_px2 = self.shape_px2(error_px, coverage_px);
-        refine_priority(if seen { difference_px2 } else { hidden(difference_px2) }, BEHIND_PAGE_BYTES, 1.0)
+        refine_priority(
+            if visible { difference_px2 } else { hidden(difference_px2) },
+            PAGE_AND_CHUNKS_BYTES,
+            1.0,
+        )
     }
 }
 
-/// Priority of something that brings a surface of radius `radius_px` nearer by up to `error_px`, for `bytes`.
+/// Priority of `bytes` that correct an error of `error_px` of a surface of radius `radius_px`.
 #[must_use]
 #[expect(clippy::cast_precision_loss, reason = "a priority needs no more of a length than 24 bits")]
 pub fn shape_priority(view: &View, error_px: f32, radius_px: f32, bytes: u32) -> Priority {
     refine_priority(Picture::new(view).shape_px2(error_px, radius_px), bytes as f32, 1.0)
 }
 
-/// Priority of punctual lights that light a sphere of radius `radius_px`, for `bytes`; `share` of all light there is theirs, 0 to 1.
+/// Priority of `bytes` with punctual lights that light a sphere of radius `radius_px`; `share` is their share of all
+/// light there, 0 to 1.
 #[must_use]
 #[expect(clippy::cast_precision_loss, reason = "a priority needs no more of a length than 24 bits")]
 pub fn punctual_light_priority(view: &View, share: f32, radius_px: f32, bytes: u32) -> Priority {
@@ -81,31 +85,31 @@ pub fn punctual_light_priority(view: &View, share: f32, radius_px: f32, bytes: u
     refine_priority(LIT * share * area, bytes as f32, 1.0)
 }
 
-/// The part of a chunk's visible error that makes a difference, given both its errors.
+/// Error of a chunk for its visible difference, from its geometric and attribute errors.
 pub fn seen_error(error: f32, attribute_error: f32, attribute_share: f32) -> f32 {
     error.max(ATTRIBUTE * attribute_share * attribute_error)
 }
 
-/// A difference and the bytes that it takes: a chunk, with what hangs on it where that is worth more.
+/// Benefit and cost of a chunk, with its descendants if they raise the benefit per byte.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SubtreeBenefit {
     /// The visible difference, in square pixels.
     pub difference_px2: f32,
-    /// Bytes that it takes.
+    /// Bytes that it costs.
     pub bytes: f32,
 }
 
 impl SubtreeBenefit {
-    /// This and what `behind` has: together, or this alone where that makes more of a difference per byte.
-    pub fn with(self, behind: Self) -> Self {
+    /// This with `descendants`, or this alone if that has more difference per byte.
+    pub fn with(self, descendants: Self) -> Self {
         let both = Self {
-            difference_px2: self.difference_px2 + behind.difference_px2,
-            bytes: self.bytes + behind.bytes,
+            difference_px2: self.difference_px2 + descendants.difference_px2,
+            bytes: self.bytes + descendants.bytes,
         };
         if self.difference_px2 * both.bytes > both.difference_px2 * self.bytes { self } else { both }
     }
 
-    /// Adds a child's package, of which this is one of so many `parents`.
+    /// Adds a child's benefit, divided among its `parents`.
     #[expect(clippy::cast_precision_loss, reason = "a chunk has few parents")]
     pub fn add(&mut self, child: Self, parents: usize) {
         let share = 1.0 / parents.max(1) as f32;
@@ -113,7 +117,7 @@ impl SubtreeBenefit {
         self.bytes += share * child.bytes;
     }
 
-    /// The priority of a request for it.
+    /// Priority of a request for it.
     pub fn priority(&self, foveation: f32) -> Priority {
         refine_priority(self.difference_px2, self.bytes, foveation)
     }
@@ -128,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn differences_grow_with_error_and_size_and_are_bounded_by_what_is_there() {
+    fn differences_grow_with_error_and_size_up_to_the_picture() {
         let picture = picture();
         assert_eq!(picture.shape_px2(2.0, 100.0), SHAPE * 200.0);
         assert!(picture.shape_px2(4.0, 100.0) > picture.shape_px2(2.0, 100.0));
@@ -144,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn what_hangs_on_a_chunk_counts_where_it_is_worth_more() {
+    fn descendants_count_if_they_raise_the_benefit_per_byte() {
         let (poor, rich) = (
             SubtreeBenefit { difference_px2: 10.0, bytes: 1000.0 },
             SubtreeBenefit { difference_px2: 900.0, bytes: 500.0 },

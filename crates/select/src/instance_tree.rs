@@ -1,8 +1,9 @@
-//! Where a scene's instances are: a hierarchy of bounding spheres, made once and asked for each view.
+//! Bounding sphere hierarchy of a scene's instances, built once and queried for each view.
 //!
-//! Leaves hold up to [`LEAF`] neighbouring instances of one asset, found along a Z-order curve (Morton, 1966). Above them,
-//! spheres about [`FAN`] neighbours each, level by level up to one. What the hierarchy gives is a superset of what passes
-//! the exact tests: those are in f32, so its own are in f64 and give way by more than f32 can round.
+//! Leaves hold up to [`LEAF`] neighbouring instances of one asset, found along a Z-order curve (Morton 1966). Each
+//! sphere above them bounds [`FAN`] neighbours, level by level up to one. A query returns a superset of the instances
+//! that pass the exact tests: those are in f32, so the hierarchy tests in f64 with a tolerance above the rounding of
+//! f32.
 
 use std::cmp::Reverse;
 
@@ -11,18 +12,18 @@ use glam::{DVec3, Vec3};
 use super::project::Projection;
 use lodestream_scene::description::{AssetEntry, InstanceEntry};
 
-/// Instances of a leaf, at most.
+/// Most instances of a leaf.
 const LEAF: usize = 16;
-/// Spheres that one above bounds, at most.
+/// Most children of a sphere.
 const FAN: usize = 8;
-/// What the exact tests may be off by, as a share of the distance: some roundings of 2⁻²⁴.
+/// Rounding error of the exact tests relative to the distance: some multiples of 2⁻²⁴.
 const SLACK: f64 = 1e-6;
-/// Beyond this f32 has no room for what the exact tests compute on the way, and nothing is left out.
+/// Beyond this the exact tests may overflow f32, so nothing is culled.
 const FAR: f64 = 1e18;
-/// Bits of an axis in a place on the curve.
+/// Bits per axis of a position on the curve.
 const CURVE_BITS: u32 = 21;
 
-/// A sphere that bounds others; of infinite radius where they have no bound.
+/// A sphere that bounds others; of infinite radius if they are unbounded.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct BoundingSphere {
     center: DVec3,
@@ -32,7 +33,7 @@ struct BoundingSphere {
 }
 
 impl BoundingSphere {
-    /// About some, at the middle of the box around their centres.
+    /// Bounds spheres, centred in the bounding box of their centres.
     fn about(balls: &[Self]) -> Self {
         let [mut low, mut high] = [DVec3::INFINITY, DVec3::NEG_INFINITY];
         for ball in balls {
@@ -50,18 +51,18 @@ impl BoundingSphere {
         Self { center: DVec3::ZERO, radius: f64::INFINITY, largest: f64::INFINITY }
     }
 
-    /// Bound on the radii of its instances on the screen, in pixels, at a distance of its centre from the eye.
+    /// Upper bound on the screen radius of its instances in pixels, for the distance of its centre from the eye.
     fn widest_px(&self, distance: f64, scale_px: f64) -> f64 {
         let nearest = distance - self.radius;
         if nearest > 0.0 { self.largest * scale_px / nearest * (1.0 + 1e-5) } else { f64::INFINITY }
     }
 }
 
-/// A view, and what a sphere must reach into to be given.
+/// A query of the hierarchy: a volume that spheres must reach into, and their least size.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TreeQuery {
     eye: DVec3,
-    /// Inward normals of the planes through the eye, the near one among them.
+    /// Inward normals of the planes through the eye: the near plane and the four sides.
     planes: [DVec3; 5],
     fall: Option<ShadowVolume>,
     /// Least radius on the screen, and pixels per unit of tangent.
@@ -69,7 +70,7 @@ pub(super) struct TreeQuery {
     scale_px: f64,
 }
 
-/// What carries shadows: from the sun, down to the lowest that matters.
+/// The sweep of shadows: away from the sun, down to the lowest receiver.
 #[derive(Clone, Copy, Debug)]
 struct ShadowVolume {
     to_sun: DVec3,
@@ -77,7 +78,7 @@ struct ShadowVolume {
 }
 
 impl TreeQuery {
-    /// Spheres that reach into the frustum.
+    /// Query for spheres that reach into the frustum.
     pub(super) fn in_view(projection: &Projection) -> Self {
         let frustum = projection.frustum();
         let [a, b, c, d] = frustum.sides;
@@ -86,23 +87,23 @@ impl TreeQuery {
         Self { eye: projection.eye(), planes, fall: None, least_px: 0.0, scale_px }
     }
 
-    /// The same of those alone that are so large on the screen.
+    /// Query for spheres in the frustum with a screen radius of at least `least_px`.
     pub(super) fn in_view_from(projection: &Projection, least_px: f32) -> Self {
         Self { least_px: f64::from(least_px), ..Self::in_view(projection) }
     }
 
-    /// Spheres that do somewhere on the way on which light from `to_sun` carries them, down to `lowest` (along `to_sun`, from
-    /// the eye).
+    /// Query for spheres that reach into the frustum when swept away from the sun, down to `lowest` (along `to_sun`,
+    /// from the eye).
     pub(super) fn casting(projection: &Projection, to_sun: Vec3, lowest: f32) -> Self {
         let fall = ShadowVolume { to_sun: to_sun.as_dvec3(), lowest: f64::from(lowest) };
         Self { fall: Some(fall), ..Self::in_view(projection) }
     }
 
-    /// False only for a sphere in which nothing passes the exact test.
+    /// Conservative test: false only if no instance in the sphere passes the exact test.
     fn reaches(&self, ball: &BoundingSphere) -> bool {
         let center = ball.center - self.eye;
         let size = center.abs().element_sum() + ball.radius;
-        // What is not a number is not left out either.
+        // NaN is not culled either.
         if size.is_nan() || size > FAR {
             return true;
         }
@@ -130,31 +131,30 @@ impl TreeQuery {
                 return false;
             }
         }
-        // Both ends are quotients of what is rounded.
+        // Both ends are quotients of rounded numbers.
         from <= to + 1e-5
     }
 }
 
-/// See the module.
+/// Bounding sphere hierarchy of instances.
 #[derive(Clone, Debug, Default)]
 pub struct InstanceTree {
-    /// Numbers of instances, leaf by leaf.
+    /// Instance numbers, leaf by leaf.
     numbers: Vec<u32>,
-    /// Where each leaf begins in `numbers`, by asset, and the end.
+    /// Start of each leaf in `numbers`, and the end.
     begins: Vec<u32>,
     balls: Vec<BoundingSphere>,
     /// The first leaf of each asset, and the end.
     leaves_of: Vec<u32>,
-    /// Leaves along the curve; what the first level above bounds.
+    /// Leaves in order of the curve, as the first level above bounds them.
     along: Vec<u32>,
     /// From fine to coarse.
     levels: Vec<Vec<BoundingSphere>>,
 }
 
 impl InstanceTree {
-    /// The hierarchy of these instances, numbered in their order, as far as their assets are known: `asset` gives an asset.
-    ///
-    /// Takes n log n steps for n instances, and holds some 10 bytes of each.
+    /// Builds the hierarchy of instances, numbered in order, up to the first whose asset is not known. `asset`
+    /// returns an asset's entry. O(n log n); some 10 bytes per instance.
     #[must_use]
     pub fn new<'a>(
         instances: impl Iterator<Item = &'a InstanceEntry>,
@@ -188,7 +188,7 @@ impl InstanceTree {
         tree
     }
 
-    /// Levels above the leaves.
+    /// Builds the levels above the leaves.
     fn raise(&mut self, curve: &Curve) {
         self.along = (0..length(self.balls.len())).collect();
         self.along.sort_by_cached_key(|leaf| curve.place(self.balls[*leaf as usize].center));
@@ -200,19 +200,19 @@ impl InstanceTree {
         }
     }
 
-    /// How many instances it knows: the first ones.
+    /// Number of instances in it: the first ones of the scene.
     #[must_use]
     pub const fn len(&self) -> usize {
         self.numbers.len()
     }
 
-    /// Whether it knows none.
+    /// Whether it has no instances.
     #[must_use]
     pub const fn is_empty(&self) -> bool {
         self.numbers.is_empty()
     }
 
-    /// Whether an asset has an instance that it knows.
+    /// Whether it has an instance of an asset.
     pub fn places(&self, asset: u32) -> bool {
         !self.leaves(asset).is_empty()
     }
@@ -226,18 +226,18 @@ impl InstanceTree {
         &self.numbers[self.begins[leaf] as usize..self.begins[leaf + 1] as usize]
     }
 
-    /// Numbers of the instances that may be in view, ascending: all that are, and some others.
+    /// Numbers of the instances that may be in view, ascending. Conservative.
     pub fn in_view(&self, projection: &Projection) -> Vec<u32> {
         let mut found = IndexSet::default();
         self.find(&TreeQuery::in_view(projection), &mut found);
         found.numbers
     }
 
-    /// Finds the instances that may be what is sought, ascending.
+    /// Finds the instances that may match a query, ascending. Conservative.
     pub(super) fn find(&self, sought: &TreeQuery, found: &mut IndexSet) {
         found.bits.clear();
         found.bits.resize(self.numbers.len().div_ceil(64), 0);
-        // A level's number counts from the leaves: 0 are leaves themselves.
+        // Levels count from the leaves, which are level 0.
         let mut open: Vec<(usize, usize)> = Vec::new();
         let roots = self.levels.last().map_or(self.along.len(), Vec::len);
         open.extend((0..roots).map(|at| (self.levels.len(), at)));
@@ -260,8 +260,8 @@ impl InstanceTree {
         found.list();
     }
 
-    /// The instance of an asset that is largest on the screen, by distance, wherever it is, and its radius there in pixels;
-    /// of several the first.
+    /// The instance of an asset with the largest screen radius, in view or not, and that radius in pixels; the first of
+    /// several.
     pub fn largest(
         &self,
         asset: u32,
@@ -293,12 +293,12 @@ fn ball(asset: &AssetEntry, instance: &InstanceEntry) -> BoundingSphere {
     if known { BoundingSphere { center, radius, largest: radius } } else { BoundingSphere::everywhere() }
 }
 
-/// Scenes number what they have by u32.
+/// Converts a count; scenes have fewer than 2³² of anything.
 fn length(length: usize) -> u32 {
     u32::try_from(length).unwrap_or(u32::MAX)
 }
 
-/// A scene's instances, with the hierarchy of the first ones where there is one.
+/// A scene's instances, optionally with a hierarchy of the first ones.
 #[derive(Clone, Copy, Debug)]
 pub struct Instances<'a> {
     all: &'a [InstanceEntry],
@@ -312,23 +312,23 @@ impl<'a> From<&'a [InstanceEntry]> for Instances<'a> {
 }
 
 impl<'a> Instances<'a> {
-    /// All of a scene, and the hierarchy of these or of the first of these.
+    /// All instances of a scene, and a hierarchy of the first ones.
     ///
     /// # Panics
-    /// Panics where the hierarchy knows more than there are.
+    /// If the hierarchy has more instances than there are.
     #[must_use]
     pub fn new(all: &'a [InstanceEntry], tree: &'a InstanceTree) -> Self {
         assert!(tree.len() <= all.len(), "the hierarchy is of other instances");
         Self { all, tree: Some(tree) }
     }
 
-    /// All, by number.
+    /// All instances, by number.
     #[must_use]
     pub const fn all(&self) -> &'a [InstanceEntry] {
         self.all
     }
 
-    /// Numbers of those that may be what is sought, ascending: all that are, all that no hierarchy knows, and some others.
+    /// Finds the instances that may match a query, ascending; with all that are not in the hierarchy. Conservative.
     pub(super) fn find(&self, sought: &TreeQuery, found: &mut IndexSet) {
         found.numbers.clear();
         let known = self.tree.map_or(0, |tree| {
@@ -338,7 +338,7 @@ impl<'a> Instances<'a> {
         found.numbers.extend(length(known)..length(self.all.len()));
     }
 
-    /// Whether the hierarchy knows an instance of an asset.
+    /// Whether the hierarchy has an instance of an asset.
     pub(super) fn places(&self, asset: u32) -> bool {
         self.tree.is_some_and(|tree| tree.places(asset))
     }

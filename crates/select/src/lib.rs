@@ -1,19 +1,18 @@
-//! Which blobs a view wants, in which order, and which applied chunks it can do without.
+//! View-dependent selection: which blobs a view wants, in which order, and which applied chunks it no longer needs.
 //!
-//! The same function orders the server's first flight, the viewer's requests and the simulator's.
+//! Server, client and simulator use the same function.
 //!
-//! For every visible instance, every known chunk whose sphere reaches into the frustum gets the screen
-//! error that it would leave: geometric error × magnification at the sphere's nearest point. An asset's
-//! chunks are shared by its instances, so the largest over the instances counts. Chunks pass their error
-//! on to their parents, without which they cannot be applied; so the chunks above any threshold are closed
-//! under parents. Wanted are the missing ones above the threshold (the view's target, or more where
-//! the budgets are exceeded), those first that make the most visible difference per byte, with what hangs on them
-//! ([`priority`]); unneeded are the applied ones below a
-//! smaller threshold, so that nothing flickers when the camera wavers.
+//! Each known chunk whose sphere reaches into the frustum of a visible instance has a screen error: its visible error
+//! × magnification at the sphere's nearest point. Instances share the chunks of their asset, so the largest error
+//! over the instances counts. Parents take the maximum of their children's errors, since a child cannot be applied
+//! without them; so the chunks above any threshold form an ancestor-closed cut.
 //!
-//! A chunk none of whose children is above the threshold is wanted up to the first truncation whose error, at
-//! the same magnification, is not above it; once a child is, or the truncation does no longer, the rest. Budgets
-//! count it whole.
+//! The missing chunks above the threshold are wanted, in the order of visible difference per byte, their descendants
+//! included ([`priority`]). The threshold is the view's target, or more if a budget would be exceeded. Applied chunks
+//! below a smaller threshold are to be undone; the hysteresis avoids flicker when the camera moves slightly.
+//!
+//! A chunk without a wanted child is wanted up to the first truncation point whose screen error is not above the
+//! threshold; otherwise whole. Budgets count whole chunks.
 
 #![cfg_attr(
     not(test),

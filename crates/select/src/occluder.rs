@@ -1,6 +1,6 @@
-//! A coarse surface of an asset, which hides what is behind it.
+//! A coarse surface of an asset for the occlusion test.
 
-/// Triangles of an asset: its base mesh, or what is refined of it. Shared, since several sessions may look at one.
+/// Triangles of an asset: its base mesh, or its current refinement.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Occluder {
     positions: Vec<[f32; 3]>,
@@ -8,15 +8,15 @@ pub struct Occluder {
 }
 
 impl Occluder {
-    /// A surface: positions in the asset's units, relative to its grid's origin, and three of their indices a face. Faces
-    /// that name positions which are not there are left out.
+    /// An occluder from positions, in the asset's units and relative to its grid's origin, and three indices per
+    /// face. Faces with an index out of range are left out.
     #[must_use]
     pub fn new(positions: Vec<[f32; 3]>, mut faces: Vec<[u32; 3]>) -> Self {
         faces.retain(|face| face.iter().all(|&corner| (corner as usize) < positions.len()));
         Self { positions, faces }
     }
 
-    /// Its corners.
+    /// Positions of the corners.
     #[must_use]
     pub fn positions(&self) -> &[[f32; 3]] {
         &self.positions

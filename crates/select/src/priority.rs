@@ -1,71 +1,69 @@
-//! How urgent a blob is: numbers that all kinds of blobs share.
+//! Priorities of blobs, on one scale for all kinds.
 //!
-//! A priority is the bit pattern of a positive `f32`, which orders as the float does. Of what refines the picture it is
-//! the visible difference that a blob makes per byte, in square pixels a byte (`difference` beside this), so the order is
-//! the greedy one by worth; what is near the centre of the picture comes somewhat sooner.
+//! A priority is the bit pattern of a positive `f32`, whose order is that of the float. For refinement it is the
+//! visible difference per byte, in square pixels ([`crate::difference`]): a greedy order by benefit per cost,
+//! weighted by foveation.
 //!
-//! Base meshes of visible instances come before all refinement, those out of view after it; what is in view but hidden
-//! comes last.
+//! Base meshes of visible instances come before all refinement, those out of view after it, and occluded parts last.
 
 use std::ops::RangeInclusive;
 
-/// How urgent a blob is; higher is first. The numbers of all kinds of blobs compare with each other.
+/// Priority of a blob; higher is first. Priorities of all kinds of blobs are comparable.
 pub type Priority = u32;
 
-/// Above what any refinement is worth.
+/// Scale of base meshes in view: above all refinement.
 const BASE: f32 = 1e20;
-/// Below what any refinement is worth.
+/// Scale of prefetched base meshes: below all refinement.
 const PREFETCH: f32 = 1e-17;
-/// What refinement may be worth, in square pixels a byte.
-const WORTH: RangeInclusive<f32> = 1e-6..=1e9;
-/// What a difference counts that is hidden.
+/// Range of the benefit of refinement, in square pixels per byte.
+const BENEFIT: RangeInclusive<f32> = 1e-6..=1e9;
+/// Factor on differences that are occluded.
 const HIDDEN: f32 = 1e-31;
-/// Differences are hidden below this, in square pixels.
-const LEAST_SEEN_PX2: f32 = 1e-20;
-/// What refinement of what is hidden may be worth: below what prefetching is.
-const HIDDEN_WORTH: RangeInclusive<f32> = 1e-37..=1e-21;
+/// Differences below this count as occluded, in square pixels.
+const MIN_VISIBLE_PX2: f32 = 1e-20;
+/// Range of the benefit of occluded refinement: below prefetching.
+const HIDDEN_BENEFIT: RangeInclusive<f32> = 1e-37..=1e-21;
 
-/// Before all refinement, but after base meshes: what the client cannot know its wishes without.
-pub const DIRECTORY: Priority = WORTH.end().to_bits();
+/// Priority of what requests depend on, such as directories: before all refinement, after base meshes.
+pub const DIRECTORY: Priority = BENEFIT.end().to_bits();
 
-/// Priority of a visible instance's base mesh (and of the scene page that places it): the larger on the
-/// screen and the nearer to its centre, the sooner.
+/// Priority of a visible instance's base mesh and of its scene page, by size on the screen and foveation.
 #[must_use]
 pub fn base_priority(coverage_px: f32, foveation: f32) -> Priority {
     (BASE * (coverage_px.clamp(0.0, 1e9) + 1e-3) * foveation.clamp(0.1, 1.0)).to_bits()
 }
 
-/// Priority of a base mesh that is out of view: near and large first.
+/// Priority of a base mesh out of view, by size on the screen.
 #[must_use]
 pub fn prefetch_priority(coverage_px: f32) -> Priority {
     (PREFETCH * (coverage_px.clamp(0.0, 1e9) + 1e-3)).to_bits()
 }
 
-/// Whether the priority is that of something without which a visible instance cannot be drawn.
+/// Whether a priority is that of a base mesh in view.
 #[must_use]
 pub const fn is_base(priority: Priority) -> bool {
-    priority >= 0x5000_0000 // 8.6e9, between what refinement is worth at most and every base priority
+    priority >= 0x5000_0000 // 8.6e9, between all refinement and all base meshes
 }
 
-/// Whether the priority is that of something which the scene's own surfaces hide.
+/// Whether a priority is that of an occluded part.
 #[must_use]
 pub fn is_hidden(priority: Priority) -> bool {
-    (1..=HIDDEN_WORTH.end().to_bits()).contains(&priority)
+    (1..=HIDDEN_BENEFIT.end().to_bits()).contains(&priority)
 }
 
-/// Priority of something that makes a visible difference of `difference_px2` square pixels for `bytes`; `foveation` is 1
+/// Priority of a blob of `bytes` that makes a visible difference of `difference_px2` square pixels; `foveation` is 1
 /// in the middle of the picture and falls towards 0 outwards.
 #[must_use]
 pub fn refine_priority(difference_px2: f32, bytes: f32, foveation: f32) -> Priority {
-    let worth = difference_px2 / bytes.max(1.0) * foveation.clamp(0.01, 1.0).sqrt();
-    let range = if difference_px2 >= LEAST_SEEN_PX2 { WORTH } else { HIDDEN_WORTH };
-    worth.clamp(*range.start(), *range.end()).to_bits()
+    let benefit = difference_px2 / bytes.max(1.0) * foveation.clamp(0.01, 1.0).sqrt();
+    let range = if difference_px2 >= MIN_VISIBLE_PX2 { BENEFIT } else { HIDDEN_BENEFIT };
+    benefit.clamp(*range.start(), *range.end()).to_bits()
 }
 
-/// A visible difference as it counts for [`refine_priority`] where something hides it: less than anything that is seen,
-/// and still the more the larger. Sums with differences that are seen count as these alone.
+/// Scales an occluded difference for [`refine_priority`]: below all visible ones, in the same order among themselves,
+/// and negligible in a sum with a visible one.
 pub(crate) fn hidden(difference_px2: f32) -> f32 {
-    (difference_px2 * HIDDEN).min(0.1 * LEAST_SEEN_PX2)
+    (difference_px2 * HIDDEN).min(0.1 * MIN_VISIBLE_PX2)
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! One instance as the view sees it: bounds on the screen, and the view in the instance's own axes.
+//! Projection of an instance: its bounds on the screen, and the view in its local coordinates.
 
 use glam::{DVec3, Vec3};
 use lodestream_geometry::index::Sphere;
@@ -7,7 +7,7 @@ use lodestream_geometry::screen::screen_error_px;
 use lodestream_scene::description::{AssetEntry, InstanceEntry};
 use lodestream_scene::view::{Frustum, View};
 
-/// A view, with what all instances share computed once.
+/// A view with values that all instances share.
 #[derive(Clone, Copy, Debug)]
 pub struct Projection {
     eye: DVec3,
@@ -15,21 +15,21 @@ pub struct Projection {
     scale_px: f64,
 }
 
-/// Where an instance's bounding sphere lies.
+/// The bounding sphere of an instance on the screen.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
     /// Whether it reaches into the frustum.
     pub visible: bool,
     /// Depth of its nearest point, in world units; may be negative.
     pub depth: f64,
-    /// Radius on the screen, in pixels, by distance (so it is defined out of view too).
+    /// Radius on the screen in pixels, by distance, so that it is defined out of view too.
     pub coverage_px: f32,
     /// 1 in the middle of the picture, falling outwards.
     pub foveation: f32,
 }
 
 impl Projection {
-    /// What `view` sees.
+    /// The projection of a view.
     #[must_use]
     pub fn new(view: &View) -> Self {
         Self { eye: DVec3::from(view.eye), frustum: view.frustum(), scale_px: view.scale_px() }
@@ -47,7 +47,7 @@ impl Projection {
         screen_error_px(error, depth, self.scale_px)
     }
 
-    /// Where an instance's bounding sphere lies.
+    /// The bounding sphere of an instance on the screen.
     #[must_use]
     pub fn bounds(&self, asset: &AssetEntry, instance: &InstanceEntry) -> Bounds {
         let (center, radius) = self.sphere(asset, instance);
@@ -71,7 +71,7 @@ impl Projection {
         (f64::from(radius) * self.scale_px / distance) as f32
     }
 
-    /// Where the eye is.
+    /// Position of the eye.
     pub(super) const fn eye(&self) -> DVec3 {
         self.eye
     }
@@ -91,13 +91,13 @@ impl Projection {
         self.frustum.sees(center, radius)
     }
 
-    /// Depth at which a sphere's shadow may fall into the frustum, at the least, where the light carries it along `way`;
-    /// `None` where it does not. `center` is relative to the eye.
-    pub(super) fn shadow_depth(&self, center: Vec3, radius: f32, way: Vec3) -> Option<f64> {
-        shadow_depth(&self.frustum, center, radius, way)
+    /// Least depth in the frustum of a sphere's shadow that is swept along `sweep`; `None` if it is not in the frustum.
+    /// `center` is relative to the eye.
+    pub(super) fn shadow_depth(&self, center: Vec3, radius: f32, sweep: Vec3) -> Option<f64> {
+        shadow_depth(&self.frustum, center, radius, sweep)
     }
 
-    /// The view in the axes and units of an instance, relative to the grid origin of its asset.
+    /// The view in the local axes and units of an instance, relative to the grid origin of its asset.
     #[must_use]
     pub fn local(&self, asset: &AssetEntry, instance: &InstanceEntry) -> LocalView {
         let rotation = instance.orientation();
@@ -110,8 +110,7 @@ impl Projection {
         }
     }
 
-    /// Pixels that one unit of the asset covers at the given world depth, which is kept from zero by
-    /// the asset's own size.
+    /// Pixels per unit of the asset at a world depth, which is at least a fiftieth of the asset's radius.
     #[must_use]
     pub fn px_per_unit(&self, asset: &AssetEntry, instance: &InstanceEntry, depth: f64) -> f64 {
         let scale = f64::from(instance.scale);
@@ -129,8 +128,7 @@ pub struct LocalView {
 }
 
 impl LocalView {
-    /// Screen error in pixels of an error within a sphere, and the sphere's foveation; `None` out of
-    /// view.
+    /// Screen error in pixels of an error within a sphere, and the sphere's foveation; `None` out of view.
     #[inline]
     #[must_use]
     pub fn error_px(&self, sphere: &Sphere, error: f32) -> Option<(f64, f32)> {
@@ -143,22 +141,23 @@ impl LocalView {
         Some((px, foveation(&self.frustum, center, sphere.radius)))
     }
 
-    /// By how many pixels an error within a sphere out of view displaces its shadow, where the light carries it along `way`
-    /// (in the instance's own axes and units), and pixels per unit there; `None` in view, or where no shadow falls into it.
-    pub(super) fn shadow_px(&self, sphere: &Sphere, error: f32, way: Vec3) -> Option<[f64; 2]> {
+    /// Displacement in pixels of the shadow of a sphere out of view by an error within it, and pixels per unit there.
+    /// The shadow is swept along `sweep`, in the instance's local axes and units. `None` if the sphere is in view or
+    /// its shadow is not.
+    pub(super) fn shadow_px(&self, sphere: &Sphere, error: f32, sweep: Vec3) -> Option<[f64; 2]> {
         let center = Vec3::from(sphere.center) - self.eye;
         if self.frustum.sees(center, sphere.radius) {
             return None;
         }
-        let depth = shadow_depth(&self.frustum, center, sphere.radius, way)?;
+        let depth = shadow_depth(&self.frustum, center, sphere.radius, sweep)?;
         Some([screen_error_px(f64::from(error), depth, self.scale_px), self.scale_px / depth])
     }
 }
 
-/// See [`Projection::shadow_depth`]. No shadow counts as nearer than the sphere is large: it is an estimate, not a bound.
-fn shadow_depth(frustum: &Frustum, center: Vec3, radius: f32, way: Vec3) -> Option<f64> {
-    let ends = frustum.sees_on_way(center, radius, way)?;
-    let depth = ends.map(|share| frustum.depth(center + way * share, 0.0));
+/// Implements [`Projection::shadow_depth`]. The depth is at least the radius: an estimate, not a bound.
+fn shadow_depth(frustum: &Frustum, center: Vec3, radius: f32, sweep: Vec3) -> Option<f64> {
+    let ends = frustum.sees_on_path(center, radius, sweep)?;
+    let depth = ends.map(|share| frustum.depth(center + sweep * share, 0.0));
     Some(f64::from(depth[0].min(depth[1]).max(radius).max(f32::MIN_POSITIVE)))
 }
 

@@ -1,21 +1,21 @@
-//! What a selection finds.
+//! Result of a selection.
 
 use super::priority::Priority;
 use lodestream_scene::blob::BlobId;
 
-/// Where a blob is, as far as the caller is concerned.
+/// State of a blob at the caller.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum State {
-    /// Not here and not asked for.
+    /// Not received and not requested.
     #[default]
     Absent,
-    /// Asked for, or about to be pushed.
+    /// Requested, or about to be pushed.
     InFlight,
-    /// The bytes are here, but not in use (yet, or any longer).
+    /// Received, but not in use.
     Cached,
     /// In use: drawn (base, chunk, texture level) or known (index page).
     Applied,
-    /// Will not come: refused or damaged. Neither it nor its children are wanted.
+    /// Refused or damaged. Neither it nor its children are wanted.
     Failed,
 }
 
@@ -26,23 +26,23 @@ pub struct Wanted {
     pub id: BlobId,
     /// Higher first; never above a parent's.
     pub priority: Priority,
-    /// Length of the whole blob in bytes, where known.
+    /// Length of the whole blob in bytes, if known.
     pub bytes: Option<u32>,
-    /// Where it is, as far as it is wanted: absent, in flight or cached. Applied blobs are not listed.
+    /// State of the wanted part: absent, in flight or cached. Applied blobs are not listed.
     pub state: State,
-    /// Bytes of its beginning that are here.
+    /// Bytes received from the start of the blob.
     pub held: u32,
-    /// How many of its bytes suffice; `None` for all.
+    /// End of the wanted part in bytes; `None` for the whole blob.
     pub end: Option<u32>,
-    /// The truncation up to which a chunk is to be applied; `None` for the whole chunk.
+    /// Truncation point up to which a chunk is to be applied; `None` for the whole chunk.
     pub truncation: Option<u8>,
-    /// Screen error of a chunk's own while it is missing, in whole pixels rounded down, at most `u16::MAX`; 0 for other
+    /// A chunk's own screen error while it is missing, in whole pixels rounded down, at most `u16::MAX`; 0 for other
     /// blobs.
     pub error_px: u16,
 }
 
 impl Wanted {
-    /// All of a blob of which nothing is here.
+    /// A whole blob of which nothing was received.
     #[must_use]
     pub const fn whole(id: BlobId, priority: Priority, bytes: Option<u32>, state: State) -> Self {
         Self { id, priority, bytes, state, held: 0, end: None, truncation: None, error_px: 0 }
@@ -56,45 +56,44 @@ pub struct Counters {
     pub visible_instances: u32,
     /// Of these, the ones whose base mesh is applied: all of them at the first frame.
     pub drawable_instances: u32,
-    /// Chunk entries looked at, once per visible instance.
+    /// Chunk entries evaluated, once per visible instance.
     pub tested_chunks: u64,
     /// Chunks that the view needs, applied or not.
     pub needed_chunks: u32,
     /// Of these, the ones that are not applied.
     pub missing_chunks: u32,
-    /// Payload bytes of the missing ones that are not here either.
+    /// Payload bytes of the missing ones that were not received.
     pub missing_bytes: u64,
-    /// Payload bytes of the needed ones, up to where they are needed.
+    /// Payload bytes of the needed ones, up to their truncation points.
     pub needed_bytes: u64,
-    /// Of these, those of chunks that the view needs for shadows alone.
+    /// Of these, bytes of chunks that the view needs for shadows only.
     pub shadow_bytes: u64,
     /// Faces of the applied chunks.
     pub applied_faces: u64,
     /// Payload bytes of the applied chunks.
     pub applied_bytes: u64,
-    /// Upper bound on the screen error over all visible parts with what is applied now, in pixels;
-    /// infinite while a visible instance lacks its base mesh.
+    /// Upper bound on the screen error of all visible parts with the applied blobs, in pixels; infinite while a visible
+    /// instance lacks its base mesh.
     pub max_screen_error_px: f64,
-    /// The same over what is seen: without what the scene's own surfaces hide, but for less than a hundredth of a region's
-    /// disc.
+    /// The same without occluded parts: regions of which less than a hundredth of the disc is visible.
     pub seen_screen_error_px: f64,
     /// Screen error above which chunks are wanted now: the view's target, or more over budget.
     pub threshold_px: f64,
-    /// Whether nothing is wanted: the picture is as sharp as target and budgets allow.
+    /// Whether nothing is wanted: the picture is as fine as target and budgets allow.
     pub settled: bool,
 }
 
-/// What one call finds.
+/// Result of one call.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Selection {
-    /// Blobs to have, most urgent first; any prefix is closed under parents.
+    /// Wanted blobs, most urgent first; with the applied ones, any prefix is an ancestor-closed cut.
     pub wanted: Vec<Wanted>,
-    /// Blobs in flight that no view needs.
+    /// Blobs in flight that the view does not need.
     pub cancel: Vec<BlobId>,
-    /// Blobs that the view needs and that will not come ([`State::Failed`]): the picture stays coarser for them.
+    /// Blobs that the view needs and that have failed ([`State::Failed`]); the picture stays coarser there.
     pub failed: Vec<BlobId>,
     /// Applied chunks that the view does not need, in an order in which they may be undone.
     pub undo: Vec<BlobId>,
-    /// What was counted.
+    /// Counters of the call.
     pub counters: Counters,
 }

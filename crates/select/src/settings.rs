@@ -1,14 +1,14 @@
-//! Settings of the selection: types that hold nothing but what can be used.
+//! Settings of the selection, as types that hold only valid values.
 
 use std::num::NonZeroUsize;
 
-/// A setting of the selection that has no such value.
+/// An invalid value of a setting.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum SettingsError {
-    /// A share that is not one.
+    /// A share that is not from 0 to 1.
     #[error("{0} is not a share; give a number from 0 to 1")]
     NotAShare(f32),
-    /// A weight that is not one.
+    /// A weight that is negative or not finite.
     #[error("{0} is not a weight; give a finite number that is not below 0")]
     NotAWeight(f32),
 }
@@ -18,15 +18,15 @@ pub enum SettingsError {
 pub struct Share(f32);
 
 impl Share {
-    /// Nothing of it.
+    /// 0.
     pub const NONE: Self = Self(0.0);
-    /// All of it.
+    /// 1.
     pub const ALL: Self = Self(1.0);
 
     /// A share.
     ///
     /// # Errors
-    /// Refuses what is not within 0 to 1.
+    /// If it is not from 0 to 1.
     pub const fn new(share: f32) -> Result<Self, SettingsError> {
         if share >= 0.0 && share <= 1.0 { Ok(Self(share)) } else { Err(SettingsError::NotAShare(share)) }
     }
@@ -45,7 +45,7 @@ impl TryFrom<f32> for Share {
     }
 }
 
-/// How much one thing counts against another: finite and not below 0.
+/// A relative weight: finite and not below 0.
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
 pub struct Weight(f32);
 
@@ -53,7 +53,7 @@ impl Weight {
     /// A weight.
     ///
     /// # Errors
-    /// Refuses what is below 0 or not finite.
+    /// If it is below 0 or not finite.
     pub const fn new(weight: f32) -> Result<Self, SettingsError> {
         if weight >= 0.0 && weight.is_finite() {
             Ok(Self(weight))
@@ -84,31 +84,32 @@ pub struct SelectSettings {
     pub max_faces: u64,
     /// Most payload bytes in use. Above it the threshold rises.
     pub max_bytes: u64,
-    /// Chunks are undone below this fraction of the error at which they are applied. Nearer to 1 saves
-    /// memory, further below it flickers less when the camera wavers.
+    /// Chunks are undone below this fraction of the error at which they are applied. Values near 1 save memory, lower
+    /// ones flicker less when the camera moves slightly.
     pub undo_below: Share,
     /// Chunks out of view are undone only while more than this share of `max_faces` is in use.
     pub keep_out_of_view: Share,
     /// Most wanted blobs that one call lists.
     pub max_wanted: NonZeroUsize,
-    /// How much of the area that a texture covers counts as different while the texture is a blur, against shapes.
+    /// Share of the area that a texture covers which counts as different while the texture is a blur, relative to
+    /// shapes.
     pub texture_weight: Weight,
-    /// How much of attribute errors' weight counts ([`visible_error`]). Less saves bytes where
-    /// texture and shading may lag behind geometry; none judges geometry alone.
+    /// Weight of attribute errors ([`visible_error`]). Less saves bytes if texture and shading may lag behind
+    /// geometry; 0 considers geometry only.
     ///
     /// [`visible_error`]: lodestream_geometry::screen::visible_error
     pub attribute_share: Share,
-    /// Whether base meshes of instances out of view are fetched too, last.
+    /// Whether base meshes of instances out of view are wanted too, with the lowest priority.
     pub prefetch_bases: bool,
-    /// Whether chunks are wanted only up to the first truncation that suffices, where nothing finer is wanted.
-    /// Off, more bytes are fetched for a view, and fewer requests are needed when the camera nears.
+    /// Whether chunks without wanted children are wanted only up to the first sufficient truncation point. If off, a
+    /// view needs more bytes, and fewer requests follow when the camera approaches.
     pub truncation_points: bool,
-    /// Whether what the scene's own surfaces hide comes last, as far as they are known ([`AssetState::set_occluder`]).
+    /// Whether occluded parts have the lowest priority, as far as occluders are known ([`AssetState::set_occluder`]).
     ///
     /// [`AssetState::set_occluder`]: super::AssetState::set_occluder
     pub hidden_last: bool,
-    /// Whether what is out of view is refined, last of all, where its shadow may fall into view. It takes a tenth of the
-    /// bytes that the view itself needs at most, and none without a sun ([`Selector::set_to_sun`]).
+    /// Whether parts out of view that may cast shadows into view are refined, with the lowest priority. They use at
+    /// most a tenth of the bytes that the view itself needs, and nothing without a sun ([`Selector::set_to_sun`]).
     ///
     /// [`Selector::set_to_sun`]: super::Selector::set_to_sun
     pub shadows: bool,
@@ -137,7 +138,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn settings_take_no_numbers_that_mean_something_else() {
+    fn out_of_range_settings_are_refused() {
         for bad in [f32::NAN, -0.1, 1.001, f32::INFINITY, f32::NEG_INFINITY] {
             assert!(Share::new(bad).is_err(), "{bad}");
         }

@@ -1,4 +1,4 @@
-//! What is known of an asset, and where its blobs are.
+//! State of an asset at the caller: its known chunks, and the state of its blobs.
 
 use std::sync::Arc;
 
@@ -14,39 +14,39 @@ use lodestream_scene::description::AssetEntry;
 use super::occluder::Occluder;
 use super::selection::{State, Wanted};
 
-/// One chunk: what the index says of it, and where it is.
+/// One chunk: its index entry and its state.
 #[derive(Clone, Debug)]
 pub struct Chunk {
     info: ChunkInfo,
     state: State,
-    /// Bytes of its beginning that are here.
+    /// Bytes received from the start.
     held: u32,
-    /// The truncation up to which it is in use, where it is not in use whole.
+    /// Truncation point up to which it is applied, if not whole.
     truncation: Option<u8>,
-    /// How far the occluder may be off where this chunk refines.
+    /// Error of the occluder in the chunk's region.
     margin: f32,
 }
 
 impl Chunk {
-    /// What the index says of it.
+    /// Its index entry.
     #[must_use]
     pub const fn info(&self) -> &ChunkInfo {
         &self.info
     }
 
-    /// Where it is. [`State::Applied`] is in use whole.
+    /// Its state. [`State::Applied`] means the whole chunk.
     #[must_use]
     pub const fn state(&self) -> State {
         self.state
     }
 
-    /// Bytes of its beginning that are here.
+    /// Bytes received from the start of the chunk.
     #[must_use]
     pub const fn held_bytes(&self) -> u32 {
         self.held
     }
 
-    /// The truncation up to which it is in use; `None` where it is whole or not in use.
+    /// Truncation point up to which it is applied; `None` if it is applied whole or not at all.
     #[must_use]
     pub const fn truncation(&self) -> Option<u8> {
         match self.state {
@@ -55,14 +55,14 @@ impl Chunk {
         }
     }
 
-    /// How far its asset's occluder may be off where this chunk refines, in the asset's units: the error of the coarsest of
-    /// its ancestors, itself among them, that the occluder lacks.
+    /// Error of the asset's occluder in the chunk's region, in the asset's units: the largest error among the chunk
+    /// and its ancestors that are not part of the occluder.
     #[must_use]
     pub(super) const fn margin(&self) -> f32 {
         self.margin
     }
 
-    /// What of it is in use, if anything.
+    /// Extent of the applied part, if any.
     #[must_use]
     pub fn extent_in_use(&self) -> Option<TruncationPoint> {
         match (self.state, self.truncation) {
@@ -72,7 +72,7 @@ impl Chunk {
         }
     }
 
-    /// Where as much of it is as takes it to a truncation.
+    /// State of the part up to a truncation point.
     #[must_use]
     pub fn state_up_to(&self, truncation: Option<u8>) -> State {
         match self.state {
@@ -85,8 +85,8 @@ impl Chunk {
     }
 }
 
-/// What is known of one asset and where its blobs are. The caller keeps one per asset, in the order of
-/// asset numbers, and updates it as things arrive; the selector only reads it.
+/// State of one asset. The caller has one per asset, in the order of asset numbers, and updates it as blobs arrive; the
+/// selector only reads it.
 #[derive(Clone, Debug)]
 pub struct AssetState {
     entry: AssetEntry,
@@ -94,9 +94,9 @@ pub struct AssetState {
     pages: Vec<State>,
     /// Chunks up to the last known one.
     chunks: Vec<Option<Chunk>>,
-    /// Number of leading index pages that are known without a gap.
+    /// Number of index pages known without a gap from the first.
     known_pages: u32,
-    /// What the index pages state of those behind them, where they do.
+    /// Bound on the errors of later pages that each index page states, if it does.
     rest_errors: Vec<Option<f32>>,
     /// Upper bound on the error of any chunk whose index page is not known yet.
     unknown_error: f32,
@@ -118,7 +118,7 @@ pub enum PageError {
     /// The asset has no such page.
     #[error("the asset has no index page {0}")]
     NoSuchPage(u32),
-    /// Another number of chunks than the scene's entry implies.
+    /// Another number of chunks than the asset's entry implies.
     #[error("index page {page} lists {got} chunks, but should list {expected}")]
     WrongCount {
         /// The page.
@@ -128,13 +128,13 @@ pub enum PageError {
         /// How many it should.
         expected: usize,
     },
-    /// A chunk names itself or a younger chunk as its parent.
-    #[error("chunk {0} has a parent that is not older")]
+    /// A chunk whose parent does not have a lower id.
+    #[error("chunk {0} has a parent that does not have a lower id")]
     ParentNotOlder(u32),
 }
 
 impl AssetState {
-    /// An asset of which only the scene's entry is known.
+    /// An asset of which only the entry is known.
     #[must_use]
     pub fn new(entry: AssetEntry) -> Self {
         let page_count = entry.index_pages() as usize;
@@ -153,13 +153,13 @@ impl AssetState {
         }
     }
 
-    /// The scene's entry.
+    /// The asset's entry in the scene.
     #[must_use]
     pub const fn entry(&self) -> &AssetEntry {
         &self.entry
     }
 
-    /// Where a blob is. Blobs that do not exist, or whose page is not known, are absent.
+    /// State of a blob; absent if it does not exist or its page is not known.
     #[must_use]
     pub fn state(&self, part: BlobPart) -> State {
         match part {
@@ -184,7 +184,7 @@ impl AssetState {
         self.chunks.get_mut(chunk as usize)?.as_mut()
     }
 
-    /// Sets how many bytes of a chunk's beginning are here.
+    /// Sets how many bytes of a chunk were received from its start.
     pub fn set_held(&mut self, chunk: u32, bytes: u32) {
         if let Some(chunk) = self.known_mut(chunk) {
             chunk.held = bytes;
@@ -197,15 +197,15 @@ impl AssetState {
         self.known(chunk).map_or(0, Chunk::held_bytes)
     }
 
-    /// Says that a chunk is in use up to a truncation ([`ChunkInfo::truncation_points`]), or no longer: its state is then
-    /// that of the rest. A chunk that is [`State::Applied`] is in use whole.
+    /// Sets the truncation point ([`ChunkInfo::truncation_points`]) up to which a chunk is applied; its state is then
+    /// that of the rest. A chunk that is [`State::Applied`] is applied whole.
     pub fn set_truncation(&mut self, chunk: u32, truncation: Option<u8>) {
         if let Some(chunk) = self.known_mut(chunk) {
             chunk.truncation = truncation;
         }
     }
 
-    /// Brings what a selection said of a blob up to date with what has arrived since.
+    /// Updates the state of a wanted blob to what has arrived since the selection.
     pub fn refresh(&self, wanted: &mut Wanted) {
         wanted.state = match wanted.id.part() {
             Some(BlobPart::Chunk(chunk)) => {
@@ -217,8 +217,8 @@ impl AssetState {
         };
     }
 
-    /// Sets where a blob is; blobs that do not exist are ignored. An index page becomes
-    /// [`State::Applied`] by [`AssetState::add_index_page`] only.
+    /// Sets the state of a blob; ignores blobs that do not exist. An index page becomes [`State::Applied`] only by
+    /// [`AssetState::add_index_page`].
     pub fn set_state(&mut self, part: BlobPart, state: State) {
         let slot = match part {
             BlobPart::Base => Some(&mut self.base),
@@ -237,10 +237,10 @@ impl AssetState {
         }
     }
 
-    /// Makes the chunks of an index page known. Pages may come in any order.
+    /// Adds the chunks of an index page. Pages may come in any order.
     ///
     /// # Errors
-    /// Refuses pages that do not fit the asset; nothing changes then.
+    /// If the page does not fit the asset; then nothing changes.
     pub fn add_index_page(&mut self, page: u32, contents: impl Into<IndexPage>) -> Result<(), PageError> {
         let IndexPage { chunks: infos, rest_error } = contents.into();
         if page as usize >= self.pages.len() {
@@ -263,7 +263,7 @@ impl AssetState {
         for (id, info) in (first..end).zip(infos) {
             let margin = self.margin_of(&info, false);
             match &mut self.chunks[id] {
-                // Told again: where it is stays.
+                // A repeated page does not change the state.
                 Some(chunk) => chunk.info = info,
                 slot => *slot = Some(Chunk { info, state: State::Absent, held: 0, truncation: None, margin }),
             }
@@ -277,7 +277,7 @@ impl AssetState {
         Ok(())
     }
 
-    /// The surface as it is now, for what it hides: with the chunks that are [`State::Applied`] whole, or finer.
+    /// Sets the surface for the occlusion test: with the chunks that are [`State::Applied`], or finer.
     pub fn set_occluder(&mut self, occluder: Arc<Occluder>) {
         self.occluder = Some(occluder);
         for id in 0..self.chunks.len() {
@@ -289,21 +289,21 @@ impl AssetState {
         }
     }
 
-    /// What hides other things, if it is known.
+    /// The surface for the occlusion test, if it is known.
     #[must_use]
     pub const fn occluder(&self) -> Option<&Arc<Occluder>> {
         self.occluder.as_ref()
     }
 
-    /// [`Chunk::margin`] of a chunk whose parents have theirs. `drawn`: the occluder has it.
+    /// [`Chunk::margin`] of a chunk whose parents have theirs. `drawn` says that the chunk is part of the occluder.
     fn margin_of(&self, info: &ChunkInfo, drawn: bool) -> f32 {
         let own = if drawn { 0.0 } else { info.error };
         let parents = info.parents.iter().filter_map(|&parent| self.known(parent));
         parents.map(Chunk::margin).fold(own, f32::max)
     }
 
-    /// What the last page known without a gap says of those behind it: either in so many words, or by its chunks and
-    /// those before ([`expected_rest_error`]).
+    /// Bound on the errors of unknown chunks: stated by the last page known without a gap, or estimated from the
+    /// known chunks ([`expected_rest_error`]).
     fn bound_of_unknown(&self) -> f32 {
         if self.known_pages as usize == self.pages.len() {
             return 0.0;
@@ -314,7 +314,7 @@ impl AssetState {
         stated.unwrap_or_else(|| expected_rest_error(known.map(Chunk::info))).min(self.entry.root_error)
     }
 
-    /// The base mesh arrived with this description. `uv_per_unit` gives texture coordinates per asset
+    /// Sets the description, which arrives with the base mesh. `uv_per_unit` is the texture coordinates per asset
     /// unit (the square root of uv area over surface area), for the texel density.
     pub fn set_description(&mut self, description: &AssetDescription, uv_per_unit: f32) {
         self.textures = description
@@ -333,13 +333,13 @@ impl AssetState {
         self.known(chunk).map(Chunk::info)
     }
 
-    /// All chunks up to the last known one, by id; `None` where the page is not known.
+    /// All chunks up to the last known one, by id; `None` if the page is not known.
     #[must_use]
     pub fn chunks(&self) -> &[Option<Chunk>] {
         &self.chunks
     }
 
-    /// Number of leading index pages that are known without a gap.
+    /// Number of index pages known without a gap from the first.
     #[must_use]
     pub const fn known_pages(&self) -> u32 {
         self.known_pages
@@ -356,7 +356,7 @@ impl AssetState {
         &self.textures
     }
 
-    /// Length of a blob, where the scene or the index tells.
+    /// Length of a blob, if the scene or the index states it.
     #[must_use]
     pub fn blob_bytes(&self, part: BlobPart) -> Option<u32> {
         match part {
@@ -370,8 +370,8 @@ impl AssetState {
         }
     }
 
-    /// Ids of all blobs of `asset` (this asset's number) that are here: base and index pages only, as a
-    /// reconnecting client lists them.
+    /// Ids of the received base mesh and index pages of `asset` (this asset's number), as a reconnecting client lists
+    /// them.
     #[must_use]
     pub fn held(&self, asset: u32) -> Vec<BlobId> {
         let here = |state: &State| matches!(state, State::Cached | State::Applied);

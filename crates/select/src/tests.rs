@@ -223,8 +223,8 @@ fn bases_come_first_and_what_is_unknown_is_the_root_error() {
     assert_eq!(parts(&[fresh])[0], BlobId::index_page(0, 1));
 }
 
-/// Of two chunks as far off and as long the larger comes first, whatever octave of screen error they are in; and a small
-/// one on which much hangs comes before one on which nothing does.
+/// Of two chunks as far off and as long the larger comes first, whatever octave of screen error they are in; and a
+/// small one on which much hangs comes before one on which nothing does.
 #[test]
 fn what_makes_the_most_difference_per_byte_comes_first_and_parents_before_their_children() {
     let chunk = |error: f32, radius: f32, payload_bytes: u32, parents: &[u32]| ChunkInfo {

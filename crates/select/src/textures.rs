@@ -1,4 +1,4 @@
-//! Levels of textures that a view seeks, each listed once however many assets seek it.
+//! Wanted texture levels; a level that several assets share is listed once.
 
 use super::difference::Picture;
 use super::priority::{hidden, refine_priority};
@@ -9,38 +9,38 @@ use lodestream_scene::blob::BlobId;
 use lodestream_scene::description::InstanceEntry;
 use lodestream_scene::view::View;
 
-/// A level of a texture that one asset seeks.
+/// A texture level that one asset wants.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct SoughtLevel {
-    /// What is asked for: of a shared texture the same for all assets.
+pub(super) struct WantedLevel {
+    /// The blob to request; the same for all assets that share the texture.
     pub(super) id: BlobId,
-    /// The asset that seeks it.
+    /// The asset that wants it.
     pub(super) asset: u32,
     pub(super) bytes: u32,
     pub(super) state: State,
-    /// Visible difference that it makes to this asset.
+    /// Visible difference that it makes on this asset.
     pub(super) difference_px2: f32,
     pub(super) foveation: f32,
 }
 
-/// How large an asset's largest instance is on the screen, and how much is seen of the one of which most is.
+/// Area on the screen of an asset's largest instance, and of its most visible one.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ShownArea {
     whole_px2: f32,
-    seen_px2: f32,
+    visible_px2: f32,
 }
 
 impl ShownArea {
-    /// An instance of so large a surface, and which share of it is seen.
+    /// Adds an instance with its surface area and the visible share of it.
     pub fn add(&mut self, surface_px2: f32, shown: f32) {
         self.whole_px2 = self.whole_px2.max(surface_px2);
-        self.seen_px2 = self.seen_px2.max(surface_px2 * shown);
+        self.visible_px2 = self.visible_px2.max(surface_px2 * shown);
     }
 
-    /// The difference that a texture makes, given the one that it would make if nothing were hidden.
+    /// Scales the difference that a texture would make without occlusion by the visible share.
     pub fn weigh(&self, difference_px2: f32) -> f32 {
-        if self.seen_px2 > 0.0 {
-            difference_px2 * (self.seen_px2 / self.whole_px2)
+        if self.visible_px2 > 0.0 {
+            difference_px2 * (self.visible_px2 / self.whole_px2)
         } else {
             hidden(difference_px2)
         }
@@ -55,37 +55,37 @@ struct InView {
     coverage_px: f32,
 }
 
-/// What a view seeks, and what shows it.
+/// The wanted levels of a view and the instances in view.
 #[derive(Debug, Default)]
 pub(super) struct Textures {
-    sought: Vec<SoughtLevel>,
+    levels: Vec<WantedLevel>,
     in_view: Vec<InView>,
-    /// Of the assets in view that seek something.
+    /// Per asset, if it has wanted levels.
     areas: Vec<Option<ShownArea>>,
 }
 
 impl Textures {
     pub(super) fn clear(&mut self) {
-        self.sought.clear();
+        self.levels.clear();
         self.in_view.clear();
     }
 
-    /// An instance is in view.
-    pub(super) fn note(&mut self, number: u32, asset: u32, coverage_px: f32) {
+    /// Adds an instance in view.
+    pub(super) fn add_instance(&mut self, number: u32, asset: u32, coverage_px: f32) {
         self.in_view.push(InView { number, asset, coverage_px });
     }
 
-    pub(super) fn seek(&mut self, level: SoughtLevel) {
-        self.sought.push(level);
+    pub(super) fn add_level(&mut self, level: WantedLevel) {
+        self.levels.push(level);
     }
 
-    /// Whether anything is sought.
-    pub(super) fn seeks(&self) -> bool {
-        !self.sought.is_empty()
+    /// Whether a level is wanted.
+    pub(super) fn has_levels(&self) -> bool {
+        !self.levels.is_empty()
     }
 
-    /// Weighs what is sought by how much is seen of the instances that show it, as drawn for the view.
-    pub(super) fn weigh(
+    /// Scales the differences by the visible shares of the instances.
+    pub(super) fn apply_visibility(
         &mut self,
         visibility: &Visibility,
         view: &View,
@@ -95,7 +95,7 @@ impl Textures {
         let picture = Picture::new(view);
         self.areas.clear();
         self.areas.resize(assets.len(), None);
-        for level in &self.sought {
+        for level in &self.levels {
             self.areas[level.asset as usize] = Some(ShownArea::default());
         }
         for &InView { number, asset, coverage_px } in &self.in_view {
@@ -104,26 +104,25 @@ impl Textures {
             let shown = visibility.shown(number, view, assets[asset as usize].entry(), instance);
             area.add(picture.surface_px2(coverage_px), shown);
         }
-        for level in &mut self.sought {
+        for level in &mut self.levels {
             if let Some(area) = self.areas[level.asset as usize] {
                 level.difference_px2 = area.weigh(level.difference_px2);
             }
         }
     }
 
-    /// Adds what was sought to a selection. What several assets seek makes the sum of the differences that it makes to
-    /// each.
+    /// Adds the levels to a selection. The difference of a shared level is the sum over its assets.
     pub(super) fn list(&mut self, selection: &mut Selection) {
-        self.sought.sort_by_key(|level| level.id);
-        for same in self.sought.chunk_by(|a, b| a.id == b.id) {
-            let SoughtLevel { id, bytes, .. } = same[0];
+        self.levels.sort_by_key(|level| level.id);
+        for same in self.levels.chunk_by(|a, b| a.id == b.id) {
+            let WantedLevel { id, bytes, .. } = same[0];
             if same.iter().any(|level| level.state == State::Failed) {
                 selection.failed.push(id);
                 continue;
             }
             let difference_px2 = same.iter().map(|level| level.difference_px2).sum();
             let foveation = same.iter().map(|level| level.foveation).fold(0.0, f32::max);
-            // On its way for one, it is for all.
+            // The blob is the same for all, so the furthest state applies.
             let state = same.iter().map(|level| level.state).max().unwrap_or_default();
             #[expect(
                 clippy::cast_precision_loss,

@@ -80,7 +80,7 @@ impl TerrainBlobs {
     pub fn get(&self, blob: TerrainBlob) -> Option<&Bytes> {
         match blob {
             TerrainBlob::DirectoryPage(page) => self.pages.get(page as usize),
-            TerrainBlob::Points(patch) => self.points.get(patch as usize),
+            TerrainBlob::HeightOverrides(patch) => self.points.get(patch as usize),
         }
     }
 

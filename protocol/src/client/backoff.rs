@@ -1,4 +1,4 @@
-//! When to connect again after a session was lost.
+//! Delay before reconnecting after a lost session.
 
 use std::time::Duration;
 
@@ -7,21 +7,21 @@ const FIRST: Duration = Duration::from_millis(500);
 /// Longest wait, before jitter.
 const LONGEST: Duration = Duration::from_secs(30);
 
-/// Exponential backoff with jitter: waits double from half a second to half a minute, each drawn from
-/// the upper half of its range, so that the clients of a restarted server do not come back all at once.
+/// Exponential backoff with jitter. Waits double from 0.5 s to 30 s; each is drawn from the upper half of its range,
+/// so that the clients of a restarted server do not all reconnect at once.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Backoff {
     failures: u32,
 }
 
 impl Backoff {
-    /// No failure yet.
+    /// Without failures.
     #[must_use]
     pub const fn new() -> Self {
         Self { failures: 0 }
     }
 
-    /// How long to wait after one more failure. `random` is any evenly distributed number.
+    /// Records a failure and returns the wait before the next attempt. `random` is uniformly distributed.
     pub fn next_wait(&mut self, random: u32) -> Duration {
         let full = FIRST.saturating_mul(1 << self.failures.min(16)).min(LONGEST);
         self.failures = self.failures.saturating_add(1);
@@ -34,7 +34,7 @@ impl Backoff {
         self.failures
     }
 
-    /// A session was established.
+    /// Records an established session.
     pub fn succeeded(&mut self) {
         self.failures = 0;
     }

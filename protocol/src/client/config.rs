@@ -1,4 +1,4 @@
-//! Settings of a client session, and what it begins with.
+//! Settings and initial state of a client session.
 
 use std::time::Duration;
 
@@ -12,19 +12,19 @@ use lodestream_scene::limits::MAX_BLOB_BYTES;
 pub struct ClientConfig {
     /// Name of the scene; empty for the server's default.
     pub scene: String,
-    /// What shows that the client may see it, for servers that ask.
+    /// Token that grants access to the scene, for servers that require one.
     pub token: Option<Token>,
-    /// Longest blob taken, in bytes.
+    /// Longest blob that the client accepts, in bytes.
     pub max_blob_bytes: u32,
-    /// Bytes that the client can hold in all.
+    /// The client's memory for blobs, in bytes.
     pub budget_bytes: u64,
     /// Least bytes kept in flight.
     pub min_in_flight_bytes: u64,
     /// Most bytes kept in flight.
     pub max_in_flight_bytes: u64,
-    /// Time in which `Welcome` must come.
+    /// Time within which `Welcome` must arrive.
     pub welcome_timeout: Duration,
-    /// Silence after which the connection counts as lost.
+    /// Time without a message after which the connection counts as lost.
     pub idle_timeout: Duration,
 }
 
@@ -43,12 +43,12 @@ impl Default for ClientConfig {
     }
 }
 
-/// What a client keeps from one session to the next.
+/// What a client has from an earlier session.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Resume {
     /// Fingerprint of the scene.
     pub fingerprint: Fingerprint,
-    /// Base meshes and index pages that are still here ([`lodestream_select::AssetState::held`]). Chunks need
-    /// not be listed: the server sends them unasked only to clients that hold nothing.
+    /// Base meshes and index pages in the client's memory ([`lodestream_select::AssetState::held`]). Chunks need not be
+    /// listed: the server pushes them only to clients that have nothing.
     pub have: Vec<BlobId>,
 }

@@ -1,4 +1,4 @@
-//! Blobs asked for and arriving: the books of a session.
+//! A client session's record of requested and arriving blobs.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
@@ -11,20 +11,20 @@ use lodestream_scene::blob::{BlobId, BlobPart};
 use lodestream_scene::limits::MAX_IDS_PER_MESSAGE;
 use lodestream_select::{Priority, State, Wanted};
 
-/// Bytes assumed of a blob whose length is not known yet.
+/// Assumed length of a blob whose length is not known yet.
 const ASSUMED_BYTES: u32 = 1500;
-/// Most blobs that are partly here. A server keeps fewer than ten open at once.
+/// Most partly received blobs. A server has fewer than ten runs open at once.
 pub(super) const MAX_PARTIAL: usize = 1024;
-/// Change of priority that is worth telling: a quarter octave of screen error.
+/// Least change of priority that is sent to the server: a quarter octave of screen error.
 const PRIORITY_CHANGE: Priority = 1 << 21;
 
-/// A piece that a server has no business to send: the session ends.
+/// A piece that breaks the protocol; it ends the session.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DownloadError {
-    /// Beyond its run, its blob, or what is taken.
+    /// It exceeds its run, its blob or the longest blob that the client accepts.
     #[error("{0} is longer than announced or allowed")]
     TooLong(BlobId),
-    /// More blobs are begun than a server keeps open.
+    /// More than `MAX_PARTIAL` blobs are partly received.
     #[error("too many blobs at once")]
     TooMany,
     /// The scene or the index announced another length.
@@ -32,14 +32,14 @@ pub enum DownloadError {
     OtherLength {
         /// The blob.
         id: BlobId,
-        /// What the piece says.
+        /// Length that the piece states.
         total: u32,
-        /// What was announced.
+        /// Length in the scene page or index.
         announced: u32,
     },
 }
 
-/// A blob, or the part of it that was sent, all of whose pieces are here.
+/// A completely received run: a blob or the requested part of one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Complete {
     pub(super) id: BlobId,
@@ -48,46 +48,46 @@ pub(super) struct Complete {
     pub(super) bytes: Bytes,
 }
 
-/// A blob that is asked for, or arriving.
+/// A blob that is requested or arriving.
 #[derive(Debug, Default)]
 pub(super) struct Pending {
-    /// The priority last told; `None` for what the server sends unasked.
-    pub(super) asked: Option<Priority>,
-    /// The length that scene or index announced.
+    /// Priority last sent to the server; `None` for a pushed blob.
+    pub(super) requested: Option<Priority>,
+    /// Length in the scene page or index.
     expected: Option<u32>,
-    /// The part that is asked for: from here, to here if not to the blob's end.
+    /// The requested part; `to` is `None` for the blob's end.
     from: u32,
     to: Option<u32>,
-    /// Where the run ends that the pieces belong to, once the first is here.
+    /// End of the run, once its first piece has arrived.
     end: Option<u32>,
     pub(super) received: Vec<u8>,
 }
 
 impl Pending {
-    pub(super) fn left(&self) -> u64 {
+    pub(super) fn remaining_bytes(&self) -> u64 {
         let end = self.end.or(self.to).or(self.expected).unwrap_or(ASSUMED_BYTES);
         u64::from(end).saturating_sub(u64::from(self.from) + self.received.len() as u64)
     }
 }
 
-/// How much is asked for at a time.
+/// Bounds on the requests in flight.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Depth {
-    /// Bytes under way that the server sends before what is asked for next.
+    /// Most bytes in flight of higher priority than the next request.
     pub(super) ahead_bytes: u64,
-    /// Bytes under way in all.
+    /// Most bytes in flight in all.
     pub(super) most_bytes: u64,
-    /// Longest blob taken.
+    /// Longest blob that the client accepts.
     pub(super) max_blob_bytes: u32,
 }
 
-/// See the module.
+/// Blobs in flight, and requests to send.
 #[derive(Debug, Default)]
 pub(super) struct Downloads {
     pub(super) pending: BTreeMap<BlobId, Pending>,
-    /// Sum of what is left of the blobs asked for.
+    /// Remaining bytes of the requested blobs.
     pub(super) in_flight_bytes: u64,
-    /// To be told: requests new or changed, and requests taken back.
+    /// Messages to send: new or changed requests, and cancelled ones.
     wants: BTreeSet<BlobId>,
     cancels: BTreeSet<BlobId>,
     /// Lengths of base meshes, by asset.
@@ -97,18 +97,18 @@ pub(super) struct Downloads {
 }
 
 impl Downloads {
-    /// The scene says how long an asset's base mesh is.
+    /// Records the length of an asset's base mesh, from a scene page.
     pub(super) fn announce_base(&mut self, asset: u32, bytes: u32) {
         self.base_bytes.insert(asset, bytes);
     }
 
-    /// Takes a piece; gives the blob if that completes it.
+    /// Takes a piece; returns the run if the piece completes it.
     ///
-    /// Pieces that do not continue what is here are passed over: they belong to a blob that was cancelled
-    /// while they were under way.
+    /// Ignores pieces that do not continue what was received: they belong to a blob that was cancelled while they
+    /// were in flight.
     ///
     /// # Errors
-    /// What ends the session.
+    /// If the piece breaks the protocol.
     pub(super) fn take(
         &mut self,
         piece: BlobPiece,
@@ -138,12 +138,12 @@ impl Downloads {
             return Err(DownloadError::OtherLength { id, total, announced });
         }
         if begins {
-            // The length is the peer's word: memory is taken as bytes arrive, not in advance.
-            let before = pending.left();
+            // The peer states the length, so memory is reserved as bytes arrive, not in advance.
+            let before = pending.remaining_bytes();
             pending.received.clear();
             pending.end = Some(run_end);
-            let after = pending.left();
-            if pending.asked.is_some() {
+            let after = pending.remaining_bytes();
+            if pending.requested.is_some() {
                 self.in_flight_bytes = self.in_flight_bytes.saturating_sub(before).saturating_add(after);
             }
         } else if u64::from(pending.from) + pending.received.len() as u64 != u64::from(offset)
@@ -151,17 +151,16 @@ impl Downloads {
         {
             return Ok(None);
         }
-        let before = pending.left();
+        let before = pending.remaining_bytes();
         pending.received.extend_from_slice(&bytes);
-        if pending.asked.is_some() {
-            self.in_flight_bytes = self.in_flight_bytes.saturating_sub(before - pending.left());
+        if pending.requested.is_some() {
+            self.in_flight_bytes = self.in_flight_bytes.saturating_sub(before - pending.remaining_bytes());
         }
         if end != u64::from(run_end) {
             return Ok(None);
         }
         let offset = pending.from;
         let bytes = Bytes::from(std::mem::take(&mut pending.received));
-        // Nothing of it is left in flight.
         self.pending.remove(&id);
         self.wants.remove(&id);
         self.cancels.remove(&id);
@@ -169,33 +168,33 @@ impl Downloads {
         Ok(Some(Complete { id, offset, total, bytes }))
     }
 
-    /// Drops all that is known of a request.
+    /// Drops a request and what was received for it.
     pub(super) fn forget(&mut self, id: BlobId) {
         if let Some(pending) = self.pending.remove(&id)
-            && pending.asked.is_some()
+            && pending.requested.is_some()
         {
-            self.in_flight_bytes = self.in_flight_bytes.saturating_sub(pending.left());
+            self.in_flight_bytes = self.in_flight_bytes.saturating_sub(pending.remaining_bytes());
         }
         self.wants.remove(&id);
     }
 
-    /// The stream of a blob was reset: what came of it is dropped.
+    /// Drops what was received of a blob whose stream was reset.
     pub(super) fn abandoned(&mut self, id: BlobId) {
-        // A blob that was asked for again since is still to come, on another stream.
+        // A blob that was requested again since still arrives, on another stream.
         if let Some(pending) = self.pending.get_mut(&id) {
-            let before = pending.left();
+            let before = pending.remaining_bytes();
             pending.received.clear();
             pending.end = None;
-            if pending.asked.is_some() {
+            if pending.requested.is_some() {
                 let in_flight = self.in_flight_bytes.saturating_sub(before);
-                self.in_flight_bytes = in_flight.saturating_add(pending.left());
+                self.in_flight_bytes = in_flight.saturating_add(pending.remaining_bytes());
             } else {
                 self.pending.remove(&id);
             }
         }
     }
 
-    /// Nothing more will come.
+    /// Ends the session.
     pub(super) fn clear(&mut self) {
         self.pending.clear();
         self.in_flight_bytes = 0;
@@ -203,31 +202,31 @@ impl Downloads {
         self.cancels.clear();
     }
 
-    /// Asks for as much of what is wanted, most urgent first, as `depth` allows, notes changed priorities and takes
-    /// the rest back. Gives the blobs newly asked for.
+    /// Requests as many of the wanted blobs, most urgent first, as `depth` allows, updates changed priorities and
+    /// cancels `cancel`. Returns the newly requested blobs.
     pub(super) fn set_wanted(&mut self, wanted: &[Wanted], cancel: &[BlobId], depth: Depth) -> Vec<BlobId> {
         for &id in cancel {
-            if self.pending.get(&id).is_some_and(|pending| pending.asked.is_some()) {
+            if self.pending.get(&id).is_some_and(|pending| pending.requested.is_some()) {
                 self.forget(id);
                 self.cancels.insert(id);
             }
         }
-        let mut asked = Vec::new();
+        let mut requested = Vec::new();
         let mut in_flight = self.in_flight_by_urgency().into_iter().peekable();
-        // Bytes under way that the server sends before what is looked at.
+        // Bytes in flight of at least the current priority.
         let mut ahead = 0_u64;
         for &Wanted { id, priority, bytes, state, held, end, .. } in wanted {
-            while let Some((_, left)) = in_flight.next_if(|(told, _)| *told >= priority) {
+            while let Some((_, left)) = in_flight.next_if(|(sent, _)| *sent >= priority) {
                 ahead = ahead.saturating_add(left);
             }
             if matches!(state, State::Cached | State::Applied | State::Failed) {
                 continue;
             }
             if let Some(pending) = self.pending.get_mut(&id)
-                && let Some(told) = &mut pending.asked
+                && let Some(sent) = &mut pending.requested
             {
-                if told.abs_diff(priority) >= PRIORITY_CHANGE {
-                    *told = priority;
+                if sent.abs_diff(priority) >= PRIORITY_CHANGE {
+                    *sent = priority;
                     self.wants.insert(id);
                 }
                 continue;
@@ -239,39 +238,38 @@ impl Downloads {
                 continue;
             }
             let pending = self.pending.entry(id).or_default();
-            pending.asked = Some(priority);
+            pending.requested = Some(priority);
             pending.expected = pending.expected.or(bytes);
-            // What the server sends unasked begins at the blob's beginning.
+            // A pushed blob that is arriving begins at its start.
             if pending.received.is_empty() {
                 (pending.from, pending.to) = (held, end);
             }
-            let left = pending.left();
+            let left = pending.remaining_bytes();
             self.in_flight_bytes = self.in_flight_bytes.saturating_add(left);
             ahead = ahead.saturating_add(left);
             self.wants.insert(id);
-            asked.push(id);
+            requested.push(id);
         }
-        asked
+        requested
     }
 
-    /// What is under way, most urgent first: the priority last told, and bytes. What the server sends unasked comes
-    /// before all that is asked for.
+    /// Priority and remaining bytes of all blobs in flight, most urgent first. Pushed blobs come before requested ones.
     fn in_flight_by_urgency(&self) -> Vec<(Priority, u64)> {
         let mut in_flight: Vec<(Priority, u64)> = self
             .pending
             .values()
-            .map(|pending| (pending.asked.unwrap_or(Priority::MAX), pending.left()))
+            .map(|pending| (pending.requested.unwrap_or(Priority::MAX), pending.remaining_bytes()))
             .collect();
         in_flight.sort_unstable_by_key(|&(priority, _)| Reverse(priority));
         in_flight
     }
 
-    /// The server should forget that it sent these, unless they are asked for again already.
-    pub(super) fn give_back(&mut self, ids: &[BlobId]) {
+    /// Cancels blobs that were received, so that the server sends them again on request. Ignores those in flight again.
+    pub(super) fn cancel_received(&mut self, ids: &[BlobId]) {
         self.cancels.extend(ids.iter().filter(|id| !self.pending.contains_key(id)));
     }
 
-    /// The next message to send: what is taken back, then what is asked for.
+    /// The next message to send: cancellations, then requests.
     pub(super) fn poll_message(&mut self) -> Option<ClientMessage> {
         if !self.cancels.is_empty() {
             return Some(ClientMessage::Cancel(take_first(&mut self.cancels, MAX_IDS_PER_MESSAGE)));
@@ -283,8 +281,8 @@ impl Downloads {
         let mut wants: Vec<Want> = ids
             .into_iter()
             .filter_map(|id| {
-                let &Pending { asked, from, to, .. } = self.pending.get(&id)?;
-                Some(Want { id, priority: asked?, offset: from, end: to })
+                let &Pending { requested, from, to, .. } = self.pending.get(&id)?;
+                Some(Want { id, priority: requested?, offset: from, end: to })
             })
             .collect();
         wants.sort_by_key(|want| (Reverse(want.priority), want.id));
@@ -292,7 +290,7 @@ impl Downloads {
     }
 }
 
-/// Takes the first few out of a set.
+/// Removes the first `count` elements of a set.
 pub(super) fn take_first<T: Ord + Copy>(set: &mut BTreeSet<T>, count: usize) -> Vec<T> {
     let mut taken = Vec::with_capacity(set.len().min(count));
     while taken.len() < count
@@ -314,16 +312,16 @@ mod tests {
     }
 
     #[test]
-    fn longer_blobs_than_are_taken_are_not_asked_for() {
+    fn blobs_longer_than_accepted_are_not_requested() {
         let mut downloads = Downloads::default();
         let wanted = |chunk, bytes| Wanted::whole(BlobId::chunk(0, chunk), 9, Some(bytes), State::Absent);
-        let asked = downloads.set_wanted(&[wanted(1, 5001), wanted(2, 5000)], &[], DEPTH);
-        assert_eq!(asked, [BlobId::chunk(0, 2)]);
+        let requested = downloads.set_wanted(&[wanted(1, 5001), wanted(2, 5000)], &[], DEPTH);
+        assert_eq!(requested, [BlobId::chunk(0, 2)]);
         assert_eq!(downloads.in_flight_bytes, 5000);
     }
 
     #[test]
-    fn pieces_that_break_the_rules_are_told_apart() {
+    fn invalid_pieces_have_distinct_errors() {
         let mut downloads = Downloads::default();
         let id = BlobId::base(3);
         downloads.announce_base(3, 100);
@@ -335,12 +333,12 @@ mod tests {
     }
 
     #[test]
-    fn what_is_given_back_is_said_once_and_not_if_it_is_asked_for() {
+    fn received_blobs_are_cancelled_once_unless_requested_again() {
         let mut downloads = Downloads::default();
-        let (here, asked) = (BlobId::chunk(0, 1), BlobId::chunk(0, 2));
-        downloads.set_wanted(&[Wanted::whole(asked, 9, Some(100), State::Absent)], &[], DEPTH);
-        downloads.give_back(&[here, asked]);
-        assert_eq!(downloads.poll_message(), Some(ClientMessage::Cancel(vec![here])));
+        let (received, requested) = (BlobId::chunk(0, 1), BlobId::chunk(0, 2));
+        downloads.set_wanted(&[Wanted::whole(requested, 9, Some(100), State::Absent)], &[], DEPTH);
+        downloads.cancel_received(&[received, requested]);
+        assert_eq!(downloads.poll_message(), Some(ClientMessage::Cancel(vec![received])));
         assert!(matches!(downloads.poll_message(), Some(ClientMessage::Want(wants)) if wants.len() == 1));
         assert_eq!(downloads.poll_message(), None);
     }

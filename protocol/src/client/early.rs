@@ -1,11 +1,11 @@
-//! Blobs that overtook `Welcome`: only it tells what scene they are of.
+//! Blobs that arrived before `Welcome`, which identifies their scene.
 
 use super::downloads::Complete;
 
-/// Most blobs held. A server pushes some tens before it hears `Hello`.
+/// Most blobs held. A server pushes some tens before `Hello`.
 pub(super) const MAX_EARLY: usize = 256;
 
-/// See the module.
+/// Blobs held until `Welcome`.
 #[derive(Debug, Default)]
 pub(super) struct Early {
     blobs: Vec<Complete>,
@@ -13,7 +13,10 @@ pub(super) struct Early {
 }
 
 impl Early {
-    /// Holds a blob, unless that would be more than `most_bytes` in all: then it comes back.
+    /// Holds a blob.
+    ///
+    /// # Errors
+    /// Returns the blob if there are too many or it would exceed `most_bytes` in all.
     pub(super) fn hold(&mut self, blob: Complete, most_bytes: u64) -> Result<(), Complete> {
         let bytes = self.bytes.saturating_add(blob.bytes.len() as u64);
         if self.blobs.len() >= MAX_EARLY || bytes > most_bytes {
@@ -24,7 +27,7 @@ impl Early {
         Ok(())
     }
 
-    /// All that is held, in the order in which it came.
+    /// Removes all held blobs, in order of arrival.
     pub(super) fn take(&mut self) -> Vec<Complete> {
         self.bytes = 0;
         std::mem::take(&mut self.blobs)

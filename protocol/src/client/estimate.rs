@@ -1,5 +1,5 @@
-//! How much to keep in flight: enough to cover bandwidth × round trip, no more, because what is queued
-//! at the server can still be reordered but what is under way cannot.
+//! Estimate of the bandwidth-delay product: how many bytes to keep in flight. More would reduce the effect of later
+//! priorities, since requests queued at the server can be reordered but bytes in flight cannot.
 
 use std::time::Duration;
 
@@ -7,22 +7,21 @@ use crate::time::Time;
 
 /// Time over which throughput is averaged.
 const WINDOW: Duration = Duration::from_millis(400);
-/// Time after which a window that is fuller than the last one counts already: a link that turns out to be
-/// fast is used after some tens of milliseconds, not after a whole window.
+/// Time after which a window with a higher rate than the last one counts before its end, so that a fast link is used
+/// after some tens of milliseconds.
 const RISE: Duration = Duration::from_millis(50);
-/// Time that passes between an arrival and the request that follows it (a frame, decoding), covered in
-/// addition to the round trip.
+/// Time from an arrival to the request that follows it (a frame, decoding), added to the round trip.
 const REACTION: Duration = Duration::from_millis(100);
 /// Round trip assumed before one is measured.
 const FIRST_RTT: Duration = Duration::from_millis(200);
 
-/// Estimates of rate and round trip.
+/// Estimates of throughput and round-trip time.
 #[derive(Clone, Debug)]
 pub(super) struct Estimate {
     rtt: Option<Duration>,
     window_start: Time,
     window_bytes: u64,
-    /// Bytes per second: the last full window's, or the server's word before that.
+    /// Throughput of the last window; before the first one, the server's stated limit.
     bytes_per_s: f64,
 }
 
@@ -31,14 +30,14 @@ impl Estimate {
         Self { rtt: None, window_start: now, window_bytes: 0, bytes_per_s: 0.0 }
     }
 
-    /// The server says how much its limiter admits.
+    /// Takes the rate limit that the server states.
     #[expect(clippy::cast_precision_loss, reason = "an estimate")]
     pub(super) fn rate_hint(&mut self, bits_per_s: u64) {
         self.bytes_per_s = self.bytes_per_s.max(bits_per_s as f64 / 8.0);
     }
 
     pub(super) fn measured_rtt(&mut self, rtt: Duration) {
-        // Towards lower values at once, upwards slowly: queues are not path.
+        // Falls at once and rises slowly: higher values come from queues, not from the path.
         self.rtt = Some(self.rtt.map_or(rtt, |old| if rtt < old { rtt } else { (old * 7 + rtt) / 8 }));
     }
 
@@ -47,7 +46,7 @@ impl Estimate {
         if elapsed >= WINDOW {
             #[expect(clippy::cast_precision_loss, reason = "an estimate")]
             let rate = self.window_bytes as f64 / elapsed.as_secs_f64();
-            // A window that was not full tells nothing of the link: fall slowly.
+            // A window during which the link was not saturated says nothing about it: fall slowly.
             self.bytes_per_s = rate.max(self.bytes_per_s * 0.8);
             self.window_start = now;
             self.window_bytes = 0;
@@ -69,7 +68,7 @@ impl Estimate {
         self.bytes_per_s
     }
 
-    /// Bytes to keep in flight, within bounds.
+    /// Bytes to keep in flight, clamped to `bounds`.
     pub(super) fn depth_bytes(&self, bounds: std::ops::RangeInclusive<u64>) -> u64 {
         let covered = self.rtt.unwrap_or(FIRST_RTT) + REACTION;
         #[expect(
@@ -87,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_fast_link_is_known_before_a_window_is_over() {
+    fn fast_link_is_detected_within_a_window() {
         let mut estimate = Estimate::new(Time::ZERO);
         estimate.measured_rtt(Duration::from_millis(50));
         for ms in 0..=60 {

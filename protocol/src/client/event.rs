@@ -1,4 +1,4 @@
-//! What a client session tells.
+//! Events and counters of a client session.
 
 use std::time::Duration;
 
@@ -9,54 +9,54 @@ use lodestream_scene::blob::BlobId;
 use lodestream_scene::description::ScenePage;
 use lodestream_scene::punctual_lights::PunctualLights;
 
-/// What happened.
+/// An event of a client session.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ClientEvent {
-    /// The server has answered. A fingerprint other than before means another scene: start over.
+    /// `Welcome` has arrived. A changed fingerprint means another scene: discard all blobs.
     Connected(Welcome),
-    /// A page of the scene description came.
+    /// A page of the scene description has arrived.
     ScenePage(ScenePage),
-    /// The scene has punctual lights; before the first page.
+    /// The scene has punctual lights; comes before the first page.
     PunctualLights(PunctualLights),
-    /// A blob, or the part of it that was sent, is complete, asked for or not. Told after
-    /// [`ClientEvent::Connected`] even where it came before.
+    /// A blob or a part of one, requested or pushed, is complete. Comes after [`ClientEvent::Connected`] even if the
+    /// bytes arrived earlier.
     Blob {
         /// The blob.
         id: BlobId,
-        /// Where in the blob the bytes begin: 0, or the `held` of what was wanted.
+        /// Where in the blob the bytes begin: 0, or the request's `held`.
         offset: u32,
         /// Length of the whole blob.
         total: u32,
         /// The bytes.
         bytes: Bytes,
     },
-    /// A blob will not come; [`RefusedReason::QueueFull`] means: ask again later.
+    /// The server refused a blob; after [`RefusedReason::QueueFull`], request it again later.
     Refused {
         /// The blob.
         id: BlobId,
         /// Why.
         reason: RefusedReason,
     },
-    /// The server has handed over all visible base meshes.
+    /// The server has sent all visible base meshes.
     BasesSent,
     /// The server has nothing queued.
     Done,
-    /// The session has ended; the last event.
+    /// The session has ended. This is the last event.
     Closed(Close),
 }
 
 /// Counters of a session.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ClientStats {
-    /// Blob bytes received, duplicates and cancelled ones included.
+    /// Blob bytes received, with duplicates and cancelled ones.
     pub blob_bytes: u64,
     /// Blobs completed.
     pub blobs: u64,
-    /// Bytes asked for that have not arrived.
+    /// Requested bytes that have not arrived.
     pub in_flight_bytes: u64,
-    /// Blobs asked for that have not arrived.
+    /// Requested blobs that have not arrived.
     pub in_flight_blobs: usize,
-    /// Round trip, once measured.
+    /// Round-trip time, once measured.
     pub rtt: Option<Duration>,
     /// Estimated throughput.
     pub bytes_per_s: f64,

@@ -1,8 +1,7 @@
 //! The client's side of a session, sans-IO.
 //!
-//! The session keeps the books of what has been asked for, puts pieces together, and decides how much of
-//! what the selection wants is asked for now. It does not know what a chunk is: the caller selects,
-//! caches and applies.
+//! The session tracks requests, assembles pieces and decides how many of the wanted blobs to request now. It does not
+//! interpret blobs: the caller selects, caches and applies them.
 
 mod backoff;
 mod config;

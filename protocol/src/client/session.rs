@@ -1,4 +1,4 @@
-//! One session: what its server says, what is asked of it, and when it ends.
+//! The session: handles the server's messages, sends requests and ends the session.
 
 use std::collections::{BTreeSet, VecDeque};
 use std::time::Duration;
@@ -25,17 +25,17 @@ use lodestream_select::Wanted;
 pub struct ClientSession {
     config: ClientConfig,
     close: Option<Close>,
-    /// What shows that the client may see the scene, not sent yet.
+    /// Token that is not sent yet.
     token: Option<Token>,
-    /// The first message behind that, not sent yet.
+    /// `Hello`, if it is not sent yet.
     hello: Option<Hello>,
-    /// The last message, not sent yet.
+    /// Whether `Bye` must be sent.
     bye: bool,
-    /// Pages of the scene, once the server has answered.
+    /// Number of scene pages, once `Welcome` has arrived.
     page_count: Option<u32>,
     pub(super) downloads: Downloads,
     pub(super) early: Early,
-    /// Scene pages to ask for.
+    /// Scene pages to request.
     pages: BTreeSet<u32>,
     view: ViewUpdates,
     events: VecDeque<ClientEvent>,
@@ -46,8 +46,8 @@ pub struct ClientSession {
 }
 
 impl ClientSession {
-    /// A session that begins now; `Hello` is the first thing to transmit. `view` may be `None` where the
-    /// scene's start view is wanted.
+    /// A session that begins now. `Hello` is the first message, after a token; `view` is `None` for the scene's start
+    /// view.
     #[must_use]
     pub fn new(config: ClientConfig, view: Option<View>, resume: Resume, now: Time) -> Self {
         let Resume { fingerprint, mut have } = resume;
@@ -79,7 +79,7 @@ impl ClientSession {
         }
     }
 
-    /// Takes a frame of the server.
+    /// Handles a frame of the server.
     pub fn handle_frame(&mut self, now: Time, frame: ServerFrame) {
         match frame {
             ServerFrame::Message(message) => self.handle_message(now, message),
@@ -87,12 +87,12 @@ impl ClientSession {
         }
     }
 
-    /// Takes a control message of the server.
+    /// Handles a control message of the server.
     pub fn handle_message(&mut self, now: Time, message: ServerMessage) {
         if self.close.is_some() {
             return;
         }
-        self.keepalive.heard(now);
+        self.keepalive.received(now);
         match message {
             ServerMessage::Welcome(welcome) => self.welcome(welcome),
             ServerMessage::Close(close) => self.end(Close::new(close.code, close.reason)),
@@ -124,55 +124,59 @@ impl ClientSession {
             return self.fail("the server sent a second Welcome");
         }
         if !VERSIONS.contains(&welcome.version) {
-            let reason = format!("the server speaks version {}, this viewer {VERSIONS:?}", welcome.version);
+            let (min, max) = (VERSIONS.start(), VERSIONS.end());
+            let reason = format!(
+                "the server speaks version {}, this client {min} to {max}; update one of them",
+                welcome.version
+            );
             return self.end(Close::new(CloseCode::Version, reason));
         }
         self.estimate.rate_hint(welcome.rate_bits_per_s);
         self.keepalive.welcomed(Duration::from_millis(u64::from(welcome.idle_timeout_ms)));
         self.page_count = Some(welcome.scene.page_count);
         self.events.push_back(ClientEvent::Connected(welcome));
-        self.events.extend(self.early.take().into_iter().map(told));
+        self.events.extend(self.early.take().into_iter().map(blob_event));
     }
 
-    /// Takes a piece of a blob.
+    /// Handles a piece of a blob.
     ///
-    /// Pieces that do not continue what is here are passed over: they belong to a blob that was cancelled
-    /// while they were under way.
+    /// Ignores pieces that do not continue what was received: they belong to a blob that was cancelled while they
+    /// were in flight.
     pub fn handle_piece(&mut self, now: Time, piece: BlobPiece) {
         if self.close.is_some() {
             return;
         }
-        self.keepalive.heard(now);
+        self.keepalive.received(now);
         self.blob_bytes += piece.bytes.len() as u64;
         self.estimate.received(now, piece.bytes.len());
         match self.downloads.take(piece, self.config.max_blob_bytes) {
-            Ok(Some(blob)) => self.arrived(blob),
+            Ok(Some(blob)) => self.completed(blob),
             Ok(None) => {}
             Err(why) => self.fail(&why.to_string()),
         }
     }
 
-    /// Tells of a blob, or keeps it until `Welcome` has told what scene it is of. What would be too much to keep
-    /// is given back to the server, to be asked for again.
-    fn arrived(&mut self, blob: Complete) {
+    /// Reports a complete run, or holds it until `Welcome` identifies the scene. If too much is held, the blob is
+    /// cancelled and can be requested again.
+    fn completed(&mut self, blob: Complete) {
         if self.page_count.is_some() {
-            self.events.push_back(told(blob));
+            self.events.push_back(blob_event(blob));
         } else if let Err(blob) = self.early.hold(blob, self.config.max_in_flight_bytes) {
-            self.downloads.give_back(&[blob.id]);
+            self.downloads.cancel_received(&[blob.id]);
         }
     }
 
-    /// The stream of a blob was reset: what came of it is dropped.
+    /// Handles the reset of a blob's stream: drops what was received of the blob.
     pub fn handle_abandoned(&mut self, _now: Time, id: BlobId) {
         self.downloads.abandoned(id);
     }
 
-    /// Takes what the driver could not decode: ends the session.
+    /// Handles a frame that the driver could not decode: ends the session.
     pub fn handle_frame_error(&mut self, _now: Time, error: &FrameError) {
         self.fail(&error.to_string());
     }
 
-    /// The transport failed or ended.
+    /// Handles the failure or end of the transport.
     pub fn handle_lost(&mut self, _now: Time, reason: &str) {
         self.end(Close::new(CloseCode::Lost, reason));
     }
@@ -204,12 +208,12 @@ impl ClientSession {
         self.events.push_back(ClientEvent::Closed(close));
     }
 
-    /// Leaves: `Bye` is sent, then the session is closed.
+    /// Ends the session after sending `Bye`.
     pub fn close(&mut self, _now: Time, code: CloseCode, reason: &str) {
         self.leave(Close::new(code, reason));
     }
 
-    /// Call when the moment given by [`ClientSession::poll_timeout`] has come; earlier is harmless.
+    /// Handles deadlines. Call at the moment given by [`ClientSession::poll_timeout`]; an earlier call is harmless.
     pub fn handle_timeout(&mut self, now: Time) {
         if self.close.is_none()
             && let Some(reason) = self.keepalive.overdue(now)
@@ -228,14 +232,14 @@ impl ClientSession {
         Some(self.view.next().map_or(next, |at| next.min(at)))
     }
 
-    /// For how long nothing has come from the server, if that is longer than its answer to a ping takes: at most two
-    /// seconds after the last word, but for links with round trips of half a second and more. The session goes on.
+    /// Time since the server's last message, if the answer to a ping is overdue. Detected within two seconds, later
+    /// on links with round trips of half a second and more. The session continues.
     #[must_use]
     pub fn silence(&self, now: Time) -> Option<Duration> {
         if self.close.is_some() { None } else { self.keepalive.silence(now, self.estimate.rtt()) }
     }
 
-    /// The next message to send. Call until `None`, while the transport can take it.
+    /// The next message to send. Call until `None`, while the transport accepts data.
     pub fn poll_transmit(&mut self, now: Time) -> Option<ClientMessage> {
         if self.close.is_some() {
             return std::mem::take(&mut self.bye).then_some(ClientMessage::Bye);
@@ -244,7 +248,7 @@ impl ClientSession {
             return Some(ClientMessage::Token(token));
         }
         if let Some(hello) = self.hello.take() {
-            self.view.greeted(now, hello.view.is_some());
+            self.view.hello_sent(now, hello.view.is_some());
             return Some(ClientMessage::Hello(hello));
         }
         if let Some(nonce) = self.keepalive.poll_ping(now) {
@@ -259,15 +263,16 @@ impl ClientSession {
         self.view.poll(now).map(ClientMessage::SetView)
     }
 
-    /// The next thing that happened.
+    /// The next event.
     pub fn poll_event(&mut self) -> Option<ClientEvent> {
         self.events.pop_front()
     }
 
-    /// Tells the session what the selection wants, most urgent first, and what is no longer needed. The
-    /// session asks for as much of it as keeps the link busy, tells the server of changed priorities and
-    /// cancels the rest. What is under way and less urgent does not count: the server sends it later. Gives the blobs
-    /// newly asked for; call again as blobs arrive.
+    /// Sets the wanted blobs, most urgent first, and those to cancel.
+    ///
+    /// The session requests as many as keep the link busy and sends changed priorities. Less urgent blobs in flight
+    /// do not count towards the limit, since the server sends them later. Returns the newly requested blobs; call
+    /// again as blobs arrive.
     pub fn set_wanted(&mut self, _now: Time, wanted: &[Wanted], cancel: &[BlobId]) -> Vec<BlobId> {
         if self.close.is_some() {
             return Vec::new();
@@ -281,7 +286,7 @@ impl ClientSession {
         self.downloads.set_wanted(wanted, cancel, depth)
     }
 
-    /// Tells the server of a new view; sent at most every 100 ms.
+    /// Sets the view, which is sent at most every 100 ms.
     pub fn set_view(&mut self, _now: Time, view: View) {
         match &mut self.hello {
             Some(hello) => hello.view = Some(view),
@@ -289,15 +294,15 @@ impl ClientSession {
         }
     }
 
-    /// Shows another token: the one that the session began with is about to end.
+    /// Sends another token, because the earlier one is about to expire.
     pub fn set_token(&mut self, token: Token) {
         self.token = Some(token);
     }
 
-    /// These blobs were dropped from the client's cache and may be asked for again.
+    /// Reports blobs that the client's cache has evicted; they may be requested again.
     pub fn evicted(&mut self, _now: Time, ids: &[BlobId]) {
         if self.close.is_none() {
-            self.downloads.give_back(ids);
+            self.downloads.cancel_received(ids);
         }
     }
 
@@ -321,6 +326,6 @@ impl ClientSession {
     }
 }
 
-fn told(Complete { id, offset, total, bytes }: Complete) -> ClientEvent {
+fn blob_event(Complete { id, offset, total, bytes }: Complete) -> ClientEvent {
     ClientEvent::Blob { id, offset, total, bytes }
 }

@@ -1,4 +1,4 @@
-//! The client's books, and the client against servers that misbehave.
+//! The client session's records, and misbehaving servers.
 
 use proptest::prelude::*;
 
@@ -357,7 +357,7 @@ proptest! {
                 5 => client.handle_abandoned(now, id),
                 _ => client.handle_message(now, ServerMessage::Refused(Refused { id, reason: RefusedReason::QueueFull })),
             }
-            let left: u64 = client.downloads.pending.values().filter(|p| p.asked.is_some()).map(Pending::left).sum();
+            let left: u64 = client.downloads.pending.values().filter(|p| p.requested.is_some()).map(Pending::remaining_bytes).sum();
             prop_assert_eq!(client.downloads.in_flight_bytes, left);
             while client.poll_transmit(now).is_some() {}
             while let Some(event) = client.poll_event() {

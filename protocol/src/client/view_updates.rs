@@ -1,4 +1,4 @@
-//! Views to tell the server of: the last one, at intervals.
+//! View updates to the server: the latest view, at most every 100 ms.
 
 use std::time::Duration;
 
@@ -8,7 +8,7 @@ use lodestream_scene::view::View;
 /// Least time between two `SetView`.
 const VIEW_INTERVAL: Duration = Duration::from_millis(100);
 
-/// See the module.
+/// The view that is not sent yet, and when the last one was sent.
 #[derive(Debug, Default)]
 pub(super) struct ViewUpdates {
     view: Option<View>,
@@ -16,24 +16,24 @@ pub(super) struct ViewUpdates {
 }
 
 impl ViewUpdates {
-    /// `Hello` has named a view, or none: one that the server has not heard of yet need not wait.
-    pub(super) fn greeted(&mut self, now: Time, with_view: bool) {
+    /// Records that `Hello` was sent. Without a view in it, the first update is due at once.
+    pub(super) fn hello_sent(&mut self, now: Time, with_view: bool) {
         self.sent = with_view.then_some(now);
     }
 
-    /// The view is another. One that cannot be used is passed over.
+    /// Sets the view; ignores an invalid one.
     pub(super) fn set(&mut self, view: View) {
         if view.check().is_ok() {
             self.view = Some(view);
         }
     }
 
-    /// When the next one may be told, if one waits.
+    /// When the next update may be sent, if there is one.
     pub(super) fn next(&self) -> Option<Time> {
         self.view.and(self.sent).map(|sent| sent + VIEW_INTERVAL)
     }
 
-    /// The view to tell now.
+    /// The view to send now.
     pub(super) fn poll(&mut self, now: Time) -> Option<View> {
         if self.sent.is_some_and(|sent| now < sent + VIEW_INTERVAL) {
             return None;

@@ -1,12 +1,11 @@
-//! What is sent next: one session's queue of wanted blobs and scene pages.
+//! Scheduler: one session's priority queue of requested blobs and scene pages.
 //!
-//! The queue hands out small pieces, one at a time, so that nothing is committed before the limiter
-//! admits it. A blob that has begun is finished first, unless something arrives that is more urgent by
-//! [`OVERTAKE`]; then it waits, half sent. Of a blob, any part may be wanted: what is sent of it at a time
-//! is a run from one byte to another.
+//! The scheduler returns small pieces, one at a time, so that nothing is committed before the limiter admits it. A
+//! blob that has begun is finished first, unless another is more urgent by [`OVERTAKE`]; then it is suspended. A
+//! request may be for any part of a blob; a contiguous part that is sent is a *run*.
 //!
-//! A blob that the store has not at hand waits aside while others are sent ([`MAX_READS`] of them at most); from
-//! then on, what comes next is read ahead while pieces are sent.
+//! A blob that must be read from the store is set aside while others are sent (at most [`MAX_READS`] of them). After
+//! the first such blob, the next ones are read ahead while pieces are sent.
 
 mod queue;
 mod reads;
@@ -22,7 +21,7 @@ use crate::source::{Reading, SourceError};
 use lodestream_scene::blob::BlobId;
 use lodestream_select::priority::Priority;
 
-use queue::{Queue, Waiting};
+use queue::{Queue, QueuedUnit};
 pub use reads::MAX_READS;
 use reads::{Key, Loaded, Reads, refusal};
 
@@ -30,11 +29,10 @@ use reads::{Key, Loaded, Reads, refusal};
 /// positive `f32`, so this is a factor of two in screen error.
 pub const OVERTAKE: Priority = 1 << 23;
 
-/// Most blobs that wait half sent. Beyond that, nothing overtakes: each of them keeps its bytes in
-/// memory, here and at the client.
+/// Most suspended blobs; beyond that nothing overtakes. Each holds its bytes in memory, here and at the client.
 const MAX_SUSPENDED: usize = 8;
 
-/// Something that can be queued.
+/// A unit of the queue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Unit {
     /// A page of the scene description.
@@ -43,12 +41,12 @@ pub enum Unit {
     Blob(BlobId),
 }
 
-/// What is handed out.
+/// An item to send.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Outgoing {
-    /// Send this page of the scene description.
+    /// A page of the scene description.
     Page(u32),
-    /// Send this piece.
+    /// A piece of a blob.
     Piece {
         /// The piece.
         piece: BlobPiece,
@@ -59,22 +57,23 @@ pub enum Outgoing {
     Failed {
         /// The blob.
         id: BlobId,
-        /// What to tell the client.
+        /// The reason to refuse it with.
         reason: RefusedReason,
     },
 }
 
-/// What became of a cancelled blob.
+/// State of a blob when it was cancelled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cancelled {
     /// It was not queued.
     Unknown,
-    /// It had not begun.
+    /// It was queued and nothing of it was sent.
     Queued,
-    /// Some of it has been sent.
+    /// It was partly sent.
     BlobTransfer,
 }
 
+/// A run that has begun.
 #[derive(Debug)]
 struct BlobTransfer {
     id: BlobId,
@@ -84,7 +83,7 @@ struct BlobTransfer {
     end: usize,
 }
 
-/// Where what begins next is found.
+/// Source of the next run: a finished read, or the queue.
 enum Next {
     Loaded(Key),
     Queued,
@@ -114,14 +113,13 @@ impl Scheduler {
         }
     }
 
-    /// Queues a unit or changes its priority. Gives `false` where the queue is full.
+    /// Queues a unit or changes its priority. Returns `false` if the queue is full.
     pub fn want(&mut self, unit: Unit, priority: Priority) -> bool {
         self.want_part(unit, priority, 0..u32::MAX)
     }
 
-    /// Queues part of a blob, or changes its priority. What is queued already is extended to the part's
-    /// end; behind a run that has begun, what is missing to that end is queued. Gives `false` where the
-    /// queue is full.
+    /// Queues part of a blob, or changes its priority. A queued part is extended to cover the new one; after a run
+    /// that has begun, the rest of the part is queued. Returns `false` if the queue is full.
     pub fn want_part(&mut self, unit: Unit, priority: Priority, mut part: Range<u32>) -> bool {
         if let Unit::Blob(id) = unit
             && let Some(begun) = self.begun.iter_mut().find(|begun| begun.id == id)
@@ -137,7 +135,7 @@ impl Scheduler {
         {
             return true;
         }
-        if self.queue.want(&unit, priority, &part) {
+        if self.queue.update(&unit, priority, &part) {
             return true;
         }
         if self.queue.len() >= self.max_queued {
@@ -145,11 +143,11 @@ impl Scheduler {
         }
         let key = (Reverse(priority), self.next_number);
         self.next_number += 1;
-        self.queue.insert(Waiting { key, unit, part });
+        self.queue.insert(QueuedUnit { key, unit, part });
         true
     }
 
-    /// Drops a blob. What has been handed out is gone.
+    /// Drops a blob. Pieces already returned are not affected.
     pub fn cancel(&mut self, id: BlobId) -> Cancelled {
         let queued = self.queue.remove(&Unit::Blob(id)).is_some();
         let read = self.reads.retain(|read| read != id);
@@ -160,41 +158,41 @@ impl Scheduler {
         if queued || read { Cancelled::Queued } else { Cancelled::Unknown }
     }
 
-    /// Drops the queued units, not begun, for which `keep` says no.
+    /// Drops the units that have not begun and for which `keep` returns false.
     pub fn retain(&mut self, mut keep: impl FnMut(&Unit) -> bool) {
         self.queue.retain(&mut keep);
         self.reads.retain(|id| keep(&Unit::Blob(id)));
     }
 
-    /// Drops everything. What is under way from the store is dropped when it comes.
+    /// Drops everything. The results of outstanding reads are dropped when they arrive.
     pub fn clear(&mut self) {
         self.reads.clear();
         self.queue.clear();
         self.begun.clear();
     }
 
-    /// Whether nothing is queued, nothing read and nothing begun.
+    /// Whether nothing is queued, being read or begun.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.queue.is_empty() && self.begun.is_empty() && self.reads.is_empty()
     }
 
-    /// Whether [`Scheduler::next`] may have something: `false` where all that is left waits for the store.
+    /// Whether [`Scheduler::next`] may return something: `false` if all that is left waits for the store.
     #[must_use]
-    pub fn can_go_on(&self) -> bool {
+    pub fn has_ready_work(&self) -> bool {
         !self.begun.is_empty()
             || self.reads.first().is_some()
             || self.peek().is_some_and(|(_, unit)| matches!(unit, Unit::Page(_)) || self.reads.has_room())
     }
 
-    /// Units queued, begun ones and those that are read not counted.
+    /// Number of queued units, without those begun or being read.
     #[must_use]
     pub fn queued(&self) -> usize {
         self.queue.len()
     }
 
-    /// Bytes of blobs that are queued, read or begun and not handed out, where `length` gives that of a blob. Looks at
-    /// each.
+    /// Bytes of blobs that are queued, being read or begun and not returned yet; `length` gives the length of a blob.
+    /// O(n).
     pub(crate) fn waiting_bytes(&self, length: impl Fn(&BlobId) -> Option<u32>) -> u64 {
         let part = |id: &BlobId, part: &Range<u32>| {
             u64::from(part.end.min(length(id).unwrap_or(0)).saturating_sub(part.start))
@@ -208,11 +206,11 @@ impl Scheduler {
         queued.chain(read).chain(begun).sum()
     }
 
-    /// Whether a unit is queued, read or begun.
+    /// Whether a unit is queued, being read or begun.
     #[must_use]
     pub fn contains(&self, unit: &Unit) -> bool {
-        let under_way = |id: BlobId| self.reads.contains(id) || self.begun.iter().any(|begun| begun.id == id);
-        self.queue.contains(unit) || matches!(unit, Unit::Blob(id) if under_way(*id))
+        let active = |id: BlobId| self.reads.contains(id) || self.begun.iter().any(|begun| begun.id == id);
+        self.queue.contains(unit) || matches!(unit, Unit::Blob(id) if active(*id))
     }
 
     /// Blobs that have begun and are not finished, with their priorities.
@@ -220,7 +218,7 @@ impl Scheduler {
         self.begun.iter().map(|begun| (begun.priority, Unit::Blob(begun.id)))
     }
 
-    /// The next unit that would begin if none were begun: its priority and itself.
+    /// The most urgent queued unit, with its priority.
     #[must_use]
     pub fn peek(&self) -> Option<(Priority, Unit)> {
         self.queue.first().map(|((Reverse(priority), _), unit)| (priority, unit))
@@ -233,8 +231,8 @@ impl Scheduler {
         Some((index, begun.priority))
     }
 
-    /// Hands out the next piece of at most `piece_bytes`, reading blobs by `read` as they begin. What it cannot give
-    /// at once is told by [`Scheduler::poll_read`], and others go first.
+    /// The next page or piece of at most `piece_bytes`. Blobs are read by `read` as they begin. A blob whose read is
+    /// pending is reported by [`Scheduler::poll_read`], and others are sent meanwhile.
     pub fn next(
         &mut self,
         piece_bytes: usize,
@@ -248,7 +246,7 @@ impl Scheduler {
             let loaded = match next {
                 Next::Loaded(key) => self.reads.take(key)?,
                 Next::Queued => {
-                    let Waiting { key, unit, part } = self.queue.pop()?;
+                    let QueuedUnit { key, unit, part } = self.queue.pop()?;
                     let Reverse(priority) = key.0;
                     let id = match unit {
                         Unit::Page(page) => return Some(Outgoing::Page(page)),
@@ -269,7 +267,7 @@ impl Scheduler {
         current.map(|(index, _)| self.advance(index, piece_bytes))
     }
 
-    /// What may begin now, if anything: nothing where a begun blob goes first, or all waits for the store.
+    /// The source of the run that may begin now; `None` if a begun one goes first or all are waiting for the store.
     fn next_to_begin(&self, current: Option<(usize, Priority)>) -> Option<Next> {
         let overtakes = |key: &Key| {
             current.is_none_or(|(_, begun)| {
@@ -292,26 +290,26 @@ impl Scheduler {
         .map(|(_, next)| next)
     }
 
-    /// Has the store read what comes next, while others are sent.
+    /// Starts reads of the next queued blobs while others are sent.
     fn read_ahead(&mut self, read: &mut impl FnMut(&BlobId) -> Result<Reading, SourceError>) {
         while self.reads.has_room()
             && let Some((_, Unit::Blob(id))) = self.queue.first()
         {
-            let Some(Waiting { key, part, .. }) = self.queue.pop() else { return };
+            let Some(QueuedUnit { key, part, .. }) = self.queue.pop() else { return };
             match read(&id) {
-                Ok(Reading::Ready(bytes)) => self.reads.keep(id, key, part, Ok(bytes)),
+                Ok(Reading::Ready(bytes)) => self.reads.insert_done(id, key, part, Ok(bytes)),
                 Ok(Reading::Pending) => self.reads.wait(id, key, part),
-                Err(why) => self.reads.keep(id, key, part, Err(refusal(&why))),
+                Err(why) => self.reads.insert_done(id, key, part, Err(refusal(&why))),
             }
         }
     }
 
-    /// The next blob that the driver should have the store read. It answers by [`Scheduler::handle_read`].
+    /// The next blob to read from the store; the driver passes the result to [`Scheduler::handle_read`].
     pub fn poll_read(&mut self) -> Option<BlobId> {
         self.reads.poll()
     }
 
-    /// Takes what the store has read. Blobs that nobody waits for any longer are dropped.
+    /// Takes the result of a read. Drops it if the blob is no longer wanted.
     pub fn handle_read(&mut self, id: BlobId, bytes: &Result<Bytes, SourceError>) {
         self.reads.done(id, bytes);
     }
@@ -346,7 +344,7 @@ impl Scheduler {
     }
 }
 
-/// Sources give blobs of at most `MAX_BLOB_BYTES`, as the session checks before it queues them.
+/// Converts a length. Blobs have at most `MAX_BLOB_BYTES`, as the session checks before it queues them.
 fn number(n: usize) -> u32 {
     u32::try_from(n).unwrap_or(u32::MAX)
 }

@@ -1,7 +1,7 @@
-//! Units that wait, the most urgent first: a binary heap, and a table that tells where in it each unit stands.
+//! Priority queue with lookup by unit: a binary heap, and a hash table of heap indices.
 //!
-//! Whoever asks for much has thousands queued for as long as his session lasts. An entry takes 36 bytes and 4 to 11 of
-//! the table; a map by key with one by unit beside it took three times as much.
+//! A client may have thousands of units queued for as long as its session lasts, so entries are small: 36 bytes, and
+//! 4 to 11 bytes of the table. A map by key with another by unit took three times as much.
 
 use std::cmp::Reverse;
 use std::hash::{BuildHasher as _, RandomState};
@@ -11,38 +11,38 @@ use super::reads::Key;
 use super::{Unit, number};
 use lodestream_select::priority::Priority;
 
-/// In the table: nobody's place.
+/// Marks a free slot of the table.
 const FREE: u32 = u32::MAX;
-/// Fewer entries keep the memory that they have.
-const LEAST_ENTRIES: usize = 16;
+/// With fewer entries no memory is released.
+const MIN_ENTRIES: usize = 16;
 
 #[derive(Debug)]
 struct Entry {
     unit: Unit,
     part: Range<u32>,
     priority: Priority,
-    /// First come, first served: the halves of a 64-bit number, which would align the entry to 8 bytes.
+    /// Arrival number, in two halves: a `u64` would align the entry to 8 bytes.
     number: [u32; 2],
-    /// Its place in the table.
-    place: u32,
+    /// Index of its slot in the table.
+    slot: u32,
 }
 
-/// A unit that waits: its place in the order, and what is wanted of it.
+/// A queued unit with its key and the wanted part.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) struct Waiting {
+pub(super) struct QueuedUnit {
     pub(super) key: Key,
     pub(super) unit: Unit,
     pub(super) part: Range<u32>,
 }
 
-/// See the module.
+/// The queued units of one session.
 #[derive(Debug, Default)]
 pub(super) struct Queue {
-    /// A binary heap: no entry goes before its parent, which is that of half its index (less one).
+    /// A binary heap: no key is less than that of the parent, at index (i - 1) / 2.
     entries: Vec<Entry>,
-    /// A hash table with linear probing: indices of entries, or [`FREE`]. A power of two long, a quarter of it free.
-    /// Clients choose the units: the hash is keyed, so that none can make them collide.
-    places: Vec<u32>,
+    /// A hash table with linear probing: indices of entries, or [`FREE`]. Its length is a power of two, at least a
+    /// quarter of it is free. The hash is keyed, because clients choose the units and must not cause collisions.
+    slots: Vec<u32>,
     hasher: RandomState,
 }
 
@@ -66,34 +66,33 @@ impl Queue {
         self.find(unit).is_some()
     }
 
-    /// What goes first: its place in the order, and the unit.
+    /// The most urgent unit, with its key.
     pub(super) fn first(&self) -> Option<(Key, Unit)> {
         self.entries.first().map(|entry| (entry.key(), entry.unit))
     }
 
-    /// Units in no order, with what is wanted of them.
+    /// All units with their wanted parts, unordered.
     pub(super) fn iter(&self) -> impl Iterator<Item = (&Unit, &Range<u32>)> {
         self.entries.iter().map(|entry| (&entry.unit, &entry.part))
     }
 
-    /// Adds a unit that does not wait yet.
-    pub(super) fn insert(&mut self, Waiting { key: (Reverse(priority), order), unit, part }: Waiting) {
+    /// Adds a unit that is not queued.
+    pub(super) fn insert(&mut self, QueuedUnit { key: (Reverse(priority), order), unit, part }: QueuedUnit) {
         debug_assert!(!self.contains(&unit));
-        if self.places.len() * 3 < (self.entries.len() + 1) * 4 {
-            self.place_all((self.entries.len() + 1).max(LEAST_ENTRIES));
+        if self.slots.len() * 3 < (self.entries.len() + 1) * 4 {
+            self.rebuild_table((self.entries.len() + 1).max(MIN_ENTRIES));
         }
         let at = self.entries.len();
-        let place = self.free_place(&unit);
-        self.places[place] = number(at);
+        let slot = self.free_slot(&unit);
+        self.slots[slot] = number(at);
         #[expect(clippy::cast_possible_truncation, reason = "the halves of a number")]
         let number_halves = [(order >> 32) as u32, order as u32];
-        self.entries.push(Entry { unit, part, priority, number: number_halves, place: number(place) });
+        self.entries.push(Entry { unit, part, priority, number: number_halves, slot: number(slot) });
         self.rise(at);
     }
 
-    /// Gives a unit that waits another priority, and makes what is wanted of it cover `part` too. `false` where it does
-    /// not wait.
-    pub(super) fn want(&mut self, unit: &Unit, priority: Priority, part: &Range<u32>) -> bool {
+    /// Changes the priority of a queued unit and extends its part to cover `part`. Returns `false` if it is not queued.
+    pub(super) fn update(&mut self, unit: &Unit, priority: Priority, part: &Range<u32>) -> bool {
         let Some(at) = self.find(unit) else { return false };
         let entry = &mut self.entries[at];
         entry.part = entry.part.start.min(part.start)..entry.part.end.max(part.end);
@@ -102,122 +101,122 @@ impl Queue {
         true
     }
 
-    /// Takes what goes first.
-    pub(super) fn pop(&mut self) -> Option<Waiting> {
+    /// Removes the most urgent unit.
+    pub(super) fn pop(&mut self) -> Option<QueuedUnit> {
         (!self.entries.is_empty()).then(|| self.take(0))
     }
 
-    /// Takes a unit out.
-    pub(super) fn remove(&mut self, unit: &Unit) -> Option<Waiting> {
+    /// Removes a unit.
+    pub(super) fn remove(&mut self, unit: &Unit) -> Option<QueuedUnit> {
         self.find(unit).map(|at| self.take(at))
     }
 
-    /// Drops the units for which `keep` says no.
+    /// Drops the units for which `keep` returns false.
     pub(super) fn retain(&mut self, mut keep: impl FnMut(&Unit) -> bool) {
         let before = self.entries.len();
         self.entries.retain(|entry| keep(&entry.unit));
         if self.entries.len() == before {
             return;
         }
-        self.entries.shrink_to(LEAST_ENTRIES);
-        self.place_all(self.entries.len().max(LEAST_ENTRIES));
+        self.entries.shrink_to(MIN_ENTRIES);
+        self.rebuild_table(self.entries.len().max(MIN_ENTRIES));
         for at in (0..self.entries.len() / 2).rev() {
             self.sink(at);
         }
     }
 
-    /// Drops all, and the memory that they took.
+    /// Drops all units and releases their memory.
     pub(super) fn clear(&mut self) {
-        (self.entries, self.places) = (Vec::new(), Vec::new());
+        (self.entries, self.slots) = (Vec::new(), Vec::new());
     }
 
     fn hash(&self, unit: &Unit) -> usize {
         #[expect(clippy::cast_possible_truncation, reason = "any bits of a hash serve")]
         let hash = self.hasher.hash_one(unit) as usize;
-        hash & self.places.len().wrapping_sub(1)
+        hash & self.slots.len().wrapping_sub(1)
     }
 
-    fn next(&self, place: usize) -> usize {
-        (place + 1) & (self.places.len() - 1)
+    fn next(&self, slot: usize) -> usize {
+        (slot + 1) & (self.slots.len() - 1)
     }
 
     /// The index of a unit's entry.
     fn find(&self, unit: &Unit) -> Option<usize> {
-        if self.places.is_empty() {
+        if self.slots.is_empty() {
             return None;
         }
-        let mut place = self.hash(unit);
+        let mut slot = self.hash(unit);
         loop {
-            match self.places[place] {
+            match self.slots[slot] {
                 FREE => return None,
                 at if self.entries[at as usize].unit == *unit => return Some(at as usize),
-                _ => place = self.next(place),
+                _ => slot = self.next(slot),
             }
         }
     }
 
-    /// Where a unit that is not in the table would stand.
-    fn free_place(&self, unit: &Unit) -> usize {
-        let mut place = self.hash(unit);
-        while self.places[place] != FREE {
-            place = self.next(place);
+    /// The slot for a unit that is not in the table.
+    fn free_slot(&self, unit: &Unit) -> usize {
+        let mut slot = self.hash(unit);
+        while self.slots[slot] != FREE {
+            slot = self.next(slot);
         }
-        place
+        slot
     }
 
-    /// Makes a table for so many entries, and places all that there are.
-    fn place_all(&mut self, entries: usize) {
+    /// Builds a table with room for `entries` entries.
+    fn rebuild_table(&mut self, entries: usize) {
         let length = (entries * 4).div_ceil(3).next_power_of_two();
-        self.places = vec![FREE; length];
+        self.slots = vec![FREE; length];
         for at in 0..self.entries.len() {
-            let place = self.free_place(&self.entries[at].unit);
-            self.places[place] = number(at);
-            self.entries[at].place = number(place);
+            let slot = self.free_slot(&self.entries[at].unit);
+            self.slots[slot] = number(at);
+            self.entries[at].slot = number(slot);
         }
     }
 
-    /// Frees a place, and closes the gap that others were pushed beyond (Knuth, volume 3, section 6.4, algorithm R).
+    /// Frees a slot and moves later entries of its cluster up (Knuth, volume 3, section 6.4, algorithm R).
     fn free(&mut self, mut gap: usize) {
-        let mut place = gap;
+        let mut slot = gap;
         loop {
-            place = self.next(place);
-            let at = self.places[place];
+            slot = self.next(slot);
+            let at = self.slots[slot];
             if at == FREE {
                 break;
             }
             let home = self.hash(&self.entries[at as usize].unit);
-            // It may go where it is found from its home: not before that, around the table's end.
-            let from_home = |to: usize| to.wrapping_sub(home) & (self.places.len() - 1);
-            if from_home(gap) < from_home(place) {
-                self.places[gap] = at;
-                self.entries[at as usize].place = number(gap);
-                gap = place;
+            // An entry may move only to a slot at or after its home, counted around the table's end.
+            let from_home = |to: usize| to.wrapping_sub(home) & (self.slots.len() - 1);
+            if from_home(gap) < from_home(slot) {
+                self.slots[gap] = at;
+                self.entries[at as usize].slot = number(gap);
+                gap = slot;
             }
         }
-        self.places[gap] = FREE;
+        self.slots[gap] = FREE;
     }
 
-    fn take(&mut self, at: usize) -> Waiting {
-        self.free(self.entries[at].place as usize);
+    fn take(&mut self, at: usize) -> QueuedUnit {
+        self.free(self.entries[at].slot as usize);
         let entry = self.entries.swap_remove(at);
         if let Some(moved) = self.entries.get(at) {
-            self.places[moved.place as usize] = number(at);
+            self.slots[moved.slot as usize] = number(at);
             self.settle(at);
         }
-        if self.entries.len() >= LEAST_ENTRIES && self.entries.len() * 4 < self.entries.capacity() {
+        if self.entries.len() >= MIN_ENTRIES && self.entries.len() * 4 < self.entries.capacity() {
             self.entries.shrink_to(self.entries.len() * 2);
-            self.place_all(self.entries.len() * 2);
+            self.rebuild_table(self.entries.len() * 2);
         }
-        Waiting { key: entry.key(), unit: entry.unit, part: entry.part }
+        QueuedUnit { key: entry.key(), unit: entry.unit, part: entry.part }
     }
 
-    /// Moves an entry to where it belongs.
+    /// Restores the heap property for one entry.
     fn settle(&mut self, at: usize) {
         let at = self.rise(at);
         self.sink(at);
     }
 
-    /// Moves an entry up, before those that it goes before; gives its index.
+    /// Moves an entry up the heap; returns its index.
     fn rise(&mut self, mut at: usize) -> usize {
         while at > 0 {
             let parent = (at - 1) / 2;
@@ -230,7 +229,7 @@ impl Queue {
         at
     }
 
-    /// Moves an entry down, behind those that go before it.
+    /// Moves an entry down the heap.
     fn sink(&mut self, mut at: usize) {
         loop {
             let children = 2 * at + 1..(2 * at + 3).min(self.entries.len());
@@ -246,7 +245,7 @@ impl Queue {
     fn swap(&mut self, a: usize, b: usize) {
         self.entries.swap(a, b);
         for at in [a, b] {
-            self.places[self.entries[at].place as usize] = number(at);
+            self.slots[self.entries[at].slot as usize] = number(at);
         }
     }
 }
@@ -262,38 +261,38 @@ mod tests {
 
     fn check(queue: &Queue) {
         for (at, entry) in queue.entries.iter().enumerate() {
-            assert_eq!((queue.find(&entry.unit), queue.places[entry.place as usize]), (Some(at), number(at)));
+            assert_eq!((queue.find(&entry.unit), queue.slots[entry.slot as usize]), (Some(at), number(at)));
             assert!(at == 0 || queue.entries[(at - 1) / 2].key() < entry.key());
         }
-        assert_eq!(queue.places.iter().filter(|&&at| at != FREE).count(), queue.len());
-        assert!(queue.places.is_empty() || queue.len() * 4 <= queue.places.len() * 3);
+        assert_eq!(queue.slots.iter().filter(|&&at| at != FREE).count(), queue.len());
+        assert!(queue.slots.is_empty() || queue.len() * 4 <= queue.slots.len() * 3);
     }
 
     proptest! {
         #[test]
-        fn it_does_what_an_ordered_map_does(
-            deeds in proptest::collection::vec((0_u8..8, 0_u32..60, 0_u32..5, 0_u32..9), 0..400)
+        fn queue_behaves_like_an_ordered_map(
+            operations in proptest::collection::vec((0_u8..8, 0_u32..60, 0_u32..5, 0_u32..9), 0..400)
         ) {
             let mut queue = Queue::default();
             let mut map: BTreeMap<Key, (Unit, Range<u32>)> = BTreeMap::new();
-            for (order, (deed, unit, priority, from)) in (u64::from(u32::MAX) - 100..).zip(deeds) {
+            for (order, (operation, unit, priority, from)) in (u64::from(u32::MAX) - 100..).zip(operations) {
                 let unit = Unit::Blob(BlobId::chunk(unit % 3, unit));
                 let known = map.iter().find(|(_, (other, _))| *other == unit).map(|(key, _)| *key);
                 prop_assert_eq!(queue.contains(&unit), known.is_some());
-                match (deed, known) {
+                match (operation, known) {
                     (0..4, None) => {
                         let (key, part) = ((Reverse(priority), order), from..from + 3);
                         map.insert(key, (unit, part.clone()));
-                        queue.insert(Waiting { key, unit, part });
+                        queue.insert(QueuedUnit { key, unit, part });
                     }
                     (0..4, Some(key)) => {
                         let (_, part) = map.remove(&key).unwrap();
                         map.insert((Reverse(priority), key.1), (unit, part.start.min(from)..part.end.max(7)));
-                        prop_assert!(queue.want(&unit, priority, &(from..7)));
+                        prop_assert!(queue.update(&unit, priority, &(from..7)));
                     }
                     (4, _) => {
                         let removed = known.and_then(|key| Some((key, map.remove(&key)?)));
-                        let removed = removed.map(|(key, (unit, part))| Waiting { key, unit, part });
+                        let removed = removed.map(|(key, (unit, part))| QueuedUnit { key, unit, part });
                         prop_assert_eq!(queue.remove(&unit), removed);
                     }
                     (5, _) => {
@@ -302,7 +301,7 @@ mod tests {
                         queue.retain(keep);
                     }
                     _ => {
-                        let first = map.pop_first().map(|(key, (unit, part))| Waiting { key, unit, part });
+                        let first = map.pop_first().map(|(key, (unit, part))| QueuedUnit { key, unit, part });
                         prop_assert_eq!(queue.first(), first.as_ref().map(|first| (first.key, first.unit)));
                         prop_assert_eq!(queue.pop(), first);
                     }
@@ -314,14 +313,14 @@ mod tests {
     }
 
     #[test]
-    fn thousands_that_wait_took_three_hundred_kilobytes() {
+    fn thousands_of_units_use_little_memory() {
         let mut queue = Queue::default();
         let bytes = |queue: &Queue| {
-            queue.entries.capacity() * size_of::<Entry>() + queue.places.capacity() * size_of::<u32>()
+            queue.entries.capacity() * size_of::<Entry>() + queue.slots.capacity() * size_of::<u32>()
         };
         for n in 0..2048 {
             let (key, unit) = ((Reverse(n % 7), u64::from(n)), Unit::Blob(BlobId::chunk(n / 40, n % 40)));
-            queue.insert(Waiting { key, unit, part: 0..u32::MAX });
+            queue.insert(QueuedUnit { key, unit, part: 0..u32::MAX });
         }
         assert!(bytes(&queue) <= 2048 * 44, "{}", bytes(&queue));
         while queue.len() > 100 {

@@ -1,4 +1,4 @@
-//! Blobs that a store is reading, or has read, for a session's queue: few, in no order of their own.
+//! A session's reads from the store: blobs that are being read or were read ahead, at most [`MAX_READS`], unordered.
 
 use std::cmp::Reverse;
 use std::ops::Range;
@@ -13,18 +13,18 @@ use lodestream_select::priority::Priority;
 /// Order in the queue: most urgent first, then first come, first served.
 pub(super) type Key = (Reverse<Priority>, u64);
 
-/// Most blobs of a session that are read ahead of their turn or under way from the store. Each keeps its bytes in
-/// memory; more would be read for nothing when the view changes, fewer leave the link idle where a read takes long.
+/// Most reads of a session, outstanding or read ahead. Each holds the blob in memory. More would waste reads when the
+/// view changes; fewer leave the link idle if a read takes long.
 pub const MAX_READS: usize = 8;
 
-/// Where a read stands.
+/// Progress of a read.
 #[derive(Clone, Debug)]
 enum Stage {
-    /// The driver has not heard of it.
+    /// Not reported to the driver yet.
     Due,
-    /// The driver has.
-    UnderWay,
-    /// The bytes are here, or will not come.
+    /// The driver is reading it.
+    Outstanding,
+    /// Finished, with the bytes or a reason.
     Done(Result<Bytes, RefusedReason>),
 }
 
@@ -32,11 +32,11 @@ enum Stage {
 struct Read {
     id: BlobId,
     stage: Stage,
-    /// What it is for; `None` where that was taken back while it was under way.
+    /// Position in the order and wanted part; `None` if the request was withdrawn while the read was outstanding.
     purpose: Option<(Key, Range<u32>)>,
 }
 
-/// A blob whose read is done.
+/// A blob whose read is finished.
 #[derive(Debug)]
 pub(super) struct Loaded {
     pub(super) id: BlobId,
@@ -45,15 +45,15 @@ pub(super) struct Loaded {
     pub(super) bytes: Result<Bytes, RefusedReason>,
 }
 
-/// See the module.
+/// The reads of one session.
 #[derive(Debug, Default)]
 pub(super) struct Reads {
     list: Vec<Read>,
-    /// The store has let something wait: what comes next is read ahead.
+    /// Whether a read was ever pending; then blobs are read ahead.
     slow: bool,
 }
 
-/// What to tell a client whose blob could not be read.
+/// The refusal of a blob that could not be read.
 pub(super) const fn refusal(error: &SourceError) -> RefusedReason {
     match error {
         SourceError::NotFound(_) => RefusedReason::NotFound,
@@ -67,12 +67,12 @@ impl Reads {
         self.list.len() < MAX_READS
     }
 
-    /// Whether blobs are worth reading before their turn.
+    /// Whether blobs should be read ahead.
     pub(super) const fn is_slow(&self) -> bool {
         self.slow
     }
 
-    /// A read has to wait for the store. One that is under way for nobody serves.
+    /// Adds a read that must wait for the store. Reuses an outstanding read of the blob whose request was withdrawn.
     pub(super) fn wait(&mut self, id: BlobId, key: Key, part: Range<u32>) {
         self.slow = true;
         match self.list.iter_mut().find(|read| read.id == id && read.purpose.is_none()) {
@@ -81,8 +81,8 @@ impl Reads {
         }
     }
 
-    /// A blob was read at once, ahead of its turn.
-    pub(super) fn keep(
+    /// Adds a blob that was read ahead at once.
+    pub(super) fn insert_done(
         &mut self,
         id: BlobId,
         key: Key,
@@ -92,14 +92,14 @@ impl Reads {
         self.list.push(Read { id, stage: Stage::Done(bytes), purpose: Some((key, part)) });
     }
 
-    /// The next read that the driver should begin.
+    /// The next read that the driver should start.
     pub(super) fn poll(&mut self) -> Option<BlobId> {
         let read = self.list.iter_mut().find(|read| matches!(read.stage, Stage::Due))?;
-        read.stage = Stage::UnderWay;
+        read.stage = Stage::Outstanding;
         Some(read.id)
     }
 
-    /// A read that the driver began is done. What nobody waits for any longer is dropped.
+    /// Takes the result of a read that the driver started. Drops it if its request was withdrawn.
     pub(super) fn done(&mut self, id: BlobId, bytes: &Result<Bytes, SourceError>) {
         self.list.retain_mut(|read| {
             if read.id == id && !matches!(read.stage, Stage::Done(_)) {
@@ -112,12 +112,12 @@ impl Reads {
         });
     }
 
-    /// The most urgent blob whose read is done: its place in the order.
+    /// Key of the most urgent blob whose read is finished.
     pub(super) fn first(&self) -> Option<Key> {
         self.list.iter().filter(|read| matches!(read.stage, Stage::Done(_))).filter_map(Read::key).min()
     }
 
-    /// Takes the blob that [`Reads::first`] gave.
+    /// Removes the blob with a key that [`Reads::first`] returned.
     pub(super) fn take(&mut self, key: Key) -> Option<Loaded> {
         let index = self.list.iter().position(|read| read.key() == Some(key))?;
         match self.list.swap_remove(index) {
@@ -163,7 +163,7 @@ impl Reads {
             }
             dropped = true;
             read.purpose = None;
-            matches!(read.stage, Stage::UnderWay)
+            matches!(read.stage, Stage::Outstanding)
         });
         dropped
     }

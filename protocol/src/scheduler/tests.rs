@@ -195,7 +195,7 @@ fn reads_are_bounded_and_none_is_asked_for_twice() {
         asked.extend(std::iter::from_fn(|| scheduler.poll_read()));
     }
     assert_eq!(asked, (0..MAX_READS as u32).map(|n| BlobId::chunk(0, n)).collect::<Vec<_>>());
-    assert!(!scheduler.can_go_on() && !scheduler.is_empty());
+    assert!(!scheduler.has_ready_work() && !scheduler.is_empty());
     assert_eq!(scheduler.queued(), 50 - MAX_READS);
     // Pages of the scene need no store, but come in their turn.
     scheduler.want(Unit::Page(0), 1000);

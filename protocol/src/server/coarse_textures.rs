@@ -1,8 +1,8 @@
-//! The coarsest levels of textures, which the server sends unasked among the first chunks.
+//! The coarsest levels of textures, which the server pushes among the first chunks.
 
 use std::collections::BTreeMap;
 
-use super::refinement::Refining;
+use super::refinement::PushedBlob;
 use crate::source::SceneSource;
 use lodestream_scene::blob::{BlobId, BlobPart};
 use lodestream_scene::description::InstanceEntry;
@@ -13,50 +13,52 @@ use lodestream_select::textures::ShownArea;
 use lodestream_select::visibility::Visibility;
 use lodestream_select::{AssetState, Projection, SelectSettings};
 
-/// Most textures of an asset of which something is pushed.
+/// Most textures of an asset of which levels are pushed.
 const MAX_TEXTURES: u16 = 8;
-/// Levels that are pushed of each, from the coarsest on: some hundred bytes together.
+/// Levels pushed per texture, from the coarsest on: some hundred bytes together.
 pub(super) const COARSE_LEVELS: u8 = 2;
-/// Least radius of an asset on the screen whose textures are pushed, in pixels: with less, the mean colour may do.
-const LEAST_TEXTURED_PX: f32 = 32.0;
+/// Least radius of an asset on the screen whose textures are pushed, in pixels. Smaller ones are drawn in the mean
+/// colour.
+const MIN_TEXTURED_RADIUS_PX: f32 = 32.0;
 
-/// What the instances of an asset in view add up to.
+/// Sums and maxima over the visible instances of an asset.
 #[derive(Clone, Copy, Debug, Default)]
-struct Seen {
+struct AssetOnScreen {
     coverage_px: f32,
     foveation: f32,
     area: ShownArea,
 }
 
-/// The coarsest levels of the textures of what is visible, most urgent first, what something hides last. What they are of
-/// and how dense, the server does not know: all count as blurs.
+/// The coarsest texture levels of visible assets, most urgent first, those of hidden assets last. The server does not
+/// decode asset descriptions, so it knows neither kind nor density of a texture: each counts as a difference of the
+/// mean colour.
 pub(super) fn coarse_textures(
     source: &dyn SceneSource,
     view: &View,
     settings: &SelectSettings,
     visibility: &Visibility,
     (numbers, instances, assets): (&[u32], &[InstanceEntry], &[AssetState]),
-) -> Vec<Refining> {
+) -> Vec<PushedBlob> {
     let (projection, picture) = (Projection::new(view), Picture::new(view));
-    let mut seen = vec![Seen::default(); assets.len()];
+    let mut on_screen = vec![AssetOnScreen::default(); assets.len()];
     for (number, instance) in (0..).zip(instances) {
-        let (Some(asset), Some(seen)) =
-            (assets.get(instance.asset as usize), seen.get_mut(instance.asset as usize))
+        let (Some(asset), Some(sum)) =
+            (assets.get(instance.asset as usize), on_screen.get_mut(instance.asset as usize))
         else {
             continue;
         };
         let bounds = projection.bounds(asset.entry(), instance);
         if bounds.visible {
             let shown = visibility.shown(number, view, asset.entry(), instance);
-            seen.area.add(picture.surface_px2(bounds.coverage_px), shown);
-            seen.coverage_px = seen.coverage_px.max(bounds.coverage_px);
-            seen.foveation = seen.foveation.max(bounds.foveation);
+            sum.area.add(picture.surface_px2(bounds.coverage_px), shown);
+            sum.coverage_px = sum.coverage_px.max(bounds.coverage_px);
+            sum.foveation = sum.foveation.max(bounds.foveation);
         }
     }
-    // What several assets have in common makes the sum of the differences that it makes to each.
+    // The benefit of a shared texture is the sum over its assets.
     let mut levels: BTreeMap<BlobId, (u32, f32, f32)> = BTreeMap::new();
-    for ((&number, asset), Seen { coverage_px, foveation, area }) in
-        numbers.iter().zip(assets).zip(seen).filter(|(_, seen)| seen.coverage_px >= LEAST_TEXTURED_PX)
+    for ((&number, asset), AssetOnScreen { coverage_px, foveation, area }) in
+        numbers.iter().zip(assets).zip(on_screen).filter(|(_, sum)| sum.coverage_px >= MIN_TEXTURED_RADIUS_PX)
     {
         let whole = picture.texture_px2(f32::MAX, coverage_px, settings.texture_weight.get());
         let difference_px2 = area.weigh(whole);
@@ -70,12 +72,12 @@ pub(super) fn coarse_textures(
         }
     }
     #[expect(clippy::cast_precision_loss, reason = "a priority needs no more of a length than 24 bits")]
-    let of = |(id, (bytes, difference_px2, foveation)): (BlobId, (u32, f32, f32))| Refining {
+    let of = |(id, (bytes, difference_px2, foveation)): (BlobId, (u32, f32, f32))| PushedBlob {
         priority: refine_priority(difference_px2, bytes as f32, foveation),
         id,
         end: None,
     };
-    let mut out: Vec<Refining> = levels.into_iter().map(of).collect();
+    let mut out: Vec<PushedBlob> = levels.into_iter().map(of).collect();
     out.sort_by_key(|level| std::cmp::Reverse(level.priority));
     out
 }
@@ -97,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn textures_under_a_roof_were_pushed_before_what_is_seen() {
+    fn textures_of_hidden_assets_come_last() {
         let mut scene = MemoryScene::new(2, 1, 2);
         Arc::get_mut(&mut scene).unwrap().texture_levels = 4;
         let [floor, roof] = [0, 1].map(|asset| &scene.pages[0].assets[asset]);
@@ -107,8 +109,8 @@ mod tests {
             let instances = [InstanceEntry::at(0, [0.0; 3]), InstanceEntry::at(1, [0.0, height, 0.0])];
             let mut visibility = Visibility::default();
             visibility.draw(&view, 0.0, instances[..].into(), &assets);
-            let known = (&[0, 1][..], &instances[..], &assets[..]);
-            let levels = coarse_textures(&*scene, &view, &SelectSettings::default(), &visibility, known);
+            let visible = (&[0, 1][..], &instances[..], &assets[..]);
+            let levels = coarse_textures(&*scene, &view, &SelectSettings::default(), &visibility, visible);
             let hidden = |asset| {
                 let mut of = levels.iter().filter(|level| level.id.asset() == Some(asset)).peekable();
                 assert!(of.peek().is_some());
@@ -117,6 +119,6 @@ mod tests {
             [hidden(0), hidden(1)]
         };
         assert_eq!(hidden(3.0), [true, false]);
-        assert_eq!(hidden(-3.0), [false, false], "a cellar, larger than what is above it");
+        assert_eq!(hidden(-3.0), [false, false], "a surface below the floor hides nothing");
     }
 }

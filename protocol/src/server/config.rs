@@ -8,32 +8,31 @@ use lodestream_scene::limits::MAX_QUEUED;
 /// Settings of a server session.
 #[derive(Clone, Debug)]
 pub struct ServerConfig {
-    /// How fast to send.
+    /// Sending rate and burst.
     pub limiter: LimiterConfig,
-    /// Blob bytes and scene pages pushed before the client's `Hello` is heard, in bytes. On QUIC before
-    /// address validation about 2.3 KB of base meshes fit (three times the client's first packet, less
-    /// the handshake); more would only queue for a view that may be another. On WebSocket: no bound of its own.
+    /// Most bytes of blobs and scene pages pushed before `Hello` arrives. On QUIC about 2.3 KB of base meshes fit
+    /// before address validation (three times the client's first packet, less the handshake); more would only queue,
+    /// for a view that may change. Unlimited on WebSocket.
     pub push_before_hello_bytes: u64,
-    /// Up to so many bytes in all, refinement of the start view follows the base meshes before `Hello` is
-    /// heard. As much as the transport sends in a round trip: more would wait in the socket when `Hello`
-    /// names another view. 0 on QUIC: what fits before address validation would share packets with the
-    /// base meshes and delay them, and untrusted peers could make the server select.
+    /// Most bytes in all up to which refinement of the start view follows the base meshes before `Hello` arrives:
+    /// what the transport sends in a round trip. More would be in the socket when `Hello` brings another view. 0 on
+    /// QUIC: before address validation, refinement would share packets with the base meshes and delay them, and
+    /// untrusted peers could make the server run the selection.
     pub refine_before_hello_bytes: u64,
-    /// Bytes pushed unasked after the base meshes: index pages and first chunks of what is visible, so
-    /// that refinement does not wait for a round trip. More covers longer round trips; what the client
-    /// would not have asked for is wasted.
+    /// Most bytes of index pages and first chunks pushed after the base meshes, so that refinement does not wait for
+    /// a round trip. More covers longer round trips, but bytes that the client would not have requested are wasted.
     pub push_after_hello_bytes: u64,
     /// Most bytes of a blob handed over at once. Small pieces let urgent blobs overtake; each costs a
     /// frame's overhead.
     pub piece_bytes: u32,
-    /// Most units queued, at least one; wants beyond are refused, pages and pushes wait. One takes up to 128 bytes of
-    /// memory.
+    /// Most queued units, at least one; further requests are refused, pages and pushed units wait. A unit takes up to
+    /// 128 bytes of memory.
     pub max_queued: usize,
-    /// Time in which `Hello` must come.
+    /// Time within which `Hello` must arrive.
     pub hello_timeout: Duration,
-    /// Silence after which the session is closed.
+    /// Time without a message after which the session is closed.
     pub idle_timeout: Duration,
-    /// Time for which the transport may take nothing although there is something to send.
+    /// Time after which the session is closed if there is something to send and the transport accepts nothing.
     pub stall_timeout: Duration,
     /// Size of the picture assumed before `Hello`, in pixels.
     pub start_viewport_px: [u32; 2],
@@ -72,8 +71,8 @@ impl ServerConfig {
     }
 }
 
-/// What a limiter admits in 100 ms, a common round trip with some slack; at least 64 KiB, which costs slow
-/// links little since the same chunks would be asked for.
+/// What a limiter admits in 100 ms, a common round trip with some slack; at least 64 KiB, which costs slow links little
+/// because the client would request the same chunks.
 const fn first_refinement_bytes(rate_bits_per_s: Option<u64>) -> u64 {
     const LEAST: u64 = 64 * 1024;
     const MOST: u64 = 256 * 1024;

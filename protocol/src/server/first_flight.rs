@@ -1,9 +1,9 @@
-//! The first flight for a view: what of the scene comes in which order before anybody asked.
+//! The first flight for a view: scene pages, base meshes and coarsest textures in the order in which they are pushed.
 
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
-use super::places::Places;
+use super::scene_index::SceneIndex;
 use crate::scheduler::Unit;
 use crate::source::SceneSource;
 use lodestream_scene::blob::{BlobId, BlobPart};
@@ -11,28 +11,35 @@ use lodestream_scene::view::View;
 use lodestream_select::Projection;
 use lodestream_select::priority::{Priority, base_priority, refine_priority};
 
-/// Square pixels a byte that pages without a visible instance count as: what is worth more comes first, but a camera that
-/// turns should not wait for long. The demo's refinement falls below that after half a second at 2 Mbit/s.
-const HIDDEN_PAGE_WORTH: f32 = 1.0;
+/// Benefit of a page without a visible instance, in square pixels per byte. Chunks with more benefit come first, but
+/// after a turn of the camera the page is needed soon. In the demo the benefit of chunks falls below 1 after half a
+/// second at 2 Mbit/s.
+const HIDDEN_PAGE_BENEFIT: f32 = 1.0;
 
-/// Textures of an asset whose coarsest level comes with its base mesh, at most, and of so many bytes.
+/// Most textures of an asset whose coarsest level is sent with its base mesh.
 const MAX_TEXTURES: u16 = 4;
+/// Longest such level.
 const MAX_TEXTURE_BYTES: u32 = 512;
-/// Bytes of all such levels, at most: 16 ms at 2 Mbit/s, however much is large.
+/// Most bytes of all such levels: 16 ms at 2 Mbit/s.
 const MAX_TEXTURES_BYTES: u32 = 4096;
-/// Least radius of an asset whose textures do, in heights of the picture: it is a quarter of the height across, and in
-/// one mean colour far from what it becomes.
-const LEAST_TEXTURED: f32 = 0.125;
+/// Least radius of an asset whose textures are sent, as a fraction of the picture's height. Such an asset covers a
+/// quarter of the height, where its mean colour alone is far from its final look.
+const MIN_TEXTURED_RADIUS: f32 = 0.125;
 
-/// The first flight for a view: scene pages, base meshes and, of what is large on the screen, the coarsest levels of
-/// textures, least urgent first (so that the next is popped from the end). Base meshes out of view are left to the client.
-pub(super) fn first_flight(source: &dyn SceneSource, places: &Places, view: &View) -> Vec<(Priority, Unit)> {
+/// Orders scene pages, base meshes in view and, for assets that are large on the screen, the coarsest levels of
+/// textures. Least urgent first, so that the next is popped from the end. The client requests the base meshes out of
+/// view itself.
+pub(super) fn first_flight(
+    source: &dyn SceneSource,
+    scene: &SceneIndex,
+    view: &View,
+) -> Vec<(Priority, Unit)> {
     let projection = Projection::new(view);
-    let mut best = vec![0; places.assets().len()];
+    let mut best = vec![0; scene.assets().len()];
     let mut largest_px = vec![0.0_f32; best.len()];
-    let mut page_best = vec![0; places.page_count()];
-    for (_, page, instance) in places.near(&projection) {
-        let Some(asset) = places.asset(instance.asset) else { continue };
+    let mut page_best = vec![0; scene.page_count()];
+    for (_, page, instance) in scene.near(&projection) {
+        let Some(asset) = scene.asset(instance.asset) else { continue };
         let bounds = projection.bounds(asset, instance);
         if bounds.visible {
             let priority = base_priority(bounds.coverage_px, bounds.foveation);
@@ -46,35 +53,35 @@ pub(super) fn first_flight(source: &dyn SceneSource, places: &Places, view: &Vie
         }
     }
     // A base mesh is of no use before the page that lists its asset.
-    for ((page, _), &priority) in places.assets().zip(&best) {
+    for ((page, _), &priority) in scene.assets().zip(&best) {
         if let Some(best_on_page) = page_best.get_mut(page as usize) {
             *best_on_page = priority.max(*best_on_page);
         }
     }
-    let hidden = refine_priority(HIDDEN_PAGE_WORTH, 1.0, 1.0);
-    let of_pages = (0..).zip(&page_best).map(|(page, &priority)| (priority.max(hidden), Unit::Page(page)));
-    let of_bases = (0..).zip(&best).filter(|(_, priority)| **priority > 0);
-    let of_bases = of_bases.map(|(asset, &priority)| (priority, Unit::Blob(BlobId::base(asset))));
+    let hidden = refine_priority(HIDDEN_PAGE_BENEFIT, 1.0, 1.0);
+    let pages = (0..).zip(&page_best).map(|(page, &priority)| (priority.max(hidden), Unit::Page(page)));
+    let bases = (0..).zip(&best).filter(|(_, priority)| **priority > 0);
+    let bases = bases.map(|(asset, &priority)| (priority, Unit::Blob(BlobId::base(asset))));
     #[expect(clippy::cast_precision_loss, reason = "a viewport has at most 65,535 rows")]
-    let least_px = LEAST_TEXTURED * view.viewport_px[1] as f32;
-    let of_textures = coarsest_textures(source, places, |asset| {
+    let least_px = MIN_TEXTURED_RADIUS * view.viewport_px[1] as f32;
+    let textures = coarsest_textures(source, scene, |asset| {
         best.get(asset).zip(largest_px.get(asset)).filter(|(_, px)| **px >= least_px).map(|(best, _)| *best)
     });
-    let mut flight: Vec<_> = of_pages.chain(of_bases).chain(of_textures).collect();
+    let mut flight: Vec<_> = pages.chain(bases).chain(textures).collect();
     // Pages before base meshes before their textures, low numbers first, among equals.
     flight.sort_unstable_by_key(|&(priority, unit)| (priority, Reverse(unit)));
     flight
 }
 
-/// The coarsest level of the textures of each asset that `priority_of` gives a priority; of a shared one once. Of what
-/// exceeds [`MAX_TEXTURES_BYTES`] the most urgent.
+/// The coarsest texture levels of the assets to which `priority_of` gives a priority, a shared texture once. If they
+/// exceed [`MAX_TEXTURES_BYTES`], the most urgent ones.
 fn coarsest_textures(
     source: &dyn SceneSource,
-    places: &Places,
+    scene: &SceneIndex,
     priority_of: impl Fn(usize) -> Option<Priority>,
 ) -> impl Iterator<Item = (Priority, Unit)> {
     let mut levels: BTreeMap<BlobId, (Priority, u32)> = BTreeMap::new();
-    for (number, (_, entry)) in places.assets().enumerate() {
+    for (number, (_, entry)) in scene.assets().enumerate() {
         let (Ok(asset), Some(priority)) = (u32::try_from(number), priority_of(number)) else { continue };
         for texture in 0..MAX_TEXTURES {
             let id = entry.sent_blob(asset, BlobPart::Texture { texture, level: 0 });
@@ -103,11 +110,11 @@ mod tests {
     use lodestream_scene::description::Camera;
 
     fn flight(scene: &MemoryScene, view: &View) -> Vec<(Priority, Unit)> {
-        first_flight(scene, &Places::new(scene), view)
+        first_flight(scene, &SceneIndex::new(scene), view)
     }
 
     #[test]
-    fn the_largest_and_nearest_base_comes_first_and_behind_its_page() {
+    fn largest_base_mesh_comes_first_after_its_page() {
         let scene = MemoryScene::new(20, 1, 2);
         let view = scene.header.camera.view([1280, 720], 1.0);
         let mut flight = flight(&scene, &view);
@@ -122,16 +129,16 @@ mod tests {
     }
 
     #[test]
-    fn the_coarsest_textures_of_what_is_large_come_with_its_base_mesh() {
+    fn coarsest_textures_of_large_assets_follow_their_base_mesh() {
         let mut scene = MemoryScene::new(20, 1, 2);
         Arc::get_mut(&mut scene).unwrap().texture_levels = 3;
         let view = scene.header.camera.view([1280, 720], 1.0);
-        let near = |levels_of: View| {
-            let flight = flight(&scene, &levels_of);
+        let textured_assets = |view: View| {
+            let flight = flight(&scene, &view);
             let texture = |(at, (_, unit)): (usize, &(Priority, Unit))| match unit {
                 Unit::Blob(id @ BlobId::Asset { asset, part: BlobPart::Texture { level, .. } }) => {
                     assert_eq!(*level, 0, "{id}");
-                    // What is handed over before it, as the last comes first.
+                    // The flight is popped from its end, so the base mesh is sent first.
                     assert!(flight[at..].iter().any(|(_, unit)| *unit == Unit::Blob(BlobId::base(*asset))));
                     Some(*asset)
                 }
@@ -139,17 +146,17 @@ mod tests {
             };
             flight.iter().enumerate().filter_map(texture).collect::<Vec<_>>()
         };
-        let large = near(view);
+        let large = textured_assets(view);
         assert!(large.contains(&0) && large.len() < 20, "{large:?}");
         let further = View { eye: view.eye.map(|x| 100.0 * x), ..view };
-        assert_eq!(near(further), []);
+        assert_eq!(textured_assets(further), []);
     }
 
     #[test]
-    fn however_much_is_large_its_coarsest_textures_are_few_bytes() {
+    fn coarsest_textures_are_bounded_in_bytes() {
         let mut scene = MemoryScene::new(40, 1, 2);
         Arc::get_mut(&mut scene).unwrap().texture_levels = 1;
-        // Through a telescope everything is large.
+        // A narrow field of view makes all assets large.
         let camera =
             Camera { eye: [0.0, 0.3, 4.0], target: [0.0, 0.3, 0.0], fov_y: 0.05, ..scene.header.camera };
         let flight = flight(&scene, &camera.view([1280, 720], 1.0));
@@ -161,7 +168,7 @@ mod tests {
         let bases: Vec<u32> = of(|part| *part == BlobPart::Base).map(|(_, asset, _)| asset).collect();
         let textured: Vec<u32> = of(|part| *part != BlobPart::Base).map(|(_, asset, _)| asset).collect();
         assert_eq!(bases.len(), 40);
-        // Those of the most urgent base meshes.
+        // The textures of the most urgent base meshes.
         assert_eq!(textured, bases[..textured.len()]);
         let bytes: u32 =
             of(|part| *part != BlobPart::Base).map(|(id, _, _)| scene.blob_len(id).unwrap()).sum();

@@ -1,20 +1,20 @@
 //! The server's side of a session, sans-IO.
 //!
-//! A session begins to speak at once: `Welcome`, then scene pages and base meshes of the scene's start
-//! view, so that on QUIC they travel in the handshake's second flight and on WebSocket with the upgrade's
-//! answer. `Hello` brings the real view; what is not sent yet is ordered anew. Behind the base meshes go
-//! index pages and first chunks, until the client's first `Want` of a chunk takes over.
+//! A session sends at once, without waiting for the client: `Welcome`, then scene pages and base meshes for the
+//! scene's start view. On QUIC they travel in the handshake's second flight, on WebSocket with the response to the
+//! upgrade. `Hello` brings the client's view, and what is not sent yet is reordered for it. After the base meshes the
+//! server pushes index pages and first chunks, until the client's first `Want` of a chunk.
 
 mod coarse_textures;
 mod config;
 mod first_flight;
 mod outbox;
 mod pace;
-mod places;
 mod plans;
 mod push;
 mod refinement;
 mod requests;
+mod scene_index;
 mod session;
 #[cfg(test)]
 mod tests;

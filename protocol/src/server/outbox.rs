@@ -1,5 +1,5 @@
-//! Control messages that wait to be handed over: bounded in bytes, since a client decides how many it causes and how
-//! many it takes.
+//! Queue of outgoing control messages, bounded in bytes: the client decides how many it causes and how fast it reads
+//! them.
 
 use std::collections::VecDeque;
 use std::mem::size_of;
@@ -7,30 +7,30 @@ use std::mem::size_of;
 use crate::message::{Close, Refused, ServerMessage};
 use lodestream_scene::limits::MAX_IDS_PER_MESSAGE;
 
-/// Most memory that waiting messages may take, in bytes. A peer that causes more is closed. What a client may cause with
-/// one message is a third of it at most ([`MAX_IDS_PER_MESSAGE`] refusals).
-pub(super) const MAX_WAITING_BYTES: usize = 64 * 1024;
+/// Most memory of queued messages, in bytes. A session that needs more is closed. One message of a client causes at
+/// most a third of it ([`MAX_IDS_PER_MESSAGE`] refusals).
+pub(super) const MAX_QUEUED_BYTES: usize = 64 * 1024;
 
-/// There is no room for another message.
+/// The queue has no room for another message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Full;
 
-/// Small, since there may be thousands: a [`ServerMessage`] is as long as the longest.
+/// A queued message. Smaller than [`ServerMessage`], whose size is that of its largest variant: there may be thousands.
 #[derive(Debug)]
-enum Waiting {
+enum QueuedMessage {
     Pong(u32),
     Refused(Vec<Refused>),
     Other(Box<ServerMessage>),
 }
 
-/// See the module.
+/// A bounded queue of control messages.
 #[derive(Debug, Default)]
 pub(super) struct Outbox {
-    queue: VecDeque<Waiting>,
+    queue: VecDeque<QueuedMessage>,
     bytes: usize,
 }
 
-impl Waiting {
+impl QueuedMessage {
     fn bytes(&self) -> usize {
         size_of::<Self>()
             + match self {
@@ -42,74 +42,74 @@ impl Waiting {
 }
 
 impl Outbox {
-    /// These messages wait, the first first.
-    pub(super) fn new(first: impl Iterator<Item = ServerMessage>) -> Self {
+    /// A queue of these messages, in order.
+    pub(super) fn new(messages: impl Iterator<Item = ServerMessage>) -> Self {
         let mut this = Self::default();
-        first.for_each(|message| this.append(Waiting::Other(Box::new(message))));
+        messages.for_each(|message| this.append(QueuedMessage::Other(Box::new(message))));
         this
     }
 
-    fn append(&mut self, waiting: Waiting) {
-        self.bytes += waiting.bytes();
-        self.queue.push_back(waiting);
+    fn append(&mut self, message: QueuedMessage) {
+        self.bytes += message.bytes();
+        self.queue.push_back(message);
     }
 
-    fn push(&mut self, waiting: Waiting) -> Result<(), Full> {
-        if self.bytes + waiting.bytes() > MAX_WAITING_BYTES {
+    fn push(&mut self, message: QueuedMessage) -> Result<(), Full> {
+        if self.bytes + message.bytes() > MAX_QUEUED_BYTES {
             return Err(Full);
         }
-        self.append(waiting);
+        self.append(message);
         Ok(())
     }
 
-    /// Answers a ping.
+    /// Queues the answer to a ping.
     pub(super) fn pong(&mut self, nonce: u32) -> Result<(), Full> {
-        self.push(Waiting::Pong(nonce))
+        self.push(QueuedMessage::Pong(nonce))
     }
 
-    /// Refuses a request. Refusals that wait one behind the other are one message.
+    /// Queues the refusal of a request. Consecutive refusals become one message.
     pub(super) fn refuse(&mut self, refused: Refused) -> Result<(), Full> {
         match self.queue.back_mut() {
-            Some(Waiting::Refused(last)) if last.len() < MAX_IDS_PER_MESSAGE => {
-                if self.bytes + size_of::<Refused>() > MAX_WAITING_BYTES {
+            Some(QueuedMessage::Refused(last)) if last.len() < MAX_IDS_PER_MESSAGE => {
+                if self.bytes + size_of::<Refused>() > MAX_QUEUED_BYTES {
                     return Err(Full);
                 }
                 last.push(refused);
                 self.bytes += size_of::<Refused>();
                 Ok(())
             }
-            _ => self.push(Waiting::Refused(vec![refused])),
+            _ => self.push(QueuedMessage::Refused(vec![refused])),
         }
     }
 
-    /// Drops all that waits; these are the last words, if any.
+    /// Drops all queued messages; `close` is the last one, if given.
     pub(super) fn end(&mut self, close: Option<Close>) {
         *self = Self::default();
         if let Some(close) = close {
-            self.append(Waiting::Other(Box::new(ServerMessage::Close(close))));
+            self.append(QueuedMessage::Other(Box::new(ServerMessage::Close(close))));
         }
     }
 
-    /// The next message.
+    /// Takes the next message.
     pub(super) fn pop(&mut self) -> Option<ServerMessage> {
         let next = self.queue.pop_front()?;
         self.bytes -= next.bytes();
         Some(match next {
-            Waiting::Pong(nonce) => ServerMessage::Pong(nonce),
-            Waiting::Refused(refused) => match refused[..] {
+            QueuedMessage::Pong(nonce) => ServerMessage::Pong(nonce),
+            QueuedMessage::Refused(refused) => match refused[..] {
                 [one] => ServerMessage::Refused(one),
                 _ => ServerMessage::RefusedMany(refused),
             },
-            Waiting::Other(message) => *message,
+            QueuedMessage::Other(message) => *message,
         })
     }
 
-    /// Whether nothing waits.
+    /// Whether the queue is empty.
     pub(super) fn is_empty(&self) -> bool {
         self.queue.is_empty()
     }
 
-    /// Memory that is accounted for what waits, in bytes.
+    /// Accounted memory of the queued messages, in bytes.
     pub(super) const fn bytes(&self) -> usize {
         self.bytes
     }
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn every_bogus_wish_was_a_message_of_its_own() {
+    fn refusals_are_merged_into_one_message() {
         let mut outbox = Outbox::default();
         outbox.refuse(refused(0)).unwrap();
         assert_eq!(outbox.pop(), Some(ServerMessage::Refused(refused(0))));
@@ -146,13 +146,13 @@ mod tests {
     }
 
     #[test]
-    fn what_waits_is_bounded_in_bytes() {
+    fn queue_is_bounded_in_bytes() {
         let mut outbox = Outbox::default();
         assert!((0..100_000).any(|n| outbox.refuse(refused(n)).is_err()));
-        assert!((0..100_000).any(|n| outbox.pong(n).is_err()) && outbox.bytes() <= MAX_WAITING_BYTES);
+        assert!((0..100_000).any(|n| outbox.pong(n).is_err()) && outbox.bytes() <= MAX_QUEUED_BYTES);
         outbox.end(None);
-        assert!((0..100_000).any(|n| outbox.pong(n).is_err()) && outbox.bytes() <= MAX_WAITING_BYTES);
-        // More than a client causes by one message finds room.
+        assert!((0..100_000).any(|n| outbox.pong(n).is_err()) && outbox.bytes() <= MAX_QUEUED_BYTES);
+        // Twice as many refusals as one client message can cause fit.
         outbox.end(None);
         assert!((0..2 * MAX_IDS_PER_MESSAGE as u32).all(|n| outbox.refuse(refused(n)).is_ok()));
     }

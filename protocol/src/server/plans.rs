@@ -1,48 +1,48 @@
-//! First flights, and first refinements behind them, that the sessions of a scene share.
+//! Cache of first flights and first refinements, which the sessions of a scene share.
 //!
-//! To order a scene for a view costs a pass over the instances in view; and whoever connects sees the start view, before
-//! anybody knows whether he is there at all.
+//! Ordering a scene for a view costs a pass over the instances in view. All connections begin with the start view,
+//! before their addresses are validated, so the work must not grow with their number.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use super::first_flight::first_flight;
-use super::places::Places;
-use super::refinement::{Missing, ReadPage, Refinement, Refining, first_refinement};
+use super::refinement::{Missing, PushedBlob, ReadPage, Refinement, first_refinement};
+use super::scene_index::SceneIndex;
 use crate::scheduler::Unit;
 use crate::source::SceneSource;
 use lodestream_scene::view::View;
 use lodestream_select::priority::Priority;
 
-/// Flights kept beside that of the start view, and refinements: those of clients with pictures of the same size who come
-/// at one time.
-const MAX_KEPT: usize = 8;
+/// Entries of each cache, beside the start view's flight: enough for clients that connect at one time with different
+/// picture sizes.
+const MAX_CACHED: usize = 8;
 
 /// Units of the first flight for a view, least urgent first.
 pub(super) type Flight = Arc<[(Priority, Unit)]>;
 
-/// See the module. All sessions that share it must be of one scene.
+/// First flights and refinements by view. All sessions that share it must be of one scene.
 #[derive(Debug, Default)]
 pub struct Plans {
-    places: OnceLock<Places>,
+    index: OnceLock<SceneIndex>,
     start: OnceLock<(View, Flight)>,
-    kept: RecentLists<View, (Priority, Unit)>,
+    flights: LruCache<View, (Priority, Unit)>,
     /// By view and budget in bytes.
-    refinements: RecentLists<(View, u64), Refining>,
+    refinements: LruCache<(View, u64), PushedBlob>,
 }
 
-/// Lists of one kind, the one that was used last in front.
+/// A small cache of lists, most recently used first.
 #[derive(Debug)]
-struct RecentLists<K, T>(Mutex<VecDeque<(K, Arc<[T]>)>>);
+struct LruCache<K, T>(Mutex<VecDeque<(K, Arc<[T]>)>>);
 
-impl<K, T> Default for RecentLists<K, T> {
+impl<K, T> Default for LruCache<K, T> {
     fn default() -> Self {
         Self(Mutex::default())
     }
 }
 
-impl<K: PartialEq, T> RecentLists<K, T> {
-    /// A thread that panicked while it held the lock left the lists usable: entries are whole.
+impl<K: PartialEq, T> LruCache<K, T> {
+    /// Poisoning is ignored: a panic leaves no entry half changed.
     fn lists(&self) -> MutexGuard<'_, VecDeque<(K, Arc<[T]>)>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -51,112 +51,115 @@ impl<K: PartialEq, T> RecentLists<K, T> {
         let mut lists = self.lists();
         let at = lists.iter().position(|(of, _)| of == key)?;
         let list = lists.remove(at)?;
-        let found = Arc::clone(&list.1);
+        let cached = Arc::clone(&list.1);
         lists.push_front(list);
-        Some(found)
+        Some(cached)
     }
 
-    fn keep(&self, key: K, list: &Arc<[T]>) {
+    fn insert(&self, key: K, list: &Arc<[T]>) {
         let mut lists = self.lists();
-        lists.truncate(MAX_KEPT - 1);
+        lists.truncate(MAX_CACHED - 1);
         lists.push_front((key, Arc::clone(list)));
     }
 }
 
 impl Plans {
-    /// Nothing planned yet.
+    /// An empty cache.
     #[must_use]
     pub fn new() -> Arc<Self> {
         Arc::default()
     }
 
-    /// What of the scene lies where.
-    pub(super) fn places(&self, source: &dyn SceneSource) -> &Places {
-        self.places.get_or_init(|| Places::new(source))
+    /// The index of the scene's description, built on the first call.
+    pub(super) fn index(&self, source: &dyn SceneSource) -> &SceneIndex {
+        self.index.get_or_init(|| SceneIndex::new(source))
     }
 
-    /// The flight for a view. The first one that is asked for is taken for the start view's, and kept for good.
+    /// The first flight for a view. The view of the first call counts as the start view; its flight is kept for good.
     pub(super) fn flight(&self, source: &dyn SceneSource, view: &View) -> Flight {
-        let plan = || Flight::from(first_flight(source, self.places(source), view));
+        let plan = || Flight::from(first_flight(source, self.index(source), view));
         let (start, flight) = self.start.get_or_init(|| (*view, plan()));
         if start == view {
             return Arc::clone(flight);
         }
-        if let Some(flight) = self.kept.get(view) {
+        if let Some(flight) = self.flights.get(view) {
             return flight;
         }
-        // Two sessions may plan the same; none waits for another.
+        // Two sessions may compute the same flight: neither waits for the other.
         let flight = plan();
-        self.kept.keep(*view, &flight);
+        self.flights.insert(*view, &flight);
         flight
     }
 
-    /// The first refinement for a view within a budget, as `first_refinement` chooses it.
+    /// The result of `first_refinement` for a view and a budget.
+    ///
+    /// # Errors
+    /// The index pages that must be read first.
     pub(super) fn refinement(
         &self,
         source: &dyn SceneSource,
         view: &View,
         budget_bytes: u64,
         read: ReadPage<'_>,
-    ) -> Result<Arc<[Refining]>, Missing> {
+    ) -> Result<Arc<[PushedBlob]>, Missing> {
         let key = (*view, budget_bytes);
         if let Some(refinement) = self.refinements.get(&key) {
             return Ok(refinement);
         }
-        let (flight, places) = (self.flight(source, view), self.places(source));
-        let Refinement { pushed, lasts } =
-            first_refinement((source, places), view, &flight, budget_bytes, read)?;
+        let (flight, index) = (self.flight(source, view), self.index(source));
+        let Refinement { pushed, is_final } =
+            first_refinement((source, index), view, &flight, budget_bytes, read)?;
         let pushed = Arc::from(pushed);
-        if lasts {
-            self.refinements.keep(key, &pushed);
+        if is_final {
+            self.refinements.insert(key, &pushed);
         }
         Ok(pushed)
     }
 }
 
-/// What is left of a flight: the shared one as far as nobody changed it.
+/// The remaining units of a flight. The flight itself is shared between sessions.
 #[derive(Debug)]
 pub(super) struct Queue {
     flight: Flight,
-    /// Units of the flight's beginning that are left; the rest was taken.
-    left: usize,
-    /// What came later and goes first.
+    /// The first `remaining` units of the flight are left; the others were taken.
+    remaining: usize,
+    /// Units added later, which are sent before the flight's.
     added: Vec<(Priority, Unit)>,
 }
 
 impl Default for Queue {
     fn default() -> Self {
-        Self::of(Flight::default())
+        Self::new(Flight::default())
     }
 }
 
 impl Queue {
-    /// All of a flight.
-    pub(super) fn of(flight: Flight) -> Self {
-        Self { left: flight.len(), flight, added: Vec::new() }
+    /// A queue of all units of a flight.
+    pub(super) fn new(flight: Flight) -> Self {
+        Self { remaining: flight.len(), flight, added: Vec::new() }
     }
 
-    /// What of a flight passes a test; shared where all does.
-    pub(super) fn of_those(flight: Flight, keep: impl Fn(&Unit) -> bool) -> Self {
+    /// A queue of the units that pass a predicate; the flight stays shared if all do.
+    pub(super) fn filtered(flight: Flight, keep: impl Fn(&Unit) -> bool) -> Self {
         if flight.iter().all(|(_, unit)| keep(unit)) {
-            return Self::of(flight);
+            return Self::new(flight);
         }
-        Self::of(flight.iter().copied().filter(|(_, unit)| keep(unit)).collect())
+        Self::new(flight.iter().copied().filter(|(_, unit)| keep(unit)).collect())
     }
 
     /// The next unit.
-    pub(super) fn last(&self) -> Option<&(Priority, Unit)> {
-        self.added.last().or_else(|| self.flight.get(self.left.checked_sub(1)?))
+    pub(super) fn peek(&self) -> Option<&(Priority, Unit)> {
+        self.added.last().or_else(|| self.flight.get(self.remaining.checked_sub(1)?))
     }
 
-    /// Takes the next unit.
+    /// Removes the next unit.
     pub(super) fn pop(&mut self) {
         if self.added.pop().is_none() {
-            self.left = self.left.saturating_sub(1);
+            self.remaining = self.remaining.saturating_sub(1);
         }
     }
 
-    /// Puts a unit before all others.
+    /// Adds a unit before all others.
     pub(super) fn push(&mut self, unit: (Priority, Unit)) {
         self.added.push(unit);
     }
@@ -166,11 +169,11 @@ impl Queue {
     }
 
     pub(super) fn len(&self) -> usize {
-        self.left + self.added.len()
+        self.remaining + self.added.len()
     }
 
     pub(super) fn iter(&self) -> impl Iterator<Item = &(Priority, Unit)> {
-        self.flight.iter().take(self.left).chain(&self.added)
+        self.flight.iter().take(self.remaining).chain(&self.added)
     }
 }
 
@@ -183,7 +186,7 @@ mod tests {
     use lodestream_select::Occluder;
 
     #[test]
-    fn flights_of_one_view_are_one_and_few_are_kept() {
+    fn flights_are_cached_by_view_and_bounded() {
         let scene = MemoryScene::new(3, 2, 2);
         let plans = Plans::default();
         let start = scene.header.camera.view([1280, 720], 1.0);
@@ -192,14 +195,14 @@ mod tests {
         for n in 1..100 {
             let flight = plans.flight(&*scene, &at(n));
             assert!(Arc::ptr_eq(&flight, &plans.flight(&*scene, &at(n))));
-            assert_eq!(flight[..], first_flight(&*scene, &Places::new(&*scene), &at(n))[..]);
+            assert_eq!(flight[..], first_flight(&*scene, &SceneIndex::new(&*scene), &at(n))[..]);
         }
         assert!(Arc::ptr_eq(&first, &plans.flight(&*scene, &start)));
-        assert_eq!(plans.kept.lists().len(), MAX_KEPT);
+        assert_eq!(plans.flights.lists().len(), MAX_CACHED);
     }
 
     #[test]
-    fn a_refinement_is_chosen_once_unless_something_may_be_better_known_later() {
+    fn final_refinements_are_cached_and_others_are_not() {
         let scene = MemoryScene::new(3, 2, 5);
         let view = scene.header.camera.view([1280, 720], 1.0);
         let chosen = |scene: &MemoryScene, plans: &Plans, budget| {
@@ -208,7 +211,7 @@ mod tests {
         let plans = Plans::default();
         let first = chosen(&scene, &plans, 20_000);
         assert!(!first.is_empty());
-        // No surface is known that may hide something: one may be later.
+        // No occluder is known; one may become known later.
         assert!(!Arc::ptr_eq(&first, &chosen(&scene, &plans, 20_000)));
         let mut scene = scene;
         Arc::get_mut(&mut scene).unwrap().occluder =
@@ -216,7 +219,7 @@ mod tests {
         let first = chosen(&scene, &plans, 20_000);
         assert!(Arc::ptr_eq(&first, &chosen(&scene, &plans, 20_000)));
         assert_ne!(first, chosen(&scene, &plans, 64_000));
-        // What could not be read may be read later.
+        // A page that could not be read may be readable later.
         let plans = Plans::default();
         let broken = |id: &BlobId| Err(SourceError::NotFound(*id));
         let without = plans.refinement(&*scene, &view, 20_000, &broken).unwrap();
@@ -225,23 +228,23 @@ mod tests {
     }
 
     #[test]
-    fn what_is_left_of_a_flight_is_taken_from_its_end() {
+    fn queue_takes_a_flight_from_its_end() {
         let unit = |n: u32| (n, Unit::Page(n));
         let flight: Flight = (0..4).map(unit).collect();
-        let mut queue = Queue::of_those(Arc::clone(&flight), |_| true);
+        let mut queue = Queue::filtered(Arc::clone(&flight), |_| true);
         assert!(Arc::ptr_eq(&queue.flight, &flight));
         queue.pop();
         queue.push(unit(9));
         assert_eq!(queue.iter().copied().collect::<Vec<_>>(), [0, 1, 2, 9].map(unit));
         let mut taken = Vec::new();
-        while let Some(next) = queue.last().copied() {
+        while let Some(next) = queue.peek().copied() {
             queue.pop();
             taken.push(next);
         }
         assert_eq!(taken, [9, 2, 1, 0].map(unit));
         queue.pop();
         assert!(queue.is_empty());
-        let some = Queue::of_those(flight, |unit| *unit != Unit::Page(1));
+        let some = Queue::filtered(flight, |unit| *unit != Unit::Page(1));
         assert_eq!(some.iter().copied().collect::<Vec<_>>(), [0, 2, 3].map(unit));
     }
 }

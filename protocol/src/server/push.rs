@@ -1,4 +1,4 @@
-//! What is pushed next: ordered for a view, ordered anew for another, within the budgets.
+//! What the server pushes: units ordered for the client's view, reordered when it changes, within byte budgets.
 
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
@@ -8,7 +8,7 @@ use bytes::Bytes;
 
 use super::config::ServerConfig;
 use super::plans::{Plans, Queue};
-use super::refinement::{MAX_REFINED_PAGES, Missing, Refining};
+use super::refinement::{MAX_REFINED_PAGES, Missing, PushedBlob};
 use super::requests::Requests;
 use crate::scheduler::Unit;
 use crate::source::{Reading, SceneSource, SourceError};
@@ -17,59 +17,59 @@ use lodestream_scene::blob::{BlobId, BlobPart};
 use lodestream_scene::view::View;
 use lodestream_select::priority::{Priority, is_base};
 
-/// Pushed units that are moved to the scheduler ahead of their turn.
+/// Pushed units that are in the scheduler at a time.
 const PUSH_AHEAD: usize = 16;
-/// Least time between two orderings of what is pushed, …
+/// Least time between two orderings, …
 const REPLAN_INTERVAL: Duration = Duration::from_millis(100);
-/// … and for each instance of the scene: an ordering takes a twentieth of that.
+/// … and per instance of the scene. An ordering takes a twentieth of that.
 const REPLAN_PER_INSTANCE: Duration = Duration::from_micros(1);
 
-/// See the module.
+/// The state of what is pushed to one client.
 #[derive(Debug)]
 pub(super) struct Push {
     view: View,
-    /// What sessions with the scene share.
+    /// Cache that the scene's sessions share.
     plans: Arc<Plans>,
-    /// What is pushed next.
+    /// Units to push.
     queue: Queue,
-    /// Units without which a visible instance cannot be drawn, and what comes with them, not handed over yet.
+    /// Units with the priority of base meshes that are not handed over yet.
     bases_left: HashSet<Unit>,
-    bases_told: bool,
+    bases_reported: bool,
     refinement_pushed: bool,
-    /// The first refinement, as far as it is not asked for.
-    unasked: HashSet<Unit>,
-    /// Index pages that the refinement is chosen by, where the store had to be waited for.
-    pages: Pages,
-    /// The client holds parts of the scene already, so guesses at what it lacks would be wrong.
+    /// Units of the first refinement that the client has not requested.
+    unrequested: HashSet<Unit>,
+    /// Index pages that choosing the refinement needs and that must be read from the store.
+    pages: PageReads,
+    /// Whether the client has parts of the scene from an earlier session; then nothing is pushed on a guess.
     resumes: bool,
     bytes: u64,
     budget: u64,
-    /// The view has changed since the last ordering.
+    /// When to reorder for a changed view.
     replan_at: Option<Time>,
-    /// When it was last ordered because the view had changed.
+    /// When a changed view last caused a reordering.
     replanned: Option<Time>,
 }
 
-/// Index pages that are read for the server's own use.
+/// Reads of index pages for the session's own use.
 #[derive(Debug, Default)]
-struct Pages {
+struct PageReads {
     due: Vec<BlobId>,
-    under_way: HashSet<BlobId>,
-    here: HashMap<BlobId, Result<Bytes, SourceError>>,
+    outstanding: HashSet<BlobId>,
+    read: HashMap<BlobId, Result<Bytes, SourceError>>,
 }
 
 impl Push {
-    /// Nothing ordered yet; `budget` bounds the bytes.
+    /// An empty queue; `budget` bounds the pushed bytes.
     pub(super) fn new(plans: Arc<Plans>, view: View, budget: u64) -> Self {
         Self {
             view,
             plans,
             queue: Queue::default(),
             bases_left: HashSet::new(),
-            bases_told: false,
+            bases_reported: false,
             refinement_pushed: false,
-            unasked: HashSet::new(),
-            pages: Pages::default(),
+            unrequested: HashSet::new(),
+            pages: PageReads::default(),
             resumes: false,
             bytes: 0,
             budget,
@@ -78,7 +78,7 @@ impl Push {
         }
     }
 
-    /// The client has spoken: what it looks at, what room it has, and whether it was here before.
+    /// Applies `Hello`: the client's view, its memory budget in bytes and whether it has blobs from an earlier session.
     pub(super) fn open(&mut self, view: Option<View>, budget: u64, resumes: bool) {
         self.view = view.unwrap_or(self.view);
         self.budget = budget;
@@ -86,41 +86,42 @@ impl Push {
         self.resumes = resumes;
     }
 
-    /// The session is over.
+    /// Ends the session.
     pub(super) fn clear(&mut self) {
-        *self = Self { bases_told: self.bases_told, ..Self::new(Arc::clone(&self.plans), self.view, 0) };
+        *self =
+            Self { bases_reported: self.bases_reported, ..Self::new(Arc::clone(&self.plans), self.view, 0) };
     }
 
-    /// What is looked at.
+    /// The client's view.
     pub(super) const fn view(&self) -> &View {
         &self.view
     }
 
-    /// The view has changed: what was pushed for another stops at once. It is ordered anew soon, if `order`; the scene has
-    /// so many `instances`.
+    /// Changes the view. Withdraws what was pushed for the old one and, if `replan`, schedules a reordering.
+    /// `instances` is the number of instances of the scene.
     pub(super) fn set_view(
         &mut self,
         now: Time,
         view: View,
         requests: &mut Requests,
-        order: bool,
+        replan: bool,
         instances: u32,
     ) {
         self.view = view;
-        self.drop_unasked(requests);
-        if order {
+        self.drop_unrequested(requests);
+        if replan {
             let interval = REPLAN_INTERVAL.max(REPLAN_PER_INSTANCE * instances);
             let at = self.replanned.map_or(now, |last| now.max(last + interval));
             self.replan_at.get_or_insert(at);
         }
     }
 
-    /// When it should be ordered anew.
+    /// When to call [`replan_if_due`](Self::replan_if_due).
     pub(super) const fn replan_at(&self) -> Option<Time> {
         self.replan_at
     }
 
-    /// Orders anew if it is time.
+    /// Reorders if that is due; returns whether it was.
     pub(super) fn replan_if_due(
         &mut self,
         now: Time,
@@ -135,30 +136,30 @@ impl Push {
         due
     }
 
-    /// Takes back what the client may not need: what it has not asked for, as far as it has not begun.
-    fn drop_unasked(&mut self, requests: &mut Requests) {
-        requests.take_back(&self.unasked);
-        self.unasked.clear();
+    /// Withdraws units of the refinement that the client has not requested and of which nothing was sent.
+    fn drop_unrequested(&mut self, requests: &mut Requests) {
+        requests.withdraw(&self.unrequested);
+        self.unrequested.clear();
     }
 
-    /// Orders anew what is pushed for the view last known.
+    /// Orders what is pushed for the current view.
     pub(super) fn plan(&mut self, source: &dyn SceneSource, requests: &mut Requests) {
         self.replan_at = None;
-        self.drop_unasked(requests);
-        if !requests.asks() {
-            // Nothing but pushes is queued.
+        self.drop_unrequested(requests);
+        if !requests.has_requested() {
+            // Only pushed units are queued.
             requests.scheduler.retain(|_| false);
         }
         self.refinement_pushed = false;
         let flight = self.plans.flight(source, &self.view);
-        self.queue = Queue::of_those(flight, |unit| !requests.has(unit));
+        self.queue = Queue::filtered(flight, |unit| !requests.has(unit));
         self.bases_left = self.queue.iter().filter(|(p, _)| is_base(*p)).map(|(_, unit)| *unit).collect();
-        let half_sent = requests.scheduler.begun().filter(|(priority, _)| is_base(*priority));
-        self.bases_left.extend(half_sent.map(|(_, unit)| unit));
-        self.bases_told = false;
+        let partly_sent = requests.scheduler.begun().filter(|(priority, _)| is_base(*priority));
+        self.bases_left.extend(partly_sent.map(|(_, unit)| unit));
+        self.bases_reported = false;
     }
 
-    /// Moves the most urgent pushes to the scheduler. `open`: the client has spoken.
+    /// Moves the most urgent units to the scheduler. `open` says that `Hello` has arrived.
     pub(super) fn refill(
         &mut self,
         source: &dyn SceneSource,
@@ -166,8 +167,8 @@ impl Push {
         config: &ServerConfig,
         open: bool,
     ) {
-        while let Some(&(priority, unit)) = self.queue.last() {
-            // What is asked for meanwhile does not keep base meshes waiting.
+        while let Some(&(priority, unit)) = self.queue.peek() {
+            // Base meshes do not wait for requests of lower priority.
             let is_first = requests.scheduler.peek().is_none_or(|(next, _)| next < priority);
             if requests.scheduler.queued() >= PUSH_AHEAD && !is_first {
                 break;
@@ -176,29 +177,29 @@ impl Push {
             if !fits && !open {
                 break;
             }
-            if !fits || requests.was_handed(&unit) || (self.resumes && is_texture(unit)) {
-                // The client has it, or may have it and will ask if not, or has no room for more than it asks for.
+            if !fits || requests.was_sent(&unit) || (self.resumes && is_texture(unit)) {
+                // The client has it, or may have it and requests it otherwise, or has no memory left for pushed units.
                 self.queue.pop();
                 self.bases_left.remove(&unit);
                 continue;
             }
             if !requests.scheduler.want(unit, priority) {
-                // The queue is full of what was asked for: this waits until there is room.
+                // The queue is full of requests: the unit waits until there is room.
                 break;
             }
             self.queue.pop();
             self.bytes = self.bytes.saturating_add(estimated_bytes(source, unit));
         }
-        if self.bases_left.is_empty() && !self.refinement_pushed && !self.pages.is_waited_for() {
+        if self.bases_left.is_empty() && !self.refinement_pushed && !self.pages.is_pending() {
             self.refinement_pushed = true;
-            if !requests.refines() && !self.resumes {
+            if !requests.has_requested_chunks() && !self.resumes {
                 self.push_refinement(source, requests, config, open);
             }
         }
     }
 
-    /// Whether a unit may be pushed. The first page always is: without it nothing can be placed; and all
-    /// pages once the client has spoken, since only they tell it what there is.
+    /// Whether a unit is within the budget. The first page always is, since nothing can be placed without it, and after
+    /// `Hello` all pages, since the client can request only what they list.
     fn fits(&self, source: &dyn SceneSource, unit: Unit, open: bool) -> bool {
         match unit {
             Unit::Page(0) => true,
@@ -224,54 +225,54 @@ impl Push {
         if budget == 0 {
             return;
         }
-        let read = |id: &BlobId| match self.pages.here.get(id) {
+        let read = |id: &BlobId| match self.pages.read.get(id) {
             Some(read) => read.clone().map(Reading::Ready),
             None => source.try_read(id),
         };
         match self.plans.refinement(source, &self.view, budget, &read) {
             Ok(refinement) => {
-                self.pages.here = HashMap::new();
-                for &Refining { priority, id, end } in &*refinement {
+                self.pages.read = HashMap::new();
+                for &PushedBlob { priority, id, end } in &*refinement {
                     let unit = Unit::Blob(id);
                     if !requests.has(&unit) && requests.push_part(id, priority, end) {
-                        self.unasked.insert(unit);
+                        self.unrequested.insert(unit);
                     }
                 }
             }
-            Err(Missing(pages)) if self.pages.here.len() < MAX_REFINED_PAGES => {
+            Err(Missing(pages)) if self.pages.read.len() < MAX_REFINED_PAGES => {
                 self.refinement_pushed = false;
-                self.pages.wait(pages);
+                self.pages.request(pages);
             }
-            Err(_) => self.pages.here = HashMap::new(),
+            Err(_) => self.pages.read = HashMap::new(),
         }
     }
 
-    /// A page of the scene finds no room in the queue: it waits here, before all else.
-    pub(super) fn wait_page(&mut self, page: u32, priority: Priority) {
+    /// Adds a scene page before all other units, because the scheduler's queue is full.
+    pub(super) fn queue_page(&mut self, page: u32, priority: Priority) {
         self.queue.push((priority, Unit::Page(page)));
     }
 
-    /// The client asks for a blob: it is no longer a guess.
-    pub(super) fn asked_for(&mut self, id: BlobId) {
-        self.unasked.remove(&Unit::Blob(id));
+    /// Records that the client has requested a blob, which is then not withdrawn.
+    pub(super) fn requested(&mut self, id: BlobId) {
+        self.unrequested.remove(&Unit::Blob(id));
     }
 
-    /// A unit was handed over, cannot be, or is not wanted.
+    /// Records that a unit was handed over, cannot be read, or was cancelled.
     pub(super) fn settled(&mut self, unit: Unit) {
         self.bases_left.remove(&unit);
     }
 
-    /// Whether all base meshes have been handed over, of which nothing was told yet.
-    pub(super) fn bases_to_tell(&self) -> bool {
-        !self.bases_told && self.bases_left.is_empty()
+    /// Whether all base meshes are handed over and `BasesSent` is not sent yet.
+    pub(super) fn must_report_bases(&self) -> bool {
+        !self.bases_reported && self.bases_left.is_empty()
     }
 
-    /// The client is told.
-    pub(super) fn tell_bases(&mut self) {
-        self.bases_told = true;
+    /// Records that `BasesSent` was sent.
+    pub(super) fn bases_reported(&mut self) {
+        self.bases_reported = true;
     }
 
-    /// Whether all base meshes have been handed over.
+    /// Whether all base meshes are handed over.
     pub(super) fn has_all_bases(&self) -> bool {
         self.bases_left.is_empty()
     }
@@ -281,22 +282,22 @@ impl Push {
         self.queue.is_empty()
     }
 
-    /// Whether there is something that may be pushed.
+    /// Whether there is a unit that may be pushed now.
     pub(super) fn has_work(&self, source: &dyn SceneSource, open: bool) -> bool {
-        self.queue.last().is_some_and(|(_, unit)| open || self.fits(source, *unit, open))
+        self.queue.peek().is_some_and(|(_, unit)| open || self.fits(source, *unit, open))
     }
 
-    /// The next index page that the driver should have the store read.
+    /// The next index page to read from the store.
     pub(super) fn poll_read(&mut self) -> Option<BlobId> {
         let id = self.pages.due.pop()?;
-        self.pages.under_way.insert(id);
+        self.pages.outstanding.insert(id);
         Some(id)
     }
 
-    /// A read that [`Push::poll_read`] gave is done.
+    /// Takes the result of a read that [`Push::poll_read`] requested.
     pub(super) fn handle_read(&mut self, id: BlobId, bytes: &Result<Bytes, SourceError>) {
-        if self.pages.under_way.remove(&id) {
-            self.pages.here.insert(id, bytes.clone());
+        if self.pages.outstanding.remove(&id) {
+            self.pages.read.insert(id, bytes.clone());
         }
     }
 
@@ -306,13 +307,13 @@ impl Push {
     }
 }
 
-impl Pages {
-    fn is_waited_for(&self) -> bool {
-        !self.due.is_empty() || !self.under_way.is_empty()
+impl PageReads {
+    fn is_pending(&self) -> bool {
+        !self.due.is_empty() || !self.outstanding.is_empty()
     }
 
-    fn wait(&mut self, pages: Vec<BlobId>) {
-        self.due.extend(pages.into_iter().filter(|id| !self.here.contains_key(id)));
+    fn request(&mut self, pages: Vec<BlobId>) {
+        self.due.extend(pages.into_iter().filter(|id| !self.read.contains_key(id)));
     }
 }
 
@@ -341,14 +342,14 @@ mod tests {
     }
 
     #[test]
-    fn the_refinement_follows_the_last_base_mesh_and_stops_for_another_view() {
+    fn refinement_follows_the_base_meshes_and_is_withdrawn_for_another_view() {
         let scene = MemoryScene::new(2, 1, 5);
         let (mut push, mut requests) =
             (Push::new(Plans::new(), start(&scene), u64::MAX), Requests::new(1000));
         let config = ServerConfig::quic(None);
         push.plan(&*scene, &mut requests);
         push.refill(&*scene, &mut requests, &config, true);
-        assert!(!push.has_all_bases() && push.unasked.is_empty());
+        assert!(!push.has_all_bases() && push.unrequested.is_empty());
         while !push.has_all_bases() {
             match requests.next(&*scene, 1 << 14).unwrap() {
                 Outgoing::Page(page) => push.settled(Unit::Page(page)),
@@ -357,15 +358,15 @@ mod tests {
             }
         }
         push.refill(&*scene, &mut requests, &config, true);
-        assert!(push.bases_to_tell() && push.unasked.len() > 10);
+        assert!(push.must_report_bases() && push.unrequested.len() > 10);
         let other = View { eye: [0.0, 9.0, 0.5], ..start(&scene) };
         push.set_view(Time::ZERO, other, &mut requests, false, 2);
-        assert!(requests.scheduler.is_empty() && push.unasked.is_empty());
+        assert!(requests.scheduler.is_empty() && push.unrequested.is_empty());
         assert_eq!(push.replan_at(), None);
     }
 
     #[test]
-    fn what_is_asked_for_meanwhile_does_not_keep_base_meshes_waiting() {
+    fn base_meshes_do_not_wait_for_requests() {
         let scene = MemoryScene::new(40, 1, 5);
         let (mut push, mut requests) =
             (Push::new(Plans::new(), start(&scene), u64::MAX), Requests::new(1000));
@@ -396,7 +397,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_moved_beyond_the_budget_before_the_client_has_spoken() {
+    fn push_before_hello_keeps_to_its_budget() {
         let scene = MemoryScene::new(12, 1, 2);
         let (mut push, mut requests) = (Push::new(Plans::new(), start(&scene), 3000), Requests::new(1000));
         push.plan(&*scene, &mut requests);

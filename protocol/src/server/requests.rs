@@ -1,5 +1,4 @@
-//! What a session sends and has sent: what was asked for and what is pushed, in one queue, and how far the client has
-//! each.
+//! A session's requests: requested and pushed units in one queue, and how much of each blob was sent.
 
 use std::collections::{HashMap, HashSet, VecDeque};
 
@@ -12,97 +11,97 @@ use lodestream_scene::blob::{BlobId, BlobPart};
 use lodestream_scene::limits::MAX_BLOB_BYTES;
 use lodestream_select::priority::{DIRECTORY, Priority};
 
-/// See the module.
+/// The queue of a session and its record of what was sent.
 #[derive(Debug)]
 pub(super) struct Requests {
     pub(super) scheduler: Scheduler,
-    /// What has begun to be handed over, or what the client says it has: how far, in bytes of a blob.
-    handed: HashMap<Unit, u32>,
-    /// Pages among `handed`.
-    pages_handed: u32,
-    /// Where the part ends that was pushed of a blob, until the client shows that it has it.
+    /// Units sent in part or whole, and those the client says it has: up to which byte of the blob.
+    sent: HashMap<Unit, u32>,
+    /// Number of scene pages in `sent`.
+    pages_sent: u32,
+    /// End of the part of a blob that was pushed, until a request shows that the client has it.
     pushed_parts: HashMap<BlobId, u32>,
-    /// Blobs whose rest will not come, not told yet.
+    /// Cancelled blobs that are not reported to the driver yet.
     abandoned: VecDeque<BlobId>,
     max_blob_bytes: u32,
-    /// The client asks for itself.
-    asks: bool,
-    /// The client knows enough to ask for chunks: it needs no more guesses.
-    refines: bool,
+    /// Whether the client has requested anything.
+    has_requested: bool,
+    /// Whether the client has requested chunks; then nothing more is pushed on a guess.
+    has_requested_chunks: bool,
 }
 
-/// What became of a request for a page of the scene.
+/// Outcome of a request for a scene page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum PageWanted {
+pub(super) enum PageRequest {
     /// It is queued.
     Queued,
-    /// There is no room: it was sent before, so nobody else has it waiting.
-    Again(Priority),
-    /// There is no room, but it has not been sent: it waits among what is pushed.
-    Waits,
+    /// The queue is full, and the page was sent before, so it is not among the pushed units.
+    Resend(Priority),
+    /// The queue is full; the page was never sent and is still among the pushed units.
+    StillPushed,
 }
 
 impl Requests {
-    /// Nothing queued, nothing sent.
+    /// An empty queue.
     pub(super) fn new(max_queued: usize) -> Self {
         Self {
             scheduler: Scheduler::new(max_queued),
-            handed: HashMap::new(),
-            pages_handed: 0,
+            sent: HashMap::new(),
+            pages_sent: 0,
             pushed_parts: HashMap::new(),
             abandoned: VecDeque::new(),
             max_blob_bytes: MAX_BLOB_BYTES,
-            asks: false,
-            refines: false,
+            has_requested: false,
+            has_requested_chunks: false,
         }
     }
 
-    /// The client takes no longer blobs than this, and has these already.
+    /// Applies `Hello`: the longest blob that the client accepts and the blobs that it has.
     pub(super) fn open(&mut self, max_blob_bytes: u32, have: impl Iterator<Item = BlobId>) {
         self.max_blob_bytes = max_blob_bytes.min(MAX_BLOB_BYTES);
-        self.handed.extend(have.map(|id| (Unit::Blob(id), u32::MAX)));
+        self.sent.extend(have.map(|id| (Unit::Blob(id), u32::MAX)));
     }
 
-    /// The session is over.
+    /// Ends the session.
     pub(super) fn clear(&mut self) {
         self.scheduler.clear();
-        self.handed = HashMap::new();
+        self.sent = HashMap::new();
         self.pushed_parts = HashMap::new();
         self.abandoned = VecDeque::new();
     }
 
-    /// Whether the client has asked for anything.
-    pub(super) const fn asks(&self) -> bool {
-        self.asks
+    /// Whether the client has requested anything.
+    pub(super) const fn has_requested(&self) -> bool {
+        self.has_requested
     }
 
-    /// Whether the client has asked for chunks.
-    pub(super) const fn refines(&self) -> bool {
-        self.refines
+    /// Whether the client has requested chunks.
+    pub(super) const fn has_requested_chunks(&self) -> bool {
+        self.has_requested_chunks
     }
 
-    /// Pages of the scene that were sent.
-    pub(super) const fn pages_handed(&self) -> u32 {
-        self.pages_handed
+    /// Number of scene pages sent.
+    pub(super) const fn pages_sent(&self) -> u32 {
+        self.pages_sent
     }
 
-    /// Whether some of a unit was sent, or the client says that it has it.
-    pub(super) fn was_handed(&self, unit: &Unit) -> bool {
-        self.handed.contains_key(unit)
+    /// Whether a unit was sent in part or whole, or the client says that it has it.
+    pub(super) fn was_sent(&self, unit: &Unit) -> bool {
+        self.sent.contains_key(unit)
     }
 
-    /// Whether a unit was sent, or is about to be.
+    /// Whether a unit was sent or is queued.
     pub(super) fn has(&self, unit: &Unit) -> bool {
-        self.was_handed(unit) || self.scheduler.contains(unit)
+        self.was_sent(unit) || self.scheduler.contains(unit)
     }
 
-    /// Queues what is missing of the part that is wanted.
+    /// Queues the bytes of a requested part that were not sent.
     ///
     /// # Errors
-    /// What to tell the client.
+    /// The reason to refuse the request with.
     pub(super) fn want(&mut self, source: &dyn SceneSource, want: &Want) -> Result<(), RefusedReason> {
-        self.asks = true;
-        self.refines |= matches!(want.id.part(), Some(BlobPart::Chunk(_)));
+        self.has_requested = true;
+        self.has_requested_chunks |= matches!(want.id.part(), Some(BlobPart::Chunk(_)));
         let Want { id, priority, offset, end } = *want;
         let unit = Unit::Blob(id);
         let length = source.blob_len(&id).ok_or(RefusedReason::NotFound)?;
@@ -113,50 +112,50 @@ impl Requests {
         if end > length || (offset >= end && length > 0) || offset > length {
             return Err(RefusedReason::OutOfRange);
         }
-        let handed = self.handed.get(&unit).copied();
+        let sent = self.sent.get(&unit).copied();
         if let Some(pushed) = self.pushed_parts.remove(&id)
-            && handed.is_some()
+            && sent.is_some()
             && offset < pushed
         {
-            // The wish has met the pushed part on its way, which the client takes for all of this run: it
-            // would not know what to do with another behind it. It asks on from there when it has it.
+            // The request crossed the pushed part. The client takes that part for the answer and accepts no second
+            // run behind it; it requests the rest when it has the part.
             self.pushed_parts.insert(id, pushed);
             if self.scheduler.contains(&unit) {
                 self.scheduler.want_part(unit, priority, 0..pushed);
             }
             return Ok(());
         }
-        if handed.is_some_and(|handed| handed >= end) && !self.scheduler.contains(&unit) {
+        if sent.is_some_and(|sent| sent >= end) && !self.scheduler.contains(&unit) {
             return Ok(());
         }
-        let part = offset.max(handed.unwrap_or(0))..end;
+        let part = offset.max(sent.unwrap_or(0))..end;
         if self.scheduler.want_part(unit, priority, part) { Ok(()) } else { Err(RefusedReason::QueueFull) }
     }
 
-    /// Takes a request back, and forgets what was sent of the blob.
+    /// Cancels a request and forgets what was sent of the blob.
     pub(super) fn cancel(&mut self, id: BlobId) {
-        self.handed.remove(&Unit::Blob(id));
+        self.sent.remove(&Unit::Blob(id));
         self.pushed_parts.remove(&id);
         if self.scheduler.cancel(id) == Cancelled::BlobTransfer {
             self.abandoned.push_back(id);
         }
     }
 
-    /// Queues a page of the scene, again if it was sent.
-    pub(super) fn want_page(&mut self, page: u32) -> PageWanted {
+    /// Queues a scene page, even if it was sent before.
+    pub(super) fn want_page(&mut self, page: u32) -> PageRequest {
         let (unit, priority) = (Unit::Page(page), DIRECTORY);
-        let again = self.handed.remove(&unit).is_some();
-        if again {
-            self.pages_handed = self.pages_handed.saturating_sub(1);
+        let resend = self.sent.remove(&unit).is_some();
+        if resend {
+            self.pages_sent = self.pages_sent.saturating_sub(1);
         }
         match self.scheduler.want(unit, priority) {
-            true => PageWanted::Queued,
-            false if again => PageWanted::Again(priority),
-            false => PageWanted::Waits,
+            true => PageRequest::Queued,
+            false if resend => PageRequest::Resend(priority),
+            false => PageRequest::StillPushed,
         }
     }
 
-    /// Queues a blob that nobody asked for, up to `end` if not whole. `false` where the queue is full.
+    /// Queues a blob that was not requested, up to `end` or whole. Returns `false` if the queue is full.
     pub(super) fn push_part(&mut self, id: BlobId, priority: Priority, end: Option<u32>) -> bool {
         let pushed = self.scheduler.want_part(Unit::Blob(id), priority, 0..end.unwrap_or(u32::MAX));
         if let (true, Some(end)) = (pushed, end) {
@@ -165,8 +164,8 @@ impl Requests {
         pushed
     }
 
-    /// Takes back what of these has not begun.
-    pub(super) fn take_back(&mut self, units: &HashSet<Unit>) {
+    /// Withdraws the units of which nothing was sent.
+    pub(super) fn withdraw(&mut self, units: &HashSet<Unit>) {
         let Self { scheduler, pushed_parts, .. } = self;
         scheduler.retain(|unit| {
             let dropped = units.contains(unit);
@@ -177,48 +176,48 @@ impl Requests {
         });
     }
 
-    /// The next blob whose rest will not come.
+    /// The next cancelled blob to report to the driver.
     pub(super) fn poll_abandoned(&mut self) -> Option<BlobId> {
         self.abandoned.pop_front()
     }
 
-    /// Whether there is something to hand over, or to say of what was.
+    /// Whether there is something for the driver.
     pub(super) fn has_work(&self) -> bool {
-        !self.abandoned.is_empty() || self.scheduler.can_go_on()
+        !self.abandoned.is_empty() || self.scheduler.has_ready_work()
     }
 
-    /// The next thing to send; it counts as sent.
+    /// Takes the next unit or piece from the queue and records it as sent.
     pub(super) fn next(&mut self, source: &dyn SceneSource, piece_bytes: usize) -> Option<Outgoing> {
-        let longest = self.max_blob_bytes;
+        let max_bytes = self.max_blob_bytes;
         let next = self.scheduler.next(piece_bytes, |id| match source.try_read(id)? {
-            Reading::Ready(bytes) => not_longer(longest, *id, bytes).map(Reading::Ready),
+            Reading::Ready(bytes) => check_length(max_bytes, *id, bytes).map(Reading::Ready),
             Reading::Pending => Ok(Reading::Pending),
         })?;
         match &next {
             Outgoing::Page(page) => {
-                if self.handed.insert(Unit::Page(*page), u32::MAX).is_none() {
-                    self.pages_handed = self.pages_handed.saturating_add(1);
+                if self.sent.insert(Unit::Page(*page), u32::MAX).is_none() {
+                    self.pages_sent = self.pages_sent.saturating_add(1);
                 }
             }
             Outgoing::Piece { piece, .. } => {
-                let handed = self.handed.entry(Unit::Blob(piece.id)).or_insert(0);
+                let sent = self.sent.entry(Unit::Blob(piece.id)).or_insert(0);
                 let length = u32::try_from(piece.bytes.len()).unwrap_or(u32::MAX);
-                *handed = piece.offset.saturating_add(length).max(*handed);
+                *sent = piece.offset.saturating_add(length).max(*sent);
             }
             Outgoing::Failed { .. } => {}
         }
         Some(next)
     }
 
-    /// A read that [`Scheduler::poll_read`] gave is done.
+    /// Takes the result of a read that [`Scheduler::poll_read`] requested.
     pub(super) fn handle_read(&mut self, id: BlobId, bytes: &Result<Bytes, SourceError>) {
-        let checked = bytes.clone().and_then(|bytes| not_longer(self.max_blob_bytes, id, bytes));
+        let checked = bytes.clone().and_then(|bytes| check_length(self.max_blob_bytes, id, bytes));
         self.scheduler.handle_read(id, &checked);
     }
 
     #[cfg(test)]
-    pub(super) fn handed_count(&self) -> usize {
-        self.handed.len()
+    pub(super) fn sent_count(&self) -> usize {
+        self.sent.len()
     }
 
     #[cfg(test)]
@@ -227,9 +226,9 @@ impl Requests {
     }
 }
 
-fn not_longer(longest: u32, id: BlobId, bytes: Bytes) -> Result<Bytes, SourceError> {
-    if bytes.len() > longest as usize {
-        let why = format!("{} bytes are more than the client takes", bytes.len());
+fn check_length(max_bytes: u32, id: BlobId, bytes: Bytes) -> Result<Bytes, SourceError> {
+    if bytes.len() > max_bytes as usize {
+        let why = format!("it has {} bytes, the client accepts {max_bytes}", bytes.len());
         return Err(SourceError::Unreadable { id, why });
     }
     Ok(bytes)
@@ -240,8 +239,8 @@ mod tests {
     use super::*;
     use crate::testing::MemoryScene;
 
-    /// What is sent of a blob until nothing is left: where runs begin and end.
-    fn sent(requests: &mut Requests, source: &dyn SceneSource) -> Vec<(u32, u32)> {
+    /// Start and run end of all pieces until the queue is empty.
+    fn drain(requests: &mut Requests, source: &dyn SceneSource) -> Vec<(u32, u32)> {
         let pieces = std::iter::from_fn(|| requests.next(source, 1 << 14)).filter_map(|next| match next {
             Outgoing::Piece { piece, .. } => Some((piece.offset, piece.end)),
             _ => None,
@@ -250,43 +249,43 @@ mod tests {
     }
 
     #[test]
-    fn bytes_are_sent_once_until_they_are_taken_back() {
+    fn bytes_are_sent_once_until_cancelled() {
         let scene = MemoryScene::new(1, 1, 3);
         let mut requests = Requests::new(10);
         let id = BlobId::chunk(0, 3);
         let length = scene.blob_len(&id).unwrap();
         let want = Want::whole(id, 7);
         requests.want(&*scene, &Want { end: Some(300), ..want }).unwrap();
-        assert_eq!(sent(&mut requests, &*scene), [(0, 300)]);
+        assert_eq!(drain(&mut requests, &*scene), [(0, 300)]);
         requests.want(&*scene, &want).unwrap();
-        assert_eq!(sent(&mut requests, &*scene), [(300, length)]);
+        assert_eq!(drain(&mut requests, &*scene), [(300, length)]);
         requests.want(&*scene, &want).unwrap();
-        assert_eq!(sent(&mut requests, &*scene), []);
+        assert_eq!(drain(&mut requests, &*scene), []);
         requests.cancel(id);
         requests.want(&*scene, &want).unwrap();
-        assert_eq!(sent(&mut requests, &*scene), [(0, length)]);
+        assert_eq!(drain(&mut requests, &*scene), [(0, length)]);
     }
 
     #[test]
-    fn pages_of_the_scene_that_find_no_room_are_not_forgotten() {
+    fn scene_pages_survive_a_full_queue() {
         let scene = MemoryScene::new(1, 40, 2);
         let mut requests = Requests::new(1);
-        assert_eq!(requests.want_page(0), PageWanted::Queued);
+        assert_eq!(requests.want_page(0), PageRequest::Queued);
         assert!(matches!(requests.next(&*scene, 100), Some(Outgoing::Page(0))));
-        assert_eq!(requests.pages_handed(), 1);
-        assert_eq!(requests.want_page(1), PageWanted::Queued);
-        assert!(matches!(requests.want_page(0), PageWanted::Again(_)));
-        assert_eq!(requests.want_page(2), PageWanted::Waits);
-        assert_eq!(requests.pages_handed(), 0);
+        assert_eq!(requests.pages_sent(), 1);
+        assert_eq!(requests.want_page(1), PageRequest::Queued);
+        assert!(matches!(requests.want_page(0), PageRequest::Resend(_)));
+        assert_eq!(requests.want_page(2), PageRequest::StillPushed);
+        assert_eq!(requests.pages_sent(), 0);
     }
 
     #[test]
-    fn points_of_a_terrain_are_no_chunks() {
+    fn height_overrides_are_not_chunks() {
         let scene = MemoryScene::new(1, 1, 3);
         let mut requests = Requests::new(10);
-        let _ = requests.want(&*scene, &Want::whole(BlobId::terrain_points(0), 1));
-        assert!(requests.asks() && !requests.refines());
+        let _ = requests.want(&*scene, &Want::whole(BlobId::height_overrides(0), 1));
+        assert!(requests.has_requested() && !requests.has_requested_chunks());
         requests.want(&*scene, &Want::whole(BlobId::chunk(0, 0), 1)).unwrap();
-        assert!(requests.refines());
+        assert!(requests.has_requested_chunks());
     }
 }

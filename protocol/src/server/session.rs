@@ -1,4 +1,4 @@
-//! One session: what its client says, and when it ends.
+//! The session: handles the client's messages and ends the session.
 
 use std::sync::Arc;
 
@@ -9,8 +9,8 @@ use super::outbox::{Full, Outbox};
 use super::pace::Pace;
 use super::plans::Plans;
 use super::push::Push;
-use super::requests::{PageWanted, Requests};
-use super::timers::{Timers, Waiting};
+use super::requests::{PageRequest, Requests};
+use super::timers::{SessionState, Timers};
 use crate::frame::FrameError;
 use crate::message::{
     ClientMessage, Close, CloseCode, Hello, Refused, ServerMessage, VERSIONS, Want, Welcome,
@@ -29,7 +29,7 @@ pub struct ServerStats {
     pub wire_bytes: u64,
     /// Blob bytes handed over.
     pub blob_bytes: u64,
-    /// Blobs begun.
+    /// Blobs of which the first byte was handed over.
     pub blobs: u64,
     /// Control messages handed over.
     pub messages: u64,
@@ -37,8 +37,8 @@ pub struct ServerStats {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Phase {
-    /// `Hello` has not been heard.
-    Greeting,
+    /// `Hello` has not arrived.
+    AwaitingHello,
     Open,
     Closed,
 }
@@ -51,29 +51,28 @@ pub struct ServerSession {
     close: Option<Close>,
     pub(super) pace: Pace,
     pub(super) timers: Timers,
-    /// Control messages, not handed over yet.
+    /// Control messages that are not handed over yet.
     pub(super) control: Outbox,
     pub(super) requests: Requests,
     pub(super) push: Push,
-    /// All that was asked for has been handed over, and that was told.
-    pub(super) done_told: bool,
-    /// Blobs that the driver has the store read.
+    /// Whether `Done` was sent since the last request.
+    pub(super) done_reported: bool,
+    /// Blobs that the driver is reading from the store.
     reads: Vec<BlobId>,
     pub(super) stats: ServerStats,
 }
 
 impl ServerSession {
-    /// A session that begins now: the transport is open, `Hello` has not been heard. `session` is its
-    /// number for logs.
+    /// A session that begins now: the transport is open, `Hello` has not arrived. `session` is its number for logs.
     #[must_use]
     pub fn new(config: Arc<ServerConfig>, source: Arc<dyn SceneSource>, session: u64, now: Time) -> Self {
-        Self::sharing(Plans::new(), config, source, session, now)
+        Self::with_plans(Plans::new(), config, source, session, now)
     }
 
-    /// The same of one of many sessions with a scene, all of which share `plans`: what is sent is the same, and the start
-    /// view is planned once.
+    /// As [`new`](Self::new), with first flights and refinements cached in `plans`, which all sessions with a scene
+    /// share. What is sent is the same.
     #[must_use]
-    pub fn sharing(
+    pub fn with_plans(
         plans: Arc<Plans>,
         config: Arc<ServerConfig>,
         source: Arc<dyn SceneSource>,
@@ -91,14 +90,14 @@ impl ServerSession {
         });
         let punctual_lights = source.punctual_lights().cloned().map(ServerMessage::PunctualLights);
         let mut this = Self {
-            phase: Phase::Greeting,
+            phase: Phase::AwaitingHello,
             close: None,
             pace: Pace::new(config.limiter),
             timers: Timers::new(&config, now),
             control: Outbox::new(std::iter::once(welcome).chain(punctual_lights)),
             requests: Requests::new(config.max_queued),
             push: Push::new(plans, view, config.push_before_hello_bytes),
-            done_told: true,
+            done_reported: true,
             reads: Vec::new(),
             stats: ServerStats::default(),
             config,
@@ -108,44 +107,43 @@ impl ServerSession {
         this
     }
 
-    /// Makes the session share a shared rate limit with others, beside its own limiter.
+    /// Adds a share of a shared rate limit to the session's own limiter.
     pub fn set_shared_rate_limit(&mut self, share: RateShare) {
         self.pace.join(share);
     }
 
-    /// Changes the session's own rate from that of its configuration, in bits per second; `None` for no limit. What was
-    /// overdrawn stays so in bytes.
+    /// Changes the session's own rate, in bits per second; `None` for no limit. Debt keeps its value in bytes.
     pub fn set_rate(&mut self, now: Time, rate_bits_per_s: Option<u64>) {
         self.pace.set_rate(now, rate_bits_per_s);
     }
 
-    /// Changes how much the session counts beside those that it shares a shared rate limit with. Nothing where it shares none.
+    /// Changes the session's weight in its shared rate limit, if it has one.
     pub fn set_weight(&mut self, now: Time, weight: Weight) {
         self.pace.set_weight(now, weight);
     }
 
-    /// Changes the group of sessions with which it counts as one under a shared rate limit. Nothing where it shares none.
+    /// Changes the session's group in its shared rate limit, if it has one.
     pub fn set_group(&mut self, now: Time, group: Option<u128>) {
         self.pace.set_group(now, group);
     }
 
-    /// Takes a message of the client.
+    /// Handles a message of the client.
     pub fn handle_message(&mut self, now: Time, message: ClientMessage) {
         if self.phase == Phase::Closed {
             return;
         }
-        self.timers.heard(now);
+        self.timers.message_received(now);
         let had_work = self.has_work();
         match (self.phase, message) {
             (_, ClientMessage::Bye) => self.end(Close::new(CloseCode::Normal, "the client left"), false),
             (_, ClientMessage::Ping(nonce)) => {
-                let told = self.control.pong(nonce);
-                self.told(told);
+                let queued = self.control.pong(nonce);
+                self.close_if_full(queued);
             }
-            // Whoever asks for tokens has taken it already.
+            // A server that requires tokens has taken it before the session.
             (_, ClientMessage::Token(_)) => {}
-            (Phase::Greeting, ClientMessage::Hello(hello)) => self.hello(hello),
-            (Phase::Greeting, _) => self.refuse(CloseCode::Protocol, "the first message must be Hello"),
+            (Phase::AwaitingHello, ClientMessage::Hello(hello)) => self.hello(hello),
+            (Phase::AwaitingHello, _) => self.refuse(CloseCode::Protocol, "the first message must be Hello"),
             (_, ClientMessage::Hello(_)) => self.refuse(CloseCode::Protocol, "a second Hello"),
             (_, ClientMessage::Want(wants)) => self.want(&wants),
             (_, ClientMessage::Cancel(ids)) => self.cancel(&ids),
@@ -153,21 +151,21 @@ impl ServerSession {
             (_, ClientMessage::WantScenePages(pages)) => self.want_pages(&pages),
         }
         if !had_work {
-            self.timers.offered(now);
+            self.timers.work_offered(now);
         }
     }
 
-    /// Takes what the driver could not decode: queues a reasoned close.
+    /// Handles a frame that the driver could not decode: closes with the reason.
     pub fn handle_frame_error(&mut self, _now: Time, error: &FrameError) {
         self.refuse(error.close_code(), &error.to_string());
     }
 
-    /// The transport failed or ended: there is nobody to tell.
+    /// Ends the session because the transport failed or ended; no `Close` is sent.
     pub fn handle_lost(&mut self, _now: Time, reason: &str) {
         self.end(Close::new(CloseCode::Lost, reason), false);
     }
 
-    /// Ends the session with a reason; what is queued is dropped, `Close` is the last message.
+    /// Ends the session with a reason. What is queued is dropped; `Close` is the last message.
     pub fn close(&mut self, _now: Time, code: CloseCode, reason: &str) {
         self.refuse(code, reason);
     }
@@ -176,12 +174,12 @@ impl ServerSession {
         self.end(Close::new(code, reason), true);
     }
 
-    fn end(&mut self, close: Close, tell: bool) {
+    fn end(&mut self, close: Close, send_close: bool) {
         if self.phase == Phase::Closed {
             return;
         }
         self.phase = Phase::Closed;
-        self.control.end(tell.then(|| close.clone()));
+        self.control.end(send_close.then(|| close.clone()));
         self.requests.clear();
         self.push.clear();
         self.pace.leave();
@@ -189,10 +187,10 @@ impl ServerSession {
         self.close = Some(close);
     }
 
-    /// What became of an answer.
-    fn told(&mut self, told: Result<(), Full>) {
-        if told.is_err() {
-            self.refuse(CloseCode::Limit, "the client makes messages faster than it takes the answers");
+    /// Closes the session if an answer did not fit the outbox.
+    fn close_if_full(&mut self, queued: Result<(), Full>) {
+        if queued.is_err() {
+            self.refuse(CloseCode::Limit, "the client sends requests faster than it reads the answers");
         }
     }
 
@@ -213,20 +211,20 @@ impl ServerSession {
         let same = hello.fingerprint == header.fingerprint;
         let have = if same { &hello.have[..] } else { &[] };
         let source = &self.source;
-        let real = have.iter().copied().filter(|id| source.blob_len(id).is_some());
-        self.requests.open(hello.max_blob_bytes, real);
+        let existing = have.iter().copied().filter(|id| source.blob_len(id).is_some());
+        self.requests.open(hello.max_blob_bytes, existing);
         self.phase = Phase::Open;
         self.push.open(hello.view, hello.budget_bytes, !have.is_empty());
         self.push.plan(&*self.source, &mut self.requests);
     }
 
     fn want(&mut self, wants: &[Want]) {
-        self.done_told = false;
+        self.done_reported = false;
         for want in wants {
-            self.push.asked_for(want.id);
+            self.push.requested(want.id);
             if let Err(reason) = self.requests.want(&*self.source, want) {
-                let told = self.control.refuse(Refused { id: want.id, reason });
-                self.told(told);
+                let queued = self.control.refuse(Refused { id: want.id, reason });
+                self.close_if_full(queued);
             }
             if self.phase == Phase::Closed {
                 return;
@@ -242,31 +240,31 @@ impl ServerSession {
     }
 
     fn want_pages(&mut self, pages: &[u32]) {
-        self.done_told = false;
+        self.done_reported = false;
         let count = self.source.header().page_count;
         for &page in pages.iter().filter(|page| **page < count) {
-            if let PageWanted::Again(priority) = self.requests.want_page(page) {
-                self.push.wait_page(page, priority);
+            if let PageRequest::Resend(priority) = self.requests.want_page(page) {
+                self.push.queue_page(page, priority);
             }
         }
     }
 
     fn set_view(&mut self, now: Time, view: View) {
-        // Clients say so even where their first view is the scene's own.
+        // Clients send their first view even if it is the scene's start view.
         if view == *self.push.view() {
             return;
         }
-        // Once the client knows all pages and asks for itself, there is nothing to order.
-        let all_pages = self.requests.pages_handed() >= self.source.header().page_count;
-        let order = !(self.requests.refines() && all_pages && self.push.has_all_bases());
+        // Nothing is pushed to a client that knows all pages and requests chunks itself.
+        let all_pages = self.requests.pages_sent() >= self.source.header().page_count;
+        let replan = !(self.requests.has_requested_chunks() && all_pages && self.push.has_all_bases());
         let instances = self.source.header().instance_count;
-        self.push.set_view(now, view, &mut self.requests, order, instances);
+        self.push.set_view(now, view, &mut self.requests, replan, instances);
     }
 
-    /// The next blob that the driver should have the store read ([`SceneSource::read`]), where that may take its time,
-    /// and answer by [`ServerSession::handle_read`]. Ask until `None`, after every
-    /// [`ServerSession::poll_transmit`]. A session has at most [`crate::scheduler::MAX_READS`] reads for its client under
-    /// way, and as many index pages for what it pushes.
+    /// The next blob to read from the store ([`SceneSource::read`], which may block); the driver passes the result to
+    /// [`ServerSession::handle_read`]. Call until `None`, after every [`ServerSession::poll_transmit`]. A session has
+    /// at most [`crate::scheduler::MAX_READS`] outstanding reads for its client, and as many of index pages for what
+    /// it pushes.
     pub fn poll_read(&mut self) -> Option<BlobId> {
         loop {
             let id = self.requests.scheduler.poll_read().or_else(|| self.push.poll_read())?;
@@ -277,35 +275,34 @@ impl ServerSession {
         }
     }
 
-    /// Takes what the store has read. Call [`ServerSession::poll_transmit`] afterwards. What is no longer wanted is
-    /// dropped.
+    /// Takes the result of a read. Call [`ServerSession::poll_transmit`] afterwards. Drops what is no longer wanted.
     pub fn handle_read(&mut self, now: Time, id: BlobId, bytes: &Result<Bytes, SourceError>) {
         let had_work = self.has_work();
         self.reads.retain(|read| *read != id);
         self.requests.handle_read(id, bytes);
         self.push.handle_read(id, bytes);
         if !had_work {
-            self.timers.offered(now);
+            self.timers.work_offered(now);
         }
     }
 
-    /// Call when the moment given by [`ServerSession::poll_timeout`] has come; earlier is harmless.
+    /// Handles deadlines. Call at the moment given by [`ServerSession::poll_timeout`]; an earlier call is harmless.
     pub fn handle_timeout(&mut self, now: Time) {
-        self.timers.woken(now);
+        self.timers.driver_polled(now);
         if self.phase == Phase::Closed {
             return;
         }
         let had_work = self.has_work();
-        if let Some(reason) = self.timers.overdue(now, self.waiting()) {
+        if let Some(reason) = self.timers.overdue(now, self.state()) {
             self.refuse(CloseCode::Timeout, &reason);
         } else if self.push.replan_if_due(now, &*self.source, &mut self.requests) && !had_work {
-            self.timers.offered(now);
+            self.timers.work_offered(now);
         }
     }
 
-    fn waiting(&self) -> Waiting {
-        Waiting {
-            greeting: self.phase == Phase::Greeting,
+    fn state(&self) -> SessionState {
+        SessionState {
+            awaiting_hello: self.phase == Phase::AwaitingHello,
             has_work: self.has_work(),
             ready_at: self.pace.ready_at(),
         }
@@ -316,12 +313,12 @@ impl ServerSession {
         !self.control.is_empty()
             || self.requests.has_work()
             || self.push.has_work(&*self.source, open)
-            || (open && (self.push.bases_to_tell() || self.is_done_to_tell()))
+            || (open && (self.push.must_report_bases() || self.must_report_done()))
     }
 
-    /// Whether all that was asked for has been handed over, of which nothing was told yet.
-    pub(super) fn is_done_to_tell(&self) -> bool {
-        !self.done_told && self.requests.scheduler.is_empty() && self.push.is_empty()
+    /// Whether all requested and pushed units are handed over and `Done` is not sent yet.
+    pub(super) fn must_report_done(&self) -> bool {
+        !self.done_reported && self.requests.scheduler.is_empty() && self.push.is_empty()
     }
 
     /// When to call [`ServerSession::handle_timeout`] and then [`ServerSession::poll_transmit`] again.
@@ -330,43 +327,43 @@ impl ServerSession {
         if self.phase == Phase::Closed {
             return None;
         }
-        let next = self.timers.next(self.waiting());
+        let next = self.timers.next(self.state());
         Some(self.push.replan_at().map_or(next, |at| next.min(at)))
     }
 
-    /// Why the session ended: set as soon as it is decided.
+    /// Why the session ends; set as soon as that is decided.
     #[must_use]
     pub const fn close_reason(&self) -> Option<&Close> {
         self.close.as_ref()
     }
 
-    /// Whether the session has ended and its `Close` has been handed over: close the transport.
+    /// Whether the session has ended and its `Close` was handed over: the driver closes the transport.
     #[must_use]
     pub fn is_closed(&self) -> bool {
         self.phase == Phase::Closed && self.control.is_empty()
     }
 
-    /// Whether `Hello` has been heard and accepted.
+    /// Whether `Hello` was accepted and the session has not ended.
     #[must_use]
     pub fn is_open(&self) -> bool {
         self.phase == Phase::Open
     }
 
-    /// Bytes that wait to be handed over: of blobs that were asked for or are pushed next, and of control messages as
-    /// they lie in memory. Looks at each request that is queued: for a look now and then.
+    /// Bytes not handed over yet: of requested blobs and of those pushed next, and of queued control messages as
+    /// counted in memory. O(n) for n queued units: meant for occasional use.
     #[must_use]
     pub fn waiting_bytes(&self) -> u64 {
         let blobs = self.requests.scheduler.waiting_bytes(|id| self.source.blob_len(id));
         blobs + self.control.bytes() as u64
     }
 
-    /// Whether nothing waits to be handed over, as [`ServerSession::waiting_bytes`] counts it.
+    /// Whether [`ServerSession::waiting_bytes`] has nothing to count.
     #[must_use]
     pub fn nothing_waits(&self) -> bool {
         self.control.is_empty() && self.requests.scheduler.is_empty()
     }
 
-    /// What has been sent so far.
+    /// Counters since the session began.
     #[must_use]
     pub const fn stats(&self) -> ServerStats {
         self.stats

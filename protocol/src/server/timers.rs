@@ -1,96 +1,96 @@
-//! What a session waits for, and for how long.
+//! Deadlines of a session: handshake, idle and stall timeouts, and the limiter's next moment.
 
 use std::time::Duration;
 
 use super::config::ServerConfig;
 use crate::time::Time;
 
-/// Moments that deadlines count from.
+/// The moments from which the deadlines count.
 #[derive(Debug)]
 pub(super) struct Timers {
     started: Time,
-    heard: Time,
-    /// Since when there is something to send that the driver could have taken.
+    last_message: Time,
+    /// Since when there is work that the driver has not taken.
     offered: Time,
-    /// When the driver last asked what to do: the limiter's wake-up call is not repeated after that.
-    woken: Time,
+    /// When the driver last polled: an admission by the limiter before that causes no further wake-up.
+    polled: Time,
     hello_timeout: Duration,
     idle_timeout: Duration,
     stall_timeout: Duration,
 }
 
-/// What a session is about when its deadlines are looked at.
+/// The state of a session that its deadlines depend on.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Waiting {
-    /// `Hello` has not been heard.
-    pub(super) greeting: bool,
-    /// There is something to send.
+pub(super) struct SessionState {
+    /// Whether `Hello` has not arrived.
+    pub(super) awaiting_hello: bool,
+    /// Whether there is something to send.
     pub(super) has_work: bool,
-    /// From when on the limiter admits something.
+    /// The first moment at which the limiter admits something.
     pub(super) ready_at: Time,
 }
 
 impl Timers {
-    /// A session begins.
+    /// The deadlines of a session that begins now.
     pub(super) fn new(config: &ServerConfig, now: Time) -> Self {
         let &ServerConfig { hello_timeout, idle_timeout, stall_timeout, .. } = config;
         Self {
             started: now,
-            heard: now,
+            last_message: now,
             offered: now,
-            woken: now,
+            polled: now,
             hello_timeout,
             idle_timeout,
             stall_timeout,
         }
     }
 
-    /// The client has said something.
-    pub(super) fn heard(&mut self, now: Time) {
-        self.heard = now;
+    /// Records a message of the client.
+    pub(super) fn message_received(&mut self, now: Time) {
+        self.last_message = now;
     }
 
-    /// There is something to send again.
-    pub(super) fn offered(&mut self, now: Time) {
+    /// Records that there is work again.
+    pub(super) fn work_offered(&mut self, now: Time) {
         self.offered = now;
     }
 
-    /// The driver asks what to do.
-    pub(super) fn woken(&mut self, now: Time) {
-        self.woken = now;
+    /// Records that the driver polls the session.
+    pub(super) fn driver_polled(&mut self, now: Time) {
+        self.polled = now;
     }
 
-    /// What has not come in time, if anything: a reason to close.
-    pub(super) fn overdue(&self, now: Time, waiting: Waiting) -> Option<String> {
-        if waiting.greeting && now >= self.started + self.hello_timeout {
+    /// The reason to close the session, if a deadline has passed.
+    pub(super) fn overdue(&self, now: Time, state: SessionState) -> Option<String> {
+        if state.awaiting_hello && now >= self.started + self.hello_timeout {
             Some(format!("no Hello within {} s", self.hello_timeout.as_secs_f32()))
-        } else if now >= self.heard + self.idle_timeout {
-            Some(format!("nothing heard for {} s", self.idle_timeout.as_secs_f32()))
-        } else if waiting.has_work && now >= self.stalled_at(waiting) + self.stall_timeout {
-            Some(format!("nothing taken for {} s", self.stall_timeout.as_secs_f32()))
+        } else if now >= self.last_message + self.idle_timeout {
+            Some(format!("no message from the client for {} s", self.idle_timeout.as_secs_f32()))
+        } else if state.has_work && now >= self.stalled_at(state) + self.stall_timeout {
+            Some(format!("the transport has accepted nothing for {} s", self.stall_timeout.as_secs_f32()))
         } else {
             None
         }
     }
 
-    /// When to look again.
-    pub(super) fn next(&self, waiting: Waiting) -> Time {
-        let mut next = self.heard + self.idle_timeout;
-        if waiting.greeting {
+    /// The next moment at which [`overdue`](Self::overdue) or the limiter can change.
+    pub(super) fn next(&self, state: SessionState) -> Time {
+        let mut next = self.last_message + self.idle_timeout;
+        if state.awaiting_hello {
             next = next.min(self.started + self.hello_timeout);
         }
-        if waiting.has_work {
-            next = next.min(self.stalled_at(waiting) + self.stall_timeout);
-            // Once woken for it, the driver's transport is what is waited for.
-            if waiting.ready_at > self.woken {
-                next = next.min(waiting.ready_at);
+        if state.has_work {
+            next = next.min(self.stalled_at(state) + self.stall_timeout);
+            // After a poll at that moment, the session waits for the driver's transport.
+            if state.ready_at > self.polled {
+                next = next.min(state.ready_at);
             }
         }
         next
     }
 
-    fn stalled_at(&self, waiting: Waiting) -> Time {
-        self.offered.max(waiting.ready_at)
+    fn stalled_at(&self, state: SessionState) -> Time {
+        self.offered.max(state.ready_at)
     }
 }
 
@@ -99,16 +99,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_driver_is_woken_for_the_limiter_once_and_for_the_nearest_deadline_otherwise() {
+    fn driver_wakes_once_for_the_limiter_and_otherwise_for_deadlines() {
         let mut timers = Timers::new(&ServerConfig::quic(None), Time::ZERO);
-        let waiting = Waiting { greeting: true, has_work: true, ready_at: Time::from_ms(7) };
-        assert_eq!(timers.next(waiting), Time::from_ms(7));
-        timers.woken(Time::from_ms(7));
-        assert_eq!(timers.next(waiting), Time::from_ms(10_000));
-        assert_eq!(timers.overdue(Time::from_ms(9_999), waiting), None);
-        assert!(timers.overdue(Time::from_ms(10_000), waiting).unwrap().contains("Hello"));
-        let open = Waiting { greeting: false, has_work: false, ready_at: Time::ZERO };
-        timers.heard(Time::from_ms(500));
+        let state = SessionState { awaiting_hello: true, has_work: true, ready_at: Time::from_ms(7) };
+        assert_eq!(timers.next(state), Time::from_ms(7));
+        timers.driver_polled(Time::from_ms(7));
+        assert_eq!(timers.next(state), Time::from_ms(10_000));
+        assert_eq!(timers.overdue(Time::from_ms(9_999), state), None);
+        assert!(timers.overdue(Time::from_ms(10_000), state).unwrap().contains("Hello"));
+        let open = SessionState { awaiting_hello: false, has_work: false, ready_at: Time::ZERO };
+        timers.message_received(Time::from_ms(500));
         assert_eq!(timers.next(open), Time::from_ms(30_500));
     }
 }

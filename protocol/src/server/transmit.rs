@@ -1,4 +1,4 @@
-//! What is handed to the transport, one thing at a time.
+//! Output of a server session: what the driver passes to the transport, one item at a time.
 
 use std::sync::Arc;
 
@@ -14,33 +14,33 @@ use lodestream_scene::blob::BlobId;
 use lodestream_scene::limits::MAX_PIECE_BYTES;
 use lodestream_select::Priority;
 
-/// What the driver should hand to the transport.
+/// An item that the driver passes to the transport.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Transmit {
     /// A control message.
     Message {
-        /// What it says, for drivers that count or look.
+        /// The message, for drivers that count or inspect it.
         message: ServerMessage,
-        /// The same as a frame: the bytes to send.
+        /// The message encoded as a frame: the bytes to send.
         frame: Bytes,
     },
-    /// A piece of a blob. Pieces of a blob come in order; pieces of others may come between.
+    /// A piece of a blob. The pieces of a blob come in order, interleaved with pieces of other blobs.
     Piece {
         /// The piece.
         piece: BlobPiece,
         /// The blob's priority, for the stream ([`crate::stream::quic_priority`]).
         priority: Priority,
     },
-    /// The rest of a blob will not come: reset its stream. Nothing to do on WebSocket.
+    /// The rest of a blob is cancelled: QUIC resets its stream, WebSocket does nothing.
     Abandon(BlobId),
 }
 
 impl ServerSession {
-    /// The next thing to send, if the limiter admits one now. Call until `None`, and only while the
-    /// transport can take it: what is handed over can no longer be overtaken.
+    /// The next item to send, if the limiter admits one now. Call until `None`, and only while the transport accepts
+    /// data: urgent blobs cannot overtake what was already returned.
     pub fn poll_transmit(&mut self, now: Time) -> Option<Transmit> {
-        self.timers.offered(now);
-        self.timers.woken(now);
+        self.timers.work_offered(now);
+        self.timers.driver_polled(now);
         if let Some(message) = self.control.pop() {
             return self.transmit_message(now, message);
         }
@@ -53,26 +53,26 @@ impl ServerSession {
         self.push.replan_if_due(now, &*self.source, &mut self.requests);
         let open = self.phase == Phase::Open;
         self.push.refill(&*self.source, &mut self.requests, &self.config, open);
-        let active = self.requests.scheduler.can_go_on();
+        let active = self.requests.scheduler.has_ready_work();
         if self.pace.admits(now, active)
             && let Some(transmit) = self.transmit_queued(now)
         {
             return Some(transmit);
         }
-        self.tell_milestones(now)
+        self.transmit_milestone(now)
     }
 
-    /// Says that all base meshes are sent, or everything, once each.
-    fn tell_milestones(&mut self, now: Time) -> Option<Transmit> {
+    /// Reports once that all base meshes are sent, and once that everything is.
+    fn transmit_milestone(&mut self, now: Time) -> Option<Transmit> {
         if self.phase != Phase::Open {
             return None;
         }
-        if self.push.bases_to_tell() {
-            self.push.tell_bases();
+        if self.push.must_report_bases() {
+            self.push.bases_reported();
             return self.transmit_message(now, ServerMessage::BasesSent);
         }
-        if self.is_done_to_tell() {
-            self.done_told = true;
+        if self.must_report_done() {
+            self.done_reported = true;
             return self.transmit_message(now, ServerMessage::Done);
         }
         None
@@ -84,7 +84,7 @@ impl ServerSession {
         match self.requests.next(&*source, piece_bytes)? {
             Outgoing::Page(page) => {
                 self.push.settled(Unit::Page(page));
-                self.done_told = false;
+                self.done_reported = false;
                 let Some(page) = source.page(page) else { return self.transmit_queued(now) };
                 self.transmit_message(now, ServerMessage::ScenePage((*page).clone()))
             }
@@ -93,7 +93,7 @@ impl ServerSession {
                 if piece.is_last() {
                     self.push.settled(Unit::Blob(piece.id));
                 }
-                self.done_told = false;
+                self.done_reported = false;
                 self.stats.blob_bytes += piece.bytes.len() as u64;
                 self.stats.wire_bytes += self.pace.spend(now, piece.bytes.len());
                 Some(Transmit::Piece { piece, priority })
@@ -105,7 +105,7 @@ impl ServerSession {
         }
     }
 
-    /// Control messages are never held back, but what they cost is.
+    /// Control messages are never delayed by the limiter, but are charged to it.
     fn transmit_message(&mut self, now: Time, message: ServerMessage) -> Option<Transmit> {
         match encode_server(&message) {
             Ok(frame) => {
@@ -113,7 +113,7 @@ impl ServerSession {
                 self.stats.wire_bytes += self.pace.spend(now, frame.len());
                 Some(Transmit::Message { message, frame: frame.into() })
             }
-            // The scene holds what cannot be sent; the client cannot help it, nor go on.
+            // The scene contains something that does not fit a message; no client can use it.
             Err(why) => {
                 self.refuse(CloseCode::Limit, &format!("the server cannot send this scene: {why}"));
                 self.poll_transmit(now)

@@ -1,36 +1,37 @@
-//! Progressive filling: the level at which weighted claims come to a capacity.
+//! Progressive filling: the level at which weighted claims add up to a capacity.
 //!
-//! Bertsekas and Gallager, *Data Networks*, 2nd ed. (1992), §6.5.2: all are raised together until one has what it can use,
-//! which is left there, and so on until the capacity is given away. What comes out is the one max-min fair allocation: of
-//! who has less than another (by weight), nobody could have more without a third having less than he has now.
+//! Bertsekas and Gallager, *Data Networks*, 2nd ed. (1992), §6.5.2: all claims are raised together until one is
+//! satisfied, which stays there, and so on until the capacity is used up. The result is the unique max-min fair
+//! allocation: no claim can be raised without lowering one that has no more, by weight.
 
-/// Bits per second of each unit of weight, in 1/65,536.
+/// Bits per second per unit of weight, in units of 1/65,536.
 pub(super) type Level = u128;
 
 const FRACTION_BITS: u32 = 16;
 
-/// No level of a shared rate limit comes near; clocks that advance by it do not overflow for weeks, and saturate then.
+/// Level without a limit. Larger than the level of any limit; clocks that advance by it take weeks to saturate.
 pub(super) const UNBOUNDED: Level = 1 << 80;
 
-/// The level of who has so many bits per second alone, at a weight.
+/// The level at which a claim of `weight` has `bits_per_s`.
 pub(super) fn level_of(bits_per_s: u64, weight: u32) -> Level {
     (u128::from(bits_per_s) << FRACTION_BITS) / u128::from(weight.max(1))
 }
 
-/// Bits per second at a level and a weight, rounded down.
+/// Bits per second of a claim of `weight` at a level, rounded down.
 pub(super) fn rate_at(level: Level, weight: u32) -> u64 {
     u64::try_from(level.saturating_mul(u128::from(weight)) >> FRACTION_BITS).unwrap_or(u64::MAX)
 }
 
-/// One who shares.
+/// One claim on the capacity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Claim {
-    /// The level at which he has all that he can use.
-    pub(super) most: Level,
+    /// The level at which the claim is satisfied.
+    pub(super) max_level: Level,
     pub(super) weight: u32,
 }
 
-/// The level at which claims, the least first, come to a capacity; `None` where all of them together do not. One pass.
+/// The level at which claims, sorted by `max_level`, add up to a capacity; `None` if all of them are satisfied by it.
+/// One pass.
 pub(super) fn fill<'a>(
     sorted: impl Iterator<Item = &'a Claim> + Clone,
     capacity_bits_per_s: u64,
@@ -38,10 +39,10 @@ pub(super) fn fill<'a>(
     let mut weight: u128 = sorted.clone().map(|claim| u128::from(claim.weight)).sum();
     let mut rest = level_of(capacity_bits_per_s, 1);
     for claim in sorted {
-        if claim.most.saturating_mul(weight) > rest {
+        if claim.max_level.saturating_mul(weight) > rest {
             return Some(rest / weight.max(1));
         }
-        rest -= claim.most * u128::from(claim.weight);
+        rest -= claim.max_level * u128::from(claim.weight);
         weight -= u128::from(claim.weight);
     }
     None
@@ -54,26 +55,26 @@ mod tests {
     use super::*;
 
     fn filled(claims: &[(Option<u64>, u32)], capacity: u64) -> Option<u64> {
-        let most = |most: Option<u64>, weight| most.map_or(Level::MAX, |most| level_of(most, weight));
+        let max_level = |rate: Option<u64>, weight| rate.map_or(Level::MAX, |rate| level_of(rate, weight));
         let mut claims: Vec<_> =
-            claims.iter().map(|&(m, weight)| Claim { most: most(m, weight), weight }).collect();
-        claims.sort_unstable_by_key(|claim| claim.most);
+            claims.iter().map(|&(m, weight)| Claim { max_level: max_level(m, weight), weight }).collect();
+        claims.sort_unstable_by_key(|claim| claim.max_level);
         fill(claims.iter(), capacity).map(|level| rate_at(level, 1))
     }
 
     #[test]
-    fn what_one_leaves_is_shared_by_the_others() {
+    fn unused_capacity_goes_to_the_other_claims() {
         assert_eq!(filled(&[(None, 1), (None, 1), (None, 1)], 9000), Some(3000));
         assert_eq!(filled(&[(None, 1), (Some(1000), 1), (None, 1)], 9000), Some(4000));
         assert_eq!(filled(&[(None, 1), (None, 2), (None, 5)], 8000), Some(1000));
         assert_eq!(filled(&[(None, 1), (Some(6000), 2), (Some(2000), 5)], 9000), Some(2333));
-        assert_eq!(filled(&[(Some(5000), 1), (Some(3000), 7)], 8000), None, "all have what they can use");
+        assert_eq!(filled(&[(Some(5000), 1), (Some(3000), 7)], 8000), None, "all claims are satisfied");
         assert_eq!(filled(&[], 8000), None);
         assert_eq!(filled(&[(Some(0), 1), (None, 1)], 8000), Some(8000));
     }
 
     #[test]
-    fn extremes_overflow_nothing() {
+    fn extremes_do_not_overflow() {
         for capacity in [0, 1, u64::MAX] {
             for most in [None, Some(0), Some(1), Some(u64::MAX)] {
                 let _ = filled(&[(most, 100), (most, 1), (None, u32::MAX)], capacity);
@@ -83,16 +84,16 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_given_is_the_capacity_and_nobody_has_more_than_he_can_use(
+        fn allocation_uses_the_capacity_and_exceeds_no_claim(
             claims in prop::collection::vec((prop::option::of(0_u64..1 << 40), 1_u32..=100), 1..40),
             capacity in 1_u64..1 << 44,
         ) {
-            let most = |most: Option<u64>, weight| most.map_or(Level::MAX, |most| level_of(most, weight));
+            let max_level = |rate: Option<u64>, weight| rate.map_or(Level::MAX, |rate| level_of(rate, weight));
             let mut claims: Vec<_> =
-                claims.iter().map(|&(m, weight)| Claim { most: most(m, weight), weight }).collect();
-            claims.sort_unstable_by_key(|claim| claim.most);
+                claims.iter().map(|&(m, weight)| Claim { max_level: max_level(m, weight), weight }).collect();
+            claims.sort_unstable_by_key(|claim| claim.max_level);
             let given = |level: Level| -> u128 {
-                claims.iter().map(|c| level.min(c.most).saturating_mul(u128::from(c.weight))).sum()
+                claims.iter().map(|c| level.min(c.max_level).saturating_mul(u128::from(c.weight))).sum()
             };
             match fill(claims.iter(), capacity) {
                 Some(level) => {

@@ -1,21 +1,23 @@
-//! Ceilings that sessions share: of all, and of each group of sessions that count as one (those of an address).
+//! Sending rates that sessions share: one limit for all, and one for each group of sessions (those of an address).
 //!
-//! Who has something to send is given what is max-min fair by weight: what one leaves, because of its own rate or its link,
-//! goes to the others, and no bit is left over while somebody could use it. The idea is told in `docs/design/session.md`.
+//! Rates are max-min fair by weight among the sessions that have something to send. What a session cannot use,
+//! because of its own rate or its link, goes to the others. `docs/design/session.md` explains the method.
 //!
-//! | module | idea |
+//! | module | contents |
 //! |---|---|
-//! | `filling` | the level at which weighted claims come to a capacity |
-//! | `member` | one session's bucket, in virtual time |
-//! | `demand` | what a session can use, where that is less than its part |
-//! | `gate` | the bucket of a shared rate limit, and the line before it |
-//! | `table` | all of it together |
+//! | `filling` | progressive filling: the level at which weighted claims add up to a capacity |
+//! | `member` | one session's token bucket, in virtual time |
+//! | `demand` | estimate of what a session can use, where that is less than its share |
+//! | `gate` | the token bucket of a limit, and turns for waiting sessions |
+//! | `table` | sessions, groups and gates of a limit |
 //!
-//! Over any time T sessions send at most the shared rate limit × (T + 20 ms), one piece, and control messages, which are charged and
-//! never held back. Sessions that always have something to send come to the shared rate limit, less what was that of one which stops
-//! for 5 ms (and a millisecond for every 200 sessions). A session that waits goes on at most 25 ms (or 0.1 ms for each
-//! session that sends) after it could, where its part has risen. Each call takes a lock for a short time; finding the
-//! levels is O(n log n) for n sessions, at most every 5 ms and a millisecond for every 200 sessions.
+//! Bounds: in any time T, sessions send at most limit × (T + 20 ms), one piece, and control messages, which are
+//! charged but never delayed. Sessions that always have something to send use the whole limit, except that the share
+//! of a session that stops is unused for 5 ms plus 1 ms per 200 sessions. A waiting session whose share rises
+//! continues at most 25 ms, or 0.1 ms per sending session, later than it could.
+//!
+//! Cost: each call takes a lock for a short time. Levels are computed in O(n log n) for n sessions, at most every 5
+//! ms plus 1 ms per 200 sessions.
 
 mod demand;
 mod filling;
@@ -32,27 +34,27 @@ use std::time::Duration;
 use self::table::Table;
 use crate::time::Time;
 
-/// What may be sent in all, as [`crate::limiter`] counts: bits per second on the wire.
+/// Limits in bits per second on the wire, as [`crate::limiter`] counts them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Limits {
-    /// By all sessions; `None` for no limit.
+    /// For all sessions together; `None` for no limit.
     pub total_bits_per_s: Option<u64>,
-    /// By the sessions of each group; `None` for no limit.
+    /// For the sessions of each group together; `None` for no limit.
     pub group_bits_per_s: Option<u64>,
 }
 
-/// How much a session counts beside others: 1 to 100, by default 1. One of weight 5 is given five times as much as one of
-/// weight 1 where both could use more.
+/// Weight of a session in the allocation: 1 to 100, by default 1. A session of weight 5 has five times the rate of
+/// one of weight 1 if both could use more.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Weight(NonZeroU8);
 
 impl Weight {
-    /// The least, and that of who says nothing.
+    /// The least weight, and the default.
     pub const ONE: Self = Self(NonZeroU8::MIN);
-    /// The most.
+    /// The greatest weight.
     pub const MAX: u8 = 100;
 
-    /// A weight; `None` for 0, and beyond 100.
+    /// A weight; `None` for 0 and above 100.
     #[must_use]
     pub fn new(weight: u64) -> Option<Self> {
         let weight = u8::try_from(weight).ok().filter(|weight| *weight <= Self::MAX)?;
@@ -72,56 +74,57 @@ impl Default for Weight {
     }
 }
 
-/// What a session would do.
+/// A session's demand when it asks to send.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct SendRequest {
-    /// It has something to send.
+    /// Whether it has something to send.
     pub(crate) active: bool,
     /// Its own rate; `None` for no limit.
     pub(crate) own_bits_per_s: Option<u64>,
-    /// Its own rate admits something now.
+    /// Whether its own limiter admits something now.
     pub(crate) own_ready: bool,
 }
 
-/// See the module.
+/// A rate that sessions share; see the module for its bounds.
 #[derive(Debug)]
 pub struct SharedRateLimit(Mutex<Table>);
 
 impl SharedRateLimit {
-    /// A shared rate limit that nobody shares yet.
+    /// A shared rate limit without sessions.
     #[must_use]
     pub fn new(limits: Limits) -> Arc<Self> {
         Arc::new(Self(Mutex::new(Table::new(limits))))
     }
 
-    /// A thread that panicked while it held the lock left levels that hold until they are found anew.
+    /// Poisoning is ignored: after a panic the levels are stale until they are next computed.
     fn table(&self) -> MutexGuard<'_, Table> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A session's part in it, with nothing to send at first. `group` is a number of what counts as one, `None` for who is
-    /// bounded by the shared rate limit of all alone; `began` is when, by the shared rate limit's clock, the session's began.
+    /// Adds a session with nothing to send. `group` identifies the sessions that share a group's limit; `None` for a
+    /// session under the total limit only. `began` is the start of the session's clock, on the shared rate limit's
+    /// clock.
     #[must_use]
     pub fn join(self: &Arc<Self>, group: Option<u128>, weight: Weight, began: Time) -> RateShare {
         let member = self.table().join(group, weight, began);
         RateShare { shared_rate_limit: Arc::clone(self), member, group, weight, began }
     }
 
-    /// Holds all who share it to other limits from `now` on, which is the shared rate limit's. Sessions that joined while groups had no
-    /// limit stay bounded by the shared rate limit of all alone.
+    /// Changes the limits from `now` on, on the shared rate limit's clock. Sessions that joined while groups had no
+    /// limit stay under the total limit only.
     pub fn set_limits(&self, limits: Limits, now: Time) {
         self.table().set_limits(limits, now);
     }
 
-    /// What the sessions that have something to send are given together, as far as they can use it, in bits per second;
-    /// `now` is the shared rate limit's.
+    /// Sum of the rates allocated to the sessions that have something to send, in bits per second; `now` is on the
+    /// shared rate limit's clock.
     #[must_use]
-    pub fn given_bits_per_s(&self, now: Time) -> u64 {
-        self.table().given_bits_per_s(now)
+    pub fn allocated_bits_per_s(&self, now: Time) -> u64 {
+        self.table().allocated_bits_per_s(now)
     }
 }
 
-/// One session's part in a [`SharedRateLimit`]; given back when dropped. Times are the session's.
+/// One session's share of a [`SharedRateLimit`], returned on drop. Times are on the session's clock.
 #[derive(Debug)]
 pub struct RateShare {
     shared_rate_limit: Arc<SharedRateLimit>,
@@ -132,37 +135,37 @@ pub struct RateShare {
 }
 
 impl RateShare {
-    fn of_shared_rate_limit(&self, now: Time) -> Time {
+    fn shared_time(&self, now: Time) -> Time {
         self.began + Duration::from(now)
     }
 
-    /// The session belongs to this group now.
+    /// Moves the session to another group.
     pub(crate) fn move_to(&mut self, now: Time, group: Option<u128>) {
         if self.group != group {
             self.group = group;
-            self.shared_rate_limit.table().move_to(self.member, group, self.of_shared_rate_limit(now));
+            self.shared_rate_limit.table().move_to(self.member, group, self.shared_time(now));
         }
     }
 
-    /// The session has this weight now.
+    /// Changes the session's weight.
     pub(crate) fn set_weight(&mut self, now: Time, weight: Weight) {
         if self.weight != weight {
             self.weight = weight;
-            self.shared_rate_limit.table().set_weight(self.member, weight, self.of_shared_rate_limit(now));
+            self.shared_rate_limit.table().set_weight(self.member, weight, self.shared_time(now));
         }
     }
 
-    /// From when on something is admitted: now, or a moment at which to ask again.
-    pub(crate) fn ask(&mut self, now: Time, wish: SendRequest) -> Time {
-        now + self.shared_rate_limit.table().ask(self.member, wish, self.of_shared_rate_limit(now))
+    /// The moment from which the session may send, or at which it should ask again.
+    pub(crate) fn ask(&mut self, now: Time, request: SendRequest) -> Time {
+        now + self.shared_rate_limit.table().ask(self.member, request, self.shared_time(now))
     }
 
-    /// Takes the tokens of so many bytes on the wire.
+    /// Takes the tokens of bytes on the wire.
     pub(crate) fn spend(&mut self, now: Time, wire_bytes: u64) {
         self.shared_rate_limit.table().spend(
             self.member,
             wire_bytes.saturating_mul(8),
-            self.of_shared_rate_limit(now),
+            self.shared_time(now),
         );
     }
 }

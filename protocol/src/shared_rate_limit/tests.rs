@@ -1,4 +1,4 @@
-//! Who is remembered, and what each is told.
+//! Tests of the table through its public interface.
 
 use super::*;
 
@@ -10,7 +10,7 @@ fn both(total: u64, group: u64) -> Arc<SharedRateLimit> {
 }
 
 #[test]
-fn who_has_left_is_forgotten() {
+fn sessions_that_left_use_no_memory() {
     let shared_rate_limit = both(8_000_000, 1_000_000);
     for round in 0..3 {
         let now = Time::from_ms(1000 * (round + 1));
@@ -24,19 +24,19 @@ fn who_has_left_is_forgotten() {
         drop(shares);
         let mut last = shared_rate_limit.join(None, Weight::ONE, Time::ZERO);
         last.ask(now + Duration::from_millis(200), BUSY);
-        // The group of those in none stays.
+        // The group of sessions without a group stays.
         assert_eq!(shared_rate_limit.table().entries(), [1, 1, 0]);
     }
 }
 
 #[test]
-fn an_address_that_comes_anew_has_no_new_burst() {
+fn returning_address_gets_no_new_burst() {
     let shared_rate_limit = both(u64::MAX, 8_000_000);
     let mut other = shared_rate_limit.join(Some(2), Weight::ONE, Time::ZERO);
     let mut bits = 0;
     for visit in 0..100 {
         let now = Time::from_ms(1000 + visit);
-        // Levels are found anew while the address has nobody here.
+        // Levels are computed while the address has no session.
         other.ask(now, IDLE);
         let mut share = shared_rate_limit.join(Some(1), Weight::ONE, Time::ZERO);
         while share.ask(now, BUSY) <= now {
@@ -44,29 +44,29 @@ fn an_address_that_comes_anew_has_no_new_burst() {
             bits += 8000;
         }
     }
-    // 8 Mbit/s for 99 ms, 20 ms that were saved, and a piece.
+    // 8 Mbit/s for 99 ms, a burst of 20 ms, and a piece.
     assert!((944_000..=960_000).contains(&bits), "{bits}");
 }
 
 #[test]
-fn what_is_given_is_what_can_be_used() {
+fn allocated_rate_is_what_sessions_can_use() {
     let shared_rate_limit = both(9_000_000, 4_000_000);
     let mut shares: Vec<_> =
         (0..3).map(|n| shared_rate_limit.join(Some(n), Weight::ONE, Time::ZERO)).collect();
     let mut at = 1000;
-    let mut given = |wishes: [SendRequest; 3]| {
+    let mut allocated = |requests: [SendRequest; 3]| {
         at += 200;
         let now = Time::from_ms(at);
-        shares.iter_mut().zip(wishes).for_each(|(share, wish)| {
-            share.ask(now, wish);
+        shares.iter_mut().zip(requests).for_each(|(share, request)| {
+            share.ask(now, request);
         });
-        shared_rate_limit.given_bits_per_s(now + Duration::from_millis(50))
+        shared_rate_limit.allocated_bits_per_s(now + Duration::from_millis(50))
     };
     let slow = SendRequest { own_bits_per_s: Some(1_000_000), ..BUSY };
-    assert_eq!(given([IDLE, IDLE, IDLE]), 0);
-    assert_eq!(given([BUSY, IDLE, IDLE]), 4_000_000);
-    assert_eq!(given([BUSY, slow, IDLE]), 5_000_000);
-    assert_eq!(given([BUSY, BUSY, BUSY]), 9_000_000);
+    assert_eq!(allocated([IDLE, IDLE, IDLE]), 0);
+    assert_eq!(allocated([BUSY, IDLE, IDLE]), 4_000_000);
+    assert_eq!(allocated([BUSY, slow, IDLE]), 5_000_000);
+    assert_eq!(allocated([BUSY, BUSY, BUSY]), 9_000_000);
 }
 
 #[test]
@@ -77,12 +77,12 @@ fn weights_are_from_1_to_100() {
 }
 
 #[test]
-fn other_limits_hold_at_once_for_those_who_are_there() {
+fn changed_limits_apply_to_existing_sessions() {
     let shared_rate_limit = both(8_000_000, 2_000_000);
     let mut shares: Vec<_> =
         (0..6).map(|n| shared_rate_limit.join(Some(n), Weight::ONE, Time::ZERO)).collect();
     let mut at = Time::from_ms(1000);
-    // What each sends in two seconds, in Mbit/s, once levels are found.
+    // Rate of each session over two seconds, in Mbit/s, after the levels have settled.
     let mut sent = |shares: &mut [RateShare]| {
         let mut bits = vec![0.0; shares.len()];
         for step in 0..25_000 {
@@ -112,13 +112,13 @@ fn other_limits_hold_at_once_for_those_who_are_there() {
         near(&sent(&mut shares).1, expected);
     }
     shared_rate_limit.set_limits(Limits::default(), at_of(&shared_rate_limit));
-    // What was overdrawn is paid first.
+    // Debt is paid first.
     let soon = at_of(&shared_rate_limit) + Duration::from_millis(10);
     let waits: Vec<_> = shares.iter_mut().map(|share| share.ask(soon, BUSY).since(soon)).collect();
     assert!(waits.iter().all(|wait| *wait <= Duration::from_millis(1)), "{waits:?}");
 }
 
-/// The last moment that a shared rate limit was told.
+/// The latest time passed to a shared rate limit.
 fn at_of(shared_rate_limit: &SharedRateLimit) -> Time {
     shared_rate_limit.table().last()
 }

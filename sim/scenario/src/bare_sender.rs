@@ -14,7 +14,7 @@ use futures_util::SinkExt as _;
 use lodestream_daemon::transport::certificate::Certificate;
 use lodestream_daemon::transport::quic::{bind_udp, server_config};
 use lodestream_protocol::Time;
-use lodestream_protocol::limiter::TokenBucket;
+use lodestream_protocol::limiter::SendLimiter;
 use lodestream_protocol::server::ServerConfig;
 use lodestream_protocol::source::SceneSource;
 use tokio::net::{TcpListener, TcpStream};
@@ -71,14 +71,14 @@ struct Pieces {
     /// The blob that is sent, and how far it was.
     at: (usize, usize),
     piece_bytes: usize,
-    bucket: TokenBucket,
+    limiter: SendLimiter,
     began: Instant,
 }
 
 impl Pieces {
     fn new(config: &ServerConfig, blobs: Arc<[Bytes]>) -> Self {
-        let (bucket, piece_bytes) = (TokenBucket::new(config.limiter), config.piece_bytes as usize);
-        Self { blobs, at: (0, 0), piece_bytes, bucket, began: Instant::now() }
+        let (limiter, piece_bytes) = (SendLimiter::new(config.limiter), config.piece_bytes as usize);
+        Self { blobs, at: (0, 0), piece_bytes, limiter, began: Instant::now() }
     }
 
     /// The next piece, once it may be sent; begins anew after the last.
@@ -89,11 +89,11 @@ impl Pieces {
         self.at = if to < bytes.len() { (blob, to) } else { ((blob + 1) % self.blobs.len(), 0) };
         let piece = bytes.slice(from..to);
         let now = || Time::from(self.began.elapsed());
-        if !self.bucket.admits(now()) {
-            sleep_until(self.began + std::time::Duration::from(self.bucket.ready_at())).await;
+        if !self.limiter.admits(now()) {
+            sleep_until(self.began + std::time::Duration::from(self.limiter.ready_at())).await;
         }
         let now = now();
-        self.bucket.spend(now, piece.len());
+        self.limiter.spend(now, piece.len());
         Some(piece)
     }
 }

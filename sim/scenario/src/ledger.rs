@@ -109,7 +109,10 @@ impl Ledger {
 
 /// Chunks, and points of a terrain, which nobody lists as wishes.
 const fn is_refinement(id: &BlobId) -> bool {
-    matches!(id, BlobId::Asset { part: BlobPart::Chunk(_), .. } | BlobId::Terrain(TerrainBlob::Points(_)))
+    matches!(
+        id,
+        BlobId::Asset { part: BlobPart::Chunk(_), .. } | BlobId::Terrain(TerrainBlob::HeightOverrides(_))
+    )
 }
 
 #[cfg(test)]

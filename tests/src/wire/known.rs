@@ -256,13 +256,13 @@ fn want(want: &Want) -> Value {
 
 fn blob_id(id: BlobId) -> Value {
     match id {
-        BlobId::Terrain(TerrainBlob::DirectoryPage(page)) => json!({"asset": "terrain", "page": page}),
-        BlobId::Terrain(TerrainBlob::Points(patch)) => json!({"asset": "terrain", "chunk": patch}),
+        BlobId::Terrain(TerrainBlob::DirectoryPage(page)) => json!({"terrain_directory_page": page}),
+        BlobId::Terrain(TerrainBlob::HeightOverrides(patch)) => json!({"height_overrides": patch}),
         BlobId::PunctualLights(PunctualLightBlob::DirectoryPage(page)) => {
-            json!({"asset": "punctual_lights", "page": page})
+            json!({"punctual_light_directory_page": page})
         }
         BlobId::PunctualLights(PunctualLightBlob::Page(page)) => {
-            json!({"asset": "punctual_lights", "chunk": page})
+            json!({"punctual_light_page": page})
         }
         BlobId::Asset { asset, part } => match part {
             BlobPart::Base => json!({"asset": asset, "base": true}),

@@ -191,7 +191,7 @@ pub(super) fn conversation(scene: &TestScene) -> Vec<Vec<ClientMessage>> {
     let stop = scene.assets[ball as usize].infos[0].extent(Some(0)).payload_bytes;
     let points = [
         BlobId::terrain_page(0),
-        BlobId::terrain_points(1),
+        BlobId::height_overrides(1),
         BlobId::punctual_light_directory(0),
         BlobId::punctual_light_page(0),
         BlobId::punctual_light_page(17),

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use lodestream_protocol::time::Time;
 use lodestream_scene::blob::{BlobId, BlobPart};
-use lodestream_scene::description::Light;
+use lodestream_scene::description::SceneLighting;
 use lodestream_select::State;
 
 use super::decoding::BLOB_COST;
@@ -57,9 +57,9 @@ impl ClientCore {
         self.scene.renew_occluders();
         self.scene.renew_tree();
         let round_trip = self.session.as_ref().and_then(|session| session.stats().rtt);
-        self.selector.set_way(self.motion.way(now, round_trip.unwrap_or(USUAL_ROUND_TRIP)));
+        self.selector.set_travel_distance(self.motion.way(now, round_trip.unwrap_or(USUAL_ROUND_TRIP)));
         let light = self.scene.header.as_ref().map(|header| header.light);
-        let shines = |light: &Light| light.color.iter().any(|&part| part > 0.0);
+        let shines = |light: &SceneLighting| light.color.iter().any(|&part| part > 0.0);
         self.selector.set_to_sun(light.filter(shines).map(|light| light.direction));
         let selection = self.selector.select_among(&view, self.scene.instances(), &self.scene.states);
         let (counters, cancel, undo) = (selection.counters, selection.cancel.clone(), selection.undo.clone());

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use glam::{DQuat, DVec3, Quat, Vec3};
 use lodestream_scene::description::{
-    AssetEntry, Camera, Fingerprint, InstanceEntry, Light, SceneError, SceneHeader, ScenePage,
+    AssetEntry, Camera, Fingerprint, InstanceEntry, SceneError, SceneHeader, SceneLighting, ScenePage,
 };
 use lodestream_scene::limits::{MAX_ENTRIES_PER_PAGE, MAX_INSTANCES};
 use lodestream_scene::punctual_lights::PunctualLight;
@@ -99,7 +99,11 @@ pub fn compose(
         asset_count: asset_order.len() as u32,
         instance_count: instances.len() as u32,
         page_count: pages.len() as u32,
-        light: Light { direction: scene.light_direction, color: scene.light_color, ambient: scene.ambient },
+        light: SceneLighting {
+            direction: scene.light_direction,
+            color: scene.light_color,
+            ambient: scene.ambient,
+        },
         background: scene.background,
         terrain: scene.terrain.as_ref().map(|terrain| Box::new(terrain.entry.clone())),
         camera,

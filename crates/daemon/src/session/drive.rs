@@ -133,7 +133,7 @@ pub(crate) async fn drive<R: Receive, D: Deliver>(
     let metrics = state.metrics();
     let config = state.config_of(guard.transport, granted_bits_per_s);
     let (plans, source) = (Arc::clone(version.plans()), Arc::clone(version.source()));
-    let mut session = ServerSession::sharing(plans, config, source, guard.id, clock.now());
+    let mut session = ServerSession::with_plans(plans, config, source, guard.id, clock.now());
     if let Some(share) = guard.share(weight, clock.0) {
         session.set_shared_rate_limit(share);
     }

@@ -6,7 +6,9 @@ use std::sync::Arc;
 use bytes::Bytes;
 use lodestream_geometry::index::Sphere;
 use lodestream_protocol::source::{SceneSource, SourceError};
-use lodestream_scene::description::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
+use lodestream_scene::description::{
+    AssetEntry, Camera, InstanceEntry, SceneHeader, SceneLighting, ScenePage,
+};
 use lodestream_scene::{BlobId, BlobPart};
 
 /// Levels of the one texture that each asset has.
@@ -59,7 +61,7 @@ impl MemoryScene {
             asset_count: assets,
             instance_count: assets,
             page_count: 1,
-            light: Light { direction: [0.0, 1.0, 0.0], color: [1.0; 3], ambient: [0.1; 3] },
+            light: SceneLighting { direction: [0.0, 1.0, 0.0], color: [1.0; 3], ambient: [0.1; 3] },
             background: [0.0; 3],
             terrain: None,
             camera: Camera {

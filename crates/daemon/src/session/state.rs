@@ -238,7 +238,7 @@ impl ServerState {
             of_address: settings.rate_per_address_bits_per_s,
             of_all: settings.total_rate_bits_per_s,
             given: shared_rate_limit
-                .map_or(0, |shared_rate_limit| shared_rate_limit.given_bits_per_s(self.now())),
+                .map_or(0, |shared_rate_limit| shared_rate_limit.allocated_bits_per_s(self.now())),
         };
         self.metrics.render(rates, draining, self.scenes.cache_use())
     }

@@ -126,7 +126,7 @@ fn maps_of_a_sky_that_are_there_already_are_those_that_a_frame_would_compute() {
 fn a_scenes_first_frame_waits_neither_for_its_sky_nor_for_a_pipeline() {
     use lodestream_client::core::Change;
     use lodestream_scene::description::{
-        Camera, DEFAULT_AMBIENT, DEFAULT_BACKGROUND, Light as SceneLight, SceneHeader,
+        Camera, DEFAULT_AMBIENT, DEFAULT_BACKGROUND, SceneHeader, SceneLighting,
     };
 
     let Some(h) = headless(SIDE, SIDE) else { return };
@@ -137,7 +137,7 @@ fn a_scenes_first_frame_waits_neither_for_its_sky_nor_for_a_pipeline() {
         asset_count: 0,
         instance_count: 0,
         page_count: 0,
-        light: SceneLight { direction: [0.3, 0.8, 0.5], color: [1.0; 3], ambient: DEFAULT_AMBIENT },
+        light: SceneLighting { direction: [0.3, 0.8, 0.5], color: [1.0; 3], ambient: DEFAULT_AMBIENT },
         background: DEFAULT_BACKGROUND,
         terrain: Some(Box::new(entry(3))),
         camera: Camera {

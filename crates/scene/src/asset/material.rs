@@ -1,18 +1,18 @@
-//! How the faces of an asset reflect and give light: metallic–roughness, as glTF 2.0 states it (§3.9).
+//! Materials: metallic–roughness as in glTF 2.0 (§3.9), with emission, alpha mode and maps.
 
 use bincode::de::Decoder;
 use bincode::enc::Encoder;
 use bincode::error::{DecodeError, EncodeError};
 use bincode::{Decode, Encode};
 
-/// Most light that a material may give off, in units of the scene's.
+/// Largest emission of a material, in the scene's units of light.
 pub const MAX_EMISSION: f32 = 65_504.0;
-/// Largest factor on a normal map's slopes.
+/// Largest scale of a normal map.
 pub const MAX_NORMAL_SCALE: f32 = 64.0;
 
 /// Surface parameters of the faces that name this material.
 ///
-/// Maps are all looked up with the vertices' one set of texture coordinates and wrap alike.
+/// All maps use the vertices' only set of texture coordinates and the same wrap modes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
     /// Name for people.
@@ -22,15 +22,15 @@ pub struct Material {
     pub base_color: [f32; 4],
     /// Perceptual roughness in 0..=1, kept in steps of 1/255; multiplies the surface texture's green.
     pub roughness: f32,
-    /// 0: reflects like glass or plastic; 1: like a metal of that base colour. In 0..=1, kept in steps of 1/255;
+    /// Metalness: 0 is a dielectric, 1 a metal of the base colour. In 0..=1, kept in steps of 1/255;
     /// multiplies the surface texture's blue.
     pub metallic: f32,
-    /// Linear red, green and blue that the surface gives off, each in 0..=[`MAX_EMISSION`]. Multiplies the emission
+    /// Emitted light, linear RGB, each in 0..=[`MAX_EMISSION`]. Multiplies the emission
     /// texture, if any.
     pub emission: [f32; 3],
-    /// What is seen of what lies behind.
+    /// Alpha mode.
     pub alpha: Alpha,
-    /// Whether the base colour is what is seen, whatever light falls on it (`KHR_materials_unlit`).
+    /// Whether the base colour is drawn without lighting (`KHR_materials_unlit`).
     pub unlit: bool,
     /// How maps continue beyond 0..=1, along u and along v.
     pub wrap: [Wrap; 2],
@@ -51,27 +51,27 @@ pub struct Material {
     pub relief_depth: f32,
 }
 
-/// What opacity does to a surface.
+/// Alpha mode, as in glTF.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Alpha {
-    /// Nothing.
+    /// Opacity is ignored.
     #[default]
     Opaque,
-    /// The surface is there where opacity is at least this much, in 0..=1, kept in steps of 1/255; elsewhere it is not.
+    /// Alpha test: drawn where opacity is at least this cutoff, in 0..=1, kept in steps of 1/255.
     Mask(f32),
-    /// What lies behind is seen through it.
+    /// Alpha blending.
     Blend,
 }
 
-/// How a texture continues beyond its edge.
+/// Wrap mode of a texture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Wrap {
-    /// Begins again.
+    /// Repeats.
     #[default]
     Repeat,
-    /// Keeps the colour of its edge.
+    /// Clamps to the edge.
     Clamp,
-    /// Begins again as its mirror image.
+    /// Repeats mirrored.
     Mirror,
 }
 
@@ -98,7 +98,7 @@ impl Default for Material {
 }
 
 impl Material {
-    /// The textures that it names, in the order of its fields.
+    /// Indices of its textures, in the order of the fields.
     pub fn textures(&self) -> impl Iterator<Item = u16> {
         let all = [
             self.base_color_texture,
@@ -125,7 +125,7 @@ fn from_u8(x: u8) -> f32 {
     f32::from(x) / 255.0
 }
 
-/// Bits of the first byte: which of the fields that most materials lack are there.
+/// Bits of the first byte: optional fields that are present.
 mod has {
     pub(super) const COLOR: u8 = 1;
     pub(super) const HEIGHT: u8 = 2;

@@ -30,7 +30,7 @@ pub struct AssetDescription {
     pub textures: Vec<TextureInfo>,
 }
 
-/// What the texels of a texture mean.
+/// Meaning of a texture's texels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
 pub enum TextureKind {
     /// Colour, sRGB as in the image file; alpha if the file has it.
@@ -52,19 +52,19 @@ pub enum TextureFormat {
     Png,
 }
 
-/// A texture: its size and the levels it is sent in.
+/// A texture: its size and its levels.
 #[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
 pub struct TextureInfo {
-    /// What the texels mean.
+    /// Meaning of the texels.
     pub kind: TextureKind,
     /// Width of the finest level, in texels.
     pub width: u32,
     /// Height of the finest level, in texels.
     pub height: u32,
-    /// What the texture is drawn as until its first level is here: the mean colour, sRGB, its mean taken in linear light
-    /// and by opacity; of surfaces the mean of each channel. Of heights and normals none.
+    /// Mean colour, drawn until the first level arrives: sRGB, averaged in linear light and weighted by opacity; for
+    /// surface textures the mean of each channel. `None` for heights and normals.
     pub mean: Option<[u8; 3]>,
-    /// Levels, coarsest first; each is a whole image, at least one.
+    /// Levels, coarsest first, at least one; each is an image of its own.
     pub levels: Vec<TextureLevel>,
 }
 
@@ -89,7 +89,7 @@ pub fn level_size(finest: [u32; 2], levels: u32, level: u32) -> [u32; 2] {
     finest.map(|side| side.checked_shr(halvings).unwrap_or(0).max(1))
 }
 
-/// A description that cannot be.
+/// An asset description with an invalid value.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DescriptionError {
     /// Longer than [`MAX_NAME_BYTES`].
@@ -107,13 +107,13 @@ pub enum DescriptionError {
     /// An index beyond the last.
     #[error("a material names a missing texture")]
     MissingTexture,
-    /// A depth that is none.
+    /// A depth that is not a finite positive number.
     #[error("a relief depth is not a finite positive number")]
     ReliefDepth,
-    /// Light that is none, or beyond [`MAX_EMISSION`].
+    /// An emission that is not from 0 to [`MAX_EMISSION`].
     #[error("a material's emission is not from 0 to {MAX_EMISSION}")]
     Emission,
-    /// A factor that is none, or beyond [`MAX_NORMAL_SCALE`].
+    /// A scale that is not from 0 to [`MAX_NORMAL_SCALE`].
     #[error("a normal map's scale is not from 0 to {MAX_NORMAL_SCALE}")]
     NormalScale,
     /// At least one, at most [`MAX_TEXTURE_LEVELS`].
@@ -125,13 +125,13 @@ pub enum DescriptionError {
     /// Longer than [`MAX_BLOB_BYTES`].
     #[error("a texture level is too long")]
     LevelTooLong,
-    /// Another than the texture's.
+    /// A size other than the texture's.
     #[error("a texture's finest level has another size")]
     FinestLevel,
     /// More than 2^15 texels a side.
     #[error("a texture is too large")]
     TextureTooLarge,
-    /// The bytes are no description.
+    /// The bytes do not decode.
     #[error(transparent)]
     Coding(#[from] CodingError),
 }
@@ -263,7 +263,7 @@ mod tests {
         assert!(unordered.encode().is_err());
     }
 
-    fn punctual_light() -> Material {
+    fn full_material() -> Material {
         Material {
             metallic: 0.2,
             emission: [12.5, 0.0, 1e-6],
@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn all_that_a_material_may_have_comes_back() {
+    fn all_material_fields_round_trip() {
         let fields: [fn(&mut Material); 10] = [
             |m| m.metallic = 0.0,
             |m| m.emission = [0.0; 3],
@@ -294,7 +294,7 @@ mod tests {
         ];
         for mask in 0..1_u32 << fields.len() {
             let mut description = textured();
-            description.materials[0] = punctual_light();
+            description.materials[0] = full_material();
             for (i, without) in fields.iter().enumerate() {
                 if mask & (1 << i) != 0 {
                     without(&mut description.materials[0]);
@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn materials_that_cannot_be_are_refused() {
+    fn invalid_materials_are_refused() {
         let refused = |change: fn(&mut Material), why| {
             let mut description = textured();
             change(&mut description.materials[0]);

@@ -1,7 +1,8 @@
-//! What a scene says of its punctual lights: how many there are, and pages of them that a client asks for.
+//! Punctual lights of a scene: their number, pages of lights, and a directory of the pages.
 //!
-//! A scene's few punctual lights are in the message that says so ([`PunctualLights`]). More are blobs ([`crate::blob::PunctualLightBlob`]): pages of
-//! [`PUNCTUAL_LIGHTS_PER_PAGE`], and a directory of what each page lights, by which a client knows which ones its view wants.
+//! The message [`PunctualLights`] contains up to [`FEW_PUNCTUAL_LIGHTS`] lights itself. More are blobs
+//! ([`crate::blob::PunctualLightBlob`]): pages of [`PUNCTUAL_LIGHTS_PER_PAGE`], and a directory with the bounds of each
+//! page, by which a client selects the pages for its view.
 
 mod directory;
 mod numbers;
@@ -15,79 +16,78 @@ pub use page::{MAX_PAGE_BYTES, decode_page, encode_page};
 
 /// Most punctual lights of a scene.
 pub const MAX_PUNCTUAL_LIGHTS: u32 = 1 << 18;
-/// Punctual lights of a page; the last may have fewer.
+/// Punctual lights per page; the last page may have fewer.
 pub const PUNCTUAL_LIGHTS_PER_PAGE: u32 = 64;
-/// Most punctual lights that are in the message itself.
+/// Most punctual lights that the message contains itself.
 pub const FEW_PUNCTUAL_LIGHTS: u32 = 16;
-/// Most pages whose directory is in the message.
+/// Most pages whose directory the message contains.
 pub const FEW_PAGES: u32 = 16;
-/// Least and most luminous intensity of a punctual light's brightest colour, in candela.
+/// Least and greatest luminous intensity of a punctual light's brightest colour, in candela.
 pub const INTENSITIES: [f32; 2] = [1e-6, 1e12];
 /// Least and greatest range of a punctual light, in world units.
 pub const RANGES: [f32; 2] = [1e-6, 1e12];
 /// Largest coordinate of a punctual light, in world units.
 pub const MAX_COORDINATE: f64 = 1e12;
 
-/// Range over the root of the intensity, where a punctual light states none: it then ends where it gives a hundredth of a lux.
+/// Range divided by the square root of the intensity, for lights without a range: it ends at an illuminance of 0.01 lx.
 const RANGE_OVER_ROOT: f32 = 10.0;
 
-/// A light that stands in the scene, as KHR_lights_punctual has it: its light falls with the square of distance, and to
-/// nothing at its range.
+/// A point or spot light as in KHR_lights_punctual: its intensity falls with the square of the distance, and to zero
+/// at its range.
 ///
-/// On a page it takes 14 bytes, a spot 22, less what it shares with the one before. Positions come back within 1/2048 of
-/// the smallest range of their page on each axis (or 2⁻⁴¹ of the page's extent, where that is more), intensity and
+/// On a page it takes 14 bytes, a spot 22, less what it shares with the one before. Positions are exact within 1/2048
+/// of the smallest range of their page on each axis (or 2⁻⁴¹ of the page's extent, where that is more), intensity and
 /// range within 0.2 %, colours within 1/510 of the brightest component, directions and angles within 0.004°.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PunctualLight {
-    /// Where it is, in world units; at most [`MAX_COORDINATE`] each way.
+    /// Position in world units; each coordinate within ±[`MAX_COORDINATE`].
     pub position: [f64; 3],
     /// Luminous intensity of red, green and blue, linear, in candela; the largest is within [`INTENSITIES`].
     pub intensity: [f32; 3],
     /// Distance at which it ends, in world units, within [`RANGES`].
     pub range: f32,
-    /// `None` shines all around.
+    /// Cone of a spot light; `None` for a point light.
     pub spot: Option<Spot>,
 }
 
-/// The cone of a punctual light.
+/// The cone of a spot light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spot {
-    /// Unit vector whither it shines.
+    /// Unit vector in which it shines.
     pub direction: [f32; 3],
-    /// Angle from there within which it is as bright as it gets, in radians, at most `outer`.
+    /// Half angle of full intensity, in radians, at most `outer`.
     pub inner: f32,
-    /// Angle at which it is dark, in radians, above 0, at most π/2.
+    /// Half angle of zero intensity, in radians, above 0, at most π/2.
     pub outer: f32,
 }
 
-/// What a scene says of its punctual lights.
+/// Number of a scene's punctual lights, and their first page or directory if short.
 #[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
 pub struct PunctualLights {
-    /// How many there are, 1 to [`MAX_PUNCTUAL_LIGHTS`].
+    /// Number of lights, 1 to [`MAX_PUNCTUAL_LIGHTS`].
     pub count: u32,
-    /// The page, where there are at most [`FEW_PUNCTUAL_LIGHTS`] punctual lights; the directory, where there are at most [`FEW_PAGES`] pages;
-    /// else nothing.
+    /// The page for up to [`FEW_PUNCTUAL_LIGHTS`] lights; else the directory for up to [`FEW_PAGES`] pages; else empty.
     pub first: Vec<u8>,
 }
 
-/// What [`PunctualLights::first`] holds.
+/// The decoded [`PunctualLights::first`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum First {
     /// All punctual lights.
     PunctualLights(Vec<PunctualLight>),
-    /// What each page lights.
+    /// The only page of the directory.
     Directory(Vec<PunctualLightPageEntry>),
-    /// The directory is to be asked for.
+    /// Nothing; the directory must be requested.
     Nothing,
 }
 
-/// Punctual lights that cannot be.
+/// Invalid punctual lights or pages of them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PunctualLightsError {
     /// None, or more than [`MAX_PUNCTUAL_LIGHTS`].
-    #[error("a scene says that it has {0} punctual lights; 1 to {MAX_PUNCTUAL_LIGHTS} can be")]
+    #[error("a scene states {0} punctual lights; 1 to {MAX_PUNCTUAL_LIGHTS} are allowed")]
     Count(u32),
-    /// Another number than the scene says.
+    /// Another number of entries than the scene states.
     #[error("a page of punctual lights or of their directory has {got} entries, but should have {expected}")]
     WrongCount {
         /// How many it has.
@@ -95,7 +95,7 @@ pub enum PunctualLightsError {
         /// How many it should have.
         expected: u32,
     },
-    /// Another format than this program's.
+    /// An unknown format version.
     #[error("a page of punctual lights has format version {0}; update viewer or server")]
     Version(u8),
     /// The bytes end within a punctual light.
@@ -104,7 +104,7 @@ pub enum PunctualLightsError {
     /// Bytes are left over.
     #[error("{0} bytes are left over behind punctual lights")]
     TrailingBytes(usize),
-    /// A flag that is not known, or that refers to a punctual light that is not there.
+    /// An unknown flag, or one that refers to a missing previous light.
     #[error("a punctual light has unknown flags {0:#04x}")]
     Flags(u8),
     /// Not finite, or beyond [`MAX_COORDINATE`].
@@ -116,21 +116,21 @@ pub enum PunctualLightsError {
     /// Beyond [`RANGES`].
     #[error("a punctual light's range is not from 1e-6 to 1e12")]
     Range,
-    /// A direction that is none, or angles that are no cone.
+    /// A direction that is not a unit vector, or invalid angles.
     #[error(
         "a punctual light's cone has no direction, or not 0 <= inner <= outer <= 90 degrees with outer above 0"
     )]
     Cone,
-    /// A sphere or strength of the directory that is none.
+    /// An invalid sphere or strength in the directory.
     #[error("the directory of punctual lights has a sphere or strength that is not a finite positive number")]
     Listed,
     /// Longer than [`MAX_PAGE_BYTES`].
-    #[error("the directory of punctual lights has a page of {0} bytes; at most {MAX_PAGE_BYTES} can be")]
+    #[error("the directory of punctual lights has a page of {0} bytes; at most {MAX_PAGE_BYTES} are allowed")]
     PageTooLong(u32),
 }
 
 impl PunctualLight {
-    /// The range of a punctual light that states none.
+    /// Default range of a light with this intensity.
     #[must_use]
     pub fn usual_range(intensity: [f32; 3]) -> f32 {
         let brightest = intensity.into_iter().fold(0.0, f32::max);
@@ -143,8 +143,8 @@ impl PunctualLight {
         self.intensity.into_iter().fold(0.0, f32::max)
     }
 
-    /// The punctual light of a model, where the model stands: moved and turned. Scale moves it, and changes nothing else of it, as
-    /// KHR_lights_punctual wants it of nodes.
+    /// The light of a model, transformed to the world. Scale affects its position only, as KHR_lights_punctual
+    /// requires.
     #[must_use]
     pub fn within(&self, translation: DVec3, rotation: DQuat, scale: f64) -> Self {
         let position = translation + rotation * (DVec3::from(self.position) * scale);
@@ -155,10 +155,10 @@ impl PunctualLight {
         Self { position: position.to_array(), spot: self.spot.map(turned), ..*self }
     }
 
-    /// Why the punctual light cannot be, if so.
+    /// Checks the ranges of all values.
     ///
     /// # Errors
-    /// Names what is out of range.
+    /// The first value that is out of range.
     pub fn check(&self) -> Result<(), PunctualLightsError> {
         let ensure = |holds, why| if holds { Ok(()) } else { Err(why) };
         ensure(self.position.iter().all(|x| x.abs() <= MAX_COORDINATE), PunctualLightsError::Position)?;
@@ -174,26 +174,26 @@ impl PunctualLight {
 }
 
 impl PunctualLights {
-    /// How many pages of so many punctual lights there are.
+    /// Number of pages of `count` lights.
     #[must_use]
     pub const fn pages_of(count: u32) -> u32 {
         count.div_ceil(PUNCTUAL_LIGHTS_PER_PAGE)
     }
 
-    /// How many punctual lights a page has of so many in all; 0 beyond the last.
+    /// Number of lights on a page, of `count` in all; 0 beyond the last page.
     #[must_use]
     pub const fn on_page(count: u32, page: u32) -> u32 {
         let left = count.saturating_sub(page.saturating_mul(PUNCTUAL_LIGHTS_PER_PAGE));
         if left < PUNCTUAL_LIGHTS_PER_PAGE { left } else { PUNCTUAL_LIGHTS_PER_PAGE }
     }
 
-    /// How many pages the directory of so many punctual lights has.
+    /// Number of pages of the directory of `count` lights.
     #[must_use]
     pub const fn directory_pages_of(count: u32) -> u32 {
         Self::pages_of(count).div_ceil(LISTED_PER_PAGE)
     }
 
-    /// How many entries a page of the directory of so many punctual lights has; 0 beyond the last.
+    /// Number of entries on a page of the directory of `count` lights; 0 beyond the last page.
     #[must_use]
     pub const fn on_directory_page(count: u32, page: u32) -> u32 {
         let left = Self::pages_of(count).saturating_sub(page.saturating_mul(LISTED_PER_PAGE));
@@ -203,7 +203,7 @@ impl PunctualLights {
     /// What is in the message.
     ///
     /// # Errors
-    /// Punctual lights that cannot be. Memory is bounded by the bytes.
+    /// Invalid punctual lights or pages of them. Memory is bounded by the bytes.
     pub fn first(&self) -> Result<First, PunctualLightsError> {
         if !(1..=MAX_PUNCTUAL_LIGHTS).contains(&self.count) {
             return Err(PunctualLightsError::Count(self.count));

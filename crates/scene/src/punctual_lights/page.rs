@@ -1,7 +1,7 @@
-//! A page of punctual lights as bytes.
+//! Encoding of a page of punctual lights.
 //!
-//! Positions are whole steps of a grid about the first punctual light, each as its difference from the one before; neighbours on a
-//! page are neighbours in the world, so that takes two bytes an axis.
+//! Positions are integers on a grid around the first light, delta-coded. Neighbours on a page are neighbours in the
+//! world, so a delta takes about two bytes per axis.
 
 use super::numbers::{
     Input, long_angle, long_direction, long_float, power_of_two, put_signed, short_angle, short_direction,
@@ -12,13 +12,13 @@ use super::{
 };
 
 const VERSION: u8 = 1;
-/// Steps of the grid over the smallest range.
+/// Steps of the grid per smallest range.
 const STEPS_PER_RANGE: f64 = 1024.0;
-/// Most steps from the first punctual light: beyond them steps are larger.
+/// Most steps from the first light; larger extents have larger steps.
 const MAX_STEPS: f64 = 1_099_511_627_776.0;
-/// Longest page: every punctual light with all that one can have.
+/// Longest page: all lights with all fields.
 pub const MAX_PAGE_BYTES: u32 = 32 + PUNCTUAL_LIGHTS_PER_PAGE * (1 + 3 * 9 + 5 + 2 + 8);
-/// Fewest bytes of a punctual light: flags, and a byte for each axis.
+/// Fewest bytes of a light: flags and a byte per axis.
 const LEAST_BYTES: usize = 4;
 
 const SPOT: u8 = 1;
@@ -26,13 +26,13 @@ const SAME_LIGHT: u8 = 2;
 const SAME_RANGE: u8 = 4;
 const SAME_CONE: u8 = 8;
 
-/// What a punctual light may share with the one before it on its page.
+/// Fields that a light may share with the one before it on its page.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Shared {
-    /// Components in 255ths of the brightest, and that one.
+    /// Components in 1/255 of the brightest, and the brightest.
     light: Option<([u8; 3], u16)>,
     range: Option<u16>,
-    /// Direction, and angles inside and outside.
+    /// Direction, and inner and outer angle.
     cone: Option<([u16; 2], [u16; 2])>,
 }
 
@@ -52,10 +52,10 @@ impl Shared {
     }
 }
 
-/// A page of 1 to [`PUNCTUAL_LIGHTS_PER_PAGE`] punctual lights as bytes.
+/// Encodes a page of 1 to [`PUNCTUAL_LIGHTS_PER_PAGE`] lights.
 ///
 /// # Errors
-/// If there are fewer or more, or one cannot be ([`PunctualLight::check`]).
+/// If there are fewer or more, or [`PunctualLight::check`] fails for one.
 pub fn encode_page(punctual_lights: &[PunctualLight]) -> Result<Vec<u8>, PunctualLightsError> {
     let Some(first) =
         punctual_lights.first().filter(|_| punctual_lights.len() <= PUNCTUAL_LIGHTS_PER_PAGE as usize)
@@ -105,7 +105,8 @@ pub fn encode_page(punctual_lights: &[PunctualLight]) -> Result<Vec<u8>, Punctua
     Ok(out)
 }
 
-/// The grid's step as a power of two: fine enough for the smallest range, and no finer than 42 bits say.
+/// Exponent of the grid's step, a power of two: fine enough for the smallest range, with coordinates of at most 42
+/// bits.
 fn exponent(punctual_lights: &[PunctualLight], origin: [f64; 3]) -> i8 {
     let range =
         punctual_lights.iter().map(|punctual_light| punctual_light.range).fold(f32::INFINITY, f32::min);
@@ -119,10 +120,10 @@ fn exponent(punctual_lights: &[PunctualLight], origin: [f64; 3]) -> i8 {
     i8::try_from(exponent).unwrap_or(i8::MAX)
 }
 
-/// Reads a page that must hold `count` punctual lights.
+/// Decodes a page that must hold `count` lights. Memory is bounded by the length of `bytes`.
 ///
 /// # Errors
-/// If the bytes are not such a page. Memory is bounded by the bytes.
+/// If the bytes are not such a page.
 pub fn decode_page(bytes: &[u8], count: u32) -> Result<Vec<PunctualLight>, PunctualLightsError> {
     let mut input = Input(bytes);
     let version = input.u8()?;
@@ -172,19 +173,23 @@ pub fn decode_page(bytes: &[u8], count: u32) -> Result<Vec<PunctualLight>, Punct
     }
 }
 
-/// Where a punctual light is on one axis. Beyond 2⁵³ steps, and of steps that are none, it is not a place.
+/// Coordinate of a light on one axis; NaN beyond 2⁵³ steps.
 fn place(origin: f64, steps: i64, step: f64) -> f64 {
-    #[expect(clippy::cast_precision_loss, reason = "what is not exact is no place")]
+    #[expect(clippy::cast_precision_loss, reason = "inexact counts give NaN")]
     let offset = steps as f64 * step;
     if steps.unsigned_abs() <= 1 << 53 { origin + offset } else { f64::NAN }
 }
 
-/// A punctual light of what was said of it.
-fn punctual_light(flags: u8, said: Shared, position: [f64; 3]) -> Result<PunctualLight, PunctualLightsError> {
-    let (Some((color, brightest)), Some(range)) = (said.light, said.range) else {
+/// Assembles a light from its fields.
+fn punctual_light(
+    flags: u8,
+    fields: Shared,
+    position: [f64; 3],
+) -> Result<PunctualLight, PunctualLightsError> {
+    let (Some((color, brightest)), Some(range)) = (fields.light, fields.range) else {
         return Err(PunctualLightsError::Flags(flags));
     };
-    // What was within a bound may have been rounded to just beyond it.
+    // Rounding may have moved a value slightly beyond its bound.
     if !position.iter().all(|x| x.abs() <= 1.001 * MAX_COORDINATE) {
         return Err(PunctualLightsError::Position);
     }
@@ -197,7 +202,7 @@ fn punctual_light(flags: u8, said: Shared, position: [f64; 3]) -> Result<Punctua
         return Err(PunctualLightsError::Intensity);
     };
     let range = within(range, RANGES).ok_or(PunctualLightsError::Range)?;
-    let spot = match (flags & SPOT != 0, said.cone) {
+    let spot = match (flags & SPOT != 0, fields.cone) {
         (false, _) => None,
         (true, None) => return Err(PunctualLightsError::Flags(flags)),
         (true, Some((direction, [inner, outer]))) => {

@@ -1,4 +1,4 @@
-//! Which patches have listed points: pages of a directory ([`crate::blob::TerrainBlob`]).
+//! Directory of the patches with height overrides, in pages ([`crate::blob::TerrainBlob`]).
 
 use bincode::config::{Configuration, Limit, LittleEndian, Varint};
 use bincode::{Decode, Encode};
@@ -12,29 +12,29 @@ pub const PATCHES_PER_PAGE: u32 = 1024;
 const CONFIG: Configuration<LittleEndian, Varint, Limit<{ 64 * 1024 }>> =
     bincode::config::standard().with_limit::<{ 64 * 1024 }>();
 
-/// A patch with listed points.
+/// A patch with height overrides.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
 pub struct OverridePatch {
     /// Column of the patch.
     pub x: i32,
     /// Row of the patch.
     pub y: i32,
-    /// Length of the blob of its points.
+    /// Length of the blob with its height overrides.
     pub bytes: u32,
-    /// How far at most the ground is off while the points are missing, in height units.
+    /// Largest error of the terrain without the overrides, in height units.
     pub error: u32,
 }
 
-/// A page of the directory that cannot be.
+/// An invalid page of the directory.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DirectoryError {
     /// The bytes are no page.
     #[error(transparent)]
     Coding(#[from] CodingError),
     /// More than [`PATCHES_PER_PAGE`].
-    #[error("a page of the terrain's directory has {0} patches; at most {PATCHES_PER_PAGE} can be said")]
+    #[error("a page of the terrain's directory has {0} patches; at most {PATCHES_PER_PAGE} are allowed")]
     TooMany(usize),
-    /// Another number than the scene says.
+    /// Another number of patches than the scene states.
     #[error("a page of the terrain's directory has {got} patches, but should have {expected}")]
     WrongCount {
         /// How many it has.
@@ -42,18 +42,18 @@ pub enum DirectoryError {
         /// How many it should have.
         expected: u32,
     },
-    /// The points of a patch are longer than a blob may be.
-    #[error("the points of patch {at} of a page of the terrain's directory are too long")]
-    PointsTooLong {
-        /// Its place on the page.
+    /// The overrides of a patch are longer than a blob may be.
+    #[error("the height overrides of patch {at} of a page of the terrain's directory are too long")]
+    OverridesTooLong {
+        /// Index of the patch on the page.
         at: usize,
     },
 }
 
-/// A page of the directory as bytes. At most [`PATCHES_PER_PAGE`] patches.
+/// Encodes a page of the directory.
 ///
 /// # Errors
-/// If there are more.
+/// If there are more than [`PATCHES_PER_PAGE`] patches.
 pub fn encode_directory(patches: &[OverridePatch]) -> Result<Vec<u8>, DirectoryError> {
     if patches.len() > PATCHES_PER_PAGE as usize {
         return Err(DirectoryError::TooMany(patches.len()));
@@ -61,10 +61,10 @@ pub fn encode_directory(patches: &[OverridePatch]) -> Result<Vec<u8>, DirectoryE
     Ok(bincode::encode_to_vec(patches, CONFIG).map_err(CodingError::from)?)
 }
 
-/// Reads a page of the directory that must hold `count` patches.
+/// Decodes a page of the directory that must hold `count` patches. Memory is bounded by the length of `bytes`.
 ///
 /// # Errors
-/// If the bytes are not such a page. Memory is bounded by the bytes.
+/// If the bytes are not such a page.
 pub fn decode_directory(bytes: &[u8], count: u32) -> Result<Vec<OverridePatch>, DirectoryError> {
     let (patches, used): (Vec<OverridePatch>, usize) =
         bincode::decode_from_slice(bytes, CONFIG).map_err(CodingError::from)?;
@@ -75,7 +75,7 @@ pub fn decode_directory(bytes: &[u8], count: u32) -> Result<Vec<OverridePatch>, 
         return Err(DirectoryError::WrongCount { got: patches.len(), expected: count });
     }
     if let Some(at) = patches.iter().position(|patch| patch.bytes > MAX_BLOB_BYTES) {
-        return Err(DirectoryError::PointsTooLong { at });
+        return Err(DirectoryError::OverridesTooLong { at });
     }
     Ok(patches)
 }

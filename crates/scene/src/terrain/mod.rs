@@ -1,4 +1,4 @@
-//! What a scene says of its terrain: the few bytes from which a client makes all of it.
+//! A scene's terrain: the parameters from which a client generates it.
 
 mod directory;
 
@@ -10,18 +10,18 @@ use lodestream_terrain::{PARAMETERS_BYTES, Parameters, Stamp, decode_stamps, enc
 
 pub use directory::{DirectoryError, OverridePatch, PATCHES_PER_PAGE, decode_directory, encode_directory};
 
-/// Most segments of all stamps of a scene's terrain: with so many around it, a tile takes some ten milliseconds.
+/// Most segments of all stamps of a terrain. With all of them near one tile, generating it takes some ten milliseconds.
 pub const MAX_SEGMENTS: usize = 2048;
-/// Most passes of erosion of a scene's terrain: a tile of points far apart, each eroded alone, takes some 30 ms.
+/// Most passes of erosion of a terrain. A coarse tile, whose points are eroded separately, then takes some 30 ms.
 pub const MAX_EROSION_PASSES: u8 = 32;
 
-/// A terrain and how it lies in the world: grid x is world x, grid y world z, height world y; grid point (0, 0) with
-/// height 0 is the world's origin.
+/// A terrain and its placement: grid x is world x, grid y is world z, height is world y; grid point (0, 0) at height
+/// 0 is the world's origin.
 ///
 /// Parameters and units take 32 bytes on the wire, water 8.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TerrainEntry {
-    /// What heights follow from.
+    /// Parameters of the height function.
     pub parameters: Parameters,
     /// World units per grid unit, above 0.
     pub unit: f32,
@@ -31,13 +31,13 @@ pub struct TerrainEntry {
     pub zones: [f32; 3],
     /// Features that a few numbers describe, in order; 20 to 100 bytes each.
     pub stamps: Vec<Stamp>,
-    /// Number of patches whose listed points are blobs of their own, at most [`MAX_LISTED`].
+    /// Number of patches with height overrides, each a blob of its own; at most [`MAX_OVERRIDE_PATCHES`].
     pub patches: u32,
-    /// Water over it.
+    /// Water, if any.
     pub water: Option<Water>,
 }
 
-/// Water that stands at one height all over a terrain: where the ground rises over it there is land.
+/// Water at one height over the whole terrain.
 #[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
 pub struct Water {
     /// Height of its surface, world y.
@@ -46,13 +46,13 @@ pub struct Water {
     pub clarity: f32,
 }
 
-/// Most patches with listed points: the highest bit of their number says whether there is water.
-pub const MAX_LISTED: u32 = (1 << 31) - 1;
+/// Most patches with height overrides. On the wire, the highest bit of their number says whether there is water.
+pub const MAX_OVERRIDE_PATCHES: u32 = (1 << 31) - 1;
 
-/// A terrain that a scene cannot have: what of it is out of range.
+/// A terrain with a value out of range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TerrainEntryError {
-    /// What heights follow from.
+    /// Parameters of the height function.
     #[error("the terrain's parameters are out of range")]
     Parameters,
     /// World units per grid or height unit.
@@ -67,8 +67,8 @@ pub enum TerrainEntryError {
     /// More than [`MAX_SEGMENTS`].
     #[error("the terrain's stamps have more than 2048 segments together")]
     Segments,
-    /// More than [`MAX_LISTED`].
-    #[error("the terrain has points in more than 2147483647 patches")]
+    /// More than [`MAX_OVERRIDE_PATCHES`].
+    #[error("the terrain has height overrides in more than 2147483647 patches")]
     Patches,
     /// Where water stands, or how clear it is.
     #[error(
@@ -78,7 +78,7 @@ pub enum TerrainEntryError {
 }
 
 /// Added to the number of patches where water follows.
-const WET: u32 = MAX_LISTED + 1;
+const HAS_WATER: u32 = MAX_OVERRIDE_PATCHES + 1;
 
 impl Encode for TerrainEntry {
     fn encode<E: Encoder>(&self, e: &mut E) -> Result<(), EncodeError> {
@@ -92,7 +92,7 @@ impl Encode for TerrainEntry {
             encode_stamps(&self.stamps).map_err(|why| EncodeError::OtherString(why.to_string()))?
         };
         stamps.encode(e)?;
-        (self.patches | if self.water.is_some() { WET } else { 0 }).encode(e)?;
+        (self.patches | if self.water.is_some() { HAS_WATER } else { 0 }).encode(e)?;
         self.water.map_or(Ok(()), |water| water.encode(e))
     }
 }
@@ -109,18 +109,26 @@ impl<Context> Decode<Context> for TerrainEntry {
             bytes => decode_stamps(bytes).map_err(|why| DecodeError::OtherString(why.to_string()))?,
         };
         let patches = u32::decode(d)?;
-        let water = if patches & WET == 0 { None } else { Some(Water::decode(d)?) };
-        Ok(Self { parameters, unit, height_unit, zones, stamps, patches: patches & MAX_LISTED, water })
+        let water = if patches & HAS_WATER == 0 { None } else { Some(Water::decode(d)?) };
+        Ok(Self {
+            parameters,
+            unit,
+            height_unit,
+            zones,
+            stamps,
+            patches: patches & MAX_OVERRIDE_PATCHES,
+            water,
+        })
     }
 }
 
 bincode::impl_borrow_decode!(TerrainEntry);
 
 impl TerrainEntry {
-    /// Why the terrain cannot be used, if so.
+    /// Checks the ranges of all values.
     ///
     /// # Errors
-    /// Names what is out of range.
+    /// The first value that is out of range.
     pub fn check(&self) -> Result<(), TerrainEntryError> {
         self.parameters.check().map_err(|_| TerrainEntryError::Parameters)?;
         let length = |x: f32| x.is_finite() && (1e-6..=1e6).contains(&x);
@@ -131,14 +139,14 @@ impl TerrainEntry {
         if !(self.zones.iter().all(|z| z.is_finite()) && sand < grass && grass < hill) {
             return Err(TerrainEntryError::Zones);
         }
-        // What follows bounds the work of a viewer for each tile.
+        // The next two limits bound the client's work per tile.
         if self.parameters.erosion.passes > MAX_EROSION_PASSES {
             return Err(TerrainEntryError::Erosion);
         }
         if self.stamps.iter().map(Stamp::segments).sum::<usize>() > MAX_SEGMENTS {
             return Err(TerrainEntryError::Segments);
         }
-        if self.patches > MAX_LISTED {
+        if self.patches > MAX_OVERRIDE_PATCHES {
             return Err(TerrainEntryError::Patches);
         }
         let sound = |water: &Water| water.level.abs() <= 1e9 && (1e-6..=1e9).contains(&water.clarity);
@@ -189,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn unusable_entries_are_named() {
+    fn invalid_entries_are_refused() {
         let bad = |change: fn(&mut TerrainEntry)| {
             let mut entry = entry();
             change(&mut entry);
@@ -197,7 +205,7 @@ mod tests {
         };
         assert!(bad(|e| e.water = Some(Water { level: f32::NAN, clarity: 1.0 })).contains("water"));
         assert!(bad(|e| e.water = Some(Water { level: 0.0, clarity: 0.0 })).contains("clarity"));
-        assert!(bad(|e| e.patches = MAX_LISTED + 1).contains("patches"));
+        assert!(bad(|e| e.patches = MAX_OVERRIDE_PATCHES + 1).contains("patches"));
         assert!(bad(|e| e.unit = 0.0).contains("units"));
         assert!(bad(|e| e.height_unit = f32::NAN).contains("units"));
         assert!(bad(|e| e.zones = [0.0, 0.0, 1.0]).contains("zones"));

@@ -1,4 +1,4 @@
-//! A buffer of inverse depths, triangles drawn into it, and what spheres show in it.
+//! Depth buffer: triangle rasterisation into inverse depths, and queries with spheres.
 
 use std::ops::Range;
 
@@ -6,54 +6,54 @@ use glam::{Vec2, Vec3, Vec4};
 
 use lodestream_scene::view::View;
 
-/// Depth below which a corner counts as behind the eye, relative to nothing: surfaces so near hide nothing.
+/// Depth below which a corner counts as behind the eye, in world units.
 const NEAR: f32 = 1e-6;
 
-/// Pixels that are drawn at once: rows are a multiple.
+/// Pixels drawn at once; the width is a multiple of it.
 const LANES: usize = 4;
 const STEP: f32 = 4.0;
 
-/// Who drew where nothing is.
-const NOBODY: u32 = u32::MAX;
+/// Owner of pixels without a surface.
+const NO_OWNER: u32 = u32::MAX;
 
-/// Inverse depths, row by row from the top; 0 where nothing is.
+/// Inverse depths, row by row from the top; 0 without a surface.
 #[derive(Debug, Default)]
 pub(super) struct DepthBuffer {
     width: usize,
     height: usize,
     /// Pixels per unit of tangent.
     scale: f32,
-    /// Nearest surface.
+    /// Inverse depth of the nearest surface.
     near: Vec<f32>,
-    /// Who drew it.
+    /// The instance that drew it.
     owner: Vec<u32>,
-    /// Where that is, in the axes of the view.
+    /// Its point, in view axes.
     points: Vec<Vec3>,
-    /// The farthest of the nearest surfaces of a pixel and those around it.
+    /// Minimum of `near` over a pixel and its neighbours.
     eroded: Vec<f32>,
 }
 
-/// Columns and rows between which something lies.
+/// A range of columns and rows.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Frame {
     columns: Range<usize>,
     rows: Range<usize>,
 }
 
-/// A corner on the screen.
+/// A projected corner.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Corner {
     at: Vec2,
-    /// 1 over depth; 0 where the corner is not in front of the eye.
+    /// 1 / depth; 0 if the corner is behind the eye.
     inverse_depth: f32,
-    /// Column and row of the first pixel whose middle is not before the corner, and of the first that is beyond it.
-    /// Kept, since a corner has some six triangles.
+    /// Column and row of the first pixel whose middle is not before the corner, and of the first beyond it. Computed
+    /// once, since a corner has some six triangles.
     first: [i16; 2],
     after: [i16; 2],
 }
 
 impl DepthBuffer {
-    /// Empties the buffer and fits it to a view, `long_side` pixels along its longer side.
+    /// Clears the buffer and sizes it for a view, with `long_side` pixels along its longer side.
     #[expect(
         clippy::cast_precision_loss,
         clippy::cast_possible_truncation,
@@ -69,7 +69,7 @@ impl DepthBuffer {
         self.near.clear();
         self.near.resize(self.width * self.height, 0.0);
         self.owner.clear();
-        self.owner.resize(self.near.len(), NOBODY);
+        self.owner.resize(self.near.len(), NO_OWNER);
     }
 
     pub(super) const fn scale(&self) -> f32 {
@@ -81,21 +81,21 @@ impl DepthBuffer {
         Vec2::new(self.width as f32, self.height as f32) * 0.5
     }
 
-    /// A point in the view's axes, on the screen.
+    /// Projects a point in view axes.
     pub(super) fn project(&self, point: Vec3) -> Corner {
         if point.z <= NEAR {
             return Corner { at: Vec2::ZERO, inverse_depth: 0.0, first: [0; 2], after: [0; 2] };
         }
         let inverse_depth = 1.0 / point.z;
         let at = self.middle() + point.truncate() * (self.scale * inverse_depth);
-        // No buffer is wider; beyond it is beyond it.
+        // No buffer is wider than i16::MAX, so saturation is harmless.
         let short = |pixel: i32| i16::try_from(pixel).unwrap_or(if pixel < 0 { i16::MIN } else { i16::MAX });
         let first = at.to_array().map(|x| short(ceil(x - 0.5)));
         let after = at.to_array().map(|x| short(floor(x + 0.5)));
         Corner { at, inverse_depth, first, after }
     }
 
-    /// Draws a triangle, seen from either side. One that reaches behind the eye is left out: it hides nothing.
+    /// Draws a triangle, of either orientation. Skips triangles that reach behind the eye.
     #[inline]
     pub(super) fn triangle(&mut self, owner: u32, [a, b, c]: [&Corner; 3]) {
         // Pixels whose centres lie between.
@@ -106,7 +106,7 @@ impl DepthBuffer {
         };
         let (columns, rows) = (range(0, self.width), range(1, self.height));
         let before = a.inverse_depth > 0.0 && b.inverse_depth > 0.0 && c.inverse_depth > 0.0;
-        // Of small faces most have no pixel's centre.
+        // Most small faces cover no pixel centre.
         if !columns.is_empty() && !rows.is_empty() && before {
             self.fill(owner, [a, b, c], columns, rows);
         }
@@ -148,7 +148,7 @@ impl DepthBuffer {
         }
     }
 
-    /// Lets edges give way by so many pixels, to the sides and upright.
+    /// Erodes the surfaces by `pixels` along both axes.
     pub(super) fn erode(&mut self, pixels: u32) {
         self.eroded.clone_from(&self.near);
         let mut before = vec![0.0; self.near.len()];
@@ -165,12 +165,12 @@ impl DepthBuffer {
         }
     }
 
-    /// 1 over the depth of the nearest surface, 0 if there is none.
+    /// Inverse depth of the nearest surface, 0 if there is none.
     pub(super) fn nearest(&self) -> f32 {
         self.near.iter().copied().fold(0.0, f32::max)
     }
 
-    /// Says where the points are that are seen, once all is drawn.
+    /// Computes the visible points, after all triangles are drawn.
     pub(super) fn find_points(&mut self) {
         let mut points = std::mem::take(&mut self.points);
         points.clear();
@@ -192,7 +192,7 @@ impl DepthBuffer {
         self.near.len()
     }
 
-    /// Within which pixels triangles of these corners lie.
+    /// Bounds in pixels of triangles with these corners.
     pub(super) fn frame(&self, corners: &[Corner]) -> Frame {
         let before = || corners.iter().filter(|corner| corner.inverse_depth > 0.0);
         let range = |axis: usize, side: usize| {
@@ -203,9 +203,9 @@ impl DepthBuffer {
         Frame { columns: range(0, self.width), rows: range(1, self.height) }
     }
 
-    /// The points of an owner's, all of which lie in a frame, that a sphere may contain, of large ones a part, evenly:
-    /// `visit` gets the pixel's number and the point. Gives how many pixels each stands for; `None` for a sphere that
-    /// reaches to the eye.
+    /// Visits the points of an owner, which lie within `frame`, that a sphere may contain; of large spheres an even
+    /// sample. `visit` gets the pixel's index and the point. Returns the pixels per visited point; `None` for a
+    /// sphere that contains the eye.
     pub(super) fn points_around(
         &self,
         owner: u32,
@@ -229,7 +229,7 @@ impl DepthBuffer {
                 }
             };
             let pixels = row.clone().zip(self.owner[row].iter().copied());
-            // Most are small, and a plain walk is twice as fast as one with a step.
+            // Most discs are small, and iterating without a step is twice as fast.
             if disc.stride == 1 {
                 pixels.for_each(|(pixel, who)| look(pixel, who));
             } else {
@@ -239,7 +239,8 @@ impl DepthBuffer {
         Some(disc.weight())
     }
 
-    /// In how many pixels one sees a sphere, and in how many it lies: all that is there lies behind its nearest point.
+    /// Number of pixels in which the eroded buffer is behind a sphere's nearest point, and number of the sphere's
+    /// pixels.
     #[expect(clippy::cast_precision_loss, reason = "sides of the buffer are small")]
     pub(super) fn seen_through(&self, center: Vec3, radius: f32) -> (f32, f32) {
         let Some(disc) = self.disc(center, radius) else { return (1.0, 1.0) };
@@ -286,8 +287,8 @@ impl DepthBuffer {
     }
 }
 
-/// The greatest integer that is not more; saturates. A cast is cheaper than the library's call where the processor has no
-/// instruction for it.
+/// The greatest integer that is not more; saturates. A cast is cheaper than the library's call where the processor
+/// has no instruction for it.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_precision_loss,

@@ -1,11 +1,11 @@
-//! What a view sees of the scene's surfaces, found by a small rasteriser: pure, deterministic, some hundred pixels wide.
+//! Occlusion test: the visible share of instances and chunk regions, by a small deterministic software rasteriser.
 //!
-//! Coarse surfaces ([`Occluder`]) are drawn into a buffer of depths. Of a region of the finer surface only a sphere is known,
-//! which bounds its coarse surface too. It is seen as far as points in the buffer lie in its sphere, and nearer to its
-//! centre than to those of the other regions of its level. Where the buffer lies behind the middle of the sphere one sees
-//! through it: it is not called hidden there, and the more is expected of it the farther the surface is off without it,
-//! which may lack it altogether. Spheres are larger by what coarse surfaces may be off, and edges give way by a pixel
-//! (docs/design/viewing.md, "What is seen, first").
+//! Coarse surfaces ([`Occluder`]) are drawn into a depth buffer some hundred pixels wide. Of a chunk's region only a
+//! bounding sphere is known, which bounds its coarse surface too. The region is visible at the buffer's points that
+//! lie in its sphere and nearer to its centre than to the centres of other regions of its level. If the buffer is
+//! behind the middle of the sphere, the coarse surface may lack the region altogether: it does not count as hidden,
+//! and its visible share grows with its error. Spheres are enlarged by the error of coarse surfaces, and occluder
+//! edges are eroded by a pixel (`docs/design/viewing.md`).
 
 mod depth;
 #[cfg(test)]
@@ -29,68 +29,68 @@ use depth::{DepthBuffer, Frame};
 
 /// Pixels along the longer side of the buffer.
 const LONG_SIDE: u32 = 256;
-/// Faces that are drawn at most, of the largest instances on the screen.
+/// Most faces drawn, of the instances with the largest screen radius.
 const MAX_FACES: usize = 1 << 16;
-/// Least radius of an instance that hides anything, in pixels of the buffer.
-const LEAST_RADIUS: f32 = 2.0;
-/// Pixels of the buffer by which edges give way at most for an eye that moves.
+/// Least radius of an instance that is drawn, in pixels of the buffer.
+const MIN_RADIUS: f32 = 2.0;
+/// Most pixels of the buffer by which edges are eroded for a moving eye.
 const MAX_UNCOVERED: u32 = 8;
-/// What a pixel counts at least at which one sees through the middle of a region.
-const SEEN_THROUGH: f32 = 0.01;
-/// What share of its disc a region counts for, through whose middle one sees, for each radius that the surface is off
-/// without it: an edge as long as the disc is wide that moves by a radius uncovers 2/π of it at most; less was found to
-/// do (docs/decisions.md).
+/// Least weight of a pixel at which the buffer is behind the middle of a region.
+const MIN_THROUGH_WEIGHT: f32 = 0.01;
+/// Visible share of a region's disc, per error in radii, if the buffer is behind the region's middle. An edge across
+/// the disc that moves by a radius uncovers at most 2/π of it; less proved sufficient (`docs/decisions.md`).
 const UNCOVERED: f32 = 0.3;
-/// Radius of that middle, in radii.
+/// Radius of the middle of a region, in radii.
 const CORE: f32 = 0.25;
-/// A point belongs to regions of a level that are so much farther than the nearest, in squares.
+/// A point belongs to all regions of a level up to this factor farther than the nearest, in squared distance.
 const NEARLY: f32 = 1.15;
-/// The same for points at a centre, in squared radii.
+/// Added to that bound, for points at a centre, in squared radii.
 const NEARLY_AT_THE_CENTRE: f32 = 0.02;
 
-/// Claims of one level that are kept; a region beyond counts as seen. Regions share points with some neighbours, so that
-/// only an index that lies about them gets there.
+/// Most claims of one level; a region beyond counts as visible. Regions share points with few neighbours, so only an
+/// index with false spheres exceeds it.
 const MAX_CLAIMS: usize = 1 << 20;
 
-/// What a view sees.
+/// Visibility of the scene's surfaces in one view.
 #[derive(Debug, Default)]
 pub struct Visibility {
     buffer: DepthBuffer,
-    /// How near the point at a pixel is to the region that it is nearest to, and in which turn that was found: one level of
-    /// one instance. What is of another turn does not count, so nothing needs to be cleared.
+    /// Distance of each pixel's point to its nearest region, and the turn (one level of one instance) in which it was
+    /// computed. Entries of other turns are ignored, so nothing needs to be cleared.
     nearest: Vec<(u32, f32)>,
     turn: u32,
-    /// Of one level of one instance: the points in each region, as pixel and distance, one region after the other.
+    /// The points in each region of one level of one instance, as pixel and distance, region by region.
     claims: Vec<(u32, f32)>,
     claimed: Vec<Claimed>,
-    /// What was found of each instance in what is drawn, by chunk.
+    /// Computed shares of each instance, by chunk.
     known: HashMap<u32, Vec<Option<f32>>>,
     drawn: Option<Drawn>,
     /// Instances that may be in view.
     nearby: IndexSet,
 }
 
-/// What a buffer shows.
+/// The inputs that the buffer was drawn from.
 #[derive(Debug)]
 struct Drawn {
     view: View,
-    way: f32,
+    travel: f32,
     instances: usize,
     occluders: Vec<Option<Arc<Occluder>>>,
-    /// The instances that are drawn, ascending, and within which pixels: the others are too small, or one too many, to say what is seen of them.
+    /// Drawn instances, ascending, with their pixel bounds. The others are too small or exceed [`MAX_FACES`], and are
+    /// not tested.
     frames: Vec<(u32, Frame)>,
 }
 
-/// A region, and what it claims.
+/// A region and its claims.
 #[derive(Clone, Debug)]
 struct Claimed {
     region: Region,
     claims: Range<usize>,
-    /// Pixels that each claim stands for; `None` for a region that reaches to the eye.
+    /// Pixels per claim; `None` for a region that contains the eye.
     weight: Option<f32>,
 }
 
-/// One instance in the axes of the view: x to the right, y downwards, z along the view, in world units.
+/// Transform of one instance to view axes: x to the right, y down, z along the view, in world units.
 #[derive(Clone, Copy, Debug)]
 pub struct Placed {
     to_view: Mat3,
@@ -123,23 +123,24 @@ impl Drawn {
         Some(&self.frames[at].1)
     }
 
-    fn shows(&self, view: &View, way: f32, instances: usize, assets: &[AssetState]) -> bool {
+    fn shows(&self, view: &View, travel: f32, instances: usize, assets: &[AssetState]) -> bool {
         let same = |(drawn, asset): (&Option<Arc<Occluder>>, &AssetState)| match (drawn, asset.occluder()) {
             (Some(drawn), Some(known)) => Arc::ptr_eq(drawn, known),
             (None, None) => true,
             _ => false,
         };
-        (self.view, self.way, self.instances, self.occluders.len()) == (*view, way, instances, assets.len())
+        (self.view, self.travel, self.instances, self.occluders.len())
+            == (*view, travel, instances, assets.len())
             && self.occluders.iter().zip(assets).all(same)
     }
 }
 
 impl Visibility {
-    /// Draws what hides, unless the buffer shows it already. `way`: how far the eye may get, in world units, until what is
-    /// seen now matters; edges give way by what that uncovers.
-    pub fn draw(&mut self, view: &View, way: f32, instances: Instances<'_>, assets: &[AssetState]) {
+    /// Draws the occluders, unless the buffer is up to date. `travel` is the distance that the eye may move before
+    /// requested blobs arrive, in world units; edges are eroded by what that uncovers.
+    pub fn draw(&mut self, view: &View, travel: f32, instances: Instances<'_>, assets: &[AssetState]) {
         let count = instances.all().len();
-        if self.drawn.as_ref().is_some_and(|drawn| drawn.shows(view, way, count, assets)) {
+        if self.drawn.as_ref().is_some_and(|drawn| drawn.shows(view, travel, count, assets)) {
             return;
         }
         self.known.clear();
@@ -150,20 +151,20 @@ impl Visibility {
         let px = self.buffer.scale() / projection.scale_px() as f32;
         let mut order = Vec::new();
         let mut faces = 0;
-        instances.find(&TreeQuery::in_view_from(&projection, LEAST_RADIUS / px), &mut self.nearby);
+        instances.find(&TreeQuery::in_view_from(&projection, MIN_RADIUS / px), &mut self.nearby);
         for &number in self.nearby.numbers() {
             let instance = &instances.all()[number as usize];
             let Some(asset) = assets.get(instance.asset as usize) else { continue };
             let Some(occluder) = asset.occluder() else { continue };
             let bounds = projection.bounds(asset.entry(), instance);
             let radius = bounds.coverage_px * px;
-            if bounds.visible && radius >= LEAST_RADIUS {
+            if bounds.visible && radius >= MIN_RADIUS {
                 faces += occluder.faces().len();
                 order.push((radius, number, instance, asset, occluder));
             }
         }
         if faces > MAX_FACES {
-            // Stable, so instances as large keep their order.
+            // The sort is stable: instances of equal size keep their order.
             order.sort_by(|a, b| b.0.total_cmp(&a.0));
         }
         let mut left = MAX_FACES;
@@ -184,19 +185,19 @@ impl Visibility {
             }
         }
         self.buffer.find_points();
-        let uncovered = way * self.buffer.scale() * self.buffer.nearest();
+        let uncovered = travel * self.buffer.scale() * self.buffer.nearest();
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
         self.buffer.erode(1 + (uncovered.ceil() as u32).min(MAX_UNCOVERED));
         let occluders = assets.iter().map(|asset| asset.occluder().cloned()).collect();
         frames.sort_unstable_by_key(|(number, _)| *number);
-        self.drawn = Some(Drawn { view: *view, way, instances: count, occluders, frames });
+        self.drawn = Some(Drawn { view: *view, travel, instances: count, occluders, frames });
     }
 
-    /// How much of each chunk's region is seen of an instance, 0 to 1; 0 only where it is hidden. Asked are the chunks for
-    /// which `asks` says so; the others keep what `shares` had.
+    /// Computes the visible share of chunk regions of an instance, 0 to 1; 0 only if hidden. Tests the chunks for
+    /// which `asks` returns true; the others keep their value in `shares`.
     ///
-    /// The regions of a level share the surface out among them: a point belongs to those in whose sphere it lies nearest to
-    /// the centre, measured by radii, and to the others that are nearly as near.
+    /// A point of the surface belongs to the region of a level to whose centre it is nearest, in radii, and to those
+    /// nearly as near.
     pub fn shares(
         &mut self,
         number: u32,
@@ -236,8 +237,8 @@ impl Visibility {
         self.known.insert(number, known);
     }
 
-    /// How much of an instance is seen, 0 to 1, as of a region that is all of its bounding sphere; 1 where that is not
-    /// judged. Small too where it fills little of the sphere's disc.
+    /// Visible share of an instance, 0 to 1, as of a region that is its bounding sphere; 1 if it is not tested. Also
+    /// small if the instance fills little of the sphere's disc.
     pub fn shown(&self, number: u32, view: &View, asset: &AssetEntry, instance: &InstanceEntry) -> f32 {
         let Some(frame) = self.drawn.as_ref().and_then(|drawn| drawn.frame(number)) else { return 1.0 };
         let placed = Placed::new(view, asset, instance);
@@ -248,16 +249,17 @@ impl Visibility {
         #[expect(clippy::cast_precision_loss, reason = "fewer than the buffer has pixels")]
         let own = own as f32 * weight;
         let region = Region { center, radius, reach: radius, error: 0.0 };
-        self.seen_of_disc(own, &region, radius)
+        self.visible_share(own, &region, radius)
     }
 
-    /// The root of the share of a region's disc that so many pixels of its own and those in which one sees its core come to.
-    fn seen_of_disc(&self, own: f32, region: &Region, core: f32) -> f32 {
+    /// Square root of the visible share of a region's disc: from the number of its own pixels, and those where the
+    /// buffer is behind its core.
+    fn visible_share(&self, own: f32, region: &Region, core: f32) -> f32 {
         let radius = region.radius * self.buffer.scale() / region.center.z;
         let disc = (std::f32::consts::PI * radius * radius).max(1.0);
         let (through, of) = self.buffer.seen_through(region.center, core);
         let uncovered = (UNCOVERED * region.error / region.radius).min(1.0) * disc;
-        let seen = own + (SEEN_THROUGH * through).max(through / of.max(1.0) * uncovered);
+        let seen = own + (MIN_THROUGH_WEIGHT * through).max(through / of.max(1.0) * uncovered);
         (seen / disc).min(1.0).sqrt()
     }
 
@@ -272,7 +274,7 @@ impl Visibility {
         self.claimed.clear();
     }
 
-    /// Notes which points of an instance lie in a region, and how near they are to it.
+    /// Records the points of an instance that lie in a region, and their distances.
     fn claim(&mut self, number: u32, frame: &Frame, region: Region) {
         let Self { buffer, nearest, turn, claims, claimed, .. } = self;
         let first = claims.len();
@@ -284,14 +286,14 @@ impl Visibility {
                 if nearest.0 != *turn || distance < nearest.1 {
                     *nearest = (*turn, distance);
                 }
-                // Saturates far beyond what a buffer has.
+                // Never saturates: a buffer has fewer pixels.
                 claims.push((u32::try_from(pixel).unwrap_or(u32::MAX), distance));
             }
         });
         claimed.push(Claimed { region, claims: first..claims.len(), weight: weight.filter(|_| !full) });
     }
 
-    /// The root, so that outlines of what is long and thin count by their length.
+    /// Visible share as a square root, so that long thin shapes count by their length.
     fn share(&self, Claimed { region, claims, weight }: &Claimed) -> f32 {
         let belongs = |&&(pixel, distance): &&(u32, f32)| {
             distance <= NEARLY * self.nearest[pixel as usize].1 + NEARLY_AT_THE_CENTRE
@@ -299,18 +301,18 @@ impl Visibility {
         #[expect(clippy::cast_precision_loss, reason = "fewer than the buffer has pixels")]
         let seen = self.claims[claims.clone()].iter().filter(belongs).count() as f32;
         let Some(weight) = weight else { return 1.0 };
-        self.seen_of_disc(seen * weight, region, CORE * region.radius + (region.reach - region.radius))
+        self.visible_share(seen * weight, region, CORE * region.radius + (region.reach - region.radius))
     }
 }
 
-/// A region in the axes of the view.
+/// A region in view axes.
 #[derive(Clone, Copy, Debug)]
 struct Region {
     center: Vec3,
     radius: f32,
-    /// The radius, and what is drawn may be off.
+    /// The radius plus the error of the drawn surface.
     reach: f32,
-    /// What the surface is off without the chunk.
+    /// Error of the surface without the chunk.
     error: f32,
 }
 
@@ -322,7 +324,7 @@ impl Region {
         Self { center: placed.place(center), radius, reach: radius + margin, error }
     }
 
-    /// How far a point is from the centre, in radii, squared.
+    /// Squared distance of a point from the centre, in radii.
     fn distance(&self, point: Vec3) -> f32 {
         (point - self.center).length_squared() / (self.reach * self.reach)
     }

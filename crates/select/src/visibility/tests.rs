@@ -301,7 +301,7 @@ impl Scene {
     fn judge(&self, view: &View, way: f32, faces: &[(usize, usize)]) -> Judged {
         let states: Vec<_> = self.assets.iter().map(|asset| asset.state.clone()).collect();
         let mut selector = Selector::default();
-        selector.set_way(way);
+        selector.set_travel_distance(way);
         let selection = selector.select(view, &self.instances, &states);
         let (wanted, counters) = (&selection.wanted, selection.counters);
         assert!(counters.seen_screen_error_px <= counters.max_screen_error_px, "{counters:?}");

@@ -6,7 +6,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::message::{ClientMessage, CloseCode, Want};
-use crate::server::outbox::MAX_WAITING_BYTES;
+use crate::server::outbox::MAX_QUEUED_BYTES;
 use lodestream_scene::limits::MAX_IDS_PER_MESSAGE;
 use lodestream_scene::view::View;
 
@@ -95,7 +95,7 @@ fn bogus_wishes_of_a_client_that_reads_nothing_held_a_megabyte() {
     assert_eq!(refusals.iter().filter(|t| matches!(t, Transmit::Message { message: ServerMessage::RefusedMany(many), .. } if many.len() == MAX_IDS_PER_MESSAGE)).count(), 1);
     for n in 0..4 {
         server.handle_message(Time::ZERO, bogus(n));
-        assert!(server.control.bytes() <= MAX_WAITING_BYTES);
+        assert!(server.control.bytes() <= MAX_QUEUED_BYTES);
     }
     assert_eq!(server.close_reason().unwrap().code, CloseCode::Limit);
 }
@@ -153,9 +153,9 @@ proptest! {
             }
             prop_assert!(server.requests.scheduler.queued() <= 200);
             prop_assert!(server.requests.scheduler.begun().count() <= 9);
-            prop_assert!(server.control.bytes() <= MAX_WAITING_BYTES);
+            prop_assert!(server.control.bytes() <= MAX_QUEUED_BYTES);
             prop_assert!(server.requests.abandoned_count() <= 9 * 60);
-            prop_assert!(server.requests.handed_count() <= 2 * (85 + 2 + 1) + 2);
+            prop_assert!(server.requests.sent_count() <= 2 * (85 + 2 + 1) + 2);
             prop_assert!(server.push.queued() <= scene.pages.len() + 2);
         }
         // Left alone with a transport that takes everything, it comes to rest.

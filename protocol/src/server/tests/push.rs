@@ -132,7 +132,7 @@ fn a_client_that_wants_points_of_a_terrain_is_still_pushed_chunks() {
     let mut server = session(&scene, ServerConfig::quic(None));
     server.handle_message(Time::ZERO, ClientMessage::Hello(hello(&scene.header)));
     drain(&mut server, Time::ZERO);
-    let points = vec![Want::whole(BlobId::terrain_points(0), 9)];
+    let points = vec![Want::whole(BlobId::height_overrides(0), 9)];
     server.handle_message(Time::ZERO, ClientMessage::Want(points));
     server.handle_message(Time::ZERO, ClientMessage::SetView(far));
     let pushed = chunks(&drain(&mut server, Time::ZERO));
@@ -203,7 +203,7 @@ fn every_initial_had_the_scene_planned_anew() {
     for n in 0..100 {
         let source = Arc::clone(&watched) as Arc<dyn crate::source::SceneSource>;
         let mut server =
-            ServerSession::sharing(Arc::clone(&plans), Arc::clone(&config), source, 1, Time::ZERO);
+            ServerSession::with_plans(Arc::clone(&plans), Arc::clone(&config), source, 1, Time::ZERO);
         assert_eq!(drain(&mut server, Time::ZERO), alone, "session {n}");
     }
     let looks = watched.looks.load(std::sync::atomic::Ordering::Relaxed);

@@ -1,5 +1,5 @@
-//! What sessions send that share a shared rate limit, in virtual time: each piece as its pace admits it, by drivers whose timers tick
-//! in whole milliseconds, late, and whose clocks began at different moments.
+//! What sessions send that share a shared rate limit, in virtual time: each piece as its pace admits it, by drivers
+//! whose timers tick in whole milliseconds, late, and whose clocks began at different moments.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -309,7 +309,7 @@ fn links_that_are_all_slow_are_not_held_up() {
         let ratio = sender.bits(3000, 8000) / (5 * MBIT) as f64;
         assert!((0.97..=1.03).contains(&ratio), "{ratio}");
     }
-    assert!(shared_rate_limit.given_bits_per_s(Time::from_ms(8000)) < 11 * MBIT);
+    assert!(shared_rate_limit.allocated_bits_per_s(Time::from_ms(8000)) < 11 * MBIT);
 }
 
 #[test]
@@ -352,8 +352,8 @@ fn a_session_slept_on_at_an_old_rate_that_was_a_twentieth_of_its_new_one() {
     assert!(until > Time::from_ms(11_500), "it would have gone on soon: {:?}", last.sent);
     drop(senders);
     run(std::slice::from_mut(&mut last), 11_500, 16_000);
-    // What is left of the piece's debt takes 130 ms at most, it looks again within 25, and the shared rate limit's own bucket may be
-    // overdrawn by a piece of another. At the old rate it would have slept for a second and a half.
+    // What is left of the piece's debt takes 130 ms at most, it looks again within 25, and the shared rate limit's
+    // own bucket may be overdrawn by a piece of another. At the old rate it would have slept for a second and a half.
     let first = last.sent[before].0;
     assert!(first <= Time::from_ms(11_700), "{first:?}");
     let ratio = last.bits(12_000, 15_000) / (3 * rate) as f64;
@@ -384,7 +384,7 @@ fn extremes_of_ceilings_and_rates_overflow_nothing() {
                     sender.pace.set_weight(now, Weight::new(50).unwrap());
                     let _ = sender.pace.ready_at();
                 }
-                let _ = shared_rate_limit.given_bits_per_s(Time::from_ms(moment));
+                let _ = shared_rate_limit.allocated_bits_per_s(Time::from_ms(moment));
             }
         }
     }

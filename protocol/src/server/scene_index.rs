@@ -1,4 +1,4 @@
-//! What of a scene lies where: its description's pages and the hierarchy of its instances, for all sessions.
+//! Index of a scene's description: its pages, and the bounding volume hierarchy of its instances. Sessions share it.
 
 use std::sync::Arc;
 
@@ -6,18 +6,18 @@ use crate::source::SceneSource;
 use lodestream_scene::description::{AssetEntry, InstanceEntry, ScenePage};
 use lodestream_select::{InstanceTree, Projection};
 
-/// See the module.
+/// A scene's pages with lookup of assets and instances by number and by view.
 #[derive(Debug)]
-pub(super) struct Places {
+pub(super) struct SceneIndex {
     pages: Vec<Arc<ScenePage>>,
-    /// The first instance of each page.
-    firsts: Vec<u32>,
-    /// Page and place there of each asset.
+    /// Number of the first instance of each page.
+    first_instances: Vec<u32>,
+    /// Page of each asset, and index there.
     assets: Vec<(u32, u32)>,
     tree: InstanceTree,
 }
 
-impl Places {
+impl SceneIndex {
     /// Reads all pages of a scene.
     pub(super) fn new(source: &dyn SceneSource) -> Self {
         let pages: Vec<Arc<ScenePage>> =
@@ -25,19 +25,19 @@ impl Places {
         let counts =
             (0..).zip(&pages).map(|(page, of)| (page, u32::try_from(of.assets.len()).unwrap_or(u32::MAX)));
         let assets = counts.flat_map(|(page, count)| (0..count).map(move |at| (page, at))).collect();
-        let firsts = pages.iter().scan(0, |next: &mut u32, page| {
+        let first_instances = pages.iter().scan(0, |next: &mut u32, page| {
             let first = *next;
             *next = first.saturating_add(u32::try_from(page.instances.len()).unwrap_or(u32::MAX));
             Some(first)
         });
-        let firsts = firsts.collect();
-        let mut places = Self { pages, firsts, assets, tree: InstanceTree::default() };
-        let instances = places.pages.iter().flat_map(|page| &page.instances);
-        places.tree = InstanceTree::new(instances, |asset| places.asset(asset));
-        places
+        let first_instances = first_instances.collect();
+        let mut index = Self { pages, first_instances, assets, tree: InstanceTree::default() };
+        let instances = index.pages.iter().flat_map(|page| &page.instances);
+        index.tree = InstanceTree::new(instances, |asset| index.asset(asset));
+        index
     }
 
-    /// How many pages there are.
+    /// Number of pages.
     pub(super) const fn page_count(&self) -> usize {
         self.pages.len()
     }
@@ -47,35 +47,37 @@ impl Places {
         self.assets.iter().map(|&(page, at)| (page, &self.pages[page as usize].assets[at as usize]))
     }
 
-    /// An asset.
+    /// The asset entry of a number.
     pub(super) fn asset(&self, number: u32) -> Option<&AssetEntry> {
         let &(page, at) = self.assets.get(number as usize)?;
         Some(&self.pages[page as usize].assets[at as usize])
     }
 
-    /// An instance.
+    /// The instance entry of a number.
     fn instance(&self, number: u32) -> Option<&InstanceEntry> {
         self.find(number).map(|(_, instance)| instance)
     }
 
-    /// An instance, with the number of its page.
+    /// The instance entry of a number, with the number of its page.
     fn find(&self, number: u32) -> Option<(u32, &InstanceEntry)> {
-        let page = self.firsts.partition_point(|&first| first <= number).checked_sub(1)?;
-        let instance = self.pages[page].instances.get((number - self.firsts[page]) as usize)?;
+        let page = self.first_instances.partition_point(|&first| first <= number).checked_sub(1)?;
+        let instance = self.pages[page].instances.get((number - self.first_instances[page]) as usize)?;
         Some((u32::try_from(page).ok()?, instance))
     }
 
-    /// The instances that may be in view, each with its number and that of its page, ascending: all that are, and some others.
+    /// The instances that may be in view, as (instance number, page number, entry), by ascending number.
+    /// Conservative: all visible ones and some others.
     pub(super) fn near(&self, projection: &Projection) -> Vec<(u32, u32, &InstanceEntry)> {
         let numbers = self.tree.in_view(projection);
-        let place = |&number: &u32| self.find(number).map(|(page, instance)| (number, page, instance));
-        numbers.iter().filter_map(place).collect()
+        let with_page = |&number: &u32| self.find(number).map(|(page, instance)| (number, page, instance));
+        numbers.iter().filter_map(with_page).collect()
     }
 
-    /// The instance of an asset that is largest on the screen, in view or not.
+    /// The instance of an asset with the largest coverage on the screen, in view or not.
     pub(super) fn largest(&self, asset: u32, projection: &Projection) -> Option<(u32, &InstanceEntry)> {
         let entry = self.asset(asset)?;
-        let radius_px = |number| self.instance(number).map_or(0.0, |it| projection.coverage_px(entry, it));
+        let radius_px =
+            |number| self.instance(number).map_or(0.0, |instance| projection.coverage_px(entry, instance));
         let (number, _) = self.tree.largest(asset, projection, radius_px)?;
         Some((number, self.instance(number)?))
     }

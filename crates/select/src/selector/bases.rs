@@ -1,16 +1,16 @@
-//! What is wanted of an asset beside its chunks: its base mesh, its index and its textures.
+//! The lists of base meshes, index pages and texture levels.
 
-use super::{Seen, Selector};
+use super::{AssetOnScreen, Selector};
 use crate::difference::Picture;
 use crate::priority::{Priority, base_priority, prefetch_priority};
 use crate::selection::{Selection, State, Wanted};
 use crate::state::AssetState;
-use crate::textures::SoughtLevel;
+use crate::textures::WantedLevel;
 use lodestream_scene::blob::{BlobId, BlobPart};
 
 impl Selector {
-    /// Base meshes of what is placed, and index pages of what is in view while something behind them may be wanted. How
-    /// large instances are on the screen that were not looked at, `beyond_px` says.
+    /// Lists the base mesh of an asset with instances, and its index pages while chunks on unknown pages may be wanted.
+    /// `beyond_px` gives the largest radius on the screen of instances that were not evaluated.
     pub(super) fn want_base_and_pages(
         &mut self,
         number: u32,
@@ -19,49 +19,50 @@ impl Selector {
         picture: &Picture,
         beyond_px: impl Fn() -> f32,
     ) {
-        let mut seen = self.seen[number as usize];
-        let seeks_pages = (seen.visible || seen.casts)
+        let mut on_screen = self.on_screen[number as usize];
+        let wants_pages = (on_screen.visible || on_screen.casts_shadow)
             && asset.state(BlobPart::Base) != State::Failed
-            && seen.unknown_px > threshold
+            && on_screen.unknown_px > threshold
             && asset.known_pages() < asset.entry().index_pages();
-        if seeks_pages || asset.state(BlobPart::Base) != State::Applied {
-            seen.coverage_px = seen.coverage_px.max(beyond_px());
+        if wants_pages || asset.state(BlobPart::Base) != State::Applied {
+            on_screen.coverage_px = on_screen.coverage_px.max(beyond_px());
         }
         let Selection { wanted, failed, .. } = &mut self.selection;
         let mut want = |part: BlobPart, priority: Priority| {
             let id = BlobId::Asset { asset: number, part };
             match asset.state(part) {
                 State::Applied => {}
-                State::Failed if seen.visible => failed.push(id),
+                State::Failed if on_screen.visible => failed.push(id),
                 State::Failed => {}
                 state => wanted.push(Wanted::whole(id, priority, asset.blob_bytes(part), state)),
             }
         };
-        if seen.visible {
-            want(BlobPart::Base, base_priority(seen.coverage_px, seen.foveation));
-        } else if seen.casts || (seen.placed && self.settings.prefetch_bases) {
-            want(BlobPart::Base, prefetch_priority(seen.coverage_px));
+        if on_screen.visible {
+            want(BlobPart::Base, base_priority(on_screen.coverage_px, on_screen.foveation));
+        } else if on_screen.casts_shadow || (on_screen.placed && self.settings.prefetch_bases) {
+            want(BlobPart::Base, prefetch_priority(on_screen.coverage_px));
         }
         let pages = asset.entry().index_pages();
-        if seeks_pages {
-            // On a surface, the error falls with the square root of the number of chunks. Asking for as
-            // many pages again as are known makes the number of round trips logarithmic. That is done an octave
-            // beyond the threshold, less urgently: the error of what is unknown is a bound, which often stands just above
-            // the threshold up to the last page, and these would come one a round trip.
+        if wants_pages {
+            // On a surface, the error falls with the square root of the number of chunks. Doubling the number of
+            // known pages makes the number of round trips logarithmic. Pages up to an octave below the threshold are
+            // wanted too, at lower priority: the bound on unknown errors is often just above the threshold up to the
+            // last page, and these pages would otherwise come one per round trip.
             let known = asset.known_pages();
             for page in known..pages.min(known.saturating_mul(2).saturating_add(2)) {
                 #[expect(clippy::cast_precision_loss, reason = "an asset has at most 2^16 pages")]
-                let expected_px = seen.unknown_px * ((known + 1) as f32 / (page + 1) as f32).sqrt();
+                let expected_px = on_screen.unknown_px * ((known + 1) as f32 / (page + 1) as f32).sqrt();
                 if page > known && expected_px <= threshold / 2.0 {
                     break;
                 }
-                let priority = picture.page_priority(expected_px, seen.coverage_px, seen.pages_seen);
+                let priority =
+                    picture.page_priority(expected_px, on_screen.coverage_px, on_screen.pages_visible);
                 want(BlobPart::IndexPage(page), priority);
             }
         }
     }
 
-    /// A texture's next level is wanted while a texel of the last one covers more than a pixel.
+    /// Lists the next levels of textures while a texel of the last one covers more than a pixel.
     pub(super) fn want_textures(
         &mut self,
         number: u32,
@@ -69,12 +70,12 @@ impl Selector {
         threshold: f32,
         picture: &Picture,
     ) {
-        let seen = self.seen[number as usize];
-        if !seen.visible || asset.state(BlobPart::Base) != State::Applied {
+        let on_screen = self.on_screen[number as usize];
+        if !on_screen.visible || asset.state(BlobPart::Base) != State::Applied {
             return;
         }
         for (texture, info) in (0..).zip(asset.textures()) {
-            let px_per_uv = seen.px_per_unit / info.uv_per_unit.max(f32::MIN_POSITIVE);
+            let px_per_uv = on_screen.px_per_unit / info.uv_per_unit.max(f32::MIN_POSITIVE);
             let mut texel_px = px_per_uv.min(f32::MAX);
             let mut pending = 0;
             for (level, (about, state)) in (0..).zip(&info.levels) {
@@ -85,11 +86,11 @@ impl Selector {
                 if *state != State::Applied {
                     pending += 1;
                     let weight = self.settings.texture_weight.get();
-                    let difference_px2 = picture.texture_px2(texel_px, seen.visible_px, weight);
+                    let difference_px2 = picture.texture_px2(texel_px, on_screen.visible_px, weight);
                     let (asset, bytes, state) = (number, about.bytes, *state);
-                    let Seen { foveation, .. } = seen;
-                    let level = SoughtLevel { id, asset, bytes, state, difference_px2, foveation };
-                    self.textures.seek(level);
+                    let AssetOnScreen { foveation, .. } = on_screen;
+                    let level = WantedLevel { id, asset, bytes, state, difference_px2, foveation };
+                    self.textures.add_level(level);
                     if state == State::Failed {
                         break;
                     }

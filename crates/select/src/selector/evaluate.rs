@@ -1,0 +1,183 @@
+//! The pass over visible instances: screen errors and visible differences of all chunks, and the error of the picture.
+
+use lodestream_geometry::screen::{visible_error, visible_error_at};
+
+use super::Selector;
+use crate::difference::{Picture, seen_error};
+use crate::instance_tree::{Instances, TreeQuery};
+use crate::priority::hidden;
+use crate::project::Projection;
+use crate::selection::State;
+use crate::state::{AssetState, Chunk};
+use crate::visibility::Placed;
+use lodestream_scene::blob::BlobPart;
+use lodestream_scene::description::InstanceEntry;
+use lodestream_scene::view::View;
+
+/// Least visible share of a region for the visible screen error: a hundredth of its disc. Shares are square roots of areas.
+const MIN_VISIBLE_SHARE: f32 = 0.1;
+
+/// Upper bound on the screen error of all visible parts with the applied blobs, in pixels; infinite while a visible instance
+/// lacks its base mesh. TTQ is measured by it.
+#[must_use]
+pub fn max_screen_error_px(view: &View, instances: &[InstanceEntry], assets: &[AssetState]) -> f64 {
+    let projection = Projection::new(view);
+    let mut worst = 0.0_f64;
+    for instance in instances {
+        let Some(asset) = assets.get(instance.asset as usize) else { continue };
+        let bounds = projection.bounds(asset.entry(), instance);
+        if !bounds.visible {
+            continue;
+        }
+        if asset.state(BlobPart::Base) != State::Applied {
+            return f64::INFINITY;
+        }
+        let scale = f64::from(instance.scale);
+        worst = worst.max(projection.error_px(f64::from(asset.unknown_error()) * scale, bounds.depth));
+        let local = projection.local(asset.entry(), instance);
+        for chunk in asset.chunks().iter().flatten().filter(|chunk| chunk.state() != State::Applied) {
+            let error = remaining_error(chunk, 1.0);
+            worst = local.error_px(&chunk.info().sphere, error).map_or(worst, |(px, _)| worst.max(px));
+        }
+    }
+    worst
+}
+
+/// Visible error that remains while a chunk is not applied, or only up to a truncation point, in the asset's units.
+pub(super) fn remaining_error(chunk: &Chunk, share: f32) -> f32 {
+    let info = chunk.info();
+    match chunk.truncation() {
+        Some(truncation) => visible_error_at(info, &info.extent(Some(truncation)), share),
+        None => visible_error(info, share),
+    }
+}
+
+impl Selector {
+    /// Evaluates all visible instances: screen errors of chunks, and the error of the picture.
+    pub(super) fn evaluate(
+        &mut self,
+        view: &View,
+        instances: Instances<'_>,
+        assets: &[AssetState],
+        in_use: (u64, u64),
+    ) {
+        let (projection, picture) = (Projection::new(view), Picture::new(view));
+        instances.find(&TreeQuery::in_view(&projection), &mut self.nearby);
+        for (number, on_screen) in (0..).zip(&mut self.on_screen) {
+            on_screen.placed = instances.places(number);
+        }
+        let counters = &mut self.selection.counters;
+        (counters.applied_faces, counters.applied_bytes) = in_use;
+        let floor_px = f64::from(view.target_px * self.settings.undo_below.get());
+        let (mut worst, mut worst_seen) = (0.0_f64, 0.0_f64);
+        let mut drawn = false;
+        for &number in self.nearby.numbers() {
+            let instance = &instances.all()[number as usize];
+            let Some(asset) = assets.get(instance.asset as usize) else { continue };
+            let on_screen = &mut self.on_screen[instance.asset as usize];
+            on_screen.placed = true;
+            let bounds = projection.bounds(asset.entry(), instance);
+            on_screen.coverage_px = on_screen.coverage_px.max(bounds.coverage_px);
+            if !bounds.visible {
+                continue;
+            }
+            on_screen.visible = true;
+            on_screen.visible_px = on_screen.visible_px.max(bounds.coverage_px);
+            self.textures.add_instance(number, instance.asset, bounds.coverage_px);
+            on_screen.foveation = on_screen.foveation.max(bounds.foveation);
+            counters.visible_instances += 1;
+            if asset.state(BlobPart::Base) == State::Applied {
+                counters.drawable_instances += 1;
+            } else {
+                (worst, worst_seen) = (f64::INFINITY, f64::INFINITY);
+            }
+            let scale = f64::from(instance.scale);
+            let px_of = |error: f32| projection.error_px(f64::from(error) * scale, bounds.depth);
+            let unknown_px = px_of(asset.unknown_error());
+            worst = worst.max(unknown_px);
+            if unknown_px > floor_px && self.settings.hidden_last && asset.occluder().is_some() {
+                if !std::mem::replace(&mut drawn, true) {
+                    self.visibility.draw(view, self.travel, instances, assets);
+                }
+                let shown = self.visibility.shown(number, view, asset.entry(), instance);
+                on_screen.pages_visible |= shown > 0.0;
+                if shown > 0.0 {
+                    worst_seen = worst_seen.max(unknown_px);
+                }
+            } else {
+                on_screen.pages_visible = true;
+                worst_seen = worst_seen.max(unknown_px);
+            }
+            #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
+            {
+                on_screen.unknown_px = on_screen.unknown_px.max(unknown_px as f32);
+                let px_per_unit = projection.px_per_unit(asset.entry(), instance, bounds.depth);
+                on_screen.px_per_unit = on_screen.px_per_unit.max(px_per_unit as f32);
+            }
+            // No chunk's visible error exceeds the root error, and no sphere is nearer than the asset's.
+            let root_px = px_of(asset.entry().root_error);
+            if root_px < floor_px {
+                (worst, worst_seen) = (worst.max(root_px), worst_seen.max(root_px));
+                on_screen.far = true;
+                continue;
+            }
+            let local = projection.local(asset.entry(), instance);
+            let share = self.settings.attribute_share.get();
+            counters.tested_chunks += asset.chunks().len() as u64;
+            self.projected.clear();
+            self.projected.extend(asset.chunks().iter().map(|chunk| {
+                let info = chunk.as_ref()?.info();
+                local.error_px(&info.sphere, visible_error(info, share))
+            }));
+            self.shares.clear();
+            self.shares.resize(asset.chunks().len(), 1.0);
+            let projected = &self.projected;
+            // Chunks that are applied or too small to be wanted need no occlusion test.
+            let needs_test = |number: usize, chunk: &Chunk| {
+                chunk.state() != State::Applied && projected[number].is_some_and(|(px, _)| px > floor_px)
+            };
+            let numbered = (0..).zip(asset.chunks());
+            if self.settings.hidden_last
+                && asset.occluder().is_some()
+                && numbered
+                    .filter_map(|(at, chunk)| Some((at, chunk.as_ref()?)))
+                    .any(|(at, c)| needs_test(at, c))
+            {
+                if !std::mem::replace(&mut drawn, true) {
+                    self.visibility.draw(view, self.travel, instances, assets);
+                }
+                let placed = Placed::new(view, asset.entry(), instance);
+                self.visibility.shares(number, &placed, asset.chunks(), needs_test, &mut self.shares);
+            }
+            let evaluations = &mut self.chunks[on_screen.first_chunk..];
+            let about = projected.iter().zip(&self.shares);
+            for ((evaluation, chunk), (projected, &shown)) in
+                evaluations.iter_mut().zip(asset.chunks()).zip(about)
+            {
+                let (Some(chunk), &Some((px, foveation))) = (chunk, projected) else { continue };
+                let info = chunk.info();
+                let error = visible_error(info, share);
+                if chunk.state() != State::Applied {
+                    let left = remaining_error(chunk, share);
+                    let left_px = if left < error { px * f64::from(left / error) } else { px };
+                    worst = worst.max(left_px);
+                    if shown > MIN_VISIBLE_SHARE {
+                        worst_seen = worst_seen.max(left_px);
+                    }
+                }
+                #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
+                {
+                    evaluation.own_px = evaluation.own_px.max(px as f32);
+                    evaluation.error_px = evaluation.own_px;
+                    let px_per_unit = px as f32 / error.max(f32::MIN_POSITIVE);
+                    let seen_px = px_per_unit * seen_error(info.error, info.attribute_error, share);
+                    let whole = picture.shape_px2(seen_px, px_per_unit * info.sphere.radius);
+                    evaluation.difference_px2 += if shown > 0.0 { shown * whole } else { hidden(whole) };
+                }
+                evaluation.foveation = evaluation.foveation.max(foveation);
+            }
+        }
+        counters.max_screen_error_px = worst;
+        counters.seen_screen_error_px = worst_seen;
+    }
+}
