@@ -165,7 +165,7 @@ mod tests {
     fn key(dir: &Path) -> Key {
         let model = dir.join("a.obj");
         std::fs::write(&model, "f 1 2 3\n").unwrap();
-        cache::key(&model, "", 1).unwrap()
+        cache::key_and_files(&model, b"", 1).unwrap().0
     }
 
     #[test]

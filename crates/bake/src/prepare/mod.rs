@@ -4,9 +4,9 @@ pub mod cache;
 mod checkpoint_folder;
 pub mod describe;
 mod progress;
+mod settings_key;
 #[cfg(test)]
 mod tests;
-mod textures;
 mod threads;
 
 use std::fmt;
@@ -31,6 +31,7 @@ use lodestream_store::{PackFile, StoreError};
 use checkpoint_folder::CheckpointFolder;
 pub use checkpoint_folder::{Resumed, remove_stale_levels};
 pub use progress::Reporter;
+use settings_key::PackSettings;
 pub use threads::Threads;
 
 /// How to prepare.
@@ -171,7 +172,7 @@ fn keyed(asset: &Asset, options: &Options) -> Result<(Asset, cache::Key, Vec<Pat
         preparation_settings: options.preparation_settings.or(asset.preparation_settings),
         ..asset.clone()
     };
-    let (key, files) = cache::key_and_files(&asset.file, &settings_text(&asset), pack_version())?;
+    let (key, files) = cache::key_and_files(&asset.file, &pack_settings(&asset).encode(), pack_version())?;
     Ok((asset, key, files))
 }
 
@@ -216,13 +217,16 @@ pub fn prepare_cached(asset: &Asset, folder: &Path, options: &Options) -> Result
     Ok(Cached { pack: PackFile::open(&path)?, report: Some(report), files })
 }
 
-/// Everything but the files that decides what a pack holds. Threads and progress do not.
-fn settings_text(asset: &Asset) -> String {
+fn pack_settings(asset: &Asset) -> PackSettings<'_> {
     let Asset { name, file: _, part, preparation_settings } = asset;
-    let (quantise, settings) =
-        (preparation_settings.quantise_settings(), preparation_settings.simplify_settings());
-    let depth = preparation_settings.relief_depth.map(ReliefDepth::get);
-    format!("{name:?} {part:?} {quantise:?} {settings:?} {:?} {depth:?}", preparation_settings.codec())
+    PackSettings {
+        name,
+        part: *part,
+        quantise: preparation_settings.quantise_settings(),
+        simplify: preparation_settings.simplify_settings(),
+        codec: preparation_settings.codec(),
+        relief_depth: preparation_settings.relief_depth.map(ReliefDepth::get),
+    }
 }
 
 fn pack_version() -> u32 {

@@ -8,7 +8,7 @@ use lodestream_import::texture::{self, Texture, TextureError, TextureSource, Tra
 use lodestream_scene::asset::{MAX_TEXTURES, TextureFormat, TextureInfo, TextureLevel};
 use lodestream_scene::limits::MAX_BLOB_BYTES;
 
-use super::describe::DescribeError;
+use super::error::DescribeError;
 
 /// Textures made so far.
 #[derive(Default)]

@@ -1,16 +1,18 @@
 //! Imported materials and their texture files, as the description and blobs of an asset.
 
-use std::path::PathBuf;
+mod error;
+#[cfg(test)]
+mod tests;
+mod textures;
 
 use crate::preparation_settings::ReliefDepth;
 use lodestream_import::srgb::srgb_to_linear;
-use lodestream_import::texture::{Opacity, TextureError, TextureKind, TextureSource, Transparency};
-use lodestream_scene::asset::{
-    Alpha, AssetDescription, DescriptionError, MAX_NORMAL_SCALE, MAX_TEXTURES, Material,
-};
-use lodestream_scene::limits::{MAX_BLOB_BYTES, MAX_NAME_BYTES};
+use lodestream_import::texture::{Opacity, TextureKind, TextureSource, Transparency};
+use lodestream_scene::asset::{Alpha, AssetDescription, MAX_NORMAL_SCALE, Material};
+use lodestream_scene::limits::MAX_NAME_BYTES;
 
-use super::textures::{Made, Textures};
+pub use error::DescribeError;
+use textures::{Made, Textures};
 
 /// Depth of relief at `-bm 1`, in units of texture coordinates, where nothing else is said: brick and
 /// cobble textures of a metre or two then have joints of a few centimetres.
@@ -27,28 +29,6 @@ pub struct Described {
     pub textures: Vec<Vec<Vec<u8>>>,
     /// What was odd but could be worked around, a line each.
     pub warnings: Vec<String>,
-}
-
-/// A description that cannot be made.
-#[derive(Debug, thiserror::Error)]
-pub enum DescribeError {
-    /// A texture of absurd size, or one that cannot be encoded.
-    #[error(transparent)]
-    Texture(#[from] TextureError),
-    /// More textures than the protocol numbers.
-    #[error("the asset uses more than {MAX_TEXTURES} textures; split it")]
-    TooManyTextures,
-    /// A texture level longer than a blob may be.
-    #[error("{}: a level of this texture takes {bytes} bytes, above {MAX_BLOB_BYTES}; scale it down", path.display())]
-    LongLevel {
-        /// The texture's file.
-        path: PathBuf,
-        /// Length of the level.
-        bytes: usize,
-    },
-    /// Values that the protocol refuses.
-    #[error("the asset cannot be described: {0}")]
-    Refused(#[from] DescriptionError),
 }
 
 /// Describes an asset: reads and encodes the textures of its materials.
@@ -168,6 +148,3 @@ fn has_metal(made: Option<&Made>) -> bool {
 fn truncated(name: &str) -> String {
     name[..name.floor_char_boundary(MAX_NAME_BYTES)].to_owned()
 }
-
-#[cfg(test)]
-mod tests;
