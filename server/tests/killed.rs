@@ -57,7 +57,7 @@ fn a_killed_preparation_goes_on_and_makes_the_same_pack() {
     let output = prepare(&model, &pack, "2").output().unwrap();
     assert!(output.status.success());
     let told = String::from_utf8(output.stdout).unwrap();
-    assert!(told.contains("went on from"), "{told}");
+    assert!(told.contains("resumed from"), "{told}");
     assert!(kept(&folder).is_empty(), "nothing is left behind");
     assert!(std::fs::read(&pack).unwrap() == std::fs::read(&whole).unwrap(), "another pack");
 }

@@ -158,7 +158,7 @@ fn what_cannot_be_used_is_refused_with_a_reason() {
             r#"{"mode": "fixed", "stamps": [{"kind": "crater", "centre": [0, 0], "radius": 0, "depth": 1, "rim": 1}]}"#,
             &["stamp 0", "radius of 0"],
         ),
-        ("hello", &["is no feature file", "line 1 column 1"]),
+        ("hello", &["is not a feature file", "line 1 column 1"]),
     ] {
         std::fs::write(&features, json).unwrap();
         refused(&dir, &featured, fragments);

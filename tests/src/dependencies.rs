@@ -77,6 +77,36 @@ fn the_server_has_one_library_of_tls() {
     assert!(needs("lodestream-server", &[]).contains("object_store"));
 }
 
+/// Whether a package compiles another with a feature, its own features being the default ones.
+fn enables(package: &str, dependency: &str, feature: &str) -> bool {
+    let mut command = Command::new(env!("CARGO"));
+    command.current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+    command.args(["tree", "--offline", "--locked", "--edges", "normal,build,features", "--prefix", "none"]);
+    let output = command.args(["--format", "{p}|{f}", "-p", package]).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let listing = String::from_utf8(output.stdout).unwrap();
+    // A line is "NAME vVERSION (PATH)|FEATURE,FEATURE", or "NAME feature \"FEATURE\"" for an edge.
+    let lines = listing.lines().filter(|line| line.split_whitespace().next() == Some(dependency));
+    let features: Vec<&str> = lines.filter_map(|line| line.rsplit_once('|')).map(|(_, list)| list).collect();
+    // Guards against a listing of another form, in which no feature would ever be found.
+    assert!(!features.is_empty(), "{package} does not need {dependency}, or the listing has another form");
+    features.iter().any(|list| list.split([',', ' ']).any(|enabled| enabled == feature))
+}
+
+#[test]
+fn serving_and_viewing_compile_no_importer_and_no_simplifier() {
+    for package in ["lodestream-daemon", "lodestream-client", "lodestream-store"] {
+        lacks(package, &[], &["lodestream-import", "lodestream-bake", "gltf", "tobj", "draco-core"]);
+        assert!(!enables(package, "lodestream-geometry", "prepare"), "{package} compiles the simplifier");
+    }
+    // The names looked for above are found where they are needed.
+    for name in ["lodestream-import", "gltf", "tobj", "draco-core"] {
+        assert!(needs("lodestream-bake", &[]).contains(name), "{name}");
+    }
+    assert!(needs("lodestream-server", &[]).contains("lodestream-bake"));
+    assert!(enables("lodestream-bake", "lodestream-geometry", "prepare"));
+}
+
 #[test]
 fn the_simulated_links_know_nothing_of_ours() {
     let ours: Vec<String> = needs("lodestream-netsim", &[])

@@ -1,9 +1,8 @@
-//! Whether a pack holds the model that it was made from.
+//! Comparison of a pack with the model that it was made from.
 //!
-//! The model is imported and quantised again as the pack's settings say. Fully refined, the pack must have
-//! the same faces, with the same positions, attributes and materials; whatever coarser meshes show, its
-//! wedges must carry attributes of the model; and its materials must be described as the model's are.
-//! What this cannot tell is how good the coarse meshes are: `lodestream-sim assess` measures that.
+//! The model is imported and quantised with the pack's settings. Fully refined, the pack must have the same faces, with
+//! the same positions, attributes and materials; wedges of every level must have attributes of the model; materials and
+//! textures must be equal. The quality of coarse meshes is not checked: `lodestream-sim assess` measures it.
 
 use std::cmp::Ordering;
 use std::collections::BTreeSet;
@@ -22,23 +21,23 @@ use crate::prepare::PrepareError;
 use crate::prepare::describe::describe;
 use lodestream_store::{LoadedAsset, PackFile, StoreError};
 
-/// What differs; nothing in a sound pack.
+/// Numbers of differences; zero in a correct pack.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Difference {
     /// Faces of the model, quantised.
     pub faces: usize,
-    /// Those that the pack does not have.
+    /// Faces of the model that the pack lacks.
     pub missing: usize,
-    /// Faces of the pack that the model does not have.
+    /// Faces of the pack that the model lacks.
     pub foreign: usize,
-    /// Wedges at any level whose attributes no wedge of the model has.
+    /// Wedges of any level whose attributes occur at no wedge of the model.
     pub strange_wedges: usize,
     /// Materials and texture levels that differ.
     pub materials: usize,
 }
 
 impl Difference {
-    /// Whether the pack holds the model.
+    /// Whether there is no difference.
     #[must_use]
     pub fn none(&self) -> bool {
         *self == Self { faces: self.faces, ..Self::default() }
@@ -54,7 +53,7 @@ pub enum CompareError {
     /// The pack cannot be used.
     #[error(transparent)]
     Pack(#[from] StoreError),
-    /// The pack does not say how it was made.
+    /// The pack's settings cannot be read.
     #[error("{}: its settings cannot be read: {why}", path.display())]
     Settings {
         /// The pack.
@@ -62,7 +61,7 @@ pub enum CompareError {
         /// What is wrong with them.
         why: ReadError,
     },
-    /// The pack was made of something else, or otherwise than it says.
+    /// The pack was made from another model or with other settings.
     #[error("{} gives another grid than {} has: the pack was made of another file", model.display(), pack.display())]
     Grid {
         /// The model.
@@ -90,7 +89,7 @@ pub fn compare(pack: &PackFile, model: &Path, part: &Part) -> Result<Difference,
     let error = |source| PrepareError::Describe { path: model.to_owned(), source };
     let described = describe(&asset.description.name, &imported.materials, preparation_settings.relief_depth)
         .map_err(error)?;
-    // Descriptions are coded in steps: what counts is what comes back.
+    // Encoding quantises descriptions, so the decoded one is compared.
     let again = described.description.encode().and_then(|bytes| AssetDescription::decode(&bytes));
     let theirs = again.map_err(|e| error(e.into()))?;
     let mut found = geometry(&asset, &mesh).map_err(|source| pack.damaged(source))?;
@@ -101,7 +100,7 @@ pub fn compare(pack: &PackFile, model: &Path, part: &Part) -> Result<Difference,
     Ok(found)
 }
 
-/// Places at which two lists differ.
+/// Number of positions at which two lists differ.
 fn differing<T: PartialEq>(a: &[T], b: &[T]) -> usize {
     a.iter().zip(b).filter(|(a, b)| a != b).count() + a.len().abs_diff(b.len())
 }
@@ -123,7 +122,7 @@ fn geometry(asset: &LoadedAsset, mesh: &QuantisedMesh) -> Result<Difference, Dec
     Ok(found)
 }
 
-/// A face whatever its numbering: positions and attributes of its corners, the least first, and material.
+/// A face independent of numbering: positions and attributes of its corners, the least first, and material.
 type Shape = ([([i32; 3], Attributes); 3], u16);
 
 fn faces(mesh: &QuantisedMesh) -> Vec<Shape> {
@@ -145,7 +144,7 @@ fn faces(mesh: &QuantisedMesh) -> Vec<Shape> {
     faces
 }
 
-/// How many of each of two sorted lists the other does not have.
+/// For each of two sorted lists, the number of items that the other lacks.
 fn unmatched(a: &[Shape], b: &[Shape]) -> (usize, usize) {
     let (mut i, mut j, mut common) = (0, 0, 0);
     while let (Some(x), Some(y)) = (a.get(i), b.get(j)) {

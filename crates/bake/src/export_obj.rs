@@ -1,4 +1,4 @@
-//! Meshes written as OBJ, so that any tool can judge them.
+//! Export of meshes as OBJ, for use in other tools.
 
 use std::collections::HashMap;
 use std::io::{self, Write};
@@ -13,7 +13,7 @@ use lodestream_geometry::normals::wedge_normals;
 /// vertex whose wedges differ in colour is written once per colour, since OBJ has no index for colours.
 ///
 /// # Errors
-/// Whatever writing says.
+/// Errors of the writer.
 pub fn write_obj(out: &mut dyn Write, mesh: &QuantisedMesh, material_names: &[String]) -> io::Result<()> {
     writeln!(out, "# {} vertices, {} faces", mesh.positions.len(), mesh.faces.len())?;
     let vertex_of = write_vertices(out, mesh)?;
@@ -58,7 +58,7 @@ fn write_vertices(out: &mut dyn Write, mesh: &QuantisedMesh) -> io::Result<Vec<u
         let [x, y, z] = mesh.grid.position(mesh.positions[vertex as usize]);
         write!(out, "v {x} {y} {z}")?;
         if colored {
-            // Four digits tell steps of 1/255 apart.
+            // Four digits distinguish steps of 1/255.
             for value in &color[..if opaque { 3 } else { 4 }] {
                 write!(out, " {:.4}", f64::from(*value) / 255.0)?;
             }
@@ -97,7 +97,7 @@ fn write_normals(out: &mut dyn Write, mesh: &QuantisedMesh) -> io::Result<Vec<u6
     let mut numbers: HashMap<[u64; 3], u64> = HashMap::new();
     let mut normal_of = Vec::with_capacity(mesh.wedges.len());
     for normal in wedge_normals(mesh) {
-        // A star without area has none; OBJ wants one.
+        // OBJ requires a normal, even if all faces are degenerate.
         let [x, y, z] = if normal == [0.0; 3] { [0.0, 0.0, 1.0] } else { normal };
         let next = numbers.len() as u64 + 1;
         let number = *numbers.entry([x, y, z].map(f64::to_bits)).or_insert(next);

@@ -1,4 +1,4 @@
-//! What is in a pack, in numbers.
+//! Statistics of a pack.
 
 use std::path::Path;
 
@@ -9,10 +9,10 @@ use serde::Serialize;
 
 use lodestream_store::{PackFile, StoreError};
 
-/// The numbers; lengths are in the asset's units.
+/// Statistics of a pack; lengths are in the asset's units.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
-    /// How the pack was made.
+    /// Preparation settings.
     pub settings: String,
     /// Vertices that a face uses, after welding.
     pub vertices: u64,
@@ -28,15 +28,15 @@ pub struct Summary {
     pub components: u64,
     /// Materials.
     pub materials: u64,
-    /// Materials that are cut out where their opacity is low.
+    /// Materials with an alpha test.
     pub masked_materials: u64,
-    /// Materials that are seen through.
+    /// Transparent materials.
     pub blended_materials: u64,
-    /// Materials that light does not matter to.
+    /// Unlit materials.
     pub unlit_materials: u64,
-    /// Materials that give off light.
+    /// Emissive materials.
     pub emissive_materials: u64,
-    /// Materials that are metal, wholly or in part.
+    /// Metallic materials.
     pub metallic_materials: u64,
     /// Textures, of every kind.
     pub textures: u64,
@@ -48,7 +48,7 @@ pub struct Summary {
     pub normal_textures: u64,
     /// Textures of occlusion, roughness and metal.
     pub surface_textures: u64,
-    /// How base mesh and chunks are coded: `range` or `zstd`.
+    /// Codec of base mesh and chunks.
     pub codec: String,
     /// Bits per axis of positions.
     pub position_bits: u8,
@@ -82,10 +82,10 @@ pub struct Summary {
     pub grid_step: f64,
 }
 
-/// Reads a pack whole, which checks every blob, and counts.
+/// Reads a whole pack, verifies every blob, and counts.
 ///
 /// # Errors
-/// A file that is not a sound pack.
+/// A file that is not a pack, or damaged.
 pub fn inspect(path: &Path) -> Result<Summary, StoreError> {
     let pack = PackFile::open(path)?;
     let texture_bytes = pack.verify_textures()?;
@@ -138,7 +138,7 @@ pub fn inspect(path: &Path) -> Result<Summary, StoreError> {
     })
 }
 
-/// How many components share no vertex.
+/// Number of connected components.
 fn count_components(vertices: usize, faces: &[[u32; 3]]) -> u64 {
     let least = components(vertices, faces);
     least.iter().zip(0..).filter(|&(&least, v)| least == v).count() as u64

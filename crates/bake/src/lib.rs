@@ -1,14 +1,14 @@
-//! Baking: from model files and scene files to packs and a scene's description.
+//! Preparation of model files and scene files: packs and a scene description.
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`preparation_settings`] | how a model is prepared: each setting one type with one range |
+//! | [`preparation_settings`] | preparation settings, one type with a range for each |
 //! | [`scene`] | scene files, and scenes of bare models |
 //! | [`prepare`] | a model to a pack: cache, checkpoints, progress, threads |
-//! | [`compose`] | a prepared scene's description, as it is sent |
+//! | [`compose`] | composition of a scene description from prepared models |
 //! | [`mapped`] | an allocator that maps large lists to files, for models larger than memory |
-//! | [`compare`], [`inspect`], [`export_obj`] | what a pack holds, against its model or by itself |
-//! | [`stderr`] | lines for people |
+//! | [`compare`], [`inspect`], [`export_obj`] | comparison of a pack with its model, statistics, export |
+//! | [`stderr`] | messages on standard error |
 
 pub mod compare;
 pub mod compose;

@@ -1,31 +1,30 @@
-//! Lists that are larger than memory: while [`Mapped::into`] is asked for, every large allocation of the program is a
-//! file that is mapped into its memory, so that the system keeps what is in use and writes the rest to disk.
+//! An allocator for lists larger than memory: while a [`Mapping`] exists, every large allocation of the program is a
+//! memory-mapped file, so that the system pages unused parts out to disk.
 //!
-//! Preparation passes over its lists region by region, neighbours one after the other, a few dozen times a level: with
-//! such access paging by the system works, and what comes out cannot differ, since nothing but where a list lies does. Builders of multiresolution meshes have long done so
-//! (Ponchio, "Multiresolution structures for interactive visualization of very large 3D datasets", 2008, maps its
-//! arrays).
+//! Preparation traverses its lists region by region, a few dozen times a level, with locality that suits paging. The
+//! output is the same, since only the location of the lists differs. Other builders of multiresolution meshes map their
+//! arrays too (Ponchio, "Multiresolution structures for interactive visualization of very large 3D datasets", 2008).
 //!
-//! A file has no name and is gone with the process, however that ends. Its blocks are reserved before it is used: a full
-//! disk is found when a list is made, which then lies in memory, not when it is written, which would be a signal.
+//! Files are unnamed (`O_TMPFILE`), so they disappear with the process. Their blocks are reserved in advance: a full disk
+//! makes an allocation fall back to memory, instead of raising a signal at a later write.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::path::Path;
 
-/// The program's allocator. Small lists, and all where nothing is mapped, are the system's.
+/// The program's allocator. The system's allocator serves small lists, and all lists without a [`Mapping`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Mapped;
 
-/// Lists of so many bytes and more are mapped: fewer are many, and each costs three calls of the system.
+/// Least size of mapped lists, in bytes. Smaller lists are numerous, and each mapping costs three system calls.
 pub const FROM_BYTES: usize = 4 << 20;
 
 /// A folder that cannot hold mapped lists.
 #[derive(Debug, thiserror::Error)]
 pub enum MapError {
-    /// Its files are in memory.
+    /// The folder is on a file system in memory.
     #[error("{}: is a file system in memory (tmpfs); name a folder on a disk", .0.display())]
     InMemory(std::path::PathBuf),
-    /// The system refuses.
+    /// The system refuses to create or map files there.
     #[error("{}: no file there can be mapped into memory: {source}", path.display())]
     System {
         /// The folder.
@@ -36,17 +35,17 @@ pub enum MapError {
     /// Files are not mapped on this system, or the program was built with another allocator.
     #[error("files are not mapped into memory by this program on this system")]
     Unsupported,
-    /// There is one folder at a time.
+    /// Only one folder can be in use.
     #[error("another folder is in use for this already")]
     InUse,
 }
 
-/// Large lists made while this is there lie in files of its folder.
+/// While this exists, new large lists are files of its folder.
 #[derive(Debug)]
 pub struct Mapping(());
 
 impl Mapped {
-    /// Maps lists of `from_bytes` and more ([`FROM_BYTES`]) to files in `folder` from now on, those of all threads.
+    /// Maps new lists of at least `from_bytes` ([`FROM_BYTES`]), of all threads, to files in `folder`.
     ///
     /// # Errors
     /// See [`MapError`].
@@ -54,13 +53,13 @@ impl Mapped {
         files::open(folder, from_bytes).map(|()| Mapping(()))
     }
 
-    /// What is free on the disk of the folder, and what lists take there; `None` where nothing is mapped.
+    /// Free bytes on the folder's disk plus the bytes of mapped lists; `None` without a [`Mapping`].
     #[must_use]
     pub fn free_bytes() -> Option<u64> {
         files::free_bytes()
     }
 
-    /// The most bytes that were mapped at one time.
+    /// Peak of the mapped bytes.
     #[must_use]
     pub fn most_bytes() -> usize {
         files::most_bytes()
@@ -73,15 +72,15 @@ impl Drop for Mapping {
     }
 }
 
-// What is handed out is what the system's allocator hands out, or a mapping of its own of at least the size that was asked
-// for, at the start of a page; which of the two it was is looked up before it goes back.
+// Returns memory of the system's allocator, or a page-aligned mapping of at least the requested size; `dealloc` looks up
+// which of the two it is.
 #[allow(unsafe_code, reason = "an allocator cannot be written without")]
 unsafe impl GlobalAlloc for Mapped {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         if let Some(mapped) = files::map(layout) {
             return mapped;
         }
-        // SAFETY: what the caller owes to this function it owes to that one.
+        // SAFETY: the caller upholds the same contract.
         unsafe { System.alloc(layout) }
     }
 
@@ -96,19 +95,19 @@ unsafe impl GlobalAlloc for Mapped {
 
     unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
         if !files::unmap(at, layout) {
-            // SAFETY: as above; it came from there.
+            // SAFETY: as above; the system's allocator returned it.
             unsafe { System.dealloc(at, layout) }
         }
     }
 
     unsafe fn realloc(&self, at: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        if files::concerned(layout.size().max(size)) {
-            // SAFETY: alignment and size are the caller's, who answers for both.
+        if files::may_be_mapped(layout.size().max(size)) {
+            // SAFETY: the caller guarantees a valid alignment and size.
             let new = unsafe { self.alloc(Layout::from_size_align_unchecked(size, layout.align())) };
             if !new.is_null() {
-                // SAFETY: two lists that do not overlap, each at least as long as what is copied.
+                // SAFETY: the lists do not overlap, and each has at least the copied length.
                 unsafe { std::ptr::copy_nonoverlapping(at, new, layout.size().min(size)) };
-                // SAFETY: the old one is the caller's to give up.
+                // SAFETY: the caller gives up the old list.
                 unsafe { self.dealloc(at, layout) };
             }
             return new;
@@ -132,24 +131,24 @@ mod files {
 
     use super::MapError;
 
-    /// Lists that can be mapped at one time; more lie in memory.
+    /// Most lists mapped at one time; further ones are in memory.
     const MOST: usize = 1024;
     const TMPFS_MAGIC: u64 = 0x0102_1994;
     const NO_FOLDER: i32 = -1;
     /// Pages are no larger than this; alignments beyond are the system allocator's.
     const PAGE_BYTES: usize = 4096;
 
-    /// The folder's descriptor, which stays open for good once there was one, since lists may be made of it just now.
+    /// The folder's descriptor, never closed, since another thread may be using it.
     static FOLDER: AtomicI32 = AtomicI32::new(NO_FOLDER);
     static IN_USE: AtomicBool = AtomicBool::new(false);
     static FROM_BYTES: AtomicUsize = AtomicUsize::new(usize::MAX);
-    /// Where lists are that are mapped; 0 for none.
+    /// Addresses of mapped lists; 0 for a free slot.
     static AT: [AtomicUsize; MOST] = [const { AtomicUsize::new(0) }; MOST];
-    /// Taken and not yet in use.
+    /// A slot that is taken but has no address yet.
     const TAKEN: usize = 1;
     static BYTES: AtomicUsize = AtomicUsize::new(0);
     static MOST_BYTES: AtomicUsize = AtomicUsize::new(0);
-    /// The least size that was ever mapped: what is smaller need not be looked up.
+    /// Least size that was ever mapped: smaller lists need no look-up.
     static LEAST: AtomicUsize = AtomicUsize::new(usize::MAX);
 
     pub(super) fn open(folder: &Path, from_bytes: usize) -> Result<(), MapError> {
@@ -160,7 +159,7 @@ mod files {
         }
         let from_bytes = from_bytes.max(PAGE_BYTES);
         let probe = mapping(directory.as_fd(), from_bytes).map_err(|e| failed(e.into()))?;
-        // SAFETY: it was made just now, and nobody else knows of it.
+        // SAFETY: the mapping is new and not shared.
         #[allow(unsafe_code, reason = "see above")]
         let _ = unsafe { munmap(probe.cast(), from_bytes) };
         if IN_USE.swap(true, Ordering::AcqRel) {
@@ -169,7 +168,7 @@ mod files {
         LEAST.fetch_min(from_bytes, Ordering::Relaxed);
         FOLDER.store(directory.into_raw_fd(), Ordering::Release);
         FROM_BYTES.store(from_bytes, Ordering::Release);
-        // Whether this allocator is the program's is seen by what it does.
+        // Only a trial allocation shows whether this is the program's allocator.
         let list = std::hint::black_box(Vec::<u8>::with_capacity(from_bytes));
         if find(list.as_ptr() as usize).is_none() {
             close();
@@ -196,19 +195,19 @@ mod files {
     }
 
     fn folder() -> BorrowedFd<'static> {
-        // SAFETY: asked for only where there is one, and a descriptor that was stored is never closed.
+        // SAFETY: called only after a descriptor was stored, and stored descriptors are never closed.
         #[allow(unsafe_code, reason = "see above")]
         unsafe {
             BorrowedFd::borrow_raw(FOLDER.load(Ordering::Acquire))
         }
     }
 
-    /// Whether a list of so many bytes is, or would be, mapped.
-    pub(super) fn concerned(bytes: usize) -> bool {
+    /// Whether a list of this size may be mapped.
+    pub(super) fn may_be_mapped(bytes: usize) -> bool {
         bytes >= LEAST.load(Ordering::Relaxed)
     }
 
-    /// A new list, all zeros; `None` where it is to lie in memory.
+    /// Maps a new, zeroed list; `None` if it belongs in memory.
     pub(super) fn map(layout: Layout) -> Option<*mut u8> {
         let bytes = layout.size();
         if bytes < FROM_BYTES.load(Ordering::Acquire) || layout.align() > PAGE_BYTES {
@@ -231,12 +230,12 @@ mod files {
         }
     }
 
-    /// A file without a name, its blocks reserved, as memory. Makes no list of its own.
+    /// Maps an unnamed file with reserved blocks. Does not allocate.
     fn mapping(folder: BorrowedFd<'_>, bytes: usize) -> rustix::io::Result<*mut u8> {
         let flags = OFlags::TMPFILE | OFlags::RDWR | OFlags::CLOEXEC;
         let file = openat(folder, c".", flags, Mode::RUSR | Mode::WUSR)?;
         fallocate(&file, FallocateFlags::empty(), 0, bytes as u64)?;
-        // SAFETY: a new mapping, of a file that nobody else can open: it is aliased by nothing, and cannot be truncated.
+        // SAFETY: a new mapping of a file that nobody else can open: it has no alias and cannot be truncated.
         #[allow(unsafe_code, reason = "see above")]
         let at = unsafe {
             mmap(null_mut(), bytes, ProtFlags::READ | ProtFlags::WRITE, MapFlags::SHARED, &file, 0)
@@ -248,16 +247,16 @@ mod files {
         AT.iter().find(|slot| slot.load(Ordering::Acquire) == at)
     }
 
-    /// Gives a mapped list back; answers whether it was one.
+    /// Unmaps a list; returns whether it was mapped.
     pub(super) fn unmap(at: *mut u8, layout: Layout) -> bool {
-        if !concerned(layout.size()) {
+        if !may_be_mapped(layout.size()) {
             return false;
         }
         let Some(slot) = find(at as usize) else { return false };
         BYTES.fetch_sub(layout.size(), Ordering::Relaxed);
-        // Free before it is unmapped: until then nothing else can come to lie there.
+        // The slot is freed first: the address cannot be reused before the list is unmapped.
         slot.store(0, Ordering::Release);
-        // SAFETY: it is the whole of a mapping of ours, and its owner has given it up.
+        // SAFETY: it is a whole mapping made here, and its owner gives it up.
         #[allow(unsafe_code, reason = "see above")]
         let _ = unsafe { munmap(at.cast(), layout.size()) };
         true
@@ -285,7 +284,7 @@ mod files {
         None
     }
 
-    pub(super) fn concerned(_: usize) -> bool {
+    pub(super) fn may_be_mapped(_: usize) -> bool {
         false
     }
 

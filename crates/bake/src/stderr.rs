@@ -1,9 +1,9 @@
-//! Lines for people on standard error. It may be closed, or a file on a disk that is full: `eprintln!` would panic.
+//! Lines on standard error, without the panic of `eprintln!` when it is closed or its disk is full.
 
 use std::fmt::Arguments;
 use std::io::Write as _;
 
-/// Writes a line; where it cannot be written, nobody is told.
+/// Writes a line; ignores errors.
 pub fn write_line(line: Arguments<'_>) {
     let _ = writeln!(std::io::stderr(), "{line}");
 }

@@ -1,4 +1,4 @@
-//! What can be wrong with a model file, in one line: what, where, what to do.
+//! Errors of importing model files. A message is one line: fault, place and remedy.
 
 use std::path::{Path, PathBuf};
 
@@ -35,7 +35,7 @@ pub enum ImportError {
         /// The largest size supported.
         limit: u64,
     },
-    /// One line is wrong.
+    /// An invalid line.
     #[error("{}:{line}: {what}", path.display())]
     Line {
         /// The file.
@@ -45,23 +45,23 @@ pub enum ImportError {
         /// What is wrong, and what was expected.
         what: String,
     },
-    /// Something in a glTF file is wrong.
+    /// An error in a glTF file.
     #[error("{}: {what}", path.display())]
     Gltf {
         /// The file.
         path: PathBuf,
-        /// Which of its objects, what is wrong with it, and what to do.
+        /// The object, what is wrong with it, and the remedy.
         what: String,
     },
-    /// Something in a PLY file is wrong that stands in no line.
+    /// An error in a PLY file that belongs to no line.
     #[error("{}: {what}", path.display())]
     Ply {
         /// The file.
         path: PathBuf,
-        /// Which of its elements or bytes, what is wrong with it, and what to do.
+        /// The element or byte, what is wrong with it, and the remedy.
         what: String,
     },
-    /// Nothing to draw.
+    /// A model without faces.
     #[error("{}: has no faces ({found}); export it as a polygon mesh", path.display())]
     NoFaces {
         /// The file.
@@ -79,12 +79,12 @@ pub enum ImportError {
         /// How many are supported.
         limit: usize,
     },
-    /// The parser refuses what the checks before it let through.
+    /// The OBJ parser refuses the checked file.
     #[error("{}: {source}", path.display())]
     Parser {
         /// The file.
         path: PathBuf,
-        /// The parser's own word.
+        /// The parser's error.
         source: tobj::LoadError,
     },
 }

@@ -1,4 +1,4 @@
-//! Files, before anything is known of what is in them.
+//! Reading of files: size limits and formats by extension.
 
 use std::path::Path;
 
@@ -7,19 +7,19 @@ use crate::error::ImportError;
 /// Largest model file, in bytes.
 pub const MAX_FILE_BYTES: u64 = 4 << 30;
 
-/// Whether a file's name says that it is glTF.
+/// Whether a file's extension is one of glTF's.
 #[must_use]
 pub fn is_gltf(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gltf") || e.eq_ignore_ascii_case("glb"))
 }
 
-/// Whether a file's name says that it is PLY.
+/// Whether a file's extension is PLY's.
 #[must_use]
 pub fn is_ply(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("ply"))
 }
 
-/// Reads a regular file whole.
+/// Reads a whole regular file.
 ///
 /// # Errors
 /// Missing and unreadable files, anything but a regular file, and files above `limit` bytes.

@@ -1,4 +1,4 @@
-//! One way to every format: which reader a file is for is told by its name.
+//! Entry points for all formats; the file's extension selects the reader.
 
 use std::path::{Path, PathBuf};
 
@@ -7,10 +7,10 @@ use crate::file::{is_gltf, is_ply};
 use crate::model::{Imported, Part};
 use crate::{gltf, obj, ply};
 
-/// Imports a model file whole, with what it names beside it.
+/// Imports a whole model file with the files that it names.
 ///
 /// # Errors
-/// Whatever makes the geometry unusable, and where; see [`ImportError`].
+/// Unusable geometry, with its place; see [`ImportError`].
 pub fn import(path: &Path) -> Result<Imported, ImportError> {
     import_part(path, &Part::Whole)
 }
@@ -27,7 +27,7 @@ pub fn import_part(path: &Path, part: &Part) -> Result<Imported, ImportError> {
     }
 }
 
-/// The files that are read beside a model file of the given content, each once, whether they exist or not.
+/// The files that a model file of the given content refers to, each once, whether they exist or not.
 #[must_use]
 pub fn dependencies(path: &Path, bytes: &[u8]) -> Vec<PathBuf> {
     match path {

@@ -1,5 +1,6 @@
-//! Model files to [`SourceMesh`](lodestream_geometry::mesh::SourceMesh) and materials (OBJ with MTL, glTF 2.0 and
-//! GLB, PLY), their textures to mip levels, and terrain from files.
+//! Importers: model files (OBJ with MTL, glTF 2.0 and GLB, PLY) to a
+//! [`SourceMesh`](lodestream_geometry::mesh::SourceMesh) and materials, image files to mip levels, terrain features and
+//! height maps.
 //!
 //! OBJ and MTL are parsed by the crate `tobj` behind a pass of our own (`normalise`) that checks every
 //! line and reports its number: tobj 4 lets NaN and infinities through, makes up texture

@@ -1,4 +1,4 @@
-//! What a model file holds: a mesh, and the materials of its faces.
+//! The result of an import: a mesh and the materials of its faces.
 
 use std::path::PathBuf;
 
@@ -8,7 +8,7 @@ use lodestream_scene::asset::Wrap;
 
 use crate::srgb::srgb_to_linear;
 
-/// What is meant of a model file.
+/// The part of a model file to import.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Part {
     /// Everything as one mesh; of a glTF file, every mesh of its scene in its place.
@@ -38,7 +38,7 @@ impl From<PathBuf> for ImageSource {
     }
 }
 
-/// What of an image's texels is meant.
+/// The component of an image's texels that a channel reads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Component {
     /// The first channel.
@@ -55,28 +55,28 @@ pub enum Component {
     Mask,
 }
 
-/// One value for each texel of an image: `1 + strength · (v − 1)`, `v` being the component, or 1 less it.
+/// One value for each texel of an image: `1 + strength · (v − 1)`, where `v` is the component, or one minus it.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Channel {
     /// The image.
     pub image: ImageSource,
-    /// What of it.
+    /// The component.
     pub component: Component,
-    /// Whether white means 0 (glossiness, where roughness is wanted).
+    /// Whether to invert the component (glossiness to roughness).
     pub inverted: bool,
-    /// How much of it counts, in steps of 1/65535.
+    /// Strength, in steps of 1/65535.
     pub strength: u16,
 }
 
 impl Channel {
-    /// A component as it is.
+    /// A component, neither inverted nor weakened.
     #[must_use]
     pub fn plain(image: ImageSource, component: Component) -> Self {
         Self { image, component, inverted: false, strength: u16::MAX }
     }
 }
 
-/// Where a surface texture's channels come from; those without a source are 1.
+/// Sources of a surface texture's channels; a channel without a source is 1.
 #[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct SurfaceMap {
     /// How open to ambient light (glTF's `occlusionTexture`).
@@ -101,22 +101,22 @@ impl SurfaceMap {
     }
 }
 
-/// What a material's opacity does.
+/// Use of a material's opacity.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Alpha {
-    /// Nothing.
+    /// Ignored.
     #[default]
     Opaque,
-    /// The surface is there where opacity is at least this much, in `0..=1`.
+    /// Alpha test: visible where opacity is at least this, in `0..=1`.
     Mask(f32),
-    /// What lies behind is seen through it.
+    /// Blended with what is behind.
     Blend,
-    /// What its textures' opacity looks like ([`crate::texture::Transparency`]): a mask at 0.5 where nearly every
-    /// texel is either there or not, transparency else.
+    /// Chosen by the texture ([`crate::texture::Transparency`]): an alpha test at 0.5 if nearly every texel is opaque or
+    /// transparent, else blending.
     Guess,
 }
 
-/// A surface description. Its maps share one set of texture coordinates.
+/// A material. Its maps share one set of texture coordinates.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
     /// Name in the file.
@@ -129,13 +129,13 @@ pub struct Material {
     pub roughness: f32,
     /// Metal in `0..=1` (`Pm`).
     pub metallic: f32,
-    /// Light given off, linear, in `0..=`[`MAX_EMISSION`](lodestream_scene::asset::MAX_EMISSION) (`Ke`).
+    /// Emitted light, linear, in `0..=`[`MAX_EMISSION`](lodestream_scene::asset::MAX_EMISSION) (`Ke`).
     pub emission: [f32; 3],
-    /// What opacity does.
+    /// Use of the opacity.
     pub alpha: Alpha,
-    /// Whether light does not matter (`illum 0`; `KHR_materials_unlit`).
+    /// Whether the material is drawn without lighting (`illum 0`; `KHR_materials_unlit`).
     pub unlit: bool,
-    /// How maps continue beyond `0..=1`, along u and along v.
+    /// Wrap modes of the maps along u and v.
     pub wrap: [Wrap; 2],
     /// Colour texture (`map_Kd`; `baseColorTexture`).
     pub color_texture: Option<ImageSource>,
@@ -185,7 +185,7 @@ impl Default for Material {
 }
 
 impl Material {
-    /// The images that its textures are made of, in the order of its fields; one may come twice.
+    /// The images of all maps, in the order of the fields; an image may occur twice.
     pub fn images(&self) -> impl Iterator<Item = &ImageSource> {
         let channels = [self.opacity_texture.as_ref()].into_iter().chain(self.surface.channels());
         let whole = [&self.normal_texture, &self.emission_texture, &self.height_texture];
@@ -201,6 +201,6 @@ pub struct Imported {
     pub mesh: SourceMesh,
     /// Materials that at least one face uses.
     pub materials: Vec<Material>,
-    /// What was odd but could be worked around, a line each.
+    /// Warnings, one line each.
     pub warnings: Vec<String>,
 }

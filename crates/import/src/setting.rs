@@ -1,8 +1,8 @@
-//! What settings are made of: a number type with one range, and the refusal of what is outside of it.
+//! Number types with a range, for settings, and the error of values outside it.
 
 use lodestream_geometry::UnknownName;
 
-/// A value that a setting cannot have.
+/// A value outside a setting's range.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{possible}; {given} is not")]
 pub struct Impossible {
@@ -11,7 +11,7 @@ pub struct Impossible {
 }
 
 impl Impossible {
-    /// What is possible, as the first half of a sentence, and what was given instead.
+    /// Error for the value `given`; `possible` is the first half of the message ("4 to 24 bits are possible").
     #[must_use]
     pub fn new(possible: impl Into<String>, given: impl Into<String>) -> Self {
         Self { possible: possible.into(), given: given.into() }
@@ -31,7 +31,7 @@ macro_rules! setting {
         $crate::setting! { @number $(#[$about])* $name($number), $unit }
 
         impl $name {
-            /// What is possible, both ends included.
+            /// Allowed range, both ends included.
             pub const RANGE: std::ops::RangeInclusive<$number> = $range;
 
             fn possible() -> String {
@@ -43,7 +43,7 @@ macro_rules! setting {
         $crate::setting! { @number $(#[$about])* $name($number), $unit }
 
         impl $name {
-            /// What is possible: the beginning and all below the end.
+            /// Allowed range, without its end.
             pub const RANGE: std::ops::Range<$number> = $range;
 
             fn possible() -> String {
@@ -73,7 +73,7 @@ macro_rules! setting {
             type Error = $crate::setting::Impossible;
 
             fn try_from(number: $number) -> Result<Self, $crate::setting::Impossible> {
-                // What is no number at all is in no range.
+                // NaN is in no range.
                 if Self::RANGE.contains(&number) { Ok(Self(number)) } else { Err(Self::refusal(number.to_string())) }
             }
         }

@@ -1,10 +1,10 @@
-//! Polygons to triangles.
+//! Triangulation of polygons.
 //!
 //! Convex polygons become a fan; others are cut by ears (Meisters, "Polygons have ears", 1975) in
-//! the plane of their Newell normal. What has no ear (self-crossing or collapsed) becomes a fan.
+//! the plane of their Newell normal. Polygons without an ear (self-crossing or collapsed) become a fan.
 
-/// Corners looked at for each corner of a polygon, on average, in search of ears. Searching is quadratic
-/// for a polygon as people draw them and cubic for one made to be slow; past this it becomes a fan.
+/// Most tests per corner, on average, in the search for ears. The search is quadratic for ordinary polygons and cubic for
+/// adversarial ones, which become a fan at this limit.
 const MAX_TESTS_PER_CORNER: usize = 1024;
 
 /// Triangles as indices into `points`, keeping their winding; nothing for fewer than 3 points.
@@ -37,21 +37,21 @@ fn cut_ears(flat: &[[f64; 2]]) -> Option<Vec<[usize; 3]>> {
 }
 
 /// Whether the corner at `i` turns left and no other is inside its triangle. Counts down `tests_left` by
-/// the corners that it looks at, and says no once that is 0.
+/// the corners that it tests, and returns false once that is 0.
 fn is_ear(flat: &[[f64; 2]], ring: &[usize], i: usize, tests_left: &mut usize) -> bool {
     let m = ring.len();
     let [a, b, c] = [(i + m - 1) % m, i, (i + 1) % m].map(|k| flat[ring[k]]);
-    let mut look = || {
+    let mut count_test = || {
         let left = *tests_left > 0;
         *tests_left = tests_left.saturating_sub(1);
         left
     };
-    look()
+    count_test()
         && cross(a, b, c) > 0.0
         && ring.iter().all(|&p| {
             let p = flat[p];
             // By place, not by index: a hole's bridge visits the same place twice.
-            look() && ([a, b, c].contains(&p) || !inside(p, a, b, c))
+            count_test() && ([a, b, c].contains(&p) || !inside(p, a, b, c))
         })
 }
 

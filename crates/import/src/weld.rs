@@ -1,10 +1,10 @@
-//! A mesh in which equal values have one index, whatever indices a file gives them: what is at one place is one vertex.
+//! Vertex welding: equal values share one index, whatever indices the file gives them.
 
 use std::collections::HashMap;
 
 use lodestream_geometry::mesh::{NONE, SourceMesh};
 
-/// See the module. Counts must have been checked to fit `u32`.
+/// A mesh that is welded while it grows. The caller checks that counts fit `u32`.
 #[derive(Debug, Default)]
 pub(crate) struct Weld {
     pub(crate) mesh: SourceMesh,
@@ -33,7 +33,7 @@ impl Weld {
         *self.colors.entry(value).or_insert_with(|| push(colors, value))
     }
 
-    /// Normals become unit length; one without a direction counts as not given.
+    /// Adds a normal, normalised; [`NONE`] for a zero vector.
     pub(crate) fn normal(&mut self, value: [f64; 3]) -> u32 {
         let length = value.iter().map(|x| x * x).sum::<f64>().sqrt();
         if length < f64::MIN_POSITIVE {

@@ -16,8 +16,8 @@ use lodestream_scene::BlobPart;
 use lodestream_scene::description::{AssetEntry, Fingerprint};
 
 use super::error::StoreError;
-use super::handles::{Handles, PooledFile};
-use super::table::{Table, kind};
+use super::file_pool::{FilePool, PooledFile};
+use super::table::{Table, blob_name, kind};
 
 /// An open pack. Reading is by offset, so threads share it without a lock; its file may be closed in between.
 #[derive(Debug)]
@@ -33,16 +33,16 @@ impl PackFile {
     /// A file that is missing, not a pack, of another version, truncated or damaged. Damage within a
     /// blob shows when that is read.
     pub fn open(path: &Path) -> Result<Self, StoreError> {
-        Self::open_among(Handles::shared(), path)
+        Self::open_in(FilePool::shared(), path)
     }
 
-    /// The same, with the file among those of a pool.
+    /// As [`PackFile::open`], with the file in the given pool of open files.
     ///
     /// # Errors
     /// As [`PackFile::open`].
-    pub fn open_among(handles: Arc<Handles>, path: &Path) -> Result<Self, StoreError> {
+    pub fn open_in(pool: Arc<FilePool>, path: &Path) -> Result<Self, StoreError> {
         let read_error = |source| StoreError::Read { path: path.to_owned(), source };
-        let (pooled, file) = PooledFile::open(handles, path).map_err(read_error)?;
+        let (pooled, file) = PooledFile::open(pool, path).map_err(read_error)?;
         let metadata = file.metadata().map_err(read_error)?;
         if !metadata.is_file() {
             return Err(StoreError::NotAFile { path: path.to_owned() });
@@ -76,7 +76,7 @@ impl PackFile {
         self.table.total_bytes
     }
 
-    /// What the pack was made from, as a hash of source files and settings ([`crate::prepare::cache::Key`]).
+    /// What the pack was made from, as a hash of source files and settings (`lodestream_bake::prepare::cache::Key`).
     #[must_use]
     pub fn made_from(&self) -> [u8; 32] {
         self.table.head.fingerprint
@@ -110,10 +110,10 @@ impl PackFile {
     /// # Errors
     /// A blob that is missing, unreadable or damaged.
     pub fn read(&self, part: BlobPart) -> Result<Bytes, StoreError> {
-        let entry = self.table.find(part).ok_or_else(|| StoreError::NoSuchBlob {
-            path: self.path().to_owned(),
-            what: format!("{:?}", kind(part)),
-        })?;
+        let entry = self
+            .table
+            .find(part)
+            .ok_or_else(|| StoreError::NoSuchBlob { path: self.path().to_owned(), what: blob_name(part) })?;
         self.read_entry(entry).map(Bytes::from)
     }
 

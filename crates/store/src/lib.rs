@@ -1,13 +1,12 @@
-//! Packs and scenes, in files of this machine or as objects of a store. Every blob is checked against its hash when it is
-//! read.
+//! Packs and scenes, in local files or in object stores. Every blob is verified by its hash when it is read.
 
 mod cache;
 mod description;
 mod error;
 mod file;
-mod handles;
+mod file_pool;
 mod loaded;
-mod lru;
+mod message_value;
 mod object_pack;
 mod objects;
 mod pack;
@@ -21,7 +20,7 @@ pub use cache::BlobCache;
 pub use description::SceneDescription;
 pub use error::StoreError;
 pub use file::PackFile;
-pub use handles::Handles;
+pub use file_pool::FilePool;
 pub use loaded::LoadedAsset;
 pub use objects::{ObjectEntry, Objects, retries};
 pub use punctual_light_blobs::{PunctualLightBlobs, PunctualLightBlobsError};

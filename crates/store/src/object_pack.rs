@@ -13,7 +13,7 @@ use tokio::time::sleep;
 use super::cache::{BlobCache, CacheKey};
 use super::error::StoreError;
 use super::objects::Objects;
-use super::table::{Table, kind};
+use super::table::{Table, blob_name, kind};
 
 /// Bytes that are fetched to learn of a pack: mostly its table, base mesh and index, and of small ones all.
 const FIRST_BYTES: u64 = 64 << 10;
@@ -113,7 +113,7 @@ impl ObjectPack {
 
     /// The blob: at hand, or fetched with its neighbours, once for all who wait for any of them.
     pub(super) async fn fetch(&self, part: BlobPart, cache: &BlobCache) -> Result<Bytes, Arc<StoreError>> {
-        let missing = || StoreError::NoSuchBlob { path: self.path(), what: format!("{:?}", kind(part)) };
+        let missing = || StoreError::NoSuchBlob { path: self.path(), what: blob_name(part) };
         let (entry, extent) = self.place(part).ok_or_else(missing)?;
         match cache.get_or(self.key(self.extents[extent].first), self.extent(extent)).await {
             Ok(bytes) => self.within(entry, extent, &bytes).ok_or_else(|| Arc::new(missing())),

@@ -14,8 +14,8 @@ const CURVE_BITS: u32 = 21;
 /// See the module. Made once when a scene is opened.
 #[derive(Clone, Debug, Default)]
 pub struct PunctualLightBlobs {
-    /// What is said of them at once; nothing where there are none.
-    punctual_lights: Option<PunctualLights>,
+    /// Sent with the scene; `None` without lights.
+    summary: Option<PunctualLights>,
     directory: Vec<Bytes>,
     pages: Vec<Bytes>,
 }
@@ -59,23 +59,21 @@ impl PunctualLightBlobs {
         }
         let directory = listed.chunks(LISTED_PER_PAGE as usize).map(encode_directory);
         let directory: Vec<Bytes> = directory.map(|page| page.map(Bytes::from)).collect::<Result<_, _>>()?;
-        let first = if count <= FEW_PUNCTUAL_LIGHTS {
-            pages.first()
-        } else {
-            directory.first().filter(|_| pages.len() <= FEW_PAGES as usize)
-        };
-        let punctual_lights =
-            Some(PunctualLights { count, first: first.map(|bytes| bytes.to_vec()).unwrap_or_default() });
-        Ok(Self { punctual_lights, directory, pages })
+        Ok(Self { summary: summary(count, &directory, &pages), directory, pages })
     }
 
-    /// What is said, the directory's pages, and pages, as they were coded once.
-    pub(crate) const fn of_parts(
-        punctual_lights: Option<PunctualLights>,
-        directory: Vec<Bytes>,
-        pages: Vec<Bytes>,
-    ) -> Self {
-        Self { punctual_lights, directory, pages }
+    /// The blobs of `count` punctual lights, encoded before; `None` if there are too many lights, or not as many pages
+    /// as they need.
+    pub(crate) fn of_parts(count: u32, directory: Vec<Bytes>, pages: Vec<Bytes>) -> Option<Self> {
+        let complete = count <= MAX_PUNCTUAL_LIGHTS
+            && pages.len() == PunctualLights::pages_of(count) as usize
+            && directory.len() == PunctualLights::directory_pages_of(count) as usize;
+        complete.then(|| Self { summary: summary(count, &directory, &pages), directory, pages })
+    }
+
+    /// Number of punctual lights.
+    pub(crate) fn count(&self) -> u32 {
+        self.summary.as_ref().map_or(0, |summary| summary.count)
     }
 
     /// The pages of the directory, and the pages.
@@ -86,7 +84,7 @@ impl PunctualLightBlobs {
     /// What is said of them at once; `None` where there are none.
     #[must_use]
     pub const fn punctual_lights(&self) -> Option<&PunctualLights> {
-        self.punctual_lights.as_ref()
+        self.summary.as_ref()
     }
 
     /// A blob, if there is such a one.
@@ -102,6 +100,18 @@ impl PunctualLightBlobs {
     pub fn all(&self) -> impl Iterator<Item = &Bytes> {
         self.directory.iter().chain(&self.pages)
     }
+}
+
+/// The message about the punctual lights, which carries the only page of few lights, or the only directory page of few
+/// pages; `None` without lights.
+fn summary(count: u32, directory: &[Bytes], pages: &[Bytes]) -> Option<PunctualLights> {
+    let first = if count <= FEW_PUNCTUAL_LIGHTS {
+        pages.first()
+    } else {
+        directory.first().filter(|_| pages.len() <= FEW_PAGES as usize)
+    };
+    (count > 0)
+        .then(|| PunctualLights { count, first: first.map(|bytes| bytes.to_vec()).unwrap_or_default() })
 }
 
 /// Punctual lights in the order of a Morton curve through their bounding box ("A computer oriented geodetic data base", 1966):

@@ -1,114 +1,78 @@
-//! A scene as one object: all that a server must know of it but the packs, and which pack is which asset. Whoever has one
-//! and the packs serves the scene as everybody else does, byte for byte.
+//! The published scene: one object with everything that a server needs besides the packs, and the name of each pack.
+//! Servers with the same object and packs serve the same bytes.
 //!
-//! ```text
-//! magic "LODSCENE" | version u16 | hash [32] of what follows
-//! header, pages, blobs of the terrain and of punctual lights, packs by asset number: bincode, as in messages
-//! ```
+//! docs/formats.md specifies the layout.
 
-use bincode::config::{Configuration, Limit, LittleEndian, Varint};
-use bincode::error::DecodeError;
-use bincode::{Decode, Encode};
 use bytes::Bytes;
 use lodestream_scene::description::{Fingerprint, SceneHeader, ScenePage};
-use lodestream_scene::punctual_lights::PunctualLights;
 
+use crate::message_value::{checked_length, decode_value, encode_value};
 use crate::{PunctualLightBlobs, SceneDescription, TerrainBlobs};
 
 /// First bytes of every scene object.
 const MAGIC: [u8; 8] = *b"LODSCENE";
-/// Version of its layout. What messages say of scenes is in it: it changes with them.
-const VERSION: u16 = 1;
-/// Bytes before what is hashed.
-const HEAD_BYTES: usize = MAGIC.len() + 2 + 32;
-/// Longest scene object: a million instances take 40 MB.
+/// Version of the layout, the encoding of header and pages in messages included.
+const VERSION: u16 = 2;
+/// Bytes before the body: magic, version, hash of the body.
+const HEAD_BYTES: usize = MAGIC.len() + 2 + blake3::OUT_LEN;
+/// Bytes of a length or a count.
+const LENGTH_BYTES: usize = 4;
+/// Longest scene object, in bytes: a million instances take 40 MB.
 pub const MAX_SCENE_OBJECT_BYTES: usize = 512 << 20;
 
-/// Memory that decoding may claim, for each byte: an instance of 15 bytes takes 60.
-const CLAIM_PER_BYTE: usize = 32;
-
-type Limited<const N: usize> = Configuration<LittleEndian, Varint, Limit<N>>;
-
-const fn limited<const N: usize>() -> Limited<N> {
-    bincode::config::standard().with_limit::<N>()
-}
-
-/// Reads what is coded. The coder knows limits at compile time alone, so there are some, and that is taken which the bytes
-/// justify: a length that lies is refused before anything is reserved for it.
-fn read(body: &[u8]) -> Result<(Coded, usize), DecodeError> {
-    let claim = body.len().saturating_mul(CLAIM_PER_BYTE);
-    if claim <= 1 << 16 {
-        bincode::decode_from_slice(body, limited::<{ 1 << 16 }>())
-    } else if claim <= 1 << 20 {
-        bincode::decode_from_slice(body, limited::<{ 1 << 20 }>())
-    } else if claim <= 1 << 24 {
-        bincode::decode_from_slice(body, limited::<{ 1 << 24 }>())
-    } else if claim <= 1 << 28 {
-        bincode::decode_from_slice(body, limited::<{ 1 << 28 }>())
-    } else {
-        bincode::decode_from_slice(body, limited::<{ CLAIM_PER_BYTE * MAX_SCENE_OBJECT_BYTES }>())
-    }
-}
-
-/// A pack among the objects.
-#[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
+/// Name and contents of a pack among the objects of a store.
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PackName {
-    /// Its name, relative to the scene object's folder.
+    /// Name, relative to the scene object's folder.
     pub name: String,
-    /// Of its contents.
+    /// Fingerprint of the contents.
     pub fingerprint: Fingerprint,
 }
 
-/// See the module.
+/// A published scene: its description, and the pack of each asset.
 #[derive(Clone, Debug)]
 pub struct SceneObject {
     /// The scene.
     pub description: SceneDescription,
-    /// By asset number.
+    /// Packs, by asset number.
     pub packs: Vec<PackName>,
 }
 
-#[derive(Encode, Decode)]
-struct Coded {
-    header: SceneHeader,
-    pages: Vec<ScenePage>,
-    terrain: [Vec<Vec<u8>>; 2],
-    punctual_lights: Option<PunctualLights>,
-    punctual_light_blobs: [Vec<Vec<u8>>; 2],
-    packs: Vec<PackName>,
-}
-
 impl SceneObject {
-    /// As bytes. The same scene gives the same.
+    /// Encodes the object. Equal scenes have equal bytes.
     ///
     /// # Errors
-    /// A scene that is longer than one may be.
+    /// A scene longer than [`MAX_SCENE_OBJECT_BYTES`], or one whose header or page is longer than a message.
     pub fn encode(&self) -> Result<Vec<u8>, String> {
-        let owned = |(a, b): (&[Bytes], &[Bytes])| {
-            [a, b].map(|blobs| blobs.iter().map(|blob| blob.to_vec()).collect())
-        };
-        let SceneDescription { header, pages, terrain, punctual_lights, .. } = &self.description;
-        let coded = Coded {
-            header: header.clone(),
-            pages: pages.clone(),
-            terrain: owned(terrain.parts()),
-            punctual_lights: punctual_lights.punctual_lights().cloned(),
-            punctual_light_blobs: owned(punctual_lights.parts()),
-            packs: self.packs.clone(),
-        };
-        let body =
-            bincode::encode_to_vec(&coded, bincode::config::standard()).map_err(|why| why.to_string())?;
-        if body.len() > MAX_SCENE_OBJECT_BYTES - HEAD_BYTES {
-            return Err(format!("{} bytes are more than a scene may have", body.len()));
+        let SceneDescription { header, pages, asset_order: _, terrain, punctual_lights } = &self.description;
+        let mut body = Body::default();
+        let encode_header = || encode_value(header).and_then(checked_length);
+        body.put_bytes(&encode_header().map_err(|why| format!("its header: {why}"))?)?;
+        body.put_length(pages.len())?;
+        for page in pages {
+            let bytes = encode_value(page).and_then(checked_length);
+            body.put_bytes(&bytes.map_err(|why| format!("its page {}: {why}", page.page))?)?;
         }
-        let hash = blake3::hash(&body);
-        Ok([&MAGIC[..], &VERSION.to_le_bytes(), hash.as_bytes(), &body].concat())
+        let (directory, overrides) = terrain.parts();
+        body.put_blobs(directory)?;
+        body.put_blobs(overrides)?;
+        body.put_length(punctual_lights.count() as usize)?;
+        let (directory, pages) = punctual_lights.parts();
+        body.put_blobs(directory)?;
+        body.put_blobs(pages)?;
+        body.put_length(self.packs.len())?;
+        for PackName { name, fingerprint } in &self.packs {
+            body.put_bytes(name.as_bytes())?;
+            body.0.extend(fingerprint);
+        }
+        let hash = blake3::hash(&body.0);
+        Ok([&MAGIC[..], &VERSION.to_le_bytes(), hash.as_bytes(), &body.0].concat())
     }
 
-    /// Reads and checks one. Costs a hash over it.
+    /// Decodes and checks an object; hashes it once. Reserves no more than its bytes justify.
     ///
     /// # Errors
-    /// Bytes that are no scene object, of another version, damaged, or say what no scene may.
+    /// Bytes that are no scene object, of another version, damaged, or contradictory.
     pub fn decode(bytes: &[u8]) -> Result<Self, String> {
         let head = bytes.get(..HEAD_BYTES).ok_or("it is no published scene: it is too short")?;
         if head[..8] != MAGIC {
@@ -122,29 +86,44 @@ impl SceneObject {
         if blake3::hash(body).as_bytes()[..] != head[10..] {
             return Err("its hash does not match: it is damaged".into());
         }
-        let (coded, used): (Coded, usize) = read(body).map_err(|why| format!("it cannot be read: {why}"))?;
-        if used != body.len() {
-            return Err(format!("{} bytes are left over at its end", body.len() - used));
-        }
-        let Coded { header, pages, terrain, punctual_lights, punctual_light_blobs, packs } = coded;
-        header.check().map_err(|why| why.to_string())?;
-        for page in &pages {
-            page.check().map_err(|why| why.to_string())?;
-        }
-        let shared =
-            |blobs: [Vec<Vec<u8>>; 2]| blobs.map(|blobs| blobs.into_iter().map(Bytes::from).collect());
-        let [terrain_pages, points] = shared(terrain);
-        let [directory, punctual_light_pages] = shared(punctual_light_blobs);
-        let description = SceneDescription {
-            header,
-            pages,
-            asset_order: (0..packs.len()).collect(),
-            terrain: TerrainBlobs::of_parts(terrain_pages, points),
-            punctual_lights: PunctualLightBlobs::of_parts(punctual_lights, directory, punctual_light_pages),
-        };
-        let object = Self { description, packs };
+        let object = Self::decode_body(Reader(body))?;
         object.check_counts()?;
         Ok(object)
+    }
+
+    fn decode_body(mut reader: Reader<'_>) -> Result<Self, String> {
+        let header: SceneHeader =
+            decode_value(reader.bytes("its header")?).map_err(|why| format!("its header: {why}"))?;
+        header.check().map_err(|why| why.to_string())?;
+        let count = reader.count("its pages", LENGTH_BYTES)?;
+        let mut pages = Vec::with_capacity(count);
+        for number in 0..count {
+            let page: ScenePage = decode_value(reader.bytes("its pages")?)
+                .map_err(|why| format!("its page {number}: {why}"))?;
+            page.check().map_err(|why| why.to_string())?;
+            pages.push(page);
+        }
+        let directory = reader.blobs("the terrain's directory")?;
+        let overrides = reader.blobs("the terrain's height overrides")?;
+        let terrain = TerrainBlobs::of_parts(directory, overrides);
+        let count = reader.length("its number of punctual lights")?;
+        let directory = reader.blobs("the directory of punctual lights")?;
+        let light_pages = reader.blobs("its punctual lights")?;
+        let punctual_lights = PunctualLightBlobs::of_parts(count, directory, light_pages)
+            .ok_or("its pages of punctual lights are not as many as its number of lights needs")?;
+        let count = reader.count("its packs", LENGTH_BYTES + size_of::<Fingerprint>())?;
+        let mut packs = Vec::with_capacity(count);
+        for _ in 0..count {
+            let name = reader.bytes("its packs")?;
+            let name = std::str::from_utf8(name).map_err(|_| "the name of a pack is not UTF-8")?.to_owned();
+            packs.push(PackName { name, fingerprint: reader.array("its packs")? });
+        }
+        if !reader.0.is_empty() {
+            return Err(format!("{} bytes are left over at its end", reader.0.len()));
+        }
+        let asset_order = (0..packs.len()).collect();
+        let description = SceneDescription { header, pages, asset_order, terrain, punctual_lights };
+        Ok(Self { description, packs })
     }
 
     fn check_counts(&self) -> Result<(), String> {
@@ -155,26 +134,96 @@ impl SceneObject {
                 && u64::from(page.first_asset) == assets
                 && u64::from(page.first_instance) == instances;
             if !in_order {
-                return Err(format!("its page {number} is not where it should be"));
+                return Err(format!("its page {number} is out of order"));
             }
             let entries = page.assets.iter().zip(self.packs.get(assets as usize..).unwrap_or_default());
             if entries.clone().count() != page.assets.len()
                 || entries.clone().any(|(entry, pack)| entry.fingerprint != pack.fingerprint)
             {
-                return Err(format!("its page {number} is of other packs"));
+                return Err(format!("its page {number} names other packs than its list of packs"));
             }
             assets += page.assets.len() as u64;
             instances += page.instances.len() as u64;
         }
-        let said = [header.page_count, header.asset_count, header.instance_count].map(u64::from);
-        if said != [pages.len() as u64, self.packs.len() as u64, instances]
+        let stated = [header.page_count, header.asset_count, header.instance_count].map(u64::from);
+        if stated != [pages.len() as u64, self.packs.len() as u64, instances]
             || assets != self.packs.len() as u64
         {
-            return Err("it has other pages, assets or instances than its header says".into());
+            return Err("its pages, assets or instances are not as many as its header states".into());
         }
-        if !self.description.is_whole() {
-            return Err("its fingerprint is of another scene".into());
+        if !self.description.has_stated_fingerprint() {
+            return Err("its fingerprint does not match its description".into());
         }
         Ok(())
+    }
+}
+
+/// The body while it is written, bounded by [`MAX_SCENE_OBJECT_BYTES`].
+#[derive(Default)]
+struct Body(Vec<u8>);
+
+impl Body {
+    fn put_length(&mut self, length: usize) -> Result<(), String> {
+        // Anything longer than the limit does not fit anyway, so every length fits into 32 bits.
+        let free_bytes = (MAX_SCENE_OBJECT_BYTES - HEAD_BYTES).saturating_sub(self.0.len() + LENGTH_BYTES);
+        let stated = u32::try_from(length).ok().filter(|_| length <= free_bytes);
+        let stated = stated.ok_or_else(|| format!("it takes more than {MAX_SCENE_OBJECT_BYTES} bytes"))?;
+        self.0.extend(stated.to_le_bytes());
+        Ok(())
+    }
+
+    fn put_bytes(&mut self, bytes: &[u8]) -> Result<(), String> {
+        self.put_length(bytes.len())?;
+        self.0.extend(bytes);
+        Ok(())
+    }
+
+    fn put_blobs(&mut self, blobs: &[Bytes]) -> Result<(), String> {
+        self.put_length(blobs.len())?;
+        blobs.iter().try_for_each(|blob| self.put_bytes(blob))
+    }
+}
+
+/// The part of the body that is not read yet. Each method names in its error what it was reading.
+struct Reader<'a>(&'a [u8]);
+
+impl<'a> Reader<'a> {
+    fn array<const N: usize>(&mut self, what: &str) -> Result<[u8; N], String> {
+        let (bytes, rest) =
+            self.0.split_first_chunk().ok_or_else(|| format!("it ends within {what}: it is truncated"))?;
+        self.0 = rest;
+        Ok(*bytes)
+    }
+
+    fn length(&mut self, what: &str) -> Result<u32, String> {
+        self.array(what).map(u32::from_le_bytes)
+    }
+
+    /// A count of elements of at least `min_bytes` each, which the remaining bytes can hold.
+    fn count(&mut self, what: &str, min_bytes: usize) -> Result<usize, String> {
+        let count = self.length(what)? as usize;
+        if count > self.0.len() / min_bytes {
+            return Err(format!("{what}: {count} do not fit into the {} bytes that follow", self.0.len()));
+        }
+        Ok(count)
+    }
+
+    fn bytes(&mut self, what: &str) -> Result<&'a [u8], String> {
+        let length = self.length(what)? as usize;
+        let split = self.0.split_at_checked(length);
+        let (bytes, rest) = split.ok_or_else(|| {
+            format!("{what}: {length} bytes do not fit into the {} that follow", self.0.len())
+        })?;
+        self.0 = rest;
+        Ok(bytes)
+    }
+
+    fn blobs(&mut self, what: &str) -> Result<Vec<Bytes>, String> {
+        let count = self.count(what, LENGTH_BYTES)?;
+        let mut blobs = Vec::with_capacity(count);
+        for _ in 0..count {
+            blobs.push(Bytes::copy_from_slice(self.bytes(what)?));
+        }
+        Ok(blobs)
     }
 }

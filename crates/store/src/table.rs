@@ -48,7 +48,17 @@ impl Table {
     }
 }
 
-/// What a blob of the protocol is called in a pack.
+/// A blob's name in messages.
+pub(super) fn blob_name(part: BlobPart) -> String {
+    match part {
+        BlobPart::Base => "base mesh".into(),
+        BlobPart::IndexPage(page) => format!("index page {page}"),
+        BlobPart::Chunk(chunk) => format!("chunk {chunk}"),
+        BlobPart::Texture { texture, level } => format!("level {level} of texture {texture}"),
+    }
+}
+
+/// The kind of a pack's entry that holds a blob of the protocol.
 pub(super) fn kind(part: BlobPart) -> BlobKind {
     match part {
         BlobPart::Base => BlobKind::Base,

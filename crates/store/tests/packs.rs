@@ -201,14 +201,14 @@ fn a_pack_that_was_closed_to_make_room_is_read_again() {
     for i in 0..5 {
         prepare_to(&scene.assets[0], &options(), &path(i)).unwrap();
     }
-    let handles = Handles::new(2);
-    let open = |i| PackFile::open_among(std::sync::Arc::clone(&handles), &path(i)).unwrap();
+    let pool = FilePool::new(2);
+    let open = |i| PackFile::open_in(std::sync::Arc::clone(&pool), &path(i)).unwrap();
     let packs: Vec<PackFile> = (0..5).map(open).collect();
-    assert_eq!(handles.count(), 2);
+    assert_eq!(pool.count(), 2);
     for _ in 0..2 {
         for pack in &packs {
             pack.verify().unwrap();
-            assert_eq!(handles.count(), 2);
+            assert_eq!(pool.count(), 2);
         }
     }
     // What was written again with the same contents is the same pack; another asset's is not.
@@ -221,7 +221,7 @@ fn a_pack_that_was_closed_to_make_room_is_read_again() {
     let error = packs[2].verify().unwrap_err().to_string();
     assert!(error.contains("2.lsp: cannot be read"), "{error}");
     drop(packs);
-    assert_eq!(handles.count(), 0);
+    assert_eq!(pool.count(), 0);
 }
 
 /// Every pack was kept open: 1,100 assets could not be served where a process may have 1,024 files.

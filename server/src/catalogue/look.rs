@@ -222,8 +222,12 @@ fn of_files(files: &[PathBuf]) -> Option<(Stamp, Option<SystemTime>)> {
     for file in files {
         let metadata = std::fs::metadata(file).ok();
         let changed = metadata.as_ref().and_then(|metadata| metadata.modified().ok());
-        let since = changed.and_then(|at| at.duration_since(SystemTime::UNIX_EPOCH).ok());
-        hasher.update(format!("{file:?} {:?} {since:?}\n", metadata.map(|m| m.len())).as_bytes());
+        let since_epoch = changed.and_then(|at| at.duration_since(SystemTime::UNIX_EPOCH).ok());
+        let path = file.as_os_str().as_encoded_bytes();
+        hasher.update(&(path.len() as u64).to_le_bytes()).update(path);
+        for number in [metadata.map(|file| u128::from(file.len())), since_epoch.map(|time| time.as_nanos())] {
+            hasher.update(&[u8::from(number.is_some())]).update(&number.unwrap_or(0).to_le_bytes());
+        }
         last = last.max(changed);
     }
     Some((hasher.finalize(), last))

@@ -1,5 +1,5 @@
-//! A scene whose models are prepared, as the description that is sent: assets and instances in
-//! pages, nearest and largest first.
+//! Composes the description of a scene from its prepared models: assets and instances in pages, nearest and largest
+//! first.
 
 mod shared;
 
@@ -22,18 +22,18 @@ use shared::share_textures;
 
 /// Gap between models side by side, as a share of their mean radius.
 const GAP: f64 = 0.25;
-/// Distance of the start camera as a share of that at which the bounding sphere just fits the
-/// picture's height: bounding spheres are larger than what is in them.
+/// Distance of the start camera as a share of the distance at which the bounding sphere just fits the picture's height:
+/// spheres are larger than their contents.
 const FRAMING: f64 = 0.9;
-/// Direction from the scene to the start camera, where the scene file gives none.
+/// Direction from the scene to the default start camera.
 const START_DIRECTION: DVec3 = DVec3::new(0.4, 0.3, 1.0);
-/// Picture for which the order of pages is judged: its shape matters little.
+/// Viewport that orders the pages; its shape matters little.
 const ORDER_VIEWPORT_PX: [u32; 2] = [1280, 720];
 
-/// A scene description that cannot be made.
+/// A scene that cannot be described.
 #[derive(Debug, thiserror::Error)]
 pub enum ComposeError {
-    /// Nothing is placed.
+    /// The scene has no instance.
     #[error("scene {name:?} places nothing; add an [[instance]]")]
     Empty {
         /// The scene.
@@ -59,8 +59,8 @@ pub enum ComposeError {
     Refused(#[from] SceneError),
 }
 
-/// Describes `scene`, whose asset `i` was prepared as `entries[i]`, with what tells the contents of its textures apart in
-/// `textures[i]`; none of them may be stated.
+/// Describes `scene`. `entries[i]` is the prepared asset `i`; `textures[i]` are the fingerprints of its textures, and may
+/// be empty.
 ///
 /// # Errors
 /// See [`ComposeError`].
@@ -90,7 +90,7 @@ pub fn compose(
             _ => framing_camera(&spheres),
         },
     };
-    let order = first_seen_first(&camera, &spheres);
+    let order = visible_first(&camera, &spheres);
     let (mut pages, asset_order) = paginate(&instances, entries, &order);
     share_textures(&mut pages, &asset_order, textures);
     let header = SceneHeader {
@@ -131,7 +131,7 @@ fn world_sphere(instance: &Instance, entry: &AssetEntry) -> (DVec3, f64) {
     (center, f64::from(entry.sphere.radius) * scale)
 }
 
-/// One model stays at its own origin; several stand in a row along x, their centres on one line.
+/// Default placement: one model at its own origin; several in a row along x, with their centres on one line.
 fn side_by_side(models: &[Model], entries: &[AssetEntry]) -> (Vec<Instance>, Vec<PunctualLight>) {
     if let [] | [_] = models {
         let one = models.first().cloned().unwrap_or_default();
@@ -159,7 +159,7 @@ fn side_by_side(models: &[Model], entries: &[AssetEntry]) -> (Vec<Instance>, Vec
     (instances, punctual_lights)
 }
 
-/// A sphere about the middle of the spheres' bounding box that holds them.
+/// A sphere around the centre of the spheres' bounding box that encloses them.
 fn enclosing(spheres: &[(DVec3, f64)]) -> (DVec3, f64) {
     if let [one] = spheres {
         return *one;
@@ -173,14 +173,14 @@ fn enclosing(spheres: &[(DVec3, f64)]) -> (DVec3, f64) {
 fn framing_camera(spheres: &[(DVec3, f64)]) -> Camera {
     let (target, radius) = enclosing(spheres);
     let fov_y = DEFAULT_FOV_Y_DEGREES.to_radians();
-    // A model of one point still needs a place to look from.
+    // A model of one point still needs a camera distance.
     let radius = if radius > 0.0 { radius } else { 1.0 };
     let distance = FRAMING * radius / (f64::from(fov_y) / 2.0).sin();
     let eye = target + START_DIRECTION.normalize() * distance;
     Camera { eye: eye.to_array(), target: target.to_array(), up: [0.0, 1.0, 0.0], fov_y }
 }
 
-/// A camera on the highest place near the middle of an empty terrain's world.
+/// A camera at the highest point near the centre of an empty terrain.
 fn overlook(terrain: &SceneTerrain) -> Camera {
     let step =
         f64::from(terrain.entry.unit) * f64::from(1_u32 << terrain.entry.parameters.finest_level) / 8.0;
@@ -188,21 +188,21 @@ fn overlook(terrain: &SceneTerrain) -> Camera {
     let height = |[x, z]: [f64; 2]| terrain.height(x, z).unwrap_or(0.0);
     let [x, z] = places.max_by(|a, b| height(*a).total_cmp(&height(*b))).unwrap_or([0.0; 2]);
     let eye = DVec3::new(x, height([x, z]) + 2.0, z);
-    // Towards the middle, or anywhere from there.
+    // Looks towards the centre; from the centre in any direction.
     let target = eye - DVec3::new(x, 0.1 * step, if x == 0.0 && z == 0.0 { step } else { z });
     let (eye, target) = (eye.to_array(), target.to_array());
     Camera { eye, target, up: [0.0, 1.0, 0.0], fov_y: DEFAULT_FOV_Y_DEGREES.to_radians() }
 }
 
-/// Indices of instances: what the start camera sees before what it does not, then by apparent size.
-fn first_seen_first(camera: &Camera, spheres: &[(DVec3, f64)]) -> Vec<usize> {
+/// Indices of instances: those in the start camera's view first, then by apparent size.
+fn visible_first(camera: &Camera, spheres: &[(DVec3, f64)]) -> Vec<usize> {
     let view = camera.view(ORDER_VIEWPORT_PX, 1.0);
     let frustum = view.frustum();
     let eye = DVec3::from(camera.eye);
     let key = |&(center, radius): &(DVec3, f64)| {
         let relative = center - eye;
         let seen = frustum.sees(relative.as_vec3(), radius as f32);
-        // Inside the sphere everything is as large as can be.
+        // Inside a sphere, the apparent size is the largest possible.
         let apparent = radius / relative.length().max(radius).max(f64::MIN_POSITIVE);
         (!seen, -apparent)
     };
@@ -212,7 +212,7 @@ fn first_seen_first(camera: &Camera, spheres: &[(DVec3, f64)]) -> Vec<usize> {
     order
 }
 
-/// Cuts the instances into pages, each preceded by the assets that it is the first to use.
+/// Splits the instances into pages; a page lists the assets that it is the first to use.
 fn paginate(instances: &[Instance], entries: &[AssetEntry], order: &[usize]) -> (Vec<ScenePage>, Vec<usize>) {
     let mut asset_order = Vec::new();
     let mut numbers: BTreeMap<usize, u32> = BTreeMap::new();
@@ -243,7 +243,7 @@ fn paginate(instances: &[Instance], entries: &[AssetEntry], order: &[usize]) -> 
     (pages, asset_order)
 }
 
-/// The description of a scene whose asset `i` is `packs[i]`, and the packs by asset number.
+/// Describes a scene whose asset `i` is `packs[i]`. Returns the packs by asset number.
 ///
 /// # Errors
 /// See [`ComposeError`].
@@ -265,7 +265,7 @@ pub fn describe(
     Ok((composed, in_order))
 }
 
-/// Opens a scene whose asset `i` is `packs[i]`, with blobs in a cache that other scenes may share.
+/// Opens a scene whose asset `i` is `packs[i]`; its blobs are in a cache that other scenes may share.
 ///
 /// # Errors
 /// A scene that cannot be described, packs whose base mesh is damaged.

@@ -1,12 +1,12 @@
-//! Which textures of a scene's assets are the same, by their contents.
+//! Detection of equal textures in a scene's assets, by fingerprint.
 
 use std::collections::HashMap;
 
 use lodestream_scene::description::{Fingerprint, ScenePage};
 use lodestream_scene::shared::{MAX_SHARED_TEXTURES, SharedTexture};
 
-/// Says in the pages' entries which textures are those of assets before. `textures` has the contents of the textures of
-/// each of the scene's assets, `asset_order` which of these an asset number stands for.
+/// Marks, in the pages' entries, textures that equal those of earlier assets. `textures` has the fingerprints for each of
+/// the scene's assets, `asset_order` maps asset numbers to them.
 pub(super) fn share_textures(
     pages: &mut [ScenePage],
     asset_order: &[usize],

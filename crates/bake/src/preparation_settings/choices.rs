@@ -1,4 +1,4 @@
-//! What may be chosen of how a model is prepared.
+//! The set of preparation settings, and its text in packs.
 
 use std::fmt;
 use std::str::FromStr;
@@ -14,7 +14,7 @@ use super::setting::{
     BlockFaces, NormalTolerance, PositionBits, RegionFaces, ReliefDepth, Round, Tolerance, UvBits,
 };
 
-/// How finely an asset's positions are kept.
+/// Precision of an asset's positions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Precision {
     /// Bits per axis.
@@ -23,29 +23,29 @@ pub enum Precision {
     Tolerance(Tolerance),
 }
 
-/// Choices; the defaults of `geometry` where `None`.
+/// Preparation settings; `None` is the default of `geometry`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PreparationSettings {
     /// Precision of positions.
     pub precision: Option<Precision>,
     /// Bits per axis of texture coordinates.
     pub uv_bits: Option<UvBits>,
-    /// Largest angle of a normal to what the faces say before it is sent.
+    /// Largest angle between a source normal and the normal of its faces for which the former is dropped.
     pub normal_tolerance: Option<NormalTolerance>,
-    /// What a collapse is held to cost.
+    /// Error metric of collapses.
     pub metric: Option<Metric>,
     /// Order of collapses.
     pub round: Option<Round>,
-    /// How base mesh and chunks are coded.
+    /// Codec of base mesh and chunks.
     pub codec: Option<CodecChoice>,
-    /// Most faces that are simplified at once.
+    /// Most faces simplified at once.
     pub block_faces: Option<BlockFaces>,
-    /// Depth of relief, instead of what the materials say.
+    /// Depth of relief instead of the materials' own.
     pub relief_depth: Option<ReliefDepth>,
 }
 
 impl PreparationSettings {
-    /// These choices, with those of `other` where there are none.
+    /// These settings, with those of `other` for settings that are `None`.
     #[must_use]
     pub fn or(self, other: Self) -> Self {
         Self {
@@ -81,7 +81,7 @@ impl PreparationSettings {
         Settings { codec: self.codec().of(mesh), ..self.simplify_settings() }
     }
 
-    /// The same but for the codec, which may depend on the mesh.
+    /// As [`Self::settings`] with the default codec, since the codec may depend on the mesh.
     #[must_use]
     pub fn simplify_settings(&self) -> Settings {
         let default = Settings::default();
@@ -93,7 +93,7 @@ impl PreparationSettings {
         }
     }
 
-    /// Which codec.
+    /// The codec, or the rule that selects it.
     #[must_use]
     pub fn codec(&self) -> CodecChoice {
         self.codec.unwrap_or_default()
@@ -115,28 +115,28 @@ impl fmt::Display for PreparationSettings {
             Some(share) => write!(f, ", round-size {share}")?,
         }
         write!(f, ", region-faces {}, codec {}", settings.region_faces, self.codec())?;
-        // Nothing to nearly all meshes, which are smaller.
+        // Written only if set: nearly all meshes are smaller.
         self.block_faces.map_or(Ok(()), |faces| write!(f, ", block-faces {}", faces.get()))?;
         self.relief_depth.map_or(Ok(()), |depth| write!(f, ", relief-depth {depth}"))
     }
 }
 
-/// A pack's text about its making that cannot be read.
+/// Settings text of a pack that cannot be parsed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ReadError {
-    /// A part without a name or a value.
-    #[error("{item:?} is no setting")]
+    /// An item without a name or a value.
+    #[error("{item:?} is not a setting")]
     NoSetting {
         /// The part.
         item: String,
     },
-    /// A setting that is not known here.
+    /// An unknown setting.
     #[error("{item:?}: there is no such setting")]
     Unknown {
         /// The part.
         item: String,
     },
-    /// A value that the setting cannot have.
+    /// A value outside the setting's range.
     #[error("{item:?}: {why}")]
     Impossible {
         /// The part.
@@ -146,7 +146,7 @@ pub enum ReadError {
     },
 }
 
-/// Reads what [`PreparationSettings`]'s display wrote.
+/// Parses the text that `Display` writes.
 impl FromStr for PreparationSettings {
     type Err = ReadError;
 
@@ -167,7 +167,7 @@ impl FromStr for PreparationSettings {
 }
 
 impl PreparationSettings {
-    /// Takes a setting by its name in the text; false where there is none of that name.
+    /// Sets a setting by its name in the text; false if there is none of that name.
     fn set(&mut self, name: &str, value: &str) -> Result<bool, Impossible> {
         match name {
             "position-bits" => self.precision = Some(Precision::Bits(value.parse()?)),
@@ -179,7 +179,7 @@ impl PreparationSettings {
             "block-faces" => self.block_faces = Some(value.parse()?),
             "codec" => self.codec = Some(value.parse::<CodecChoice>()?),
             "relief-depth" => self.relief_depth = Some(value.parse()?),
-            // Told, but no choice yet.
+            // Written for information, but not a setting yet.
             "region-faces" => drop(value.parse::<RegionFaces>()?),
             _ => return Ok(false),
         }
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn choices_come_before_defaults_and_are_told() {
+    fn choices_override_defaults_and_are_displayed() {
         let general = PreparationSettings {
             uv_bits: uv(10),
             normal_tolerance: degrees(3.0),
@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_told_is_read_again() {
+    fn the_displayed_text_is_parsed_again() {
         let all = PreparationSettings {
             precision: Tolerance::try_from(0.1 + 0.2).ok().map(Precision::Tolerance),
             uv_bits: uv(9),

@@ -1,4 +1,4 @@
-//! Which codec a model is prepared with.
+//! The codec with which a model is prepared.
 
 use std::fmt;
 use std::str::FromStr;
@@ -7,13 +7,14 @@ use lodestream_geometry::mesh::QuantisedMesh;
 use lodestream_geometry::prepare::select_codec;
 use lodestream_geometry::{Codec, UnknownName};
 
-/// A codec, or whichever suits the mesh; `auto`, or the codec's name.
+/// A codec, or automatic selection by the mesh. As text `auto` or the codec's name.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum CodecChoice {
-    /// What [`select_codec`] says: the range coder, for what is built along the axes with repeated coordinates.
+    /// The codec that [`select_codec`] chooses: axis-aligned for meshes built along the axes with repeated coordinates,
+    /// else the range coder.
     #[default]
     Auto,
-    /// This one, whatever the mesh.
+    /// The given codec for every mesh.
     Codec(Codec),
 }
 
@@ -50,7 +51,7 @@ impl FromStr for CodecChoice {
         if name == "auto" {
             return Ok(Self::Auto);
         }
-        let unknown = |_| UnknownName::new("auto, range, built or zstd", name);
+        let unknown = |_| UnknownName::new("auto, range, axis-aligned or zstd", name);
         name.parse().map(Self::Codec).map_err(unknown)
     }
 }
@@ -66,6 +67,6 @@ mod tests {
             assert_eq!(choice.to_string().parse(), Ok(choice));
         }
         let refusal = "best".parse::<CodecChoice>().unwrap_err();
-        assert_eq!(refusal.to_string(), "auto, range, built or zstd is possible; \"best\" is not");
+        assert_eq!(refusal.to_string(), "auto, range, axis-aligned or zstd is possible; \"best\" is not");
     }
 }

@@ -1,7 +1,7 @@
-//! How a model is prepared, as people say it: each setting one type with one range, whether a command line, a scene
-//! file, a simulator's plan or the text in a pack sets it.
+//! Preparation settings: one type with one range for each, shared by command lines, scene files, plans of the simulator
+//! and the text in packs.
 //!
-//! | setting | type | possible | where it matters |
+//! | setting | type | range | effect |
 //! |---|---|---|---|
 //! | position bits, or tolerance | [`PositionBits`], [`Tolerance`] | 4 to 24, or a positive length | grid of positions |
 //! | uv bits | [`UvBits`] | 1 to 16 | grid of texture coordinates |
@@ -16,7 +16,7 @@
 //! | coarse grid | [`CoarseGrid`] | 0 to 4 | grids of coarse levels |
 //! | block faces | [`BlockFaces`] | 100 to 100,000,000 | meshes that are simplified block after block |
 //!
-//! Each is read from text by `FromStr` and from a number by `TryFrom`, with the same refusal.
+//! `FromStr` reads each from text and `TryFrom` from a number, with the same error.
 
 mod choices;
 mod codec_choice;

@@ -1,4 +1,4 @@
-//! Numbers within their ranges.
+//! Numeric settings with their ranges.
 
 use std::fmt;
 use std::str::FromStr;
@@ -21,7 +21,8 @@ setting! {
     UvBits(u8), 1..=MAX_UV_BITS, "bits"
 }
 setting! {
-    /// Largest angle of a normal to what the faces say before it is sent: 0 sends all, 180 none.
+    /// Largest angle between a source normal and the normal of its faces for which the former is dropped: 0 keeps all, 180
+    /// none.
     NormalTolerance(f64), 0.0..=180.0, "degrees"
 }
 setting! {
@@ -33,7 +34,7 @@ setting! {
     RoundShare(f64), Settings::ROUND_SHARE, "of the vertices"
 }
 setting! {
-    /// Faces of a region: fewer follow the view more closely, in more chunks.
+    /// Faces per region: fewer follow the view more closely, with more chunks.
     RegionFaces(usize), Settings::REGION_FACES, "faces"
 }
 setting! {
@@ -41,7 +42,7 @@ setting! {
     LevelShare(f64), Settings::LEVEL_SHARE, "of the removable vertices"
 }
 setting! {
-    /// Regions that are merged into one at the top: more means fewer levels and a larger first step.
+    /// Regions merged into one at the top: more means fewer levels and a larger first step.
     TopRegions(f64), Settings::TOP_REGIONS, "regions"
 }
 setting! {
@@ -49,7 +50,7 @@ setting! {
     CoarseGrid(f64), Settings::COARSE_GRID, "of the level's error"
 }
 setting! {
-    /// Most faces that are simplified at once: larger meshes block after block.
+    /// Most faces simplified at once: larger meshes are simplified in blocks.
     BlockFaces(usize), Settings::BLOCK_FACES, "faces"
 }
 
@@ -105,7 +106,7 @@ impl Default for CoarseGrid {
     }
 }
 
-/// Largest distance between a source position and its grid point, in the asset's units: decides the bits.
+/// Largest distance between a source position and its grid point, in the asset's units; determines the number of bits.
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
 pub struct Tolerance(f64);
 

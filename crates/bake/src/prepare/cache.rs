@@ -1,44 +1,35 @@
-//! The cache of prepared packs: a folder of packs named by what they were made from.
+//! The cache of prepared packs: a folder of packs, each named by a hash of its inputs.
 
 use std::path::{Path, PathBuf};
 
 use lodestream_import::ImportError;
 
-/// Changes whenever the same input would give another pack without its format version changing: a
-/// better simplifier, other texture settings.
-const RECIPE_VERSION: u32 = 18;
+/// Version of the preparation. Increment it when the same input gives another pack of the same format version: after a
+/// change of the simplifier or of the texture encoders.
+const PREPARATION_VERSION: u32 = 19;
 
-/// Everything that a pack depends on, hashed.
+/// BLAKE3 hash of everything that a pack depends on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Key(blake3::Hash);
 
-/// Hashes a model file, the files that it names, and the settings, with the versions of
-/// the pack format and of the preparation settings.
+/// Hashes a model file, the files that it names and the encoded settings, with the versions of the pack format and of
+/// the preparation. Returns the files that the model names, too.
 ///
 /// # Errors
-/// A model file that cannot be read. Other files may be missing: that is part of the key.
-pub fn key(obj: &Path, settings: &str, format_version: u32) -> Result<Key, ImportError> {
-    key_and_files(obj, settings, format_version).map(|(key, _)| key)
-}
-
-/// The same, with the files that the model names.
-///
-/// # Errors
-/// As [`key`].
-pub fn key_and_files(
-    obj: &Path,
-    settings: &str,
+/// A model file that cannot be read. Other files may be missing: the key then encodes that they are.
+pub(super) fn key_and_files(
+    model: &Path,
+    settings: &[u8],
     format_version: u32,
 ) -> Result<(Key, Vec<PathBuf>), ImportError> {
-    let (hash, dependencies) = model(obj)?;
+    let (hash, dependencies) = hash_model(model)?;
     let mut hasher = blake3::Hasher::new_derive_key("lodestream prepared pack");
     hasher.update(&format_version.to_le_bytes());
-    hasher.update(&RECIPE_VERSION.to_le_bytes());
-    hasher.update(blake3::hash(settings.as_bytes()).as_bytes());
+    hasher.update(&PREPARATION_VERSION.to_le_bytes());
+    hasher.update(blake3::hash(settings).as_bytes());
     hasher.update(hash.as_bytes());
     for file in &dependencies {
-        // Where the files lie does not matter, only which names the OBJ and MTL files give them, and
-        // those are hashed already.
+        // The folder does not matter, only the names in the OBJ and MTL files, which are hashed already.
         match hash_file(file) {
             Some(hash) => hasher.update(&[1]).update(hash.as_bytes()),
             None => hasher.update(&[0]),
@@ -48,8 +39,8 @@ pub fn key_and_files(
 }
 
 /// The hash of a model file, and the files that it names.
-fn model(path: &Path) -> Result<(blake3::Hash, Vec<PathBuf>), ImportError> {
-    // A PLY file names no others and is never held whole. Why one cannot be read is said below.
+fn hash_model(path: &Path) -> Result<(blake3::Hash, Vec<PathBuf>), ImportError> {
+    // A PLY file names no others and is never loaded whole. If it cannot be read, `read_file` returns the error.
     if let Some(hash) = lodestream_import::is_ply(path).then(|| hash_file(path)).flatten() {
         return Ok((hash, Vec::new()));
     }
@@ -60,7 +51,7 @@ fn model(path: &Path) -> Result<(blake3::Hash, Vec<PathBuf>), ImportError> {
 fn hash_file(path: &Path) -> Option<blake3::Hash> {
     let mut hasher = blake3::Hasher::new();
     let file = std::fs::File::open(path).ok()?;
-    // Not a folder, not an endless device.
+    // Neither a folder nor an endless device.
     file.metadata().ok().filter(std::fs::Metadata::is_file)?;
     hasher.update_reader(file).ok()?;
     Some(hasher.finalize())
@@ -79,7 +70,7 @@ impl Key {
         self.0.to_hex().to_string()
     }
 
-    /// The pack's path in a cache folder; `name` helps people who look into it.
+    /// The pack's path in a cache folder. It begins with `name`, for people who list the folder.
     #[must_use]
     pub fn path(&self, folder: &Path, name: &str) -> PathBuf {
         let name: String = name
@@ -91,7 +82,8 @@ impl Key {
     }
 }
 
-/// `$XDG_CACHE_HOME/lodestream`, else `~/.cache/lodestream`; `None` where neither is known.
+/// The default cache folder: `$XDG_CACHE_HOME/lodestream`, else `~/.cache/lodestream`; `None` if neither variable is an
+/// absolute path.
 #[must_use]
 pub fn default_folder() -> Option<PathBuf> {
     let variable = |name| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
@@ -104,11 +96,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_key_follows_every_file_and_setting() {
+    fn the_key_depends_on_every_file_and_setting() {
         let dir = tempfile::TempDir::new().unwrap();
         let write = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
         let obj = dir.path().join("a.obj");
-        let now = || key(&obj, "bits 14", 1).unwrap();
+        let key = |settings: &[u8], version| key_and_files(&obj, settings, version).unwrap().0;
+        let now = || key(b"bits 14", 1);
         write("a.obj", "mtllib a.mtl\nf 1 2 3\n");
         let missing = now();
         write("a.mtl", "newmtl x\nmap_Kd t.png\n");
@@ -124,8 +117,8 @@ mod tests {
             assert!(keys[i + 1..].iter().all(|other| other != one), "{i}");
         }
         assert_eq!(now(), reshaped);
-        assert_ne!(key(&obj, "bits 15", 1).unwrap(), reshaped);
-        assert_ne!(key(&obj, "bits 14", 2).unwrap(), reshaped);
+        assert_ne!(key(b"bits 15", 1), reshaped);
+        assert_ne!(key(b"bits 14", 2), reshaped);
     }
 
     #[test]

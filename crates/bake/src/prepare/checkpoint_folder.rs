@@ -19,12 +19,12 @@ use super::cache::Key;
 /// Names of the folders begin and end like this, as those of files that are being written do.
 const PREFIX: &str = ".lodestream-";
 const SUFFIX: &str = ".part";
-/// Held by who works in a folder.
+/// Locked by the process that uses a folder.
 const LOCK: &str = "lock";
-/// A folder in which nothing was put away for so long is not gone on from: models are prepared within hours.
+/// Age after which a folder is removed instead of resumed: preparations take hours at most.
 const STALE_AFTER: Duration = Duration::from_secs(7 * 24 * 60 * 60);
 
-/// What an earlier run had finished.
+/// Levels and blocks that an earlier run had finished.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Resumed {
     /// Levels of the whole mesh.
@@ -47,14 +47,14 @@ impl fmt::Display for Resumed {
 /// A folder of finished levels.
 pub(super) struct CheckpointFolder {
     folder: PathBuf,
-    /// Until it is closed.
+    /// Held until the folder is dropped.
     _lock: File,
-    /// What closes levels and blocks that were there already.
+    /// Final pieces of the levels and blocks that were read from an earlier run.
     resumed: Mutex<BTreeSet<Piece>>,
 }
 
 impl CheckpointFolder {
-    /// The folder for a pack of this key, with what an earlier run has left; `None` where another process works in it.
+    /// The folder for a pack of this key, with the checkpoints of an earlier run; `None` if another process uses it.
     pub(super) fn beside(pack: &Path, key: &Key) -> io::Result<Option<Self>> {
         let folder = match pack.parent() {
             Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -70,16 +70,16 @@ impl CheckpointFolder {
         }
     }
 
-    /// How many levels and blocks were there already.
+    /// Number of resumed levels and blocks.
     pub(super) fn resumed(&self) -> Resumed {
         let closing = self.closing();
         let blocks = closing.iter().filter(|piece| piece.level == Piece::OF_BLOCKS).count();
         Resumed { levels: closing.len() - blocks, blocks }
     }
 
-    /// Removes the folder: the pack is there.
+    /// Removes the folder, once the pack is complete.
     pub(super) fn remove(self) {
-        // What cannot be removed now is stale later.
+        // A folder that cannot be removed now is removed later as stale.
         let _ = std::fs::remove_dir_all(&self.folder);
     }
 
@@ -98,7 +98,7 @@ impl CheckpointStore for CheckpointFolder {
     }
 
     fn put(&self, piece: Piece, bytes: Vec<u8>) -> Result<(), CheckpointError> {
-        // It was of no use, then.
+        // A piece that is written again was not resumed.
         self.closing().remove(&piece);
         let path = self.path(piece);
         let part = path.with_extension("part");
@@ -121,8 +121,10 @@ impl CheckpointStore for CheckpointFolder {
                 return Err(CheckpointError::new(format!("{} cannot be read: {error}", path.display())));
             }
         };
-        let Some((said, rest)) = bytes.split_first_chunk::<{ blake3::OUT_LEN }>() else { return Ok(None) };
-        if hash(piece, rest) != *said {
+        let Some((stated_hash, rest)) = bytes.split_first_chunk::<{ blake3::OUT_LEN }>() else {
+            return Ok(None);
+        };
+        if hash(piece, rest) != *stated_hash {
             return Ok(None);
         }
         if piece.is_end() {
@@ -139,8 +141,8 @@ fn hash(piece: Piece, bytes: &[u8]) -> blake3::Hash {
     hasher.finalize()
 }
 
-/// Removes folders of levels that nobody has put anything into for a week, and in which nobody works. What cannot be
-/// looked at or removed stays.
+/// Removes checkpoint folders that were not written for a week and are not in use. Skips those that cannot be read or
+/// removed.
 pub fn remove_stale_levels(folder: &Path, now: SystemTime) {
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
         let name = entry.file_name();
@@ -165,11 +167,11 @@ mod tests {
     fn key(dir: &Path) -> Key {
         let model = dir.join("a.obj");
         std::fs::write(&model, "f 1 2 3\n").unwrap();
-        cache::key(&model, "", 1).unwrap()
+        cache::key_and_files(&model, b"", 1).unwrap().0
     }
 
     #[test]
-    fn pieces_come_back_and_what_is_damaged_is_not_there() {
+    fn pieces_are_read_back_and_damaged_ones_are_missing() {
         let dir = tempfile::TempDir::new().unwrap();
         let (pack, key) = (dir.path().join("a.lsp"), key(dir.path()));
         let kept = CheckpointFolder::beside(&pack, &key).unwrap().unwrap();
@@ -202,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn only_folders_that_are_old_and_nobodys_are_removed() {
+    fn only_old_and_unused_folders_are_removed() {
         let dir = tempfile::TempDir::new().unwrap();
         let (pack, key) = (dir.path().join("a.lsp"), key(dir.path()));
         let kept = CheckpointFolder::beside(&pack, &key).unwrap().unwrap();

@@ -1,12 +1,12 @@
-//! From a model file to a prepared pack.
+//! Preparation of a model file as a pack.
 
 pub mod cache;
 mod checkpoint_folder;
 pub mod describe;
 mod progress;
+mod settings_key;
 #[cfg(test)]
 mod tests;
-mod textures;
 mod threads;
 
 use std::fmt;
@@ -31,25 +31,27 @@ use lodestream_store::{PackFile, StoreError};
 use checkpoint_folder::CheckpointFolder;
 pub use checkpoint_folder::{Resumed, remove_stale_levels};
 pub use progress::Reporter;
+use settings_key::PackSettings;
 pub use threads::Threads;
 
-/// How to prepare.
+/// Options of a preparation.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Options {
-    /// Choices that come before those of the asset itself: flags come before files.
+    /// Settings that take precedence over the asset's own: flags over files.
     pub preparation_settings: PreparationSettings,
-    /// Threads; as many as there are cores where `None`. The pack does not depend on it.
+    /// Number of threads; `None`: one per core. The pack does not depend on it.
     pub threads: Option<NonZeroUsize>,
-    /// Shows no progress.
+    /// Disables the display of progress.
     pub quiet: bool,
-    /// Keeps finished levels beside the pack however small the model is, not from [`KEPT_FROM_FACES`] on alone.
+    /// Keeps checkpoints beside the pack even for models below [`CHECKPOINT_MIN_FACES`].
     pub keep_levels: bool,
 }
 
-/// Models of so many faces and more have their finished levels kept beside the pack: they take a core ten seconds and more.
-pub const KEPT_FROM_FACES: usize = 1_000_000;
+/// Least number of faces for which checkpoints are kept beside the pack: from here on a preparation takes one core at
+/// least ten seconds.
+pub const CHECKPOINT_MIN_FACES: usize = 1_000_000;
 
-/// The most that the lists of a preparation take, the input's included (docs/benchmarks/preparation.md).
+/// Peak bytes of a preparation's lists per face, the input included (docs/benchmarks/preparation.md).
 const LIST_BYTES_A_FACE: u64 = 300;
 
 /// A model that cannot be prepared.
@@ -85,7 +87,7 @@ pub enum PrepareError {
     /// The pack just written cannot be opened.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// The disk with the lists of a preparation out of core has too little room for them.
+    /// The disk for an out-of-core preparation is too small.
     #[error(
         "{}: the lists of {faces} faces take about {:.1} GB, {:.1} GB are free for them: name a folder on a larger disk \
          with --out-of-core", path.display(), *needed as f64 * 1e-9, *free as f64 * 1e-9
@@ -95,15 +97,15 @@ pub enum PrepareError {
         path: PathBuf,
         /// Its faces.
         faces: usize,
-        /// What its lists take.
+        /// Bytes that its lists need.
         needed: u64,
-        /// What there is.
+        /// Bytes that are free.
         free: u64,
     },
 }
 
 impl PrepareError {
-    /// Refuses a mesh whose lists would not fit into so many bytes of a disk, if they are to lie on one.
+    /// Checks that the lists of a mesh fit into the free bytes of the disk, if they are mapped to one.
     ///
     /// # Errors
     /// [`PrepareError::NoRoom`].
@@ -116,7 +118,7 @@ impl PrepareError {
     }
 }
 
-/// What a preparation came to.
+/// Result of a preparation.
 #[derive(Clone, Debug)]
 pub struct Report {
     /// Faces of the quantised input.
@@ -129,9 +131,9 @@ pub struct Report {
     pub pack_bytes: u64,
     /// Time of simplification, chunking and coding: without import and textures.
     pub time: Duration,
-    /// What a run before this one had finished.
+    /// Levels and blocks that an earlier run had finished.
     pub resumed: Resumed,
-    /// What was odd, a line each.
+    /// Warnings, one line each.
     pub warnings: Vec<String>,
 }
 
@@ -152,11 +154,11 @@ impl fmt::Display for Report {
         if self.resumed == Resumed::default() {
             return Ok(());
         }
-        write!(f, "; went on from {}", self.resumed)
+        write!(f, "; resumed from {}", self.resumed)
     }
 }
 
-/// Prepares a model and writes its pack, whole or not at all.
+/// Prepares a model and writes its pack atomically.
 ///
 /// # Errors
 /// See [`PrepareError`].
@@ -165,13 +167,13 @@ pub fn prepare_to(asset: &Asset, options: &Options, pack: &Path) -> Result<Repor
     prepare_with_key(&asset, options, key, pack)
 }
 
-/// The asset with all choices made, the key of its pack, and the files that its model names.
+/// Resolves an asset's settings. Returns the asset, the key of its pack, and the files that its model names.
 fn keyed(asset: &Asset, options: &Options) -> Result<(Asset, cache::Key, Vec<PathBuf>), ImportError> {
     let asset = Asset {
         preparation_settings: options.preparation_settings.or(asset.preparation_settings),
         ..asset.clone()
     };
-    let (key, files) = cache::key_and_files(&asset.file, &settings_text(&asset), pack_version())?;
+    let (key, files) = cache::key_and_files(&asset.file, &pack_settings(&asset).encode(), pack_version())?;
     Ok((asset, key, files))
 }
 
@@ -188,14 +190,14 @@ pub fn key_of(asset: &Asset, options: &Options) -> Result<cache::Key, ImportErro
 pub struct Cached {
     /// The pack.
     pub pack: PackFile,
-    /// What preparing it came to; `None` where it was in the cache.
+    /// Result of the preparation; `None` if the pack was in the cache.
     pub report: Option<Report>,
     /// The model's file, and those that it names.
     pub files: Vec<PathBuf>,
 }
 
-/// Opens an asset's pack in a cache folder, which is made if need be; prepares the asset where the pack
-/// is missing, of another version, of other input than its name says, or damaged.
+/// Opens an asset's pack in a cache folder, which is created if missing. Prepares the asset if the pack is missing, has
+/// another version or key, or is damaged.
 ///
 /// # Errors
 /// See [`PrepareError`].
@@ -203,7 +205,7 @@ pub fn prepare_cached(asset: &Asset, folder: &Path, options: &Options) -> Result
     let (asset, key, mut files) = keyed(asset, options)?;
     files.push(asset.file.clone());
     let path = key.path(folder, &asset.name);
-    // The model itself was just read whole for its key; its pack is the smaller part.
+    // The whole model was just read for its key; verifying its smaller pack adds little.
     if let Ok(pack) = PackFile::open(&path)
         && pack.made_from() == key.bytes()
         && pack.verify().and_then(|()| pack.base().map(drop)).is_ok()
@@ -216,22 +218,29 @@ pub fn prepare_cached(asset: &Asset, folder: &Path, options: &Options) -> Result
     Ok(Cached { pack: PackFile::open(&path)?, report: Some(report), files })
 }
 
-/// Everything but the files that decides what a pack holds. Threads and progress do not.
-fn settings_text(asset: &Asset) -> String {
+fn pack_settings(asset: &Asset) -> PackSettings<'_> {
     let Asset { name, file: _, part, preparation_settings } = asset;
-    let (quantise, settings) =
-        (preparation_settings.quantise_settings(), preparation_settings.simplify_settings());
-    let depth = preparation_settings.relief_depth.map(ReliefDepth::get);
-    format!("{name:?} {part:?} {quantise:?} {settings:?} {:?} {depth:?}", preparation_settings.codec())
+    PackSettings {
+        name,
+        part: *part,
+        quantise: preparation_settings.quantise_settings(),
+        simplify: preparation_settings.simplify_settings(),
+        codec: preparation_settings.codec(),
+        relief_depth: preparation_settings.relief_depth.map(ReliefDepth::get),
+    }
 }
 
 fn pack_version() -> u32 {
     u32::from(PACK_VERSION) << 8 | u32::from(FORMAT_VERSION)
 }
 
-/// Where finished levels are kept: nowhere but in memory if they need not be, if another process is making the same
-/// pack, or if the pack is no file, so that nothing belongs beside it.
-fn kept_levels(pack: &Path, key: &cache::Key, wanted: bool) -> std::io::Result<Option<CheckpointFolder>> {
+/// Folder of checkpoints; `None` (memory) if they are not wanted, if another process prepares the same pack, or if the
+/// output is not a regular file.
+fn checkpoint_folder_for(
+    pack: &Path,
+    key: &cache::Key,
+    wanted: bool,
+) -> std::io::Result<Option<CheckpointFolder>> {
     if !wanted || std::fs::metadata(pack).is_ok_and(|at| !at.is_file()) {
         return Ok(None);
     }
@@ -263,13 +272,14 @@ fn prepare_with_key(
     let mut mesh = quantise(&imported.mesh, &preparation_settings.quantise_settings()).map_err(mesh_error)?;
     drop(imported.mesh);
     PrepareError::room(model, mesh.faces.len(), Mapped::free_bytes())?;
-    let kept = kept_levels(pack, &key, options.keep_levels || mesh.faces.len() >= KEPT_FROM_FACES);
-    let kept = kept.map_err(|source| PrepareError::Write { path: pack.to_owned(), source })?;
+    let checkpoints =
+        checkpoint_folder_for(pack, &key, options.keep_levels || mesh.faces.len() >= CHECKPOINT_MIN_FACES);
+    let checkpoints = checkpoints.map_err(|source| PrepareError::Write { path: pack.to_owned(), source })?;
     let reporter = Reporter::new(name, options.quiet);
     let threads = Threads::new(options.threads);
     let mut hooks = Hooks::new(&threads, &reporter);
-    if let Some(kept) = &kept {
-        hooks = hooks.with_checkpoints(kept);
+    if let Some(checkpoints) = &checkpoints {
+        hooks = hooks.with_checkpoints(checkpoints);
     }
     let settings = preparation_settings.settings(&mesh);
     suit(&mut mesh, settings.codec);
@@ -295,8 +305,8 @@ fn prepare_with_key(
     let bytes = lodestream_geometry::pack::write(key.bytes(), &blobs)
         .map_err(|error| write_error(std::io::Error::other(error)))?;
     write_atomically(pack, |out| out.write_all(&bytes)).map_err(write_error)?;
-    let resumed = kept.as_ref().map(CheckpointFolder::resumed).unwrap_or_default();
-    kept.into_iter().for_each(CheckpointFolder::remove);
+    let resumed = checkpoints.as_ref().map(CheckpointFolder::resumed).unwrap_or_default();
+    checkpoints.into_iter().for_each(CheckpointFolder::remove);
     Ok(Report {
         faces: mesh.faces.len(),
         vertices: mesh.positions.len(),

@@ -1,4 +1,4 @@
-//! Progress of a preparation, for people: a bar on a terminal, a line now and then elsewhere.
+//! Display of a preparation's progress: a bar on a terminal, else an occasional line.
 
 use std::io::IsTerminal as _;
 use std::sync::Mutex;
@@ -8,7 +8,7 @@ use crate::stderr::write_line;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use lodestream_geometry::pool::{Monitor, Progress};
 
-/// Between two lines where there is no terminal.
+/// Interval between lines without a terminal.
 const LINE_INTERVAL: Duration = Duration::from_secs(5);
 
 /// Shows the progress of one asset on standard error.
@@ -26,7 +26,7 @@ enum Display {
 }
 
 impl Reporter {
-    /// A reporter for the asset of this name; nothing is shown if `quiet`.
+    /// A reporter for the asset of this name; `quiet` disables it.
     #[must_use]
     pub fn new(name: &str, quiet: bool) -> Self {
         let start = Instant::now();
@@ -43,7 +43,7 @@ impl Reporter {
         Self { name: name.to_owned(), start, display }
     }
 
-    /// Takes the bar away: the asset is done, or failed.
+    /// Removes the bar when the asset is done or has failed.
     pub fn finish(&self) {
         if let Display::Bar(bar) = &self.display {
             bar.finish_and_clear();

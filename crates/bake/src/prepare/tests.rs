@@ -67,7 +67,7 @@ fn each_model_has_the_codec_that_suits_it_unless_one_is_chosen() {
     let scene = "[[asset]]\nname = 'a'\nfile = 'steps.obj'\n\
         [[asset]]\nname = 'b'\nfile = 'turned.obj'\n\
         [[asset]]\nname = 'c'\nfile = 'steps.obj'\ncodec = 'range'\n\
-        [[asset]]\nname = 'd'\nfile = 'turned.obj'\ncodec = 'built'\n";
+        [[asset]]\nname = 'd'\nfile = 'turned.obj'\ncodec = 'axis-aligned'\n";
     let scene = scene::parse(&dir.path().join("scene.toml"), scene).unwrap();
     let options = Options { quiet: true, ..Options::default() };
     let codecs = scene.assets.iter().map(|asset| {

@@ -1,4 +1,4 @@
-//! Threads for preparation.
+//! The thread pool of a preparation.
 
 use std::num::NonZeroUsize;
 

@@ -1,4 +1,4 @@
-//! `scene.toml`: parsed strictly, then resolved; every error names the file, the line and what to do.
+//! `scene.toml`: parsed strictly, then resolved. Every error names file, line and remedy.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -35,14 +35,14 @@ pub enum SceneError {
     /// The file cannot be read.
     #[error(transparent)]
     Read(#[from] lodestream_import::ImportError),
-    /// Something in the file is wrong.
+    /// An error at a line of the file.
     #[error("{}:{line}: {what}", path.display())]
     Line {
         /// The file.
         path: PathBuf,
         /// Line, from 1.
         line: usize,
-        /// What is wrong, and what to do.
+        /// Fault and remedy.
         what: String,
     },
 }
@@ -97,7 +97,7 @@ struct RawInstance {
     translation: [f64; 3],
     rotation: Option<RawRotation>,
     scale: Option<f32>,
-    /// The second coordinate of `translation` is a height over the ground.
+    /// Whether the second coordinate of `translation` is relative to the terrain.
     #[serde(default)]
     on_terrain: bool,
 }
@@ -161,12 +161,14 @@ pub fn read(path: &Path) -> Result<Scene, SceneError> {
 pub fn parse(path: &Path, text: &str) -> Result<Scene, SceneError> {
     let source = Source { path, text };
     let raw: RawScene = toml::from_str(text).map_err(|error| {
-        // Where many would be the first guess: TOML has no table and list of one name.
+        // A likely mistake with a misleading message: TOML cannot have a table and a list of one name.
         if let Some((at, _)) =
             text.match_indices("[[light]]").find(|(at, _)| *at == 0 || text[..*at].ends_with('\n'))
         {
-            return source
-                .error(at, "[light] is the scene's one sun; lights that stand in it are [[punctual_light]]");
+            return source.error(
+                at,
+                "[light] is the only directional light; write [[punctual_light]] for point and spot lights",
+            );
         }
         let message = error.message().split_whitespace().collect::<Vec<_>>().join(" ");
         source.error(error.span().map_or(0, |span| span.start), message)
@@ -204,7 +206,7 @@ impl Source<'_> {
             scene.terrain = Some(self.terrain(folder, terrain)?);
         }
         let mut numbers = BTreeMap::new();
-        // What the file names itself comes before the names of meshes in its models.
+        // Names in the scene file take precedence over the names of meshes in its models.
         let mut names = UniqueNames::default();
         raw.asset.iter().for_each(|asset| names.reserve(asset.get_ref().name.as_str()));
         for raw in raw.asset {
@@ -397,14 +399,14 @@ impl Source<'_> {
     }
 }
 
-/// A number of the file, where there is one, as what it sets.
+/// Converts an optional number to its setting.
 fn setting<Number, Setting: TryFrom<Number, Error = Impossible>>(
     number: Option<Number>,
 ) -> Result<Option<Setting>, Impossible> {
     number.map(Setting::try_from).transpose()
 }
 
-/// A word of the file, where there is one, as what it names.
+/// Parses an optional word as a named choice.
 fn choice<Choice: FromStr<Err = UnknownName>>(word: Option<&str>) -> Result<Option<Choice>, Impossible> {
     Ok(word.map(str::parse).transpose()?)
 }

@@ -1,4 +1,4 @@
-//! Scenes as people describe them: a `scene.toml`, or a list of models.
+//! Descriptions of scenes: a `scene.toml`, or a list of models.
 
 mod curve;
 mod file;
@@ -15,7 +15,7 @@ pub use file::{SceneError, parse, read};
 pub use model::{Asset, DEFAULT_FOV_Y_DEGREES, Instance, Model, Scene};
 pub use terrain::SceneTerrain;
 
-/// What the command line names: scene files and models apart.
+/// Reads the scene of the files on a command line: one scene file, or models.
 ///
 /// # Errors
 /// See [`SceneError`]; a scene file must be the only file.

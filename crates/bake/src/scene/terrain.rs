@@ -1,4 +1,4 @@
-//! `[terrain]` of a scene file: lengths in world units, resolved to the integers that a terrain is made of.
+//! `[terrain]` of a scene file: lengths in world units, resolved to the integer parameters of a terrain.
 
 use std::path::{Path, PathBuf};
 
@@ -10,12 +10,12 @@ use serde::Deserialize;
 
 use super::curve::curve;
 
-/// The terrain of a scene, ready to be described and to stand on.
+/// The terrain of a scene.
 #[derive(Clone, Debug)]
 pub struct SceneTerrain {
-    /// What is sent of it at once.
+    /// Its entry in the scene header.
     pub entry: TerrainEntry,
-    /// All of it, with its features.
+    /// The generator with all features.
     pub terrain: Terrain,
 }
 
@@ -43,7 +43,7 @@ impl SceneTerrain {
     }
 }
 
-/// `[terrain]` as it is written. Lengths and heights are world units.
+/// The TOML table `[terrain]`. Lengths and heights are in world units.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct RawTerrain {
@@ -79,7 +79,7 @@ pub(super) struct RawTerrain {
 struct RawWater {
     /// Height of its surface.
     level: f32,
-    /// How far one sees in it: to where a tenth of green light is left.
+    /// Visibility: the distance at which a tenth of green light remains.
     #[serde(default = "clear")]
     clarity: f32,
 }
@@ -87,14 +87,14 @@ struct RawWater {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawErosion {
-    /// Level that erodes; the finest without.
+    /// Level at which erosion runs; the finest if `None`.
     level: Option<u8>,
     #[serde(default)]
     passes: u8,
-    /// Slope, in degrees, up to which ground stays where it is.
+    /// Talus slope in degrees: up to it nothing slides.
     #[serde(default = "repose")]
     talus_degrees: f64,
-    /// How far a point may stand out, in ranges of the level's offsets; 0 is off.
+    /// Most that a point may rise above its neighbours, in ranges of the level's offsets; 0 keeps spikes.
     #[serde(default)]
     spikes: f64,
 }
@@ -109,7 +109,7 @@ struct RawStamp {
     to: Option<[f64; 2]>,
     centre: Option<[f64; 2]>,
     line: Option<Vec<[f64; 2]>>,
-    /// Puts more positions into `line`, so that it is a curve.
+    /// Whether to interpolate `line` as a smooth curve.
     #[serde(default)]
     smooth: bool,
     half_width: Option<f64>,
@@ -150,7 +150,7 @@ fn repose() -> f64 {
     35.0
 }
 
-/// A number of the file as what it sets.
+/// Converts a number to its setting.
 fn setting<Number, Setting: TryFrom<Number, Error = Impossible>>(
     name: &'static str,
     number: Number,
@@ -158,7 +158,7 @@ fn setting<Number, Setting: TryFrom<Number, Error = Impossible>>(
     number.try_into().map_err(refusal(name))
 }
 
-/// The refusal of a value of a key.
+/// The error of a key's value.
 fn refusal<Why: std::fmt::Display>(name: &'static str) -> impl Fn(Why) -> String {
     move |why| format!("{name}: {why}")
 }
@@ -172,7 +172,7 @@ fn units<T: TryFrom<i64>>(name: &str, length: f64, unit: f32) -> Result<T, Strin
 }
 
 impl RawTerrain {
-    /// The terrain, with the features of `[[terrain.stamp]]` and those of the file named.
+    /// Resolves the table, with the features of `[[terrain.stamp]]` and of the feature file.
     pub(super) fn resolve(self, more: Vec<FeatureSet>) -> Result<SceneTerrain, String> {
         for (name, unit) in [("unit", self.unit), ("height_unit", self.height_unit)] {
             if !(unit.is_finite() && (1e-6..=1e6).contains(&unit)) {
@@ -244,7 +244,7 @@ impl RawErosion {
         let slope: TalusSlope = setting("talus_degrees", self.talus_degrees)?;
         let passes: ErosionPasses = setting("passes", self.passes)?;
         let spikes: SpikeLimit = setting("spikes", self.spikes)?;
-        // A level finer than the finest is refused with the other parameters.
+        // `Parameters::check` refuses a level beyond the finest.
         let step = f64::from(unit) * f64::from(1_u32 << finest.get().saturating_sub(level));
         let rise = slope.rise(step) / f64::from(height_unit);
         Ok(Erosion {

@@ -115,7 +115,7 @@ fn scene_files_place_gltf_models_whole_by_mesh_and_merged() {
         ("4.5", "181", "normal_tolerance: 0 to 180"),
         ("\"melax\"", "\"best\"", "metric: qem, melax, clustering or clustering-seams"),
         ("0.25", "0.7", "round_size: heap, or a share"),
-        ("\"zstd\"", "\"gzip\"", "codec: auto, range, built or zstd"),
+        ("\"zstd\"", "\"gzip\"", "codec: auto, range, axis-aligned or zstd"),
         ("ship.gltf\"\n        uv", "no.gltf\"\n        uv", "no.gltf: cannot be read"),
     ] {
         let message = parse(&at, &text.replacen(from, to, 1)).unwrap_err().to_string();

@@ -1,7 +1,7 @@
-//! Accessors: the elements of vertex attributes and indices, read where they lie.
+//! Accessors: the elements of vertex attributes and indices, read in place.
 //!
-//! Nothing is decoded ahead but compressed views, so a file cannot ask for more memory than it has bytes; everything that
-//! a later read relies on is checked once, when the accessor is opened.
+//! Only compressed views are decoded in advance, so memory is bounded by the file's bytes. An accessor is checked once,
+//! when it is opened; reads rely on that.
 
 use std::collections::BTreeMap;
 
@@ -14,16 +14,16 @@ use super::container::Document;
 use crate::error::ImportError;
 use crate::file::MAX_FILE_BYTES;
 
-/// Most elements of an accessor that has no bytes of its own, only zeros and what is sparse.
+/// Most elements of an accessor without a buffer view, which are zeros and sparse values.
 const MAX_ZEROS: usize = 1 << 16;
 
-/// Buffers that were read, by index.
+/// Buffers and decoded views of a file, each read once.
 pub(super) struct Buffers<'a> {
     document: &'a Document,
     read: Vec<Option<Bytes>>,
-    /// Views that were compressed, by index.
+    /// Decoded views, by index.
     unpacked: BTreeMap<usize, Bytes>,
-    /// Bytes that they came to.
+    /// Total length of the decoded views.
     unpacked_bytes: u64,
     /// Compressed bytes that were decoded, by buffer.
     decoded_bytes: Vec<u64>,
@@ -75,7 +75,7 @@ impl<'a> Buffers<'a> {
         Ok((self.range(index, view.buffer.value(), offset, view.byte_length.0)?, stride))
     }
 
-    /// The bytes of a buffer view that are to be decoded, by whoever asks for them.
+    /// The bytes of a buffer view that the caller will decode; counts them against the limit.
     pub(super) fn compressed_view(&mut self, index: usize) -> Result<Bytes, ImportError> {
         let views = &self.document.root.buffer_views;
         let buffer = views.get(index).map_or(0, |view| view.buffer.value());
@@ -84,7 +84,7 @@ impl<'a> Buffers<'a> {
         Ok(bytes)
     }
 
-    /// Some bytes of a buffer, which the view `index` is about.
+    /// A range of a buffer; errors name the view `index`.
     fn range(&mut self, index: usize, buffer: usize, offset: u64, length: u64) -> Result<Bytes, ImportError> {
         let bytes = self.buffer(buffer)?;
         let end = offset.checked_add(length).filter(|&end| end <= bytes.len() as u64);
@@ -96,22 +96,22 @@ impl<'a> Buffers<'a> {
         Ok(bytes.slice(offset as usize..end as usize))
     }
 
-    /// Counts bytes that are decoded. Those of a buffer that overlap would be decoded once for each view that a file
-    /// lists, and a view is described in less bytes than it may come to.
+    /// Counts compressed bytes against the length of their buffer: without this limit, overlapping views would decode the
+    /// same bytes many times, each listed in a few bytes of JSON.
     fn count(&mut self, index: usize, buffer: usize, bytes: &Bytes) -> Result<(), ImportError> {
         let length = self.buffer(buffer)?.len() as u64;
         let decoded = &mut self.decoded_bytes[buffer];
         *decoded += bytes.len() as u64;
         if *decoded > length {
             return Err(self.document.error(format!(
-                "bufferViews[{index}]: the compressed views of buffers[{buffer}] come to more bytes than it has, \
+                "bufferViews[{index}]: the compressed views of buffers[{buffer}] overlap: together they are longer than its length, \
                  {length}; export the file again"
             )));
         }
         Ok(())
     }
 
-    /// What a compressed view comes to.
+    /// The decoded bytes of a compressed view.
     fn unpacked(&mut self, index: usize, view: &CompressedView) -> Result<Bytes, ImportError> {
         if let Some(bytes) = self.unpacked.get(&index) {
             return Ok(bytes.clone());
@@ -122,7 +122,9 @@ impl<'a> Buffers<'a> {
         let error = |what: String| document.error(format!("bufferViews[{index}] {what}"));
         let bytes = view.unpacked_bytes().and_then(|bytes| bytes.checked_add(self.unpacked_bytes));
         self.unpacked_bytes = bytes.filter(|&bytes| bytes <= MAX_FILE_BYTES).ok_or_else(|| {
-            error(format!("comes to too many bytes; at most {MAX_FILE_BYTES} are read, so split the file"))
+            error(format!(
+                "decodes to too many bytes; at most {MAX_FILE_BYTES} are supported, so split the file"
+            ))
         })?;
         let bytes = view
             .unpack(&data)
@@ -132,7 +134,7 @@ impl<'a> Buffers<'a> {
         Ok(bytes)
     }
 
-    /// Bytes of the file that an accessor's view takes, compressed or not; 0 for one without.
+    /// Stored length of an accessor's view, compressed or not; 0 without a view.
     pub(super) fn stored_bytes(&self, accessor: usize) -> u64 {
         let root = &self.document.root;
         let view = root.accessors.get(accessor).and_then(|accessor| accessor.buffer_view);
@@ -143,10 +145,10 @@ impl<'a> Buffers<'a> {
         })
     }
 
-    /// Opens an accessor. `place` says in messages what it is for.
+    /// Opens an accessor. `place` names its use in messages.
     ///
     /// # Errors
-    /// Accessors that do not exist, are of none of the types `allowed`, or reach beyond their bytes.
+    /// Accessors that do not exist, have a shape that is not `allowed`, or reach beyond their bytes.
     pub(super) fn open(
         &mut self,
         index: usize,
@@ -160,7 +162,7 @@ impl<'a> Buffers<'a> {
             return Err(error("has an unknown component type or shape".into()));
         };
         if !allowed.contains(&shape) {
-            return Err(error(format!("has the shape {shape:?}; {allowed:?} belongs here")));
+            return Err(error(format!("has the shape {shape:?}; expected {allowed:?}")));
         }
         let kind = kind.0;
         let components = shape.multiplicity();
@@ -199,7 +201,9 @@ impl<'a> Buffers<'a> {
                     (0..many).map(|i| component(&bytes[i * width..], index_kind) as u32).collect();
                 let last = indices.last().map_or(0, |&last| last as usize + 1);
                 if !indices.is_sorted_by(|a, b| a < b) || last > count {
-                    return Err(error("has sparse indices that do not rise, or that lie beyond it".into()));
+                    return Err(error(
+                        "has sparse indices that do not increase, or are beyond its length".into(),
+                    ));
                 }
                 let bytes = self.view(sparse.values.buffer_view.value())?.0;
                 let bytes = elements(&bytes, sparse.values.byte_offset.0, many, size, size);
@@ -214,7 +218,7 @@ fn beyond(count: usize, stride: usize) -> String {
     format!("reaches beyond its bufferView with {count} elements {stride} bytes apart; the file is damaged")
 }
 
-/// The bytes of `count` elements of `size` bytes, `stride` apart; `None` where they are not all there.
+/// The bytes of `count` elements of `size` bytes, `stride` apart; `None` if they exceed `bytes`.
 fn elements(bytes: &Bytes, offset: u64, count: usize, stride: usize, size: usize) -> Option<Bytes> {
     if count == 0 {
         return Some(Bytes::new());
@@ -225,7 +229,7 @@ fn elements(bytes: &Bytes, offset: u64, count: usize, stride: usize, size: usize
     Some(bytes.slice(start..end))
 }
 
-/// The value of one component at the start of `bytes`, which hold it.
+/// The component at the start of `bytes`.
 fn component(bytes: &[u8], kind: ComponentType) -> f64 {
     match kind {
         ComponentType::I8 => f64::from(bytes[0] as i8),
@@ -238,7 +242,7 @@ fn component(bytes: &[u8], kind: ComponentType) -> f64 {
 }
 
 impl Elements {
-    /// Elements that lie one after the other.
+    /// Elements without gaps between them.
     ///
     /// # Panics
     /// If there are less bytes than that many elements have.
@@ -266,7 +270,7 @@ impl Elements {
         self.count
     }
 
-    /// Whether components are whole numbers without sign, as indices must be.
+    /// Whether components are unsigned integers, as indices must be.
     pub(super) fn is_unsigned(&self) -> bool {
         matches!(self.kind, ComponentType::U8 | ComponentType::U16 | ComponentType::U32)
     }

@@ -1,17 +1,17 @@
-//! Buffer views that are compressed: EXT_meshopt_compression, and KHR_meshopt_compression, which has one version of
-//! attributes and one filter more.
+//! Compressed buffer views: EXT_meshopt_compression, and KHR_meshopt_compression, which adds a version of the attribute
+//! codec and a filter.
 //!
-//! Where a file has the bytes uncompressed too (a fallback), these are read all the same: both are to be equal, and the
-//! other buffer may be missing.
+//! If a file has an uncompressed fallback too, the compressed bytes are read: both must be equal, and the fallback buffer
+//! may be missing.
 
 use gltf::json;
 use serde::Deserialize;
 
-use crate::meshopt::{self, Damage, Filter, Mode};
+use crate::meshopt::{self, Filter, MeshoptError, Mode};
 
 pub(super) const EXTENSIONS: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 
-/// Where a view's bytes are, and what they come to.
+/// Location of a view's compressed bytes, and the layout of the decoded elements.
 pub(super) struct CompressedView {
     pub(super) buffer: usize,
     pub(super) offset: u64,
@@ -34,17 +34,17 @@ struct CompressionJson {
     filter: Option<String>,
 }
 
-/// How a view is compressed, if it is.
+/// Compression of a view, if any.
 ///
 /// # Errors
-/// In a few words: what the file says of it is not understood.
+/// The end of a message: the extension's JSON is invalid.
 pub(super) fn of_view(view: &json::buffer::View) -> Result<Option<CompressedView>, String> {
     let others = view.extensions.as_ref().map(|all| &all.others);
     let found = EXTENSIONS.iter().find_map(|&name| Some((name, others?.get(name)?)));
-    let Some((name, said)) = found else { return Ok(None) };
-    let said = CompressionJson::deserialize(said)
+    let Some((name, json)) = found else { return Ok(None) };
+    let compression = CompressionJson::deserialize(json)
         .map_err(|e| format!("has an {name} that is not understood: {e}"))?;
-    let filter = match said.filter.as_deref() {
+    let filter = match compression.filter.as_deref() {
         None | Some("NONE") => None,
         Some("OCTAHEDRAL") => Some(Filter::Octahedral),
         Some("QUATERNION") => Some(Filter::Quaternion),
@@ -52,25 +52,32 @@ pub(super) fn of_view(view: &json::buffer::View) -> Result<Option<CompressedView
         Some("COLOR") => Some(Filter::Color),
         Some(other) => return Err(format!("has the filter {other:?} of {name}, which is not known")),
     };
-    let mode = match (said.mode.as_str(), filter) {
+    let mode = match (compression.mode.as_str(), filter) {
         ("ATTRIBUTES", filter) => Mode::Attributes(filter),
         ("TRIANGLES", None) => Mode::Triangles,
         ("INDICES", None) => Mode::Indices,
         ("TRIANGLES" | "INDICES", Some(_)) => return Err(format!("has indices with a filter of {name}")),
         (other, _) => return Err(format!("has the mode {other:?} of {name}, which is not known")),
     };
-    let (buffer, offset, length) = (said.buffer, said.byte_offset, said.byte_length);
-    Ok(Some(CompressedView { buffer, offset, length, count: said.count, stride: said.byte_stride, mode }))
+    let (buffer, offset, length) = (compression.buffer, compression.byte_offset, compression.byte_length);
+    Ok(Some(CompressedView {
+        buffer,
+        offset,
+        length,
+        count: compression.count,
+        stride: compression.byte_stride,
+        mode,
+    }))
 }
 
 impl CompressedView {
-    /// Bytes that it comes to; `None` where no number holds them.
+    /// Length of the decoded bytes; `None` on overflow.
     pub(super) fn unpacked_bytes(&self) -> Option<u64> {
         (self.count as u64).checked_mul(self.stride as u64)
     }
 
-    /// The view's bytes, of what it is compressed to.
-    pub(super) fn unpack(&self, data: &[u8]) -> Result<Vec<u8>, Damage> {
+    /// Decodes the view's bytes.
+    pub(super) fn unpack(&self, data: &[u8]) -> Result<Vec<u8>, MeshoptError> {
         meshopt::decode(self.mode, data, self.count, self.stride)
     }
 }

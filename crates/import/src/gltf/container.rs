@@ -1,5 +1,5 @@
-//! GLB and glTF files to their JSON, and the bytes of buffers and images: embedded, in data URIs, or in
-//! files beside the model.
+//! GLB and glTF files: their JSON, and the bytes of buffers and images, which are embedded, in data URIs, or in files
+//! beside the model.
 
 use std::collections::BTreeSet;
 use std::path::{Component, Path, PathBuf};
@@ -14,8 +14,7 @@ use crate::file::{MAX_FILE_BYTES, read_file};
 /// The extension of meshes that are compressed with Draco.
 pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
 
-/// Extensions that are understood, so that a file may require them; with what is in [`compressed::EXTENSIONS`], and
-/// [`DRACO`] where it is built.
+/// Extensions that a file may require, besides [`compressed::EXTENSIONS`] and, with the feature `draco`, [`DRACO`].
 const SUPPORTED: [&str; 6] = [
     "EXT_mesh_gpu_instancing",
     "KHR_lights_punctual",
@@ -31,8 +30,8 @@ fn supported(name: &str) -> bool {
         || (cfg!(feature = "draco") && name == DRACO)
 }
 
-/// Whether what a file looks like without the extension is worth more than a refusal, also where the file requires
-/// it: surfaces that shine otherwise, lights and notes.
+/// Whether a file is imported without the extension even if it requires it: extensions of materials and lights, and
+/// metadata.
 fn dispensable(name: &str) -> bool {
     name.contains("_materials_") || name.contains("_lights_") || name == "KHR_xmp_json_ld"
 }
@@ -41,14 +40,14 @@ const MAGIC: &[u8; 4] = b"glTF";
 const CHUNK_JSON: u32 = 0x4E4F_534A;
 const CHUNK_BIN: u32 = 0x004E_4942;
 
-/// A parsed model; buffers are read when they are asked for.
+/// A parsed model; buffers are read on demand.
 pub(super) struct Document {
     pub(super) path: PathBuf,
     pub(super) root: json::Root,
     bin: Option<Bytes>,
 }
 
-/// Where bytes that a URI names are.
+/// Location of the bytes that a URI names.
 pub(super) enum Location {
     Inline(Bytes),
     File(PathBuf),
@@ -58,7 +57,7 @@ impl Document {
     /// Parses the bytes of the file at `path`.
     ///
     /// # Errors
-    /// What is no glTF 2.0, and extensions that the file requires and that are not supported.
+    /// A file that is not glTF 2.0, or requires extensions that are not supported.
     pub(super) fn parse(path: &Path, bytes: Bytes) -> Result<Self, ImportError> {
         let error = |what: String| ImportError::gltf(path, what);
         let (text, bin) = if bytes.starts_with(MAGIC) { split(path, &bytes)? } else { (bytes, None) };
@@ -91,14 +90,14 @@ impl Document {
         ImportError::gltf(&self.path, what)
     }
 
-    /// Extensions that the file uses and that are not understood, each once.
+    /// Extensions that the file uses and that are not supported, each once.
     pub(super) fn unknown_extensions(&self) -> impl Iterator<Item = &str> {
         let names: BTreeSet<&String> =
             self.root.extensions_used.iter().chain(&self.root.extensions_required).collect();
         names.into_iter().map(String::as_str).filter(|name| !supported(name))
     }
 
-    /// The bytes of one buffer: at least as many as it says.
+    /// The bytes of one buffer: at least as many as its `byteLength`.
     pub(super) fn buffer(&self, index: usize) -> Result<Bytes, ImportError> {
         let Some(buffer) = self.root.buffers.get(index) else {
             return Err(self.error(format!("buffers[{index}] does not exist")));
@@ -117,7 +116,7 @@ impl Document {
         };
         if (bytes.len() as u64) < buffer.byte_length.0 {
             return Err(self.error(format!(
-                "buffers[{index}] says {} bytes but has {}; the file was cut short",
+                "buffers[{index}] states {} bytes but has {}; the file is truncated",
                 buffer.byte_length.0,
                 bytes.len()
             )));
@@ -125,10 +124,10 @@ impl Document {
         Ok(bytes)
     }
 
-    /// What a URI refers to.
+    /// Resolves a URI.
     ///
     /// # Errors
-    /// In one line: data URIs that do not decode, and paths that leave the model's folder.
+    /// A message of one line: data URIs that do not decode, and paths outside the model's folder.
     pub(super) fn locate(&self, uri: &str) -> Result<Location, String> {
         if let Some(rest) = uri.strip_prefix("data:") {
             return decode_data(rest).map(Location::Inline);
@@ -138,7 +137,7 @@ impl Document {
             .map_err(|_| format!("the URI {:?} is not UTF-8", shown(uri)))?;
         let relative = Path::new(&*name);
         let inside = relative.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
-        // A scheme or a drive letter is no folder of ours either.
+        // Schemes and drive letters are not relative paths either.
         let plain = !name.contains(':') && !name.contains('\\') && !name.is_empty();
         if !inside || !plain {
             return Err(format!(
@@ -150,7 +149,7 @@ impl Document {
     }
 }
 
-/// What must be known before the rest is parsed.
+/// The fields that are checked before the rest is parsed.
 #[derive(serde::Deserialize)]
 struct Head {
     asset: HeadAsset,
@@ -168,7 +167,7 @@ fn split(path: &Path, bytes: &Bytes) -> Result<(Bytes, Option<Bytes>), ImportErr
     let error = |what: String| ImportError::gltf(path, what);
     let word =
         |at: usize| -> Option<u32> { Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?)) };
-    let cut = || error("ends within its header or a chunk; the file was cut short".to_owned());
+    let cut = || error("ends within its header or a chunk; the file is truncated".to_owned());
     let (version, length) = (word(4).ok_or_else(cut)?, word(8).ok_or_else(cut)? as usize);
     if version != 2 {
         return Err(error(format!("is GLB version {version}; only version 2 is read")));

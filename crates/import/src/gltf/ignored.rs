@@ -1,18 +1,18 @@
-//! What a file has and the picture will not show, by name.
+//! Features of a file that are not imported, counted by name for one warning.
 
 use std::collections::BTreeMap;
 
 use super::container::Document;
 use super::lights;
 
-/// Features that were met and not used, with how often.
+/// Number of occurrences of each ignored feature.
 #[derive(Default)]
 pub(super) struct Ignored {
     counts: BTreeMap<String, usize>,
 }
 
 impl Ignored {
-    /// What the file as a whole has.
+    /// Ignored features that belong to the file as a whole.
     pub(super) fn of_file(document: &Document) -> Self {
         let mut ignored = Self::default();
         let root = &document.root;
@@ -20,7 +20,7 @@ impl Ignored {
             ("animations", root.animations.len()),
             ("skins", root.skins.len()),
             ("cameras", root.cameras.len()),
-            ("directional lights (a scene's sun is the [light] of its file)", lights::directional(document)),
+            ("directional lights (set [light] in the scene file instead)", lights::directional(document)),
         ] {
             if count > 0 {
                 ignored.counts.insert(what.to_owned(), count);
@@ -28,7 +28,7 @@ impl Ignored {
         }
         for name in document.unknown_extensions() {
             let instead = match name {
-                "KHR_materials_transmission" => " (plain opacity, where no texture says how much)",
+                "KHR_materials_transmission" => " (drawn as opacity unless it has a texture)",
                 "KHR_materials_pbrSpecularGlossiness" => " (drawn as metallic-roughness)",
                 _ => "",
             };
@@ -41,7 +41,7 @@ impl Ignored {
         *self.counts.entry(what.to_owned()).or_default() += 1;
     }
 
-    /// One line for people, if there is anything to say.
+    /// The warning, one line; `None` if nothing was ignored.
     pub(super) fn warning(&self, document: &Document) -> Option<String> {
         let name = |(what, count): (&String, &usize)| {
             if *count > 1 { format!("{what} ({count})") } else { what.clone() }

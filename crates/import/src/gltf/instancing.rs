@@ -1,4 +1,4 @@
-//! Nodes that show their mesh many times (EXT_mesh_gpu_instancing): where, in accessors.
+//! Instanced nodes (EXT_mesh_gpu_instancing): one transformation per instance, read from accessors.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ use crate::error::ImportError;
 
 const EXTENSION: &str = "EXT_mesh_gpu_instancing";
 
-/// Most places of one node: as many instances as a scene may have.
+/// Most instances of one node: as many as a scene may have.
 const MAX_PLACES: usize = lodestream_scene::limits::MAX_INSTANCES as usize;
 
 #[derive(Deserialize)]
@@ -22,23 +22,24 @@ struct InstancingJson {
     attributes: BTreeMap<String, usize>,
 }
 
-/// Where a node has its mesh, in the node's own axes; `None` for one that shows it once.
+/// Transformations of a node's instances, relative to the node; `None` for a node without the extension.
 ///
 /// # Errors
-/// Accessors that do not hold what they should, or are not of one length.
+/// Accessors of the wrong type or of different lengths, and too many instances.
 pub(super) fn of_node(
     document: &Document,
     buffers: &mut Buffers<'_>,
     node: &json::Node,
     index: usize,
 ) -> Result<Option<Vec<DMat4>>, ImportError> {
-    let said = node.extensions.as_ref().and_then(|all| all.others.get(EXTENSION));
-    let Some(said) = said else { return Ok(None) };
+    let json = node.extensions.as_ref().and_then(|all| all.others.get(EXTENSION));
+    let Some(json) = json else { return Ok(None) };
     let place = format!("nodes[{index}].extensions.{EXTENSION}");
     let error = |what: String| document.error(format!("{place}: {what}"));
-    let said = InstancingJson::deserialize(said).map_err(|e| error(format!("is not understood: {e}")))?;
+    let instancing =
+        InstancingJson::deserialize(json).map_err(|e| error(format!("is not understood: {e}")))?;
     let mut open = |name: &str, shape: Type| {
-        let accessor = said.attributes.get(name);
+        let accessor = instancing.attributes.get(name);
         accessor.map(|&accessor| buffers.open(accessor, &format!("{place}.{name}"), &[shape])).transpose()
     };
     let translations = open("TRANSLATION", Type::Vec3)?;
@@ -52,8 +53,8 @@ pub(super) fn of_node(
     if counts.any(|other| other != count) {
         return Err(error("has attributes of different lengths; export the file again".into()));
     }
-    // A place may bring a whole mesh: it costs a byte at least, as a node costs some.
-    let stored: u64 = said.attributes.values().map(|&accessor| buffers.stored_bytes(accessor)).sum();
+    // Each instance may repeat a whole mesh, so it must take at least one byte of the file, as a node does.
+    let stored: u64 = instancing.attributes.values().map(|&accessor| buffers.stored_bytes(accessor)).sum();
     if count as u64 > stored {
         return Err(error(format!("has {count} places in {stored} bytes, too many; export it uncompressed")));
     }
@@ -64,7 +65,7 @@ pub(super) fn of_node(
     }
     let matrix = |at: usize| {
         let rotation = rotations.as_ref().map_or(DQuat::IDENTITY, |all| DQuat::from_array(all.get(at)));
-        // As of nodes: rounded ones are made unit, and one of length zero says nothing.
+        // As for nodes: normalised, since files round; a zero quaternion counts as the identity.
         let rotation = if rotation.length_squared() > 0.0 { rotation.normalize() } else { DQuat::IDENTITY };
         let translation = translations.as_ref().map_or(DVec3::ZERO, |all| DVec3::from_array(all.get(at)));
         let scale = scales.as_ref().map_or(DVec3::ONE, |all| DVec3::from_array(all.get(at)));

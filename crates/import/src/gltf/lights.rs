@@ -1,6 +1,6 @@
-//! Lights that stand in the scene (KHR_lights_punctual), where nodes have them.
+//! Punctual lights (KHR_lights_punctual), placed by nodes.
 //!
-//! A light stands where its node does and shines along the node's −z. Scale moves it and changes nothing else of it.
+//! A light has its node's position and shines along the node's −z. The node's scale changes only the position.
 
 use glam::{DMat3, DMat4, DVec3};
 use gltf::json;
@@ -21,7 +21,7 @@ pub(super) struct PlacedLight {
     pub(super) to_scene: DMat4,
 }
 
-/// A light as the file has it.
+/// A light of the file's JSON.
 #[derive(Deserialize)]
 struct Light {
     #[serde(rename = "type")]
@@ -56,19 +56,19 @@ fn one() -> f32 {
     1.0
 }
 
-/// The number of the light that a node has, if it has one.
+/// Index of the light that a node refers to, if any.
 ///
 /// # Errors
-/// In a few words: what stands there is no number.
+/// The end of a message: the reference is not a number.
 pub(super) fn of_node(node: &json::Node) -> Result<Option<usize>, &'static str> {
-    let Some(said) = node.extensions.as_ref().and_then(|all| all.others.get(EXTENSION)) else {
+    let Some(extension) = node.extensions.as_ref().and_then(|all| all.others.get(EXTENSION)) else {
         return Ok(None);
     };
-    let number = said.get("light").and_then(Value::as_u64).and_then(|light| usize::try_from(light).ok());
-    number.map(Some).ok_or("has a light that is no number")
+    let number = extension.get("light").and_then(Value::as_u64).and_then(|light| usize::try_from(light).ok());
+    number.map(Some).ok_or("has a light whose index is not a number")
 }
 
-/// The lights of the file, as they stand in it.
+/// The file's list of lights, as JSON.
 fn listed(others: Option<&Map<String, Value>>) -> &[Value] {
     let lights = others.and_then(|all| all.get(EXTENSION)?.get("lights")?.as_array());
     lights.map_or(&[], Vec::as_slice)
@@ -78,7 +78,7 @@ fn all(document: &Document) -> &[Value] {
     listed(document.root.extensions.as_ref().map(|all| &all.others))
 }
 
-/// How many lights of the file are infinitely far away.
+/// Number of directional lights in the file.
 pub(super) fn directional(document: &Document) -> usize {
     all(document)
         .iter()
@@ -86,11 +86,11 @@ pub(super) fn directional(document: &Document) -> usize {
         .count()
 }
 
-/// The placed lights as punctual lights, in the file's axes and units. Left out are directional ones, those that give no light, and
-/// spots that a scale of zero leaves no direction. Numbers out of range are brought into it.
+/// Converts the placed lights to punctual lights, in the file's axes and units. Omits directional lights, lights without
+/// intensity, and spots whose direction a zero scale removes. Clamps numbers to their ranges.
 ///
 /// # Errors
-/// Lights that do not exist or are none, and places that no scene has.
+/// References to missing or invalid lights, and positions beyond [`MAX_COORDINATE`].
 pub(super) fn punctual_lights(
     document: &Document,
     placed: &[PlacedLight],
@@ -105,13 +105,15 @@ pub(super) fn punctual_lights(
         };
         let parsed = match read.take() {
             Some(parsed) => parsed,
-            None => Light::deserialize(source)
-                .map_err(|why| document.error(format!("{place} is no light: {why}; export it again")))?,
+            None => Light::deserialize(source).map_err(|why| {
+                document.error(format!("{place} is not a valid light: {why}; export the file again"))
+            })?,
         };
         let placed = punctual_light(&parsed, &to_scene).map_err(|what| match what {
-            Unusable::Kind => document
-                .error(format!("{place}.type is {:?}; only point, spot and directional can be", parsed.kind)),
-            Unusable::Place => {
+            Unusable::Kind => {
+                document.error(format!("{place}.type is {:?}; use point, spot or directional", parsed.kind))
+            }
+            Unusable::Position => {
                 document.error(format!("nodes[{node}] has a light further out than {MAX_COORDINATE:e}"))
             }
         })?;
@@ -123,10 +125,10 @@ pub(super) fn punctual_lights(
 
 /// Why a light cannot be used.
 enum Unusable {
-    /// Its type is none.
+    /// Unknown type.
     Kind,
-    /// It stands too far out.
-    Place,
+    /// Position out of range.
+    Position,
 }
 
 fn punctual_light(light: &Light, to_scene: &DMat4) -> Result<Option<PunctualLight>, Unusable> {
@@ -143,9 +145,9 @@ fn punctual_light(light: &Light, to_scene: &DMat4) -> Result<Option<PunctualLigh
     };
     let position = to_scene.w_axis.truncate().to_array();
     if !position.iter().all(|x| x.abs() <= MAX_COORDINATE) {
-        return Err(Unusable::Place);
+        return Err(Unusable::Position);
     }
-    // Each first: nothing times what is infinite would be no number.
+    // Clamped before multiplying: 0 × ∞ is NaN.
     let within = |x: f32| x.clamp(0.0, INTENSITIES[1]);
     let intensity = light.color.map(|c| within(within(c) * within(light.intensity)));
     if !intensity.iter().any(|i| *i >= INTENSITIES[0]) {

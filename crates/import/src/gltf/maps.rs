@@ -1,4 +1,4 @@
-//! The images that one material's maps are, and the one way in which they are all looked up.
+//! The images of one material's maps, and the texture coordinates and wrap mode that all of them share.
 
 use gltf::json;
 use gltf::json::extensions::texture::TextureTransform;
@@ -21,7 +21,7 @@ pub(super) struct UvTransform {
 impl UvTransform {
     pub(super) const IDENTITY: Self = Self { rows: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]] };
 
-    /// `None` where a number of it is not finite.
+    /// `None` if a component is not finite.
     fn new(transform: &TextureTransform) -> Option<Self> {
         let [ox, oy] = transform.offset.0.map(f64::from);
         let [sx, sy] = transform.scale.0.map(f64::from);
@@ -30,7 +30,7 @@ impl UvTransform {
         rows.iter().flatten().all(|x| x.is_finite()).then_some(Self { rows })
     }
 
-    /// Texture coordinates with `v` up, of those of the file.
+    /// Transforms the file's texture coordinates and turns `v` up.
     pub(super) fn apply(&self, [u, v]: [f64; 2]) -> [f32; 2] {
         let row = |r: [f64; 3]| r[0] * u + r[1] * v + r[2];
         [row(self.rows[0]) as f32, (1.0 - row(self.rows[1])) as f32]
@@ -45,23 +45,23 @@ pub(super) struct Texture {
     pub(super) transform: Option<TextureTransform>,
 }
 
-/// How the first map of a material that was found is looked up, which all others must be too: a mesh has one set of
-/// texture coordinates, with the transformation applied.
+/// Lookup of the first map that is found, which all other maps of the material must share: a mesh has one set of texture
+/// coordinates, with the transformation applied.
 #[derive(Clone, Copy)]
-struct Leading {
+struct SharedLookup {
     what: &'static str,
     uv_set: u32,
     transform: UvTransform,
     wrap: [Wrap; 2],
 }
 
-/// The maps of one material; those that cannot be had become warnings.
+/// The maps of one material; missing ones become warnings.
 pub(super) struct Maps<'a, 'b> {
     document: &'a Document,
     buffers: &'a mut Buffers<'b>,
     warnings: &'a mut Vec<String>,
     material: String,
-    leading: Option<Leading>,
+    shared: Option<SharedLookup>,
 }
 
 impl<'a, 'b> Maps<'a, 'b> {
@@ -71,25 +71,25 @@ impl<'a, 'b> Maps<'a, 'b> {
         warnings: &'a mut Vec<String>,
         material: String,
     ) -> Self {
-        Self { document, buffers, warnings, material, leading: None }
+        Self { document, buffers, warnings, material, shared: None }
     }
 
-    /// Which TEXCOORD_n, and what becomes of it.
+    /// Number of the TEXCOORD_n set, and its transformation.
     pub(super) fn lookup(&self) -> (u32, UvTransform) {
-        self.leading.map_or((0, UvTransform::IDENTITY), |leading| (leading.uv_set, leading.transform))
+        self.shared.map_or((0, UvTransform::IDENTITY), |shared| (shared.uv_set, shared.transform))
     }
 
-    /// How they continue beyond their edges.
+    /// Wrap modes of the maps.
     pub(super) fn wrap(&self) -> [Wrap; 2] {
-        self.leading.map_or([Wrap::Repeat; 2], |leading| leading.wrap)
+        self.shared.map_or([Wrap::Repeat; 2], |shared| shared.wrap)
     }
 
     pub(super) fn warn(&mut self, what: &str) {
         self.warnings.push(format!("{}: material {:?}: {what}", self.document.path.display(), self.material));
     }
 
-    /// A reference whose extensions the crate gltf leaves as they are.
-    pub(super) fn untyped(
+    /// A reference whose extensions the crate `gltf` does not parse.
+    pub(super) fn texture_with_extensions(
         &mut self,
         index: usize,
         uv_set: u32,
@@ -103,7 +103,7 @@ impl<'a, 'b> Maps<'a, 'b> {
         Texture { index, uv_set, transform }
     }
 
-    /// The image of a map, called `what` in messages. The first that is found decides how all are looked up.
+    /// The image of a map, which messages call `what`. The first image that is found sets the lookup of all maps.
     pub(super) fn image(&mut self, what: &'static str, texture: Option<Texture>) -> Option<ImageSource> {
         let texture = texture?;
         let uv_set = texture.transform.as_ref().and_then(|t| t.tex_coord).unwrap_or(texture.uv_set);
@@ -115,12 +115,12 @@ impl<'a, 'b> Maps<'a, 'b> {
             Some(Some(transform)) => transform,
             None => UvTransform::IDENTITY,
         };
-        if let Some(leading) = self.leading
-            && (leading.uv_set, leading.transform) != (uv_set, transform)
+        if let Some(shared) = self.shared
+            && (shared.uv_set, shared.transform) != (uv_set, transform)
         {
             self.warn(&format!(
                 "its {what} has other texture coordinates than its {}, and is left out; give both the same",
-                leading.what
+                shared.what
             ));
             return None;
         }
@@ -132,15 +132,15 @@ impl<'a, 'b> Maps<'a, 'b> {
             }
         };
         let wrap = wrap(self.document, texture.index);
-        match self.leading {
-            Some(leading) if leading.wrap != wrap => {
+        match self.shared {
+            Some(shared) if shared.wrap != wrap => {
                 self.warn(&format!(
-                    "its {what} wraps otherwise than its {}, and is drawn like that",
-                    leading.what
+                    "its {what} wraps differently from its {}, whose wrap mode is used",
+                    shared.what
                 ));
             }
             Some(_) => {}
-            None => self.leading = Some(Leading { what, uv_set, transform, wrap }),
+            None => self.shared = Some(SharedLookup { what, uv_set, transform, wrap }),
         }
         Some(image)
     }
@@ -153,7 +153,7 @@ impl From<&json::texture::Info> for Texture {
     }
 }
 
-/// How a texture's sampler continues it: again and again where nothing, or nothing known, is said.
+/// Wrap modes of a texture's sampler; repeat if it states none or an unknown one.
 fn wrap(document: &Document, texture: usize) -> [Wrap; 2] {
     let sampler = document.root.textures.get(texture).and_then(|t| t.sampler);
     let Some(sampler) = sampler.and_then(|s| document.root.samplers.get(s.value())) else {
@@ -174,7 +174,7 @@ fn find_image(document: &Document, texture: usize, buffers: &mut Buffers<'_>) ->
     let Some(image) = root.images.get(source) else {
         return Err(format!("textures[{texture}] has no PNG or JPEG image"));
     };
-    // A name for people; no file is looked for under it.
+    // A name for messages; no file has it.
     let label = || {
         let mut label = document.path.clone().into_os_string();
         label.push(format!("#images[{source}]"));

@@ -1,4 +1,4 @@
-//! Materials of the file to [`Material`]s, with the texture coordinates that they use.
+//! Converts glTF materials to [`Material`]s, with the texture coordinates of their maps.
 
 use gltf::json;
 use gltf::json::extensions::material::PbrSpecularGlossiness;
@@ -12,21 +12,21 @@ use super::maps::{Maps, Texture, UvTransform};
 use crate::error::ImportError;
 use crate::model::{Alpha, Channel, Component, Material, SurfaceMap};
 
-/// How much of what a surface transmits is seen of what lies behind it, which is then neither bent nor tinted: a
-/// pane of `transmissionFactor` 1 keeps a tenth of itself, so that it is still there.
-const SEEN_THROUGH: f32 = 0.9;
+/// Share of transmitted light that shows what is behind the surface, drawn as plain opacity without refraction or tint.
+/// A pane of `transmissionFactor` 1 keeps an opacity of 0.1, so that it stays visible.
+const TRANSMITTED_SHARE: f32 = 0.9;
 
-/// A material and what its maps are looked up with.
+/// A material and the texture coordinates of its maps.
 #[derive(Clone, Debug)]
 pub(super) struct Converted {
     pub(super) material: Material,
-    /// Which TEXCOORD_n.
+    /// Number of the TEXCOORD_n set.
     pub(super) uv_set: u32,
     pub(super) uv_transform: UvTransform,
 }
 
 impl Converted {
-    /// Whether anything of it is looked up by texture coordinates.
+    /// Whether the material has any map.
     pub(super) fn has_maps(&self) -> bool {
         let Material { color_texture, normal_texture, emission_texture, surface, .. } = &self.material;
         [color_texture, normal_texture, emission_texture].iter().any(|map| map.is_some())
@@ -56,13 +56,13 @@ pub(super) fn convert(
     let mut maps = Maps::new(document, buffers, warnings, material.name.clone());
     let extensions = source.extensions.as_ref();
     material.unlit = extensions.is_some_and(|e| e.unlit.is_some());
-    // Who wrote both models meant metallic-roughness for readers of that.
+    // A file with both models offers metallic-roughness to readers that support it.
     match extensions.and_then(|e| e.pbr_specular_glossiness.as_ref()).filter(|_| !has_core(source)) {
         Some(glossy) => specular_glossiness(glossy, &mut material, &mut maps),
         None => metallic_roughness(source, &mut material, &mut maps),
     }
     if !material.unlit {
-        more_maps(source, &mut material, &mut maps);
+        normal_occlusion_emission(source, &mut material, &mut maps);
     }
     alpha(source, &mut material, &mut maps);
     material.wrap = maps.wrap();
@@ -70,12 +70,12 @@ pub(super) fn convert(
     Ok(Converted { material, uv_set, uv_transform })
 }
 
-/// A number in 0..=1; 1, the default of all such, where it is none.
+/// Clamps a number to 0..=1; NaN becomes 1, the default of all factors.
 fn unit(x: f32) -> f32 {
     if x.is_nan() { 1.0 } else { x.clamp(0.0, 1.0) }
 }
 
-/// Whether `pbrMetallicRoughness` says anything.
+/// Whether `pbrMetallicRoughness` differs from its defaults.
 fn has_core(source: &json::Material) -> bool {
     let pbr = &source.pbr_metallic_roughness;
     pbr.base_color_texture.is_some()
@@ -100,12 +100,13 @@ fn metallic_roughness(source: &json::Material, material: &mut Material, maps: &m
         material.surface.roughness = Some(Channel::plain(image.clone(), Component::Green));
         material.surface.metallic = Some(Channel::plain(image, Component::Blue));
     } else if pbr.metallic_roughness_texture.is_some() {
-        // Where metal is meant to be is not known, and metal everywhere is the worse guess.
+        // Without the map, no metal is the better guess than metal everywhere.
         material.metallic = 0.0;
     }
 }
 
-/// Diffuse colour as base colour and glossiness as roughness; what reflects only is a metal of that colour.
+/// Approximates specular-glossiness: the diffuse colour is the base colour, 1 − glossiness the roughness. A material
+/// without diffuse reflection becomes a metal of its specular colour.
 fn specular_glossiness(glossy: &PbrSpecularGlossiness, material: &mut Material, maps: &mut Maps<'_, '_>) {
     let [r, g, b, opacity] = glossy.diffuse_factor.0.map(unit);
     (material.base_color, material.opacity) = ([r, g, b], opacity);
@@ -126,11 +127,11 @@ fn specular_glossiness(glossy: &PbrSpecularGlossiness, material: &mut Material, 
     }
 }
 
-fn more_maps(source: &json::Material, material: &mut Material, maps: &mut Maps<'_, '_>) {
+fn normal_occlusion_emission(source: &json::Material, material: &mut Material, maps: &mut Maps<'_, '_>) {
     if let Some(normal) = &source.normal_texture {
         if normal.scale >= 0.0 {
             let others = normal.extensions.as_ref().map(|e| &e.others);
-            let texture = maps.untyped(normal.index.value(), normal.tex_coord, others);
+            let texture = maps.texture_with_extensions(normal.index.value(), normal.tex_coord, others);
             material.normal_texture = maps.image("normal texture", Some(texture));
             material.normal_scale = normal.scale.min(MAX_NORMAL_SCALE);
         } else {
@@ -140,7 +141,7 @@ fn more_maps(source: &json::Material, material: &mut Material, maps: &mut Maps<'
     if let Some(occlusion) = &source.occlusion_texture {
         let strength = unit(occlusion.strength.0);
         let others = occlusion.extensions.as_ref().map(|e| &e.others);
-        let texture = maps.untyped(occlusion.index.value(), occlusion.tex_coord, others);
+        let texture = maps.texture_with_extensions(occlusion.index.value(), occlusion.tex_coord, others);
         if strength > 0.0
             && let Some(image) = maps.image("occlusion texture", Some(texture))
         {
@@ -154,7 +155,7 @@ fn more_maps(source: &json::Material, material: &mut Material, maps: &mut Maps<'
     let strength = if strength.is_nan() { 1.0 } else { strength.clamp(0.0, MAX_EMISSION) };
     material.emission =
         source.emissive_factor.0.map(|x| if x.is_nan() { 0.0 } else { x.clamp(0.0, 1.0) * strength });
-    // Nothing multiplied by a texture is nothing.
+    // A factor of zero makes the texture invisible.
     if material.emission != [0.0; 3] {
         material.emission_texture =
             maps.image("emissive texture", source.emissive_texture.as_ref().map(Texture::from));
@@ -175,18 +176,18 @@ fn alpha(source: &json::Material, material: &mut Material, maps: &mut Maps<'_, '
             material.alpha = Alpha::Mask(if cutoff.is_nan() { 0.5 } else { cutoff.clamp(0.0, 1.0) });
         }
         Checked::Valid(AlphaMode::Blend) => material.alpha = Alpha::Blend,
-        // An opaque material's alpha says nothing.
+        // The alpha of an opaque material has no effect.
         Checked::Valid(AlphaMode::Opaque) => material.opacity = 1.0,
         Checked::Invalid => {
             material.opacity = 1.0;
-            maps.warn("its alphaMode is none that is known; it is drawn opaque");
+            maps.warn("its alphaMode is unknown; it is drawn opaque");
         }
     }
     let Some(transmission) = source.extensions.as_ref().and_then(|e| e.transmission.as_ref()) else { return };
     let factor = transmission.transmission_factor.0;
-    // Where a texture says what is transmitted, the factor alone would make all of it vanish.
+    // With a transmission texture, the factor alone would make the whole surface transparent.
     if factor > 0.0 && transmission.transmission_texture.is_none() && material.alpha == Alpha::Opaque {
         material.alpha = Alpha::Blend;
-        material.opacity *= 1.0 - SEEN_THROUGH * factor.min(1.0);
+        material.opacity *= 1.0 - TRANSMITTED_SHARE * factor.min(1.0);
     }
 }

@@ -1,4 +1,4 @@
-//! Primitives to one [`SourceMesh`], in the place that a node gives them.
+//! Merges primitives into one [`SourceMesh`], transformed by their nodes.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -34,7 +34,7 @@ pub(super) struct Builder<'a> {
     material_of: BTreeMap<Option<usize>, u16>,
     ignored: Ignored,
     warnings: Vec<String>,
-    /// Materials with maps that some primitive has no coordinates for, and that this was said of.
+    /// Materials whose missing texture coordinates were reported.
     without_uvs: BTreeSet<u16>,
 }
 
@@ -96,12 +96,12 @@ impl<'a> Builder<'a> {
         }
         let material = self.material(primitive.material.map(|m| m.value()))?;
         let compressed = self.streams.open(document, &mut self.buffers, primitive, place)?;
-        // A stream has the triangles themselves, whatever they were before.
+        // Draco streams contain a list of triangles, whatever the primitive's mode.
         let mode = if compressed.is_some() { Mode::Triangles } else { mode };
         let attributes = self.attributes(primitive, compressed.as_ref(), place, material)?;
         let Some(attributes) = attributes else { return Ok(()) };
         if attributes.uvs.is_none() {
-            self.warn_of_maps(material, place);
+            self.warn_of_missing_uvs(material, place);
         }
         let indices = self.indices(primitive, compressed.as_ref(), place, attributes.positions.len())?;
         let faces = match mode {
@@ -122,7 +122,7 @@ impl<'a> Builder<'a> {
         let flip = DMat3::from_mat4(*transform).determinant() < 0.0;
         self.mesh.faces.reserve(faces);
         for [a, b, c] in triangles(&indices, mode) {
-            // A mirror turns outside in: the other way round is counter-clockwise again.
+            // A mirror reverses the winding; swapping two corners restores it.
             let [a, b, c] = if flip { [a, c, b] } else { [a, b, c] };
             self.mesh.faces.push([corner(a), corner(b), corner(c)]);
             self.mesh.materials.push(material);
@@ -130,8 +130,8 @@ impl<'a> Builder<'a> {
         Ok(())
     }
 
-    /// Says, once for each material, that a primitive has no coordinates for its maps.
-    fn warn_of_maps(&mut self, material: u16, place: &str) {
+    /// Warns, once for each material, that a primitive has no texture coordinates for the material's maps.
+    fn warn_of_missing_uvs(&mut self, material: u16, place: &str) {
         let converted = &self.materials[usize::from(material)];
         if converted.has_maps() && self.without_uvs.insert(material) {
             self.warnings.push(format!(
@@ -162,8 +162,8 @@ impl<'a> Builder<'a> {
         Ok(number)
     }
 
-    /// Opens the attributes that are used and notes the others; nothing for a primitive without positions,
-    /// which the format allows and which draws nothing.
+    /// Opens the supported attributes and counts the others as ignored; `None` for a primitive without positions, which
+    /// glTF allows and which draws nothing.
     fn attributes(
         &mut self,
         primitive: &json::mesh::Primitive,
@@ -195,7 +195,7 @@ impl<'a> Builder<'a> {
                 Semantic::Normals => normals = Some(open(&[Type::Vec3])?),
                 Semantic::TexCoords(set) if *set == uv_set => uvs = Some(open(&[Type::Vec2])?),
                 Semantic::Colors(0) => colors = Some(open(&[Type::Vec3, Type::Vec4])?),
-                // What they are for is named on its own.
+                // Skins are counted as ignored for the file as a whole.
                 Semantic::Joints(_) | Semantic::Weights(_) => {}
                 _ => self.ignored.note(&format!("attribute {name}")),
             }
@@ -261,8 +261,8 @@ impl<'a> Builder<'a> {
                 .error(format!("{place}.attributes.{name}: element {index} is not finite; export it again"))
         };
         let linear = DMat3::from_mat4(*transform);
-        // Normals go with the cofactors, which are the inverse transpose but for a factor and exist for
-        // maps without an inverse too; the sign of the determinant turns them outwards again.
+        // Normals transform by the cofactor matrix: the inverse transpose up to a factor, defined for singular maps
+        // too. The sign of the determinant keeps them pointing outwards.
         let [x, y, z] = [linear.x_axis, linear.y_axis, linear.z_axis];
         let cofactors = DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y));
         let outwards = if linear.determinant() < 0.0 { -1.0 } else { 1.0 };
@@ -279,7 +279,7 @@ impl<'a> Builder<'a> {
             mesh.positions.push(position.to_array());
             if let Some(normals) = &attributes.normals {
                 let normal = cofactors * DVec3::from_array(normals.get(index)) * outwards;
-                // One without a direction says nothing.
+                // A zero normal counts as missing.
                 if let Some(normal) = normal.try_normalize() {
                     corner.normal = mesh.normals.len() as u32;
                     mesh.normals.push(normal.as_vec3().to_array());

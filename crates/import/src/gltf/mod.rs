@@ -2,8 +2,8 @@
 //!
 //! Meshes of triangles (lists, strips, fans; indexed or not; every component type, sparse accessors too; compressed or
 //! not) with positions, normals, one set of texture coordinates and vertex colours; nodes flattened to
-//! transformations in f64; metallic-roughness materials with all their maps; lights that stand in the scene. What a
-//! file has beyond that is named in a warning, and refused where the file requires it and the picture would be another without it.
+//! transformations in f64; metallic-roughness materials with all their maps; punctual lights. A warning names what is
+//! ignored; an unsupported extension is an error if the file requires it and drawing without it would be wrong.
 //!
 //! The crate `gltf` parses the JSON. Its types are used without its validation, which panics on some
 //! indices out of range (gltf-json 1.4, `primitive_validate_hook`): every index is looked up here with a
@@ -35,11 +35,11 @@ use container::{Document, Location};
 use lodestream_scene::punctual_lights::PunctualLight;
 use mesh::Builder;
 
-/// Columns of two axes count as equally long, or as at right angles, within this share: what nodes that
-/// were composed in f32 come to.
+/// Relative tolerance within which axes count as equally long and orthogonal: the rounding of transformations that
+/// were composed in f32.
 const SIMILARITY: f64 = 1e-5;
 
-/// One mesh of a file, placed by a similarity; what is not one is part of the mesh.
+/// One mesh of a file, placed by a similarity. Any other part of its transformation is in [`PlacedMesh::part`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlacedMesh {
     /// The mesh, as [`crate::import_part`] takes it.
@@ -57,9 +57,9 @@ pub struct PlacedMesh {
 pub struct Contents {
     /// Name of each mesh, by index; unique.
     pub names: Vec<String>,
-    /// Where the file's scene has them.
+    /// Placements of meshes in the file's scene.
     pub placed: Vec<PlacedMesh>,
-    /// The lights that stand in the file's scene.
+    /// Punctual lights of the file's scene.
     pub punctual_lights: Vec<PunctualLight>,
 }
 
@@ -88,10 +88,10 @@ pub(super) fn import(path: &Path, part: &Part) -> Result<Imported, ImportError> 
     builder.finish()
 }
 
-/// What meshes and lights a file has, and where.
+/// Lists the meshes and lights of a file with their placements, without reading the meshes.
 ///
 /// # Errors
-/// As [`crate::import`], short of what the meshes hold.
+/// As [`crate::import`], except for errors within meshes.
 pub fn contents(path: &Path) -> Result<Contents, ImportError> {
     let document = open(path)?;
     let placed = nodes::placed(&document)?;
@@ -102,10 +102,10 @@ pub fn contents(path: &Path) -> Result<Contents, ImportError> {
     Ok(Contents { names: names(&document), placed: meshes, punctual_lights })
 }
 
-/// The mesh of that name, about its own origin.
+/// The mesh of a name, untransformed.
 ///
 /// # Errors
-/// A file that is no glTF file, or has no such mesh: the message then names those that it has.
+/// A file that is not glTF, or has no such mesh; the message lists its meshes.
 pub fn part_named(path: &Path, name: &str) -> Result<Part, ImportError> {
     if !crate::file::is_gltf(path) {
         return Err(ImportError::gltf(path, "only glTF files have meshes with names; leave the mesh out"));
@@ -120,7 +120,7 @@ pub fn part_named(path: &Path, name: &str) -> Result<Part, ImportError> {
     Ok(Part::Mesh { mesh, linear: DMat3::IDENTITY.to_cols_array_2d() })
 }
 
-/// Names of the meshes: the file's own, numbered where two are alike or none is given.
+/// Names of the meshes, made unique by numbers; `mesh-N` for meshes without a name.
 fn names(document: &Document) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     for (index, mesh) in document.root.meshes.iter().enumerate() {
@@ -132,8 +132,8 @@ fn names(document: &Document) -> Vec<String> {
     names
 }
 
-/// Splits a transformation into what an instance can do (turn, scale evenly, move) and, where that is not
-/// all, a linear map for the mesh itself: uneven scales, shears and mirrors.
+/// Splits a transformation: a similarity becomes the placement of an instance; any other (uneven scale, shear, mirror)
+/// becomes a linear map of the mesh and a translation.
 fn similar(mesh: usize, to_scene: &DMat4) -> PlacedMesh {
     let linear = DMat3::from_mat4(*to_scene);
     let translation = to_scene.w_axis.truncate().to_array();

@@ -1,4 +1,4 @@
-//! The node hierarchy flattened: each mesh and each light where the scene has it, in f64.
+//! Flattening of the node hierarchy: each mesh and light with its transformation to the scene, in f64.
 
 use glam::{DMat4, DQuat, DVec3};
 use gltf::json;
@@ -9,38 +9,37 @@ use super::instancing;
 use super::lights::{self, PlacedLight};
 use crate::error::ImportError;
 
-/// A mesh of the file, placed.
+/// A mesh of the file with its transformation.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Placed {
     pub(super) mesh: usize,
     pub(super) to_scene: DMat4,
 }
 
-/// What the nodes of a file place.
+/// Meshes and lights of a scene.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Flattened {
+pub(super) struct SceneContents {
     pub(super) meshes: Vec<Placed>,
     pub(super) lights: Vec<PlacedLight>,
 }
 
-/// The meshes and lights of the default scene (or the first, where none is named) in the order in which its nodes
-/// come, depth first. A file without scenes is a library: each of its meshes once, as it is, and no light.
+/// Flattens the default scene, or the first one if the file names none; nodes depth first. A file without scenes is a
+/// library: each mesh once, untransformed, and no lights.
 ///
 /// # Errors
-/// Nodes that do not exist, have two parents or are their own ancestors, values that are not finite, and places of a
-/// mesh that are not told as they should be.
-pub(super) fn placed(document: &Document) -> Result<Flattened, ImportError> {
+/// Nodes that do not exist, have two parents or are their own ancestors; values that are not finite; invalid instances.
+pub(super) fn placed(document: &Document) -> Result<SceneContents, ImportError> {
     let root = &document.root;
     let number = root.scene.map_or(0, |scene| scene.value());
     let Some(scene) = root.scenes.get(number) else {
         if root.scenes.is_empty() {
             let all = 0..root.meshes.len();
             let meshes = all.map(|mesh| Placed { mesh, to_scene: DMat4::IDENTITY }).collect();
-            return Ok(Flattened { meshes, ..Flattened::default() });
+            return Ok(SceneContents { meshes, ..SceneContents::default() });
         }
         return Err(document.error(format!("scenes[{number}] does not exist")));
     };
-    let mut placed = Flattened::default();
+    let mut placed = SceneContents::default();
     let mut buffers = Buffers::new(document);
     let mut seen = vec![false; root.nodes.len()];
     let mut waiting: Vec<(usize, DMat4)> =
@@ -61,7 +60,7 @@ pub(super) fn placed(document: &Document) -> Result<Flattened, ImportError> {
                 Some(places) => {
                     let places: Vec<DMat4> = places.into_iter().map(|place| to_scene * place).collect();
                     if !places.iter().all(DMat4::is_finite) {
-                        return Err(error("has a place that is not finite; export the file again"));
+                        return Err(error("has an instance that is not finite; export the file again"));
                     }
                     placed.meshes.extend(places.into_iter().map(|to_scene| Placed { mesh, to_scene }));
                 }
@@ -85,7 +84,7 @@ fn local(node: &json::Node) -> DMat4 {
     };
     let rotation = node.rotation.unwrap_or_default().0.map(f64::from);
     let rotation = DQuat::from_array(rotation);
-    // Files round quaternions to f32, or to less; one of length zero says nothing.
+    // Normalised, since files round quaternions; a zero quaternion counts as the identity.
     let rotation = if rotation.length_squared() > 0.0 { rotation.normalize() } else { DQuat::IDENTITY };
     DMat4::from_scale_rotation_translation(vector(node.scale, 1.0), rotation, vector(node.translation, 0.0))
 }

@@ -1,59 +1,59 @@
-//! Mode ATTRIBUTES: blocks of up to 256 elements; of each block the first bytes of all elements, then the second ones and
-//! so on; each byte as its difference from the element before, in groups of 16 with as many bits as the group needs.
+//! Mode ATTRIBUTES: blocks of up to 256 elements. A block stores the first bytes of all elements, then the second bytes
+//! and so on, each as the difference from the previous element, in groups of 16 of equal bit width.
 
-use super::damage::Damage;
+use super::error::MeshoptError;
 use super::reader::Reader;
 
-/// Bytes of a block, and elements, at most.
+/// Most bytes and most elements of a block.
 const BLOCK_BYTES: usize = 8192;
 const BLOCK: usize = 256;
-/// Differences that share a number of bits.
+/// Differences that share a bit width.
 const GROUP: usize = 16;
-/// Bytes that a group may take. The format has that many behind the last one too, so that decoders may read ahead.
+/// Most bytes of a group. The format pads the end by as many, so that decoders may read ahead.
 const GROUP_BYTES: usize = 24;
-/// Bits of a difference, by what a group's header says; version 1 has a choice of two others.
+/// Bit widths that a group's header selects in version 0; version 1 selects one of two other tables.
 const BITS: [u32; 4] = [0, 2, 4, 8];
 
 /// `stride` is a multiple of 4 up to 256.
-pub(super) fn decode(data: &[u8], count: usize, stride: usize) -> Result<Vec<u8>, Damage> {
-    let (&head, body) = data.split_first().ok_or(Damage::Short)?;
-    let later = match head {
+pub(super) fn decode(data: &[u8], count: usize, stride: usize) -> Result<Vec<u8>, MeshoptError> {
+    let (&head, body) = data.split_first().ok_or(MeshoptError::Truncated)?;
+    let version_1 = match head {
         0xa0 => false,
         0xa1 => true,
-        _ => return Err(Damage::Header(head)),
+        _ => return Err(MeshoptError::Header(head)),
     };
-    // At the end stands the element before the first; and in version 1, how each four bytes of an element are coded.
-    let tail = stride + if later { stride / 4 } else { 0 };
-    let padded = tail.max(if later { 24 } else { 32 });
-    let behind = body.len().checked_sub(tail).ok_or(Damage::Short)?;
+    // The tail holds the element before the first and, in version 1, the channel mode of each four bytes.
+    let tail = stride + if version_1 { stride / 4 } else { 0 };
+    let padded = tail.max(if version_1 { 24 } else { 32 });
+    let behind = body.len().checked_sub(tail).ok_or(MeshoptError::Truncated)?;
     let (first, channels) = body[behind..].split_at(stride);
     let mut last = [0; BLOCK];
     last[..stride].copy_from_slice(first);
 
     let block = (BLOCK_BYTES / stride / GROUP * GROUP).min(BLOCK);
     let (pieces, each) =
-        if later { (count.div_ceil(block), stride / 4) } else { (count.div_ceil(4 * GROUP), stride) };
+        if version_1 { (count.div_ceil(block), stride / 4) } else { (count.div_ceil(4 * GROUP), stride) };
     let least = pieces.saturating_mul(each);
     if body.len().checked_sub(padded).is_none_or(|coded| coded < least) {
-        return Err(Damage::Short);
+        return Err(MeshoptError::Truncated);
     }
-    let length = count.checked_mul(stride).ok_or(Damage::Short)?;
+    let length = count.checked_mul(stride).ok_or(MeshoptError::Truncated)?;
     let mut elements = vec![0; length];
     let mut reader = Reader::new(body);
     for elements in elements.chunks_mut(block * stride) {
-        decode_block(&mut reader, elements, stride, &mut last, later.then_some(channels))?;
+        decode_block(&mut reader, elements, stride, &mut last, version_1.then_some(channels))?;
     }
-    if reader.left() == padded { Ok(elements) } else { Err(Damage::Left) }
+    if reader.left() == padded { Ok(elements) } else { Err(MeshoptError::TrailingBytes) }
 }
 
-/// One block; `last` is the element before it, and then its last one.
+/// Decodes one block. `last` is the element before the block, and afterwards the block's last element.
 fn decode_block(
     reader: &mut Reader<'_>,
     elements: &mut [u8],
     stride: usize,
     last: &mut [u8; BLOCK],
     channels: Option<&[u8]>,
-) -> Result<(), Damage> {
+) -> Result<(), MeshoptError> {
     let count = elements.len() / stride;
     let padded = count.next_multiple_of(GROUP);
     let control = if channels.is_some() { reader.take(stride / 4)? } else { &[] };
@@ -80,8 +80,8 @@ fn decode_block(
     Ok(())
 }
 
-/// Four bytes of an element, of what differs and of those of the element before.
-fn undo(channel: u8, coded: [u8; 4], before: [u8; 4]) -> Result<[u8; 4], Damage> {
+/// Four bytes of an element from their coded difference and the previous element's bytes.
+fn undo(channel: u8, coded: [u8; 4], before: [u8; 4]) -> Result<[u8; 4], MeshoptError> {
     let pairs = |bytes: [u8; 4]| [[bytes[0], bytes[1]], [bytes[2], bytes[3]]].map(u16::from_le_bytes);
     Ok(match channel & 3 {
         0 => std::array::from_fn(|i| {
@@ -100,12 +100,12 @@ fn undo(channel: u8, coded: [u8; 4], before: [u8; 4]) -> Result<[u8; 4], Damage>
             let turned = u32::from_le_bytes(coded).rotate_right(u32::from(channel >> 4));
             (turned ^ u32::from_le_bytes(before)).to_le_bytes()
         }
-        _ => return Err(Damage::Channel),
+        _ => return Err(MeshoptError::Channel),
     })
 }
 
-/// The bytes of one place in all elements, in groups.
-fn decode_plane(reader: &mut Reader<'_>, plane: &mut [u8], bits: [u32; 4]) -> Result<(), Damage> {
+/// Decodes one byte of all elements, in groups.
+fn decode_plane(reader: &mut Reader<'_>, plane: &mut [u8], bits: [u32; 4]) -> Result<(), MeshoptError> {
     let headers = reader.take(plane.len().div_ceil(4 * GROUP))?;
     for (index, group) in plane.chunks_exact_mut(GROUP).enumerate() {
         let bits = bits[usize::from(headers[index / 4] >> (2 * (index % 4)) & 3)];
@@ -114,8 +114,8 @@ fn decode_plane(reader: &mut Reader<'_>, plane: &mut [u8], bits: [u32; 4]) -> Re
     Ok(())
 }
 
-/// Sixteen values of 0, 1, 2, 4 or 8 bits. One whose bits are all set stands behind them as a byte.
-fn decode_group(reader: &mut Reader<'_>, group: &mut [u8], bits: u32) -> Result<(), Damage> {
+/// Decodes sixteen values of 0, 1, 2, 4 or 8 bits. All bits set marks a value that follows the group as a byte.
+fn decode_group(reader: &mut Reader<'_>, group: &mut [u8], bits: u32) -> Result<(), MeshoptError> {
     let ahead = reader.ahead::<GROUP_BYTES>()?;
     let mut next = 2 * bits as usize;
     match bits {
@@ -124,7 +124,7 @@ fn decode_group(reader: &mut Reader<'_>, group: &mut [u8], bits: u32) -> Result<
         _ => {
             let all = (1 << bits) - 1;
             for (value, at) in group.iter_mut().zip((0..).step_by(bits as usize)) {
-                // Single bits begin at the lowest of their byte, wider ones at the highest.
+                // Single bits are stored from the lowest bit of a byte, wider values from the highest.
                 let shift = if bits == 1 { at % 8 } else { 8 - bits - at % 8 };
                 *value = ahead[at as usize / 8] >> shift & all;
                 if *value == all {

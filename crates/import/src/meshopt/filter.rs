@@ -1,22 +1,23 @@
-//! Filters: what attributes were turned into so that they compress well, turned back, in place.
+//! Filters: inverse transforms of attributes, applied in place after decoding.
 //!
-//! In single precision with roots that IEEE 754 rounds correctly, so that every machine gives the same bytes.
+//! Computed in single precision with correctly rounded square roots (IEEE 754), so that every machine gives the same
+//! bytes.
 
-/// What was done to attributes.
+/// Transform that the encoder applied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Filter {
-    /// Unit vectors as points of an octahedron; in 4 × 8 or 4 × 16 bits, of which the last stay.
+    /// Unit vectors as points of an octahedron; in 4 × 8 or 4 × 16 bits; the last component is unchanged.
     Octahedral,
     /// Unit quaternions without their largest component; 4 × 16 bits.
     Quaternion,
-    /// Single precision as 24 bits of a whole number and 8 of a power of two.
+    /// Single precision as a mantissa of 24 bits and an exponent of 8.
     Exponential,
     /// Colours as luma and two chromas, with opacity; in 4 × 8 or 4 × 16 bits.
     Color,
 }
 
 impl Filter {
-    /// Whether elements of this many bytes can be of it.
+    /// Whether the filter applies to elements of this many bytes.
     pub(super) fn fits(self, stride: usize) -> bool {
         match self {
             Self::Octahedral | Self::Color => stride == 4 || stride == 8,
@@ -25,7 +26,7 @@ impl Filter {
         }
     }
 
-    /// Turns elements back. `stride` fits.
+    /// Applies the inverse transform. `stride` must fit.
     pub(super) fn undo(self, bytes: &mut [u8], stride: usize) {
         let whole = stride == 8;
         match self {
@@ -49,7 +50,7 @@ impl Filter {
     }
 }
 
-/// Changes all elements of `N` components of `W` bytes.
+/// Applies a function to all elements of `N` components of `W` bytes.
 fn each<const N: usize, const W: usize>(bytes: &mut [u8], change: impl Fn([[u8; W]; N]) -> [[u8; W]; N]) {
     for element in bytes.chunks_exact_mut(N * W) {
         let mut components = [[0; W]; N];
@@ -58,10 +59,10 @@ fn each<const N: usize, const W: usize>(bytes: &mut [u8], change: impl Fn([[u8; 
     }
 }
 
-/// A number that components are made of.
+/// Integer type of components.
 trait Signed: Copy + Into<f32> {
     const MOST: f32;
-    /// The whole number, whose bits beyond the type are lost.
+    /// Truncates to the type's bits.
     fn of(value: i32) -> Self;
 }
 
@@ -81,12 +82,12 @@ impl Signed for i16 {
     }
 }
 
-/// To the nearest whole number, halves away from zero; of NaN, which a vector of length zero gives, 0.
+/// Rounds to the nearest integer, halves away from zero; NaN, which a zero vector gives, becomes 0.
 fn rounded(value: f32) -> i32 {
     (value + if value >= 0.0 { 0.5 } else { -0.5 }) as i32
 }
 
-/// The third component says what 1 is, in as many bits as the first two have.
+/// Decodes a unit vector. The third component is the fixed-point value of 1 in the first two.
 fn octahedral<T: Signed>([x, y, one, kept]: [T; 4]) -> [T; 4] {
     let (x, y, one): (f32, f32, f32) = (x.into(), y.into(), one.into());
     let z = one - x.abs() - y.abs();
@@ -99,14 +100,15 @@ fn octahedral<T: Signed>([x, y, one, kept]: [T; 4]) -> [T; 4] {
     [x, y, z, kept]
 }
 
-/// The last component's lowest two bits say which one is left out; the others say what 1 is, over the root of 2.
-fn quaternion([x, y, z, said]: [i16; 4]) -> [i16; 4] {
-    let one = f32::from(said | 3);
+/// Decodes a quaternion. The last component's lowest two bits number the omitted component; its other bits are the
+/// fixed-point value of 1/√2.
+fn quaternion([x, y, z, scale_and_index]: [i16; 4]) -> [i16; 4] {
+    let one = f32::from(scale_and_index | 3);
     let [x, y, z] = [x, y, z].map(f32::from);
     let square = one * one * 2.0 - x * x - y * y - z * z;
     let w = square.max(0.0).sqrt();
     let scale = 32_767.0 / 2_f32.sqrt() / one;
-    let largest = (said & 3) as usize;
+    let largest = (scale_and_index & 3) as usize;
     let mut turned = [0; 4];
     for (value, place) in [w, x, y, z].into_iter().zip(largest..) {
         turned[place % 4] = rounded(value * scale) as i16;
@@ -117,13 +119,13 @@ fn quaternion([x, y, z, said]: [i16; 4]) -> [i16; 4] {
 fn exponential(value: u32) -> f32 {
     let (mantissa, exponent) = ((value << 8) as i32 >> 8, value as i32 >> 24);
     let value = f32::from_bits((exponent.wrapping_add(127) as u32) << 23) * mantissa as f32;
-    // Of an exponent of −128, which no encoder writes; what is not a number has many forms, and processors differ.
+    // An exponent of −128, which no encoder writes, gives NaN, whose bits differ between processors.
     if value.is_nan() { f32::NAN } else { value }
 }
 
-/// `most` is what 1 is in the result.
+/// Decodes a colour to components of 0 to `most`.
 fn color([luma, _, _, opacity]: [i32; 4], [_, orange, green, _]: [i32; 4], most: f32) -> [i32; 4] {
-    // Opacity has one bit less than the others; the highest bit that is set says how many those have.
+    // Opacity has one bit less than the other components; its highest set bit gives their number of bits.
     let one = [1, 2, 4, 8].into_iter().fold(opacity, |bits, shift| bits | bits >> shift);
     let alpha = (opacity << 1 & one) | (opacity & 1);
     let scale = most / one as f32;

@@ -1,47 +1,47 @@
-//! meshoptimizer's codecs, as glTF's EXT_meshopt_compression and KHR_meshopt_compression use them: what is compressed to
-//! the bytes of a buffer view.
+//! Decoders of meshoptimizer's codecs, as used by glTF's EXT_meshopt_compression and KHR_meshopt_compression: from
+//! compressed bytes to the bytes of a buffer view.
 //!
-//! Written from the specification of KHR_meshopt_compression (appendix A, "Bitstream"; appendix B, "Filters"), where
-//! versions 0 (EXT) and 1 (KHR) of attributes stand; the crate `meshopt`, which wraps the codecs of the library itself,
-//! is what the tests encode with and compare with. Not that crate in here: its filters take the reciprocal of a root
-//! from the processor's estimate, so the same file would give other bytes on another make of processor.
+//! Written from the specification of KHR_meshopt_compression (appendix A, "Bitstream"; appendix B, "Filters"), which
+//! describes versions 0 (EXT) and 1 (KHR) of attributes. Tests encode and compare with the crate `meshopt`, which wraps
+//! the library. It does not decode here because its filters use the processor's estimate of reciprocal square roots: the
+//! same file would give different bytes on different processors.
 //!
-//! What is reserved is held against the bytes that are there first: each format has a least number of bytes per element.
+//! Each format has a minimum of bytes per element, which is checked before memory is reserved.
 
 mod attributes;
-mod damage;
+mod error;
 mod filter;
 mod indices;
 mod reader;
 #[cfg(test)]
 pub(crate) mod tests;
 
-pub(crate) use damage::Damage;
+pub(crate) use error::MeshoptError;
 pub(crate) use filter::Filter;
 
-/// What a buffer view is compressed as.
+/// Codec of a buffer view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Mode {
-    /// Elements of any kind, byte by byte against the element before.
+    /// Elements of any type, each byte as the difference from the previous element's.
     Attributes(Option<Filter>),
-    /// A list of triangles.
+    /// Indices of a triangle list.
     Triangles,
     /// Any indices.
     Indices,
 }
 
-/// `count` elements of `stride` bytes each.
+/// Decodes `count` elements of `stride` bytes each.
 ///
 /// # Errors
-/// Bytes that say another number of elements, or nothing.
-pub(crate) fn decode(mode: Mode, data: &[u8], count: usize, stride: usize) -> Result<Vec<u8>, Damage> {
+/// Bytes that are not exactly that many elements.
+pub(crate) fn decode(mode: Mode, data: &[u8], count: usize, stride: usize) -> Result<Vec<u8>, MeshoptError> {
     match mode {
         Mode::Attributes(filter) => {
             if !stride.is_multiple_of(4) || !(4..=256).contains(&stride) {
-                return Err(Damage::Stride(stride));
+                return Err(MeshoptError::Stride(stride));
             }
             if filter.is_some_and(|filter| !filter.fits(stride)) {
-                return Err(Damage::Stride(stride));
+                return Err(MeshoptError::Stride(stride));
             }
             let mut bytes = attributes::decode(data, count, stride)?;
             if let Some(filter) = filter {
@@ -49,8 +49,8 @@ pub(crate) fn decode(mode: Mode, data: &[u8], count: usize, stride: usize) -> Re
             }
             Ok(bytes)
         }
-        Mode::Triangles | Mode::Indices if stride != 2 && stride != 4 => Err(Damage::Stride(stride)),
-        Mode::Triangles if !count.is_multiple_of(3) => Err(Damage::Triangles(count)),
+        Mode::Triangles | Mode::Indices if stride != 2 && stride != 4 => Err(MeshoptError::Stride(stride)),
+        Mode::Triangles if !count.is_multiple_of(3) => Err(MeshoptError::Triangles(count)),
         Mode::Triangles => indices::triangles(data, count, stride),
         Mode::Indices => indices::sequence(data, count, stride),
     }

@@ -1,8 +1,8 @@
-//! Bytes from front to back.
+//! Sequential reader of bytes.
 
-use super::damage::Damage;
+use super::error::MeshoptError;
 
-/// What is left of some bytes.
+/// The bytes that are not read yet.
 pub(super) struct Reader<'a> {
     rest: &'a [u8],
 }
@@ -16,23 +16,23 @@ impl<'a> Reader<'a> {
         self.rest.len()
     }
 
-    /// The next bytes, which stay.
-    pub(super) fn ahead<const N: usize>(&self) -> Result<&'a [u8; N], Damage> {
-        self.rest.first_chunk().ok_or(Damage::Short)
+    /// The next bytes, without consuming them.
+    pub(super) fn ahead<const N: usize>(&self) -> Result<&'a [u8; N], MeshoptError> {
+        self.rest.first_chunk().ok_or(MeshoptError::Truncated)
     }
 
-    pub(super) fn take(&mut self, length: usize) -> Result<&'a [u8], Damage> {
-        let (taken, rest) = self.rest.split_at_checked(length).ok_or(Damage::Short)?;
+    pub(super) fn take(&mut self, length: usize) -> Result<&'a [u8], MeshoptError> {
+        let (taken, rest) = self.rest.split_at_checked(length).ok_or(MeshoptError::Truncated)?;
         self.rest = rest;
         Ok(taken)
     }
 
-    pub(super) fn byte(&mut self) -> Result<u8, Damage> {
+    pub(super) fn byte(&mut self) -> Result<u8, MeshoptError> {
         Ok(self.take(1)?[0])
     }
 
-    /// A number in groups of seven bits, lowest first; at most five, of which bits above the 32nd are lost.
-    pub(super) fn number(&mut self) -> Result<u32, Damage> {
+    /// A LEB128 number of at most five bytes; drops bits above the 32nd.
+    pub(super) fn number(&mut self) -> Result<u32, MeshoptError> {
         let mut number = 0;
         for shift in [0, 7, 14, 21, 28] {
             let byte = self.byte()?;

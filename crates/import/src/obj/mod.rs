@@ -1,4 +1,4 @@
-//! OBJ files to one mesh with a material per face.
+//! OBJ files: one mesh with a material per face.
 
 mod mtl;
 mod normalise;
@@ -89,7 +89,7 @@ fn libraries(path: &Path, bytes: &[u8], warnings: &mut Vec<String>) -> Vec<PathB
         else {
             continue;
         };
-        // The rest of the line is one name with blanks in it, or several names.
+        // The rest of the line is one name with blanks, or several names.
         let named = match located(names) {
             Some(whole) if whole.exists() => vec![whole],
             None if names.split_whitespace().count() == 1 => Vec::new(),
@@ -146,7 +146,7 @@ fn build(path: &Path, normalised: Normalised) -> Result<SourceMesh, ImportError>
     let mut text =
         "mtllib names\n".as_bytes().chain(normalised.vertices.as_bytes()).chain(normalised.faces.as_bytes());
     let (models, _) = tobj::load_obj_buf(&mut text, &options, |_| {
-        // Materials are named by their index here; what they are is none of the parser's business.
+        // The parser sees materials only as their indices.
         let materials = (0..names).map(|i| tobj::Material { name: i.to_string(), ..Default::default() });
         Ok((materials.collect(), (0..names).map(|i| (i.to_string(), i)).collect()))
     })
@@ -160,7 +160,7 @@ fn build(path: &Path, normalised: Normalised) -> Result<SourceMesh, ImportError>
     Ok(merge.weld.mesh)
 }
 
-/// Merges models into one mesh: `tobj` numbers the values of each anew.
+/// Merges models into one mesh: `tobj` numbers the values of each model from 0.
 #[derive(Default)]
 struct Merge {
     weld: Weld,
@@ -187,7 +187,7 @@ impl Merge {
             normal: if format.normal { normals[mesh.normal_indices[i] as usize] } else { NONE },
             color: colors.get(mesh.indices[i] as usize).copied().unwrap_or(NONE),
         };
-        // No arities are given where all faces are triangles.
+        // `tobj` gives no arities if all faces are triangles.
         let triangles = std::iter::repeat_n(3, mesh.indices.len() / 3);
         let arities: Vec<usize> = if mesh.face_arities.is_empty() {
             triangles.collect()

@@ -1,6 +1,6 @@
-//! Checks every line of an OBJ file and rewrites it in the small part of the format that `tobj`
-//! reads faithfully: plain `v` (with a colour, if the file has any), `vt`, `vn`, then faces with absolute
-//! indices, grouped by material and by which attributes all their corners have. Everything wrong is reported with its line.
+//! Checks every line of an OBJ file and rewrites the file in the subset of the format that `tobj` reads correctly: `v`
+//! (with a colour, if the file has any), `vt`, `vn`, then faces with absolute indices, grouped by material and by the
+//! attributes that all their corners have. Errors name their line.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -12,14 +12,14 @@ use crate::error::ImportError;
 /// Most elements of one kind: indices and counts must fit `u32`, with room for a "none" mark.
 const MAX_ELEMENTS: usize = u32::MAX as usize - 1;
 
-/// An OBJ file that `tobj` cannot misread.
+/// An OBJ file rewritten for `tobj`.
 #[derive(Debug, Default)]
 pub(super) struct Normalised {
     /// `v`, `vt` and `vn` lines.
     pub(super) vertices: String,
     /// `usemtl N` (an index into [`Normalised::material_names`]), `o FORMAT` and `f` lines.
     pub(super) faces: String,
-    /// Names that `usemtl` gave, in order of first use; empty for faces before any.
+    /// Names of `usemtl` lines in order of first use; the empty name for faces before the first.
     pub(super) material_names: Vec<String>,
     /// Faces with at least three corners.
     pub(super) face_count: usize,
@@ -29,18 +29,17 @@ pub(super) struct Normalised {
     pub(super) clamped_colors: usize,
 }
 
-/// A vertex colour as the one number that carries it through the parser, which reads three per vertex
-/// and knows no opacity; −1 where the vertex has none.
+/// Packs a vertex colour into one number, because the parser reads three components and no opacity; −1 without a colour.
 fn pack_color(color: Option<[u8; 4]>) -> i64 {
     color.map_or(-1, |rgba| i64::from(u32::from_le_bytes(rgba)))
 }
 
-/// See [`pack_color`].
+/// Inverse of [`pack_color`].
 pub(super) fn unpack_color(packed: f64) -> Option<[u8; 4]> {
     (packed >= 0.0).then(|| (packed as u32).to_le_bytes())
 }
 
-/// Which attributes all corners of a face have.
+/// The attributes that all corners of a face have.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) struct Format {
     pub(super) uv: bool,
@@ -83,7 +82,10 @@ pub(super) fn logical_lines(bytes: &[u8]) -> impl Iterator<Item = (usize, Cow<'_
     })
 }
 
-/// See the module.
+/// Checks and rewrites an OBJ file.
+///
+/// # Errors
+/// The first invalid line, or a file without faces.
 pub(super) fn normalise(path: &Path, bytes: &[u8]) -> Result<Normalised, ImportError> {
     if bytes.is_empty() {
         return Err(ImportError::Empty { path: path.to_owned() });
@@ -119,8 +121,8 @@ fn count_elements(bytes: &[u8]) -> ([usize; 3], bool) {
     (counts, colored)
 }
 
-/// The first word of a line, and the rest. What elements are counted by must be what they are read by, white space that
-/// only Unicode knows included.
+/// Splits a line into its first word and the rest. Counting and reading share this, so that they agree on Unicode white
+/// space too.
 fn keyword(line: &str) -> (&str, &str) {
     let line = line.trim_start();
     line.split_once(char::is_whitespace).unwrap_or((line, ""))
@@ -203,7 +205,7 @@ impl<'a> Reader<'a> {
         for word in text.split_whitespace() {
             let name = KINDS[kind];
             let value: f64 = word.parse().map_err(|_| {
-                self.error(line, format!("{name} has {:?} where a number belongs", shown(word)))
+                self.error(line, format!("{name} has {:?}; a number is expected", shown(word)))
             })?;
             if !value.is_finite() || value.abs() > f64::from(f32::MAX) {
                 return Err(self.error(
@@ -287,14 +289,14 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// An index as written to one from 1; 0 where the corner has none.
+    /// Converts an index of the file to an absolute one from 1; 0 if the corner has none.
     fn index(&self, line: usize, kind: usize, text: &str) -> Result<usize, ImportError> {
         let name = KINDS[kind];
         if text.is_empty() && kind > 0 {
             return Ok(0);
         }
         let index: i64 = text.parse().map_err(|_| {
-            self.error(line, format!("face has {:?} where a {name} index belongs", shown(text)))
+            self.error(line, format!("face has {:?}; a {name} index is expected", shown(text)))
         })?;
         let (total, seen) = (self.totals[kind], self.seen[kind]);
         if index == 0 {

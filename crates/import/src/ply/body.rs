@@ -1,42 +1,42 @@
-//! What follows the header, number by number, as text or binary.
+//! The body of a PLY file, read number by number, text or binary.
 
 use std::io::{self, BufRead, Read as _};
 use std::path::Path;
 
-use super::header::{Encoding, Header, Kind};
+use super::header::{Encoding, Header, NumberType};
 use crate::error::ImportError;
 
 /// Longest line of text, in bytes: a polygon of some million corners.
 const MAX_LINE_BYTES: u64 = 1 << 24;
 
-/// Reads numbers; of each element, those of its properties in order.
+/// Reads the numbers of elements in the order of their properties.
 pub(super) struct Body<'a, R> {
     path: &'a Path,
     reader: R,
     encoding: Encoding,
-    /// Bytes of the file before what is read next, and all of them.
+    /// Offset of the next byte, and length of the file.
     offset: u64,
     length: u64,
-    /// Of text: the number of the line, its bytes, and how many of them were read.
+    /// For text: line number, bytes of the line, and number of bytes read.
     line: usize,
     text: Vec<u8>,
     read: usize,
-    /// Which element is read.
+    /// The current element.
     name: &'a str,
     index: u64,
 }
 
 impl<'a, R: BufRead> Body<'a, R> {
-    /// Of a file of `length` bytes, behind its header.
+    /// The body of a file of `length` bytes, after its header.
     pub(super) fn new(path: &'a Path, reader: R, header: &Header, length: u64) -> Self {
         let &Header { encoding, bytes: offset, lines: line, .. } = header;
         Self { path, reader, encoding, offset, length, line, text: Vec::new(), read: 0, name: "", index: 0 }
     }
 
-    /// What is wrong with the element that is read.
+    /// An error about the current element.
     pub(super) fn wrong(&self, what: impl std::fmt::Display) -> ImportError {
         let Self { path, index, offset, .. } = self;
-        // It comes from the file, and messages go to terminals.
+        // The name comes from the file, and messages go to terminals.
         let name = self.name.escape_debug();
         match self.encoding {
             Encoding::Text => ImportError::line(path, self.line, format!("{name} {index}: {what}")),
@@ -73,16 +73,16 @@ impl<'a, R: BufRead> Body<'a, R> {
         Ok(())
     }
 
-    /// Ends an element: a line of text must hold no more.
+    /// Ends an element: a line of text must have no more numbers.
     pub(super) fn end(&self) -> Result<(), ImportError> {
         if self.text[self.read..].trim_ascii().is_empty() {
             return Ok(());
         }
-        Err(self.wrong("the line holds more numbers than the header says"))
+        Err(self.wrong("the line has more numbers than the header declares"))
     }
 
     /// The next number.
-    pub(super) fn number(&mut self, kind: Kind) -> Result<f64, ImportError> {
+    pub(super) fn number(&mut self, kind: NumberType) -> Result<f64, ImportError> {
         let mut bytes = [0; 8];
         let size = kind.bytes();
         if self.encoding == Encoding::Text {
@@ -96,30 +96,30 @@ impl<'a, R: BufRead> Body<'a, R> {
         }
         let (number, unused) = (u64::from_le_bytes(bytes), 64 - 8 * size as u32);
         Ok(match kind {
-            Kind::Signed(_) => ((number << unused) as i64 >> unused) as f64,
-            Kind::Unsigned(_) => number as f64,
-            Kind::Float(4) => f64::from(f32::from_bits(number as u32)),
-            Kind::Float(_) => f64::from_bits(number),
+            NumberType::Signed(_) => ((number << unused) as i64 >> unused) as f64,
+            NumberType::Unsigned(_) => number as f64,
+            NumberType::Float(4) => f64::from(f32::from_bits(number as u32)),
+            NumberType::Float(_) => f64::from_bits(number),
         })
     }
 
     fn word(&mut self) -> Result<f64, ImportError> {
         let rest = &self.text[self.read..];
         let start = rest.iter().position(|byte| !byte.is_ascii_whitespace());
-        let start = start.ok_or_else(|| self.wrong("the line holds fewer numbers than the header says"))?;
+        let start = start.ok_or_else(|| self.wrong("the line has fewer numbers than the header declares"))?;
         let length = rest[start..].iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len() - start);
         let word = &rest[start..start + length];
         let number = str::from_utf8(word).ok().and_then(|word| word.parse().ok());
         let number = number.ok_or_else(|| {
             let shown = String::from_utf8_lossy(&word[..word.len().min(40)]).into_owned();
-            self.wrong(format!("{shown:?} is no number"))
+            self.wrong(format!("{shown:?} is not a number"))
         })?;
         self.read += start + length;
         Ok(number)
     }
 
-    /// The length of a list of such numbers, for which there are bytes.
-    pub(super) fn list_length(&mut self, length: Kind, of: Kind) -> Result<usize, ImportError> {
+    /// Length of a list of numbers, checked against the remaining bytes.
+    pub(super) fn list_length(&mut self, length: NumberType, of: NumberType) -> Result<usize, ImportError> {
         let count = self.number(length)?;
         let (least, left) = match self.encoding {
             Encoding::Text => (1, (self.text.len() - self.read) as u64),

@@ -1,16 +1,16 @@
-//! The header of a PLY file: lines of text that say what follows.
+//! The header of a PLY file: lines of text that declare elements and their properties.
 
 use std::io::{BufRead, Read as _};
 use std::path::Path;
 
 use crate::error::ImportError;
 
-/// Longest header, in bytes; those of scanners have comments of some kB.
+/// Longest header, in bytes; headers of scanners have some kB of comments.
 const MAX_HEADER_BYTES: u64 = 1 << 18;
 /// Most elements of one kind: indices must fit `u32`, with room for a "none" mark.
 const MAX_ELEMENTS: u64 = u32::MAX as u64 - 1;
 
-/// How what follows is written.
+/// Encoding of the body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Encoding {
     Text,
@@ -18,15 +18,15 @@ pub(super) enum Encoding {
     BigEndian,
 }
 
-/// A type of numbers, of so many bytes.
+/// Type of a number, with its size in bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum NumberType {
     Signed(usize),
     Unsigned(usize),
     Float(usize),
 }
 
-impl Kind {
+impl NumberType {
     pub(super) fn named(name: &str) -> Result<Self, String> {
         Ok(match name {
             "char" | "int8" => Self::Signed(1),
@@ -50,8 +50,8 @@ impl Kind {
         !matches!(self, Self::Float(_))
     }
 
-    /// What stands for 1 where a number of the kind is a share.
-    pub(super) fn whole(self) -> f64 {
+    /// The value that represents 1 in a colour component of the type.
+    pub(super) fn unit_value(self) -> f64 {
         match self {
             Self::Signed(bytes) => 128.0 * 256_f64.powi(bytes as i32 - 1) - 1.0,
             Self::Unsigned(bytes) => 256_f64.powi(bytes as i32) - 1.0,
@@ -60,37 +60,37 @@ impl Kind {
     }
 }
 
-/// A number that each element of a sort has, or a list of them with the kind of its length.
+/// A number of each element, or a list of numbers with the type of its length.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Property {
     pub(super) name: String,
-    pub(super) length: Option<Kind>,
-    pub(super) kind: Kind,
+    pub(super) length: Option<NumberType>,
+    pub(super) kind: NumberType,
 }
 
-/// Elements of one sort.
+/// Declaration of an element.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Element {
     pub(super) name: String,
     pub(super) count: u64,
     pub(super) properties: Vec<Property>,
-    /// The line that says so.
+    /// Line of the declaration.
     pub(super) line: usize,
 }
 
-/// See the module.
+/// Declarations of a PLY file.
 #[derive(Debug)]
 pub(super) struct Header {
     pub(super) encoding: Encoding,
     pub(super) elements: Vec<Element>,
-    /// A texture that a comment names, as some programs write it.
+    /// Texture of a `TextureFile` comment, which some programs write.
     pub(super) texture: Option<String>,
     pub(super) lines: usize,
     pub(super) bytes: u64,
 }
 
 impl Header {
-    /// Reads it, and no byte more.
+    /// Reads the header, and nothing beyond it.
     pub(super) fn read(path: &Path, reader: &mut impl BufRead) -> Result<Self, ImportError> {
         let mut header =
             Self { encoding: Encoding::Text, elements: Vec::new(), texture: None, lines: 0, bytes: 0 };
@@ -104,7 +104,7 @@ impl Header {
             let at = header.lines;
             let wrong = |what: String| ImportError::line(path, at, what);
             if at == 1 && line.trim_ascii_end() != b"ply" {
-                return Err(wrong("is no PLY file: its first line is not \"ply\"".to_owned()));
+                return Err(wrong("is not a PLY file: its first line is not \"ply\"".to_owned()));
             }
             if line.last() != Some(&b'\n') {
                 return Err(wrong(format!(
@@ -129,7 +129,7 @@ impl Header {
                     });
                 }
                 ["element", name, count] => {
-                    let count: u64 = count.parse().map_err(|_| wrong(format!("{count:?} is no count")))?;
+                    let count: u64 = count.parse().map_err(|_| wrong(format!("{count:?} is not a count")))?;
                     if count > MAX_ELEMENTS {
                         return Err(wrong(format!("{count} elements; at most {MAX_ELEMENTS} are supported")));
                     }
@@ -145,7 +145,7 @@ impl Header {
                 ["end_header"] => break,
                 _ => {
                     let what =
-                        "is none of format (of version 1.0), element, property, comment and end_header";
+                        "is not one of format (version 1.0), element, property, comment and end_header";
                     return Err(wrong(format!("{:?} {what}", text.trim_ascii())));
                 }
             }
@@ -155,13 +155,13 @@ impl Header {
         Ok(header)
     }
 
-    /// Holds counts against the bytes that follow, before anything is reserved for them.
+    /// Checks counts against the bytes that follow, before memory is reserved.
     pub(super) fn check_counts(&self, path: &Path, file_bytes: u64) -> Result<(), ImportError> {
         let follow = file_bytes.saturating_sub(self.bytes);
         let mut needed = 0_u64;
         for element in &self.elements {
             let least = |property: &Property| match self.encoding {
-                // A digit, and what parts it from the next.
+                // A digit and a separator.
                 Encoding::Text => 2,
                 _ => property.length.unwrap_or(property.kind).bytes() as u64,
             };
@@ -171,8 +171,8 @@ impl Header {
             if needed > follow + u64::from(self.encoding == Encoding::Text) {
                 let Element { name, count, line, .. } = element;
                 let what = format!(
-                    "{count} elements {name:?} and what is before them take {needed} bytes at least, but {follow} follow: the \
-                     file is truncated, or its header wrong"
+                    "{count} elements {name:?} and those before them take at least {needed} bytes, but {follow} follow: the \
+                     file is truncated, or its header is wrong"
                 );
                 return Err(ImportError::line(path, *line, what));
             }
@@ -181,15 +181,15 @@ impl Header {
     }
 }
 
-/// Reads what a line says behind `property`.
+/// Parses the words after `property`.
 fn property(words: &[&str]) -> Result<Property, String> {
     let (length, of, name) = match *words {
-        ["list", length, of, name] => (Some(Kind::named(length)?), of, name),
+        ["list", length, of, name] => (Some(NumberType::named(length)?), of, name),
         [of, name] => (None, of, name),
         _ => return Err("a property is TYPE NAME or list TYPE TYPE NAME".to_owned()),
     };
     if length.is_some_and(|length| !length.is_integer()) {
-        return Err(format!("the list {name:?} has a length that is no integer"));
+        return Err(format!("the list {name:?} has a length that is not an integer"));
     }
-    Ok(Property { name: name.to_owned(), length, kind: Kind::named(of)? })
+    Ok(Property { name: name.to_owned(), length, kind: NumberType::named(of)? })
 }

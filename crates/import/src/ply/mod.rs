@@ -1,8 +1,7 @@
 //! PLY files (Turk, "The PLY Polygon File Format", 1994) to one mesh: text, and binary of both byte orders.
 //!
-//! The file is read from front to back and never held; counts are checked against its length before anything is reserved
-//! for them. Places, normals, colours and coordinates come from `vertex`, triangles from `face` and `tristrips`; all else is
-//! passed over by name.
+//! The file is streamed; counts are checked against its length before memory is reserved. Positions, normals, colours and
+//! texture coordinates are read from `vertex`, triangles from `face` and `tristrips`. A warning names skipped elements.
 
 mod body;
 mod header;
@@ -23,9 +22,9 @@ use crate::weld::Weld;
 use body::Body;
 use header::{Element, Header};
 
-/// What is read of the file at once.
+/// Size of the read buffer.
 const BUFFER_BYTES: usize = 1 << 16;
-/// Names of the numbers that are read of a vertex, by their place among them.
+/// Names of the vertex properties that are read, by their index in a vertex's numbers.
 const NAMES: [&[&str]; 12] = [
     &["x"],
     &["y"],
@@ -40,14 +39,14 @@ const NAMES: [&[&str]; 12] = [
     &["s", "u", "texture_u", "texture_s"],
     &["t", "v", "texture_v", "texture_t"],
 ];
-/// Places of position, normal, colour and coordinates among these.
+// Indices of position, normal, colour and texture coordinates among these.
 const POSITION: usize = 0;
 const NORMAL: usize = 3;
 const COLOR: usize = 6;
 const ALPHA: usize = 9;
 const UV: usize = 10;
 
-/// Imports a file.
+/// Imports a PLY file.
 pub(super) fn import(path: &Path) -> Result<Imported, ImportError> {
     let length = check_file(path, MAX_FILE_BYTES)?;
     if length == 0 {
@@ -58,12 +57,12 @@ pub(super) fn import(path: &Path) -> Result<Imported, ImportError> {
     let header = Header::read(path, &mut reader)?;
     header.check_counts(path, length)?;
     let mut body = Body::new(path, reader, &header, length);
-    let mut reading = Reading::default();
+    let mut reading = MeshReader::default();
     for element in &header.elements {
         match element.name.as_str() {
             "vertex" => reading.vertices(path, element, &mut body)?,
             "face" | "tristrips" => reading.faces(path, element, &mut body)?,
-            _ => reading.pass_over(element, &mut body)?,
+            _ => reading.skip(element, &mut body)?,
         }
     }
     if let Some(texture) = &header.texture {
@@ -74,24 +73,24 @@ pub(super) fn import(path: &Path) -> Result<Imported, ImportError> {
     reading.finish(path)
 }
 
-/// What was read so far.
+/// The mesh read so far.
 #[derive(Default)]
-struct Reading {
+struct MeshReader {
     positions: Vec<[f64; 3]>,
     /// As many as positions, or none.
     normals: Vec<[f32; 3]>,
     colors: Vec<[u8; 4]>,
     uvs: Vec<[f32; 2]>,
-    /// By vertex, once a face used it: what the mesh has of it.
+    /// Corner of each vertex, once a face has used it.
     corners: Vec<Option<Corner>>,
     weld: Weld,
     left_out: u64,
     clamped: u64,
-    passed_over: Vec<String>,
+    skipped: Vec<String>,
     warnings: Vec<String>,
 }
 
-impl Reading {
+impl MeshReader {
     fn vertices<'a, R: BufRead>(
         &mut self,
         path: &Path,
@@ -102,19 +101,22 @@ impl Reading {
         if !self.positions.is_empty() {
             return wrong("vertices come twice; write them as one element".to_owned());
         }
-        // By property, its place among the numbers; and by these, what stands for 1.
+        // For each property its index among the numbers; for each number the value that represents 1.
         let (mut places, mut has) = (Vec::with_capacity(element.properties.len()), [None; NAMES.len()]);
         for property in &element.properties {
             let place = NAMES.iter().position(|names| names.contains(&property.name.as_str()));
             let place = place.filter(|&place| property.length.is_none() && has[place].is_none());
             match place {
-                Some(place) => has[place] = Some(property.kind.whole()),
-                None => self.passed_over.push(format!("{} of vertex", property.name)),
+                Some(place) => has[place] = Some(property.kind.unit_value()),
+                None => self.skipped.push(format!("{} of vertex", property.name)),
             }
             places.push(place);
         }
         if let Some(lacking) = (POSITION..NORMAL).find(|&place| has[place].is_none()) {
-            return wrong(format!("vertices have no number {:?}; x, y and z are needed", NAMES[lacking][0]));
+            return wrong(format!(
+                "vertices have no property {:?}; x, y and z are needed",
+                NAMES[lacking][0]
+            ));
         }
         let all = |of: std::ops::Range<usize>| has[of].iter().all(Option::is_some);
         let (normals, colors, uvs) = (all(NORMAL..COLOR), all(COLOR..ALPHA), all(UV..NAMES.len()));
@@ -151,7 +153,7 @@ impl Reading {
                 self.uvs.push([u, v].map(|x| x as f32));
             }
             if colors {
-                let share = |place: usize| has[place].map_or(1.0, |whole| numbers[place] / whole);
+                let share = |place: usize| has[place].map_or(1.0, |unit_value| numbers[place] / unit_value);
                 let rgba = [COLOR, COLOR + 1, COLOR + 2, ALPHA].map(share);
                 self.clamped += u64::from(rgba.iter().any(|x| !(0.0..=1.0).contains(x)));
                 self.colors.push(rgba.map(|x| (x.clamp(0.0, 1.0) * 255.0).round() as u8));
@@ -182,7 +184,7 @@ impl Reading {
         }
         for (place, property) in element.properties.iter().enumerate() {
             if place != listed {
-                self.passed_over.push(format!("{} of {}", property.name, element.name));
+                self.skipped.push(format!("{} of {}", property.name, element.name));
             }
         }
         self.weld.mesh.faces.reserve(element.count as usize);
@@ -231,7 +233,7 @@ impl Reading {
         Ok(())
     }
 
-    /// Every second triangle of a strip is turned around; those without area part what a strip joins.
+    /// Adds the triangles of a strip: every second one is reversed, and degenerate ones, which join strips, are skipped.
     fn strip(&mut self, corners: &[Corner]) {
         for (nth, triangle) in corners.windows(3).enumerate() {
             let [a, b, c] = if nth % 2 == 0 { [0, 1, 2] } else { [1, 0, 2] }.map(|i| triangle[i]);
@@ -246,9 +248,9 @@ impl Reading {
         self.weld.mesh.materials.push(0);
     }
 
-    /// What the mesh has of a vertex; `None` where there is none of that number.
+    /// The mesh's corner for a vertex; `None` if there is no such vertex.
     fn corner(&mut self, number: f64) -> Option<Corner> {
-        // What is negative or no integer is no place of the list.
+        // Negative and fractional numbers are not indices.
         let vertex = (number >= 0.0 && number.fract() == 0.0).then_some(number as usize)?;
         let known = self.corners.get_mut(vertex)?;
         if let Some(corner) = *known {
@@ -265,13 +267,13 @@ impl Reading {
         Some(corner)
     }
 
-    /// Elements that are not drawn.
-    fn pass_over<'a, R: BufRead>(
+    /// Skips an element.
+    fn skip<'a, R: BufRead>(
         &mut self,
         element: &'a Element,
         body: &mut Body<'a, R>,
     ) -> Result<(), ImportError> {
-        self.passed_over.push(element.name.clone());
+        self.skipped.push(element.name.clone());
         let count = if element.properties.is_empty() { 0 } else { element.count };
         for index in 0..count {
             body.begin(&element.name, index)?;
@@ -290,7 +292,7 @@ impl Reading {
     }
 
     fn finish(self, path: &Path) -> Result<Imported, ImportError> {
-        let Self { positions, weld, left_out, clamped, passed_over, mut warnings, .. } = self;
+        let Self { positions, weld, left_out, clamped, skipped, mut warnings, .. } = self;
         if weld.mesh.faces.is_empty() {
             let found = format!("{} vertices, {left_out} faces with fewer than 3 corners", positions.len());
             return Err(ImportError::NoFaces { path: path.to_owned(), found });
@@ -301,8 +303,8 @@ impl Reading {
         if clamped > 0 {
             warnings.push(format!("{clamped} vertices have colours outside 0 to 1, which were clamped"));
         }
-        if !passed_over.is_empty() {
-            warnings.push(format!("passed over: {passed_over:?}"));
+        if !skipped.is_empty() {
+            warnings.push(format!("skipped: {skipped:?}"));
         }
         let warnings = warnings.into_iter().map(|what| format!("{}: {what}", path.display())).collect();
         let material = Material { name: String::new(), ..Material::default() };

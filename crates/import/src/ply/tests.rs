@@ -1,7 +1,7 @@
 use lodestream_geometry::mesh::{Corner, NONE, SourceMesh};
 use tempfile::TempDir;
 
-use super::header::Kind;
+use super::header::NumberType;
 use crate::{ImportError, Imported, import};
 
 /// What a model of some vertices and polygons is written as.
@@ -81,7 +81,7 @@ fn ply(of: As) -> Vec<u8> {
             out.push(b'\n')
         }
     };
-    let whole = Kind::named(color).unwrap().whole();
+    let whole = NumberType::named(color).unwrap().whole();
     for (at, normal, rgb, uv) in vertices {
         let mut put = |kind, value| number(&mut out, format, kind, value);
         put(place, at[0].into());
@@ -94,7 +94,7 @@ fn ply(of: As) -> Vec<u8> {
         normal.iter().for_each(|x| put("float", (*x).into()));
         rgb.iter().for_each(|x| {
             let share = f64::from(*x) * 17.0 / 255.0 * whole;
-            put(color, if Kind::named(color).unwrap().is_integer() { share.round() } else { share });
+            put(color, if NumberType::named(color).unwrap().is_integer() { share.round() } else { share });
         });
         uv.iter().for_each(|x| put("float", (*x).into()));
         end(&mut out);
@@ -227,19 +227,19 @@ fn what_is_wrong_is_told_with_its_line() {
     let good = head(&format!("{vertices}{FACE}end_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"));
     assert_eq!(read("a.ply", &good).unwrap().mesh.faces.len(), 1);
     for (from, to, why) in [
-        ("ply\n", "plx\n", ":1: is no PLY file"),
+        ("ply\n", "plx\n", ":1: is not a PLY file"),
         ("ascii", "octal", ":2: there is no format \"octal\""),
         ("format ascii 1.0\n", "", "names no format"),
-        ("1.0", "2.0", "is none of format (of version 1.0)"),
+        ("1.0", "2.0", "is not one of format (of version 1.0)"),
         ("element vertex 3\n", "", ":3: a property of no element"),
         ("float x", "real x", ":4: there is no type \"real\""),
-        ("float x", "float w", ":3: vertices have no number \"x\""),
-        ("uchar int", "float int", ":8: the list \"vertex_index\" has a length that is no integer"),
+        ("float x", "float w", ":3: vertices have no property \"x\""),
+        ("uchar int", "float int", ":8: the list \"vertex_index\" has a length that is not an integer"),
         ("uchar int", "uchar float", ":7: face has no list vertex_indices of integers"),
         ("vertex_index", "corners", ":7: face has no list vertex_indices of integers"),
         ("1 0 0", "1 0", ":11: vertex 1: the line holds fewer numbers"),
         ("1 0 0", "1 0 0 7", ":11: vertex 1: the line holds more numbers"),
-        ("1 0 0", "1 o 0", ":11: vertex 1: \"o\" is no number"),
+        ("1 0 0", "1 o 0", ":11: vertex 1: \"o\" is not a number"),
         ("1 0 0", "1 nan 0", ":11: vertex 1: a position, normal or coordinate is not finite"),
         ("1 0 0", "1 1e39 0", ":11: vertex 1: a position"),
         ("3 0 1 2", "3 0 1 3", ":13: face 0: there is no vertex 3: there are 3"),

@@ -66,8 +66,8 @@ pub enum FeatureFileError {
         /// Its size.
         bytes: u64,
     },
-    /// The text is no JSON, or not of the form that the module states.
-    #[error("{}: is no feature file: {source}; {EXPECTED}", path.display())]
+    /// The text is not JSON, or not of the module's form.
+    #[error("{}: is not a feature file: {source}; {EXPECTED}", path.display())]
     Form {
         /// The file.
         path: PathBuf,
@@ -91,7 +91,7 @@ pub enum FeatureFileError {
     },
 }
 
-/// What a feature file holds, for those who wrote something else.
+/// The remedy in messages: the form of a feature file.
 const EXPECTED: &str = r#"write {"mode": "fixed" or "additive", "points": [[x, y, height], ...], "stamps": [...]}, or a list of such, in whole numbers"#;
 
 /// Reads a file of features. Whether they fit a terrain is not checked yet.
@@ -107,7 +107,7 @@ pub fn read(path: &Path) -> Result<Vec<FeatureSet>, FeatureFileError> {
     parse(path, &std::fs::read(path).map_err(unreadable)?)
 }
 
-/// Parses what a feature file at `path` holds.
+/// Parses the contents of a feature file at `path`.
 fn parse(path: &Path, text: &[u8]) -> Result<Vec<FeatureSet>, FeatureFileError> {
     let list = text.iter().find(|b| !b.is_ascii_whitespace()) == Some(&b'[');
     let raw: Result<Vec<RawSet>, _> =
@@ -119,7 +119,7 @@ fn parse(path: &Path, text: &[u8]) -> Result<Vec<FeatureSet>, FeatureFileError> 
 /// Writes one set of features.
 ///
 /// # Errors
-/// Whatever writing says.
+/// Errors of the writer.
 pub fn write(out: &mut dyn Write, set: &FeatureSet) -> io::Result<()> {
     serde_json::to_writer(&mut *out, &RawSet::from(set))?;
     out.write_all(b"\n")

@@ -1,4 +1,4 @@
-//! Height maps: 16-bit grey pictures as fixed points.
+//! Height maps: 16-bit grey images as fixed points.
 
 use std::path::{Path, PathBuf};
 
@@ -22,7 +22,7 @@ pub struct HeightMap {
     offset: i32,
 }
 
-/// How far heights are from those of a map, in height units.
+/// Difference between heights and those of a map, in height units.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MapError {
     /// The largest difference.
@@ -42,7 +42,7 @@ pub enum HeightMapError {
         /// Why.
         source: std::io::Error,
     },
-    /// The file is no picture, or one of more than 16,384 pixels a side.
+    /// The file is not an image, or has more than 16,384 pixels a side.
     #[error("{}: is no readable picture of at most {MAX_SIDE} pixels a side: {source}", path.display())]
     Decode {
         /// The file.
@@ -118,7 +118,7 @@ impl HeightMap {
         FeatureSet { mode: Mode::Fixed, points: points.collect(), stamps: Vec::new() }
     }
 
-    /// How far the terrain with these features is from the map, over all pixels.
+    /// Error of the terrain with these features against the map, over all pixels.
     ///
     /// # Errors
     /// If the features do not fit the terrain, or the map lies outside the world.

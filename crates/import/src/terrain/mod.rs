@@ -1,4 +1,4 @@
-//! Terrain as people say it: features as JSON, height maps as pictures, and the settings of what is between.
+//! Input of terrain: features as JSON, height maps as images, and the settings of generation.
 
 pub mod features;
 pub mod height_map;

@@ -1,4 +1,4 @@
-//! What may be chosen of a terrain, each setting one type with one range, whether a command line or a scene file sets it.
+//! Settings of a terrain: each is one type with one range, for command lines and scene files.
 //!
 //! | setting | type | possible |
 //! |---|---|---|
@@ -9,7 +9,7 @@
 //! | talus, as a share of the amplitude or as a slope | [`Talus`], [`TalusSlope`] | 0 to below 1; 0 to below 90° |
 //! | limit of spikes | [`SpikeLimit`] | 0 (off) to below 16 |
 //!
-//! What depends on several of them (how high, how large) is checked by [`Parameters::check`](lodestream_terrain::Parameters::check).
+//! Constraints between several of them are checked by [`Parameters::check`](lodestream_terrain::Parameters::check).
 
 use lodestream_scene::terrain::MAX_EROSION_PASSES;
 use lodestream_terrain::MAX_FINEST_LEVEL;
@@ -30,25 +30,23 @@ setting! {
     ErosionPasses(u8), 0..=MAX_EROSION_PASSES, "passes"
 }
 setting! {
-    /// Height difference of neighbours at the level that erodes below which nothing slides, as a share of the
-    /// amplitude.
+    /// Talus: height difference of neighbours at the eroded level below which nothing slides, as a share of the amplitude.
     Talus(f64), below 0.0..1.0, "times the amplitude"
 }
 setting! {
-    /// Slope up to which nothing slides.
+    /// Talus as a slope: up to it nothing slides.
     TalusSlope(f64), below 0.0..90.0, "degrees"
 }
 setting! {
-    /// How far a point may stand out of its neighbours, in ranges of the offsets of the level that erodes; 0 lets
-    /// spikes stay.
+    /// Most that a point may rise above its neighbours, in ranges of the eroded level's offsets; 0 keeps spikes.
     SpikeLimit(f64), below 0.0..16.0, "ranges of offsets"
 }
 
 impl FinestLevel {
-    /// The level whose patches have so many cells along each side.
+    /// The level whose patches have this many cells along each side.
     ///
     /// # Errors
-    /// If that is no power of two, or no patch is so small or so large.
+    /// Counts that are not powers of two or out of range.
     pub fn of_patch_cells(cells: u32) -> Result<Self, Impossible> {
         let level =
             cells.checked_ilog2().filter(|_| cells.is_power_of_two()).and_then(|n| u8::try_from(n).ok());
@@ -60,7 +58,7 @@ impl FinestLevel {
 }
 
 impl Roughness {
-    /// The nearest that a terrain can have, in 32768ths ([`Parameters::roughness`](lodestream_terrain::Parameters::roughness)).
+    /// The nearest value that a terrain can have, in 32768ths ([`Parameters::roughness`](lodestream_terrain::Parameters::roughness)).
     #[must_use]
     pub fn in_parameters(self) -> u16 {
         nearest(self.get() * 32_768.0)
@@ -68,14 +66,13 @@ impl Roughness {
 }
 
 impl Talus {
-    /// The share that a difference of 0 or more makes of an amplitude in the same unit; the largest that is possible
-    /// where it makes more.
+    /// The share of a height difference in an amplitude of the same unit, clamped to the largest possible value.
     #[must_use]
     pub fn of_rise(rise: f64, amplitude: u32) -> Self {
         Self((rise / f64::from(amplitude.max(1))).clamp(0.0, 1.0_f64.next_down()))
     }
 
-    /// The nearest that a terrain can have, in 65536ths ([`Erosion::talus`](lodestream_terrain::Erosion::talus)).
+    /// The nearest value that a terrain can have, in 65536ths ([`Erosion::talus`](lodestream_terrain::Erosion::talus)).
     #[must_use]
     pub fn in_parameters(self) -> u16 {
         nearest(self.get() * 65_536.0)
@@ -83,7 +80,7 @@ impl Talus {
 }
 
 impl TalusSlope {
-    /// How high the slope rises within a length, in its unit.
+    /// Rise of the slope over a length, in the length's unit.
     #[must_use]
     pub fn rise(self, length: f64) -> f64 {
         self.get().to_radians().tan() * length
@@ -91,7 +88,7 @@ impl TalusSlope {
 }
 
 impl SpikeLimit {
-    /// The nearest that a terrain can have, in 16ths
+    /// The nearest value that a terrain can have, in 16ths
     /// ([`Erosion::spike_limit`](lodestream_terrain::Erosion::spike_limit)): 0 for 0 alone.
     #[must_use]
     pub fn in_parameters(self) -> u8 {

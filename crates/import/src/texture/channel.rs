@@ -1,4 +1,4 @@
-//! Single channels of images, brought to one size: maps that come in several files become one.
+//! Single channels of images, resized to one size, so that maps in several files become one texture.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,7 @@ use super::error::TextureError;
 use super::mip::Plane;
 use crate::model::{Channel, Component, ImageSource};
 
-/// Images by their source: one that several channels come from is decoded once.
+/// Cache of decoded images: an image of several channels is decoded once.
 #[derive(Default)]
 pub(super) struct Channels {
     decoded: BTreeMap<ImageSource, DynamicImage>,
@@ -72,7 +72,7 @@ fn between(input: u32, output: u32) -> Vec<(usize, usize, u64)> {
 }
 
 impl<const N: usize> Plane<N> {
-    /// In another size, bilinearly; exact but for the rounding of the result.
+    /// Resizes bilinearly; exact up to the rounding of the result.
     pub(super) fn resized(self, (width, height): (u32, u32)) -> Self {
         if (self.width, self.height) == (width, height) {
             return self;
@@ -97,7 +97,7 @@ impl<const N: usize> Plane<N> {
 }
 
 impl Plane<1> {
-    /// A value as eight bits.
+    /// A value rounded to eight bits.
     pub(super) fn byte(&self, x: u32, y: u32) -> u8 {
         let [value] = self.samples[y as usize * self.width as usize + x as usize];
         ((u32::from(value) + 128) / 257) as u8

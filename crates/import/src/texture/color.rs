@@ -1,4 +1,4 @@
-//! Colours, with opacity or without.
+//! Colour textures, with or without opacity.
 
 use std::path::{Path, PathBuf};
 
@@ -26,7 +26,7 @@ pub(super) fn load(
 ) -> Result<Texture, TextureError> {
     let (path, mut rgba) = composed(image, opacity)?;
     let transparency = if used == Opacity::Ignored {
-        // Or what is under it would be lost in coarser levels.
+        // Coarser levels weight colours by opacity, so transparent texels would lose theirs.
         rgba.pixels_mut().for_each(|p| p.0[3] = u8::MAX);
         Transparency::None
     } else {
@@ -41,7 +41,7 @@ pub(super) fn load(
     encode(&path, &rgba, transparency, coverage.as_ref())
 }
 
-/// Colours with the opacity that counts, at the larger size of the two.
+/// Combines colours and opacity at the larger size of the two.
 fn composed(
     image: Option<&ImageSource>,
     opacity: Option<&Channel>,
@@ -60,7 +60,7 @@ fn composed(
     let colors = channels.image(image)?.to_rgba8();
     let size = super::channel::larger([colors.dimensions(), (mask.width, mask.height)]);
     let mask = mask.resized(size);
-    // Through linear light, as every other mean of colours.
+    // Resized in linear light.
     let mut colors = if colors.dimensions() == size {
         colors
     } else {

@@ -1,8 +1,8 @@
-//! How much of an alpha-tested texture is there, kept in its coarser levels.
+//! Coverage-preserving mip levels of alpha-tested textures (Castaño, "Computing alpha mipmaps", 2010).
 //!
-//! Means of opacity pass the test more or less often than what they are means of, and leaves grow thin with distance.
-//! Each level's opacity is scaled so that the same share passes (Castaño, "Computing alpha mipmaps", 2010). The scale is
-//! found by counting instead of searching; it is taken of the mean itself, so that no error adds up over levels.
+//! Averaged opacity passes the alpha test more or less often than the finest level, so leaves grow thin with distance.
+//! Each level's opacity is scaled so that the same share of texels passes. The scale comes from a histogram instead of a
+//! search, and applies to the unscaled means, so that errors do not accumulate over levels.
 
 use image::RgbaImage;
 
@@ -15,13 +15,13 @@ pub(super) struct Coverage {
 }
 
 impl Coverage {
-    /// That of the finest level.
+    /// Coverage of the finest level.
     pub(super) fn of(rgba: &RgbaImage, threshold: u8) -> Self {
         let passing = rgba.pixels().filter(|p| p.0[3] >= threshold).count() as u64;
         Self { threshold, passing, texels: rgba.pixels().len() as u64 }
     }
 
-    /// Scales the opacity of a level's texels. The finest comes out as it is.
+    /// Scales the opacity of a level's texels; leaves the finest level unchanged.
     pub(super) fn restore(&self, rgba: &mut [u8]) {
         let texels = rgba.as_chunks_mut::<4>().0;
         let mut counts = [0u64; 256];
@@ -29,8 +29,8 @@ impl Coverage {
             counts[usize::from(*alpha)] += 1;
         }
         let wanted = (self.passing * texels.len() as u64 + self.texels / 2) / self.texels.max(1);
-        // The opacity that must become the threshold: of those with about as many texels above, the nearest in count,
-        // and of two alike the one that changes less.
+        // The opacity to scale to the threshold: the one with the nearest count of texels above it; on a tie the one
+        // nearest to the threshold.
         let mut above = 0;
         let mut best = (u64::MAX, u8::MAX, self.threshold);
         for alpha in (1..=u8::MAX).rev() {
@@ -43,7 +43,7 @@ impl Coverage {
             return;
         }
         for [.., alpha] in texels {
-            // Rounded down: what was below stays below.
+            // Rounded down, so that texels below the threshold stay below.
             let scaled = u32::from(*alpha) * u32::from(self.threshold) / u32::from(from);
             *alpha = scaled.min(255) as u8;
         }

@@ -1,4 +1,4 @@
-//! What can be wrong with a texture, in one line.
+//! Errors of textures, in one line.
 
 use std::path::{Path, PathBuf};
 
@@ -15,7 +15,7 @@ pub enum TextureError {
         /// Why.
         source: std::io::Error,
     },
-    /// The file is no image that is read here.
+    /// The file is not a supported image.
     #[error("{}: is not a readable PNG or JPEG: {why}", path.display())]
     Decode {
         /// The file.
@@ -36,7 +36,7 @@ pub enum TextureError {
         /// Height in pixels.
         height_px: u32,
     },
-    /// Where heights belong, the colours of a normal map were found.
+    /// A height texture that looks like a normal map.
     #[error("{}: looks like a normal map, but heights (grey) are needed for relief", path.display())]
     NormalMap {
         /// The file.
@@ -53,7 +53,7 @@ pub enum TextureError {
 }
 
 impl TextureError {
-    /// The image that it is about.
+    /// The image.
     #[must_use]
     pub fn path(&self) -> &Path {
         match self {

@@ -1,4 +1,4 @@
-//! Heights, lossless.
+//! Height textures, encoded losslessly.
 
 use image::{DynamicImage, ExtendedColorType};
 use lodestream_scene::asset::TextureKind;

@@ -1,4 +1,4 @@
-//! How large a texture may be.
+//! Limits on the size of a texture.
 
 /// Longest side of a texture, in pixels.
 pub const MAX_SIDE_PX: u32 = 16_384;

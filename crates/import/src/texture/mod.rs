@@ -1,4 +1,4 @@
-//! Texture files to mip levels, one blob each, coarse first.
+//! Encoding of texture files as mip levels, one blob each, coarse first.
 //!
 //! Colours, normals and surfaces become JPEG, or PNG where that is smaller or where there is transparency; heights stay
 //! lossless, as grey PNG of 8 or 16 bits. The same file gives the same bytes on every machine: mips
@@ -26,13 +26,13 @@ pub use source::{Opacity, TextureSource, Transparency};
 /// A texture's mip levels.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Texture {
-    /// What it holds.
+    /// Meaning of the texels.
     pub kind: TextureKind,
     /// Width of the finest level, in pixels.
     pub width_px: u32,
     /// Height of the finest level, in pixels.
     pub height_px: u32,
-    /// What of it can be seen through.
+    /// Transparency of the texels.
     pub transparency: Transparency,
     /// Mean colour, sRGB, taken in linear light and weighted by opacity; of surfaces the mean of each channel; of
     /// heights and normals none.

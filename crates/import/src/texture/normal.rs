@@ -1,4 +1,4 @@
-//! Normal maps: directions, whose means are directions again.
+//! Normal maps: mip levels are normalised means of directions.
 
 use image::ExtendedColorType;
 use lodestream_scene::asset::TextureKind;
@@ -16,7 +16,7 @@ use crate::model::ImageSource;
 /// 461 kB; as PNG they take 1,234 kB. Waves are turned by 0.63° (0.73, 0.48), bricks by 1.1° (1.6, 0.77), where PNG is
 /// smaller and taken.
 pub(super) const JPEG_QUALITY: u8 = 90;
-/// Zero, as samples hold signed values.
+/// Sample value of 0: samples are signed values with this offset.
 const ZERO: i32 = 1 << 15;
 
 pub(super) fn load(source: &ImageSource) -> Result<Texture, TextureError> {
@@ -26,8 +26,8 @@ pub(super) fn load(source: &ImageSource) -> Result<Texture, TextureError> {
     let samples = rgb.pixels().map(|p| sample(p.0)).collect();
     drop(rgb);
     let plane = Plane::<3> { width: width_px, height: height_px, samples };
-    // Means are taken of unit vectors and made unit where a level is written: a level is the direction of the mean of
-    // all that it covers, not of means that were made unit on the way.
+    // Planes hold unnormalised means of unit vectors, normalised only for writing: a level is the direction of the mean
+    // over all texels that it covers.
     let (levels, _) = levels(&source.path, plane, Plane::halve, |plane| {
         let bytes: Vec<u8> = plane.samples.iter().flat_map(|s| bytes(unit(s.map(signed)))).collect();
         smaller(&bytes, plane.width, plane.height, ExtendedColorType::Rgb8, JPEG_QUALITY)
@@ -36,7 +36,7 @@ pub(super) fn load(source: &ImageSource) -> Result<Texture, TextureError> {
     Ok(Texture { kind: TextureKind::Normal, width_px, height_px, transparency, mean: None, levels })
 }
 
-/// A texel as the vector that it means, of unit length.
+/// The unit vector of a texel.
 fn sample(texel: [u16; 3]) -> [u16; 3] {
     let vector = texel.map(|c| f64::from(2 * i32::from(c) - i32::from(u16::MAX)));
     unit(vector).map(|x| (ZERO + (x * 32_767.0).round() as i32) as u16)
@@ -46,8 +46,7 @@ fn signed(sample: u16) -> f64 {
     f64::from(i32::from(sample) - ZERO)
 }
 
-/// Of length one; out of the surface where there is no direction. Square roots and quotients are the same on every
-/// machine.
+/// Normalises; +z for a zero vector. Square roots and quotients are the same on every machine.
 fn unit(vector: [f64; 3]) -> [f64; 3] {
     let length = vector.iter().map(|x| x * x).sum::<f64>().sqrt();
     if length > 0.0 { vector.map(|x| x / length) } else { [0.0, 0.0, 1.0] }

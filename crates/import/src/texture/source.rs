@@ -1,4 +1,4 @@
-//! What a texture is made of: one image or several.
+//! Sources of a texture: one image or several.
 
 use std::path::Path;
 
@@ -6,20 +6,20 @@ use lodestream_scene::asset::TextureKind;
 
 use crate::model::{Channel, ImageSource, SurfaceMap};
 
-/// What opacity is for, which decides what becomes of it.
+/// Use of the opacity, which determines its encoding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Opacity {
-    /// Nothing: it is dropped, and colours count whatever theirs is.
+    /// Unused: opacity is dropped, and transparent texels count in colour means.
     Ignored,
-    /// It is compared with this byte: coarser levels keep the share of texels that reach it.
+    /// Alpha test with this threshold: coarser levels keep the share of texels that pass.
     Tested(u8),
-    /// It is blended by.
+    /// Blending.
     Blended,
-    /// What it looks like ([`Transparency`]): compared with 128, or blended by.
+    /// Chosen by the image ([`Transparency`]): an alpha test at 128, or blending.
     Guessed,
 }
 
-/// What an image's opacity looks like.
+/// Kind of transparency in an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Transparency {
     /// Every texel is opaque.
@@ -31,7 +31,7 @@ pub enum Transparency {
     Graded,
 }
 
-/// What a texture is made of.
+/// Images and channels of a texture.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum TextureSource {
     /// sRGB colours, perhaps with opacity.
@@ -40,7 +40,7 @@ pub enum TextureSource {
         image: Option<ImageSource>,
         /// Opacity instead of the image's own.
         opacity: Option<Channel>,
-        /// What opacity is for.
+        /// Use of the opacity.
         used: Opacity,
     },
     /// Heights: black is low, white is high; linear.
@@ -52,13 +52,13 @@ pub enum TextureSource {
 }
 
 impl TextureSource {
-    /// Colours that nothing is seen through.
+    /// Colours without opacity.
     #[must_use]
     pub fn opaque(image: ImageSource) -> Self {
         Self::Color { image: Some(image), opacity: None, used: Opacity::Ignored }
     }
 
-    /// What its texels mean.
+    /// Meaning of the texels.
     #[must_use]
     pub fn kind(&self) -> TextureKind {
         match self {
@@ -79,7 +79,7 @@ impl TextureSource {
         }
     }
 
-    /// What is left without one of its images; nothing where that was all.
+    /// The source without one of its images; `None` if no other remains.
     #[must_use]
     pub fn without(&self, path: &Path) -> Option<Self> {
         let other = |image: &ImageSource| image.path != path;

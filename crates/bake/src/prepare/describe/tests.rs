@@ -1,5 +1,7 @@
 //! Every field and map, files that are missing, and files that are not what they are named.
 
+use std::path::PathBuf;
+
 use image::{GrayImage, Luma, Rgb, RgbImage};
 use lodestream_import::{Channel, Component, ImageSource, SurfaceMap};
 use lodestream_scene::asset::Wrap;

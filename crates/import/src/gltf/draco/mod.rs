@@ -1,7 +1,7 @@
-//! Primitives that are compressed with Draco (KHR_draco_mesh_compression): all triangles, and the vertex attributes that
-//! the extension lists, in one stream.
+//! Primitives compressed with Draco (KHR_draco_mesh_compression): one stream with all triangles and the vertex attributes
+//! that the extension lists.
 //!
-//! A file may have them uncompressed too. Those are read then: they are exact, and nothing needs to be decoded.
+//! If a file has an uncompressed fallback too, that is read: it is exact and needs no decoding.
 
 #[cfg(feature = "draco")]
 mod stream;
@@ -20,15 +20,15 @@ use super::accessor::{Buffers, Elements};
 use super::container::{DRACO, Document};
 use crate::error::ImportError;
 
-/// What a stream decodes to.
-struct Decoded {
+/// A decoded stream.
+struct DracoMesh {
     triangles: Vec<u32>,
     points: usize,
-    /// By the number that the extension calls them by.
+    /// By the id that the extension gives them.
     attributes: BTreeMap<u32, Attribute>,
 }
 
-/// One value for each point, one after the other.
+/// Values of an attribute, one for each point, packed.
 struct Attribute {
     bytes: Bytes,
     components: usize,
@@ -36,23 +36,23 @@ struct Attribute {
     normalised: bool,
 }
 
-/// What a stream may decode to at most, by what the file says of it elsewhere.
+/// Most points and triangles that a stream may decode to: the counts of the primitive's accessors.
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(not(feature = "draco"), expect(dead_code, reason = "nothing is decoded, however large"))]
-struct Stated {
+struct StatedCounts {
     points: u64,
     triangles: u64,
 }
 
-/// The streams of a file that were decoded, by buffer view: a mesh may be placed often.
+/// Decoded streams of a file, by buffer view: several nodes may place the same mesh.
 #[derive(Default)]
 pub(super) struct Streams {
-    decoded: BTreeMap<usize, Rc<Decoded>>,
+    decoded: BTreeMap<usize, Rc<DracoMesh>>,
 }
 
 /// A primitive's part of a stream.
 pub(super) struct Compressed {
-    stream: Rc<Decoded>,
+    stream: Rc<DracoMesh>,
     numbers: BTreeMap<String, u32>,
 }
 
@@ -64,10 +64,10 @@ struct DracoJson {
 }
 
 impl Streams {
-    /// Decodes a primitive, if it is compressed and nowhere else.
+    /// Decodes a primitive's stream; `None` if it has none or has a fallback.
     ///
     /// # Errors
-    /// Streams that do not decode, or come to more than the primitive's accessors say.
+    /// Streams that do not decode, or exceed the counts of the primitive's accessors.
     pub(super) fn open(
         &mut self,
         document: &Document,
@@ -76,24 +76,24 @@ impl Streams {
         place: &str,
     ) -> Result<Option<Compressed>, ImportError> {
         let others = primitive.extensions.as_ref().map(|all| &all.others);
-        let Some(said) = others.and_then(|all| all.get(DRACO)) else { return Ok(None) };
+        let Some(json) = others.and_then(|all| all.get(DRACO)) else { return Ok(None) };
         let error = |what: String| document.error(format!("{place}: {what}"));
         let accessor = |index: usize| document.root.accessors.get(index);
         let positions = primitive.attributes.get(&Checked::Valid(Semantic::Positions));
         let positions = positions.and_then(|index| accessor(index.value()));
-        // Streams without positions are no meshes; what is said elsewhere is as good.
+        // An accessor of positions with a buffer view is the fallback; without positions nothing is drawn.
         if positions.is_none_or(|positions| positions.buffer_view.is_some()) {
             return Ok(None);
         }
-        let said = DracoJson::deserialize(said)
+        let extension = DracoJson::deserialize(json)
             .map_err(|e| error(format!("has a {DRACO} that is not understood: {e}")))?;
-        let view = said.buffer_view;
+        let view = extension.buffer_view;
         let stream = match self.decoded.get(&view) {
             Some(stream) => Rc::clone(stream),
             None => {
                 let bytes = buffers.compressed_view(view)?;
                 let indices = primitive.indices.and_then(|index| accessor(index.value()));
-                let stated = Stated {
+                let stated = StatedCounts {
                     points: positions.map_or(0, |positions| positions.count.0),
                     triangles: indices.map_or(u64::MAX, |indices| indices.count.0 / 3),
                 };
@@ -105,7 +105,7 @@ impl Streams {
                 stream
             }
         };
-        Ok(Some(Compressed { stream, numbers: said.attributes }))
+        Ok(Some(Compressed { stream, numbers: extension.attributes }))
     }
 }
 
@@ -113,7 +113,7 @@ impl Streams {
 use stream::decode;
 
 #[cfg(not(feature = "draco"))]
-fn decode(_: &Bytes, _: Stated) -> Result<Decoded, String> {
+fn decode(_: &Bytes, _: StatedCounts) -> Result<DracoMesh, String> {
     Err("this program was built without it (the feature draco of lodestream-import)".to_owned())
 }
 
@@ -126,7 +126,7 @@ impl Compressed {
     /// The values of an attribute; `None` if they are not in the stream.
     ///
     /// # Errors
-    /// Attributes that the stream has not, or has in another shape than their accessor says, or than is `allowed`.
+    /// Attributes that the stream lacks, or whose shape differs from the accessor's or is not `allowed`.
     pub(super) fn attribute(
         &self,
         document: &Document,
@@ -140,7 +140,7 @@ impl Compressed {
         let accessor = document.root.accessors.get(index);
         let accessor = accessor.ok_or_else(|| error(format!("accessors[{index}] does not exist")))?;
         let attribute = self.stream.attributes.get(number).ok_or_else(|| {
-            error(format!("attribute {number} is not in the Draco stream, or of a type that glTF has not"))
+            error(format!("attribute {number} is not in the Draco stream, or has a type that glTF lacks"))
         })?;
         let shape = allowed.iter().find(|shape| {
             shape.multiplicity() == attribute.components && accessor.type_ == Checked::Valid(**shape)
@@ -152,7 +152,7 @@ impl Compressed {
                  {allowed:?}; export the file again"
             )));
         }
-        // The accessor knows better what the numbers mean, unless it speaks of others.
+        // The accessor states whether values are normalised, unless its component type differs.
         let same = matches!(accessor.component_type, Checked::Valid(kind) if kind.0 == attribute.kind);
         let normalised = if same { accessor.normalized } else { attribute.normalised };
         let (bytes, points) = (attribute.bytes.clone(), self.stream.points);

@@ -6,21 +6,21 @@ use draco_core::{
 };
 use gltf::json::accessor::ComponentType;
 
-use super::{Attribute, Decoded, Stated};
+use super::{Attribute, DracoMesh, StatedCounts};
 
-/// Triangles, and points, that any stream may have…
+/// Triangles and points that any stream may have, however short…
 const BASE: u64 = 4096;
-/// …and for each of its bytes. A flat, even grid of 980,000 triangles comes to 27 a byte, by the tightest settings of
-/// Draco 1.5.5's encoder; so no mesh of use is refused, and no few bytes make a reader work for hours.
+/// …and those for each of its bytes. With the tightest settings of Draco 1.5.5, a flat, regular grid of 980,000 triangles
+/// has 27 per byte: useful meshes are accepted, and short streams cannot cause hours of work.
 const PER_BYTE: u64 = 128;
-/// Bytes of all values of a point: positions, normals, tangents and joints, two sets of coordinates, and as much again.
+/// Most bytes of a point's values: positions, normals, tangents, joints and two sets of coordinates, doubled.
 const POINT_BYTES: u64 = 128;
 
-/// Decodes a stream that holds no more than is `stated`.
+/// Decodes a stream of at most the `stated` counts.
 ///
 /// # Errors
-/// In a few words: what the decoder found.
-pub(super) fn decode(data: &Bytes, stated: Stated) -> Result<Decoded, String> {
+/// The decoder's message, or that a limit is exceeded.
+pub(super) fn decode(data: &Bytes, stated: StatedCounts) -> Result<DracoMesh, String> {
     let most = PER_BYTE.saturating_mul(data.len() as u64).saturating_add(BASE);
     let (points, triangles) = (stated.points.min(most), stated.triangles.min(most));
     let limits = DecodeLimits::default()
@@ -29,8 +29,8 @@ pub(super) fn decode(data: &Bytes, stated: Stated) -> Result<Decoded, String> {
         .with_max_decoded_bytes(points * POINT_BYTES);
     let too_much = || {
         format!(
-            "it comes to more than {triangles} triangles or {points} points, which is what its accessors state, or the \
-             most that {} bytes may come to",
+            "it has more than {triangles} triangles or {points} points, the counts of its accessors or the most for \
+             a stream of {} bytes",
             data.len()
         )
     };
@@ -50,10 +50,10 @@ pub(super) fn decode(data: &Bytes, stated: Stated) -> Result<Decoded, String> {
         attributes.filter_map(|attribute| Some((attribute.unique_id(), in_order(attribute, count)?)));
     let attributes = attributes.collect();
     let triangles = mesh.faces().as_flattened().iter().map(|point| point.0).collect();
-    Ok(Decoded { triangles, points: count, attributes })
+    Ok(DracoMesh { triangles, points: count, attributes })
 }
 
-/// An attribute's values by point; `None` for a type that glTF has not, or where values are missing.
+/// An attribute's values in the order of points; `None` for a type that glTF lacks, or if values are missing.
 fn in_order(attribute: &PointAttribute, points: usize) -> Option<Attribute> {
     let kind = match attribute.data_type() {
         DataType::Int8 => ComponentType::I8,

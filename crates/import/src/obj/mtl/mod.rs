@@ -1,8 +1,8 @@
 //! MTL files to [`Material`]s.
 //!
 //! `tobj` reads the values; the pass before it drops lines that it would fail or panic on, with a
-//! warning. Texture options (`-bm`, `-s`, …) are split from the file names here. Beside what is Wavefront's, the
-//! keywords for physically based shading are read that exporters have agreed on: `Pr`, `Pm`, their maps and `norm`
+//! warning. Texture options (`-bm`, `-s`, …) are split from the file names here. Besides Wavefront's keywords, those of
+//! the common extension for physically based shading are read: `Pr`, `Pm`, their maps and `norm`
 //! (Exocortex, "Extending Wavefront MTL for physically-based rendering").
 
 mod options;
@@ -23,13 +23,13 @@ use sanitise::sanitise;
 
 /// Largest MTL file, in bytes.
 const MAX_MTL_BYTES: u64 = 64 << 20;
-/// Warnings are for people: past this many per file, only their number is told.
+/// Most warnings per file; of further ones only the number is reported.
 const MAX_WARNINGS: usize = 20;
 
-/// Materials by name; of two with the same name the later counts, as in `tobj`.
+/// Materials by name; the last definition of a name is used, as in `tobj`.
 pub(super) type Library = BTreeMap<String, Material>;
 
-/// Reads one MTL file of a model in folder `root` into `library`. What cannot be used becomes a warning.
+/// Reads one MTL file of a model in folder `root` into `library`. Unusable lines become warnings.
 pub(super) fn load(root: &Path, path: &Path, library: &mut Library, warnings: &mut Vec<String>) {
     match crate::file::read_file(path, MAX_MTL_BYTES) {
         Ok(bytes) => parse(root, path, &bytes, library, warnings),
@@ -58,7 +58,7 @@ fn parse(root: &Path, path: &Path, bytes: &[u8], library: &mut Library, warnings
     }
 }
 
-/// The textures of one material, as its lines name them; what cannot be used becomes a warning.
+/// Resolves the textures of one material; unusable ones become warnings.
 struct Textures<'a> {
     root: &'a Path,
     folder: &'a Path,
@@ -72,7 +72,7 @@ impl Textures<'_> {
         found.map_err(|why| self.warn(&why)).ok().map(Into::into)
     }
 
-    /// One value a texel; `otherwise` where the line does not say which.
+    /// A channel of a texture; `otherwise` unless the line has `-imfchan`.
     fn channel(&mut self, texture: Option<&TextureOptions>, otherwise: Component) -> Option<Channel> {
         let component = texture.and_then(|t| t.component).unwrap_or(otherwise);
         Some(Channel::plain(self.image(texture)?, component))
@@ -92,13 +92,13 @@ fn convert(material: &tobj::Material, textures: &mut Textures<'_>) -> Material {
     let opacity_map = texture(material.dissolve_texture.as_ref());
     let [emission_map, rough, metal, normal] =
         ["map_Ke", "map_Pr", "map_Pm", "norm"].map(|k| texture(unknown(k)));
-    // Displacement is the more exact word for a height map; a bump map is the common one.
+    // `disp` names a height map unambiguously, so it takes precedence over `bump`.
     let height = texture(unknown("disp").or(material.normal_texture.as_ref()));
     let name = &material.name;
 
     let opacity = material.dissolve.map_or(1.0, |d| d.clamp(0.0, 1.0) as f32);
     let opacity = if opacity == 0.0 {
-        // What nobody would ever see nobody would have modelled: some exporters count from the other end.
+        // An invisible material is hardly intended: some exporters write the inverse value.
         if opacity_map.is_none() {
             textures.warn(&format!("material {name:?} would be invisible (d 0 or Tr 1) and is drawn opaque"));
         }
@@ -136,7 +136,7 @@ fn convert(material: &tobj::Material, textures: &mut Textures<'_>) -> Material {
             (None, Some(exponent)) => roughness_of(exponent),
             (None, None) => default.roughness,
         },
-        // Without the map where metal is is not known, and metal everywhere is the worse guess.
+        // Without the map, no metal is the better guess than metal everywhere.
         metallic: match factor(number("Pm"), metal.is_some()) {
             Some(metallic) if surface.metallic.is_some() == metal.is_some() => {
                 metallic.clamp(0.0, 1.0) as f32
@@ -165,7 +165,7 @@ fn convert(material: &tobj::Material, textures: &mut Textures<'_>) -> Material {
     }
 }
 
-/// A factor beside a texture of the same: some exporters write zero and mean the texture, which alone is meant as it is.
+/// The factor on a texture: 1 if none is stated, or if it is zero, which some exporters write for textured materials.
 fn factor<T: Ones>(stated: Option<T>, textured: bool) -> Option<T> {
     match stated {
         Some(value) if textured && value == T::ZEROS => Some(T::ONES),
@@ -189,7 +189,7 @@ impl Ones for [f64; 3] {
     const ONES: Self = [1.0; 3];
 }
 
-/// Light of a `Ke`: up to 1 encoded as a `Kd` is, above as it stands.
+/// Linear emission of a `Ke` component: values up to 1 are sRGB-encoded as in `Kd`, larger ones linear.
 fn emitted(x: f64) -> f32 {
     let x = x.clamp(0.0, f64::from(MAX_EMISSION)) as f32;
     if x <= 1.0 { srgb_to_linear(x) } else { x }

@@ -1,12 +1,12 @@
-//! What stands behind a `map_` keyword: options, and the name of a file that may be read.
+//! The value of a `map_` keyword: options and a file name.
 
-use std::path::{Component as Part, Path, PathBuf};
+use std::path::{Component as PathPart, Path, PathBuf};
 
 use lodestream_scene::asset::Wrap;
 
 use crate::model::Component;
 
-/// A texture as a line names it.
+/// Options and file name of a texture line.
 pub(super) struct TextureOptions {
     pub(super) file: String,
     /// `-bm`.
@@ -24,7 +24,7 @@ impl TextureOptions {
         let mut rest = text.trim();
         while rest.starts_with('-') {
             let (option, tail) = split_word(rest);
-            // How many values an option takes, and whether they all must be there.
+            // Number of values of an option, and whether trailing ones may be missing.
             let (count, optional) = match option {
                 "-blendu" | "-blendv" | "-cc" | "-clamp" | "-bm" | "-boost" | "-imfchan" | "-texres"
                 | "-type" => (1, false),
@@ -67,12 +67,11 @@ fn split_word(text: &str) -> (&str, &str) {
     (word, tail.trim_start())
 }
 
-/// The file that is named in `folder`, within `root`, the model's folder; backslashes count as separators where the name
-/// as written does not exist (files written on Windows).
+/// Resolves a file name relative to `folder`, within `root`, the model's folder. Backslashes are separators if the name as
+/// written does not exist (files written on Windows).
 ///
 /// # Errors
-/// In one line: names that lead out of the model's folder. Whoever prepares an untrusted peer's model would publish files of
-/// his own otherwise.
+/// A message of one line for names outside the model's folder: otherwise an untrusted model could publish local files.
 pub(in crate::obj) fn locate(root: &Path, folder: &Path, name: &str) -> Result<PathBuf, String> {
     let name = name.trim().trim_matches('"');
     let inside = |name: &str| {
@@ -80,10 +79,10 @@ pub(in crate::obj) fn locate(root: &Path, folder: &Path, name: &str) -> Result<P
         let depth = below.components().chain(Path::new(name).components()).try_fold(
             0_usize,
             |depth, part| match part {
-                Part::Normal(_) => Some(depth + 1),
-                Part::CurDir => Some(depth),
-                Part::ParentDir => depth.checked_sub(1),
-                Part::RootDir | Part::Prefix(_) => None,
+                PathPart::Normal(_) => Some(depth + 1),
+                PathPart::CurDir => Some(depth),
+                PathPart::ParentDir => depth.checked_sub(1),
+                PathPart::RootDir | PathPart::Prefix(_) => None,
             },
         );
         depth.map(|_| folder.join(name)).ok_or_else(|| {

@@ -1,4 +1,4 @@
-//! The textures of an asset while it is described: each that differs from the others once.
+//! Collects the textures of an asset; equal sources become one texture.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -8,38 +8,48 @@ use lodestream_import::texture::{self, Texture, TextureError, TextureSource, Tra
 use lodestream_scene::asset::{MAX_TEXTURES, TextureFormat, TextureInfo, TextureLevel};
 use lodestream_scene::limits::MAX_BLOB_BYTES;
 
-use super::describe::DescribeError;
+use super::error::DescribeError;
 
-/// Textures made so far.
+/// Textures encoded so far.
 #[derive(Default)]
 pub(super) struct Textures {
-    known: BTreeMap<(TextureSource, bool), Option<Made>>,
+    known: BTreeMap<(TextureSource, bool), Option<EncodedTexture>>,
     pub(super) infos: Vec<TextureInfo>,
     pub(super) levels: Vec<Vec<Vec<u8>>>,
     pub(super) warnings: Vec<String>,
 }
 
-/// What became of a source.
+/// The texture of a source.
 #[derive(Clone)]
-pub(super) struct Made {
+pub(super) struct EncodedTexture {
     pub(super) index: u16,
     pub(super) transparency: Transparency,
-    /// The source, short of images that could not be read.
+    /// The source, without images that could not be read.
     pub(super) of: TextureSource,
 }
 
 impl Textures {
-    /// The texture of a source. Images that cannot be read become warnings, and are left out of what they were part of.
-    pub(super) fn make(&mut self, source: Option<TextureSource>) -> Result<Option<Made>, DescribeError> {
+    /// Encodes a source's texture. Unreadable images become warnings and are omitted from it.
+    pub(super) fn make(
+        &mut self,
+        source: Option<TextureSource>,
+    ) -> Result<Option<EncodedTexture>, DescribeError> {
         source.map_or(Ok(None), |source| self.made(source, false))
     }
 
-    /// Heights, or the normals that exporters write in their place.
-    pub(super) fn heights_or_normals(&mut self, image: ImageSource) -> Result<Option<Made>, DescribeError> {
+    /// Encodes heights, or a normal map if the image is one: exporters write them under the same keyword.
+    pub(super) fn heights_or_normals(
+        &mut self,
+        image: ImageSource,
+    ) -> Result<Option<EncodedTexture>, DescribeError> {
         self.made(TextureSource::Height(image), true)
     }
 
-    fn made(&mut self, source: TextureSource, or_normals: bool) -> Result<Option<Made>, DescribeError> {
+    fn made(
+        &mut self,
+        source: TextureSource,
+        or_normals: bool,
+    ) -> Result<Option<EncodedTexture>, DescribeError> {
         let key = (source.clone(), or_normals);
         if let Some(known) = self.known.get(&key) {
             return Ok(known.clone());
@@ -51,7 +61,7 @@ impl Textures {
                 (Ok(texture), _) => {
                     let transparency = texture.transparency;
                     let path = of.first_image().map(|image| image.path.clone()).unwrap_or_default();
-                    made = Some(Made { index: self.add(&path, texture)?, transparency, of });
+                    made = Some(EncodedTexture { index: self.add(&path, texture)?, transparency, of });
                 }
                 (Err(TextureError::NormalMap { .. }), TextureSource::Height(image)) if or_normals => {
                     made = self.made(TextureSource::Normal(image.clone()), false)?;

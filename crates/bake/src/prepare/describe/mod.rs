@@ -1,60 +1,40 @@
-//! Imported materials and their texture files, as the description and blobs of an asset.
+//! Encodes imported materials and their texture files as an asset's description and blobs.
 
-use std::path::PathBuf;
+mod error;
+#[cfg(test)]
+mod tests;
+mod textures;
 
 use crate::preparation_settings::ReliefDepth;
 use lodestream_import::srgb::srgb_to_linear;
-use lodestream_import::texture::{Opacity, TextureError, TextureKind, TextureSource, Transparency};
-use lodestream_scene::asset::{
-    Alpha, AssetDescription, DescriptionError, MAX_NORMAL_SCALE, MAX_TEXTURES, Material,
-};
-use lodestream_scene::limits::{MAX_BLOB_BYTES, MAX_NAME_BYTES};
+use lodestream_import::texture::{Opacity, TextureKind, TextureSource, Transparency};
+use lodestream_scene::asset::{Alpha, AssetDescription, MAX_NORMAL_SCALE, Material};
+use lodestream_scene::limits::MAX_NAME_BYTES;
 
-use super::textures::{Made, Textures};
+pub use error::DescribeError;
+use textures::{EncodedTexture, Textures};
 
-/// Depth of relief at `-bm 1`, in units of texture coordinates, where nothing else is said: brick and
-/// cobble textures of a metre or two then have joints of a few centimetres.
+/// Depth of relief at `-bm 1`, in units of texture coordinates, by default: brick and cobble
+/// textures of a metre or two then have joints of a few centimetres.
 pub const DEFAULT_RELIEF_DEPTH: f32 = 0.04;
-/// Colour in place of a colour texture that is missing.
+/// Base colour of materials whose colour texture is missing.
 const FALLBACK_COLOR: [f32; 3] = [0.8; 3];
 
 /// An asset's description with its texture blobs.
 #[derive(Clone, Debug)]
-pub struct Described {
+pub struct EncodedDescription {
     /// Materials and textures.
     pub description: AssetDescription,
     /// For each texture its levels, coarse first.
     pub textures: Vec<Vec<Vec<u8>>>,
-    /// What was odd but could be worked around, a line each.
+    /// Warnings, one line each.
     pub warnings: Vec<String>,
-}
-
-/// A description that cannot be made.
-#[derive(Debug, thiserror::Error)]
-pub enum DescribeError {
-    /// A texture of absurd size, or one that cannot be encoded.
-    #[error(transparent)]
-    Texture(#[from] TextureError),
-    /// More textures than the protocol numbers.
-    #[error("the asset uses more than {MAX_TEXTURES} textures; split it")]
-    TooManyTextures,
-    /// A texture level longer than a blob may be.
-    #[error("{}: a level of this texture takes {bytes} bytes, above {MAX_BLOB_BYTES}; scale it down", path.display())]
-    LongLevel {
-        /// The texture's file.
-        path: PathBuf,
-        /// Length of the level.
-        bytes: usize,
-    },
-    /// Values that the protocol refuses.
-    #[error("the asset cannot be described: {0}")]
-    Refused(#[from] DescriptionError),
 }
 
 /// Describes an asset: reads and encodes the textures of its materials.
 ///
-/// Textures that are missing or unreadable become warnings, the material's factors stand in. What differs by nothing is
-/// sent once.
+/// Missing and unreadable textures become warnings, and the material's factors replace them. Equal textures are stored
+/// once.
 ///
 /// # Errors
 /// See [`DescribeError`].
@@ -62,15 +42,15 @@ pub fn describe(
     name: &str,
     materials: &[lodestream_import::Material],
     relief_depth: Option<ReliefDepth>,
-) -> Result<Described, DescribeError> {
+) -> Result<EncodedDescription, DescribeError> {
     let mut textures = Textures::default();
     let materials: Result<Vec<Material>, DescribeError> =
         materials.iter().map(|material| describe_one(material, relief_depth, &mut textures)).collect();
     let description =
         AssetDescription { name: truncated(name), materials: materials?, textures: textures.infos };
-    // The encoder checks all limits; better here than when everything is prepared.
+    // The encoder checks all limits: fail before the preparation, not after it.
     description.encode()?;
-    Ok(Described { description, textures: textures.levels, warnings: textures.warnings })
+    Ok(EncodedDescription { description, textures: textures.levels, warnings: textures.warnings })
 }
 
 fn describe_one(
@@ -96,7 +76,7 @@ fn describe_one(
     if material.color_texture.is_some() && !has_colors(color.as_ref()) && base_color == [1.0; 3] {
         base_color = FALLBACK_COLOR.map(srgb_to_linear);
     }
-    // Factors are meant to be multiplied by their maps: without them all would be metal and all would shine.
+    // Factors multiply their maps: with the maps missing, everything would be metallic or emissive.
     let metallic = if has_metal(surface.as_ref()) == material.surface.metallic.is_some() {
         material.metallic
     } else {
@@ -124,7 +104,7 @@ fn describe_one(
     })
 }
 
-/// A material's colours, with what their opacity is for.
+/// Source of a material's colour texture, with the use of its opacity.
 fn color_source(material: &lodestream_import::Material) -> Option<TextureSource> {
     let (image, opacity) = (material.color_texture.clone(), material.opacity_texture.clone());
     if image.is_none() && opacity.is_none() {
@@ -142,7 +122,7 @@ fn color_source(material: &lodestream_import::Material) -> Option<TextureSource>
     Some(TextureSource::Color { image, opacity, used })
 }
 
-fn alpha(alpha: lodestream_import::Alpha, color: Option<&Made>) -> Alpha {
+fn alpha(alpha: lodestream_import::Alpha, color: Option<&EncodedTexture>) -> Alpha {
     match (alpha, color.map(|made| made.transparency)) {
         (lodestream_import::Alpha::Mask(cutoff), _) => Alpha::Mask(cutoff),
         (lodestream_import::Alpha::Blend, _)
@@ -152,22 +132,19 @@ fn alpha(alpha: lodestream_import::Alpha, color: Option<&Made>) -> Alpha {
     }
 }
 
-fn index(made: Option<&Made>) -> Option<u16> {
+fn index(made: Option<&EncodedTexture>) -> Option<u16> {
     made.map(|made| made.index)
 }
 
-fn has_colors(made: Option<&Made>) -> bool {
-    matches!(made, Some(Made { of: TextureSource::Color { image: Some(_), .. }, .. }))
+fn has_colors(made: Option<&EncodedTexture>) -> bool {
+    matches!(made, Some(EncodedTexture { of: TextureSource::Color { image: Some(_), .. }, .. }))
 }
 
-fn has_metal(made: Option<&Made>) -> bool {
-    matches!(made, Some(Made { of: TextureSource::Surface(map), .. }) if map.metallic.is_some())
+fn has_metal(made: Option<&EncodedTexture>) -> bool {
+    matches!(made, Some(EncodedTexture { of: TextureSource::Surface(map), .. }) if map.metallic.is_some())
 }
 
 /// A name cut to what the protocol carries, between characters.
 fn truncated(name: &str) -> String {
     name[..name.floor_char_boundary(MAX_NAME_BYTES)].to_owned()
 }
-
-#[cfg(test)]
-mod tests;
