@@ -1,6 +1,6 @@
 //! Why there is no session for who asked for one, as it is counted.
 
-use crate::admission::leases::NoLease;
+use crate::admission::leases::LeaseError;
 
 /// See the module.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,13 +40,13 @@ impl Refusal {
     }
 }
 
-impl From<NoLease> for Refusal {
-    fn from(why: NoLease) -> Self {
+impl From<LeaseError> for Refusal {
+    fn from(why: LeaseError) -> Self {
         match why {
-            NoLease::Full => Self::Full,
-            NoLease::OfAddress => Self::Address,
-            NoLease::TooOften => Self::Rate,
-            NoLease::Draining => Self::Draining,
+            LeaseError::Full => Self::Full,
+            LeaseError::AddressLimit => Self::Address,
+            LeaseError::RateLimit => Self::Rate,
+            LeaseError::Draining => Self::Draining,
         }
     }
 }

@@ -157,20 +157,22 @@ mod tests {
         SessionRateLimiter::new(SessionRateLimit::AtOnce(NonZeroU32::new(at_once).unwrap()))
     }
 
-    fn taken(arrivals: &SessionRateLimiter, address: IpAddr, now: Time) -> usize {
-        (0..1000).filter(|_| arrivals.take(address, now)).count()
+    fn taken(session_rate: &SessionRateLimiter, address: IpAddr, now: Time) -> usize {
+        (0..1000).filter(|_| session_rate.take(address, now)).count()
     }
 
     #[test]
     fn an_address_begins_a_burst_and_then_an_eighth_of_it_each_second() {
-        let arrivals = of(32);
-        assert_eq!(taken(&arrivals, ip(1), Time::from_ms(5)), 32);
-        assert!(!arrivals.check(ip(1), Time::from_ms(254)) && arrivals.check(ip(1), Time::from_ms(255)));
-        assert_eq!(taken(&arrivals, ip(1), Time::from_ms(1005)), 4);
-        assert_eq!(taken(&arrivals, ip(1), Time::from_ms(3005)), 8);
+        let session_rate = of(32);
+        assert_eq!(taken(&session_rate, ip(1), Time::from_ms(5)), 32);
+        assert!(
+            !session_rate.check(ip(1), Time::from_ms(254)) && session_rate.check(ip(1), Time::from_ms(255))
+        );
+        assert_eq!(taken(&session_rate, ip(1), Time::from_ms(1005)), 4);
+        assert_eq!(taken(&session_rate, ip(1), Time::from_ms(3005)), 8);
         // However long it waits, there is no more than the burst.
-        assert_eq!(taken(&arrivals, ip(1), Time::from_ms(3_600_000)), 32);
-        assert_eq!(taken(&arrivals, ip(2), Time::from_ms(3_600_000)), 32, "of each address");
+        assert_eq!(taken(&session_rate, ip(1), Time::from_ms(3_600_000)), 32);
+        assert_eq!(taken(&session_rate, ip(2), Time::from_ms(3_600_000)), 32, "of each address");
         for at_once in [1, 3, 125] {
             assert_eq!(taken(&of(at_once), ip(1), Time::ZERO), at_once as usize);
         }
@@ -179,22 +181,22 @@ mod tests {
 
     #[test]
     fn a_network_of_64_bits_had_as_many_buckets_as_addresses() {
-        let arrivals = of(32);
+        let session_rate = of(32);
         let address = |n: u128| IpAddr::from(Ipv6Addr::from_bits((0x2001_0db8_0001_0002_u128 << 64) + n));
-        assert_eq!((0..100).filter(|n| arrivals.take(address(*n), Time::ZERO)).count(), 32);
+        assert_eq!((0..100).filter(|n| session_rate.take(address(*n), Time::ZERO)).count(), 32);
     }
 
     #[test]
     fn the_table_of_buckets_is_bounded_and_forgets_who_owes_least() {
-        let arrivals = of(32);
-        assert_eq!(taken(&arrivals, ip(0), Time::ZERO), 32);
+        let session_rate = of(32);
+        assert_eq!(taken(&session_rate, ip(0), Time::ZERO), 32);
         for n in 1..100_000 {
-            assert!(arrivals.take(ip(n), Time::ZERO));
-            assert!(arrivals.len() <= MAX_REMEMBERED);
+            assert!(session_rate.take(ip(n), Time::ZERO));
+            assert!(session_rate.len() <= MAX_REMEMBERED);
         }
-        assert!(!arrivals.check(ip(0), Time::ZERO), "who floods is not forgotten for untrusted peers");
-        assert!(arrivals.take(ip(1), Time::from_ms(8_000)));
-        assert_eq!(arrivals.len(), 1, "full buckets are nothing to remember");
+        assert!(!session_rate.check(ip(0), Time::ZERO), "who floods is not forgotten for untrusted peers");
+        assert!(session_rate.take(ip(1), Time::from_ms(8_000)));
+        assert_eq!(session_rate.len(), 1, "full buckets are nothing to remember");
     }
 
     #[test]

@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
+use crate::admission::origin::AllowedOrigins;
+use crate::admission::proxy::TrustedProxies;
 use crate::auth::access::Access;
-use crate::http::origin::AllowedOrigins;
-use crate::http::proxy::TrustedProxies;
 
 /// See the module; by default no web page, no proxy is believed, and nobody is asked for a token.
 #[derive(Clone, Debug, Default)]

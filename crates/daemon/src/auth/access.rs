@@ -8,12 +8,12 @@ use tokio::sync::watch;
 use tokio::time::sleep;
 
 use crate::auth::grant::{Grant, TokenError};
-use crate::auth::hook::{Hook, Question};
+use crate::auth::hook::{Hook, IntrospectionRequest};
 use crate::auth::hook_url::Authorization;
-use crate::auth::tokens::{Tokens, renew_keys};
+use crate::auth::tokens::{Tokens, watch_keys};
 
 /// Time after which what could not be found out is asked again.
-const AGAIN_AFTER: Duration = Duration::from_secs(5);
+const RETRY_INTERVAL: Duration = Duration::from_secs(5);
 
 /// See the module. Either way clients are asked for a token.
 #[derive(Debug)]
@@ -31,7 +31,7 @@ pub enum Access {
 
 impl Access {
     /// Whether a token can be judged before it is known for which scene: if not, it is once that is known.
-    pub(crate) const fn judges_without_scene(&self) -> bool {
+    pub(crate) const fn verifies_without_scene(&self) -> bool {
         matches!(self, Self::Tokens(_))
     }
 
@@ -44,16 +44,18 @@ impl Access {
     ) -> Result<Grant, TokenError> {
         let grant = match self {
             Self::Tokens(tokens) => tokens.verify(&token, SystemTime::now())?,
-            Self::Hook { hook, .. } => hook.verify(Question { token, scene: scene.clone(), address }).await?,
+            Self::Hook { hook, .. } => {
+                hook.verify(IntrospectionRequest { token, scene: scene.clone(), address }).await?
+            }
         };
         match scene {
-            Some(scene) => grant.of(&scene),
+            Some(scene) => grant.for_scene(&scene),
             None => Ok(grant),
         }
     }
 
     /// The same for a session that has a grant: what cannot be found out is asked again until it is.
-    pub(crate) async fn verify_patiently(
+    pub(crate) async fn verify_with_retries(
         &self,
         token: String,
         scene: String,
@@ -61,17 +63,19 @@ impl Access {
     ) -> Result<Grant, TokenError> {
         loop {
             match self.verify(token.clone(), Some(scene.clone()), address).await {
-                Err(TokenError::Unknown) => sleep(AGAIN_AFTER).await,
+                Err(TokenError::Unavailable) => sleep(RETRY_INTERVAL).await,
                 known => return known,
             }
         }
     }
 
     /// Takes anew what is read from files, when they change. Goes on for ever, or ends where there is no such file.
-    pub(crate) async fn renew(self: Arc<Self>, asked: watch::Receiver<u64>) {
+    pub(crate) async fn watch_files(self: Arc<Self>, asked: watch::Receiver<u64>) {
         match &*self {
-            Self::Tokens(tokens) => renew_keys(tokens, asked).await,
-            Self::Hook { authorization: Some(authorization), .. } => authorization.clone().renew(asked).await,
+            Self::Tokens(tokens) => watch_keys(tokens, asked).await,
+            Self::Hook { authorization: Some(authorization), .. } => {
+                authorization.clone().watch_files(asked).await
+            }
             Self::Hook { authorization: None, .. } => {}
         }
     }

@@ -27,9 +27,9 @@ pub(crate) enum TokenError {
     #[error("the token has expired")]
     Expired,
     #[error("the token is not valid yet")]
-    NotYet,
+    NotYetValid,
     #[error("the token says nowhere when it expires")]
-    Endless,
+    NoExpiry,
     #[error("the token is for another audience")]
     Audience,
     #[error("the token is not for this scene")]
@@ -41,32 +41,32 @@ pub(crate) enum TokenError {
     #[error("the token is refused")]
     Refused,
     #[error("the server cannot find out now whether the token is good: try again later")]
-    Unknown,
+    Unavailable,
 }
 
 /// What a client is granted.
 #[derive(Clone, Debug)]
 pub(crate) struct Grant {
     /// When it ends.
-    pub(crate) until: Instant,
+    pub(crate) expires_at: Instant,
     /// Whom it was given to, if it says so.
     pub(crate) subject: Option<String>,
     /// How much the session counts beside others.
     pub(crate) weight: Weight,
     /// What the session may have at most, if it says so.
     pub(crate) rate_bits_per_s: Option<u64>,
-    scenes: Option<Scenes>,
+    scenes: Option<SceneClaim>,
 }
 
 impl Grant {
     /// Whether it is for the scene of this name.
-    pub(crate) fn is_for(&self, scene: &str) -> bool {
+    pub(crate) fn allows(&self, scene: &str) -> bool {
         self.scenes.as_ref().is_some_and(|scenes| scenes.has(scene))
     }
 
     /// The grant, if it is for this scene.
-    pub(crate) fn of(self, scene: &str) -> Result<Self, TokenError> {
-        if self.is_for(scene) { Ok(self) } else { Err(TokenError::Scene) }
+    pub(crate) fn for_scene(self, scene: &str) -> Result<Self, TokenError> {
+        if self.allows(scene) { Ok(self) } else { Err(TokenError::Scene) }
     }
 }
 
@@ -78,9 +78,9 @@ pub(crate) struct Claims {
     nbf: Option<f64>,
     sub: Option<String>,
     /// What it is for.
-    pub(crate) scene: Option<Scenes>,
-    weight: Option<Whole>,
-    rate: Option<Whole>,
+    pub(crate) scene: Option<SceneClaim>,
+    weight: Option<IntegerClaim>,
+    rate: Option<IntegerClaim>,
 }
 
 impl Claims {
@@ -88,12 +88,12 @@ impl Claims {
     pub(crate) fn grant(self, now: SystemTime) -> Result<Grant, TokenError> {
         let left = self.exp.map_or(Some(LONGEST), |exp| left(exp, now)).ok_or(TokenError::Expired)?;
         if self.nbf.is_some_and(|nbf| nbf > (since_1970(now) + LEEWAY).as_secs_f64()) {
-            return Err(TokenError::NotYet);
+            return Err(TokenError::NotYetValid);
         }
         let weight = self.weight.map_or(Some(Weight::ONE), |weight| weight.number().and_then(Weight::new));
         let rate = self.rate.map(|rate| rate.number().filter(|rate| *rate >= LEAST_RATE_BITS_PER_S));
         Ok(Grant {
-            until: Instant::now() + left,
+            expires_at: Instant::now() + left,
             subject: self.sub,
             weight: weight.ok_or(TokenError::Weight)?,
             rate_bits_per_s: rate.map(|rate| rate.ok_or(TokenError::Rate)).transpose()?,
@@ -105,12 +105,12 @@ impl Claims {
 /// A claim that should be a whole number.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(untagged)]
-enum Whole {
+enum IntegerClaim {
     Number(u64),
     Other(IgnoredAny),
 }
 
-impl Whole {
+impl IntegerClaim {
     const fn number(&self) -> Option<u64> {
         match self {
             Self::Number(number) => Some(*number),
@@ -122,17 +122,17 @@ impl Whole {
 /// The scenes of a grant; `*` is any.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(untagged)]
-pub(crate) enum Scenes {
+pub(crate) enum SceneClaim {
     One(String),
-    Some(Vec<String>),
+    Many(Vec<String>),
 }
 
-impl Scenes {
+impl SceneClaim {
     fn has(&self, name: &str) -> bool {
         let fits = |scene: &String| scene == name || scene == "*";
         match self {
             Self::One(scene) => fits(scene),
-            Self::Some(scenes) => scenes.iter().any(fits),
+            Self::Many(scenes) => scenes.iter().any(fits),
         }
     }
 }

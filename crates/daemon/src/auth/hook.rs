@@ -6,17 +6,16 @@
 //! good for ten seconds for whoever asks the same.
 
 use std::fmt;
-use std::future::Future;
 use std::net::IpAddr;
-use std::pin::Pin;
 use std::time::{Duration, SystemTime};
 
+use futures_util::future::BoxFuture;
 use moka::future::Cache;
 use serde::{Deserialize, Serialize};
 use tokio::sync::Semaphore;
 use tokio::time::timeout;
 
-use crate::auth::grant::{Claims, Grant, Scenes, TokenError};
+use crate::auth::grant::{Claims, Grant, SceneClaim, TokenError};
 
 /// Questions at a time; more wait.
 const MAX_AT_ONCE: usize = 16;
@@ -24,14 +23,14 @@ const MAX_AT_ONCE: usize = 16;
 const ANSWER_WITHIN: Duration = Duration::from_secs(5);
 /// How long an answer is good for.
 const GOOD_FOR: Duration = Duration::from_secs(10);
-/// Answers that are kept.
+/// Answers that are cache.
 const MAX_KEPT: u64 = 4096;
 /// Longest answer, in bytes.
-pub(crate) const MAX_ANSWER_BYTES: usize = 64 * 1024;
+pub(crate) const MAX_RESPONSE_BYTES: usize = 64 * 1024;
 
 /// What is asked. Not to be formatted: the token would be in it.
 #[derive(Clone, Serialize)]
-pub(crate) struct Question {
+pub(crate) struct IntrospectionRequest {
     /// What the client showed.
     pub(crate) token: String,
     /// The scene that it asks for, if it is one: the list of scenes is for none.
@@ -41,8 +40,8 @@ pub(crate) struct Question {
     pub(crate) address: IpAddr,
 }
 
-impl Question {
-    /// By what alike questions are known. No token is kept.
+impl IntrospectionRequest {
+    /// By what alike questions are known. No token is cache.
     fn key(&self) -> [u8; 32] {
         let mut hasher = blake3::Hasher::new();
         // Lengths part the texts.
@@ -55,16 +54,16 @@ impl Question {
 
 /// What is answered; claims count only where it is active.
 #[derive(Clone, Debug, Deserialize)]
-pub(crate) struct Answer {
+pub(crate) struct IntrospectionResponse {
     active: bool,
     #[serde(flatten)]
     claims: Claims,
 }
 
-impl Answer {
+impl IntrospectionResponse {
     /// Reads an answer.
     pub(crate) fn parse(text: &[u8]) -> Result<Self, HookError> {
-        serde_json::from_slice(text).map_err(|why| HookError::Nonsense(why.to_string()))
+        serde_json::from_slice(text).map_err(|why| HookError::Malformed(why.to_string()))
     }
 
     /// What it grants at `now` to who asked this.
@@ -74,7 +73,7 @@ impl Answer {
             return Err(TokenError::Refused);
         }
         // It was asked of this scene and has said no other.
-        claims.scene = claims.scene.or(scene.map(Scenes::One));
+        claims.scene = claims.scene.or(scene.map(SceneClaim::One));
         claims.grant(now)
     }
 }
@@ -82,38 +81,38 @@ impl Answer {
 /// Why there is no answer, for the operator.
 #[derive(Clone, Debug, thiserror::Error)]
 pub(crate) enum HookError {
-    #[error("it cannot be run: {0}")]
-    Run(String),
-    #[error("it ended with {status}{said}")]
-    Failed { status: String, said: String },
-    #[error("it cannot be asked: {0}")]
-    Ask(String),
-    #[error("it answers {0} instead of 200 OK")]
-    Status(u16),
-    #[error("its answer is longer than {MAX_ANSWER_BYTES} bytes")]
-    Long,
-    #[error("its answer is no JSON with active: true or false, and claims: {0}")]
-    Nonsense(String),
-    #[error("it has not answered within {0:?}")]
-    Late(Duration),
+    #[error("the program cannot be started: {0}")]
+    Spawn(String),
+    #[error("the program failed with {status}{stderr}")]
+    ExitStatus { status: String, stderr: String },
+    #[error("the request failed: {0}")]
+    Request(String),
+    #[error("the response has status {0} instead of 200 OK")]
+    HttpStatus(u16),
+    #[error("the response is longer than {MAX_RESPONSE_BYTES} bytes")]
+    TooLong,
+    #[error("the response is not JSON with \"active\": true or false, and claims: {0}")]
+    Malformed(String),
+    #[error("no response came within {0:?}")]
+    Timeout(Duration),
 }
 
-/// Something under way.
-pub(crate) type Pending<T> = Pin<Box<dyn Future<Output = T> + Send>>;
-
 /// One way to ask.
-pub(crate) trait Ask: Send + Sync {
+pub(crate) trait Introspect: Send + Sync {
     /// Asks. Dropped before it resolves, it leaves nothing running.
-    fn ask(&self, question: Question) -> Pending<Result<Answer, HookError>>;
+    fn introspect(
+        &self,
+        question: IntrospectionRequest,
+    ) -> BoxFuture<'static, Result<IntrospectionResponse, HookError>>;
 }
 
 /// See the module.
 pub struct Hook {
     name: String,
-    ask: Box<dyn Ask>,
-    within: Duration,
-    free: Semaphore,
-    kept: Cache<[u8; 32], Answer>,
+    backend: Box<dyn Introspect>,
+    with_timeout: Duration,
+    permits: Semaphore,
+    cache: Cache<[u8; 32], IntrospectionResponse>,
 }
 
 impl fmt::Debug for Hook {
@@ -123,45 +122,45 @@ impl fmt::Debug for Hook {
 }
 
 /// PreAuthPool for answers that are good for so long.
-fn answers(good_for: Duration) -> Cache<[u8; 32], Answer> {
+fn answers(good_for: Duration) -> Cache<[u8; 32], IntrospectionResponse> {
     Cache::builder().max_capacity(MAX_KEPT).time_to_live(good_for).build()
 }
 
 impl Hook {
     /// What asks in this way, under a name for messages.
-    pub(crate) fn new(name: String, ask: impl Ask + 'static) -> Self {
-        let (free, kept) = (Semaphore::new(MAX_AT_ONCE), answers(GOOD_FOR));
-        Self { name, ask: Box::new(ask), within: ANSWER_WITHIN, free, kept }
+    pub(crate) fn new(name: String, backend: impl Introspect + 'static) -> Self {
+        let (permits, cache) = (Semaphore::new(MAX_AT_ONCE), answers(GOOD_FOR));
+        Self { name, backend: Box::new(backend), with_timeout: ANSWER_WITHIN, permits, cache }
     }
 
     /// The same whose answers are good for another time: that of the cache goes on where tests pause theirs.
     #[cfg(test)]
-    pub(crate) fn keeping_for(self, good_for: Duration) -> Self {
-        Self { kept: answers(good_for), ..self }
+    pub(crate) fn with_cache_ttl(self, good_for: Duration) -> Self {
+        Self { cache: answers(good_for), ..self }
     }
 
     /// The same with another end of questions: tests wait longer for a busy machine.
     #[cfg(test)]
-    pub(crate) fn within(self, within: Duration) -> Self {
-        Self { within, ..self }
+    pub(crate) fn with_timeout(self, with_timeout: Duration) -> Self {
+        Self { with_timeout, ..self }
     }
 
     /// What is granted, for the scenes that the answer names, or else for that of the question.
-    pub(crate) async fn verify(&self, question: Question) -> Result<Grant, TokenError> {
+    pub(crate) async fn verify(&self, question: IntrospectionRequest) -> Result<Grant, TokenError> {
         let (key, scene) = (question.key(), question.scene.clone());
         let asked = async {
             let answered = async {
                 // It is never closed.
-                let _turn = self.free.acquire().await;
-                self.ask.ask(question).await
+                let _turn = self.permits.acquire().await;
+                self.backend.introspect(question).await
             };
-            timeout(self.within, answered).await.unwrap_or(Err(HookError::Late(self.within)))
+            timeout(self.with_timeout, answered).await.unwrap_or(Err(HookError::Timeout(self.with_timeout)))
         };
-        match self.kept.try_get_with(key, asked).await {
+        match self.cache.try_get_with(key, asked).await {
             Ok(answer) => answer.grant(scene, SystemTime::now()),
             Err(why) => {
                 tracing::error!("{} decides nothing: {why}", self.name);
-                Err(TokenError::Unknown)
+                Err(TokenError::Unavailable)
             }
         }
     }

@@ -7,20 +7,23 @@ use std::process::Stdio;
 use std::sync::Arc;
 
 use anyhow::Context as _;
+use futures_util::future::BoxFuture;
 use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::process::Command;
 
-use crate::auth::hook::{Answer, Ask, Hook, HookError, MAX_ANSWER_BYTES, Pending, Question, one_line};
+use crate::auth::hook::{
+    Hook, HookError, Introspect, IntrospectionRequest, IntrospectionResponse, MAX_RESPONSE_BYTES, one_line,
+};
 
 /// What is kept of what a program says beside its answer, in bytes.
-const MAX_SAID_BYTES: usize = 1024;
+const MAX_STDERR_BYTES: usize = 1024;
 
 impl Hook {
     /// Runs a program.
     ///
     /// # Errors
     /// Fails where there is no such file. Whether it can be run shows when it is.
-    pub fn of_command(program: &Path) -> anyhow::Result<Self> {
+    pub fn from_command(program: &Path) -> anyhow::Result<Self> {
         let about = || format!("--access-command {}", program.display());
         // A bare name would be looked for elsewhere than where it was found.
         let program = std::path::absolute(program).with_context(about)?;
@@ -32,16 +35,19 @@ impl Hook {
 
 struct RunCommand(Arc<Path>);
 
-impl Ask for RunCommand {
-    fn ask(&self, question: Question) -> Pending<Result<Answer, HookError>> {
+impl Introspect for RunCommand {
+    fn introspect(
+        &self,
+        question: IntrospectionRequest,
+    ) -> BoxFuture<'static, Result<IntrospectionResponse, HookError>> {
         let program = Arc::clone(&self.0);
         Box::pin(async move { run(&program, &question).await })
     }
 }
 
-async fn run(program: &Path, question: &Question) -> Result<Answer, HookError> {
-    let failed = |why: io::Error| HookError::Run(why.to_string());
-    let asked = serde_json::to_vec(question).map_err(|why| HookError::Run(why.to_string()))?;
+async fn run(program: &Path, question: &IntrospectionRequest) -> Result<IntrospectionResponse, HookError> {
+    let failed = |why: io::Error| HookError::Spawn(why.to_string());
+    let request = serde_json::to_vec(question).map_err(|why| HookError::Spawn(why.to_string()))?;
     // The token is in no list of processes: neither a word of the command line nor a variable.
     let mut child = Command::new(PathBuf::from(program))
         .stdin(Stdio::piped())
@@ -50,27 +56,27 @@ async fn run(program: &Path, question: &Question) -> Result<Answer, HookError> {
         .kill_on_drop(true)
         .spawn()
         .map_err(failed)?;
-    let (input, output, said) = (child.stdin.take(), child.stdout.take(), child.stderr.take());
+    let (input, output, stderr) = (child.stdin.take(), child.stdout.take(), child.stderr.take());
     let write = async {
         if let Some(mut input) = input {
             // A program that answers without reading is none the worse for it.
-            let _ = input.write_all(&asked).await;
+            let _ = input.write_all(&request).await;
             let _ = input.write_all(b"\n").await;
         }
     };
-    let ((), answer, said) =
-        tokio::join!(write, read(output, MAX_ANSWER_BYTES + 1), read(said, MAX_SAID_BYTES));
+    let ((), answer, stderr) =
+        tokio::join!(write, read(output, MAX_RESPONSE_BYTES + 1), read(stderr, MAX_STDERR_BYTES));
     let answer = answer.map_err(failed)?;
-    if answer.len() > MAX_ANSWER_BYTES {
-        return Err(HookError::Long);
+    if answer.len() > MAX_RESPONSE_BYTES {
+        return Err(HookError::TooLong);
     }
     let status = child.wait().await.map_err(failed)?;
     if !status.success() {
-        let said = one_line(&said.unwrap_or_default());
-        let said = if said.is_empty() { said } else { format!(": {said}") };
-        return Err(HookError::Failed { status: status.to_string(), said });
+        let stderr = one_line(&stderr.unwrap_or_default());
+        let stderr = if stderr.is_empty() { stderr } else { format!(": {stderr}") };
+        return Err(HookError::ExitStatus { status: status.to_string(), stderr });
     }
-    Answer::parse(&answer)
+    IntrospectionResponse::parse(&answer)
 }
 
 /// Reads to the end and keeps this many bytes of it: who cannot write would not end.

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError, RwLock};
 
 use anyhow::Context as _;
+use futures_util::future::BoxFuture;
 use reqwest::header::{ACCEPT, AUTHORIZATION, CONTENT_TYPE, HeaderValue};
 use reqwest::redirect::Policy;
 use reqwest::{Client, Response};
@@ -12,9 +13,10 @@ use tokio::sync::watch;
 use url::Url;
 use url::form_urlencoded::Serializer;
 
-use crate::auth::hook::{Answer, Ask, Hook, HookError, MAX_ANSWER_BYTES, Pending, Question};
-use crate::lifecycle::reload::follow;
-use crate::transport::certificate::read_pem as read_small;
+use crate::auth::hook::{
+    Hook, HookError, Introspect, IntrospectionRequest, IntrospectionResponse, MAX_RESPONSE_BYTES,
+};
+use crate::lifecycle::file_watch::{read_small_file, watch_files};
 
 /// What the server shows to the URL: the value of the header `Authorization`, from a file.
 #[derive(Clone)]
@@ -34,8 +36,8 @@ impl Authorization {
     ///
     /// # Errors
     /// Fails where the file cannot be read or holds no such value.
-    pub fn of_file(file: &Path) -> anyhow::Result<Self> {
-        let value = Self::parse(&read_small(file)?).with_context(|| file.display().to_string())?;
+    pub fn from_file(file: &Path) -> anyhow::Result<Self> {
+        let value = Self::parse(&read_small_file(file)?).with_context(|| file.display().to_string())?;
         Ok(Self { file: file.to_owned(), value: Arc::new(RwLock::new(value)) })
     }
 
@@ -56,8 +58,8 @@ impl Authorization {
     }
 
     /// Takes it anew when its file has changed. Goes on for ever.
-    pub(crate) async fn renew(self, asked: watch::Receiver<u64>) {
-        follow("the authorization of the access URL", vec![self.file.clone()], asked, |texts, first| {
+    pub(crate) async fn watch_files(self, asked: watch::Receiver<u64>) {
+        watch_files("the authorization of the access URL", vec![self.file.clone()], asked, |texts, first| {
             match texts.and_then(|texts| Self::parse(&texts.concat())) {
                 Ok(value) => {
                     *self.value.write().unwrap_or_else(PoisonError::into_inner) = value;
@@ -77,7 +79,7 @@ impl Hook {
     ///
     /// # Errors
     /// Fails where it is no URL of http or https, or has a name or password in it.
-    pub fn of_url(url: &Url, authorization: Option<Authorization>) -> anyhow::Result<Self> {
+    pub fn from_url(url: &Url, authorization: Option<Authorization>) -> anyhow::Result<Self> {
         anyhow::ensure!(
             matches!(url.scheme(), "http" | "https") && url.has_host(),
             "--access-url {url}: it is no URL of http or https"
@@ -103,8 +105,11 @@ struct AskUrl {
     authorization: Option<Authorization>,
 }
 
-impl Ask for AskUrl {
-    fn ask(&self, question: Question) -> Pending<Result<Answer, HookError>> {
+impl Introspect for AskUrl {
+    fn introspect(
+        &self,
+        question: IntrospectionRequest,
+    ) -> BoxFuture<'static, Result<IntrospectionResponse, HookError>> {
         let mut form = Serializer::new(String::new());
         form.append_pair("token", &question.token);
         if let Some(scene) = &question.scene {
@@ -121,12 +126,12 @@ impl Ask for AskUrl {
             request = request.header(AUTHORIZATION, authorization.value());
         }
         Box::pin(async move {
-            let failed = |why: reqwest::Error| HookError::Ask(causes(&why.without_url()));
+            let failed = |why: reqwest::Error| HookError::Request(causes(&why.without_url()));
             let response = request.send().await.map_err(failed)?;
             if response.status() != reqwest::StatusCode::OK {
-                return Err(HookError::Status(response.status().as_u16()));
+                return Err(HookError::HttpStatus(response.status().as_u16()));
             }
-            Answer::parse(&body(response, failed).await?)
+            IntrospectionResponse::parse(&body(response, failed).await?)
         })
     }
 }
@@ -138,8 +143,8 @@ async fn body(
 ) -> Result<Vec<u8>, HookError> {
     let mut body = Vec::new();
     while let Some(chunk) = response.chunk().await.map_err(&failed)? {
-        if body.len() + chunk.len() > MAX_ANSWER_BYTES {
-            return Err(HookError::Long);
+        if body.len() + chunk.len() > MAX_RESPONSE_BYTES {
+            return Err(HookError::TooLong);
         }
         body.extend_from_slice(&chunk);
     }

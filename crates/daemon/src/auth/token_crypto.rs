@@ -29,15 +29,15 @@ fn verifier(algorithm: &Algorithm, key: &DecodingKey) -> Result<Box<dyn JwtVerif
     if !known || key.family() != algorithm.family() {
         return Err(new_error(ErrorKind::InvalidAlgorithm));
     }
-    Ok(Box::new(Ring { algorithm: *algorithm, key: key.clone() }))
+    Ok(Box::new(RingVerifier { algorithm: *algorithm, key: key.clone() }))
 }
 
-struct Ring {
+struct RingVerifier {
     algorithm: Algorithm,
     key: DecodingKey,
 }
 
-impl Ring {
+impl RingVerifier {
     fn holds(&self, message: &[u8], signed: &[u8]) -> bool {
         let unparsed = |algorithm: &'static dyn ring_signature::VerificationAlgorithm, key: &[u8]| {
             ring_signature::UnparsedPublicKey::new(algorithm, key).verify(message, signed).is_ok()
@@ -64,13 +64,13 @@ impl Ring {
     }
 }
 
-impl Verifier<Vec<u8>> for Ring {
+impl Verifier<Vec<u8>> for RingVerifier {
     fn verify(&self, message: &[u8], signed: &Vec<u8>) -> std::result::Result<(), signature::Error> {
         if self.holds(message, signed) { Ok(()) } else { Err(signature::Error::new()) }
     }
 }
 
-impl JwtVerifier for Ring {
+impl JwtVerifier for RingVerifier {
     fn algorithm(&self) -> Algorithm {
         self.algorithm
     }

@@ -16,8 +16,7 @@ use tokio::sync::watch;
 use crate::auth::grant::{Claims, Grant, TokenError};
 use crate::auth::token_crypto;
 use crate::auth::token_keys::{Key, read_keys};
-use crate::lifecycle::reload::follow;
-use crate::transport::certificate::read_pem as read_small;
+use crate::lifecycle::file_watch::{read_small_file, watch_files};
 
 /// What is verified of tokens, and by what.
 pub struct Tokens {
@@ -40,12 +39,12 @@ impl Tokens {
     ///
     /// # Errors
     /// Fails where the file cannot be read or holds no key.
-    pub fn of_file(file: impl Into<PathBuf>, audience: Option<String>) -> anyhow::Result<Self> {
+    pub fn from_file(file: impl Into<PathBuf>, audience: Option<String>) -> anyhow::Result<Self> {
         token_crypto::install();
         let file = file.into();
         let keys = RwLock::new(Arc::from([]));
         let tokens = Self { file, audience, keys };
-        tokens.take_keys(&read_small(&tokens.file)?)?;
+        tokens.take_keys(&read_small_file(&tokens.file)?)?;
         Ok(tokens)
     }
 
@@ -76,20 +75,20 @@ impl Tokens {
                 Err(why) => match why.kind() {
                     ErrorKind::InvalidSignature => continue,
                     ErrorKind::InvalidAudience => return Err(TokenError::Audience),
-                    ErrorKind::MissingRequiredClaim(_) => return Err(TokenError::Endless),
+                    ErrorKind::MissingRequiredClaim(_) => return Err(TokenError::NoExpiry),
                     _ => return Err(TokenError::Malformed),
                 },
             };
             // Whoever signs has no other way to take back what was signed.
-            return if claims.exp.is_some() { claims.grant(now) } else { Err(TokenError::Endless) };
+            return if claims.exp.is_some() { claims.grant(now) } else { Err(TokenError::NoExpiry) };
         }
         Err(TokenError::Signature)
     }
 }
 
 /// Takes the keys anew when their file has changed. Goes on for ever.
-pub(crate) async fn renew_keys(tokens: &Tokens, asked: watch::Receiver<u64>) {
-    follow("the keys of tokens", vec![tokens.file.clone()], asked, |texts, first| {
+pub(crate) async fn watch_keys(tokens: &Tokens, asked: watch::Receiver<u64>) {
+    watch_files("the keys of tokens", vec![tokens.file.clone()], asked, |texts, first| {
         match texts.and_then(|texts| tokens.take_keys(&texts.concat())) {
             Ok(()) if first => {}
             Ok(()) => {

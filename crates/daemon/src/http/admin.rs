@@ -16,7 +16,9 @@ use tokio::net::TcpListener;
 use tokio::time::timeout;
 
 use crate::admission::pre_auth_pool::PreAuthPool;
-use crate::http::server::{Answer, REQUEST_TIMEOUT, health, one_request, ready, scenes, text, wrong_method};
+use crate::http::server::{
+    REQUEST_TIMEOUT, TextResponse, connection_builder, health, ready, scenes, text, wrong_method,
+};
 use crate::session::state::ServerState;
 use crate::transport::listen::{accept_each, listen_tcp};
 
@@ -61,11 +63,11 @@ const STANDARD_PORT: u16 = 8081;
 const MAX_REQUESTS: usize = 64;
 
 /// Answers requests until the daemon stops, also while it drains.
-pub async fn serve_admin(listener: TcpListener, state: Arc<ServerState>) {
-    let room = PreAuthPool::new(MAX_REQUESTS);
+pub(crate) async fn serve_admin(listener: TcpListener, state: Arc<ServerState>) {
+    let pool = PreAuthPool::new(MAX_REQUESTS);
     let stopped = Arc::clone(&state);
     accept_each(listener, &stopped, move |stream, peer| {
-        answer_one(stream, Arc::clone(&state), Arc::clone(&room), peer)
+        answer_one(stream, Arc::clone(&state), Arc::clone(&pool), peer)
     })
     .await;
 }
@@ -74,26 +76,26 @@ pub async fn serve_admin(listener: TcpListener, state: Arc<ServerState>) {
 pub(crate) async fn answer_one<S>(
     stream: S,
     state: Arc<ServerState>,
-    room: Arc<PreAuthPool>,
+    pool: Arc<PreAuthPool>,
     peer: SocketAddr,
 ) where
     S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
 {
-    let seat = room.enter(peer.ip());
+    let slot = pool.enter(peer.ip());
     let service = service_fn(|request: Request<Incoming>| {
         let response = answer(&request, &state);
         async move { Ok::<_, Infallible>(response) }
     });
-    let connection = one_request().serve_connection(TokioIo::new(stream), service);
+    let connection = connection_builder().serve_connection(TokioIo::new(stream), service);
     // What goes wrong here is of no interest to anybody but who asks.
     tokio::select! {
         biased;
         _ = timeout(REQUEST_TIMEOUT, connection) => {}
-        () = seat.lost() => {}
+        () = slot.evicted() => {}
     }
 }
 
-fn answer(request: &Request<Incoming>, state: &ServerState) -> Answer {
+fn answer(request: &Request<Incoming>, state: &ServerState) -> TextResponse {
     let path = request.uri().path();
     if !matches!(path, "/health" | "/ready" | "/metrics" | "/scenes") {
         return text(StatusCode::NOT_FOUND, "not found: try /health, /ready, /metrics or /scenes\n");

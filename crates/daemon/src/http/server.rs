@@ -21,12 +21,13 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::time::timeout;
 use tokio_tungstenite::tungstenite::handshake::derive_accept_key;
 
-use crate::admission::byte_rate::{Lift, Metered};
+use crate::admission::byte_rate::{MeterControl, MeteredStream};
 use crate::admission::pre_auth_pool::PreAuthSlot;
 use crate::admission::refusal::Refusal;
 use crate::auth::grant::TokenError;
 use crate::metrics::Transport;
-use crate::session::state::{Phase, ServerState, SessionGuard};
+use crate::session::guard::SessionGuard;
+use crate::session::state::{Phase, ServerState};
 use crate::transport::listen::accept_each;
 use crate::transport::tls::Tls;
 use crate::transport::websocket;
@@ -45,7 +46,7 @@ const UNSENT_BYTES: u32 = 16 * 1024;
 
 /// Takes connections of a listener until the daemon stops; while it drains, `/ready` says so. There are as many as the
 /// rooms and leases of the state allow: whoever is turned out ends at once.
-pub async fn serve_http(listener: TcpListener, state: Arc<ServerState>, tls: Option<Tls>) {
+pub(crate) async fn serve_http(listener: TcpListener, state: Arc<ServerState>, tls: Option<Tls>) {
     let serve = |stream: TcpStream, peer| {
         prepare(&stream);
         let (state, tls) = (Arc::clone(&state), tls.clone());
@@ -60,7 +61,7 @@ pub async fn serve_http(listener: TcpListener, state: Arc<ServerState>, tls: Opt
 }
 
 /// How one request of a connection is read.
-pub(crate) fn one_request() -> http1::Builder {
+pub(crate) fn connection_builder() -> http1::Builder {
     let mut builder = http1::Builder::new();
     builder
         .timer(TokioTimer::new())
@@ -79,33 +80,33 @@ fn prepare(stream: &TcpStream) {
 }
 
 /// An upgrade that was granted, on its way from the request's handler to its connection.
-type UpgradeGrant = Arc<Mutex<Option<(OnUpgrade, SessionGuard)>>>;
+type PendingUpgrade = Arc<Mutex<Option<(OnUpgrade, SessionGuard)>>>;
 
-/// Serves one connection: one request, and a session if it asks for a WebSocket. While others need its seat more, it is
+/// Serves one connection: one request, and a session if it asks for a WebSocket. While others need its slot more, it is
 /// dropped without a word.
 pub async fn accept_http<S>(stream: S, state: Arc<ServerState>, peer: SocketAddr)
 where
     S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
 {
-    let seat = state.enter_request(peer);
-    let (stream, intake) = Metered::new(stream);
-    serve_one(stream, intake, state, peer, seat).await;
+    let slot = state.enter_request(peer);
+    let (stream, meter) = MeteredStream::new(stream);
+    serve_one(stream, meter, state, peer, slot).await;
 }
 
 /// The same over TLS. Its bytes are counted below TLS, which makes work of bytes that never come to HTTP.
-pub async fn accept_https<S>(stream: S, state: Arc<ServerState>, peer: SocketAddr, tls: Tls)
+pub(crate) async fn accept_https<S>(stream: S, state: Arc<ServerState>, peer: SocketAddr, tls: Tls)
 where
     S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
 {
-    let seat = state.enter_request(peer);
-    let (stream, intake) = Metered::new(stream);
+    let slot = state.enter_request(peer);
+    let (stream, meter) = MeteredStream::new(stream);
     let accepted = tokio::select! {
         biased;
         accepted = tls.accept(stream) => accepted,
-        () = seat.lost() => return state.metrics().http_error(),
+        () = slot.evicted() => return state.metrics().http_error(),
     };
     match accepted {
-        Ok(stream) => serve_one(stream, intake, state, peer, seat).await,
+        Ok(stream) => serve_one(stream, meter, state, peer, slot).await,
         Err(why) => {
             tracing::debug!(%peer, "no TLS: {why}");
             state.metrics().http_error();
@@ -113,22 +114,27 @@ where
     }
 }
 
-async fn serve_one<S>(stream: S, intake: Lift, state: Arc<ServerState>, peer: SocketAddr, seat: PreAuthSlot)
-where
+async fn serve_one<S>(
+    stream: S,
+    meter: MeterControl,
+    state: Arc<ServerState>,
+    peer: SocketAddr,
+    slot: PreAuthSlot,
+) where
     S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
 {
-    let granted = UpgradeGrant::default();
+    let granted = PendingUpgrade::default();
     let service = service_fn(|mut request: Request<Incoming>| {
         let (state, granted) = (Arc::clone(&state), Arc::clone(&granted));
         async move { Ok::<_, Infallible>(answer(&mut request, &state, peer, &granted).await) }
     });
-    let connection = one_request().serve_connection(TokioIo::new(stream), service).with_upgrades();
+    let connection = connection_builder().serve_connection(TokioIo::new(stream), service).with_upgrades();
     let served = tokio::select! {
         biased;
         served = timeout(REQUEST_TIMEOUT, connection) => served,
-        () = seat.lost() => return state.metrics().http_error(),
+        () = slot.evicted() => return state.metrics().http_error(),
     };
-    drop(seat);
+    drop(slot);
     match served {
         Ok(Ok(())) => {}
         Ok(Err(why)) => {
@@ -141,13 +147,13 @@ where
     if let Some((upgrade, guard)) = granted
         && let Ok(upgraded) = upgrade.await
     {
-        websocket::run_session(TokioIo::new(upgraded), intake, guard).await;
+        websocket::run_session(TokioIo::new(upgraded), meter, guard).await;
     }
 }
 
-pub(crate) type Answer = Response<Full<Bytes>>;
+pub(crate) type TextResponse = Response<Full<Bytes>>;
 
-pub(crate) fn text(status: StatusCode, body: impl Into<Bytes>) -> Answer {
+pub(crate) fn text(status: StatusCode, body: impl Into<Bytes>) -> TextResponse {
     let mut response = Response::new(Full::new(body.into()));
     *response.status_mut() = status;
     let plain = HeaderValue::from_static("text/plain; charset=utf-8");
@@ -161,8 +167,8 @@ async fn answer(
     request: &mut Request<Incoming>,
     state: &Arc<ServerState>,
     peer: SocketAddr,
-    granted: &UpgradeGrant,
-) -> Answer {
+    granted: &PendingUpgrade,
+) -> TextResponse {
     state.metrics().http_request();
     let path = request.uri().path();
     let name = match path {
@@ -194,20 +200,20 @@ async fn answer(
 }
 
 /// The scenes that the request's token is for, or where none is asked for, all.
-async fn list(headers: &HeaderMap, state: &Arc<ServerState>, peer: SocketAddr) -> Answer {
+async fn list(headers: &HeaderMap, state: &Arc<ServerState>, peer: SocketAddr) -> TextResponse {
     if state.admission().access.is_none() {
         return scenes(state, |_| true);
     }
     let Some(token) = bearer(headers) else { return unauthorised(&TokenError::Missing) };
     let peer = state.admission().proxies.client(peer, headers);
     match state.clone().verify_token(token.to_owned(), None, peer).await {
-        Ok(grant) => scenes(state, |name| grant.is_for(name)),
+        Ok(grant) => scenes(state, |name| grant.allows(name)),
         Err(why) => unauthorised(&why),
     }
 }
 
 /// A list of scenes, as JSON.
-pub(crate) fn scenes(state: &ServerState, listed: impl Fn(&str) -> bool) -> Answer {
+pub(crate) fn scenes(state: &ServerState, listed: impl Fn(&str) -> bool) -> TextResponse {
     let mut response = text(StatusCode::OK, state.scenes().list(listed));
     let json = HeaderValue::from_static("application/json");
     response.headers_mut().insert(header::CONTENT_TYPE, json);
@@ -215,8 +221,8 @@ pub(crate) fn scenes(state: &ServerState, listed: impl Fn(&str) -> bool) -> Answ
 }
 
 /// To a request whose token is not taken (RFC 6750, section 3), or of whose token nothing is known.
-fn unauthorised(why: &TokenError) -> Answer {
-    if *why == TokenError::Unknown {
+fn unauthorised(why: &TokenError) -> TextResponse {
+    if *why == TokenError::Unavailable {
         return text(StatusCode::SERVICE_UNAVAILABLE, format!("{why}\n"));
     }
     let mut response = text(StatusCode::UNAUTHORIZED, format!("{why}\n"));
@@ -228,19 +234,19 @@ fn unauthorised(why: &TokenError) -> Answer {
     response
 }
 
-pub(crate) fn wrong_method() -> Answer {
+pub(crate) fn wrong_method() -> TextResponse {
     let mut response = text(StatusCode::METHOD_NOT_ALLOWED, "only GET is understood\n");
     response.headers_mut().insert(header::ALLOW, HeaderValue::from_static("GET, HEAD"));
     response
 }
 
 /// Whether the process is well: to be left alone, also while sessions end.
-pub(crate) fn health(state: &ServerState) -> Answer {
+pub(crate) fn health(state: &ServerState) -> TextResponse {
     text(StatusCode::OK, if state.phase() == Phase::Running { "ok\n" } else { "ok: draining\n" })
 }
 
 /// Whether the server takes clients: to be sent some.
-pub(crate) fn ready(state: &ServerState) -> Answer {
+pub(crate) fn ready(state: &ServerState) -> TextResponse {
     match state.phase() {
         Phase::Running => text(StatusCode::OK, "ready\n"),
         Phase::Draining => text(
@@ -272,9 +278,9 @@ async fn upgrade(
     request: &mut Request<Incoming>,
     state: &Arc<ServerState>,
     peer: SocketAddr,
-    granted: &UpgradeGrant,
+    granted: &PendingUpgrade,
     name: Option<String>,
-) -> Answer {
+) -> TextResponse {
     let headers = request.headers();
     let peer = state.admission().proxies.client(peer, headers);
     let asks = *request.method() == Method::GET
@@ -318,7 +324,7 @@ async fn upgrade(
             match state.clone().verify_token(token.to_owned(), scene, peer).await {
                 Ok(grant) => Some(grant),
                 Err(why) => {
-                    if why != TokenError::Unknown {
+                    if why != TokenError::Unavailable {
                         state.metrics().session_refused(Refusal::Token);
                     }
                     tracing::info!(%peer, "session refused: {why}");
@@ -327,9 +333,9 @@ async fn upgrade(
             }
         }
     };
-    let guard = match state.begin_session(Transport::WebSocket, peer) {
+    let guard = match SessionGuard::begin(state, Transport::WebSocket, peer) {
         Ok(mut guard) => {
-            (guard.asked, guard.grant) = (name, grant);
+            (guard.requested_scene, guard.grant) = (name, grant);
             guard
         }
         Err(why) => {

@@ -11,35 +11,35 @@ use tokio::time::sleep;
 use crate::session::state::ServerState;
 
 /// Scenes that there are, where they may have changed.
-pub type Found = Option<Vec<Arc<dyn SceneSource>>>;
+pub type SceneUpdate = Option<Vec<Arc<dyn SceneSource>>>;
 
 /// Where scenes come from.
 pub trait SceneProvider: Send + Sync {
     /// Time between two looks; `None` where looks must be asked for.
-    fn look_every(&self) -> Option<Duration>;
+    fn poll_interval(&self) -> Option<Duration>;
 
     /// All scenes as they are now, if some may have changed since the last time, or if `asked`. One that cannot be read is
     /// the one that was there before.
     ///
     /// # Errors
     /// Fails where it cannot be said which scenes there are.
-    fn look(&self, asked: bool) -> BoxFuture<'_, anyhow::Result<Found>>;
+    fn load(&self, forced: bool) -> BoxFuture<'_, anyhow::Result<SceneUpdate>>;
 }
 
 /// Serves what the provider finds. Goes on for ever.
-pub(crate) async fn follow(
+pub(crate) async fn watch_scenes(
     provider: Arc<dyn SceneProvider>,
     state: Arc<ServerState>,
     mut asked: watch::Receiver<u64>,
 ) {
     loop {
         let pause = async {
-            match provider.look_every() {
+            match provider.poll_interval() {
                 Some(pause) => sleep(pause).await,
                 None => std::future::pending().await,
             }
         };
-        let told = tokio::select! {
+        let forced = tokio::select! {
             biased;
             changed = asked.changed() => {
                 if changed.is_err() {
@@ -49,7 +49,7 @@ pub(crate) async fn follow(
             }
             () = pause => false,
         };
-        let found = match provider.look(told).await {
+        let found = match provider.load(forced).await {
             Ok(Some(found)) => found,
             Ok(None) => continue,
             Err(why) => {
@@ -57,8 +57,8 @@ pub(crate) async fn follow(
                 continue;
             }
         };
-        match state.scenes().exchange(found) {
-            Ok(done) if done.is_nothing() && told => tracing::info!("scenes: as before"),
+        match state.scenes().replace(found) {
+            Ok(done) if done.is_nothing() && forced => tracing::info!("scenes: as before"),
             Ok(done) if done.is_nothing() => {}
             Ok(done) => {
                 state.metrics().scenes_exchanged(done.added.len() + done.changed.len() + done.removed.len());

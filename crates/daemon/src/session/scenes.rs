@@ -20,12 +20,12 @@ const TAKEN: [&str; 5] = ["health", "metrics", "ready", "scenes", "stream"];
 const LISTED: usize = 8;
 
 /// A scene as it is, and what its sessions share.
-pub struct Version {
+pub struct SceneVersion {
     source: Arc<dyn SceneSource>,
     plans: Arc<Plans>,
 }
 
-impl Version {
+impl SceneVersion {
     fn new(source: Arc<dyn SceneSource>) -> Arc<Self> {
         Arc::new(Self { source, plans: Plans::new() })
     }
@@ -48,10 +48,10 @@ impl Version {
     }
 }
 
-impl fmt::Debug for Version {
+impl fmt::Debug for SceneVersion {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let header = self.source.header();
-        f.debug_struct("Version")
+        f.debug_struct("SceneVersion")
             .field("name", &header.name)
             .field("fingerprint", &header.fingerprint)
             .finish()
@@ -63,21 +63,21 @@ impl fmt::Debug for Version {
 pub enum ScenesError {
     /// None at all.
     #[error("there is no scene to serve")]
-    None,
+    Empty,
     /// Two of one name.
     #[error("two scenes are called {0:?}; give one of them another name in its file (name = …)")]
-    Twice(String),
+    DuplicateName(String),
     /// A name that is something else in an address.
     #[error("no scene may be called {0:?}, which is an address of its own; give it another name (name = …)")]
-    Taken(String),
+    ReservedName(String),
     /// No name.
     #[error("a scene without a name cannot be asked for; give it one (name = …)")]
-    Nameless,
+    Unnamed,
 }
 
 /// What an exchange came to.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Exchange {
+pub struct SceneChanges {
     /// Names that were not there before.
     pub added: Vec<String>,
     /// Names that have another version.
@@ -86,7 +86,7 @@ pub struct Exchange {
     pub removed: Vec<String>,
 }
 
-impl Exchange {
+impl SceneChanges {
     /// Whether all is as it was.
     #[must_use]
     pub fn is_nothing(&self) -> bool {
@@ -97,7 +97,7 @@ impl Exchange {
 /// The scenes at one time.
 #[derive(Debug, Default)]
 pub(crate) struct Table {
-    by_name: BTreeMap<String, Arc<Version>>,
+    by_name: BTreeMap<String, Arc<SceneVersion>>,
     /// What sessions may name over QUIC; nothing where there is one scene, which need not be named.
     by_alpn: BTreeMap<Vec<u8>, String>,
 }
@@ -108,13 +108,13 @@ impl Table {
         for source in sources {
             let name = source.header().name.clone();
             if name.is_empty() {
-                return Err(ScenesError::Nameless);
+                return Err(ScenesError::Unnamed);
             }
             if TAKEN.contains(&name.as_str()) {
-                return Err(ScenesError::Taken(name));
+                return Err(ScenesError::ReservedName(name));
             }
-            if by_name.insert(name.clone(), Version::new(source)).is_some() {
-                return Err(ScenesError::Twice(name));
+            if by_name.insert(name.clone(), SceneVersion::new(source)).is_some() {
+                return Err(ScenesError::DuplicateName(name));
             }
         }
         let several = by_name.len() > 1;
@@ -161,7 +161,7 @@ impl Scenes {
     pub fn new(sources: Vec<Arc<dyn SceneSource>>) -> Result<Self, ScenesError> {
         let table = Table::new(sources)?;
         if table.by_name.is_empty() {
-            return Err(ScenesError::None);
+            return Err(ScenesError::Empty);
         }
         Ok(Self::of(table))
     }
@@ -169,7 +169,7 @@ impl Scenes {
     /// One scene, whatever it is called.
     #[must_use]
     pub fn one(source: Arc<dyn SceneSource>) -> Self {
-        let by_name = [(source.header().name.clone(), Version::new(source))].into();
+        let by_name = [(source.header().name.clone(), SceneVersion::new(source))].into();
         Self::of(Table { by_name, ..Table::default() })
     }
 
@@ -188,13 +188,13 @@ impl Scenes {
 
     /// The scene of this name.
     #[must_use]
-    pub fn get(&self, name: &str) -> Option<Arc<Version>> {
+    pub fn get(&self, name: &str) -> Option<Arc<SceneVersion>> {
         self.table().by_name.get(name).cloned()
     }
 
     /// The scene, where there is only one.
     #[must_use]
-    pub fn only(&self) -> Option<Arc<Version>> {
+    pub fn only(&self) -> Option<Arc<SceneVersion>> {
         let all = &self.table().by_name;
         if all.len() == 1 { all.values().next().cloned() } else { None }
     }
@@ -208,9 +208,9 @@ impl Scenes {
     ///
     /// # Errors
     /// As [`Scenes::new`], but that there may be none.
-    pub fn exchange(&self, sources: Vec<Arc<dyn SceneSource>>) -> Result<Exchange, ScenesError> {
+    pub fn replace(&self, sources: Vec<Arc<dyn SceneSource>>) -> Result<SceneChanges, ScenesError> {
         let mut new = Table::new(sources)?;
-        let mut done = Exchange::default();
+        let mut done = SceneChanges::default();
         let mut table = self.table.write().unwrap_or_else(PoisonError::into_inner);
         for (name, version) in &mut new.by_name {
             match table.by_name.get(name) {
@@ -310,10 +310,10 @@ mod tests {
     fn names_that_cannot_be_served_are_told() {
         let with =
             |names: &[&str]| Scenes::new(names.iter().map(|name| scene(name, 1)).collect()).unwrap_err();
-        assert_eq!(with(&[]), ScenesError::None);
-        assert_eq!(with(&["a", "b", "a"]), ScenesError::Twice("a".into()));
-        assert_eq!(with(&["a", "ready"]), ScenesError::Taken("ready".into()));
-        assert_eq!(with(&["a", ""]), ScenesError::Nameless);
+        assert_eq!(with(&[]), ScenesError::Empty);
+        assert_eq!(with(&["a", "b", "a"]), ScenesError::DuplicateName("a".into()));
+        assert_eq!(with(&["a", "ready"]), ScenesError::ReservedName("ready".into()));
+        assert_eq!(with(&["a", ""]), ScenesError::Unnamed);
     }
 
     #[test]
@@ -321,20 +321,20 @@ mod tests {
         let scenes = Scenes::new(vec![scene("a", 1), scene("b", 1), scene("c", 1)]).unwrap();
         let [a, b] = ["a", "b"].map(|name| scenes.get(name).unwrap());
         let told = scenes.exchanges();
-        let done = scenes.exchange(vec![scene("a", 1), scene("b", 2), scene("d", 1)]).unwrap();
+        let done = scenes.replace(vec![scene("a", 1), scene("b", 2), scene("d", 1)]).unwrap();
         let expected =
-            Exchange { added: vec!["d".into()], changed: vec!["b".into()], removed: vec!["c".into()] };
+            SceneChanges { added: vec!["d".into()], changed: vec!["b".into()], removed: vec!["c".into()] };
         assert_eq!(done, expected);
         assert!(told.has_changed().unwrap());
         assert!(Arc::ptr_eq(&a, &scenes.get("a").unwrap()));
         assert!(!Arc::ptr_eq(&b, &scenes.get("b").unwrap()));
         assert!(scenes.get("c").is_none());
         let before = scenes.table();
-        assert!(scenes.exchange(vec![scene("a", 2), scene("a", 3)]).is_err());
+        assert!(scenes.replace(vec![scene("a", 2), scene("a", 3)]).is_err());
         assert!(Arc::ptr_eq(&before, &scenes.table()));
         assert_eq!(
-            scenes.exchange(vec![scene("a", 1), scene("b", 2), scene("d", 1)]),
-            Ok(Exchange::default())
+            scenes.replace(vec![scene("a", 1), scene("b", 2), scene("d", 1)]),
+            Ok(SceneChanges::default())
         );
     }
 

@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 use std::net::IpAddr;
 use std::sync::Mutex;
 
+use futures_util::future::BoxFuture;
 use lodestream_protocol::message::CloseCode;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpListener;
@@ -15,7 +16,7 @@ use super::*;
 use crate::admission::settings::AdmissionSettings;
 use crate::auth::access::Access;
 use crate::auth::grant::{Grant, TokenError};
-use crate::auth::hook::{Answer, Ask, Hook, HookError, Pending, Question};
+use crate::auth::hook::{Hook, HookError, Introspect, IntrospectionRequest, IntrospectionResponse};
 use crate::auth::hook_url::Authorization;
 use crate::session::scenes::Scenes;
 
@@ -42,7 +43,7 @@ impl Script {
     }
 
     fn access(&self) -> AdmissionSettings {
-        let hook = Hook::new("a script".into(), self.clone()).keeping_for(Duration::from_secs(3600));
+        let hook = Hook::new("a script".into(), self.clone()).with_cache_ttl(Duration::from_secs(3600));
         AdmissionSettings {
             access: Some(Arc::new(Access::Hook { hook, authorization: None })),
             ..AdmissionSettings::default()
@@ -50,7 +51,7 @@ impl Script {
     }
 
     fn state(&self, scenes: impl Into<Scenes>) -> Arc<ServerState> {
-        ServerState::admitting(scenes, SessionSettings::default(), self.access())
+        ServerState::with_admission(scenes, SessionSettings::default(), self.access())
     }
 
     /// A server of one scene.
@@ -61,8 +62,11 @@ impl Script {
     }
 }
 
-impl Ask for Script {
-    fn ask(&self, question: Question) -> Pending<Result<Answer, HookError>> {
+impl Introspect for Script {
+    fn introspect(
+        &self,
+        question: IntrospectionRequest,
+    ) -> BoxFuture<'static, Result<IntrospectionResponse, HookError>> {
         let script = self.clone();
         Box::pin(async move {
             script.asked.lock().unwrap().push((question.token, question.scene));
@@ -75,7 +79,7 @@ impl Ask for Script {
             script.at_once.lock().unwrap().0 -= 1;
             let mut answers = script.answers.lock().unwrap();
             let answer = if answers.len() > 1 { answers.pop_front() } else { answers.front().cloned() };
-            Answer::parse(answer.unwrap()?.as_bytes())
+            IntrospectionResponse::parse(answer.unwrap()?.as_bytes())
         })
     }
 }
@@ -89,7 +93,7 @@ fn no() -> Result<String, HookError> {
 }
 
 fn broken() -> Result<String, HookError> {
-    Err(HookError::Status(500))
+    Err(HookError::HttpStatus(500))
 }
 
 const UNAUTHORISED: u16 = 4000 + CloseCode::Unauthorised.number();
@@ -254,8 +258,12 @@ async fn a_session_goes_on_while_nothing_is_known_of_its_next_token() {
     assert!((20..=21).contains(&after) && code == CloseCode::Unauthorised, "{after} s, {code:?}");
 }
 
-fn question(token: &str) -> Question {
-    Question { token: token.into(), scene: Some("memory".into()), address: IpAddr::from(Ipv4Addr::LOCALHOST) }
+fn question(token: &str) -> IntrospectionRequest {
+    IntrospectionRequest {
+        token: token.into(),
+        scene: Some("memory".into()),
+        address: IpAddr::from(Ipv4Addr::LOCALHOST),
+    }
 }
 
 /// A shell script as a program. Another program writes it: what this one has open for writing is inherited for a moment by
@@ -274,7 +282,7 @@ fn program(script: &str) -> (tempfile::TempDir, std::path::PathBuf) {
 #[cfg(unix)]
 async fn said_by(script: &str) -> Result<Grant, TokenError> {
     let (_folder, path) = program(script);
-    let hook = Hook::of_command(&path).unwrap().within(REAL_TIME_LIMIT);
+    let hook = Hook::from_command(&path).unwrap().with_timeout(REAL_TIME_LIMIT);
     hook.verify(question("o\"pen\nsesame")).await
 }
 
@@ -286,7 +294,7 @@ async fn a_program_reads_one_line_and_answers_with_claims() {
     let granted = |answer: &str| format!("{checks}printf '%s' '{answer}'");
     let grant = said_by(&granted(r#"{"active":true,"weight":3,"rate":4000000,"sub":"ali"}"#)).await.unwrap();
     assert_eq!((grant.weight.get(), grant.rate_bits_per_s), (3, Some(4_000_000)));
-    assert!(grant.is_for("memory") && !grant.is_for("other"));
+    assert!(grant.allows("memory") && !grant.allows("other"));
     assert_eq!(grant.subject.as_deref(), Some("ali"));
     assert_eq!(said_by(&granted(r#"{"active":false}"#)).await.unwrap_err(), TokenError::Refused);
     // Those that do not read, say too much, fail or say nothing.
@@ -299,9 +307,9 @@ async fn a_program_reads_one_line_and_answers_with_claims() {
         "echo '{\"active\":\"true\"}'",
         "kill -9 $$",
     ] {
-        assert_eq!(said_by(bad).await.unwrap_err(), TokenError::Unknown, "{bad}");
+        assert_eq!(said_by(bad).await.unwrap_err(), TokenError::Unavailable, "{bad}");
     }
-    let none = Hook::of_command(std::path::Path::new("/nowhere/at/all")).unwrap_err();
+    let none = Hook::from_command(std::path::Path::new("/nowhere/at/all")).unwrap_err();
     assert!(format!("{none:#}").contains("--access-command /nowhere/at/all"), "{none:#}");
 }
 
@@ -312,10 +320,10 @@ async fn a_program_that_does_not_end_is_ended() {
     let elsewhere = tempfile::tempdir().unwrap();
     let pid = elsewhere.path().join("pid");
     let (_folder, path) = program(&format!("echo $$ > {}\nexec sleep 600", pid.display()));
-    let hook = Hook::of_command(&path).unwrap().within(Duration::from_secs(1));
+    let hook = Hook::from_command(&path).unwrap().with_timeout(Duration::from_secs(1));
     // On a machine that is busy for a second it has not begun, and is asked again.
     let pid = loop {
-        assert_eq!(hook.verify(question("t")).await.unwrap_err(), TokenError::Unknown);
+        assert_eq!(hook.verify(question("t")).await.unwrap_err(), TokenError::Unavailable);
         if let Ok(pid) = std::fs::read_to_string(&pid).unwrap_or_default().trim().parse::<i32>() {
             break rustix::process::Pid::from_raw(pid).unwrap();
         }
@@ -375,9 +383,9 @@ async fn a_url_is_asked_as_an_endpoint_of_introspection() {
     let (url, requests) = answering(answers).await;
     let secret = tempfile::NamedTempFile::new().unwrap();
     std::fs::write(secret.path(), "Bearer 23410913-abewfq.123483\n").unwrap();
-    let authorization = Authorization::of_file(secret.path()).unwrap();
-    let hook = Hook::of_url(&url, Some(authorization)).unwrap().within(REAL_TIME_LIMIT);
-    assert!(hook.verify(question("a&b c")).await.unwrap().is_for("anything"));
+    let authorization = Authorization::from_file(secret.path()).unwrap();
+    let hook = Hook::from_url(&url, Some(authorization)).unwrap().with_timeout(REAL_TIME_LIMIT);
+    assert!(hook.verify(question("a&b c")).await.unwrap().allows("anything"));
     let first = requests.lock().unwrap()[0].clone();
     let (head, form) = first.split_once("\r\n\r\n").unwrap();
     assert_eq!(form, "token=a%26b+c&scene=memory&client_address=127.0.0.1");
@@ -392,30 +400,30 @@ async fn a_url_is_asked_as_an_endpoint_of_introspection() {
     }
     assert_eq!(hook.verify(question("2")).await.unwrap_err(), TokenError::Refused);
     for bad in 3..=6 {
-        assert_eq!(hook.verify(question(&bad.to_string())).await.unwrap_err(), TokenError::Unknown);
+        assert_eq!(hook.verify(question(&bad.to_string())).await.unwrap_err(), TokenError::Unavailable);
     }
     assert_eq!(requests.lock().unwrap().len(), 6, "no redirect is followed");
     // Nobody there.
-    assert_eq!(hook.verify(question("7")).await.unwrap_err(), TokenError::Unknown);
+    assert_eq!(hook.verify(question("7")).await.unwrap_err(), TokenError::Unavailable);
 }
 
 #[test]
 fn what_is_no_url_or_no_authorization_is_refused() {
     for (url, why) in [("ftp://host/", "http or https"), ("https://a:b@host/", "--access-authorization")] {
-        let refused = Hook::of_url(&url.parse().unwrap(), None).unwrap_err().to_string();
+        let refused = Hook::from_url(&url.parse().unwrap(), None).unwrap_err().to_string();
         assert!(refused.contains(why) && !refused.contains("a:b"), "{refused}");
     }
     let file = tempfile::NamedTempFile::new().unwrap();
     for bad in ["", "secret", " secret", "Bearer a\u{7}b"] {
         std::fs::write(file.path(), bad).unwrap();
-        assert!(Authorization::of_file(file.path()).is_err(), "{bad}");
+        assert!(Authorization::from_file(file.path()).is_err(), "{bad}");
     }
 }
 
 #[tokio::test]
 async fn an_answer_is_good_for_a_while_and_no_longer() {
     let script = Script::saying([yes()]);
-    let hook = Hook::new("a script".into(), script.clone()).keeping_for(Duration::from_millis(1));
+    let hook = Hook::new("a script".into(), script.clone()).with_cache_ttl(Duration::from_millis(1));
     for asked in 1..=3 {
         hook.verify(question("t")).await.unwrap();
         assert_eq!(script.asked().len(), asked);

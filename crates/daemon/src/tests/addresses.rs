@@ -44,26 +44,23 @@ async fn no_address_that_stands_for_all_is_printed() {
 #[tokio::test]
 async fn who_lets_untrusted_peers_in_is_warned() {
     let (loopback, _folder) = at(Ipv4Addr::LOCALHOST.into(), |_| {}).await;
-    assert_eq!(loopback.warning_of_untrusted_peers(), None);
+    assert_eq!(loopback.exposure_warning(), None);
     let (public, _folder) = at(Ipv4Addr::UNSPECIFIED.into(), |_| {}).await;
-    let warning = public.warning_of_untrusted_peers().unwrap();
+    let warning = public.exposure_warning().unwrap();
     assert!(warning.contains("nobody is asked for a token") && warning.contains("--token-keys"), "{warning}");
     // One public port is enough.
     let (half, _folder) = at(Ipv4Addr::LOCALHOST.into(), |options| {
         options.http = Some(SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0)));
     })
     .await;
-    assert!(
-        half.warning_of_untrusted_peers().unwrap().contains("0.0.0.0:"),
-        "the port is named as it was given"
-    );
+    assert!(half.exposure_warning().unwrap().contains("0.0.0.0:"), "the port is named as it was given");
     let asking = |options: &mut DaemonOptions| options.admission.access = with_keys();
     let (plain, _folder) = at(Ipv4Addr::UNSPECIFIED.into(), asking).await;
-    assert!(plain.warning_of_untrusted_peers().unwrap().contains("--http-tls"));
+    assert!(plain.exposure_warning().unwrap().contains("--http-tls"));
     let (safe, _folder) = at(Ipv4Addr::UNSPECIFIED.into(), |options| {
         asking(options);
         options.http_tls = true;
     })
     .await;
-    assert_eq!(safe.warning_of_untrusted_peers(), None);
+    assert_eq!(safe.exposure_warning(), None);
 }

@@ -86,7 +86,7 @@ async fn who_runs_the_server_hears_that_it_drains_while_it_does() {
     client.send(&want_textures(1)).await;
     client.next().await.unwrap();
     stop.send(()).await.unwrap();
-    timeout(REAL_TIME_LIMIT, state.reached(crate::session::state::Phase::Draining)).await.unwrap();
+    timeout(REAL_TIME_LIMIT, state.wait_for_phase(crate::session::state::Phase::Draining)).await.unwrap();
     for address in [http, admin] {
         let ready = get(address, "/ready").await;
         assert!(ready.starts_with("HTTP/1.1 503") && ready.contains("draining"), "{ready}");

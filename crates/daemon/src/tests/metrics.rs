@@ -26,10 +26,10 @@ fn counters_show_up_in_the_text() {
     let before = metrics.render(Rates::default(), false, Some(CacheUse { hits: 4, misses: 1 }));
     assert!(before.contains("lodestream_cache_hits_total 4\n"), "{before}");
     let rates = Rates {
-        of_session: Some(2_000_000),
-        of_address: Some(8_000_000),
-        of_all: Some(1_000_000_000),
-        given: 3_000_000,
+        per_session_bits_per_s: Some(2_000_000),
+        per_address_bits_per_s: Some(8_000_000),
+        total_bits_per_s: Some(1_000_000_000),
+        given_bits_per_s: 3_000_000,
     };
     let text = metrics.render(rates, false, Some(CacheUse { hits: 7, misses: 2 }));
     for line in [

@@ -31,10 +31,11 @@ use tokio::io::{AsyncRead, AsyncWrite, DuplexStream, duplex};
 use tokio_tungstenite::WebSocketStream;
 use tokio_tungstenite::tungstenite::Message;
 
-use super::{Daemon, DaemonOptions};
+use crate::daemon::{Daemon, DaemonOptions};
 use crate::http::server::accept_http;
 use crate::session::memory_scene::MemoryScene;
-use crate::session::state::{ServerState, SessionSettings};
+use crate::session::settings::SessionSettings;
+use crate::session::state::ServerState;
 
 /// Bound on everything that happens in real time; far above what it takes.
 const REAL_TIME_LIMIT: Duration = Duration::from_secs(30);

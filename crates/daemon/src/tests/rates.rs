@@ -9,9 +9,10 @@ use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 use tokio_tungstenite::tungstenite::http::HeaderValue;
 
 use super::*;
+use crate::admission::proxy::Network;
 use crate::admission::settings::AdmissionSettings;
-use crate::http::proxy::Network;
 use crate::metrics::Transport;
+use crate::session::guard::SessionGuard;
 use crate::tests::tokens::{asking_with, in_s, signed_claims, with_header};
 
 const MBIT: u64 = 1_000_000;
@@ -120,7 +121,7 @@ async fn clients_behind_a_trusted_proxy_share_the_rate_of_their_own_address() {
         proxies: ["10.0.0.9".parse::<Network>().unwrap()].into_iter().collect(),
         ..AdmissionSettings::default()
     };
-    let state = ServerState::admitting(Arc::new(scene()), sharing(Some(MBIT), None), admission);
+    let state = ServerState::with_admission(Arc::new(scene()), sharing(Some(MBIT), None), admission);
     let mut clients = Vec::new();
     for forwarded_for in ["203.0.113.1", "2001:db8:1:2::1", "2001:db8:1:2::7"] {
         let (near, far) = duplex(64 * 1024);
@@ -159,16 +160,16 @@ async fn a_token_says_how_much_its_session_counts_and_what_it_may_have() {
 #[tokio::test(start_paused = true)]
 async fn an_address_that_is_not_proved_is_charged_nothing() {
     let state = ServerState::new(Arc::new(scene()), sharing(Some(MBIT), None));
-    let mut guard = state.begin_session(Transport::Quic, from(1)).unwrap();
+    let mut guard = SessionGuard::begin(&state, Transport::Quic, from(1)).unwrap();
     assert_eq!(guard.group(), None);
-    guard.count().unwrap();
+    guard.count_for_address().unwrap();
     let proved = guard.group();
     assert!(proved.is_some());
-    guard.comes_from(SocketAddr::from((Ipv4Addr::new(10, 0, 0, 1), 9)));
+    guard.set_peer(SocketAddr::from((Ipv4Addr::new(10, 0, 0, 1), 9)));
     assert_eq!(guard.group(), proved, "another port is no other address");
-    guard.comes_from(from(2));
+    guard.set_peer(from(2));
     assert!(guard.group().is_some() && guard.group() != proved);
-    let over_tcp = state.begin_session(Transport::WebSocket, from(1)).unwrap();
+    let over_tcp = SessionGuard::begin(&state, Transport::WebSocket, from(1)).unwrap();
     assert_eq!(over_tcp.group(), proved);
 }
 
@@ -178,7 +179,7 @@ async fn settings_that_change_hold_for_new_sessions_and_what_is_shared_for_all()
     let old = greeted(Client::from(from(1), &state)).await;
     let settings =
         SessionSettings { rate_bits_per_s: Some(MBIT), max_sessions: 2, ..sharing(None, Some(4 * MBIT)) };
-    state.change(settings, AdmissionSettings::default());
+    state.update_settings(settings, AdmissionSettings::default());
     let new = greeted(Client::from(from(2), &state)).await;
     assert!(Client::from(from(3), &state).await.is_err(), "two are there");
     // The new one has its own rate, the old one what is left of the new total.

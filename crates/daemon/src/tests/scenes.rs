@@ -21,7 +21,7 @@ pub(super) fn two() -> Scenes {
 }
 
 fn state(admission: AdmissionSettings) -> Arc<ServerState> {
-    ServerState::admitting(two(), SessionSettings::default(), admission)
+    ServerState::with_admission(two(), SessionSettings::default(), admission)
 }
 
 pub(super) fn hello_for(scene: &str) -> ClientMessage {
@@ -137,7 +137,7 @@ async fn over_quic_the_scene_is_sent_before_hello() {
     assert_eq!(close.code, CloseCode::NoSuchScene, "{close}");
     assert!(close.reason.contains("'three'"), "{close}");
     // A scene that comes while the daemon runs can be named as well.
-    state.scenes().exchange(vec![scene("one", 1), scene("two", 2), scene("three", 3)]).unwrap();
+    state.scenes().replace(vec![scene("one", 1), scene("two", 2), scene("three", 3)]).unwrap();
     let mut tries = 0;
     loop {
         let mut client = QuicClient::connect_as(address, naming("three")).await;
@@ -156,7 +156,7 @@ async fn a_session_finishes_on_the_version_that_it_began_with() {
     let mut old = at(&state, "/two").await.unwrap();
     assert_eq!(old.welcome().await.scene.asset_count, 2);
     old.send(&hello()).await;
-    let done = state.scenes().exchange(vec![scene("two", 3), scene("four", 4)]).unwrap();
+    let done = state.scenes().replace(vec![scene("two", 3), scene("four", 4)]).unwrap();
     assert_eq!((done.added.len(), done.changed.len(), done.removed.len()), (1, 1, 1));
     let mut new = at(&state, "/two").await.unwrap();
     assert_eq!(new.welcome().await.scene.asset_count, 3);

@@ -37,8 +37,8 @@ async fn hours_of_sessions_left_entries_behind() {
         // Longer than any of them takes, last words included.
         tokio::time::sleep_until(began + Duration::from_secs(14) * (n + 1)).await;
         let entries = state.entries();
-        let [leases, buckets, unproved, requests] = entries;
-        assert_eq!((leases, unproved, requests), (0, 0, 0), "after {n} sessions");
+        let [leases, buckets, pre_auth, requests] = entries;
+        assert_eq!((leases, pre_auth, requests), (0, 0, 0), "after {n} sessions");
         assert_eq!(buckets, *after_first.get_or_insert(buckets), "after {n} sessions");
     }
     assert!(began.elapsed() >= Duration::from_secs(3600));

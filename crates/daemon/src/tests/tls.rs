@@ -11,11 +11,11 @@ use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 use tokio_tungstenite::tungstenite::http::HeaderValue;
 
 use super::*;
+use crate::admission::proxy::Network;
 use crate::admission::settings::AdmissionSettings;
-use crate::http::proxy::Network;
 use crate::http::server::accept_https;
 use crate::transport::certificate::Certificate;
-use crate::transport::renewal::LiveCertificate;
+use crate::transport::live_certificate::LiveCertificate;
 use crate::transport::tls::Tls;
 
 /// TLS of a server, and of a client that trusts it.
@@ -108,7 +108,7 @@ fn behind(proxies: &[&str], of_address: u64) -> Arc<ServerState> {
         SessionSettings { max_sessions_per_address: Some(of_address), ..SessionSettings::default() };
     let proxies = proxies.iter().map(|network| network.parse::<Network>().unwrap()).collect();
     let admission = AdmissionSettings { proxies, ..AdmissionSettings::default() };
-    ServerState::admitting(Arc::new(MemoryScene::new(1, 100, 100)), settings, admission)
+    ServerState::with_admission(Arc::new(MemoryScene::new(1, 100, 100)), settings, admission)
 }
 
 /// A client of a proxy; `None` where it is refused.

@@ -49,11 +49,14 @@ fn file(text: &[u8]) -> tempfile::NamedTempFile {
 }
 
 fn keys(text: &[u8], audience: Option<&str>) -> Tokens {
-    Tokens::of_file(file(text).path(), audience.map(str::to_owned)).unwrap()
+    Tokens::from_file(file(text).path(), audience.map(str::to_owned)).unwrap()
 }
 
 fn told(tokens: &Tokens, token: &str) -> Result<Option<String>, TokenError> {
-    tokens.verify(token, SystemTime::now()).and_then(|grant| grant.of("memory")).map(|grant| grant.subject)
+    tokens
+        .verify(token, SystemTime::now())
+        .and_then(|grant| grant.for_scene("memory"))
+        .map(|grant| grant.subject)
 }
 
 fn asking() -> Arc<ServerState> {
@@ -69,7 +72,7 @@ pub(super) fn with_keys() -> Option<Arc<Access>> {
 /// A server that asks for tokens.
 pub(super) fn asking_with(scene: MemoryScene, settings: SessionSettings) -> Arc<ServerState> {
     let admission = AdmissionSettings { access: with_keys(), ..AdmissionSettings::default() };
-    ServerState::admitting(Arc::new(scene), settings, admission)
+    ServerState::with_admission(Arc::new(scene), settings, admission)
 }
 
 pub(super) async fn with_header(
@@ -135,13 +138,13 @@ fn each_way_in_which_a_token_is_bad_has_its_words() {
     assert_eq!(claims(format!(r#"{{"exp":{soon}.5,"scene":"*"}}"#)), Ok(None));
     assert_eq!(claims(format!(r#"{{"exp":{soon},"scene":"other"}}"#)), Err(TokenError::Scene));
     assert_eq!(claims(format!(r#"{{"exp":{soon}}}"#)), Err(TokenError::Scene));
-    assert_eq!(claims(r#"{"scene":"memory"}"#.into()), Err(TokenError::Endless));
+    assert_eq!(claims(r#"{"scene":"memory"}"#.into()), Err(TokenError::NoExpiry));
     assert_eq!(claims(format!(r#"{{"exp":{},"scene":"memory"}}"#, in_s(-40))), Err(TokenError::Expired));
     // Clocks differ a little.
     assert_eq!(claims(format!(r#"{{"exp":{},"scene":"memory"}}"#, in_s(-15))), Ok(None));
     let later = in_s(40);
     let early = claims(format!(r#"{{"exp":{later},"nbf":{later},"scene":"memory"}}"#));
-    assert_eq!(early, Err(TokenError::NotYet));
+    assert_eq!(early, Err(TokenError::NotYetValid));
     let aimed = format!(r#"{{"exp":{soon},"scene":"memory","aud":"us"}}"#);
     assert_eq!(claims(aimed.clone()), Err(TokenError::Audience));
     let audience = |name| told(&keys(SECRET, Some(name)), &signed(SECRET, head, &aimed));
@@ -167,7 +170,7 @@ fn a_token_says_weight_and_rate_as_whole_numbers_within_bounds() {
     let tokens = keys(SECRET, None);
     let granted = |more: &str| {
         let token = signed_claims(&format!(r#"{{"exp":{},"scene":"memory"{more}}}"#, in_s(60)));
-        let grant = tokens.verify(&token, SystemTime::now())?.of("memory")?;
+        let grant = tokens.verify(&token, SystemTime::now())?.for_scene("memory")?;
         Ok((grant.weight.get(), grant.rate_bits_per_s))
     };
     assert_eq!(granted(""), Ok((1, None)));
@@ -192,8 +195,9 @@ async fn a_clock_that_jumps_judges_new_tokens_and_ends_no_session() {
     let head = r#"{"alg":"HS256"}"#;
     let open = signed(SECRET, head, &format!(r#"{{"exp":{to},"scene":"*"}}"#));
     let framed = signed(SECRET, head, &format!(r#"{{"nbf":{from},"exp":{to},"scene":"*"}}"#));
-    let left =
-        |token: &str, at| tokens.verify(token, at).map(|grant| grant.until.duration_since(Instant::now()));
+    let left = |token: &str, at| {
+        tokens.verify(token, at).map(|grant| grant.expires_at.duration_since(Instant::now()))
+    };
     for later in [days(3), days(3000), days(1_000_000)] {
         assert_eq!(left(&open, now + later), Err(TokenError::Expired));
         assert_eq!(left(&framed, now + later), Err(TokenError::Expired));
@@ -202,10 +206,10 @@ async fn a_clock_that_jumps_judges_new_tokens_and_ends_no_session() {
     for at in [now - days(3), now - days(3000), SystemTime::UNIX_EPOCH, before_1970] {
         // A token that says nothing of its beginning is good for longer then, and not for ever.
         assert!((days(3)..=days(400)).contains(&left(&open, at).unwrap()), "{at:?}");
-        assert_eq!(left(&framed, at), Err(TokenError::NotYet), "{at:?}");
+        assert_eq!(left(&framed, at), Err(TokenError::NotYetValid), "{at:?}");
     }
     // What a session was granted is counted by a clock that nobody sets.
-    let granted = tokens.verify(&framed, now).unwrap().until;
+    let granted = tokens.verify(&framed, now).unwrap().expires_at;
     tokio::time::advance(Duration::from_secs(80)).await;
     assert!(granted > Instant::now());
     tokio::time::advance(Duration::from_secs(20)).await;

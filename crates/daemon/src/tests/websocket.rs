@@ -80,7 +80,7 @@ async fn a_page_of_another_origin_could_read_the_models_of_a_local_server() {
     let allowed = ["https://viewer.example".parse().unwrap()].into_iter().collect();
     let scene = Arc::new(MemoryScene::new(1, 100, 100));
     let admission = AdmissionSettings { origins: allowed, ..AdmissionSettings::default() };
-    let state = ServerState::admitting(scene, SessionSettings::default(), admission);
+    let state = ServerState::with_admission(scene, SessionSettings::default(), admission);
     assert!(answer_to(&state, "https://viewer.example").await.starts_with("HTTP/1.1 101"));
     assert!(answer_to(&state, "https://evil.example").await.starts_with("HTTP/1.1 403"));
 }

@@ -10,11 +10,11 @@ const PORT: u16 = 9;
 
 /// Addresses that can be connected to: where the socket listens on all, those of this machine by which it reaches others,
 /// or loopback where it has no way out.
-pub(crate) fn reachable(address: SocketAddr) -> Vec<SocketAddr> {
-    of_machine(address, own_address)
+pub(crate) fn advertised_addresses(address: SocketAddr) -> Vec<SocketAddr> {
+    expand(address, own_address)
 }
 
-fn of_machine(address: SocketAddr, own: impl Fn(IpAddr) -> Option<IpAddr>) -> Vec<SocketAddr> {
+fn expand(address: SocketAddr, own: impl Fn(IpAddr) -> Option<IpAddr>) -> Vec<SocketAddr> {
     let at = |ip| SocketAddr::new(ip, address.port());
     let (ways, loopback): (&[IpAddr], IpAddr) = match address.ip() {
         IpAddr::V4(ip) if ip.is_unspecified() => (&[ELSEWHERE_V4], Ipv4Addr::LOCALHOST.into()),
@@ -45,7 +45,7 @@ mod tests {
     use super::*;
 
     fn shown(address: &str, own: impl Fn(IpAddr) -> Option<IpAddr>) -> String {
-        let all = of_machine(address.parse().unwrap(), own);
+        let all = expand(address.parse().unwrap(), own);
         all.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ")
     }
 
@@ -69,7 +69,7 @@ mod tests {
     #[test]
     fn this_machine_has_addresses_that_are_some() {
         for address in ["0.0.0.0:1", "[::]:1"] {
-            let found = reachable(address.parse().unwrap());
+            let found = advertised_addresses(address.parse().unwrap());
             assert!(!found.is_empty() && found.iter().all(|found| !found.ip().is_unspecified()), "{found:?}");
         }
     }

@@ -25,8 +25,10 @@ use rustls::pki_types::{CertificateDer, PrivateKeyDer, PrivatePkcs8KeyDer, Serve
 use rustls::server::ParsedCertificate;
 use rustls::sign::CertifiedKey;
 
+use crate::lifecycle::file_watch::read_small_file;
+
 /// Name of the file, in the state folder, that holds the development certificate and its key.
-pub const FILE_NAME: &str = "development-certificate.pem";
+pub(crate) const FILE_NAME: &str = "development-certificate.pem";
 
 /// Name that self-signed certificates carry. Viewers pin the fingerprint and do not look at names.
 const SUBJECT: &str = "localhost";
@@ -34,8 +36,6 @@ const SUBJECT: &str = "localhost";
 const VALIDITY: Duration = Duration::from_secs(2 * 365 * 24 * 3600);
 /// A certificate that ends sooner than this is replaced at start.
 const RENEW_BEFORE: Duration = Duration::from_secs(24 * 3600);
-/// Longest PEM file that is read, in bytes.
-const MAX_PEM_BYTES: u64 = 1 << 20;
 
 /// A certificate chain with its private key.
 #[derive(Debug)]
@@ -97,7 +97,7 @@ impl Certificate {
     /// # Errors
     /// Fails where a file cannot be read, holds nothing of the kind, or the key is another's.
     pub fn from_pem_files(chain: &Path, key: &Path) -> anyhow::Result<Self> {
-        Self::from_pem(&read_pem(chain)?, &read_pem(key)?, chain, key)
+        Self::from_pem(&read_small_file(chain)?, &read_small_file(key)?, chain, key)
     }
 
     /// The same of what was read from the files.
@@ -232,16 +232,6 @@ fn sha256(bytes: &[u8]) -> [u8; 32] {
         out.copy_from_slice(suite.common.hash_provider.hash(bytes).as_ref());
     }
     out
-}
-
-/// Reads a PEM file, which is short.
-pub(crate) fn read_pem(path: &Path) -> anyhow::Result<Vec<u8>> {
-    let about = || format!("cannot read {}", path.display());
-    let length = std::fs::metadata(path).with_context(about)?.len();
-    if length > MAX_PEM_BYTES {
-        bail!("{} is no PEM file: it has {length} bytes", path.display());
-    }
-    std::fs::read(path).with_context(about)
 }
 
 /// PEM text (RFC 7468), with the line ends of Unix on every machine.

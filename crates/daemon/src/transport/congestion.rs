@@ -21,7 +21,7 @@ use quinn_proto::RttEstimator;
 
 /// First congestion window in bytes. The usual 14,720 would cost a round trip on the way to the first
 /// frame; 60,000 is a quarter of a second at 2 Mbit/s and fits into common router queues.
-pub const INITIAL_WINDOW_BYTES: u64 = 60_000;
+pub(crate) const INITIAL_WINDOW_BYTES: u64 = 60_000;
 /// Time in the path's queue that is allowed: enough for the jitter of clocks, radio links and delayed acknowledgements.
 const QUEUE_ALLOWED: Duration = Duration::from_millis(25);
 /// The window is not bound below so many of the largest packets: fewer cannot be told from delayed acknowledgements.

@@ -48,7 +48,7 @@ pub(crate) async fn accept_each<F>(
     loop {
         tokio::select! {
             biased;
-            () = state.reached(Phase::Stopped) => break,
+            () = state.wait_for_phase(Phase::Stopped) => break,
             Some(_) = connections.join_next() => {}
             accepted = listener.accept() => match accepted {
                 Ok((stream, peer)) => {

@@ -26,15 +26,16 @@ use tokio::task::JoinSet;
 use tokio::time::timeout;
 use tracing::Instrument;
 
-use crate::admission::leases::NoLease;
+use crate::admission::leases::LeaseError;
 use crate::admission::pre_auth_pool::PreAuthSlot;
 use crate::metrics::Transport;
 use crate::session::drive::drive;
-use crate::session::state::{Phase, ServerState, SessionGuard};
+use crate::session::guard::SessionGuard;
+use crate::session::state::{Phase, ServerState};
 use crate::transport::certificate::Certificate;
 use crate::transport::congestion::{INITIAL_WINDOW_BYTES, bounded_queue};
+use crate::transport::live_certificate::LiveCertificate;
 use crate::transport::quic_stream::{QuicReceiver, QuicSender, first_send_window};
-use crate::transport::renewal::LiveCertificate;
 
 /// Silence after which QUIC itself gives up.
 const IDLE_TIMEOUT_MS: u32 = 20_000;
@@ -165,7 +166,7 @@ pub async fn serve_quic(endpoint: quinn::Endpoint, state: Arc<ServerState>) {
     loop {
         tokio::select! {
             biased;
-            () = state.reached(Phase::Stopped) => break,
+            () = state.wait_for_phase(Phase::Stopped) => break,
             Some(_) = sessions.join_next() => {}
             incoming = endpoint.accept() => {
                 let Some(incoming) = incoming else { break };
@@ -209,11 +210,11 @@ fn accept(incoming: Incoming, state: &Arc<ServerState>, unvalidated: &Arc<Atomic
         let _ = incoming.retry();
         return None;
     };
-    let guard = match state.begin_session(Transport::Quic, peer) {
+    let guard = match SessionGuard::begin(state, Transport::Quic, peer) {
         Ok(guard) => guard,
-        Err(why @ NoLease::Draining) => {
+        Err(why @ LeaseError::Draining) => {
             tracing::info!(%peer, "connection refused: {why}");
-            return Some(Box::pin(turn_away(incoming, counted, state.enter_unproved(peer))));
+            return Some(Box::pin(turn_away(incoming, counted, state.enter_pre_auth(peer))));
         }
         Err(why) => {
             tracing::info!(%peer, "connection refused: {why}");
@@ -240,20 +241,20 @@ fn accept(incoming: Incoming, state: &Arc<ServerState>, unvalidated: &Arc<Atomic
 
 /// Tells a client that it comes too late. QUIC can refuse a connection only without a reason, and a client cannot tell that
 /// from a server that is not there: the handshake is done first.
-async fn turn_away(incoming: Incoming, _counted: Option<Unvalidated>, seat: PreAuthSlot) {
+async fn turn_away(incoming: Incoming, _counted: Option<Unvalidated>, slot: PreAuthSlot) {
     let told = async {
         let Ok(connecting) = incoming.accept() else { return };
         if let Ok(Ok(connection)) = timeout(TURN_AWAY_TIMEOUT, connecting).await {
             connection.close(
                 VarInt::from(CloseCode::ShuttingDown.number()),
-                NoLease::Draining.to_string().as_bytes(),
+                LeaseError::Draining.to_string().as_bytes(),
             );
         }
     };
     tokio::select! {
         biased;
         () = told => {}
-        () = seat.lost() => {}
+        () = slot.evicted() => {}
     }
 }
 
@@ -269,7 +270,7 @@ async fn run_session(
     mut guard: SessionGuard,
     mut counted: Option<Unvalidated>,
 ) {
-    guard.asked = scene_asked(&connection, &guard.state);
+    guard.requested_scene = scene_asked(&connection, &guard.state);
     let state = guard.state.clone();
     let started = tokio::time::Instant::now();
     let rate_bits_per_s = state.config(Transport::Quic).limiter.rate_bits_per_s;

@@ -7,17 +7,17 @@ use quinn::crypto::rustls::QuicServerConfig;
 
 use crate::session::scenes::Scenes;
 use crate::session::state::ServerState;
+use crate::transport::live_certificate::LiveCertificate;
 use crate::transport::quic::{server_config_of, tls_config};
-use crate::transport::renewal::LiveCertificate;
 
 /// The settings of connections. Those for other scenes share all that connections leave behind: tickets, address
 /// tokens, the certificate.
-pub(crate) struct QuicSettings {
+pub(crate) struct QuicConfig {
     tls: rustls::ServerConfig,
     of_one: quinn::ServerConfig,
 }
 
-impl QuicSettings {
+impl QuicConfig {
     pub(crate) fn new(certificate: Arc<LiveCertificate>) -> anyhow::Result<Self> {
         let tls = tls_config(certificate)?;
         let of_one = server_config_of(tls.clone())?;
@@ -36,11 +36,7 @@ impl QuicSettings {
 }
 
 /// Has new connections name the scenes that there are after each exchange. Goes on as long as there are exchanges.
-pub(crate) async fn follow_scenes(
-    settings: QuicSettings,
-    endpoint: quinn::Endpoint,
-    state: Arc<ServerState>,
-) {
+pub(crate) async fn watch_alpns(settings: QuicConfig, endpoint: quinn::Endpoint, state: Arc<ServerState>) {
     let mut exchanges = state.scenes().exchanges();
     while exchanges.changed().await.is_ok() {
         match settings.naming(state.scenes()) {

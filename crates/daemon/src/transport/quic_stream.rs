@@ -16,7 +16,7 @@ use quinn::{Connection, ConnectionError, ReadError, RecvStream, SendStream, VarI
 use tokio::time::{Instant, timeout};
 
 use crate::admission::byte_rate::ByteRateLimiter;
-use crate::session::drive::{Deliver, Receive, Received};
+use crate::session::connection::{Deliver, Receive, Received};
 use crate::session::state::ServerState;
 
 /// Bytes read at once from the client's control stream.
@@ -55,7 +55,7 @@ pub(crate) struct QuicReceiver {
     stream: Option<RecvStream>,
     kind_known: bool,
     frames: FrameReader,
-    intake: ByteRateLimiter,
+    limiter: ByteRateLimiter,
 }
 
 impl QuicReceiver {
@@ -66,7 +66,7 @@ impl QuicReceiver {
             stream: None,
             kind_known: false,
             frames: FrameReader::new(),
-            intake: ByteRateLimiter::new(),
+            limiter: ByteRateLimiter::new(),
         }
     }
 }
@@ -84,7 +84,7 @@ impl Receive for QuicReceiver {
             }) {
                 Ok(Some(Some(message))) => return Received::Message(message),
                 // An unknown message that may be skipped.
-                Ok(Some(None)) => return Received::Skipped,
+                Ok(Some(None)) => return Received::Ignored,
                 Ok(None) => {}
                 Err(why) => return Received::Malformed(why),
             }
@@ -101,7 +101,9 @@ impl Receive for QuicReceiver {
                 continue;
             };
             match stream.read_chunk(READ_BYTES, true).await {
-                Ok(Some(chunk)) if !self.intake.take(chunk.bytes.len()) => return Received::TooMuch,
+                Ok(Some(chunk)) if !self.limiter.take(chunk.bytes.len()) => {
+                    return Received::ByteRateExceeded;
+                }
                 Ok(Some(mut chunk)) => {
                     if !self.kind_known && !chunk.bytes.is_empty() {
                         self.kind_known = true;

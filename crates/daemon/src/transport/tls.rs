@@ -18,7 +18,7 @@ const HANDSHAKE_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Turns TCP connections into TLS ones.
 #[derive(Clone)]
-pub struct Tls(TlsAcceptor);
+pub(crate) struct Tls(TlsAcceptor);
 
 impl std::fmt::Debug for Tls {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -32,7 +32,7 @@ impl Tls {
     ///
     /// # Errors
     /// Fails where TLS refuses its settings.
-    pub fn new(certificate: Arc<dyn ResolvesServerCert>) -> anyhow::Result<Self> {
+    pub(crate) fn new(certificate: Arc<dyn ResolvesServerCert>) -> anyhow::Result<Self> {
         let provider = Arc::new(rustls::crypto::ring::default_provider());
         let mut config = ServerConfig::builder_with_provider(provider)
             .with_protocol_versions(&[&rustls::version::TLS13])?

@@ -18,9 +18,10 @@ use tokio_tungstenite::tungstenite::protocol::{CloseFrame, Role, WebSocketConfig
 use tokio_tungstenite::tungstenite::{self, Message};
 use tracing::Instrument;
 
-use crate::admission::byte_rate::{Lift, is_too_much};
-use crate::session::drive::{Deliver, Receive, Received, drive};
-use crate::session::state::SessionGuard;
+use crate::admission::byte_rate::{MeterControl, is_byte_rate_exceeded};
+use crate::session::connection::{Deliver, Receive, Received};
+use crate::session::drive::drive;
+use crate::session::guard::SessionGuard;
 
 /// Read buffer of each connection, in bytes.
 const READ_BUFFER_BYTES: usize = 4 * 1024;
@@ -46,7 +47,7 @@ fn limits() -> WebSocketConfig {
 }
 
 /// Runs the session that a guard stands for, over a stream whose bytes are bounded.
-pub(crate) async fn run_session<S>(stream: S, intake: Lift, mut guard: SessionGuard)
+pub(crate) async fn run_session<S>(stream: S, meter: MeterControl, mut guard: SessionGuard)
 where
     S: AsyncRead + AsyncWrite + Unpin + Send,
 {
@@ -65,7 +66,7 @@ where
             seconds = started.elapsed().as_secs_f32(),
             "session ended: {close}"
         );
-        finish(sender, receiver, &intake, &close).await;
+        finish(sender, receiver, &meter, &close).await;
     }
     .instrument(span)
     .await;
@@ -75,7 +76,7 @@ where
 async fn finish<S>(
     mut sender: WebSocketSender<S>,
     mut receiver: WebSocketReceiver<S>,
-    intake: &Lift,
+    meter: &MeterControl,
     close: &Close,
 ) where
     S: AsyncRead + AsyncWrite + Unpin,
@@ -99,7 +100,7 @@ async fn finish<S>(
         } else if let Ok(mut socket) = receiver.stream.reunite(sender.sink) {
             // What broke the rules cannot be read as messages. It is read all the same: a TCP socket that
             // is closed over unread bytes is reset, and our last words with it.
-            intake.lift();
+            meter.lift();
             let stream = socket.get_mut();
             let mut waste = [0; READ_BUFFER_BYTES];
             let mut left = MAX_WASTE_BYTES;
@@ -137,12 +138,12 @@ where
             Message::Binary(bytes) => match Frame::parse(bytes).and_then(Frame::into_client_message) {
                 Ok(Some(message)) => Received::Message(message),
                 // An unknown message that may be skipped.
-                Ok(None) => Received::Skipped,
+                Ok(None) => Received::Ignored,
                 Err(why) => Received::Malformed(why),
             },
             Message::Text(_) => Received::Violation("text messages are not understood".into()),
             Message::Close(_) => Received::Ended,
-            Message::Ping(_) | Message::Pong(_) | Message::Frame(_) => Received::Skipped,
+            Message::Ping(_) | Message::Pong(_) | Message::Frame(_) => Received::Ignored,
         }
     }
 }
@@ -155,7 +156,7 @@ fn refused(error: tungstenite::Error) -> Received {
         tungstenite::Error::Protocol(
             why @ tungstenite::error::ProtocolError::ResetWithoutClosingHandshake,
         ) => Received::Lost(why.to_string()),
-        tungstenite::Error::Io(why) if is_too_much(&why) => Received::TooMuch,
+        tungstenite::Error::Io(why) if is_byte_rate_exceeded(&why) => Received::ByteRateExceeded,
         why @ (tungstenite::Error::Io(_) | tungstenite::Error::AlreadyClosed) => {
             Received::Lost(why.to_string())
         }

@@ -12,9 +12,9 @@ const MAX_TOLD: usize = 1024;
 /// See the module. Clients ask again for what cannot be read as long as they are there: a line each time would say
 /// nothing new.
 #[derive(Debug, Default)]
-pub(crate) struct Damage(Mutex<BTreeSet<BlobId>>);
+pub(crate) struct UnreadableBlobs(Mutex<BTreeSet<BlobId>>);
 
-impl Damage {
+impl UnreadableBlobs {
     /// Notes that a read failed; says whether the reason is a fault of the store, and not of who asked.
     pub(crate) fn note(&self, error: &SourceError) -> bool {
         let SourceError::Unreadable { id, why } = error else { return false };

@@ -9,24 +9,24 @@ use rustls::server::{ClientHello, ResolvesServerCert};
 use rustls::sign::CertifiedKey;
 use tokio::sync::watch;
 
-use crate::lifecycle::reload::follow;
+use crate::lifecycle::file_watch::watch_files;
 use crate::session::state::ServerState;
 use crate::transport::certificate::Certificate;
 
 /// The certificate of new connections, over QUIC and TCP.
 #[derive(Debug)]
-pub struct LiveCertificate(RwLock<Arc<CertifiedKey>>);
+pub(crate) struct LiveCertificate(RwLock<Arc<CertifiedKey>>);
 
 impl LiveCertificate {
     /// Begins with a certificate.
     ///
     /// # Errors
     /// Fails where its key is of no supported kind.
-    pub fn new(certificate: &Certificate) -> anyhow::Result<Arc<Self>> {
+    pub(crate) fn new(certificate: &Certificate) -> anyhow::Result<Arc<Self>> {
         Ok(Arc::new(Self(RwLock::new(Arc::new(certificate.certified_key()?)))))
     }
 
-    fn exchange(&self, certificate: &Certificate) -> anyhow::Result<()> {
+    fn replace(&self, certificate: &Certificate) -> anyhow::Result<()> {
         let new = Arc::new(certificate.certified_key()?);
         // A thread that panicked while it held the lock left one or the other.
         *self.0.write().unwrap_or_else(PoisonError::into_inner) = new;
@@ -40,9 +40,9 @@ impl ResolvesServerCert for LiveCertificate {
     }
 }
 
-/// Files of a certificate that is exchanged when they change.
+/// CertificateFiles of a certificate that is exchanged when they change.
 #[derive(Debug)]
-pub(crate) struct Files {
+pub(crate) struct CertificateFiles {
     pub(crate) live: Arc<LiveCertificate>,
     pub(crate) chain: PathBuf,
     pub(crate) key: PathBuf,
@@ -50,15 +50,19 @@ pub(crate) struct Files {
 
 /// Exchanges the certificate when its files have changed, as far as they can be used: of a pair that is being replaced one
 /// may be old, and then they do not belong together until the other has come. Goes on for ever.
-pub(crate) async fn renew(files: Files, state: Arc<ServerState>, asked: watch::Receiver<u64>) {
-    let Files { live, chain, key } = files;
+pub(crate) async fn watch_certificate(
+    files: CertificateFiles,
+    state: Arc<ServerState>,
+    asked: watch::Receiver<u64>,
+) {
+    let CertificateFiles { live, chain, key } = files;
     let paths = vec![chain.clone(), key.clone()];
-    follow("the certificate", paths, asked, |texts, first| {
+    watch_files("the certificate", paths, asked, |texts, first| {
         let new = texts.and_then(|texts| match &texts[..] {
             [of_chain, of_key] => Certificate::from_pem(of_chain, of_key, &chain, &key),
             _ => anyhow::bail!("{} and {} were not read", chain.display(), key.display()),
         });
-        match new.and_then(|new| live.exchange(&new).map(|()| new)) {
+        match new.and_then(|new| live.replace(&new).map(|()| new)) {
             Ok(new) => {
                 state.metrics().certificate_in_use(new.not_after());
                 warn_of_dates(&new, SystemTime::now());
