@@ -29,13 +29,13 @@ use crate::transport::live_certificate::LiveCertificate;
 use crate::transport::quic_scenes::{QuicConfig, watch_alpns};
 use crate::transport::tls::Tls;
 
-/// Time for sessions' last words beyond [`SessionSettings::drain`].
+/// Time beyond [`SessionSettings::drain`] in which sessions may close.
 const CLOSE_GRACE: Duration = Duration::from_secs(2);
 
-/// Scenes whose addresses are printed.
+/// Most scenes whose addresses are printed.
 const MAX_LISTED_SCENES: usize = 16;
 
-/// What the daemon does and where.
+/// Settings of a daemon: addresses, certificate, limits.
 #[derive(Clone)]
 pub struct DaemonOptions {
     /// UDP address of the QUIC listener; port 0 for any. `None`: no QUIC.
@@ -44,27 +44,27 @@ pub struct DaemonOptions {
     pub http: Option<SocketAddr>,
     /// Whether that listener speaks TLS, with the certificate of QUIC.
     pub http_tls: bool,
-    /// Where `/health`, `/ready` and `/metrics` are for who runs the server.
+    /// Address of the administration port: `/health`, `/ready`, `/metrics` and `/scenes`.
     pub admin: AdminPort,
     /// Folder in which the development certificate is kept.
     pub state_folder: PathBuf,
-    /// PEM files of a certificate chain and its private key, in place of the development certificate. When they change,
-    /// new connections get what is in them.
+    /// PEM files of a certificate chain and its private key, in place of the development certificate. They are read
+    /// again when they change; new connections get the new certificate.
     pub certificate: Option<(PathBuf, PathBuf)>,
     /// Limits of the sessions.
     pub sessions: SessionSettings,
-    /// Who may open sessions over HTTP.
+    /// Web pages, proxies and tokens that are accepted.
     pub admission: AdmissionSettings,
-    /// Reads anew, at SIGHUP, what [`ServerState::change`] takes.
+    /// Reads the settings again at SIGHUP, for [`ServerState::update_settings`].
     pub settings_reload: Option<SettingsReload>,
-    /// Where scenes are looked for again while the server runs.
+    /// Source of scenes while the server runs; `None` if they never change.
     pub provider: Option<Arc<dyn SceneProvider>>,
-    /// What counts the log's lines that were left out, if that can happen.
+    /// Counter of dropped log lines, if the log can drop lines.
     pub dropped_log_lines: Option<ErrorCounter>,
 }
 
 impl DaemonOptions {
-    /// The standard ports on loopback but for the admin's, no limit, the development certificate in `state_folder`.
+    /// The standard ports on loopback, no administration port, no limits, the development certificate in `state_folder`.
     #[must_use]
     pub fn new(state_folder: impl Into<PathBuf>) -> Self {
         Self {
@@ -83,18 +83,18 @@ impl DaemonOptions {
     }
 }
 
-/// Runs the daemon until SIGINT or SIGTERM: prints the viewer URLs, one a line, and that of the metrics, serves, and
-/// drains when asked to end. A second signal ends it at once.
+/// Runs the daemon until SIGINT or SIGTERM, then drains. Prints the viewers' URLs and that of the metrics to standard
+/// output, one per line. A second signal ends the daemon at once.
 ///
 /// # Errors
-/// Fails where an address or the certificate cannot be had, or where a second signal came.
+/// An address cannot be bound, the certificate cannot be read or written, or a second signal arrived.
 pub async fn run(options: DaemonOptions, scenes: impl Into<Scenes>) -> anyhow::Result<()> {
-    // Before the URLs are out: whoever reads them may ask to end at once.
+    // Before the URLs are printed: a reader of them may send a signal at once.
     let mut signals = Signals::listen()?;
     let daemon = Daemon::bind(options, scenes).await?;
     signals.on_hangup(daemon.reloads.clone());
     for url in daemon.urls().into_iter().chain(daemon.metrics_urls()) {
-        // Whoever wants none may have closed it.
+        // Standard output may be closed.
         let _ = writeln!(std::io::stdout(), "{url}");
     }
     if let Some(warning) = daemon.exposure_warning() {
@@ -112,38 +112,38 @@ impl std::fmt::Debug for Daemon {
     }
 }
 
-/// A daemon whose sockets are open.
+/// A daemon with bound sockets.
 pub struct Daemon {
     state: Arc<ServerState>,
     quic: Option<(quinn::Endpoint, SocketAddr, QuicConfig)>,
     http: Option<(TcpListener, SocketAddr)>,
     tls: Option<Tls>,
     admin: Option<(TcpListener, SocketAddr)>,
-    /// What viewers' addresses say of the certificate.
+    /// Fragment of the viewers' URLs that pins the certificate.
     pin: String,
-    renewed: Option<crate::transport::live_certificate::CertificateFiles>,
+    certificate_files: Option<crate::transport::live_certificate::CertificateFiles>,
     provider: Option<Arc<dyn SceneProvider>>,
     settings_reload: Option<SettingsReload>,
     reloads: watch::Sender<u64>,
 }
 
 impl Daemon {
-    /// Opens the sockets. Must be called on a tokio runtime.
+    /// Binds the sockets. Must be called on a tokio runtime.
     ///
     /// # Errors
-    /// Fails where an address or the certificate cannot be had.
+    /// An address cannot be bound, or the certificate cannot be read or written.
     pub async fn bind(options: DaemonOptions, scenes: impl Into<Scenes>) -> anyhow::Result<Self> {
         let state = ServerState::with_admission(scenes, options.sessions, options.admission);
         if let Some(dropped) = options.dropped_log_lines {
             state.metrics().watch_log(dropped);
         }
-        let (mut quic, mut tls, mut renewed, mut pin) = (None, None, None, String::new());
+        let (mut quic, mut tls, mut certificate_files, mut pin) = (None, None, None, String::new());
         if options.listen.is_some() || (options.http.is_some() && options.http_tls) {
             let certificate = match &options.certificate {
                 Some((chain, key)) => Certificate::from_pem_files(chain, key)?,
                 None => Certificate::load_or_create(&options.state_folder, SystemTime::now())?,
             };
-            // Who has a certificate made renews it, perhaps for the same key.
+            // A certificate from files will be certificate_files, usually for the same key: pin the key.
             pin = if options.certificate.is_some() { certificate.key_pin() } else { certificate.pin() };
             state.metrics().certificate_in_use(certificate.not_after());
             let live = LiveCertificate::new(&certificate)?;
@@ -161,7 +161,7 @@ impl Daemon {
             if options.http_tls {
                 tls = Some(Tls::new(Arc::clone(&live) as Arc<dyn ResolvesServerCert>)?);
             }
-            renewed = options.certificate.map(|(chain, key)| {
+            certificate_files = options.certificate.map(|(chain, key)| {
                 crate::transport::live_certificate::CertificateFiles { live, chain, key }
             });
         }
@@ -170,14 +170,15 @@ impl Daemon {
         let admin = options.admin.listen()?.map(addressed).transpose()?;
         let (provider, settings_reload, reloads) =
             (options.provider, options.settings_reload, watch::Sender::new(0));
-        Ok(Self { state, quic, http, tls, admin, pin, renewed, provider, settings_reload, reloads })
+        Ok(Self { state, quic, http, tls, admin, pin, certificate_files, provider, settings_reload, reloads })
     }
 
-    /// Addresses for viewers: `quic://HOST:PORT#PIN`, and `wss://HOST:PORT/#PIN` or, without TLS, `ws://HOST:PORT/`; of
-    /// several scenes for each, with `/NAME`, or for the first of them where there are more than anybody reads. The
-    /// pin is `sha256=` and the fingerprint of the certificate, or `spki-sha256=` and that of its key where it is one's
-    /// own: 64 lowercase hexadecimal digits. Where a socket listens on all addresses, there is one for each by which this
-    /// machine reaches others, of IPv6 and of IPv4.
+    /// URLs for viewers: `quic://HOST:PORT#PIN`, and `wss://HOST:PORT/#PIN` or, without TLS, `ws://HOST:PORT/`.
+    ///
+    /// With several scenes, there is one URL with the path `/NAME` for each of the first 16. The pin is `sha256=` with
+    /// the fingerprint of the development certificate, or `spki-sha256=` with the fingerprint of the key of a
+    /// certificate from files: 64 lowercase hexadecimal digits. A socket bound to all addresses is listed under each
+    /// address from which this machine reaches other networks, IPv6 and IPv4.
     #[must_use]
     pub fn urls(&self) -> Vec<String> {
         let pin = &self.pin;
@@ -202,29 +203,31 @@ impl Daemon {
         quic.chain(websocket).collect()
     }
 
-    /// Where the metrics are, for who runs the server.
+    /// URLs of the metrics on the administration port.
     pub(crate) fn metrics_urls(&self) -> Vec<String> {
         let addresses = self.admin_address().into_iter().flat_map(advertised_addresses);
         addresses.map(|address| format!("http://{address}/metrics")).collect()
     }
 
-    /// Where others may come in who should perhaps not.
+    /// A warning if a public address admits clients without a token, or accepts tokens without encryption.
     pub(crate) fn exposure_warning(&self) -> Option<String> {
         let public = |address: &SocketAddr| !address.ip().to_canonical().is_loopback();
         let http = self.http_address().filter(public);
         let address = self.quic_address().filter(public).or(http)?;
         if self.state.admission().access.is_none() {
             return Some(format!(
-                "{address} is for other machines too, and nobody is asked for a token: whoever reaches it may see the \
-                 scene (--token-keys FILE asks for tokens, --access-command and --access-url let your own program decide)"
+                "{address} accepts other machines without a token: anyone who reaches it may see the scene \
+                 (--token-keys FILE requires tokens, --access-command and --access-url let your own program decide)"
             ));
         }
         http.filter(|_| self.tls.is_none()).map(|address| {
-            format!("tokens that come to {address} can be read on the way: --http-tls, or a proxy with TLS on this machine")
+            format!(
+                "tokens sent to {address} are not encrypted: use --http-tls, or a TLS proxy on this machine"
+            )
         })
     }
 
-    /// Has files read now, as SIGHUP does.
+    /// Returns a function that reloads files, settings and scenes, as SIGHUP does.
     pub fn reload(&self) -> impl Fn() + Send + Sync + 'static {
         let reloads = self.reloads.clone();
         move || reloads.send_modify(|count| *count = count.wrapping_add(1))
@@ -242,54 +245,64 @@ impl Daemon {
         self.http.as_ref().map(|(_, address)| *address)
     }
 
-    /// Address of the listener for who runs the server.
+    /// Address of the administration port.
     #[must_use]
     pub fn admin_address(&self) -> Option<SocketAddr> {
         self.admin.as_ref().map(|(_, address)| *address)
     }
 
-    /// What the sessions share.
+    /// State that the sessions share.
     #[must_use]
     pub const fn state(&self) -> &Arc<ServerState> {
         &self.state
     }
 
-    /// Serves until asked to end, then drains. A second request ends it at once.
+    /// Serves until the first stop request, then drains. A second request ends the daemon at once.
     ///
     /// # Errors
-    /// Fails where a listener ends by itself, or a second request came before all sessions had ended.
+    /// A listener failed, or a second request came before all sessions had ended.
     pub async fn serve(self, mut stop: impl StopRequests) -> anyhow::Result<()> {
-        let Self { state, quic, http, tls, admin, pin: _, renewed, provider, settings_reload, reloads } =
-            self;
+        let Self {
+            state,
+            quic,
+            http,
+            tls,
+            admin,
+            pin: _,
+            certificate_files,
+            provider,
+            settings_reload,
+            reloads,
+        } = self;
         let mut listeners = tokio::task::JoinSet::new();
-        // Ends with this.
-        let mut renewals = tokio::task::JoinSet::new();
-        if let Some(files) = renewed {
-            renewals.spawn(crate::transport::live_certificate::watch_certificate(
+        // Aborted when this returns.
+        let mut watchers = tokio::task::JoinSet::new();
+        if let Some(files) = certificate_files {
+            watchers.spawn(crate::transport::live_certificate::watch_certificate(
                 files,
                 Arc::clone(&state),
                 reloads.subscribe(),
             ));
         }
         if let Some(read) = settings_reload {
-            renewals.spawn(crate::lifecycle::settings_watch::watch_settings(
+            watchers.spawn(crate::lifecycle::settings_watch::watch_settings(
                 read,
                 Arc::clone(&state),
                 reloads.subscribe(),
             ));
         }
         if let Some(provider) = provider {
-            renewals.spawn(crate::session::scene_watch::watch_scenes(
+            watchers.spawn(crate::session::scene_watch::watch_scenes(
                 provider,
                 Arc::clone(&state),
                 reloads.subscribe(),
             ));
         }
         if let Some(access) = &state.admission().access {
-            renewals.spawn(Arc::clone(access).watch_files(reloads.subscribe()));
+            watchers.spawn(Arc::clone(access).watch_files(reloads.subscribe()));
         }
         if let Some((endpoint, _, settings)) = quic {
-            renewals.spawn(watch_alpns(settings, endpoint.clone(), Arc::clone(&state)));
+            watchers.spawn(watch_alpns(settings, endpoint.clone(), Arc::clone(&state)));
             listeners.spawn(crate::transport::quic::serve_quic(endpoint, state.clone()));
         }
         if let Some((listener, _)) = http {
@@ -309,11 +322,11 @@ impl Daemon {
         tokio::select! {
             biased;
             () = stop.next() => {}
-            // While the daemon runs none ends but by a fault.
+            // Listeners end only after `state.stop()`, or by a fault.
             Some(ended) = listeners.join_next() => {
                 state.stop();
-                return Err(ended.err().map_or_else(|| anyhow!("it ended"), Into::into))
-                    .context("a listener has failed; start the server again");
+                return Err(ended.err().map_or_else(|| anyhow!("it ended unexpectedly"), Into::into))
+                    .context("a listener failed; restart the server");
             }
         }
         tracing::info!(sessions = state.metrics().active_sessions(), "shutting down: draining");

@@ -1,7 +1,8 @@
-//! PreAuthPool for those who have not proved to be clients: connections without a request, sessions without `Hello`.
+//! Pre-auth pool: bounds the connections whose peer has not been admitted, such as connections without a request and
+//! sessions without `Hello` (compare `MaxStartups` of OpenSSH).
 //!
-//! A pool never refuses. When it is full, who has been in it longest leaves, of the address that holds most of it: one
-//! address that fills it turns out nobody but itself, and honest clients stay in it for a round trip.
+//! The pool never refuses. When it is full, it evicts the oldest connection of the address with the most slots: an
+//! address that fills the pool evicts only its own connections. Well-behaved clients need a slot for one round trip.
 
 use std::collections::{BTreeMap, HashMap};
 use std::net::{IpAddr, Ipv6Addr};
@@ -9,11 +10,12 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use tokio::sync::Notify;
 
-/// Who counts as one: an IPv4 address, or an IPv6 network of 64 bits, which is what one customer gets at least.
+/// Unit in which addresses are counted: an IPv4 address or an IPv6 /64 network, the least that one customer gets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) struct AddressBlock(IpAddr);
 
 impl AddressBlock {
+    /// The block of an address; an IPv4-mapped IPv6 address counts as IPv4.
     pub(crate) fn of(address: IpAddr) -> Self {
         Self(match address.to_canonical() {
             IpAddr::V6(ip) => IpAddr::V6(Ipv6Addr::from_bits(ip.to_bits() & !u128::from(u64::MAX))),
@@ -21,17 +23,17 @@ impl AddressBlock {
         })
     }
 
-    /// A number of its own for each.
+    /// A number unique to the block.
     pub(crate) fn number(self) -> u128 {
         match self.0 {
-            // No other block has such an address: it would be canonical.
+            // No IPv6 block has a mapped address: `of` makes them IPv4.
             IpAddr::V4(ip) => ip.to_ipv6_mapped().to_bits(),
             IpAddr::V6(ip) => ip.to_bits(),
         }
     }
 }
 
-/// See the module.
+/// The pool.
 #[derive(Debug)]
 pub(crate) struct PreAuthPool {
     limit: usize,
@@ -41,7 +43,7 @@ pub(crate) struct PreAuthPool {
 #[derive(Debug, Default)]
 struct Slots {
     next: u64,
-    /// By number, so the oldest first.
+    /// By number, so in order of age.
     taken: BTreeMap<u64, (AddressBlock, Arc<Notify>)>,
     by_block: HashMap<AddressBlock, usize>,
 }
@@ -58,7 +60,7 @@ impl Slots {
         Some(notice)
     }
 
-    /// Who leaves next.
+    /// The oldest slot of the block with the most slots.
     fn next_to_evict(&self) -> Option<u64> {
         let most = self.by_block.values().copied().max()?;
         let of_most = |block: &AddressBlock| self.by_block.get(block) == Some(&most);
@@ -67,17 +69,17 @@ impl Slots {
 }
 
 impl PreAuthPool {
-    /// A pool of so many slots, at least one.
+    /// A pool of `limit` slots, at least one.
     pub(crate) fn new(limit: usize) -> Arc<Self> {
         Arc::new(Self { limit: limit.max(1), slots: Mutex::default() })
     }
 
-    /// A thread that panicked while it held the lock left the slots usable: counts are changed with them.
+    // A thread that panics with the lock leaves consistent slots.
     fn slots(&self) -> MutexGuard<'_, Slots> {
         self.slots.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes a slot; whoever has to leave for it is told.
+    /// Takes a slot; evicts others if the pool is full.
     pub(crate) fn enter(self: &Arc<Self>, address: IpAddr) -> PreAuthSlot {
         let (block, notice) = (AddressBlock::of(address), Arc::new(Notify::new()));
         let mut slots = self.slots();
@@ -95,14 +97,14 @@ impl PreAuthPool {
         PreAuthSlot { pool: Arc::clone(self), number, notice }
     }
 
-    /// Slots that are taken.
+    /// Slots in use.
     #[cfg(test)]
     pub(crate) fn len(&self) -> usize {
         self.slots().taken.len()
     }
 }
 
-/// A slot in a pool; given back when dropped.
+/// A slot in a pool; returned when dropped.
 #[derive(Debug)]
 pub(crate) struct PreAuthSlot {
     pool: Arc<PreAuthPool>,
@@ -111,7 +113,7 @@ pub(crate) struct PreAuthSlot {
 }
 
 impl PreAuthSlot {
-    /// Resolves, once, when another has the slot.
+    /// Resolves once when the slot is evicted.
     pub(crate) async fn evicted(&self) {
         self.notice.notified().await;
     }
@@ -138,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn a_network_of_64_bits_counts_as_one_and_a_mapped_address_as_what_it_maps() {
+    fn a_64_bit_network_and_a_mapped_address_count_as_one() {
         let block = |text| AddressBlock::of(ip(text));
         assert_eq!(block("2001:db8:1:2::1"), block("2001:db8:1:2:ffff::9"));
         assert_ne!(block("2001:db8:1:2::1"), block("2001:db8:1:3::1"));
@@ -149,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn one_address_that_fills_a_room_turned_others_out() {
+    fn an_address_that_filled_the_pool_evicted_others() {
         let pool = PreAuthPool::new(4);
         let honest = pool.enter(ip("10.0.0.1"));
         let mut flood: Vec<PreAuthSlot> = (0..3).map(|_| pool.enter(ip("10.0.0.2"))).collect();
@@ -158,11 +160,14 @@ mod tests {
             assert_eq!(pool.len(), 4);
         }
         assert!(!evicted(&honest));
-        assert!(flood[..100].iter().all(evicted) && !flood[100..].iter().any(evicted), "the oldest leave");
+        assert!(
+            flood[..100].iter().all(evicted) && !flood[100..].iter().any(evicted),
+            "the oldest are evicted"
+        );
         let other = pool.enter(ip("10.0.0.3"));
         assert!(!evicted(&honest) && !evicted(&other) && evicted(&flood[100]));
         drop(flood);
         assert_eq!(pool.len(), 2);
-        assert!(pool.slots().by_block.len() == 2, "addresses without a slot are forgotten");
+        assert!(pool.slots().by_block.len() == 2, "addresses without a slot are removed");
     }
 }

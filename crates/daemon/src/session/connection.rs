@@ -1,4 +1,4 @@
-//! The two halves of a transport, as a session's loop sees them.
+//! The receiving and the sending half of a connection, as the session's loop uses them.
 
 use std::future::Future;
 use std::net::SocketAddr;
@@ -7,43 +7,43 @@ use lodestream_protocol::frame::FrameError;
 use lodestream_protocol::message::ClientMessage;
 use lodestream_protocol::server::Transmit;
 
-/// What came from the client.
+/// An event from the client.
 #[derive(Debug)]
 pub(crate) enum Received {
     /// A message.
     Message(ClientMessage),
-    /// Something that is passed over, and counts as a message all the same: it was work.
+    /// A frame without effect; it counts as a message because it costs work.
     Ignored,
-    /// More bytes than a client may send.
+    /// The client exceeded the byte rate limit.
     ByteRateExceeded,
-    /// Bytes that are no message.
+    /// Bytes that do not form a message.
     Malformed(FrameError),
-    /// A breach of the transport's own rules.
+    /// A violation of the transport's own rules.
     Violation(String),
-    /// The client ended the session in good order.
+    /// The client closed the connection normally.
     Ended,
     /// The transport failed.
     Lost(String),
 }
 
-/// Receiving half of a transport.
+/// Receiving half of a connection.
 pub(crate) trait Receive: Send {
-    /// The next thing that comes. Must be safe to drop before it resolves. Not called again after
-    /// `ByteRateExceeded`, `Malformed`, `Violation`, `Ended` or `Lost`.
+    /// The next event. Cancel safe. Not called again after `ByteRateExceeded`, `Malformed`, `Violation`, `Ended` or
+    /// `Lost`.
     fn receive(&mut self) -> impl Future<Output = Received> + Send;
 
-    /// Where the client is now, if that may change.
+    /// The client's current address, if it can change.
     fn peer(&self) -> Option<SocketAddr> {
         None
     }
 }
 
-/// Sending half of a transport.
+/// Sending half of a connection.
 pub(crate) trait Deliver: Send {
-    /// Takes the next thing to send and gives its length in bytes. Called only while idle.
+    /// Accepts the next transmit and returns its length in bytes. Called only while idle.
     fn start(&mut self, transmit: Transmit) -> Result<usize, FrameError>;
-    /// Whether the transport has taken everything.
+    /// Whether the transport has accepted everything.
     fn is_idle(&self) -> bool;
-    /// Resolves when the transport has taken everything. Must be safe to drop before it resolves.
+    /// Resolves when the transport has accepted everything. Cancel safe.
     fn flush(&mut self) -> impl Future<Output = Result<(), String>> + Send;
 }

@@ -1,5 +1,4 @@
-//! What is measured of a session while it runs: when its first blob's first byte was handed over, what waits, and how
-//! often its loop turns.
+//! Metrics of a running session: time to the first byte of a blob, queued bytes, and turns of its loop.
 
 use std::time::Duration;
 
@@ -9,25 +8,25 @@ use lodestream_protocol::server::ServerSession;
 
 use crate::metrics::Metrics;
 
-/// Least time between two looks at all that waits in a session: each looks at each request.
+/// Least time between two samples of the queued bytes, each of which visits all requests.
 const SAMPLE_INTERVAL: Duration = Duration::from_millis(250);
 
-/// See the module. Dropped, nothing waits any more.
+/// Collects one session's metrics. When dropped, its queued bytes no longer count.
 #[derive(Debug)]
 pub(crate) struct SessionMetrics<'a> {
     metrics: &'a Metrics,
-    /// From when on the first byte is waited for; `None` once it was handed over.
+    /// Start of the wait for the first byte; `None` once it was sent.
     first_byte_since: Option<Time>,
     reported_bytes: u64,
     next_sample: Time,
-    /// Turns of the loop that were not told yet, and those by timers.
+    /// Turns of the loop since the last report, and those caused by timers.
     turns: u32,
     timer_turns: u32,
     next_report: Time,
 }
 
 impl<'a> SessionMetrics<'a> {
-    /// Of a session that begins now.
+    /// Metrics of a session that starts at `now`.
     pub(crate) const fn new(metrics: &'a Metrics, now: Time) -> Self {
         Self {
             metrics,
@@ -40,27 +39,26 @@ impl<'a> SessionMetrics<'a> {
         }
     }
 
-    /// The client has said something: who says `Hello` before there is a byte counts from then on, since some transports
-    /// send nothing earlier.
+    /// Notes a message. A `Hello` before the first byte restarts the wait, since some transports send nothing earlier.
     pub(crate) fn message_received(&mut self, now: Time, message: &ClientMessage) {
         if let (Some(first_byte_since), ClientMessage::Hello(_)) = (&mut self.first_byte_since, message) {
             *first_byte_since = now;
         }
     }
 
-    /// A piece of a blob was handed over.
+    /// Notes that a piece of a blob was sent.
     pub(crate) fn piece_sent(&mut self, now: Time) {
         if let Some(first_byte_since) = self.first_byte_since.take() {
             self.metrics.first_byte(now.since(first_byte_since));
         }
     }
 
-    /// A timer has run out.
+    /// Notes a turn caused by a timer.
     pub(crate) const fn timer_fired(&mut self) {
         self.timer_turns += 1;
     }
 
-    /// The loop has turned. Looks at what waits, if it is time or nothing does.
+    /// Notes a turn of the loop. Samples the queued bytes if a sample is due or none are queued.
     pub(crate) fn turn(&mut self, now: Time, session: &ServerSession) {
         self.turns += 1;
         if now >= self.next_report {
@@ -75,7 +73,7 @@ impl<'a> SessionMetrics<'a> {
         }
     }
 
-    /// Not at each turn: all sessions count in one place.
+    /// Reports turns in batches, because all sessions share the counters.
     fn report_turns(&mut self) {
         self.metrics.turned(std::mem::take(&mut self.turns), std::mem::take(&mut self.timer_turns));
     }

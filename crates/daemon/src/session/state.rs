@@ -1,4 +1,4 @@
-//! What all sessions of a daemon share.
+//! State that all sessions of a daemon share.
 
 use std::net::SocketAddr;
 use std::sync::atomic::AtomicU64;
@@ -21,24 +21,24 @@ use crate::session::scenes::Scenes;
 use crate::session::settings::SessionSettings;
 use crate::session::unreadable_blobs::UnreadableBlobs;
 
-/// Sessions that have not proved to be a client's: address and `Hello` are awaited. Hundreds of clients may connect at
-/// once; one takes as much memory as a session at its beginning.
-const MAX_UNPROVED: usize = 512;
-/// HTTP connections without a session: requests that are awaited or answered.
+/// Size of the pre-auth pool of sessions, whose address or `Hello` is awaited. Hundreds of clients may connect at once; a
+/// slot costs the memory of a new session.
+const MAX_PRE_AUTH_SESSIONS: usize = 512;
+/// Size of the pre-auth pool of HTTP connections, whose request is awaited or answered.
 const MAX_REQUESTS: usize = 256;
 
-/// Where a daemon stands.
+/// Phase of a daemon's life.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Phase {
-    /// It takes clients.
+    /// Clients are admitted.
     Running,
-    /// It takes no more clients; sessions finish what they are at.
+    /// No client is admitted; sessions finish their requests.
     Draining,
-    /// Nothing may go on.
+    /// Everything ends.
     Stopped,
 }
 
-/// What may be changed while the daemon runs, and what follows from it.
+/// Settings that a reload replaces, and values derived from them.
 pub(super) struct Live {
     settings: SessionSettings,
     admission: Arc<AdmissionSettings>,
@@ -60,7 +60,7 @@ impl Live {
     }
 }
 
-/// Scenes, settings and counters of a daemon; what every connection handler needs.
+/// Scenes, settings, limits and counters of a daemon, shared by all connections.
 pub struct ServerState {
     scenes: Scenes,
     live: RwLock<Live>,
@@ -87,20 +87,20 @@ impl std::fmt::Debug for ServerState {
 }
 
 impl ServerState {
-    /// The state of a daemon that serves one scene, with the protocol's defaults for each transport.
+    /// The state of a daemon that serves one scene to any client.
     #[must_use]
     pub fn new(scene: Arc<dyn SceneSource>, settings: SessionSettings) -> Arc<Self> {
         Self::with_admission(scene, settings, AdmissionSettings::default())
     }
 
-    /// The same with these scenes, and with a say in who may open sessions.
+    /// The state of a daemon that serves `scenes` to the clients that `admission` accepts.
     #[must_use]
     pub fn with_admission(
         scenes: impl Into<Scenes>,
         settings: SessionSettings,
         admission: AdmissionSettings,
     ) -> Arc<Self> {
-        let (of_address, session_rate) = settings.of_address();
+        let (max_per_address, session_rate) = settings.address_limits();
         Arc::new(Self {
             scenes: scenes.into(),
             live: RwLock::new(Live::new(settings, admission)),
@@ -108,9 +108,9 @@ impl ServerState {
             phase: watch::Sender::new(Phase::Running),
             sessions: watch::Sender::new(0),
             next_session: AtomicU64::new(1),
-            leases: Leases::new(settings.max_sessions, of_address),
+            leases: Leases::new(settings.max_sessions, max_per_address),
             session_rate: SessionRateLimiter::new(session_rate),
-            pre_auth: PreAuthPool::new(MAX_UNPROVED),
+            pre_auth: PreAuthPool::new(MAX_PRE_AUTH_SESSIONS),
             requests: PreAuthPool::new(MAX_REQUESTS),
             unreadable: UnreadableBlobs::default(),
             started: Instant::now(),
@@ -123,7 +123,7 @@ impl ServerState {
         &self.scenes
     }
 
-    /// A thread that panicked while it held the lock left what was there before.
+    // A thread that panics with the lock leaves the old values or the new ones.
     pub(super) fn live(&self) -> RwLockReadGuard<'_, Live> {
         self.live.read().unwrap_or_else(PoisonError::into_inner)
     }
@@ -134,7 +134,7 @@ impl ServerState {
         self.live().settings
     }
 
-    /// Who may open sessions.
+    /// The settings of admission.
     pub(crate) fn admission(&self) -> Arc<AdmissionSettings> {
         Arc::clone(&self.live().admission)
     }
@@ -142,8 +142,8 @@ impl ServerState {
     /// Has these settings hold from now on: for new sessions, and what sessions share for those that share it already. By
     /// what tokens are verified stays.
     pub fn update_settings(&self, settings: SessionSettings, admission: AdmissionSettings) {
-        let (of_address, session_rate) = settings.of_address();
-        self.leases.set(settings.max_sessions, of_address);
+        let (max_per_address, session_rate) = settings.address_limits();
+        self.leases.set(settings.max_sessions, max_per_address);
         self.session_rate.set(session_rate);
         let mut live = self.live.write().unwrap_or_else(PoisonError::into_inner);
         let admission = AdmissionSettings { access: live.admission.access.clone(), ..admission };
@@ -176,6 +176,7 @@ impl ServerState {
         self.metrics.render(rates, draining, self.scenes.cache_use())
     }
 
+    /// The protocol's settings for a session over `transport`.
     pub(crate) fn config(&self, transport: Transport) -> Arc<ServerConfig> {
         let live = self.live();
         Arc::clone(match transport {
@@ -184,7 +185,7 @@ impl ServerState {
         })
     }
 
-    /// The same for a session whose token says this of its rate.
+    /// The same for a session whose token grants a rate.
     pub(crate) fn config_for_rate(
         &self,
         transport: Transport,
@@ -201,14 +202,14 @@ impl ServerState {
         })
     }
 
-    /// Where the daemon stands.
+    /// The current phase.
     #[must_use]
     pub fn phase(&self) -> Phase {
         *self.phase.borrow()
     }
 
-    /// Begins to drain: new clients are refused, sessions end as soon as nothing is asked for, at the
-    /// latest after [`SessionSettings::drain`].
+    /// Starts to drain: new clients are refused, and sessions end when their requests are served, at the latest after
+    /// [`SessionSettings::drain`].
     pub fn drain(&self) {
         self.advance(Phase::Draining);
     }
@@ -226,9 +227,9 @@ impl ServerState {
         });
     }
 
-    /// Waits until the daemon is at `phase` or beyond.
+    /// Waits until the daemon reaches `phase` or a later one.
     pub async fn wait_for_phase(&self, phase: Phase) {
-        // Fails only where the sender is gone, and that is ours.
+        // Fails only without a sender; `self` holds it.
         let _ = self.phase.subscribe().wait_for(|now| *now >= phase).await;
     }
 
@@ -237,17 +238,17 @@ impl ServerState {
         let _ = self.sessions.subscribe().wait_for(|open| *open == 0).await;
     }
 
-    /// Lets somebody in who has proved nothing yet.
+    /// Takes a pre-auth slot for a session.
     pub(crate) fn enter_pre_auth(&self, peer: SocketAddr) -> PreAuthSlot {
         self.pre_auth.enter(peer.ip())
     }
 
-    /// Lets an HTTP connection in, which has no session yet.
+    /// Takes a pre-auth slot for an HTTP connection.
     pub(crate) fn enter_request(&self, peer: SocketAddr) -> PreAuthSlot {
         self.requests.enter(peer.ip())
     }
 
-    /// What a token grants to who shows it for this scene, if for one; there must be something to judge it by.
+    /// Verifies a token, for one scene if `scene` is given; counts refusals.
     pub(crate) async fn verify_token(
         self: Arc<Self>,
         token: String,
@@ -259,7 +260,7 @@ impl ServerState {
         grant.map_err(|why| self.token_refused(why))
     }
 
-    /// The same for a session that has a grant, which goes on with that until it is known.
+    /// Verifies a later token of a session, with retries: the session continues under its current grant meanwhile.
     pub(crate) async fn verify_next_token(
         self: Arc<Self>,
         token: String,
@@ -271,7 +272,7 @@ impl ServerState {
         grant.map_err(|why| self.token_refused(why))
     }
 
-    /// Counts that a session is refused or ended for its token.
+    /// Counts a session that is refused or ended because of its token.
     pub(crate) fn token_refused(&self, why: TokenError) -> TokenError {
         match why {
             TokenError::Unavailable => self.metrics.access_unknown(),
@@ -280,14 +281,14 @@ impl ServerState {
         why
     }
 
-    /// A blob that a client asked for, or was to be sent, could not be read.
+    /// Counts and logs a failed read of a blob.
     pub(crate) fn read_failed(&self, error: &SourceError) {
         if self.unreadable.note(error) {
             self.metrics.blob_unreadable();
         }
     }
 
-    /// Entries of all tables that sessions write into.
+    /// Number of entries in the tables that sessions write into.
     #[cfg(test)]
     pub(crate) fn entries(&self) -> [usize; 4] {
         [self.leases.len(), self.session_rate.len(), self.pre_auth.len(), self.requests.len()]

@@ -1,4 +1,4 @@
-//! Blobs that cannot be read any more: told once each, and counted.
+//! Log of blobs that cannot be read: one line per blob.
 
 use std::collections::BTreeSet;
 use std::sync::{Mutex, PoisonError};
@@ -6,21 +6,20 @@ use std::sync::{Mutex, PoisonError};
 use lodestream_protocol::source::SourceError;
 use lodestream_scene::BlobId;
 
-/// Blobs that are remembered as told; of more, none is told.
-const MAX_TOLD: usize = 1024;
+/// Most blobs that are logged.
+const MAX_LOGGED: usize = 1024;
 
-/// See the module. Clients ask again for what cannot be read as long as they are there: a line each time would say
-/// nothing new.
+/// The blobs that were logged. Clients repeat requests for unreadable blobs, so each blob is logged once.
 #[derive(Debug, Default)]
 pub(crate) struct UnreadableBlobs(Mutex<BTreeSet<BlobId>>);
 
 impl UnreadableBlobs {
-    /// Notes that a read failed; says whether the reason is a fault of the store, and not of who asked.
+    /// Logs a failed read; returns whether the store is at fault rather than the request.
     pub(crate) fn note(&self, error: &SourceError) -> bool {
         let SourceError::Unreadable { id, why } = error else { return false };
-        let mut told = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if told.len() < MAX_TOLD && told.insert(*id) {
-            tracing::error!("{id} cannot be read, and is refused until it can: {why}");
+        let mut logged = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if logged.len() < MAX_LOGGED && logged.insert(*id) {
+            tracing::error!("{id} cannot be read and is refused until it can: {why}");
         }
         true
     }

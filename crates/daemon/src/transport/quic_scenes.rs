@@ -35,10 +35,10 @@ impl QuicConfig {
     }
 }
 
-/// Has new connections name the scenes that there are after each exchange. Goes on as long as there are exchanges.
+/// Has new connections name the scenes that there are after each exchange. Goes on as long as there are replacements.
 pub(crate) async fn watch_alpns(settings: QuicConfig, endpoint: quinn::Endpoint, state: Arc<ServerState>) {
-    let mut exchanges = state.scenes().exchanges();
-    while exchanges.changed().await.is_ok() {
+    let mut replacements = state.scenes().replacements();
+    while replacements.changed().await.is_ok() {
         match settings.naming(state.scenes()) {
             Ok(config) => endpoint.set_server_config(Some(config)),
             // It went well before; `Hello` names scenes all the same.
