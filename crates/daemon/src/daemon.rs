@@ -151,7 +151,7 @@ impl Daemon {
                 let settings = QuicConfig::new(Arc::clone(&live))?;
                 let endpoint = quinn::Endpoint::new(
                     quinn::EndpointConfig::default(),
-                    Some(settings.naming(state.scenes())?),
+                    Some(settings.server_config(state.scenes())?),
                     crate::transport::quic::bind_udp(address)?,
                     Arc::new(quinn::TokioRuntime),
                 )?;

@@ -1,4 +1,4 @@
-//! By what it is decided who may see a scene: by keys that have signed the client's token, or by the operator's own word.
+//! Verification of clients' tokens: by signing keys, or by the operator's program or URL.
 
 use std::net::IpAddr;
 use std::sync::Arc;
@@ -12,30 +12,30 @@ use crate::auth::hook::{Hook, IntrospectionRequest};
 use crate::auth::hook_url::Authorization;
 use crate::auth::tokens::{Tokens, watch_keys};
 
-/// Time after which what could not be found out is asked again.
+/// Time between attempts to verify a later token of a session.
 const RETRY_INTERVAL: Duration = Duration::from_secs(5);
 
-/// See the module. Either way clients are asked for a token.
+/// How tokens are verified. With either variant, clients must send one.
 #[derive(Debug)]
 pub enum Access {
-    /// Tokens that these keys have signed.
+    /// By the signatures of these keys.
     Tokens(Tokens),
-    /// Whatever this lets in.
+    /// By a program or URL of the operator.
     Hook {
-        /// What is asked.
+        /// The program or URL.
         hook: Hook,
-        /// What it is shown, where it is a URL that asks for that.
+        /// Credentials for the URL, watched for changes.
         authorization: Option<Authorization>,
     },
 }
 
 impl Access {
-    /// Whether a token can be judged before it is known for which scene: if not, it is once that is known.
+    /// Whether a token can be verified before the scene is known.
     pub(crate) const fn verifies_without_scene(&self) -> bool {
         matches!(self, Self::Tokens(_))
     }
 
-    /// What a token grants to who shows it for this scene, if for one.
+    /// Verifies a token for one scene, or for any if `scene` is `None`.
     pub(crate) async fn verify(
         &self,
         token: String,
@@ -54,7 +54,7 @@ impl Access {
         }
     }
 
-    /// The same for a session that has a grant: what cannot be found out is asked again until it is.
+    /// Verifies a later token of a session; retries while no answer is available.
     pub(crate) async fn verify_with_retries(
         &self,
         token: String,
@@ -64,17 +64,17 @@ impl Access {
         loop {
             match self.verify(token.clone(), Some(scene.clone()), address).await {
                 Err(TokenError::Unavailable) => sleep(RETRY_INTERVAL).await,
-                known => return known,
+                result => return result,
             }
         }
     }
 
-    /// Takes anew what is read from files, when they change. Goes on for ever, or ends where there is no such file.
-    pub(crate) async fn watch_files(self: Arc<Self>, asked: watch::Receiver<u64>) {
+    /// Reloads keys or credentials when their file changes. Returns only if there is no file.
+    pub(crate) async fn watch_files(self: Arc<Self>, reload_requests: watch::Receiver<u64>) {
         match &*self {
-            Self::Tokens(tokens) => watch_keys(tokens, asked).await,
+            Self::Tokens(tokens) => watch_keys(tokens, reload_requests).await,
             Self::Hook { authorization: Some(authorization), .. } => {
-                authorization.clone().watch_files(asked).await
+                authorization.clone().watch_files(reload_requests).await
             }
             Self::Hook { authorization: None, .. } => {}
         }

@@ -1,5 +1,4 @@
-//! A program that is run for each question, which it reads as JSON from its standard input and answers on its standard
-//! output.
+//! Introspection by a program, started for each request: JSON on its standard input, the response on its standard output.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -15,40 +14,40 @@ use crate::auth::hook::{
     Hook, HookError, Introspect, IntrospectionRequest, IntrospectionResponse, MAX_RESPONSE_BYTES, one_line,
 };
 
-/// What is kept of what a program says beside its answer, in bytes.
+/// Longest text from standard error in the log, in bytes.
 const MAX_STDERR_BYTES: usize = 1024;
 
 impl Hook {
-    /// Runs a program.
+    /// Introspection by a program.
     ///
     /// # Errors
-    /// Fails where there is no such file. Whether it can be run shows when it is.
+    /// There is no such file. Whether it can be executed is known only at the first request.
     pub fn from_command(program: &Path) -> anyhow::Result<Self> {
         let about = || format!("--access-command {}", program.display());
-        // A bare name would be looked for elsewhere than where it was found.
+        // A bare name would be searched in PATH.
         let program = std::path::absolute(program).with_context(about)?;
         let is_file = std::fs::metadata(&program).with_context(about)?.is_file();
-        anyhow::ensure!(is_file, "{}: it is no file; name a program", about());
-        Ok(Self::new(about(), RunCommand(program.into())))
+        anyhow::ensure!(is_file, "{}: not a file; name a program", about());
+        Ok(Self::new(about(), CommandBackend(program.into())))
     }
 }
 
-struct RunCommand(Arc<Path>);
+struct CommandBackend(Arc<Path>);
 
-impl Introspect for RunCommand {
+impl Introspect for CommandBackend {
     fn introspect(
         &self,
-        question: IntrospectionRequest,
+        request: IntrospectionRequest,
     ) -> BoxFuture<'static, Result<IntrospectionResponse, HookError>> {
         let program = Arc::clone(&self.0);
-        Box::pin(async move { run(&program, &question).await })
+        Box::pin(async move { run(&program, &request).await })
     }
 }
 
-async fn run(program: &Path, question: &IntrospectionRequest) -> Result<IntrospectionResponse, HookError> {
+async fn run(program: &Path, request: &IntrospectionRequest) -> Result<IntrospectionResponse, HookError> {
     let failed = |why: io::Error| HookError::Spawn(why.to_string());
-    let request = serde_json::to_vec(question).map_err(|why| HookError::Spawn(why.to_string()))?;
-    // The token is in no list of processes: neither a word of the command line nor a variable.
+    let json = serde_json::to_vec(request).map_err(|why| HookError::Spawn(why.to_string()))?;
+    // Neither the command line nor the environment holds the token: other processes can read both.
     let mut child = Command::new(PathBuf::from(program))
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
@@ -59,8 +58,8 @@ async fn run(program: &Path, question: &IntrospectionRequest) -> Result<Introspe
     let (input, output, stderr) = (child.stdin.take(), child.stdout.take(), child.stderr.take());
     let write = async {
         if let Some(mut input) = input {
-            // A program that answers without reading is none the worse for it.
-            let _ = input.write_all(&request).await;
+            // A program may answer without reading the request.
+            let _ = input.write_all(&json).await;
             let _ = input.write_all(b"\n").await;
         }
     };
@@ -79,7 +78,7 @@ async fn run(program: &Path, question: &IntrospectionRequest) -> Result<Introspe
     IntrospectionResponse::parse(&answer)
 }
 
-/// Reads to the end and keeps this many bytes of it: who cannot write would not end.
+/// Reads to the end and keeps the first `keep` bytes: a program that cannot write would not end.
 async fn read(pipe: Option<impl AsyncRead + Unpin>, keep: usize) -> io::Result<Vec<u8>> {
     let mut kept = Vec::new();
     if let Some(mut pipe) = pipe {

@@ -1,4 +1,4 @@
-//! A URL that is asked for each question, as an endpoint of token introspection is (RFC 7662, section 2).
+//! Introspection by a URL (RFC 7662, section 2).
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -18,7 +18,7 @@ use crate::auth::hook::{
 };
 use crate::lifecycle::file_watch::{read_small_file, watch_files};
 
-/// What the server shows to the URL: the value of the header `Authorization`, from a file.
+/// The server's credentials for the URL: the value of the header `Authorization`, from a file.
 #[derive(Clone)]
 pub struct Authorization {
     file: PathBuf,
@@ -32,10 +32,10 @@ impl fmt::Debug for Authorization {
 }
 
 impl Authorization {
-    /// Reads it, without the line end behind it.
+    /// Reads the value without trailing white space.
     ///
     /// # Errors
-    /// Fails where the file cannot be read or holds no such value.
+    /// The file cannot be read, or holds no valid value.
     pub fn from_file(file: &Path) -> anyhow::Result<Self> {
         let value = Self::parse(&read_small_file(file)?).with_context(|| file.display().to_string())?;
         Ok(Self { file: file.to_owned(), value: Arc::new(RwLock::new(value)) })
@@ -46,9 +46,10 @@ impl Authorization {
         let scheme = text.split(|byte| *byte == b' ').next().unwrap_or_default();
         anyhow::ensure!(
             scheme.len() < text.len() && !scheme.is_empty(),
-            "it is no value of the header Authorization: \"Bearer SECRET\" or \"Basic BASE64\""
+            "not a value of the header Authorization: write \"Bearer SECRET\" or \"Basic BASE64\""
         );
-        let mut value = HeaderValue::from_bytes(text).context("it has signs that no header may have")?;
+        let mut value =
+            HeaderValue::from_bytes(text).context("it has characters that a header cannot hold")?;
         value.set_sensitive(true);
         Ok(value)
     }
@@ -57,65 +58,68 @@ impl Authorization {
         self.value.read().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Takes it anew when its file has changed. Goes on for ever.
-    pub(crate) async fn watch_files(self, asked: watch::Receiver<u64>) {
-        watch_files("the authorization of the access URL", vec![self.file.clone()], asked, |texts, first| {
-            match texts.and_then(|texts| Self::parse(&texts.concat())) {
+    /// Reloads the value when its file changes; never returns.
+    pub(crate) async fn watch_files(self, reload_requests: watch::Receiver<u64>) {
+        watch_files(
+            "the authorization of the access URL",
+            vec![self.file.clone()],
+            reload_requests,
+            |texts, first| match texts.and_then(|texts| Self::parse(&texts.concat())) {
                 Ok(value) => {
                     *self.value.write().unwrap_or_else(PoisonError::into_inner) = value;
                     if !first {
-                        tracing::info!("the authorization of the access URL was exchanged");
+                        tracing::info!("the authorization of the access URL was reloaded");
                     }
                 }
-                Err(why) => tracing::error!("the authorization of the access URL stays: {why:#}"),
-            }
-        })
+                Err(why) => tracing::error!("the authorization of the access URL is not reloaded: {why:#}"),
+            },
+        )
         .await;
     }
 }
 
 impl Hook {
-    /// Asks a URL, with what the server shows it.
+    /// Introspection by a URL, with the server's credentials.
     ///
     /// # Errors
-    /// Fails where it is no URL of http or https, or has a name or password in it.
+    /// Not an http or https URL, or one with a user name or password.
     pub fn from_url(url: &Url, authorization: Option<Authorization>) -> anyhow::Result<Self> {
         anyhow::ensure!(
             matches!(url.scheme(), "http" | "https") && url.has_host(),
-            "--access-url {url}: it is no URL of http or https"
+            "--access-url {url}: not an http or https URL"
         );
         anyhow::ensure!(
             url.username().is_empty() && url.password().is_none(),
-            "--access-url: credentials would be in logs and lists of processes: name a file with --access-authorization"
+            "--access-url: credentials in a URL would be logged and listed with the process: use --access-authorization FILE"
         );
-        // The client takes the process's; harmless where there is one.
+        // The client uses the process's default provider; it may be installed already.
         let _ = rustls::crypto::ring::default_provider().install_default();
         // A redirect would take the token elsewhere.
         let client = Client::builder().redirect(Policy::none()).build();
-        let client = client.context("no client for --access-url can be made")?;
-        // What a query says may be a secret.
+        let client = client.context("cannot create the HTTP client for --access-url")?;
+        // The query may hold a secret.
         let name = format!("--access-url {}", &url[..url::Position::AfterPath]);
-        Ok(Self::new(name, AskUrl { url: url.clone(), client, authorization }))
+        Ok(Self::new(name, UrlBackend { url: url.clone(), client, authorization }))
     }
 }
 
-struct AskUrl {
+struct UrlBackend {
     url: Url,
     client: Client,
     authorization: Option<Authorization>,
 }
 
-impl Introspect for AskUrl {
+impl Introspect for UrlBackend {
     fn introspect(
         &self,
-        question: IntrospectionRequest,
+        query: IntrospectionRequest,
     ) -> BoxFuture<'static, Result<IntrospectionResponse, HookError>> {
         let mut form = Serializer::new(String::new());
-        form.append_pair("token", &question.token);
-        if let Some(scene) = &question.scene {
+        form.append_pair("token", &query.token);
+        if let Some(scene) = &query.scene {
             form.append_pair("scene", scene);
         }
-        form.append_pair("client_address", &question.address.to_string());
+        form.append_pair("client_address", &query.address.to_string());
         let mut request = self
             .client
             .post(self.url.clone())
@@ -136,7 +140,7 @@ impl Introspect for AskUrl {
     }
 }
 
-/// The body of a response, within bounds.
+/// Reads the body of a response of bounded length.
 async fn body(
     mut response: Response,
     failed: impl Fn(reqwest::Error) -> HookError,
@@ -151,7 +155,7 @@ async fn body(
     Ok(body)
 }
 
-/// An error with what caused it: the library says only what it was at.
+/// An error's text with its causes, which the library's text omits.
 fn causes(error: &dyn std::error::Error) -> String {
     let mut text = error.to_string();
     let mut next = error.source();

@@ -1,4 +1,4 @@
-//! Files that are read again while the server runs: when they change, and when that is asked for.
+//! Small files that are read again while the server runs: periodically, and on request.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -8,39 +8,39 @@ use tokio::sync::watch;
 use tokio::task::spawn_blocking;
 use tokio::time::sleep;
 
-/// Time between two looks at the files. To read small files costs less than to be told of changes on every kind of file
-/// system, through links that are exchanged too.
 /// Longest file that is read, in bytes: keys and certificates are short.
 const MAX_FILE_BYTES: u64 = 1 << 20;
+/// Time between two reads of the files. Reading small files costs less than change notifications, which differ between file
+/// systems and miss replaced links.
 const POLL_INTERVAL: Duration = Duration::from_secs(10);
 
-/// Reads files again and again: every [`POLL_INTERVAL`], and when `asked` changes. What is in them is handed to `take` the
-/// first time and whenever it differs, with whether it is the first time; or why they cannot be read. `what` they are is
-/// for the log. Goes on for ever.
+/// Reads files every [`POLL_INTERVAL`], and when `reload_requests` changes. Calls `on_change` with their contents, or the
+/// error, for the first read and after every change, and with whether it is the first read. `name` is for the log. Never
+/// returns while the runtime runs.
 pub(crate) async fn watch_files(
-    what: &str,
+    name: &str,
     files: Vec<PathBuf>,
-    mut asked: watch::Receiver<u64>,
-    mut take: impl FnMut(anyhow::Result<Vec<Vec<u8>>>, bool),
+    mut reload_requests: watch::Receiver<u64>,
+    mut on_change: impl FnMut(anyhow::Result<Vec<Vec<u8>>>, bool),
 ) {
-    let mut seen = None;
-    // What was read at start is read again, so that nothing is missed that changed since.
-    let mut told = false;
+    let mut previous = None;
+    // The first read repeats the caller's, in case the files have changed since.
+    let mut requested = false;
     loop {
         let paths = files.clone();
-        // Disks are waited for elsewhere. It cannot fail but at the end of everything.
+        // Fails only when the runtime shuts down.
         let read = spawn_blocking(move || paths.iter().map(|path| read_small_file(path)).collect());
-        let Ok(texts): Result<anyhow::Result<Vec<Vec<u8>>>, _> = read.await else { return };
-        let new = Some(texts.as_ref().map(|texts| hash(texts)).map_err(|why| format!("{why:#}")));
-        if new != seen {
-            take(texts, seen.is_none());
-            seen = new;
-        } else if told {
-            tracing::info!("{what}: as before");
+        let Ok(contents): Result<anyhow::Result<Vec<Vec<u8>>>, _> = read.await else { return };
+        let new = Some(contents.as_ref().map(|contents| hash(contents)).map_err(|why| format!("{why:#}")));
+        if new != previous {
+            on_change(contents, previous.is_none());
+            previous = new;
+        } else if requested {
+            tracing::info!("{name}: unchanged");
         }
-        told = tokio::select! {
+        requested = tokio::select! {
             biased;
-            changed = asked.changed() => changed.is_ok(),
+            changed = reload_requests.changed() => changed.is_ok(),
             () = sleep(POLL_INTERVAL) => false,
         };
     }
@@ -59,11 +59,11 @@ pub(crate) fn read_small_file(path: &Path) -> anyhow::Result<Vec<u8>> {
     std::fs::read(path).with_context(about)
 }
 
-/// By this a change is seen; lengths part the texts.
-fn hash(texts: &[Vec<u8>]) -> blake3::Hash {
+/// Hash of the contents of all files; lengths separate them.
+fn hash(contents: &[Vec<u8>]) -> blake3::Hash {
     let mut hasher = blake3::Hasher::new();
-    for text in texts {
-        hasher.update(&(text.len() as u64).to_le_bytes()).update(text);
+    for bytes in contents {
+        hasher.update(&(bytes.len() as u64).to_le_bytes()).update(bytes);
     }
     hasher.finalize()
 }
@@ -77,7 +77,7 @@ mod tests {
     use super::*;
 
     #[tokio::test(start_paused = true)]
-    async fn files_are_read_again_when_they_change_or_that_is_asked_for() {
+    async fn files_are_read_again_when_they_change_or_on_request() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("file");
         std::fs::write(&file, "one").unwrap();
@@ -98,7 +98,7 @@ mod tests {
             timeout(2 * POLL_INTERVAL, enough).await.unwrap();
         };
         wait(1).await;
-        // Seen by itself.
+        // Found by polling.
         std::fs::write(&file, "two").unwrap();
         wait(2).await;
         ask.send_modify(|count| *count += 1);

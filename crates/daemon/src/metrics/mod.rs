@@ -13,7 +13,7 @@ use tracing_appender::non_blocking::ErrorCounter;
 
 use crate::admission::refusal::Refusal;
 
-/// How a session travels.
+/// Transport of a session.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Transport {
     /// QUIC.
@@ -25,7 +25,7 @@ pub(crate) enum Transport {
 impl Transport {
     const ALL: [Self; 2] = [Self::Quic, Self::WebSocket];
 
-    /// Name in logs and metrics.
+    /// Name in logs and value of the label `transport`.
     #[must_use]
     pub(crate) const fn name(self) -> &'static str {
         match self {
@@ -35,24 +35,24 @@ impl Transport {
     }
 }
 
-/// Limits in bits per second, and what is given_bits_per_s of those that sessions share.
+/// Rate limits, and the part of the shared limits in use.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Rates {
-    /// Of each session.
+    /// Limit of each session.
     pub(crate) per_session_bits_per_s: Option<u64>,
-    /// Of the sessions of an address together.
+    /// Limit of all sessions of one address together.
     pub(crate) per_address_bits_per_s: Option<u64>,
-    /// Of all sessions together.
+    /// Limit of all sessions together.
     pub(crate) total_bits_per_s: Option<u64>,
-    /// What sessions that have something to send are given_bits_per_s together; 0 where they share nothing.
-    pub(crate) given_bits_per_s: u64,
+    /// Rate assigned to sessions with queued data; 0 without shared limits.
+    pub(crate) assigned_bits_per_s: u64,
 }
 
-/// The daemon's counters, those of one server apart from another's in the same process.
+/// The metrics of one daemon; several in one process are independent.
 #[derive(Debug)]
 pub struct Metrics {
     registry: Registry,
-    active: [IntGauge; 2],
+    sessions: [IntGauge; 2],
     started: [IntCounter; 2],
     ended: [IntCounter; CloseCode::ALL.len()],
     refused: [IntCounter; Refusal::ALL.len()],
@@ -60,34 +60,35 @@ pub struct Metrics {
     blobs: [IntCounter; 5],
     rejected_messages: IntCounter,
     refused_requests: IntCounter,
-    unreadable: IntCounter,
+    unreadable_blobs: IntCounter,
     http_requests: IntCounter,
     http_errors: IntCounter,
     failed_handshakes: IntCounter,
     early_data: IntCounter,
     tokens_refused: IntCounter,
-    access_unknown: IntCounter,
-    certificate_end: IntGauge,
+    access_unavailable: IntCounter,
+    certificate_not_after: IntGauge,
     certificates_refused: IntCounter,
-    scene_exchanges: IntCounter,
+    scene_changes: IntCounter,
     bases_sent: Histogram,
     first_byte: Histogram,
-    waiting: IntGauge,
+    queued: IntGauge,
     turns: IntCounter,
-    alarms: IntCounter,
+    timer_turns: IntCounter,
     cache_hits: IntCounter,
     cache_misses: IntCounter,
     rendering: Mutex<()>,
     rate: IntGauge,
     address_rate: IntGauge,
     total_rate: IntGauge,
-    given_rate: IntGauge,
+    assigned_rate: IntGauge,
     draining: IntGauge,
     dropped_log_lines: IntGauge,
     log: OnceLock<ErrorCounter>,
 }
 
-/// Directories of terrain and punctual lights count as index, a terrain's points and pages of punctual lights as chunks.
+/// Index of a blob's kind in the label values. Directory pages of terrain and punctual lights count as index pages, height
+/// overrides and pages of punctual lights as chunks.
 const fn kind(id: &BlobId) -> usize {
     match id {
         BlobId::Asset { part: BlobPart::Base, .. } => 1,
@@ -103,18 +104,18 @@ const fn kind(id: &BlobId) -> usize {
 
 impl Default for Metrics {
     fn default() -> Self {
-        Self::new(Registry::new()).expect("names of metrics are sound and no two alike: a test makes them")
+        Self::new(Registry::new()).expect("metric names are valid and unique, as a test checks")
     }
 }
 
 impl Metrics {
     pub(crate) fn session_started(&self, transport: Transport) {
-        self.active[transport as usize].inc();
+        self.sessions[transport as usize].inc();
         self.started[transport as usize].inc();
     }
 
     pub(crate) fn session_ended(&self, transport: Transport, code: CloseCode) {
-        self.active[transport as usize].dec();
+        self.sessions[transport as usize].dec();
         self.ended[usize::from(code.number())].inc();
     }
 
@@ -141,7 +142,7 @@ impl Metrics {
     }
 
     pub(crate) fn blob_unreadable(&self) {
-        self.unreadable.inc();
+        self.unreadable_blobs.inc();
     }
 
     pub(crate) fn http_request(&self) {
@@ -156,9 +157,9 @@ impl Metrics {
         self.failed_handshakes.inc();
     }
 
-    /// Nothing could be found out about a token.
-    pub(crate) fn access_unknown(&self) {
-        self.access_unknown.inc();
+    /// The operator's program or URL gave no usable response about a token.
+    pub(crate) fn access_unavailable(&self) {
+        self.access_unavailable.inc();
     }
 
     pub(crate) fn token_refused(&self) {
@@ -168,15 +169,15 @@ impl Metrics {
     pub(crate) fn certificate_in_use(&self, not_after: Option<SystemTime>) {
         let since_1970 = not_after.and_then(|end| end.duration_since(UNIX_EPOCH).ok());
         let seconds = since_1970.map_or(0, |duration| duration.as_secs());
-        self.certificate_end.set(i64::try_from(seconds).unwrap_or(i64::MAX));
+        self.certificate_not_after.set(i64::try_from(seconds).unwrap_or(i64::MAX));
     }
 
     pub(crate) fn certificate_refused(&self) {
         self.certificates_refused.inc();
     }
 
-    pub(crate) fn scenes_exchanged(&self, count: usize) {
-        self.scene_exchanges.inc_by(count as u64);
+    pub(crate) fn scenes_changed(&self, count: usize) {
+        self.scene_changes.inc_by(count as u64);
     }
 
     pub(crate) fn early_data(&self) {
@@ -191,69 +192,69 @@ impl Metrics {
         self.first_byte.observe(after.as_secs_f64());
     }
 
-    /// A session's loop has turned so often, and so often because a timer had run out.
-    pub(crate) fn turned(&self, turns: u32, alarms: u32) {
+    /// Adds turns of a session's loop, and those of them caused by timers.
+    pub(crate) fn loop_turns(&self, turns: u32, timer_turns: u32) {
         self.turns.inc_by(turns.into());
-        self.alarms.inc_by(alarms.into());
+        self.timer_turns.inc_by(timer_turns.into());
     }
 
-    /// What waits in a session has changed.
-    pub(crate) fn waiting_changed(&self, from_bytes: u64, to_bytes: u64) {
+    /// Updates the queued bytes for a change in one session.
+    pub(crate) fn queued_changed(&self, from_bytes: u64, to_bytes: u64) {
         let signed = |bytes: u64| i64::try_from(bytes).unwrap_or(i64::MAX);
-        self.waiting.add(signed(to_bytes) - signed(from_bytes));
+        self.queued.add(signed(to_bytes) - signed(from_bytes));
     }
 
-    /// Bytes of blobs and messages that wait in sessions.
+    /// Bytes of blobs and messages queued in sessions.
     #[must_use]
     pub fn waiting_bytes(&self) -> u64 {
-        u64::try_from(self.waiting.get()).unwrap_or(0)
+        u64::try_from(self.queued.get()).unwrap_or(0)
     }
 
-    /// Sessions that are open now.
+    /// Open sessions.
     #[must_use]
     pub fn active_sessions(&self) -> u64 {
-        self.active.iter().map(|gauge| u64::try_from(gauge.get()).unwrap_or(0)).sum()
+        self.sessions.iter().map(|gauge| u64::try_from(gauge.get()).unwrap_or(0)).sum()
     }
 
-    /// Resumed QUIC sessions whose first words came before the handshake was complete (0-RTT).
+    /// Resumed QUIC sessions whose client sent 0-RTT data.
     #[must_use]
     pub fn early_data_sessions(&self) -> u64 {
         self.early_data.get()
     }
 
-    /// Messages of clients that were refused.
+    /// Client messages that were rejected.
     #[must_use]
     pub fn rejected_messages(&self) -> u64 {
         self.rejected_messages.get()
     }
 
-    /// Bytes handed to the transports, frames' heads included.
+    /// Bytes handed to the transports, with frame headers.
     #[must_use]
     pub fn bytes_sent(&self) -> u64 {
         self.bytes.iter().map(IntCounter::get).sum()
     }
 
-    /// Tells how the log's lines that are left out are counted, once.
+    /// Sets the counter of dropped log lines, once.
     pub(crate) fn watch_log(&self, dropped: ErrorCounter) {
-        // A second log would be a second process's.
+        // A process has one log.
         let _ = self.log.set(dropped);
     }
 
-    /// All counters in Prometheus' text format (version 0.0.4).
+    /// All metrics in Prometheus' text format (version 0.0.4).
     #[must_use]
     pub(crate) fn render(&self, rates: Rates, draining: bool, cache: Option<CacheUse>) -> String {
-        // Who counts elsewhere is caught up with by one at a time.
-        let _one = self.rendering.lock().unwrap_or_else(PoisonError::into_inner);
+        // One at a time: the cache counters are advanced to values that are counted elsewhere.
+        let _guard = self.rendering.lock().unwrap_or_else(PoisonError::into_inner);
         let cache = cache.unwrap_or_default();
         self.cache_hits.inc_by(cache.hits.saturating_sub(self.cache_hits.get()));
         self.cache_misses.inc_by(cache.misses.saturating_sub(self.cache_misses.get()));
-        let Rates { per_session_bits_per_s, per_address_bits_per_s, total_bits_per_s, given_bits_per_s } =
+        let Rates { per_session_bits_per_s, per_address_bits_per_s, total_bits_per_s, assigned_bits_per_s } =
             rates;
         for (gauge, rate) in [
             (&self.rate, per_session_bits_per_s),
             (&self.address_rate, per_address_bits_per_s),
             (&self.total_rate, total_bits_per_s),
-            (&self.given_rate, Some(given_bits_per_s)),
+            (&self.assigned_rate, Some(assigned_bits_per_s)),
         ] {
             gauge.set(i64::try_from(rate.unwrap_or(0)).unwrap_or(i64::MAX));
         }
@@ -261,7 +262,7 @@ impl Metrics {
         let dropped = self.log.get().map_or(0, ErrorCounter::dropped_lines);
         self.dropped_log_lines.set(i64::try_from(dropped).unwrap_or(i64::MAX));
         let mut text = String::with_capacity(4096);
-        // Fails for a family without metrics, and there is none.
+        // Fails only for a family without metrics.
         let _ = TextEncoder::new().encode_utf8(&self.registry.gather(), &mut text);
         text
     }

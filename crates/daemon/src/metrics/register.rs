@@ -10,14 +10,13 @@ use prometheus::{
 use crate::admission::refusal::Refusal;
 use crate::metrics::{Metrics, Transport};
 
-/// Kinds of bytes that are counted apart.
+/// Values of the label `kind`.
 const KINDS: [&str; 5] = ["control", "base", "index", "chunk", "texture"];
 
-/// Upper ends of the histogram of times until all visible base meshes were handed over, in seconds.
+/// Upper bounds of the buckets of `lodestream_bases_sent_seconds`.
 const BASES_SENT_S: [f64; 10] = [0.01, 0.025, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4];
 
-/// Upper ends of the histogram of times until the first byte of a blob was handed over, in seconds: from a blob in memory
-/// to one in a store that is far away.
+/// Upper bounds of the buckets of `lodestream_first_byte_seconds`: from a blob in memory to one in a remote store.
 const FIRST_BYTE_S: [f64; 10] = [0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 1.0, 4.0];
 
 impl Metrics {
@@ -26,8 +25,8 @@ impl Metrics {
         let transports = Transport::ALL.map(Transport::name);
         let codes = CloseCode::ALL.map(|code| format!("{code:?}"));
         let codes = codes.each_ref().map(String::as_str);
-        let active = IntGaugeVec::new(Opts::new("lodestream_sessions", "Open sessions."), &["transport"])?;
-        registry.register(Box::new(active.clone()))?;
+        let sessions = IntGaugeVec::new(Opts::new("lodestream_sessions", "Open sessions."), &["transport"])?;
+        registry.register(Box::new(sessions.clone()))?;
         let counters = |name: &str, help: &str, label: &str| -> prometheus::Result<IntCounterVec> {
             let counters = IntCounterVec::new(Opts::new(name, help), &[label])?;
             registry.register(Box::new(counters.clone()))?;
@@ -47,7 +46,7 @@ impl Metrics {
         let ended = counters("lodestream_sessions_ended_total", "Sessions ended, by reason.", "reason")?;
         let bytes = counters(
             "lodestream_sent_bytes_total",
-            "Payload handed to the transports, with frames' heads.",
+            "Payload handed to the transports, with frame headers.",
             "kind",
         )?;
         let blobs =
@@ -59,21 +58,21 @@ impl Metrics {
         };
         let refused = counters(
             "lodestream_sessions_refused_total",
-            "Sessions refused, by reason: the server or the address has no place, it drains, the token, the origin.",
+            "Sessions refused, by reason: limits of the server or the address, shutdown, token, origin, scene.",
             "reason",
         )?;
         let bases_sent = histogram(
             "lodestream_bases_sent_seconds",
-            "From the start of a session until all visible base meshes were handed over.",
+            "Time from the start of a session until all visible base meshes were sent.",
             &BASES_SENT_S,
         )?;
         let first_byte = histogram(
             "lodestream_first_byte_seconds",
-            "From the start of a session, or from its Hello if that was later, until the first byte of a blob was handed over.",
+            "Time from the start of a session, or from a later Hello, until the first byte of a blob was sent.",
             &FIRST_BYTE_S,
         )?;
         Ok(Self {
-            active: transports.map(|name| active.with_label_values(&[name])),
+            sessions: transports.map(|name| sessions.with_label_values(&[name])),
             started: transports.map(|name| started.with_label_values(&[name])),
             ended: codes.map(|name| ended.with_label_values(&[name])),
             refused: Refusal::ALL.map(|why| refused.with_label_values(&[why.name()])),
@@ -81,68 +80,56 @@ impl Metrics {
             blobs: KINDS.map(|name| blobs.with_label_values(&[name])),
             rejected_messages: counter(
                 "lodestream_rejected_messages_total",
-                "Messages of clients that were refused.",
+                "Client messages that were rejected.",
             )?,
             refused_requests: counter(
                 "lodestream_refused_requests_total",
-                "Requests for blobs that were refused: there are none such, or too many were queued.",
+                "Requests for blobs that were refused: no such blob, or the queue was full.",
             )?,
-            unreadable: counter(
+            unreadable_blobs: counter(
                 "lodestream_unreadable_blobs_total",
-                "Reads of blobs that failed: packs damaged or gone since the server started.",
+                "Failed reads of blobs: packs damaged or deleted since the server started.",
             )?,
             http_requests: counter("lodestream_http_requests_total", "HTTP requests.")?,
             http_errors: counter(
                 "lodestream_http_errors_total",
-                "HTTP connections that sent no proper request.",
+                "HTTP connections without a valid request.",
             )?,
             failed_handshakes: counter("lodestream_failed_handshakes_total", "QUIC handshakes that failed.")?,
             early_data: counter(
                 "lodestream_early_data_sessions_total",
-                "Resumed QUIC sessions whose first words came before the handshake was complete.",
+                "Resumed QUIC sessions whose client sent 0-RTT data.",
             )?,
-            access_unknown: counter(
+            access_unavailable: counter(
                 "lodestream_access_unknown_total",
-                "Tokens of which the program or URL that decides about them said nothing in time, or nonsense.",
+                "Tokens about which the access program or URL gave no valid response in time.",
             )?,
             tokens_refused: counter(
                 "lodestream_tokens_refused_total",
-                "Sessions refused or ended for their tokens: none, of another key, expired, for another scene.",
+                "Sessions refused or ended because of their token: missing, invalid, expired or for another scene.",
             )?,
-            certificate_end: gauge(
+            certificate_not_after: gauge(
                 "lodestream_certificate_not_after_seconds",
-                "When the certificate of new connections expires, in seconds since 1970; 0 where that is not known.",
+                "Expiry of the certificate of new connections, in seconds since 1970; 0 if unknown.",
             )?,
             certificates_refused: counter(
                 "lodestream_certificates_refused_total",
-                "Changes of the certificate's files that could not be used; the old one stayed.",
+                "Changes of the certificate files that could not be used.",
             )?,
-            scene_exchanges: counter(
+            scene_changes: counter(
                 "lodestream_scene_exchanges_total",
-                "Scenes that came, went or were exchanged while the server ran.",
+                "Scenes added, removed or replaced while the server ran.",
             )?,
             bases_sent,
             first_byte,
-            turns: counter(
-                "lodestream_session_turns_total",
-                "Turns of the loops of sessions: how often one was woken, or went on without being.",
-            )?,
-            alarms: counter(
+            turns: counter("lodestream_session_turns_total", "Turns of the loops of sessions.")?,
+            timer_turns: counter(
                 "lodestream_session_timers_total",
-                "Of these, those in which a timer had run out.",
+                "Turns of the loops of sessions that were caused by timers.",
             )?,
-            waiting: gauge(
-                "lodestream_queued_bytes",
-                "Bytes of blobs and messages that wait in sessions to be handed to the transports.",
-            )?,
-            cache_hits: counter(
-                "lodestream_cache_hits_total",
-                "Blobs that were in memory when they were to be sent.",
-            )?,
-            cache_misses: counter(
-                "lodestream_cache_misses_total",
-                "Blobs that had to be read first when they were to be sent.",
-            )?,
+            queued: gauge("lodestream_queued_bytes", "Bytes of blobs and messages queued in sessions.")?,
+            cache_hits: counter("lodestream_cache_hits_total", "Blobs found in memory.")?,
+            cache_misses: counter("lodestream_cache_misses_total", "Blobs read from the store.")?,
             rendering: Mutex::new(()),
             rate: gauge("lodestream_rate_bits_per_second", "Limit of each session; 0 for none.")?,
             address_rate: gauge(
@@ -153,14 +140,14 @@ impl Metrics {
                 "lodestream_total_rate_bits_per_second",
                 "Limit of all sessions together; 0 for none.",
             )?,
-            given_rate: gauge(
+            assigned_rate: gauge(
                 "lodestream_given_rate_bits_per_second",
-                "What sessions that have something to send are given now of the limits that they share, as far as they can use it.",
+                "Rate of the shared limits that is assigned to sessions with queued data and usable by them.",
             )?,
             draining: gauge("lodestream_draining", "1 while the server shuts down.")?,
             dropped_log_lines: gauge(
                 "lodestream_dropped_log_lines",
-                "Log lines left out because whoever reads the log was too slow.",
+                "Log lines dropped because the reader of the log was too slow.",
             )?,
             log: OnceLock::new(),
             registry,

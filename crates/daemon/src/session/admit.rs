@@ -32,10 +32,10 @@ pub(crate) struct Admission {
     pub(crate) hello: Option<Box<Hello>>,
 }
 
-/// A token that is being verified.
+/// Verification of a token, under way.
 pub(crate) type PendingGrant = Pin<Box<dyn Future<Output = Result<Grant, TokenError>> + Send>>;
 
-/// What is verified of it; never, where there is none. Safe to drop before it resolves.
+/// The result of a verification; never resolves without one. Cancel safe.
 pub(crate) async fn next_grant(pending_grant: &mut Option<PendingGrant>) -> Result<Grant, TokenError> {
     match pending_grant {
         Some(pending_grant) => pending_grant.await,

@@ -16,16 +16,16 @@ use crate::metrics::Transport;
 use crate::session::scenes::SceneVersion;
 use crate::session::state::{Phase, ServerState};
 
-/// What a session has.
+/// The limit that a session counts against.
 #[derive(Debug)]
 enum SessionSlot {
-    /// A seat among those who have not proved to be clients.
+    /// The pre-auth pool.
     PreAuth(PreAuthSlot),
-    /// A lease among the sessions.
+    /// The leases.
     Leased(Lease),
 }
 
-/// A session's part in the counts; given back when dropped.
+/// A session's slot or lease, and its entries in the counters; returned when dropped.
 #[derive(Debug)]
 pub(crate) struct SessionGuard {
     pub(crate) state: Arc<ServerState>,
@@ -33,23 +33,24 @@ pub(crate) struct SessionGuard {
     /// Number of the session, from 1.
     pub(crate) id: u64,
     pub(crate) peer: SocketAddr,
-    /// Why the session ended; "lost" until said otherwise.
+    /// Reason of the end for the metrics; `Lost` until another is known.
     pub(crate) close_code: CloseCode,
-    /// Name of the scene that it asks for, if that was said before `Hello`.
+    /// Name of the requested scene, if known before `Hello`.
     pub(crate) requested_scene: Option<String>,
-    /// What the token of its request grants.
+    /// Grant of the token in the HTTP request.
     pub(crate) grant: Option<Grant>,
-    /// The scene that it has, once it has one.
+    /// The scene, once the session is admitted.
     pub(crate) version: Option<Arc<SceneVersion>>,
-    /// Whether it is one of those that its address session_start.
+    /// Whether the session counts against its address's rate of new sessions.
     counted_for_address: bool,
     slot: SessionSlot,
 }
 
 impl SessionGuard {
-    /// Begins a session, unless there is no lease for its address, or that session_start too many lately. It has no lease itself
-    /// until [`SessionGuard::take_lease`], and over QUIC does not count among those that its address session_start until
-    /// [`SessionGuard::count`]: whoever forges an address takes nothing from its owner.
+    /// Starts a session in the pre-auth pool if a lease is available and the address has not started too many sessions.
+    ///
+    /// The lease is taken in [`SessionGuard::take_lease`]. Over QUIC the address may be forged, so it is charged only in
+    /// [`SessionGuard::count_for_address`], once it is validated.
     pub(crate) fn begin(
         state: &Arc<ServerState>,
         transport: Transport,
@@ -57,14 +58,18 @@ impl SessionGuard {
     ) -> Result<Self, LeaseError> {
         let running = if state.phase() == Phase::Running { Ok(()) } else { Err(LeaseError::Draining) };
         let now = state.now();
-        let proved = transport == Transport::WebSocket;
-        let in_time = || {
+        let address_valid = transport == Transport::WebSocket;
+        let within_rate = || {
             let (address, session_rate) = (peer.ip(), &state.session_rate);
-            let may = if proved { session_rate.take(address, now) } else { session_rate.check(address, now) };
-            may.then_some(()).ok_or(LeaseError::RateLimit)
+            let admitted = if address_valid {
+                session_rate.take(address, now)
+            } else {
+                session_rate.check(address, now)
+            };
+            admitted.then_some(()).ok_or(LeaseError::RateLimit)
         };
         let free = running.and_then(|()| state.leases.check(peer.ip(), now));
-        if let Err(why) = free.and_then(|()| in_time()) {
+        if let Err(why) = free.and_then(|()| within_rate()) {
             state.metrics.session_refused(why.into());
             return Err(why);
         }
@@ -81,20 +86,19 @@ impl SessionGuard {
             requested_scene: None,
             grant: None,
             version: None,
-            counted_for_address: proved,
+            counted_for_address: address_valid,
             slot,
         })
     }
 
-    /// Its part in what sessions share, if they share anything: `session_start` is when its clock did.
+    /// Joins the shared rate limit, if there is one. `session_start` is the start of the session's clock.
     pub(crate) fn join_shared_limit(&self, weight: Weight, session_start: Instant) -> Option<RateShare> {
         let session_start = Time::from(session_start.saturating_duration_since(self.state.started));
         let shared_rate_limit = self.state.live().shared_rate_limit.clone();
-        shared_rate_limit.map(|shared_rate_limit| shared_rate_limit.join(self.group(), weight, session_start))
+        shared_rate_limit.map(|limit| limit.join(self.group(), weight, session_start))
     }
 
-    /// With whom it counts as one there: the sessions of its address, once that is proved. Whoever forges an address takes
-    /// nothing from its owner.
+    /// Group in the shared rate limit: the client's address block, once the address is validated, since it may be forged.
     pub(crate) fn group(&self) -> Option<u128> {
         self.counted_for_address.then(|| AddressBlock::of(self.peer.ip()).number())
     }
@@ -109,7 +113,7 @@ impl SessionGuard {
         matches!(self.slot, SessionSlot::Leased(_))
     }
 
-    /// Counts the session among those that its address session_start, once: the address is proved.
+    /// Charges the session, once, to its address's rate of new sessions. Call when the address is validated.
     pub(crate) fn count_for_address(&mut self) -> Result<(), LeaseError> {
         if self.counted_for_address {
             return Ok(());
@@ -122,7 +126,7 @@ impl SessionGuard {
         Err(LeaseError::RateLimit)
     }
 
-    /// Takes a lease, once: the client has proved its address and said `Hello`.
+    /// Takes a lease, once. Call when the address is validated and the client admitted.
     pub(crate) fn take_lease(&mut self) -> Result<(), LeaseError> {
         if self.has_lease() {
             return Ok(());
@@ -139,7 +143,7 @@ impl SessionGuard {
         }
     }
 
-    /// The client comes from this address now: what the session has is that one's.
+    /// Moves the session to the client's current address.
     pub(crate) fn set_peer(&mut self, peer: SocketAddr) {
         if peer.ip() != self.peer.ip()
             && let SessionSlot::Leased(lease) = &self.slot
@@ -147,28 +151,28 @@ impl SessionGuard {
             lease.set_address(peer.ip());
         }
         if peer != self.peer {
-            tracing::info!(from = %self.peer, to = %peer, "the client has another address");
+            tracing::info!(from = %self.peer, to = %peer, "the client's address has changed");
             self.peer = peer;
         }
     }
 
-    /// The client has asked for something: the session is of use.
+    /// Notes a request: the session is active.
     pub(crate) fn record_request(&self) {
         if let SessionSlot::Leased(lease) = &self.slot {
             lease.record_request(self.state.now());
         }
     }
 
-    /// Resolves, once, when another needs what this session has; says why, for the client.
+    /// Resolves once when the session loses its slot or lease; returns the reason for the client.
     pub(crate) async fn evicted(&self) -> &'static str {
         match &self.slot {
             SessionSlot::PreAuth(slot) => {
                 slot.evicted().await;
-                "too many clients connect at once and have not said Hello"
+                "too many clients are connecting and have not sent Hello"
             }
             SessionSlot::Leased(lease) => {
                 lease.revoked().await;
-                "the server is full, and others have fewer sessions or ask for more"
+                "the server is full, and this session was idle or of the address with the most sessions"
             }
         }
     }

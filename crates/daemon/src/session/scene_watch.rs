@@ -63,7 +63,7 @@ pub(crate) async fn watch_scenes(
             Ok(changes) => {
                 state
                     .metrics()
-                    .scenes_exchanged(changes.added.len() + changes.changed.len() + changes.removed.len());
+                    .scenes_changed(changes.added.len() + changes.changed.len() + changes.removed.len());
                 tracing::info!(
                     added = ?changes.added,
                     changed = ?changes.changed,

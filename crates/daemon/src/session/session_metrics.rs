@@ -75,12 +75,12 @@ impl<'a> SessionMetrics<'a> {
 
     /// Reports turns in batches, because all sessions share the counters.
     fn report_turns(&mut self) {
-        self.metrics.turned(std::mem::take(&mut self.turns), std::mem::take(&mut self.timer_turns));
+        self.metrics.loop_turns(std::mem::take(&mut self.turns), std::mem::take(&mut self.timer_turns));
     }
 
     fn report_queued(&mut self, bytes: u64) {
         if bytes != self.reported_bytes {
-            self.metrics.waiting_changed(self.reported_bytes, bytes);
+            self.metrics.queued_changed(self.reported_bytes, bytes);
             self.reported_bytes = bytes;
         }
     }

@@ -139,8 +139,8 @@ impl ServerState {
         Arc::clone(&self.live().admission)
     }
 
-    /// Has these settings hold from now on: for new sessions, and what sessions share for those that share it already. By
-    /// what tokens are verified stays.
+    /// Replaces the settings. New sessions use all of them, running sessions only the shared rate limits, and only if
+    /// there were some before. [`AdmissionSettings::access`] is not replaced.
     pub fn update_settings(&self, settings: SessionSettings, admission: AdmissionSettings) {
         let (max_per_address, session_rate) = settings.address_limits();
         self.leases.set(settings.max_sessions, max_per_address);
@@ -170,7 +170,7 @@ impl ServerState {
             per_session_bits_per_s: settings.rate_bits_per_s,
             per_address_bits_per_s: settings.rate_per_address_bits_per_s,
             total_bits_per_s: settings.total_rate_bits_per_s,
-            given_bits_per_s: shared_rate_limit
+            assigned_bits_per_s: shared_rate_limit
                 .map_or(0, |shared_rate_limit| shared_rate_limit.given_bits_per_s(self.now())),
         };
         self.metrics.render(rates, draining, self.scenes.cache_use())
@@ -275,7 +275,7 @@ impl ServerState {
     /// Counts a session that is refused or ended because of its token.
     pub(crate) fn token_refused(&self, why: TokenError) -> TokenError {
         match why {
-            TokenError::Unavailable => self.metrics.access_unknown(),
+            TokenError::Unavailable => self.metrics.access_unavailable(),
             _ => self.metrics.token_refused(),
         }
         why

@@ -47,7 +47,7 @@ async fn who_lets_untrusted_peers_in_is_warned() {
     assert_eq!(loopback.exposure_warning(), None);
     let (public, _folder) = at(Ipv4Addr::UNSPECIFIED.into(), |_| {}).await;
     let warning = public.exposure_warning().unwrap();
-    assert!(warning.contains("nobody is asked for a token") && warning.contains("--token-keys"), "{warning}");
+    assert!(warning.contains("without a token") && warning.contains("--token-keys"), "{warning}");
     // One public port is enough.
     let (half, _folder) = at(Ipv4Addr::LOCALHOST.into(), |options| {
         options.http = Some(SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0)));

@@ -19,8 +19,8 @@ fn counters_show_up_in_the_text() {
         (0..count).for_each(|_| metrics.session_refused(why));
     }
     metrics.first_byte(Duration::from_millis(2));
-    metrics.waiting_changed(0, 5000);
-    metrics.waiting_changed(5000, 1200);
+    metrics.queued_changed(0, 5000);
+    metrics.queued_changed(5000, 1200);
     metrics.bases_sent(Duration::from_millis(60));
     metrics.bases_sent(Duration::from_secs(60));
     let before = metrics.render(Rates::default(), false, Some(CacheUse { hits: 4, misses: 1 }));
@@ -29,7 +29,7 @@ fn counters_show_up_in_the_text() {
         per_session_bits_per_s: Some(2_000_000),
         per_address_bits_per_s: Some(8_000_000),
         total_bits_per_s: Some(1_000_000_000),
-        given_bits_per_s: 3_000_000,
+        assigned_bits_per_s: 3_000_000,
     };
     let text = metrics.render(rates, false, Some(CacheUse { hits: 7, misses: 2 }));
     for line in [

@@ -229,9 +229,9 @@ fn a_set_has_the_key_that_a_token_names() {
     assert_eq!(told(&set, &signed(two, &head("1"), &claims)), Err(TokenError::Signature));
     assert_eq!(told(&set, &signed(two, &head("3"), &claims)), Err(TokenError::Signature));
     // Exchanged for another, and not for nonsense.
-    assert!(set.take_keys(b"short").is_err());
+    assert!(set.set_keys(b"short").is_err());
     assert_eq!(told(&set, &signed(two, &head("2"), &claims)), Ok(None));
-    set.take_keys(one).unwrap();
+    set.set_keys(one).unwrap();
     assert_eq!(told(&set, &signed(two, &head("2"), &claims)), Err(TokenError::Signature));
     assert_eq!(told(&set, &signed(one, &head("2"), &claims)), Ok(None));
 }
@@ -242,7 +242,7 @@ async fn nothing_is_sent_to_who_shows_no_token() {
     let unauthorised = 4000 + CloseCode::Unauthorised.number();
     for (message, reason) in [
         (hello(), "none was given"),
-        (token("nonsense".into()), "no JSON Web Token"),
+        (token("nonsense".into()), "not a JSON Web Token"),
         (token(good_for(-100)), "has expired"),
     ] {
         let mut client = Client::in_memory(&state).await;
