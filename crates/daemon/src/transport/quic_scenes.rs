@@ -35,7 +35,7 @@ impl QuicConfig {
     }
 }
 
-/// Has new connections name the scenes that there are after each exchange. Goes on as long as there are replacements.
+/// Updates the endpoint's ALPN names after each change of scenes.
 pub(crate) async fn watch_alpns(settings: QuicConfig, endpoint: quinn::Endpoint, state: Arc<ServerState>) {
     let mut replacements = state.scenes().replacements();
     while replacements.changed().await.is_ok() {
