@@ -1,4 +1,4 @@
-//! What is counted, as Prometheus reads it.
+//! Metrics in Prometheus' text format.
 
 use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::source::CacheUse;
@@ -76,25 +76,25 @@ fn counters_show_up_in_the_text() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_waits_in_a_session_is_told_while_it_does() {
+async fn queued_bytes_are_reported_while_they_are_queued() {
     // Two seconds' worth at 2 Mbit/s.
     let state = state_of(MemoryScene::new(1, 1000, 60_000), Some(2_000_000));
     let mut client = Client::in_memory(&state).await;
     client.send(&hello()).await;
     client.send(&want_textures(1)).await;
     while state.metrics().waiting_bytes() < 100_000 {
-        client.next().await.expect("it waits before it is sent");
+        client.next().await.expect("closed before its data was queued");
     }
     while client.next().await.unwrap() != ServerFrame::Message(ServerMessage::Done) {}
     assert_eq!(state.metrics().waiting_bytes(), 0);
     let text = state.render_metrics();
     assert!(text.contains("\nlodestream_first_byte_seconds_count 1\n"), "{text}");
-    // Whoever goes takes what waits with him.
+    // The queued bytes of a session end with it.
     let mut client = Client::in_memory(&state).await;
     client.send(&hello()).await;
     client.send(&want_textures(1)).await;
     while state.metrics().waiting_bytes() < 100_000 {
-        client.next().await.expect("it waits before it is sent");
+        client.next().await.expect("closed before its data was queued");
     }
     drop(client);
     state.all_sessions_ended().await;
@@ -130,7 +130,7 @@ async fn refusals_are_counted_by_their_reason() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn turns_of_sessions_are_counted_and_those_by_timers() {
+async fn turns_of_sessions_and_timers_are_counted() {
     let state = state_of(MemoryScene::new(1, 100, 20_000), Some(1_000_000));
     let counted = || {
         let text = state.render_metrics();
@@ -147,7 +147,7 @@ async fn turns_of_sessions_are_counted_and_those_by_timers() {
     client.read_blobs(3).await;
     client.send(&ClientMessage::Bye).await;
     state.all_sessions_ended().await;
-    // A limiter is waited for by timers, and messages are not.
+    // Timers wait for the rate limiter, and not for messages.
     let [turns, timers] = counted();
     assert!(timers > 20 && turns > timers + 3, "{turns} turns, {timers} by timers");
 }
