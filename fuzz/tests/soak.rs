@@ -16,9 +16,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use futures_util::{SinkExt as _, StreamExt as _};
-use lodestream_daemon::http::server::accept_http;
-use lodestream_daemon::session::memory_scene::MemoryScene;
-use lodestream_daemon::{ServerState, SessionSettings};
+use lodestream_daemon::{MemoryScene, ServerState, SessionSettings, accept_http};
 use lodestream_fuzz::meter::held_bytes;
 use lodestream_protocol::frame::encode_client;
 use lodestream_protocol::message::{ClientMessage, Hello, Want};

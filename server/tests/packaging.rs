@@ -10,8 +10,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::Arc;
 
-use lodestream_daemon::session::memory_scene::MemoryScene;
-use lodestream_daemon::{ServerState, SessionSettings};
+use lodestream_daemon::{MemoryScene, ServerState, SessionSettings};
 
 fn shipped(name: &str) -> String {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("packaging").join(name);

@@ -289,7 +289,7 @@ fn a_changed_configuration_holds_after_a_hangup_and_a_wrong_one_changes_nothing(
     server.signal("-TERM");
     let (status, errors) = server.ended();
     assert!(status.success(), "{status}: {errors}");
-    assert!(errors.contains("settings were read anew"), "{errors}");
+    assert!(errors.contains("settings reloaded"), "{errors}");
 }
 
 #[cfg(target_os = "linux")]

@@ -4,10 +4,7 @@ use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use lodestream_client::core::Config;
-use lodestream_daemon::SessionSettings;
-use lodestream_daemon::auth::access::Access;
-use lodestream_daemon::auth::hook::Hook;
-use lodestream_daemon::auth::tokens::Tokens;
+use lodestream_daemon::{Access, Hook, SessionSettings, Tokens};
 use lodestream_protocol::message::Token;
 
 use crate::support::LIMIT;
@@ -39,7 +36,7 @@ fn a_viewer_with_a_token_sees_the_scene_and_others_are_told_why_they_do_not() {
     let name = scene.source().header().name.clone();
     let file = tempfile::NamedTempFile::new().unwrap();
     std::fs::write(file.path(), SECRET).unwrap();
-    let access = Arc::new(Access::Tokens(Tokens::of_file(file.path(), None).unwrap()));
+    let access = Arc::new(Access::Tokens(Tokens::from_file(file.path(), None).unwrap()));
     let server = Server::start_with(scene.source(), SessionSettings::default(), |options| {
         options.admission.access = Some(access);
     });
@@ -87,7 +84,7 @@ fn a_program_of_the_operators_says_who_sees_the_scene() {
     // Another program writes it: what is open for writing here cannot be run where another test starts a program.
     let written = std::process::Command::new("install").args(["-m", "700"]).args([&text, &program]).status();
     assert!(written.unwrap().success());
-    let hook = Hook::of_command(&program).unwrap();
+    let hook = Hook::from_command(&program).unwrap();
     let access = Arc::new(Access::Hook { hook, authorization: None });
     let server = Server::start_with(TestScene::small().source(), SessionSettings::default(), |options| {
         options.admission.access = Some(access);

@@ -3,8 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use lodestream_daemon::session::memory_scene::{MemoryScene, TEXTURE_LEVELS};
-use lodestream_daemon::{ServerState, SessionSettings};
+use lodestream_daemon::{MemoryScene, ServerState, SessionSettings, TEXTURE_LEVELS};
 use lodestream_netsim::clock::virtual_runtime;
 use lodestream_protocol::message::ClientMessage;
 use lodestream_scene::BlobId;

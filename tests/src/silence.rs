@@ -5,8 +5,7 @@ use std::time::Duration;
 
 use lodestream_client::core::{ClientCore, Config, Progress, StartView, Stats};
 use lodestream_client::net::{Clock, Host, WebSocketConnection, run_quic, run_websocket};
-use lodestream_daemon::session::memory_scene::MemoryScene;
-use lodestream_daemon::{ServerState, SessionSettings};
+use lodestream_daemon::{MemoryScene, ServerState, SessionSettings};
 use lodestream_netsim::clock::virtual_runtime;
 use lodestream_protocol::time::Time;
 

@@ -1,354 +1,49 @@
-//! The streaming daemon: QUIC and WebSocket listeners, limits, metrics, shutdown.
+//! The streaming daemon: QUIC and WebSocket listeners, admission, authorisation, metrics, shutdown.
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`transport`] | QUIC, WebSocket, TLS, certificates, congestion control |
-//! | [`http`] | the HTTP port and the administration port |
-//! | [`admission`] | which connections become sessions: pre-auth pool, leases, rates |
-//! | [`auth`] | who may see a scene: signed tokens, the operator's program or URL |
-//! | [`session`] | scenes and their versions; the loop between a sans-IO session and its transport |
-//! | [`lifecycle`] | signals, reload, notices to the service manager |
-//! | [`metrics`] | counters |
+//! | `daemon` | the whole daemon: sockets, reload, drain |
+//! | `transport` | QUIC, WebSocket, TLS, certificates, congestion control |
+//! | `http` | the HTTP port and the administration port |
+//! | `session` | scenes and their versions; the loop between a sans-IO session and its transport |
+//! | `admission` | limits on connections and sessions: pre-auth pool, leases, rates, origins, proxies |
+//! | `auth` | which clients may see a scene: signed tokens, or the operator's program or URL |
+//! | `lifecycle` | signals, reload, notifications to the service manager |
+//! | `metrics` | counters and gauges |
 //!
-//! [`run`] is the whole daemon. Its parts take any endpoint ([`transport::quic::serve_quic`]) and any byte stream
-//! ([`http::server::accept_http`]), and read no clock but tokio's, so a simulator runs them unchanged in paused time.
+//! [`run`] is the whole daemon. Its parts take any endpoint ([`serve_quic`]) and any byte stream ([`accept_http`]), and
+//! read no clock but tokio's, so a simulator runs them unchanged in paused time.
 
-pub mod admission;
-pub mod auth;
-pub mod http;
-pub mod lifecycle;
-pub mod metrics;
-pub mod session;
+mod admission;
+mod auth;
+mod daemon;
+mod http;
+mod lifecycle;
+mod metrics;
+mod session;
 #[cfg(test)]
 mod tests;
-pub mod transport;
+mod transport;
 
-use std::io::Write as _;
-use std::net::{Ipv4Addr, SocketAddr};
-use std::path::PathBuf;
-use std::sync::Arc;
-use std::time::{Duration, SystemTime};
-
-use anyhow::{Context, anyhow, bail};
-use lodestream_protocol::stream::path_of_scene;
-use rustls::server::ResolvesServerCert;
-use tokio::net::TcpListener;
-use tokio::sync::watch;
-use tokio::time::timeout;
-use tracing_appender::non_blocking::ErrorCounter;
-
-use crate::admission::settings::AdmissionSettings;
-use crate::http::admin::AdminPort;
-use crate::lifecycle::settings_watch::SettingsReload;
-use crate::lifecycle::shutdown::{Signals, StopRequests};
-use crate::session::scene_watch::SceneProvider;
-use crate::session::scenes::Scenes;
-pub use crate::session::state::{ServerState, SessionSettings};
-use crate::transport::advertised_addresses::reachable;
-use crate::transport::certificate::Certificate;
-use crate::transport::listen::listen_tcp;
-use crate::transport::quic_scenes::{QuicSettings, follow_scenes};
-use crate::transport::renewal::LiveCertificate;
-use crate::transport::tls::Tls;
-
-/// Time for sessions' last words beyond [`SessionSettings::drain`].
-const LAST_WORDS: Duration = Duration::from_secs(2);
-
-/// Scenes whose addresses are printed.
-const MAX_LISTED_SCENES: usize = 16;
-
-/// What the daemon does and where.
-#[derive(Clone)]
-pub struct DaemonOptions {
-    /// UDP address of the QUIC listener; port 0 for any. `None`: no QUIC.
-    pub listen: Option<SocketAddr>,
-    /// TCP address of the HTTP and WebSocket listener; port 0 for any. `None`: neither.
-    pub http: Option<SocketAddr>,
-    /// Whether that listener speaks TLS, with the certificate of QUIC.
-    pub http_tls: bool,
-    /// Where `/health`, `/ready` and `/metrics` are for who runs the server.
-    pub admin: AdminPort,
-    /// Folder in which the development certificate is kept.
-    pub state_folder: PathBuf,
-    /// PEM files of a certificate chain and its private key, in place of the development certificate. When they change,
-    /// new connections get what is in them.
-    pub certificate: Option<(PathBuf, PathBuf)>,
-    /// Limits of the sessions.
-    pub sessions: SessionSettings,
-    /// Who may open sessions over HTTP.
-    pub admission: AdmissionSettings,
-    /// Reads anew, at SIGHUP, what [`ServerState::change`] takes.
-    pub settings_again: Option<SettingsReload>,
-    /// Where scenes are looked for again while the server runs.
-    pub provider: Option<Arc<dyn SceneProvider>>,
-    /// What counts the log's lines that were left out, if that can happen.
-    pub dropped_log_lines: Option<ErrorCounter>,
-}
-
-impl DaemonOptions {
-    /// The standard ports on loopback but for the admin's, no limit, the development certificate in `state_folder`.
-    #[must_use]
-    pub fn new(state_folder: impl Into<PathBuf>) -> Self {
-        Self {
-            listen: Some(SocketAddr::from((Ipv4Addr::LOCALHOST, 4433))),
-            http: Some(SocketAddr::from((Ipv4Addr::LOCALHOST, 8080))),
-            http_tls: false,
-            admin: AdminPort::Off,
-            state_folder: state_folder.into(),
-            certificate: None,
-            sessions: SessionSettings::default(),
-            admission: AdmissionSettings::default(),
-            settings_again: None,
-            provider: None,
-            dropped_log_lines: None,
-        }
-    }
-}
-
-/// Runs the daemon until SIGINT or SIGTERM: prints the viewer URLs, one a line, and that of the metrics, serves, and
-/// drains when asked to end. A second signal ends it at once.
-///
-/// # Errors
-/// Fails where an address or the certificate cannot be had, or where a second signal came.
-pub async fn run(options: DaemonOptions, scenes: impl Into<Scenes>) -> anyhow::Result<()> {
-    // Before the URLs are out: whoever reads them may ask to end at once.
-    let mut signals = Signals::listen()?;
-    let daemon = Daemon::bind(options, scenes).await?;
-    signals.on_hangup(daemon.reloads.clone());
-    for url in daemon.urls().into_iter().chain(daemon.metrics_urls()) {
-        // Whoever wants none may have closed it.
-        let _ = writeln!(std::io::stdout(), "{url}");
-    }
-    if let Some(warning) = daemon.warning_of_untrusted_peers() {
-        tracing::warn!("{warning}");
-    }
-    daemon.serve(signals).await
-}
-
-impl std::fmt::Debug for Daemon {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Daemon")
-            .field("state", &self.state)
-            .field("urls", &self.urls())
-            .finish_non_exhaustive()
-    }
-}
-
-/// A daemon whose sockets are open.
-pub struct Daemon {
-    state: Arc<ServerState>,
-    quic: Option<(quinn::Endpoint, SocketAddr, QuicSettings)>,
-    http: Option<(TcpListener, SocketAddr)>,
-    tls: Option<Tls>,
-    admin: Option<(TcpListener, SocketAddr)>,
-    /// What viewers' addresses say of the certificate.
-    pin: String,
-    renewed: Option<crate::transport::renewal::Files>,
-    provider: Option<Arc<dyn SceneProvider>>,
-    settings_again: Option<SettingsReload>,
-    reloads: watch::Sender<u64>,
-}
-
-impl Daemon {
-    /// Opens the sockets. Must be called on a tokio runtime.
-    ///
-    /// # Errors
-    /// Fails where an address or the certificate cannot be had.
-    pub async fn bind(options: DaemonOptions, scenes: impl Into<Scenes>) -> anyhow::Result<Self> {
-        let state = ServerState::admitting(scenes, options.sessions, options.admission);
-        if let Some(dropped) = options.dropped_log_lines {
-            state.metrics().watch_log(dropped);
-        }
-        let (mut quic, mut tls, mut renewed, mut pin) = (None, None, None, String::new());
-        if options.listen.is_some() || (options.http.is_some() && options.http_tls) {
-            let certificate = match &options.certificate {
-                Some((chain, key)) => Certificate::from_pem_files(chain, key)?,
-                None => Certificate::load_or_create(&options.state_folder, SystemTime::now())?,
-            };
-            // Who has a certificate made renews it, perhaps for the same key.
-            pin = if options.certificate.is_some() { certificate.key_pin() } else { certificate.pin() };
-            state.metrics().certificate_in_use(certificate.not_after());
-            let live = LiveCertificate::new(&certificate)?;
-            if let Some(address) = options.listen {
-                let settings = QuicSettings::new(Arc::clone(&live))?;
-                let endpoint = quinn::Endpoint::new(
-                    quinn::EndpointConfig::default(),
-                    Some(settings.naming(state.scenes())?),
-                    crate::transport::quic::bind_udp(address)?,
-                    Arc::new(quinn::TokioRuntime),
-                )?;
-                let address = endpoint.local_addr()?;
-                quic = Some((endpoint, address, settings));
-            }
-            if options.http_tls {
-                tls = Some(Tls::new(Arc::clone(&live) as Arc<dyn ResolvesServerCert>)?);
-            }
-            renewed =
-                options.certificate.map(|(chain, key)| crate::transport::renewal::Files { live, chain, key });
-        }
-        let addressed = |listener: TcpListener| listener.local_addr().map(|address| (listener, address));
-        let http = options.http.map(listen_tcp).transpose()?.map(addressed).transpose()?;
-        let admin = options.admin.listen()?.map(addressed).transpose()?;
-        let (provider, settings_again, reloads) =
-            (options.provider, options.settings_again, watch::Sender::new(0));
-        Ok(Self { state, quic, http, tls, admin, pin, renewed, provider, settings_again, reloads })
-    }
-
-    /// Addresses for viewers: `quic://HOST:PORT#PIN`, and `wss://HOST:PORT/#PIN` or, without TLS, `ws://HOST:PORT/`; of
-    /// several scenes for each, with `/NAME`, or for the first of them where there are more than anybody reads. The
-    /// pin is `sha256=` and the fingerprint of the certificate, or `spki-sha256=` and that of its key where it is one's
-    /// own: 64 lowercase hexadecimal digits. Where a socket listens on all addresses, there is one for each by which this
-    /// machine reaches others, of IPv6 and of IPv4.
-    #[must_use]
-    pub fn urls(&self) -> Vec<String> {
-        let pin = &self.pin;
-        let table = self.state.scenes().table();
-        let names: Vec<&str> = table.names().take(MAX_LISTED_SCENES).collect();
-        let paths = match names[..] {
-            [_] => vec![String::new()],
-            _ => names.into_iter().map(path_of_scene).collect(),
-        };
-        let quic = self.quic_address().into_iter().flat_map(reachable);
-        let quic =
-            quic.flat_map(|address| paths.iter().map(move |path| format!("quic://{address}{path}#{pin}")));
-        let websocket = self.http_address().into_iter().flat_map(reachable).flat_map(|address| {
-            paths.iter().map(move |path| {
-                let path = path.strip_prefix('/').unwrap_or(path);
-                match &self.tls {
-                    Some(_) => format!("wss://{address}/{path}#{pin}"),
-                    None => format!("ws://{address}/{path}"),
-                }
-            })
-        });
-        quic.chain(websocket).collect()
-    }
-
-    /// Where the metrics are, for who runs the server.
-    fn metrics_urls(&self) -> Vec<String> {
-        let addresses = self.admin_address().into_iter().flat_map(reachable);
-        addresses.map(|address| format!("http://{address}/metrics")).collect()
-    }
-
-    /// Where others may come in who should perhaps not.
-    fn warning_of_untrusted_peers(&self) -> Option<String> {
-        let public = |address: &SocketAddr| !address.ip().to_canonical().is_loopback();
-        let http = self.http_address().filter(public);
-        let address = self.quic_address().filter(public).or(http)?;
-        if self.state.admission().access.is_none() {
-            return Some(format!(
-                "{address} is for other machines too, and nobody is asked for a token: whoever reaches it may see the \
-                 scene (--token-keys FILE asks for tokens, --access-command and --access-url let your own program decide)"
-            ));
-        }
-        http.filter(|_| self.tls.is_none()).map(|address| {
-            format!("tokens that come to {address} can be read on the way: --http-tls, or a proxy with TLS on this machine")
-        })
-    }
-
-    /// Has files read now, as SIGHUP does.
-    pub fn reload(&self) -> impl Fn() + Send + Sync + 'static {
-        let reloads = self.reloads.clone();
-        move || reloads.send_modify(|count| *count = count.wrapping_add(1))
-    }
-
-    /// Address of the QUIC listener.
-    #[must_use]
-    pub fn quic_address(&self) -> Option<SocketAddr> {
-        self.quic.as_ref().map(|(_, address, _)| *address)
-    }
-
-    /// Address of the HTTP and WebSocket listener.
-    #[must_use]
-    pub fn http_address(&self) -> Option<SocketAddr> {
-        self.http.as_ref().map(|(_, address)| *address)
-    }
-
-    /// Address of the listener for who runs the server.
-    #[must_use]
-    pub fn admin_address(&self) -> Option<SocketAddr> {
-        self.admin.as_ref().map(|(_, address)| *address)
-    }
-
-    /// What the sessions share.
-    #[must_use]
-    pub const fn state(&self) -> &Arc<ServerState> {
-        &self.state
-    }
-
-    /// Serves until asked to end, then drains. A second request ends it at once.
-    ///
-    /// # Errors
-    /// Fails where a listener ends by itself, or a second request came before all sessions had ended.
-    pub async fn serve(self, mut stop: impl StopRequests) -> anyhow::Result<()> {
-        let Self { state, quic, http, tls, admin, pin: _, renewed, provider, settings_again, reloads } = self;
-        let mut listeners = tokio::task::JoinSet::new();
-        // Ends with this.
-        let mut renewals = tokio::task::JoinSet::new();
-        if let Some(files) = renewed {
-            renewals.spawn(crate::transport::renewal::renew(files, Arc::clone(&state), reloads.subscribe()));
-        }
-        if let Some(read) = settings_again {
-            renewals.spawn(crate::lifecycle::settings_watch::follow(
-                read,
-                Arc::clone(&state),
-                reloads.subscribe(),
-            ));
-        }
-        if let Some(provider) = provider {
-            renewals.spawn(crate::session::scene_watch::follow(
-                provider,
-                Arc::clone(&state),
-                reloads.subscribe(),
-            ));
-        }
-        if let Some(access) = &state.admission().access {
-            renewals.spawn(Arc::clone(access).renew(reloads.subscribe()));
-        }
-        if let Some((endpoint, _, settings)) = quic {
-            renewals.spawn(follow_scenes(settings, endpoint.clone(), Arc::clone(&state)));
-            listeners.spawn(crate::transport::quic::serve_quic(endpoint, state.clone()));
-        }
-        if let Some((listener, _)) = http {
-            listeners.spawn(http::server::serve_http(listener, state.clone(), tls));
-        }
-        if let Some((listener, _)) = admin {
-            listeners.spawn(crate::http::admin::serve_admin(listener, state.clone()));
-        }
-        tracing::info!(
-            scenes = state.scenes().table().names().count(),
-            rate_bits_per_s = state.settings().rate_bits_per_s,
-            rate_per_address_bits_per_s = state.settings().rate_per_address_bits_per_s,
-            total_rate_bits_per_s = state.settings().total_rate_bits_per_s,
-            "serving"
-        );
-        crate::lifecycle::notify::listening();
-        tokio::select! {
-            biased;
-            () = stop.next() => {}
-            // While the daemon runs none ends but by a fault.
-            Some(ended) = listeners.join_next() => {
-                state.stop();
-                return Err(ended.err().map_or_else(|| anyhow!("it ended"), Into::into))
-                    .context("a listener has failed; start the server again");
-            }
-        }
-        tracing::info!(sessions = state.metrics().active_sessions(), "shutting down: draining");
-        state.drain();
-        let at_most = state.settings().drain + LAST_WORDS;
-        crate::lifecycle::notify::draining(at_most);
-        let drained = async {
-            if timeout(at_most, state.all_sessions_ended()).await.is_err() {
-                tracing::warn!("some sessions did not end in time");
-            }
-            state.stop();
-            while listeners.join_next().await.is_some() {}
-        };
-        tokio::select! {
-            biased;
-            () = stop.next() => bail!("stopped by a second signal before all sessions had ended"),
-            () = drained => {}
-        }
-        tracing::info!("shut down");
-        Ok(())
-    }
-}
+pub use crate::admission::origin::{AllowedOrigins, Origin};
+pub use crate::admission::proxy::{Network, TrustedProxies};
+pub use crate::admission::session_rate::SessionRateLimit;
+pub use crate::admission::settings::AdmissionSettings;
+pub use crate::auth::access::Access;
+pub use crate::auth::hook::Hook;
+pub use crate::auth::hook_url::Authorization;
+pub use crate::auth::tokens::Tokens;
+pub use crate::daemon::{Daemon, DaemonOptions, run};
+pub use crate::http::admin::AdminPort;
+pub use crate::http::server::accept_http;
+pub use crate::lifecycle::settings_watch::SettingsReload;
+pub use crate::lifecycle::shutdown::StopRequests;
+pub use crate::metrics::Metrics;
+pub use crate::session::memory_scene::{MemoryScene, TEXTURE_LEVELS};
+pub use crate::session::scene_watch::{SceneProvider, SceneUpdate};
+pub use crate::session::scenes::{SceneChanges, SceneVersion, Scenes, ScenesError};
+pub use crate::session::settings::{DRAIN_SECONDS, SessionSettings};
+pub use crate::session::state::{Phase, ServerState};
+pub use crate::transport::certificate::Certificate;
+pub use crate::transport::congestion::bounded_queue;
+pub use crate::transport::quic::{bind_udp, serve_quic, server_config};

@@ -17,8 +17,7 @@ use super::place::{Place, SceneLocation};
 use lodestream_bake::prepare::{Options, prepare_cached};
 use lodestream_bake::scene;
 use lodestream_bake::stderr::write_line;
-use lodestream_daemon::session::scene_watch::{self, SceneProvider};
-use lodestream_daemon::session::scenes::Scenes;
+use lodestream_daemon::{SceneProvider, SceneUpdate, Scenes};
 use lodestream_store::{BlobCache, SceneStore};
 
 /// What a scene was when it was looked at.
@@ -154,11 +153,11 @@ fn parted(opened: anyhow::Result<SceneStore>) -> (Option<Arc<SceneStore>>, anyho
 }
 
 impl SceneProvider for Catalogue {
-    fn look_every(&self) -> Option<Duration> {
+    fn poll_interval(&self) -> Option<Duration> {
         self.look_every
     }
 
-    fn look(&self, asked: bool) -> BoxFuture<'_, anyhow::Result<scene_watch::Found>> {
+    fn load(&self, asked: bool) -> BoxFuture<'_, anyhow::Result<SceneUpdate>> {
         self.all(asked, false).boxed()
     }
 }

@@ -19,17 +19,10 @@ use super::preparation_settings::PreparationArguments;
 use super::units::{Rate, parse_rate};
 use crate::catalogue::Catalogue;
 use lodestream_bake::prepare::{Options, cache, remove_stale_levels};
-use lodestream_daemon::admission::session_rate::SessionRateLimit;
-use lodestream_daemon::admission::settings::AdmissionSettings;
-use lodestream_daemon::auth::access::Access;
-use lodestream_daemon::auth::hook::Hook;
-use lodestream_daemon::auth::hook_url::Authorization;
-use lodestream_daemon::auth::tokens::Tokens;
-use lodestream_daemon::http::admin::AdminPort;
-use lodestream_daemon::http::origin::Origin;
-use lodestream_daemon::http::proxy::Network;
-use lodestream_daemon::session::state::DRAIN_SECONDS;
-use lodestream_daemon::{DaemonOptions, SessionSettings};
+use lodestream_daemon::{
+    Access, AdminPort, AdmissionSettings, Authorization, DRAIN_SECONDS, DaemonOptions, Hook, Network, Origin,
+    SessionRateLimit, SessionSettings, Tokens,
+};
 use lodestream_store::DEFAULT_CACHE_BYTES;
 
 /// Longest time to drain: a day.
@@ -171,15 +164,15 @@ impl Arguments {
     /// By what the tokens of clients are judged, where they are asked for.
     fn access(&self) -> anyhow::Result<Option<Access>> {
         if let Some(file) = &self.token_keys {
-            return Tokens::of_file(file, self.token_audience.clone()).map(Access::Tokens).map(Some);
+            return Tokens::from_file(file, self.token_audience.clone()).map(Access::Tokens).map(Some);
         }
         if let Some(program) = &self.access_command {
-            let hook = Hook::of_command(program)?;
+            let hook = Hook::from_command(program)?;
             return Ok(Some(Access::Hook { hook, authorization: None }));
         }
         let Some(url) = &self.access_url else { return Ok(None) };
-        let authorization = self.access_authorization.as_deref().map(Authorization::of_file).transpose()?;
-        let hook = Hook::of_url(url, authorization.clone())?;
+        let authorization = self.access_authorization.as_deref().map(Authorization::from_file).transpose()?;
+        let hook = Hook::from_url(url, authorization.clone())?;
         Ok(Some(Access::Hook { hook, authorization }))
     }
 }
@@ -218,7 +211,7 @@ pub(super) fn run(
         certificate: arguments.cert.zip(arguments.key),
         admission: AdmissionSettings { access: access.map(Arc::new), ..admission },
         sessions,
-        settings_again: Some(Arc::new(move || again().map(|arguments| arguments.changeable()))),
+        settings_reload: Some(Arc::new(move || again().map(|arguments| arguments.changeable()))),
         provider: Some(catalogue),
         dropped_log_lines: Some(log.dropped_lines()),
         ..DaemonOptions::new(cache)

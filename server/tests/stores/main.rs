@@ -15,7 +15,7 @@ use std::sync::{Arc, LazyLock};
 
 use lodestream_bake::prepare::{Options, prepare_cached};
 use lodestream_bake::scene::{self, Scene};
-use lodestream_daemon::session::scene_watch::SceneProvider as _;
+use lodestream_daemon::SceneProvider as _;
 use lodestream_protocol::source::{SceneSource, SourceError};
 use lodestream_scene::{BlobId, BlobPart};
 use lodestream_server::catalogue::Catalogue;
@@ -389,7 +389,7 @@ fn what_fails_is_left_alone_until_it_changes() {
     let runtime = Runtime::new().unwrap();
     let scenes = runtime.block_on(catalogue.open()).unwrap();
     assert!(scenes.get("hall").is_some() && scenes.get("yard").is_some());
-    let look = || runtime.block_on(catalogue.look(false));
+    let look = || runtime.block_on(catalogue.load(false));
     assert!(look().unwrap().is_none());
     // A place that is away.
     let away = folder.path().join("away");

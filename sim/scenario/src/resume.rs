@@ -1,7 +1,7 @@
 //! Resumed connections: what a client has that was there before.
 //!
 //! Tickets and address tokens live in the settings of client and server ([`lodestream_client::net::client_config`],
-//! [`lodestream_daemon::transport::quic::server_config`]). So a run over a resumed connection is preceded by a session with
+//! [`lodestream_daemon::server_config`]). So a run over a resumed connection is preceded by a session with
 //! the same settings, over another network, in virtual time of its own. Nothing else of it is left: the run itself
 //! begins at zero, over a fresh link, with a client that has no byte of the scene.
 
@@ -11,9 +11,7 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use lodestream_client::net::{self, Pin};
-use lodestream_daemon::transport::certificate::Certificate;
-use lodestream_daemon::transport::quic::{serve_quic, server_config};
-use lodestream_daemon::{ServerState, SessionSettings};
+use lodestream_daemon::{Certificate, ServerState, SessionSettings, serve_quic, server_config};
 use lodestream_netsim::clock::{VirtualClock, virtual_runtime};
 use lodestream_netsim::link::{IP_UDP_BYTES, LinkSettings};
 use lodestream_netsim::udp::UdpNetwork;

@@ -13,10 +13,7 @@ use std::time::{Duration, SystemTime};
 
 use anyhow::Context as _;
 use lodestream_client::net::{self, QuicConnection, QuicOpenError, WebSocketConnection};
-use lodestream_daemon::http::server::accept_http;
-use lodestream_daemon::transport::certificate::Certificate;
-use lodestream_daemon::transport::quic::serve_quic;
-use lodestream_daemon::{ServerState, SessionSettings};
+use lodestream_daemon::{Certificate, ServerState, SessionSettings, accept_http, serve_quic};
 use lodestream_netsim::clock::virtual_runtime;
 use lodestream_netsim::link::LinkSettings;
 use lodestream_protocol::message::{Close, CloseCode};

@@ -7,7 +7,7 @@ use anyhow::Context as _;
 use lodestream_bake::preparation_settings::{CodecChoice, Precision, PreparationSettings};
 use lodestream_bake::prepare::{Options, prepare_cached};
 use lodestream_bake::scene::{self, Scene};
-use lodestream_daemon::session::memory_scene::MemoryScene;
+use lodestream_daemon::MemoryScene;
 use lodestream_protocol::source::{Immediate, SceneSource};
 use lodestream_store::{BlobCache, DEFAULT_CACHE_BYTES, PackFile};
 

@@ -17,9 +17,7 @@ use lodestream_client::core::{ClientCore, Config, Progress};
 use lodestream_client::net::{
     Clock, End, Host, Pin, QuicConnection, QuicOpenError, Retry, client_config, stream_quic,
 };
-use lodestream_daemon::transport::certificate::Certificate;
-use lodestream_daemon::transport::quic::{serve_quic, server_config};
-use lodestream_daemon::{ServerState, SessionSettings};
+use lodestream_daemon::{Certificate, ServerState, SessionSettings, serve_quic, server_config};
 use lodestream_netsim::clock::{VirtualClock, virtual_runtime};
 use lodestream_netsim::link::{IP_UDP_BYTES, Jitter, LinkSettings, Loss};
 use lodestream_netsim::udp::UdpNetwork;

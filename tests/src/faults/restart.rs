@@ -1,7 +1,7 @@
 //! Servers that are killed under their clients and come back, and clocks that jump.
 
 use lodestream_client::net::{WebSocketConnection, stream_websocket};
-use lodestream_daemon::http::server::accept_http;
+use lodestream_daemon::accept_http;
 use lodestream_netsim::link::Rate;
 use lodestream_netsim::stream_pipe;
 use lodestream_netsim::tcp::IP_TCP_BYTES;

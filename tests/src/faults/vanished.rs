@@ -1,6 +1,6 @@
 //! Clients that are gone in the middle of a blob.
 
-use lodestream_daemon::session::memory_scene::MemoryScene;
+use lodestream_daemon::MemoryScene;
 use lodestream_protocol::frame::encode_client;
 use lodestream_protocol::message::ClientMessage;
 

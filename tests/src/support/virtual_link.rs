@@ -6,10 +6,7 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 use lodestream_client::net::{Pin, client_config};
-use lodestream_daemon::ServerState;
-use lodestream_daemon::http::server::accept_http;
-use lodestream_daemon::transport::certificate::Certificate;
-use lodestream_daemon::transport::quic::{serve_quic, server_config};
+use lodestream_daemon::{Certificate, ServerState, accept_http, serve_quic, server_config};
 use lodestream_netsim::clock::VirtualClock;
 use lodestream_netsim::link::{IP_UDP_BYTES, LinkCounters, LinkSettings, Rate};
 use lodestream_netsim::stream_pipe::{self, Opening, StreamCounters, StreamEnd};

@@ -1,100 +1,100 @@
-//! How many bytes a client may send. Messages are counted by themselves; but what is no message (fragments of none,
-//! frames of WebSocket's own) costs a server work as well, and that is bounded by bytes.
+//! Limit on the bytes that a client may send.
+//!
+//! [`MessageRateLimiter`](crate::admission::message_rate::MessageRateLimiter) bounds messages. Bytes that form no message
+//! (incomplete fragments, WebSocket's own frames) also cost work; this bounds them.
 
 use std::io;
 use std::pin::Pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::task::{Context, Poll};
+use std::time::Duration;
 
+use lodestream_protocol::Time;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::Instant;
 
-/// Bytes that a client may send at once, and per second after that. Clients with thousands of wishes under way, who give
-/// them new priorities ten times a second, send as much.
-const BURST_BYTES: u64 = 512 << 10;
-const BYTES_PER_S: u64 = 256 << 10;
+use crate::admission::token_bucket::EventBucket;
 
-/// What is said of who sends more.
-pub(crate) const TOO_MUCH: &str = "more bytes from the client than 256 KiB a second";
+/// Bytes per second that a client may send in the long run: as many as a client with thousands of open requests needs to
+/// change their priorities ten times a second.
+const BYTES_PER_S: u32 = 256 << 10;
+/// Time whose bytes a client may send at once: 512 KiB.
+const BURST: Duration = Duration::from_secs(2);
 
-/// A client's allowance of bytes, a token bucket on tokio's clock.
+/// Reason given to a client that exceeds the limit.
+pub(crate) const BYTE_RATE_EXCEEDED: &str = "more than 256 KiB per second from the client";
+
+/// Token bucket over the bytes of one client, on tokio's clock.
 #[derive(Debug)]
 pub(crate) struct ByteRateLimiter {
-    bytes: u64,
-    refilled: Instant,
+    bucket: EventBucket,
+    start: Instant,
 }
 
 impl ByteRateLimiter {
     /// A full bucket.
     pub(crate) fn new() -> Self {
-        Self { bytes: BURST_BYTES, refilled: Instant::now() }
+        Self { bucket: EventBucket::new(BYTES_PER_S, BURST), start: Instant::now() }
     }
 
-    /// Takes so many bytes; `false` where that is too much.
+    /// Takes the tokens of `count` bytes; returns whether there were enough.
     pub(crate) fn take(&mut self, count: usize) -> bool {
-        let now = Instant::now();
-        let ms = u64::try_from(now.duration_since(self.refilled).as_millis()).unwrap_or(u64::MAX);
-        if ms > 0 {
-            self.refilled = now;
-            self.bytes = self.bytes.saturating_add(ms.saturating_mul(BYTES_PER_S) / 1000).min(BURST_BYTES);
-        }
-        let left = self.bytes.checked_sub(count as u64);
-        self.bytes = left.unwrap_or(0);
-        left.is_some()
+        self.bucket.take(Time::from(self.start.elapsed()), count)
     }
 }
 
-/// A stream that fails once more was read from it than the allowance. What was read is handed over all the same, so
-/// that what lies above it, TLS perhaps, stays in step.
+/// A stream whose reads fail once the byte rate is exceeded. Bytes already read are still delivered, so that a layer
+/// above, such as TLS, keeps a complete record.
 #[derive(Debug)]
-pub(crate) struct Metered<S> {
+pub(crate) struct MeteredStream<S> {
     stream: S,
-    intake: ByteRateLimiter,
+    limiter: ByteRateLimiter,
     exceeded: bool,
-    lifted: Lift,
+    lifted: MeterControl,
 }
 
-/// Lifts the limit of a [`Metered`]: for who reads on only to throw away what comes.
+/// Handle that lifts the limit of a [`MeteredStream`], for a reader that discards the rest.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Lift(Arc<AtomicBool>);
+pub(crate) struct MeterControl(Arc<AtomicBool>);
 
-impl Lift {
+impl MeterControl {
+    /// Lets reads succeed from now on.
     pub(crate) fn lift(&self) {
         self.0.store(true, Ordering::Relaxed);
     }
 }
 
-impl<S> Metered<S> {
-    pub(crate) fn new(stream: S) -> (Self, Lift) {
-        let lifted = Lift::default();
-        (Self { stream, intake: ByteRateLimiter::new(), exceeded: false, lifted: lifted.clone() }, lifted)
+impl<S> MeteredStream<S> {
+    pub(crate) fn new(stream: S) -> (Self, MeterControl) {
+        let lifted = MeterControl::default();
+        (Self { stream, limiter: ByteRateLimiter::new(), exceeded: false, lifted: lifted.clone() }, lifted)
     }
 }
 
-/// Whether a failure is that of a [`Metered`].
-pub(crate) fn is_too_much(error: &io::Error) -> bool {
+/// Whether an error came from the limit of a [`MeteredStream`].
+pub(crate) fn is_byte_rate_exceeded(error: &io::Error) -> bool {
     error.kind() == io::ErrorKind::QuotaExceeded
 }
 
-impl<S: AsyncRead + Unpin> AsyncRead for Metered<S> {
+impl<S: AsyncRead + Unpin> AsyncRead for MeteredStream<S> {
     fn poll_read(
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
         if self.exceeded && !self.lifted.0.load(Ordering::Relaxed) {
-            return Poll::Ready(Err(io::Error::new(io::ErrorKind::QuotaExceeded, TOO_MUCH)));
+            return Poll::Ready(Err(io::Error::new(io::ErrorKind::QuotaExceeded, BYTE_RATE_EXCEEDED)));
         }
         let before = buffer.filled().len();
         let polled = Pin::new(&mut self.stream).poll_read(context, buffer);
-        let within = self.intake.take(buffer.filled().len() - before);
-        self.exceeded |= !within;
+        let admitted = self.limiter.take(buffer.filled().len() - before);
+        self.exceeded |= !admitted;
         polled
     }
 }
 
-impl<S: AsyncWrite + Unpin> AsyncWrite for Metered<S> {
+impl<S: AsyncWrite + Unpin> AsyncWrite for MeteredStream<S> {
     fn poll_write(
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
@@ -114,25 +114,23 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for Metered<S> {
 
 #[cfg(test)]
 mod tests {
-    use std::time::Duration;
-
     use tokio::io::AsyncReadExt as _;
 
     use super::*;
 
     #[tokio::test(start_paused = true)]
-    async fn bytes_are_allowed_at_their_rate() {
-        let mut intake = ByteRateLimiter::new();
-        let burst = (0..).take_while(|_| intake.take(1024)).count();
+    async fn bytes_are_admitted_at_their_rate() {
+        let mut limiter = ByteRateLimiter::new();
+        let burst = (0..).take_while(|_| limiter.take(1024)).count();
         assert_eq!(burst, 512);
         tokio::time::advance(Duration::from_secs(1)).await;
-        assert_eq!((0..).take_while(|_| intake.take(1024)).count(), 256);
+        assert_eq!((0..).take_while(|_| limiter.take(1024)).count(), 256);
     }
 
     #[tokio::test(start_paused = true)]
-    async fn what_is_read_before_the_limit_strikes_is_not_lost() {
+    async fn bytes_read_before_the_limit_are_not_lost() {
         let sent: Vec<u8> = (0..=255).cycle().take(700 << 10).collect();
-        let (mut metered, lift) = Metered::new(&sent[..]);
+        let (mut metered, lift) = MeteredStream::new(&sent[..]);
         let (mut got, mut piece) = (Vec::new(), [0; 4096]);
         let why = loop {
             match metered.read(&mut piece).await {
@@ -140,7 +138,11 @@ mod tests {
                 Err(why) => break why,
             }
         };
-        assert!(is_too_much(&why) && (1..=4096).contains(&(got.len() as u64 - BURST_BYTES)), "{}", got.len());
+        assert!(
+            is_byte_rate_exceeded(&why) && (1..=4096).contains(&(got.len() - (512 << 10))),
+            "{}",
+            got.len()
+        );
         lift.lift();
         metered.read_to_end(&mut got).await.unwrap();
         assert!(got == sent);

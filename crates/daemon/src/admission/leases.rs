@@ -1,9 +1,9 @@
-//! Who may have a session: so many in all, so many of one address, and who leaves when nothing is left for an untrusted peer.
+//! Leases: bound the number of sessions, in all and per address.
 //!
-//! A session holds a lease, from when its client has proved an address and said `Hello`. The last eighth of them is kept
-//! for addresses that hold none. When nothing is left, a newcomer gets the lease of the least useful session, if that is
-//! of an address with more sessions than his, or has asked for nothing for a while: whoever holds many leases, or holds
-//! one idly, loses them first.
+//! A session takes a lease when its client has validated its address and sent `Hello`. The last eighth of the leases is
+//! reserved for addresses without one. When no lease is free, a new session takes the lease of the least useful session:
+//! one whose address has more sessions than the new one's, or one that has requested nothing for 30 seconds. Addresses
+//! with many sessions, and idle sessions, lose their leases first.
 
 use std::collections::{BTreeMap, HashMap};
 use std::net::IpAddr;
@@ -16,45 +16,45 @@ use tokio::sync::Notify;
 
 use crate::admission::pre_auth_pool::AddressBlock;
 
-/// Share of the leases that is kept for addresses that hold none: one in so many.
-const KEPT: u64 = 8;
-/// Share of the leases that one address may have unless that is said: one in so many, …
-const OF_ADDRESS: u64 = 8;
-/// … and at least so many.
-const OF_ADDRESS_LEAST: u64 = 8;
-/// After so long without asking for anything a session may be ended for an address that has none.
+/// One lease in this many is reserved for addresses without a lease.
+const RESERVED_SHARE: u64 = 8;
+/// One address may have one lease in this many by default, …
+const ADDRESS_SHARE: u64 = 8;
+/// … and at least this many.
+const MIN_PER_ADDRESS: u64 = 8;
+/// A session that has requested nothing for this long may lose its lease to an address without one.
 const IDLE: Duration = Duration::from_secs(30);
-/// Sessions at once that were told to leave and have not left yet. Their last words take two seconds at most.
-const MAX_LEAVING: usize = 64;
+/// Most sessions whose lease was revoked and that have not ended yet. They take two seconds to close at most.
+const MAX_REVOKED: usize = 64;
 
-/// How many leases one address may have where nobody says so.
-pub(crate) const fn default_of_address(all: u64) -> u64 {
-    let share = all / OF_ADDRESS;
-    if share < OF_ADDRESS_LEAST { OF_ADDRESS_LEAST } else { share }
+/// Default number of leases per address, of `total` leases.
+pub(crate) const fn default_per_address(total: u64) -> u64 {
+    let share = total / ADDRESS_SHARE;
+    if share < MIN_PER_ADDRESS { MIN_PER_ADDRESS } else { share }
 }
 
-/// Why there is no lease.
+/// Why a session gets no lease.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub(crate) enum NoLease {
-    /// All are taken, by sessions that are of use.
+pub(crate) enum LeaseError {
+    /// All leases are held by active sessions.
     #[error("the server is full")]
     Full,
-    /// The address has as many as one may.
-    #[error("the server has as many sessions of this address as one may have")]
-    OfAddress,
-    /// The address began too many sessions lately.
-    #[error("too many sessions of this address began within seconds; try again later")]
-    TooOften,
-    /// The server takes no more clients.
+    /// The address has as many leases as one address may have.
+    #[error("this address has the most sessions that the server allows for one address")]
+    AddressLimit,
+    /// The address started too many sessions within seconds.
+    #[error("this address started too many sessions within seconds; try again later")]
+    RateLimit,
+    /// The server is draining.
     #[error("the server is shutting down")]
     Draining,
 }
 
-/// See the module.
+/// The table of leases.
 #[derive(Debug)]
 pub(crate) struct Leases {
-    all: AtomicU64,
-    of_address: AtomicU64,
+    total: AtomicU64,
+    per_address: AtomicU64,
     table: Mutex<Table>,
 }
 
@@ -62,44 +62,44 @@ pub(crate) struct Leases {
 struct Table {
     next: u64,
     taken: BTreeMap<u64, (AddressBlock, Arc<LeaseHolder>)>,
-    leaving: BTreeMap<u64, AddressBlock>,
+    revoked: BTreeMap<u64, AddressBlock>,
     by_block: HashMap<AddressBlock, u64>,
 }
 
-/// What is known of a session that has a lease.
+/// The holder of a lease, shared by the table and the session.
 #[derive(Debug)]
 struct LeaseHolder {
-    /// When it last asked for anything, in nanoseconds of [`Time`].
-    asked_ns: AtomicU64,
+    /// Time of the last request, in nanoseconds of [`Time`].
+    last_request_ns: AtomicU64,
     notice: Notify,
 }
 
 impl Table {
-    fn of(&self, block: AddressBlock) -> u64 {
+    fn held_by(&self, block: AddressBlock) -> u64 {
         self.by_block.get(&block).copied().unwrap_or(0)
     }
 
-    fn insert(&mut self, number: u64, block: AddressBlock, tenant: Arc<LeaseHolder>) {
-        self.taken.insert(number, (block, tenant));
+    fn insert(&mut self, number: u64, block: AddressBlock, holder: Arc<LeaseHolder>) {
+        self.taken.insert(number, (block, holder));
         *self.by_block.entry(block).or_insert(0) += 1;
     }
 
     fn remove(&mut self, number: u64) -> Option<(AddressBlock, Arc<LeaseHolder>)> {
-        let (block, tenant) = self.taken.remove(&number)?;
+        let (block, holder) = self.taken.remove(&number)?;
         if let Some(count) = self.by_block.get_mut(&block) {
             *count -= 1;
             if *count == 0 {
                 self.by_block.remove(&block);
             }
         }
-        Some((block, tenant))
+        Some((block, holder))
     }
 
-    /// The session that leaves for an address with `held` others, if any has to.
+    /// The session whose lease is revoked for an address that holds `held` others; `None` if all are more useful.
     fn least_useful(&self, held: u64, now: Time) -> Option<u64> {
-        let known = self.taken.iter().map(|(&number, (block, tenant))| {
-            let asked = Time::from_ns(tenant.asked_ns.load(Ordering::Relaxed));
-            (self.of(*block), now.since(asked), number)
+        let known = self.taken.iter().map(|(&number, (block, holder))| {
+            let asked = Time::from_ns(holder.last_request_ns.load(Ordering::Relaxed));
+            (self.held_by(*block), now.since(asked), number)
         });
         let worse = |&(of_block, idle, _): &(u64, Duration, u64)| {
             of_block > held + 1 || (of_block > held && idle >= IDLE)
@@ -109,96 +109,103 @@ impl Table {
 }
 
 impl Leases {
-    /// So many leases in all and of one address.
-    pub(crate) fn new(all: u64, of_address: u64) -> Arc<Self> {
-        Arc::new(Self { all: all.into(), of_address: of_address.into(), table: Mutex::default() })
+    /// A table of `total` leases, `per_address` for one address.
+    pub(crate) fn new(total: u64, per_address: u64) -> Arc<Self> {
+        Arc::new(Self { total: total.into(), per_address: per_address.into(), table: Mutex::default() })
     }
 
-    /// So many from now on. Who has one keeps it.
-    pub(crate) fn set(&self, all: u64, of_address: u64) {
-        self.all.store(all, Ordering::Relaxed);
-        self.of_address.store(of_address, Ordering::Relaxed);
+    /// Changes the limits. Leases that are held stay valid.
+    pub(crate) fn set(&self, total: u64, per_address: u64) {
+        self.total.store(total, Ordering::Relaxed);
+        self.per_address.store(per_address, Ordering::Relaxed);
     }
 
-    /// A thread that panicked while it held the lock left the table usable: counts are changed with it.
+    // A thread that panics with the lock leaves a consistent table.
     fn table(&self) -> MutexGuard<'_, Table> {
         self.table.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Entries of all tables.
+    /// Number of entries in all maps.
     #[cfg(test)]
     pub(crate) fn len(&self) -> usize {
         let table = self.table();
-        table.taken.len() + table.leaving.len() + table.by_block.len()
+        table.taken.len() + table.revoked.len() + table.by_block.len()
     }
 
-    /// Who has to leave for a session of an address; `None` where nobody.
-    fn cost(&self, table: &Table, block: AddressBlock, now: Time) -> Result<Option<u64>, NoLease> {
-        let held = table.of(block);
-        let [all, of_address] = [&self.all, &self.of_address].map(|count| count.load(Ordering::Relaxed));
-        if held >= of_address {
-            return Err(NoLease::OfAddress);
+    /// The lease to revoke for a new session of `block`; `None` if one is free.
+    fn lease_to_revoke(
+        &self,
+        table: &Table,
+        block: AddressBlock,
+        now: Time,
+    ) -> Result<Option<u64>, LeaseError> {
+        let held = table.held_by(block);
+        let [total, per_address] =
+            [&self.total, &self.per_address].map(|count| count.load(Ordering::Relaxed));
+        if held >= per_address {
+            return Err(LeaseError::AddressLimit);
         }
-        let free = all.saturating_sub(table.taken.len() as u64);
-        let kept = if held == 0 { 0 } else { all / KEPT };
-        if free > kept {
+        let free = total.saturating_sub(table.taken.len() as u64);
+        let reserved = if held == 0 { 0 } else { total / RESERVED_SHARE };
+        if free > reserved {
             return Ok(None);
         }
-        if table.leaving.len() >= MAX_LEAVING {
-            return Err(NoLease::Full);
+        if table.revoked.len() >= MAX_REVOKED {
+            return Err(LeaseError::Full);
         }
-        table.least_useful(held, now).map(Some).ok_or(NoLease::Full)
+        table.least_useful(held, now).map(Some).ok_or(LeaseError::Full)
     }
 
-    /// Whether there would be a lease for an address; nobody has to leave yet.
-    pub(crate) fn check(&self, address: IpAddr, now: Time) -> Result<(), NoLease> {
-        self.cost(&self.table(), AddressBlock::of(address), now).map(drop)
+    /// Whether an address would get a lease; revokes none.
+    pub(crate) fn check(&self, address: IpAddr, now: Time) -> Result<(), LeaseError> {
+        self.lease_to_revoke(&self.table(), AddressBlock::of(address), now).map(drop)
     }
 
-    /// Takes a lease for an address; whoever has to leave for it is told.
-    pub(crate) fn take(self: &Arc<Self>, address: IpAddr, now: Time) -> Result<Lease, NoLease> {
+    /// Takes a lease for an address, and revokes another if none is free.
+    pub(crate) fn take(self: &Arc<Self>, address: IpAddr, now: Time) -> Result<Lease, LeaseError> {
         let block = AddressBlock::of(address);
         let mut table = self.table();
-        if let Some(number) = self.cost(&table, block, now)?
-            && let Some((block, tenant)) = table.remove(number)
+        if let Some(number) = self.lease_to_revoke(&table, block, now)?
+            && let Some((block, holder)) = table.remove(number)
         {
-            table.leaving.insert(number, block);
-            tenant.notice.notify_one();
+            table.revoked.insert(number, block);
+            holder.notice.notify_one();
         }
         table.next += 1;
         let number = table.next;
-        let tenant = Arc::new(LeaseHolder { asked_ns: AtomicU64::new(now.as_ns()), notice: Notify::new() });
-        table.insert(number, block, Arc::clone(&tenant));
-        Ok(Lease { leases: Arc::clone(self), number, tenant })
+        let holder =
+            Arc::new(LeaseHolder { last_request_ns: AtomicU64::new(now.as_ns()), notice: Notify::new() });
+        table.insert(number, block, Arc::clone(&holder));
+        Ok(Lease { leases: Arc::clone(self), number, holder })
     }
 }
 
-/// A session's lease; given back when dropped.
+/// A session's lease; returned when dropped.
 #[derive(Debug)]
 pub(crate) struct Lease {
     leases: Arc<Leases>,
     number: u64,
-    tenant: Arc<LeaseHolder>,
+    holder: Arc<LeaseHolder>,
 }
 
 impl Lease {
-    /// The client has asked for something: the session is of use.
-    pub(crate) fn asked(&self, now: Time) {
-        self.tenant.asked_ns.store(now.as_ns(), Ordering::Relaxed);
+    /// Notes a request: the session is active.
+    pub(crate) fn record_request(&self, now: Time) {
+        self.holder.last_request_ns.store(now.as_ns(), Ordering::Relaxed);
     }
 
-    /// The session's client has another address now, and the lease is that one's, even if it has as many as one may: a
-    /// network that changes is no reason to end a session.
-    pub(crate) fn moved(&self, address: IpAddr) {
+    /// Charges the lease to the client's new address, even beyond that address's limit: a change of network must not
+    /// end a session.
+    pub(crate) fn set_address(&self, address: IpAddr) {
         let mut table = self.leases.table();
-        if let Some((_, tenant)) = table.remove(self.number) {
-            table.insert(self.number, AddressBlock::of(address), tenant);
+        if let Some((_, holder)) = table.remove(self.number) {
+            table.insert(self.number, AddressBlock::of(address), holder);
         }
     }
 
-    /// Resolves, once, when another has the lease.
-    pub(crate) async fn lost(&self) {
-        self.tenant.notice.notified().await;
+    /// Resolves once when the lease is revoked.
+    pub(crate) async fn revoked(&self) {
+        self.holder.notice.notified().await;
     }
 }
 
@@ -206,7 +213,7 @@ impl Drop for Lease {
     fn drop(&mut self) {
         let mut table = self.leases.table();
         if table.remove(self.number).is_none() {
-            table.leaving.remove(&self.number);
+            table.revoked.remove(&self.number);
         }
     }
 }
@@ -223,80 +230,83 @@ mod tests {
         Ipv4Addr::from_bits(0x0a00_0000 + n).into()
     }
 
-    fn lost(lease: &Lease) -> bool {
-        lease.lost().now_or_never().is_some()
+    fn is_revoked(lease: &Lease) -> bool {
+        lease.revoked().now_or_never().is_some()
     }
 
     #[test]
-    fn one_address_took_every_place() {
-        let leases = Leases::new(1000, default_of_address(1000));
+    fn one_address_took_all_leases() {
+        let leases = Leases::new(1000, default_per_address(1000));
         let of_one: Vec<_> = (0..1000).map(|_| leases.take(ip(1), Time::ZERO)).collect();
         let taken = of_one.iter().filter(|lease| lease.is_ok()).count();
         assert_eq!(taken, 125);
-        assert_eq!(of_one[125].as_ref().unwrap_err(), &NoLease::OfAddress);
+        assert_eq!(of_one[125].as_ref().unwrap_err(), &LeaseError::AddressLimit);
         let others: Vec<_> = (2..=876).map(|n| leases.take(ip(n), Time::ZERO).unwrap()).collect();
         assert_eq!(others.len() + taken, 1000);
-        assert!(!others.iter().any(lost));
+        assert!(!others.iter().any(is_revoked));
     }
 
     #[test]
-    fn addresses_with_a_session_took_the_places_of_those_without() {
+    fn addresses_with_sessions_took_the_leases_reserved_for_others() {
         let leases = Leases::new(80, 100);
         let mut of_two = Vec::new();
         for n in 0..100 {
             of_two.extend(leases.take(ip(n % 2), Time::ZERO));
         }
-        assert_eq!(of_two.len(), 70, "the last eighth is kept");
-        let untrusted_peers: Vec<_> = (2..12).map(|n| leases.take(ip(n), Time::ZERO).unwrap()).collect();
-        assert!(!of_two.iter().any(lost));
-        // Full: leases pass from who has many to who has none, and never back.
+        assert_eq!(of_two.len(), 70, "the last eighth is reserved");
+        let newcomers: Vec<_> = (2..12).map(|n| leases.take(ip(n), Time::ZERO).unwrap()).collect();
+        assert!(!of_two.iter().any(is_revoked));
+        // Full: leases move from addresses with many to those with none, and never back.
         let more: Vec<_> = (12..40).map(|n| leases.take(ip(n), Time::ZERO).unwrap()).collect();
-        assert_eq!(of_two.iter().filter(|lease| lost(lease)).count(), more.len());
-        assert!(!untrusted_peers.iter().any(lost));
-        assert_eq!(leases.take(ip(0), Time::ZERO).unwrap_err(), NoLease::Full);
+        assert_eq!(of_two.iter().filter(|lease| is_revoked(lease)).count(), more.len());
+        assert!(!newcomers.iter().any(is_revoked));
+        assert_eq!(leases.take(ip(0), Time::ZERO).unwrap_err(), LeaseError::Full);
     }
 
     #[test]
-    fn sessions_that_only_ping_kept_those_out_that_would_stream() {
+    fn idle_sessions_blocked_active_clients() {
         let leases = Leases::new(3, 3);
         let held: Vec<_> = (0..3).map(|n| leases.take(ip(n), Time::ZERO).unwrap()).collect();
         let later = Time::from_ms(31_000);
-        held[0].asked(later);
-        held[2].asked(Time::from_ms(500));
-        assert_eq!(leases.take(ip(9), Time::from_ms(29_000)).unwrap_err(), NoLease::Full);
-        assert!(leases.check(ip(9), later).is_ok() && !held.iter().any(lost), "looking costs nobody a lease");
+        held[0].record_request(later);
+        held[2].record_request(Time::from_ms(500));
+        assert_eq!(leases.take(ip(9), Time::from_ms(29_000)).unwrap_err(), LeaseError::Full);
+        assert!(
+            leases.check(ip(9), later).is_ok() && !held.iter().any(is_revoked),
+            "a check revokes no lease"
+        );
         let newcomer = leases.take(ip(9), later).unwrap();
-        assert_eq!(held.iter().map(lost).collect::<Vec<_>>(), [false, true, false], "the longest idle");
+        assert_eq!(held.iter().map(is_revoked).collect::<Vec<_>>(), [false, true, false], "the longest idle");
         drop((held, newcomer));
-        assert!(leases.table().taken.is_empty() && leases.table().leaving.is_empty());
+        assert!(leases.table().taken.is_empty() && leases.table().revoked.is_empty());
         assert!(leases.table().by_block.is_empty());
     }
 
     #[test]
-    fn a_lease_stayed_that_of_an_address_which_its_client_had_left() {
+    fn a_lease_stayed_charged_to_an_address_that_the_client_had_left() {
         let leases = Leases::new(100, 2);
         let roaming = leases.take(ip(1), Time::ZERO).unwrap();
         let other = leases.take(ip(1), Time::ZERO).unwrap();
-        assert_eq!(leases.check(ip(1), Time::ZERO).unwrap_err(), NoLease::OfAddress);
-        roaming.moved(ip(2));
+        assert_eq!(leases.check(ip(1), Time::ZERO).unwrap_err(), LeaseError::AddressLimit);
+        roaming.set_address(ip(2));
         let _third = leases.take(ip(1), Time::ZERO).unwrap();
         let _fourth = leases.take(ip(2), Time::ZERO).unwrap();
-        assert_eq!(leases.check(ip(2), Time::ZERO).unwrap_err(), NoLease::OfAddress);
-        // Where there is no room for it, it goes on all the same.
-        roaming.moved(ip(1));
-        assert_eq!(leases.table().of(AddressBlock::of(ip(1))), 3);
+        assert_eq!(leases.check(ip(2), Time::ZERO).unwrap_err(), LeaseError::AddressLimit);
+        // The session continues although the new address is at its limit.
+        roaming.set_address(ip(1));
+        assert_eq!(leases.table().held_by(AddressBlock::of(ip(1))), 3);
         drop(roaming);
-        assert_eq!(leases.table().of(AddressBlock::of(ip(1))), 2);
-        assert!(!lost(&other));
+        assert_eq!(leases.table().held_by(AddressBlock::of(ip(1))), 2);
+        assert!(!is_revoked(&other));
     }
 
     #[test]
-    fn those_who_were_told_to_leave_are_few_at_a_time() {
+    fn revoked_sessions_that_have_not_ended_are_bounded() {
         let leases = Leases::new(1000, 1000);
         let held: Vec<_> = (0..1000).filter_map(|_| leases.take(ip(1), Time::ZERO).ok()).collect();
-        let untrusted_peers: Vec<_> = (2..1000).map_while(|n| leases.take(ip(n), Time::ZERO).ok()).collect();
-        // The eighth that is kept, and then one for each that leaves.
-        assert_eq!(untrusted_peers.len(), 125 + MAX_LEAVING);
+        let newcomers: Vec<_> = (2..1000).map_while(|n| leases.take(ip(n), Time::ZERO).ok()).collect();
+        // The reserved eighth, then one for each revoked lease.
+        assert_eq!(newcomers.len(), 125 + MAX_REVOKED);
         drop(held);
         assert!(leases.take(ip(5000), Time::ZERO).is_ok());
     }

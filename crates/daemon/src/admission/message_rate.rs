@@ -1,35 +1,29 @@
-//! How many messages a client may send: a token bucket.
+//! Limit on the messages that a client may send.
+
+use std::time::Duration;
 
 use lodestream_protocol::Time;
 
-/// Messages that a client may send at once, and per second after that.
-const MESSAGE_BURST: u32 = 2000;
-const MESSAGES_PER_S: u32 = 500;
+use crate::admission::token_bucket::EventBucket;
 
-/// See the module.
+/// Messages per second that a client may send in the long run.
+const MESSAGES_PER_S: u32 = 500;
+/// Time whose messages a client may send at once: 2000 messages.
+const BURST: Duration = Duration::from_secs(4);
+
+/// Token bucket over the messages of one client.
 #[derive(Debug)]
-pub(crate) struct MessageRateLimiter {
-    tokens: u32,
-    refilled: Time,
-}
+pub(crate) struct MessageRateLimiter(EventBucket);
 
 impl MessageRateLimiter {
     /// A full bucket.
-    pub(crate) const fn new(now: Time) -> Self {
-        Self { tokens: MESSAGE_BURST, refilled: now }
+    pub(crate) const fn new() -> Self {
+        Self(EventBucket::new(MESSAGES_PER_S, BURST))
     }
 
-    /// Takes one message that is as much work as `cost` others.
-    pub(crate) fn take(&mut self, now: Time, cost: u32) -> bool {
-        let earned = now.since(self.refilled).as_millis() * u128::from(MESSAGES_PER_S) / 1000;
-        if earned > 0 {
-            self.refilled = now;
-            let earned = u32::try_from(earned).unwrap_or(MESSAGE_BURST);
-            self.tokens = self.tokens.saturating_add(earned).min(MESSAGE_BURST);
-        }
-        let admitted = self.tokens >= cost;
-        self.tokens = self.tokens.saturating_sub(cost);
-        admitted
+    /// Takes the tokens of a message that is as much work as `cost` ordinary ones; returns whether there were enough.
+    pub(crate) fn take(&mut self, now: Time, cost: usize) -> bool {
+        self.0.take(now, cost)
     }
 }
 
@@ -38,11 +32,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn messages_are_allowed_at_their_rate() {
-        let mut allowance = MessageRateLimiter::new(Time::ZERO);
-        let burst = (0..10_000).filter(|_| allowance.take(Time::from_ms(1), 1)).count();
-        assert_eq!(burst, MESSAGE_BURST as usize);
-        let later = (0..10_000).filter(|_| allowance.take(Time::from_ms(1001), 1)).count();
+    fn messages_are_admitted_at_their_rate() {
+        let mut limiter = MessageRateLimiter::new();
+        let burst = (0..10_000).filter(|_| limiter.take(Time::from_ms(1), 1)).count();
+        assert_eq!(burst, 2000);
+        let later = (0..10_000).filter(|_| limiter.take(Time::from_ms(1001), 1)).count();
         assert_eq!(later, MESSAGES_PER_S as usize);
     }
 }

@@ -1,10 +1,12 @@
-//! Admission: which connections may become sessions, and how many.
+//! Admission: limits on connections and sessions, in all and per address.
 
 pub(crate) mod byte_rate;
-pub(crate) mod gate;
 pub(crate) mod leases;
 pub(crate) mod message_rate;
+pub(crate) mod origin;
 pub(crate) mod pre_auth_pool;
+pub(crate) mod proxy;
 pub(crate) mod refusal;
-pub mod session_rate;
-pub mod settings;
+pub(crate) mod session_rate;
+pub(crate) mod settings;
+pub(crate) mod token_bucket;

@@ -1,7 +1,8 @@
-//! PreAuthPool for those who have not proved to be clients: connections without a request, sessions without `Hello`.
+//! Pre-auth pool: bounds the connections whose peer has not been admitted, such as connections without a request and
+//! sessions without `Hello` (compare `MaxStartups` of OpenSSH).
 //!
-//! A room never refuses. When it is full, who has been in it longest leaves, of the address that holds most of it: one
-//! address that fills it turns out nobody but itself, and honest clients stay in it for a round trip.
+//! The pool never refuses. When it is full, it evicts the oldest connection of the address with the most slots: an
+//! address that fills the pool evicts only its own connections. Well-behaved clients need a slot for one round trip.
 
 use std::collections::{BTreeMap, HashMap};
 use std::net::{IpAddr, Ipv6Addr};
@@ -9,11 +10,12 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use tokio::sync::Notify;
 
-/// Who counts as one: an IPv4 address, or an IPv6 network of 64 bits, which is what one customer gets at least.
+/// Unit in which addresses are counted: an IPv4 address or an IPv6 /64 network, the least that one customer gets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) struct AddressBlock(IpAddr);
 
 impl AddressBlock {
+    /// The block of an address; an IPv4-mapped IPv6 address counts as IPv4.
     pub(crate) fn of(address: IpAddr) -> Self {
         Self(match address.to_canonical() {
             IpAddr::V6(ip) => IpAddr::V6(Ipv6Addr::from_bits(ip.to_bits() & !u128::from(u64::MAX))),
@@ -21,45 +23,45 @@ impl AddressBlock {
         })
     }
 
-    /// A number of its own for each.
+    /// A number unique to the block.
     pub(crate) fn number(self) -> u128 {
         match self.0 {
-            // No other block has such an address: it would be canonical.
+            // No IPv6 block has a mapped address: `of` makes them IPv4.
             IpAddr::V4(ip) => ip.to_ipv6_mapped().to_bits(),
             IpAddr::V6(ip) => ip.to_bits(),
         }
     }
 }
 
-/// See the module.
+/// The pool.
 #[derive(Debug)]
 pub(crate) struct PreAuthPool {
     limit: usize,
-    seats: Mutex<Slots>,
+    slots: Mutex<Slots>,
 }
 
 #[derive(Debug, Default)]
 struct Slots {
     next: u64,
-    /// By number, so the oldest first.
+    /// By number, so in order of age.
     taken: BTreeMap<u64, (AddressBlock, Arc<Notify>)>,
     by_block: HashMap<AddressBlock, usize>,
 }
 
 impl Slots {
-    fn leave(&mut self, number: u64) -> Option<Arc<Notify>> {
-        let (block, bell) = self.taken.remove(&number)?;
+    fn remove(&mut self, number: u64) -> Option<Arc<Notify>> {
+        let (block, notice) = self.taken.remove(&number)?;
         if let Some(count) = self.by_block.get_mut(&block) {
             *count -= 1;
             if *count == 0 {
                 self.by_block.remove(&block);
             }
         }
-        Some(bell)
+        Some(notice)
     }
 
-    /// Who leaves next.
-    fn last(&self) -> Option<u64> {
+    /// The oldest slot of the block with the most slots.
+    fn next_to_evict(&self) -> Option<u64> {
         let most = self.by_block.values().copied().max()?;
         let of_most = |block: &AddressBlock| self.by_block.get(block) == Some(&most);
         self.taken.iter().find(|(_, (block, _))| of_most(block)).map(|(number, _)| *number)
@@ -67,59 +69,59 @@ impl Slots {
 }
 
 impl PreAuthPool {
-    /// A room of so many seats, at least one.
+    /// A pool of `limit` slots, at least one.
     pub(crate) fn new(limit: usize) -> Arc<Self> {
-        Arc::new(Self { limit: limit.max(1), seats: Mutex::default() })
+        Arc::new(Self { limit: limit.max(1), slots: Mutex::default() })
     }
 
-    /// A thread that panicked while it held the lock left the seats usable: counts are changed with them.
-    fn seats(&self) -> MutexGuard<'_, Slots> {
-        self.seats.lock().unwrap_or_else(PoisonError::into_inner)
+    // A thread that panics with the lock leaves consistent slots.
+    fn slots(&self) -> MutexGuard<'_, Slots> {
+        self.slots.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes a seat; whoever has to leave for it is told.
+    /// Takes a slot; evicts others if the pool is full.
     pub(crate) fn enter(self: &Arc<Self>, address: IpAddr) -> PreAuthSlot {
-        let (block, bell) = (AddressBlock::of(address), Arc::new(Notify::new()));
-        let mut seats = self.seats();
-        while seats.taken.len() >= self.limit
-            && let Some(last) = seats.last()
+        let (block, notice) = (AddressBlock::of(address), Arc::new(Notify::new()));
+        let mut slots = self.slots();
+        while slots.taken.len() >= self.limit
+            && let Some(victim) = slots.next_to_evict()
         {
-            if let Some(bell) = seats.leave(last) {
-                bell.notify_one();
+            if let Some(notice) = slots.remove(victim) {
+                notice.notify_one();
             }
         }
-        seats.next += 1;
-        let number = seats.next;
-        seats.taken.insert(number, (block, Arc::clone(&bell)));
-        *seats.by_block.entry(block).or_insert(0) += 1;
-        PreAuthSlot { room: Arc::clone(self), number, bell }
+        slots.next += 1;
+        let number = slots.next;
+        slots.taken.insert(number, (block, Arc::clone(&notice)));
+        *slots.by_block.entry(block).or_insert(0) += 1;
+        PreAuthSlot { pool: Arc::clone(self), number, notice }
     }
 
-    /// Slots that are taken.
+    /// Slots in use.
     #[cfg(test)]
     pub(crate) fn len(&self) -> usize {
-        self.seats().taken.len()
+        self.slots().taken.len()
     }
 }
 
-/// A seat in a room; given back when dropped.
+/// A slot in a pool; returned when dropped.
 #[derive(Debug)]
 pub(crate) struct PreAuthSlot {
-    room: Arc<PreAuthPool>,
+    pool: Arc<PreAuthPool>,
     number: u64,
-    bell: Arc<Notify>,
+    notice: Arc<Notify>,
 }
 
 impl PreAuthSlot {
-    /// Resolves, once, when another has the seat.
-    pub(crate) async fn lost(&self) {
-        self.bell.notified().await;
+    /// Resolves once when the slot is evicted.
+    pub(crate) async fn evicted(&self) {
+        self.notice.notified().await;
     }
 }
 
 impl Drop for PreAuthSlot {
     fn drop(&mut self) {
-        self.room.seats().leave(self.number);
+        self.pool.slots().remove(self.number);
     }
 }
 
@@ -133,12 +135,12 @@ mod tests {
         text.parse().unwrap()
     }
 
-    fn lost(seat: &PreAuthSlot) -> bool {
-        seat.lost().now_or_never().is_some()
+    fn evicted(slot: &PreAuthSlot) -> bool {
+        slot.evicted().now_or_never().is_some()
     }
 
     #[test]
-    fn a_network_of_64_bits_counts_as_one_and_a_mapped_address_as_what_it_maps() {
+    fn a_64_bit_network_and_a_mapped_address_count_as_one() {
         let block = |text| AddressBlock::of(ip(text));
         assert_eq!(block("2001:db8:1:2::1"), block("2001:db8:1:2:ffff::9"));
         assert_ne!(block("2001:db8:1:2::1"), block("2001:db8:1:3::1"));
@@ -149,20 +151,23 @@ mod tests {
     }
 
     #[test]
-    fn one_address_that_fills_a_room_turned_others_out() {
-        let room = PreAuthPool::new(4);
-        let honest = room.enter(ip("10.0.0.1"));
-        let mut flood: Vec<PreAuthSlot> = (0..3).map(|_| room.enter(ip("10.0.0.2"))).collect();
+    fn an_address_that_filled_the_pool_evicted_others() {
+        let pool = PreAuthPool::new(4);
+        let honest = pool.enter(ip("10.0.0.1"));
+        let mut flood: Vec<PreAuthSlot> = (0..3).map(|_| pool.enter(ip("10.0.0.2"))).collect();
         for _ in 0..100 {
-            flood.push(room.enter(ip("10.0.0.2")));
-            assert_eq!(room.len(), 4);
+            flood.push(pool.enter(ip("10.0.0.2")));
+            assert_eq!(pool.len(), 4);
         }
-        assert!(!lost(&honest));
-        assert!(flood[..100].iter().all(lost) && !flood[100..].iter().any(lost), "the oldest leave");
-        let other = room.enter(ip("10.0.0.3"));
-        assert!(!lost(&honest) && !lost(&other) && lost(&flood[100]));
+        assert!(!evicted(&honest));
+        assert!(
+            flood[..100].iter().all(evicted) && !flood[100..].iter().any(evicted),
+            "the oldest are evicted"
+        );
+        let other = pool.enter(ip("10.0.0.3"));
+        assert!(!evicted(&honest) && !evicted(&other) && evicted(&flood[100]));
         drop(flood);
-        assert_eq!(room.len(), 2);
-        assert!(room.seats().by_block.len() == 2, "addresses without a seat are forgotten");
+        assert_eq!(pool.len(), 2);
+        assert!(pool.slots().by_block.len() == 2, "addresses without a slot are removed");
     }
 }

@@ -1,32 +1,32 @@
-//! Why there is no session for who asked for one, as it is counted.
+//! Reasons to refuse a session, as metrics count them.
 
-use crate::admission::leases::NoLease;
+use crate::admission::leases::LeaseError;
 
-/// See the module.
+/// Why a session is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Refusal {
-    /// All places are taken.
+    /// All leases are held.
     Full,
-    /// The address has as many sessions as one may.
+    /// The address has as many sessions as one address may have.
     Address,
-    /// The address began too many sessions lately.
+    /// The address started too many sessions within seconds.
     Rate,
-    /// The server takes no more clients.
+    /// The server is draining.
     Draining,
-    /// There was no token that grants the scene.
+    /// No valid token for the scene.
     Token,
-    /// A web page asked that may not.
+    /// A web page whose origin is not allowed.
     Origin,
-    /// There is no such scene.
+    /// No such scene.
     Scene,
 }
 
 impl Refusal {
-    /// All, in the order of their numbers.
+    /// All reasons, in the order of their discriminants.
     pub(crate) const ALL: [Self; 7] =
         [Self::Full, Self::Address, Self::Rate, Self::Draining, Self::Token, Self::Origin, Self::Scene];
 
-    /// Name in metrics.
+    /// Value of the label `reason`.
     pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::Full => "full",
@@ -40,13 +40,13 @@ impl Refusal {
     }
 }
 
-impl From<NoLease> for Refusal {
-    fn from(why: NoLease) -> Self {
+impl From<LeaseError> for Refusal {
+    fn from(why: LeaseError) -> Self {
         match why {
-            NoLease::Full => Self::Full,
-            NoLease::OfAddress => Self::Address,
-            NoLease::TooOften => Self::Rate,
-            NoLease::Draining => Self::Draining,
+            LeaseError::Full => Self::Full,
+            LeaseError::AddressLimit => Self::Address,
+            LeaseError::RateLimit => Self::Rate,
+            LeaseError::Draining => Self::Draining,
         }
     }
 }

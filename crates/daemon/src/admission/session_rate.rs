@@ -1,9 +1,10 @@
-//! How often one address may begin sessions: a token bucket for each, so that connections which come and go quickly are
-//! bounded too, of which few are there at once.
+//! Limit on the rate at which one address may start sessions: a token bucket per address. It bounds short sessions, of
+//! which few are open at once.
 //!
-//! A bucket is one moment, that at which it will be full again: the generic cell rate algorithm (ITU-T I.371, annex A),
-//! which admits exactly what a token bucket does. A bucket that is full is nothing to remember, so the table holds only
-//! addresses that began sessions lately.
+//! A bucket is stored as the time at which it will be full again: the generic cell rate algorithm (ITU-T I.371,
+//! annex A), which admits what a token bucket does. The table is not one of `TokenBucket`s because that time is also the
+//! key by which full buckets are dropped and the table is bounded, and because a reload changes the limit of all buckets
+//! at once. Full buckets are not stored, so the table holds only addresses that started sessions within 8 seconds.
 
 use std::collections::{BTreeSet, HashMap};
 use std::net::IpAddr;
@@ -16,45 +17,44 @@ use lodestream_protocol::Time;
 
 use crate::admission::pre_auth_pool::AddressBlock;
 
-/// An empty bucket is full again after so long.
-const REFILLED_AFTER: Duration = Duration::from_secs(8);
-/// Sessions that one address may begin at once unless that is said: as many as it may have, and at least so many.
-const AT_ONCE_LEAST: u32 = 32;
-/// Addresses whose buckets are remembered, about 100 bytes each. Beyond them the fullest bucket is forgotten.
-const MAX_REMEMBERED: usize = 16_384;
+/// Time in which an empty bucket fills.
+const REFILL_TIME: Duration = Duration::from_secs(8);
+/// Least default burst; otherwise it is the number of sessions that an address may have.
+const MIN_DEFAULT_BURST: u32 = 32;
+/// Most buckets in the table, about 100 bytes each. Beyond that the fullest bucket is dropped.
+const MAX_BUCKETS: usize = 16_384;
 
-/// How many sessions one address (of IPv6: one network of 64 bits) may begin at once; an eighth of that is given back
-/// each second.
+/// Sessions that one address (IPv6: one /64 network) may start at once; an eighth of them is refilled per second.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SessionRateLimit {
-    /// So many.
-    AtOnce(NonZeroU32),
-    /// As many as it likes.
+    /// A burst of this many sessions.
+    Burst(NonZeroU32),
+    /// No limit.
     Unlimited,
 }
 
 impl SessionRateLimit {
-    /// What holds where nobody says so, of an address that may have so many sessions.
-    pub(crate) fn of_places(places: u64) -> Self {
-        let at_once = u32::try_from(places).unwrap_or(u32::MAX).max(AT_ONCE_LEAST);
-        NonZeroU32::new(at_once).map_or(Self::Unlimited, Self::AtOnce)
+    /// The default for an address that may have `sessions` sessions.
+    pub(crate) fn default_for(sessions: u64) -> Self {
+        let burst = u32::try_from(sessions).unwrap_or(u32::MAX).max(MIN_DEFAULT_BURST);
+        NonZeroU32::new(burst).map_or(Self::Unlimited, Self::Burst)
     }
 }
 
 impl FromStr for SessionRateLimit {
     type Err = String;
 
-    /// Reads a number from 1, or `off`.
+    /// Parses a number from 1 up, or `off`.
     fn from_str(text: &str) -> Result<Self, String> {
         if text.eq_ignore_ascii_case("off") {
             return Ok(Self::Unlimited);
         }
-        let expected = |_| format!("{text:?} is no number of sessions: write for example 32, or off");
-        text.parse().map(Self::AtOnce).map_err(expected)
+        let expected = |_| format!("{text:?} is not a number of sessions: write for example 32, or off");
+        text.parse().map(Self::Burst).map_err(expected)
     }
 }
 
-/// See the module.
+/// The token buckets of all addresses.
 #[derive(Debug)]
 pub(crate) struct SessionRateLimiter {
     table: Mutex<Table>,
@@ -63,78 +63,80 @@ pub(crate) struct SessionRateLimiter {
 #[derive(Debug)]
 struct Table {
     limit: SessionRateLimit,
-    /// When each bucket will be full.
+    /// Time at which each bucket will be full.
     full_at: HashMap<AddressBlock, Time>,
-    /// The same, the fullest first.
+    /// The same in order, the fullest bucket first.
     order: BTreeSet<(Time, AddressBlock)>,
 }
 
 impl Table {
-    fn forget_first(&mut self) {
+    fn drop_fullest(&mut self) {
         if let Some((_, block)) = self.order.pop_first() {
             self.full_at.remove(&block);
         }
     }
 
-    fn remember(&mut self, block: AddressBlock, full_at: Time) {
+    fn store(&mut self, block: AddressBlock, full_at: Time) {
         if let Some(before) = self.full_at.insert(block, full_at) {
             self.order.remove(&(before, block));
-        } else if self.full_at.len() > MAX_REMEMBERED {
-            self.forget_first();
+        } else if self.full_at.len() > MAX_BUCKETS {
+            self.drop_fullest();
         }
         self.order.insert((full_at, block));
     }
 }
 
 impl SessionRateLimiter {
-    /// With all buckets full.
+    /// A table of full buckets.
     pub(crate) fn new(limit: SessionRateLimit) -> Self {
         let table = Table { limit, full_at: HashMap::new(), order: BTreeSet::new() };
         Self { table: Mutex::new(table) }
     }
 
-    /// With this limit from now on. Buckets are full when they would have been.
+    /// Changes the limit. The times at which buckets will be full stay.
     pub(crate) fn set(&self, limit: SessionRateLimit) {
         self.table().limit = limit;
     }
 
-    /// A thread that panicked while it held the lock left at worst one bucket forgotten.
+    // A thread that panics with the lock loses one bucket at worst.
     fn table(&self) -> MutexGuard<'_, Table> {
         self.table.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// When the bucket is full again if a session begins now; `None` where there is no token.
-    fn after(table: &Table, at_once: NonZeroU32, block: AddressBlock, now: Time) -> Option<Time> {
-        let token = REFILLED_AFTER / at_once.get();
+    /// Time at which the bucket will be full if a session starts now; `None` without a token.
+    fn full_at_after(table: &Table, burst: NonZeroU32, block: AddressBlock, now: Time) -> Option<Time> {
+        let token = REFILL_TIME / burst.get();
         let full_at = table.full_at.get(&block).map_or(now, |full_at| (*full_at).max(now));
-        (full_at.since(now) <= token * (at_once.get() - 1)).then(|| full_at + token)
+        (full_at.since(now) <= token * (burst.get() - 1)).then(|| full_at + token)
     }
 
-    /// Whether an address may begin a session; nothing is taken.
+    /// Whether an address may start a session; takes no token.
     pub(crate) fn check(&self, address: IpAddr, now: Time) -> bool {
         let table = self.table();
         match table.limit {
             SessionRateLimit::Unlimited => true,
-            SessionRateLimit::AtOnce(n) => Self::after(&table, n, AddressBlock::of(address), now).is_some(),
+            SessionRateLimit::Burst(n) => {
+                Self::full_at_after(&table, n, AddressBlock::of(address), now).is_some()
+            }
         }
     }
 
-    /// Takes a token of an address that begins a session; whether there was one.
+    /// Takes a token of an address; returns whether there was one.
     pub(crate) fn take(&self, address: IpAddr, now: Time) -> bool {
         let block = AddressBlock::of(address);
         let mut table = self.table();
-        let SessionRateLimit::AtOnce(at_once) = table.limit else { return true };
+        let SessionRateLimit::Burst(burst) = table.limit else { return true };
         while table.order.first().is_some_and(|(full_at, _)| *full_at <= now) {
-            table.forget_first();
+            table.drop_fullest();
         }
-        let after = Self::after(&table, at_once, block, now);
+        let after = Self::full_at_after(&table, burst, block, now);
         if let Some(full_at) = after {
-            table.remember(block, full_at);
+            table.store(block, full_at);
         }
         after.is_some()
     }
 
-    /// Addresses whose buckets are remembered.
+    /// Number of buckets in the table.
     #[cfg(test)]
     pub(crate) fn len(&self) -> usize {
         let table = self.table();
@@ -153,55 +155,59 @@ mod tests {
         Ipv4Addr::from_bits(0x0a00_0000 + n).into()
     }
 
-    fn of(at_once: u32) -> SessionRateLimiter {
-        SessionRateLimiter::new(SessionRateLimit::AtOnce(NonZeroU32::new(at_once).unwrap()))
+    fn of(burst: u32) -> SessionRateLimiter {
+        SessionRateLimiter::new(SessionRateLimit::Burst(NonZeroU32::new(burst).unwrap()))
     }
 
-    fn taken(arrivals: &SessionRateLimiter, address: IpAddr, now: Time) -> usize {
-        (0..1000).filter(|_| arrivals.take(address, now)).count()
+    fn taken(limiter: &SessionRateLimiter, address: IpAddr, now: Time) -> usize {
+        (0..1000).filter(|_| limiter.take(address, now)).count()
     }
 
     #[test]
-    fn an_address_begins_a_burst_and_then_an_eighth_of_it_each_second() {
-        let arrivals = of(32);
-        assert_eq!(taken(&arrivals, ip(1), Time::from_ms(5)), 32);
-        assert!(!arrivals.check(ip(1), Time::from_ms(254)) && arrivals.check(ip(1), Time::from_ms(255)));
-        assert_eq!(taken(&arrivals, ip(1), Time::from_ms(1005)), 4);
-        assert_eq!(taken(&arrivals, ip(1), Time::from_ms(3005)), 8);
-        // However long it waits, there is no more than the burst.
-        assert_eq!(taken(&arrivals, ip(1), Time::from_ms(3_600_000)), 32);
-        assert_eq!(taken(&arrivals, ip(2), Time::from_ms(3_600_000)), 32, "of each address");
-        for at_once in [1, 3, 125] {
-            assert_eq!(taken(&of(at_once), ip(1), Time::ZERO), at_once as usize);
+    fn an_address_may_start_a_burst_and_then_an_eighth_of_it_per_second() {
+        let limiter = of(32);
+        assert_eq!(taken(&limiter, ip(1), Time::from_ms(5)), 32);
+        assert!(!limiter.check(ip(1), Time::from_ms(254)) && limiter.check(ip(1), Time::from_ms(255)));
+        assert_eq!(taken(&limiter, ip(1), Time::from_ms(1005)), 4);
+        assert_eq!(taken(&limiter, ip(1), Time::from_ms(3005)), 8);
+        // A longer pause saves no more than the burst.
+        assert_eq!(taken(&limiter, ip(1), Time::from_ms(3_600_000)), 32);
+        assert_eq!(taken(&limiter, ip(2), Time::from_ms(3_600_000)), 32, "of each address");
+        for burst in [1, 3, 125] {
+            assert_eq!(taken(&of(burst), ip(1), Time::ZERO), burst as usize);
         }
         assert_eq!(taken(&SessionRateLimiter::new(SessionRateLimit::Unlimited), ip(1), Time::ZERO), 1000);
     }
 
     #[test]
-    fn a_network_of_64_bits_had_as_many_buckets_as_addresses() {
-        let arrivals = of(32);
+    fn a_64_bit_network_had_a_bucket_per_address() {
+        let limiter = of(32);
         let address = |n: u128| IpAddr::from(Ipv6Addr::from_bits((0x2001_0db8_0001_0002_u128 << 64) + n));
-        assert_eq!((0..100).filter(|n| arrivals.take(address(*n), Time::ZERO)).count(), 32);
+        assert_eq!((0..100).filter(|n| limiter.take(address(*n), Time::ZERO)).count(), 32);
     }
 
     #[test]
-    fn the_table_of_buckets_is_bounded_and_forgets_who_owes_least() {
-        let arrivals = of(32);
-        assert_eq!(taken(&arrivals, ip(0), Time::ZERO), 32);
+    fn the_table_is_bounded_and_drops_the_fullest_buckets() {
+        let limiter = of(32);
+        assert_eq!(taken(&limiter, ip(0), Time::ZERO), 32);
         for n in 1..100_000 {
-            assert!(arrivals.take(ip(n), Time::ZERO));
-            assert!(arrivals.len() <= MAX_REMEMBERED);
+            assert!(limiter.take(ip(n), Time::ZERO));
+            assert!(limiter.len() <= MAX_BUCKETS);
         }
-        assert!(!arrivals.check(ip(0), Time::ZERO), "who floods is not forgotten for untrusted peers");
-        assert!(arrivals.take(ip(1), Time::from_ms(8_000)));
-        assert_eq!(arrivals.len(), 1, "full buckets are nothing to remember");
+        assert!(!limiter.check(ip(0), Time::ZERO), "new addresses do not displace an empty bucket");
+        assert!(limiter.take(ip(1), Time::from_ms(8_000)));
+        assert_eq!(limiter.len(), 1, "full buckets are not stored");
     }
 
     #[test]
-    fn limits_are_read() {
+    fn limits_are_parsed() {
         assert_eq!("off".parse(), Ok(SessionRateLimit::Unlimited));
-        assert_eq!("40".parse(), Ok(SessionRateLimit::of_places(40)));
-        assert_eq!(SessionRateLimit::of_places(8), SessionRateLimit::of_places(32), "people reload pages");
+        assert_eq!("40".parse(), Ok(SessionRateLimit::default_for(40)));
+        assert_eq!(
+            SessionRateLimit::default_for(8),
+            SessionRateLimit::default_for(32),
+            "at least 32, since pages are reloaded"
+        );
         for text in ["0", "-1", "", "many", "4294967296"] {
             let why = text.parse::<SessionRateLimit>().unwrap_err();
             assert!(why.contains("write for example 32"), "{why}");

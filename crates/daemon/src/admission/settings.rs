@@ -1,18 +1,18 @@
-//! Who may open sessions: what a daemon is told of web pages, proxies and tokens.
+//! Settings of admission: allowed web pages, trusted proxies, tokens.
 
 use std::sync::Arc;
 
+use crate::admission::origin::AllowedOrigins;
+use crate::admission::proxy::TrustedProxies;
 use crate::auth::access::Access;
-use crate::http::origin::AllowedOrigins;
-use crate::http::proxy::TrustedProxies;
 
-/// See the module; by default no web page, no proxy is believed, and nobody is asked for a token.
+/// Allowed web pages, trusted proxies and required tokens; by default none of them.
 #[derive(Clone, Debug, Default)]
 pub struct AdmissionSettings {
     /// Web pages that may open sessions over WebSocket.
     pub origins: AllowedOrigins,
-    /// Proxies that are believed when they say for whom they ask.
+    /// Proxies whose `X-Forwarded-For` is trusted.
     pub proxies: TrustedProxies,
-    /// By what the tokens that sessions are asked for are judged.
+    /// Verifies clients' tokens; `None` requires no token.
     pub access: Option<Arc<Access>>,
 }

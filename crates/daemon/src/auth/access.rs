@@ -1,4 +1,4 @@
-//! By what it is decided who may see a scene: by keys that have signed the client's token, or by the operator's own word.
+//! Verification of clients' tokens: by signing keys, or by the operator's program or URL.
 
 use std::net::IpAddr;
 use std::sync::Arc;
@@ -8,34 +8,34 @@ use tokio::sync::watch;
 use tokio::time::sleep;
 
 use crate::auth::grant::{Grant, TokenError};
-use crate::auth::hook::{Hook, Question};
+use crate::auth::hook::{Hook, IntrospectionRequest};
 use crate::auth::hook_url::Authorization;
-use crate::auth::tokens::{Tokens, renew_keys};
+use crate::auth::tokens::{Tokens, watch_keys};
 
-/// Time after which what could not be found out is asked again.
-const AGAIN_AFTER: Duration = Duration::from_secs(5);
+/// Time between attempts to verify a later token of a session.
+const RETRY_INTERVAL: Duration = Duration::from_secs(5);
 
-/// See the module. Either way clients are asked for a token.
+/// How tokens are verified. With either variant, clients must send one.
 #[derive(Debug)]
 pub enum Access {
-    /// Tokens that these keys have signed.
+    /// By the signatures of these keys.
     Tokens(Tokens),
-    /// Whatever this lets in.
+    /// By a program or URL of the operator.
     Hook {
-        /// What is asked.
+        /// The program or URL.
         hook: Hook,
-        /// What it is shown, where it is a URL that asks for that.
+        /// Credentials for the URL, watched for changes.
         authorization: Option<Authorization>,
     },
 }
 
 impl Access {
-    /// Whether a token can be judged before it is known for which scene: if not, it is once that is known.
-    pub(crate) const fn judges_without_scene(&self) -> bool {
+    /// Whether a token can be verified before the scene is known.
+    pub(crate) const fn verifies_without_scene(&self) -> bool {
         matches!(self, Self::Tokens(_))
     }
 
-    /// What a token grants to who shows it for this scene, if for one.
+    /// Verifies a token for one scene, or for any if `scene` is `None`.
     pub(crate) async fn verify(
         &self,
         token: String,
@@ -44,16 +44,18 @@ impl Access {
     ) -> Result<Grant, TokenError> {
         let grant = match self {
             Self::Tokens(tokens) => tokens.verify(&token, SystemTime::now())?,
-            Self::Hook { hook, .. } => hook.verify(Question { token, scene: scene.clone(), address }).await?,
+            Self::Hook { hook, .. } => {
+                hook.verify(IntrospectionRequest { token, scene: scene.clone(), address }).await?
+            }
         };
         match scene {
-            Some(scene) => grant.of(&scene),
+            Some(scene) => grant.for_scene(&scene),
             None => Ok(grant),
         }
     }
 
-    /// The same for a session that has a grant: what cannot be found out is asked again until it is.
-    pub(crate) async fn verify_patiently(
+    /// Verifies a later token of a session; retries while no answer is available.
+    pub(crate) async fn verify_with_retries(
         &self,
         token: String,
         scene: String,
@@ -61,17 +63,19 @@ impl Access {
     ) -> Result<Grant, TokenError> {
         loop {
             match self.verify(token.clone(), Some(scene.clone()), address).await {
-                Err(TokenError::Unknown) => sleep(AGAIN_AFTER).await,
-                known => return known,
+                Err(TokenError::Unavailable) => sleep(RETRY_INTERVAL).await,
+                result => return result,
             }
         }
     }
 
-    /// Takes anew what is read from files, when they change. Goes on for ever, or ends where there is no such file.
-    pub(crate) async fn renew(self: Arc<Self>, asked: watch::Receiver<u64>) {
+    /// Reloads keys or credentials when their file changes. Returns only if there is no file.
+    pub(crate) async fn watch_files(self: Arc<Self>, reload_requests: watch::Receiver<u64>) {
         match &*self {
-            Self::Tokens(tokens) => renew_keys(tokens, asked).await,
-            Self::Hook { authorization: Some(authorization), .. } => authorization.clone().renew(asked).await,
+            Self::Tokens(tokens) => watch_keys(tokens, reload_requests).await,
+            Self::Hook { authorization: Some(authorization), .. } => {
+                authorization.clone().watch_files(reload_requests).await
+            }
             Self::Hook { authorization: None, .. } => {}
         }
     }

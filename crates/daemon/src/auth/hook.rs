@@ -1,51 +1,49 @@
-//! Who may see a scene, by the operator's own word: a program that is run, or a URL that is asked, for each token.
+//! Token introspection (RFC 7662) by the operator's program or URL.
 //!
-//! The questions and answers are those of token introspection (RFC 7662), with a scene and the client's address in the
-//! question and what a grant holds in the answer. Whatever a client shows as its token comes to the program as it is.
-//! Untrusted peers cause these questions, so there are at most sixteen at a time, each has an end, and an answer is
-//! good for ten seconds for whoever asks the same.
+//! The request also holds the scene and the client's address, the response the claims of a grant. The token is passed on
+//! unchanged. Untrusted peers cause these requests, so at most 16 run at a time, each has a timeout, and a response is
+//! reused for 10 seconds for equal requests.
 
 use std::fmt;
-use std::future::Future;
 use std::net::IpAddr;
-use std::pin::Pin;
 use std::time::{Duration, SystemTime};
 
+use futures_util::future::BoxFuture;
 use moka::future::Cache;
 use serde::{Deserialize, Serialize};
 use tokio::sync::Semaphore;
 use tokio::time::timeout;
 
-use crate::auth::grant::{Claims, Grant, Scenes, TokenError};
+use crate::auth::grant::{Claims, Grant, SceneClaim, TokenError};
 
-/// Questions at a time; more wait.
-const MAX_AT_ONCE: usize = 16;
-/// Time in which a question must be answered, that in which it waits for others included.
-const ANSWER_WITHIN: Duration = Duration::from_secs(5);
-/// How long an answer is good for.
-const GOOD_FOR: Duration = Duration::from_secs(10);
-/// Answers that are kept.
-const MAX_KEPT: u64 = 4096;
-/// Longest answer, in bytes.
-pub(crate) const MAX_ANSWER_BYTES: usize = 64 * 1024;
+/// Most requests at a time; more wait.
+const MAX_CONCURRENT: usize = 16;
+/// Timeout of a request, including the wait for others.
+const TIMEOUT: Duration = Duration::from_secs(5);
+/// Maximum staleness of a response.
+const MAX_STALENESS: Duration = Duration::from_secs(10);
+/// Most responses in the cache.
+const MAX_CACHED: u64 = 4096;
+/// Longest response, in bytes.
+pub(crate) const MAX_RESPONSE_BYTES: usize = 64 * 1024;
 
-/// What is asked. Not to be formatted: the token would be in it.
+/// An introspection request. It has no `Debug`, which would print the token.
 #[derive(Clone, Serialize)]
-pub(crate) struct Question {
-    /// What the client showed.
+pub(crate) struct IntrospectionRequest {
+    /// The client's token.
     pub(crate) token: String,
-    /// The scene that it asks for, if it is one: the list of scenes is for none.
+    /// The requested scene; `None` for the list of scenes.
     pub(crate) scene: Option<String>,
-    /// Where it is, or where a proxy that is believed says so.
+    /// The client's address, if need be from a trusted proxy.
     #[serde(rename = "client_address")]
     pub(crate) address: IpAddr,
 }
 
-impl Question {
-    /// By what alike questions are known. No token is kept.
+impl IntrospectionRequest {
+    /// Cache key: a hash, so that no token is stored.
     fn key(&self) -> [u8; 32] {
         let mut hasher = blake3::Hasher::new();
-        // Lengths part the texts.
+        // Lengths separate the texts.
         for part in [&self.token, self.scene.as_deref().unwrap_or_default(), &self.address.to_string()] {
             hasher.update(&(part.len() as u64).to_le_bytes()).update(part.as_bytes());
         }
@@ -53,67 +51,67 @@ impl Question {
     }
 }
 
-/// What is answered; claims count only where it is active.
+/// An introspection response; claims count only if it is active.
 #[derive(Clone, Debug, Deserialize)]
-pub(crate) struct Answer {
+pub(crate) struct IntrospectionResponse {
     active: bool,
     #[serde(flatten)]
     claims: Claims,
 }
 
-impl Answer {
-    /// Reads an answer.
+impl IntrospectionResponse {
+    /// Parses a response.
     pub(crate) fn parse(text: &[u8]) -> Result<Self, HookError> {
-        serde_json::from_slice(text).map_err(|why| HookError::Nonsense(why.to_string()))
+        serde_json::from_slice(text).map_err(|why| HookError::Malformed(why.to_string()))
     }
 
-    /// What it grants at `now` to who asked this.
+    /// The grant at `now` for a request about `scene`.
     fn grant(self, scene: Option<String>, now: SystemTime) -> Result<Grant, TokenError> {
         let Self { active, mut claims } = self;
         if !active {
             return Err(TokenError::Refused);
         }
-        // It was asked of this scene and has said no other.
-        claims.scene = claims.scene.or(scene.map(Scenes::One));
+        // Without a claim `scene`, the response covers the scene of the request.
+        claims.scene = claims.scene.or(scene.map(SceneClaim::One));
         claims.grant(now)
     }
 }
 
-/// Why there is no answer, for the operator.
+/// Why there is no response; the text is logged.
 #[derive(Clone, Debug, thiserror::Error)]
 pub(crate) enum HookError {
-    #[error("it cannot be run: {0}")]
-    Run(String),
-    #[error("it ended with {status}{said}")]
-    Failed { status: String, said: String },
-    #[error("it cannot be asked: {0}")]
-    Ask(String),
-    #[error("it answers {0} instead of 200 OK")]
-    Status(u16),
-    #[error("its answer is longer than {MAX_ANSWER_BYTES} bytes")]
-    Long,
-    #[error("its answer is no JSON with active: true or false, and claims: {0}")]
-    Nonsense(String),
-    #[error("it has not answered within {0:?}")]
-    Late(Duration),
+    #[error("the program cannot be started: {0}")]
+    Spawn(String),
+    #[error("the program failed with {status}{stderr}")]
+    ExitStatus { status: String, stderr: String },
+    #[error("the request failed: {0}")]
+    Request(String),
+    #[error("the response has status {0} instead of 200 OK")]
+    HttpStatus(u16),
+    #[error("the response is longer than {MAX_RESPONSE_BYTES} bytes")]
+    TooLong,
+    #[error("the response is not JSON with \"active\": true or false, and claims: {0}")]
+    Malformed(String),
+    #[error("no response within {0:?}")]
+    Timeout(Duration),
 }
 
-/// Something under way.
-pub(crate) type Pending<T> = Pin<Box<dyn Future<Output = T> + Send>>;
-
-/// One way to ask.
-pub(crate) trait Ask: Send + Sync {
-    /// Asks. Dropped before it resolves, it leaves nothing running.
-    fn ask(&self, question: Question) -> Pending<Result<Answer, HookError>>;
+/// A way to send introspection requests.
+pub(crate) trait Introspect: Send + Sync {
+    /// Sends a request. Dropping the future ends everything that it started.
+    fn introspect(
+        &self,
+        request: IntrospectionRequest,
+    ) -> BoxFuture<'static, Result<IntrospectionResponse, HookError>>;
 }
 
-/// See the module.
+/// Introspection by the operator's program or URL, with a cache.
 pub struct Hook {
     name: String,
-    ask: Box<dyn Ask>,
-    within: Duration,
-    free: Semaphore,
-    kept: Cache<[u8; 32], Answer>,
+    backend: Box<dyn Introspect>,
+    timeout: Duration,
+    permits: Semaphore,
+    cache: Cache<[u8; 32], IntrospectionResponse>,
 }
 
 impl fmt::Debug for Hook {
@@ -122,52 +120,52 @@ impl fmt::Debug for Hook {
     }
 }
 
-/// PreAuthPool for answers that are good for so long.
-fn answers(good_for: Duration) -> Cache<[u8; 32], Answer> {
-    Cache::builder().max_capacity(MAX_KEPT).time_to_live(good_for).build()
+/// A cache of responses.
+fn response_cache(max_staleness: Duration) -> Cache<[u8; 32], IntrospectionResponse> {
+    Cache::builder().max_capacity(MAX_CACHED).time_to_live(max_staleness).build()
 }
 
 impl Hook {
-    /// What asks in this way, under a name for messages.
-    pub(crate) fn new(name: String, ask: impl Ask + 'static) -> Self {
-        let (free, kept) = (Semaphore::new(MAX_AT_ONCE), answers(GOOD_FOR));
-        Self { name, ask: Box::new(ask), within: ANSWER_WITHIN, free, kept }
+    /// Introspection by `backend`, which messages call `name`.
+    pub(crate) fn new(name: String, backend: impl Introspect + 'static) -> Self {
+        let (permits, cache) = (Semaphore::new(MAX_CONCURRENT), response_cache(MAX_STALENESS));
+        Self { name, backend: Box::new(backend), timeout: TIMEOUT, permits, cache }
     }
 
-    /// The same whose answers are good for another time: that of the cache goes on where tests pause theirs.
+    /// Changes the maximum staleness; the cache's clock runs on while tests pause tokio's.
     #[cfg(test)]
-    pub(crate) fn keeping_for(self, good_for: Duration) -> Self {
-        Self { kept: answers(good_for), ..self }
+    pub(crate) fn with_cache_ttl(self, max_staleness: Duration) -> Self {
+        Self { cache: response_cache(max_staleness), ..self }
     }
 
-    /// The same with another end of questions: tests wait longer for a busy machine.
+    /// Changes the timeout; tests wait longer on a busy machine.
     #[cfg(test)]
-    pub(crate) fn within(self, within: Duration) -> Self {
-        Self { within, ..self }
+    pub(crate) fn with_timeout(self, timeout: Duration) -> Self {
+        Self { timeout, ..self }
     }
 
-    /// What is granted, for the scenes that the answer names, or else for that of the question.
-    pub(crate) async fn verify(&self, question: Question) -> Result<Grant, TokenError> {
-        let (key, scene) = (question.key(), question.scene.clone());
-        let asked = async {
-            let answered = async {
-                // It is never closed.
-                let _turn = self.free.acquire().await;
-                self.ask.ask(question).await
+    /// Verifies a token, for the scenes in the response or else the scene of the request.
+    pub(crate) async fn verify(&self, request: IntrospectionRequest) -> Result<Grant, TokenError> {
+        let (key, scene) = (request.key(), request.scene.clone());
+        let response = async {
+            let introspection = async {
+                // The semaphore is never closed.
+                let _permit = self.permits.acquire().await;
+                self.backend.introspect(request).await
             };
-            timeout(self.within, answered).await.unwrap_or(Err(HookError::Late(self.within)))
+            timeout(self.timeout, introspection).await.unwrap_or(Err(HookError::Timeout(self.timeout)))
         };
-        match self.kept.try_get_with(key, asked).await {
-            Ok(answer) => answer.grant(scene, SystemTime::now()),
+        match self.cache.try_get_with(key, response).await {
+            Ok(response) => response.grant(scene, SystemTime::now()),
             Err(why) => {
-                tracing::error!("{} decides nothing: {why}", self.name);
-                Err(TokenError::Unknown)
+                tracing::error!("{} cannot verify a token: {why}", self.name);
+                Err(TokenError::Unavailable)
             }
         }
     }
 }
 
-/// What was said on the way, for one line of the log.
+/// Text in one line, for the log.
 pub(crate) fn one_line(text: &[u8]) -> String {
     String::from_utf8_lossy(text).split_whitespace().collect::<Vec<_>>().join(" ")
 }

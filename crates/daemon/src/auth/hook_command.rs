@@ -1,5 +1,4 @@
-//! A program that is run for each question, which it reads as JSON from its standard input and answers on its standard
-//! output.
+//! Introspection by a program, started for each request: JSON on its standard input, the response on its standard output.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -7,42 +6,48 @@ use std::process::Stdio;
 use std::sync::Arc;
 
 use anyhow::Context as _;
+use futures_util::future::BoxFuture;
 use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::process::Command;
 
-use crate::auth::hook::{Answer, Ask, Hook, HookError, MAX_ANSWER_BYTES, Pending, Question, one_line};
+use crate::auth::hook::{
+    Hook, HookError, Introspect, IntrospectionRequest, IntrospectionResponse, MAX_RESPONSE_BYTES, one_line,
+};
 
-/// What is kept of what a program says beside its answer, in bytes.
-const MAX_SAID_BYTES: usize = 1024;
+/// Longest text from standard error in the log, in bytes.
+const MAX_STDERR_BYTES: usize = 1024;
 
 impl Hook {
-    /// Runs a program.
+    /// Introspection by a program.
     ///
     /// # Errors
-    /// Fails where there is no such file. Whether it can be run shows when it is.
-    pub fn of_command(program: &Path) -> anyhow::Result<Self> {
+    /// There is no such file. Whether it can be executed is known only at the first request.
+    pub fn from_command(program: &Path) -> anyhow::Result<Self> {
         let about = || format!("--access-command {}", program.display());
-        // A bare name would be looked for elsewhere than where it was found.
+        // A bare name would be searched in PATH.
         let program = std::path::absolute(program).with_context(about)?;
         let is_file = std::fs::metadata(&program).with_context(about)?.is_file();
-        anyhow::ensure!(is_file, "{}: it is no file; name a program", about());
-        Ok(Self::new(about(), RunCommand(program.into())))
+        anyhow::ensure!(is_file, "{}: not a file; name a program", about());
+        Ok(Self::new(about(), CommandBackend(program.into())))
     }
 }
 
-struct RunCommand(Arc<Path>);
+struct CommandBackend(Arc<Path>);
 
-impl Ask for RunCommand {
-    fn ask(&self, question: Question) -> Pending<Result<Answer, HookError>> {
+impl Introspect for CommandBackend {
+    fn introspect(
+        &self,
+        request: IntrospectionRequest,
+    ) -> BoxFuture<'static, Result<IntrospectionResponse, HookError>> {
         let program = Arc::clone(&self.0);
-        Box::pin(async move { run(&program, &question).await })
+        Box::pin(async move { run(&program, &request).await })
     }
 }
 
-async fn run(program: &Path, question: &Question) -> Result<Answer, HookError> {
-    let failed = |why: io::Error| HookError::Run(why.to_string());
-    let asked = serde_json::to_vec(question).map_err(|why| HookError::Run(why.to_string()))?;
-    // The token is in no list of processes: neither a word of the command line nor a variable.
+async fn run(program: &Path, request: &IntrospectionRequest) -> Result<IntrospectionResponse, HookError> {
+    let failed = |why: io::Error| HookError::Spawn(why.to_string());
+    let json = serde_json::to_vec(request).map_err(|why| HookError::Spawn(why.to_string()))?;
+    // Neither the command line nor the environment holds the token: other processes can read both.
     let mut child = Command::new(PathBuf::from(program))
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
@@ -50,30 +55,30 @@ async fn run(program: &Path, question: &Question) -> Result<Answer, HookError> {
         .kill_on_drop(true)
         .spawn()
         .map_err(failed)?;
-    let (input, output, said) = (child.stdin.take(), child.stdout.take(), child.stderr.take());
+    let (input, output, stderr) = (child.stdin.take(), child.stdout.take(), child.stderr.take());
     let write = async {
         if let Some(mut input) = input {
-            // A program that answers without reading is none the worse for it.
-            let _ = input.write_all(&asked).await;
+            // A program may answer without reading the request.
+            let _ = input.write_all(&json).await;
             let _ = input.write_all(b"\n").await;
         }
     };
-    let ((), answer, said) =
-        tokio::join!(write, read(output, MAX_ANSWER_BYTES + 1), read(said, MAX_SAID_BYTES));
+    let ((), answer, stderr) =
+        tokio::join!(write, read(output, MAX_RESPONSE_BYTES + 1), read(stderr, MAX_STDERR_BYTES));
     let answer = answer.map_err(failed)?;
-    if answer.len() > MAX_ANSWER_BYTES {
-        return Err(HookError::Long);
+    if answer.len() > MAX_RESPONSE_BYTES {
+        return Err(HookError::TooLong);
     }
     let status = child.wait().await.map_err(failed)?;
     if !status.success() {
-        let said = one_line(&said.unwrap_or_default());
-        let said = if said.is_empty() { said } else { format!(": {said}") };
-        return Err(HookError::Failed { status: status.to_string(), said });
+        let stderr = one_line(&stderr.unwrap_or_default());
+        let stderr = if stderr.is_empty() { stderr } else { format!(": {stderr}") };
+        return Err(HookError::ExitStatus { status: status.to_string(), stderr });
     }
-    Answer::parse(&answer)
+    IntrospectionResponse::parse(&answer)
 }
 
-/// Reads to the end and keeps this many bytes of it: who cannot write would not end.
+/// Reads to the end and keeps the first `keep` bytes: a program that cannot write would not end.
 async fn read(pipe: Option<impl AsyncRead + Unpin>, keep: usize) -> io::Result<Vec<u8>> {
     let mut kept = Vec::new();
     if let Some(mut pipe) = pipe {

@@ -1,10 +1,11 @@
-//! A URL that is asked for each question, as an endpoint of token introspection is (RFC 7662, section 2).
+//! Introspection by a URL (RFC 7662, section 2).
 
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError, RwLock};
 
 use anyhow::Context as _;
+use futures_util::future::BoxFuture;
 use reqwest::header::{ACCEPT, AUTHORIZATION, CONTENT_TYPE, HeaderValue};
 use reqwest::redirect::Policy;
 use reqwest::{Client, Response};
@@ -12,11 +13,12 @@ use tokio::sync::watch;
 use url::Url;
 use url::form_urlencoded::Serializer;
 
-use crate::auth::hook::{Answer, Ask, Hook, HookError, MAX_ANSWER_BYTES, Pending, Question};
-use crate::lifecycle::reload::follow;
-use crate::transport::certificate::read_pem as read_small;
+use crate::auth::hook::{
+    Hook, HookError, Introspect, IntrospectionRequest, IntrospectionResponse, MAX_RESPONSE_BYTES,
+};
+use crate::lifecycle::file_watch::{read_small_file, watch_files};
 
-/// What the server shows to the URL: the value of the header `Authorization`, from a file.
+/// The server's credentials for the URL: the value of the header `Authorization`, from a file.
 #[derive(Clone)]
 pub struct Authorization {
     file: PathBuf,
@@ -30,12 +32,12 @@ impl fmt::Debug for Authorization {
 }
 
 impl Authorization {
-    /// Reads it, without the line end behind it.
+    /// Reads the value without trailing white space.
     ///
     /// # Errors
-    /// Fails where the file cannot be read or holds no such value.
-    pub fn of_file(file: &Path) -> anyhow::Result<Self> {
-        let value = Self::parse(&read_small(file)?).with_context(|| file.display().to_string())?;
+    /// The file cannot be read, or holds no valid value.
+    pub fn from_file(file: &Path) -> anyhow::Result<Self> {
+        let value = Self::parse(&read_small_file(file)?).with_context(|| file.display().to_string())?;
         Ok(Self { file: file.to_owned(), value: Arc::new(RwLock::new(value)) })
     }
 
@@ -44,9 +46,10 @@ impl Authorization {
         let scheme = text.split(|byte| *byte == b' ').next().unwrap_or_default();
         anyhow::ensure!(
             scheme.len() < text.len() && !scheme.is_empty(),
-            "it is no value of the header Authorization: \"Bearer SECRET\" or \"Basic BASE64\""
+            "not a value of the header Authorization: write \"Bearer SECRET\" or \"Basic BASE64\""
         );
-        let mut value = HeaderValue::from_bytes(text).context("it has signs that no header may have")?;
+        let mut value =
+            HeaderValue::from_bytes(text).context("it has characters that a header cannot hold")?;
         value.set_sensitive(true);
         Ok(value)
     }
@@ -55,62 +58,68 @@ impl Authorization {
         self.value.read().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Takes it anew when its file has changed. Goes on for ever.
-    pub(crate) async fn renew(self, asked: watch::Receiver<u64>) {
-        follow("the authorization of the access URL", vec![self.file.clone()], asked, |texts, first| {
-            match texts.and_then(|texts| Self::parse(&texts.concat())) {
+    /// Reloads the value when its file changes; never returns.
+    pub(crate) async fn watch_files(self, reload_requests: watch::Receiver<u64>) {
+        watch_files(
+            "the authorization of the access URL",
+            vec![self.file.clone()],
+            reload_requests,
+            |texts, first| match texts.and_then(|texts| Self::parse(&texts.concat())) {
                 Ok(value) => {
                     *self.value.write().unwrap_or_else(PoisonError::into_inner) = value;
                     if !first {
-                        tracing::info!("the authorization of the access URL was exchanged");
+                        tracing::info!("the authorization of the access URL was reloaded");
                     }
                 }
-                Err(why) => tracing::error!("the authorization of the access URL stays: {why:#}"),
-            }
-        })
+                Err(why) => tracing::error!("the authorization of the access URL is not reloaded: {why:#}"),
+            },
+        )
         .await;
     }
 }
 
 impl Hook {
-    /// Asks a URL, with what the server shows it.
+    /// Introspection by a URL, with the server's credentials.
     ///
     /// # Errors
-    /// Fails where it is no URL of http or https, or has a name or password in it.
-    pub fn of_url(url: &Url, authorization: Option<Authorization>) -> anyhow::Result<Self> {
+    /// Not an http or https URL, or one with a user name or password.
+    pub fn from_url(url: &Url, authorization: Option<Authorization>) -> anyhow::Result<Self> {
         anyhow::ensure!(
             matches!(url.scheme(), "http" | "https") && url.has_host(),
-            "--access-url {url}: it is no URL of http or https"
+            "--access-url {url}: not an http or https URL"
         );
         anyhow::ensure!(
             url.username().is_empty() && url.password().is_none(),
-            "--access-url: credentials would be in logs and lists of processes: name a file with --access-authorization"
+            "--access-url: credentials in a URL would be logged and listed with the process: use --access-authorization FILE"
         );
-        // The client takes the process's; harmless where there is one.
+        // The client uses the process's default provider; it may be installed already.
         let _ = rustls::crypto::ring::default_provider().install_default();
         // A redirect would take the token elsewhere.
         let client = Client::builder().redirect(Policy::none()).build();
-        let client = client.context("no client for --access-url can be made")?;
-        // What a query says may be a secret.
+        let client = client.context("cannot create the HTTP client for --access-url")?;
+        // The query may hold a secret.
         let name = format!("--access-url {}", &url[..url::Position::AfterPath]);
-        Ok(Self::new(name, AskUrl { url: url.clone(), client, authorization }))
+        Ok(Self::new(name, UrlBackend { url: url.clone(), client, authorization }))
     }
 }
 
-struct AskUrl {
+struct UrlBackend {
     url: Url,
     client: Client,
     authorization: Option<Authorization>,
 }
 
-impl Ask for AskUrl {
-    fn ask(&self, question: Question) -> Pending<Result<Answer, HookError>> {
+impl Introspect for UrlBackend {
+    fn introspect(
+        &self,
+        query: IntrospectionRequest,
+    ) -> BoxFuture<'static, Result<IntrospectionResponse, HookError>> {
         let mut form = Serializer::new(String::new());
-        form.append_pair("token", &question.token);
-        if let Some(scene) = &question.scene {
+        form.append_pair("token", &query.token);
+        if let Some(scene) = &query.scene {
             form.append_pair("scene", scene);
         }
-        form.append_pair("client_address", &question.address.to_string());
+        form.append_pair("client_address", &query.address.to_string());
         let mut request = self
             .client
             .post(self.url.clone())
@@ -121,32 +130,32 @@ impl Ask for AskUrl {
             request = request.header(AUTHORIZATION, authorization.value());
         }
         Box::pin(async move {
-            let failed = |why: reqwest::Error| HookError::Ask(causes(&why.without_url()));
+            let failed = |why: reqwest::Error| HookError::Request(causes(&why.without_url()));
             let response = request.send().await.map_err(failed)?;
             if response.status() != reqwest::StatusCode::OK {
-                return Err(HookError::Status(response.status().as_u16()));
+                return Err(HookError::HttpStatus(response.status().as_u16()));
             }
-            Answer::parse(&body(response, failed).await?)
+            IntrospectionResponse::parse(&body(response, failed).await?)
         })
     }
 }
 
-/// The body of a response, within bounds.
+/// Reads the body of a response of bounded length.
 async fn body(
     mut response: Response,
     failed: impl Fn(reqwest::Error) -> HookError,
 ) -> Result<Vec<u8>, HookError> {
     let mut body = Vec::new();
     while let Some(chunk) = response.chunk().await.map_err(&failed)? {
-        if body.len() + chunk.len() > MAX_ANSWER_BYTES {
-            return Err(HookError::Long);
+        if body.len() + chunk.len() > MAX_RESPONSE_BYTES {
+            return Err(HookError::TooLong);
         }
         body.extend_from_slice(&chunk);
     }
     Ok(body)
 }
 
-/// An error with what caused it: the library says only what it was at.
+/// An error's text with its causes, which the library's text omits.
 fn causes(error: &dyn std::error::Error) -> String {
     let mut text = error.to_string();
     let mut next = error.source();

@@ -1,5 +1,5 @@
-//! What verifies signatures of tokens: ring, which TLS uses too, in place of the two libraries that `jsonwebtoken` offers.
-//! Secrets are compared in constant time (`ring::hmac::verify`); public keys are no secret.
+//! Signature verification for `jsonwebtoken` with ring, which TLS uses too. HMACs are compared in constant time
+//! (`ring::hmac::verify`).
 
 use jsonwebtoken::crypto::{CryptoProvider, JwtSigner, JwtVerifier, KeyUtils};
 use jsonwebtoken::errors::{ErrorKind, Result, new_error};
@@ -7,18 +7,18 @@ use jsonwebtoken::{Algorithm, DecodingKey, DecodingKeyKind, EncodingKey};
 use ring::{hmac, signature as ring_signature};
 use signature::Verifier;
 
-/// Makes this the process's; harmless where it is already.
+/// Installs the provider for the process; idempotent.
 pub(crate) fn install() {
     static PROVIDER: CryptoProvider = CryptoProvider {
         signer_factory: signer,
         verifier_factory: verifier,
-        // For thumbprints of keys, which nobody asks for here.
+        // Only for thumbprints of keys, which are not used.
         key_utils: KeyUtils::new_unimplemented(),
     };
     let _ = PROVIDER.install_default();
 }
 
-/// Whoever gives tokens is another program.
+/// Fails: the server signs no tokens.
 fn signer(_: &Algorithm, _: &EncodingKey) -> Result<Box<dyn JwtSigner>> {
     Err(new_error(ErrorKind::UnsupportedAlgorithm))
 }
@@ -29,29 +29,29 @@ fn verifier(algorithm: &Algorithm, key: &DecodingKey) -> Result<Box<dyn JwtVerif
     if !known || key.family() != algorithm.family() {
         return Err(new_error(ErrorKind::InvalidAlgorithm));
     }
-    Ok(Box::new(Ring { algorithm: *algorithm, key: key.clone() }))
+    Ok(Box::new(RingVerifier { algorithm: *algorithm, key: key.clone() }))
 }
 
-struct Ring {
+struct RingVerifier {
     algorithm: Algorithm,
     key: DecodingKey,
 }
 
-impl Ring {
-    fn holds(&self, message: &[u8], signed: &[u8]) -> bool {
+impl RingVerifier {
+    fn is_valid(&self, message: &[u8], signature: &[u8]) -> bool {
         let unparsed = |algorithm: &'static dyn ring_signature::VerificationAlgorithm, key: &[u8]| {
-            ring_signature::UnparsedPublicKey::new(algorithm, key).verify(message, signed).is_ok()
+            ring_signature::UnparsedPublicKey::new(algorithm, key).verify(message, signature).is_ok()
         };
         match (self.algorithm, self.key.kind()) {
             (Algorithm::HS256, DecodingKeyKind::SecretOrDer(secret)) => {
-                hmac::verify(&hmac::Key::new(hmac::HMAC_SHA256, secret), message, signed).is_ok()
+                hmac::verify(&hmac::Key::new(hmac::HMAC_SHA256, secret), message, signature).is_ok()
             }
             (Algorithm::RS256, DecodingKeyKind::SecretOrDer(der)) => {
                 unparsed(&ring_signature::RSA_PKCS1_2048_8192_SHA256, der)
             }
             (Algorithm::RS256, DecodingKeyKind::RsaModulusExponent { n, e }) => {
                 let key = ring_signature::RsaPublicKeyComponents { n, e };
-                key.verify(&ring_signature::RSA_PKCS1_2048_8192_SHA256, message, signed).is_ok()
+                key.verify(&ring_signature::RSA_PKCS1_2048_8192_SHA256, message, signature).is_ok()
             }
             (Algorithm::ES256, DecodingKeyKind::SecretOrDer(point)) => {
                 unparsed(&ring_signature::ECDSA_P256_SHA256_FIXED, point)
@@ -64,13 +64,13 @@ impl Ring {
     }
 }
 
-impl Verifier<Vec<u8>> for Ring {
-    fn verify(&self, message: &[u8], signed: &Vec<u8>) -> std::result::Result<(), signature::Error> {
-        if self.holds(message, signed) { Ok(()) } else { Err(signature::Error::new()) }
+impl Verifier<Vec<u8>> for RingVerifier {
+    fn verify(&self, message: &[u8], signature_bytes: &Vec<u8>) -> std::result::Result<(), signature::Error> {
+        if self.is_valid(message, signature_bytes) { Ok(()) } else { Err(signature::Error::new()) }
     }
 }
 
-impl JwtVerifier for Ring {
+impl JwtVerifier for RingVerifier {
     fn algorithm(&self) -> Algorithm {
         self.algorithm
     }

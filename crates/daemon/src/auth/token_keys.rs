@@ -1,15 +1,15 @@
-//! Keys that tokens are verified by, from a file: a secret, a public key, or a set of keys.
+//! Keys that verify tokens, from a file: a secret, a public key, or a JSON Web Key Set.
 
 use jsonwebtoken::errors::Result as JwtResult;
 use jsonwebtoken::jwk::{AlgorithmParameters, EllipticCurve, Jwk, JwkSet, KeyAlgorithm, PublicKeyUse};
 use jsonwebtoken::{Algorithm, DecodingKey};
 
-/// Shortest secret, in bytes: as long as the hash (RFC 7518, section 3.2).
+/// Shortest secret in bytes: the length of the hash (RFC 7518, section 3.2).
 const MIN_SECRET_BYTES: usize = 32;
-/// Most keys of a set.
+/// Most keys in a set.
 const MAX_KEYS: usize = 64;
 
-/// A key, which is for one algorithm alone: a token that names another is not tried against it.
+/// A key for one algorithm; tokens with another algorithm are not verified with it.
 #[derive(Clone, Debug)]
 pub(crate) struct Key {
     pub(crate) id: Option<String>,
@@ -17,27 +17,27 @@ pub(crate) struct Key {
     pub(crate) key: DecodingKey,
 }
 
-/// What is no key.
+/// Why a file holds no usable key.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum KeysError {
-    #[error("it is a private key: name the file of the public one, the server needs no more")]
+    #[error("it is a private key: the server needs only the public key")]
     Private,
-    #[error("it is no PEM public key of a known kind (Ed25519, P-256 or RSA)")]
+    #[error("not a PEM public key of a supported kind (Ed25519, P-256 or RSA)")]
     Pem,
-    #[error("it is no set of keys (JWKS): {0}")]
+    #[error("not a JSON Web Key Set: {0}")]
     Set(String),
-    #[error("no key of the set can be used: known are Ed25519, P-256, RSA and secrets, for signatures")]
+    #[error("no key of the set is supported: use signature keys of Ed25519, P-256 or RSA, or secrets")]
     EmptySet,
     #[error("the set has more than {MAX_KEYS} keys")]
     TooMany,
     #[error(
-        "a secret of {0} bytes can be guessed: take at least {MIN_SECRET_BYTES}, for example of `openssl rand -base64 48`"
+        "a secret of {0} bytes is too short: use at least {MIN_SECRET_BYTES}, for example from `openssl rand -base64 48`"
     )]
     ShortSecret(usize),
 }
 
-/// The keys in what was read from a file: JSON is a set of keys (RFC 7517), PEM a public key (RFC 7468), anything else a
-/// secret for HS256, without the line end behind it.
+/// Parses a file of keys: JSON is a key set (RFC 7517), PEM a public key (RFC 7468), anything else a secret for HS256,
+/// without its trailing line end.
 pub(crate) fn read_keys(text: &[u8]) -> Result<Vec<Key>, KeysError> {
     let trimmed = text.trim_ascii();
     if trimmed.starts_with(b"{") {
@@ -77,7 +77,7 @@ fn read_pem(text: &[u8]) -> Result<Key, KeysError> {
         .ok_or(KeysError::Pem)
 }
 
-/// An uncompressed point (SEC 1, section 2.3.3).
+/// Whether a key is an uncompressed P-256 point (SEC 1, section 2.3.3).
 fn is_p256(key: &DecodingKey) -> bool {
     key.try_get_as_bytes().is_ok_and(|point| point.len() == 65)
 }
@@ -89,7 +89,7 @@ fn read_set(text: &[u8]) -> Result<Vec<Key>, KeysError> {
     }
     let mut keys = Vec::with_capacity(set.keys.len());
     for jwk in &set.keys {
-        // Sets serve others too, who may use what is not known here.
+        // Key sets may hold keys of other kinds for other programs.
         let Some(algorithm) = algorithm_of(jwk) else { continue };
         let Ok(key) = DecodingKey::from_jwk(jwk) else { continue };
         if algorithm == Algorithm::HS256 {
@@ -100,7 +100,7 @@ fn read_set(text: &[u8]) -> Result<Vec<Key>, KeysError> {
     if keys.is_empty() { Err(KeysError::EmptySet) } else { Ok(keys) }
 }
 
-/// What a key of a set is for, if that is known here.
+/// Algorithm of a key in a set; `None` if it is not supported.
 fn algorithm_of(jwk: &Jwk) -> Option<Algorithm> {
     if matches!(jwk.common.public_key_use, Some(PublicKeyUse::Encryption)) {
         return None;
@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_key_is_said_so() {
+    fn unusable_keys_are_refused() {
         assert_eq!(error("secret\n"), KeysError::ShortSecret(6));
         assert_eq!(error(""), KeysError::ShortSecret(0));
         assert!(matches!(error("{"), KeysError::Set(_)));
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn a_key_is_for_one_algorithm() {
+    fn a_key_has_one_algorithm() {
         let secret = read_keys(&[b'x'; 32]).unwrap();
         assert_eq!((secret.len(), secret[0].algorithm), (1, Algorithm::HS256));
         let set = "{\"keys\":[{\"kty\":\"OKP\",\"crv\":\"Ed25519\",\"x\":\"YWJj\",\"kid\":\"a\"},

@@ -1,7 +1,7 @@
-//! Who may see the scene: bearer tokens, which another program signs (JSON Web Tokens, RFC 7519).
+//! JSON Web Tokens (RFC 7519) as bearer tokens, which another program signs.
 //!
-//! A token must be signed by a key of the operator's file, must expire, and must name the scene. It is looked at before
-//! a session has a lease, or anything is planned or sent for it.
+//! A token must be signed by a key in the operator's file, have an expiry, and name the scene. It is verified before the
+//! session takes a lease, and before anything is planned or sent.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -16,10 +16,9 @@ use tokio::sync::watch;
 use crate::auth::grant::{Claims, Grant, TokenError};
 use crate::auth::token_crypto;
 use crate::auth::token_keys::{Key, read_keys};
-use crate::lifecycle::reload::follow;
-use crate::transport::certificate::read_pem as read_small;
+use crate::lifecycle::file_watch::{read_small_file, watch_files};
 
-/// What is verified of tokens, and by what.
+/// Verifies tokens by the keys in a file.
 pub struct Tokens {
     file: PathBuf,
     audience: Option<String>,
@@ -36,37 +35,36 @@ impl fmt::Debug for Tokens {
 }
 
 impl Tokens {
-    /// By the keys in a file; a token with an audience must have this one.
+    /// Reads the keys from a file. A token with an audience must have this one.
     ///
     /// # Errors
-    /// Fails where the file cannot be read or holds no key.
-    pub fn of_file(file: impl Into<PathBuf>, audience: Option<String>) -> anyhow::Result<Self> {
+    /// The file cannot be read, or holds no usable key.
+    pub fn from_file(file: impl Into<PathBuf>, audience: Option<String>) -> anyhow::Result<Self> {
         token_crypto::install();
         let file = file.into();
         let keys = RwLock::new(Arc::from([]));
         let tokens = Self { file, audience, keys };
-        tokens.take_keys(&read_small(&tokens.file)?)?;
+        tokens.set_keys(&read_small_file(&tokens.file)?)?;
         Ok(tokens)
     }
 
-    /// Takes what was read from the file; what holds no key leaves the old ones in place. Sessions go on until their tokens
-    /// end.
-    pub(crate) fn take_keys(&self, text: &[u8]) -> anyhow::Result<()> {
+    /// Replaces the keys by those in `text`; after an error the old keys stay. Running sessions keep their grants.
+    pub(crate) fn set_keys(&self, text: &[u8]) -> anyhow::Result<()> {
         let new = read_keys(text).with_context(|| self.file.display().to_string())?.into();
         *self.keys.write().unwrap_or_else(PoisonError::into_inner) = new;
         Ok(())
     }
 
-    /// What a token grants at `now`, for the scenes that it names.
+    /// Verifies a token at `now`; the grant covers the scenes that it names.
     pub(crate) fn verify(&self, token: &str, now: SystemTime) -> Result<Grant, TokenError> {
         let header = decode_header(token).map_err(|_| TokenError::Malformed)?;
         let keys = Arc::clone(&self.keys.read().unwrap_or_else(PoisonError::into_inner));
         let mut validation = Validation::new(header.alg);
-        // The library would ask the system for the time, and panics where that lies before 1970.
+        // The library would read the system's clock, and panic before 1970.
         validation.validate_exp = false;
         validation.validate_nbf = false;
         validation.aud = self.audience.iter().cloned().map(|audience| [audience].into()).next();
-        // A key says what it is for; a token that names a key is tried against that alone.
+        // A key has one algorithm; a token with a key id is verified with that key only.
         let fits = |key: &&Key| {
             key.algorithm == header.alg && (header.kid.is_none() || key.id.is_none() || key.id == header.kid)
         };
@@ -76,27 +74,27 @@ impl Tokens {
                 Err(why) => match why.kind() {
                     ErrorKind::InvalidSignature => continue,
                     ErrorKind::InvalidAudience => return Err(TokenError::Audience),
-                    ErrorKind::MissingRequiredClaim(_) => return Err(TokenError::Endless),
+                    ErrorKind::MissingRequiredClaim(_) => return Err(TokenError::NoExpiry),
                     _ => return Err(TokenError::Malformed),
                 },
             };
-            // Whoever signs has no other way to take back what was signed.
-            return if claims.exp.is_some() { claims.grant(now) } else { Err(TokenError::Endless) };
+            // Expiry is the only way to revoke a token.
+            return if claims.exp.is_some() { claims.grant(now) } else { Err(TokenError::NoExpiry) };
         }
         Err(TokenError::Signature)
     }
 }
 
-/// Takes the keys anew when their file has changed. Goes on for ever.
-pub(crate) async fn renew_keys(tokens: &Tokens, asked: watch::Receiver<u64>) {
-    follow("the keys of tokens", vec![tokens.file.clone()], asked, |texts, first| {
-        match texts.and_then(|texts| tokens.take_keys(&texts.concat())) {
+/// Reloads the keys when their file changes; never returns.
+pub(crate) async fn watch_keys(tokens: &Tokens, reload_requests: watch::Receiver<u64>) {
+    watch_files("the token keys", vec![tokens.file.clone()], reload_requests, |texts, first| {
+        match texts.and_then(|texts| tokens.set_keys(&texts.concat())) {
             Ok(()) if first => {}
             Ok(()) => {
-                tracing::info!("the keys of tokens were exchanged; sessions go on until their tokens end")
+                tracing::info!("the token keys were reloaded; running sessions keep their grants")
             }
             Err(why) => tracing::error!(
-                "the keys of tokens are not exchanged: {why:#}; the file is read again when it changes"
+                "the token keys are not reloaded: {why:#}; the file is read again when it changes"
             ),
         }
     })

@@ -1,5 +1,5 @@
-//! The port for who runs the server: `/health`, `/ready`, `/metrics` and `/scenes`, and nothing that a client could want. It shares
-//! no seats with the public port, so it answers while that is flooded.
+//! The administration port: `/health`, `/ready`, `/metrics` and `/scenes`. Its connections have a pool of their own, so it
+//! responds while the public port is flooded.
 
 use std::convert::Infallible;
 use std::net::{Ipv4Addr, SocketAddr};
@@ -16,18 +16,19 @@ use tokio::net::TcpListener;
 use tokio::time::timeout;
 
 use crate::admission::pre_auth_pool::PreAuthPool;
-use crate::http::server::{Answer, REQUEST_TIMEOUT, health, one_request, ready, scenes, text, wrong_method};
+use crate::http::responses::{TextResponse, health, ready, scene_list, text, wrong_method};
+use crate::http::server::{REQUEST_TIMEOUT, connection_builder};
 use crate::session::state::ServerState;
 use crate::transport::listen::{accept_each, listen_tcp};
 
-/// Where that port is. It should be nowhere that untrusted peers reach.
+/// Address of the administration port, which untrusted peers should not reach.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AdminPort {
-    /// Nowhere.
+    /// No such port.
     Off,
-    /// At this address; port 0 for any free one.
+    /// This address; port 0 for any free port.
     At(SocketAddr),
-    /// 127.0.0.1:8081, or any free port of 127.0.0.1 where another has that one.
+    /// 127.0.0.1:8081, or any free port of 127.0.0.1 if that one is taken.
     Standard,
 }
 
@@ -38,13 +39,13 @@ impl FromStr for AdminPort {
         if text.eq_ignore_ascii_case("off") {
             return Ok(Self::Off);
         }
-        let expected = |_| format!("{text:?} is no address: write for example 127.0.0.1:8081, or off");
+        let expected = |_| format!("{text:?} is not an address: write for example 127.0.0.1:8081, or off");
         text.parse().map(Self::At).map_err(expected)
     }
 }
 
 impl AdminPort {
-    /// Listens there.
+    /// Binds the address.
     pub(crate) fn listen(self) -> anyhow::Result<Option<TcpListener>> {
         let loopback = |port| listen_tcp(SocketAddr::from((Ipv4Addr::LOCALHOST, port)));
         match self {
@@ -55,45 +56,41 @@ impl AdminPort {
     }
 }
 
-/// Port where none is named.
+/// Default port.
 const STANDARD_PORT: u16 = 8081;
-/// Requests at once. Whoever runs the server asks now and then.
+/// Most connections at once: monitoring sends few requests.
 const MAX_REQUESTS: usize = 64;
 
-/// Answers requests until the daemon stops, also while it drains.
-pub async fn serve_admin(listener: TcpListener, state: Arc<ServerState>) {
-    let room = PreAuthPool::new(MAX_REQUESTS);
+/// Serves a listener until the daemon stops, also while it drains.
+pub(crate) async fn serve_admin(listener: TcpListener, state: Arc<ServerState>) {
+    let pool = PreAuthPool::new(MAX_REQUESTS);
     let stopped = Arc::clone(&state);
     accept_each(listener, &stopped, move |stream, peer| {
-        answer_one(stream, Arc::clone(&state), Arc::clone(&room), peer)
+        serve_one(stream, Arc::clone(&state), Arc::clone(&pool), peer)
     })
     .await;
 }
 
-/// Answers one request.
-pub(crate) async fn answer_one<S>(
-    stream: S,
-    state: Arc<ServerState>,
-    room: Arc<PreAuthPool>,
-    peer: SocketAddr,
-) where
+/// Serves one request.
+pub(crate) async fn serve_one<S>(stream: S, state: Arc<ServerState>, pool: Arc<PreAuthPool>, peer: SocketAddr)
+where
     S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
 {
-    let seat = room.enter(peer.ip());
+    let slot = pool.enter(peer.ip());
     let service = service_fn(|request: Request<Incoming>| {
         let response = answer(&request, &state);
         async move { Ok::<_, Infallible>(response) }
     });
-    let connection = one_request().serve_connection(TokioIo::new(stream), service);
-    // What goes wrong here is of no interest to anybody but who asks.
+    let connection = connection_builder().serve_connection(TokioIo::new(stream), service);
+    // Errors concern only the requester.
     tokio::select! {
         biased;
         _ = timeout(REQUEST_TIMEOUT, connection) => {}
-        () = seat.lost() => {}
+        () = slot.evicted() => {}
     }
 }
 
-fn answer(request: &Request<Incoming>, state: &ServerState) -> Answer {
+fn answer(request: &Request<Incoming>, state: &ServerState) -> TextResponse {
     let path = request.uri().path();
     if !matches!(path, "/health" | "/ready" | "/metrics" | "/scenes") {
         return text(StatusCode::NOT_FOUND, "not found: try /health, /ready, /metrics or /scenes\n");
@@ -104,7 +101,7 @@ fn answer(request: &Request<Incoming>, state: &ServerState) -> Answer {
     match path {
         "/health" => return health(state),
         "/ready" => return ready(state),
-        "/scenes" => return scenes(state, |_| true),
+        "/scenes" => return scene_list(state, |_| true),
         _ => {}
     }
     let mut response = text(StatusCode::OK, state.render_metrics());

@@ -1,6 +1,6 @@
-//! The HTTP port: WebSocket upgrades, health, metrics, and the administration port.
+//! The HTTP port with its WebSocket upgrade, and the administration port.
 
-pub mod admin;
-pub mod origin;
-pub mod proxy;
-pub mod server;
+pub(crate) mod admin;
+pub(crate) mod responses;
+pub(crate) mod server;
+pub(crate) mod upgrade;

@@ -1,6 +1,6 @@
-//! Start, reload and shutdown.
+//! Signals, reload and notifications to the service manager.
 
+pub(crate) mod file_watch;
 pub(crate) mod notify;
-pub(crate) mod reload;
-pub mod settings_watch;
-pub mod shutdown;
+pub(crate) mod settings_watch;
+pub(crate) mod shutdown;

@@ -1,19 +1,19 @@
-//! What the service manager is told of a unit of `Type=notify` (sd_notify(3)); where there is none, nobody is told.
+//! Notifications to the service manager for units of `Type=notify` (sd_notify(3)); without one they do nothing.
 
 use std::time::Duration;
 
-/// The server listens: whoever waits for it may connect.
+/// The server is ready: its sockets are open.
 pub(crate) fn listening() {
     #[cfg(unix)]
-    tell(&[sd_notify::NotifyState::Ready]);
+    notify(&[sd_notify::NotifyState::Ready]);
 }
 
-/// The server drains, and takes at most so long.
+/// The server drains, for `at_most` this long.
 pub(crate) fn draining(at_most: Duration) {
     #[cfg(unix)]
     {
         let us = u32::try_from(at_most.as_micros()).unwrap_or(u32::MAX);
-        tell(&[
+        notify(&[
             sd_notify::NotifyState::Stopping,
             sd_notify::NotifyState::Status("draining"),
             sd_notify::NotifyState::ExtendTimeoutUsec(us),
@@ -24,8 +24,8 @@ pub(crate) fn draining(at_most: Duration) {
 }
 
 #[cfg(unix)]
-fn tell(states: &[sd_notify::NotifyState<'_>]) {
+fn notify(states: &[sd_notify::NotifyState<'_>]) {
     if let Err(why) = sd_notify::notify(states) {
-        tracing::warn!("the service manager cannot be told how the server is: {why}");
+        tracing::warn!("cannot notify the service manager: {why}");
     }
 }

@@ -1,4 +1,4 @@
-//! Settings that are read anew while the server runs, when that is asked for.
+//! Reload of settings while the server runs, on request.
 
 use std::sync::Arc;
 
@@ -6,22 +6,27 @@ use tokio::sync::watch;
 use tokio::task::spawn_blocking;
 
 use crate::admission::settings::AdmissionSettings;
-use crate::session::state::{ServerState, SessionSettings};
+use crate::session::settings::SessionSettings;
+use crate::session::state::ServerState;
 
-/// Reads settings and who may open sessions.
+/// Reads the settings of sessions and admission again.
 pub type SettingsReload = Arc<dyn Fn() -> anyhow::Result<(SessionSettings, AdmissionSettings)> + Send + Sync>;
 
-/// Takes settings anew whenever that is asked for. Goes on as long as it may be.
-pub(crate) async fn follow(read: SettingsReload, state: Arc<ServerState>, mut asked: watch::Receiver<u64>) {
-    while asked.changed().await.is_ok() {
+/// Reloads the settings on each request, until the sender of `reload_requests` is dropped.
+pub(crate) async fn watch_settings(
+    read: SettingsReload,
+    state: Arc<ServerState>,
+    mut reload_requests: watch::Receiver<u64>,
+) {
+    while reload_requests.changed().await.is_ok() {
         let read = Arc::clone(&read);
-        // Disks are waited for elsewhere. It cannot fail but at the end of everything.
+        // Fails only when the runtime shuts down.
         match spawn_blocking(move || read()).await {
             Ok(Ok((settings, admission))) => {
-                state.change(settings, admission);
-                tracing::info!("settings were read anew; sessions go on with the rates that they began with");
+                state.update_settings(settings, admission);
+                tracing::info!("settings reloaded; running sessions keep their own rates");
             }
-            Ok(Err(why)) => tracing::error!("settings stay as they are: {why:#}"),
+            Ok(Err(why)) => tracing::error!("settings are not reloaded: {why:#}"),
             Err(_) => return,
         }
     }

@@ -1,13 +1,12 @@
-//! Signals that end the daemon.
+//! Signals that stop the daemon or reload its files.
 
 use std::future::Future;
 
 use anyhow::Context;
 use tokio::sync::watch;
 
-/// SIGINT and SIGTERM (on other systems than Unix: Ctrl-C). Each call of [`Signals::next`] resolves with
-/// the next one that comes. SIGHUP ends nothing: files are read anew, and a terminal that is closed is no wish of who runs
-/// the server.
+/// SIGINT and SIGTERM (outside Unix: Ctrl-C); [`Signals::next`] resolves with each. SIGHUP reloads files and does not stop
+/// the server, not even when a terminal closes.
 #[derive(Debug)]
 pub(crate) struct Signals {
     reloads: Option<watch::Sender<u64>>,
@@ -20,7 +19,7 @@ pub(crate) struct Signals {
 }
 
 impl Signals {
-    /// Begins to listen; from here on the signals no longer end the process by themselves.
+    /// Installs the handlers; from now on the signals no longer end the process.
     pub(crate) fn listen() -> anyhow::Result<Self> {
         #[cfg(unix)]
         {
@@ -37,26 +36,26 @@ impl Signals {
         Ok(Self { reloads: None })
     }
 
-    /// Has SIGHUP counted there, for those who read files anew.
+    /// Sets the counter that SIGHUP increments, which the reloading tasks watch.
     pub(crate) fn on_hangup(&mut self, reloads: watch::Sender<u64>) {
         self.reloads = Some(reloads);
     }
 
     #[cfg(unix)]
-    fn hung_up(&self) {
+    fn request_reload(&self) {
         match self.reloads.as_ref().filter(|reloads| reloads.receiver_count() > 0) {
             Some(reloads) => {
-                tracing::info!("SIGHUP: files are read anew");
+                tracing::info!("SIGHUP: reloading files");
                 reloads.send_modify(|count| *count = count.wrapping_add(1));
             }
-            None => tracing::info!("SIGHUP: nothing is read anew; going on"),
+            None => tracing::info!("SIGHUP: nothing to reload"),
         }
     }
 }
 
-/// Asks to end the daemon: the first time in good order, the second time at once.
+/// Requests to stop the daemon: the first drains it, the second stops it at once.
 pub trait StopRequests: Send {
-    /// Resolves when the daemon is asked to end.
+    /// Resolves with the next request.
     fn next(&mut self) -> impl Future<Output = ()> + Send;
 }
 
@@ -68,7 +67,7 @@ impl StopRequests for Signals {
                 biased;
                 _ = self.interrupt.recv() => break,
                 _ = self.terminate.recv() => break,
-                Some(()) = self.hangup.recv() => self.hung_up(),
+                Some(()) = self.hangup.recv() => self.request_reload(),
             }
         }
         #[cfg(not(unix))]

@@ -1,5 +1,4 @@
-//! A scene that is held in memory and made of numbers: for tests of servers, viewers and simulators that
-//! care for bytes and times, not for shapes.
+//! A synthetic scene in memory, for tests and simulations of bytes and times, not shapes.
 
 use std::sync::Arc;
 
@@ -11,12 +10,11 @@ use lodestream_scene::description::{
 };
 use lodestream_scene::{BlobId, BlobPart};
 
-/// Levels of the one texture that each asset has.
+/// Mip levels of each asset's only texture.
 pub const TEXTURE_LEVELS: u8 = 8;
 
-/// Some assets in a row across the start view, each with one instance, a base "mesh" and one "texture"
-/// whose levels are blobs of a given length. Nothing in the blobs can be decoded; their bytes follow from
-/// their names ([`MemoryScene::contents`]).
+/// Assets in a row across the start view, each with one instance, a base mesh and one texture whose levels are blobs of
+/// a given length. The blobs cannot be decoded; their bytes are derived from their names ([`MemoryScene::contents`]).
 #[derive(Debug)]
 pub struct MemoryScene {
     header: SceneHeader,
@@ -32,7 +30,7 @@ impl MemoryScene {
         Self::named("memory", assets, base_bytes, texture_bytes)
     }
 
-    /// The same of another name. What of it differs, its fingerprint shows.
+    /// A scene with a name; the fingerprint covers the name and the sizes.
     #[must_use]
     pub fn named(name: &str, assets: u32, base_bytes: u32, texture_bytes: u32) -> Self {
         let assets = assets.min(64);
@@ -74,7 +72,7 @@ impl MemoryScene {
         Self { header, page: Arc::new(page), base_bytes, texture_bytes }
     }
 
-    /// The bytes of a blob of some length.
+    /// The bytes of a blob of `length` bytes.
     #[must_use]
     pub fn contents(id: &BlobId, length: u32) -> Bytes {
         let seed = id.to_string().bytes().fold(17_u32, |h, b| h.wrapping_mul(31) ^ u32::from(b));

@@ -1,10 +1,14 @@
-//! Sessions: the loop between a sans-IO session and its transport, and what sessions share.
+//! Sessions: their loop over a transport, and the state that they share.
 
-pub(crate) mod damage;
+pub(crate) mod admit;
+pub(crate) mod connection;
 pub(crate) mod drive;
-pub mod memory_scene;
-pub(crate) mod progress;
+pub(crate) mod guard;
+pub(crate) mod memory_scene;
 pub(crate) mod reads;
-pub mod scene_watch;
-pub mod scenes;
-pub mod state;
+pub(crate) mod scene_watch;
+pub(crate) mod scenes;
+pub(crate) mod session_metrics;
+pub(crate) mod settings;
+pub(crate) mod state;
+pub(crate) mod unreadable_blobs;

@@ -1,5 +1,4 @@
-//! A session's reads that take their time: done by futures of the store or on threads that may wait, while the session
-//! goes on.
+//! Reads of blobs that are not in memory, as futures of the store or on blocking threads, beside the session's loop.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -10,18 +9,19 @@ use lodestream_protocol::source::{SceneSource, SourceError};
 use lodestream_scene::BlobId;
 use tokio::task::JoinSet;
 
-/// See the module. Dropped, it forgets what is under way: threads that read end by themselves.
+/// The reads of one session. Dropping it abandons them; blocking threads finish by themselves.
 pub(crate) struct Reads {
     scene: Arc<dyn SceneSource>,
     tasks: JoinSet<(BlobId, Result<Bytes, SourceError>)>,
 }
 
 impl Reads {
+    /// No reads yet.
     pub(crate) fn new(scene: Arc<dyn SceneSource>) -> Self {
         Self { scene, tasks: JoinSet::new() }
     }
 
-    /// Begins a read. The session bounds how many there are.
+    /// Starts a read. The session bounds their number.
     pub(crate) fn begin(&mut self, id: BlobId) {
         if let Some(fetched) = self.scene.fetch(&id) {
             self.tasks.spawn(async move {
@@ -32,20 +32,21 @@ impl Reads {
         }
         let scene = Arc::clone(&self.scene);
         self.tasks.spawn_blocking(move || {
-            // A store that panics must not leave the session waiting for ever.
+            // A panic in the store must not leave the session waiting forever.
             let read = catch_unwind(AssertUnwindSafe(|| scene.read(&id)));
             (id, read.unwrap_or_else(|_| Err(failed(id))))
         });
     }
 
+    /// Whether no read is under way.
     pub(crate) fn is_empty(&self) -> bool {
         self.tasks.is_empty()
     }
 
-    /// The next read that is done; `None` where none is under way. May be dropped before it resolves.
+    /// The next finished read; `None` if none is under way. Cancel safe.
     pub(crate) async fn next(&mut self) -> Option<(BlobId, Result<Bytes, SourceError>)> {
         loop {
-            // Tasks fail only where the runtime goes down.
+            // Tasks fail only when the runtime shuts down.
             if let Ok(done) = self.tasks.join_next().await? {
                 return Some(done);
             }

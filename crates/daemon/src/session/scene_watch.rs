@@ -1,4 +1,4 @@
-//! Scenes that are looked for again while the server runs: now and then, and when that is asked for.
+//! Reload of scenes while the server runs: periodically, and on request.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -10,38 +10,38 @@ use tokio::time::sleep;
 
 use crate::session::state::ServerState;
 
-/// Scenes that there are, where they may have changed.
-pub type Found = Option<Vec<Arc<dyn SceneSource>>>;
+/// The current scenes; `None` if none can have changed since the last call.
+pub type SceneUpdate = Option<Vec<Arc<dyn SceneSource>>>;
 
-/// Where scenes come from.
+/// A source of scenes, such as folders or object stores.
 pub trait SceneProvider: Send + Sync {
-    /// Time between two looks; `None` where looks must be asked for.
-    fn look_every(&self) -> Option<Duration>;
+    /// Time between two calls of [`load`](Self::load); `None` to reload only on request.
+    fn poll_interval(&self) -> Option<Duration>;
 
-    /// All scenes as they are now, if some may have changed since the last time, or if `asked`. One that cannot be read is
-    /// the one that was there before.
+    /// Returns all scenes if some may have changed since the last call, or if `forced`. A scene that cannot be read is
+    /// returned in its last readable version.
     ///
     /// # Errors
-    /// Fails where it cannot be said which scenes there are.
-    fn look(&self, asked: bool) -> BoxFuture<'_, anyhow::Result<Found>>;
+    /// The scenes cannot be listed.
+    fn load(&self, forced: bool) -> BoxFuture<'_, anyhow::Result<SceneUpdate>>;
 }
 
-/// Serves what the provider finds. Goes on for ever.
-pub(crate) async fn follow(
+/// Keeps the served scenes up to date with the provider, until the sender of `reload_requests` is dropped.
+pub(crate) async fn watch_scenes(
     provider: Arc<dyn SceneProvider>,
     state: Arc<ServerState>,
-    mut asked: watch::Receiver<u64>,
+    mut reload_requests: watch::Receiver<u64>,
 ) {
     loop {
         let pause = async {
-            match provider.look_every() {
+            match provider.poll_interval() {
                 Some(pause) => sleep(pause).await,
                 None => std::future::pending().await,
             }
         };
-        let told = tokio::select! {
+        let forced = tokio::select! {
             biased;
-            changed = asked.changed() => {
+            changed = reload_requests.changed() => {
                 if changed.is_err() {
                     return;
                 }
@@ -49,27 +49,29 @@ pub(crate) async fn follow(
             }
             () = pause => false,
         };
-        let found = match provider.look(told).await {
-            Ok(Some(found)) => found,
+        let scenes = match provider.load(forced).await {
+            Ok(Some(scenes)) => scenes,
             Ok(None) => continue,
             Err(why) => {
-                tracing::error!("scenes stay as they are: {why:#}");
+                tracing::error!("scenes are not reloaded: {why:#}");
                 continue;
             }
         };
-        match state.scenes().exchange(found) {
-            Ok(done) if done.is_nothing() && told => tracing::info!("scenes: as before"),
-            Ok(done) if done.is_nothing() => {}
-            Ok(done) => {
-                state.metrics().scenes_exchanged(done.added.len() + done.changed.len() + done.removed.len());
+        match state.scenes().replace(scenes) {
+            Ok(changes) if changes.is_empty() && forced => tracing::info!("scenes: unchanged"),
+            Ok(changes) if changes.is_empty() => {}
+            Ok(changes) => {
+                state
+                    .metrics()
+                    .scenes_changed(changes.added.len() + changes.changed.len() + changes.removed.len());
                 tracing::info!(
-                    added = ?done.added,
-                    changed = ?done.changed,
-                    removed = ?done.removed,
-                    "scenes were exchanged; sessions go on with what they have"
+                    added = ?changes.added,
+                    changed = ?changes.changed,
+                    removed = ?changes.removed,
+                    "scenes reloaded; running sessions keep their versions"
                 );
             }
-            Err(why) => tracing::error!("scenes stay as they are: {why}"),
+            Err(why) => tracing::error!("scenes are not reloaded: {why}"),
         }
     }
 }

@@ -1,8 +1,7 @@
-//! The scenes that a daemon serves: names, and under each a version of a scene, which nobody changes.
+//! The scenes that a daemon serves: a map from names to immutable versions.
 //!
-//! A session takes its version when it begins and keeps it until it ends, so to exchange a scene is to put another version
-//! under its name. Equal fingerprints are equal versions, and then the one that is there stays, with what was planned
-//! for it.
+//! A session keeps its version from start to end. A reload puts another version under the name. A scene with the same
+//! fingerprint is the same version; the old one stays, with its plans.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -14,18 +13,18 @@ use lodestream_protocol::stream::alpn_of_scene;
 use serde_json::json;
 use tokio::sync::watch;
 
-/// Paths of the HTTP ports, which no scene may be called.
-const TAKEN: [&str; 5] = ["health", "metrics", "ready", "scenes", "stream"];
-/// Most names that a message lists.
-const LISTED: usize = 8;
+/// Paths of the HTTP ports, which cannot be names of scenes.
+const RESERVED_NAMES: [&str; 5] = ["health", "metrics", "ready", "scenes", "stream"];
+/// Most names in a message.
+const MAX_LISTED_NAMES: usize = 8;
 
-/// A scene as it is, and what its sessions share.
-pub struct Version {
+/// One version of a scene, and the plans that its sessions share.
+pub struct SceneVersion {
     source: Arc<dyn SceneSource>,
     plans: Arc<Plans>,
 }
 
-impl Version {
+impl SceneVersion {
     fn new(source: Arc<dyn SceneSource>) -> Arc<Self> {
         Arc::new(Self { source, plans: Plans::new() })
     }
@@ -36,7 +35,7 @@ impl Version {
         &self.source
     }
 
-    /// What is planned for all its sessions.
+    /// Transmission plans, shared by all sessions of the version.
     pub(crate) const fn plans(&self) -> &Arc<Plans> {
         &self.plans
     }
@@ -48,57 +47,57 @@ impl Version {
     }
 }
 
-impl fmt::Debug for Version {
+impl fmt::Debug for SceneVersion {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let header = self.source.header();
-        f.debug_struct("Version")
+        f.debug_struct("SceneVersion")
             .field("name", &header.name)
             .field("fingerprint", &header.fingerprint)
             .finish()
     }
 }
 
-/// Scenes that cannot be served together.
+/// Why scenes cannot be served together.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ScenesError {
-    /// None at all.
+    /// No scene.
     #[error("there is no scene to serve")]
-    None,
-    /// Two of one name.
-    #[error("two scenes are called {0:?}; give one of them another name in its file (name = …)")]
-    Twice(String),
-    /// A name that is something else in an address.
-    #[error("no scene may be called {0:?}, which is an address of its own; give it another name (name = …)")]
-    Taken(String),
-    /// No name.
-    #[error("a scene without a name cannot be asked for; give it one (name = …)")]
-    Nameless,
+    Empty,
+    /// Two scenes with one name.
+    #[error("two scenes are named {0:?}; give one of them another name in its file (name = …)")]
+    DuplicateName(String),
+    /// A name that is a path of the HTTP port.
+    #[error("no scene can be named {0:?}, which is a path of the HTTP port; give it another name (name = …)")]
+    ReservedName(String),
+    /// A scene without a name.
+    #[error("a scene has no name and cannot be requested; give it one (name = …)")]
+    Unnamed,
 }
 
-/// What an exchange came to.
+/// Names whose scene changed in a reload.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Exchange {
-    /// Names that were not there before.
+pub struct SceneChanges {
+    /// New names.
     pub added: Vec<String>,
-    /// Names that have another version.
+    /// Names with a new version.
     pub changed: Vec<String>,
-    /// Names that are not there any more.
+    /// Names that are gone.
     pub removed: Vec<String>,
 }
 
-impl Exchange {
-    /// Whether all is as it was.
+impl SceneChanges {
+    /// Whether nothing changed.
     #[must_use]
-    pub fn is_nothing(&self) -> bool {
+    pub fn is_empty(&self) -> bool {
         *self == Self::default()
     }
 }
 
-/// The scenes at one time.
+/// An immutable snapshot of the scenes.
 #[derive(Debug, Default)]
 pub(crate) struct Table {
-    by_name: BTreeMap<String, Arc<Version>>,
-    /// What sessions may name over QUIC; nothing where there is one scene, which need not be named.
+    by_name: BTreeMap<String, Arc<SceneVersion>>,
+    /// ALPN names of the scenes; empty with one scene, which need not be named.
     by_alpn: BTreeMap<Vec<u8>, String>,
 }
 
@@ -108,13 +107,13 @@ impl Table {
         for source in sources {
             let name = source.header().name.clone();
             if name.is_empty() {
-                return Err(ScenesError::Nameless);
+                return Err(ScenesError::Unnamed);
             }
-            if TAKEN.contains(&name.as_str()) {
-                return Err(ScenesError::Taken(name));
+            if RESERVED_NAMES.contains(&name.as_str()) {
+                return Err(ScenesError::ReservedName(name));
             }
-            if by_name.insert(name.clone(), Version::new(source)).is_some() {
-                return Err(ScenesError::Twice(name));
+            if by_name.insert(name.clone(), SceneVersion::new(source)).is_some() {
+                return Err(ScenesError::DuplicateName(name));
             }
         }
         let several = by_name.len() > 1;
@@ -128,23 +127,23 @@ impl Table {
         self.by_name.keys().map(String::as_str)
     }
 
-    /// What sessions may name over QUIC.
+    /// ALPN names of the scenes.
     pub(crate) fn alpns(&self) -> impl Iterator<Item = &[u8]> {
         self.by_alpn.keys().map(Vec::as_slice)
     }
 
-    /// The scene that such a name stands for.
+    /// Name of the scene with this ALPN name.
     pub(crate) fn named(&self, alpn: &[u8]) -> Option<&str> {
         self.by_alpn.get(alpn).map(String::as_str)
     }
 }
 
-/// See the module.
+/// The served scenes, replaceable while sessions run.
 pub struct Scenes {
     table: RwLock<Arc<Table>>,
-    /// What caches did for versions that were exchanged.
-    before: RwLock<CacheUse>,
-    exchanges: watch::Sender<u64>,
+    /// Cache use of versions that were replaced.
+    replaced_cache_use: RwLock<CacheUse>,
+    replacements: watch::Sender<u64>,
 }
 
 impl fmt::Debug for Scenes {
@@ -154,104 +153,104 @@ impl fmt::Debug for Scenes {
 }
 
 impl Scenes {
-    /// These scenes, by the names that they have.
+    /// Serves scenes under the names in their headers.
     ///
     /// # Errors
-    /// None, two of one name, or a name that none may have.
+    /// No scene, two scenes with one name, or a reserved or empty name.
     pub fn new(sources: Vec<Arc<dyn SceneSource>>) -> Result<Self, ScenesError> {
         let table = Table::new(sources)?;
         if table.by_name.is_empty() {
-            return Err(ScenesError::None);
+            return Err(ScenesError::Empty);
         }
         Ok(Self::of(table))
     }
 
-    /// One scene, whatever it is called.
+    /// Serves one scene, under any name.
     #[must_use]
     pub fn one(source: Arc<dyn SceneSource>) -> Self {
-        let by_name = [(source.header().name.clone(), Version::new(source))].into();
+        let by_name = [(source.header().name.clone(), SceneVersion::new(source))].into();
         Self::of(Table { by_name, ..Table::default() })
     }
 
     fn of(table: Table) -> Self {
         Self {
             table: RwLock::new(Arc::new(table)),
-            before: RwLock::new(CacheUse::default()),
-            exchanges: watch::Sender::new(0),
+            replaced_cache_use: RwLock::new(CacheUse::default()),
+            replacements: watch::Sender::new(0),
         }
     }
 
-    /// All of them as they are now. (A thread that panicked while it held the lock left one table or the other.)
+    /// The current snapshot.
     pub(crate) fn table(&self) -> Arc<Table> {
         Arc::clone(&self.table.read().unwrap_or_else(PoisonError::into_inner))
     }
 
     /// The scene of this name.
     #[must_use]
-    pub fn get(&self, name: &str) -> Option<Arc<Version>> {
+    pub fn get(&self, name: &str) -> Option<Arc<SceneVersion>> {
         self.table().by_name.get(name).cloned()
     }
 
-    /// The scene, where there is only one.
+    /// The scene, if there is exactly one.
     #[must_use]
-    pub fn only(&self) -> Option<Arc<Version>> {
+    pub fn only(&self) -> Option<Arc<SceneVersion>> {
         let all = &self.table().by_name;
         if all.len() == 1 { all.values().next().cloned() } else { None }
     }
 
-    /// Told of each exchange.
-    pub(crate) fn exchanges(&self) -> watch::Receiver<u64> {
-        self.exchanges.subscribe()
+    /// A counter of replacements, to wait for the next one.
+    pub(crate) fn replacements(&self) -> watch::Receiver<u64> {
+        self.replacements.subscribe()
     }
 
-    /// Serves these scenes from now on. Sessions go on with what they have. Where nothing may be exchanged, all stays.
+    /// Replaces the served scenes; running sessions keep their versions. After an error nothing has changed.
     ///
     /// # Errors
-    /// As [`Scenes::new`], but that there may be none.
-    pub fn exchange(&self, sources: Vec<Arc<dyn SceneSource>>) -> Result<Exchange, ScenesError> {
+    /// As [`Scenes::new`], except that there may be no scene.
+    pub fn replace(&self, sources: Vec<Arc<dyn SceneSource>>) -> Result<SceneChanges, ScenesError> {
         let mut new = Table::new(sources)?;
-        let mut done = Exchange::default();
+        let mut changes = SceneChanges::default();
         let mut table = self.table.write().unwrap_or_else(PoisonError::into_inner);
         for (name, version) in &mut new.by_name {
             match table.by_name.get(name) {
                 Some(old) if old.source.header().fingerprint == version.source.header().fingerprint => {
                     *version = Arc::clone(old);
                 }
-                Some(_) => done.changed.push(name.clone()),
-                None => done.added.push(name.clone()),
+                Some(_) => changes.changed.push(name.clone()),
+                None => changes.added.push(name.clone()),
             }
         }
         let stays = |name: &String, old| new.by_name.get(name).is_some_and(|new| Arc::ptr_eq(new, old));
         let gone = table.by_name.iter().filter(|(name, old)| !stays(name, old));
-        let mut before = self.before.write().unwrap_or_else(PoisonError::into_inner);
+        let mut before = self.replaced_cache_use.write().unwrap_or_else(PoisonError::into_inner);
         for (name, old) in gone {
             if !new.by_name.contains_key(name) {
-                done.removed.push(name.clone());
+                changes.removed.push(name.clone());
             }
             *before = sum(*before, old.source.cache_use());
         }
         *table = Arc::new(new);
         drop((table, before));
-        if !done.is_nothing() {
-            self.exchanges.send_modify(|count| *count = count.wrapping_add(1));
+        if !changes.is_empty() {
+            self.replacements.send_modify(|count| *count = count.wrapping_add(1));
         }
-        Ok(done)
+        Ok(changes)
     }
 
-    /// What their caches have done since the start; `None` where they have none.
+    /// Hits and misses of the scenes' caches since the start; `None` if no scene has a cache.
     pub(crate) fn cache_use(&self) -> Option<CacheUse> {
-        let before = *self.before.read().unwrap_or_else(PoisonError::into_inner);
+        let before = *self.replaced_cache_use.read().unwrap_or_else(PoisonError::into_inner);
         let now: Vec<CacheUse> =
             self.table().by_name.values().filter_map(|version| version.source.cache_use()).collect();
         let any = !now.is_empty() || before != CacheUse::default();
         any.then(|| now.into_iter().fold(before, |all, one| sum(all, Some(one))))
     }
 
-    /// Why there is no scene of this name, or without a name none at all; names others only if `listed`.
+    /// Message for a request of a scene that does not exist, or names none; lists other scenes only if `listed`.
     pub(crate) fn missing(&self, name: &str, listed: bool) -> String {
         let all = &self.table().by_name;
-        let some: Vec<String> = all.keys().take(LISTED).map(|name| format!("'{name}'")).collect();
-        let more = if all.len() > LISTED { ", … (see /scenes)" } else { "" };
+        let some: Vec<String> = all.keys().take(MAX_LISTED_NAMES).map(|name| format!("'{name}'")).collect();
+        let more = if all.len() > MAX_LISTED_NAMES { ", … (see /scenes)" } else { "" };
         let others = if listed && !some.is_empty() {
             format!("; this server has {}{more}", some.join(", "))
         } else {
@@ -263,7 +262,7 @@ impl Scenes {
         format!("there is no scene '{name}'{others}")
     }
 
-    /// The scenes for which `listed` holds, as JSON: name, fingerprint, numbers of assets and instances.
+    /// The scenes for which `listed` returns true, as JSON: name, fingerprint, numbers of assets and instances.
     pub(crate) fn list(&self, listed: impl Fn(&str) -> bool) -> String {
         let all = &self.table().by_name;
         let scenes = all.values().filter(|version| listed(version.name())).map(|version| {
@@ -307,39 +306,39 @@ mod tests {
     }
 
     #[test]
-    fn names_that_cannot_be_served_are_told() {
+    fn invalid_names_are_refused() {
         let with =
             |names: &[&str]| Scenes::new(names.iter().map(|name| scene(name, 1)).collect()).unwrap_err();
-        assert_eq!(with(&[]), ScenesError::None);
-        assert_eq!(with(&["a", "b", "a"]), ScenesError::Twice("a".into()));
-        assert_eq!(with(&["a", "ready"]), ScenesError::Taken("ready".into()));
-        assert_eq!(with(&["a", ""]), ScenesError::Nameless);
+        assert_eq!(with(&[]), ScenesError::Empty);
+        assert_eq!(with(&["a", "b", "a"]), ScenesError::DuplicateName("a".into()));
+        assert_eq!(with(&["a", "ready"]), ScenesError::ReservedName("ready".into()));
+        assert_eq!(with(&["a", ""]), ScenesError::Unnamed);
     }
 
     #[test]
-    fn what_did_not_change_stays_and_what_cannot_be_served_changes_nothing() {
+    fn replacing_keeps_equal_versions_and_an_error_changes_nothing() {
         let scenes = Scenes::new(vec![scene("a", 1), scene("b", 1), scene("c", 1)]).unwrap();
         let [a, b] = ["a", "b"].map(|name| scenes.get(name).unwrap());
-        let told = scenes.exchanges();
-        let done = scenes.exchange(vec![scene("a", 1), scene("b", 2), scene("d", 1)]).unwrap();
+        let replacements = scenes.replacements();
+        let changes = scenes.replace(vec![scene("a", 1), scene("b", 2), scene("d", 1)]).unwrap();
         let expected =
-            Exchange { added: vec!["d".into()], changed: vec!["b".into()], removed: vec!["c".into()] };
-        assert_eq!(done, expected);
-        assert!(told.has_changed().unwrap());
+            SceneChanges { added: vec!["d".into()], changed: vec!["b".into()], removed: vec!["c".into()] };
+        assert_eq!(changes, expected);
+        assert!(replacements.has_changed().unwrap());
         assert!(Arc::ptr_eq(&a, &scenes.get("a").unwrap()));
         assert!(!Arc::ptr_eq(&b, &scenes.get("b").unwrap()));
         assert!(scenes.get("c").is_none());
         let before = scenes.table();
-        assert!(scenes.exchange(vec![scene("a", 2), scene("a", 3)]).is_err());
+        assert!(scenes.replace(vec![scene("a", 2), scene("a", 3)]).is_err());
         assert!(Arc::ptr_eq(&before, &scenes.table()));
         assert_eq!(
-            scenes.exchange(vec![scene("a", 1), scene("b", 2), scene("d", 1)]),
-            Ok(Exchange::default())
+            scenes.replace(vec![scene("a", 1), scene("b", 2), scene("d", 1)]),
+            Ok(SceneChanges::default())
         );
     }
 
     #[test]
-    fn the_list_is_json_and_holds_what_may_be_seen() {
+    fn the_list_is_json_of_the_listed_scenes() {
         let scenes = Scenes::new(vec![scene("a \"b\"", 1), scene("c", 2)]).unwrap();
         let list: serde_json::Value = serde_json::from_str(&scenes.list(|name| name != "c")).unwrap();
         assert_eq!(list["scenes"].as_array().unwrap().len(), 1);

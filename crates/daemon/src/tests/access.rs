@@ -1,9 +1,10 @@
-//! The operator's own program or URL decides who may see a scene.
+//! Access by the operator's program or URL.
 
 use std::collections::VecDeque;
 use std::net::IpAddr;
 use std::sync::Mutex;
 
+use futures_util::future::BoxFuture;
 use lodestream_protocol::message::CloseCode;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpListener;
@@ -15,21 +16,21 @@ use super::*;
 use crate::admission::settings::AdmissionSettings;
 use crate::auth::access::Access;
 use crate::auth::grant::{Grant, TokenError};
-use crate::auth::hook::{Answer, Ask, Hook, HookError, Pending, Question};
+use crate::auth::hook::{Hook, HookError, Introspect, IntrospectionRequest, IntrospectionResponse};
 use crate::auth::hook_url::Authorization;
 use crate::session::scenes::Scenes;
 
-/// Tokens, and the scenes that they were shown for.
-type Asked = Vec<(String, Option<String>)>;
+/// Tokens and scenes of the requests received.
+type ReceivedRequests = Vec<(String, Option<String>)>;
 
-/// Says what it was told to say, one answer after the other and the last for ever, and notes what it was asked.
+/// A backend that gives scripted responses, the last one repeatedly, and records the requests.
 #[derive(Clone, Default)]
 struct Script {
     answers: Arc<Mutex<VecDeque<Result<String, HookError>>>>,
     takes: Duration,
-    asked: Arc<Mutex<Asked>>,
-    /// Questions at a time: now, and most.
-    at_once: Arc<Mutex<(usize, usize)>>,
+    received: Arc<Mutex<ReceivedRequests>>,
+    /// Concurrent requests: now, and the maximum.
+    concurrent: Arc<Mutex<(usize, usize)>>,
 }
 
 impl Script {
@@ -37,12 +38,12 @@ impl Script {
         Self { answers: Arc::new(Mutex::new(answers.into_iter().collect())), ..Self::default() }
     }
 
-    fn asked(&self) -> Asked {
-        self.asked.lock().unwrap().clone()
+    fn received(&self) -> ReceivedRequests {
+        self.received.lock().unwrap().clone()
     }
 
     fn access(&self) -> AdmissionSettings {
-        let hook = Hook::new("a script".into(), self.clone()).keeping_for(Duration::from_secs(3600));
+        let hook = Hook::new("a script".into(), self.clone()).with_cache_ttl(Duration::from_secs(3600));
         AdmissionSettings {
             access: Some(Arc::new(Access::Hook { hook, authorization: None })),
             ..AdmissionSettings::default()
@@ -50,7 +51,7 @@ impl Script {
     }
 
     fn state(&self, scenes: impl Into<Scenes>) -> Arc<ServerState> {
-        ServerState::admitting(scenes, SessionSettings::default(), self.access())
+        ServerState::with_admission(scenes, SessionSettings::default(), self.access())
     }
 
     /// A server of one scene.
@@ -61,21 +62,24 @@ impl Script {
     }
 }
 
-impl Ask for Script {
-    fn ask(&self, question: Question) -> Pending<Result<Answer, HookError>> {
+impl Introspect for Script {
+    fn introspect(
+        &self,
+        question: IntrospectionRequest,
+    ) -> BoxFuture<'static, Result<IntrospectionResponse, HookError>> {
         let script = self.clone();
         Box::pin(async move {
-            script.asked.lock().unwrap().push((question.token, question.scene));
+            script.received.lock().unwrap().push((question.token, question.scene));
             {
-                let mut at_once = script.at_once.lock().unwrap();
-                at_once.0 += 1;
-                at_once.1 = at_once.1.max(at_once.0);
+                let mut concurrent = script.concurrent.lock().unwrap();
+                concurrent.0 += 1;
+                concurrent.1 = concurrent.1.max(concurrent.0);
             }
             sleep(script.takes).await;
-            script.at_once.lock().unwrap().0 -= 1;
+            script.concurrent.lock().unwrap().0 -= 1;
             let mut answers = script.answers.lock().unwrap();
             let answer = if answers.len() > 1 { answers.pop_front() } else { answers.front().cloned() };
-            Answer::parse(answer.unwrap()?.as_bytes())
+            IntrospectionResponse::parse(answer.unwrap()?.as_bytes())
         })
     }
 }
@@ -89,14 +93,14 @@ fn no() -> Result<String, HookError> {
 }
 
 fn broken() -> Result<String, HookError> {
-    Err(HookError::Status(500))
+    Err(HookError::HttpStatus(500))
 }
 
 const UNAUTHORISED: u16 = 4000 + CloseCode::Unauthorised.number();
 const BUSY: u16 = 4000 + CloseCode::Busy.number();
 
 #[tokio::test(start_paused = true)]
-async fn whom_the_hook_lets_in_has_a_session() {
+async fn an_accepted_token_gives_a_session() {
     let script = Script::saying([yes()]);
     let state = script.one();
     let mut first = with_header(&state, "open sesame").await.unwrap();
@@ -108,16 +112,16 @@ async fn whom_the_hook_lets_in_has_a_session() {
     assert_eq!(second.read_blobs(1).await.len(), 1);
     let memory = Some("memory".to_owned());
     let expected = [("open sesame".to_owned(), memory.clone()), ("open sesame, too".to_owned(), memory)];
-    assert_eq!(script.asked(), expected);
-    // Without a token nobody is asked.
+    assert_eq!(script.received(), expected);
+    // Without a token there is no request.
     let mut third = Client::in_memory(&state).await;
     third.send(&hello()).await;
-    assert_eq!(third.turned_away().await.0, UNAUTHORISED);
-    assert_eq!(script.asked().len(), 2);
+    assert_eq!(third.refused_at_once().await.0, UNAUTHORISED);
+    assert_eq!(script.received().len(), 2);
 }
 
 #[tokio::test(start_paused = true)]
-async fn whom_it_refuses_has_none_and_whom_it_does_not_know_may_come_again() {
+async fn a_refused_token_is_final_and_an_unverified_one_may_be_retried() {
     for (said, code, status) in [
         (no(), UNAUTHORISED, "401"),
         (Ok(format!(r#"{{"active":true,"exp":{}}}"#, in_s(-100))), UNAUTHORISED, "401"),
@@ -130,7 +134,7 @@ async fn whom_it_refuses_has_none_and_whom_it_does_not_know_may_come_again() {
         let state = Script::saying([said.clone()]).one();
         let mut client = Client::in_memory(&state).await;
         client.send(&token("t".into())).await;
-        assert_eq!(client.turned_away().await.0, code, "{said:?}");
+        assert_eq!(client.refused_at_once().await.0, code, "{said:?}");
         let refused = with_header(&state, "t").await.err().unwrap();
         assert!(refused.contains(status), "{said:?}: {refused}");
         let metrics = state.render_metrics();
@@ -143,18 +147,18 @@ async fn whom_it_refuses_has_none_and_whom_it_does_not_know_may_come_again() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn who_does_not_answer_in_time_decides_nothing() {
+async fn a_request_times_out() {
     let script = Script { takes: Duration::from_secs(3600), ..Script::saying([yes()]) };
     let state = script.one();
     let started = Instant::now();
     let mut client = Client::in_memory(&state).await;
     client.send(&token("t".into())).await;
-    assert_eq!(client.turned_away().await.0, BUSY);
+    assert_eq!(client.refused_at_once().await.0, BUSY);
     assert_eq!(started.elapsed().as_secs(), 5);
 }
 
 #[tokio::test(start_paused = true)]
-async fn it_is_asked_once_for_all_who_show_the_same_and_a_few_at_a_time() {
+async fn equal_requests_are_sent_once_and_few_at_a_time() {
     let script = Script { takes: Duration::from_secs(1), ..Script::saying([yes()]) };
     let state = script.one();
     let mut clients = Vec::new();
@@ -167,29 +171,29 @@ async fn it_is_asked_once_for_all_who_show_the_same_and_a_few_at_a_time() {
     for client in &mut clients {
         client.is_welcome().await;
     }
-    // Thirty addresses, each with two sessions: it may decide by address.
-    assert_eq!(script.asked().len(), 30);
-    assert_eq!(script.at_once.lock().unwrap().1, 16);
-    // And not again for a while.
+    // Thirty addresses with two sessions each: a response may depend on the address.
+    assert_eq!(script.received().len(), 30);
+    assert_eq!(script.concurrent.lock().unwrap().1, 16);
+    // The response is reused for a while.
     let again = async || {
         let mut client = Client::from(SocketAddr::from(([10, 0, 0, 0], 4000)), &state).await.unwrap();
         client.send(&token("the same".into())).await;
         client.is_welcome().await;
     };
     again().await;
-    assert_eq!(script.asked().len(), 30);
-    // An answer of another question is none of this one.
+    assert_eq!(script.received().len(), 30);
+    // But not for another request.
     let mut client = Client::from(SocketAddr::from(([10, 0, 0, 0], 4000)), &state).await.unwrap();
     client.send(&token("another".into())).await;
     client.is_welcome().await;
-    assert_eq!(script.asked().len(), 31);
+    assert_eq!(script.received().len(), 31);
 }
 
 #[tokio::test(start_paused = true)]
-async fn it_hears_which_scene_is_meant_and_grants_no_other() {
+async fn a_request_names_the_scene_and_a_response_grants_no_other() {
     let script = Script::saying([yes()]);
     let state = script.state(two());
-    // By the address, or by Hello: then it waits for that.
+    // Named by the URL, or by Hello, for which verification waits.
     let mut client = at(&state, "/two").await.unwrap();
     client.send(&token("t".into())).await;
     assert_eq!(client.welcome().await.scene.name, "two");
@@ -198,22 +202,22 @@ async fn it_hears_which_scene_is_meant_and_grants_no_other() {
     client.send(&hello_for("one")).await;
     assert_eq!(client.welcome().await.scene.name, "one");
     let of = |scene: &str| ("t".to_owned(), Some(scene.to_owned()));
-    assert_eq!(script.asked(), [of("two"), of("one")]);
-    // Who names none learns of none.
+    assert_eq!(script.received(), [of("two"), of("one")]);
+    // A client that names no scene learns no names.
     let mut client = at(&state, "/").await.unwrap();
     client.send(&token("t".into())).await;
     client.send(&hello_for("")).await;
     assert_eq!(client.closed().await.1, "the address must name a scene, as in ws://HOST:PORT/NAME");
-    // The list has what the answer names, which here is nothing.
+    // The list holds the scenes in the response, here none.
     let list = get(&state, "/scenes", Some("t")).await;
     assert!(list.contains("200") && !list.contains("\"one\"") && !list.contains("\"two\""), "{list}");
     let script = Script::saying([Ok(r#"{"active":true,"scene":["two","three"]}"#.into())]);
     let list = get(&script.state(two()), "/scenes", Some("t")).await;
     assert!(list.contains("\"two\"") && !list.contains("\"one\""), "{list}");
-    assert_eq!(script.asked(), [("t".to_owned(), None)]);
+    assert_eq!(script.received(), [("t".to_owned(), None)]);
 }
 
-/// A session with the first answer, which then shows another token; gives when and why it ended.
+/// Runs a session that sends a second token after 20 s; returns when and why it ended, and the number of requests.
 async fn ends_after(answers: [Result<String, HookError>; 4]) -> (u64, CloseCode, usize) {
     let script = Script::saying(answers);
     let state = script.one();
@@ -224,7 +228,7 @@ async fn ends_after(answers: [Result<String, HookError>; 4]) -> (u64, CloseCode,
         tokio::select! {
             frame = client.next() => {
                 if let ServerFrame::Message(ServerMessage::Close(close)) = frame.expect("no Close") {
-                    return (started.elapsed().as_secs(), close.code, script.asked().len());
+                    return (started.elapsed().as_secs(), close.code, script.received().len());
                 }
             }
             () = sleep(Duration::from_secs(5)) => {
@@ -239,27 +243,31 @@ async fn ends_after(answers: [Result<String, HookError>; 4]) -> (u64, CloseCode,
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_session_goes_on_while_nothing_is_known_of_its_next_token() {
+async fn a_session_continues_while_its_next_token_is_not_verified() {
     let until = |seconds| Ok(format!(r#"{{"active":true,"exp":{}}}"#, in_s(seconds)));
-    // Half a minute of leeway behind each end. Known at the third try; no clock of tokens is paused.
+    // Each expiry has 30 s of leeway. Verified at the third attempt; tokens' clock is not paused.
     let (after, code, asked) = ends_after([until(60), broken(), broken(), until(120)]).await;
     assert!((140..=182).contains(&after) && code == CloseCode::Unauthorised, "{after} s, {code:?}");
     assert_eq!(asked, 4);
-    // Never known: it ends with its first.
+    // Never verified: the session ends with its first token.
     let (after, code, asked) = ends_after([until(60), broken(), broken(), broken()]).await;
     assert!((80..=95).contains(&after) && code == CloseCode::Unauthorised, "{after} s, {code:?}");
     assert!(asked > 10, "{asked}");
-    // Refused: at once.
+    // Refused: the session ends at once.
     let (after, code, _) = ends_after([until(60), no(), no(), no()]).await;
     assert!((20..=21).contains(&after) && code == CloseCode::Unauthorised, "{after} s, {code:?}");
 }
 
-fn question(token: &str) -> Question {
-    Question { token: token.into(), scene: Some("memory".into()), address: IpAddr::from(Ipv4Addr::LOCALHOST) }
+fn question(token: &str) -> IntrospectionRequest {
+    IntrospectionRequest {
+        token: token.into(),
+        scene: Some("memory".into()),
+        address: IpAddr::from(Ipv4Addr::LOCALHOST),
+    }
 }
 
-/// A shell script as a program. Another program writes it: what this one has open for writing is inherited for a moment by
-/// whatever another test runs, and could not be run meanwhile.
+/// A shell script as a program. `install` writes it: a file that this process has open for writing is briefly inherited by
+/// children of other tests, and cannot be executed meanwhile.
 #[cfg(unix)]
 fn program(script: &str) -> (tempfile::TempDir, std::path::PathBuf) {
     let folder = tempfile::tempdir().unwrap();
@@ -270,11 +278,11 @@ fn program(script: &str) -> (tempfile::TempDir, std::path::PathBuf) {
     (folder, path)
 }
 
-/// What a shell script answers.
+/// Verifies a token by a shell script.
 #[cfg(unix)]
-async fn said_by(script: &str) -> Result<Grant, TokenError> {
+async fn verify_by_script(script: &str) -> Result<Grant, TokenError> {
     let (_folder, path) = program(script);
-    let hook = Hook::of_command(&path).unwrap().within(REAL_TIME_LIMIT);
+    let hook = Hook::from_command(&path).unwrap().with_timeout(REAL_TIME_LIMIT);
     hook.verify(question("o\"pen\nsesame")).await
 }
 
@@ -284,13 +292,14 @@ async fn a_program_reads_one_line_and_answers_with_claims() {
     let line = r#"{"token":"o\\"pen\\nsesame","scene":"memory","client_address":"127.0.0.1"}"#;
     let checks = format!("read -r line; [ \"$line\" = '{}' ] || exit 3\n", line.replace("\\\\", "\\"));
     let granted = |answer: &str| format!("{checks}printf '%s' '{answer}'");
-    let grant = said_by(&granted(r#"{"active":true,"weight":3,"rate":4000000,"sub":"ali"}"#)).await.unwrap();
+    let grant =
+        verify_by_script(&granted(r#"{"active":true,"weight":3,"rate":4000000,"sub":"ali"}"#)).await.unwrap();
     assert_eq!((grant.weight.get(), grant.rate_bits_per_s), (3, Some(4_000_000)));
-    assert!(grant.is_for("memory") && !grant.is_for("other"));
+    assert!(grant.allows("memory") && !grant.allows("other"));
     assert_eq!(grant.subject.as_deref(), Some("ali"));
-    assert_eq!(said_by(&granted(r#"{"active":false}"#)).await.unwrap_err(), TokenError::Refused);
-    // Those that do not read, say too much, fail or say nothing.
-    assert!(said_by(r#"echo '{"active":true}'"#).await.is_ok());
+    assert_eq!(verify_by_script(&granted(r#"{"active":false}"#)).await.unwrap_err(), TokenError::Refused);
+    // Scripts that do not read, write too much, fail or write nothing.
+    assert!(verify_by_script(r#"echo '{"active":true}'"#).await.is_ok());
     for bad in [
         "head -c 200000 /dev/zero",
         "head -c 200000 /dev/zero >&2; exit 1",
@@ -299,23 +308,23 @@ async fn a_program_reads_one_line_and_answers_with_claims() {
         "echo '{\"active\":\"true\"}'",
         "kill -9 $$",
     ] {
-        assert_eq!(said_by(bad).await.unwrap_err(), TokenError::Unknown, "{bad}");
+        assert_eq!(verify_by_script(bad).await.unwrap_err(), TokenError::Unavailable, "{bad}");
     }
-    let none = Hook::of_command(std::path::Path::new("/nowhere/at/all")).unwrap_err();
+    let none = Hook::from_command(std::path::Path::new("/nowhere/at/all")).unwrap_err();
     assert!(format!("{none:#}").contains("--access-command /nowhere/at/all"), "{none:#}");
 }
 
-/// Nothing is left running of what is not waited for any longer.
+/// After a timeout no process is left running.
 #[cfg(unix)]
 #[tokio::test]
-async fn a_program_that_does_not_end_is_ended() {
+async fn a_program_is_killed_after_its_timeout() {
     let elsewhere = tempfile::tempdir().unwrap();
     let pid = elsewhere.path().join("pid");
     let (_folder, path) = program(&format!("echo $$ > {}\nexec sleep 600", pid.display()));
-    let hook = Hook::of_command(&path).unwrap().within(Duration::from_secs(1));
-    // On a machine that is busy for a second it has not begun, and is asked again.
+    let hook = Hook::from_command(&path).unwrap().with_timeout(Duration::from_secs(1));
+    // On a busy machine the program may not have started within the timeout: repeat.
     let pid = loop {
-        assert_eq!(hook.verify(question("t")).await.unwrap_err(), TokenError::Unknown);
+        assert_eq!(hook.verify(question("t")).await.unwrap_err(), TokenError::Unavailable);
         if let Ok(pid) = std::fs::read_to_string(&pid).unwrap_or_default().trim().parse::<i32>() {
             break rustix::process::Pid::from_raw(pid).unwrap();
         }
@@ -329,8 +338,8 @@ async fn a_program_that_does_not_end_is_ended() {
     .unwrap();
 }
 
-/// A server that answers one request after the other with this, and gives what it was sent.
-async fn answering(answers: Vec<String>) -> (url::Url, Arc<Mutex<Vec<String>>>) {
+/// A server that gives one response per connection, and records the requests.
+async fn scripted_server(answers: Vec<String>) -> (url::Url, Arc<Mutex<Vec<String>>>) {
     let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await.unwrap();
     let url = format!("http://{}/introspect", listener.local_addr().unwrap()).parse().unwrap();
     let requests = Arc::new(Mutex::new(Vec::new()));
@@ -358,7 +367,7 @@ fn ok(body: &str) -> String {
 }
 
 #[tokio::test]
-async fn a_url_is_asked_as_an_endpoint_of_introspection() {
+async fn a_url_is_queried_as_an_introspection_endpoint() {
     let elsewhere =
         "HTTP/1.1 307 x\r\nConnection: close\r\nLocation: /elsewhere\r\nContent-Length: 0\r\n\r\n";
     let chunks = format!("10000\r\n{}\r\n", "x".repeat(0x10000)).repeat(3);
@@ -372,12 +381,12 @@ async fn a_url_is_asked_as_an_endpoint_of_introspection() {
         ok("<html>"),
         "HTTP/1.1 401 x\r\nConnection: close\r\nContent-Length: 0\r\n\r\n".to_owned(),
     ];
-    let (url, requests) = answering(answers).await;
+    let (url, requests) = scripted_server(answers).await;
     let secret = tempfile::NamedTempFile::new().unwrap();
     std::fs::write(secret.path(), "Bearer 23410913-abewfq.123483\n").unwrap();
-    let authorization = Authorization::of_file(secret.path()).unwrap();
-    let hook = Hook::of_url(&url, Some(authorization)).unwrap().within(REAL_TIME_LIMIT);
-    assert!(hook.verify(question("a&b c")).await.unwrap().is_for("anything"));
+    let authorization = Authorization::from_file(secret.path()).unwrap();
+    let hook = Hook::from_url(&url, Some(authorization)).unwrap().with_timeout(REAL_TIME_LIMIT);
+    assert!(hook.verify(question("a&b c")).await.unwrap().allows("anything"));
     let first = requests.lock().unwrap()[0].clone();
     let (head, form) = first.split_once("\r\n\r\n").unwrap();
     assert_eq!(form, "token=a%26b+c&scene=memory&client_address=127.0.0.1");
@@ -392,33 +401,33 @@ async fn a_url_is_asked_as_an_endpoint_of_introspection() {
     }
     assert_eq!(hook.verify(question("2")).await.unwrap_err(), TokenError::Refused);
     for bad in 3..=6 {
-        assert_eq!(hook.verify(question(&bad.to_string())).await.unwrap_err(), TokenError::Unknown);
+        assert_eq!(hook.verify(question(&bad.to_string())).await.unwrap_err(), TokenError::Unavailable);
     }
     assert_eq!(requests.lock().unwrap().len(), 6, "no redirect is followed");
-    // Nobody there.
-    assert_eq!(hook.verify(question("7")).await.unwrap_err(), TokenError::Unknown);
+    // No server.
+    assert_eq!(hook.verify(question("7")).await.unwrap_err(), TokenError::Unavailable);
 }
 
 #[test]
-fn what_is_no_url_or_no_authorization_is_refused() {
+fn unusable_urls_and_authorizations_are_refused() {
     for (url, why) in [("ftp://host/", "http or https"), ("https://a:b@host/", "--access-authorization")] {
-        let refused = Hook::of_url(&url.parse().unwrap(), None).unwrap_err().to_string();
+        let refused = Hook::from_url(&url.parse().unwrap(), None).unwrap_err().to_string();
         assert!(refused.contains(why) && !refused.contains("a:b"), "{refused}");
     }
     let file = tempfile::NamedTempFile::new().unwrap();
     for bad in ["", "secret", " secret", "Bearer a\u{7}b"] {
         std::fs::write(file.path(), bad).unwrap();
-        assert!(Authorization::of_file(file.path()).is_err(), "{bad}");
+        assert!(Authorization::from_file(file.path()).is_err(), "{bad}");
     }
 }
 
 #[tokio::test]
-async fn an_answer_is_good_for_a_while_and_no_longer() {
+async fn a_response_is_reused_up_to_its_maximum_staleness() {
     let script = Script::saying([yes()]);
-    let hook = Hook::new("a script".into(), script.clone()).keeping_for(Duration::from_millis(1));
+    let hook = Hook::new("a script".into(), script.clone()).with_cache_ttl(Duration::from_millis(1));
     for asked in 1..=3 {
         hook.verify(question("t")).await.unwrap();
-        assert_eq!(script.asked().len(), asked);
+        assert_eq!(script.received().len(), asked);
         sleep(Duration::from_millis(20)).await;
     }
 }

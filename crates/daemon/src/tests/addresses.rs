@@ -1,4 +1,4 @@
-//! What is printed of where the daemon is, and of who may come there.
+//! Printed addresses, and the warning about public ones.
 
 use std::net::Ipv6Addr;
 
@@ -6,7 +6,7 @@ use super::tokens::with_keys;
 use super::*;
 use crate::http::admin::AdminPort;
 
-/// A daemon whose ports are all at one address.
+/// A daemon with all ports at one address.
 async fn at(ip: std::net::IpAddr, set: impl FnOnce(&mut DaemonOptions)) -> (Daemon, tempfile::TempDir) {
     let folder = tempfile::tempdir().unwrap();
     let any = SocketAddr::new(ip, 0);
@@ -21,7 +21,7 @@ async fn at(ip: std::net::IpAddr, set: impl FnOnce(&mut DaemonOptions)) -> (Daem
 }
 
 #[tokio::test]
-async fn no_address_that_stands_for_all_is_printed() {
+async fn unspecified_addresses_are_not_printed() {
     let mut all: Vec<std::net::IpAddr> = vec![Ipv4Addr::UNSPECIFIED.into()];
     // Not every machine has IPv6.
     if std::net::UdpSocket::bind((Ipv6Addr::UNSPECIFIED, 0)).is_ok() {
@@ -42,28 +42,25 @@ async fn no_address_that_stands_for_all_is_printed() {
 }
 
 #[tokio::test]
-async fn who_lets_untrusted_peers_in_is_warned() {
+async fn a_public_address_without_tokens_or_tls_is_warned_about() {
     let (loopback, _folder) = at(Ipv4Addr::LOCALHOST.into(), |_| {}).await;
-    assert_eq!(loopback.warning_of_untrusted_peers(), None);
+    assert_eq!(loopback.exposure_warning(), None);
     let (public, _folder) = at(Ipv4Addr::UNSPECIFIED.into(), |_| {}).await;
-    let warning = public.warning_of_untrusted_peers().unwrap();
-    assert!(warning.contains("nobody is asked for a token") && warning.contains("--token-keys"), "{warning}");
+    let warning = public.exposure_warning().unwrap();
+    assert!(warning.contains("without a token") && warning.contains("--token-keys"), "{warning}");
     // One public port is enough.
     let (half, _folder) = at(Ipv4Addr::LOCALHOST.into(), |options| {
         options.http = Some(SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0)));
     })
     .await;
-    assert!(
-        half.warning_of_untrusted_peers().unwrap().contains("0.0.0.0:"),
-        "the port is named as it was given"
-    );
+    assert!(half.exposure_warning().unwrap().contains("0.0.0.0:"), "the port is named as it was given");
     let asking = |options: &mut DaemonOptions| options.admission.access = with_keys();
     let (plain, _folder) = at(Ipv4Addr::UNSPECIFIED.into(), asking).await;
-    assert!(plain.warning_of_untrusted_peers().unwrap().contains("--http-tls"));
+    assert!(plain.exposure_warning().unwrap().contains("--http-tls"));
     let (safe, _folder) = at(Ipv4Addr::UNSPECIFIED.into(), |options| {
         asking(options);
         options.http_tls = true;
     })
     .await;
-    assert_eq!(safe.warning_of_untrusted_peers(), None);
+    assert_eq!(safe.exposure_warning(), None);
 }

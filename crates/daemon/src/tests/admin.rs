@@ -32,7 +32,7 @@ fn options(folder: &Path, sessions: SessionSettings) -> DaemonOptions {
 }
 
 #[tokio::test]
-async fn idle_connections_kept_those_out_who_ask_how_the_server_is() {
+async fn idle_connections_blocked_health_checks() {
     let folder = tempfile::tempdir().unwrap();
     let sessions =
         SessionSettings { rate_bits_per_s: Some(2_000_000), max_sessions: 1, ..SessionSettings::default() };
@@ -42,7 +42,7 @@ async fn idle_connections_kept_those_out_who_ask_how_the_server_is() {
     let (http, admin) = (daemon.http_address().unwrap(), daemon.admin_address().unwrap());
     let (_stop, stopped) = tokio::sync::mpsc::channel(2);
     let serving = tokio::spawn(daemon.serve(stopped));
-    // More than were let in beside sessions, all at once; they send nothing.
+    // More than the pool of the public port holds; they send nothing.
     let mut idle = Vec::new();
     for _ in 0..400 {
         idle.push(TcpStream::connect(http).await.unwrap());
@@ -63,7 +63,7 @@ async fn idle_connections_kept_those_out_who_ask_how_the_server_is() {
 }
 
 #[tokio::test]
-async fn who_runs_the_server_hears_that_it_drains_while_it_does() {
+async fn both_ports_report_draining() {
     let folder = tempfile::tempdir().unwrap();
     let sessions = SessionSettings {
         rate_bits_per_s: Some(1_000_000),
@@ -80,13 +80,13 @@ async fn who_runs_the_server_hears_that_it_drains_while_it_does() {
     let serving = tokio::spawn(daemon.serve(stopped));
     let ready = get(admin, "/ready").await;
     assert!(ready.starts_with("HTTP/1.1 200") && ready.ends_with("ready\n"), "{ready}");
-    // Somebody is at what takes longer than this test.
+    // A transfer that takes longer than this test.
     let mut client = Client::over(TcpStream::connect(http).await.unwrap()).await;
     client.send(&hello()).await;
     client.send(&want_textures(1)).await;
     client.next().await.unwrap();
     stop.send(()).await.unwrap();
-    timeout(REAL_TIME_LIMIT, state.reached(crate::session::state::Phase::Draining)).await.unwrap();
+    timeout(REAL_TIME_LIMIT, state.wait_for_phase(crate::session::state::Phase::Draining)).await.unwrap();
     for address in [http, admin] {
         let ready = get(address, "/ready").await;
         assert!(ready.starts_with("HTTP/1.1 503") && ready.contains("draining"), "{ready}");
@@ -98,10 +98,10 @@ async fn who_runs_the_server_hears_that_it_drains_while_it_does() {
 }
 
 #[tokio::test]
-async fn connections_that_wait_to_be_taken_were_few() {
+async fn the_backlog_was_short() {
     let listener = listen_tcp(any()).unwrap();
     let address = listener.local_addr().unwrap();
-    // Nobody takes any.
+    // Nothing accepts them.
     let mut waiting = Vec::new();
     for n in 0..300 {
         let connecting = timeout(REAL_TIME_LIMIT, TcpStream::connect(address));
@@ -110,7 +110,7 @@ async fn connections_that_wait_to_be_taken_were_few() {
 }
 
 #[test]
-fn addresses_are_read() {
+fn addresses_are_parsed() {
     assert_eq!("off".parse(), Ok(AdminPort::Off));
     assert_eq!("[::1]:0".parse(), Ok(AdminPort::At("[::1]:0".parse().unwrap())));
     assert!("8081".parse::<AdminPort>().unwrap_err().contains("127.0.0.1:8081"));

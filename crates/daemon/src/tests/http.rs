@@ -3,7 +3,7 @@ use tokio::time::Instant;
 
 use super::*;
 
-/// Sends bytes and gives everything that comes back until the server closes.
+/// Sends bytes and returns everything received until the server closes.
 pub(super) async fn exchange(state: &Arc<ServerState>, request: &[u8]) -> String {
     let (mut near, far) = duplex(64 * 1024);
     tokio::spawn(accept_http(far, state.clone(), peer()));
@@ -19,14 +19,14 @@ async fn get(state: &Arc<ServerState>, path: &str) -> String {
 }
 
 #[tokio::test(start_paused = true)]
-async fn health_answers_and_metrics_are_not_for_untrusted_peers() {
+async fn the_public_port_has_health_and_no_metrics() {
     let state = state_of(MemoryScene::new(1, 100, 100), Some(2_000_000));
     let health = get(&state, "/health").await;
     assert!(health.starts_with("HTTP/1.1 200") && health.ends_with("ok\n"), "{health}");
-    assert!(get(&state, "/metrics").await.starts_with("HTTP/1.1 404"), "not for untrusted peers");
+    assert!(get(&state, "/metrics").await.starts_with("HTTP/1.1 404"), "metrics on the public port");
     state.drain();
     let health = get(&state, "/health").await;
-    assert!(health.starts_with("HTTP/1.1 200"), "whoever drains is well: {health}");
+    assert!(health.starts_with("HTTP/1.1 200"), "still healthy while draining: {health}");
 }
 
 #[tokio::test(start_paused = true)]
@@ -46,7 +46,7 @@ async fn a_server_is_ready_until_it_drains() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn requests_that_make_no_sense_get_a_status() {
+async fn invalid_requests_get_a_status() {
     let state = state_of(MemoryScene::new(1, 100, 100), None);
     let upgrade = "GET / HTTP/1.1\r\nHost: s\r\nConnection: upgrade\r\nUpgrade: websocket\r\n";
     let cases: Vec<(Vec<u8>, &str)> = vec![

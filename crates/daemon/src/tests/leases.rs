@@ -1,4 +1,4 @@
-//! Who gets a session when many want one, and when a few want all.
+//! Distribution of sessions among addresses when the server is full.
 
 use lodestream_protocol::message::{Close, CloseCode};
 use tokio::net::UdpSocket;
@@ -17,13 +17,13 @@ fn from(n: u8) -> SocketAddr {
 }
 
 impl Client<DuplexStream> {
-    /// Says `Hello` and waits until that was heard; gives the reason if the server closes instead.
+    /// Sends `Hello` and waits for a response; returns the reason if the server closes.
     async fn greet(&mut self) -> Result<(), Close> {
         self.send(&hello()).await;
         self.answered().await
     }
 
-    /// Whether the session still is.
+    /// Checks with a ping that the session is open.
     async fn answered(&mut self) -> Result<(), Close> {
         if self.0.send(Message::Binary(encode_client(&ClientMessage::Ping(1)).unwrap().into())).await.is_err()
         {
@@ -53,7 +53,7 @@ async fn sessions_beyond_the_limit_are_refused() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn clients_of_one_address_that_only_ping_held_every_place() {
+async fn clients_of_one_address_that_only_ping_held_all_leases() {
     let state = full_at(64, None);
     let mut hoard = Vec::new();
     for _ in 0..64 {
@@ -67,7 +67,7 @@ async fn clients_of_one_address_that_only_ping_held_every_place() {
         other.greet().await.unwrap();
         hoard.push(other);
     }
-    // Full. Whoever is new gets the lease of one of the many.
+    // Full: a new address gets a lease of the address with many.
     let mut newcomer = Client::from(from(100), &state).await.unwrap();
     newcomer.greet().await.unwrap();
     let closed = hoard[7].answered().await.err().or(hoard[0].answered().await.err()).unwrap();
@@ -78,7 +78,7 @@ async fn clients_of_one_address_that_only_ping_held_every_place() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn connections_that_never_say_hello_took_places() {
+async fn connections_without_hello_took_leases() {
     let state = full_at(8, Some(8));
     let mut silent = Vec::new();
     for _ in 0..8 {
@@ -90,7 +90,7 @@ async fn connections_that_never_say_hello_took_places() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_flood_of_silent_connections_turned_out_who_was_about_to_speak() {
+async fn a_flood_of_silent_connections_evicted_other_addresses() {
     let settings = SessionSettings {
         max_sessions: 8,
         max_sessions_per_address: Some(8),
@@ -108,9 +108,9 @@ async fn a_flood_of_silent_connections_turned_out_who_was_about_to_speak() {
     assert_eq!(close.code, CloseCode::Busy, "{close}");
 }
 
-/// An Initial is answered before its address is proved; that must cost nobody a lease.
+/// An Initial is answered before its address is validated; it must take no lease.
 #[tokio::test]
-async fn unanswered_quic_initials_took_every_place() {
+async fn unanswered_quic_initials_took_all_leases() {
     let settings =
         SessionSettings { max_sessions: 4, max_sessions_per_address: Some(4), ..SessionSettings::default() };
     let (daemon, folder) = loopback(MemoryScene::new(1, 100, 100), settings).await;

@@ -1,4 +1,4 @@
-//! What is counted, as Prometheus reads it.
+//! Metrics in Prometheus' text format.
 
 use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::source::CacheUse;
@@ -19,17 +19,17 @@ fn counters_show_up_in_the_text() {
         (0..count).for_each(|_| metrics.session_refused(why));
     }
     metrics.first_byte(Duration::from_millis(2));
-    metrics.waiting_changed(0, 5000);
-    metrics.waiting_changed(5000, 1200);
+    metrics.queued_changed(0, 5000);
+    metrics.queued_changed(5000, 1200);
     metrics.bases_sent(Duration::from_millis(60));
     metrics.bases_sent(Duration::from_secs(60));
     let before = metrics.render(Rates::default(), false, Some(CacheUse { hits: 4, misses: 1 }));
     assert!(before.contains("lodestream_cache_hits_total 4\n"), "{before}");
     let rates = Rates {
-        of_session: Some(2_000_000),
-        of_address: Some(8_000_000),
-        of_all: Some(1_000_000_000),
-        given: 3_000_000,
+        per_session_bits_per_s: Some(2_000_000),
+        per_address_bits_per_s: Some(8_000_000),
+        total_bits_per_s: Some(1_000_000_000),
+        assigned_bits_per_s: 3_000_000,
     };
     let text = metrics.render(rates, false, Some(CacheUse { hits: 7, misses: 2 }));
     for line in [
@@ -76,25 +76,25 @@ fn counters_show_up_in_the_text() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_waits_in_a_session_is_told_while_it_does() {
+async fn queued_bytes_are_reported_while_they_are_queued() {
     // Two seconds' worth at 2 Mbit/s.
     let state = state_of(MemoryScene::new(1, 1000, 60_000), Some(2_000_000));
     let mut client = Client::in_memory(&state).await;
     client.send(&hello()).await;
     client.send(&want_textures(1)).await;
     while state.metrics().waiting_bytes() < 100_000 {
-        client.next().await.expect("it waits before it is sent");
+        client.next().await.expect("closed before its data was queued");
     }
     while client.next().await.unwrap() != ServerFrame::Message(ServerMessage::Done) {}
     assert_eq!(state.metrics().waiting_bytes(), 0);
     let text = state.render_metrics();
     assert!(text.contains("\nlodestream_first_byte_seconds_count 1\n"), "{text}");
-    // Whoever goes takes what waits with him.
+    // The queued bytes of a session end with it.
     let mut client = Client::in_memory(&state).await;
     client.send(&hello()).await;
     client.send(&want_textures(1)).await;
     while state.metrics().waiting_bytes() < 100_000 {
-        client.next().await.expect("it waits before it is sent");
+        client.next().await.expect("closed before its data was queued");
     }
     drop(client);
     state.all_sessions_ended().await;
@@ -130,7 +130,7 @@ async fn refusals_are_counted_by_their_reason() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn turns_of_sessions_are_counted_and_those_by_timers() {
+async fn turns_of_sessions_and_timers_are_counted() {
     let state = state_of(MemoryScene::new(1, 100, 20_000), Some(1_000_000));
     let counted = || {
         let text = state.render_metrics();
@@ -147,7 +147,7 @@ async fn turns_of_sessions_are_counted_and_those_by_timers() {
     client.read_blobs(3).await;
     client.send(&ClientMessage::Bye).await;
     state.all_sessions_ended().await;
-    // A limiter is waited for by timers, and messages are not.
+    // Timers wait for the rate limiter, and not for messages.
     let [turns, timers] = counted();
     assert!(timers > 20 && turns > timers + 3, "{turns} turns, {timers} by timers");
 }

@@ -31,12 +31,13 @@ use tokio::io::{AsyncRead, AsyncWrite, DuplexStream, duplex};
 use tokio_tungstenite::WebSocketStream;
 use tokio_tungstenite::tungstenite::Message;
 
-use super::{Daemon, DaemonOptions};
+use crate::daemon::{Daemon, DaemonOptions};
 use crate::http::server::accept_http;
 use crate::session::memory_scene::MemoryScene;
-use crate::session::state::{ServerState, SessionSettings};
+use crate::session::settings::SessionSettings;
+use crate::session::state::ServerState;
 
-/// Bound on everything that happens in real time; far above what it takes.
+/// Time limit in real time, far above the time needed.
 const REAL_TIME_LIMIT: Duration = Duration::from_secs(30);
 
 fn peer() -> SocketAddr {
@@ -75,7 +76,7 @@ impl Client<DuplexStream> {
         Self::from(peer(), state).await.unwrap()
     }
 
-    /// Connects as if from an address.
+    /// Connects from an address.
     async fn from(peer: SocketAddr, state: &Arc<ServerState>) -> Result<Self, String> {
         let (near, far) = duplex(64 * 1024);
         tokio::spawn(accept_http(far, state.clone(), peer));
@@ -133,7 +134,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Client<S> {
     }
 }
 
-/// Puts pieces together.
+/// Assembles pieces to blobs.
 #[derive(Default)]
 struct Assembler {
     partial: Vec<(BlobId, Vec<u8>)>,

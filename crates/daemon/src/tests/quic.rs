@@ -13,7 +13,7 @@ use tokio::time::timeout;
 use super::*;
 use crate::transport::certificate::Certificate;
 
-/// What arrives at a client.
+/// An item that arrives at a client.
 #[derive(Debug, PartialEq)]
 pub(super) enum Arrival {
     Message(ServerMessage),
@@ -100,7 +100,7 @@ impl QuicClient {
         blobs
     }
 
-    /// How the server closes the connection, without a session.
+    /// The server's reason for closing a connection without a session.
     pub(super) async fn closed(&self) -> Close {
         match self.connection.closed().await {
             ConnectionError::ApplicationClosed(close) => {
@@ -211,7 +211,7 @@ async fn welcome_and_bases_come_before_hello() {
 }
 
 #[tokio::test]
-async fn what_is_wanted_arrives_whole_and_once() {
+async fn requested_blobs_arrive_complete_and_once() {
     let served = serve(MemoryScene::new(4, 3000, 150_000), SessionSettings::default()).await;
     let mut client = QuicClient::connect(served.address, &served.certificate).await;
     client.send(&hello()).await;
@@ -244,7 +244,7 @@ async fn a_cancelled_blob_is_reset() {
 }
 
 #[tokio::test]
-async fn peers_that_break_the_rules_are_told_why() {
+async fn a_protocol_violation_closes_with_a_reason() {
     let served = serve(MemoryScene::new(1, 100, 100), SessionSettings::default()).await;
     let mut too_long = vec![CONTROL_STREAM, 0x02];
     too_long.extend_from_slice(&(0x8000_0000_u32 | 200_000).to_be_bytes());
@@ -319,7 +319,7 @@ async fn garbage_on_both_ports_leaves_the_server_healthy() {
 }
 
 #[tokio::test]
-async fn a_drained_server_says_goodbye_and_ends() {
+async fn a_drained_server_closes_its_sessions_and_ends() {
     let served = serve(MemoryScene::new(1, 100, 100), SessionSettings::default()).await;
     let mut client = QuicClient::connect(served.address, &served.certificate).await;
     client.send(&hello()).await;

@@ -1,4 +1,4 @@
-//! What sessions get that share a rate: of their address, and in all.
+//! Shared rate limits, per address and in all.
 
 use std::future::Future;
 
@@ -9,10 +9,11 @@ use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 use tokio_tungstenite::tungstenite::http::HeaderValue;
 
 use super::*;
+use crate::admission::proxy::Network;
 use crate::admission::settings::AdmissionSettings;
-use crate::http::proxy::Network;
 use crate::metrics::Transport;
-use crate::tests::tokens::{asking_with, in_s, signed_claims, with_header};
+use crate::session::guard::SessionGuard;
+use crate::tests::tokens::{in_s, requiring_tokens_with, signed_claims, with_header};
 
 const MBIT: u64 = 1_000_000;
 
@@ -33,16 +34,15 @@ fn from(n: u8) -> SocketAddr {
     SocketAddr::from((Ipv4Addr::new(10, 0, 0, n), 50_000))
 }
 
-/// A client that has said `Hello`.
+/// A client that has sent `Hello`.
 async fn greeted(client: impl Future<Output = Result<Client<DuplexStream>, String>>) -> Client<DuplexStream> {
     let mut client = client.await.unwrap();
     client.send(&hello()).await;
     client
 }
 
-/// Has a client ask for everything, and read all that comes until `end`; gives the bits that came after `begin`, as limiters
-/// count them.
-async fn greedy(mut client: Client<DuplexStream>, begin: Instant, end: Instant) -> u64 {
+/// Requests everything and reads until `end`; returns the bits received after `begin`, as limiters count them.
+async fn received_bits(mut client: Client<DuplexStream>, begin: Instant, end: Instant) -> u64 {
     let limiter = LimiterConfig::websocket(None);
     client.send(&want_textures(8)).await;
     let mut bytes = 0;
@@ -56,11 +56,12 @@ async fn greedy(mut client: Client<DuplexStream>, begin: Instant, end: Instant) 
     8 * bytes
 }
 
-/// What each gets in three seconds, in Mbit/s, a second after all began.
-async fn parts(clients: Vec<Client<DuplexStream>>) -> Vec<f64> {
+/// Rate of each client in Mbit/s, over three seconds that begin one second after the start.
+async fn measured_rates(clients: Vec<Client<DuplexStream>>) -> Vec<f64> {
     let begin = Instant::now() + Duration::from_secs(1);
     let end = begin + Duration::from_secs(3);
-    let all: Vec<_> = clients.into_iter().map(|client| tokio::spawn(greedy(client, begin, end))).collect();
+    let all: Vec<_> =
+        clients.into_iter().map(|client| tokio::spawn(received_bits(client, begin, end))).collect();
     let mut parts = Vec::new();
     for one in all {
         parts.push(one.await.unwrap() as f64 / (3 * MBIT) as f64);
@@ -81,8 +82,8 @@ async fn all_sessions_share_one_rate_and_those_of_an_address_another() {
     for n in [1, 1, 1, 1, 2, 3, 3] {
         clients.push(greeted(Client::from(from(n), &state)).await);
     }
-    // Three addresses of 5 Mbit/s: nobody of a small one may have more than he could alone.
-    let parts = parts(clients).await;
+    // Three addresses share 5 Mbit/s: an address with few sessions gets no more than its own limit.
+    let parts = measured_rates(clients).await;
     near(&parts, &[0.5, 0.5, 0.5, 0.5, 1.0, 1.0, 1.0]);
     let text = state.render_metrics();
     for line in [
@@ -95,7 +96,7 @@ async fn all_sessions_share_one_rate_and_those_of_an_address_another() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_is_given_is_told_while_there_is_something_to_send() {
+async fn the_assigned_rate_is_reported_while_data_is_queued() {
     let state = ServerState::new(Arc::new(scene()), sharing(None, Some(2 * MBIT)));
     let given = |bits: u64| {
         let line = format!("lodestream_given_rate_bits_per_second {bits}");
@@ -105,7 +106,7 @@ async fn what_is_given_is_told_while_there_is_something_to_send() {
     given(0);
     let client = greeted(Client::from(peer(), &state)).await;
     let now = Instant::now();
-    let reading = tokio::spawn(greedy(client, now, now + Duration::from_secs(2)));
+    let reading = tokio::spawn(received_bits(client, now, now + Duration::from_secs(2)));
     sleep_until(now + Duration::from_secs(1)).await;
     given(2 * MBIT);
     reading.await.unwrap();
@@ -120,7 +121,7 @@ async fn clients_behind_a_trusted_proxy_share_the_rate_of_their_own_address() {
         proxies: ["10.0.0.9".parse::<Network>().unwrap()].into_iter().collect(),
         ..AdmissionSettings::default()
     };
-    let state = ServerState::admitting(Arc::new(scene()), sharing(Some(MBIT), None), admission);
+    let state = ServerState::with_admission(Arc::new(scene()), sharing(Some(MBIT), None), admission);
     let mut clients = Vec::new();
     for forwarded_for in ["203.0.113.1", "2001:db8:1:2::1", "2001:db8:1:2::7"] {
         let (near, far) = duplex(64 * 1024);
@@ -131,19 +132,19 @@ async fn clients_behind_a_trusted_proxy_share_the_rate_of_their_own_address() {
         let opened = opened.map(|(socket, _)| Client(socket)).map_err(|why| why.to_string());
         clients.push(greeted(std::future::ready(opened)).await);
     }
-    near(&parts(clients).await, &[1.0, 0.5, 0.5]);
+    near(&measured_rates(clients).await, &[1.0, 0.5, 0.5]);
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_token_says_how_much_its_session_counts_and_what_it_may_have() {
-    let state = asking_with(scene(), sharing(None, Some(8 * MBIT)));
+async fn a_token_sets_weight_and_rate() {
+    let state = requiring_tokens_with(scene(), sharing(None, Some(8 * MBIT)));
     let token = |more: &str| signed_claims(&format!(r#"{{"exp":{},"scene":"memory"{more}}}"#, in_s(600)));
     let mut clients = Vec::new();
     for more in [r#","weight":2"#, r#","weight":5"#, "", r#","weight":100,"rate":1600000"#] {
         clients.push(greeted(with_header(&state, &token(more))).await);
     }
-    near(&parts(clients).await, &[1.6, 4.0, 0.8, 1.6]);
-    // A newer token takes the place of the old, and one that says nothing takes all back.
+    near(&measured_rates(clients).await, &[1.6, 4.0, 0.8, 1.6]);
+    // A newer token replaces the old one, and one without claims resets weight and rate.
     let mut clients = Vec::new();
     for (first, second) in
         [(r#","weight":100"#, r#","weight":3"#), (r#","rate":1000"#, r#","weight":3"#), ("", "")]
@@ -152,35 +153,35 @@ async fn a_token_says_how_much_its_session_counts_and_what_it_may_have() {
         client.send(&ClientMessage::Token(Token(token(second)))).await;
         clients.push(client);
     }
-    let parts = parts(clients).await;
+    let parts = measured_rates(clients).await;
     near(&parts, &[24.0 / 7.0, 24.0 / 7.0, 8.0 / 7.0]);
 }
 
 #[tokio::test(start_paused = true)]
-async fn an_address_that_is_not_proved_is_charged_nothing() {
+async fn an_address_that_is_not_validated_is_not_charged() {
     let state = ServerState::new(Arc::new(scene()), sharing(Some(MBIT), None));
-    let mut guard = state.begin_session(Transport::Quic, from(1)).unwrap();
+    let mut guard = SessionGuard::begin(&state, Transport::Quic, from(1)).unwrap();
     assert_eq!(guard.group(), None);
-    guard.count().unwrap();
+    guard.count_for_address().unwrap();
     let proved = guard.group();
     assert!(proved.is_some());
-    guard.comes_from(SocketAddr::from((Ipv4Addr::new(10, 0, 0, 1), 9)));
-    assert_eq!(guard.group(), proved, "another port is no other address");
-    guard.comes_from(from(2));
+    guard.set_peer(SocketAddr::from((Ipv4Addr::new(10, 0, 0, 1), 9)));
+    assert_eq!(guard.group(), proved, "another port is the same address");
+    guard.set_peer(from(2));
     assert!(guard.group().is_some() && guard.group() != proved);
-    let over_tcp = state.begin_session(Transport::WebSocket, from(1)).unwrap();
+    let over_tcp = SessionGuard::begin(&state, Transport::WebSocket, from(1)).unwrap();
     assert_eq!(over_tcp.group(), proved);
 }
 
 #[tokio::test(start_paused = true)]
-async fn settings_that_change_hold_for_new_sessions_and_what_is_shared_for_all() {
+async fn changed_settings_apply_to_new_sessions_and_shared_limits_to_all() {
     let state = ServerState::new(Arc::new(scene()), sharing(None, Some(2 * MBIT)));
     let old = greeted(Client::from(from(1), &state)).await;
     let settings =
         SessionSettings { rate_bits_per_s: Some(MBIT), max_sessions: 2, ..sharing(None, Some(4 * MBIT)) };
-    state.change(settings, AdmissionSettings::default());
+    state.update_settings(settings, AdmissionSettings::default());
     let new = greeted(Client::from(from(2), &state)).await;
-    assert!(Client::from(from(3), &state).await.is_err(), "two are there");
-    // The new one has its own rate, the old one what is left of the new total.
-    near(&parts(vec![old, new]).await, &[3.0, 1.0]);
+    assert!(Client::from(from(3), &state).await.is_err(), "two are open");
+    // The new session has its own rate, the old one the rest of the new total.
+    near(&measured_rates(vec![old, new]).await, &[3.0, 1.0]);
 }

@@ -1,4 +1,4 @@
-//! Several scenes of one daemon: which one a client gets, and what it learns of the others.
+//! Several scenes of one daemon: choice by path, ALPN name or `Hello`, and which names a client learns.
 
 use lodestream_protocol::message::{CloseCode, Token, Welcome};
 use lodestream_protocol::source::SceneSource;
@@ -15,13 +15,13 @@ fn scene(name: &str, assets: u32) -> Arc<dyn SceneSource> {
     Arc::new(MemoryScene::named(name, assets, 1500, 1000))
 }
 
-/// Two, of one asset and of two.
+/// Two scenes, with one asset and with two.
 pub(super) fn two() -> Scenes {
     Scenes::new(vec![scene("one", 1), scene("two", 2)]).unwrap()
 }
 
 fn state(admission: AdmissionSettings) -> Arc<ServerState> {
-    ServerState::admitting(two(), SessionSettings::default(), admission)
+    ServerState::with_admission(two(), SessionSettings::default(), admission)
 }
 
 pub(super) fn hello_for(scene: &str) -> ClientMessage {
@@ -62,7 +62,7 @@ impl Client<DuplexStream> {
 }
 
 #[tokio::test(start_paused = true)]
-async fn the_path_names_the_scene_and_the_server_speaks_first() {
+async fn the_path_names_the_scene_and_the_server_sends_first() {
     let state = state(AdmissionSettings::default());
     for (path, assets) in [("/one", 1), ("/two", 2), ("/t%77o", 2)] {
         let mut client = at(&state, path).await.unwrap();
@@ -80,7 +80,7 @@ async fn the_path_names_the_scene_and_the_server_speaks_first() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn without_a_path_hello_says_which() {
+async fn without_a_path_hello_names_the_scene() {
     let state = state(AdmissionSettings::default());
     let mut client = at(&state, "/").await.unwrap();
     client.send(&ClientMessage::Ping(1)).await;
@@ -88,18 +88,18 @@ async fn without_a_path_hello_says_which() {
     client.send(&want_textures(2)).await;
     assert_eq!(client.welcome().await.scene.name, "two");
     assert_eq!(client.read_blobs(2 + 16).await.len(), 2 + 16);
-    for (named, said) in [("", "the address must name a scene"), ("three", "there is no scene 'three'")] {
+    for (named, message) in [("", "the address must name a scene"), ("three", "there is no scene 'three'")] {
         let mut client = at(&state, "/stream").await.unwrap();
         client.send(&hello_for(named)).await;
         let (code, reason) = client.closed().await;
         assert_eq!(code, 4000 + CloseCode::NoSuchScene.number());
-        assert!(reason.contains(said) && reason.contains("'one', 'two'"), "{reason}");
+        assert!(reason.contains(message) && reason.contains("'one', 'two'"), "{reason}");
     }
-    // What one names and what the other does must be the same.
+    // Path and Hello must name the same scene.
     let mut client = at(&state, "/one").await.unwrap();
     client.send(&hello_for("two")).await;
     assert_eq!(client.read_until_close().await.code, CloseCode::NoSuchScene);
-    // And who says nothing keeps nobody waiting.
+    // A silent client times out.
     let mut client = at(&state, "/").await.unwrap();
     let (code, reason) = client.closed().await;
     assert_eq!(code, 4000 + CloseCode::Timeout.number(), "{reason}");
@@ -137,7 +137,7 @@ async fn over_quic_the_scene_is_sent_before_hello() {
     assert_eq!(close.code, CloseCode::NoSuchScene, "{close}");
     assert!(close.reason.contains("'three'"), "{close}");
     // A scene that comes while the daemon runs can be named as well.
-    state.scenes().exchange(vec![scene("one", 1), scene("two", 2), scene("three", 3)]).unwrap();
+    state.scenes().replace(vec![scene("one", 1), scene("two", 2), scene("three", 3)]).unwrap();
     let mut tries = 0;
     loop {
         let mut client = QuicClient::connect_as(address, naming("three")).await;
@@ -156,7 +156,7 @@ async fn a_session_finishes_on_the_version_that_it_began_with() {
     let mut old = at(&state, "/two").await.unwrap();
     assert_eq!(old.welcome().await.scene.asset_count, 2);
     old.send(&hello()).await;
-    let done = state.scenes().exchange(vec![scene("two", 3), scene("four", 4)]).unwrap();
+    let done = state.scenes().replace(vec![scene("two", 3), scene("four", 4)]).unwrap();
     assert_eq!((done.added.len(), done.changed.len(), done.removed.len()), (1, 1, 1));
     let mut new = at(&state, "/two").await.unwrap();
     assert_eq!(new.welcome().await.scene.asset_count, 3);
@@ -180,11 +180,11 @@ async fn a_session_finishes_on_the_version_that_it_began_with() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn who_may_see_one_scene_learns_nothing_of_another() {
+async fn a_token_for_one_scene_reveals_no_other() {
     let admission = AdmissionSettings { access: with_keys(), ..AdmissionSettings::default() };
     let state = state(admission);
     let of = |scene: &str| signed_claims(&format!(r#"{{"exp":{},"scene":"{scene}"}}"#, in_s(60)));
-    // Whether there is such a scene makes no difference.
+    // The response is the same whether the scene exists or not.
     for path in ["/two", "/three"] {
         let mut client = at(&state, path).await.unwrap();
         client.send(&ClientMessage::Token(Token(of("one")))).await;
@@ -204,7 +204,7 @@ async fn who_may_see_one_scene_learns_nothing_of_another() {
     client.send(&ClientMessage::Token(Token(of("two")))).await;
     client.send(&hello_for("two")).await;
     assert_eq!(client.welcome().await.scene.name, "two");
-    // The list shows what the token shows.
+    // The list holds the scenes that the token covers.
     assert!(get(&state, "/scenes", None).await.starts_with("HTTP/1.1 401"));
     let list = get(&state, "/scenes", Some(&of("two"))).await;
     assert!(list.contains("\"two\"") && !list.contains("\"one\""), "{list}");

@@ -5,7 +5,7 @@ use tokio::time::{Instant, timeout};
 use super::*;
 
 #[tokio::test(start_paused = true)]
-async fn a_session_finishes_what_it_is_at() {
+async fn a_session_finishes_its_requests_while_draining() {
     // Two seconds' worth at 2 Mbit/s.
     let state = state_of(MemoryScene::new(1, 1000, 60_000), Some(2_000_000));
     let mut client = Client::in_memory(&state).await;
@@ -21,7 +21,7 @@ async fn a_session_finishes_what_it_is_at() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn draining_has_an_end() {
+async fn draining_is_bounded_in_time() {
     let state = state_of(MemoryScene::new(1, 1000, 10_000_000), Some(2_000_000));
     let mut client = Client::in_memory(&state).await;
     client.send(&hello()).await;
@@ -37,7 +37,7 @@ async fn draining_has_an_end() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn no_session_begins_while_draining() {
+async fn no_session_starts_while_draining() {
     let state = state_of(MemoryScene::new(1, 1000, 1000), None);
     state.drain();
     let (near, far) = duplex(64 * 1024);
@@ -47,7 +47,7 @@ async fn no_session_begins_while_draining() {
 }
 
 #[tokio::test]
-async fn quic_clients_that_came_while_draining_were_not_told_to_come_again() {
+async fn quic_clients_were_refused_without_a_reason_while_draining() {
     let settings = SessionSettings {
         rate_bits_per_s: Some(1_000_000),
         drain: Duration::from_secs(3600),
@@ -59,7 +59,7 @@ async fn quic_clients_that_came_while_draining_were_not_told_to_come_again() {
         (daemon.quic_address().unwrap(), daemon.http_address().unwrap(), daemon.state().clone());
     let (_stop, stopped) = mpsc::channel(2);
     let serving = tokio::spawn(daemon.serve(stopped));
-    // A session over the other transport is at what takes longer than this test.
+    // A session over WebSocket with a transfer that takes longer than this test.
     let mut client = Client::over(tokio::net::TcpStream::connect(http).await.unwrap()).await;
     client.send(&hello()).await;
     client.send(&want_textures(1)).await;

@@ -1,7 +1,7 @@
-//! Stores that take their time: sessions go on, and end.
+//! Slow stores: sessions continue during a read, and can end.
 //!
-//! In real time: a paused clock stands still for as long as a blocking read is under way, and whatever
-//! waits for a timer meanwhile would wait for ever. So every wait here has a limit of its own.
+//! In real time, because a paused clock stands still during a blocking read and timers would never fire. So every wait has
+//! a time limit of its own.
 
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Mutex, PoisonError};
@@ -13,22 +13,22 @@ use tokio::time::timeout;
 
 use super::*;
 
-/// A scene one of whose blobs is read only when the test says so, on a thread that waits for it.
-struct Held {
+/// A scene with one blob whose read blocks until the test releases it.
+struct BlockingScene {
     scene: MemoryScene,
     go: Mutex<Receiver<()>>,
     panics: bool,
 }
 
-const HELD: BlobId = BlobId::texture(0, 0, 0);
+const BLOCKED_BLOB: BlobId = BlobId::texture(0, 0, 0);
 
-fn held(panics: bool) -> (Arc<ServerState>, Sender<()>) {
+fn blocking_scene(panics: bool) -> (Arc<ServerState>, Sender<()>) {
     let (go, wait) = channel();
-    let scene = Held { scene: MemoryScene::new(2, 1500, 9000), go: Mutex::new(wait), panics };
+    let scene = BlockingScene { scene: MemoryScene::new(2, 1500, 9000), go: Mutex::new(wait), panics };
     (ServerState::new(Arc::new(scene), SessionSettings::default()), go)
 }
 
-impl SceneSource for Held {
+impl SceneSource for BlockingScene {
     fn header(&self) -> &SceneHeader {
         self.scene.header()
     }
@@ -42,16 +42,16 @@ impl SceneSource for Held {
     }
 
     fn read(&self, id: &BlobId) -> Result<Bytes, SourceError> {
-        if *id == HELD {
-            // An error means that the test is over.
+        if *id == BLOCKED_BLOB {
+            // An error means that the test has ended.
             let _ = self.go.lock().unwrap_or_else(PoisonError::into_inner).recv();
-            assert!(!self.panics, "as the test wants it");
+            assert!(!self.panics, "the panic of this test");
         }
         self.scene.read(id)
     }
 
     fn try_read(&self, id: &BlobId) -> Result<Reading, SourceError> {
-        if *id == HELD { Ok(Reading::Pending) } else { self.read(id).map(Reading::Ready) }
+        if *id == BLOCKED_BLOB { Ok(Reading::Pending) } else { self.read(id).map(Reading::Ready) }
     }
 }
 
@@ -60,7 +60,7 @@ async fn next(client: &mut Client<DuplexStream>) -> Option<ServerFrame> {
     timeout(REAL_TIME_LIMIT, client.next()).await.expect("the session waits for the read")
 }
 
-/// Reads until so many blobs are complete.
+/// Reads until `count` blobs are complete.
 async fn blobs(client: &mut Client<DuplexStream>, assembler: &mut Assembler, count: usize) {
     while assembler.complete.len() < count {
         if let ServerFrame::Piece(piece) = next(client).await.expect("closed before all came") {
@@ -70,23 +70,23 @@ async fn blobs(client: &mut Client<DuplexStream>, assembler: &mut Assembler, cou
 }
 
 #[tokio::test]
-async fn a_read_that_waits_holds_up_nothing_else() {
-    let (state, go) = held(false);
+async fn a_blocked_read_delays_no_other_blob() {
+    let (state, go) = blocking_scene(false);
     let mut client = Client::in_memory(&state).await;
     client.send(&hello()).await;
     client.send(&want_textures(2)).await;
     let mut assembler = Assembler::default();
     // Two base meshes and all textures but one.
     blobs(&mut client, &mut assembler, 2 + 15).await;
-    assert!(assembler.complete.iter().all(|(id, _)| *id != HELD));
+    assert!(assembler.complete.iter().all(|(id, _)| *id != BLOCKED_BLOB));
     go.send(()).unwrap();
     blobs(&mut client, &mut assembler, 2 + 16).await;
-    assert_eq!(assembler.complete.last().map(|(id, _)| *id), Some(HELD));
+    assert_eq!(assembler.complete.last().map(|(id, _)| *id), Some(BLOCKED_BLOB));
 }
 
 #[tokio::test]
-async fn a_session_ends_while_a_read_is_under_way() {
-    let (state, go) = held(false);
+async fn a_session_can_end_during_a_read() {
+    let (state, go) = blocking_scene(false);
     let mut client = Client::in_memory(&state).await;
     client.send(&hello()).await;
     client.send(&want_textures(2)).await;
@@ -100,17 +100,17 @@ async fn a_session_ends_while_a_read_is_under_way() {
 }
 
 #[tokio::test]
-async fn a_store_that_panics_is_told_as_a_blob_that_cannot_be_read() {
-    let (state, go) = held(true);
+async fn a_panic_in_the_store_refuses_the_blob() {
+    let (state, go) = blocking_scene(true);
     let mut client = Client::in_memory(&state).await;
     client.send(&hello()).await;
-    client.send(&ClientMessage::Want(vec![Want::whole(HELD, 1)])).await;
+    client.send(&ClientMessage::Want(vec![Want::whole(BLOCKED_BLOB, 1)])).await;
     go.send(()).unwrap();
     loop {
         if let ServerFrame::Message(ServerMessage::Refused(refused)) =
             next(&mut client).await.expect("closed")
         {
-            assert_eq!(refused.id, HELD);
+            assert_eq!(refused.id, BLOCKED_BLOB);
             return;
         }
     }

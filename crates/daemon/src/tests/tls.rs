@@ -11,14 +11,14 @@ use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 use tokio_tungstenite::tungstenite::http::HeaderValue;
 
 use super::*;
+use crate::admission::proxy::Network;
 use crate::admission::settings::AdmissionSettings;
-use crate::http::proxy::Network;
 use crate::http::server::accept_https;
 use crate::transport::certificate::Certificate;
-use crate::transport::renewal::LiveCertificate;
+use crate::transport::live_certificate::LiveCertificate;
 use crate::transport::tls::Tls;
 
-/// TLS of a server, and of a client that trusts it.
+/// TLS of a server and of a client that trusts it.
 fn pair() -> (Tls, TlsConnector) {
     let certificate = Certificate::self_signed(SystemTime::now()).unwrap();
     let mut roots = rustls::RootCertStore::empty();
@@ -40,7 +40,7 @@ async fn connect(state: &Arc<ServerState>) -> TlsStream<DuplexStream> {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_session_over_tls_brings_what_one_without_brings() {
+async fn a_session_over_tls_delivers_all_blobs() {
     let state = state_of(MemoryScene::new(2, 1500, 200_000), None);
     let mut client = Client::over(connect(&state).await).await;
     client.send(&hello()).await;
@@ -51,7 +51,7 @@ async fn a_session_over_tls_brings_what_one_without_brings() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn peers_that_keep_a_handshake_waiting_are_dropped() {
+async fn slow_handshakes_are_dropped() {
     let state = state_of(MemoryScene::new(1, 100, 100), None);
     let (tls, _) = pair();
     for begun in [&b""[..], b"\x16\x03\x01\x02\x00\x01\x00", b"GET / HTTP/1.1\r\n\r\n"] {
@@ -61,7 +61,7 @@ async fn peers_that_keep_a_handshake_waiting_are_dropped() {
         accept_https(far, Arc::clone(&state), peer(), tls.clone()).await;
         assert!(started.elapsed() <= Duration::from_secs(5), "{:?}", started.elapsed());
     }
-    // Nor may one go on for ever that says nothing once it is complete.
+    // After the handshake, a slow request is dropped too.
     let stream = connect(&state).await;
     let started = Instant::now();
     let (_read, mut write) = tokio::io::split(stream);
@@ -71,14 +71,14 @@ async fn peers_that_keep_a_handshake_waiting_are_dropped() {
     }
 }
 
-/// Each byte in a record of its own is more work than it says: what counts is what comes over the wire.
+/// One byte per TLS record costs more work than its length tells: bytes are counted below TLS.
 #[tokio::test(start_paused = true)]
-async fn a_flood_of_small_records_is_closed_and_its_client_hears_why() {
+async fn a_flood_of_small_records_is_closed_with_a_reason() {
     let state = state_of(MemoryScene::new(1, 100, 100), None);
     let client = Client::over(connect(&state).await).await;
     let (mut sink, mut stream) = client.0.split();
     sink.send(Message::Binary(encode_client(&hello()).unwrap().into())).await.unwrap();
-    // The head of a frame of 60,000 bytes, which then comes byte by byte.
+    // The header of a frame of 60,000 bytes, whose payload follows byte by byte.
     let mut inner = sink.reunite(stream).unwrap();
     let raw = inner.get_mut();
     raw.write_all(&[0x82, 0xfe, 0xea, 0x60, 0, 0, 0, 0]).await.unwrap();
@@ -108,7 +108,7 @@ fn behind(proxies: &[&str], of_address: u64) -> Arc<ServerState> {
         SessionSettings { max_sessions_per_address: Some(of_address), ..SessionSettings::default() };
     let proxies = proxies.iter().map(|network| network.parse::<Network>().unwrap()).collect();
     let admission = AdmissionSettings { proxies, ..AdmissionSettings::default() };
-    ServerState::admitting(Arc::new(MemoryScene::new(1, 100, 100)), settings, admission)
+    ServerState::with_admission(Arc::new(MemoryScene::new(1, 100, 100)), settings, admission)
 }
 
 /// A client of a proxy; `None` where it is refused.
@@ -120,7 +120,7 @@ async fn through(state: &Arc<ServerState>, forwarded_for: &str) -> Option<Client
     let (socket, _) = tokio_tungstenite::client_async(request, near).await.ok()?;
     let mut client = Client(socket);
     client.send(&hello()).await;
-    // Until `Hello` was heard.
+    // Wait until `Hello` was processed.
     client.send(&ClientMessage::Ping(1)).await;
     loop {
         match client.next().await? {
@@ -132,17 +132,17 @@ async fn through(state: &Arc<ServerState>, forwarded_for: &str) -> Option<Client
 }
 
 #[tokio::test(start_paused = true)]
-async fn all_clients_of_a_proxy_shared_the_places_of_one_address() {
+async fn all_clients_of_a_proxy_shared_the_leases_of_one_address() {
     let state = behind(&["127.0.0.1"], 1);
     let first = through(&state, "203.0.113.1").await.unwrap();
     let second = through(&state, "203.0.113.2").await.unwrap();
     assert!(through(&state, "203.0.113.1").await.is_none(), "one has a lease each");
     assert!(
         through(&state, "198.51.100.9, 203.0.113.2").await.is_none(),
-        "what a client adds is not believed"
+        "an entry added by the client is not trusted"
     );
     drop((first, second));
-    // Of an untrusted peer nothing is believed.
+    // The header of an untrusted peer is ignored.
     let state = behind(&["10.0.0.0/8"], 1);
     let _first = through(&state, "203.0.113.1").await.unwrap();
     assert!(through(&state, "203.0.113.2").await.is_none());

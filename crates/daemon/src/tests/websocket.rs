@@ -7,7 +7,7 @@ use super::*;
 use crate::admission::settings::AdmissionSettings;
 
 #[tokio::test(start_paused = true)]
-async fn the_push_comes_before_hello() {
+async fn the_push_precedes_hello() {
     let state = state_of(MemoryScene::new(3, 1500, 1000), None);
     let mut client = Client::in_memory(&state).await;
     let started = Instant::now();
@@ -39,7 +39,7 @@ async fn the_push_is_in_the_same_flight_as_the_upgrade() {
          Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\
          Sec-WebSocket-Protocol: lodestream/2\r\n\r\n";
     near.write_all(request.as_bytes()).await.unwrap();
-    // Nothing more is ever sent; time does not pass.
+    // The client sends nothing more, and no time passes.
     let mut received = Vec::new();
     while received.len() < 3300 {
         let count = near.read_buf(&mut received).await.unwrap();
@@ -52,7 +52,7 @@ async fn the_push_is_in_the_same_flight_as_the_upgrade() {
     assert!(head.contains("sec-websocket-protocol: lodestream/2"), "{head}");
 }
 
-/// The first line of the answer to a page of `origin` that asks for a session.
+/// Status line of the response to a page of `origin` that requests a session.
 async fn answer_to(state: &Arc<ServerState>, origin: &str) -> String {
     let (mut near, far) = duplex(64 * 1024);
     tokio::spawn(accept_http(far, Arc::clone(state), peer()));
@@ -70,9 +70,9 @@ async fn answer_to(state: &Arc<ServerState>, origin: &str) -> String {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_page_of_another_origin_could_read_the_models_of_a_local_server() {
+async fn a_page_of_another_origin_could_read_a_local_server() {
     let state = state_of(MemoryScene::new(1, 100, 100), None);
-    // The server's own name helps no page: it serves none, and names can be made to mean this machine.
+    // The server's own origin is refused too: it serves no pages, and DNS rebinding can forge its name.
     for origin in ["https://evil.example", "http://localhost:8080", "null"] {
         assert!(answer_to(&state, origin).await.starts_with("HTTP/1.1 403"), "{origin}");
     }
@@ -80,13 +80,13 @@ async fn a_page_of_another_origin_could_read_the_models_of_a_local_server() {
     let allowed = ["https://viewer.example".parse().unwrap()].into_iter().collect();
     let scene = Arc::new(MemoryScene::new(1, 100, 100));
     let admission = AdmissionSettings { origins: allowed, ..AdmissionSettings::default() };
-    let state = ServerState::admitting(scene, SessionSettings::default(), admission);
+    let state = ServerState::with_admission(scene, SessionSettings::default(), admission);
     assert!(answer_to(&state, "https://viewer.example").await.starts_with("HTTP/1.1 101"));
     assert!(answer_to(&state, "https://evil.example").await.starts_with("HTTP/1.1 403"));
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_is_wanted_arrives_whole() {
+async fn requested_blobs_arrive_complete() {
     let state = state_of(MemoryScene::new(2, 1500, 70_000), None);
     let mut client = Client::in_memory(&state).await;
     client.send(&hello()).await;
@@ -109,8 +109,7 @@ async fn what_is_wanted_arrives_whole() {
     }
 }
 
-/// Bytes on the wire of a TCP connection that carries this many: IPv4 and TCP with timestamps on each
-/// segment of 1448 bytes.
+/// Bytes on the wire of a TCP connection: IPv4 and TCP with timestamps on each segment of 1448 bytes.
 fn tcp_wire_bytes(payload: f64) -> f64 {
     payload * (1.0 + 52.0 / 1448.0)
 }
@@ -121,31 +120,31 @@ async fn every_three_second_window_is_within_two_percent_of_the_rate() {
         let state = state_of(MemoryScene::new(4, 1500, 2_000_000), Some(rate));
         let (near, far) = duplex(256 * 1024);
         tokio::spawn(accept_http(far, state.clone(), peer()));
-        // SessionRateLimiter are noted on the raw stream, below the WebSocket.
+        // Arrivals are recorded on the raw stream, below the WebSocket.
         let (near, relay) = {
             let (a, b) = duplex(256 * 1024);
             let (mut server_read, mut server_write) = tokio::io::split(near);
             let (mut client_read, mut client_write) = tokio::io::split(b);
-            let note = async move {
+            let record = async move {
                 let mut arrivals = Vec::new();
                 let mut buffer = vec![0; 64 * 1024];
                 let end = Instant::now() + Duration::from_secs(12);
                 while Instant::now() < end {
                     let count = server_read.read(&mut buffer).await.unwrap();
-                    // From a stream that has ended, nothing comes, at once and for ever.
-                    assert!(count > 0, "the server has closed after {} reads", arrivals.len());
+                    // A stream that has ended would return zero bytes forever.
+                    assert!(count > 0, "the server closed after {} reads", arrivals.len());
                     arrivals.push((Instant::now(), count));
                     client_write.write_all(&buffer[..count]).await.unwrap();
                 }
                 arrivals
             };
-            // One task for both ways: should it fail, the client finds its stream at an end.
+            // One task for both directions: if it fails, the client's stream ends.
             let relay = async move {
                 tokio::select! {
                     biased;
-                    arrivals = note => arrivals,
+                    arrivals = record => arrivals,
                     ended = tokio::io::copy(&mut client_read, &mut server_write) => {
-                        panic!("nothing more goes to the server: {ended:?}")
+                        panic!("the direction to the server ended: {ended:?}")
                     }
                 }
             };
@@ -169,19 +168,19 @@ async fn every_three_second_window_is_within_two_percent_of_the_rate() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn an_urgent_blob_does_not_wait_behind_bulk() {
+async fn an_urgent_blob_overtakes_bulk_data() {
     let state = state_of(MemoryScene::new(2, 1500, 1_000_000), Some(2_000_000));
     let mut client = Client::in_memory(&state).await;
     client.send(&hello()).await;
     client.send(&want_textures(1)).await;
     tokio::time::sleep(Duration::from_secs(2)).await;
-    let asked = Instant::now();
+    let requested = Instant::now();
     let urgent = BlobId::base(1);
     client.send(&ClientMessage::Cancel(vec![urgent])).await;
     client.send(&ClientMessage::Want(vec![Want::whole(urgent, u32::MAX >> 1)])).await;
     let mut seen = 0;
     loop {
-        // The first time it was pushed.
+        // The first copy was pushed.
         if let ServerFrame::Piece(piece) = client.next().await.expect("closed before the urgent blob")
             && piece.id == urgent
             && piece.is_last()
@@ -192,12 +191,12 @@ async fn an_urgent_blob_does_not_wait_behind_bulk() {
             }
         }
     }
-    // What the in-memory stream held unread (64 KiB) was sent long ago; what matters is the server.
-    assert!(asked.elapsed() < Duration::from_millis(60), "{:?}", asked.elapsed());
+    // The 64 KiB in the in-memory stream were sent before; only the server's delay counts.
+    assert!(requested.elapsed() < Duration::from_millis(60), "{:?}", requested.elapsed());
 }
 
 #[tokio::test]
-async fn a_client_that_dies_leaves_others_alone() {
+async fn a_vanished_client_does_not_affect_others() {
     let (daemon, _folder) = loopback(MemoryScene::new(2, 1500, 200_000), SessionSettings::default()).await;
     let address = daemon.http_address().unwrap();
     let state = daemon.state().clone();
@@ -216,7 +215,7 @@ async fn a_client_that_dies_leaves_others_alone() {
         victim.next().await.unwrap();
         drop(victim);
         assert_eq!(other.read_blobs(18).await.len(), 18);
-        // The server notices, and takes new clients.
+        // The server notices, and admits new clients.
         while state.metrics().active_sessions() > 1 {
             tokio::time::sleep(Duration::from_millis(5)).await;
         }
@@ -230,7 +229,7 @@ async fn a_client_that_dies_leaves_others_alone() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn peers_that_break_the_rules_are_told_why() {
+async fn a_protocol_violation_closes_with_a_reason() {
     let state = state_of(MemoryScene::new(1, 1500, 1000), None);
     let encoded = |message: &ClientMessage| Message::Binary(encode_client(message).unwrap().into());
     let ClientMessage::Hello(good) = hello() else { panic!() };
@@ -258,7 +257,7 @@ async fn peers_that_break_the_rules_are_told_why() {
         let close = client.read_until_close().await;
         assert_eq!(close.code, code, "{close}");
         assert!(close.reason.contains(reason), "{close}");
-        // Then the WebSocket's own close frame, with the code for applications.
+        // Then the WebSocket close frame, with an application code.
         match client.0.next().await {
             Some(Ok(Message::Close(Some(frame)))) => assert_eq!(u16::from(frame.code), 4000 + code.number()),
             other => panic!("{other:?}"),

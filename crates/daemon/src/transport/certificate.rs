@@ -1,13 +1,11 @@
 //! The server's certificate: self-signed for development, or given as PEM files.
 //!
-//! A self-signed certificate is made on the first start and kept, so that its fingerprint, which
-//! viewers pin, stays the same. The fingerprint is the SHA-256 of the certificate's DER, as 64
-//! lowercase hexadecimal digits, and travels in the viewer's URL:
-//! `quic://HOST:PORT#sha256=FINGERPRINT`. Of certificates that are renewed, viewers pin the key instead
+//! A self-signed certificate is created at the first start and stored, so that its fingerprint, which viewers pin, stays
+//! the same. The fingerprint is the SHA-256 of the certificate's DER, as 64 lowercase hexadecimal digits in the viewer's
+//! URL: `quic://HOST:PORT#sha256=FINGERPRINT`. For certificates that are renewed, viewers pin the key instead
 //! (`#spki-sha256=`).
 //!
-//! Keys are Ed25519: signatures are short and of constant length, which makes simulated handshakes
-//! repeat byte count by byte count.
+//! Keys are Ed25519: signatures have a constant length, so simulated handshakes have reproducible byte counts.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -25,17 +23,17 @@ use rustls::pki_types::{CertificateDer, PrivateKeyDer, PrivatePkcs8KeyDer, Serve
 use rustls::server::ParsedCertificate;
 use rustls::sign::CertifiedKey;
 
-/// Name of the file, in the state folder, that holds the development certificate and its key.
-pub const FILE_NAME: &str = "development-certificate.pem";
+use crate::lifecycle::file_watch::read_small_file;
 
-/// Name that self-signed certificates carry. Viewers pin the fingerprint and do not look at names.
+/// Name of the file, in the state folder, that holds the development certificate and its key.
+pub(crate) const FILE_NAME: &str = "development-certificate.pem";
+
+/// Subject of self-signed certificates. Viewers that pin the fingerprint ignore it.
 const SUBJECT: &str = "localhost";
 /// How long a self-signed certificate is valid.
 const VALIDITY: Duration = Duration::from_secs(2 * 365 * 24 * 3600);
-/// A certificate that ends sooner than this is replaced at start.
+/// A self-signed certificate that expires within this time is replaced at start.
 const RENEW_BEFORE: Duration = Duration::from_secs(24 * 3600);
-/// Longest PEM file that is read, in bytes.
-const MAX_PEM_BYTES: u64 = 1 << 20;
 
 /// A certificate chain with its private key.
 #[derive(Debug)]
@@ -45,10 +43,10 @@ pub struct Certificate {
 }
 
 impl Certificate {
-    /// A new self-signed certificate, valid from a day before `now` on.
+    /// Creates a self-signed certificate, valid from a day before `now`.
     ///
     /// # Errors
-    /// Fails where the system gives no random numbers.
+    /// The system provides no random numbers.
     pub fn self_signed(now: SystemTime) -> anyhow::Result<Self> {
         Self::self_signed_until(now, now + VALIDITY)
     }
@@ -59,7 +57,7 @@ impl Certificate {
         params.distinguished_name.push(rcgen::DnType::CommonName, "Lodestream development server");
         let epoch = rcgen::date_time_ymd(1970, 1, 1);
         let since_epoch = |time: SystemTime| time.duration_since(UNIX_EPOCH).unwrap_or_default();
-        // A day back, for clients whose clocks are slow.
+        // One day earlier, for clients with slow clocks.
         params.not_before = epoch + since_epoch(now).saturating_sub(Duration::from_secs(24 * 3600));
         params.not_after = epoch + since_epoch(end);
         let certificate = params.self_signed(&key)?;
@@ -69,11 +67,11 @@ impl Certificate {
         })
     }
 
-    /// The development certificate kept in `folder`; made (with the folder) where there is none yet,
-    /// and made anew, with a warning, where it is damaged or ends.
+    /// Loads the development certificate from `folder`. Creates it, and the folder, if there is none; replaces it with a
+    /// warning if it is damaged or expires.
     ///
     /// # Errors
-    /// Fails where the folder cannot be written.
+    /// The folder cannot be written.
     pub fn load_or_create(folder: &Path, now: SystemTime) -> anyhow::Result<Self> {
         let path = folder.join(FILE_NAME);
         if path.exists() {
@@ -88,19 +86,19 @@ impl Certificate {
         }
         let new = Self::self_signed(now)?;
         new.write(folder, &path)
-            .with_context(|| format!("cannot keep the development certificate in {}", path.display()))?;
+            .with_context(|| format!("cannot store the development certificate in {}", path.display()))?;
         Ok(new)
     }
 
-    /// A certificate chain and its key from PEM files, which may be one and the same.
+    /// Loads a certificate chain and its key from PEM files, which may be the same file.
     ///
     /// # Errors
-    /// Fails where a file cannot be read, holds nothing of the kind, or the key is another's.
+    /// A file cannot be read or holds no such item, or the key does not match the certificate.
     pub fn from_pem_files(chain: &Path, key: &Path) -> anyhow::Result<Self> {
-        Self::from_pem(&read_pem(chain)?, &read_pem(key)?, chain, key)
+        Self::from_pem(&read_small_file(chain)?, &read_small_file(key)?, chain, key)
     }
 
-    /// The same of what was read from the files.
+    /// Parses the contents of PEM files; the paths are for messages.
     pub(crate) fn from_pem(
         chain_text: &[u8],
         key_text: &[u8],
@@ -117,20 +115,20 @@ impl Certificate {
             .with_context(|| format!("{} holds no readable PEM private key", key.display()))?;
         let loaded = Self { chain: certificates, key: private };
         let certified = loaded.certified_key().with_context(|| format!("in {}", key.display()))?;
-        certified
-            .keys_match()
-            .with_context(|| format!("{} and {} do not belong together", chain.display(), key.display()))?;
+        certified.keys_match().with_context(|| {
+            format!("the certificate in {} and the key in {} do not match", chain.display(), key.display())
+        })?;
         Ok(loaded)
     }
 
-    /// What TLS signs with.
+    /// The certificate and key for rustls.
     pub(crate) fn certified_key(&self) -> anyhow::Result<CertifiedKey> {
         let signing = rustls::crypto::ring::sign::any_supported_type(&self.key)
-            .context("the private key is of no supported kind")?;
+            .context("the private key is of an unsupported kind")?;
         Ok(CertifiedKey::new(self.chain.clone(), signing))
     }
 
-    /// The chain, the server's own certificate first.
+    /// The chain, with the server's own certificate first.
     #[must_use]
     pub fn chain(&self) -> &[CertificateDer<'static>] {
         &self.chain
@@ -148,29 +146,29 @@ impl Certificate {
         self.chain.first().map_or([0; 32], |der| sha256(der))
     }
 
-    /// What a viewer's address says of this certificate: `sha256=` and 64 lowercase hexadecimal digits.
+    /// Pin of this certificate in viewers' URLs: `sha256=` and 64 lowercase hexadecimal digits.
     #[must_use]
     pub fn pin(&self) -> String {
         format!("sha256={}", hex(&self.fingerprint()))
     }
 
-    /// What a viewer's address says of its key, which a certificate that renews it may keep: `spki-sha256=` and the
-    /// SHA-256 of the SubjectPublicKeyInfo's DER.
+    /// Pin of the key in viewers' URLs, which stays valid for a renewed certificate with the same key: `spki-sha256=` and
+    /// the SHA-256 of the SubjectPublicKeyInfo's DER.
     #[must_use]
     pub fn key_pin(&self) -> String {
         let parsed = self.chain.first().map(ParsedCertificate::try_from);
         let digest = match parsed {
             Some(Ok(parsed)) => sha256(&parsed.subject_public_key_info()),
-            // TLS would not have taken it.
+            // Not reached: rustls refuses such a certificate.
             _ => [0; 32],
         };
         format!("spki-sha256={}", hex(&digest))
     }
 
-    /// When the certificate expires, if it says so in a way that is understood.
+    /// Expiry of the certificate; `None` if it cannot be parsed.
     #[must_use]
     pub fn not_after(&self) -> Option<SystemTime> {
-        // There is no shorter way to ask rustls.
+        // rustls reports the expiry only in the error for an expired certificate.
         let end_of_time = UnixTime::since_unix_epoch(Duration::from_secs(u64::from(u32::MAX) << 8));
         match self.verify_at(end_of_time)? {
             Err(rustls::Error::InvalidCertificate(CertificateError::ExpiredContext {
@@ -180,7 +178,7 @@ impl Certificate {
         }
     }
 
-    /// What a viewer would say of the certificate at a time, if it trusted it as an authority's.
+    /// Verifies the certificate at a time, as its own authority; `None` if it cannot be parsed.
     fn verify_at(&self, time: UnixTime) -> Option<Result<(), rustls::Error>> {
         let own = self.chain.first()?;
         let mut roots = rustls::RootCertStore::empty();
@@ -191,9 +189,8 @@ impl Certificate {
         Some(verifier.verify_server_cert(own, &[], &name, &[], time).map(drop))
     }
 
-    /// Whether a self-signed certificate can be used at `now` and for a day more. One that is not valid yet can: the clock
-    /// was set back, as that of a machine is that has none of its own until the network is there, and viewers that pin a
-    /// certificate look at no dates.
+    /// Checks that a self-signed certificate is valid now and for another day. One that is not valid yet passes: the clock
+    /// may be unset until the network is up, and viewers that pin a certificate ignore its dates.
     fn check_validity(&self, now: SystemTime) -> anyhow::Result<()> {
         for time in [now, now + RENEW_BEFORE] {
             let time = UnixTime::since_unix_epoch(time.duration_since(UNIX_EPOCH).unwrap_or_default());
@@ -207,7 +204,7 @@ impl Certificate {
         Ok(())
     }
 
-    /// Writes certificate and key into one file, readable by the owner alone, in one step.
+    /// Writes certificate and key into one file, atomically, readable only by the owner.
     fn write(&self, folder: &Path, path: &Path) -> anyhow::Result<()> {
         std::fs::create_dir_all(folder)?;
         write_privately(path, |out| {
@@ -224,27 +221,17 @@ fn hex(digest: &[u8; 32]) -> String {
     digest.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// SHA-256, by way of a cipher suite: rustls gives no shorter way to its hash.
+/// SHA-256 by a cipher suite, the only public access to rustls's hash.
 fn sha256(bytes: &[u8]) -> [u8; 32] {
     let mut out = [0; 32];
-    // The suite is a constant.
+    // Always: the suite is a constant of TLS 1.3.
     if let Some(suite) = TLS13_AES_128_GCM_SHA256.tls13() {
         out.copy_from_slice(suite.common.hash_provider.hash(bytes).as_ref());
     }
     out
 }
 
-/// Reads a PEM file, which is short.
-pub(crate) fn read_pem(path: &Path) -> anyhow::Result<Vec<u8>> {
-    let about = || format!("cannot read {}", path.display());
-    let length = std::fs::metadata(path).with_context(about)?.len();
-    if length > MAX_PEM_BYTES {
-        bail!("{} is no PEM file: it has {length} bytes", path.display());
-    }
-    std::fs::read(path).with_context(about)
-}
-
-/// PEM text (RFC 7468), with the line ends of Unix on every machine.
+/// PEM text (RFC 7468) with LF line ends on every system.
 fn pem_text(label: &str, der: &[u8]) -> String {
     let config = EncodeConfig::new().set_line_ending(LineEnding::LF);
     pem::encode_config(&Pem::new(label, der), config)
@@ -255,7 +242,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_certificate_is_kept_and_private() {
+    fn a_certificate_is_stored_and_private() {
         let folder = tempfile::tempdir().unwrap();
         let now = SystemTime::now();
         let first = Certificate::load_or_create(&folder.path().join("deep/er"), now).unwrap();
@@ -274,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn ended_and_damaged_certificates_are_replaced() {
+    fn expired_and_damaged_certificates_are_replaced() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(FILE_NAME);
         let now = SystemTime::now();
@@ -317,7 +304,7 @@ mod tests {
         }
         let refused =
             Certificate::from_pem_files(&a.path().join(FILE_NAME), &b.path().join(FILE_NAME)).unwrap_err();
-        assert!(format!("{refused:#}").contains("do not belong together"), "{refused:#}");
+        assert!(format!("{refused:#}").contains("do not match"), "{refused:#}");
         assert!(Certificate::from_pem_files(Path::new("/nowhere"), Path::new("/nowhere")).is_err());
     }
 

@@ -1,16 +1,16 @@
 //! Congestion control of the server's QUIC connections: CUBIC (RFC 9438), and on top of it a bound on the queue that
 //! the connection itself keeps in the path.
 //!
-//! CUBIC alone fills a path's queue until packets are dropped. What waits there cannot be overtaken, so at 2 Mbit/s
-//! and 64 KiB of queue every change of mind costs a quarter of a second. `QueueBound` therefore looks, round trip
-//! by round trip, at the shortest one of the round: what that lies above the shortest ever seen is time spent in queues
-//! that never emptied. Where it is too long, the window shrinks to what the path carries within the time allowed
-//! (the window law of FAST TCP, Wei et al. 2006, eq. 1, without its constant share).
+//! CUBIC alone fills a path's queue until packets are dropped. Queued data cannot be overtaken by more urgent data: at
+//! 2 Mbit/s and 64 KiB of queue, each change of priorities is delayed by a quarter of a second. `QueueBound` therefore
+//! takes the shortest round-trip time of each round. Its excess over the shortest ever measured is a standing queue. If
+//! that is too long, the window shrinks to what the path carries within the allowed time (the window law of FAST TCP, Wei
+//! et al. 2006, eq. 1, without its constant term).
 //!
-//! A window that empties only the connection's own queue costs no throughput. Where it does, the queue is that of
-//! others, to whom the connection would give way until it starved, or what looks like a queue is jitter: CUBIC
-//! then decides alone for a while (Copa changes its mode likewise: Arun and Balakrishnan 2018, §2.2). So others who fill
-//! the queue are met as CUBIC would meet them. A path that becomes slower looks the same at first.
+//! Emptying the connection's own queue costs no throughput. If throughput drops, the queue belongs to other flows, to
+//! which the connection would yield until it starved, or the delay is jitter: then CUBIC decides alone for a while
+//! (compare the mode switch of Copa, Arun and Balakrishnan 2018, §2.2). Against flows that fill the queue, the connection
+//! so behaves like CUBIC. A path that becomes slower looks the same at first.
 
 use std::any::Any;
 use std::sync::Arc;
@@ -21,21 +21,21 @@ use quinn_proto::RttEstimator;
 
 /// First congestion window in bytes. The usual 14,720 would cost a round trip on the way to the first
 /// frame; 60,000 is a quarter of a second at 2 Mbit/s and fits into common router queues.
-pub const INITIAL_WINDOW_BYTES: u64 = 60_000;
-/// Time in the path's queue that is allowed: enough for the jitter of clocks, radio links and delayed acknowledgements.
+pub(crate) const INITIAL_WINDOW_BYTES: u64 = 60_000;
+/// Allowed time in the path's queue: enough for the jitter of clocks, radio links and delayed acknowledgements.
 const QUEUE_ALLOWED: Duration = Duration::from_millis(25);
-/// The window is not bound below so many of the largest packets: fewer cannot be told from delayed acknowledgements.
-const LEAST_WINDOW_PACKETS: u64 = 8;
-/// Growth of a bound in a round trip at most.
-const GROWTH: f64 = 1.25;
-/// Under a bound, a round in which less than this share of what came before is delivered is slow; …
-const SLOW: f64 = 0.75;
-/// … so many more slow ones than others, and the queue is left to CUBIC …
-const PATIENCE_ROUNDS: u32 = 4;
-/// … for so long.
-const SHARED_FOR: Duration = Duration::from_secs(10);
+/// Least bounded window in packets of full size: a smaller one cannot be told from delayed acknowledgements.
+const MIN_WINDOW_PACKETS: u64 = 8;
+/// Largest growth of a bound in a round trip.
+const MAX_GROWTH: f64 = 1.25;
+/// Under a bound, a round is slow if it delivers less than this share of the rate before the bound; …
+const SLOW_SHARE: f64 = 0.75;
+/// … after this many more slow rounds than others, CUBIC decides alone …
+const MAX_SLOW_ROUNDS: u32 = 4;
+/// … for this long.
+const CUBIC_PERIOD: Duration = Duration::from_secs(10);
 
-/// Makes the controllers of a server's connections.
+/// The congestion controller of the server's connections: CUBIC with a bounded queue.
 #[must_use]
 pub fn bounded_queue() -> Arc<dyn ControllerFactory + Send + Sync> {
     let mut cubic = CubicConfig::default();
@@ -53,7 +53,7 @@ impl ControllerFactory for BoundedQueueConfig {
         Box::new(BoundedQueue {
             cubic: Cubic::new(Arc::clone(&self.cubic), now, current_mtu),
             bound: QueueBound::new(now),
-            least_window: LEAST_WINDOW_PACKETS * u64::from(current_mtu),
+            least_window: MIN_WINDOW_PACKETS * u64::from(current_mtu),
         })
     }
 }
@@ -68,12 +68,12 @@ struct BoundedQueue {
 
 impl Controller for BoundedQueue {
     fn on_ack(&mut self, now: Instant, sent: Instant, bytes: u64, app_limited: bool, rtt: &RttEstimator) {
-        // What is held back by the bound says nothing of what the path would carry, and where a queue is too long
-        // already a larger window would only make it longer: slow start ends there, before it overruns the queue.
+        // A window limited by the bound is no evidence of the path's capacity. With a queue that is too long already, a
+        // larger window would only lengthen it: slow start ends before it overruns the queue.
         let bound = self.window() < self.cubic.window();
         let held = app_limited || bound || self.bound.is_too_long(now, sent);
         self.cubic.on_ack(now, sent, bytes, held, rtt);
-        let acknowledged = Acknowledged { sent, bytes, app_limited };
+        let acknowledged = AckedPacket { sent, bytes, app_limited };
         self.bound.on_ack(now, &acknowledged, self.cubic.window(), self.least_window);
     }
 
@@ -83,7 +83,7 @@ impl Controller for BoundedQueue {
 
     fn on_mtu_update(&mut self, new_mtu: u16) {
         self.cubic.on_mtu_update(new_mtu);
-        self.least_window = LEAST_WINDOW_PACKETS * u64::from(new_mtu);
+        self.least_window = MIN_WINDOW_PACKETS * u64::from(new_mtu);
     }
 
     fn window(&self) -> u64 {
@@ -109,36 +109,36 @@ impl Controller for BoundedQueue {
     }
 }
 
-/// A packet of which the client has said that it is there.
-struct Acknowledged {
+/// An acknowledged packet.
+struct AckedPacket {
     sent: Instant,
     bytes: u64,
-    /// Whether there was nothing more to send.
+    /// Whether the connection had nothing more to send.
     app_limited: bool,
 }
 
-/// How many bytes may be in flight so that the path's queue stays short; see the module.
+/// Bound on the bytes in flight that keeps the path's queue short; see the module.
 #[derive(Clone, Debug)]
 struct QueueBound {
-    /// `None`: as many as CUBIC says.
+    /// The bound; `None` for CUBIC's window.
     bytes: Option<u64>,
-    /// Shortest round trip ever.
+    /// Shortest round-trip time of the connection.
     least: Duration,
-    /// When this round began; it ends with the first acknowledgement of something sent later.
+    /// Start of this round; it ends with the first acknowledgement of a packet sent later.
     round_began: Instant,
-    /// Bytes that were allowed in flight then: those that the round's packets queued behind.
+    /// Window at the start of the round: the bytes that the round's packets queue behind.
     round_window: u64,
-    /// Shortest round trip of this round.
+    /// Shortest round-trip time of this round.
     shortest: Duration,
-    /// Bytes acknowledged in this round, and whether there was always something to send.
+    /// Bytes acknowledged in this round, and whether there was data to send throughout.
     acknowledged: u64,
     busy: bool,
-    /// Bytes a second delivered in the round that brought the bound.
-    before: f64,
-    /// Slow rounds more than others since then.
+    /// Bytes per second delivered in the round before the bound.
+    rate_before_bound: f64,
+    /// Number of slow rounds minus others since then.
     slow_rounds: u32,
-    /// Until when the queue is taken for somebody else's.
-    shared_until: Option<Instant>,
+    /// End of the period in which CUBIC decides alone.
+    cubic_until: Option<Instant>,
 }
 
 impl QueueBound {
@@ -151,14 +151,14 @@ impl QueueBound {
             shortest: Duration::MAX,
             acknowledged: 0,
             busy: true,
-            before: 0.0,
+            rate_before_bound: 0.0,
             slow_rounds: 0,
-            shared_until: None,
+            cubic_until: None,
         }
     }
 
-    /// So many bytes that were sent at `sent` have been acknowledged, under a window of CUBIC's of `cubic` bytes.
-    fn on_ack(&mut self, now: Instant, acknowledged: &Acknowledged, cubic: u64, least_window: u64) {
+    /// Processes an acknowledgement while CUBIC's window is `cubic` bytes.
+    fn on_ack(&mut self, now: Instant, acknowledged: &AckedPacket, cubic: u64, least_window: u64) {
         let took = now.saturating_duration_since(acknowledged.sent);
         self.least = self.least.min(took);
         self.shortest = self.shortest.min(took);
@@ -173,25 +173,25 @@ impl QueueBound {
         }
     }
 
-    /// Whether a packet acknowledged now waited for longer than is allowed, in a queue that is not somebody else's.
+    /// Whether a packet acknowledged now was queued for too long, unless CUBIC decides alone.
     fn is_too_long(&self, now: Instant, sent: Instant) -> bool {
-        self.shared_until.is_none_or(|until| until <= now)
+        self.cubic_until.is_none_or(|until| until <= now)
             && now.saturating_duration_since(sent) > self.least.saturating_add(QUEUE_ALLOWED)
     }
 
     fn end_round(&mut self, now: Instant, cubic: u64, least_window: u64) {
-        if self.shared_until.is_some_and(|until| now < until) {
+        if self.cubic_until.is_some_and(|until| now < until) {
             return;
         }
-        self.shared_until = None;
+        self.cubic_until = None;
         let took = now.saturating_duration_since(self.round_began);
         let delivered = self.acknowledged as f64 / took.as_secs_f64().max(1e-6);
         if self.bytes.is_some() && self.busy {
-            let slow = delivered < SLOW * self.before;
+            let slow = delivered < SLOW_SHARE * self.rate_before_bound;
             self.slow_rounds = if slow { self.slow_rounds + 1 } else { self.slow_rounds.saturating_sub(1) };
-            if self.slow_rounds >= PATIENCE_ROUNDS {
+            if self.slow_rounds >= MAX_SLOW_ROUNDS {
                 self.bytes = None;
-                self.shared_until = Some(now + SHARED_FOR);
+                self.cubic_until = Some(now + CUBIC_PERIOD);
                 return;
             }
         }
@@ -199,14 +199,14 @@ impl QueueBound {
         let share = allowed.as_secs_f64() / self.shortest.as_secs_f64().max(1e-6);
         if share < 1.0 {
             if self.bytes.is_none() {
-                (self.before, self.slow_rounds) = (delivered, 0);
+                (self.rate_before_bound, self.slow_rounds) = (delivered, 0);
             }
             let bound = (self.round_window as f64 * share) as u64;
             self.bytes = Some(bound.max(least_window));
         } else {
             self.bytes = self
                 .bytes
-                .map(|bytes| (bytes as f64 * share.min(GROWTH)) as u64)
+                .map(|bytes| (bytes as f64 * share.min(MAX_GROWTH)) as u64)
                 .filter(|bytes| *bytes < cubic);
         }
     }
@@ -218,8 +218,8 @@ mod tests {
 
     const LEAST_WINDOW: u64 = 8 * 1200;
 
-    /// Rounds of a bound over a path whose queue holds what the path cannot carry within the least round trip; gives
-    /// the window of each round, and the time at the end.
+    /// Runs rounds of a bound over a path with a round-trip time by window; returns the window of each round, and the end
+    /// time.
     fn rounds(
         bound: &mut QueueBound,
         mut now: Instant,
@@ -233,46 +233,46 @@ mod tests {
             windows.push(window);
             let sent = now;
             now += rtt_of(window);
-            let acknowledged = Acknowledged { sent, bytes: window, app_limited: false };
+            let acknowledged = AckedPacket { sent, bytes: window, app_limited: false };
             bound.on_ack(now, &acknowledged, cubic, LEAST_WINDOW);
         }
         (windows, now)
     }
 
-    /// A path of 50 ms that carries so many bytes a second.
+    /// A path with a delay of 50 ms and a rate.
     fn path(bytes_per_s: f64) -> impl Fn(u64) -> Duration {
         move |window| Duration::from_secs_f64((window as f64 / bytes_per_s).max(0.05))
     }
 
     #[test]
-    fn the_queue_becomes_as_long_as_allowed_and_the_bound_goes_when_the_path_widens() {
+    fn the_queue_settles_at_the_allowed_length_and_the_bound_ends_when_the_path_widens() {
         let start = Instant::now();
         let mut bound = QueueBound::new(start);
         let (_, now) = rounds(&mut bound, start, 2, 5000, path(250_000.0));
         assert_eq!(bound.bytes, None, "a short queue needs no bound");
         let (windows, now) = rounds(&mut bound, now, 10, 60_000, path(250_000.0));
-        // 75 ms at 250,000 bytes a second; the first round is judged by the window before it, which was small.
+        // 75 ms at 250,000 bytes per second. The first round is measured against the small window before it.
         assert!(windows[4..].iter().all(|window| window.abs_diff(18_750) < 200), "{windows:?}");
         let (windows, _) = rounds(&mut bound, now, 20, 60_000, path(2e6));
         assert!(windows.is_sorted() && bound.bytes.is_none(), "{windows:?}");
     }
 
     #[test]
-    fn the_queue_of_others_is_left_to_cubic() {
+    fn a_queue_of_other_flows_is_left_to_cubic() {
         let start = Instant::now();
         let mut bound = QueueBound::new(start);
         let (_, now) = rounds(&mut bound, start, 2, 5000, path(250_000.0));
         let full = |_| Duration::from_millis(300);
         let (windows, now) = rounds(&mut bound, now, 8, 60_000, full);
         assert!(windows[1] < 60_000 && windows.iter().all(|window| *window >= LEAST_WINDOW), "{windows:?}");
-        // Ten seconds without a bound, then another try.
+        // Ten seconds without a bound, then a new one.
         let (windows, _) = rounds(&mut bound, now, 40, 60_000, full);
         assert!(windows[1..30].iter().all(|window| *window == 60_000), "{windows:?}");
         assert!(windows[30..].iter().any(|window| *window < 60_000), "{windows:?}");
     }
 
     #[test]
-    fn extremes_give_windows() {
+    fn extreme_round_trips_give_valid_windows() {
         let start = Instant::now();
         for (least, later) in [(0, 0), (0, 1 << 40), (1 << 40, 0), (1 << 40, 1 << 41)] {
             let mut bound = QueueBound::new(start);

@@ -1,9 +1,9 @@
-//! The QUIC endpoint: its settings, and the loop that takes connections.
+//! The QUIC endpoint: its settings, and the accept loop.
 //!
-//! The server speaks first. [`serve_quic`] turns each incoming connection into a session before the
-//! handshake is complete (0.5-RTT), and polls the session once before it lets go of the thread, so that
-//! `Welcome`, the first scene page and base meshes ride in the handshake's second flight. Until the
-//! client's address is validated, QUIC itself bounds what is sent to three times what was received.
+//! The server sends first. [`serve_quic`] starts a session on each incoming connection before the handshake is complete
+//! (0.5-RTT), and polls the session once before it yields, so that `Welcome`, the first scene page and base meshes travel
+//! in the handshake's second flight. Until the client's address is validated, QUIC limits the bytes sent to three times
+//! the bytes received.
 
 use std::future::{Future, poll_fn};
 use std::net::{SocketAddr, UdpSocket};
@@ -26,55 +26,56 @@ use tokio::task::JoinSet;
 use tokio::time::timeout;
 use tracing::Instrument;
 
-use crate::admission::leases::NoLease;
+use crate::admission::leases::LeaseError;
 use crate::admission::pre_auth_pool::PreAuthSlot;
 use crate::metrics::Transport;
 use crate::session::drive::drive;
-use crate::session::state::{Phase, ServerState, SessionGuard};
+use crate::session::guard::SessionGuard;
+use crate::session::state::{Phase, ServerState};
 use crate::transport::certificate::Certificate;
 use crate::transport::congestion::{INITIAL_WINDOW_BYTES, bounded_queue};
+use crate::transport::live_certificate::LiveCertificate;
 use crate::transport::quic_stream::{QuicReceiver, QuicSender, first_send_window};
-use crate::transport::renewal::LiveCertificate;
 
-/// Silence after which QUIC itself gives up.
+/// QUIC's idle timeout.
 const IDLE_TIMEOUT_MS: u32 = 20_000;
-/// Keeps bindings in address translators alive.
+/// Interval of keep-alive packets, which keep NAT bindings open.
 const KEEP_ALIVE: Duration = Duration::from_secs(7);
-/// What a round trip is taken for until one was measured. A sender paces by it: after ten packets it waits for a sixth of
-/// that. RFC 9002, section 6.2.2, takes 333 ms, which leaves a link of 2 Mbit/s idle for 6 ms. The first probe for what
-/// may be lost comes after three of it, still later than the answer over any link.
+/// Assumed round-trip time before the first measurement. The pacer uses it: after ten packets the sender waits for a sixth
+/// of it. The 333 ms of RFC 9002, section 6.2.2, leave a link of 2 Mbit/s idle for 6 ms. The first loss probe is sent after
+/// three times this value, later than the response over any usual link.
 const INITIAL_RTT: Duration = Duration::from_millis(250);
-/// What a client may have in flight towards the server: control messages only.
+/// Flow-control window for the client, which sends only control messages.
 const RECEIVE_WINDOW_BYTES: u32 = 128 * 1024;
-/// UDP buffers asked for. The common default, 208 KiB, lost clients at 500 connections.
+/// Requested size of UDP buffers. The usual default of 208 KiB lost clients at 500 connections.
 const SOCKET_BUFFER_BYTES: usize = 4 * 1024 * 1024;
-/// Below this a warning is due.
-const SOCKET_BUFFER_LEAST_BYTES: usize = 2 * 1024 * 1024;
-/// Handshakes at once from addresses that are not validated. Beyond this, addresses are validated
-/// first (Retry), which costs honest clients a round trip and forged ones everything.
+/// Smaller UDP buffers cause a warning.
+const MIN_SOCKET_BUFFER_BYTES: usize = 2 * 1024 * 1024;
+/// Most handshakes at once from addresses that are not validated. Beyond this, addresses are validated first (Retry): that
+/// costs real clients a round trip and stops forged addresses.
 const MAX_UNVALIDATED: usize = 128;
-/// Sessions that can be resumed. One takes about 300 bytes.
+/// Most TLS sessions that can be resumed, about 300 bytes each.
 const MAX_TICKETS: usize = 8192;
-/// How long an address token is good for: as long as a ticket (rustls).
+/// Lifetime of an address token: that of a ticket in rustls.
 const TOKEN_LIFETIME: Duration = Duration::from_secs(24 * 60 * 60);
-/// Used tokens are remembered in a Bloom filter of at most this size, made for so many; beyond them more and more
-/// tokens are mistaken for used ones and ignored.
+/// Size of the Bloom filter of used address tokens, and the number of tokens it is dimensioned for. Beyond that, more and
+/// more unused tokens are ignored.
 const TOKEN_LOG_BYTES: usize = 1 << 20;
 const TOKENS_USED_PER_LIFETIME: u64 = 100_000;
-/// How long the handshake may take of a client that is told that it comes too late.
-const TURN_AWAY_TIMEOUT: Duration = Duration::from_secs(2);
-/// How long the endpoint's last packets may take.
+/// Time limit of the handshake with a client that is refused during shutdown.
+const REFUSAL_TIMEOUT: Duration = Duration::from_secs(2);
+/// Time limit for closing the endpoint.
 const ENDPOINT_CLOSE_TIMEOUT: Duration = Duration::from_millis(500);
 
-/// The settings of the server's side of a QUIC connection.
+/// Settings of the server's side of QUIC connections.
 ///
 /// # Errors
-/// Fails where the certificate's key cannot be used with TLS 1.3.
+/// The certificate's key cannot be used with TLS 1.3.
 pub fn server_config(certificate: &Certificate) -> anyhow::Result<quinn::ServerConfig> {
     Ok(server_config_of(tls_config(LiveCertificate::new(certificate)?)?)?)
 }
 
-/// The server's side of TLS, with what `certificate` says at each handshake.
+/// TLS settings, with the certificate that `certificate` resolves at each handshake.
 pub(crate) fn tls_config(certificate: Arc<LiveCertificate>) -> Result<rustls::ServerConfig, rustls::Error> {
     let provider = Arc::new(rustls::crypto::ring::default_provider());
     let mut tls = rustls::ServerConfig::builder_with_provider(provider)
@@ -82,16 +83,15 @@ pub(crate) fn tls_config(certificate: Arc<LiveCertificate>) -> Result<rustls::Se
         .with_no_client_auth()
         .with_cert_resolver(certificate);
     tls.alpn_protocols = vec![ALPN.as_bytes().to_vec()];
-    // Lets clients that come back say `Hello` in their first packet. Tickets are numbers of sessions that
-    // the server remembers, the oldest forgotten first, and each is good for one connection: early data that is
-    // repeated is not read. And nothing that it says changes anything on the server but counters and logs.
+    // Returning clients may send `Hello` in their first packet (0-RTT). A ticket names a session stored by the server and
+    // is valid once, so replayed early data is not read. It could change nothing but counters and logs anyway.
     tls.max_early_data_size = u32::MAX;
     tls.send_tls13_tickets = 1;
     tls.session_storage = ServerSessionMemoryCache::new(MAX_TICKETS);
     Ok(tls)
 }
 
-/// The settings over this side of TLS.
+/// QUIC settings over these TLS settings.
 pub(crate) fn server_config_of(
     tls: rustls::ServerConfig,
 ) -> Result<quinn::ServerConfig, NoInitialCipherSuite> {
@@ -108,12 +108,11 @@ pub(crate) fn server_config_of(
         .max_idle_timeout(Some(IdleTimeout::from(VarInt::from_u32(IDLE_TIMEOUT_MS))))
         .keep_alive_interval(Some(KEEP_ALIVE))
         .initial_rtt(INITIAL_RTT)
-        // Streams of one priority are finished one after the other: a whole blob is of use, two halves
-        // are not.
+        // Streams of equal priority are sent one after the other: one complete blob is more useful than two halves.
         .send_fairness(false);
 
-    // What lets a client that comes back be sent more than three times what it sent before its address is validated
-    // again: sealed, for one address, good once. The key is made at start.
+    // Address tokens (NEW_TOKEN) validate a returning client's address at once, which lifts the limit of three times the
+    // bytes received. A token is encrypted with a key created at start, bound to one address, and valid once.
     let mut tokens = ValidationTokenConfig::default();
     let log = BloomTokenLog::new_expected_items(TOKEN_LOG_BYTES, TOKENS_USED_PER_LIFETIME);
     tokens.lifetime(TOKEN_LIFETIME).log(Arc::new(log));
@@ -128,26 +127,26 @@ pub(crate) fn server_config_of(
     Ok(config)
 }
 
-/// Binds a UDP socket with large buffers. Warns where the system gives less.
+/// Binds a UDP socket with large buffers. Warns if the system provides smaller ones.
 ///
 /// # Errors
-/// Fails where the address cannot be had.
+/// The address cannot be bound.
 pub fn bind_udp(address: SocketAddr) -> anyhow::Result<UdpSocket> {
     let about = || format!("cannot listen on UDP {address}");
     let socket = socket2::Socket::new(socket2::Domain::for_address(address), socket2::Type::DGRAM, None)
         .with_context(about)?;
-    // The system may refuse or halve these; what came of it is read back.
+    // The system may refuse or reduce these: the sizes are read back.
     let _ = socket.set_recv_buffer_size(SOCKET_BUFFER_BYTES);
     let _ = socket.set_send_buffer_size(SOCKET_BUFFER_BYTES);
     let got = socket.recv_buffer_size().unwrap_or(0).min(socket.send_buffer_size().unwrap_or(0));
-    if got < SOCKET_BUFFER_LEAST_BYTES {
+    if got < MIN_SOCKET_BUFFER_BYTES {
         tracing::warn!(
             "UDP buffers are only {got} bytes; with hundreds of clients packets will be lost: \
              raise net.core.rmem_max and net.core.wmem_max to {SOCKET_BUFFER_BYTES}"
         );
     }
     if address.is_ipv6() && address.ip().is_unspecified() {
-        // All addresses are those of IPv4 too, whatever the system's habit.
+        // Accept IPv4 too, whatever the system's default.
         let _ = socket.set_only_v6(false);
     }
     socket.bind(&address.into()).with_context(about)?;
@@ -155,23 +154,23 @@ pub fn bind_udp(address: SocketAddr) -> anyhow::Result<UdpSocket> {
     Ok(socket.into())
 }
 
-/// Takes connections of an endpoint and runs a session on each. While the daemon drains, newcomers are told to come again
+/// Accepts connections of an endpoint and runs a session on each. While the daemon drains, new clients are told to retry
 /// later. When it stops, the endpoint is closed.
 ///
-/// Works on any endpoint with [`server_config`], also one over a simulated network in paused time.
+/// Works with any endpoint that uses [`server_config`], including one over a simulated network in virtual time.
 pub async fn serve_quic(endpoint: quinn::Endpoint, state: Arc<ServerState>) {
     let mut sessions = JoinSet::new();
     let unvalidated = Arc::new(AtomicUsize::new(0));
     loop {
         tokio::select! {
             biased;
-            () = state.reached(Phase::Stopped) => break,
+            () = state.wait_for_phase(Phase::Stopped) => break,
             Some(_) = sessions.join_next() => {}
             incoming = endpoint.accept() => {
                 let Some(incoming) = incoming else { break };
                 if let Some(mut session) = accept(incoming, &state, &unvalidated) {
-                    // Polled once here and now: the connection's driver has not run yet, so what the
-                    // session writes shares packets with the handshake.
+                    // Polled once before the connection's driver runs, so that the session's data shares packets with
+                    // the handshake.
                     let polled = poll_fn(|context| Poll::Ready(session.as_mut().poll(context))).await;
                     if polled.is_pending() {
                         sessions.spawn(session);
@@ -193,10 +192,10 @@ impl Drop for Unvalidated {
     }
 }
 
-/// What is done about a connection.
+/// The task of a connection.
 type Task = Pin<Box<dyn Future<Output = ()> + Send>>;
 
-/// Begins a session on an incoming connection; `None` where it is refused at once.
+/// Starts a session on an incoming connection; `None` if it is refused at once.
 fn accept(incoming: Incoming, state: &Arc<ServerState>, unvalidated: &Arc<AtomicUsize>) -> Option<Task> {
     let peer = incoming.remote_address();
     let counted = if incoming.remote_address_validated() {
@@ -209,11 +208,11 @@ fn accept(incoming: Incoming, state: &Arc<ServerState>, unvalidated: &Arc<Atomic
         let _ = incoming.retry();
         return None;
     };
-    let guard = match state.begin_session(Transport::Quic, peer) {
+    let guard = match SessionGuard::begin(state, Transport::Quic, peer) {
         Ok(guard) => guard,
-        Err(why @ NoLease::Draining) => {
+        Err(why @ LeaseError::Draining) => {
             tracing::info!(%peer, "connection refused: {why}");
-            return Some(Box::pin(turn_away(incoming, counted, state.enter_unproved(peer))));
+            return Some(Box::pin(refuse_draining(incoming, counted, state.enter_pre_auth(peer))));
         }
         Err(why) => {
             tracing::info!(%peer, "connection refused: {why}");
@@ -223,7 +222,7 @@ fn accept(incoming: Incoming, state: &Arc<ServerState>, unvalidated: &Arc<Atomic
     };
     let opened = incoming.accept().map_err(|why| why.to_string()).and_then(|connecting| {
         // On servers this always succeeds.
-        connecting.into_0rtt().map_err(|_| "no early data".to_owned())
+        connecting.into_0rtt().map_err(|_| "0.5-RTT is not available".to_owned())
     });
     match opened {
         Ok((connection, handshake)) => {
@@ -238,27 +237,27 @@ fn accept(incoming: Incoming, state: &Arc<ServerState>, unvalidated: &Arc<Atomic
     }
 }
 
-/// Tells a client that it comes too late. QUIC can refuse a connection only without a reason, and a client cannot tell that
-/// from a server that is not there: the handshake is done first.
-async fn turn_away(incoming: Incoming, _counted: Option<Unvalidated>, seat: PreAuthSlot) {
-    let told = async {
+/// Tells a client that the server is shutting down. A refused QUIC connection carries no reason and looks like an absent
+/// server to the client, so the handshake is completed first.
+async fn refuse_draining(incoming: Incoming, _counted: Option<Unvalidated>, slot: PreAuthSlot) {
+    let refusal = async {
         let Ok(connecting) = incoming.accept() else { return };
-        if let Ok(Ok(connection)) = timeout(TURN_AWAY_TIMEOUT, connecting).await {
+        if let Ok(Ok(connection)) = timeout(REFUSAL_TIMEOUT, connecting).await {
             connection.close(
                 VarInt::from(CloseCode::ShuttingDown.number()),
-                NoLease::Draining.to_string().as_bytes(),
+                LeaseError::Draining.to_string().as_bytes(),
             );
         }
     };
     tokio::select! {
         biased;
-        () = told => {}
-        () = seat.lost() => {}
+        () = refusal => {}
+        () = slot.evicted() => {}
     }
 }
 
-/// The scene that the client's ALPN names. Known at once but where its first message takes more than a packet.
-fn scene_asked(connection: &Connection, state: &ServerState) -> Option<String> {
+/// Scene named by the client's ALPN; known here unless its first TLS message takes more than one packet.
+fn requested_scene(connection: &Connection, state: &ServerState) -> Option<String> {
     let data = connection.handshake_data()?.downcast::<HandshakeData>().ok()?;
     state.scenes().table().named(&data.protocol?).map(str::to_owned)
 }
@@ -269,22 +268,23 @@ async fn run_session(
     mut guard: SessionGuard,
     mut counted: Option<Unvalidated>,
 ) {
-    guard.asked = scene_asked(&connection, &guard.state);
+    guard.requested_scene = requested_scene(&connection, &guard.state);
     let state = guard.state.clone();
     let started = tokio::time::Instant::now();
     let rate_bits_per_s = state.config(Transport::Quic).limiter.rate_bits_per_s;
     let mut receiver = QuicReceiver::new(connection.clone(), state.clone());
     let mut sender = QuicSender::new(connection.clone(), rate_bits_per_s);
-    let proof = async {
-        // A token proves an address too, but not that somebody there goes on; what it says is of no meaning to servers.
+    let validation = async {
+        // The handshake's end validates the address, and shows that the client is still there, which an address token does
+        // not. The result (whether 0-RTT was accepted) has no meaning for servers.
         handshake.await;
         if connection.close_reason().is_some() {
-            // Over before it was complete: the session hears of it elsewhere.
+            // The handshake failed: the session's receiver reports it.
             std::future::pending().await
         }
         counted = None;
     };
-    let close = drive(&mut guard, proof, &mut receiver, &mut sender).await;
+    let close = drive(&mut guard, validation, &mut receiver, &mut sender).await;
     if counted.is_some() {
         state.metrics().handshake_failed();
     }

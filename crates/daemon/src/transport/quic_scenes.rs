@@ -1,4 +1,4 @@
-//! Which scenes QUIC's clients may name before `Hello`: TLS agrees on one of the names that the server lists.
+//! Names of scenes as ALPN names: with them, a QUIC client chooses its scene before `Hello`.
 
 use std::sync::Arc;
 
@@ -7,46 +7,42 @@ use quinn::crypto::rustls::QuicServerConfig;
 
 use crate::session::scenes::Scenes;
 use crate::session::state::ServerState;
+use crate::transport::live_certificate::LiveCertificate;
 use crate::transport::quic::{server_config_of, tls_config};
-use crate::transport::renewal::LiveCertificate;
 
-/// The settings of connections. Those for other scenes share all that connections leave behind: tickets, address
-/// tokens, the certificate.
-pub(crate) struct QuicSettings {
+/// Settings of the QUIC endpoint. After a change of scenes, tickets, address tokens and the certificate stay valid.
+pub(crate) struct QuicConfig {
     tls: rustls::ServerConfig,
-    of_one: quinn::ServerConfig,
+    base: quinn::ServerConfig,
 }
 
-impl QuicSettings {
+impl QuicConfig {
+    /// Settings with a certificate that may be replaced.
     pub(crate) fn new(certificate: Arc<LiveCertificate>) -> anyhow::Result<Self> {
         let tls = tls_config(certificate)?;
-        let of_one = server_config_of(tls.clone())?;
-        Ok(Self { tls, of_one })
+        let base = server_config_of(tls.clone())?;
+        Ok(Self { tls, base })
     }
 
-    /// For the scenes that there are now. Where they are several, a scene's own name is agreed on before the protocol's.
-    pub(crate) fn naming(&self, scenes: &Scenes) -> anyhow::Result<quinn::ServerConfig> {
+    /// The settings for the current scenes. With several, their ALPN names are preferred over the protocol's.
+    pub(crate) fn server_config(&self, scenes: &Scenes) -> anyhow::Result<quinn::ServerConfig> {
         let mut tls = self.tls.clone();
         let names = scenes.table();
         tls.alpn_protocols = names.alpns().map(<[u8]>::to_vec).chain([ALPN.into()]).collect();
-        let mut config = self.of_one.clone();
+        let mut config = self.base.clone();
         config.crypto = Arc::new(QuicServerConfig::try_from(tls)?);
         Ok(config)
     }
 }
 
-/// Has new connections name the scenes that there are after each exchange. Goes on as long as there are exchanges.
-pub(crate) async fn follow_scenes(
-    settings: QuicSettings,
-    endpoint: quinn::Endpoint,
-    state: Arc<ServerState>,
-) {
-    let mut exchanges = state.scenes().exchanges();
-    while exchanges.changed().await.is_ok() {
-        match settings.naming(state.scenes()) {
+/// Updates the endpoint's ALPN names after each change of scenes.
+pub(crate) async fn watch_alpns(settings: QuicConfig, endpoint: quinn::Endpoint, state: Arc<ServerState>) {
+    let mut replacements = state.scenes().replacements();
+    while replacements.changed().await.is_ok() {
+        match settings.server_config(state.scenes()) {
             Ok(config) => endpoint.set_server_config(Some(config)),
-            // It went well before; `Hello` names scenes all the same.
-            Err(why) => tracing::error!("scenes cannot be named over QUIC before Hello: {why:#}"),
+            // Not expected, since it succeeded at start. `Hello` can still name the scene.
+            Err(why) => tracing::error!("ALPN names of scenes are not updated: {why:#}"),
         }
     }
 }

@@ -1,5 +1,5 @@
-//! A session's two halves on a QUIC connection: one stream of control frames each way, and one stream
-//! for each blob ([`lodestream_protocol::stream`]).
+//! The receiving and sending half of a session on a QUIC connection: one stream of control frames in each direction, and
+//! one stream per blob ([`lodestream_protocol::stream`]).
 
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
@@ -16,27 +16,27 @@ use quinn::{Connection, ConnectionError, ReadError, RecvStream, SendStream, VarI
 use tokio::time::{Instant, timeout};
 
 use crate::admission::byte_rate::ByteRateLimiter;
-use crate::session::drive::{Deliver, Receive, Received};
+use crate::session::connection::{Deliver, Receive, Received};
 use crate::session::state::ServerState;
 
 /// Bytes read at once from the client's control stream.
 const READ_BYTES: usize = 16 * 1024;
-/// Application error code of streams that are reset because their blob was taken back.
+/// Application error code of streams that are reset because their blob was cancelled.
 const ABANDONED: VarInt = VarInt::from_u32(0);
-/// How long the client may take to acknowledge the last words.
-const LAST_WORDS_TIMEOUT: Duration = Duration::from_secs(1);
-/// How often the send window is fitted to the path.
+/// Time limit for the client's acknowledgement of `Close`.
+const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
+/// Interval at which the send window is adjusted to the path.
 const WINDOW_INTERVAL: Duration = Duration::from_millis(50);
 /// Bounds of the send window, in bytes.
 const SEND_WINDOW_BYTES: std::ops::RangeInclusive<u64> = 16 * 1024..=8 * 1024 * 1024;
 
-/// The send window before anything is known of the path: an initial congestion window and a quarter.
+/// The send window before any measurement: 1.25 initial congestion windows.
 pub(crate) const fn first_send_window(initial_window: u64) -> u64 {
     initial_window + initial_window / 4
 }
 
-/// Why a connection ended, for the log: who ended it and why.
-fn ended_by(error: &ConnectionError) -> Received {
+/// Converts the end of a connection into an event.
+fn connection_end(error: &ConnectionError) -> Received {
     match error {
         ConnectionError::ApplicationClosed(close)
             if close.error_code.into_inner() == u64::from(CloseCode::Normal.number()) =>
@@ -47,7 +47,7 @@ fn ended_by(error: &ConnectionError) -> Received {
     }
 }
 
-/// Messages of the client.
+/// Receiving half: the client's control stream.
 #[derive(Debug)]
 pub(crate) struct QuicReceiver {
     connection: Connection,
@@ -55,7 +55,7 @@ pub(crate) struct QuicReceiver {
     stream: Option<RecvStream>,
     kind_known: bool,
     frames: FrameReader,
-    intake: ByteRateLimiter,
+    limiter: ByteRateLimiter,
 }
 
 impl QuicReceiver {
@@ -66,7 +66,7 @@ impl QuicReceiver {
             stream: None,
             kind_known: false,
             frames: FrameReader::new(),
-            intake: ByteRateLimiter::new(),
+            limiter: ByteRateLimiter::new(),
         }
     }
 }
@@ -83,8 +83,8 @@ impl Receive for QuicReceiver {
                 None => Ok(None),
             }) {
                 Ok(Some(Some(message))) => return Received::Message(message),
-                // An unknown message that may be skipped.
-                Ok(Some(None)) => return Received::Skipped,
+                // An unknown message that may be ignored.
+                Ok(Some(None)) => return Received::Ignored,
                 Ok(None) => {}
                 Err(why) => return Received::Malformed(why),
             }
@@ -96,12 +96,14 @@ impl Receive for QuicReceiver {
                         }
                         self.stream = Some(stream);
                     }
-                    Err(why) => return ended_by(&why),
+                    Err(why) => return connection_end(&why),
                 }
                 continue;
             };
             match stream.read_chunk(READ_BYTES, true).await {
-                Ok(Some(chunk)) if !self.intake.take(chunk.bytes.len()) => return Received::TooMuch,
+                Ok(Some(chunk)) if !self.limiter.take(chunk.bytes.len()) => {
+                    return Received::ByteRateExceeded;
+                }
                 Ok(Some(mut chunk)) => {
                     if !self.kind_known && !chunk.bytes.is_empty() {
                         self.kind_known = true;
@@ -114,20 +116,20 @@ impl Receive for QuicReceiver {
                 }
                 Ok(None) if self.frames.pending() > 0 => return Received::Malformed(FrameError::Truncated),
                 Ok(None) => return Received::Ended,
-                Err(ReadError::ConnectionLost(why)) => return ended_by(&why),
+                Err(ReadError::ConnectionLost(why)) => return connection_end(&why),
                 Err(why) => return Received::Lost(format!("the client's control stream failed: {why}")),
             }
         }
     }
 }
 
-/// What is being written.
+/// Data being written.
 #[derive(Debug)]
 enum Pending {
     Nothing,
-    /// Rest of a control frame.
+    /// The rest of a control frame.
     Control(Bytes),
-    /// Rest of a piece; before it, the stream's head if the stream is not open yet.
+    /// The rest of a piece, with the stream's head if the stream is not open yet.
     Piece {
         id: BlobId,
         priority: i32,
@@ -137,16 +139,16 @@ enum Pending {
     },
 }
 
-/// Takes what a session sends.
+/// Sending half.
 #[derive(Debug)]
 pub(crate) struct QuicSender {
     connection: Connection,
     rate_bits_per_s: Option<u64>,
     control: Option<SendStream>,
-    /// Streams of blobs that have begun; `None` where the client has stopped the stream.
+    /// Open streams of blobs; `None` if the client has stopped the stream.
     blobs: BTreeMap<BlobId, Option<SendStream>>,
     pending: Pending,
-    window_at: Instant,
+    next_adjustment: Instant,
 }
 
 impl QuicSender {
@@ -157,18 +159,18 @@ impl QuicSender {
             control: None,
             blobs: BTreeMap::new(),
             pending: Pending::Nothing,
-            window_at: Instant::now() + WINDOW_INTERVAL,
+            next_adjustment: Instant::now() + WINDOW_INTERVAL,
         }
     }
 
-    /// Fits the send window to the path: a quarter more than what may be in flight, so that acknowledged
-    /// bytes are replaced at once, and no more, since what lies in the window cannot be overtaken.
-    fn fit_window(&mut self) {
+    /// Adjusts the send window to 1.25 congestion windows: enough to replace acknowledged bytes at once, and no more, since
+    /// data in the window cannot be overtaken.
+    fn adjust_window(&mut self) {
         let now = Instant::now();
-        if now < self.window_at {
+        if now < self.next_adjustment {
             return;
         }
-        self.window_at = now + WINDOW_INTERVAL;
+        self.next_adjustment = now + WINDOW_INTERVAL;
         let path = self.connection.stats().path;
         let mut window = path.cwnd + path.cwnd / 4;
         if let Some(rate) = self.rate_bits_per_s {
@@ -186,7 +188,7 @@ impl QuicSender {
         Ok(stream)
     }
 
-    /// Closes the connection. Unless it is lost, the last words are given time to arrive.
+    /// Closes the connection; unless it is lost, waits for `Close` to arrive.
     pub(crate) async fn finish(mut self, close: &Close) {
         if close.code != CloseCode::Lost
             && let Some(control) = &mut self.control
@@ -194,7 +196,7 @@ impl QuicSender {
         {
             let stopped = control.stopped();
             let closed = self.connection.closed();
-            let _ = timeout(LAST_WORDS_TIMEOUT, async {
+            let _ = timeout(CLOSE_TIMEOUT, async {
                 tokio::select! {
                     biased;
                     _ = closed => {}
@@ -207,10 +209,10 @@ impl QuicSender {
     }
 }
 
-/// Writes what fits; `Ok(false)` where the client has stopped the stream.
+/// Writes all bytes; returns `false` if the client has stopped the stream. Cancel safe: written bytes are removed.
 async fn write(stream: &mut SendStream, bytes: &mut Bytes) -> Result<bool, String> {
     while !bytes.is_empty() {
-        // Copies: a slice of a large blob in quinn's buffers would keep all of it alive.
+        // Copies, since a slice in quinn's buffers would keep the whole blob in memory.
         match stream.write(bytes).await {
             Ok(count) => bytes.advance(count),
             Err(WriteError::Stopped(_) | WriteError::ClosedStream) => return Ok(false),
@@ -251,8 +253,8 @@ impl Deliver for QuicSender {
     }
 
     async fn flush(&mut self) -> Result<(), String> {
-        self.fit_window();
-        // Everything that is awaited below may be dropped: what was written is gone from `pending`.
+        self.adjust_window();
+        // Cancel safe: written bytes are removed from `pending`.
         if let Pending::Control(frame) = &self.pending
             && self.control.is_none()
         {
@@ -280,7 +282,7 @@ impl Deliver for QuicSender {
             Pending::Piece { id, priority, head, bytes, last } => {
                 if let Some(slot) = self.blobs.get_mut(id) {
                     if let Some(stream) = slot {
-                        // The client may have changed its mind since the last piece.
+                        // The client may have changed the priority since the last piece.
                         let _ = stream.set_priority(*priority);
                         if !(write(stream, head).await? && write(stream, bytes).await?) {
                             *slot = None;

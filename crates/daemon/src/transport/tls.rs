@@ -11,14 +11,14 @@ use tokio::time::timeout;
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::server::TlsStream;
 
-/// What is spoken within.
+/// ALPN name of HTTP/1.1.
 const HTTP: &[u8] = b"http/1.1";
-/// Time that a handshake may take.
+/// Time limit of a handshake.
 const HANDSHAKE_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Turns TCP connections into TLS ones.
+/// Acceptor of TLS connections.
 #[derive(Clone)]
-pub struct Tls(TlsAcceptor);
+pub(crate) struct Tls(TlsAcceptor);
 
 impl std::fmt::Debug for Tls {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -27,12 +27,12 @@ impl std::fmt::Debug for Tls {
 }
 
 impl Tls {
-    /// TLS 1.3 with what `certificate` says at each handshake. Nothing is resumed: the server keeps nothing of clients
-    /// that are gone.
+    /// TLS 1.3 with the certificate that `certificate` resolves at each handshake. There is no resumption, so the server
+    /// stores nothing about past clients.
     ///
     /// # Errors
-    /// Fails where TLS refuses its settings.
-    pub fn new(certificate: Arc<dyn ResolvesServerCert>) -> anyhow::Result<Self> {
+    /// rustls refuses the settings.
+    pub(crate) fn new(certificate: Arc<dyn ResolvesServerCert>) -> anyhow::Result<Self> {
         let provider = Arc::new(rustls::crypto::ring::default_provider());
         let mut config = ServerConfig::builder_with_provider(provider)
             .with_protocol_versions(&[&rustls::version::TLS13])?
@@ -44,7 +44,7 @@ impl Tls {
         Ok(Self(TlsAcceptor::from(Arc::new(config))))
     }
 
-    /// The handshake; ends in bounded time.
+    /// Performs the handshake, with a time limit.
     pub(crate) async fn accept<S>(&self, stream: S) -> io::Result<TlsStream<S>>
     where
         S: AsyncRead + AsyncWrite + Unpin,

@@ -1,4 +1,4 @@
-//! A session over WebSocket: one binary message is one frame.
+//! A session over WebSocket: one binary message per frame.
 
 use std::task::{Poll, ready};
 use std::time::Duration;
@@ -18,46 +18,46 @@ use tokio_tungstenite::tungstenite::protocol::{CloseFrame, Role, WebSocketConfig
 use tokio_tungstenite::tungstenite::{self, Message};
 use tracing::Instrument;
 
-use crate::admission::byte_rate::{Lift, is_too_much};
-use crate::session::drive::{Deliver, Receive, Received, drive};
-use crate::session::state::SessionGuard;
+use crate::admission::byte_rate::{MeterControl, is_byte_rate_exceeded};
+use crate::session::connection::{Deliver, Receive, Received};
+use crate::session::drive::drive;
+use crate::session::guard::SessionGuard;
 
 /// Read buffer of each connection, in bytes.
 const READ_BUFFER_BYTES: usize = 4 * 1024;
-/// How long the client may take to answer the closing handshake.
+/// Time limit of the closing handshake.
 const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
-/// What is read and thrown away of a client that broke the rules, so that it hears why, in bytes.
-const MAX_WASTE_BYTES: usize = 1 << 20;
-/// Added to our codes: WebSocket keeps 4000 and up for applications (RFC 6455 §7.4.2).
+/// Most bytes that are read and discarded from a client that violated the protocol, so that `Close` reaches it.
+const MAX_DISCARDED_BYTES: usize = 1 << 20;
+/// Offset of close codes: WebSocket reserves 4000 and up for applications (RFC 6455 §7.4.2).
 const CLOSE_CODE_BASE: u16 = 4000;
-/// Longest reason of a WebSocket close frame (RFC 6455 §5.5): 125 bytes with the code.
+/// Longest reason in a WebSocket close frame (RFC 6455 §5.5): 125 bytes with the code.
 const MAX_CLOSE_FRAME_REASON_BYTES: usize = 123;
 
-/// The limits of a session's WebSocket.
-fn limits() -> WebSocketConfig {
+/// Settings of a session's WebSocket.
+fn websocket_config() -> WebSocketConfig {
     WebSocketConfig::default()
         .read_buffer_size(READ_BUFFER_BYTES)
-        // Each frame is written out at once; the driver waits until it is taken before it starts the
-        // next, so the buffer holds one frame and the answers to pings.
+        // Frames are written at once, and the session's loop waits for each, so the buffer holds one frame and pongs.
         .write_buffer_size(0)
         .max_write_buffer_size(2 * MAX_FRAME_BYTES)
         .max_message_size(Some(MAX_FRAME_BYTES))
         .max_frame_size(Some(MAX_FRAME_BYTES))
 }
 
-/// Runs the session that a guard stands for, over a stream whose bytes are bounded.
-pub(crate) async fn run_session<S>(stream: S, intake: Lift, mut guard: SessionGuard)
+/// Runs the session of `guard` over a stream with a byte rate limit.
+pub(crate) async fn run_session<S>(stream: S, meter: MeterControl, mut guard: SessionGuard)
 where
     S: AsyncRead + AsyncWrite + Unpin + Send,
 {
     let span = tracing::info_span!("session", id = guard.id, transport = "ws", peer = %guard.peer);
     async {
         let started = Instant::now();
-        let socket = WebSocketStream::from_raw_socket(stream, Role::Server, Some(limits())).await;
+        let socket = WebSocketStream::from_raw_socket(stream, Role::Server, Some(websocket_config())).await;
         let (sink, stream) = socket.split();
         let mut receiver = WebSocketReceiver { stream, broken: false };
         let mut sender = WebSocketSender { sink, pending: Pending::Nothing, sent_bytes: 0 };
-        // TCP's handshake has proved the address.
+        // TCP's handshake has validated the address.
         let close = drive(&mut guard, std::future::ready(()), &mut receiver, &mut sender).await;
         tracing::info!(
             scene = guard.scene_name(),
@@ -65,17 +65,17 @@ where
             seconds = started.elapsed().as_secs_f32(),
             "session ended: {close}"
         );
-        finish(sender, receiver, &intake, &close).await;
+        finish(sender, receiver, &meter, &close).await;
     }
     .instrument(span)
     .await;
 }
 
-/// Closes in good order: our close frame, then the client's, so that nothing is torn off.
+/// Performs the closing handshake: our close frame, then the client's.
 async fn finish<S>(
     mut sender: WebSocketSender<S>,
     mut receiver: WebSocketReceiver<S>,
-    intake: &Lift,
+    meter: &MeterControl,
     close: &Close,
 ) where
     S: AsyncRead + AsyncWrite + Unpin,
@@ -93,18 +93,18 @@ async fn finish<S>(
         if sender.sink.send(Message::Close(Some(frame))).await.is_err() {
             return;
         }
-        // Of who sent too much, nothing more is looked at.
+        // Frames of a client that exceeded a limit are not parsed.
         if !receiver.broken && close.code != CloseCode::Limit {
             while let Some(Ok(_)) = receiver.stream.next().await {}
         } else if let Ok(mut socket) = receiver.stream.reunite(sender.sink) {
-            // What broke the rules cannot be read as messages. It is read all the same: a TCP socket that
-            // is closed over unread bytes is reset, and our last words with it.
-            intake.lift();
+            // The bytes that remain are discarded: closing a TCP socket with unread bytes resets it, and `Close` would be
+            // lost.
+            meter.lift();
             let stream = socket.get_mut();
-            let mut waste = [0; READ_BUFFER_BYTES];
-            let mut left = MAX_WASTE_BYTES;
+            let mut discarded = [0; READ_BUFFER_BYTES];
+            let mut left = MAX_DISCARDED_BYTES;
             while left > 0
-                && let Ok(count @ 1..) = stream.read(&mut waste).await
+                && let Ok(count @ 1..) = stream.read(&mut discarded).await
             {
                 left = left.saturating_sub(count);
             }
@@ -113,10 +113,10 @@ async fn finish<S>(
     .await;
 }
 
-/// Messages of the client.
+/// Receiving half.
 struct WebSocketReceiver<S> {
     stream: SplitStream<WebSocketStream<S>>,
-    /// What came was no WebSocket message; the stream cannot be read on.
+    /// Whether the client violated WebSocket's framing: the stream has no further messages.
     broken: bool,
 }
 
@@ -129,25 +129,25 @@ where
             None | Some(Err(tungstenite::Error::ConnectionClosed)) => return Received::Ended,
             Some(Err(why)) => {
                 self.broken = true;
-                return refused(why);
+                return receive_error(why);
             }
             Some(Ok(message)) => message,
         };
         match message {
             Message::Binary(bytes) => match Frame::parse(bytes).and_then(Frame::into_client_message) {
                 Ok(Some(message)) => Received::Message(message),
-                // An unknown message that may be skipped.
-                Ok(None) => Received::Skipped,
+                // An unknown message that may be ignored.
+                Ok(None) => Received::Ignored,
                 Err(why) => Received::Malformed(why),
             },
-            Message::Text(_) => Received::Violation("text messages are not understood".into()),
+            Message::Text(_) => Received::Violation("text messages are not supported".into()),
             Message::Close(_) => Received::Ended,
-            Message::Ping(_) | Message::Pong(_) | Message::Frame(_) => Received::Skipped,
+            Message::Ping(_) | Message::Pong(_) | Message::Frame(_) => Received::Ignored,
         }
     }
 }
 
-fn refused(error: tungstenite::Error) -> Received {
+fn receive_error(error: tungstenite::Error) -> Received {
     match error {
         tungstenite::Error::Capacity(CapacityError::MessageTooLong { size, max_size }) => {
             Received::Malformed(FrameError::TooLong { bytes: size as u64, limit: max_size })
@@ -155,7 +155,7 @@ fn refused(error: tungstenite::Error) -> Received {
         tungstenite::Error::Protocol(
             why @ tungstenite::error::ProtocolError::ResetWithoutClosingHandshake,
         ) => Received::Lost(why.to_string()),
-        tungstenite::Error::Io(why) if is_too_much(&why) => Received::TooMuch,
+        tungstenite::Error::Io(why) if is_byte_rate_exceeded(&why) => Received::ByteRateExceeded,
         why @ (tungstenite::Error::Io(_) | tungstenite::Error::AlreadyClosed) => {
             Received::Lost(why.to_string())
         }
@@ -163,16 +163,16 @@ fn refused(error: tungstenite::Error) -> Received {
     }
 }
 
-/// What is being written.
+/// Data being written.
 #[derive(Debug)]
 enum Pending {
     Nothing,
     Frame(Bytes),
-    /// Handed to the WebSocket, not yet taken by the stream below.
+    /// A frame in the WebSocket's buffer, not yet written to the stream.
     Flushing,
 }
 
-/// Takes what a session sends.
+/// Sending half.
 struct WebSocketSender<S> {
     sink: SplitSink<WebSocketStream<S>, Message>,
     pending: Pending,
@@ -206,8 +206,7 @@ where
                 ready!(sink.as_mut().poll_ready(context))?;
             }
             if let Pending::Frame(frame) = std::mem::replace(&mut self.pending, Pending::Flushing) {
-                // A full buffer (`WriteBufferFull`) cannot be: it was flushed before. If it is, the
-                // session ends like any other that the transport fails.
+                // The buffer cannot be full (`WriteBufferFull`), since it was flushed before.
                 sink.as_mut().start_send(Message::Binary(frame))?;
             }
             ready!(sink.poll_flush(context))?;

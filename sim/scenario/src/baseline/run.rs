@@ -5,9 +5,7 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use lodestream_client::net::{self, Pin};
-use lodestream_daemon::transport::certificate::Certificate;
-use lodestream_daemon::transport::congestion::bounded_queue;
-use lodestream_daemon::transport::quic::server_config;
+use lodestream_daemon::{Certificate, bounded_queue, server_config};
 use lodestream_netsim::clock::virtual_runtime;
 use quinn::VarInt;
 use tokio::time::timeout;

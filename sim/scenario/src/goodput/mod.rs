@@ -17,8 +17,7 @@ use std::num::NonZeroU64;
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use lodestream_daemon::transport::certificate::Certificate;
-use lodestream_daemon::{ServerState, SessionSettings};
+use lodestream_daemon::{Certificate, ServerState, SessionSettings};
 use lodestream_netsim::clock::{VirtualClock, virtual_runtime};
 use lodestream_netsim::link::LinkSettings;
 use serde::Serialize;

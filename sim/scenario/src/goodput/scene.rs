@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use bytes::Bytes;
-use lodestream_daemon::session::memory_scene::MemoryScene;
+use lodestream_daemon::MemoryScene;
 use lodestream_protocol::source::{SceneSource, SourceError};
 use lodestream_scene::description::{SceneHeader, ScenePage};
 use lodestream_scene::{BlobId, BlobPart};

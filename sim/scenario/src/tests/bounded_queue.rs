@@ -5,7 +5,7 @@ use std::num::NonZeroU64;
 use std::sync::Arc;
 use std::time::Duration;
 
-use lodestream_daemon::transport::congestion::bounded_queue;
+use lodestream_daemon::bounded_queue;
 use lodestream_netsim::clock::{VirtualClock, virtual_runtime};
 use lodestream_netsim::link::{IP_UDP_BYTES, Jitter, LinkCounters, LinkSettings};
 use lodestream_netsim::udp::UdpNetwork;

@@ -7,9 +7,7 @@ use std::net::SocketAddr;
 use std::num::NonZeroU64;
 use std::sync::Arc;
 
-use lodestream_daemon::session::memory_scene::MemoryScene;
-use lodestream_daemon::transport::quic::{serve_quic, server_config};
-use lodestream_daemon::{ServerState, SessionSettings};
+use lodestream_daemon::{MemoryScene, ServerState, SessionSettings, serve_quic, server_config};
 use lodestream_netsim::clock::{VirtualClock, virtual_runtime};
 use lodestream_netsim::link::{IP_UDP_BYTES, LinkSettings};
 use lodestream_netsim::udp::UdpNetwork;

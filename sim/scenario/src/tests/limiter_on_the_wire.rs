@@ -7,10 +7,9 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 use lodestream_client::net::{Pin, client_config};
-use lodestream_daemon::session::memory_scene::{MemoryScene, TEXTURE_LEVELS};
-use lodestream_daemon::transport::certificate::Certificate;
-use lodestream_daemon::transport::quic::{serve_quic, server_config};
-use lodestream_daemon::{ServerState, SessionSettings};
+use lodestream_daemon::{
+    Certificate, MemoryScene, ServerState, SessionSettings, TEXTURE_LEVELS, serve_quic, server_config,
+};
 use lodestream_netsim::clock::{VirtualClock, virtual_runtime};
 use lodestream_netsim::link::{IP_UDP_BYTES, LinkSettings, Loss};
 use lodestream_netsim::udp::UdpNetwork;

@@ -7,8 +7,7 @@ use std::time::{Duration, SystemTime};
 
 use anyhow::Context as _;
 use lodestream_client::net::{self, Address, Pin, Scheme};
-use lodestream_daemon::transport::certificate::Certificate;
-use lodestream_daemon::{Daemon, DaemonOptions, SessionSettings};
+use lodestream_daemon::{Certificate, Daemon, DaemonOptions, SessionSettings};
 use lodestream_netsim::link::{IP_UDP_BYTES, LinkCounters};
 use lodestream_netsim::tcp::IP_TCP_BYTES;
 use lodestream_protocol::message::{Close, CloseCode};

@@ -1,5 +1,5 @@
-//! For whom a proxy asks. Behind a proxy every client has the proxy's address; the proxy says in `X-Forwarded-For` whose
-//! request it hands on. Anybody can write that field, so it is believed of the proxies alone that the operator names.
+//! Addresses of clients behind proxies. Every client of a proxy has the proxy's address; the proxy adds the client's to
+//! `X-Forwarded-For`. Any client can send that header, so only entries added by trusted proxies count.
 
 use std::net::{IpAddr, SocketAddr};
 use std::str::FromStr;
@@ -7,7 +7,7 @@ use std::str::FromStr;
 use hyper::header::HeaderMap;
 use ipnet::IpNet;
 
-/// What proxies add their clients' addresses to, the nearest one last.
+/// Header to which each proxy appends its client's address.
 const FORWARDED_FOR: &str = "x-forwarded-for";
 
 /// A network of addresses in CIDR notation, such as `10.0.0.0/8` or `2001:db8::/32`, or one address.
@@ -21,12 +21,12 @@ impl FromStr for Network {
         let text = text.trim();
         let network = text.parse::<IpNet>().ok().or_else(|| text.parse::<IpAddr>().ok().map(IpNet::from));
         network.map(|network| Self(network.trunc())).ok_or_else(|| {
-            format!("{text:?} is no network: write for example 10.0.0.0/8, 2001:db8::/32 or 127.0.0.1")
+            format!("{text:?} is not a network: write for example 10.0.0.0/8, 2001:db8::/32 or 127.0.0.1")
         })
     }
 }
 
-/// The proxies that are believed; by default none.
+/// Proxies whose `X-Forwarded-For` is trusted; by default none.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct TrustedProxies(Vec<Network>);
 
@@ -42,12 +42,12 @@ impl TrustedProxies {
         self.0.iter().any(|network| network.0.contains(&address))
     }
 
-    /// Who asks, when `peer` sends a request with these header fields: the nearest address that is no trusted proxy's.
-    /// What stands before that, or behind what is no address, anybody may have written.
+    /// Address of the client that sent a request through `peer`: the last address in the chain that is not a trusted
+    /// proxy's. Entries before that, or before a malformed one, may be forged.
     pub(crate) fn client(&self, peer: SocketAddr, headers: &HeaderMap) -> SocketAddr {
         let mut client = peer;
         let fields = headers.get_all(FORWARDED_FOR).iter().rev();
-        // A value that is no text ends the search, as an empty one does.
+        // A value that is not text ends the search, as an empty one does.
         let mut hops = fields.flat_map(|value| value.to_str().unwrap_or("").rsplit(','));
         while self.trusts(client.ip())
             && let Some(hop) = hops.next().and_then(hop)
@@ -58,7 +58,7 @@ impl TrustedProxies {
     }
 }
 
-/// An address, with or without a port.
+/// Parses an address, with or without a port.
 fn hop(text: &str) -> Option<SocketAddr> {
     let text = text.trim();
     let bare = text.strip_prefix('[').and_then(|text| text.strip_suffix(']')).unwrap_or(text);
@@ -84,10 +84,10 @@ mod tests {
     }
 
     #[test]
-    fn a_untrusted_peer_could_say_that_he_is_somebody_else() {
+    fn a_client_could_forge_its_address() {
         assert_eq!(client(&trusted(&[]), "198.51.100.7", &[b"203.0.113.1"]), "198.51.100.7");
         assert_eq!(client(&trusted(&["10.0.0.0/8"]), "198.51.100.7", &[b"203.0.113.1"]), "198.51.100.7");
-        // What a client made up stands before what the proxy added.
+        // A forged entry stands before the one that the proxy appended.
         assert_eq!(
             client(&trusted(&["10.0.0.0/8"]), "10.1.2.3", &[b"203.0.113.1, 198.51.100.7"]),
             "198.51.100.7"
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn trusted_proxies_are_believed_one_after_the_other() {
+    fn a_chain_of_trusted_proxies_is_followed() {
         let two = trusted(&["10.0.0.0/8", "2001:db8::1"]);
         assert_eq!(client(&two, "10.0.0.9", &[b"203.0.113.1"]), "203.0.113.1");
         assert_eq!(client(&two, "2001:db8::1", &[b"203.0.113.1, 10.7.7.7"]), "203.0.113.1");
@@ -111,13 +111,13 @@ mod tests {
         );
         assert_eq!(client(&two, "10.0.0.9", &[b"[2001:db8::2]:443"]), "2001:db8::2");
         assert_eq!(client(&two, "10.0.0.9", &[b"2001:db8::2"]), "2001:db8::2");
-        // All the way up: the first that spoke.
+        // All are trusted: the first.
         assert_eq!(client(&two, "10.0.0.9", &[b"10.0.0.7, 10.0.0.8"]), "10.0.0.7");
         assert_eq!(client(&two, "10.0.0.9", &[]), "10.0.0.9");
     }
 
     #[test]
-    fn what_is_no_address_is_as_far_as_a_proxy_is_believed() {
+    fn a_malformed_entry_ends_the_chain() {
         let one = trusted(&["10.0.0.0/8"]);
         for field in
             [&b"unknown"[..], b"", b"203.0.113.1, ", b"203.0.113.1, _hidden", b"203.0.113.1;", b"\xff"]
@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_network_is_said_so() {
+    fn malformed_networks_are_refused() {
         for text in ["", "10.0.0.0/33", "example.org", "10.0.0.0/8/8", "10.0.0.0-10.0.0.9"] {
             assert!(text.parse::<Network>().unwrap_err().contains("10.0.0.0/8"), "{text}");
         }

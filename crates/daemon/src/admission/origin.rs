@@ -1,6 +1,5 @@
-//! Which web pages may open sessions. Browsers let any page open a WebSocket to any address that they reach, a server on
-//! the same machine included, and say whose page it was (RFC 6455, section 10.2). Programs that are no browser say
-//! nothing.
+//! Check of the `Origin` header. Browsers let any page open a WebSocket to any reachable address, including a server on
+//! the same machine, and send the page's origin (RFC 6455, section 10.2). Other programs send no origin.
 
 use std::collections::BTreeSet;
 use std::str::FromStr;
@@ -21,7 +20,7 @@ impl FromStr for Origin {
         }
         let expected = || {
             format!(
-                "{text:?} is no origin; write SCHEME://HOST[:PORT] without a path, for example https://example.org, or *"
+                "{text:?} is not an origin: write SCHEME://HOST[:PORT] without a path, for example https://example.org, or *"
             )
         };
         let (scheme, host) = lower.split_once("://").ok_or_else(expected)?;
@@ -33,7 +32,7 @@ impl FromStr for Origin {
         if !named(scheme) || host.is_empty() || !host.chars().all(plain) {
             return Err(expected());
         }
-        // Browsers leave a scheme's own port out.
+        // Browsers omit a scheme's default port.
         let port = match scheme {
             "http" => ":80",
             "https" => ":443",
@@ -55,10 +54,10 @@ impl FromIterator<Origin> for AllowedOrigins {
 }
 
 impl AllowedOrigins {
-    /// Whether who sent these header fields may open a session.
+    /// Checks the origins in a request's headers; a request without one passes.
     ///
     /// # Errors
-    /// What may not: the origin as it was sent.
+    /// The first origin that is not allowed, as it was sent.
     pub(crate) fn check(&self, headers: &HeaderMap) -> Result<(), String> {
         let any = || self.0.contains(&Origin("*".into()));
         for value in headers.get_all(header::ORIGIN) {
@@ -90,12 +89,12 @@ mod tests {
     }
 
     #[test]
-    fn who_is_no_browser_says_nothing_and_may() {
+    fn a_request_without_an_origin_is_allowed() {
         assert_eq!(allowed(&[]).check(&of(&[])), Ok(()));
     }
 
     #[test]
-    fn pages_may_where_they_are_listed() {
+    fn only_listed_origins_are_allowed() {
         let some = allowed(&["https://Example.org", "http://localhost:8000", "https://a.example:443"]);
         for origin in ["https://example.org", "http://localhost:8000", "https://a.example"] {
             assert_eq!(some.check(&of(&[origin])), Ok(()), "{origin}");
@@ -115,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_origin_is_said_so() {
+    fn malformed_origins_are_refused() {
         for text in [
             "",
             "example.org",
