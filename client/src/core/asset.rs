@@ -11,6 +11,7 @@ use geometry::refine::{ActiveMesh, ChunkDelta, ChunkError, RefineError, Touched}
 use lodestream_compress::{decode_base, decode_prefix};
 use lodestream_geometry as geometry;
 use lodestream_scene::asset::{AssetDescription, DescriptionError};
+use lodestream_scene::blob::BlobPart;
 use lodestream_select::Occluder;
 
 use super::changes::{IndexRun, MeshChange, Vertex, runs};
@@ -109,6 +110,13 @@ impl RefinedAsset {
         };
         asset.touch_all();
         Ok(asset)
+    }
+
+    /// All levels of the asset's textures.
+    pub(crate) fn texture_levels(&self) -> impl Iterator<Item = BlobPart> + use<'_> {
+        (0..).zip(&self.description.textures).flat_map(|(texture, info)| {
+            (0..).zip(&info.levels).map(move |(level, _)| BlobPart::Texture { texture, level })
+        })
     }
 
     /// Notes everything as changed: a new renderer starts from nothing.

@@ -116,6 +116,14 @@ impl TerrainPoints {
         }
     }
 
+    /// Marks all requested blobs as absent.
+    pub(super) fn reset_in_flight(&mut self) {
+        let patches = self.patches.iter_mut().flatten().map(|patch| &mut patch.state);
+        for state in self.pages.iter_mut().chain(patches).filter(|state| **state == State::InFlight) {
+            *state = State::Absent;
+        }
+    }
+
     /// Adds what `view` wants to `wanted`, whose order is by priority: pages of the directory after the base meshes,
     /// points by the screen error that they remove; and to `failed` what of it will not come. Says whether nothing of it
     /// may still come.

@@ -116,6 +116,14 @@ impl PunctualLightPages {
         }
     }
 
+    /// Marks all requested blobs as absent.
+    pub(super) fn reset_in_flight(&mut self) {
+        let pages = self.pages.iter_mut().map(|slot| &mut slot.state);
+        for state in self.directory.iter_mut().chain(pages).filter(|state| **state == State::InFlight) {
+            *state = State::Absent;
+        }
+    }
+
     /// Adds what `view` wants to `wanted`, whose order is by priority: pages of the directory, and pages whose light is
     /// seen, by how much of the picture it is; and to `failed` what of it will not come. Says whether nothing of it may
     /// still come.

@@ -36,13 +36,13 @@ impl ClientCore {
     /// until a selection wants them, what everything else depends on is used as soon as there is time.
     pub(super) fn arrive(&mut self, now: Time, arrived: Arrived) {
         match arrived.id {
-            BlobId::Asset { asset, part } => self.take_asset(now, asset, part, arrived),
+            BlobId::Asset { part, .. } => self.take_asset(now, part, arrived),
             BlobId::Terrain(blob) => self.take_terrain(now, blob, &arrived),
             BlobId::PunctualLights(blob) => self.take_punctual_lights(now, blob, &arrived),
         }
     }
 
-    fn take_asset(&mut self, now: Time, asset: u32, part: BlobPart, arrived: Arrived) {
+    fn take_asset(&mut self, now: Time, part: BlobPart, arrived: Arrived) {
         let Arrived { id, offset, total, bytes } = arrived;
         if self.state(id) == State::Applied {
             return;
@@ -52,9 +52,9 @@ impl ClientCore {
         match part {
             // A chunk that came ahead of its index page would be held, and asked for, for ever.
             _ if total == 0 => self.failed(now, id, &"it is empty"),
-            BlobPart::Chunk(chunk) => match self.cache.extend(id, offset, bytes) {
-                Some(held) => {
-                    self.set_held(asset, chunk, held);
+            BlobPart::Chunk(_) => match self.cache.extend(id, offset, bytes) {
+                Some(_) => {
+                    self.sync_held(id);
                     self.trim_cache(now);
                 }
                 // Its beginning was dropped meanwhile: it is of no use, and the server must know.
@@ -140,13 +140,8 @@ impl ClientCore {
         }
         match RefinedAsset::decode(bytes, state.entry().chunk_count, self.config.track_changes) {
             Ok(refined) => {
-                let levels: Vec<BlobPart> = (0..)
-                    .zip(&refined.description.textures)
-                    .flat_map(|(texture, info)| {
-                        (0..).zip(&info.levels).map(move |(level, _)| BlobPart::Texture { texture, level })
-                    })
-                    .collect();
-                let levels = levels.iter().map(|part| state.entry().sent_blob(asset, *part)).collect();
+                let levels =
+                    refined.texture_levels().map(|part| state.entry().sent_blob(asset, part)).collect();
                 state.set_state(BlobPart::Base, State::Applied);
                 self.counts.decoded_faces += refined.mesh().face_count() as u64;
                 self.scene.set_base(asset, refined);
@@ -186,7 +181,7 @@ impl ClientCore {
     /// their way.
     fn find_textures(&mut self, now: Time, levels: Vec<BlobId>) {
         for &id in &levels {
-            if self.in_flight.contains(&id) {
+            if self.scene.is_in_flight(id) {
                 self.set_state(id, State::InFlight);
             } else if !self.cache.contains(id)
                 && self.scene.shared.same(id).any(|id| self.is_painted(id))
@@ -208,9 +203,7 @@ impl ClientCore {
         for id in ids {
             if self.cache.contains(id) {
                 self.set_state(id, State::Cached);
-                if let BlobId::Asset { asset, part: BlobPart::Chunk(chunk) } = id {
-                    self.set_held(asset, chunk, self.cache.held_bytes(id));
-                }
+                self.sync_held(id);
             }
         }
     }

@@ -1,4 +1,8 @@
-//! Where each blob is: the books that selections read.
+//! The state of each blob, as selections read it.
+//!
+//! [`AssetState`](lodestream_select::AssetState) and its counterparts for terrain and punctual lights are the client's
+//! only table of blob states. How many bytes of a chunk are here is known to the cache; the table's copy is written by
+//! [`ClientCore::sync_held`] alone. What is requested is decided by the session; [`State::InFlight`] follows its answers.
 
 use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::time::Time;
@@ -20,9 +24,11 @@ impl ClientCore {
         }
     }
 
-    pub(in crate::core) fn set_held(&mut self, asset: u32, chunk: u32, bytes: u32) {
-        if let Some(state) = self.scene.states.get_mut(asset as usize) {
-            state.set_held(chunk, bytes);
+    /// Copies into the table how many leading bytes of a chunk the cache holds.
+    pub(in crate::core) fn sync_held(&mut self, id: BlobId) {
+        let held_bytes = self.cache.held_bytes(id);
+        if let Some((state, BlobPart::Chunk(chunk))) = self.scene.asset_mut(id) {
+            state.set_held(chunk, held_bytes);
         }
     }
 
@@ -50,9 +56,7 @@ impl ClientCore {
     /// A blob's bytes are not here, neither its beginning nor all: the server may have to send it again.
     pub(in crate::core) fn not_here(&mut self, now: Time, id: BlobId) {
         self.cache.remove(id);
-        if let BlobId::Asset { asset, part: BlobPart::Chunk(chunk) } = id {
-            self.set_held(asset, chunk, 0);
-        }
+        self.sync_held(id);
         self.set_state(id, State::Absent);
         if let Some(session) = &mut self.session {
             session.evicted(now, &[id]);
@@ -89,9 +93,7 @@ impl ClientCore {
     pub(in crate::core) fn dropped(&mut self, now: Time, gone: &[BlobId]) {
         self.counts.evicted += gone.len() as u64;
         for &id in gone {
-            if let BlobId::Asset { asset, part: BlobPart::Chunk(chunk) } = id {
-                self.set_held(asset, chunk, 0);
-            }
+            self.sync_held(id);
             // What is applied stays applied; it is only fetched again if it is undone and wanted again.
             if self.state(id) == State::Cached {
                 self.set_state(id, State::Absent);

@@ -40,7 +40,6 @@ impl ClientCore {
                     self.told_of_punctual_lights(now, &punctual_lights)
                 }
                 ClientEvent::Blob { id, offset, total, bytes } => {
-                    self.in_flight.remove(&id);
                     if self.config.track_received {
                         self.received.entry(id).or_default().bytes += bytes.len() as u64;
                     }
@@ -108,7 +107,6 @@ impl ClientCore {
 
     fn refused(&mut self, now: Time, id: BlobId, reason: RefusedReason) {
         self.counts.refused += 1;
-        self.in_flight.remove(&id);
         tracing::warn!("the server refuses {id}: {reason:?}");
         match reason {
             RefusedReason::QueueFull => self.set_state(id, State::Absent),

@@ -6,7 +6,7 @@ mod decoding;
 mod events;
 mod refinement;
 
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
 use bytes::Bytes;
@@ -55,8 +55,6 @@ pub struct ClientCore {
     pub(super) arrived: VecDeque<(BlobId, Bytes)>,
     /// Blobs of assets whose scene page is not here yet.
     early: Vec<Arrived>,
-    /// Blobs that are asked for.
-    in_flight: BTreeSet<BlobId>,
     /// What came of each blob, where that is counted.
     received: BTreeMap<BlobId, Received>,
     view: Option<View>,
@@ -113,7 +111,6 @@ impl ClientCore {
             failures: Failures::default(),
             arrived: VecDeque::new(),
             early: Vec::new(),
-            in_flight: BTreeSet::new(),
             received: BTreeMap::new(),
             view,
             motion: Motion::default(),
@@ -165,11 +162,7 @@ impl ClientCore {
     fn disconnect(&mut self) {
         self.session = None;
         self.earlier_bytes += std::mem::take(&mut self.transport_bytes);
-        for id in std::mem::take(&mut self.in_flight) {
-            if self.state(id) == State::InFlight {
-                self.set_state(id, State::Absent);
-            }
-        }
+        self.scene.reset_in_flight();
     }
 
     /// Takes a frame of the server.

@@ -96,13 +96,11 @@ impl ClientCore {
         let Some(session) = &mut self.session else { return };
         let asked = session.set_wanted(now, &self.wanted, cancel);
         for &id in cancel {
-            self.in_flight.remove(&id);
             if self.state(id) == State::InFlight {
                 self.set_state(id, State::Absent);
             }
         }
         for id in asked {
-            self.in_flight.insert(id);
             self.set_state(id, State::InFlight);
         }
     }
