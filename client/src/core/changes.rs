@@ -41,13 +41,13 @@ pub enum Change {
     /// A level of a texture was decoded.
     Texture(TextureChange),
     /// The listed points of a patch of the terrain, in place of those it had.
-    TerrainPoints {
+    HeightOverrides {
         /// Column of the patch.
         x: i64,
         /// Row of the patch.
         y: i64,
-        /// The points.
-        points: HeightOverrides,
+        /// The overrides.
+        overrides: HeightOverrides,
     },
 }
 
@@ -134,7 +134,7 @@ impl Change {
                 mesh.vertices.iter().map(|(_, v)| v.len() * size_of::<Vertex>()).sum::<usize>()
                     + mesh.indices.iter().map(|run| run.faces.len() * 12).sum::<usize>()
             }
-            Self::TerrainPoints { points, .. } => points.len() * size_of::<HeightOverride>(),
+            Self::HeightOverrides { overrides, .. } => overrides.len() * size_of::<HeightOverride>(),
             Self::Texture(texture) => texture.pixels.bytes(),
         }
     }

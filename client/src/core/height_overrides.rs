@@ -22,7 +22,7 @@ const MAX_PATCHES: u32 = 1 << 20;
 
 /// A blob of the terrain that cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub(super) enum TerrainBlobError {
+pub(super) enum HeightOverrideBlobError {
     /// Only a part of it came.
     #[error("only a part of it came")]
     Partial,
@@ -61,7 +61,7 @@ struct Patch {
 
 /// See the module.
 #[derive(Debug)]
-pub(super) struct TerrainPoints {
+pub(super) struct HeightOverridePatches {
     entry: TerrainEntry,
     pages: Vec<State>,
     /// By place in the directory; empty where the page is missing.
@@ -71,7 +71,7 @@ pub(super) struct TerrainPoints {
     changes: VecDeque<Change>,
 }
 
-impl TerrainPoints {
+impl HeightOverridePatches {
     pub(super) fn new(entry: TerrainEntry) -> Self {
         let pages = entry.patches.min(MAX_PATCHES).div_ceil(PATCHES_PER_PAGE) as usize;
         Self {
@@ -188,7 +188,7 @@ impl TerrainPoints {
     }
 
     /// Uses a blob that came whole.
-    pub(super) fn take(&mut self, blob: TerrainBlob, bytes: &[u8]) -> Result<(), TerrainBlobError> {
+    pub(super) fn take(&mut self, blob: TerrainBlob, bytes: &[u8]) -> Result<(), HeightOverrideBlobError> {
         match blob {
             TerrainBlob::DirectoryPage(page) => {
                 let first = page.saturating_mul(PATCHES_PER_PAGE);
@@ -196,16 +196,16 @@ impl TerrainPoints {
                 let listed = decode_directory(bytes, count)?;
                 self.check_patches(&listed)?;
                 let held = self.patches.get_mut(page as usize);
-                let held = held.ok_or(TerrainBlobError::Unknown("page of the directory"))?;
+                let held = held.ok_or(HeightOverrideBlobError::Unknown("page of the directory"))?;
                 *held = listed.into_iter().map(|listed| Patch { listed, state: State::Absent }).collect();
             }
             TerrainBlob::Points(number) => {
                 let finest = self.entry.parameters.finest_level;
                 let points: HeightOverrides = decode_points(finest, bytes)?;
-                let patch = self.patch_mut(number).ok_or(TerrainBlobError::Unknown("patch"))?;
+                let patch = self.patch_mut(number).ok_or(HeightOverrideBlobError::Unknown("patch"))?;
                 let (x, y) = (i64::from(patch.listed.x), i64::from(patch.listed.y));
                 self.held_bytes += 16 * bytes.len() as u64;
-                self.changes.push_back(Change::TerrainPoints { x, y, points });
+                self.changes.push_back(Change::HeightOverrides { x, y, overrides: points });
             }
         }
         self.set_state(blob, State::Applied);
@@ -213,12 +213,12 @@ impl TerrainPoints {
     }
 
     /// Whether all patches are in the world: points of others cannot be put anywhere.
-    fn check_patches(&self, listed: &[OverridePatch]) -> Result<(), TerrainBlobError> {
+    fn check_patches(&self, listed: &[OverridePatch]) -> Result<(), HeightOverrideBlobError> {
         let edge = 1_i64 << self.entry.parameters.extent_log2;
         let inside = |at: i32| (-edge..edge).contains(&i64::from(at));
         match listed.iter().find(|patch| !inside(patch.x) || !inside(patch.y)) {
             Some(&OverridePatch { x, y, .. }) => {
-                Err(TerrainBlobError::BeyondWorld { x, y, lowest: -edge, highest: edge - 1 })
+                Err(HeightOverrideBlobError::BeyondWorld { x, y, lowest: -edge, highest: edge - 1 })
             }
             None => Ok(()),
         }

@@ -9,7 +9,7 @@ use lodestream_select::{AssetState, InstanceTree, Instances, State};
 
 use super::asset::RefinedAsset;
 use super::changes::{Change, NewAsset};
-use super::height_overrides::TerrainPoints;
+use super::height_overrides::HeightOverridePatches;
 use super::punctual_light_pages::PunctualLightPages;
 use super::shared::SharedTextures;
 
@@ -33,7 +33,7 @@ pub(crate) struct Scene {
     /// Which textures are the same.
     pub(super) shared: SharedTextures,
     /// Listed points of the terrain, if there is one.
-    pub(super) terrain: Option<TerrainPoints>,
+    pub(super) terrain: Option<HeightOverridePatches>,
     /// Punctual lights, if there are some.
     pub(super) punctual_lights: Option<PunctualLightPages>,
     next_page: u32,
@@ -64,7 +64,7 @@ enum FirstFrame {
 impl Scene {
     pub(crate) fn new(header: SceneHeader) -> Self {
         let changes = VecDeque::from([Change::Scene(Box::new(header.clone()))]);
-        let terrain = header.terrain.as_deref().cloned().map(TerrainPoints::new);
+        let terrain = header.terrain.as_deref().cloned().map(HeightOverridePatches::new);
         Self { header: Some(header), terrain, changes, ..Self::default() }
     }
 
@@ -285,7 +285,7 @@ impl Scene {
 
     /// Whether [`Scene::take_changes`] has something.
     pub(crate) fn has_changes(&self) -> bool {
-        let terrain = self.terrain.as_ref().is_some_and(TerrainPoints::has_changes);
+        let terrain = self.terrain.as_ref().is_some_and(HeightOverridePatches::has_changes);
         let other = !self.changes.is_empty() || !self.textures.is_empty();
         let mark = self.first_frame == FirstFrame::Here;
         other || mark || terrain || self.changed.iter().any(|&asset| self.has_mesh_changes(asset))
@@ -327,7 +327,7 @@ impl Scene {
             taken.push(Change::FirstFrame);
         }
         while bytes < max_bytes
-            && let Some(change) = self.terrain.as_mut().and_then(TerrainPoints::take_change)
+            && let Some(change) = self.terrain.as_mut().and_then(HeightOverridePatches::take_change)
         {
             bytes += change.bytes();
             taken.push(change);

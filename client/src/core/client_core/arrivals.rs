@@ -1,24 +1,17 @@
 //! From bytes to what is drawn: what becomes of a blob that has arrived.
 
-use std::sync::Arc;
-
 use bytes::Bytes;
-use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, decode_stated_page};
+use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_stated_page};
 use lodestream_protocol::time::Time;
-use lodestream_scene::asset::TextureInfo;
 use lodestream_scene::blob::{BlobId, BlobPart, PunctualLightBlob, TerrainBlob};
-use lodestream_select::{State, Wanted};
+use lodestream_select::State;
 
 use super::ClientCore;
+use super::blob_error::BlobError;
 use crate::core::asset::RefinedAsset;
-use crate::core::changes::{Change, TextureChange};
-use crate::core::height_overrides::TerrainBlobError;
+use crate::core::changes::Change;
+use crate::core::height_overrides::HeightOverrideBlobError;
 use crate::core::punctual_light_pages::PunctualLightBlobError;
-use crate::core::texture_file::TexturePixels;
-
-/// Screen error above which a chunk brings what was missing rather than refines: it appears at once, without a morph, in
-/// pixels.
-const MAX_MORPH_PX: u16 = 8;
 
 /// A blob, or part of it, as it arrived.
 #[derive(Clone, Debug)]
@@ -51,7 +44,7 @@ impl ClientCore {
         self.set_state(id, State::Cached);
         match part {
             // A chunk that came ahead of its index page would be held, and asked for, for ever.
-            _ if total == 0 => self.failed(now, id, &"it is empty"),
+            _ if total == 0 => self.failed(now, id, &BlobError::Empty),
             BlobPart::Chunk(_) => match self.cache.extend(id, offset, bytes) {
                 Some(_) => {
                     self.sync_held(id);
@@ -60,7 +53,7 @@ impl ClientCore {
                 // Its beginning was dropped meanwhile: it is of no use, and the server must know.
                 None => self.not_here(now, id),
             },
-            _ if !whole => self.failed(now, id, &"only a part of it came"),
+            _ if !whole => self.failed(now, id, &BlobError::Partial),
             BlobPart::Base | BlobPart::IndexPage(_) => self.arrived.push_back((id, bytes)),
             BlobPart::Texture { .. } => {
                 self.cache.insert(id, bytes);
@@ -77,14 +70,14 @@ impl ClientCore {
         let Some(terrain) = self.scene.terrain.as_mut().filter(|t| t.state(blob) != State::Applied) else {
             return;
         };
-        let taken = if whole { terrain.take(blob, bytes) } else { Err(TerrainBlobError::Partial) };
+        let taken = if whole { terrain.take(blob, bytes) } else { Err(HeightOverrideBlobError::Partial) };
         if !track {
             terrain.drop_changes();
         }
         match taken {
             Ok(()) => self.failures.forget(id),
-            Err(why @ TerrainBlobError::BeyondWorld { .. }) => self.end_session(now, &why),
-            Err(why) => self.failed(now, id, &why),
+            Err(why @ HeightOverrideBlobError::BeyondWorld { .. }) => self.end_session(now, &why),
+            Err(why) => self.failed(now, id, &why.into()),
         }
     }
 
@@ -107,7 +100,7 @@ impl ClientCore {
                     self.scene.push_change(Change::PunctualLightPage { page, punctual_lights });
                 }
             }
-            Err(why) => self.failed(now, id, &why),
+            Err(why) => self.failed(now, id, &why.into()),
         }
     }
 
@@ -116,7 +109,7 @@ impl ClientCore {
     pub(super) fn trim_cache(&mut self, now: Time) {
         let needed = |id: BlobId| {
             matches!(self.scene.state(id), State::Cached | State::InFlight)
-                && self.wanted.iter().any(|wanted| wanted.id == id)
+                && self.selection.wanted.iter().any(|wanted| wanted.id == id)
         };
         let gone = self.cache.trim(needed);
         self.dropped(now, &gone);
@@ -151,7 +144,7 @@ impl ClientCore {
                 self.failures.forget(id);
                 self.find_textures(now, levels);
             }
-            Err(why) => self.failed(now, id, &why),
+            Err(why) => self.failed(now, id, &why.into()),
         }
     }
 
@@ -161,20 +154,29 @@ impl ClientCore {
             return;
         }
         let first = page.saturating_mul(CHUNKS_PER_PAGE as u32);
-        let added = decode_stated_page(bytes, first).map_err(|why| why.to_string()).and_then(|infos| {
-            let count = infos.chunks.len();
-            let state = self.scene.states.get_mut(asset as usize).ok_or("no such asset")?;
-            state.add_index_page(page, infos).map_err(|why| why.to_string())?;
-            Ok(count)
-        });
-        match added {
+        match self.add_index_page(asset, page, first, bytes) {
             Ok(count) => {
                 self.failures.forget(id);
                 let chunks = (first..).take(count).map(|chunk| BlobId::chunk(asset, chunk));
                 self.find_in_cache(chunks.collect());
             }
-            Err(why) => self.failed(now, id, &why),
+            Err(why) => self.failed(now, id, &why.into()),
         }
+    }
+
+    /// Decodes an index page and makes its chunks known; gives their number. `first` is the first chunk's id.
+    fn add_index_page(
+        &mut self,
+        asset: u32,
+        page: u32,
+        first: u32,
+        bytes: &[u8],
+    ) -> Result<usize, BlobError> {
+        let index = decode_stated_page(bytes, first)?;
+        let count = index.chunks.len();
+        let state = self.scene.states.get_mut(asset as usize).ok_or(BlobError::UnknownAsset)?;
+        state.add_index_page(page, index)?;
+        Ok(count)
     }
 
     /// Levels of textures that an asset has which became known: where others have the same, they may be here or on
@@ -185,7 +187,7 @@ impl ClientCore {
                 self.set_state(id, State::InFlight);
             } else if !self.cache.contains(id)
                 && self.scene.shared.same(id).any(|id| self.is_painted(id))
-                && let Some(session) = &mut self.session
+                && let Some(session) = &mut self.connection.session
             {
                 // It was here, and will be needed again.
                 session.evicted(now, &[id]);
@@ -206,132 +208,5 @@ impl ClientCore {
                 self.sync_held(id);
             }
         }
-    }
-
-    /// Puts a chunk or texture level to use whose bytes are here, if all it needs is in place. Gives the
-    /// length of what was decoded, or `None` if it has to wait.
-    pub(super) fn apply_cached(&mut self, now: Time, wanted: &Wanted) -> Option<u64> {
-        let Wanted { id, truncation, error_px, .. } = *wanted;
-        if !self.is_ready(id) {
-            return None;
-        }
-        let Some(bytes) = self.cache.get(id) else {
-            self.not_here(now, id);
-            return Some(0);
-        };
-        let length = bytes.len() as u64;
-        let applied = match id {
-            BlobId::Asset { asset, part: BlobPart::Chunk(chunk) } => {
-                self.apply_chunk(asset, chunk, truncation, &bytes, error_px)
-            }
-            BlobId::Asset { part: BlobPart::Texture { level, .. }, .. } => {
-                self.apply_texture(id, level, &bytes)
-            }
-            // Used as they arrive.
-            BlobId::Asset { part: BlobPart::Base | BlobPart::IndexPage(_), .. }
-            | BlobId::Terrain(_)
-            | BlobId::PunctualLights(_) => Ok(()),
-        };
-        self.note_applied(now, wanted, applied);
-        Some(length)
-    }
-
-    /// Notes what became of a blob that was to be used.
-    pub(super) fn note_applied(&mut self, now: Time, wanted: &Wanted, applied: Result<(), String>) {
-        let Wanted { id, truncation, .. } = *wanted;
-        match applied {
-            Ok(()) => {
-                self.failures.forget(id);
-                self.set_applied(id, truncation);
-                if let Some((asset, BlobPart::Chunk(chunk))) = self.scene.asset(id)
-                    && let Some(info) = asset.chunk(chunk)
-                {
-                    self.counts.decoded_faces += u64::from(info.extent(truncation).faces);
-                }
-            }
-            Err(why) => {
-                // What was there of it up to a truncation was undone.
-                self.set_truncation(id, None);
-                self.failed(now, id, &why);
-            }
-        }
-    }
-
-    pub(super) fn is_ready(&self, id: BlobId) -> bool {
-        let Some((asset, part)) = self.scene.asset(id) else { return false };
-        match part {
-            BlobPart::Chunk(chunk) => {
-                let is_applied = |part| asset.state(part) == State::Applied;
-                asset.chunk(chunk).is_some_and(|info| {
-                    is_applied(BlobPart::Base) && info.parents.iter().all(|p| is_applied(BlobPart::Chunk(*p)))
-                })
-            }
-            BlobPart::Texture { .. } => self.scene.waiting_bytes() < self.config.max_waiting_bytes,
-            BlobPart::Base | BlobPart::IndexPage(_) => false,
-        }
-    }
-
-    fn apply_chunk(
-        &mut self,
-        asset: u32,
-        chunk: u32,
-        truncation: Option<u8>,
-        bytes: &[u8],
-        error_px: u16,
-    ) -> Result<(), String> {
-        self.scene.note_changed(asset);
-        let info = self.scene.states.get(asset as usize).and_then(|state| state.chunk(chunk));
-        let refined = self.scene.refined.get_mut(asset as usize).and_then(Option::as_mut);
-        let (Some(info), Some(refined)) = (info, refined) else { return Err("no such chunk".into()) };
-        Self::check_length(info, truncation, bytes)?;
-        refined.apply(chunk, info, truncation, bytes).map_err(|why| why.to_string())?;
-        Self::appear(refined, chunk, error_px);
-        Ok(())
-    }
-
-    /// Whether there are as many bytes of a chunk as a truncation takes, and not more than there are in all.
-    pub(super) fn check_length(info: &ChunkInfo, truncation: Option<u8>, bytes: &[u8]) -> Result<(), String> {
-        let needed = info.extent(truncation).payload_bytes as usize;
-        if bytes.len() < needed || bytes.len() > info.payload_bytes as usize {
-            return Err(format!("{} bytes, but the index says {needed}", bytes.len()));
-        }
-        Ok(())
-    }
-
-    /// Lets a chunk that was just applied appear, by what its absence showed.
-    pub(super) fn appear(refined: &mut RefinedAsset, chunk: u32, error_px: u16) {
-        if error_px > MAX_MORPH_PX {
-            refined.appear_at_once(chunk);
-        }
-    }
-
-    /// Paints all that have the texture and are known. What is the same for all is decoded once.
-    fn apply_texture(&mut self, id: BlobId, level: u8, bytes: &[u8]) -> Result<(), String> {
-        let unpainted = self.scene.unpainted(id);
-        if unpainted.is_empty() {
-            return Err("no such texture".into());
-        }
-        let texels = |info: &TextureInfo| (info.kind, info.width, info.height, info.levels.len());
-        let mut decoded: Vec<(_, Arc<TexturePixels>)> = Vec::new();
-        let mut changes = Vec::new();
-        for (asset, texture) in unpainted.into_iter().filter(|_| self.config.track_changes) {
-            let refined = self.scene.refined.get(asset as usize).and_then(Option::as_ref);
-            let info = refined.and_then(|r| r.description.textures.get(usize::from(texture)));
-            let info = info.ok_or("no such texture")?;
-            let pixels = match decoded.iter().find(|(other, _)| *other == texels(info)) {
-                Some((_, pixels)) => Arc::clone(pixels),
-                None => {
-                    let pixels = TexturePixels::decode(bytes, info, u32::from(level));
-                    Arc::new(pixels.map_err(|why| why.to_string())?)
-                }
-            };
-            decoded.push((texels(info), Arc::clone(&pixels)));
-            changes.push(TextureChange { asset, texture, level, pixels });
-        }
-        for change in changes {
-            self.scene.push_change(Change::Texture(change));
-        }
-        self.counts.texture_levels += 1;
-        Ok(())
     }
 }

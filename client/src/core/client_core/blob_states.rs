@@ -10,6 +10,7 @@ use lodestream_scene::blob::{BlobId, BlobPart};
 use lodestream_select::State;
 
 use super::ClientCore;
+use super::blob_error::BlobError;
 
 impl ClientCore {
     pub(in crate::core) fn set_state(&mut self, id: BlobId, state: State) {
@@ -58,7 +59,7 @@ impl ClientCore {
         self.cache.remove(id);
         self.sync_held(id);
         self.set_state(id, State::Absent);
-        if let Some(session) = &mut self.session {
+        if let Some(session) = &mut self.connection.session {
             session.evicted(now, &[id]);
         }
     }
@@ -72,19 +73,19 @@ impl ClientCore {
     }
 
     /// A blob cannot be used: it is asked for again a few times, ever more slowly.
-    pub(in crate::core) fn failed(&mut self, now: Time, id: BlobId, why: &dyn std::fmt::Display) {
+    pub(super) fn failed(&mut self, now: Time, id: BlobId, why: &BlobError) {
         self.counts.decode_failures += 1;
         let again = self.failures.damaged(now, id);
         tracing::warn!("{id} cannot be used{}: {why}", if again { ", asking again" } else { "" });
         self.not_here(now, id);
         self.set_state(id, State::Failed);
-        self.stale = true;
+        self.selection.stale = true;
     }
 
     /// The server says what cannot be: asking again does not help.
     pub(in crate::core) fn end_session(&mut self, now: Time, why: &dyn std::fmt::Display) {
         tracing::warn!("the session cannot go on: {why}");
-        if let Some(session) = &mut self.session {
+        if let Some(session) = &mut self.connection.session {
             session.close(now, CloseCode::Protocol, &why.to_string());
         }
     }
@@ -101,7 +102,7 @@ impl ClientCore {
         }
         let gone: Vec<BlobId> = gone.iter().copied().filter(|id| self.state(*id) == State::Absent).collect();
         if !gone.is_empty()
-            && let Some(session) = &mut self.session
+            && let Some(session) = &mut self.connection.session
         {
             session.evicted(now, &gone);
         }

@@ -21,7 +21,7 @@ const MAX_EARLY_BLOBS: usize = 256;
 
 impl ClientCore {
     pub(super) fn drain(&mut self, now: Time) {
-        while let Some(event) = self.session.as_mut().and_then(ClientSession::poll_event) {
+        while let Some(event) = self.connection.session.as_mut().and_then(ClientSession::poll_event) {
             match event {
                 ClientEvent::Connected(welcome) => self.welcomed(now, welcome),
                 ClientEvent::ScenePage(page) => match self.scene.add_page(page, self.config.max_entries) {
@@ -49,19 +49,19 @@ impl ClientCore {
                         self.arrive(now, arrived);
                     } else if self.early.len() < MAX_EARLY_BLOBS {
                         self.early.push(arrived);
-                    } else if let Some(session) = &mut self.session {
+                    } else if let Some(session) = &mut self.connection.session {
                         session.evicted(now, &[id]);
                     }
                 }
                 ClientEvent::Refused { id, reason } => self.refused(now, id, reason),
-                ClientEvent::BasesSent => self.bases_sent = true,
+                ClientEvent::BasesSent => self.connection.bases_sent = true,
                 ClientEvent::Done => {}
                 ClientEvent::Closed(close) => {
                     tracing::debug!("session closed: {close}");
-                    self.closed = Some(close);
+                    self.connection.closed = Some(close);
                 }
             }
-            self.stale = true;
+            self.selection.stale = true;
         }
     }
 
@@ -72,8 +72,8 @@ impl ClientCore {
             self.scene = Scene::new(header.clone());
             self.cache = BlobCache::new(self.config.cache_bytes);
             self.failures = Failures::default();
-            self.wanted.clear();
-            self.failed.clear();
+            self.selection.wanted.clear();
+            self.selection.failed.clear();
             // What has arrived and was not looked at yet is the old scene's: the session tells of nothing before this.
             self.arrived.clear();
         }
@@ -82,7 +82,7 @@ impl ClientCore {
         {
             self.set_view(now, header.camera.view(viewport_px, target_px));
         }
-        self.welcome = Some(welcome);
+        self.connection.welcome = Some(welcome);
     }
 
     /// The scene has punctual lights. Of a scene that is here already nothing new is said.

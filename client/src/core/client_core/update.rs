@@ -5,14 +5,46 @@ use std::time::Duration;
 use lodestream_protocol::time::Time;
 use lodestream_scene::blob::{BlobId, BlobPart};
 use lodestream_scene::description::Light;
-use lodestream_select::State;
+use lodestream_select::{Selector, State, Wanted};
 
-use super::decoding::BLOB_COST;
+use super::apply::BLOB_COST;
 use super::{ClientCore, Progress};
 use crate::core::milestones::is_drawable;
 
-/// Round trip while none has been measured.
+/// Round trip assumed until one is measured.
 const USUAL_ROUND_TRIP: Duration = Duration::from_millis(100);
+
+/// The last selection, and what has happened since.
+#[derive(Debug)]
+pub(in crate::core) struct SelectionState {
+    pub(super) selector: Selector,
+    /// Blobs wanted by the last selection, most urgent first; their states are kept up to date.
+    pub(in crate::core) wanted: Vec<Wanted>,
+    /// Blobs that the view needs and that failed, as of the last selection.
+    pub(super) failed: Vec<BlobId>,
+    /// Whether anything has changed that the last selection did not take into account.
+    pub(super) stale: bool,
+    /// Whether all height overrides that the view needs have arrived or failed.
+    pub(super) terrain_settled: bool,
+    /// Whether all punctual lights that the view needs have arrived or failed.
+    pub(super) punctual_lights_settled: bool,
+    /// Time of the last selection.
+    selected_at: Option<Time>,
+}
+
+impl SelectionState {
+    pub(super) const fn new(selector: Selector) -> Self {
+        Self {
+            selector,
+            wanted: Vec::new(),
+            failed: Vec::new(),
+            stale: false,
+            terrain_settled: true,
+            punctual_lights_settled: true,
+            selected_at: None,
+        }
+    }
+}
 
 impl ClientCore {
     /// Selects, decodes, applies and undoes, within a budget of about `budget_bytes` of payload.
@@ -25,13 +57,13 @@ impl ClientCore {
             budget = budget.saturating_sub(BLOB_COST + bytes.len() as u64);
             self.take(now, id, &bytes);
             // A selection may have come between: what a slice of the budget left over is news to it.
-            self.stale = true;
+            self.selection.stale = true;
         }
-        if self.stale && (now >= self.next_selection() || self.first_frame_may_be_now()) {
+        if self.selection.stale && (now >= self.next_selection() || self.first_frame_may_be_now()) {
             self.select(now);
         }
         budget = self.use_cached(now, budget);
-        if budget < before && self.session.is_some() {
+        if budget < before && self.connection.session.is_some() {
             self.ask(now, &[]);
         }
         if budget == 0 { Progress::More } else { Progress::Idle }
@@ -43,7 +75,7 @@ impl ClientCore {
     }
 
     pub(super) fn next_selection(&self) -> Time {
-        self.selected.map_or(Time::ZERO, |at| at + self.config.select_interval)
+        self.selection.selected_at.map_or(Time::ZERO, |at| at + self.config.select_interval)
     }
 
     fn select(&mut self, now: Time) {
@@ -51,31 +83,33 @@ impl ClientCore {
         if self.scene.header.is_none() {
             return;
         }
-        self.stale = false;
-        self.selected = Some(now);
+        self.selection.stale = false;
+        self.selection.selected_at = Some(now);
         self.counts.selections += 1;
         self.scene.renew_occluders();
         self.scene.renew_tree();
-        let round_trip = self.session.as_ref().and_then(|session| session.stats().rtt);
-        self.selector.set_way(self.motion.way(now, round_trip.unwrap_or(USUAL_ROUND_TRIP)));
+        let round_trip = self.connection.session.as_ref().and_then(|session| session.stats().rtt);
+        self.selection.selector.set_way(self.motion.way(now, round_trip.unwrap_or(USUAL_ROUND_TRIP)));
         let light = self.scene.header.as_ref().map(|header| header.light);
         let shines = |light: &Light| light.color.iter().any(|&part| part > 0.0);
-        self.selector.set_to_sun(light.filter(shines).map(|light| light.direction));
-        let selection = self.selector.select_among(&view, self.scene.instances(), &self.scene.states);
+        self.selection.selector.set_to_sun(light.filter(shines).map(|light| light.direction));
+        let selection =
+            self.selection.selector.select_among(&view, self.scene.instances(), &self.scene.states);
         let (counters, cancel, undo) = (selection.counters, selection.cancel.clone(), selection.undo.clone());
-        self.wanted.clone_from(&selection.wanted);
-        self.failed.clone_from(&selection.failed);
+        self.selection.wanted.clone_from(&selection.wanted);
+        self.selection.failed.clone_from(&selection.failed);
         let terrain = self.scene.terrain.as_ref();
-        self.terrain_settled =
-            terrain.is_none_or(|terrain| terrain.want(&view, &mut self.wanted, &mut self.failed));
-        self.punctual_lights_settled = match (&self.scene.punctual_lights, &self.scene.header) {
+        self.selection.terrain_settled = terrain.is_none_or(|terrain| {
+            terrain.want(&view, &mut self.selection.wanted, &mut self.selection.failed)
+        });
+        self.selection.punctual_lights_settled = match (&self.scene.punctual_lights, &self.scene.header) {
             (Some(punctual_lights), Some(header)) => {
-                punctual_lights.want(&view, header, &mut self.wanted, &mut self.failed)
+                punctual_lights.want(&view, header, &mut self.selection.wanted, &mut self.selection.failed)
             }
             _ => true,
         };
-        let all_known = self.scene.is_complete() || self.bases_sent;
-        let started = self.started.unwrap_or(now);
+        let all_known = self.scene.is_complete() || self.connection.bases_sent;
+        let started = self.connection.started.unwrap_or(now);
         self.milestones.note(started, now, self.received_bytes(), all_known, &counters);
         if self.config.track_changes && is_drawable(all_known, &counters) {
             self.scene.note_first_frame();
@@ -92,9 +126,9 @@ impl ClientCore {
 
     /// Asks for what is wanted and not here.
     fn ask(&mut self, now: Time, cancel: &[BlobId]) {
-        (0..self.wanted.len()).for_each(|index| self.refresh(index));
-        let Some(session) = &mut self.session else { return };
-        let asked = session.set_wanted(now, &self.wanted, cancel);
+        (0..self.selection.wanted.len()).for_each(|index| self.refresh(index));
+        let Some(session) = &mut self.connection.session else { return };
+        let asked = session.set_wanted(now, &self.selection.wanted, cancel);
         for &id in cancel {
             if self.state(id) == State::InFlight {
                 self.set_state(id, State::Absent);
@@ -107,7 +141,7 @@ impl ClientCore {
 
     /// Brings an entry of the last selection's list up to date.
     pub(super) fn refresh(&mut self, index: usize) {
-        let wanted = &mut self.wanted[index];
+        let wanted = &mut self.selection.wanted[index];
         if let (BlobId::Terrain(blob), Some(terrain)) = (wanted.id, &self.scene.terrain) {
             wanted.state = terrain.state(blob);
         } else if let (BlobId::PunctualLights(blob), Some(punctual_lights)) =
@@ -128,7 +162,7 @@ impl ClientCore {
         match refined.undo(chunk) {
             Ok(()) => {
                 self.counts.undone += 1;
-                self.stale = true;
+                self.selection.stale = true;
                 // The rest of a chunk that was there up to a truncation may be under way.
                 let in_flight = self.state(id) == State::InFlight;
                 self.set_truncation(id, None);
