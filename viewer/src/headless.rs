@@ -11,8 +11,8 @@ use lodestream_render::{Counters, Frame, Gpu, Headless, SceneView};
 use crate::args::Args;
 use crate::files::write_png;
 use crate::frames::Shown;
-use crate::outcome::{Outcome, lacks};
-use crate::run::{core_config, server, settings, tell_figures};
+use crate::outcome::{Outcome, describe_end, describe_missing};
+use crate::run::{core_config, server, settings, write_statistics};
 use crate::{signals, token};
 
 /// Time until a run without `--timeout` ends.
@@ -78,14 +78,14 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
             shown.note(clock.now().into(), true, &counters, (&status.stats).into());
         }
         if let Some(end) = &status.end {
-            bail!("{end}");
+            bail!("{}", describe_end(end));
         }
         if status.settled {
             break status;
         }
         // What is refused may come once the server's disk is mended, but a picture is not held up for that.
         if status.stats.lacking_blobs > 0 {
-            tracing::warn!("{}", lacks(status.stats.lacking_blobs, &status.stats.lacking));
+            tracing::warn!("{}", describe_missing(status.stats.lacking_blobs, &status.stats.lacking));
             outcome = Outcome::Incomplete;
             break status;
         }
@@ -109,7 +109,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         }
         if let Ok(Event::End(signal)) = events.recv_timeout(left.min(Duration::from_millis(100))) {
             shown.note_times(headless.timings());
-            tell_figures(args, &status.stats, &shown)?;
+            write_statistics(args, &status.stats, &shown)?;
             tracing::warn!("interrupted: no picture was written");
             return Ok(Outcome::Interrupted(signal));
         }
@@ -122,7 +122,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     if status.settled {
         shown.note_settled(clock.now().into());
     }
-    tell_figures(args, &status.stats, &shown)?;
+    write_statistics(args, &status.stats, &shown)?;
     Ok(outcome)
 }
 

@@ -12,7 +12,7 @@ use super::running::Running;
 use super::state::State;
 use crate::args::Args;
 use crate::outcome::Outcome;
-use crate::run::tell_figures;
+use crate::run::write_statistics;
 
 /// What comes from other threads.
 #[derive(Clone, Copy, Debug)]
@@ -45,7 +45,7 @@ impl App {
         }
         if let Some(mut running) = self.running {
             running.shown.note_times(running.painter.renderer.timings());
-            tell_figures(&self.args, &running.status.status().stats, &running.shown)?;
+            write_statistics(&self.args, &running.status.status().stats, &running.shown)?;
             if let Some(folder) = &self.args.frames {
                 running.capture.write(&running.painter.gpu, folder, running.state != State::Refining)?;
             }

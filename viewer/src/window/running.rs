@@ -26,7 +26,7 @@ use super::state::{Drawn, State};
 use super::steps::{self, Steps};
 use crate::args::Args;
 use crate::frames::{Received, Shown};
-use crate::outcome::lacks;
+use crate::outcome::describe_missing;
 use crate::run::{core_config, server, settings};
 use crate::token;
 
@@ -322,7 +322,7 @@ impl Running {
             State::Settled => self.shown.note_settled(self.streaming.clock().now().into()),
             State::Incomplete if !self.told_incomplete => {
                 self.told_incomplete = true;
-                tracing::warn!("{}", lacks(stats.lacking_blobs, &stats.lacking));
+                tracing::warn!("{}", describe_missing(stats.lacking_blobs, &stats.lacking));
             }
             State::Incomplete | State::Refining => {}
         }

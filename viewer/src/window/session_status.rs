@@ -5,6 +5,8 @@ use std::borrow::Cow;
 use lodestream_client::net::End;
 use lodestream_client::streaming::Status;
 
+use crate::outcome::describe_end;
+
 /// The newest status.
 #[derive(Debug, Default)]
 pub(super) struct SessionStatus {
@@ -40,8 +42,8 @@ impl SessionStatus {
     /// is a scene.
     pub(super) fn fatal(&self, has_scene: bool) -> Option<String> {
         match &self.status.end {
-            Some(end @ End::Unreachable { .. }) => Some(end.to_string()),
-            Some(end @ End::Closed(_)) if !has_scene => Some(end.to_string()),
+            Some(end @ End::Unreachable { .. }) => Some(describe_end(end)),
+            Some(end @ End::Closed(_)) if !has_scene => Some(describe_end(end)),
             Some(End::Closed(_) | End::Left) | None => None,
         }
     }

@@ -5,7 +5,7 @@ use std::time::Duration;
 use lodestream_client::core::{Milestone, Stats};
 use lodestream_render::{Counters, Timings};
 
-use crate::outcome::lacks;
+use crate::outcome::describe_missing;
 use crate::window::state::State;
 
 /// What is shown and not part of [`Stats`].
@@ -43,7 +43,7 @@ pub(super) fn rows(stats: &Stats, facts: &Facts<'_>) -> Vec<(&'static str, Strin
     let state = match facts.state {
         State::Settled => "settled".to_owned(),
         State::Refining => "refining".to_owned(),
-        State::Incomplete => lacks(stats.lacking_blobs, &stats.lacking),
+        State::Incomplete => describe_missing(stats.lacking_blobs, &stats.lacking),
     };
     vec![
         ("scene", format!("{} ({}/{} instances)", stats.scene, stats.instances, stats.scene_instances)),
