@@ -143,7 +143,7 @@ impl ClientCore {
         let Wanted { id, truncation, .. } = *wanted;
         match applied {
             Ok(()) => {
-                self.failures.forget(id);
+                self.failures.clear(id);
                 self.set_applied(id, truncation);
                 if let Some((asset, BlobPart::Chunk(chunk))) = self.scene.asset(id)
                     && let Some(info) = asset.chunk(chunk)

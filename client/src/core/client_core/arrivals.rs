@@ -75,7 +75,7 @@ impl ClientCore {
             terrain.drop_changes();
         }
         match taken {
-            Ok(()) => self.failures.forget(id),
+            Ok(()) => self.failures.clear(id),
             Err(why @ HeightOverrideBlobError::BeyondWorld { .. }) => self.end_session(now, &why),
             Err(why) => self.failed(now, id, &why.into()),
         }
@@ -95,7 +95,7 @@ impl ClientCore {
         };
         match if whole { punctual_lights.take(blob, bytes) } else { Err(PunctualLightBlobError::Partial) } {
             Ok(came) => {
-                self.failures.forget(id);
+                self.failures.clear(id);
                 if let Some((page, punctual_lights)) = came.filter(|_| self.config.track_changes) {
                     self.scene.push_change(Change::PunctualLightPage { page, punctual_lights });
                 }
@@ -141,7 +141,7 @@ impl ClientCore {
                 if !self.config.track_changes {
                     self.scene.drop_changes();
                 }
-                self.failures.forget(id);
+                self.failures.clear(id);
                 self.find_textures(now, levels);
             }
             Err(why) => self.failed(now, id, &why.into()),
@@ -156,7 +156,7 @@ impl ClientCore {
         let first = page.saturating_mul(CHUNKS_PER_PAGE as u32);
         match self.add_index_page(asset, page, first, bytes) {
             Ok(count) => {
-                self.failures.forget(id);
+                self.failures.clear(id);
                 let chunks = (first..).take(count).map(|chunk| BlobId::chunk(asset, chunk));
                 self.find_in_cache(chunks.collect());
             }

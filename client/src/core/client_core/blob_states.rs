@@ -75,7 +75,7 @@ impl ClientCore {
     /// A blob cannot be used: it is asked for again a few times, ever more slowly.
     pub(super) fn failed(&mut self, now: Time, id: BlobId, why: &BlobError) {
         self.counts.decode_failures += 1;
-        let again = self.failures.damaged(now, id);
+        let again = self.failures.record_damaged(now, id);
         tracing::warn!("{id} cannot be used{}: {why}", if again { ", asking again" } else { "" });
         self.not_here(now, id);
         self.set_state(id, State::Failed);

@@ -131,7 +131,7 @@ impl ClientCore {
         if self.view == Some(view) || view.check().is_err() {
             return;
         }
-        self.motion.moved(now, self.view.map(|view| view.eye), view.eye);
+        self.motion.record_move(now, self.view.map(|view| view.eye), view.eye);
         self.view = Some(view);
         self.selection.stale = true;
         if let Some(session) = &mut self.connection.session {

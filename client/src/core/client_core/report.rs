@@ -30,7 +30,7 @@ impl ClientCore {
     }
 
     fn lacking(&self) -> impl Iterator<Item = BlobId> {
-        self.selection.failed.iter().copied().filter(|id| self.failures.is_lacking(*id))
+        self.selection.failed.iter().copied().filter(|id| self.failures.is_missing(*id))
     }
 
     fn nothing_under_way(&self) -> bool {
@@ -40,7 +40,7 @@ impl ClientCore {
             && self.selection.terrain_settled
             && self.selection.punctual_lights_settled
             && self.arrived.is_empty()
-            && !self.selection.failed.iter().any(|id| self.failures.is_hopeful(*id))
+            && !self.selection.failed.iter().any(|id| self.failures.is_retrying(*id))
     }
 
     /// Counters of the last selection.

@@ -124,7 +124,7 @@ impl ClientCore {
             session.handle_timeout(now);
             self.drain(now);
         }
-        for id in self.failures.due(now) {
+        for id in self.failures.take_due(now) {
             self.set_state(id, State::Absent);
             self.selection.stale = true;
         }
@@ -135,7 +135,7 @@ impl ClientCore {
     pub fn poll_timeout(&self) -> Option<Time> {
         let session = self.connection.session.as_ref().and_then(ClientSession::poll_timeout);
         let select = (self.selection.stale && self.view.is_some()).then(|| self.next_selection());
-        [session, self.failures.next(), select].into_iter().flatten().min()
+        [session, self.failures.next_retry(), select].into_iter().flatten().min()
     }
 
     /// The next message to send. Call until `None`, while the transport can take it.

@@ -111,7 +111,7 @@ impl ClientCore {
         match reason {
             RefusedReason::QueueFull => self.set_state(id, State::Absent),
             RefusedReason::Unreadable => {
-                self.failures.refused(now, id);
+                self.failures.record_refused(now, id);
                 self.set_state(id, State::Failed);
             }
             RefusedReason::NotFound | RefusedReason::TooLong | RefusedReason::OutOfRange => {

@@ -89,7 +89,9 @@ impl ClientCore {
         self.scene.renew_occluders();
         self.scene.renew_tree();
         let round_trip = self.connection.session.as_ref().and_then(|session| session.stats().rtt);
-        self.selection.selector.set_way(self.motion.way(now, round_trip.unwrap_or(USUAL_ROUND_TRIP)));
+        self.selection
+            .selector
+            .set_way(self.motion.distance_within(now, round_trip.unwrap_or(USUAL_ROUND_TRIP)));
         let light = self.scene.header.as_ref().map(|header| header.light);
         let shines = |light: &Light| light.color.iter().any(|&part| part > 0.0);
         self.selection.selector.set_to_sun(light.filter(shines).map(|light| light.direction));
