@@ -105,7 +105,7 @@ pub(super) async fn stream_to<H: Host>(
     report: impl FnMut(&mut H, Option<String>),
 ) -> End {
     if !server.address.scene.is_empty() {
-        host.core().ask_for(&server.address.scene);
+        host.core().set_scene_name(&server.address.scene);
     }
     let sockets = Sockets { server, resolver, memory: ConnectionMemory::default() };
     stream_with(sockets, host, clock, retry, report).await

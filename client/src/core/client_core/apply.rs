@@ -21,11 +21,11 @@ use crate::core::texture_file::TexturePixels;
 /// Screen error above which a chunk appears at once instead of morphing, in pixels: it shows what was missing.
 const MAX_MORPH_PX: u16 = 8;
 
-/// Cost of handling a blob, beside its bytes, in units of [`ClientCore::update`]'s budget.
+/// Cost of handling a blob besides its bytes, in units of [`ClientCore::update`]'s budget.
 pub(super) const BLOB_COST: u64 = 256;
 
 /// A chunk that can be decoded now.
-struct Ready {
+struct DecodeTask {
     wanted: Wanted,
     asset: u32,
     chunk: u32,
@@ -33,8 +33,8 @@ struct Ready {
 }
 
 impl ClientCore {
-    /// Uses what is wanted and here, as far as the budget goes; answers what is left of it.
-    pub(super) fn use_cached(&mut self, now: Time, mut budget: u64) -> u64 {
+    /// Decodes and applies wanted blobs that are cached, within a budget; returns the rest of the budget.
+    pub(super) fn apply_wanted(&mut self, now: Time, mut budget: u64) -> u64 {
         let mut index = 0;
         while index < self.selection.wanted.len() && budget > 0 {
             let batch = self.next_batch(&mut index, &mut budget);
@@ -57,10 +57,10 @@ impl ClientCore {
         budget
     }
 
-    /// The next chunks that can be decoded whatever becomes of one another. Stops, with `index` there, where something
-    /// else is to be done first; if the batch is empty, it is what stands there.
-    fn next_batch(&mut self, index: &mut usize, budget: &mut u64) -> Vec<Ready> {
-        let mut batch: Vec<Ready> = Vec::new();
+    /// The next chunks that can be decoded independently of each other. Stops, with `index` at it, before a blob that must
+    /// be handled by itself or after this batch.
+    fn next_batch(&mut self, index: &mut usize, budget: &mut u64) -> Vec<DecodeTask> {
+        let mut batch: Vec<DecodeTask> = Vec::new();
         while *index < self.selection.wanted.len()
             && *budget > 0
             && batch.len() < self.config.decoders.batch()
@@ -71,10 +71,10 @@ impl ClientCore {
                 let BlobId::Asset { asset, part: BlobPart::Chunk(chunk) } = wanted.id else { break };
                 let parents = self.scene.states.get(asset as usize).and_then(|state| state.chunk(chunk));
                 let parents = parents.map_or(&[][..], |info| &info.parents);
-                let waits = |ready: &Ready| {
+                let waits = |ready: &DecodeTask| {
                     ready.asset == asset && (ready.chunk == chunk || parents.contains(&ready.chunk))
                 };
-                // What is there up to a truncation is undone first: that is done by itself.
+                // A chunk that is applied up to a truncation point is raised by itself.
                 let raised = self.mesh(asset).is_some_and(|mesh| mesh.is_applied(chunk));
                 if raised || batch.iter().any(waits) {
                     break;
@@ -82,7 +82,7 @@ impl ClientCore {
                 if self.is_ready(wanted.id) {
                     let Some(bytes) = self.cache.get(wanted.id) else { break };
                     *budget = budget.saturating_sub(BLOB_COST + bytes.len() as u64);
-                    batch.push(Ready { wanted, asset, chunk, bytes });
+                    batch.push(DecodeTask { wanted, asset, chunk, bytes });
                 }
             }
             *index += 1;
@@ -90,8 +90,8 @@ impl ClientCore {
         batch
     }
 
-    fn decode(&self, ready: &Ready) -> Result<ChunkDelta, BlobError> {
-        let &Ready { wanted: Wanted { truncation, .. }, asset, chunk, ref bytes } = ready;
+    fn decode(&self, ready: &DecodeTask) -> Result<ChunkDelta, BlobError> {
+        let &DecodeTask { wanted: Wanted { truncation, .. }, asset, chunk, ref bytes } = ready;
         let info = self.scene.states.get(asset as usize).and_then(|state| state.chunk(chunk));
         let refined = self.scene.refined.get(asset as usize).and_then(Option::as_ref);
         let (Some(info), Some(refined)) = (info, refined) else { return Err(BlobError::UnknownChunk) };
@@ -99,26 +99,26 @@ impl ClientCore {
         Ok(refined.decode_chunk(chunk, info, truncation, bytes).map_err(AssetError::from)?)
     }
 
-    fn apply_decoded(&mut self, ready: &Ready, delta: &ChunkDelta) -> Result<(), BlobError> {
+    fn apply_decoded(&mut self, ready: &DecodeTask, delta: &ChunkDelta) -> Result<(), BlobError> {
         let level = self.scene.states.get(ready.asset as usize).and_then(|state| state.chunk(ready.chunk));
         let level = level.map_or(0, |info| info.level);
         self.scene.note_changed(ready.asset);
         let refined = self.scene.refined.get_mut(ready.asset as usize).and_then(Option::as_mut);
         let refined = refined.ok_or(BlobError::UnknownAsset)?;
         refined.apply_decoded(level, delta).map_err(AssetError::from)?;
-        Self::appear(refined, ready.chunk, ready.wanted.error_px);
+        Self::set_appearance(refined, ready.chunk, ready.wanted.error_px);
         Ok(())
     }
 
-    /// Puts a chunk or texture level to use whose bytes are here, if all it needs is in place. Gives the
-    /// length of what was decoded, or `None` if it has to wait.
+    /// Applies a cached chunk or texture level if everything that it depends on is applied. Returns the number of bytes
+    /// decoded, or `None` if it has to wait.
     fn apply_cached(&mut self, now: Time, wanted: &Wanted) -> Option<u64> {
         let Wanted { id, truncation, error_px, .. } = *wanted;
         if !self.is_ready(id) {
             return None;
         }
         let Some(bytes) = self.cache.get(id) else {
-            self.not_here(now, id);
+            self.mark_absent(now, id);
             return Some(0);
         };
         let length = bytes.len() as u64;
@@ -129,7 +129,7 @@ impl ClientCore {
             BlobId::Asset { part: BlobPart::Texture { level, .. }, .. } => {
                 self.apply_texture(id, level, &bytes)
             }
-            // Used as they arrive.
+            // Decoded when they arrive.
             BlobId::Asset { part: BlobPart::Base | BlobPart::IndexPage(_), .. }
             | BlobId::Terrain(_)
             | BlobId::PunctualLights(_) => Ok(()),
@@ -138,7 +138,7 @@ impl ClientCore {
         Some(length)
     }
 
-    /// Notes what became of a blob that was to be used.
+    /// Updates state and counters after an attempt to apply a blob.
     fn note_applied(&mut self, now: Time, wanted: &Wanted, applied: Result<(), BlobError>) {
         let Wanted { id, truncation, .. } = *wanted;
         match applied {
@@ -152,9 +152,9 @@ impl ClientCore {
                 }
             }
             Err(why) => {
-                // What was there of it up to a truncation was undone.
+                // Its beginning, if it was applied, has been undone.
                 self.set_truncation(id, None);
-                self.failed(now, id, &why);
+                self.mark_failed(now, id, &why);
             }
         }
     }
@@ -187,11 +187,11 @@ impl ClientCore {
         let (Some(info), Some(refined)) = (info, refined) else { return Err(BlobError::UnknownChunk) };
         Self::check_length(info, truncation, bytes)?;
         refined.apply(chunk, info, truncation, bytes)?;
-        Self::appear(refined, chunk, error_px);
+        Self::set_appearance(refined, chunk, error_px);
         Ok(())
     }
 
-    /// Whether there are as many bytes of a chunk as a truncation takes, and not more than there are in all.
+    /// Checks that a chunk has enough bytes for a truncation point, and not more than the index states.
     fn check_length(info: &ChunkInfo, truncation: Option<u8>, bytes: &[u8]) -> Result<(), BlobError> {
         let needed = info.extent(truncation).payload_bytes as usize;
         if bytes.len() < needed || bytes.len() > info.payload_bytes as usize {
@@ -200,14 +200,14 @@ impl ClientCore {
         Ok(())
     }
 
-    /// Lets a chunk that was just applied appear, by what its absence showed.
-    fn appear(refined: &mut RefinedAsset, chunk: u32, error_px: u16) {
+    /// Chooses whether a chunk that was just applied morphs or appears at once, by the screen error without it.
+    fn set_appearance(refined: &mut RefinedAsset, chunk: u32, error_px: u16) {
         if error_px > MAX_MORPH_PX {
             refined.appear_at_once(chunk);
         }
     }
 
-    /// Paints all that have the texture and are known. What is the same for all is decoded once.
+    /// Applies a texture level to all known assets that share it; identical levels are decoded once.
     fn apply_texture(&mut self, id: BlobId, level: u8, bytes: &[u8]) -> Result<(), BlobError> {
         let unpainted = self.scene.unpainted(id);
         if unpainted.is_empty() {

@@ -1,4 +1,4 @@
-//! From bytes to what is drawn: what becomes of a blob that has arrived.
+//! Received blobs: chunks and texture levels go to the cache, everything else is decoded.
 
 use bytes::Bytes;
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_stated_page};
@@ -13,11 +13,11 @@ use crate::core::changes::Change;
 use crate::core::height_overrides::HeightOverrideBlobError;
 use crate::core::punctual_light_pages::PunctualLightBlobError;
 
-/// A blob, or part of it, as it arrived.
+/// A received blob, or a part of it.
 #[derive(Clone, Debug)]
-pub(super) struct Arrived {
+pub(super) struct ReceivedBlob {
     pub(super) id: BlobId,
-    /// Where in the blob the bytes begin.
+    /// Offset of the bytes in the blob.
     pub(super) offset: u32,
     /// Length of the whole blob.
     pub(super) total: u32,
@@ -25,36 +25,36 @@ pub(super) struct Arrived {
 }
 
 impl ClientCore {
-    /// A blob of the terrain or of a known asset has arrived, or part of it. Chunks and texture levels are kept
-    /// until a selection wants them, what everything else depends on is used as soon as there is time.
-    pub(super) fn arrive(&mut self, now: Time, arrived: Arrived) {
-        match arrived.id {
-            BlobId::Asset { part, .. } => self.take_asset(now, part, arrived),
-            BlobId::Terrain(blob) => self.take_terrain(now, blob, &arrived),
-            BlobId::PunctualLights(blob) => self.take_punctual_lights(now, blob, &arrived),
+    /// Takes a received blob of the terrain, of punctual lights or of a known asset. Chunks and texture levels are cached
+    /// until a selection wants them; base meshes and index pages are decoded by the next [`ClientCore::update`].
+    pub(super) fn receive(&mut self, now: Time, blob: ReceivedBlob) {
+        match blob.id {
+            BlobId::Asset { part, .. } => self.receive_asset_blob(now, part, blob),
+            BlobId::Terrain(part) => self.receive_terrain_blob(now, part, &blob),
+            BlobId::PunctualLights(part) => self.receive_punctual_light_blob(now, part, &blob),
         }
     }
 
-    fn take_asset(&mut self, now: Time, part: BlobPart, arrived: Arrived) {
-        let Arrived { id, offset, total, bytes } = arrived;
+    fn receive_asset_blob(&mut self, now: Time, part: BlobPart, blob: ReceivedBlob) {
+        let ReceivedBlob { id, offset, total, bytes } = blob;
         if self.state(id) == State::Applied {
             return;
         }
         let whole = offset == 0 && bytes.len() == total as usize;
         self.set_state(id, State::Cached);
         match part {
-            // A chunk that came ahead of its index page would be held, and asked for, for ever.
-            _ if total == 0 => self.failed(now, id, &BlobError::Empty),
+            // An empty chunk ahead of its index page would be requested for ever.
+            _ if total == 0 => self.mark_failed(now, id, &BlobError::Empty),
             BlobPart::Chunk(_) => match self.cache.extend(id, offset, bytes) {
                 Some(_) => {
                     self.sync_held(id);
                     self.trim_cache(now);
                 }
-                // Its beginning was dropped meanwhile: it is of no use, and the server must know.
-                None => self.not_here(now, id),
+                // Its beginning has been evicted meanwhile: the server must send it again.
+                None => self.mark_absent(now, id),
             },
-            _ if !whole => self.failed(now, id, &BlobError::Partial),
-            BlobPart::Base | BlobPart::IndexPage(_) => self.arrived.push_back((id, bytes)),
+            _ if !whole => self.mark_failed(now, id, &BlobError::Partial),
+            BlobPart::Base | BlobPart::IndexPage(_) => self.undecoded.push_back((id, bytes)),
             BlobPart::Texture { .. } => {
                 self.cache.insert(id, bytes);
                 self.trim_cache(now);
@@ -62,9 +62,9 @@ impl ClientCore {
         }
     }
 
-    /// A blob of the terrain has arrived. It is small, and used at once.
-    fn take_terrain(&mut self, now: Time, blob: TerrainBlob, arrived: &Arrived) {
-        let &Arrived { id, offset, total, ref bytes } = arrived;
+    /// Takes a blob of the terrain. It is small and decoded at once.
+    fn receive_terrain_blob(&mut self, now: Time, blob: TerrainBlob, received: &ReceivedBlob) {
+        let &ReceivedBlob { id, offset, total, ref bytes } = received;
         let whole = offset == 0 && bytes.len() == total as usize;
         let track = self.config.track_changes;
         let Some(terrain) = self.scene.terrain.as_mut().filter(|t| t.state(blob) != State::Applied) else {
@@ -77,13 +77,13 @@ impl ClientCore {
         match taken {
             Ok(()) => self.failures.clear(id),
             Err(why @ HeightOverrideBlobError::BeyondWorld { .. }) => self.end_session(now, &why),
-            Err(why) => self.failed(now, id, &why.into()),
+            Err(why) => self.mark_failed(now, id, &why.into()),
         }
     }
 
-    /// A blob of punctual lights has arrived. It is small, and used at once.
-    fn take_punctual_lights(&mut self, now: Time, blob: PunctualLightBlob, arrived: &Arrived) {
-        let &Arrived { id, offset, total, ref bytes } = arrived;
+    /// Takes a blob of punctual lights. It is small and decoded at once.
+    fn receive_punctual_light_blob(&mut self, now: Time, blob: PunctualLightBlob, received: &ReceivedBlob) {
+        let &ReceivedBlob { id, offset, total, ref bytes } = received;
         let whole = offset == 0 && bytes.len() == total as usize;
         let Some(punctual_lights) = self
             .scene
@@ -100,32 +100,32 @@ impl ClientCore {
                     self.scene.push_change(Change::PunctualLightPage { page, punctual_lights });
                 }
             }
-            Err(why) => self.failed(now, id, &why.into()),
+            Err(why) => self.mark_failed(now, id, &why.into()),
         }
     }
 
-    /// Drops what exceeds the cache, but nothing that waits to be applied: without its bytes it would be
-    /// fetched, dropped and fetched again.
+    /// Evicts blobs beyond the cache's capacity, but none that waits to be applied: it would be fetched, evicted and
+    /// fetched again.
     pub(super) fn trim_cache(&mut self, now: Time) {
         let needed = |id: BlobId| {
             matches!(self.scene.state(id), State::Cached | State::InFlight)
                 && self.selection.wanted.iter().any(|wanted| wanted.id == id)
         };
-        let gone = self.cache.trim(needed);
-        self.dropped(now, &gone);
+        let evicted = self.cache.trim(needed);
+        self.mark_evicted(now, &evicted);
     }
 
-    /// Uses a base mesh or index page.
-    pub(super) fn take(&mut self, now: Time, id: BlobId, bytes: &[u8]) {
+    /// Decodes a base mesh or index page.
+    pub(super) fn decode_metadata(&mut self, now: Time, id: BlobId, bytes: &[u8]) {
         let BlobId::Asset { asset, part } = id else { return };
         match part {
-            BlobPart::Base => self.take_base(now, asset, bytes),
-            BlobPart::IndexPage(page) => self.take_page(now, asset, page, bytes),
+            BlobPart::Base => self.decode_base(now, asset, bytes),
+            BlobPart::IndexPage(page) => self.decode_index_page(now, asset, page, bytes),
             BlobPart::Chunk(_) | BlobPart::Texture { .. } => {}
         }
     }
 
-    fn take_base(&mut self, now: Time, asset: u32, bytes: &[u8]) {
+    fn decode_base(&mut self, now: Time, asset: u32, bytes: &[u8]) {
         let id = BlobId::base(asset);
         let Some(state) = self.scene.states.get_mut(asset as usize) else { return };
         if state.state(BlobPart::Base) == State::Applied {
@@ -142,13 +142,13 @@ impl ClientCore {
                     self.scene.drop_changes();
                 }
                 self.failures.clear(id);
-                self.find_textures(now, levels);
+                self.link_shared_textures(now, levels);
             }
-            Err(why) => self.failed(now, id, &why.into()),
+            Err(why) => self.mark_failed(now, id, &why.into()),
         }
     }
 
-    fn take_page(&mut self, now: Time, asset: u32, page: u32, bytes: &[u8]) {
+    fn decode_index_page(&mut self, now: Time, asset: u32, page: u32, bytes: &[u8]) {
         let id = BlobId::index_page(asset, page);
         if self.state(id) == State::Applied {
             return;
@@ -158,9 +158,9 @@ impl ClientCore {
             Ok(count) => {
                 self.failures.clear(id);
                 let chunks = (first..).take(count).map(|chunk| BlobId::chunk(asset, chunk));
-                self.find_in_cache(chunks.collect());
+                self.mark_cached(chunks.collect());
             }
-            Err(why) => self.failed(now, id, &why.into()),
+            Err(why) => self.mark_failed(now, id, &why.into()),
         }
     }
 
@@ -179,29 +179,29 @@ impl ClientCore {
         Ok(count)
     }
 
-    /// Levels of textures that an asset has which became known: where others have the same, they may be here or on
-    /// their way.
-    fn find_textures(&mut self, now: Time, levels: Vec<BlobId>) {
+    /// Sets the states of texture levels that have become known. If other assets share them, they may be cached or in
+    /// flight already.
+    fn link_shared_textures(&mut self, now: Time, levels: Vec<BlobId>) {
         for &id in &levels {
             if self.scene.is_in_flight(id) {
                 self.set_state(id, State::InFlight);
             } else if !self.cache.contains(id)
-                && self.scene.shared.same(id).any(|id| self.is_painted(id))
+                && self.scene.shared.same(id).any(|id| self.is_texture_applied(id))
                 && let Some(session) = &mut self.connection.session
             {
-                // It was here, and will be needed again.
+                // It was applied to another asset and evicted: it is needed again.
                 session.evicted(now, &[id]);
             }
         }
-        self.find_in_cache(levels);
+        self.mark_cached(levels);
     }
 
-    fn is_painted(&self, id: BlobId) -> bool {
+    fn is_texture_applied(&self, id: BlobId) -> bool {
         self.scene.asset(id).is_some_and(|(asset, part)| asset.state(part) == State::Applied)
     }
 
-    /// Blobs may come before what tells that they exist.
-    fn find_in_cache(&mut self, ids: Vec<BlobId>) {
+    /// Sets the states of blobs that arrived before the page that describes them.
+    fn mark_cached(&mut self, ids: Vec<BlobId>) {
         for id in ids {
             if self.cache.contains(id) {
                 self.set_state(id, State::Cached);

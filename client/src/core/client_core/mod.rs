@@ -31,20 +31,20 @@ use super::motion::Motion;
 use super::punctual_light_pages::PunctualLightPages;
 use super::scene::Scene;
 use super::stats::Received;
-use arrivals::Arrived;
+use arrivals::ReceivedBlob;
 use session::ConnectionState;
 use update::SelectionState;
 
-/// What [`ClientCore::update`] leaves.
+/// Result of [`ClientCore::update`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Progress {
-    /// The budget is used up: call again soon.
+    /// The budget is used up; call again soon.
     More,
-    /// Nothing is left to do until something arrives, the view changes or a timeout comes.
+    /// Nothing is left to do until a message arrives, the view changes or the timeout passes.
     Idle,
 }
 
-/// The client's state. See the [module](super) for how it is driven.
+/// The client without network, graphics and clock. The [module](super) describes how it is driven.
 #[derive(Debug)]
 pub struct ClientCore {
     pub(super) config: Config,
@@ -54,9 +54,9 @@ pub struct ClientCore {
     pub(super) cache: BlobCache,
     pub(super) failures: Failures,
     /// Base meshes and index pages that have arrived and are not decoded yet; bounded by what the session has in flight.
-    pub(super) arrived: VecDeque<(BlobId, Bytes)>,
+    undecoded: VecDeque<(BlobId, Bytes)>,
     /// Blobs of assets whose scene page has not arrived.
-    early: Vec<Arrived>,
+    early: Vec<ReceivedBlob>,
     /// Bytes received and used of each blob, if [`Config::track_received`] is set.
     received: BTreeMap<BlobId, Received>,
     view: Option<View>,
@@ -65,7 +65,7 @@ pub struct ClientCore {
     pub(super) counts: Counts,
 }
 
-/// Counters that only grow.
+/// Monotonic counters.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Counts {
     pub(super) undone: u64,
@@ -93,7 +93,7 @@ impl ClientCore {
             scene: Scene::default(),
             cache: BlobCache::new(config.cache_bytes),
             failures: Failures::default(),
-            arrived: VecDeque::new(),
+            undecoded: VecDeque::new(),
             early: Vec::new(),
             received: BTreeMap::new(),
             view,
@@ -104,18 +104,18 @@ impl ClientCore {
         }
     }
 
-    /// Asks for the scene of this name in sessions that begin from now on; empty for the server's only one.
-    pub fn ask_for(&mut self, scene: &str) {
+    /// Sets the scene to request in later sessions; empty for the server's only one.
+    pub fn set_scene_name(&mut self, scene: &str) {
         scene.clone_into(&mut self.config.session.scene);
     }
 
-    /// What shows that the client may see the scene.
+    /// The access token for the scene.
     #[must_use]
     pub const fn token(&self) -> Option<&Token> {
         self.config.session.token.as_ref()
     }
 
-    /// Shows another token, in this session and those after it.
+    /// Sets another token, for this session and later ones.
     pub fn set_token(&mut self, token: Token) {
         if self.config.session.token.as_ref() == Some(&token) {
             return;
@@ -126,7 +126,7 @@ impl ClientCore {
         self.config.session.token = Some(token);
     }
 
-    /// Moves the camera. Views that cannot be drawn are ignored.
+    /// Sets the view. Invalid views are ignored.
     pub fn set_view(&mut self, now: Time, view: View) {
         if self.view == Some(view) || view.check().is_err() {
             return;
@@ -139,14 +139,14 @@ impl ClientCore {
         }
     }
 
-    /// Whether what casts shadows into view from out of it is refined too, instead of as the configuration says.
+    /// Sets whether objects out of view that cast shadows into it are refined too.
     pub fn set_shadows(&mut self, shadows: bool) {
         let wanted = &mut self.selection.selector.settings_mut().shadows;
         self.selection.stale |= *wanted != shadows;
         *wanted = shadows;
     }
 
-    /// The camera, once known.
+    /// The view, once known.
     #[must_use]
     pub const fn view(&self) -> Option<View> {
         self.view
@@ -158,38 +158,38 @@ impl ClientCore {
         self.scene.header.as_ref()
     }
 
-    /// The refined mesh of an asset whose base mesh is here.
+    /// The mesh of an asset whose base mesh has arrived.
     #[must_use]
     pub fn mesh(&self, asset: u32) -> Option<&lodestream_geometry::refine::ActiveMesh> {
         self.scene.refined.get(asset as usize)?.as_ref().map(super::asset::RefinedAsset::mesh)
     }
 
-    /// The punctual lights of the scene that are here, in an order that all clients share. More come as views want them.
+    /// The punctual lights that have arrived, ordered by page; the order is the same for all clients. More are requested as
+    /// views need them.
     pub fn punctual_lights(&self) -> impl Iterator<Item = &PunctualLight> {
         self.scene.punctual_lights.iter().flat_map(PunctualLightPages::here)
     }
 
-    /// How many punctual lights the scene has in all.
+    /// Number of punctual lights in the scene.
     #[must_use]
     pub fn punctual_light_count(&self) -> u32 {
         self.scene.punctual_lights.as_ref().map_or(0, PunctualLightPages::count)
     }
 
-    /// What a renderer must fetch since the last call, in order, about `max_bytes` of it. `now` is the
-    /// birth of vertices that appear for the first time.
+    /// Takes the next changes for a renderer, in order, about `max_bytes` of them. The morph of new vertices starts at `now`.
     pub fn take_changes(&mut self, now: Time, max_bytes: usize) -> Vec<Change> {
         // Seconds since the start: milliseconds for 4 hours.
         let now_s = Duration::from(now).as_secs_f64() as f32;
         self.scene.take_changes(now_s, max_bytes)
     }
 
-    /// Whether [`ClientCore::take_changes`] has something.
+    /// Whether [`ClientCore::take_changes`] has a change.
     #[must_use]
     pub fn has_changes(&self) -> bool {
         self.scene.has_changes()
     }
 
-    /// Memory of what [`ClientCore::take_changes`] has, in bytes, meshes not counted.
+    /// Memory of the changes that wait for [`ClientCore::take_changes`], in bytes, meshes not counted.
     #[must_use]
     pub const fn waiting_bytes(&self) -> usize {
         self.scene.waiting_bytes()

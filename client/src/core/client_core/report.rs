@@ -17,29 +17,29 @@ impl ClientCore {
         self.connection.earlier_bytes + self.connection.transport_bytes
     }
 
-    /// Whether the picture is as sharp as target and budgets allow, and nothing is under way or lacking.
+    /// Whether the picture is as sharp as target and budgets allow, and no blob is pending or missing.
     #[must_use]
     pub fn is_settled(&self) -> bool {
-        self.nothing_under_way() && self.lacking().next().is_none()
+        self.nothing_is_pending() && self.missing_in_view().next().is_none()
     }
 
-    /// Blobs without which the view stays coarser than it might be, once everything else is here: they came damaged
-    /// or the server refuses them, time and again. None while anything else is under way.
+    /// Blobs that the view needs and that stay missing because they are damaged or the server refuses them. Empty while
+    /// other blobs are pending.
     pub fn lacking_blobs(&self) -> impl Iterator<Item = BlobId> {
-        self.nothing_under_way().then(|| self.lacking()).into_iter().flatten()
+        self.nothing_is_pending().then(|| self.missing_in_view()).into_iter().flatten()
     }
 
-    fn lacking(&self) -> impl Iterator<Item = BlobId> {
+    fn missing_in_view(&self) -> impl Iterator<Item = BlobId> {
         self.selection.failed.iter().copied().filter(|id| self.failures.is_missing(*id))
     }
 
-    fn nothing_under_way(&self) -> bool {
+    fn nothing_is_pending(&self) -> bool {
         self.scene.is_complete()
             && !self.selection.stale
             && self.counters().settled
             && self.selection.terrain_settled
             && self.selection.punctual_lights_settled
-            && self.arrived.is_empty()
+            && self.undecoded.is_empty()
             && !self.selection.failed.iter().any(|id| self.failures.is_retrying(*id))
     }
 
@@ -49,13 +49,14 @@ impl ClientCore {
         &self.selection.selector.last().counters
     }
 
-    /// How many selections were made, and what the last one found.
+    /// The number of selections so far, and the last one.
     #[must_use]
     pub const fn last_selection(&self) -> (u64, &Selection) {
         (self.counts.selections, self.selection.selector.last())
     }
 
-    /// What came of each blob; of those that were cancelled on the way, only what came whole. Empty unless [`Config::track_received`] is set.
+    /// Received and used bytes of each blob; of cancelled blobs, only complete ones count. Empty unless
+    /// [`Config::track_received`](crate::core::Config::track_received) is set.
     #[must_use]
     pub const fn received(&self) -> &BTreeMap<BlobId, Received> {
         &self.received
@@ -67,13 +68,13 @@ impl ClientCore {
         &self.milestones
     }
 
-    /// [`Stats::decoded_faces`], without the rest.
+    /// [`Stats::decoded_faces`], at no cost.
     #[must_use]
     pub const fn decoded_faces(&self) -> u64 {
         self.counts.decoded_faces
     }
 
-    /// Everything countable. Costs a pass over the assets.
+    /// All counters. Costs a pass over the assets.
     #[must_use]
     pub fn stats(&self) -> Stats {
         let connection = match (&self.connection.session, &self.connection.closed, &self.connection.welcome) {

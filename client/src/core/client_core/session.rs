@@ -30,14 +30,14 @@ pub(super) struct ConnectionState {
 }
 
 impl ClientCore {
-    /// Notes the moment of the user's connect call, from which milestones count. Without it, the first
-    /// [`ClientCore::connect`] is that moment.
+    /// Records the time of the user's connect call, from which milestones count. By default it is the first
+    /// [`ClientCore::connect`].
     pub fn begin(&mut self, now: Time) {
         self.connection.started.get_or_insert(now);
     }
 
-    /// A transport is open: begins a session over it. What is here already is not fetched again if the
-    /// server still has the same scene.
+    /// Begins a session over an open transport. If the server still has the same scene, blobs that the client has are not
+    /// fetched again.
     pub fn connect(&mut self, now: Time) {
         self.begin(now);
         self.disconnect();
@@ -57,72 +57,72 @@ impl ClientCore {
         self.selection.stale = true;
     }
 
-    /// The session is over: what was under way will not come.
+    /// Ends the session; requested blobs count as absent again.
     fn disconnect(&mut self) {
         self.connection.session = None;
         self.connection.earlier_bytes += std::mem::take(&mut self.connection.transport_bytes);
         self.scene.reset_in_flight();
     }
 
-    /// Takes a frame of the server.
+    /// Handles a frame from the server.
     pub fn handle_frame(&mut self, now: Time, frame: ServerFrame) {
         if let Some(session) = &mut self.connection.session {
             session.handle_frame(now, frame);
-            self.drain(now);
+            self.handle_session_events(now);
         }
     }
 
-    /// Takes a piece of a blob.
+    /// Handles a piece of a blob.
     pub fn handle_piece(&mut self, now: Time, piece: BlobPiece) {
         if let Some(session) = &mut self.connection.session {
             session.handle_piece(now, piece);
-            self.drain(now);
+            self.handle_session_events(now);
         }
     }
 
-    /// The stream of a blob was reset.
+    /// Handles the reset of a blob's stream.
     pub fn handle_abandoned(&mut self, now: Time, id: BlobId) {
         if let Some(session) = &mut self.connection.session {
             session.handle_abandoned(now, id);
-            self.drain(now);
+            self.handle_session_events(now);
         }
     }
 
-    /// Takes what the driver could not decode: the session ends.
+    /// Handles a frame that the driver could not decode: the session ends.
     pub fn handle_frame_error(&mut self, now: Time, error: &FrameError) {
         if let Some(session) = &mut self.connection.session {
             session.handle_frame_error(now, error);
-            self.drain(now);
+            self.handle_session_events(now);
         }
     }
 
-    /// The transport failed or ended.
+    /// Handles the loss of the transport.
     pub fn handle_lost(&mut self, now: Time, reason: &str) {
         if let Some(session) = &mut self.connection.session {
             session.handle_lost(now, reason);
-            self.drain(now);
+            self.handle_session_events(now);
         }
     }
 
-    /// Leaves: the session says `Bye`.
+    /// Ends the session normally.
     pub fn leave(&mut self, now: Time) {
         if let Some(session) = &mut self.connection.session {
             session.close(now, CloseCode::Normal, "the viewer left");
-            self.drain(now);
+            self.handle_session_events(now);
         }
     }
 
-    /// Transport payload received over the present connection so far, handshake included.
+    /// Sets the transport payload received over the present connection so far, handshake included, in bytes.
     pub fn note_transport_bytes(&mut self, bytes: u64) {
         self.connection.transport_bytes = bytes;
     }
 
-    /// Call when the moment given by [`ClientCore::poll_timeout`] has come, then
-    /// [`ClientCore::update`]; earlier is harmless.
+    /// Handles timeouts. Call at the time given by [`ClientCore::poll_timeout`], then call [`ClientCore::update`]; an
+    /// earlier call is harmless.
     pub fn handle_timeout(&mut self, now: Time) {
         if let Some(session) = &mut self.connection.session {
             session.handle_timeout(now);
-            self.drain(now);
+            self.handle_session_events(now);
         }
         for id in self.failures.take_due(now) {
             self.set_state(id, State::Absent);
@@ -130,7 +130,7 @@ impl ClientCore {
         }
     }
 
-    /// When to call [`ClientCore::handle_timeout`].
+    /// Time of the next call of [`ClientCore::handle_timeout`].
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Time> {
         let session = self.connection.session.as_ref().and_then(ClientSession::poll_timeout);
@@ -151,7 +151,7 @@ impl ClientCore {
             && self.connection.closed.is_none()
     }
 
-    /// For how long the server has been silent, if that is longer than an answer takes ([`ClientSession::silence`]).
+    /// Time since the server's last message, if that is longer than an answer takes ([`ClientSession::silence`]).
     #[must_use]
     pub fn silence(&self, now: Time) -> Option<Duration> {
         self.connection.session.as_ref()?.silence(now)

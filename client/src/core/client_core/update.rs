@@ -52,25 +52,25 @@ impl ClientCore {
         let mut budget = budget_bytes;
         let before = budget;
         while budget > 0
-            && let Some((id, bytes)) = self.arrived.pop_front()
+            && let Some((id, bytes)) = self.undecoded.pop_front()
         {
             budget = budget.saturating_sub(BLOB_COST + bytes.len() as u64);
-            self.take(now, id, &bytes);
-            // A selection may have come between: what a slice of the budget left over is news to it.
+            self.decode_metadata(now, id, &bytes);
+            // A selection may have run between two slices of this queue and must run again.
             self.selection.stale = true;
         }
-        if self.selection.stale && (now >= self.next_selection() || self.first_frame_may_be_now()) {
+        if self.selection.stale && (now >= self.next_selection() || self.awaits_first_frame()) {
             self.select(now);
         }
-        budget = self.use_cached(now, budget);
+        budget = self.apply_wanted(now, budget);
         if budget < before && self.connection.session.is_some() {
-            self.ask(now, &[]);
+            self.send_requests(now, &[]);
         }
         if budget == 0 { Progress::More } else { Progress::Idle }
     }
 
-    /// The first frame is worth a selection of its own: its moment is measured.
-    fn first_frame_may_be_now(&self) -> bool {
+    /// Whether the first frame is still to come: its time is measured, so selections are not delayed.
+    fn awaits_first_frame(&self) -> bool {
         self.milestones.first_frame.is_none()
     }
 
@@ -120,28 +120,28 @@ impl ClientCore {
             self.undo(now, id);
         }
         self.trim_cache(now);
-        self.ask(now, &cancel);
+        self.send_requests(now, &cancel);
         if self.is_settled() {
             self.counts.settled_after.get_or_insert(now.since(started));
         }
     }
 
-    /// Asks for what is wanted and not here.
-    fn ask(&mut self, now: Time, cancel: &[BlobId]) {
+    /// Requests wanted blobs that are absent, and cancels others.
+    fn send_requests(&mut self, now: Time, cancel: &[BlobId]) {
         (0..self.selection.wanted.len()).for_each(|index| self.refresh(index));
         let Some(session) = &mut self.connection.session else { return };
-        let asked = session.set_wanted(now, &self.selection.wanted, cancel);
+        let requested = session.set_wanted(now, &self.selection.wanted, cancel);
         for &id in cancel {
             if self.state(id) == State::InFlight {
                 self.set_state(id, State::Absent);
             }
         }
-        for id in asked {
+        for id in requested {
             self.set_state(id, State::InFlight);
         }
     }
 
-    /// Brings an entry of the last selection's list up to date.
+    /// Updates the state of an entry of the last selection.
     pub(super) fn refresh(&mut self, index: usize) {
         let wanted = &mut self.selection.wanted[index];
         if let (BlobId::Terrain(blob), Some(terrain)) = (wanted.id, &self.scene.terrain) {
@@ -165,13 +165,13 @@ impl ClientCore {
             Ok(()) => {
                 self.counts.undone += 1;
                 self.selection.stale = true;
-                // The rest of a chunk that was there up to a truncation may be under way.
+                // The rest of a chunk that was applied up to a truncation point may be in flight.
                 let in_flight = self.state(id) == State::InFlight;
                 self.set_truncation(id, None);
                 if self.cache.contains(id) {
                     self.set_state(id, if in_flight { State::InFlight } else { State::Cached });
                 } else {
-                    self.not_here(now, id);
+                    self.mark_absent(now, id);
                 }
             }
             Err(why) => tracing::error!("{id} cannot be undone: {why}"),
