@@ -1,4 +1,4 @@
-//! Listed points of a terrain's patches: what of them is here, and what a view wants.
+//! Height overrides of terrain patches: which have arrived, and which a view needs.
 
 use std::collections::VecDeque;
 
@@ -14,31 +14,31 @@ use lodestream_terrain::{HeightOverrides, decode_points};
 
 use super::changes::Change;
 
-/// Memory of points that are held, in bytes of their blobs times 16, the most that a byte decodes to. More is not
-/// asked for.
+/// Most memory of height overrides, in bytes: 16 times the bytes of their blobs, the most that a byte decodes to. Beyond
+/// it, no more are requested.
 const MAX_HELD_BYTES: u64 = 256 << 20;
-/// Most patches of a directory: a million of them is 16 MB.
+/// Most patches of a directory: a million of them take 16 MB.
 const MAX_PATCHES: u32 = 1 << 20;
 
-/// A blob of the terrain that cannot be used.
+/// Why a blob of the terrain cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub(super) enum HeightOverrideBlobError {
-    /// Only a part of it came.
-    #[error("only a part of it came")]
+    /// Only a part of it has arrived.
+    #[error("only a part of it has arrived")]
     Partial,
-    /// Not a page of the directory.
+    /// An invalid page of the directory.
     #[error(transparent)]
     Directory(#[from] DirectoryError),
-    /// Not points.
+    /// Invalid height overrides.
     #[error(transparent)]
     Points(#[from] DecodeError),
-    /// Of something that does not exist.
+    /// A blob that the scene does not have.
     #[error("there is no such {0}")]
     Unknown(&'static str),
-    /// What no world can have: asking again does not help.
+    /// A patch outside the terrain: the scene is damaged, and requesting it again does not help.
     #[error(
-        "the terrain lists points in patch ({x}, {y}), but its patches are {lowest} to {highest} each way: the server's \
-         scene is damaged"
+        "the terrain has height overrides in patch ({x}, {y}), but its patches are {lowest} to {highest} each way: the \
+         server's scene is damaged"
     )]
     BeyondWorld {
         /// Column of the patch.
@@ -59,15 +59,15 @@ struct Patch {
     state: State,
 }
 
-/// See the module.
+/// States of the height overrides of all patches.
 #[derive(Debug)]
 pub(super) struct HeightOverridePatches {
     entry: TerrainEntry,
     pages: Vec<State>,
-    /// By place in the directory; empty where the page is missing.
+    /// By position in the directory; empty for pages that have not arrived.
     patches: Vec<Vec<Patch>>,
     held_bytes: u64,
-    /// For a renderer.
+    /// Changes for a renderer.
     changes: VecDeque<Change>,
 }
 
@@ -124,9 +124,9 @@ impl HeightOverridePatches {
         }
     }
 
-    /// Adds what `view` wants to `wanted`, whose order is by priority: pages of the directory after the base meshes,
-    /// points by the screen error that they remove; and to `failed` what of it will not come. Says whether nothing of it
-    /// may still come.
+    /// Adds the blobs that `view` needs to `wanted`, which is ordered by priority: pages of the directory after the base
+    /// meshes, overrides by the screen error that they remove. Adds those that failed to `failed`. Returns whether none
+    /// is left to request.
     pub(super) fn want(&self, view: &View, wanted: &mut Vec<Wanted>, failed: &mut Vec<BlobId>) -> bool {
         let before = wanted.len();
         let mut settled = true;
@@ -143,7 +143,7 @@ impl HeightOverridePatches {
         let frustum = view.frustum();
         let (unit, height_unit) = (f64::from(self.entry.unit), f64::from(self.entry.height_unit));
         let patch = f64::from(1_u32 << self.entry.parameters.finest_level) * unit;
-        // With erosion, points change the ground beyond their patch too.
+        // With erosion, overrides change the terrain beyond their patch too.
         let erosion = &self.entry.parameters.erosion;
         let reach = erosion.reach(self.entry.parameters.finest_level) as f64 * unit;
         let reach = if erosion.is_on() { reach } else { 0.0 };
@@ -181,13 +181,13 @@ impl HeightOverridePatches {
             settled = false;
         }
         if wanted.len() > before {
-            // Stable: what the selection ordered stays in its order.
+            // A stable sort keeps the selection's order.
             wanted.sort_by_key(|wanted| std::cmp::Reverse(wanted.priority));
         }
         settled
     }
 
-    /// Uses a blob that came whole.
+    /// Decodes a complete blob.
     pub(super) fn take(&mut self, blob: TerrainBlob, bytes: &[u8]) -> Result<(), HeightOverrideBlobError> {
         match blob {
             TerrainBlob::DirectoryPage(page) => {
@@ -212,7 +212,7 @@ impl HeightOverridePatches {
         Ok(())
     }
 
-    /// Whether all patches are in the world: points of others cannot be put anywhere.
+    /// Checks that all patches are inside the terrain.
     fn check_patches(&self, listed: &[OverridePatch]) -> Result<(), HeightOverrideBlobError> {
         let edge = 1_i64 << self.entry.parameters.extent_log2;
         let inside = |at: i32| (-edge..edge).contains(&i64::from(at));

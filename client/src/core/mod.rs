@@ -27,7 +27,7 @@ mod milestones;
 mod motion;
 mod punctual_light_pages;
 mod scene;
-mod shared;
+mod shared_textures;
 mod stats;
 #[cfg(not(feature = "zstd"))]
 mod stored;

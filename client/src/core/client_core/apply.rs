@@ -209,14 +209,14 @@ impl ClientCore {
 
     /// Applies a texture level to all known assets that share it; identical levels are decoded once.
     fn apply_texture(&mut self, id: BlobId, level: u8, bytes: &[u8]) -> Result<(), BlobError> {
-        let unpainted = self.scene.unpainted(id);
-        if unpainted.is_empty() {
+        let sharers = self.scene.unapplied_sharers(id);
+        if sharers.is_empty() {
             return Err(BlobError::UnknownTexture);
         }
         let texels = |info: &TextureInfo| (info.kind, info.width, info.height, info.levels.len());
         let mut decoded: Vec<(_, Arc<TexturePixels>)> = Vec::new();
         let mut changes = Vec::new();
-        for (asset, texture) in unpainted.into_iter().filter(|_| self.config.track_changes) {
+        for (asset, texture) in sharers.into_iter().filter(|_| self.config.track_changes) {
             let refined = self.scene.refined.get(asset as usize).and_then(Option::as_ref);
             let info = refined.and_then(|r| r.description.textures.get(usize::from(texture)));
             let info = info.ok_or(BlobError::UnknownTexture)?;

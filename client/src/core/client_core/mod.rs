@@ -167,7 +167,7 @@ impl ClientCore {
     /// The punctual lights that have arrived, ordered by page; the order is the same for all clients. More are requested as
     /// views need them.
     pub fn punctual_lights(&self) -> impl Iterator<Item = &PunctualLight> {
-        self.scene.punctual_lights.iter().flat_map(PunctualLightPages::here)
+        self.scene.punctual_lights.iter().flat_map(PunctualLightPages::received)
     }
 
     /// Number of punctual lights in the scene.

@@ -86,8 +86,8 @@ impl ClientCore {
         self.selection.stale = false;
         self.selection.selected_at = Some(now);
         self.counts.selections += 1;
-        self.scene.renew_occluders();
-        self.scene.renew_tree();
+        self.scene.update_occluders();
+        self.scene.update_tree();
         let round_trip = self.connection.session.as_ref().and_then(|session| session.stats().rtt);
         self.selection
             .selector
