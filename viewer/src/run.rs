@@ -13,9 +13,9 @@ use lodestream_render::{
 };
 
 use crate::args::{Args, StillMethod};
-use crate::figures::Figures;
+use crate::figures::StatisticsTable;
 use crate::files::write_json;
-use crate::frames::Shown;
+use crate::frames::FrameLog;
 use crate::report::Report;
 use crate::token;
 
@@ -75,7 +75,7 @@ pub(crate) fn core_config(args: &Args) -> anyhow::Result<Config> {
         None => StartView::OfScene { viewport_px: args.window.0, target_px: args.pixel_error.0 },
     };
     let mut config = Config::new(start);
-    config.session.token = token::find(args.token_file.as_deref())?;
+    config.session.token = token::load(args.token_file.as_deref())?;
     config.select.max_faces = args.max_faces;
     config.select.shadows = !args.no_shadows;
     config.cache_bytes = u64::from(args.cache_mib) << 20;
@@ -125,11 +125,11 @@ pub(crate) fn settings(args: &Args, software: bool) -> Settings {
 }
 
 /// Prints the table of `--figures` and writes the file of `--stats`.
-pub(crate) fn write_statistics(args: &Args, stats: &Stats, shown: &Shown) -> anyhow::Result<()> {
+pub(crate) fn write_statistics(args: &Args, stats: &Stats, shown: &FrameLog) -> anyhow::Result<()> {
     let report = Report::new(stats, args.address.transport(), shown);
     if args.figures {
         // A closed pipe is not an error.
-        let _ = write!(std::io::stdout(), "{}", Figures(&report));
+        let _ = write!(std::io::stdout(), "{}", StatisticsTable(&report));
     }
     args.stats.as_ref().map_or(Ok(()), |path| write_json(path, &report))
 }

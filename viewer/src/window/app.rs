@@ -14,12 +14,12 @@ use crate::args::Args;
 use crate::outcome::Outcome;
 use crate::run::write_statistics;
 
-/// What comes from other threads.
+/// Event from another thread.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Event {
-    /// The streaming thread has something, or a tile of the terrain was made.
-    SessionStatus,
-    /// A signal of this number asks for the end.
+    /// The streaming thread has a new step or status, or a terrain tile is ready.
+    Streaming,
+    /// A signal of this number has arrived.
     End(u8),
 }
 
@@ -38,7 +38,7 @@ impl App {
         Self { args, proxy, display, running: None, outcome: Outcome::Finished, error: None }
     }
 
-    /// After the event loop: writes what is to be written, and says what went wrong.
+    /// Writes statistics and captured frames after the event loop; returns the run's outcome or error.
     pub(super) fn finish(self) -> anyhow::Result<Outcome> {
         if let Some(error) = self.error {
             return Err(error);
@@ -57,7 +57,7 @@ impl App {
         let proxy = self.proxy.clone();
         let notify = move || {
             // Fails only once the window is gone.
-            let _ = proxy.send_event(Event::SessionStatus);
+            let _ = proxy.send_event(Event::Streaming);
         };
         Running::start(&self.args, notify, self.display.clone(), events)
     }
@@ -93,7 +93,7 @@ impl ApplicationHandler<Event> for App {
             return events.exit();
         }
         let Some(running) = &mut self.running else { return };
-        // An idle window draws no frames, in which its time would be looked at.
+        // The timeout is checked here too, because an idle window draws no frames.
         let late = self.args.timeout.is_some_and(|limit| running.now() >= limit.0);
         if running.receive() || late {
             running.dirty = true;
@@ -112,7 +112,7 @@ impl ApplicationHandler<Event> for App {
             WindowEvent::CloseRequested => events.exit(),
             WindowEvent::Resized(size) => {
                 running.painter.resize(size);
-                running.steer();
+                running.send_view();
                 redraw = true;
             }
             WindowEvent::KeyboardInput { event, .. }
