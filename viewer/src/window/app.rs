@@ -106,7 +106,7 @@ impl ApplicationHandler<Event> for App {
 
     fn window_event(&mut self, events: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
         let Some(running) = &mut self.running else { return };
-        let (consumed, repaint) = running.painter.offer(&event);
+        let (consumed, repaint) = running.painter.pass_event(&event);
         let mut redraw = repaint && !matches!(event, WindowEvent::RedrawRequested);
         match event {
             WindowEvent::CloseRequested => events.exit(),

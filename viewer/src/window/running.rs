@@ -18,7 +18,7 @@ use super::camera::{CameraController, Mode};
 use super::frame_capture::FrameCapture;
 use super::input;
 use super::keys::Keys;
-use super::overlay::{self, Choices, Facts};
+use super::overlay::{self, Choices, OverlayState};
 use super::painter::{self, Painted, Painter};
 use super::quality::{self, Quality, Step};
 use super::session_status::SessionStatus;
@@ -103,7 +103,7 @@ impl Running {
             args.frames.is_some(),
             move |gpu| {
                 let full = settings(&first_args, gpu.is_software());
-                [vec![Quality::new(gpu.is_software()).step().of(&full)], quality::all_of(&full)]
+                [vec![Quality::new(gpu.is_software()).step().limit(&full)], quality::limited_settings(&full)]
             },
             || {
                 while scene.waiting() < MAX_WAITING_STEPS
@@ -312,7 +312,7 @@ impl Running {
 
     /// The frame's shadow settings, without their staleness.
     fn shadows(&self) -> Option<Shadows> {
-        self.step().of(&self.settings).shadows
+        self.step().limit(&self.settings).shadows
     }
 
     /// Updates the picture's state after a frame.
@@ -345,7 +345,7 @@ impl Running {
             self.prepare_ground()?;
         }
         let message = self.status.message().or_else(|| (!shows).then(|| self.loading().into()));
-        let facts = Facts {
+        let overlay_state = OverlayState {
             adapter: &self.adapter,
             address: &address,
             message: message.as_deref(),
@@ -369,7 +369,7 @@ impl Running {
         self.painter.renderer.time_passes(&self.painter.gpu, table || args.stats.is_some());
         let (camera, step) = (self.camera(), self.step());
         let mut choices = self.choices;
-        let mut settings = step.of(&self.settings);
+        let mut settings = step.limit(&self.settings);
         // While more changes are pending, shadows may be out of date for some frames.
         let morphing = now_s - self.scene.changed_s() <= self.settings.morph_s;
         let settled = self.status.status().settled && self.scene.waiting() == 0 && !morphing;
@@ -378,7 +378,7 @@ impl Running {
         settings.shadows = settings.shadows.map(|shadows| Shadows { max_staleness, ..shadows });
         let (stats, scene) = (&self.status.status().stats, &self.scene);
         let painted = self.painter.paint(
-            |ui| overlay::show(ui, stats, &facts, &mut choices),
+            |ui| overlay::show(ui, stats, &overlay_state, &mut choices),
             shows.then_some(|draw: &mut painter::DrawScene<'_>| {
                 scene.with_frame(camera, settings, now_s, |frame| draw(frame))
             }),
