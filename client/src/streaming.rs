@@ -1,6 +1,6 @@
-//! The streaming thread of a viewer: network, session, decoding and refinement, away from the thread that
-//! draws. Everything between the two is bounded: the newest view wins, steps of changes wait until there
-//! is room, the newest status replaces the last.
+//! Streaming on a thread of its own: network, session, decoding and refinement, apart from the thread that draws. All
+//! channels between the two are bounded: the newest view replaces earlier ones, steps of changes wait for room, and the
+//! newest status replaces the last.
 
 use std::future::Future;
 use std::thread::JoinHandle;
@@ -15,48 +15,48 @@ use tokio::time::sleep;
 use crate::core::{Change, ClientCore, Config, Progress, Stats};
 use crate::net::{Clock, End, Host, Retry, Server, stream};
 
-/// Payload bytes decoded between two looks at the network: about 5 ms of work.
+/// Payload bytes decoded between two polls of the network: about 5 ms of work.
 const SLICE_BYTES: u64 = 16 * 1024;
-/// Bytes of changes in one step: what a frame takes, so that what was refined first does not wait for more.
+/// Bytes of changes in one step: about one frame's uploads, so that early changes do not wait for later ones.
 const STEP_BYTES: usize = 512 << 10;
-/// Steps that may wait for the renderer.
+/// Most steps that wait for the renderer.
 const MAX_STEPS: usize = 8;
-/// What is said of a server that does not answer while its connection is not given up.
+/// Status message for a server that does not answer while the connection is still open.
 const SILENT: &str = "the server does not answer; waiting for it";
-/// Time between two statuses.
+/// Interval of status reports.
 const STATUS_INTERVAL: Duration = Duration::from_millis(50);
 
-/// What the drawing side asks for.
+/// Requests of the drawing side.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Controls {
-    /// The camera; `None`: as the configuration says.
+    /// The view; `None`: that of the configuration.
     pub view: Option<View>,
-    /// Whether what casts shadows into view from out of it is refined too; `None`: as the configuration says.
+    /// Whether objects out of view that cast shadows into it are refined too; `None`: as configured.
     pub shadows: Option<bool>,
-    /// End the session and the thread.
+    /// Ends the session and the thread.
     pub leave: bool,
 }
 
-/// What the streaming side reports.
+/// Report of the streaming side.
 #[derive(Clone, Debug, Default)]
 pub struct Status {
     /// Counters.
     pub stats: Stats,
-    /// What a user should know: no connection, and what is done about it.
+    /// A connection problem and what is done about it, for users.
     pub message: Option<String>,
-    /// The picture is settled and all of it was handed over.
+    /// Whether the picture is settled and all changes have been taken.
     pub settled: bool,
-    /// Why the thread has ended, once it has.
+    /// Why streaming ended, once it has.
     pub end: Option<End>,
 }
 
-/// Where newer tokens are shown ([`Streaming::tokens`]); it may outlive the streaming.
+/// Sets newer access tokens ([`Streaming::tokens`]) from any thread; it may outlive the streaming.
 #[derive(Clone, Debug)]
 pub struct Tokens(watch::Sender<Option<Token>>);
 
 impl Tokens {
-    /// Shows a token in the session that runs and in those after it, unless it is the one that was shown last.
-    pub fn show(&self, token: Token) {
+    /// Sets the token of the current and later sessions, unless it is the last one set.
+    pub fn set(&self, token: Token) {
         self.0.send_if_modified(|last| {
             let new = last.as_ref() != Some(&token);
             *last = Some(token);
@@ -64,14 +64,14 @@ impl Tokens {
         });
     }
 
-    /// Whether nobody takes tokens any more: the streaming has ended.
+    /// Whether streaming has ended, so that tokens have no effect.
     #[must_use]
     pub fn is_closed(&self) -> bool {
         self.0.is_closed()
     }
 }
 
-/// Handle of the thread; dropping it ends the session.
+/// Handle of the streaming thread; dropping it ends the session.
 #[derive(Debug)]
 pub struct Streaming {
     controls: watch::Sender<Controls>,
@@ -83,11 +83,11 @@ pub struct Streaming {
 }
 
 impl Streaming {
-    /// Starts to stream from a server; an address that is parsed will do for one. `notify` is called on the streaming
-    /// thread when there is something new to take or a new status.
+    /// Starts streaming from a server, which can be parsed from an address. `notify` is called on the streaming thread when
+    /// there is a new step or status.
     ///
     /// # Errors
-    /// Fails where the system gives no thread.
+    /// The system provides no thread.
     pub fn start(
         server: Server,
         config: Config,
@@ -99,7 +99,7 @@ impl Streaming {
         let (tokens, tokens_receiver) = watch::channel(None);
         let (status_sender, status) = watch::channel(Status::default());
         let (step_sender, steps) = mpsc::channel(MAX_STEPS);
-        // Sockets are served on a thread of their own, so that decoding does not delay them.
+        // A thread of its own serves the sockets, so that decoding does not delay them.
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(1)
             .thread_name("network")
@@ -112,9 +112,9 @@ impl Streaming {
             steps: Some(step_sender),
             status: status_sender,
             message: Some(format!("connecting to {}", server.address)),
-            reported: None,
+            reported_at: None,
             notify,
-            left: false,
+            leaves: false,
         };
         let thread = std::thread::Builder::new().name("streaming".into()).spawn(move || {
             let end = runtime.block_on(stream(&server, &mut host, clock, retry, StreamHost::set_message));
@@ -130,12 +130,12 @@ impl Streaming {
         self.clock
     }
 
-    /// Changes what is asked for; the streaming thread sees the newest only.
+    /// Sets the controls; the streaming thread sees only the newest.
     pub fn control(&self, controls: Controls) {
         self.controls.send_if_modified(|old| std::mem::replace(old, controls) != controls);
     }
 
-    /// Takes newer tokens than that of the configuration, from any thread.
+    /// A handle to set newer tokens than the configuration's.
     #[must_use]
     pub fn tokens(&self) -> Tokens {
         self.tokens.clone()
@@ -147,7 +147,7 @@ impl Streaming {
         self.status.borrow().clone()
     }
 
-    /// The next step of changes, if one waits.
+    /// Takes the next step of changes, if there is one.
     pub fn take(&mut self) -> Option<Vec<Change>> {
         self.steps.try_recv().ok()
     }
@@ -158,7 +158,7 @@ impl Drop for Streaming {
         self.controls.send_modify(|controls| controls.leave = true);
         self.steps.close();
         if let Some(thread) = self.thread.take() {
-            // The thread says goodbye within bounded time; a panic there was reported already.
+            // The thread closes the session within bounded time; a panic there has been reported already.
             let _ = thread.join();
         }
     }
@@ -168,27 +168,27 @@ struct StreamHost<N> {
     core: ClientCore,
     controls: watch::Receiver<Controls>,
     tokens: watch::Receiver<Option<Token>>,
-    /// `None` once nobody takes steps any more.
+    /// `None` once the receiver is dropped.
     steps: Option<mpsc::Sender<Vec<Change>>>,
     status: watch::Sender<Status>,
     message: Option<String>,
-    reported: Option<Time>,
+    reported_at: Option<Time>,
     notify: N,
-    left: bool,
+    leaves: bool,
 }
 
 impl<N: Fn()> StreamHost<N> {
     fn set_message(&mut self, message: Option<String>) {
         self.message = message;
-        self.reported = None;
+        self.reported_at = None;
     }
 
-    /// Hands steps over while there is room.
+    /// Sends steps of changes while there is room.
     fn publish(&mut self, now: Time) {
-        let (mut published, mut nobody) = (false, false);
+        let (mut published, mut is_closed) = (false, false);
         while let Some(steps) = &self.steps
             && self.core.has_changes()
-            && !nobody
+            && !is_closed
         {
             match steps.try_reserve() {
                 Ok(permit) => {
@@ -196,10 +196,10 @@ impl<N: Fn()> StreamHost<N> {
                     published = true;
                 }
                 Err(mpsc::error::TrySendError::Full(())) => break,
-                Err(mpsc::error::TrySendError::Closed(())) => nobody = true,
+                Err(mpsc::error::TrySendError::Closed(())) => is_closed = true,
             }
         }
-        if nobody {
+        if is_closed {
             self.steps = None;
         }
         if published {
@@ -208,11 +208,11 @@ impl<N: Fn()> StreamHost<N> {
     }
 
     fn report(&mut self, now: Time, end: Option<End>) {
-        self.reported = Some(now);
+        self.reported_at = Some(now);
         let mut stats = self.core.stats();
         let settled = stats.settled && !self.core.has_changes();
         if self.core.has_changes() {
-            // What the renderer has not fetched yet is under way too.
+            // Changes that the renderer has not taken count as pending.
             stats.lacking_blobs = 0;
             stats.lacking.clear();
         }
@@ -221,7 +221,7 @@ impl<N: Fn()> StreamHost<N> {
     }
 
     fn report_due(&self) -> Option<Time> {
-        self.reported.map(|at| at + STATUS_INTERVAL)
+        self.reported_at.map(|at| at + STATUS_INTERVAL)
     }
 }
 
@@ -234,7 +234,7 @@ impl<N: Fn()> Host for StreamHost<N> {
         match self.controls.has_changed() {
             Ok(true) => {
                 let controls = *self.controls.borrow_and_update();
-                self.left |= controls.leave;
+                self.leaves |= controls.leave;
                 if let Some(view) = controls.view {
                     self.core.set_view(now, view);
                 }
@@ -243,7 +243,7 @@ impl<N: Fn()> Host for StreamHost<N> {
                 }
             }
             Ok(false) => {}
-            Err(_) => self.left = true,
+            Err(_) => self.leaves = true,
         }
         if self.tokens.has_changed().unwrap_or(false)
             && let Some(token) = self.tokens.borrow_and_update().clone()
@@ -253,15 +253,15 @@ impl<N: Fn()> Host for StreamHost<N> {
         let progress = self.core.update(now, SLICE_BYTES);
         self.publish(now);
         if self.core.is_open() {
-            let told = self.message.is_some();
+            let was_silent = self.message.is_some();
             self.message = self.core.silence(now).map(|_| SILENT.to_owned());
-            if self.message.is_some() != told {
-                self.reported = None;
+            if self.message.is_some() != was_silent {
+                self.reported_at = None;
             }
         }
         let settled = self.core.is_settled() && !self.core.has_changes();
-        let news = settled != self.status.borrow().settled;
-        if news || self.report_due().is_none_or(|due| now >= due) {
+        let changed = settled != self.status.borrow().settled;
+        if changed || self.report_due().is_none_or(|due| now >= due) {
             self.report(now, None);
         }
         progress
@@ -280,9 +280,9 @@ impl<N: Fn()> Host for StreamHost<N> {
                 biased;
                 changed = self.controls.changed() => {
                     if changed.is_err() {
-                        self.left = true;
+                        self.leaves = true;
                     } else {
-                        // Seen by the next turn.
+                        // The next turn reads them.
                         self.controls.mark_changed();
                     }
                 }
@@ -293,7 +293,7 @@ impl<N: Fn()> Host for StreamHost<N> {
     }
 
     fn wants_to_leave(&self) -> bool {
-        self.left
+        self.leaves
     }
 }
 

@@ -1,4 +1,4 @@
-//! Threads for decoding.
+//! Thread pool for decoding.
 
 use std::num::NonZeroUsize;
 use std::sync::Arc;
@@ -7,13 +7,13 @@ use lodestream_geometry::pool::{Pool, Tasks};
 
 use crate::core::Decoders;
 
-/// Runs tasks on the calling thread and on scoped threads beside it, which live as long as one call: some 30 µs each,
-/// against milliseconds of decoding.
+/// Runs tasks on the calling thread and on scoped threads, which are started for each call: some 30 µs each, against
+/// milliseconds of decoding.
 #[derive(Clone, Copy, Debug)]
 pub struct Threads(NonZeroUsize);
 
 impl Threads {
-    /// So many in all; `None` for all but one of the machine's cores, which is left to drawing, and at least one.
+    /// A number of threads; `None` for all of the machine's cores but one, which is left for drawing, and at least one.
     #[must_use]
     pub fn new(count: Option<NonZeroUsize>) -> Self {
         let free = || {
@@ -23,13 +23,13 @@ impl Threads {
         Self(count.unwrap_or_else(free))
     }
 
-    /// How many.
+    /// Number of threads.
     #[must_use]
     pub const fn count(self) -> NonZeroUsize {
         self.0
     }
 
-    /// Decoding on them.
+    /// Decoders on these threads.
     #[must_use]
     pub fn decoders(self) -> Decoders {
         if self.0 == NonZeroUsize::MIN { Decoders::default() } else { Decoders::on(Arc::new(self)) }
@@ -41,7 +41,7 @@ impl Pool for Threads {
         let tasks = Tasks::new(count, task);
         std::thread::scope(|scope| {
             for _ in 1..self.0.get().min(count) {
-                // Where the system gives no thread, those that there are do it all.
+                // If the system provides no thread, the others run all tasks.
                 let thread = std::thread::Builder::new().name("decoding".into());
                 drop(thread.spawn_scoped(scope, || tasks.work()));
             }

@@ -67,7 +67,7 @@ fn listed_points_arrive_where_the_view_needs_them_and_give_the_servers_heights()
                     let entry = header.terrain.as_ref().unwrap();
                     ours = Some(Terrain::with_stamps(entry.parameters, entry.stamps.clone()).unwrap());
                 }
-                Change::TerrainPoints { x, y, points } => {
+                Change::HeightOverrides { x, y, overrides: points } => {
                     patches += 1;
                     ours.as_mut().unwrap().set_points(*x, *y, points.clone()).unwrap();
                 }
@@ -98,7 +98,7 @@ fn a_picture_of_streamed_terrain_shows_its_features() {
     viewer.settle();
     let whole = draw(&mut headless, viewer.changes.clone());
     keep(&whole, "terrain-pit");
-    let points = |change: &Change| !matches!(change, Change::TerrainPoints { .. });
+    let points = |change: &Change| !matches!(change, Change::HeightOverrides { .. });
     let bare = draw(&mut headless, viewer.changes.into_iter().filter(points).collect());
     keep(&bare, "terrain-no-pit");
     let found = crate::support::picture::comparison(&whole, &bare);

@@ -1,13 +1,13 @@
-//! The figures of a run as a table for people: what `--figures` prints.
+//! The table of statistics that `--figures` prints.
 
 use std::fmt::{self, Display, Formatter};
 
 use crate::report::Report;
 
-/// A report, shown as a table of times and bytes.
-pub(crate) struct Figures<'a>(pub(crate) &'a Report);
+/// Displays a report as a table of times and bytes.
+pub(crate) struct StatisticsTable<'a>(pub(crate) &'a Report);
 
-impl Display for Figures<'_> {
+impl Display for StatisticsTable<'_> {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         let report = self.0;
         let one_px = "1".to_owned();
@@ -36,15 +36,15 @@ impl Display for Figures<'_> {
             ),
             ("settled, textures included", report.settled_ms, settled),
         ];
-        for (what, ms, bytes) in rows {
-            row(f, what, &seconds(ms), &bytes.map(size).unwrap_or_default())?;
+        for (name, ms, bytes) in rows {
+            row(f, name, &seconds(ms), &bytes.map(size).unwrap_or_default())?;
         }
         Ok(())
     }
 }
 
-fn row(f: &mut Formatter<'_>, what: &str, time: &str, size: &str) -> fmt::Result {
-    writeln!(f, "{}", format!("{what:<52} {time:>14} {size:>12}").trim_end())
+fn row(f: &mut Formatter<'_>, name: &str, time: &str, size: &str) -> fmt::Result {
+    writeln!(f, "{}", format!("{name:<52} {time:>14} {size:>12}").trim_end())
 }
 
 fn seconds(ms: Option<f64>) -> String {
@@ -64,10 +64,10 @@ mod tests {
     use lodestream_client::core::{Milestone, Milestones, Stats};
 
     use super::*;
-    use crate::frames::Shown;
+    use crate::frames::FrameLog;
 
     #[test]
-    fn what_was_not_reached_is_said_and_what_was_has_its_bytes() {
+    fn milestones_have_times_and_bytes_or_are_not_reached() {
         let at = |ms, bytes| Some(Milestone { after: Duration::from_millis(ms), bytes });
         let mut stats = Stats {
             rate_bits_per_s: Some(2_000_000),
@@ -79,7 +79,7 @@ mod tests {
             },
             ..Stats::default()
         };
-        let mut shown = Shown::default();
+        let mut shown = FrameLog::default();
         shown.note(Duration::from_millis(1570), true, &Default::default(), Default::default());
         let report = Report::new(&stats, "quic", &shown);
         let expected = "\
@@ -90,11 +90,11 @@ screen error of 1 pixel or less where it is seen             1.98 s     500.0 kB
 screen error of 1 pixel or less everywhere              not reached
 settled, textures included                              not reached
 ";
-        assert_eq!(Figures(&report).to_string(), expected);
+        assert_eq!(StatisticsTable(&report).to_string(), expected);
         stats.milestones.quality[2] = at(2220, 558_000);
         stats.settled_after = Some(Duration::from_millis(3550));
-        let report = Report::new(&stats, "quic", &Shown::default());
-        let table = Figures(&report).to_string();
+        let report = Report::new(&stats, "quic", &FrameLog::default());
+        let table = StatisticsTable(&report).to_string();
         assert!(table.contains("2.22 s     558.0 kB") && table.contains("3.55 s      1.23 MB"), "{table}");
     }
 }

@@ -1,4 +1,4 @@
-//! The files that a run leaves. Each is whole or absent: who waits for one never reads half of it.
+//! Output files. They are written atomically: a reader never sees half a file.
 
 use std::io;
 use std::path::Path;
@@ -9,9 +9,9 @@ use image::{ExtendedColorType, ImageEncoder as _, RgbaImage};
 use lodestream_compress::whole_file::write_atomically;
 use serde::Serialize;
 
-/// Writes figures as JSON, for people too.
-pub(crate) fn write_json(path: &Path, figures: &impl Serialize) -> anyhow::Result<()> {
-    let mut json = serde_json::to_string_pretty(figures)?;
+/// Writes statistics as indented JSON.
+pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> anyhow::Result<()> {
+    let mut json = serde_json::to_string_pretty(value)?;
     json.push('\n');
     write_atomically(path, |out| out.write_all(json.as_bytes())).with_context(|| cannot_write(path))
 }
@@ -27,7 +27,7 @@ pub(crate) fn write_png(path: &Path, picture: &RgbaImage) -> anyhow::Result<()> 
     .with_context(|| cannot_write(path))
 }
 
-/// What went wrong with a file or folder.
+/// Error context for a file or folder that cannot be written.
 pub(crate) fn cannot_write(path: &Path) -> String {
     format!("cannot write {}", path.display())
 }
@@ -39,7 +39,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_fails_half_way_leaves_the_file_of_the_run_before() {
+    fn a_failed_write_leaves_the_previous_file() {
         struct Broken;
         impl Serialize for Broken {
             fn serialize<S: serde::Serializer>(&self, _: S) -> Result<S::Ok, S::Error> {
@@ -53,16 +53,16 @@ mod tests {
         assert_eq!(fs::read_to_string(&stats).unwrap(), "[\n  1,\n  2\n]\n");
         let shown = RgbaImage::from_pixel(3, 2, image::Rgba([1, 2, 3, 255]));
         write_png(&picture, &shown).unwrap();
-        // A picture without pixels is none that PNG has.
+        // PNG has no pictures without pixels.
         assert!(write_png(&picture, &RgbaImage::new(0, 0)).is_err());
         assert!(image::open(&picture).unwrap().into_rgba8() == shown);
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2, "nothing else is left");
     }
 
-    /// A reader that opens the file at any time finds a whole one: the name changes files, not bytes.
+    /// A write replaces the file under the name, not its bytes.
     #[cfg(unix)]
     #[test]
-    fn who_reads_while_it_is_written_reads_the_file_before() {
+    fn a_reader_that_opened_the_file_before_a_write_reads_the_previous_file() {
         use std::io::Read as _;
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("stats.json");

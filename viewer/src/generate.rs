@@ -1,5 +1,4 @@
-//! `generate`: completions for shells, and the page of the manual, from what the arguments say of themselves. A word in
-//! the place of the address, which no address is.
+//! `generate`: shell completions and the man page, generated from the arguments. It stands in the place of the address.
 
 use std::ffi::OsString;
 use std::io::Write as _;
@@ -11,50 +10,51 @@ use clap_complete::Shell;
 
 use crate::args::Args;
 
-/// The program where it is given no address.
+/// The command line without an address.
 #[derive(Debug, Parser)]
 #[command(name = "lodestream-viewer")]
 struct WithoutAddress {
     #[command(subcommand)]
-    command: Word,
+    command: GenerateCommand,
 }
 
 #[derive(Debug, Subcommand)]
-enum Word {
-    /// Write completions for a shell, or the page of the manual.
+enum GenerateCommand {
+    /// Write shell completions or the man page.
     Generate {
         #[command(subcommand)]
-        what: What,
+        target: GenerateTarget,
     },
 }
 
 #[derive(Debug, Subcommand)]
-enum What {
-    /// Completions for a shell, on standard output.
+enum GenerateTarget {
+    /// Write completions for a shell to standard output.
     Completions {
         /// The shell.
         shell: Shell,
     },
-    /// The page of the manual.
+    /// Write the man page.
     Man {
-        /// Folder to write to; made where it is missing.
+        /// Folder to write to; created if it is missing.
         #[arg(value_name = "DIR")]
         folder: PathBuf,
     },
 }
 
-/// Does what the words ask for, if they do; whether they did.
+/// Runs `generate` if the arguments name it; returns whether they do.
 ///
 /// # Errors
-/// Fails where the page cannot be written.
-pub(crate) fn run(words: &[OsString]) -> anyhow::Result<bool> {
-    if words.get(1).is_none_or(|word| word != "generate") {
+/// The man page cannot be written.
+pub(crate) fn run(arguments: &[OsString]) -> anyhow::Result<bool> {
+    if arguments.get(1).is_none_or(|first| first != "generate") {
         return Ok(false);
     }
-    let WithoutAddress { command: Word::Generate { what } } = WithoutAddress::parse_from(words);
-    match what {
-        What::Completions { shell } => completions(shell, Args::command()),
-        What::Man { folder } => {
+    let WithoutAddress { command: GenerateCommand::Generate { target } } =
+        WithoutAddress::parse_from(arguments);
+    match target {
+        GenerateTarget::Completions { shell } => completions(shell, Args::command()),
+        GenerateTarget::Man { folder } => {
             man(&folder, Args::command()).with_context(|| folder.display().to_string())?
         }
     }
@@ -64,7 +64,7 @@ pub(crate) fn run(words: &[OsString]) -> anyhow::Result<bool> {
 fn completions(shell: Shell, mut command: Command) {
     let (name, mut script) = (command.get_name().to_owned(), Vec::new());
     clap_complete::generate(shell, &mut command, name, &mut script);
-    // A reader that goes away (`| head`) is no error of ours.
+    // A closed pipe (`| head`) is not an error.
     let _ = std::io::stdout().write_all(&script);
 }
 

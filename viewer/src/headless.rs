@@ -1,4 +1,4 @@
-//! The viewer without a window: streams until settled, then writes a picture.
+//! Headless mode: streams until the picture is settled, then writes it.
 
 use std::sync::mpsc;
 use std::time::Duration;
@@ -10,43 +10,42 @@ use lodestream_render::{Counters, Frame, Gpu, Headless, SceneView};
 
 use crate::args::Args;
 use crate::files::write_png;
-use crate::frames::Shown;
-use crate::outcome::{Outcome, lacks};
-use crate::run::{core_config, server, settings, tell_figures};
+use crate::frames::FrameLog;
+use crate::outcome::{Outcome, describe_end, describe_missing};
+use crate::run::{core_config, server, settings, write_statistics};
 use crate::{signals, token};
 
-/// Time until a run without `--timeout` ends.
+/// Time limit of a run without `--timeout`.
 const DEFAULT_TIMEOUT: Duration = Duration::from_secs(300);
-/// Attempts to reach the server.
+/// Most attempts to reach the server.
 const ATTEMPTS: u32 = 3;
 
-/// What the loop is woken for.
+/// Event that wakes the loop.
 enum Event {
-    /// There may be something to look at.
-    SessionStatus,
-    /// A signal asks for the end.
+    /// There may be a new step or status.
+    Streaming,
+    /// A signal of this number has arrived.
     End(u8),
 }
 
 /// Runs the viewer without a window.
 ///
 /// # Errors
-/// One line that says what went wrong and what to do.
+/// One line with the fault and the remedy.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let output = args.output.as_ref().context("--headless needs --output FILE.png")?;
     let [width, height] = args.window.0;
-    // SessionStatus are left out where some wait already: they only say that there is something to look at. A signal waits for
-    // room.
+    // A notification is dropped if one waits already. A signal waits for room.
     let (sender, events) = mpsc::sync_channel(1);
     let ending = sender.clone();
-    signals::on_end(move |signal| {
-        // Fails only once the run is over.
+    signals::on_termination(move |signal| {
+        // Fails only once the run has ended.
         let _ = ending.send(Event::End(signal));
     })?;
     let retry = Retry { first_attempts: ATTEMPTS, ..Retry::default() };
-    // First of all: the server answers while the device is opened and its pipelines are made.
+    // Before the device is opened: the server answers meanwhile.
     let mut streaming = Streaming::start(server(args)?, core_config(args)?, retry, move || {
-        let _ = sender.try_send(Event::SessionStatus);
+        let _ = sender.try_send(Event::Streaming);
     })?;
     token::follow(args.token_file.as_ref(), &streaming)?;
     let mut headless = Headless::new(Gpu::headless()?, width, height)?;
@@ -55,11 +54,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     scene.multiply_heights(args.ground_heights, 0.0, 0.0)?;
     let clock = streaming.clock();
     let deadline = args.timeout.map_or(DEFAULT_TIMEOUT, |t| t.0);
-    let mut shown = Shown::default();
+    let mut shown = FrameLog::default();
     let mut message = None;
     let mut outcome = Outcome::Finished;
     let status: Status = loop {
-        // The status first: what it says is settled lies in the steps taken after it.
+        // Before the steps: a status that says settled refers to steps that are taken below.
         let status = streaming.status();
         while let Some(step) = streaming.take() {
             scene.push(step);
@@ -78,14 +77,14 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
             shown.note(clock.now().into(), true, &counters, (&status.stats).into());
         }
         if let Some(end) = &status.end {
-            bail!("{end}");
+            bail!("{}", describe_end(end));
         }
         if status.settled {
             break status;
         }
-        // What is refused may come once the server's disk is mended, but a picture is not held up for that.
+        // Refused blobs may arrive once the server's disk is repaired, but the picture does not wait for that.
         if status.stats.lacking_blobs > 0 {
-            tracing::warn!("{}", lacks(status.stats.lacking_blobs, &status.stats.lacking));
+            tracing::warn!("{}", describe_missing(status.stats.lacking_blobs, &status.stats.lacking));
             outcome = Outcome::Incomplete;
             break status;
         }
@@ -99,7 +98,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
                 );
             }
             tracing::warn!(
-                "not settled within {} s: {} blobs under way, {} chunks missing, screen error {:.2} px",
+                "not settled within {} s: {} blobs in flight, {} chunks missing, screen error {:.2} px",
                 deadline.as_secs_f32(),
                 status.stats.session.in_flight_blobs,
                 status.stats.counters.missing_chunks,
@@ -109,20 +108,20 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         }
         if let Ok(Event::End(signal)) = events.recv_timeout(left.min(Duration::from_millis(100))) {
             shown.note_times(headless.timings());
-            tell_figures(args, &status.stats, &shown)?;
+            write_statistics(args, &status.stats, &shown)?;
             tracing::warn!("interrupted: no picture was written");
             return Ok(Outcome::Interrupted(signal));
         }
     };
     drop(streaming);
-    // A time at which every vertex is where it belongs.
+    // At this time all morphs are over.
     while draw(&mut headless, &mut scene, args, f32::MAX)?.is_unfinished() {}
     shown.note_times(headless.timings());
     write_png(output, &headless.picture()?)?;
     if status.settled {
         shown.note_settled(clock.now().into());
     }
-    tell_figures(args, &status.stats, &shown)?;
+    write_statistics(args, &status.stats, &shown)?;
     Ok(outcome)
 }
 

@@ -1,7 +1,5 @@
-//! What the program says on standard error while it runs: lines of its own alone.
-//!
-//! What libraries say that is wrong is told in one line of the program's each, whatever they wrote. `RUST_LOG` chooses
-//! otherwise, and then shows everything as it was said.
+//! Log on standard error. Errors of libraries are reformatted to one line each in the program's own format; with
+//! `RUST_LOG` set, all events are shown unchanged.
 
 use std::fmt::{self, Write as _};
 use std::io::IsTerminal as _;
@@ -14,38 +12,38 @@ use tracing_subscriber::fmt::{FmtContext, FormatEvent, FormatFields, MakeWriter}
 use tracing_subscriber::registry::LookupSpan;
 use tracing_subscriber::util::SubscriberInitExt as _;
 
-/// What is logged unless `RUST_LOG` says otherwise: of libraries, only what is wrong.
-const LOGGED: &str = "error,lodestream_client=info,lodestream_render=info,lodestream_viewer=info";
-/// What the names of our crates begin with.
-const OURS: &str = "lodestream_";
-/// Characters of a library's line, at most.
-const LONGEST: usize = 500;
+/// Default filter: of libraries, only errors.
+const DEFAULT_FILTER: &str = "error,lodestream_client=info,lodestream_render=info,lodestream_viewer=info";
+/// Prefix of the project's crates.
+const CRATE_PREFIX: &str = "lodestream_";
+/// Most characters of a library's line.
+const MAX_LINE_CHARS: usize = 500;
 
-/// Begins to log to standard error.
+/// Starts logging to standard error.
 pub(crate) fn to_stderr() {
-    // Colours are for people: in a file they are noise.
+    // Colours only on a terminal.
     let colours =
         std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|no| no.is_empty());
     let log = match EnvFilter::try_from_default_env() {
-        Ok(chosen) => tracing_subscriber::fmt()
-            .with_env_filter(chosen)
+        Ok(filter) => tracing_subscriber::fmt()
+            .with_env_filter(filter)
             .with_writer(std::io::stderr)
             .with_ansi(colours)
             .finish()
             .into(),
-        Err(_) => log(colours, std::io::stderr),
+        Err(_) => default_log(colours, std::io::stderr),
     };
-    // Fails where a log is set up already, and then that one is as good.
+    // Fails only if a log is set up already, which then stays.
     let _ = log.try_init();
 }
 
-/// The log of those who have chosen nothing.
-fn log<W>(colours: bool, writer: W) -> Dispatch
+/// The default log, without `RUST_LOG`.
+fn default_log<W>(colours: bool, writer: W) -> Dispatch
 where
     W: for<'w> MakeWriter<'w> + Send + Sync + 'static,
 {
     tracing_subscriber::fmt()
-        .with_env_filter(EnvFilter::new(LOGGED))
+        .with_env_filter(EnvFilter::new(DEFAULT_FILTER))
         .with_writer(writer)
         .with_ansi(colours)
         .map_event_format(|ours| UniformLogFormat {
@@ -56,7 +54,7 @@ where
         .into()
 }
 
-/// A format that tells what others say as the program's.
+/// Formats events of libraries as lines of the program.
 struct UniformLogFormat<F, G> {
     ours: F,
     others: G,
@@ -75,18 +73,18 @@ where
         mut writer: Writer<'_>,
         event: &Event<'_>,
     ) -> fmt::Result {
-        let about = event.metadata();
-        if about.target().starts_with(OURS) {
+        let metadata = event.metadata();
+        if metadata.target().starts_with(CRATE_PREFIX) {
             return self.ours.format_event(context, writer, event);
         }
-        let mut said = String::new();
-        self.others.format_event(context, Writer::new(&mut said), event)?;
+        let mut message = String::new();
+        self.others.format_event(context, Writer::new(&mut message), event)?;
         SystemTime.format_time(&mut writer)?;
-        writeln!(writer, " {:>5} {OURS}viewer: {}", about.level(), in_one_line(&said))
+        writeln!(writer, " {:>5} {CRATE_PREFIX}viewer: {}", metadata.level(), in_one_line(&message))
     }
 }
 
-/// A text without line breaks and codes, cut where it is long.
+/// Replaces line breaks and control characters by spaces, and truncates long text.
 fn in_one_line(text: &str) -> String {
     let words = text.split(|c: char| c.is_whitespace() || c.is_control()).filter(|word| !word.is_empty());
     let mut line = String::new();
@@ -95,7 +93,7 @@ fn in_one_line(text: &str) -> String {
         // Writing to a String cannot fail.
         let _ = write!(line, "{between}{word}");
     }
-    match line.char_indices().nth(LONGEST) {
+    match line.char_indices().nth(MAX_LINE_CHARS) {
         Some((end, _)) => line[..end].to_owned() + "…",
         None => line,
     }
@@ -107,11 +105,11 @@ mod tests {
 
     use super::*;
 
-    /// What is written to it, by whomever.
+    /// Buffer that several writers share.
     #[derive(Clone, Default)]
-    struct Written(Arc<Mutex<Vec<u8>>>);
+    struct SharedBuffer(Arc<Mutex<Vec<u8>>>);
 
-    impl std::io::Write for Written {
+    impl std::io::Write for SharedBuffer {
         fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
             self.0.lock().unwrap().extend_from_slice(bytes);
             Ok(bytes.len())
@@ -123,16 +121,16 @@ mod tests {
     }
 
     fn logged(say: impl FnOnce()) -> String {
-        let written = Written::default();
+        let written = SharedBuffer::default();
         let writer = written.clone();
-        tracing::dispatcher::with_default(&log(false, move || writer.clone()), say);
+        tracing::dispatcher::with_default(&default_log(false, move || writer.clone()), say);
         let bytes = written.0.lock().unwrap().clone();
         String::from_utf8(bytes).unwrap()
     }
 
-    /// Lines of graphics drivers' wrappers, of several lines each, stood between the program's own.
+    /// Errors of wgpu have several lines.
     #[test]
-    fn what_a_library_says_is_told_in_one_line_of_the_programs() {
+    fn errors_of_libraries_are_one_line_each_in_the_programs_format() {
         let text = logged(|| {
             tracing::info!(target: "lodestream_viewer::run", "connected");
             tracing::error!(target: "wgpu_core::device", "Validation Error\n\n  In a \u{1b}[31mpass\u{1b}[0m\r\n    no buffer");
@@ -149,6 +147,6 @@ mod tests {
         );
         assert!(first.ends_with("no buffer") && !first.contains(|c: char| c.is_control()), "{first}");
         assert!(second.contains("ERROR lodestream_viewer: quinn::connection: lost") && second.ends_with('…'));
-        assert!(second.chars().count() < LONGEST + 100, "{second}");
+        assert!(second.chars().count() < MAX_LINE_CHARS + 100, "{second}");
     }
 }

@@ -23,44 +23,44 @@ use clap::Parser;
 use outcome::Outcome;
 
 fn main() -> ExitCode {
-    without_wayland();
+    disable_device_select_layer();
     log::to_stderr();
     match run() {
         Ok(outcome) => outcome.into(),
         Err(why) => {
             eprintln!("error: {why:#}");
-            // 2: what was asked for cannot be done, as for a wrong command line.
+            // 2, as clap has it for a wrong command line.
             ExitCode::from(2)
         }
     }
 }
 
-/// Mesa's layer that puts the default graphics device first asks Wayland for it, which complains on standard error where
-/// a session has none or names a folder that is not there. Then the layer has nothing to find out.
+/// Disables Mesa's device selection layer where there is no Wayland: the layer asks Wayland for the default device, and
+/// libwayland prints an error if `XDG_RUNTIME_DIR` is missing or not a folder.
 #[cfg(target_os = "linux")]
 #[allow(unsafe_code, reason = "see SAFETY")]
-fn without_wayland() {
+fn disable_device_select_layer() {
     let is_set = |name| std::env::var_os(name).is_some();
     let runtime = std::env::var_os("XDG_RUNTIME_DIR");
     if !runtime.is_some_and(|folder| Path::new(&folder).is_dir()) && !is_set("MESA_VK_DEVICE_SELECT") {
-        // SAFETY: the first thing that the program does: no other thread is there that might read the environment.
+        // SAFETY: called first in `main`: no other thread exists that could read the environment.
         unsafe { std::env::set_var("NODEVICE_SELECT", "1") };
     }
 }
 
 #[cfg(not(target_os = "linux"))]
-fn without_wayland() {}
+fn disable_device_select_layer() {}
 
 /// Runs the program with the process's arguments.
 ///
 /// # Errors
-/// One line that says what went wrong and what to do.
+/// One line with the fault and the remedy.
 fn run() -> anyhow::Result<Outcome> {
-    let words: Vec<_> = std::env::args_os().collect();
-    if generate::run(&words)? {
+    let arguments: Vec<_> = std::env::args_os().collect();
+    if generate::run(&arguments)? {
         return Ok(Outcome::Finished);
     }
-    let args = Args::parse_from(words);
+    let args = Args::parse_from(arguments);
     run::check(&args)?;
     if args.headless { headless::run(&args) } else { window::run(&args) }
 }

@@ -1,15 +1,18 @@
-//! How a run ends, and what its exit code says.
+//! Outcomes of a run, their exit codes and messages.
 
 use std::process::ExitCode;
 
-/// How a run ended that was no error.
+use lodestream_client::net::End;
+use lodestream_protocol::message::CloseCode;
+
+/// Outcome of a run that was not an error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Outcome {
-    /// As it was meant to: settled, or closed by the user.
+    /// Settled, or closed by the user.
     Finished,
-    /// Nothing more will come, and the view lacks something.
+    /// The view lacks blobs that will not arrive.
     Incomplete,
-    /// A signal of this number asked for the end.
+    /// Ended by the signal of this number.
     Interrupted(u8),
 }
 
@@ -22,17 +25,27 @@ impl From<Outcome> for ExitCode {
         match outcome {
             Outcome::Finished => Self::SUCCESS,
             Outcome::Incomplete => Self::from(3),
-            // As shells report a program that a signal ended.
+            // The convention of shells for a program that a signal has ended.
             Outcome::Interrupted(signal) => Self::from(128_u8.saturating_add(signal)),
         }
     }
 }
 
-/// What a view lacks, for people: how many blobs that are damaged or refused, and the first of them; if none is, what had
-/// not come when the session ended.
-pub(crate) fn lacks(count: u64, first: &[impl std::fmt::Display]) -> String {
+/// Why streaming ended, with the command line flags that help.
+pub(crate) fn describe_end(end: &End) -> String {
+    match end {
+        End::Closed(close) if close.code == CloseCode::Unauthorised => {
+            format!("{end}, and pass it with --token-file FILE")
+        }
+        _ => end.to_string(),
+    }
+}
+
+/// Describes an incomplete picture: how many blobs are damaged or refused, and the first of them. With a count of 0, the
+/// session ended too early.
+pub(crate) fn describe_missing(count: u64, first: &[impl std::fmt::Display]) -> String {
     if count == 0 {
-        return "incomplete: the session ended before all that the view needs had come".to_owned();
+        return "incomplete: the session ended before everything in view had arrived".to_owned();
     }
     let names: Vec<String> = first.iter().map(ToString::to_string).collect();
     let more = if count > first.len() as u64 { ", …" } else { "" };
@@ -45,14 +58,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_missing_is_named() {
-        assert!(lacks(0, &[""]).contains("the session ended before"));
+    fn missing_blobs_are_named() {
+        assert!(describe_missing(0, &[""]).contains("the session ended before"));
         assert_eq!(
-            lacks(1, &["asset 2 chunk 7"]),
+            describe_missing(1, &["asset 2 chunk 7"]),
             "incomplete: the view lacks 1 blob that is damaged or refused (asset 2 chunk 7)"
         );
         assert_eq!(
-            lacks(3, &["asset 2 chunk 7", "asset 3 base"]),
+            describe_missing(3, &["asset 2 chunk 7", "asset 3 base"]),
             "incomplete: the view lacks 3 blobs that are damaged or refused (asset 2 chunk 7, asset 3 base, …)"
         );
     }

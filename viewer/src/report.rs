@@ -1,4 +1,4 @@
-//! The figures of a run as JSON, under the names that the simulator uses too.
+//! Statistics of a run as JSON, with the simulator's field names.
 
 use std::collections::BTreeMap;
 
@@ -8,20 +8,20 @@ use lodestream_client::core::{Milestone, QUALITIES_PX, Stats};
 
 use lodestream_render::{PassTime, Timings};
 
-use crate::frames::{Shown, ShownFrame};
+use crate::frames::{FrameLog, ShownFrame};
 
-/// What `--stats` writes.
+/// Contents of the file of `--stats`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Report {
     /// Name of the scene.
     pub(crate) scene: String,
     /// "quic" or "ws".
     pub(crate) transport: &'static str,
-    /// Rate that the server's limiter admits; `None` if unlimited.
+    /// The server's rate limit; `None` if unlimited.
     pub(crate) rate_bits_per_s: Option<u64>,
     /// Round trip, in milliseconds.
     pub(crate) rtt_ms: Option<f64>,
-    /// Share of packets lost; not known on real links.
+    /// Share of packets lost; unknown on real links.
     pub(crate) loss: Option<f64>,
     /// Seed of a simulation; none on real links.
     pub(crate) seed: Option<u64>,
@@ -33,7 +33,7 @@ pub(crate) struct Report {
     pub(crate) ttq_ms: BTreeMap<String, Option<f64>>,
     /// Transport payload until then.
     pub(crate) ttq_bytes: BTreeMap<String, Option<u64>>,
-    /// Time until every part that is seen had, whatever the scene's own surfaces hide.
+    /// As `ttq_ms`, without the parts that the scene's own surfaces hide.
     pub(crate) seen_ttq_ms: BTreeMap<String, Option<f64>>,
     /// Transport payload until then.
     pub(crate) seen_ttq_bytes: BTreeMap<String, Option<u64>>,
@@ -43,14 +43,13 @@ pub(crate) struct Report {
     pub(crate) ttff_presented_ms: Option<f64>,
     /// The frames shown in the first seconds.
     pub(crate) frames: Vec<ShownFrame>,
-    /// Whether everything had come that makes the picture as sharp as asked for.
+    /// Whether the picture became as sharp as requested.
     pub(crate) settled: bool,
-    /// Time until it had.
+    /// Time until it was.
     pub(crate) settled_ms: Option<f64>,
-    /// Time until the picture that stays as it is was on the screen (headless: in the file), the terrain's tiles
-    /// included.
+    /// Time until the final picture was shown (headless: written), terrain tiles included.
     pub(crate) settled_presented_ms: Option<f64>,
-    /// How many blobs the view lacks for good: they are damaged, or the server refuses them.
+    /// Number of blobs that stay missing because they are damaged or refused.
     pub(crate) lacking_blobs: u64,
     /// The first few of them.
     pub(crate) lacking: Vec<String>,
@@ -63,31 +62,31 @@ pub(crate) struct Report {
     pub(crate) needed_bytes: u64,
     /// Of these, those of chunks that it needs for shadows alone.
     pub(crate) shadow_bytes: u64,
-    /// Blobs that came damaged.
+    /// Damaged blobs received.
     pub(crate) decode_failures: u64,
-    /// What drawing the last frames took.
+    /// Times of drawing the last frames.
     pub(crate) drawing: Drawing,
 }
 
-/// Means over the last frames that were drawn.
+/// Mean times over the last frames drawn.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct Drawing {
-    /// Over how many, at most 30.
+    /// Number of frames, at most 30.
     pub(crate) frames: u32,
-    /// To choose what is drawn and to upload it, on the processor.
+    /// CPU time of choosing and uploading what is drawn.
     pub(crate) plan_cpu_ms: f64,
     /// The last frame's passes, in order.
     pub(crate) passes: Vec<Pass>,
 }
 
-/// What a pass took.
+/// Times of a pass.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Pass {
     /// Its name.
     pub(crate) name: &'static str,
-    /// To record it, on the processor.
+    /// CPU time of recording it.
     pub(crate) cpu_ms: f64,
-    /// On the graphics device; `None` where it has no timestamps.
+    /// GPU time; `None` if the device has no timestamps.
     pub(crate) gpu_ms: Option<f64>,
 }
 
@@ -113,7 +112,7 @@ fn ms(duration: std::time::Duration) -> f64 {
 impl Report {
     /// The report of a run.
     #[must_use]
-    pub(crate) fn new(stats: &Stats, transport: &'static str, shown: &Shown) -> Self {
+    pub(crate) fn new(stats: &Stats, transport: &'static str, shown: &FrameLog) -> Self {
         let first = stats.milestones.first_frame;
         let by_error = |noted: [Option<Milestone>; QUALITIES_PX.len()]| {
             QUALITIES_PX.map(|px| px.to_string()).into_iter().zip(noted)
@@ -174,7 +173,7 @@ mod tests {
             },
             ..Stats::default()
         };
-        let mut shown = Shown::default();
+        let mut shown = FrameLog::default();
         let received = Received { bytes: 1200, error_px: Some(20.0), seen_error_px: Some(15.0) };
         shown.note(Duration::from_millis(250), true, &Default::default(), received);
         let pass = |pass, gpu| PassTime { pass, cpu: Duration::from_micros(250), gpu };

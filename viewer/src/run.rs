@@ -1,4 +1,4 @@
-//! What the modes of the program share: settings from its command line, and what it tells at the end.
+//! Shared by the window and the headless mode: settings from the command line, and the statistics at the end.
 
 use std::io::Write as _;
 use std::path::Path;
@@ -12,43 +12,43 @@ use lodestream_render::{
     Reflections, Settings, Shadows,
 };
 
-use crate::args::{Args, Still};
-use crate::figures::Figures;
+use crate::args::{Args, StillMethod};
+use crate::figures::StatisticsTable;
 use crate::files::write_json;
-use crate::frames::Shown;
+use crate::frames::FrameLog;
 use crate::report::Report;
 use crate::token;
 
-/// Longest file of certificates that is read; the system's own have a quarter of a megabyte.
+/// Longest file of certificate authorities that is read; a system's usual list has a quarter of a megabyte.
 const MAX_CA_BYTES: u64 = 4 << 20;
 
-/// Refuses arguments that only together make no sense.
+/// Checks arguments that contradict each other.
 ///
 /// # Errors
-/// Says which.
+/// Names them.
 pub(crate) fn check(args: &Args) -> anyhow::Result<()> {
     if args.occlusion_half && args.occlusion_method == OcclusionMethod::HbaoPlus {
         bail!(
-            "--occlusion-half is of no use with --occlusion-method hbao-plus, whose layers need every pixel"
+            "--occlusion-half does not work with --occlusion-method hbao-plus, whose layers need every pixel: leave one out"
         );
     }
     Ok(())
 }
 
-/// The server of these arguments, and who may vouch for it.
+/// The server to stream from, with the certificate authorities to trust.
 ///
 /// # Errors
-/// Fails where the authorities' file cannot be used.
+/// The file of certificate authorities cannot be used.
 pub(crate) fn server(args: &Args) -> anyhow::Result<Server> {
     let mut server = Server::from(args.address.clone());
     if let Some(file) = &args.ca {
         if args.address.pin.is_some() || args.address.scheme == Scheme::WebSocket {
             bail!(
-                "--ca is of no use: {}",
+                "--ca has no effect: {}",
                 if args.address.pin.is_some() {
-                    "the address has a fingerprint, which alone is looked at; leave out what stands behind #"
+                    "the address has a fingerprint, which is checked instead; leave out the part from # on"
                 } else {
-                    "ws:// is without TLS; write wss://"
+                    "ws:// does not use TLS; write wss://"
                 }
             );
         }
@@ -60,7 +60,7 @@ pub(crate) fn server(args: &Args) -> anyhow::Result<Server> {
 fn authorities(file: &Path) -> anyhow::Result<Authorities> {
     let length = std::fs::metadata(file)?.len();
     if length > MAX_CA_BYTES {
-        bail!("it has {length} bytes, more than any list of authorities");
+        bail!("it has {length} bytes; a list of certificate authorities has at most {MAX_CA_BYTES}");
     }
     Ok(Authorities::from_pem(&std::fs::read(file)?)?)
 }
@@ -68,14 +68,14 @@ fn authorities(file: &Path) -> anyhow::Result<Authorities> {
 /// The core's settings for these arguments.
 ///
 /// # Errors
-/// Fails where the token cannot be read.
+/// The token cannot be read.
 pub(crate) fn core_config(args: &Args) -> anyhow::Result<Config> {
     let start = match &args.camera {
         Some(camera) => StartView::Given(args.view_of(&camera.0)),
         None => StartView::OfScene { viewport_px: args.window.0, target_px: args.pixel_error.0 },
     };
     let mut config = Config::new(start);
-    config.session.token = token::find(args.token_file.as_deref())?;
+    config.session.token = token::load(args.token_file.as_deref())?;
     config.select.max_faces = args.max_faces;
     config.select.shadows = !args.no_shadows;
     config.cache_bytes = u64::from(args.cache_mib) << 20;
@@ -83,11 +83,11 @@ pub(crate) fn core_config(args: &Args) -> anyhow::Result<Config> {
     Ok(config)
 }
 
-/// The renderer's settings for these arguments, on a device whose driver is `software` or not.
+/// The renderer's settings for these arguments. `software`: the driver renders on the CPU.
 pub(crate) fn settings(args: &Args, software: bool) -> Settings {
     let mut settings = Settings { relief: !args.no_relief, wireframe: args.wireframe, ..Settings::default() };
-    // A mean costs 16 frames once nothing changes, which a processor has better use for.
-    let usual = Still((!software).then_some(OcclusionMethod::Gtao));
+    // The mean of 16 frames is too slow on a CPU.
+    let usual = StillMethod((!software).then_some(OcclusionMethod::Gtao));
     let ambient = AmbientOcclusion {
         method: args.occlusion_method,
         normals: args.occlusion_normals,
@@ -96,8 +96,7 @@ pub(crate) fn settings(args: &Args, software: bool) -> Settings {
         ..AmbientOcclusion::default()
     };
     settings.occlusion = (!args.no_ao).then_some(ambient);
-    // A picture that stands is drawn many times for the temporal one, and one that moves has little of it at few frames
-    // a second.
+    // Temporal anti-aliasing draws a still picture many times, and helps little at few frames a second.
     let usual = if software { AntiAliasing::Spatial } else { AntiAliasing::Temporal };
     settings.relief_method = args.relief_method.unwrap_or_default();
     settings.relief_shadows = args.relief_shadows;
@@ -125,12 +124,12 @@ pub(crate) fn settings(args: &Args, software: bool) -> Settings {
     settings
 }
 
-/// Prints `--figures` and writes `--stats`.
-pub(crate) fn tell_figures(args: &Args, stats: &Stats, shown: &Shown) -> anyhow::Result<()> {
+/// Prints the table of `--figures` and writes the file of `--stats`.
+pub(crate) fn write_statistics(args: &Args, stats: &Stats, shown: &FrameLog) -> anyhow::Result<()> {
     let report = Report::new(stats, args.address.transport(), shown);
     if args.figures {
-        // A reader that is gone wants no figures.
-        let _ = write!(std::io::stdout(), "{}", Figures(&report));
+        // A closed pipe is not an error.
+        let _ = write!(std::io::stdout(), "{}", StatisticsTable(&report));
     }
     args.stats.as_ref().map_or(Ok(()), |path| write_json(path, &report))
 }
@@ -148,33 +147,33 @@ mod tests {
     }
 
     #[test]
-    fn without_flags_all_is_drawn_and_edges_and_occlusion_are_of_many_frames_where_no_processor_draws() {
+    fn defaults_draw_everything_and_average_frames_on_a_gpu_only() {
         assert_eq!(of(&[], true), Settings::default());
         assert_eq!(of(&[], true).anti_aliasing, AntiAliasing::Spatial);
         let still = AmbientOcclusion { still: Some(OcclusionMethod::Gtao), ..AmbientOcclusion::default() };
         let graphics =
             Settings { anti_aliasing: AntiAliasing::Temporal, occlusion: Some(still), ..Settings::default() };
         assert_eq!(of(&[], false), graphics);
-        for (flags, way) in [
+        for (flags, expected) in [
             (&["--anti-aliasing", "temporal"][..], AntiAliasing::Temporal),
             (&["--anti-aliasing", "spatial"], AntiAliasing::Spatial),
             (&["--no-aa"], AntiAliasing::None),
         ] {
-            assert_eq!([true, false].map(|software| of(flags, software).anti_aliasing), [way; 2]);
+            assert_eq!([true, false].map(|software| of(flags, software).anti_aliasing), [expected; 2]);
         }
     }
 
     #[test]
-    fn relief_is_found_as_it_is_told() {
-        for way in ReliefMethod::ALL {
-            assert_eq!(of(&["--relief-method", way.name()], true).relief_method, way);
+    fn relief_flags_set_relief() {
+        for method in ReliefMethod::ALL {
+            assert_eq!(of(&["--relief-method", method.name()], true).relief_method, method);
         }
         assert!(of(&["--relief-shadows"], true).relief_shadows && !of(&[], true).relief_shadows);
         assert!(of(&["--relief-in-depth"], true).relief_in_depth && !of(&[], true).relief_in_depth);
     }
 
     #[test]
-    fn reflections_and_bloom_are_drawn_where_they_are_asked_for() {
+    fn reflection_and_bloom_flags_set_their_passes() {
         for method in ReflectionMethod::ALL {
             let asked =
                 |more: &[&str]| of(&[&["--reflections", method.name()], more].concat(), true).reflections;
@@ -194,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn triangles_are_curved_where_that_is_asked_for() {
+    fn the_pn_triangles_flag_sets_their_error() {
         let usual = PnTriangles::default();
         assert_eq!(of(&[], true).pn_triangles, None);
         assert_eq!(of(&["--pn-triangles"], true).pn_triangles, Some(usual));
@@ -207,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn ink_is_drawn_where_it_is_asked_for() {
+    fn ink_flags_set_ink() {
         let usual = Ink::default();
         assert_eq!(of(&[], true).ink, None);
         assert_eq!(of(&["--ink"], true).ink, Some(usual));
@@ -230,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn occlusion_is_estimated_by_the_method_that_is_named() {
+    fn occlusion_flags_set_method_and_normals() {
         for method in OcclusionMethod::ALL {
             let occlusion = of(&["--occlusion-method", method.name()], true).occlusion;
             assert_eq!(occlusion, Some(AmbientOcclusion { method, ..AmbientOcclusion::default() }));
@@ -253,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn each_flag_leaves_out_what_it_is_named_after() {
+    fn each_negative_flag_disables_its_feature() {
         let usual = of(&[], false);
         for (flag, left) in [
             ("--no-ao", Settings { occlusion: None, ..usual }),

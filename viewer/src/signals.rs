@@ -1,19 +1,18 @@
-//! The end that a user or the system asks for: Ctrl-C or `kill`. A terminal that is closed ends the program as ever, unless
-//! `nohup` says otherwise.
+//! SIGINT and SIGTERM (Ctrl-C and `kill`). SIGHUP keeps its default, so that `nohup` works.
 
-/// Calls `tell` with the number of the first signal that asks for the end; the second ends the program at once.
+/// Calls `handler` with the number of the first signal; the second ends the program at once.
 ///
 /// # Errors
-/// Fails where the system gives no thread, or lets no signal be caught.
-pub(crate) fn on_end(tell: impl FnOnce(u8) + Send + 'static) -> std::io::Result<()> {
+/// The system provides no thread, or signals cannot be caught.
+pub(crate) fn on_termination(handler: impl FnOnce(u8) + Send + 'static) -> std::io::Result<()> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    // From here on signals are caught: what comes before the thread runs is not lost.
+    // Signals are caught from here on, also before the thread runs.
     let mut signals = {
         let _inside = runtime.enter();
         Signals::new()?
     };
     std::thread::Builder::new().name("signals".into()).spawn(move || {
-        tell(runtime.block_on(signals.next()));
+        handler(runtime.block_on(signals.next()));
         let second = runtime.block_on(signals.next());
         std::process::exit(128 + i32::from(second));
     })?;

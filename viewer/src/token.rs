@@ -1,5 +1,5 @@
-//! The token that shows who may see the scene: from a file, which is read again when it changes, or from the environment.
-//! A command line is no place for it: everybody on the machine can read that.
+//! The access token: from a file, which is read again when it changes, or from the environment. It is not a command line
+//! argument, because all users of the machine can read those.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -9,16 +9,16 @@ use lodestream_client::streaming::Streaming;
 use lodestream_protocol::message::Token;
 use lodestream_scene::limits::MAX_TOKEN_BYTES;
 
-/// Where it is if no file is named.
+/// Environment variable that holds the token if there is no file.
 pub(crate) const VARIABLE: &str = "LODESTREAM_TOKEN";
-/// Time between two looks at the file.
-const LOOK_EVERY: Duration = Duration::from_secs(5);
+/// Interval at which the file is read again.
+const POLL_INTERVAL: Duration = Duration::from_secs(5);
 
-/// The token of a file, else of the environment, if either is there.
+/// Loads the token from a file, else from the environment.
 ///
 /// # Errors
-/// Fails where the file cannot be read, or what there is can be no token.
-pub(crate) fn find(file: Option<&Path>) -> anyhow::Result<Option<Token>> {
+/// The file cannot be read, or the text is not a valid token.
+pub(crate) fn load(file: Option<&Path>) -> anyhow::Result<Option<Token>> {
     match file {
         Some(file) => read(file).with_context(|| format!("--token-file {}", file.display())).map(Some),
         None => match std::env::var(VARIABLE) {
@@ -30,7 +30,7 @@ pub(crate) fn find(file: Option<&Path>) -> anyhow::Result<Option<Token>> {
 
 fn read(file: &Path) -> anyhow::Result<Token> {
     if std::fs::metadata(file)?.len() > MAX_TOKEN_BYTES as u64 + 2 {
-        bail!("it is longer than a token may be, {MAX_TOKEN_BYTES} bytes");
+        bail!("it is longer than the {MAX_TOKEN_BYTES} bytes allowed for a token");
     }
     checked(&std::fs::read_to_string(file)?)
 }
@@ -46,20 +46,20 @@ fn checked(text: &str) -> anyhow::Result<Token> {
     Ok(Token(text.to_owned()))
 }
 
-/// Shows the server what the file holds whenever that changes, as long as the session lasts.
+/// Watches the file on a thread and passes new tokens to the session until streaming ends.
 ///
 /// # Errors
-/// Fails where the system gives no thread.
+/// The system provides no thread.
 pub(crate) fn follow(file: Option<&PathBuf>, streaming: &Streaming) -> std::io::Result<()> {
     let Some(file) = file.cloned() else { return Ok(()) };
     let tokens = streaming.tokens();
     std::thread::Builder::new().name("token".into()).spawn(move || {
         while !tokens.is_closed() {
-            // A file that is being replaced may be away for a moment.
+            // A file that is being replaced may be missing for a moment.
             if let Ok(token) = read(&file) {
-                tokens.show(token);
+                tokens.set(token);
             }
-            std::thread::sleep(LOOK_EVERY);
+            std::thread::sleep(POLL_INTERVAL);
         }
     })?;
     Ok(())
@@ -70,16 +70,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn tokens_are_read_without_the_line_end() {
+    fn tokens_are_trimmed_and_checked() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("token");
         std::fs::write(&file, "a.b.c\n").unwrap();
-        assert_eq!(find(Some(&file)).unwrap(), Some(Token("a.b.c".into())));
+        assert_eq!(load(Some(&file)).unwrap(), Some(Token("a.b.c".into())));
         for bad in ["", "\n", "a b", "ä", &"x".repeat(MAX_TOKEN_BYTES + 1)] {
             std::fs::write(&file, bad).unwrap();
-            let why = format!("{:#}", find(Some(&file)).unwrap_err());
+            let why = format!("{:#}", load(Some(&file)).unwrap_err());
             assert!(why.contains("--token-file") && !why.contains("xxx"), "{why}");
         }
-        assert!(find(Some(&folder.path().join("none"))).is_err());
+        assert!(load(Some(&folder.path().join("none"))).is_err());
     }
 }

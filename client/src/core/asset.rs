@@ -1,4 +1,4 @@
-//! One asset as the client has it: its refined mesh, and what changed since a renderer last looked.
+//! One asset in the client: its mesh at the current refinement, and what has changed since the renderer's last fetch.
 
 use std::collections::BTreeMap;
 
@@ -11,13 +11,14 @@ use geometry::refine::{ActiveMesh, ChunkDelta, ChunkError, DirtySlots, RefineErr
 use lodestream_compress::{decode_base, decode_prefix};
 use lodestream_geometry as geometry;
 use lodestream_scene::asset::{AssetDescription, DescriptionError};
+use lodestream_scene::blob::BlobPart;
 use lodestream_select::Occluder;
 
 use super::changes::{IndexRun, MeshChange, Vertex, runs};
 #[cfg(not(feature = "zstd"))]
 use super::stored::{decode_base, decode_prefix};
 
-/// A chunk or base mesh that cannot be used.
+/// Why a chunk or base mesh cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum AssetError {
     #[error(transparent)]
@@ -28,18 +29,18 @@ pub(crate) enum AssetError {
     Refine(#[from] RefineError),
     #[error(transparent)]
     Chunk(#[from] ChunkError),
-    #[error("the base mesh tells of {base} chunks, the scene of {scene}")]
+    #[error("the base mesh states {base} chunks, but the scene {scene}")]
     ChunkCount { base: u32, scene: u32 },
-    #[error("the base mesh names material {used}, but only {count} are described")]
+    #[error("the base mesh uses material {used}, but describes only {count}")]
     Material { used: u16, count: usize },
 }
 
-/// Slots that a renderer must fetch again.
+/// Slots whose contents have changed since the last fetch.
 #[derive(Debug, Default)]
 struct Dirty {
     wedges: Vec<u32>,
     draws: Vec<(u16, u32)>,
-    /// Length above which the lists are worth sorting out.
+    /// Length above which duplicates are removed.
     limit: usize,
 }
 
@@ -47,8 +48,7 @@ impl Dirty {
     fn add(&mut self, touched: DirtySlots) {
         self.wedges.extend(touched.wedges);
         self.draws.extend(touched.draws);
-        // Nobody may be looking for a long time (a hidden window): the same slots are then noted again
-        // and again, and memory stays proportional to the mesh only if they are merged.
+        // A hidden window may fetch nothing for a long time. Removing duplicates keeps memory proportional to the mesh.
         if self.wedges.len() + self.draws.len() > self.limit {
             self.merge();
             self.limit = (2 * (self.wedges.len() + self.draws.len())).max(1 << 16);
@@ -63,29 +63,30 @@ impl Dirty {
     }
 }
 
-/// An asset whose base mesh is here.
+/// An asset whose base mesh has arrived.
 #[derive(Debug)]
 pub(crate) struct RefinedAsset {
     pub(crate) description: AssetDescription,
     pub(crate) origin: [f64; 3],
-    /// Texture coordinates per asset unit; 0 where there are none.
+    /// Texture coordinates per asset unit; 0 without texture coordinates.
     pub(crate) uv_per_unit: f32,
     mesh: ActiveMesh,
     dirty: Option<Dirty>,
-    /// It stands among those whose changes wait to be fetched.
-    waits: bool,
-    /// When a chunk's vertices were first handed to a renderer, in seconds.
+    /// Whether the asset is in the queue of changed assets.
+    is_queued: bool,
+    /// When a chunk's vertices were first handed to a renderer, in seconds: the start of their morph.
     births: BTreeMap<u32, f32>,
+    /// Level of each applied chunk.
     levels: BTreeMap<u32, u8>,
-    /// Faces of the surface that is known to hide things.
-    occluding_faces: usize,
+    /// Faces of the last occluder.
+    occluder_faces: usize,
 }
 
-/// A surface of so many faces hides as well as a finer one: its error is far below the sizes of regions.
-const OCCLUDER_FACES: usize = 2048;
+/// Faces beyond which an occluder is not refined: its error is then far below the sizes of regions.
+const MAX_OCCLUDER_FACES: usize = 2048;
 
 impl RefinedAsset {
-    /// Decodes a base blob. `track_changes`: a renderer will ask for changes.
+    /// Decodes a base blob. `track_changes`: record changes for a renderer.
     pub(crate) fn decode(bytes: &[u8], chunk_count: u32, track_changes: bool) -> Result<Self, AssetError> {
         let base = decode_base(bytes)?;
         if base.chunk_count != chunk_count {
@@ -102,16 +103,23 @@ impl RefinedAsset {
             uv_per_unit: uv_per_unit(&base),
             mesh: ActiveMesh::new(&base),
             dirty: track_changes.then(Dirty::default),
-            waits: false,
+            is_queued: false,
             births: BTreeMap::new(),
             levels: BTreeMap::new(),
-            occluding_faces: 0,
+            occluder_faces: 0,
         };
         asset.touch_all();
         Ok(asset)
     }
 
-    /// Notes everything as changed: a new renderer starts from nothing.
+    /// All levels of the asset's textures.
+    pub(crate) fn texture_levels(&self) -> impl Iterator<Item = BlobPart> + use<'_> {
+        (0..).zip(&self.description.textures).flat_map(|(texture, info)| {
+            (0..).zip(&info.levels).map(move |(level, _)| BlobPart::Texture { texture, level })
+        })
+    }
+
+    /// Marks all slots as changed.
     pub(crate) fn touch_all(&mut self) {
         if let Some(dirty) = &mut self.dirty {
             dirty.wedges = (0..self.mesh.wedge_slots()).collect();
@@ -123,9 +131,9 @@ impl RefinedAsset {
         }
     }
 
-    /// Decodes and applies a chunk whose parents are applied, up to a truncation or whole; one that is applied up to a truncation is
-    /// taken on from there. On failure it is not applied, and nothing else has changed: where the rest is damaged, its
-    /// beginning is not to be trusted either.
+    /// Decodes and applies a chunk whose parents are applied, up to a truncation point or whole; a chunk that is applied up
+    /// to an earlier truncation point is raised. On failure the chunk is not applied, not even its beginning, which is not
+    /// trustworthy if the rest is damaged; nothing else changes.
     pub(crate) fn apply(
         &mut self,
         chunk: u32,
@@ -133,8 +141,8 @@ impl RefinedAsset {
         truncation: Option<u8>,
         bytes: &[u8],
     ) -> Result<(), AssetError> {
-        // What is raised keeps its birth, and what is new of it appears as it is: it has no place to
-        // morph from but that of its oldest ancestor, which the beginning has moved on from.
+        // A raised chunk keeps its birth, so that its new vertices appear at once: they could morph only from the position
+        // of their oldest ancestor, which the chunk's beginning has already moved.
         let touched = if self.mesh.applied_truncation(chunk).is_some() {
             match self.mesh.raise(chunk, info, truncation, bytes) {
                 Ok(touched) => touched,
@@ -152,7 +160,7 @@ impl RefinedAsset {
         Ok(())
     }
 
-    /// Decodes a chunk that is not applied, whose parents are: for [`Self::apply_decoded`].
+    /// Decodes a chunk that is not applied and whose parents are, for [`Self::apply_decoded`].
     pub(crate) fn decode_chunk(
         &self,
         chunk: u32,
@@ -163,7 +171,7 @@ impl RefinedAsset {
         decode_prefix(&self.mesh, chunk, info, truncation, bytes)
     }
 
-    /// Applies a decoded chunk of a level. On failure nothing has changed.
+    /// Applies a decoded chunk of a level. On failure nothing changes.
     pub(crate) fn apply_decoded(&mut self, level: u8, delta: &ChunkDelta) -> Result<(), RefineError> {
         let touched = self.mesh.apply(delta)?;
         self.note(touched);
@@ -171,8 +179,7 @@ impl RefinedAsset {
         Ok(())
     }
 
-    /// What a chunk that was just applied brings does not move to its place: it is there. What was handed to a renderer
-    /// already keeps its birth.
+    /// Lets a chunk that was just applied appear without a morph. Vertices that a renderer has already keep their birth.
     pub(crate) fn appear_at_once(&mut self, chunk: u32) {
         self.births.entry(chunk).or_insert(LONG_AGO_S);
     }
@@ -192,37 +199,36 @@ impl RefinedAsset {
         }
     }
 
-    /// The surface as it is now, where it is worth while: at first, and once it has grown by half since, until it is fine
-    /// enough for all that it hides.
+    /// A new occluder: the first, and each time that the mesh has grown by half, up to [`MAX_OCCLUDER_FACES`].
     pub(crate) fn better_occluder(&mut self) -> Option<Occluder> {
         let faces = self.mesh.face_count();
-        if self.occluding_faces >= OCCLUDER_FACES || 2 * faces < 3 * self.occluding_faces.max(1) {
+        if self.occluder_faces >= MAX_OCCLUDER_FACES || 2 * faces < 3 * self.occluder_faces.max(1) {
             return None;
         }
-        self.occluding_faces = faces;
+        self.occluder_faces = faces;
         let (positions, faces) = self.mesh.surface();
         Some(Occluder::new(positions, faces))
     }
 
-    /// The mesh as it is now.
+    /// The mesh at the current refinement.
     pub(crate) const fn mesh(&self) -> &ActiveMesh {
         &self.mesh
     }
 
-    /// Notes that its changes wait to be fetched; whether they did not before. Never where nobody fetches them.
-    pub(crate) fn begins_to_wait(&mut self) -> bool {
-        self.dirty.is_some() && !std::mem::replace(&mut self.waits, true)
+    /// Marks the asset as queued for the renderer; returns whether it was not. Always false if changes are not recorded.
+    pub(crate) fn enqueue(&mut self) -> bool {
+        self.dirty.is_some() && !std::mem::replace(&mut self.is_queued, true)
     }
 
-    /// Whether [`RefinedAsset::take_changes`] has something.
+    /// Whether [`RefinedAsset::take_changes`] has a change.
     pub(crate) fn has_changes(&self) -> bool {
         self.dirty.as_ref().is_some_and(|d| !d.wedges.is_empty() || !d.draws.is_empty())
     }
 
-    /// What changed since the last call; together with all earlier changes it is the mesh as it is now.
-    /// Vertices that appear for the first time are born at `now_s`.
+    /// Takes the changes since the last call; all changes together give the current mesh. The morph of new vertices starts
+    /// at `now_s`.
     pub(crate) fn take_changes(&mut self, asset: u32, now_s: f32) -> Option<MeshChange> {
-        self.waits = false;
+        self.is_queued = false;
         let dirty = self.dirty.as_mut()?;
         if dirty.wedges.is_empty() && dirty.draws.is_empty() {
             return None;
@@ -231,7 +237,7 @@ impl RefinedAsset {
         dirty.merge();
         let mesh = &self.mesh;
         let slots = mesh.wedge_slots();
-        // Slots at the end may have gone since they were noted.
+        // Slots at the end may have been removed since.
         dirty.wedges.retain(|slot| *slot < slots);
         let mut vertices = Vec::new();
         for run in runs(&dirty.wedges, VERTEX_GAP) {
@@ -263,12 +269,12 @@ impl RefinedAsset {
     }
 }
 
-/// Birth of vertices whose morph is over when they are first seen.
+/// Birth of vertices that appear without a morph.
 const LONG_AGO_S: f32 = -1e9;
-/// Unchanged slots that are sent along rather than beginning a new upload: an upload costs about as much
-/// as computing this many normals.
+/// Most unchanged slots to include instead of beginning another upload: an upload costs about as much as computing this
+/// many normals.
 const VERTEX_GAP: u32 = 8;
-/// The same for faces, which are only copied.
+/// As [`VERTEX_GAP`], for faces, which are only copied.
 const INDEX_GAP: u32 = 64;
 
 /// Texture coordinates per unit of length: square root of uv area over surface area in the base mesh; 0 without

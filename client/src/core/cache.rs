@@ -1,7 +1,7 @@
-//! Bytes of blobs that were received: bounded, least recently used out first.
+//! LRU cache of received blobs, bounded in bytes.
 //!
-//! What is applied to a mesh needs its bytes no longer, but a chunk that is undone and wanted again is
-//! then applied from here instead of being fetched a second time.
+//! An applied chunk does not need its bytes any more, but after it is undone it can be applied again from here without
+//! fetching it a second time.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -11,16 +11,16 @@ use lodestream_scene::BlobId;
 #[derive(Debug)]
 struct Entry {
     bytes: Bytes,
-    used: u64,
+    last_use: u64,
 }
 
-/// The cache.
+/// LRU cache of blobs or their beginnings.
 #[derive(Debug)]
 pub(crate) struct BlobCache {
     capacity_bytes: u64,
     held_bytes: u64,
     entries: HashMap<BlobId, Entry>,
-    /// Moment of last use → blob; moments are unique.
+    /// Blobs by the value of `clock` at their last use, which is unique.
     order: BTreeMap<u64, BlobId>,
     clock: u64,
 }
@@ -35,64 +35,64 @@ impl BlobCache {
         self.held_bytes
     }
 
-    /// Keeps a blob. The cache may then hold more than its capacity until [`BlobCache::trim`].
+    /// Inserts a blob. The cache may exceed its capacity until [`BlobCache::trim`].
     pub(crate) fn insert(&mut self, id: BlobId, bytes: Bytes) {
         self.remove(id);
         self.clock += 1;
         self.held_bytes += bytes.len() as u64;
         self.order.insert(self.clock, id);
-        self.entries.insert(id, Entry { bytes, used: self.clock });
+        self.entries.insert(id, Entry { bytes, last_use: self.clock });
     }
 
-    /// Adds bytes that begin at `offset` of a blob to what is here of it; gives how many of its beginning are
-    /// here then, or `None` (and nothing changes) where bytes before `offset` are missing.
+    /// Appends bytes that begin at `offset` of a blob. Returns how many leading bytes the cache then holds, or `None`,
+    /// without a change, if bytes before `offset` are missing.
     pub(crate) fn extend(&mut self, id: BlobId, offset: u32, bytes: Bytes) -> Option<u32> {
         let held = self.held_bytes(id);
         if offset > held {
             return None;
         }
-        let more = bytes.slice((held - offset).min(u32::try_from(bytes.len()).ok()?) as usize..);
+        let new = bytes.slice((held - offset).min(u32::try_from(bytes.len()).ok()?) as usize..);
         if held == 0 {
-            self.insert(id, more);
-        } else if !more.is_empty() {
-            let here = self.entries.get(&id).map(|entry| entry.bytes.clone()).unwrap_or_default();
-            self.insert(id, [here, more].concat().into());
+            self.insert(id, new);
+        } else if !new.is_empty() {
+            let held = self.entries.get(&id).map(|entry| entry.bytes.clone()).unwrap_or_default();
+            self.insert(id, [held, new].concat().into());
         }
         Some(self.held_bytes(id))
     }
 
-    /// How many bytes of a blob's beginning are here.
+    /// Number of leading bytes of a blob in the cache.
     pub(crate) fn held_bytes(&self, id: BlobId) -> u32 {
         self.entries.get(&id).map_or(0, |entry| u32::try_from(entry.bytes.len()).unwrap_or(u32::MAX))
     }
 
-    /// Drops blobs until the rest fits, oldest first, and gives them. Blobs that are `needed` stay even
-    /// where that exceeds the capacity: they are about to be applied, and would only be fetched again.
+    /// Evicts least recently used blobs until the rest fits, and returns their ids. Blobs that are `needed` stay even if the
+    /// capacity is exceeded: they are about to be applied and would have to be fetched again.
     pub(crate) fn trim(&mut self, needed: impl Fn(BlobId) -> bool) -> Vec<BlobId> {
         let mut excess = self.held_bytes.saturating_sub(self.capacity_bytes);
-        let mut gone = Vec::new();
+        let mut evicted = Vec::new();
         for &old in self.order.values() {
             if excess == 0 {
                 break;
             }
             if !needed(old) {
                 excess = excess.saturating_sub(self.entries.get(&old).map_or(0, |e| e.bytes.len() as u64));
-                gone.push(old);
+                evicted.push(old);
             }
         }
-        for &old in &gone {
+        for &old in &evicted {
             self.remove(old);
         }
-        gone
+        evicted
     }
 
-    /// A blob's bytes; counts as a use.
+    /// A blob's bytes; updates its last use.
     pub(crate) fn get(&mut self, id: BlobId) -> Option<Bytes> {
         let entry = self.entries.get_mut(&id)?;
         self.clock += 1;
-        self.order.remove(&entry.used);
+        self.order.remove(&entry.last_use);
         self.order.insert(self.clock, id);
-        entry.used = self.clock;
+        entry.last_use = self.clock;
         Some(entry.bytes.clone())
     }
 
@@ -102,7 +102,7 @@ impl BlobCache {
 
     pub(crate) fn remove(&mut self, id: BlobId) {
         if let Some(entry) = self.entries.remove(&id) {
-            self.order.remove(&entry.used);
+            self.order.remove(&entry.last_use);
             self.held_bytes -= entry.bytes.len() as u64;
         }
     }
@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn a_blob_grows_by_what_follows_and_by_nothing_else() {
+    fn a_blob_grows_only_by_bytes_that_follow_without_a_gap() {
         let mut cache = BlobCache::new(100);
         let a = BlobId::chunk(0, 1);
         assert_eq!(cache.extend(a, 10, blob(5)), None);
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_needed_stays() {
+    fn needed_blobs_are_not_evicted() {
         let mut cache = BlobCache::new(100);
         let [a, b, c] = [0, 1, 2].map(|n| BlobId::chunk(0, n));
         for (id, length) in [(a, 60), (b, 30), (c, 60)] {

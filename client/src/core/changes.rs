@@ -1,4 +1,4 @@
-//! What a renderer must fetch: the client's state in steps, each of which leaves a picture without holes.
+//! Changes for a renderer: the client's state in steps, each of which leaves a picture without holes.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -12,74 +12,74 @@ use lodestream_terrain::{HeightOverride, HeightOverrides};
 
 use super::texture_file::TexturePixels;
 
-/// One step. Steps must be taken in order; each is consistent in itself.
+/// One step of changes. Steps must be applied in order; the picture is complete after each.
 #[derive(Clone, Debug)]
 pub enum Change {
-    /// A scene begins: forget everything before it.
+    /// A new scene begins: discard everything before it.
     Scene(Box<SceneHeader>),
-    /// The scene has so many punctual lights, of which those follow that its views want.
+    /// The scene's number of punctual lights; those that the view needs follow in pages.
     PunctualLights {
-        /// How many in all.
+        /// Number of punctual lights in the scene.
         count: u32,
     },
-    /// Some of the scene's punctual lights.
+    /// A page of the scene's punctual lights.
     PunctualLightPage {
-        /// Their page. Punctual lights come in any order; that of pages is one that all viewers share.
+        /// Number of the page. Pages arrive in any order; ordered by number, all clients have the same list.
         page: u32,
         /// The punctual lights.
         punctual_lights: Arc<[PunctualLight]>,
     },
-    /// More instances; they follow those that came before. Their assets may not be there yet.
+    /// More instances, numbered after the earlier ones. Their assets may not have arrived.
     Instances(Vec<InstanceEntry>),
-    /// An asset can be drawn from now on: a [`Change::Mesh`] with its base mesh follows at once.
+    /// A new asset; a [`Change::Mesh`] with its base mesh follows at once.
     Asset(NewAsset),
-    /// Some slots of an asset's mesh have new contents.
+    /// New contents of some slots of an asset's mesh.
     Mesh(MeshChange),
-    /// Everything that the first frame needs lies before this: every visible instance's base mesh, at least. Once a
-    /// scene.
+    /// The changes before this one suffice for the first frame: at least the base mesh of every visible instance. Once
+    /// per scene.
     FirstFrame,
-    /// A level of a texture was decoded.
+    /// A decoded level of a texture.
     Texture(TextureChange),
-    /// The listed points of a patch of the terrain, in place of those it had.
-    TerrainPoints {
+    /// The height overrides of a terrain patch; they replace earlier ones.
+    HeightOverrides {
         /// Column of the patch.
         x: i64,
         /// Row of the patch.
         y: i64,
-        /// The points.
-        points: HeightOverrides,
+        /// The overrides.
+        overrides: HeightOverrides,
     },
 }
 
-/// An asset that can be drawn.
+/// A new asset.
 #[derive(Clone, Debug)]
 pub struct NewAsset {
-    /// Its number.
+    /// Number of the asset.
     pub asset: u32,
-    /// Point in asset units that vertices and the sphere are relative to.
+    /// Origin of vertices and of the sphere, in asset units.
     pub origin: [f64; 3],
-    /// Centre, relative to `origin`, of a sphere that holds the asset.
+    /// Centre of the bounding sphere, relative to `origin`.
     pub center: [f32; 3],
-    /// Radius of that sphere, in asset units.
+    /// Radius of the bounding sphere, in asset units.
     pub radius: f32,
     /// Materials; at least one.
     pub materials: Vec<Material>,
-    /// Textures that the materials name.
+    /// Textures that the materials refer to.
     pub textures: Vec<TextureInfo>,
-    /// Which of them are those of other assets, to the byte and at every level: a renderer may hold one for all. Each asset
-    /// is told of each level all the same.
+    /// Textures that are identical to those of other assets at every level: a renderer may store them once. Each asset
+    /// still gets its own [`TextureChange`]s.
     pub shared: Vec<SharedTexture>,
 }
 
-/// One vertex (a wedge slot).
+/// One vertex, in a wedge slot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Vertex {
-    /// Place, normal, texture coordinates.
+    /// Position, normal and texture coordinates.
     pub data: RenderVertex,
-    /// When it was first seen, in seconds of the driver's clock; 0 for the base mesh, long before that where it shall not
-    /// move to its place but be there.
+    /// Start of the vertex's morph, in seconds of the driver's clock: when it was first handed to a renderer; 0 for the
+    /// base mesh; far in the past if it must appear without a morph.
     pub birth_s: f32,
-    /// Level that brought it; 0 is the base mesh.
+    /// Level of the chunk that added it; 0 is the base mesh.
     pub level: u32,
 }
 
@@ -90,16 +90,16 @@ pub struct IndexRun {
     pub material: u16,
     /// First entry.
     pub first: u32,
-    /// Wedge slots of each face; `[0, 0, 0]` where there is none.
+    /// Wedge slots of each face; `[0, 0, 0]` for an unused entry.
     pub faces: Vec<[u32; 3]>,
 }
 
-/// New contents of some slots.
+/// New contents of some slots of a mesh.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeshChange {
     /// The asset's number.
     pub asset: u32,
-    /// Runs of vertices: first slot, contents.
+    /// Runs of vertices: first slot and contents.
     pub vertices: Vec<(u32, Vec<Vertex>)>,
     /// Runs of faces.
     pub indices: Vec<IndexRun>,
@@ -114,12 +114,12 @@ pub struct TextureChange {
     pub texture: u16,
     /// The level; 0 is the coarsest.
     pub level: u8,
-    /// The texels; those of a texture that several assets have are held once.
+    /// The texels; shared by all assets with the same texture.
     pub pixels: Arc<TexturePixels>,
 }
 
 impl Change {
-    /// Memory held, in bytes, roughly.
+    /// Approximate memory of the change, in bytes.
     #[must_use]
     pub fn bytes(&self) -> usize {
         match self {
@@ -134,13 +134,13 @@ impl Change {
                 mesh.vertices.iter().map(|(_, v)| v.len() * size_of::<Vertex>()).sum::<usize>()
                     + mesh.indices.iter().map(|run| run.faces.len() * 12).sum::<usize>()
             }
-            Self::TerrainPoints { points, .. } => points.len() * size_of::<HeightOverride>(),
+            Self::HeightOverrides { overrides, .. } => overrides.len() * size_of::<HeightOverride>(),
             Self::Texture(texture) => texture.pixels.bytes(),
         }
     }
 }
 
-/// Consecutive runs that cover ascending `slots`, bridging gaps of up to `gap` slots.
+/// Ranges that cover ascending `slots`; gaps of up to `gap` slots are included.
 pub(super) fn runs(slots: &[u32], gap: u32) -> Vec<Range<u32>> {
     let mut runs: Vec<Range<u32>> = Vec::new();
     for &slot in slots {

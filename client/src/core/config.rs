@@ -7,17 +7,17 @@ use lodestream_protocol::client::ClientConfig;
 use lodestream_scene::view::View;
 use lodestream_select::SelectSettings;
 
-/// Where the camera is before anybody moves it.
+/// The camera at the start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum StartView {
-    /// The scene's own start camera, for a picture of this size and quality.
+    /// The scene's start camera.
     OfScene {
-        /// Width and height in pixels.
+        /// Width and height of the picture.
         viewport_px: [u32; 2],
         /// Screen error to refine to, in pixels.
         target_px: f32,
     },
-    /// This view.
+    /// A given view.
     Given(View),
 }
 
@@ -26,24 +26,23 @@ pub enum StartView {
 pub struct Config {
     /// Scene and limits of the session.
     pub session: ClientConfig,
-    /// What is selected.
+    /// Settings of the selection.
     pub select: SelectSettings,
-    /// The first view.
+    /// The camera at the start.
     pub start: StartView,
-    /// Bytes of received blobs that are kept. A smaller cache fetches more often what was undone.
+    /// Size of the cache of received blobs, in bytes. With a smaller cache, undone chunks are fetched again more often.
     pub cache_bytes: u64,
-    /// What decodes chunks: by default the thread that calls [`super::ClientCore::update`].
+    /// Where chunks are decoded: by default on the thread that calls [`super::ClientCore::update`].
     pub decoders: Decoders,
-    /// Least time between two selections. Longer saves work, shorter reacts faster.
+    /// Least time between two selections. A longer one saves work, a shorter one reacts faster.
     pub select_interval: Duration,
-    /// Decoded texels and vertices that may wait for the renderer before decoding of textures pauses.
+    /// Most bytes of changes that wait for the renderer, meshes not counted; beyond it, no texture is decoded.
     pub max_waiting_bytes: usize,
-    /// Whether somebody takes [`super::ClientCore::take_changes`]; without, textures are not decoded.
+    /// Whether changes are recorded for [`super::ClientCore::take_changes`]; if not, textures are not decoded.
     pub track_changes: bool,
-    /// Whether bytes are counted per blob, for [`super::ClientCore::received`]: for those who ask afterwards
-    /// what of them was of use.
+    /// Whether received and used bytes are counted per blob, for [`super::ClientCore::received`].
     pub track_received: bool,
-    /// Most assets and instances of a scene that are taken; a scene beyond that is refused.
+    /// Most assets, and most instances, of a scene; larger scenes are refused.
     pub max_entries: u32,
 }
 

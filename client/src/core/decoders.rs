@@ -1,32 +1,31 @@
-//! What decodes chunks: the calling thread, or threads that an embedder lends.
+//! Where chunks are decoded: on the calling thread, or on threads that an embedder lends.
 
 use std::fmt;
 use std::sync::{Arc, Mutex};
 
 use lodestream_geometry::pool::Pool;
 
-/// Chunks decoded at a time with a pool; bounds what is decoded and not applied.
+/// Chunks decoded together on a pool; bounds the memory of decoded chunks that are not applied yet.
 const BATCH: usize = 64;
 
-/// Threads for decoding, or none: then chunks are decoded where [`super::ClientCore::update`] is called. What comes
-/// out is the same for any pool.
+/// Thread pool for decoding; the default decodes on the thread that calls [`super::ClientCore::update`]. The result is the
+/// same for any pool.
 #[derive(Clone, Default)]
 pub struct Decoders(Option<Arc<dyn Pool + Send>>);
 
 impl Decoders {
-    /// Decodes on a pool, which is called from within [`super::ClientCore::update`] and returns once its tasks are
-    /// done.
+    /// Decodes on a pool. [`super::ClientCore::update`] calls it, and it must return once its tasks are done.
     #[must_use]
     pub fn on(pool: Arc<dyn Pool + Send>) -> Self {
         Self(Some(pool))
     }
 
-    /// Chunks that are worth handing over together.
+    /// Number of chunks to decode together.
     pub(super) fn batch(&self) -> usize {
         if self.0.is_some() { BATCH } else { 1 }
     }
 
-    /// `task(0)` … `task(count - 1)`, in this order.
+    /// The results of `task(0)` to `task(count - 1)`, in this order.
     pub(super) fn map<T: Send>(&self, count: usize, task: &(dyn Fn(usize) -> T + Sync)) -> Vec<T> {
         let Some(pool) = self.0.as_ref().filter(|_| count > 1) else { return (0..count).map(task).collect() };
         let slots: Vec<Mutex<Option<T>>> = (0..count).map(|_| Mutex::new(None)).collect();
@@ -37,7 +36,7 @@ impl Decoders {
             }
         });
         let results = slots.into_iter().map(|slot| slot.into_inner().ok().flatten());
-        // What a pool has left out is done here.
+        // Tasks that the pool did not run are run here.
         results.enumerate().map(|(i, result)| result.unwrap_or_else(|| task(i))).collect()
     }
 }

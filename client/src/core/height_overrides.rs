@@ -1,4 +1,4 @@
-//! Listed points of a terrain's patches: what of them is here, and what a view wants.
+//! Height overrides of terrain patches: which have arrived, and which a view needs.
 
 use std::collections::VecDeque;
 
@@ -14,31 +14,31 @@ use lodestream_terrain::{HeightOverrides, decode_points};
 
 use super::changes::Change;
 
-/// Memory of points that are held, in bytes of their blobs times 16, the most that a byte decodes to. More is not
-/// asked for.
+/// Most memory of height overrides, in bytes: 16 times the bytes of their blobs, the most that a byte decodes to. Beyond
+/// it, no more are requested.
 const MAX_HELD_BYTES: u64 = 256 << 20;
-/// Most patches of a directory: a million of them is 16 MB.
+/// Most patches of a directory: a million of them take 16 MB.
 const MAX_PATCHES: u32 = 1 << 20;
 
-/// A blob of the terrain that cannot be used.
+/// Why a blob of the terrain cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub(super) enum TerrainBlobError {
-    /// Only a part of it came.
-    #[error("only a part of it came")]
+pub(super) enum HeightOverrideBlobError {
+    /// Only a part of it has arrived.
+    #[error("only a part of it has arrived")]
     Partial,
-    /// Not a page of the directory.
+    /// An invalid page of the directory.
     #[error(transparent)]
     Directory(#[from] DirectoryError),
-    /// Not points.
+    /// Invalid height overrides.
     #[error(transparent)]
     Points(#[from] DecodeError),
-    /// Of something that does not exist.
+    /// A blob that the scene does not have.
     #[error("there is no such {0}")]
     Unknown(&'static str),
-    /// What no world can have: asking again does not help.
+    /// A patch outside the terrain: the scene is damaged, and requesting it again does not help.
     #[error(
-        "the terrain lists points in patch ({x}, {y}), but its patches are {lowest} to {highest} each way: the server's \
-         scene is damaged"
+        "the terrain has height overrides in patch ({x}, {y}), but its patches are {lowest} to {highest} each way: the \
+         server's scene is damaged"
     )]
     BeyondWorld {
         /// Column of the patch.
@@ -59,19 +59,19 @@ struct Patch {
     state: State,
 }
 
-/// See the module.
+/// States of the height overrides of all patches.
 #[derive(Debug)]
-pub(super) struct TerrainPoints {
+pub(super) struct HeightOverridePatches {
     entry: TerrainEntry,
     pages: Vec<State>,
-    /// By place in the directory; empty where the page is missing.
+    /// By position in the directory; empty for pages that have not arrived.
     patches: Vec<Vec<Patch>>,
     held_bytes: u64,
-    /// For a renderer.
+    /// Changes for a renderer.
     changes: VecDeque<Change>,
 }
 
-impl TerrainPoints {
+impl HeightOverridePatches {
     pub(super) fn new(entry: TerrainEntry) -> Self {
         let pages = entry.patches.min(MAX_PATCHES).div_ceil(PATCHES_PER_PAGE) as usize;
         Self {
@@ -116,9 +116,17 @@ impl TerrainPoints {
         }
     }
 
-    /// Adds what `view` wants to `wanted`, whose order is by priority: pages of the directory after the base meshes,
-    /// points by the screen error that they remove; and to `failed` what of it will not come. Says whether nothing of it
-    /// may still come.
+    /// Marks all requested blobs as absent.
+    pub(super) fn reset_in_flight(&mut self) {
+        let patches = self.patches.iter_mut().flatten().map(|patch| &mut patch.state);
+        for state in self.pages.iter_mut().chain(patches).filter(|state| **state == State::InFlight) {
+            *state = State::Absent;
+        }
+    }
+
+    /// Adds the blobs that `view` needs to `wanted`, which is ordered by priority: pages of the directory after the base
+    /// meshes, overrides by the screen error that they remove. Adds those that failed to `failed`. Returns whether none
+    /// is left to request.
     pub(super) fn want(&self, view: &View, wanted: &mut Vec<Wanted>, failed: &mut Vec<BlobId>) -> bool {
         let before = wanted.len();
         let mut settled = true;
@@ -135,7 +143,7 @@ impl TerrainPoints {
         let frustum = view.frustum();
         let (unit, height_unit) = (f64::from(self.entry.unit), f64::from(self.entry.height_unit));
         let patch = f64::from(1_u32 << self.entry.parameters.finest_level) * unit;
-        // With erosion, points change the ground beyond their patch too.
+        // With erosion, overrides change the terrain beyond their patch too.
         let erosion = &self.entry.parameters.erosion;
         let reach = erosion.reach(self.entry.parameters.finest_level) as f64 * unit;
         let reach = if erosion.is_on() { reach } else { 0.0 };
@@ -173,14 +181,14 @@ impl TerrainPoints {
             settled = false;
         }
         if wanted.len() > before {
-            // Stable: what the selection ordered stays in its order.
+            // A stable sort keeps the selection's order.
             wanted.sort_by_key(|wanted| std::cmp::Reverse(wanted.priority));
         }
         settled
     }
 
-    /// Uses a blob that came whole.
-    pub(super) fn take(&mut self, blob: TerrainBlob, bytes: &[u8]) -> Result<(), TerrainBlobError> {
+    /// Decodes a complete blob.
+    pub(super) fn take(&mut self, blob: TerrainBlob, bytes: &[u8]) -> Result<(), HeightOverrideBlobError> {
         match blob {
             TerrainBlob::DirectoryPage(page) => {
                 let first = page.saturating_mul(PATCHES_PER_PAGE);
@@ -188,29 +196,29 @@ impl TerrainPoints {
                 let listed = decode_directory(bytes, count)?;
                 self.check_patches(&listed)?;
                 let held = self.patches.get_mut(page as usize);
-                let held = held.ok_or(TerrainBlobError::Unknown("page of the directory"))?;
+                let held = held.ok_or(HeightOverrideBlobError::Unknown("page of the directory"))?;
                 *held = listed.into_iter().map(|listed| Patch { listed, state: State::Absent }).collect();
             }
             TerrainBlob::HeightOverrides(number) => {
                 let finest = self.entry.parameters.finest_level;
                 let points: HeightOverrides = decode_points(finest, bytes)?;
-                let patch = self.patch_mut(number).ok_or(TerrainBlobError::Unknown("patch"))?;
+                let patch = self.patch_mut(number).ok_or(HeightOverrideBlobError::Unknown("patch"))?;
                 let (x, y) = (i64::from(patch.listed.x), i64::from(patch.listed.y));
                 self.held_bytes += 16 * bytes.len() as u64;
-                self.changes.push_back(Change::TerrainPoints { x, y, points });
+                self.changes.push_back(Change::HeightOverrides { x, y, overrides: points });
             }
         }
         self.set_state(blob, State::Applied);
         Ok(())
     }
 
-    /// Whether all patches are in the world: points of others cannot be put anywhere.
-    fn check_patches(&self, listed: &[OverridePatch]) -> Result<(), TerrainBlobError> {
+    /// Checks that all patches are inside the terrain.
+    fn check_patches(&self, listed: &[OverridePatch]) -> Result<(), HeightOverrideBlobError> {
         let edge = 1_i64 << self.entry.parameters.extent_log2;
         let inside = |at: i32| (-edge..edge).contains(&i64::from(at));
         match listed.iter().find(|patch| !inside(patch.x) || !inside(patch.y)) {
             Some(&OverridePatch { x, y, .. }) => {
-                Err(TerrainBlobError::BeyondWorld { x, y, lowest: -edge, highest: edge - 1 })
+                Err(HeightOverrideBlobError::BeyondWorld { x, y, lowest: -edge, highest: edge - 1 })
             }
             None => Ok(()),
         }

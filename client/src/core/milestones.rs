@@ -1,40 +1,40 @@
-//! When the picture became drawable, and when it became sharp.
+//! Time to first frame (TTFF) and times to quality (TTQ).
 
 use std::time::Duration;
 
 use lodestream_protocol::Time;
 use lodestream_select::Counters;
 
-/// Screen errors whose first attainment is noted, in pixels.
+/// Screen errors in pixels for which the time to quality is measured.
 pub const QUALITIES_PX: [f64; 3] = [16.0, 4.0, 1.0];
 
-/// A moment since the connect call, and the transport payload received until then.
+/// A time since the connect call, and the transport payload received until then.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Milestone {
     /// Time since the connect call.
     pub after: Duration,
-    /// Bytes that the transport had received, handshake included.
+    /// Transport payload received until then, handshake included.
     pub bytes: u64,
 }
 
-/// Whether every instance that a selection found visible can be drawn. `all_known`: no other may be.
+/// Whether every visible instance can be drawn. `all_known`: all instances that may be visible are known.
 pub(crate) const fn is_drawable(all_known: bool, counters: &Counters) -> bool {
     all_known && counters.drawable_instances >= counters.visible_instances
 }
 
-/// The milestones of a run. They are noted once and kept over reconnections.
+/// The milestones of a run. Each is recorded once and kept over reconnections.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Milestones {
-    /// Every visible instance could be drawn, with its base mesh at least (TTFF).
+    /// When every visible instance could be drawn, at least as its base mesh (TTFF).
     pub first_frame: Option<Milestone>,
-    /// Every visible part had a screen error of at most [`QUALITIES_PX`] pixels (TTQ).
+    /// When every part in view had a screen error of at most [`QUALITIES_PX`] pixels (TTQ).
     pub quality: [Option<Milestone>; 3],
-    /// The same over what is seen: without what the scene's own surfaces hide.
+    /// As `quality`, without the parts that the scene's own surfaces hide.
     pub seen_quality: [Option<Milestone>; 3],
 }
 
 impl Milestones {
-    /// Notes what a selection has found. `all_known`: no instance that may be visible is still unknown.
+    /// Records the milestones that a selection's counters reach. `all_known`: all instances that may be visible are known.
     pub(crate) fn note(&mut self, start: Time, now: Time, bytes: u64, all_known: bool, counters: &Counters) {
         if !is_drawable(all_known, counters) {
             return;

@@ -1,9 +1,9 @@
-//! What a client is without network, graphics and clock: session, scene, cache, selection, refinement.
+//! The client without network, graphics and clock: session, scene, cache, selection and refinement.
 //!
-//! [`ClientCore`] is driven in the shape of the protocol's sessions: frames and pieces go in by
-//! `handle_…`, messages come out of [`ClientCore::poll_transmit`], time comes in as an argument. The
-//! heavy part, [`ClientCore::update`], selects, decodes and applies within a budget, so that a viewer can
-//! run it in slices beside its network and a simulator in virtual time.
+//! [`ClientCore`] has the interface of the protocol's sessions: `handle_…` takes frames and pieces,
+//! [`ClientCore::poll_transmit`] gives messages to send, and time is an argument. The heavy part,
+//! [`ClientCore::update`], selects, decodes and applies within a budget, so that a viewer can run it in slices between
+//! network events and a simulator in virtual time.
 //!
 //! ```text
 //! pieces -> session -> arrived -> cache -> decode -> ActiveMesh -> changes -> renderer
@@ -11,9 +11,9 @@
 //!              +------- selection <- states <--+
 //! ```
 //!
-//! What is drawn only ever goes from coarse to fine and back: an asset is drawn from its base mesh on, a
-//! chunk is applied whole or not at all, and what no view needs is undone, finest first, its bytes kept
-//! in a bounded cache. Chunks are decoded on threads that the host lends ([`Decoders`]), or on the caller's.
+//! Drawn meshes change only from coarse to fine and back: an asset is drawn from its base mesh on, a chunk (or its part up
+//! to a truncation point) is applied in one step, and chunks that the view does not need are undone, finest first, while
+//! their bytes stay in a bounded cache. Chunks are decoded on threads that the host lends ([`Decoders`]) or on the caller's.
 
 mod asset;
 mod cache;
@@ -27,7 +27,7 @@ mod milestones;
 mod motion;
 mod punctual_light_pages;
 mod scene;
-mod shared;
+mod shared_textures;
 mod stats;
 #[cfg(not(feature = "zstd"))]
 mod stored;

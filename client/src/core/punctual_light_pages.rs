@@ -1,4 +1,4 @@
-//! Punctual lights of the scene: which pages of them are here, and which a view wants.
+//! Pages of the scene's punctual lights: which have arrived, and which a view needs.
 
 use std::sync::Arc;
 
@@ -12,49 +12,50 @@ use lodestream_scene::punctual_lights::{
 use lodestream_scene::view::View;
 use lodestream_select::{Projection, State, Wanted, punctual_light_priority};
 
-/// Pages of the directory count as if they lit the whole picture, and bring what follows them.
-const BEHIND_DIRECTORY_BYTES: u32 = 12_000;
+/// Bytes that a page of the directory stands for in its priority: its own and those of the pages that it lists. It counts
+/// as if it lit the whole picture.
+const DIRECTORY_PRIORITY_BYTES: u32 = 12_000;
 
-/// Punctual lights of the scene that came together.
+/// The punctual lights of one page.
 pub(super) type Page = Arc<[PunctualLight]>;
 
-/// A blob of punctual lights that cannot be used.
+/// Why a blob of punctual lights cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub(super) enum PunctualLightBlobError {
-    /// Only a part of it came.
-    #[error("only a part of it came")]
+    /// Only a part of it has arrived.
+    #[error("only a part of it has arrived")]
     Partial,
-    /// Not what the scene says.
+    /// It is invalid or does not fit the scene.
     #[error(transparent)]
     PunctualLights(#[from] PunctualLightsError),
-    /// Of something that does not exist.
+    /// The scene has no such page.
     #[error("there is no such page")]
     Unknown,
 }
 
-/// A page of punctual lights.
+/// State and contents of a page of punctual lights.
 #[derive(Clone, Debug, Default)]
 struct Slot {
-    /// What it lights, once the directory says so.
+    /// Its entry in the directory, once known.
     listed: Option<PunctualLightPageEntry>,
     state: State,
     punctual_lights: Option<Page>,
 }
 
-/// See the module.
+/// States of all pages of punctual lights, and of the directory that lists them.
 #[derive(Debug)]
 pub(super) struct PunctualLightPages {
     count: u32,
     directory: Vec<State>,
-    /// As many as there are punctual lights for: the count has been checked against what can be.
+    /// Their number follows from the count of punctual lights, which has been checked.
     pages: Vec<Slot>,
 }
 
 impl PunctualLightPages {
-    /// What a scene says of its punctual lights; with them those that came at once.
+    /// Starts from the scene's description of its punctual lights; returns the first page too if the description holds it.
     ///
     /// # Errors
-    /// Punctual lights that cannot be.
+    /// The description is invalid.
     pub(super) fn new(punctual_lights: &PunctualLights) -> Result<(Self, Option<Page>), PunctualLightsError> {
         let count = punctual_lights.count;
         let first = punctual_lights.first()?;
@@ -63,7 +64,7 @@ impl PunctualLightPages {
             directory: vec![State::Absent; PunctualLights::directory_pages_of(count) as usize],
             pages: vec![Slot::default(); PunctualLights::pages_of(count) as usize],
         };
-        let came = match first {
+        let first_page = match first {
             First::PunctualLights(punctual_lights) => {
                 this.directory.fill(State::Applied);
                 let page: Page = punctual_lights.into();
@@ -82,16 +83,16 @@ impl PunctualLightPages {
             }
             First::Nothing => None,
         };
-        Ok((this, came))
+        Ok((this, first_page))
     }
 
-    /// Punctual lights in all, here or not.
+    /// Number of punctual lights in the scene.
     pub(super) const fn count(&self) -> u32 {
         self.count
     }
 
-    /// The punctual lights that are here, by page.
-    pub(super) fn here(&self) -> impl Iterator<Item = &PunctualLight> {
+    /// The punctual lights that have arrived, ordered by page.
+    pub(super) fn received(&self) -> impl Iterator<Item = &PunctualLight> {
         self.pages.iter().filter_map(|slot| slot.punctual_lights.as_deref()).flatten()
     }
 
@@ -116,9 +117,17 @@ impl PunctualLightPages {
         }
     }
 
-    /// Adds what `view` wants to `wanted`, whose order is by priority: pages of the directory, and pages whose light is
-    /// seen, by how much of the picture it is; and to `failed` what of it will not come. Says whether nothing of it may
-    /// still come.
+    /// Marks all requested blobs as absent.
+    pub(super) fn reset_in_flight(&mut self) {
+        let pages = self.pages.iter_mut().map(|slot| &mut slot.state);
+        for state in self.directory.iter_mut().chain(pages).filter(|state| **state == State::InFlight) {
+            *state = State::Absent;
+        }
+    }
+
+    /// Adds the blobs that `view` needs to `wanted`, which is ordered by priority: pages of the directory, and pages whose
+    /// light is in view, by their share of the picture's light. Adds those that failed to `failed`. Returns whether none
+    /// is left to request.
     pub(super) fn want(
         &self,
         view: &View,
@@ -132,7 +141,7 @@ impl PunctualLightPages {
             State::Absent | State::InFlight => wanted.push(Wanted::whole(id, priority, bytes, state)),
             State::Cached | State::Applied => {}
         };
-        let whole = punctual_light_priority(view, 1.0, f32::MAX, BEHIND_DIRECTORY_BYTES);
+        let whole = punctual_light_priority(view, 1.0, f32::MAX, DIRECTORY_PRIORITY_BYTES);
         for (page, &state) in (0..).zip(&self.directory) {
             want(BlobId::punctual_light_directory(page), whole, None, state);
         }
@@ -144,7 +153,7 @@ impl PunctualLightPages {
             if !frustum.sees(center, listed.radius) {
                 continue;
             }
-            // Within the sphere all of the picture is lit.
+            // From inside the sphere, the whole picture is lit.
             let (distance, radius) = (f64::from(center.length()), f64::from(listed.radius));
             let radius_px =
                 if distance <= radius { f32::MAX } else { projection.error_px(radius, distance) as f32 };
@@ -156,19 +165,19 @@ impl PunctualLightPages {
         }
         let wants = wanted.len() > before;
         if wants {
-            // Stable: what was ordered stays in its order.
+            // A stable sort keeps the selection's order.
             wanted.sort_by_key(|wanted| std::cmp::Reverse(wanted.priority));
         }
         !wants
     }
 
-    /// Uses a blob that came whole; gives the punctual lights that are new by it.
+    /// Decodes a complete blob; returns the page's number and its punctual lights if it is a page.
     pub(super) fn take(
         &mut self,
         blob: PunctualLightBlob,
         bytes: &[u8],
     ) -> Result<Option<(u32, Page)>, PunctualLightBlobError> {
-        let came = match blob {
+        let new_page = match blob {
             PunctualLightBlob::DirectoryPage(page) => {
                 let count = PunctualLights::on_directory_page(self.count, page);
                 if count == 0 {
@@ -186,10 +195,10 @@ impl PunctualLightPages {
             }
         };
         self.set_state(blob, State::Applied);
-        Ok(came)
+        Ok(new_page)
     }
 
-    /// Notes what the pages of one of the directory light.
+    /// Adds the entries of a page of the directory.
     fn list(&mut self, page: u32, listed: Vec<PunctualLightPageEntry>) {
         let first = page as usize * LISTED_PER_PAGE as usize;
         for (slot, listed) in self.pages.iter_mut().skip(first).zip(listed) {
@@ -199,17 +208,17 @@ impl PunctualLightPages {
     }
 }
 
-/// Light of sun and sky on a surface that faces it, over π.
+/// Radiance of a surface that faces sun and sky, over π.
 fn brightness(header: &SceneHeader) -> f32 {
     let largest = |color: [f32; 3]| color.into_iter().fold(0.0, f32::max);
     largest(header.light.color) + largest(header.light.ambient)
 }
 
-/// Share of a page's punctual lights in all light where they shine, taken a quarter of their reach away.
+/// Share of a page's punctual lights in the light of a surface at a quarter of their range.
 fn share(listed: &PunctualLightPageEntry, other: f32) -> f32 {
     let distance = (0.25 * listed.radius).max(f32::MIN_POSITIVE);
     let punctual_lights = listed.intensity / (std::f32::consts::PI * distance * distance);
     let share = punctual_lights / (punctual_lights + other);
-    // Of what is infinitely bright, all.
+    // Infinitely bright lights have the whole share.
     if share.is_finite() { share } else { 1.0 }
 }

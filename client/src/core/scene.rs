@@ -1,4 +1,4 @@
-//! The scene as far as its description has arrived.
+//! The received part of the scene: header, pages, assets, and the queue of changes for a renderer.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -9,99 +9,122 @@ use lodestream_select::{AssetState, InstanceTree, Instances, State};
 
 use super::asset::RefinedAsset;
 use super::changes::{Change, NewAsset};
-use super::height_overrides::TerrainPoints;
+use super::height_overrides::HeightOverridePatches;
 use super::punctual_light_pages::PunctualLightPages;
-use super::shared::SharedTextures;
+use super::shared_textures::{SharedTextureError, SharedTextures};
 
-/// Pages kept that came ahead of their turn.
+/// Most scene pages kept that arrived out of order.
 const MAX_EARLY_PAGES: usize = 256;
 
-/// Instances that are looked through one by one.
+/// Most instances outside the tree, which selections visit one by one.
 const MAX_LOOSE: usize = 1024;
 
-/// Header, pages and assets.
+/// The received part of the scene.
 #[derive(Debug, Default)]
 pub(crate) struct Scene {
     pub(crate) header: Option<SceneHeader>,
     instances: Vec<InstanceEntry>,
-    /// Where the first of them are, so many that the rest is no more.
+    /// Bounding volume tree of the first instances; at most as many again are outside it.
     tree: InstanceTree,
-    /// Where the blobs of each asset are.
+    /// States of the blobs of each asset.
     pub(crate) states: Vec<AssetState>,
-    /// The assets whose base mesh is here; as long as `states`.
+    /// The assets whose base mesh has arrived; as long as `states`.
     pub(crate) refined: Vec<Option<RefinedAsset>>,
-    /// Which textures are the same.
+    /// Textures that assets share.
     pub(super) shared: SharedTextures,
-    /// Listed points of the terrain, if there is one.
-    pub(super) terrain: Option<TerrainPoints>,
-    /// Punctual lights, if there are some.
+    /// Height overrides of the terrain, if there is one.
+    pub(super) terrain: Option<HeightOverridePatches>,
+    /// Punctual lights, if the scene has any.
     pub(super) punctual_lights: Option<PunctualLightPages>,
     next_page: u32,
+    /// Pages that arrived out of order.
     early: BTreeMap<u32, ScenePage>,
-    /// Changes for a renderer that say what there is: the scene, instances, assets, in order.
+    /// Changes for a renderer other than meshes and textures, in order.
     changes: VecDeque<Change>,
-    /// Assets whose meshes have changed since a renderer fetched them, those first that have waited longest: what is seen
-    /// first is applied first.
+    /// Assets whose meshes have changed since the last fetch, in the order of their first change: chunks are applied in
+    /// order of priority.
     changed: VecDeque<u32>,
-    /// Texture levels, which may be many megabytes.
+    /// Changes of textures, which may be many megabytes.
     textures: VecDeque<Change>,
     waiting_bytes: usize,
     first_frame: FirstFrame,
 }
 
-/// Whether a renderer knows that it has everything of the first frame.
+/// Why a scene page does not fit the scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub(crate) enum ScenePageError {
+    #[error("a scene page has arrived before the scene's header")]
+    BeforeHeader,
+    #[error("a scene page has a number beyond the last")]
+    NoSuchPage,
+    #[error("too many scene pages have arrived out of order")]
+    TooManyEarly,
+    #[error("the entries of a scene page do not follow those of the page before")]
+    Gap,
+    #[error("the scene has more entries than announced or allowed")]
+    TooManyEntries,
+    #[error("an instance refers to an asset of a later page")]
+    AssetOfLaterPage,
+    #[error(transparent)]
+    SharedTexture(#[from] SharedTextureError),
+}
+
+/// Progress of [`Change::FirstFrame`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum FirstFrame {
-    /// There is none yet.
+    /// The first frame is not complete.
     #[default]
-    Ahead,
-    /// It is here; the renderer is told once it has been given all of it.
-    Here,
-    /// The renderer was told.
-    Told,
+    Incomplete,
+    /// It is complete; the renderer has not fetched all of it.
+    Complete,
+    /// The renderer has fetched it.
+    Delivered,
 }
 
 impl Scene {
     pub(crate) fn new(header: SceneHeader) -> Self {
         let changes = VecDeque::from([Change::Scene(Box::new(header.clone()))]);
-        let terrain = header.terrain.as_deref().cloned().map(TerrainPoints::new);
+        let terrain = header.terrain.as_deref().cloned().map(HeightOverridePatches::new);
         Self { header: Some(header), terrain, changes, ..Self::default() }
     }
 
-    /// Takes a page; gives the numbers of the assets that became known, or why the page does not fit.
+    /// Adds a page; returns the numbers of the assets that have become known.
+    ///
+    /// # Errors
+    /// The page does not fit the scene.
     pub(crate) fn add_page(
         &mut self,
         page: ScenePage,
         max_entries: u32,
-    ) -> Result<std::ops::Range<u32>, &'static str> {
+    ) -> Result<std::ops::Range<u32>, ScenePageError> {
         let first = self.asset_count();
-        let Some(header) = &self.header else { return Err("a scene page came before the scene") };
+        let Some(header) = &self.header else { return Err(ScenePageError::BeforeHeader) };
         let (page_count, asset_count, instance_count) =
             (header.page_count, header.asset_count, header.instance_count);
         if page.page >= page_count {
-            return Err("a scene page is beyond the last");
+            return Err(ScenePageError::NoSuchPage);
         }
         if page.page < self.next_page {
             return Ok(first..first);
         }
         if page.page > self.next_page && self.early.len() >= MAX_EARLY_PAGES {
-            return Err("too many scene pages came ahead of their turn");
+            return Err(ScenePageError::TooManyEarly);
         }
         self.early.insert(page.page, page);
         while let Some(page) = self.early.remove(&self.next_page) {
             let (assets, instances) = (self.states.len(), self.instances.len());
             if page.first_asset as usize != assets || page.first_instance as usize != instances {
-                return Err("scene pages leave a gap");
+                return Err(ScenePageError::Gap);
             }
             let assets = assets + page.assets.len();
             let instances = instances + page.instances.len();
             if assets > (asset_count.min(max_entries)) as usize
                 || instances > (instance_count.min(max_entries)) as usize
             {
-                return Err("the scene has more entries than announced or allowed");
+                return Err(ScenePageError::TooManyEntries);
             }
             if page.instances.iter().any(|i| i.asset as usize >= assets) {
-                return Err("an instance refers to an asset of a later page");
+                return Err(ScenePageError::AssetOfLaterPage);
             }
             for (number, entry) in (page.first_asset..).zip(page.assets) {
                 self.shared.add(number, &entry, &self.states)?;
@@ -115,9 +138,9 @@ impl Scene {
         Ok(first..self.asset_count())
     }
 
-    /// Makes the hierarchy of instances anew where those that it does not know are many: as many as it knows, so that all
-    /// its makings together take no longer than two of the last.
-    pub(crate) fn renew_tree(&mut self) {
+    /// Rebuilds the tree of instances once as many are outside it as in it, so that all builds together cost at most twice
+    /// the last one.
+    pub(crate) fn update_tree(&mut self) {
         if self.instances.len() - self.tree.len() > self.tree.len().max(MAX_LOOSE) {
             let asset = |number: u32| self.states.get(number as usize).map(AssetState::entry);
             self.tree = InstanceTree::new(self.instances.iter(), asset);
@@ -129,25 +152,25 @@ impl Scene {
         Instances::new(&self.instances, &self.tree)
     }
 
-    /// Whether all pages are here.
+    /// Whether all pages have arrived.
     pub(crate) fn is_complete(&self) -> bool {
         self.header.as_ref().is_some_and(|h| self.next_page >= h.page_count)
     }
 
-    /// The asset that a blob is a part of, if it is known, and which part.
+    /// The asset that a blob belongs to, if it is known, and the part that the blob is.
     pub(crate) fn asset(&self, id: BlobId) -> Option<(&AssetState, BlobPart)> {
         let BlobId::Asset { asset, part } = id else { return None };
         self.states.get(asset as usize).map(|state| (state, part))
     }
 
-    /// The same, to be changed.
+    /// As [`Scene::asset`], mutable.
     pub(crate) fn asset_mut(&mut self, id: BlobId) -> Option<(&mut AssetState, BlobPart)> {
         let BlobId::Asset { asset, part } = id else { return None };
         self.states.get_mut(asset as usize).map(|state| (state, part))
     }
 
-    /// The assets and textures that are painted with a level of one that was asked for, and are not yet.
-    pub(crate) fn unpainted(&self, id: BlobId) -> Vec<(u32, u16)> {
+    /// The assets and textures that share a texture level and do not have it applied yet.
+    pub(crate) fn unapplied_sharers(&self, id: BlobId) -> Vec<(u32, u16)> {
         let of = |id| match self.asset(id)? {
             (asset, part @ BlobPart::Texture { texture, .. }) => {
                 let waits = asset.blob_bytes(part).is_some() && asset.state(part) != State::Applied;
@@ -158,13 +181,13 @@ impl Scene {
         self.shared.same(id).filter_map(of).collect()
     }
 
-    /// Where a blob of an asset is. Of a texture that several have: where it is for those that do not use it yet.
+    /// State of an asset's blob. For a shared texture: the state for those assets that do not have it applied yet.
     pub(crate) fn state(&self, id: BlobId) -> State {
         let Some((asset, part)) = self.asset(id) else { return State::Absent };
         if !matches!(part, BlobPart::Texture { .. }) {
             return asset.state(part);
         }
-        // Those whose base mesh is not here have no level yet.
+        // Assets without a base mesh have no known textures yet.
         let described = self
             .shared
             .same(id)
@@ -173,15 +196,41 @@ impl Scene {
         states.reduce(|one, other| if one == State::Applied { other } else { one }).unwrap_or_default()
     }
 
-    /// Says where a blob of an asset is; of a texture that several have, for all of them. What is painted stays so.
+    /// Sets the state of an asset's blob; for a shared texture, of all assets that do not have it applied.
     pub(crate) fn set_state(&mut self, id: BlobId, new: State) {
         for id in self.shared.same(id) {
             let BlobId::Asset { asset, part } = id else { continue };
             let Some(state) = self.states.get_mut(asset as usize) else { continue };
-            let painted = matches!(part, BlobPart::Texture { .. }) && state.state(part) == State::Applied;
-            if !painted {
+            let is_applied = matches!(part, BlobPart::Texture { .. }) && state.state(part) == State::Applied;
+            if !is_applied {
                 state.set_state(part, new);
             }
+        }
+    }
+
+    /// Whether a blob is requested: of a texture that several assets share, whether it is for any of them.
+    pub(crate) fn is_in_flight(&self, id: BlobId) -> bool {
+        let state = |id| self.asset(id).map(|(asset, part)| asset.state(part));
+        self.shared.same(id).any(|id| state(id) == Some(State::InFlight))
+    }
+
+    /// Marks all requested blobs as absent: the connection that they were requested over is gone.
+    pub(crate) fn reset_in_flight(&mut self) {
+        for (state, refined) in self.states.iter_mut().zip(&self.refined) {
+            let pages = (0..state.entry().index_pages()).map(BlobPart::IndexPage);
+            let chunks = (0..).zip(state.chunks()).map(|(chunk, _)| BlobPart::Chunk(chunk));
+            let textures = refined.iter().flat_map(RefinedAsset::texture_levels);
+            let parts = std::iter::once(BlobPart::Base).chain(pages).chain(chunks).chain(textures);
+            let in_flight: Vec<_> = parts.filter(|part| state.state(*part) == State::InFlight).collect();
+            for part in in_flight {
+                state.set_state(part, State::Absent);
+            }
+        }
+        if let Some(terrain) = &mut self.terrain {
+            terrain.reset_in_flight();
+        }
+        if let Some(punctual_lights) = &mut self.punctual_lights {
+            punctual_lights.reset_in_flight();
         }
     }
 
@@ -190,7 +239,7 @@ impl Scene {
         u32::try_from(self.states.len()).unwrap_or(u32::MAX)
     }
 
-    /// Puts a base mesh in place.
+    /// Adds an asset's decoded base mesh.
     pub(crate) fn set_base(&mut self, asset: u32, refined: RefinedAsset) {
         let Some(state) = self.states.get_mut(asset as usize) else { return };
         state.set_description(&refined.description, refined.uv_per_unit);
@@ -212,16 +261,16 @@ impl Scene {
         self.note_changed(asset);
     }
 
-    /// Puts an asset whose mesh changes behind those that wait to be fetched, unless it waits itself.
+    /// Queues an asset whose mesh has changed for the renderer, unless it is queued already.
     pub(crate) fn note_changed(&mut self, asset: u32) {
         let refined = self.refined.get_mut(asset as usize).and_then(Option::as_mut);
-        if refined.is_some_and(RefinedAsset::begins_to_wait) {
+        if refined.is_some_and(RefinedAsset::enqueue) {
             self.changed.push_back(asset);
         }
     }
 
-    /// Tells selections what surfaces are known by now.
-    pub(crate) fn renew_occluders(&mut self) {
+    /// Updates the occluders that selections use.
+    pub(crate) fn update_occluders(&mut self) {
         for (state, refined) in self.states.iter_mut().zip(&mut self.refined) {
             if let Some(occluder) = refined.as_mut().and_then(RefinedAsset::better_occluder) {
                 state.set_occluder(Arc::new(occluder));
@@ -229,7 +278,7 @@ impl Scene {
         }
     }
 
-    /// Notes a change that does not belong to a mesh.
+    /// Queues a change other than a mesh's.
     pub(crate) fn push_change(&mut self, change: Change) {
         self.waiting_bytes += change.bytes();
         match change {
@@ -238,39 +287,39 @@ impl Scene {
         }
     }
 
-    /// Everything that the first frame needs is here.
+    /// Records that everything for the first frame has arrived.
     pub(crate) fn note_first_frame(&mut self) {
-        if self.first_frame == FirstFrame::Ahead {
-            self.first_frame = FirstFrame::Here;
+        if self.first_frame == FirstFrame::Incomplete {
+            self.first_frame = FirstFrame::Complete;
         }
     }
 
-    /// Drops the changes of a scene that nobody draws.
+    /// Drops all queued changes: there is no renderer.
     pub(crate) fn drop_changes(&mut self) {
         self.changes.clear();
         self.textures.clear();
         self.waiting_bytes = 0;
     }
 
-    /// Bytes of the changes that wait to be taken, meshes not counted.
+    /// Memory of the queued changes in bytes, meshes not counted.
     pub(crate) const fn waiting_bytes(&self) -> usize {
         self.waiting_bytes
     }
 
-    /// Whether [`Scene::take_changes`] has something.
+    /// Whether [`Scene::take_changes`] has a change.
     pub(crate) fn has_changes(&self) -> bool {
-        let terrain = self.terrain.as_ref().is_some_and(TerrainPoints::has_changes);
+        let terrain = self.terrain.as_ref().is_some_and(HeightOverridePatches::has_changes);
         let other = !self.changes.is_empty() || !self.textures.is_empty();
-        let mark = self.first_frame == FirstFrame::Here;
-        other || mark || terrain || self.changed.iter().any(|&asset| self.has_mesh_changes(asset))
+        let first_frame = self.first_frame == FirstFrame::Complete;
+        other || first_frame || terrain || self.changed.iter().any(|&asset| self.has_mesh_changes(asset))
     }
 
     fn has_mesh_changes(&self, asset: u32) -> bool {
         self.refined.get(asset as usize).and_then(Option::as_ref).is_some_and(RefinedAsset::has_changes)
     }
 
-    /// Changes, in order, until they hold about `max_bytes`; at least one if there is any. Shapes come before textures, so
-    /// that no object is absent while others are painted.
+    /// Takes changes in order, about `max_bytes` of them, but at least one. Meshes come before textures, so that no object
+    /// is absent while others get their textures.
     pub(crate) fn take_changes(&mut self, now_s: f32, max_bytes: usize) -> Vec<Change> {
         let mut taken = Vec::new();
         let mut bytes = 0;
@@ -296,12 +345,12 @@ impl Scene {
                 taken.push(change);
             }
         }
-        if self.first_frame == FirstFrame::Here {
-            self.first_frame = FirstFrame::Told;
+        if self.first_frame == FirstFrame::Complete {
+            self.first_frame = FirstFrame::Delivered;
             taken.push(Change::FirstFrame);
         }
         while bytes < max_bytes
-            && let Some(change) = self.terrain.as_mut().and_then(TerrainPoints::take_change)
+            && let Some(change) = self.terrain.as_mut().and_then(HeightOverridePatches::take_change)
         {
             bytes += change.bytes();
             taken.push(change);
@@ -362,7 +411,7 @@ mod tests {
     }
 
     #[test]
-    fn pages_that_do_not_fit_are_refused() {
+    fn pages_that_do_not_fit_are_errors() {
         let mut scene = Scene::new(header(2));
         assert!(scene.add_page(page(2), 100).is_err());
         let mut gap = page(0);

@@ -8,13 +8,13 @@ use lodestream_select::Counters;
 
 use super::milestones::Milestones;
 
-/// What the core knows of its connection.
+/// State of the connection.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Connection {
-    /// None yet, or lost; with the reason, if there was one.
+    /// No session.
     #[default]
     None,
-    /// Opening: `Hello` is under way.
+    /// `Hello` is sent, and the server has not answered.
     Opening,
     /// The server has answered.
     Open,
@@ -22,32 +22,32 @@ pub enum Connection {
     Closed(String),
 }
 
-/// What came of one blob, and what of it was of use.
+/// Received and used bytes of one blob.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Received {
-    /// Payload bytes, as often as they came.
+    /// Payload bytes received, repetitions included.
     pub bytes: u64,
-    /// Of a chunk: how many of its bytes were ever in use, from its beginning on.
+    /// For a chunk: the most leading bytes that were ever applied.
     pub used_bytes: u64,
 }
 
-/// Blobs in [`Stats::lacking`], at most.
+/// Most blobs in [`Stats::lacking`].
 pub(crate) const MAX_LACKING: usize = 4;
 
-/// Everything countable, as it is now.
+/// Counters and state of the client.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Stats {
-    /// Name of the scene, once known.
+    /// Name of the scene; empty until known.
     pub scene: String,
-    /// Connection.
+    /// State of the connection.
     pub connection: Connection,
-    /// Bits per second that the server's limiter admits; `None` if unlimited or not known.
+    /// The server's rate limit in bits per second; `None` if unlimited or not known.
     pub rate_bits_per_s: Option<u64>,
     /// Counters of the last selection.
     pub counters: Counters,
     /// Counters of the session, if there is one.
     pub session: ClientStats,
-    /// First frame and qualities.
+    /// Times of the first frame and of each quality.
     pub milestones: Milestones,
     /// Transport payload received over all connections, handshakes included.
     pub transport_bytes: u64,
@@ -73,9 +73,9 @@ pub struct Stats {
     pub mesh_bytes: u64,
     /// Chunks undone so far.
     pub undone: u64,
-    /// Faces decoded so far, those of base meshes and of what was decoded again included.
+    /// Faces decoded so far, including base meshes and repeated decoding.
     pub decoded_faces: u64,
-    /// Blobs that came damaged so far.
+    /// Damaged blobs so far.
     pub decode_failures: u64,
     /// Blobs evicted from the cache so far.
     pub evicted: u64,
@@ -85,12 +85,13 @@ pub struct Stats {
     pub selections: u64,
     /// Connections opened so far.
     pub connections: u64,
-    /// Whether the picture is as sharp as target and budgets allow, and nothing is under way or lacking.
+    /// Whether the picture is as sharp as target and budgets allow, and no blob is pending or missing.
     pub settled: bool,
-    /// Blobs that the view lacks when all else is here, because they came damaged or are refused; else 0.
+    /// Number of blobs that the view needs and that stay missing because they are damaged or refused; 0 while others are
+    /// pending.
     pub lacking_blobs: u64,
-    /// The first few of them.
+    /// The first few of these blobs.
     pub lacking: Vec<BlobId>,
-    /// When it first settled, since the connect call.
+    /// Time from the connect call until it first settled.
     pub settled_after: Option<Duration>,
 }

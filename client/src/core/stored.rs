@@ -1,23 +1,23 @@
-//! Blobs as they are stored, without the zstd decoder: what is a frame cannot be read.
+//! Decoding without the feature `zstd`: zstd frames are errors that name the feature.
 
 use lodestream_geometry::base::Base;
 use lodestream_geometry::index::ChunkInfo;
 use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, ChunkError};
 use lodestream_geometry::{Codec, DecodeError};
 
-/// First bytes of a zstd frame (RFC 8878 §3.1.1). No base blob of the range coder begins so.
+/// First bytes of a zstd frame (RFC 8878 §3.1.1). No base blob of the range coder begins with them.
 const FRAME_MAGIC: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
 
-fn is_frame(what: String) -> DecodeError {
+fn zstd_error(subject: String) -> DecodeError {
     DecodeError::new(
-        what,
+        subject,
         "it is a zstd frame, and this program was built without the feature `zstd` of lodestream-client",
     )
 }
 
 pub(super) fn decode_base(stored: &[u8]) -> Result<Base, DecodeError> {
     if stored.starts_with(&FRAME_MAGIC) {
-        return Err(is_frame("base mesh".into()));
+        return Err(zstd_error("base mesh".into()));
     }
     Base::decode(stored)
 }
@@ -31,7 +31,7 @@ pub(super) fn decode_prefix(
 ) -> Result<ChunkDelta, ChunkError> {
     match mesh.codec() {
         Codec::Range | Codec::AxisAligned => mesh.decode_prefix(chunk, info, truncation, stored),
-        Codec::Zstd => Err(is_frame(format!("chunk {chunk}")).into()),
+        Codec::Zstd => Err(zstd_error(format!("chunk {chunk}")).into()),
     }
 }
 

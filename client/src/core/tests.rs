@@ -280,8 +280,13 @@ fn appearances(view: View) -> Vec<(u16, bool)> {
         link.run(1);
         let now_s = Duration::from(link.now).as_secs_f64() as f32;
         // What the selection said by which chunks were put to use since.
-        let said =
-            link.core.wanted.iter().map(|wanted| (wanted.id, wanted.error_px)).collect::<BTreeMap<_, _>>();
+        let said = link
+            .core
+            .selection
+            .wanted
+            .iter()
+            .map(|wanted| (wanted.id, wanted.error_px))
+            .collect::<BTreeMap<_, _>>();
         for change in link.core.take_changes(link.now, usize::MAX) {
             let Change::Mesh(MeshChange { vertices, .. }) = change else { continue };
             let mesh = link.core.mesh(0).unwrap();

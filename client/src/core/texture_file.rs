@@ -1,10 +1,10 @@
-//! Image files of texture levels to pixels, for a background thread.
+//! Decodes the image files of texture levels; called on the streaming thread.
 
 use image::{DynamicImage, ImageReader, Limits};
 use lodestream_scene::asset::{TextureInfo, TextureKind, level_size};
 use thiserror::Error;
 
-/// A texture level that cannot be used.
+/// Why a texture level cannot be used.
 #[derive(Debug, Error)]
 #[error("texture level {level} ({width}×{height}): {reason}")]
 pub struct TextureFileError {
@@ -14,7 +14,7 @@ pub struct TextureFileError {
     reason: String,
 }
 
-/// Decoded pixels of one level, in the form that the texture's kind asks for.
+/// Decoded pixels of one texture level, in the format of the texture's kind.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum TexturePixels {
     /// Four bytes per texel.
@@ -26,11 +26,11 @@ pub enum TexturePixels {
 }
 
 impl TexturePixels {
-    /// Decodes the image file (PNG or JPEG) of a level; level 0 is the coarsest. The file must have
-    /// the level's size: memory is reserved only after its header has been checked.
+    /// Decodes the image file (PNG or JPEG) of a level; level 0 is the coarsest. The image must have the level's size;
+    /// memory is reserved only after its header has been checked.
     ///
     /// # Errors
-    /// [`TextureFileError`] for anything but an intact image of that size.
+    /// The file is not an intact image of that size.
     pub fn decode(file: &[u8], info: &TextureInfo, level: u32) -> Result<Self, TextureFileError> {
         let levels = u32::try_from(info.levels.len()).unwrap_or(u32::MAX);
         let [width, height] = level_size([info.width, info.height], levels, level);
@@ -41,8 +41,7 @@ impl TexturePixels {
         let mut limits = Limits::default();
         limits.max_image_width = Some(width);
         limits.max_image_height = Some(height);
-        // The pixels themselves with 16 bits on four channels, the decoder's buffers, and a
-        // constant for small pictures.
+        // Four channels of 16 bits, the decoder's buffers, and a constant for small images.
         limits.max_alloc = Some(u64::from(width) * u64::from(height) * 24 + (1 << 20));
         reader.limits(limits);
         let image = reader.decode().map_err(|e| error(e.to_string()))?;
@@ -56,7 +55,7 @@ impl TexturePixels {
         })
     }
 
-    /// Memory held, in bytes.
+    /// Size of the pixels in bytes.
     #[must_use]
     pub fn bytes(&self) -> usize {
         match self {
@@ -89,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn levels_decode_in_the_form_of_their_kind() {
+    fn levels_decode_in_the_format_of_their_kind() {
         let colour = full(4, 2, TextureKind::Color);
         let file = png(RgbImage::from_pixel(4, 2, image::Rgb([1, 2, 3])));
         let pixels = TexturePixels::decode(&file, &colour, 2).unwrap();
@@ -104,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn files_that_are_not_the_level_are_errors() {
+    fn files_that_do_not_match_the_level_are_errors() {
         let shape = full(8, 8, TextureKind::Color);
         let right = png(RgbImage::new(8, 8));
         let refused = |file: &[u8], level| TexturePixels::decode(file, &shape, level).is_err();

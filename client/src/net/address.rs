@@ -1,6 +1,6 @@
-//! Addresses of servers: `quic://HOST:PORT`, `wss://HOST:PORT` and `ws://HOST:PORT`, perhaps with the name of a scene,
-//! `/NAME`, and the first two perhaps with the fingerprint of a certificate or its key, `#sha256=HEX` or
-//! `#spki-sha256=HEX`.
+//! Addresses of servers: `quic://HOST:PORT`, `wss://HOST:PORT` or `ws://HOST:PORT`, optionally followed by a scene's name,
+//! `/NAME`. The first two may end with the fingerprint of a certificate (`#sha256=HEX`) or of its key
+//! (`#spki-sha256=HEX`).
 
 use std::fmt;
 use std::str::FromStr;
@@ -9,7 +9,7 @@ use lodestream_protocol::stream::{path_of_scene, scene_of_path};
 
 use super::pin::{Pin, PinError};
 
-/// How a server is reached.
+/// Transport of an address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scheme {
     /// QUIC.
@@ -32,10 +32,10 @@ impl Scheme {
     }
 }
 
-/// Port of a `wss://` address that names none.
+/// Default port of a `wss://` address.
 const HTTPS_PORT: u16 = 443;
 
-/// Where a server is.
+/// Address of a server.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Address {
     /// Transport.
@@ -44,35 +44,38 @@ pub struct Address {
     pub host: String,
     /// UDP or TCP port.
     pub port: u16,
-    /// Name of the scene; empty for the server's only one.
+    /// Name of the scene; empty for the server's only scene.
     pub scene: String,
-    /// What the server's certificate must be; never there for plain WebSocket. Without it, authorities are asked.
+    /// Fingerprint of the server's certificate; always `None` for plain WebSocket. With `None`, the certificate is
+    /// verified by authorities.
     pub pin: Option<Pin>,
 }
 
-/// An address that cannot be used. The message says what to write instead.
+/// Why an address is invalid. The message says what to write instead.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum AddressError {
-    /// None of the three.
+    /// Not one of the three schemes.
     #[error(
-        "{0:?} is no server address: write quic://HOST:PORT#sha256=… (as the server prints it), wss://HOST or \
+        "{0:?} is not a server address: write quic://HOST:PORT#sha256=… (as the server prints it), wss://HOST or \
          ws://HOST:PORT"
     )]
     Scheme(String),
-    /// No host, or characters that no host has.
-    #[error("{0:?} names no host: write HOST:PORT after the scheme")]
+    /// No host, or invalid characters in it.
+    #[error("{0:?} has no valid host: write HOST:PORT after the scheme")]
     Host(String),
-    /// No port, or not a port.
+    /// No port, or an invalid one.
     #[error("{0:?} has no port from 1 to 65535: write HOST:PORT after the scheme")]
     Port(String),
-    /// A fingerprint that is none.
+    /// An invalid fingerprint.
     #[error(transparent)]
     Pin(#[from] PinError),
-    /// A path that names no scene.
-    #[error("{0:?} names no scene: write /NAME, characters other than letters and digits as %XX")]
+    /// A path that is not a scene's name.
+    #[error(
+        "{0:?} is not the name of a scene: write /NAME, with characters other than letters and digits as %XX"
+    )]
     Scene(String),
-    /// Something after the port.
-    #[error("{0:?} is not understood at the end of the address")]
+    /// Unknown text at the end.
+    #[error("{0:?} is not allowed at the end of the address: leave it out")]
     Rest(String),
 }
 
@@ -93,7 +96,7 @@ impl FromStr for Address {
         };
         let pin = match fragment {
             None | Some("") => None,
-            // Nothing there has a certificate.
+            // Plain WebSocket has no certificate.
             Some(fragment) if scheme == Scheme::WebSocket => {
                 return Err(AddressError::Rest(format!("#{fragment}")));
             }
@@ -137,7 +140,7 @@ impl Address {
         if host.contains(':') { format!("[{host}]:{port}") } else { format!("{host}:{port}") }
     }
 
-    /// The scene as a path: `/NAME`, characters that cannot stand there as `%XX`; `/` where none is named.
+    /// The scene as a path: `/NAME`, percent-encoded; `/` if none is named.
     #[must_use]
     pub fn path(&self) -> String {
         path_of_scene(&self.scene)
@@ -158,7 +161,7 @@ mod tests {
     const HEX: &str = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
 
     #[test]
-    fn good_addresses_are_understood() {
+    fn valid_addresses_are_parsed() {
         let quic: Address = format!("quic://127.0.0.1:4433#sha256={HEX}").parse().unwrap();
         assert_eq!((quic.transport(), quic.host.as_str(), quic.port), ("quic", "127.0.0.1", 4433));
         assert_eq!(quic.to_string(), "quic://127.0.0.1:4433");
@@ -189,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_addresses_say_what_is_wrong() {
+    fn invalid_addresses_are_errors_that_say_what_is_wrong() {
         let error = |text: &str| text.parse::<Address>().unwrap_err();
         assert!(matches!(error("quic://h:1#sha256=12"), AddressError::Pin(_)));
         assert!(matches!(error("wss://h:1#spki-sha256=12"), AddressError::Pin(_)));

@@ -1,6 +1,6 @@
-//! From a name to a connection: all addresses of a name are tried, the next one beside those that have not answered
-//! ("Happy Eyeballs": Schinazi and Pauly, RFC 8305). Many names have an address that leads nowhere: `localhost` is
-//! `::1` first where the server listens on 127.0.0.1 only.
+//! Happy Eyeballs (Schinazi and Pauly, RFC 8305): resolves a name and tries all its addresses, starting the next while
+//! earlier ones have not answered. Many names have an address that is not served: `localhost` resolves to `::1` first
+//! although the server may listen on 127.0.0.1 only.
 
 use std::future::Future;
 use std::io;
@@ -15,52 +15,51 @@ use tokio::time::{Instant, sleep_until, timeout};
 
 use super::address::Address;
 
-/// Time that a name lookup may take.
+/// Time limit of a name lookup.
 const LOOKUP_TIMEOUT: Duration = Duration::from_secs(4);
-/// Time after which the next address is tried as well (RFC 8305, section 5).
-const NEXT_AFTER: Duration = Duration::from_millis(250);
-/// Most addresses of a name that are tried; real names have two to four.
+/// Connection attempt delay: time until the next address is tried as well (RFC 8305, section 5).
+const ATTEMPT_DELAY: Duration = Duration::from_millis(250);
+/// Most addresses of a name that are tried; names usually have two to four.
 const MAX_ADDRESSES: usize = 8;
 
-/// Who knows the addresses of a name.
+/// Resolves names to addresses.
 pub(super) trait Resolver {
-    /// The addresses of `HOST:PORT`, those to be preferred first.
+    /// The addresses of `HOST:PORT`, in order of preference.
     fn resolve(&self, authority: &str) -> impl Future<Output = io::Result<Vec<SocketAddr>>>;
 }
 
 /// The system's resolver.
-pub(super) struct System;
+pub(super) struct SystemResolver;
 
-impl Resolver for System {
+impl Resolver for SystemResolver {
     async fn resolve(&self, authority: &str) -> io::Result<Vec<SocketAddr>> {
         Ok(lookup_host(authority).await?.collect())
     }
 }
 
-/// The addresses of a server, each once, in the resolver's order.
-pub(super) async fn find(address: &Address, resolver: &impl Resolver) -> Result<Vec<SocketAddr>, Close> {
+/// The addresses of a server without duplicates, in the resolver's order.
+pub(super) async fn resolve(address: &Address, resolver: &impl Resolver) -> Result<Vec<SocketAddr>, Close> {
     let authority = address.authority();
     let lost = |why: String| Close::new(CloseCode::Lost, format!("{authority} cannot be found: {why}"));
-    let found = match timeout(LOOKUP_TIMEOUT, resolver.resolve(&authority)).await {
-        Ok(Ok(found)) => found,
+    let resolved = match timeout(LOOKUP_TIMEOUT, resolver.resolve(&authority)).await {
+        Ok(Ok(resolved)) => resolved,
         Ok(Err(why)) => return Err(lost(why.to_string())),
         Err(_) => {
             let limit = LOOKUP_TIMEOUT.as_secs();
-            return Err(lost(format!("the name was not looked up within {limit} s; is there a network?")));
+            return Err(lost(format!("no answer to the name lookup within {limit} s; is there a network?")));
         }
     };
     let mut addresses: Vec<SocketAddr> = Vec::new();
-    for one in found {
-        if !addresses.contains(&one) && addresses.len() < MAX_ADDRESSES {
-            addresses.push(one);
+    for resolved in resolved {
+        if !addresses.contains(&resolved) && addresses.len() < MAX_ADDRESSES {
+            addresses.push(resolved);
         }
     }
     if addresses.is_empty() { Err(lost("the name has no address".into())) } else { Ok(addresses) }
 }
 
-/// Opens a connection to the first of `servers` that answers. They are tried in order, each once the one before has
-/// failed or has not answered for [`NEXT_AFTER`]; the others are given up once one has answered. `open` must end in
-/// bounded time.
+/// Opens a connection to the first of `servers` that answers. They are tried in order; the next attempt starts when one
+/// fails, or after [`ATTEMPT_DELAY`]. The first success cancels the others. `open` must end in bounded time.
 pub(super) async fn first_to_answer<T, F>(
     address: &Address,
     servers: &[SocketAddr],
@@ -79,7 +78,7 @@ where
             trying.push(async move { (server, attempt.await) });
             more = waiting.len() > 0;
         }
-        let next = Instant::now() + NEXT_AFTER;
+        let next = Instant::now() + ATTEMPT_DELAY;
         tokio::select! {
             biased;
             Some((server, opened)) = trying.next() => match opened {
@@ -87,13 +86,13 @@ where
                 Err(why) => failed.push((server, why)),
             },
             () = sleep_until(next), if more => {}
-            else => return Err(none_answered(address, failed)),
+            else => return Err(combined_reason(address, failed)),
         }
     }
 }
 
-/// One reason of many. Worth another try if one of them is.
-fn none_answered(address: &Address, failed: Vec<(SocketAddr, Close)>) -> Close {
+/// Combines the reasons of all attempts. Worth retrying if one of them is.
+fn combined_reason(address: &Address, failed: Vec<(SocketAddr, Close)>) -> Close {
     let all: Vec<String> = failed
         .iter()
         .map(|(server, why)| match failed.len() {
@@ -103,7 +102,7 @@ fn none_answered(address: &Address, failed: Vec<(SocketAddr, Close)>) -> Close {
         .collect();
     let worth = failed.iter().map(|(_, why)| why.code).find(|code| code.worth_retrying());
     let code = worth.or(failed.first().map(|(_, why)| why.code)).unwrap_or(CloseCode::Lost);
-    // Never sent, so as long as it needs to be.
+    // Never sent to a peer, so its length is not bounded.
     Close { code, reason: format!("{address} cannot be reached: {}", all.join("; ")) }
 }
 
@@ -150,19 +149,19 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_name_whose_first_address_leads_nowhere_is_reached_at_its_second() {
+    async fn a_name_whose_first_address_is_unreachable_connects_to_its_second() {
         let (refused, tried, after) = ask(&["[::1]:8080", "127.0.0.4:8080"]).await;
         assert_eq!((refused.unwrap().to_string().as_str(), tried.len()), ("127.0.0.4:8080", 2));
-        assert!(after < NEXT_AFTER, "a refusal is not waited on: {after:?}");
+        assert!(after < ATTEMPT_DELAY, "a refused attempt is followed at once: {after:?}");
         let (silent, _, after) = ask(&["[::2]:8080", "127.0.0.4:8080"]).await;
         assert_eq!(silent.unwrap().to_string(), "127.0.0.4:8080");
-        assert!(after >= NEXT_AFTER && after < 2 * NEXT_AFTER, "{after:?}");
+        assert!(after >= ATTEMPT_DELAY && after < 2 * ATTEMPT_DELAY, "{after:?}");
     }
 
     #[tokio::test(start_paused = true)]
     async fn the_first_address_is_preferred_and_a_slow_one_is_not_given_up() {
         let (at_once, tried, _) = ask(&["127.0.0.4:1", "127.0.0.14:1"]).await;
-        assert_eq!((at_once.unwrap().port(), tried.len()), (1, 1), "nobody else is asked");
+        assert_eq!((at_once.unwrap().port(), tried.len()), (1, 1), "no other address is tried");
         let (slow, tried, after) = ask(&["127.0.0.3:1", "[::2]:1", "[::1]:1"]).await;
         assert_eq!((slow.unwrap().to_string().as_str(), tried.len()), ("127.0.0.3:1", 3));
         assert!(after >= Duration::from_secs(1) && after < Duration::from_secs(2), "{after:?}");
@@ -179,7 +178,7 @@ mod tests {
         );
         assert!(why.code.worth_retrying() && tried.len() == 3);
         assert!(after >= Duration::from_secs(4) && after < Duration::from_secs(5), "{after:?}");
-        let literal = none_answered(
+        let literal = combined_reason(
             &"ws://[::1]:8080".parse().unwrap(),
             vec![(servers(&["[::1]:8080"])[0], Close::new(CloseCode::Protocol, "it answers 404"))],
         );
@@ -202,12 +201,12 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn names_are_looked_up_in_bounded_time_and_addresses_taken_once() {
         let twice = Fixed(Ok(servers(&["[::1]:1", "127.0.0.1:1", "[::1]:1"])));
-        assert_eq!(find(&address(), &twice).await.unwrap(), servers(&["[::1]:1", "127.0.0.1:1"]));
+        assert_eq!(resolve(&address(), &twice).await.unwrap(), servers(&["[::1]:1", "127.0.0.1:1"]));
         let many = Fixed(Ok((0..99).map(|i| ([10, 0, 0, i], 1).into()).collect()));
-        assert_eq!(find(&address(), &many).await.unwrap().len(), MAX_ADDRESSES);
-        let unknown = find(&address(), &Fixed(Err(io::Error::other("no such host")))).await.unwrap_err();
+        assert_eq!(resolve(&address(), &many).await.unwrap().len(), MAX_ADDRESSES);
+        let unknown = resolve(&address(), &Fixed(Err(io::Error::other("no such host")))).await.unwrap_err();
         assert_eq!(unknown.reason, "localhost:8080 cannot be found: no such host");
-        let silent = find(&address(), &Fixed(Ok(Vec::new()))).await.unwrap_err();
-        assert!(silent.reason.contains("not looked up within 4 s"), "{silent}");
+        let silent = resolve(&address(), &Fixed(Ok(Vec::new()))).await.unwrap_err();
+        assert!(silent.reason.contains("name lookup within 4 s"), "{silent}");
     }
 }

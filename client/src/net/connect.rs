@@ -1,4 +1,4 @@
-//! Opening a connection to a server: every step has a deadline, and every address of its name is tried.
+//! Opens a connection to a server. Every step has a deadline, and every address of the name is tried.
 
 use std::net::SocketAddr;
 use std::time::Duration;
@@ -7,29 +7,29 @@ use lodestream_protocol::message::{Close, CloseCode, Token};
 use tokio::time::timeout;
 
 use super::address::{Address, Scheme};
-use super::addresses::{Resolver, find, first_to_answer};
+use super::addresses::{Resolver, first_to_answer, resolve};
 use super::drive::{Clock, Host};
 use super::server::Server;
 #[cfg(any(feature = "quic", feature = "tls"))]
 use super::trust::Trust;
 #[cfg(feature = "websocket")]
-use super::websocket::{Counting, Target, WebSocketConnection, run_websocket};
+use super::websocket::{CountingStream, Target, WebSocketConnection, run_websocket};
 #[cfg(feature = "quic")]
 use super::{
     quic::{self, client_config_of, endpoint, run_quic},
     quic_open::{QuicConnection, QuicOpenError},
-    trust::Refusal,
+    trust::CertificateRejection,
 };
 #[cfg(feature = "websocket")]
 use tokio::net::TcpStream;
 
-/// Time that each step of opening a connection may take: TCP, the WebSocket request, QUIC's handshake.
+/// Time limit of each step of opening a connection: TCP, TLS, the WebSocket request, QUIC's handshake.
 pub(super) const STEP_TIMEOUT: Duration = Duration::from_secs(4);
-/// Time in which a closed QUIC connection tells the server.
+/// Time limit for delivering the close of a QUIC connection.
 #[cfg(feature = "quic")]
-const GOODBYE_TIMEOUT: Duration = Duration::from_millis(300);
+const CLOSE_TIMEOUT: Duration = Duration::from_millis(300);
 
-/// What attempts leave to those after them.
+/// State that one attempt to connect leaves to the next.
 #[derive(Default)]
 pub(super) struct ConnectionMemory {
     #[cfg(feature = "quic")]
@@ -38,21 +38,21 @@ pub(super) struct ConnectionMemory {
     tls: Option<super::tls::Tls>,
 }
 
-/// Holds what resumes a session.
+/// Settings and tickets that resume a QUIC session.
 #[cfg(feature = "quic")]
 struct QuicResumption {
     config: quinn::ClientConfig,
-    refusal: Refusal,
-    /// The address that gave it.
-    gave: Option<SocketAddr>,
+    rejection: CertificateRejection,
+    /// The address that the tickets come from.
+    ticket_from: Option<SocketAddr>,
 }
 
-/// A connection on which a session can begin.
+/// An open connection, ready for a session.
 pub(super) enum Connection {
     #[cfg(feature = "websocket")]
-    WebSocket(Box<WebSocketConnection<Counting<TcpStream>>>),
+    WebSocket(Box<WebSocketConnection<CountingStream<TcpStream>>>),
     #[cfg(feature = "tls")]
-    SecureWebSocket(Box<WebSocketConnection<tokio_rustls::client::TlsStream<Counting<TcpStream>>>>),
+    SecureWebSocket(Box<WebSocketConnection<tokio_rustls::client::TlsStream<CountingStream<TcpStream>>>>),
     #[cfg(feature = "quic")]
     Quic(Box<OpenedQuic>),
 }
@@ -62,8 +62,9 @@ pub(super) struct OpenedQuic {
     endpoint: quinn::Endpoint,
     server: SocketAddr,
     opened: QuicConnection,
-    refusal: Refusal,
-    others: bool,
+    rejection: CertificateRejection,
+    /// Whether the name has other addresses.
+    has_other_addresses: bool,
 }
 
 /// Opens a connection. Ends in bounded time: [`STEP_TIMEOUT`] for each step, and a quarter of a second for each
@@ -71,11 +72,11 @@ pub(super) struct OpenedQuic {
 pub(super) async fn connect(
     server: &Server,
     token: Option<&Token>,
-    kept: &mut ConnectionMemory,
+    memory: &mut ConnectionMemory,
     resolver: &impl Resolver,
 ) -> Result<Connection, Close> {
     let address = &server.address;
-    let servers = find(address, resolver).await?;
+    let servers = resolve(address, resolver).await?;
     match address.scheme {
         #[cfg(feature = "websocket")]
         Scheme::WebSocket => {
@@ -85,11 +86,11 @@ pub(super) async fn connect(
         }
         #[cfg(feature = "tls")]
         Scheme::SecureWebSocket => {
-            let tls = match &kept.tls {
+            let tls = match &memory.tls {
                 Some(tls) => tls,
                 None => {
                     let opens = super::tls::Tls::new(&address.host, trust(server).await?);
-                    kept.tls.insert(opens.map_err(|why| at(address, why))?)
+                    memory.tls.insert(opens.map_err(|why| with_address(address, why))?)
                 }
             };
             let (authority, path) = (address.authority(), address.path());
@@ -98,44 +99,50 @@ pub(super) async fn connect(
                 .await
         }
         #[cfg(feature = "quic")]
-        Scheme::Quic => open_quic(server, servers, kept).await,
+        Scheme::Quic => open_quic(server, servers, memory).await,
         #[cfg(not(all(feature = "quic", feature = "tls")))]
         _ => {
-            let _ = (token, kept, servers);
-            let why = format!("{address}: this program was built without that transport");
+            let _ = (token, memory, servers);
+            let why =
+                format!("{address}: this program was built without the transport {}", address.transport());
             Err(Close::new(CloseCode::Protocol, why))
         }
     }
 }
 
-/// By what a server is known.
+/// How the server's certificate is verified.
 #[cfg(any(feature = "quic", feature = "tls"))]
 async fn trust(server: &Server) -> Result<Trust, Close> {
     match server.address.pin {
         Some(pin) => Ok(pin.into()),
-        None => server.authorities.roots().await.map(Trust::Roots).map_err(|why| at(&server.address, why)),
+        None => server
+            .authorities
+            .roots()
+            .await
+            .map(Trust::Roots)
+            .map_err(|why| with_address(&server.address, why)),
     }
 }
 
 impl Connection {
-    /// Runs one session until it ends; says why.
+    /// Runs one session until it ends; gives the reason.
     pub(super) async fn run<H: Host>(
         self,
         address: &Address,
-        kept: &mut ConnectionMemory,
+        memory: &mut ConnectionMemory,
         host: &mut H,
         clock: Clock,
     ) -> Close {
         match self {
             #[cfg(feature = "websocket")]
             Self::WebSocket(connection) => {
-                let _ = (&address, &kept);
+                let _ = (&address, &memory);
                 run_websocket(*connection, host, clock).await
             }
             #[cfg(feature = "tls")]
             Self::SecureWebSocket(connection) => run_websocket(*connection, host, clock).await,
             #[cfg(feature = "quic")]
-            Self::Quic(connection) => connection.run(address, kept, host, clock).await,
+            Self::Quic(connection) => connection.run(address, memory, host, clock).await,
         }
     }
 }
@@ -145,37 +152,40 @@ impl OpenedQuic {
     async fn run<H: Host>(
         self,
         address: &Address,
-        kept: &mut ConnectionMemory,
+        memory: &mut ConnectionMemory,
         host: &mut H,
         clock: Clock,
     ) -> Close {
-        let Self { endpoint, server, opened, refusal, others } = self;
+        let Self { endpoint, server, opened, rejection, has_other_addresses } = self;
         let (connection, early) = (opened.connection().clone(), opened.is_early());
         let close = run_quic(opened, host, clock).await;
         let answered = connection.stats().udp_rx.datagrams > 0;
-        if let (true, Some(kept)) = (answered, &mut kept.quic) {
-            kept.gave = Some(server);
+        if let (true, Some(memory)) = (answered, &mut memory.quic) {
+            memory.ticket_from = Some(server);
         }
-        if !answered && others {
-            // Another address may lead to the server now; with tickets, this one would be believed again.
-            kept.quic = None;
+        if !answered && has_other_addresses {
+            // The server may have moved to another address. With the tickets, this one would be tried first again.
+            memory.quic = None;
         }
-        // With early data, a session can have begun before the certificate was seen.
+        // With early data, the session may have begun before the certificate arrived.
         let close = match connection.close_reason() {
-            Some(why) if early && is_of_tls(&why) => refusal.reason().map_or(close, |why| at(address, why)),
+            Some(why) if early && is_tls_alert(&why) => {
+                rejection.reason().map_or(close, |why| with_address(address, why))
+            }
             _ => close,
         };
-        let _ = timeout(GOODBYE_TIMEOUT, endpoint.wait_idle()).await;
+        let _ = timeout(CLOSE_TIMEOUT, endpoint.wait_idle()).await;
         close
     }
 }
 
+/// Adds the address to the reason of a failed attempt.
 #[cfg(any(feature = "quic", feature = "tls"))]
-fn at(address: &Address, why: Close) -> Close {
+fn with_address(address: &Address, why: Close) -> Close {
     Close { reason: format!("{address} cannot be reached: {}", why.reason), ..why }
 }
 
-/// What ended an attempt, without the address.
+/// The close of a failed attempt, without the address.
 fn lost(why: impl Into<String>) -> Close {
     Close::new(CloseCode::Lost, why)
 }
@@ -202,11 +212,10 @@ async fn open_websocket(
     token: Option<&Token>,
 ) -> Result<Connection, Close> {
     if token.is_some() && !server.ip().is_loopback() {
-        let why =
-            "a token is not sent over ws://, where anybody on the way could take it: use wss:// or quic://";
+        let why = "a token is not sent over ws://, which is not encrypted: use wss:// or quic://";
         return Err(Close::new(CloseCode::Protocol, why));
     }
-    let (stream, received) = Counting::new(open_tcp(server).await?);
+    let (stream, received) = CountingStream::new(open_tcp(server).await?);
     let connection = WebSocketConnection::open_counted(stream, received, target, token, STEP_TIMEOUT).await?;
     Ok(Connection::WebSocket(Box::new(connection)))
 }
@@ -218,8 +227,8 @@ async fn open_secure_websocket(
     target: Target<'_>,
     token: Option<&Token>,
 ) -> Result<Connection, Close> {
-    // Counted below TLS, as transports count.
-    let (stream, received) = Counting::new(open_tcp(server).await?);
+    // Counted below TLS: transport payload.
+    let (stream, received) = CountingStream::new(open_tcp(server).await?);
     let stream = tls.open(stream, STEP_TIMEOUT).await?;
     let connection = WebSocketConnection::open_counted(stream, received, target, token, STEP_TIMEOUT).await?;
     Ok(Connection::SecureWebSocket(Box::new(connection)))
@@ -229,51 +238,58 @@ async fn open_secure_websocket(
 async fn open_quic(
     server: &Server,
     mut servers: Vec<SocketAddr>,
-    kept: &mut ConnectionMemory,
+    memory: &mut ConnectionMemory,
 ) -> Result<Connection, Close> {
     let address = &server.address;
-    if kept.quic.is_none() {
-        let refusal = Refusal::default();
-        let config = client_config_of(trust(server).await?, refusal.clone(), &address.scene);
-        let config = config.map_err(|why| at(address, lost(why.to_string())))?;
-        kept.quic = Some(QuicResumption { config, refusal, gave: None });
+    if memory.quic.is_none() {
+        let rejection = CertificateRejection::default();
+        let config = client_config_of(trust(server).await?, rejection.clone(), &address.scene);
+        let config = config.map_err(|why| with_address(address, lost(why.to_string())))?;
+        memory.quic = Some(QuicResumption { config, rejection, ticket_from: None });
     }
-    let Some(kept) = &kept.quic else { return Err(at(address, lost("QUIC cannot be set up"))) };
-    // A ticket is of use where it came from; there the session begins before the server has answered.
-    if let Some(at) = servers.iter().position(|&server| Some(server) == kept.gave) {
+    let Some(memory) = &memory.quic else { return Err(with_address(address, lost("QUIC cannot be set up"))) };
+    // A ticket is valid at the address that issued it: there the session begins before the server answers.
+    if let Some(at) = servers.iter().position(|&server| Some(server) == memory.ticket_from) {
         servers[..=at].rotate_right(1);
     }
-    let others = servers.len() > 1;
-    // What a fingerprint knows needs no name.
+    let has_other_addresses = servers.len() > 1;
+    // A certificate that is verified by its fingerprint needs no name.
     let name = if address.pin.is_some() { "localhost" } else { &address.host };
-    first_to_answer(address, &servers, |server| open_one_quic(server, name, kept, others)).await
+    first_to_answer(address, &servers, |server| open_one_quic(server, name, memory, has_other_addresses))
+        .await
 }
 
 #[cfg(feature = "quic")]
 async fn open_one_quic(
     server: SocketAddr,
     name: &str,
-    kept: &QuicResumption,
-    others: bool,
+    memory: &QuicResumption,
+    has_other_addresses: bool,
 ) -> Result<Connection, Close> {
-    let QuicResumption { config, refusal, .. } = kept;
+    let QuicResumption { config, rejection, .. } = memory;
     let endpoint = endpoint(server, config.clone()).map_err(|why| lost(why.to_string()))?;
     let connecting = endpoint.connect(server, name).map_err(|why| lost(why.to_string()))?;
     match QuicConnection::open(connecting, STEP_TIMEOUT).await {
         Ok(opened) => {
-            let refusal = refusal.clone();
-            Ok(Connection::Quic(Box::new(OpenedQuic { endpoint, server, opened, refusal, others })))
+            let rejection = rejection.clone();
+            Ok(Connection::Quic(Box::new(OpenedQuic {
+                endpoint,
+                server,
+                opened,
+                rejection,
+                has_other_addresses,
+            })))
         }
-        Err(QuicOpenError::Handshake(why)) if is_of_tls(&why) => {
-            Err(refusal.reason().unwrap_or_else(|| quic::closed_by(&why)))
+        Err(QuicOpenError::Handshake(why)) if is_tls_alert(&why) => {
+            Err(rejection.reason().unwrap_or_else(|| quic::close_of(&why)))
         }
-        Err(QuicOpenError::Handshake(why)) => Err(quic::closed_by(&why)),
+        Err(QuicOpenError::Handshake(why)) => Err(quic::close_of(&why)),
         Err(QuicOpenError::Timeout) => Err(no_answer()),
     }
 }
 
-/// Whether TLS ended a connection (RFC 9001, section 4.8), perhaps because of its certificate.
+/// Whether TLS closed the connection (RFC 9001, section 4.8), for example because of the certificate.
 #[cfg(feature = "quic")]
-fn is_of_tls(why: &quinn::ConnectionError) -> bool {
+fn is_tls_alert(why: &quinn::ConnectionError) -> bool {
     matches!(why, quinn::ConnectionError::TransportError(e) if (0x100..0x200).contains(&u64::from(e.code)))
 }

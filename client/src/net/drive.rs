@@ -1,4 +1,4 @@
-//! The loop that connects a core with a transport; one for both transports.
+//! The loop that drives a core over a transport; the same for QUIC and WebSocket.
 
 use std::future::{Future, pending};
 
@@ -11,10 +11,10 @@ use tokio::time::{Instant, sleep_until, timeout};
 
 use crate::core::{ClientCore, Progress};
 
-/// Things received in a row before the host gets its turn.
+/// Most items received in a row before the host's next turn.
 const MAX_RECEIVED_IN_A_ROW: usize = 64;
-/// Time that the last words may take.
-const LAST_WORDS_TIMEOUT: std::time::Duration = std::time::Duration::from_millis(500);
+/// Time limit for sending the last messages and closing the transport.
+const CLOSE_TIMEOUT: std::time::Duration = std::time::Duration::from_millis(500);
 
 /// The clock of a client: tokio's, so that virtual time works, counted from a start.
 #[derive(Clone, Copy, Debug)]
@@ -36,7 +36,7 @@ impl Clock {
         Self { start }
     }
 
-    /// Now.
+    /// The time since the start.
     #[must_use]
     pub fn now(&self) -> Time {
         Time::from(self.start.elapsed())
@@ -47,19 +47,18 @@ impl Clock {
     }
 }
 
-/// Who owns the core while a driver runs it.
+/// Owner of the core while [`drive`] runs it.
 pub trait Host {
     /// The core.
     fn core(&mut self) -> &mut ClientCore;
 
-    /// Called after everything that may have changed something: runs [`ClientCore::update`], and whatever
-    /// else the host does with the outcome.
+    /// Called after every event: runs [`ClientCore::update`] and whatever the host does with the outcome.
     fn turn(&mut self, now: Time) -> Progress {
         self.core().update(now, u64::MAX)
     }
 
-    /// Resolves when the host wants a turn although nothing came from the network. Dropped and called
-    /// again at will.
+    /// Resolves when the host needs a turn without an event from the network. The driver may drop the future and call
+    /// this again at any time.
     fn wake(&mut self) -> impl Future<Output = ()> {
         pending()
     }
@@ -76,8 +75,8 @@ impl Host for ClientCore {
     }
 }
 
-/// What came from the server.
-#[cfg_attr(not(feature = "quic"), allow(dead_code, reason = "its streams alone bring pieces"))]
+/// An item received from the server.
+#[cfg_attr(not(feature = "quic"), allow(dead_code, reason = "only its streams carry pieces"))]
 #[derive(Debug)]
 pub(super) enum Received {
     /// A control message, or a piece on WebSocket.
@@ -86,19 +85,36 @@ pub(super) enum Received {
     Pieces(Vec<BlobPiece>),
     /// The stream of a blob was reset.
     Abandoned(BlobId),
-    /// Bytes that are no message.
+    /// Bytes that are not a valid message.
     Malformed(FrameError),
     /// The server ended the connection with a reason.
     Closed(Close),
     /// The transport failed or ended.
     Lost(String),
-    /// Something of no consequence.
+    /// Nothing that the core needs to know.
     Nothing,
 }
 
+/// Frames could not be sent: the transport is lost.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum SendError {
+    /// The QUIC stream cannot be written.
+    #[cfg(feature = "quic")]
+    #[error(transparent)]
+    Quic(#[from] quinn::WriteError),
+    /// The server has not answered early data in time.
+    #[cfg(feature = "quic")]
+    #[error("the server does not answer")]
+    NoAnswer,
+    /// The WebSocket cannot be written.
+    #[cfg(feature = "websocket")]
+    #[error(transparent)]
+    WebSocket(#[from] Box<tokio_tungstenite::tungstenite::Error>),
+}
+
 /// The receiving half of a transport.
-pub(super) trait Receive {
-    /// The next thing from the server. May be dropped while it waits.
+pub(super) trait TransportReceiver {
+    /// The next item from the server. Cancel-safe.
     fn receive(&mut self) -> impl Future<Output = Received>;
 
     /// Transport payload received so far, handshake included.
@@ -106,29 +122,32 @@ pub(super) trait Receive {
 }
 
 /// The sending half of a transport.
-pub(super) trait Deliver {
-    /// Whether it takes another frame.
+pub(super) trait TransportSender {
+    /// Whether the queue has room for another frame.
     fn has_room(&self) -> bool;
 
-    /// Takes a frame.
-    fn put(&mut self, frame: Vec<u8>);
+    /// Queues a frame.
+    fn queue(&mut self, frame: Vec<u8>);
 
-    /// Whether frames wait to be sent.
+    /// Whether nothing is left to send.
     fn is_idle(&self) -> bool;
 
-    /// Sends what waits. May be dropped while it waits; what was sent is then gone from the queue.
-    fn flush(&mut self) -> impl Future<Output = Result<(), String>>;
+    /// Sends the queued frames. Cancel-safe: what was sent has left the queue.
+    ///
+    /// # Errors
+    /// The transport is lost.
+    fn flush(&mut self) -> impl Future<Output = Result<(), SendError>>;
 
     /// Ends the connection.
     fn finish(self, close: &Close) -> impl Future<Output = ()>;
 }
 
-/// Runs one session until it ends; says why.
-pub(super) async fn drive<H: Host, R: Receive, D: Deliver>(
+/// Runs one session until it ends; gives the reason.
+pub(super) async fn drive<H: Host, R: TransportReceiver, S: TransportSender>(
     host: &mut H,
     clock: Clock,
     mut receiver: R,
-    mut sender: D,
+    mut sender: S,
 ) -> Close {
     host.core().connect(clock.now());
     let close = loop {
@@ -144,8 +163,8 @@ pub(super) async fn drive<H: Host, R: Receive, D: Deliver>(
             && let Some(message) = core.poll_transmit(now)
         {
             match encode_client(&message) {
-                Ok(frame) => sender.put(frame),
-                // Only a bug can make the core say something that it would refuse itself.
+                Ok(frame) => sender.queue(frame),
+                // Only a bug makes the core produce a message that it would itself refuse.
                 Err(why) => tracing::error!("a message cannot be sent: {why}"),
             }
         }
@@ -165,7 +184,7 @@ pub(super) async fn drive<H: Host, R: Receive, D: Deliver>(
             }
             sent = sender.flush(), if sending => {
                 if let Err(why) = sent {
-                    host.core().handle_lost(clock.now(), &why);
+                    host.core().handle_lost(clock.now(), &why.to_string());
                 }
             }
             () = tokio::task::yield_now(), if again => {}
@@ -174,10 +193,10 @@ pub(super) async fn drive<H: Host, R: Receive, D: Deliver>(
         }
     };
     if close.code != CloseCode::Lost {
-        let _ = timeout(LAST_WORDS_TIMEOUT, sender.flush()).await;
+        let _ = timeout(CLOSE_TIMEOUT, sender.flush()).await;
     }
     host.core().note_transport_bytes(receiver.received_bytes());
-    let _ = timeout(LAST_WORDS_TIMEOUT, sender.finish(&close)).await;
+    let _ = timeout(CLOSE_TIMEOUT, sender.finish(&close)).await;
     close
 }
 

@@ -1,9 +1,9 @@
-//! The client's network: addresses, transports, and the loop that drives a [`ClientCore`](crate::core::ClientCore) over them.
+//! Network: addresses, transports, and the loop that drives a [`ClientCore`](crate::core::ClientCore) over them.
 //!
-//! [`Streaming`](crate::streaming::Streaming) connects over real sockets, again and again, on threads of its own. With
-//! the feature `runtime` a host does so on its own tokio runtime: `stream` as the former, `stream_quic` and
-//! `stream_websocket` over transports that it opens, and `run_quic` and `run_websocket` for one session over one that is
-//! open, also in virtual time over simulated endpoints and streams.
+//! [`Streaming`](crate::streaming::Streaming) connects, and reconnects, over real sockets on its own threads. With the
+//! feature `runtime` a host uses its own tokio runtime, in virtual time too: `stream` works like `Streaming`,
+//! `stream_quic` and `stream_websocket` use transports that the host opens, and `run_quic` and `run_websocket` run one
+//! session over an open transport.
 
 mod address;
 #[cfg(any(feature = "quic", feature = "websocket"))]
@@ -11,19 +11,31 @@ mod addresses;
 #[cfg(any(feature = "quic", feature = "websocket"))]
 mod connect;
 #[cfg(any(feature = "quic", feature = "websocket"))]
-#[cfg_attr(not(feature = "runtime"), allow(unreachable_pub, reason = "the runtime hands it on"))]
+#[cfg_attr(
+    not(feature = "runtime"),
+    allow(unreachable_pub, reason = "re-exported with the feature `runtime`")
+)]
 mod drive;
 mod pin;
 #[cfg(feature = "quic")]
-#[cfg_attr(not(feature = "runtime"), allow(unreachable_pub, reason = "the runtime hands it on"))]
+#[cfg_attr(
+    not(feature = "runtime"),
+    allow(unreachable_pub, reason = "re-exported with the feature `runtime`")
+)]
 mod quic;
 #[cfg(feature = "quic")]
-#[cfg_attr(not(feature = "runtime"), allow(unreachable_pub, reason = "the runtime hands it on"))]
+#[cfg_attr(
+    not(feature = "runtime"),
+    allow(unreachable_pub, reason = "re-exported with the feature `runtime`")
+)]
 mod quic_open;
 #[cfg(feature = "quic")]
 mod quic_sender;
 #[cfg(any(feature = "quic", feature = "websocket"))]
-#[cfg_attr(not(feature = "runtime"), allow(unreachable_pub, reason = "the runtime hands it on"))]
+#[cfg_attr(
+    not(feature = "runtime"),
+    allow(unreachable_pub, reason = "re-exported with the feature `runtime`")
+)]
 mod reconnect;
 #[cfg(any(feature = "quic", feature = "websocket"))]
 mod server;
@@ -34,7 +46,10 @@ mod tls;
 #[cfg(any(feature = "quic", feature = "tls"))]
 mod trust;
 #[cfg(feature = "websocket")]
-#[cfg_attr(not(feature = "runtime"), allow(unreachable_pub, reason = "the runtime hands it on"))]
+#[cfg_attr(
+    not(feature = "runtime"),
+    allow(unreachable_pub, reason = "re-exported with the feature `runtime`")
+)]
 mod websocket;
 
 pub use address::{Address, AddressError, Scheme};
@@ -60,7 +75,7 @@ pub use server::Server;
 #[cfg(any(feature = "quic", feature = "tls"))]
 pub use trust::{Authorities, AuthoritiesError, Trust};
 #[cfg(all(feature = "runtime", feature = "websocket"))]
-pub use websocket::{Counting, WebSocketConnection, run_websocket};
+pub use websocket::{CountingStream, WebSocketConnection, run_websocket};
 
 #[cfg(all(not(feature = "runtime"), any(feature = "quic", feature = "websocket")))]
 pub(crate) use {drive::Host, reconnect::stream};

@@ -1,42 +1,42 @@
-//! What an address says of its server's certificate: a fingerprint, which is then trusted in place of any authority.
+//! Certificate pinning: the fingerprint in an address, trusted instead of certificate authorities.
 
 use std::fmt;
 use std::str::FromStr;
 
-/// A fingerprint, SHA-256, that a server's certificate must have. Names and dates in it are not looked at.
+/// SHA-256 fingerprint that a server's certificate must have. The certificate's names and dates are not checked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pin {
-    /// Of the certificate's DER (`sha256=`): no other certificate will do, nor one that renews it.
+    /// Of the certificate's DER (`sha256=`). A renewed certificate does not match.
     Certificate([u8; 32]),
-    /// Of its SubjectPublicKeyInfo's DER (`spki-sha256=`; RFC 7469, section 2.4, has the same in base64): a certificate
-    /// that renews it for the same key will do.
+    /// Of the SubjectPublicKeyInfo's DER (`spki-sha256=`; RFC 7469, section 2.4, in base64). A renewed certificate for
+    /// the same key matches.
     Key([u8; 32]),
 }
 
-/// What stands before the digits.
+/// Names of the kinds in an address.
 const CERTIFICATE: &str = "sha256";
 const KEY: &str = "spki-sha256";
 
-/// Text that is no fingerprint.
+/// Why a text is not a fingerprint.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PinError {
     /// Neither `sha256=` nor `spki-sha256=`.
-    #[error("{0:?} is no fingerprint: write sha256=… or spki-sha256=… as the server prints it")]
+    #[error("{0:?} is not a fingerprint: write sha256=… or spki-sha256=… as the server prints it")]
     Kind(String),
-    /// Another length than 64.
+    /// Not 64 digits.
     #[error(
         "the fingerprint after #{0}= has {1} characters instead of 64: copy it whole from the server's output"
     )]
     Length(&'static str, usize),
-    /// Something that is no hexadecimal digit.
-    #[error("the fingerprint after #{0}= has a character that is no hexadecimal digit: {1:?}")]
+    /// A character that is not a hexadecimal digit.
+    #[error("the fingerprint after #{0}= has a character that is not a hexadecimal digit: {1:?}")]
     Digit(&'static str, char),
 }
 
 impl FromStr for Pin {
     type Err = PinError;
 
-    /// Reads what stands behind `#` in an address: `sha256=HEX` or `spki-sha256=HEX`.
+    /// Parses the part after `#` in an address: `sha256=HEX` or `spki-sha256=HEX`.
     fn from_str(text: &str) -> Result<Self, PinError> {
         match text.split_once('=') {
             Some((CERTIFICATE, hex)) => digest(CERTIFICATE, hex).map(Self::Certificate),
@@ -47,7 +47,7 @@ impl FromStr for Pin {
 }
 
 impl fmt::Display for Pin {
-    /// As it is read.
+    /// In the form that [`Pin::from_str`] reads.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (kind, digest) = match self {
             Self::Certificate(digest) => (CERTIFICATE, digest),
@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_pins_are_named() {
+    fn invalid_fingerprints_are_errors() {
         assert_eq!("sha256=12".parse::<Pin>(), Err(PinError::Length("sha256", 2)));
         let letters = format!("spki-sha256={}", "zz".repeat(32));
         assert_eq!(letters.parse::<Pin>(), Err(PinError::Digit("spki-sha256", 'z')));

@@ -1,4 +1,4 @@
-//! QUIC: one control stream each way, and one stream from the server for each blob.
+//! QUIC transport: one control stream each way, and one stream from the server per blob.
 
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -16,72 +16,74 @@ use quinn::{Chunk, Connection, ConnectionError, ReadError, RecvStream, TokenMemo
 
 use tokio::time::timeout;
 
-use super::drive::{Clock, Host, Receive, Received, drive};
+use super::drive::{Clock, Host, Received, TransportReceiver, drive};
 use super::quic_open::QuicConnection;
 use super::quic_sender::{QuicSender, SEND_QUEUE_BYTES};
-use super::trust::{Refusal, Trust, Verifier};
+use super::trust::{CertificateRejection, Trust, Verifier};
 
-/// Streams that the server may have open at once: one for control, the others for blobs.
+/// Most streams that the server may have open at once: one for control, the others for blobs.
 const MAX_STREAMS: u32 = 256;
-/// Bytes that may be under way or unread, in all and per stream: 16 Mbit/s over 2 s.
+/// Flow control window, in total and per stream: 16 Mbit/s over 2 s.
 const RECEIVE_WINDOW_BYTES: u32 = 4 << 20;
-/// Silence after which the connection counts as lost, and how often it is broken before that.
+/// Time without a packet after which the connection counts as lost.
 const IDLE_TIMEOUT: Duration = Duration::from_secs(10);
+/// Interval of keep-alive packets.
 const KEEP_ALIVE: Duration = Duration::from_secs(3);
-/// Time until the server must have let a stream be opened.
+/// Time within which the server must allow the control stream.
 const CONTROL_TIMEOUT: Duration = Duration::from_secs(4);
-/// Bytes taken from a stream at once.
+/// Most bytes read from a stream at once.
 const READ_BYTES: usize = 16 * 1024;
-/// Tickets and address tokens kept of a server; each is used once, and every connection brings new ones.
+/// Most TLS session tickets kept of a server; each is used once, and every connection brings new ones.
 const MAX_TICKETS: usize = 8;
+/// Most QUIC address validation tokens kept of a server.
 const MAX_ADDRESS_TOKENS: usize = 8;
-/// Receive buffer asked of the system: 16 Mbit/s for half a second.
+/// Receive buffer requested for the socket: 16 Mbit/s for half a second.
 const SOCKET_BUFFER_BYTES: usize = 1 << 20;
 
-/// QUIC that cannot be set up.
+/// Why QUIC cannot be set up.
 #[derive(Debug, thiserror::Error)]
 pub enum QuicSetupError {
-    /// TLS refuses its settings.
+    /// TLS rejects its settings.
     #[error("TLS cannot be set up: {0}")]
     Tls(#[from] rustls::Error),
-    /// TLS has no suite for QUIC.
+    /// TLS has no cipher suite for QUIC.
     #[error("QUIC cannot be set up: {0}")]
     Crypto(#[from] quinn::crypto::rustls::NoInitialCipherSuite),
     /// A setting is out of range.
     #[error("QUIC cannot be set up: {0}")]
     Bounds(#[from] quinn::VarIntBoundsExceeded),
-    /// No socket.
+    /// The system provides no socket.
     #[error("no UDP socket can be opened: {0}")]
     Socket(#[from] std::io::Error),
 }
 
-/// The client's settings for QUIC, for one server, by what is known of its certificate.
+/// QUIC settings for connections to one server, whose certificate is verified by `trust`.
 ///
-/// They hold, in memory, the session tickets and address tokens that the server gives, so that connecting again with
-/// the same settings, or a clone of them, resumes ([`QuicConnection`]). Settings made anew have none: what one server
-/// gave is never shown to another, and a session is only resumed under the trust that it was verified by.
+/// They hold, in memory, the session tickets and address tokens that the server gives. Connecting again with the same
+/// settings, or a clone of them, resumes the session ([`QuicConnection`]). Use new settings for another server: tickets
+/// of one server are then never shown to another, and a session is resumed only under the trust that verified it.
 ///
 /// # Errors
-/// Fails where TLS or QUIC refuse their settings.
-#[cfg_attr(not(feature = "runtime"), allow(dead_code, reason = "for hosts with a runtime of their own"))]
+/// TLS or QUIC reject their settings.
+#[cfg_attr(not(feature = "runtime"), allow(dead_code, reason = "used by hosts with their own runtime"))]
 pub fn client_config(trust: impl Into<Trust>) -> Result<quinn::ClientConfig, QuicSetupError> {
-    client_config_of(trust.into(), Refusal::default(), "")
+    client_config_of(trust.into(), CertificateRejection::default(), "")
 }
 
-/// The same for sessions with this scene, or the server's only one; why a certificate was refused is noted.
+/// As [`client_config`], for sessions with a scene (empty: the server's only one). Notes why a certificate is rejected.
 pub(super) fn client_config_of(
     trust: Trust,
-    refusal: Refusal,
+    rejection: CertificateRejection,
     scene: &str,
 ) -> Result<quinn::ClientConfig, QuicSetupError> {
     let provider = Arc::new(rustls::crypto::ring::default_provider());
-    let verifier = Verifier::new(trust, refusal, provider.clone())?;
+    let verifier = Verifier::new(trust, rejection, provider.clone())?;
     let mut tls = rustls::ClientConfig::builder_with_provider(provider)
         .with_protocol_versions(&[&rustls::version::TLS13])?
         .dangerous()
         .with_custom_certificate_verifier(verifier)
         .with_no_client_auth();
-    // A server with several scenes knows by it which one it may begin to send.
+    // The name in ALPN lets a server with several scenes send the right one before `Hello` arrives.
     let named = (!scene.is_empty()).then(|| alpn_of_scene(scene));
     tls.alpn_protocols = named.into_iter().map(String::into_bytes).chain([ALPN.into()]).collect();
     tls.resumption = rustls::client::Resumption::in_memory_sessions(MAX_TICKETS);
@@ -103,14 +105,14 @@ pub(super) fn client_config_of(
     Ok(config)
 }
 
-/// An endpoint on a real socket for connections to `server`.
+/// Opens an endpoint on a UDP socket for connections to `server`.
 ///
 /// # Errors
-/// Fails where the system gives no socket.
+/// The system provides no socket.
 pub fn endpoint(server: SocketAddr, config: quinn::ClientConfig) -> Result<quinn::Endpoint, QuicSetupError> {
     let any: SocketAddr = if server.is_ipv6() { ([0_u16; 8], 0).into() } else { ([0_u8; 4], 0).into() };
     let socket = socket2::Socket::new(socket2::Domain::for_address(any), socket2::Type::DGRAM, None)?;
-    // The system may refuse or halve it; streaming then works, with more loss at high rates.
+    // The system may refuse or halve the size; streaming still works, with more loss at high rates.
     let _ = socket.set_recv_buffer_size(SOCKET_BUFFER_BYTES);
     socket.set_nonblocking(true)?;
     socket.bind(&any.into())?;
@@ -120,24 +122,24 @@ pub fn endpoint(server: SocketAddr, config: quinn::ClientConfig) -> Result<quinn
     Ok(endpoint)
 }
 
-/// Runs one session over a connection until it ends; says why.
+/// Runs one session over a connection until it ends; gives the reason.
 pub async fn run_quic<H: Host>(connection: impl Into<QuicConnection>, host: &mut H, clock: Clock) -> Close {
     let QuicConnection { connection, early } = connection.into();
-    // Immediate with every server that lets a client speak at all.
+    // Immediate with every server that allows the client a stream.
     match timeout(CONTROL_TIMEOUT, QuicSender::open(connection.clone(), early)).await {
         Ok(Ok(sender)) => drive(host, clock, QuicReceiver::new(connection), sender).await,
-        Ok(Err(why)) => closed_by(&why),
+        Ok(Err(why)) => close_of(&why),
         Err(_) => {
             let limit = CONTROL_TIMEOUT.as_secs();
             let why =
-                format!("the server lets nothing be said to it for {limit} s: is it a lodestream server?");
+                format!("the server allows no control stream within {limit} s: is it a lodestream server?");
             Close::new(CloseCode::Lost, why)
         }
     }
 }
 
-/// Why the connection ended, as the server or the transport says.
-pub(super) fn closed_by(error: &ConnectionError) -> Close {
+/// The reason for the end of a connection, from the server or the transport.
+pub(super) fn close_of(error: &ConnectionError) -> Close {
     match error {
         ConnectionError::ApplicationClosed(close) => {
             let code = CloseCode::from_number(close.error_code.into_inner()).unwrap_or(CloseCode::Protocol);
@@ -149,14 +151,15 @@ pub(super) fn closed_by(error: &ConnectionError) -> Close {
     }
 }
 
-fn ended_by(error: &ConnectionError) -> Received {
-    let close = closed_by(error);
+fn received_of(error: &ConnectionError) -> Received {
+    let close = close_of(error);
     if close.code == CloseCode::Lost { Received::Lost(close.reason) } else { Received::Closed(close) }
 }
 
-/// What a stream from the server carries.
+/// Contents of a stream from the server.
 #[derive(Debug)]
-enum Kind {
+enum StreamKind {
+    /// Its type byte has not arrived.
     Unknown,
     Control(FrameReader),
     Blob(BlobStreamReader),
@@ -165,9 +168,10 @@ enum Kind {
 #[derive(Debug)]
 struct Incoming {
     stream: RecvStream,
-    kind: Kind,
+    kind: StreamKind,
 }
 
+/// A pending read of a stream.
 type Reading = BoxFuture<'static, (Incoming, Result<Option<Chunk>, ReadError>)>;
 
 fn read(mut incoming: Incoming) -> Reading {
@@ -177,11 +181,11 @@ fn read(mut incoming: Incoming) -> Reading {
     })
 }
 
-/// The receiving half: all streams of the server at once.
+/// The receiving half: reads all of the server's streams at once.
 struct QuicReceiver {
     connection: Connection,
     reading: FuturesUnordered<Reading>,
-    /// The control stream while it has frames that were not handed over.
+    /// The control stream, while it holds frames that were not returned yet.
     control: Option<Incoming>,
     has_control: bool,
 }
@@ -191,10 +195,10 @@ impl QuicReceiver {
         Self { connection, reading: FuturesUnordered::new(), control: None, has_control: false }
     }
 
-    /// The next frame of what the control stream has brought; then it is read on.
+    /// The next buffered frame of the control stream; once there is none, the stream is read again.
     fn next_frame(&mut self) -> Option<Received> {
         let mut incoming = self.control.take()?;
-        let Kind::Control(frames) = &mut incoming.kind else { return None };
+        let StreamKind::Control(frames) = &mut incoming.kind else { return None };
         let frame = match frames.next_frame() {
             Ok(None) => {
                 self.reading.push(read(incoming));
@@ -215,35 +219,37 @@ impl QuicReceiver {
     fn take(&mut self, mut incoming: Incoming, chunk: Option<Chunk>) -> Received {
         let Some(chunk) = chunk else {
             return match incoming.kind {
-                Kind::Unknown => Received::Nothing,
-                Kind::Control(frames) if frames.pending() > 0 => Received::Malformed(FrameError::Truncated),
-                Kind::Control(_) => Received::Nothing,
-                Kind::Blob(blob) => match blob.finish() {
+                StreamKind::Unknown => Received::Nothing,
+                StreamKind::Control(frames) if frames.pending() > 0 => {
+                    Received::Malformed(FrameError::Truncated)
+                }
+                StreamKind::Control(_) => Received::Nothing,
+                StreamKind::Blob(blob) => match blob.finish() {
                     Ok(()) => Received::Nothing,
                     Err(why) => Received::Malformed(why),
                 },
             };
         };
         let mut bytes = chunk.bytes;
-        if matches!(incoming.kind, Kind::Unknown) && !bytes.is_empty() {
+        if matches!(incoming.kind, StreamKind::Unknown) && !bytes.is_empty() {
             incoming.kind = match bytes.get_u8() {
-                CONTROL_STREAM if !self.has_control => Kind::Control(FrameReader::new()),
-                BLOB_STREAM => Kind::Blob(BlobStreamReader::new()),
+                CONTROL_STREAM if !self.has_control => StreamKind::Control(FrameReader::new()),
+                BLOB_STREAM => StreamKind::Blob(BlobStreamReader::new()),
                 unknown => return Received::Malformed(FrameError::UnknownTag(unknown)),
             };
-            self.has_control |= matches!(incoming.kind, Kind::Control(_));
+            self.has_control |= matches!(incoming.kind, StreamKind::Control(_));
         }
         match &mut incoming.kind {
-            Kind::Unknown => {
+            StreamKind::Unknown => {
                 self.reading.push(read(incoming));
                 Received::Nothing
             }
-            Kind::Control(frames) => {
+            StreamKind::Control(frames) => {
                 frames.push(&bytes);
                 self.control = Some(incoming);
                 Received::Nothing
             }
-            Kind::Blob(blob) => match blob.push(bytes) {
+            StreamKind::Blob(blob) => match blob.push(bytes) {
                 Ok(pieces) => {
                     self.reading.push(read(incoming));
                     Received::Pieces(pieces)
@@ -254,7 +260,7 @@ impl QuicReceiver {
     }
 }
 
-impl Receive for QuicReceiver {
+impl TransportReceiver for QuicReceiver {
     async fn receive(&mut self) -> Received {
         if let Some(received) = self.next_frame() {
             return received;
@@ -264,21 +270,21 @@ impl Receive for QuicReceiver {
             Some((incoming, chunk)) = self.reading.next() => match chunk {
                 Ok(chunk) => self.take(incoming, chunk),
                 Err(ReadError::Reset(_)) => match &incoming.kind {
-                    Kind::Blob(blob) => {
+                    StreamKind::Blob(blob) => {
                         blob.blob().map_or(Received::Nothing, |(id, _)| Received::Abandoned(id))
                     }
-                    Kind::Unknown => Received::Nothing,
-                    Kind::Control(_) => Received::Lost("the server reset its control stream".into()),
+                    StreamKind::Unknown => Received::Nothing,
+                    StreamKind::Control(_) => Received::Lost("the server reset its control stream".into()),
                 },
-                Err(ReadError::ConnectionLost(why)) => ended_by(&why),
+                Err(ReadError::ConnectionLost(why)) => received_of(&why),
                 Err(why) => Received::Lost(why.to_string()),
             },
             accepted = self.connection.accept_uni() => match accepted {
                 Ok(stream) => {
-                    self.reading.push(read(Incoming { stream, kind: Kind::Unknown }));
+                    self.reading.push(read(Incoming { stream, kind: StreamKind::Unknown }));
                     Received::Nothing
                 }
-                Err(why) => ended_by(&why),
+                Err(why) => received_of(&why),
             },
         }
     }

@@ -1,28 +1,27 @@
-//! Opening a QUIC connection, without waiting for the server's answer where it is known.
+//! Opens a QUIC connection; with a session ticket (0-RTT) without waiting for the server's answer.
 
 use std::time::Duration;
 
 use quinn::{Connecting, Connection, ConnectionError, ZeroRttAccepted};
 use tokio::time::{Instant, timeout_at};
 
-/// A connection on which a session can begin.
+/// An open QUIC connection, ready for a session.
 ///
-/// With a ticket of an earlier connection it is there before the server has answered: what the session says first,
-/// its `Hello`, is early data (0-RTT) and rides in the first packet. Whoever records that packet can send it again,
-/// so early data must lead to nothing but answers; servers refuse what they recognise as a repetition.
-/// A server that refuses early data, as after a restart, goes through the whole handshake instead; what was
-/// said is then said again.
+/// With a ticket of an earlier connection it is usable before the server has answered: the session's `Hello` is early data
+/// (0-RTT) in the first packet. An attacker can record and replay that packet, so early data must have no effect but
+/// answers; servers reject the repetitions that they recognise. A server that rejects early data, for example after a
+/// restart, completes the whole handshake instead, and the client resends the rejected data.
 #[derive(Debug)]
 pub struct QuicConnection {
     pub(super) connection: Connection,
     pub(super) early: Option<Early>,
 }
 
-/// A server that has not answered yet.
+/// Early data whose acceptance is not known yet.
 pub(super) struct Early {
-    /// Becomes known with its answer.
+    /// Resolves with the server's answer.
     pub(super) accepted: ZeroRttAccepted,
-    /// Until when it may.
+    /// Deadline of the answer.
     pub(super) until: Instant,
 }
 
@@ -32,7 +31,7 @@ impl std::fmt::Debug for Early {
     }
 }
 
-/// A connection that did not come about.
+/// Why a connection could not be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum QuicOpenError {
     /// The handshake failed.
@@ -44,11 +43,11 @@ pub enum QuicOpenError {
 }
 
 impl QuicConnection {
-    /// Gives the connection once the handshake is complete, or at once where it can be resumed. The handshake has to
-    /// be complete within `limit`, in the second case too: the session ends as lost otherwise.
+    /// Gives the connection once the handshake is complete, or at once if it is resumed. In both cases the handshake
+    /// must be complete within `limit`; a resumed session otherwise ends as lost.
     ///
     /// # Errors
-    /// Fails where the handshake fails or takes longer.
+    /// The handshake fails or takes longer.
     pub async fn open(connecting: Connecting, limit: Duration) -> Result<Self, QuicOpenError> {
         let until = Instant::now() + limit;
         match connecting.into_0rtt() {
@@ -60,7 +59,7 @@ impl QuicConnection {
         }
     }
 
-    /// Whether what is said now is early data.
+    /// Whether messages are sent as early data.
     #[must_use]
     pub const fn is_early(&self) -> bool {
         self.early.is_some()

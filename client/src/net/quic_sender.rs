@@ -1,4 +1,4 @@
-//! The sending half of a QUIC session: the control stream, begun as early data where that is possible.
+//! The sending half of a QUIC session: the control stream, as early data (0-RTT) where possible.
 
 use bytes::{Buf, Bytes};
 use lodestream_protocol::message::Close;
@@ -6,10 +6,10 @@ use lodestream_protocol::stream::CONTROL_STREAM;
 use quinn::{Connection, ConnectionError, SendStream, VarInt, WriteError};
 use tokio::time::timeout_at;
 
-use super::drive::Deliver;
+use super::drive::{SendError, TransportSender};
 use super::quic_open::Early;
 
-/// Bytes of messages that may wait to be sent, or to be known to be accepted.
+/// Most bytes of messages that are queued, or sent as early data and not yet accepted.
 pub(super) const SEND_QUEUE_BYTES: usize = 64 * 1024;
 
 /// The control stream.
@@ -18,12 +18,13 @@ pub(super) struct QuicSender {
     connection: Connection,
     stream: SendStream,
     queue: Bytes,
+    /// Whether the stream's type byte has been queued.
     begun: bool,
-    /// There until the server has answered.
+    /// `Some` until the server has answered.
     early: Option<Early>,
-    /// All that was said before that. The server has then heard either all of it or nothing.
-    said_early: Vec<u8>,
-    /// The stream vanished with the early data; there must be another.
+    /// Bytes sent before the server's answer. The server accepts either all of them or none.
+    sent_early: Vec<u8>,
+    /// The server rejected early data, and the stream with it: another must be opened.
     rejected: bool,
 }
 
@@ -37,17 +38,17 @@ async fn open_stream(connection: &Connection) -> Result<SendStream, ConnectionEr
 impl QuicSender {
     pub(super) async fn open(connection: Connection, early: Option<Early>) -> Result<Self, ConnectionError> {
         let stream = open_stream(&connection).await?;
-        let (queue, said_early) = (Bytes::new(), Vec::new());
-        Ok(Self { connection, stream, queue, begun: false, early, said_early, rejected: false })
+        let (queue, sent_early) = (Bytes::new(), Vec::new());
+        Ok(Self { connection, stream, queue, begun: false, early, sent_early, rejected: false })
     }
 }
 
-impl Deliver for QuicSender {
+impl TransportSender for QuicSender {
     fn has_room(&self) -> bool {
-        self.queue.len().max(self.said_early.len()) < SEND_QUEUE_BYTES
+        self.queue.len().max(self.sent_early.len()) < SEND_QUEUE_BYTES
     }
 
-    fn put(&mut self, frame: Vec<u8>) {
+    fn queue(&mut self, frame: Vec<u8>) {
         let mut queue = Vec::with_capacity(1 + self.queue.len() + frame.len());
         queue.extend_from_slice(&self.queue);
         if !std::mem::replace(&mut self.begun, true) {
@@ -55,7 +56,7 @@ impl Deliver for QuicSender {
         }
         queue.extend_from_slice(&frame);
         if self.early.is_some() {
-            self.said_early.extend_from_slice(&queue[self.queue.len()..]);
+            self.sent_early.extend_from_slice(&queue[self.queue.len()..]);
         }
         self.queue = queue.into();
     }
@@ -64,12 +65,12 @@ impl Deliver for QuicSender {
         self.queue.is_empty() && self.early.is_none()
     }
 
-    async fn flush(&mut self) -> Result<(), String> {
+    async fn flush(&mut self) -> Result<(), SendError> {
         loop {
             if self.rejected {
                 match open_stream(&self.connection).await {
                     Ok(stream) => self.stream = stream,
-                    // The receiving half tells why the connection is lost.
+                    // The receiving half reports why the connection is lost.
                     Err(_) => std::future::pending().await,
                 }
                 self.rejected = false;
@@ -78,17 +79,17 @@ impl Deliver for QuicSender {
                 match self.stream.write(&self.queue).await {
                     Ok(count) => self.queue.advance(count),
                     Err(WriteError::ZeroRttRejected) if self.early.is_some() => break,
-                    Err(why) => return Err(why.to_string()),
+                    Err(why) => return Err(why.into()),
                 }
             }
             let Some(early) = &mut self.early else { return Ok(()) };
             let accepted = timeout_at(early.until, &mut early.accepted).await;
-            let accepted = accepted.map_err(|_| "the server does not answer".to_owned())?;
+            let accepted = accepted.map_err(|_| SendError::NoAnswer)?;
             self.early = None;
-            let said = std::mem::take(&mut self.said_early);
+            let sent = std::mem::take(&mut self.sent_early);
             if !accepted {
-                tracing::debug!(bytes = said.len(), "early data refused, said again");
-                self.queue = said.into();
+                tracing::debug!(bytes = sent.len(), "the server rejected early data; sending it again");
+                self.queue = sent.into();
                 self.rejected = true;
             }
         }

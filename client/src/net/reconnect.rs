@@ -1,4 +1,4 @@
-//! Connecting over real sockets, and again when the connection is lost.
+//! Connects, and reconnects with exponential backoff when the connection is lost.
 
 use std::future::Future;
 use std::pin::pin;
@@ -11,7 +11,7 @@ use lodestream_protocol::time::Time;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::time::{Instant, sleep_until, timeout_at};
 
-use super::addresses::{Resolver, System};
+use super::addresses::{Resolver, SystemResolver};
 use super::connect::{Connection, ConnectionMemory, connect};
 use super::drive::{Clock, Host};
 #[cfg(all(feature = "runtime", feature = "quic"))]
@@ -23,49 +23,49 @@ use super::server::Server;
 use super::websocket::{WebSocketConnection, run_websocket};
 use crate::core::Progress;
 
-/// Time that an attempt is given at least: where less is left, none is begun.
-const LEAST_ATTEMPT: Duration = Duration::from_secs(1);
+/// Least time for an attempt: with less left before the deadline, none is begun.
+const MIN_ATTEMPT: Duration = Duration::from_secs(1);
 
-/// A session that went on for less than this before it was lost counts as a failure, whatever it brought: a server that
-/// cuts every session after the first blob would be connected to twice a second for ever.
-const USEFUL_AFTER: Duration = Duration::from_secs(10);
+/// A session that is lost sooner than this counts as a failed attempt, even if blobs arrived. Without that, a client would
+/// reconnect twice a second to a server that cuts every session after the first blob.
+const MIN_USEFUL_SESSION: Duration = Duration::from_secs(10);
 
-/// How often to try.
+/// When to connect again.
 #[derive(Clone, Copy, Debug)]
 pub struct Retry {
-    /// Attempts until the first session; afterwards there is no limit.
+    /// Most attempts before the first session; afterwards there is no limit.
     pub first_attempts: u32,
-    /// Time until the first connection, over all attempts.
+    /// Time limit for the first connection, over all attempts.
     pub first_within: Duration,
-    /// Whether to connect again when a session is lost.
+    /// Whether to reconnect when a session is lost.
     pub reconnect: bool,
 }
 
 impl Default for Retry {
-    /// Five attempts in 4.5 s, and again whenever a session is lost: for a program with a user before it.
+    /// Five attempts within 4.5 s, and reconnection of lost sessions: for interactive programs.
     fn default() -> Self {
         Self { first_attempts: 5, first_within: Duration::from_millis(4500), reconnect: true }
     }
 }
 
-/// Why streaming came to an end.
+/// Why streaming ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum End {
-    /// The host wanted to leave.
+    /// The host requested it ([`Host::wants_to_leave`]).
     Left,
     /// The server was never reached.
     Unreachable {
         /// Attempts made.
         attempts: u32,
-        /// What came of the last one.
+        /// Why the last one failed.
         why: String,
     },
-    /// The session ended and connecting again cannot help, or was not wanted.
+    /// The session ended, and reconnecting cannot help or is disabled.
     Closed(Close),
 }
 
 impl std::fmt::Display for End {
-    /// One line for people: what happened, and what they may do.
+    /// One line for users: what happened, and what to do.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Left => f.write_str("interrupted"),
@@ -75,16 +75,16 @@ impl std::fmt::Display for End {
                 write!(f, "{why} ({attempts}); is the server running, and is the address right?")
             }
             Self::Closed(close) if close.code == CloseCode::Unauthorised => {
-                write!(f, "{}: ask whoever runs the server for a token (--token-file FILE)", close.reason)
+                write!(f, "{}: ask the server's operator for a token", close.reason)
             }
             Self::Closed(close) => f.write_str(&close.reason),
         }
     }
 }
 
-/// Streams from a server until the host leaves: connects, runs the session, and connects again with ever
-/// longer pauses when it is lost. Every step of that has a deadline, and none outlasts the host's wish to leave.
-/// `report` is told in words what is going on (`None`: all is well).
+/// Streams from a server until the host leaves: connects, runs the session, and reconnects with growing pauses when it is
+/// lost. Every step has a deadline and ends at once when the host leaves. `report` gets a line about connection problems
+/// for users, and `None` when there are none.
 pub async fn stream<H: Host>(
     server: &Server,
     host: &mut H,
@@ -92,10 +92,10 @@ pub async fn stream<H: Host>(
     retry: Retry,
     report: impl FnMut(&mut H, Option<String>),
 ) -> End {
-    stream_to(server, &System, host, clock, retry, report).await
+    stream_to(server, &SystemResolver, host, clock, retry, report).await
 }
 
-/// As [`stream`], to where a resolver says that the address's name is.
+/// As [`stream`], with a given resolver.
 pub(super) async fn stream_to<H: Host>(
     server: &Server,
     resolver: &impl Resolver,
@@ -105,14 +105,14 @@ pub(super) async fn stream_to<H: Host>(
     report: impl FnMut(&mut H, Option<String>),
 ) -> End {
     if !server.address.scene.is_empty() {
-        host.core().ask_for(&server.address.scene);
+        host.core().set_scene_name(&server.address.scene);
     }
-    let sockets = Sockets { server, resolver, kept: ConnectionMemory::default() };
-    stream_by(sockets, host, clock, retry, report).await
+    let sockets = Sockets { server, resolver, memory: ConnectionMemory::default() };
+    stream_with(sockets, host, clock, retry, report).await
 }
 
-/// As [`stream`], over QUIC connections that `connect` opens: those of a host's own endpoint, or of a simulated one in
-/// virtual time. What `connect` does must have a deadline. `name` is what the host is told of where they lead.
+/// As [`stream`], over QUIC connections that `connect` opens: from the host's own endpoint, or a simulated one in virtual
+/// time. `connect` must have a deadline. `name` stands for the server in reports.
 #[cfg(all(feature = "runtime", feature = "quic"))]
 pub async fn stream_quic<H: Host>(
     name: &str,
@@ -122,7 +122,7 @@ pub async fn stream_quic<H: Host>(
     retry: Retry,
     report: impl FnMut(&mut H, Option<String>),
 ) -> End {
-    stream_by(Opened { name, connect }, host, clock, retry, report).await
+    stream_with(HostConnector { name, connect }, host, clock, retry, report).await
 }
 
 /// As [`stream_quic`], over WebSockets.
@@ -135,75 +135,75 @@ pub async fn stream_websocket<S: AsyncRead + AsyncWrite + Unpin, H: Host>(
     retry: Retry,
     report: impl FnMut(&mut H, Option<String>),
 ) -> End {
-    stream_by(Opened { name, connect }, host, clock, retry, report).await
+    stream_with(HostConnector { name, connect }, host, clock, retry, report).await
 }
 
-/// How connections come about, and run.
+/// Opens connections and runs sessions over them.
 trait Connector {
     type Connection;
 
-    /// Opens one, for a client with a token or without.
+    /// Opens a connection; `token` authenticates the client.
     async fn connect(&mut self, token: Option<&Token>) -> Result<Self::Connection, Close>;
 
-    /// Runs a session until it ends; says why.
+    /// Runs a session until it ends; gives the reason.
     async fn run<H: Host>(&mut self, connection: Self::Connection, host: &mut H, clock: Clock) -> Close;
 
-    /// Where connections lead.
-    fn to(&self) -> String;
+    /// The server's address or name, for reports.
+    fn server_name(&self) -> String;
 }
 
-/// Over real sockets.
+/// Connects over sockets.
 struct Sockets<'a, R> {
     server: &'a Server,
     resolver: &'a R,
-    kept: ConnectionMemory,
+    memory: ConnectionMemory,
 }
 
 impl<R: Resolver> Connector for Sockets<'_, R> {
     type Connection = Connection;
 
     async fn connect(&mut self, token: Option<&Token>) -> Result<Connection, Close> {
-        connect(self.server, token, &mut self.kept, self.resolver).await
+        connect(self.server, token, &mut self.memory, self.resolver).await
     }
 
     async fn run<H: Host>(&mut self, connection: Connection, host: &mut H, clock: Clock) -> Close {
-        connection.run(&self.server.address, &mut self.kept, host, clock).await
+        connection.run(&self.server.address, &mut self.memory, host, clock).await
     }
 
-    fn to(&self) -> String {
+    fn server_name(&self) -> String {
         self.server.address.to_string()
     }
 }
 
-/// Over connections that the host opens.
+/// Connects through a function of the host.
 #[cfg(feature = "runtime")]
-struct Opened<'a, F> {
+struct HostConnector<'a, F> {
     name: &'a str,
     connect: F,
 }
 
-/// A connection that a host may open.
+/// A connection that a host can open.
 #[cfg(feature = "runtime")]
-trait Run {
+trait RunSession {
     async fn run<H: Host>(self, host: &mut H, clock: Clock) -> Close;
 }
 
 #[cfg(all(feature = "runtime", feature = "quic"))]
-impl Run for QuicConnection {
+impl RunSession for QuicConnection {
     async fn run<H: Host>(self, host: &mut H, clock: Clock) -> Close {
         run_quic(self, host, clock).await
     }
 }
 
 #[cfg(all(feature = "runtime", feature = "websocket"))]
-impl<S: AsyncRead + AsyncWrite + Unpin> Run for WebSocketConnection<S> {
+impl<S: AsyncRead + AsyncWrite + Unpin> RunSession for WebSocketConnection<S> {
     async fn run<H: Host>(self, host: &mut H, clock: Clock) -> Close {
         run_websocket(self, host, clock).await
     }
 }
 
 #[cfg(feature = "runtime")]
-impl<C: Run, F: AsyncFnMut() -> Result<C, Close>> Connector for Opened<'_, F> {
+impl<C: RunSession, F: AsyncFnMut() -> Result<C, Close>> Connector for HostConnector<'_, F> {
     type Connection = C;
 
     async fn connect(&mut self, _token: Option<&Token>) -> Result<C, Close> {
@@ -214,19 +214,19 @@ impl<C: Run, F: AsyncFnMut() -> Result<C, Close>> Connector for Opened<'_, F> {
         connection.run(host, clock).await
     }
 
-    fn to(&self) -> String {
+    fn server_name(&self) -> String {
         self.name.to_owned()
     }
 }
 
-/// Any number for the length of a pause, and far from that of a moment near by: clients that lose one server lose it at
-/// about the same time, and may have been started together. Fibonacci hashing (Knuth, The Art of Computer Programming,
-/// vol. 3, section 6.4).
-fn spread(now: Time) -> u32 {
+/// Jitter for the length of a pause: Fibonacci hashing of the time (Knuth, The Art of Computer Programming, vol. 3,
+/// section 6.4). Spreads clients that lose the same server at almost the same time.
+fn jitter(now: Time) -> u32 {
     u32::try_from(now.as_ns().wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32).unwrap_or(0)
 }
 
-async fn stream_by<H: Host>(
+/// Connects and runs sessions until one of the reasons in [`End`].
+async fn stream_with<H: Host>(
     mut connector: impl Connector,
     host: &mut H,
     clock: Clock,
@@ -237,7 +237,7 @@ async fn stream_by<H: Host>(
     let mut backoff = Backoff::new();
     let mut reached = false;
     let mut attempts = 0;
-    // `None`: further away than there is time.
+    // `None`: the deadline is beyond the clock's range.
     let until = Instant::now().checked_add(retry.first_within);
     loop {
         if host.wants_to_leave() {
@@ -247,7 +247,7 @@ async fn stream_by<H: Host>(
         let token = host.core().token().cloned();
         let connecting = within(limit, retry.first_within, connector.connect(token.as_ref()));
         let mut lasted = Duration::ZERO;
-        let close = match meanwhile(host, clock, connecting).await {
+        let close = match run_host_until(host, clock, connecting).await {
             None => return End::Left,
             Some(Err(close)) => close,
             Some(Ok(connection)) => {
@@ -267,23 +267,23 @@ async fn stream_by<H: Host>(
         if !close.code.worth_retrying() || (reached && !retry.reconnect) {
             return End::Closed(close);
         }
-        if lasted >= USEFUL_AFTER && host.core().stats().session.blobs > 0 {
+        if lasted >= MIN_USEFUL_SESSION && host.core().stats().session.blobs > 0 {
             backoff.succeeded();
         }
-        let wait = backoff.next_wait(spread(clock.now()));
-        let late = until.is_some_and(|until| Instant::now() + wait + LEAST_ATTEMPT > until);
+        let wait = backoff.next_wait(jitter(clock.now()));
+        let late = until.is_some_and(|until| Instant::now() + wait + MIN_ATTEMPT > until);
         if !reached && (late || attempts >= retry.first_attempts) {
             return End::Unreachable { attempts, why: close.reason };
         }
         report(host, Some(format!("{}; connecting again in {:.1} s", close.reason, wait.as_secs_f32())));
-        if meanwhile(host, clock, sleep_until(Instant::now() + wait)).await.is_none() {
+        if run_host_until(host, clock, sleep_until(Instant::now() + wait)).await.is_none() {
             return End::Left;
         }
-        report(host, Some(format!("connecting to {}", connector.to())));
+        report(host, Some(format!("connecting to {}", connector.server_name())));
     }
 }
 
-/// Connects in time, where there is a limit.
+/// Waits for a connection, until `limit` if there is one. `all` is the whole time allowed, for the message.
 async fn within<T>(
     limit: Option<Instant>,
     all: Duration,
@@ -297,10 +297,14 @@ async fn within<T>(
     }
 }
 
-/// Waits for something while the picture goes on: what is here can be refined and drawn without a server. `None` once
-/// the host wants to leave.
-async fn meanwhile<H: Host, T>(host: &mut H, clock: Clock, what: impl Future<Output = T>) -> Option<T> {
-    let mut what = pin!(what);
+/// Waits for a future while the host keeps running: what has arrived is refined and drawn without a server. `None` once
+/// the host leaves.
+async fn run_host_until<H: Host, T>(
+    host: &mut H,
+    clock: Clock,
+    future: impl Future<Output = T>,
+) -> Option<T> {
+    let mut future = pin!(future);
     loop {
         let now = clock.now();
         host.core().handle_timeout(now);
@@ -310,7 +314,7 @@ async fn meanwhile<H: Host, T>(host: &mut H, clock: Clock, what: impl Future<Out
         }
         tokio::select! {
             biased;
-            done = &mut what => return Some(done),
+            output = &mut future => return Some(output),
             () = tokio::task::yield_now(), if again => {}
             () = host.wake() => {}
         }
@@ -322,12 +326,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn clients_that_were_started_together_came_back_together() {
-        // Fifty that lose the server within 50 ms of their clocks.
+    fn clients_that_were_started_together_reconnect_at_different_times() {
+        // Fifty clients that lose the server within 50 ms of their clocks.
         let mut waits: Vec<Duration> =
-            (0..50).map(|ms| Backoff::new().next_wait(spread(Time::from_ms(30_000 + ms)))).collect();
+            (0..50).map(|ms| Backoff::new().next_wait(jitter(Time::from_ms(30_000 + ms)))).collect();
         waits.sort_unstable();
-        // Of a range of 250 ms.
+        // The pauses cover most of their range of 250 ms.
         assert!(waits[49] - waits[0] > Duration::from_millis(225), "{waits:?}");
         let together = waits.windows(6).map(|six| six[5] - six[0]).min().unwrap();
         assert!(together > Duration::from_millis(5), "six within {together:?}");

@@ -1,4 +1,4 @@
-//! A server that a client streams from: where it is, and by what it is known.
+//! A server to stream from: its address, and how its certificate is verified.
 
 use std::str::FromStr;
 
@@ -6,14 +6,14 @@ use super::address::{Address, AddressError};
 #[cfg(any(feature = "quic", feature = "tls"))]
 use super::trust::Authorities;
 
-/// A server. [`Server::from`] an address, or parsed as one, it is known by the address's fingerprint or by the system's
-/// authorities.
+/// A server to stream from. Converted or parsed from an address, its certificate is verified by the address's fingerprint
+/// or by the system's certificate authorities.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct Server {
-    /// Where it is.
+    /// Address.
     pub address: Address,
-    /// Who may vouch for it where its address has no fingerprint.
+    /// Certificate authorities, used if the address has no fingerprint.
     #[cfg(any(feature = "quic", feature = "tls"))]
     pub authorities: Authorities,
 }

@@ -13,9 +13,9 @@ use tokio::time::timeout;
 use tokio_rustls::TlsConnector;
 use tokio_rustls::client::TlsStream;
 
-use super::trust::{Refusal, Trust, Verifier};
+use super::trust::{CertificateRejection, Trust, Verifier};
 
-/// What is spoken within.
+/// ALPN protocol: WebSocket starts with an HTTP/1.1 request.
 const HTTP: &[u8] = b"http/1.1";
 
 /// Opens TLS connections to one server.
@@ -23,29 +23,29 @@ const HTTP: &[u8] = b"http/1.1";
 pub(super) struct Tls {
     connector: TlsConnector,
     name: ServerName<'static>,
-    refusal: Refusal,
+    rejection: CertificateRejection,
 }
 
 impl Tls {
-    /// For a server of this host name or IP address, known by `trust`.
+    /// Prepares connections to a host name or IP address, whose certificate is verified by `trust`.
     pub(super) fn new(host: &str, trust: Trust) -> Result<Self, Close> {
         let wrong = |why: String| Close::new(CloseCode::Protocol, why);
         let name = ServerName::try_from(host.to_owned());
-        let name = name.map_err(|_| wrong(format!("{host:?} is no name that a certificate can have")))?;
-        let refusal = Refusal::default();
+        let name = name.map_err(|_| wrong(format!("{host:?} is not a name that a certificate can have")))?;
+        let rejection = CertificateRejection::default();
         let config =
-            config(trust, refusal.clone()).map_err(|why| wrong(format!("TLS cannot be set up: {why}")))?;
-        Ok(Self { connector: TlsConnector::from(Arc::new(config)), name, refusal })
+            config(trust, rejection.clone()).map_err(|why| wrong(format!("TLS cannot be set up: {why}")))?;
+        Ok(Self { connector: TlsConnector::from(Arc::new(config)), name, rejection })
     }
 
-    /// The handshake, over an open connection. Ends within `limit`.
+    /// Performs the handshake over an open connection. Ends within `limit`.
     pub(super) async fn open<S>(&self, stream: S, limit: Duration) -> Result<TlsStream<S>, Close>
     where
         S: AsyncRead + AsyncWrite + Unpin,
     {
         match timeout(limit, self.connector.connect(self.name.clone(), stream)).await {
             Ok(Ok(stream)) => Ok(stream),
-            Ok(Err(why)) => Err(self.refusal.reason().unwrap_or_else(|| failed(&why))),
+            Ok(Err(why)) => Err(self.rejection.reason().unwrap_or_else(|| failed(&why))),
             Err(_) => {
                 let limit = limit.as_secs_f32();
                 let why = format!(
@@ -57,10 +57,10 @@ impl Tls {
     }
 }
 
-/// TLS 1.3 as over QUIC. Nothing is resumed: each connection looks at the certificate anew.
-fn config(trust: Trust, refusal: Refusal) -> Result<ClientConfig, Error> {
+/// TLS 1.3, as over QUIC. Sessions are not resumed: each connection verifies the certificate.
+fn config(trust: Trust, rejection: CertificateRejection) -> Result<ClientConfig, Error> {
     let provider = Arc::new(rustls::crypto::ring::default_provider());
-    let verifier = Verifier::new(trust, refusal, Arc::clone(&provider))?;
+    let verifier = Verifier::new(trust, rejection, Arc::clone(&provider))?;
     let mut config = ClientConfig::builder_with_provider(provider)
         .with_protocol_versions(&[&rustls::version::TLS13])?
         .dangerous()
@@ -71,12 +71,12 @@ fn config(trust: Trust, refusal: Refusal) -> Result<ClientConfig, Error> {
     Ok(config)
 }
 
-/// A handshake that failed, though not by the certificate.
+/// The close of a handshake that failed for another reason than the certificate.
 fn failed(why: &io::Error) -> Close {
     match why.get_ref().and_then(|inner| inner.downcast_ref::<Error>()) {
         Some(Error::InvalidMessage(_)) => Close::new(
             CloseCode::Protocol,
-            "it does not speak TLS there: write ws:// where the server prints that",
+            "the server does not use TLS on this port: write ws:// if the server prints that",
         ),
         Some(why) => Close::new(CloseCode::Lost, format!("the TLS handshake failed: {why}")),
         None => Close::new(CloseCode::Lost, format!("the TLS handshake failed: {why}")),

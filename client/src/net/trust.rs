@@ -1,5 +1,4 @@
-//! Which certificates of servers are believed: the one that the address names by its fingerprint, or any that an
-//! authority vouches for.
+//! Verification of server certificates: by the fingerprint in the address, or by the certificate authorities (WebPKI).
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -18,38 +17,38 @@ use tokio::time::timeout;
 
 use super::pin::Pin;
 
-/// Time that reading the system's certificates may take.
+/// Time limit for reading the system's certificates.
 const SYSTEM_TIMEOUT: Duration = Duration::from_secs(4);
 
-/// Authorities that cannot be used.
+/// Why a PEM text cannot be used as a list of certificate authorities.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum AuthoritiesError {
-    /// No PEM text.
+    /// The text is not valid PEM.
     #[error("it holds no readable PEM certificate: {0}")]
     Unreadable(String),
-    /// PEM text without one.
+    /// The text holds no certificate.
     #[error("it holds no PEM certificate")]
     None,
-    /// A certificate that cannot vouch for others.
-    #[error("certificate {0} in it cannot be an authority's: {1}")]
+    /// A certificate, by its number from 1 on, that cannot be a trust anchor.
+    #[error("certificate {0} in it cannot be used as an authority: {1}")]
     Unusable(usize, String),
 }
 
-/// Who may vouch for servers whose address has no fingerprint.
+/// Certificate authorities that are trusted for servers whose address has no fingerprint.
 #[derive(Clone, Debug, Default)]
 pub enum Authorities {
-    /// Those that the operating system trusts, or the environment's `SSL_CERT_FILE` and `SSL_CERT_DIR` name.
+    /// The operating system's, or those in the environment's `SSL_CERT_FILE` and `SSL_CERT_DIR`.
     #[default]
     System,
-    /// These alone.
-    These(Arc<RootCertStore>),
+    /// Only these.
+    Only(Arc<RootCertStore>),
 }
 
 impl Authorities {
-    /// The authorities whose certificates are in a PEM text; they alone are trusted then.
+    /// Trusts only the authorities whose certificates are in a PEM text.
     ///
     /// # Errors
-    /// Fails where it holds none, or one that cannot be used.
+    /// The text holds no certificate, or one that cannot be a trust anchor.
     pub fn from_pem(text: &[u8]) -> Result<Self, AuthoritiesError> {
         let mut roots = RootCertStore::empty();
         for (number, certificate) in (1..).zip(CertificateDer::pem_slice_iter(text)) {
@@ -57,44 +56,48 @@ impl Authorities {
             let added = roots.add(certificate);
             added.map_err(|why| AuthoritiesError::Unusable(number, why.to_string()))?;
         }
-        if roots.is_empty() { Err(AuthoritiesError::None) } else { Ok(Self::These(Arc::new(roots))) }
+        if roots.is_empty() { Err(AuthoritiesError::None) } else { Ok(Self::Only(Arc::new(roots))) }
     }
 
-    /// Their certificates. The system's are read now, which takes tens of milliseconds of another thread.
+    /// The root certificates. The system's are read on a blocking thread, which takes tens of milliseconds.
     pub(super) async fn roots(&self) -> Result<Arc<RootCertStore>, Close> {
-        let lost = |why: String| Close::new(CloseCode::Protocol, why);
+        let close = |why: String| Close::new(CloseCode::Protocol, why);
         match self {
-            Self::These(roots) => Ok(Arc::clone(roots)),
+            Self::Only(roots) => Ok(Arc::clone(roots)),
             Self::System => match timeout(SYSTEM_TIMEOUT, spawn_blocking(system_roots)).await {
-                Ok(Ok(roots)) => roots.map(Arc::new).map_err(lost),
-                Ok(Err(why)) => Err(lost(why.to_string())),
-                Err(_) => Err(lost("the system's certificates could not be read in time".into())),
+                Ok(Ok(roots)) => roots.map(Arc::new).map_err(|why| close(why.to_string())),
+                Ok(Err(why)) => Err(close(why.to_string())),
+                Err(_) => Err(close("the system's certificates could not be read in time".into())),
             },
         }
     }
 }
 
-fn system_roots() -> Result<RootCertStore, String> {
-    let found = rustls_native_certs::load_native_certs();
+/// The system has no usable certificate authority; holds the reasons.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "the system trusts no certificate authority ({0}): install its certificates (package ca-certificates), give the \
+     authority's certificate, or use an address with a fingerprint"
+)]
+struct NoSystemRoots(String);
+
+fn system_roots() -> Result<RootCertStore, NoSystemRoots> {
+    let loaded = rustls_native_certs::load_native_certs();
     let mut roots = RootCertStore::empty();
-    roots.add_parsable_certificates(found.certs);
+    roots.add_parsable_certificates(loaded.certs);
     if roots.is_empty() {
-        let why: Vec<String> = found.errors.iter().take(3).map(ToString::to_string).collect();
-        let why = if why.is_empty() { "it has none".into() } else { why.join("; ") };
-        return Err(format!(
-            "the system names no authority that may vouch for servers ({why}): install its certificates \
-             (ca-certificates), name one (--ca FILE), or use an address with a fingerprint"
-        ));
+        let why: Vec<String> = loaded.errors.iter().take(3).map(ToString::to_string).collect();
+        return Err(NoSystemRoots(if why.is_empty() { "none is installed".into() } else { why.join("; ") }));
     }
     Ok(roots)
 }
 
-/// What a server's certificate must be.
+/// How a server's certificate is verified.
 #[derive(Clone, Debug)]
 pub enum Trust {
-    /// One with this fingerprint, whatever its names and dates.
+    /// It must have this fingerprint; its names and dates are not checked.
     Pin(Pin),
-    /// One for the name in the address, valid now, that one of these vouches for.
+    /// It must be valid now, for the name in the address, and signed by one of these authorities.
     Roots(Arc<RootCertStore>),
 }
 
@@ -104,27 +107,27 @@ impl From<Pin> for Trust {
     }
 }
 
-/// Why the last certificate was refused: transports tell an alert's number or a text for developers at best.
+/// Why the last certificate was rejected. Kept here because transports report only an alert number or a text for developers.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Refusal(Arc<Mutex<Option<String>>>);
+pub(super) struct CertificateRejection(Arc<Mutex<Option<String>>>);
 
-impl Refusal {
+impl CertificateRejection {
     fn note(&self, why: String) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(why);
     }
 
-    /// The reason, if a certificate was refused; not worth another try.
+    /// The reason, if a certificate was rejected. Connecting again cannot help.
     pub(super) fn reason(&self) -> Option<Close> {
         let why = self.0.lock().unwrap_or_else(PoisonError::into_inner).clone();
         why.map(|reason| Close { code: CloseCode::Protocol, reason })
     }
 }
 
-/// Verifies as a [`Trust`] says.
+/// Verifies certificates according to a [`Trust`].
 #[derive(Debug)]
 pub(super) struct Verifier {
     kind: Kind,
-    refusal: Refusal,
+    rejection: CertificateRejection,
     provider: Arc<CryptoProvider>,
 }
 
@@ -136,10 +139,10 @@ enum Kind {
 
 impl Verifier {
     /// # Errors
-    /// Fails where there are no roots.
+    /// There are no roots.
     pub(super) fn new(
         trust: Trust,
-        refusal: Refusal,
+        rejection: CertificateRejection,
         provider: Arc<CryptoProvider>,
     ) -> Result<Arc<Self>, Error> {
         let kind = match trust {
@@ -150,11 +153,11 @@ impl Verifier {
                     .map_err(|why| Error::General(why.to_string()))?,
             ),
         };
-        Ok(Arc::new(Self { kind, refusal, provider }))
+        Ok(Arc::new(Self { kind, rejection, provider }))
     }
 }
 
-/// SHA-256, by way of a cipher suite: rustls gives no shorter way to its hash.
+/// SHA-256, through a cipher suite: rustls exposes its hash in no other way.
 fn sha256(bytes: &[u8]) -> [u8; 32] {
     let mut digest = [0; 32];
     // The suite is a constant.
@@ -166,7 +169,7 @@ fn sha256(bytes: &[u8]) -> [u8; 32] {
 
 impl Pin {
     /// Whether a certificate (DER) has this fingerprint.
-    fn fits(&self, certificate: &CertificateDer<'_>) -> bool {
+    fn matches(&self, certificate: &CertificateDer<'_>) -> bool {
         match self {
             Self::Certificate(digest) => sha256(certificate) == *digest,
             Self::Key(digest) => ParsedCertificate::try_from(certificate)
@@ -177,35 +180,35 @@ impl Pin {
     const fn mismatch(&self) -> &'static str {
         match self {
             Self::Certificate(_) => {
-                "it has another certificate than the address names after #sha256=: copy the address that the server \
-                 prints at start"
+                "its certificate is not the one in the address (#sha256=): copy the address that the server prints at \
+                 start"
             }
             Self::Key(_) => {
-                "its certificate is for another key than the address names after #spki-sha256=: copy the address that \
+                "its certificate is for another key than the one in the address (#spki-sha256=): copy the address that \
                  the server prints at start"
             }
         }
     }
 }
 
-/// What is wrong with a certificate, and what to do.
-fn in_words(error: &Error) -> String {
+/// Describes what is wrong with a certificate, and what to do.
+fn describe(error: &Error) -> String {
     let Error::InvalidCertificate(why) = error else {
         return format!("its certificate cannot be verified: {error}");
     };
     match why {
         CertificateError::UnknownIssuer => {
-            "no authority that is trusted here vouches for its certificate: copy the address that the server prints, \
-             with what stands behind #, or name its authority's certificate (--ca FILE)"
+            "no trusted authority has signed its certificate: copy the address that the server prints, with the \
+             fingerprint after #, or trust its authority's certificate"
                 .into()
         }
         CertificateError::Expired | CertificateError::ExpiredContext { .. } => {
-            "its certificate has expired: whoever runs the server must renew it; or is the clock of this machine \
-             wrong?"
+            "its certificate has expired: the server's operator must renew it, unless this machine's clock is \
+             wrong"
                 .into()
         }
         CertificateError::NotValidYet | CertificateError::NotValidYetContext { .. } => {
-            "its certificate is not valid yet: is the clock of this machine wrong?".into()
+            "its certificate is not valid yet: check this machine's clock".into()
         }
         CertificateError::NotValidForName | CertificateError::NotValidForNameContext { .. } => {
             let names = match why {
@@ -230,14 +233,14 @@ impl ServerCertVerifier for Verifier {
         now: UnixTime,
     ) -> Result<ServerCertVerified, Error> {
         match &self.kind {
-            Kind::Pin(pin) if pin.fits(end_entity) => Ok(ServerCertVerified::assertion()),
+            Kind::Pin(pin) if pin.matches(end_entity) => Ok(ServerCertVerified::assertion()),
             Kind::Pin(pin) => {
-                self.refusal.note(pin.mismatch().into());
+                self.rejection.note(pin.mismatch().into());
                 Err(Error::InvalidCertificate(CertificateError::ApplicationVerificationFailure))
             }
             Kind::Roots(verifier) => verifier
                 .verify_server_cert(end_entity, intermediates, server_name, ocsp_response, now)
-                .inspect_err(|why| self.refusal.note(in_words(why))),
+                .inspect_err(|why| self.rejection.note(describe(why))),
         }
     }
 
@@ -273,15 +276,15 @@ mod tests {
         // FIPS 180-2, appendix B.1.
         let hex = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015AD";
         let pin: Pin = format!("sha256={hex}").parse().unwrap();
-        assert!(pin.fits(&CertificateDer::from(b"abc".to_vec())));
-        assert!(!pin.fits(&CertificateDer::from(b"abd".to_vec())));
-        // What is no certificate has no key.
+        assert!(pin.matches(&CertificateDer::from(b"abc".to_vec())));
+        assert!(!pin.matches(&CertificateDer::from(b"abd".to_vec())));
+        // Bytes that are no certificate have no key.
         let pin: Pin = format!("spki-sha256={hex}").parse().unwrap();
-        assert!(!pin.fits(&CertificateDer::from(b"abc".to_vec())));
+        assert!(!pin.matches(&CertificateDer::from(b"abc".to_vec())));
     }
 
     #[test]
-    fn what_holds_no_authority_is_said_so() {
+    fn pem_without_usable_authorities_is_refused() {
         let error = |text: &[u8]| Authorities::from_pem(text).unwrap_err();
         assert_eq!(error(b""), AuthoritiesError::None);
         assert_eq!(error(b"\xff\0garbage"), AuthoritiesError::None);

@@ -1,4 +1,4 @@
-//! WebSocket: one binary message is one frame.
+//! WebSocket transport: one binary message carries one frame.
 
 use std::collections::VecDeque;
 use std::future::poll_fn;
@@ -26,46 +26,46 @@ use tokio_tungstenite::tungstenite::protocol::{CloseFrame, WebSocketConfig};
 use tokio_tungstenite::tungstenite::{Error, Message};
 use tokio_tungstenite::{WebSocketStream, client_async_with_config};
 
-use super::drive::{Clock, Deliver, Host, Receive, Received, drive};
+use super::drive::{Clock, Host, Received, SendError, TransportReceiver, TransportSender, drive};
 
-/// Enough for two pieces.
+/// Read buffer: room for two pieces.
 const READ_BUFFER_BYTES: usize = 32 * 1024;
-/// Messages that may wait to be sent.
+/// Most messages in the send queue.
 const MAX_WAITING_MESSAGES: usize = 8;
-/// WebSocket close codes are the protocol's plus this.
+/// Added to the protocol's close codes to get WebSocket close codes (RFC 6455 §7.4.2: private use).
 const CLOSE_CODE_BASE: u16 = 4000;
 
-/// What a request is for.
+/// Target of the HTTP upgrade request.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Target<'a> {
-    /// `HOST:PORT`, as the server is told.
+    /// `HOST:PORT` for the `Host` header.
     pub(super) authority: &'a str,
-    /// `/` and the scene's name.
+    /// Path: `/` and the scene's name.
     pub(super) path: &'a str,
 }
 
-/// A WebSocket on which a session can begin.
+/// An open WebSocket, ready for a session.
 #[derive(Debug)]
 pub struct WebSocketConnection<S> {
     socket: WebSocketStream<S>,
     received: Arc<AtomicU64>,
 }
 
-impl<S: AsyncRead + AsyncWrite + Unpin> WebSocketConnection<Counting<S>> {
-    /// Asks for a WebSocket over an open TCP connection (or what stands for one). `authority` is the `HOST:PORT` that
-    /// the server is told.
+impl<S: AsyncRead + AsyncWrite + Unpin> WebSocketConnection<CountingStream<S>> {
+    /// Performs the WebSocket handshake over an open byte stream, usually TCP. `authority` is the `HOST:PORT` of the
+    /// `Host` header.
     ///
     /// # Errors
-    /// Says why there is none: the answer is another or none within `limit`, or the connection is lost.
-    #[cfg_attr(not(feature = "runtime"), allow(dead_code, reason = "for hosts with a runtime of their own"))]
+    /// The server refuses, does not answer within `limit`, or the connection is lost.
+    #[cfg_attr(not(feature = "runtime"), allow(dead_code, reason = "used by hosts with their own runtime"))]
     pub async fn open(stream: S, authority: &str, limit: Duration) -> Result<Self, Close> {
-        let (stream, received) = Counting::new(stream);
+        let (stream, received) = CountingStream::new(stream);
         Self::open_counted(stream, received, Target { authority, path: "/" }, None, limit).await
     }
 }
 
 impl<S: AsyncRead + AsyncWrite + Unpin> WebSocketConnection<S> {
-    /// The same over a stream whose bytes are counted already, with what shows that the client may see the scene.
+    /// As [`Self::open`], over a stream whose bytes are counted in `received`, for a scene and with a token.
     pub(super) async fn open_counted(
         stream: S,
         received: Arc<AtomicU64>,
@@ -84,7 +84,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> WebSocketConnection<S> {
     }
 }
 
-/// Runs one session over a WebSocket until it ends; says why.
+/// Runs one session over a WebSocket until it ends; gives the reason.
 pub async fn run_websocket<S, H>(connection: WebSocketConnection<S>, host: &mut H, clock: Clock) -> Close
 where
     S: AsyncRead + AsyncWrite + Unpin,
@@ -112,7 +112,10 @@ where
     request.headers_mut().insert(SEC_WEBSOCKET_PROTOCOL, HeaderValue::from_static(ALPN));
     if let Some(token) = token {
         let Ok(mut value) = HeaderValue::from_str(&format!("Bearer {}", token.0)) else {
-            return Err(Close::new(CloseCode::Unauthorised, "the token has characters that no token has"));
+            return Err(Close::new(
+                CloseCode::Unauthorised,
+                "the token has characters that are not allowed in a token",
+            ));
         };
         value.set_sensitive(true);
         request.headers_mut().insert(AUTHORIZATION, value);
@@ -128,24 +131,17 @@ where
         Err(Error::Http(response)) => {
             let status = response.status();
             if status == StatusCode::UNAUTHORIZED {
-                // What the server says of the token, if that came along.
-                let said = response.body().as_deref().and_then(|body| std::str::from_utf8(body).ok());
-                let said = said.and_then(|text| text.lines().next()).filter(|line| !line.is_empty());
-                let said = said.unwrap_or("the server does not take the token");
-                return Err(Close::new(CloseCode::Unauthorised, said));
+                let reason = first_line(response.body().as_deref()).unwrap_or("the server refuses the token");
+                return Err(Close::new(CloseCode::Unauthorised, reason));
             }
             if status == StatusCode::NOT_FOUND && path != "/" {
-                let said = response.body().as_deref().and_then(|body| std::str::from_utf8(body).ok());
-                let said = said.and_then(|text| text.lines().next()).filter(|line| !line.is_empty());
-                return Err(Close::new(
-                    CloseCode::NoSuchScene,
-                    said.unwrap_or("the server has no such scene"),
-                ));
+                let reason = first_line(response.body().as_deref()).unwrap_or("the server has no such scene");
+                return Err(Close::new(CloseCode::NoSuchScene, reason));
             }
             let code = if status.is_server_error() { CloseCode::Busy } else { CloseCode::Protocol };
             Err(Close::new(code, format!("the server answers the WebSocket request with {status}")))
         }
-        // An alert of TLS reads as no HTTP.
+        // A TLS alert does not parse as HTTP.
         Err(why @ Error::Protocol(ProtocolError::HttparseError(_))) => Err(lost(format!(
             "the WebSocket handshake failed: {why}; does the server print wss:// for this port?"
         ))),
@@ -153,22 +149,28 @@ where
     }
 }
 
-/// A stream that counts what is read from it.
+/// The first line of an HTTP response's body, unless it is empty: the server's reason.
+fn first_line(body: Option<&[u8]>) -> Option<&str> {
+    let text = std::str::from_utf8(body?).ok()?;
+    text.lines().next().filter(|line| !line.is_empty())
+}
+
+/// A stream that counts the bytes read from it.
 #[derive(Debug)]
-pub struct Counting<S> {
+pub struct CountingStream<S> {
     stream: S,
     received: Arc<AtomicU64>,
 }
 
-impl<S> Counting<S> {
-    /// The stream, and its counter.
+impl<S> CountingStream<S> {
+    /// Wraps a stream; gives the counter too.
     pub(super) fn new(stream: S) -> (Self, Arc<AtomicU64>) {
         let received = Arc::new(AtomicU64::new(0));
         (Self { stream, received: Arc::clone(&received) }, received)
     }
 }
 
-impl<S: AsyncRead + Unpin> AsyncRead for Counting<S> {
+impl<S: AsyncRead + Unpin> AsyncRead for CountingStream<S> {
     fn poll_read(
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
@@ -181,7 +183,7 @@ impl<S: AsyncRead + Unpin> AsyncRead for Counting<S> {
     }
 }
 
-impl<S: AsyncWrite + Unpin> AsyncWrite for Counting<S> {
+impl<S: AsyncWrite + Unpin> AsyncWrite for CountingStream<S> {
     fn poll_write(
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
@@ -204,7 +206,7 @@ struct WebSocketReceiver<S> {
     received: Arc<AtomicU64>,
 }
 
-impl<S: AsyncRead + AsyncWrite + Unpin> Receive for WebSocketReceiver<S> {
+impl<S: AsyncRead + AsyncWrite + Unpin> TransportReceiver for WebSocketReceiver<S> {
     async fn receive(&mut self) -> Received {
         let message = match self.stream.next().await {
             None | Some(Err(Error::ConnectionClosed | Error::AlreadyClosed)) => {
@@ -269,12 +271,12 @@ impl<S: AsyncRead + AsyncWrite + Unpin> WebSocketSender<S> {
     }
 }
 
-impl<S: AsyncRead + AsyncWrite + Unpin> Deliver for WebSocketSender<S> {
+impl<S: AsyncRead + AsyncWrite + Unpin> TransportSender for WebSocketSender<S> {
     fn has_room(&self) -> bool {
         self.queue.len() < MAX_WAITING_MESSAGES
     }
 
-    fn put(&mut self, frame: Vec<u8>) {
+    fn queue(&mut self, frame: Vec<u8>) {
         self.queue.push_back(Message::Binary(frame.into()));
     }
 
@@ -282,22 +284,22 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Deliver for WebSocketSender<S> {
         self.queue.is_empty() && !self.unflushed
     }
 
-    async fn flush(&mut self) -> Result<(), String> {
-        poll_fn(|context| self.poll(context)).await.map_err(|why| why.to_string())
+    async fn flush(&mut self) -> Result<(), SendError> {
+        poll_fn(|context| self.poll(context)).await.map_err(|why| Box::new(why).into())
     }
 
     async fn finish(mut self, close: &Close) {
         if close.code != CloseCode::Lost {
             let code =
                 if close.code == CloseCode::Normal { 1000 } else { CLOSE_CODE_BASE + close.code.number() };
-            let frame = CloseFrame { code: code.into(), reason: cut(&close.reason).into() };
+            let frame = CloseFrame { code: code.into(), reason: truncate(&close.reason).into() };
             let _ = self.sink.send(Message::Close(Some(frame))).await;
         }
     }
 }
 
-/// As much of a reason as fits into a close frame (RFC 6455 §5.5).
-fn cut(reason: &str) -> &str {
+/// The beginning of a reason that fits into a close frame (RFC 6455 §5.5).
+fn truncate(reason: &str) -> &str {
     let mut end = reason.len().min(123);
     while !reason.is_char_boundary(end) {
         end -= 1;

@@ -1,4 +1,4 @@
-//! What the streaming thread says, in virtual time.
+//! Status messages of the streaming thread, in virtual time.
 
 use std::cell::Cell;
 
@@ -8,12 +8,12 @@ use lodestream_protocol::message::{ClientMessage, ServerMessage};
 use super::*;
 use crate::core::testing::{Loopback, TestScene};
 
-/// The host of a session that is settled, and what a viewer hears of it.
+/// The host of a settled session, and its status channel.
 fn settled<N: Fn()>(notify: N) -> (StreamHost<N>, watch::Receiver<Status>, Time) {
     let mut link = Loopback::new(TestScene::new(1), |_| {});
     link.connect();
     link.settle();
-    // The handle is gone, which only makes the host leave where somebody asks.
+    // The senders are dropped, which makes the host leave, but `turn` does not act on that.
     let (_, controls) = watch::channel(Controls::default());
     let (_, tokens) = watch::channel(None);
     let (sender, status) = watch::channel(Status::default());
@@ -21,18 +21,18 @@ fn settled<N: Fn()>(notify: N) -> (StreamHost<N>, watch::Receiver<Status>, Time)
         core: link.core,
         controls,
         tokens,
-        // Nobody draws.
+        // There is no renderer.
         steps: None,
         status: sender,
         message: None,
-        reported: None,
+        reported_at: None,
         notify,
-        left: false,
+        leaves: false,
     };
     (host, status, link.now)
 }
 
-/// Turns the host for so many milliseconds; gives the numbers of the pings that it sends.
+/// Runs the host for some milliseconds; returns the numbers of the pings that it sends.
 fn turn<N: Fn()>(host: &mut StreamHost<N>, now: &mut Time, ms: u64) -> Vec<u32> {
     let mut pings = Vec::new();
     for _ in 0..ms {
@@ -55,35 +55,43 @@ fn answer<N: Fn()>(host: &mut StreamHost<N>, now: Time, pings: &[u32]) {
 }
 
 #[test]
-fn a_server_that_falls_silent_is_told_in_words_within_two_seconds_and_no_longer_once_it_answers() {
+fn a_silent_server_is_reported_within_two_seconds_until_it_answers() {
     let notified = Cell::new(0);
     let (mut host, status, mut now) = settled(|| notified.set(notified.get() + 1));
     let message = || status.borrow().message.clone();
     // It answers within 20 ms, for three seconds.
-    let mut heard = now;
+    let mut answered_at = now;
     for _ in 0..150 {
         let pings = turn(&mut host, &mut now, 20);
         if !pings.is_empty() {
             answer(&mut host, now, &pings);
-            heard = now;
+            answered_at = now;
         }
         assert_eq!(message(), None, "all is well");
     }
-    // From now on it says nothing.
+    // From now on it is silent.
     let mut unanswered = Vec::new();
     while message().is_none() {
         unanswered.extend(turn(&mut host, &mut now, 1));
-        assert!(now.since(heard) <= Duration::from_secs(2), "nothing is said after {:?}", now.since(heard));
+        assert!(
+            now.since(answered_at) <= Duration::from_secs(2),
+            "no message after {:?}",
+            now.since(answered_at)
+        );
     }
-    assert!(now.since(heard) >= Duration::from_secs(1), "said after {:?} already", now.since(heard));
+    assert!(
+        now.since(answered_at) >= Duration::from_secs(1),
+        "reported after {:?} already",
+        now.since(answered_at)
+    );
     assert_eq!(message().as_deref(), Some("the server does not answer; waiting for it"));
     // It stays, however often the thread reports.
     unanswered.extend(turn(&mut host, &mut now, 500));
     assert!(message().is_some());
-    // It was only slow.
+    // The late answers arrive.
     let before = notified.get();
     answer(&mut host, now, &unanswered);
     turn(&mut host, &mut now, 1);
     assert_eq!(message(), None);
-    assert!(notified.get() > before, "whoever shows it is told at once");
+    assert!(notified.get() > before, "the change is notified at once");
 }

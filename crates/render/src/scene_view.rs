@@ -261,7 +261,7 @@ impl SceneView {
                 self.punctual_light_pages.insert(page, punctual_lights);
             }
             Change::FirstFrame => self.whole = true,
-            Change::TerrainPoints { x, y, points } => {
+            Change::HeightOverrides { x, y, overrides: points } => {
                 if let Some(ground) = &mut self.ground {
                     ground.set_points(x, y, points)?;
                     self.standing.iter_mut().for_each(TerrainAnchored::forget);

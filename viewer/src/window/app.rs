@@ -12,14 +12,14 @@ use super::running::Running;
 use super::state::State;
 use crate::args::Args;
 use crate::outcome::Outcome;
-use crate::run::tell_figures;
+use crate::run::write_statistics;
 
-/// What comes from other threads.
+/// Event from another thread.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Event {
-    /// The streaming thread has something, or a tile of the terrain was made.
-    SessionStatus,
-    /// A signal of this number asks for the end.
+    /// The streaming thread has a new step or status, or a terrain tile is ready.
+    Streaming,
+    /// A signal of this number has arrived.
     End(u8),
 }
 
@@ -38,14 +38,14 @@ impl App {
         Self { args, proxy, display, running: None, outcome: Outcome::Finished, error: None }
     }
 
-    /// After the event loop: writes what is to be written, and says what went wrong.
+    /// Writes statistics and captured frames after the event loop; returns the run's outcome or error.
     pub(super) fn finish(self) -> anyhow::Result<Outcome> {
         if let Some(error) = self.error {
             return Err(error);
         }
         if let Some(mut running) = self.running {
             running.shown.note_times(running.painter.renderer.timings());
-            tell_figures(&self.args, &running.status.status().stats, &running.shown)?;
+            write_statistics(&self.args, &running.status.status().stats, &running.shown)?;
             if let Some(folder) = &self.args.frames {
                 running.capture.write(&running.painter.gpu, folder, running.state != State::Refining)?;
             }
@@ -57,7 +57,7 @@ impl App {
         let proxy = self.proxy.clone();
         let notify = move || {
             // Fails only once the window is gone.
-            let _ = proxy.send_event(Event::SessionStatus);
+            let _ = proxy.send_event(Event::Streaming);
         };
         Running::start(&self.args, notify, self.display.clone(), events)
     }
@@ -93,7 +93,7 @@ impl ApplicationHandler<Event> for App {
             return events.exit();
         }
         let Some(running) = &mut self.running else { return };
-        // An idle window draws no frames, in which its time would be looked at.
+        // The timeout is checked here too, because an idle window draws no frames.
         let late = self.args.timeout.is_some_and(|limit| running.now() >= limit.0);
         if running.receive() || late {
             running.dirty = true;
@@ -106,13 +106,13 @@ impl ApplicationHandler<Event> for App {
 
     fn window_event(&mut self, events: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
         let Some(running) = &mut self.running else { return };
-        let (consumed, repaint) = running.painter.offer(&event);
+        let (consumed, repaint) = running.painter.pass_event(&event);
         let mut redraw = repaint && !matches!(event, WindowEvent::RedrawRequested);
         match event {
             WindowEvent::CloseRequested => events.exit(),
             WindowEvent::Resized(size) => {
                 running.painter.resize(size);
-                running.steer();
+                running.send_view();
                 redraw = true;
             }
             WindowEvent::KeyboardInput { event, .. }

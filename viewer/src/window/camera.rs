@@ -1,4 +1,4 @@
-//! A camera that a user moves: orbiting a point, or flying.
+//! Camera controller: orbit around a point, or free flight.
 
 use glam::{DQuat, DVec3};
 use lodestream_scene::description as scene;
@@ -12,19 +12,19 @@ const DOLLY_PER_LINE: f64 = 0.88;
 /// Smallest angle between the view and up.
 const POLE: f64 = 0.02;
 
-/// How the mouse and keys move the camera.
+/// Mode of the camera controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Mode {
     /// Around a point.
     Orbit,
-    /// Wherever it looks.
+    /// Free flight.
     Fly,
 }
 
-/// Directions in which keys push, each −1, 0 or 1: right, up, forward.
+/// Directions of the keys held, each −1, 0 or 1: right, up, forward.
 pub(super) type Push = [f64; 3];
 
-/// The camera.
+/// Camera that mouse and keys move.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CameraController {
     pub(super) mode: Mode,
@@ -45,12 +45,12 @@ impl CameraController {
         Self { mode: Mode::Orbit, start, eye, target, up, fov_y: start.fov_y, speed }
     }
 
-    /// Back to where it started.
+    /// Returns to the start.
     pub(super) fn reset(&mut self) {
         *self = Self { mode: self.mode, ..Self::new(self.start) };
     }
 
-    /// Changes the mode; the picture stays.
+    /// Changes the mode without moving.
     pub(super) fn toggle(&mut self) {
         self.mode = match self.mode {
             Mode::Orbit => Mode::Fly,
@@ -73,7 +73,7 @@ impl CameraController {
     /// A drag of so many pixels to the right and down turns the view.
     pub(super) fn turn(&mut self, dx: f64, dy: f64) {
         let forward = self.forward();
-        // Never over the poles: up must stay up.
+        // Limited at the poles, so that up stays up.
         let angle = forward.angle_between(self.up);
         let pitch = (-dy * TURN_PER_PX).max(angle - std::f64::consts::PI + POLE).min(angle - POLE);
         let turned = DQuat::from_axis_angle(self.up, -dx * TURN_PER_PX)
@@ -86,7 +86,7 @@ impl CameraController {
         }
     }
 
-    /// A drag that moves the scene along with the pointer.
+    /// A drag that moves the scene with the pointer.
     pub(super) fn pan(&mut self, dx: f64, dy: f64, height_px: f64) {
         let per_px = 2.0 * self.distance() * (f64::from(self.fov_y) * 0.5).tan() / height_px.max(1.0);
         let right = self.right();
@@ -96,7 +96,7 @@ impl CameraController {
         self.target += shift;
     }
 
-    /// The wheel: nearer to the target, or faster flight.
+    /// Turns of the wheel: changes the distance to the target, or the speed of flight.
     pub(super) fn wheel(&mut self, lines: f64) {
         let factor = DOLLY_PER_LINE.powf(lines.clamp(-20.0, 20.0));
         match self.mode {
@@ -108,7 +108,7 @@ impl CameraController {
         }
     }
 
-    /// Keys held for `seconds`.
+    /// Moves by keys held for `seconds`.
     pub(super) fn push(&mut self, push: Push, fast: bool, seconds: f64) {
         let [right, up, forward] = push;
         let direction = self.right() * right + self.up * up + self.forward() * forward;
@@ -117,24 +117,24 @@ impl CameraController {
         self.target += shift;
     }
 
-    /// Moves it up, with what it looks at.
+    /// Moves eye and target up.
     pub(super) fn lift(&mut self, up: f64) {
         self.eye.y += up;
         self.target.y += up;
     }
 
-    /// What the server is told.
+    /// The view to send to the server.
     pub(super) fn view(&self, viewport_px: [u32; 2], target_px: f32) -> View {
         let up = self.up.as_vec3().into();
         View { target_px, ..View::look_at(self.eye.into(), self.target.into(), up, self.fov_y, viewport_px) }
     }
 
-    /// What is drawn from.
+    /// The pose to draw from.
     pub(super) fn pose(&self) -> Pose {
         Pose::look_at(self.eye, self.target, self.up, f64::from(self.fov_y))
     }
 
-    /// As `--camera` takes it.
+    /// The camera in the format of `--camera`.
     pub(super) fn describe(&self) -> String {
         let point = |p: DVec3| format!("{:.3},{:.3},{:.3}", p.x, p.y, p.z);
         let fov = f64::from(self.fov_y).to_degrees();

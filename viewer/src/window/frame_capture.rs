@@ -1,4 +1,4 @@
-//! Pictures of the frames that were shown, for `--frames`.
+//! Captures the frames shown, for `--frames`.
 
 use std::path::Path;
 use std::time::Duration;
@@ -10,13 +10,14 @@ use serde::Serialize;
 use crate::files::{cannot_write, write_json, write_png};
 use crate::frames::Received;
 
-/// Frames are kept for so long after the connect call, at this distance at least: 3 s at 30 frames a second.
+/// Time after the connect call until which frames are kept.
 const KEPT_FOR: Duration = Duration::from_secs(3);
-const LEAST_DISTANCE: Duration = Duration::from_millis(33);
-/// Memory of kept frames: all of them at 1280×720.
+/// Least time between two kept frames: 30 frames a second.
+const MIN_INTERVAL: Duration = Duration::from_millis(33);
+/// Most memory of kept frames: enough for all at 1280×720.
 const MAX_BYTES: u64 = 512 << 20;
 
-/// A kept frame.
+/// A captured frame.
 #[derive(Debug)]
 struct CapturedFrame {
     at: Duration,
@@ -25,22 +26,22 @@ struct CapturedFrame {
     copy: TargetCopy,
 }
 
-/// Which frames are kept for good.
+/// Decides which frames are kept until the end.
 #[derive(Debug, Default)]
-struct Choice {
-    /// When the newest of them was shown.
+struct RetentionPolicy {
+    /// When the newest kept frame was shown.
     newest: Option<Duration>,
-    /// Memory of all.
+    /// Memory of all kept frames.
     bytes: u64,
-    /// One of them holds everything of the first frame.
+    /// Whether a complete first frame is among them.
     has_whole: bool,
 }
 
-impl Choice {
-    /// Whether a frame that takes so many bytes is kept: one of the first seconds', while there is room. The first that
-    /// holds everything is what "presented" means, and is always kept, however late and near another it was.
+impl RetentionPolicy {
+    /// Whether a frame of so many bytes is kept: those of the first seconds, while there is memory, and always the first
+    /// complete one, which defines "presented".
     fn keeps(&mut self, at: Duration, whole: bool, bytes: u64) -> bool {
-        let apart = self.newest.is_none_or(|newest| at >= newest + LEAST_DISTANCE);
+        let apart = self.newest.is_none_or(|newest| at >= newest + MIN_INTERVAL);
         let kept = at <= KEPT_FOR && apart && self.bytes + bytes <= MAX_BYTES;
         let presented = whole && !self.has_whole;
         if kept || presented {
@@ -52,16 +53,16 @@ impl Choice {
     }
 }
 
-/// The frames kept so far. They stay in the device's memory until the end, so that keeping them costs a copy.
+/// The captured frames. They stay in the device's memory until the end, so that capturing costs only a copy.
 #[derive(Debug, Default)]
 pub(super) struct FrameCapture {
     first: Vec<CapturedFrame>,
-    choice: Choice,
-    /// The last frame of all.
+    retention: RetentionPolicy,
+    /// The newest frame.
     last: Option<CapturedFrame>,
 }
 
-/// What `frames.json` says of a frame.
+/// A frame's entry in `frames.json`.
 #[derive(Debug, Serialize)]
 struct Entry {
     at_ms: f64,
@@ -71,22 +72,22 @@ struct Entry {
     file: String,
 }
 
-/// `frames.json`.
+/// Contents of `frames.json`.
 #[derive(Debug, Serialize)]
 struct Index {
-    /// Until when frames were kept, in milliseconds after the connect call.
+    /// Time until which frames were kept, in milliseconds after the connect call.
     until_ms: f64,
-    /// Whether the last frame will not change by itself: it is settled, or as good as it will be.
+    /// Whether the last frame is final: settled or incomplete.
     settled: bool,
     /// The frames, the last of which is the run's last.
     frames: Vec<Entry>,
 }
 
 impl FrameCapture {
-    /// Keeps a frame, for good or until the next is there.
+    /// Adds a frame. The previous one is kept only if the policy says so.
     pub(super) fn add(&mut self, at: Duration, whole: bool, received: Received, copy: TargetCopy) {
         if let Some(last) = self.last.replace(CapturedFrame { at, whole, received, copy })
-            && self.choice.keeps(last.at, last.whole, last.copy.bytes())
+            && self.retention.keeps(last.at, last.whole, last.copy.bytes())
         {
             self.first.push(last);
         }
@@ -119,12 +120,12 @@ mod tests {
 
     #[test]
     fn frames_of_the_first_seconds_are_kept_at_a_distance_and_while_there_is_room() {
-        let mut choice = Choice::default();
+        let mut choice = RetentionPolicy::default();
         let kept: Vec<u64> =
             (0..400).map(|n| 10 * n).filter(|at| choice.keeps(ms(*at), true, PICTURE)).collect();
         assert_eq!((kept.len(), &kept[..3]), (76, &[0, 40, 80][..]));
         assert!(kept.last().is_some_and(|at| *at <= 3000));
-        let mut large = Choice::default();
+        let mut large = RetentionPolicy::default();
         let kept = (0..90).filter(|n| large.keeps(ms(33 * n), true, MAX_BYTES / 10)).count();
         assert_eq!(kept, 10);
     }
@@ -134,12 +135,12 @@ mod tests {
     #[test]
     fn the_first_whole_frame_is_kept_however_late_it_comes() {
         for (early, whole) in [(2000, 2010), (2000, 5000)] {
-            let mut choice = Choice::default();
+            let mut choice = RetentionPolicy::default();
             assert!(choice.keeps(ms(early), false, PICTURE));
             assert!(choice.keeps(ms(whole), true, PICTURE), "the first whole one, at {whole} ms");
             assert!(!choice.keeps(ms(whole + 10), true, PICTURE));
         }
-        let mut full = Choice::default();
+        let mut full = RetentionPolicy::default();
         assert!(full.keeps(ms(100), false, MAX_BYTES) && !full.keeps(ms(200), false, PICTURE));
         assert!(full.keeps(ms(300), true, PICTURE), "where there is no room");
     }

@@ -1,8 +1,8 @@
-//! What keys do to the camera, and to how well the next frame is drawn.
+//! Effects of keys on the camera and on the quality of the next frame.
 //!
-//! Input is answered between frames: the window system hands over what has come before it asks for the next frame, and
-//! that frame is already drawn as fast as a moving camera needs. So a picture shows the answer once the frame under way
-//! and one quick frame are through; where a key is held, a second one, since in the first it has pushed for no time.
+//! Input is handled between frames: the window system delivers it before the next frame, which is already drawn at the
+//! quality of a moving camera. The response is visible after the current frame and one quick frame; for a key that is held
+//! after two, since it has moved the camera for no time in the first.
 
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use super::camera::CameraController;
 use super::keys::Keys;
 use super::quality::Quality;
 
-/// A key went down or up at `now`.
+/// Handles a key that went down or up at `now`.
 pub(super) fn key(
     now: Duration,
     code: KeyCode,
@@ -33,7 +33,7 @@ pub(super) fn key(
     }
 }
 
-/// Before a frame that begins at `now`: the camera is where the keys have pushed it.
+/// Moves the camera by the keys held, before a frame that begins at `now`.
 pub(super) fn move_camera(
     now: Duration,
     keys: &mut Keys,

@@ -1,4 +1,4 @@
-//! Keys that are held, and how far they push the camera: by real time, whatever a frame takes.
+//! Keys held, and the camera movement that they cause, by real time and independent of the frame rate.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -11,8 +11,8 @@ use super::camera::{CameraController, Push};
 #[derive(Clone, Debug, Default)]
 pub(super) struct Keys {
     held: BTreeSet<KeyCode>,
-    /// Until when the camera was moved.
-    until: Duration,
+    /// Time up to which the camera has been moved.
+    moved_until: Duration,
 }
 
 impl Keys {
@@ -27,15 +27,15 @@ impl Keys {
         ]
     }
 
-    /// Whether the camera is pushed.
+    /// Whether keys move the camera.
     pub(super) fn is_pushing(&self) -> bool {
         self.push() != [0.0; 3]
     }
 
-    /// Moves the camera up to `now`, for all the time since it was moved last.
+    /// Moves the camera for the time since the last call.
     pub(super) fn advance(&mut self, now: Duration, controller: Option<&mut CameraController>) {
-        let seconds = now.saturating_sub(self.until).as_secs_f64();
-        self.until = now.max(self.until);
+        let seconds = now.saturating_sub(self.moved_until).as_secs_f64();
+        self.moved_until = now.max(self.moved_until);
         if let Some(controller) = controller
             && self.is_pushing()
         {
@@ -43,7 +43,7 @@ impl Keys {
         }
     }
 
-    /// A key went down or up, at `now`: what was held until then has moved the camera until then.
+    /// Records that a key went down or up at `now`, after moving the camera up to then.
     pub(super) fn set(
         &mut self,
         now: Duration,
@@ -59,7 +59,7 @@ impl Keys {
         }
     }
 
-    /// All keys are let go of: the window lost them.
+    /// Releases all keys: the window has lost focus.
     pub(super) fn release(&mut self, now: Duration, controller: Option<&mut CameraController>) {
         self.advance(now, controller);
         self.held.clear();

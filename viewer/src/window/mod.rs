@@ -1,4 +1,4 @@
-//! The viewer's window: camera, overlay, and a frame whenever something has changed.
+//! Window mode: camera, overlay, and a frame whenever something has changed.
 
 mod app;
 mod camera;
@@ -24,10 +24,10 @@ use app::Event;
 /// Runs the viewer in a window until it is closed.
 ///
 /// # Errors
-/// One line that says what went wrong and what to do.
+/// One line with the fault and the remedy.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let events = EventLoop::<Event>::with_user_event().build().map_err(|why| {
-        // What the window system says names its own source files; for people that is noise.
+        // The window system's message names its source files, which does not help users.
         tracing::debug!("{why}");
         anyhow!(
             "no window can be opened: there is no display, or X11's libraries are missing (Debian and Ubuntu: \
@@ -36,7 +36,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         )
     })?;
     let proxy = events.create_proxy();
-    signals::on_end(move |signal| {
+    signals::on_termination(move |signal| {
         // Fails only once the window is gone.
         let _ = proxy.send_event(Event::End(signal));
     })?;

@@ -1,4 +1,4 @@
-//! What is written over the picture, and what can be changed there.
+//! Overlay: statistics over the picture, and controls for settings.
 
 mod choices;
 mod rows;
@@ -13,23 +13,23 @@ use lodestream_render::{
 };
 
 pub(super) use choices::Choices;
-pub(super) use rows::Facts;
+pub(super) use rows::OverlayState;
 use rows::rows;
 
-/// Texels along a side of maps of shadows that are offered.
-const SIDES: [u32; 5] = [512, 1024, 2048, 4096, 8192];
-/// Sides of tiles of punctual lights, in pixels, that are offered.
-const TILES: [u32; 4] = [8, 16, 32, 64];
+/// Choices for the texels along a side of shadow maps.
+const SHADOW_MAP_SIDES: [u32; 5] = [512, 1024, 2048, 4096, 8192];
+/// Choices for the side of light culling tiles, in pixels.
+const LIGHT_TILE_SIDES_PX: [u32; 4] = [8, 16, 32, 64];
 
-/// Height of the window's title and borders, in points: what does not fit under it is scrolled.
+/// Height of the window's title and borders, in points; the rest scrolls.
 const FRAME_HEIGHT: f32 = 60.0;
-/// Most width of a figure, in points: what a slow device gives up is wrapped rather than hide the scene.
+/// Most width of a value, in points; longer text wraps.
 const VALUE_WIDTH: f32 = 560.0;
 
 /// Draws the overlay.
-pub(super) fn show(ui: &mut egui::Ui, stats: &Stats, facts: &Facts<'_>, choices: &mut Choices) {
+pub(super) fn show(ui: &mut egui::Ui, stats: &Stats, state: &OverlayState<'_>, choices: &mut Choices) {
     let context = ui.ctx().clone();
-    if let Some(message) = facts.message {
+    if let Some(message) = state.message {
         egui::Area::new(egui::Id::unique("message")).anchor(egui::Align2::CENTER_TOP, [0.0, 12.0]).show(
             &context,
             |ui| {
@@ -49,15 +49,15 @@ pub(super) fn show(ui: &mut egui::Ui, stats: &Stats, facts: &Facts<'_>, choices:
         egui::ScrollArea::vertical()
             .max_height(most)
             .min_scrolled_height(most)
-            .show(ui, |ui| contents(ui, stats, facts, choices));
+            .show(ui, |ui| contents(ui, stats, state, choices));
     });
 }
 
-fn contents(ui: &mut egui::Ui, stats: &Stats, facts: &Facts<'_>, choices: &mut Choices) {
+fn contents(ui: &mut egui::Ui, stats: &Stats, state: &OverlayState<'_>, choices: &mut Choices) {
     ui.style_mut().override_text_style = Some(egui::TextStyle::Small);
     let figures = egui::Grid::new("figures").num_columns(2).max_col_width(VALUE_WIDTH);
     figures.spacing([10.0, 0.0]).show(ui, |ui| {
-        for (name, value) in rows(stats, facts) {
+        for (name, value) in rows(stats, state) {
             ui.label(name);
             ui.add(egui::Label::new(value).wrap());
             ui.end_row();
@@ -73,9 +73,9 @@ fn contents(ui: &mut egui::Ui, stats: &Stats, facts: &Facts<'_>, choices: &mut C
         ui.checkbox(&mut choices.frozen, "freeze selection");
         ui.checkbox(&mut choices.wireframe, "wireframe");
     });
-    egui::ComboBox::from_label("view").selected_text(choices.shade.name()).show_ui(ui, |ui| {
-        for shade in DebugView::ALL {
-            ui.selectable_value(&mut choices.shade, shade, shade.name());
+    egui::ComboBox::from_label("view").selected_text(choices.debug_view.name()).show_ui(ui, |ui| {
+        for view in DebugView::ALL {
+            ui.selectable_value(&mut choices.debug_view, view, view.name());
         }
     });
     ui.horizontal_wrapped(|ui| {
@@ -97,19 +97,19 @@ fn contents(ui: &mut egui::Ui, stats: &Stats, facts: &Facts<'_>, choices: &mut C
     egui::ComboBox::from_label("anti-aliasing").selected_text(choices.anti_aliasing.name()).show_ui(
         ui,
         |ui| {
-            for way in AntiAliasing::ALL {
-                ui.selectable_value(&mut choices.anti_aliasing, way, way.name());
+            for method in AntiAliasing::ALL {
+                ui.selectable_value(&mut choices.anti_aliasing, method, method.name());
             }
         },
     );
     ui.collapsing("parameters of passes", |ui| parameters(ui, choices));
-    let times = ui.collapsing("times of passes", |ui| times(ui, &facts.times));
+    let times = ui.collapsing("times of passes", |ui| times(ui, &state.times));
     choices.timed = times.body_returned.is_some();
     ui.separator();
     ui.small("drag: turn · right drag: pan · wheel: nearer · F: fly or orbit · WASD QE: move · R: reset · H: hide this");
 }
 
-/// What passes can be told.
+/// Controls for the parameters of passes.
 fn parameters(ui: &mut egui::Ui, choices: &mut Choices) {
     let Choices { ambient, maps, culling, .. } = choices;
     let slider = |ui: &mut egui::Ui, name: &str, slider: egui::Slider<'_>| {
@@ -158,7 +158,7 @@ fn parameters(ui: &mut egui::Ui, choices: &mut Choices) {
         slider(ui, "shadows: maps", egui::Slider::new(&mut maps.cascades, 1..=MAX_CASCADES as u32));
         ui.label("texels along a side");
         egui::ComboBox::from_id_salt("side").selected_text(maps.map_side.to_string()).show_ui(ui, |ui| {
-            for side in SIDES {
+            for side in SHADOW_MAP_SIDES {
                 ui.selectable_value(&mut maps.map_side, side, side.to_string());
             }
         });
@@ -166,7 +166,7 @@ fn parameters(ui: &mut egui::Ui, choices: &mut Choices) {
         slider(ui, "filter", egui::Slider::new(&mut maps.filter, 1..=MAX_FILTER));
         ui.label("punctual lights: tiles, px");
         egui::ComboBox::from_id_salt("tiles").selected_text(culling.tile_px.to_string()).show_ui(ui, |ui| {
-            for side in TILES {
+            for side in LIGHT_TILE_SIDES_PX {
                 ui.selectable_value(&mut culling.tile_px, side, side.to_string());
             }
         });
@@ -182,8 +182,8 @@ fn parameters(ui: &mut egui::Ui, choices: &mut Choices) {
         ui.label("way");
         let named = egui::ComboBox::from_id_salt("relief").selected_text(choices.relief_method.name());
         named.show_ui(ui, |ui| {
-            for way in ReliefMethod::ALL {
-                ui.selectable_value(&mut choices.relief_method, way, way.name());
+            for method in ReliefMethod::ALL {
+                ui.selectable_value(&mut choices.relief_method, method, method.name());
             }
         });
         ui.end_row();
@@ -222,7 +222,7 @@ fn parameters(ui: &mut egui::Ui, choices: &mut Choices) {
     });
 }
 
-/// What ink can be told.
+/// Controls for the parameters of ink.
 fn ink(ui: &mut egui::Ui, ink: &mut Ink) {
     let mut row = |name: &str, slider: egui::Slider<'_>| {
         ui.label(name);
@@ -236,7 +236,7 @@ fn ink(ui: &mut egui::Ui, ink: &mut Ink) {
     row("spattered by, levels", egui::Slider::new(&mut ink.spatter, 0.0..=1.0));
 }
 
-/// What passes took, a row each.
+/// Times of passes, a row each.
 fn times(ui: &mut egui::Ui, times: &Timings) {
     let ms = |time: Duration| format!("{:.2}", time.as_secs_f64() * 1e3);
     egui::Grid::new("times").num_columns(3).spacing([10.0, 0.0]).striped(true).show(ui, |ui| {
@@ -264,7 +264,7 @@ mod tests {
     use lodestream_render::Settings;
 
     /// All text that the overlay draws.
-    fn drawn(facts: &Facts<'_>, hidden: bool) -> String {
+    fn drawn(state: &OverlayState<'_>, hidden: bool) -> String {
         fn collect(shape: &egui::Shape, text: &mut String) {
             match shape {
                 egui::Shape::Vec(shapes) => shapes.iter().for_each(|shape| collect(shape, text)),
@@ -280,8 +280,8 @@ mod tests {
             let area = egui::Rect::from_min_size(egui::Pos2::ZERO, egui::vec2(1280.0, 720.0));
             let input = egui::RawInput { screen_rect: Some(area), ..egui::RawInput::default() };
             let stats = Stats::default();
-            let mut output = context.run_ui(input, |ui| show(ui, &stats, facts, &mut choices));
-            // egui insists that nobody forgets them.
+            let mut output = context.run_ui(input, |ui| show(ui, &stats, state, &mut choices));
+            // egui panics if they are dropped unused.
             output.textures_delta.clear();
             text.clear();
             output.shapes.iter().for_each(|clipped| collect(&clipped.shape, &mut text));
@@ -290,19 +290,19 @@ mod tests {
     }
 
     #[test]
-    fn what_a_slow_device_gives_up_is_on_the_screen_beside_its_name() {
+    fn the_step_of_quality_is_drawn_beside_its_name() {
         let quality = Quality::new(true).describe();
         assert!(quality.starts_with("step 9 of 9: "), "{quality}");
-        let facts = Facts { quality: quality.clone(), ..Facts::default() };
-        let text = drawn(&facts, false);
+        let state = OverlayState { quality: quality.clone(), ..OverlayState::default() };
+        let text = drawn(&state, false);
         let lines: Vec<&str> = text.lines().collect();
         assert!(lines.windows(2).any(|pair| pair == ["quality", &quality]), "{text}");
-        assert!(!drawn(&facts, true).contains(&quality), "a hidden overlay shows messages alone");
+        assert!(!drawn(&state, true).contains(&quality), "a hidden overlay shows messages alone");
     }
 
     #[test]
-    fn a_message_is_on_the_screen_even_where_the_overlay_is_hidden() {
-        let facts = Facts { message: Some("nobody answers"), ..Facts::default() };
-        assert_eq!(drawn(&facts, true).trim(), "nobody answers");
+    fn a_message_is_drawn_even_if_the_overlay_is_hidden() {
+        let state = OverlayState { message: Some("nobody answers"), ..OverlayState::default() };
+        assert_eq!(drawn(&state, true).trim(), "nobody answers");
     }
 }

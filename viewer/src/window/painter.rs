@@ -1,4 +1,4 @@
-//! Surface, renderer and overlay painter: everything that a frame in a window needs.
+//! Draws frames into the window: surface, renderer and overlay.
 
 use std::sync::Arc;
 
@@ -11,10 +11,10 @@ use lodestream_render::{
     Compiler, Counters, EMPTY_WINDOW, Frame, Gpu, Renderer, Settings, Target, TargetCopy,
 };
 
-/// Time between two looks at whether the device is open.
+/// Interval of checks whether the device is open.
 const OPENING_INTERVAL: std::time::Duration = std::time::Duration::from_millis(2);
 
-/// Threads that compile what the first frame needs, beside the one that uploads it.
+/// Threads that compile the first frame's pipelines, besides the one that uploads it.
 const COMPILING_THREADS: usize = 2;
 
 /// A window's surface and what draws into it.
@@ -26,7 +26,7 @@ pub(super) struct Painter {
     config: wgpu::SurfaceConfiguration,
     input: egui_winit::State,
     overlay: egui_wgpu::Renderer,
-    /// Compile what frames need once they give nothing up, and with each step of quality.
+    /// Compilers for the pipelines of full quality and of all other steps.
     later: Vec<Compiler>,
     /// Whether frames are copied for [`Painted::copy`].
     copies: bool,
@@ -35,7 +35,7 @@ pub(super) struct Painter {
 /// Draws a scene's frame into the window.
 pub(super) type DrawScene<'a> = dyn FnMut(&Frame<'_>) -> anyhow::Result<Counters> + 'a;
 
-/// What of a painter can be made on any thread.
+/// The parts of a painter that can be made on any thread.
 struct Device {
     gpu: Gpu,
     renderer: Renderer,
@@ -63,7 +63,7 @@ impl Device {
         config.format = plain.unwrap_or(config.format);
         config.present_mode = wgpu::PresentMode::AutoVsync;
         if gpu.is_software() {
-            // Frames that wait behind others would only show where the camera was.
+            // Queued frames would only show earlier camera positions.
             config.desired_maximum_frame_latency = 1;
         }
         if copies {
@@ -75,7 +75,7 @@ impl Device {
         }
         surface.configure(&gpu.device, &config);
         let renderer = Renderer::without_pipelines(&gpu, config.format)?;
-        // Most scenes that are shown in a window have ground, and none says so before its header is here.
+        // Compiled with terrain: most scenes have it, and it is known only once the header arrives.
         let [first, later] = settings(&gpu).map(|all| {
             all.iter().map(|settings| renderer.compiler(&gpu, settings, true)).collect::<Vec<_>>()
         });
@@ -90,20 +90,20 @@ impl Device {
     }
 }
 
-/// What came of a frame.
+/// Result of painting a frame.
 pub(super) struct Painted {
     /// Counters of the scene's passes; `None` if no frame with the scene was shown.
     pub(super) counters: Option<Counters>,
-    /// What was shown, where it is to be kept.
+    /// Copy of the frame, if frames are captured.
     pub(super) copy: Option<TargetCopy>,
     /// When the overlay wants to be drawn again.
     pub(super) repaint_after: std::time::Duration,
 }
 
 impl Painter {
-    /// Opens the window's device on a thread of its own; until that is done, `meanwhile` is called again and again. Then
-    /// threads compile what is needed for the first frame's `settings`, while the first frame is uploaded; a frame waits for
-    /// what it lacks. `copies`: frames are to be kept.
+    /// Opens the window's device on a thread of its own and calls `meanwhile` repeatedly until it is open. Then threads
+    /// compile the pipelines for the first frame's `settings`, while the first frame is uploaded; a frame waits for missing
+    /// pipelines. `copies`: frames are captured.
     pub(super) fn new(
         window: Arc<Window>,
         display: OwnedDisplayHandle,
@@ -132,18 +132,17 @@ impl Painter {
         Ok(Self { window, gpu, renderer, surface, config, input, overlay, later, copies })
     }
 
-    /// Begins to compile what frames need that give nothing up, or less than the first. That one need not share the
-    /// processor with it.
+    /// Starts compiling the remaining pipelines. Called after the first frame, so as not to delay it.
     pub(super) fn compile_rest(&mut self) {
         let later = std::mem::take(&mut self.later);
         if !later.is_empty() {
-            // Without a thread each frame compiles what it lacks.
+            // If there is no thread, frames compile their missing pipelines.
             let compile = move || later.iter().for_each(Compiler::compile);
             let _ = std::thread::Builder::new().name("pipelines".into()).spawn(compile);
         }
     }
 
-    /// Whether the device is a processor that draws by software.
+    /// Whether the device is a software driver.
     pub(super) fn is_software(&self) -> bool {
         self.gpu.is_software()
     }
@@ -162,8 +161,8 @@ impl Painter {
         }
     }
 
-    /// Offers an event to the overlay; says whether it took it, and whether it must be drawn again.
-    pub(super) fn offer(&mut self, event: &winit::event::WindowEvent) -> (bool, bool) {
+    /// Passes an event to the overlay; returns whether the overlay consumed it, and whether it must be redrawn.
+    pub(super) fn pass_event(&mut self, event: &winit::event::WindowEvent) -> (bool, bool) {
         let response = self.input.on_window_event(&self.window, event);
         (response.consumed, response.repaint)
     }
@@ -177,7 +176,7 @@ impl Painter {
         let raw = self.input.take_egui_input(&self.window);
         let context = self.input.egui_ctx().clone();
         let mut output = context.run_ui(raw, overlay);
-        // Taken out: egui insists that nobody forgets them.
+        // Taken out, because egui panics if they are dropped unused.
         let new_textures = std::mem::take(&mut output.textures_delta.set);
         let old_textures = std::mem::take(&mut output.textures_delta.free);
         self.input.handle_platform_output(&self.window, output.platform_output);
@@ -207,7 +206,7 @@ impl Painter {
                 let load = if counters.is_some() {
                     wgpu::LoadOp::Load
                 } else {
-                    wgpu::LoadOp::Clear(nothing(self.config.format))
+                    wgpu::LoadOp::Clear(empty_color(self.config.format))
                 };
                 let screen = egui_wgpu::ScreenDescriptor {
                     size_in_pixels: self.size(),
@@ -254,8 +253,8 @@ impl Painter {
     }
 }
 
-/// [`EMPTY_WINDOW`] as it is given to a target of this format.
-fn nothing(format: wgpu::TextureFormat) -> wgpu::Color {
+/// [`EMPTY_WINDOW`] as a clear colour for a target of this format.
+fn empty_color(format: wgpu::TextureFormat) -> wgpu::Color {
     let [r, g, b] = EMPTY_WINDOW.map(|value| {
         let encoded = f64::from(value) / 255.0;
         // The sRGB curve (IEC 61966-2-1).

@@ -1,116 +1,118 @@
-//! How well a frame is drawn while the camera moves: as well as the device can at [`LEAST_FPS`], and in full once it
-//! rests.
+//! Adaptive quality: while the camera moves, frames are drawn as well as the device can at [`MIN_FPS`]; once it rests, at
+//! full quality.
 
 mod table;
 
 use std::time::Duration;
 
 use table::STEPS;
-pub(super) use table::{FULL, Step, all_of};
+pub(super) use table::{FULL, Step, limited_settings};
 
-/// Frames a second that a moving camera needs.
-const LEAST_FPS: f64 = 15.0;
-/// Time of a frame that is aimed at: some below what is needed, since frames differ.
-const AIM_S: f64 = 0.85 / LEAST_FPS;
-/// A finer step is taken while moving where it would fit into this share of the time, for so many frames in a row.
-const ROOM: f64 = 0.6;
-const ROOM_FRAMES: u32 = 8;
-/// Frames by which shadows may be late while more of the scene is on its way.
-const LATE_WHILE_COMING: u32 = 3;
-/// The camera rests when it has not moved for so long.
+/// Least frame rate while the camera moves.
+const MIN_FPS: f64 = 15.0;
+/// Target time of a frame, with some reserve, since frames differ.
+const TARGET_S: f64 = 0.85 / MIN_FPS;
+/// A finer step is taken while moving if it is estimated to fit into this share of [`TARGET_S`] for [`HEADROOM_FRAMES`].
+const HEADROOM: f64 = 0.6;
+/// Frames in a row with headroom before a finer step is taken.
+const HEADROOM_FRAMES: u32 = 8;
+/// Frames by which shadows may be out of date while more of the scene arrives.
+const LATE_WHILE_STREAMING: u32 = 3;
+/// Time without movement after which the camera counts as resting.
 const REST: Duration = Duration::from_millis(200);
 
-/// Chooses the step of each frame.
+/// Chooses each frame's step of quality by the measured time of frames.
 #[derive(Clone, Debug)]
 pub(super) struct Quality {
     step: usize,
-    moved: Option<Duration>,
-    /// What the last frame says that one in full takes, in seconds, by the table's costs.
+    moved_at: Option<Duration>,
+    /// Estimated time of a frame at full quality, in seconds, from the last frame and the table's costs.
     full_s: f64,
-    /// Frames in a row in which a finer step would have fitted.
-    roomy: u32,
+    /// Frames in a row with headroom for a finer step.
+    headroom_frames: u32,
 }
 
 impl Quality {
-    /// On a device that is known to be `slow` the first frames are drawn as fast as can be; on others in full.
+    /// On a device known to be `slow`, the first frames are drawn at the lowest quality; on others at full quality.
     pub(super) fn new(slow: bool) -> Self {
-        Self { step: if slow { STEPS.len() - 1 } else { 0 }, moved: None, full_s: 0.0, roomy: 0 }
+        Self { step: if slow { STEPS.len() - 1 } else { 0 }, moved_at: None, full_s: 0.0, headroom_frames: 0 }
     }
 
-    /// The camera has moved. Where it rested before, the first frame need not be slow to show that frames are.
+    /// Records a movement of the camera. After a rest, the step is chosen from the estimate, so that not even the first
+    /// frame is slow.
     pub(super) fn moved(&mut self, now: Duration) {
-        if !self.is_moving(now) && self.full_s * self.step().cost > 1.0 / LEAST_FPS {
-            self.step = self.enough().max(self.step);
+        if !self.is_moving(now) && self.full_s * self.step().cost > 1.0 / MIN_FPS {
+            self.step = self.fast_enough().max(self.step);
         }
-        self.moved = Some(now);
+        self.moved_at = Some(now);
     }
 
     /// Whether the camera counts as moving.
     pub(super) fn is_moving(&self, now: Duration) -> bool {
-        self.moved.is_some_and(|at| now < at + REST)
+        self.moved_at.is_some_and(|at| now < at + REST)
     }
 
-    /// Takes note of a frame with the scene in it, which took `frame_s` seconds from when it was `begun` on: whether the
-    /// camera moves is what counted then, since a slow frame outlasts [`REST`].
+    /// Records a frame of the scene that took `frame_s` seconds. Whether the camera moves is judged at its beginning
+    /// (`begun`), since a slow frame outlasts [`REST`].
     pub(super) fn drawn(&mut self, begun: Duration, frame_s: f64) {
         self.full_s = frame_s / self.step().cost;
         if !self.is_moving(begun) {
-            // Two at a time, or half of them: each is a frame that the user waits for.
+            // Two steps, or half of them, at once: each is a frame that the user waits for.
             self.step = self.step.saturating_sub(2).min(self.step / 2);
-            self.roomy = 0;
+            self.headroom_frames = 0;
             return;
         }
-        if frame_s > 1.0 / LEAST_FPS {
-            // Where the estimate says that the present step is enough and it was not, one more.
-            self.step = self.enough().max((self.step + 1).min(STEPS.len() - 1));
-            self.roomy = 0;
-        } else if self.step > 0 && self.full_s * STEPS[self.step - 1].cost <= ROOM * AIM_S {
-            self.roomy += 1;
-            if self.roomy >= ROOM_FRAMES {
+        if frame_s > 1.0 / MIN_FPS {
+            // One step more if the estimate says that the present one should suffice.
+            self.step = self.fast_enough().max((self.step + 1).min(STEPS.len() - 1));
+            self.headroom_frames = 0;
+        } else if self.step > 0 && self.full_s * STEPS[self.step - 1].cost <= HEADROOM * TARGET_S {
+            self.headroom_frames += 1;
+            if self.headroom_frames >= HEADROOM_FRAMES {
                 self.step -= 1;
-                self.roomy = 0;
+                self.headroom_frames = 0;
             }
         } else {
-            self.roomy = 0;
+            self.headroom_frames = 0;
         }
     }
 
-    /// The best step that should be fast enough; the last one if none is.
-    fn enough(&self) -> usize {
-        STEPS.iter().position(|step| self.full_s * step.cost <= AIM_S).unwrap_or(STEPS.len() - 1)
+    /// The best step that is estimated to be fast enough; the last one if none is.
+    fn fast_enough(&self) -> usize {
+        STEPS.iter().position(|step| self.full_s * step.cost <= TARGET_S).unwrap_or(STEPS.len() - 1)
     }
 
-    /// What the next frame is drawn with.
+    /// The next frame's step.
     pub(super) const fn step(&self) -> Step {
         STEPS[self.step]
     }
 
-    /// Time of the next frame over that of one in full, as the table says.
+    /// The next frame's cost relative to full quality, from the table.
     #[cfg(test)]
     pub(super) const fn cost(&self) -> f64 {
         self.step().cost
     }
 
-    /// Frames for which maps of shadows may show things as they were while more of the scene is on its way: some on a
-    /// device that is too slow to draw all anew each time.
+    /// Frames by which shadow maps may be out of date while more of the scene arrives: more than 0 on a device that is too
+    /// slow to draw them anew each time.
     pub(super) fn late_shadows(&self) -> u32 {
-        if self.full_s > 1.0 / LEAST_FPS { LATE_WHILE_COMING } else { 0 }
+        if self.full_s > 1.0 / MIN_FPS { LATE_WHILE_STREAMING } else { 0 }
     }
 
-    /// When another frame is due for a better picture: never, at once, or once the camera counts as resting.
+    /// Time until another frame improves the quality: at once or when the camera counts as resting; `None` at full quality.
     pub(super) fn due(&self, now: Duration) -> Option<Duration> {
         if self.step == 0 {
             return None;
         }
-        Some(self.moved.map_or(Duration::ZERO, |at| (at + REST).saturating_sub(now)))
+        Some(self.moved_at.map_or(Duration::ZERO, |at| (at + REST).saturating_sub(now)))
     }
 
-    /// Whether nothing is given up.
+    /// Whether frames are drawn at full quality.
     pub(super) const fn is_full(&self) -> bool {
         self.step == 0
     }
 
-    /// For the overlay.
+    /// Text for the overlay.
     pub(super) fn describe(&self) -> String {
         if self.is_full() {
             return "full".into();
@@ -125,7 +127,7 @@ mod tests {
     use super::*;
     use lodestream_render::{AntiAliasing, MAX_LIGHTS, Settings};
 
-    /// A device that takes `full_s` for a frame in full, and for others as the table says but for a `bias` of its own.
+    /// A device that takes `full_s` for a frame at full quality; costs of other steps are the table's to the power of `bias`.
     struct Device {
         full_s: f64,
         bias: f64,
@@ -156,7 +158,7 @@ mod tests {
             let mut quality = Quality::new(false);
             let all = frames(&device, &mut quality);
             let flying: Vec<_> = all.iter().filter(|(at, ..)| (2.5..5.0).contains(at)).collect();
-            assert!(flying.iter().all(|(_, took, _)| *took <= 1.0 / LEAST_FPS), "{bias}: {flying:?}");
+            assert!(flying.iter().all(|(_, took, _)| *took <= 1.0 / MIN_FPS), "{bias}: {flying:?}");
             let first = all.iter().find(|(at, took, _)| *at - took >= 1.0).expect("it moves");
             assert!(first.2 > 1, "{bias}: the first frame under way is drawn in full: {first:?}");
             let changes = flying.windows(2).filter(|pair| pair[0].2 != pair[1].2).count();
@@ -167,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fast_device_never_gives_anything_up() {
+    fn a_fast_device_always_draws_at_full_quality() {
         let mut quality = Quality::new(false);
         assert!(
             frames(&Device { full_s: 0.01, bias: 1.0 }, &mut quality).iter().all(|(.., step)| *step == 0)
@@ -200,7 +202,7 @@ mod tests {
         ("punctual lights", |step| step.punctual_lights < MAX_LIGHTS as u32),
         ("occlusion", |step| step.samples == 0),
         ("fewest punctual lights", |step| step.punctual_lights < 64),
-        ("relief", |step| !step.of(&Settings::default()).relief),
+        ("relief", |step| !step.limit(&Settings::default()).relief),
     ];
 
     /// A camera that keeps moving on a device of which each frame in full takes `factor` of the time of that before, from
@@ -278,19 +280,19 @@ mod tests {
         let mut quality = Quality::new(false);
         let mut ways: Vec<AntiAliasing> = drift(&mut quality, 0.05, 1.03, 200)
             .into_iter()
-            .map(|step| STEPS[step].of(&temporal).anti_aliasing)
+            .map(|step| STEPS[step].limit(&temporal).anti_aliasing)
             .collect();
         ways.dedup();
         assert_eq!(ways, [AntiAliasing::Temporal, AntiAliasing::Spatial, AntiAliasing::None]);
     }
 
     #[test]
-    fn what_is_given_up_is_said() {
+    fn the_description_lists_what_is_given_up() {
         let mut quality = Quality::new(true);
         assert_eq!(
             quality.describe(),
             "step 9 of 9: ground 16× as coarse, shadows up to 12 frames late, 25 % of the pixels' sides, 2 shadow \
-             maps, edges not smoothed, meshes 4× as coarse, no occlusion, the 16 brightest punctual_lights, maps of 1024 texels \
+             maps, edges not smoothed, meshes 4× as coarse, no occlusion, the 16 brightest punctual lights, maps of 1024 texels \
              a side, no relief"
         );
         quality.step = 7;
@@ -298,6 +300,6 @@ mod tests {
         quality.step = 0;
         assert_eq!(quality.describe(), "full");
         // Steps that are nearer to each other would be jumped over.
-        assert!(STEPS.windows(2).all(|pair| pair[0].cost * AIM_S * LEAST_FPS > pair[1].cost));
+        assert!(STEPS.windows(2).all(|pair| pair[0].cost * TARGET_S * MIN_FPS > pair[1].cost));
     }
 }

@@ -1,4 +1,4 @@
-//! What lives as long as the window, and what a frame of it does.
+//! State that lives as long as the window, and the steps of its frames.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -18,24 +18,24 @@ use super::camera::{CameraController, Mode};
 use super::frame_capture::FrameCapture;
 use super::input;
 use super::keys::Keys;
-use super::overlay::{self, Choices, Facts};
+use super::overlay::{self, Choices, OverlayState};
 use super::painter::{self, Painted, Painter};
 use super::quality::{self, Quality, Step};
 use super::session_status::SessionStatus;
-use super::state::{Drawn, State};
+use super::state::{FrameStatus, State};
 use super::steps::{self, Steps};
 use crate::args::Args;
-use crate::frames::{Received, Shown};
-use crate::outcome::lacks;
+use crate::frames::{FrameLog, Received};
+use crate::outcome::describe_missing;
 use crate::run::{core_config, server, settings};
 use crate::token;
 
-/// Time between two looks at the tiles that are being made, while nothing else changes.
+/// Interval of checks for finished terrain tiles while nothing else changes.
 const TILES_INTERVAL: Duration = Duration::from_millis(50);
-/// Time between two pictures of the overlay while nothing else changes.
+/// Interval of overlay updates while nothing else changes.
 const OVERLAY_INTERVAL: Duration = Duration::from_millis(250);
 
-/// What lives as long as the window.
+/// State of an open window.
 pub(super) struct Running {
     pub(super) painter: Painter,
     streaming: Streaming,
@@ -52,39 +52,39 @@ pub(super) struct Running {
     counters: Counters,
     frame_ms: f64,
     fps: f64,
-    /// (moment, bytes) at the beginning of the interval over which throughput is measured.
+    /// Time and bytes at the start of the interval over which throughput is measured.
     window_start: (Instant, u64),
     bits_per_s: f64,
     pub(super) quality: Quality,
-    /// Whether the last frame showed all there is but for tiles of the terrain.
+    /// Whether the last frame lacked nothing but terrain tiles.
     only_tiles_missing: bool,
-    /// Heights of the ground are on their way.
+    /// Whether terrain heights are changing.
     ground_moves: bool,
-    /// By how much the ground below the eye is higher than the scene's.
+    /// Height of the terrain below the eye over that of the scene without exaggeration.
     rise: f64,
-    /// Something else than time asks for a frame.
+    /// Whether an event requires a frame.
     pub(super) dirty: bool,
-    pub(super) shown: Shown,
+    pub(super) shown: FrameLog,
     pub(super) capture: FrameCapture,
-    /// When the window said last what it waits for, before there was a scene in it.
+    /// When the overlay was last drawn before the first frame of the scene.
     waiting: Option<Instant>,
     pub(super) state: State,
-    /// Whether it was said that the picture is incomplete.
-    told_incomplete: bool,
+    /// Whether the incomplete picture has been logged.
+    reported_incomplete: bool,
 }
 
 impl Running {
-    /// Begins to stream, opens the window and its device.
+    /// Starts streaming, opens the window and its device.
     ///
     /// # Errors
-    /// One line that says what went wrong and what to do.
+    /// One line with the fault and the remedy.
     pub(super) fn start(
         args: &Args,
         notify: impl Fn() + Clone + Send + 'static,
         display: OwnedDisplayHandle,
         events: &ActiveEventLoop,
     ) -> anyhow::Result<Self> {
-        // First of all: the server answers while the window's device is opened and its pipelines are made.
+        // Before the device is opened: the server answers meanwhile.
         let mut streaming =
             Streaming::start(server(args)?, core_config(args)?, Retry::default(), notify.clone())?;
         token::follow(args.token_file.as_ref(), &streaming)?;
@@ -94,7 +94,7 @@ impl Running {
             .with_inner_size(winit::dpi::PhysicalSize::new(width, height))
             .with_min_inner_size(LogicalSize::new(64, 64));
         let mut scene = SceneView::with_terrain_apart(notify)?;
-        // What needs no device is done while it is opened: tables are computed, the terrain is measured.
+        // Work that needs no device runs while it is opened: computing tables and measuring the terrain.
         std::thread::Builder::new().name("tables".into()).spawn(lodestream_render::compute_tables)?;
         let first_args = args.clone();
         let painter = Painter::new(
@@ -103,7 +103,7 @@ impl Running {
             args.frames.is_some(),
             move |gpu| {
                 let full = settings(&first_args, gpu.is_software());
-                [vec![Quality::new(gpu.is_software()).step().of(&full)], quality::all_of(&full)]
+                [vec![Quality::new(gpu.is_software()).step().limit(&full)], quality::limited_settings(&full)]
             },
             || {
                 while scene.waiting() < MAX_WAITING_STEPS
@@ -141,12 +141,12 @@ impl Running {
             ground_moves: false,
             rise: 0.0,
             dirty: false,
-            shown: Shown::default(),
+            shown: FrameLog::default(),
             capture: FrameCapture::default(),
             painter,
             waiting: Some(now),
             state: State::Refining,
-            told_incomplete: false,
+            reported_incomplete: false,
         })
     }
 
@@ -154,9 +154,9 @@ impl Running {
         self.streaming.clock().now().into()
     }
 
-    /// Takes what the streaming thread has; says whether the picture may look different.
+    /// Takes status and steps from the streaming thread; returns whether the picture may change.
     pub(super) fn receive(&mut self) -> bool {
-        // The status first: what it says is settled lies in the steps taken after it.
+        // Before the steps: a status that says settled refers to steps that are taken below.
         let status = self.streaming.status();
         if let Some(message) = &status.message
             && Some(message) != self.status.status().message.as_ref()
@@ -174,7 +174,7 @@ impl Running {
     }
 
     /// Tells the streaming thread where the camera is and whether there are shadows, unless the selection is frozen.
-    pub(super) fn steer(&self) {
+    pub(super) fn send_view(&self) {
         if let Some(controller) = &self.controller
             && !self.choices.frozen
         {
@@ -202,8 +202,8 @@ impl Running {
         }
     }
 
-    /// Whether the picture would be the last one again: nothing but tiles of the terrain is waited for, and those that came
-    /// since are not enough for finer ground. Drawing it would only take the processor from those who make them.
+    /// Whether the next picture would equal the last: only terrain tiles are missing, and the new ones do not suffice for
+    /// finer terrain. Drawing it would only take CPU time from making tiles.
     fn is_unchanged(&mut self) -> anyhow::Result<bool> {
         if self.ground_moves
             || !self.only_tiles_missing
@@ -224,11 +224,11 @@ impl Running {
         )
     }
 
-    /// Moves the ground on, and the camera with what is below it.
+    /// Advances changing terrain heights, and moves the camera with the terrain below it.
     fn move_ground(&mut self) -> anyhow::Result<()> {
         let now_s = self.now().as_secs_f32();
         let [factor, seconds] = self.choices.heights;
-        // What nobody has seen is not moved.
+        // Terrain that has not been shown does not move.
         if factor != self.scene.heights().target() && self.shown.has_begun() {
             self.scene.multiply_heights(factor, seconds, now_s)?;
         }
@@ -250,12 +250,12 @@ impl Running {
         Ok(self.scene.prepare_ground(&self.painter.gpu, &camera, (width, height), px, shadows)?)
     }
 
-    /// Draws a frame; says when the next is due.
+    /// Draws a frame; returns the time until the next.
     pub(super) fn frame(&mut self, args: &Args) -> anyhow::Result<Duration> {
         if self.is_unchanged()? {
             return Ok(TILES_INTERVAL);
         }
-        // What has come until now is in this frame.
+        // Events until now are part of this frame.
         self.dirty = false;
         let (began, begun) = (Instant::now(), self.now());
         let now_s = begun.as_secs_f32();
@@ -275,10 +275,10 @@ impl Running {
                 self.capture.add(now, whole, received, copy);
             }
             self.counters = counters;
-            // What the screen is waited for is in it.
+            // Includes waiting for the screen.
             self.quality.drawn(begun, self.frame_ms / 1e3);
         }
-        let drawn = Drawn {
+        let drawn = FrameStatus {
             shows,
             morphing: self.ground_moves || now_s - self.scene.changed_s() <= self.settings.morph_s,
             unfinished: self.counters.is_unfinished(),
@@ -287,55 +287,56 @@ impl Running {
             waiting_steps: self.scene.waiting(),
             missing_tiles: self.scene.missing_tiles(),
         };
-        let only_tiles = drawn.lacks_tiles_at_most() && self.status.status().settled;
+        let only_tiles = drawn.is_final_except_tiles() && self.status.status().settled;
         self.only_tiles_missing = shows && only_tiles && drawn.missing_tiles > 0;
-        self.look_at_state(&drawn);
-        // While the camera may move on, the picture is not made better yet.
+        self.update_state(&drawn);
+        // Quality is raised only once the camera rests.
         let better = if full { None } else { self.quality.due(self.now()) };
         if self.only_tiles_missing && !self.keys.is_pushing() {
             return Ok(TILES_INTERVAL);
         }
-        if self.keys.is_pushing() || (shows && !drawn.rests() && better.is_none_or(|wait| wait.is_zero())) {
+        if self.keys.is_pushing() || (shows && !drawn.is_final() && better.is_none_or(|wait| wait.is_zero()))
+        {
             return Ok(Duration::ZERO);
         }
-        // Figures change while something is received, and once more when nothing was for a while.
+        // The overlay's values change while data arrives, and once more after it stops.
         let figures = self.state == State::Refining || self.bits_per_s > 0.0;
         let repaint_after = painted.repaint_after.min(better.filter(|_| shows).unwrap_or(Duration::MAX));
         Ok(if figures { repaint_after.min(OVERLAY_INTERVAL) } else { repaint_after })
     }
 
-    /// What the frame gives up of its quality.
+    /// The frame's step of quality.
     fn step(&self) -> Step {
         if self.choices.adapt { self.quality.step() } else { quality::FULL }
     }
 
-    /// The frame's shadows, but for how late they may be.
+    /// The frame's shadow settings, without their staleness.
     fn shadows(&self) -> Option<Shadows> {
-        self.step().of(&self.settings).shadows
+        self.step().limit(&self.settings).shadows
     }
 
-    /// Says how far the picture is.
-    fn look_at_state(&mut self, drawn: &Drawn) {
+    /// Updates the picture's state after a frame.
+    fn update_state(&mut self, drawn: &FrameStatus) {
         let stats = &self.status.status().stats;
         self.state = State::of(self.status.status(), drawn, self.shown.presented().is_some());
         match self.state {
             State::Settled => self.shown.note_settled(self.streaming.clock().now().into()),
-            State::Incomplete if !self.told_incomplete => {
-                self.told_incomplete = true;
-                tracing::warn!("{}", lacks(stats.lacking_blobs, &stats.lacking));
+            State::Incomplete if !self.reported_incomplete => {
+                self.reported_incomplete = true;
+                tracing::warn!("{}", describe_missing(stats.lacking_blobs, &stats.lacking));
             }
             State::Incomplete | State::Refining => {}
         }
     }
 
-    /// Draws scene and overlay, and takes what was changed there.
+    /// Draws scene and overlay, and applies changes made in the overlay.
     fn paint(&mut self, args: &Args, now_s: f32) -> anyhow::Result<Painted> {
         let address = args.address.to_string();
-        // What does not come is not waited for: the others are shown.
-        let all_there_is = self.scene.is_whole() || self.status.status().stats.lacking_blobs > 0;
-        let shows = self.shown.may_show(all_there_is, self.now());
+        // Missing blobs are not waited for.
+        let is_complete = self.scene.is_whole() || self.status.status().stats.lacking_blobs > 0;
+        let shows = self.shown.may_show(is_complete, self.now());
         if !shows {
-            // What arrives meanwhile changes nothing on the screen, and a frame would keep the first one waiting.
+            // New data does not change the empty window, and drawing it would delay the first frame.
             if let Some(left) = self.waiting.and_then(|at| OVERLAY_INTERVAL.checked_sub(at.elapsed())) {
                 return Ok(Painted { counters: None, copy: None, repaint_after: left });
             }
@@ -344,7 +345,7 @@ impl Running {
             self.prepare_ground()?;
         }
         let message = self.status.message().or_else(|| (!shows).then(|| self.loading().into()));
-        let facts = Facts {
+        let overlay_state = OverlayState {
             adapter: &self.adapter,
             address: &address,
             message: message.as_deref(),
@@ -368,8 +369,8 @@ impl Running {
         self.painter.renderer.time_passes(&self.painter.gpu, table || args.stats.is_some());
         let (camera, step) = (self.camera(), self.step());
         let mut choices = self.choices;
-        let mut settings = step.of(&self.settings);
-        // While there is more to come, the next frame is soon enough.
+        let mut settings = step.limit(&self.settings);
+        // While more changes are pending, shadows may be out of date for some frames.
         let morphing = now_s - self.scene.changed_s() <= self.settings.morph_s;
         let settled = self.status.status().settled && self.scene.waiting() == 0 && !morphing;
         let coming = if settled { 0 } else { self.quality.late_shadows() };
@@ -377,7 +378,7 @@ impl Running {
         settings.shadows = settings.shadows.map(|shadows| Shadows { max_staleness, ..shadows });
         let (stats, scene) = (&self.status.status().stats, &self.scene);
         let painted = self.painter.paint(
-            |ui| overlay::show(ui, stats, &facts, &mut choices),
+            |ui| overlay::show(ui, stats, &overlay_state, &mut choices),
             shows.then_some(|draw: &mut painter::DrawScene<'_>| {
                 scene.with_frame(camera, settings, now_s, |frame| draw(frame))
             }),
@@ -390,7 +391,7 @@ impl Running {
         Ok(painted)
     }
 
-    /// What is said while the first frame is not complete.
+    /// Message shown until the first frame is complete.
     fn loading(&self) -> String {
         let stats = &self.status.status().stats;
         let (here, all) = (stats.counters.drawable_instances, stats.counters.visible_instances);
@@ -424,7 +425,7 @@ impl Running {
     }
 }
 
-/// A frame of the window.
+/// The steps of a window's frame.
 struct FrameSteps<'a> {
     running: &'a mut Running,
     args: &'a Args,
@@ -439,7 +440,7 @@ impl Steps for FrameSteps<'_> {
         let running = &mut *self.running;
         running.receive();
         let was_whole = running.scene.is_whole();
-        // What the first frame needs is little, and is not put off.
+        // The first frame needs few bytes: they are uploaded at once.
         let frame = Duration::from_secs_f64(running.frame_ms / 1e3);
         let budget = if running.shown.has_begun() { upload_budget(frame) } else { usize::MAX };
         running.scene.upload(&running.painter.gpu, &running.painter.renderer, budget, self.now_s)?;
@@ -460,7 +461,7 @@ impl Steps for FrameSteps<'_> {
     }
 
     fn send_view(&mut self) {
-        self.running.steer();
+        self.running.send_view();
     }
 
     fn paint(&mut self) -> anyhow::Result<Painted> {

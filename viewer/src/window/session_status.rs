@@ -1,9 +1,11 @@
-//! What the window knows of the session: its newest status, and what of it a user reads.
+//! The session's newest status, and its messages for the user.
 
 use std::borrow::Cow;
 
 use lodestream_client::net::End;
 use lodestream_client::streaming::Status;
+
+use crate::outcome::describe_end;
 
 /// The newest status.
 #[derive(Debug, Default)]
@@ -12,7 +14,7 @@ pub(super) struct SessionStatus {
 }
 
 impl SessionStatus {
-    /// Takes a newer status; says whether the picture looks different for it.
+    /// Takes a newer status; returns whether the picture changes with it.
     pub(super) fn take(&mut self, status: Status) -> bool {
         let before = (self.message().map(Cow::into_owned), self.status.settled);
         self.status = status;
@@ -23,8 +25,8 @@ impl SessionStatus {
         &self.status
     }
 
-    /// What is written over the picture. Made of the status whenever it is asked for: a message put aside would be
-    /// replaced by the next status before anybody saw it.
+    /// Message over the picture. Derived from the status on each call: a stored message could be replaced before it is
+    /// drawn.
     pub(super) fn message(&self) -> Option<Cow<'_, str>> {
         match &self.status.end {
             Some(End::Closed(close)) => {
@@ -36,12 +38,11 @@ impl SessionStatus {
         }
     }
 
-    /// Why the program has to end. What is here stays on the screen, so a session that ends is no reason where there
-    /// is a scene.
+    /// Why the program has to end. If there is a scene, it stays on the screen after the session's end.
     pub(super) fn fatal(&self, has_scene: bool) -> Option<String> {
         match &self.status.end {
-            Some(end @ End::Unreachable { .. }) => Some(end.to_string()),
-            Some(end @ End::Closed(_)) if !has_scene => Some(end.to_string()),
+            Some(end @ End::Unreachable { .. }) => Some(describe_end(end)),
+            Some(end @ End::Closed(_)) if !has_scene => Some(describe_end(end)),
             Some(End::Closed(_) | End::Left) | None => None,
         }
     }
@@ -57,7 +58,7 @@ mod tests {
         Status { end: Some(End::Closed(close)), ..Status::default() }
     }
 
-    /// The status came with an event, the frame that it led to took it again, and the message was lost between.
+    /// The message was lost when the frame took the status a second time.
     #[test]
     fn the_message_of_the_sessions_end_is_still_there_when_the_frame_is_drawn() {
         let mut status = SessionStatus::default();
@@ -69,7 +70,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_streaming_thread_says_is_the_message() {
+    fn the_message_is_that_of_the_streaming_thread() {
         let mut status = SessionStatus::default();
         assert!(status.take(Status { message: Some("nobody answers".into()), ..Status::default() }));
         assert_eq!(status.message().as_deref(), Some("nobody answers"));
@@ -77,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn only_an_end_that_leaves_nothing_to_see_ends_the_program() {
+    fn only_an_end_without_a_scene_ends_the_program() {
         let mut status = SessionStatus::default();
         assert_eq!(status.fatal(false), None);
         status.take(closed());

@@ -1,64 +1,64 @@
-//! How far the picture is: what has to hold before the window says that it will not change.
+//! State of the picture: whether it is final.
 
 use lodestream_client::net::End;
 use lodestream_client::streaming::Status;
 
-/// How far the picture is.
+/// State of the picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum State {
-    /// It will change.
+    /// It may change.
     #[default]
     Refining,
-    /// It is as sharp as asked for and will stay as it is.
+    /// It is as sharp as requested, and final.
     Settled,
-    /// It will stay as it is, but lacks something that does not come.
+    /// It is final, but lacks blobs that will not arrive.
     Incomplete,
 }
 
-/// What the last frame was like.
+/// Properties of the last frame.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Drawn {
-    /// It was shown, with the scene in it.
+pub(super) struct FrameStatus {
+    /// It showed the scene.
     pub(super) shows: bool,
-    /// Vertices were on their way to their places.
+    /// Vertices were morphing.
     pub(super) morphing: bool,
-    /// The mean over frames, which smooths its edges, is of too few.
+    /// Temporal averages were not complete.
     pub(super) unfinished: bool,
-    /// Nothing of its quality was given up.
+    /// It was drawn at full quality.
     pub(super) full: bool,
-    /// Maps of shadows that show things as they were.
+    /// Shadow maps that were out of date.
     pub(super) late_shadow_maps: u32,
-    /// Steps of the streaming thread that were not uploaded yet.
+    /// Steps not uploaded yet.
     pub(super) waiting_steps: usize,
-    /// Terrain tiles in whose place coarser ones were drawn.
+    /// Terrain tiles replaced by coarser ones.
     pub(super) missing_tiles: usize,
 }
 
-impl Drawn {
-    /// Whether it showed all that has come, and would look the same again.
-    pub(super) const fn rests(&self) -> bool {
-        self.lacks_tiles_at_most()
+impl FrameStatus {
+    /// Whether it showed everything received and would look the same if drawn again.
+    pub(super) const fn is_final(&self) -> bool {
+        self.is_final_except_tiles()
             && !self.unfinished
             && self.late_shadow_maps == 0
             && self.missing_tiles == 0
     }
 
-    /// Whether it showed all that has come but for tiles of the terrain.
-    pub(super) const fn lacks_tiles_at_most(&self) -> bool {
+    /// As [`Self::is_final`], except for terrain tiles and averages over frames.
+    pub(super) const fn is_final_except_tiles(&self) -> bool {
         !self.morphing && self.full && self.waiting_steps == 0
     }
 }
 
 impl State {
-    /// The state after a frame. `presented`: a frame was shown that held everything of the first one. Where a base mesh
-    /// does not come there never is such a frame, and the picture is incomplete without.
-    pub(super) const fn of(status: &Status, drawn: &Drawn, presented: bool) -> Self {
+    /// The state after a frame. `presented`: a complete first frame has been shown. If a base mesh never arrives there is
+    /// no such frame, and the picture is incomplete.
+    pub(super) const fn of(status: &Status, drawn: &FrameStatus, presented: bool) -> Self {
         match (status.settled, status.stats.lacking_blobs) {
-            _ if !drawn.shows || !drawn.rests() => Self::Refining,
+            _ if !drawn.shows || !drawn.is_final() => Self::Refining,
             (true, _) if presented => Self::Settled,
-            // They are counted only once nothing else is under way.
+            // Counted only once no other blob is pending.
             (false, 1..) => Self::Incomplete,
-            // What has not come does not come any more.
+            // Nothing more arrives after the session's end.
             (false, 0) if matches!(status.end, Some(End::Closed(_))) => Self::Incomplete,
             _ => Self::Refining,
         }
@@ -71,7 +71,7 @@ mod tests {
     use lodestream_client::core::Stats;
     use lodestream_protocol::message::{Close, CloseCode};
 
-    const RESTING: Drawn = Drawn {
+    const RESTING: FrameStatus = FrameStatus {
         shows: true,
         morphing: false,
         unfinished: false,
@@ -85,19 +85,19 @@ mod tests {
         Status { settled, stats: Stats { lacking_blobs, ..Stats::default() }, ..Status::default() }
     }
 
-    /// Mountains changed for four seconds after it said "settled".
+    /// Terrain changed for four seconds after the picture was called settled.
     #[test]
     fn no_picture_is_called_settled_or_incomplete_that_will_change() {
         for (status, end) in [(status(true, 0), State::Settled), (status(false, 2), State::Incomplete)] {
             assert_eq!(State::of(&status, &RESTING, true), end);
             for (drawn, why) in [
-                (Drawn { missing_tiles: 1, ..RESTING }, "a tile is being made"),
-                (Drawn { shows: false, ..RESTING }, "nothing was shown"),
-                (Drawn { morphing: true, ..RESTING }, "vertices move"),
-                (Drawn { unfinished: true, ..RESTING }, "edges are still smoothed"),
-                (Drawn { full: false, ..RESTING }, "drawn worse than it could be"),
-                (Drawn { late_shadow_maps: 1, ..RESTING }, "a shadow is late"),
-                (Drawn { waiting_steps: 1, ..RESTING }, "something is not uploaded"),
+                (FrameStatus { missing_tiles: 1, ..RESTING }, "a tile is being made"),
+                (FrameStatus { shows: false, ..RESTING }, "nothing was shown"),
+                (FrameStatus { morphing: true, ..RESTING }, "vertices move"),
+                (FrameStatus { unfinished: true, ..RESTING }, "edges are still smoothed"),
+                (FrameStatus { full: false, ..RESTING }, "drawn worse than it could be"),
+                (FrameStatus { late_shadow_maps: 1, ..RESTING }, "a shadow is late"),
+                (FrameStatus { waiting_steps: 1, ..RESTING }, "something is not uploaded"),
             ] {
                 assert_eq!(State::of(&status, &drawn, true), State::Refining, "{end:?}: {why}");
             }
@@ -119,7 +119,7 @@ mod tests {
         let ended = |settled| Status { end: closed(), ..status(settled, 0) };
         assert_eq!(State::of(&ended(false), &RESTING, true), State::Incomplete);
         assert_eq!(State::of(&ended(true), &RESTING, true), State::Settled);
-        let drawn = Drawn { waiting_steps: 1, ..RESTING };
+        let drawn = FrameStatus { waiting_steps: 1, ..RESTING };
         assert_eq!(State::of(&ended(false), &drawn, true), State::Refining);
     }
 }

@@ -1,17 +1,17 @@
-//! The order of what a frame does, apart from the window that does it.
+//! The order of a frame's steps, independent of the window.
 
 /// A frame's steps.
 pub(super) trait Steps {
-    /// What painting gives.
+    /// Result of painting.
     type Painted;
 
-    /// Takes what the streaming thread has.
+    /// Takes new data from the streaming thread.
     fn receive(&mut self) -> anyhow::Result<()>;
 
-    /// Moves the camera as far as keys have pushed it.
+    /// Moves the camera by the keys held.
     fn move_camera(&mut self);
 
-    /// Tells the streaming thread where the camera is. Costs nothing where it knows.
+    /// Sends the view to the streaming thread; costs nothing if it is unchanged.
     fn send_view(&mut self);
 
     /// Draws the picture and shows it.
@@ -22,10 +22,10 @@ pub(super) trait Steps {
 pub(super) fn run<S: Steps>(steps: &mut S) -> anyhow::Result<S::Painted> {
     steps.receive()?;
     steps.move_camera();
-    // Before painting: that takes half a second on a software driver, in which the server could be sending.
+    // Before painting, which takes half a second on a software driver: the server can send meanwhile.
     steps.send_view();
     let painted = steps.paint()?;
-    // The overlay, which is part of the picture, may have changed what is asked for.
+    // The overlay, which is drawn with the picture, may have changed the target.
     steps.send_view();
     Ok(painted)
 }

@@ -1,4 +1,8 @@
-//! Where each blob is: the books that selections read.
+//! The state of each blob, as selections read it.
+//!
+//! [`AssetState`](lodestream_select::AssetState) and its counterparts for terrain and punctual lights are the client's
+//! only table of blob states. How many bytes of a chunk are here is known to the cache; the table's copy is written by
+//! [`ClientCore::sync_held`] alone. What is requested is decided by the session; [`State::InFlight`] follows its answers.
 
 use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::time::Time;
@@ -6,6 +10,7 @@ use lodestream_scene::blob::{BlobId, BlobPart};
 use lodestream_select::State;
 
 use super::ClientCore;
+use super::blob_error::BlobError;
 
 impl ClientCore {
     pub(in crate::core) fn set_state(&mut self, id: BlobId, state: State) {
@@ -20,20 +25,22 @@ impl ClientCore {
         }
     }
 
-    pub(in crate::core) fn set_held(&mut self, asset: u32, chunk: u32, bytes: u32) {
-        if let Some(state) = self.scene.states.get_mut(asset as usize) {
-            state.set_held(chunk, bytes);
+    /// Copies into the table how many leading bytes of a chunk the cache holds.
+    pub(in crate::core) fn sync_held(&mut self, id: BlobId) {
+        let held_bytes = self.cache.held_bytes(id);
+        if let Some((state, BlobPart::Chunk(chunk))) = self.scene.asset_mut(id) {
+            state.set_held(chunk, held_bytes);
         }
     }
 
-    /// Notes up to which truncation a chunk is in use.
+    /// Sets up to which truncation point a chunk is applied.
     pub(in crate::core) fn set_truncation(&mut self, id: BlobId, truncation: Option<u8>) {
         if let Some((state, BlobPart::Chunk(chunk))) = self.scene.asset_mut(id) {
             state.set_truncation(chunk, truncation);
         }
     }
 
-    /// A blob is in use: whole, or a chunk up to a truncation, whose rest is a matter of its own.
+    /// Marks a blob as applied, or a chunk as applied up to a truncation point.
     pub(in crate::core) fn set_applied(&mut self, id: BlobId, truncation: Option<u8>) {
         self.set_truncation(id, truncation);
         if let Some(received) = self.received.get_mut(&id)
@@ -47,14 +54,12 @@ impl ClientCore {
         }
     }
 
-    /// A blob's bytes are not here, neither its beginning nor all: the server may have to send it again.
-    pub(in crate::core) fn not_here(&mut self, now: Time, id: BlobId) {
+    /// Removes a blob's bytes and marks it as absent; the server may send it again.
+    pub(in crate::core) fn mark_absent(&mut self, now: Time, id: BlobId) {
         self.cache.remove(id);
-        if let BlobId::Asset { asset, part: BlobPart::Chunk(chunk) } = id {
-            self.set_held(asset, chunk, 0);
-        }
+        self.sync_held(id);
         self.set_state(id, State::Absent);
-        if let Some(session) = &mut self.session {
+        if let Some(session) = &mut self.connection.session {
             session.evicted(now, &[id]);
         }
     }
@@ -67,41 +72,40 @@ impl ClientCore {
         }
     }
 
-    /// A blob cannot be used: it is asked for again a few times, ever more slowly.
-    pub(in crate::core) fn failed(&mut self, now: Time, id: BlobId, why: &dyn std::fmt::Display) {
+    /// Marks a blob that cannot be used as failed, and schedules another attempt ([`Failures`](crate::core::failures::Failures)).
+    pub(super) fn mark_failed(&mut self, now: Time, id: BlobId, why: &BlobError) {
         self.counts.decode_failures += 1;
-        let again = self.failures.damaged(now, id);
-        tracing::warn!("{id} cannot be used{}: {why}", if again { ", asking again" } else { "" });
-        self.not_here(now, id);
+        let again = self.failures.record_damaged(now, id);
+        tracing::warn!("{id} cannot be used{}: {why}", if again { ", requesting it again" } else { "" });
+        self.mark_absent(now, id);
         self.set_state(id, State::Failed);
-        self.stale = true;
+        self.selection.stale = true;
     }
 
-    /// The server says what cannot be: asking again does not help.
+    /// Ends the session because the server breaks the protocol; connecting again does not help.
     pub(in crate::core) fn end_session(&mut self, now: Time, why: &dyn std::fmt::Display) {
-        tracing::warn!("the session cannot go on: {why}");
-        if let Some(session) = &mut self.session {
+        tracing::warn!("the session ends: {why}");
+        if let Some(session) = &mut self.connection.session {
             session.close(now, CloseCode::Protocol, &why.to_string());
         }
     }
 
-    /// Blobs are no longer here.
-    pub(in crate::core) fn dropped(&mut self, now: Time, gone: &[BlobId]) {
-        self.counts.evicted += gone.len() as u64;
-        for &id in gone {
-            if let BlobId::Asset { asset, part: BlobPart::Chunk(chunk) } = id {
-                self.set_held(asset, chunk, 0);
-            }
-            // What is applied stays applied; it is only fetched again if it is undone and wanted again.
+    /// Marks evicted blobs as absent and tells the server.
+    pub(in crate::core) fn mark_evicted(&mut self, now: Time, evicted: &[BlobId]) {
+        self.counts.evicted += evicted.len() as u64;
+        for &id in evicted {
+            self.sync_held(id);
+            // Applied blobs stay applied; they are fetched again only once they are undone and wanted again.
             if self.state(id) == State::Cached {
                 self.set_state(id, State::Absent);
             }
         }
-        let gone: Vec<BlobId> = gone.iter().copied().filter(|id| self.state(*id) == State::Absent).collect();
-        if !gone.is_empty()
-            && let Some(session) = &mut self.session
+        let evicted: Vec<BlobId> =
+            evicted.iter().copied().filter(|id| self.state(*id) == State::Absent).collect();
+        if !evicted.is_empty()
+            && let Some(session) = &mut self.connection.session
         {
-            session.evicted(now, &gone);
+            session.evicted(now, &evicted);
         }
     }
 }

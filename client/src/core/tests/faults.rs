@@ -197,6 +197,6 @@ fn a_terrain_that_lists_a_patch_beyond_its_world_ends_the_session_and_not_the_vi
         let closed = closed.expect("the session goes on");
         assert_eq!(closed.code, CloseCode::Protocol);
         assert!(closed.reason.contains(&format!("({x}, {y})")), "{closed}");
-        assert!(!changes.iter().any(|change| matches!(change, Change::TerrainPoints { .. })));
+        assert!(!changes.iter().any(|change| matches!(change, Change::HeightOverrides { .. })));
     }
 }

@@ -175,6 +175,6 @@ fn punctual_lights_that_are_none_end_the_session() {
 fn a_whole_city_costs_a_client_little() {
     let said = PunctualLights { count: 1 << 18, first: Vec::new() };
     let (pages, came) = PunctualLightPages::new(&said).unwrap();
-    assert!(came.is_none() && pages.here().next().is_none());
+    assert!(came.is_none() && pages.received().next().is_none());
     assert!(size_of::<PunctualLight>() <= 64);
 }

@@ -96,7 +96,7 @@ const fn kind(id: &BlobId) -> usize {
         | BlobId::Terrain(TerrainBlob::DirectoryPage(_))
         | BlobId::PunctualLights(PunctualLightBlob::DirectoryPage(_)) => 2,
         BlobId::Asset { part: BlobPart::Chunk(_), .. }
-        | BlobId::Terrain(TerrainBlob::Points(_))
+        | BlobId::Terrain(TerrainBlob::HeightOverrides(_))
         | BlobId::PunctualLights(PunctualLightBlob::Page(_)) => 3,
         BlobId::Asset { part: BlobPart::Texture { .. }, .. } => 4,
     }

@@ -1,35 +1,35 @@
-//! What can be changed in the overlay: from the settings, and back into them.
+//! Values that the overlay's controls change: taken from the settings, and applied to them.
 
 use lodestream_render::{
     AmbientOcclusion, AntiAliasing, Bloom, DebugView, Ink, LightCulling, PnTriangles, Reflections,
     ReliefMethod, Settings, Shadows, ToneMapping,
 };
 
-/// What the user may change.
+/// Values of the overlay's controls.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::window) struct Choices {
     /// Screen error to refine to, in pixels.
     pub(in crate::window) target_px: f32,
-    /// The selection stays with the view of the moment it was frozen.
+    /// The selection keeps the view at which it was frozen.
     pub(in crate::window) frozen: bool,
-    /// Frames are drawn worse while the camera moves, as far as the device needs.
+    /// Adaptive quality while the camera moves.
     pub(in crate::window) adapt: bool,
-    /// Messages alone are shown.
+    /// Only messages are shown.
     pub(in crate::window) hidden: bool,
-    /// Passes are timed: their table is open.
+    /// Passes are timed, because their table is open.
     pub(in crate::window) timed: bool,
     pub(in crate::window) wireframe: bool,
-    pub(in crate::window) shade: DebugView,
+    pub(in crate::window) debug_view: DebugView,
     pub(in crate::window) occlusion: bool,
-    /// How, where there is occlusion.
+    /// Parameters of ambient occlusion.
     pub(in crate::window) ambient: AmbientOcclusion,
     pub(in crate::window) shadows: bool,
-    /// How, where there are shadows.
+    /// Parameters of shadows.
     pub(in crate::window) maps: Shadows,
     pub(in crate::window) anti_aliasing: AntiAliasing,
     pub(in crate::window) relief: bool,
     pub(in crate::window) punctual_lights: bool,
-    /// How, where there are punctual lights.
+    /// Parameters of punctual lights.
     pub(in crate::window) culling: LightCulling,
     pub(in crate::window) haze: bool,
     pub(in crate::window) emission: bool,
@@ -44,12 +44,12 @@ pub(in crate::window) struct Choices {
     pub(in crate::window) relief_shadows: bool,
     pub(in crate::window) relief_in_depth: bool,
     pub(in crate::window) curved: bool,
-    /// How finely, where triangles are curved.
+    /// Parameters of PN triangles.
     pub(in crate::window) patches: PnTriangles,
     pub(in crate::window) inked: bool,
-    /// How, where there is ink.
+    /// Parameters of ink.
     pub(in crate::window) ink: Ink,
-    /// What heights of the ground are multiplied by, and within how many seconds.
+    /// Vertical exaggeration, and the seconds over which it changes.
     pub(in crate::window) heights: [f64; 2],
     pub(in crate::window) exposure: f32,
     pub(in crate::window) tone_mapping: ToneMapping,
@@ -65,7 +65,7 @@ impl Choices {
             hidden: false,
             timed: false,
             wireframe: settings.wireframe,
-            shade: settings.shade,
+            debug_view: settings.shade,
             occlusion: settings.occlusion.is_some(),
             ambient: settings.occlusion.unwrap_or_default(),
             shadows: settings.shadows.is_some(),
@@ -97,7 +97,7 @@ impl Choices {
 
     pub(in crate::window) fn apply(&self, settings: &mut Settings) {
         settings.wireframe = self.wireframe;
-        settings.shade = self.shade;
+        settings.shade = self.debug_view;
         settings.occlusion = self.occlusion.then_some(self.ambient);
         settings.shadows = self.shadows.then_some(self.maps);
         settings.anti_aliasing = self.anti_aliasing;
@@ -127,7 +127,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_chosen_comes_from_the_settings_and_goes_back_there() {
+    fn choices_round_trip_through_the_settings() {
         let mut settings = Settings {
             shade: DebugView::Depth,
             occlusion: Some(AmbientOcclusion { samples: 5, ..AmbientOcclusion::default() }),

@@ -1,16 +1,16 @@
-//! The overlay's figures, a row each.
+//! The overlay's statistics, a row each.
 
 use std::time::Duration;
 
 use lodestream_client::core::{Milestone, Stats};
 use lodestream_render::{Counters, Timings};
 
-use crate::outcome::lacks;
+use crate::outcome::describe_missing;
 use crate::window::state::State;
 
-/// What is shown and not part of [`Stats`].
+/// Values shown besides [`Stats`].
 #[derive(Clone, Debug, Default)]
-pub(in crate::window) struct Facts<'a> {
+pub(in crate::window) struct OverlayState<'a> {
     pub(in crate::window) adapter: &'a str,
     pub(in crate::window) address: &'a str,
     pub(in crate::window) message: Option<&'a str>,
@@ -25,12 +25,12 @@ pub(in crate::window) struct Facts<'a> {
     pub(in crate::window) draw: Counters,
     pub(in crate::window) gpu_bytes: u64,
     pub(in crate::window) waiting_steps: usize,
-    /// Empty unless their table is open.
+    /// Times of passes; empty unless their table is open.
     pub(in crate::window) times: Timings,
 }
 
-/// Names and values, from the top on.
-pub(super) fn rows(stats: &Stats, facts: &Facts<'_>) -> Vec<(&'static str, String)> {
+/// Names and values of the rows, from the top.
+pub(super) fn rows(stats: &Stats, overlay: &OverlayState<'_>) -> Vec<(&'static str, String)> {
     let ms = |d: Option<Duration>| d.map_or("–".into(), |d| format!("{:.0} ms", d.as_secs_f64() * 1e3));
     let c = &stats.counters;
     let px = |px: f64| if px.is_finite() { format!("{px:.2} px") } else { "–".into() };
@@ -40,27 +40,27 @@ pub(super) fn rows(stats: &Stats, facts: &Facts<'_>) -> Vec<(&'static str, Strin
         None => "–".into(),
     };
     let [seen, everywhere] = [stats.milestones.seen_quality[2], stats.milestones.quality[2]];
-    let state = match facts.state {
+    let state = match overlay.state {
         State::Settled => "settled".to_owned(),
         State::Refining => "refining".to_owned(),
-        State::Incomplete => lacks(stats.lacking_blobs, &stats.lacking),
+        State::Incomplete => describe_missing(stats.lacking_blobs, &stats.lacking),
     };
     vec![
         ("scene", format!("{} ({}/{} instances)", stats.scene, stats.instances, stats.scene_instances)),
-        ("server", facts.address.to_owned()),
-        ("graphics", facts.adapter.to_owned()),
-        ("frame", format!("{:.1} ms ({:.1} fps)", facts.frame_ms, facts.fps)),
+        ("server", overlay.address.to_owned()),
+        ("graphics", overlay.adapter.to_owned()),
+        ("frame", format!("{:.1} ms ({:.1} fps)", overlay.frame_ms, overlay.fps)),
         (
             "first frame",
             format!(
                 "{} at {}, shown {}",
                 ms(first.map(|m| m.after)),
                 first.map_or("–".into(), |m| bytes(m.bytes)),
-                ms(facts.presented)
+                ms(overlay.presented)
             ),
         ),
         ("error ≤ 1 px", format!("where seen {}, everywhere {}", at(seen), at(everywhere))),
-        ("received", format!("{} ({:.2} Mbit/s)", bytes(stats.transport_bytes), facts.bits_per_s / 1e6)),
+        ("received", format!("{} ({:.2} Mbit/s)", bytes(stats.transport_bytes), overlay.bits_per_s / 1e6)),
         (
             "chunks",
             format!(
@@ -81,27 +81,30 @@ pub(super) fn rows(stats: &Stats, facts: &Facts<'_>) -> Vec<(&'static str, Strin
                 px(c.threshold_px)
             ),
         ),
-        ("quality", facts.quality.clone()),
-        ("faces", format!("{} refined · {} drawn", thousands(stats.faces), thousands(facts.draw.triangles))),
+        ("quality", overlay.quality.clone()),
+        (
+            "faces",
+            format!("{} refined · {} drawn", thousands(stats.faces), thousands(overlay.draw.triangles)),
+        ),
         (
             "memory",
             format!(
                 "meshes {} · GPU {} · cache {}{}",
                 bytes(stats.mesh_bytes),
-                bytes(facts.gpu_bytes),
+                bytes(overlay.gpu_bytes),
                 bytes(stats.cached_bytes),
-                if facts.waiting_steps > 0 {
-                    format!(" · {} steps wait", facts.waiting_steps)
+                if overlay.waiting_steps > 0 {
+                    format!(" · {} steps wait", overlay.waiting_steps)
                 } else {
                     String::new()
                 }
             ),
         ),
-        ("camera", format!("{}: {}", facts.mode, facts.camera)),
+        ("camera", format!("{}: {}", overlay.mode, overlay.camera)),
     ]
 }
 
-/// Bytes for people.
+/// Formats bytes with a unit.
 fn bytes(bytes: u64) -> String {
     let b = bytes as f64;
     match bytes {
@@ -111,7 +114,7 @@ fn bytes(bytes: u64) -> String {
     }
 }
 
-/// A number with spaces between thousands.
+/// Formats a number with spaces between thousands.
 fn thousands(n: u64) -> String {
     let digits = n.to_string();
     let mut out = String::new();
@@ -128,28 +131,31 @@ fn thousands(n: u64) -> String {
 mod tests {
     use super::*;
 
-    fn value(stats: &Stats, facts: &Facts<'_>, name: &str) -> String {
-        let rows = rows(stats, facts);
+    fn value(stats: &Stats, overlay: &OverlayState<'_>, name: &str) -> String {
+        let rows = rows(stats, overlay);
         rows.into_iter().find(|row| row.0 == name).unwrap_or_else(|| panic!("no row {name}")).1
     }
 
     #[test]
-    fn a_row_says_what_is_given_up_while_the_camera_moves() {
-        let facts = Facts { quality: "step 2 of 7: 70 % of the pixels' sides".into(), ..Facts::default() };
-        assert_eq!(value(&Stats::default(), &facts, "quality"), facts.quality);
+    fn a_row_shows_the_step_of_quality() {
+        let overlay = OverlayState {
+            quality: "step 2 of 7: 70 % of the pixels' sides".into(),
+            ..OverlayState::default()
+        };
+        assert_eq!(value(&Stats::default(), &overlay, "quality"), overlay.quality);
     }
 
     #[test]
-    fn a_row_says_which_blobs_an_incomplete_picture_lacks() {
+    fn a_row_names_the_missing_blobs_of_an_incomplete_picture() {
         let bad = lodestream_scene::BlobId::base(3);
         let stats = Stats { lacking_blobs: 1, lacking: vec![bad], ..Stats::default() };
-        let said = |state| value(&stats, &Facts { state, ..Facts::default() }, "screen error");
+        let text = |state| value(&stats, &OverlayState { state, ..OverlayState::default() }, "screen error");
         assert!(
-            said(State::Incomplete).ends_with("damaged or refused (asset 3 base)"),
+            text(State::Incomplete).ends_with("damaged or refused (asset 3 base)"),
             "{}",
-            said(State::Incomplete)
+            text(State::Incomplete)
         );
-        assert!(said(State::Settled).ends_with(", settled") && said(State::Refining).ends_with(", refining"));
+        assert!(text(State::Settled).ends_with(", settled") && text(State::Refining).ends_with(", refining"));
     }
 
     #[test]

@@ -1,38 +1,37 @@
-//! What a slow device gives up of a frame, step by step: the one table that frames, the overlay's text and
-//! `docs/design/drawing.md` go by.
+//! Steps of quality for slow devices: the one table that frames, the overlay and `docs/design/drawing.md` use.
 
 use lodestream_render::{AmbientOcclusion, AntiAliasing, LightCulling, Settings, Shadows};
 
-/// What is left of the quality with a step.
+/// Limits that a step of quality sets.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::window) struct Step {
-    /// Factor on the ground's screen error.
+    /// Factor on the terrain's screen error.
     pub(in crate::window) ground: f32,
-    /// Frames for which a map of shadows may show things as they were.
+    /// Frames by which a shadow map may be out of date.
     pub(in crate::window) late_shadows: u32,
-    /// Share of the picture's sides in which it is drawn.
+    /// Factor on width and height of the drawn picture.
     pub(in crate::window) render_scale: f32,
-    /// Most cascades of shadows.
+    /// Most shadow cascades.
     pub(in crate::window) cascades: u32,
-    /// Steps by which each of their maps follows the eye, along its side.
+    /// Steps along a side by which each shadow map follows the eye.
     pub(super) map_steps: u32,
-    /// The best way in which edges are smoothed.
+    /// Best anti-aliasing.
     pub(in crate::window) anti_aliasing: AntiAliasing,
     /// Factor on the meshes' screen error.
     pub(in crate::window) meshes: f32,
     /// Most samples of ambient occlusion per pixel; 0 is none.
     pub(in crate::window) samples: u32,
-    /// Most punctual lights: those that are brightest on the screen.
+    /// Most punctual lights, the brightest on the screen first.
     pub(in crate::window) punctual_lights: u32,
-    /// Most texels along a side of each map of shadows.
+    /// Most texels along a side of each shadow map.
     pub(super) map_side: u32,
-    /// Whether height maps are honoured.
+    /// Whether relief mapping is drawn.
     pub(super) relief: bool,
-    /// Time of a frame over that of the first step, roughly: what decides is measured after the step was taken.
+    /// Approximate time of a frame relative to the first step; decisions use times measured with the step.
     pub(super) cost: f64,
 }
 
-/// Nothing given up.
+/// Full quality.
 pub(in crate::window) const FULL: Step = Step {
     ground: 1.0,
     late_shadows: 0,
@@ -48,13 +47,13 @@ pub(in crate::window) const FULL: Step = Step {
     cost: 1.0,
 };
 
-const UNSEEN: Step = Step { ground: 4.0, late_shadows: 12, cost: 0.75, ..FULL };
-const SMALLER: Step = Step { render_scale: 0.7, cost: 0.45, ..UNSEEN };
-const HALF: Step = Step { render_scale: 0.5, ground: 8.0, cost: 0.28, ..SMALLER };
-const TWO_MAPS: Step = Step { cascades: 2, map_steps: 4, cost: 0.23, ..HALF };
-const ONE_FRAME: Step = Step { anti_aliasing: AntiAliasing::Spatial, cost: 0.19, ..TWO_MAPS };
-const STAIRS: Step = Step { anti_aliasing: AntiAliasing::None, meshes: 2.0, cost: 0.16, ..ONE_FRAME };
-const FEW_SAMPLES: Step = Step { samples: 4, render_scale: 0.35, cost: 0.13, ..STAIRS };
+const LATE_SHADOWS: Step = Step { ground: 4.0, late_shadows: 12, cost: 0.75, ..FULL };
+const SCALE_70: Step = Step { render_scale: 0.7, cost: 0.45, ..LATE_SHADOWS };
+const SCALE_50: Step = Step { render_scale: 0.5, ground: 8.0, cost: 0.28, ..SCALE_70 };
+const TWO_CASCADES: Step = Step { cascades: 2, map_steps: 4, cost: 0.23, ..SCALE_50 };
+const SPATIAL_AA: Step = Step { anti_aliasing: AntiAliasing::Spatial, cost: 0.19, ..TWO_CASCADES };
+const NO_AA: Step = Step { anti_aliasing: AntiAliasing::None, meshes: 2.0, cost: 0.16, ..SPATIAL_AA };
+const FEW_SAMPLES: Step = Step { samples: 4, render_scale: 0.35, cost: 0.13, ..NO_AA };
 const FEW_PUNCTUAL_LIGHTS: Step = Step { punctual_lights: 64, cost: 0.107, ..FEW_SAMPLES };
 const FASTEST: Step = Step {
     render_scale: 0.25,
@@ -68,16 +67,26 @@ const FASTEST: Step = Step {
     ..FEW_PUNCTUAL_LIGHTS
 };
 
-/// From the best on; each gives up what those before it do. Quality begins to be given up in this order: the ground's
-/// error and how soon shadows follow what casts them, which are seen least; pixels; cascades of shadows; edges smoothed
-/// over time, then at all, with the meshes' error, whose chunks have to be undone and applied again; samples of occlusion;
-/// punctual lights; at last all of occlusion, relief, which is finer than the pixels then, and texels of shadows.
-pub(super) const STEPS: [Step; 10] =
-    [FULL, UNSEEN, SMALLER, HALF, TWO_MAPS, ONE_FRAME, STAIRS, FEW_SAMPLES, FEW_PUNCTUAL_LIGHTS, FASTEST];
+/// The steps from best to fastest; each includes the reductions of those before. The order: the terrain's error and the
+/// staleness of shadows, which are least visible; pixels; shadow cascades; temporal anti-aliasing, then all of it together
+/// with the meshes' error, whose chunks have to be undone and applied again; samples of occlusion; punctual lights; at
+/// last occlusion, relief, which is then finer than the pixels, and texels of shadow maps.
+pub(super) const STEPS: [Step; 10] = [
+    FULL,
+    LATE_SHADOWS,
+    SCALE_70,
+    SCALE_50,
+    TWO_CASCADES,
+    SPATIAL_AA,
+    NO_AA,
+    FEW_SAMPLES,
+    FEW_PUNCTUAL_LIGHTS,
+    FASTEST,
+];
 
 impl Step {
-    /// What is left of a user's settings, but for how late shadows may be.
-    pub(in crate::window) fn of(&self, settings: &Settings) -> Settings {
+    /// Limits a user's settings, except for the staleness of shadows.
+    pub(in crate::window) fn limit(&self, settings: &Settings) -> Settings {
         let occlusion = settings.occlusion.filter(|_| self.samples > 0);
         Settings {
             render_scale: self.render_scale,
@@ -100,10 +109,10 @@ impl Step {
         }
     }
 
-    /// All that is given up, in words, in the order in which it begins to be.
+    /// Descriptions of all reductions, in the order of the steps.
     pub(super) fn given_up(&self) -> Vec<String> {
         let error =
-            |what: &str, factor: f32| (factor > 1.0).then(|| format!("{what} {factor:.0}× as coarse"));
+            |name: &str, factor: f32| (factor > 1.0).then(|| format!("{name} {factor:.0}× as coarse"));
         let parts = [
             error("ground", self.ground),
             (self.late_shadows > 0).then(|| format!("shadows up to {} frames late", self.late_shadows)),
@@ -130,9 +139,9 @@ impl Step {
     }
 }
 
-/// Settings that are drawn with along the way down from a user's, the best first.
-pub(in crate::window) fn all_of(settings: &Settings) -> Vec<Settings> {
-    STEPS.iter().map(|step| step.of(settings)).collect()
+/// A user's settings limited by each step, the best first.
+pub(in crate::window) fn limited_settings(settings: &Settings) -> Vec<Settings> {
+    STEPS.iter().map(|step| step.limit(settings)).collect()
 }
 
 #[cfg(test)]
@@ -140,7 +149,7 @@ mod tests {
     use super::*;
     use lodestream_render::MAX_LIGHTS;
 
-    /// What the documents say of a step: what it gives up that the one before did not, or not as far.
+    /// A step's row in the document: its reductions that the step before did not have, or not as far.
     fn row(number: usize) -> String {
         let before = STEPS[number - 1].given_up();
         let new: Vec<String> =
@@ -157,7 +166,6 @@ mod tests {
         assert!(page.contains(&table), "docs/design/drawing.md lacks:\n{table}");
     }
 
-    /// The order that was asked for.
     #[test]
     fn scale_cascades_anti_aliasing_samples_and_punctual_lights_begin_to_be_given_up_in_this_order() {
         let first = |given_up: fn(&Step) -> bool| STEPS.iter().position(given_up).unwrap();
@@ -174,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_given_up_grows_from_step_to_step() {
+    fn reductions_grow_from_step_to_step() {
         for [before, after] in STEPS.windows(2).map(|pair| [pair[0], pair[1]]) {
             assert!(before.render_scale >= after.render_scale && before.ground <= after.ground);
             assert!(before.meshes <= after.meshes && before.late_shadows <= after.late_shadows);
@@ -187,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_user_chose_is_never_raised() {
+    fn steps_never_raise_the_users_settings() {
         let least = Settings {
             anti_aliasing: AntiAliasing::None,
             occlusion: None,
@@ -196,10 +204,10 @@ mod tests {
             lights: Some(LightCulling { most: 1, ..LightCulling::default() }),
             ..Settings::default()
         };
-        for (step, left) in STEPS.iter().zip(all_of(&least)) {
+        for (step, left) in STEPS.iter().zip(limited_settings(&least)) {
             assert_eq!(left, Settings { render_scale: step.render_scale, ..least });
         }
         let usual = Settings { anti_aliasing: AntiAliasing::Temporal, ..Settings::default() };
-        assert_eq!(FULL.of(&usual), usual);
+        assert_eq!(FULL.limit(&usual), usual);
     }
 }

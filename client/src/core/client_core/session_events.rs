@@ -1,4 +1,4 @@
-//! What the session tells: the scene, its pages, blobs and refusals.
+//! Events of the session: the scene, its pages, blobs and refusals.
 
 use lodestream_protocol::client::{ClientEvent, ClientSession};
 use lodestream_protocol::message::{RefusedReason, Welcome};
@@ -8,7 +8,7 @@ use lodestream_scene::punctual_lights::PunctualLights;
 use lodestream_select::State;
 
 use super::ClientCore;
-use super::arrivals::Arrived;
+use super::arrivals::ReceivedBlob;
 use crate::core::cache::BlobCache;
 use crate::core::changes::Change;
 use crate::core::config::StartView;
@@ -16,85 +16,84 @@ use crate::core::failures::Failures;
 use crate::core::punctual_light_pages::PunctualLightPages;
 use crate::core::scene::Scene;
 
-/// Blobs kept that came before the scene page that tells what they belong to.
+/// Most blobs kept that arrived before the scene page of their asset.
 const MAX_EARLY_BLOBS: usize = 256;
 
 impl ClientCore {
-    pub(super) fn drain(&mut self, now: Time) {
-        while let Some(event) = self.session.as_mut().and_then(ClientSession::poll_event) {
+    pub(super) fn handle_session_events(&mut self, now: Time) {
+        while let Some(event) = self.connection.session.as_mut().and_then(ClientSession::poll_event) {
             match event {
-                ClientEvent::Connected(welcome) => self.welcomed(now, welcome),
+                ClientEvent::Connected(welcome) => self.handle_welcome(now, welcome),
                 ClientEvent::ScenePage(page) => match self.scene.add_page(page, self.config.max_entries) {
                     Ok(assets) => {
                         let (known, early): (Vec<_>, _) = std::mem::take(&mut self.early)
                             .into_iter()
-                            .partition(|arrived| arrived.id.asset().is_none_or(|asset| asset < assets.end));
+                            .partition(|blob| blob.id.asset().is_none_or(|asset| asset < assets.end));
                         self.early = early;
-                        for arrived in known {
-                            self.arrive(now, arrived);
+                        for blob in known {
+                            self.receive(now, blob);
                         }
                     }
                     Err(why) => self.end_session(now, &why),
                 },
                 ClientEvent::PunctualLights(punctual_lights) => {
-                    self.told_of_punctual_lights(now, &punctual_lights)
+                    self.set_punctual_lights(now, &punctual_lights)
                 }
                 ClientEvent::Blob { id, offset, total, bytes } => {
-                    self.in_flight.remove(&id);
                     if self.config.track_received {
                         self.received.entry(id).or_default().bytes += bytes.len() as u64;
                     }
                     tracing::trace!("{id}: {} of {total} bytes from {offset}", bytes.len());
-                    let arrived = Arrived { id, offset, total, bytes };
+                    let blob = ReceivedBlob { id, offset, total, bytes };
                     if id.asset().is_none_or(|asset| asset < self.scene.asset_count()) {
-                        self.arrive(now, arrived);
+                        self.receive(now, blob);
                     } else if self.early.len() < MAX_EARLY_BLOBS {
-                        self.early.push(arrived);
-                    } else if let Some(session) = &mut self.session {
+                        self.early.push(blob);
+                    } else if let Some(session) = &mut self.connection.session {
                         session.evicted(now, &[id]);
                     }
                 }
-                ClientEvent::Refused { id, reason } => self.refused(now, id, reason),
-                ClientEvent::BasesSent => self.bases_sent = true,
+                ClientEvent::Refused { id, reason } => self.handle_refusal(now, id, reason),
+                ClientEvent::BasesSent => self.connection.bases_sent = true,
                 ClientEvent::Done => {}
                 ClientEvent::Closed(close) => {
                     tracing::debug!("session closed: {close}");
-                    self.closed = Some(close);
+                    self.connection.closed = Some(close);
                 }
             }
-            self.stale = true;
+            self.selection.stale = true;
         }
     }
 
-    fn welcomed(&mut self, now: Time, welcome: Welcome) {
+    fn handle_welcome(&mut self, now: Time, welcome: Welcome) {
         let header = &welcome.scene;
         let same = self.scene.header.as_ref().is_some_and(|old| old.fingerprint == header.fingerprint);
         if !same {
             self.scene = Scene::new(header.clone());
             self.cache = BlobCache::new(self.config.cache_bytes);
             self.failures = Failures::default();
-            self.wanted.clear();
-            self.failed.clear();
-            // What has arrived and was not looked at yet is the old scene's: the session tells of nothing before this.
-            self.arrived.clear();
+            self.selection.wanted.clear();
+            self.selection.failed.clear();
+            // Blobs that are not decoded yet belong to the old scene: `Connected` is the session's first event.
+            self.undecoded.clear();
         }
         if self.view.is_none()
             && let StartView::OfScene { viewport_px, target_px } = self.config.start
         {
             self.set_view(now, header.camera.view(viewport_px, target_px));
         }
-        self.welcome = Some(welcome);
+        self.connection.welcome = Some(welcome);
     }
 
-    /// The scene has punctual lights. Of a scene that is here already nothing new is said.
-    fn told_of_punctual_lights(&mut self, now: Time, punctual_lights: &PunctualLights) {
+    /// Takes the description of the scene's punctual lights. After a reconnection to the same scene it is known already.
+    fn set_punctual_lights(&mut self, now: Time, punctual_lights: &PunctualLights) {
         if self.scene.punctual_lights.is_some() {
             return;
         }
         match PunctualLightPages::new(punctual_lights) {
-            Ok((pages, came)) => {
+            Ok((pages, first_page)) => {
                 self.scene.push_change(Change::PunctualLights { count: pages.count() });
-                if let Some(punctual_lights) = came {
+                if let Some(punctual_lights) = first_page {
                     self.scene.push_change(Change::PunctualLightPage { page: 0, punctual_lights });
                 }
                 self.scene.punctual_lights = Some(pages);
@@ -106,14 +105,13 @@ impl ClientCore {
         }
     }
 
-    fn refused(&mut self, now: Time, id: BlobId, reason: RefusedReason) {
+    fn handle_refusal(&mut self, now: Time, id: BlobId, reason: RefusedReason) {
         self.counts.refused += 1;
-        self.in_flight.remove(&id);
         tracing::warn!("the server refuses {id}: {reason:?}");
         match reason {
             RefusedReason::QueueFull => self.set_state(id, State::Absent),
             RefusedReason::Unreadable => {
-                self.failures.refused(now, id);
+                self.failures.record_refused(now, id);
                 self.set_state(id, State::Failed);
             }
             RefusedReason::NotFound | RefusedReason::TooLong | RefusedReason::OutOfRange => {

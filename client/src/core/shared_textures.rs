@@ -1,4 +1,4 @@
-//! Which textures are the same, as the scene's pages say: one is asked for, all are painted with what comes.
+//! Textures that assets share, as stated by scene pages: requested once, applied to all.
 
 use std::collections::BTreeMap;
 
@@ -6,39 +6,50 @@ use lodestream_scene::blob::{BlobId, BlobPart};
 use lodestream_scene::description::AssetEntry;
 use lodestream_select::AssetState;
 
-/// See the module.
+/// Why an asset's list of shared textures is invalid.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub(crate) enum SharedTextureError {
+    #[error("an asset shares a texture of a later asset")]
+    LaterAsset,
+    #[error("an asset shares a texture that its owner shares from another asset")]
+    Chain,
+}
+
+/// Textures shared by several assets.
 #[derive(Debug, Default)]
 pub(crate) struct SharedTextures {
-    /// By asset and texture that is asked for: the others that are the same.
+    /// By asset and texture that is requested: the others that share it.
     others: BTreeMap<(u32, u16), Vec<(u32, u16)>>,
 }
 
 impl SharedTextures {
-    /// Takes what the entry of asset `number` says; `known` are the assets before it.
+    /// Adds the shared textures of asset `number`; `known` are the assets before it.
+    ///
+    /// # Errors
+    /// The entry refers to a later asset or to a texture that is itself shared.
     pub(crate) fn add(
         &mut self,
         number: u32,
         entry: &AssetEntry,
         known: &[AssetState],
-    ) -> Result<(), &'static str> {
+    ) -> Result<(), SharedTextureError> {
         for shared in &entry.shared {
             let first = (shared.asset, shared.of);
             let sent_as = if shared.asset == number {
                 entry.sent_as(number, shared.of)
             } else {
-                let owner =
-                    known.get(shared.asset as usize).ok_or("an asset shares a later one's texture")?;
+                let owner = known.get(shared.asset as usize).ok_or(SharedTextureError::LaterAsset)?;
                 owner.entry().sent_as(shared.asset, shared.of)
             };
             if sent_as != first {
-                return Err("a texture is said to be another's that is itself another's");
+                return Err(SharedTextureError::Chain);
             }
             self.others.entry(first).or_default().push((number, shared.texture));
         }
         Ok(())
     }
 
-    /// All blobs that have the bytes of one that is asked for, itself first.
+    /// All blobs with the bytes of a requested one, itself first.
     pub(crate) fn same(&self, id: BlobId) -> impl Iterator<Item = BlobId> + use<'_> {
         let others = match id {
             BlobId::Asset { asset, part: BlobPart::Texture { texture, level } } => {
@@ -64,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_the_same_is_found_from_what_is_asked_for() {
+    fn sharers_are_found_from_the_requested_texture() {
         let mut textures = SharedTextures::default();
         let entries = [sharing(&[]), sharing(&[(0, 0, 2)]), sharing(&[(1, 0, 2), (3, 2, 0)])];
         let mut known = Vec::new();
@@ -81,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn a_chain_is_refused() {
+    fn a_chain_of_shared_textures_is_an_error() {
         let mut textures = SharedTextures::default();
         let known = [AssetState::new(sharing(&[])), AssetState::new(sharing(&[(0, 0, 0)]))];
         assert!(textures.add(2, &sharing(&[(0, 1, 0)]), &known).is_err());
