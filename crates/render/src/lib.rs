@@ -68,7 +68,7 @@ mod terrain;
 mod terrain_anchored;
 mod terrain_renderer;
 mod texture;
-pub mod tiles;
+mod tile_generator;
 mod timing;
 mod uniforms;
 #[cfg(feature = "client")]

@@ -27,7 +27,7 @@ use crate::target::Target;
 use crate::terrain_anchored::TerrainAnchored;
 use crate::terrain_renderer::{TerrainMeasurementTask, TerrainRenderer, TileSource};
 use crate::texture::{Texture, TextureData, TextureShape, WeakTexture};
-use crate::tiles::TileGenerator;
+use crate::tile_generator::TileGenerator;
 use crate::uploads::Uploads;
 use crate::vertical_exaggeration::{VerticalExaggeration, VerticalExaggerationError};
 use crate::water::Water;
@@ -78,7 +78,7 @@ pub struct SceneView {
     heights: VerticalExaggeration,
     /// What stands on it, where they are multiplied.
     standing: Option<TerrainAnchored>,
-    making: TileSource,
+    tile_source: TileSource,
     /// The terrain of a scene that waits to be uploaded.
     measuring: Option<TerrainMeasurementTask>,
     /// The maps of the sky of a scene that waits to be uploaded, or of the one that is shown.
@@ -98,7 +98,7 @@ impl SceneView {
     /// # Errors
     /// Fails where the system gives no thread.
     pub fn with_terrain_apart(notify: impl Fn() + Send + 'static) -> std::io::Result<Self> {
-        Ok(Self { making: TileSource::Apart(TileGenerator::start(notify)?), ..Self::default() })
+        Ok(Self { tile_source: TileSource::Thread(TileGenerator::start(notify)?), ..Self::default() })
     }
 
     /// Takes one step of the core. What needs no device of a scene that begins is begun at once.
@@ -223,7 +223,7 @@ impl SceneView {
         match change {
             Change::Scene(header) => {
                 let waiting = std::mem::take(&mut self.waiting);
-                let making = std::mem::take(&mut self.making);
+                let tile_source = std::mem::take(&mut self.tile_source);
                 let begun = self.measuring.take();
                 let ground = match &header.terrain {
                     Some(entry) => Some(TerrainRenderer::new(gpu, renderer, entry, begun)?),
@@ -240,7 +240,7 @@ impl SceneView {
                     uploads,
                     ground,
                     heights,
-                    making,
+                    tile_source,
                     computing,
                     sky,
                     ..Self::default()
@@ -373,7 +373,7 @@ impl SceneView {
     ///
     /// # Errors
     /// A factor or a time that there is not.
-    pub fn multiply_heights(
+    pub fn set_vertical_exaggeration(
         &mut self,
         factor: f64,
         seconds: f64,
@@ -395,7 +395,7 @@ impl SceneView {
     pub fn move_ground(&mut self, now_s: f32) -> bool {
         let now_s = f64::from(now_s);
         let Some(ground) = &mut self.ground else { return false };
-        ground.multiply_heights(self.heights.at(now_s));
+        ground.set_vertical_exaggeration(self.heights.at(now_s));
         if ground.vertical_exaggeration() == 1.0 {
             self.standing = None;
         } else {
@@ -426,14 +426,14 @@ impl SceneView {
         shadows: Option<Shadows>,
     ) -> Result<(), RenderError> {
         let Some(ground) = &mut self.ground else { return Ok(()) };
-        ground.prepare(gpu, &self.making, camera, size, GROUND_ERRORS * f64::from(target_px))?;
+        ground.prepare(gpu, &self.tile_source, camera, size, GROUND_ERRORS * f64::from(target_px))?;
         let Some(shadows) = shadows else { return Ok(()) };
         let cascades = self.with_frame(*camera, Settings::default(), f32::MAX, |frame| {
             let list = DrawList::new(frame, size, &mut Counters::default());
             shadows::of_frame(frame, &list, shadows)
         });
         let Some(ground) = &mut self.ground else { return Ok(()) };
-        ground.prepare_casters(gpu, &self.making, &cascades)
+        ground.prepare_casters(gpu, &self.tile_source, &cascades)
     }
 
     /// Terrain tiles that the last frame lacked; coarser ones were drawn in their place.

@@ -1,4 +1,4 @@
-//! The terrain of a scene in GPU memory: which tiles a frame draws, and where missing ones come from.
+//! Terrain of a scene: selects the tiles of each frame, generates missing ones and keeps them in GPU memory.
 
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -12,49 +12,50 @@ use crate::renderer::Renderer;
 use crate::shadows::Cascade;
 use crate::terrain::layers;
 use crate::terrain::{TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};
-use crate::tiles::{
-    COARSER, GroundView, PlacedTerrain, SelectedTile, TileGenerator, TileId, TileRegion, TileStore, Tiles,
-};
+use crate::tile_generator::TileGenerator;
 use crate::vertical_exaggeration::{LEAST_HEIGHT_FACTOR, MAX_VERTICAL_EXAGGERATION};
+use lodestream_terrain::tiles::{
+    COARSER, PlacedTerrain, SelectedTile, TerrainView, TileId, TileRegion, TileStore, Tiles,
+};
 
-/// Tiles of one frame, at most: 128 triangles each.
+/// Most tiles of one frame: 128 triangles each.
 const MAX_TILES: usize = 4000;
-/// Tiles out of view that cast shadows, at most.
+/// Most tiles out of view that cast shadows.
 const MAX_CASTERS: usize = 1000;
-/// Finished tiles taken per frame, at most: each is a small upload.
+/// Most generated tiles uploaded per frame.
 const TILES_PER_FRAME: usize = 400;
-/// Coarser screen errors tried while finer tiles are being made: a factor of 2^20 in all.
+/// Most coarser screen errors tried while finer tiles are being generated: a factor of 2^20 in all.
 const COARSER_STEPS: u32 = 64;
 
-/// Where tiles come from.
+/// Where tiles are generated.
 #[derive(Debug, Default)]
 pub enum TileSource {
-    /// A thread of their own makes them; until they are there, coarser ones are drawn.
-    Apart(TileGenerator),
-    /// The drawing thread makes what a frame needs before it is drawn: pictures are a function of the pose.
+    /// On the generator's thread; until tiles arrive, coarser ones are drawn.
+    Thread(TileGenerator),
+    /// On the drawing thread, before the frame is drawn: pictures depend on the pose alone.
     #[default]
-    AtOnce,
+    Immediate,
 }
 
-/// See the module.
+/// The terrain of a scene, with its tiles in GPU memory.
 #[derive(Debug)]
 pub struct TerrainRenderer {
     gpu: TerrainGpu,
     ground: Arc<PlacedTerrain>,
-    /// What its heights are multiplied by.
+    /// Vertical exaggeration.
     factor: f64,
-    /// Grows with every change of the ground.
-    state: u64,
+    /// Incremented with every change of heights; tiles generated for an older version are discarded.
+    version: u64,
     store: TileStore,
     parts: Vec<TerrainPart>,
     /// Tiles out of view that may cast shadows into it.
     casters: Vec<TerrainPart>,
     /// Tiles in view that the last frame lacked.
     absent: Vec<TileId>,
-    /// How many of those it lacked that cast shadows from out of view.
+    /// Number of shadow-casting tiles out of view that the last frame lacked.
     absent_casters: usize,
-    /// What was prepared last.
-    view: Option<GroundView>,
+    /// View that was prepared last.
+    view: Option<TerrainView>,
     regions: Vec<TileRegion>,
     above: f64,
     scratch: Scratch,
@@ -62,8 +63,8 @@ pub struct TerrainRenderer {
     drawn_px: f64,
 }
 
-/// What of a terrain needs no device, being made on a thread of its own: its errors are measured, and the ground's
-/// textures are painted.
+/// Task on its own thread that prepares a terrain before there is a device: measures its errors and computes the ground
+/// textures.
 #[derive(Debug)]
 pub struct TerrainMeasurementTask {
     entry: TerrainEntry,
@@ -71,63 +72,65 @@ pub struct TerrainMeasurementTask {
 }
 
 impl TerrainMeasurementTask {
-    /// Begins.
+    /// Starts the thread.
     ///
     /// # Errors
-    /// Fails where the system gives no thread.
+    /// If the system cannot start a thread.
     pub fn start(entry: &TerrainEntry) -> std::io::Result<Self> {
-        let (entry, of) = (entry.clone(), entry.clone());
-        let measure = move || {
-            let ground = measured(&of)?;
+        let (entry, measured_entry) = (entry.clone(), entry.clone());
+        let task = move || {
+            let ground = measure(&measured_entry)?;
             layers::texels();
             Ok(ground)
         };
-        let thread = std::thread::Builder::new().name("ground".into()).spawn(measure)?;
+        let thread = std::thread::Builder::new().name("ground".into()).spawn(task)?;
         Ok(Self { entry, thread })
     }
 
     fn finish(self) -> Result<PlacedTerrain, RenderError> {
-        self.thread.join().unwrap_or_else(|_| Err(RenderError::Terrain("measuring it failed".into())))
+        self.thread.join().unwrap_or_else(|_| {
+            Err(RenderError::Terrain("measuring its errors failed: the thread panicked".into()))
+        })
     }
 }
 
-fn measured(entry: &TerrainEntry) -> Result<PlacedTerrain, RenderError> {
+fn measure(entry: &TerrainEntry) -> Result<PlacedTerrain, RenderError> {
     let terrain = Terrain::with_stamps(entry.parameters, entry.stamps.clone())
         .map_err(|why| RenderError::Terrain(why.to_string()))?;
-    Ok(PlacedTerrain::new(Arc::new(terrain), entry))
+    Ok(PlacedTerrain::new(Arc::new(terrain), entry.unit.into(), entry.height_unit.into()))
 }
 
 impl TerrainRenderer {
-    /// The terrain of a scene, which somebody may have begun to measure.
+    /// Creates the terrain of a scene; `begun` is a measurement that may already run for it.
     ///
     /// # Errors
-    /// What the graphics device refuses; [`RenderError::Terrain`] for parameters of which no terrain can be made.
+    /// [`RenderError::Terrain`] for invalid parameters; otherwise errors of the graphics device.
     pub fn new(
         gpu: &Gpu,
         renderer: &Renderer,
         entry: &TerrainEntry,
         begun: Option<TerrainMeasurementTask>,
     ) -> Result<Self, RenderError> {
-        // What was begun may be another scene's.
+        // The measurement may be another scene's.
         let begun = begun.filter(|begun| begun.entry == *entry);
         let look = TerrainLook {
             unit: f64::from(entry.unit),
             height_unit: f64::from(entry.height_unit),
             zones: entry.zones,
         };
-        // TerrainMeasurementTask the ground and painting its textures take some ten milliseconds each.
+        // Measuring the terrain and computing its textures take about ten milliseconds each.
         let (ground, on_gpu) = std::thread::scope(|scope| {
-            let ground =
-                scope.spawn(|| begun.map_or_else(|| measured(entry), TerrainMeasurementTask::finish));
+            let ground = scope.spawn(|| begun.map_or_else(|| measure(entry), TerrainMeasurementTask::finish));
             let on_gpu = renderer.create_terrain(gpu, look);
             (ground.join(), on_gpu)
         });
-        let ground = ground.map_err(|_| RenderError::Terrain("measuring it failed".into()))??;
+        let ground = ground
+            .map_err(|_| RenderError::Terrain("measuring its errors failed: the thread panicked".into()))??;
         Ok(Self {
             gpu: on_gpu?,
             ground: Arc::new(ground),
             factor: 1.0,
-            state: 0,
+            version: 0,
             store: TileStore::new(TERRAIN_SLOTS),
             parts: Vec::new(),
             casters: Vec::new(),
@@ -141,8 +144,8 @@ impl TerrainRenderer {
         })
     }
 
-    /// Lists points for a patch, in place of those it had. Tiles that show it are made anew; the patch is measured, which
-    /// takes a millisecond with 257² points.
+    /// Replaces a patch's height overrides; tiles that show it are generated again. Measures the patch, which takes a
+    /// millisecond with 257² points.
     ///
     /// # Errors
     /// [`RenderError::Terrain`] if there is no such patch.
@@ -151,27 +154,26 @@ impl TerrainRenderer {
         let (origin, side) = ground
             .set_points(x, y, points, &mut self.scratch)
             .map_err(|why| RenderError::Terrain(why.to_string()))?;
-        self.state += 1;
-        self.store.forget(origin, side);
+        self.version += 1;
+        self.store.invalidate(origin, side);
         Ok(())
     }
 
-    /// Multiplies the terrain's heights from the next frame on: 0 to [`MAX_VERTICAL_EXAGGERATION`], where 1 leaves them as they
-    /// are. Tiles keep their places on the device. What is not within is taken for the nearest that is, what is no number
-    /// for 1.
+    /// Sets the factor on the terrain's heights from the next frame on: 0 to [`MAX_VERTICAL_EXAGGERATION`], 1 for the
+    /// scene's heights. Values outside are clamped; NaN counts as 1. Tiles in GPU memory stay valid.
     ///
     /// [`MAX_VERTICAL_EXAGGERATION`]: crate::MAX_VERTICAL_EXAGGERATION
-    pub fn multiply_heights(&mut self, factor: f64) {
+    pub fn set_vertical_exaggeration(&mut self, factor: f64) {
         let factor = if factor.is_nan() { 1.0 } else { factor };
         let factor = factor.clamp(LEAST_HEIGHT_FACTOR, MAX_VERTICAL_EXAGGERATION);
         if factor != self.factor {
             self.factor = factor;
-            Arc::make_mut(&mut self.ground).multiply_heights(factor);
-            self.gpu.multiply_heights(factor);
+            Arc::make_mut(&mut self.ground).set_vertical_exaggeration(factor);
+            self.gpu.set_vertical_exaggeration(factor);
         }
     }
 
-    /// What heights are multiplied by.
+    /// Factor on the terrain's heights.
     #[must_use]
     pub fn vertical_exaggeration(&self) -> f64 {
         self.factor
@@ -182,87 +184,94 @@ impl TerrainRenderer {
         self.ground.height(x, z, &mut self.scratch)
     }
 
-    /// Prepares what a frame draws from `camera` into a picture of `size` pixels, for a screen error of `target_px`.
+    /// Prepares the tiles of a frame drawn from `camera` with `size` pixels, for a screen error of `target_px`.
     ///
     /// # Errors
-    /// What the graphics device refuses.
+    /// Errors of the graphics device.
     pub fn prepare(
         &mut self,
         gpu: &Gpu,
-        making: &TileSource,
+        source: &TileSource,
         camera: &Pose,
         size: (u32, u32),
         target_px: f64,
     ) -> Result<(), RenderError> {
         self.store.begin();
-        let view = GroundView::new(&self.ground, camera, size, &mut self.scratch);
+        let view = TerrainView::new(
+            &self.ground,
+            camera.eye,
+            camera.rotation,
+            camera.tan_half_fov(size.0, size.1),
+            size.1,
+            &mut self.scratch,
+        );
         self.above = view.above;
         let wanted = self.ground.tiles(&view, target_px, MAX_TILES);
-        for picked in &wanted.picked {
-            self.store.touch(picked.tile);
+        for part in &wanted.selected {
+            self.store.touch(part.tile);
         }
-        if let TileSource::Apart(maker) = making {
+        if let TileSource::Thread(generator) = source {
             for _ in 0..TILES_PER_FRAME {
-                let Some(tile) = maker.take() else { break };
-                // What was made of an older ground may be wrong.
-                if tile.state == self.state
+                let Some(tile) = generator.take() else { break };
+                // Discard tiles generated for older heights.
+                if tile.version == self.version
                     && let Some(slot) = self.store.insert(tile.id)
                 {
                     self.gpu.upload(gpu, slot, &tile.heights)?;
                 }
             }
         }
-        self.absent = self.store.absent(&wanted.picked);
-        let drawn = match making {
-            TileSource::Apart(maker) => {
-                // Coarse ones first: the picture is whole the sooner.
+        self.absent = self.store.absent(&wanted.selected);
+        let drawn = match source {
+            TileSource::Thread(generator) => {
+                // Coarse tiles first: they fill the picture soonest.
                 self.absent.sort_by_key(|tile| std::cmp::Reverse(tile.spacing));
-                maker.wish(&self.ground, self.state, self.absent.iter().copied());
-                self.finest_held(&view, wanted)
+                generator.request(&self.ground, self.version, self.absent.iter().copied());
+                self.finest_available(&view, wanted)
             }
-            TileSource::AtOnce => wanted,
+            TileSource::Immediate => wanted,
         };
-        self.make(gpu, &self.store.absent(&drawn.picked))?;
+        self.generate(gpu, &self.store.absent(&drawn.selected))?;
         self.drawn_px = drawn.target_px;
         self.regions = drawn.regions();
-        self.parts = self.placed(&drawn, |tile| drawn.mask(tile));
+        self.parts = self.drawn_parts(&drawn, |tile| drawn.mask(tile));
         self.casters.clear();
         self.absent_casters = 0;
         self.view = Some(view);
         Ok(())
     }
 
-    /// Prepares what of the ground out of the view that was prepared casts shadows into the maps of `cascades`. What another
-    /// thread has not made yet casts none.
+    /// Prepares the tiles outside the prepared view that cast shadows into the maps of `cascades`. Tiles that are still
+    /// being generated cast none.
     pub(crate) fn prepare_casters(
         &mut self,
         gpu: &Gpu,
-        making: &TileSource,
+        source: &TileSource,
         cascades: &[Cascade],
     ) -> Result<(), RenderError> {
         let Some(view) = self.view else { return Ok(()) };
         let matters = |column| cascades.iter().any(|cascade| cascade.is_reached(column));
         let mut tiles = self.ground.tiles_out_of_view(&view, self.drawn_px, MAX_CASTERS, &matters);
-        for picked in &tiles.picked {
-            self.store.touch(picked.tile);
+        for part in &tiles.selected {
+            self.store.touch(part.tile);
         }
-        let absent = self.store.absent(&tiles.picked);
+        let absent = self.store.absent(&tiles.selected);
         self.absent_casters = absent.len();
-        match making {
-            TileSource::Apart(maker) => {
-                let wished = self.absent.iter().chain(&absent).copied();
-                maker.wish(&self.ground, self.state, wished.collect::<Vec<_>>().into_iter());
-                tiles.picked.retain(|picked| self.store.slot(picked.tile).is_some());
+        match source {
+            TileSource::Thread(generator) => {
+                let requested = self.absent.iter().chain(&absent).copied();
+                generator.request(&self.ground, self.version, requested.collect::<Vec<_>>().into_iter());
+                tiles.selected.retain(|part| self.store.slot(part.tile).is_some());
             }
-            TileSource::AtOnce => self.make(gpu, &absent)?,
+            TileSource::Immediate => self.generate(gpu, &absent)?,
         }
-        // Where ground is rougher, what is out of view may be a little coarser than elsewhere.
-        self.casters = self.placed(&tiles, |_| 0);
+        // Rough regions are ignored: shadows from out of view may be slightly coarser.
+        self.casters = self.drawn_parts(&tiles, |_| 0);
         Ok(())
     }
 
-    /// Makes tiles that are not held, as far as there is room for them.
-    fn make(&mut self, gpu: &Gpu, tiles: &[TileId]) -> Result<(), RenderError> {
+    /// Generates and uploads missing tiles, as long as slots are free.
+    fn generate(&mut self, gpu: &Gpu, tiles: &[TileId]) -> Result<(), RenderError> {
         let mut heights = Vec::new();
         for &tile in tiles {
             if let Some(slot) = self.store.insert(tile) {
@@ -273,27 +282,27 @@ impl TerrainRenderer {
         Ok(())
     }
 
-    /// Those tiles that are held, as they are drawn.
-    fn placed(&self, tiles: &Tiles, regions: impl Fn(TileId) -> u32) -> Vec<TerrainPart> {
-        let part = |picked: &SelectedTile| {
+    /// The selected tiles that have a slot, as they are drawn.
+    fn drawn_parts(&self, tiles: &Tiles, regions: impl Fn(TileId) -> u32) -> Vec<TerrainPart> {
+        let part = |selected: &SelectedTile| {
             Some(TerrainPart {
-                origin: picked.tile.origin(),
-                spacing: picked.tile.spacing,
-                slot: self.store.slot(picked.tile)?,
-                quadrants: picked.quadrants,
-                morph: tiles.morph(picked.tile),
-                regions: regions(picked.tile),
+                origin: selected.tile.origin(),
+                spacing: selected.tile.spacing,
+                slot: self.store.slot(selected.tile)?,
+                quadrants: selected.quadrants,
+                morph: tiles.morph(selected.tile),
+                regions: regions(selected.tile),
             })
         };
-        tiles.picked.iter().filter_map(part).collect()
+        tiles.selected.iter().filter_map(part).collect()
     }
 
-    /// The finest selection of which everything is held; if there is none, the coarsest that was tried, a handful of
-    /// tiles that are then made at once.
-    fn finest_held(&self, view: &GroundView, wanted: Tiles) -> Tiles {
+    /// The finest selection whose tiles all have slots. If there is none, the coarsest that was tried: a handful of
+    /// tiles, which are then generated at once.
+    fn finest_available(&self, view: &TerrainView, wanted: Tiles) -> Tiles {
         let mut tiles = wanted;
         for _ in 0..COARSER_STEPS {
-            if self.store.absent(&tiles.picked).is_empty() {
+            if self.store.absent(&tiles.selected).is_empty() {
                 break;
             }
             tiles = self.ground.tiles(view, tiles.target_px * COARSER, MAX_TILES);
@@ -301,13 +310,13 @@ impl TerrainRenderer {
         tiles
     }
 
-    /// Tiles that the last frame lacked and that are being made.
+    /// Number of tiles that the last frame lacked and that are being generated.
     #[must_use]
     pub fn missing(&self) -> usize {
         self.absent.len() + self.absent_casters
     }
 
-    /// Screen error that the last frame's tiles were chosen for, in pixels.
+    /// Screen error of the last frame's selection, in pixels.
     #[must_use]
     pub fn drawn_px(&self) -> f64 {
         self.drawn_px
@@ -319,7 +328,7 @@ impl TerrainRenderer {
         self.gpu.bytes()
     }
 
-    /// What [`TerrainRenderer::prepare`] prepared.
+    /// The frame prepared by [`TerrainRenderer::prepare`].
     #[must_use]
     pub fn frame(&self) -> TerrainFrame<'_> {
         let Self { gpu: terrain, parts, casters, regions, above, drawn_px, .. } = self;

@@ -42,6 +42,7 @@ mod refine;
 mod roughness;
 mod sculpt;
 mod stamp;
+pub mod tiles;
 mod window;
 mod world;
 

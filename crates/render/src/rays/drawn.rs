@@ -7,7 +7,7 @@ use crate::gpu::{Gpu, RenderError};
 use crate::instance::Instance;
 use crate::scene::Frame;
 use crate::terrain::{TerrainFrame, TerrainPart, arrival};
-use crate::tiles::{TILE_CELLS, TileRegion};
+use lodestream_terrain::tiles::{TILE_CELLS, TileRegion};
 
 /// Corners relative to the frame's eye, on world axes.
 pub(super) fn triangles(gpu: &Gpu, frame: &Frame<'_>) -> Result<Vec<[DVec3; 3]>, RenderError> {

@@ -10,8 +10,8 @@ use crate::instance::Instance;
 use crate::lights::Light;
 use crate::scene::{Frame, Settings};
 use crate::terrain::{TerrainLook, TerrainPart};
-use crate::tiles::TileRegion;
 use crate::water::Water;
+use lodestream_terrain::tiles::TileRegion;
 
 /// An asset as a frame drew it.
 #[derive(Debug, Default, PartialEq)]

@@ -12,7 +12,7 @@ use super::slopes::slopes;
 use super::{grid, layers, regions};
 use crate::gpu::{Gpu, RenderError};
 use crate::readback::read_texture;
-use crate::tiles::{MAX_REGIONS, TILE_MARGIN, TILE_SAMPLES, TileRegion};
+use lodestream_terrain::tiles::{MAX_REGIONS, TILE_MARGIN, TILE_SAMPLES, TileRegion};
 
 /// Texels along a side of the atlas.
 const ATLAS_SIDE: u32 = 2048;
@@ -54,7 +54,7 @@ pub struct TerrainPart {
     pub spacing: u8,
     /// Where its heights are.
     pub slot: u32,
-    /// Quadrants drawn, as in [`crate::tiles::SelectedTile`].
+    /// Quadrants drawn, as in [`lodestream_terrain::tiles::SelectedTile`].
     pub quadrants: u8,
     /// Distances at which its points begin to slide onto the next coarser surface and have arrived, world units.
     pub morph: [f64; 2],
@@ -283,7 +283,7 @@ impl TerrainGpu {
 
     /// Multiplies heights, not those of before but those that it was made with, by a factor above 0. What covers the ground
     /// goes with them.
-    pub fn multiply_heights(&mut self, factor: f64) {
+    pub fn set_vertical_exaggeration(&mut self, factor: f64) {
         let made = self.made;
         let zones = made.zones.map(|zone| zone * factor as f32);
         self.factor = factor;

@@ -1,6 +1,6 @@
 //! The index pattern that all tiles share.
 
-use crate::tiles::TILE_CELLS;
+use lodestream_terrain::tiles::TILE_CELLS;
 
 /// Indices of one quadrant.
 pub(crate) const QUADRANT_INDICES: u32 = (TILE_CELLS / 2) * (TILE_CELLS / 2) * 6;

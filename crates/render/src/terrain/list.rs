@@ -11,7 +11,7 @@ use crate::counters::Counters;
 use crate::gpu::{Gpu, RenderError};
 use crate::receivers::Receivers;
 use crate::shadows::Casters;
-use crate::tiles::TILE_CELLS;
+use lodestream_terrain::tiles::TILE_CELLS;
 
 /// What is drawn at once: a run of the index pattern, for a run of instances.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DVec2, DVec3};
 
 use super::atlas::arrival;
-use crate::tiles::{MAX_REGIONS, TileRegion};
+use lodestream_terrain::tiles::{MAX_REGIONS, TileRegion};
 
 /// Spacings that have distances of their own: more than any terrain has.
 const SPACINGS: usize = 32;

@@ -5,7 +5,7 @@
 
 use half::f16;
 
-use crate::tiles::{CELL_SAMPLES, TILE_CELLS, TILE_MARGIN, TILE_SAMPLES};
+use lodestream_terrain::tiles::{CELL_SAMPLES, TILE_CELLS, TILE_MARGIN, TILE_SAMPLES};
 
 /// What the texture's slopes count in, height units per sample (`RISE_UNIT` of `terrain.wgsl`): half floats range from
 /// 6e-5 to 65,504, and heights from half a unit on up to 2^30.

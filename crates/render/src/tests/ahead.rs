@@ -74,7 +74,7 @@ fn no_frame_compiles_a_pipeline_that_its_settings_asked_for_before() {
     let drawables = [Drawable { asset: &ball, instances: &[at(0.0, 60.0, 10.0, 12.0)] }];
     let camera = Pose::look_at(DVec3::new(60.0, 140.0, 130.0), DVec3::new(0.0, -8.0, 10.0), DVec3::Y, 0.9);
     let mut ground = scene(&h, &entry(3));
-    ground.prepare(gpu, &TileSource::AtOnce, &camera, (SIDE, SIDE), 2.0).unwrap();
+    ground.prepare(gpu, &TileSource::Immediate, &camera, (SIDE, SIDE), 2.0).unwrap();
     let water = Some(Water { level: -5.0, clarity: 3.0, ripples: 2.0 });
     for settings in kinds() {
         let frame =

@@ -14,11 +14,12 @@ use crate::draw::DrawList;
 use crate::graph::Resource;
 use crate::image_compare::compare;
 use crate::shadows;
-use crate::tiles::{PlacedTerrain, TILE_CELLS, TileGenerator, TileId, TileRegion};
+use crate::tile_generator::TileGenerator;
 use crate::{
     Counters, DebugView, Environment, Frame, Gpu, Headless, Pose, Settings, Shadows, TerrainRenderer,
     TileSource,
 };
+use lodestream_terrain::tiles::{PlacedTerrain, TILE_CELLS, TileId, TileRegion};
 
 /// Hills of some hundred metres on patches of 512 m, heights in centimetres.
 pub(super) fn entry(seed: u64) -> TerrainEntry {
@@ -65,7 +66,7 @@ pub(super) fn draw(
     settings: Settings,
 ) -> RgbaImage {
     let gpu_size = h.size();
-    ground.prepare(h.gpu(), &TileSource::AtOnce, &camera, gpu_size, px).unwrap();
+    ground.prepare(h.gpu(), &TileSource::Immediate, &camera, gpu_size, px).unwrap();
     let frame = Frame { terrain: Some(ground.frame()), settings, ..Frame::new(camera, &[]) };
     h.frame(&frame).unwrap();
     h.picture().unwrap()
@@ -94,9 +95,9 @@ fn draw_in_the_sun(
     out_of_view: bool,
 ) -> Vec<u8> {
     let size = h.size();
-    ground.prepare(h.gpu(), &TileSource::AtOnce, &camera, size, 2.0).unwrap();
+    ground.prepare(h.gpu(), &TileSource::Immediate, &camera, size, 2.0).unwrap();
     if out_of_view {
-        prepare_casters(h, ground, &TileSource::AtOnce, camera, to_sun);
+        prepare_casters(h, ground, &TileSource::Immediate, camera, to_sun);
     }
     let environment = Environment { to_sun, ..Environment::default() };
     h.frame(&Frame { terrain: Some(ground.frame()), environment, ..Frame::new(camera, &[]) }).unwrap();
@@ -165,10 +166,10 @@ fn ground_is_missing_while_some_of_what_casts_shadows_is() {
         prepare_casters(&h, ground, making, camera, to_sun);
         (ground.missing(), ground.frame().parts.len(), ground.frame().casters.len())
     };
-    let (_, parts, casters) = prepare(&mut scene(&h, &entry), &TileSource::AtOnce);
+    let (_, parts, casters) = prepare(&mut scene(&h, &entry), &TileSource::Immediate);
     assert!(casters > 10, "{casters}");
     let mut ground = scene(&h, &entry);
-    let apart = TileSource::Apart(TileGenerator::start(|| {}).unwrap());
+    let apart = TileSource::Thread(TileGenerator::start(|| {}).unwrap());
     // However long a thread that nobody waits for takes.
     let made = loop {
         let (missing, parts, casters) = prepare(&mut ground, &apart);
@@ -351,7 +352,7 @@ fn pictures_show_what_the_cpu_reference_computes_and_stay_within_the_screen_erro
     for number in 0..4 {
         let entry = if number % 2 == 0 { entry(40 + number) } else { rough_entry(40 + number) };
         let mut ground = scene(&h, &entry);
-        let maker = PlacedTerrain::new(terrain(&entry).into(), &entry);
+        let maker = PlacedTerrain::new(terrain(&entry).into(), entry.unit.into(), entry.height_unit.into());
         let mut camera = random_camera(&entry, &mut random);
         if number % 2 == 1 {
             // Over the crest, some hundred metres away.

@@ -117,7 +117,7 @@ fn valley(h: &mut Headless, camera: Pose, level: Option<f64>) -> (RgbaImage, Vec
     let river = Shape::RiverBed { line, half_width: 24, depth: 900 };
     entry.stamps = vec![Stamp { mode: Mode::Fixed, shape: river }];
     let mut ground = scene(h, &entry);
-    ground.prepare(h.gpu(), &TileSource::AtOnce, &camera, h.size(), 2.0).unwrap();
+    ground.prepare(h.gpu(), &TileSource::Immediate, &camera, h.size(), 2.0).unwrap();
     let water = level.map(|level| Water { level, clarity: 3.0, ripples: 2.0 });
     let settings = Settings { near: 0.1, anti_aliasing: AntiAliasing::None, ..Settings::default() };
     let frame = Frame { terrain: Some(ground.frame()), water, settings, ..Frame::new(camera, &[]) };

@@ -1,13 +1,13 @@
-//! Names of tiles.
+//! Identifiers and sizes of tiles.
 
-/// Cells along a tile's side, two triangles each. Small tiles follow the distance closely, and each costs a window of the
-/// generator of its own, whose margin then weighs more.
+/// Cells along a tile's side, two triangles each. Smaller tiles adapt to distance more closely; but each is generated
+/// with a margin, which then weighs more.
 pub const TILE_CELLS: u32 = 8;
-/// Samples of the height along a cell's side: normals are those of a surface finer than the one that is drawn.
+/// Height samples along a cell's side: normals come from a surface finer than the drawn one.
 pub const CELL_SAMPLES: u32 = 2;
-/// Samples kept around a tile on each side: normals of both its own and the next coarser surface need them.
+/// Samples beyond a tile's border on each side, which normals of its own and of the next coarser surface need.
 pub const TILE_MARGIN: u32 = 2;
-/// Samples along a side of what is kept of a tile.
+/// Samples along a tile's side, margins included.
 pub const TILE_SAMPLES: u32 = TILE_CELLS * CELL_SAMPLES + 1 + 2 * TILE_MARGIN;
 
 /// A square of [`TILE_CELLS`]² cells.

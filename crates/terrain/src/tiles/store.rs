@@ -1,11 +1,11 @@
-//! Which tiles are in GPU memory, and where.
+//! Slots of tiles in GPU memory, and least-recently-used eviction. Holds no GPU object itself.
 
 use std::collections::BTreeMap;
 
 use super::select::SelectedTile;
 use super::tile::{TILE_MARGIN, TileId};
 
-/// Slots and what they hold. Tiles that were drawn last stay longest.
+/// Maps tiles to slots; evicts the tiles that were not needed for the longest time.
 #[derive(Clone, Debug)]
 pub struct TileStore {
     /// Tile to (slot, frame in which it was last needed).
@@ -33,31 +33,30 @@ impl TileStore {
         self.held.is_empty()
     }
 
-    /// Begins a frame: what is touched from here on counts as needed now.
+    /// Begins a frame: what is touched from here on counts as needed in it.
     pub fn begin(&mut self) {
         self.frame += 1;
     }
 
-    /// The slot of a tile, if it is held.
+    /// The slot of a tile, if it has one.
     #[must_use]
     pub fn slot(&self, tile: TileId) -> Option<u32> {
         self.held.get(&tile).map(|(slot, _)| *slot)
     }
 
-    /// Those of some tiles that are not held.
+    /// The tiles of a selection that have no slot.
     #[must_use]
-    pub fn absent(&self, picked: &[SelectedTile]) -> Vec<TileId> {
-        picked.iter().map(|picked| picked.tile).filter(|tile| !self.held.contains_key(tile)).collect()
+    pub fn absent(&self, selected: &[SelectedTile]) -> Vec<TileId> {
+        selected.iter().map(|part| part.tile).filter(|tile| !self.held.contains_key(tile)).collect()
     }
 
-    /// Notes that a tile is needed in this frame; whether it is held.
+    /// Marks a tile as needed in this frame. Returns whether it has a slot.
     pub fn touch(&mut self, tile: TileId) -> bool {
         let held = self.held.get_mut(&tile);
         held.map(|entry| entry.1 = self.frame).is_some()
     }
 
-    /// A slot for a new tile: a free one, or that of the tile which was not needed for the longest time. `None` if all
-    /// tiles are needed in this frame.
+    /// Gives a tile a slot, evicting old tiles if none is free. Returns `None` if all tiles are needed in this frame.
     pub fn insert(&mut self, tile: TileId) -> Option<u32> {
         if let Some(entry) = self.held.get_mut(&tile) {
             entry.1 = self.frame;
@@ -71,7 +70,7 @@ impl TileStore {
         Some(slot)
     }
 
-    /// Frees an eighth of the slots: those that were not needed for the longest time, none that is needed now.
+    /// Frees up to an eighth of the slots, least recently needed first; keeps tiles that are needed in this frame.
     fn evict(&mut self) {
         let mut ages: Vec<(u64, TileId)> = self
             .held
@@ -88,8 +87,8 @@ impl TileStore {
         }
     }
 
-    /// Forgets the tiles that reach, with their margin, into a square of grid units.
-    pub fn forget(&mut self, origin: [i64; 2], side: i64) {
+    /// Frees the slots of all tiles that overlap a square of grid units, margins included.
+    pub fn invalidate(&mut self, origin: [i64; 2], side: i64) {
         let free = &mut self.free;
         self.held.retain(|tile, (slot, _)| {
             let margin = i64::from(TILE_MARGIN) << tile.spacing;
@@ -114,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_needed_now_is_never_dropped() {
+    fn tiles_needed_in_this_frame_are_never_evicted() {
         let mut store = TileStore::new(4);
         store.begin();
         for x in 0..4 {
@@ -130,13 +129,13 @@ mod tests {
     }
 
     #[test]
-    fn tiles_that_touch_a_changed_square_are_forgotten() {
+    fn tiles_that_touch_a_changed_square_are_invalidated() {
         let mut store = TileStore::new(8);
         for x in 0..8 {
             store.insert(tile(x));
         }
         // Points 16 to 32, borders included: tiles 1 (8 to 16), 2, 3 and 4 (32 to 40).
-        store.forget([16, 0], 16);
+        store.invalidate([16, 0], 16);
         assert_eq!(store.len(), 4);
         assert!([1, 2, 3, 4].iter().all(|&x| store.slot(tile(x)).is_none()));
     }

@@ -1,28 +1,28 @@
-//! Up to which distance each spacing is drawn.
+//! The distance up to which each spacing is drawn.
 
 use super::tile::TILE_CELLS;
 
-/// Share of a range over which points slide onto the coarser surface.
+/// Share of a range over which points morph onto the coarser surface.
 const MORPH_SHARE: f64 = 0.15;
 
-/// Distances in world units, from the errors of a terrain's levels and a view.
+/// Draw distances per spacing, in world units, computed from a terrain's level errors and a view.
 ///
-/// The distance of a point is taken in the plane, with the eye's height above the ground around it as the third
-/// coordinate ([`clearance_distance`]): it then depends on nothing that a tile must be generated for.
+/// A point's distance combines its distance in the plane with the eye's height over the ground around
+/// ([`clearance_distance`]), so that it is known before any tile is generated.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Ranges {
-    /// Per spacing: where its points begin to slide, and where they have arrived. The last is infinite.
+pub struct LodRanges {
+    /// Per spacing: distances at which its morph begins and ends. The last is infinite.
     steps: Vec<[f64; 2]>,
 }
 
-impl Ranges {
-    /// `errors[s]` is the largest vertical error of drawing with spacing 2^s instead of 1, in world units; it grows with
-    /// s. `scale_px` is the view's magnification at distance 1 at the corner of the picture, `target_px` the screen error
-    /// allowed, `unit` the length of a grid unit in world units.
+impl LodRanges {
+    /// `errors[s]` is the largest vertical error of drawing with spacing 2^s instead of 1, in world units, ascending.
+    /// `scale_px` is the view's magnification at distance 1 in a corner of the picture, `target_px` the allowed screen
+    /// error, `unit` the length of a grid unit in world units.
     ///
-    /// Spacing s + 1 is enough from `errors[s + 1] · scale_px / target_px` on: from there on points of spacing s may
-    /// slide. Two more things must hold, or tiles would not meet: a tile of spacing s that is begun within its range ends
-    /// within that range and its diagonal, and by then no point of spacing s + 1 may have begun to slide.
+    /// Spacing s + 1 suffices from `errors[s + 1] · scale_px / target_px` on, so points of spacing s may morph from
+    /// there. For tiles to meet, the morph of spacing s + 1 must begin beyond the end of spacing s plus a tile's
+    /// diagonal: a tile of spacing s that begins within its range extends that far.
     #[must_use]
     pub fn new(errors: &[f64], scale_px: f64, target_px: f64, unit: f64) -> Self {
         let mut steps = Vec::with_capacity(errors.len());
@@ -48,27 +48,27 @@ impl Ranges {
         self.steps.len()
     }
 
-    /// Whether there is no spacing at all.
+    /// Whether there is no spacing.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.steps.is_empty()
     }
 
-    /// Up to which distance tiles of this spacing are drawn; beyond the last spacing: infinity.
+    /// Distance up to which tiles of this spacing are drawn; infinite for the last spacing and beyond.
     #[must_use]
     pub fn end(&self, spacing: u8) -> f64 {
         self.steps.get(usize::from(spacing)).map_or(f64::INFINITY, |step| step[1])
     }
 
-    /// From where points of this spacing slide onto the next coarser surface, and where they have arrived.
+    /// Distances at which points of this spacing begin and end to morph onto the next coarser surface.
     #[must_use]
     pub fn morph(&self, spacing: u8) -> [f64; 2] {
         self.steps.get(usize::from(spacing)).copied().unwrap_or([f64::INFINITY; 2])
     }
 }
 
-/// Distance by which levels are chosen: of a point `across` world units from the eye in the plane, with the eye `above`
-/// the highest ground around it (0 if it is not above).
+/// Distance for level selection: of a point `across` from the eye in the plane, with the eye `above` the highest ground
+/// around it. Both in one unit; a negative height counts as 0.
 #[must_use]
 pub fn clearance_distance(across: f64, above: f64) -> f64 {
     across.hypot(above.max(0.0))
@@ -79,9 +79,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_spacing_is_used_only_from_where_it_is_enough() {
+    fn a_spacing_is_used_only_from_where_its_error_is_allowed() {
         let errors = [0.0, 0.1, 0.3, 0.8, 2.0, 4.0];
-        let ranges = Ranges::new(&errors, 600.0, 2.0, 0.5);
+        let ranges = LodRanges::new(&errors, 600.0, 2.0, 0.5);
         for s in 0..5_u8 {
             let enough = errors[usize::from(s) + 1] * 600.0 / 2.0;
             let [begin, end] = ranges.morph(s);
@@ -92,10 +92,10 @@ mod tests {
     }
 
     #[test]
-    fn a_coarser_tile_does_not_slide_where_a_finer_one_may_still_meet_it() {
+    fn a_coarser_tile_does_not_morph_where_a_finer_one_may_meet_it() {
         // Flat ground and a factor of 1 between levels are the extremes.
         for errors in [vec![0.0; 12], vec![1.0; 12], (0..12).map(|s| f64::from(1 << s)).collect()] {
-            let ranges = Ranges::new(&errors, 600.0, 1.0, 1.0);
+            let ranges = LodRanges::new(&errors, 600.0, 1.0, 1.0);
             for s in 0..10_u8 {
                 let diagonal = f64::from(TILE_CELLS << s) * std::f64::consts::SQRT_2;
                 assert!(ranges.morph(s + 1)[0] >= ranges.end(s) + diagonal);
