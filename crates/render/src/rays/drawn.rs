@@ -3,10 +3,10 @@
 use glam::{DVec2, DVec3, Vec3};
 
 use crate::cpu_reference::terrain::Tile;
-use crate::gpu::{Gpu, RenderError};
-use crate::instance::Instance;
-use crate::scene::Frame;
-use crate::terrain::{TerrainFrame, TerrainPart, arrival};
+use crate::frame::settings::Frame;
+use crate::resources::gpu::{Gpu, RenderError};
+use crate::scene::instance::Instance;
+use crate::scene::terrain::{TerrainFrame, TerrainPart, arrival};
 use lodestream_terrain::tiles::{TILE_CELLS, TileRegion};
 
 /// Corners relative to the frame's eye, on world axes.

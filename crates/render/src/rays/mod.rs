@@ -15,9 +15,9 @@ use lodestream_scene::pose::Pose;
 
 use crate::cpu_reference::depth::view_ray;
 use crate::cpu_reference::occlusion::radius_at;
-use crate::gpu::{Gpu, RenderError};
-use crate::occlusion::OcclusionRadius;
-use crate::scene::Frame;
+use crate::frame::settings::Frame;
+use crate::passes::occlusion::OcclusionRadius;
+use crate::resources::gpu::{Gpu, RenderError};
 
 /// π (3 − √5).
 const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;

@@ -1,20 +1,20 @@
 //! What each planned pass records: its inputs, and what is drawn with them.
 
 use super::Renderer;
-use crate::accumulation::AccumulationStep;
-use crate::bloom::Bloom;
-use crate::counters::Counters;
-use crate::debug;
-use crate::draw::{Batch, DrawList, Meshes, Relief};
-use crate::fullscreen::{attachment, blended, fullscreen};
-use crate::gpu::Gpu;
-use crate::graph::{Pass, PassId, Resource};
-use crate::occlusion::OcclusionMethod;
-use crate::pipelines::{Estimate, Estimated, Whole};
-use crate::scene::{DebugView, Frame, Settings};
-use crate::target::{Load, Target};
-use crate::terrain::TileList;
-use crate::timing::PassEncoder;
+use crate::frame::accumulation::AccumulationStep;
+use crate::frame::counters::Counters;
+use crate::frame::draw::{Batch, DrawList, Meshes, Relief};
+use crate::frame::fullscreen::{attachment, blended, fullscreen};
+use crate::frame::graph::{Pass, PassId, Resource};
+use crate::frame::pipelines::{Estimate, Estimated, Whole};
+use crate::frame::settings::{DebugView, Frame, Settings};
+use crate::frame::target::{Load, Target};
+use crate::frame::timing::PassEncoder;
+use crate::passes::bloom::Bloom;
+use crate::passes::debug;
+use crate::passes::occlusion::OcclusionMethod;
+use crate::resources::gpu::Gpu;
+use crate::scene::terrain::TileList;
 
 impl Renderer {
     /// Records a planned pass.

@@ -8,7 +8,7 @@ use super::shapes::{Mesh, asset, at, cube, quad};
 use super::{headless, keep};
 use crate::cpu_reference::occlusion::{Blur, Normals, Occlusion};
 use crate::cpu_reference::surface::DepthPicture;
-use crate::graph::Resource;
+use crate::frame::graph::Resource;
 use crate::image_compare::compare;
 use crate::{
     AmbientOcclusion, AntiAliasing, AssetGpu, DebugView, Drawable, Environment, Frame, Headless, Instance,

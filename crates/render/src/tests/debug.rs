@@ -8,8 +8,8 @@ use super::{headless, keep};
 use crate::cpu_reference::brdf::octahedral;
 use crate::cpu_reference::debug;
 use crate::cpu_reference::depth::view_ray;
-use crate::graph::Resource;
-use crate::readback::read_texture;
+use crate::frame::graph::Resource;
+use crate::resources::readback::read_texture;
 use crate::{
     Alpha, DebugView, Drawable, Frame, Headless, Instance, Load, Material, PassId, Pose, Renderer, Settings,
     Target,

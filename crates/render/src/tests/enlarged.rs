@@ -6,7 +6,7 @@ use super::shapes::{asset, at, cube, sphere};
 use super::{headless, keep};
 use crate::cpu_reference::antialias::Display;
 use crate::cpu_reference::{temporal, tone};
-use crate::graph::Resource;
+use crate::frame::graph::Resource;
 use crate::{AntiAliasing, Counters, Drawable, Frame, Headless, Material, PassId, Pose, Settings};
 
 const SIZE: [u32; 2] = [120, 68];

@@ -5,16 +5,16 @@ use half::f16;
 
 use super::headless;
 use super::shapes::{asset, at, cube, quad, sphere};
-use crate::accumulation::AccumulationStep;
-use crate::camera::{clip_from_view, view_from_world};
-use crate::graph::Resource;
+use crate::frame::accumulation::AccumulationStep;
+use crate::frame::camera::{clip_from_view, view_from_world};
+use crate::frame::graph::Resource;
+use crate::frame::targets::RADIANCE;
+use crate::frame::timing::PassEncoder;
+use crate::frame::uniforms::FrameUniform;
 use crate::image_compare::compare;
-use crate::readback::read_texture;
-use crate::sky::SkyGpu;
-use crate::targets::RADIANCE;
-use crate::temporal::{Resolve, TemporalStep};
-use crate::timing::PassEncoder;
-use crate::uniforms::FrameUniform;
+use crate::passes::sky::SkyGpu;
+use crate::passes::temporal::{Resolve, TemporalStep};
+use crate::resources::readback::read_texture;
 use crate::{
     AntiAliasing, AssetGpu, Drawable, Environment, Frame, GradientSky, Headless, Instance, Material, Pose,
     Settings, Sky,
@@ -73,7 +73,7 @@ fn poison(h: &Headless, value: f64) {
     let mut encoder = h.gpu().device.create_command_encoder(&Default::default());
     drop(encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
         label: Some("poison"),
-        color_attachments: &[Some(crate::fullscreen::attachment(&view, wgpu::LoadOp::Clear(colour)))],
+        color_attachments: &[Some(crate::frame::fullscreen::attachment(&view, wgpu::LoadOp::Clear(colour)))],
         ..Default::default()
     }));
     h.gpu().queue.submit([encoder.finish()]);

@@ -10,7 +10,7 @@ use super::{headless, keep};
 use crate::cpu_reference::brdf::from_octahedral;
 use crate::cpu_reference::depth::view_ray;
 use crate::cpu_reference::tone::decode_srgb;
-use crate::graph::Resource;
+use crate::frame::graph::Resource;
 use crate::{
     AntiAliasing, Drawable, Environment, Frame, Headless, Instance, Material, Pose, Settings, TileSource,
 };

@@ -194,7 +194,7 @@ fn what_is_no_factor_leaves_the_ground_as_it_is_or_goes_as_far_as_it_may() {
 #[cfg(feature = "client")]
 #[test]
 fn what_stands_on_the_ground_goes_with_it() {
-    use crate::terrain_anchored::TerrainAnchored;
+    use crate::scene::terrain_anchored::TerrainAnchored;
     use crate::{Instance, Light};
     let Some(h) = headless(8, 8) else { return };
     let entry = entry(3);

@@ -5,7 +5,7 @@ use image::RgbaImage;
 
 use super::headless;
 use super::shapes::{asset, at, cube, sphere};
-use crate::readback::read_texture;
+use crate::resources::readback::read_texture;
 use crate::{
     AntiAliasing, Drawable, Frame, Gpu, Headless, Instance, Load, Material, Pose, RenderError, Renderer,
     Settings, Target,

@@ -8,7 +8,7 @@ use super::shapes::{Mesh, asset, at, cube, join, quad, sphere};
 use super::{headless, keep};
 use crate::cpu_reference::depth::{project, view_depth, view_ray};
 use crate::cpu_reference::ink::{Stroke, blurred, edges, is_seen, kind, level_of, noise};
-use crate::graph::Resource;
+use crate::frame::graph::Resource;
 use crate::{
     Alpha, AntiAliasing, AssetGpu, DebugView, Drawable, Frame, Headless, Ink, Instance, Material,
     PackedVertex, PassId, PnTriangles, Pose, Settings,

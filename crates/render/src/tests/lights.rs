@@ -8,7 +8,7 @@ use super::{headless, keep};
 use crate::cpu_reference::brdf::{Reflector, from_octahedral};
 use crate::cpu_reference::depth::view_ray;
 use crate::cpu_reference::lights::PunctualLight;
-use crate::graph::Resource;
+use crate::frame::graph::Resource;
 use crate::{
     Alpha, AntiAliasing, DebugView, Drawable, Environment, Frame, GradientSky, Headless, Instance, Light,
     LightCulling, Material, PassId, Pose, Settings, Sky, Spot,
@@ -80,7 +80,7 @@ fn draw(h: &mut Headless, lights: &[Light], settings: Settings) -> Vec<[f64; 4]>
     let frame = Frame { lights, environment: night(), settings, ..Frame::new(camera(), &drawables) };
     let counters = h.frame(&frame).unwrap();
     // What lights nothing has no pass.
-    let some = lights.iter().any(|light| crate::lights::lights(light, camera().eye));
+    let some = lights.iter().any(|light| crate::scene::lights::lights(light, camera().eye));
     assert_eq!(counters.passes.contains(&PassId::PunctualLights), some);
     halves(h, Resource::Radiance)
 }

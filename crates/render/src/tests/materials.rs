@@ -7,7 +7,7 @@ use super::shapes::{Mesh, asset, at, fill, join, quad, sphere};
 use super::{headless, keep};
 use crate::cpu_reference::brdf::{Reflector, from_octahedral, from_sky};
 use crate::cpu_reference::depth::view_ray;
-use crate::graph::Resource;
+use crate::frame::graph::Resource;
 use crate::{
     Alpha, AntiAliasing, AssetGpu, Drawable, Environment, Frame, GradientSky, Headless, Instance, Material,
     PassId, Pose, Settings, Sky, TextureData, TextureKind, TextureShape, Wrap,

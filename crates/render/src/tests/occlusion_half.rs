@@ -8,7 +8,7 @@ use super::shapes::{asset, at, cube, quad, sphere};
 use super::{headless, keep};
 use crate::cpu_reference::occlusion::{Normals, Occlusion, Upsample, half_size};
 use crate::cpu_reference::surface::DepthPicture;
-use crate::graph::Resource;
+use crate::frame::graph::Resource;
 use crate::{
     AmbientOcclusion, AssetGpu, Drawable, Headless, Instance, Material, OcclusionMethod, OcclusionRadius,
     Pose, STILL_FRAMES, Settings,

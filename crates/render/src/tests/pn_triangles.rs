@@ -9,7 +9,7 @@ use super::shapes::{Mesh, asset, at, cube, join, quad, sphere};
 use super::{headless, keep};
 use crate::cpu_reference::depth::view_ray;
 use crate::cpu_reference::pn_triangles::{Corner, Patch};
-use crate::graph::Resource;
+use crate::frame::graph::Resource;
 use crate::{
     AntiAliasing, AssetGpu, DebugView, Drawable, Frame, Headless, Instance, MAX_PN_LEVEL, Material,
     PackedVertex, PassId, PnTriangles, Pose, Settings, mark_smooth,

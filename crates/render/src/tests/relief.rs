@@ -10,7 +10,7 @@ use crate::cpu_reference::relief::height_maps::bricks;
 use crate::cpu_reference::relief::methods::{Method, Prepared};
 use crate::cpu_reference::relief::ray::Ray;
 use crate::cpu_reference::relief::{ReliefMap, climb, reach, steps};
-use crate::graph::Resource;
+use crate::frame::graph::Resource;
 use crate::{
     AntiAliasing, AssetGpu, Drawable, Environment, Frame, Headless, Instance, Material, Pose, ReliefMethod,
     Settings, Shadows, TextureData, TextureKind, TextureShape, Wrap,

@@ -10,10 +10,10 @@ use super::{headless, keep};
 use crate::cpu_reference::depth::view_ray;
 use crate::cpu_reference::surface::DepthPicture;
 use crate::cpu_reference::{brdf, sunlight};
-use crate::graph::Resource;
+use crate::frame::graph::Resource;
 use crate::image_compare::compare;
-use crate::readback::read_texture;
-use crate::shadows::map_from_world;
+use crate::passes::shadows::map_from_world;
+use crate::resources::readback::read_texture;
 use crate::{
     AntiAliasing, AssetGpu, DebugView, Drawable, Environment, Frame, Headless, Instance, Material, Pose,
     Settings, Shadows,

@@ -10,8 +10,8 @@ use super::{headless, keep};
 use crate::cpu_reference::brdf::Reflector;
 use crate::cpu_reference::depth::view_ray;
 use crate::cpu_reference::sky::Octahedral;
-use crate::graph::Resource;
-use crate::sky::SkyGpu;
+use crate::frame::graph::Resource;
+use crate::passes::sky::SkyGpu;
 use crate::{
     AntiAliasing, Atmosphere, Drawable, Environment, Frame, Headless, Instance, Material, Pose, Settings, Sky,
 };

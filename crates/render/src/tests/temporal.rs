@@ -6,7 +6,7 @@ use image::RgbaImage;
 use super::shapes::{asset, at, cube, quad, sphere};
 use super::{headless, keep};
 use crate::cpu_reference::{temporal, tone};
-use crate::graph::Resource;
+use crate::frame::graph::Resource;
 use crate::{
     AntiAliasing, AssetGpu, DebugView, Drawable, Environment, Frame, GradientSky, Headless, Instance,
     Material, PassId, Pose, Settings, Sky, Water,

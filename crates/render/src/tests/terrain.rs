@@ -10,11 +10,11 @@ use wgpu::util::DeviceExt;
 use super::{headless, keep};
 use crate::cpu_reference::depth::view_ray;
 use crate::cpu_reference::terrain::{Tile, zone_weights};
-use crate::draw::DrawList;
-use crate::graph::Resource;
+use crate::frame::draw::DrawList;
+use crate::frame::graph::Resource;
 use crate::image_compare::compare;
-use crate::shadows;
-use crate::tile_generator::TileGenerator;
+use crate::passes::shadows;
+use crate::scene::tile_generator::TileGenerator;
 use crate::{
     Counters, DebugView, Environment, Frame, Gpu, Headless, Pose, Settings, Shadows, TerrainRenderer,
     TileSource,

@@ -11,7 +11,7 @@ use super::{headless, keep};
 use crate::cpu_reference::depth::view_ray;
 use crate::cpu_reference::sky::{Octahedral, Sky as CpuReferenceSky, split_sum};
 use crate::cpu_reference::water::Ray;
-use crate::graph::Resource;
+use crate::frame::graph::Resource;
 use crate::image_compare::compare;
 use crate::{
     AntiAliasing, Drawable, Environment, Frame, GradientSky, Haze, Headless, Instance, Material, PassId,

@@ -17,7 +17,7 @@ pub use normal::Normals;
 use receiver::Receiver;
 
 use super::surface::DepthPicture;
-use crate::occlusion::OcclusionMethod;
+use crate::passes::occlusion::OcclusionMethod;
 
 const MIN_RADIUS_PX: f64 = 1.0;
 const MAX_RADIUS_PX: f64 = 256.0;

@@ -54,7 +54,7 @@ pub(super) fn sums(r: &Receiver<'_>, centred: bool) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::occlusion::MAX_SAMPLES;
+    use crate::passes::occlusion::MAX_SAMPLES;
 
     #[test]
     fn kernel_is_a_cosine_weighted_hemisphere() {

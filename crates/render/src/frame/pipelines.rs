@@ -1,0 +1,415 @@
+//! Everything that is compiled for one format of targets. Each part is when it is needed first, or before
+//! ([`crate::frame::compiler`]).
+
+use std::sync::{Arc, OnceLock};
+
+use crate::frame::fullscreen::fullscreen_pipeline;
+use crate::frame::targets::{DISPLAY, OCCLUSION, OCCLUSION_MEAN, RADIANCE, SUNLIGHT};
+use crate::passes::bloom::BloomPipelines;
+use crate::passes::gbuffer::{ADD, UNIFORM_BLOCK, shader};
+use crate::passes::ink::InkPipelines;
+use crate::passes::mesh_pipelines::MeshPipelines;
+use crate::passes::occlusion::{OcclusionMethod, OcclusionNormals};
+use crate::passes::occlusion_layers::LayerPipelines;
+use crate::passes::pn_triangles::ListMakers;
+use crate::passes::reflections::PYRAMID;
+use crate::passes::temporal::Resolve;
+use crate::passes::water::WaterPipelines;
+use crate::resources::gpu::Gpu;
+use crate::scene::material_bindings::MaterialKit;
+use crate::scene::terrain::TerrainPipelines;
+
+/// The text of an estimator of occlusion, from those of its own files.
+macro_rules! occlusion {
+    ($($file:literal),+) => {
+        concat!(
+            include_str!("../shaders/common.wgsl"),
+            include_str!("../shaders/fullscreen.wgsl"),
+            include_str!("../shaders/surface.wgsl"),
+            include_str!("../shaders/occlusion_radius.wgsl"),
+            include_str!("../shaders/targets.wgsl"),
+            include_str!("../shaders/occlusion_normal.wgsl"),
+            $(include_str!(concat!("../shaders/", $file, ".wgsl"))),+
+        )
+    };
+}
+
+const SSAO: &str = occlusion!("occlusion", "ssao", "occlusion_half", "whole");
+const HBAO: &str = occlusion!("occlusion", "hbao", "occlusion_half", "whole");
+/// For [`crate::passes::occlusion_layers`].
+pub(crate) const HBAO_PLUS: &str = occlusion!("occlusion", "hbao", "layers");
+const ALCHEMY: &str = occlusion!("occlusion", "alchemy", "occlusion_half", "whole");
+const GTAO: &str = occlusion!("occlusion", "slices", "gtao", "occlusion_half", "whole");
+const BITMASK: &str = occlusion!("occlusion", "slices", "bitmask", "occlusion_half", "whole");
+const BLUR: &str = occlusion!("occlusion_blur");
+const UPSAMPLE: &str = occlusion!("occlusion_half", "occlusion_upsample");
+const SHADOWS: &str = concat!(
+    include_str!("../shaders/common.wgsl"),
+    include_str!("../shaders/fullscreen.wgsl"),
+    include_str!("../shaders/surface.wgsl"),
+    include_str!("../shaders/shadows.wgsl"),
+    include_str!("../shaders/sunlight.wgsl")
+);
+const LIGHTING: &str = concat!(
+    include_str!("../shaders/common.wgsl"),
+    include_str!("../shaders/fullscreen.wgsl"),
+    include_str!("../shaders/targets.wgsl"),
+    include_str!("../shaders/sky.wgsl"),
+    include_str!("../shaders/brdf.wgsl"),
+    include_str!("../shaders/lighting.wgsl")
+);
+const REFLECTIONS: &str = concat!(
+    include_str!("../shaders/common.wgsl"),
+    include_str!("../shaders/fullscreen.wgsl"),
+    include_str!("../shaders/surface.wgsl"),
+    include_str!("../shaders/targets.wgsl"),
+    include_str!("../shaders/sky.wgsl"),
+    include_str!("../shaders/brdf.wgsl"),
+    include_str!("../shaders/tracing.wgsl"),
+    include_str!("../shaders/reflections.wgsl")
+);
+const DEPTH_PYRAMID: &str =
+    concat!(include_str!("../shaders/fullscreen.wgsl"), include_str!("../shaders/pyramid.wgsl"));
+const WIREFRAME: &str = concat!(
+    include_str!("../shaders/common.wgsl"),
+    include_str!("../shaders/fullscreen.wgsl"),
+    include_str!("../shaders/wireframe.wgsl")
+);
+const ANTIALIAS: &str = concat!(
+    include_str!("../shaders/common.wgsl"),
+    include_str!("../shaders/fullscreen.wgsl"),
+    include_str!("../shaders/antialias.wgsl")
+);
+const ENLARGE: &str = concat!(
+    include_str!("../shaders/common.wgsl"),
+    include_str!("../shaders/fullscreen.wgsl"),
+    include_str!("../shaders/between.wgsl"),
+    include_str!("../shaders/enlarge.wgsl")
+);
+const TONEMAP: &str = concat!(
+    include_str!("../shaders/common.wgsl"),
+    include_str!("../shaders/fullscreen.wgsl"),
+    include_str!("../shaders/between.wgsl"),
+    include_str!("../shaders/tonemap.wgsl")
+);
+/// For [`crate::frame::composite`].
+pub(crate) const COMPOSITE: &str = concat!(
+    include_str!("../shaders/common.wgsl"),
+    include_str!("../shaders/fullscreen.wgsl"),
+    include_str!("../shaders/between.wgsl"),
+    include_str!("../shaders/tonemap.wgsl"),
+    include_str!("../shaders/composite.wgsl")
+);
+
+/// For [`crate::passes::debug`].
+pub(crate) const DEBUG: &str = concat!(
+    include_str!("../shaders/common.wgsl"),
+    include_str!("../shaders/fullscreen.wgsl"),
+    include_str!("../shaders/targets.wgsl"),
+    include_str!("../shaders/motion.wgsl"),
+    include_str!("../shaders/debug.wgsl")
+);
+
+/// Mixes what is drawn with what is there by the share that is the blend's constant.
+const BY_SHARE: wgpu::BlendState = {
+    let over = wgpu::BlendComponent {
+        src_factor: wgpu::BlendFactor::Constant,
+        dst_factor: wgpu::BlendFactor::OneMinusConstant,
+        operation: wgpu::BlendOperation::Add,
+    };
+    wgpu::BlendState { color: over, alpha: over }
+};
+
+/// An estimator of occlusion, as it is compiled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Estimate {
+    pub(crate) method: OcclusionMethod,
+    pub(crate) normals: OcclusionNormals,
+    pub(crate) into: Estimated,
+}
+
+/// What estimates of occlusion are drawn into.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Estimated {
+    /// A frame's picture.
+    Frame,
+    /// The same of half its sides.
+    Half,
+    /// A mean of frames, with the share that is set as the blend's constant.
+    Mean,
+}
+
+impl Estimate {
+    const COUNT: usize = 3 * OcclusionNormals::ALL.len() * OcclusionMethod::ALL.len();
+
+    const fn number(self) -> usize {
+        (self.method as usize * OcclusionNormals::ALL.len() + self.normals as usize) * 3 + self.into as usize
+    }
+}
+
+/// What is compiled in for the sides that normals are taken from.
+pub(crate) fn sides(normals: OcclusionNormals) -> [(&'static str, f64); 1] {
+    [("SIDES", normals as u8 as f64)]
+}
+
+/// A pass over the whole of a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Whole {
+    /// The edges over the lit picture.
+    Wireframe,
+    Occlusion(Estimate),
+    Blur,
+    /// From half the sides of a picture.
+    Upsample,
+    Sunlight,
+    Lighting {
+        occlusion: bool,
+        shadows: bool,
+    },
+    DepthPyramid,
+    Reflections {
+        occlusion: bool,
+        by_cells: bool,
+    },
+    /// Of a picture without surfaces.
+    Sky,
+    ToneMap,
+    /// The same of a mean of frames.
+    ToneMapTemporal,
+    /// The same where edges are smoothed after it.
+    ToneMapDisplay,
+    AntiAlias,
+    /// The same where the picture is enlarged after it.
+    AntiAliasSmall,
+    Enlarge,
+}
+
+impl Whole {
+    const COUNT: usize = 20 + Estimate::COUNT;
+
+    const fn number(self) -> usize {
+        match self {
+            Self::Lighting { occlusion, shadows } => (occlusion as usize) << 1 | shadows as usize,
+            Self::Wireframe => 4,
+            Self::Enlarge => 5,
+            Self::Blur => 6,
+            Self::Sunlight => 7,
+            Self::Sky => 8,
+            Self::ToneMap => 9,
+            Self::ToneMapTemporal => 10,
+            Self::ToneMapDisplay => 11,
+            Self::AntiAlias => 12,
+            Self::AntiAliasSmall => 13,
+            Self::DepthPyramid => 14,
+            Self::Reflections { occlusion, by_cells } => 15 + ((occlusion as usize) << 1 | by_cells as usize),
+            Self::Upsample => 19,
+            Self::Occlusion(estimate) => 20 + estimate.number(),
+        }
+    }
+}
+
+/// Texts of shaders.
+#[derive(Clone, Copy)]
+enum Module {
+    Sunlight,
+    AntiAlias,
+    Wireframe,
+    Lighting,
+    DepthPyramid,
+    Reflections,
+    ToneMap,
+    Enlarge,
+    Blur,
+    Upsample,
+    Ssao,
+    Hbao,
+    Alchemy,
+    Gtao,
+    Bitmask,
+}
+
+impl Module {
+    const COUNT: usize = Self::Bitmask as usize + 1;
+
+    const fn of(method: OcclusionMethod) -> Self {
+        match method {
+            // They differ by their kernel.
+            OcclusionMethod::Ssao | OcclusionMethod::SsaoCentred => Self::Ssao,
+            // The latter has pipelines of its own.
+            OcclusionMethod::Hbao | OcclusionMethod::HbaoPlus => Self::Hbao,
+            OcclusionMethod::Alchemy => Self::Alchemy,
+            OcclusionMethod::Gtao => Self::Gtao,
+            OcclusionMethod::Bitmask => Self::Bitmask,
+        }
+    }
+}
+
+/// See the module.
+#[derive(Debug)]
+pub(crate) struct Pipelines {
+    /// Group 0 of the geometry passes: the frame's uniform block.
+    pub(crate) frame_layout: wgpu::BindGroupLayout,
+    pub(crate) meshes: MeshPipelines,
+    kit: MaterialKit,
+    curved: OnceLock<MeshPipelines>,
+    list_makers: OnceLock<ListMakers>,
+    terrain: OnceLock<TerrainPipelines>,
+    /// Where the sky alone is mirrored, and where the picture is too, by either search.
+    water: [OnceLock<WaterPipelines>; 3],
+    bloom: OnceLock<BloomPipelines>,
+    ink: OnceLock<InkPipelines>,
+    /// By what normals are taken from.
+    layers: [OnceLock<LayerPipelines>; OcclusionNormals::ALL.len()],
+    /// Of means over time, whose pass has it too.
+    pub(crate) resolve: Arc<OnceLock<Resolve>>,
+    modules: [OnceLock<wgpu::ShaderModule>; Module::COUNT],
+    whole: [OnceLock<wgpu::RenderPipeline>; Whole::COUNT],
+    target: wgpu::TextureFormat,
+}
+
+impl Pipelines {
+    pub(crate) fn new(gpu: &Gpu, kit: &MaterialKit, target: wgpu::TextureFormat) -> Self {
+        // Lists of patches and strokes are made as the frame's eye sees them.
+        let lists = if gpu.can_curve() { wgpu::ShaderStages::COMPUTE } else { wgpu::ShaderStages::NONE };
+        let visibility = UNIFORM_BLOCK.visibility | lists;
+        let frame_layout = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("frame"),
+            entries: &[wgpu::BindGroupLayoutEntry { visibility, ..UNIFORM_BLOCK }],
+        });
+        Self {
+            meshes: MeshPipelines::new(gpu, kit, &frame_layout),
+            kit: kit.clone(),
+            curved: OnceLock::new(),
+            list_makers: OnceLock::new(),
+            terrain: OnceLock::new(),
+            water: Default::default(),
+            bloom: OnceLock::new(),
+            ink: OnceLock::new(),
+            layers: Default::default(),
+            resolve: Arc::default(),
+            modules: Default::default(),
+            whole: std::array::from_fn(|_| OnceLock::new()),
+            target,
+            frame_layout,
+        }
+    }
+
+    /// What draws meshes as [`super::PnTriangles`].
+    pub(crate) fn curved(&self, gpu: &Gpu) -> &MeshPipelines {
+        self.curved.get_or_init(|| MeshPipelines::curved(gpu, &self.kit, &self.frame_layout))
+    }
+
+    /// What makes their lists; nothing where the device cannot.
+    pub(crate) fn list_makers(&self, gpu: &Gpu) -> Option<&ListMakers> {
+        gpu.can_curve().then(|| self.list_makers.get_or_init(|| ListMakers::new(gpu, &self.frame_layout)))
+    }
+
+    /// What draws tiles of a terrain.
+    pub(crate) fn terrain(&self, gpu: &Gpu) -> &TerrainPipelines {
+        self.terrain.get_or_init(|| TerrainPipelines::new(gpu, &self.frame_layout))
+    }
+
+    /// What draws water; what mirrors the picture looks for it by cells or by pixels.
+    pub(crate) fn water(&self, gpu: &Gpu, by_cells: Option<bool>) -> &WaterPipelines {
+        let number = by_cells.map_or(0, |by_cells| 1 + usize::from(by_cells));
+        self.water[number]
+            .get_or_init(|| WaterPipelines::new(gpu, self.meshes.light_layout(gpu, false), by_cells))
+    }
+
+    /// What spreads light around what is bright.
+    pub(crate) fn bloom(&self, gpu: &Gpu) -> &BloomPipelines {
+        self.bloom.get_or_init(|| BloomPipelines::new(gpu))
+    }
+
+    /// What draws in ink.
+    pub(crate) fn ink(&self, gpu: &Gpu) -> &InkPipelines {
+        self.ink.get_or_init(|| InkPipelines::new(gpu, &self.frame_layout))
+    }
+
+    /// What estimates occlusion in layers.
+    pub(crate) fn layers(&self, gpu: &Gpu, normals: OcclusionNormals) -> &LayerPipelines {
+        self.layers[normals as usize].get_or_init(|| LayerPipelines::new(gpu, BY_SHARE, normals))
+    }
+
+    /// What draws a pass over the whole of a picture.
+    pub(crate) fn whole(&self, gpu: &Gpu, pass: Whole) -> &wgpu::RenderPipeline {
+        self.whole[pass.number()].get_or_init(|| self.compile(gpu, pass))
+    }
+
+    fn module(&self, gpu: &Gpu, module: Module) -> &wgpu::ShaderModule {
+        let (label, text) = match module {
+            Module::Sunlight => ("sunlight", SHADOWS),
+            Module::AntiAlias => ("antialias", ANTIALIAS),
+            Module::Wireframe => ("wireframe", WIREFRAME),
+            Module::Lighting => ("lighting", LIGHTING),
+            Module::DepthPyramid => ("depth pyramid", DEPTH_PYRAMID),
+            Module::Reflections => ("reflections", REFLECTIONS),
+            Module::ToneMap => ("tonemap", TONEMAP),
+            Module::Enlarge => ("enlarge", ENLARGE),
+            Module::Blur => ("occlusion blur", BLUR),
+            Module::Upsample => ("occlusion upsampling", UPSAMPLE),
+            Module::Ssao => ("ssao", SSAO),
+            Module::Hbao => ("hbao", HBAO),
+            Module::Alchemy => ("alchemy", ALCHEMY),
+            Module::Gtao => ("gtao", GTAO),
+            Module::Bitmask => ("bitmask", BITMASK),
+        };
+        self.modules[module as usize].get_or_init(|| shader(gpu, label, text))
+    }
+
+    fn compile(&self, gpu: &Gpu, pass: Whole) -> wgpu::RenderPipeline {
+        let full = |module, entry, target: wgpu::ColorTargetState, constants: &[(&str, f64)]| {
+            fullscreen_pipeline(gpu, self.module(gpu, module), entry, target, constants)
+        };
+        let share = |on: bool| f64::from(u8::from(on));
+        // What the target does not encode, the shader does; what it decodes, too.
+        let decode: &[(&str, f64)] = if self.target.is_srgb() { &[("DECODE_SRGB", 1.0)] } else { &[] };
+        let encode: &[(&str, f64)] = if self.target.is_srgb() { &[] } else { &[("ENCODE_SRGB", 1.0)] };
+        match pass {
+            Whole::Wireframe => {
+                let blend = Some(wgpu::BlendState::ALPHA_BLENDING);
+                full(
+                    Module::Wireframe,
+                    "fs_wireframe",
+                    wgpu::ColorTargetState { blend, ..RADIANCE.into() },
+                    &[],
+                )
+            }
+            Whole::Occlusion(Estimate { method, normals, into }) => {
+                let mean = wgpu::ColorTargetState { blend: Some(BY_SHARE), ..OCCLUSION_MEAN.into() };
+                let (entry, target) = match into {
+                    Estimated::Frame => ("fs_occlusion", OCCLUSION.into()),
+                    Estimated::Half => ("fs_occlusion_half", OCCLUSION.into()),
+                    Estimated::Mean => ("fs_occlusion", mean),
+                };
+                full(Module::of(method), entry, target, &sides(normals))
+            }
+            Whole::Blur => full(Module::Blur, "fs_blur", OCCLUSION.into(), &[]),
+            Whole::Upsample => full(Module::Upsample, "fs_upsample", OCCLUSION.into(), &[]),
+            Whole::Sunlight => full(Module::Sunlight, "fs_sunlight", SUNLIGHT.into(), &[]),
+            Whole::Lighting { occlusion, shadows } => {
+                let constants = [("OCCLUSION", share(occlusion)), ("SHADOWS", share(shadows))];
+                full(Module::Lighting, "fs_lighting", RADIANCE.into(), &constants)
+            }
+            Whole::DepthPyramid => full(Module::DepthPyramid, "fs_pyramid", PYRAMID.into(), &[]),
+            Whole::Reflections { occlusion, by_cells } => {
+                let constants = [("OCCLUSION", share(occlusion)), ("HI_Z", share(by_cells))];
+                let over = wgpu::ColorTargetState { blend: Some(ADD), ..RADIANCE.into() };
+                full(Module::Reflections, "fs_reflections", over, &constants)
+            }
+            Whole::Sky => full(Module::Lighting, "fs_sky", RADIANCE.into(), &[]),
+            Whole::ToneMap => full(Module::ToneMap, "fs_tonemap", self.target.into(), encode),
+            Whole::ToneMapTemporal => {
+                let constants = [encode, &[("TEMPORAL", 1.0)]].concat();
+                full(Module::ToneMap, "fs_tonemap", self.target.into(), &constants)
+            }
+            Whole::ToneMapDisplay => {
+                let constants = [("ENCODE_SRGB", 1.0), ("AS_IT_IS", 1.0)];
+                full(Module::ToneMap, "fs_tonemap", DISPLAY.into(), &constants)
+            }
+            Whole::AntiAlias => full(Module::AntiAlias, "fs_antialias", self.target.into(), decode),
+            Whole::AntiAliasSmall => full(Module::AntiAlias, "fs_antialias", DISPLAY.into(), &[]),
+            Whole::Enlarge => full(Module::Enlarge, "fs_enlarge", self.target.into(), decode),
+        }
+    }
+}

@@ -1,0 +1,146 @@
+//! What ways of relief mapping must know of a height map beforehand, as a texture of its own: cones, or a pyramid of largest
+//! heights. Made on the CPU from what the device has, when a frame first asks for it.
+
+use crate::cpu_reference::relief::ReliefMap;
+use crate::cpu_reference::relief::cones::Cones;
+use crate::cpu_reference::relief::pyramid::Pyramid;
+use crate::resources::gpu::{Gpu, RenderError};
+use crate::resources::readback::read_texture;
+
+/// Most texels of a map whose cones are looked for: with twice as many along a side it takes sixteen times as long.
+const MAX_CONE_TEXELS: u64 = 256 * 256;
+/// Most texels of a map whose pyramid is made.
+const MAX_PYRAMID_TEXELS: u64 = 2048 * 2048;
+
+/// What is known of a height map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ReliefAcceleration {
+    /// For each texel the cone that a ray may pierce once.
+    Cones,
+    /// Largest heights of ever larger cells.
+    Pyramid,
+}
+
+impl ReliefAcceleration {
+    /// How many there are.
+    pub(crate) const COUNT: usize = 2;
+
+    /// Where it stands among them.
+    pub(crate) const fn number(self) -> usize {
+        match self {
+            Self::Cones => 0,
+            Self::Pyramid => 1,
+        }
+    }
+
+    /// Whether it is made of maps with so many texels along their sides.
+    fn suits(self, [width, height]: [u32; 2]) -> bool {
+        let most = match self {
+            Self::Cones => MAX_CONE_TEXELS,
+            Self::Pyramid => MAX_PYRAMID_TEXELS,
+        };
+        u64::from(width) * u64::from(height) <= most
+    }
+
+    /// The bindings of group 2: the aid.
+    pub(crate) fn layout(gpu: &Gpu) -> wgpu::BindGroupLayout {
+        gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("relief's aid"),
+            entries: &[wgpu::BindGroupLayoutEntry {
+                binding: 0,
+                visibility: wgpu::ShaderStages::FRAGMENT,
+                ty: wgpu::BindingType::Texture {
+                    sample_type: wgpu::TextureSampleType::Float { filterable: false },
+                    view_dimension: wgpu::TextureViewDimension::D2,
+                    multisampled: false,
+                },
+                count: None,
+            }],
+        })
+    }
+
+    /// Makes it of a mip level of heights; `None` of those that are too large. Waits for the device.
+    ///
+    /// # Errors
+    /// What keeps the heights from being read back.
+    pub(crate) fn make(
+        self,
+        gpu: &Gpu,
+        heights: &wgpu::Texture,
+        level: u32,
+    ) -> Result<Option<wgpu::Texture>, RenderError> {
+        let size = [heights.width(), heights.height()].map(|side| (side >> level).max(1));
+        if !self.suits(size) {
+            return Ok(None);
+        }
+        let map = read_heights(gpu, heights, level, size)?;
+        Ok(Some(match self {
+            Self::Cones => upload(gpu, &[(size, Cones::relaxed(&map).ratios())]),
+            Self::Pyramid => {
+                let pyramid = Pyramid::new(&map);
+                let level = |level: &'_ ReliefMap| [level.width as u32, level.height as u32];
+                let levels: Vec<_> = pyramid.levels().iter().map(|of| (level(of), &of.texels[..])).collect();
+                upload(gpu, &levels)
+            }
+        }))
+    }
+}
+
+/// A mip level of heights, back from the device.
+fn read_heights(
+    gpu: &Gpu,
+    heights: &wgpu::Texture,
+    level: u32,
+    [width, height]: [u32; 2],
+) -> Result<ReliefMap, RenderError> {
+    let format = heights.format();
+    let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
+    let copy = gpu.device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("heights to read back"),
+        size,
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage: wgpu::TextureUsages::COPY_DST | wgpu::TextureUsages::COPY_SRC,
+        view_formats: &[],
+    });
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    let from = wgpu::TexelCopyTextureInfo { mip_level: level, ..heights.as_image_copy() };
+    encoder.copy_texture_to_texture(from, copy.as_image_copy(), size);
+    gpu.queue.submit([encoder.finish()]);
+    let texels = if format == wgpu::TextureFormat::R16Unorm {
+        let bytes = read_texture(gpu, &copy, 2)?;
+        let texel = |pair: &[u8; 2]| f64::from(u16::from_le_bytes(*pair)) / 65535.0;
+        bytes.as_chunks().0.iter().map(texel).collect()
+    } else {
+        read_texture(gpu, &copy, 1)?.into_iter().map(|byte| f64::from(byte) / 255.0).collect()
+    };
+    Ok(ReliefMap { width: width as usize, height: height as usize, texels })
+}
+
+/// A texture of floats with these levels, the finest first, each half as wide and high as that before.
+fn upload(gpu: &Gpu, levels: &[([u32; 2], &[f64])]) -> wgpu::Texture {
+    let extent = |[width, height]: [u32; 2]| wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
+    let finest = levels.first().map_or([1; 2], |(size, _)| *size);
+    let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("relief's aid"),
+        size: extent(finest),
+        mip_level_count: levels.len().max(1) as u32,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::R32Float,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    });
+    for (level, (size, values)) in (0..).zip(levels) {
+        let texels: Vec<u8> = values.iter().flat_map(|value| (*value as f32).to_le_bytes()).collect();
+        gpu.queue.write_texture(
+            wgpu::TexelCopyTextureInfo { mip_level: level, ..texture.as_image_copy() },
+            &texels,
+            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * size[0]), rows_per_image: None },
+            extent(*size),
+        );
+    }
+    texture
+}
