@@ -9,6 +9,9 @@
 //!
 //! With the feature `client`, `SceneView` does 3 and 4 from what a client hands over.
 //!
+//! The feature `methods` adds ink, further estimators of occlusion and further searches of relief mapping; `reference`
+//! adds CPU references of the shaders, reference rays and comparison of pictures. Both are for tests and figures.
+//!
 //! [`Headless`] does 2 and 4 into a texture and reads pictures back.
 //!
 //! Conventions: right-handed world; view space looks along −z with y up; reversed depth
@@ -17,10 +20,13 @@
 //! Surfaces are drawn from both sides: scanned meshes may be open, so nothing is culled, and the
 //! normal of a back face is flipped in the fragment shader.
 
+#[cfg(any(test, feature = "reference"))]
 pub mod cpu_reference;
 mod frame;
+#[cfg(any(test, feature = "reference"))]
 pub mod image_compare;
 mod passes;
+#[cfg(any(test, feature = "reference"))]
 pub mod rays;
 mod renderer;
 mod resources;
@@ -42,6 +48,7 @@ pub use frame::target::{Load, Target};
 pub use frame::timing::{PassTime, Timings};
 pub use lodestream_scene::pose::Pose;
 pub use passes::bloom::Bloom;
+#[cfg(any(test, feature = "methods"))]
 pub use passes::ink::{Ink, MAX_INK_BLUR, MAX_INK_LEVELS, MAX_INK_WIDTH};
 pub use passes::occlusion::{
     AmbientOcclusion, MAX_SAMPLES, OcclusionMethod, OcclusionNormals, OcclusionRadius, STILL_FRAMES,

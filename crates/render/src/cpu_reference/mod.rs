@@ -14,7 +14,8 @@ pub mod occlusion;
 pub mod pn_triangles;
 pub mod reflections;
 pub mod relief;
-pub mod sky;
+#[cfg(test)]
+pub(crate) mod sky;
 pub mod sunlight;
 pub mod surface;
 pub mod tangents;
@@ -22,4 +23,5 @@ pub mod temporal;
 pub mod terrain;
 pub mod tone;
 pub mod transform;
-pub mod water;
+#[cfg(test)]
+pub(crate) mod water;

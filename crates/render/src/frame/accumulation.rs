@@ -50,7 +50,7 @@ impl Accumulation {
         size: (u32, u32),
     ) -> AccumulationStep {
         let AmbientOcclusion { method, normals, half, still, .. } = occlusion.unwrap_or_default();
-        let half = half && method != OcclusionMethod::HbaoPlus;
+        let half = half && !method.is_layered();
         let alone = |left| AccumulationStep { method, normals, half, number: 0, done: false, left };
         let Some(still) = still.filter(|_| occlusion.is_some()) else {
             *self = Self::default();

@@ -5,7 +5,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use crate::frame::pipelines::{Estimate, Estimated, Pipelines, Whole};
 use crate::frame::settings::{AntiAliasing, Settings};
-use crate::passes::occlusion::{OcclusionMethod, OcclusionNormals};
+use crate::passes::occlusion::OcclusionMethod;
+#[cfg(any(test, feature = "methods"))]
+use crate::passes::occlusion::OcclusionNormals;
 use crate::passes::reflections::ReflectionMethod;
 use crate::passes::temporal::Resolve;
 use crate::resources::gpu::Gpu;
@@ -29,7 +31,9 @@ enum Task {
         by_cells: Option<bool>,
     },
     Bloom,
+    #[cfg(any(test, feature = "methods"))]
     Ink,
+    #[cfg(any(test, feature = "methods"))]
     /// Of occlusion.
     Layers(OcclusionNormals),
     Wire,
@@ -98,12 +102,14 @@ impl Compiler {
             Task::Water { by_cells } => {
                 pipelines.water(gpu, by_cells);
             }
+            #[cfg(any(test, feature = "methods"))]
             Task::Layers(normals) => {
                 pipelines.layers(gpu, normals);
             }
             Task::Bloom => {
                 pipelines.bloom(gpu);
             }
+            #[cfg(any(test, feature = "methods"))]
             Task::Ink => {
                 pipelines.ink(gpu);
             }
@@ -142,16 +148,18 @@ fn tasks(gpu: &Gpu, settings: &Settings, ground: bool) -> Vec<Task> {
         also(by_cells, &[Task::Whole(Whole::DepthPyramid)]);
     }
     also(settings.bloom.is_some(), &[Task::Bloom]);
-    also(settings.draws_ink(gpu).is_some(), &[Task::Ink]);
+    #[cfg(any(test, feature = "methods"))]
+    also(settings.draws_ink(gpu), &[Task::Ink]);
     also(shadows, &[Task::Whole(Whole::Sunlight), Task::Caster]);
     also(shadows && ground, &[Task::GroundCaster]);
     if let Some(ambient) = ambient {
         let normals = ambient.normals;
-        let estimate = |method, into| match method {
+        let estimate = |method: OcclusionMethod, into| match method {
+            #[cfg(any(test, feature = "methods"))]
             OcclusionMethod::HbaoPlus => Task::Layers(normals),
             method => Task::Whole(Whole::Occlusion(Estimate { method, normals, into })),
         };
-        let half = ambient.half && ambient.method != OcclusionMethod::HbaoPlus;
+        let half = ambient.half && !ambient.method.is_layered();
         if half {
             also(true, &[estimate(ambient.method, Estimated::Half), Task::Whole(Whole::Upsample)]);
         } else {

@@ -7,9 +7,11 @@ use crate::frame::fullscreen::fullscreen_pipeline;
 use crate::frame::targets::{DISPLAY, OCCLUSION, OCCLUSION_MEAN, RADIANCE, SUNLIGHT};
 use crate::passes::bloom::BloomPipelines;
 use crate::passes::gbuffer::{ADD, UNIFORM_BLOCK, shader};
+#[cfg(any(test, feature = "methods"))]
 use crate::passes::ink::InkPipelines;
 use crate::passes::mesh_pipelines::MeshPipelines;
 use crate::passes::occlusion::{OcclusionMethod, OcclusionNormals};
+#[cfg(any(test, feature = "methods"))]
 use crate::passes::occlusion_layers::LayerPipelines;
 use crate::passes::pn_triangles::ListMakers;
 use crate::passes::reflections::PYRAMID;
@@ -34,12 +36,17 @@ macro_rules! occlusion {
     };
 }
 
+#[cfg(any(test, feature = "methods"))]
 const SSAO: &str = occlusion!("occlusion", "ssao", "occlusion_half", "whole");
+#[cfg(any(test, feature = "methods"))]
 const HBAO: &str = occlusion!("occlusion", "hbao", "occlusion_half", "whole");
+#[cfg(any(test, feature = "methods"))]
 /// For [`crate::passes::occlusion_layers`].
 pub(crate) const HBAO_PLUS: &str = occlusion!("occlusion", "hbao", "layers");
+#[cfg(any(test, feature = "methods"))]
 const ALCHEMY: &str = occlusion!("occlusion", "alchemy", "occlusion_half", "whole");
 const GTAO: &str = occlusion!("occlusion", "slices", "gtao", "occlusion_half", "whole");
+#[cfg(any(test, feature = "methods"))]
 const BITMASK: &str = occlusion!("occlusion", "slices", "bitmask", "occlusion_half", "whole");
 const BLUR: &str = occlusion!("occlusion_blur");
 const UPSAMPLE: &str = occlusion!("occlusion_half", "occlusion_upsample");
@@ -221,24 +228,32 @@ enum Module {
     Enlarge,
     Blur,
     Upsample,
-    Ssao,
-    Hbao,
-    Alchemy,
     Gtao,
+    #[cfg(any(test, feature = "methods"))]
+    Ssao,
+    #[cfg(any(test, feature = "methods"))]
+    Hbao,
+    #[cfg(any(test, feature = "methods"))]
+    Alchemy,
+    #[cfg(any(test, feature = "methods"))]
     Bitmask,
 }
 
 impl Module {
-    const COUNT: usize = Self::Bitmask as usize + 1;
+    const COUNT: usize = Self::Gtao as usize + if cfg!(any(test, feature = "methods")) { 5 } else { 1 };
 
     const fn of(method: OcclusionMethod) -> Self {
         match method {
+            #[cfg(any(test, feature = "methods"))]
             // They differ by their kernel.
             OcclusionMethod::Ssao | OcclusionMethod::SsaoCentred => Self::Ssao,
+            #[cfg(any(test, feature = "methods"))]
             // The latter has pipelines of its own.
             OcclusionMethod::Hbao | OcclusionMethod::HbaoPlus => Self::Hbao,
+            #[cfg(any(test, feature = "methods"))]
             OcclusionMethod::Alchemy => Self::Alchemy,
             OcclusionMethod::Gtao => Self::Gtao,
+            #[cfg(any(test, feature = "methods"))]
             OcclusionMethod::Bitmask => Self::Bitmask,
         }
     }
@@ -257,7 +272,9 @@ pub(crate) struct Pipelines {
     /// Where the sky alone is mirrored, and where the picture is too, by either search.
     water: [OnceLock<WaterPipelines>; 3],
     bloom: OnceLock<BloomPipelines>,
+    #[cfg(any(test, feature = "methods"))]
     ink: OnceLock<InkPipelines>,
+    #[cfg(any(test, feature = "methods"))]
     /// By what normals are taken from.
     layers: [OnceLock<LayerPipelines>; OcclusionNormals::ALL.len()],
     /// Of means over time, whose pass has it too.
@@ -284,7 +301,9 @@ impl Pipelines {
             terrain: OnceLock::new(),
             water: Default::default(),
             bloom: OnceLock::new(),
+            #[cfg(any(test, feature = "methods"))]
             ink: OnceLock::new(),
+            #[cfg(any(test, feature = "methods"))]
             layers: Default::default(),
             resolve: Arc::default(),
             modules: Default::default(),
@@ -321,11 +340,13 @@ impl Pipelines {
         self.bloom.get_or_init(|| BloomPipelines::new(gpu))
     }
 
+    #[cfg(any(test, feature = "methods"))]
     /// What draws in ink.
     pub(crate) fn ink(&self, gpu: &Gpu) -> &InkPipelines {
         self.ink.get_or_init(|| InkPipelines::new(gpu, &self.frame_layout))
     }
 
+    #[cfg(any(test, feature = "methods"))]
     /// What estimates occlusion in layers.
     pub(crate) fn layers(&self, gpu: &Gpu, normals: OcclusionNormals) -> &LayerPipelines {
         self.layers[normals as usize].get_or_init(|| LayerPipelines::new(gpu, BY_SHARE, normals))
@@ -348,10 +369,14 @@ impl Pipelines {
             Module::Enlarge => ("enlarge", ENLARGE),
             Module::Blur => ("occlusion blur", BLUR),
             Module::Upsample => ("occlusion upsampling", UPSAMPLE),
+            #[cfg(any(test, feature = "methods"))]
             Module::Ssao => ("ssao", SSAO),
+            #[cfg(any(test, feature = "methods"))]
             Module::Hbao => ("hbao", HBAO),
+            #[cfg(any(test, feature = "methods"))]
             Module::Alchemy => ("alchemy", ALCHEMY),
             Module::Gtao => ("gtao", GTAO),
+            #[cfg(any(test, feature = "methods"))]
             Module::Bitmask => ("bitmask", BITMASK),
         };
         self.modules[module as usize].get_or_init(|| shader(gpu, label, text))

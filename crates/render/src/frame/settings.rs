@@ -3,6 +3,7 @@
 use lodestream_scene::pose::Pose;
 
 use crate::passes::bloom::Bloom;
+#[cfg(any(test, feature = "methods"))]
 use crate::passes::ink::Ink;
 use crate::passes::occlusion::AmbientOcclusion;
 use crate::passes::pn_triangles::PnTriangles;
@@ -236,11 +237,13 @@ pub enum ReliefMethod {
     /// surfaces", 2005).
     #[default]
     Relief,
+    #[cfg(any(test, feature = "methods"))]
     /// Steps to the edge of cones that a ray may pierce once, then halvings (Policarpo and Oliveira, "Relaxed cone stepping
     /// for relief mapping", 2007). Of height maps that repeat, have at most 256² texels, and are seen at about a texel a
     /// pixel or nearer; else as [`Self::Relief`]. The first frame that draws a map so looks for its cones, at a
     /// cost of the fourth power of its side.
     RelaxedCones,
+    #[cfg(any(test, feature = "methods"))]
     /// Over cells of a pyramid of largest heights, to the exact hit (Tevs, Ihrke and Seidel, "Maximum mipmaps", 2008;
     /// Drobot, "Quadtree displacement mapping", 2010). Of height maps that repeat, have at most 2048² texels, and are
     /// seen so; else as [`Self::Relief`]. The pyramid takes 5⅓ bytes a texel on the device.
@@ -248,15 +251,18 @@ pub enum ReliefMethod {
 }
 
 impl ReliefMethod {
-    /// All there are.
-    pub const ALL: [Self; 6] = [
+    /// All methods that are compiled.
+    pub const ALL: [Self; Self::COUNT] = [
         Self::Parallax,
         Self::SteepParallax,
         Self::ParallaxOcclusion,
         Self::Relief,
+        #[cfg(any(test, feature = "methods"))]
         Self::RelaxedCones,
+        #[cfg(any(test, feature = "methods"))]
         Self::Quadtree,
     ];
+    const COUNT: usize = if cfg!(any(test, feature = "methods")) { 6 } else { 4 };
 
     /// Its name for people and on command lines.
     #[must_use]
@@ -266,7 +272,9 @@ impl ReliefMethod {
             Self::SteepParallax => "steep-parallax",
             Self::ParallaxOcclusion => "parallax-occlusion",
             Self::Relief => "relief",
+            #[cfg(any(test, feature = "methods"))]
             Self::RelaxedCones => "relaxed-cones",
+            #[cfg(any(test, feature = "methods"))]
             Self::Quadtree => "quadtree",
         }
     }
@@ -274,7 +282,9 @@ impl ReliefMethod {
     /// What of a height map must be known beforehand.
     pub(crate) const fn aid(self) -> Option<ReliefAcceleration> {
         match self {
+            #[cfg(any(test, feature = "methods"))]
             Self::RelaxedCones => Some(ReliefAcceleration::Cones),
+            #[cfg(any(test, feature = "methods"))]
             Self::Quadtree => Some(ReliefAcceleration::Pyramid),
             _ => None,
         }
@@ -332,6 +342,7 @@ pub struct Settings {
     pub reflections: Option<Reflections>,
     /// Light that spreads around what is bright; `None` saves a pass.
     pub bloom: Option<Bloom>,
+    #[cfg(any(test, feature = "methods"))]
     /// Strokes along contours, and light in levels; `None` saves two passes. Triangles are then flat, whatever
     /// [`Self::pn_triangles`] says: contours are those of flat ones. A device without storage in vertex shaders draws none,
     /// and a warning is logged.
@@ -376,6 +387,7 @@ impl Default for Settings {
             water: true,
             reflections: None,
             bloom: None,
+            #[cfg(any(test, feature = "methods"))]
             ink: None,
             near: 1e-4,
             exposure: 1.0,
@@ -390,12 +402,20 @@ impl Default for Settings {
 impl Settings {
     /// How meshes are curved, where a device can and nothing speaks against it.
     pub(crate) fn curves(&self, gpu: &Gpu) -> Option<PnTriangles> {
-        self.pn_triangles.filter(|_| gpu.can_curve() && self.draws_ink(gpu).is_none())
+        self.pn_triangles.filter(|_| gpu.can_curve() && !self.draws_ink(gpu))
     }
 
-    /// How ink is drawn, where a device can.
-    pub(crate) fn draws_ink(&self, gpu: &Gpu) -> Option<Ink> {
-        self.ink.filter(|_| gpu.can_ink())
+    /// Whether ink is requested and the device can draw it.
+    pub(crate) fn draws_ink(&self, gpu: &Gpu) -> bool {
+        self.asks_for_ink() && gpu.can_ink()
+    }
+
+    /// Whether ink is requested. Without the feature `methods` it cannot be.
+    pub(crate) fn asks_for_ink(&self) -> bool {
+        #[cfg(any(test, feature = "methods"))]
+        return self.ink.is_some();
+        #[cfg(not(any(test, feature = "methods")))]
+        return false;
     }
 }
 

@@ -3,11 +3,11 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Mat4};
 
-use crate::cpu_reference::occlusion::ssao;
 use crate::frame::accumulation::AccumulationStep;
 use crate::frame::camera::{clip_from_view, view_from_world};
 use crate::frame::settings::{DebugView, Frame, MAX_RELIEF_STEPS, ReliefMethod, ToneMapping};
-use crate::passes::occlusion::{MAX_SAMPLES, OcclusionMethod, OcclusionRadius};
+use crate::passes::occlusion::{MAX_SAMPLES, OcclusionRadius};
+use crate::passes::occlusion_kernel::kernel as hemisphere_kernel;
 use crate::passes::shadows::Cascade;
 use crate::passes::sky::SkyLight;
 use crate::passes::temporal::TemporalStep;
@@ -78,8 +78,8 @@ impl FrameUniform {
         };
         let samples = occlusion.samples.clamp(1, MAX_SAMPLES);
         let mut kernel = [[0.0; 4]; MAX_SAMPLES as usize];
-        let centred = accumulation.method == OcclusionMethod::SsaoCentred;
-        for (slot, sample) in kernel.iter_mut().zip(ssao::kernel(samples as usize, centred)) {
+        let centred = accumulation.method.has_centred_kernel();
+        for (slot, sample) in kernel.iter_mut().zip(hemisphere_kernel(samples as usize, centred)) {
             *slot = sample.map(|x| x as f32);
         }
         Self {
@@ -148,7 +148,9 @@ impl FrameUniform {
 fn relief_method(method: ReliefMethod) -> u32 {
     match method {
         // The last two search where they cannot do what they do.
-        ReliefMethod::Relief | ReliefMethod::RelaxedCones | ReliefMethod::Quadtree => 0,
+        #[cfg(any(test, feature = "methods"))]
+        ReliefMethod::RelaxedCones | ReliefMethod::Quadtree => 0,
+        ReliefMethod::Relief => 0,
         ReliefMethod::ParallaxOcclusion => 1,
         ReliefMethod::SteepParallax => 2,
         ReliefMethod::Parallax => 3,

@@ -52,9 +52,12 @@ macro_rules! texts {
 
 const MESH: Texts = texts!(["mesh_vertex"], "mesh_motion");
 const CURVED: Texts = texts!(["pn_patch", "pn_vertex"], "pn_motion");
+#[cfg(any(test, feature = "methods"))]
 /// Surfaces by what is known of their height map: of triangles as they are alone, since lists of patches take its group.
 const AIDED: [&str; ReliefAcceleration::COUNT] =
     [text!("relief_cones", ["mesh_vertex"]), text!("relief_quadtree", ["mesh_vertex"])];
+#[cfg(not(any(test, feature = "methods")))]
+const AIDED: [&str; ReliefAcceleration::COUNT] = [];
 
 /// What draws surfaces that are lit where they are drawn.
 #[derive(Debug)]

@@ -3,9 +3,12 @@
 pub(crate) mod bloom;
 pub(crate) mod debug;
 pub(crate) mod gbuffer;
+#[cfg(any(test, feature = "methods"))]
 pub(crate) mod ink;
 pub(crate) mod mesh_pipelines;
 pub(crate) mod occlusion;
+pub(crate) mod occlusion_kernel;
+#[cfg(any(test, feature = "methods"))]
 pub(crate) mod occlusion_layers;
 pub(crate) mod pn_triangles;
 pub(crate) mod reflections;

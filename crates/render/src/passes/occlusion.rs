@@ -18,29 +18,39 @@ pub enum OcclusionRadius {
 /// How occlusion is estimated from depth. Figures of each are in `docs/benchmarks/occlusion.md`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum OcclusionMethod {
+    #[cfg(any(test, feature = "methods"))]
     /// Points in the hemisphere above the surface, evenly along the radius, each before or behind what is drawn there
     /// (Mittring 2007; Filion and McNaughton 2008).
     Ssao,
+    #[cfg(any(test, feature = "methods"))]
     /// The same with points denser near the middle, each of which counts for as much more of the radius as it stands for.
     SsaoCentred,
+    #[cfg(any(test, feature = "methods"))]
     /// Horizons above the tangent plane, marched along directions of the picture (Bavoil and Sainz 2008).
     Hbao,
+    #[cfg(any(test, feature = "methods"))]
     /// The same within each of sixteen layers of every fourth pixel of every fourth row, whose pixels look up neighbours
     /// (Bavoil 2014): horizons of at least four pixels.
     HbaoPlus,
+    #[cfg(any(test, feature = "methods"))]
     /// Points on a spiral, by how high above the tangent plane what is drawn there lies (McGuire et al. 2011 and 2012).
     Alchemy,
     /// Slices through the direction to the eye, each with a horizon to both sides, integrated in closed form (Jimenez et
     /// al. 2016; XeGTAO).
     #[default]
     Gtao,
+    #[cfg(any(test, feature = "methods"))]
     /// The same slices with a mask of 32 sectors in place of horizons: what is thin hides no more than itself (Therrien
     /// et al. 2023).
     Bitmask,
 }
 
 impl OcclusionMethod {
-    /// All there are.
+    /// All methods that are compiled.
+    #[cfg(not(any(test, feature = "methods")))]
+    pub const ALL: [Self; 1] = [Self::Gtao];
+    /// All methods that are compiled.
+    #[cfg(any(test, feature = "methods"))]
     pub const ALL: [Self; 7] =
         [Self::Ssao, Self::SsaoCentred, Self::Hbao, Self::HbaoPlus, Self::Alchemy, Self::Gtao, Self::Bitmask];
 
@@ -48,14 +58,36 @@ impl OcclusionMethod {
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
+            #[cfg(any(test, feature = "methods"))]
             Self::Ssao => "ssao",
+            #[cfg(any(test, feature = "methods"))]
             Self::SsaoCentred => "ssao-centred",
+            #[cfg(any(test, feature = "methods"))]
             Self::Hbao => "hbao",
+            #[cfg(any(test, feature = "methods"))]
             Self::HbaoPlus => "hbao-plus",
+            #[cfg(any(test, feature = "methods"))]
             Self::Alchemy => "alchemy",
             Self::Gtao => "gtao",
+            #[cfg(any(test, feature = "methods"))]
             Self::Bitmask => "bitmask",
         }
+    }
+
+    /// Whether the samples are those of SSAO with points denser near the middle.
+    pub(crate) const fn has_centred_kernel(self) -> bool {
+        #[cfg(any(test, feature = "methods"))]
+        return matches!(self, Self::SsaoCentred);
+        #[cfg(not(any(test, feature = "methods")))]
+        return false;
+    }
+
+    /// Whether the estimate is drawn in layers, in a pass of its own.
+    pub(crate) const fn is_layered(self) -> bool {
+        #[cfg(any(test, feature = "methods"))]
+        return matches!(self, Self::HbaoPlus);
+        #[cfg(not(any(test, feature = "methods")))]
+        return false;
     }
 }
 

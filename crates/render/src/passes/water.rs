@@ -3,7 +3,6 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec2, DVec3};
 
-use crate::cpu_reference;
 use crate::frame::fullscreen::attachment;
 use crate::frame::graph::PassId;
 use crate::frame::targets::{DEPTH, RADIANCE};
@@ -54,7 +53,7 @@ pub struct Water {
 
 impl Water {
     /// What the shader needs of it; nothing for eyes below it, and for numbers that are none.
-    pub(crate) fn seen_from(&self, eye: DVec3) -> Option<cpu_reference::water::Water> {
+    pub(crate) fn view_from(&self, eye: DVec3) -> Option<WaterView> {
         let height = eye.y - self.level;
         let sound = self.clarity > 0.0 && self.ripples > 0.0 && self.clarity.is_finite();
         if !(sound && height > 0.0 && height.is_finite() && self.ripples.is_finite()) {
@@ -67,9 +66,9 @@ impl Water {
             let turn = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt()) * i as f64;
             let vector = DVec2::from_angle(turn) / length;
             let phase = vector.x * eye.x + vector.y * eye.z + 0.61 * i as f64;
-            cpu_reference::water::Wave { vector, phase: phase - phase.floor(), steepness: STEEPNESS }
+            Wave { vector, phase: phase - phase.floor(), steepness: STEEPNESS }
         };
-        Some(cpu_reference::water::Water {
+        Some(WaterView {
             extinction: ABSORPTION * (10.0_f64.ln() / self.clarity),
             scattered: SCATTERED,
             height,
@@ -78,7 +77,31 @@ impl Water {
     }
 }
 
-/// Shader CPU reference: `struct Water` of `water.wgsl`; keep the two in step.
+/// A ripple: a sine wave, described by its slope.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Wave {
+    /// Along x and z, cycles per world unit.
+    pub(crate) vector: DVec2,
+    /// Below the eye, in cycles.
+    pub(crate) phase: f64,
+    /// Steepest slope.
+    pub(crate) steepness: f64,
+}
+
+/// Water as one eye sees it: the input of the shader.
+#[derive(Clone, Debug)]
+pub(crate) struct WaterView {
+    /// Per world unit of red, green and blue.
+    pub(crate) extinction: DVec3,
+    /// Share of the light that deep water sends back.
+    pub(crate) scattered: DVec3,
+    /// Of the eye over the water, above 0.
+    pub(crate) height: f64,
+    /// Ripples.
+    pub(crate) waves: Vec<Wave>,
+}
+
+/// Uniform of the pass: `struct Water` of `water.wgsl`; keep the two in step.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 struct WaterUniform {
@@ -89,7 +112,7 @@ struct WaterUniform {
 }
 
 impl WaterUniform {
-    fn new(water: &cpu_reference::water::Water) -> Self {
+    fn new(water: &WaterView) -> Self {
         let mut waves = [[0.0; 4]; WAVES];
         for (slot, wave) in waves.iter_mut().zip(&water.waves) {
             *slot = wave.vector.as_vec2().extend(wave.phase as f32).extend(wave.steepness as f32).to_array();
@@ -128,7 +151,7 @@ impl WaterPass {
     }
 
     /// Uploads a frame's water.
-    pub(crate) fn prepare(&self, gpu: &Gpu, water: &cpu_reference::water::Water) {
+    pub(crate) fn prepare(&self, gpu: &Gpu, water: &WaterView) {
         gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&WaterUniform::new(water)));
     }
 

@@ -6,7 +6,6 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use crate::cpu_reference::water::Water;
 use crate::frame::accumulation::Accumulation;
 use crate::frame::compiler::Compiler;
 use crate::frame::composite::Composites;
@@ -22,15 +21,17 @@ use crate::frame::timing::{PassEncoder, Timer, Timings};
 use crate::frame::uniforms::FrameUniform;
 use crate::passes::bloom::{Bloom, BloomPass};
 use crate::passes::debug::{self, DebugPipelines};
+#[cfg(any(test, feature = "methods"))]
 use crate::passes::ink::{InkPass, Seen};
-use crate::passes::occlusion::{OcclusionMethod, OcclusionNormals};
+use crate::passes::occlusion::OcclusionNormals;
+#[cfg(any(test, feature = "methods"))]
 use crate::passes::occlusion_layers::Layers;
 use crate::passes::pn_triangles::{Curving, PatchLists};
 use crate::passes::reflections::{ReflectionMethod, Tracer};
 use crate::passes::shadows::{self, Casters, ShadowMaps, Sun};
 use crate::passes::sky::SkyGpu;
 use crate::passes::temporal::{Temporal, TemporalStep};
-use crate::passes::water::WaterPass;
+use crate::passes::water::{WaterPass, WaterView};
 use crate::resources::buffer::GrowingBuffer;
 use crate::resources::gpu::{Gpu, RenderError};
 use crate::resources::texture::{Texture, TextureShape};
@@ -61,7 +62,9 @@ pub struct Renderer {
     water: WaterPass,
     tracer: Tracer,
     bloom: BloomPass,
+    #[cfg(any(test, feature = "methods"))]
     ink: InkPass,
+    #[cfg(any(test, feature = "methods"))]
     layers: Layers,
     temporal: Temporal,
     accumulation: Accumulation,
@@ -127,7 +130,9 @@ impl Renderer {
             water: WaterPass::new(gpu),
             tracer: Tracer::new(gpu),
             bloom: BloomPass::default(),
+            #[cfg(any(test, feature = "methods"))]
             ink: InkPass::default(),
+            #[cfg(any(test, feature = "methods"))]
             layers: Layers::default(),
             temporal,
             accumulation: Accumulation::default(),
@@ -247,7 +252,7 @@ impl Renderer {
             self.warned_wireframe = true;
         }
         let ink = frame.settings.draws_ink(gpu);
-        if frame.settings.ink.is_some() && ink.is_none() && !self.warned_ink {
+        if frame.settings.asks_for_ink() && !ink && !self.warned_ink {
             tracing::warn!("{} cannot draw in ink; it is left out", gpu.describe());
             self.warned_ink = true;
         }
@@ -258,7 +263,7 @@ impl Renderer {
         }
         // From below its level water is not seen.
         let water = frame.water.filter(|_| frame.settings.water);
-        let water = water.and_then(|water| water.seen_from(frame.camera.eye));
+        let water = water.and_then(|water| water.view_from(frame.camera.eye));
         let has_surfaces = !list.batches.is_empty() || ground.is_some() || water.is_some();
         let ambient = frame.settings.occlusion.filter(|o| o.strength > 0.0 && has_surfaces);
         let accumulated = self.accumulation.begin(frame, ambient, size);
@@ -275,7 +280,7 @@ impl Renderer {
         let seen = frame.settings.shade == DebugView::Motion;
         let temporal = smoothed == AntiAliasing::Temporal && frame.settings.shade.is_lit();
         let (step, moving) = if has_surfaces && (temporal || seen) {
-            let over = |water: &Water| [water.height, water.extinction.y].map(|x| x as f32);
+            let over = |water: &WaterView| [water.height, water.extinction.y].map(|x| x as f32);
             let water = water.as_ref().map_or([0.0; 2], over);
             self.temporal.begin(gpu, (frame, &list), size, (temporal, water))?
         } else {
@@ -301,7 +306,7 @@ impl Renderer {
                 water: water.is_some(),
                 transparency: through,
                 shown: shown.map(|(_, reads)| reads),
-                ink: ink.is_some(),
+                ink,
                 wireframe,
                 motion: !moving.is_empty(),
                 temporal,
@@ -333,13 +338,15 @@ impl Renderer {
         if let Some(reflections) = reflections {
             self.tracer.prepare(gpu, reflections, size);
         }
-        if occlusion && accumulated.method == OcclusionMethod::HbaoPlus {
+        #[cfg(any(test, feature = "methods"))]
+        if occlusion && accumulated.method.is_layered() {
             self.layers.prepare(gpu, size);
         }
         if frame.settings.bloom.is_some() {
             self.bloom.prepare(gpu, size);
         }
-        match ink.filter(|_| plan.iter().any(|pass| pass.id == PassId::Ink)) {
+        #[cfg(any(test, feature = "methods"))]
+        match frame.settings.ink.filter(|_| ink && plan.iter().any(|pass| pass.id == PassId::Ink)) {
             Some(ink) => {
                 let seen = Seen { frame, batches: &list.batches, instances: self.instances.buffer() };
                 self.ink.prepare(gpu, self.pipelines.ink(gpu), &ink, &seen)?;
@@ -413,6 +420,7 @@ impl Renderer {
         self.sky.computed
     }
 
+    #[cfg(any(test, feature = "methods"))]
     /// How often edges of a mesh were looked for since ink was off.
     #[cfg(test)]
     pub(crate) fn edges_found(&self) -> u32 {

@@ -12,7 +12,6 @@ use crate::frame::target::{Load, Target};
 use crate::frame::timing::PassEncoder;
 use crate::passes::bloom::Bloom;
 use crate::passes::debug;
-use crate::passes::occlusion::OcclusionMethod;
 use crate::resources::gpu::Gpu;
 use crate::scene::terrain::TileList;
 
@@ -79,6 +78,7 @@ impl Renderer {
                     self.bloom.draw(gpu, encoder, self.pipelines.bloom(gpu), &picture, share);
                 }
             }
+            #[cfg(any(test, feature = "methods"))]
             PassId::Strokes => {
                 if let (Some(depth), Some(into)) =
                     (self.targets.view(Depth), self.targets.view(Resource::Strokes))
@@ -87,7 +87,10 @@ impl Renderer {
                     self.ink.draw(gpu, encoder, self.pipelines.ink(gpu), of_frame, &depth, &into);
                 }
             }
+            #[cfg(any(test, feature = "methods"))]
             PassId::Ink => self.ink(gpu, encoder),
+            #[cfg(not(any(test, feature = "methods")))]
+            PassId::Strokes | PassId::Ink => {}
             PassId::Wireframe => {
                 let over = (Radiance, Load::Keep);
                 self.full(gpu, encoder, pass.id, (p(Whole::Wireframe), &[Resource::Edges]), over);
@@ -203,12 +206,13 @@ impl Renderer {
         // Where the drawn normals are not read, their slot must be filled all the same.
         let reads = [Depth, if pass.reads(Normal) { Normal } else { Depth }];
         let view = |resource| self.targets.view(resource);
-        let (Some(depth), Some(normal), Some(into)) = (view(Depth), view(reads[1]), view(written)) else {
+        let (Some(normal), Some(into)) = (view(reads[1]), view(written)) else {
             return;
         };
         // The first of a mean takes the place of what is there.
         let share = mean.then(|| 1.0 / f64::from(number));
-        if method == OcclusionMethod::HbaoPlus {
+        #[cfg(any(test, feature = "methods"))]
+        if let (true, Some(depth)) = (method.is_layered(), view(Depth)) {
             let from = (&self.frame_buffer, &depth, &normal);
             self.layers.draw(gpu, encoder, self.pipelines.layers(gpu, normals), from, (&into, share));
             return;
@@ -324,6 +328,7 @@ impl Renderer {
         fullscreen(encoder, PassId::Reflections, pipeline, &group, &over);
     }
 
+    #[cfg(any(test, feature = "methods"))]
     /// Keeps the lit picture, and draws it anew in levels of light and under strokes.
     fn ink(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>) {
         use Resource::{Albedo, Depth, Lit, Radiance, Strokes};

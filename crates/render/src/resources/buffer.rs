@@ -5,6 +5,7 @@ use std::marker::PhantomData;
 use bytemuck::Pod;
 
 use crate::resources::gpu::{Gpu, RenderError};
+#[cfg(any(test, feature = "reference"))]
 use crate::resources::readback::read_buffer;
 #[cfg(feature = "client")]
 use crate::resources::uploads::Uploads;
@@ -51,6 +52,7 @@ impl<T: Pod> GrowingBuffer<T> {
         self.shown.buffer.as_ref()
     }
 
+    #[cfg(any(test, feature = "reference"))]
     /// What it holds, read back. Waits for the device.
     pub(crate) fn read(&self, gpu: &Gpu) -> Result<Vec<T>, RenderError> {
         match &self.shown.buffer {

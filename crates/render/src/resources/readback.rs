@@ -79,6 +79,7 @@ fn mapped(gpu: &Gpu, buffer: &wgpu::Buffer, take: impl FnOnce(&[u8])) -> Result<
 }
 
 /// Reads the first `bytes` of a buffer whose usages include [`wgpu::BufferUsages::COPY_SRC`]. Waits for the device.
+#[cfg(any(test, feature = "reference"))]
 pub(crate) fn read_buffer(gpu: &Gpu, buffer: &wgpu::Buffer, bytes: u64) -> Result<Vec<u8>, RenderError> {
     let copy = gpu.device.create_buffer(&wgpu::BufferDescriptor {
         label: Some("readback"),

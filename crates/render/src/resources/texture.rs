@@ -7,7 +7,9 @@
 
 use std::borrow::Cow;
 use std::ops::Range;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+#[cfg(any(test, feature = "client"))]
+use std::sync::Weak;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use lodestream_scene::asset::level_size;
 
@@ -312,6 +314,7 @@ impl Texture {
         self.streamed().bytes()
     }
 
+    #[cfg(any(test, feature = "client"))]
     /// Itself as long as somebody else has it.
     pub(crate) fn downgrade(&self) -> WeakTexture {
         WeakTexture(Arc::downgrade(&self.0))
@@ -364,10 +367,12 @@ impl Texture {
     }
 }
 
+#[cfg(any(test, feature = "client"))]
 /// See [`Texture::downgrade`].
 #[derive(Clone, Debug)]
 pub(crate) struct WeakTexture(Weak<Mutex<StreamedTexture>>);
 
+#[cfg(any(test, feature = "client"))]
 impl WeakTexture {
     pub(crate) fn upgrade(&self) -> Option<Texture> {
         self.0.upgrade().map(Texture)

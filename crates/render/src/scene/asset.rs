@@ -10,7 +10,9 @@ use crate::resources::gpu::{Gpu, RenderError};
 use crate::resources::texture::{Texture, TextureData};
 #[cfg(feature = "client")]
 use crate::resources::uploads::Uploads;
-use crate::resources::vertex::{HostMesh, PackedVertex};
+#[cfg(any(test, feature = "reference"))]
+use crate::resources::vertex::HostMesh;
+use crate::resources::vertex::PackedVertex;
 use crate::scene::material::Material;
 use crate::scene::material_bindings::{BoundMaterial, Features, MaterialKit};
 
@@ -383,6 +385,7 @@ impl AssetGpu {
         self.vertices.bytes() + self.parts.iter().map(|p| p.indices.bytes()).sum::<u64>()
     }
 
+    #[cfg(any(test, feature = "methods"))]
     /// Vertex slots that were written.
     pub(crate) fn slots(&self) -> u64 {
         self.vertices.len()
@@ -398,6 +401,7 @@ impl AssetGpu {
         Some((self.vertices.buffer()?, parts))
     }
 
+    #[cfg(any(test, feature = "reference"))]
     /// Corners of the triangles that are not seen through, where vertices belong, relative to the origin; read back. Holes
     /// of materials are not left out. Waits for the device.
     pub(crate) fn triangles(&self, gpu: &Gpu) -> Result<Vec<[Vec3; 3]>, RenderError> {
@@ -415,6 +419,7 @@ impl AssetGpu {
         Ok(triangles)
     }
 
+    #[cfg(any(test, feature = "reference"))]
     /// Vertices, and the first material's triangles, read back. Waits for the device.
     pub(crate) fn read(&self, gpu: &Gpu) -> Result<HostMesh, RenderError> {
         let faces = self.parts.first().map_or(Ok(Vec::new()), |part| part.indices.read(gpu))?;

@@ -6,6 +6,10 @@ pub(crate) mod instance;
 pub(crate) mod lights;
 pub(crate) mod material;
 pub(crate) mod material_bindings;
+#[cfg(any(test, feature = "methods"))]
+pub(crate) mod relief_acceleration;
+#[cfg(not(any(test, feature = "methods")))]
+#[path = "no_relief_acceleration.rs"]
 pub(crate) mod relief_acceleration;
 #[cfg(feature = "client")]
 pub(crate) mod scene_view;

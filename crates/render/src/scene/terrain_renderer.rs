@@ -7,6 +7,7 @@ use lodestream_scene::pose::Pose;
 use lodestream_scene::terrain::TerrainEntry;
 use lodestream_terrain::{HeightOverrides, Scratch, Terrain};
 
+#[cfg(any(test, feature = "client"))]
 use crate::passes::shadows::Cascade;
 use crate::renderer::Renderer;
 use crate::resources::gpu::{Gpu, RenderError};
@@ -20,6 +21,7 @@ use lodestream_terrain::tiles::{
 
 /// Most tiles of one frame: 128 triangles each.
 const MAX_TILES: usize = 4000;
+#[cfg(any(test, feature = "client"))]
 /// Most tiles out of view that cast shadows.
 const MAX_CASTERS: usize = 1000;
 /// Most generated tiles uploaded per frame.
@@ -241,6 +243,7 @@ impl TerrainRenderer {
         Ok(())
     }
 
+    #[cfg(any(test, feature = "client"))]
     /// Prepares the tiles outside the prepared view that cast shadows into the maps of `cascades`. Tiles that are still
     /// being generated cast none.
     pub(crate) fn prepare_casters(

@@ -214,7 +214,7 @@ fn compare_with_the_cpu_reference(h: &mut Headless, water: Option<Water>) {
         exposure: 1.0,
         most: f64::from(step.history),
         water: water
-            .and_then(|water| water.seen_from(cameras[0].eye))
+            .and_then(|water| water.view_from(cameras[0].eye))
             .map(|water| [water.height, water.extinction.y]),
     };
     let got = halves::<4>(h, Resource::History);

@@ -74,7 +74,7 @@ fn water_matches_its_cpu_reference() {
             irradiance,
             haze: haze.map_or(0.0, |haze| haze.extinction()),
         };
-        let water = WATER.seen_from(camera.eye).unwrap();
+        let water = WATER.view_from(camera.eye).unwrap();
         let tan = camera.tan_half_fov(width, height);
         let turn = |v: [f64; 3]| camera.rotation * DVec3::from(v);
         let (mut wet, mut worst, mut sum) = (0, 0.0_f64, 0.0);
@@ -98,7 +98,7 @@ fn water_matches_its_cpu_reference() {
                 assert_eq!(*got, behind[i], "{pixel:?} is dry");
                 continue;
             }
-            let want = water.seen(ray, (behind[i], seen), &sky, DVec3::splat(sun.into()), &table);
+            let want = water.radiance(ray, (behind[i], seen), &sky, DVec3::splat(sun.into()), &table);
             // 11 bits of the picture, twice.
             let off = ((*got - want).abs() / want.max(DVec3::splat(0.02))).max_element();
             assert!(off < 0.03, "{pixel:?}: {got} {want}");
@@ -198,7 +198,7 @@ fn water_is_the_same_at_all_scales_and_never_less_than_a_number() {
 fn ripples_stay_where_they_are_far_from_zero() {
     let far = DVec3::new(6.371e6, 2.0, -6.371e6);
     for step in [DVec3::X * 0.01, DVec3::new(0.3, 0.1, -0.7), DVec3::Z * 400.0] {
-        let [here, there] = [far, far + step].map(|eye| WATER.seen_from(eye).unwrap());
+        let [here, there] = [far, far + step].map(|eye| WATER.view_from(eye).unwrap());
         for (here, there) in here.waves.iter().zip(&there.waves) {
             let turned = there.phase - here.phase - here.vector.dot(DVec2::new(step.x, step.z));
             // Cycles: rounding of such a place is a nanometre, of which the shortest wave makes 1e-8.

@@ -1,15 +1,19 @@
 //! Ambient occlusion in screen space: `occlusion.wgsl`, a file for each estimator, and the blur.
 
+#[cfg(any(test, feature = "methods"))]
 mod alchemy;
+#[cfg(any(test, feature = "methods"))]
 mod bitmask;
 mod blur;
 mod gtao;
 mod half;
+#[cfg(any(test, feature = "methods"))]
 mod hbao;
 mod normal;
 mod receiver;
 mod slices;
-pub mod ssao;
+#[cfg(any(test, feature = "methods"))]
+mod ssao;
 
 pub use blur::Blur;
 pub use half::{Upsample, half_pixel, half_size};
@@ -72,15 +76,20 @@ impl Occlusion<'_> {
         let centre = picture.position_at(pixel);
         let normal = self.normals.of(&picture, pixel, centre);
         let rotation = (rotation_index(place) + self.turned.unwrap_or(0)) & 15;
-        let stride = if self.method == OcclusionMethod::HbaoPlus { 4 } else { 1 };
+        let stride = if self.method.is_layered() { 4 } else { 1 };
         let receiver =
             Receiver { picture, pixel, depth, centre, normal, radius, rotation, scale_px, samples, stride };
         let [occluded, of] = match self.method {
+            #[cfg(any(test, feature = "methods"))]
             OcclusionMethod::Ssao => ssao::sums(&receiver, false),
+            #[cfg(any(test, feature = "methods"))]
             OcclusionMethod::SsaoCentred => ssao::sums(&receiver, true),
+            #[cfg(any(test, feature = "methods"))]
             OcclusionMethod::Hbao | OcclusionMethod::HbaoPlus => hbao::sums(&receiver),
+            #[cfg(any(test, feature = "methods"))]
             OcclusionMethod::Alchemy => alchemy::sums(&receiver),
             OcclusionMethod::Gtao => gtao::sums(&receiver),
+            #[cfg(any(test, feature = "methods"))]
             OcclusionMethod::Bitmask => bitmask::sums(&receiver),
         };
         (1.0 - strength * occluded / of).clamp(0.0, 1.0)

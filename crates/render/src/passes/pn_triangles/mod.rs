@@ -5,6 +5,7 @@ mod grid;
 mod lists;
 mod makers;
 mod settings;
+#[cfg(any(test, feature = "reference"))]
 mod tessellate;
 
 pub(crate) use grid::GRID_VERTEX;

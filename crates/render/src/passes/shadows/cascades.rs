@@ -51,6 +51,7 @@ impl Cascade {
         at.x.abs().max(at.y.abs()) + radius <= (0.5 - margin) * self.side
     }
 
+    #[cfg(any(test, feature = "client"))]
     /// Whether anything in a box in the world may cast a shadow on what the map serves.
     pub(crate) fn is_reached(&self, [low, high]: [DVec3; 2]) -> bool {
         let turned = self.axes.transpose();

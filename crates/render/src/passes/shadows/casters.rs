@@ -52,7 +52,7 @@ impl<'a> Casters<'a> {
         'f: 'a,
     {
         let eye = frame.camera.eye;
-        let curved = frame.settings.pn_triangles.filter(|_| frame.settings.ink.is_none());
+        let curved = frame.settings.pn_triangles.filter(|_| !frame.settings.asks_for_ink());
         if let Some(PnTriangles { error_px, most }) = curved {
             self.key.push(u64::from(error_px.to_bits()) << 32 | u64::from(most));
         }

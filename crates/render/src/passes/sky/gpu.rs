@@ -8,7 +8,8 @@ use half::f16;
 use super::atmosphere::{AtmosphereTables, SUN_RADIUS};
 use super::map::{LOBE_SIDE, LOBES, SEEN_SIDE, SkyMap};
 use super::maps::{Key, SkyMaps, SunPlace};
-use crate::cpu_reference::sky::{Octahedral, SPLIT_SUM_SIDE, split_sum};
+use super::octahedral::Octahedral;
+use super::prefilter::{SPLIT_SUM_SIDE, split_sum};
 use crate::resources::gpu::Gpu;
 use crate::scene::environment::{Atmosphere, Environment};
 

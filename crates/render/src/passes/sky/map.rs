@@ -5,8 +5,9 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use glam::{DVec3, Vec3};
 
 use super::atmosphere::{AtmosphereTables, GROUND_KM, SUN_RADIUS, Scattered};
+use super::octahedral::Octahedral;
+use super::prefilter::{ambient, in_lobe, in_wide_lobe, irradiance, lobe};
 use super::table::Table;
-use crate::cpu_reference::sky::{Octahedral, in_lobe, in_wide_lobe, irradiance, lobe};
 use crate::scene::environment::{Atmosphere, GradientSky};
 
 /// Texels along a side of the map that is seen: a degree each.
@@ -127,18 +128,7 @@ impl SkyMap {
 
     /// Irradiance over π.
     pub(crate) fn ambient(&self, normal: DVec3) -> DVec3 {
-        let sky = crate::cpu_reference::sky::Sky {
-            up: DVec3::Z,
-            side: DVec3::X,
-            to_sun: DVec3::Z,
-            disc: DVec3::ZERO,
-            disc_radius: 1.0,
-            seen: &self.seen,
-            layers: &self.lobes,
-            irradiance: self.irradiance,
-            haze: 0.0,
-        };
-        sky.ambient(normal)
+        ambient(&self.irradiance, normal)
     }
 
     /// Takes a share of its tint from the ambient light, as von Kries has eyes do (CIE 159:2004, degree of adaptation);

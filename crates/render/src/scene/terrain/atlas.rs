@@ -11,6 +11,7 @@ use super::pipeline::TerrainPipelines;
 use super::slopes::slopes;
 use super::{grid, layers, regions};
 use crate::resources::gpu::{Gpu, RenderError};
+#[cfg(any(test, feature = "reference"))]
 use crate::resources::readback::read_texture;
 use lodestream_terrain::tiles::{MAX_REGIONS, TILE_MARGIN, TILE_SAMPLES, TileRegion};
 
@@ -342,6 +343,7 @@ impl TerrainGpu {
         Ok(())
     }
 
+    #[cfg(any(test, feature = "reference"))]
     /// The heights that lie in slots, read back: rows of `TILE_SAMPLES` each. Waits for the device.
     pub(crate) fn heights(&self, gpu: &Gpu) -> Result<impl Fn(u32) -> Vec<i32>, RenderError> {
         let all: Vec<i32> = bytemuck::pod_collect_to_vec(&read_texture(gpu, &self.atlas, 4)?);

@@ -9,6 +9,7 @@ mod regions;
 mod slopes;
 mod tile_raw;
 
+#[cfg(any(test, feature = "reference"))]
 pub(crate) use atlas::arrival;
 pub use atlas::{MAX_DRAWN_HEIGHT, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};
 pub(crate) use list::{TileList, receivers};
