@@ -7,12 +7,12 @@
 //!    [`AssetGpu::update_indices`] and [`AssetGpu::update_texture`] as data arrives.
 //! 4. [`Renderer::record`] per frame, into a [`Target`], with a [`Frame`]: camera, instances per asset, settings, time.
 //!
-//! With the feature `client`, `SceneView` does 3 and 4 from what a client hands over.
+//! With the feature `client`, `SceneView` does 3 and 4 from the changes that a client reports.
 //!
 //! The feature `methods` adds ink, further estimators of occlusion and further searches of relief mapping; `reference`
 //! adds CPU references of the shaders, reference rays and comparison of pictures. Both are for tests and figures.
 //!
-//! [`Headless`] does 2 and 4 into a texture and reads pictures back.
+//! [`Headless`] does 2 and 4 into its own texture and reads pictures back.
 //!
 //! Conventions: right-handed world; view space looks along −z with y up; reversed depth
 //! (1 at the near plane, 0 at infinity); colours are linear unless a name says sRGB; all passes
@@ -82,13 +82,13 @@ pub use scene::vertical_exaggeration::{
     MAX_VERTICAL_EXAGGERATION, VerticalExaggeration, VerticalExaggerationError,
 };
 
-/// Computes what is the same in every program, which takes some hundredths of a second: tables of the air and of what
-/// surfaces reflect, and the ground's textures. Who needs them first computes them else; a program with time to spare, as
-/// while a device is opened, may call this before.
+/// Computes the tables that every program shares: scattering in the atmosphere, reflectance of surfaces and ground
+/// textures. Takes some hundredths of a second. Optional: without it, the first use computes them. A program may call
+/// it while it waits, as while a device is opened.
 pub fn compute_tables() {
     passes::sky::compute_tables();
     scene::terrain::compute_textures();
 }
 
-/// What a window shows while there is no scene in it: sRGB.
+/// Background of a window without a scene, sRGB.
 pub const EMPTY_WINDOW: [u8; 3] = [18, 20, 26];

@@ -1,4 +1,4 @@
-//! Lookups in maps of shadows: `sunlight.wgsl`.
+//! Lookups in shadow maps: `sunlight.wgsl`.
 
 use glam::{DMat4, DQuat, DVec2, DVec3};
 

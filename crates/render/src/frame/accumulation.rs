@@ -1,40 +1,40 @@
-//! Occlusion as a mean of frames while nothing changes.
+//! Accumulation of ambient occlusion over frames while nothing changes.
 //!
-//! A pixel takes another of the 16 rotations in each frame, so that after as many it has had them all, and no blur is
-//! needed. Whether anything has changed is told from what a frame is made of: camera, settings, light, the state of every
-//! mesh and tile that is drawn, and whether vertices are on their way. Nothing is guessed from pictures.
+//! Each frame uses another of the 16 rotations of the samples, so that after 16 frames every pixel has used all and no
+//! blur is needed. Changes are detected from the frame's input: camera, settings, light, the state of every drawn mesh
+//! and tile, and whether vertices morph. Nothing is inferred from pictures.
 
 use crate::frame::settings::Frame;
 use crate::passes::occlusion::{AmbientOcclusion, OcclusionMethod, OcclusionNormals, STILL_FRAMES};
 use crate::passes::temporal::PreviousFrame;
 
-/// What one frame does of it.
+/// Accumulation in one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct AccumulationStep {
-    /// How it is estimated.
+    /// Estimator.
     pub(crate) method: OcclusionMethod,
-    /// About which normals.
+    /// Source of normals.
     pub(crate) normals: OcclusionNormals,
-    /// Of one pixel of each 2×2.
+    /// At half resolution.
     pub(crate) half: bool,
-    /// Its number among those that are added up, from 1 on; 0 where it stands alone.
+    /// Number of the frame within the mean, from 1; 0 if it is not accumulated.
     pub(crate) number: u32,
-    /// All are added up: nothing is drawn.
+    /// The mean is complete: nothing is drawn.
     pub(crate) done: bool,
-    /// Frames that are still lacking after this one.
+    /// Frames still missing after this one.
     pub(crate) left: u32,
 }
 
 impl AccumulationStep {
-    /// For the shaders, above bit 8 of the frame's flags: by how much rotations are turned on, and the frame's number.
+    /// For shaders, from bit 8 of the frame's flags: offset of the rotations and number of the frame.
     pub(crate) fn flags(self) -> u32 {
-        // Odd, so that it comes round to every rotation; far, so that frames one after the other differ.
+        // Odd, so that all rotations occur; large, so that consecutive frames differ.
         let turned = self.number.wrapping_mul(7) % 16;
         turned << 8 | self.number << 12
     }
 }
 
-/// What is kept between frames.
+/// State kept between frames.
 #[derive(Debug, Default)]
 pub(crate) struct Accumulation {
     past: Option<(PreviousFrame, (u32, u32))>,

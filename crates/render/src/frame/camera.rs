@@ -1,4 +1,4 @@
-//! From a pose to what the GPU needs: a reversed-Z projection without a far plane.
+//! Camera matrices: a reversed-Z projection without a far plane.
 
 use glam::{DVec3, Mat4, Vec4};
 use lodestream_scene::pose::Pose;
@@ -17,13 +17,12 @@ pub fn clip_from_view(pose: &Pose, near: f64, (width_px, height_px): (u32, u32))
     )
 }
 
-/// Turns directions of the world into view space (no translation: everything on the GPU is
-/// relative to the eye).
+/// Rotation from world to view space. There is no translation: everything on the GPU is relative to the eye.
 pub(crate) fn view_from_world(pose: &Pose) -> Mat4 {
     Mat4::from_quat(pose.rotation.conjugate().as_quat())
 }
 
-/// True unless the sphere (relative to the eye, world units) lies wholly outside the frustum.
+/// Whether a sphere (relative to the eye, world units) may intersect the frustum.
 pub(crate) fn may_see(pose: &Pose, centre: DVec3, radius: f64, (width_px, height_px): (u32, u32)) -> bool {
     let c = pose.rotation.conjugate() * centre;
     let (tx, ty) = pose.tan_half_fov(width_px, height_px);

@@ -1,9 +1,9 @@
-//! Pipelines that are compiled before a frame needs them.
+//! Compilation of pipelines ahead of the first frame that needs them.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use crate::frame::pipelines::{Estimate, Estimated, Pipelines, Whole};
+use crate::frame::pipelines::{FullscreenPass, OcclusionOutput, OcclusionVariant, Pipelines};
 use crate::frame::settings::{AntiAliasing, Settings};
 use crate::passes::occlusion::OcclusionMethod;
 #[cfg(any(test, feature = "methods"))]
@@ -13,20 +13,20 @@ use crate::passes::temporal::Resolve;
 use crate::resources::gpu::Gpu;
 use crate::scene::material_bindings::Features;
 
-/// Something that is compiled by itself.
+/// A unit of compilation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Task {
     Surface {
         relief: bool,
     },
-    /// What makes lists of curved patches, which are drawn in place of what is flat.
+    /// Pipelines that build patch lists.
     Patches,
     Caster,
     Ground {
         relief: bool,
     },
     GroundCaster,
-    Whole(Whole),
+    FullscreenPass(FullscreenPass),
     Water {
         by_cells: Option<bool>,
     },
@@ -34,27 +34,27 @@ enum Task {
     #[cfg(any(test, feature = "methods"))]
     Ink,
     #[cfg(any(test, feature = "methods"))]
-    /// Of occlusion.
+    /// HBAO+.
     Layers(OcclusionNormals),
     Wire,
     GroundWire,
-    /// How far things move, and means over time.
+    /// Motion vectors and temporal resolve.
     Motion,
     Mean,
 }
 
-/// What frames of some settings are drawn with, to be compiled before the first of them; a frame compiles else what it
-/// lacks, and that takes milliseconds a pipeline. Clones share the work: each thread that calls [`Compiler::compile`] takes
-/// what no other has begun.
+/// Compiles the pipelines that some settings need before the first frame. A frame compiles what it lacks, which takes
+/// milliseconds per pipeline. Clones share the work: each thread that calls [`Compiler::compile`] takes tasks that no
+/// other has begun.
 ///
-/// What only some materials need (maps, holes, what is seen through) is compiled when an asset has such a one, punctual lights'
-/// pipelines when there is one.
+/// Pipelines that only some materials need (textures, alpha test, transparency) are compiled with the first such
+/// asset, those of punctual lights with the first light.
 #[derive(Clone, Debug)]
 pub struct Compiler {
     gpu: Gpu,
     pipelines: Arc<Pipelines>,
     tasks: Arc<[Task]>,
-    /// Meshes are drawn as curved patches.
+    /// PN triangles are drawn.
     curved: bool,
     next: Arc<AtomicUsize>,
 }
@@ -70,7 +70,7 @@ impl Compiler {
         }
     }
 
-    /// Compiles until nothing is left that no thread has begun. What refuses is told by the next frame.
+    /// Compiles until no task is left. Errors are reported by the next frame.
     pub fn compile(&self) {
         while let Some(task) = self.tasks.get(self.next.fetch_add(1, Ordering::Relaxed)) {
             self.make(*task);
@@ -96,7 +96,7 @@ impl Compiler {
             Task::GroundCaster => {
                 pipelines.terrain(gpu).caster(gpu);
             }
-            Task::Whole(pass) => {
+            Task::FullscreenPass(pass) => {
                 pipelines.whole(gpu, pass);
             }
             Task::Water { by_cells } => {
@@ -129,7 +129,7 @@ impl Compiler {
     }
 }
 
-/// What is needed for some settings. The longest first, so that threads end together.
+/// The tasks for some settings, longest first, so that threads finish together.
 fn tasks(gpu: &Gpu, settings: &Settings, ground: bool) -> Vec<Task> {
     let relief = settings.relief;
     let shadows = settings.shadows.is_some();
@@ -140,51 +140,65 @@ fn tasks(gpu: &Gpu, settings: &Settings, ground: bool) -> Vec<Task> {
     also(settings.curves(gpu).is_some(), &[Task::Patches]);
     also(ground, &[Task::Ground { relief }]);
     also(relief, &[Task::Surface { relief: true }]);
-    also(true, &[Task::Whole(Whole::Lighting { occlusion, shadows })]);
+    also(true, &[Task::FullscreenPass(FullscreenPass::Lighting { occlusion, shadows })]);
     let by_cells = settings.reflections.map(|reflections| reflections.method == ReflectionMethod::HiZ);
     also(ground && settings.water, &[Task::Water { by_cells }]);
     if let Some(by_cells) = by_cells {
-        also(true, &[Task::Whole(Whole::Reflections { occlusion, by_cells })]);
-        also(by_cells, &[Task::Whole(Whole::DepthPyramid)]);
+        also(true, &[Task::FullscreenPass(FullscreenPass::Reflections { occlusion, by_cells })]);
+        also(by_cells, &[Task::FullscreenPass(FullscreenPass::DepthPyramid)]);
     }
     also(settings.bloom.is_some(), &[Task::Bloom]);
     #[cfg(any(test, feature = "methods"))]
     also(settings.draws_ink(gpu), &[Task::Ink]);
-    also(shadows, &[Task::Whole(Whole::Sunlight), Task::Caster]);
+    also(shadows, &[Task::FullscreenPass(FullscreenPass::Sunlight), Task::Caster]);
     also(shadows && ground, &[Task::GroundCaster]);
     if let Some(ambient) = ambient {
         let normals = ambient.normals;
         let estimate = |method: OcclusionMethod, into| match method {
             #[cfg(any(test, feature = "methods"))]
             OcclusionMethod::HbaoPlus => Task::Layers(normals),
-            method => Task::Whole(Whole::Occlusion(Estimate { method, normals, into })),
+            method => {
+                Task::FullscreenPass(FullscreenPass::Occlusion(OcclusionVariant { method, normals, into }))
+            }
         };
         let half = ambient.half && !ambient.method.is_layered();
         if half {
-            also(true, &[estimate(ambient.method, Estimated::Half), Task::Whole(Whole::Upsample)]);
+            also(
+                true,
+                &[
+                    estimate(ambient.method, OcclusionOutput::Half),
+                    Task::FullscreenPass(FullscreenPass::Upsample),
+                ],
+            );
         } else {
-            also(true, &[estimate(ambient.method, Estimated::Frame)]);
+            also(true, &[estimate(ambient.method, OcclusionOutput::Frame)]);
         }
-        also(!half || ambient.still.is_some(), &[Task::Whole(Whole::Blur)]);
+        also(!half || ambient.still.is_some(), &[Task::FullscreenPass(FullscreenPass::Blur)]);
         if let Some(still) = ambient.still {
-            also(true, &[estimate(still, Estimated::Mean)]);
+            also(true, &[estimate(still, OcclusionOutput::Mean)]);
         }
     }
     match settings.anti_aliasing {
-        AntiAliasing::None => also(true, &[Task::Whole(Whole::ToneMap)]),
+        AntiAliasing::None => also(true, &[Task::FullscreenPass(FullscreenPass::ToneMap)]),
         AntiAliasing::Spatial => {
-            also(true, &[Task::Whole(Whole::ToneMapDisplay)]);
+            also(true, &[Task::FullscreenPass(FullscreenPass::ToneMapDisplay)]);
             if settings.render_scale < 1.0 {
-                also(true, &[Task::Whole(Whole::AntiAliasSmall), Task::Whole(Whole::Enlarge)]);
+                also(
+                    true,
+                    &[
+                        Task::FullscreenPass(FullscreenPass::AntiAliasSmall),
+                        Task::FullscreenPass(FullscreenPass::Enlarge),
+                    ],
+                );
             } else {
-                also(true, &[Task::Whole(Whole::AntiAlias)]);
+                also(true, &[Task::FullscreenPass(FullscreenPass::AntiAlias)]);
             }
         }
         AntiAliasing::Temporal => {
-            also(true, &[Task::Mean, Task::Motion, Task::Whole(Whole::ToneMapTemporal)]);
+            also(true, &[Task::Mean, Task::Motion, Task::FullscreenPass(FullscreenPass::ToneMapTemporal)]);
         }
     }
-    also(settings.wireframe, &[Task::Wire, Task::Whole(Whole::Wireframe)]);
+    also(settings.wireframe, &[Task::Wire, Task::FullscreenPass(FullscreenPass::Wireframe)]);
     also(settings.wireframe && ground, &[Task::GroundWire]);
     tasks
 }

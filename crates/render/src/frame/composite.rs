@@ -1,4 +1,4 @@
-//! The last pass into a host's targets, where depth goes along or what is there stays.
+//! Final pass into a host's targets, with depth or over existing content.
 
 use crate::frame::fullscreen;
 use crate::frame::pipelines::COMPOSITE;
@@ -12,7 +12,7 @@ pub(crate) struct Composites {
     made: Vec<(Kind, wgpu::RenderPipeline)>,
 }
 
-/// Format of the depth of a target, and what becomes of what it holds.
+/// A target's depth format and load operation.
 pub(crate) type Kind = (Option<wgpu::TextureFormat>, Load);
 
 /// A target's kind.
@@ -29,7 +29,7 @@ impl Composites {
         }
     }
 
-    /// What [`Composites::ensure`] compiled.
+    /// The pipeline compiled by [`Composites::ensure`].
     pub(crate) fn get(&self, target: &Target<'_>) -> Option<&wgpu::RenderPipeline> {
         let kind = kind(target);
         self.made.iter().find(|(made, _)| *made == kind).map(|(_, pipeline)| pipeline)
@@ -43,7 +43,7 @@ fn pipeline(gpu: &Gpu, format: wgpu::TextureFormat, kind: Kind) -> wgpu::RenderP
     into_target(gpu, &module, (format, kind), ["fs_overlay", "fs_composite"], &constants)
 }
 
-/// What draws the whole of a host's target, by one of two entry points: without depth, and with.
+/// A pipeline over the whole of a host's target; the entry point depends on whether there is depth.
 pub(crate) fn into_target(
     gpu: &Gpu,
     module: &wgpu::ShaderModule,

@@ -1,4 +1,4 @@
-//! From drawables to draw calls: which instances may be seen, and the geometry passes' commands.
+//! Draw lists: culls instances and records the draw calls of the geometry passes.
 
 use std::ops::Range;
 
@@ -15,11 +15,11 @@ use crate::scene::asset::{AssetGpu, PartDraw};
 use crate::scene::instance::{Instance, InstanceRaw};
 use crate::scene::material_bindings::Features;
 
-/// The instances of one asset that are drawn: a range of the frame's instance buffer.
+/// The visible instances of one asset: a range of the frame's instance buffer.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Batch<'a> {
     asset: &'a AssetGpu,
-    /// Which of the frame's.
+    /// Index among the frame's drawables.
     drawable: usize,
     first: u32,
     end: u32,
@@ -36,13 +36,12 @@ impl<'a> Batch<'a> {
         self.drawable
     }
 
-    /// Its instances among the frame's.
+    /// Range in the frame's instance buffer.
     pub(crate) fn range(&self) -> Range<u32> {
         self.first..self.end
     }
 
-    /// What of it may be drawn as curved patches, all or what is in view. What is seen through is drawn instance by
-    /// instance.
+    /// Parts that may be drawn as PN triangles, all or those in view. Transparent parts have a list per instance.
     pub(crate) fn listed(&self, in_view: bool) -> impl Iterator<Item = PatchListItem<'a>> {
         let instances = self.range();
         let draws = self.asset.draws().into_iter();
@@ -59,7 +58,7 @@ impl<'a> Batch<'a> {
     }
 }
 
-/// What meshes are drawn with: as they are, or as curved patches where there are lists of those.
+/// Pipelines and buffers of meshes: flat, and as PN triangles where there are patch lists.
 #[derive(Clone, Copy)]
 pub(crate) struct Meshes<'a> {
     pub(crate) plain: &'a MeshPipelines,
@@ -67,7 +66,7 @@ pub(crate) struct Meshes<'a> {
     pub(crate) curved: Option<Curved<'a>>,
 }
 
-/// What curved patches are drawn with, and their lists made.
+/// Pipelines and lists of PN triangles.
 #[derive(Clone, Copy)]
 pub(crate) struct Curved<'a> {
     pub(crate) pipelines: &'a MeshPipelines,
@@ -75,27 +74,27 @@ pub(crate) struct Curved<'a> {
     pub(crate) lists: &'a PatchLists,
 }
 
-/// How height maps are honoured.
+/// Relief mapping of a pass.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Relief {
     pub(crate) method: ReliefMethod,
-    /// Depth is that of what it shows.
+    /// Writes the relief's depth.
     pub(crate) in_depth: bool,
 }
 
-/// What a frame draws.
+/// The visible instances of a frame.
 pub(crate) struct DrawList<'a> {
     pub(crate) instances: Vec<InstanceRaw>,
     pub(crate) batches: Vec<Batch<'a>>,
-    /// Which of their drawable's the first instances are: those of `batches`.
+    /// Index within its drawable of each instance of `batches`.
     places: Vec<u32>,
-    /// Where those in view are.
+    /// Region that receives light.
     pub(crate) receivers: Receivers,
 }
 
 impl<'a> DrawList<'a> {
-    /// Leaves out instances whose bounds lie outside the view, or whose place is not finite; the
-    /// rest is drawn from near to far, so that the depth test spares what is hidden.
+    /// Culls instances outside the view or with positions that are not finite; sorts the rest front to back for the
+    /// depth test.
     pub(crate) fn new(frame: &Frame<'a>, size: (u32, u32), counters: &mut Counters) -> Self {
         let (instances, batches, places) = (Vec::new(), Vec::new(), Vec::new());
         let mut list = Self { instances, batches, places, receivers: Receivers::NONE };
@@ -136,18 +135,18 @@ impl<'a> DrawList<'a> {
         Batch { asset, drawable, first, end: self.instances.len() as u32, distance }
     }
 
-    /// The instances of one of `batches`: where they are in the list, and which of their drawable's they are.
+    /// The instances of a batch: index in the list and index within the drawable.
     pub(crate) fn placed(&self, batch: &Batch<'_>) -> impl Iterator<Item = (usize, usize)> {
         let range = batch.first as usize..batch.end as usize;
         range.clone().zip(self.places[range].iter().map(|place| *place as usize))
     }
 
-    /// Whether anything has a material of which something holds.
+    /// Whether any material satisfies `holds`.
     pub(crate) fn any(&self, holds: impl Fn(Features) -> bool) -> bool {
         self.batches.iter().any(|batch| batch.asset.any(&holds))
     }
 
-    /// Draws all surfaces that are not seen through; `relief` says how height maps are honoured, if they are.
+    /// Draws all opaque surfaces; `relief` enables relief mapping.
     pub(crate) fn surfaces(
         &self,
         gpu: &Gpu,
@@ -181,7 +180,7 @@ impl<'a> DrawList<'a> {
         });
     }
 
-    /// Adds what surfaces give off.
+    /// Adds emission.
     pub(crate) fn emission(
         &self,
         gpu: &Gpu,
@@ -194,8 +193,8 @@ impl<'a> DrawList<'a> {
         });
     }
 
-    /// Draws what is seen through, instances from far to near; of each the faces that face away first. `punctual_lights`: they light
-    /// it too.
+    /// Draws transparent surfaces, instances back to front, back faces first. `punctual_lights`: lit by punctual
+    /// lights too.
     pub(crate) fn transparent(
         &self,
         gpu: &Gpu,
@@ -220,14 +219,14 @@ impl<'a> DrawList<'a> {
         }
     }
 
-    /// How far the middle of an instance of a batch is from the eye.
+    /// Distance of an instance's centre from the eye.
     fn distance(&self, batch: &Batch<'_>, instance: u32) -> f64 {
         let Some(raw) = self.instances.get(instance as usize) else { return 0.0 };
         let rotation = DQuat::from_array(raw.rotation.map(f64::from));
         (middle(raw) + rotation * (batch.asset.sphere().0 * f64::from(raw.scale))).length()
     }
 
-    /// Counts how often pixels are drawn, by what is seen through or by all else.
+    /// Draws overdraw counters, of transparent or of all other surfaces.
     pub(crate) fn overdraw(
         &self,
         gpu: &Gpu,
@@ -241,7 +240,7 @@ impl<'a> DrawList<'a> {
         });
     }
 
-    /// Draws how far some of the batches have come, whose instances were at `before`.
+    /// Draws motion vectors of some batches, whose previous instances are in `before`.
     pub(crate) fn motion(
         batches: &[Batch<'_>],
         gpu: &Gpu,
@@ -250,7 +249,7 @@ impl<'a> DrawList<'a> {
         before: &wgpu::Buffer,
     ) {
         pass.set_vertex_buffer(2, before.slice(..));
-        // What is seen through has left no depth to meet.
+        // Transparent surfaces wrote no depth to test against.
         each(batches, pass, meshes, |pass, pipelines, part, _| {
             let drawn = !part.material.features.blend;
             if drawn {
@@ -260,7 +259,7 @@ impl<'a> DrawList<'a> {
         });
     }
 
-    /// Draws all edges, where the device can.
+    /// Draws the wireframe, if the device supports it.
     pub(crate) fn wires(
         &self,
         gpu: &Gpu,
@@ -272,7 +271,7 @@ impl<'a> DrawList<'a> {
     }
 }
 
-/// Draws the parts of some batches whose material has a pipeline, with its textures.
+/// Draws the parts whose material has a pipeline, with their textures.
 fn draw<'p>(
     batches: &[Batch<'_>],
     pass: &mut wgpu::RenderPass<'_>,
@@ -288,14 +287,15 @@ fn draw<'p>(
     });
 }
 
-/// Takes a part's material, and counts what is drawn with it.
+/// Binds a part's material and updates the counters.
 fn count(pass: &mut wgpu::RenderPass<'_>, part: &PartDraw<'_>, triangles: u64, counters: &mut Counters) {
     pass.set_bind_group(1, &part.material.group, &[]);
     counters.draws += 1;
     counters.triangles += triangles;
 }
 
-/// Draws parts of some batches; `prepare` chooses which and how, and is told how many triangles each has.
+/// Draws parts of some batches. `prepare` selects parts and sets their pipeline; its last argument is the number of
+/// triangles.
 pub(crate) fn each<'p>(
     batches: &[Batch<'_>],
     pass: &mut wgpu::RenderPass<'_>,
@@ -313,7 +313,7 @@ pub(crate) fn each<'p>(
                 continue;
             }
             if let Some(Curved { lists, .. }) = listed {
-                // What is seen through has a list for each instance.
+                // Transparent parts have a list for each instance.
                 let firsts = if part.material.features.blend { batch.end } else { batch.first + 1 };
                 (batch.first..firsts).for_each(|first| lists.draw(pass, first, number));
                 continue;
@@ -325,7 +325,7 @@ pub(crate) fn each<'p>(
     }
 }
 
-/// An instance as the GPU gets it, unless its place is not finite.
+/// The instance, if all its numbers are finite.
 pub(crate) fn finite(raw: InstanceRaw) -> Option<InstanceRaw> {
     raw.offset.iter().chain(&raw.rotation).chain([&raw.scale]).all(|x| x.is_finite()).then_some(raw)
 }
@@ -335,19 +335,19 @@ pub(crate) fn middle(raw: &InstanceRaw) -> DVec3 {
     DVec3::from(raw.offset.map(f64::from))
 }
 
-/// An instance that is drawn.
+/// A visible instance.
 struct Placed {
-    /// Its sphere, relative to the eye.
+    /// Centre of its bounding sphere, relative to the eye.
     centre: DVec3,
     radius: f64,
-    /// Of the sphere from the eye.
+    /// Distance of the bounding sphere from the eye.
     distance: f64,
-    /// Whether its sphere reaches into the view: what nobody told the bounds of is always drawn.
+    /// Whether its bounding sphere reaches into the view; true without bounds.
     in_view: bool,
     raw: InstanceRaw,
 }
 
-/// An instance as it is drawn, unless it is known to be out of view.
+/// Places an instance; `None` if it is outside the view.
 fn place(instance: &Instance, asset: &AssetGpu, frame: &Frame<'_>, size: (u32, u32)) -> Option<Placed> {
     let raw = finite(instance.relative_to(asset.origin(), frame.camera.eye))?;
     let (centre, radius) = asset.sphere();

@@ -1,11 +1,11 @@
-//! Passes over the whole of a picture: their pipelines, and how they are drawn.
+//! Fullscreen passes: pipelines and recording.
 
 use crate::frame::graph::PassId;
 use crate::frame::target::{Load, Target};
 use crate::frame::timing::PassEncoder;
 use crate::resources::gpu::Gpu;
 
-/// A pipeline of `fullscreen.wgsl` and a fragment stage, with what that reads as its layout.
+/// A pipeline of `fullscreen.wgsl` and a fragment stage; the layout follows from the bindings that it reads.
 pub(crate) fn fullscreen_pipeline(
     gpu: &Gpu,
     module: &wgpu::ShaderModule,
@@ -16,7 +16,7 @@ pub(crate) fn fullscreen_pipeline(
     pipeline(gpu, module, ["vs_fullscreen", entry], (target, None), constants)
 }
 
-/// The same by a vertex stage and a fragment stage, with depth perhaps.
+/// A pipeline with its own vertex stage and optional depth.
 pub(crate) fn pipeline(
     gpu: &Gpu,
     module: &wgpu::ShaderModule,
@@ -47,7 +47,7 @@ pub(crate) fn pipeline(
     })
 }
 
-/// A colour that a pass draws into.
+/// A colour attachment.
 pub(crate) fn attachment(
     view: &wgpu::TextureView,
     load: wgpu::LoadOp<wgpu::Color>,
@@ -60,7 +60,7 @@ pub(crate) fn attachment(
     }
 }
 
-/// Draws the whole of a target.
+/// Draws a fullscreen pass.
 pub(crate) fn fullscreen(
     encoder: &mut PassEncoder<'_>,
     id: PassId,
@@ -71,7 +71,7 @@ pub(crate) fn fullscreen(
     blended(encoder, id, pipeline, group, target, 1.0);
 }
 
-/// The same with a share for pipelines whose blending has one.
+/// Draws a fullscreen pass with `share` as the blend constant.
 pub(crate) fn blended(
     encoder: &mut PassEncoder<'_>,
     id: PassId,
@@ -98,7 +98,7 @@ pub(crate) fn blended(
     pass.draw(0..3, 0..1);
 }
 
-/// What a pass into `target` does with the depth that is there.
+/// The depth attachment of `target`, if it has depth.
 pub(crate) fn depth_attachment<'a>(
     target: &Target<'a>,
 ) -> Option<wgpu::RenderPassDepthStencilAttachment<'a>> {

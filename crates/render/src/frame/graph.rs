@@ -1,70 +1,69 @@
-//! The frame graph: which passes a picture needs, from what they read and write.
+//! Frame graph: selects the passes that a frame needs, from the resources that they read and write.
 //!
-//! Passes are declared in the order in which they may run. Planning walks back from what is wanted
-//! and keeps a pass only if somebody reads what it writes; textures are allocated for the planned
-//! passes only.
+//! Passes are declared in execution order. Planning walks back from the wanted resources and keeps a pass only if
+//! something reads its output; textures are allocated for planned passes only.
 
-/// A pass over the picture.
+/// A pass of the frame graph.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum PassId {
-    /// Lists of triangles by how finely they are cut, for [`crate::PnTriangles`].
+    /// Builds the patch lists of [`crate::PnTriangles`], by tessellation level.
     Patches,
-    /// How often each pixel is drawn, in place of the surfaces.
+    /// Overdraw per pixel, in place of the surfaces.
     Overdraw,
-    /// Surfaces to depth, normal and albedo.
+    /// Draws surfaces into depth, normal and albedo.
     GBuffer,
     /// Ambient occlusion by one of [`crate::OcclusionMethod`], in 16 rotations.
     Occlusion,
     /// 4×4 blur that removes the rotation's pattern.
     OcclusionBlur,
-    /// What casts shadows, as the sun sees it; maps that nothing has changed in stay as they are.
+    /// Draws shadow casters into the cascades; maps without changes are kept.
     ShadowMaps,
-    /// How much of the sun's light reaches each pixel.
+    /// Shadow lookup: share of the sun's light per pixel.
     Sunlight,
     /// Sun and ambient light on the surfaces, sky elsewhere.
     Lighting,
     /// Sky alone, when there is no surface.
     Sky,
-    /// Light of punctual lights: which reach which tile, and what they add.
+    /// Culls punctual lights by tile and adds their light.
     PunctualLights,
-    /// Light that surfaces give off.
+    /// Emission of surfaces.
     Emission,
-    /// Nearest depths of cells, for rays to skip what is empty.
+    /// Depth pyramid for hierarchical ray tracing.
     DepthPyramid,
-    /// What smooth surfaces mirror of the lit picture.
+    /// Screen-space reflections on smooth surfaces.
     Reflections,
-    /// Water that stands level, over the lit picture.
+    /// Water over the lit picture.
     Water,
-    /// What is seen through, from far to near over the lit picture.
+    /// Transparent surfaces over the lit picture, back to front.
     Transparency,
-    /// Strokes of ink: which edges are some, and what of them is seen.
+    /// Extracts the visible strokes of ink.
     Strokes,
-    /// The same blurred over the lit picture, whose light is in levels.
+    /// Composes blurred strokes over the lit picture with quantised light.
     Ink,
     /// Triangle edges, counted per pixel.
     Edges,
-    /// The same over the lit picture, where they are not too close together.
+    /// Blends the edges over the lit picture where they are not too dense.
     Wireframe,
-    /// Light that spreads around what is bright.
+    /// Bloom.
     Bloom,
-    /// Where what moves by itself was in the frame before.
+    /// Motion vectors of moving objects.
     Motion,
-    /// The picture and those before it as one.
+    /// Temporal anti-aliasing: blends the picture with its history.
     Temporal,
     /// Radiance to display values.
     ToneMap,
-    /// Edges of the picture smoothed.
+    /// Post-process anti-aliasing.
     AntiAlias,
-    /// The same as large as it is shown, where it was drawn smaller.
+    /// Upscales the picture to the target's size.
     Enlarge,
-    /// The same into a host's targets: with depth, or leaving what is there.
+    /// Composes the picture into a host's targets: with depth, or over existing content.
     Composite,
-    /// What another pass hands on, in place of the picture.
+    /// Shows an intermediate result in place of the picture.
     Debug,
 }
 
 impl PassId {
-    /// Its name in figures.
+    /// Name in reports.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -99,41 +98,41 @@ impl PassId {
     }
 }
 
-/// What passes hand on.
+/// Textures and buffers between passes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) enum Resource {
-    /// Lists of triangles; not allocated with the picture's.
+    /// Patch lists; allocated by their own pass.
     Patches,
     Depth,
     Normal,
     Albedo,
     OcclusionRaw,
-    /// The same of one pixel of each 2×2.
+    /// Occlusion at half resolution.
     OcclusionHalf,
-    /// The same as a mean of frames; kept from frame to frame.
+    /// Occlusion accumulated over frames.
     OcclusionMean,
     Occlusion,
-    /// Of fixed size; not allocated with those of the picture's.
+    /// Cascades; of fixed size, allocated by their own pass.
     ShadowMaps,
     Sunlight,
-    /// How much of each pixel strokes of ink cover.
+    /// Coverage of each pixel by strokes.
     Strokes,
-    /// How many edges of triangles cross each pixel.
+    /// Number of triangle edges per pixel.
     Edges,
     Radiance,
-    /// The same before what is mirrored of it was added, or before it was drawn in ink.
+    /// Copy of the lit picture, from before reflections or ink.
     Lit,
-    /// Nearest depths of cells; its levels are not allocated with those of the picture's size.
+    /// Depth pyramid; allocated by its own pass.
     Pyramid,
-    /// How far what moves by itself has come since the frame before.
+    /// Motion of moving objects since the previous frame.
     Motion,
-    /// The picture as a mean of frames; kept from frame to frame, and not allocated with those of one.
+    /// Accumulated picture of temporal anti-aliasing; allocated by its own pass.
     History,
-    /// What is shown, but for its edges.
+    /// Display values before anti-aliasing.
     Display,
-    /// What is shown, but for its size.
+    /// Display values before upscaling.
     Smoothed,
-    /// How often each pixel was drawn.
+    /// Overdraw per pixel.
     Overdraw,
     /// The caller's target; not allocated here.
     Target,
@@ -159,43 +158,43 @@ impl Pass {
     }
 }
 
-/// What decides about passes.
+/// What a frame requires of the graph.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Needs {
     pub(crate) geometry: bool,
-    /// Triangles are drawn as curved patches.
+    /// PN triangles are drawn.
     pub(crate) curved: bool,
     pub(crate) occlusion: bool,
-    /// It goes by the normals that are drawn.
+    /// Occlusion reads the G-buffer's normals.
     pub(crate) drawn_normals: bool,
-    /// Of one pixel of each 2×2, where it is no mean of frames.
+    /// Occlusion at half resolution, unless it is accumulated.
     pub(crate) half_occlusion: bool,
-    /// It is a mean of frames, and whether all of them are drawn.
+    /// Occlusion is accumulated over frames; `Some(true)` if all frames are done.
     pub(crate) still: Option<bool>,
     pub(crate) shadows: bool,
     pub(crate) punctual_lights: bool,
     pub(crate) emission: bool,
-    /// What is mirrored of the picture, and whether it is looked for by cells of depths.
+    /// Screen-space reflections; `Some(true)` with the depth pyramid.
     pub(crate) reflections: Option<bool>,
     pub(crate) bloom: bool,
     pub(crate) water: bool,
     pub(crate) transparency: bool,
-    /// The lit picture is drawn in ink.
+    /// Ink is drawn.
     pub(crate) ink: bool,
     pub(crate) wireframe: bool,
-    /// Something moves by itself.
+    /// Objects move.
     pub(crate) motion: bool,
-    /// The picture is a mean of frames.
+    /// Temporal anti-aliasing.
     pub(crate) temporal: bool,
-    /// Edges are smoothed in the finished picture.
+    /// Post-process anti-aliasing.
     pub(crate) antialias: bool,
-    /// The picture is drawn smaller than it is shown.
+    /// The picture is upscaled.
     pub(crate) enlarged: bool,
     /// The target has depth.
     pub(crate) depth: bool,
-    /// What the target holds stays where no surface is.
+    /// The target's content is kept where no surface is.
     pub(crate) keep: bool,
-    /// What the pass that shows something in place of the picture reads.
+    /// Resources that the debug view reads, if one is shown.
     pub(crate) shown: Option<&'static [Resource]>,
 }
 
@@ -212,7 +211,7 @@ pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
         passes.push(pass(PassId::Patches, &[], &[Patches]));
         passes.push(pass(PassId::GBuffer, drawn_by, &[Depth, Normal, Albedo]));
         if needs.shown.is_some_and(|shown| shown.contains(&Overdraw)) {
-            // Drawn anew: the depth that it tests against begins empty.
+            // Drawn with its own depth test, from cleared depth.
             passes.push(pass(PassId::Overdraw, drawn_by, &[Depth, Overdraw]));
         }
         match needs.still {
@@ -234,7 +233,7 @@ pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
                 passes.push(pass(PassId::Occlusion, seen_by, &[OcclusionMean]));
                 passes.push(pass(PassId::OcclusionBlur, &[Depth, OcclusionMean], &[Occlusion]));
             }
-            // What was drawn last is read again.
+            // The accumulated result is reused.
             Some(true) => {}
         }
         passes.push(pass(PassId::ShadowMaps, &[], &[ShadowMaps]));
@@ -315,7 +314,7 @@ pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
             passes.push(pass(PassId::Enlarge, &[Smoothed], &[Target]));
         }
     } else if !needs.keep {
-        // What is nothing but sky has no edges.
+        // Sky alone needs no anti-aliasing.
         passes.push(pass(PassId::ToneMap, &[Radiance], &[Target]));
     }
     passes
@@ -363,7 +362,7 @@ mod tests {
     }
 
     #[test]
-    fn passes_whose_output_nobody_reads_are_dropped() {
+    fn passes_without_a_reader_are_dropped() {
         let needs = Needs { geometry: true, ..Needs::default() };
         assert_eq!(ids(needs, &[Resource::Target]), [PassId::GBuffer, PassId::Lighting, PassId::ToneMap]);
         assert_eq!(ids(needs, &[Resource::Depth]), [PassId::GBuffer]);
@@ -371,7 +370,7 @@ mod tests {
     }
 
     #[test]
-    fn everything_asked_for_runs_in_order() {
+    fn all_requested_passes_run_in_order() {
         let needs = Needs {
             geometry: true,
             occlusion: true,
@@ -411,7 +410,7 @@ mod tests {
     }
 
     #[test]
-    fn occlusion_as_a_mean_of_frames_goes_on_from_itself_and_ends() {
+    fn accumulated_occlusion_continues_from_itself_and_ends() {
         use PassId::{GBuffer, Lighting, Occlusion, OcclusionBlur, ToneMap};
         let with = |still| {
             ids(Needs { geometry: true, occlusion: true, still, ..Needs::default() }, &[Resource::Target])
@@ -422,12 +421,12 @@ mod tests {
     }
 
     #[test]
-    fn edges_are_smoothed_before_a_picture_is_enlarged() {
+    fn anti_aliasing_runs_before_upscaling() {
         use PassId::{AntiAlias, Enlarge, GBuffer, Lighting, Temporal, ToneMap};
         let needs = Needs { geometry: true, enlarged: true, antialias: true, ..Needs::default() };
         let spatial = ids(needs, &[Resource::Target]);
         assert_eq!(spatial, [GBuffer, Lighting, ToneMap, AntiAlias, Enlarge]);
-        // What reads radiance enlarges it on the way.
+        // Passes that read radiance upscale it themselves.
         let none = Needs { antialias: false, ..needs };
         assert_eq!(ids(none, &[Resource::Target]), [GBuffer, Lighting, ToneMap]);
         let mean = Needs { temporal: true, ..none };
@@ -445,7 +444,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_shown_in_place_of_the_picture_runs_what_makes_it_alone() {
+    fn a_debug_view_runs_only_the_passes_that_it_needs() {
         use PassId::{Debug, GBuffer, Occlusion, OcclusionBlur, Overdraw, ShadowMaps, Sunlight};
         use Resource::{Albedo, Depth, Normal};
         let all = Needs {
@@ -489,7 +488,7 @@ mod tests {
                 shown,
                 geometry: bit(0),
                 occlusion: bit(1),
-                // Which reads what an earlier frame wrote.
+                // It reads what an earlier frame wrote.
                 still: None,
                 wireframe: bit(2),
                 depth: bit(3),
@@ -515,7 +514,7 @@ mod tests {
                 assert!(pass.reads.iter().all(|r| written.contains(r)), "{needs:?} {pass:?}");
                 written.extend_from_slice(pass.writes);
             }
-            // Nothing is drawn only where there is nothing and what is there stays.
+            // Nothing is written only if there is no geometry and the target's content is kept.
             assert_eq!(written.contains(&Resource::Target), needs.geometry || !needs.keep, "{needs:?}");
         }
     }

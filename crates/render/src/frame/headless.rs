@@ -1,4 +1,4 @@
-//! Pictures without a window: draw into a texture, read it back, write PNG.
+//! Headless rendering: draws into a texture and reads it back.
 
 use image::RgbaImage;
 
@@ -14,7 +14,7 @@ use crate::resources::readback::read_texture;
 /// Format of the pictures: plain bytes; the shader applies the sRGB curve.
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 
-/// A renderer with a texture of its own to draw into.
+/// A renderer with its own target texture.
 ///
 /// The same frames give bit-identical pictures on the same driver.
 #[derive(Debug)]
@@ -93,7 +93,7 @@ impl Headless {
         Ok(counters)
     }
 
-    /// Hands what was written to the device, as a frame does, without drawing, and takes back what it is done with.
+    /// Submits pending uploads, as a frame does, without drawing, and reclaims finished staging memory.
     ///
     /// # Errors
     /// [`RenderError::Device`] if it is lost.

@@ -1,5 +1,4 @@
-//! Everything that is compiled for one format of targets. Each part is when it is needed first, or before
-//! ([`crate::frame::compiler`]).
+//! All pipelines for one target format. Each is compiled on first use, or ahead of it ([`crate::frame::compiler`]).
 
 use std::sync::{Arc, OnceLock};
 
@@ -21,7 +20,7 @@ use crate::resources::gpu::Gpu;
 use crate::scene::material_bindings::MaterialKit;
 use crate::scene::terrain::TerrainPipelines;
 
-/// The text of an estimator of occlusion, from those of its own files.
+/// Shader source of an occlusion estimator.
 macro_rules! occlusion {
     ($($file:literal),+) => {
         concat!(
@@ -117,7 +116,7 @@ pub(crate) const DEBUG: &str = concat!(
     include_str!("../shaders/debug.wgsl")
 );
 
-/// Mixes what is drawn with what is there by the share that is the blend's constant.
+/// Blends by the blend constant.
 const BY_SHARE: wgpu::BlendState = {
     let over = wgpu::BlendComponent {
         src_factor: wgpu::BlendFactor::Constant,
@@ -127,26 +126,26 @@ const BY_SHARE: wgpu::BlendState = {
     wgpu::BlendState { color: over, alpha: over }
 };
 
-/// An estimator of occlusion, as it is compiled.
+/// Variant of an occlusion estimator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Estimate {
+pub(crate) struct OcclusionVariant {
     pub(crate) method: OcclusionMethod,
     pub(crate) normals: OcclusionNormals,
-    pub(crate) into: Estimated,
+    pub(crate) into: OcclusionOutput,
 }
 
-/// What estimates of occlusion are drawn into.
+/// Target of an occlusion estimate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Estimated {
-    /// A frame's picture.
+pub(crate) enum OcclusionOutput {
+    /// The frame's texture.
     Frame,
-    /// The same of half its sides.
+    /// The frame's texture at half resolution.
     Half,
-    /// A mean of frames, with the share that is set as the blend's constant.
+    /// The accumulated mean, weighted by the blend constant.
     Mean,
 }
 
-impl Estimate {
+impl OcclusionVariant {
     const COUNT: usize = 3 * OcclusionNormals::ALL.len() * OcclusionMethod::ALL.len();
 
     const fn number(self) -> usize {
@@ -154,19 +153,19 @@ impl Estimate {
     }
 }
 
-/// What is compiled in for the sides that normals are taken from.
+/// Override constants that select the source of normals.
 pub(crate) fn sides(normals: OcclusionNormals) -> [(&'static str, f64); 1] {
     [("SIDES", normals as u8 as f64)]
 }
 
-/// A pass over the whole of a picture.
+/// A fullscreen pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Whole {
-    /// The edges over the lit picture.
+pub(crate) enum FullscreenPass {
+    /// Edges over the lit picture.
     Wireframe,
-    Occlusion(Estimate),
+    Occlusion(OcclusionVariant),
     Blur,
-    /// From half the sides of a picture.
+    /// Upsampling from half resolution.
     Upsample,
     Sunlight,
     Lighting {
@@ -178,21 +177,21 @@ pub(crate) enum Whole {
         occlusion: bool,
         by_cells: bool,
     },
-    /// Of a picture without surfaces.
+    /// A picture without surfaces.
     Sky,
     ToneMap,
-    /// The same of a mean of frames.
+    /// Tone mapping of the accumulated picture.
     ToneMapTemporal,
-    /// The same where edges are smoothed after it.
+    /// Tone mapping before post-process anti-aliasing.
     ToneMapDisplay,
     AntiAlias,
-    /// The same where the picture is enlarged after it.
+    /// Anti-aliasing before upscaling.
     AntiAliasSmall,
     Enlarge,
 }
 
-impl Whole {
-    const COUNT: usize = 20 + Estimate::COUNT;
+impl FullscreenPass {
+    const COUNT: usize = 20 + OcclusionVariant::COUNT;
 
     const fn number(self) -> usize {
         match self {
@@ -215,7 +214,7 @@ impl Whole {
     }
 }
 
-/// Texts of shaders.
+/// Shader modules.
 #[derive(Clone, Copy)]
 enum Module {
     Sunlight,
@@ -245,10 +244,10 @@ impl Module {
     const fn of(method: OcclusionMethod) -> Self {
         match method {
             #[cfg(any(test, feature = "methods"))]
-            // They differ by their kernel.
+            // The two differ by their kernel.
             OcclusionMethod::Ssao | OcclusionMethod::SsaoCentred => Self::Ssao,
             #[cfg(any(test, feature = "methods"))]
-            // The latter has pipelines of its own.
+            // HBAO+ has its own pipelines.
             OcclusionMethod::Hbao | OcclusionMethod::HbaoPlus => Self::Hbao,
             #[cfg(any(test, feature = "methods"))]
             OcclusionMethod::Alchemy => Self::Alchemy,
@@ -259,7 +258,7 @@ impl Module {
     }
 }
 
-/// See the module.
+/// Pipelines for one target format, compiled lazily.
 #[derive(Debug)]
 pub(crate) struct Pipelines {
     /// Group 0 of the geometry passes: the frame's uniform block.
@@ -269,18 +268,18 @@ pub(crate) struct Pipelines {
     curved: OnceLock<MeshPipelines>,
     list_makers: OnceLock<ListMakers>,
     terrain: OnceLock<TerrainPipelines>,
-    /// Where the sky alone is mirrored, and where the picture is too, by either search.
+    /// Reflecting the sky only; and with screen-space reflections by linear and hierarchical search.
     water: [OnceLock<WaterPipelines>; 3],
     bloom: OnceLock<BloomPipelines>,
     #[cfg(any(test, feature = "methods"))]
     ink: OnceLock<InkPipelines>,
     #[cfg(any(test, feature = "methods"))]
-    /// By what normals are taken from.
+    /// By source of normals.
     layers: [OnceLock<LayerPipelines>; OcclusionNormals::ALL.len()],
-    /// Of means over time, whose pass has it too.
+    /// Temporal resolve, shared with its pass.
     pub(crate) resolve: Arc<OnceLock<Resolve>>,
     modules: [OnceLock<wgpu::ShaderModule>; Module::COUNT],
-    whole: [OnceLock<wgpu::RenderPipeline>; Whole::COUNT],
+    whole: [OnceLock<wgpu::RenderPipeline>; FullscreenPass::COUNT],
     target: wgpu::TextureFormat,
 }
 
@@ -313,47 +312,47 @@ impl Pipelines {
         }
     }
 
-    /// What draws meshes as [`super::PnTriangles`].
+    /// Pipelines of meshes as PN triangles.
     pub(crate) fn curved(&self, gpu: &Gpu) -> &MeshPipelines {
         self.curved.get_or_init(|| MeshPipelines::curved(gpu, &self.kit, &self.frame_layout))
     }
 
-    /// What makes their lists; nothing where the device cannot.
+    /// Pipelines that build patch lists; `None` if the device does not support them.
     pub(crate) fn list_makers(&self, gpu: &Gpu) -> Option<&ListMakers> {
         gpu.can_curve().then(|| self.list_makers.get_or_init(|| ListMakers::new(gpu, &self.frame_layout)))
     }
 
-    /// What draws tiles of a terrain.
+    /// Pipelines of terrain tiles.
     pub(crate) fn terrain(&self, gpu: &Gpu) -> &TerrainPipelines {
         self.terrain.get_or_init(|| TerrainPipelines::new(gpu, &self.frame_layout))
     }
 
-    /// What draws water; what mirrors the picture looks for it by cells or by pixels.
+    /// Pipelines of water; `by_cells` selects the search of screen-space reflections.
     pub(crate) fn water(&self, gpu: &Gpu, by_cells: Option<bool>) -> &WaterPipelines {
         let number = by_cells.map_or(0, |by_cells| 1 + usize::from(by_cells));
         self.water[number]
             .get_or_init(|| WaterPipelines::new(gpu, self.meshes.light_layout(gpu, false), by_cells))
     }
 
-    /// What spreads light around what is bright.
+    /// Pipelines of bloom.
     pub(crate) fn bloom(&self, gpu: &Gpu) -> &BloomPipelines {
         self.bloom.get_or_init(|| BloomPipelines::new(gpu))
     }
 
     #[cfg(any(test, feature = "methods"))]
-    /// What draws in ink.
+    /// Pipelines of ink.
     pub(crate) fn ink(&self, gpu: &Gpu) -> &InkPipelines {
         self.ink.get_or_init(|| InkPipelines::new(gpu, &self.frame_layout))
     }
 
     #[cfg(any(test, feature = "methods"))]
-    /// What estimates occlusion in layers.
+    /// Pipelines of HBAO+.
     pub(crate) fn layers(&self, gpu: &Gpu, normals: OcclusionNormals) -> &LayerPipelines {
         self.layers[normals as usize].get_or_init(|| LayerPipelines::new(gpu, BY_SHARE, normals))
     }
 
-    /// What draws a pass over the whole of a picture.
-    pub(crate) fn whole(&self, gpu: &Gpu, pass: Whole) -> &wgpu::RenderPipeline {
+    /// The pipeline of a fullscreen pass.
+    pub(crate) fn whole(&self, gpu: &Gpu, pass: FullscreenPass) -> &wgpu::RenderPipeline {
         self.whole[pass.number()].get_or_init(|| self.compile(gpu, pass))
     }
 
@@ -382,16 +381,16 @@ impl Pipelines {
         self.modules[module as usize].get_or_init(|| shader(gpu, label, text))
     }
 
-    fn compile(&self, gpu: &Gpu, pass: Whole) -> wgpu::RenderPipeline {
+    fn compile(&self, gpu: &Gpu, pass: FullscreenPass) -> wgpu::RenderPipeline {
         let full = |module, entry, target: wgpu::ColorTargetState, constants: &[(&str, f64)]| {
             fullscreen_pipeline(gpu, self.module(gpu, module), entry, target, constants)
         };
         let share = |on: bool| f64::from(u8::from(on));
-        // What the target does not encode, the shader does; what it decodes, too.
+        // sRGB encoding is done by the target's format if it can, else by the shader; likewise decoding.
         let decode: &[(&str, f64)] = if self.target.is_srgb() { &[("DECODE_SRGB", 1.0)] } else { &[] };
         let encode: &[(&str, f64)] = if self.target.is_srgb() { &[] } else { &[("ENCODE_SRGB", 1.0)] };
         match pass {
-            Whole::Wireframe => {
+            FullscreenPass::Wireframe => {
                 let blend = Some(wgpu::BlendState::ALPHA_BLENDING);
                 full(
                     Module::Wireframe,
@@ -400,41 +399,41 @@ impl Pipelines {
                     &[],
                 )
             }
-            Whole::Occlusion(Estimate { method, normals, into }) => {
+            FullscreenPass::Occlusion(OcclusionVariant { method, normals, into }) => {
                 let mean = wgpu::ColorTargetState { blend: Some(BY_SHARE), ..OCCLUSION_MEAN.into() };
                 let (entry, target) = match into {
-                    Estimated::Frame => ("fs_occlusion", OCCLUSION.into()),
-                    Estimated::Half => ("fs_occlusion_half", OCCLUSION.into()),
-                    Estimated::Mean => ("fs_occlusion", mean),
+                    OcclusionOutput::Frame => ("fs_occlusion", OCCLUSION.into()),
+                    OcclusionOutput::Half => ("fs_occlusion_half", OCCLUSION.into()),
+                    OcclusionOutput::Mean => ("fs_occlusion", mean),
                 };
                 full(Module::of(method), entry, target, &sides(normals))
             }
-            Whole::Blur => full(Module::Blur, "fs_blur", OCCLUSION.into(), &[]),
-            Whole::Upsample => full(Module::Upsample, "fs_upsample", OCCLUSION.into(), &[]),
-            Whole::Sunlight => full(Module::Sunlight, "fs_sunlight", SUNLIGHT.into(), &[]),
-            Whole::Lighting { occlusion, shadows } => {
+            FullscreenPass::Blur => full(Module::Blur, "fs_blur", OCCLUSION.into(), &[]),
+            FullscreenPass::Upsample => full(Module::Upsample, "fs_upsample", OCCLUSION.into(), &[]),
+            FullscreenPass::Sunlight => full(Module::Sunlight, "fs_sunlight", SUNLIGHT.into(), &[]),
+            FullscreenPass::Lighting { occlusion, shadows } => {
                 let constants = [("OCCLUSION", share(occlusion)), ("SHADOWS", share(shadows))];
                 full(Module::Lighting, "fs_lighting", RADIANCE.into(), &constants)
             }
-            Whole::DepthPyramid => full(Module::DepthPyramid, "fs_pyramid", PYRAMID.into(), &[]),
-            Whole::Reflections { occlusion, by_cells } => {
+            FullscreenPass::DepthPyramid => full(Module::DepthPyramid, "fs_pyramid", PYRAMID.into(), &[]),
+            FullscreenPass::Reflections { occlusion, by_cells } => {
                 let constants = [("OCCLUSION", share(occlusion)), ("HI_Z", share(by_cells))];
                 let over = wgpu::ColorTargetState { blend: Some(ADD), ..RADIANCE.into() };
                 full(Module::Reflections, "fs_reflections", over, &constants)
             }
-            Whole::Sky => full(Module::Lighting, "fs_sky", RADIANCE.into(), &[]),
-            Whole::ToneMap => full(Module::ToneMap, "fs_tonemap", self.target.into(), encode),
-            Whole::ToneMapTemporal => {
+            FullscreenPass::Sky => full(Module::Lighting, "fs_sky", RADIANCE.into(), &[]),
+            FullscreenPass::ToneMap => full(Module::ToneMap, "fs_tonemap", self.target.into(), encode),
+            FullscreenPass::ToneMapTemporal => {
                 let constants = [encode, &[("TEMPORAL", 1.0)]].concat();
                 full(Module::ToneMap, "fs_tonemap", self.target.into(), &constants)
             }
-            Whole::ToneMapDisplay => {
+            FullscreenPass::ToneMapDisplay => {
                 let constants = [("ENCODE_SRGB", 1.0), ("AS_IT_IS", 1.0)];
                 full(Module::ToneMap, "fs_tonemap", DISPLAY.into(), &constants)
             }
-            Whole::AntiAlias => full(Module::AntiAlias, "fs_antialias", self.target.into(), decode),
-            Whole::AntiAliasSmall => full(Module::AntiAlias, "fs_antialias", DISPLAY.into(), &[]),
-            Whole::Enlarge => full(Module::Enlarge, "fs_enlarge", self.target.into(), decode),
+            FullscreenPass::AntiAlias => full(Module::AntiAlias, "fs_antialias", self.target.into(), decode),
+            FullscreenPass::AntiAliasSmall => full(Module::AntiAlias, "fs_antialias", DISPLAY.into(), &[]),
+            FullscreenPass::Enlarge => full(Module::Enlarge, "fs_enlarge", self.target.into(), decode),
         }
     }
 }

@@ -1,8 +1,8 @@
-//! Where light is received: what a view shows.
+//! Bounds of the surfaces that a view shows and that shadows must cover.
 
 use glam::DVec3;
 
-/// Where a view shows surfaces, relative to the eye, world units.
+/// Bounds of visible surfaces, relative to the eye, world units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Receivers {
     pub(crate) nearest: f64,
@@ -13,11 +13,11 @@ pub(crate) struct Receivers {
 }
 
 impl Receivers {
-    /// Of nothing.
+    /// No surface.
     pub(crate) const NONE: Self =
         Self { nearest: f64::INFINITY, farthest: 0.0, low: DVec3::INFINITY, high: DVec3::NEG_INFINITY };
 
-    /// Takes in a sphere. What is looked at from within is taken to be an eighth of its size away.
+    /// Extends the bounds by a sphere. From inside, its distance counts as an eighth of its size.
     pub(crate) fn add(&mut self, centre: DVec3, radius: f64) {
         self.nearest = self.nearest.min((centre.length() - radius).max(radius / 8.0));
         self.farthest = self.farthest.max(centre.length() + radius);
@@ -25,7 +25,7 @@ impl Receivers {
         self.high = self.high.max(centre + radius);
     }
 
-    /// Takes in what lies all around, between two distances.
+    /// Extends the bounds by a shell between two distances.
     pub(crate) fn add_around(&mut self, nearest: f64, farthest: f64) {
         self.add(DVec3::ZERO, farthest);
         self.nearest = self.nearest.min(nearest);

@@ -1,4 +1,4 @@
-//! What a frame is made of, and what it reports.
+//! The input of a frame: camera, scene data and [`Settings`].
 
 use lodestream_scene::pose::Pose;
 
@@ -18,50 +18,50 @@ use crate::scene::lights::{Light, LightCulling};
 use crate::scene::relief_acceleration::ReliefAcceleration;
 use crate::scene::terrain::TerrainFrame;
 
-/// Most lookups of a texture along a pixel's footprint.
+/// Most texture lookups along a pixel's footprint.
 pub const MAX_ANISOTROPY: u32 = 16;
-/// Least share of a target's sides in which a picture is drawn.
+/// Least [`Settings::render_scale`].
 pub const MIN_RENDER_SCALE: f32 = 0.25;
 /// Most linear steps of relief mapping.
 pub const MAX_RELIEF_STEPS: u32 = 1024;
 
-/// Most maps of shadows.
+/// Most cascades of the sun's shadow maps.
 pub const MAX_CASCADES: usize = 4;
-/// Least and most texels along a side of a map of shadows.
+/// Least and most texels along a shadow map's side.
 pub const MAP_SIDES: [u32; 2] = [128, 8192];
-/// Least and most steps by which a map of shadows moves along its side.
+/// Least and most snapping steps along a shadow map's side.
 pub const MAP_STEPS: [u32; 2] = [4, 16];
-/// Widest filter of shadows.
+/// Widest shadow filter.
 pub const MAX_FILTER: u32 = 3;
 
-/// An asset and where it stands. Several instances make one draw call per material.
+/// An asset with its instances. Several instances make one draw call per material.
 #[derive(Clone, Copy, Debug)]
 pub struct Drawable<'a> {
     /// The asset.
     pub asset: &'a AssetGpu,
-    /// Its placements. [`AntiAliasing::Temporal`] takes those of two frames for the same ones where as many stand in the
-    /// same order, and tells their motion from it.
+    /// Its placements. [`AntiAliasing::Temporal`] matches the instances of consecutive frames by index where their
+    /// number is equal, and derives their motion.
     pub instances: &'a [Instance],
 }
 
-/// Shadows of the sun.
+/// Shadows of the sun: cascaded shadow maps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shadows {
-    /// Ranges of distance with a map of their own, 1 to [`MAX_CASCADES`]; fewer are drawn where fewer suffice. Each costs
-    /// the triangles that may cast shadows into it, whenever one of them changes or it moves on.
+    /// Number of cascades, 1 to [`MAX_CASCADES`]; fewer are drawn where fewer suffice. Each costs the triangles of its
+    /// casters whenever one of them changes or the cascade moves.
     pub cascades: u32,
-    /// Texels along a side of each map, within [`MAP_SIDES`]; four bytes each. Edges of shadows are blurred by about a
+    /// Texels along a side of each map, within [`MAP_SIDES`]; four bytes each. Shadow edges are blurred by about a
     /// texel, which is one to five pixels at 720 lines and 2048 texels.
     pub map_side: u32,
-    /// Texels over which an edge is blurred, less one: this many bilinear lookups squared, 1 to [`MAX_FILTER`]. The wider
-    /// it is, the further from what casts them shadows begin.
+    /// Filter width in texels less one, 1 to [`MAX_FILTER`]; takes this many bilinear lookups squared. A wider filter
+    /// needs a larger depth bias.
     pub filter: u32,
-    /// Steps that a map's side has: it moves with the eye by whole ones, and is drawn anew then. A power of two within
-    /// [`MAP_STEPS`]. With few a map must show more than what is around the eye, a quarter more along its sides with 4
-    /// than with 16, and is drawn five times less often while a camera flies.
+    /// Snapping steps along a map's side, a power of two within [`MAP_STEPS`]. A map follows the eye in whole steps,
+    /// and each step redraws it. With 4 steps a map covers a quarter more along its sides than with 16, and is redrawn
+    /// five times less often while the camera flies.
     pub steps: u32,
-    /// Frames for which a map may show things as they were while it stays in its place, for cameras that move on slow
-    /// devices. With 0 a frame is a function of what it is made of.
+    /// Frames for which a map that does not move may be out of date, for moving scenes on slow devices. With 0, a
+    /// frame depends only on its own input.
     pub max_staleness: u32,
 }
 
@@ -72,8 +72,8 @@ impl Default for Shadows {
 }
 
 impl Shadows {
-    /// The same within their ranges, on a device whose textures have at most `side` texels along a side. Maps move by
-    /// whole texels, so their sides are multiples of the most steps.
+    /// Clamps all values to their ranges, on a device with textures of at most `side` texels along a side. Maps move
+    /// by whole texels, so sides are multiples of the most steps.
     pub(crate) fn clamped(self, side: u32) -> Self {
         let [least, most] = MAP_SIDES;
         Self {
@@ -84,51 +84,51 @@ impl Shadows {
         }
     }
 
-    /// How often a map's step goes into its side.
+    /// Number of snapping steps along a map's side.
     pub(crate) fn grid(self) -> f64 {
         let [least, most] = MAP_STEPS;
         let steps = self.steps.clamp(least, most);
-        // The power of two that is not more.
+        // Round down to a power of two.
         f64::from(1_u32 << steps.ilog2())
     }
 }
 
-/// What colours the surfaces: what they look like, or what passes hand on. Of the latter only the passes that make it
-/// run, nothing is lit, tone-mapped or smoothed, and where there is no surface the picture is black.
+/// Drawing mode: the lit picture, or an intermediate result. For an intermediate result only the passes that it needs
+/// run, nothing is lit, tone-mapped or smoothed, and the background is black.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DebugView {
-    /// Their materials.
+    /// The lit materials.
     #[default]
     Material,
-    /// Their level of refinement, [`super::PackedVertex::level`].
+    /// Level of refinement, [`super::PackedVertex::level`].
     Level,
-    /// The cascade whose map says whether the sun reaches them.
+    /// The cascade that determines the sun's shadow.
     Cascade,
-    /// World normals: −1 to 1 of each axis as 0 to 255; black for what is unlit.
+    /// World normals: −1 to 1 of each axis as 0 to 255; black for unlit surfaces.
     Normal,
-    /// Their colour without light, sRGB.
+    /// Base colour, sRGB.
     Albedo,
-    /// Roughness as red, metal as green, and how open to the sky materials say that they are as blue: 0 to 1 as 0 to
-    /// 255 each.
+    /// Roughness (red), metalness (green) and the material's ambient occlusion (blue): 0 to 1 as 0 to 255.
     Surface,
-    /// View depth: a colour for each power of two of world units, down to two fifths as bright at its far end.
+    /// View depth: a colour per power of two of world units, darkening to two fifths at its far end.
     Depth,
     /// Ambient occlusion: open is white. White without [`Settings::occlusion`].
     Occlusion,
     /// Share of the sun's light that shadows leave: white is all. White without [`Settings::shadows`].
     Sunlight,
-    /// How far what a pixel shows has come since the frame before: right red, left blue, up green, down dark, by a
-    /// logarithm that is full from 64 pixels on; grey for what stands.
+    /// Motion since the previous frame: right red, left blue, up green, down dark, on a logarithmic scale that
+    /// saturates at 64 pixels; grey for no motion.
     Motion,
-    /// How many punctual lights are looked at for a pixel: blue for few, over green and yellow to red for 64; black for none.
+    /// Number of punctual lights evaluated per pixel: blue for few, over green and yellow to red for 64; black for
+    /// none.
     PunctualLights,
-    /// How often a pixel was drawn, each time before what was there: dark blue once, green four times, dark red eight
-    /// times and more. What is seen through counts where it lies before all that is not.
+    /// Overdraw, counting fragments that passed the depth test: dark blue once, green four times, dark red eight times
+    /// and more. Transparent fragments count where they lie before all opaque ones.
     Overdraw,
 }
 
 impl DebugView {
-    /// All there are.
+    /// All variants.
     pub const ALL: [Self; 12] = [
         Self::Material,
         Self::Level,
@@ -144,12 +144,12 @@ impl DebugView {
         Self::Overdraw,
     ];
 
-    /// Whether it is a lit picture.
+    /// Whether the picture is lit.
     pub(crate) const fn is_lit(self) -> bool {
         matches!(self, Self::Material | Self::Level | Self::Cascade)
     }
 
-    /// Its name for people and on command lines.
+    /// Name on command lines and in the overlay.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -169,21 +169,21 @@ impl DebugView {
     }
 }
 
-/// From radiance to what a display shows.
+/// Tone mapping: the curve from radiance to display values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ToneMapping {
-    /// Narkowicz's fit of the ACES curve, as films have it: contrast in the middle, soft highlights.
+    /// Narkowicz's fit of the ACES filmic curve: contrast in the mid-tones, soft highlights.
     #[default]
     Filmic,
-    /// Khronos' neutral one: base colours come out as they are, highlights alone are compressed. For products.
+    /// Khronos PBR Neutral: keeps base colours and compresses highlights only. For products.
     Neutral,
 }
 
 impl ToneMapping {
-    /// All there are.
+    /// All variants.
     pub const ALL: [Self; 2] = [Self::Filmic, Self::Neutral];
 
-    /// What people call it.
+    /// Name on command lines and in the overlay.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -193,26 +193,26 @@ impl ToneMapping {
     }
 }
 
-/// How edges are smoothed; the later, the more it costs.
+/// Anti-aliasing, in order of cost.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum AntiAliasing {
-    /// Not at all.
+    /// None.
     None,
-    /// In the finished picture, which knows no more than itself: what is thinner than a pixel stays broken. A frame is a
-    /// function of what it is made of.
+    /// Post-process anti-aliasing of the finished picture. Details thinner than a pixel stay broken. A frame depends
+    /// only on its own input.
     #[default]
     Spatial,
-    /// By what earlier frames saw through other points of their pixels, fetched from where it was. A picture that stands
-    /// is a mean of up to 64 frames; one that moves goes by the last dozen, and depends on them. Two more pictures of
-    /// eight bytes a pixel, and one of four where things move by themselves.
+    /// Temporal anti-aliasing: blends reprojected earlier frames, each with another subpixel offset. A still picture
+    /// averages up to 64 frames, a moving one about a dozen. Takes two more pictures of eight bytes a pixel, and one
+    /// of four where objects move.
     Temporal,
 }
 
 impl AntiAliasing {
-    /// All there are.
+    /// All variants.
     pub const ALL: [Self; 3] = [Self::None, Self::Spatial, Self::Temporal];
 
-    /// Its name for people and on command lines.
+    /// Name on command lines and in the overlay.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -223,30 +223,33 @@ impl AntiAliasing {
     }
 }
 
-/// How relief mapping looks for where the eye's ray meets a mesh's height map, the cheapest first. How far off each is, and
-/// what it costs: docs/benchmarks/surfaces.md.
+/// Search for the intersection of the view ray with a mesh's height map, cheapest first. Errors and costs are in
+/// docs/benchmarks/surfaces.md.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum ReliefMethod {
-    /// Not at all: one lookup says how far the surface slides (Welsh, "Parallax mapping with offset limiting", 2004).
+    /// Parallax mapping: one lookup, no search (Welsh, "Parallax mapping with offset limiting", 2004).
     Parallax,
-    /// The first of equal steps that lies below (McGuire and McGuire, "Steep parallax mapping", 2005): terraces.
+    /// Linear search that takes the first sample below the surface (McGuire and McGuire, "Steep parallax mapping",
+    /// 2005). Shows terraces.
     SteepParallax,
-    /// The same, then where the chords of the last step cross (Tatarchuk, "Dynamic parallax occlusion mapping", 2006).
+    /// Linear search, then the intersection of the last step's chords (Tatarchuk, "Dynamic parallax occlusion
+    /// mapping", 2006).
     ParallaxOcclusion,
-    /// The same, then eight halvings (Policarpo, Oliveira and Comba, "Real-time relief mapping on arbitrary polygonal
-    /// surfaces", 2005).
+    /// Linear search, then eight bisections (Policarpo, Oliveira and Comba, "Real-time relief mapping on arbitrary
+    /// polygonal surfaces", 2005).
     #[default]
     Relief,
     #[cfg(any(test, feature = "methods"))]
-    /// Steps to the edge of cones that a ray may pierce once, then halvings (Policarpo and Oliveira, "Relaxed cone stepping
-    /// for relief mapping", 2007). Of height maps that repeat, have at most 256² texels, and are seen at about a texel a
-    /// pixel or nearer; else as [`Self::Relief`]. The first frame that draws a map so looks for its cones, at a
-    /// cost of the fourth power of its side.
+    /// Relaxed cone stepping, then bisection (Policarpo and Oliveira, "Relaxed cone stepping for relief mapping",
+    /// 2007). Applies to repeating height maps of at most 256² texels that are seen at about a texel a pixel or
+    /// nearer; others use [`Self::Relief`]. The first frame that draws a map computes its cones, at a cost
+    /// proportional to the fourth power of its side.
     RelaxedCones,
     #[cfg(any(test, feature = "methods"))]
-    /// Over cells of a pyramid of largest heights, to the exact hit (Tevs, Ihrke and Seidel, "Maximum mipmaps", 2008;
-    /// Drobot, "Quadtree displacement mapping", 2010). Of height maps that repeat, have at most 2048² texels, and are
-    /// seen so; else as [`Self::Relief`]. The pyramid takes 5⅓ bytes a texel on the device.
+    /// Traversal of a maximum pyramid to the exact intersection (Tevs, Ihrke and Seidel, "Maximum mipmaps", 2008;
+    /// Drobot, "Quadtree displacement mapping", 2010). Applies to repeating height maps of at most 2048² texels that
+    /// are seen at about a texel a pixel or nearer; others use [`Self::Relief`]. The pyramid takes 5⅓ bytes a texel on
+    /// the device.
     Quadtree,
 }
 
@@ -264,7 +267,7 @@ impl ReliefMethod {
     ];
     const COUNT: usize = if cfg!(any(test, feature = "methods")) { 6 } else { 4 };
 
-    /// Its name for people and on command lines.
+    /// Name on command lines and in the overlay.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -279,7 +282,7 @@ impl ReliefMethod {
         }
     }
 
-    /// What of a height map must be known beforehand.
+    /// The acceleration texture that the search needs, if any.
     pub(crate) const fn aid(self) -> Option<ReliefAcceleration> {
         match self {
             #[cfg(any(test, feature = "methods"))]
@@ -291,76 +294,74 @@ impl ReliefMethod {
     }
 }
 
-/// How to draw.
+/// Settings of the renderer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// What colours the surfaces.
+    /// Drawing mode.
     pub shade: DebugView,
-    /// Draw the edges of the triangles over the lit surface. Needs a device that can (most can);
-    /// elsewhere it is left out and a warning logged.
+    /// Draws triangle edges over the lit surface. Most devices support it; others omit the edges and log a warning.
     pub wireframe: bool,
     /// Ambient occlusion; `None` saves two passes.
     pub occlusion: Option<AmbientOcclusion>,
     /// Shadows of the sun; `None` saves two passes.
     pub shadows: Option<Shadows>,
-    /// How punctual lights are told from those that do not reach a pixel; `None` leaves punctual lights out.
+    /// How punctual lights are culled; `None` omits them.
     pub lights: Option<LightCulling>,
-    /// Haze, where an environment has some. Without, the sky below the horizon is the ground's: its maps are other ones.
+    /// Draws the environment's haze. Without haze, the sky below the horizon shows the ground, so it needs other sky
+    /// maps.
     pub haze: bool,
-    /// Light that surfaces give off.
+    /// Emission of surfaces.
     pub emission: bool,
-    /// What is seen through; without, it is not drawn.
+    /// Draws transparent surfaces.
     pub transparency: bool,
-    /// How edges are smoothed, before a picture is enlarged. Left out for targets with depth or with something in them,
-    /// whose host may do it when all is drawn.
+    /// Anti-aliasing, applied before upscaling. Omitted for targets with depth and for targets whose content is kept:
+    /// the host may smooth the picture after its own drawing.
     pub anti_aliasing: AntiAliasing,
-    /// Lookups of a texture along the footprint of a pixel that sees its surface at a grazing angle, 1 to
-    /// [`MAX_ANISOTROPY`]: fewer are blurred along. Of drivers in software and those without such a filter; others have
-    /// eight.
+    /// Texture lookups along the footprint of a pixel at a grazing angle, 1 to [`MAX_ANISOTROPY`]; with fewer,
+    /// textures blur. Applies to software drivers and devices without anisotropic filtering; others use eight.
     pub anisotropy: u32,
     /// Relief mapping for materials with a height map.
     pub relief: bool,
-    /// Steps of relief mapping's linear search at grazing angles, 1 to [`MAX_RELIEF_STEPS`]: details thinner than a step
-    /// may be jumped over. Looking straight down a quarter as many are taken, and on the ground five twelfths.
+    /// Linear search steps of relief mapping at grazing angles, 1 to [`MAX_RELIEF_STEPS`]. Details thinner than a step
+    /// may be missed. Head-on views take a quarter of the steps, terrain five twelfths.
     pub relief_steps: u32,
-    /// How relief mapping of meshes looks for the hit; the ground's is always [`ReliefMethod::Relief`].
+    /// Search method of relief mapping for meshes; terrain always uses [`ReliefMethod::Relief`].
     pub relief_method: ReliefMethod,
-    /// Whether the sun leaves dark what heights of a mesh's relief hide from it; the ground's hide nothing. Takes as many
-    /// lookups again as the search by equal steps, less where the sun is high.
+    /// Self-shadowing of relief by the sun, for meshes only. Takes as many lookups again as the linear search, fewer
+    /// where the sun is high.
     pub relief_shadows: bool,
-    /// Whether depth is that of what a mesh's relief shows, so that things which stand in it or reach through it meet it
-    /// where they should, and ambient occlusion sees it. Not of what gives off light. Shadows of such surfaces in the sun's
-    /// maps then begin at the deepest of the relief, its own heights hide the sun by [`Self::relief_shadows`] alone, and
-    /// the depth test comes after their fragments.
+    /// Writes the depth of the relief rather than of the mesh, so that intersecting objects and ambient occlusion meet
+    /// the relief. Does not apply to emissive surfaces. Such surfaces cast shadows from the deepest point of the
+    /// relief, shadow themselves through [`Self::relief_shadows`] only, and lose the early depth test.
     pub relief_in_depth: bool,
-    /// Meshes' triangles as curved patches; `None` draws them flat. A device without storage in vertex shaders always does,
-    /// and a warning is logged.
+    /// PN triangles: draws meshes' triangles as curved patches; `None` draws them flat. A device without storage
+    /// buffers in vertex shaders draws them flat and logs a warning.
     pub pn_triangles: Option<PnTriangles>,
-    /// Water, where a frame has some.
+    /// Draws the frame's water.
     pub water: bool,
-    /// What smooth surfaces and water mirror of the picture; `None` leaves them the sky, and saves two passes.
+    /// Screen-space reflections on smooth surfaces and water; `None` reflects the sky only and saves two passes.
     pub reflections: Option<Reflections>,
-    /// Light that spreads around what is bright; `None` saves a pass.
+    /// Bloom; `None` saves a pass.
     pub bloom: Option<Bloom>,
     #[cfg(any(test, feature = "methods"))]
-    /// Strokes along contours, and light in levels; `None` saves two passes. Triangles are then flat, whatever
-    /// [`Self::pn_triangles`] says: contours are those of flat ones. A device without storage in vertex shaders draws none,
-    /// and a warning is logged.
+    /// Ink: strokes along contours and quantised light; `None` saves two passes. Ink overrides [`Self::pn_triangles`],
+    /// because contours are computed on flat triangles. A device without storage buffers in vertex shaders draws no
+    /// ink and logs a warning.
     pub ink: Option<Ink>,
-    /// Distance of the near plane in world units, > 0: the depth that is stored is `near / view depth`. Reversed
-    /// floating-point depth has the same relative precision everywhere, so this may be tiny: a thousandth of the
-    /// smallest thing worth looking at costs nothing.
+    /// Distance of the near plane in world units, > 0. Stored depth is `near / view depth`. Reversed floating-point
+    /// depth has the same relative precision everywhere, so a small value costs nothing: a thousandth of the smallest
+    /// object is fine.
     pub near: f64,
     /// Factor on radiance before tone mapping.
     pub exposure: f32,
-    /// From radiance to what is shown.
+    /// Tone mapping curve.
     pub tone_mapping: ToneMapping,
-    /// Noise of half a step of 256 against bands in even gradients, the same in each frame.
+    /// Dithers by half a step of 8 bits against banding; the same noise in each frame.
     pub dither: bool,
-    /// Seconds that a new vertex takes to its position; 0 = at once.
+    /// Seconds over which a new vertex morphs to its position; 0 = at once.
     pub morph_s: f32,
-    /// Share of the target's sides in which the picture is drawn, [`MIN_RENDER_SCALE`] to 1, before it is enlarged
-    /// (bilinear): half of it costs a quarter per pixel. Targets with depth, and those that keep what is in them, are
+    /// Share of the target's width and height at which the picture is drawn, [`MIN_RENDER_SCALE`] to 1, before
+    /// bilinear upscaling: 0.5 quarters the cost per pixel. Targets with depth, and targets whose content is kept, are
     /// always drawn in full.
     pub render_scale: f32,
 }
@@ -400,7 +401,7 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// How meshes are curved, where a device can and nothing speaks against it.
+    /// The settings of PN triangles, if they are requested, supported and not overridden by ink.
     pub(crate) fn curves(&self, gpu: &Gpu) -> Option<PnTriangles> {
         self.pn_triangles.filter(|_| gpu.can_curve() && !self.draws_ink(gpu))
     }
@@ -419,27 +420,27 @@ impl Settings {
     }
 }
 
-/// One picture to draw.
+/// One picture to draw: the scene as one camera sees it.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame<'a> {
-    /// Where from.
+    /// Camera.
     pub camera: Pose,
-    /// What.
+    /// Assets and their instances.
     pub drawables: &'a [Drawable<'a>],
-    /// On which ground.
+    /// Terrain.
     pub terrain: Option<TerrainFrame<'a>>,
-    /// Under which water.
+    /// Water.
     pub water: Option<Water>,
-    /// Lit by which punctual lights, beside sun and sky; of more than [`super::MAX_LIGHTS`] in view the furthest are left out. A
-    /// device without compute shaders leaves all out.
+    /// Punctual lights. Of more than [`super::MAX_LIGHTS`] in view, the farthest are omitted. A device without compute
+    /// shaders omits all.
     pub lights: &'a [Light],
-    /// In which light.
+    /// Sun, sky and haze.
     pub environment: Environment,
-    /// The maps of its sky, where somebody has computed them; else the first frame in this light does.
+    /// Precomputed sky maps of the environment. Without them, the first frame in this environment computes them.
     pub sky: Option<&'a SkyMaps>,
-    /// How.
+    /// Settings.
     pub settings: Settings,
-    /// Now, in seconds of the clock of [`super::PackedVertex::birth_s`].
+    /// Current time, in seconds of the clock of [`super::PackedVertex::birth_s`].
     pub time_s: f32,
 }
 

@@ -1,18 +1,18 @@
-//! Where a frame goes: a picture of our own, or a host's colour and depth.
+//! Render targets of a frame: a picture, or a host's colour and depth.
 
 use crate::resources::gpu::RenderError;
 
-/// What becomes of what a target holds.
+/// What happens to a target's content.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Load {
-    /// It is overwritten: sky where no surface is, at depth 0.
+    /// Overwritten: sky where no surface is, with depth 0.
     #[default]
     Clear,
-    /// It stays where none of our surfaces is, or where it is nearer. Nothing is drawn of the sky.
+    /// Kept where no surface is drawn, or where the content is nearer. No sky is drawn.
     Keep,
 }
 
-/// The views that a frame is drawn into: of textures of a host, or of a window's.
+/// The views that a frame is drawn into: textures of a host or of a window.
 ///
 /// Depth is reversed and has no far plane: `near / view depth` with the near plane of [`super::Settings::near`], so
 /// 0 is infinitely far and nearer is greater. A host that draws into the same depth texture projects as
@@ -20,25 +20,25 @@ pub enum Load {
 /// `CompareFunction::Greater`. It may draw before a frame with [`Load::Keep`], and after any frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Target<'a> {
-    /// Of the format that the renderer was made for, one sample per pixel, usable as a render attachment.
+    /// Colour, in the renderer's format, one sample per pixel, usable as a render attachment.
     pub colour: &'a wgpu::TextureView,
-    /// Of a depth format, preferably `Depth32Float` as the frame's own, as large as the colour; drawn into, and with
-    /// [`Load::Keep`] tested against.
+    /// Depth in any depth format, preferably `Depth32Float`, of the colour's size. Written, and with [`Load::Keep`]
+    /// tested against.
     pub depth: Option<&'a wgpu::TextureView>,
     /// Width and height in pixels.
     pub size: (u32, u32),
-    /// What becomes of what both hold.
+    /// What happens to the content of both.
     pub load: Load,
 }
 
 impl<'a> Target<'a> {
-    /// A picture that is overwritten.
+    /// A colour target that is overwritten.
     #[must_use]
     pub const fn colour(colour: &'a wgpu::TextureView, size: (u32, u32)) -> Self {
         Self { colour, depth: None, size, load: Load::Clear }
     }
 
-    /// Refuses views that the renderer's passes cannot be attached to; wgpu would stop the program.
+    /// Checks that the passes can be attached to the views; wgpu would abort the program.
     pub(crate) fn check(&self, format: wgpu::TextureFormat) -> Result<(), RenderError> {
         let refuse = |why: String| Err(RenderError::Target(why));
         for (name, view) in [("colour", Some(self.colour)), ("depth", self.depth)] {

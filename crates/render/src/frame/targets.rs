@@ -7,25 +7,25 @@ use crate::resources::gpu::{Gpu, RenderError};
 
 /// Depth: reversed, 32-bit floating point.
 pub(crate) const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
-/// Albedo, linear values stored with sRGB's spacing, and metal in its fourth channel.
+/// Albedo, linear values stored with sRGB's spacing; metalness in alpha.
 pub(crate) const ALBEDO: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSrgb;
-/// World normal on an octahedron in xy, roughness, and how open to the sky its material says that it is.
+/// World normal, octahedral, in xy; roughness; the material's ambient occlusion.
 pub(crate) const NORMAL: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 /// Ambient occlusion, 1 = open.
 pub(crate) const OCCLUSION: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
-/// The same as a mean of frames.
+/// Accumulated ambient occlusion.
 pub(crate) const OCCLUSION_MEAN: wgpu::TextureFormat = wgpu::TextureFormat::R16Float;
-/// Share of the sun's light, and the number of the cascade that said so in 255ths (255: none).
+/// Share of the sun's light, and the index of its cascade in 255ths (255: none).
 pub(crate) const SUNLIGHT: wgpu::TextureFormat = wgpu::TextureFormat::Rg8Unorm;
 /// Display values, sRGB-encoded by the shader.
 pub(crate) const DISPLAY: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
-/// How many edges of triangles cross a pixel, in sixteenths.
+/// Triangle edges per pixel, in sixteenths.
 pub(crate) const EDGES: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
-/// How often a pixel was drawn: whole numbers up to 2048 are exact.
+/// Overdraw per pixel: integers up to 2048 are exact.
 pub(crate) const OVERDRAW: wgpu::TextureFormat = wgpu::TextureFormat::R16Float;
-/// From where a surface is to where it was in the frame before, in pixels.
+/// Vector from a surface's position to its previous position, in pixels.
 pub(crate) const MOTION: wgpu::TextureFormat = wgpu::TextureFormat::Rg16Float;
-/// How much of a pixel strokes of ink cover.
+/// Coverage of a pixel by strokes of ink.
 pub(crate) const STROKES: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
 /// Linear radiance.
 pub(crate) const RADIANCE: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;

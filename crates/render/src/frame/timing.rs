@@ -1,8 +1,8 @@
-//! What passes take: on the processor to record them, on the device by timestamps. The one file of this crate that
-//! reads a clock, and only where somebody asked for times.
+//! Times of passes: on the CPU to record them, and on the device by timestamp queries. The only file of this crate
+//! that reads a clock, and only if times are requested.
 //!
-//! Timestamps come back some frames later, from a ring of query sets: nobody waits for the device, and where all of the
-//! ring is under way a frame has none.
+//! Timestamps arrive some frames later, through a ring of query sets. Nothing waits for the device; while the whole
+//! ring is pending, a frame has no times.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -14,35 +14,35 @@ use crate::resources::gpu::Gpu;
 
 /// Frames over which times are averaged.
 const FRAMES: usize = 30;
-/// Frames whose timestamps may be under way.
+/// Most frames with pending timestamps.
 const RING: usize = 4;
-/// Stretches of a frame that are stamped, at most: its passes, each map of shadows, each layer of occlusion twice, each
-/// level of depths and of bloom.
-const STRETCHES: usize = 96;
-/// A timestamp's bytes.
+/// Most timed intervals of a frame: its passes, each shadow map, each layer of occlusion twice, each level of the
+/// depth pyramid and of bloom.
+const INTERVALS: usize = 96;
+/// Size of a timestamp in bytes.
 const STAMP: u64 = wgpu::QUERY_SIZE as u64;
 
-/// What a pass took.
+/// Times of a pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PassTime {
-    /// Which.
+    /// The pass.
     pub pass: PassId,
-    /// To record it.
+    /// CPU time to record it.
     pub cpu: Duration,
-    /// On the device, from its beginning to its end; `None` where the device has no timestamps
-    /// ([`wgpu::Features::TIMESTAMP_QUERY`]) or none came back yet. On devices that overlap passes these add up to more
-    /// than a frame takes.
+    /// Time on the device from begin to end; `None` if the device has no timestamps
+    /// ([`wgpu::Features::TIMESTAMP_QUERY`]) or none has arrived yet. On devices that overlap passes, these sum to
+    /// more than the frame's time.
     pub gpu: Option<Duration>,
 }
 
-/// What frames took: means over the last ones, at most 30.
+/// Mean times over the last frames, at most 30.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Timings {
-    /// Over how many frames.
+    /// Number of frames averaged.
     pub frames: u32,
-    /// To choose what is drawn, and to upload it.
+    /// CPU time of culling, planning and uploads.
     pub plan: Duration,
-    /// The passes of the last frame in their order, each over those frames in which it ran.
+    /// The passes of the last frame in order, each averaged over the frames in which it ran.
     pub passes: Vec<PassTime>,
 }
 
@@ -52,13 +52,13 @@ struct Recorded {
     number: u64,
     plan: Duration,
     cpu: Vec<(PassId, Duration)>,
-    /// Once they have come back: per stretch.
+    /// Per interval, once they have arrived.
     gpu: Option<Vec<(PassId, Duration)>>,
 }
 
 impl Recorded {
     fn gpu(&self, pass: PassId) -> Option<Duration> {
-        // A pass without a stretch had nothing to do.
+        // A pass without an interval did nothing.
         self.gpu.as_ref().map(|all| all.iter().filter(|(id, _)| *id == pass).map(|(_, time)| *time).sum())
     }
 
@@ -72,7 +72,7 @@ const FREE: u8 = 0;
 const UNDER_WAY: u8 = 1;
 const READABLE: u8 = 2;
 
-/// A frame's timestamps on their way back.
+/// Timestamps of a frame, pending or readable.
 #[derive(Debug)]
 struct Slot {
     queries: wgpu::QuerySet,
@@ -80,11 +80,10 @@ struct Slot {
     readable: wgpu::Buffer,
     state: Arc<AtomicU8>,
     frame: u64,
-    stretches: Vec<PassId>,
+    intervals: Vec<PassId>,
 }
 
-/// What the device calls when timestamps are there. Where a frame is never submitted it is dropped, and the slot is
-/// free.
+/// Callback for arrived timestamps. If a frame is never submitted, the callback is dropped and the slot becomes free.
 struct Landing(Arc<AtomicU8>);
 
 impl Landing {
@@ -103,7 +102,7 @@ impl Drop for Landing {
 
 impl Slot {
     fn new(gpu: &Gpu) -> Self {
-        let count = 2 * STRETCHES as u32;
+        let count = 2 * INTERVALS as u32;
         let buffer = |usage| {
             gpu.device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("timestamps"),
@@ -122,13 +121,13 @@ impl Slot {
             readable: buffer(wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ),
             state: Arc::new(AtomicU8::new(FREE)),
             frame: 0,
-            stretches: Vec::new(),
+            intervals: Vec::new(),
         }
     }
 
-    /// Records that a frame's timestamps come back once it is submitted.
-    fn send(&mut self, encoder: &wgpu::CommandEncoder, frame: u64, stretches: Vec<PassId>) {
-        (self.frame, self.stretches) = (frame, stretches);
+    /// Records the readback of a frame's timestamps.
+    fn send(&mut self, encoder: &wgpu::CommandEncoder, frame: u64, intervals: Vec<PassId>) {
+        (self.frame, self.intervals) = (frame, intervals);
         self.state.store(UNDER_WAY, Ordering::Release);
         let landing = Landing(Arc::clone(&self.state));
         encoder.map_buffer_on_submit(&self.readable, wgpu::MapMode::Read, .., move |result| {
@@ -136,7 +135,7 @@ impl Slot {
         });
     }
 
-    /// Takes what came back.
+    /// Takes arrived timestamps.
     fn take(&mut self, period_ns: f64) -> Option<(u64, Vec<(PassId, Duration)>)> {
         if self.state.load(Ordering::Acquire) != READABLE {
             return None;
@@ -148,8 +147,8 @@ impl Slot {
             .unwrap_or_default();
         self.readable.unmap();
         self.state.store(FREE, Ordering::Release);
-        let times = self.stretches.drain(..).zip(stamps.chunks_exact(2)).map(|(pass, ends)| {
-            // A device may set its clock back.
+        let times = self.intervals.drain(..).zip(stamps.chunks_exact(2)).map(|(pass, ends)| {
+            // Device clocks may go backwards.
             let ticks = ends[1].saturating_sub(ends[0]);
             // Far below 2^53 ticks.
             (pass, Duration::from_secs_f64(ticks as f64 * period_ns * 1e-9))
@@ -179,7 +178,7 @@ impl Timer {
         }
     }
 
-    /// A frame begins.
+    /// Begins a frame.
     pub(crate) fn begin(&mut self) -> FrameTimer {
         self.collect();
         self.frames += 1;
@@ -187,26 +186,26 @@ impl Timer {
         FrameTimer {
             number: self.frames,
             stamps: free.map(|slot| (slot, self.ring[slot].queries.clone())),
-            stretches: Vec::new(),
+            intervals: Vec::new(),
             lap: Instant::now(),
             plan: Duration::ZERO,
             cpu: Vec::new(),
         }
     }
 
-    /// It is recorded.
+    /// Ends the recording of a frame.
     pub(crate) fn end(&mut self, frame: FrameTimer, encoder: &mut wgpu::CommandEncoder) {
-        let FrameTimer { number, stamps, stretches, plan, mut cpu, .. } = frame;
-        // Maps of shadows are recorded before all others.
+        let FrameTimer { number, stamps, intervals, plan, mut cpu, .. } = frame;
+        // Shadow maps are recorded before all other passes.
         cpu.sort_by_key(|(pass, _)| *pass);
         if let Some((slot, _)) = stamps
-            && !stretches.is_empty()
+            && !intervals.is_empty()
         {
             let slot = &mut self.ring[slot];
-            let count = 2 * stretches.len() as u32;
+            let count = 2 * intervals.len() as u32;
             encoder.resolve_query_set(&slot.queries, 0..count, &slot.resolved, 0);
             encoder.copy_buffer_to_buffer(&slot.resolved, 0, &slot.readable, 0, u64::from(count) * STAMP);
-            slot.send(encoder, number, stretches);
+            slot.send(encoder, number, intervals);
         }
         if self.last.len() >= FRAMES {
             self.last.pop_front();
@@ -250,7 +249,7 @@ pub(crate) struct FrameTimer {
     number: u64,
     /// The ring's slot, and its queries.
     stamps: Option<(usize, wgpu::QuerySet)>,
-    stretches: Vec<PassId>,
+    intervals: Vec<PassId>,
     lap: Instant,
     plan: Duration,
     cpu: Vec<(PassId, Duration)>,
@@ -262,16 +261,16 @@ impl FrameTimer {
         now - std::mem::replace(&mut self.lap, now)
     }
 
-    /// Where the device writes the beginning of a pass, or of some of it; the end comes after it.
-    fn stretch(&mut self, pass: PassId) -> Option<(&wgpu::QuerySet, u32)> {
+    /// The query index for the begin of an interval; the end follows it.
+    fn interval(&mut self, pass: PassId) -> Option<(&wgpu::QuerySet, u32)> {
         let (_, query_set) = self.stamps.as_ref()?;
-        let first = (self.stretches.len() < STRETCHES).then_some(2 * self.stretches.len() as u32)?;
-        self.stretches.push(pass);
+        let first = (self.intervals.len() < INTERVALS).then_some(2 * self.intervals.len() as u32)?;
+        self.intervals.push(pass);
         Some((query_set, first))
     }
 }
 
-/// A host's encoder, and the times of what is recorded with it where they are asked for.
+/// A command encoder that times what is recorded with it, if requested.
 pub(crate) struct PassEncoder<'e> {
     pub(crate) encoder: &'e mut wgpu::CommandEncoder,
     timer: Option<FrameTimer>,
@@ -282,13 +281,13 @@ impl<'e> PassEncoder<'e> {
         Self { encoder, timer }
     }
 
-    /// Begins one of a pass's stretches on the device.
+    /// Begins a render pass, as a timed interval.
     pub(crate) fn begin(
         &mut self,
         pass: PassId,
         descriptor: &wgpu::RenderPassDescriptor<'_>,
     ) -> wgpu::RenderPass<'_> {
-        let writes = self.timer.as_mut().and_then(|timer| timer.stretch(pass)).map(|(query_set, first)| {
+        let writes = self.timer.as_mut().and_then(|timer| timer.interval(pass)).map(|(query_set, first)| {
             wgpu::RenderPassTimestampWrites {
                 query_set,
                 beginning_of_pass_write_index: Some(first),
@@ -299,9 +298,9 @@ impl<'e> PassEncoder<'e> {
             .begin_render_pass(&wgpu::RenderPassDescriptor { timestamp_writes: writes, ..descriptor.clone() })
     }
 
-    /// The same for what computes.
+    /// Begins a compute pass, as a timed interval.
     pub(crate) fn begin_compute(&mut self, pass: PassId) -> wgpu::ComputePass<'_> {
-        let writes = self.timer.as_mut().and_then(|timer| timer.stretch(pass)).map(|(query_set, first)| {
+        let writes = self.timer.as_mut().and_then(|timer| timer.interval(pass)).map(|(query_set, first)| {
             wgpu::ComputePassTimestampWrites {
                 query_set,
                 beginning_of_pass_write_index: Some(first),
@@ -312,7 +311,7 @@ impl<'e> PassEncoder<'e> {
         self.encoder.begin_compute_pass(&descriptor)
     }
 
-    /// What was done since the last lap was to plan the frame.
+    /// Attributes the time since the last lap to planning.
     pub(crate) fn planned(&mut self) {
         if let Some(timer) = &mut self.timer {
             let time = timer.lap();
@@ -320,7 +319,7 @@ impl<'e> PassEncoder<'e> {
         }
     }
 
-    /// What was done since the last lap was to record a pass, or some of it.
+    /// Attributes the time since the last lap to recording a pass.
     pub(crate) fn recorded(&mut self, pass: PassId) {
         let Some(timer) = &mut self.timer else { return };
         let time = timer.lap();
@@ -359,7 +358,7 @@ mod tests {
             frames: 3,
             last: VecDeque::from([
                 frame(1, &[(sky, 8), (tone, 2)], Some(&[(sky, 9), (tone, 4)])),
-                // Two maps of shadows are two stretches of one pass.
+                // Two shadow maps are two intervals of one pass.
                 frame(2, &[(maps, 1), (tone, 4)], Some(&[(maps, 5), (maps, 6), (tone, 6)])),
                 frame(3, &[(maps, 3), (tone, 6)], None),
             ]),

@@ -12,18 +12,18 @@ use crate::passes::shadows::Cascade;
 use crate::passes::sky::SkyLight;
 use crate::passes::temporal::TemporalStep;
 
-/// Shader CPU reference: `struct Frame` in `common.wgsl`; keep the two in step.
+/// Mirrors `struct Frame` in `common.wgsl`; keep the two in step.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub(crate) struct FrameUniform {
     clip_from_view: [[f32; 4]; 4],
     view_from_world: [[f32; 4]; 4],
     to_sun: [f32; 4],
-    /// Radiance, and extinction by water as the step says.
+    /// Radiance of the sun; extinction by water.
     sun: [f32; 4],
-    /// Up, and the height of the eye over water.
+    /// Up direction; height of the eye over water.
     up: [f32; 4],
-    /// Across up, towards where the sun stands, and the extinction by haze per world unit.
+    /// Horizontal direction towards the sun; extinction by haze per world unit.
     sky_side: [f32; 4],
     sun_disc: [f32; 4],
     before: [[f32; 4]; 4],
@@ -41,24 +41,23 @@ pub(crate) struct FrameUniform {
     shade: u32,
     occlusion_samples: u32,
     relief_steps: f32,
-    /// Width, and height shifted by 16 bits, of the target: with `Settings::render_scale` more than `size_px`.
+    /// Width, and height shifted by 16 bits, of the target; larger than `size_px` with `Settings::render_scale`.
     target_px: u32,
     tone_mapping: u32,
     dither: f32,
     jitter: [f32; 2],
     before_s: f32,
     history: f32,
-    /// 1: nothing has changed since the frame before; 2: surfaces give off light; 4, 8: [`relief_method`]; 16: relief
-    /// hides the sun; above bit
-    /// 8 those of occlusion's mean.
+    /// Bits: 1 nothing changed since the previous frame; 2 surfaces emit light; 4 and 8 [`relief_method`]; 16 relief
+    /// self-shadowing; from bit 8 the accumulation of occlusion.
     flags: u32,
     lookups: f32,
     kernel: [[f32; 4]; MAX_SAMPLES as usize],
 }
 
 impl FrameUniform {
-    /// The block of a frame that is drawn in one size and shown in another; sides fit into 16 bits. `lookups`: of a
-    /// texture, along a pixel's footprint. `accumulation`: of occlusion.
+    /// The uniform block of a frame drawn at one size and shown at another; sides fit into 16 bits. `lookups` is the
+    /// number of texture lookups along a pixel's footprint.
     pub(crate) fn new(
         frame: &Frame<'_>,
         sky: &SkyLight,
@@ -105,7 +104,7 @@ impl FrameUniform {
             shade: match frame.settings.shade {
                 DebugView::Level => 1,
                 DebugView::Cascade => 2,
-                // Others show what passes hand on as it is.
+                // Other views show intermediate results unchanged.
                 _ => 0,
             },
             occlusion_samples: samples,
@@ -129,8 +128,8 @@ impl FrameUniform {
         }
     }
 
-    /// The same, but as the sun sees what casts shadows into a cascade's map: across its square, with 1 at `top` along
-    /// its light from its middle and 0 at the lowest that it serves.
+    /// The block for a cascade: an orthographic view from the sun, with depth 1 at `top` above the map's centre and 0
+    /// at the lowest surface that the map serves.
     pub(crate) fn as_the_sun_sees(&self, cascade: &Cascade, top: f64, eye: DVec3) -> Self {
         let at = cascade.place_of(eye, DVec3::ZERO);
         let scale = DVec3::new(2.0 / cascade.side, 2.0 / cascade.side, 1.0 / (top + cascade.below));
@@ -144,10 +143,10 @@ impl FrameUniform {
     }
 }
 
-/// The number of a way of relief mapping in `relief.wgsl`.
+/// Index of a relief method in `relief.wgsl`.
 fn relief_method(method: ReliefMethod) -> u32 {
     match method {
-        // The last two search where they cannot do what they do.
+        // Used where there is no acceleration texture.
         #[cfg(any(test, feature = "methods"))]
         ReliefMethod::RelaxedCones | ReliefMethod::Quadtree => 0,
         ReliefMethod::Relief => 0,

@@ -1,4 +1,4 @@
-//! Bloom: light that spreads in a lens, over the lit picture. How it is weighed is in `docs/design/reflections.md`.
+//! Bloom over the lit picture. Its weights are explained in `docs/design/reflections.md`.
 
 use crate::frame::fullscreen::{self, blended};
 use crate::frame::graph::PassId;
@@ -10,13 +10,13 @@ use crate::resources::gpu::Gpu;
 
 const BLOOM: &str = include_str!("../shaders/bloom.wgsl");
 
-/// Most times that the picture is halved: the widest tent reaches 64 times three of its pixels.
+/// Most downsampling levels: the widest tent filter spans three times 64 pixels.
 pub(crate) const MAX_LEVELS: u32 = 6;
 
-/// Light that spreads around what is bright.
+/// Settings of bloom.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bloom {
-    /// Share of a pixel's light that comes from around it, 0 to 1.
+    /// Share of a pixel's light that comes from its surroundings, 0 to 1.
     pub strength: f32,
 }
 
@@ -27,22 +27,22 @@ impl Default for Bloom {
 }
 
 impl Bloom {
-    /// The strength within its range; nothing where it is none.
+    /// The strength clamped to its range; `None` for 0 and NaN.
     pub(crate) fn share(self) -> Option<f64> {
         Some(f64::from(self.strength.clamp(0.0, 1.0))).filter(|share| *share > 0.0)
     }
 }
 
-/// How often a picture of this size is halved: as long as both sides have two pixels.
+/// Number of downsampling levels: until a side has one pixel.
 pub(crate) fn levels((width, height): (u32, u32)) -> u32 {
     width.min(height).max(1).ilog2().min(MAX_LEVELS)
 }
 
-/// What is compiled for it.
+/// Pipelines of the pass.
 #[derive(Debug)]
 pub(crate) struct BloomPipelines {
     halved: wgpu::RenderPipeline,
-    /// Mixes with what is there by the blend's constant.
+    /// Blends with the target by the blend constant.
     tent: wgpu::RenderPipeline,
     sampler: wgpu::Sampler,
 }
@@ -72,14 +72,14 @@ impl BloomPipelines {
     }
 }
 
-/// The alpha of the lit picture, which says where surfaces are, stays.
+/// Keeps alpha, which marks surfaces in the lit picture.
 const KEEP: wgpu::BlendComponent = wgpu::BlendComponent {
     src_factor: wgpu::BlendFactor::Zero,
     dst_factor: wgpu::BlendFactor::One,
     operation: wgpu::BlendOperation::Add,
 };
 
-/// The halved pictures.
+/// The downsampled pictures.
 #[derive(Debug, Default)]
 pub(crate) struct BloomPass {
     size: (u32, u32),
@@ -87,7 +87,7 @@ pub(crate) struct BloomPass {
 }
 
 impl BloomPass {
-    /// Makes room for a picture of this size.
+    /// Allocates the levels for a picture of this size.
     pub(crate) fn prepare(&mut self, gpu: &Gpu, size: (u32, u32)) {
         if self.size == size {
             return;
@@ -114,7 +114,7 @@ impl BloomPass {
         self.levels = (1..=levels(size)).map(one).collect();
     }
 
-    /// Halves the picture, enlarges it level by level, and mixes it with itself.
+    /// Downsamples the picture, upsamples it level by level and blends the result over it.
     pub(crate) fn draw(
         &self,
         gpu: &Gpu,
@@ -146,7 +146,7 @@ impl BloomPass {
             step(&pipelines.halved, finer, level, 1.0);
             finer = level;
         }
-        // Each counts as much as every larger one below it.
+        // All levels have equal weight.
         for (number, pair) in self.levels.windows(2).enumerate().rev() {
             let larger = self.levels.len() - 1 - number;
             step(&pipelines.tent, &pair[1], &pair[0], larger as f64 / (larger + 1) as f64);

@@ -1,4 +1,4 @@
-//! What passes hand on, shown in place of the picture. Its pipelines are made when they are first asked for.
+//! Debug views: intermediate results in place of the picture. Pipelines are compiled on first use.
 
 use crate::frame::composite::{Kind, into_target, kind};
 use crate::frame::graph::Resource;
@@ -8,10 +8,10 @@ use crate::frame::target::{Load, Target};
 use crate::passes::gbuffer::shader;
 use crate::resources::gpu::Gpu;
 
-/// What of a resource is shown, and how: `SHOWN` of `debug.wgsl`.
+/// What is shown: `SHOWN` of `debug.wgsl`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Shown {
-    /// White: what is not made leaves all light.
+    /// White, for occlusion and shadows that are switched off.
     White = 0,
     Normal = 1,
     Albedo = 2,
@@ -19,15 +19,16 @@ pub(crate) enum Shown {
     Depth = 4,
     Share = 5,
     Count = 6,
-    /// There is nothing to count.
+    /// Black, for counts of zero.
     Black = 7,
-    /// Of what stands, and of what moves by itself too.
+    /// Motion of still and moving objects.
     Motion = 8,
     OwnMotion = 9,
 }
 
-/// What is shown in place of the picture and what holds it, in the order of the shader's slots, of a frame with or without
-/// ambient occlusion, shadows, punctual lights and things that move by themselves. Where there are punctual lights their own pass counts them.
+/// The view's mode and the resources that it reads, in the order of the shader's slots, or `None` for lit pictures.
+/// Arguments tell whether the frame has ambient occlusion, shadows, punctual lights and moving objects. The pass of
+/// punctual lights shows their number itself.
 pub(crate) fn shown(
     shade: DebugView,
     [occlusion, shadows, punctual_lights, moving]: [bool; 4],
@@ -38,7 +39,7 @@ pub(crate) fn shown(
         DebugView::PunctualLights => Some((Shown::Black, &[Resource::Depth])),
         DebugView::Normal => Some((Shown::Normal, &[Resource::Depth, Resource::Normal])),
         DebugView::Albedo => Some((Shown::Albedo, &[Resource::Depth, Resource::Albedo])),
-        // Roughness and occlusion lie beside the normal, metal beside albedo.
+        // Roughness and occlusion are stored with the normal, metalness with the albedo.
         DebugView::Surface => Some((Shown::Surface, &[Resource::Depth, Resource::Normal, Resource::Albedo])),
         DebugView::Depth => Some((Shown::Depth, &[Resource::Depth])),
         DebugView::Occlusion if occlusion => Some((Shown::Share, &[Resource::Depth, Resource::Occlusion])),
@@ -50,14 +51,14 @@ pub(crate) fn shown(
     }
 }
 
-/// What was asked for so far.
+/// Pipelines compiled so far.
 #[derive(Debug, Default)]
 pub(crate) struct DebugPipelines {
     made: Vec<((Shown, Kind), wgpu::RenderPipeline)>,
 }
 
 impl DebugPipelines {
-    /// Makes what shows something in `target`, of which the colour has `format`.
+    /// Compiles the pipeline for a view in `target`, whose colour has `format`.
     pub(crate) fn ensure(
         &mut self,
         gpu: &Gpu,
@@ -71,7 +72,7 @@ impl DebugPipelines {
         }
     }
 
-    /// What [`DebugPipelines::ensure`] made.
+    /// The pipeline compiled by [`DebugPipelines::ensure`].
     pub(crate) fn get(&self, shown: Shown, target: &Target<'_>) -> Option<&wgpu::RenderPipeline> {
         let key = (shown, kind(target));
         self.made.iter().find(|(made, _)| *made == key).map(|(_, pipeline)| pipeline)

@@ -1,18 +1,18 @@
-//! Pipelines of the geometry passes: what fills the G-buffer, and the edges that the wireframe is made of.
+//! Pipelines of the geometry passes: G-buffer, shadow casters, emission, motion, transparency and wireframe.
 
 use crate::frame::targets::{ALBEDO, DEPTH, EDGES, MOTION, NORMAL, OVERDRAW, RADIANCE};
 use crate::resources::gpu::Gpu;
 
 const COUNT: &str = include_str!("../shaders/overdraw.wgsl");
 
-/// Shader, bindings and vertices of something that is drawn into the G-buffer.
+/// Shader, bindings and vertex layout of geometry.
 pub(crate) struct GeometryPass<'a> {
     pub(crate) module: &'a wgpu::ShaderModule,
     pub(crate) layout: &'a wgpu::PipelineLayout,
     pub(crate) buffers: &'a [Option<wgpu::VertexBufferLayout<'a>>],
 }
 
-/// What is made of the pixels.
+/// Fragment stage and its targets.
 struct Fragment<'a> {
     module: &'a wgpu::ShaderModule,
     entry: &'a str,
@@ -20,7 +20,7 @@ struct Fragment<'a> {
     targets: &'a [Option<wgpu::ColorTargetState>],
 }
 
-/// Which triangles make pixels, and what those do to depth.
+/// Rasterisation and depth state.
 #[derive(Clone, Copy)]
 struct Raster {
     polygon_mode: wgpu::PolygonMode,
@@ -39,7 +39,7 @@ impl Raster {
     };
 }
 
-/// Added to what is there.
+/// Additive blending.
 pub(crate) const ADD: wgpu::BlendState = {
     let add = wgpu::BlendComponent {
         src_factor: wgpu::BlendFactor::One,
@@ -50,7 +50,7 @@ pub(crate) const ADD: wgpu::BlendState = {
 };
 
 impl GeometryPass<'_> {
-    /// Fills the G-buffer; entry points of the vertex and fragment stages, and what is compiled in.
+    /// Pipeline into the G-buffer; takes the entry points of both stages and the override constants.
     pub(crate) fn surface(
         &self,
         gpu: &Gpu,
@@ -62,18 +62,18 @@ impl GeometryPass<'_> {
         self.pipeline(gpu, entry[0], Some(fragment), Raster::FILL)
     }
 
-    /// Draws nothing but depth.
+    /// Depth-only pipeline for shadow maps.
     pub(crate) fn caster(&self, gpu: &Gpu, entry: &str) -> wgpu::RenderPipeline {
         self.pipeline(gpu, entry, None, Raster::FILL)
     }
 
-    /// Draws nothing but depth, where the fragment stage leaves a pixel.
+    /// Depth-only pipeline with alpha test.
     pub(crate) fn pierced_caster(&self, gpu: &Gpu, entry: [&str; 2]) -> wgpu::RenderPipeline {
         let fragment = Fragment { module: self.module, entry: entry[1], constants: &[], targets: &[] };
         self.pipeline(gpu, entry[0], Some(fragment), Raster::FILL)
     }
 
-    /// Draws nothing but the depth that the fragment stage says.
+    /// Depth-only pipeline whose fragment stage writes the depth.
     pub(crate) fn sunken_caster(
         &self,
         gpu: &Gpu,
@@ -84,7 +84,7 @@ impl GeometryPass<'_> {
         self.pipeline(gpu, entry[0], Some(fragment), Raster::FILL)
     }
 
-    /// Adds light to the picture where the same surfaces were drawn into the G-buffer.
+    /// Adds emission to the picture, where depth equals the G-buffer's.
     pub(crate) fn emission(&self, gpu: &Gpu, entry: [&str; 2]) -> wgpu::RenderPipeline {
         let target = wgpu::ColorTargetState { blend: Some(ADD), ..RADIANCE.into() };
         let fragment =
@@ -93,7 +93,7 @@ impl GeometryPass<'_> {
         self.pipeline(gpu, entry[0], Some(fragment), raster)
     }
 
-    /// How far what was drawn into the G-buffer has come since the frame before.
+    /// Writes motion since the previous frame, where depth equals the G-buffer's.
     pub(crate) fn motion(&self, gpu: &Gpu, entry: [&str; 2]) -> wgpu::RenderPipeline {
         let targets = [Some(MOTION.into())];
         let fragment = Fragment { module: self.module, entry: entry[1], constants: &[], targets: &targets };
@@ -101,7 +101,7 @@ impl GeometryPass<'_> {
         self.pipeline(gpu, entry[0], Some(fragment), raster)
     }
 
-    /// Puts faces that are seen through over the picture, first those that face away.
+    /// Blends transparent faces over the picture: back faces first, then front faces.
     pub(crate) fn transparent(
         &self,
         gpu: &Gpu,
@@ -117,7 +117,7 @@ impl GeometryPass<'_> {
         })
     }
 
-    /// Counts the edges of what is visible in each pixel; `None` where the device cannot draw triangles as lines.
+    /// Counts visible triangle edges per pixel; `None` where the device cannot draw triangles as lines.
     pub(crate) fn wire(&self, gpu: &Gpu, entry: [&str; 2]) -> Option<wgpu::RenderPipeline> {
         let lines = gpu.device.features().contains(wgpu::Features::POLYGON_MODE_LINE);
         let target = wgpu::ColorTargetState { blend: Some(ADD), ..EDGES.into() };
@@ -127,17 +127,17 @@ impl GeometryPass<'_> {
         lines.then(|| self.pipeline(gpu, entry[0], Some(fragment), raster))
     }
 
-    /// Adds one to a pixel whenever something is drawn there that lies before what was drawn.
+    /// Counts fragments that pass the depth test.
     pub(crate) fn overdraw(&self, gpu: &Gpu, entry: &str) -> wgpu::RenderPipeline {
         self.count(gpu, (&shader(gpu, "overdraw", COUNT), [entry, "fs_overdraw"]), Raster::FILL)
     }
 
-    /// The same where the fragment stage, which is the shader's own, leaves a pixel.
+    /// Counts fragments that pass the depth test and the shader's alpha test.
     pub(crate) fn pierced_overdraw(&self, gpu: &Gpu, entry: [&str; 2]) -> wgpu::RenderPipeline {
         self.count(gpu, (self.module, entry), Raster::FILL)
     }
 
-    /// The same of what is seen through, which hides nothing.
+    /// Counts transparent fragments, without writing depth.
     pub(crate) fn transparent_overdraw(&self, gpu: &Gpu, entry: &str) -> wgpu::RenderPipeline {
         let raster = Raster { write: false, ..Raster::FILL };
         self.count(gpu, (&shader(gpu, "overdraw", COUNT), [entry, "fs_overdraw"]), raster)
@@ -191,7 +191,7 @@ impl GeometryPass<'_> {
     }
 }
 
-/// A shader module of a text that was put together when this was compiled.
+/// Compiles a shader module from WGSL source.
 pub(crate) fn shader(gpu: &Gpu, label: &str, text: &'static str) -> wgpu::ShaderModule {
     gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some(label),
@@ -199,7 +199,7 @@ pub(crate) fn shader(gpu: &Gpu, label: &str, text: &'static str) -> wgpu::Shader
     })
 }
 
-/// One uniform block at binding 0 of its group, for both stages of a geometry pass.
+/// A uniform block at binding 0, for both stages of a geometry pass.
 pub(crate) const UNIFORM_BLOCK: wgpu::BindGroupLayoutEntry = wgpu::BindGroupLayoutEntry {
     binding: 0,
     visibility: wgpu::ShaderStages::VERTEX_FRAGMENT,

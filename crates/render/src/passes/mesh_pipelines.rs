@@ -1,4 +1,4 @@
-//! Pipelines that meshes are drawn with: each is compiled when it is needed first, or before ([`crate::frame::compiler`]).
+//! Pipelines that draw meshes. Each is compiled on first use, or ahead of it ([`crate::frame::compiler`]).
 
 use std::sync::OnceLock;
 
@@ -11,16 +11,16 @@ use crate::scene::lights::PunctualLightPass;
 use crate::scene::material_bindings::{Features, MaterialKit};
 use crate::scene::relief_acceleration::ReliefAcceleration;
 
-/// Texts of shaders.
+/// Shader sources.
 #[derive(Debug)]
 struct Texts {
     surface: &'static str,
     motion: &'static str,
-    /// What is lit where it is drawn, without punctual lights and with.
+    /// Forward-lit surfaces, without and with punctual lights.
     transparent: [&'static str; 2],
 }
 
-/// A text from those of its own files; `$found`: where relief is met, `$vertex`: what vertices are made of.
+/// Concatenates a shader source. `$found`: file with the relief search; `$vertex`: files of the vertex stage.
 macro_rules! text {
     ($found:literal, [$($vertex:literal),+] $(, $more:literal)*) => {
         concat!(
@@ -53,58 +53,59 @@ macro_rules! texts {
 const MESH: Texts = texts!(["mesh_vertex"], "mesh_motion");
 const CURVED: Texts = texts!(["pn_patch", "pn_vertex"], "pn_motion");
 #[cfg(any(test, feature = "methods"))]
-/// Surfaces by what is known of their height map: of triangles as they are alone, since lists of patches take its group.
+/// Surfaces with a relief acceleration texture. For flat triangles only: PN triangles use its bind group for their
+/// lists.
 const AIDED: [&str; ReliefAcceleration::COUNT] =
     [text!("relief_cones", ["mesh_vertex"]), text!("relief_quadtree", ["mesh_vertex"])];
 #[cfg(not(any(test, feature = "methods")))]
 const AIDED: [&str; ReliefAcceleration::COUNT] = [];
 
-/// What draws surfaces that are lit where they are drawn.
+/// Layouts and pipelines of forward-lit surfaces.
 #[derive(Debug)]
 struct Lit {
-    /// Group 0: frame, shadow maps, sky, and perhaps punctual lights.
+    /// Group 0: frame, shadow maps, sky and, if compiled in, punctual lights.
     light: wgpu::BindGroupLayout,
-    /// That and the material.
+    /// `light` and the material.
     layout: wgpu::PipelineLayout,
-    /// Water has the same light without this.
+    /// Not needed by water, which shares `light`.
     module: OnceLock<wgpu::ShaderModule>,
-    /// Without maps and with.
+    /// Without and with textures of the material.
     pipelines: [OnceLock<[wgpu::RenderPipeline; 2]>; 2],
 }
 
-/// How relief is met, beyond equal steps that leave depth as it is.
+/// Variant of relief mapping, if it is not a linear search that keeps the mesh's depth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct ReliefDraw {
-    /// What is known of the height map.
+    /// Acceleration texture of the height map.
     pub(crate) aid: Option<ReliefAcceleration>,
-    /// Depth is that of what it shows.
+    /// Writes the relief's depth.
     pub(crate) deep: bool,
 }
 
-/// See the module.
+/// Pipelines for one kind of vertices: meshes, or patches of PN triangles.
 #[derive(Debug)]
 pub(crate) struct MeshPipelines {
     texts: &'static Texts,
-    /// Vertices, in passes but for that of motion, and in that.
+    /// Vertex buffer layouts: of all passes but motion, and of the motion pass.
     buffers: [&'static [Option<wgpu::VertexBufferLayout<'static>>]; 2],
-    /// Group 2: lists of patches, where vertices are on those.
+    /// Group 2: patch lists, for PN triangles.
     lists: Option<ReadOnlyLists>,
     module: OnceLock<wgpu::ShaderModule>,
-    /// Frame and material.
+    /// Groups of frame and material.
     layout: wgpu::PipelineLayout,
-    /// Of materials.
+    /// Group of materials.
     material: wgpu::BindGroupLayout,
-    /// Without punctual lights and with: not every device can have those.
+    /// Without and with punctual lights, which not every device supports.
     lit: [OnceLock<Lit>; 2],
-    /// By relief, maps and mask.
+    /// Indexed by relief, maps and mask.
     surfaces: [OnceLock<wgpu::RenderPipeline>; 8],
-    /// With relief that is found with an aid.
+    /// Modules with a relief acceleration texture.
     aided: [OnceLock<wgpu::ShaderModule>; ReliefAcceleration::COUNT],
-    /// With relief: without an aid and by aid; leaving depth and with its own; by maps and mask.
+    /// Surfaces with relief: by acceleration (none first), by depth written or not, by maps and mask.
     reliefs: [[[OnceLock<wgpu::RenderPipeline>; 4]; 2]; 1 + ReliefAcceleration::COUNT],
-    /// Without holes and with.
+    /// Without and with alpha test.
     sunken_casters: [OnceLock<wgpu::RenderPipeline>; 2],
-    /// Frame, material and aid.
+    /// Groups of frame, material and acceleration texture.
     aided_layout: wgpu::PipelineLayout,
     /// `None` where the device cannot draw triangles as lines.
     wire: OnceLock<Option<wgpu::RenderPipeline>>,
@@ -113,7 +114,7 @@ pub(crate) struct MeshPipelines {
     pierced_caster: OnceLock<wgpu::RenderPipeline>,
     motion: OnceLock<wgpu::RenderPipeline>,
     emission: OnceLock<wgpu::RenderPipeline>,
-    /// Of what is solid, what has holes, and what is seen through.
+    /// Opaque, alpha-tested and transparent.
     overdraw: [OnceLock<wgpu::RenderPipeline>; 3],
 }
 
@@ -128,7 +129,7 @@ static BUFFERS: [Option<wgpu::VertexBufferLayout<'_>>; 3] = [
         step_mode: wgpu::VertexStepMode::Instance,
         attributes: &INSTANCE_ATTRIBUTES,
     }),
-    // Where instances were in the frame before.
+    // Instances of the previous frame.
     Some(wgpu::VertexBufferLayout {
         array_stride: size_of::<InstanceRaw>() as u64,
         step_mode: wgpu::VertexStepMode::Instance,
@@ -138,7 +139,7 @@ static BUFFERS: [Option<wgpu::VertexBufferLayout<'_>>; 3] = [
 
 static GRID: [Option<wgpu::VertexBufferLayout<'_>>; 1] = [Some(GRID_VERTEX)];
 
-/// What is compiled in.
+/// Override constants of a variant.
 fn constants([relief, maps, mask]: [bool; 3]) -> [(&'static str, f64); 3] {
     [("RELIEF", relief), ("MAPS", maps), ("MASK", mask)].map(|(name, on)| (name, f64::from(u8::from(on))))
 }
@@ -152,12 +153,12 @@ fn layout(gpu: &Gpu, label: &str, groups: &[Option<&wgpu::BindGroupLayout>]) -> 
 }
 
 impl MeshPipelines {
-    /// Of triangles as they are.
+    /// Pipelines for flat triangles.
     pub(crate) fn new(gpu: &Gpu, kit: &MaterialKit, frame_layout: &wgpu::BindGroupLayout) -> Self {
         Self::of(gpu, (&MESH, [&BUFFERS[..2], &BUFFERS]), None, (kit, frame_layout))
     }
 
-    /// Of [`super::PnTriangles`].
+    /// Pipelines for PN triangles.
     pub(crate) fn curved(gpu: &Gpu, kit: &MaterialKit, frame_layout: &wgpu::BindGroupLayout) -> Self {
         let lists = Some(ReadOnlyLists::new(gpu));
         Self::of(gpu, (&CURVED, [&GRID; 2]), lists, (kit, frame_layout))
@@ -202,7 +203,7 @@ impl MeshPipelines {
         }
     }
 
-    /// What vertices read of lists of patches, where they are on those.
+    /// Layout of the patch lists, for PN triangles.
     pub(crate) fn lists(&self) -> Option<&ReadOnlyLists> {
         self.lists.as_ref()
     }
@@ -219,7 +220,7 @@ impl MeshPipelines {
         GeometryPass { module, layout, buffers: self.buffers[0] }
     }
 
-    /// What draws with materials.
+    /// Geometry pass with materials.
     fn pass(&self, gpu: &Gpu) -> GeometryPass<'_> {
         self.pass_of(self.module(gpu), &self.layout)
     }
@@ -232,21 +233,21 @@ impl MeshPipelines {
         })
     }
 
-    /// Edges; `None` where the device cannot draw triangles as lines.
+    /// Wireframe; `None` where the device cannot draw triangles as lines.
     pub(crate) fn wire(&self, gpu: &Gpu) -> Option<&wgpu::RenderPipeline> {
         self.wire.get_or_init(|| self.pass(gpu).wire(gpu, ["vs_wire", "fs_wire"])).as_ref()
     }
 
-    /// Into maps of shadows.
+    /// Opaque shadow casters.
     pub(crate) fn caster(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
         self.caster
             .get_or_init(|| self.pass_of(self.module(gpu), &self.caster_layout).caster(gpu, "vs_caster"))
     }
 
-    /// Compiles what a material will be drawn with beyond what settings alone ask for; nothing where that is done.
+    /// Compiles the pipelines that a material needs beyond those of the settings alone.
     pub(crate) fn ensure(&self, gpu: &Gpu, material: Features) {
         if material.blend {
-            // With punctual lights when there are some.
+            // The variant with punctual lights is compiled when there are some.
             self.transparent(gpu, material, false);
             return;
         }
@@ -261,17 +262,17 @@ impl MeshPipelines {
         }
     }
 
-    /// Into the G-buffer; `relief` says whether height maps are honoured.
+    /// Surfaces into the G-buffer; `relief` enables relief mapping.
     pub(crate) fn surface(&self, gpu: &Gpu, material: Features, relief: bool) -> &wgpu::RenderPipeline {
         self.variant(gpu, [relief && material.relief, material.maps, material.mask])
     }
 
-    /// Whether surfaces take what is known of height maps.
+    /// Whether surfaces can use relief acceleration textures.
     pub(crate) fn takes_aid(&self) -> bool {
         self.lists.is_none()
     }
 
-    /// Into the G-buffer, of a material with relief; what is known of its height map is group 2.
+    /// Surfaces with relief into the G-buffer; the acceleration texture is group 2.
     pub(crate) fn relief(&self, gpu: &Gpu, material: Features, how: ReliefDraw) -> &wgpu::RenderPipeline {
         let ReliefDraw { aid, deep } = how;
         if aid.is_none() && !deep {
@@ -292,7 +293,7 @@ impl MeshPipelines {
         self.aided[at].get_or_init(|| shader(gpu, "gbuffer with relief's aid", AIDED[at]))
     }
 
-    /// Into maps of shadows, of materials whose relief is in depth; with their group 1.
+    /// Shadow casters of materials whose relief writes depth; needs group 1.
     pub(crate) fn sunken_caster(&self, gpu: &Gpu, material: Features) -> &wgpu::RenderPipeline {
         self.sunken_casters[usize::from(material.mask)].get_or_init(|| {
             let constants = constants([false, false, material.mask]);
@@ -300,12 +301,12 @@ impl MeshPipelines {
         })
     }
 
-    /// Into maps of shadows, of materials with holes; with their group 1.
+    /// Alpha-tested shadow casters; needs group 1.
     pub(crate) fn pierced_caster(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
         self.pierced_caster.get_or_init(|| self.pass(gpu).pierced_caster(gpu, ["vs_pierced", "fs_pierced"]))
     }
 
-    /// How far things have come since the frame before, which a third buffer tells of instances.
+    /// Motion vectors; a third buffer holds the previous instances.
     pub(crate) fn motion(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
         self.motion.get_or_init(|| {
             let module = shader(gpu, "motion", self.texts.motion);
@@ -315,7 +316,7 @@ impl MeshPipelines {
         })
     }
 
-    /// Onto the lit picture.
+    /// Emission, added to the lit picture.
     pub(crate) fn emission(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
         self.emission.get_or_init(|| self.pass(gpu).emission(gpu, ["vs_surface", "fs_emission"]))
     }
@@ -334,12 +335,12 @@ impl MeshPipelines {
         })
     }
 
-    /// Group 0 of what is lit where it is drawn, by punctual lights too or not.
+    /// Layout of group 0 of forward-lit surfaces, with or without punctual lights.
     pub(crate) fn light_layout(&self, gpu: &Gpu, punctual_lights: bool) -> &wgpu::BindGroupLayout {
         &self.lit(gpu, punctual_lights).light
     }
 
-    /// Over the lit picture: faces that face away, and those that face the eye; lit by punctual lights too or not.
+    /// Transparent surfaces over the lit picture: back faces, then front faces; with or without punctual lights.
     pub(crate) fn transparent(
         &self,
         gpu: &Gpu,
@@ -355,7 +356,7 @@ impl MeshPipelines {
         })
     }
 
-    /// Counts how often pixels are drawn.
+    /// Overdraw counters.
     pub(crate) fn overdraw(&self, gpu: &Gpu, material: Features) -> &wgpu::RenderPipeline {
         let pass = self.pass(gpu);
         match material {
@@ -369,8 +370,8 @@ impl MeshPipelines {
     }
 }
 
-/// Group 0 of what is lit where it is drawn: the frame, the shadow maps with how they are looked up, and the sky's; perhaps
-/// the punctual lights.
+/// Layout of group 0 of forward-lit surfaces: frame, shadow maps with their sampler, sky maps and, optionally,
+/// punctual lights.
 fn light_layout(gpu: &Gpu, punctual_lights: bool) -> wgpu::BindGroupLayout {
     let entry = |binding, visibility, ty| wgpu::BindGroupLayoutEntry { binding, visibility, ty, count: None };
     let buffer = |ty| wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None };

@@ -1,47 +1,46 @@
-//! Ambient occlusion in screen space: by which method, how far, how many samples.
+//! Screen-space ambient occlusion: methods and settings.
 //!
-//! All methods estimate one integral, which `docs/design/occlusion.md` states, and rays compute ([`crate::rays`]).
+//! All methods estimate the integral stated in `docs/design/occlusion.md`; reference rays compute it.
 
 /// Most samples of ambient occlusion per pixel.
 pub const MAX_SAMPLES: u32 = 64;
 
-/// Reach of ambient occlusion.
+/// Radius of ambient occlusion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum OcclusionRadius {
-    /// In world units: shading that stays put when the camera moves; needs to know the scene.
+    /// In world units. Shading does not change when the camera moves, but the radius must suit the scene.
     World(f32),
-    /// As a fraction of the view depth: works from millimetres to kilometres, but grows with
-    /// distance.
+    /// As a fraction of the view depth. Suits any scale, but the radius grows with distance.
     Depth(f32),
 }
 
-/// How occlusion is estimated from depth. Figures of each are in `docs/benchmarks/occlusion.md`.
+/// Estimator of occlusion from a depth buffer. Figures of each are in `docs/benchmarks/occlusion.md`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum OcclusionMethod {
     #[cfg(any(test, feature = "methods"))]
-    /// Points in the hemisphere above the surface, evenly along the radius, each before or behind what is drawn there
-    /// (Mittring 2007; Filion and McNaughton 2008).
+    /// SSAO: tests points in the hemisphere above the surface, evenly distributed along the radius, against the depth
+    /// buffer (Mittring 2007; Filion and McNaughton 2008).
     Ssao,
     #[cfg(any(test, feature = "methods"))]
-    /// The same with points denser near the middle, each of which counts for as much more of the radius as it stands for.
+    /// SSAO with samples denser near the centre, weighted by the part of the radius that each represents.
     SsaoCentred,
     #[cfg(any(test, feature = "methods"))]
-    /// Horizons above the tangent plane, marched along directions of the picture (Bavoil and Sainz 2008).
+    /// HBAO: horizon angles above the tangent plane, marched along directions in screen space (Bavoil and Sainz 2008).
     Hbao,
     #[cfg(any(test, feature = "methods"))]
-    /// The same within each of sixteen layers of every fourth pixel of every fourth row, whose pixels look up neighbours
-    /// (Bavoil 2014): horizons of at least four pixels.
+    /// HBAO in sixteen deinterleaved layers for cache locality (Bavoil 2014). Steps are at least four pixels.
     HbaoPlus,
     #[cfg(any(test, feature = "methods"))]
-    /// Points on a spiral, by how high above the tangent plane what is drawn there lies (McGuire et al. 2011 and 2012).
+    /// Alchemy / scalable ambient obscurance: samples on a spiral, weighted by their height above the tangent plane
+    /// (McGuire et al. 2011 and 2012).
     Alchemy,
-    /// Slices through the direction to the eye, each with a horizon to both sides, integrated in closed form (Jimenez et
-    /// al. 2016; XeGTAO).
+    /// GTAO: slices through the view direction with a horizon on both sides, integrated in closed form (Jimenez et al.
+    /// 2016; XeGTAO).
     #[default]
     Gtao,
     #[cfg(any(test, feature = "methods"))]
-    /// The same slices with a mask of 32 sectors in place of horizons: what is thin hides no more than itself (Therrien
-    /// et al. 2023).
+    /// Visibility bitmask: slices with a mask of 32 sectors instead of horizons, so that thin objects occlude only
+    /// their own extent (Therrien et al. 2023).
     Bitmask,
 }
 
@@ -54,7 +53,7 @@ impl OcclusionMethod {
     pub const ALL: [Self; 7] =
         [Self::Ssao, Self::SsaoCentred, Self::Hbao, Self::HbaoPlus, Self::Alchemy, Self::Gtao, Self::Bitmask];
 
-    /// Its name for people and on command lines.
+    /// Name on command lines and in the overlay.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -91,26 +90,26 @@ impl OcclusionMethod {
     }
 }
 
-/// From which neighbours in the depth buffer a pixel's normal is taken: of two on each axis one may lie on another surface,
-/// as beside the inner edge of two walls. Figures of each are in `docs/benchmarks/occlusion.md`.
+/// Neighbours in the depth buffer from which a pixel's normal is reconstructed. At edges one of two neighbours on an
+/// axis lies on another surface. Figures of each are in `docs/benchmarks/occlusion.md`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum OcclusionNormals {
-    /// From the nearer in depth on each axis.
+    /// The neighbour nearer in depth on each axis.
     #[default]
     Nearest,
-    /// From the pair that agrees best with the normal that is drawn, smooth or out of a map. What is drawn with smooth
-    /// normals over an edge, or unlit, has none to go by.
+    /// The pair whose normal agrees best with the G-buffer's normal. Unlit surfaces, and edges with smooth normals,
+    /// have no G-buffer normal to compare with.
     Drawn,
-    /// From the side on each axis whose next two pixels lie in line with this one in stored depth, as they do on a plane.
-    /// Needs no drawn normal, and four more lookups.
+    /// The side on each axis whose next two pixels are collinear with this one in stored depth, as on a plane. Needs
+    /// no G-buffer normal, but four more lookups.
     Extended,
 }
 
 impl OcclusionNormals {
-    /// All there are.
+    /// All variants.
     pub const ALL: [Self; 3] = [Self::Nearest, Self::Drawn, Self::Extended];
 
-    /// Its name for people and on command lines.
+    /// Name on command lines and in the overlay.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -121,30 +120,29 @@ impl OcclusionNormals {
     }
 }
 
-/// Screen-space ambient occlusion.
+/// Settings of screen-space ambient occlusion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AmbientOcclusion {
-    /// How it is estimated.
+    /// Estimator.
     pub method: OcclusionMethod,
-    /// Reach of the samples.
+    /// Radius of the samples.
     pub radius: OcclusionRadius,
-    /// 0 = none, 1 = as estimated; more makes up for occluders thinner than the samples' spacing.
+    /// Factor on the occlusion: 0 = none, 1 = as estimated. More than 1 compensates for occluders thinner than the
+    /// samples' spacing.
     pub strength: f32,
-    /// Lookups of depth per pixel, 1 to [`MAX_SAMPLES`]; powers of two are spread best. Most of what occlusion costs goes
-    /// with them.
+    /// Depth lookups per pixel, 1 to [`MAX_SAMPLES`]; powers of two are distributed best. Dominates the cost.
     pub samples: u32,
-    /// From which neighbours the normals are taken that it is estimated about.
+    /// Source of the normals.
     pub normals: OcclusionNormals,
-    /// Whether one pixel of each 2×2 is estimated, and the others get the mean of those around them at about their depth.
-    /// Not of frames that go into a mean, and not by [`OcclusionMethod::HbaoPlus`], whose layers need every pixel: both
-    /// stay whole.
+    /// Half resolution: estimates one pixel of each 2×2 and upsamples by depth. Ignored for accumulated frames and for
+    /// HBAO+, whose layers need every pixel.
     pub half: bool,
-    /// How it is estimated while nothing changes, if it is then to be the mean of [`STILL_FRAMES`] frames, each with other
-    /// samples. Once they are drawn occlusion costs nothing; any change begins anew. Two bytes a pixel more.
+    /// Estimator for still pictures: while nothing changes, occlusion is averaged over [`STILL_FRAMES`] frames with
+    /// different samples, and then costs nothing. Takes two more bytes a pixel.
     pub still: Option<OcclusionMethod>,
 }
 
-/// Frames of which [`AmbientOcclusion::still`] is the mean: one for each rotation of the samples.
+/// Frames averaged for [`AmbientOcclusion::still`]: one for each rotation of the samples.
 pub const STILL_FRAMES: u32 = 16;
 
 impl Default for AmbientOcclusion {

@@ -1,5 +1,5 @@
-//! Ambient occlusion in sixteen layers of the picture's depths, each drawn by itself: what is looked up for neighbours lies
-//! together (Bavoil 2014). The whole of it is one pass of the plan.
+//! HBAO+: ambient occlusion in sixteen deinterleaved layers of the depth buffer, whose lookups are local (Bavoil
+//! 2014). One pass of the plan.
 
 use crate::frame::fullscreen::{self, attachment, blended};
 use crate::frame::graph::PassId;
@@ -11,17 +11,17 @@ use crate::passes::gbuffer::shader;
 use crate::passes::occlusion::OcclusionNormals;
 use crate::resources::gpu::Gpu;
 
-/// Layers: every fourth pixel of every fourth row.
+/// Number of layers: every fourth pixel of every fourth row.
 const LAYERS: u32 = 16;
-/// Depths of a layer, as they are stored.
+/// Format of a layer's depths.
 const DEPTHS: wgpu::TextureFormat = wgpu::TextureFormat::R32Float;
 
-/// What is compiled for it.
+/// Pipelines of the pass.
 #[derive(Debug)]
 pub(crate) struct LayerPipelines {
     split: wgpu::RenderPipeline,
     estimate: wgpu::RenderPipeline,
-    /// Into a picture of this frame alone, and into a mean of frames.
+    /// Into the frame's own picture, and into the accumulated mean.
     joined: [wgpu::RenderPipeline; 2],
 }
 
@@ -40,16 +40,16 @@ impl LayerPipelines {
     }
 }
 
-/// The layers of a picture.
+/// Textures of the layers.
 #[derive(Debug, Default)]
 pub(crate) struct Layers {
     size: (u32, u32),
-    /// Depths, and how open surfaces are.
+    /// Depth and openness.
     textures: Option<[wgpu::Texture; 2]>,
 }
 
 impl Layers {
-    /// Makes room for the layers of a picture of this size.
+    /// Allocates the layers for a picture of this size.
     pub(crate) fn prepare(&mut self, gpu: &Gpu, size: (u32, u32)) {
         if self.size == size && self.textures.is_some() {
             return;
@@ -74,8 +74,8 @@ impl Layers {
         self.textures = Some([DEPTHS, OCCLUSION].map(texture));
     }
 
-    /// Splits the depths, estimates layer by layer, and joins the layers in a picture: a share of it goes into a mean. Where
-    /// normals are not those that are drawn, any picture will do for these.
+    /// Splits the depth buffer, estimates each layer and joins the layers; `share` blends into the accumulated mean.
+    /// The normal texture is only read with [`OcclusionNormals::Drawn`].
     pub(crate) fn draw(
         &self,
         gpu: &Gpu,

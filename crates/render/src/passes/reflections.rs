@@ -1,5 +1,5 @@
-//! Reflections of what is on the picture: settings, the pyramid of depths, and what the passes read. What is looked for and
-//! how is in `docs/design/reflections.md`.
+//! Screen-space reflections: settings, the depth pyramid and the uniforms of tracing. The algorithm is in
+//! `docs/design/reflections.md`.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -11,26 +11,27 @@ use crate::resources::gpu::Gpu;
 
 /// Most steps of a ray.
 pub const MAX_REFLECTION_STEPS: u32 = 4096;
-/// How thick what is drawn counts for, as a share of its depth.
+/// Assumed thickness of surfaces, as a share of their depth.
 pub const REFLECTION_THICKNESS: f32 = 0.02;
-/// Levels of the pyramid of depths above the picture's own.
+/// Levels of the depth pyramid above full resolution.
 pub const PYRAMID_LEVELS: u32 = 7;
 
-/// How a ray looks for what it meets. Figures of each are in `docs/benchmarks/reflections.md`.
+/// Search for the intersection of a ray. Figures of each are in `docs/benchmarks/reflections.md`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum ReflectionMethod {
-    /// Pixel by pixel (after McGuire and Mara, "Efficient GPU screen-space ray tracing", 2014).
+    /// Linear search, pixel by pixel (after McGuire and Mara, "Efficient GPU screen-space ray tracing", 2014).
     Linear,
-    /// By cells of a pyramid of nearest depths (Uludag, "Hi-Z screen-space cone-traced reflections", 2014).
+    /// Hierarchical search through a pyramid of nearest depths (Uludag, "Hi-Z screen-space cone-traced reflections",
+    /// 2014).
     #[default]
     HiZ,
 }
 
 impl ReflectionMethod {
-    /// All there are.
+    /// All variants.
     pub const ALL: [Self; 2] = [Self::Linear, Self::HiZ];
 
-    /// Its name for people and on command lines.
+    /// Name on command lines and in the overlay.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -43,9 +44,9 @@ impl ReflectionMethod {
 /// Screen-space reflections: a ray for each pixel of a smooth surface, and of water.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Reflections {
-    /// How a ray looks for what it meets.
+    /// Search for the intersection of a ray. Figures of each are in `docs/benchmarks/reflections.md`.
     pub method: ReflectionMethod,
-    /// Steps of a ray at most, 1 to [`MAX_REFLECTION_STEPS`]; those that end in mid-air mirror the sky.
+    /// Most steps of a ray, 1 to [`MAX_REFLECTION_STEPS`]; rays that find nothing reflect the sky.
     pub steps: u32,
 }
 
@@ -55,7 +56,7 @@ impl Default for Reflections {
     }
 }
 
-/// Shader CPU reference: `struct Tracing` of `tracing.wgsl`; keep the two in step.
+/// Mirrors `struct Tracing` of `tracing.wgsl`; keep the two in step.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 struct TracingUniform {
@@ -65,11 +66,11 @@ struct TracingUniform {
     unused: u32,
 }
 
-/// What the passes that follow rays read beside the picture's own targets.
+/// Inputs of the tracing passes besides the picture's targets.
 #[derive(Debug)]
 pub(crate) struct Tracer {
     uniform: wgpu::Buffer,
-    /// Each level half as large as the one before, beginning with half of the picture.
+    /// Levels of the depth pyramid, beginning at half resolution.
     pyramid: Option<wgpu::Texture>,
 }
 
@@ -84,7 +85,7 @@ impl Tracer {
         Self { uniform, pyramid: None }
     }
 
-    /// Uploads a frame's settings, and makes room for the pyramid where its search needs one.
+    /// Uploads a frame's settings, and allocates the pyramid if the search needs one.
     pub(crate) fn prepare(&mut self, gpu: &Gpu, reflections: Reflections, size: (u32, u32)) {
         let levels = PYRAMID_LEVELS;
         let steps = reflections.steps.clamp(1, MAX_REFLECTION_STEPS);
@@ -94,7 +95,7 @@ impl Tracer {
             self.pyramid = None;
             return;
         }
-        // Rounded up to whole cells of the last level, so that halving leaves nothing out.
+        // Rounded up to whole cells of the last level, so that downsampling covers every pixel.
         let side = |side: u32| side.next_multiple_of(1 << levels) / 2;
         let size = wgpu::Extent3d { width: side(size.0), height: side(size.1), depth_or_array_layers: 1 };
         if self.pyramid.as_ref().is_none_or(|pyramid| pyramid.size() != size) {
@@ -113,7 +114,7 @@ impl Tracer {
         }
     }
 
-    /// All levels of the pyramid; nothing where none is needed.
+    /// The whole pyramid, if the search needs one.
     pub(crate) fn pyramid(&self) -> Option<wgpu::TextureView> {
         self.pyramid.as_ref().map(|pyramid| pyramid.create_view(&Default::default()))
     }
@@ -123,7 +124,7 @@ impl Tracer {
         self.uniform.as_entire_binding()
     }
 
-    /// Makes the pyramid of a picture's depths, level after level.
+    /// Builds the pyramid from the depth buffer, level by level.
     pub(crate) fn build(
         &self,
         gpu: &Gpu,
@@ -157,7 +158,7 @@ impl Tracer {
     }
 }
 
-/// Stored depths of the pyramid.
+/// Format of the pyramid's depths.
 pub(crate) const PYRAMID: wgpu::TextureFormat = wgpu::TextureFormat::R32Float;
 
 #[cfg(test)]

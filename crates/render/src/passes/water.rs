@@ -1,4 +1,4 @@
-//! Water that stands level: what a host says of it, and the pass that draws it.
+//! Water with a level surface: its settings and the pass that draws it.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec2, DVec3};
@@ -11,7 +11,7 @@ use crate::passes::gbuffer::{ADD, shader};
 use crate::passes::reflections::Tracer;
 use crate::resources::gpu::Gpu;
 
-/// The text of the shader, with what water mirrors.
+/// Shader source, with the files that compute reflections.
 macro_rules! water {
     ($($mirrors:literal),+) => {
         concat!(
@@ -28,31 +28,30 @@ macro_rules! water {
 const WATER: &str = water!("water_sky");
 const MIRRORING: &str = water!("tracing", "water_picture");
 
-/// Ripples; as in the shader.
+/// Number of ripples; as in the shader.
 const WAVES: usize = 12;
-/// Lengths of the longest and the shortest, in [`Water::ripples`].
+/// Lengths of the longest and the shortest ripple, in units of [`Water::ripples`].
 const LENGTHS: [f64; 2] = [6.0, 0.3];
-/// Steepest slope of each: of all together the root of the mean square is 0.054, as in a breeze.
+/// Steepest slope of each ripple. The root mean square of their sum is 0.054, as in a breeze.
 const STEEPNESS: f64 = 0.022;
-/// How much faster than green light red and blue are lost, about as in lakes.
+/// Absorption of red and blue relative to green, about as in lakes.
 const ABSORPTION: DVec3 = DVec3::new(3.5, 1.0, 1.2);
-/// Share of light from above that deep water sends back.
+/// Share of light from above that deep water scatters back.
 const SCATTERED: DVec3 = DVec3::new(0.006, 0.026, 0.024);
 
-/// Water that stands at one height (world y) as far as anything is seen: where the ground rises over it there is land. It
-/// is not drawn for eyes below it.
+/// Water at one height (world y) of unlimited extent; terrain above it is land. Not drawn for eyes below it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Water {
-    /// World y of its surface.
+    /// World y of the surface.
     pub level: f64,
-    /// World units of water after which a tenth of green light is left, above 0; of red it is less.
+    /// Distance in world units after which a tenth of green light remains, above 0; less of red.
     pub clarity: f64,
-    /// World units that count as a metre for the lengths of ripples, 0.3 to 6 of them; above 0.
+    /// World units per metre for the lengths of ripples, which are 0.3 to 6 metres; above 0.
     pub ripples: f64,
 }
 
 impl Water {
-    /// What the shader needs of it; nothing for eyes below it, and for numbers that are none.
+    /// The shader's input for an eye; `None` for eyes below the surface and for invalid settings.
     pub(crate) fn view_from(&self, eye: DVec3) -> Option<WaterView> {
         let height = eye.y - self.level;
         let sound = self.clarity > 0.0 && self.ripples > 0.0 && self.clarity.is_finite();
@@ -62,7 +61,7 @@ impl Water {
         let wave = |i: usize| {
             let share = i as f64 / (WAVES - 1) as f64;
             let length = self.ripples * LENGTHS[0] * (LENGTHS[1] / LENGTHS[0]).powf(share);
-            // Steps of the golden angle: no two run alike.
+            // Directions advance by the golden angle, so no two are parallel.
             let turn = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt()) * i as f64;
             let vector = DVec2::from_angle(turn) / length;
             let phase = vector.x * eye.x + vector.y * eye.z + 0.61 * i as f64;
@@ -80,9 +79,9 @@ impl Water {
 /// A ripple: a sine wave, described by its slope.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Wave {
-    /// Along x and z, cycles per world unit.
+    /// Wave vector in x and z, cycles per world unit.
     pub(crate) vector: DVec2,
-    /// Below the eye, in cycles.
+    /// Phase below the eye, in cycles.
     pub(crate) phase: f64,
     /// Steepest slope.
     pub(crate) steepness: f64,
@@ -91,11 +90,11 @@ pub(crate) struct Wave {
 /// Water as one eye sees it: the input of the shader.
 #[derive(Clone, Debug)]
 pub(crate) struct WaterView {
-    /// Per world unit of red, green and blue.
+    /// Extinction of red, green and blue per world unit.
     pub(crate) extinction: DVec3,
     /// Share of the light that deep water sends back.
     pub(crate) scattered: DVec3,
-    /// Of the eye over the water, above 0.
+    /// Height of the eye over the water, above 0.
     pub(crate) height: f64,
     /// Ripples.
     pub(crate) waves: Vec<Wave>,
@@ -105,7 +104,7 @@ pub(crate) struct WaterView {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 struct WaterUniform {
-    /// Of red, green and blue; the eye's height.
+    /// Extinction of red, green and blue; height of the eye.
     extinction: [f32; 4],
     scattered: [f32; 4],
     waves: [[f32; 4]; WAVES],
@@ -125,15 +124,15 @@ impl WaterUniform {
     }
 }
 
-/// What the pass draws with.
+/// Pipelines of the pass.
 #[derive(Debug)]
 pub(crate) struct WaterPipelines {
     layout: wgpu::BindGroupLayout,
-    /// Multiplies what is there by what is left of it, then adds to it.
+    /// Multiplies the picture by the transmitted share, then adds the water's own light.
     draws: [wgpu::RenderPipeline; 2],
 }
 
-/// See the module.
+/// The water pass.
 #[derive(Debug)]
 pub(crate) struct WaterPass {
     uniform: wgpu::Buffer,
@@ -155,8 +154,8 @@ impl WaterPass {
         gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&WaterUniform::new(water)));
     }
 
-    /// Draws over the lit picture what was prepared; with the picture as it was before, cells of depths and what rays go
-    /// by, where it mirrors that.
+    /// Draws the prepared water over the lit picture. `mirrored` holds a copy of the picture, the depth pyramid and
+    /// the tracing settings, for screen-space reflections.
     pub(crate) fn draw(
         &self,
         gpu: &Gpu,
@@ -186,7 +185,7 @@ impl WaterPass {
         let descriptor = wgpu::RenderPassDescriptor {
             label: Some(PassId::Water.name()),
             color_attachments: &[Some(attachment(into, wgpu::LoadOp::Load))],
-            // Only read: the shader looks it up, too.
+            // Read-only: the shader samples it too.
             depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                 view: depth,
                 depth_ops: None,
@@ -205,8 +204,8 @@ impl WaterPass {
 }
 
 impl WaterPipelines {
-    /// `light`: group 0, what lights surfaces where they are drawn. `by_cells`: how the picture is looked for that is
-    /// mirrored, if it is.
+    /// `light` is the layout of group 0. `by_cells` selects the search of screen-space reflections; `None` reflects
+    /// the sky only.
     pub(crate) fn new(gpu: &Gpu, light: &wgpu::BindGroupLayout, by_cells: Option<bool>) -> Self {
         let entry =
             |binding, visibility, ty| wgpu::BindGroupLayoutEntry { binding, visibility, ty, count: None };

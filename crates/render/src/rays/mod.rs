@@ -46,7 +46,7 @@ impl Rays {
     /// where they belong, and the ground's tiles. Holes of materials are closed.
     ///
     /// # Errors
-    /// What the graphics device refuses.
+    /// Errors of the graphics device.
     pub fn of_frame(gpu: &Gpu, frame: &Frame<'_>) -> Result<Self, RenderError> {
         Ok(Self::new(frame.camera, drawn::triangles(gpu, frame)?))
     }

@@ -408,7 +408,7 @@ impl Renderer {
         Ok(counters)
     }
 
-    /// The maps of shadows.
+    /// The shadow maps.
     #[cfg(test)]
     pub(crate) fn shadow_maps(&self) -> &ShadowMaps {
         &self.shadow_maps

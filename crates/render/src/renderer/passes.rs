@@ -6,7 +6,7 @@ use crate::frame::counters::Counters;
 use crate::frame::draw::{Batch, DrawList, Meshes, Relief};
 use crate::frame::fullscreen::{attachment, blended, fullscreen};
 use crate::frame::graph::{Pass, PassId, Resource};
-use crate::frame::pipelines::{Estimate, Estimated, Whole};
+use crate::frame::pipelines::{FullscreenPass, OcclusionOutput, OcclusionVariant};
 use crate::frame::settings::{DebugView, Frame, Settings};
 use crate::frame::target::{Load, Target};
 use crate::frame::timing::PassEncoder;
@@ -42,11 +42,11 @@ impl Renderer {
             }
             PassId::Occlusion => self.occlusion(gpu, encoder, pass, accumulated),
             PassId::OcclusionBlur if pass.reads(OcclusionHalf) => {
-                full(encoder, p(Whole::Upsample), &[Depth, OcclusionHalf], Occlusion);
+                full(encoder, p(FullscreenPass::Upsample), &[Depth, OcclusionHalf], Occlusion);
             }
             PassId::OcclusionBlur => {
                 let raw = if pass.reads(OcclusionMean) { OcclusionMean } else { OcclusionRaw };
-                full(encoder, p(Whole::Blur), &[Depth, raw], Occlusion);
+                full(encoder, p(FullscreenPass::Blur), &[Depth, raw], Occlusion);
             }
             // Before all others: what has changed of the maps is drawn when the frame is planned.
             PassId::ShadowMaps => {}
@@ -56,7 +56,7 @@ impl Renderer {
                 // The shader reads none of what there is not, but its slot must be filled: any will do.
                 let or = |there, resource| if there { resource } else { Albedo };
                 let reads = [Depth, Normal, Albedo, or(occlusion, Occlusion), or(shadows, Sunlight)];
-                let pipeline = p(Whole::Lighting { occlusion, shadows });
+                let pipeline = p(FullscreenPass::Lighting { occlusion, shadows });
                 self.lit(gpu, encoder, pass.id, (pipeline, &reads), true);
             }
             PassId::PunctualLights => {
@@ -64,12 +64,17 @@ impl Renderer {
             }
             PassId::DepthPyramid => {
                 if let Some(depth) = self.targets.view(Depth) {
-                    self.tracer.build(gpu, encoder, p(Whole::DepthPyramid), &depth);
+                    self.tracer.build(gpu, encoder, p(FullscreenPass::DepthPyramid), &depth);
                 }
             }
             PassId::Reflections => {
                 let [occlusion, by_cells] = [Occlusion, Pyramid].map(|resource| pass.reads(resource));
-                self.reflections(gpu, encoder, p(Whole::Reflections { occlusion, by_cells }), occlusion);
+                self.reflections(
+                    gpu,
+                    encoder,
+                    p(FullscreenPass::Reflections { occlusion, by_cells }),
+                    occlusion,
+                );
             }
             PassId::Water => self.water(gpu, encoder, pass.reads(Lit).then_some(pass.reads(Pyramid))),
             PassId::Bloom => {
@@ -93,7 +98,7 @@ impl Renderer {
             PassId::Strokes | PassId::Ink => {}
             PassId::Wireframe => {
                 let over = (Radiance, Load::Keep);
-                self.full(gpu, encoder, pass.id, (p(Whole::Wireframe), &[Resource::Edges]), over);
+                self.full(gpu, encoder, pass.id, (p(FullscreenPass::Wireframe), &[Resource::Edges]), over);
             }
             PassId::Patches => {
                 if let Some(makers) = self.pipelines.list_makers(gpu) {
@@ -110,26 +115,27 @@ impl Renderer {
                     self.temporal.resolve(gpu, encoder, &self.frame_buffer, seen);
                 }
             }
-            PassId::Sky => self.lit(gpu, encoder, pass.id, (p(Whole::Sky), &[]), false),
+            PassId::Sky => self.lit(gpu, encoder, pass.id, (p(FullscreenPass::Sky), &[]), false),
             PassId::ToneMap if pass.writes(Display) => {
-                full(encoder, p(Whole::ToneMapDisplay), &[Radiance], Display);
+                full(encoder, p(FullscreenPass::ToneMapDisplay), &[Radiance], Display);
             }
             PassId::AntiAlias if pass.writes(Resource::Smoothed) => {
-                full(encoder, p(Whole::AntiAliasSmall), &[Display], Resource::Smoothed);
+                full(encoder, p(FullscreenPass::AntiAliasSmall), &[Display], Resource::Smoothed);
             }
             PassId::Enlarge => {
-                let pipeline = p(Whole::Enlarge);
+                let pipeline = p(FullscreenPass::Enlarge);
                 let group = self.inputs(gpu, pipeline, &[Resource::Smoothed]);
                 fullscreen(encoder, pass.id, pipeline, &group, &Target { depth: None, ..*target });
             }
             PassId::AntiAlias => {
-                let pipeline = p(Whole::AntiAlias);
+                let pipeline = p(FullscreenPass::AntiAlias);
                 let group = self.inputs(gpu, pipeline, &[Display]);
                 fullscreen(encoder, pass.id, pipeline, &group, &Target { depth: None, ..*target });
             }
             PassId::ToneMap => {
                 let temporal = pass.reads(Resource::History);
-                let pipeline = p(if temporal { Whole::ToneMapTemporal } else { Whole::ToneMap });
+                let pipeline =
+                    p(if temporal { FullscreenPass::ToneMapTemporal } else { FullscreenPass::ToneMap });
                 let read = if temporal { Resource::History } else { Radiance };
                 let group = self.inputs(gpu, pipeline, &[read]);
                 fullscreen(encoder, pass.id, pipeline, &group, &Target { depth: None, ..*target });
@@ -196,13 +202,13 @@ impl Renderer {
     ) {
         use Resource::{Depth, Normal, OcclusionHalf, OcclusionMean, OcclusionRaw};
         let (estimated, written) = if pass.writes(OcclusionMean) {
-            (Estimated::Mean, OcclusionMean)
+            (OcclusionOutput::Mean, OcclusionMean)
         } else if pass.writes(OcclusionHalf) {
-            (Estimated::Half, OcclusionHalf)
+            (OcclusionOutput::Half, OcclusionHalf)
         } else {
-            (Estimated::Frame, OcclusionRaw)
+            (OcclusionOutput::Frame, OcclusionRaw)
         };
-        let mean = estimated == Estimated::Mean;
+        let mean = estimated == OcclusionOutput::Mean;
         // Where the drawn normals are not read, their slot must be filled all the same.
         let reads = [Depth, if pass.reads(Normal) { Normal } else { Depth }];
         let view = |resource| self.targets.view(resource);
@@ -217,7 +223,7 @@ impl Renderer {
             self.layers.draw(gpu, encoder, self.pipelines.layers(gpu, normals), from, (&into, share));
             return;
         }
-        let estimate = Whole::Occlusion(Estimate { method, normals, into: estimated });
+        let estimate = FullscreenPass::Occlusion(OcclusionVariant { method, normals, into: estimated });
         let pipeline = self.pipelines.whole(gpu, estimate);
         let group =
             self.inputs_and(gpu, pipeline, &[Depth], &[(3, wgpu::BindingResource::TextureView(&normal))]);
@@ -228,7 +234,7 @@ impl Renderer {
 
     /// Looks the shadow maps up for each pixel.
     fn sunlight(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>) {
-        let pipeline = self.pipelines.whole(gpu, Whole::Sunlight);
+        let pipeline = self.pipelines.whole(gpu, FullscreenPass::Sunlight);
         let view = |resource| self.targets.view(resource);
         let (Some(depth), Some(normal), Some(into)) =
             (view(Resource::Depth), view(Resource::Normal), view(Resource::Sunlight))

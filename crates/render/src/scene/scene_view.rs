@@ -137,7 +137,7 @@ impl SceneView {
     /// uploaded ahead as the budget has.
     ///
     /// # Errors
-    /// What the graphics device refuses.
+    /// Errors of the graphics device.
     pub fn upload(
         &mut self,
         gpu: &Gpu,
@@ -416,7 +416,7 @@ impl SceneView {
     /// there are to be `shadows`, also tiles out of view that cast some into it. Scenes without terrain need no call.
     ///
     /// # Errors
-    /// What the graphics device refuses.
+    /// Errors of the graphics device.
     pub fn prepare_ground(
         &mut self,
         gpu: &Gpu,

@@ -37,7 +37,7 @@ fn times_are_of_the_passes_that_ran() {
         h.time_passes(true);
         let plain = Settings { shadows: None, anti_aliasing: AntiAliasing::None, ..frame.settings };
         let normals = Settings { shade: DebugView::Normal, ..frame.settings };
-        // A pass of each kind there is, with as many maps of shadows as there may be.
+        // A pass of each kind there is, with as many shadow maps as there may be.
         let edges = Settings { wireframe: true, ..frame.settings };
         for settings in [frame.settings, plain, normals, edges] {
             let mut ran = Vec::new();

@@ -13,10 +13,10 @@ use crate::resources::buffer::room;
 use crate::resources::gpu::{Gpu, RenderError};
 
 /// What errors call the memory.
-const LISTS: &str = "lists of patches";
+const LISTS: &str = "patch lists";
 /// Invocations of a group.
 const GROUP: u64 = 64;
-/// Most triangles, over all instances, that a frame and its maps of shadows list; what is beyond is drawn flat.
+/// Most triangles, over all instances, that a frame and its shadow maps list; what is beyond is drawn flat.
 const MAX_LISTED: u64 = 1 << 21;
 /// Bytes of one in a list, of its steps, and of the counts of a group.
 const LISTED_BYTES: u64 = 12;

@@ -1,4 +1,4 @@
-//! What makes lists of patches, and what reads them: layouts and pipelines.
+//! What makes patch lists, and what reads them: layouts and pipelines.
 
 use crate::passes::gbuffer::shader;
 use crate::resources::gpu::Gpu;
@@ -42,7 +42,7 @@ fn layout<const N: usize>(
         })
         .collect();
     gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: Some("lists of patches"),
+        label: Some("patch lists"),
         entries: &entries,
     })
 }
@@ -61,11 +61,11 @@ impl ListMakers {
         let read_only = [false, true, true, true, false, false, false];
         let layout = layout(gpu, wgpu::ShaderStages::COMPUTE, read_only);
         let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-            label: Some("lists of patches"),
+            label: Some("patch lists"),
             bind_group_layouts: &[Some(frame_layout), None, Some(&layout)],
             immediate_size: 0,
         });
-        let module = shader(gpu, "lists of patches", LIST);
+        let module = shader(gpu, "patch lists", LIST);
         let pipeline = |entry| {
             gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
                 label: Some(entry),

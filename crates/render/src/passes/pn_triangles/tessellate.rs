@@ -16,7 +16,7 @@ impl PnTriangles {
     /// and where they belong.
     ///
     /// # Errors
-    /// What the device refuses.
+    /// Errors of the graphics device.
     pub fn tessellated(
         &self,
         gpu: &Gpu,

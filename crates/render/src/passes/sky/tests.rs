@@ -1,4 +1,4 @@
-//! What shaders make of the sky, against its cpu_reference.
+//! What shaders make of the sky, against its CPU reference.
 
 use glam::{DVec3, Vec3};
 

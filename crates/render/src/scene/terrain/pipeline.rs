@@ -98,7 +98,7 @@ impl TerrainPipelines {
         })
     }
 
-    /// Into maps of shadows.
+    /// Into shadow maps.
     pub(crate) fn caster(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
         self.caster.get_or_init(|| self.with_tiles(gpu, |tiles| tiles.caster(gpu, "vs_terrain_caster")))
     }
