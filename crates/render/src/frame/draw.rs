@@ -9,7 +9,7 @@ use crate::frame::counters::Counters;
 use crate::frame::receivers::Receivers;
 use crate::frame::settings::{Frame, ReliefMethod};
 use crate::passes::mesh_pipelines::{MeshPipelines, ReliefDraw};
-use crate::passes::pn_triangles::{ListMakers, PatchListItem, PatchLists};
+use crate::passes::pn_triangles::{PatchListItem, PatchListPipelines, PatchLists};
 use crate::resources::gpu::Gpu;
 use crate::scene::asset::{AssetGpu, PartDraw};
 use crate::scene::instance::{Instance, InstanceRaw};
@@ -70,7 +70,7 @@ pub(crate) struct Meshes<'a> {
 #[derive(Clone, Copy)]
 pub(crate) struct Curved<'a> {
     pub(crate) pipelines: &'a MeshPipelines,
-    pub(crate) makers: &'a ListMakers,
+    pub(crate) makers: &'a PatchListPipelines,
     pub(crate) lists: &'a PatchLists,
 }
 
@@ -162,13 +162,16 @@ impl<'a> DrawList<'a> {
             }
             match relief.filter(|_| of.relief) {
                 Some(relief) => {
-                    let aid = relief.method.aid().filter(|_| pipelines.takes_aid());
-                    let known = aid.and_then(|aid| Some((aid, part.material.aid(gpu, aid)?)));
+                    let acceleration =
+                        relief.method.acceleration().filter(|_| pipelines.supports_acceleration());
+                    let known = acceleration.and_then(|acceleration| {
+                        Some((acceleration, part.material.acceleration(gpu, acceleration)?))
+                    });
                     if let Some((_, group)) = known {
                         pass.set_bind_group(2, group, &[]);
                     }
                     let how = ReliefDraw {
-                        aid: known.map(|(aid, _)| aid),
+                        acceleration: known.map(|(acceleration, _)| acceleration),
                         deep: relief.in_depth && of.relief_may_be_deep(),
                     };
                     pass.set_pipeline(pipelines.relief(gpu, of, how));

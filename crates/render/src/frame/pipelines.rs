@@ -12,7 +12,7 @@ use crate::passes::mesh_pipelines::MeshPipelines;
 use crate::passes::occlusion::{OcclusionMethod, OcclusionNormals};
 #[cfg(any(test, feature = "methods"))]
 use crate::passes::occlusion_layers::LayerPipelines;
-use crate::passes::pn_triangles::ListMakers;
+use crate::passes::pn_triangles::PatchListPipelines;
 use crate::passes::reflections::PYRAMID;
 use crate::passes::temporal::Resolve;
 use crate::passes::water::WaterPipelines;
@@ -266,7 +266,7 @@ pub(crate) struct Pipelines {
     pub(crate) meshes: MeshPipelines,
     kit: MaterialKit,
     curved: OnceLock<MeshPipelines>,
-    list_makers: OnceLock<ListMakers>,
+    list_makers: OnceLock<PatchListPipelines>,
     terrain: OnceLock<TerrainPipelines>,
     /// Reflecting the sky only; and with screen-space reflections by linear and hierarchical search.
     water: [OnceLock<WaterPipelines>; 3],
@@ -318,8 +318,9 @@ impl Pipelines {
     }
 
     /// Pipelines that build patch lists; `None` if the device does not support them.
-    pub(crate) fn list_makers(&self, gpu: &Gpu) -> Option<&ListMakers> {
-        gpu.can_curve().then(|| self.list_makers.get_or_init(|| ListMakers::new(gpu, &self.frame_layout)))
+    pub(crate) fn list_makers(&self, gpu: &Gpu) -> Option<&PatchListPipelines> {
+        gpu.can_curve()
+            .then(|| self.list_makers.get_or_init(|| PatchListPipelines::new(gpu, &self.frame_layout)))
     }
 
     /// Pipelines of terrain tiles.

@@ -283,7 +283,7 @@ impl ReliefMethod {
     }
 
     /// The acceleration texture that the search needs, if any.
-    pub(crate) const fn aid(self) -> Option<ReliefAcceleration> {
+    pub(crate) const fn acceleration(self) -> Option<ReliefAcceleration> {
         match self {
             #[cfg(any(test, feature = "methods"))]
             Self::RelaxedCones => Some(ReliefAcceleration::Cones),

@@ -55,10 +55,10 @@ const CURVED: Texts = texts!(["pn_patch", "pn_vertex"], "pn_motion");
 #[cfg(any(test, feature = "methods"))]
 /// Surfaces with a relief acceleration texture. For flat triangles only: PN triangles use its bind group for their
 /// lists.
-const AIDED: [&str; ReliefAcceleration::COUNT] =
+const ACCELERATED: [&str; ReliefAcceleration::COUNT] =
     [text!("relief_cones", ["mesh_vertex"]), text!("relief_quadtree", ["mesh_vertex"])];
 #[cfg(not(any(test, feature = "methods")))]
-const AIDED: [&str; ReliefAcceleration::COUNT] = [];
+const ACCELERATED: [&str; ReliefAcceleration::COUNT] = [];
 
 /// Layouts and pipelines of forward-lit surfaces.
 #[derive(Debug)]
@@ -77,7 +77,7 @@ struct Lit {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct ReliefDraw {
     /// Acceleration texture of the height map.
-    pub(crate) aid: Option<ReliefAcceleration>,
+    pub(crate) acceleration: Option<ReliefAcceleration>,
     /// Writes the relief's depth.
     pub(crate) deep: bool,
 }
@@ -100,13 +100,13 @@ pub(crate) struct MeshPipelines {
     /// Indexed by relief, maps and mask.
     surfaces: [OnceLock<wgpu::RenderPipeline>; 8],
     /// Modules with a relief acceleration texture.
-    aided: [OnceLock<wgpu::ShaderModule>; ReliefAcceleration::COUNT],
+    accelerated: [OnceLock<wgpu::ShaderModule>; ReliefAcceleration::COUNT],
     /// Surfaces with relief: by acceleration (none first), by depth written or not, by maps and mask.
     reliefs: [[[OnceLock<wgpu::RenderPipeline>; 4]; 2]; 1 + ReliefAcceleration::COUNT],
     /// Without and with alpha test.
     sunken_casters: [OnceLock<wgpu::RenderPipeline>; 2],
     /// Groups of frame, material and acceleration texture.
-    aided_layout: wgpu::PipelineLayout,
+    accelerated_layout: wgpu::PipelineLayout,
     /// `None` where the device cannot draw triangles as lines.
     wire: OnceLock<Option<wgpu::RenderPipeline>>,
     caster: OnceLock<wgpu::RenderPipeline>,
@@ -186,13 +186,13 @@ impl MeshPipelines {
             lit: Default::default(),
             module: OnceLock::new(),
             surfaces: Default::default(),
-            aided: Default::default(),
+            accelerated: Default::default(),
             reliefs: Default::default(),
             sunken_casters: Default::default(),
-            aided_layout: layout(
+            accelerated_layout: layout(
                 gpu,
-                "meshes with relief's aid",
-                &[Some(frame), Some(material), Some(&kit.aid_layout)],
+                "meshes with relief's acceleration",
+                &[Some(frame), Some(material), Some(&kit.acceleration_layout)],
             ),
             wire: OnceLock::new(),
             caster: OnceLock::new(),
@@ -268,29 +268,32 @@ impl MeshPipelines {
     }
 
     /// Whether surfaces can use relief acceleration textures.
-    pub(crate) fn takes_aid(&self) -> bool {
+    pub(crate) fn supports_acceleration(&self) -> bool {
         self.lists.is_none()
     }
 
     /// Surfaces with relief into the G-buffer; the acceleration texture is group 2.
     pub(crate) fn relief(&self, gpu: &Gpu, material: Features, how: ReliefDraw) -> &wgpu::RenderPipeline {
-        let ReliefDraw { aid, deep } = how;
-        if aid.is_none() && !deep {
+        let ReliefDraw { acceleration, deep } = how;
+        if acceleration.is_none() && !deep {
             return self.surface(gpu, material, true);
         }
         let at = usize::from(material.maps) | usize::from(material.mask) << 1;
-        self.reliefs[aid.map_or(0, |aid| 1 + aid.number())][usize::from(deep)][at].get_or_init(|| {
-            let module = aid.map_or_else(|| self.module(gpu), |aid| self.aided(gpu, aid));
-            let layout = if aid.is_some() { &self.aided_layout } else { &self.layout };
-            let fragment = if deep { "fs_deep_surface" } else { "fs_surface" };
-            let constants = constants([true, material.maps, material.mask]);
-            self.pass_of(module, layout).surface(gpu, ["vs_surface", fragment], &constants)
-        })
+        self.reliefs[acceleration.map_or(0, |acceleration| 1 + acceleration.number())][usize::from(deep)][at]
+            .get_or_init(|| {
+                let module = acceleration
+                    .map_or_else(|| self.module(gpu), |acceleration| self.accelerated(gpu, acceleration));
+                let layout = if acceleration.is_some() { &self.accelerated_layout } else { &self.layout };
+                let fragment = if deep { "fs_deep_surface" } else { "fs_surface" };
+                let constants = constants([true, material.maps, material.mask]);
+                self.pass_of(module, layout).surface(gpu, ["vs_surface", fragment], &constants)
+            })
     }
 
-    fn aided(&self, gpu: &Gpu, aid: ReliefAcceleration) -> &wgpu::ShaderModule {
-        let at = aid.number();
-        self.aided[at].get_or_init(|| shader(gpu, "gbuffer with relief's aid", AIDED[at]))
+    fn accelerated(&self, gpu: &Gpu, acceleration: ReliefAcceleration) -> &wgpu::ShaderModule {
+        let at = acceleration.number();
+        self.accelerated[at]
+            .get_or_init(|| shader(gpu, "gbuffer with relief's acceleration", ACCELERATED[at]))
     }
 
     /// Shadow casters of materials whose relief writes depth; needs group 1.

@@ -1,4 +1,4 @@
-//! What each planned pass records: its inputs, and what is drawn with them.
+//! Recording of the planned passes: their inputs and draws.
 
 use super::Renderer;
 use crate::frame::accumulation::AccumulationStep;
@@ -48,12 +48,12 @@ impl Renderer {
                 let raw = if pass.reads(OcclusionMean) { OcclusionMean } else { OcclusionRaw };
                 full(encoder, p(FullscreenPass::Blur), &[Depth, raw], Occlusion);
             }
-            // Before all others: what has changed of the maps is drawn when the frame is planned.
+            // Already recorded while the frame was planned.
             PassId::ShadowMaps => {}
             PassId::Sunlight => self.sunlight(gpu, encoder),
             PassId::Lighting => {
                 let [occlusion, shadows] = [Occlusion, Sunlight].map(|resource| pass.reads(resource));
-                // The shader reads none of what there is not, but its slot must be filled: any will do.
+                // Absent inputs are not read, but their binding must be filled: any texture will do.
                 let or = |there, resource| if there { resource } else { Albedo };
                 let reads = [Depth, Normal, Albedo, or(occlusion, Occlusion), or(shadows, Sunlight)];
                 let pipeline = p(FullscreenPass::Lighting { occlusion, shadows });
@@ -142,14 +142,14 @@ impl Renderer {
             }
             PassId::Debug => {
                 let settings = &frame.settings;
-                // Of what there is not the plan has no pass.
+                // The plan has no pass for absent inputs.
                 let ran = |pass| counters.passes.contains(&pass);
                 let occlusion = pass.reads(Occlusion);
                 let there =
                     [occlusion, ran(PassId::Sunlight), ran(PassId::PunctualLights), ran(PassId::Motion)];
                 let Some((shown, reads)) = debug::shown(settings.shade, there) else { return };
                 let Some(pipeline) = self.debug.get(shown, target) else { return };
-                // The shader reads none of what is not shown, but its slots must be filled.
+                // Inputs that the view does not use are not read, but their bindings must be filled.
                 let mut slots = [Depth; 3];
                 slots[..reads.len()].copy_from_slice(reads);
                 let group = self.inputs(gpu, pipeline, &slots);
@@ -167,7 +167,7 @@ impl Renderer {
         super::meshes(gpu, frame, &self.pipelines, (&self.instances, &self.patches))
     }
 
-    /// Draws how far what moves by itself has come.
+    /// Draws motion vectors of moving objects.
     fn motion(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>, frame: &Frame<'_>, moving: &[Batch<'_>]) {
         let view = |resource| self.targets.view(resource);
         let (Some(depth), Some(motion), Some(meshes), Some(before)) =
@@ -175,7 +175,7 @@ impl Renderer {
         else {
             return;
         };
-        // What is not drawn stands, which `STANDS` of motion.wgsl says.
+        // Undrawn pixels do not move: the clear colour is `STANDS` of motion.wgsl.
         let stands = wgpu::Color { r: 6e4, ..wgpu::Color::TRANSPARENT };
         let descriptor = wgpu::RenderPassDescriptor {
             label: Some(PassId::Motion.name()),
@@ -192,7 +192,7 @@ impl Renderer {
         DrawList::motion(moving, gpu, &mut pass, meshes, before);
     }
 
-    /// Estimates occlusion, for a frame or into a mean of frames.
+    /// Estimates occlusion, for one frame or into the accumulated mean.
     fn occlusion(
         &self,
         gpu: &Gpu,
@@ -209,13 +209,13 @@ impl Renderer {
             (OcclusionOutput::Frame, OcclusionRaw)
         };
         let mean = estimated == OcclusionOutput::Mean;
-        // Where the drawn normals are not read, their slot must be filled all the same.
+        // If the G-buffer's normals are not read, their binding must be filled all the same.
         let reads = [Depth, if pass.reads(Normal) { Normal } else { Depth }];
         let view = |resource| self.targets.view(resource);
         let (Some(normal), Some(into)) = (view(reads[1]), view(written)) else {
             return;
         };
-        // The first of a mean takes the place of what is there.
+        // The first frame of a mean replaces the content.
         let share = mean.then(|| 1.0 / f64::from(number));
         #[cfg(any(test, feature = "methods"))]
         if let (true, Some(depth)) = (method.is_layered(), view(Depth)) {
@@ -232,7 +232,7 @@ impl Renderer {
         blended(encoder, pass.id, pipeline, &group, &target, share.unwrap_or(1.0));
     }
 
-    /// Looks the shadow maps up for each pixel.
+    /// Shadow lookup for each pixel.
     fn sunlight(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>) {
         let pipeline = self.pipelines.whole(gpu, FullscreenPass::Sunlight);
         let view = |resource| self.targets.view(resource);
@@ -258,7 +258,7 @@ impl Renderer {
         }
     }
 
-    /// A fullscreen pass from intermediate textures (bindings 1, 2, …) into another, or over what is there.
+    /// A fullscreen pass from intermediate textures (bindings 1, 2, …) into another, or blended over it.
     fn full(
         &self,
         gpu: &Gpu,
@@ -273,7 +273,7 @@ impl Renderer {
         }
     }
 
-    /// Tells punctual lights by tiles, and adds their light to the picture; or shows how many there are in its place.
+    /// Culls punctual lights and adds their light to the picture, or shows their number in its place.
     fn punctual_lights(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>, counted: bool) {
         let view = |resource| self.targets.view(resource);
         let (Some(depth), Some(normal), Some(albedo), Some(into)) =
@@ -301,7 +301,7 @@ impl Renderer {
         self.punctual_lights.light(gpu, &mut pass, &self.frame_buffer, &[depth, normal, albedo], counted);
     }
 
-    /// Keeps the lit picture, and adds to it what smooth surfaces mirror of it.
+    /// Copies the lit picture, and adds reflections of the copy.
     fn reflections(
         &self,
         gpu: &Gpu,
@@ -317,7 +317,7 @@ impl Renderer {
         };
         encoder.encoder.copy_texture_to_texture(from.as_image_copy(), to.as_image_copy(), from.size());
         use Resource::{Albedo, Depth, Lit, Normal, Occlusion};
-        // The shader reads none of what there is not, but its slot must be filled: any will do.
+        // Absent inputs are not read, but their binding must be filled: any texture will do.
         let reads = [Depth, Normal, Albedo, if occlusion { Occlusion } else { Albedo }, Lit];
         let Some(cells) = self.tracer.pyramid().or_else(|| self.targets.view(Depth)) else { return };
         let [_, lobes, split_sum] = self.sky.views();
@@ -335,7 +335,7 @@ impl Renderer {
     }
 
     #[cfg(any(test, feature = "methods"))]
-    /// Keeps the lit picture, and draws it anew in levels of light and under strokes.
+    /// Copies the lit picture, and redraws it with quantised light and strokes.
     fn ink(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>) {
         use Resource::{Albedo, Depth, Lit, Radiance, Strokes};
         let texture = |resource| self.targets.texture(resource);
@@ -351,7 +351,7 @@ impl Renderer {
         fullscreen(encoder, PassId::Ink, pipeline, &group, &Target::colour(&into, (0, 0)));
     }
 
-    /// Draws water over the lit picture, which mirrors the picture perhaps: by cells of depths or by pixels.
+    /// Draws water over the lit picture; `by_cells` selects the search of screen-space reflections, if there are any.
     fn water(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>, by_cells: Option<bool>) {
         let view = |resource| self.targets.view(resource);
         if let (Some(depth), Some(into), Some(light)) =
@@ -365,7 +365,7 @@ impl Renderer {
         }
     }
 
-    /// A fullscreen pass that looks the sky up, into radiance; only surfaces reflect it.
+    /// A fullscreen pass into radiance that samples the sky; only surfaces sample the reflection maps.
     fn lit(
         &self,
         gpu: &Gpu,
@@ -415,8 +415,7 @@ impl Renderer {
         })
     }
 
-    /// The passes that draw triangles: surfaces; what they give off, what is seen through and edges over the lit
-    /// picture; or how often each pixel is drawn.
+    /// The passes that draw triangles: surfaces; emission, transparency and edges over the lit picture; overdraw.
     fn geometry(
         &self,
         gpu: &Gpu,
@@ -477,7 +476,7 @@ impl Renderer {
                 }
             }
         }
-        // After the assets, which hide much of it.
+        // After the assets, which occlude much of it.
         if let (Some(ground), Some(tiles)) = (ground, self.tiles.buffer())
             && let Some(pipeline) = self.pipelines.terrain(gpu).of(gpu, id, relief)
         {
@@ -490,7 +489,7 @@ impl Renderer {
         }
     }
 
-    /// What is lit where it is drawn reads of the frame, of the sun and of the sky, and of the punctual lights where it has some.
+    /// Group 0 of forward-lit surfaces: frame, sun, sky and, if there are some, punctual lights.
     fn light(&self, gpu: &Gpu, punctual_lights: bool) -> Option<wgpu::BindGroup> {
         let frame = wgpu::BindGroupEntry { binding: 0, resource: self.frame_buffer.as_entire_binding() };
         let [seen, lobes, split_sum] = self.sky.views();

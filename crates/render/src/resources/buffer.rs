@@ -18,9 +18,9 @@ const MIN_ELEMENTS: u64 = 64;
 pub(crate) struct GrowingBuffer<T> {
     label: &'static str,
     usage: wgpu::BufferUsages,
-    /// What is drawn.
+    /// Current contents.
     shown: Contents,
-    /// What is drawn from the next [`GrowingBuffer::commit`] on, where something was staged.
+    /// Contents from the next [`GrowingBuffer::commit`] on, if anything is staged.
     staged: Option<Contents>,
     kind: PhantomData<T>,
 }
@@ -53,7 +53,7 @@ impl<T: Pod> GrowingBuffer<T> {
     }
 
     #[cfg(any(test, feature = "reference"))]
-    /// What it holds, read back. Waits for the device.
+    /// Reads the elements back. Waits for the device.
     pub(crate) fn read(&self, gpu: &Gpu) -> Result<Vec<T>, RenderError> {
         match &self.shown.buffer {
             Some(buffer) if self.shown.len > 0 => {
@@ -94,7 +94,7 @@ impl<T: Pod> GrowingBuffer<T> {
         Ok(())
     }
 
-    /// The same among other uploads: what is drawn is as before until they are submitted and
+    /// Stages `data` among other uploads. The current contents stay in use until the uploads are submitted and
     /// [`GrowingBuffer::commit`] is called.
     #[cfg(feature = "client")]
     pub(crate) fn stage(
@@ -126,7 +126,7 @@ impl<T: Pod> GrowingBuffer<T> {
         Ok(())
     }
 
-    /// From now on what was staged is drawn.
+    /// Makes the staged contents current.
     #[cfg(feature = "client")]
     pub(crate) fn commit(&mut self) {
         if let Some(staged) = self.staged.take() {
@@ -134,7 +134,7 @@ impl<T: Pod> GrowingBuffer<T> {
         }
     }
 
-    /// What has room up to element `end`, if `now` has not; with the buffer whose contents it lacks, if there is one.
+    /// Contents with room up to element `end`, if `now` has not; with the buffer to copy from, if there is one.
     fn make_room(
         &self,
         gpu: &Gpu,
@@ -165,7 +165,7 @@ impl<T: Pod> GrowingBuffer<T> {
     }
 }
 
-/// A buffer of so many bytes at least, for the device alone to fill; what it held is lost where it grows.
+/// A buffer of at least `bytes`, filled by the device only; growing discards its contents.
 pub(crate) fn room<'a>(
     gpu: &Gpu,
     slot: &'a mut Option<wgpu::Buffer>,

@@ -1,11 +1,11 @@
-//! The device: choice of adapter, limits, and errors that stay values.
+//! The graphics device: choice of adapter, limits, and errors as values.
 
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use thiserror::Error;
 
-/// What can go wrong while drawing.
+/// Errors of the renderer.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum RenderError {
@@ -15,7 +15,7 @@ pub enum RenderError {
          one (Debian and Ubuntu: apt-get install mesa-vulkan-drivers libvulkan1)"
     )]
     NoAdapter {
-        /// What wgpu said.
+        /// wgpu's message.
         reason: String,
     },
     /// The adapter refused to open a device.
@@ -23,7 +23,7 @@ pub enum RenderError {
     NoDevice {
         /// Name of the adapter.
         adapter: String,
-        /// What wgpu said.
+        /// wgpu's message.
         reason: String,
     },
     /// wgpu reported an error since the last frame: out of memory, validation or a lost device.
@@ -32,7 +32,7 @@ pub enum RenderError {
     /// A buffer or picture would exceed what the device can hold.
     #[error("{what} needs {needed}, the graphics device allows {allowed}")]
     TooLarge {
-        /// What was to be allocated.
+        /// The object.
         what: &'static str,
         /// Size asked for (bytes, or pixels on a side).
         needed: u64,
@@ -42,11 +42,11 @@ pub enum RenderError {
     /// A material, texture or level number that the asset does not have.
     #[error("{what} {index} does not exist (there are {count})")]
     NoSuch {
-        /// What was named.
+        /// Kind of object.
         what: &'static str,
-        /// The number given.
+        /// The given index.
         index: usize,
-        /// How many there are.
+        /// Their number.
         count: usize,
     },
     /// The pixels handed in do not fit the texture level.
@@ -63,7 +63,7 @@ pub enum RenderError {
         /// Samples handed in.
         got: usize,
     },
-    /// A host's view that cannot be drawn into.
+    /// A host's view cannot be drawn into.
     #[error("target: {0}")]
     Target(String),
     /// A terrain cannot be made.
@@ -123,10 +123,10 @@ impl Gpu {
         Self::open(instance, Some(surface))
     }
 
-    /// Takes the device of a program that has one. It needs no feature or limit beyond WebGPU's defaults; with
-    /// [`Gpu::WANTED_FEATURES`] wireframes can be drawn, height maps keep 16 bits and passes can be timed on the device.
+    /// Uses a host program's device. Needs no feature or limit beyond WebGPU's defaults; [`Gpu::WANTED_FEATURES`] add
+    /// wireframes, 16-bit height maps and timing of passes on the device.
     ///
-    /// The device's error handlers stay the host's: what wgpu reports goes there, and [`Gpu::take_error`] has none.
+    /// The host's error handlers stay in place: wgpu reports errors to them, and [`Gpu::take_error`] returns none.
     #[must_use]
     pub fn from_parts(adapter: wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Self {
         Self { adapter, device, queue, error: Arc::default(), pipelines: Arc::default() }
@@ -184,21 +184,19 @@ impl Gpu {
         self.pipelines.load(Ordering::Relaxed)
     }
 
-    /// Whether processors draw, by a driver in software: what costs little elsewhere is slow there.
+    /// Whether a software driver draws on the CPU, where costs differ from a GPU's.
     #[must_use]
     pub fn is_software(&self) -> bool {
         self.adapter.get_info().device_type == wgpu::DeviceType::Cpu
     }
 
-    /// Whether samplers look textures up along a footprint. Drivers in software may, but take longer than the shaders'
-    /// own lookups.
+    /// Whether samplers filter anisotropically. Software drivers may, but more slowly than the shaders' own lookups.
     pub(crate) fn has_anisotropic_filter(&self) -> bool {
         let filters = wgpu::DownlevelFlags::ANISOTROPIC_FILTERING;
         !self.is_software() && self.adapter.get_downlevel_capabilities().flags.contains(filters)
     }
 
-    /// Whether triangles can be drawn as curved patches: storage in compute and vertex stages, and draws whose numbers the
-    /// device makes itself.
+    /// Whether PN triangles are supported: storage buffers in compute and vertex stages, and indirect draws.
     pub(crate) fn can_curve(&self) -> bool {
         let needed = wgpu::DownlevelFlags::COMPUTE_SHADERS
             | wgpu::DownlevelFlags::VERTEX_STORAGE
@@ -210,7 +208,7 @@ impl Gpu {
             && limits.max_bind_groups >= 3
     }
 
-    /// Whether ink can be drawn: what curved patches need, and groups of 256.
+    /// Whether ink is supported: the needs of PN triangles, and workgroups of 256.
     pub(crate) fn can_ink(&self) -> bool {
         let limits = self.device.limits();
         self.can_curve()
@@ -218,12 +216,12 @@ impl Gpu {
             && limits.max_compute_workgroup_size_x >= 256
     }
 
-    /// What buffers of meshes and of their places are made for besides, so that patches and strokes may be made of them.
+    /// Additional usages of vertex, index and instance buffers, which PN triangles and ink read.
     pub(crate) fn curve_usage(&self) -> wgpu::BufferUsages {
         if self.can_curve() { wgpu::BufferUsages::STORAGE } else { wgpu::BufferUsages::empty() }
     }
 
-    /// Most lookups of a sampler along a footprint.
+    /// Anisotropy of samplers.
     pub(crate) fn anisotropy_clamp(&self) -> u16 {
         if self.has_anisotropic_filter() { 8 } else { 1 }
     }

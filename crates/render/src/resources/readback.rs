@@ -1,4 +1,4 @@
-//! Textures and buffers back to memory.
+//! Readback of textures and buffers.
 
 use std::sync::mpsc;
 
@@ -6,7 +6,7 @@ use image::RgbaImage;
 
 use crate::resources::gpu::{Gpu, RenderError};
 
-/// A copy of a 2D texture's mip level 0, all layers, on its way to memory.
+/// A pending copy of a 2D texture's mip level 0, all layers.
 #[derive(Debug)]
 struct Copied {
     buffer: wgpu::Buffer,
@@ -63,7 +63,7 @@ impl Copied {
     }
 }
 
-/// Hands over what a buffer holds that can be mapped for reading. Waits for the device.
+/// Maps a buffer for reading and passes its bytes to `take`. Waits for the device.
 fn mapped(gpu: &Gpu, buffer: &wgpu::Buffer, take: impl FnOnce(&[u8])) -> Result<(), RenderError> {
     let (done, answer) = mpsc::sync_channel(1);
     buffer.map_async(wgpu::MapMode::Read, .., move |result| {
@@ -108,7 +108,7 @@ pub(crate) fn read_texture(
     copied.read(gpu)
 }
 
-/// A copy of what was drawn into a host's target, taken without waiting for the device.
+/// A copy of a host's target, taken without waiting for the device.
 #[derive(Debug)]
 pub struct TargetCopy {
     copied: Copied,

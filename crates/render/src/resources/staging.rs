@@ -1,20 +1,20 @@
-//! How much of what has come a frame takes, so that none is late for it.
+//! Upload budget of a frame, so that uploads do not delay it.
 
 use std::time::Duration;
 
-/// Steps that are taken from the streaming thread before they are uploaded, at most: what waits is then the core's, where
-/// later changes of a mesh join those before.
+/// Most steps taken from the streaming thread before they are uploaded. Further steps wait in the client's core, where
+/// later changes of a mesh are merged with earlier ones.
 pub const MAX_WAITING_STEPS: usize = 16;
 
-/// Bytes of changes for each millisecond between two frames: a tenth of it, where a processor draws.
+/// Bytes uploaded per millisecond between frames; a tenth of it with a software driver.
 const BYTES_PER_MS: u64 = 64 << 10;
-/// What a frame takes however soon the next one comes.
+/// Least budget of a frame.
 const LEAST_BYTES: u64 = 512 << 10;
-/// What a frame takes however long it takes itself. What waits longer comes with more of the same slots.
+/// Largest budget of a frame. Further changes wait and are merged by slot.
 const MOST_BYTES: u64 = 8 << 20;
 
-/// Bytes of changes that a frame uploads where each takes so long: few where they are close, since each must be in
-/// time; more where they are far apart, since as much comes meanwhile.
+/// Upload budget for frames that are `apart`: small at high frame rates, where each frame must be on time; larger at
+/// low ones, where as much data arrives in between.
 #[must_use]
 pub fn upload_budget(apart: Duration) -> usize {
     let micros = u64::try_from(apart.as_micros()).unwrap_or(u64::MAX);

@@ -1,9 +1,8 @@
-//! Textures that sharpen as their mip levels arrive, coarse first.
+//! Streamed textures, whose mip levels arrive coarse to fine.
 //!
-//! GPU memory follows what has arrived: the texture is allocated down to the finest level received
-//! and replaced by a larger one (levels copied on the GPU) when a finer one comes. Drawing reads
-//! only the unbroken run of levels from the coarsest up: the view starts there, so that trilinear
-//! filtering never meets a level that is not there yet.
+//! GPU memory follows the received levels: the texture is allocated down to the finest received level, and replaced by
+//! a larger one (levels copied on the GPU) when a finer one arrives. Views cover only the unbroken run of levels from
+//! the coarsest up, so that trilinear filtering never reads a missing level.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -16,8 +15,7 @@ use lodestream_scene::asset::level_size;
 use crate::resources::gpu::{Gpu, RenderError};
 use crate::scene::relief_acceleration::ReliefAcceleration;
 
-/// Longest side that is ever allocated; finer levels are left out, so that a forged or careless
-/// size cannot claim gigabytes.
+/// Longest allocated side; finer levels are dropped, so that a forged size cannot claim gigabytes.
 const MAX_SIDE_PX: u32 = 8192;
 
 /// What a texture is for, which decides its format.
@@ -75,7 +73,7 @@ pub enum TextureData<'a> {
 }
 
 impl<'a> TextureData<'a> {
-    /// Some rows of so many texels each.
+    /// The given rows, of `width` texels each.
     fn rows(self, width: u32, rows: &Range<u32>) -> Self {
         let [first, end] = [rows.start, rows.end].map(|row| row as usize * width as usize);
         match self {
@@ -121,11 +119,11 @@ fn finest_usable(present: &[bool]) -> Option<u32> {
     (present.iter().take_while(|p| **p).count() as u32).checked_sub(1)
 }
 
-/// A texture in the making.
+/// A texture whose levels arrive.
 #[derive(Debug)]
 struct StreamedTexture {
     declared: TextureShape,
-    /// The same with as many levels as there can be.
+    /// Shape with all its levels.
     shape: TextureShape,
     format: wgpu::TextureFormat,
     present: Vec<bool>,
@@ -133,8 +131,9 @@ struct StreamedTexture {
     limit: Option<u32>,
     /// The texture and its finest level: the GPU's mip level 0.
     allocated: Option<(wgpu::Texture, u32)>,
-    /// What relief mapping asked to know of it, with the level that it is of; `None` within of those that are too large.
-    aids: [Option<(u32, Option<wgpu::Texture>)>; ReliefAcceleration::COUNT],
+    /// Relief acceleration textures, with the level that they were built from; the inner `None` marks height maps that
+    /// are too large.
+    accelerations: [Option<(u32, Option<wgpu::Texture>)>; ReliefAcceleration::COUNT],
 }
 
 impl StreamedTexture {
@@ -159,10 +158,10 @@ impl StreamedTexture {
             TextureKind::Height => wgpu::TextureFormat::R8Unorm,
         };
         let present = vec![false; shape.levels as usize];
-        Self { declared, shape, format, present, limit, allocated: None, aids: Default::default() }
+        Self { declared, shape, format, present, limit, allocated: None, accelerations: Default::default() }
     }
 
-    /// Of the levels that are allocated.
+    /// Bytes of the allocated levels.
     fn bytes(&self) -> u64 {
         let texel = u64::from(self.format.block_copy_size(None).unwrap_or(1));
         let level = |level| {
@@ -172,13 +171,13 @@ impl StreamedTexture {
         self.allocated.as_ref().map_or(0, |(_, top)| (0..=*top).map(level).sum())
     }
 
-    /// Finest level that is drawn with, once the coarsest is there.
+    /// Finest level in use, once the coarsest has arrived.
     fn finest(&self) -> Option<u32> {
         finest_usable(&self.present)
     }
 
-    /// Takes some rows of one level, given whole; those before them were taken. Returns whether what is drawn changes: once
-    /// the last is here.
+    /// Uploads some rows of one level; `data` holds the whole level, and earlier rows were uploaded before. Returns
+    /// whether the picture changes: once the last row is uploaded.
     fn upload(
         &mut self,
         gpu: &Gpu,
@@ -223,7 +222,7 @@ impl StreamedTexture {
         Ok(whole)
     }
 
-    /// Makes sure that `level` is allocated, moving the coarser ones over.
+    /// Allocates `level`, and copies the coarser levels.
     fn reach(&mut self, gpu: &Gpu, level: u32) {
         if self.allocated.as_ref().is_some_and(|(_, top)| *top >= level) {
             return;
@@ -262,7 +261,7 @@ impl StreamedTexture {
         self.allocated = Some((new, level));
     }
 
-    /// A view of the levels that may be drawn with.
+    /// A view of the usable levels.
     fn view(&self) -> Option<wgpu::TextureView> {
         let finest = self.finest()?;
         let (texture, top) = self.allocated.as_ref()?;
@@ -274,14 +273,14 @@ impl StreamedTexture {
         )
     }
 
-    /// What relief mapping asks to know of the finest level that is drawn with. Made once for each, which waits for the
-    /// device; `None` of maps that are too large, while there is no level, and where the device gave nothing back.
-    fn aid(&mut self, gpu: &Gpu, aid: ReliefAcceleration) -> Option<wgpu::TextureView> {
+    /// The relief acceleration texture of the finest level in use. Built once per level, which waits for the device;
+    /// `None` for maps that are too large, without a level, or if readback fails.
+    fn acceleration(&mut self, gpu: &Gpu, acceleration: ReliefAcceleration) -> Option<wgpu::TextureView> {
         let finest = self.finest()?;
-        let kept = &mut self.aids[aid.number()];
+        let kept = &mut self.accelerations[acceleration.number()];
         if kept.as_ref().is_none_or(|(level, _)| *level != finest) {
             let (texture, top) = self.allocated.as_ref()?;
-            let made = aid.make(gpu, texture, top - finest);
+            let made = acceleration.make(gpu, texture, top - finest);
             let made = made.inspect_err(|why| tracing::warn!("relief is found by equal steps: {why}"));
             *kept = Some((finest, made.ok().flatten()));
         }
@@ -290,19 +289,19 @@ impl StreamedTexture {
     }
 }
 
-/// A texture in GPU memory that assets are made with ([`super::Renderer::create_asset_with`]). Clones are the same
-/// texture, so that several assets may draw with one; it is freed with the last of them.
+/// A texture in GPU memory for [`super::Renderer::create_asset_with`]. Clones share one texture, so that several
+/// assets may use it; the last clone frees it.
 #[derive(Clone, Debug)]
 pub struct Texture(Arc<Mutex<StreamedTexture>>);
 
 impl Texture {
-    /// A texture of which no level is here.
+    /// A texture without levels.
     #[must_use]
     pub fn new(gpu: &Gpu, shape: TextureShape) -> Self {
         Self(Arc::new(Mutex::new(StreamedTexture::new(gpu, shape))))
     }
 
-    /// Size and purpose, as they were given.
+    /// Size and purpose, as given.
     #[must_use]
     pub fn declared_shape(&self) -> TextureShape {
         self.streamed().declared
@@ -315,17 +314,17 @@ impl Texture {
     }
 
     #[cfg(any(test, feature = "client"))]
-    /// Itself as long as somebody else has it.
+    /// A weak reference.
     pub(crate) fn downgrade(&self) -> WeakTexture {
         WeakTexture(Arc::downgrade(&self.0))
     }
 
-    // Nothing that holds the lock panics between changes that belong together.
+    // No panic can happen between changes that belong together, so a poisoned lock is consistent.
     fn streamed(&self) -> MutexGuard<'_, StreamedTexture> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// What stands for it while it has no level, linear.
+    /// Mean colour, linear, used while there is no level.
     pub(crate) fn mean(&self) -> [f32; 3] {
         self.streamed().shape.mean
     }
@@ -334,23 +333,27 @@ impl Texture {
         self.streamed().shape.kind
     }
 
-    /// Finest level that is drawn with, once the coarsest is there.
+    /// Finest level in use, once the coarsest has arrived.
     pub(crate) fn finest(&self) -> Option<u32> {
         self.streamed().finest()
     }
 
-    /// A view of the levels that may be drawn with.
+    /// A view of the usable levels.
     pub(crate) fn view(&self) -> Option<wgpu::TextureView> {
         self.streamed().view()
     }
 
-    /// What relief mapping asks to know of it, as [`StreamedTexture::aid`] says.
-    pub(crate) fn aid(&self, gpu: &Gpu, aid: ReliefAcceleration) -> Option<wgpu::TextureView> {
-        self.streamed().aid(gpu, aid)
+    /// The relief acceleration texture ([`StreamedTexture::acceleration`]).
+    pub(crate) fn acceleration(
+        &self,
+        gpu: &Gpu,
+        acceleration: ReliefAcceleration,
+    ) -> Option<wgpu::TextureView> {
+        self.streamed().acceleration(gpu, acceleration)
     }
 
-    /// Takes some rows of one level, given whole; of a texture that several assets have, once, whichever of them it comes
-    /// for. Returns whether what is drawn may change.
+    /// Uploads some rows of one level, whole in `data`. A texture shared by several assets takes each level once.
+    /// Returns whether the picture may change.
     pub(crate) fn upload(
         &self,
         gpu: &Gpu,
@@ -368,7 +371,7 @@ impl Texture {
 }
 
 #[cfg(any(test, feature = "client"))]
-/// See [`Texture::downgrade`].
+/// A weak reference to a [`Texture`].
 #[derive(Clone, Debug)]
 pub(crate) struct WeakTexture(Weak<Mutex<StreamedTexture>>);
 

@@ -1,8 +1,8 @@
-//! Many small pieces for buffers, handed to the device at once. A chunk of a mesh touches some hundred runs of slots, and
-//! each write to a queue by itself takes memory of the device: that took a frame five times as long.
+//! Batches many small buffer writes into few submissions. A chunk of a mesh touches hundreds of runs of slots; with
+//! one queue write each, a frame took five times as long.
 //!
-//! Pieces are gathered in memory that stays, and go to the device through blocks that it gives back once it has copied
-//! them. What is recorded may wait for a later frame to be submitted: until then nothing of it is seen.
+//! Pieces are gathered in reused memory and copied to the device through staging blocks that return after the copy.
+//! Recorded commands may be submitted with a later frame; until then they have no effect.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -10,37 +10,36 @@ use bytemuck::Pod;
 
 use crate::resources::gpu::{Gpu, RenderError};
 
-/// Sizes of the largest block, which is what a frame uploads while others are to be in time, and of the smallest: the
-/// first picture needs little, and memory that is new is not had for nothing.
+/// Sizes of the largest staging block, the upload of a busy frame, and of the smallest: the first picture needs
+/// little, and fresh memory costs time.
 const BLOCK_BYTES: usize = 1 << 20;
 const LEAST_BLOCK_BYTES: u64 = 64 << 10;
-/// Blocks that are kept: what is under way where frames follow one another.
+/// Most idle blocks kept: enough for consecutive frames.
 const MAX_FREE_BLOCKS: usize = 4;
 
-/// Pieces in the order in which they are to be written.
+/// Buffer writes and copies, in order.
 #[derive(Debug, Default)]
 pub(crate) struct Uploads {
-    /// What is written, piece after piece.
+    /// Data of all writes.
     bytes: Vec<u8>,
     orders: Vec<Order>,
     recorded: Vec<wgpu::CommandBuffer>,
-    /// Blocks that recorded commands read.
+    /// Blocks in use by recorded commands.
     blocks: Vec<wgpu::Buffer>,
-    /// Blocks that can be written.
+    /// Idle, mapped blocks.
     free: Arc<Mutex<Vec<wgpu::Buffer>>>,
 }
 
 #[derive(Debug)]
 enum Order {
-    /// The next so many bytes go to a place in a buffer.
+    /// Writes the next `len` bytes to a buffer.
     Write { to: wgpu::Buffer, offset: u64, len: u64 },
-    /// The beginning of a buffer goes to the beginning of another.
+    /// Copies the start of a buffer to the start of another.
     Copy { from: wgpu::Buffer, to: wgpu::Buffer, len: u64 },
 }
 
 impl Uploads {
-    /// Writes data, a block at most, to a buffer from a byte on. Lengths and offsets are multiples of 4, as the device asks
-    /// for.
+    /// Writes data, at most a block, at a byte offset of a buffer. Lengths and offsets must be multiples of 4.
     pub(crate) fn write<T: Pod>(
         &mut self,
         gpu: &Gpu,
@@ -68,12 +67,12 @@ impl Uploads {
         Ok(())
     }
 
-    /// Copies the beginning of a buffer, as it is after what was written before.
+    /// Copies the start of a buffer, after all earlier writes.
     pub(crate) fn copy(&mut self, from: &wgpu::Buffer, to: &wgpu::Buffer, len: u64) {
         self.orders.push(Order::Copy { from: from.clone(), to: to.clone(), len });
     }
 
-    /// Makes commands of what was written, which [`Uploads::submit`] hands to the device.
+    /// Records commands for all pieces; [`Uploads::submit`] submits them.
     pub(crate) fn record(&mut self, gpu: &Gpu) -> Result<(), RenderError> {
         if self.orders.is_empty() {
             return Ok(());
@@ -110,7 +109,7 @@ impl Uploads {
         Ok(())
     }
 
-    /// Hands all of it to the device.
+    /// Submits everything.
     pub(crate) fn submit(&mut self, gpu: &Gpu) -> Result<(), RenderError> {
         self.record(gpu)?;
         if self.recorded.is_empty() {
@@ -133,7 +132,7 @@ impl Uploads {
         Ok(())
     }
 
-    /// The smallest that holds so many bytes.
+    /// The smallest idle block of at least `bytes`.
     fn free_block(&self, bytes: u64) -> Option<wgpu::Buffer> {
         let mut free = self.free.lock().unwrap_or_else(PoisonError::into_inner);
         let index = free.iter().position(|block| block.size() >= bytes)?;

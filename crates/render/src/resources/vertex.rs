@@ -1,4 +1,4 @@
-//! The vertex as the GPU reads it: 52 bytes per wedge slot.
+//! Vertex layout: 52 bytes per wedge slot.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -11,24 +11,23 @@ use bytemuck::{Pod, Zeroable};
 pub struct PackedVertex {
     /// Position relative to the asset's origin, in the asset's units.
     pub position: [f32; 3],
-    /// Moment at which the vertex appeared, in seconds of the clock of [`super::Frame::time_s`].
+    /// Time at which the vertex appeared, in seconds of the clock of [`super::Frame::time_s`].
     pub birth_s: f32,
-    /// Position from which the vertex starts to move at its birth; equal to `position` where
-    /// nothing moves.
+    /// Position from which the vertex morphs after its birth; equal to `position` if it does not move.
     pub morph_from: [f32; 3],
     /// Level of refinement that brought the vertex (0 = base mesh), for [`super::DebugView::Level`].
     pub level: u32,
     /// Texture coordinates, `v` up as in OBJ.
     pub uv: [f32; 2],
-    /// Unit normal as signed 16-bit fractions. The fourth is not 0 where no crease runs through the vertex: all wedges of
-    /// it have this normal ([`PackedVertex::smooth`]).
+    /// Unit normal as signed 16-bit fractions. The fourth is not 0 if all wedges of the vertex have this normal, so
+    /// that no crease runs through it ([`PackedVertex::smooth`]).
     pub normal: [i16; 4],
     /// Colour, sRGB-encoded, with opacity; multiplies the material's.
     pub colour: [u8; 4],
 }
 
 impl PackedVertex {
-    /// A white vertex that stands still: `morph_from = position`, born at time 0, level 0.
+    /// A white vertex without morph: `morph_from = position`, born at time 0, level 0.
     #[must_use]
     pub fn new(position: [f32; 3], normal: [f32; 3], uv: [f32; 2]) -> Self {
         let (normal, colour) = (pack_normal(normal), [255; 4]);
@@ -47,8 +46,8 @@ impl PackedVertex {
         Self { colour, ..self }
     }
 
-    /// The same vertex, of which every wedge has this normal. [`super::PnTriangles`] bend at such vertices alone; a surface
-    /// would open along a crease where one of a vertex's wedges says so and another has another normal.
+    /// The same vertex, marked as smooth: every wedge of it has this normal. [`super::PnTriangles`] bend at smooth
+    /// vertices only; marking only some wedges of a vertex opens the surface along the crease.
     #[must_use]
     pub fn smooth(mut self) -> Self {
         self.normal[3] = i16::MAX;
@@ -65,10 +64,10 @@ impl PackedVertex {
 /// Vertices and faces of a mesh.
 pub type HostMesh = (Vec<PackedVertex>, Vec<[u32; 3]>);
 
-/// Marks the vertices of a whole mesh that are [`PackedVertex::smooth`]: all that lie at the same place, and come from the
-/// same, have the same normal. Cost: one sort.
+/// Marks all smooth vertices of a mesh: those whose coincident vertices, with equal `morph_from`, have equal normals.
+/// Cost: one sort.
 pub fn mark_smooth(vertices: &mut [PackedVertex]) {
-    // By value: −0 is 0.
+    // Compare by value: −0 equals 0.
     let place = |v: &PackedVertex| [v.position, v.morph_from].map(|p| p.map(|x| (x + 0.0).to_bits()));
     let normal = |v: &PackedVertex| [v.normal[0], v.normal[1], v.normal[2]];
     vertices.iter_mut().for_each(|vertex| vertex.normal[3] = 0);
@@ -85,8 +84,8 @@ pub fn mark_smooth(vertices: &mut [PackedVertex]) {
     }
 }
 
-/// A normal in signed 16-bit fractions; a direction is kept to about 0.002°. Anything that is not
-/// finite becomes 0, which the shader takes for "facing the eye".
+/// Packs a normal into signed 16-bit fractions, with an error of about 0.002°. Components that are not finite become
+/// 0, which the shader reads as "facing the eye".
 #[must_use]
 pub(crate) fn pack_normal(n: [f32; 3]) -> [i16; 4] {
     // `as` saturates and maps NaN to 0.

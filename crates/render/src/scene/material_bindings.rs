@@ -43,7 +43,7 @@ const WRAPS: [Wrap; 3] = [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror];
 pub(crate) struct MaterialKit {
     pub(crate) layout: wgpu::BindGroupLayout,
     /// Of what relief mapping must know beforehand.
-    pub(crate) aid_layout: wgpu::BindGroupLayout,
+    pub(crate) acceleration_layout: wgpu::BindGroupLayout,
     /// By how they wrap along u and v.
     samplers: [[wgpu::Sampler; 3]; 3],
     white: wgpu::TextureView,
@@ -119,7 +119,7 @@ impl MaterialKit {
         });
         Self {
             layout,
-            aid_layout: ReliefAcceleration::layout(gpu),
+            acceleration_layout: ReliefAcceleration::layout(gpu),
             samplers: WRAPS.map(|u| WRAPS.map(|v| sampler(gpu, [u, v]))),
             white: texel(gpu, wgpu::TextureFormat::Rgba8UnormSrgb, &[255; 4]),
             flat: texel(gpu, wgpu::TextureFormat::R8Unorm, &[255]),
@@ -189,14 +189,14 @@ impl MaterialKit {
             entries: &entries,
         });
         let features = Features { relief, maps: surfaces || normals, ..Features::of(material) };
-        // Beyond the edge the aids know only the repeat.
+        // Beyond the edge the accelerations know only the repeat.
         let heights = found[1].filter(|_| relief && material.wrap == [Wrap::Repeat; 2]).cloned();
         BoundMaterial {
             group,
             features,
             heights,
-            aids: Default::default(),
-            aid_layout: self.aid_layout.clone(),
+            accelerations: Default::default(),
+            acceleration_layout: self.acceleration_layout.clone(),
         }
     }
 }
@@ -209,19 +209,23 @@ pub(crate) struct BoundMaterial {
     /// The height map, where something can be known of it beforehand.
     heights: Option<Texture>,
     /// Group 2 of what relief mapping has asked to know; `None` within where that is nothing.
-    aids: [OnceLock<Option<wgpu::BindGroup>>; ReliefAcceleration::COUNT],
-    aid_layout: wgpu::BindGroupLayout,
+    accelerations: [OnceLock<Option<wgpu::BindGroup>>; ReliefAcceleration::COUNT],
+    acceleration_layout: wgpu::BindGroupLayout,
 }
 
 impl BoundMaterial {
     /// Group 2 with what relief mapping asks to know of the height map, made when it is first asked for; `None` where its
     /// search must do without.
-    pub(crate) fn aid(&self, gpu: &Gpu, aid: ReliefAcceleration) -> Option<&wgpu::BindGroup> {
-        let group = self.aids[aid.number()].get_or_init(|| {
-            let view = self.heights.as_ref()?.aid(gpu, aid)?;
+    pub(crate) fn acceleration(
+        &self,
+        gpu: &Gpu,
+        acceleration: ReliefAcceleration,
+    ) -> Option<&wgpu::BindGroup> {
+        let group = self.accelerations[acceleration.number()].get_or_init(|| {
+            let view = self.heights.as_ref()?.acceleration(gpu, acceleration)?;
             Some(gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-                label: Some("relief's aid"),
-                layout: &self.aid_layout,
+                label: Some("relief's acceleration"),
+                layout: &self.acceleration_layout,
                 entries: &[wgpu::BindGroupEntry {
                     binding: 0,
                     resource: wgpu::BindingResource::TextureView(&view),

@@ -42,10 +42,10 @@ impl ReliefAcceleration {
         u64::from(width) * u64::from(height) <= most
     }
 
-    /// The bindings of group 2: the aid.
+    /// The bindings of group 2: the acceleration.
     pub(crate) fn layout(gpu: &Gpu) -> wgpu::BindGroupLayout {
         gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-            label: Some("relief's aid"),
+            label: Some("relief's acceleration"),
             entries: &[wgpu::BindGroupLayoutEntry {
                 binding: 0,
                 visibility: wgpu::ShaderStages::FRAGMENT,
@@ -124,7 +124,7 @@ fn upload(gpu: &Gpu, levels: &[([u32; 2], &[f64])]) -> wgpu::Texture {
     let extent = |[width, height]: [u32; 2]| wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
     let finest = levels.first().map_or([1; 2], |(size, _)| *size);
     let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
-        label: Some("relief's aid"),
+        label: Some("relief's acceleration"),
         size: extent(finest),
         mip_level_count: levels.len().max(1) as u32,
         sample_count: 1,

@@ -1,27 +1,27 @@
-//! Which sides of a mesh's triangles share an edge, made on the device from what is drawn: it alone has the vertices.
+//! Edge adjacency of a mesh's triangles, computed on the device, which alone has the vertices.
 
 use super::pipelines::InkPipelines;
 use crate::resources::buffer::room;
 use crate::resources::gpu::{Gpu, RenderError};
 use crate::scene::asset::AssetGpu;
 
-/// Invocations of a group, and of all of a dispatch.
+/// Invocations of a workgroup, and of a whole dispatch.
 const GROUP: u64 = 256;
 pub(super) const MOST_INVOCATIONS: u64 = 65_535 * GROUP;
-/// Bytes of a job; what begins at a multiple of them may be bound by itself on any device.
+/// Bytes of a job; any device can bind a buffer at a multiple of this offset.
 pub(super) const JOB_BYTES: u64 = 256;
 
-/// Groups of so many invocations, of which there are at most [`MOST_INVOCATIONS`].
+/// Number of workgroups for at most [`MOST_INVOCATIONS`] invocations.
 pub(super) fn groups(invocations: u64) -> u32 {
     invocations.min(MOST_INVOCATIONS).div_ceil(GROUP) as u32
 }
 
-/// A mesh's edges on the device: 24 bytes a face slot, rounded up.
+/// Edges of a mesh in GPU memory: 24 bytes a face slot, rounded up.
 #[derive(Debug)]
 pub(super) struct Adjacency {
-    /// Of the geometry that it was made of.
+    /// Stamp of the geometry.
     stamp: u64,
-    /// Three a face slot.
+    /// Three sides per face slot.
     pub(super) sides: u64,
     corners: Option<wgpu::Buffer>,
     rings: Option<wgpu::Buffer>,
@@ -30,51 +30,51 @@ pub(super) struct Adjacency {
 impl Adjacency {
     pub(super) const NONE: Self = Self { stamp: u64::MAX, sides: 0, corners: None, rings: None };
 
-    /// Whether it is of a mesh as it is now.
+    /// Whether it is up to date.
     pub(super) fn is_of(&self, asset: &AssetGpu) -> bool {
         self.stamp == asset.stamp()
     }
 
-    /// Of each side where it begins, and the next of its edge.
+    /// For each side its start vertex, and the next side of the same edge.
     pub(super) fn buffers(&self) -> Option<[&wgpu::Buffer; 2]> {
         Some([self.corners.as_ref()?, self.rings.as_ref()?])
     }
 }
 
-/// Tables that are filled while edges are looked for, mesh by mesh.
+/// Scratch hash tables, reused for each mesh.
 #[derive(Debug, Default)]
 pub(super) struct Tables {
     owners: Option<wgpu::Buffer>,
     heads: Option<wgpu::Buffer>,
 }
 
-/// A mesh whose edges are to be found.
+/// A planned extraction of one mesh's edges.
 #[derive(Debug)]
-pub(super) struct Finding {
-    /// With the sides of each part.
+pub(super) struct EdgeExtraction {
+    /// Bind group and number of sides of each part.
     parts: Vec<(wgpu::BindGroup, u64)>,
     vertices: u64,
     sides: u64,
     cells: u64,
 }
 
-/// How much there is to look at in a mesh.
+/// Size of the extraction for a mesh.
 struct Extent {
     vertices: u64,
     sides: u64,
-    /// Of the tables.
+    /// Cells of the tables.
     cells: u64,
 }
 
 impl Extent {
     fn of(asset: &AssetGpu) -> Self {
         let (vertices, sides) = (asset.slots(), faces(asset).map(|(_, faces)| 3 * u64::from(faces)).sum());
-        // Every side may be an edge of its own: then three of four cells are taken.
+        // If every side is an edge of its own, three of four cells are occupied.
         let cells = (vertices * 2).max(sides * 4 / 3).max(GROUP).next_power_of_two();
         Self { vertices, sides, cells }
     }
 
-    /// Whether a device can look at that much.
+    /// Whether the device's limits suffice.
     fn fits(&self, gpu: &Gpu, vertices: &wgpu::Buffer) -> bool {
         let most = gpu.device.limits().max_storage_buffer_binding_size;
         let most_invocations = self.vertices.max(self.sides);
@@ -82,15 +82,15 @@ impl Extent {
     }
 }
 
-/// The faces that strokes are drawn around: materials with holes have contours that their mesh does not know.
+/// Faces with strokes. Alpha-tested materials have contours that their mesh does not describe.
 fn faces(asset: &AssetGpu) -> impl Iterator<Item = (&wgpu::Buffer, u32)> {
     let parts = asset.draws().into_iter().flat_map(|(_, parts)| parts);
     parts.filter(|part| !part.material.features.mask).map(|part| (part.indices, part.faces))
 }
 
 impl Tables {
-    /// Plans how a mesh's edges are found; `jobs` are written before they are. Nothing where the device cannot hold them,
-    /// or there are none.
+    /// Plans the extraction of a mesh's edges; `jobs` must be written before it runs. `None` if the device cannot hold
+    /// them or there are none.
     pub(super) fn plan(
         &mut self,
         gpu: &Gpu,
@@ -98,7 +98,7 @@ impl Tables {
         asset: &AssetGpu,
         into: &mut Adjacency,
         jobs: &mut Jobs<'_>,
-    ) -> Result<Option<Finding>, RenderError> {
+    ) -> Result<Option<EdgeExtraction>, RenderError> {
         *into = Adjacency { stamp: asset.stamp(), sides: 0, ..std::mem::replace(into, Adjacency::NONE) };
         let Some((vertices, _)) = asset.draws() else { return Ok(None) };
         let extent = Extent::of(asset);
@@ -126,11 +126,11 @@ impl Tables {
         }
         into.sides = extent.sides;
         let Extent { vertices, sides, cells } = extent;
-        Ok(Some(Finding { parts, vertices, sides, cells }))
+        Ok(Some(EdgeExtraction { parts, vertices, sides, cells }))
     }
 }
 
-/// What shaders are told of each of their runs, in one buffer.
+/// Parameters of all dispatches, in one buffer.
 #[derive(Debug)]
 pub(super) struct Jobs<'a> {
     pub(super) buffer: &'a wgpu::Buffer,
@@ -138,7 +138,7 @@ pub(super) struct Jobs<'a> {
 }
 
 impl<'a> Jobs<'a> {
-    /// Adds words for a run, as long as there is room.
+    /// Adds the parameters of a dispatch, if there is room.
     pub(super) fn add(&mut self, words: &[u32]) -> Option<wgpu::BindingResource<'a>> {
         let offset = self.bytes.len() as u64;
         if offset + JOB_BYTES > self.buffer.size() {
@@ -151,7 +151,7 @@ impl<'a> Jobs<'a> {
     }
 }
 
-/// A job, then buffers in a row of bindings.
+/// Binds a job and then buffers at consecutive bindings.
 pub(super) fn bound(
     gpu: &Gpu,
     layout: &wgpu::BindGroupLayout,
@@ -165,13 +165,13 @@ pub(super) fn bound(
     gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some("ink"), layout, entries: &entries })
 }
 
-impl Finding {
-    /// How many jobs a mesh has.
+impl EdgeExtraction {
+    /// Number of jobs of a mesh.
     pub(super) fn jobs(asset: &AssetGpu) -> usize {
         faces(asset).count()
     }
 
-    /// Finds the edges.
+    /// Records the extraction.
     pub(super) fn record(&self, pass: &mut wgpu::ComputePass<'_>, pipelines: &InkPipelines) {
         let Some((all, _)) = self.parts.first() else { return };
         let stages = &pipelines.adjacency;

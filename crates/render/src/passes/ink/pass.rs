@@ -1,8 +1,8 @@
-//! Strokes of a frame: which edges are some, drawn into a picture of their own, and mixed with the lit one.
+//! The ink pass: extracts the strokes of a frame, draws them into a texture and blends it over the lit picture.
 
 use std::collections::BTreeMap;
 
-use super::adjacency::{Adjacency, Finding, JOB_BYTES, Jobs, MOST_INVOCATIONS, Tables, bound, groups};
+use super::adjacency::{Adjacency, EdgeExtraction, JOB_BYTES, Jobs, MOST_INVOCATIONS, Tables, bound, groups};
 use super::pipelines::InkPipelines;
 use super::settings::{Ink, InkUniform};
 use crate::frame::draw::Batch;
@@ -13,53 +13,53 @@ use crate::frame::timing::PassEncoder;
 use crate::resources::buffer::room;
 use crate::resources::gpu::{Gpu, RenderError};
 
-/// Most strokes of a frame; of more some are not drawn.
+/// Most strokes of a frame; further ones are omitted.
 const MOST_STROKES: u64 = 1 << 18;
 const STROKE_BYTES: u64 = 32;
-/// Most sides of triangles that a frame looks at, instances counted; what is further has no strokes.
+/// Most triangle sides examined per frame, instances included; farther meshes have no strokes.
 const MOST_SIDES: u64 = 1 << 25;
-/// `Drawn` of `ink_list.wgsl`: vertices of a stroke, and none of those yet.
+/// `Drawn` of `ink_list.wgsl`: six vertices a stroke, no stroke yet.
 const DRAWN: [u32; 4] = [6, 0, 0, 0];
 
-/// Edges that are looked at as the frame's eye sees them.
+/// Edges to be tested against the frame's camera.
 #[derive(Debug)]
-struct Listing {
+struct StrokeListing {
     group: wgpu::BindGroup,
     invocations: u64,
 }
 
-/// What is kept from frame to frame, and what the frame under way draws.
+/// State kept between frames, and the strokes of the current one.
 #[derive(Debug, Default)]
 pub(crate) struct InkPass {
-    /// By the asset's number.
+    /// By asset number.
     meshes: BTreeMap<u64, Adjacency>,
     tables: Tables,
     jobs: Option<wgpu::Buffer>,
     strokes: Option<wgpu::Buffer>,
     drawn: Option<wgpu::Buffer>,
     uniform: Option<wgpu::Buffer>,
-    finding: Vec<Finding>,
-    listing: Vec<Listing>,
-    /// Meshes whose edges were looked for so far.
+    finding: Vec<EdgeExtraction>,
+    listing: Vec<StrokeListing>,
+    /// Number of meshes whose edges were extracted.
     #[cfg(test)]
     pub(crate) found: u32,
 }
 
-/// What strokes are of.
-pub(crate) struct Seen<'a> {
+/// Geometry that strokes are extracted from.
+pub(crate) struct StrokeInputs<'a> {
     pub(crate) frame: &'a Frame<'a>,
-    /// From near to far.
+    /// Nearest first.
     pub(crate) batches: &'a [Batch<'a>],
     pub(crate) instances: Option<&'a wgpu::Buffer>,
 }
 
 impl InkPass {
-    /// Forgets everything.
+    /// Discards all state.
     pub(crate) fn clear(&mut self) {
         *self = Self::default();
     }
 
-    /// Plans a frame's strokes; of meshes that have changed edges are found anew.
+    /// Plans a frame's strokes; extracts edges of changed meshes again.
     ///
     /// # Errors
     /// [`RenderError::TooLarge`] where the device cannot hold them.
@@ -68,7 +68,7 @@ impl InkPass {
         gpu: &Gpu,
         pipelines: &InkPipelines,
         ink: &Ink,
-        seen: &Seen<'_>,
+        seen: &StrokeInputs<'_>,
     ) -> Result<(), RenderError> {
         let uniform_usage = wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST;
         let bytes = size_of::<InkUniform>() as u64;
@@ -87,7 +87,7 @@ impl InkPass {
         let drawn = room(gpu, &mut self.drawn, "strokes", size_of_val(&DRAWN) as u64, usage)?;
         gpu.queue.write_buffer(drawn, 0, bytemuck::cast_slice(&DRAWN));
 
-        let runs: usize = seen.batches.iter().map(|batch| 1 + Finding::jobs(batch.asset())).sum();
+        let runs: usize = seen.batches.iter().map(|batch| 1 + EdgeExtraction::jobs(batch.asset())).sum();
         let bytes = JOB_BYTES * runs.max(1) as u64;
         let mut jobs = Jobs {
             buffer: room(gpu, &mut self.jobs, "ink", bytes, uniform_usage)?,
@@ -119,13 +119,13 @@ impl InkPass {
             let Some(job) = jobs.add(&words) else { continue };
             let buffers = [vertices, corners, rings, instances, drawn, strokes];
             let group = bound(gpu, &pipelines.list_layout, job, &buffers);
-            self.listing.push(Listing { group, invocations });
+            self.listing.push(StrokeListing { group, invocations });
         }
         gpu.queue.write_buffer(jobs.buffer, 0, &jobs.bytes);
         Ok(())
     }
 
-    /// Lists the strokes and draws them, as far as `depth` does not hide them.
+    /// Extracts the strokes and draws those that `depth` does not hide.
     pub(crate) fn draw(
         &self,
         gpu: &Gpu,
@@ -140,7 +140,7 @@ impl InkPass {
             self.finding.iter().for_each(|finding| finding.record(&mut pass, pipelines));
             pass.set_bind_group(0, frame, &[]);
             pass.set_pipeline(&pipelines.list);
-            for Listing { group, invocations } in &self.listing {
+            for StrokeListing { group, invocations } in &self.listing {
                 pass.set_bind_group(1, group, &[]);
                 pass.dispatch_workgroups(groups(*invocations), 1, 1);
             }
@@ -175,7 +175,7 @@ impl InkPass {
         pass.draw_indirect(drawn, 0);
     }
 
-    /// What mixing reads of the settings.
+    /// Uniform buffer of the composition.
     pub(crate) fn uniform(&self) -> Option<&wgpu::Buffer> {
         self.uniform.as_ref()
     }

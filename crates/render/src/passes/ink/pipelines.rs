@@ -1,4 +1,4 @@
-//! What is compiled for ink, and the layouts of what it reads.
+//! Pipelines and bind group layouts of ink.
 
 use crate::frame::fullscreen;
 use crate::frame::targets::{RADIANCE, STROKES};
@@ -24,7 +24,7 @@ const MIXED: &str = concat!(
     include_str!("../../shaders/ink.wgsl")
 );
 
-/// Where strokes cross the darker one stays: their order does not matter.
+/// Crossing strokes keep the darker value, so their order does not matter.
 const DARKEST: wgpu::BlendState = {
     let most = wgpu::BlendComponent {
         src_factor: wgpu::BlendFactor::One,
@@ -34,11 +34,11 @@ const DARKEST: wgpu::BlendState = {
     wgpu::BlendState { color: most, alpha: most }
 };
 
-/// See the module.
+/// Pipelines of ink.
 #[derive(Debug)]
 pub(crate) struct InkPipelines {
-    /// What lies beside what, in the order in which they run.
-    pub(super) adjacency: Adjacent,
+    /// Edge extraction, in order of execution.
+    pub(super) adjacency: AdjacencyPipelines,
     pub(super) adjacency_layout: wgpu::BindGroupLayout,
     pub(super) list: wgpu::ComputePipeline,
     pub(super) bound: wgpu::ComputePipeline,
@@ -49,7 +49,7 @@ pub(crate) struct InkPipelines {
 
 /// The stages of `ink_adjacency.wgsl`.
 #[derive(Debug)]
-pub(super) struct Adjacent {
+pub(super) struct AdjacencyPipelines {
     pub(super) clear: wgpu::ComputePipeline,
     pub(super) places: wgpu::ComputePipeline,
     pub(super) corners: wgpu::ComputePipeline,
@@ -63,7 +63,7 @@ impl InkPipelines {
         let list_layout = layout(gpu, "strokes", [true, true, true, true, false, false]);
         let module = shader(gpu, "what lies beside what", ADJACENCY);
         let adjacent = |entry| compute(gpu, &module, entry, &[Some(&adjacency_layout)]);
-        let adjacency = Adjacent {
+        let adjacency = AdjacencyPipelines {
             clear: adjacent("cs_clear"),
             places: adjacent("cs_places"),
             corners: adjacent("cs_corners"),
@@ -82,7 +82,7 @@ impl InkPipelines {
     }
 }
 
-/// A uniform block, then storage in a row of bindings; which of it is only read.
+/// Layout of a uniform block followed by storage buffers; `read_only` for each.
 fn layout<const N: usize>(gpu: &Gpu, label: &str, read_only: [bool; N]) -> wgpu::BindGroupLayout {
     let storage = read_only.map(|read_only| wgpu::BufferBindingType::Storage { read_only });
     let entries: Vec<_> = (0..)

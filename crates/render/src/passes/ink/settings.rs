@@ -1,28 +1,29 @@
-//! How ink is drawn.
+//! Settings of ink.
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
 /// Widest stroke, in pixels.
 pub const MAX_INK_WIDTH: f32 = 32.0;
-/// Furthest that strokes are blurred, in pixels to each side.
+/// Largest blur radius of strokes, in pixels.
 pub const MAX_INK_BLUR: u32 = 3;
 /// Most levels of light.
 pub const MAX_INK_LEVELS: u32 = 16;
 
-/// Strokes where surfaces of meshes end as the eye sees them, over light in levels. Ground has levels and no strokes.
+/// Strokes along contours, borders and creases of meshes, over quantised light. Terrain has quantised light but no
+/// strokes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ink {
-    /// Width of strokes in pixels of the picture that is drawn, above 0 and up to [`MAX_INK_WIDTH`]; with 0 there are none.
+    /// Width of strokes in pixels, up to [`MAX_INK_WIDTH`]; 0 draws none.
     pub width_px: f32,
-    /// Pixels to each side over which strokes are blurred, up to [`MAX_INK_BLUR`].
+    /// Blur radius of strokes in pixels, up to [`MAX_INK_BLUR`].
     pub blur_px: u32,
-    /// Angle in degrees between two faces from which on their edge is a crease, and drawn wherever it is seen; 180 draws
-    /// none. The smaller, the more strokes: each tessellated round thing has some at its own angle.
+    /// Least angle in degrees between two faces that makes their edge a visible crease; 180 disables creases.
+    /// Tessellated round shapes draw all their edges below their own angle.
     pub crease_degrees: f32,
-    /// Levels of light, 2 to [`MAX_INK_LEVELS`]; with fewer light stays as it is.
+    /// Levels of light, 2 to [`MAX_INK_LEVELS`]; fewer disable quantisation.
     pub levels: u32,
-    /// By how much of a level noise moves the borders between them, 0 to 1: 0 draws smooth lines.
+    /// Noise amplitude on the borders between levels, as a share of a level: 0 (smooth) to 1.
     pub spatter: f32,
 }
 
@@ -32,9 +33,9 @@ impl Default for Ink {
     }
 }
 
-/// Sizes of cells of noise: from 2^-32 world units on.
+/// Octaves of noise cells, from 2^-32 world units.
 const OCTAVES: usize = 64;
-/// Cells after which noise begins anew.
+/// Period of the noise, in cells.
 const REPEATS: f64 = 256.0;
 
 /// `Ink` of `ink_uniform.wgsl`.
@@ -49,11 +50,11 @@ pub(crate) struct InkUniform {
 }
 
 impl Ink {
-    /// What the shaders know, such that no setting asks for what is not a number or without bound.
+    /// The uniform, with all settings clamped to finite ranges.
     pub(crate) fn uniform(&self, eye: DVec3) -> InkUniform {
         let cells = |octave: usize| {
             let size = (octave as f64 - 0.5 * OCTAVES as f64).exp2();
-            // Too far for a place in small cells: none is seen of them.
+            // Far positions lose precision in small cells, which are then invisible.
             let eye = (eye / size).to_array().map(|x| x.rem_euclid(REPEATS).max(0.0) as f32);
             [eye[0], eye[1], eye[2], 0.0]
         };
@@ -72,17 +73,17 @@ impl Ink {
         self.width_px > 0.0
     }
 
-    /// Cosine of the angle from which on an edge is a crease.
+    /// Cosine of the crease angle.
     pub(crate) fn crease_cosine(&self) -> f32 {
         let degrees = if self.crease_degrees < 180.0 { within(self.crease_degrees, 180.0) } else { 180.0 };
-        // Off for certain: rounding puts no sum below it.
+        // No cosine is below −2: creases are off.
         if degrees < 180.0 { degrees.to_radians().cos() } else { -2.0 }
     }
 }
 
-/// A setting from 0 up to the most there may be; 0 for what is not a number.
+/// Clamps a setting to 0..=`most`; NaN becomes 0.
 fn within(x: f32, most: f32) -> f32 {
-    // `max` gives the other of two of which one is not a number.
+    // `max` returns the other operand if one is NaN.
     x.max(0.0).min(most)
 }
 
@@ -91,7 +92,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn whatever_is_asked_for_is_a_number_within_its_range() {
+    fn settings_are_clamped_to_finite_ranges() {
         for wrong in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -1.0] {
             let ink = Ink {
                 width_px: wrong,

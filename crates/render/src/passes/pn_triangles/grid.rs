@@ -1,20 +1,20 @@
-//! Barycentric grids of 1, 2, 4, … 64 pieces to an edge, all in one list of vertices and one of indices.
+//! Barycentric grids of 1, 2, 4, … 64 segments per edge, in one vertex and one index list.
 
 use wgpu::util::DeviceExt;
 
 use crate::resources::gpu::Gpu;
 
-/// Grids.
+/// Number of grids.
 pub(super) const STEPS: u32 = 7;
 
-/// A vertex: how many pieces it lies off the edges across the second and the third corner, and its grid's step.
+/// A grid vertex: barycentric coordinates towards the second and third corner, in segments, and the grid's level.
 pub(crate) const GRID_VERTEX: wgpu::VertexBufferLayout<'_> = wgpu::VertexBufferLayout {
     array_stride: 4,
     step_mode: wgpu::VertexStepMode::Vertex,
     attributes: &wgpu::vertex_attr_array![0 => Uint8x4],
 };
 
-/// All grids on the device.
+/// The grids in GPU memory.
 #[derive(Debug)]
 pub(super) struct Grids {
     pub(super) vertices: wgpu::Buffer,
@@ -38,7 +38,7 @@ impl Grids {
     }
 }
 
-/// Vertices of all grids, and their triangles, which go round as the corners do.
+/// Vertices and triangles of all grids, with the winding of the corners.
 fn grids() -> (Vec<[u8; 4]>, Vec<[u16; 3]>) {
     let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
     for step in 0..STEPS as u8 {
@@ -46,7 +46,7 @@ fn grids() -> (Vec<[u8; 4]>, Vec<[u16; 3]>) {
         for c in 0..=pieces {
             vertices.extend((0..=pieces - c).map(|b| [b as u8, c as u8, step, 0]));
         }
-        // Rows get shorter by one.
+        // Each row is shorter by one.
         let at = |b: u16, c: u16| first + c * (pieces + 1) - c * c.saturating_sub(1) / 2 + b;
         for c in 0..pieces {
             for b in 0..pieces - c {
@@ -70,7 +70,7 @@ mod tests {
         let mut rest = triangles.as_slice();
         for step in 0..STEPS {
             let pieces = 1_i32 << step;
-            // Where the device looks for them, `cs_arrange` of pn_list.wgsl.
+            // Offsets as in `cs_arrange` of pn_list.wgsl.
             let first = pieces * pieces - 1;
             assert_eq!(rest.len() as i32, (triangles.len() as i32) - first / 3);
             let (of_grid, others) = rest.split_at((pieces * pieces) as usize);
@@ -79,7 +79,7 @@ mod tests {
                 let [p, q, r] = triangle.map(|i| vertices[usize::from(i)]);
                 assert!([p, q, r].iter().all(|v| u32::from(v[2]) == step));
                 let off = |v: [u8; 4], k: usize| i32::from(v[k]) - i32::from(p[k]);
-                // Each has the area of one, so together they have that of all.
+                // Each has unit area, so together they cover the triangle.
                 assert_eq!(off(q, 0) * off(r, 1) - off(q, 1) * off(r, 0), 1);
                 assert!([p, q, r].iter().all(|v| i32::from(v[0]) + i32::from(v[1]) <= pieces));
             }

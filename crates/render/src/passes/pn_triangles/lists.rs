@@ -1,47 +1,47 @@
-//! Lists of triangles by how finely they are cut, made on the device: it alone has the vertices.
+//! Patch lists: triangles sorted by tessellation level, built on the device, which alone has the vertices.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::OnceLock;
 
 use super::grid::{Grids, STEPS};
-use super::makers::{ListMakers, ReadOnlyLists};
+use super::makers::{PatchListPipelines, ReadOnlyLists};
 use super::settings::PnTriangles;
 use crate::frame::graph::PassId;
 use crate::frame::timing::PassEncoder;
 use crate::resources::buffer::room;
 use crate::resources::gpu::{Gpu, RenderError};
 
-/// What errors call the memory.
+/// Name of the buffers in errors.
 const LISTS: &str = "patch lists";
-/// Invocations of a group.
+/// Invocations of a workgroup.
 const GROUP: u64 = 64;
-/// Most triangles, over all instances, that a frame and its shadow maps list; what is beyond is drawn flat.
+/// Most triangles listed per frame and its shadow maps, instances included; further ones are drawn flat.
 const MAX_LISTED: u64 = 1 << 21;
-/// Bytes of one in a list, of its steps, and of the counts of a group.
+/// Bytes per triangle of a list and of its levels, and per workgroup of its counts.
 const LISTED_BYTES: u64 = 12;
 const STEPS_BYTES: u64 = 4;
 const COUNTS_BYTES: u64 = 4 * STEPS as u64;
-/// `Job` of pn_list.wgsl, in words; what begins at a multiple of its bytes may be bound by itself on any device.
+/// `Job` of pn_list.wgsl, in words; any device can bind a buffer at a multiple of its bytes.
 const JOB_WORDS: usize = 64;
 const JOB_BYTES: u64 = 4 * JOB_WORDS as u64;
-/// Where in it the host's part begins: behind draws and starts.
+/// Offset in words of the host's part, after draws and starts.
 const JOB_HEAD: usize = 42;
 
-/// A list: of the faces of one material in some instances.
+/// A list: the faces of one material in some instances.
 #[derive(Debug)]
 struct Job {
     groups: u32,
-    /// Of its draws in the buffer of jobs.
+    /// Byte offset of its draws in the buffer of jobs.
     at: u64,
     make: wgpu::BindGroup,
     draw: wgpu::BindGroup,
 }
 
-/// Names a list: its first instance among the frame's, and which of its asset's parts that have faces.
+/// Key of a list: its first instance in the frame, and the index of its part among those with faces.
 type Key = (u32, usize);
 
-/// Memory of the device for all lists of a frame.
+/// Buffers for all lists of a frame.
 #[derive(Debug, Default)]
 struct Memory {
     jobs: Option<wgpu::Buffer>,
@@ -50,7 +50,7 @@ struct Memory {
     counts: Option<wgpu::Buffer>,
 }
 
-/// A frame's lists.
+/// Patch lists of a frame.
 #[derive(Debug, Default)]
 pub(crate) struct PatchLists {
     grids: OnceLock<Grids>,
@@ -58,31 +58,31 @@ pub(crate) struct PatchLists {
     jobs: BTreeMap<Key, Job>,
 }
 
-/// What lists are of: instances as the frame has them, and as the one before had.
+/// Inputs shared by all lists: settings, and the instances of this and the previous frame.
 #[derive(Clone, Copy)]
-pub(crate) struct Curving<'a> {
+pub(crate) struct PatchInputs<'a> {
     pub(crate) settings: PnTriangles,
     pub(crate) instances: &'a wgpu::Buffer,
     pub(crate) before: Option<&'a wgpu::Buffer>,
 }
 
-/// Faces that may be listed, and where.
+/// Faces of a part that may be drawn as patches.
 pub(crate) struct PatchListItem<'a> {
-    /// Of their mesh.
+    /// Vertices of the mesh.
     pub(crate) vertices: &'a wgpu::Buffer,
     pub(crate) indices: &'a wgpu::Buffer,
-    /// Which of its asset's parts that have faces, and how many.
+    /// Index among its asset's parts with faces, and number of faces.
     pub(crate) part: usize,
     pub(crate) faces: u32,
-    /// Among the frame's.
+    /// Range in the frame's instances.
     pub(crate) instances: Range<u32>,
-    /// Each instance has a list of its own, to be drawn by itself.
+    /// Each instance has its own list and draw.
     pub(crate) alone: bool,
-    /// What lies out of the frame's view is left out.
+    /// Triangles outside the view are left out.
     pub(crate) in_view: bool,
 }
 
-/// A list that is to be: what it is of, and where in the device's memory.
+/// A planned list: its input and its offsets in the buffers.
 struct Plan<'a> {
     key: Key,
     vertices: &'a wgpu::Buffer,
@@ -97,20 +97,20 @@ struct Plan<'a> {
 }
 
 impl PatchLists {
-    /// Forgets all lists: everything is drawn flat.
+    /// Discards all lists: everything is drawn flat.
     pub(crate) fn clear(&mut self) {
         self.jobs.clear();
     }
 
-    /// Plans lists, those before others that come first; [`PatchLists::record`] makes them.
+    /// Plans lists in order of priority; [`PatchLists::record`] builds them.
     ///
     /// # Errors
     /// [`RenderError::TooLarge`] where the device cannot hold them.
     pub(crate) fn plan<'a>(
         &mut self,
         gpu: &Gpu,
-        (makers, lists): (&ListMakers, &ReadOnlyLists),
-        curving: Curving<'_>,
+        (makers, lists): (&PatchListPipelines, &ReadOnlyLists),
+        inputs: PatchInputs<'_>,
         parts: impl Iterator<Item = PatchListItem<'a>>,
     ) -> Result<(), RenderError> {
         self.jobs.clear();
@@ -133,13 +133,13 @@ impl PatchLists {
         let counts = room(gpu, counts, LISTS, ends[3], storage)?;
         let mut heads = vec![0_u32; plans.len() * JOB_WORDS];
         for ((number, plan), head) in (0..).zip(&plans).zip(heads.chunks_exact_mut(JOB_WORDS)) {
-            let Curving { settings, .. } = curving;
+            let PatchInputs { settings, .. } = inputs;
             let (most, error) = (settings.most_step(), settings.error().to_bits());
             let in_view = u32::from(plan.in_view);
             let host = [plan.faces, plan.key.0, plan.instances, plan.groups, most, error, in_view];
             head[JOB_HEAD..JOB_HEAD + host.len()].copy_from_slice(&host);
             let at = number * JOB_BYTES;
-            let of_mesh = [plan.vertices, plan.indices, curving.instances];
+            let of_mesh = [plan.vertices, plan.indices, inputs.instances];
             let of_mesh = (1..).zip(of_mesh).map(|(binding, buffer)| (binding, buffer.as_entire_binding()));
             let of_mesh: Vec<_> = of_mesh.collect();
             let job = (0, part(jobs, at, JOB_BYTES));
@@ -150,7 +150,7 @@ impl PatchLists {
                 (5, part(steps, plan.steps, bytes_of(plan, STEPS_BYTES))),
                 (6, part(counts, plan.counts, aligned(u64::from(plan.groups) * COUNTS_BYTES))),
             ];
-            let before = (5, curving.before.unwrap_or(curving.instances).as_entire_binding());
+            let before = (5, inputs.before.unwrap_or(inputs.instances).as_entire_binding());
             let make = group(gpu, &makers.layout, of_mesh.iter().chain(&own));
             let draw = group(gpu, &lists.layout, of_mesh.iter().chain(&[job, list, before]));
             self.jobs.insert(plan.key, Job { groups: plan.groups, at, make, draw });
@@ -159,10 +159,10 @@ impl PatchLists {
         Ok(())
     }
 
-    /// Makes the lists of some ranges of instances, as part of a pass.
+    /// Records the building of the lists of some ranges of instances, as part of a pass.
     pub(crate) fn record(
         &self,
-        makers: &ListMakers,
+        makers: &PatchListPipelines,
         encoder: &mut PassEncoder<'_>,
         pass: PassId,
         frame: &wgpu::BindGroup,
@@ -175,7 +175,7 @@ impl PatchLists {
         }
         let mut pass = encoder.begin_compute(pass);
         pass.set_bind_group(0, frame, &[]);
-        // One after the other of all, so that the device waits three times and not for each.
+        // Stage by stage over all lists, so that there are three barriers rather than three per list.
         for (pipeline, alone) in [(&makers.measure, false), (&makers.arrange, true), (&makers.list, false)] {
             pass.set_pipeline(pipeline);
             for job in &jobs {
@@ -185,12 +185,12 @@ impl PatchLists {
         }
     }
 
-    /// Whether a part of an asset has a list from an instance on.
+    /// Whether a part has a list that starts at an instance.
     pub(crate) fn has(&self, first: u32, part: usize) -> bool {
         self.jobs.contains_key(&(first, part))
     }
 
-    /// Draws such a list.
+    /// Draws a list.
     pub(crate) fn draw(&self, pass: &mut wgpu::RenderPass<'_>, first: u32, part: usize) {
         let (Some(job), Some(jobs), Some(grids)) =
             (self.jobs.get(&(first, part)), &self.memory.jobs, self.grids.get())
@@ -206,7 +206,7 @@ impl PatchLists {
     }
 }
 
-/// Which lists there are, within what a frame may have. Meshes of more bytes than a shader may read at once have none.
+/// Plans the lists within the frame's limits. Meshes larger than a storage binding have none.
 fn plans<'a>(parts: impl Iterator<Item = PatchListItem<'a>>, most_bytes: u64) -> Vec<Plan<'a>> {
     let (mut plans, mut all): (Vec<Plan<'_>>, u64) = (Vec::new(), 0);
     let [mut listed, mut steps, mut counts] = [0; 3];
@@ -242,12 +242,12 @@ fn plans<'a>(parts: impl Iterator<Item = PatchListItem<'a>>, most_bytes: u64) ->
     plans
 }
 
-/// Bytes of so many for each triangle of a list.
+/// Bytes of a list with `each` bytes per triangle.
 fn bytes_of(plan: &Plan<'_>, each: u64) -> u64 {
     aligned(u64::from(plan.faces) * u64::from(plan.instances) * each)
 }
 
-/// As much and so much more that what follows may be bound by itself.
+/// Rounds up, so that the next range can be bound by itself.
 fn aligned(bytes: u64) -> u64 {
     bytes.next_multiple_of(JOB_BYTES)
 }

@@ -1,4 +1,4 @@
-//! What makes patch lists, and what reads them: layouts and pipelines.
+//! Pipelines and bind group layouts of patch lists.
 
 use crate::passes::gbuffer::shader;
 use crate::resources::gpu::Gpu;
@@ -10,7 +10,7 @@ const LIST: &str = concat!(
     include_str!("../../shaders/pn_list.wgsl")
 );
 
-/// What the vertex stage reads of a list: group 2.
+/// Layout of a list in the vertex stage: group 2.
 #[derive(Debug)]
 pub(crate) struct ReadOnlyLists {
     pub(crate) layout: wgpu::BindGroupLayout,
@@ -22,7 +22,7 @@ impl ReadOnlyLists {
     }
 }
 
-/// Storage in a row of bindings; which of them are only read.
+/// Layout of storage buffers at consecutive bindings; `read_only` for each.
 fn layout<const N: usize>(
     gpu: &Gpu,
     visibility: wgpu::ShaderStages,
@@ -47,16 +47,16 @@ fn layout<const N: usize>(
     })
 }
 
-/// What makes lists, in three steps.
+/// Pipelines that build lists, in three stages.
 #[derive(Debug)]
-pub(crate) struct ListMakers {
+pub(crate) struct PatchListPipelines {
     pub(super) layout: wgpu::BindGroupLayout,
     pub(super) measure: wgpu::ComputePipeline,
     pub(super) arrange: wgpu::ComputePipeline,
     pub(super) list: wgpu::ComputePipeline,
 }
 
-impl ListMakers {
+impl PatchListPipelines {
     pub(crate) fn new(gpu: &Gpu, frame_layout: &wgpu::BindGroupLayout) -> Self {
         let read_only = [false, true, true, true, false, false, false];
         let layout = layout(gpu, wgpu::ShaderStages::COMPUTE, read_only);

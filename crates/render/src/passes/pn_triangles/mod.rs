@@ -1,5 +1,5 @@
-//! Triangles drawn as curved patches, without tessellation shaders: each is one instance of a barycentric grid, whose vertices
-//! the vertex stage puts onto the patch. What must be true of it: `docs/design/pn-triangles.md`.
+//! PN triangles (Vlachos et al. 2001) without tessellation shaders: each triangle is an instance of a barycentric
+//! grid, whose vertices the vertex stage moves onto the patch. Design and guarantees: `docs/design/pn-triangles.md`.
 
 mod grid;
 mod lists;
@@ -9,6 +9,6 @@ mod settings;
 mod tessellate;
 
 pub(crate) use grid::GRID_VERTEX;
-pub(crate) use lists::{Curving, PatchListItem, PatchLists};
-pub(crate) use makers::{ListMakers, ReadOnlyLists};
+pub(crate) use lists::{PatchInputs, PatchListItem, PatchLists};
+pub(crate) use makers::{PatchListPipelines, ReadOnlyLists};
 pub use settings::{MAX_PN_LEVEL, PnTriangles};

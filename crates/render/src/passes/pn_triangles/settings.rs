@@ -1,17 +1,17 @@
-//! How triangles are drawn as curved patches.
+//! Settings of PN triangles.
 
-/// Most pieces that an edge is cut into.
+/// Most segments per edge.
 pub const MAX_PN_LEVEL: u32 = 64;
 
-/// Triangles of meshes as cubic patches from their corners and normals (Vlachos et al. 2001). Creases and what is flat stay
-/// as they are: an edge bends at its end only where all wedges of the vertex there have one normal
-/// ([`crate::PackedVertex::smooth`]). The ground stays as it is.
+/// Draws meshes' triangles as cubic patches from their corners and normals (Vlachos et al. 2001). An edge bends at an
+/// end only if all wedges of the vertex have one normal ([`crate::PackedVertex::smooth`]), so creases and flat faces
+/// are kept. Terrain is not affected.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PnTriangles {
-    /// How far, in pixels of the picture that is drawn, chords of an edge may lie off its curve, > 0. An edge is cut into
-    /// the least power of two of pieces that hold it; half the error costs up to twice the triangles.
+    /// Largest distance in pixels between a chord and the curve of its edge, > 0. An edge is divided into the least
+    /// power of two of segments that satisfies it; half the error costs up to twice the triangles.
     pub error_px: f32,
-    /// Most pieces of an edge, 1 to [`MAX_PN_LEVEL`]; the power of two that is not more. With 1 triangles are drawn flat.
+    /// Most segments per edge, 1 to [`MAX_PN_LEVEL`], rounded down to a power of two. 1 draws flat triangles.
     pub most: u32,
 }
 
@@ -22,17 +22,17 @@ impl Default for PnTriangles {
 }
 
 impl PnTriangles {
-    /// Of the most pieces, the power of two.
+    /// Logarithm of the most segments.
     pub(crate) fn most_step(self) -> u32 {
         self.most.clamp(1, MAX_PN_LEVEL).ilog2()
     }
 
-    /// The error, such that no setting asks for what is not a number or without bound.
+    /// The error, clamped to a finite positive value.
     pub(crate) fn error(self) -> f32 {
         // NaN too.
         if self.error_px >= MIN_ERROR_PX { self.error_px } else { MIN_ERROR_PX }
     }
 }
 
-/// Least error that is held: finer is not seen.
+/// Least error: a finer one is invisible.
 const MIN_ERROR_PX: f32 = 1.0 / 64.0;

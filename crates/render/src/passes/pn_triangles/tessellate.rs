@@ -1,5 +1,4 @@
-//! The same on the host: a mesh cut as finely as one view of it asks for. It is what patches are compared with; nothing that
-//! is drawn in time goes this way.
+//! Tessellation on the CPU for one view: the reference for patches, not for real-time drawing.
 
 use glam::DVec3;
 
@@ -11,9 +10,9 @@ use crate::scene::asset::AssetGpu;
 use crate::scene::instance::Instance;
 
 impl PnTriangles {
-    /// The patches of an asset's first material as a mesh, as finely as an eye sees an instance that has so many pixels to a
-    /// length of 1 at distance 1. Read back from the device, for which it waits; vertices are shared within a triangle alone,
-    /// and where they belong.
+    /// Tessellates an asset's first material as finely as a view of an instance needs; `scale_px` is the number of
+    /// pixels per unit length at distance 1. Reads the mesh back and waits for the device. Vertices are shared within
+    /// a triangle only, and do not morph.
     ///
     /// # Errors
     /// Errors of the graphics device.
@@ -24,7 +23,7 @@ impl PnTriangles {
         (instance, eye, scale_px): (&Instance, DVec3, f64),
     ) -> Result<HostMesh, RenderError> {
         let (vertices, faces) = asset.read(gpu)?;
-        // In the asset's own axes and units, where distances over lengths are the same.
+        // In asset space, where ratios of distances and lengths are unchanged.
         let eye =
             instance.rotation.inverse() * (eye - instance.translation) / instance.scale - asset.origin();
         let (most, error) = (self.most_step(), f64::from(self.error()));
