@@ -1,7 +1,7 @@
-//! What the shaders compute, in f64 on the CPU: the yardstick for tests.
+//! CPU references: the shaders' computations in f64, for tests and figures.
 //!
-//! Each file mirrors one shader stage step by step, and where a stage approximates something, it
-//! also holds the exact computation.
+//! Each file mirrors one shader stage step by step. Where a stage approximates, the file also holds the exact
+//! computation.
 
 pub mod antialias;
 pub mod bloom;

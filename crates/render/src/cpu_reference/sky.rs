@@ -1,11 +1,11 @@
-//! Light from the sky: `sky.wgsl`.
+//! Lookups in the sky maps: `sky.wgsl`.
 
 use glam::DVec3;
 
 pub(crate) use crate::passes::sky::{Octahedral, split_sum};
 use crate::passes::sky::{SPLIT_SUM_SIDE, ambient};
 
-/// What the shader knows of the sky.
+/// The shader's sky inputs.
 #[derive(Clone, Debug)]
 pub(crate) struct Sky<'a> {
     /// Unit vectors: up, across it towards where the sun stands, and to the sun.
@@ -18,9 +18,9 @@ pub(crate) struct Sky<'a> {
     pub(crate) disc: DVec3,
     /// Angular radius of the disc, radians.
     pub(crate) disc_radius: f64,
-    /// What is seen, without the disc.
+    /// Radiance without the disc.
     pub(crate) seen: &'a Octahedral,
-    /// What is reflected, from mirrors to the roughest.
+    /// Prefiltered reflections, smoothest first.
     pub(crate) layers: &'a [Octahedral],
     /// Of [`irradiance`].
     pub(crate) irradiance: [DVec3; 9],
@@ -61,7 +61,7 @@ impl Sky<'_> {
     }
 }
 
-/// What lies in that table, bilinear.
+/// Bilinear lookup in the split-sum table.
 pub(crate) fn environment_brdf(table: &[[f64; 2]], cosine: f64, roughness: f64) -> [f64; 2] {
     let split = |share: f64| {
         let at = share.clamp(0.0, 1.0) * (SPLIT_SUM_SIDE - 1) as f64;

@@ -1,4 +1,4 @@
-//! Water that stands level: `water.wgsl`.
+//! Water: `water.wgsl`.
 
 use glam::{DVec2, DVec3};
 
@@ -11,8 +11,7 @@ pub(crate) const WATER: f64 = 0.0204;
 /// As in the shader: least microfacet roughness, squared.
 const CALM: f64 = 4e-4;
 
-/// A pixel's ray in the world: through its centre, and from pixel to pixel across and up; the middle of the picture has
-/// length 1.
+/// A pixel's ray in the world and its differentials to the pixels right and above; the central ray has length 1.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Ray {
     /// Through the pixel.
@@ -24,8 +23,8 @@ pub(crate) struct Ray {
 }
 
 impl WaterView {
-    /// What a pixel shows in place of `behind`, the radiance of what lies `depth` away along the view's axis (infinite for
-    /// none); `sun` is its irradiance over π as far as it arrives, `split_sum` the table of [`super::sky::split_sum`].
+    /// Radiance of a pixel with water over `behind`, the radiance of the surface at view depth `depth` (infinite for
+    /// none). `sun` is the sun's irradiance over π after shadows, `split_sum` the table of [`super::sky::split_sum`].
     pub(crate) fn radiance(
         &self,
         ray: Ray,

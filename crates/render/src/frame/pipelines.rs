@@ -17,7 +17,7 @@ use crate::passes::reflections::PYRAMID;
 use crate::passes::temporal::Resolve;
 use crate::passes::water::WaterPipelines;
 use crate::resources::gpu::Gpu;
-use crate::scene::material_bindings::MaterialKit;
+use crate::scene::material_bindings::MaterialBindings;
 use crate::scene::terrain::TerrainPipelines;
 
 /// Shader source of an occlusion estimator.
@@ -264,7 +264,7 @@ pub(crate) struct Pipelines {
     /// Group 0 of the geometry passes: the frame's uniform block.
     pub(crate) frame_layout: wgpu::BindGroupLayout,
     pub(crate) meshes: MeshPipelines,
-    kit: MaterialKit,
+    kit: MaterialBindings,
     curved: OnceLock<MeshPipelines>,
     list_makers: OnceLock<PatchListPipelines>,
     terrain: OnceLock<TerrainPipelines>,
@@ -284,7 +284,7 @@ pub(crate) struct Pipelines {
 }
 
 impl Pipelines {
-    pub(crate) fn new(gpu: &Gpu, kit: &MaterialKit, target: wgpu::TextureFormat) -> Self {
+    pub(crate) fn new(gpu: &Gpu, kit: &MaterialBindings, target: wgpu::TextureFormat) -> Self {
         // Lists of patches and strokes are made as the frame's eye sees them.
         let lists = if gpu.can_curve() { wgpu::ShaderStages::COMPUTE } else { wgpu::ShaderStages::NONE };
         let visibility = UNIFORM_BLOCK.visibility | lists;

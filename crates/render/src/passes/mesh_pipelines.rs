@@ -8,7 +8,7 @@ use crate::resources::gpu::Gpu;
 use crate::resources::vertex::{PackedVertex, VERTEX_ATTRIBUTES};
 use crate::scene::instance::{BEFORE_ATTRIBUTES, INSTANCE_ATTRIBUTES, InstanceRaw};
 use crate::scene::lights::PunctualLightPass;
-use crate::scene::material_bindings::{Features, MaterialKit};
+use crate::scene::material_bindings::{Features, MaterialBindings};
 use crate::scene::relief_acceleration::ReliefAcceleration;
 
 /// Shader sources.
@@ -154,12 +154,12 @@ fn layout(gpu: &Gpu, label: &str, groups: &[Option<&wgpu::BindGroupLayout>]) -> 
 
 impl MeshPipelines {
     /// Pipelines for flat triangles.
-    pub(crate) fn new(gpu: &Gpu, kit: &MaterialKit, frame_layout: &wgpu::BindGroupLayout) -> Self {
+    pub(crate) fn new(gpu: &Gpu, kit: &MaterialBindings, frame_layout: &wgpu::BindGroupLayout) -> Self {
         Self::of(gpu, (&MESH, [&BUFFERS[..2], &BUFFERS]), None, (kit, frame_layout))
     }
 
     /// Pipelines for PN triangles.
-    pub(crate) fn curved(gpu: &Gpu, kit: &MaterialKit, frame_layout: &wgpu::BindGroupLayout) -> Self {
+    pub(crate) fn curved(gpu: &Gpu, kit: &MaterialBindings, frame_layout: &wgpu::BindGroupLayout) -> Self {
         let lists = Some(ReadOnlyLists::new(gpu));
         Self::of(gpu, (&CURVED, [&GRID; 2]), lists, (kit, frame_layout))
     }
@@ -168,7 +168,7 @@ impl MeshPipelines {
         gpu: &Gpu,
         (texts, buffers): (&'static Texts, [&'static [Option<wgpu::VertexBufferLayout<'static>>]; 2]),
         lists: Option<ReadOnlyLists>,
-        (kit, frame): (&MaterialKit, &wgpu::BindGroupLayout),
+        (kit, frame): (&MaterialBindings, &wgpu::BindGroupLayout),
     ) -> Self {
         let material = &kit.layout;
         let with_lists = |label, groups: [Option<&wgpu::BindGroupLayout>; 2]| {
@@ -191,7 +191,7 @@ impl MeshPipelines {
             sunken_casters: Default::default(),
             accelerated_layout: layout(
                 gpu,
-                "meshes with relief's acceleration",
+                "meshes with relief acceleration",
                 &[Some(frame), Some(material), Some(&kit.acceleration_layout)],
             ),
             wire: OnceLock::new(),
@@ -292,8 +292,7 @@ impl MeshPipelines {
 
     fn accelerated(&self, gpu: &Gpu, acceleration: ReliefAcceleration) -> &wgpu::ShaderModule {
         let at = acceleration.number();
-        self.accelerated[at]
-            .get_or_init(|| shader(gpu, "gbuffer with relief's acceleration", ACCELERATED[at]))
+        self.accelerated[at].get_or_init(|| shader(gpu, "gbuffer with relief acceleration", ACCELERATED[at]))
     }
 
     /// Shadow casters of materials whose relief writes depth; needs group 1.

@@ -1,9 +1,9 @@
 //! Sample offsets of SSAO, uploaded with a frame's uniform block.
 
-/// Sample offsets in the unit hemisphere about +z, and what each counts: directions cosine-weighted (so that the mean is
-/// the occlusion integral itself), on a golden-angle spiral; lengths evenly from a tenth of the radius on, or `centred`,
-/// by the square of that (Chapman, "SSAO tutorial", 2013), which count for the more the farther they are apart. Counts
-/// come to one a sample.
+/// Sample offsets in the unit hemisphere around +z, with weights that sum to the number of samples. Directions are
+/// cosine-weighted, so that the mean is the occlusion integral, on a golden-angle spiral. Lengths are even from a
+/// tenth of the radius on or, if `centred`, quadratic (Chapman, "SSAO tutorial", 2013) with weights proportional to
+/// their spacing.
 pub(crate) fn kernel(samples: usize, centred: bool) -> impl ExactSizeIterator<Item = [f64; 4]> {
     // π (3 − √5).
     const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
@@ -11,7 +11,7 @@ pub(crate) fn kernel(samples: usize, centred: bool) -> impl ExactSizeIterator<It
         let u = (i as f64 + 0.5) / samples as f64;
         let (radial, height) = (u.sqrt(), (1.0 - u).sqrt());
         let (sin, cos) = (GOLDEN_ANGLE * i as f64).sin_cos();
-        // Lengths in another order than directions: 7 is coprime to powers of two.
+        // Decorrelates lengths from directions: 7 is coprime to powers of two.
         let t = ((i * 7) % samples) as f64 / samples as f64;
         let along = t + 0.5 / samples as f64;
         let (share, counts) = if centred { (along * along, 2.0 * along) } else { (along, 1.0) };
@@ -41,7 +41,7 @@ mod tests {
             assert!(k.iter().all(|(v, _)| v[2] > 0.0 && v.iter().map(|x| x * x).sum::<f64>() <= 1.0));
             let counts = k.iter().map(|(_, counts)| counts).sum::<f64>();
             assert!((counts - samples as f64).abs() < 1e-9, "{samples}: {counts}");
-            // Both stand for lengths that are even along the radius.
+            // Both represent lengths that are even along the radius.
             let reach =
                 k.iter().map(|(v, counts)| v.iter().map(|x| x * x).sum::<f64>().sqrt() * counts).sum::<f64>()
                     / samples as f64;

@@ -40,13 +40,13 @@ use crate::scene::environment::Environment;
 use crate::scene::instance::InstanceRaw;
 use crate::scene::lights::{PunctualLightList, PunctualLightPass};
 use crate::scene::material::Material;
-use crate::scene::material_bindings::{Features, MaterialKit};
+use crate::scene::material_bindings::{Features, MaterialBindings};
 use crate::scene::terrain::{TerrainGpu, TerrainLook, TileList, TileRaw};
 
 /// Draws frames into targets of one format.
 #[derive(Debug)]
 pub struct Renderer {
-    kit: MaterialKit,
+    kit: MaterialBindings,
     pipelines: Arc<Pipelines>,
     composites: Composites,
     debug: DebugPipelines,
@@ -96,7 +96,7 @@ impl Renderer {
     /// # Errors
     /// [`RenderError::Device`] if the device refuses a buffer or texture.
     pub fn without_pipelines(gpu: &Gpu, target_format: wgpu::TextureFormat) -> Result<Self, RenderError> {
-        let kit = MaterialKit::new(gpu);
+        let kit = MaterialBindings::new(gpu);
         let pipelines = Arc::new(Pipelines::new(gpu, &kit, target_format));
         let frame_buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("frame"),

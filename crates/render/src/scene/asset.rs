@@ -1,4 +1,4 @@
-//! One asset in GPU memory: vertices, an index list per material, materials and textures.
+//! An asset in GPU memory: vertices, an index list per material, materials and textures.
 
 use std::ops::{Range, RangeInclusive};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -14,10 +14,10 @@ use crate::resources::uploads::Uploads;
 use crate::resources::vertex::HostMesh;
 use crate::resources::vertex::PackedVertex;
 use crate::scene::material::Material;
-use crate::scene::material_bindings::{BoundMaterial, Features, MaterialKit};
+use crate::scene::material_bindings::{BoundMaterial, Features, MaterialBindings};
 
-/// Slots between two touched ones that are sent along, because one longer upload is cheaper than
-/// two; vertices cost a star to compute each, faces nothing.
+/// Largest gap between touched slots that is bridged by one upload. Each vertex costs the computation of a star, faces
+/// cost nothing.
 const MAX_VERTEX_GAP: u32 = 2;
 const MAX_FACE_GAP: u32 = 64;
 
@@ -28,23 +28,23 @@ fn runs(slots: &[u32], gap: u32) -> impl Iterator<Item = RangeInclusive<u32>> + 
         .filter_map(|run| Some(*run.first()?..=*run.last()?))
 }
 
-/// Names an asset, or a state of something of one: no other asset's, and none before.
+/// A unique number for an asset or for a state of one.
 fn new_stamp() -> u64 {
     static NEXT: AtomicU64 = AtomicU64::new(0);
     NEXT.fetch_add(1, Ordering::Relaxed)
 }
 
-/// An asset as the renderer draws it. Made by [`super::Renderer::create_asset`].
+/// An asset that the renderer draws. Created by [`super::Renderer::create_asset`].
 ///
 /// Vertices are addressed by wedge slot, faces by face slot within their material; an unused face
 /// slot holds `[0, 0, 0]`, which covers no pixel.
 #[derive(Debug)]
 pub struct AssetGpu {
     number: u64,
-    kit: MaterialKit,
+    kit: MaterialBindings,
     origin: DVec3,
     bounds: Option<(DVec3, f64)>,
-    reach: Reach,
+    reach: VertexBounds,
     stamp: u64,
     look_stamp: u64,
     vertices: GrowingBuffer<PackedVertex>,
@@ -52,16 +52,16 @@ pub struct AssetGpu {
     textures: Vec<Texture>,
 }
 
-/// Where vertices that were ever written can be, and until when they move.
+/// Bounds of all vertices ever written, and when their morphs end.
 #[derive(Debug)]
-struct Reach {
-    /// Corners of the box around them, where they are and whence they come.
+struct VertexBounds {
+    /// Corners of the bounding box of positions and morph origins.
     extent: [Vec3; 2],
-    /// When the youngest that moves was born.
+    /// Latest birth of a morphing vertex.
     moved_s: f32,
 }
 
-impl Reach {
+impl VertexBounds {
     const NONE: Self = Self { extent: [Vec3::INFINITY, Vec3::NEG_INFINITY], moved_s: f32::NEG_INFINITY };
 
     fn note(&mut self, vertex: &PackedVertex) {
@@ -83,7 +83,7 @@ struct Part {
     indices: GrowingBuffer<[u32; 3]>,
 }
 
-/// What a draw call of one material needs.
+/// Inputs of one material's draw call.
 pub(crate) struct PartDraw<'a> {
     pub(crate) material: &'a BoundMaterial,
     pub(crate) indices: &'a wgpu::Buffer,
@@ -93,7 +93,7 @@ pub(crate) struct PartDraw<'a> {
 impl AssetGpu {
     pub(crate) fn new(
         gpu: &Gpu,
-        kit: MaterialKit,
+        kit: MaterialBindings,
         origin: DVec3,
         materials: &[Material],
         textures: Vec<Texture>,
@@ -113,7 +113,7 @@ impl AssetGpu {
             kit,
             origin,
             bounds: None,
-            reach: Reach::NONE,
+            reach: VertexBounds::NONE,
             stamp: new_stamp(),
             look_stamp: new_stamp(),
             vertices,
@@ -128,40 +128,40 @@ impl AssetGpu {
         self.origin
     }
 
-    /// Tells a sphere (centre relative to the origin, asset units) that holds all vertices;
-    /// instances whose sphere lies outside the view are then left out of the frame.
+    /// Sets a bounding sphere (centre relative to the origin, asset units) of all vertices; instances whose sphere
+    /// lies outside the view are culled.
     pub fn set_bounds(&mut self, centre: DVec3, radius: f64) {
         self.bounds = Some((centre, radius));
     }
 
-    /// The sphere that [`AssetGpu::set_bounds`] told.
+    /// The sphere set by [`AssetGpu::set_bounds`].
     #[must_use]
     pub fn bounds(&self) -> Option<(DVec3, f64)> {
         self.bounds
     }
 
-    /// A sphere that holds all vertices: what was told, or what was written.
+    /// A bounding sphere of all vertices: as set, else of the vertices written.
     pub(crate) fn sphere(&self) -> (DVec3, f64) {
         let [low, high] = self.reach.extent.map(Vec3::as_dvec3);
         self.bounds.unwrap_or((0.5 * (low + high), 0.5 * low.distance(high)))
     }
 
-    /// Equal for equal geometry, as far as it does not depend on time.
+    /// Equal for equal geometry, morphs aside.
     pub(crate) fn stamp(&self) -> u64 {
         self.stamp
     }
 
-    /// Names the asset as long as it lives.
+    /// Unique number of the asset.
     pub(crate) fn number(&self) -> u64 {
         self.number
     }
 
-    /// Equal for equal geometry, as [`AssetGpu::stamp`], and for equal materials and textures.
+    /// Equal for equal geometry ([`AssetGpu::stamp`]) and for equal materials and textures.
     pub(crate) fn stamps(&self) -> [u64; 2] {
         [self.stamp, self.look_stamp]
     }
 
-    /// Whether vertices may still be on their way at `time_s`, when they take `morph_s` to where they belong.
+    /// Whether vertices may still morph at `time_s`, if a morph takes `morph_s`.
     pub(crate) fn is_moving(&self, time_s: f32, morph_s: f32) -> bool {
         time_s < self.reach.moved_s + morph_s
     }
@@ -185,7 +185,7 @@ impl AssetGpu {
         Ok(())
     }
 
-    /// As [`AssetGpu::update_vertices`], among other uploads and to be seen with them: see [`AssetGpu::commit`].
+    /// Stages vertices among other uploads; they take effect with [`AssetGpu::commit`].
     #[cfg(feature = "client")]
     pub(crate) fn stage_vertices(
         &mut self,
@@ -199,7 +199,7 @@ impl AssetGpu {
         self.vertices.stage(gpu, uploads, first as u64, vertices)
     }
 
-    /// From now on what was staged is drawn: uploads must be submitted before the next frame.
+    /// Makes staged data current; its uploads must be submitted before the next frame.
     #[cfg(feature = "client")]
     pub(crate) fn commit(&mut self) {
         self.vertices.commit();
@@ -209,9 +209,8 @@ impl AssetGpu {
         self.stamp = new_stamp();
     }
 
-    /// Replaces the vertices of single slots, in ascending order, from what `vertex` says of each.
-    /// Slots that lie close together go up in one piece, so `vertex` may also be asked for slots in
-    /// between; it must know every slot up to the largest.
+    /// Replaces single vertex slots, in ascending order, by `vertex(slot)`. Nearby slots are uploaded in one piece, so
+    /// `vertex` may also be called for slots in between; it must know every slot up to the largest.
     ///
     /// # Errors
     /// As [`AssetGpu::update_vertices`].
@@ -229,7 +228,7 @@ impl AssetGpu {
         Ok(())
     }
 
-    /// Replaces the face slots named (ascending) by those of `faces`, the material's whole list.
+    /// Replaces the given face slots (ascending) from `faces`, the material's whole list.
     ///
     /// # Errors
     /// As [`AssetGpu::update_indices`]; [`RenderError::NoSuch`] for a slot past the list's end.
@@ -270,7 +269,7 @@ impl AssetGpu {
         Ok(())
     }
 
-    /// As [`AssetGpu::update_indices`], among other uploads and to be seen with them: see [`AssetGpu::commit`].
+    /// Stages faces among other uploads; they take effect with [`AssetGpu::commit`].
     #[cfg(feature = "client")]
     pub(crate) fn stage_indices(
         &mut self,
@@ -288,7 +287,7 @@ impl AssetGpu {
         self.parts.get_mut(material).ok_or(RenderError::NoSuch { what: "material", index: material, count })
     }
 
-    /// Forgets the face slots of `material` from `len` on (they are not drawn any more).
+    /// Removes the face slots of `material` from `len` on.
     pub fn truncate_indices(&mut self, material: usize, len: usize) {
         if let Some(part) = self.parts.get_mut(material) {
             part.indices.truncate(len as u64);
@@ -309,10 +308,9 @@ impl AssetGpu {
         Ok(())
     }
 
-    /// Hands in one decoded mip level (0 = coarsest, as on the wire) of a texture. Levels may come
-    /// in any order; what is drawn sharpens as far as the levels reach without a gap from the
-    /// coarsest up. Levels longer than 8192 texels or the device's limit are left out. A texture that other assets have
-    /// too takes each level once, but each of them draws with it only once it was handed in for that one.
+    /// Uploads one decoded mip level (0 = coarsest, as on the wire) of a texture. Levels may come in any order; the
+    /// unbroken run from the coarsest up is used. Levels longer than 8192 texels or the device's limit are dropped. A
+    /// shared texture takes each level once, but each asset uses it only after its own call.
     ///
     /// # Errors
     /// [`RenderError::NoSuch`] or [`RenderError::LevelSize`]; nothing is changed then.
@@ -326,8 +324,8 @@ impl AssetGpu {
         self.update_texture_rows(gpu, texture, level, data, 0..u32::MAX)
     }
 
-    /// Hands in some rows of a level, of which `data` has all, so that a long one does not make a frame late. Rows come in
-    /// order; the level is drawn with once the last is here.
+    /// Uploads some rows of a level, whole in `data`, so that a large level does not delay a frame. Rows come in
+    /// order; the level is used after the last.
     ///
     /// # Errors
     /// As [`AssetGpu::update_texture`].
@@ -359,7 +357,7 @@ impl AssetGpu {
         Ok(())
     }
 
-    /// Takes note of other materials or textures; of `holes` that may be elsewhere, through which light falls.
+    /// Marks materials or textures as changed; `holes`: alpha-tested holes, and thus shadows, may have changed.
     fn changed_look(&mut self, holes: bool) {
         self.look_stamp = new_stamp();
         if holes {
@@ -367,13 +365,13 @@ impl AssetGpu {
         }
     }
 
-    /// Finest level of a texture that is drawn with; `None` until its coarsest has arrived.
+    /// Finest level of a texture in use; `None` until its coarsest has arrived.
     #[must_use]
     pub fn finest_texture_level(&self, texture: usize) -> Option<u32> {
         self.textures.get(texture).and_then(Texture::finest)
     }
 
-    /// Its textures, in the order in which they were given.
+    /// Textures, in the order of creation.
     #[must_use]
     pub fn textures(&self) -> &[Texture] {
         &self.textures
@@ -386,12 +384,12 @@ impl AssetGpu {
     }
 
     #[cfg(any(test, feature = "methods"))]
-    /// Vertex slots that were written.
+    /// Number of vertex slots.
     pub(crate) fn slots(&self) -> u64 {
         self.vertices.len()
     }
 
-    /// The vertex buffer and the parts that have faces; nothing while there are no vertices.
+    /// The vertex buffer and the parts with faces; `None` without vertices.
     pub(crate) fn draws(&self) -> Option<(&wgpu::Buffer, impl Iterator<Item = PartDraw<'_>>)> {
         let parts = self.parts.iter().filter_map(|part| {
             let faces = u32::try_from(part.indices.len()).unwrap_or(u32::MAX).min(u32::MAX / 3);
@@ -402,14 +400,14 @@ impl AssetGpu {
     }
 
     #[cfg(any(test, feature = "reference"))]
-    /// Corners of the triangles that are not seen through, where vertices belong, relative to the origin; read back. Holes
-    /// of materials are not left out. Waits for the device.
+    /// Reads back the corners of opaque triangles at their final positions, relative to the origin; alpha-tested holes
+    /// are not left out. Waits for the device.
     pub(crate) fn triangles(&self, gpu: &Gpu) -> Result<Vec<[Vec3; 3]>, RenderError> {
         let vertices = self.vertices.read(gpu)?;
         let mut triangles = Vec::new();
         for part in self.parts.iter().filter(|part| !part.bound.features.blend) {
             let faces = part.indices.read(gpu)?;
-            // Unused slots are no triangles.
+            // Skip unused slots.
             let used = faces.iter().filter(|[a, b, c]| a != b && b != c && c != a);
             triangles.extend(used.filter_map(|face| {
                 let [a, b, c] = face.map(|i| vertices.get(i as usize).map(|v| Vec3::from(v.position)));
@@ -420,20 +418,20 @@ impl AssetGpu {
     }
 
     #[cfg(any(test, feature = "reference"))]
-    /// Vertices, and the first material's triangles, read back. Waits for the device.
+    /// Reads back the vertices and the first material's triangles. Waits for the device.
     pub(crate) fn read(&self, gpu: &Gpu) -> Result<HostMesh, RenderError> {
         let faces = self.parts.first().map_or(Ok(Vec::new()), |part| part.indices.read(gpu))?;
-        // Unused slots are no triangles.
+        // Skip unused slots.
         let used = faces.into_iter().filter(|[a, b, c]| a != b && b != c && c != a);
         Ok((self.vertices.read(gpu)?, used.collect()))
     }
 
-    /// Whether any of its faces have a material of which something holds.
+    /// Whether any material with faces satisfies `holds`.
     pub(crate) fn any(&self, holds: impl Fn(Features) -> bool) -> bool {
         self.parts.iter().any(|part| part.indices.len() > 0 && holds(part.bound.features))
     }
 
-    /// Whether any pixel could come of this asset.
+    /// Whether there is anything to draw.
     pub(crate) fn is_drawable(&self) -> bool {
         self.vertices.len() > 0 && self.parts.iter().any(|part| part.indices.len() > 0)
     }

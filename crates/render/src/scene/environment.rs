@@ -1,4 +1,4 @@
-//! What lights a frame, and what hides what is far away: sun, sky and haze.
+//! Environment of a frame: sun, sky and haze.
 
 use glam::{DVec3, Vec3};
 
@@ -9,9 +9,9 @@ pub struct Environment {
     pub to_sun: DVec3,
     /// Up direction of the scene, for the sky; need not be normalised.
     pub up: DVec3,
-    /// Where light comes from.
+    /// Sky and sun.
     pub sky: Sky,
-    /// What hides things that are far away; `None` hides nothing.
+    /// Haze, if any.
     pub haze: Option<Haze>,
 }
 
@@ -26,29 +26,28 @@ impl Default for Environment {
     }
 }
 
-/// Where light comes from.
+/// Sky and sun.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Sky {
-    /// The sun through an atmosphere, whose scattered light is the sky. Computed on the CPU when it, the sun's height or
-    /// [`Environment::haze`]'s presence change (milliseconds; `docs/benchmarks/drawing.md`).
+    /// A physical atmosphere. Its tables are computed on the CPU when it, the sun's height or the presence of
+    /// [`Environment::haze`] change (milliseconds; `docs/benchmarks/drawing.md`).
     Atmosphere(Atmosphere),
-    /// Colours as given.
+    /// Given colours.
     Plain(GradientSky),
 }
 
-/// Clear sky over the Earth.
+/// Clear-sky atmosphere of the Earth (Hillaire 2020).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Atmosphere {
-    /// Aerosol over that of very clear air (an optical depth of 0.005), 0 to 100: more is whiter and brighter around the sun, and leaves more of the
-    /// light to shades.
+    /// Aerosol as a multiple of that of very clear air (optical depth 0.005), 0 to 100. More aerosol whitens and
+    /// brightens the sky around the sun, and lights shadows more.
     pub aerosol: f32,
-    /// Share of red, green and blue light that the ground sends back, 0 to 1.
+    /// Albedo of the ground in red, green and blue, 0 to 1.
     pub ground: Vec3,
-    /// Radiance of a white diffuse surface that faces the sun, sky and sun together: exposure follows a low sun, down to
-    /// a sixteenth of the light of one without air.
+    /// Radiance of a white diffuse surface that faces the sun, from sun and sky together. Exposure follows a low sun,
+    /// down to a sixteenth of the light without an atmosphere.
     pub brightness: f32,
-    /// Share of the sky's tint that is taken from ambient light, 0 (as photographs show it) to 1 (white is white in
-    /// shade).
+    /// Chromatic adaptation of ambient light, 0 (as photographs show it) to 1 (white is white in shadow).
     pub adaptation: f32,
 }
 
@@ -58,7 +57,7 @@ impl Default for Atmosphere {
     }
 }
 
-/// Colours of a sky without physics, linear.
+/// A sky of three colours, linear.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GradientSky {
     /// Irradiance of the sun on a surface that faces it, divided by π (so 1 shows a white diffuse
@@ -83,24 +82,24 @@ impl Default for GradientSky {
     }
 }
 
-/// Haze, even at all heights.
+/// Homogeneous haze.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Haze {
-    /// Meteorological optical range, world units, above 0: at this distance a twentieth of a surface's contrast to the
-    /// sky is left. 2,000 m is mist, 10 km haze, 50 km clear.
+    /// Meteorological optical range in world units, above 0: distance at which 5 % of a surface's contrast to the sky
+    /// remains. 2,000 m is mist, 10 km haze, 50 km clear.
     pub visibility: f64,
 }
 
 impl Haze {
-    /// Extinction per world unit (WMO No. 8: −ln 0.05 over the range); 0 for ranges that are none.
+    /// Extinction per world unit (WMO No. 8: −ln 0.05 over the range); 0 for invalid ranges.
     pub(crate) fn extinction(&self) -> f64 {
-        // Beyond these a distance in f32 would tell nothing apart.
+        // Beyond these, f32 distances lose all precision.
         if self.visibility > 0.0 { (-0.05f64.ln() / self.visibility).clamp(1e-30, 1e30) } else { 0.0 }
     }
 }
 
 impl Sky {
-    /// The same within their ranges, and with numbers only.
+    /// Clamps all values to finite ranges.
     pub(crate) fn finite(&self) -> Self {
         let number = |x: f32, or: f32, [least, most]: [f32; 2]| {
             if x.is_nan() { or } else { x.clamp(least, most) }

@@ -1,4 +1,4 @@
-//! Placements of assets in the world, in f64, and what the GPU gets of them.
+//! Placements of assets in the world, in f64, and their form on the GPU.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DQuat, DVec3};
@@ -6,7 +6,7 @@ use glam::{DQuat, DVec3};
 /// One placement of an asset: `world = translation + rotation · (scale · asset position)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Instance {
-    /// Where the asset's zero point lies in the world.
+    /// Position of the asset's zero point in the world.
     pub translation: DVec3,
     /// Unit quaternion.
     pub rotation: DQuat,
@@ -27,8 +27,8 @@ impl Instance {
         self.translation + self.rotation * (asset_position * self.scale)
     }
 
-    /// What the GPU needs to place vertices that are relative to `origin` (asset units) around
-    /// `eye`. The subtraction of two large numbers happens here, in f64.
+    /// The placement of vertices that are relative to `origin` (asset units), relative to `eye`. The subtraction of
+    /// large numbers happens here, in f64.
     pub(crate) fn relative_to(&self, origin: DVec3, eye: DVec3) -> InstanceRaw {
         let offset = (self.to_world(origin) - eye).as_vec3();
         let q = self.rotation.as_quat();
@@ -52,7 +52,7 @@ pub(crate) struct InstanceRaw {
 pub(crate) const INSTANCE_ATTRIBUTES: [wgpu::VertexAttribute; 2] =
     wgpu::vertex_attr_array![7 => Float32x4, 8 => Float32x4];
 
-/// The same of where it was in the frame before, at locations 9 and 10.
+/// Layout of the previous frame's [`InstanceRaw`] at locations 9 and 10.
 pub(crate) const BEFORE_ATTRIBUTES: [wgpu::VertexAttribute; 2] =
     wgpu::vertex_attr_array![9 => Float32x4, 10 => Float32x4];
 

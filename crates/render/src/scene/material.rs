@@ -1,11 +1,11 @@
-//! How surfaces look.
+//! Materials.
 
 use lodestream_scene::asset as protocol;
 pub use lodestream_scene::asset::{Alpha, Wrap};
 
 use crate::resources::texture::{TextureKind, TextureShape};
 
-/// How a surface looks: metallic–roughness, as glTF 2.0 states it. Textures are named by their index among the asset's.
+/// A metallic–roughness material as in glTF 2.0. Textures are indices among the asset's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Material {
     /// Colour, linear; multiplied with the colour texture.
@@ -18,9 +18,9 @@ pub struct Material {
     pub roughness: f32,
     /// 0 = like glass or plastic, 1 = metal of that colour; multiplied with the surface texture's blue.
     pub metallic: f32,
-    /// Light that is given off, linear radiance; multiplied with the emission texture.
+    /// Emitted linear radiance; multiplied with the emission texture.
     pub emission: [f32; 3],
-    /// Show the base colour, whatever light falls on it, and no emission.
+    /// Shows the base colour without lighting and without emission.
     pub unlit: bool,
     /// How maps continue beyond their edges, along u and v.
     pub wrap: [Wrap; 2],
@@ -64,7 +64,7 @@ impl Default for Material {
 }
 
 impl Material {
-    /// Whether it looks like another with this texture as with that.
+    /// Whether the material uses a texture.
     pub(crate) fn uses(&self, texture: usize) -> bool {
         [
             self.colour_texture,
@@ -76,7 +76,7 @@ impl Material {
         .contains(&Some(texture))
     }
 
-    /// Whether it gives light off.
+    /// Whether the material emits light.
     pub(crate) fn emits(&self) -> bool {
         !self.unlit && self.emission.iter().any(|&light| light > 0.0)
     }

@@ -1,4 +1,4 @@
-//! Materials as the shaders see them.
+//! Bind groups of materials.
 
 use std::sync::OnceLock;
 
@@ -27,7 +27,7 @@ struct MaterialUniform {
     padding: [f32; 2],
 }
 
-/// Textures that a material may have, in the order of their bindings, with what each must hold.
+/// Textures of a material in binding order, with their kinds.
 const KINDS: [(u32, TextureKind); 5] = [
     (1, TextureKind::Colour),
     (2, TextureKind::Height),
@@ -38,20 +38,20 @@ const KINDS: [(u32, TextureKind); 5] = [
 const SAMPLER: u32 = 3;
 const WRAPS: [Wrap; 3] = [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror];
 
-/// What all materials share: layout, samplers, and textures that stand for absent ones.
+/// Shared by all materials: layout, samplers and placeholder textures.
 #[derive(Clone, Debug)]
-pub(crate) struct MaterialKit {
+pub(crate) struct MaterialBindings {
     pub(crate) layout: wgpu::BindGroupLayout,
-    /// Of what relief mapping must know beforehand.
+    /// Layout of relief acceleration textures.
     pub(crate) acceleration_layout: wgpu::BindGroupLayout,
-    /// By how they wrap along u and v.
+    /// By wrap mode in u and v.
     samplers: [[wgpu::Sampler; 3]; 3],
     white: wgpu::TextureView,
-    /// The surface itself, nowhere below it.
+    /// Placeholder height map: the surface itself.
     flat: wgpu::TextureView,
-    /// Occlusion, roughness and metal as the factors say.
+    /// Placeholder surface map: leaves the factors unchanged.
     plain: wgpu::TextureView,
-    /// Straight out of the surface.
+    /// Placeholder normal map: the surface's normal.
     straight: wgpu::TextureView,
 }
 
@@ -90,7 +90,7 @@ fn texel(gpu: &Gpu, format: wgpu::TextureFormat, data: &[u8]) -> wgpu::TextureVi
         .create_view(&Default::default())
 }
 
-impl MaterialKit {
+impl MaterialBindings {
     pub(crate) fn new(gpu: &Gpu) -> Self {
         let entry = |binding, ty| wgpu::BindGroupLayoutEntry {
             binding,
@@ -128,7 +128,7 @@ impl MaterialKit {
         }
     }
 
-    /// Makes what the shaders read for one material with its textures as they are now.
+    /// Creates the bind group of a material with the current levels of its textures.
     pub(crate) fn bind(&self, gpu: &Gpu, material: &Material, textures: &[Texture]) -> BoundMaterial {
         let named = [
             material.colour_texture,
@@ -144,7 +144,7 @@ impl MaterialKit {
             index.and_then(|i| textures.get(i)).filter(|texture| texture.kind() == kind)
         });
         let views = found.map(|texture| texture.and_then(Texture::view));
-        // What a texture's mean says until there is more of it.
+        // A texture's mean colour, until levels arrive.
         let stand_in = |i: usize| {
             let missing = found[i].filter(|_| views[i].is_none());
             missing.map_or([1.0; 3], Texture::mean)
@@ -189,7 +189,7 @@ impl MaterialKit {
             entries: &entries,
         });
         let features = Features { relief, maps: surfaces || normals, ..Features::of(material) };
-        // Beyond the edge the accelerations know only the repeat.
+        // Acceleration textures assume a repeating map.
         let heights = found[1].filter(|_| relief && material.wrap == [Wrap::Repeat; 2]).cloned();
         BoundMaterial {
             group,
@@ -206,16 +206,15 @@ impl MaterialKit {
 pub(crate) struct BoundMaterial {
     pub(crate) group: wgpu::BindGroup,
     pub(crate) features: Features,
-    /// The height map, where something can be known of it beforehand.
+    /// The height map, if it may have an acceleration texture.
     heights: Option<Texture>,
-    /// Group 2 of what relief mapping has asked to know; `None` within where that is nothing.
+    /// Group 2 with each acceleration texture; the inner `None` marks maps without one.
     accelerations: [OnceLock<Option<wgpu::BindGroup>>; ReliefAcceleration::COUNT],
     acceleration_layout: wgpu::BindGroupLayout,
 }
 
 impl BoundMaterial {
-    /// Group 2 with what relief mapping asks to know of the height map, made when it is first asked for; `None` where its
-    /// search must do without.
+    /// Group 2 with an acceleration texture, built on first use; `None` if the search must do without.
     pub(crate) fn acceleration(
         &self,
         gpu: &Gpu,
@@ -236,28 +235,28 @@ impl BoundMaterial {
     }
 }
 
-/// What a material asks of the shaders.
+/// Shader features of a material.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Features {
-    /// It has a height map.
+    /// Height map.
     pub(crate) relief: bool,
-    /// It has a normal or a surface map.
+    /// Normal or surface map.
     pub(crate) maps: bool,
-    /// It has holes.
+    /// Alpha test.
     pub(crate) mask: bool,
-    /// It is seen through.
+    /// Transparency.
     pub(crate) blend: bool,
-    /// It gives light off.
+    /// Emission.
     pub(crate) emits: bool,
 }
 
 impl Features {
-    /// Whether what relief shows can be what depth says: what is given off is drawn at the surface's own.
+    /// Whether the relief's depth can be written; emission is drawn at the mesh's own depth.
     pub(crate) const fn relief_may_be_deep(self) -> bool {
         self.relief && !self.emits && !self.blend
     }
 
-    /// When all its textures are here.
+    /// Features once all textures have arrived.
     pub(crate) fn of(material: &Material) -> Self {
         Self {
             relief: material.height_texture.is_some() && material.relief_depth > 0.0,

@@ -1,5 +1,5 @@
-//! What ways of relief mapping must know of a height map beforehand, as a texture of its own: cones, or a pyramid of largest
-//! heights. Made on the CPU from what the device has, when a frame first asks for it.
+//! Acceleration textures of relief mapping: cones, or a pyramid of maximum heights. Built on the CPU from the device's
+//! height map, on first use.
 
 use crate::cpu_reference::relief::ReliefMap;
 use crate::cpu_reference::relief::cones::Cones;
@@ -7,25 +7,25 @@ use crate::cpu_reference::relief::pyramid::Pyramid;
 use crate::resources::gpu::{Gpu, RenderError};
 use crate::resources::readback::read_texture;
 
-/// Most texels of a map whose cones are looked for: with twice as many along a side it takes sixteen times as long.
+/// Most texels of a map with cones: twice the side takes sixteen times as long.
 const MAX_CONE_TEXELS: u64 = 256 * 256;
-/// Most texels of a map whose pyramid is made.
+/// Most texels of a map with a pyramid.
 const MAX_PYRAMID_TEXELS: u64 = 2048 * 2048;
 
-/// What is known of a height map.
+/// Kind of acceleration texture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ReliefAcceleration {
-    /// For each texel the cone that a ray may pierce once.
+    /// Relaxed cones, one per texel.
     Cones,
-    /// Largest heights of ever larger cells.
+    /// Maximum heights of ever larger cells.
     Pyramid,
 }
 
 impl ReliefAcceleration {
-    /// How many there are.
+    /// Number of kinds.
     pub(crate) const COUNT: usize = 2;
 
-    /// Where it stands among them.
+    /// Index of the kind.
     pub(crate) const fn number(self) -> usize {
         match self {
             Self::Cones => 0,
@@ -33,7 +33,7 @@ impl ReliefAcceleration {
         }
     }
 
-    /// Whether it is made of maps with so many texels along their sides.
+    /// Whether maps of this size can have one.
     fn suits(self, [width, height]: [u32; 2]) -> bool {
         let most = match self {
             Self::Cones => MAX_CONE_TEXELS,
@@ -42,10 +42,10 @@ impl ReliefAcceleration {
         u64::from(width) * u64::from(height) <= most
     }
 
-    /// The bindings of group 2: the acceleration.
+    /// Layout of group 2: the acceleration texture.
     pub(crate) fn layout(gpu: &Gpu) -> wgpu::BindGroupLayout {
         gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-            label: Some("relief's acceleration"),
+            label: Some("relief acceleration"),
             entries: &[wgpu::BindGroupLayoutEntry {
                 binding: 0,
                 visibility: wgpu::ShaderStages::FRAGMENT,
@@ -59,10 +59,10 @@ impl ReliefAcceleration {
         })
     }
 
-    /// Makes it of a mip level of heights; `None` of those that are too large. Waits for the device.
+    /// Builds the texture from a mip level of heights; `None` for maps that are too large. Waits for the device.
     ///
     /// # Errors
-    /// What keeps the heights from being read back.
+    /// Errors of reading the heights back.
     pub(crate) fn make(
         self,
         gpu: &Gpu,
@@ -86,7 +86,7 @@ impl ReliefAcceleration {
     }
 }
 
-/// A mip level of heights, back from the device.
+/// Reads back a mip level of heights.
 fn read_heights(
     gpu: &Gpu,
     heights: &wgpu::Texture,
@@ -119,12 +119,12 @@ fn read_heights(
     Ok(ReliefMap { width: width as usize, height: height as usize, texels })
 }
 
-/// A texture of floats with these levels, the finest first, each half as wide and high as that before.
+/// Uploads an f32 texture with these levels, finest first, each half the size of the previous.
 fn upload(gpu: &Gpu, levels: &[([u32; 2], &[f64])]) -> wgpu::Texture {
     let extent = |[width, height]: [u32; 2]| wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
     let finest = levels.first().map_or([1; 2], |(size, _)| *size);
     let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
-        label: Some("relief's acceleration"),
+        label: Some("relief acceleration"),
         size: extent(finest),
         mip_level_count: levels.len().max(1) as u32,
         sample_count: 1,

@@ -1,4 +1,4 @@
-//! From the core's changes to the renderer's assets: the part of a viewer that owns GPU memory.
+//! The scene in GPU memory: applies a client's changes to the renderer's assets and draws frames.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -26,62 +26,62 @@ use crate::scene::environment::{Atmosphere, Environment, GradientSky, Haze, Sky}
 use crate::scene::instance::Instance;
 use crate::scene::lights::{Light, Spot};
 use crate::scene::material::Material;
-use crate::scene::streamed_mesh::Refining;
+use crate::scene::streamed_mesh::StreamedMeshChange;
 use crate::scene::terrain_anchored::TerrainAnchored;
 use crate::scene::terrain_renderer::{TerrainMeasurementTask, TerrainRenderer, TileSource};
 use crate::scene::tile_generator::TileGenerator;
 use crate::scene::vertical_exaggeration::{VerticalExaggeration, VerticalExaggerationError};
 
-/// Screen error of the ground's surface over that of meshes: since its normals are those of a surface twice as fine, its
-/// picture is as near to the finest as with an error as small as theirs and normals of its own.
+/// Terrain's screen error as a multiple of that of meshes. Its normals come from a surface twice as fine, so its
+/// picture is as accurate as with the meshes' error and its own normals.
 const GROUND_ERRORS: f64 = 2.4;
 
 /// Exposed radiance of a white surface that faces the sun: near the upper end of the tone curve.
 const SUNLIT_WHITE: f32 = 1.6;
-/// Range of sight over half the ground's side: where the ground ends, a fifth of its contrast is left, and a seventh is
-/// gone a tenth of the way.
+/// Meteorological range as a multiple of half the terrain's side: a fifth of the contrast remains at the terrain's
+/// border.
 const HAZE_OVER_REACH: f64 = 2.0;
 
 /// The scene in GPU memory, as far as it has arrived.
 #[derive(Debug, Default)]
 pub struct SceneView {
     header: Option<SceneHeader>,
-    /// By asset number; `None` until the base mesh is there.
+    /// By asset number; `None` until the base mesh has arrived.
     assets: Vec<Option<AssetGpu>>,
-    /// The textures of all assets that are here, by the asset and texture that they are sent as.
+    /// Textures in use, by the asset and texture under which they are sent.
     textures: BTreeMap<(u32, u16), WeakTexture>,
     /// By asset number.
     instances: Vec<Vec<Instance>>,
-    /// Its light is as its description says, without air.
+    /// Light and sky use the description's colours, without an atmosphere.
     plain: bool,
-    /// Steps that wait for a frame with time to spare.
+    /// Steps that wait for upload.
     waiting: VecDeque<VecDeque<Change>>,
-    /// The change before the first of them, of which a part is staged.
-    refining: Option<Refining>,
-    /// What of meshes is not submitted yet.
+    /// The mesh change before them that is partly staged.
+    refining: Option<StreamedMeshChange>,
+    /// Staged mesh data that is not submitted yet.
     uploads: Uploads,
-    /// Rows that are uploaded of the texture level with which the first of them begins.
+    /// Uploaded rows of the texture level at the front of `waiting`.
     rows: u32,
     /// Everything that the first frame needs is uploaded.
     whole: bool,
-    /// Last time that a mesh changed, in seconds of the core's clock.
+    /// Time of the last mesh change, in seconds of the core's clock.
     changed_s: f32,
-    /// The scene has punctual lights, here or not.
+    /// The scene has punctual lights, whether or not they have arrived.
     has_punctual_lights: bool,
-    /// The punctual lights that are here, by page: sums over them have one order, whatever the order in which they came.
+    /// Arrived punctual lights by page: sums over them have one order, whatever the order of arrival.
     punctual_light_pages: BTreeMap<u32, Arc<[PunctualLight]>>,
-    /// The same for the renderer.
+    /// The punctual lights, as the renderer takes them.
     lights: Vec<Light>,
     /// The scene's terrain, if it has one.
     ground: Option<TerrainRenderer>,
-    /// What its heights are multiplied by.
+    /// Vertical exaggeration.
     heights: VerticalExaggeration,
-    /// What stands on it, where they are multiplied.
+    /// Terrain-anchored objects, while heights are exaggerated.
     standing: Option<TerrainAnchored>,
     tile_source: TileSource,
-    /// The terrain of a scene that waits to be uploaded.
+    /// The terrain measurement of a scene that waits for upload.
     measuring: Option<TerrainMeasurementTask>,
-    /// The maps of the sky of a scene that waits to be uploaded, or of the one that is shown.
+    /// The sky maps of a scene that waits for upload, or of the current one.
     computing: Option<SkyTask>,
     sky: Option<SkyMaps>,
 }
@@ -93,19 +93,19 @@ impl SceneView {
         Self::default()
     }
 
-    /// An empty scene whose terrain is made on a thread of its own; `notify` is called there after each tile.
+    /// An empty scene whose terrain tiles are generated on their own thread, which calls `notify` after each tile.
     ///
     /// # Errors
-    /// Fails where the system gives no thread.
+    /// If the system cannot start a thread.
     pub fn with_terrain_apart(notify: impl Fn() + Send + 'static) -> std::io::Result<Self> {
         Ok(Self { tile_source: TileSource::Thread(TileGenerator::start(notify)?), ..Self::default() })
     }
 
-    /// Takes one step of the core. What needs no device of a scene that begins is begun at once.
+    /// Queues one step of the core. Work for a new scene that needs no device begins at once.
     pub fn push(&mut self, step: Vec<Change>) {
         for change in &step {
             if let Change::Scene(header) = change {
-                // Without a thread it is done when it is needed.
+                // If no thread can be started, the work is done on first use.
                 self.measuring =
                     header.terrain.as_deref().and_then(|entry| TerrainMeasurementTask::start(entry).ok());
                 self.computing = SkyTask::start(environment(header, self.plain)).ok();
@@ -114,27 +114,27 @@ impl SceneView {
         self.waiting.push_back(step.into());
     }
 
-    /// Steps that were not uploaded yet.
+    /// Number of steps that wait for upload.
     #[must_use]
     pub fn waiting(&self) -> usize {
         self.waiting.len()
     }
 
-    /// Whether the sun of a scene that states no ambient light and no background shines through an atmosphere, and ground
-    /// ends in haze (as it does from the start); or light and sky have the description's colours and nothing is hazy.
+    /// Chooses the light of scenes with a sun but without ambient light or background: an atmosphere, with haze over
+    /// terrain (the default), or the description's colours without haze.
     pub const fn show_air(&mut self, air: bool) {
         self.plain = !air;
     }
 
-    /// Whether everything that the first frame needs is uploaded: before that, a picture lacks objects.
+    /// Whether everything that the first frame needs is uploaded; before, pictures lack objects.
     #[must_use]
     pub const fn is_whole(&self) -> bool {
         self.whole
     }
 
-    /// Uploads waiting steps until they came to about `budget_bytes`. What is said of a mesh is seen once all of it is
-    /// here, so that no frame shows half a chunk, and a level of a texture once its last row is; of either as much is
-    /// uploaded ahead as the budget has.
+    /// Uploads waiting steps, up to about `budget_bytes`. A mesh's change takes effect when all of it is uploaded, so
+    /// that no frame shows half a chunk; a texture level when its last row is. Parts are uploaded ahead within the
+    /// budget.
     ///
     /// # Errors
     /// Errors of the graphics device.
@@ -153,22 +153,22 @@ impl SceneView {
             self.uploads.submit(gpu)?;
         }
         if lit {
-            // Once, however many pages came: there may be thousands.
+            // Once per upload: there may be thousands of pages.
             self.lights =
                 self.punctual_light_pages.values().flat_map(|page| page.iter()).map(Light::from).collect();
         }
         if self.whole && !was_whole {
-            // What was written goes to the device while the first frame is planned.
+            // Submit uploads now, while the first frame is planned.
             gpu.queue.submit([]);
         }
-        // Once everything is there that the first frame means, it is drawn.
+        // Take the sky maps once the first frame has all its data.
         if let Some(ahead) = self.computing.take_if(|ahead| self.whole || ahead.is_finished()) {
             self.sky = ahead.finish();
         }
         Ok(bytes)
     }
 
-    /// Answers how many bytes that were, and sets `lit` where punctual lights have changed.
+    /// Returns the number of bytes, and sets `lit` if punctual lights have changed.
     fn upload_steps(
         &mut self,
         gpu: &Gpu,
@@ -193,10 +193,10 @@ impl SceneView {
             match change {
                 Change::Mesh(mesh) => {
                     if needed > room {
-                        // What is whole is not kept waiting for what is not.
+                        // Complete uploads do not wait for partial ones.
                         self.uploads.submit(gpu)?;
                     }
-                    self.refining = Some(Refining::new(mesh));
+                    self.refining = Some(StreamedMeshChange::new(mesh));
                 }
                 Change::Texture(texture) => {
                     bytes += self.paint(gpu, &texture, room)?;
@@ -264,17 +264,17 @@ impl SceneView {
             Change::TerrainPoints { x, y, points } => {
                 if let Some(ground) = &mut self.ground {
                     ground.set_points(x, y, points)?;
-                    self.standing.iter_mut().for_each(TerrainAnchored::forget);
+                    self.standing.iter_mut().for_each(TerrainAnchored::invalidate);
                 }
             }
-            // Piece by piece.
+            // Uploaded in pieces elsewhere.
             Change::Mesh(_) | Change::Texture(_) => {}
         }
         Ok(())
     }
 
-    /// Uploads as many of a texture level's rows that are not there as come to about `budget_bytes`, at least one; answers
-    /// how many bytes that were. Where all are there, none are begun.
+    /// Uploads missing rows of a texture level, about `budget_bytes` but at least one, and returns the number of
+    /// bytes.
     fn paint(
         &mut self,
         gpu: &Gpu,
@@ -313,8 +313,8 @@ impl SceneView {
         self.assets[number] = Some(new);
     }
 
-    /// The texture that is sent under this name, or a new one; also where its shape is another, which a server that says
-    /// what is true does not send.
+    /// The texture that is sent under this id, or a new one. Also a new one if the shape differs, which only a faulty
+    /// server sends.
     fn texture(&mut self, gpu: &Gpu, id: (u32, u16), shape: TextureShape) -> Texture {
         let there = self.textures.get(&id).and_then(WeakTexture::upgrade);
         there.filter(|texture| texture.declared_shape() == shape).unwrap_or_else(|| {
@@ -324,7 +324,7 @@ impl SceneView {
         })
     }
 
-    /// Stages as much of a mesh's change as comes to about `budget_bytes`; answers how many bytes that were.
+    /// Stages about `budget_bytes` of a mesh's change and returns the number of bytes.
     fn refine(&mut self, gpu: &Gpu, budget_bytes: usize, now_s: f32) -> Result<usize, RenderError> {
         let Some(mut refining) = self.refining.take() else { return Ok(0) };
         let Some(asset) = self.assets.get_mut(refining.asset as usize).and_then(Option::as_mut) else {
@@ -346,7 +346,7 @@ impl SceneView {
         self.header.as_ref()
     }
 
-    /// When a mesh was last changed, in seconds: for `morph_s` after that, vertices move.
+    /// Time of the last mesh change in seconds: for `morph_s` after it, vertices move.
     #[must_use]
     pub const fn changed_s(&self) -> f32 {
         self.changed_s
@@ -359,20 +359,19 @@ impl SceneView {
         assets + self.ground.as_ref().map_or(0, TerrainRenderer::bytes)
     }
 
-    /// How many textures the assets have, those that several share counted once, and their GPU memory in bytes.
+    /// Number of textures, shared ones counted once, and their GPU memory in bytes.
     #[must_use]
     pub fn textures(&self) -> (usize, u64) {
         let textures = self.textures.values().filter_map(WeakTexture::upgrade);
         textures.fold((0, 0), |(count, bytes), texture| (count + 1, bytes + texture.bytes()))
     }
 
-    /// Lets the ground's heights go to `factor` times what the scene has, within so many seconds from `now_s` on, of the
-    /// clock of the changes; at once where these are 0. What stands on it and the water go with it. Tiles of the scene's
-    /// terrain are not made anew. Calls of [`SceneView::move_ground`] follow; a scene that comes later begins where it is
-    /// then.
+    /// Animates the vertical exaggeration to `factor` over a number of seconds from `now_s`, in the clock of the
+    /// changes; at once for 0 seconds. Terrain-anchored objects and water follow. Tiles stay valid. Call
+    /// [`SceneView::move_ground`] for each frame. A scene that begins later starts at the current factor.
     ///
     /// # Errors
-    /// A factor or a time that there is not.
+    /// An invalid factor or duration.
     pub fn set_vertical_exaggeration(
         &mut self,
         factor: f64,
@@ -383,15 +382,14 @@ impl SceneView {
         Ok(())
     }
 
-    /// Where they go, and when.
+    /// The vertical exaggeration over time.
     #[must_use]
     pub const fn heights(&self) -> VerticalExaggeration {
         self.heights
     }
 
-    /// Puts the ground's heights where they are at a time, with what stands on it, before [`SceneView::prepare_ground`] of
-    /// the frame. Answers whether they are on their way: the next frame is another one. Where heights are the scene's own
-    /// this does nothing.
+    /// Applies the vertical exaggeration at a time to terrain and anchored objects; call before
+    /// [`SceneView::prepare_ground`]. Returns whether it is still changing. Does nothing at factor 1.
     pub fn move_ground(&mut self, now_s: f32) -> bool {
         let now_s = f64::from(now_s);
         let Some(ground) = &mut self.ground else { return false };
@@ -404,16 +402,16 @@ impl SceneView {
         self.heights.is_moving(now_s)
     }
 
-    /// By how much ground lies higher at a place than in the scene, world units: what follows it from there moves by that.
+    /// Rise of the terrain at a place over the scene's height, world units; a camera on it moves by that.
     pub fn ground_rise(&mut self, at: DVec3) -> f64 {
         let Some(ground) = &mut self.ground else { return 0.0 };
         let factor = ground.vertical_exaggeration();
         if factor == 1.0 { 0.0 } else { ground.height(at.x, at.z) * (1.0 - 1.0 / factor) }
     }
 
-    /// Chooses the terrain's tiles for the frames that follow from `camera`, into pictures of `size` pixels, where meshes
-    /// have a screen error of `target_px`: the ground's surface has 2.4 times that, and normals of a finer one. Where
-    /// there are to be `shadows`, also tiles out of view that cast some into it. Scenes without terrain need no call.
+    /// Selects the terrain tiles for frames from `camera` with pictures of `size` pixels, where meshes have a screen
+    /// error of `target_px`; terrain has 2.4 times that. With `shadows`, also selects tiles out of view that cast
+    /// shadows into it. Scenes without terrain need no call.
     ///
     /// # Errors
     /// Errors of the graphics device.
@@ -436,21 +434,21 @@ impl SceneView {
         ground.prepare_casters(gpu, &self.tile_source, &cascades)
     }
 
-    /// Terrain tiles that the last frame lacked; coarser ones were drawn in their place.
+    /// Number of tiles that the last frame lacked and replaced by coarser ones.
     #[must_use]
     pub fn missing_tiles(&self) -> usize {
         self.ground.as_ref().map_or(0, TerrainRenderer::missing)
     }
 
-    /// Screen error that the last frame's terrain tiles were chosen for, in pixels: more than was asked for where that would
-    /// have taken too many. `None` without terrain.
+    /// Screen error of the last frame's terrain tiles in pixels; more than requested if that took too many tiles.
+    /// `None` without terrain.
     #[must_use]
     pub fn ground_px(&self) -> Option<f64> {
         self.ground.as_ref().map(TerrainRenderer::drawn_px)
     }
 
-    /// Records the scene as it is now into a target, as `view` sees it: terrain tiles for its screen error, then
-    /// the frame. `time_s` is of the clock of the changes; `f32::MAX` puts every vertex where it belongs.
+    /// Records the current scene into a target for `view`: terrain tiles for its screen error, then the frame.
+    /// `time_s` is in the clock of the changes; `f32::MAX` ends all morphs.
     ///
     /// # Errors
     /// As [`Renderer::record`].
@@ -473,7 +471,7 @@ impl SceneView {
         self.with_frame(view.pose(), settings, time_s, |frame| renderer.record(gpu, encoder, target, frame))
     }
 
-    /// Draws the scene as it is now: hands the frame to `draw`.
+    /// Builds the current frame and passes it to `draw`.
     pub fn with_frame<R>(
         &self,
         camera: Pose,
@@ -493,7 +491,7 @@ impl SceneView {
         let settings = Settings { exposure, ..settings };
         let lights = self.standing.as_ref().map_or(&self.lights, |standing| &standing.lights).as_slice();
         let terrain = self.ground.as_ref().map(TerrainRenderer::frame);
-        // Before there is ground nothing would rise over it.
+        // Without terrain there is no land.
         let water = self.ground.as_ref().zip(self.header.as_ref()).and_then(|(ground, header)| {
             let water = water(header)?;
             Some(Water { level: water.level * ground.vertical_exaggeration(), ..water })
@@ -532,12 +530,11 @@ fn place(entry: &InstanceEntry) -> Instance {
     Instance { translation: DVec3::from(entry.translation), rotation, scale: f64::from(entry.scale) }
 }
 
-/// Radiance of a white surface that punctual lights light by π lux: scenes that have some are not exposed for less. An exposure made
-/// for a dark sky would burn out what they light.
+/// Radiance of a white surface lit with π lux, the least light for which a scene with punctual lights is exposed.
+/// Exposure for a dark sky would overexpose what they light.
 const LAMPLIT_WHITE: f32 = 1.0;
 
-/// Exposure at which a white surface that faces the sun comes out just below white, however strong the
-/// scene's sun is.
+/// Exposure at which a white surface that faces the sun is just below white, for any strength of the sun.
 fn exposure(environment: &Environment, punctual_lights: bool) -> f32 {
     // BT.709 luminance.
     let luminance = |c: Vec3| c.dot(Vec3::new(0.2126, 0.7152, 0.0722));
@@ -549,16 +546,16 @@ fn exposure(environment: &Environment, punctual_lights: bool) -> f32 {
     if lit > 0.0 { (SUNLIT_WHITE / lit).clamp(1e-3, 1e3) } else { 1.0 }
 }
 
-/// The scene's water. Ripples are as long as its ground has cells.
+/// The scene's water. Ripples scale with the terrain's cells.
 fn water(header: &SceneHeader) -> Option<Water> {
     let terrain = header.terrain.as_ref()?;
     let water = terrain.water?;
     Some(Water { level: water.level.into(), clarity: water.clarity.into(), ripples: terrain.unit.into() })
 }
 
-/// The scene's light. A scene with a sun that states no ambient light and no background has an atmosphere, unless `plain`
-/// colours are asked for. Else the background gives the sky, which is brighter towards the horizon and lights surfaces
-/// from above, and the ambient light is what comes from below. Ground ends in haze. How strong the sun is, [`exposure`] makes up for.
+/// The scene's light. A scene with a sun but without ambient light or background has an atmosphere, unless `plain`
+/// colours are chosen. Else the background gives the sky, brighter towards the horizon, and the ambient light comes
+/// from below. Terrain has haze. [`exposure`] compensates the sun's strength.
 fn environment(header: &SceneHeader, plain: bool) -> Environment {
     let light = &header.light;
     let (sun, background) = (Vec3::from(light.color), Vec3::from(header.background));

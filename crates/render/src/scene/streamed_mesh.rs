@@ -1,5 +1,5 @@
-//! A mesh's change on its way to the device, some slots a frame: a large one would make the frame late that takes all of
-//! it. Nothing is seen of it until the last is here ([`AssetGpu::commit`]).
+//! A mesh's change that is uploaded over several frames, since a large one would delay a frame. It takes effect when
+//! all of it is uploaded ([`AssetGpu::commit`]).
 
 use std::vec::IntoIter;
 
@@ -10,12 +10,12 @@ use crate::resources::uploads::Uploads;
 use crate::resources::vertex::PackedVertex;
 use crate::scene::asset::AssetGpu;
 
-/// What is staged at once of a long run.
+/// Largest piece of a run staged at once.
 const PIECE_BYTES: usize = 128 << 10;
 
-/// What of a change is not staged yet.
+/// The remaining part of a change.
 #[derive(Debug)]
-pub(crate) struct Refining {
+pub(crate) struct StreamedMeshChange {
     /// The asset's number.
     pub(crate) asset: u32,
     vertices: IntoIter<(u32, Vec<Vertex>)>,
@@ -23,22 +23,21 @@ pub(crate) struct Refining {
     run: Run,
 }
 
-/// What is left of a run, with its first slot.
+/// The rest of a run of slots, with its first slot.
 #[derive(Debug)]
 enum Run {
     Vertices(u32, IntoIter<Vertex>),
     Faces(u16, u32, IntoIter<[u32; 3]>),
 }
 
-impl Refining {
+impl StreamedMeshChange {
     pub(crate) fn new(change: MeshChange) -> Self {
         let run = Run::Vertices(0, Vec::new().into_iter());
         let (vertices, indices) = (change.vertices.into_iter(), change.indices.into_iter());
         Self { asset: change.asset, vertices, indices, run }
     }
 
-    /// Stages what comes to about `budget_bytes`, at least one slot, or all that is left. Answers how many bytes that were,
-    /// and whether it was the last.
+    /// Stages about `budget_bytes`, at least one slot. Returns the number of bytes and whether the change is complete.
     pub(crate) fn stage(
         &mut self,
         gpu: &Gpu,
@@ -72,7 +71,7 @@ impl Refining {
         Ok((bytes, true))
     }
 
-    /// Goes on to a run that is not empty, if there is one.
+    /// Advances to the next run that is not empty.
     fn has_more(&mut self) -> bool {
         loop {
             let left = match &self.run {

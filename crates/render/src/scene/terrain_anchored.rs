@@ -1,4 +1,4 @@
-//! What stands on ground whose heights are multiplied: it goes up and down with what is below it.
+//! Terrain-anchored objects: instances and lights that follow the terrain's vertical exaggeration.
 
 use glam::DVec3;
 
@@ -6,19 +6,19 @@ use crate::scene::instance::Instance;
 use crate::scene::lights::Light;
 use crate::scene::terrain_renderer::TerrainRenderer;
 
-/// Instances and punctual lights as they are drawn while heights are not the scene's.
+/// Instances and punctual lights at their exaggerated positions.
 #[derive(Debug, Default)]
 pub(crate) struct TerrainAnchored {
-    /// By how much less than the ground at each place rises, its height before: in the order of what stands there.
+    /// Height of the scene's terrain at each object, in the objects' order.
     heights: Vec<f64>,
-    /// The same places as the scene has them, moved; by asset.
+    /// The scene's instances, moved; by asset.
     pub(crate) instances: Vec<Vec<Instance>>,
     pub(crate) lights: Vec<Light>,
 }
 
 impl TerrainAnchored {
-    /// Moves what stands on `ground` as its heights are now. Heights of places are looked up once, a microsecond each, as
-    /// long as no place is added.
+    /// Moves all objects with the current heights of `ground`. Terrain heights are looked up once, a microsecond each,
+    /// unless objects are added.
     pub(crate) fn follow(
         &mut self,
         ground: &mut TerrainRenderer,
@@ -29,7 +29,7 @@ impl TerrainAnchored {
         let places = || places.clone().chain(lights.iter().map(|light| light.position));
         if self.heights.len() != places().count() {
             let factor = ground.vertical_exaggeration();
-            // What the scene's own heights are.
+            // Heights without exaggeration.
             let height = |place: DVec3| ground.height(place.x, place.z) / factor;
             self.heights = places().map(height).collect();
         }
@@ -46,8 +46,8 @@ impl TerrainAnchored {
         self.lights = lights.iter().map(|light| Light { position: up(light.position), ..*light }).collect();
     }
 
-    /// Forgets what it knows of the ground, which has changed.
-    pub(crate) fn forget(&mut self) {
+    /// Discards the looked-up heights, after the terrain has changed.
+    pub(crate) fn invalidate(&mut self) {
         self.heights.clear();
     }
 }

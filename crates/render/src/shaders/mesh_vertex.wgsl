@@ -1,4 +1,4 @@
-// Vertices of meshes as they are.
+// Vertex stage of flat meshes.
 
 struct VertexIn {
     @location(0) position: vec3<f32>,

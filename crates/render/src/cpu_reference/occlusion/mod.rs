@@ -33,13 +33,13 @@ pub struct Occlusion<'a> {
     pub picture: DepthPicture<'a>,
     /// The estimator.
     pub method: OcclusionMethod,
-    /// By what its normals are taken.
+    /// Source of normals.
     pub normals: Normals<'a>,
     /// Radius in world units, and per unit of depth; added.
     pub radius: (f64, f64),
     /// Samples per pixel.
     pub samples: usize,
-    /// By how much rotations are turned on, in a frame of a mean; `None` where it stands alone.
+    /// Offset of the rotations in a frame of a mean; `None` without accumulation.
     pub turned: Option<u32>,
 }
 
@@ -58,13 +58,13 @@ pub fn radius_at(depth: f64, radius: (f64, f64), scale_px: f64) -> f64 {
 }
 
 impl Occlusion<'_> {
-    /// How open the surface at a pixel is: 1 = nothing near hides the sky, 0 = buried.
+    /// Openness of a pixel: 1 = unoccluded, 0 = fully occluded.
     #[must_use]
     pub fn openness(&self, pixel: [i64; 2], strength: f64) -> f64 {
         self.openness_turned_as(pixel, pixel, strength)
     }
 
-    /// The same with the rotation of a place of the picture that is drawn into.
+    /// Openness with the rotation of another pixel.
     fn openness_turned_as(&self, pixel: [i64; 2], place: [i64; 2], strength: f64) -> f64 {
         let Self { picture, samples, .. } = *self;
         let depth = picture.depth_at(pixel);

@@ -1,4 +1,4 @@
-//! Points in the hemisphere: `ssao.wgsl`.
+//! SSAO: `ssao.wgsl`.
 
 use super::receiver::{MIN_ELEVATION, Receiver, basis};
 use crate::cpu_reference::surface::{V3, dot, sub};

@@ -1,42 +1,42 @@
-//! Which parts of the world the maps of a frame show: cascades over ranges of distance (Engel, "Cascaded shadow maps",
-//! 2006; Zhang et al., "Parallel-split shadow maps", 2006), each around a sphere about the eye, so that turning changes
-//! nothing, and moved by whole texels, so that edges stay where they are (Valient, "Stable rendering of cascaded shadow
-//! maps", 2007).
+//! Cascaded shadow maps (Engel 2006; parallel split, Zhang et al. 2006). Each cascade is a sphere around the eye, so
+//! that turning changes nothing, and moves by whole texels, so that edges are stable (Valient, "Stable rendering of
+//! cascaded shadow maps", 2007).
 
 use glam::{DMat3, DVec3};
 
 use crate::frame::receivers::Receivers;
 use crate::frame::settings::Shadows;
 
-/// The nearest map's reach, in distances to what is nearest.
+/// Reach of the nearest cascade, as a multiple of the nearest distance.
 const NEAREST_DISTANCES: f64 = 8.0;
-/// The last map's reach over the first's, at most: what is nearer still has the first's texels.
+/// Most ratio of the last cascade's reach to the first's; nearer surfaces use the first cascade's resolution.
 const MOST_RATIO: f64 = 128.0;
-/// Reaches of neighbouring maps differ by at most this factor where there are enough of them.
+/// Largest ratio of consecutive reaches, if there are enough cascades.
 const RATIO: f64 = 4.0;
 
-/// One map's place: a square across the light, in axes of which the last points to the sun.
+/// A cascade: a square perpendicular to the light, in axes of which the last points to the sun.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Cascade {
     /// Columns are the axes, world space.
     pub(crate) axes: DMat3,
-    /// Its middle in these axes, world units: a multiple of its step.
+    /// Centre in these axes, world units: a multiple of its step.
     pub(crate) centre: DVec3,
     /// World units along a side.
     pub(crate) side: f64,
-    /// How far above its middle, along the light, there are surfaces of its own range of distances.
+    /// Extent of its surfaces above the centre, along the light.
     pub(crate) above: f64,
-    /// How far below it serves surfaces: all that any map serves, so that what lies on a map is looked up there.
+    /// Extent of its surfaces below the centre: as for all cascades, so that whatever lies on a map is looked up
+    /// there.
     pub(crate) below: f64,
 }
 
 impl Cascade {
-    /// A place relative to the eye, in the map's axes from its middle.
+    /// Transforms a position relative to the eye into the map's axes.
     pub(crate) fn place_of(&self, eye: DVec3, at: DVec3) -> DVec3 {
         self.axes.transpose() * (eye + at) - self.centre
     }
 
-    /// Whether a sphere may cast a shadow on what the map serves: how far its top lies above the map's middle then.
+    /// Height of a sphere's top above the map's centre, if it may cast a shadow on surfaces of the map.
     pub(crate) fn top_of(&self, eye: DVec3, centre: DVec3, radius: f64) -> Option<f64> {
         let at = self.place_of(eye, centre);
         let reach = 0.5 * self.side + radius;
@@ -44,15 +44,15 @@ impl Cascade {
         (at.x.abs() <= reach && at.y.abs() <= reach && top >= -self.below).then_some(top)
     }
 
-    /// Whether all shadows of a sphere are looked up in this map or in a nearer one: those lie below it along the light,
-    /// and what lies on a map further from its border than `margin`, a share of its side, is looked up nowhere else.
+    /// Whether all shadows of a sphere are looked up in this cascade or nearer ones: they lie below it along the
+    /// light, and surfaces farther from the border than `margin`, a share of the side, use no other cascade.
     pub(crate) fn holds(&self, eye: DVec3, centre: DVec3, radius: f64, margin: f64) -> bool {
         let at = self.place_of(eye, centre);
         at.x.abs().max(at.y.abs()) + radius <= (0.5 - margin) * self.side
     }
 
     #[cfg(any(test, feature = "client"))]
-    /// Whether anything in a box in the world may cast a shadow on what the map serves.
+    /// Whether anything in a box in the world may cast a shadow on surfaces of the map.
     pub(crate) fn is_reached(&self, [low, high]: [DVec3; 2]) -> bool {
         let turned = self.axes.transpose();
         let middle = turned * (0.5 * (low + high)) - self.centre;
@@ -64,10 +64,10 @@ impl Cascade {
     }
 }
 
-/// The cascades of a view from `eye`, nearest first, none where nothing receives light. What they depend on are the
-/// eye's place by whole steps and powers of √2 of the distances: they stay as they are while the camera turns or creeps.
+/// The cascades of a view, nearest first; none if nothing receives light. They depend on the eye's position in whole
+/// steps and on distances in powers of √2, so they do not change while the camera turns or moves slowly.
 pub(crate) fn cascades(eye: DVec3, to_sun: DVec3, receivers: Receivers, shadows: Shadows) -> Vec<Cascade> {
-    // Each step is a whole number of texels; in between a map serves as it is.
+    // Each step is a whole number of texels; within a step the map stays valid.
     let (most, steps) = (shadows.cascades as usize, shadows.grid());
     let Receivers { nearest, farthest, low, high } = receivers;
     let sun = to_sun.try_normalize().unwrap_or(DVec3::Y);
@@ -84,17 +84,17 @@ pub(crate) fn cascades(eye: DVec3, to_sun: DVec3, receivers: Receivers, shadows:
     let last = up_to_a_step(farthest);
     let size = up_to_a_step(0.5 * low.distance(high));
     if size < last {
-        // A few things far away: one map around them is finer than those around the eye.
+        // Few distant objects: one map around them is finer than cascades around the eye.
         return vec![around(eye + 0.5 * (low + high), size)];
     }
     let first = up_to_a_step(NEAREST_DISTANCES * nearest).clamp(last / MOST_RATIO, last);
-    // In equal ratios.
+    // Splits of equal ratios.
     let splits = ((last / first).log(RATIO).ceil() as usize).min(most.saturating_sub(1));
     let ratio = if splits == 0 { 1.0 } else { (last / first).powf(1.0 / splits as f64) };
-    // The one map there is shows all where no more may be drawn.
+    // If there is one cascade, it covers everything.
     let reach = |i: usize| if i == splits { last } else { first * ratio.powi(i as i32) };
     let mut all: Vec<_> = (0..=splits).map(|i| around(eye, reach(i))).collect();
-    // All are around the eye, but for half a step.
+    // All are centred on the eye, up to half a step.
     let below = all.last().map_or(0.0, |last| 2.0 * last.above);
     for cascade in &mut all {
         cascade.below = below;
@@ -102,7 +102,7 @@ pub(crate) fn cascades(eye: DVec3, to_sun: DVec3, receivers: Receivers, shadows:
     all
 }
 
-/// The next power of √2 that is not less.
+/// Rounds up to a power of √2.
 fn up_to_a_step(distance: f64) -> f64 {
     2.0_f64.powf((2.0 * distance.max(f64::MIN_POSITIVE).log2() - 1e-9).ceil() / 2.0)
 }
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn whatever_is_seen_lies_in_a_map() {
+    fn all_visible_surfaces_lie_in_a_cascade() {
         let mut few = Receivers::NONE;
         few.add(DVec3::new(30.0, 2.0, -7.0), 1.5);
         few.add(DVec3::new(31.0, 0.0, -5.0), 0.5);
@@ -174,7 +174,7 @@ mod tests {
 
     /// A near map was drawn anew for every second or third frame of a camera that flew.
     #[test]
-    fn with_few_steps_a_map_is_drawn_anew_five_times_less_often() {
+    fn few_steps_redraw_maps_five_times_less_often() {
         let redrawn = |steps: u32| {
             let at = |i: u32| DVec3::new(100.0 + 0.1 * f64::from(i), 2.0, -40.0);
             let shadows = Shadows { steps, ..Shadows::default() };
@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn as_few_maps_as_are_worth_it() {
+    fn fewer_cascades_are_drawn_where_they_suffice() {
         let of = |receivers, most| cascades(DVec3::ZERO, SUN, receivers, maps(most));
         assert_eq!(of(Receivers::NONE, 4).len(), 0);
         let mut statue = Receivers::NONE;
@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn what_casts_a_shadow_into_a_map_is_found() {
+    fn casters_of_a_map_are_found() {
         let map = cascades(DVec3::ZERO, DVec3::Y, around(1.0, 2.0), maps(1))[0];
         let middle = map.axes * map.centre;
         let top = |offset: DVec3, radius| map.top_of(DVec3::ZERO, middle + offset, radius);

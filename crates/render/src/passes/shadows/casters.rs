@@ -1,4 +1,4 @@
-//! What casts shadows into one map.
+//! Shadow casters of one cascade.
 
 use glam::DVec3;
 
@@ -10,24 +10,24 @@ use crate::scene::asset::AssetGpu;
 use crate::scene::instance::Instance;
 use crate::scene::terrain::TerrainPart;
 
-/// What is drawn into a map, and what that depends on.
+/// Casters of a map, and a key of their state.
 pub(crate) struct Casters<'a> {
     pub(crate) cascade: Cascade,
     nearer: &'a [Cascade],
-    /// Share of a map's side at its border within which it is not all that is looked up.
+    /// Width of the border, as a share of the side, within which the next cascade is blended in.
     margin: f64,
     pub(crate) batches: Vec<Batch<'a>>,
-    /// How far the highest of them lies above the map's middle, along the light.
+    /// Height of the highest caster above the map's centre, along the light.
     pub(crate) top: f64,
-    /// Equal for equal shadows, but for ground whose points slide while the eye moves less than a map's step.
+    /// Equal for equal shadows, except for terrain that morphs while the eye moves less than a step.
     pub(crate) key: Vec<u64>,
 }
 
 impl<'a> Casters<'a> {
-    /// None yet, for the map of the last of some cascades, nearest first, that has so many texels along a side.
+    /// Creates an empty list for the last of `cascades` (nearest first), with maps of `map_side` texels.
     pub(crate) fn new(cascades: &'a [Cascade], map_side: u32) -> Option<Self> {
         let (cascade, nearer) = cascades.split_last()?;
-        // The reach of the widest lookup on both sides, a texel to spare, and the width over which maps blend.
+        // Widest filter on both sides, a spare texel and the blend width.
         let margin = 0.05 + 8.0 / f64::from(map_side);
         Some(Self {
             cascade: *cascade,
@@ -39,14 +39,13 @@ impl<'a> Casters<'a> {
         })
     }
 
-    /// How far the top of a sphere, relative to the eye, lies above the map's middle if it may cast a shadow that is
-    /// looked up there.
+    /// Height of a sphere's top above the map's centre, if it may cast a shadow that is looked up there.
     pub(crate) fn top_of(&self, eye: DVec3, centre: DVec3, radius: f64) -> Option<f64> {
         let held = || self.nearer.iter().any(|nearer| nearer.holds(eye, centre, radius, self.margin));
         self.cascade.top_of(eye, centre, radius).filter(|_| !held())
     }
 
-    /// Adds the frame's instances that may cast shadows into the map, seen or not, to what `list` uploads.
+    /// Adds the frame's instances that may cast shadows into the map, visible or not, to `list`.
     pub(crate) fn add_meshes<'f>(&mut self, list: &mut DrawList<'f>, frame: &Frame<'f>)
     where
         'f: 'a,
@@ -74,7 +73,7 @@ impl<'a> Casters<'a> {
         }
     }
 
-    /// Takes note of an asset's instances and of how high each reaches.
+    /// Adds an asset's instances and their heights to the key.
     fn asset<'i>(
         &mut self,
         asset: &AssetGpu,
@@ -83,7 +82,7 @@ impl<'a> Casters<'a> {
     ) {
         self.key.push(asset.stamp());
         if frame.settings.relief && frame.settings.relief_in_depth {
-            // Their depth is of the material.
+            // Their depth depends on the material.
             self.key.extend(asset.stamps());
         }
         if asset.is_moving(frame.time_s, frame.settings.morph_s) {
@@ -97,7 +96,7 @@ impl<'a> Casters<'a> {
         }
     }
 
-    /// Takes note of a tile, of the stamp of its heights and of how high it reaches.
+    /// Adds a tile with the stamp and top of its heights.
     pub(crate) fn tile(&mut self, part: &TerrainPart, stamp: u64, top: f64) {
         self.top = self.top.max(top);
         self.key.extend([stamp, part.morph[0].to_bits(), part.morph[1].to_bits()]);

@@ -1,4 +1,4 @@
-//! The maps: drawn anew where what they show has changed.
+//! The shadow maps: redrawn when their content has changed.
 
 use glam::DVec3;
 
@@ -12,38 +12,38 @@ use crate::frame::timing::PassEncoder;
 use crate::frame::uniforms::FrameUniform;
 use crate::resources::gpu::Gpu;
 
-/// Screen errors of ground may differ by so much while a map is late.
+/// Largest ratio of terrain screen errors for which a late map may be reused.
 const MOST_GROUND_RATIO: f64 = 2.5;
 
-/// What a layer shows: where, up to how far above its middle, and of what.
+/// Content of a layer: cascade, top above its centre, and casters.
 #[derive(Debug, PartialEq)]
 struct Drawn {
     cascade: Cascade,
     top: f64,
     key: Vec<u64>,
-    /// Screen error of the ground.
+    /// Screen error of the terrain.
     ground_px: Option<f64>,
-    /// Frames that showed it although something had changed.
+    /// Frames that reused it although something had changed.
     late: u32,
 }
 
-/// What a frame's maps are to show.
+/// Inputs of a frame's shadow maps.
 pub(crate) struct Sun<'a> {
     pub(crate) shadows: Shadows,
     pub(crate) cascades: &'a [Casters<'a>],
-    /// The frame as its eye sees it, and where that is.
+    /// The frame's uniforms for its camera, and the eye.
     pub(crate) frame: &'a FrameUniform,
     pub(crate) eye: DVec3,
     pub(crate) ground_px: Option<f64>,
-    /// Surfaces whose depth is that of their relief cast shadows from its deepest.
+    /// Surfaces whose relief writes depth cast shadows from its deepest point.
     pub(crate) sunken: bool,
 }
 
-/// Layers of one texture, a cascade's map each.
+/// The shadow maps: one texture with a layer per cascade.
 #[derive(Debug)]
 pub(crate) struct ShadowMaps {
     texture: Option<wgpu::Texture>,
-    /// The frame as each cascade sees it.
+    /// Frame uniforms for each cascade.
     frames: Vec<(wgpu::Buffer, wgpu::BindGroup)>,
     drawn: Vec<Option<Drawn>>,
     sampler: wgpu::Sampler,
@@ -51,7 +51,7 @@ pub(crate) struct ShadowMaps {
 }
 
 impl ShadowMaps {
-    /// None yet.
+    /// Creates the pass without maps.
     pub(crate) fn new(gpu: &Gpu, frame_layout: &wgpu::BindGroupLayout) -> Self {
         let uniform = |label, size: usize| {
             gpu.device.create_buffer(&wgpu::BufferDescriptor {
@@ -74,7 +74,7 @@ impl ShadowMaps {
             label: Some("shadow maps"),
             mag_filter: wgpu::FilterMode::Linear,
             min_filter: wgpu::FilterMode::Linear,
-            // What lies nearer to the sun than all that is stored there is lit.
+            // Surfaces nearer to the sun than the stored depth are lit.
             compare: Some(wgpu::CompareFunction::GreaterEqual),
             ..Default::default()
         });
@@ -87,14 +87,14 @@ impl ShadowMaps {
         }
     }
 
-    /// The maps, all layers, and where and up to what height each shows things.
+    /// The texture, and the cascade and top of each layer.
     #[cfg(test)]
     pub(crate) fn drawn(&self) -> Option<(&wgpu::Texture, Vec<(Cascade, f64)>)> {
         let drawn = self.drawn.iter().flatten().map(|drawn| (drawn.cascade, drawn.top));
         Some((self.texture.as_ref()?, drawn.collect()))
     }
 
-    /// What the pass that looks them up is told: which maps, how to compare, and where they lie. From binding 2 on.
+    /// Bindings of the shadow lookup from binding 2: maps, comparison sampler and cascades.
     pub(crate) fn bindings<R>(&self, read: impl FnOnce([wgpu::BindGroupEntry<'_>; 3]) -> R) -> Option<R> {
         let view = self.texture.as_ref()?.create_view(&wgpu::TextureViewDescriptor {
             dimension: Some(wgpu::TextureViewDimension::D2Array),
@@ -112,7 +112,7 @@ impl ShadowMaps {
         })))
     }
 
-    /// Says that there are no shadows; what is lit where it is drawn looks them up all the same.
+    /// Uploads the absence of shadows, for forward-lit surfaces, which always look them up.
     pub(crate) fn none(&mut self, gpu: &Gpu) {
         self.drawn.clear();
         self.texture.get_or_insert_with(|| texture(gpu, MAP_SIDES[0], 1));
@@ -120,8 +120,8 @@ impl ShadowMaps {
         gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
     }
 
-    /// Draws the maps of which something has changed, meshes as the frame's, whose bindings come with them; `ground` draws what of the terrain casts into
-    /// one, and gives its number of triangles.
+    /// Draws the changed maps. Meshes are drawn as in the frame, whose bindings come with them; `ground` draws the
+    /// terrain casters of a cascade and returns their number of triangles.
     pub(crate) fn record(
         &mut self,
         gpu: &Gpu,
@@ -155,7 +155,7 @@ impl ShadowMaps {
                     continue;
                 }
             }
-            // The nearer, the sooner, and not all of them in one frame.
+            // Nearer cascades are redrawn sooner, and not all in one frame.
             let late = shadows.max_staleness * (cascades.len() - 1 - layer) as u32 / cascades.len() as u32;
             let key = casters.key.clone();
             self.drawn[layer] = Some(Drawn { cascade: *cascade, top: casters.top, key, ground_px, late });
@@ -184,7 +184,7 @@ impl ShadowMaps {
             };
             if let Some(Curved { lists, makers, .. }) = meshes.and_then(|meshes| meshes.curved) {
                 let ranges = casters.batches.iter().map(Batch::range);
-                // As finely as the eye sees them: what is lit is then what casts.
+                // Tessellated as for the eye, so that lit and casting surfaces are equal.
                 lists.record(makers, encoder, PassId::ShadowMaps, eye_frame, ranges);
             }
             let mut pass = encoder.begin(PassId::ShadowMaps, &descriptor);
@@ -193,7 +193,7 @@ impl ShadowMaps {
                 each(&casters.batches, &mut pass, meshes, |pass, pipelines, part, triangles| {
                     let features = part.material.features;
                     if features.blend {
-                        // What is seen through lets light through.
+                        // Transparent surfaces cast no shadow.
                         return false;
                     }
                     if sunken && features.relief_may_be_deep() {
@@ -218,8 +218,8 @@ impl ShadowMaps {
     }
 }
 
-/// Whether a map of ground with one screen error may serve ground with another for a while: a much finer or coarser one
-/// would lie in its own shadow.
+/// Whether a map of terrain with one screen error may be reused for another: a much finer or coarser surface would
+/// shadow itself.
 fn alike(drawn: Option<f64>, now: Option<f64>) -> bool {
     match (drawn, now) {
         (Some(drawn), Some(now)) => (1.0 / MOST_GROUND_RATIO..=MOST_GROUND_RATIO).contains(&(drawn / now)),

@@ -1,4 +1,4 @@
-//! Shadows of the sun: cascades of depth maps that look along its light, and the light that they leave to each pixel.
+//! Shadows of the sun: cascaded shadow maps and their lookup.
 
 mod cascades;
 mod casters;
@@ -18,7 +18,7 @@ pub(crate) use sunlight::SunlightUniform;
 #[cfg(test)]
 pub(crate) use sunlight::map_from_world;
 
-/// The cascades of a frame, of which `list` holds what is in view.
+/// The cascades of a frame; `list` holds its visible instances.
 pub(crate) fn of_frame(frame: &Frame<'_>, list: &DrawList<'_>, shadows: Shadows) -> Vec<Cascade> {
     let mut seen = list.receivers;
     if let Some(terrain) = &frame.terrain {

@@ -1,4 +1,4 @@
-//! What the pass that looks up shadows knows of the maps: `Shadows` of `sunlight.wgsl`.
+//! Uniforms of the shadow lookup: `Shadows` of `sunlight.wgsl`.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat4, DVec3};
@@ -15,7 +15,7 @@ struct CascadeRaw {
     padding: [f32; 3],
 }
 
-/// See the module.
+/// The uniform block.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub(crate) struct SunlightUniform {
@@ -26,7 +26,7 @@ pub(crate) struct SunlightUniform {
 }
 
 impl SunlightUniform {
-    /// Of maps with what is highest in each, nearest first, for a frame from `eye`.
+    /// Built from the cascades and their tops, nearest first, for a frame from `eye`.
     pub(crate) fn new(shadows: Shadows, maps: impl Iterator<Item = (Cascade, f64)>, eye: DVec3) -> Self {
         let mut all = [CascadeRaw::default(); MAX_CASCADES];
         let mut count = 0;
@@ -42,7 +42,7 @@ impl SunlightUniform {
     }
 }
 
-/// From places relative to the eye to a map: across it from 0 to 1, rows from the top, and what it stores.
+/// Matrix from positions relative to the eye to a map: 0 to 1 across it, rows from the top, and depth.
 pub(crate) fn map_from_world(cascade: &Cascade, top: f64, eye: DVec3) -> DMat4 {
     let at = cascade.place_of(eye, DVec3::ZERO);
     let scale = DVec3::new(1.0 / cascade.side, -1.0 / cascade.side, 1.0 / (top + cascade.below));

@@ -1,4 +1,4 @@
-//! Sunlight scattered in an atmosphere (Hillaire, "A Scalable and Production Ready Sky and AtmosphereTables Rendering
+//! Sunlight scattered in an atmosphere (Hillaire, "A Scalable and Production Ready Sky and Atmosphere Rendering
 //! Technique", EGSR 2020), in f64.
 //!
 //! Spherical shells around a planet hold air (Rayleigh), aerosol (Mie) and ozone. Single scattering is marched along a
@@ -37,7 +37,7 @@ const DEPTH_STEPS: u32 = 24;
 const SEEN_STEPS: u32 = 24;
 const LIGHT_STEPS: u32 = 10;
 
-/// What a place of the atmosphere does to light, per km.
+/// Coefficients of the medium at a height, per km.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Medium {
     /// Scattering by air.
@@ -48,7 +48,7 @@ pub(crate) struct Medium {
     pub(crate) extinction: DVec3,
 }
 
-/// What is scattered into a ray, by kind, before phase functions: these change fast with direction, the sums slowly.
+/// In-scattered light of a ray by kind, before phase functions: those change fast with direction, the sums slowly.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Scattered {
     pub(crate) rayleigh: DVec3,
@@ -64,12 +64,12 @@ impl Scattered {
     }
 }
 
-/// An atmosphere, with tables that do not know the sun.
+/// An atmosphere with tables that are independent of the sun.
 #[derive(Clone, Debug)]
 pub(crate) struct AtmosphereTables {
-    /// Aerosol, over that of clear air.
+    /// Aerosol as a multiple of that of clear air.
     aerosol: f64,
-    /// Share of the light that the ground sends back.
+    /// Albedo of the ground.
     pub(crate) albedo: DVec3,
     /// Up to the atmosphere's end, over Bruneton's (2008) coordinates of height and angle.
     transmittance: Table,
@@ -139,8 +139,8 @@ impl AtmosphereTables {
         self.transmittance.at(x, y) * (up * up * (3.0 - 2.0 * up))
     }
 
-    /// What is scattered into a ray from a place on the ground, `cosine` above its horizon, with the sun's cosine
-    /// `sun` and the cosine `between` ray and sun.
+    /// In-scattered light of a ray from a radius: `cosine` above the horizon, with the sun's cosine `sun` and the
+    /// cosine `between` ray and sun.
     pub(crate) fn scattered(&self, radius: f64, cosine: f64, sun: f64, between: f64) -> Scattered {
         let mut sums = Scattered { rayleigh: DVec3::ZERO, mie: DVec3::ZERO, multiple: DVec3::ZERO };
         let mut left = DVec3::ONE;
@@ -218,8 +218,7 @@ fn steps(length: f64, count: u32) -> impl Iterator<Item = (f64, f64)> {
     (0..count).map(move |i| (0.5 * (at(i) + at(i + 1)), at(i + 1) - at(i)))
 }
 
-/// What is left after a step, and by what to weigh what is scattered in it (Hillaire 2015: exact where a step's medium
-/// is even).
+/// Transmittance after a step, and the weight of light scattered in it (Hillaire 2015: exact in a homogeneous medium).
 fn through(medium: &Medium, left: DVec3, step: f64) -> (DVec3, DVec3) {
     let passed = left * (-medium.extinction * step).exp();
     (passed, (left - passed) / medium.extinction.max(DVec3::splat(1e-12)))

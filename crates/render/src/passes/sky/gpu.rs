@@ -1,4 +1,4 @@
-//! The sky's maps on the device, and what of it is in the frame's uniform block.
+//! Sky maps on the device, and the sky's part of the frame's uniform block.
 
 use std::sync::OnceLock;
 
@@ -15,10 +15,10 @@ use crate::scene::environment::{Atmosphere, Environment};
 
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 
-/// What of a sky is in the frame's uniform block.
+/// The sky's part of the frame's uniform block.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SkyLight {
-    /// Unit vectors: to the sun, up, across it towards where the sun stands.
+    /// Unit vectors: to the sun, up, and horizontally towards the sun.
     pub(crate) to_sun: DVec3,
     pub(crate) up: DVec3,
     pub(crate) side: DVec3,
@@ -31,18 +31,18 @@ pub(crate) struct SkyLight {
     pub(crate) haze: f32,
 }
 
-/// See the module.
+/// The sky on the device.
 #[derive(Debug)]
 pub(crate) struct SkyGpu {
     seen: wgpu::Texture,
     lobes: wgpu::Texture,
     split_sum: wgpu::Texture,
     sampler: wgpu::Sampler,
-    /// Of the last air that is not the default one: its tables serve all suns.
+    /// Tables of the last atmosphere that is not the default; they serve all positions of the sun.
     air: Option<(Atmosphere, AtmosphereTables)>,
-    /// What was uploaded last.
+    /// The uploaded maps.
     maps: Option<SkyMaps>,
-    /// How often maps had to be computed while a frame waited for them.
+    /// Number of maps computed while a frame waited.
     #[cfg(test)]
     pub(crate) computed: u32,
 }
@@ -86,8 +86,8 @@ impl SkyGpu {
         }
     }
 
-    /// The light of an environment. Its maps are uploaded if they are not the last ones, and computed if they are not
-    /// those that somebody has computed already.
+    /// The light of an environment. Uploads its maps if they have changed, and computes them if `given` holds other
+    /// ones.
     pub(crate) fn light(
         &mut self,
         gpu: &Gpu,
@@ -123,7 +123,7 @@ impl SkyGpu {
         self.maps.as_ref().map(SkyMaps::map)
     }
 
-    /// For bindings 10, 11 and 13 of `sky.wgsl`: what is seen, what is reflected, the split sum.
+    /// Views for bindings 10, 11 and 13 of `sky.wgsl`: radiance, prefiltered reflections, split sum.
     pub(crate) fn views(&self) -> [wgpu::TextureView; 3] {
         [&self.seen, &self.lobes, &self.split_sum].map(|texture| {
             texture.create_view(&wgpu::TextureViewDescriptor {
@@ -137,7 +137,7 @@ impl SkyGpu {
         })
     }
 
-    /// For binding 12.
+    /// Sampler for binding 12.
     pub(crate) fn sampler(&self) -> &wgpu::Sampler {
         &self.sampler
     }
@@ -161,13 +161,13 @@ impl SkyGpu {
     }
 }
 
-/// Computed once in a program: it is always the same.
+/// The table, computed once per process.
 pub(super) fn split_sum_once() -> &'static [[f64; 2]] {
     static TABLE: OnceLock<Vec<[f64; 2]>> = OnceLock::new();
     TABLE.get_or_init(split_sum)
 }
 
-/// Rows of `side` texels into a layer.
+/// Writes rows of `side` texels into a layer.
 fn write(gpu: &Gpu, texture: &wgpu::Texture, layer: u32, texels: impl Iterator<Item = DVec3>, side: usize) {
     let four = |texel: DVec3| {
         let [r, g, b] = texel.to_array().map(f16::from_f64);

@@ -1,4 +1,4 @@
-//! The light of a sky as shaders look it up: what is seen, what falls on surfaces, what they reflect.
+//! Maps of a sky: radiance, irradiance and prefiltered reflections.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -10,48 +10,48 @@ use super::prefilter::{ambient, in_lobe, in_wide_lobe, irradiance, lobe};
 use super::table::Table;
 use crate::scene::environment::{Atmosphere, GradientSky};
 
-/// Texels along a side of the map that is seen: a degree each.
+/// Texels along a side of the radiance map: a degree each.
 pub(crate) const SEEN_SIDE: usize = 128;
-/// Texels along a side of what is reflected.
+/// Texels along a side of the reflection maps.
 pub(crate) const LOBE_SIDE: usize = 64;
-/// Layers of what is reflected: roughness 0, 0.2, … 1.
+/// Reflection maps: roughness 0, 0.2, … 1.
 pub(crate) const LOBES: usize = 6;
-/// Directions of a lobe.
+/// Samples of a lobe.
 const LOBE_SAMPLES: u32 = 48;
 
-/// Height of the eye over the ground, km: of somebody on a hill, above the thickest haze.
+/// Height of the eye over the ground in km: on a hill, above the thickest haze.
 const EYE_KM: f64 = 0.2;
-/// Points of the tables over which scattering is marched: azimuths from the sun and heights over the horizon.
+/// Grid of ray-marched points: azimuths from the sun and heights over the horizon.
 const AZIMUTHS: usize = 13;
 const HEIGHTS: usize = 32;
-/// Optical depth down to the ground of what lies between it and the eye: ground near the horizon is seen through air.
+/// Optical depth between the eye and the ground below it, through which ground near the horizon is seen.
 const GROUND_DEPTH: f64 = 0.02;
-/// By how much the sky of a low sun is brightened at most, above one whose sun had no air before it.
+/// Largest brightening of the sky of a low sun, relative to a sun without an atmosphere.
 const MOST_GAIN: f64 = 16.0;
-/// Radiance that the target of the lighting pass can hold.
+/// Largest radiance of the lighting target.
 const MOST_RADIANCE: f64 = 6e4;
 
-/// BT.709.
+/// BT.709 luminance.
 fn luminance(colour: DVec3) -> f64 {
     colour.dot(DVec3::new(0.2126, 0.7152, 0.0722))
 }
 
-/// What a sky comes to, in axes of which z is up and x lies below the sun.
+/// Maps of a sky, in axes with z up and x towards the sun's azimuth.
 #[derive(Clone, Debug)]
 pub(crate) struct SkyMap {
-    /// Irradiance of the sun over π on what faces it.
+    /// Irradiance of the sun over π on a surface that faces it.
     pub(crate) sun: DVec3,
-    /// Radiance of its disc; none is drawn where a host gives the sky's colours.
+    /// Radiance of its disc; 0 for a gradient sky.
     pub(crate) disc: DVec3,
     pub(crate) seen: Octahedral,
-    /// From mirrors to the roughest.
+    /// Prefiltered reflections, smoothest first.
     pub(crate) lobes: Vec<Octahedral>,
     pub(crate) irradiance: [DVec3; 9],
 }
 
 impl SkyMap {
-    /// Of an atmosphere whose sun stands at a height (the sine of it); where there is haze, nothing else is seen below
-    /// the horizon.
+    /// Maps of an atmosphere; `sun_height` is the sine of the sun's elevation. With haze, only haze is seen below the
+    /// horizon.
     pub(crate) fn of_air(
         air: &Atmosphere,
         atmosphere: &AtmosphereTables,
@@ -61,7 +61,7 @@ impl SkyMap {
         let dome = Dome::new(atmosphere, sun_height);
         let sun = atmosphere.sunlight(GROUND_KM + EYE_KM, sun_height);
         let above = |direction: DVec3| dome.radiance(direction);
-        // What falls on the ground, by texels that need not be fine.
+        // Irradiance of the ground, from coarse texels.
         let falls = Octahedral::mirrored(16, |d| if d.z > 0.0 { above(d) * d.z } else { DVec3::ZERO });
         let on_ground = falls.parts().map(|(_, light, angle)| light * angle).sum::<DVec3>() / PI;
         let ground = atmosphere.albedo * (on_ground + sun * sun_height.max(0.0));
@@ -85,7 +85,7 @@ impl SkyMap {
         map
     }
 
-    /// Of colours that a host gives.
+    /// Maps of a gradient sky.
     pub(crate) fn plain(plain: &GradientSky, haze: bool) -> Self {
         let colour = |colour: Vec3| colour.as_dvec3();
         let (zenith, horizon, ground) = (colour(plain.zenith), colour(plain.horizon), colour(plain.ground));
@@ -97,7 +97,7 @@ impl SkyMap {
         Self { sun: colour(plain.sun), ..Self::of_light(&light, haze) }
     }
 
-    /// Of the light from all around; there is no sun yet.
+    /// Maps of light from all directions, without a sun.
     fn of_light(light: &impl Fn(DVec3) -> DVec3, haze: bool) -> Self {
         let all = Octahedral::mirrored(SEEN_SIDE, light);
         let half = all.halved();
@@ -105,7 +105,7 @@ impl SkyMap {
         let parts: Vec<_> = quarter.parts().collect();
         let layer = |i: usize| {
             let roughness = i as f64 / (LOBES - 1) as f64;
-            // The wider a lobe, the coarser what it is made of and what it comes to (Křivánek and Colbert 2008).
+            // Wider lobes use coarser input and output (Křivánek and Colbert 2008).
             let coarse = match i {
                 0 => return half.clone(),
                 1 | 2 => {
@@ -131,9 +131,8 @@ impl SkyMap {
         ambient(&self.irradiance, normal)
     }
 
-    /// Takes a share of its tint from the ambient light, as von Kries has eyes do (CIE 159:2004, degree of adaptation);
-    /// what falls from above keeps its luminance. Of what is reflected the more, the rougher: a mirror shows the sky as it
-    /// is seen.
+    /// Chromatic adaptation of the ambient light (von Kries; CIE 159:2004, degree of adaptation), keeping its
+    /// luminance. Reflections are adapted by roughness: a mirror shows the unchanged sky.
     fn adapt(&mut self, degree: f64) {
         let from_above = self.ambient(DVec3::Z);
         let white = luminance(from_above);
@@ -159,8 +158,7 @@ impl SkyMap {
     }
 }
 
-/// The same above the horizon, and below it haze: as bright as the horizon above it, underfoot as the horizon is on the
-/// whole.
+/// Extends light below the horizon by haze: as bright as the horizon above it, and as the mean horizon underfoot.
 fn hazy(light: &impl Fn(DVec3) -> DVec3) -> impl Fn(DVec3) -> DVec3 {
     const AROUND: u32 = 16;
     let horizon = (0..AROUND).map(|i| {
@@ -178,7 +176,7 @@ fn hazy(light: &impl Fn(DVec3) -> DVec3) -> impl Fn(DVec3) -> DVec3 {
     }
 }
 
-/// The sky above the horizon, marched where it changes fast and interpolated between.
+/// The sky above the horizon, interpolated between ray-marched points.
 struct Dome {
     sun: DVec3,
     rayleigh: Table,

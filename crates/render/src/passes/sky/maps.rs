@@ -1,4 +1,4 @@
-//! The maps of a sky apart from a device: computed wherever there is time for it.
+//! Sky maps without a device, computable on any thread.
 
 use std::sync::{Arc, OnceLock};
 
@@ -8,7 +8,7 @@ use super::atmosphere::AtmosphereTables;
 use super::map::SkyMap;
 use crate::scene::environment::{Atmosphere, Environment, Sky};
 
-/// What the maps depend on.
+/// Inputs of the maps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Key {
     sky: Sky,
@@ -22,17 +22,17 @@ impl Key {
         Self { sky: environment.sky.finite(), sun_height: SunPlace::new(environment).height, haze }
     }
 
-    /// Whether this one's maps are another's too: colours that a host gives do not follow the sun.
+    /// Whether both keys have equal maps: gradient skies do not depend on the sun.
     fn shows_what(&self, other: &Self) -> bool {
         let height = matches!(self.sky, Sky::Plain(_)) || self.sun_height == other.sun_height;
         self.sky == other.sky && self.haze == other.haze && height
     }
 }
 
-/// Where the sun stands.
+/// Position of the sun.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SunPlace {
-    /// Unit vectors: to the sun, up, across it towards where the sun stands.
+    /// Unit vectors: to the sun, up, and horizontally towards the sun.
     pub(super) to_sun: DVec3,
     pub(super) up: DVec3,
     pub(super) side: DVec3,
@@ -46,17 +46,17 @@ impl SunPlace {
         let up = unit(environment.up, DVec3::Y);
         let to_sun = unit(environment.to_sun, up);
         let height = to_sun.dot(up).clamp(-1.0, 1.0);
-        // Where the sun is overhead, any way across will do.
+        // With the sun overhead, any horizontal direction is valid.
         let side = unit(to_sun - up * height, up.any_orthonormal_vector());
         let side = unit(side - up * side.dot(up), up.any_orthonormal_vector());
         Self { to_sun, up, side, height }
     }
 }
 
-/// The maps of an environment's sky: what is seen of it, what of its light falls on surfaces, and what they reflect.
+/// Maps of an environment's sky: radiance, irradiance and prefiltered reflections.
 ///
-/// Computing them takes some hundredths of a second and no device, so a program may do it on a thread of its own before the
-/// first frame ([`crate::Frame::sky`]). A frame that is handed none, or another environment's, computes them itself.
+/// Computing them takes some hundredths of a second and no device, so a program may do it on another thread before the
+/// first frame ([`crate::Frame::sky`]). A frame without maps of its environment computes them itself.
 #[derive(Clone, Debug)]
 pub struct SkyMaps {
     key: Key,
@@ -64,13 +64,13 @@ pub struct SkyMaps {
 }
 
 impl SkyMaps {
-    /// Computes them.
+    /// Computes the maps.
     #[must_use]
     pub fn new(environment: &Environment) -> Self {
         Self::of(Key::new(environment), &mut None)
     }
 
-    /// The same, with the tables of the last air at hand, which serve all suns.
+    /// Computes the maps, reusing the tables of the last atmosphere.
     pub(super) fn of(key: Key, last: &mut Option<(Atmosphere, AtmosphereTables)>) -> Self {
         let map = match &key.sky {
             Sky::Plain(plain) => SkyMap::plain(plain, key.haze),
@@ -86,7 +86,7 @@ impl SkyMaps {
         Self { key, map: Arc::new(map) }
     }
 
-    /// Whether they are an environment's.
+    /// Whether the maps belong to a key.
     pub(super) fn are_of(&self, key: &Key) -> bool {
         self.key.shows_what(key)
     }
@@ -96,7 +96,7 @@ impl SkyMaps {
     }
 }
 
-/// Whether tables of one air are those of another.
+/// Whether two atmospheres have equal tables.
 fn is_same(one: &Atmosphere, other: &Atmosphere) -> bool {
     one.aerosol == other.aerosol && one.ground == other.ground
 }
@@ -105,7 +105,7 @@ fn atmosphere(air: &Atmosphere) -> AtmosphereTables {
     AtmosphereTables::new(f64::from(air.aerosol), air.ground.as_dvec3())
 }
 
-/// Of the air of most scenes. Computed once in a program, by the first who asks; the others wait for it.
+/// Tables of the default atmosphere, computed once per process.
 pub(super) fn default_atmosphere() -> &'static AtmosphereTables {
     static DEFAULT: OnceLock<AtmosphereTables> = OnceLock::new();
     DEFAULT.get_or_init(|| atmosphere(&Atmosphere::default()))

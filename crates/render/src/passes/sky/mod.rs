@@ -1,4 +1,4 @@
-//! The sky: an atmosphere, the light that it comes to, and the maps in which shaders look it up.
+//! The sky: atmosphere model, its maps, and their use on the device.
 
 mod atmosphere;
 mod gpu;
@@ -19,7 +19,7 @@ pub(crate) use prefilter::{SPLIT_SUM_SIDE, ambient, environment_brdf_exact, spli
 #[cfg(feature = "client")]
 pub(crate) use task::SkyTask;
 
-/// Computes what of the sky is the same in every program.
+/// Computes the tables that every program shares.
 pub(crate) fn compute_tables() {
     maps::default_atmosphere();
     gpu::split_sum_once();

@@ -2,8 +2,8 @@
 
 use glam::{DVec2, DVec3};
 
-/// A map of directions on an octahedron unfolded into a square (Meyer et al. 2010), z in its middle, with a border of
-/// one texel that repeats what lies across its edges.
+/// An octahedral map: directions on an octahedron unfolded into a square, z in the centre, with a border of one texel
+/// that repeats the opposite edges.
 #[derive(Clone, Debug)]
 pub(crate) struct Octahedral {
     /// Texels along a side, without the border.
@@ -14,12 +14,12 @@ pub(crate) struct Octahedral {
 
 impl Octahedral {
     #[cfg(test)]
-    /// Of values at the texels' middles; `side` is even.
+    /// Samples a function at texel centres; `side` is even.
     pub(crate) fn new(side: usize, value: impl Fn(DVec3) -> DVec3) -> Self {
         Self::of_texels(side, |x, y| value(Self::direction(side, x, y)))
     }
 
-    /// The same where values of y and −y are equal, computed once.
+    /// Samples a function that is symmetric in y, half as often.
     pub(crate) fn mirrored(side: usize, value: impl Fn(DVec3) -> DVec3) -> Self {
         let half: Vec<DVec3> =
             (0..side * side / 2).map(|i| value(Self::direction(side, i % side, i / side))).collect();
@@ -32,7 +32,7 @@ impl Octahedral {
         for i in 0..side * side {
             texels[(i / side + 1) * row + i % side + 1] = value(i % side, i / side);
         }
-        // Across an edge lies the same edge, the other way round; across a corner the opposite one.
+        // Beyond an edge lies the same edge reversed; beyond a corner the opposite corner.
         let last = side + 1;
         for i in 1..=side {
             texels[i] = texels[row + last - i];
@@ -48,7 +48,7 @@ impl Octahedral {
         Self { side, texels }
     }
 
-    /// Half as many texels along a side, each the mean of four.
+    /// Halves the side; each texel is the mean of four.
     pub(crate) fn halved(&self) -> Self {
         let row = self.side + 2;
         Self::of_texels(self.side / 2, |x, y| {
@@ -57,12 +57,12 @@ impl Octahedral {
         })
     }
 
-    /// Multiplies all that is in it, up to a greatest value.
+    /// Scales all texels, clamped to `most`.
     pub(crate) fn scale(&mut self, factor: f64, most: f64) {
         self.texels.iter_mut().for_each(|texel| *texel = (*texel * factor).min(DVec3::splat(most)));
     }
 
-    /// Multiplies each of red, green and blue.
+    /// Scales the channels.
     pub(crate) fn tint(&mut self, factors: DVec3) {
         self.texels.iter_mut().for_each(|texel| *texel *= factors);
     }
@@ -83,7 +83,7 @@ impl Octahedral {
         unfolded(place).normalize()
     }
 
-    /// Directions of texels, what is in them, and the solid angles that they cover, steradians.
+    /// Direction, value and solid angle (steradians) of each texel.
     pub(crate) fn parts(&self) -> impl Iterator<Item = (DVec3, DVec3, f64)> {
         let (side, row) = (self.side, self.side + 2);
         (0..side * side).map(move |i| {
@@ -95,7 +95,7 @@ impl Octahedral {
         })
     }
 
-    /// What lies in a direction, bilinear.
+    /// Bilinear lookup by direction.
     pub(crate) fn at(&self, direction: DVec3) -> DVec3 {
         let row = self.side + 2;
         let at = folded(direction) * 0.5 * self.side as f64 + (0.5 * self.side as f64 + 0.5);
@@ -107,13 +107,13 @@ impl Octahedral {
     }
 }
 
-/// From a direction to the square from −1 to 1.
+/// Maps a direction to the square −1..1.
 fn folded(direction: DVec3) -> DVec2 {
     let place = direction.truncate() / (direction.x.abs() + direction.y.abs() + direction.z.abs());
     if direction.z >= 0.0 { place } else { turned(place) }
 }
 
-/// From the square to the octahedron.
+/// Maps the square to the octahedron.
 fn unfolded(place: DVec2) -> DVec3 {
     let z = 1.0 - place.x.abs() - place.y.abs();
     if z >= 0.0 { place.extend(z) } else { turned(place).extend(z) }
@@ -130,7 +130,7 @@ mod tests {
 
     use super::*;
 
-    /// Light from a few places, with a step at the horizon.
+    /// Light from a few directions, with a step at the horizon.
     fn light(direction: DVec3) -> DVec3 {
         let glow = direction.dot(DVec3::new(0.6, 0.0, 0.8)).max(0.0).powi(20);
         let above = if direction.z > 0.0 { DVec3::new(0.2, 0.4, 0.8) } else { DVec3::splat(0.1) };

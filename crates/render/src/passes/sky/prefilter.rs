@@ -7,9 +7,8 @@ use glam::DVec3;
 
 use super::octahedral::Octahedral;
 
-/// Irradiance over π of a map's light, as nine coefficients per channel of the polynomial that [`Sky::ambient`]
-/// evaluates (Ramamoorthi and Hanrahan, "An Efficient Representation for Irradiance Environment Maps", 2001: error
-/// about 1 % for skies).
+/// Irradiance over π of a map, as nine spherical-harmonic coefficients per channel for [`ambient`] (Ramamoorthi and
+/// Hanrahan, "An Efficient Representation for Irradiance Environment Maps", 2001: error about 1 % for skies).
 pub(crate) fn irradiance(map: &Octahedral) -> [DVec3; 9] {
     let mut sums = [DVec3::ZERO; 9];
     let mut all = 0.0;
@@ -19,7 +18,7 @@ pub(crate) fn irradiance(map: &Octahedral) -> [DVec3; 9] {
         }
         all += angle;
     }
-    // Squares of the basis' factors, and Lambert's lobe in each order over π: 1, ⅔, ¼.
+    // Squared normalisation of the basis, and the cosine lobe's coefficient of each order over π: 1, ⅔, ¼.
     let of = |square: f64, lobe: f64| square * lobe / PI;
     let (zero, one, two) = (of(0.25, 1.0), of(0.75, 2.0 / 3.0), of(3.75, 0.25));
     let factors = [zero, one, one, one, two, two, of(5.0 / 16.0, 0.25), two, of(15.0 / 16.0, 0.25)];
@@ -40,11 +39,11 @@ pub(crate) fn ambient(coefficients: &[DVec3; 9], normal: DVec3) -> DVec3 {
     sum.max(DVec3::ZERO)
 }
 
-/// Entries of the table of the split sum along each side.
+/// Side of the split-sum table.
 pub(crate) const SPLIT_SUM_SIDE: usize = 32;
 
-/// The table of the split sum: square roots of cosines along rows, 0 to 1 (Fresnel's term is steep where they are small),
-/// roughness down.
+/// The split-sum table: square root of the cosine along rows, 0 to 1 (Fresnel is steep at small cosines), roughness
+/// down.
 pub(crate) fn split_sum() -> Vec<[f64; 2]> {
     let share = |i: usize| i as f64 / (SPLIT_SUM_SIDE - 1) as f64;
     (0..SPLIT_SUM_SIDE * SPLIT_SUM_SIDE)
@@ -52,10 +51,10 @@ pub(crate) fn split_sum() -> Vec<[f64; 2]> {
         .collect()
 }
 
-/// Factor on the reflectance at normal incidence, and what is added, of GGX with Smith's shadowing (height-correlated,
-/// Heitz 2014) and Schlick's Fresnel term under an even sky: Karis 2013, by `count` directions of its lobe.
+/// Scale and bias on the reflectance at normal incidence of GGX with height-correlated Smith shadowing (Heitz 2014)
+/// and Schlick's Fresnel term under a uniform sky (Karis 2013), integrated with `count` samples.
 pub(crate) fn environment_brdf_exact(cosine: f64, roughness: f64, count: u32) -> [f64; 2] {
-    // At a right angle, and where nothing is rough, the limit.
+    // Clamp grazing angles and zero roughness to the limit.
     let (cosine, alpha2) = (cosine.max(1e-3), roughness.max(1e-3).powi(4));
     let eye = DVec3::new((1.0 - cosine * cosine).max(0.0).sqrt(), 0.0, cosine);
     let mut sums = [0.0; 2];
@@ -76,7 +75,7 @@ pub(crate) fn environment_brdf_exact(cosine: f64, roughness: f64, count: u32) ->
     sums.map(|sum| sum / f64::from(count))
 }
 
-/// One of `count` half vectors around z that are spread as GGX's normals are (α² given), on a golden spiral.
+/// The i-th of `count` half vectors around z, distributed as GGX normals (given α²) on a golden spiral.
 pub(crate) fn ggx_half(alpha2: f64, i: u32, count: u32) -> DVec3 {
     let u = (f64::from(i) + 0.5) / f64::from(count);
     let z2 = (1.0 - u) / (1.0 + (alpha2 - 1.0) * u);
@@ -85,8 +84,7 @@ pub(crate) fn ggx_half(alpha2: f64, i: u32, count: u32) -> DVec3 {
     DVec3::new(across * cosine, across * sine, z2.sqrt())
 }
 
-/// Directions and weights of the lobe that a surface of this roughness reflects to an eye along its normal, z, which is
-/// where it is mirrored too (Karis 2013).
+/// Directions and weights of the reflection lobe of a roughness, with eye and normal along z (Karis 2013).
 pub(crate) fn lobe(roughness: f64, count: u32) -> Vec<(DVec3, f64)> {
     let halves = (0..count).map(|i| ggx_half(roughness.powi(4), i, count));
     let lights = halves.map(|half| half * (2.0 * half.z) - DVec3::Z).filter(|light| light.z > 0.0);
@@ -95,7 +93,7 @@ pub(crate) fn lobe(roughness: f64, count: u32) -> Vec<(DVec3, f64)> {
     all.into_iter().map(|(light, weight)| (light, weight / whole)).collect()
 }
 
-/// Mean of all that is in a map in a [`lobe`] around a direction, by its texels: for lobes that are wider than these.
+/// Mean of a map in a [`lobe`] around a direction, summed over texels: for lobes wider than these.
 pub(crate) fn in_wide_lobe(parts: &[(DVec3, DVec3, f64)], direction: DVec3, roughness: f64) -> DVec3 {
     let alpha2 = roughness.powi(4);
     let (mut sum, mut whole) = (DVec3::ZERO, 0.0);

@@ -1,8 +1,8 @@
-//! Values over the unit square, between grid points bilinear.
+//! Table over the unit square with bilinear interpolation.
 
 use glam::DVec3;
 
-/// See the module.
+/// A table over the unit square.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Table {
     width: usize,
@@ -10,7 +10,7 @@ pub(crate) struct Table {
 }
 
 impl Table {
-    /// Of `width` × `height` points, at least 2 × 2; the outermost lie on the square's border.
+    /// Samples a function at `width` × `height` points, at least 2 × 2; the outermost lie on the border.
     pub(crate) fn new(width: usize, height: usize, value: impl Fn(f64, f64) -> DVec3) -> Self {
         let share = |i: usize, count: usize| i as f64 / (count - 1) as f64;
         let points = (0..width * height).map(|i| (share(i % width, width), share(i / width, height)));

@@ -1,19 +1,19 @@
-//! Maps of a sky that a thread of their own computes.
+//! Computation of sky maps on its own thread.
 
 use std::thread::JoinHandle;
 
 use super::SkyMaps;
 use crate::scene::environment::Environment;
 
-/// What will be [`SkyMaps`].
+/// A running computation of [`SkyMaps`].
 #[derive(Debug)]
 pub(crate) struct SkyTask(JoinHandle<SkyMaps>);
 
 impl SkyTask {
-    /// Begins.
+    /// Starts the thread.
     ///
     /// # Errors
-    /// Fails where the system gives no thread.
+    /// If the system cannot start a thread.
     pub(crate) fn start(environment: Environment) -> std::io::Result<Self> {
         let thread = std::thread::Builder::new().name("sky".into());
         Ok(Self(thread.spawn(move || SkyMaps::new(&environment))?))

@@ -1,4 +1,4 @@
-//! Anti-aliasing over time: where in its pixels a frame looks, what earlier frames saw, and where that was.
+//! Temporal anti-aliasing: subpixel jitter, reprojection and the accumulated history.
 
 mod previous_frame;
 mod resolve;
@@ -19,32 +19,32 @@ use crate::scene::instance::InstanceRaw;
 pub(crate) use previous_frame::PreviousFrame;
 pub(crate) use resolve::Resolve;
 
-/// Frames that count for as much as what earlier ones showed, while things move.
+/// Frames that the history counts for while things move.
 const MOVING: f32 = 6.0;
-/// The same in the first frame of a picture that stands: what came of a moving one is worth little.
+/// Frames that the history counts for in the first still frame: the history of a moving picture is imprecise.
 const STOPPED: f32 = 2.0;
-/// Frames of which the picture of what stands is a mean at most, and points of a pixel that they look at.
+/// Most frames averaged in a still picture, and number of jitter positions.
 const STANDING: f32 = 64.0;
 
-/// What one frame does of it.
+/// Temporal anti-aliasing in one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct TemporalStep {
-    /// Off the pixels' centres, in pixels.
+    /// Jitter from pixel centres, in pixels.
     pub(crate) jitter: [f32; 2],
-    /// To the clip space of the frame before, without jitter, from places relative to this frame's eye.
+    /// Matrix to the previous clip space, without jitter, from positions relative to this frame's eye.
     pub(crate) before: Mat4,
     /// Time of the frame before.
     pub(crate) before_s: f32,
     /// Most frames that the history counts for; 0 without one.
     pub(crate) history: f32,
-    /// Whether nothing has changed since.
+    /// Whether nothing has changed since the previous frame.
     pub(crate) still: bool,
     /// Height of the eye over water, 0 without, and the water's extinction of green light per world unit.
     pub(crate) water: [f32; 2],
 }
 
 impl TemporalStep {
-    /// Of frames that look at their pixels' centres and know of no other.
+    /// No jitter and no history.
     pub(crate) const NONE: Self = Self {
         jitter: [0.0; 2],
         before: Mat4::IDENTITY,
@@ -54,35 +54,35 @@ impl TemporalStep {
         water: [0.0; 2],
     };
 
-    /// A projection that looks where this frame does.
+    /// Applies the jitter to a projection.
     pub(crate) fn jittered(&self, mut projection: Mat4, (width, height): (u32, u32)) -> [[f32; 4]; 4] {
-        // In clip space, where w is −z: off the middle by as much everywhere.
+        // In clip space w is −z, so this shifts all depths equally.
         projection.z_axis.x += 2.0 * self.jitter[0] / width as f32;
         projection.z_axis.y -= 2.0 * self.jitter[1] / height as f32;
         projection.to_cols_array_2d()
     }
 }
 
-/// What is kept between frames.
+/// State kept between frames.
 #[derive(Debug)]
 pub(crate) struct Temporal {
     resolve: Arc<OnceLock<Resolve>>,
-    /// What the frame before made, and what this one makes of it.
+    /// Previous and current history.
     histories: Option<[wgpu::Texture; 2]>,
     past: Option<PreviousFrame>,
-    /// Frames so far, and how many in a row have shown the same.
+    /// Number of frames, and of consecutive equal ones.
     frames: u32,
     still_frames: u32,
     #[cfg(test)]
     step: TemporalStep,
-    /// Where instances were, as [`DrawList::instances`].
+    /// Previous instances, in the order of [`DrawList::instances`].
     before: GrowingBuffer<InstanceRaw>,
-    /// What that is made for beside vertices.
+    /// Additional usages of that buffer.
     usage: wgpu::BufferUsages,
 }
 
 impl Temporal {
-    /// `resolve`: what draws the mean, once there is one; `usage`: what instances are made for beside vertices.
+    /// `resolve` is the lazily compiled resolve pass; `usage` are additional usages of instance buffers.
     pub(crate) fn new(resolve: Arc<OnceLock<Resolve>>, usage: wgpu::BufferUsages) -> Self {
         Self {
             resolve,
@@ -97,13 +97,13 @@ impl Temporal {
         }
     }
 
-    /// Forgets all frames: the next one is the first.
+    /// Discards the history.
     pub(crate) fn forget(&mut self) {
         *self = Self::new(Arc::clone(&self.resolve), self.usage);
     }
 
-    /// Begins a frame in pictures of `size`, `jittered` unless only its motion is asked for, over water as [`TemporalStep`] says.
-    /// Gives with it what moves by itself, and writes where that was.
+    /// Begins a frame of `size` pixels; `jittered` unless only motion is needed. Returns the step and the batches that
+    /// move, and uploads their previous instances.
     ///
     /// # Errors
     /// [`RenderError::TooLarge`] for more instances than the device can hold.
@@ -158,29 +158,28 @@ impl Temporal {
         Ok((step, moving))
     }
 
-    /// What the last frame did.
+    /// Step of the last frame.
     #[cfg(test)]
     pub(crate) fn step(&self) -> TemporalStep {
         self.step
     }
 
-    /// Frames in a row that have shown the same.
+    /// Number of consecutive equal frames.
     pub(crate) fn still_frames(&self) -> u32 {
         self.still_frames
     }
 
-    /// Where instances were in the frame before, as [`DrawList::instances`]; only of what moves.
+    /// Previous instances, in the order of [`DrawList::instances`]; only of moving objects.
     pub(crate) fn before(&self) -> Option<&wgpu::Buffer> {
         self.before.buffer()
     }
 
-    /// The picture as a mean of frames: what this frame makes of the one before.
+    /// The current history.
     pub(crate) fn history(&self) -> Option<&wgpu::Texture> {
         self.histories.as_ref().map(|[_, new]| new)
     }
 
-    /// Makes the picture of this frame and of those before from radiance, depth and, where something moves by itself,
-    /// motion.
+    /// Blends radiance into the history, using depth and, if objects move, motion.
     pub(crate) fn resolve(
         &self,
         gpu: &Gpu,
@@ -194,8 +193,7 @@ impl Temporal {
     }
 }
 
-/// Where in its pixels a frame looks, off their centres: points that any run of frames spreads evenly (Halton 1960, bases
-/// 2 and 3).
+/// Jitter of a frame: the Halton sequence in bases 2 and 3 (Halton 1960).
 fn point(frame: u32) -> [f32; 2] {
     let inverse = |base: u32| {
         let (mut left, mut digit, mut sum) = (frame % STANDING as u32 + 1, 1.0, 0.0);
@@ -209,7 +207,7 @@ fn point(frame: u32) -> [f32; 2] {
     [inverse(2) - 0.5, inverse(3) - 0.5]
 }
 
-/// What of a frame has moved by itself since `past`, and where all its instances were, relative to this frame's eye.
+/// Batches that have moved since `past`, and previous positions of all instances relative to this frame's eye.
 fn moves<'a>(
     frame: &Frame<'a>,
     list: &DrawList<'a>,
@@ -217,7 +215,7 @@ fn moves<'a>(
 ) -> (Vec<Batch<'a>>, Vec<InstanceRaw>) {
     let mut before = list.instances.clone();
     let mut moving = Vec::new();
-    // Instances of an asset count through all of its drawables.
+    // Instances of an asset are numbered across its drawables.
     let mut counts: BTreeMap<u64, usize> = BTreeMap::new();
     let firsts: Vec<usize> = frame
         .drawables
@@ -233,7 +231,7 @@ fn moves<'a>(
         let asset = batch.asset();
         let mut moved = asset.is_moving(past.time_s, frame.settings.morph_s);
         let were = past.instances(asset);
-        // Where there are more or fewer than there were nobody knows which is which.
+        // If their number has changed, instances cannot be matched.
         if counts.get(&asset.number()) == Some(&were.len()) {
             for (slot, place) in list.placed(batch) {
                 let raw =

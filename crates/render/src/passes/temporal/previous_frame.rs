@@ -1,4 +1,4 @@
-//! What a frame was made of, for the next one to tell what has moved, and whether anything has changed.
+//! Record of a frame's input, to detect motion and changes in the next one.
 
 use std::collections::BTreeMap;
 
@@ -15,48 +15,48 @@ use lodestream_terrain::tiles::TileRegion;
 
 /// An asset as a frame drew it.
 #[derive(Debug, Default, PartialEq)]
-struct Drawn {
+struct DrawnAsset {
     /// The state of its vertices, faces, materials and textures.
     stamps: [u64; 2],
     instances: Vec<Instance>,
 }
 
-/// Everything that a picture depends on but for where in its pixels it looks, and for time.
+/// Everything that a picture depends on except jitter and time.
 #[derive(Debug, PartialEq)]
-struct Made {
+struct FrameInput {
     camera: Pose,
     environment: Environment,
     settings: Settings,
-    /// By the assets' numbers, those of all drawables of one asset together.
-    drawn: BTreeMap<u64, Drawn>,
+    /// By asset number; all drawables of an asset together.
+    drawn: BTreeMap<u64, DrawnAsset>,
     ground: Option<Ground>,
     water: Option<Water>,
     lights: Vec<Light>,
 }
 
-/// The ground that a frame drew.
+/// Terrain of a frame.
 #[derive(Debug, PartialEq)]
 struct Ground {
     look: TerrainLook,
     parts: Vec<TerrainPart>,
     casters: Vec<TerrainPart>,
     regions: Vec<TileRegion>,
-    /// The states of their heights.
+    /// Stamps of the tiles' heights.
     stamps: Vec<u64>,
 }
 
-/// A frame that was drawn.
+/// The input of a drawn frame.
 #[derive(Debug)]
 pub(crate) struct PreviousFrame {
     pub(super) time_s: f32,
-    /// Whether vertices were on their way.
+    /// Whether vertices were morphing.
     moving: bool,
-    made: Made,
+    made: FrameInput,
 }
 
 impl PreviousFrame {
     pub(crate) fn of(frame: &Frame<'_>) -> Self {
-        let mut drawn: BTreeMap<u64, Drawn> = BTreeMap::new();
+        let mut drawn: BTreeMap<u64, DrawnAsset> = BTreeMap::new();
         for drawable in frame.drawables {
             let asset = drawn.entry(drawable.asset.number()).or_default();
             asset.stamps = drawable.asset.stamps();
@@ -78,7 +78,7 @@ impl PreviousFrame {
         Self {
             time_s: frame.time_s,
             moving: frame.drawables.iter().any(|drawable| is_moving(drawable.asset)),
-            made: Made {
+            made: FrameInput {
                 camera: frame.camera,
                 environment: frame.environment,
                 settings: frame.settings,
@@ -90,12 +90,12 @@ impl PreviousFrame {
         }
     }
 
-    /// Whether both show the same.
+    /// Whether both frames show the same picture.
     pub(crate) fn is(&self, other: &Self) -> bool {
         !self.moving && !other.moving && self.made == other.made
     }
 
-    /// Where it was seen from.
+    /// Camera of the frame.
     pub(super) fn camera(&self) -> &Pose {
         &self.made.camera
     }

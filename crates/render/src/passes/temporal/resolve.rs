@@ -1,4 +1,4 @@
-//! The pass that puts a frame and the history together.
+//! The resolve pass: blends a frame into the history.
 
 use crate::frame::fullscreen::{fullscreen, fullscreen_pipeline};
 use crate::frame::graph::PassId;
@@ -15,10 +15,10 @@ const TEMPORAL: &str = concat!(
     include_str!("../../shaders/temporal.wgsl")
 );
 
-/// See the module.
+/// The resolve pass.
 #[derive(Debug)]
 pub(crate) struct Resolve {
-    /// Where nothing moves by itself, and where something does.
+    /// Without and with moving objects.
     pipelines: [wgpu::RenderPipeline; 2],
     sampler: wgpu::Sampler,
 }
@@ -39,7 +39,7 @@ impl Resolve {
         }
     }
 
-    /// What holds weighed colours, and of how many frames they are a mean.
+    /// A texture for weighted colours and their number of frames.
     pub(crate) fn history(&self, gpu: &Gpu, (width, height): (u32, u32)) -> wgpu::Texture {
         gpu.device.create_texture(&wgpu::TextureDescriptor {
             label: Some("history"),
@@ -55,7 +55,7 @@ impl Resolve {
         })
     }
 
-    /// Makes a new history of an old one and of a frame: radiance, depth and, where something moves by itself, motion.
+    /// Writes a new history from the old one and a frame: radiance, depth and, if objects move, motion.
     pub(crate) fn record(
         &self,
         gpu: &Gpu,
@@ -77,7 +77,7 @@ impl Resolve {
                 wgpu::BindGroupEntry { binding: 0, resource: frame.as_entire_binding() },
                 view(1, radiance),
                 view(2, depth),
-                // Not read where nothing moves, but its slot must be filled.
+                // Not read without motion, but the binding must be filled.
                 view(3, motion.unwrap_or(radiance)),
                 view(4, &old),
                 wgpu::BindGroupEntry { binding: 5, resource: wgpu::BindingResource::Sampler(&self.sampler) },

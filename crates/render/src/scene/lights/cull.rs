@@ -1,4 +1,4 @@
-//! The pass of punctual lights: which may reach which tile of the picture, and their light on what is there.
+//! Punctual light pass: tiled light culling and deferred lighting.
 
 use std::sync::OnceLock;
 
@@ -26,24 +26,24 @@ const LIGHT: &str = concat!(
     include_str!("../../shaders/punctual_light_pass.wgsl")
 );
 
-/// Binding of the list of punctual lights.
+/// Binding of the light list.
 const LIST: u32 = 7;
 
-/// See the module.
+/// The punctual light pass.
 #[derive(Debug)]
 pub(crate) struct PunctualLightPass {
     uniform: wgpu::Buffer,
     punctual_lights: GrowingBuffer<PunctualLightRaw>,
     masks: GrowingBuffer<u32>,
     bins: GrowingBuffer<u32>,
-    /// Across and down.
+    /// Number of tiles across and down.
     tiles: [u32; 2],
     cull: OnceLock<wgpu::ComputePipeline>,
     light: OnceLock<[wgpu::RenderPipeline; 2]>,
 }
 
 impl PunctualLightPass {
-    /// Of group 0, for what is lit where it is drawn: the block, punctual lights, and punctual lights of tiles and of depths.
+    /// Bindings in group 0 for forward-lit surfaces: uniform block, lights, and the masks of tiles and depth bins.
     pub(crate) const LAYOUT: [(u32, wgpu::BufferBindingType); 4] = {
         let list = wgpu::BufferBindingType::Storage { read_only: true };
         [(6, wgpu::BufferBindingType::Uniform), (LIST, list), (8, list), (9, list)]
@@ -67,7 +67,7 @@ impl PunctualLightPass {
         }
     }
 
-    /// Whether the device can tell punctual lights apart.
+    /// Whether the device supports light culling.
     pub(crate) fn is_possible(gpu: &Gpu) -> bool {
         let limits = gpu.device.limits();
         limits.max_compute_invocations_per_workgroup >= 64 && limits.max_storage_buffers_per_shader_stage >= 3
@@ -81,13 +81,13 @@ impl PunctualLightPass {
         self.bins.write(gpu, 0, &list.bins)?;
         let words = list.tiles[0] as usize * list.tiles[1] as usize * list.uniform.words as usize;
         if self.masks.len() < words as u64 {
-            // Of what it holds nothing is read before it is written.
+            // Its content is written before it is read.
             self.masks.write(gpu, 0, &vec![0; words])?;
         }
         Ok(())
     }
 
-    /// Tells punctual lights by tiles of a picture of depth.
+    /// Culls lights by tiles of the depth buffer.
     pub(crate) fn cull(
         &self,
         gpu: &Gpu,
@@ -123,8 +123,7 @@ impl PunctualLightPass {
         pass.dispatch_workgroups(self.tiles[0], self.tiles[1], 1);
     }
 
-    /// Adds their light to what is there, or shows in its place how many there are to a pixel. `surfaces` are depth,
-    /// normal and albedo.
+    /// Adds the lights to the picture, or shows their number per pixel. `surfaces` are depth, normal and albedo.
     pub(crate) fn light(
         &self,
         gpu: &Gpu,
@@ -147,7 +146,7 @@ impl PunctualLightPass {
             binding,
             resource: wgpu::BindingResource::TextureView(view),
         });
-        // Counting needs no punctual light itself.
+        // Counting reads no light.
         let punctual_lights = punctual_lights.into_iter().filter(|entry| !counted || entry.binding != LIST);
         let frame = wgpu::BindGroupEntry { binding: 0, resource: frame.as_entire_binding() };
         let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
@@ -160,7 +159,7 @@ impl PunctualLightPass {
         pass.draw(0..3, 0..1);
     }
 
-    /// Bindings 6 to 9: [`PunctualLightPass::LAYOUT`]. Nothing before there was a punctual light.
+    /// Bindings 6 to 9: [`PunctualLightPass::LAYOUT`]; `None` before there was a light.
     pub(crate) fn bindings(&self) -> Option<[wgpu::BindGroupEntry<'_>; 4]> {
         let buffers =
             [Some(&self.uniform), self.punctual_lights.buffer(), self.masks.buffer(), self.bins.buffer()];

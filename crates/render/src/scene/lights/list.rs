@@ -1,4 +1,4 @@
-//! The punctual lights of a frame, from near to far, as the shaders read them: `lights.wgsl`.
+//! Punctual lights of a frame, front to back, as shaders read them: `lights.wgsl`.
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
@@ -7,9 +7,9 @@ use super::{LIGHT_TILES, Light, LightCulling, MAX_LIGHTS};
 use crate::frame::camera::may_see;
 use crate::frame::settings::Frame;
 
-/// Most bytes of masks: beyond them tiles get larger.
+/// Most bytes of masks; beyond, tiles get larger.
 const MAX_MASK_BYTES: u64 = 64 << 20;
-/// Ranges of depth that name the punctual lights that reach into them.
+/// Number of depth bins.
 const BINS: usize = 256;
 
 /// `PunctualLight` of the shaders.
@@ -40,18 +40,18 @@ pub(crate) struct PunctualLightsUniform {
     pub(crate) padding: [u32; 3],
 }
 
-/// See the module.
+/// The lights of a frame.
 pub(crate) struct PunctualLightList {
     pub(crate) punctual_lights: Vec<PunctualLightRaw>,
-    /// First and, shifted by 16, last punctual light that reaches into a range of depths; first above last where none does.
+    /// First and, shifted by 16, last light that reaches into a depth bin; first > last for none.
     pub(crate) bins: Vec<u32>,
     pub(crate) uniform: PunctualLightsUniform,
-    /// Of the picture, across and down.
+    /// Number of tiles across and down.
     pub(crate) tiles: [u32; 2],
 }
 
 impl PunctualLightList {
-    /// Of the punctual lights that may reach what a frame of this size shows. `through`: something there is seen through.
+    /// Collects the lights that may reach visible surfaces. `through`: some surfaces are transparent.
     pub(crate) fn new(frame: &Frame<'_>, culling: LightCulling, size: (u32, u32), through: bool) -> Self {
         let camera = &frame.camera;
         let ahead = camera.rotation * DVec3::NEG_Z;
@@ -68,7 +68,7 @@ impl PunctualLightList {
             .collect();
         let LightCulling { tile_px, clusters, most } = culling;
         if seen.len() > most as usize {
-            // Stable, so that of punctual lights that are alike always the same ones are left.
+            // A stable sort, so that the choice among equal lights does not change.
             seen.sort_by(|(.., a), (.., b)| brightness(b).total_cmp(&brightness(a)));
             seen.truncate(most as usize);
         }
@@ -100,7 +100,7 @@ impl PunctualLightList {
     }
 }
 
-/// A light as the shaders read it; `None` of one that lights nothing.
+/// A light as shaders read it; `None` if it lights nothing.
 pub(crate) fn punctual_light(light: &Light, eye: DVec3) -> Option<PunctualLightRaw> {
     let (scale, offset, direction) = match light.spot {
         None => (0.0, 1.0, DVec3::Y),
@@ -123,9 +123,9 @@ pub(crate) fn punctual_light(light: &Light, eye: DVec3) -> Option<PunctualLightR
     (finite && raw.range > 0.0 && light.intensity.max_element() > 0.0).then_some(raw)
 }
 
-/// What a punctual light adds to the whole of a picture, but for a factor: a punctual light's irradiance falls with the square of its range,
-/// and the disc that it reaches on the screen grows with that over the square of its distance. From within its range all
-/// of the screen is reached.
+/// Importance of a light to the picture, up to a factor: its irradiance times the disc that it covers on the screen.
+/// The irradiance is inversely proportional to the square of its range, the disc to that square over the squared
+/// distance; inside its range it covers the whole screen.
 fn brightness(punctual_light: &PunctualLightRaw) -> f32 {
     let [r, g, b] = punctual_light.colour;
     let distance = glam::Vec3::from(punctual_light.position).length().max(punctual_light.range);
@@ -133,17 +133,18 @@ fn brightness(punctual_light: &PunctualLightRaw) -> f32 {
     (0.2126 * r + 0.7152 * g + 0.0722 * b) / (distance * distance)
 }
 
-/// Whether a light lights anything, seen from an eye.
+/// Whether a light lights anything.
 #[cfg(test)]
 pub(crate) fn lights(light: &Light, eye: DVec3) -> bool {
     punctual_light(light, eye).is_some()
 }
 
-/// Ranges of depth in equal ratios, over punctual lights from near to far: what each names, the depth at which the first begins,
-/// and how many there are to a doubling.
+/// Depth bins of equal ratios over lights sorted by depth: the lights of each, the depth at which the first begins,
+/// and the number of bins per doubling.
 fn bins(punctual_lights: &[(f64, f64, PunctualLightRaw)]) -> (Vec<u32>, f32, f32) {
     let furthest = punctual_lights.iter().map(|(_, far, _)| *far).fold(0.0, f64::max);
-    // Nearer than any punctual light begins but those that reach behind the eye: a ten-thousandth of all is near enough.
+    // Lights that reach behind the eye begin at depth 0; bins begin at a ten-thousandth of the farthest depth at the
+    // latest.
     let ahead = punctual_lights.iter().map(|(near, ..)| *near).filter(|near| *near > 0.0);
     let nearest = ahead.fold(furthest, f64::min).max(furthest * 1e-4).max(f64::from(f32::MIN_POSITIVE));
     let octaves = (furthest / nearest).log2().max(1e-3);
@@ -154,7 +155,7 @@ fn bins(punctual_lights: &[(f64, f64, PunctualLightRaw)]) -> (Vec<u32>, f32, f32
     };
     let mut reach = vec![(u32::MAX, 0); BINS];
     for (index, (near, far, _)) in (0u32..).zip(punctual_lights) {
-        // A bin to spare on both sides, for what 32 bits make of it.
+        // A spare bin on both sides absorbs f32 rounding.
         let first = (bin(*near) as usize).saturating_sub(1);
         let last = (bin(*far) as usize + 1).min(BINS - 1);
         for (low, high) in &mut reach[first..=last] {

@@ -1,4 +1,4 @@
-//! Punctual lights: lights that stand in the scene, and which of them may reach a pixel.
+//! Punctual lights and their culling.
 
 mod cull;
 mod list;
@@ -10,47 +10,47 @@ pub(crate) use list::PunctualLightList;
 #[cfg(test)]
 pub(crate) use list::lights;
 
-/// Most punctual lights that light one picture; of more the furthest are left out.
+/// Most punctual lights in one picture; beyond, the farthest are omitted.
 pub const MAX_LIGHTS: usize = 65_535;
-/// Sides of a tile in pixels that punctual lights may be culled in.
+/// Least and largest tile side in pixels.
 pub const LIGHT_TILES: [u32; 2] = [4, 64];
 
-/// A light that stands in the scene (KHR_lights_punctual). It casts no shadow.
+/// A point or spot light of the scene (KHR_lights_punctual). Casts no shadow.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Light {
-    /// Where, in the world.
+    /// Position in the world.
     pub position: DVec3,
-    /// Luminous intensity, linear, in candela where the sun's irradiance on a surface that faces it is π lux times
-    /// [`super::GradientSky::sun`]: what it lights at distance 1 gets as many lux.
+    /// Luminous intensity, linear. Its unit is that of [`super::GradientSky::sun`] over π: a light of intensity π
+    /// times that value lights a surface at distance 1 as the sun does.
     pub intensity: Vec3,
-    /// Distance at which it ends, > 0; its light falls with the square of distance, and to nothing there.
+    /// Range, > 0: the inverse-square falloff is windowed to 0 there.
     pub range: f64,
-    /// `None` shines all around.
+    /// Cone of a spot light; `None` for a point light.
     pub spot: Option<Spot>,
 }
 
 /// The cone of a light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spot {
-    /// Whither, in the world; need not be normalised.
+    /// Direction in the world; need not be normalised.
     pub direction: DVec3,
-    /// Angle from there within which it is as bright as it gets, in radians.
+    /// Angle from the axis within which it has full intensity, in radians.
     pub inner: f64,
-    /// Angle at which it is dark, in radians, at most π/2.
+    /// Angle from the axis at which it is dark, in radians, at most π/2.
     pub outer: f64,
 }
 
-/// How punctual lights are told from those that do not reach a pixel.
+/// Culling of punctual lights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LightCulling {
-    /// Side of the tiles of a picture that have a list each, in pixels, within [`LIGHT_TILES`]: smaller ones are reached
-    /// by fewer punctual lights and cost more to make.
+    /// Side in pixels of the tiles that have a light list each, within [`LIGHT_TILES`]. Smaller tiles have fewer
+    /// lights each and cost more to build.
     pub tile_px: u32,
-    /// Tell punctual lights apart by ranges of depth too, pixel by pixel, instead of by the tile's nearest and furthest surface.
+    /// Clustered: tests depth bins per pixel, instead of each tile's depth range.
     pub clusters: bool,
-    /// Most punctual lights that light a picture, up to [`MAX_LIGHTS`]: of more in view those that are brightest on the screen are
-    /// kept, by their intensity over the square of their distance, or of their range where the eye is within it. What they
-    /// cost goes with how many reach a pixel.
+    /// Most lights in a picture, up to [`MAX_LIGHTS`]: the brightest on the screen are kept, by intensity over the
+    /// squared distance, or over the squared range where the eye is within it. The cost is proportional to the number
+    /// that reach a pixel.
     pub most: u32,
 }
 

@@ -1,7 +1,7 @@
-//! Terrain in GPU memory: an atlas of tiles' heights, and the ground's textures.
+//! Terrain in GPU memory: an atlas of tile heights, and the ground textures.
 //!
 //! All tiles share one index pattern; a tile is an instance with a place in the atlas. Heights stay integers until the
-//! vertex shader has subtracted the eye, so millimetres survive on a grid of thousands of kilometres.
+//! vertex shader has subtracted the eye's, so millimetres survive on a grid of thousands of kilometres.
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
@@ -20,22 +20,21 @@ const ATLAS_SIDE: u32 = 2048;
 /// Tiles along a side of the atlas.
 const ATLAS_TILES: u32 = ATLAS_SIDE / TILE_SAMPLES;
 
-/// Tiles that can be held at once.
+/// Number of tiles in the atlas.
 pub const TERRAIN_SLOTS: u32 = ATLAS_TILES * ATLAS_TILES;
 
-/// Lengths of one repetition of the ground's textures near and far, in metres. Their ratio is no fraction of small
-/// numbers.
+/// Periods of the near and far ground textures in metres. Their ratio is no fraction of small integers.
 const PERIODS: [f64; 2] = [4.0, 23.7];
-/// After which the far scale and all that is coarser begins anew: it is turned by (0.8, 0.6), so whole periods of it are
-/// multiples of five, and the coarsest is 64 times as long.
+/// Period of the far texture and of all coarser scales. The far texture is rotated by (0.8, 0.6), so its whole periods
+/// are multiples of five; the coarsest scale is 64 times as long.
 const FAR_REPEATS: f64 = PERIODS[1] * 5.0 * 64.0;
 /// Depth of the ground's relief, world units.
 const RELIEF_DEPTH: f32 = 0.12;
 
-/// Heights up to this far from zero are drawn as they are; others as this.
+/// Largest drawn absolute height in height units; others are clamped.
 pub const MAX_DRAWN_HEIGHT: i32 = (1 << 30) - 1;
 
-/// How a terrain lies in the world and looks.
+/// Scale and ground zones of a terrain.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TerrainLook {
     /// World units per grid unit, above 0.
@@ -53,17 +52,17 @@ pub struct TerrainPart {
     pub origin: [i64; 2],
     /// Binary logarithm of the distance between points, in grid units.
     pub spacing: u8,
-    /// Where its heights are.
+    /// Slot in the atlas.
     pub slot: u32,
     /// Quadrants drawn, as in [`lodestream_terrain::tiles::SelectedTile`].
     pub quadrants: u8,
-    /// Distances at which its points begin to slide onto the next coarser surface and have arrived, world units.
+    /// Distances at which its points begin and end to morph onto the next coarser surface, world units.
     pub morph: [f64; 2],
-    /// Which rough regions of the frame may matter to its points: bit r for the r-th.
+    /// Bit mask of the frame's rough regions that may affect its points.
     pub regions: u32,
 }
 
-/// What a frame draws of a terrain.
+/// Terrain of a frame.
 #[derive(Clone, Copy, Debug)]
 pub struct TerrainFrame<'a> {
     /// The terrain.
@@ -72,11 +71,11 @@ pub struct TerrainFrame<'a> {
     pub parts: &'a [TerrainPart],
     /// Tiles out of view that may cast shadows into it.
     pub casters: &'a [TerrainPart],
-    /// Where points slide later than elsewhere; at most [`MAX_REGIONS`] count.
+    /// Rough regions, where points morph later; at most [`MAX_REGIONS`].
     pub regions: &'a [TileRegion],
-    /// Height of the eye over the highest ground around, world units, not below 0.
+    /// Height of the eye over the highest ground around, world units, at least 0.
     pub above: f64,
-    /// Screen error that the tiles were chosen for, in pixels.
+    /// Screen error of the selection, in pixels.
     pub error_px: f64,
 }
 
@@ -94,12 +93,12 @@ struct TerrainUniform {
     eye_in_near: [f32; 2],
     eye_in_far: [f32; 2],
     periods: [f32; 2],
-    /// The same upwards.
+    /// The vertical position of the eye within both periods.
     eye_up: [f32; 2],
 }
 
-/// A device zeroes a texture before the first that is written there, all of it: of these a driver in software takes some
-/// hundredths of a second, in which the ground may still be measured. Of each the bytes of a texel.
+/// Starts the zeroing of the textures early. A device zeroes a texture before its first write, which takes a software
+/// driver some hundredths of a second; this overlaps with measuring the terrain. With the bytes per texel of each.
 fn begin_zeroing(gpu: &Gpu, textures: [(&wgpu::Texture, u32); 2]) {
     for (texture, bytes) in textures {
         gpu.queue.write_texture(
@@ -112,20 +111,20 @@ fn begin_zeroing(gpu: &Gpu, textures: [(&wgpu::Texture, u32); 2]) {
     gpu.queue.submit([]);
 }
 
-/// Where the eye stands on the grid.
+/// The eye's position on the grid, split into an integer and a fractional part.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct EyeCell {
     /// Corner of the eye's grid cell.
     pub(crate) cell: [i64; 2],
     /// Nearest height unit.
     pub(crate) height: i32,
-    /// From there to the eye, world units.
+    /// Offset from there to the eye, world units.
     pub(crate) fraction: DVec3,
 }
 
 impl EyeCell {
     pub(crate) fn new(eye: DVec3, look: &TerrainLook) -> Self {
-        // Beyond 2^40 units nothing of the terrain is drawn anyway.
+        // Beyond 2^40 units no terrain is drawn.
         let limit = 1.1e12;
         let cell = [eye.x, eye.z].map(|x| (x / look.unit).clamp(-limit, limit).floor());
         let height = (eye.y / look.height_unit).round();
@@ -145,30 +144,30 @@ impl EyeCell {
 /// A terrain's tiles in GPU memory.
 #[derive(Debug)]
 pub struct TerrainGpu {
-    /// As it lies in the world now.
+    /// Current scale and zones.
     pub(crate) look: TerrainLook,
-    /// What its heights are multiplied by, which are then those of `look`.
+    /// Vertical exaggeration, which `look` includes.
     factor: f64,
-    /// As it was made.
+    /// Scale and zones without exaggeration.
     made: TerrainLook,
     pub(crate) atlas: wgpu::Texture,
-    /// Rises of the tiles' own and of the next coarser tiles' samples, where the heights are.
+    /// Slopes of each tile and of the next coarser one, at the same places as the heights.
     pub(crate) slopes: wgpu::Texture,
     pub(crate) uniform: wgpu::Buffer,
     pub(crate) regions: wgpu::Buffer,
     pub(crate) group: wgpu::BindGroup,
     pub(crate) indices: wgpu::Buffer,
-    /// What was written into each slot.
+    /// Summary of each slot's content.
     slots: Vec<Slot>,
     written: u64,
 }
 
-/// A tile's heights, in short.
+/// Summary of a tile's heights.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Slot {
     /// Lowest and highest, height units.
     pub(crate) heights: [i32; 2],
-    /// Its number among all that were ever written.
+    /// Sequence number of the write.
     pub(crate) stamp: u64,
 }
 
@@ -184,7 +183,7 @@ impl TerrainGpu {
             let what = "the atlas of terrain tiles (side in texels)";
             return Err(RenderError::TooLarge { what, needed: ATLAS_SIDE.into(), allowed: allowed.into() });
         }
-        // Heights are read back where rays are cast at what is drawn.
+        // Heights are read back for reference rays.
         let atlas = |label, format| {
             device.create_texture(&wgpu::TextureDescriptor {
                 label: Some(label),
@@ -282,8 +281,7 @@ impl TerrainGpu {
         })
     }
 
-    /// Multiplies heights, not those of before but those that it was made with, by a factor above 0. What covers the ground
-    /// goes with them.
+    /// Sets the vertical exaggeration, above 0. Ground cover follows the heights.
     pub fn set_vertical_exaggeration(&mut self, factor: f64) {
         let made = self.made;
         let zones = made.zones.map(|zone| zone * factor as f32);
@@ -291,7 +289,7 @@ impl TerrainGpu {
         self.look = TerrainLook { height_unit: made.height_unit * factor, zones, ..made };
     }
 
-    /// How the terrain lies in the world.
+    /// Current scale and zones.
     #[must_use]
     pub fn look(&self) -> TerrainLook {
         self.look
@@ -344,7 +342,7 @@ impl TerrainGpu {
     }
 
     #[cfg(any(test, feature = "reference"))]
-    /// The heights that lie in slots, read back: rows of `TILE_SAMPLES` each. Waits for the device.
+    /// Reads back the heights of all slots, in rows of `TILE_SAMPLES`. Waits for the device.
     pub(crate) fn heights(&self, gpu: &Gpu) -> Result<impl Fn(u32) -> Vec<i32>, RenderError> {
         let all: Vec<i32> = bytemuck::pod_collect_to_vec(&read_texture(gpu, &self.atlas, 4)?);
         Ok(move |slot| {
@@ -355,7 +353,7 @@ impl TerrainGpu {
         })
     }
 
-    /// What lies in a slot.
+    /// Summary of a slot.
     pub(crate) fn slot(&self, slot: u32) -> Slot {
         self.slots.get(slot as usize).copied().unwrap_or_default()
     }
@@ -367,7 +365,7 @@ impl TerrainGpu {
         u64::from(ATLAS_SIDE) * u64::from(ATLAS_SIDE) * 12 + layers::BYTES
     }
 
-    /// Writes what the shader knows of this frame.
+    /// Uploads the frame's uniforms.
     pub(crate) fn write_uniform(&self, gpu: &Gpu, eye: &EyeCell, position: DVec3, frame: &TerrainFrame<'_>) {
         let within = |period: f64| [position.x, position.z].map(|x| x.rem_euclid(period) as f32);
         let [sand, grass, hill] = self.made.zones;
@@ -397,9 +395,9 @@ impl TerrainGpu {
     }
 }
 
-/// Distances at which points begin to slide and have arrived, for the shader: they arrive a little early, so that rounding
-/// errors leave none on its way where a coarser tile begins.
-pub(crate) fn arrival([begin, end]: [f64; 2]) -> [f32; 2] {
+/// Morph distances for the shader. The morph ends slightly early, so that rounding leaves no point in motion where a
+/// coarser tile begins.
+pub(crate) fn shader_morph([begin, end]: [f64; 2]) -> [f32; 2] {
     const EARLY: f64 = 0.995;
     if end.is_finite() { [begin as f32, (begin + (end - begin) * EARLY) as f32] } else { [1e37, 2e37] }
 }

@@ -1,4 +1,4 @@
-//! Textures of the ground, made here: sand, grass, hill rock and snow, and grass from near; each with a height map, all
+//! Procedural ground textures: sand, grass, hill rock, snow, and turf seen from near; each with a height map, all
 //! seamless.
 //!
 //! Each is a few octaves of gradientless value noise (a lattice of hashed values, interpolated smoothly, periodic in the
@@ -28,20 +28,19 @@ pub(crate) const BYTES: u64 = {
 /// Texels of one layer: sRGB colour, and height as alpha.
 type Layer = Vec<[f32; 4]>;
 
-/// All mip levels of all layers, as the device takes them: level after level of the first layer, then the next layer.
-/// RGBA, colour sRGB-encoded, alpha the height (1 is the surface). Painted by the first who asks, each layer by a thread
-/// of its own; the others wait for it.
+/// All mip levels of all layers in upload order: all levels of the first layer, then the next layer. RGBA: sRGB
+/// colour, and height as alpha (1 is the surface). Computed on first use, each layer on its own thread.
 pub(crate) fn texels() -> &'static [u8] {
     static TEXELS: OnceLock<Vec<u8>> = OnceLock::new();
-    TEXELS.get_or_init(painted)
+    TEXELS.get_or_init(computed_texels)
 }
 
-fn painted() -> Vec<u8> {
+fn computed_texels() -> Vec<u8> {
     let one_by_one = || (0..LAYERS).flat_map(mip_levels).collect();
     std::thread::scope(|scope| {
         let painters: Vec<_> = (0..LAYERS).map(|layer| scope.spawn(move || mip_levels(layer))).collect();
-        let painted: Result<Vec<_>, _> = painters.into_iter().map(|painter| painter.join()).collect();
-        painted.map_or_else(|_| one_by_one(), |layers| layers.concat())
+        let computed_texels: Result<Vec<_>, _> = painters.into_iter().map(|painter| painter.join()).collect();
+        computed_texels.map_or_else(|_| one_by_one(), |layers| layers.concat())
     })
 }
 

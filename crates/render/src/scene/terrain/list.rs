@@ -1,9 +1,9 @@
-//! The tiles of a frame as the GPU gets them.
+//! Instances and draws of a frame's terrain tiles.
 
 use glam::DVec3;
 
 use super::TerrainPart;
-use super::atlas::{EyeCell, TerrainFrame, TerrainGpu, arrival, first_texel};
+use super::atlas::{EyeCell, TerrainFrame, TerrainGpu, first_texel, shader_morph};
 use super::grid::QUADRANT_INDICES;
 use super::tile_raw::TileRaw;
 use crate::frame::counters::Counters;
@@ -13,7 +13,7 @@ use crate::resources::buffer::GrowingBuffer;
 use crate::resources::gpu::{Gpu, RenderError};
 use lodestream_terrain::tiles::TILE_CELLS;
 
-/// What is drawn at once: a run of the index pattern, for a run of instances.
+/// One draw: a run of the index pattern, for a run of instances.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Batch {
     indices: std::ops::Range<u32>,
@@ -24,18 +24,18 @@ struct Batch {
 pub(crate) struct TileList<'a> {
     frame: TerrainFrame<'a>,
     batches: Vec<Batch>,
-    /// By cascade: what casts shadows into its map.
+    /// Shadow casters by cascade.
     casters: Vec<Vec<Batch>>,
 }
 
-/// Adds the distances between which a frame shows ground.
+/// Extends `receivers` by the frame's terrain.
 pub(crate) fn receivers(frame: &TerrainFrame<'_>, eye: DVec3, receivers: &mut Receivers) {
     let reach = |part: &TerrainPart| {
         let (centre, radius) = sphere(part, frame.terrain, eye);
         centre.length() + radius
     };
     let Some(farthest) = frame.parts.iter().map(reach).reduce(f64::max) else { return };
-    // Below the highest ground around the eye nothing is known of what is nearest.
+    // If the eye is below the highest ground around, the nearest distance is unknown.
     let nearest = if frame.above > 0.0 { frame.above } else { farthest };
     receivers.add_around(nearest, farthest);
 }
@@ -90,7 +90,7 @@ impl<'a> TileList<'a> {
         self.batches.is_empty() && self.casters.iter().all(Vec::is_empty)
     }
 
-    /// Draws the surfaces, their edges, or how often each pixel is drawn.
+    /// Draws surfaces, wireframe or overdraw.
     pub(crate) fn draw(
         &self,
         pass: &mut wgpu::RenderPass<'_>,
@@ -107,7 +107,7 @@ impl<'a> TileList<'a> {
             self.batches.iter().map(|b| b.instances.end - b.instances.start).sum::<u32>();
     }
 
-    /// Draws what casts shadows into a cascade's map. Gives the number of triangles.
+    /// Draws the shadow casters of a cascade. Returns the number of triangles.
     pub(crate) fn cast(
         &self,
         pass: &mut wgpu::RenderPass<'_>,
@@ -132,7 +132,7 @@ impl<'a> TileList<'a> {
     }
 }
 
-/// Adds tiles to a list, whole ones first, then those of which single quadrants are drawn, and says how to draw them.
+/// Adds tiles to a list, whole tiles first, then those with single quadrants, and returns their draws.
 fn batches<'p>(
     parts: impl Iterator<Item = &'p TerrainPart> + Clone,
     eye: &EyeCell,
@@ -158,7 +158,7 @@ fn batches<'p>(
     batches
 }
 
-/// What the shader gets of a tile, unless it is too far from the eye for integers of 32 bits.
+/// The instance of a tile; `None` if it is too far from the eye for 32-bit integers.
 fn raw(part: &TerrainPart, eye: &EyeCell) -> Option<TileRaw> {
     let side = i64::from(TILE_CELLS) << part.spacing;
     let from_eye = [0, 1].map(|i| part.origin[i] - eye.cell[i]);
@@ -169,7 +169,7 @@ fn raw(part: &TerrainPart, eye: &EyeCell) -> Option<TileRaw> {
     Some(TileRaw {
         from_eye: from_eye.map(|o| o as i32),
         atlas: first_texel(part.slot),
-        morph: arrival(part.morph),
+        morph: shader_morph(part.morph),
         spacing: u32::from(part.spacing),
         regions: part.regions,
     })

@@ -1,4 +1,4 @@
-//! Terrain: what of it lies in GPU memory, the tiles of a frame, and the pipelines that draw them.
+//! Terrain on the GPU: the tile atlas, the tiles of a frame and their pipelines.
 
 mod atlas;
 mod grid;
@@ -10,12 +10,12 @@ mod slopes;
 mod tile_raw;
 
 #[cfg(any(test, feature = "reference"))]
-pub(crate) use atlas::arrival;
+pub(crate) use atlas::shader_morph;
 pub use atlas::{MAX_DRAWN_HEIGHT, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};
 pub(crate) use list::{TileList, receivers};
 pub(crate) use pipeline::TerrainPipelines;
 
-/// Paints the ground's textures, which are the same for every terrain.
+/// Computes the ground textures, which all terrains share.
 pub(crate) fn compute_textures() {
     layers::texels();
 }

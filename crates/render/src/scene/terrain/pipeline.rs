@@ -15,12 +15,12 @@ const TERRAIN: &str = concat!(
     include_str!("../../shaders/terrain.wgsl")
 );
 
-/// What draws tiles. Each is compiled when it is needed first, or before.
+/// Pipelines of tiles, compiled on first use or ahead of it.
 #[derive(Debug)]
 pub(crate) struct TerrainPipelines {
     /// Group 1: the terrain's uniform block, heights and ground.
     pub(crate) layout: wgpu::BindGroupLayout,
-    /// The frame's group and that.
+    /// Groups of frame and terrain.
     pipeline_layout: wgpu::PipelineLayout,
     module: OnceLock<wgpu::ShaderModule>,
     /// Without relief and with.
@@ -103,18 +103,18 @@ impl TerrainPipelines {
         self.caster.get_or_init(|| self.with_tiles(gpu, |tiles| tiles.caster(gpu, "vs_terrain_caster")))
     }
 
-    /// Edges; `None` where the device cannot draw triangles as lines.
+    /// Wireframe; `None` where the device cannot draw triangles as lines.
     pub(crate) fn wire(&self, gpu: &Gpu) -> Option<&wgpu::RenderPipeline> {
         let make = || self.with_tiles(gpu, |tiles| tiles.wire(gpu, ["vs_terrain_wire", "fs_terrain_wire"]));
         self.wire.get_or_init(make).as_ref()
     }
 
-    /// Counts how often pixels are drawn.
+    /// Overdraw counter.
     fn overdraw(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
         self.overdraw.get_or_init(|| self.with_tiles(gpu, |tiles| tiles.overdraw(gpu, "vs_terrain_caster")))
     }
 
-    /// What draws tiles in a pass, if they are drawn there.
+    /// The pipeline of tiles in a pass, if they are drawn there.
     pub(crate) fn of(&self, gpu: &Gpu, pass: PassId, relief: bool) -> Option<&wgpu::RenderPipeline> {
         match pass {
             PassId::GBuffer => Some(self.surface(gpu, relief)),

@@ -1,12 +1,12 @@
-//! The rough regions of a frame as the GPU gets them.
+//! Uniforms of a frame's rough regions.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec2, DVec3};
 
-use super::atlas::arrival;
+use super::atlas::shader_morph;
 use lodestream_terrain::tiles::{MAX_REGIONS, TileRegion};
 
-/// Spacings that have distances of their own: more than any terrain has.
+/// Number of spacings with distances: more than any terrain has.
 const SPACINGS: usize = 32;
 
 /// `Regions` of `terrain.wgsl`.
@@ -17,7 +17,7 @@ pub(super) struct RegionsUniform {
     lines: [[f32; 4]; MAX_REGIONS],
     /// Radii, four to a vector.
     radii: [[f32; 4]; MAX_REGIONS / 4],
-    /// Where points of two spacings begin to slide and have arrived.
+    /// Morph distances, two spacings to a vector.
     morph: [[[f32; 4]; SPACINGS / 2]; MAX_REGIONS],
 }
 
@@ -31,7 +31,7 @@ impl RegionsUniform {
             out.lines[r] = [from.x, from.y, to.x, to.y];
             out.radii[r / 4][r % 4] = region.radius as f32;
             for (s, morph) in region.morph.iter().take(SPACINGS).enumerate() {
-                let [begin, end] = arrival(*morph);
+                let [begin, end] = shader_morph(*morph);
                 out.morph[r][s / 2][2 * (s % 2)] = begin;
                 out.morph[r][s / 2][2 * (s % 2) + 1] = end;
             }
@@ -49,7 +49,7 @@ mod tests {
     use crate::tests::{headless, terrain::compute};
 
     #[test]
-    fn points_slide_where_the_cpu_reference_says() {
+    fn morph_distances_match_the_cpu_reference() {
         let Some(h) = headless(16, 16) else { return };
         let mut random = Random::new(9);
         let eye = DVec3::new(120.0, 8.0, -77.0);
@@ -81,7 +81,7 @@ mod tests {
                     let morph = regions[r]
                         .morph
                         .iter()
-                        .map(|m| crate::scene::terrain::regions::arrival(*m).map(f64::from));
+                        .map(|m| crate::scene::terrain::regions::shader_morph(*m).map(f64::from));
                     TileRegion {
                         from: regions[r].from - eye,
                         to: regions[r].to - eye,
@@ -95,7 +95,7 @@ mod tests {
                 let at = DVec2::from(place.map(f64::from));
                 let expected = morph_at(&taken, spacing, 2.0, at, [300.0, 350.0]);
                 for (found, expected) in found.iter().zip(expected) {
-                    // The slope of 64 multiplies what f32 is off by in a distance of kilometres.
+                    // The slope of 64 amplifies f32 rounding of kilometres.
                     assert!((f64::from(*found) - expected).abs() < 0.1, "{place:?}: {found}, {expected}");
                 }
                 changed += usize::from(expected[0] > 300.0);

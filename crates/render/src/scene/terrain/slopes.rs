@@ -1,18 +1,18 @@
-//! How a tile's ground slopes, for the normals of its pixels.
+//! Slopes of a tile, for normals per pixel.
 //!
-//! Half floats hold them to a 2,048th: a normal is off by 0.02° at most. Beside a tile's own are those that the next
-//! coarser tile has at the same places, so that a pixel's normal becomes its as the surface does.
+//! Half floats have a relative error of 1/2048, so normals are off by at most 0.02°. Each sample also holds the slopes
+//! of the next coarser tile, so that normals morph with the surface.
 
 use half::f16;
 
 use lodestream_terrain::tiles::{CELL_SAMPLES, TILE_CELLS, TILE_MARGIN, TILE_SAMPLES};
 
-/// What the texture's slopes count in, height units per sample (`RISE_UNIT` of `terrain.wgsl`): half floats range from
-/// 6e-5 to 65,504, and heights from half a unit on up to 2^30.
+/// Unit of the texture's slopes in height units per sample (`RISE_UNIT` of `terrain.wgsl`): half floats range from
+/// 6e-5 to 65,504, heights from half a unit to 2^30.
 const RISE_UNIT: f64 = 1024.0;
 
-/// Rises per sample along both axes by central differences, and the next coarser tile's, by sample of a tile with its
-/// margin; 0 in the margin, which no pixel reaches.
+/// Slopes along both axes by central differences, of the tile and of the next coarser tile, per sample; 0 in the
+/// margin, which no pixel reaches.
 pub(super) fn slopes(heights: &[i32]) -> Vec<[f16; 4]> {
     let samples = i64::from(TILE_SAMPLES);
     let margin = i64::from(TILE_MARGIN);
@@ -21,7 +21,7 @@ pub(super) fn slopes(heights: &[i32]) -> Vec<[f16; 4]> {
         let run = 2.0 * step as f64 * RISE_UNIT;
         [(height(x + step, y) - height(x - step, y)) / run, (height(x, y + step) - height(x, y - step)) / run]
     };
-    // Between the coarser tile's samples, as its texture is filtered.
+    // Interpolated between the coarser tile's samples, like a filtered texture.
     let coarser = |x: i64, y: i64| {
         let (x0, y0, x1, y1) = (x - (x & 1), y - (y & 1), x + (x & 1), y + (y & 1));
         let four = [rise(x0, y0, 2), rise(x1, y0, 2), rise(x0, y1, 2), rise(x1, y1, 2)];
@@ -60,7 +60,7 @@ mod tests {
     }
 
     #[test]
-    fn rises_are_the_cpu_references() {
+    fn slopes_match_the_cpu_reference() {
         let heights = heights(1);
         let (step, height_unit) = (2.0, 0.01);
         let tile = Tile {
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tile_that_has_arrived_rises_as_the_next_coarser_one() {
+    fn a_morphed_tile_has_the_slopes_of_the_next_coarser_one() {
         let (fine, coarse) = (slopes(&heights(1)), slopes(&heights(2)));
         for (x, y) in (0..=LAST).flat_map(|x| (0..=LAST).map(move |y| (x, y))) {
             // The coarser tile's, filtered; its samples are twice as far apart.
