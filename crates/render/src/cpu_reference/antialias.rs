@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_edges_stays_as_it_is() {
+    fn pictures_without_edges_are_unchanged() {
         let pixels: Vec<_> = (0..SIDE * SIDE).map(|i| [f64::from(i % SIDE) * 0.02; 3]).collect();
         let display = Display { pixels: &pixels, size_px: [SIDE; 2] };
         for i in 0..i64::from(SIDE * SIDE) {

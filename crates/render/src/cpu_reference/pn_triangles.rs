@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn control_points_are_the_papers() {
+    fn control_points_match_the_paper() {
         let patch = eighth();
         let [a, b, c] = patch.corners;
         // Equations 3 and the two for b111, written as they stand there.
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_bend_is_flat() {
+    fn patches_without_bend_are_flat() {
         let mut patch = eighth();
         patch.corners.iter_mut().for_each(|corner| corner.bends = false);
         let [a, b, c] = patch.corners.map(|corner| corner.position);
@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_size_or_normal_is_a_number() {
+    fn degenerate_patches_stay_finite() {
         let zero = corner([1.0, 2.0, 3.0], [0.0; 3]);
         let patch = Patch { corners: [zero; 3] };
         assert_eq!(patch.position([0.2, 0.3, 0.5]), zero.position);

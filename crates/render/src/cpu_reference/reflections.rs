@@ -305,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_surface_is_not_met_and_few_steps_end_in_mid_air() {
+    fn rays_ignore_the_background_and_end_after_their_steps() {
         // Without a wall all goes to the sky.
         ends(0.02, -10.0, |pixel, linear, cells| {
             assert_eq!([linear.end, cells.end], [End::Left; 2], "{pixel:?}");
@@ -325,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pyramid_of_odd_sides_forgets_nothing() {
+    fn a_pyramid_of_odd_sides_covers_every_pixel() {
         let stored: Vec<f32> = (0..7 * 5).map(|i| (i * 37 % 35) as f32 / 35.0).collect();
         let picture = DepthPicture { stored: &stored, size_px: [7, 5], tan_half_fov: [1.0; 2], near: NEAR };
         let pyramid = Pyramid::new(&picture, 3);

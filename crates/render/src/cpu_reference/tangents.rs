@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn on_a_plane_all_ways_say_the_same() {
+    fn on_a_plane_all_tangent_methods_agree() {
         // u runs along the diagonal, v across it, at other scales.
         let uv = |x: f64, y: f64| [3.0 * (x + y), 0.5 * (y - x)];
         let at = |x, y| corner(x, y, uv(x, y));

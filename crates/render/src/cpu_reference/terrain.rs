@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tile_that_has_arrived_is_the_coarser_surface() {
+    fn a_morphed_tile_is_the_coarser_surface() {
         let points = i64::from(TILE_SAMPLES);
         let heights: Vec<i32> = (0..points * points).map(|i| ((i * i * 31 + i * 7) % 113) as i32).collect();
         let tile = |morph| Tile {

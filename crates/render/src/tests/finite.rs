@@ -81,7 +81,7 @@ fn poison(h: &Headless, value: f64) {
 
 /// A value that is none stayed in the mean of a picture that stands, and spread under one that moves.
 #[test]
-fn a_history_that_is_not_finite_is_gone_with_the_next_frame() {
+fn a_history_that_is_not_finite_is_dropped() {
     let (Some(mut h), Some(mut fresh)) = (headless(SIZE.0, SIZE.1), headless(SIZE.0, SIZE.1)) else { return };
     let (scene, other) = (Scene::new(&h), Scene::new(&fresh));
     for speed in [0.0, 0.02] {
@@ -106,7 +106,7 @@ fn a_history_that_is_not_finite_is_gone_with_the_next_frame() {
 }
 
 #[test]
-fn an_exposure_that_is_no_number_leaves_nothing_behind() {
+fn a_nan_exposure_leaves_no_trace() {
     let Some(mut h) = headless(SIZE.0, SIZE.1) else { return };
     let scene = Scene::new(&h);
     scene.draw(&mut h, 0.0, settings(), Environment::default());
@@ -177,7 +177,7 @@ fn resolved(h: &Headless, [radiance, old]: [&[[f32; 4]]; 2], still: bool) -> Vec
 }
 
 #[test]
-fn single_values_that_are_none_neither_stay_nor_spread() {
+fn single_nan_values_neither_persist_nor_spread() {
     let Some(h) = headless(SIDE, SIDE) else { return };
     let [x, y] = [7, 5_usize];
     let spot = y * SIDE as usize + x;

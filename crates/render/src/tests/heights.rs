@@ -35,7 +35,7 @@ fn in_the_sun(h: &mut Headless, ground: &mut TerrainRenderer, camera: Pose) -> R
 }
 
 #[test]
-fn heights_half_way_are_half_way() {
+fn half_exaggerated_heights_are_half_way() {
     let size = (160, 90);
     let Some(mut h) = headless(size.0, size.1) else { return };
     let entry = entry(3);
@@ -80,7 +80,7 @@ fn ground_between(entry: &TerrainEntry, x: f64, z: f64) -> f64 {
 }
 
 #[test]
-fn the_end_of_the_way_is_the_picture_of_ground_that_was_always_so_high() {
+fn the_end_of_an_animation_equals_terrain_of_that_height() {
     let Some(mut h) = headless(160, 90) else { return };
     let entry = entry(3);
     let mut ground = scene(&h, &entry);
@@ -182,7 +182,7 @@ fn a_mean_over_frames_begins_anew_when_heights_change() {
 }
 
 #[test]
-fn what_is_no_factor_leaves_the_ground_as_it_is_or_goes_as_far_as_it_may() {
+fn invalid_factors_are_ignored_or_clamped() {
     let Some(h) = headless(8, 8) else { return };
     let mut ground = scene(&h, &entry(3));
     for (asked, got) in [(f64::NAN, 1.0), (-3.0, 1e-6), (0.0, 1e-6), (1e9, 100.0), (7.5, 7.5)] {
@@ -193,7 +193,7 @@ fn what_is_no_factor_leaves_the_ground_as_it_is_or_goes_as_far_as_it_may() {
 
 #[cfg(feature = "client")]
 #[test]
-fn what_stands_on_the_ground_goes_with_it() {
+fn anchored_objects_follow_the_terrain() {
     use crate::scene::terrain_anchored::TerrainAnchored;
     use crate::{Instance, Light};
     let Some(h) = headless(8, 8) else { return };

@@ -74,7 +74,7 @@ fn block([x, y, z]: [f32; 3], [dx, dy, dz]: [f32; 3]) -> Mesh {
 /// dark what faces the eye gets behind what stands right before it, whose back no depth buffer knows; for the radius, twice
 /// and four times that.
 #[test]
-fn what_lies_behind_gets_too_dark_and_what_lies_in_a_row_not_dark_enough() {
+fn known_errors_of_half_resolution_stay_bounded() {
     const RADIUS: f32 = 0.4;
     const SIZE: [u32; 2] = [240, 135];
     const BESIDE_PX: usize = 10;

@@ -87,7 +87,7 @@ const METHODS: [(ReflectionMethod, u32); 4] = [
 ];
 
 #[test]
-fn mirrors_show_what_their_cpu_reference_says() {
+fn reflections_match_their_cpu_reference() {
     let (width, height) = (192, 108);
     let Some(mut h) = headless(width, height) else { return };
     let stage = Stage::new(&h);
@@ -160,7 +160,7 @@ fn mirrors_show_what_their_cpu_reference_says() {
 }
 
 #[test]
-fn nothing_changes_where_everything_has_the_colour_of_the_sky() {
+fn reflections_under_a_uniform_sky_change_nothing() {
     let Some(mut h) = headless(96, 64) else { return };
     let white = Material { roughness: 0.05, metallic: 1.0, base_colour: [1.0; 3], ..Material::default() };
     let ball = asset(&h, &sphere(32), white);

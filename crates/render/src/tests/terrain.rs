@@ -155,7 +155,7 @@ impl Rays {
 }
 
 #[test]
-fn ground_is_missing_while_some_of_what_casts_shadows_is() {
+fn missing_shadow_casters_count_as_missing_tiles() {
     let Some(h) = headless(160, 90) else { return };
     let entry = rough_entry(3);
     let eye = DVec3::new(-100.0, ground_height(&entry, -100.0, 400.0) + 30.0, 400.0);
@@ -352,7 +352,7 @@ fn pictures_show_what_the_cpu_reference_computes_and_stay_within_the_screen_erro
     for number in 0..4 {
         let entry = if number % 2 == 0 { entry(40 + number) } else { rough_entry(40 + number) };
         let mut ground = scene(&h, &entry);
-        let maker = PlacedTerrain::new(terrain(&entry).into(), entry.unit.into(), entry.height_unit.into());
+        let placed = PlacedTerrain::new(terrain(&entry).into(), entry.unit.into(), entry.height_unit.into());
         let mut camera = random_camera(&entry, &mut random);
         if number % 2 == 1 {
             // Over the crest, some hundred metres away.
@@ -380,7 +380,7 @@ fn pictures_show_what_the_cpu_reference_computes_and_stay_within_the_screen_erro
             let side = i64::from(TILE_CELLS) << part.spacing;
             let [x, y] = part.origin.map(|o| o.div_euclid(side) as i32);
             let mut heights = Vec::new();
-            maker.heights(TileId { spacing: part.spacing, x, y }, &mut Scratch::new(), &mut heights);
+            placed.heights(TileId { spacing: part.spacing, x, y }, &mut Scratch::new(), &mut heights);
             let tile = Tile {
                 heights: &heights,
                 corner: [
@@ -565,7 +565,7 @@ fn zone_weights_are_the_cpu_references_and_sum_to_one() {
 }
 
 #[test]
-fn ground_is_counted_where_it_is_drawn() {
+fn terrain_counts_in_overdraw() {
     let Some(mut h) = headless(96, 54) else { return };
     let mut ground = scene(&h, &entry(7));
     let camera = Pose::look_at(DVec3::new(0.0, 260.0, 900.0), DVec3::new(0.0, 60.0, 0.0), DVec3::Y, 0.9);

@@ -89,7 +89,7 @@ fn record(h: &mut Headless, frame: &Frame<'_>, submit: bool) -> Result<Counters,
 
 /// A host may drop a frame, and need not wait for one before it records the next.
 #[test]
-fn frames_that_are_dropped_or_not_waited_for_take_no_timestamps_away_for_good() {
+fn dropped_frames_release_their_timestamps() {
     let Some(mut h) = headless(160, 90) else { return };
     if !h.gpu().device.features().contains(wgpu::Features::TIMESTAMP_QUERY) {
         return;

@@ -9,7 +9,7 @@ use super::shapes::{asset, at, quad, sphere};
 use super::terrain::{entry, scene};
 use super::{headless, keep};
 use crate::cpu_reference::depth::view_ray;
-use crate::cpu_reference::sky::{Octahedral, Sky as CpuReferenceSky, split_sum};
+use crate::cpu_reference::sky::{Octahedral, Sky as ReferenceSky, split_sum};
 use crate::cpu_reference::water::Ray;
 use crate::frame::graph::Resource;
 use crate::image_compare::compare;
@@ -63,7 +63,7 @@ fn water_matches_its_cpu_reference() {
         let map = Octahedral::new(4, |_| colour.as_dvec3());
         let mut irradiance = [DVec3::ZERO; 9];
         irradiance[0] = colour.as_dvec3();
-        let sky = CpuReferenceSky {
+        let sky = ReferenceSky {
             up: DVec3::Y,
             side: DVec3::X,
             to_sun: environment.to_sun.normalize(),

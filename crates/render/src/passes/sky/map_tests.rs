@@ -1,15 +1,15 @@
 use glam::Vec3;
 
 use super::*;
-use crate::cpu_reference::sky::Sky as Twin;
+use crate::cpu_reference::sky::Sky as ReferenceSky;
 
 fn air() -> (Atmosphere, AtmosphereTables) {
     let air = Atmosphere::default();
     (air, AtmosphereTables::new(f64::from(air.aerosol), air.ground.as_dvec3()))
 }
 
-fn cpu_reference(map: &SkyMap) -> Twin<'_> {
-    Twin {
+fn cpu_reference(map: &SkyMap) -> ReferenceSky<'_> {
+    ReferenceSky {
         up: DVec3::Z,
         side: DVec3::X,
         to_sun: DVec3::Z,

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 
 use super::SkyGpu;
-use crate::cpu_reference::sky::{Sky as Twin, environment_brdf, split_sum};
+use crate::cpu_reference::sky::{Sky as ReferenceSky, environment_brdf, split_sum};
 use crate::frame::accumulation::AccumulationStep;
 use crate::frame::fullscreen::{fullscreen, fullscreen_pipeline};
 use crate::frame::graph::PassId;
@@ -133,7 +133,7 @@ fn the_skys_shader_matches_its_twin() {
         let got = pixels(h.gpu(), &mut sky, environment);
         let light = sky.light(h.gpu(), &environment, None);
         let map = sky.map().unwrap();
-        let cpu_reference = Twin {
+        let cpu_reference = ReferenceSky {
             up: light.up,
             side: light.side,
             to_sun: light.to_sun,
