@@ -62,6 +62,37 @@ fn an_embedder_of_the_renderer_compiles_no_network() {
     assert!(needs("lodestream-render", &["--features", "client"]).contains("lodestream-client"));
 }
 
+/// An embedder of the renderer with the feature `client` alone compiles no CPU reference and no drawing method for
+/// comparison: both are features that nothing turns on by default.
+#[test]
+fn an_embedder_of_the_renderer_compiles_no_references() {
+    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+    let manifest = |file: &str| -> toml::Table {
+        std::fs::read_to_string(format!("{root}/{file}")).unwrap().parse().unwrap()
+    };
+    let render = manifest("crates/render/Cargo.toml");
+    let features = render["features"].as_table().unwrap();
+    assert!(!features.contains_key("default"), "{features:?}");
+    assert!(features.contains_key("methods") && features.contains_key("reference"), "{features:?}");
+    assert_eq!(features["client"].as_array().unwrap().len(), 1, "{features:?}");
+    let embed = manifest("examples/embed/Cargo.toml");
+    let enabled = embed["dependencies"]["lodestream-render"]["features"].as_array().unwrap();
+    assert_eq!(enabled.iter().map(|name| name.as_str().unwrap()).collect::<Vec<_>>(), ["client"]);
+    let library = std::fs::read_to_string(format!("{root}/crates/render/src/lib.rs")).unwrap();
+    for module in ["cpu_reference", "image_compare", "rays"] {
+        let gated = format!("#[cfg(any(test, feature = \"reference\"))]\npub mod {module};");
+        assert!(library.contains(&gated), "{module} is compiled without the feature `reference`");
+    }
+}
+
+/// Terrain is generated and its tiles are selected without a GPU, a window or a thread pool.
+#[test]
+fn terrain_tiles_are_selected_without_a_gpu() {
+    lacks("lodestream-terrain", &[], &["wgpu", "lodestream-render", "lodestream-scene", "tokio", "rayon"]);
+    let of_the_renderer = needs("lodestream-render", &[]);
+    assert!(of_the_renderer.contains("lodestream-terrain") && of_the_renderer.contains("wgpu"));
+}
+
 /// Nor C: meshoptimizer's library is what tests encode with.
 #[test]
 fn who_reads_models_compiles_no_draco_if_he_wants_none() {

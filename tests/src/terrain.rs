@@ -4,7 +4,7 @@ use lodestream_bake::scene::{of_files, read};
 use lodestream_client::core::Change;
 use lodestream_daemon::SessionSettings;
 use lodestream_demo_scene::{Options, generate};
-use lodestream_render::tiles::{GroundView, PlacedTerrain};
+use lodestream_terrain::tiles::{PlacedTerrain, TerrainView};
 use lodestream_terrain::{Scratch, Terrain};
 
 use crate::support::daemon::{Server, Transport};
@@ -115,10 +115,17 @@ fn the_demos_ground_is_drawn_as_finely_as_it_is_asked_for() {
     let scene = read(&generate(folder.path(), &Options::small(1)).unwrap().scene).unwrap();
     let (entry, camera) = (scene.terrain.unwrap().entry, scene.camera.unwrap());
     let terrain = Terrain::with_stamps(entry.parameters, entry.stamps.clone()).unwrap();
-    let ground = PlacedTerrain::new(terrain.into(), &entry);
+    let ground = PlacedTerrain::new(terrain.into(), entry.unit.into(), entry.height_unit.into());
     let pose = camera.view([1280, 720], 1.0).pose();
-    let view = GroundView::new(&ground, &pose, (1280, 720), &mut Scratch::new());
+    let view = TerrainView::new(
+        &ground,
+        pose.eye,
+        pose.rotation,
+        pose.tan_half_fov(1280, 720),
+        720,
+        &mut Scratch::new(),
+    );
     let tiles = ground.tiles(&view, 2.4, 4000);
-    let triangles: u32 = tiles.picked.iter().map(|picked| 32 * picked.quadrants.count_ones()).sum();
+    let triangles: u32 = tiles.selected.iter().map(|tile| 32 * tile.quadrants.count_ones()).sum();
     assert!(tiles.target_px == 2.4 && (100_000..=250_000).contains(&triangles), "{triangles}");
 }

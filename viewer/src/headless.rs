@@ -51,7 +51,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut headless = Headless::new(Gpu::headless()?, width, height)?;
     headless.time_passes(args.stats.is_some());
     let mut scene = SceneView::new();
-    scene.multiply_heights(args.ground_heights, 0.0, 0.0)?;
+    scene.set_vertical_exaggeration(args.ground_heights, 0.0, 0.0)?;
     let clock = streaming.clock();
     let deadline = args.timeout.map_or(DEFAULT_TIMEOUT, |t| t.0);
     let mut shown = FrameLog::default();

@@ -1,4 +1,4 @@
-//! How alike two pictures are: structural similarity and plain differences.
+//! Comparison of two pictures: structural similarity and plain differences.
 
 use image::RgbaImage;
 use thiserror::Error;
@@ -30,7 +30,7 @@ pub enum CompareError {
     Empty,
 }
 
-/// What a comparison found, over the covered pixels.
+/// Result of a comparison over the covered pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Comparison {
     /// Mean structural similarity of luma, 1 = equal.

@@ -43,6 +43,7 @@ mod refine;
 mod roughness;
 mod sculpt;
 mod stamp;
+pub mod tiles;
 mod window;
 mod world;
 

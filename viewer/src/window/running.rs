@@ -230,7 +230,7 @@ impl Running {
         let [factor, seconds] = self.choices.heights;
         // Terrain that has not been shown does not move.
         if factor != self.scene.heights().target() && self.shown.has_begun() {
-            self.scene.multiply_heights(factor, seconds, now_s)?;
+            self.scene.set_vertical_exaggeration(factor, seconds, now_s)?;
         }
         let eye = self.camera().eye;
         let before = self.scene.ground_rise(eye);

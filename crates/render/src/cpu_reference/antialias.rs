@@ -1,4 +1,4 @@
-//! Smoothed edges: `antialias.wgsl`, and what `enlarge.wgsl` makes of them.
+//! Post-process anti-aliasing, `antialias.wgsl`, and upscaling, `enlarge.wgsl`.
 
 /// As in the shader.
 const RELATIVE_CONTRAST: f64 = 0.125;
@@ -7,7 +7,7 @@ const END: f64 = 0.25;
 const STEPS: i64 = 12;
 const SUBPIXEL: f64 = 0.5;
 
-/// A picture as it is shown, sRGB-encoded, from 0 to 1, rows from the top.
+/// A displayed picture: sRGB-encoded, 0 to 1, rows from the top.
 #[derive(Clone, Copy, Debug)]
 pub struct Display<'a> {
     /// Its pixels.
@@ -27,7 +27,7 @@ impl Display<'_> {
         0.299 * r + 0.587 * g + 0.114 * b
     }
 
-    /// What a pixel of a larger picture shows of it: between the nearest four.
+    /// Bilinear upscaling: the value at a pixel of a larger picture.
     #[must_use]
     pub fn enlarged(&self, at: [u32; 2], shown_px: [u32; 2]) -> [f64; 3] {
         let place: [f64; 2] = std::array::from_fn(|i| {
@@ -41,7 +41,7 @@ impl Display<'_> {
         mix(above, below, part[1])
     }
 
-    /// A pixel with its edges smoothed.
+    /// The anti-aliased pixel.
     #[must_use]
     pub fn smoothed(&self, at: [i64; 2]) -> [f64; 3] {
         let near = |x: i64, y: i64| self.luma([at[0] + x, at[1] + y]);
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_edges_stays_as_it_is() {
+    fn pictures_without_edges_are_unchanged() {
         let pixels: Vec<_> = (0..SIDE * SIDE).map(|i| [f64::from(i % SIDE) * 0.02; 3]).collect();
         let display = Display { pixels: &pixels, size_px: [SIDE; 2] };
         for i in 0..i64::from(SIDE * SIDE) {

@@ -1,4 +1,4 @@
-//! Light that spreads in a lens: `bloom.wgsl`.
+//! Bloom: `bloom.wgsl`.
 
 use glam::DVec3;
 
@@ -12,7 +12,7 @@ pub struct Light {
 }
 
 impl Light {
-    /// Between the four texels around a place, 0 to 1 along the sides; beyond the border its own go on.
+    /// Bilinear lookup, 0 to 1 along the sides, clamped at the border.
     fn at(&self, place: [f64; 2]) -> DVec3 {
         let axis = |i: usize| {
             let along = place[i] * f64::from(self.size_px[i]) - 0.5;
@@ -39,7 +39,7 @@ impl Light {
         Self { size_px, texels: all.map(|pixel| filter(self, place(pixel))).collect() }
     }
 
-    /// Half as large, by thirteen lookups (Jimenez 2014).
+    /// Downsampling by 13 lookups (Jimenez 2014).
     #[must_use]
     pub fn halved(&self, size_px: [u32; 2]) -> Self {
         self.filtered(size_px, |from, at| {
@@ -51,7 +51,7 @@ impl Light {
         })
     }
 
-    /// As large as another, by a tent over 3×3 texels, mixed with it.
+    /// Upsampling with a 3×3 tent filter, blended with another picture.
     #[must_use]
     pub fn mixed_into(&self, other: &Self, share: f64) -> Self {
         let wide = self.filtered(other.size_px, |from, at| {
@@ -62,7 +62,7 @@ impl Light {
         Self { size_px: other.size_px, texels }
     }
 
-    /// The picture with a share of its light from around, halved so many times.
+    /// The picture with bloom of a strength, over a number of levels.
     #[must_use]
     pub fn bloomed(&self, levels: u32, share: f64) -> Self {
         let mut halves = vec![self.clone()];

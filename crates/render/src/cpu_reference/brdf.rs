@@ -5,7 +5,7 @@ use super::surface::{V3, dot, scale};
 /// Reflectance of dielectrics looking straight at them.
 pub const DIELECTRIC: f64 = 0.04;
 
-/// What reflects, seen from a direction.
+/// A surface seen from a direction.
 #[derive(Clone, Copy, Debug)]
 pub struct Reflector {
     /// Base colour, linear.
@@ -86,9 +86,9 @@ impl Reflector {
     }
 }
 
-/// The truth that image-based light approximates: what a surface makes of a whole sky, by `side`² directions spread as
-/// its lobe is and as many as a Lambertian surface weighs them, weighed by the balance heuristic (Veach and Guibas,
-/// "Optimally combining sampling techniques", 1995).
+/// Reference for image-based lighting: reflection of a whole sky, by `side`² samples of the specular lobe and as many
+/// of the cosine lobe, combined with the balance heuristic (Veach and Guibas, "Optimally combining sampling
+/// techniques", 1995).
 pub fn from_sky(r: &Reflector, side: usize, sky: impl Fn(V3) -> V3) -> V3 {
     let across = if r.normal[0].abs() < 0.5 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
     let right = normalized(super::surface::cross(r.normal, across));

@@ -1,4 +1,4 @@
-//! What is shown in place of the picture: `debug.wgsl`. Display values, 0 to 1 of red, green and blue.
+//! Debug views: `debug.wgsl`. Display values 0 to 1 of red, green and blue.
 
 use super::brdf::from_octahedral;
 use super::tone::encode_srgb;

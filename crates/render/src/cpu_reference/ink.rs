@@ -1,5 +1,4 @@
-//! Ink: which edges are strokes, what they cover, how they are blurred, and what light becomes: `ink_contour.wgsl`,
-//! `ink_strokes.wgsl`, `ink.wgsl`.
+//! Ink: stroke extraction, coverage, blur and quantised light: `ink_contour.wgsl`, `ink_strokes.wgsl`, `ink.wgsl`.
 
 use std::collections::BTreeMap;
 
@@ -36,17 +35,17 @@ pub fn edges(positions: &[[f32; 3]], faces: &[[u32; 3]]) -> Vec<([DVec3; 2], Vec
     found.into_iter().map(|(ends, thirds)| (ends.map(point), thirds)).collect()
 }
 
-/// Why an edge is a stroke.
+/// Kind of stroke.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// Contours and borders.
     Contour,
-    /// Seen wherever it lies, but no wider than a share of what its triangles look.
+    /// Crease: visible anywhere, but no wider than a share of its triangles' projected height.
     Crease,
 }
 
-/// Whether an edge is a stroke as zero sees it, and which: all its triangles lie on one side of the plane through the eye and
-/// the edge, or two of them meet in a crease.
+/// The kind of stroke of an edge seen from the origin, if any: a contour, if all its triangles lie on one side of the
+/// plane through eye and edge; or a crease.
 #[must_use]
 pub fn kind([a, b]: [DVec3; 2], thirds: &[DVec3], crease_cosine: f64) -> Option<Kind> {
     let along = b - a;
@@ -67,7 +66,7 @@ pub fn kind([a, b]: [DVec3; 2], thirds: &[DVec3], crease_cosine: f64) -> Option<
     is_contour.then_some(Kind::Contour).or(is_crease.then_some(Kind::Crease))
 }
 
-/// A stroke in the picture: pixels and stored depth of its ends.
+/// A stroke on the screen: pixel and stored depth of its ends.
 #[derive(Clone, Copy, Debug)]
 pub struct Stroke {
     /// One end.
@@ -79,7 +78,7 @@ pub struct Stroke {
 }
 
 impl Stroke {
-    /// A stroke of a kind that is to be so wide, by the ends of its edge in the picture and the third corners of its triangles.
+    /// Projects a stroke of a kind and width, from the ends of its edge and the third corners of its triangles.
     #[must_use]
     pub fn new(kind: Kind, [start, end]: [DVec3; 2], thirds: &[DVec3], half_width: f64) -> Self {
         let along = (end - start).truncate();
@@ -99,7 +98,7 @@ impl Stroke {
         self.start.lerp(self.end, share.clamp(0.0, 1.0))
     }
 
-    /// How much of a pixel whose middle is `at` a stroke covers, seen or not.
+    /// Coverage of the pixel centred at `at` by the stroke, visible or not.
     #[must_use]
     pub fn covers(&self, at: DVec2) -> f64 {
         let most = (2.0 * self.half_width).min(1.0);
@@ -107,7 +106,7 @@ impl Stroke {
     }
 }
 
-/// Whether a point of a spine is seen, where the picture has these depths.
+/// Whether a point of the spine is visible, given the depth buffer.
 #[must_use]
 pub fn is_seen(spine: DVec3, depths: &[f32], [width, height]: [u32; 2]) -> bool {
     let clamp = |x: i64, side: u32| x.clamp(0, i64::from(side) - 1) as usize;
@@ -168,7 +167,7 @@ pub fn noise(world: DVec3, depth: f64, scale_px: f64) -> f64 {
     low + (high - low) * (wanted - wanted.floor())
 }
 
-/// What light becomes in so many levels, whose borders noise moves by so much of one.
+/// Quantised light in `levels` levels, with borders moved by noise.
 #[must_use]
 pub fn level_of(light: f64, levels: u32, spatter: f64, noise: f64) -> f64 {
     let levels = f64::from(levels);

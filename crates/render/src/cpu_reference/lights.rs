@@ -1,13 +1,13 @@
-//! Light of punctual lights: `lights.wgsl`.
+//! Punctual lights: `lights.wgsl`.
 
 use super::surface::{V3, dot, scale};
 
-/// A punctual light, relative to what it lights.
+/// A punctual light, relative to the lit surface.
 #[derive(Clone, Copy, Debug)]
 pub struct PunctualLight {
     /// Where it is.
     pub position: V3,
-    /// Beyond which it lights nothing.
+    /// Range.
     pub range: f64,
     /// Intensity over π.
     pub colour: V3,

@@ -1,7 +1,7 @@
-//! What the shaders compute, in f64 on the CPU: the yardstick for tests.
+//! CPU references: the shaders' computations in f64, for tests and figures.
 //!
-//! Each file mirrors one shader stage step by step, and where a stage approximates something, it
-//! also holds the exact computation.
+//! Each file mirrors one shader stage step by step. Where a stage approximates, the file also holds the exact
+//! computation.
 
 pub mod antialias;
 pub mod bloom;
@@ -14,7 +14,8 @@ pub mod occlusion;
 pub mod pn_triangles;
 pub mod reflections;
 pub mod relief;
-pub mod sky;
+#[cfg(test)]
+pub(crate) mod sky;
 pub mod sunlight;
 pub mod surface;
 pub mod tangents;
@@ -22,4 +23,5 @@ pub mod temporal;
 pub mod terrain;
 pub mod tone;
 pub mod transform;
-pub mod water;
+#[cfg(test)]
+pub(crate) mod water;

@@ -16,7 +16,7 @@ pub struct Corner {
     pub bends: bool,
 }
 
-/// How far the control point beside `from` lies off the edge to `to`.
+/// Offset of the control point next to `from` from the edge to `to`.
 #[must_use]
 pub fn bow(from: &Corner, to: DVec3) -> DVec3 {
     if from.bends { from.normal * ((to - from.position).dot(from.normal) / -3.0) } else { DVec3::ZERO }
@@ -71,8 +71,8 @@ impl Patch {
         normal
     }
 
-    /// Steps of its edges where the eye is at `eye`, a length of 1 at distance 1 has so many pixels, and chords may lie so
-    /// many pixels off.
+    /// Tessellation levels of its edges for an eye at `eye`, `scale_px` pixels per unit length at distance 1 and an
+    /// error in pixels.
     #[must_use]
     pub fn steps(&self, eye: DVec3, scale_px: f64, error_px: f64, most: u32) -> [u32; 3] {
         self.edges().map(|[a, b]| edge_step(&a, &b, (eye, scale_px), error_px, most))
@@ -112,8 +112,8 @@ impl Patch {
     }
 }
 
-/// The step of an edge: the least whose pieces' chords are nowhere further off the curve than allowed, at the distance of
-/// the nearer end; `most` at most.
+/// The tessellation level of an edge: the least whose chords are within the error everywhere, at the nearer end's
+/// distance, clamped to `most`.
 #[must_use]
 pub fn edge_step(a: &Corner, b: &Corner, (eye, scale_px): (DVec3, f64), error_px: f64, most: u32) -> u32 {
     let (o, p) = (bow(a, b.position), bow(b, a.position));
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn control_points_are_the_papers() {
+    fn control_points_match_the_paper() {
         let patch = eighth();
         let [a, b, c] = patch.corners;
         // Equations 3 and the two for b111, written as they stand there.
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_bend_is_flat() {
+    fn patches_without_bend_are_flat() {
         let mut patch = eighth();
         patch.corners.iter_mut().for_each(|corner| corner.bends = false);
         let [a, b, c] = patch.corners.map(|corner| corner.position);
@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_size_or_normal_is_a_number() {
+    fn degenerate_patches_stay_finite() {
         let zero = corner([1.0, 2.0, 3.0], [0.0; 3]);
         let patch = Patch { corners: [zero; 3] };
         assert_eq!(patch.position([0.2, 0.3, 0.5]), zero.position);

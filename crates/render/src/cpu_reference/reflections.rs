@@ -1,11 +1,11 @@
-//! Where rays meet what is on the picture: `tracing.wgsl`, and how much of it is mirrored.
+//! Screen-space ray tracing, `tracing.wgsl`, and the weight of its result.
 
 use super::depth::project;
 use super::surface::{DepthPicture, V3, dot, scale};
 
 /// Share of the picture's shorter side over which reflections fade towards its border.
 const BORDER: f64 = 0.1;
-/// Roughness from which less is mirrored of the picture, and from which on nothing is.
+/// Roughness at which screen-space reflections begin to fade, and at which they end.
 const MIRRORS: [f64; 2] = [0.2, 0.5];
 /// Depths of itself at which a ray ends that goes away from the eye.
 const FARTHEST: f64 = 1e4;
@@ -14,7 +14,7 @@ const CLOSEST: f64 = 1e-3;
 /// How far past a cell's side the next one is looked up, pixels.
 const NUDGE: f64 = 0.01;
 
-/// Stored depths, and the nearest of each 2×2 of them, again and again.
+/// Depth pyramid: stored depths and the nearest of each 2×2, level by level.
 #[derive(Clone, Debug)]
 pub struct Pyramid {
     /// Width and values of each level, the picture's own first.
@@ -22,7 +22,7 @@ pub struct Pyramid {
 }
 
 impl Pyramid {
-    /// Of a picture, with so many levels above its own. Sides are rounded up; beyond the picture there is nothing.
+    /// Builds `levels` levels above full resolution. Sides are rounded up; outside the picture there is nothing.
     #[must_use]
     pub fn new(picture: &DepthPicture<'_>, levels: u32) -> Self {
         let mut size = picture.size_px;
@@ -57,31 +57,31 @@ impl Pyramid {
     }
 }
 
-/// How rays look for what they meet.
+/// Search settings.
 #[derive(Clone, Copy, Debug)]
 pub struct Tracing {
-    /// By cells of the pyramid, or pixel by pixel.
+    /// Hierarchical or linear search.
     pub by_cells: bool,
-    /// At most so many.
+    /// Most steps.
     pub steps: u32,
     /// How thick what is drawn is, as a share of its depth.
     pub thickness: f64,
 }
 
-/// How a ray ended.
+/// Result of a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
-    /// On what is drawn at a pixel.
+    /// It hit the surface at a pixel.
     Met([i64; 2]),
-    /// At the picture's border, or as far away as anything is looked for.
+    /// It left the picture or reached the largest distance.
     Left,
-    /// Its steps were done.
+    /// It ran out of steps.
     MidAir,
-    /// It went below its own surface.
+    /// It started below its own surface.
     Below,
 }
 
-/// A ray's end, and how many depths were looked up until then.
+/// A ray's result and its number of depth lookups.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Traced {
     /// Where it ended.
@@ -116,12 +116,12 @@ impl Line {
     }
 }
 
-/// A picture of depths in which rays are followed.
+/// A depth buffer in which rays are traced.
 #[derive(Clone, Copy, Debug)]
 pub struct Mirror<'a> {
     /// What was drawn.
     pub picture: DepthPicture<'a>,
-    /// The same by cells.
+    /// The depth pyramid.
     pub pyramid: &'a Pyramid,
 }
 
@@ -153,8 +153,7 @@ impl Mirror<'_> {
         [0, 1].iter().all(|&i| (0..i64::from(self.picture.size_px[i])).contains(&pixel[i]))
     }
 
-    /// Where a ray ends that begins on a surface with a unit normal and goes in a unit direction, in view space. It begins
-    /// a pixel's width above the surface.
+    /// Traces a ray from a surface, a pixel's width above it, in a unit direction in view space.
     #[must_use]
     pub fn trace(&self, tracing: &Tracing, place: V3, normal: V3, direction: V3) -> Traced {
         if dot(direction, normal) <= 0.0 {
@@ -218,7 +217,7 @@ impl Mirror<'_> {
         Traced { end: if part >= 1.0 { End::Left } else { End::MidAir }, lookups: tracing.steps }
     }
 
-    /// How much what was met at a pixel counts for.
+    /// Weight of a hit at a pixel.
     #[must_use]
     pub fn share(&self, pixel: [i64; 2]) -> f64 {
         let [width, height] = self.picture.size_px.map(f64::from);
@@ -233,7 +232,7 @@ fn meets(tracing: &Tracing, nearer: f64, further: f64, surface: f64) -> bool {
     surface > 0.0 && further <= surface && surface <= nearer * (1.0 + tracing.thickness)
 }
 
-/// How much of what is mirrored one ray stands for, by roughness.
+/// Weight of a single ray by roughness.
 #[must_use]
 pub fn mirrors(roughness: f64) -> f64 {
     let t = ((roughness - MIRRORS[0]) / (MIRRORS[1] - MIRRORS[0])).clamp(0.0, 1.0);
@@ -306,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_surface_is_not_met_and_few_steps_end_in_mid_air() {
+    fn rays_ignore_the_background_and_end_after_their_steps() {
         // Without a wall all goes to the sky.
         ends(0.02, -10.0, |pixel, linear, cells| {
             assert_eq!([linear.end, cells.end], [End::Left; 2], "{pixel:?}");
@@ -326,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pyramid_of_odd_sides_forgets_nothing() {
+    fn a_pyramid_of_odd_sides_covers_every_pixel() {
         let stored: Vec<f32> = (0..7 * 5).map(|i| (i * 37 % 35) as f32 / 35.0).collect();
         let picture = DepthPicture { stored: &stored, size_px: [7, 5], tan_half_fov: [1.0; 2], near: NEAR };
         let pyramid = Pyramid::new(&picture, 3);

@@ -1,4 +1,4 @@
-//! Lookups in maps of shadows: `sunlight.wgsl`.
+//! Lookups in shadow maps: `sunlight.wgsl`.
 
 use glam::{DMat4, DQuat, DVec2, DVec3};
 
@@ -14,7 +14,7 @@ const ROUNDING: f64 = 0.1;
 pub struct Map<'a> {
     /// Depths along the light, 1 nearest to the sun, rows from the top; as many rows as columns.
     pub stored: &'a [f32],
-    /// From places relative to the eye to the map: across it from 0 to 1, rows from the top, and what it stores.
+    /// Matrix from positions relative to the eye to the map: 0 to 1 across, rows from the top, and depth.
     pub map_from_world: DMat4,
     /// World units of a texel.
     pub texel: f64,
@@ -41,14 +41,14 @@ impl Map<'_> {
     }
 }
 
-/// How far from a place a lookup reaches, in texels.
+/// Radius of a lookup in texels.
 #[must_use]
 pub fn reach(filter: u32) -> f64 {
     0.5 * f64::from(filter + 1) * std::f64::consts::SQRT_2
 }
 
-/// Share of the sun's light that reaches a pixel, by maps of which the nearest comes first. `rotation` turns view space
-/// into the world; `lit_by` is the normal that the pixel is lit by, in the world.
+/// Share of the sun's light that reaches a pixel, from maps in order of distance. `rotation` turns view space into the
+/// world; `lit_by` is the shading normal in the world.
 #[must_use]
 pub fn sunlight(
     picture: &DepthPicture<'_>,

@@ -1,4 +1,4 @@
-//! Places and normals of surfaces from their depth: `surface.wgsl`.
+//! Positions and normals reconstructed from depth: `surface.wgsl`.
 
 use super::depth::{view_depth, view_ray};
 
@@ -46,7 +46,7 @@ impl DepthPicture<'_> {
         view_depth(self.stored_at(p), self.near).min(1e30)
     }
 
-    /// Where the surface at a pixel lies, in view space.
+    /// Position of the surface at a pixel, in view space.
     #[must_use]
     pub fn position_at(&self, p: [i64; 2]) -> V3 {
         scale(view_ray(p, self.size_px, self.tan_half_fov), self.depth_at(p))

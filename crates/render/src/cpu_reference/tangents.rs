@@ -1,7 +1,7 @@
 //! Tangent frames for normal maps: `gradients` of `gbuffer.wgsl`, and what meshes with tangents in their vertices have.
 //!
-//! A frame says how a slope that a normal map gives along u and v tilts the normal. All here are made of the same triangles
-//! and the same normals in their corners.
+//! A frame maps slopes of a normal map along u and v to tilts of the normal. All methods here share triangles and
+//! corner normals.
 
 use glam::{DVec2, DVec3};
 
@@ -25,7 +25,7 @@ pub struct Tangents {
     pub v: DVec3,
 }
 
-/// How a frame is made.
+/// Method of computing a tangent frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TangentMethod {
     /// Of each face, of its edges alone: Lengyel, "Computing tangent space basis vectors for an arbitrary mesh", 2001.
@@ -47,7 +47,7 @@ impl TangentMethod {
     pub const ALL: [Self; 5] =
         [Self::PerFace, Self::Averaged, Self::GramSchmidt, Self::SplitGramSchmidt, Self::Derivatives];
 
-    /// What it is called in tables.
+    /// Name in tables.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn on_a_plane_all_ways_say_the_same() {
+    fn on_a_plane_all_tangent_methods_agree() {
         // u runs along the diagonal, v across it, at other scales.
         let uv = |x: f64, y: f64| [3.0 * (x + y), 0.5 * (y - x)];
         let at = |x, y| corner(x, y, uv(x, y));

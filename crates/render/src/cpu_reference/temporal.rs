@@ -1,4 +1,4 @@
-//! Anti-aliasing over time: `temporal.wgsl` with `motion.wgsl`, and what `tonemap.wgsl` makes of it.
+//! Temporal anti-aliasing: `temporal.wgsl` with `motion.wgsl`, and its tone mapping in `tonemap.wgsl`.
 
 use glam::{DVec2, DVec3};
 use lodestream_scene::pose::Pose;
@@ -11,16 +11,16 @@ const BEFORE: f64 = 1.1;
 const HASTE: f64 = 0.4;
 const LEAST_MOTION: f64 = 0.01;
 
-/// A frame and the history that it is added to; rows from the top.
+/// A frame and its history; rows from the top.
 #[derive(Clone, Copy, Debug)]
 pub struct Resolve<'a> {
     /// Width and height.
     pub size_px: [u32; 2],
-    /// What the frame shows.
+    /// Radiance of the frame.
     pub radiance: &'a [[f64; 3]],
     /// Its depth as it is stored.
     pub depth: &'a [f64],
-    /// From where what moves by itself is to where it was, in pixels; `None` for all else.
+    /// Motion of moving objects to their previous position in pixels; `None` for still ones.
     pub motion: &'a [Option<[f64; 2]>],
     /// Weighed colours, and of how many frames they are a mean.
     pub history: &'a [[f64; 4]],
@@ -38,7 +38,7 @@ pub struct Resolve<'a> {
     pub water: Option<[f64; 2]>,
 }
 
-/// Less of a colour the brighter it is; nothing of what is no number.
+/// Brightness weight of a colour; 0 for NaN.
 #[must_use]
 pub fn weighed(radiance: [f64; 3], exposure: f64) -> Option<[f64; 3]> {
     if radiance.iter().any(|c| (c * exposure).is_nan()) {
@@ -91,7 +91,7 @@ impl Resolve<'_> {
         (1.0 - mirrored) * (-extinction * below * (1.0 + cosine)).exp()
     }
 
-    /// From where what a pixel shows is to where the frame before had it, by the camera's motion.
+    /// Motion of a pixel due to the camera, to its previous position.
     #[must_use]
     pub fn motion_of_camera(&self, pixel: [i64; 2]) -> DVec2 {
         let [camera, before] = self.cameras;
@@ -112,7 +112,7 @@ impl Resolve<'_> {
         (DVec2::new(ndc[0], -ndc[1]) * 0.5 + 0.5) * size - now
     }
 
-    /// The history at a place, by a cubic through the texels of which the corners are left out.
+    /// The history at a position, by a bicubic filter without corner texels.
     fn history_at(&self, place: DVec2) -> [f64; 4] {
         let centre = (place - 0.5).floor() + 0.5;
         let f = place - centre;
@@ -144,7 +144,7 @@ impl Resolve<'_> {
         if mean.iter().all(|x| x.is_finite()) { mean.map(|x| x.max(0.0)) } else { [0.0; 4] }
     }
 
-    /// What becomes of a pixel of the history while things move.
+    /// The resolved pixel while things move.
     #[must_use]
     pub fn pixel(&self, pixel: [i64; 2]) -> [f64; 4] {
         let seen = |at: [i64; 2]| weighed(self.radiance[self.index(at)], self.exposure);

@@ -2,7 +2,9 @@
 
 use glam::DVec2;
 
-use crate::tiles::{CELL_SAMPLES, FALLOFF, TILE_CELLS, TILE_MARGIN, TILE_SAMPLES, TileRegion, grown};
+use lodestream_terrain::tiles::{
+    CELL_SAMPLES, FALLOFF, TILE_CELLS, TILE_MARGIN, TILE_SAMPLES, TileRegion, region_margin,
+};
 
 /// What the vertex shader knows of a tile, in world units relative to the eye.
 #[derive(Clone, Copy, Debug)]
@@ -91,7 +93,7 @@ pub fn morph_at(regions: &[TileRegion], spacing: u8, unit: f64, at: DVec2, plain
     regions.iter().fold(plain, |morph, region| {
         let (along, offset) = (region.to - region.from, at - region.from);
         let share = (offset.dot(along) / along.length_squared().max(1e-30)).clamp(0.0, 1.0);
-        let beyond = (offset - share * along).length() - region.radius - grown(spacing) * unit;
+        let beyond = (offset - share * along).length() - region.radius - region_margin(spacing) * unit;
         let own = region.morph[usize::from(spacing)];
         [0, 1].map(|i| morph[i].max(own[i] - FALLOFF * beyond.max(0.0)))
     })
@@ -136,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tile_that_has_arrived_is_the_coarser_surface() {
+    fn a_morphed_tile_is_the_coarser_surface() {
         let points = i64::from(TILE_SAMPLES);
         let heights: Vec<i32> = (0..points * points).map(|i| ((i * i * 31 + i * 7) % 113) as i32).collect();
         let tile = |morph| Tile {

@@ -35,7 +35,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn morph_starts_and_ends_where_it_should() {
+    fn morph_starts_and_ends_at_its_positions() {
         assert_eq!(morph_weight(-1.0, 0.25), 0.0);
         assert_eq!(morph_weight(0.125, 0.25), 0.5);
         assert_eq!(morph_weight(1e9, 0.25), 1.0);

@@ -1,56 +1,31 @@
-//! Water that stands level: `water.wgsl`.
+//! Water: `water.wgsl`.
 
 use glam::{DVec2, DVec3};
 
 use super::brdf::Reflector;
 use super::sky::{Sky, environment_brdf};
+use crate::passes::water::WaterView;
 
 /// As in the shader: reflectance of water looking straight at it.
-pub const WATER: f64 = 0.0204;
+pub(crate) const WATER: f64 = 0.0204;
 /// As in the shader: least microfacet roughness, squared.
 const CALM: f64 = 4e-4;
 
-/// A ripple: a sine of slopes.
+/// A pixel's ray in the world and its differentials to the pixels right and above; the central ray has length 1.
 #[derive(Clone, Copy, Debug)]
-pub struct Wave {
-    /// Along x and z, cycles per world unit.
-    pub vector: DVec2,
-    /// Below the eye, in cycles.
-    pub phase: f64,
-    /// Steepest slope.
-    pub steepness: f64,
-}
-
-/// Water as the shader gets it.
-#[derive(Clone, Debug)]
-pub struct Water {
-    /// Per world unit of red, green and blue.
-    pub extinction: DVec3,
-    /// Share of the light that deep water sends back.
-    pub scattered: DVec3,
-    /// Of the eye over the water, above 0.
-    pub height: f64,
-    /// Ripples.
-    pub waves: Vec<Wave>,
-}
-
-/// A pixel's ray in the world: through its centre, and from pixel to pixel across and up; the middle of the picture has
-/// length 1.
-#[derive(Clone, Copy, Debug)]
-pub struct Ray {
+pub(crate) struct Ray {
     /// Through the pixel.
-    pub through: DVec3,
+    pub(crate) through: DVec3,
     /// To the pixel to the right.
-    pub right: DVec3,
+    pub(crate) right: DVec3,
     /// To the pixel above.
-    pub up: DVec3,
+    pub(crate) up: DVec3,
 }
 
-impl Water {
-    /// What a pixel shows in place of `behind`, the radiance of what lies `depth` away along the view's axis (infinite for
-    /// none); `sun` is its irradiance over π as far as it arrives, `split_sum` the table of [`super::sky::split_sum`].
-    #[must_use]
-    pub fn seen(
+impl WaterView {
+    /// Radiance of a pixel with water over `behind`, the radiance of the surface at view depth `depth` (infinite for
+    /// none). `sun` is the sun's irradiance over π after shadows, `split_sum` the table of [`super::sky::split_sum`].
+    pub(crate) fn radiance(
         &self,
         ray: Ray,
         (behind, depth): (DVec3, f64),

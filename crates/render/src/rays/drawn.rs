@@ -1,13 +1,13 @@
-//! The triangles that a frame draws, back from the device.
+//! Reads back the triangles of a frame.
 
 use glam::{DVec2, DVec3, Vec3};
 
 use crate::cpu_reference::terrain::Tile;
-use crate::gpu::{Gpu, RenderError};
-use crate::instance::Instance;
-use crate::scene::Frame;
-use crate::terrain::{TerrainFrame, TerrainPart, arrival};
-use crate::tiles::{TILE_CELLS, TileRegion};
+use crate::frame::settings::Frame;
+use crate::resources::gpu::{Gpu, RenderError};
+use crate::scene::instance::Instance;
+use crate::scene::terrain::{TerrainFrame, TerrainPart, shader_morph};
+use lodestream_terrain::tiles::{TILE_CELLS, TileRegion};
 
 /// Corners relative to the frame's eye, on world axes.
 pub(super) fn triangles(gpu: &Gpu, frame: &Frame<'_>) -> Result<Vec<[DVec3; 3]>, RenderError> {
@@ -30,7 +30,7 @@ pub(super) fn triangles(gpu: &Gpu, frame: &Frame<'_>) -> Result<Vec<[DVec3; 3]>,
     Ok(all)
 }
 
-/// Rough regions as the shader has them: relative to the eye.
+/// Rough regions relative to the eye, as in the shader.
 struct Regions(Vec<TileRegion>);
 
 impl Regions {
@@ -52,7 +52,7 @@ impl Regions {
 }
 
 fn arrived(morph: [f64; 2]) -> [f64; 2] {
-    arrival(morph).map(f64::from)
+    shader_morph(morph).map(f64::from)
 }
 
 fn add_tile(

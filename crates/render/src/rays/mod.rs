@@ -1,9 +1,9 @@
-//! Ambient occlusion by rays against the triangles that a frame draws: what estimates from a depth buffer are held against.
+//! Reference ambient occlusion by ray casting against a frame's triangles.
 //!
-//! A ray through each pixel's middle finds where it sees a triangle, and on which side; from there rays go into the
-//! hemisphere above the triangle's plane, by the cosine. Each that meets something within the radius counts with one minus
-//! its length over the radius (`docs/design/occlusion.md` has the integral). For tests and figures: on a processor a
-//! picture of 480×270 pixels takes minutes at 512 rays.
+//! A ray through each pixel's centre finds the visible triangle and side; cosine-distributed rays then sample the
+//! hemisphere above its plane. A hit within the radius occludes by one minus its distance over the radius
+//! (`docs/design/occlusion.md` states the integral). For tests and figures: a picture of 480×270 pixels takes minutes
+//! at 512 rays on a CPU.
 
 mod drawn;
 
@@ -15,25 +15,25 @@ use lodestream_scene::pose::Pose;
 
 use crate::cpu_reference::depth::view_ray;
 use crate::cpu_reference::occlusion::radius_at;
-use crate::gpu::{Gpu, RenderError};
-use crate::occlusion::OcclusionRadius;
-use crate::scene::Frame;
+use crate::frame::settings::Frame;
+use crate::passes::occlusion::OcclusionRadius;
+use crate::resources::gpu::{Gpu, RenderError};
 
 /// π (3 − √5).
 const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
-/// What rays begin beyond, as a fraction of the radius: their own triangle, and what it touches within rounding.
+/// Start offset of rays as a fraction of the radius, to skip their own triangle and its neighbours.
 const BEGIN: f64 = 1e-5;
 
-/// What a pixel's ray meets, and how open it is there.
+/// The surface seen by a pixel, and its openness.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Seen {
+pub struct RayHit {
     /// View depth.
     pub depth: f64,
-    /// 1 where nothing within the radius hides the sky, 0 where all is hidden at no distance.
+    /// 1 if nothing within the radius occludes, 0 if everything is occluded at distance 0.
     pub openness: f64,
 }
 
-/// The triangles that a frame draws, relative to its eye.
+/// Ray caster over a frame's triangles, relative to its eye.
 #[derive(Clone, Debug)]
 pub struct Rays {
     camera: Pose,
@@ -42,16 +42,16 @@ pub struct Rays {
 }
 
 impl Rays {
-    /// What a frame draws that is not seen through, read back from the device: meshes as they are when all vertices are
-    /// where they belong, and the ground's tiles. Holes of materials are closed.
+    /// Reads back the opaque triangles of a frame: meshes at their final positions, and terrain tiles. Alpha-tested
+    /// holes count as closed.
     ///
     /// # Errors
-    /// What the graphics device refuses.
+    /// Errors of the graphics device.
     pub fn of_frame(gpu: &Gpu, frame: &Frame<'_>) -> Result<Self, RenderError> {
         Ok(Self::new(frame.camera, drawn::triangles(gpu, frame)?))
     }
 
-    /// Triangles relative to the camera's eye, on world axes.
+    /// Builds a ray caster from triangles relative to the camera's eye, on world axes.
     #[must_use]
     pub fn new(camera: Pose, triangles: Vec<[DVec3; 3]>) -> Self {
         let positions: Vec<[f64; 3]> = triangles.iter().flatten().map(DVec3::to_array).collect();
@@ -60,27 +60,27 @@ impl Rays {
         Self { camera, bvh: TriangleBvh::new(&positions, &indices), triangles }
     }
 
-    /// How many triangles there are.
+    /// Number of triangles.
     #[must_use]
     pub fn triangles(&self) -> usize {
         self.triangles.len()
     }
 
-    /// How far a ray goes until it meets a triangle, in lengths of its direction: `from` a place relative to the eye, on
-    /// world axes, beyond a part of its direction.
+    /// Distance to the first hit, in lengths of `direction`, ignoring hits before `beyond`; `from` is relative to the
+    /// eye, on world axes.
     #[must_use]
     pub fn first_hit(&self, from: DVec3, direction: DVec3, beyond: f64) -> Option<f64> {
         let hit = self.bvh.first_hit(from.to_array(), direction.to_array(), [beyond, f64::INFINITY]);
         hit.map(|(length, _)| length)
     }
 
-    /// What each pixel of a picture sees, rows from the top, by so many rays each; `None` where it sees no triangle. The
-    /// answer does not depend on the number of threads.
+    /// Casts rays for each pixel, rows from the top, with `rays` rays each; `None` where no triangle is seen. The
+    /// result does not depend on the number of threads.
     #[must_use]
-    pub fn picture(&self, size_px: [u32; 2], radius: OcclusionRadius, rays: u32) -> Vec<Option<Seen>> {
+    pub fn picture(&self, size_px: [u32; 2], radius: OcclusionRadius, rays: u32) -> Vec<Option<RayHit>> {
         let mut picture = vec![None; size_px[0] as usize * size_px[1] as usize];
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        // Rows by turns: what is costly lies together.
+        // Interleave rows: costly ones are adjacent.
         let mut work: Vec<Vec<_>> = (0..threads).map(|_| Vec::new()).collect();
         for (y, row) in picture.chunks_mut(size_px[0] as usize).enumerate() {
             work[y % threads].push((y, row));
@@ -99,10 +99,16 @@ impl Rays {
         picture
     }
 
-    fn pixel(&self, [x, y]: [u32; 2], size_px: [u32; 2], radius: OcclusionRadius, rays: u32) -> Option<Seen> {
+    fn pixel(
+        &self,
+        [x, y]: [u32; 2],
+        size_px: [u32; 2],
+        radius: OcclusionRadius,
+        rays: u32,
+    ) -> Option<RayHit> {
         let tan: [f64; 2] = self.camera.tan_half_fov(size_px[0], size_px[1]).into();
         let ray = self.camera.rotation * DVec3::from(view_ray([x.into(), y.into()], size_px, tan));
-        // A length of the ray is a unit of depth.
+        // The ray has unit depth.
         let (depth, triangle) = self.bvh.first_hit([0.0; 3], ray.to_array(), [0.0, f64::INFINITY])?;
         let [a, b, c] = self.triangles[triangle as usize];
         let normal = (b - a).cross(c - a).normalize();
@@ -112,7 +118,7 @@ impl Rays {
             OcclusionRadius::Depth(share) => (0.0, f64::from(share)),
         };
         let radius = radius_at(depth, asked, f64::from(size_px[1]) / (2.0 * tan[1]));
-        // Other directions in each pixel, so that what few rays leave is noise and no pattern.
+        // Random rotation per pixel: few rays give noise rather than a pattern.
         let turn = f64::from(hash(x ^ hash(y))) / f64::from(u32::MAX) * TAU;
         let (tangent, bitangent) = normal.any_orthonormal_pair();
         let from = (ray * depth + normal * (BEGIN * radius)).to_array();
@@ -126,11 +132,11 @@ impl Rays {
             hit.map_or(0.0, |(length, _)| 1.0 - length)
         });
         let hidden = hidden.sum::<f64>() / f64::from(rays.max(1));
-        Some(Seen { depth, openness: 1.0 - hidden })
+        Some(RayHit { depth, openness: 1.0 - hidden })
     }
 }
 
-/// Bits mixed (Wellons, "Prospecting for hash functions", 2018).
+/// Integer hash (Wellons, "Prospecting for hash functions", 2018).
 fn hash(mut x: u32) -> u32 {
     x = (x ^ (x >> 16)).wrapping_mul(0x21f0_aaad);
     x = (x ^ (x >> 15)).wrapping_mul(0x735a_2d97);

@@ -1,4 +1,4 @@
-//! The renderer: what it keeps between frames, and how it plans one. What passes record is in `passes`.
+//! The renderer: its state between frames, and the planning of a frame. `passes` records the planned passes.
 
 mod passes;
 
@@ -6,46 +6,47 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use crate::accumulation::Accumulation;
-use crate::asset::AssetGpu;
-use crate::bloom::{Bloom, BloomPass};
-use crate::buffer::GrowingBuffer;
-use crate::compiler::Compiler;
-use crate::composite::Composites;
-use crate::counters::Counters;
-use crate::cpu_reference::water::Water;
-use crate::debug::{self, DebugPipelines};
-use crate::draw::{Curved, DrawList, Meshes};
-use crate::environment::Environment;
-use crate::fullscreen::depth_attachment;
-use crate::gpu::{Gpu, RenderError};
-use crate::graph::{self, Needs, PassId, Resource};
-use crate::ink::{InkPass, Seen};
-use crate::instance::InstanceRaw;
-use crate::layers::Layers;
-use crate::lights::{PunctualLightList, PunctualLightPass};
-use crate::material::Material;
-use crate::material_kit::{Features, MaterialKit};
-use crate::occlusion::{OcclusionMethod, OcclusionNormals};
-use crate::pipelines::Pipelines;
-use crate::pn_triangles::{Curving, PatchLists};
-use crate::reflections::{ReflectionMethod, Tracer};
-use crate::scene::{AntiAliasing, DebugView, Frame, MAX_ANISOTROPY, MIN_RENDER_SCALE, Settings};
-use crate::shadows::{self, Casters, ShadowMaps, Sun};
-use crate::sky::SkyGpu;
-use crate::target::{Load, Target};
-use crate::targets::Targets;
-use crate::temporal::{Temporal, TemporalStep};
-use crate::terrain::{TerrainGpu, TerrainLook, TileList, TileRaw};
-use crate::texture::{Texture, TextureShape};
-use crate::timing::{PassEncoder, Timer, Timings};
-use crate::uniforms::FrameUniform;
-use crate::water::WaterPass;
+use crate::frame::accumulation::Accumulation;
+use crate::frame::compiler::Compiler;
+use crate::frame::composite::Composites;
+use crate::frame::counters::Counters;
+use crate::frame::draw::{Curved, DrawList, Meshes};
+use crate::frame::fullscreen::depth_attachment;
+use crate::frame::graph::{self, Needs, PassId, Resource};
+use crate::frame::pipelines::Pipelines;
+use crate::frame::settings::{AntiAliasing, DebugView, Frame, MAX_ANISOTROPY, MIN_RENDER_SCALE, Settings};
+use crate::frame::target::{Load, Target};
+use crate::frame::targets::Targets;
+use crate::frame::timing::{PassEncoder, Timer, Timings};
+use crate::frame::uniforms::FrameUniform;
+use crate::passes::bloom::{Bloom, BloomPass};
+use crate::passes::debug::{self, DebugPipelines};
+#[cfg(any(test, feature = "methods"))]
+use crate::passes::ink::{InkPass, StrokeInputs};
+use crate::passes::occlusion::OcclusionNormals;
+#[cfg(any(test, feature = "methods"))]
+use crate::passes::occlusion_layers::Layers;
+use crate::passes::pn_triangles::{PatchInputs, PatchLists};
+use crate::passes::reflections::{ReflectionMethod, Tracer};
+use crate::passes::shadows::{self, Casters, ShadowMaps, Sun};
+use crate::passes::sky::SkyGpu;
+use crate::passes::temporal::{Temporal, TemporalStep};
+use crate::passes::water::{WaterPass, WaterView};
+use crate::resources::buffer::GrowingBuffer;
+use crate::resources::gpu::{Gpu, RenderError};
+use crate::resources::texture::{Texture, TextureShape};
+use crate::scene::asset::AssetGpu;
+use crate::scene::environment::Environment;
+use crate::scene::instance::InstanceRaw;
+use crate::scene::lights::{PunctualLightList, PunctualLightPass};
+use crate::scene::material::Material;
+use crate::scene::material_bindings::{Features, MaterialBindings};
+use crate::scene::terrain::{TerrainGpu, TerrainLook, TileList, TileRaw};
 
 /// Draws frames into targets of one format.
 #[derive(Debug)]
 pub struct Renderer {
-    kit: MaterialKit,
+    kit: MaterialBindings,
     pipelines: Arc<Pipelines>,
     composites: Composites,
     debug: DebugPipelines,
@@ -61,7 +62,9 @@ pub struct Renderer {
     water: WaterPass,
     tracer: Tracer,
     bloom: BloomPass,
+    #[cfg(any(test, feature = "methods"))]
     ink: InkPass,
+    #[cfg(any(test, feature = "methods"))]
     layers: Layers,
     temporal: Temporal,
     accumulation: Accumulation,
@@ -69,14 +72,14 @@ pub struct Renderer {
     warned_wireframe: bool,
     warned_patches: bool,
     warned_ink: bool,
-    /// Where somebody asked what passes take.
+    /// Set while passes are timed.
     timer: Option<Timer>,
 }
 
 impl Renderer {
-    /// A renderer for targets of `target_format`. With an sRGB format the target encodes what it
-    /// is given; with any other the shader applies the sRGB curve, so both show the same picture.
-    /// Pipelines of [`Settings::default`] are compiled; others, and a terrain's, with the first frame that needs them.
+    /// Creates a renderer for targets of `target_format`. A format with sRGB encodes by itself; with any other the
+    /// shader applies the sRGB curve, so both show the same picture. Compiles the pipelines of [`Settings::default`];
+    /// others are compiled by the first frame that needs them.
     ///
     /// # Errors
     /// [`RenderError::Device`] if the device refuses a shader or pipeline.
@@ -87,13 +90,13 @@ impl Renderer {
         Ok(this)
     }
 
-    /// The same, but nothing is compiled yet: [`Renderer::compiler`] does it on as many threads as there are, else each
-    /// frame what it lacks.
+    /// Creates a renderer without compiling pipelines: [`Renderer::compiler`] compiles them on the caller's threads,
+    /// else each frame compiles what it lacks.
     ///
     /// # Errors
     /// [`RenderError::Device`] if the device refuses a buffer or texture.
     pub fn without_pipelines(gpu: &Gpu, target_format: wgpu::TextureFormat) -> Result<Self, RenderError> {
-        let kit = MaterialKit::new(gpu);
+        let kit = MaterialBindings::new(gpu);
         let pipelines = Arc::new(Pipelines::new(gpu, &kit, target_format));
         let frame_buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("frame"),
@@ -127,7 +130,9 @@ impl Renderer {
             water: WaterPass::new(gpu),
             tracer: Tracer::new(gpu),
             bloom: BloomPass::default(),
+            #[cfg(any(test, feature = "methods"))]
             ink: InkPass::default(),
+            #[cfg(any(test, feature = "methods"))]
             layers: Layers::default(),
             temporal,
             accumulation: Accumulation::default(),
@@ -145,13 +150,14 @@ impl Renderer {
         self.target_format
     }
 
-    /// What compiles the pipelines that frames of these settings are drawn with, on `ground` perhaps.
+    /// A compiler for the pipelines that frames with these settings need, optionally with terrain (`ground`).
     #[must_use]
     pub fn compiler(&self, gpu: &Gpu, settings: &Settings, ground: bool) -> Compiler {
         Compiler::new(gpu, &self.pipelines, settings, ground)
     }
 
-    /// Times passes from the next frame on, or no longer. Timestamps are two queries a pass, read back without waiting.
+    /// Turns timing of passes on or off from the next frame. Costs two timestamp queries a pass, read back without
+    /// waiting.
     pub fn time_passes(&mut self, gpu: &Gpu, on: bool) {
         match (&self.timer, on) {
             (None, true) => self.timer = Some(Timer::new(gpu)),
@@ -160,14 +166,14 @@ impl Renderer {
         }
     }
 
-    /// What passes took in the last frames, of which the newest are not yet back from the device; empty unless
-    /// [`Renderer::time_passes`] asked for it.
+    /// Times of the last frames, of which the newest may be pending; empty unless requested by
+    /// [`Renderer::time_passes`].
     pub fn timings(&mut self) -> Timings {
         self.timer.as_mut().map(Timer::timings).unwrap_or_default()
     }
 
-    /// Makes an empty asset. Positions of its vertices will be relative to `origin` (asset units);
-    /// materials refer to `textures` by index.
+    /// Creates an empty asset. Vertex positions are relative to `origin` (asset units); materials refer to `textures`
+    /// by index.
     #[must_use]
     pub fn create_asset(
         &self,
@@ -180,7 +186,7 @@ impl Renderer {
         self.create_asset_with(gpu, origin, materials, textures)
     }
 
-    /// The same with textures that other assets may have too.
+    /// Creates an empty asset with textures that other assets may share.
     #[must_use]
     pub fn create_asset_with(
         &self,
@@ -193,7 +199,7 @@ impl Renderer {
         AssetGpu::new(gpu, self.kit.clone(), origin, materials, textures)
     }
 
-    /// Makes a terrain without tiles.
+    /// Creates a terrain without tiles.
     ///
     /// # Errors
     /// [`RenderError::TooLarge`] where the device cannot hold the atlas of tiles, [`RenderError::Device`] if it
@@ -247,7 +253,7 @@ impl Renderer {
             self.warned_wireframe = true;
         }
         let ink = frame.settings.draws_ink(gpu);
-        if frame.settings.ink.is_some() && ink.is_none() && !self.warned_ink {
+        if frame.settings.asks_for_ink() && !ink && !self.warned_ink {
             tracing::warn!("{} cannot draw in ink; it is left out", gpu.describe());
             self.warned_ink = true;
         }
@@ -256,9 +262,9 @@ impl Renderer {
             tracing::warn!("{} cannot draw curved patches; triangles stay flat", gpu.describe());
             self.warned_patches = true;
         }
-        // From below its level water is not seen.
+        // Water is not drawn from below its surface.
         let water = frame.water.filter(|_| frame.settings.water);
-        let water = water.and_then(|water| water.seen_from(frame.camera.eye));
+        let water = water.and_then(|water| water.view_from(frame.camera.eye));
         let has_surfaces = !list.batches.is_empty() || ground.is_some() || water.is_some();
         let ambient = frame.settings.occlusion.filter(|o| o.strength > 0.0 && has_surfaces);
         let accumulated = self.accumulation.begin(frame, ambient, size);
@@ -275,7 +281,7 @@ impl Renderer {
         let seen = frame.settings.shade == DebugView::Motion;
         let temporal = smoothed == AntiAliasing::Temporal && frame.settings.shade.is_lit();
         let (step, moving) = if has_surfaces && (temporal || seen) {
-            let over = |water: &Water| [water.height, water.extinction.y].map(|x| x as f32);
+            let over = |water: &WaterView| [water.height, water.extinction.y].map(|x| x as f32);
             let water = water.as_ref().map_or([0.0; 2], over);
             self.temporal.begin(gpu, (frame, &list), size, (temporal, water))?
         } else {
@@ -301,7 +307,7 @@ impl Renderer {
                 water: water.is_some(),
                 transparency: through,
                 shown: shown.map(|(_, reads)| reads),
-                ink: ink.is_some(),
+                ink,
                 wireframe,
                 motion: !moving.is_empty(),
                 temporal,
@@ -320,11 +326,11 @@ impl Renderer {
             let casters = casters.iter().flat_map(|casters| &casters.batches);
             let seen = list.batches.iter().flat_map(|batch| batch.listed(true));
             let parts = seen.chain(casters.flat_map(|batch| batch.listed(false)));
-            let curving = Curving { settings, instances, before };
+            let inputs = PatchInputs { settings, instances, before };
             if let (Some(makers), Some(lists)) =
                 (self.pipelines.list_makers(gpu), self.pipelines.curved(gpu).lists())
             {
-                self.patches.plan(gpu, (makers, lists), curving, parts)?;
+                self.patches.plan(gpu, (makers, lists), inputs, parts)?;
             }
         }
         if let Some(punctual_lights) = &punctual_lights {
@@ -333,15 +339,17 @@ impl Renderer {
         if let Some(reflections) = reflections {
             self.tracer.prepare(gpu, reflections, size);
         }
-        if occlusion && accumulated.method == OcclusionMethod::HbaoPlus {
+        #[cfg(any(test, feature = "methods"))]
+        if occlusion && accumulated.method.is_layered() {
             self.layers.prepare(gpu, size);
         }
         if frame.settings.bloom.is_some() {
             self.bloom.prepare(gpu, size);
         }
-        match ink.filter(|_| plan.iter().any(|pass| pass.id == PassId::Ink)) {
+        #[cfg(any(test, feature = "methods"))]
+        match frame.settings.ink.filter(|_| ink && plan.iter().any(|pass| pass.id == PassId::Ink)) {
             Some(ink) => {
-                let seen = Seen { frame, batches: &list.batches, instances: self.instances.buffer() };
+                let seen = StrokeInputs { frame, batches: &list.batches, instances: self.instances.buffer() };
                 self.ink.prepare(gpu, self.pipelines.ink(gpu), &ink, &seen)?;
             }
             None => self.ink.clear(),
@@ -401,25 +409,26 @@ impl Renderer {
         Ok(counters)
     }
 
-    /// The maps of shadows.
+    /// The shadow maps.
     #[cfg(test)]
     pub(crate) fn shadow_maps(&self) -> &ShadowMaps {
         &self.shadow_maps
     }
 
-    /// How often the maps of a sky were computed while a frame waited for them.
+    /// Number of sky maps computed while a frame waited for them.
     #[cfg(test)]
     pub(crate) fn skies_computed(&self) -> u32 {
         self.sky.computed
     }
 
-    /// How often edges of a mesh were looked for since ink was off.
+    #[cfg(any(test, feature = "methods"))]
+    /// Number of meshes whose edges were extracted since ink was last off.
     #[cfg(test)]
     pub(crate) fn edges_found(&self) -> u32 {
         self.ink.found
     }
 
-    /// What the last frame did over time.
+    /// Temporal step of the last frame.
     #[cfg(test)]
     pub(crate) fn temporal_step(&self) -> TemporalStep {
         self.temporal.step()
@@ -431,7 +440,7 @@ impl Renderer {
     }
 }
 
-/// What a frame's meshes are drawn with, where it has some.
+/// Pipelines and buffers of a frame's meshes, if it has some.
 fn meshes<'a>(
     gpu: &Gpu,
     frame: &Frame<'_>,
@@ -443,22 +452,22 @@ fn meshes<'a>(
     Some(Meshes { plain: &pipelines.meshes, instances: instances.buffer()?, curved })
 }
 
-/// The size in which a target's picture is drawn.
+/// The render size for a target.
 fn drawn_size(target: &Target<'_>, scale: f32) -> (u32, u32) {
     let enlarged = scale < 1.0;
     if target.depth.is_some() || target.load == Load::Keep || !enlarged {
         return target.size;
     }
-    // At least a pixel, at most the target's.
+    // At least a pixel, at most the target's size.
     let side =
         |side: u32| ((side as f32 * scale.max(MIN_RENDER_SCALE)).round() as u32).clamp(1.min(side), side);
     (side(target.size.0), side(target.size.1))
 }
 
-/// A target's depth where no surface is drawn.
+/// Clears a target's depth when no surface is drawn.
 fn clear_depth(encoder: &mut wgpu::CommandEncoder, target: &Target<'_>) {
     if target.depth.is_some() {
-        // The pass ends as it begins: clearing is all it does.
+        // The pass only clears.
         drop(encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("clear depth"),
             color_attachments: &[],

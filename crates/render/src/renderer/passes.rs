@@ -1,20 +1,19 @@
-//! What each planned pass records: its inputs, and what is drawn with them.
+//! Recording of the planned passes: their inputs and draws.
 
 use super::Renderer;
-use crate::accumulation::AccumulationStep;
-use crate::bloom::Bloom;
-use crate::counters::Counters;
-use crate::debug;
-use crate::draw::{Batch, DrawList, Meshes, Relief};
-use crate::fullscreen::{attachment, blended, fullscreen};
-use crate::gpu::Gpu;
-use crate::graph::{Pass, PassId, Resource};
-use crate::occlusion::OcclusionMethod;
-use crate::pipelines::{Estimate, Estimated, Whole};
-use crate::scene::{DebugView, Frame, Settings};
-use crate::target::{Load, Target};
-use crate::terrain::TileList;
-use crate::timing::PassEncoder;
+use crate::frame::accumulation::AccumulationStep;
+use crate::frame::counters::Counters;
+use crate::frame::draw::{Batch, DrawList, Meshes, Relief};
+use crate::frame::fullscreen::{attachment, blended, fullscreen};
+use crate::frame::graph::{Pass, PassId, Resource};
+use crate::frame::pipelines::{FullscreenPass, OcclusionOutput, OcclusionVariant};
+use crate::frame::settings::{DebugView, Frame, Settings};
+use crate::frame::target::{Load, Target};
+use crate::frame::timing::PassEncoder;
+use crate::passes::bloom::Bloom;
+use crate::passes::debug;
+use crate::resources::gpu::Gpu;
+use crate::scene::terrain::TileList;
 
 impl Renderer {
     /// Records a planned pass.
@@ -43,21 +42,21 @@ impl Renderer {
             }
             PassId::Occlusion => self.occlusion(gpu, encoder, pass, accumulated),
             PassId::OcclusionBlur if pass.reads(OcclusionHalf) => {
-                full(encoder, p(Whole::Upsample), &[Depth, OcclusionHalf], Occlusion);
+                full(encoder, p(FullscreenPass::Upsample), &[Depth, OcclusionHalf], Occlusion);
             }
             PassId::OcclusionBlur => {
                 let raw = if pass.reads(OcclusionMean) { OcclusionMean } else { OcclusionRaw };
-                full(encoder, p(Whole::Blur), &[Depth, raw], Occlusion);
+                full(encoder, p(FullscreenPass::Blur), &[Depth, raw], Occlusion);
             }
-            // Before all others: what has changed of the maps is drawn when the frame is planned.
+            // Already recorded while the frame was planned.
             PassId::ShadowMaps => {}
             PassId::Sunlight => self.sunlight(gpu, encoder),
             PassId::Lighting => {
                 let [occlusion, shadows] = [Occlusion, Sunlight].map(|resource| pass.reads(resource));
-                // The shader reads none of what there is not, but its slot must be filled: any will do.
+                // Absent inputs are not read, but their binding must be filled: any texture will do.
                 let or = |there, resource| if there { resource } else { Albedo };
                 let reads = [Depth, Normal, Albedo, or(occlusion, Occlusion), or(shadows, Sunlight)];
-                let pipeline = p(Whole::Lighting { occlusion, shadows });
+                let pipeline = p(FullscreenPass::Lighting { occlusion, shadows });
                 self.lit(gpu, encoder, pass.id, (pipeline, &reads), true);
             }
             PassId::PunctualLights => {
@@ -65,12 +64,17 @@ impl Renderer {
             }
             PassId::DepthPyramid => {
                 if let Some(depth) = self.targets.view(Depth) {
-                    self.tracer.build(gpu, encoder, p(Whole::DepthPyramid), &depth);
+                    self.tracer.build(gpu, encoder, p(FullscreenPass::DepthPyramid), &depth);
                 }
             }
             PassId::Reflections => {
                 let [occlusion, by_cells] = [Occlusion, Pyramid].map(|resource| pass.reads(resource));
-                self.reflections(gpu, encoder, p(Whole::Reflections { occlusion, by_cells }), occlusion);
+                self.reflections(
+                    gpu,
+                    encoder,
+                    p(FullscreenPass::Reflections { occlusion, by_cells }),
+                    occlusion,
+                );
             }
             PassId::Water => self.water(gpu, encoder, pass.reads(Lit).then_some(pass.reads(Pyramid))),
             PassId::Bloom => {
@@ -79,6 +83,7 @@ impl Renderer {
                     self.bloom.draw(gpu, encoder, self.pipelines.bloom(gpu), &picture, share);
                 }
             }
+            #[cfg(any(test, feature = "methods"))]
             PassId::Strokes => {
                 if let (Some(depth), Some(into)) =
                     (self.targets.view(Depth), self.targets.view(Resource::Strokes))
@@ -87,10 +92,13 @@ impl Renderer {
                     self.ink.draw(gpu, encoder, self.pipelines.ink(gpu), of_frame, &depth, &into);
                 }
             }
+            #[cfg(any(test, feature = "methods"))]
             PassId::Ink => self.ink(gpu, encoder),
+            #[cfg(not(any(test, feature = "methods")))]
+            PassId::Strokes | PassId::Ink => {}
             PassId::Wireframe => {
                 let over = (Radiance, Load::Keep);
-                self.full(gpu, encoder, pass.id, (p(Whole::Wireframe), &[Resource::Edges]), over);
+                self.full(gpu, encoder, pass.id, (p(FullscreenPass::Wireframe), &[Resource::Edges]), over);
             }
             PassId::Patches => {
                 if let Some(makers) = self.pipelines.list_makers(gpu) {
@@ -107,40 +115,41 @@ impl Renderer {
                     self.temporal.resolve(gpu, encoder, &self.frame_buffer, seen);
                 }
             }
-            PassId::Sky => self.lit(gpu, encoder, pass.id, (p(Whole::Sky), &[]), false),
+            PassId::Sky => self.lit(gpu, encoder, pass.id, (p(FullscreenPass::Sky), &[]), false),
             PassId::ToneMap if pass.writes(Display) => {
-                full(encoder, p(Whole::ToneMapDisplay), &[Radiance], Display);
+                full(encoder, p(FullscreenPass::ToneMapDisplay), &[Radiance], Display);
             }
             PassId::AntiAlias if pass.writes(Resource::Smoothed) => {
-                full(encoder, p(Whole::AntiAliasSmall), &[Display], Resource::Smoothed);
+                full(encoder, p(FullscreenPass::AntiAliasSmall), &[Display], Resource::Smoothed);
             }
             PassId::Enlarge => {
-                let pipeline = p(Whole::Enlarge);
+                let pipeline = p(FullscreenPass::Enlarge);
                 let group = self.inputs(gpu, pipeline, &[Resource::Smoothed]);
                 fullscreen(encoder, pass.id, pipeline, &group, &Target { depth: None, ..*target });
             }
             PassId::AntiAlias => {
-                let pipeline = p(Whole::AntiAlias);
+                let pipeline = p(FullscreenPass::AntiAlias);
                 let group = self.inputs(gpu, pipeline, &[Display]);
                 fullscreen(encoder, pass.id, pipeline, &group, &Target { depth: None, ..*target });
             }
             PassId::ToneMap => {
                 let temporal = pass.reads(Resource::History);
-                let pipeline = p(if temporal { Whole::ToneMapTemporal } else { Whole::ToneMap });
+                let pipeline =
+                    p(if temporal { FullscreenPass::ToneMapTemporal } else { FullscreenPass::ToneMap });
                 let read = if temporal { Resource::History } else { Radiance };
                 let group = self.inputs(gpu, pipeline, &[read]);
                 fullscreen(encoder, pass.id, pipeline, &group, &Target { depth: None, ..*target });
             }
             PassId::Debug => {
                 let settings = &frame.settings;
-                // Of what there is not the plan has no pass.
+                // The plan has no pass for absent inputs.
                 let ran = |pass| counters.passes.contains(&pass);
                 let occlusion = pass.reads(Occlusion);
                 let there =
                     [occlusion, ran(PassId::Sunlight), ran(PassId::PunctualLights), ran(PassId::Motion)];
                 let Some((shown, reads)) = debug::shown(settings.shade, there) else { return };
                 let Some(pipeline) = self.debug.get(shown, target) else { return };
-                // The shader reads none of what is not shown, but its slots must be filled.
+                // Inputs that the view does not use are not read, but their bindings must be filled.
                 let mut slots = [Depth; 3];
                 slots[..reads.len()].copy_from_slice(reads);
                 let group = self.inputs(gpu, pipeline, &slots);
@@ -158,7 +167,7 @@ impl Renderer {
         super::meshes(gpu, frame, &self.pipelines, (&self.instances, &self.patches))
     }
 
-    /// Draws how far what moves by itself has come.
+    /// Draws motion vectors of moving objects.
     fn motion(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>, frame: &Frame<'_>, moving: &[Batch<'_>]) {
         let view = |resource| self.targets.view(resource);
         let (Some(depth), Some(motion), Some(meshes), Some(before)) =
@@ -166,7 +175,7 @@ impl Renderer {
         else {
             return;
         };
-        // What is not drawn stands, which `STANDS` of motion.wgsl says.
+        // Undrawn pixels do not move: the clear colour is `STANDS` of motion.wgsl.
         let stands = wgpu::Color { r: 6e4, ..wgpu::Color::TRANSPARENT };
         let descriptor = wgpu::RenderPassDescriptor {
             label: Some(PassId::Motion.name()),
@@ -183,7 +192,7 @@ impl Renderer {
         DrawList::motion(moving, gpu, &mut pass, meshes, before);
     }
 
-    /// Estimates occlusion, for a frame or into a mean of frames.
+    /// Estimates occlusion, for one frame or into the accumulated mean.
     fn occlusion(
         &self,
         gpu: &Gpu,
@@ -193,27 +202,28 @@ impl Renderer {
     ) {
         use Resource::{Depth, Normal, OcclusionHalf, OcclusionMean, OcclusionRaw};
         let (estimated, written) = if pass.writes(OcclusionMean) {
-            (Estimated::Mean, OcclusionMean)
+            (OcclusionOutput::Mean, OcclusionMean)
         } else if pass.writes(OcclusionHalf) {
-            (Estimated::Half, OcclusionHalf)
+            (OcclusionOutput::Half, OcclusionHalf)
         } else {
-            (Estimated::Frame, OcclusionRaw)
+            (OcclusionOutput::Frame, OcclusionRaw)
         };
-        let mean = estimated == Estimated::Mean;
-        // Where the drawn normals are not read, their slot must be filled all the same.
+        let mean = estimated == OcclusionOutput::Mean;
+        // If the G-buffer's normals are not read, their binding must be filled all the same.
         let reads = [Depth, if pass.reads(Normal) { Normal } else { Depth }];
         let view = |resource| self.targets.view(resource);
-        let (Some(depth), Some(normal), Some(into)) = (view(Depth), view(reads[1]), view(written)) else {
+        let (Some(normal), Some(into)) = (view(reads[1]), view(written)) else {
             return;
         };
-        // The first of a mean takes the place of what is there.
+        // The first frame of a mean replaces the content.
         let share = mean.then(|| 1.0 / f64::from(number));
-        if method == OcclusionMethod::HbaoPlus {
+        #[cfg(any(test, feature = "methods"))]
+        if let (true, Some(depth)) = (method.is_layered(), view(Depth)) {
             let from = (&self.frame_buffer, &depth, &normal);
             self.layers.draw(gpu, encoder, self.pipelines.layers(gpu, normals), from, (&into, share));
             return;
         }
-        let estimate = Whole::Occlusion(Estimate { method, normals, into: estimated });
+        let estimate = FullscreenPass::Occlusion(OcclusionVariant { method, normals, into: estimated });
         let pipeline = self.pipelines.whole(gpu, estimate);
         let group =
             self.inputs_and(gpu, pipeline, &[Depth], &[(3, wgpu::BindingResource::TextureView(&normal))]);
@@ -222,9 +232,9 @@ impl Renderer {
         blended(encoder, pass.id, pipeline, &group, &target, share.unwrap_or(1.0));
     }
 
-    /// Looks the shadow maps up for each pixel.
+    /// Shadow lookup for each pixel.
     fn sunlight(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>) {
-        let pipeline = self.pipelines.whole(gpu, Whole::Sunlight);
+        let pipeline = self.pipelines.whole(gpu, FullscreenPass::Sunlight);
         let view = |resource| self.targets.view(resource);
         let (Some(depth), Some(normal), Some(into)) =
             (view(Resource::Depth), view(Resource::Normal), view(Resource::Sunlight))
@@ -248,7 +258,7 @@ impl Renderer {
         }
     }
 
-    /// A fullscreen pass from intermediate textures (bindings 1, 2, …) into another, or over what is there.
+    /// A fullscreen pass from intermediate textures (bindings 1, 2, …) into another, or blended over it.
     fn full(
         &self,
         gpu: &Gpu,
@@ -263,7 +273,7 @@ impl Renderer {
         }
     }
 
-    /// Tells punctual lights by tiles, and adds their light to the picture; or shows how many there are in its place.
+    /// Culls punctual lights and adds their light to the picture, or shows their number in its place.
     fn punctual_lights(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>, counted: bool) {
         let view = |resource| self.targets.view(resource);
         let (Some(depth), Some(normal), Some(albedo), Some(into)) =
@@ -291,7 +301,7 @@ impl Renderer {
         self.punctual_lights.light(gpu, &mut pass, &self.frame_buffer, &[depth, normal, albedo], counted);
     }
 
-    /// Keeps the lit picture, and adds to it what smooth surfaces mirror of it.
+    /// Copies the lit picture, and adds reflections of the copy.
     fn reflections(
         &self,
         gpu: &Gpu,
@@ -307,7 +317,7 @@ impl Renderer {
         };
         encoder.encoder.copy_texture_to_texture(from.as_image_copy(), to.as_image_copy(), from.size());
         use Resource::{Albedo, Depth, Lit, Normal, Occlusion};
-        // The shader reads none of what there is not, but its slot must be filled: any will do.
+        // Absent inputs are not read, but their binding must be filled: any texture will do.
         let reads = [Depth, Normal, Albedo, if occlusion { Occlusion } else { Albedo }, Lit];
         let Some(cells) = self.tracer.pyramid().or_else(|| self.targets.view(Depth)) else { return };
         let [_, lobes, split_sum] = self.sky.views();
@@ -324,7 +334,8 @@ impl Renderer {
         fullscreen(encoder, PassId::Reflections, pipeline, &group, &over);
     }
 
-    /// Keeps the lit picture, and draws it anew in levels of light and under strokes.
+    #[cfg(any(test, feature = "methods"))]
+    /// Copies the lit picture, and redraws it with quantised light and strokes.
     fn ink(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>) {
         use Resource::{Albedo, Depth, Lit, Radiance, Strokes};
         let texture = |resource| self.targets.texture(resource);
@@ -340,7 +351,7 @@ impl Renderer {
         fullscreen(encoder, PassId::Ink, pipeline, &group, &Target::colour(&into, (0, 0)));
     }
 
-    /// Draws water over the lit picture, which mirrors the picture perhaps: by cells of depths or by pixels.
+    /// Draws water over the lit picture; `by_cells` selects the search of screen-space reflections, if there are any.
     fn water(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>, by_cells: Option<bool>) {
         let view = |resource| self.targets.view(resource);
         if let (Some(depth), Some(into), Some(light)) =
@@ -354,7 +365,7 @@ impl Renderer {
         }
     }
 
-    /// A fullscreen pass that looks the sky up, into radiance; only surfaces reflect it.
+    /// A fullscreen pass into radiance that samples the sky; only surfaces sample the reflection maps.
     fn lit(
         &self,
         gpu: &Gpu,
@@ -404,8 +415,7 @@ impl Renderer {
         })
     }
 
-    /// The passes that draw triangles: surfaces; what they give off, what is seen through and edges over the lit
-    /// picture; or how often each pixel is drawn.
+    /// The passes that draw triangles: surfaces; emission, transparency and edges over the lit picture; overdraw.
     fn geometry(
         &self,
         gpu: &Gpu,
@@ -466,7 +476,7 @@ impl Renderer {
                 }
             }
         }
-        // After the assets, which hide much of it.
+        // After the assets, which occlude much of it.
         if let (Some(ground), Some(tiles)) = (ground, self.tiles.buffer())
             && let Some(pipeline) = self.pipelines.terrain(gpu).of(gpu, id, relief)
         {
@@ -479,7 +489,7 @@ impl Renderer {
         }
     }
 
-    /// What is lit where it is drawn reads of the frame, of the sun and of the sky, and of the punctual lights where it has some.
+    /// Group 0 of forward-lit surfaces: frame, sun, sky and, if there are some, punctual lights.
     fn light(&self, gpu: &Gpu, punctual_lights: bool) -> Option<wgpu::BindGroup> {
         let frame = wgpu::BindGroupEntry { binding: 0, resource: self.frame_buffer.as_entire_binding() };
         let [seen, lobes, split_sum] = self.sky.views();

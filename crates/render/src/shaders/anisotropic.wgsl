@@ -1,6 +1,6 @@
-// Textures on surfaces that are seen at a grazing angle: several lookups along the longer axis of a pixel's footprint, each
-// as wide as the shorter one (McCormack et al., "Feline: fast elliptical lines for anisotropic texture mapping", 1999;
-// evenly weighed).
+// Anisotropic filtering in the shader: several lookups along the longer axis of a pixel's footprint, each as wide as
+// the shorter one (McCormack et al., "Feline: fast elliptical lines for anisotropic texture mapping", 1999; equal
+// weights).
 
 struct Footprint {
     count: i32,

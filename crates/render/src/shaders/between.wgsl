@@ -1,4 +1,4 @@
-// Where a point of the target lies between the texels of a picture that was drawn smaller.
+// Bilinear lookup for upscaling.
 
 // The nearest four, and how far between them: bilinear, texel centres lying at halves.
 struct Between {

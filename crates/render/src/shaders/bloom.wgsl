@@ -1,4 +1,4 @@
-// Light that spreads in a lens: a picture halved, and enlarged again. CPU reference: cpu_reference/bloom.rs.
+// Bloom: downsampling and upsampling. CPU reference: cpu_reference/bloom.rs.
 
 @group(0) @binding(1) var source: texture_2d<f32>;
 @group(0) @binding(2) var source_sampler: sampler;

@@ -1,4 +1,4 @@
-// The finished picture into a host's targets: colour as tonemap.wgsl has it, and the depth it lies at.
+// Composes the finished picture into a host's targets: colour as in tonemap.wgsl, and depth.
 
 @group(0) @binding(2) var depth_map: texture_depth_2d;
 

@@ -1,8 +1,7 @@
-// Which punctual lights may light a tile of the picture: a bit each. Whatever their number none is lost, and the sum over bits has
-// one order. Without clusters a tile's own range of depths narrows them (Andersson, "Parallel graphics in Frostbite",
-// 2009); with them ranges of depths do it pixel by pixel (Drobot, "Improved culling for tiled and clustered rendering",
-// 2017), and the tile's furthest surface is all that is asked for. What is seen through is in no map of depths: it lies
-// anywhere before what hides it, and before the sky anywhere at all.
+// Tiled light culling: a bit per light, so none is lost and sums have one order. Without clusters, a tile's depth
+// range narrows the lights (Andersson, "Parallel graphics in Frostbite", 2009); with clusters, depth bins do so per
+// pixel (Drobot, "Improved culling for tiled and clustered rendering", 2017), and only the tile's farthest depth is
+// needed. Transparent surfaces are in no depth buffer: they may lie anywhere before the opaque surface.
 
 @group(0) @binding(1) var depth_map: texture_2d<f32>;
 @group(0) @binding(8) var<storage, read_write> punctual_light_masks: array<u32>;

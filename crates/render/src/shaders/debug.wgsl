@@ -1,8 +1,8 @@
-// What passes hand on, in place of the picture. CPU reference: cpu_reference/debug.rs.
+// Debug views. CPU reference: cpu_reference/debug.rs.
 
 // `Shown` of debug.rs.
 override SHOWN: u32 = 0u;
-// Whether the target encodes what it is given, which is to stay as it is.
+// Whether the target applies the sRGB curve, which must be undone.
 override DECODE_SRGB: bool = false;
 // Whether what the host drew stays where none of our surfaces is.
 override KEEP: bool = false;
@@ -11,7 +11,7 @@ override KEEP: bool = false;
 @group(0) @binding(2) var shown_map: texture_2d<f32>;
 @group(0) @binding(3) var metal_map: texture_2d<f32>; // where that lies elsewhere
 
-// How the G-buffer holds what is shown: these alone know.
+// The G-buffer's encodings.
 
 // Of what is unlit there is none: black.
 fn normal_colour(texel: vec4<f32>) -> vec3<f32> {

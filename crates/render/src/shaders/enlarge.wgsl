@@ -1,4 +1,4 @@
-// A finished picture as large as it is shown. CPU reference: cpu_reference/antialias.rs.
+// Upscaling of the finished picture. CPU reference: cpu_reference/antialias.rs.
 
 // Whether the target applies the sRGB curve by itself, so that it is to be given linear values.
 override DECODE_SRGB: bool = false;

@@ -1,4 +1,4 @@
-// What is seen through: lit where it is drawn, over what lies behind.
+// Transparent surfaces: forward lighting, blended over the picture.
 
 @fragment
 fn fs_transparent(s: Surface, @builtin(front_facing) front: bool) -> @location(0) vec4<f32> {

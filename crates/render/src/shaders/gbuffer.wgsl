@@ -1,7 +1,6 @@
-// Surfaces to depth, world normal, roughness, occlusion, albedo and metal.
+// Writes the G-buffer: depth, world normal, roughness, occlusion, albedo and metalness.
 
-// Compiled in only for materials that have something for them to do: a height map, a normal or surface map, an opacity
-// below which there is a hole.
+// Compiled in only for materials with a height map, a normal or surface map, or alpha test.
 override RELIEF: bool = false;
 override MAPS: bool = false;
 override MASK: bool = false;
@@ -30,7 +29,7 @@ struct Material {
 const SUNKEN_LEAST_COSINE: f32 = 0.25;
 
 struct Surface {
-    // Alike in all passes, which meet at the same depths.
+    // Invariant: all passes must compute equal depths.
     @builtin(position) @invariant clip: vec4<f32>,
     @location(0) position: vec3<f32>, // world axes, relative to the eye
     @location(1) normal: vec3<f32>,
@@ -39,7 +38,7 @@ struct Surface {
     @location(4) colour: vec4<f32>, // linear, so that what lies between vertices is too; with opacity
 }
 
-// What is known of a surface where it is seen.
+// A shaded surface point.
 struct Shaded {
     albedo: vec3<f32>,
     opacity: f32,
@@ -151,7 +150,7 @@ struct DeepGBuffer {
     @builtin(frag_depth) depth: f32,
 }
 
-// The same with the depth of what relief shows (Settings::relief_in_depth).
+// Writes the relief's depth (Settings::relief_in_depth).
 @fragment
 fn fs_deep_surface(s: Surface, @builtin(front_facing) front: bool) -> DeepGBuffer {
     let surface = shaded(s, front);
@@ -163,7 +162,7 @@ fn fs_deep_surface(s: Surface, @builtin(front_facing) front: bool) -> DeepGBuffe
     return DeepGBuffer(stored.normal, stored.albedo, clamp(frame.near / max(ahead, frame.near), 0.0, 1.0));
 }
 
-// What surfaces give off, onto the lit picture.
+// Emission over the lit picture.
 @fragment
 fn fs_emission(s: Surface) -> @location(0) vec4<f32> {
     let texel = textureSampleGrad(emission_map, map_sampler, s.uv, dpdx(s.uv), dpdy(s.uv)).rgb;
@@ -172,8 +171,8 @@ fn fs_emission(s: Surface) -> @location(0) vec4<f32> {
     return vec4(min(material.emission * texel, vec3(MAX_RADIANCE)) * left, 0.0);
 }
 
-// Into a map of shadows, what is drawn with relief in its depth, from the deepest of that on: else what relief shows would
-// lie in the shadow of the surface over it.
+// Shadow casters with relief in depth, from its deepest point: otherwise the relief would lie in the shadow of its own
+// surface.
 @fragment
 fn fs_sunken(s: Surface, @builtin(front_facing) front: bool) -> @builtin(frag_depth) f32 {
     let normal = normalize(select(-s.normal, s.normal, front));
@@ -188,7 +187,7 @@ fn fs_sunken(s: Surface, @builtin(front_facing) front: bool) -> @builtin(frag_de
     return clamp(s.clip.z - way * frame.clip_from_view[2][2], 0.0, 1.0);
 }
 
-// What has holes, in a map of shadows.
+// Alpha-tested shadow casters.
 struct Pierced {
     @builtin(position) clip: vec4<f32>,
     @location(0) uv: vec2<f32>,

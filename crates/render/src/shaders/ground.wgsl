@@ -1,4 +1,4 @@
-// What the ground is covered with: layers of colour with heights, at three scales.
+// Ground cover: textured layers with heights, at three scales.
 
 // Repetitions of the finest scale in one of the near one.
 const DETAILS: f32 = 8.0;

@@ -1,6 +1,5 @@
-// Ambient occlusion by horizons of slices (Jimenez et al. 2016), rise by rise with the falloff of what makes it: the papers
-// take a falloff off the highest horizon, which is darker or lighter than the integral by what lies below it. CPU reference:
-// cpu_reference/occlusion/gtao.rs.
+// GTAO (Jimenez et al. 2016), with the falloff applied to each rise of the horizon. The paper applies one falloff to
+// the highest horizon, which ignores what lies below it. CPU reference: cpu_reference/occlusion/gtao.rs.
 
 fn occlusion_sums(r: Receiver) -> vec2<f32> {
     let steps = step_count();

@@ -1,4 +1,4 @@
-// The lit picture in levels of light, with spattered borders, under blurred strokes. CPU reference: cpu_reference/ink.rs.
+// Quantised light with noisy borders under blurred strokes. CPU reference: cpu_reference/ink.rs.
 
 @group(0) @binding(1) var lit_map: texture_2d<f32>;
 @group(0) @binding(2) var depth_map: texture_2d<f32>;

@@ -1,8 +1,8 @@
-// Which sides of triangles share an edge, of a mesh as it is drawn: tables of places and of edges with open addressing
-// (Knuth, "The art of computer programming" 3, section 6.4), filled by all invocations at once. Made when a mesh has changed.
+// Edge adjacency of a mesh: hash tables of positions and edges with open addressing (Knuth, "The art of computer
+// programming" 3, section 6.4), filled concurrently. Rebuilt when a mesh has changed.
 //
-// Wedges of one place are one vertex here, so seams of attributes are no borders. Sides of one edge are linked in a ring;
-// an edge of two triangles has a ring of two, a border one of itself.
+// Wedges of one position count as one vertex, so attribute seams are no borders. The sides of an edge are linked in a
+// ring; an edge of two triangles has a ring of two, a border a ring of one.
 
 struct Job {
     vertices: u32, // slots
@@ -49,7 +49,7 @@ fn cell_of_place(at: vec3<u32>) -> u32 {
     return scrambled(at.x ^ scrambled(at.y ^ scrambled(at.z + 0x9e3779b9u))) & job.mask;
 }
 
-// Takes a cell that nobody has; answers who has it.
+// Claims a free cell; returns its owner.
 fn claim(cell: u32, by: u32) -> u32 {
     loop {
         let was = atomicCompareExchangeWeak(&owners[cell], 0u, by);

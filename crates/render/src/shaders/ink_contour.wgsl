@@ -1,4 +1,4 @@
-// What makes an edge a stroke. CPU reference: cpu_reference/ink.rs.
+// Classification of edges as strokes. CPU reference: cpu_reference/ink.rs.
 
 // Bits of what the triangles of an edge are.
 const LEFT: u32 = 1u;

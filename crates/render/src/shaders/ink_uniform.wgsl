@@ -1,4 +1,4 @@
-// How ink is drawn.
+// Settings of ink.
 
 struct Ink {
     half_width: f32, // pixels

@@ -1,6 +1,6 @@
-// What an estimator of ambient occlusion looks up in one of sixteen layers: every fourth pixel of every fourth row. Pixels of
-// a layer share a rotation, so neighbours look up neighbours, which caches like (Bavoil, "Deinterleaved texturing for
-// cache-efficient interleaved sampling", 2014). CPU reference: cpu_reference/occlusion/receiver.rs.
+// Depth lookups of an occlusion estimator in one of sixteen deinterleaved layers: every fourth pixel of every fourth
+// row. Pixels of a layer share a rotation, so neighbours read neighbours, which suits caches (Bavoil, "Deinterleaved
+// texturing for cache-efficient interleaved sampling", 2014). CPU reference: cpu_reference/occlusion/receiver.rs.
 
 @group(0) @binding(2) var layers: texture_2d_array<f32>;
 

@@ -1,4 +1,4 @@
-// Light of punctual lights on a surface: those that its pixel's tile and its depth leave. CPU reference: cpu_reference/lights.rs.
+// Shading by punctual lights: those left by the pixel's tile and depth bin. CPU reference: cpu_reference/lights.rs.
 
 @group(0) @binding(8) var<storage, read> punctual_light_masks: array<u32>; // of a tile one after the other
 @group(0) @binding(9) var<storage, read> punctual_light_bins: array<u32>; // first and, shifted by 16, last punctual light of a range of depths

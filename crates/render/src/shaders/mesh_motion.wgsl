@@ -1,4 +1,4 @@
-// How far meshes' vertices have come.
+// Motion vectors of mesh vertices.
 
 @vertex
 fn vs_motion(

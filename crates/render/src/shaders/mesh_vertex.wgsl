@@ -1,4 +1,4 @@
-// Vertices of meshes as they are.
+// Vertex stage of flat meshes.
 
 struct VertexIn {
     @location(0) position: vec3<f32>,
@@ -30,7 +30,7 @@ fn vs_surface(v: VertexIn) -> Surface {
     return out;
 }
 
-// Into a map of shadows: `frame` is then as the sun sees it.
+// Shadow caster: `frame` then holds the sun's view.
 @vertex
 fn vs_caster(v: VertexIn) -> @builtin(position) vec4<f32> {
     return clip_position(placed(v));

@@ -1,4 +1,4 @@
-// How the picture has moved since the frame before, in pixels: from where a surface is to where it was.
+// Motion vectors in pixels: from a surface's position to its previous position.
 
 // What holds the motion of things by themselves says this of all others.
 const STANDS: f32 = 6e4;
@@ -18,7 +18,7 @@ fn place_now(pixel: vec2<i32>) -> vec2<f32> {
     return vec2<f32>(pixel) + 0.5 + frame.jitter;
 }
 
-// Motion of what stands still, by the camera's.
+// Motion of still surfaces, due to the camera.
 fn motion_of_camera(pixel: vec2<i32>, stored: f32) -> vec2<f32> {
     let ray = (transpose(frame.view_from_world) * vec4(view_ray(pixel), 0.0)).xyz;
     let there = stored > 0.0;

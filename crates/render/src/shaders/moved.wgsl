@@ -1,4 +1,4 @@
-// What moves by itself, by its own vertices and instances: where it was in the frame before.
+// Motion of moving objects: previous positions of vertices and instances.
 
 struct Moved {
     // As in the G-buffer, whose depths it meets.

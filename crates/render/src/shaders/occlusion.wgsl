@@ -1,12 +1,12 @@
-// What the estimators of ambient occlusion share: receivers, rotations, and what is made of their sums. Each has a file
-// of its own with `occlusion_sums`, which gives how much is occluded, and of how much; what is drawn around a receiver is
-// looked up in the picture (whole.wgsl) or in a sixteenth of it (layers.wgsl). CPU reference: cpu_reference/occlusion/mod.rs.
+// Shared by all occlusion estimators: receivers, rotations and the final openness. Each estimator's file has
+// `occlusion_sums`, which returns the occluded and the total weight; depth is looked up in the picture (whole.wgsl) or
+// in a layer (layers.wgsl). CPU reference: cpu_reference/occlusion/mod.rs.
 
 // Something counts as an occluder from this height above the tangent plane on, as a fraction of the radius (SSAO) or of
 // its distance (all others); keeps flat and gently curved surfaces clean.
 const MIN_ELEVATION: f32 = 0.03;
 
-// A pixel whose occlusion is asked for.
+// The pixel whose occlusion is estimated.
 struct Receiver {
     pixel: vec2<i32>,
     depth: f32,
@@ -58,7 +58,7 @@ fn march_offset(r: Receiver) -> f32 {
     return (f32((r.rotation * 5u + 3u) & 15u) + 0.5) / 16.0;
 }
 
-// How open the surface at a pixel is, by the rotation of a place of the picture that is drawn into.
+// Openness of a pixel, with the rotation of another pixel.
 fn open_at(pixel: vec2<i32>, place: vec2<i32>) -> f32 {
     let depth = depth_at(pixel);
     let radius = radius_at(depth);

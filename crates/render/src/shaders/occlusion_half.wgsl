@@ -1,4 +1,4 @@
-// Occlusion of one pixel of each 2x2. CPU reference: cpu_reference/occlusion/half.rs.
+// Half-resolution occlusion. CPU reference: cpu_reference/occlusion/half.rs.
 
 // The pixel of a 2x2 that is estimated: each of the four in every fourth, so that of lines a pixel wide every second along
 // them is met.

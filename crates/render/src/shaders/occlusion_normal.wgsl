@@ -1,6 +1,6 @@
-// The normal that occlusion is estimated about, the drawn triangle's, from depth. Of a pixel's two neighbours on each axis one
-// may lie on another surface: beside an inner edge the nearer in depth often does. By what the side is chosen is compiled in.
-// CPU reference: cpu_reference/occlusion/normal.rs.
+// Normals reconstructed from depth for occlusion. Of a pixel's two neighbours on each axis one may lie on another
+// surface; beside an inner edge the nearer in depth often does. The choice is compiled in. CPU reference:
+// cpu_reference/occlusion/normal.rs.
 
 // Numbers of `OcclusionNormals`. 0: the nearer in depth.
 override SIDES: u32 = 0u;

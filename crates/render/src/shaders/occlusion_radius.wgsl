@@ -1,4 +1,4 @@
-// How far occlusion reaches, at a depth. CPU reference: cpu_reference/occlusion/mod.rs.
+// Radius of occlusion at a depth. CPU reference: cpu_reference/occlusion/mod.rs.
 
 // Below this radius in pixels there is nothing to see.
 const MIN_RADIUS_PX: f32 = 1.0;

@@ -1,5 +1,5 @@
-// From occlusion of one pixel of each 2x2 to that of every pixel, and the blur that cancels the pattern of its rotations in
-// one. CPU reference: cpu_reference/occlusion/half.rs.
+// Upsampling of half-resolution occlusion, combined with the blur over the rotations. CPU reference:
+// cpu_reference/occlusion/half.rs.
 
 @group(0) @binding(2) var half_map: texture_2d<f32>;
 

@@ -1,4 +1,4 @@
-// One more for a pixel that is drawn.
+// Counts a drawn fragment.
 
 @fragment
 fn fs_overdraw() -> @location(0) vec4<f32> {

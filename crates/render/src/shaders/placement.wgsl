@@ -1,4 +1,4 @@
-// Where meshes' vertices are.
+// Placement of mesh vertices.
 
 // Geomorph (Hoppe, "Progressive Meshes", 1996, section 3.2): how far a vertex has come from the
 // position it split from.

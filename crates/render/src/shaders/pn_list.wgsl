@@ -1,5 +1,5 @@
-// Into how many pieces the edges of triangles are cut, and lists of triangles by the finest of their edges, each of which
-// is one draw of one grid. Lists keep the order of instances and faces, whatever the device does at once.
+// Tessellation levels of edges, and lists of triangles by their finest edge, each of which is one draw of one grid.
+// Lists keep the order of instances and faces, independent of scheduling on the device.
 
 // Steps of lists: 1, 2, 4, … 64 pieces.
 const STEPS: u32 = 7u;

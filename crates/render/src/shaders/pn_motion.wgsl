@@ -1,4 +1,4 @@
-// How far vertices of PN triangles have come.
+// Motion vectors of PN triangles.
 
 @group(2) @binding(5) var<storage, read> instances_before: array<vec4<f32>>;
 

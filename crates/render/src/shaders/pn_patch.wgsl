@@ -1,8 +1,8 @@
 // PN triangles (Vlachos, Peters, Boyd and Mitchell, "Curved PN triangles", 2001): a triangle as a cubic patch, from its
 // corners and their normals alone. CPU reference: cpu_reference/pn_triangles.rs.
 //
-// Patches are told by how far their control points lie off the flat triangle's: what does not bend has none, and is that
-// triangle exactly.
+// Patches are stored as offsets of their control points from the flat triangle's: a flat triangle has none and is
+// reproduced exactly.
 
 // `PackedVertex`, 13 words a slot; `InstanceRaw`; wedge slots, three a face.
 @group(2) @binding(1) var<storage, read> vertices: array<u32>;

@@ -1,4 +1,4 @@
-// Vertices of PN triangles: one of a grid, on one of the triangles of a list (pn_list.wgsl).
+// Vertex stage of PN triangles: a grid vertex on a triangle of a list (pn_list.wgsl).
 
 struct Job {
     draws: array<u32, 35>,
@@ -134,7 +134,7 @@ fn vs_surface(v: VertexIn) -> Surface {
     return out;
 }
 
-// Into a map of shadows: `frame` is then as the sun sees it.
+// Shadow caster: `frame` then holds the sun's view.
 @vertex
 fn vs_caster(v: VertexIn) -> @builtin(position) vec4<f32> {
     return clip_position(placed(v, found(v)));

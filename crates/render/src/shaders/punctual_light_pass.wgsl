@@ -1,4 +1,4 @@
-// Light of punctual lights, onto the lit picture.
+// Punctual lights, added to the lit picture.
 
 @group(0) @binding(1) var depth_map: texture_2d<f32>;
 @group(0) @binding(2) var surface_normals: texture_2d<f32>;
@@ -17,12 +17,12 @@ fn fs_punctual_lights(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32
     let position = (transpose(frame.view_from_world) * vec4(ray * depth, 0.0)).xyz;
     let distance = depth * length(ray);
     let r = Reflector(albedo.rgb, albedo.a, stored.z, from_octahedral(stored.xy), -position / distance, 1.0);
-    // Haze takes its share; what it adds is there already.
+    // Only the extinction by haze: its in-scattered light was added before.
     let left = exp(-min(max(frame.sky_side.w, 0.0) * distance, 80.0));
     return vec4(min(from_punctual_lights(r, position, vec2<u32>(pixel), depth) * left, vec3(MAX_RADIANCE)), 0.0);
 }
 
-// How many punctual lights are looked at, in place of the picture: black for none, then blue over green and yellow to red for 64.
+// Debug view: number of lights evaluated per pixel: black for none, then blue over green and yellow to red for 64.
 @fragment
 fn fs_punctual_lights_left(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let pixel = vec2<i32>(at.xy);

@@ -1,4 +1,4 @@
-// A level of the pyramid of depths: the nearest of four, which is the greatest of what is stored.
+// A level of the depth pyramid: the nearest of four depths, which is the greatest stored value.
 
 @group(0) @binding(1) var finer: texture_2d<f32>;
 
@@ -9,7 +9,7 @@ fn fs_pyramid(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     var nearest = 0.0;
     for (var i = 0; i < 4; i++) {
         let texel = first + vec2(i & 1, i >> 1u);
-        // Beyond the picture there is nothing.
+        // Outside the picture there is no surface.
         if (all(texel < size)) {
             nearest = max(nearest, textureLoad(finer, texel, 0).x);
         }

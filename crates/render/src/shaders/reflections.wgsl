@@ -1,5 +1,5 @@
-// What smooth surfaces mirror of the lit picture, in place of the sky that lighting.wgsl has mirrored there. CPU reference:
-// cpu_reference/reflections.rs.
+// Screen-space reflections on smooth surfaces, in place of the sky's reflection that lighting.wgsl has added. CPU
+// reference: cpu_reference/reflections.rs.
 
 override OCCLUSION: bool = false;
 

@@ -1,32 +1,31 @@
-// Relief mapping: where the eye's ray meets a height field below the surface.
-// Linear then binary search (Policarpo, Oliveira, Comba, "Real-time relief mapping on arbitrary
-// polygonal surfaces", 2005), or less of it, or what relief_found() of another file finds with a texture of its own
-// (Settings::relief_method). Twins: cpu_reference/relief/mod.rs, methods.rs.
+// Relief mapping: intersection of the view ray with a height field below the surface. Linear then binary search
+// (Policarpo, Oliveira, Comba, "Real-time relief mapping on arbitrary polygonal surfaces", 2005), a part of it, or
+// relief_found() of another file with an acceleration texture (Settings::relief_method). CPU references:
+// cpu_reference/relief/mod.rs, methods.rs.
 
-// Share of the linear steps at grazing angles that is taken looking straight down; halvings after them.
+// Share of the grazing angle's linear steps that head-on views take; bisections after them.
 const RELIEF_STEPS_DOWN: f32 = 0.25;
 const RELIEF_HALVINGS: i32 = 8;
-// Farthest that a ray is followed along the surface, in depths: as at 63° to the normal. What lies below a surface slides
-// along it by its depth times the tangent, without bound, while the surface's own edges and what stands on it stay where
-// they are: at a corner and under a cap bricks would swim.
+// Largest distance along the surface that a ray is followed, in depths: as at 63° to the normal. Without a bound, the
+// relief would slide along the surface by its depth times the tangent while its edges stay in place, and bricks would
+// swim at corners.
 const RELIEF_MOST_SHIFT: f32 = 2.0;
 
-// Of frame.flags: how the hit is looked for.
+// Bits of frame.flags: search method.
 const RELIEF_WAY_BIT: u32 = 2u;
 const RELIEF_SECANT: u32 = 1u;
 const RELIEF_STEEP: u32 = 2u;
 const RELIEF_OFFSET: u32 = 3u;
 
-// Minified further than this, in levels, a search with a texture of its own, which the finest heights have, leaves it to
-// equal steps: a ray crosses few texels then.
+// With more minification than this, in mip levels, linear steps replace a search with an acceleration texture, which
+// exists for the finest level only: a ray crosses few texels then.
 const RELIEF_FINEST: f32 = 0.5;
 
-// Of frame.flags: whether heights hide the sun from others.
+// Bit of frame.flags: self-shadowing.
 const RELIEF_SHADOWS: u32 = 16u;
-// Heights that reach into the sun's ray by less than this hide nothing, in depths: as far as the ray may begin below the
-// surface between two texels.
+// Shadow bias in depths: the ray may begin this far below the surface between two texels.
 const RELIEF_SHADOW_BIAS: f32 = 0.02;
-// Least sine of the sun's height over the surface: a lower one is taken for as high.
+// Least sine of the sun's elevation over the surface; lower elevations are clamped.
 const RELIEF_LOWEST_SUN: f32 = 0.1;
 
 struct ReliefHit {
@@ -40,7 +39,7 @@ fn relief_height(uv: vec2<f32>, lod: f32) -> f32 {
     return textureSampleLevel(height_map, map_sampler, uv, lod).r;
 }
 
-// Halvings between a place above and one below.
+// Bisection between a position above and one below the surface.
 fn relief_halved(start: vec2<f32>, span: vec2<f32>, lod: f32, over: f32, under: f32) -> f32 {
     var above = over;
     var below = under;
@@ -55,13 +54,12 @@ fn relief_halved(start: vec2<f32>, span: vec2<f32>, lod: f32, over: f32, under: 
     return 0.5 * (above + below);
 }
 
-// Fraction of the way from `start` (surface) to `start + span` (full depth) at which the ray meets
-// the height field.
+// Fraction of the way from `start` (surface) to `start + span` (full depth) at which the ray meets the height field.
 fn relief_trace(start: vec2<f32>, span: vec2<f32>, lod: f32, steps: f32) -> f32 {
     let way = frame.flags >> RELIEF_WAY_BIT & 3u;
     let step = 1.0 / steps;
     var below = step;
-    // Over the surface, in depths, at the last place above and the first below.
+    // Clearance in depths at the last position above and the first below.
     var before = 1.0;
     var now = 1.0 - relief_height(start + span * below, lod) - below;
     for (var i = 1.0; i < steps; i += 1.0) {
@@ -82,8 +80,8 @@ fn relief_trace(start: vec2<f32>, span: vec2<f32>, lod: f32, steps: f32) -> f32 
     return relief_halved(start, span, lod, above, below);
 }
 
-// Whether the sun reaches the height field at a place, from which its ray is at the surface after `climb` times how deep
-// that lies.
+// Whether the sun reaches the height field at a position. The sun's ray reaches the surface after `climb` times the
+// position's depth.
 fn relief_sunlit(place: vec2<f32>, climb: vec2<f32>, lod: f32, steps: f32) -> bool {
     let below = 1.0 - relief_height(place, lod);
     for (var i = 1.0; i < steps; i += 1.0) {
@@ -112,8 +110,7 @@ fn relief(
     let grad_u = along.u;
     let grad_v = along.v;
 
-    // Depth in world units: what a step of relief_depth in texture coordinates is on the surface.
-    // Thinner than half a pixel it is left out; between half and one it fades in.
+    // Depth in world units. A relief thinner than half a pixel is omitted; it fades in up to one pixel.
     let density = sqrt(length(grad_u) * length(grad_v)); // texture widths per world unit
     let full_depth = material.relief_depth / max(density, 1e-30);
     let depth = full_depth * smoothstep(0.5, 1.0, full_depth * frame.scale_px / view_length);
@@ -132,7 +129,7 @@ fn relief(
     let steps = relief_step_count(cosine);
     var below: f32; // in depths
     if ((frame.flags >> RELIEF_WAY_BIT & 3u) == RELIEF_OFFSET) {
-        // Not divided by the cosine: it slides by its depth at most.
+        // Offset limiting: not divided by the cosine, so the shift is at most the depth.
         below = 1.0 - relief_height(uv, lod);
         hit.uv = uv + span * (below * depth / reach);
     } else {

@@ -1,18 +1,18 @@
-// Where the eye's ray meets the height field: by steps to the edge of cones that it may pierce once, then halvings
-// (Policarpo and Oliveira, "Relaxed cone stepping for relief mapping", GPU Gems 3, 2007). CPU reference: cpu_reference/relief/cones.rs.
+// Relaxed cone stepping, then bisection (Policarpo and Oliveira, "Relaxed cone stepping for relief mapping", GPU Gems
+// 3, 2007). CPU reference: cpu_reference/relief/cones.rs.
 
-// For each texel the radius of its cone over the height above it, in texture widths per depth.
+// Per texel, the radius of its cone over the height above it, in texture widths per depth.
 @group(2) @binding(0) var relief_cones: texture_2d<f32>;
 
-// No step is farther along the surface, in texture widths: cones were not looked for beyond.
+// Largest step along the surface in texture widths: cones beyond were not searched.
 const RELIEF_CONE_WINDOW: f32 = 0.25;
 
 fn relief_cone_at(texel: vec2<i32>, size: vec2<i32>) -> f32 {
     return textureLoad(relief_cones, (texel % size + size) % size, 0).r;
 }
 
-// The narrowest of the four cones around: mixed, those on the top of a wall would have rays at its side jump over what
-// stands behind.
+// The narrowest of the four surrounding cones. Interpolated, the wide cones on top of a wall would let rays beside it
+// jump over obstacles.
 fn relief_cone(uv: vec2<f32>) -> f32 {
     let size = vec2<i32>(textureDimensions(relief_cones));
     let texel = vec2<i32>(floor(fract(uv) * vec2<f32>(size) - 0.5));

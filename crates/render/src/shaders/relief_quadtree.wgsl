@@ -1,14 +1,13 @@
-// Where the eye's ray meets the height field: over cells of a pyramid of largest heights, larger ones as long as they are
-// free, down to the patch between four texels' middles, where height along the ray is a quadratic (Tevs, Ihrke and Seidel,
-// "Maximum mipmaps", 2008; Drobot, "Quadtree displacement mapping with height blending", GPU Pro, 2010).
-// CPU reference: cpu_reference/relief/pyramid.rs.
+// Traversal of a maximum pyramid, from large free cells down to the patch between four texel centres, where clearance
+// along the ray is a quadratic (Tevs, Ihrke and Seidel, "Maximum mipmaps", 2008; Drobot, "Quadtree displacement
+// mapping with height blending", GPU Pro, 2010). CPU reference: cpu_reference/relief/pyramid.rs.
 
-// Level 0: the largest of four texels, from one to the next along both axes; each next one of four cells.
+// Level 0: the maximum of four adjacent texels; each further level: of four cells.
 @group(2) @binding(0) var relief_pyramid: texture_2d<f32>;
 
-// How far a place on an edge between cells is moved into the next, of a cell.
+// Offset that moves a position on a cell's edge into the next cell, in cells.
 const RELIEF_NUDGE: f32 = 1e-4;
-// A way that never ends.
+// Infinity.
 const RELIEF_ENDLESS: f32 = 1e30;
 
 fn relief_largest(cell: vec2<i32>, level: i32) -> f32 {
@@ -58,7 +57,7 @@ fn relief_found(start: vec2<f32>, span: vec2<f32>, lod: f32, steps: f32) -> f32 
     let nudge = select(vec2(0.0), sign(way) * RELIEF_NUDGE, way != vec2(0.0));
     var at = 0.0;
     var level = coarsest;
-    // From the top down to a patch and up again is no way along the ray.
+    // Descending to a patch and ascending again makes no progress along the ray.
     let most = steps + 2.0 * f32(coarsest);
     for (var i = 0.0; i < most; i += 1.0) {
         if (at >= 1.0) {

@@ -1,5 +1,5 @@
-// How much of the sun's light reaches a place: lookups in the cascades' maps, filtered by percentage of what is nearer
-// to the sun (Reeves et al., "Rendering antialiased shadows with depth maps", 1987). CPU reference: cpu_reference/sunlight.rs.
+// Shadow lookup in the cascades with percentage-closer filtering (Reeves et al., "Rendering antialiased shadows with
+// depth maps", 1987). CPU reference: cpu_reference/sunlight.rs.
 
 struct Cascade {
     map_from_world: mat4x4<f32>, // from places relative to the eye
@@ -17,10 +17,10 @@ struct Shadows {
 @group(0) @binding(4) var<uniform> shadows: Shadows;
 // Share of a map's side at its border over which the next one takes over.
 const BLEND: f32 = 0.05;
-// What rounding of depths may come to, in texels.
+// Bound of depth rounding, in texels.
 const ROUNDING: f32 = 0.1;
 
-// Of a place on a map: the mean of bilinear comparisons around it.
+// Filtered lookup: mean of bilinear comparisons around a position.
 fn lit_at(cascade: u32, place: vec3<f32>) -> f32 {
     let size = f32(textureDimensions(shadow_maps).x);
     let width = i32(shadows.filter_width);
@@ -35,11 +35,11 @@ fn lit_at(cascade: u32, place: vec3<f32>) -> f32 {
     return sum / f32(width * width);
 }
 
-// Of a place on a surface, relative to the eye, whose normal is at this cosine to the sun: the share, and the number of
-// the map that said so first in 255ths.
+// Share of the sun's light at a surface position relative to the eye, whose normal is at this cosine to the sun, and
+// the index of the cascade in 255ths.
 fn sunlight_at(position: vec3<f32>, normal: vec3<f32>, cosine: f32) -> vec2<f32> {
     let sine = sqrt(max(1.0 - cosine * cosine, 0.0));
-    // A lookup reaches so many texels from the place that is asked for, along a side; sqrt(2) as many along the diagonal.
+    // Radius of the filter in texels along a side; √2 times as much along the diagonal.
     let reach = 0.5 * f32(shadows.filter_width + 1u) * 1.4142136;
 
     var lit = 0.0;
@@ -47,8 +47,8 @@ fn sunlight_at(position: vec3<f32>, normal: vec3<f32>, cosine: f32) -> vec2<f32>
     var by = 255.0;
     for (var i = 0u; i < shadows.count; i++) {
         let cascade = shadows.cascades[i];
-        // Off a plane just as far as it falls away from the light within the lookup's reach (after Holbert, "Saying
-        // goodbye to shadow acne", 2011), and no further.
+        // Normal offset: just as far as the plane falls away from the light within the filter's radius (after Holbert,
+        // "Saying goodbye to shadow acne", 2011).
         let lifted = position + cascade.texel * (normal * (reach * sine) + frame.to_sun.xyz * ROUNDING);
         let place = (cascade.map_from_world * vec4(lifted, 1.0)).xyz;
         let inside = min(min(place.x, 1.0 - place.x), min(place.y, 1.0 - place.y));
@@ -64,6 +64,6 @@ fn sunlight_at(position: vec3<f32>, normal: vec3<f32>, cosine: f32) -> vec2<f32>
             break;
         }
     }
-    // Beyond the last map all is lit.
+    // Beyond the last cascade everything is lit.
     return vec2(lit + left, by / 255.0);
 }

@@ -1,11 +1,11 @@
-// Light from the sky: what is seen of it, what falls on a surface, what one reflects, and haze. CPU reference: cpu_reference/sky.rs.
+// Lookups in the sky maps: radiance, irradiance, reflections; and haze. CPU reference: cpu_reference/sky.rs.
 //
 // Maps are octahedral (Meyer et al., "On Floating-Point Normal Vectors", 2010) in axes of which z is up and x lies below
 // the sun, and have a border of one texel, so that filtering crosses their edges.
 
-// What is seen, without the sun's disc.
+// Radiance without the sun's disc.
 @group(0) @binding(10) var sky_map: texture_2d<f32>;
-// What surfaces reflect, from mirrors to the roughest.
+// Prefiltered reflections, smoothest first.
 @group(0) @binding(11) var reflection_map: texture_2d_array<f32>;
 @group(0) @binding(12) var sky_sampler: sampler;
 @group(0) @binding(13) var split_sum: texture_2d<f32>;
@@ -27,7 +27,7 @@ fn sky_without_sun(direction: vec3<f32>) -> vec3<f32> {
     return textureSampleLevel(sky_map, sky_sampler, place, 0.0).rgb;
 }
 
-// Radiance that is seen in a direction where nothing else is.
+// Radiance of the sky in a direction.
 fn sky(direction: vec3<f32>) -> vec3<f32> {
     let radiance = sky_without_sun(direction);
     // The sun's disc by its chord, since cosines near 1 have no digits left; its edge is blurred by a twentieth.
@@ -59,15 +59,15 @@ fn reflected(direction: vec3<f32>, roughness: f32) -> vec3<f32> {
     return mix(smoother, rougher, layer - low);
 }
 
-// What a surface reflects of an even sky, as a factor on its reflectance at normal incidence and what is added: the
-// second half, from a table of GGX's lobe with Smith's shadowing. `cosine` is between normal and eye.
+// Scale and bias on the reflectance at normal incidence under a uniform sky: the second half of the split sum, from a
+// table for GGX with Smith's shadowing. `cosine` is between normal and eye.
 fn environment_brdf(cosine: f32, roughness: f32) -> vec2<f32> {
     let side = f32(textureDimensions(split_sum).x);
     let place = (clamp(vec2(sqrt(max(cosine, 0.0)), roughness), vec2(0.0), vec2(1.0)) * (side - 1.0) + 0.5) / side;
     return textureSampleLevel(split_sum, sky_sampler, place, 0.0).xy;
 }
 
-// What is left of a surface's radiance over a distance, with what haze adds: far away it is the sky's on that ray.
+// Radiance after a distance in haze: it approaches the sky's radiance on that ray.
 fn hazed(radiance: vec3<f32>, ray: vec3<f32>, distance: f32) -> vec3<f32> {
     if (frame.sky_side.w <= 0.0) {
         return radiance;

@@ -13,8 +13,8 @@ struct Slice {
     angle: f32,
 }
 
-// How many slices a number of samples comes to, and how many steps to either side of each: eight. Rotations turn slices, so
-// that 16 pixels or frames have 16 times as many; but horizons are only as high as what steps find.
+// Number of slices for a number of samples, with eight steps to either side of each. Rotations turn slices, so that 16
+// pixels or frames together have 16 times as many; but horizons are only as high as the samples find.
 fn slice_count() -> u32 {
     return max((frame.occlusion_samples + 8u) / 16u, 1u);
 }
@@ -28,7 +28,7 @@ fn slice_of(r: Receiver, number: u32) -> Slice {
     let turn = PI * (f32(number) + f32(r.rotation) / 16.0) / f32(slice_count());
     let around = basis(to_eye);
     let along = around[0] * cos(turn) + around[1] * sin(turn);
-    // Moving along it moves the picture's place by this, to first order.
+    // First-order change of the screen position along the slice.
     let ray = r.centre.xy / r.depth;
     let offset = (along.xy + ray * along.z) * (frame.scale_px / r.depth);
     let projected = vec2(dot(r.normal, along), dot(r.normal, to_eye));
@@ -38,14 +38,14 @@ fn slice_of(r: Receiver, number: u32) -> Slice {
     return Slice(vec2(offset.x, -offset.y), along, tangent, len, projected.x / len, projected.y / len, angle);
 }
 
-// How far a step goes, in world units; nearer ones are denser, as what is near counts for more (XeGTAO).
+// Distance of a step in world units; denser near the receiver, where occluders count for more (XeGTAO).
 fn step_length(r: Receiver, step: u32) -> f32 {
     let share = (f32(step) + march_offset(r)) / f32(step_count());
     return march_px(r, share * share) * r.depth / frame.scale_px;
 }
 
-// What is drawn, within the slice: along the tangent and along the normal. Heights above the tangent plane are kept, so
-// that a plane stays a plane though pixels lie beside the slice.
+// Position of a sample within the slice, along tangent and normal. Heights above the tangent plane are kept, so that a
+// plane stays a plane even where pixels lie beside the slice.
 fn within(r: Receiver, slice: Slice, to: vec3<f32>) -> vec2<f32> {
     return vec2(dot(to, slice.tangent), dot(to, r.normal) / slice.normal_length);
 }
@@ -56,7 +56,7 @@ fn arc(slice: Slice, angle: f32) -> f32 {
     return 0.25 * (slice.cosine - cos(2.0 * angle - slice.angle) + 2.0 * angle * slice.sine);
 }
 
-// The same with the sign of the angle.
+// The signed integral.
 fn signed_arc(slice: Slice, angle: f32) -> f32 {
     return select(-1.0, 1.0, angle >= 0.0) * arc(slice, angle);
 }

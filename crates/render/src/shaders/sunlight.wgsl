@@ -1,4 +1,4 @@
-// How much of the sun's light reaches each pixel.
+// Share of the sun's light per pixel.
 
 @group(0) @binding(5) var surface_normals: texture_2d<f32>;
 
@@ -15,8 +15,8 @@ fn fs_sunlight(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let position = (world_from_view * vec4(centre, 0.0)).xyz;
     var cosine = dot(normal, frame.to_sun.xyz);
     if (cosine <= 0.0) {
-        // A facet may face away from the sun where the surface that it stands for does not, and where depths of neighbours
-        // belong to other surfaces they say nothing: what the surface is lit by decides.
+        // Shading normals decide: a facet may face away from the sun where the smooth surface does not, and depth
+        // differences across edges are meaningless.
         normal = from_octahedral(textureLoad(surface_normals, pixel, 0).xy);
         cosine = dot(normal, frame.to_sun.xyz);
         if (cosine <= 0.0) {

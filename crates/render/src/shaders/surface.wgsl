@@ -1,4 +1,4 @@
-// Places and normals of the surfaces, from their depth.
+// Positions and normals reconstructed from depth.
 
 @group(0) @binding(1) var depth_map: texture_2d<f32>;
 

@@ -1,11 +1,11 @@
-// What the G-buffer holds of a surface beside its depth.
+// G-buffer encoding, besides depth.
 
 struct GBuffer {
     @location(0) normal: vec4<f32>, // octahedral, roughness, occlusion
     @location(1) albedo: vec4<f32>, // with metal
 }
 
-// In place of a normal: what is seen is the albedo, in whatever light.
+// Marks unlit surfaces in place of a normal.
 const UNLIT: vec2<f32> = vec2(2.0, 2.0);
 
 fn g_buffer(
@@ -18,7 +18,7 @@ fn is_unlit(stored: vec4<f32>) -> bool {
     return stored.x > 1.5;
 }
 
-// How open a surface is to the sky is stored with a sign: below 0 where its own relief hides the sun from it.
+// Ambient occlusion is stored with a sign: negative where the relief shadows itself from the sun.
 fn hidden_from_sun(occlusion: f32) -> f32 {
     return -max(occlusion, 1e-3);
 }

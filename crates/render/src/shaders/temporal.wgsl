@@ -1,34 +1,34 @@
-// Anti-aliasing over time: each frame looks through another point of its pixels, and what earlier ones saw is fetched from
-// where it was (Karis, "High-quality temporal supersampling", 2014; Salvi, "An excursion in temporal supersampling",
-// 2016). CPU reference: cpu_reference/temporal.rs.
+// Temporal anti-aliasing: each frame samples another point of its pixels, and the history is reprojected (Karis,
+// "High-quality temporal supersampling", 2014; Salvi, "An excursion in temporal supersampling", 2016). CPU reference:
+// cpu_reference/temporal.rs.
 
-// Whether anything moves by itself.
+// Whether objects move.
 override MOTION: bool = false;
 
 @group(0) @binding(1) var radiance_map: texture_2d<f32>;
 @group(0) @binding(2) var depth_map: texture_2d<f32>;
 @group(0) @binding(3) var motion_map: texture_2d<f32>;
-// Weighed colours, and how many frames they are a mean of.
+// Weighted colours and their number of frames.
 @group(0) @binding(4) var history_map: texture_2d<f32>;
 @group(0) @binding(5) var history_sampler: sampler;
 
-// Standard deviations of the neighbourhood's colours that the history may be off by.
+// Allowed distance of the history from the neighbourhood's mean, in standard deviations.
 const DEVIATIONS: f32 = 1.0;
-// A surface lies before another where it is nearer by this factor.
+// Depth ratio from which one surface counts as in front of another.
 const BEFORE: f32 = 1.1;
-// By how much a pixel of motion shortens what the history counts for: what moves fast is seen less sharp, and contours
-// of what is round do not stay where its surface goes.
+// Reduction of the history's weight per pixel of motion: fast objects need less sharpness, and contours of round
+// objects do not move with their surface.
 const HASTE: f32 = 0.4;
 // Motion below this is rounding, in pixels.
 const LEAST_MOTION: f32 = 0.01;
 
-// Bits of a floating-point number without its sign, from which on it is infinite; all above are no numbers. Comparisons
-// would say so too, but compilers may take it that there are none.
+// Bits of an infinite floating-point number without its sign; above are NaNs. Bit tests, because compilers may assume
+// that there are no NaNs.
 const INFINITE: u32 = 0x7f800000u;
 const WITHOUT_SIGN: u32 = 0x7fffffffu;
 
-// The brighter, the less it counts: else a single highlight would outweigh all other samples of its pixel. And whether it
-// counts at all, 1 or 0: what is no number does not. What is infinite is as bright as can be.
+// Brightness weight, so that one highlight does not outweigh all other samples of its pixel; and 1 or 0 for whether
+// the sample is a number. Infinity counts as the largest brightness.
 fn weighed(radiance: vec3<f32>) -> vec4<f32> {
     let exposed = radiance * frame.exposure;
     if (any((bitcast<vec3<u32>>(exposed) & vec3(WITHOUT_SIGN)) > vec3(INFINITE))) {
@@ -38,7 +38,7 @@ fn weighed(radiance: vec3<f32>) -> vec4<f32> {
     return vec4(x / (1.0 + max(x.r, max(x.g, x.b))), 1.0);
 }
 
-// A history, or black that counts for no frame where any of it is not finite: it would stay for ever, and spread.
+// A history sample, or black without weight if it is not finite: a NaN would persist and spread.
 fn finite(history: vec4<f32>) -> vec4<f32> {
     let bits = bitcast<vec4<u32>>(history) & vec4(WITHOUT_SIGN);
     return select(history, vec4(0.0), any(bits >= vec4(INFINITE)));
@@ -78,8 +78,8 @@ fn history_at(place: vec2<f32>) -> vec4<f32> {
     return max(finite(sum / weight), vec4(0.0));
 }
 
-// Share of what a pixel shows that lies at its depth: of what is seen through water, what comes through. What is mirrored
-// and what water sends back move neither with its bed nor with its surface.
+// Share of a pixel's light that comes from its depth: under water, the transmitted share. Reflections and scattering
+// in water move neither with its bed nor with its surface.
 fn share_at_depth(pixel: vec2<i32>, stored: f32) -> f32 {
     let ray = (transpose(frame.view_from_world) * vec4(view_ray(pixel), 0.0)).xyz;
     let len = length(ray);
@@ -106,14 +106,14 @@ fn fs_temporal(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
         return own;
     }
     if ((frame.flags & 1u) != 0u) {
-        // The same picture through other points of its pixels: the plain mean.
+        // A still picture: plain mean.
         let before = finite(textureLoad(history_map, pixel, 0));
         let count = min(before.a, frame.history);
         return vec4(mix(before.rgb, own.rgb, own.a / (count + 1.0)), count + own.a);
     }
 
-    // What is around, and whose motion counts: that of what lies before, so that edges move with what they belong to; of
-    // that the farthest, which is its contour's.
+    // Neighbourhood statistics, and the motion to use: that of the nearest surface around, so that edges move with
+    // their object; of it the farthest pixel, which is its contour.
     var sum = vec3(0.0);
     var squares = vec3(0.0);
     var counted = 0.0;
@@ -143,13 +143,13 @@ fn fs_temporal(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     }
     motion = select(motion, vec2(0.0), abs(motion) < vec2(LEAST_MOTION));
     let place = at.xy + motion;
-    // Said so that a place that is no number is not inside.
+    // Written so that NaN is not inside.
     if (!(all(place >= vec2(0.0)) && all(place <= frame.size_px))) {
         return own;
     }
     let before = history_at(place);
 
-    // Towards the middle of what is around until it is as near as that varies.
+    // Clips the history towards the neighbourhood's mean.
     counted = max(counted, 1.0);
     let mean = sum / counted;
     let reach = DEVIATIONS * sqrt(max(squares / counted - mean * mean, vec3(0.0))) + 1e-4;

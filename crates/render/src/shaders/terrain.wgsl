@@ -1,4 +1,4 @@
-// Terrain tiles to depth, world normal + roughness, and albedo.
+// Draws terrain tiles into depth, normal, roughness and albedo.
 //
 // A tile is TILE_CELLS² cells of one spacing; its heights lie in an atlas, CELL_SAMPLES to a cell's side, with a margin
 // that normals need. Normals are looked up by pixel, in rises between samples. Everything that two tiles share is
@@ -9,7 +9,7 @@ override RELIEF: bool = false;
 
 const TILE_CELLS: i32 = 8;
 const CELL_SAMPLES: i32 = 2;
-// What rises count in, height units per sample.
+// Unit of slopes, in height units per sample.
 const RISE_UNIT: f32 = 1024.0;
 
 struct Terrain {
@@ -35,20 +35,20 @@ struct Terrain {
 @group(1) @binding(2) var layers: texture_2d_array<f32>; // rgb colour, a height
 @group(1) @binding(3) var layer_sampler: sampler;
 
-// Rough regions: what lies within a radius of a segment. Points slide later there, and around it.
+// Rough regions: capsules in and around which points morph later.
 struct Regions {
     lines: array<vec4<f32>, 32>, // ends of segments, relative to the eye
     radii: array<vec4<f32>, 8>, // four regions to a vector
-    // By region, two spacings to a vector: where points begin to slide and have arrived.
+    // Morph distances by region, two spacings to a vector.
     morph: array<vec4<f32>, 512>,
 }
 
 @group(1) @binding(4) var<uniform> regions: Regions;
 
-// Rises along both axes: of a tile, and of the next coarser one.
+// Slopes along both axes, of a tile and of the next coarser one.
 @group(1) @binding(5) var rises: texture_2d<f32>;
 
-// By how much a region's distances shrink per distance from it and the width grown around it.
+// Slope at which a region's distances shrink beyond its margin.
 const FALLOFF: f32 = 64.0;
 // Diagonal of a tile of spacing 0, grid units.
 const DIAGONAL: f32 = 11.313708;
@@ -84,7 +84,7 @@ fn across(tile: TileIn, p: vec2<i32>) -> vec2<f32> {
     return vec2<f32>(tile.from_eye + (p << vec2(tile.spacing_regions.x))) * terrain.unit - terrain.eye_fraction.xz;
 }
 
-// Distances at which a point begins to slide and has arrived.
+// Morph distances of a point.
 fn morph_at(tile: TileIn, at: vec2<f32>) -> vec2<f32> {
     var morph = tile.morph;
     var left = tile.spacing_regions.y;
@@ -175,7 +175,7 @@ fn vs_terrain(tile: TileIn) -> Ground {
 fn zone_weights(height: f32, up: f32) -> vec4<f32> {
     let half_width = terrain.zones.w;
     let grass = smoothstep(terrain.zones.x - half_width, terrain.zones.x + half_width, height);
-    // Up there nothing draws a line as a shore does.
+    // Upper zones have no sharp border such as a shore.
     let hill = smoothstep(terrain.zones.y - 2.5 * half_width, terrain.zones.y + 2.5 * half_width, height);
     let snow = smoothstep(terrain.zones.z - 2.5 * half_width, terrain.zones.z + 2.5 * half_width, height);
     let by_height = vec4(1.0 - grass, grass * (1.0 - hill), grass * hill * (1.0 - snow), grass * hill * snow);
@@ -187,8 +187,8 @@ fn zone_weights(height: f32, up: f32) -> vec4<f32> {
 // Of the layers' relief: blades of grass lie close.
 const DEPTHS: vec4<f32> = vec4(1.0, 0.2, 1.0, 1.0);
 
-// Where the eye's ray meets the ground's relief: linear search, then halvings, as in relief.wgsl, over the one layer that
-// weighs most. Gives the shift in the plane, world units.
+// Relief of the ground: linear search and bisection as in relief.wgsl, over the layer of largest weight. Returns the
+// shift in the plane, world units.
 fn ground_relief(start: vec2<f32>, layer: i32, depth: f32, view: vec3<f32>, normal: vec3<f32>, lod: f32) -> vec2<f32> {
     let cosine = max(-dot(view, normal), 0.15);
     // Along the surface; its tilt is small where relief is near enough to be seen.
@@ -272,8 +272,8 @@ fn fs_terrain(g: Ground) -> GBuffer {
     let steep = smoothstep(0.82, 0.62, normal_of_surface.y);
     let sides = normal_of_surface * normal_of_surface;
     let ways = mix(vec3(0.0, 1.0, 0.0), sides / dot(sides, vec3(1.0)), steep);
-    // Layers that count, on planes that count, a bit each: most of the ground is one layer on one plane, and a loop over
-    // bits is short where branches would not be jumped over.
+    // Bit mask of layers and planes with weight: most terrain has one layer on one plane, and a loop over bits is
+    // short where software drivers would execute both sides of a branch.
     var left = 0u;
     for (var bit = 0u; bit < 12u; bit++) {
         left |= select(0u, 1u << bit, weights[bit / 3u] > 0.004 && ways[bit % 3u] > 0.01);

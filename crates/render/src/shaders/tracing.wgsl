@@ -155,7 +155,7 @@ fn trace(place: vec3<f32>, normal: vec3<f32>, direction: vec3<f32>) -> Met {
     return Met(pixel, clamp(min(inside.x, inside.y) / border, 0.0, 1.0));
 }
 
-// How much of what is mirrored one ray stands for, by roughness.
+// Weight of a single ray by roughness.
 fn mirrors(roughness: f32) -> f32 {
     return 1.0 - smoothstep(MIRRORS.x, MIRRORS.y, roughness);
 }

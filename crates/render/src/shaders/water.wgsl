@@ -1,4 +1,4 @@
-// Water that stands level: it mirrors the sky and shows what lies below. CPU reference: cpu_reference/water.rs.
+// Water with a level surface: reflects the sky and transmits what lies below. CPU reference: cpu_reference/water.rs.
 
 // Reflectance of water looking straight at it.
 const WATER: f32 = 0.0204;
@@ -77,13 +77,13 @@ fn surface_at(pixel: vec2<i32>) -> Surface {
     return s;
 }
 
-// What is left of what is there.
+// Transmitted share of the picture.
 @fragment
 fn fs_water_left(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     return vec4(surface_at(vec2<i32>(at.xy)).left, 1.0);
 }
 
-// What is added to it.
+// Light added by the water.
 @fragment
 fn fs_water_added(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let s = surface_at(vec2<i32>(at.xy));

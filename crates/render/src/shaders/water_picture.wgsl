@@ -1,4 +1,4 @@
-// Water that mirrors the lit picture, and the sky where that shows nothing.
+// Water with screen-space reflections, and the sky where they find nothing.
 
 @group(1) @binding(2) var lit_map: texture_2d<f32>;
 @group(1) @binding(3) var pyramid: texture_2d<f32>;

@@ -1,12 +1,12 @@
-// What estimators of ambient occlusion look up in the whole picture, pixel by pixel.
+// Depth lookups of occlusion estimators in the whole picture.
 
-// Pixels to go for a share of the radius: from the next pixel on, since a sample in the own one finds nothing.
+// Offset in pixels for a share of the radius, at least one pixel: the receiver's own pixel occludes nothing.
 fn march_px(r: Receiver, share: f32) -> f32 {
     return mix(1.0, max(r.radius * frame.scale_px / r.depth, 1.0), share);
 }
 
-// What is drawn at an offset in pixels: from the receiver, view space. 0 outside of the picture, where nothing is known,
-// in the pixel itself and in the sky.
+// Surface at an offset in pixels, relative to the receiver in view space; 0 outside the picture, at the receiver's
+// pixel and in the sky.
 fn drawn_at(r: Receiver, offset_px: vec2<f32>) -> vec3<f32> {
     let there = vec2<i32>(floor(vec2<f32>(r.pixel) + 0.5 + offset_px));
     if (any(there < vec2(0)) || any(there >= vec2<i32>(frame.size_px)) || all(there == r.pixel)) {

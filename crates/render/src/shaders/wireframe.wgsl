@@ -1,4 +1,4 @@
-// Triangle edges over the lit picture, as far as there is something to see between them.
+// Triangle edges over the lit picture, faded out where they are dense.
 
 @group(0) @binding(1) var edges_map: texture_2d<f32>;
 

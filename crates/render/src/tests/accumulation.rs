@@ -8,7 +8,7 @@ use super::shapes::{Mesh, asset, at, cube, quad};
 use super::{headless, keep};
 use crate::cpu_reference::occlusion::{Blur, Normals, Occlusion};
 use crate::cpu_reference::surface::DepthPicture;
-use crate::graph::Resource;
+use crate::frame::graph::Resource;
 use crate::image_compare::compare;
 use crate::{
     AmbientOcclusion, AntiAliasing, AssetGpu, DebugView, Drawable, Environment, Frame, Headless, Instance,
@@ -86,7 +86,7 @@ fn blur_of_a_mean_matches_its_cpu_reference(h: &Headless, number: u32) {
 }
 
 #[test]
-fn sixteen_frames_are_the_mean_of_all_rotations_and_then_nothing_is_drawn() {
+fn sixteen_frames_average_all_rotations_and_then_drawing_stops() {
     let Some(mut h) = headless(SIZE.0, SIZE.1) else { return };
     let scene = Scene::new(&h);
     // One that stands alone, then those that are added up.
@@ -129,7 +129,7 @@ fn sixteen_frames_are_the_mean_of_all_rotations_and_then_nothing_is_drawn() {
 }
 
 #[test]
-fn any_change_begins_anew_and_none_that_is_not_drawn_does() {
+fn only_visible_changes_restart_accumulation() {
     let (Some(mut h), Some(mut fresh)) = (headless(SIZE.0, SIZE.1), headless(SIZE.0, SIZE.1)) else { return };
     let mut scene = Scene::new(&h);
     let settle = |scene: &Scene, h: &mut Headless| {

@@ -7,8 +7,8 @@ use super::{headless, keep};
 use crate::cpu_reference::brdf::from_octahedral;
 use crate::cpu_reference::surface::DepthPicture;
 use crate::cpu_reference::{antialias, occlusion, tone};
-use crate::graph::Resource;
-use crate::readback::read_texture;
+use crate::frame::graph::Resource;
+use crate::resources::readback::read_texture;
 use crate::{
     AmbientOcclusion, AntiAliasing, Drawable, Frame, GradientSky, Headless, Instance, Material,
     OcclusionMethod, OcclusionNormals, OcclusionRadius, Pose, Renderer, Sky, Target, ToneMapping,

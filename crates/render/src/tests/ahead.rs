@@ -67,14 +67,14 @@ fn record(gpu: &Gpu, renderer: &mut Renderer, frame: &Frame<'_>) {
 
 /// The terrain's pipelines were compiled while the first frame was uploaded, others while it was recorded.
 #[test]
-fn no_frame_compiles_a_pipeline_that_its_settings_asked_for_before() {
+fn compiler_covers_all_pipelines_of_the_settings() {
     let Some(h) = headless(SIDE, SIDE) else { return };
     let gpu = h.gpu();
     let ball = asset(&h, &sphere(8), Material::default());
     let drawables = [Drawable { asset: &ball, instances: &[at(0.0, 60.0, 10.0, 12.0)] }];
     let camera = Pose::look_at(DVec3::new(60.0, 140.0, 130.0), DVec3::new(0.0, -8.0, 10.0), DVec3::Y, 0.9);
     let mut ground = scene(&h, &entry(3));
-    ground.prepare(gpu, &TileSource::AtOnce, &camera, (SIDE, SIDE), 2.0).unwrap();
+    ground.prepare(gpu, &TileSource::Immediate, &camera, (SIDE, SIDE), 2.0).unwrap();
     let water = Some(Water { level: -5.0, clarity: 3.0, ripples: 2.0 });
     for settings in kinds() {
         let frame =
@@ -97,7 +97,7 @@ fn no_frame_compiles_a_pipeline_that_its_settings_asked_for_before() {
 }
 
 #[test]
-fn maps_of_a_sky_that_are_there_already_are_those_that_a_frame_would_compute() {
+fn precomputed_sky_maps_equal_those_of_a_frame() {
     let Some(mut h) = headless(SIDE, SIDE) else { return };
     let ball = asset(&h, &sphere(16), Material::default());
     let drawables = [Drawable { asset: &ball, instances: &[at(0.0, 0.0, 0.0, 1.0)] }];

@@ -36,7 +36,7 @@ fn contrasts(picture: &RgbaImage) -> [f64; 2] {
 }
 
 #[test]
-fn ground_at_ones_feet_has_something_to_see_in_each_pixel() {
+fn near_ground_has_detail_in_each_pixel() {
     let Some(mut h) = headless(160, 120) else { return };
     let entry = entry(3);
     let mut ground = scene(&h, &entry);

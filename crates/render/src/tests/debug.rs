@@ -8,8 +8,8 @@ use super::{headless, keep};
 use crate::cpu_reference::brdf::octahedral;
 use crate::cpu_reference::debug;
 use crate::cpu_reference::depth::view_ray;
-use crate::graph::Resource;
-use crate::readback::read_texture;
+use crate::frame::graph::Resource;
+use crate::resources::readback::read_texture;
 use crate::{
     Alpha, DebugView, Drawable, Frame, Headless, Instance, Load, Material, PassId, Pose, Renderer, Settings,
     Target,
@@ -90,7 +90,7 @@ fn a_plane_shows_its_normal_albedo_surface_and_depth_in_every_pixel() {
 
 /// What is drawn smaller is shown as it is, each texel for those pixels that it stands for.
 #[test]
-fn enlarged_values_are_not_mixed() {
+fn upscaled_debug_values_are_not_interpolated() {
     let Some(mut h) = headless(SIZE[0], SIZE[1]) else { return };
     plane(&mut h, |h, frame| {
         let mut half = frame(DebugView::Depth);
@@ -101,7 +101,7 @@ fn enlarged_values_are_not_mixed() {
 }
 
 #[test]
-fn occlusion_and_sunlight_are_shown_as_their_passes_say_and_white_without() {
+fn occlusion_and_sunlight_views_match_their_passes_or_are_white() {
     let Some(mut h) = headless(SIZE[0], SIZE[1]) else { return };
     let box_ = asset(&h, &cube(), Material::default());
     let ball = asset(&h, &sphere(24), Material::default());
@@ -134,7 +134,7 @@ fn occlusion_and_sunlight_are_shown_as_their_passes_say_and_white_without() {
 /// Colours of the cascades' view against the numbers that the lookups of the maps left: light alone tells those of one
 /// cascade apart.
 #[test]
-fn cascades_are_shown_each_in_its_colour_where_their_maps_decide() {
+fn cascade_view_shows_the_deciding_cascade() {
     let Some(mut h) = headless(SIZE[0], SIZE[1]) else { return };
     // A floor from the eye's feet to a hundred times as far.
     let floor =
@@ -195,7 +195,7 @@ fn overdraw_counts_what_was_drawn_before_something_nearer() {
 }
 
 #[test]
-fn holes_are_not_counted_and_what_is_seen_through_hides_nothing() {
+fn overdraw_skips_holes_and_transparent_surfaces_hide_nothing() {
     let Some(mut h) = headless(SIZE[0], SIZE[1]) else { return };
     let half = |left: f32, z: f32| quad([left, -9.0, z], [9.0, 0.0, 0.0], [0.0, 18.0, 0.0], 1.0);
     let hole = Material { opacity: 0.2, alpha: Alpha::Mask(0.5), ..Material::default() };
@@ -221,7 +221,7 @@ fn holes_are_not_counted_and_what_is_seen_through_hides_nothing() {
 }
 
 #[test]
-fn what_is_unlit_has_no_normal() {
+fn unlit_surfaces_have_no_normal() {
     let Some(mut h) = headless(SIZE[0], SIZE[1]) else { return };
     let wall = quad([-9.0, -9.0, 0.0], [18.0, 0.0, 0.0], [0.0, 18.0, 0.0], 1.0);
     let wall = asset(&h, &wall, Material { unlit: true, base_colour: COLOUR, ..Material::default() });
@@ -234,7 +234,7 @@ fn what_is_unlit_has_no_normal() {
 }
 
 #[test]
-fn nothing_of_it_is_made_or_run_unless_asked_for() {
+fn debug_views_cost_nothing_unless_requested() {
     let Some(mut h) = headless(SIZE[0], SIZE[1]) else { return };
     plane(&mut h, |h, frame| {
         let before = picture(h, &frame(DebugView::Material));
@@ -251,7 +251,7 @@ fn nothing_of_it_is_made_or_run_unless_asked_for() {
 
 /// A host's colour with an sRGB format shows the same, and keeps what is nearer.
 #[test]
-fn a_hosts_targets_are_shown_into_as_others() {
+fn debug_views_work_in_a_hosts_targets() {
     let Some(mut h) = headless(SIZE[0], SIZE[1]) else { return };
     let format = wgpu::TextureFormat::Rgba8UnormSrgb;
     let texture = |h: &Headless, format| {

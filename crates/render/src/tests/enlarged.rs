@@ -6,7 +6,7 @@ use super::shapes::{asset, at, cube, sphere};
 use super::{headless, keep};
 use crate::cpu_reference::antialias::Display;
 use crate::cpu_reference::{temporal, tone};
-use crate::graph::Resource;
+use crate::frame::graph::Resource;
 use crate::{AntiAliasing, Counters, Drawable, Frame, Headless, Material, PassId, Pose, Settings};
 
 const SIZE: [u32; 2] = [120, 68];
@@ -36,7 +36,7 @@ fn values(h: &Headless, resource: Resource) -> Vec<[f64; 3]> {
 }
 
 #[test]
-fn a_small_pictures_edges_are_smoothed_and_then_it_is_enlarged_as_the_cpu_reference_does_both() {
+fn anti_aliasing_and_upscaling_match_their_cpu_reference() {
     let Some(mut h) = headless(SIZE[0], SIZE[1]) else { return };
     let counters = draw(&mut h, AntiAliasing::Spatial, SCALE, 1);
     assert!(
@@ -66,7 +66,7 @@ fn a_small_pictures_edges_are_smoothed_and_then_it_is_enlarged_as_the_cpu_refere
 
 /// What is enlarged is what a target of that size would show.
 #[test]
-fn the_picture_that_is_enlarged_is_that_of_a_small_target() {
+fn the_upscaled_picture_is_that_of_a_small_target() {
     let [Some(mut h), Some(mut small)] = [1, 2].map(|part| headless(SIZE[0] / part, SIZE[1] / part)) else {
         return;
     };

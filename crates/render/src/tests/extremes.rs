@@ -8,7 +8,7 @@ use image::RgbaImage;
 use super::shapes::{Mesh, asset, at, brick_asset, quad, sphere};
 use super::{headless, keep};
 use crate::cpu_reference::depth::view_ray;
-use crate::graph::Resource;
+use crate::frame::graph::Resource;
 use crate::image_compare::{Comparison, compare};
 use crate::{
     Alpha, AntiAliasing, AssetGpu, Drawable, Environment, Frame, Haze, Headless, Instance, Light, Material,

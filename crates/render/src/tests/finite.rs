@@ -5,16 +5,16 @@ use half::f16;
 
 use super::headless;
 use super::shapes::{asset, at, cube, quad, sphere};
-use crate::accumulation::AccumulationStep;
-use crate::camera::{clip_from_view, view_from_world};
-use crate::graph::Resource;
+use crate::frame::accumulation::AccumulationStep;
+use crate::frame::camera::{clip_from_view, view_from_world};
+use crate::frame::graph::Resource;
+use crate::frame::targets::RADIANCE;
+use crate::frame::timing::PassEncoder;
+use crate::frame::uniforms::FrameUniform;
 use crate::image_compare::compare;
-use crate::readback::read_texture;
-use crate::sky::SkyGpu;
-use crate::targets::RADIANCE;
-use crate::temporal::{Resolve, TemporalStep};
-use crate::timing::PassEncoder;
-use crate::uniforms::FrameUniform;
+use crate::passes::sky::SkyGpu;
+use crate::passes::temporal::{Resolve, TemporalStep};
+use crate::resources::readback::read_texture;
 use crate::{
     AntiAliasing, AssetGpu, Drawable, Environment, Frame, GradientSky, Headless, Instance, Material, Pose,
     Settings, Sky,
@@ -73,7 +73,7 @@ fn poison(h: &Headless, value: f64) {
     let mut encoder = h.gpu().device.create_command_encoder(&Default::default());
     drop(encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
         label: Some("poison"),
-        color_attachments: &[Some(crate::fullscreen::attachment(&view, wgpu::LoadOp::Clear(colour)))],
+        color_attachments: &[Some(crate::frame::fullscreen::attachment(&view, wgpu::LoadOp::Clear(colour)))],
         ..Default::default()
     }));
     h.gpu().queue.submit([encoder.finish()]);
@@ -81,7 +81,7 @@ fn poison(h: &Headless, value: f64) {
 
 /// A value that is none stayed in the mean of a picture that stands, and spread under one that moves.
 #[test]
-fn a_history_that_is_not_finite_is_gone_with_the_next_frame() {
+fn a_history_that_is_not_finite_is_dropped() {
     let (Some(mut h), Some(mut fresh)) = (headless(SIZE.0, SIZE.1), headless(SIZE.0, SIZE.1)) else { return };
     let (scene, other) = (Scene::new(&h), Scene::new(&fresh));
     for speed in [0.0, 0.02] {
@@ -106,7 +106,7 @@ fn a_history_that_is_not_finite_is_gone_with_the_next_frame() {
 }
 
 #[test]
-fn an_exposure_that_is_no_number_leaves_nothing_behind() {
+fn a_nan_exposure_leaves_no_trace() {
     let Some(mut h) = headless(SIZE.0, SIZE.1) else { return };
     let scene = Scene::new(&h);
     scene.draw(&mut h, 0.0, settings(), Environment::default());
@@ -177,7 +177,7 @@ fn resolved(h: &Headless, [radiance, old]: [&[[f32; 4]]; 2], still: bool) -> Vec
 }
 
 #[test]
-fn single_values_that_are_none_neither_stay_nor_spread() {
+fn single_nan_values_neither_persist_nor_spread() {
     let Some(h) = headless(SIDE, SIDE) else { return };
     let [x, y] = [7, 5_usize];
     let spot = y * SIDE as usize + x;

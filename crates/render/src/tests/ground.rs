@@ -10,7 +10,7 @@ use super::{headless, keep};
 use crate::cpu_reference::brdf::from_octahedral;
 use crate::cpu_reference::depth::view_ray;
 use crate::cpu_reference::tone::decode_srgb;
-use crate::graph::Resource;
+use crate::frame::graph::Resource;
 use crate::{
     AntiAliasing, Drawable, Environment, Frame, Headless, Instance, Material, Pose, Settings, TileSource,
 };
@@ -190,7 +190,7 @@ fn snow_and_marble_in_shade_are_white() {
         // Towards the sun, over hills whose near sides are in shade.
         let eye = DVec3::new(-100.0, ground_height(&entry, -100.0, 400.0) + 60.0, 400.0);
         let camera = Pose::look_at(eye, eye + DVec3::new(-0.3, -0.3, -0.95), DVec3::Y, 0.9);
-        ground.prepare(h.gpu(), &TileSource::AtOnce, &camera, h.size(), 2.0).unwrap();
+        ground.prepare(h.gpu(), &TileSource::Immediate, &camera, h.size(), 2.0).unwrap();
         let frame = Frame {
             terrain: Some(ground.frame()),
             environment,

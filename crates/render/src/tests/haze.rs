@@ -15,7 +15,7 @@ fn column(image: &RgbaImage) -> Vec<[i32; 3]> {
 }
 
 #[test]
-fn the_world_does_not_end_in_a_cut() {
+fn haze_hides_the_border_of_terrain() {
     let Some(mut h) = headless(64, 256) else { return };
     let dark = Material { base_colour: [0.02; 3], ..Material::default() };
     let floor = asset(&h, &quad([-0.5, 0.0, 0.5], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0], 1.0), dark);
@@ -44,7 +44,7 @@ fn the_world_does_not_end_in_a_cut() {
 }
 
 #[test]
-fn what_is_near_keeps_its_colours_and_scale_does_not_matter() {
+fn haze_keeps_near_colours_at_any_scale() {
     let Some(mut h) = headless(96, 96) else { return };
     let ball = asset(&h, &sphere(24), Material::default());
     let mut shoot = |scale: f64, offset: DVec3, haze: Option<f64>| {

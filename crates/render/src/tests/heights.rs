@@ -23,8 +23,8 @@ const TO_SUN: DVec3 = DVec3::new(0.5, 0.3, -0.6);
 
 /// Prepares what a picture in the sun draws, with shadows from out of view too.
 fn prepare(h: &Headless, ground: &mut TerrainRenderer, camera: Pose) {
-    ground.prepare(h.gpu(), &TileSource::AtOnce, &camera, h.size(), 2.0).unwrap();
-    prepare_casters(h, ground, &TileSource::AtOnce, camera, TO_SUN);
+    ground.prepare(h.gpu(), &TileSource::Immediate, &camera, h.size(), 2.0).unwrap();
+    prepare_casters(h, ground, &TileSource::Immediate, camera, TO_SUN);
 }
 
 fn in_the_sun(h: &mut Headless, ground: &mut TerrainRenderer, camera: Pose) -> RgbaImage {
@@ -35,7 +35,7 @@ fn in_the_sun(h: &mut Headless, ground: &mut TerrainRenderer, camera: Pose) -> R
 }
 
 #[test]
-fn heights_half_way_are_half_way() {
+fn half_exaggerated_heights_are_half_way() {
     let size = (160, 90);
     let Some(mut h) = headless(size.0, size.1) else { return };
     let entry = entry(3);
@@ -43,7 +43,7 @@ fn heights_half_way_are_half_way() {
     let risen = VerticalExaggeration::default().towards(4.0, 2.0, 10.0).unwrap();
     for (now_s, factor) in [(10.0, 1.0), (11.0, 2.5), (12.0, 4.0)] {
         assert_eq!(risen.at(now_s), factor);
-        ground.multiply_heights(risen.at(now_s));
+        ground.set_vertical_exaggeration(risen.at(now_s));
         let camera = over_the_hills(&entry, factor);
         draw(&mut h, &mut ground, camera, 0.5, Settings::default());
         keep(&h, &format!("heights-{factor}"));
@@ -80,7 +80,7 @@ fn ground_between(entry: &TerrainEntry, x: f64, z: f64) -> f64 {
 }
 
 #[test]
-fn the_end_of_the_way_is_the_picture_of_ground_that_was_always_so_high() {
+fn the_end_of_an_animation_equals_terrain_of_that_height() {
     let Some(mut h) = headless(160, 90) else { return };
     let entry = entry(3);
     let mut ground = scene(&h, &entry);
@@ -89,7 +89,7 @@ fn the_end_of_the_way_is_the_picture_of_ground_that_was_always_so_high() {
     let before = in_the_sun(&mut h, &mut ground, camera);
     let on_the_way = |step: u32| risen.at(0.25 * f64::from(step));
     for step in 0..=4 {
-        ground.multiply_heights(on_the_way(step));
+        ground.set_vertical_exaggeration(on_the_way(step));
         in_the_sun(&mut h, &mut ground, camera);
     }
     let end = in_the_sun(&mut h, &mut ground, camera);
@@ -100,13 +100,13 @@ fn the_end_of_the_way_is_the_picture_of_ground_that_was_always_so_high() {
     let mut alike = scene(&fresh, &entry);
     prepare(&fresh, &mut alike, camera);
     for step in 0..=4 {
-        alike.multiply_heights(on_the_way(step));
+        alike.set_vertical_exaggeration(on_the_way(step));
         prepare(&fresh, &mut alike, camera);
     }
     assert!(in_the_sun(&mut fresh, &mut alike, camera) == end);
-    // PlacedTerrain that was there from the start, and one that is made twice as high: powers of two are exact.
+    // Terrain that was there from the start, and one that is made twice as high: powers of two are exact.
     let mut from_start = scene(&fresh, &entry);
-    from_start.multiply_heights(2.0);
+    from_start.set_vertical_exaggeration(2.0);
     let from_start = in_the_sun(&mut fresh, &mut from_start, camera);
     let zones = entry.zones.map(|zone| 2.0 * zone);
     let twice = TerrainEntry { height_unit: 2.0 * entry.height_unit, zones, ..entry.clone() };
@@ -117,7 +117,7 @@ fn the_end_of_the_way_is_the_picture_of_ground_that_was_always_so_high() {
     println!("{off:?}");
     assert!(off.mean_difference < 0.02 && off.min_ssim > 0.99, "{off:?}");
     // And back to where it was.
-    ground.multiply_heights(1.0);
+    ground.set_vertical_exaggeration(1.0);
     assert!(in_the_sun(&mut h, &mut ground, camera) == before);
 }
 
@@ -130,7 +130,7 @@ fn no_tile_is_lost_however_high_the_ground_is() {
     let mut ground = scene(&h, &entry);
     for number in 0..24 {
         let factor = [10.0, 0.0, 100.0, 0.3][number % 4];
-        ground.multiply_heights(factor);
+        ground.set_vertical_exaggeration(factor);
         let mut place = || (random.unit() - 0.5) * 4000.0;
         let (x, z) = (place(), place());
         let over = 1.5 + 300.0 * random.unit().powi(3);
@@ -168,33 +168,33 @@ fn a_mean_over_frames_begins_anew_when_heights_change() {
     let camera = over_the_hills(&entry, 1.0);
     let settings = Settings { anti_aliasing: AntiAliasing::Temporal, ..Settings::default() };
     let mut frames = |ground: &mut TerrainRenderer| {
-        ground.prepare(h.gpu(), &TileSource::AtOnce, &camera, (64, 64), 2.0).unwrap();
+        ground.prepare(h.gpu(), &TileSource::Immediate, &camera, (64, 64), 2.0).unwrap();
         let frame = Frame { terrain: Some(ground.frame()), settings, ..Frame::new(camera, &[]) };
         h.frame(&frame).unwrap().still_frames
     };
     let before: Vec<u32> = (0..4).map(|_| frames(&mut ground)).collect();
     // So little that the same tiles are drawn.
-    ground.multiply_heights(1.0001);
+    ground.set_vertical_exaggeration(1.0001);
     let moved = frames(&mut ground);
-    ground.multiply_heights(1.0001);
+    ground.set_vertical_exaggeration(1.0001);
     let stands = frames(&mut ground);
     assert!(before[3] > before[1] && moved < before[3] && stands > moved, "{before:?} {moved} {stands}");
 }
 
 #[test]
-fn what_is_no_factor_leaves_the_ground_as_it_is_or_goes_as_far_as_it_may() {
+fn invalid_factors_are_ignored_or_clamped() {
     let Some(h) = headless(8, 8) else { return };
     let mut ground = scene(&h, &entry(3));
     for (asked, got) in [(f64::NAN, 1.0), (-3.0, 1e-6), (0.0, 1e-6), (1e9, 100.0), (7.5, 7.5)] {
-        ground.multiply_heights(asked);
+        ground.set_vertical_exaggeration(asked);
         assert_eq!(ground.vertical_exaggeration(), got);
     }
 }
 
 #[cfg(feature = "client")]
 #[test]
-fn what_stands_on_the_ground_goes_with_it() {
-    use crate::terrain_anchored::TerrainAnchored;
+fn anchored_objects_follow_the_terrain() {
+    use crate::scene::terrain_anchored::TerrainAnchored;
     use crate::{Instance, Light};
     let Some(h) = headless(8, 8) else { return };
     let entry = entry(3);
@@ -211,7 +211,7 @@ fn what_stands_on_the_ground_goes_with_it() {
     let lights = vec![light(stands(10.5, -3.0, 4.0))];
     let mut standing = TerrainAnchored::default();
     for factor in [3.0, 0.0, 1.5] {
-        ground.multiply_heights(factor);
+        ground.set_vertical_exaggeration(factor);
         standing.follow(&mut ground, &instances, &lights);
         let near = |got: DVec3, x: f64, z: f64, over: f64| {
             let want = DVec3::new(x, height(x, z) * factor + over, z);

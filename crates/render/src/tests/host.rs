@@ -5,7 +5,7 @@ use image::RgbaImage;
 
 use super::headless;
 use super::shapes::{asset, at, cube, sphere};
-use crate::readback::read_texture;
+use crate::resources::readback::read_texture;
 use crate::{
     AntiAliasing, Drawable, Frame, Gpu, Headless, Instance, Load, Material, Pose, RenderError, Renderer,
     Settings, Target,
@@ -130,7 +130,7 @@ fn a_cleared_host_gets_the_own_picture_and_its_depth_bit_for_bit() {
 }
 
 #[test]
-fn what_a_host_drew_stays_where_nothing_of_ours_is_nearer() {
+fn a_hosts_picture_is_kept_where_it_is_nearer() {
     let Some(mut h) = headless(SIZE.0, SIZE.1) else { return };
     scene(&mut h, |h, frame| {
         h.frame(frame).unwrap();
@@ -183,7 +183,7 @@ fn a_hosts_device_with_default_limits_and_no_features_draws_the_same() {
 }
 
 #[test]
-fn views_that_cannot_be_drawn_into_are_refused() {
+fn invalid_target_views_are_errors() {
     let Some(mut h) = headless(SIZE.0, SIZE.1) else { return };
     scene(&mut h, |h, frame| {
         let gpu = h.gpu();

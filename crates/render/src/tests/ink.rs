@@ -8,7 +8,7 @@ use super::shapes::{Mesh, asset, at, cube, join, quad, sphere};
 use super::{headless, keep};
 use crate::cpu_reference::depth::{project, view_depth, view_ray};
 use crate::cpu_reference::ink::{Stroke, blurred, edges, is_seen, kind, level_of, noise};
-use crate::graph::Resource;
+use crate::frame::graph::Resource;
 use crate::{
     Alpha, AntiAliasing, AssetGpu, DebugView, Drawable, Frame, Headless, Ink, Instance, Material,
     PackedVertex, PassId, PnTriangles, Pose, Settings,
@@ -66,7 +66,7 @@ fn seen(camera: &Pose, [width, height]: [u32; 2], point: DVec3) -> DVec3 {
 }
 
 #[test]
-fn strokes_are_what_their_cpu_reference_says() {
+fn strokes_match_their_cpu_reference() {
     let size = [160, 120];
     let Some(mut h) = headless(size[0], size[1]) else { return };
     let meshes = [sphere(12), cube(), quad([-1.0, -0.7, 1.0], [2.5, 0.0, 0.0], [0.0, 0.1, -2.5], 1.0)];
@@ -124,7 +124,7 @@ fn strokes_are_what_their_cpu_reference_says() {
 }
 
 #[test]
-fn light_in_levels_is_what_its_cpu_reference_says() {
+fn quantised_light_matches_its_cpu_reference() {
     let (width, height) = (128, 96);
     let Some(mut h) = headless(width, height) else { return };
     let ball = asset(&h, &sphere(48), Material { base_colour: [0.7, 0.4, 0.2], ..Material::default() });
@@ -262,7 +262,7 @@ fn a_sphere_shows_one_ring() {
 }
 
 #[test]
-fn what_stands_behind_a_wall_shows_nothing() {
+fn strokes_behind_a_wall_are_hidden() {
     let Some(mut h) = headless(128, 96) else { return };
     let ball = asset(&h, &sphere(24), Material::default());
     let wall =
@@ -350,7 +350,7 @@ fn a_mesh_that_changes_shows_no_stale_edges() {
 }
 
 #[test]
-fn edges_are_found_once_for_each_change() {
+fn edges_are_extracted_once_per_change() {
     let Some(mut h) = headless(64, 64) else { return };
     let mut ball = asset(&h, &sphere(8), Material::default());
     let others = asset(&h, &cube(), Material::default());
@@ -372,7 +372,7 @@ fn edges_are_found_once_for_each_change() {
 }
 
 #[test]
-fn strokes_follow_vertices_on_their_way() {
+fn strokes_follow_morphing_vertices() {
     let Some(mut h) = headless(96, 96) else { return };
     let mesh = sphere(16);
     let grown = |factor: f32| -> Mesh {
@@ -399,7 +399,7 @@ fn strokes_follow_vertices_on_their_way() {
 }
 
 #[test]
-fn off_it_changes_nothing_and_no_setting_leaves_something_behind() {
+fn without_ink_the_picture_is_unchanged() {
     let Some(mut h) = headless(96, 64) else { return };
     let ball = asset(&h, &sphere(16), Material::default());
     let drawables = [Drawable { asset: &ball, instances: &[Instance::default()] }];
@@ -498,7 +498,7 @@ fn pictures_are_the_same_each_time() {
 /// Figures for docs/benchmarks/ink.md; what is timed says nothing of right and wrong.
 #[test]
 #[ignore = "measures: takes minutes, and says nothing of right and wrong"]
-fn what_ink_takes_of_a_frame() {
+fn time_of_ink() {
     use std::time::Instant;
     let Some(mut h) = headless(640, 360) else { return };
     let many: Vec<_> =

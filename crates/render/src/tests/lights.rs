@@ -8,7 +8,7 @@ use super::{headless, keep};
 use crate::cpu_reference::brdf::{Reflector, from_octahedral};
 use crate::cpu_reference::depth::view_ray;
 use crate::cpu_reference::lights::PunctualLight;
-use crate::graph::Resource;
+use crate::frame::graph::Resource;
 use crate::{
     Alpha, AntiAliasing, DebugView, Drawable, Environment, Frame, GradientSky, Headless, Instance, Light,
     LightCulling, Material, PassId, Pose, Settings, Sky, Spot,
@@ -80,7 +80,7 @@ fn draw(h: &mut Headless, lights: &[Light], settings: Settings) -> Vec<[f64; 4]>
     let frame = Frame { lights, environment: night(), settings, ..Frame::new(camera(), &drawables) };
     let counters = h.frame(&frame).unwrap();
     // What lights nothing has no pass.
-    let some = lights.iter().any(|light| crate::lights::lights(light, camera().eye));
+    let some = lights.iter().any(|light| crate::scene::lights::lights(light, camera().eye));
     assert_eq!(counters.passes.contains(&PassId::PunctualLights), some);
     halves(h, Resource::Radiance)
 }
@@ -144,7 +144,7 @@ fn off(got: &[[f64; 4]], want: &[[f64; 3]]) -> [f64; 2] {
 }
 
 #[test]
-fn punctual_lights_light_as_their_cpu_reference_says() {
+fn punctual_lights_match_their_cpu_reference() {
     let Some(mut h) = headless(64, 48) else { return };
     let lights = punctual_lights(24, 4.0);
     let got = draw(&mut h, &lights, bare());
@@ -226,7 +226,7 @@ fn tiles_and_clusters_of_any_size_lose_no_punctual_light() {
 }
 
 #[test]
-fn of_more_punctual_lights_than_are_asked_for_the_brightest_on_the_screen_are_left() {
+fn beyond_the_limit_the_brightest_punctual_lights_are_kept() {
     let Some(mut h) = headless(48, 32) else { return };
     let at = |x: f64, z: f64, candela: f32, range: f64| Light {
         position: DVec3::new(x, 0.5, z),
@@ -355,7 +355,7 @@ fn before_glass(count: usize) -> Vec<Light> {
 }
 
 #[test]
-fn what_is_seen_through_is_lit_as_the_cpu_reference_says_before_surfaces_and_before_the_sky() {
+fn transparent_surfaces_are_lit_as_their_cpu_reference() {
     let Some(mut h) = headless(64, 48) else { return };
     let lights = before_glass(16);
     let got = glass(&mut h, &lights, LightCulling::default());
@@ -397,7 +397,7 @@ fn what_is_seen_through_is_lit_as_the_cpu_reference_says_before_surfaces_and_bef
 }
 
 #[test]
-fn tiles_and_clusters_of_any_size_lose_no_punctual_light_before_what_is_seen_through() {
+fn culling_loses_no_light_on_transparent_surfaces() {
     let Some(mut h) = headless(96, 64) else { return };
     for count in [1, 40, 600] {
         let lights = before_glass(count);
@@ -414,7 +414,7 @@ fn tiles_and_clusters_of_any_size_lose_no_punctual_light_before_what_is_seen_thr
 /// Medians of punctual lights that move, so that no frame has the lists of another.
 #[test]
 #[ignore = "takes times: cargo test -p lodestream-render --lib -- punctual_lights_cost --ignored --nocapture"]
-fn what_punctual_lights_cost() {
+fn time_of_punctual_lights() {
     const FRAMES: u32 = 9;
     let Some(mut h) = headless(1280, 720) else { return };
     println!("all punctual lights move; the pass, ms, median of {FRAMES} frames (least / greatest)");

@@ -7,7 +7,7 @@ use super::shapes::{Mesh, asset, at, fill, join, quad, sphere};
 use super::{headless, keep};
 use crate::cpu_reference::brdf::{Reflector, from_octahedral, from_sky};
 use crate::cpu_reference::depth::view_ray;
-use crate::graph::Resource;
+use crate::frame::graph::Resource;
 use crate::{
     Alpha, AntiAliasing, AssetGpu, Drawable, Environment, Frame, GradientSky, Headless, Instance, Material,
     PassId, Pose, Settings, Sky, TextureData, TextureKind, TextureShape, Wrap,
@@ -167,7 +167,7 @@ fn unlit_surfaces_show_their_colour_and_punctual_lights_add_theirs() {
 }
 
 #[test]
-fn maps_say_how_rough_how_metal_and_how_open_a_surface_is() {
+fn surface_maps_set_roughness_metalness_and_occlusion() {
     let Some(mut h) = headless(16, 16) else { return };
     let map = [64, 128, 255, 255].repeat(64);
     let material =
@@ -232,7 +232,7 @@ fn mapped(uv: impl Fn([f32; 2]) -> [f32; 2]) -> Mesh {
 }
 
 #[test]
-fn textures_continue_beyond_their_edges_as_their_material_says() {
+fn textures_wrap_as_their_material_says() {
     let Some(mut h) = headless(16, 16) else { return };
     // Columns rise from dark to light.
     let map: Vec<u8> = (0..64).flat_map(|i| [(i % 8 * 32) as u8, 0, 0, 255]).collect();
@@ -296,7 +296,7 @@ fn holes_show_what_lies_behind_and_let_the_sun_through() {
 }
 
 #[test]
-fn panes_are_seen_through_from_far_to_near_whatever_their_order() {
+fn transparent_panes_blend_back_to_front_in_any_order() {
     let Some(mut h) = headless(16, 16) else { return };
     let glass = |colour: [f32; 3], opacity| Material {
         base_colour: colour,
@@ -333,7 +333,7 @@ fn panes_are_seen_through_from_far_to_near_whatever_their_order() {
 }
 
 #[test]
-fn what_is_seen_through_is_lit_and_casts_no_shadow() {
+fn transparent_surfaces_are_lit_and_cast_no_shadow() {
     let Some(mut h) = headless(32, 32) else { return };
     let environment = Environment { to_sun: DVec3::Z, ..of_light(0.8, 0.2) };
     let clay = Material { base_colour: [0.5; 3], ..Material::default() };

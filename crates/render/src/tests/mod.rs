@@ -32,7 +32,7 @@ mod staged;
 mod streaming;
 mod switches;
 mod temporal;
-pub(super) mod terrain;
+pub(crate) mod terrain;
 mod timing;
 mod water;
 mod wireframe;
@@ -42,7 +42,7 @@ use std::io::Write;
 use super::{Gpu, Headless};
 
 /// A renderer for pictures of this size, or nothing if the tests are told to skip.
-pub(super) fn headless(width: u32, height: u32) -> Option<Headless> {
+pub(crate) fn headless(width: u32, height: u32) -> Option<Headless> {
     if std::env::var("LODESTREAM_SKIP_GPU").is_ok_and(|v| v == "1") {
         // Not `eprintln!`: the test runner would swallow it when the test "passes".
         let test = std::thread::current().name().unwrap_or("a test").to_owned();

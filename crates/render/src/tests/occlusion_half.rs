@@ -8,7 +8,7 @@ use super::shapes::{asset, at, cube, quad, sphere};
 use super::{headless, keep};
 use crate::cpu_reference::occlusion::{Normals, Occlusion, Upsample, half_size};
 use crate::cpu_reference::surface::DepthPicture;
-use crate::graph::Resource;
+use crate::frame::graph::Resource;
 use crate::{
     AmbientOcclusion, AssetGpu, Drawable, Headless, Instance, Material, OcclusionMethod, OcclusionRadius,
     Pose, STILL_FRAMES, Settings,
@@ -46,7 +46,7 @@ impl Heap {
 }
 
 #[test]
-fn half_of_occlusion_and_what_becomes_of_it_match_their_cpu_references() {
+fn half_resolution_occlusion_matches_its_cpu_references() {
     for size in [[160, 90], [97, 65], [5, 3], [1, 7], [1, 1]] {
         let Some(mut h) = headless(size[0], size[1]) else { return };
         let heap = Heap::new(&h);
@@ -94,7 +94,7 @@ fn share(value: &u8) -> f64 {
 }
 
 #[test]
-fn layers_and_means_of_frames_stay_whole() {
+fn hbao_plus_and_accumulated_frames_are_full_resolution() {
     let Some(mut h) = headless(97, 65) else { return };
     let (heap, radius) = (Heap::new(&h), OcclusionRadius::World(0.3));
     let layers = heap.draw(&mut h, shown(OcclusionMethod::HbaoPlus, radius, 16));

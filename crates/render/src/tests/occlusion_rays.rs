@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::occlusion::{draw, shown};
 use super::shapes::{Mesh, asset, at, join, quad, sphere};
 use super::{headless, keep};
-use crate::rays::{Rays, Seen};
+use crate::rays::{RayHit, Rays};
 use crate::{
     AmbientOcclusion, Drawable, Frame, Headless, Instance, Material, OcclusionMethod, OcclusionNormals,
     OcclusionRadius, Pose, Settings,
@@ -33,7 +33,7 @@ fn beside_an_inner_edge_occlusion_is_nearer_to_rays_with_normals_of_its_own_wall
     let camera = Pose::look_at(DVec3::new(0.7, 0.5, 4.0), DVec3::new(0.0, 0.1, 0.0), DVec3::Y, 0.7);
     let radius = OcclusionRadius::World(0.5);
     let rays = Rays::of_frame(h.gpu(), &Frame::new(camera, &all)).unwrap().picture(size, radius, 512);
-    let truth: Vec<Seen> = rays.into_iter().map(|seen| seen.expect("walls cover the picture")).collect();
+    let truth: Vec<RayHit> = rays.into_iter().map(|seen| seen.expect("walls cover the picture")).collect();
     let near_edge: Vec<usize> = (0..truth.len()).filter(|i| truth[*i].openness < 0.85).collect();
     for method in OcclusionMethod::ALL {
         let [nearest, drawn, extended] = OcclusionNormals::ALL.map(|normals| {
@@ -74,7 +74,7 @@ fn block([x, y, z]: [f32; 3], [dx, dy, dz]: [f32; 3]) -> Mesh {
 /// dark what faces the eye gets behind what stands right before it, whose back no depth buffer knows; for the radius, twice
 /// and four times that.
 #[test]
-fn what_lies_behind_gets_too_dark_and_what_lies_in_a_row_not_dark_enough() {
+fn known_errors_of_half_resolution_stay_bounded() {
     const RADIUS: f32 = 0.4;
     const SIZE: [u32; 2] = [240, 135];
     const BESIDE_PX: usize = 10;
@@ -110,7 +110,7 @@ fn what_lies_behind_gets_too_dark_and_what_lies_in_a_row_not_dark_enough() {
         .collect();
     let behind: Vec<usize> =
         (0..truths[0].len()).filter(|&i| fronts[1..].iter().any(|front| is_at(i, *front))).collect();
-    let hidden = |pixels: &[usize], truth: &[Option<Seen>]| {
+    let hidden = |pixels: &[usize], truth: &[Option<RayHit>]| {
         mean_of(pixels, |i| truth[i].map_or(0.0, |seen| 1.0 - seen.openness))
     };
     let rays: [[f64; 2]; 3] = truths.each_ref().map(|truth| [hidden(&beside, truth), hidden(&behind, truth)]);

@@ -281,7 +281,7 @@ fn instances_out_of_view_are_left_out() {
     let places: Vec<_> = (0..10).map(|i| at(f64::from(i) * 4.0, 0.0, 0.0, 1.0)).collect();
     let mut shoot = |ball: &crate::AssetGpu| {
         let drawables = [Drawable { asset: ball, instances: &places }];
-        // Bounds also say how large a map of shadows is.
+        // Bounds also say how large a shadow map is.
         let settings = Settings { shadows: None, ..Settings::default() };
         let counters = h.frame(&Frame { settings, ..Frame::new(front_camera(), &drawables) }).unwrap();
         (counters.instances, counters.instances_culled, h.picture().unwrap())

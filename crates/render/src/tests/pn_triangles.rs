@@ -9,7 +9,7 @@ use super::shapes::{Mesh, asset, at, cube, join, quad, sphere};
 use super::{headless, keep};
 use crate::cpu_reference::depth::view_ray;
 use crate::cpu_reference::pn_triangles::{Corner, Patch};
-use crate::graph::Resource;
+use crate::frame::graph::Resource;
 use crate::{
     AntiAliasing, AssetGpu, DebugView, Drawable, Frame, Headless, Instance, MAX_PN_LEVEL, Material,
     PackedVertex, PassId, PnTriangles, Pose, Settings, mark_smooth,
@@ -260,7 +260,7 @@ fn a_cube_stays_a_cube() {
 }
 
 #[test]
-fn one_piece_is_the_flat_triangle() {
+fn one_segment_per_edge_is_the_flat_triangle() {
     let Some(mut h) = headless(128, 96) else { return };
     let ball = asset(&h, &icosphere(1), Material { emission: [0.2; 3], ..Material::default() });
     let camera = Pose::look_at(DVec3::new(0.4, 0.6, 1.2), DVec3::ZERO, DVec3::Y, 0.8);
@@ -294,7 +294,7 @@ fn finer_patches_come_nearer_to_the_sphere() {
 }
 
 #[test]
-fn patches_look_as_the_mesh_that_the_host_cuts() {
+fn patches_match_the_mesh_tessellated_on_the_cpu() {
     let Some(mut h) = headless(128, 128) else { return };
     let ball = asset(&h, &half_flat(&icosphere(1)), Material::default());
     let (eye, fov_y) = (DVec3::new(0.6, 0.5, 1.9), 0.6);
@@ -316,7 +316,7 @@ fn patches_look_as_the_mesh_that_the_host_cuts() {
 }
 
 #[test]
-fn what_patches_are_made_of_may_be_anything() {
+fn degenerate_input_of_patches_stays_finite() {
     let Some(mut h) = headless(96, 96) else { return };
     let (mut vertices, mut faces) = icosphere(1);
     vertices[0].normal = [0; 4];

@@ -10,9 +10,9 @@ use crate::cpu_reference::brdf::{DIELECTRIC, from_octahedral};
 use crate::cpu_reference::reflections::{End, Mirror, Pyramid, Tracing, mirror_open, mirrors};
 use crate::cpu_reference::sky::{environment_brdf, split_sum};
 use crate::cpu_reference::surface::DepthPicture;
-use crate::graph::Resource;
+use crate::frame::graph::Resource;
 use crate::image_compare::compare;
-use crate::reflections::PYRAMID_LEVELS;
+use crate::passes::reflections::PYRAMID_LEVELS;
 use crate::{
     AntiAliasing, AssetGpu, Bloom, Drawable, Environment, Frame, GradientSky, Headless, Instance, Material,
     PassId, Pose, REFLECTION_THICKNESS, ReflectionMethod, Reflections, Settings, Sky, Water,
@@ -87,7 +87,7 @@ const METHODS: [(ReflectionMethod, u32); 4] = [
 ];
 
 #[test]
-fn mirrors_show_what_their_cpu_reference_says() {
+fn reflections_match_their_cpu_reference() {
     let (width, height) = (192, 108);
     let Some(mut h) = headless(width, height) else { return };
     let stage = Stage::new(&h);
@@ -160,7 +160,7 @@ fn mirrors_show_what_their_cpu_reference_says() {
 }
 
 #[test]
-fn nothing_changes_where_everything_has_the_colour_of_the_sky() {
+fn reflections_under_a_uniform_sky_change_nothing() {
     let Some(mut h) = headless(96, 64) else { return };
     let white = Material { roughness: 0.05, metallic: 1.0, base_colour: [1.0; 3], ..Material::default() };
     let ball = asset(&h, &sphere(32), white);
@@ -297,7 +297,7 @@ fn bloom_matches_its_cpu_reference() {
         };
         for strength in [0.04_f32, 0.5] {
             let got = shoot(Some(Bloom { strength }));
-            let want = light.bloomed(crate::bloom::levels((width, height)), strength.into());
+            let want = light.bloomed(crate::passes::bloom::levels((width, height)), strength.into());
             for (i, (got, want)) in got.iter().zip(&want.texels).enumerate() {
                 let got_rgb = DVec3::new(got[0], got[1], got[2]);
                 let off = ((got_rgb - *want).abs() / want.max(DVec3::splat(0.05))).max_element();

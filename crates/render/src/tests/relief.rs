@@ -10,7 +10,7 @@ use crate::cpu_reference::relief::height_maps::bricks;
 use crate::cpu_reference::relief::methods::{Method, Prepared};
 use crate::cpu_reference::relief::ray::Ray;
 use crate::cpu_reference::relief::{ReliefMap, climb, reach, steps};
-use crate::graph::Resource;
+use crate::frame::graph::Resource;
 use crate::{
     AntiAliasing, AssetGpu, Drawable, Environment, Frame, Headless, Instance, Material, Pose, ReliefMethod,
     Settings, Shadows, TextureData, TextureKind, TextureShape, Wrap,
@@ -164,7 +164,7 @@ fn the_quadtree_draws_the_exact_hit_where_equal_steps_jump_over_crests() {
 }
 
 #[test]
-fn what_a_way_must_know_beforehand_is_known_of_maps_that_repeat_and_leaves_nothing_behind() {
+fn acceleration_textures_exist_for_repeating_maps_only() {
     let Some(mut h) = headless(96, 72) else { return };
     let gpu = h.gpu().clone();
     let mut wall = wall_of_coordinates(&h, 0.15);
@@ -199,7 +199,7 @@ fn what_a_way_must_know_beforehand_is_known_of_maps_that_repeat_and_leaves_nothi
 }
 
 #[test]
-fn each_way_of_relief_matches_its_cpu_reference() {
+fn each_relief_method_matches_its_cpu_reference() {
     let Some(mut h) = headless(128, 96) else { return };
     let map = Prepared::new(bricks(64));
     let depth = 0.15;
@@ -261,7 +261,7 @@ fn each_way_of_relief_matches_its_cpu_reference() {
 }
 
 #[test]
-fn bricks_do_not_swim_along_a_wall_that_is_seen_ever_more_from_its_side() {
+fn bricks_do_not_swim_at_grazing_angles() {
     let Some(mut h) = headless(160, 120) else { return };
     let depth = 0.04;
     let wall = wall_of_coordinates(&h, depth as f32);
@@ -298,7 +298,7 @@ fn half(bits: u16) -> f64 {
 }
 
 #[test]
-fn what_relief_hides_from_the_sun_matches_its_cpu_reference_and_is_dark() {
+fn relief_self_shadowing_matches_its_cpu_reference() {
     let Some(mut h) = headless(128, 96) else { return };
     let map = bricks(64);
     let depth = 0.1;
@@ -350,7 +350,7 @@ fn far_to(map: &ReliefMap, depth: f64, (eye, ray): (DVec3, DVec3), z: f64, by: [
 }
 
 #[test]
-fn things_that_stand_in_relief_and_reliefs_that_cross_meet_where_their_surfaces_do() {
+fn relief_depth_intersects_objects_correctly() {
     let Some(mut h) = headless(128, 96) else { return };
     let map = bricks(64);
     let depth = 0.12;

@@ -10,10 +10,10 @@ use super::{headless, keep};
 use crate::cpu_reference::depth::view_ray;
 use crate::cpu_reference::surface::DepthPicture;
 use crate::cpu_reference::{brdf, sunlight};
-use crate::graph::Resource;
+use crate::frame::graph::Resource;
 use crate::image_compare::compare;
-use crate::readback::read_texture;
-use crate::shadows::map_from_world;
+use crate::passes::shadows::map_from_world;
+use crate::resources::readback::read_texture;
 use crate::{
     AntiAliasing, AssetGpu, DebugView, Drawable, Environment, Frame, Headless, Instance, Material, Pose,
     Settings, Shadows,
@@ -209,7 +209,7 @@ fn shadows_for_looking_at() {
 /// The share of pixels on the wrong side of an edge, and faults beyond the reach of a lookup: at silhouettes the surface's
 /// normal is not known from depth, and facets are lit as what they stand for.
 #[test]
-fn shadows_are_where_rays_say() {
+fn shadows_match_ray_casting() {
     let Some(mut h) = headless(160, 90) else { return };
     let mut say = std::io::stderr();
     for (sun, most) in [
@@ -301,7 +301,7 @@ fn sunlight_matches_its_cpu_reference() {
 }
 
 #[test]
-fn maps_in_which_nothing_has_changed_are_not_drawn_again() {
+fn unchanged_shadow_maps_are_not_redrawn() {
     let Some(mut h) = headless(160, 90) else { return };
     let mut yard = Yard::new(SUN);
     let clay = Material::default();
@@ -337,7 +337,7 @@ fn maps_in_which_nothing_has_changed_are_not_drawn_again() {
 }
 
 #[test]
-fn patient_maps_are_late_but_not_for_ever() {
+fn stale_shadow_maps_are_redrawn_in_time() {
     let Some(mut h) = headless(160, 90) else { return };
     let yard = Yard::new(SUN);
     let shadows = Shadows { max_staleness: 8, ..Shadows::default() };

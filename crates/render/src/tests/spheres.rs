@@ -10,8 +10,8 @@ use super::{headless, keep};
 use crate::cpu_reference::brdf::Reflector;
 use crate::cpu_reference::depth::view_ray;
 use crate::cpu_reference::sky::Octahedral;
-use crate::graph::Resource;
-use crate::sky::SkyGpu;
+use crate::frame::graph::Resource;
+use crate::passes::sky::SkyGpu;
 use crate::{
     AntiAliasing, Atmosphere, Drawable, Environment, Frame, Headless, Instance, Material, Pose, Settings, Sky,
 };
@@ -161,7 +161,7 @@ fn rms(h: &mut Headless, material: Material, environment: Environment) -> [f64; 
 }
 
 #[test]
-fn spheres_under_sun_and_sky_are_as_bright_as_paths_of_light_say() {
+fn spheres_match_path_tracing() {
     let Some(mut h) = headless(SIDE, SIDE) else { return };
     // Eyes adapt to shade, paths do not.
     let sky = Sky::Atmosphere(Atmosphere { adaptation: 0.0, ..Atmosphere::default() });

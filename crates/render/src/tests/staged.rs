@@ -134,7 +134,7 @@ fn a_long_texture_level_is_spread_over_frames_and_shown_once_it_is_whole() {
 
 /// A step with several textures goes on where it was left.
 #[test]
-fn a_step_that_is_left_in_the_middle_loses_nothing() {
+fn an_interrupted_upload_loses_nothing() {
     let Some(mut h) = headless(256, 256) else { return };
     let step = || [square(), vec![level(0, SIDE / 2, [BLUE; 2]), level(1, SIDE, [RED, BLUE])]].concat();
     let mut pictures = Vec::new();

@@ -95,7 +95,7 @@ fn unknown_names_and_wrong_sizes_are_errors() {
 }
 
 #[test]
-fn a_texture_of_several_assets_is_there_once_as_long_as_one_of_them_is() {
+fn shared_textures_exist_once_while_in_use() {
     let Some(mut h) = headless(16, 16) else { return };
     let mesh = quad([-1.0, -1.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], 1.0);
     let shape = TextureShape { levels: 2, ..TextureShape::full(8, 8, TextureKind::Colour) };
@@ -136,7 +136,7 @@ fn a_texture_of_several_assets_is_there_once_as_long_as_one_of_them_is() {
 }
 
 #[test]
-fn a_texture_of_which_nothing_is_here_is_drawn_in_its_mean_colour() {
+fn a_texture_without_levels_shows_its_mean_colour() {
     let Some(mut h) = headless(16, 16) else { return };
     let mesh = quad([-1.0, -1.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], 1.0);
     let (bytes, linear) = ([180, 90, 40, 255], [0.456_41, 0.102_24, 0.021_22]);

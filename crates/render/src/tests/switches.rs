@@ -86,7 +86,7 @@ fn draw(h: &mut Headless, frame: &Frame<'_>) -> (RgbaImage, Vec<PassId>) {
 type Switch<'a> = (&'a str, fn(&mut Settings), Frame<'a>, Option<PassId>, [f64; 2]);
 
 #[test]
-fn each_switch_leaves_out_what_it_is_named_after_and_nothing_else() {
+fn each_switch_affects_only_its_own_feature() {
     let Some(mut h) = headless(SIZE.0, SIZE.1) else { return };
     let scene = Scene::new(&h);
     let (all, dull, open) =
@@ -158,7 +158,7 @@ fn dithering_is_at_most_a_step_of_the_display() {
 
 /// Of punctual lights' parameters those that only tell them apart change no picture, but how many are looked at.
 #[test]
-fn tiles_and_clusters_change_what_punctual_lights_cost_and_their_number_what_they_light() {
+fn tiles_and_clusters_change_time_of_punctual_lights_and_their_number_what_they_light() {
     let Some(mut h) = headless(SIZE.0, SIZE.1) else { return };
     let scene = Scene::new(&h);
     let all = scene.drawables(true, true);

@@ -6,7 +6,7 @@ use image::RgbaImage;
 use super::shapes::{asset, at, cube, quad, sphere};
 use super::{headless, keep};
 use crate::cpu_reference::{temporal, tone};
-use crate::graph::Resource;
+use crate::frame::graph::Resource;
 use crate::{
     AntiAliasing, AssetGpu, DebugView, Drawable, Environment, Frame, GradientSky, Headless, Instance,
     Material, PassId, Pose, Settings, Sky, Water,
@@ -177,7 +177,7 @@ fn halves<const N: usize>(h: &Headless, resource: Resource) -> Vec<[f64; N]> {
 }
 
 #[test]
-fn frames_are_added_as_the_cpu_reference_adds_them() {
+fn temporal_accumulation_matches_its_cpu_reference() {
     let Some(mut h) = headless(SIZE.0, SIZE.1) else { return };
     // The wall, the column and half of the ball stand in the water.
     for water in [None, Some(Water { level: -0.1, clarity: 2.0, ripples: 0.5 })] {
@@ -214,7 +214,7 @@ fn compare_with_the_cpu_reference(h: &mut Headless, water: Option<Water>) {
         exposure: 1.0,
         most: f64::from(step.history),
         water: water
-            .and_then(|water| water.seen_from(cameras[0].eye))
+            .and_then(|water| water.view_from(cameras[0].eye))
             .map(|water| [water.height, water.extinction.y]),
     };
     let got = halves::<4>(h, Resource::History);
@@ -244,7 +244,7 @@ fn compare_with_the_cpu_reference(h: &mut Headless, water: Option<Water>) {
 }
 
 #[test]
-fn a_picture_that_stands_comes_to_many_samples_a_pixel() {
+fn a_still_picture_converges_to_supersampling() {
     let (Some(mut h), Some(mut fine)) = (headless(SIZE.0, SIZE.1), headless(SIZE.0 * FINER, SIZE.1 * FINER))
     else {
         return;
@@ -275,7 +275,7 @@ fn a_picture_that_stands_comes_to_many_samples_a_pixel() {
 }
 
 #[test]
-fn under_motion_it_is_nearer_to_many_samples_than_the_finished_picture_smoothed() {
+fn temporal_anti_aliasing_beats_spatial_under_motion() {
     let (Some(mut h), Some(mut fine)) = (headless(SIZE.0, SIZE.1), headless(SIZE.0 * FINER, SIZE.1 * FINER))
     else {
         return;
@@ -367,7 +367,7 @@ fn a_column_that_passes_a_wall_leaves_no_ghost() {
 }
 
 #[test]
-fn whatever_changes_the_picture_ends_its_standing() {
+fn any_visible_change_ends_a_still_picture() {
     let Some(mut h) = headless(SIZE.0, SIZE.1) else { return };
     let scene = Scene::new(&h);
     let still = |h: &mut Headless, frame: &Frame<'_>| h.frame(frame).unwrap().still_frames;
@@ -396,7 +396,7 @@ fn whatever_changes_the_picture_ends_its_standing() {
 }
 
 #[test]
-fn materials_textures_and_morphs_end_a_pictures_standing_too() {
+fn materials_textures_and_morphs_end_a_still_picture() {
     let Some(mut h) = headless(SIZE.0, SIZE.1) else { return };
     let mut ball = asset(&h, &sphere(12), Material::default());
     let stand = [Instance::default()];
@@ -421,7 +421,7 @@ fn materials_textures_and_morphs_end_a_pictures_standing_too() {
 }
 
 #[test]
-fn it_leaves_nothing_behind() {
+fn temporal_anti_aliasing_leaves_no_trace() {
     let (Some(mut h), Some(mut fresh)) = (headless(SIZE.0, SIZE.1), headless(SIZE.0, SIZE.1)) else { return };
     let (scene, other) = (Scene::new(&h), Scene::new(&fresh));
     for frame in 0..3 {

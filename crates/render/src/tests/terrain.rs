@@ -10,15 +10,16 @@ use wgpu::util::DeviceExt;
 use super::{headless, keep};
 use crate::cpu_reference::depth::view_ray;
 use crate::cpu_reference::terrain::{Tile, zone_weights};
-use crate::draw::DrawList;
-use crate::graph::Resource;
+use crate::frame::draw::DrawList;
+use crate::frame::graph::Resource;
 use crate::image_compare::compare;
-use crate::shadows;
-use crate::tiles::{PlacedTerrain, TILE_CELLS, TileGenerator, TileId, TileRegion};
+use crate::passes::shadows;
+use crate::scene::tile_generator::TileGenerator;
 use crate::{
     Counters, DebugView, Environment, Frame, Gpu, Headless, Pose, Settings, Shadows, TerrainRenderer,
     TileSource,
 };
+use lodestream_terrain::tiles::{PlacedTerrain, TILE_CELLS, TileId, TileRegion};
 
 /// Hills of some hundred metres on patches of 512 m, heights in centimetres.
 pub(super) fn entry(seed: u64) -> TerrainEntry {
@@ -65,7 +66,7 @@ pub(super) fn draw(
     settings: Settings,
 ) -> RgbaImage {
     let gpu_size = h.size();
-    ground.prepare(h.gpu(), &TileSource::AtOnce, &camera, gpu_size, px).unwrap();
+    ground.prepare(h.gpu(), &TileSource::Immediate, &camera, gpu_size, px).unwrap();
     let frame = Frame { terrain: Some(ground.frame()), settings, ..Frame::new(camera, &[]) };
     h.frame(&frame).unwrap();
     h.picture().unwrap()
@@ -94,9 +95,9 @@ fn draw_in_the_sun(
     out_of_view: bool,
 ) -> Vec<u8> {
     let size = h.size();
-    ground.prepare(h.gpu(), &TileSource::AtOnce, &camera, size, 2.0).unwrap();
+    ground.prepare(h.gpu(), &TileSource::Immediate, &camera, size, 2.0).unwrap();
     if out_of_view {
-        prepare_casters(h, ground, &TileSource::AtOnce, camera, to_sun);
+        prepare_casters(h, ground, &TileSource::Immediate, camera, to_sun);
     }
     let environment = Environment { to_sun, ..Environment::default() };
     h.frame(&Frame { terrain: Some(ground.frame()), environment, ..Frame::new(camera, &[]) }).unwrap();
@@ -154,7 +155,7 @@ impl Rays {
 }
 
 #[test]
-fn ground_is_missing_while_some_of_what_casts_shadows_is() {
+fn missing_shadow_casters_count_as_missing_tiles() {
     let Some(h) = headless(160, 90) else { return };
     let entry = rough_entry(3);
     let eye = DVec3::new(-100.0, ground_height(&entry, -100.0, 400.0) + 30.0, 400.0);
@@ -165,10 +166,10 @@ fn ground_is_missing_while_some_of_what_casts_shadows_is() {
         prepare_casters(&h, ground, making, camera, to_sun);
         (ground.missing(), ground.frame().parts.len(), ground.frame().casters.len())
     };
-    let (_, parts, casters) = prepare(&mut scene(&h, &entry), &TileSource::AtOnce);
+    let (_, parts, casters) = prepare(&mut scene(&h, &entry), &TileSource::Immediate);
     assert!(casters > 10, "{casters}");
     let mut ground = scene(&h, &entry);
-    let apart = TileSource::Apart(TileGenerator::start(|| {}).unwrap());
+    let apart = TileSource::Thread(TileGenerator::start(|| {}).unwrap());
     // However long a thread that nobody waits for takes.
     let made = loop {
         let (missing, parts, casters) = prepare(&mut ground, &apart);
@@ -351,7 +352,7 @@ fn pictures_show_what_the_cpu_reference_computes_and_stay_within_the_screen_erro
     for number in 0..4 {
         let entry = if number % 2 == 0 { entry(40 + number) } else { rough_entry(40 + number) };
         let mut ground = scene(&h, &entry);
-        let maker = PlacedTerrain::new(terrain(&entry).into(), &entry);
+        let placed = PlacedTerrain::new(terrain(&entry).into(), entry.unit.into(), entry.height_unit.into());
         let mut camera = random_camera(&entry, &mut random);
         if number % 2 == 1 {
             // Over the crest, some hundred metres away.
@@ -379,7 +380,7 @@ fn pictures_show_what_the_cpu_reference_computes_and_stay_within_the_screen_erro
             let side = i64::from(TILE_CELLS) << part.spacing;
             let [x, y] = part.origin.map(|o| o.div_euclid(side) as i32);
             let mut heights = Vec::new();
-            maker.heights(TileId { spacing: part.spacing, x, y }, &mut Scratch::new(), &mut heights);
+            placed.heights(TileId { spacing: part.spacing, x, y }, &mut Scratch::new(), &mut heights);
             let tile = Tile {
                 heights: &heights,
                 corner: [
@@ -564,7 +565,7 @@ fn zone_weights_are_the_cpu_references_and_sum_to_one() {
 }
 
 #[test]
-fn ground_is_counted_where_it_is_drawn() {
+fn terrain_counts_in_overdraw() {
     let Some(mut h) = headless(96, 54) else { return };
     let mut ground = scene(&h, &entry(7));
     let camera = Pose::look_at(DVec3::new(0.0, 260.0, 900.0), DVec3::new(0.0, 60.0, 0.0), DVec3::Y, 0.9);

@@ -37,7 +37,7 @@ fn times_are_of_the_passes_that_ran() {
         h.time_passes(true);
         let plain = Settings { shadows: None, anti_aliasing: AntiAliasing::None, ..frame.settings };
         let normals = Settings { shade: DebugView::Normal, ..frame.settings };
-        // A pass of each kind there is, with as many maps of shadows as there may be.
+        // A pass of each kind there is, with as many shadow maps as there may be.
         let edges = Settings { wireframe: true, ..frame.settings };
         for settings in [frame.settings, plain, normals, edges] {
             let mut ran = Vec::new();
@@ -89,7 +89,7 @@ fn record(h: &mut Headless, frame: &Frame<'_>, submit: bool) -> Result<Counters,
 
 /// A host may drop a frame, and need not wait for one before it records the next.
 #[test]
-fn frames_that_are_dropped_or_not_waited_for_take_no_timestamps_away_for_good() {
+fn dropped_frames_release_their_timestamps() {
     let Some(mut h) = headless(160, 90) else { return };
     if !h.gpu().device.features().contains(wgpu::Features::TIMESTAMP_QUERY) {
         return;

@@ -9,9 +9,9 @@ use super::shapes::{asset, at, quad, sphere};
 use super::terrain::{entry, scene};
 use super::{headless, keep};
 use crate::cpu_reference::depth::view_ray;
-use crate::cpu_reference::sky::{Octahedral, Sky as CpuReferenceSky, split_sum};
+use crate::cpu_reference::sky::{Octahedral, Sky as ReferenceSky, split_sum};
 use crate::cpu_reference::water::Ray;
-use crate::graph::Resource;
+use crate::frame::graph::Resource;
 use crate::image_compare::compare;
 use crate::{
     AntiAliasing, Drawable, Environment, Frame, GradientSky, Haze, Headless, Instance, Material, PassId,
@@ -63,7 +63,7 @@ fn water_matches_its_cpu_reference() {
         let map = Octahedral::new(4, |_| colour.as_dvec3());
         let mut irradiance = [DVec3::ZERO; 9];
         irradiance[0] = colour.as_dvec3();
-        let sky = CpuReferenceSky {
+        let sky = ReferenceSky {
             up: DVec3::Y,
             side: DVec3::X,
             to_sun: environment.to_sun.normalize(),
@@ -74,7 +74,7 @@ fn water_matches_its_cpu_reference() {
             irradiance,
             haze: haze.map_or(0.0, |haze| haze.extinction()),
         };
-        let water = WATER.seen_from(camera.eye).unwrap();
+        let water = WATER.view_from(camera.eye).unwrap();
         let tan = camera.tan_half_fov(width, height);
         let turn = |v: [f64; 3]| camera.rotation * DVec3::from(v);
         let (mut wet, mut worst, mut sum) = (0, 0.0_f64, 0.0);
@@ -98,7 +98,7 @@ fn water_matches_its_cpu_reference() {
                 assert_eq!(*got, behind[i], "{pixel:?} is dry");
                 continue;
             }
-            let want = water.seen(ray, (behind[i], seen), &sky, DVec3::splat(sun.into()), &table);
+            let want = water.radiance(ray, (behind[i], seen), &sky, DVec3::splat(sun.into()), &table);
             // 11 bits of the picture, twice.
             let off = ((*got - want).abs() / want.max(DVec3::splat(0.02))).max_element();
             assert!(off < 0.03, "{pixel:?}: {got} {want}");
@@ -117,7 +117,7 @@ fn valley(h: &mut Headless, camera: Pose, level: Option<f64>) -> (RgbaImage, Vec
     let river = Shape::RiverBed { line, half_width: 24, depth: 900 };
     entry.stamps = vec![Stamp { mode: Mode::Fixed, shape: river }];
     let mut ground = scene(h, &entry);
-    ground.prepare(h.gpu(), &TileSource::AtOnce, &camera, h.size(), 2.0).unwrap();
+    ground.prepare(h.gpu(), &TileSource::Immediate, &camera, h.size(), 2.0).unwrap();
     let water = level.map(|level| Water { level, clarity: 3.0, ripples: 2.0 });
     let settings = Settings { near: 0.1, anti_aliasing: AntiAliasing::None, ..Settings::default() };
     let frame = Frame { terrain: Some(ground.frame()), water, settings, ..Frame::new(camera, &[]) };
@@ -198,7 +198,7 @@ fn water_is_the_same_at_all_scales_and_never_less_than_a_number() {
 fn ripples_stay_where_they_are_far_from_zero() {
     let far = DVec3::new(6.371e6, 2.0, -6.371e6);
     for step in [DVec3::X * 0.01, DVec3::new(0.3, 0.1, -0.7), DVec3::Z * 400.0] {
-        let [here, there] = [far, far + step].map(|eye| WATER.seen_from(eye).unwrap());
+        let [here, there] = [far, far + step].map(|eye| WATER.view_from(eye).unwrap());
         for (here, there) in here.waves.iter().zip(&there.waves) {
             let turned = there.phase - here.phase - here.vector.dot(DVec2::new(step.x, step.z));
             // Cycles: rounding of such a place is a nanometre, of which the shortest wave makes 1e-8.

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use anyhow::Context as _;
 use image::{Rgba, RgbaImage};
 use lodestream_protocol::source::SceneSource;
-use lodestream_render::rays::Seen;
+use lodestream_render::rays::RayHit;
 use lodestream_render::{
     AmbientOcclusion, AntiAliasing, DebugView, Gpu, OcclusionMethod, OcclusionNormals, OcclusionRadius,
     PassId, STILL_FRAMES, Settings,
@@ -191,7 +191,7 @@ fn of_view(
         .iter()
         .zip(&seen)
         .map(|(stored, seen)| {
-            let alike = |seen: &Seen| (f64::from(*stored) * seen.depth / near - 1.0).abs() < SAME_DEPTH;
+            let alike = |seen: &RayHit| (f64::from(*stored) * seen.depth / near - 1.0).abs() < SAME_DEPTH;
             *stored > 0.0 && seen.as_ref().is_some_and(alike)
         })
         .collect();

@@ -1,4 +1,4 @@
-//! Points on a spiral: `alchemy.wgsl`.
+//! Alchemy ambient obscurance: `alchemy.wgsl`.
 
 use std::f64::consts::TAU;
 

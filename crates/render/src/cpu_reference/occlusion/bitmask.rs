@@ -1,4 +1,4 @@
-//! Sectors of slices: `bitmask.wgsl`.
+//! Visibility bitmasks: `bitmask.wgsl`.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 

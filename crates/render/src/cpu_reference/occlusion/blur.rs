@@ -12,12 +12,12 @@ pub struct Blur<'a> {
     pub raw: &'a [f64],
     /// Radius in world units, and per unit of depth; added.
     pub radius: (f64, f64),
-    /// The frame's number in a mean, from 1 on; 0 where it stands alone.
+    /// Number of the frame within the mean, from 1; 0 without accumulation.
     pub number: u32,
 }
 
 impl Blur<'_> {
-    /// How open the surface at a pixel is, as the light gets it.
+    /// Final openness of a pixel.
     #[must_use]
     pub fn openness(&self, pixel: [i64; 2]) -> f64 {
         let Self { picture, raw, radius, number } = *self;

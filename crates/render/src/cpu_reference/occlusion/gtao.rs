@@ -1,4 +1,4 @@
-//! Horizons of slices: `gtao.wgsl`.
+//! GTAO: `gtao.wgsl`.
 
 use std::f64::consts::FRAC_PI_2;
 

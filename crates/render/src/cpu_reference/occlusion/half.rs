@@ -1,5 +1,4 @@
-//! Occlusion of one pixel of each 2×2, and how it becomes that of every pixel: `occlusion_half.wgsl` and
-//! `occlusion_upsample.wgsl`.
+//! Half-resolution occlusion and its upsampling: `occlusion_half.wgsl` and `occlusion_upsample.wgsl`.
 
 use super::{Occlusion, radius_at};
 use crate::cpu_reference::surface::DepthPicture;
@@ -17,7 +16,7 @@ pub fn half_size(size_px: [u32; 2]) -> [u32; 2] {
 }
 
 impl Occlusion<'_> {
-    /// How open the surface at a 2×2's pixel is.
+    /// Openness of the estimated pixel of a 2×2.
     #[must_use]
     pub fn half_openness(&self, cell: [i64; 2], strength: f64) -> f64 {
         self.openness_turned_as(half_pixel(cell, self.picture.size_px), cell, strength)
@@ -36,7 +35,7 @@ pub struct Upsample<'a> {
 }
 
 impl Upsample<'_> {
-    /// How open the surface at a pixel is, as the light gets it.
+    /// Final openness of a pixel.
     #[must_use]
     pub fn openness(&self, pixel: [i64; 2]) -> f64 {
         let Self { picture, half, radius } = *self;

@@ -1,4 +1,4 @@
-//! Horizons along directions of the picture: `hbao.wgsl`.
+//! HBAO: `hbao.wgsl`.
 
 use std::f64::consts::TAU;
 

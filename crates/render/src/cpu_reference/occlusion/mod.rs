@@ -1,15 +1,19 @@
 //! Ambient occlusion in screen space: `occlusion.wgsl`, a file for each estimator, and the blur.
 
+#[cfg(any(test, feature = "methods"))]
 mod alchemy;
+#[cfg(any(test, feature = "methods"))]
 mod bitmask;
 mod blur;
 mod gtao;
 mod half;
+#[cfg(any(test, feature = "methods"))]
 mod hbao;
 mod normal;
 mod receiver;
 mod slices;
-pub mod ssao;
+#[cfg(any(test, feature = "methods"))]
+mod ssao;
 
 pub use blur::Blur;
 pub use half::{Upsample, half_pixel, half_size};
@@ -17,7 +21,7 @@ pub use normal::Normals;
 use receiver::Receiver;
 
 use super::surface::DepthPicture;
-use crate::occlusion::OcclusionMethod;
+use crate::passes::occlusion::OcclusionMethod;
 
 const MIN_RADIUS_PX: f64 = 1.0;
 const MAX_RADIUS_PX: f64 = 256.0;
@@ -29,13 +33,13 @@ pub struct Occlusion<'a> {
     pub picture: DepthPicture<'a>,
     /// The estimator.
     pub method: OcclusionMethod,
-    /// By what its normals are taken.
+    /// Source of normals.
     pub normals: Normals<'a>,
     /// Radius in world units, and per unit of depth; added.
     pub radius: (f64, f64),
     /// Samples per pixel.
     pub samples: usize,
-    /// By how much rotations are turned on, in a frame of a mean; `None` where it stands alone.
+    /// Offset of the rotations in a frame of a mean; `None` without accumulation.
     pub turned: Option<u32>,
 }
 
@@ -54,13 +58,13 @@ pub fn radius_at(depth: f64, radius: (f64, f64), scale_px: f64) -> f64 {
 }
 
 impl Occlusion<'_> {
-    /// How open the surface at a pixel is: 1 = nothing near hides the sky, 0 = buried.
+    /// Openness of a pixel: 1 = unoccluded, 0 = fully occluded.
     #[must_use]
     pub fn openness(&self, pixel: [i64; 2], strength: f64) -> f64 {
         self.openness_turned_as(pixel, pixel, strength)
     }
 
-    /// The same with the rotation of a place of the picture that is drawn into.
+    /// Openness with the rotation of another pixel.
     fn openness_turned_as(&self, pixel: [i64; 2], place: [i64; 2], strength: f64) -> f64 {
         let Self { picture, samples, .. } = *self;
         let depth = picture.depth_at(pixel);
@@ -72,15 +76,20 @@ impl Occlusion<'_> {
         let centre = picture.position_at(pixel);
         let normal = self.normals.of(&picture, pixel, centre);
         let rotation = (rotation_index(place) + self.turned.unwrap_or(0)) & 15;
-        let stride = if self.method == OcclusionMethod::HbaoPlus { 4 } else { 1 };
+        let stride = if self.method.is_layered() { 4 } else { 1 };
         let receiver =
             Receiver { picture, pixel, depth, centre, normal, radius, rotation, scale_px, samples, stride };
         let [occluded, of] = match self.method {
+            #[cfg(any(test, feature = "methods"))]
             OcclusionMethod::Ssao => ssao::sums(&receiver, false),
+            #[cfg(any(test, feature = "methods"))]
             OcclusionMethod::SsaoCentred => ssao::sums(&receiver, true),
+            #[cfg(any(test, feature = "methods"))]
             OcclusionMethod::Hbao | OcclusionMethod::HbaoPlus => hbao::sums(&receiver),
+            #[cfg(any(test, feature = "methods"))]
             OcclusionMethod::Alchemy => alchemy::sums(&receiver),
             OcclusionMethod::Gtao => gtao::sums(&receiver),
+            #[cfg(any(test, feature = "methods"))]
             OcclusionMethod::Bitmask => bitmask::sums(&receiver),
         };
         (1.0 - strength * occluded / of).clamp(0.0, 1.0)

@@ -1,10 +1,10 @@
-//! The normal that occlusion is estimated about, from depth: `occlusion_normal.wgsl`.
+//! Normals reconstructed from depth for occlusion: `occlusion_normal.wgsl`.
 
 use crate::cpu_reference::surface::{DepthPicture, V3, dot, facing, sub};
 
 const AGREEMENT: f64 = 0.01;
 
-/// By what the neighbours are chosen that a normal is taken from: see [`crate::OcclusionNormals`].
+/// Choice of the neighbours: see [`crate::OcclusionNormals`].
 #[derive(Clone, Copy, Debug, Default)]
 pub enum Normals<'a> {
     /// The nearer in depth.

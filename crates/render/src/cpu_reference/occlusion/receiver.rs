@@ -1,11 +1,11 @@
-//! A pixel whose occlusion is asked for, and what estimators ask of it.
+//! The receiver: the pixel whose occlusion is estimated, and lookups around it.
 
 use crate::cpu_reference::surface::{DepthPicture, V3, dot, sub};
 
 /// As in the shader: elevation above the tangent plane from which on something occludes.
 pub(super) const MIN_ELEVATION: f64 = 0.03;
 
-/// A pixel whose occlusion is asked for.
+/// The pixel whose occlusion is estimated.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Receiver<'a> {
     pub(super) picture: DepthPicture<'a>,
@@ -30,12 +30,12 @@ pub(super) fn basis(n: V3) -> [V3; 2] {
 }
 
 impl Receiver<'_> {
-    /// What of an occluder at a distance counts.
+    /// Falloff of an occluder with distance.
     pub(super) fn falloff(&self, distance: f64) -> f64 {
         (1.0 - distance / self.radius).max(0.0)
     }
 
-    /// What of an occluder counts that a march meets on the way from one place to the next.
+    /// Falloff of an occluder between two samples of a march.
     pub(super) fn met_between(&self, last: V3, to: V3) -> f64 {
         let here = self.falloff(length(to));
         if last == [0.0; 3] {
@@ -57,7 +57,7 @@ impl Receiver<'_> {
         next + ((self.radius * self.scale_px / self.depth).max(next) - next) * share
     }
 
-    /// What is drawn at an offset in pixels, from here.
+    /// Surface at an offset in pixels.
     pub(super) fn drawn_at(&self, offset_px: [f64; 2]) -> V3 {
         let stride = self.stride as f64;
         let there = [0, 1]

@@ -62,6 +62,7 @@ impl Slice {
         0.25 * (self.cosine - (2.0 * angle - self.angle).cos() + 2.0 * angle * self.sine)
     }
 
+    #[cfg(any(test, feature = "methods"))]
     pub(super) fn signed_arc(&self, angle: f64) -> f64 {
         if angle >= 0.0 { self.arc(angle) } else { -self.arc(angle) }
     }

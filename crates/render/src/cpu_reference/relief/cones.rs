@@ -1,28 +1,28 @@
-//! Cones over the texels of a height map that a ray may cross in one step.
+//! Cone step maps: per texel, a cone that a ray may cross in one step.
 
 use super::ReliefMap;
 use super::ray::{Ray, ReliefHit, clearance};
 
-/// For each texel a cone that stands on it and opens upwards.
+/// A cone per texel, standing on it and opening upwards.
 #[derive(Clone, Debug)]
 pub struct Cones {
     /// Radius over height, in texture widths per depth; as many as texels.
     ratios: ReliefMap,
-    /// No step is farther along the surface than this, texture widths: cones were not looked for beyond.
+    /// Largest step along the surface, in texture widths: cones beyond were not searched.
     most: f64,
 }
 
-/// Texture widths within which cones are looked for.
+/// Search radius in texture widths.
 const WINDOW: f64 = 0.25;
-/// Least of a cone's ratio, in texels per depth: a step is always some way.
+/// Least ratio of a cone in texels per depth, so that every step advances.
 const LEAST_TEXELS: f64 = 0.25;
-/// Leaves rounding room where something is too far away to count.
+/// Rounding margin of the distance bound.
 const SURELY: f64 = 1.0 - 1e-9;
 /// Texels a step by which a relaxed cone's rays are followed below the surface.
 const FOLLOW_TEXELS: f64 = 0.5;
 
 impl Cones {
-    /// The widest cones that hold nothing of the surface (Dummer 2006).
+    /// The widest empty cones (Dummer 2006).
     #[must_use]
     pub fn safe(map: &ReliefMap) -> Self {
         Self::new(map, &|[x, y], [dx, dy]| {
@@ -31,8 +31,8 @@ impl Cones {
         })
     }
 
-    /// The widest cones in which a ray that comes in from above meets the surface at most once (Policarpo and Oliveira
-    /// 2007): for each other texel, the ray from above this one's middle through it is followed to where it comes out.
+    /// Relaxed cones: the widest in which a ray from above meets the surface at most once (Policarpo and Oliveira
+    /// 2007). For each other texel, the ray from above this one through it is followed to its exit.
     #[must_use]
     pub fn relaxed(map: &ReliefMap) -> Self {
         Self::new(map, &|[x, y], [dx, dy]| {
@@ -69,7 +69,7 @@ impl Cones {
         &self.ratios.texels
     }
 
-    /// Finds each texel's narrowest of what `cone` says of it and another so many texels away.
+    /// Computes each texel's narrowest cone; `cone` gives the ratio that another texel at an offset requires.
     fn new(map: &ReliefMap, cone: &dyn Fn([i64; 2], [i64; 2]) -> Option<f64>) -> Self {
         let reach = (WINDOW * map.width.max(map.height) as f64) as i64;
         let least = LEAST_TEXELS / map.width.max(map.height) as f64;
@@ -104,8 +104,8 @@ impl Cones {
         Self { ratios, most: WINDOW }
     }
 
-    /// The narrowest of the four cones around: mixed, those on the top of a wall, which see nothing above them, would have
-    /// rays at its side jump over what stands behind.
+    /// The narrowest of the four surrounding cones. Interpolated, the wide cones on top of a wall would let rays
+    /// beside it jump over obstacles.
     fn narrowest(&self, uv: [f64; 2]) -> f64 {
         let [x, y] = self.ratios.to_texels(uv).map(|x| x.floor() as i64);
         [[0, 0], [1, 0], [0, 1], [1, 1]]
@@ -113,7 +113,7 @@ impl Cones {
             .fold(f64::INFINITY, |least, [i, j]| least.min(self.ratios.texel(x + i, y + j)))
     }
 
-    /// Steps to the edges of cones until the surface is reached; answers the last place before, and the last.
+    /// Cone steps until the surface is reached; returns the last position before it and the hit.
     pub(super) fn step(&self, map: &ReliefMap, ray: &Ray, steps: u32) -> (f64, ReliefHit) {
         let length = ray.span[0].hypot(ray.span[1]);
         let (mut before, mut at, mut lookups) = (0.0, 0.0, 0);

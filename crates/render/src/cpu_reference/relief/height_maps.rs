@@ -1,4 +1,4 @@
-//! Heights that ways of relief mapping are judged by: each repeats, 0 the deepest, 1 the surface.
+//! Height maps for the comparison of relief methods: each repeats, 0 is deepest, 1 the surface.
 
 use super::ReliefMap;
 

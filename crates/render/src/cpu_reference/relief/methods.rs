@@ -1,13 +1,13 @@
-//! Ways to find where a ray meets a height field, from none to exact, each with what it costs in lookups.
+//! Searches for the intersection of a ray with a height field, with their cost in lookups.
 //!
-//! A ray goes from `start`, on the surface, to `start + span`, at full depth; what is found is a fraction of that way.
+//! A ray goes from `start`, on the surface, to `start + span`, at full depth; results are fractions of that way.
 
 use super::cones::Cones;
 use super::pyramid::Pyramid;
 use super::ray::{Ray, ReliefHit, clearance};
 use super::{HALVINGS, ReliefMap};
 
-/// A way to look for the hit.
+/// Search method.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Method {
     /// The surface itself.
@@ -32,7 +32,7 @@ pub enum Method {
     Quadtree,
 }
 
-/// A height map with what the methods make of it beforehand.
+/// A height map with precomputed acceleration data.
 #[derive(Clone, Debug)]
 pub struct Prepared {
     /// Heights.
@@ -55,7 +55,7 @@ impl Prepared {
 }
 
 impl Method {
-    /// All, as they are told of above.
+    /// All variants.
     pub const ALL: [Self; 8] = [
         Self::None,
         Self::Parallax,
@@ -88,7 +88,7 @@ impl Method {
         !matches!(self, Self::None | Self::Parallax)
     }
 
-    /// Looks for the hit with so many steps at most.
+    /// Searches for the intersection with at most `steps` steps.
     #[must_use]
     pub fn find(self, map: &Prepared, ray: &Ray, steps: u32) -> ReliefHit {
         let steps = steps.max(1);

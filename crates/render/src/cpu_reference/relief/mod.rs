@@ -1,5 +1,5 @@
-//! Relief mapping: `relief_trace` of `relief.wgsl`, and the exact intersection it approximates; other ways to look for it
-//! ([`methods`]), and heights to judge them by ([`height_maps`]).
+//! Relief mapping: `relief_trace` of `relief.wgsl` and the exact intersection; further methods ([`methods`]) and test
+//! maps ([`height_maps`]).
 
 pub mod cones;
 pub mod height_maps;
@@ -13,7 +13,7 @@ pub const HALVINGS: u32 = 8;
 /// Farthest that a ray is followed along the surface, in depths, as in the shader.
 const MOST_SHIFT: f64 = 2.0;
 
-/// How far a ray at this cosine to the normal is followed until it is at full depth, as in the shader.
+/// Distance along the surface until a ray at this cosine is at full depth, as in the shader.
 #[must_use]
 pub fn reach(depth: f64, cosine: f64) -> f64 {
     let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
@@ -91,8 +91,8 @@ impl ReliefMap {
         0.5 * (above + below)
     }
 
-    /// Whether the shader lets the sun reach the height field at a place: by equal steps along its ray, which is at the
-    /// surface after `climb` times how deep the place lies.
+    /// Whether the shader's shadow test lets the sun reach a position: equal steps along its ray, which reaches the
+    /// surface after `climb` times the position's depth.
     #[must_use]
     pub fn sunlit(&self, place: [f64; 2], climb: [f64; 2], steps: u32) -> bool {
         let below = 1.0 - self.sample(place);
@@ -103,7 +103,7 @@ impl ReliefMap {
         })
     }
 
-    /// The first intersection itself: cell by cell, where height along the ray is a quadratic.
+    /// The exact first intersection: cell by cell, where clearance along the ray is a quadratic.
     #[must_use]
     pub fn intersect(&self, start: [f64; 2], span: [f64; 2]) -> f64 {
         let at = |s: f64| self.to_texels([start[0] + span[0] * s, start[1] + span[1] * s]);
@@ -137,15 +137,14 @@ const SHADOW_BIAS: f64 = 0.02;
 /// Least sine of the sun's height over the surface, as in the shader.
 const LOWEST_SUN: f64 = 0.1;
 
-/// Texture coordinates that the sun's ray changes by until it has climbed a whole depth, by those that it changes by along
-/// its unit vector, and the cosine between it and the normal; as in the shader.
+/// Change of texture coordinates along the sun's ray until it has climbed a full depth; `along` is the change along
+/// its unit vector, `cosine` its angle to the normal. As in the shader.
 #[must_use]
 pub fn climb(depth: f64, along: [f64; 2], cosine: f64) -> [f64; 2] {
     along.map(|along| along * depth / cosine.max(LOWEST_SUN))
 }
 
-/// Where the clearance over the surface first comes to nothing between two places of a ray, all within one patch of four
-/// texels.
+/// First zero of the clearance between two positions within one patch of four texels.
 fn within_patch(clearance: &dyn Fn(f64) -> f64, [s0, s1]: [f64; 2]) -> Option<f64> {
     if s1 - s0 < 1e-15 {
         return None;

@@ -1,16 +1,16 @@
-//! Largest heights of a map over ever larger cells, and the exact hit found over them.
+//! Maximum pyramid of a height map, and traversal to the exact intersection.
 
 use super::ray::{Ray, ReliefHit, clearance};
 use super::{ReliefMap, within_patch};
 
-/// Levels of largest heights: cells of level 0 are the patches between four texels' middles, of each next twice as wide.
+/// Levels of maximum heights: level-0 cells lie between four texel centres, each further level doubles the cell.
 #[derive(Clone, Debug)]
 pub struct Pyramid {
     /// Finest first, row by row; sides are rounded up.
     levels: Vec<ReliefMap>,
 }
 
-/// How far a place on an edge between cells is moved into the next, of a cell.
+/// Offset that moves a position on a cell's edge into the next cell, in cells.
 const NUDGE: f64 = 1e-9;
 
 impl Pyramid {
@@ -44,7 +44,8 @@ impl Pyramid {
         &self.levels
     }
 
-    /// Walks over cells that the ray is above, larger ones as long as they are free; meets the surface in its patch.
+    /// Traverses the pyramid: skips cells that the ray passes above, descends into others, and intersects the
+    /// surface's patch.
     pub(super) fn find(&self, map: &ReliefMap, ray: &Ray, steps: u32) -> ReliefHit {
         let texels = [map.width as f64, map.height as f64];
         let way = [ray.span[0] * texels[0], ray.span[1] * texels[1]];

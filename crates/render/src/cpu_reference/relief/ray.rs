@@ -1,4 +1,4 @@
-//! A ray over a height map, and what is found along it.
+//! A ray over a height map, and its intersection.
 
 use super::ReliefMap;
 
@@ -21,7 +21,7 @@ impl Ray {
     }
 }
 
-/// What was found.
+/// The intersection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReliefHit {
     /// Fraction of the way.
@@ -30,7 +30,7 @@ pub struct ReliefHit {
     pub lookups: u32,
 }
 
-/// How far a ray is above the surface, in depths.
+/// Clearance of a ray over the surface, in depths.
 pub(super) fn clearance(map: &ReliefMap, ray: &Ray, s: f64) -> f64 {
     1.0 - map.sample(ray.at(s)) - s
 }

@@ -1,0 +1,440 @@
+//! All pipelines for one target format. Each is compiled on first use, or ahead of it ([`crate::frame::compiler`]).
+
+use std::sync::{Arc, OnceLock};
+
+use crate::frame::fullscreen::fullscreen_pipeline;
+use crate::frame::targets::{DISPLAY, OCCLUSION, OCCLUSION_MEAN, RADIANCE, SUNLIGHT};
+use crate::passes::bloom::BloomPipelines;
+use crate::passes::gbuffer::{ADD, UNIFORM_BLOCK, shader};
+#[cfg(any(test, feature = "methods"))]
+use crate::passes::ink::InkPipelines;
+use crate::passes::mesh_pipelines::MeshPipelines;
+use crate::passes::occlusion::{OcclusionMethod, OcclusionNormals};
+#[cfg(any(test, feature = "methods"))]
+use crate::passes::occlusion_layers::LayerPipelines;
+use crate::passes::pn_triangles::PatchListPipelines;
+use crate::passes::reflections::PYRAMID;
+use crate::passes::temporal::Resolve;
+use crate::passes::water::WaterPipelines;
+use crate::resources::gpu::Gpu;
+use crate::scene::material_bindings::MaterialBindings;
+use crate::scene::terrain::TerrainPipelines;
+
+/// Shader source of an occlusion estimator.
+macro_rules! occlusion {
+    ($($file:literal),+) => {
+        concat!(
+            include_str!("../shaders/common.wgsl"),
+            include_str!("../shaders/fullscreen.wgsl"),
+            include_str!("../shaders/surface.wgsl"),
+            include_str!("../shaders/occlusion_radius.wgsl"),
+            include_str!("../shaders/targets.wgsl"),
+            include_str!("../shaders/occlusion_normal.wgsl"),
+            $(include_str!(concat!("../shaders/", $file, ".wgsl"))),+
+        )
+    };
+}
+
+#[cfg(any(test, feature = "methods"))]
+const SSAO: &str = occlusion!("occlusion", "ssao", "occlusion_half", "whole");
+#[cfg(any(test, feature = "methods"))]
+const HBAO: &str = occlusion!("occlusion", "hbao", "occlusion_half", "whole");
+#[cfg(any(test, feature = "methods"))]
+/// For [`crate::passes::occlusion_layers`].
+pub(crate) const HBAO_PLUS: &str = occlusion!("occlusion", "hbao", "layers");
+#[cfg(any(test, feature = "methods"))]
+const ALCHEMY: &str = occlusion!("occlusion", "alchemy", "occlusion_half", "whole");
+const GTAO: &str = occlusion!("occlusion", "slices", "gtao", "occlusion_half", "whole");
+#[cfg(any(test, feature = "methods"))]
+const BITMASK: &str = occlusion!("occlusion", "slices", "bitmask", "occlusion_half", "whole");
+const BLUR: &str = occlusion!("occlusion_blur");
+const UPSAMPLE: &str = occlusion!("occlusion_half", "occlusion_upsample");
+const SHADOWS: &str = concat!(
+    include_str!("../shaders/common.wgsl"),
+    include_str!("../shaders/fullscreen.wgsl"),
+    include_str!("../shaders/surface.wgsl"),
+    include_str!("../shaders/shadows.wgsl"),
+    include_str!("../shaders/sunlight.wgsl")
+);
+const LIGHTING: &str = concat!(
+    include_str!("../shaders/common.wgsl"),
+    include_str!("../shaders/fullscreen.wgsl"),
+    include_str!("../shaders/targets.wgsl"),
+    include_str!("../shaders/sky.wgsl"),
+    include_str!("../shaders/brdf.wgsl"),
+    include_str!("../shaders/lighting.wgsl")
+);
+const REFLECTIONS: &str = concat!(
+    include_str!("../shaders/common.wgsl"),
+    include_str!("../shaders/fullscreen.wgsl"),
+    include_str!("../shaders/surface.wgsl"),
+    include_str!("../shaders/targets.wgsl"),
+    include_str!("../shaders/sky.wgsl"),
+    include_str!("../shaders/brdf.wgsl"),
+    include_str!("../shaders/tracing.wgsl"),
+    include_str!("../shaders/reflections.wgsl")
+);
+const DEPTH_PYRAMID: &str =
+    concat!(include_str!("../shaders/fullscreen.wgsl"), include_str!("../shaders/pyramid.wgsl"));
+const WIREFRAME: &str = concat!(
+    include_str!("../shaders/common.wgsl"),
+    include_str!("../shaders/fullscreen.wgsl"),
+    include_str!("../shaders/wireframe.wgsl")
+);
+const ANTIALIAS: &str = concat!(
+    include_str!("../shaders/common.wgsl"),
+    include_str!("../shaders/fullscreen.wgsl"),
+    include_str!("../shaders/antialias.wgsl")
+);
+const ENLARGE: &str = concat!(
+    include_str!("../shaders/common.wgsl"),
+    include_str!("../shaders/fullscreen.wgsl"),
+    include_str!("../shaders/between.wgsl"),
+    include_str!("../shaders/enlarge.wgsl")
+);
+const TONEMAP: &str = concat!(
+    include_str!("../shaders/common.wgsl"),
+    include_str!("../shaders/fullscreen.wgsl"),
+    include_str!("../shaders/between.wgsl"),
+    include_str!("../shaders/tonemap.wgsl")
+);
+/// For [`crate::frame::composite`].
+pub(crate) const COMPOSITE: &str = concat!(
+    include_str!("../shaders/common.wgsl"),
+    include_str!("../shaders/fullscreen.wgsl"),
+    include_str!("../shaders/between.wgsl"),
+    include_str!("../shaders/tonemap.wgsl"),
+    include_str!("../shaders/composite.wgsl")
+);
+
+/// For [`crate::passes::debug`].
+pub(crate) const DEBUG: &str = concat!(
+    include_str!("../shaders/common.wgsl"),
+    include_str!("../shaders/fullscreen.wgsl"),
+    include_str!("../shaders/targets.wgsl"),
+    include_str!("../shaders/motion.wgsl"),
+    include_str!("../shaders/debug.wgsl")
+);
+
+/// Blends by the blend constant.
+const BY_SHARE: wgpu::BlendState = {
+    let over = wgpu::BlendComponent {
+        src_factor: wgpu::BlendFactor::Constant,
+        dst_factor: wgpu::BlendFactor::OneMinusConstant,
+        operation: wgpu::BlendOperation::Add,
+    };
+    wgpu::BlendState { color: over, alpha: over }
+};
+
+/// Variant of an occlusion estimator.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct OcclusionVariant {
+    pub(crate) method: OcclusionMethod,
+    pub(crate) normals: OcclusionNormals,
+    pub(crate) into: OcclusionOutput,
+}
+
+/// Target of an occlusion estimate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum OcclusionOutput {
+    /// The frame's texture.
+    Frame,
+    /// The frame's texture at half resolution.
+    Half,
+    /// The accumulated mean, weighted by the blend constant.
+    Mean,
+}
+
+impl OcclusionVariant {
+    const COUNT: usize = 3 * OcclusionNormals::ALL.len() * OcclusionMethod::ALL.len();
+
+    const fn number(self) -> usize {
+        (self.method as usize * OcclusionNormals::ALL.len() + self.normals as usize) * 3 + self.into as usize
+    }
+}
+
+/// Override constants that select the source of normals.
+pub(crate) fn sides(normals: OcclusionNormals) -> [(&'static str, f64); 1] {
+    [("SIDES", normals as u8 as f64)]
+}
+
+/// A fullscreen pass.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum FullscreenPass {
+    /// Edges over the lit picture.
+    Wireframe,
+    Occlusion(OcclusionVariant),
+    Blur,
+    /// Upsampling from half resolution.
+    Upsample,
+    Sunlight,
+    Lighting {
+        occlusion: bool,
+        shadows: bool,
+    },
+    DepthPyramid,
+    Reflections {
+        occlusion: bool,
+        by_cells: bool,
+    },
+    /// A picture without surfaces.
+    Sky,
+    ToneMap,
+    /// Tone mapping of the accumulated picture.
+    ToneMapTemporal,
+    /// Tone mapping before post-process anti-aliasing.
+    ToneMapDisplay,
+    AntiAlias,
+    /// Anti-aliasing before upscaling.
+    AntiAliasSmall,
+    Enlarge,
+}
+
+impl FullscreenPass {
+    const COUNT: usize = 20 + OcclusionVariant::COUNT;
+
+    const fn number(self) -> usize {
+        match self {
+            Self::Lighting { occlusion, shadows } => (occlusion as usize) << 1 | shadows as usize,
+            Self::Wireframe => 4,
+            Self::Enlarge => 5,
+            Self::Blur => 6,
+            Self::Sunlight => 7,
+            Self::Sky => 8,
+            Self::ToneMap => 9,
+            Self::ToneMapTemporal => 10,
+            Self::ToneMapDisplay => 11,
+            Self::AntiAlias => 12,
+            Self::AntiAliasSmall => 13,
+            Self::DepthPyramid => 14,
+            Self::Reflections { occlusion, by_cells } => 15 + ((occlusion as usize) << 1 | by_cells as usize),
+            Self::Upsample => 19,
+            Self::Occlusion(estimate) => 20 + estimate.number(),
+        }
+    }
+}
+
+/// Shader modules.
+#[derive(Clone, Copy)]
+enum Module {
+    Sunlight,
+    AntiAlias,
+    Wireframe,
+    Lighting,
+    DepthPyramid,
+    Reflections,
+    ToneMap,
+    Enlarge,
+    Blur,
+    Upsample,
+    Gtao,
+    #[cfg(any(test, feature = "methods"))]
+    Ssao,
+    #[cfg(any(test, feature = "methods"))]
+    Hbao,
+    #[cfg(any(test, feature = "methods"))]
+    Alchemy,
+    #[cfg(any(test, feature = "methods"))]
+    Bitmask,
+}
+
+impl Module {
+    const COUNT: usize = Self::Gtao as usize + if cfg!(any(test, feature = "methods")) { 5 } else { 1 };
+
+    const fn of(method: OcclusionMethod) -> Self {
+        match method {
+            #[cfg(any(test, feature = "methods"))]
+            // The two differ by their kernel.
+            OcclusionMethod::Ssao | OcclusionMethod::SsaoCentred => Self::Ssao,
+            #[cfg(any(test, feature = "methods"))]
+            // HBAO+ has its own pipelines.
+            OcclusionMethod::Hbao | OcclusionMethod::HbaoPlus => Self::Hbao,
+            #[cfg(any(test, feature = "methods"))]
+            OcclusionMethod::Alchemy => Self::Alchemy,
+            OcclusionMethod::Gtao => Self::Gtao,
+            #[cfg(any(test, feature = "methods"))]
+            OcclusionMethod::Bitmask => Self::Bitmask,
+        }
+    }
+}
+
+/// Pipelines for one target format, compiled lazily.
+#[derive(Debug)]
+pub(crate) struct Pipelines {
+    /// Group 0 of the geometry passes: the frame's uniform block.
+    pub(crate) frame_layout: wgpu::BindGroupLayout,
+    pub(crate) meshes: MeshPipelines,
+    kit: MaterialBindings,
+    curved: OnceLock<MeshPipelines>,
+    list_makers: OnceLock<PatchListPipelines>,
+    terrain: OnceLock<TerrainPipelines>,
+    /// Reflecting the sky only; and with screen-space reflections by linear and hierarchical search.
+    water: [OnceLock<WaterPipelines>; 3],
+    bloom: OnceLock<BloomPipelines>,
+    #[cfg(any(test, feature = "methods"))]
+    ink: OnceLock<InkPipelines>,
+    #[cfg(any(test, feature = "methods"))]
+    /// By source of normals.
+    layers: [OnceLock<LayerPipelines>; OcclusionNormals::ALL.len()],
+    /// Temporal resolve, shared with its pass.
+    pub(crate) resolve: Arc<OnceLock<Resolve>>,
+    modules: [OnceLock<wgpu::ShaderModule>; Module::COUNT],
+    whole: [OnceLock<wgpu::RenderPipeline>; FullscreenPass::COUNT],
+    target: wgpu::TextureFormat,
+}
+
+impl Pipelines {
+    pub(crate) fn new(gpu: &Gpu, kit: &MaterialBindings, target: wgpu::TextureFormat) -> Self {
+        // Lists of patches and strokes are made as the frame's eye sees them.
+        let lists = if gpu.can_curve() { wgpu::ShaderStages::COMPUTE } else { wgpu::ShaderStages::NONE };
+        let visibility = UNIFORM_BLOCK.visibility | lists;
+        let frame_layout = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("frame"),
+            entries: &[wgpu::BindGroupLayoutEntry { visibility, ..UNIFORM_BLOCK }],
+        });
+        Self {
+            meshes: MeshPipelines::new(gpu, kit, &frame_layout),
+            kit: kit.clone(),
+            curved: OnceLock::new(),
+            list_makers: OnceLock::new(),
+            terrain: OnceLock::new(),
+            water: Default::default(),
+            bloom: OnceLock::new(),
+            #[cfg(any(test, feature = "methods"))]
+            ink: OnceLock::new(),
+            #[cfg(any(test, feature = "methods"))]
+            layers: Default::default(),
+            resolve: Arc::default(),
+            modules: Default::default(),
+            whole: std::array::from_fn(|_| OnceLock::new()),
+            target,
+            frame_layout,
+        }
+    }
+
+    /// Pipelines of meshes as PN triangles.
+    pub(crate) fn curved(&self, gpu: &Gpu) -> &MeshPipelines {
+        self.curved.get_or_init(|| MeshPipelines::curved(gpu, &self.kit, &self.frame_layout))
+    }
+
+    /// Pipelines that build patch lists; `None` if the device does not support them.
+    pub(crate) fn list_makers(&self, gpu: &Gpu) -> Option<&PatchListPipelines> {
+        gpu.can_curve()
+            .then(|| self.list_makers.get_or_init(|| PatchListPipelines::new(gpu, &self.frame_layout)))
+    }
+
+    /// Pipelines of terrain tiles.
+    pub(crate) fn terrain(&self, gpu: &Gpu) -> &TerrainPipelines {
+        self.terrain.get_or_init(|| TerrainPipelines::new(gpu, &self.frame_layout))
+    }
+
+    /// Pipelines of water; `by_cells` selects the search of screen-space reflections.
+    pub(crate) fn water(&self, gpu: &Gpu, by_cells: Option<bool>) -> &WaterPipelines {
+        let number = by_cells.map_or(0, |by_cells| 1 + usize::from(by_cells));
+        self.water[number]
+            .get_or_init(|| WaterPipelines::new(gpu, self.meshes.light_layout(gpu, false), by_cells))
+    }
+
+    /// Pipelines of bloom.
+    pub(crate) fn bloom(&self, gpu: &Gpu) -> &BloomPipelines {
+        self.bloom.get_or_init(|| BloomPipelines::new(gpu))
+    }
+
+    #[cfg(any(test, feature = "methods"))]
+    /// Pipelines of ink.
+    pub(crate) fn ink(&self, gpu: &Gpu) -> &InkPipelines {
+        self.ink.get_or_init(|| InkPipelines::new(gpu, &self.frame_layout))
+    }
+
+    #[cfg(any(test, feature = "methods"))]
+    /// Pipelines of HBAO+.
+    pub(crate) fn layers(&self, gpu: &Gpu, normals: OcclusionNormals) -> &LayerPipelines {
+        self.layers[normals as usize].get_or_init(|| LayerPipelines::new(gpu, BY_SHARE, normals))
+    }
+
+    /// The pipeline of a fullscreen pass.
+    pub(crate) fn whole(&self, gpu: &Gpu, pass: FullscreenPass) -> &wgpu::RenderPipeline {
+        self.whole[pass.number()].get_or_init(|| self.compile(gpu, pass))
+    }
+
+    fn module(&self, gpu: &Gpu, module: Module) -> &wgpu::ShaderModule {
+        let (label, text) = match module {
+            Module::Sunlight => ("sunlight", SHADOWS),
+            Module::AntiAlias => ("antialias", ANTIALIAS),
+            Module::Wireframe => ("wireframe", WIREFRAME),
+            Module::Lighting => ("lighting", LIGHTING),
+            Module::DepthPyramid => ("depth pyramid", DEPTH_PYRAMID),
+            Module::Reflections => ("reflections", REFLECTIONS),
+            Module::ToneMap => ("tonemap", TONEMAP),
+            Module::Enlarge => ("enlarge", ENLARGE),
+            Module::Blur => ("occlusion blur", BLUR),
+            Module::Upsample => ("occlusion upsampling", UPSAMPLE),
+            #[cfg(any(test, feature = "methods"))]
+            Module::Ssao => ("ssao", SSAO),
+            #[cfg(any(test, feature = "methods"))]
+            Module::Hbao => ("hbao", HBAO),
+            #[cfg(any(test, feature = "methods"))]
+            Module::Alchemy => ("alchemy", ALCHEMY),
+            Module::Gtao => ("gtao", GTAO),
+            #[cfg(any(test, feature = "methods"))]
+            Module::Bitmask => ("bitmask", BITMASK),
+        };
+        self.modules[module as usize].get_or_init(|| shader(gpu, label, text))
+    }
+
+    fn compile(&self, gpu: &Gpu, pass: FullscreenPass) -> wgpu::RenderPipeline {
+        let full = |module, entry, target: wgpu::ColorTargetState, constants: &[(&str, f64)]| {
+            fullscreen_pipeline(gpu, self.module(gpu, module), entry, target, constants)
+        };
+        let share = |on: bool| f64::from(u8::from(on));
+        // sRGB encoding is done by the target's format if it can, else by the shader; likewise decoding.
+        let decode: &[(&str, f64)] = if self.target.is_srgb() { &[("DECODE_SRGB", 1.0)] } else { &[] };
+        let encode: &[(&str, f64)] = if self.target.is_srgb() { &[] } else { &[("ENCODE_SRGB", 1.0)] };
+        match pass {
+            FullscreenPass::Wireframe => {
+                let blend = Some(wgpu::BlendState::ALPHA_BLENDING);
+                full(
+                    Module::Wireframe,
+                    "fs_wireframe",
+                    wgpu::ColorTargetState { blend, ..RADIANCE.into() },
+                    &[],
+                )
+            }
+            FullscreenPass::Occlusion(OcclusionVariant { method, normals, into }) => {
+                let mean = wgpu::ColorTargetState { blend: Some(BY_SHARE), ..OCCLUSION_MEAN.into() };
+                let (entry, target) = match into {
+                    OcclusionOutput::Frame => ("fs_occlusion", OCCLUSION.into()),
+                    OcclusionOutput::Half => ("fs_occlusion_half", OCCLUSION.into()),
+                    OcclusionOutput::Mean => ("fs_occlusion", mean),
+                };
+                full(Module::of(method), entry, target, &sides(normals))
+            }
+            FullscreenPass::Blur => full(Module::Blur, "fs_blur", OCCLUSION.into(), &[]),
+            FullscreenPass::Upsample => full(Module::Upsample, "fs_upsample", OCCLUSION.into(), &[]),
+            FullscreenPass::Sunlight => full(Module::Sunlight, "fs_sunlight", SUNLIGHT.into(), &[]),
+            FullscreenPass::Lighting { occlusion, shadows } => {
+                let constants = [("OCCLUSION", share(occlusion)), ("SHADOWS", share(shadows))];
+                full(Module::Lighting, "fs_lighting", RADIANCE.into(), &constants)
+            }
+            FullscreenPass::DepthPyramid => full(Module::DepthPyramid, "fs_pyramid", PYRAMID.into(), &[]),
+            FullscreenPass::Reflections { occlusion, by_cells } => {
+                let constants = [("OCCLUSION", share(occlusion)), ("HI_Z", share(by_cells))];
+                let over = wgpu::ColorTargetState { blend: Some(ADD), ..RADIANCE.into() };
+                full(Module::Reflections, "fs_reflections", over, &constants)
+            }
+            FullscreenPass::Sky => full(Module::Lighting, "fs_sky", RADIANCE.into(), &[]),
+            FullscreenPass::ToneMap => full(Module::ToneMap, "fs_tonemap", self.target.into(), encode),
+            FullscreenPass::ToneMapTemporal => {
+                let constants = [encode, &[("TEMPORAL", 1.0)]].concat();
+                full(Module::ToneMap, "fs_tonemap", self.target.into(), &constants)
+            }
+            FullscreenPass::ToneMapDisplay => {
+                let constants = [("ENCODE_SRGB", 1.0), ("AS_IT_IS", 1.0)];
+                full(Module::ToneMap, "fs_tonemap", DISPLAY.into(), &constants)
+            }
+            FullscreenPass::AntiAlias => full(Module::AntiAlias, "fs_antialias", self.target.into(), decode),
+            FullscreenPass::AntiAliasSmall => full(Module::AntiAlias, "fs_antialias", DISPLAY.into(), &[]),
+            FullscreenPass::Enlarge => full(Module::Enlarge, "fs_enlarge", self.target.into(), decode),
+        }
+    }
+}

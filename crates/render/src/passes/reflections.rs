@@ -1,0 +1,173 @@
+//! Screen-space reflections: settings, the depth pyramid and the uniforms of tracing. The algorithm is in
+//! `docs/design/reflections.md`.
+
+use bytemuck::{Pod, Zeroable};
+
+use crate::frame::fullscreen::fullscreen;
+use crate::frame::graph::PassId;
+use crate::frame::target::Target;
+use crate::frame::timing::PassEncoder;
+use crate::resources::gpu::Gpu;
+
+/// Most steps of a ray.
+pub const MAX_REFLECTION_STEPS: u32 = 4096;
+/// Assumed thickness of surfaces, as a share of their depth.
+pub const REFLECTION_THICKNESS: f32 = 0.02;
+/// Levels of the depth pyramid above full resolution.
+pub const PYRAMID_LEVELS: u32 = 7;
+
+/// Search for the intersection of a ray. Figures of each are in `docs/benchmarks/reflections.md`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub enum ReflectionMethod {
+    /// Linear search, pixel by pixel (after McGuire and Mara, "Efficient GPU screen-space ray tracing", 2014).
+    Linear,
+    /// Hierarchical search through a pyramid of nearest depths (Uludag, "Hi-Z screen-space cone-traced reflections",
+    /// 2014).
+    #[default]
+    HiZ,
+}
+
+impl ReflectionMethod {
+    /// All variants.
+    pub const ALL: [Self; 2] = [Self::Linear, Self::HiZ];
+
+    /// Name on command lines and in the overlay.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Linear => "linear",
+            Self::HiZ => "hi-z",
+        }
+    }
+}
+
+/// Screen-space reflections: a ray for each pixel of a smooth surface, and of water.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Reflections {
+    /// Search for the intersection of a ray. Figures of each are in `docs/benchmarks/reflections.md`.
+    pub method: ReflectionMethod,
+    /// Most steps of a ray, 1 to [`MAX_REFLECTION_STEPS`]; rays that find nothing reflect the sky.
+    pub steps: u32,
+}
+
+impl Default for Reflections {
+    fn default() -> Self {
+        Self { method: ReflectionMethod::default(), steps: 100 }
+    }
+}
+
+/// Mirrors `struct Tracing` of `tracing.wgsl`; keep the two in step.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+struct TracingUniform {
+    steps: u32,
+    levels: u32,
+    thickness: f32,
+    unused: u32,
+}
+
+/// Inputs of the tracing passes besides the picture's targets.
+#[derive(Debug)]
+pub(crate) struct Tracer {
+    uniform: wgpu::Buffer,
+    /// Levels of the depth pyramid, beginning at half resolution.
+    pyramid: Option<wgpu::Texture>,
+}
+
+impl Tracer {
+    pub(crate) fn new(gpu: &Gpu) -> Self {
+        let uniform = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("tracing"),
+            size: size_of::<TracingUniform>() as u64,
+            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        Self { uniform, pyramid: None }
+    }
+
+    /// Uploads a frame's settings, and allocates the pyramid if the search needs one.
+    pub(crate) fn prepare(&mut self, gpu: &Gpu, reflections: Reflections, size: (u32, u32)) {
+        let levels = PYRAMID_LEVELS;
+        let steps = reflections.steps.clamp(1, MAX_REFLECTION_STEPS);
+        let uniform = TracingUniform { steps, levels, thickness: REFLECTION_THICKNESS, unused: 0 };
+        gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
+        if reflections.method != ReflectionMethod::HiZ {
+            self.pyramid = None;
+            return;
+        }
+        // Rounded up to whole cells of the last level, so that downsampling covers every pixel.
+        let side = |side: u32| side.next_multiple_of(1 << levels) / 2;
+        let size = wgpu::Extent3d { width: side(size.0), height: side(size.1), depth_or_array_layers: 1 };
+        if self.pyramid.as_ref().is_none_or(|pyramid| pyramid.size() != size) {
+            self.pyramid = Some(gpu.device.create_texture(&wgpu::TextureDescriptor {
+                label: Some("depth pyramid"),
+                size,
+                mip_level_count: levels,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format: PYRAMID,
+                usage: wgpu::TextureUsages::RENDER_ATTACHMENT
+                    | wgpu::TextureUsages::TEXTURE_BINDING
+                    | wgpu::TextureUsages::COPY_SRC,
+                view_formats: &[],
+            }));
+        }
+    }
+
+    /// The whole pyramid, if the search needs one.
+    pub(crate) fn pyramid(&self) -> Option<wgpu::TextureView> {
+        self.pyramid.as_ref().map(|pyramid| pyramid.create_view(&Default::default()))
+    }
+
+    /// The settings, as a binding.
+    pub(crate) fn binding(&self) -> wgpu::BindingResource<'_> {
+        self.uniform.as_entire_binding()
+    }
+
+    /// Builds the pyramid from the depth buffer, level by level.
+    pub(crate) fn build(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut PassEncoder<'_>,
+        pipeline: &wgpu::RenderPipeline,
+        depth: &wgpu::TextureView,
+    ) {
+        let Some(pyramid) = &self.pyramid else { return };
+        let level = |base_mip_level| {
+            let one = wgpu::TextureViewDescriptor {
+                base_mip_level,
+                mip_level_count: Some(1),
+                ..Default::default()
+            };
+            pyramid.create_view(&one)
+        };
+        let mut finer = depth.clone();
+        for number in 0..pyramid.mip_level_count() {
+            let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some("depth pyramid"),
+                layout: &pipeline.get_bind_group_layout(0),
+                entries: &[wgpu::BindGroupEntry {
+                    binding: 1,
+                    resource: wgpu::BindingResource::TextureView(&finer),
+                }],
+            });
+            let into = level(number);
+            fullscreen(encoder, PassId::DepthPyramid, pipeline, &group, &Target::colour(&into, (0, 0)));
+            finer = into;
+        }
+    }
+}
+
+/// Format of the pyramid's depths.
+pub(crate) const PYRAMID: wgpu::TextureFormat = wgpu::TextureFormat::R32Float;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn methods_have_names_of_their_own_and_are_numbered_in_their_order() {
+        assert_ne!(ReflectionMethod::Linear.name(), ReflectionMethod::HiZ.name());
+        assert!(ReflectionMethod::ALL.is_sorted());
+    }
+}

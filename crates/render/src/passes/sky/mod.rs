@@ -1,0 +1,29 @@
+//! The sky: atmosphere model, its maps, and their use on the device.
+
+mod atmosphere;
+mod gpu;
+mod map;
+mod maps;
+mod octahedral;
+mod prefilter;
+mod table;
+#[cfg(feature = "client")]
+mod task;
+
+pub(crate) use gpu::{SkyGpu, SkyLight};
+pub use maps::SkyMaps;
+#[cfg(test)]
+pub(crate) use octahedral::Octahedral;
+#[cfg(test)]
+pub(crate) use prefilter::{SPLIT_SUM_SIDE, ambient, environment_brdf_exact, split_sum};
+#[cfg(feature = "client")]
+pub(crate) use task::SkyTask;
+
+/// Computes the tables that every program shares.
+pub(crate) fn compute_tables() {
+    maps::default_atmosphere();
+    gpu::split_sum_once();
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,11 @@
+//! GPU resources: device, buffers, textures, uploads and readback.
+
+pub(crate) mod buffer;
+pub(crate) mod gpu;
+pub(crate) mod readback;
+#[cfg(feature = "client")]
+pub(crate) mod staging;
+pub(crate) mod texture;
+#[cfg(feature = "client")]
+pub(crate) mod uploads;
+pub(crate) mod vertex;

@@ -1,0 +1,451 @@
+//! An asset in GPU memory: vertices, an index list per material, materials and textures.
+
+use std::ops::{Range, RangeInclusive};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use glam::{DVec3, Vec3};
+
+use crate::resources::buffer::GrowingBuffer;
+use crate::resources::gpu::{Gpu, RenderError};
+use crate::resources::texture::{Texture, TextureData};
+#[cfg(feature = "client")]
+use crate::resources::uploads::Uploads;
+#[cfg(any(test, feature = "reference"))]
+use crate::resources::vertex::HostMesh;
+use crate::resources::vertex::PackedVertex;
+use crate::scene::material::Material;
+use crate::scene::material_bindings::{BoundMaterial, Features, MaterialBindings};
+
+/// Largest gap between touched slots that is bridged by one upload. Each vertex costs the computation of a star, faces
+/// cost nothing.
+const MAX_VERTEX_GAP: u32 = 2;
+const MAX_FACE_GAP: u32 = 64;
+
+/// Ascending numbers as ranges; gaps of at most `gap` missing numbers are bridged.
+fn runs(slots: &[u32], gap: u32) -> impl Iterator<Item = RangeInclusive<u32>> + '_ {
+    slots
+        .chunk_by(move |a, b| b.saturating_sub(*a) <= gap + 1)
+        .filter_map(|run| Some(*run.first()?..=*run.last()?))
+}
+
+/// A unique number for an asset or for a state of one.
+fn new_stamp() -> u64 {
+    static NEXT: AtomicU64 = AtomicU64::new(0);
+    NEXT.fetch_add(1, Ordering::Relaxed)
+}
+
+/// An asset that the renderer draws. Created by [`super::Renderer::create_asset`].
+///
+/// Vertices are addressed by wedge slot, faces by face slot within their material; an unused face
+/// slot holds `[0, 0, 0]`, which covers no pixel.
+#[derive(Debug)]
+pub struct AssetGpu {
+    number: u64,
+    kit: MaterialBindings,
+    origin: DVec3,
+    bounds: Option<(DVec3, f64)>,
+    reach: VertexBounds,
+    stamp: u64,
+    look_stamp: u64,
+    vertices: GrowingBuffer<PackedVertex>,
+    parts: Vec<Part>,
+    textures: Vec<Texture>,
+}
+
+/// Bounds of all vertices ever written, and when their morphs end.
+#[derive(Debug)]
+struct VertexBounds {
+    /// Corners of the bounding box of positions and morph origins.
+    extent: [Vec3; 2],
+    /// Latest birth of a morphing vertex.
+    moved_s: f32,
+}
+
+impl VertexBounds {
+    const NONE: Self = Self { extent: [Vec3::INFINITY, Vec3::NEG_INFINITY], moved_s: f32::NEG_INFINITY };
+
+    fn note(&mut self, vertex: &PackedVertex) {
+        for at in [vertex.position, vertex.morph_from].map(Vec3::from) {
+            let [low, high] = self.extent;
+            self.extent = [low.min(at), high.max(at)];
+        }
+        if vertex.morph_from != vertex.position {
+            self.moved_s = self.moved_s.max(vertex.birth_s);
+        }
+    }
+}
+
+/// The faces of one material.
+#[derive(Debug)]
+struct Part {
+    material: Material,
+    bound: BoundMaterial,
+    indices: GrowingBuffer<[u32; 3]>,
+}
+
+/// Inputs of one material's draw call.
+pub(crate) struct PartDraw<'a> {
+    pub(crate) material: &'a BoundMaterial,
+    pub(crate) indices: &'a wgpu::Buffer,
+    pub(crate) faces: u32,
+}
+
+impl AssetGpu {
+    pub(crate) fn new(
+        gpu: &Gpu,
+        kit: MaterialBindings,
+        origin: DVec3,
+        materials: &[Material],
+        textures: Vec<Texture>,
+    ) -> Self {
+        let read = gpu.curve_usage();
+        let parts = materials
+            .iter()
+            .map(|material| Part {
+                material: *material,
+                bound: kit.bind(gpu, material, &textures),
+                indices: GrowingBuffer::new("index buffer", wgpu::BufferUsages::INDEX | read),
+            })
+            .collect();
+        let vertices = GrowingBuffer::new("vertex buffer", wgpu::BufferUsages::VERTEX | read);
+        Self {
+            number: new_stamp(),
+            kit,
+            origin,
+            bounds: None,
+            reach: VertexBounds::NONE,
+            stamp: new_stamp(),
+            look_stamp: new_stamp(),
+            vertices,
+            parts,
+            textures,
+        }
+    }
+
+    /// The point that vertex positions are relative to, in the asset's units.
+    #[must_use]
+    pub fn origin(&self) -> DVec3 {
+        self.origin
+    }
+
+    /// Sets a bounding sphere (centre relative to the origin, asset units) of all vertices; instances whose sphere
+    /// lies outside the view are culled.
+    pub fn set_bounds(&mut self, centre: DVec3, radius: f64) {
+        self.bounds = Some((centre, radius));
+    }
+
+    /// The sphere set by [`AssetGpu::set_bounds`].
+    #[must_use]
+    pub fn bounds(&self) -> Option<(DVec3, f64)> {
+        self.bounds
+    }
+
+    /// A bounding sphere of all vertices: as set, else of the vertices written.
+    pub(crate) fn sphere(&self) -> (DVec3, f64) {
+        let [low, high] = self.reach.extent.map(Vec3::as_dvec3);
+        self.bounds.unwrap_or((0.5 * (low + high), 0.5 * low.distance(high)))
+    }
+
+    /// Equal for equal geometry, morphs aside.
+    pub(crate) fn stamp(&self) -> u64 {
+        self.stamp
+    }
+
+    /// Unique number of the asset.
+    pub(crate) fn number(&self) -> u64 {
+        self.number
+    }
+
+    /// Equal for equal geometry ([`AssetGpu::stamp`]) and for equal materials and textures.
+    pub(crate) fn stamps(&self) -> [u64; 2] {
+        [self.stamp, self.look_stamp]
+    }
+
+    /// Whether vertices may still morph at `time_s`, if a morph takes `morph_s`.
+    pub(crate) fn is_moving(&self, time_s: f32, morph_s: f32) -> bool {
+        time_s < self.reach.moved_s + morph_s
+    }
+
+    /// Replaces the vertices from slot `first` on. The buffer grows as needed; slots skipped over
+    /// are zero.
+    ///
+    /// # Errors
+    /// [`RenderError::TooLarge`] past the device's buffer limit; nothing is changed then.
+    pub fn update_vertices(
+        &mut self,
+        gpu: &Gpu,
+        first: usize,
+        vertices: &[PackedVertex],
+    ) -> Result<(), RenderError> {
+        self.vertices.write(gpu, first as u64, vertices)?;
+        self.stamp = new_stamp();
+        for vertex in vertices {
+            self.reach.note(vertex);
+        }
+        Ok(())
+    }
+
+    /// Stages vertices among other uploads; they take effect with [`AssetGpu::commit`].
+    #[cfg(feature = "client")]
+    pub(crate) fn stage_vertices(
+        &mut self,
+        gpu: &Gpu,
+        uploads: &mut Uploads,
+        first: usize,
+        vertices: impl ExactSizeIterator<Item = PackedVertex>,
+    ) -> Result<(), RenderError> {
+        let reach = &mut self.reach;
+        let vertices = vertices.inspect(|vertex| reach.note(vertex));
+        self.vertices.stage(gpu, uploads, first as u64, vertices)
+    }
+
+    /// Makes staged data current; its uploads must be submitted before the next frame.
+    #[cfg(feature = "client")]
+    pub(crate) fn commit(&mut self) {
+        self.vertices.commit();
+        for part in &mut self.parts {
+            part.indices.commit();
+        }
+        self.stamp = new_stamp();
+    }
+
+    /// Replaces single vertex slots, in ascending order, by `vertex(slot)`. Nearby slots are uploaded in one piece, so
+    /// `vertex` may also be called for slots in between; it must know every slot up to the largest.
+    ///
+    /// # Errors
+    /// As [`AssetGpu::update_vertices`].
+    pub fn update_vertex_slots(
+        &mut self,
+        gpu: &Gpu,
+        slots: &[u32],
+        mut vertex: impl FnMut(u32) -> PackedVertex,
+    ) -> Result<(), RenderError> {
+        for run in runs(slots, MAX_VERTEX_GAP) {
+            let first = *run.start() as usize;
+            let vertices: Vec<_> = run.map(&mut vertex).collect();
+            self.update_vertices(gpu, first, &vertices)?;
+        }
+        Ok(())
+    }
+
+    /// Replaces the given face slots (ascending) from `faces`, the material's whole list.
+    ///
+    /// # Errors
+    /// As [`AssetGpu::update_indices`]; [`RenderError::NoSuch`] for a slot past the list's end.
+    pub fn update_index_slots(
+        &mut self,
+        gpu: &Gpu,
+        material: usize,
+        slots: &[u32],
+        faces: &[[u32; 3]],
+    ) -> Result<(), RenderError> {
+        for run in runs(slots, MAX_FACE_GAP) {
+            let (first, last) = (*run.start() as usize, *run.end() as usize);
+            let piece = faces.get(first..=last).ok_or(RenderError::NoSuch {
+                what: "face slot",
+                index: last,
+                count: faces.len(),
+            })?;
+            self.update_indices(gpu, material, first, piece)?;
+        }
+        Ok(())
+    }
+
+    /// Replaces faces of `material` from face slot `first` on. Every index must name a vertex slot
+    /// that has been written; faces that name a later one draw nothing sensible, but are harmless.
+    ///
+    /// # Errors
+    /// [`RenderError::NoSuch`] for an unknown material, [`RenderError::TooLarge`] past the device's
+    /// buffer limit.
+    pub fn update_indices(
+        &mut self,
+        gpu: &Gpu,
+        material: usize,
+        first: usize,
+        faces: &[[u32; 3]],
+    ) -> Result<(), RenderError> {
+        self.part(material)?.indices.write(gpu, first as u64, faces)?;
+        self.stamp = new_stamp();
+        Ok(())
+    }
+
+    /// Stages faces among other uploads; they take effect with [`AssetGpu::commit`].
+    #[cfg(feature = "client")]
+    pub(crate) fn stage_indices(
+        &mut self,
+        gpu: &Gpu,
+        uploads: &mut Uploads,
+        material: usize,
+        first: usize,
+        faces: impl ExactSizeIterator<Item = [u32; 3]>,
+    ) -> Result<(), RenderError> {
+        self.part(material)?.indices.stage(gpu, uploads, first as u64, faces)
+    }
+
+    fn part(&mut self, material: usize) -> Result<&mut Part, RenderError> {
+        let count = self.parts.len();
+        self.parts.get_mut(material).ok_or(RenderError::NoSuch { what: "material", index: material, count })
+    }
+
+    /// Removes the face slots of `material` from `len` on.
+    pub fn truncate_indices(&mut self, material: usize, len: usize) {
+        if let Some(part) = self.parts.get_mut(material) {
+            part.indices.truncate(len as u64);
+            self.stamp = new_stamp();
+        }
+    }
+
+    /// Replaces one material; the textures it names must be those given at creation.
+    ///
+    /// # Errors
+    /// [`RenderError::NoSuch`] for an unknown material.
+    pub fn set_material(&mut self, gpu: &Gpu, index: usize, material: Material) -> Result<(), RenderError> {
+        let count = self.parts.len();
+        let part = self.parts.get_mut(index).ok_or(RenderError::NoSuch { what: "material", index, count })?;
+        part.material = material;
+        part.bound = self.kit.bind(gpu, &material, &self.textures);
+        self.changed_look(true);
+        Ok(())
+    }
+
+    /// Uploads one decoded mip level (0 = coarsest, as on the wire) of a texture. Levels may come in any order; the
+    /// unbroken run from the coarsest up is used. Levels longer than 8192 texels or the device's limit are dropped. A
+    /// shared texture takes each level once, but each asset uses it only after its own call.
+    ///
+    /// # Errors
+    /// [`RenderError::NoSuch`] or [`RenderError::LevelSize`]; nothing is changed then.
+    pub fn update_texture(
+        &mut self,
+        gpu: &Gpu,
+        texture: usize,
+        level: u32,
+        data: TextureData<'_>,
+    ) -> Result<(), RenderError> {
+        self.update_texture_rows(gpu, texture, level, data, 0..u32::MAX)
+    }
+
+    /// Uploads some rows of a level, whole in `data`, so that a large level does not delay a frame. Rows come in
+    /// order; the level is used after the last.
+    ///
+    /// # Errors
+    /// As [`AssetGpu::update_texture`].
+    pub fn update_texture_rows(
+        &mut self,
+        gpu: &Gpu,
+        texture: usize,
+        level: u32,
+        data: TextureData<'_>,
+        rows: Range<u32>,
+    ) -> Result<(), RenderError> {
+        let count = self.textures.len();
+        let slot = self.textures.get(texture).ok_or(RenderError::NoSuch {
+            what: "texture",
+            index: texture,
+            count,
+        })?;
+        if slot.upload(gpu, level, data, &rows)? {
+            let mut holes = false;
+            for part in &mut self.parts {
+                let m = &part.material;
+                if m.uses(texture) {
+                    part.bound = self.kit.bind(gpu, m, &self.textures);
+                    holes |= part.bound.features.mask;
+                }
+            }
+            self.changed_look(holes);
+        }
+        Ok(())
+    }
+
+    /// Marks materials or textures as changed; `holes`: alpha-tested holes, and thus shadows, may have changed.
+    fn changed_look(&mut self, holes: bool) {
+        self.look_stamp = new_stamp();
+        if holes {
+            self.stamp = new_stamp();
+        }
+    }
+
+    /// Finest level of a texture in use; `None` until its coarsest has arrived.
+    #[must_use]
+    pub fn finest_texture_level(&self, texture: usize) -> Option<u32> {
+        self.textures.get(texture).and_then(Texture::finest)
+    }
+
+    /// Textures, in the order of creation.
+    #[must_use]
+    pub fn textures(&self) -> &[Texture] {
+        &self.textures
+    }
+
+    /// GPU memory of vertices and indices, in bytes.
+    #[must_use]
+    pub fn geometry_bytes(&self) -> u64 {
+        self.vertices.bytes() + self.parts.iter().map(|p| p.indices.bytes()).sum::<u64>()
+    }
+
+    #[cfg(any(test, feature = "methods"))]
+    /// Number of vertex slots.
+    pub(crate) fn slots(&self) -> u64 {
+        self.vertices.len()
+    }
+
+    /// The vertex buffer and the parts with faces; `None` without vertices.
+    pub(crate) fn draws(&self) -> Option<(&wgpu::Buffer, impl Iterator<Item = PartDraw<'_>>)> {
+        let parts = self.parts.iter().filter_map(|part| {
+            let faces = u32::try_from(part.indices.len()).unwrap_or(u32::MAX).min(u32::MAX / 3);
+            Some(PartDraw { material: &part.bound, indices: part.indices.buffer()?, faces })
+                .filter(|draw| draw.faces > 0)
+        });
+        Some((self.vertices.buffer()?, parts))
+    }
+
+    #[cfg(any(test, feature = "reference"))]
+    /// Reads back the corners of opaque triangles at their final positions, relative to the origin; alpha-tested holes
+    /// are not left out. Waits for the device.
+    pub(crate) fn triangles(&self, gpu: &Gpu) -> Result<Vec<[Vec3; 3]>, RenderError> {
+        let vertices = self.vertices.read(gpu)?;
+        let mut triangles = Vec::new();
+        for part in self.parts.iter().filter(|part| !part.bound.features.blend) {
+            let faces = part.indices.read(gpu)?;
+            // Skip unused slots.
+            let used = faces.iter().filter(|[a, b, c]| a != b && b != c && c != a);
+            triangles.extend(used.filter_map(|face| {
+                let [a, b, c] = face.map(|i| vertices.get(i as usize).map(|v| Vec3::from(v.position)));
+                Some([a?, b?, c?])
+            }));
+        }
+        Ok(triangles)
+    }
+
+    #[cfg(any(test, feature = "reference"))]
+    /// Reads back the vertices and the first material's triangles. Waits for the device.
+    pub(crate) fn read(&self, gpu: &Gpu) -> Result<HostMesh, RenderError> {
+        let faces = self.parts.first().map_or(Ok(Vec::new()), |part| part.indices.read(gpu))?;
+        // Skip unused slots.
+        let used = faces.into_iter().filter(|[a, b, c]| a != b && b != c && c != a);
+        Ok((self.vertices.read(gpu)?, used.collect()))
+    }
+
+    /// Whether any material with faces satisfies `holds`.
+    pub(crate) fn any(&self, holds: impl Fn(Features) -> bool) -> bool {
+        self.parts.iter().any(|part| part.indices.len() > 0 && holds(part.bound.features))
+    }
+
+    /// Whether there is anything to draw.
+    pub(crate) fn is_drawable(&self) -> bool {
+        self.vertices.len() > 0 && self.parts.iter().any(|part| part.indices.len() > 0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_bridge_small_gaps_only() {
+        let got: Vec<_> = runs(&[3, 4, 6, 10, 11, 20], 1).collect();
+        assert_eq!(got, [3..=6, 10..=11, 20..=20]);
+        assert_eq!(runs(&[], 1).count(), 0);
+        assert_eq!(runs(&[0, u32::MAX], 5).count(), 2);
+    }
+}

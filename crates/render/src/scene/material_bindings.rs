@@ -1,0 +1,269 @@
+//! Bind groups of materials.
+
+use std::sync::OnceLock;
+
+use bytemuck::{Pod, Zeroable};
+use lodestream_scene::asset::{Alpha, Wrap};
+use wgpu::util::DeviceExt;
+
+use crate::resources::gpu::Gpu;
+use crate::resources::texture::{Texture, TextureKind};
+use crate::scene::material::Material;
+use crate::scene::relief_acceleration::ReliefAcceleration;
+
+/// `Material` of `gbuffer.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct MaterialUniform {
+    base_colour: [f32; 4],
+    emission: [f32; 3],
+    normal_scale: f32,
+    roughness: f32,
+    metallic: f32,
+    occlusion: f32,
+    cutoff: f32,
+    relief_depth: f32,
+    unlit: u32,
+    padding: [f32; 2],
+}
+
+/// Textures of a material in binding order, with their kinds.
+const KINDS: [(u32, TextureKind); 5] = [
+    (1, TextureKind::Colour),
+    (2, TextureKind::Height),
+    (4, TextureKind::Surface),
+    (5, TextureKind::Normal),
+    (6, TextureKind::Colour),
+];
+const SAMPLER: u32 = 3;
+const WRAPS: [Wrap; 3] = [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror];
+
+/// Shared by all materials: layout, samplers and placeholder textures.
+#[derive(Clone, Debug)]
+pub(crate) struct MaterialBindings {
+    pub(crate) layout: wgpu::BindGroupLayout,
+    /// Layout of relief acceleration textures.
+    pub(crate) acceleration_layout: wgpu::BindGroupLayout,
+    /// By wrap mode in u and v.
+    samplers: [[wgpu::Sampler; 3]; 3],
+    white: wgpu::TextureView,
+    /// Placeholder height map: the surface itself.
+    flat: wgpu::TextureView,
+    /// Placeholder surface map: leaves the factors unchanged.
+    plain: wgpu::TextureView,
+    /// Placeholder normal map: the surface's normal.
+    straight: wgpu::TextureView,
+}
+
+fn sampler(gpu: &Gpu, [u, v]: [Wrap; 2]) -> wgpu::Sampler {
+    let mode = |wrap| match wrap {
+        Wrap::Repeat => wgpu::AddressMode::Repeat,
+        Wrap::Clamp => wgpu::AddressMode::ClampToEdge,
+        Wrap::Mirror => wgpu::AddressMode::MirrorRepeat,
+    };
+    gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+        label: Some("material"),
+        address_mode_u: mode(u),
+        address_mode_v: mode(v),
+        mag_filter: wgpu::FilterMode::Linear,
+        min_filter: wgpu::FilterMode::Linear,
+        mipmap_filter: wgpu::MipmapFilterMode::Linear,
+        anisotropy_clamp: gpu.anisotropy_clamp(),
+        ..Default::default()
+    })
+}
+
+/// A texture of one texel.
+fn texel(gpu: &Gpu, format: wgpu::TextureFormat, data: &[u8]) -> wgpu::TextureView {
+    let descriptor = wgpu::TextureDescriptor {
+        label: Some("texel"),
+        size: wgpu::Extent3d { width: 1, height: 1, depth_or_array_layers: 1 },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING,
+        view_formats: &[],
+    };
+    gpu.device
+        .create_texture_with_data(&gpu.queue, &descriptor, wgpu::util::TextureDataOrder::LayerMajor, data)
+        .create_view(&Default::default())
+}
+
+impl MaterialBindings {
+    pub(crate) fn new(gpu: &Gpu) -> Self {
+        let entry = |binding, ty| wgpu::BindGroupLayoutEntry {
+            binding,
+            visibility: wgpu::ShaderStages::FRAGMENT,
+            ty,
+            count: None,
+        };
+        let block = wgpu::BindingType::Buffer {
+            ty: wgpu::BufferBindingType::Uniform,
+            has_dynamic_offset: false,
+            min_binding_size: None,
+        };
+        let texture = wgpu::BindingType::Texture {
+            sample_type: wgpu::TextureSampleType::Float { filterable: true },
+            view_dimension: wgpu::TextureViewDimension::D2,
+            multisampled: false,
+        };
+        let mut entries = vec![
+            entry(0, block),
+            entry(SAMPLER, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
+        ];
+        entries.extend(KINDS.map(|(binding, _)| entry(binding, texture)));
+        let layout = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("material"),
+            entries: &entries,
+        });
+        Self {
+            layout,
+            acceleration_layout: ReliefAcceleration::layout(gpu),
+            samplers: WRAPS.map(|u| WRAPS.map(|v| sampler(gpu, [u, v]))),
+            white: texel(gpu, wgpu::TextureFormat::Rgba8UnormSrgb, &[255; 4]),
+            flat: texel(gpu, wgpu::TextureFormat::R8Unorm, &[255]),
+            plain: texel(gpu, wgpu::TextureFormat::Rgba8Unorm, &[255; 4]),
+            straight: texel(gpu, wgpu::TextureFormat::Rgba8Unorm, &[128, 128, 255, 255]),
+        }
+    }
+
+    /// Creates the bind group of a material with the current levels of its textures.
+    pub(crate) fn bind(&self, gpu: &Gpu, material: &Material, textures: &[Texture]) -> BoundMaterial {
+        let named = [
+            material.colour_texture,
+            material.height_texture,
+            material.surface_texture,
+            material.normal_texture,
+            material.emission_texture,
+        ];
+        let mut at = 0;
+        let found = named.map(|index| {
+            let kind = KINDS[at].1;
+            at += 1;
+            index.and_then(|i| textures.get(i)).filter(|texture| texture.kind() == kind)
+        });
+        let views = found.map(|texture| texture.and_then(Texture::view));
+        // A texture's mean colour, until levels arrive.
+        let stand_in = |i: usize| {
+            let missing = found[i].filter(|_| views[i].is_none());
+            missing.map_or([1.0; 3], Texture::mean)
+        };
+        let [colour, surface, given] = [stand_in(0), stand_in(2), stand_in(4)];
+        let [_, height, surfaces, normals, _] = views.each_ref().map(Option::is_some);
+        let relief = height && material.relief_depth > 0.0;
+        let [r, g, b] = std::array::from_fn(|i| material.base_colour[i] * colour[i]);
+        let cutoff = if let Alpha::Mask(cutoff) = material.alpha { cutoff } else { 0.0 };
+        let uniform = gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+            label: Some("material"),
+            contents: bytemuck::bytes_of(&MaterialUniform {
+                base_colour: [r, g, b, material.opacity],
+                emission: std::array::from_fn(|i| material.emission[i] * given[i]),
+                normal_scale: material.normal_scale,
+                roughness: material.roughness * surface[1],
+                metallic: (material.metallic * surface[2]).clamp(0.0, 1.0),
+                occlusion: surface[0],
+                cutoff,
+                relief_depth: if relief { material.relief_depth.min(1.0) } else { 0.0 },
+                unlit: u32::from(material.unlit),
+                padding: [0.0; 2],
+            }),
+            usage: wgpu::BufferUsages::UNIFORM,
+        });
+        let [u, v] = material.wrap.map(|wrap| WRAPS.iter().position(|w| *w == wrap).unwrap_or(0));
+        let stand_ins = [&self.white, &self.flat, &self.plain, &self.straight, &self.white];
+        let mut entries = vec![
+            wgpu::BindGroupEntry { binding: 0, resource: uniform.as_entire_binding() },
+            wgpu::BindGroupEntry {
+                binding: SAMPLER,
+                resource: wgpu::BindingResource::Sampler(&self.samplers[u][v]),
+            },
+        ];
+        entries.extend(views.iter().zip(stand_ins).zip(KINDS).map(|((view, stand_in), (binding, _))| {
+            let view = view.as_ref().unwrap_or(stand_in);
+            wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::TextureView(view) }
+        }));
+        let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("material"),
+            layout: &self.layout,
+            entries: &entries,
+        });
+        let features = Features { relief, maps: surfaces || normals, ..Features::of(material) };
+        // Acceleration textures assume a repeating map.
+        let heights = found[1].filter(|_| relief && material.wrap == [Wrap::Repeat; 2]).cloned();
+        BoundMaterial {
+            group,
+            features,
+            heights,
+            accelerations: Default::default(),
+            acceleration_layout: self.acceleration_layout.clone(),
+        }
+    }
+}
+
+/// A material ready to draw with.
+#[derive(Debug)]
+pub(crate) struct BoundMaterial {
+    pub(crate) group: wgpu::BindGroup,
+    pub(crate) features: Features,
+    /// The height map, if it may have an acceleration texture.
+    heights: Option<Texture>,
+    /// Group 2 with each acceleration texture; the inner `None` marks maps without one.
+    accelerations: [OnceLock<Option<wgpu::BindGroup>>; ReliefAcceleration::COUNT],
+    acceleration_layout: wgpu::BindGroupLayout,
+}
+
+impl BoundMaterial {
+    /// Group 2 with an acceleration texture, built on first use; `None` if the search must do without.
+    pub(crate) fn acceleration(
+        &self,
+        gpu: &Gpu,
+        acceleration: ReliefAcceleration,
+    ) -> Option<&wgpu::BindGroup> {
+        let group = self.accelerations[acceleration.number()].get_or_init(|| {
+            let view = self.heights.as_ref()?.acceleration(gpu, acceleration)?;
+            Some(gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some("relief's acceleration"),
+                layout: &self.acceleration_layout,
+                entries: &[wgpu::BindGroupEntry {
+                    binding: 0,
+                    resource: wgpu::BindingResource::TextureView(&view),
+                }],
+            }))
+        });
+        group.as_ref()
+    }
+}
+
+/// Shader features of a material.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Features {
+    /// Height map.
+    pub(crate) relief: bool,
+    /// Normal or surface map.
+    pub(crate) maps: bool,
+    /// Alpha test.
+    pub(crate) mask: bool,
+    /// Transparency.
+    pub(crate) blend: bool,
+    /// Emission.
+    pub(crate) emits: bool,
+}
+
+impl Features {
+    /// Whether the relief's depth can be written; emission is drawn at the mesh's own depth.
+    pub(crate) const fn relief_may_be_deep(self) -> bool {
+        self.relief && !self.emits && !self.blend
+    }
+
+    /// Features once all textures have arrived.
+    pub(crate) fn of(material: &Material) -> Self {
+        Self {
+            relief: material.height_texture.is_some() && material.relief_depth > 0.0,
+            maps: material.surface_texture.is_some() || material.normal_texture.is_some(),
+            mask: matches!(material.alpha, Alpha::Mask(_)),
+            blend: material.alpha == Alpha::Blend,
+            emits: material.emits(),
+        }
+    }
+}

@@ -1,0 +1,23 @@
+//! Scene data in GPU memory: assets, instances, materials, lights, environment and terrain.
+
+pub(crate) mod asset;
+pub(crate) mod environment;
+pub(crate) mod instance;
+pub(crate) mod lights;
+pub(crate) mod material;
+pub(crate) mod material_bindings;
+#[cfg(any(test, feature = "methods"))]
+pub(crate) mod relief_acceleration;
+#[cfg(not(any(test, feature = "methods")))]
+#[path = "no_relief_acceleration.rs"]
+pub(crate) mod relief_acceleration;
+#[cfg(feature = "client")]
+pub(crate) mod scene_view;
+#[cfg(feature = "client")]
+pub(crate) mod streamed_mesh;
+pub(crate) mod terrain;
+#[cfg(feature = "client")]
+pub(crate) mod terrain_anchored;
+pub(crate) mod terrain_renderer;
+pub(crate) mod tile_generator;
+pub(crate) mod vertical_exaggeration;

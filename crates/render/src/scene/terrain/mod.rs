@@ -1,0 +1,22 @@
+//! Terrain on the GPU: the tile atlas, the tiles of a frame and their pipelines.
+
+mod atlas;
+mod grid;
+pub(crate) mod layers;
+mod list;
+mod pipeline;
+mod regions;
+mod slopes;
+mod tile_raw;
+
+#[cfg(any(test, feature = "reference"))]
+pub(crate) use atlas::shader_morph;
+pub use atlas::{MAX_DRAWN_HEIGHT, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};
+pub(crate) use list::{TileList, receivers};
+pub(crate) use pipeline::TerrainPipelines;
+
+/// Computes the ground textures, which all terrains share.
+pub(crate) fn compute_textures() {
+    layers::texels();
+}
+pub(crate) use tile_raw::TileRaw;

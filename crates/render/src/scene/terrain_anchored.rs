@@ -1,0 +1,53 @@
+//! Terrain-anchored objects: instances and lights that follow the terrain's vertical exaggeration.
+
+use glam::DVec3;
+
+use crate::scene::instance::Instance;
+use crate::scene::lights::Light;
+use crate::scene::terrain_renderer::TerrainRenderer;
+
+/// Instances and punctual lights at their exaggerated positions.
+#[derive(Debug, Default)]
+pub(crate) struct TerrainAnchored {
+    /// Height of the scene's terrain at each object, in the objects' order.
+    heights: Vec<f64>,
+    /// The scene's instances, moved; by asset.
+    pub(crate) instances: Vec<Vec<Instance>>,
+    pub(crate) lights: Vec<Light>,
+}
+
+impl TerrainAnchored {
+    /// Moves all objects with the current heights of `ground`. Terrain heights are looked up once, a microsecond each,
+    /// unless objects are added.
+    pub(crate) fn follow(
+        &mut self,
+        ground: &mut TerrainRenderer,
+        instances: &[Vec<Instance>],
+        lights: &[Light],
+    ) {
+        let places = instances.iter().flatten().map(|instance| instance.translation);
+        let places = || places.clone().chain(lights.iter().map(|light| light.position));
+        if self.heights.len() != places().count() {
+            let factor = ground.vertical_exaggeration();
+            // Heights without exaggeration.
+            let height = |place: DVec3| ground.height(place.x, place.z) / factor;
+            self.heights = places().map(height).collect();
+        }
+        let rise = ground.vertical_exaggeration() - 1.0;
+        let mut heights = self.heights.iter().map(|height| DVec3::Y * (height * rise));
+        let mut up = |place: DVec3| place + heights.next().unwrap_or(DVec3::ZERO);
+        self.instances.clear();
+        for of_asset in instances {
+            let moved = of_asset
+                .iter()
+                .map(|instance| Instance { translation: up(instance.translation), ..*instance });
+            self.instances.push(moved.collect());
+        }
+        self.lights = lights.iter().map(|light| Light { position: up(light.position), ..*light }).collect();
+    }
+
+    /// Discards the looked-up heights, after the terrain has changed.
+    pub(crate) fn invalidate(&mut self) {
+        self.heights.clear();
+    }
+}
