@@ -1,4 +1,4 @@
-//! The meshes that a benchmark is about.
+//! Input meshes of a benchmark.
 
 use std::path::PathBuf;
 
@@ -36,7 +36,7 @@ pub(crate) fn quantised(
     files.into_iter().map(load).collect()
 }
 
-/// A rolling landscape of `2 × size²` faces.
+/// A hilly terrain of `2 × size²` faces.
 fn height_field(size: u32) -> SourceMesh {
     let mut mesh = SourceMesh::default();
     for i in 0..=size {

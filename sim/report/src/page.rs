@@ -1,4 +1,4 @@
-//! The report as one page of HTML that needs nothing beside itself: no script, no file, no network.
+//! The report as a self-contained HTML page: no script, no external file, no network.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -17,7 +17,7 @@ use super::percentiles::{self, MIN_SEEDS, Percentiles, Spread};
 use super::plots::{MAX_DRAWN_ERROR_PX, Plot};
 use super::units;
 
-/// Most lines of a table; the files beside the page have all.
+/// Most lines of a table; the CSV files have all.
 const MAX_LINES: usize = 500;
 /// Most bytes of JPEG in a page.
 const MAX_PICTURE_BYTES: usize = 3 << 20;
@@ -25,7 +25,7 @@ const MAX_PICTURE_BYTES: usize = 3 << 20;
 const PICTURE_PX: u32 = 480;
 const JPEG_QUALITY: u8 = 85;
 
-/// Where there is no figure.
+/// Text of a cell without a figure.
 const DASH: &str = "–";
 
 /// Columns of the results that hold words.
@@ -38,7 +38,7 @@ struct Shown<'a> {
     runs: &'a [RunResult],
 }
 
-/// The page, for the plots and pictures of a report; pictures are read from its folder. `adapter` is what drew them.
+/// The page with the plots and pictures of a report; pictures are read from its folder. `adapter` drew them.
 ///
 /// # Errors
 /// A picture that cannot be read.
@@ -83,7 +83,7 @@ pub(super) fn page(
     Ok(pages::page(&title, &page))
 }
 
-/// Words that the page uses, and what they mean.
+/// Terms of the page and their definitions.
 const WORDS: [(&str, &str); 9] = [
     (
         "TTFF",
@@ -125,7 +125,7 @@ fn words() -> Markup {
     }
 }
 
-/// A table of at most [`MAX_LINES`] lines: names of columns, of which the first `texts` hold words, and lines.
+/// A table of at most [`MAX_LINES`] lines: column names, of which the first `texts` hold words, and lines.
 fn table(texts: usize, names: &[String], lines: &[Vec<String>]) -> Markup {
     html! {
         (pages::table(texts, names, lines.iter().take(MAX_LINES), pages::plain))
@@ -167,7 +167,7 @@ fn count(number: usize, what: &str) -> String {
     if number == 1 { format!("1 {what}") } else { format!("{number} {what}s") }
 }
 
-/// Ascending numbers, those without a gap as one range.
+/// Ascending numbers as text, consecutive ones as a range.
 fn ranges(numbers: &[u64]) -> String {
     let mut ranges: Vec<(u64, u64)> = Vec::new();
     for &number in numbers {
@@ -180,7 +180,7 @@ fn ranges(numbers: &[u64]) -> String {
     ranges.iter().map(text).collect::<Vec<_>>().join(", ")
 }
 
-/// The errors of a plan's TTQ, the largest first.
+/// The screen errors of a plan's TTQ, in descending order.
 fn qualities(plan: &Plan) -> Vec<f64> {
     let mut px = plan.ttq_px.clone();
     px.sort_by(|a, b| b.total_cmp(a));
@@ -195,7 +195,7 @@ fn some_bytes(bytes: Option<f64>) -> String {
     bytes.map_or(DASH.to_owned(), units::bytes)
 }
 
-/// The middle one of a figure of all seeds (nearest rank).
+/// Median of a figure over all seeds (nearest rank).
 fn median(shown: &Shown<'_>, figure: impl Fn(&RunResult) -> Option<f64>) -> Option<f64> {
     Spread::of(shown.runs.iter().map(figure)).and_then(|spread| spread.p50)
 }
@@ -243,7 +243,7 @@ fn results_table(plan: &Plan, cases: &[Shown<'_>]) -> Markup {
         let limit = shown.case.limiter_bits_per_s.map(|rate| format!(", limited to {}", units::rate(rate)));
         let share = |part: fn(&RunResult) -> u64| {
             let share = |run: &RunResult| match run.usage.chunk_bytes {
-                // Baselines have no chunks to waste.
+                // Baselines have no chunks, hence no unused bytes.
                 0 => (shown.case.technique == Technique::Lodestream).then_some(0.0),
                 chunks => Some(100.0 * part(run) as f64 / chunks as f64),
             };
@@ -262,7 +262,7 @@ fn results_table(plan: &Plan, cases: &[Shown<'_>]) -> Markup {
             some_bytes(median(shown, |run| run.first_frame_bytes.map(|bytes| bytes as f64))),
         ];
         let ours = shown.case.technique == Technique::Lodestream;
-        // Where the camera stands still from the start, nothing is counted from its rest.
+        // With a fixed camera, nothing is counted from its rest.
         let moves = shown.case.path.moves();
         line.extend(times(plan, shown, true, |run| &run.ttq_ms));
         line.extend(times(plan, shown, ours, |run| &run.seen_ttq_ms));
@@ -292,8 +292,8 @@ fn results_table(plan: &Plan, cases: &[Shown<'_>]) -> Markup {
     }
 }
 
-/// Takes away columns in which all lines say the same, of some. Gives the number of columns with words that are left of
-/// `texts`, and a sentence that says what was the same.
+/// Removes columns with the same value in all lines. Returns how many of the first `texts` columns remain, and a
+/// sentence that states the removed values.
 fn same_once(
     names: &mut Vec<String>,
     lines: &mut [Vec<String>],
@@ -301,7 +301,7 @@ fn same_once(
     columns: &[usize],
 ) -> (usize, String) {
     let mut same = Vec::new();
-    // From the last one on, so that places stay.
+    // From the last column on, so that indices stay valid.
     for &column in columns.iter().rev() {
         if lines.len() > 1 && lines.iter().all(|line| line[column] == lines[0][column]) {
             same.push(format!("{}: {}", names.remove(column).to_lowercase(), lines[0][column]));
@@ -316,7 +316,7 @@ fn same_once(
     (texts, note)
 }
 
-/// Why runs ended: the commonest reason, and how many had another.
+/// Why runs ended: the most frequent reason, and the number of other endings.
 fn endings(runs: &[RunResult]) -> String {
     let mut reasons: Vec<(&str, usize)> = Vec::new();
     for run in runs {
@@ -392,7 +392,7 @@ fn percentile_table(cases: &[Percentiles]) -> Markup {
     }
 }
 
-/// The pictures of the first seed of each case, until the page has enough of them.
+/// The pictures of each case's first seed, until the page is full.
 fn pictures(folder: &Path, cases: &[Shown<'_>]) -> std::io::Result<Markup> {
     let mut of_cases = Vec::new();
     let (mut bytes, mut left_out) = (0, 0);
@@ -463,7 +463,7 @@ fn caption(picture: &Picture) -> Markup {
     }
 }
 
-/// A picture of the report, small enough for a page.
+/// A picture of the report, scaled down for the page.
 fn jpeg(file: &Path) -> std::io::Result<Vec<u8>> {
     let fail = |why: image::ImageError| std::io::Error::other(format!("{}: {why}", file.display()));
     let mut picture = image::open(file).map_err(fail)?.into_rgb8();

@@ -1,4 +1,4 @@
-//! From a run that is over to its figures.
+//! Converts a finished run into its result.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -11,36 +11,23 @@ use lodestream_protocol::message::Close;
 use super::ledger::Use;
 use super::network::Traffic;
 use super::plan::{Case, Plan};
-use super::result::{RunResult, error_name, milliseconds};
-use super::timeline::Stalls;
+use super::quality::quality;
+use super::result::{RunResult, error_name};
+use super::timeline::{Stalls, milliseconds};
 use super::viewer::Viewer;
 
-/// The place of a screen error among those that clients note. Plans are checked to name no others.
-pub(crate) fn quality<T: Copy>(noted: &[Option<T>; QUALITIES_PX.len()], px: f64) -> Option<T> {
-    QUALITIES_PX.iter().position(|q| *q == px).and_then(|i| noted[i])
-}
-
-/// Notes a value for each screen error among those that is not exceeded for the first time.
-pub(crate) fn note_quality<T: Copy>(noted: &mut [Option<T>; QUALITIES_PX.len()], error_px: f64, value: T) {
-    for (slot, px) in noted.iter_mut().zip(QUALITIES_PX) {
-        if error_px <= px {
-            slot.get_or_insert(value);
-        }
-    }
-}
-
-/// A duration as reports give it.
+/// A duration in milliseconds, as reports print it.
 pub(crate) fn after_ms(after: Duration) -> f64 {
     milliseconds(u64::try_from(after.as_nanos()).unwrap_or(u64::MAX))
 }
 
-/// What a client has noted, whatever it is a client of.
+/// Milestones of a client, of this project or of a baseline.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Noted {
     pub(crate) first_frame: Option<Milestone>,
     pub(crate) quality: [Option<Milestone>; QUALITIES_PX.len()],
     pub(crate) seen_quality: [Option<Milestone>; QUALITIES_PX.len()],
-    /// When a camera that moved came to rest.
+    /// When a moving camera came to rest.
     pub(crate) rest: Option<Time>,
     pub(crate) rest_quality: [Option<Duration>; QUALITIES_PX.len()],
     pub(crate) rest_seen_quality: [Option<Duration>; QUALITIES_PX.len()],
@@ -48,14 +35,14 @@ pub(crate) struct Noted {
 }
 
 impl RunResult {
-    /// Of a run of which nothing came, and why.
+    /// The result of a run that could not take place, with the reason.
     #[must_use]
     pub fn nothing(plan: &Plan, case: &Case, seed: u64, why: &str) -> Self {
         line(plan, case, seed, why, &Noted::default(), &Traffic::default())
     }
 }
 
-/// A run's case, what its client noted and what its network saw; of everything else, nothing.
+/// The result with the case, the client's milestones and the network's counters; all else is empty.
 pub(crate) fn line(
     plan: &Plan,
     case: &Case,

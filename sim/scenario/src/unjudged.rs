@@ -1,4 +1,4 @@
-//! A scene of which nobody knows what hides what.
+//! A scene without occluders, so that no occlusion is tested.
 
 use std::sync::Arc;
 

@@ -1,5 +1,4 @@
-//! How attributes differ between two meshes: at points of each, beside what the nearest point of the
-//! other has.
+//! Attribute differences between two meshes, at sample points of each against the nearest point of the other.
 //!
 //! Texture coordinates are compared where both meshes have them, and so on. Near a seam the nearest point
 //! may lie in another chart, so maxima of texture coordinates say little where charts do not agree; root
@@ -13,7 +12,7 @@ use serde::Serialize;
 use super::sample::{BLOCK, Located};
 use super::{Settings, Surface, SurfaceSampler};
 
-/// Differences of one kind of attribute, over points of both meshes; the larger of the two directions.
+/// Differences of one kind of attribute, over sample points of both meshes; the larger of the two directions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Differences {
     /// Root mean square.
@@ -37,7 +36,7 @@ pub struct AttributeDifferences {
     pub material: Option<f64>,
 }
 
-/// Compares attributes; surfaces are those of the meshes. Cost: a search for each sample, on one core.
+/// Compares attributes; surfaces are those of the meshes. Costs one nearest-point search per sample, on one core.
 #[must_use]
 pub fn compare_attributes(a: &SourceMesh, b: &SourceMesh, settings: &Settings) -> AttributeDifferences {
     let [forth, back] = [(a, b, 0), (b, a, 1)].map(|(from, to, direction)| {
@@ -58,7 +57,7 @@ const UV: usize = 0;
 const NORMAL: usize = 1;
 const COLOR: usize = 2;
 const MATERIAL: usize = 3;
-/// What counts as different.
+/// Threshold above which a difference counts.
 const BEYOND: f64 = 0.01;
 
 #[derive(Clone, Copy, Debug, Default)]

@@ -6,8 +6,8 @@ use rand_pcg::Pcg64Mcg;
 
 use super::Surface;
 
-/// Points drawn from one stream of random numbers. Streams are cut by sample number, not by thread,
-/// so any number of threads draws the same points.
+/// Points per stream of random numbers. Streams are assigned by sample number, not by thread, so any number of threads
+/// draws the same points.
 pub(super) const BLOCK: usize = 4096;
 
 /// Draws points uniformly by area, stratified: of `n` samples, sample `i` lies in the `i`-th of `n`

@@ -1,8 +1,7 @@
 //! A report's plots: bytes, screen error and image error over time, times against the rate, percentiles.
 //!
-//! Cases with one scene and one camera path share a plot; where they are many, they go on in the next one. What happens
-//! over time is shown for the first seed of a case. Time is on a logarithmic axis: a first frame takes a fraction of a
-//! second, and a settled picture may take minutes.
+//! Cases with the same scene and camera path share a plot. Quantities over time are shown for the first seed of a case,
+//! on a logarithmic time axis: a first frame takes a fraction of a second, a settled picture may take minutes.
 
 pub(crate) mod chart;
 
@@ -20,21 +19,21 @@ use lodestream_scenario::timeline::Sample;
 
 /// Most plots of a kind.
 const MAX_PLOTS: usize = 12;
-/// A screen error below this is drawn at it, since a logarithmic axis has no zero.
+/// Smaller screen errors are drawn at this value, since a logarithmic axis has no zero.
 const MIN_DRAWN_ERROR_PX: f64 = 1e-2;
-/// A screen error beyond this is drawn at it: it only says that a surface is next to the eye and coarse.
+/// Larger screen errors are drawn at this value: they only mean that a coarse surface is next to the eye.
 pub(super) const MAX_DRAWN_ERROR_PX: f64 = 1e4;
 
-/// A plot and what it shows.
+/// A plot with its title and caption.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Plot {
     /// The file within the report's folder.
     pub file: String,
     /// Title.
     pub title: String,
-    /// What one should know to read it.
+    /// Caption.
     pub caption: &'static str,
-    /// The picture.
+    /// SVG.
     pub svg: String,
 }
 
@@ -100,7 +99,7 @@ impl Kind {
 /// Draws all plots of a report; `results` are the plan's, in its order.
 ///
 /// # Errors
-/// What the drawing library says.
+/// Errors of the drawing library.
 pub fn draw(plan: &Plan, results: &[RunResult]) -> std::io::Result<Vec<Plot>> {
     let cases = Cases::new(plan, results);
     let spread = percentiles::of_plan(plan, results);
@@ -126,7 +125,7 @@ pub fn draw(plan: &Plan, results: &[RunResult]) -> std::io::Result<Vec<Plot>> {
     Ok(plots)
 }
 
-/// Whether a file of a report's folder is a plot of ours.
+/// Whether a file of a report's folder is one of these plots.
 pub(super) fn is_plot(name: &str) -> bool {
     Kind::ALL.iter().any(|kind| {
         let rest = name.strip_prefix(kind.stem()).and_then(|rest| rest.strip_suffix(".svg"));
@@ -147,11 +146,11 @@ pub(super) fn remove_earlier(folder: &Path) -> std::io::Result<()> {
     Ok(())
 }
 
-/// A case and the runs of it.
+/// A case with its runs.
 #[derive(Clone, Copy, Debug)]
 struct Shown<'a> {
     case: &'a Case,
-    /// The run of its first seed.
+    /// The run of the first seed.
     run: &'a RunResult,
     runs: &'a [RunResult],
 }
@@ -213,7 +212,7 @@ impl<'a> Cases<'a> {
         Self { groups }
     }
 
-    /// Charts of the cases that have something to show.
+    /// Charts of the cases that have data.
     fn charts(
         &self,
         shows: impl Fn(&Shown<'a>) -> bool,
@@ -227,7 +226,7 @@ impl<'a> Cases<'a> {
         charts
     }
 
-    /// Times against the rate, of cases that differ in nothing else.
+    /// Charts of times against the rate, for cases that differ only in it.
     fn rate_charts(&self, plan: &Plan) -> Vec<(String, Chart)> {
         let mut charts = Vec::new();
         for (name, cases) in &self.groups {
@@ -253,7 +252,7 @@ fn subject(scene: &str, camera: &str) -> String {
     format!("{scene}, camera {camera}")
 }
 
-/// What a case has beside its rate, in words; `None` for links that have no rate in their name.
+/// Description of a case without its rate; `None` for links without a rate in their name.
 fn beside_the_rate(shown: &Shown<'_>) -> Option<String> {
     let mbit = format!("{} Mbit/s, ", shown.run.rate_bits_per_s as f64 / 1e6);
     let rest = shown.case.link.name.strip_prefix(&mbit)?;
@@ -268,10 +267,10 @@ fn names(cases: &[Shown<'_>]) -> Vec<String> {
     cases.iter().map(Shown::name).collect()
 }
 
-/// What a panel shows of a case.
+/// The points that a panel shows of a case.
 type Points<'a> = &'a dyn Fn(&Shown<'_>) -> Vec<(f64, f64)>;
 
-/// A chart of one panel or more over the time of runs.
+/// A chart with panels over the time of runs.
 fn over_time(cases: &[Shown<'_>], mark: Mark, panels: &[(&str, Axis, Points<'_>)]) -> Chart {
     let drawn = |points: Points<'_>| -> Vec<Line> {
         let line = |(number, shown): (usize, &Shown<'_>)| Line { number, points: points(shown) };
@@ -314,7 +313,7 @@ fn screen_error_over_time(cases: &[Shown<'_>]) -> Chart {
             .collect()
     };
     let [all, seen]: [Pick; 2] = [|sample| sample.error_px, |sample| sample.seen_error_px];
-    // What is seen is part of what is in view: one axis holds both.
+    // Errors of visible parts are at most those of parts in view: one axis fits both.
     let least_and_most =
         [all, seen].into_iter().flat_map(|pick| cases.iter().flat_map(move |shown| points(shown, pick)));
     let y = Axis::holding(
@@ -358,8 +357,8 @@ fn image_error_over_time(cases: &[Shown<'_>]) -> Chart {
     over_time(cases, Mark::Dots, &panels)
 }
 
-/// Figures of a run that are times until something is reached: names and places. Of what is seen the smallest error
-/// stands beside the others: more panels would be too narrow to read.
+/// The milestones of a run: labels and figures. Of the visible parts only the smallest error is shown: more panels
+/// would be too narrow to read.
 fn times(plan: &Plan) -> Vec<(String, String)> {
     let mut coarse_first = plan.ttq_px.clone();
     coarse_first.sort_by(|a, b| b.total_cmp(a));
@@ -416,7 +415,7 @@ fn percentile_charts(plan: &Plan, cases: &[Percentiles]) -> Vec<(String, Chart)>
     charts
 }
 
-/// A row per case, from above.
+/// One row per case, from the top.
 fn spread_chart(plan: &Plan, cases: &[&Percentiles]) -> Chart {
     let rows = (-(cases.len() as f64), 1.0);
     let y = Axis {

@@ -1,4 +1,4 @@
-//! The client of a baseline: asks for what its view wants, along the camera path, and notes what it has when.
+//! The client of a baseline: requests what its view needs along the camera path, and records milestones.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -15,10 +15,10 @@ use super::select::{Held, Selection, State, select};
 use super::wire::{Event, Request, Wire};
 use crate::camera_drive::{CameraDrive, Reached};
 use crate::camera_path::CameraPath;
-use crate::outcome::note_quality;
+use crate::quality::note_quality;
 use crate::timeline::{Sample, Series, Stalls};
 
-/// See the module.
+/// A baseline's client.
 pub(super) struct Loader<'a> {
     content: &'a Content,
     most_in_flight: usize,
@@ -30,7 +30,7 @@ pub(super) struct Loader<'a> {
     selection: Selection,
     in_flight: BTreeMap<u64, (Item, u64)>,
     asked: u64,
-    /// Length of the bodies that have come whole.
+    /// Total length of the bodies that arrived completely.
     pub(super) body_bytes: u64,
     pub(super) first_frame: Option<Milestone>,
     pub(super) quality: [Option<Milestone>; QUALITIES_PX.len()],
@@ -41,7 +41,7 @@ pub(super) struct Loader<'a> {
 }
 
 impl<'a> Loader<'a> {
-    /// A client that calls connect now.
+    /// A client whose connect call is now.
     pub(super) fn new(
         content: &'a Content,
         most_in_flight: usize,
@@ -75,16 +75,16 @@ impl<'a> Loader<'a> {
         self.clock.now()
     }
 
-    /// When the camera came to rest, if it moved.
+    /// When a moving camera came to rest.
     pub(super) fn rest(&self) -> Option<Time> {
         self.drive.rest()
     }
 
-    /// Loads until the picture is settled with the camera at rest (`Ok(true)`) or the time is up (`Ok(false)`).
-    /// `received` counts the bytes that the transport has delivered.
+    /// Loads until the picture is settled with the camera at rest (`Ok(true)`) or the time limit (`Ok(false)`).
+    /// `received` returns the bytes that the transport has delivered.
     ///
     /// # Errors
-    /// Why the connection was lost.
+    /// The reason why the connection was lost.
     pub(super) async fn load(&mut self, mut wire: Wire, received: impl Fn() -> u64) -> Result<bool, String> {
         self.look();
         loop {
@@ -141,7 +141,7 @@ impl<'a> Loader<'a> {
         self.selection = select(self.content, &self.held, &self.view);
     }
 
-    /// Asks for what is most urgent, as far as requests may be under way.
+    /// Requests the most urgent items, up to the number of concurrent requests.
     async fn ask(&mut self, wire: &Wire) -> Result<(), String> {
         let absent = |wanted: &&super::select::Wanted| wanted.state == State::Absent;
         let room = self.most_in_flight.saturating_sub(self.in_flight.len());
@@ -160,7 +160,7 @@ impl<'a> Loader<'a> {
         Ok(())
     }
 
-    /// What the path may wait for.
+    /// Milestones that the camera path may wait for.
     fn reached(&self) -> Reached {
         Reached { first_frame: self.first_frame.is_some(), settled: self.selection.wanted.is_empty() }
     }
@@ -172,7 +172,7 @@ impl<'a> Loader<'a> {
         moved.is_some()
     }
 
-    /// Notes what there is now.
+    /// Records the current state.
     fn note(&mut self, now: Time, bytes: u64) {
         let here = Milestone { after: Duration::from(now), bytes };
         let error_px = Some(self.selection.error_px).filter(|px| self.selection.drawable && px.is_finite());

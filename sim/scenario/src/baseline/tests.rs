@@ -1,4 +1,4 @@
-//! What views want of pieces, and whole runs of baselines.
+//! Tests: selection of pieces, and whole runs of baselines.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -60,12 +60,12 @@ fn nodes_come_after_their_parents_and_only_as_far_as_the_view_needs_them() {
     // 329 px a unit at distance 1, and 4.2 units to the nearest point: an error of 0.2 is 16 px.
     let content = content(vec![example()], [0.0, 0.0, 5.0]);
     let mut held = Held::nothing(&content);
-    // Before the index is here, nobody knows what else there is.
+    // Before the index arrives, its nodes are unknown.
     assert_eq!(pieces(&content, &held, 1.0), [(0, 0)]);
     have(&mut held, 0, 0);
-    // Both roots, then the children: the shared one is longest, so it is the last of its octave.
+    // Both roots, then the children; the shared child is longest, hence last of its octave.
     assert_eq!(pieces(&content, &held, 1.0), [(0, 1), (0, 2), (0, 3), (0, 5), (0, 4)]);
-    // A coarse view wants the roots alone.
+    // A coarse view needs only the roots.
     assert_eq!(pieces(&content, &held, 100.0), [(0, 1), (0, 2)]);
     assert!(!select(&content, &held, &view(&content, 1.0)).drawable);
     have(&mut held, 0, 1);
@@ -73,13 +73,13 @@ fn nodes_come_after_their_parents_and_only_as_far_as_the_view_needs_them() {
     have(&mut held, 0, 2);
     let drawn = select(&content, &held, &view(&content, 1.0));
     assert!(drawn.drawable);
-    // The error is that of the nearer root as the project's projection has it.
+    // The error is that of the nearer root under the project's projection.
     let projection = Projection::new(&view(&content, 1.0));
     let local = projection.local(&content.stage.assets[0], &content.stage.instances[0]);
     let root = &content.offers[0].pieces[1];
     let expected = local.error_px(&root.sphere, root.error).unwrap().0;
     assert!((drawn.error_px - expected).abs() < 1e-9 && expected > 15.0, "{drawn:?}, {expected}");
-    // With one child here, what the other children would replace is still drawn.
+    // With one child here, the geometry of the other children is still drawn from the parent.
     have(&mut held, 0, 4);
     assert_eq!(select(&content, &held, &view(&content, 1.0)).error_px, drawn.error_px);
     have(&mut held, 0, 3);
@@ -88,7 +88,7 @@ fn nodes_come_after_their_parents_and_only_as_far_as_the_view_needs_them() {
     assert_eq!((sharp.error_px, sharp.wanted.len()), (0.0, 0), "what has no children is all there is");
 }
 
-/// Larger errors are more to fetch, and earlier; what has no children stays exact.
+/// Larger errors lead to more and earlier requests; a piece without children stays exact.
 #[test]
 fn a_peer_whose_errors_are_larger_than_stated_is_fetched_further() {
     let peer = peers::parse(include_str!("../../../peers/example.json"), "example").unwrap().remove(0);

@@ -1,4 +1,4 @@
-//! Camera paths of a plan: `[camera.NAME]`, checked.
+//! Camera paths of a plan: `[camera.NAME]`.
 
 use serde::Deserialize;
 

@@ -1,4 +1,4 @@
-//! Links of a plan: what its tables say, checked, as settings of simulated links.
+//! Links of a plan, as settings of simulated links.
 
 use std::num::NonZeroU64;
 use std::path::{Path, PathBuf};
@@ -15,9 +15,9 @@ use super::Fault;
 pub(super) const DEFAULT_QUEUE_BYTES: u64 = 64 * 1024;
 /// Longest trace file: a value per second for weeks.
 const MAX_TRACE_BYTES: u64 = 8 << 20;
-/// Longest delay, and most jitter, in one direction.
+/// Longest delay, and largest jitter, in one direction.
 const MAX_DELAY_MS: f64 = 1_800_000.0;
-/// Smallest packets: what every host on the Internet must take (RFC 791).
+/// Smallest MTU: the packet size that every Internet host must accept (RFC 791).
 const MIN_MTU_BYTES: u32 = 576;
 
 /// A link by name: `[link.NAME]`.
@@ -28,7 +28,7 @@ pub(super) struct LinkFile {
     pub(super) up: Option<Direction>,
 }
 
-/// One direction of a link, as far as it is told.
+/// One direction of a link, as far as it is given.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Direction {

@@ -1,8 +1,9 @@
-//! Tests: what plans mean, and what is refused.
+//! Tests of plans: expansion and error messages.
 
 use lodestream_geometry::Codec;
 use lodestream_netsim::link::{AtEnd, GilbertElliott, Jitter, LinkSettings, Loss, Rate};
 
+use super::sweep::MAX_RUNS;
 use super::*;
 use crate::camera_path::{CameraPath, Motion, Start};
 
@@ -42,7 +43,8 @@ fn the_documented_plan_is_one() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("train.txt"), "4\n0\n1.5\n").unwrap();
     let plan = parse(&toml.join("\n"), &folder.path().join("plan.toml")).unwrap();
-    // Four rates with and without loss, anew and resumed; the train seen by two cameras by two techniques, thirty times each.
+    // Four rates with and without loss, anew and resumed; the train seen by two cameras by two techniques, thirty times
+    // each.
     assert_eq!((plan.cases.len(), plan.runs()), (2 * 4 * 2 + 4, 2 * 4 * 2 + 120));
     assert_eq!(plan.cases.iter().map(|case| case.resumed).position(|resumed| resumed), Some(8));
     let train = &plan.cases[17].link;

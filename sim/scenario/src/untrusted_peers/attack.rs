@@ -1,4 +1,4 @@
-//! What one untrusted peer does. All of it is bounded: in bytes, and by the time at which the untrusted peer leaves.
+//! Attacks of one untrusted peer, bounded in bytes and time.
 
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -22,46 +22,46 @@ use tokio_tungstenite::{WebSocketStream, client_async};
 
 use crate::served::Address;
 
-/// Wants of a message, and messages of them.
+/// Requests per message, and number of messages.
 const WANTS: [usize; 2] = [500, 8];
-/// Random bytes of a frame.
+/// Random bytes per frame.
 const RANDOM_BYTES: usize = 64;
 /// Datagrams of one untrusted peer, and their length.
 const DATAGRAMS: [usize; 2] = [200, 1200];
-/// Frames of one untrusted peer that are no messages.
+/// Frames without a message, of one untrusted peer.
 const EMPTY_FRAMES: usize = 100_000;
 
-/// See the module.
+/// An attack.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Attack {
-    /// Nobody does anything.
+    /// No attack.
     Nothing,
-    /// Connects by TCP and is silent.
+    /// Connects by TCP and sends nothing.
     Silent,
-    /// Sends half of a request and no more.
+    /// Sends half of an HTTP request.
     HalfRequest,
-    /// A page of somebody else's site opens a WebSocket.
+    /// Opens a WebSocket from a page of another site.
     OtherOrigin,
-    /// Says hello over WebSocket, then nothing.
+    /// Sends `Hello` over WebSocket, then nothing.
     HelloWs,
-    /// The same over QUIC.
+    /// Sends `Hello` over QUIC, then nothing.
     HelloQuic,
-    /// Asks for all there is, several times over, and reads nothing.
+    /// Requests all blobs several times over and reads nothing.
     Unread,
-    /// Asks for blobs that do not exist.
+    /// Requests blobs that do not exist.
     Bogus,
-    /// Says hello, then sends random bytes as frames.
+    /// Sends `Hello`, then random bytes as frames.
     RandomFrames,
-    /// Sends frames that are no messages, as fast as they are taken.
+    /// Sends frames without messages as fast as they are accepted.
     EmptyFrames,
-    /// Sends datagrams of random bytes that look like a first packet.
+    /// Sends datagrams of random bytes that look like an Initial packet.
     RandomDatagrams,
-    /// Connects, says hello and leaves, over and over.
+    /// Connects, sends `Hello` and disconnects, repeatedly.
     Reconnect,
 }
 
 impl Attack {
-    /// All, with how many untrusted peers do each.
+    /// All attacks, each with its number of peers.
     pub const ALL: [(Self, u32); 12] = [
         (Self::Nothing, 0),
         (Self::Silent, 400),
@@ -77,7 +77,7 @@ impl Attack {
         (Self::Reconnect, 10),
     ];
 
-    /// What it is, for tables.
+    /// Name in tables.
     #[must_use]
     pub const fn name(&self) -> &'static str {
         match self {
@@ -96,7 +96,7 @@ impl Attack {
         }
     }
 
-    /// Does it until `end`. Answers whether the server still held the connection then.
+    /// Attacks until `end`. Returns whether the server still held the connection then.
     pub(super) async fn run(
         self,
         server: Address,
@@ -106,7 +106,7 @@ impl Attack {
     ) -> bool {
         tokio::select! {
             held = self.act(server, number, &wanted, end) => held.unwrap_or(false),
-            // What it was at was not refused.
+            // An attack that is still running was not refused.
             () = sleep_until(end + Duration::from_millis(500)) => true,
         }
     }
@@ -152,7 +152,7 @@ impl Attack {
                     socket.send(Message::Binary(bytes.into())).await.ok()?;
                 }
                 sleep_until(end).await;
-                // Only now is anything read; what waits in the way comes first.
+                // Reads only now; the data in flight come first.
                 Some(outlasts(drain(&mut socket), end + Duration::from_millis(100)).await)
             }
             Self::RandomFrames => {
@@ -179,7 +179,7 @@ impl Attack {
                 let mut bytes = vec![0; DATAGRAMS[1]];
                 for _ in 0..DATAGRAMS[0] {
                     random.fill_bytes(&mut bytes);
-                    // A long header, the fixed bit, an Initial; version 1; connection ids of eight bytes.
+                    // Long header, fixed bit, Initial; version 1; connection ids of eight bytes.
                     bytes[..6].copy_from_slice(&[0xC3, 0, 0, 0, 1, 8]);
                     bytes[14] = 8;
                     socket.send_to(&bytes, quic).await.ok()?;
@@ -199,7 +199,7 @@ impl Attack {
     }
 }
 
-/// Whether something is still going on at a time.
+/// Whether a future is still pending at `end`.
 async fn outlasts(what: impl Future<Output = ()>, end: Instant) -> bool {
     tokio::select! {
         () = what => false,
@@ -211,7 +211,7 @@ fn hello() -> Option<Vec<u8>> {
     encode_client(&ClientMessage::Hello(Hello::new(""))).ok()
 }
 
-/// A WebSocket, perhaps of a page of a site.
+/// A WebSocket, optionally with the origin of a site.
 async fn open(http: SocketAddr, origin: Option<&'static str>) -> Option<WebSocketStream<TcpStream>> {
     let stream = TcpStream::connect(http).await.ok()?;
     let mut request = format!("ws://{http}/").into_client_request().ok()?;
@@ -222,7 +222,7 @@ async fn open(http: SocketAddr, origin: Option<&'static str>) -> Option<WebSocke
     Some(client_async(request, stream).await.ok()?.0)
 }
 
-/// One that has said hello.
+/// A WebSocket that has sent `Hello`.
 async fn greeted(http: SocketAddr) -> Option<WebSocketStream<TcpStream>> {
     let mut socket = open(http, None).await?;
     socket.send(Message::Binary(hello()?.into())).await.ok()?;
@@ -248,7 +248,7 @@ mod tests {
         names.sort_unstable();
         names.dedup();
         assert_eq!(names.len(), Attack::ALL.len());
-        // The server's backlog and this process's files allow so many.
+        // The server's backlog and this process's file limit allow this number.
         assert!(Attack::ALL.iter().all(|(_, count)| *count <= 400));
     }
 }

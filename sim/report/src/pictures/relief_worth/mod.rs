@@ -1,8 +1,8 @@
-//! What relief is worth: a wall as a plane with a height map against the same wall as a mesh.
+//! Relief mapping compared with geometry: a wall as a plane with a height map, and as a mesh.
 //!
-//! Both are prepared, streamed over the same link and drawn by the same renderer, with the same colours in the same light;
-//! pictures are held against one by rays at the surface that the height map describes. Bytes and times are of virtual time
-//! and repeat; how long a frame takes is of the machine, and its ratios hold.
+//! Both are prepared, streamed over the same link and drawn by the same renderer with the same colours and light;
+//! pictures are compared with one ray-cast from the height map's surface. Bytes and times are of virtual time and
+//! reproducible; frame times depend on the machine, their ratios little.
 
 mod truth;
 mod wall;
@@ -35,13 +35,13 @@ pub const ANGLES: [f64; 4] = [0.0, 45.0, 75.0, 85.0];
 pub const DISTANCES_M: [f64; 3] = [2.0, 6.0, 18.0];
 /// Vertical field of view.
 const FOV_Y: f32 = 0.9;
-/// What is fetched to this is all there is.
+/// Target screen error at which everything is fetched.
 const ALL_PX: f32 = 1e-3;
 
-/// What is asked.
+/// What to measure.
 #[derive(Clone, Copy, Debug)]
 pub struct Question {
-    /// Texels along a side of the maps, of which a metre of the wall has as many.
+    /// Texels along a side of the maps; a metre of the wall has as many.
     pub texels: usize,
     /// Width and height of the pictures.
     pub size_px: [u32; 2],
@@ -49,36 +49,36 @@ pub struct Question {
     pub distances_m: &'static [f64],
     /// Angles between the view and the wall's normal, degrees.
     pub angles: &'static [f64],
-    /// Frames that are timed of each way in each view.
+    /// Timed frames of each method in each view.
     pub frames: u32,
 }
 
-/// A wall sent in one way, seen straight on from a distance. Times since the connect call, in virtual time.
+/// A wall sent by one method, seen head-on from a distance. Times since the connect call, in virtual time.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Sent {
     /// The height map.
     pub map: &'static str,
-    /// How it is sent.
+    /// The method.
     pub way: &'static str,
     /// Distance of the eye, metres.
     pub distance_m: f64,
-    /// Faces that are drawn in the end.
+    /// Faces drawn at the end.
     pub faces: u64,
-    /// Until it could be drawn.
+    /// Time until it could be drawn.
     pub ttff_ms: f64,
     /// Bytes until then.
     pub first_frame_bytes: u64,
-    /// Until its shape was a pixel off at most; of textures that says nothing.
+    /// Time until its shape was at most a pixel off; textures are not considered.
     pub ttq_1_ms: f64,
-    /// Until nothing more was wanted for 1 px, of textures either.
+    /// Time until settled at 1 px, including textures.
     pub settled_ms: f64,
     /// Bytes until then.
     pub settled_bytes: u64,
-    /// Bytes of all there is of it.
+    /// Bytes of the whole model.
     pub all_bytes: u64,
 }
 
-/// One view of a wall that was sent in one way, settled at 1 px.
+/// One view of a wall sent by one method, settled at 1 px.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Shown {
     /// Angle between view and normal.
@@ -87,9 +87,9 @@ pub struct Shown {
     pub flip: f64,
     /// The same with shadows in both.
     pub shadowed_flip: f64,
-    /// Median time of a frame, milliseconds.
+    /// Median frame time, in milliseconds.
     pub median_ms: f64,
-    /// That over the plane's with a height map, the median over frames drawn one after the other.
+    /// Frame time relative to the plane with a height map: the median over consecutive frames.
     pub over_relief: f64,
 }
 
@@ -98,11 +98,11 @@ pub struct Shown {
 pub struct ShownFrom {
     /// The height map.
     pub map: &'static str,
-    /// How it was sent.
+    /// The method.
     pub way: &'static str,
     /// Distance of the eye, metres.
     pub distance_m: f64,
-    /// As many as [`ANGLES`].
+    /// One entry for each of [`ANGLES`].
     pub angles: Vec<Shown>,
 }
 
@@ -111,17 +111,17 @@ pub struct ShownFrom {
 pub struct Worth {
     /// The graphics adapter, where something is drawn.
     pub adapter: Option<String>,
-    /// What sending takes.
+    /// Cost of sending.
     pub sent: Vec<Sent>,
-    /// What it shows.
+    /// Picture errors and frame times.
     pub shown: Vec<ShownFrom>,
 }
 
-/// Sends all walls in all ways, and draws them where there is a device. Packs are kept in a cache folder; `keep` gets each
-/// picture with a name.
+/// Sends all walls in all ways, and draws them where there is a device. Packs are kept in a cache folder; `keep` gets
+/// each picture with a name.
 ///
 /// # Errors
-/// What keeps a wall from being written, prepared or sent, and what the graphics device refuses.
+/// Walls that cannot be written, prepared or sent, and errors of the graphics device.
 pub fn relief_worth(
     question: &Question,
     gpu: Option<Gpu>,
@@ -152,7 +152,7 @@ pub fn relief_worth(
                 .iter()
                 .map(|way| open(*way, distance_m))
                 .collect::<anyhow::Result<Vec<_>>>()?;
-            // What is drawn in several ways is sent in one.
+            // Variants that differ only in drawing are sent once.
             for (way, plan, scene) in
                 ways.iter().filter(|(way, ..)| *way == WallMethod::Relief || !way.has_heights())
             {
@@ -200,7 +200,7 @@ pub fn relief_worth(
     Ok(worth)
 }
 
-/// How a way is drawn: by the sun with its shadows, under a sky that nothing hides.
+/// Renderer settings of a method: sun with shadows, sky without occlusion.
 fn settings(way: WallMethod) -> Settings {
     let relief_shadows = way == WallMethod::ReliefShadows;
     let relief_method = match way {
@@ -218,7 +218,7 @@ fn settings(way: WallMethod) -> Settings {
     }
 }
 
-/// An eye at an angle to the wall's normal, to its left.
+/// A camera at an angle to the wall's normal, to its left.
 fn camera(distance_m: f64, degrees: f64) -> Camera {
     let (sin, cos) = degrees.to_radians().sin_cos();
     Camera {
