@@ -151,7 +151,7 @@ impl Grid {
         }
         let side = self.side as f64;
         let [around, across] = [i, j].map(|k| TAU * k as f64 / side);
-        // Bumps fade where the grid's ends meet.
+        // Bumps fade towards the edges, so that the ends of a torus meet.
         let fade = [i, j].map(|k| (0.5 * TAU * k as f64 / side).sin()).iter().product::<f64>();
         let tube =
             side / 8.0 * (1.0 + 0.15 * (5.0 * around).sin() * (3.0 * across).cos()) + 0.2 * fade * height;

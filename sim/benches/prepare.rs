@@ -79,7 +79,7 @@ struct Row {
     refine_splits_per_s: f64,
     simplify_over_peer_time: f64,
     refine_over_peer_time: f64,
-    /// Against Draco's decoder of the same file; `None` where that is not there.
+    /// Relative to Draco's decoder of the same file; `None` without Draco.
     refine_over_draco_time: Option<f64>,
 }
 

@@ -12,6 +12,7 @@ pub(crate) struct Progress {
 
 impl Progress {
     /// Progress of a number of runs; nothing is shown if `quiet`, and no bar
+    /// if standard error is no terminal.
     pub(crate) fn new(runs: usize, quiet: bool) -> Self {
         let target =
             if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr_with_hz(10) };

@@ -46,7 +46,7 @@ fn measure_prints_both_directions() {
 }
 
 #[test]
-fn measure_refuses_what_is_no_mesh() {
+fn measure_refuses_files_without_a_surface() {
     let folder = tempfile::tempdir().unwrap();
     let good = write(folder.path(), "good.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
     let flat = write(folder.path(), "flat.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n");
@@ -77,7 +77,7 @@ fn run_refuses_plans_before_anything_is_prepared() {
 }
 
 #[test]
-fn frame_time_and_terrain_table_refuse_what_they_cannot_do() {
+fn frame_time_and_terrain_table_refuse_invalid_arguments() {
     let plan = Path::new(env!("CARGO_MANIFEST_DIR")).join("plans/none.toml");
     assert_refused(&simulator(&["frame-time", plan.to_str().unwrap()]), &["none.toml"]);
     let targets = vec!["1"; 17].join(",");
@@ -91,7 +91,7 @@ fn frame_time_and_terrain_table_refuse_what_they_cannot_do() {
 }
 
 #[test]
-fn normals_and_models_refuse_what_they_cannot_do() {
+fn normals_and_models_refuse_invalid_arguments() {
     let folder = tempfile::tempdir().unwrap();
     let square = write(
         folder.path(),
@@ -116,7 +116,7 @@ fn normals_and_models_refuse_what_they_cannot_do() {
 }
 
 #[test]
-fn run_says_what_models_and_peers_it_lacks() {
+fn run_names_missing_models_and_peers() {
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join("out");
     let link = "[[sweep]]\ntransport = \"ws\"\nrate_bits_per_s = 2_000_000\nrtt_ms = 50\n";
@@ -318,7 +318,7 @@ fn assess_takes_the_size_of_the_top_and_refuses_what_is_out_of_range() {
 }
 
 #[test]
-fn reproduce_writes_what_it_then_finds_and_names_what_differs() {
+fn reproduce_agrees_with_its_own_output_and_names_differences() {
     let folder = tempfile::tempdir().unwrap();
     let sections = write(
         folder.path(),
@@ -379,7 +379,7 @@ fn reproduce_writes_what_it_then_finds_and_names_what_differs() {
 /// 30 of the ten thousand cases of each subject, run as for the table: the daemon in a separate process, both
 /// transports, and a client behind its socket.
 #[test]
-fn damaged_packs_sessions_and_flights_are_refused_or_taken_and_nothing_panics() {
+fn damaged_packs_sessions_and_flights_cause_no_panic() {
     const CASES: u64 = 30;
     let folder = tempfile::tempdir().unwrap();
     let cache = folder.path().to_str().unwrap();

@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn those_that_lean_further_are_sent() {
+    fn normals_beyond_the_tolerance_are_sent() {
         let found = counted(&squares(true), &[0.5, 5.0, 10.0, 30.0]);
         let rows: Vec<_> = found.iter().map(|n| (n.tolerance_degrees, n.wedges, n.sent)).collect();
         assert_eq!(rows, [(0.5, 16, 12), (5.0, 16, 8), (10.0, 16, 4), (30.0, 16, 0)]);
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_none_is_named() {
+    fn a_missing_file_is_named() {
         let error = count(Path::new("no/model.obj"), PositionBits::default(), &[]).unwrap_err();
         assert!(format!("{error:#}").contains("no/model.obj"), "{error:#}");
     }

@@ -6,8 +6,8 @@ use anyhow::Context as _;
 use lodestream_geometry::mesh::{Corner, NONE, QuantisedMesh, SourceMesh};
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
 
-/// Names, files where there is one, and meshes at 12 bits, of which `change` may leave out something before: the models
-/// that the command line names, else those of the folder `LODESTREAM_MODELS`, else a generated mesh.
+/// Name, file (if any) and mesh at 12 bits of each input, after `change`: the models named on the command line, else
+/// those in the folder `LODESTREAM_MODELS`, else a generated mesh.
 pub(crate) fn quantised(
     change: impl Fn(&mut SourceMesh),
 ) -> anyhow::Result<Vec<(String, Option<PathBuf>, QuantisedMesh)>> {

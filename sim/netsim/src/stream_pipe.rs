@@ -133,7 +133,7 @@ pub fn open(
     })
 }
 
-/// Polls a timer for `at_ns`, set anew where it was for another time. Ready once that time has come.
+/// Polls a timer for `at_ns`, resetting it if it was for another time. Ready once that time has come.
 fn poll_timer(
     slot: &mut Option<Pin<Box<Sleep>>>,
     clock: VirtualClock,

@@ -162,8 +162,8 @@ impl TcpDirection {
         }
     }
 
-    /// When a sender who could send nothing at `now_ns` may try again: at the next acknowledgement, or once
-    /// the link has sent what waits. `None` where only reading makes room.
+    /// When a sender that could send nothing at `now_ns` may try again: at the next acknowledgement, or once the link
+    /// has sent its queue. `None` if only reading makes room.
     #[must_use]
     pub fn next_room_ns(&self, now_ns: u64) -> Option<u64> {
         let acknowledged = self.unacknowledged.front().map(|&(at_ns, _)| at_ns);
@@ -264,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn windows_limit_what_is_on_its_way() {
+    fn windows_limit_the_bytes_in_flight() {
         let mut tcp = TcpDirection::new(settings(2_000_000), 25 * MS, 1).unwrap();
         let data = vec![0; 1 << 20];
         assert_eq!(tcp.send(0, &data), 10 * SEGMENT_BYTES);
@@ -300,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_modelled_is_refused() {
+    fn links_that_are_not_modelled_are_refused() {
         let refused = |settings: LinkSettings| TcpDirection::new(settings, 0, 1).unwrap_err();
         let plain = || settings(2_000_000);
         let burst = GilbertElliott { to_bad: 0.1, to_good: 0.3, loss_good: 0.0, loss_bad: 1.0 };

@@ -105,8 +105,8 @@ impl UdpNetwork {
         Arc::new(VirtualUdpSocket { network: self.clone(), address })
     }
 
-    /// A quinn endpoint on a new socket; a server where it has a configuration. Its random numbers, of
-    /// which packets' lengths and timers depend, follow from the seed.
+    /// A quinn endpoint on a new socket, a server if it has a server configuration. Its random numbers, which affect
+    /// packet lengths and timers, follow from the seed.
     ///
     /// # Errors
     /// Errors of quinn.
@@ -122,7 +122,7 @@ impl UdpNetwork {
         quinn::Endpoint::new_with_abstract_socket(config, server, self.socket(address), runtime)
     }
 
-    /// What the link between two addresses has done; zeroes where there is none.
+    /// Counters of the link between two addresses; zeros without a link.
     #[must_use]
     pub fn counters(&self, from: SocketAddr, to: SocketAddr) -> LinkCounters {
         let state = self.state();
@@ -335,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn directions_and_their_jitter_are_apart() {
+    fn directions_and_their_jitter_are_independent() {
         virtual_runtime().unwrap().block_on(async {
             let clock = VirtualClock::start();
             let network = UdpNetwork::new(clock);

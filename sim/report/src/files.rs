@@ -14,13 +14,13 @@ use super::pictures::{self, Gallery};
 use super::plots;
 use super::tables;
 
-/// Writes the report into a folder, which is created where it is missing: `results.json` and `results.csv` with a line
-/// per run, `percentiles.json` and `percentiles.csv` where a case has seeds enough, `levels.csv` where a case is a
-/// chain of levels, plots as SVG, and `report.html`, a page that needs no other file. Each file appears whole or not at
-/// all; percentiles, levels, plots and pictures of an earlier report do not stay.
+/// Writes the report into a folder, which is created if missing: `results.json` and `results.csv` with a line per run,
+/// `percentiles.json` and `percentiles.csv` if a case has enough seeds, `levels.csv` if a case is a chain of levels,
+/// plots as SVG, and `report.html`, a self-contained page. Files are written atomically; percentiles, levels, plots and
+/// pictures of an earlier report are removed.
+///
 /// # Errors
 /// Errors of the file system.
-/// What the system refuses.
 pub fn write(folder: &Path, plan: &Plan, results: &[RunResult]) -> std::io::Result<()> {
     write_drawn(folder, plan, results, None)
 }
@@ -85,7 +85,7 @@ fn remove(folder: &Path, name: &str) -> std::io::Result<()> {
     }
 }
 
-/// Writes a list as a JSON file into a folder, which is created where it is missing: whole or not at all.
+/// Writes a list as a JSON file into a folder, which is created if missing. The file is written atomically.
 ///
 /// # Errors
 /// Errors of the file system.

@@ -71,7 +71,7 @@ mod tests {
     }
 
     #[test]
-    fn a_page_is_whole() {
+    fn a_page_is_complete_html() {
         let page = page("<1>", &plain("body"));
         assert!(
             page.starts_with("<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"),

@@ -15,7 +15,7 @@ pub const PIXELS_PER_DEGREE: f32 = 67.0;
 /// to six.
 ///
 /// # Errors
-/// [`CompareError`] where sizes differ or there is no pixel.
+/// [`CompareError`] if sizes differ or there is no pixel.
 pub fn image_error(picture: &RgbaImage, reference: &RgbaImage) -> Result<ImageError, CompareError> {
     let ssim = compare(picture, reference, None)?.ssim;
     let decimals = |value: f64, count: i32| (value * 10_f64.powi(count)).round() / 10_f64.powi(count);
@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn black_and_white_are_as_far_apart_as_can_be() {
+    fn black_and_white_have_the_largest_error() {
         let flat = |value| RgbaImage::from_pixel(32, 32, Rgba([value, value, value, 255]));
         let found = image_error(&flat(0), &flat(255)).unwrap();
         assert_eq!(found.psnr_db, Some(0.0));

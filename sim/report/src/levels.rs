@@ -25,7 +25,7 @@ pub struct Level {
     pub error_px: f64,
     /// The technique; the chain itself is included.
     pub technique: String,
-    /// Transport payload received until no visible part had a larger screen error; `None` where that was never.
+    /// Transport payload received until no visible part had a larger screen error; `None` if that never happened.
     pub bytes: Option<u64>,
     /// Virtual time from the connect call until then, at the resolution of the run's series.
     pub ms: Option<f64>,
@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_chain_or_with_a_camera_that_moves_there_are_none() {
+    fn no_levels_without_a_chain_or_with_a_moving_camera() {
         let link = "transport = \"quic\"\nrate_bits_per_s = 5000";
         for sweep in ["technique = \"obj\"", "technique = \"chain\"\ncamera = \"orbit\""] {
             let plan = plan_of(&format!("{link}\n{sweep}"));

@@ -32,7 +32,7 @@ const DASH: &str = "–";
 const TEXT_COLUMNS: usize = 7;
 
 /// A case and its runs.
-struct Shown<'a> {
+struct CaseRuns<'a> {
     case: &'a Case,
     number: usize,
     runs: &'a [RunResult],
@@ -55,7 +55,7 @@ pub(super) fn page(
         let (runs, others) = rest.split_at(case.seeds.len().min(rest.len()));
         rest = others;
         if !runs.is_empty() {
-            cases.push(Shown { case, number, runs });
+            cases.push(CaseRuns { case, number, runs });
         }
     }
     let scenes: Vec<&str> = plan.scenes.iter().map(|scene| scene.name.as_str()).collect();
@@ -78,13 +78,13 @@ pub(super) fn page(
         (pictures(folder, &cases)?)
         h2 { "The plan" } "\n"
         pre { (plan.text) } "\n"
-        (words())
+        (terms())
     };
     Ok(pages::page(&title, &page))
 }
 
 /// Terms of the page and their definitions.
-const WORDS: [(&str, &str); 9] = [
+const TERMS: [(&str, &str); 9] = [
     (
         "TTFF",
         "Time from the client's connect call until it can draw every visible instance, at least as its base mesh.",
@@ -92,18 +92,18 @@ const WORDS: [(&str, &str); 9] = [
     ("TTQ(e)", "Time until no visible part has a screen error above e pixels."),
     (
         "Where seen",
-        "The same without what the scene's own surfaces hide, as the client knows it; baselines do not know.",
+        "The same without parts that the scene's own surfaces occlude, as the client knows them; baselines do not know them.",
     ),
-    ("At rest", "TTQ counted from when a camera that moved came to rest."),
+    ("At rest", "TTQ counted from the time at which a moving camera came to rest."),
     ("Bytes", "Transport payload that the client received, handshake included; a kB is 1,000 bytes."),
     (
         "Stalls",
-        "Pauses of half a second or more, after the first frame, in which blobs were wanted and no byte came.",
+        "Pauses of half a second or more, after the first frame, in which blobs were requested and no byte arrived.",
     ),
-    ("Wasted", "Share of the chunks' bytes that no selection of the run wanted."),
+    ("Wasted", "Share of the chunks' bytes that no selection of the run requested."),
     (
         "Never drawn",
-        "Share of the chunks' bytes that were not applied: wasted, finer than the view asked, or wanted for a moment.",
+        "Share of the chunks' bytes that were not applied: wasted, finer than the view needed, or needed only briefly.",
     ),
     (
         "PSNR, SSIM, FLIP",
@@ -112,12 +112,12 @@ const WORDS: [(&str, &str); 9] = [
     ),
 ];
 
-fn words() -> Markup {
+fn terms() -> Markup {
     html! {
-        h2 { "Words" } "\n"
+        h2 { "Terms" } "\n"
         dl {
             "\n"
-            @for (word, meaning) in WORDS {
+            @for (word, meaning) in TERMS {
                 dt { (word) } dd { (meaning) } "\n"
             }
         }
@@ -139,7 +139,7 @@ fn strings<const N: usize>(texts: [&str; N]) -> Vec<String> {
     texts.map(str::to_owned).to_vec()
 }
 
-fn summary(plan: &Plan, cases: &[Shown<'_>], adapter: Option<&str>) -> Markup {
+fn summary(plan: &Plan, cases: &[CaseRuns<'_>], adapter: Option<&str>) -> Markup {
     let runs: usize = cases.iter().map(|shown| shown.runs.len()).sum();
     let [width, height] = plan.viewport_px;
     let target = plan.ttq_px.iter().copied().fold(f64::INFINITY, f64::min);
@@ -196,14 +196,14 @@ fn some_bytes(bytes: Option<f64>) -> String {
 }
 
 /// Median of a figure over all seeds (nearest rank).
-fn median(shown: &Shown<'_>, figure: impl Fn(&RunResult) -> Option<f64>) -> Option<f64> {
+fn median(shown: &CaseRuns<'_>, figure: impl Fn(&RunResult) -> Option<f64>) -> Option<f64> {
     Spread::of(shown.runs.iter().map(figure)).and_then(|spread| spread.p50)
 }
 
-/// The middle times until each of a plan's errors; dashes where a case has none to tell.
+/// Median times until each of a plan's errors; dashes for missing values.
 fn times(
     plan: &Plan,
-    shown: &Shown<'_>,
+    shown: &CaseRuns<'_>,
     tells: bool,
     of: impl Fn(&RunResult) -> &BTreeMap<String, Option<f64>>,
 ) -> Vec<String> {
@@ -212,7 +212,7 @@ fn times(
     qualities(plan).into_iter().map(cell).collect()
 }
 
-fn results_table(plan: &Plan, cases: &[Shown<'_>]) -> Markup {
+fn results_table(plan: &Plan, cases: &[CaseRuns<'_>]) -> Markup {
     let seeds = cases.iter().map(|shown| shown.runs.len()).max().unwrap_or(0);
     let mut names = strings([
         "Case",
@@ -238,7 +238,7 @@ fn results_table(plan: &Plan, cases: &[Shown<'_>]) -> Markup {
         names.extend(quality_names("At rest, where seen, "));
     }
     names.extend(strings(["Settled", "Bytes in all", "Stalls", "Stalled", "Wasted", "Never drawn"]));
-    let line = |shown: &Shown<'_>| {
+    let line = |shown: &CaseRuns<'_>| {
         let first = &shown.runs[0];
         let limit = shown.case.limiter_bits_per_s.map(|rate| format!(", limited to {}", units::rate(rate)));
         let share = |part: fn(&RunResult) -> u64| {
@@ -393,7 +393,7 @@ fn percentile_table(cases: &[Percentiles]) -> Markup {
 }
 
 /// The pictures of each case's first seed, until the page is full.
-fn pictures(folder: &Path, cases: &[Shown<'_>]) -> std::io::Result<Markup> {
+fn pictures(folder: &Path, cases: &[CaseRuns<'_>]) -> std::io::Result<Markup> {
     let mut of_cases = Vec::new();
     let (mut bytes, mut left_out) = (0, 0);
     for shown in cases {
@@ -482,14 +482,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn long_tables_say_what_they_leave_out() {
+    fn long_tables_state_how_many_lines_they_omit() {
         let html = table(1, &strings(["n"]), &vec![strings(["x"]); MAX_LINES + 2]).into_string();
         assert_eq!(html.matches("<td").count(), MAX_LINES);
         assert!(html.contains("<p>2 more in the files"), "{html}");
     }
 
     #[test]
-    fn what_all_lines_say_is_said_once() {
+    fn equal_columns_are_stated_once() {
         let mut names = strings(["Scene", "Link", "Seeds", "TTFF"]);
         let mut lines = [strings(["a<b", "slow", "1", "5 s"]), strings(["a<b", "fast", "1", "5 s"])];
         let found = same_once(&mut names, &mut lines, 2, &[0, 1, 2]);
@@ -499,7 +499,7 @@ mod tests {
     }
 
     #[test]
-    fn seeds_without_a_gap_are_a_range() {
+    fn consecutive_seeds_are_a_range() {
         assert_eq!(ranges(&[1, 2, 3, 7, 9, 10]), "1–3, 7, 9–10");
         assert_eq!(ranges(&[]), "");
     }

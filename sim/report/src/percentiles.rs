@@ -9,7 +9,7 @@ use serde::Serialize;
 /// Fewest seeds for which percentiles are given.
 pub const MIN_SEEDS: usize = 30;
 
-/// Values that at least half, nine tenths and 99 of 100 seeds do not exceed; `None` where that is never.
+/// Percentiles over seeds; `None` if the value is infinite.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Spread {
     /// Median.
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn what_never_came_counts_as_infinite() {
+    fn missing_values_count_as_infinite() {
         let values = (1..=30).map(|i| (i <= 26).then(|| f64::from(i)));
         assert_eq!(Spread::of(values), Some(Spread { p50: Some(15.0), p90: None, p99: None }));
     }

@@ -118,7 +118,7 @@ fn of_case(
     repeats: u32,
 ) -> anyhow::Result<Staging> {
     let target_px = plan.client.target_px;
-    let mut all = Watched::default();
+    let mut all = RunFrames::default();
     let (mut settled, mut first_frame, mut adapter) = (Vec::new(), Vec::new(), String::new());
     for _ in 0..repeats {
         // The smallest picture: nothing is drawn.
@@ -161,7 +161,7 @@ fn of_case(
 
 /// Measurements of a run.
 #[derive(Default)]
-struct Watched {
+struct RunFrames {
     settled: Duration,
     first_frame: Duration,
     busy: Vec<Duration>,
@@ -176,11 +176,11 @@ fn watch(
     streaming: &mut Streaming,
     interval: Duration,
     limit: Duration,
-) -> anyhow::Result<Watched> {
+) -> anyhow::Result<RunFrames> {
     let clock = streaming.clock();
     let now = || Duration::from(clock.now());
     let mut scene = SceneView::with_terrain_apart(|| {})?;
-    let mut found = Watched::default();
+    let mut found = RunFrames::default();
     let mut next = now();
     loop {
         next += interval;
@@ -264,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn a_thread_that_sleeps_spends_nothing() {
+    fn a_sleeping_thread_uses_no_processor_time() {
         let before = busy();
         std::thread::sleep(Duration::from_millis(50));
         assert!(busy() - before < Duration::from_millis(50));

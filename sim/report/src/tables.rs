@@ -36,7 +36,7 @@ impl Line {
         line
     }
 
-    /// Empty where there is no value.
+    /// Adds a field that is empty without a value.
     fn add_some(&mut self, name: impl Into<String>, value: Option<impl Display>) {
         self.add(name, value.map(|value| value.to_string()).unwrap_or_default());
     }
@@ -230,9 +230,9 @@ mod tests {
     use super::*;
     use lodestream_scenario::picture::ImageError;
 
-    /// A camera that moves makes pictures worse again; only from where they stay good do they count.
+    /// A moving camera may worsen pictures again; only pictures after the last worse one count.
     #[test]
-    fn a_picture_is_close_for_good_from_where_none_is_worse() {
+    fn the_time_of_a_flip_step_is_after_the_last_worse_picture() {
         let picture = |at_ms, flip| Picture {
             instant: String::new(),
             at_ms,

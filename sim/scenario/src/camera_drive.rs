@@ -1,4 +1,4 @@
-//! A camera on its path: when it sets off, where it is next, and when it has come to rest.
+//! Moves a camera along its path: start, next position, and rest.
 
 use std::time::Duration;
 
@@ -14,7 +14,7 @@ const FRAME: Duration = Duration::from_millis(20);
 /// Progress along a path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Phase {
-    /// The start view, until the path begins; for ever where it does not move.
+    /// At the start view, until the path begins; for ever if the camera does not move.
     Waiting,
     /// Moving since a time; the next position is due at another.
     Moving { since: Time, next: Time },
@@ -86,7 +86,7 @@ impl CameraDrive {
         }
     }
 
-    /// Puts the camera where it is now, `start` being where its path begins; gives the view if it is due to move.
+    /// Updates the camera, whose path begins at `start`; returns the view if a move is due.
     pub(crate) fn advance(&mut self, now: Time, start: &Camera, reached: Reached) -> Option<View> {
         if self.phase == Phase::Waiting && self.begins(now, reached) {
             self.phase = Phase::Moving { since: now, next: now };

@@ -1,4 +1,4 @@
-//! Camera paths: where the camera of a run is at a moment, from the scene's start camera on.
+//! Camera paths: the camera of a run as a function of time, from the scene's start camera on.
 
 use glam::{DQuat, DVec3, Vec3};
 use lodestream_scene::description::Camera;
@@ -13,7 +13,7 @@ pub enum Motion {
         /// Total angle.
         degrees: f64,
     },
-    /// It goes straight on, towards the point in the middle of the picture, and beyond where that is nearer.
+    /// Straight ahead, through the point in the middle of the picture and possibly beyond.
     FlyThrough {
         /// Distance, in multiples of the distance from the start to that point.
         distance: f64,
@@ -67,7 +67,7 @@ impl CameraPath {
         self.motion != Motion::Still
     }
 
-    /// The camera so many seconds after the path began; it stays where the path ends.
+    /// The camera at `seconds` after the start of the path; it stays at the path's end.
     #[must_use]
     pub fn camera(&self, start: &Camera, seconds: f64) -> Camera {
         let progress = if self.seconds > 0.0 { (seconds / self.seconds).clamp(0.0, 1.0) } else { 1.0 };

@@ -165,7 +165,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_field_says_how_large_it_is() {
+    fn a_field_is_parsed() {
         let field = Field::parse("instances=7,assets=2,faces=48").unwrap();
         assert_eq!(field, Field { assets: 2, faces: 48, instances: 7 });
         let bad = ["", "assets=1", "assets=1,faces=12,instances=0", "assets=1,faces=12,instances=x"];

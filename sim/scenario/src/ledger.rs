@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_are_judged_by_the_furthest_wish() {
+    fn bytes_are_compared_with_the_furthest_request() {
         let mut ledger = Ledger::default();
         let first = vec![wanted(1, Some(40), State::Absent), wanted(2, Some(40), State::Absent)];
         ledger.note(&Selection { wanted: first, ..Selection::default() });
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_undone_and_wanted_again_is_a_hit_or_a_miss_once() {
+    fn an_undone_chunk_requested_again_is_one_hit_or_miss() {
         let mut ledger = Ledger::default();
         let undo = vec![BlobId::chunk(0, 1), BlobId::chunk(0, 2), BlobId::chunk(0, 3)];
         ledger.note(&Selection { undo, ..Selection::default() });

@@ -35,8 +35,8 @@ pub mod technique;
 mod tests;
 pub mod timeline;
 pub mod truth;
-pub(crate) mod unjudged;
 pub mod untrusted_peers;
 mod viewer;
+mod without_occluders;
 
 pub use parallel::{Equipment, run, run_with};

@@ -23,7 +23,7 @@ pub(crate) fn after_ms(after: Duration) -> f64 {
 
 /// Milestones of a client, of this project or of a baseline.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Noted {
+pub(crate) struct ClientMilestones {
     pub(crate) first_frame: Option<Milestone>,
     pub(crate) quality: [Option<Milestone>; QUALITIES_PX.len()],
     pub(crate) seen_quality: [Option<Milestone>; QUALITIES_PX.len()],
@@ -38,7 +38,7 @@ impl RunResult {
     /// The result of a run that could not take place, with the reason.
     #[must_use]
     pub fn nothing(plan: &Plan, case: &Case, seed: u64, why: &str) -> Self {
-        line(plan, case, seed, why, &Noted::default(), &Traffic::default())
+        line(plan, case, seed, why, &ClientMilestones::default(), &Traffic::default())
     }
 }
 
@@ -48,7 +48,7 @@ pub(crate) fn line(
     case: &Case,
     seed: u64,
     ended: &str,
-    noted: &Noted,
+    noted: &ClientMilestones,
     traffic: &Traffic,
 ) -> RunResult {
     let bytes = |m: Option<Milestone>| m.map(|m| m.bytes);
@@ -69,7 +69,7 @@ pub(crate) fn line(
         let px = plan.ttq_px.iter().copied().filter(|_| noted.rest.is_some());
         px.map(reached).collect::<BTreeMap<_, _>>()
     };
-    let (stalls, stalled_ns) = noted.stalls.found();
+    let (stalls, stalled_ns) = noted.stalls.totals();
     RunResult {
         scene: plan.scenes[case.scene].name.clone(),
         technique: plan.technique_name(case),
@@ -123,11 +123,11 @@ pub(crate) fn result(
     close: &Close,
     traffic: &Traffic,
 ) -> RunResult {
-    let (settled, gave_up) = (viewer.settled(), viewer.gave_up());
+    let (settled, timed_out) = (viewer.settled(), viewer.timed_out());
     let stats = viewer.core().stats();
     let counts = viewer.core().scene().map(|header| (header.asset_count, header.instance_count));
     let (assets, instances) = counts.unzip();
-    let noted = Noted {
+    let noted = ClientMilestones {
         first_frame: stats.milestones.first_frame,
         quality: stats.milestones.quality,
         seen_quality: stats.milestones.seen_quality,
@@ -136,7 +136,7 @@ pub(crate) fn result(
         rest_seen_quality: viewer.rest_seen_quality(),
         stalls: viewer.stalls,
     };
-    let ended = match (settled, gave_up) {
+    let ended = match (settled, timed_out) {
         (Some(_), _) => "settled",
         (None, true) => "time limit",
         (None, false) => &close.reason,

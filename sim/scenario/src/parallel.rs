@@ -48,8 +48,8 @@ pub struct Equipment<'a> {
 
 /// Runs a case and draws its pictures.
 pub trait Draw: Sync {
-    /// Runs a case with a seed and adds its pictures to the result, where the plan asks for some. `number` is the run's
-    /// in the plan, from 0.
+    /// Runs a case with a seed and adds its pictures to the result, if the plan asks for some. `number` is the run's
+    /// index in the plan.
     ///
     /// # Errors
     /// As [`Run::result`], and pictures that cannot be drawn or stored.

@@ -1,4 +1,4 @@
-//! View-dependent peers given as data: which nodes they keep, how long, how exact and where each is.
+//! View-dependent peers given as data: length, error and bounds of their nodes.
 //!
 //! A file is a JSON array of peers:
 //!
@@ -55,8 +55,7 @@ pub struct Peer {
 }
 
 impl Peer {
-    /// The same peer where errors are `factor` times as large as it states them: what is fetched by one that states
-    /// less than there is, if it is to be believed.
+    /// The same peer with errors multiplied by `factor`, to model what would be fetched if it stated larger errors.
     #[must_use]
     pub fn with_errors(mut self, factor: f32) -> Self {
         for node in &mut self.nodes {
@@ -303,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_used_is_refused_by_place() {
+    fn invalid_peers_are_refused_with_their_place() {
         let good = r#"[{"peer":"p","kind":"cluster-dag","index_bytes":10,"total_bytes":500,"nodes":[
             {"bytes":100,"vertices":3,"faces":1,"error":0.5,"center":[0,0,0],"radius":1,"children":[1]},
             {"bytes":200,"vertices":3,"faces":1,"error":0.1,"center":[0,0,0],"radius":1,"children":[]}]}]"#;

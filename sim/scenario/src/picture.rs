@@ -5,7 +5,7 @@ use serde::Serialize;
 /// A picture in the report.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Picture {
-    /// "first frame", "3 s", "settled"; "end" where the run ended otherwise.
+    /// "first frame", "3 s", "settled"; "end" if the run ended otherwise.
     pub instant: String,
     /// Time since the connect call, in milliseconds.
     pub at_ms: f64,
@@ -16,7 +16,7 @@ pub struct Picture {
     pub error_px: Option<f64>,
     /// The same over visible parts only, without those occluded by the scene's own surfaces.
     pub seen_error_px: Option<f64>,
-    /// How far the picture is from its reference; `None` where there is none to be had.
+    /// Error against the reference; `None` without a reference.
     pub error: Option<ImageError>,
     /// The file, relative to the report's folder; instants after settling share the settled picture.
     pub file: String,
@@ -30,11 +30,11 @@ pub struct FirstSecondsError {
     pub until_s: f64,
     /// FLIP error of the empty window.
     pub blank_flip: f64,
-    /// ∫ FLIP dt, in seconds: 0 where the settled picture is there at once.
+    /// ∫ FLIP dt, in seconds: 0 if the settled picture is shown at once.
     pub flip_s: f64,
     /// ∫ (1 − SSIM) dt, in seconds.
     pub dissimilarity_s: f64,
-    /// PSNR of these seconds, in dB: of the mean over time of squared errors. `None` where that is 0.
+    /// PSNR of these seconds in dB, from the mean over time of squared errors. `None` if that is 0.
     pub psnr_db: Option<f64>,
 }
 
@@ -86,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_picture_counts_until_the_next_and_an_empty_window_before_the_first() {
+    fn a_picture_counts_until_the_next_and_the_empty_window_until_the_first() {
         let error = |flip, ssim, psnr_db| ImageError { psnr_db, ssim, flip };
         let (blank, coarse) = (error(0.8, 0.2, Some(10.0)), error(0.2, 0.7, Some(20.0)));
         let fine = error(0.0, 1.0, None);

@@ -10,9 +10,9 @@ use super::plan::Transport;
 use super::technique::Technique;
 use super::timeline::Sample;
 
-/// One run of a plan. Times count from the client's connect call, in milliseconds of virtual time;
-/// `None` where the time limit came first. Bytes are transport payload that the client received,
-/// handshake included: payload of UDP datagrams, or of TCP segments.
+/// One run of a plan. Times count from the client's connect call, in milliseconds of virtual time; `None` if the time
+/// limit came first. Bytes are transport payload received by the client, handshake included: payload of UDP datagrams,
+/// or of TCP segments.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RunResult {
     /// The scene's name in the plan.
@@ -62,8 +62,8 @@ pub struct RunResult {
     pub ended_ms: Option<f64>,
     /// When a moving camera came to rest.
     pub rest_ms: Option<f64>,
-    /// From then until no visible part had a larger screen error, by screen error in pixels; empty where the
-    /// camera did not move, or did not come to rest.
+    /// Time from then until no visible part had a larger screen error, by screen error in pixels; empty if the camera
+    /// did not move, or did not come to rest.
     pub rest_ttq_ms: BTreeMap<String, Option<f64>>,
     /// The same over parts that are not occluded.
     pub rest_seen_ttq_ms: BTreeMap<String, Option<f64>>,
@@ -71,7 +71,7 @@ pub struct RunResult {
     pub stalls: u32,
     /// Their total length.
     pub stalled_ms: f64,
-    /// Distinct assets of the scene; `None` where the client never heard of it, and for baselines.
+    /// Number of distinct assets; `None` if the client never received the scene, and for baselines.
     pub assets: Option<u32>,
     /// Number of instances.
     pub instances: Option<u32>,
@@ -99,14 +99,14 @@ pub struct RunResult {
     /// Pictures and their errors against the settled picture: the first frame, instants of the plan, the last picture.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub pictures: Vec<Picture>,
-    /// The error of the first seconds, where the plan asks for it and the run settled with the camera where it began.
+    /// The error of the first seconds, if the plan asks for it and the run settled with a fixed camera.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub first_seconds: Option<FirstSecondsError>,
 }
 
 impl RunResult {
-    /// What a first frame takes at least: two round trips (one where the connection is resumed), and the time of its
-    /// bytes at the link's rate. WebSocket without TLS takes two as well: TCP's handshake, then the upgrade.
+    /// Lower bound on the time to first frame: two round trips (one if the connection is resumed), and the transfer
+    /// time of its bytes. WebSocket without TLS also takes two: TCP's handshake, then the upgrade.
     #[must_use]
     pub fn ttff_bound_ms(&self) -> Option<f64> {
         let round_trips = if self.resumed { 1.0 } else { 2.0 };
@@ -117,7 +117,7 @@ impl RunResult {
     }
 }
 
-/// One line for people.
+/// One line of text.
 impl std::fmt::Display for RunResult {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let or_never = |ms: Option<f64>| ms.map_or("never".to_owned(), |ms| format!("{ms:.0} ms"));

@@ -43,16 +43,18 @@ impl QuicSettings {
     }
 
     /// Settings after a first session. Must not be called within a runtime.
-    pub(super) fn acquainted(
+    pub(super) fn after_first_session(
         scene: &Arc<dyn SceneSource>,
         certificate: &Certificate,
     ) -> anyhow::Result<Self> {
         let settings = Self::new(certificate)?;
-        virtual_runtime().context("no runtime for virtual time")?.block_on(settings.meet(scene))?;
+        virtual_runtime()
+            .context("no runtime for virtual time")?
+            .block_on(settings.run_first_session(scene))?;
         Ok(settings)
     }
 
-    async fn meet(&self, scene: &Arc<dyn SceneSource>) -> anyhow::Result<()> {
+    async fn run_first_session(&self, scene: &Arc<dyn SceneSource>) -> anyhow::Result<()> {
         let network = UdpNetwork::new(VirtualClock::start());
         let (rate, delay_ns, queue_bytes) = FIRST_LINK;
         for (from, to) in [(SERVER, CLIENT), (CLIENT, SERVER)] {

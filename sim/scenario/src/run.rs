@@ -31,11 +31,11 @@ use super::outcome;
 use super::plan::{Case, CaseLink, Plan, Transport};
 use super::result::RunResult;
 use super::resume::QuicSettings;
-use super::unjudged::Unjudged;
 use super::viewer::Viewer;
+use super::without_occluders::WithoutOccluders;
 
 /// Virtual time after the time limit in which client and server may close the connection.
-const PATIENCE: Duration = Duration::from_secs(60);
+const CLOSE_MARGIN: Duration = Duration::from_secs(60);
 
 /// Rate and queue of the link over which a reference picture is fetched, and its time limit in virtual time.
 const REFERENCE_BITS_PER_S: NonZeroU64 = NonZeroU64::new(10_000_000_000).expect("not zero");
@@ -82,7 +82,7 @@ impl Run<'_> {
     pub fn result(&self, observer: Option<&mut dyn Observer>) -> anyhow::Result<RunResult> {
         let Self { plan, case, scene, certificate, seed } = *self;
         let quic = if case.resumed {
-            QuicSettings::acquainted(scene, certificate)
+            QuicSettings::after_first_session(scene, certificate)
         } else {
             QuicSettings::new(certificate)
         };
@@ -92,7 +92,7 @@ impl Run<'_> {
                 SessionSettings { rate_bits_per_s: case.limiter_bits_per_s, ..SessionSettings::default() };
             // If the client does not test occlusion, neither does the server.
             let scene = Arc::clone(scene);
-            let scene = if plan.client.hidden_last { scene } else { Arc::new(Unjudged(scene)) };
+            let scene = if plan.client.hidden_last { scene } else { Arc::new(WithoutOccluders(scene)) };
             let state = ServerState::new(scene, settings);
             let limit = Duration::from_secs_f64(case.time_limit_s);
             let mut viewer = Viewer::new(plan.viewport_px, plan.client, case.path, limit, observer);
@@ -102,7 +102,7 @@ impl Run<'_> {
             };
             viewer.end();
             let by_the_link = matches!(close.code, CloseCode::Lost | CloseCode::Timeout);
-            if viewer.settled().is_none() && !viewer.gave_up() && !by_the_link {
+            if viewer.settled().is_none() && !viewer.timed_out() && !by_the_link {
                 anyhow::bail!("the session ended early: {close}");
             }
             Ok(outcome::result(plan, case, seed, &mut viewer, &close, &traffic))
@@ -134,11 +134,13 @@ impl Run<'_> {
     }
 }
 
-/// Waits for the end of a session, but not for ever: one that is not over a while after the time limit, as
-/// where the server never answers at all, is cut off.
+/// Waits for the end of a session. A session that has not ended some time after the time limit, for example because the
+/// server never answers, is cut off.
 pub(crate) async fn end_of(session: impl Future<Output = Close>, limit: Duration) -> Close {
-    let cut_off = || Close::new(CloseCode::Lost, "no end in sight: cut off a minute after the time limit");
-    timeout(limit + PATIENCE, session).await.unwrap_or_else(|_| cut_off())
+    let cut_off = || {
+        Close::new(CloseCode::Lost, "the session had not ended a minute after the time limit and was cut off")
+    };
+    timeout(limit + CLOSE_MARGIN, session).await.unwrap_or_else(|_| cut_off())
 }
 
 async fn run_quic(

@@ -189,7 +189,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_panic_is_told_from_what_else_is_said() {
+    fn panics_are_recognised_in_log_lines() {
         assert!(tells_a_panic("thread 'tokio-runtime-worker' (4) panicked at server/src/lib.rs:1:2:"));
         assert!(
             !tells_a_panic("note: run with `RUST_BACKTRACE=1`") && !tells_a_panic("a session panicked at x")
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn a_server_is_found_by_what_it_says() {
+    fn a_server_is_found_by_its_printed_addresses() {
         let digits = "0f".repeat(32);
         let line = format!("quic://127.0.0.1:4433#sha256={digits} ws://127.0.0.1:8080/\n");
         let (quic, http, pin) = addresses(&line).unwrap();

@@ -128,7 +128,7 @@ impl Stalls {
     }
 
     /// Number of stalls and their total length.
-    pub(crate) fn found(&self) -> (u32, u64) {
+    pub(crate) fn totals(&self) -> (u32, u64) {
         (self.count, self.total_ns)
     }
 }
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_news_is_not_kept() {
+    fn unchanged_samples_are_not_stored() {
         let mut series = Series::default();
         for (at_ns, bytes) in [(0, 1), (5_000_000, 1), (9_000_000, 2), (9_400_000, 3)] {
             series.push(sample(at_ns, bytes));
@@ -174,7 +174,7 @@ mod tests {
 
     /// Parts may come into view or become occluded without a byte.
     #[test]
-    fn that_less_is_seen_is_news() {
+    fn a_change_of_the_visible_error_alone_is_stored() {
         let at =
             |at_ns, seen_px| Sample { error_px: Some(9.0), seen_error_px: Some(seen_px), ..sample(at_ns, 1) };
         let mut series = Series::default();
@@ -199,8 +199,8 @@ mod tests {
         for (ms, bytes, wants) in looks {
             stalls.observe(Time::from_ms(ms), bytes, wants);
         }
-        assert_eq!(stalls.found(), (2, 2_501_000_000));
+        assert_eq!(stalls.totals(), (2, 2_501_000_000));
         stalls.end(Time::from_ms(9_700));
-        assert_eq!(stalls.found(), (3, 3_201_000_000));
+        assert_eq!(stalls.totals(), (3, 3_201_000_000));
     }
 }

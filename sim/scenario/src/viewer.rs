@@ -1,4 +1,4 @@
-//! The client of a simulated run: the shipped core, moved along a camera path, watched where a plan asks for pictures.
+//! The client of a simulated run: the shipped core with a camera path and an optional observer.
 
 use std::future::Future;
 use std::time::Duration;
@@ -25,8 +25,8 @@ pub(crate) struct Settled {
     pub(crate) bytes: u64,
 }
 
-/// Runs the core after everything that arrives, without a budget: decoding and applying take no virtual time but where
-/// a plan says how fast they are. Leaves once the camera is at rest and nothing more is wanted, or at the time limit.
+/// The client of a run. It updates the core after every arrival, without a time budget: decoding takes no virtual time
+/// unless the plan limits its rate. Leaves once it is settled with the camera at rest, or at the time limit.
 #[derive(Debug)]
 pub(crate) struct Viewer<'a> {
     core: ClientCore,
@@ -39,7 +39,7 @@ pub(crate) struct Viewer<'a> {
     rest_quality: [Option<Duration>; QUALITIES_PX.len()],
     rest_seen_quality: [Option<Duration>; QUALITIES_PX.len()],
     settled: Option<Settled>,
-    gave_up: bool,
+    timed_out: bool,
     ended: Option<Time>,
     ledger: Ledger,
     pub(super) series: Series,
@@ -62,7 +62,7 @@ impl<'a> Viewer<'a> {
         Self::starting(start, viewport_px, client, path, time_limit, observer, Decoders::default())
     }
 
-    /// The same where computing takes time: nothing is drawn, so all processors decode.
+    /// The same in real time: nothing is drawn, so all processors decode.
     pub(crate) fn in_real_time(
         viewport_px: [u32; 2],
         client: ClientSettings,
@@ -112,7 +112,7 @@ impl<'a> Viewer<'a> {
             rest_quality: [None; QUALITIES_PX.len()],
             rest_seen_quality: [None; QUALITIES_PX.len()],
             settled: None,
-            gave_up: false,
+            timed_out: false,
             ended: None,
             ledger: Ledger::default(),
             series: Series::default(),
@@ -131,8 +131,8 @@ impl<'a> Viewer<'a> {
     }
 
     /// Whether the time limit came before the client was settled.
-    pub(crate) fn gave_up(&self) -> bool {
-        self.gave_up
+    pub(crate) fn timed_out(&self) -> bool {
+        self.timed_out
     }
 
     /// When a moving camera came to rest.
@@ -182,7 +182,7 @@ impl<'a> Viewer<'a> {
         })
     }
 
-    /// Puts the camera where it is now.
+    /// Updates the camera.
     fn move_camera(&mut self, now: Time) {
         let start = self.core.scene().map(|header| header.camera);
         let Some((start, reached)) = start.zip(self.reached()) else { return };
@@ -230,7 +230,7 @@ impl<'a> Viewer<'a> {
             let first = self.core.stats().settled_after.filter(|_| !self.drive.moves());
             self.settled = Some(Settled { after: first.unwrap_or(Duration::from(now)), bytes });
         }
-        self.gave_up = self.settled.is_none() && now >= self.limit;
+        self.timed_out = self.settled.is_none() && now >= self.limit;
     }
 }
 
@@ -274,6 +274,6 @@ impl Host for Viewer<'_> {
     }
 
     fn wants_to_leave(&self) -> bool {
-        self.settled.is_some() || self.gave_up
+        self.settled.is_some() || self.timed_out
     }
 }

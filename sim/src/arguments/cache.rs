@@ -33,7 +33,7 @@ impl CacheFolder {
         path.context("no cache folder is known; name one with --cache DIR")
     }
 
-    /// Opens the scenes of a plan, prepared where that is not done yet.
+    /// Opens the scenes of a plan; prepares those that are not in the cache.
     ///
     /// # Errors
     /// A scene that cannot be generated, read or prepared.

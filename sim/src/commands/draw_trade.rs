@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn one_setting_is_turned() {
+    fn one_setting_is_selected() {
         assert_eq!(setting(&["--relief-steps", "0,48,192"]), Ok(Setting::ReliefSteps(vec![0, 48, 192])));
         assert_eq!(setting(&["--occlusion-samples", "0,64"]), Ok(Setting::OcclusionSamples(vec![0, 64])));
         assert_eq!(setting(&["--ground-px", "8,0.5"]), Ok(Setting::GroundPx(vec![8.0, 0.5])));

@@ -80,7 +80,7 @@ impl PnTrianglesOf {
         }
     }
 
-    /// Has a picture written, where pictures are.
+    /// Writes a picture into the folder of pictures, if one is named.
     fn keep(&self, name: &str, write: impl FnOnce(&Path) -> anyhow::Result<()>) -> anyhow::Result<()> {
         let Some(folder) = &self.pictures else { return Ok(()) };
         let file = folder.join(format!("{name}.png"));

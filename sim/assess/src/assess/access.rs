@@ -47,7 +47,7 @@ pub(super) fn spot(model: &Model, seed: u64) -> Spot {
     for _ in 0..TRIALS {
         let q = model.mesh.positions[random.below(model.mesh.positions.len())];
         let at = q.map(|x| (f64::from(x) * model.mesh.grid.step) as f32);
-        let set = closure(infos, |i| touches(&i.sphere, at, radius));
+        let set = with_ancestors(infos, |i| touches(&i.sphere, at, radius));
         let own: u32 = (0..infos.len())
             .filter(|&i| infos[i].level == finest && touches(&infos[i].sphere, at, radius))
             .map(|i| infos[i].payload_bytes)
@@ -82,7 +82,7 @@ pub(super) fn view_share(model: &Model, seed: u64) -> ViewShare {
             let seen = frustum.sees(from_eye, sphere.radius);
             if seen { screen_error_px(f64::from(error), depth, scale) } else { 0.0 }
         };
-        let set = closure(infos, |i| error_px(&i.sphere, visible_error(i, 1.0)) > TARGET_PX);
+        let set = with_ancestors(infos, |i| error_px(&i.sphere, visible_error(i, 1.0)) > TARGET_PX);
         let mut inner = vec![false; infos.len()];
         for (info, _) in infos.iter().zip(&set).filter(|(_, taken)| **taken) {
             info.parents.iter().for_each(|&parent| inner[parent as usize] = true);
@@ -124,7 +124,7 @@ fn touches(sphere: &Sphere, at: [f32; 3], radius: f32) -> bool {
 }
 
 /// The wanted chunks with all their ancestors.
-fn closure(infos: &[ChunkInfo], wanted: impl Fn(&ChunkInfo) -> bool) -> Vec<bool> {
+fn with_ancestors(infos: &[ChunkInfo], wanted: impl Fn(&ChunkInfo) -> bool) -> Vec<bool> {
     let mut set: Vec<bool> = infos.iter().map(wanted).collect();
     for id in (0..infos.len()).rev() {
         if set[id] {

@@ -9,9 +9,8 @@
 //! of the coarse faces that the chunk changes, the input points nearest to such a face, and those of the input faces
 //! that the chunk adds. The largest of their distances is the smallest error that could be stated for the chunk alone.
 //! Errors made by finer chunks (its descendants) count as far as they appear at those points. Errors of its neighbours
-//! may ones (its descendants) count only as far as they show on those points. Errors of its neighbours may show there
-//! too, as where a neighbour's component vanished and this one is the nearest: a chunk that states less than it is
-//! charged with is measured again as the only one that is missing, with what rests on it.
+//! may appear there too, for example if a neighbour's component vanished and this one is nearest: a chunk whose stated
+//! error is smaller than that is measured again with only it and its dependents missing.
 
 use std::collections::HashMap;
 
@@ -114,7 +113,7 @@ fn compare(model: &Model, sets: &mut dyn Iterator<Item = Vec<Member>>) -> anyhow
         if worst <= NOISE * model.diagonal() {
             continue;
         }
-        let missing = Missing::new(model, &set);
+        let missing = MissingChunks::new(model, &set);
         ratios.push(missing.worst() / worst);
         for (point, distance) in points.into_iter().filter(|p| p.1 > 0.1 * worst) {
             least = least.min(missing.at(point) / distance);
@@ -127,11 +126,11 @@ fn compare(model: &Model, sets: &mut dyn Iterator<Item = Vec<Member>>) -> anyhow
 }
 
 /// The missing chunks of a mesh, including partly applied ones, in descending order of error.
-struct Missing {
+struct MissingChunks {
     chunks: Vec<(f64, DVec3, f64)>,
 }
 
-impl Missing {
+impl MissingChunks {
     fn new(model: &Model, applied: &[Member]) -> Self {
         let origin = DVec3::from_array(model.mesh.grid.origin);
         let left = model.left(applied);
@@ -159,7 +158,7 @@ impl Missing {
     }
 }
 
-/// Compares each chunk's stated error with what shows where the chunk would change the mesh.
+/// Compares each chunk's stated error with the distances in the area that it would change.
 pub(super) fn per_chunk(model: &Model) -> anyhow::Result<Ratios> {
     let infos = &model.prepared.infos;
     let mut active = ActiveMesh::new(&model.prepared.base);

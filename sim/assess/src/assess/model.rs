@@ -32,7 +32,7 @@ impl Model {
         Ok(surface(&active.to_mesh()))
     }
 
-    /// Error that the index states for each chunk where a ancestor-closed cut lacks it, or the rest of it.
+    /// The error that the index states for each chunk missing from an ancestor-closed cut, wholly or in part.
     pub(super) fn left(&self, set: &[Member]) -> Vec<f64> {
         let mut left: Vec<f64> = self.prepared.infos.iter().map(|i| f64::from(i.error)).collect();
         for &Member { chunk, truncation } in set {

@@ -23,7 +23,7 @@ pub struct Differences {
     pub beyond: f64,
 }
 
-/// Differences of attributes; `None` where not both meshes have them.
+/// Attribute differences; `None` unless both meshes have the attribute.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct AttributeDifferences {
     /// Distance of texture coordinates, in their units.
@@ -32,7 +32,7 @@ pub struct AttributeDifferences {
     pub normal: Option<Differences>,
     /// Distance of colours, each channel in 0..=1 as stored (sRGB).
     pub color: Option<Differences>,
-    /// Share of the points whose material has another number; `None` where both have one material.
+    /// Share of the points with another material number; `None` if both have one material.
     pub material: Option<f64>,
 }
 
@@ -121,7 +121,7 @@ fn nearest(bvh: &TriangleBvh, surface: &Surface, point: DVec3) -> Option<Located
     let [a, b, c] = corners;
     let normal = (b - a).cross(c - a);
     let square = normal.length_squared();
-    // Barycentric coordinates are areas over the whole; a triangle without area is where its corner is.
+    // Barycentric coordinates are ratios of areas; a degenerate triangle is treated as its corner.
     let weights = if square > 0.0 {
         let share = |p: DVec3, q: DVec3| (p - found).cross(q - found).dot(normal) / square;
         [share(b, c), share(c, a), share(a, b)]
@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mesh_and_itself_differ_in_nothing() {
+    fn a_mesh_does_not_differ_from_itself() {
         let found = compare_attributes(&square(), &square(), &settings());
         for kind in [found.uv, found.normal, found.color] {
             assert!(kind.unwrap().max < 1e-9, "{found:?}");
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn each_kind_of_difference_is_measured_as_what_it_is() {
+    fn each_kind_of_attribute_difference_is_measured() {
         let mut other = square();
         other.uvs.iter_mut().for_each(|uv| uv[1] += 0.25);
         other.colors.iter_mut().for_each(|c| c[3] = 204);
@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn what_one_of_them_lacks_is_not_compared() {
+    fn attributes_that_one_mesh_lacks_are_not_compared() {
         let mut bare = square();
         bare.faces.iter_mut().flatten().for_each(|c| *c = Corner::at(c.position));
         (bare.uvs, bare.normals, bare.colors) = (Vec::new(), Vec::new(), Vec::new());

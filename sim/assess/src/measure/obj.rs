@@ -60,7 +60,7 @@ mod tests {
     }
 
     #[test]
-    fn materials_are_told_by_their_names() {
+    fn materials_are_matched_by_name() {
         let dir = tempfile::tempdir().unwrap();
         let model = |name: &str, order: [&str; 2]| {
             let [one, other] = order;

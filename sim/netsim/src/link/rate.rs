@@ -60,7 +60,7 @@ enum Shape {
     Constant(NonZeroU64),
     /// Start time and rate of each step: the first at 0, times ascending, the last rate above 0.
     Steps(Arc<[(u64, u64)]>),
-    /// One value per second; above 0 somewhere, and at the end where that is held.
+    /// One value per second; at least one above 0, the last too if it holds.
     Trace(Arc<[u64]>, AtEnd),
 }
 
@@ -189,8 +189,8 @@ impl Rate {
         work
     }
 
-    /// When `work` is done that begins at the start of a nanosecond: the whole nanoseconds, and the units
-    /// done in the one after them. `u64::MAX` where that is beyond counting.
+    /// When `work` that begins at the start of a nanosecond is done: whole nanoseconds, and the units done in the one
+    /// after them. `u64::MAX` on overflow.
     #[must_use]
     pub(super) fn done(&self, from_ns: u64, mut work: u128) -> (u64, u64) {
         let mut at_ns = from_ns;
@@ -228,7 +228,7 @@ mod tests {
     const BIT: u128 = NS_PER_S as u128;
 
     #[test]
-    fn work_takes_the_rates_of_the_pieces_that_it_crosses() {
+    fn work_across_steps_takes_each_steps_rate() {
         // 8 Mbit in the first second, none in the second, then 1 Mbit/s.
         let rate = Rate::steps(&[(0, 8_000_000), (S, 0), (2 * S, 1_000_000)]).unwrap();
         assert_eq!(rate.done(0, 4_000_000 * BIT), (S / 2, 0));
@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_left_of_a_nanosecond_is_counted() {
+    fn fractions_of_a_nanosecond_are_carried() {
         // A bit at 3 Gbit/s takes a third of a nanosecond.
         let rate = Rate::constant(NonZeroU64::new(3_000_000_000).unwrap());
         assert_eq!(rate.done(5, BIT), (5, 1_000_000_000));

@@ -13,7 +13,7 @@ fn settings(rate: u64, loss: f64) -> LinkSettings {
 }
 
 #[test]
-fn packets_arrive_when_theory_says() {
+fn packets_arrive_at_the_computed_times() {
     // At 2 Mbit/s a byte takes 4 µs. Three packets of 1,000 bytes with headers at once, and one on the idle link.
     let mut link = Link::new(settings(2_000_000, 0.0), 1);
     for i in 1..=3 {
@@ -141,7 +141,7 @@ fn jittered(reorders: bool, loss: f64) -> Vec<Option<u64>> {
 }
 
 #[test]
-fn jitter_is_even_and_changes_the_order_only_where_it_may() {
+fn jitter_is_uniform_and_reorders_only_if_allowed() {
     let free: Vec<u64> = jittered(true, 0.0).into_iter().flatten().collect();
     // 8 µs on the link, 25 ms of delay, and the jitter.
     let added: Vec<u64> = free.iter().zip(0..).map(|(at_ns, i)| at_ns - i * MS - 25 * MS - 8_000).collect();

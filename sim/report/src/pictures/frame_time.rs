@@ -33,8 +33,8 @@ pub struct FrameTime {
     pub ground_triangles: u64,
     /// Tiles of the terrain.
     pub ground_tiles: u32,
-    /// Screen error of the ground: more than the target where that would take more tiles than are drawn at most. `None`
-    /// without ground.
+    /// Screen error of the terrain: above the target if that would need more tiles than can be drawn. `None` without
+    /// terrain.
     pub ground_px: Option<f64>,
     /// Draw calls.
     pub draws: u32,
@@ -45,7 +45,8 @@ pub struct FrameTime {
     /// Least, mean and greatest time.
     #[serde(flatten)]
     pub spread: Spread,
-    /// The time over that at 1 px: the median over frames drawn one after the other. `None` where 1 px is no target.
+    /// Frame time relative to that at 1 px: the median over consecutive frames. `None` if 1 px is not among the
+    /// targets.
     pub over_one_px: Option<f64>,
 }
 
@@ -159,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_settle_or_is_not_one_case_is_refused() {
+    fn runs_that_do_not_settle_and_plans_of_several_cases_are_refused() {
         if !may_draw() {
             return;
         }

@@ -109,7 +109,7 @@ mod tests {
     use lodestream_scenario::plan;
 
     #[test]
-    fn each_way_is_another_picture() {
+    fn each_variant_gives_another_picture() {
         if !may_draw() {
             return;
         }

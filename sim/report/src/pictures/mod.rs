@@ -67,7 +67,7 @@ pub struct Gallery {
 }
 
 impl Gallery {
-    /// A gallery in a report's folder, which is created where it is missing.
+    /// A gallery in a report's folder, which is created if missing.
     ///
     /// # Errors
     /// A folder that cannot be written.
@@ -84,8 +84,7 @@ impl Gallery {
         &self.adapter
     }
 
-    /// What a viewer shows whose camera stands still at a pose and who wants nothing more. `None` where it never comes
-    /// to that.
+    /// The settled picture of a viewer with a fixed camera at a pose; `None` if it does not settle.
     fn settled_picture(
         &self,
         run: &Run<'_>,
@@ -136,7 +135,7 @@ impl Draw for Gallery {
         let reference = |view| self.settled_picture(run, view, settings);
         let shots = painter.finish()?;
         let settled = shots.last().filter(|shot| shot.instant == Instant::Settled).cloned();
-        result.pictures = judged(shots, self, number, reference)?;
+        result.pictures = with_errors(shots, self, number, reference)?;
         if let (Some(first), Some(settled)) = (settings.first, settled) {
             result.first_seconds = Some(first_seconds(first.until_s, &settled.picture, &result.pictures)?);
         }
@@ -146,7 +145,7 @@ impl Draw for Gallery {
 
 /// Compares each picture of a run with its reference and stores it. `reference_at` draws the settled picture of a pose;
 /// it is called once per pose, and not for that of the run's own settled picture.
-pub(super) fn judged(
+pub(super) fn with_errors(
     shots: Vec<Shot>,
     gallery: &Gallery,
     run: usize,

@@ -22,7 +22,7 @@ use super::shot::{Instant, Shot};
 /// Decoded textures that may wait in the core between two pictures.
 const MAX_WAITING_BYTES: usize = 16 << 20;
 
-/// A time at which every vertex is where it belongs.
+/// A time after the end of every morph.
 const AFTER_ALL_MORPHS_S: f32 = f32::MAX;
 
 /// The graphics device shared by all runs. One draws at a time, since a thread that waits for the device may receive
@@ -37,7 +37,7 @@ impl Studio {
         Self { gpu: Mutex::new(gpu) }
     }
 
-    fn alone<R>(&self, draw: impl FnOnce(&Gpu) -> R) -> R {
+    fn exclusively<R>(&self, draw: impl FnOnce(&Gpu) -> R) -> R {
         draw(&self.gpu.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }
@@ -62,7 +62,7 @@ impl<'a> Painter<'a> {
     /// Errors of the graphics device.
     pub(crate) fn new(studio: &'a Studio, settings: &PictureSettings) -> Result<Self, RenderError> {
         let [width, height] = settings.size_px;
-        let headless = studio.alone(|gpu| Headless::new(gpu.clone(), width, height))?;
+        let headless = studio.exclusively(|gpu| Headless::new(gpu.clone(), width, height))?;
         Ok(Self {
             studio,
             headless,
@@ -91,7 +91,7 @@ impl<'a> Painter<'a> {
         draw: impl FnOnce(&mut Headless, Frame<'_>, &AssetGpu) -> anyhow::Result<R>,
     ) -> anyhow::Result<R> {
         let Self { studio, headless, scene, .. } = self;
-        studio.alone(|_| {
+        studio.exclusively(|_| {
             scene.with_frame(view.pose(), settings, AFTER_ALL_MORPHS_S, |frame| {
                 let mesh = frame.drawables.first().context("the scene has no mesh")?.asset;
                 draw(headless, Frame { drawables: &[], terrain: None, water: None, ..*frame }, mesh)
@@ -115,7 +115,7 @@ impl<'a> Painter<'a> {
         self.failed.take().map_or(Ok(()), Err)
     }
 
-    /// The camera of the settled picture, where the run came to it.
+    /// The camera of the settled picture, if the run settled.
     pub(super) fn settled_view(&self) -> Option<View> {
         self.shots.last().filter(|shot| shot.instant == Instant::Settled).map(|shot| shot.view)
     }
@@ -126,7 +126,7 @@ impl<'a> Painter<'a> {
     /// Errors of the graphics device.
     pub(super) fn frame(&mut self, view: &View, settings: Settings) -> Result<Counters, RenderError> {
         let Self { studio, headless, scene, .. } = self;
-        studio.alone(|_| frame(headless, scene, view, settings))
+        studio.exclusively(|_| frame(headless, scene, view, settings))
     }
 
     /// The same in another environment, without exposure.
@@ -141,7 +141,7 @@ impl<'a> Painter<'a> {
     ) -> Result<Counters, RenderError> {
         let Self { studio, headless, scene, .. } = self;
         let draw = |frame: &Frame<'_>| headless.frame(&Frame { environment, sky: None, settings, ..*frame });
-        studio.alone(|_| scene.with_frame(view.pose(), settings, AFTER_ALL_MORPHS_S, draw))
+        studio.exclusively(|_| scene.with_frame(view.pose(), settings, AFTER_ALL_MORPHS_S, draw))
     }
 
     /// The last frame's picture.
@@ -149,15 +149,15 @@ impl<'a> Painter<'a> {
     /// # Errors
     /// Errors of the graphics device.
     pub(super) fn picture(&self) -> Result<RgbaImage, RenderError> {
-        self.studio.alone(|_| self.headless.picture())
+        self.studio.exclusively(|_| self.headless.picture())
     }
 
-    /// Reversed depth of the last frame, [`Settings::near`] over view depth; 0 where no surface is.
+    /// Reversed depth of the last frame, [`Settings::near`] over view depth; 0 without a surface.
     ///
     /// # Errors
     /// Errors of the graphics device.
     pub(super) fn depth(&self) -> Result<Vec<f32>, RenderError> {
-        self.studio.alone(|_| self.headless.depth())
+        self.studio.exclusively(|_| self.headless.depth())
     }
 
     /// A ray caster for what the last frame drew.
@@ -165,13 +165,13 @@ impl<'a> Painter<'a> {
     /// # Errors
     /// Errors of the graphics device.
     pub(super) fn rays(&self, view: &View) -> Result<Rays, RenderError> {
-        self.studio.alone(|gpu| {
+        self.studio.exclusively(|gpu| {
             let frame = |frame: &Frame<'_>| Rays::of_frame(gpu, frame);
             self.scene.with_frame(view.pose(), Settings::default(), AFTER_ALL_MORPHS_S, frame)
         })
     }
 
-    /// Draws a frame and says what passes of it took on the device, in milliseconds; 0 where they did not run.
+    /// Draws a frame and returns the device times of some passes in milliseconds; 0 for passes that did not run.
     ///
     /// # Errors
     /// Errors of the graphics device.
@@ -209,7 +209,7 @@ impl<'a> Painter<'a> {
         let Some(view) = core.view().filter(|_| core.scene().is_some() && self.failed.is_none()) else {
             return;
         };
-        let picture = self.studio.alone(|gpu| {
+        let picture = self.studio.exclusively(|gpu| {
             upload(&mut self.scene, core, gpu, &self.headless)?;
             draw(&mut self.headless, &mut self.scene, &view, self.patches)
         });
@@ -238,7 +238,7 @@ impl Observer for Painter<'_> {
             self.shoot(core, Instant::FirstFrame, now);
         } else if core.waiting_bytes() > MAX_WAITING_BYTES {
             // Texels are large; they belong on the device.
-            let uploaded = self.studio.alone(|gpu| upload(&mut self.scene, core, gpu, &self.headless));
+            let uploaded = self.studio.exclusively(|gpu| upload(&mut self.scene, core, gpu, &self.headless));
             self.note(uploaded);
         }
     }

@@ -180,7 +180,7 @@ pub fn crowd(
     Ok(rows)
 }
 
-/// The number whose frame takes so long: none where one takes longer, the most tried where that does not.
+/// The interpolated number whose frame takes `seconds`: 0 if one takes longer, the largest tried if it takes less.
 fn at_seconds(taken: &[(usize, f64)], seconds: f64) -> f64 {
     let mut before = (0.0, 0.0);
     for (number, &(count, took)) in taken.iter().enumerate() {
@@ -238,7 +238,7 @@ mod tests {
     use lodestream_scenario::plan;
 
     #[test]
-    fn ever_more_are_drawn_each_way() {
+    fn every_variant_draws_increasing_numbers() {
         if !may_draw() {
             return;
         }
@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_between_two_that_were_drawn_are_told_by_their_times() {
+    fn numbers_are_interpolated_by_their_times() {
         let taken = [(1, 0.010), (2, 0.012), (4, 0.020), (8, 0.040)];
         assert_eq!(at_seconds(&taken, 0.020), 4.0);
         assert_eq!(at_seconds(&taken, 0.030), 6.0);
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn the_older_systems_curved_ones_are_told_against_its_flat_ones() {
+    fn the_older_systems_ratios_are_to_its_flat_triangles() {
         let mut rows = older();
         compare(&mut rows);
         assert_eq!(rows[1].over_flat, [0.233, 0.235, 0.249]);
@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn places_are_before_the_eye_and_the_first_ones_stay() {
+    fn placements_are_in_view_and_prefixes_are_stable() {
         let (some, more) = (places(10, DVec3::ONE, 2.0), places(100, DVec3::ONE, 2.0));
         assert_eq!(some[..], more[..10]);
         for instance in more {

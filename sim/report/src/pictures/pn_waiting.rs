@@ -123,7 +123,7 @@ mod tests {
     use lodestream_scenario::plan;
 
     #[test]
-    fn both_ways_are_held_against_what_comes_to_be_shown() {
+    fn flat_and_curved_are_compared_with_the_settled_picture() {
         if !may_draw() {
             return;
         }

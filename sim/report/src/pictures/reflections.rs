@@ -26,8 +26,8 @@ use serde::Serialize;
 use super::painter::{Painter, Studio};
 use super::settled::settle_views;
 
-/// A pixel is judged where its ray's depth and the drawn one are as near as this, as a share; and what a ray meets is
-/// on the picture where its depth there is as near.
+/// Largest relative difference between a pixel's depth by ray and as drawn for which the pixel is compared, and between
+/// the depth of a mirror image and the picture's there for which it counts as visible.
 const SAME_DEPTH: f64 = 1e-3;
 const SHOWN_DEPTH: f64 = 5e-3;
 /// Tolerance of a hit, in pixels.
@@ -67,7 +67,7 @@ pub struct ReflectionError {
     pub pixels: usize,
     /// Share of them whose mirror image is visible in the picture.
     pub shown: f64,
-    /// Of those: found where it is, to two pixels.
+    /// Of those: found within two pixels.
     pub found: f64,
     /// Of those: found at another place.
     pub elsewhere: f64,
@@ -79,7 +79,7 @@ pub struct ReflectionError {
     pub false_hits: f64,
     /// Mean depth lookups per ray.
     pub lookups: f64,
-    /// Median time of the passes in the scene as it is, where few surfaces are smooth, in milliseconds of the device.
+    /// Median device time of the passes in the original scene, which has few smooth surfaces, in milliseconds.
     pub pass_ms: f64,
 }
 
@@ -125,7 +125,7 @@ fn of_view(
     let tan = view.pose().tan_half_fov(size_px[0], size_px[1]);
     let picture = DepthPicture { stored: &stored, size_px, tan_half_fov: tan.into(), near: bare.near };
     let pixels = mirrors(&picture, &rays, view);
-    anyhow::ensure!(!pixels.is_empty(), "view {number}: rays see nothing of what is drawn");
+    anyhow::ensure!(!pixels.is_empty(), "view {number}: no ray hits a drawn surface; choose another view");
     let pyramid = Pyramid::new(&picture, REFLECTION_LEVELS);
     let mirror = Mirror { picture, pyramid: &pyramid };
     let mut errors = Vec::new();

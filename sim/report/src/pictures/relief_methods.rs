@@ -108,7 +108,7 @@ pub fn compare(rays: u32) -> Comparison {
     result
 }
 
-/// Rays at an angle, and where each meets the surface.
+/// Rays at an angle, with their exact intersections.
 struct Truth {
     degrees: f64,
     rays: Vec<(Ray, f64)>,
@@ -172,7 +172,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_exact_way_is_exact_and_doing_nothing_is_worst() {
+    fn the_exact_method_has_no_error_and_none_has_the_largest() {
         let all = compare(100);
         assert_eq!(all.maps.len(), 4 * Method::ALL.len());
         for of in &all.maps {

@@ -128,7 +128,7 @@ mod tests {
     use image::Rgba;
 
     #[test]
-    fn frames_are_held_against_the_last_and_count_until_the_next() {
+    fn frames_are_compared_with_the_last_and_count_until_the_next() {
         let folder = tempfile::tempdir().unwrap();
         let write = |name: &str, value: u8| {
             let picture = RgbaImage::from_pixel(16, 16, Rgba([value, value, value, 255]));

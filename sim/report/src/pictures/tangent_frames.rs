@@ -1,9 +1,9 @@
 //! Errors of meshes' tangent frames against those of the surfaces that they approximate.
 //!
-//! A sphere between 60° of latitude and a torus, as meshes of 48 × 24 squares, their texture mirrored half way round:
-//! on both sides of two seams it runs the other way, and the torus has one where it begins anew. At seven places of
-//! each face each way's frame is held against the surface's own, and so is a normal that a map tilts by 45° between u
-//! and v. Everything is computed in f64, so figures repeat.
+//! A sphere between 60° of latitude and a torus, as meshes of 48 × 24 squares, with a texture mirrored half way round:
+//! its direction changes at two seams, and the torus has one more where the texture repeats. At seven places of each
+//! face, each method's frame, and a normal tilted by 45° between u and v, are compared with the surface's. Everything
+//! is computed in f64, so figures are reproducible.
 
 use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 use std::fmt;
@@ -98,7 +98,7 @@ pub struct FrameError {
     pub normal_rms: f64,
     /// Error of a tilted normal: maximum.
     pub normal_most: f64,
-    /// The greatest away from seams, where no corner of the face lies on one.
+    /// Maximum away from seams, over faces without a corner on one.
     pub normal_most_inside: f64,
 }
 
@@ -186,7 +186,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sums_over_a_mirrored_seam_are_worst_and_derivatives_need_no_vertices() {
+    fn vertex_averages_over_a_mirrored_seam_are_worst() {
         let all = compare();
         assert_eq!((all.len(), &compare()), (2 * TangentMethod::ALL.len(), &all), "figures repeat");
         for of_shape in all.chunks(TangentMethod::ALL.len()) {

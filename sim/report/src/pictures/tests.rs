@@ -138,7 +138,7 @@ fn pictures_approach_the_settled_one_and_change_nothing_in_the_run() {
 }
 
 #[test]
-fn a_moving_camera_is_judged_from_where_it_was() {
+fn pictures_of_a_moving_camera_are_compared_at_their_own_pose() {
     if !may_draw() {
         return;
     }
@@ -163,9 +163,9 @@ fn a_moving_camera_is_judged_from_where_it_was() {
     }
 }
 
-/// What is hidden comes last, also where a camera is about to see it: that must not cost the pictures on its way.
+/// Occluded parts come last, even if the camera is about to see them; this must not worsen the pictures on its way.
 #[test]
-fn pictures_of_a_moving_camera_are_as_near_with_what_is_hidden_last_as_without() {
+fn hidden_last_does_not_worsen_pictures_of_a_moving_camera() {
     if !may_draw() {
         return;
     }
@@ -195,7 +195,7 @@ fn pictures_of_a_moving_camera_are_as_near_with_what_is_hidden_last_as_without()
 }
 
 #[test]
-fn a_run_that_does_not_settle_is_judged_by_one_that_does() {
+fn a_run_that_does_not_settle_is_compared_with_one_that_does() {
     if !may_draw() {
         return;
     }

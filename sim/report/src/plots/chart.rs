@@ -39,7 +39,7 @@ pub(crate) enum Scale {
     Logarithmic,
 }
 
-/// An axis: what it says, and from where to where it goes.
+/// An axis: label, scale and range.
 #[derive(Clone, Debug)]
 pub(crate) struct Axis {
     pub(crate) label: String,
@@ -213,7 +213,7 @@ impl Chart {
     }
 
     fn draw(&self, svg: &mut String) -> Result<(), Failed> {
-        // Two columns of legend where all names are short enough for that.
+        // Two columns of legend if all names are short enough.
         let longest = self.legend.iter().map(|name| name.chars().count()).max().unwrap_or(0);
         let columns: u32 = if longest <= 56 && self.legend.len() > 1 { 2 } else { 1 };
         let rows = (self.legend.len() as u32).div_ceil(columns).max(1);
@@ -335,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn an_axis_holds_its_values_and_bears_none() {
+    fn an_axis_covers_its_values_and_accepts_none() {
         let held = Axis::holding("x", Scale::Logarithmic, [0.0, 3.0, f64::INFINITY, 40.0], |v| v.to_string());
         assert!(held.range.0 < 3.0 && held.range.0 > 2.0 && held.range.1 > 40.0 && held.range.1 < 50.0);
         for scale in [Scale::Linear, Scale::Logarithmic] {
@@ -354,7 +354,7 @@ mod tests {
     }
 
     #[test]
-    fn what_names_say_is_text_in_the_svg() {
+    fn names_are_escaped_in_the_svg() {
         let panel = Panel {
             title: "a < b".into(),
             x: axis(Scale::Linear, 0.0, 1.0),

@@ -51,7 +51,7 @@ pub(crate) struct Compared {
     pub(crate) differences: Vec<Difference>,
     /// Committed rows without counterpart, with the reason.
     pub(crate) left_out: Vec<RowsLeftOut>,
-    /// What was found, and the committed rows where nothing was.
+    /// The new figures, and committed rows that were left out.
     pub(crate) kept: Rows,
 }
 
@@ -126,8 +126,8 @@ struct Aligned<'a> {
     kept: Vec<Vec<String>>,
 }
 
-/// Lays rows beside each other in their order. A row that says why its technique was not run here stands for all
-/// committed rows of it that follow: nodes have one for each peer, and where no peers are known only one in all.
+/// Matches rows in order. A row that states why its technique was not run matches all committed rows of that technique
+/// that follow: nodes have one per peer, and a single one without peers.
 fn aligned<'a>(expected: &'a Rows, found: &'a Rows) -> Aligned<'a> {
     let mut all = Aligned::default();
     let places = expected.column("technique").zip(expected.column("ended"));
@@ -171,7 +171,7 @@ fn aligned<'a>(expected: &'a Rows, found: &'a Rows) -> Aligned<'a> {
     all
 }
 
-/// Of the figures that are above 0; 1 where there are none.
+/// Geometric mean of the figures above 0; 1 if there are none.
 fn geometric_mean<'a>(figures: impl Iterator<Item = &'a String>) -> f64 {
     let figures = figures.filter_map(|figure| figure.parse::<f64>().ok());
     let (mut sum, mut count) = (0.0, 0.0_f64);
@@ -234,7 +234,7 @@ mod tests {
     /// Without the file of peers, nodes have one row in place of one per peer; the whole table was reported as
     /// different.
     #[test]
-    fn rows_that_need_what_is_not_here_are_left_out_and_the_others_compared() {
+    fn rows_that_this_machine_cannot_reproduce_are_left_out() {
         let peers = "not run: no file of peers is named (--peers FILE)";
         let draco = "not run: draco_encoder is not on this machine";
         let found = |last: &str| {
@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_here_may_have_seeds_and_may_be_committed_as_such() {
+    fn left_out_rows_may_have_seeds_and_may_be_committed_as_such() {
         let peers = "not run: no file of peers is named (--peers FILE)";
         let expected =
             "label,technique,seed,ended\n,nodes: a,1,settled\n,nodes: a,2,settled\n,ours,1,settled\n";

@@ -31,8 +31,8 @@ pub(crate) struct Stale {
 }
 
 impl Documents {
-    /// Reads files, and of folders the files `*.md`; where none are named, the project's: `BENCHMARKS.md` and those of
-    /// `docs/benchmarks`, as far as they exist in a folder.
+    /// Reads files, and from folders the files `*.md`; by default the project's: `BENCHMARKS.md` and those of
+    /// `docs/benchmarks`, as far as they exist.
     ///
     /// # Errors
     /// Pages that cannot be read, and if there is none at all.
@@ -110,7 +110,7 @@ impl Documents {
         Ok(changed.map(|(_, page)| (page.file.clone(), page.text.clone())).collect())
     }
 
-    /// The pages with a table's mark, and where on each it begins and ends. A page has a mark once.
+    /// The pages with a table's mark, with start and end of the table. A page has a mark at most once.
     fn places(&self, id: &str) -> anyhow::Result<Vec<(usize, [usize; 2])>> {
         let places: Vec<_> = (0..)
             .zip(&self.pages)

@@ -42,7 +42,7 @@ pub use section::{CommandLine, Section, read};
 pub struct Options {
     /// The list of sections; their committed figures are beside it.
     pub sections: PathBuf,
-    /// Pages with the tables, and folders of such; where none are named, the project's.
+    /// Pages with the tables, and folders of pages; the project's if empty.
     pub documents: Vec<PathBuf>,
     /// Folder of models that are not part of the project.
     pub models: Option<PathBuf>,
@@ -178,7 +178,7 @@ fn one(
         let expected = read_rows(&committed)?;
         let compared = compare(section, &expected, &rows);
         (outcome.differences, outcome.rows_left_out) = (compared.differences, compared.left_out);
-        // Pages show the committed figures; those of another machine may differ where they may.
+        // Pages show the committed figures, from which those of another machine may differ within the tolerance.
         for stale in documents.stale(section, &expected).with_context(|| section.name.clone())? {
             let (file, table) = (stale.file.display(), stale.table);
             report(&format!("  {file}: table {table} does not show the committed figures"));
@@ -353,7 +353,7 @@ mod tests {
 
     /// A section of which nothing could be run here ended the reproduction with "cannot be read".
     #[test]
-    fn a_table_that_is_not_there_is_explained_by_what_the_machine_lacks() {
+    fn a_missing_table_is_explained_by_what_the_machine_lacks() {
         let folder = tempfile::tempdir().unwrap();
         let results = |ended: &str| {
             std::fs::write(folder.path().join("results.csv"), format!("run,ended\n1,settled\n2,{ended}\n"))

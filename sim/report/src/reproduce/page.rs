@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn the_committed_sections_make_a_page_that_can_be_sent_by_mail() {
+    fn the_committed_sections_make_a_self_contained_page() {
         let sections = committed();
         let made = reproduction(&sections);
         let shown: Vec<_> = sections.iter().map(|(section, rows)| (section, rows.clone())).collect();
@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn what_differs_and_what_was_left_out_is_said() {
+    fn the_page_lists_differences_and_omissions() {
         let mut sections = committed();
         sections.truncate(2);
         let mut made = reproduction(&sections);

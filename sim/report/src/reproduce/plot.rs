@@ -13,7 +13,7 @@ use crate::units;
 
 /// Most distinct x values that are used as ticks in place of round values.
 const MAX_MARKED: usize = 7;
-/// Fewest round values along x; where there are less, ticks stand at figures, however many.
+/// Fewest round values along x; with fewer, ticks are at the figures.
 const MIN_ROUND: usize = 3;
 
 /// Plots side by side in one picture.
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_of_a_name_are_a_line_and_words_a_level() {
+    fn rows_with_one_name_are_a_line_and_words_a_horizontal_line() {
         let text = "line = \"{who}\"\nx = { label = \"setting\", figures = [\"label\"], log = true }\n\
                     y = { label = \"s\", figures = [\"ms/1000\"] }";
         let chart = drawn(text).unwrap();
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn a_row_may_give_some_points_and_a_logarithm_none_of_zero() {
+    fn a_row_may_give_several_points_and_logarithms_skip_zero() {
         let text = "x = { label = \"b\", figures = [\"bytes\", \"bytes*2\"], log = true }\n\
                     y = { label = \"\", figures = [\"1\", \"ms\"] }\nonly = { who = \"b\" }";
         let chart = drawn(text).unwrap();
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn what_names_no_column_is_refused() {
+    fn unknown_columns_are_refused() {
         for (x, y, line) in [("size", "ms", ""), ("label", "size", ""), ("label", "ms", "{size}")] {
             let text = format!(
                 "line = \"{line}\"\nx = {{ label = \"\", figures = [\"{x}\"] }}\n\

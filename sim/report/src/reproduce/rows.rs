@@ -15,7 +15,7 @@ const LABEL: &str = "label";
 pub struct Rows {
     /// Names of the columns.
     pub columns: Vec<String>,
-    /// As many figures as columns in each; empty where there is none.
+    /// Rows with one figure per column; empty text for a missing figure.
     pub rows: Vec<Vec<String>>,
 }
 
@@ -131,7 +131,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn json_becomes_rows_with_names_of_what_is_within() {
+    fn nested_json_becomes_rows_with_dotted_names() {
         let rows =
             Rows::from_json(r#"[{"a": 1, "b": {"c": 0.25, "d": [7, null]}}, {"a": "x, y", "e": true}]"#)
                 .unwrap();
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn csv_comes_back_as_it_was() {
+    fn csv_round_trips() {
         let rows = Rows {
             columns: vec!["a".to_owned(), "b".to_owned()],
             rows: vec![
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn a_figure_that_is_not_there_is_named() {
+    fn a_missing_figure_is_named() {
         let new = Rows::from_json(r#"{"a": 1}"#).unwrap();
         let mut rows = Rows::default();
         let error = rows.extend("x", &["b".to_owned()], &new).unwrap_err();

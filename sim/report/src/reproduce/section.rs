@@ -62,7 +62,7 @@ pub struct Section {
     /// column's geometric mean.
     #[serde(default)]
     pub ratios: BTreeMap<String, f64>,
-    /// What a setting costs, where the section shows that.
+    /// The cost of a setting, if the section shows that.
     pub trade: Option<Trade>,
     /// The commands.
     #[serde(rename = "command")]
@@ -115,7 +115,7 @@ pub struct Table {
     /// Required values by column.
     #[serde(default)]
     pub only: BTreeMap<String, String>,
-    /// Rows with equal values in these columns share a line, where they differ `across` another.
+    /// Rows with equal values in these columns share a line if they differ in the column `across`.
     #[serde(default)]
     pub by: Vec<String>,
     /// The column in which rows of a line differ.

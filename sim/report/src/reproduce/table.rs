@@ -25,7 +25,7 @@ pub(super) fn all<'a>(section: &'a Section, rows: &Rows) -> anyhow::Result<Vec<(
 }
 
 /// A table with evaluated cells.
-pub(crate) struct Shown<'a> {
+pub(crate) struct EvaluatedTable<'a> {
     pub(crate) id: &'a str,
     pub(crate) headings: Vec<String>,
     pub(crate) lines: Vec<Vec<String>>,
@@ -35,11 +35,11 @@ pub(crate) struct Shown<'a> {
 ///
 /// # Errors
 /// A template or condition that names a column which the rows lack.
-pub(crate) fn shown<'a>(section: &'a Section, rows: &Rows) -> anyhow::Result<Vec<Shown<'a>>> {
+pub(crate) fn shown<'a>(section: &'a Section, rows: &Rows) -> anyhow::Result<Vec<EvaluatedTable<'a>>> {
     let table = |table: &'a Table| {
         let headings = table.columns.iter().map(|[heading, _]| heading.clone()).collect();
         let lines = lines(table, rows).with_context(|| format!("table {}", table.id))?;
-        Ok(Shown { id: &table.id, headings, lines })
+        Ok(EvaluatedTable { id: &table.id, headings, lines })
     };
     section.tables.iter().map(table).collect()
 }
@@ -57,7 +57,7 @@ pub(super) fn place(document: &str, id: &str) -> Option<[usize; 2]> {
     Some([start, start + rows.map(str::len).sum::<usize>()])
 }
 
-fn markdown(table: &Shown<'_>) -> String {
+fn markdown(table: &EvaluatedTable<'_>) -> String {
     let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
     let mut text = line(&table.headings);
     text += &format!("|{}\n", "---|".repeat(table.headings.len()));
@@ -181,7 +181,7 @@ fn figure(inside: &str, group: &Group<'_>) -> anyhow::Result<String> {
     }
 }
 
-/// Products and quotients of figures and numbers, from left to right; `None` where a figure is missing.
+/// Evaluates products and quotients of figures and numbers from left to right; `None` if a figure is missing.
 fn value(expression: &str, group: &Group<'_>) -> anyhow::Result<Option<f64>> {
     let mut number = 1.0;
     let mut divide = false;
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_is_named() {
+    fn missing_columns_and_marks_are_named() {
         let rows = Rows::from_csv(ROWS).unwrap();
         let error = Documents::of("Text.\n").update(&section(), &rows).unwrap_err();
         assert!(format!("{error:#}").contains("<!-- table: one -->"));

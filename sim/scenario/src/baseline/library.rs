@@ -49,7 +49,7 @@ pub struct Library(BTreeMap<(usize, Technique, Option<usize>), Entry>);
 
 /// Lengths, and errors of levels, of one asset, for the requested techniques.
 #[derive(Clone, Debug, Default, PartialEq)]
-struct Measured {
+struct AssetFigures {
     obj: u64,
     obj_gzip: u64,
     draco: u64,
@@ -114,7 +114,7 @@ pub fn lacks_something_here(ended: &str) -> bool {
 
 fn entry(
     stage: &Arc<Stage>,
-    measured: &[Measured],
+    measured: &[AssetFigures],
     technique: Technique,
     peer: Option<usize>,
     plan: &Plan,
@@ -160,7 +160,7 @@ fn nodes(stage: &Arc<Stage>, peer: &Peer) -> Entry {
     Entry::Ready(Arc::new(Content { stage: Arc::clone(stage), offers: vec![offer] }))
 }
 
-fn stage(scene: &dyn SceneSource, measured: &[Measured]) -> anyhow::Result<Stage> {
+fn stage(scene: &dyn SceneSource, measured: &[AssetFigures]) -> anyhow::Result<Stage> {
     let header = scene.header();
     let (mut assets, mut instances) = (Vec::new(), Vec::new());
     for number in 0..header.page_count {
@@ -177,9 +177,9 @@ fn measure_all(
     scene: &dyn SceneSource,
     wanted: &BTreeSet<Technique>,
     draco: Option<&Encoder>,
-) -> anyhow::Result<Vec<Measured>> {
+) -> anyhow::Result<Vec<AssetFigures>> {
     let count = scene.header().asset_count as usize;
-    let found: Mutex<BTreeMap<usize, anyhow::Result<Measured>>> = Mutex::default();
+    let found: Mutex<BTreeMap<usize, anyhow::Result<AssetFigures>>> = Mutex::default();
     let next = AtomicUsize::new(0);
     let threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get).min(count);
     std::thread::scope(|scope| {
@@ -205,11 +205,11 @@ fn measure(
     number: u32,
     wanted: &BTreeSet<Technique>,
     draco: Option<&Encoder>,
-) -> anyhow::Result<Measured> {
+) -> anyhow::Result<AssetFigures> {
     let asset = levels::load(scene, number)?;
-    let mut found = Measured {
+    let mut found = AssetFigures {
         textures: Texture::of(&asset.description, uv_per_unit(&asset.base)),
-        ..Measured::default()
+        ..AssetFigures::default()
     };
     let all = levels::faces(&asset);
     let wants = |technique| wanted.contains(&technique);

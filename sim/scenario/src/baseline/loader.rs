@@ -11,7 +11,7 @@ use tokio::time::sleep;
 
 use super::library::Content;
 use super::offer::Item;
-use super::select::{Held, Selection, State, select};
+use super::select::{ItemStates, Selection, State, select};
 use super::wire::{Event, Request, Wire};
 use crate::camera_drive::{CameraDrive, Reached};
 use crate::camera_path::CameraPath;
@@ -26,7 +26,7 @@ pub(super) struct Loader<'a> {
     limit: Time,
     drive: CameraDrive,
     view: View,
-    held: Held,
+    held: ItemStates,
     selection: Selection,
     in_flight: BTreeMap<u64, (Item, u64)>,
     asked: u64,
@@ -57,7 +57,7 @@ impl<'a> Loader<'a> {
             limit: Time::from(limit),
             drive: CameraDrive::new(path, viewport_px, target_px),
             view: content.stage.camera.view(viewport_px, target_px),
-            held: Held::nothing(content),
+            held: ItemStates::nothing(content),
             selection: Selection::default(),
             in_flight: BTreeMap::new(),
             asked: 0,
@@ -86,11 +86,11 @@ impl<'a> Loader<'a> {
     /// # Errors
     /// The reason why the connection was lost.
     pub(super) async fn load(&mut self, mut wire: Wire, received: impl Fn() -> u64) -> Result<bool, String> {
-        self.look();
+        self.update_selection();
         loop {
             let now = self.clock.now();
             if self.move_camera(now) {
-                self.look();
+                self.update_selection();
             }
             self.note(now, received());
             if self.settled.is_some() {
@@ -129,7 +129,7 @@ impl<'a> Loader<'a> {
                         };
                     }
                     if news {
-                        self.look();
+                        self.update_selection();
                     }
                 }
                 () = sleep(left) => {}
@@ -137,13 +137,13 @@ impl<'a> Loader<'a> {
         }
     }
 
-    fn look(&mut self) {
+    fn update_selection(&mut self) {
         self.selection = select(self.content, &self.held, &self.view);
     }
 
     /// Requests the most urgent items, up to the number of concurrent requests.
     async fn ask(&mut self, wire: &Wire) -> Result<(), String> {
-        let absent = |wanted: &&super::select::Wanted| wanted.state == State::Absent;
+        let absent = |wanted: &&super::select::MissingItem| wanted.state == State::Absent;
         let room = self.most_in_flight.saturating_sub(self.in_flight.len());
         let next: Vec<_> = self.selection.wanted.iter().filter(absent).take(room).copied().collect();
         if next.is_empty() {
@@ -156,7 +156,7 @@ impl<'a> Loader<'a> {
             self.held.set(wanted.item, State::Requested);
             self.asked += 1;
         }
-        self.look();
+        self.update_selection();
         Ok(())
     }
 
@@ -165,7 +165,7 @@ impl<'a> Loader<'a> {
         Reached { first_frame: self.first_frame.is_some(), settled: self.selection.wanted.is_empty() }
     }
 
-    /// Puts the camera where it is now; whether it was due to move.
+    /// Updates the camera; returns whether a move was due.
     fn move_camera(&mut self, now: Time) -> bool {
         let moved = self.drive.advance(now, &self.content.stage.camera, self.reached());
         self.view = moved.unwrap_or(self.view);

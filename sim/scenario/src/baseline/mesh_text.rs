@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_as_obj_is_read_back() {
+    fn obj_round_trips() {
         let file = tempfile::Builder::new().suffix(".obj").tempfile().unwrap();
         std::fs::write(file.path(), obj(&square(true, true)).unwrap()).unwrap();
         let read = lodestream_import::import(file.path()).unwrap().mesh;
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn json_is_json_and_its_arrays_fit_each_other() {
+    fn json_parses_and_its_arrays_agree_in_length() {
         for uv in [false, true] {
             let json: serde_json::Value = serde_json::from_slice(&json(&square(uv, true)).unwrap()).unwrap();
             let length = |name: &str| json[name].as_array().map(Vec::len);
@@ -250,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn gzip_is_gzip() {
+    fn gzip_length_is_that_of_a_gzip_stream() {
         let text = "v 0 0 0\n".repeat(1000);
         let bytes = gzip_bytes(text.as_bytes()).unwrap();
         assert!((20..200).contains(&bytes), "{bytes}");

@@ -17,7 +17,7 @@ use super::loader::Loader;
 use super::wire::{answer_quic, answer_tcp, over_quic, over_tcp};
 use crate::ledger::Use;
 use crate::network::{QuicNetwork, SERVER, TcpNetwork, Traffic};
-use crate::outcome::{self, Noted, after_ms};
+use crate::outcome::{self, ClientMilestones, after_ms};
 use crate::plan::{Case, Plan, Transport};
 use crate::result::RunResult;
 use crate::timeline::milliseconds;
@@ -153,7 +153,7 @@ fn result(
 ) -> RunResult {
     let now = loader.now();
     loader.stalls.end(now);
-    let noted = Noted {
+    let noted = ClientMilestones {
         first_frame: loader.first_frame,
         quality: loader.quality,
         seen_quality: Default::default(),

@@ -132,7 +132,7 @@ impl Builder {
                     point[up] = if v > 0.5 { most[up] } else { least[up] };
                     point
                 };
-                // Seen from outside, the first direction of the near side points left.
+                // AssetErrors from outside, the first direction of the near side points left.
                 self.lattice(1, 1, |u, v| corner(if far { u } else { 1.0 - u }, v));
             }
         }
@@ -151,7 +151,7 @@ mod tests {
     use lodestream_geometry::quantise::{QuantiseSettings, quantise};
 
     #[test]
-    fn the_sine_is_the_sine() {
+    fn sine_and_cosine_are_accurate() {
         for i in -100..=300 {
             let turns = f64::from(i) / 97.0;
             let (sine, cosine) = sine_cosine(turns);

@@ -30,13 +30,13 @@ pub(super) enum State {
 
 /// Download state of all items of a content.
 #[derive(Clone, Debug)]
-pub(super) struct Held {
+pub(super) struct ItemStates {
     pieces: Vec<Vec<State>>,
     /// By asset, texture and level.
     textures: Vec<Vec<Vec<State>>>,
 }
 
-impl Held {
+impl ItemStates {
     pub(super) fn nothing(content: &Content) -> Self {
         let textures = content.stage.textures.iter();
         Self {
@@ -71,7 +71,7 @@ impl Held {
 
 /// An item to request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Wanted {
+pub(super) struct MissingItem {
     pub(super) item: Item,
     pub(super) priority: Priority,
     pub(super) bytes: u64,
@@ -82,7 +82,7 @@ pub(super) struct Wanted {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Selection {
     /// Missing items, most urgent first, parents before children.
-    pub(super) wanted: Vec<Wanted>,
+    pub(super) wanted: Vec<MissingItem>,
     /// Whether every visible instance can be drawn.
     pub(super) drawable: bool,
     /// Upper bound on the screen error of what is drawn, in pixels; infinite while a visible instance cannot be drawn.
@@ -91,7 +91,7 @@ pub(super) struct Selection {
 
 /// Screen errors of an asset over all its instances.
 #[derive(Clone, Debug, Default)]
-struct Seen {
+struct AssetErrors {
     visible: bool,
     placed: bool,
     coverage_px: f32,
@@ -101,15 +101,18 @@ struct Seen {
     missing: Vec<(f32, f32)>,
 }
 
-pub(super) fn select(content: &Content, held: &Held, view: &View) -> Selection {
+pub(super) fn select(content: &Content, held: &ItemStates, view: &View) -> Selection {
     let stage = &*content.stage;
     let projection = Projection::new(view);
     let usable: Vec<Vec<bool>> =
         content.offers.iter().enumerate().map(|(asset, offer)| held.usable(asset, offer)).collect();
     let drawable = |asset: usize| content.offers[asset].roots().all(|piece| usable[asset][piece as usize]);
     let mut selection = Selection { drawable: true, ..Selection::default() };
-    let of_offer = |offer: &Offer| Seen { missing: vec![(0.0, 0.0); offer.pieces.len()], ..Seen::default() };
-    let mut seen: Vec<Seen> = content.offers.iter().map(of_offer).collect();
+    let of_offer = |offer: &Offer| AssetErrors {
+        missing: vec![(0.0, 0.0); offer.pieces.len()],
+        ..AssetErrors::default()
+    };
+    let mut seen: Vec<AssetErrors> = content.offers.iter().map(of_offer).collect();
     for instance in &stage.instances {
         let number = instance.asset as usize;
         let (Some(asset), Some(offer)) = (stage.assets.get(number), content.offers.get(number)) else {
@@ -163,9 +166,9 @@ pub(super) fn select(content: &Content, held: &Held, view: &View) -> Selection {
 fn want_pieces(
     selection: &mut Selection,
     content: &Content,
-    held: &Held,
+    held: &ItemStates,
     asset: u32,
-    seen: &mut Seen,
+    seen: &mut AssetErrors,
     target_px: f32,
 ) {
     let offer = &content.offers[asset as usize];
@@ -205,7 +208,7 @@ fn want_pieces(
         let known = !offer.pieces[piece as usize].parents.iter().any(unknown);
         if priority > 0 && state != State::Here && known {
             let bytes = offer.pieces[piece as usize].bytes;
-            selection.wanted.push(Wanted { item: Item::Piece { asset, piece }, priority, bytes, state });
+            selection.wanted.push(MissingItem { item: Item::Piece { asset, piece }, priority, bytes, state });
         }
     }
 }
@@ -214,9 +217,9 @@ fn want_pieces(
 fn want_textures(
     selection: &mut Selection,
     content: &Content,
-    held: &Held,
+    held: &ItemStates,
     asset: u32,
-    seen: &Seen,
+    seen: &AssetErrors,
     target_px: f32,
 ) {
     let textures = &content.stage.textures[asset as usize];
@@ -232,7 +235,7 @@ fn want_textures(
                 pending += 1;
                 let priority = octave_priority(texel_px.min(256.0) * TEXTURE_WEIGHT, bytes, seen.foveation);
                 let item = Item::Texture(BlobId::texture(asset, number, level));
-                selection.wanted.push(Wanted { item, priority, bytes: u64::from(bytes), state });
+                selection.wanted.push(MissingItem { item, priority, bytes: u64::from(bytes), state });
             }
             // A texture's side.
             let texels = texels.max(1) as f32;

@@ -74,7 +74,7 @@ pub struct Times {
 pub struct Size {
     /// What it is.
     pub what: &'static str,
-    /// In the older system, about; `None` where it has no such thing.
+    /// Approximate bytes in the older system; `None` if it has no counterpart.
     pub older_bytes: Option<u64>,
     /// In this project.
     pub bytes: u64,

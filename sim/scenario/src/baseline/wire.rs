@@ -43,15 +43,15 @@ pub(super) struct Wire {
 }
 
 /// The transport's side of the same channels.
-struct Served {
+struct ChannelEnds {
     requests: mpsc::Receiver<Request>,
     events: mpsc::Sender<Event>,
 }
 
-fn channels() -> (Wire, Served) {
+fn channels() -> (Wire, ChannelEnds) {
     let (requests, served_requests) = mpsc::channel(64);
     let (served_events, events) = mpsc::channel(256);
-    (Wire { requests, events }, Served { requests: served_requests, events: served_events })
+    (Wire { requests, events }, ChannelEnds { requests: served_requests, events: served_events })
 }
 
 fn head<const N: usize>(body_bytes: u64) -> [u8; N] {
@@ -112,8 +112,8 @@ async fn ask(
     Ok(())
 }
 
-/// Answers what is asked over QUIC. Bodies are sent in the order of the requests, as RFC 9218 (§10) recommends
-/// where nobody says otherwise and a part of a body is of no use.
+/// Answers requests over QUIC. Bodies are sent in the order of the requests, as RFC 9218 (§10) recommends for responses
+/// that are of no use in part.
 pub(super) async fn answer_quic(endpoint: quinn::Endpoint) {
     while let Some(incoming) = endpoint.accept().await {
         let Ok(connection) = incoming.await else { continue };

@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_limit_quic_keeps_the_queue_short_and_what_is_urgent_over_tcp_waits_in_it() {
+    fn without_a_limit_urgent_blobs_wait_in_the_queue_over_tcp_but_not_over_quic() {
         let quic = measure(&case(Transport::Quic, None)).unwrap();
         assert!(quic.urgent_max_ms < 200.0 && quic.steady_wire_share > 0.98, "{quic}");
         let ws = measure(&case(Transport::Ws, None)).unwrap();

@@ -69,9 +69,9 @@ impl Crowd {
             let loaded_bytes = server.memory_bytes()?;
             let (mut received, mut first_ns) = (Vec::new(), Vec::new());
             for client in clients {
-                if let Some(seen) = client.await? {
-                    received.push(seen.bytes);
-                    first_ns.extend(seen.first_ns);
+                if let Some(traffic) = client.await? {
+                    received.push(traffic.bytes);
+                    first_ns.extend(traffic.first_ns);
                 }
             }
             first_ns.sort_unstable();
@@ -110,27 +110,27 @@ impl Crowd {
 }
 
 /// Measurements of one client.
-struct Seen {
+struct ClientTraffic {
     first_ns: Option<u64>,
     /// Payload bytes within the window.
     bytes: u64,
 }
 
-/// One client, from its connect call to the end of the window; `None` where its connection fails.
-async fn client(clock: VirtualClock, case: Case, at: Address, role: Role) -> Option<Seen> {
+/// Runs one client from its connect call to the end of the window; `None` if its connection fails.
+async fn client(clock: VirtualClock, case: Case, at: Address, role: Role) -> Option<ClientTraffic> {
     let [from_ns, to_ns] = [WARM_UP, WARM_UP + case.window()].map(|t| t.as_nanos() as u64);
     let start_ns = clock.now_ns();
     let mut source = Source::connect(clock, case.transport, at, role).await?;
-    let mut seen = Seen { first_ns: None, bytes: 0 };
+    let mut traffic = ClientTraffic { first_ns: None, bytes: 0 };
     loop {
         let (at_ns, bytes) = tokio::select! {
             biased;
             arrival = source.next() => arrival?,
-            () = clock.sleep_until(to_ns) => return Some(seen),
+            () = clock.sleep_until(to_ns) => return Some(traffic),
         };
-        seen.first_ns.get_or_insert(at_ns - start_ns);
+        traffic.first_ns.get_or_insert(at_ns - start_ns);
         if (from_ns..to_ns).contains(&at_ns) {
-            seen.bytes += bytes;
+            traffic.bytes += bytes;
         }
     }
 }

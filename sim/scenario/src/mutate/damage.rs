@@ -30,7 +30,7 @@ pub(super) fn extreme(random: &mut Pcg64Mcg) -> u64 {
     EXTREMES[random.random_range(0..EXTREMES.len())]
 }
 
-/// A range within `length`, at most `most` long; empty where `length` is 0.
+/// A random range within `length`, at most `most` long; empty if `length` is 0.
 fn range(length: usize, most: usize, random: &mut Pcg64Mcg) -> std::ops::Range<usize> {
     if length == 0 {
         return 0..0;
@@ -158,7 +158,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn damage_is_the_same_for_a_seed_and_bounded_and_nothing_is_too_short_for_it() {
+    fn damage_is_deterministic_bounded_and_works_on_any_length() {
         let damaged = |seed: u64, length: usize| {
             let mut random = Pcg64Mcg::seed_from_u64(seed);
             let (mut of, mut list) = (vec![7; length], vec![1; length]);

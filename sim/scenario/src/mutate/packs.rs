@@ -34,7 +34,7 @@ const ENTRY_HASH_AT: usize = 20;
 /// Capacity of a store's blob cache.
 const CACHE_BYTES: u64 = 4 << 20;
 
-/// Packs of all codecs to damage, each with a scene of that asset alone.
+/// Packs of all codecs to damage, each with a scene of that asset single_asset_scene.
 #[derive(Debug)]
 pub struct Packs {
     packs: Vec<(Scene, Vec<u8>)>,
@@ -43,7 +43,7 @@ pub struct Packs {
 }
 
 impl Packs {
-    /// Prepares the packs, where the cache folder does not hold them. `hashed`: hashes are made right after the damage.
+    /// Prepares the packs that the cache folder lacks. `hashed`: hashes are corrected after the damage.
     ///
     /// # Errors
     /// A scene that cannot be generated or prepared.
@@ -56,7 +56,7 @@ impl Packs {
                 for (asset, file) in scene.assets.iter().zip(files) {
                     let bytes = std::fs::read(file.path())
                         .with_context(|| format!("{}: cannot be read", file.path().display()))?;
-                    packs.push((alone(asset, &scene), bytes));
+                    packs.push((single_asset_scene(asset, &scene), bytes));
                 }
             }
         }
@@ -92,7 +92,7 @@ impl Packs {
 }
 
 /// A scene of one asset, with the light of another scene.
-fn alone(asset: &Asset, scene: &Scene) -> Scene {
+fn single_asset_scene(asset: &Asset, scene: &Scene) -> Scene {
     Scene {
         name: asset.name.clone(),
         assets: vec![asset.clone()],
@@ -144,8 +144,8 @@ struct Blob {
 
 /// Damages blobs and table, then corrects all hashes.
 fn damaged_behind_hashes(pack: &[u8], other: &[u8], random: &mut Pcg64Mcg) -> Vec<u8> {
-    let mut blobs = taken_apart(pack);
-    let others = taken_apart(other);
+    let mut blobs = split_pack(pack);
+    let others = split_pack(other);
     for _ in 0..damage::times(random) {
         let [a, b] = [(); 2].map(|()| chosen(&blobs, random));
         let foreign = &others[random.random_range(0..others.len())].bytes;
@@ -161,7 +161,7 @@ fn damaged_behind_hashes(pack: &[u8], other: &[u8], random: &mut Pcg64Mcg) -> Ve
             _ => damage_blob(&mut blobs[a].bytes, foreign, random),
         }
     }
-    let mut file = put_together(pack, &blobs);
+    let mut file = assemble_pack(pack, &blobs);
     if random.random_range(0..4) == 0 && !blobs.is_empty() {
         // Kind, level, texture, index, offset or length of an entry.
         let entry = HEAD_BYTES + random.random_range(0..blobs.len()) * ENTRY_BYTES;
@@ -193,7 +193,7 @@ fn damage_blob(blob: &mut Vec<u8>, foreign: &[u8], random: &mut Pcg64Mcg) {
 }
 
 /// Splits a valid pack into its blobs.
-fn taken_apart(pack: &[u8]) -> Vec<Blob> {
+fn split_pack(pack: &[u8]) -> Vec<Blob> {
     let blob = |at: usize| {
         let (offset, length) = (number(pack, at + OFFSET_AT, 8), number(pack, at + LENGTH_AT, 4));
         let mut entry = [0; ENTRY_BYTES];
@@ -204,7 +204,7 @@ fn taken_apart(pack: &[u8]) -> Vec<Blob> {
 }
 
 /// Assembles a pack from blobs; [`rehash`] corrects its hashes.
-fn put_together(head: &[u8], blobs: &[Blob]) -> Vec<u8> {
+fn assemble_pack(head: &[u8], blobs: &[Blob]) -> Vec<u8> {
     let mut file = head[..HEAD_BYTES].to_vec();
     file[COUNT_AT..FINGERPRINT_AT].copy_from_slice(&(blobs.len() as u32).to_le_bytes());
     let mut offset = HEAD_BYTES + blobs.len() * ENTRY_BYTES;

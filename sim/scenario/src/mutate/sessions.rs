@@ -32,7 +32,7 @@ use crate::served::{Address, Server, Serving};
 /// Concurrent sessions: enough for two cores and for several at once in the server.
 const AT_ONCE: usize = 8;
 /// Real time that a server may take to answer.
-const PATIENCE: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 /// Rate limit of a session.
 const RATE_BITS_PER_S: u64 = 16_000_000;
 /// Time from the end of the last session until memory is measured.
@@ -99,7 +99,7 @@ async fn judge(
             Transport::Quic => over_quic(server, from, frames).await,
         }
     };
-    match timeout(PATIENCE, session).await {
+    match timeout(TIMEOUT, session).await {
         Err(_) => Verdict::Stuck,
         Ok(Ok(Answer::Pong)) => Verdict::Taken,
         Ok(Ok(Answer::Close(close))) => Verdict::refused(format!("{:?}", close.code)),

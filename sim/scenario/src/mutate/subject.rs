@@ -5,7 +5,7 @@ use rand_pcg::Pcg64Mcg;
 
 /// The scene whose packs, sessions and first flight are damaged: small, with textures, punctual lights and terrain.
 pub(super) const SCENE: &str = "demo-small";
-/// Share of warm-up cases before memory is measured: one in so many.
+/// Measured cases per warm-up case.
 const WARM_UP: u32 = 10;
 
 /// The damaged bytes and their reader.
@@ -13,7 +13,7 @@ const WARM_UP: u32 = 10;
 pub enum Subject {
     /// Packs, read by the store, a session that serves them and a client.
     Packs,
-    /// The same where every hash was made right after the damage, so that it gets to the decoders.
+    /// The same with correct hashes after the damage, so that it reaches the decoders.
     HashedPacks,
     /// Frames of sessions, read by the shipped daemon over WebSocket.
     WebSocketSessions,

@@ -79,7 +79,7 @@ impl Tally {
         Ok(())
     }
 
-    /// Notes what came of a case; `None` where it panicked.
+    /// Records the verdict on a case; `None` if it panicked.
     pub(super) fn note(&mut self, subject: Subject, case: u32, took: Duration, verdict: Option<Verdict>) {
         self.tried += 1;
         self.slowest = self.slowest.max((took, case));
@@ -104,7 +104,7 @@ impl Tally {
         }
     }
 
-    /// A finding is one also where it came while things got warm.
+    /// Adds the findings of warm-up cases, which count too.
     pub(super) fn add_findings(&mut self, other: &Self) {
         self.panics += other.panics;
         self.more_stuck += other.of(&Verdict::Stuck);
@@ -171,7 +171,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn panics_and_cases_without_an_end_are_findings_also_while_things_get_warm() {
+    fn panics_and_endless_cases_of_the_warm_up_are_findings() {
         let subject = Subject::Flights;
         let (mut tally, mut warm) = (Tally::default(), Tally::default());
         for _ in 0..2 {

@@ -25,7 +25,7 @@ use super::tally::{MutationOutcome, Tally, Verdict};
 use crate::process::Process;
 
 /// Real time that a client may take.
-const PATIENCE: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// Concurrent clients, each with a server of its own.
 const AT_ONCE: usize = 2;
@@ -59,7 +59,7 @@ async fn run_lane(cases: Settings, lane: usize, flights: &Flights) -> anyhow::Re
         let frames = flights.damaged_frames(&mut Subject::Viewers.random(cases.seed, case));
         let begun = Instant::now();
         let client = tokio::spawn(client(address.clone().into()));
-        let accepted = timeout(PATIENCE, listener.accept()).await;
+        let accepted = timeout(TIMEOUT, listener.accept()).await;
         let (stream, _) = accepted.context("the client does not come")??;
         let server = tokio::spawn(serve(stream, frames));
         let verdict = client.await.ok();
@@ -92,9 +92,9 @@ async fn serve(stream: TcpStream, frames: Vec<Vec<u8>>) {
 /// A client that connects once.
 async fn client(server: Server) -> Verdict {
     let mut core = core();
-    let retry = Retry { first_attempts: 1, first_within: PATIENCE, reconnect: false };
+    let retry = Retry { first_attempts: 1, first_within: TIMEOUT, reconnect: false };
     let streaming = stream_from(&server, &mut core, Clock::start(), retry, |_, _| {});
-    match timeout(PATIENCE, streaming).await {
+    match timeout(TIMEOUT, streaming).await {
         Err(_) => Verdict::Stuck,
         Ok(End::Left | End::Unreachable { .. }) => Verdict::refused("connection"),
         // A connection closed by the server is no refusal.

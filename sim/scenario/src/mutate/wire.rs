@@ -28,7 +28,7 @@ use crate::served::Address;
 /// Time to wait for the answer to the last ping before the client ends its stream: a server that waits for the rest of
 /// a frame does not answer until then.
 const UNTIL_END: Duration = Duration::from_millis(200);
-/// Of so many sessions over WebSocket the bytes of one are damaged where the others' messages are.
+/// One in so many WebSocket sessions has damage in the raw bytes instead of the messages.
 const RAW_OF: u32 = 6;
 
 /// Payload of the ping after all other frames.
@@ -79,10 +79,10 @@ pub(super) async fn over_websocket(
     }
     // A client that was refused already need not read the rest.
     let _ = socket.get_mut().write_all(&bytes).await;
-    let mut told = timeout(UNTIL_END, last_words(&mut socket)).await;
+    let mut told = timeout(UNTIL_END, last_answer(&mut socket)).await;
     if told.is_err() {
         let _ = socket.get_mut().shutdown().await;
-        told = Ok(last_words(&mut socket).await);
+        told = Ok(last_answer(&mut socket).await);
     }
     Ok(told?)
 }
@@ -106,7 +106,7 @@ fn carried(frame: &[u8]) -> Vec<u8> {
     bytes
 }
 
-async fn last_words<S: AsyncRead + AsyncWrite + Unpin>(socket: &mut WebSocketStream<S>) -> Answer {
+async fn last_answer<S: AsyncRead + AsyncWrite + Unpin>(socket: &mut WebSocketStream<S>) -> Answer {
     while let Some(Ok(message)) = socket.next().await {
         let Message::Binary(bytes) = message else { continue };
         if let Ok(Some(ServerFrame::Message(message))) =

@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_axis_is_refused() {
+    fn invalid_axes_are_refused() {
         for bad in
             ["{ from = 1, to = 2 }", "{ from = 1, to = 2, step = 0 }", "{ from = 3, to = 2, step = 1 }"]
         {

@@ -49,7 +49,7 @@ pub enum SceneChoice {
         file: String,
         /// The folder, once it is known.
         folder: Option<PathBuf>,
-        /// Bits per axis of positions; the default where `None`.
+        /// Bits per axis of positions; `None` for the default.
         position_bits: Option<PositionBits>,
     },
 }
@@ -91,7 +91,7 @@ pub struct Case {
     pub path: CameraPath,
     /// The technique that delivers the scene.
     pub technique: Technique,
-    /// Index into [`Plan::peers`](super::Plan::peers), for [`Technique::Nodes`]; `None` where no peers are known.
+    /// Index into [`Plan::peers`](super::Plan::peers), for [`Technique::Nodes`]; `None` without peers.
     pub peer: Option<usize>,
     /// Rate limit of the session; `None` for none. Below the link's rate the queue stays short, so that urgent blobs
     /// arrive sooner.

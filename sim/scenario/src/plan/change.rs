@@ -4,7 +4,7 @@ use toml::{Table, Value};
 
 use super::Fault;
 
-/// The text of a plan with changes, each `KEY=VALUE`; a dot leads into a table, which is made where it is missing.
+/// The text of a plan with changes, each `KEY=VALUE`; a dot leads into a table, which is created if missing.
 /// Changes within a list of tables (`sweep`) apply to each of its tables.
 pub(super) fn changed(text: &str, changes: &[String]) -> Result<String, Fault> {
     let no_toml = |why: toml::de::Error| Fault::new("", why.message().replace('\n', " "));

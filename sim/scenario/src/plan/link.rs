@@ -81,8 +81,8 @@ fn all() -> f64 {
 }
 
 impl Direction {
-    /// What this table says, and where it says nothing, what `other` says. A rate of one kind takes the
-    /// place of a rate of another, and so does loss.
+    /// This table's values, completed by those of `other`. A rate of one kind replaces a rate of another kind, and so
+    /// does loss.
     pub(super) fn or(&self, other: &Self) -> Self {
         let own_rate =
             self.rate_bits_per_s.is_some() || self.rate_steps.is_some() || self.rate_trace.is_some();

@@ -115,13 +115,13 @@ pub struct Plan {
     pub ttq_px: Vec<f64>,
     /// The client's settings.
     pub client: ClientSettings,
-    /// How scenes that are prepared for the plan are coded; as shipped where `None`.
+    /// Codec of scenes that are prepared for the plan; `None` for the default.
     pub codec: Option<CodecChoice>,
     /// The cases.
     pub cases: Vec<Case>,
     /// Peers given as data.
     pub peers: Vec<Peer>,
-    /// Draco's encoder, where there is one.
+    /// Draco's encoder, if available.
     pub draco: Option<Encoder>,
     /// Pictures of each run; `None` for none.
     pub pictures: Option<PictureSettings>,
@@ -166,7 +166,7 @@ impl Plan {
         self
     }
 
-    /// A case's technique, with the name of the peer where it is one.
+    /// A case's technique, with the peer's name for a peer.
     #[must_use]
     pub fn technique_name(&self, case: &Case) -> String {
         match case.peer.and_then(|peer| self.peers.get(peer)) {

@@ -15,7 +15,7 @@ const MAX_BYTES: f64 = 600e6;
 const MAX_SIDE_PX: u32 = 2048;
 /// Shortest side.
 const MIN_SIDE_PX: u32 = 16;
-/// Longest side where the plan says nothing.
+/// Default of the longest side.
 const DEFAULT_SIDE_PX: f64 = 640.0;
 
 /// The pictures drawn of each run: the first frame, some instants, the settled picture.

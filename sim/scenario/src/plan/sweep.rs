@@ -459,7 +459,7 @@ fn check_transport(transport: Transport, link: &CaseLink, places: &[AxisValue]) 
     Ok(())
 }
 
-/// Describes a link: rate, round trip and loss, and other settings where they differ from the default.
+/// Describes a link: rate, round trip and loss, and settings that differ from the default.
 fn describe(down: &LinkSettings, up: &LinkSettings) -> String {
     let mbit = down.rate.first() as f64 / 1e6;
     let rtt_ms = (down.delay_ns + up.delay_ns) as f64 / 1e6;

@@ -102,7 +102,7 @@ async fn visit(
 
 #[test]
 fn hello_comes_before_the_handshake_is_complete() {
-    let settings = QuicSettings::acquainted(&small_scene(), &certificate().unwrap()).unwrap();
+    let settings = QuicSettings::after_first_session(&small_scene(), &certificate().unwrap()).unwrap();
     virtual_runtime().unwrap().block_on(async {
         let network = network(&[client(2)]);
         let state = serve(&network, settings.server);
@@ -129,8 +129,8 @@ fn hello_comes_before_the_handshake_is_complete() {
 }
 
 #[test]
-fn every_session_brings_what_resumes_the_next() {
-    let settings = QuicSettings::acquainted(&small_scene(), &certificate().unwrap()).unwrap();
+fn every_session_issues_a_ticket_for_the_next() {
+    let settings = QuicSettings::after_first_session(&small_scene(), &certificate().unwrap()).unwrap();
     virtual_runtime().unwrap().block_on(async {
         let network = network(&[1, 2, 3].map(client));
         let state = serve(&network, settings.server);
@@ -143,9 +143,9 @@ fn every_session_brings_what_resumes_the_next() {
 }
 
 #[test]
-fn early_data_that_is_refused_is_said_again() {
+fn rejected_early_data_is_sent_again() {
     let certificate = certificate().unwrap();
-    let settings = QuicSettings::acquainted(&small_scene(), &certificate).unwrap();
+    let settings = QuicSettings::after_first_session(&small_scene(), &certificate).unwrap();
     virtual_runtime().unwrap().block_on(async {
         let network = network(&[client(2)]);
         // The server restarts with the same certificate and no memory.
@@ -163,7 +163,7 @@ fn early_data_that_is_refused_is_said_again() {
 #[test]
 fn a_ticket_is_not_used_for_another_pin() {
     let (certificate, other) = (certificate().unwrap(), certificate().unwrap());
-    let settings = QuicSettings::acquainted(&small_scene(), &certificate).unwrap();
+    let settings = QuicSettings::after_first_session(&small_scene(), &certificate).unwrap();
     virtual_runtime().unwrap().block_on(async {
         let network = network(&[2, 3].map(client));
         // Another server has the address: it cannot read the early data and rejects it.
@@ -225,8 +225,8 @@ fn first_flight(settings: &QuicSettings) -> Vec<Vec<u8>> {
 }
 
 #[test]
-fn repeated_early_data_is_not_read_and_earns_no_more_than_three_times_its_length() {
-    let settings = QuicSettings::acquainted(&small_scene(), &certificate().unwrap()).unwrap();
+fn replayed_early_data_is_not_read_and_answered_with_at_most_three_times_its_length() {
+    let settings = QuicSettings::after_first_session(&small_scene(), &certificate().unwrap()).unwrap();
     let datagrams = first_flight(&settings);
     assert!(datagrams.len() <= 2, "{}", datagrams.len());
     virtual_runtime().unwrap().block_on(async {

@@ -12,7 +12,7 @@ use lodestream_netsim::udp::UdpNetwork;
 use quinn::congestion::{ControllerFactory, CubicConfig};
 use rustls::pki_types::PrivateKeyDer;
 
-/// Settings of a server and a client that trusts it, as quinn has them where nobody sets anything.
+/// Default settings of quinn for a server and a client that trusts it.
 fn configs() -> (quinn::ServerConfig, quinn::ClientConfig) {
     let pair = rcgen::generate_simple_self_signed(vec!["server".to_owned()]).unwrap();
     let mut roots = rustls::RootCertStore::empty();

@@ -10,7 +10,7 @@ use crate::result::RunResult;
 use crate::{parallel, scene};
 
 /// Real time that such a plan may take: far more than it needs.
-const PATIENCE: Duration = Duration::from_secs(120);
+const TIMEOUT: Duration = Duration::from_secs(120);
 
 /// Runs a plan on another thread, so that a plan that never ends fails instead of hanging.
 fn results(plan: Plan) -> Vec<RunResult> {
@@ -24,7 +24,7 @@ fn results(plan: Plan) -> Vec<RunResult> {
         let threads = std::thread::available_parallelism().unwrap();
         let _ = sender.send(parallel::run(&plan, &scenes, threads, |_| {}));
     });
-    receiver.recv_timeout(PATIENCE).expect("the run hangs, or panicked").unwrap()
+    receiver.recv_timeout(TIMEOUT).expect("the run hangs, or panicked").unwrap()
 }
 
 fn run(sweep: &str) -> Vec<RunResult> {
@@ -40,7 +40,7 @@ fn assert_settled(result: &RunResult) {
 }
 
 #[test]
-fn at_one_kilobit_per_second_a_session_gives_up_and_says_so() {
+fn at_one_kilobit_per_second_a_session_ends_with_a_reason() {
     let both = run("transport = [\"quic\", \"ws\"]\nrate_bits_per_s = 1_000\nrtt_ms = 50");
     // QUIC's handshake needs packets of 1,200 bytes, 9.8 s each, and the connection is silent for more than 10 s.
     assert_eq!((both[0].ended.as_str(), both[0].ttff_ms), ("no connection: timed out", None));
@@ -50,7 +50,7 @@ fn at_one_kilobit_per_second_a_session_gives_up_and_says_so() {
 }
 
 #[test]
-fn at_sixteen_kilobits_per_second_everything_comes_in_the_end() {
+fn at_sixteen_kilobits_per_second_everything_arrives() {
     for result in run("transport = [\"quic\", \"ws\"]\nrate_bits_per_s = 16_000\nrtt_ms = 50") {
         assert_settled(&result);
         let least_ms = result.total_bytes as f64 * 8e3 / 16e3;
@@ -145,7 +145,7 @@ fn a_link_that_dies_in_the_middle_ends_the_run_by_silence() {
 }
 
 #[test]
-fn a_time_limit_holds_where_not_even_the_last_words_get_out() {
+fn a_time_limit_holds_if_the_close_message_cannot_be_sent() {
     // The client's messages take minutes on the way back, so it cannot announce that it leaves.
     let sweep = "transport = \"ws\"\nrate_bits_per_s = 2_000_000\nrtt_ms = 50\ntime_limit_s = 5\n\
                  up = { rate_steps = [{ from_s = 0, bits_per_s = 100_000 }, { from_s = 0.15, bits_per_s = 20 }] }";

@@ -107,7 +107,7 @@ fn listen(rate: u64, rtt_ms: u64, base_bytes: u32, until_ms: u64) -> (Vec<(What,
 }
 
 #[test]
-fn welcome_page_and_bases_ride_in_the_handshakes_second_flight() {
+fn welcome_page_and_base_meshes_are_in_the_handshakes_second_flight() {
     for rtt_ms in [50, 300] {
         let (seen, connected_ms, _) = listen(2_000_000, rtt_ms, 900, rtt_ms * 2);
         let order: Vec<_> = seen.iter().map(|(what, _)| what.clone()).collect();
@@ -126,7 +126,7 @@ fn runs_repeat_packet_by_packet() {
 }
 
 #[test]
-fn a_client_that_says_nothing_is_told_to_go() {
+fn a_silent_client_is_closed_with_a_reason() {
     let (seen, ..) = listen(2_000_000, 50, 900, 25_000);
     assert_eq!(seen.last().unwrap().0, What::Close, "{seen:?}");
 }

@@ -1,5 +1,5 @@
-//! Tests: how closely the server's limiter holds its rate over QUIC, counted where a network would count
-//! it: bytes of IP packets on the link, handshakes, headers and retransmissions included.
+//! Tests: accuracy of the server's rate limit over QUIC, in bytes of IP packets on the link, including handshakes,
+//! headers and retransmissions.
 
 use std::net::SocketAddr;
 use std::num::NonZeroU64;
@@ -121,7 +121,7 @@ fn retransmissions_do_not_exceed_the_rate() {
 }
 
 #[test]
-fn sessions_share_one_rate_and_get_what_a_slow_link_leaves() {
+fn sessions_share_one_rate_including_the_part_that_a_slow_link_leaves() {
     const RATE: f64 = 10e6;
     let settings = SessionSettings { total_rate_bits_per_s: Some(10_000_000), ..SessionSettings::default() };
     let links = [20_000_000, 20_000_000, 1_000_000, 20_000_000].map(|rate| link(rate, 0.0));

@@ -118,7 +118,7 @@ fn cameras_move_come_to_rest_and_see_more() {
 }
 
 #[test]
-fn a_series_tells_the_same_as_the_milestones() {
+fn a_series_agrees_with_the_milestones() {
     for result in results_of(&short_plan()) {
         let ms = |sample: &Sample| milliseconds(sample.at_ns);
         assert!(result.series.len() > 10 && result.series.len() <= MAX_SAMPLES);
@@ -150,7 +150,7 @@ fn a_series_tells_the_same_as_the_milestones() {
 }
 
 #[test]
-fn what_is_pushed_unasked_is_what_would_have_been_asked_for() {
+fn the_push_contains_only_blobs_that_the_client_would_request() {
     let sweep = "transport = [\"quic\", \"ws\"]\nrate_bits_per_s = 16_000_000\nrtt_ms = 300";
     let at = |px: &str| results_of(&parse(&format!("ttq_px = [{px}]"), sweep));
     for (coarse, sharp) in at("16").iter().zip(&at("1")) {

@@ -99,7 +99,7 @@ pub(super) fn run_case(
     let [down, up] = relay.stop()?;
     server.stop();
     let mut viewer = viewer;
-    if viewer.settled().is_none() && !viewer.gave_up() {
+    if viewer.settled().is_none() && !viewer.timed_out() {
         anyhow::bail!("in real time, the session of {case} ended early: {close}");
     }
     Ok(outcome::result(plan, case, seed, &mut viewer, &close, &Traffic { down, up, trace: 0 }))

@@ -121,7 +121,7 @@ mod tests {
 
     /// Only lower bounds of time are checked: a machine may be slow, never too fast.
     #[test]
-    fn bytes_pass_both_ways_whole_and_not_before_their_time() {
+    fn bytes_pass_both_ways_intact_and_not_too_early() {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         runtime.block_on(async {
             let link = LinkSettings::constant(

@@ -151,7 +151,7 @@ mod tests {
 
     /// Only lower bounds of time are checked: a machine may be slow, never too fast.
     #[test]
-    fn datagrams_pass_both_ways_whole_and_not_before_their_time() {
+    fn datagrams_pass_both_ways_intact_and_not_too_early() {
         runtime().block_on(async {
             let (server, client) = (socket().unwrap(), socket().unwrap());
             let relay =
@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_link_loses_does_not_pass() {
+    fn lost_datagrams_do_not_pass() {
         runtime().block_on(async {
             let (server, client) = (socket().unwrap(), socket().unwrap());
             let lossy = LinkSettings { loss: Loss::Random(0.5), ..settings() };

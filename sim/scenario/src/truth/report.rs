@@ -14,7 +14,7 @@ pub struct Difference {
     pub figure: String,
     /// In virtual time.
     pub virtual_ms: Option<f64>,
-    /// The median of the repeats in real time: the lower one of two. `None` where most never got there.
+    /// Median of the repeats in real time, the lower of two; `None` if most never reached the milestone.
     pub real_ms: Option<f64>,
     /// Least value.
     pub real_least_ms: Option<f64>,

@@ -111,7 +111,7 @@ impl Attack {
         }
     }
 
-    /// `None` where the server refused or closed it.
+    /// Returns `None` if the server refused or closed the connection.
     async fn act(&self, server: Address, number: u32, wanted: &[BlobId], end: Instant) -> Option<bool> {
         let Address { quic, http, pin } = server;
         match self {
@@ -122,15 +122,15 @@ impl Attack {
                     stream.write_all(b"GET / HTTP/1.1\r\nHost: loc").await.ok()?;
                 }
                 let closed = async { while stream.read(&mut [0; 256]).await.is_ok_and(|n| n > 0) {} };
-                Some(outlasts(closed, end).await)
+                Some(is_pending_at(closed, end).await)
             }
             Self::OtherOrigin => {
                 open(http, Some("https://elsewhere.example")).await?;
                 Some(true)
             }
             Self::HelloWs => {
-                let mut socket = greeted(http).await?;
-                Some(outlasts(drain(&mut socket), end).await)
+                let mut socket = websocket_after_hello(http).await?;
+                Some(is_pending_at(drain(&mut socket), end).await)
             }
             Self::HelloQuic => {
                 let endpoint = net::endpoint(quic, net::client_config(pin).ok()?).ok()?;
@@ -138,10 +138,10 @@ impl Attack {
                 let mut control = connection.open_uni().await.ok()?;
                 control.write_all(&[CONTROL_STREAM]).await.ok()?;
                 control.write_all(&hello()?).await.ok()?;
-                Some(outlasts(async { drop(connection.closed().await) }, end).await)
+                Some(is_pending_at(async { drop(connection.closed().await) }, end).await)
             }
             Self::Unread | Self::Bogus => {
-                let mut socket = greeted(http).await?;
+                let mut socket = websocket_after_hello(http).await?;
                 for message in 0..WANTS[1] {
                     let id = |i: usize| match self {
                         Self::Unread => wanted[i % wanted.len()],
@@ -153,25 +153,25 @@ impl Attack {
                 }
                 sleep_until(end).await;
                 // Reads only now; the data in flight come first.
-                Some(outlasts(drain(&mut socket), end + Duration::from_millis(100)).await)
+                Some(is_pending_at(drain(&mut socket), end + Duration::from_millis(100)).await)
             }
             Self::RandomFrames => {
-                let mut socket = greeted(http).await?;
+                let mut socket = websocket_after_hello(http).await?;
                 let mut random = Pcg64Mcg::seed_from_u64(number.into());
                 let mut bytes = vec![0; RANDOM_BYTES];
                 random.fill_bytes(&mut bytes);
                 socket.send(Message::Binary(bytes.into())).await.ok()?;
-                Some(outlasts(drain(&mut socket), end).await)
+                Some(is_pending_at(drain(&mut socket), end).await)
             }
             Self::EmptyFrames => {
-                let mut socket = greeted(http).await?;
+                let mut socket = websocket_after_hello(http).await?;
                 for _ in 0..EMPTY_FRAMES {
                     socket.send(Message::Ping(Default::default())).await.ok()?;
                     if Instant::now() >= end {
                         break;
                     }
                 }
-                Some(outlasts(drain(&mut socket), end).await)
+                Some(is_pending_at(drain(&mut socket), end).await)
             }
             Self::RandomDatagrams => {
                 let socket = UdpSocket::bind("127.0.0.1:0").await.ok()?;
@@ -189,7 +189,7 @@ impl Attack {
             }
             Self::Reconnect => {
                 while Instant::now() < end {
-                    if greeted(http).await.is_none() {
+                    if websocket_after_hello(http).await.is_none() {
                         sleep(Duration::from_millis(1)).await;
                     }
                 }
@@ -200,7 +200,7 @@ impl Attack {
 }
 
 /// Whether a future is still pending at `end`.
-async fn outlasts(what: impl Future<Output = ()>, end: Instant) -> bool {
+async fn is_pending_at(what: impl Future<Output = ()>, end: Instant) -> bool {
     tokio::select! {
         () = what => false,
         () = sleep_until(end) => true,
@@ -223,7 +223,7 @@ async fn open(http: SocketAddr, origin: Option<&'static str>) -> Option<WebSocke
 }
 
 /// A WebSocket that has sent `Hello`.
-async fn greeted(http: SocketAddr) -> Option<WebSocketStream<TcpStream>> {
+async fn websocket_after_hello(http: SocketAddr) -> Option<WebSocketStream<TcpStream>> {
     let mut socket = open(http, None).await?;
     socket.send(Message::Binary(hello()?.into())).await.ok()?;
     Some(socket)
@@ -243,7 +243,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_deed_is_told_from_the_others_and_bounded() {
+    fn every_attack_has_a_name_and_a_bounded_number_of_peers() {
         let mut names: Vec<_> = Attack::ALL.iter().map(|(attack, _)| attack.name()).collect();
         names.sort_unstable();
         names.dedup();

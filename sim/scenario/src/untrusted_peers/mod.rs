@@ -33,7 +33,7 @@ const STAY: Duration = Duration::from_secs(5);
 /// Time from the end of the attack until memory is measured again.
 const AFTER: Duration = Duration::from_secs(2);
 /// Time that the honest client waits.
-const PATIENCE: Duration = Duration::from_secs(10);
+const TIMEOUT: Duration = Duration::from_secs(10);
 /// The honest client's address, which differs from the attackers'; Linux accepts all of 127.0.0.0/8.
 const OTHER: IpAddr = IpAddr::V4(Ipv4Addr::new(127, 0, 0, 2));
 /// Rate limit of a session.
@@ -122,7 +122,7 @@ async fn other(http: SocketAddr, blob: BlobId) -> Option<u64> {
         client.want(&[blob], 1).await.ok()?;
         Some(client.next().await?.at_ns)
     };
-    timeout(PATIENCE, first).await.ok()?
+    timeout(TIMEOUT, first).await.ok()?
 }
 
 impl std::fmt::Display for AttackOutcome {

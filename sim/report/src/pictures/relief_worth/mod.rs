@@ -55,7 +55,7 @@ pub struct Question {
 
 /// A wall sent by one method, seen head-on from a distance. Times since the connect call, in virtual time.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Sent {
+pub struct Delivery {
     /// The height map.
     pub map: &'static str,
     /// The method.
@@ -80,10 +80,10 @@ pub struct Sent {
 
 /// One view of a wall sent by one method, settled at 1 px.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Shown {
+pub struct ViewResult {
     /// Angle between view and normal.
     pub degrees: f64,
-    /// Mean FLIP against rays, where the wall is, without shadows in either.
+    /// Mean FLIP error against rays over the wall, without shadows in either.
     pub flip: f64,
     /// The same with shadows in both.
     pub shadowed_flip: f64,
@@ -95,7 +95,7 @@ pub struct Shown {
 
 /// All views from a distance.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct ShownFrom {
+pub struct DistanceResults {
     /// The height map.
     pub map: &'static str,
     /// The method.
@@ -103,22 +103,22 @@ pub struct ShownFrom {
     /// Distance of the eye, metres.
     pub distance_m: f64,
     /// One entry for each of [`ANGLES`].
-    pub angles: Vec<Shown>,
+    pub angles: Vec<ViewResult>,
 }
 
 /// Both tables.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Worth {
-    /// The graphics adapter, where something is drawn.
+pub struct ReliefComparison {
+    /// The graphics adapter, if anything was drawn.
     pub adapter: Option<String>,
     /// Cost of sending.
-    pub sent: Vec<Sent>,
+    pub sent: Vec<Delivery>,
     /// Picture errors and frame times.
-    pub shown: Vec<ShownFrom>,
+    pub shown: Vec<DistanceResults>,
 }
 
-/// Sends all walls in all ways, and draws them where there is a device. Packs are kept in a cache folder; `keep` gets
-/// each picture with a name.
+/// Sends all walls by all methods, and draws them if there is a device. Packs are stored in a cache folder; `keep`
+/// receives each picture with a name.
 ///
 /// # Errors
 /// Walls that cannot be written, prepared or sent, and errors of the graphics device.
@@ -127,10 +127,10 @@ pub fn relief_worth(
     gpu: Option<Gpu>,
     cache: &Path,
     mut keep: impl FnMut(&str, &RgbaImage) -> anyhow::Result<()>,
-) -> anyhow::Result<Worth> {
+) -> anyhow::Result<ReliefComparison> {
     let adapter = gpu.as_ref().map(Gpu::describe);
     let studio = gpu.map(Studio::new);
-    let mut worth = Worth { adapter, sent: Vec::new(), shown: Vec::new() };
+    let mut worth = ReliefComparison { adapter, sent: Vec::new(), shown: Vec::new() };
     for wall in Wall::all(question.texels) {
         let folder = tempfile::tempdir().context("no folder for the wall")?;
         let open = |way: WallMethod, distance_m: f64| {
@@ -159,8 +159,13 @@ pub fn relief_worth(
                 worth.sent.push(sent(&wall, *way, plan, scene, distance_m)?);
             }
             let Some(studio) = &studio else { continue };
-            let mut shown: Vec<ShownFrom> = WallMethod::ALL
-                .map(|way| ShownFrom { map: wall.name, way: way.name(), distance_m, angles: Vec::new() })
+            let mut shown: Vec<DistanceResults> = WallMethod::ALL
+                .map(|way| DistanceResults {
+                    map: wall.name,
+                    way: way.name(),
+                    distance_m,
+                    angles: Vec::new(),
+                })
                 .into();
             for &degrees in question.angles {
                 let view = camera(distance_m, degrees).view(question.size_px, 1.0);
@@ -185,7 +190,7 @@ pub fn relief_worth(
                     keep(&name(&file), &picture)?;
                     keep(&name(&format!("{file}-shadowed")), &shadowed)?;
                     let flip = |picture, rays| rounded(flip_of(picture, rays, &truth.covered), 5);
-                    shown[number].angles.push(Shown {
+                    shown[number].angles.push(ViewResult {
                         degrees,
                         flip: flip(&picture, &truth.shape),
                         shadowed_flip: flip(&shadowed, &truth.shadowed),
@@ -235,7 +240,7 @@ fn sent(
     plan: &Plan,
     scene: &Arc<dyn SceneSource>,
     distance_m: f64,
-) -> anyhow::Result<Sent> {
+) -> anyhow::Result<Delivery> {
     let certificate = certificate()?;
     let streamed = |target_px: f32| {
         let case = plan.cases.first().context("the plan has no case")?;
@@ -244,7 +249,7 @@ fn sent(
     };
     let (result, all) = (streamed(1.0)?, streamed(ALL_PX)?);
     let never = || format!("{} as {}: {}", wall.name, way.name(), result.ended);
-    Ok(Sent {
+    Ok(Delivery {
         map: wall.name,
         way: way.name(),
         distance_m,
@@ -258,7 +263,7 @@ fn sent(
     })
 }
 
-impl fmt::Display for Worth {
+impl fmt::Display for ReliefComparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "drawn on {}", self.adapter.as_deref().unwrap_or("nothing"))?;
         for s in &self.sent {
@@ -280,7 +285,7 @@ impl fmt::Display for Worth {
         }
         for from in &self.shown {
             write!(f, "\n{:7} {:26} {:>4} m:", from.map, from.way, from.distance_m)?;
-            for Shown { degrees, flip, shadowed_flip, median_ms, over_relief } in &from.angles {
+            for ViewResult { degrees, flip, shadowed_flip, median_ms, over_relief } in &from.angles {
                 write!(
                     f,
                     "  {degrees}° FLIP {flip:.4}, {shadowed_flip:.4} with shadows, {median_ms:.1} ms, {over_relief:.2}"
@@ -342,11 +347,12 @@ mod tests {
 
     /// Names that `docs/report/sections.toml` refers to.
     #[test]
-    fn figures_have_their_names() {
-        let shown = Shown { degrees: 0.0, flip: 0.1, shadowed_flip: 0.2, median_ms: 3.0, over_relief: 1.0 };
+    fn figures_have_the_names_that_sections_use() {
+        let shown =
+            ViewResult { degrees: 0.0, flip: 0.1, shadowed_flip: 0.2, median_ms: 3.0, over_relief: 1.0 };
         let angles = vec![shown; ANGLES.len()];
-        let from = ShownFrom { map: "brick", way: "mesh", distance_m: 2.0, angles };
-        let sent = Sent {
+        let from = DistanceResults { map: "brick", way: "mesh", distance_m: 2.0, angles };
+        let sent = Delivery {
             map: "brick",
             way: "mesh",
             distance_m: 2.0,

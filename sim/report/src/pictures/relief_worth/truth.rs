@@ -1,7 +1,7 @@
 //! Ray-cast reference picture of a wall.
 //!
-//! Rays meet the bilinear surface between the texels, each patch of it as eight triangles; what they meet is lit by the
-//! sun, where a ray to it is free, and by an even sky that nothing hides, with the renderer's own reflectance in f64.
+//! Rays hit the bilinear surface between the texels, each patch approximated by eight triangles; hits are lit by the
+//! sun, unless a ray to it is blocked, and by a uniform sky without occlusion, with the renderer's reflectance in f64.
 
 use glam::DVec3;
 use image::{Rgba, RgbaImage};
@@ -48,7 +48,7 @@ pub(super) struct Traced<'a> {
     mirrored: Vec<[f64; 2]>,
 }
 
-/// Pictures, and where the wall is in them.
+/// Reference pictures, with a mask of the wall.
 #[derive(Clone, Debug)]
 pub(super) struct Truth {
     /// With sunlight everywhere.
@@ -183,7 +183,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rays_see_stones_in_the_sun_and_joints_in_shade() {
+    fn rays_hit_sunlit_stones_and_shaded_joints() {
         let [wall, _] = Wall::all(32);
         let traced = Traced::new(&wall);
         let view = View {

@@ -213,7 +213,7 @@ impl Wall {
     }
 }
 
-/// A grid over a square of `repeats` textures, as OBJ: its vertices lie where both lines cross.
+/// A grid over a square of `repeats` textures, as OBJ, with vertices at the crossings of the lines.
 fn obj(name: &str, lines: &[f64], repeats: usize, vertex: impl Fn(f64, f64) -> (DVec3, DVec3)) -> String {
     let mut text = format!("mtllib {name}.mtl\nusemtl wall\n");
     let half = 0.5 * repeats as f64;
@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn tiles_are_the_wall_and_the_surface_is_its_texels() {
+    fn tiles_cover_the_wall_and_the_surface_interpolates_its_texels() {
         let [wall, cobble] = Wall::all(16);
         for wall in [&wall, &cobble] {
             // Texel (3, 5) of the map, 5 down from the top.
