@@ -1,8 +1,8 @@
-//! Compressed streams, and glTF files around them.
+//! Inputs of the target `gltf_compressed`: compressed streams, and glTF files around them.
 //!
-//! An input begins with a byte for what it is: 0, Draco, and a byte with a bit for each of the attributes 1 to 3 that the
-//! file asks for; else a codec of meshoptimizer, with the filter, a quarter of the elements' length, and their number in
-//! four bytes. The stream is the rest.
+//! The first byte of an input selects the codec: 0 for Draco, followed by a byte with a bit for each of the attributes
+//! 1 to 3 that the file uses; else a codec of meshoptimizer, followed by the filter, a quarter of the element length,
+//! and the number of elements in four bytes. The rest is the stream.
 
 use draco_core::{
     DataType, EncoderBuffer, EncoderOptions, FaceIndex, GeometryAttributeType, Mesh, MeshEncoder,
@@ -13,19 +13,18 @@ use serde_json::{Value, json};
 
 use crate::common::shapes;
 use crate::glb::glb;
-use crate::seeds::seed;
 
 const DRACO: u8 = 0;
 const ATTRIBUTES: u8 = 1;
 const TRIANGLES: u8 = 2;
 const INDICES: u8 = 3;
 const FILTERS: [&str; 5] = ["NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL", "COLOR"];
-/// Vertices that indices of a codec refer to, which are not compressed.
+/// Number of vertices that the indices of a codec refer to; they are not compressed.
 const VERTICES: usize = 64;
-/// Points and corners that a file says of a Draco stream: as many as the reader wants to decode.
+/// Points and corners that a file states for a Draco stream: no limit for the decoder.
 const STATED: u32 = 1 << 30;
 
-/// A GLB file with an input's stream in it; `None` for an input that begins with nothing known.
+/// A GLB file that contains an input's stream; `None` for an unknown codec.
 pub(crate) fn file(data: &[u8]) -> Option<Vec<u8>> {
     match data {
         [DRACO, listed, stream @ ..] => Some(draco(*listed, stream)),
@@ -79,7 +78,7 @@ fn meshopt(mode: u8, filter: &str, stride: usize, count: u32, stream: &[u8]) -> 
     let mut json = if mode == ATTRIBUTES {
         said["mode"] = json!("ATTRIBUTES");
         view["byteStride"] = json!(stride);
-        // Of what there is in an element of that length.
+        // As many components as an element of this length has.
         let kind = if stride >= 12 { 5126 } else { 5120 };
         let accessors = json!([{"bufferView": 0, "componentType": kind, "type": "VEC3", "count": count, "normalized": kind == 5120}]);
         document(&json!({"POSITION": 0}), None, &accessors, &json!([view]))
@@ -104,7 +103,7 @@ fn meshopt(mode: u8, filter: &str, stride: usize, count: u32, stream: &[u8]) -> 
     glb(&json.to_string(), &bin)
 }
 
-/// A mesh by the encoder of Draco, with normals, coordinates and colours that follow from positions.
+/// Encodes a mesh with Draco, optionally with normals, texture coordinates and colours derived from positions.
 fn draco_stream(mesh: &SourceMesh, level: i32, all: bool) -> Vec<u8> {
     let mut source = Mesh::new();
     let count = mesh.positions.len();
@@ -145,13 +144,14 @@ fn draco_stream(mesh: &SourceMesh, level: i32, all: bool) -> Vec<u8> {
     [&[DRACO, if all { 14 } else { 0 }], out.data()].concat()
 }
 
-/// An input of a codec of meshoptimizer.
+/// An input for a codec of meshoptimizer.
 fn coded(mode: u8, filter: u8, stride: usize, count: usize, stream: &[u8]) -> Vec<u8> {
     [&[mode, filter, (stride / 4) as u8], &(count as u32).to_le_bytes()[..], stream].concat()
 }
 
-/// Inputs of every kind.
+/// Seeds for every codec and filter.
 pub(crate) fn seeds() -> Vec<(String, Vec<u8>)> {
+    let seed = |name: &str, bytes| (name.to_owned(), bytes);
     let mesh = shapes::torus(5, 7);
     let mut seeds = vec![
         seed("draco-sequential", draco_stream(&mesh, 0, false)),
@@ -167,7 +167,7 @@ pub(crate) fn seeds() -> Vec<(String, Vec<u8>)> {
     for version in [0, 1] {
         let stream =
             meshopt::encode_vertex_buffer_level(positions, 3, Some(version)).expect("elements are encoded");
-        seeds.push(seed(format!("attributes-{version}"), coded(ATTRIBUTES, 0, 12, count, &stream)));
+        seeds.push(seed(&format!("attributes-{version}"), coded(ATTRIBUTES, 0, 12, count, &stream)));
     }
     let filtered = meshopt::encode_filter_exp(positions, 12, meshopt::EncodeExpMode::SharedVector);
     let stream = meshopt::encode_vertex_buffer(&filtered).expect("elements are encoded");

@@ -1,4 +1,4 @@
-//! Small prepared assets, made in code, that the targets decode against.
+//! Small generated assets that the targets decode against.
 
 use std::sync::OnceLock;
 
@@ -9,9 +9,9 @@ use lodestream_geometry::{Codec, Settings};
 
 use crate::common::{prepared, quantised, shapes, with_truncation_points};
 
-/// A prepared asset and what it is for.
+/// A prepared asset with its name.
 pub struct Fixture {
-    /// What it is.
+    /// Its name.
     pub name: &'static str,
     /// Base mesh, index and chunks.
     pub asset: Prepared,
@@ -19,12 +19,12 @@ pub struct Fixture {
     pub before: Vec<ActiveMesh>,
 }
 
-/// The assets: seams and materials, non-manifold stars, vanishing components, seams nearly everywhere,
-/// stars of high valence, all of these with colours and normals; and some under the plain codec, whose
-/// chunks are not compressed here; and stones as what is built. A few hundred faces each, so that one input takes well under a millisecond.
+/// The assets: seams and materials, non-manifold stars, vanishing components, seams nearly everywhere, stars of high
+/// valence, all of these with colours and normals; some with the zstd codec, whose chunks are not compressed here; and
+/// stones with the axis-aligned codec. A few hundred faces each, so that one input takes well under a millisecond.
 ///
 /// # Panics
-/// If an asset does not decode: then there is nothing to fuzz.
+/// If an asset does not decode.
 #[allow(clippy::unwrap_used, reason = "assets that do not decode leave nothing to fuzz")]
 pub fn all() -> &'static [Fixture] {
     static ALL: OnceLock<Vec<Fixture>> = OnceLock::new();
@@ -58,7 +58,7 @@ pub fn all() -> &'static [Fixture] {
     })
 }
 
-/// A ball and cubes beside it.
+/// A ball with cubes beside it.
 fn components() -> SourceMesh {
     let cubes = (0..8).map(|i| [f64::from(i) * 0.3, 1.2, 0.1 * f64::from(i % 3)]);
     cubes.fold(shapes::sphere(6, 9, 0.05), |mesh, at| shapes::join(mesh, &shapes::cube(0.1), at))

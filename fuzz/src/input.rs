@@ -1,19 +1,19 @@
-//! Takes numbers off the front of a fuzzer's bytes; past the end they are 0.
+//! Reads numbers from the front of a fuzzer's input; past its end they are 0.
 
-/// The bytes that are left.
+/// The remaining bytes of an input.
 #[derive(Clone, Debug)]
 pub struct Input<'a> {
     bytes: &'a [u8],
 }
 
 impl<'a> Input<'a> {
-    /// All of the bytes.
+    /// Starts at the first byte.
     #[must_use]
     pub fn new(bytes: &'a [u8]) -> Self {
         Self { bytes }
     }
 
-    /// Whether nothing is left.
+    /// Whether no byte remains.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.bytes.is_empty()
@@ -36,7 +36,7 @@ impl<'a> Input<'a> {
         usize::from(self.u16()) % count.max(1)
     }
 
-    /// All that is left.
+    /// All remaining bytes.
     #[must_use]
     pub fn rest(self) -> &'a [u8] {
         self.bytes

@@ -1,10 +1,9 @@
 //! Fuzz targets: one function per reader of untrusted bytes.
 //!
-//! A target takes any bytes and panics on a *finding*: a panic of the code under test, a broken
-//! invariant, or a cost over the target's ceiling ([`meter`]). It answers whether the input was
-//! accepted. The functions are plain, so tests replay the committed corpora with the stable toolchain
-//! (`tests/replay.rs`), and the shells in `fuzz_targets/` hand them to libFuzzer. README.md has the
-//! commands.
+//! A target takes any bytes and panics on a *finding*: a panic of the code under test, a broken invariant, or a cost
+//! above the target's limit ([`meter`]). It returns whether the input was accepted. The functions are plain, so that
+//! tests replay the committed corpora with the stable toolchain (`tests/suite/replay.rs`); the binaries in
+//! `fuzz_targets/` pass them to libFuzzer. README.md has the commands.
 
 #[allow(clippy::unwrap_used, reason = "helpers of tests")]
 #[path = "../../crates/geometry/tests/suite/common/mod.rs"]

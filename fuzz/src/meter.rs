@@ -1,4 +1,4 @@
-//! Ceilings on what a decoder may spend on an input: memory at its peak, and elementary steps.
+//! Limits on the cost of an input: peak memory and elementary steps.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -10,8 +10,8 @@ thread_local! {
     static PEAK: Cell<usize> = const { Cell::new(0) };
 }
 
-/// The system's allocator, counting the bytes that the thread holds. What one thread frees for another
-/// makes the count wrong, so a measured piece of work must stay on its thread.
+/// The system's allocator with a count of bytes per thread. Memory that one thread frees for another makes the count
+/// wrong, so a measured piece of work must stay on its thread.
 struct Counting;
 
 #[global_allocator]
@@ -49,42 +49,42 @@ unsafe impl GlobalAlloc for Counting {
     }
 
     unsafe fn realloc(&self, at: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        // Both blocks may be there while one is copied to the other.
+        // Both blocks may exist while one is copied to the other.
         grown(size);
         shrunk(layout.size());
         unsafe { System.realloc(at, layout, size) }
     }
 }
 
-/// What an input of `n` bytes may cost: `base + per_byte × n`, of memory and of steps.
+/// Limits for an input of `n` bytes: `base + per_byte × n`, of memory and of steps.
 #[derive(Clone, Copy, Debug)]
 pub struct Ceiling {
-    /// Bytes of memory that any input may take.
+    /// Bytes of memory for any input.
     pub base_bytes: usize,
-    /// Bytes of memory for each byte of the input.
+    /// Additional bytes of memory per byte of input.
     pub bytes_per_byte: usize,
-    /// Steps that any input may take.
+    /// Steps for any input.
     pub base_steps: u64,
-    /// Steps for each byte of the input.
+    /// Additional steps per byte of input.
     pub steps_per_byte: u64,
 }
 
-/// What a piece of work cost.
+/// Cost of a piece of work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Cost {
-    /// Bytes of memory held at the peak, above what was held before.
+    /// Peak bytes of memory, above those held before.
     pub peak_bytes: usize,
     /// Steps, as [`lodestream_geometry::steps`] counts them; 0 in builds that do not count.
     pub steps: u64,
 }
 
-/// Bytes of memory that the thread holds now, and others have taken over from it.
+/// Bytes of memory that the thread allocated and that are not freed.
 #[must_use]
 pub fn held_bytes() -> usize {
     LIVE.get()
 }
 
-/// Does a piece of work and says what it cost.
+/// Runs a piece of work and measures its cost.
 pub fn measure<T>(work: impl FnOnce() -> T) -> (T, Cost) {
     let (before, steps_before) = (LIVE.get(), steps::taken());
     PEAK.set(before);
@@ -94,10 +94,10 @@ pub fn measure<T>(work: impl FnOnce() -> T) -> (T, Cost) {
     (result, Cost { peak_bytes, steps })
 }
 
-/// Does a piece of work on an input of `length` bytes.
+/// Runs a piece of work on an input of `length` bytes.
 ///
 /// # Panics
-/// If it cost more than the ceiling allows.
+/// If its cost exceeds the limit.
 pub fn within<T>(ceiling: Ceiling, length: usize, work: impl FnOnce() -> T) -> T {
     let (result, cost) = measure(work);
     let bytes = ceiling.base_bytes + ceiling.bytes_per_byte * length;
@@ -118,7 +118,7 @@ mod tests {
     const TIGHT: Ceiling = Ceiling { base_bytes: 1000, bytes_per_byte: 1, base_steps: 0, steps_per_byte: 0 };
 
     #[test]
-    fn the_peak_counts_and_what_was_freed_before_does_not() {
+    fn the_peak_excludes_memory_freed_before() {
         let (_, cost) = measure(|| {
             drop(vec![1_u8; 700]);
             vec![1_u8; 200]
@@ -131,12 +131,12 @@ mod tests {
 
     #[test]
     #[should_panic(expected = "bytes held")]
-    fn a_reservation_over_the_ceiling_is_a_finding_though_never_touched() {
+    fn a_reservation_above_the_limit_is_a_finding_even_if_unused() {
         within(TIGHT, 24, || drop(Vec::<u8>::with_capacity(1025)));
     }
 
     #[test]
-    fn what_is_under_the_ceiling_is_none() {
+    fn a_cost_within_the_limit_is_no_finding() {
         assert_eq!(within(TIGHT, 24, || Vec::<u8>::with_capacity(1024).capacity()), 1024);
     }
 }

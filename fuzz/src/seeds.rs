@@ -1,4 +1,4 @@
-//! Seed inputs, made from what the project itself makes: regenerate them when a format changes.
+//! Seed inputs, encoded by the project's own writers: regenerate them after a format change.
 
 use std::path::Path;
 
@@ -39,10 +39,10 @@ use crate::compressed;
 use crate::fixtures;
 use crate::glb::glb;
 
-/// The seeds of a target by the name of its corpus, as (file name, bytes). None for an unknown name.
+/// The seeds of a target, by the name of its corpus, as (file name, bytes). None for an unknown name.
 ///
 /// # Panics
-/// If the project cannot make what it should be able to make.
+/// If a seed cannot be encoded.
 #[must_use]
 pub fn of(target: &str) -> Vec<(String, Vec<u8>)> {
     match target {
@@ -63,7 +63,7 @@ pub fn of(target: &str) -> Vec<(String, Vec<u8>)> {
 }
 
 /// A seed that a target must accept.
-pub(crate) fn seed(name: impl Into<String>, bytes: Vec<u8>) -> (String, Vec<u8>) {
+fn seed(name: impl Into<String>, bytes: Vec<u8>) -> (String, Vec<u8>) {
     (name.into(), bytes)
 }
 
@@ -96,7 +96,7 @@ fn chunks() -> Vec<(String, Vec<u8>)> {
             let info = &fixture.asset.infos[chunk];
             let mut bytes = vec![number];
             bytes.extend((chunk as u16).to_le_bytes());
-            // Announced counts as given, parents as they are.
+            // Counts as given, parents as they are.
             bytes.push(2);
             for count in [info.vertices, info.wedges, info.faces] {
                 bytes.extend((count as u16).to_le_bytes());
@@ -128,7 +128,7 @@ fn sequences() -> Vec<(String, Vec<u8>)> {
             all(bytes, 3);
             all(bytes, 4);
         });
-        // To the first truncation_points, which children refuse, and on to the whole.
+        // To the first truncation points, on which children cannot be applied, and on to the end.
         operation("by-way-of-truncation_points", &mut |bytes| {
             all(bytes, 6);
             all(bytes, 3);
@@ -185,7 +185,7 @@ fn obj(mesh: &SourceMesh) -> String {
     text
 }
 
-/// A pyramid on a quad in every format, with all that is read of a vertex and with nothing but places, and a strip.
+/// A pyramid on a quad in every format, with all vertex properties and with positions only, and a strip.
 fn scans() -> Vec<(String, Vec<u8>)> {
     let full = "property double x\nproperty short y\nproperty float z\nproperty float nx\nproperty float ny\nproperty float nz\n\
                 property uchar red\nproperty uchar green\nproperty uchar blue\nproperty float s\nproperty float t\n";
@@ -249,7 +249,7 @@ fn models() -> Vec<(String, Vec<u8>)> {
     texts.map(|(name, text)| seed(name, [text.as_bytes(), b"\0", MTL.as_bytes()].concat())).into()
 }
 
-/// The beginning of a material with everything that one can have, and the textures that it names before it.
+/// The beginning of a material with all properties, and the textures that it uses.
 const MAPS: &str = r#""images":[{"uri":"a.png"},{"bufferView":1,"mimeType":"image/png"}],"samplers":[{"wrapS":33071,"wrapT":33648}],"textures":[{"source":0,"sampler":0},{"source":1,"sampler":0}],"extensionsUsed":["KHR_materials_emissive_strength"],"extensionsRequired":["KHR_materials_transmission"],"materials":[{"normalTexture":{"index":0,"scale":0.5,"extensions":{"KHR_texture_transform":{"offset":[0.5,0],"rotation":1,"scale":[2,1]}}},"occlusionTexture":{"index":1,"strength":0.5,"texCoord":1},"emissiveTexture":{"index":0},"emissiveFactor":[1,0.5,0],"alphaMode":"MASK","alphaCutoff":0.25,"doubleSided":true,"extensions":{"KHR_materials_emissive_strength":{"emissiveStrength":4},"KHR_materials_unlit":{},"KHR_materials_transmission":{"transmissionFactor":0.5},"KHR_materials_pbrSpecularGlossiness":{"diffuseFactor":[0,0,0,1],"glossinessFactor":0.5,"specularGlossinessTexture":{"index":1}}},"name":"m","#;
 
 /// Nodes with lights of every kind, and the lights.
@@ -417,7 +417,7 @@ fn messages() -> Vec<(String, Vec<u8>)> {
     seeds
 }
 
-/// A bulb, a spot, and others that share what punctual lights may share.
+/// A point light, a spot light, and others with equal parameters.
 fn some_punctual_lights() -> Vec<PunctualLight> {
     let bulb =
         PunctualLight { position: [1.0, 2.0, -3.5], intensity: [40.0, 20.0, 0.0], range: 12.0, spot: None };
@@ -461,7 +461,7 @@ fn punctual_lights() -> Vec<(String, Vec<u8>)> {
     ]
 }
 
-/// Scenes over packs that are only named.
+/// Scenes whose packs are only named.
 fn published() -> Vec<(String, Vec<u8>)> {
     let assets = "[[asset]]\nname = 'a'\nfile = 'a.obj'\n[[asset]]\nname = 'b'\nfile = 'b.obj'\n";
     let places = |count: usize| -> String {

@@ -1,9 +1,10 @@
-//! How far off meshes of any number of faces are: ancestor-closed cuts of a prepared model against meshoptimizer's `simplify`
+//! Error of meshes of any number of faces: ancestor-closed cuts of a prepared model against meshoptimizer's `simplify`
 //! (subset placement) of the same mesh, in one run.
 //!
-//! `cargo bench -p lodestream-sim --bench budgets -- [MODEL.obj…]` takes the models named, else those of the folder
-//! `LODESTREAM_MODELS`, else a generated mesh. Positions alone, at 12 bits. Distances are RMS over 200,000 points on
-//! each surface, the larger of both directions, over the diagonal: they repeat exactly. `--json` prints an object a line.
+//! `cargo bench -p lodestream-sim --bench budgets -- [MODEL.obj…]` takes the named models, else those in the folder
+//! `LODESTREAM_MODELS`, else a generated mesh. Positions only, at 12 bits. Distances are RMS over 200,000 points on
+//! each surface, the larger of both directions, relative to the diagonal: they are reproducible. `--json` prints an
+//! object per line.
 
 mod models;
 
@@ -15,7 +16,7 @@ use lodestream_geometry::pool::{Serial, Silent};
 use lodestream_geometry::prepare::{Hooks, prepare};
 use lodestream_geometry::refine::ActiveMesh;
 
-/// Percent of the faces that are asked for.
+/// Target face counts, in percent.
 const BUDGETS: [usize; 7] = [1, 2, 5, 10, 20, 35, 50];
 
 fn main() -> anyhow::Result<()> {
@@ -34,19 +35,19 @@ fn main() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// What was found of a model at a budget.
+/// Results for a model and a target.
 #[derive(serde::Serialize)]
 struct Row {
     model: String,
     percent: usize,
     faces: usize,
-    /// Root of the mean square distance over the diagonal.
+    /// RMS distance relative to the diagonal.
     rms: f64,
     peer_faces: usize,
     peer_rms: f64,
     rms_over_peer: f64,
     max_over_peer: f64,
-    /// meshoptimizer's, of vertices that it moves.
+    /// meshoptimizer with vertices that it moves.
     moving_rms: f64,
 }
 
@@ -125,7 +126,7 @@ fn surface(mesh: &QuantisedMesh) -> Surface {
     }
 }
 
-/// What meshoptimizer makes of a surface within so many faces: of its own vertices, or of vertices that it moves.
+/// meshoptimizer's simplification to at most `faces` faces, with original or moved vertices.
 fn meshoptimizer(input: &Surface, faces: usize, moving: bool) -> anyhow::Result<Surface> {
     let mut indices: Vec<u32> = input.triangles.as_flattened().to_vec();
     let mut positions: Vec<[f32; 3]> = input.positions.iter().map(|p| p.map(|x| x as f32)).collect();

@@ -1,8 +1,8 @@
 //! Bytes and decoding times of the two codecs, in one run on one thread.
 //!
-//! `cargo bench -p lodestream-sim --bench codecs -- MODEL.obj…`, 12-bit positions. Bytes are as stored and
-//! sent: base mesh, index and chunks. Decoding is from there to deltas, decompression included; its times
-//! are the best of some runs by turns and vary with the machine: use the ratio. `--json` prints an object a line.
+//! `cargo bench -p lodestream-sim --bench codecs -- MODEL.obj…`, 12-bit positions. Bytes are as stored and sent: base
+//! mesh, index and chunks. Decoding includes decompression, up to deltas; its times are the best of some alternating
+//! runs and depend on the machine: use the ratio. `--json` prints an object per line.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -15,7 +15,7 @@ use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
 use lodestream_geometry::refine::ActiveMesh;
 use lodestream_geometry::{Codec, Settings};
 
-/// Times everything is decoded.
+/// Number of times that everything is decoded.
 const RUNS: usize = 7;
 
 fn main() -> anyhow::Result<()> {
@@ -46,7 +46,7 @@ fn main() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// What was found of a model.
+/// Results for a model.
 #[derive(serde::Serialize)]
 struct Row {
     model: String,
@@ -57,7 +57,7 @@ struct Row {
     zstd_over_range_time: f64,
 }
 
-/// With one codec.
+/// Results for one codec.
 #[derive(serde::Serialize)]
 struct Coded {
     base_bytes: usize,
@@ -123,7 +123,7 @@ fn row(model: &Path) -> anyhow::Result<Row> {
     })
 }
 
-/// Seconds to decode all chunks; applying them is not counted.
+/// Seconds to decode all chunks, without applying them.
 fn decode(asset: &Prepared) -> anyhow::Result<f64> {
     let mut mesh = ActiveMesh::new(&decode_base(&encode_base(&asset.base)?)?);
     let mut seconds = 0.0;

@@ -1,7 +1,8 @@
-//! Times reading a mesh of so many faces from each format, with normals and colours, and counts the memory that it takes.
+//! Time and memory of reading a mesh with normals and colours from each format.
 //!
-//! `cargo bench -p lodestream-sim --bench import -- [FACES]`: a million without. One thread, the best of three, the file in
-//! the system's cache; times vary with the machine: use ratios. `--json` prints an object a line.
+//! `cargo bench -p lodestream-sim --bench import -- [FACES]`; a million faces by default. One thread, the best of
+//! three, with the file in the system's cache; times depend on the machine: use ratios. `--json` prints an object per
+//! line.
 
 mod heap;
 
@@ -11,10 +12,10 @@ use std::time::Instant;
 
 use anyhow::Context as _;
 
-/// Times each file is read.
+/// Number of times that each file is read.
 const RUNS: usize = 3;
 
-/// What was found of a format.
+/// Results for a format.
 #[derive(serde::Serialize)]
 struct Row {
     format: &'static str,
@@ -23,7 +24,7 @@ struct Row {
     seconds: f64,
     faces_per_s: f64,
     bytes_per_s: f64,
-    /// The most that was held, and what of it is the mesh.
+    /// Peak memory, and the part of it that is the mesh.
     heap_bytes: usize,
     mesh_bytes: usize,
 }
@@ -84,7 +85,7 @@ fn row(format: &'static str, path: &Path, file_bytes: usize) -> anyhow::Result<R
     Ok(Row { format, faces, file_bytes, seconds, faces_per_s, bytes_per_s, heap_bytes, mesh_bytes })
 }
 
-/// A rolling landscape of `2 × side²` faces.
+/// A hilly terrain of `2 × side²` faces.
 struct Field {
     side: u32,
 }

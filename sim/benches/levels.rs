@@ -1,10 +1,10 @@
-//! Prepares a generated mesh in memory, with finished levels put away into files, and again from these, in one run on one
-//! thread: memory, time, and whether what comes out is the same.
+//! Memory and time of preparing a generated mesh in memory, with checkpoints in files, and again from these
+//! checkpoints, in one run on one thread; the results must be equal.
 //!
-//! `cargo bench -p lodestream-sim --bench levels -- [land | torus] [FACES] [--block-faces N] [--ply FILE]`: a landscape of 500,000 faces
-//! without. `land` is a rolling ground with detail at every scale, `torus` one closed object with the same bumps. With
-//! `--ply` the mesh is written as binary PLY instead, for `lodestream-server prepare`. Times vary with the machine: use
-//! ratios.
+//! `cargo bench -p lodestream-sim --bench levels -- [land | torus] [FACES] [--block-faces N] [--ply FILE]`: a landscape
+//! of 500,000 faces by default. `land` is hilly terrain with detail at every scale, `torus` a closed object with the
+//! same bumps. `--ply` writes the mesh as binary PLY instead, for `lodestream-server prepare`. Times depend on the
+//! machine: use ratios.
 
 mod heap;
 
@@ -22,9 +22,9 @@ use lodestream_geometry::pool::{Monitor, Progress, Serial, Stage};
 use lodestream_geometry::prepare::{Hooks, Prepared, prepare};
 use lodestream_geometry::quantise::{QuantiseSettings, quantise};
 
-/// Wavelength and height of the widest hills, in cells; each next is a quarter of both.
+/// Wavelength and height of the widest hills, in cells; each next size has a quarter of both.
 const WIDEST: (usize, f64) = (64, 11.0);
-/// How many sizes of hills there are.
+/// Number of sizes of hills.
 const SIZES: u32 = 4;
 
 fn main() -> anyhow::Result<()> {
@@ -65,7 +65,7 @@ fn main() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Prepares once; answers the asset and the seconds.
+/// Prepares once; returns the asset and the seconds.
 fn row(
     name: &str,
     (mesh, settings): (&QuantisedMesh, &Settings),
@@ -91,7 +91,7 @@ fn row(
     Ok((asset, seconds))
 }
 
-/// The most memory by stage, and the stage.
+/// Peak memory by stage, and the current stage.
 struct Peaks(Mutex<(Stage, [usize; 3])>);
 
 impl Monitor for Peaks {
@@ -109,7 +109,7 @@ impl Monitor for Peaks {
     }
 }
 
-/// A file for each piece.
+/// One file per checkpoint.
 struct Files(PathBuf);
 
 impl CheckpointStore for Files {
@@ -127,7 +127,7 @@ impl CheckpointStore for Files {
     }
 }
 
-/// A grid of `2 × side²` triangles: a landscape, or joined at its ends.
+/// A grid of `2 × side²` triangles: a landscape, or closed to a torus.
 struct Grid {
     side: usize,
     torus: bool,
@@ -151,7 +151,7 @@ impl Grid {
         }
         let side = self.side as f64;
         let [around, across] = [i, j].map(|k| TAU * k as f64 / side);
-        // Bumps fade where the grid's ends meet.
+        // Bumps fade towards the edges, so that the ends of a torus meet.
         let fade = [i, j].map(|k| (0.5 * TAU * k as f64 / side).sin()).iter().product::<f64>();
         let tube =
             side / 8.0 * (1.0 + 0.15 * (5.0 * around).sin() * (3.0 * across).cos()) + 0.2 * fade * height;
@@ -199,7 +199,7 @@ impl Grid {
     }
 }
 
-/// Height of the hills of one size: random at the corners of squares, straight between.
+/// Height of the hills of one size: random at lattice points, linear in between.
 fn hill(i: usize, j: usize, size: u32) -> f64 {
     let wide = (WIDEST.0 >> (2 * size)).max(1);
     let (row, column) = (i / wide, j / wide);

@@ -1,11 +1,11 @@
-//! Times the stages of a preparation, and decoding and applying what it made, against meshoptimizer's
-//! `simplify`, in one run on one thread, and counts the memory that preparation takes.
+//! Times of the stages of preparation, and of decoding and applying the result, against meshoptimizer's `simplify`, in
+//! one run on one thread, and memory of preparation.
 //!
-//! `cargo bench -p lodestream-sim --bench prepare -- [MODEL.obj…]` takes the models named, else those of
-//! the folder `LODESTREAM_MODELS`, else a generated mesh, each with the codec that suits it. Import and
-//! quantisation are not timed. Times are the best of three and vary with the machine: use ratios. `--json` prints an
-//! object a line. Where Draco's programs (`draco_encoder`, `draco_decoder`) are found, its decoder is timed on the
-//! same file, to the millisecond that it prints.
+//! `cargo bench -p lodestream-sim --bench prepare -- [MODEL.obj…]` takes the named models, else those in the folder
+//! `LODESTREAM_MODELS`, else a generated mesh, each with its best codec. Import and quantisation are not timed. Times
+//! are the best of three and depend on the machine: use ratios. `--json` prints an object per line. If Draco's programs
+//! (`draco_encoder`, `draco_decoder`) are found, its decoder is timed on the same file, with a resolution of a
+//! millisecond.
 
 mod heap;
 mod models;
@@ -21,9 +21,9 @@ use lodestream_geometry::pool::{Monitor, Progress, Serial, Stage};
 use lodestream_geometry::prepare::{Hooks, Prepared, prepare, select_codec, suit};
 use lodestream_geometry::refine::ActiveMesh;
 
-/// Times each command of the table is run.
+/// Number of times that each step is run.
 const RUNS: usize = 3;
-/// Share of the faces that meshoptimizer is asked for.
+/// meshoptimizer's target: one face of so many.
 const TARGET: usize = 100;
 
 fn main() -> anyhow::Result<()> {
@@ -58,7 +58,7 @@ fn main() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// What was found of a model.
+/// Results for a model.
 #[derive(serde::Serialize)]
 struct Row {
     model: String,
@@ -75,11 +75,11 @@ struct Row {
     encode_heap_bytes: usize,
     decode_splits_per_s: f64,
     apply_splits_per_s: f64,
-    /// Decoded and applied.
+    /// Decoding and applying.
     refine_splits_per_s: f64,
     simplify_over_peer_time: f64,
     refine_over_peer_time: f64,
-    /// Against Draco's decoder of the same file; `None` where that is not there.
+    /// Relative to Draco's decoder of the same file; `None` without Draco.
     refine_over_draco_time: Option<f64>,
 }
 
@@ -160,7 +160,7 @@ fn row(model: String, mut mesh: QuantisedMesh, draco: Option<f64>) -> anyhow::Re
     })
 }
 
-/// Seconds that Draco's decoder takes for a file, encoded as finely: the best of some runs.
+/// Seconds of Draco's decoder for a file encoded at the same precision: the best of some runs.
 fn draco(model: &Path) -> Option<f64> {
     let folder = tempfile::tempdir().ok()?;
     let [coded, back] = ["coded.drc", "back.ply"].map(|name| folder.path().join(name));
@@ -177,7 +177,7 @@ fn draco(model: &Path) -> Option<f64> {
     (best > 0.0 && best.is_finite()).then_some(best / 1e3)
 }
 
-/// Seconds that decoding and applying all chunks take.
+/// Seconds of decoding and of applying all chunks.
 fn refine(prepared: &Prepared) -> anyhow::Result<[f64; 2]> {
     let mut mesh = ActiveMesh::new(&prepared.base);
     let mut seconds = [0.0; 2];
@@ -192,7 +192,7 @@ fn refine(prepared: &Prepared) -> anyhow::Result<[f64; 2]> {
     Ok(seconds)
 }
 
-/// Adds up the time between reports, and notes the most memory, by stage.
+/// Adds up time between reports and records peak memory, by stage.
 struct StopWatch(Mutex<Split>);
 
 struct Split {
@@ -234,7 +234,7 @@ impl Monitor for StopWatch {
     }
 }
 
-/// Seconds that meshoptimizer takes from the same mesh to 1 % of its faces.
+/// Seconds of meshoptimizer for simplifying the mesh to 1 % of its faces.
 fn meshoptimizer(mesh: &QuantisedMesh) -> anyhow::Result<f64> {
     let indices: Vec<u32> =
         mesh.faces.iter().flat_map(|f| f.wedges.map(|w| mesh.wedges[w as usize].vertex)).collect();

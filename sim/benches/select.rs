@@ -1,8 +1,8 @@
-//! Times selections of the demo scene's start view, with hidden things last and without, as far refined as they are; then
-//! of up to a million of its things strewn over a square, looked through one by one and found by their hierarchy.
+//! Times of selections of the demo scene's start view, with and without occlusion, at increasing refinement; then of up
+//! to a million of its instances spread over a square, tested one by one and through their hierarchy.
 //!
-//! `cargo bench -p lodestream-sim --bench select`. Both are done in turn, so that the ratios hold on a busy machine. The
-//! camera wavers by a millimetre, so that what is seen is drawn anew for each selection.
+//! `cargo bench -p lodestream-sim --bench select`. Both alternate, so that load on the machine affects both. The camera
+//! moves by a millimetre each time, so that occluders are rasterised anew for each selection.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -39,7 +39,7 @@ fn main() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Selections among things that stand a few metres apart, seen from the middle of them, a metre and a half above ground.
+/// Selections among instances a few metres apart, seen from their middle, 1.5 m above ground.
 fn many(assets: &[AssetState]) {
     println!(
         "instances   looked at   making, ms   by hierarchy, ms   one by one, ms   median of paired ratios"
@@ -47,7 +47,7 @@ fn many(assets: &[AssetState]) {
     for count in [1000_u32, 10_000, 100_000, 1_000_000] {
         let side = f64::from(count).sqrt() * 5.0;
         let kinds = assets.len() as u32;
-        // Weyl's sequence: as if at random, and evenly.
+        // Weyl sequence: quasi-random and even.
         let place = |number: u32| {
             let along = |step: f64| (f64::from(number) * step).fract() * side;
             InstanceEntry::at(number % kinds, [along(0.754_877_666), 0.0, along(0.569_840_291)])
@@ -109,7 +109,7 @@ fn look(state: &mut AssetState, mesh: &ActiveMesh) {
     state.set_occluder(Arc::new(Occluder::new(positions, faces)));
 }
 
-/// Applies all chunks of a level; surfaces hide by what they were before they had enough faces.
+/// Applies all chunks of a level; occluders are captured when the mesh first has enough faces.
 fn refine(
     source: &dyn SceneSource,
     assets: &mut [AssetState],

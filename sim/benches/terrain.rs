@@ -1,8 +1,8 @@
 //! Times variants of the generation of terrain patches, and its scaling over threads and patches visited.
 //!
-//! `cargo bench -p lodestream-sim --bench terrain`. Sizes, and the plain diamond-square that they are held against, are
-//! in `lodestream-sim terrain-table`. Variants are made in turn with the uniform one, so that the ratios hold on a busy
-//! machine; times do not.
+//! `cargo bench -p lodestream-sim --bench terrain`. Sizes, and diamond-square for comparison, are in `lodestream-sim
+//! terrain-table`. Variants alternate with the uniform one, so that load on the machine affects both: ratios hold,
+//! times do not.
 
 mod heap;
 
@@ -52,7 +52,7 @@ fn ten_stamps() -> Vec<Stamp> {
     shapes.into_iter().map(|shape| Stamp { mode: Mode::Fixed, shape }).collect()
 }
 
-/// Pairs of river beds that lie across each other, of fifteen segments each: as many around each as are measured with it.
+/// Pairs of crossing river beds of fifteen segments each.
 fn crossing_beds() -> Vec<Stamp> {
     let bed = |i: i64| {
         let line = (0..16).map(|k| [i / 2 * 8000 + k * 60 - 450, i % 2 * 50 + k * 37 % 90]).collect();

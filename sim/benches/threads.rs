@@ -1,9 +1,9 @@
-//! What a second core brings: preparing, and decoding chunks whose parents are there, on one thread and on two by
-//! turns, in one run, on the threads that the server and clients lend.
+//! Speed-up by a second core: preparing, and decoding chunks whose parents are applied, alternately on one thread and
+//! on two, with the thread pools of server and client.
 //!
-//! `cargo bench -p lodestream-sim --bench threads -- [MODEL.obj…]` takes the models named, else those of the folder
-//! `LODESTREAM_MODELS`, else a generated mesh, at 12 bits. What comes out is compared: the same, or the command fails.
-//! Ratios of wall time are medians; they need two cores that do nothing else. `--json` prints an object a line.
+//! `cargo bench -p lodestream-sim --bench threads -- [MODEL.obj…]` takes the named models, else those in the folder
+//! `LODESTREAM_MODELS`, else a generated mesh, at 12 bits. The command fails if results differ. Ratios of wall time are
+//! medians; they need two idle cores. `--json` prints an object per line.
 
 mod models;
 
@@ -20,7 +20,7 @@ use lodestream_geometry::pool::{Pool, Silent};
 use lodestream_geometry::prepare::{Hooks, Prepared, prepare};
 use lodestream_geometry::refine::{ActiveMesh, ChunkDelta};
 
-/// Times that each is done on one thread and on two.
+/// Number of runs on one thread and on two.
 const RUNS: usize = 7;
 
 fn main() -> anyhow::Result<()> {
@@ -43,13 +43,13 @@ fn main() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// What was found of a model.
+/// Results for a model.
 #[derive(serde::Serialize)]
 struct Row {
     model: String,
     faces: usize,
     chunks: usize,
-    /// Time on one thread over that on two.
+    /// Time on one thread relative to that on two.
     prepare_speedup: f64,
     decode_speedup: f64,
 }
@@ -90,7 +90,7 @@ fn row(model: String, mesh: &QuantisedMesh) -> anyhow::Result<Row> {
     })
 }
 
-/// Decodes everything, in batches of chunks whose parents are applied; answers the seconds without applying.
+/// Decodes everything in batches of chunks whose parents are applied; returns the seconds without applying.
 fn decode(prepared: &Prepared, pool: &dyn Pool) -> anyhow::Result<(Vec<ChunkDelta>, f64)> {
     let mut mesh = ActiveMesh::new(&prepared.base);
     let mut deltas: Vec<ChunkDelta> = Vec::with_capacity(prepared.chunks.len());

@@ -26,7 +26,7 @@ fn main() -> ExitCode {
     })
 }
 
-/// The error and its causes, less causes that the text before them quotes already.
+/// The error and its causes, without causes that the text before them contains already.
 fn one_line(error: &anyhow::Error) -> String {
     error.chain().map(ToString::to_string).fold(String::new(), |mut line, cause| {
         if !line.contains(&cause) {

@@ -1,10 +1,10 @@
-//! Results on standard output.
+//! Prints results on standard output.
 
 use std::fmt::Display;
 
 use serde::Serialize;
 
-/// As one line of JSON, or for people.
+/// Prints one line of JSON, or text.
 pub(crate) fn print<T: Display + Serialize>(result: &T, json: bool) -> anyhow::Result<()> {
     if json {
         println!("{}", serde_json::to_string(result)?);

@@ -1,17 +1,18 @@
-//! Progress of a plan, for people: a line per run on standard output, a bar on standard error.
+//! Progress of a plan: a line per run on standard output, a bar on standard error.
 
 use std::fmt::Display;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-/// Shows how far a plan is.
+/// Shows the progress of a plan.
 pub(crate) struct Progress {
     bar: ProgressBar,
     quiet: bool,
 }
 
 impl Progress {
-    /// For so many runs; nothing is shown if `quiet`, and no bar where standard error is no terminal.
+    /// Progress of a number of runs; nothing is shown if `quiet`, and no bar
+    /// if standard error is no terminal.
     pub(crate) fn new(runs: usize, quiet: bool) -> Self {
         let target =
             if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr_with_hz(10) };
@@ -21,7 +22,7 @@ impl Progress {
         Self { bar, quiet }
     }
 
-    /// A run is over.
+    /// Reports a finished run.
     pub(crate) fn line(&self, result: &impl Display) {
         if !self.quiet {
             self.bar.suspend(|| println!("{result}"));
@@ -29,7 +30,7 @@ impl Progress {
         self.bar.inc(1);
     }
 
-    /// Takes the bar away.
+    /// Removes the bar.
     pub(crate) fn finish(&self) {
         self.bar.finish_and_clear();
     }

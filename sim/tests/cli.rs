@@ -1,4 +1,4 @@
-//! The program as a user meets it: exit codes and messages.
+//! Exit codes and messages of the program.
 
 #![allow(
     clippy::unwrap_used,
@@ -46,7 +46,7 @@ fn measure_prints_both_directions() {
 }
 
 #[test]
-fn measure_refuses_what_is_no_mesh() {
+fn measure_refuses_files_without_a_surface() {
     let folder = tempfile::tempdir().unwrap();
     let good = write(folder.path(), "good.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
     let flat = write(folder.path(), "flat.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n");
@@ -77,7 +77,7 @@ fn run_refuses_plans_before_anything_is_prepared() {
 }
 
 #[test]
-fn frame_time_and_terrain_table_refuse_what_they_cannot_do() {
+fn frame_time_and_terrain_table_refuse_invalid_arguments() {
     let plan = Path::new(env!("CARGO_MANIFEST_DIR")).join("plans/none.toml");
     assert_refused(&simulator(&["frame-time", plan.to_str().unwrap()]), &["none.toml"]);
     let targets = vec!["1"; 17].join(",");
@@ -91,7 +91,7 @@ fn frame_time_and_terrain_table_refuse_what_they_cannot_do() {
 }
 
 #[test]
-fn normals_and_models_refuse_what_they_cannot_do() {
+fn normals_and_models_refuse_invalid_arguments() {
     let folder = tempfile::tempdir().unwrap();
     let square = write(
         folder.path(),
@@ -116,7 +116,7 @@ fn normals_and_models_refuse_what_they_cannot_do() {
 }
 
 #[test]
-fn run_says_what_models_and_peers_it_lacks() {
+fn run_names_missing_models_and_peers() {
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join("out");
     let link = "[[sweep]]\ntransport = \"ws\"\nrate_bits_per_s = 2_000_000\nrtt_ms = 50\n";
@@ -165,7 +165,7 @@ fn truth_takes_the_folder_of_models_that_its_message_names() {
     assert_eq!((json.as_array().unwrap().len(), &json[0]["repeats"]), (1, &1.into()));
 }
 
-/// A table of which some rows need what is not on this machine was said to differ.
+/// A table of which some rows could not be reproduced on this machine was reported as different.
 #[test]
 fn reproduce_leaves_out_rows_that_need_the_file_of_peers() {
     let folder = tempfile::tempdir().unwrap();
@@ -208,7 +208,7 @@ fn reproduce_leaves_out_rows_that_need_the_file_of_peers() {
         );
         assert_eq!(std::fs::read_to_string(&csv).unwrap(), committed);
     }
-    // What is here is compared all the same.
+    // Rows that can be reproduced are compared nevertheless.
     std::fs::write(&csv, committed.replace(",settled", ",never")).unwrap();
     assert_eq!(reproduce(&[]).status.code(), Some(1));
 }
@@ -234,7 +234,7 @@ fn a_plan_with_pictures_needs_a_graphics_adapter_and_says_so() {
     let run = |text: &str| {
         let plan = write(folder.path(), "plan.toml", text);
         let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-sim"));
-        // A back end that is not built in, so that no adapter answers.
+        // A back end that is not compiled in, so that no adapter is found.
         command.args(["run", &plan, "--quiet", "-o", output.to_str().unwrap()]).env("WGPU_BACKEND", "gl");
         command.output().unwrap()
     };
@@ -318,7 +318,7 @@ fn assess_takes_the_size_of_the_top_and_refuses_what_is_out_of_range() {
 }
 
 #[test]
-fn reproduce_writes_what_it_then_finds_and_names_what_differs() {
+fn reproduce_agrees_with_its_own_output_and_names_differences() {
     let folder = tempfile::tempdir().unwrap();
     let sections = write(
         folder.path(),
@@ -359,10 +359,10 @@ fn reproduce_writes_what_it_then_finds_and_names_what_differs() {
     assert!(output.join("reproduction.json").exists());
     let page = std::fs::read_to_string(output.join("reproduction.html")).unwrap();
     assert!(page.contains("padlock") && page.contains("Not run: its models are not here"), "{page}");
-    // Whatever the time that it took.
+    // Independent of the run time.
     assert!(reproduce(&[]).status.success());
     assert_eq!(std::fs::read_to_string(output.join("reproduction.html")).unwrap(), page);
-    // A figure and the table that somebody changed by hand.
+    // A figure and the table were changed by hand.
     let csv = folder.path().join("older.csv");
     let changed = std::fs::read_to_string(&csv).unwrap().replace("902", "903");
     std::fs::write(&csv, changed).unwrap();
@@ -370,16 +370,16 @@ fn reproduce_writes_what_it_then_finds_and_names_what_differs() {
     let text = String::from_utf8(differs.stdout).unwrap();
     assert_eq!(differs.status.code(), Some(1), "{text}");
     assert!(text.contains("triangles: 902 instead of 903") && text.contains("table older"), "{text}");
-    // Written by hand or not, tables follow the committed figures.
+    // Tables follow the committed figures, even if these were edited by hand.
     assert!(reproduce(&["older", "--tables"]).status.success());
     assert!(std::fs::read_to_string(&document).unwrap().contains("| stone | 903 |"));
     assert_refused(&reproduce(&["newer"]), &["no section is called newer", "older, scan"]);
 }
 
-/// A few of the ten thousand cases of each subject, as they are run for the table: the daemon in a process of its own,
-/// both transports, a client behind its socket.
+/// 30 of the ten thousand cases of each subject, run as for the table: the daemon in a separate process, both
+/// transports, and a client behind its socket.
 #[test]
-fn damaged_packs_sessions_and_flights_are_refused_or_taken_and_nothing_panics() {
+fn damaged_packs_sessions_and_flights_cause_no_panic() {
     const CASES: u64 = 30;
     let folder = tempfile::tempdir().unwrap();
     let cache = folder.path().to_str().unwrap();
@@ -392,7 +392,7 @@ fn damaged_packs_sessions_and_flights_are_refused_or_taken_and_nothing_panics() 
         assert_eq!((count("tried"), count("panics"), count("stuck")), (CASES, 0, 0), "{subject}");
         assert_eq!(count("taken") + count("refused"), CASES, "{subject}");
         assert!(count("refused") > 0, "{subject}");
-        // Nothing else is wrong with them: a client that cannot connect would be refused without having said anything.
+        // A client that cannot connect would count as refused without having sent anything.
         assert!(!subject["reasons"].as_str().unwrap().contains("no connection"), "{subject}");
         let hashed = subject["subject"] == "packs";
         assert!(hashed || count("taken") > 0, "{subject}");

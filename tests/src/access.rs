@@ -1,4 +1,4 @@
-//! Tokens: who is let in, and what those are told who are not.
+//! Tokens: admission with a token, and the messages without a valid one.
 
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -14,7 +14,7 @@ use crate::support::viewer::{Viewer, config};
 
 const SECRET: &[u8] = b"a secret of more than thirty-two bytes";
 
-/// A token for a scene that ends in so many seconds.
+/// A token for a scene that expires in `seconds`.
 fn token(secret: &[u8], scene: &str, seconds: i64) -> Token {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs();
     let base64 = |bytes: &[u8]| data_encoding::BASE64URL_NOPAD.encode(bytes);
@@ -31,7 +31,7 @@ fn showing(token: Option<Token>) -> Config {
 }
 
 #[test]
-fn a_viewer_with_a_token_sees_the_scene_and_others_are_told_why_they_do_not() {
+fn viewers_without_a_valid_token_receive_the_reason() {
     let scene = TestScene::small();
     let name = scene.source().header().name.clone();
     let file = tempfile::NamedTempFile::new().unwrap();
@@ -54,7 +54,7 @@ fn a_viewer_with_a_token_sees_the_scene_and_others_are_told_why_they_do_not() {
         let mut viewer = Viewer::start(&address, showing(Some(token(SECRET, &name, 100))));
         let status = viewer.settle();
         assert!(status.stats.applied_chunks > 0, "{:?}", status.stats);
-        // A newer one is shown while the session runs: it goes on, or ends with the reason.
+        // A new token is presented while the session runs: it continues, or ends with the reason.
         viewer.show(token(SECRET, &name, 200));
         viewer.show(token(b"another", &name, 300));
         let told = viewer.end(LIMIT);
@@ -63,7 +63,7 @@ fn a_viewer_with_a_token_sees_the_scene_and_others_are_told_why_they_do_not() {
     server.assert_healthy();
 }
 
-/// The program of docs/operating.md, in words for a shell.
+/// The example program of docs/operating.md, as a shell script.
 #[cfg(unix)]
 const PROGRAM: &str = r#"#!/bin/sh
 read -r asked
@@ -77,11 +77,11 @@ esac
 
 #[cfg(unix)]
 #[test]
-fn a_program_of_the_operators_says_who_sees_the_scene() {
+fn an_operators_program_decides_on_admission() {
     let folder = tempfile::tempdir().unwrap();
     let (text, program) = (folder.path().join("text"), folder.path().join("may-see"));
     std::fs::write(&text, PROGRAM).unwrap();
-    // Another program writes it: what is open for writing here cannot be run where another test starts a program.
+    // Another process writes the script: a file that is open for writing here cannot be executed by a concurrent test.
     let written = std::process::Command::new("install").args(["-m", "700"]).args([&text, &program]).status();
     assert!(written.unwrap().success());
     let hook = Hook::from_command(&program).unwrap();
@@ -99,7 +99,7 @@ fn a_program_of_the_operators_says_who_sees_the_scene() {
         let mut viewer = Viewer::start(&address, shown("open sesame"));
         let status = viewer.settle();
         assert!(status.stats.applied_chunks > 0, "{:?}", status.stats);
-        // What cannot be found out ends nothing; the next does.
+        // A failed check ends no session; the next check does.
         viewer.show(Token("broken".to_owned()));
         viewer.show(Token("nobody".to_owned()));
         let told = viewer.end(LIMIT);

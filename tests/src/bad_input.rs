@@ -1,5 +1,4 @@
-//! What users may get wrong, and what disks may do to packs. The command lines themselves are tested
-//! beside the programs.
+//! Wrong input by users, and packs damaged on disk. The command lines themselves are tested beside the programs.
 
 use std::fs::OpenOptions;
 use std::io::{Seek as _, SeekFrom, Write as _};
@@ -16,10 +15,9 @@ use crate::support::scene::{TestScene, prepare_all};
 use crate::support::shapes::ball;
 use crate::support::viewer::{Viewer, config};
 
-/// Guards trust: a server whose certificate is not the one that the address names is not talked to, and
-/// the user is told what to do.
+/// Checks that a server with another certificate than the address names is refused, with the remedy in the message.
 #[test]
-fn a_wrong_fingerprint_is_told_in_one_line() {
+fn a_wrong_fingerprint_is_reported_in_one_line() {
     let server = Server::start(TestScene::small().source(), SessionSettings::default());
     let good = server.url(Transport::Quic);
     let (rest, last) = good.split_at(good.len() - 1);
@@ -37,10 +35,10 @@ fn overwrite(pack: &Path, at: usize, bytes: &[u8]) {
     file.write_all(bytes).unwrap();
 }
 
-/// Guards clients against a disk that rots under a running server: a damaged chunk is not sent but
-/// refused, everything else goes on, and once the file is whole again the client gets the chunk.
+/// Checks that a chunk damaged on disk under a running server is refused while everything else is served, and that the
+/// client gets the chunk once the file is restored.
 #[test]
-fn a_chunk_damaged_on_disk_is_refused_until_it_is_mended() {
+fn a_chunk_damaged_on_disk_is_refused_until_it_is_restored() {
     let folder = tempfile::tempdir().unwrap();
     let model = folder.path().join("ball.obj");
     std::fs::write(&model, ball(30, 40)).unwrap();

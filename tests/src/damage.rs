@@ -1,5 +1,5 @@
-//! Packs that are damaged while they are served: the server says so, and the viewer calls no picture settled that lacks
-//! what was in them.
+//! Packs damaged while they are served: the server reports them, and the viewer does not call a picture settled that
+//! lacks some of their contents.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -13,14 +13,14 @@ use crate::support::scene::prepare_all;
 use crate::support::shapes::write_scene;
 use crate::support::viewer::{Viewer, config};
 
-/// Serves the small scene, damages its packs, and looks at what comes of it.
+/// Serves the small scene, damages its packs, and checks metrics and the viewer's status.
 fn damaged_by(damage: impl Fn(&Path)) {
     let folder = tempfile::tempdir().unwrap();
     let cache = folder.path().join("cache");
     let scene = of_files(&[write_scene(folder.path())]).unwrap();
     let packs = prepare_all(&scene, &cache);
     let paths: Vec<_> = packs.iter().map(|pack| pack.path().to_owned()).collect();
-    // In memory is nothing but base meshes.
+    // Only base meshes are in memory.
     let store = lodestream_bake::compose::open(&scene, packs, &BlobCache::new(256 << 20)).unwrap();
     let server = Server::start(Arc::new(store), SessionSettings::default());
     paths.iter().for_each(|path| damage(path));
@@ -35,7 +35,7 @@ fn damaged_by(damage: impl Fn(&Path)) {
 }
 
 #[test]
-fn packs_cut_short_while_they_were_served_were_counted_by_nobody() {
+fn packs_truncated_while_served_were_not_counted() {
     damaged_by(|path| {
         let file = std::fs::File::options().write(true).open(path).unwrap();
         let length = file.metadata().unwrap().len();
@@ -44,7 +44,7 @@ fn packs_cut_short_while_they_were_served_were_counted_by_nobody() {
 }
 
 #[test]
-fn packs_altered_while_they_were_served_were_counted_by_nobody() {
+fn packs_altered_while_served_were_not_counted() {
     damaged_by(|path| {
         let mut bytes = std::fs::read(path).unwrap();
         let half = bytes.len() / 2;

@@ -1,9 +1,9 @@
-//! What each crate makes its users compile: as `cargo tree` tells it, of the crate alone.
+//! Dependencies of each crate, from `cargo tree`.
 
 use std::collections::BTreeSet;
 use std::process::Command;
 
-/// Names of all crates that a package's library needs, with features besides its defaults.
+/// Names of all crates that a package's library depends on, with arguments for features.
 fn needs(package: &str, arguments: &[&str]) -> BTreeSet<String> {
     let mut command = Command::new(env!("CARGO"));
     command.current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
@@ -23,12 +23,12 @@ fn needs(package: &str, arguments: &[&str]) -> BTreeSet<String> {
     let names = String::from_utf8(output.stdout).unwrap();
     let names: BTreeSet<String> =
         names.lines().filter_map(|line| line.split_whitespace().next()).map(str::to_owned).collect();
-    // Guards against a listing of another form, in which nothing would ever be found.
+    // Guards against another output format, in which no name would be found.
     assert!(names.contains(package), "{names:?}");
     names
 }
 
-/// Asserts that a package needs none of these crates.
+/// Asserts that a package depends on none of these crates.
 fn lacks(package: &str, arguments: &[&str], none: &[&str]) {
     let needs = needs(package, arguments);
     for name in none {
@@ -43,7 +43,7 @@ fn an_embedder_of_the_client_compiles_no_window_and_no_renderer() {
     assert!(needs("lodestream-client", &[]).contains("tokio"));
     let network = ["tokio", "quinn", "rustls", "ring", "tungstenite", "tokio-tungstenite", "socket2"];
     lacks("lodestream-client", &["--no-default-features"], &network);
-    // Nor C. (`cc` is among the crates, for BLAKE3, which asks it for nothing with its feature `pure`.)
+    // Nor C. (`cc` is a dependency of BLAKE3, which does not call it with its feature `pure`.)
     lacks("lodestream-client", &["--no-default-features"], &["zstd", "zstd-sys"]);
     lacks("lodestream-client", &["--no-default-features", "--features", "quic"], &["tokio-tungstenite"]);
     lacks("lodestream-client", &["--no-default-features", "--features", "websocket"], &["quinn", "rustls"]);
@@ -93,15 +93,15 @@ fn terrain_tiles_are_selected_without_a_gpu() {
     assert!(of_the_renderer.contains("lodestream-terrain") && of_the_renderer.contains("wgpu"));
 }
 
-/// Nor C: meshoptimizer's library is what tests encode with.
+/// Nor C: only tests encode with meshoptimizer's library.
 #[test]
-fn who_reads_models_compiles_no_draco_if_he_wants_none() {
+fn the_importer_without_its_draco_feature_compiles_no_draco() {
     assert!(needs("lodestream-import", &[]).contains("draco-core"));
     lacks("lodestream-import", &["--no-default-features"], &["draco-core"]);
     lacks("lodestream-import", &[], &["meshopt", "zstd-sys", "tokio", "clap"]);
 }
 
-/// Clients of stores bring a library of TLS in C unless they are told not to.
+/// Clients of object stores bring a C library for TLS by default.
 #[test]
 fn the_server_has_one_library_of_tls() {
     lacks("lodestream-server", &[], &["aws-lc-rs", "aws-lc-sys", "openssl", "native-tls", "wgpu", "winit"]);
@@ -139,7 +139,7 @@ fn serving_and_viewing_compile_no_importer_and_no_simplifier() {
 }
 
 #[test]
-fn the_simulated_links_know_nothing_of_ours() {
+fn the_simulated_links_depend_on_no_other_crate_of_the_workspace() {
     let ours: Vec<String> = needs("lodestream-netsim", &[])
         .into_iter()
         .filter(|name| name.starts_with("lodestream-") && name != "lodestream-netsim")

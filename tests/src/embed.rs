@@ -1,4 +1,4 @@
-//! `examples/embed`: a package of its own, built as an untrusted peer would, drawing what a daemon serves.
+//! `examples/embed`: a package of its own, built as an embedder would, drawing what a daemon serves.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ use crate::support::daemon::{Server, Transport};
 use crate::support::picture::{Picture, comparison, draw, headless, keep, same};
 use crate::support::scene::TestScene;
 
-/// What the example clears its picture to, sRGB.
+/// The example's clear colour, sRGB.
 const SKY: [u8; 3] = [170, 108, 89];
 
 fn root() -> PathBuf {
@@ -26,18 +26,18 @@ fn embedding_takes_at_most_120_lines_in_all() {
     let lines: usize =
         files.iter().map(|file| std::fs::read_to_string(folder.join(file)).unwrap().lines().count()).sum();
     assert!((50..=120).contains(&lines), "{lines} lines");
-    // What is not counted is not there.
+    // The counted text must exist.
     assert_eq!(std::fs::read_dir(folder.join("src")).unwrap().count(), 1);
 }
 
-/// Builds the example with the workspace's versions of everything, without a network; gives the program.
+/// Builds the example with the workspace's dependency versions, offline; returns the program's path.
 fn build() -> PathBuf {
     let root = root();
     let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), Into::into);
     let folder = root.join("examples/embed");
     std::fs::copy(root.join("Cargo.lock"), folder.join("Cargo.lock")).unwrap();
-    // Where and how the workspace is built, so that dependencies are built once. Our own crates have other
-    // features here and are built again: without optimisation, which is soonest.
+    // Uses the workspace's target folder and profile, so that dependencies are built once. The workspace's crates have
+    // other features here and are built again, without optimisation, which is fastest.
     let manifest: toml::Table =
         toml::from_str(&std::fs::read_to_string(root.join("Cargo.toml")).unwrap()).unwrap();
     let mut dev = manifest["profile"]["dev"].as_table().unwrap().clone();
@@ -48,8 +48,8 @@ fn build() -> PathBuf {
     let file = target.join("embed-profile.toml");
     std::fs::write(&file, config.to_string()).unwrap();
     let mut cargo = Command::new(env!("CARGO"));
-    // What cargo tells tests of their own package is nothing to the other build. ring's build script watches it: with it,
-    // ring and all that depends on it were built again here, and again by the workspace's next build.
+    // Removes variables that cargo sets for tests. ring's build script watches one of them: with it, ring and all its
+    // dependents would be built again here, and again by the workspace's next build.
     let of_this_package = |name: &OsStr| {
         let own = ["CARGO_MANIFEST_", "CARGO_PKG_", "CARGO_CRATE_NAME", "CARGO_PRIMARY_PACKAGE"];
         name.to_str().is_some_and(|name| own.iter().any(|start| name.starts_with(start)))
@@ -70,13 +70,13 @@ fn build() -> PathBuf {
 }
 
 #[test]
-fn a_program_of_somebody_elses_draws_what_the_viewer_draws() {
+fn the_example_draws_what_the_viewer_draws() {
     let Some(mut headless) = headless() else { return };
     let program = build();
     let scene = TestScene::small();
     let server = Server::start(scene.source(), SessionSettings::default());
     let folder = tempfile::tempdir().unwrap();
-    // What the viewer's own renderer shows of the whole model, before the program's sky.
+    // The reference: the viewer's renderer with the whole model, before the program's sky.
     let mut whole = draw(&mut headless, scene.whole());
     for (pixel, covered) in whole.image.pixels_mut().zip(&whole.covered) {
         if !covered {
@@ -109,7 +109,7 @@ fn a_program_of_somebody_elses_draws_what_the_viewer_draws() {
         let found = comparison(&picture, &whole);
         println!("{transport:?}: {found:?}");
         assert!(found.covered >= 0.2 && same(&found), "{transport:?}: {found:?}");
-        // Elsewhere what the program drew by itself is left.
+        // Elsewhere the program's own drawing is untouched.
         let is_sky = |pixel: &image::Rgba<u8>| SKY.iter().zip(pixel.0).all(|(a, b)| a.abs_diff(b) <= 1);
         let free = || picture.image.pixels().zip(&whole.covered).filter(|(_, covered)| !**covered);
         let (sky, all) = (free().filter(|(pixel, _)| is_sky(pixel)).count(), free().count());

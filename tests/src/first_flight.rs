@@ -28,7 +28,7 @@ fn state(scene: &TestScene) -> Arc<ServerState> {
     ServerState::new(scene.source(), SessionSettings::default())
 }
 
-/// Takes what comes within a virtual second of `Hello`, asking for nothing.
+/// Collects what arrives within a virtual second of `Hello`, without requests.
 async fn pushed(mut client: impl RawClient) -> BTreeSet<BlobId> {
     client.send(&ClientMessage::Hello(hello())).await;
     let mut blobs = BTreeSet::new();
@@ -43,7 +43,7 @@ async fn pushed(mut client: impl RawClient) -> BTreeSet<BlobId> {
     blobs
 }
 
-/// Guards the push: base meshes of all that the start view sees come unasked, each whole and once.
+/// Checks the push: all base meshes that the start view sees arrive unrequested, complete and once.
 #[test]
 fn the_push_brings_every_base_mesh() {
     let scene = TestScene::small();
@@ -85,7 +85,7 @@ impl UntilFirstFrame {
         Self(core)
     }
 
-    /// When the first frame came; fails unless everything visible was drawable then.
+    /// The time of the first frame; fails unless every visible instance was drawable then.
     fn first_frame(&self, scene: &TestScene) -> Milestone {
         let counters = self.0.counters();
         assert_eq!((counters.visible_instances, counters.drawable_instances), (5, 5), "{counters:?}");
@@ -96,8 +96,8 @@ impl UntilFirstFrame {
     }
 }
 
-/// Guards the round trips before the first frame: two (connection, then the push beside or after
-/// `Hello`), and the time that the bytes take at the link's rate.
+/// Checks the first frame: two round trips (connection, then the push with or after `Hello`), plus the transfer time of
+/// its bytes.
 #[test]
 fn the_first_frame_comes_after_two_round_trips_and_its_bytes() {
     let scene = TestScene::small();
@@ -121,8 +121,7 @@ fn the_first_frame_comes_after_two_round_trips_and_its_bytes() {
         println!("{name}: first frame after {:?} and {} bytes", first.after, first.bytes);
         assert!(first.bytes <= FIRST_FRAME_BYTES, "{name}: {first:?}");
         assert!(first.bytes * 4 <= scene.total_bytes(), "{name}: {first:?} of {}", scene.total_bytes());
-        // Bytes as they are and 15 % for headers; and timers that fire up to 1 ms late, one for each of
-        // the up to five flights.
+        // Bytes plus 15 % for headers; timers fire up to 1 ms late, one for each of up to five flights.
         let transfer = Duration::from_secs_f64(first.bytes as f64 * 8.0 * 1.15 / RATE_BITS_PER_S as f64);
         let bound = Duration::from_millis(2 * RTT_MS + 5) + transfer;
         assert!(first.after <= bound, "{name}: {:?} of {bound:?}", first.after);

@@ -1,4 +1,4 @@
-//! Peers that break every rule.
+//! Peers that violate the protocol.
 
 use std::io::{Read as _, Write as _};
 use std::net::{Ipv4Addr, TcpStream, UdpSocket};
@@ -17,7 +17,7 @@ use crate::support::raw::{RawClient, RawQuic, RawWebSocket, hello, want};
 use crate::support::scene::TestScene;
 use crate::support::viewer::{Viewer, config};
 
-/// Reproducible noise.
+/// Seeded random bytes.
 fn noise(seed: u64, length: usize) -> Vec<u8> {
     let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
     let next = || {
@@ -41,7 +41,7 @@ fn garbage_over_udp(server: &Server) {
     }
 }
 
-/// Sends bytes to the HTTP port and gives what comes back until the server closes.
+/// Sends bytes to the HTTP port and returns the answer until the server closes.
 fn garbage_over_tcp(server: &Server, bytes: &[u8]) -> String {
     let mut stream = TcpStream::connect(server.http_address()).unwrap();
     stream.set_read_timeout(Some(LIMIT)).unwrap();
@@ -53,8 +53,7 @@ fn garbage_over_tcp(server: &Server, bytes: &[u8]) -> String {
     String::from_utf8_lossy(&answer).into_owned()
 }
 
-/// Guards both ports against bytes that are no protocol at all, and against connections that say nothing,
-/// while a viewer is being served.
+/// Checks that bytes of no protocol and silent connections on both ports do not affect a viewer that is being served.
 #[test]
 fn garbage_on_the_ports_leaves_the_server_and_its_viewers_alone() {
     let scene = TestScene::small();
@@ -65,7 +64,7 @@ fn garbage_on_the_ports_leaves_the_server_and_its_viewers_alone() {
     for viewer in &mut viewers {
         viewer.wait("a first frame", |s| s.stats.milestones.first_frame.is_some());
     }
-    // Half-open: connected, or in the middle of a request, and silent ever after.
+    // Half-open: connected, or in the middle of a request, then silent.
     let mut silent = Vec::new();
     for start in ["", "GET / HT", "GET / HTTP/1.1\r\nHost: s\r\nUpgrade: websocket\r\n"] {
         let mut stream = TcpStream::connect(server.http_address()).unwrap();
@@ -76,7 +75,7 @@ fn garbage_on_the_ports_leaves_the_server_and_its_viewers_alone() {
     for length in [1, 10, 100, 1000, 100_000] {
         garbage_over_tcp(&server, &noise(length as u64, length));
     }
-    // Nothing that is not a request may be answered with success.
+    // Only requests may be answered with success.
     let long = format!("GET /{} HTTP/1.1\r\nHost: s\r\n\r\n", "x".repeat(200_000));
     let many = format!("GET / HTTP/1.1\r\n{}\r\n", "A: b\r\n".repeat(20_000));
     let cases = [
@@ -103,18 +102,18 @@ fn garbage_on_the_ports_leaves_the_server_and_its_viewers_alone() {
     drop(silent);
 }
 
-/// What a peer says, and how the server must end it: code and part of the reason.
+/// Messages of a peer, and the `Close` that the server must answer with: code and part of the reason.
 fn rule_breakers() -> Vec<(&'static str, Vec<Vec<u8>>, CloseCode, &'static str)> {
     let first = |message: ClientMessage| vec![encode_client(&message).unwrap()];
     let greeting = || encode_client(&ClientMessage::Hello(hello())).unwrap();
-    // Tag of Want; the length in four bytes says 200,000.
+    // Tag of Want; its length field says 200,000.
     let mut too_long = vec![0x02];
     too_long.extend_from_slice(&(0x8000_0000_u32 | 200_000).to_be_bytes());
     too_long.extend(noise(1, 200_000));
     let mut truncated = greeting();
     let cut = truncated.len() - 3;
     truncated.truncate(cut);
-    // The head's length is one byte for so short a message: make it agree with what is left.
+    // For so short a message the header's length is one byte: correct it.
     truncated[1] -= 3;
     vec![
         (
@@ -145,7 +144,7 @@ fn rule_breakers() -> Vec<(&'static str, Vec<Vec<u8>>, CloseCode, &'static str)>
 
 async fn break_rules(client: &mut impl RawClient, frames: &[Vec<u8>]) -> Option<Close> {
     for frame in frames {
-        // The server may have closed before the last.
+        // The server may have closed before the last frame.
         if client.send_bytes(frame.clone()).await.is_err() {
             break;
         }
@@ -168,10 +167,10 @@ async fn over_websocket(server: &Server) -> RawWebSocket<tokio::net::TcpStream> 
     RawWebSocket::open(tokio::net::TcpStream::connect(server.http_address()).await.unwrap()).await
 }
 
-/// Guards sessions against peers that speak frames but not the protocol: each is told why, on both
-/// transports alike, and nobody else notices.
+/// Checks that peers which send frames but violate the protocol receive the reason, on both transports alike, and that
+/// other sessions are not affected.
 #[test]
-fn peers_that_break_the_rules_are_told_why() {
+fn peers_that_violate_the_protocol_receive_the_reason() {
     let scene = TestScene::small();
     let server = Server::start(scene.source(), SessionSettings::default());
     runtime().block_on(async {
@@ -191,8 +190,8 @@ fn peers_that_break_the_rules_are_told_why() {
     server.assert_healthy();
 }
 
-/// What a peer may say although it makes no sense: wishes for what does not exist are refused, all at once,
-/// messages of a later version are skipped, and the session goes on.
+/// Checks valid but useless messages: requests for missing blobs are refused, all at once, messages of a later version
+/// are skipped, and the session continues.
 async fn ask_for_nonsense(client: &mut impl RawClient) {
     client.send(&ClientMessage::Hello(hello())).await;
     let nonsense =
@@ -213,7 +212,7 @@ async fn ask_for_nonsense(client: &mut impl RawClient) {
 }
 
 #[test]
-fn wishes_for_what_does_not_exist_are_refused() {
+fn requests_for_missing_blobs_are_refused() {
     let scene = TestScene::small();
     let server = Server::start(scene.source(), SessionSettings::default());
     runtime().block_on(async {
@@ -225,9 +224,9 @@ fn wishes_for_what_does_not_exist_are_refused() {
     server.assert_healthy();
 }
 
-/// Guards the viewer against what is no Lodestream server: it ends with one line, in bounded time.
+/// Checks that the viewer ends with one line, in bounded time, if the peer is not a Lodestream server.
 #[test]
-fn a_viewer_takes_no_harm_from_what_is_no_server() {
+fn a_viewer_ends_with_a_message_if_the_peer_is_no_server() {
     let answers: [&[u8]; 4] = [
         b"",
         &noise(3, 5000),

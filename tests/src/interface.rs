@@ -1,8 +1,7 @@
-//! What the client offers a program without a tokio runtime of its own names no type of a network library.
+//! The client's interface without the feature `runtime` names no type of a network library.
 //!
-//! Such a program (one that leaves the feature `runtime` off) would otherwise have to compile, and keep up with, the
-//! versions of libraries that are the client's business. The sources are parsed: what others may name is what lies in
-//! public modules, and what these hand on.
+//! Otherwise a program without a tokio runtime would have to compile, and keep up with, the versions of libraries that
+//! are internal to the client. The sources are parsed: public are items in public modules, and what these re-export.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -12,20 +11,20 @@ use syn::visit::Visit;
 
 use crate::support::source::attributes_of;
 
-/// Crates whose types must not be seen.
+/// Crates whose types must not appear.
 const HIDDEN: [&str; 5] = ["tokio", "quinn", "tokio_rustls", "tokio_tungstenite", "futures_util"];
-/// Features that are on: all but `runtime`.
+/// Enabled features: all but `runtime`.
 const FEATURES: [&str; 4] = ["quic", "websocket", "tls", "zstd"];
 
-/// The items of a module that are compiled, but for its child modules.
+/// The compiled items of a module, without its child modules.
 struct Module {
-    /// Names from the crate's root.
+    /// Path from the crate's root.
     path: Vec<String>,
     public: bool,
     items: Vec<syn::Item>,
 }
 
-/// Whether what has these attributes is compiled.
+/// Whether an item with these attributes is compiled.
 fn compiled(attributes: &[syn::Attribute]) -> bool {
     attributes
         .iter()
@@ -49,12 +48,12 @@ fn holds(condition: &syn::Meta) -> bool {
             _ => panic!("a feature that is no text"),
         },
         syn::Meta::Path(path) if path.is_ident("test") => false,
-        // What is asked of the platform may be so.
+        // Conditions on the platform may hold.
         _ => true,
     }
 }
 
-/// Adds a module and those within it. `read` gives the text of a file below the folder of the sources.
+/// Adds a module and its children. `read` returns the text of a file below the sources' folder.
 fn add(
     read: &dyn Fn(&str) -> Option<String>,
     items: Vec<syn::Item>,
@@ -82,7 +81,7 @@ fn add(
     all.push(Module { path: path.to_vec(), public, items: own });
 }
 
-/// The leaves of a `use`: a name here, and the path that it stands for.
+/// The leaves of a `use`: local name and path.
 fn leaves(tree: &syn::UseTree, before: &[String], found: &mut Vec<(String, Vec<String>)>) {
     let with = |name: &syn::Ident| [before, &[name.to_string()]].concat();
     match tree {
@@ -109,14 +108,14 @@ fn uses(module: &Module, public: bool) -> Vec<(String, Vec<String>)> {
     found
 }
 
-/// Collects the paths of what must not be seen.
-struct Seen<'a> {
-    /// What names stand for in the module.
+/// Collects paths to hidden crates in signatures.
+struct HiddenTypeCollector<'a> {
+    /// Imported names of the module, with their paths.
     names: &'a BTreeMap<String, Vec<String>>,
     found: BTreeSet<String>,
 }
 
-impl<'a> Visit<'a> for Seen<'_> {
+impl<'a> Visit<'a> for HiddenTypeCollector<'_> {
     fn visit_path(&mut self, path: &'a syn::Path) {
         let first = path.segments[0].ident.to_string();
         let root = self.names.get(&first).map_or(&first, |path| &path[0]);
@@ -128,7 +127,7 @@ impl<'a> Visit<'a> for Seen<'_> {
     }
 
     fn visit_attribute(&mut self, _: &'a syn::Attribute) {
-        // Derives and documentation are no signatures.
+        // Derives and documentation are not signatures.
     }
 
     fn visit_block(&mut self, _: &'a syn::Block) {
@@ -138,13 +137,13 @@ impl<'a> Visit<'a> for Seen<'_> {
     fn visit_expr(&mut self, _: &'a syn::Expr) {}
 
     fn visit_field(&mut self, field: &'a syn::Field) {
-        // Fields of variants have no visibility of their own; those of structs are looked at below.
+        // Fields of variants have no visibility of their own; those of structs are checked below.
         self.visit_type(&field.ty);
     }
 }
 
-impl Seen<'_> {
-    /// An item that others may name, or an `impl` of one.
+impl HiddenTypeCollector<'_> {
+    /// Visits a public item, or an `impl` of one.
     fn item(&mut self, item: &syn::Item) {
         let public = |vis: &syn::Visibility| matches!(vis, syn::Visibility::Public(_));
         match item {
@@ -187,13 +186,13 @@ fn declared(item: &syn::Item) -> Option<(&syn::Ident, &syn::Visibility)> {
     })
 }
 
-/// Where what is hidden is seen, and how many items others may name.
+/// The places where hidden types appear, and the number of public items.
 fn seen(read: &dyn Fn(&str) -> Option<String>) -> (Vec<String>, usize) {
     let root = syn::parse_file(&read("lib.rs").expect("a root")).expect("Rust");
     let mut modules = Vec::new();
     add(read, root.items, &[], true, &mut modules);
     let mut found = Vec::new();
-    // Names of what public modules hand on, with the module that it is handed on from.
+    // Names that public modules re-export, with the module that they come from.
     let mut handed_on: BTreeSet<(Vec<String>, String)> = BTreeSet::new();
     for module in modules.iter().filter(|module| module.public) {
         for (_, mut path) in uses(module, true) {
@@ -219,7 +218,7 @@ fn seen(read: &dyn Fn(&str) -> Option<String>) -> (Vec<String>, usize) {
         modules.iter().flat_map(|module| module.items.iter().filter_map(|item| open(module, item))).collect();
     for module in &modules {
         let imported = uses(module, false).into_iter().collect();
-        let mut seen = Seen { names: &imported, found: BTreeSet::new() };
+        let mut seen = HiddenTypeCollector { names: &imported, found: BTreeSet::new() };
         for item in &module.items {
             let of_open = match item {
                 syn::Item::Impl(block) => match &*block.self_ty {
@@ -240,7 +239,7 @@ fn seen(read: &dyn Fn(&str) -> Option<String>) -> (Vec<String>, usize) {
 }
 
 #[test]
-fn the_client_shows_no_type_of_a_network_library() {
+fn the_clients_interface_names_no_type_of_a_network_library() {
     let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("../client/src");
     let (found, names) = seen(&|file| std::fs::read_to_string(sources.join(file)).ok());
     assert!(names > 20, "only {names} names are public");
@@ -248,7 +247,7 @@ fn the_client_shows_no_type_of_a_network_library() {
 }
 
 #[test]
-fn a_type_of_a_network_library_is_found_wherever_it_is_seen() {
+fn hidden_types_are_detected_everywhere() {
     let of = |streaming: &str| {
         let files = BTreeMap::from([
             ("lib.rs", "pub mod streaming; mod net;"),

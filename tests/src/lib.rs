@@ -1,36 +1,36 @@
-//! End-to-end tests: one crate, one module per topic. Everything that ships takes part: preparation,
-//! store, daemon, both transports, client core, streaming thread, renderer.
+//! End-to-end tests: one crate, one module per topic. All shipped parts are used: preparation, store, daemon, both
+//! transports, client core, streaming thread, renderer.
 //!
-//! | module | what it guards |
+//! | module | what it checks |
 //! |---|---|
 //! | `first_flight` | the server's push alone makes every visible instance drawable, in few bytes and round trips |
-//! | `settled` | what is streamed ends up looking like the model |
-//! | `textures` | a texture that assets share is one on the device |
-//! | `walls` | nothing is seen, and no sunlight comes, through the demo's closed walls |
-//! | `silence` | a server that is gone without a word is told |
-//! | `limiter` | bytes on the wire against the rate |
-//! | `robustness` | clients and servers that die, and come back |
+//! | `settled` | a streamed scene ends up looking like the model |
+//! | `textures` | a texture shared by assets is uploaded once |
+//! | `walls` | neither background nor sunlight is visible through the demo's closed walls |
+//! | `silence` | a vanished server is reported |
+//! | `limiter` | bytes on the wire against the rate limit |
+//! | `robustness` | killed clients and servers, and reconnection |
 //! | `faults` | the same for many clients, and networks that reorder packets or change addresses, in virtual time |
-//! | `tls` | certificates: who is believed, and their exchange while sessions run |
-//! | `access` | tokens: who is let in, and what others are told |
-//! | `hostile` | peers that break every rule |
-//! | `packs` | the same input gives the same packs; caches; exports; checks |
-//! | `bad_input` | what users may get wrong, and what disks may do to packs |
-//! | `window` | the viewer's program: what is on the screen, first and at last, and how it ends |
-//! | `moving_window` | the same while a user moves the camera: nothing that was there goes |
-//! | `damage` | packs that are damaged while they are served |
+//! | `tls` | validation of certificates, and their exchange while sessions run |
+//! | `access` | tokens: admission, and messages without a valid one |
+//! | `hostile` | peers that violate the protocol |
+//! | `packs` | deterministic packs; caches; exports; checks |
+//! | `bad_input` | wrong input by users, and packs damaged on disk |
+//! | `window` | the viewer's program: first and last frame on the screen, and exit |
+//! | `moving_window` | the same with a moving camera: nothing disappears |
+//! | `damage` | packs damaged while they are served |
 //! | `terrain` | features of a terrain arrive, and only where a view needs them |
-//! | `punctual_lights` | punctual lights arrive with their scene, light its picture, and keep no first frame waiting |
-//! | `documents` | what documents name is there: links, files, code, commands |
-//! | `wire` | docs/protocol.md is true: a reader written from it understands recorded sessions |
-//! | `dependencies` | what each crate makes its users compile |
-//! | `interface` | what each type in the client's interface is of |
-//! | `embed` | a program of somebody else's that draws the scene, built and run |
+//! | `punctual_lights` | punctual lights arrive with their scene, light its picture, and do not delay the first frame |
+//! | `documents` | links, files, code and commands named in documents exist; documents stay short |
+//! | `wire` | docs/protocol.md is correct: a reader written from it understands recorded sessions |
+//! | `dependencies` | dependencies of each crate |
+//! | `interface` | the client's interface names no type of a network library |
+//! | `embed` | the embedding example, built and run |
 //! | `imports` | files do not import in circles |
 //! | `models` | models of your own: `LODESTREAM_MODELS=DIR` |
 //!
-//! Scenes are generated and small. Tests on real sockets use loopback and give up after a bound that is
-//! far above what they take; whatever measures time runs in virtual time.
+//! Scenes are generated and small. Tests on real sockets use loopback and fail after a time far above what they need;
+//! whatever measures time runs in virtual time.
 
 #![cfg_attr(
     test,

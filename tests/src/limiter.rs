@@ -1,4 +1,4 @@
-//! Bytes on the wire against the rate.
+//! Bytes on the wire against the rate limit.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -23,7 +23,7 @@ fn state() -> Arc<ServerState> {
     ServerState::new(Arc::new(MemoryScene::new(ASSETS, 1500, 200_000)), settings)
 }
 
-/// Asks for everything and notes the bytes on the wire at every tick.
+/// Requests everything and records the bytes on the wire at every tick.
 async fn sample(mut client: impl RawClient, wire_bytes: impl Fn() -> u64) -> Vec<u64> {
     client.send(&ClientMessage::Hello(hello())).await;
     let levels = |asset| (0..TEXTURE_LEVELS).map(move |level| BlobId::texture(asset, 0, level));
@@ -49,8 +49,7 @@ fn assert_windows(name: &str, samples: &[u64]) {
     assert!(low >= 0.95 && high <= 1.05, "{name}: {low} to {high} of the rate");
 }
 
-/// Guards the limiter's accounting: packets of real quinn, headers included, over a link that is far
-/// faster than the rate.
+/// Checks the limiter's accounting: packets of quinn, headers included, over a link far faster than the limit.
 #[test]
 fn quic_keeps_to_the_rate_on_the_wire() {
     let samples = virtual_runtime().unwrap().block_on(async {

@@ -1,11 +1,10 @@
-//! Models of your own, which are not part of the project: one line per OBJ file of a folder.
+//! User-supplied models, one line per OBJ file of a folder.
 //!
 //! ```sh
 //! LODESTREAM_MODELS=DIR cargo test --release -p lodestream-tests models -- --nocapture
 //! ```
 //!
-//! Each model is prepared and checked, then streamed over QUIC and over WebSocket in virtual time until it
-//! is settled.
+//! Each model is prepared and checked, then streamed over QUIC and over WebSocket in virtual time until settled.
 
 use std::path::{Path, PathBuf};
 
@@ -31,7 +30,7 @@ fn checked(model: &Path) -> Model {
     assert_eq!(found, (RANDOM_SETS, 0, 0, 0), "{name}: sets, cracks, order-dependent, undo-errors");
 
     let measured = models::measure(model, cache.path()).unwrap();
-    // 5 % is meant. The search for what goes too far sees the least of beetle, 5.01 %; of flighthelmet, 5.21 %.
+    // The bound is 5 %. The check's search underestimates it: 5.01 % for beetle, 5.21 % for flighthelmet.
     assert!(measured.base_error <= 0.0522, "{measured}");
     for streamed in [&measured.quic, &measured.ws] {
         assert_eq!(streamed.ended, "settled", "{measured}");
@@ -40,7 +39,7 @@ fn checked(model: &Path) -> Model {
     measured
 }
 
-/// Guards what is promised for any model: it prepares, passes the check, streams and settles.
+/// Checks that any model can be prepared, passes the check, streams and settles.
 #[test]
 fn every_model_prepares_checks_streams_and_settles() {
     let Some(folder) = std::env::var_os("LODESTREAM_MODELS") else {

@@ -1,4 +1,4 @@
-//! The viewer in a window whose camera a user moves while the scene is coming: what was on the screen stays there.
+//! The viewer's window with a camera that moves while the scene arrives: objects do not disappear.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -15,15 +15,15 @@ use crate::support::program::{Program, RUN_LIMIT, SIZE_PX};
 use crate::support::scene::{TestScene, prepare_all};
 use crate::support::shapes::ball;
 
-/// So slow that balls are refined while the camera moves.
+/// Slow enough that the balls are still refined while the camera moves.
 const RATE_BITS_PER_S: u64 = 300_000;
-/// Pictures that are looked at after the first, at least, and chunks that have come by then.
+/// Fewest pictures checked after the first, and chunks received by then.
 const PICTURES: usize = 12;
 const CHUNKS: u64 = 20;
-/// Between which columns the pointer is dragged to and fro, and how far at a time: the camera swings by 0.2 rad.
+/// Columns between which the pointer is dragged, and step size: the camera swings by 0.2 rad.
 const COLUMNS: [i16; 2] = [140, 180];
 const STEP: usize = 4;
-/// How large a share of what was most seen of an object is seen of it at least: balls turn, and are coarse at first.
+/// Least visible share of an object, relative to its largest: balls turn, and are coarse at first.
 const LEAST_SHARE: f64 = 0.5;
 
 /// The colours of the balls.
@@ -34,8 +34,8 @@ const COLOURS: [(&str, &str); 4] = [
     ("magenta", "0.5 0.02 0.42"),
 ];
 
-/// Whose colour a pixel has: none of them is that of the sky, in which blue is much.
-fn who(&Rgb(pixel): &Rgb<u8>) -> Option<usize> {
+/// The ball whose colour a pixel has; none has that of the sky, in which blue dominates.
+fn ball_of(&Rgb(pixel): &Rgb<u8>) -> Option<usize> {
     let most = *pixel.iter().max().unwrap();
     match pixel.map(|channel| f64::from(channel) > 0.6 * f64::from(most)) {
         _ if most < 30 => None,
@@ -47,24 +47,24 @@ fn who(&Rgb(pixel): &Rgb<u8>) -> Option<usize> {
     }
 }
 
-/// Pixels of each ball.
-fn seen(picture: &RgbImage) -> [usize; 4] {
+/// Number of pixels of each ball.
+fn ball_pixels(picture: &RgbImage) -> [usize; 4] {
     let mut pixels = [0; 4];
-    picture.pixels().filter_map(who).for_each(|ball| pixels[ball] += 1);
+    picture.pixels().filter_map(ball_of).for_each(|ball| pixels[ball] += 1);
     pixels
 }
 
-/// Where a ball's pixels lie on average, from the left.
+/// Mean column of a ball's pixels.
 fn middle(picture: &RgbImage, ball: usize) -> f64 {
     let columns: Vec<f64> = picture
         .enumerate_pixels()
-        .filter(|(_, _, pixel)| who(pixel) == Some(ball))
+        .filter(|(_, _, pixel)| ball_of(pixel) == Some(ball))
         .map(|(x, _, _)| f64::from(x))
         .collect();
     columns.iter().sum::<f64>() / columns.len() as f64
 }
 
-/// Four balls side by side, none before another from wherever the camera gets.
+/// Four balls side by side that do not occlude each other from any position of the camera.
 fn balls(folder: &Path) -> TestScene {
     let mut text = String::from(
         "name = \"balls\"\n[camera]\neye = [0.0, 0.0, 7.0]\ntarget = [0.0, 0.0, 0.0]\nfov_y_degrees = 42.0\n\
@@ -90,16 +90,16 @@ fn balls(folder: &Path) -> TestScene {
     TestScene::open(&scene, prepare_all(&scene, &folder.join("cache")))
 }
 
-/// Whole chunks that a server has sent.
+/// Number of chunks that a server has sent completely.
 fn sent_chunks(server: &Server) -> u64 {
     let metrics = server.metrics();
     let line = metrics.lines().find_map(|line| line.strip_prefix("lodestream_sent_total{kind=\"chunk\"} "));
     line.map_or(0, |count| count.parse().unwrap())
 }
 
-/// Objects vanished for a frame while their meshes changed, or were absent until what the moved camera needs had come.
+/// Objects vanished for a frame while their meshes changed, or until the data for the moved camera had arrived.
 #[test]
-fn while_the_camera_moves_no_frame_lacks_what_an_earlier_one_had() {
+fn no_object_disappears_while_the_camera_moves() {
     if skipped() {
         return;
     }
@@ -128,7 +128,7 @@ fn while_the_camera_moves_no_frame_lacks_what_an_earlier_one_had() {
         if picture == last {
             continue;
         }
-        let pixels = seen(&picture);
+        let pixels = ball_pixels(&picture);
         for (ball, (&now, most)) in pixels.iter().zip(&mut most).enumerate() {
             let (name, _) = COLOURS[ball];
             assert!(
@@ -137,7 +137,7 @@ fn while_the_camera_moves_no_frame_lacks_what_an_earlier_one_had() {
             );
             *most = now.max(*most);
         }
-        // From the first that has all.
+        // From the first picture with all balls.
         if pixels.iter().all(|&pixels| pixels > 0) {
             pictures.push(pixels);
             places.insert(middle(&picture, 0).round() as i64);
@@ -145,7 +145,7 @@ fn while_the_camera_moves_no_frame_lacks_what_an_earlier_one_had() {
         last = picture;
     }
     println!("{} pictures, the red ball's middle at {places:?}: {pictures:?}", pictures.len());
-    // They are no specks, and the camera has moved.
+    // They are not tiny, and the camera has moved.
     assert!(most.iter().all(|&pixels| pixels > 200), "{most:?}");
     assert!(places.len() >= 3, "the camera stood still: {places:?}");
     window.ask_to_close();

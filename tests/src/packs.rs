@@ -1,4 +1,4 @@
-//! The same input gives the same packs; the cache; exports; checks.
+//! Deterministic packs, the cache, exports, checks.
 
 use std::num::NonZeroUsize;
 use std::path::Path;
@@ -15,10 +15,10 @@ use lodestream_store::PackFile;
 use crate::support::scene::{TestScene, options};
 use crate::support::shapes::{ball, write_scene};
 
-/// Guards packs against anything but their input: no thread count, no run, no folder may show in them.
-/// All kinds of asset: closed and open, one material or textured with seams and hard edges.
+/// Checks that packs depend only on their input, not on thread count, run or folder, for all kinds of asset: closed and
+/// open, with one material or textured with seams and hard edges.
 #[test]
-fn packs_depend_on_nothing_but_their_input() {
+fn packs_depend_only_on_their_input() {
     let (here, there) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let scenes = [&here, &there].map(|folder| of_files(&[write_scene(folder.path())]).unwrap());
     for (first, second) in scenes[0].assets.iter().zip(&scenes[1].assets) {
@@ -40,8 +40,8 @@ fn flip(path: &Path, at: usize) {
     std::fs::write(path, bytes).unwrap();
 }
 
-/// Guards the second start of a server: nothing is prepared again, unless a file that the pack was made
-/// from has changed, or the pack is damaged; then it is, and nothing is left lying about.
+/// Checks a server's second start: an asset is prepared again only if one of its source files changed or the pack is
+/// damaged, and no temporary file is left.
 #[test]
 fn the_cache_serves_until_its_input_changes() {
     let folder = tempfile::tempdir().unwrap();
@@ -77,7 +77,7 @@ fn the_cache_serves_until_its_input_changes() {
     assert!(prepared().report.is_some(), "a texture has changed");
     std::fs::write(&texture, picture).unwrap();
 
-    // Damage is noticed at once, wherever it is: head, table, or any blob to the last.
+    // Damage is detected wherever it is: head, table, or any blob to the last.
     let last = good.len() - 1;
     for at in [0, 9, 30, 50, 70, 100, last / 2, last] {
         flip(path, at);
@@ -90,7 +90,7 @@ fn the_cache_serves_until_its_input_changes() {
     assert!(packs().iter().all(|p| p.extension().is_some_and(|e| e == "lsp")), "{:?}", packs());
 }
 
-/// Guards scans: a PLY file, named alone or in a scene file, becomes the asset that the OBJ file of the same mesh does, and
+/// Checks that a PLY file, named alone or in a scene file, gives the same asset as the OBJ file of the same mesh, and
 /// is prepared again once it has changed.
 #[test]
 fn ply_files_are_prepared_and_cached_as_others_are() {
@@ -141,8 +141,7 @@ fn ply_files_are_prepared_and_cached_as_others_are() {
     assert!(prepared(&ply).0, "the file has changed");
 }
 
-/// Guards exports: the file holds as many faces as was said, and lies no further from the model than was
-/// said.
+/// Checks that an export has the stated number of faces and error.
 #[test]
 fn exports_are_as_good_as_they_say() {
     let folder = tempfile::tempdir().unwrap();
@@ -153,7 +152,7 @@ fn exports_are_as_good_as_they_say() {
     let asset = PackFile::open(&pack).unwrap().load().unwrap();
     let original = read_obj(&model).unwrap();
     let settings = Settings { samples: NonZeroUsize::new(20_000).unwrap(), ..Settings::default() };
-    // Half a cell's diagonal: what quantisation alone may cost.
+    // Half a cell's diagonal: the error of quantisation alone.
     let rounding = 0.5 * 3.0_f64.sqrt() * asset.base.grid.step;
     let mut sizes = Vec::new();
     let third = asset.infos.iter().map(|i| u64::from(i.payload_bytes)).sum::<u64>() / 3;
@@ -185,7 +184,7 @@ fn exports_are_as_good_as_they_say() {
     assert!(sizes.is_sorted() && sizes[0] < sizes[4], "larger budgets give finer meshes: {sizes:?}");
 }
 
-/// Guards every kind of asset in the small scene against cracks, order dependence and inexact undo.
+/// Checks every kind of asset in the small scene for cracks, order dependence and exact undo.
 #[test]
 fn every_asset_passes_the_check() {
     for asset in &TestScene::small().assets {
@@ -196,7 +195,7 @@ fn every_asset_passes_the_check() {
     }
 }
 
-/// Guards the store: every blob that a pack's description promises is there, as long as promised.
+/// Checks that every blob of a pack's description exists with its stated length.
 #[test]
 fn packs_hold_what_they_promise() {
     let folder = tempfile::tempdir().unwrap();

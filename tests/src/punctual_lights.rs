@@ -1,4 +1,4 @@
-//! Punctual lights arrive with their scene, light its picture, and keep no first frame waiting.
+//! Punctual lights arrive with their scene, light its picture, and do not delay the first frame.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -20,13 +20,13 @@ use crate::support::shapes::write_scene;
 use crate::support::viewer::{Viewer, config};
 use crate::support::virtual_link::{QuicLink, SERVER, tcp_connect};
 
-/// Most bytes that punctual lights may add to a first frame: the message, which holds at most 16 punctual lights or 16 pages' spheres, and
-/// what of the first pages is under way when the last base mesh has come.
+/// Most bytes that punctual lights may add to a first frame: the message with at most 16 lights or 16 pages' spheres,
+/// and the part of the first pages in flight when the last base mesh has arrived.
 const MORE_BYTES: u64 = 2_500;
 const RATE_BITS_PER_S: u64 = 2_000_000;
 const RTT_MS: u64 = 50;
 
-/// The small scene by night, under so many punctual lights, in a folder of its own.
+/// The small scene at night with some punctual lights, in a folder of its own.
 fn night(folder: &Path, punctual_lights: u32) -> TestScene {
     let path = write_scene(folder);
     let day = std::fs::read_to_string(&path).unwrap();
@@ -53,8 +53,8 @@ fn night(folder: &Path, punctual_lights: u32) -> TestScene {
     TestScene::open(&scene, prepare_all(&scene, &folder.join("cache")))
 }
 
-/// Guards the whole way of punctual lights from scene file to picture, of few that come with the scene and of many that come in
-/// pages: a settled client shows what the scene with all of them shows. And guards that they light it at all.
+/// Checks punctual lights from scene file to picture, for few lights sent with the scene and many in pages: a settled
+/// client shows the same as the local scene with all lights, and they do change the picture.
 #[test]
 fn a_night_scene_is_lit_by_its_punctual_lights() {
     let Some(mut headless) = headless() else { return };
@@ -64,7 +64,7 @@ fn a_night_scene_is_lit_by_its_punctual_lights() {
         let server = Server::start(scene.source(), SessionSettings::default());
         let whole = draw(&mut headless, scene.whole());
         keep(&whole, &format!("night-{count}-whole"));
-        // Exposed like it, since punctual lights are announced.
+        // With the same exposure, since punctual lights are announced.
         let without =
             scene.whole().into_iter().filter(|change| !matches!(change, Change::PunctualLightPage { .. }));
         let dark = draw(&mut headless, without.collect());
@@ -89,9 +89,9 @@ fn a_night_scene_is_lit_by_its_punctual_lights() {
 /// A client that leaves once its picture has settled.
 struct UntilSettled {
     core: ClientCore,
-    /// Punctual lights that were here before the first frame.
+    /// Punctual lights received before the first frame.
     early: usize,
-    /// How many are here, and since when.
+    /// Number of lights received, and the time of the last.
     lit: (usize, Time),
 }
 
@@ -117,7 +117,7 @@ impl Host for UntilSettled {
     }
 }
 
-/// When the first frame came, and how many punctual lights were there once all had settled, and since when.
+/// Time of the first frame, number of punctual lights when settled, and time of the last.
 fn run(scene: &TestScene, transport: Transport) -> (Milestone, usize, Duration) {
     let state = ServerState::new(scene.source(), SessionSettings::default());
     virtual_runtime().unwrap().block_on(async {
@@ -137,7 +137,7 @@ fn run(scene: &TestScene, transport: Transport) -> (Milestone, usize, Duration) 
                 run_websocket(opened.unwrap(), &mut host, clock).await;
             }
         }
-        // Of many punctual lights none is needed for the first frame, so none should have come before it.
+        // With many lights none is needed for the first frame, so none should arrive before it.
         assert!(
             host.early == 0 || host.core.punctual_light_count() <= 16,
             "{} punctual lights came first",
@@ -148,7 +148,7 @@ fn run(scene: &TestScene, transport: Transport) -> (Milestone, usize, Duration) 
     })
 }
 
-/// Guards the first frame: 400 and 4,000 punctual lights add a few hundred bytes to it, and the time that these take.
+/// Checks that 400 and 4,000 punctual lights add only a few hundred bytes to the first frame, and their transfer time.
 #[test]
 fn the_first_frame_does_not_wait_for_punctual_lights() {
     let folder = tempfile::tempdir().unwrap();
@@ -177,7 +177,7 @@ fn the_first_frame_does_not_wait_for_punctual_lights() {
     }
 }
 
-/// Guards what somebody expects who serves a model: its lights are there, wherever the scene puts it.
+/// Checks that a served model's own lights exist, wherever the scene places it.
 #[test]
 fn a_served_gltf_shows_its_light() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Clients and servers that die, and come back.
+//! Killed clients and servers, and reconnection.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -14,7 +14,7 @@ use crate::support::daemon::{Server, Transport};
 use crate::support::scene::TestScene;
 use crate::support::viewer::{Viewer, config};
 
-/// Slow enough that a scene of some 40 kB takes a second or two, so that "mid-way" can be hit.
+/// Slow enough that a scene of some 40 kB takes a second or two, so that a session can be interrupted half-way.
 const SLOW: SessionSettings = SessionSettings {
     rate_bits_per_s: Some(300_000),
     rate_per_address_bits_per_s: None,
@@ -25,7 +25,7 @@ const SLOW: SessionSettings = SessionSettings {
     drain: Duration::from_secs(3),
 };
 
-/// Chunks that a client has when its server dies: more than may be sent again before anything is known of the client.
+/// Chunks that a client has when its server is killed: more than may be sent again before its inventory is known.
 const MANY: u64 = 18;
 
 fn number(metrics: &str, name: &str) -> u64 {
@@ -37,13 +37,13 @@ fn blobs_sent(server: &Server, kind: &str) -> u64 {
     number(&server.metrics(), &format!("lodestream_sent_total{{kind=\"{kind}\"}}"))
 }
 
-/// A client that tells when it has its first chunk.
-struct Doomed {
+/// A client that reports its first chunk.
+struct UntilFirstChunk {
     core: ClientCore,
     has_chunk: Arc<Notify>,
 }
 
-impl Host for Doomed {
+impl Host for UntilFirstChunk {
     fn core(&mut self) -> &mut ClientCore {
         &mut self.core
     }
@@ -57,12 +57,12 @@ impl Host for Doomed {
     }
 }
 
-/// Runs a client until it has its first chunk, then lets it vanish: its runtime stops at once and its
-/// sockets close, but nothing more is said.
+/// Runs a client until it has its first chunk, then kills it: its runtime stops and its sockets close without a
+/// message.
 fn run_and_kill(address: &Address) {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     let has_chunk = Arc::new(Notify::new());
-    let mut host = Doomed { core: ClientCore::new(config()), has_chunk: has_chunk.clone() };
+    let mut host = UntilFirstChunk { core: ClientCore::new(config()), has_chunk: has_chunk.clone() };
     let retry = Retry { first_attempts: 3, first_within: Duration::MAX, reconnect: false };
     let server = address.clone().into();
     runtime.block_on(async {
@@ -76,9 +76,9 @@ fn run_and_kill(address: &Address) {
     assert!(!host.core.is_settled(), "the client must die mid-way");
 }
 
-/// Guards sessions against each other, and the server against clients that vanish.
+/// Checks that a vanished client affects neither other sessions nor the server.
 #[test]
-fn a_client_that_dies_mid_way_harms_nobody() {
+fn a_killed_client_affects_no_other_session() {
     let scene = TestScene::small();
     for transport in Transport::BOTH {
         let server = Server::start(scene.source(), SLOW);
@@ -88,19 +88,19 @@ fn a_client_that_dies_mid_way_harms_nobody() {
         server.assert_healthy();
         let stats = other.settle().stats;
         assert_eq!((stats.connections, stats.decode_failures), (1, 0), "{stats:?}");
-        // And new clients are taken.
+        // New clients are accepted.
         let mut third = Viewer::start(&server.address(transport), config());
         third.wait("a first frame", |s| s.stats.milestones.first_frame.is_some());
         drop((other, third));
         if transport == Transport::WebSocket {
-            // A closed socket is noticed; what vanishes behind UDP only by its silence, later.
+            // A closed socket is detected; a vanished QUIC client only by its silence, later.
             server.wait_for_sessions(0);
         }
         server.assert_healthy();
     }
 }
 
-/// Most chunks that a server pushes before it can hear what the client has.
+/// Most chunks that a server pushes before it knows the client's inventory.
 fn most_before_hello(scene: &TestScene, transport: Transport) -> u64 {
     let config = match transport {
         Transport::WebSocket => ServerConfig::websocket(None),
@@ -115,11 +115,11 @@ fn most_before_hello(scene: &TestScene, transport: Transport) -> u64 {
     lengths.into_iter().take_while(fits).count() as u64
 }
 
-/// Guards the viewer against servers that vanish: its picture stays, it says what is going on, connects
-/// again and goes on where it was, without fetching again what it has.
+/// Checks the viewer when its server vanishes: the picture stays, the status tells what happens, and it reconnects and
+/// continues without fetching again what it has.
 fn a_server_dies_and_comes_back(transport: Transport) {
     let scene = TestScene::small();
-    // So slow that about a second's worth is left when the client has so many.
+    // Slow enough that about a second's data remain when the client has that many chunks.
     let slow = SessionSettings { rate_bits_per_s: Some(100_000), ..SLOW };
     let server = Server::start(scene.source(), slow);
     let address = server.address(transport);
@@ -132,7 +132,7 @@ fn a_server_dies_and_comes_back(transport: Transport) {
     let lost = viewer.wait("word of the loss", |s| s.message.as_ref().is_some_and(|m| m.contains("again")));
     let message = lost.message.unwrap();
     assert!(!message.contains('\n') && message.contains("connecting again in"), "{message}");
-    // Nothing was taken back.
+    // Nothing was removed.
     assert!(lost.stats.applied_chunks >= before.applied_chunks, "{:?}", lost.stats);
     let scenes = |viewer: &Viewer| viewer.changes.iter().filter(|c| matches!(c, Change::Scene(_))).count();
     assert_eq!(scenes(&viewer), 1);
@@ -144,8 +144,8 @@ fn a_server_dies_and_comes_back(transport: Transport) {
     assert!(after.stats.connections >= 2, "{:?}", after.stats);
     assert_eq!(after.stats.decode_failures, 0, "{:?}", after.stats);
     assert_eq!(scenes(&viewer), 1, "the picture was thrown away");
-    // Base meshes may come again, and over WebSocket some chunks: the server pushes them before it can hear what the
-    // client has.
+    // Base meshes may be sent again, and over WebSocket some chunks: the server pushes them before it knows the
+    // client's inventory.
     let chunks = blobs_sent(&server, "chunk") + lost.stats.applied_chunks;
     let all: u64 = scene.assets.iter().map(|a| a.chunks.len() as u64).sum();
     let most = all + most_before_hello(scene, transport);
@@ -164,9 +164,9 @@ fn a_quic_viewer_survives_its_server() {
     a_server_dies_and_comes_back(Transport::Quic);
 }
 
-/// Guards the order of an orderly end: clients are told, the picture stays, the daemon ends by itself.
+/// Checks an orderly shutdown: clients are told, the picture stays, the daemon ends by itself.
 #[test]
-fn a_server_that_ends_in_good_order_says_so() {
+fn an_orderly_shutdown_is_announced() {
     let scene = TestScene::small();
     let server = Server::start(scene.source(), SessionSettings { drain: Duration::from_millis(300), ..SLOW });
     let mut viewers: Vec<_> =

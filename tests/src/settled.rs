@@ -1,4 +1,4 @@
-//! What is streamed ends up looking like the model.
+//! A streamed scene ends up looking like the model.
 
 use std::sync::Arc;
 
@@ -10,11 +10,10 @@ use crate::support::picture::{comparison, draw, headless, keep, same};
 use crate::support::scene::{Lacking, TestScene};
 use crate::support::viewer::{Viewer, config};
 
-/// Guards the whole way from pack to picture: a settled client shows what the model itself would show,
-/// drawn by the same renderer with every chunk applied locally. And guards the comparison: with one chunk
-/// held back it must fail, so that it would notice a chunk lost on the way.
+/// Checks the whole path from pack to picture: a settled client shows the same as the model drawn locally with every
+/// chunk applied. With one chunk withheld the comparison must fail, so it would detect a lost chunk.
 #[test]
-fn the_settled_picture_is_that_of_the_whole_model() {
+fn the_settled_picture_equals_that_of_the_complete_model() {
     let Some(mut headless) = headless() else { return };
     let scene = TestScene::small();
     let server = Server::start(scene.source(), SessionSettings::default());
@@ -26,7 +25,7 @@ fn the_settled_picture_is_that_of_the_whole_model() {
         let stats = &status.stats;
         assert_eq!((stats.decode_failures, stats.refused), (0, 0), "{stats:?}");
         assert!(stats.applied_chunks > 0 && stats.texture_levels > 0, "{stats:?}");
-        // What is far away stays coarse: the view settles the picture, not the end of the data.
+        // Distant objects stay coarse: the view determines when the picture is settled, not the end of the data.
         assert!(stats.faces < scene.faces(), "{} of {} faces", stats.faces, scene.faces());
         let settled = draw(&mut headless, viewer.changes);
         keep(&settled, &format!("settled-{transport:?}"));
@@ -36,12 +35,12 @@ fn the_settled_picture_is_that_of_the_whole_model() {
         assert!(same(&found), "{transport:?}: {found:?}");
     }
 
-    // The ball's first chunk: without it, whatever refines its region is missing too.
+    // The ball's first chunk: without it, all refinements of its region are missing too.
     let lacking = Lacking { scene: scene.source(), blob: BlobId::chunk(scene.asset("ball"), 0) };
     let other = Server::start(Arc::new(lacking), SessionSettings::default());
     let mut viewer = Viewer::start(&other.address(Transport::WebSocket), config());
     let status = viewer.wait("all but one chunk", |status| status.stats.lacking_blobs == 1);
-    // What is pushed unasked is refused too, however often it is tried.
+    // The unrequested push is refused too, however often it is tried.
     assert!(!status.settled && (1..=4).contains(&status.stats.refused), "{:?}", status.stats);
     let lacking = draw(&mut headless, viewer.changes);
     keep(&lacking, "withheld");

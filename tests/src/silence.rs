@@ -1,4 +1,4 @@
-//! A server that is gone without a word.
+//! A server that vanishes without a message.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -14,21 +14,21 @@ use crate::support::virtual_link::{QuicLink, cut_after, tcp_with_rate};
 
 const RATE_BITS_PER_S: u64 = 2_000_000;
 const RTT_MS: u64 = 50;
-/// When the server vanishes: while all is quiet, long after everything has come.
+/// When the server vanishes: long after everything has arrived.
 const QUIET_MS: u64 = 20_000;
-/// When it vanishes while chunks stream, over a link on which they do so for seconds.
+/// When it vanishes while chunks stream, over a link on which they take seconds.
 const STREAMING_MS: u64 = 1_500;
 const STREAMING_BITS_PER_S: u64 = 200_000;
 
-/// Looks after the session as a viewer does, until it has been silent for a while.
+/// A client that watches the session as a viewer does, until it has been silent for a while.
 struct Watching {
     core: ClientCore,
     cut: Duration,
-    /// The session when the server vanishes.
+    /// The session's status when the server vanishes.
     at_cut: Option<Stats>,
-    /// From when on the silence is told, if it is.
+    /// When the silence was reported, if it was.
     told: Option<Time>,
-    /// Told, and then not any more.
+    /// Reported, and then withdrawn.
     false_alarms: u32,
 }
 
@@ -47,7 +47,7 @@ impl Watching {
         assert_eq!(self.false_alarms, 0, "{what}");
     }
 
-    /// Whether chunks were coming when the server vanished.
+    /// Whether chunks were arriving when the server vanished.
     fn check_streaming(&self, what: &str) {
         let Stats { applied_chunks, wanted_chunks, settled, ref counters, .. } =
             *self.at_cut.as_ref().expect("it was looked at");
@@ -84,12 +84,12 @@ impl Host for Watching {
     }
 }
 
-/// A scene of which all has come within seconds.
+/// A scene that arrives completely within seconds.
 fn quiet() -> Arc<ServerState> {
     ServerState::new(Arc::new(MemoryScene::new(1, 1500, 20_000)), SessionSettings::default())
 }
 
-/// A scene of meshes, whose chunks come for seconds. The server's limiter knows the link, as it should.
+/// A scene of meshes whose chunks take seconds. The server's rate limit matches the link.
 fn meshes() -> Arc<ServerState> {
     let settings = SessionSettings {
         rate_bits_per_s: Some(STREAMING_BITS_PER_S * 9 / 10),
@@ -120,26 +120,26 @@ fn over_websocket(state: impl FnOnce() -> Arc<ServerState>, cut_ms: u64, rate_bi
     host
 }
 
-/// Over QUIC it took more than ten seconds until anybody was told.
+/// Over QUIC it took more than ten seconds until the silence was reported.
 #[test]
-fn a_server_that_vanishes_is_told_within_two_seconds_over_quic() {
+fn a_vanished_server_is_reported_within_two_seconds_over_quic() {
     over_quic(quiet, QUIET_MS, RATE_BITS_PER_S).check("QUIC");
 }
 
 #[test]
-fn a_server_that_vanishes_is_told_within_two_seconds_over_websocket() {
+fn a_vanished_server_is_reported_within_two_seconds_over_websocket() {
     over_websocket(quiet, QUIET_MS, RATE_BITS_PER_S).check("WebSocket");
 }
 
 #[test]
-fn a_server_that_vanishes_while_chunks_stream_is_told_as_soon_over_quic() {
+fn a_server_that_vanishes_while_streaming_is_reported_as_soon_over_quic() {
     let host = over_quic(meshes, STREAMING_MS, STREAMING_BITS_PER_S);
     host.check_streaming("QUIC");
     host.check("QUIC, while chunks stream");
 }
 
 #[test]
-fn a_server_that_vanishes_while_chunks_stream_is_told_as_soon_over_websocket() {
+fn a_server_that_vanishes_while_streaming_is_reported_as_soon_over_websocket() {
     let host = over_websocket(meshes, STREAMING_MS, STREAMING_BITS_PER_S);
     host.check_streaming("WebSocket");
     host.check("WebSocket, while chunks stream");

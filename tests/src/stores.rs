@@ -1,4 +1,4 @@
-//! Several servers over one store, behind a balancer: one server, as far as viewers can tell.
+//! Several servers over one store behind a load balancer are one server to viewers.
 
 use std::io::copy;
 use std::net::{Ipv4Addr, Shutdown, SocketAddr, TcpListener, TcpStream};
@@ -17,7 +17,7 @@ use crate::support::scene::options;
 use crate::support::shapes::write_scene;
 use crate::support::viewer::{Viewer, config};
 
-/// Hands TCP connections to servers in turn, and to the next where one takes none. What balancers do, and no more.
+/// A load balancer: passes TCP connections to servers in turn, skipping those that refuse.
 fn balance(servers: [SocketAddr; 2]) -> (SocketAddr, Arc<Mutex<Vec<SocketAddr>>>) {
     let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
     let address = listener.local_addr().unwrap();
@@ -37,7 +37,7 @@ fn balance(servers: [SocketAddr; 2]) -> (SocketAddr, Arc<Mutex<Vec<SocketAddr>>>
                 let (mut from, mut to) = (from.unwrap(), to.unwrap());
                 std::thread::spawn(move || {
                     let _ = copy(&mut from, &mut to);
-                    // The end of one direction is that of both.
+                    // The end of one direction ends both.
                     let _ = (from.shutdown(Shutdown::Both), to.shutdown(Shutdown::Both));
                 });
             }
@@ -46,7 +46,7 @@ fn balance(servers: [SocketAddr; 2]) -> (SocketAddr, Arc<Mutex<Vec<SocketAddr>>>
     (address, chosen)
 }
 
-/// A server by itself over the store: what is in one's memory is in no other's.
+/// A server over the store that shares no memory with the others.
 fn server(objects: &Objects, runtime: &tokio::runtime::Runtime, rate_bits_per_s: Option<u64>) -> Server {
     let cache = BlobCache::new(1 << 26);
     let scene = runtime.block_on(SceneStore::open(objects, "scene.lss", &cache)).unwrap();
@@ -78,8 +78,8 @@ fn two_servers_over_one_store_and_a_balancer_are_one_server() {
     let went = chosen.lock().unwrap().clone();
     assert_eq!(went.last(), Some(&second.http_address()), "{went:?}");
     assert!(after.connections >= 2 && after.decode_failures == 0, "{after:?}");
-    // It was the same scene to the viewer: nothing was thrown away, and what it had was not sent again but what the
-    // second server pushed before it could hear of that.
+    // It was the same scene to the viewer: nothing was discarded, and only the blobs pushed before the second server
+    // knew the inventory were sent again.
     let scenes = viewer.changes.iter().filter(|change| matches!(change, Change::Scene(_))).count();
     assert_eq!(scenes, 1);
     let mut direct = Viewer::start(&second.address(Transport::WebSocket), config());

@@ -1,4 +1,4 @@
-//! Terrain on its way: what a client makes of it is what the server has, and nothing is sent that no view needs.
+//! Streamed terrain: the client has the server's heights, and features arrive only where a view needs them.
 
 use lodestream_bake::scene::{of_files, read};
 use lodestream_client::core::Change;
@@ -12,7 +12,7 @@ use crate::support::picture::{draw, headless, keep};
 use crate::support::scene::TestScene;
 use crate::support::viewer::{Viewer, config};
 
-/// Hills with a pit, listed point by point over the corner of four patches, and a hut's worth of points far away.
+/// Hills with a pit of height overrides at the corner of four patches, and a few overrides far away.
 fn write_scene(folder: &std::path::Path, far: bool) -> std::path::PathBuf {
     let mut points = Vec::new();
     for y in -20..=20_i32 {
@@ -48,7 +48,7 @@ height = 40
 }
 
 #[test]
-fn listed_points_arrive_where_the_view_needs_them_and_give_the_servers_heights() {
+fn height_overrides_arrive_where_the_view_needs_them_and_give_the_servers_heights() {
     let folder = tempfile::tempdir().unwrap();
     let scene = of_files(&[write_scene(folder.path(), true)]).unwrap();
     let theirs = scene.terrain.clone().unwrap();
@@ -74,7 +74,7 @@ fn listed_points_arrive_where_the_view_needs_them_and_give_the_servers_heights()
                 _ => {}
             }
         }
-        // A single point two kilometres away is below a pixel.
+        // A single override two kilometres away is below a pixel.
         assert_eq!(patches, 4, "{transport:?}");
         let ours = ours.unwrap();
         let (mut scratch, mut a, mut b) = (Scratch::new(), Vec::new(), Vec::new());
@@ -107,10 +107,10 @@ fn a_picture_of_streamed_terrain_shows_its_features() {
     server.assert_healthy();
 }
 
-/// The renderer draws ground that is 2.4 px off, with normals of a finer one, from 4,000 tiles of 128 triangles at most.
-/// The demo's start view asks for no coarser one, and for a quarter of a million triangles at most.
+/// The renderer drew terrain 2.4 px off, with normals of a finer one, from at most 4,000 tiles of 128 triangles. The
+/// demo's start view must reach its target with at most a quarter of a million triangles.
 #[test]
-fn the_demos_ground_is_drawn_as_finely_as_it_is_asked_for() {
+fn the_demos_terrain_is_drawn_at_the_target_error() {
     let folder = tempfile::tempdir().unwrap();
     let scene = read(&generate(folder.path(), &Options::small(1)).unwrap().scene).unwrap();
     let (entry, camera) = (scene.terrain.unwrap().entry, scene.camera.unwrap());

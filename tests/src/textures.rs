@@ -1,4 +1,4 @@
-//! A texture that assets have in common is one on the device, as it is one on the wire.
+//! A texture shared by assets is uploaded once, as it is sent once.
 
 use lodestream_bake::scene::of_files;
 use lodestream_client::core::Change;
@@ -8,7 +8,7 @@ use crate::support::picture::{Picture, headless};
 use crate::support::scene::{TestScene, prepare_all};
 use crate::support::shapes::write_wall;
 
-/// Two walls of the same bricks, side by side; their textures are a colour and a height map.
+/// Two walls side by side with the same textures: a colour and a height map.
 fn two_walls() -> TestScene {
     let folder = tempfile::tempdir().unwrap();
     write_wall(folder.path());
@@ -36,7 +36,7 @@ fn shown(h: &mut Headless, view: &mut SceneView, changes: Vec<Change>) -> Pictur
 }
 
 #[test]
-fn what_assets_share_is_one_texture_on_the_device() {
+fn a_shared_texture_is_uploaded_once() {
     let Some(mut h) = headless() else { return };
     let scene = two_walls();
     assert_eq!(scene.entry(1).shared.len(), 2);
@@ -53,10 +53,10 @@ fn what_assets_share_is_one_texture_on_the_device() {
     assert!(shared.image == for_each.image && shared.covered.iter().any(|covered| *covered));
     let ((count, bytes), (copies, in_all)) = (one.textures(), each.textures());
     println!("{count} textures of {bytes} bytes in place of {copies} of {in_all}");
-    // A colour takes four bytes a texel, a height one or two; with coarser levels a third more.
+    // A colour takes four bytes per texel, a height one or two; mip levels add a third.
     assert!(bytes > 128 * 128 * 5);
     assert_eq!((count, copies, in_all), (2, 4, 2 * bytes));
-    // A scene that follows has its own.
+    // The next scene has its own.
     let again = shown(&mut h, &mut one, apart);
     assert!(again.image == shared.image);
     assert_eq!(one.textures(), (4, 2 * bytes));

@@ -1,4 +1,4 @@
-//! `wss://` and QUIC by certificates: who is believed, and what happens when a certificate is exchanged.
+//! `wss://` and QUIC with certificates: validation, and exchange of a certificate.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime};
@@ -13,14 +13,14 @@ use crate::support::daemon::Server;
 use crate::support::scene::TestScene;
 use crate::support::viewer::{Viewer, config};
 
-/// What has certificates.
+/// The transports with certificates.
 const BOTH: [&str; 2] = ["quic", "wss"];
 
 fn scene() -> Arc<dyn SceneSource> {
     TestScene::small().source()
 }
 
-/// A daemon whose HTTP port speaks TLS, with a certificate of its own making or from files.
+/// A daemon with TLS on its HTTP port, with a self-signed certificate or one from files.
 fn serve(files: Option<&Files>) -> Server {
     Server::start_with(scene(), SessionSettings::default(), |options| {
         options.http_tls = true;
@@ -28,7 +28,7 @@ fn serve(files: Option<&Files>) -> Server {
     })
 }
 
-/// The address without its fingerprint, and under another name.
+/// The address without its fingerprint, with another host name.
 fn named(address: &Address, name: &str) -> Address {
     Address { host: name.into(), pin: None, ..address.clone() }
 }
@@ -45,13 +45,13 @@ fn first_frame(target: impl Into<Target>) -> Viewer {
     viewer
 }
 
-/// What a user is told who is refused, which must be at the first attempt.
+/// The message of a refused connection, which must come at the first attempt.
 fn refused(target: impl Into<Target>) -> String {
     Viewer::start_at(target.into(), config()).end(LIMIT)
 }
 
 #[test]
-fn wss_shows_the_scene_to_who_has_the_printed_address() {
+fn wss_works_with_the_printed_address() {
     let server = serve(None);
     let url = server.url_of("wss");
     assert!(url.contains("/#sha256="), "{url}");
@@ -62,7 +62,7 @@ fn wss_shows_the_scene_to_who_has_the_printed_address() {
 }
 
 #[test]
-fn a_certificate_that_is_not_pinned_is_refused_and_why_is_told() {
+fn a_certificate_that_is_not_pinned_is_refused_with_the_reason() {
     let server = serve(None);
     let other = serve(None);
     for transport in BOTH {
@@ -70,7 +70,7 @@ fn a_certificate_that_is_not_pinned_is_refused_and_why_is_told() {
         let why = refused(address);
         assert!(why.contains("another certificate") && why.contains("#sha256="), "{transport}: {why}");
     }
-    // What speaks no TLS, and what speaks nothing else.
+    // Without TLS, and with TLS only.
     let plain = Server::start(scene(), SessionSettings::default());
     let mut address = server.address_of("wss");
     address.port = plain.http_address().port();
@@ -83,7 +83,7 @@ fn a_certificate_that_is_not_pinned_is_refused_and_why_is_told() {
 }
 
 #[test]
-fn an_authority_vouches_for_its_names_and_no_others() {
+fn an_authoritys_certificate_is_valid_for_its_names_only() {
     let folder = tempfile::tempdir().unwrap();
     let (files, ours) = (Files::within(folder.path()), Authority::new("ours"));
     ours.write(&files, "localhost", &new_key(), SystemTime::now() + DAY);
@@ -117,7 +117,7 @@ fn an_expired_certificate_is_refused_where_its_authority_is_trusted() {
     }
 }
 
-/// Waits until a line of the metrics is as wanted.
+/// Waits until the metrics contain a line.
 fn wait_for(server: &Server, line: &str) {
     let until = Instant::now() + LIMIT;
     while !server.metrics().lines().any(|found| found == line) {
@@ -142,13 +142,13 @@ fn a_certificate_is_exchanged_while_sessions_run() {
     assert!(server.url_of("quic").contains("#spki-sha256="), "{}", server.url_of("quic"));
     let mut running: Vec<Viewer> = pinned.iter().cloned().map(first_frame).collect();
 
-    // Renewed for the same key: addresses that name the key stay good.
+    // Renewed for the same key: addresses with its fingerprint stay valid.
     ours.write(&files, "localhost", &key, now + 2 * DAY);
     server.reload();
     wait_for_end(&server, now + 2 * DAY);
     pinned.iter().cloned().for_each(|address| drop(first_frame(address)));
 
-    // Half a pair is no certificate: the old one stays, and it is told.
+    // A certificate without its key is refused: the old one stays, with a message.
     let chain = std::fs::read(&files.chain).unwrap();
     let other = new_key();
     std::fs::write(&files.key, other.serialize_pem()).unwrap();
@@ -162,7 +162,7 @@ fn a_certificate_is_exchanged_while_sessions_run() {
     wait_for(&server, "lodestream_certificates_refused_total 3");
     pinned.iter().cloned().for_each(|address| drop(first_frame(address)));
 
-    // Another key: whoever names the old one is refused, whoever trusts the authority is not.
+    // Another key: addresses with the old fingerprint are refused, those that trust the authority are not.
     std::fs::write(&files.chain, chain).unwrap();
     ours.write(&files, "localhost", &other, now + 3 * DAY);
     server.reload();
@@ -173,7 +173,7 @@ fn a_certificate_is_exchanged_while_sessions_run() {
         first_frame(trusting(named(&address, "localhost"), &ours.trusted()));
     }
 
-    // Nobody's session ended by any of that.
+    // No session was ended.
     for viewer in &mut running {
         let status = viewer.settle();
         assert_eq!(status.stats.connections, 1, "{:?}", status.stats);

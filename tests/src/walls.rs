@@ -1,7 +1,8 @@
-//! Closed walls stay closed: from inside the demo's temple nothing is seen, and no sunlight comes, through its walls.
+//! Closed walls stay closed: from inside the demo's temple, neither background nor sunlight is visible through its
+//! walls.
 //!
-//! Its stones are components of their own, each with bevelled edges, and each is simplified for itself. What lay open
-//! between them, or leaked past them in the maps of shadows, would show as dashes of light or of background.
+//! Its stones are separate components with bevelled edges, simplified independently. Gaps between them, or leaks in the
+//! shadow maps, would be visible as lines of light or background.
 
 use std::path::Path;
 
@@ -14,7 +15,7 @@ use lodestream_render::{AntiAliasing, GradientSky, Headless, Pose, SceneView, Se
 use crate::support::picture::headless;
 use crate::support::scene::{TestScene, prepare_all};
 
-/// The small demo's temple alone, without ground; its floor is 1.08 m up.
+/// The small demo's temple alone, without ground; its floor is at a height of 1.08 m.
 fn temple(folder: &Path) -> Scene {
     let summary = generate(folder, &Options::small(1)).unwrap();
     let mut scene = read(&summary.scene).unwrap();
@@ -33,17 +34,17 @@ fn temple(folder: &Path) -> Scene {
     scene
 }
 
-/// What a pixel shows.
+/// Surface data of a pixel.
 struct Pixel {
-    /// From the eye to what lies 1 along the view.
+    /// Direction, scaled to a depth of 1.
     through: DVec3,
-    /// How far along the view that is; infinite for the sky.
+    /// Depth; infinite for the sky.
     depth: f64,
-    /// Whether it is in sunlight.
+    /// Whether it is sunlit.
     lit: bool,
 }
 
-/// Draws a view with and without its sun.
+/// Draws a view with and without the sun.
 fn draw(h: &mut Headless, view: &SceneView, pose: Pose, shadows: bool) -> Vec<Pixel> {
     let mut settings = Settings { anti_aliasing: AntiAliasing::None, occlusion: None, ..Settings::default() };
     if !shadows {
@@ -52,7 +53,7 @@ fn draw(h: &mut Headless, view: &SceneView, pose: Pose, shadows: bool) -> Vec<Pi
     let [sun, none] = [true, false].map(|sun| {
         let drawn = view.with_frame(pose, settings, f32::MAX, |frame| {
             let mut frame = *frame;
-            // Colours that do not follow the sun, so that they stay when it goes.
+            // Colours independent of the sun's light, so that they stay when it is off.
             let plain = GradientSky::default();
             let light = if sun { plain.sun } else { Vec3::ZERO };
             frame.environment.sky = Sky::Plain(GradientSky { sun: light, ..plain });
@@ -80,21 +81,21 @@ fn pose([eye, target]: [[f64; 3]; 2]) -> Pose {
     Pose::look_at(eye.into(), target.into(), DVec3::Y, 0.85)
 }
 
-/// What a view shows that it should not, in pixels.
+/// Numbers of faulty pixels of a view.
 #[derive(Debug, PartialEq)]
-struct Found {
+struct FaultyPixels {
     /// Neither wall nor ceiling.
     open: usize,
-    /// Further away than the wall that stands there.
+    /// Beyond the wall.
     beyond: usize,
-    /// In sunlight.
+    /// Sunlit.
     lit: usize,
 }
 
-/// Looks from inside the brick walls, away from the door.
-fn look(h: &mut Headless, view: &SceneView, place: [[f64; 3]; 2], shadows: bool) -> Found {
+/// Counts faulty pixels of a view inside the brick walls, away from the door.
+fn look(h: &mut Headless, view: &SceneView, place: [[f64; 3]; 2], shadows: bool) -> FaultyPixels {
     let pose = pose(place);
-    let mut found = Found { open: 0, beyond: 0, lit: 0 };
+    let mut found = FaultyPixels { open: 0, beyond: 0, lit: 0 };
     for pixel in draw(h, view, pose, shadows) {
         found.lit += usize::from(pixel.lit);
         if pixel.depth.is_infinite() {
@@ -121,12 +122,12 @@ impl Solid {
         Self(planes.collect())
     }
 
-    /// Without so much below its surface: joints, bevels, and what a mesh may be off by.
+    /// The solid without a margin below its surface: joints, bevels, and the mesh's error.
     fn core(&self, below: f64) -> Self {
         Self(self.0.iter().map(|(normal, reach)| (*normal, reach - below)).collect())
     }
 
-    /// Where a ray comes into it, in lengths of `ray`.
+    /// Where a ray enters it, in lengths of `ray`.
     fn entry(&self, eye: DVec3, ray: DVec3) -> Option<f64> {
         let (mut from, mut to) = (0.0_f64, f64::INFINITY);
         for (normal, reach) in &self.0 {
@@ -143,7 +144,7 @@ impl Solid {
     }
 }
 
-/// The temple's closed pieces, as `server/src/demo_scene/temple.rs` builds them.
+/// The temple's closed pieces, as the demo scene's `temple.rs` builds them.
 fn solids() -> Vec<Solid> {
     let cuboid = Solid::cuboid;
     let (floor, entablature, roof) = (1.08, 7.08, 8.83);
@@ -156,20 +157,20 @@ fn solids() -> Vec<Solid> {
         cuboid([1.2, floor, 8.1], [3.7, entablature, 8.7]),
         cuboid([-1.2, floor + 4.3, 8.1], [1.2, entablature, 8.7]),
     ];
-    // The entablature, whose rings are all as thick as its lowest at least; they meet at the mitres.
+    // The entablature; its rings are at least as thick as its lowest, and meet at the mitres.
     for sign in [-1.0, 1.0_f64] {
         let [near, far] = [12.0 * sign - 0.5, 12.0 * sign + 0.5];
         all.push(cuboid([-6.5, entablature, near], [6.5, roof, far]));
         let [near, far] = [6.0 * sign - 0.5, 6.0 * sign + 0.5];
         all.push(cuboid([near, entablature, -12.5], [far, roof, 12.5]));
     }
-    // Under the roof a prism, whose ends are the gables.
+    // Under the roof, a prism whose ends are the gables.
     let ridge = DVec3::new(0.0, roof + 2.34, 0.0);
     let slope = |x: f64, down: f64| DVec3::new(2.34 * x, down, 0.0).normalize();
     let ends = [(DVec3::NEG_Y, -roof), (DVec3::Z, 12.35), (DVec3::NEG_Z, 12.35)];
     let sides = [1.0, -1.0].map(|sign| slope(sign, 6.75)).map(|normal| (normal, normal.dot(ridge)));
     all.push(Solid(ends.into_iter().chain(sides).collect()));
-    // On it two slabs that carry the tiles.
+    // On it, two slabs that carry the tiles.
     let ridge = DVec3::new(0.0, roof + 2.5, 0.0);
     for sign in [1.0, -1.0] {
         let (down, out) = (DVec3::new(7.25 * sign, -2.5, 0.0), DVec3::new(2.5 * sign, 7.25, 0.0));
@@ -181,23 +182,23 @@ fn solids() -> Vec<Solid> {
     all
 }
 
-/// What a view from outside shows that it should not: what lies in or behind closed pieces, and sunlight that came
-/// through them, in pixels; with how many there could be of each.
+/// Faulty pixels of a view from outside: surfaces in or behind closed pieces, and sunlight through them; each with the
+/// number of candidates.
 #[derive(Debug, PartialEq)]
-struct Through {
+struct LeaksFromOutside {
     seen: usize,
     lit: usize,
     of: [usize; 2],
 }
 
-fn look_from_outside(h: &mut Headless, view: &SceneView, place: [[f64; 3]; 2]) -> Through {
+fn look_from_outside(h: &mut Headless, view: &SceneView, place: [[f64; 3]; 2]) -> LeaksFromOutside {
     let pose = pose(place);
     let to_sun = DVec3::from(view.header().unwrap().light.direction.map(f64::from)).normalize();
-    // Slabs are 12 cm thick, the bevels of stones and the joints between them 5 cm deep at these angles. A lookup of
-    // shadow maps reaches a texel or two, which are wider the farther away.
+    // Slabs are 12 cm thick; bevels and joints are up to 5 cm deep at these angles. A shadow lookup reaches a texel or
+    // two, which are wider the farther away.
     let cores = |below: f64| solids().iter().map(|solid| solid.core(below)).collect::<Vec<_>>();
     let (closed, dark) = (cores(0.055), cores(0.15));
-    let mut found = Through { seen: 0, lit: 0, of: [0, 0] };
+    let mut found = LeaksFromOutside { seen: 0, lit: 0, of: [0, 0] };
     for pixel in draw(h, view, pose, true) {
         let entry = |eye, ray| move |solid: &Solid| solid.entry(eye, ray);
         let nearest = closed.iter().filter_map(entry(pose.eye, pixel.through)).reduce(f64::min);
@@ -222,7 +223,7 @@ fn prepared() -> TestScene {
     TestScene::open(&scene, packs)
 }
 
-/// The temple refined to an error, perhaps without one of its assets.
+/// The temple refined to an error, optionally without one of its assets.
 fn shown(h: &Headless, scene: &TestScene, error: f64, gone: Option<&str>) -> SceneView {
     let gone = gone.map(|name| scene.asset(name));
     let is_gone = |change: &Change| matches!(change, Change::Mesh(mesh) if Some(mesh.asset) == gone);
@@ -233,7 +234,7 @@ fn shown(h: &Headless, scene: &TestScene, error: f64, gone: Option<&str>) -> Sce
 }
 
 #[test]
-fn no_light_and_no_background_is_seen_through_closed_walls() {
+fn neither_light_nor_background_is_visible_through_closed_walls() {
     let Some(mut h) = headless() else { return };
     let scene = prepared();
     let views = [
@@ -241,18 +242,18 @@ fn no_light_and_no_background_is_seen_through_closed_walls() {
         [[-2.0, 3.0, -1.0], [3.7, 5.0, -5.0]],
         [[2.0, 2.5, -6.0], [-3.0, 6.5, -7.0]],
     ];
-    let clean = Found { open: 0, beyond: 0, lit: 0 };
-    // Whole, and as far refined as a view from 8 m away settles at 1 px.
+    let clean = FaultyPixels { open: 0, beyond: 0, lit: 0 };
+    // Fully refined, and refined as a view from 8 m away settles at 1 px.
     for error in [0.0, 0.02] {
         let view = shown(&h, &scene, error, None);
         for place in views {
             assert_eq!(look(&mut h, &view, place, true), clean, "error {error} from {place:?}");
         }
-        // Without shadows the sun shines through every wall, and on bevels that face it: the measure sees it.
+        // Without shadows the sun shines through every wall and on bevels that face it: the measure detects it.
         let found = look(&mut h, &view, views[0], false);
         assert!(found.lit > 1000 && found.beyond == 0, "{found:?}");
     }
-    // And it sees what is open: without the roof, and without the walls.
+    // It also detects openings: without the roof, and without the walls.
     for (gone, what) in [("roof", 0), ("cella", 1)] {
         let view = shown(&h, &scene, 0.0, Some(gone));
         let found = look(&mut h, &view, views[0], true);
@@ -261,7 +262,7 @@ fn no_light_and_no_background_is_seen_through_closed_walls() {
 }
 
 #[test]
-fn from_outside_nothing_is_seen_and_no_light_comes_through_walls_roof_and_mitres() {
+fn from_outside_nothing_is_visible_through_walls_roof_and_mitres() {
     let Some(mut h) = headless() else { return };
     let scene = prepared();
     // What a view looks at is seen to be open where it is left out.

@@ -1,4 +1,4 @@
-//! The viewer in a window, as people run it: what is on the screen first, and how it ends.
+//! The viewer in a window: first frame on the screen, and exit.
 
 use std::path::Path;
 use std::process::Output;
@@ -18,23 +18,23 @@ use crate::support::picture::{Picture, comparison, draw, headless_of, keep, same
 use crate::support::program::{Program, RUN_LIMIT, SIZE_PX};
 use crate::support::scene::{Lacking, TestScene};
 
-/// Slow, so that there is something between the first frame and the last even where drawing takes long.
+/// Slow enough that there are frames between the first and the last even if drawing takes long.
 const RATE_BITS_PER_S: u64 = 200_000;
-/// FLIP of the first frame that holds everything against the settled one. It is 0.13 to 0.18 on a software driver, which
-/// draws it with the fewest pixels, and was 0.26 where whole objects were absent.
+/// Largest FLIP error of the first complete frame against the settled one. It is 0.13 to 0.18 on a software driver,
+/// which draws it with the fewest pixels, and was 0.26 with whole objects missing.
 const MAX_FIRST_FLIP: f64 = 0.22;
-/// By how much FLIP may be more than that of an earlier frame.
+/// Largest increase of FLIP against an earlier frame.
 const MAX_RISE: f64 = 0.01;
-/// FLIP of a settled window against the same picture drawn without one: 0.0002 by rounding, 0.07 while tiles are made.
+/// FLIP of a settled window against a headless picture: 0.0002 by rounding, 0.07 while tiles are generated.
 const MAX_SETTLED_FLIP: f64 = 0.001;
-/// How long the window waits for a first frame before it shows what is there.
+/// Longest time for which the window holds back an incomplete first frame.
 const HELD_BACK_MS: f64 = 2000.0;
 
 fn json(path: &Path) -> Value {
     serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
 }
 
-/// Exit code and standard error, which holds lines of the program's own alone, without colours.
+/// Exit code and standard error, which must contain only the program's own lines, without colours.
 fn ended(output: &Output) -> (Option<i32>, String) {
     let errors = String::from_utf8(output.stderr.clone()).unwrap();
     for line in errors.lines() {
@@ -44,9 +44,9 @@ fn ended(output: &Output) -> (Option<i32>, String) {
     (output.status.code(), errors)
 }
 
-/// The first pictures lacked whole objects, which were being uploaded.
+/// The first pictures lacked whole objects that were still being uploaded.
 #[test]
-fn the_first_frame_on_the_screen_holds_everything_and_no_later_one_lacks_it() {
+fn the_first_frame_on_the_screen_is_complete_and_no_later_one_lacks_an_object() {
     if skipped() {
         return;
     }
@@ -77,7 +77,7 @@ fn the_first_frame_on_the_screen_holds_everything_and_no_later_one_lacks_it() {
     let ms = |name: &str| stats[name].as_f64().unwrap_or_else(|| panic!("{name}: {stats}"));
     assert!(ms("ttff_ms") <= ms("ttff_presented_ms"), "{stats}");
     assert!(ms("settled_ms") <= ms("settled_presented_ms"), "{stats}");
-    // Before everything was there nothing was shown, unless it took longer than anybody is made to wait.
+    // Incomplete frames were held back, except after the longest time.
     let shown = stats["frames"].as_array().unwrap();
     let (whole, early): (Vec<&Value>, Vec<&Value>) = shown.iter().partition(|frame| frame["whole"] == true);
     assert!(early.iter().all(|frame| frame["at_ms"].as_f64().unwrap() >= HELD_BACK_MS), "{stats}");
@@ -85,18 +85,18 @@ fn the_first_frame_on_the_screen_holds_everything_and_no_later_one_lacks_it() {
     assert!(instances.iter().all(|&n| n == instances[0] && n > 0), "objects come or go: {instances:?}");
     assert_eq!(whole[0]["at_ms"], stats["ttff_presented_ms"]);
 
-    // The pictures, without the last, which is the settled one.
+    // The pictures without the last, which is the settled one.
     let judged = judge(&frames).unwrap();
     let blank = judged.first_seconds.blank_flip;
     let whole_flips: Vec<f64> = judged.frames.iter().filter(|f| f.whole).map(|f| f.error.flip).collect();
     println!("{} frames shown, blank {blank}, whole {whole_flips:?}", shown.len());
     assert!(judged.settled && blank > 0.5, "{judged:?}");
-    // The first whole one is among them, unless the device was so slow that no other came.
+    // The first complete picture is among them, unless the device was so slow that no other came.
     let kept = json(&frames.join("frames.json"));
     let first = kept["frames"].as_array().unwrap().iter().find(|frame| frame["whole"] == true).unwrap();
     assert_eq!(first["at_ms"], stats["ttff_presented_ms"], "the first whole frame is kept");
     assert_eq!(whole_flips.is_empty(), whole.len() == 1, "{kept}");
-    // Coarse, but the same things in the same places.
+    // Coarse, but the same objects in the same places.
     let first_flip = whole_flips.first().copied().unwrap_or(0.0);
     assert!(first_flip <= MAX_FIRST_FLIP, "{judged:?}");
     let mut best = f64::INFINITY;
@@ -107,9 +107,9 @@ fn the_first_frame_on_the_screen_holds_everything_and_no_later_one_lacks_it() {
     server.assert_healthy();
 }
 
-/// It said settled, with a screen error of 22 pixels.
+/// The viewer reported settled, with a screen error of 22 pixels.
 #[test]
-fn a_picture_that_lacks_a_chunk_for_good_is_incomplete_and_the_exit_code_says_so() {
+fn a_picture_with_a_missing_chunk_is_incomplete_with_its_exit_code() {
     if skipped() {
         return;
     }
@@ -133,16 +133,16 @@ fn a_picture_that_lacks_a_chunk_for_good_is_incomplete_and_the_exit_code_says_so
     assert_eq!(stats["settled_presented_ms"], Value::Null);
 }
 
-/// What `frames` says is the last picture that was shown.
+/// The last picture shown, from the frames' index.
 fn last_picture(frames: &Path) -> image::RgbaImage {
     let index = json(&frames.join("frames.json"));
     let last = index["frames"].as_array().unwrap().last().expect("something was shown");
     image::open(frames.join(last["file"].as_str().unwrap())).unwrap().into_rgba8()
 }
 
-/// The window said "refining" for ever, since it waited for a frame that holds everything.
+/// The window reported "refining" for ever, since it waited for a complete first frame.
 #[test]
-fn a_scene_that_lacks_a_base_mesh_for_good_shows_the_others_and_is_incomplete() {
+fn a_scene_with_a_missing_base_mesh_shows_the_others_and_is_incomplete() {
     let Some(mut headless) = headless_of(SIZE_PX) else { return };
     let scene = TestScene::small();
     let ball = scene.asset("ball");
@@ -198,7 +198,7 @@ fn a_scene_that_lacks_a_base_mesh_for_good_shows_the_others_and_is_incomplete() 
     server.assert_healthy();
 }
 
-/// Mountains changed for four seconds after it said "settled".
+/// Mountains changed for four seconds after the window reported settled.
 #[test]
 fn a_settled_window_shows_every_tile_of_the_terrain() {
     if skipped() {
@@ -222,12 +222,12 @@ erosion = { passes = 4 }
     let server = Server::start(scene.source(), SessionSettings::default());
     let url = server.url(Transport::Quic);
     let (frames, picture) = (folder.path().join("frames"), folder.path().join("all.png"));
-    // Eroded ground, finer than anybody needs: making its tiles takes several times as long as the first frames.
+    // Eroded terrain, finer than needed: generating its tiles takes several times as long as the first frames.
     let fine = ["--pixel-error", "0.5"];
     let arguments = ["--no-overlay", "--exit-when-settled", "--frames", frames.to_str().unwrap()];
     let (code, errors) = ended(&Program::in_window(&url, &[&fine[..], &arguments].concat()).end());
     assert_eq!(code, Some(0), "{errors}");
-    // Without a window tiles are made before they are drawn.
+    // Headless, tiles are generated before they are drawn.
     let (code, errors) = ended(&Program::headless(&url, &picture, &fine).end());
     assert_eq!(code, Some(0), "{errors}");
     let all = image::open(&picture).unwrap().into_rgba8();
@@ -269,7 +269,7 @@ fn a_viewer_that_is_terminated_writes_its_figures_and_leaves() {
     if skipped() {
         return;
     }
-    // So slow that without a window it has not settled, and ended by itself, before it hears of it.
+    // Slow enough that a headless viewer has not settled and exited before the signal arrives.
     let settings = SessionSettings { rate_bits_per_s: Some(20_000), ..SessionSettings::default() };
     let server = Server::start(TestScene::small().source(), settings);
     let url = server.url(Transport::Quic);

@@ -13,16 +13,15 @@ use crate::meter::{Ceiling, within};
 
 /// A pack: head, table, the hash of every blob, base mesh, index pages, chunks in order.
 ///
-/// The bytes are read as they are and, since no mutation survives the hashes, again with the hashes
-/// made right.
+/// The bytes are read as they are and, since no mutation survives the hashes, again with corrected hashes.
 pub fn pack_reader(data: &[u8]) -> bool {
     let plain = within(PACK, data.len(), || read_pack(data)).is_ok();
     let Some(fixed) = rehashed(data) else { return plain };
     within(PACK, data.len(), || read_pack(&fixed)).is_ok() | plain
 }
 
-/// The table is 48 bytes an entry in memory and 36 in the file; the rest is the base mesh's and the
-/// chunks' own, whose bytes a frame may stand for 64 times (and for 64 KiB, whatever its length).
+/// The table has 48 bytes per entry in memory and 36 in the file; the rest is the base mesh and the chunks. A zstd
+/// frame may expand 64 times (and to 64 KiB, whatever its length).
 const PACK: Ceiling =
     Ceiling { base_bytes: 1 << 25, bytes_per_byte: 1 << 14, base_steps: 1 << 22, steps_per_byte: 1 << 17 };
 
@@ -70,8 +69,8 @@ fn check_page(infos: &[ChunkInfo], first: usize) {
     }
 }
 
-/// The same pack with the hashes that its table and its blobs should have, as far as they lie within
-/// the file; `None` for what is too short to be a pack.
+/// The same pack with corrected hashes of table and blobs, as far as they lie within the file; `None` for input that is
+/// too short to be a pack.
 #[must_use]
 pub fn rehashed(file: &[u8]) -> Option<Vec<u8>> {
     const COUNT_AT: usize = 12;
@@ -96,7 +95,7 @@ pub fn rehashed(file: &[u8]) -> Option<Vec<u8>> {
     Some(file)
 }
 
-/// A base blob: what is accepted can be refined, drawn and written again.
+/// A base blob: an accepted one can be refined, drawn and encoded again.
 pub fn base_decoder(data: &[u8]) -> bool {
     let Ok(base) = within(BASE, data.len(), || Base::decode(data)) else { return false };
     let mesh = within(BASE, data.len(), || ActiveMesh::new(&base));
@@ -113,7 +112,7 @@ pub fn base_decoder(data: &[u8]) -> bool {
 const BASE: Ceiling =
     Ceiling { base_bytes: 8 << 20, bytes_per_byte: 8192, base_steps: 1 << 16, steps_per_byte: 1 << 13 };
 
-/// Whether everything that a renderer would fetch is there, and finite.
+/// Whether everything that a renderer reads exists and is finite.
 pub(super) fn drawable(mesh: &ActiveMesh) {
     let slots = mesh.wedge_slots();
     for slot in 0..slots {
@@ -132,9 +131,9 @@ pub(super) fn drawable(mesh: &ActiveMesh) {
     assert!(faces <= mesh.face_count(), "{faces} in the index lists, {} faces", mesh.face_count());
 }
 
-/// A chunk's payload against a prepared mesh: `asset · chunk (2) · flags · vertices (2) · wedges (2) ·
-/// faces (2) · payload`. The flags say whether the true counts and parents are announced, or those
-/// given and none; a third flag asks for the beginning up to the first truncation only.
+/// A chunk's payload against a prepared mesh: `asset · chunk (2) · flags · vertices (2) · wedges (2) · faces (2) ·
+/// payload`. The flags select the true counts and parents, or the given counts without parents; a third flag cuts the
+/// payload at the first truncation point.
 pub fn chunk_decoder(data: &[u8]) -> bool {
     let mut input = Input::new(data);
     let fixtures = fixtures::all();
@@ -169,6 +168,6 @@ pub fn chunk_decoder(data: &[u8]) -> bool {
     true
 }
 
-/// The region is gathered from a mesh of some hundred faces; what a chunk adds is paid for by its bits.
+/// The region is gathered from a mesh of some hundred faces; what a chunk adds is proportional to its bits.
 const CHUNK: Ceiling =
     Ceiling { base_bytes: 1 << 20, bytes_per_byte: 8192, base_steps: 1 << 18, steps_per_byte: 1 << 17 };

@@ -14,7 +14,7 @@ thread_local! {
     static FOLDER: RefCell<Option<TempDir>> = const { RefCell::new(None) };
 }
 
-/// Works in a folder that the thread keeps.
+/// Runs `work` in a folder that the thread reuses.
 fn in_folder<T>(work: impl FnOnce(&std::path::Path) -> T) -> T {
     FOLDER.with_borrow_mut(|folder| {
         let folder = folder.get_or_insert_with(|| TempDir::new().expect("a temporary folder"));
@@ -37,8 +37,8 @@ pub fn obj_import(data: &[u8]) -> bool {
     })
 }
 
-/// A line of eight bytes becomes two lines of text, a position in the parser, one in a table of
-/// distinct values and one in the mesh, each list in a vector that may have twice its length.
+/// A line of eight bytes becomes two lines of text, a position in the parser, one in a table of distinct values and one
+/// in the mesh, each in a vector with up to twice its length as capacity.
 const OBJ: Ceiling = Ceiling { base_bytes: 1 << 18, bytes_per_byte: 512, base_steps: 0, steps_per_byte: 0 };
 
 /// A PLY file.
@@ -52,18 +52,18 @@ pub fn ply_import(data: &[u8]) -> bool {
     })
 }
 
-/// A buffer of 64 KiB; a face of one byte is reserved for as 50 bytes, a vertex of three as 60, and one of nine that is
-/// used, its values all new, is in the tables too.
+/// A buffer of 64 KiB; a face of one byte reserves 50 bytes, a vertex of three 60; a vertex of nine bytes with new
+/// values is also stored in the tables.
 const PLY: Ceiling = Ceiling { base_bytes: 1 << 18, bytes_per_byte: 256, base_steps: 0, steps_per_byte: 0 };
 
-/// A glTF or GLB file: whole, its contents, and its first mesh alone.
+/// A glTF or GLB file: its contents, and its first mesh alone.
 pub fn gltf_import(data: &[u8]) -> bool {
     let has = |name: &[u8]| data.windows(name.len()).any(|text| text == name);
     let dense = has(b"_compression") || has(b"_instancing");
     import_gltf(data, if dense { COMPRESSED } else { GLTF })
 }
 
-/// A stream of Draco or of one of meshoptimizer's codecs, in a GLB file that is made around it.
+/// A stream of Draco or of one of meshoptimizer's codecs, in a generated GLB file.
 pub fn gltf_compressed(data: &[u8]) -> bool {
     file(data).is_some_and(|file| import_gltf(&file, COMPRESSED))
 }
@@ -97,16 +97,16 @@ fn import_gltf(data: &[u8], ceiling: Ceiling) -> bool {
     })
 }
 
-/// JSON of a few bytes a value becomes structures of some hundred bytes each. Every place of a mesh is a
-/// node in the file, so what is imported may have the file's length squared; this is for small files.
+/// JSON values of a few bytes become structures of some hundred bytes. Every instance of a mesh is a node in the file,
+/// so the imported size may be quadratic in the file's length; this limit is for small files.
 const GLTF: Ceiling = Ceiling { base_bytes: 1 << 22, bytes_per_byte: 4096, base_steps: 0, steps_per_byte: 0 };
 
-/// A byte of a compressed stream comes to 256 elements, or 128 triangles and points, at most, each of some hundred bytes
-/// in the decoder, its result and the mesh. A byte may also be one more place of a mesh.
+/// A byte of a compressed stream decodes to at most 256 elements, or 128 triangles and points, each of some hundred
+/// bytes in the decoder, its result and the mesh. A byte may also be one more instance of a mesh.
 const COMPRESSED: Ceiling =
     Ceiling { base_bytes: 1 << 23, bytes_per_byte: 1 << 16, base_steps: 0, steps_per_byte: 0 };
 
-/// Whether everything that a face refers to is there; and if a mesh can be made of it, it is.
+/// Whether all vertices that faces refer to exist; and whether the mesh can be quantised.
 fn consistent(mesh: &SourceMesh, materials: usize) {
     assert_eq!(mesh.faces.len(), mesh.materials.len());
     assert!(mesh.materials.iter().all(|&m| usize::from(m) < materials));

@@ -1,4 +1,4 @@
-//! The wire: frames of either peer, streams of frames and of blobs, asset descriptions.
+//! Wire formats: frames of both peers, streams of frames and of blobs, asset descriptions.
 
 use bytes::Bytes;
 use lodestream_protocol::frame::{
@@ -9,9 +9,8 @@ use lodestream_scene::asset::AssetDescription;
 
 use crate::meter::{Ceiling, within};
 
-/// The first byte says as what the others are read: a frame of a client or of a server, a control
-/// stream in pieces, a blob's stream in pieces, or an asset description. What is accepted is the same
-/// after it was written and read again.
+/// The first byte selects the format of the others: a frame of a client or of a server, a control stream in pieces, a
+/// blob's stream in pieces, or an asset description. Accepted values are equal after encoding and decoding.
 pub fn messages(data: &[u8]) -> bool {
     let Some((&kind, body)) = data.split_first() else { return false };
     let bytes = Bytes::copy_from_slice(body);
@@ -24,8 +23,8 @@ pub fn messages(data: &[u8]) -> bool {
     })
 }
 
-/// Decoding a message reserves 256 KiB at most, an asset description 2 MiB, whatever they claim; what
-/// was read is written, and read again.
+/// Decoding reserves at most 256 KiB for a message and 2 MiB for an asset description, whatever they claim; the value
+/// is encoded and decoded again.
 const WIRE: Ceiling = Ceiling { base_bytes: 8 << 20, bytes_per_byte: 64, base_steps: 0, steps_per_byte: 0 };
 
 fn client_frame(bytes: Bytes) -> bool {
@@ -47,7 +46,7 @@ fn server_frame(bytes: Bytes) -> bool {
     true
 }
 
-/// However a stream is cut, its frames are the same.
+/// A stream has the same frames however it is cut.
 fn control_stream(body: &[u8]) -> bool {
     let read = |step: usize| {
         let mut reader = FrameReader::new();

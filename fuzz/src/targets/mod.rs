@@ -1,4 +1,4 @@
-//! The targets. Each takes any bytes, panics on a finding, and answers whether the input was accepted.
+//! The targets. Each takes any bytes, panics on a finding, and returns whether the input was accepted.
 
 mod asset;
 mod import;
@@ -16,7 +16,7 @@ pub use scene::scene_object;
 pub use sequence::apply_undo;
 pub use terrain::terrain;
 
-/// A target.
+/// A target: returns whether it accepts the input.
 pub type Target = fn(&[u8]) -> bool;
 
 /// Every target by the name of its corpus.

@@ -1,4 +1,4 @@
-//! What a scene says of its punctual lights: pages of them, and their directory.
+//! Punctual lights of a scene: pages of lights, and their directory.
 
 use lodestream_scene::punctual_lights::{
     First, PunctualLight, PunctualLightPageEntry, PunctualLights, decode_directory, decode_page,
@@ -8,9 +8,8 @@ use lodestream_scene::punctual_lights::{
 use crate::input::Input;
 use crate::meter::{Ceiling, within};
 
-/// The first byte says as what the others are read, the second how many there should be: a page of punctual lights, a page of their
-/// directory, or what is said of that many at once. What is accepted can be, and is nearly the same after it was
-/// written and read again.
+/// The first byte selects the format, the second the number of entries: a page of lights, a page of their directory, or
+/// a scene's initial lights. Accepted values can be drawn, and survive encoding and decoding up to rounding.
 pub fn punctual_lights(data: &[u8]) -> bool {
     let mut input = Input::new(data);
     let (kind, count) = (input.u8(), u32::from(input.u8()));
@@ -27,7 +26,7 @@ pub fn punctual_lights(data: &[u8]) -> bool {
     })
 }
 
-/// A punctual light is 4 bytes at least and 64 in memory; an entry of the directory 21 and 24. What was read is written, and read
+/// A light has at least 4 bytes, and 64 in memory; an entry of the directory 21 and 24. Values are encoded and decoded
 /// again.
 const PUNCTUAL_LIGHTS: Ceiling =
     Ceiling { base_bytes: 1 << 17, bytes_per_byte: 64, base_steps: 0, steps_per_byte: 0 };

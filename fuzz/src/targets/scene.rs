@@ -1,14 +1,13 @@
-//! A published scene: one object that says all of a scene but its packs.
+//! A published scene: one object with everything but the packs.
 
 use lodestream_store::SceneObject;
 
 use crate::meter::{Ceiling, within};
 
-/// Bytes before what is hashed: magic, version, hash.
+/// Bytes before the hashed part: magic, version, hash.
 const HEAD_BYTES: usize = 8 + 2 + 32;
 
-/// The bytes as they are, and once more with the hash made right. What is accepted is the same, to the byte, after it was
-/// written.
+/// Reads the bytes as they are, and again with a corrected hash. An accepted scene is encoded to the same bytes.
 pub fn scene_object(data: &[u8]) -> bool {
     let plain = within(SCENE, data.len(), || read(data));
     let Some((head, body)) = data.split_at_checked(HEAD_BYTES) else { return plain };
@@ -16,7 +15,8 @@ pub fn scene_object(data: &[u8]) -> bool {
     within(SCENE, sealed.len(), || read(&sealed)) | plain
 }
 
-/// Decoding claims 32 bytes a byte, by steps of sixteen times as much; the same again while it is checked and written.
+/// Decoding reserves 32 bytes per byte, in steps that may be sixteen times as large; validation and encoding as much
+/// again.
 const SCENE: Ceiling =
     Ceiling { base_bytes: 1 << 20, bytes_per_byte: 1 << 11, base_steps: 1 << 20, steps_per_byte: 1 << 12 };
 

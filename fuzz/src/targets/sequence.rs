@@ -7,11 +7,11 @@ use super::asset::drawable;
 use crate::fixtures::{self, Fixture};
 use crate::input::Input;
 
-/// Operations done of one input, at most.
+/// Most operations of one input.
 const MAX_OPERATIONS: usize = 48;
 
-/// Operations on one asset, a few bytes each. Whatever they are: an error changes nothing, what is
-/// applied can be drawn, and undoing everything gives the base mesh back.
+/// Operations on one asset, a few bytes each. After any of them: an error changes nothing, the mesh can be drawn, and
+/// undoing everything restores the base mesh.
 pub fn apply_undo(data: &[u8]) -> bool {
     let mut input = Input::new(data);
     let fixtures = fixtures::all();
@@ -31,9 +31,9 @@ pub fn apply_undo(data: &[u8]) -> bool {
 struct Player<'a> {
     fixture: &'a Fixture,
     mesh: ActiveMesh,
-    /// By chunk: the delta that was applied last, to be applied again or forged.
+    /// By chunk: the last applied delta, to be applied again or forged.
     deltas: Vec<Option<ChunkDelta>>,
-    /// The mesh's state, if it was asked for since it last changed.
+    /// A snapshot of the mesh, if it has not changed since.
     state: Option<Snapshot>,
 }
 
@@ -46,7 +46,7 @@ impl<'a> Player<'a> {
     fn operate(&mut self, input: &mut Input<'_>) {
         let operation = input.u8();
         let chunk = input.choice(self.deltas.len());
-        // To one of the chunk's truncation_points, or whole.
+        // To one of the chunk's truncation points, or to its end.
         let truncation_points = self.fixture.asset.infos[chunk].truncation_points.len();
         let truncation = (operation / 6).checked_sub(1).map(|s| s % (truncation_points as u8 + 1));
         let truncation = truncation.filter(|&s| usize::from(s) < truncation_points);
@@ -145,7 +145,7 @@ impl<'a> Player<'a> {
         }
     }
 
-    /// Undoes whatever can be undone until nothing is left.
+    /// Undoes chunks until none is applied.
     fn undo_all(&mut self) {
         while self.mesh.applied_count() > 0 {
             let before = self.mesh.applied_count();

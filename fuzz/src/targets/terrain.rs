@@ -1,4 +1,4 @@
-//! What describes a terrain: parameters, stamps, the listed points of a patch.
+//! Descriptions of a terrain: parameters, stamps, height overrides of a patch.
 
 use lodestream_terrain::{
     HeightOverrides, PARAMETERS_BYTES, Parameters, Scratch, Stamp, Terrain, decode_points, decode_stamps,
@@ -8,9 +8,8 @@ use lodestream_terrain::{
 use crate::input::Input;
 use crate::meter::{Ceiling, within};
 
-/// The first byte says as what the others are read: parameters, stamps, or points of a patch of the level that
-/// the second byte gives. What is accepted is the same after it was written and read again, and heights can be
-/// made with it.
+/// The first byte selects the format: parameters, stamps, or height overrides of a patch at the level that the second
+/// byte gives. Accepted values are equal after encoding and decoding, and heights can be generated with them.
 pub fn terrain(data: &[u8]) -> bool {
     let mut input = Input::new(data);
     let kind = input.u8();
@@ -24,11 +23,11 @@ pub fn terrain(data: &[u8]) -> bool {
     }
 }
 
-/// A stamp is 6 bytes at least, and 56 in memory, with up to 16 positions of 16 bytes for 2 each.
+/// A stamp has at least 6 bytes, and 56 in memory, with up to 16 positions of 16 bytes for 2 each.
 const STAMPS: Ceiling = Ceiling { base_bytes: 1 << 12, bytes_per_byte: 64, base_steps: 0, steps_per_byte: 0 };
 
-/// A byte stands for at most 16 points, a point for at most 64 places of a mask; rows of the widest patch and
-/// the model take a megabyte.
+/// A byte encodes at most 16 overrides, and each occupies at most 64 places of a mask; rows of the widest patch and the
+/// model take a megabyte.
 const POINTS: Ceiling =
     Ceiling { base_bytes: 1 << 21, bytes_per_byte: 16 * 64, base_steps: 1 << 14, steps_per_byte: 16 * 80 };
 
@@ -36,7 +35,7 @@ fn parameters(bytes: &[u8]) -> bool {
     let Some(bytes) = bytes.first_chunk::<PARAMETERS_BYTES>() else { return false };
     let Ok(parameters) = Parameters::decode(bytes) else { return false };
     assert_eq!(&parameters.encode(), bytes);
-    // The eroding level may need a margin of 256 points, which is no fault but takes its time.
+    // The eroded level may need a margin of 256 points, which is valid but slow.
     if parameters.erosion.passes <= 16 {
         heights(&Terrain::new(parameters).expect("accepted parameters make a terrain"));
     }
@@ -71,7 +70,7 @@ fn with_stamps(finest_level: u8, stamps: Vec<Stamp>) -> Terrain {
     Terrain::with_stamps(parameters, stamps).expect("accepted stamps are taken")
 }
 
-/// Makes a few heights.
+/// Generates a few heights.
 fn heights(terrain: &Terrain) {
     let (mut scratch, mut out) = (Scratch::new(), Vec::new());
     let edge = terrain.edge(0).expect("there is a level 0");

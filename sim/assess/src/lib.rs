@@ -1,4 +1,4 @@
-//! How good prepared geometry is: sizes, speeds and honesty of stated errors, and the distance between two surfaces.
+//! Assessment of prepared geometry: sizes, speeds, validity of stated errors, and distances between surfaces.
 
 pub mod assess;
 pub mod measure;

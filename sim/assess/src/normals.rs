@@ -1,4 +1,4 @@
-//! How many normals of a model are sent: those further from what the faces say than a tolerance.
+//! Number of a model's normals that are sent: those that deviate from the face normals by more than a tolerance.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use lodestream_geometry::mesh::SourceMesh;
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
 use serde::Serialize;
 
-/// Wedges of a model that carry a normal of their own, at a tolerance.
+/// Number of wedges of a model with a normal of their own, at a tolerance.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SentNormals {
     /// Name of the model's file.
@@ -17,11 +17,11 @@ pub struct SentNormals {
     pub tolerance_degrees: f64,
     /// Wedges of the quantised mesh.
     pub wedges: usize,
-    /// Those that carry a normal.
+    /// Wedges with a normal of their own.
     pub sent: usize,
 }
 
-/// Counts a model file's normals at each of some tolerances.
+/// Counts a model file's normals at each tolerance.
 ///
 /// # Errors
 /// If the file cannot be imported or quantised.
@@ -71,8 +71,8 @@ impl std::fmt::Display for SentNormals {
 mod tests {
     use super::*;
 
-    /// Four squares in the plane z = 0, apart from each other, whose normals lean by 0, 4, 8 and 20 degrees from +z; with
-    /// `leaning`, or else without any normals.
+    /// Four separate squares in the plane z = 0, optionally with normals that deviate by 0, 4, 8 and 20 degrees from
+    /// +z.
     fn squares(leaning: bool) -> String {
         let mut text = String::new();
         for (i, degrees) in (0_u32..).zip([0.0, 4.0, 8.0, 20.0_f64]) {
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn those_that_lean_further_are_sent() {
+    fn normals_beyond_the_tolerance_are_sent() {
         let found = counted(&squares(true), &[0.5, 5.0, 10.0, 30.0]);
         let rows: Vec<_> = found.iter().map(|n| (n.tolerance_degrees, n.wedges, n.sent)).collect();
         assert_eq!(rows, [(0.5, 16, 12), (5.0, 16, 8), (10.0, 16, 4), (30.0, 16, 0)]);
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_none_is_named() {
+    fn a_missing_file_is_named() {
         let error = count(Path::new("no/model.obj"), PositionBits::default(), &[]).unwrap_err();
         assert!(format!("{error:#}").contains("no/model.obj"), "{error:#}");
     }

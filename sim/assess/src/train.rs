@@ -9,7 +9,7 @@ use lodestream_geometry::pool::Serial;
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
 use lodestream_geometry::training;
 
-/// The table's bytes for some models, each prepared with the default settings.
+/// The table of priors for some models, each prepared with the default settings.
 ///
 /// # Errors
 /// If a model cannot be imported or prepared.

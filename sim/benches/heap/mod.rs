@@ -1,4 +1,4 @@
-//! The system's allocator, counting: how much memory is in use, and the most since it was asked to forget.
+//! A counting allocator: memory in use, and its peak since the last reset.
 #![allow(unsafe_code, reason = "an allocator is unsafe; every call goes to the system's")]
 
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -12,7 +12,7 @@ pub(crate) fn used() -> usize {
     USED.load(Ordering::Relaxed)
 }
 
-/// Most bytes in use since the last call, or since the start; forgets it.
+/// Most bytes in use since the last call, or since the start; resets the peak.
 pub(crate) fn take_peak() -> usize {
     PEAK.swap(used(), Ordering::Relaxed)
 }
@@ -22,7 +22,7 @@ struct Counting;
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-// SAFETY: everything is handed to the system's allocator as it came; the counters are beside it.
+// SAFETY: all calls are forwarded to the system's allocator unchanged.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         // SAFETY: the caller keeps `alloc`'s contract.

@@ -1,4 +1,4 @@
-//! The meshes that a benchmark is about.
+//! Input meshes of a benchmark.
 
 use std::path::PathBuf;
 
@@ -6,8 +6,8 @@ use anyhow::Context as _;
 use lodestream_geometry::mesh::{Corner, NONE, QuantisedMesh, SourceMesh};
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
 
-/// Names, files where there is one, and meshes at 12 bits, of which `change` may leave out something before: the models
-/// that the command line names, else those of the folder `LODESTREAM_MODELS`, else a generated mesh.
+/// Name, file (if any) and mesh at 12 bits of each input, after `change`: the models named on the command line, else
+/// those in the folder `LODESTREAM_MODELS`, else a generated mesh.
 pub(crate) fn quantised(
     change: impl Fn(&mut SourceMesh),
 ) -> anyhow::Result<Vec<(String, Option<PathBuf>, QuantisedMesh)>> {
@@ -36,7 +36,7 @@ pub(crate) fn quantised(
     files.into_iter().map(load).collect()
 }
 
-/// A rolling landscape of `2 × size²` faces.
+/// A hilly terrain of `2 × size²` faces.
 fn height_field(size: u32) -> SourceMesh {
     let mut mesh = SourceMesh::default();
     for i in 0..=size {

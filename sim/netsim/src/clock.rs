@@ -4,9 +4,8 @@
 //! whenever no task can run. Work on the runtime's thread takes no virtual time; work that waits
 //! for another thread would let time run ahead of it, so simulated code must not leave the thread.
 //!
-//! tokio's timers have a resolution of one millisecond and fire late, never early. Everything that
-//! waits is therefore up to 1 ms late, while arrival times are computed in nanoseconds, so rates do
-//! not suffer.
+//! tokio's timers have a resolution of one millisecond and fire late, never early. Waiting tasks are therefore up to 1
+//! ms late; arrival times are computed in nanoseconds, so rates are not affected.
 
 use std::time::Duration;
 
@@ -31,7 +30,7 @@ impl VirtualClock {
         u64::try_from(self.start.elapsed().as_nanos()).unwrap_or(u64::MAX)
     }
 
-    /// The point of tokio's time that is `at_ns` after the start.
+    /// The instant of tokio's clock `at_ns` after the start.
     #[must_use]
     pub fn instant(&self, at_ns: u64) -> Instant {
         self.start + Duration::from_nanos(at_ns)
@@ -46,7 +45,7 @@ impl VirtualClock {
 /// A runtime whose clock is virtual: one thread, time paused, no I/O.
 ///
 /// # Errors
-/// What the system refuses.
+/// Errors of the system.
 pub fn virtual_runtime() -> std::io::Result<tokio::runtime::Runtime> {
     tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build()
 }

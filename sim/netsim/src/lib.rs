@@ -1,8 +1,8 @@
-//! Simulated links in virtual time: UDP for quinn, TCP as streams of bytes.
+//! Simulated links in virtual time: UDP for quinn, TCP as byte streams.
 //!
-//! It knows nothing of what is sent. A [`link`] says of each packet when it arrives, or that it is lost; [`udp`] and
-//! [`tcp`] send packets over it, and [`stream_pipe`] gives TCP the shape of a tokio stream. All wait on one
-//! [`clock`], which is tokio's paused one.
+//! The crate is independent of the protocol. A [`link`] computes each packet's arrival time or loss; [`udp`] and
+//! [`tcp`] send packets over it, and [`stream_pipe`] gives TCP the interface of a tokio stream. All wait on one
+//! [`clock`], tokio's paused clock.
 
 pub mod clock;
 pub mod link;

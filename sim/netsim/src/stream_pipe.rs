@@ -1,7 +1,7 @@
-//! A TCP connection in virtual time, as the two byte streams that programs see.
+//! A TCP connection in virtual time, as two byte streams.
 //!
-//! What is and is not modelled is said in [`crate::tcp`]. A write is taken when it enters the
-//! network: what the windows do not allow makes the writer wait, as a full send buffer would.
+//! [`crate::tcp`] states what is modelled. A write completes when its bytes enter the network; while the windows are
+//! full, the writer waits, as for a full send buffer.
 
 use std::future::Future;
 use std::io;
@@ -17,7 +17,7 @@ use crate::link::{LinkCounters, LinkSettings};
 use crate::tcp::{TcpDirection, TcpUnsupported};
 use crate::trace::Trace;
 
-/// One direction, and who waits for it.
+/// One direction, with the tasks that wait for it.
 #[derive(Debug)]
 struct Direction {
     tcp: TcpDirection,
@@ -67,7 +67,7 @@ impl StreamCounters {
         both.value()
     }
 
-    /// What the links did: server to client, client to server.
+    /// Counters of the links: server to client, client to server.
     #[must_use]
     pub fn links(&self) -> [LinkCounters; 2] {
         [lock(&self.down).tcp.counters(), lock(&self.up).tcp.counters()]
@@ -81,19 +81,19 @@ pub struct Opening {
     pub client: StreamEnd,
     /// The server's end, to be used from `server_ready_ns`.
     pub server: StreamEnd,
-    /// When the client has heard the answer to its first packet.
+    /// When the client has received the SYN-ACK.
     pub client_ready_ns: u64,
-    /// When the server has heard the client's confirmation.
+    /// When the server has received the client's ACK.
     pub server_ready_ns: u64,
-    /// What goes through the connection.
+    /// Counters of the connection.
     pub counters: StreamCounters,
 }
 
-/// Opens a connection with TCP's three-way handshake, which starts now: `down` leads from the server
-/// to the client, `up` back; `seed` decides how jitter falls.
+/// Opens a connection with TCP's three-way handshake, starting now: `down` leads from the server to the client, `up`
+/// back; `seed` determines jitter.
 ///
 /// # Errors
-/// Refuses links that TCP is not modelled over.
+/// Links over which TCP is not modelled.
 pub fn open(
     clock: VirtualClock,
     down: LinkSettings,
@@ -133,7 +133,7 @@ pub fn open(
     })
 }
 
-/// Polls a timer for `at_ns`, set anew where it was for another time. Ready once that time has come.
+/// Polls a timer for `at_ns`, resetting it if it was for another time. Ready once that time has come.
 fn poll_timer(
     slot: &mut Option<Pin<Box<Sleep>>>,
     clock: VirtualClock,

@@ -1,16 +1,14 @@
-//! One direction of a TCP connection over a link without loss: when does each byte arrive?
+//! One direction of a TCP connection over a link without loss: arrival time of each byte.
 //!
-//! Modelled: segments as large as the link takes, with their headers; slow start from ten segments
-//! (RFC 6928, RFC 5681 §3.1) without delayed acknowledgements; a congestion window that stops
-//! growing at the bandwidth–delay product (at the highest rate) plus the queue, as if the sender knew
-//! them; a sender that waits while the link's queue is full, so that it never overflows; a receive
-//! window; acknowledgements that come back after the reverse delay and take no bandwidth and have no jitter.
+//! Modelled: segments of the link's MTU with headers; slow start from ten segments (RFC 6928, RFC 5681 §3.1) without
+//! delayed acknowledgements; a congestion window that stops growing at the bandwidth–delay product (at the highest
+//! rate) plus the queue, as if the sender knew them; a sender that waits while the link's queue is full, so that it
+//! never overflows; a receive window; acknowledgements that arrive after the reverse delay, without bandwidth or
+//! jitter.
 //!
-//! Not modelled: loss and its recovery, and packets that overtake each other, which TCP takes for loss
-//! (links with either are refused), congestion avoidance, delayed
-//! acknowledgements, Nagle's algorithm (taken as switched off), a send buffer larger than the
-//! congestion window, window scaling, slow start after idle. Where a real sender overshoots the
-//! queue and recovers, this one is faster.
+//! Not modelled: loss and reordering (links with either are refused), congestion avoidance, delayed acknowledgements,
+//! Nagle's algorithm (assumed off), a send buffer larger than the congestion window, window scaling, slow start after
+//! idle. A real sender that overshoots the queue and recovers is slower than this one.
 
 use std::collections::VecDeque;
 
@@ -24,10 +22,10 @@ pub const IP_TCP_BYTES: u32 = 20 + 20 + 12;
 /// Payload of a full segment on Ethernet: 1500 bytes less the headers.
 pub const SEGMENT_BYTES: usize = (ETHERNET_MTU_BYTES - IP_TCP_BYTES) as usize;
 
-/// Bytes that may be on the way or wait to be read.
+/// Most bytes in flight or not yet read.
 const RECEIVE_WINDOW_BYTES: u64 = 1 << 20;
 
-/// What is asked of a TCP link and not modelled.
+/// A feature of a link that the TCP model lacks.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum TcpUnsupported {
     /// Loss, random or in bursts.
@@ -36,7 +34,7 @@ pub enum TcpUnsupported {
         /// Its long-run share.
         loss: f64,
     },
-    /// Jitter under which packets overtake each other.
+    /// Jitter that reorders packets.
     #[error("jitter that changes the order over TCP: recovery from that is not modelled; keep the order")]
     Reordering,
     /// Packets too small for headers and a byte.
@@ -47,7 +45,7 @@ pub enum TcpUnsupported {
     },
 }
 
-/// Bytes that a sender may send before it hears anything (RFC 6928, §2).
+/// Initial congestion window (RFC 6928, §2).
 fn initial_window_bytes(segment: u64) -> u64 {
     (10 * segment).min((2 * segment).max(14_600))
 }
@@ -57,25 +55,25 @@ fn initial_window_bytes(segment: u64) -> u64 {
 pub struct TcpDirection {
     link: Link,
     segment_bytes: usize,
-    /// Delay of the way back, for acknowledgements.
+    /// Delay of acknowledgements.
     reverse_delay_ns: u64,
     congestion_window_bytes: u64,
     largest_window_bytes: u64,
-    /// Bytes sent and not yet acknowledged: when the acknowledgement arrives, how many.
+    /// Bytes sent and not yet acknowledged: arrival time of the acknowledgement, number of bytes.
     unacknowledged: VecDeque<(u64, u64)>,
     flight_bytes: u64,
-    /// Sent and not yet read: arrival time, data.
+    /// Data sent and not yet read, with arrival time.
     arriving: VecDeque<(u64, Bytes)>,
     unread_bytes: u64,
-    /// When the end of the stream arrives, once it was sent.
+    /// Arrival time of the end of the stream, once it was sent.
     end_ns: Option<u64>,
 }
 
 impl TcpDirection {
-    /// An idle direction; `seed` decides how jitter falls.
+    /// An idle direction; `seed` determines jitter.
     ///
     /// # Errors
-    /// Refuses links with loss or reordering, and packets without room for data.
+    /// Links with loss or reordering, and packets without room for data.
     pub fn new(settings: LinkSettings, reverse_delay_ns: u64, seed: u64) -> Result<Self, TcpUnsupported> {
         if settings.loss != Loss::NONE {
             return Err(TcpUnsupported::Loss { loss: settings.loss.long_run() });
@@ -108,31 +106,31 @@ impl TcpDirection {
         })
     }
 
-    /// What the link has done.
+    /// Counters of the link.
     #[must_use]
     pub fn counters(&self) -> LinkCounters {
         self.link.counters()
     }
 
-    /// Sends a packet without payload, as in a handshake, once the queue has room; returns when it arrives.
+    /// Sends a packet without payload, as in a handshake, once the queue has room; returns its arrival time.
     pub fn send_bare(&mut self, now_ns: u64) -> u64 {
         let wire_bytes = u64::from(self.link.settings().overhead_bytes);
         let sent_ns = if self.has_room(now_ns, wire_bytes) { now_ns } else { self.link.idle_from_ns() };
         match self.link.offer(sent_ns, 0) {
             Fate::Arrives { at_ns } => at_ns,
-            // Not reached: there is room, and no loss.
+            // Unreachable: the queue has room, and there is no loss.
             Fate::Lost | Fate::QueueFull | Fate::TooBig => sent_ns,
         }
     }
 
-    /// Whether the link's queue takes a packet now.
+    /// Whether the link's queue accepts a packet now.
     fn has_room(&self, now_ns: u64, wire_bytes: u64) -> bool {
         let backlog = self.link.backlog_bytes(now_ns);
         backlog == 0 || backlog + wire_bytes <= self.link.settings().queue_bytes
     }
 
-    /// Sends as much of `data` as the windows allow; returns how many bytes. With 0 the caller tries
-    /// again at [`TcpDirection::next_room_ns`], or once data has been read.
+    /// Sends as much of `data` as the windows allow; returns the number of bytes. After 0 the caller tries again at
+    /// [`TcpDirection::next_room_ns`], or once data have been read.
     pub fn send(&mut self, now_ns: u64, data: &[u8]) -> usize {
         self.take_acknowledgements(now_ns);
         let mut sent = 0;
@@ -156,7 +154,7 @@ impl TcpDirection {
         sent
     }
 
-    /// Ends the stream after what was sent.
+    /// Ends the stream after the data sent so far.
     pub fn finish(&mut self, now_ns: u64) {
         if self.end_ns.is_none() {
             let last = self.arriving.back().map_or(0, |&(at_ns, _)| at_ns);
@@ -164,8 +162,8 @@ impl TcpDirection {
         }
     }
 
-    /// When a sender who could send nothing at `now_ns` may try again: at the next acknowledgement, or once
-    /// the link has sent what waits. `None` where only reading makes room.
+    /// When a sender that could send nothing at `now_ns` may try again: at the next acknowledgement, or once the link
+    /// has sent its queue. `None` if only reading makes room.
     #[must_use]
     pub fn next_room_ns(&self, now_ns: u64) -> Option<u64> {
         let acknowledged = self.unacknowledged.front().map(|&(at_ns, _)| at_ns);
@@ -173,7 +171,7 @@ impl TcpDirection {
         [acknowledged, idle].into_iter().flatten().min()
     }
 
-    /// Moves what has arrived by `now_ns` into `buffer`; returns how many bytes.
+    /// Moves the data that arrived by `now_ns` into `buffer`; returns the number of bytes.
     pub fn receive(&mut self, now_ns: u64, buffer: &mut [u8]) -> usize {
         let mut filled = 0;
         while let Some((at_ns, data)) = self.arriving.front_mut() {
@@ -191,19 +189,19 @@ impl TcpDirection {
         filled
     }
 
-    /// When the next byte, or the end of the stream, reaches the receiver.
+    /// When the next byte, or the end of the stream, arrives.
     #[must_use]
     pub fn next_arrival_ns(&self) -> Option<u64> {
         self.arriving.front().map(|&(at_ns, _)| at_ns).or(self.end_ns)
     }
 
-    /// Whether the receiver has read everything and knows that nothing follows.
+    /// Whether the receiver has read everything including the end of the stream.
     #[must_use]
     pub fn is_finished(&self, now_ns: u64) -> bool {
         self.arriving.is_empty() && self.end_ns.is_some_and(|end_ns| end_ns <= now_ns)
     }
 
-    /// Slow start: each acknowledged byte lets one more byte be on its way.
+    /// Slow start: each acknowledged byte allows one more byte in flight.
     fn take_acknowledgements(&mut self, now_ns: u64) {
         while let Some(&(at_ns, bytes)) = self.unacknowledged.front() {
             if at_ns > now_ns {
@@ -266,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn windows_limit_what_is_on_its_way() {
+    fn windows_limit_the_bytes_in_flight() {
         let mut tcp = TcpDirection::new(settings(2_000_000), 25 * MS, 1).unwrap();
         let data = vec![0; 1 << 20];
         assert_eq!(tcp.send(0, &data), 10 * SEGMENT_BYTES);
@@ -302,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_modelled_is_refused() {
+    fn links_that_are_not_modelled_are_refused() {
         let refused = |settings: LinkSettings| TcpDirection::new(settings, 0, 1).unwrap_err();
         let plain = || settings(2_000_000);
         let burst = GilbertElliott { to_bad: 0.1, to_good: 0.3, loss_good: 0.0, loss_bad: 1.0 };

@@ -1,7 +1,7 @@
-//! A fingerprint of everything that happened on a simulated network.
+//! Fingerprint of all events on a simulated network.
 
-/// An FNV-1a hash (Fowler, Noll, Vo, 1991) over a sequence of numbers: equal runs have equal
-/// fingerprints, and runs that differ anywhere almost surely do not.
+/// An FNV-1a hash (Fowler, Noll, Vo, 1991) over a sequence of numbers: equal runs have equal fingerprints, different
+/// runs almost surely different ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Trace(u64);
 

@@ -34,7 +34,7 @@ struct Datagram {
     payload: Vec<u8>,
 }
 
-/// What is on its way to one address.
+/// Datagrams in flight to one address.
 #[derive(Debug, Default)]
 struct Inbox {
     /// By arrival time, then in the order of sending.
@@ -42,7 +42,7 @@ struct Inbox {
     timer: Option<Pin<Box<Sleep>>>,
     waker: Option<Waker>,
     received_bytes: u64,
-    /// The socket was dropped: what still arrives finds nobody.
+    /// The socket was dropped: datagrams that still arrive are discarded.
     closed: bool,
 }
 
@@ -50,7 +50,7 @@ struct Inbox {
 struct State {
     clock: VirtualClock,
     links: Vec<Link>,
-    /// Which link leads from one address to another.
+    /// The link from one address to another.
     routes: BTreeMap<(SocketAddr, SocketAddr), usize>,
     inboxes: BTreeMap<SocketAddr, Inbox>,
     sent: u64,
@@ -89,8 +89,8 @@ impl UdpNetwork {
         }
     }
 
-    /// Leads what goes from one address to another through the link of another pair, queue and all. Without such a link
-    /// nothing changes.
+    /// Routes datagrams between two addresses through the link of another pair, including its queue. Without such a
+    /// link nothing changes.
     pub fn share(&self, from: SocketAddr, to: SocketAddr, link: (SocketAddr, SocketAddr)) {
         let mut state = self.state();
         if let Some(place) = state.routes.get(&link).copied() {
@@ -105,11 +105,11 @@ impl UdpNetwork {
         Arc::new(VirtualUdpSocket { network: self.clone(), address })
     }
 
-    /// A quinn endpoint on a new socket; a server where it has a configuration. Its random numbers, of
-    /// which packets' lengths and timers depend, follow from the seed.
+    /// A quinn endpoint on a new socket, a server if it has a server configuration. Its random numbers, which affect
+    /// packet lengths and timers, follow from the seed.
     ///
     /// # Errors
-    /// What quinn says.
+    /// Errors of quinn.
     pub fn endpoint(
         &self,
         address: SocketAddr,
@@ -122,7 +122,7 @@ impl UdpNetwork {
         quinn::Endpoint::new_with_abstract_socket(config, server, self.socket(address), runtime)
     }
 
-    /// What the link between two addresses has done; zeroes where there is none.
+    /// Counters of the link between two addresses; zeros without a link.
     #[must_use]
     pub fn counters(&self, from: SocketAddr, to: SocketAddr) -> LinkCounters {
         let state = self.state();
@@ -130,7 +130,7 @@ impl UdpNetwork {
         link.map_or_else(LinkCounters::default, Link::counters)
     }
 
-    /// Payload of the datagrams that the socket at `address` has been handed so far.
+    /// Payload of the datagrams delivered to the socket at `address` so far.
     #[must_use]
     pub fn received_bytes(&self, address: SocketAddr) -> u64 {
         self.state().inboxes.get(&address).map_or(0, |inbox| inbox.received_bytes)
@@ -191,7 +191,7 @@ impl Drop for VirtualUdpSocket {
     }
 }
 
-/// A link's queue drops instead of blocking, so there is always room.
+/// A link's queue drops instead of blocking, so writing is always possible.
 #[derive(Debug)]
 struct AlwaysWritable;
 
@@ -235,7 +235,7 @@ impl AsyncUdpSocket for VirtualUdpSocket {
                     break;
                 }
                 let datagram = first.remove();
-                // As recv() does: what does not fit is cut off.
+                // As recv() does: excess bytes are cut off.
                 let length = datagram.payload.len().min(buffer.len());
                 buffer[..length].copy_from_slice(&datagram.payload[..length]);
                 *meta = RecvMeta::default();
@@ -335,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn directions_and_their_jitter_are_apart() {
+    fn directions_and_their_jitter_are_independent() {
         virtual_runtime().unwrap().block_on(async {
             let clock = VirtualClock::start();
             let network = UdpNetwork::new(clock);

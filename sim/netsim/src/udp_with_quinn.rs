@@ -1,4 +1,4 @@
-//! Tests: unchanged quinn over the simulated link, with the figures that theory gives.
+//! Tests: unmodified quinn over the simulated link, against theoretical values.
 
 use std::net::SocketAddr;
 use std::num::NonZeroU64;
@@ -11,7 +11,7 @@ use crate::clock::{VirtualClock, virtual_runtime};
 use crate::link::{IP_UDP_BYTES, LinkSettings, Loss};
 use crate::udp::UdpNetwork;
 
-/// What one transfer came to.
+/// Measurements of one transfer.
 #[derive(Debug, PartialEq)]
 struct Outcome {
     connected_ms: f64,

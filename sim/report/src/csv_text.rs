@@ -1,6 +1,6 @@
-//! Comma-separated values as every table of ours has them (RFC 4180, with plain line feeds).
+//! Comma-separated values (RFC 4180, with plain line feeds).
 
-/// Lines of fields as text; a field with a comma, a quotation mark or the end of a line is quoted.
+/// Writes lines of fields; quotes fields with a comma, a quotation mark or a line break.
 pub(crate) fn csv_text<L>(lines: impl IntoIterator<Item = L>) -> String
 where
     L: IntoIterator<Item: AsRef<[u8]>>,

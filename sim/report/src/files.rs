@@ -14,22 +14,22 @@ use super::pictures::{self, Gallery};
 use super::plots;
 use super::tables;
 
-/// Writes the report into a folder, which is created where it is missing: `results.json` and `results.csv`
-/// with a line per run, `percentiles.json` and `percentiles.csv` where a case has seeds enough, `levels.csv` where a case is
-/// a chain of levels, plots as SVG, and `report.html`, a page that needs no other file. Each file appears whole or not at
-/// all; percentiles, levels, plots and pictures of an earlier report do not stay.
+/// Writes the report into a folder, which is created if missing: `results.json` and `results.csv` with a line per run,
+/// `percentiles.json` and `percentiles.csv` if a case has enough seeds, `levels.csv` if a case is a chain of levels,
+/// plots as SVG, and `report.html`, a self-contained page. Files are written atomically; percentiles, levels, plots and
+/// pictures of an earlier report are removed.
 ///
 /// # Errors
-/// What the system refuses.
+/// Errors of the file system.
 pub fn write(folder: &Path, plan: &Plan, results: &[RunResult]) -> std::io::Result<()> {
     write_drawn(folder, plan, results, None)
 }
 
-/// The same, with the pictures of runs that were drawn, `pictures.csv` with a line per picture, and `first-seconds.csv`
-/// with a line per run whose first seconds the plan asks for.
+/// As [`write`], with pictures: `pictures.csv` has a line per picture, `first-seconds.csv` a line per run whose first
+/// seconds the plan asks for.
 ///
 /// # Errors
-/// What the system refuses.
+/// Errors of the file system.
 pub fn write_drawn(
     folder: &Path,
     plan: &Plan,
@@ -77,7 +77,7 @@ pub fn write_drawn(
     put(folder, "percentiles.csv", tables::of_percentiles(&spread).as_bytes())
 }
 
-/// Removes what an earlier report may have left.
+/// Removes a file of an earlier report.
 fn remove(folder: &Path, name: &str) -> std::io::Result<()> {
     match std::fs::remove_file(folder.join(name)) {
         Err(why) if why.kind() != std::io::ErrorKind::NotFound => Err(why),
@@ -85,10 +85,10 @@ fn remove(folder: &Path, name: &str) -> std::io::Result<()> {
     }
 }
 
-/// Writes a list as a JSON file into a folder, which is created where it is missing: whole or not at all.
+/// Writes a list as a JSON file into a folder, which is created if missing. The file is written atomically.
 ///
 /// # Errors
-/// What the system refuses.
+/// Errors of the file system.
 pub fn write_json<T: Serialize>(folder: &Path, name: &str, objects: &[T]) -> std::io::Result<()> {
     std::fs::create_dir_all(folder)?;
     put(folder, name, &to_json(objects).map_err(std::io::Error::other)?)

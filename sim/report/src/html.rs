@@ -1,10 +1,10 @@
-//! Pages of HTML that need nothing beside themselves: no script, no file, no network.
+//! Self-contained HTML pages: no script, no external file, no network.
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 const STYLE: &str = include_str!("html.css");
 
-/// A page, from its title and its body.
+/// A page with a title and a body.
 pub(crate) fn page(title: &str, body: &Markup) -> String {
     let page = html! {
         (DOCTYPE) "\n"
@@ -30,7 +30,7 @@ pub(crate) fn page(title: &str, body: &Markup) -> String {
     page.into_string()
 }
 
-/// A table: names of columns, of which the first `texts` hold words, and lines. Each text goes through `show`.
+/// A table with column names, of which the first `texts` hold words, and lines. Each text goes through `show`.
 pub(crate) fn table<'a>(
     texts: usize,
     names: &[String],
@@ -52,7 +52,7 @@ pub(crate) fn table<'a>(
     }
 }
 
-/// Text as it is.
+/// Text without formatting.
 pub(crate) fn plain(text: &str) -> Markup {
     html! { (text) }
 }
@@ -71,7 +71,7 @@ mod tests {
     }
 
     #[test]
-    fn a_page_is_whole() {
+    fn a_page_is_complete_html() {
         let page = page("<1>", &plain("body"));
         assert!(
             page.starts_with("<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"),

@@ -1,21 +1,21 @@
-//! How far a picture is from its reference: PSNR, SSIM and FLIP.
+//! Error of a picture against its reference: PSNR, SSIM and FLIP.
 //!
-//! Three, because each is blind to something: PSNR weighs a wrong pixel by its square wherever it is, SSIM looks at
-//! structure and hardly at colour, FLIP models what a person sees who flips between the two.
+//! Each measure has a weakness: PSNR weighs a wrong pixel by its squared error wherever it is, SSIM is sensitive to
+//! structure and hardly to colour, FLIP models a person who alternates between the two pictures.
 
 use image::{DynamicImage, RgbaImage};
 use lodestream_render::image_compare::{CompareError, compare};
 use lodestream_scenario::picture::ImageError;
 
-/// Pixels per degree of visual angle for which FLIP is stated: a monitor 0.7 m wide with 3840 pixels, seen from
-/// 0.7 m, as in the paper.
+/// Pixels per degree of visual angle for FLIP: a monitor 0.7 m wide with 3840 pixels at a distance of 0.7 m, as in the
+/// paper.
 pub const PIXELS_PER_DEGREE: f32 = 67.0;
 
-/// Compares a picture with its reference; opacity is not looked at. Values are rounded: decibels to four decimals, the
-/// others to six.
+/// Compares a picture with its reference, ignoring opacity. Values are rounded: decibels to four decimals, the others
+/// to six.
 ///
 /// # Errors
-/// [`CompareError`] where sizes differ or there is no pixel.
+/// [`CompareError`] if sizes differ or there is no pixel.
 pub fn image_error(picture: &RgbaImage, reference: &RgbaImage) -> Result<ImageError, CompareError> {
     let ssim = compare(picture, reference, None)?.ssim;
     let decimals = |value: f64, count: i32| (value * 10_f64.powi(count)).round() / 10_f64.powi(count);
@@ -38,13 +38,13 @@ fn psnr_db(a: &RgbaImage, b: &RgbaImage) -> Option<f64> {
     (squares > 0).then(|| 10.0 * (255.0 * 255.0 * count as f64 / squares as f64).log10())
 }
 
-/// Mean over the map that the authors' own code (crate `nv-flip`) draws of pictures of one size.
+/// Mean of the FLIP map of two pictures of one size, by the authors' code (crate `nv-flip`).
 pub(crate) fn flip(picture: &RgbaImage, reference: &RgbaImage) -> f64 {
     let map = flip_map(picture, reference);
     map.iter().copied().map(f64::from).sum::<f64>() / map.len().max(1) as f64
 }
 
-/// The same over some pixels of it, as many as `covered` says: rows from the top.
+/// Mean FLIP over the pixels that `covered` selects, in rows from the top.
 pub(crate) fn flip_of(picture: &RgbaImage, reference: &RgbaImage, covered: &[bool]) -> f64 {
     let map = flip_map(picture, reference);
     let of_covered =
@@ -67,7 +67,7 @@ mod tests {
 
     const SIZE_PX: [u32; 2] = [64, 48];
 
-    /// Noise and gradients, by integers alone, so that other programs can make the same picture.
+    /// Noise and gradients in integers, so that other programs can generate the same picture.
     fn picture() -> RgbaImage {
         RgbaImage::from_fn(SIZE_PX[0], SIZE_PX[1], |x, y| {
             let noise = [(x * x * 3 + y * 7) % 256, (x * 5 + y * y * 2 + 31) % 256, ((x ^ y) * 4 + 17) % 256];
@@ -101,9 +101,8 @@ mod tests {
 
     #[test]
     fn values_are_those_of_independent_programs() {
-        // Computed in Python: PSNR and, after the paper, FLIP with numpy 2; SSIM by scikit-image
-        // (gaussian_weights=True, sigma=1.5, use_sample_covariance=False), whose mean leaves out five pixels at the
-        // border.
+        // Computed in Python: PSNR and (after the paper) FLIP with numpy 2; SSIM by scikit-image
+        // (gaussian_weights=True, sigma=1.5, use_sample_covariance=False), whose mean omits five pixels at the border.
         let reference = picture();
         let inner: Vec<bool> = (0..SIZE_PX[0] * SIZE_PX[1])
             .map(|i| (i % SIZE_PX[0], i / SIZE_PX[0]))
@@ -134,11 +133,11 @@ mod tests {
     }
 
     #[test]
-    fn black_and_white_are_as_far_apart_as_can_be() {
+    fn black_and_white_have_the_largest_error() {
         let flat = |value| RgbaImage::from_pixel(32, 32, Rgba([value, value, value, 255]));
         let found = image_error(&flat(0), &flat(255)).unwrap();
         assert_eq!(found.psnr_db, Some(0.0));
-        // C1 / (255² + C1): luminance is all that differs, and stabilised by a ten-thousandth.
+        // C1 / (255² + C1): only luminance differs, and it is stabilised by a ten-thousandth.
         assert!((found.ssim - 0.0001 / 1.0001).abs() < 1e-6, "{found:?}");
         assert!(found.flip > 0.9 && found.flip <= 1.0, "{found:?}");
         // One step of 8 bits everywhere: 20 log 255.

@@ -1,21 +1,21 @@
-//! A chain of levels against the others over the same link: bytes and time until each screen error that it passes.
+//! Comparison of a chain of levels with other techniques: bytes and time until each screen error of the chain.
 //!
-//! Errors of a chain fall in few steps, which no list of thresholds in a plan would meet: just at a level's error
-//! the chain stands best, and a little below it has to wait for the next level.
+//! The error of a chain falls in few steps, which a list of thresholds in a plan would miss: exactly at a level's error
+//! the chain compares best, slightly below it has to wait for the next level.
 
 use lodestream_scenario::plan::{Case, Plan, Transport};
-use lodestream_scenario::result::{RunResult, milliseconds};
+use lodestream_scenario::result::RunResult;
 use lodestream_scenario::technique::Technique;
-use lodestream_scenario::timeline::Sample;
+use lodestream_scenario::timeline::{Sample, milliseconds};
 
-/// What a technique took until the screen error of a level of the chain.
+/// Bytes and time of a technique until the screen error of a level of the chain.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Level {
-    /// The scene, as the plan names it.
+    /// The scene's name in the plan.
     pub scene: String,
-    /// How client and server talked.
+    /// Transport between client and server.
     pub transport: Transport,
-    /// The link's name, or in words what it was like.
+    /// The link's name or description.
     pub link: String,
     /// Rate of the link from server to client, at the start.
     pub rate_bits_per_s: u64,
@@ -23,16 +23,16 @@ pub struct Level {
     pub seed: u64,
     /// The level's screen error, in pixels.
     pub error_px: f64,
-    /// How the scene got to the client; the chain itself is among them.
+    /// The technique; the chain itself is included.
     pub technique: String,
-    /// Transport payload received until no visible part had a larger screen error; `None` where that was never.
+    /// Transport payload received until no visible part had a larger screen error; `None` if that never happened.
     pub bytes: Option<u64>,
-    /// Virtual time since the connect call until then, as finely as the run's series goes.
+    /// Virtual time from the connect call until then, at the resolution of the run's series.
     pub ms: Option<f64>,
 }
 
-/// Of each run of [`Technique::Chain`] whose camera stands still: its levels from coarse to fine, and at each the runs
-/// that differ from it in the technique alone, in the plan's order. `results` are the plan's, in its order.
+/// For each run of [`Technique::Chain`] with a fixed camera: its levels from coarse to fine, and for each the runs that
+/// differ only in the technique, in the plan's order. `results` are the plan's, in its order.
 #[must_use]
 pub fn of_plan(plan: &Plan, results: &[RunResult]) -> Vec<Level> {
     let cases = plan.cases.iter().flat_map(|case| case.seeds.iter().map(move |_| case));
@@ -47,13 +47,13 @@ pub fn of_plan(plan: &Plan, results: &[RunResult]) -> Vec<Level> {
     chains.flat_map(of_chain).collect()
 }
 
-/// Whether cases differ in nothing but the technique.
+/// Whether cases differ only in the technique.
 fn alike(a: &Case, b: &Case) -> bool {
     let Case { technique, peer, ref seeds, .. } = *a;
     *a == Case { technique, peer, seeds: seeds.clone(), ..b.clone() }
 }
 
-/// The screen errors that a series passes, each less than those before.
+/// The successively smaller screen errors of a series.
 fn errors(series: &[Sample]) -> impl Iterator<Item = f64> {
     let mut least = f64::INFINITY;
     series.iter().filter_map(move |sample| {
@@ -85,7 +85,7 @@ mod tests {
     use super::*;
     use lodestream_scenario::plan;
 
-    /// Runs of a plan with a series each, of (ms, bytes, px).
+    /// Runs of a plan with one series each, of (ms, bytes, px).
     fn results(plan: &Plan, series: &[&[(u64, u64, Option<f64>)]]) -> Vec<RunResult> {
         let sample = |&(ms, bytes, error_px): &_| Sample {
             at_ns: ms * 1_000_000,
@@ -127,7 +127,7 @@ mod tests {
             (2.0, "obj", None, None),
         ];
         assert_eq!(rows[..6], first);
-        // At the other rate it has one level, which only it reaches.
+        // At the other rate the chain has one level, which only it reaches.
         let second =
             [(1.0, "lodestream", None, None), (1.0, "chain", Some(99), Some(9.0)), (1.0, "obj", None, None)];
         assert_eq!(rows[6..], second);
@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_chain_or_with_a_camera_that_moves_there_are_none() {
+    fn no_levels_without_a_chain_or_with_a_moving_camera() {
         let link = "transport = \"quic\"\nrate_bits_per_s = 5000";
         for sweep in ["technique = \"obj\"", "technique = \"chain\"\ncamera = \"orbit\""] {
             let plan = plan_of(&format!("{link}\n{sweep}"));

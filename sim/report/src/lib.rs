@@ -1,4 +1,4 @@
-//! What is said of runs: tables as CSV, plots, pictures, a page, and the benchmarks' figures with one command.
+//! Reports of runs: CSV tables, plots, pictures, an HTML page, and the reproduction of the benchmarks' figures.
 
 mod csv_text;
 mod files;

@@ -1,4 +1,4 @@
-//! The report as one page of HTML that needs nothing beside itself: no script, no file, no network.
+//! The report as a self-contained HTML page: no script, no external file, no network.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -17,7 +17,7 @@ use super::percentiles::{self, MIN_SEEDS, Percentiles, Spread};
 use super::plots::{MAX_DRAWN_ERROR_PX, Plot};
 use super::units;
 
-/// Most lines of a table; the files beside the page have all.
+/// Most lines of a table; the CSV files have all.
 const MAX_LINES: usize = 500;
 /// Most bytes of JPEG in a page.
 const MAX_PICTURE_BYTES: usize = 3 << 20;
@@ -25,20 +25,20 @@ const MAX_PICTURE_BYTES: usize = 3 << 20;
 const PICTURE_PX: u32 = 480;
 const JPEG_QUALITY: u8 = 85;
 
-/// Where there is no figure.
+/// Text of a cell without a figure.
 const DASH: &str = "–";
 
 /// Columns of the results that hold words.
 const TEXT_COLUMNS: usize = 7;
 
 /// A case and its runs.
-struct Shown<'a> {
+struct CaseRuns<'a> {
     case: &'a Case,
     number: usize,
     runs: &'a [RunResult],
 }
 
-/// The page, for the plots and pictures of a report; pictures are read from its folder. `adapter` is what drew them.
+/// The page with the plots and pictures of a report; pictures are read from its folder. `adapter` drew them.
 ///
 /// # Errors
 /// A picture that cannot be read.
@@ -55,7 +55,7 @@ pub(super) fn page(
         let (runs, others) = rest.split_at(case.seeds.len().min(rest.len()));
         rest = others;
         if !runs.is_empty() {
-            cases.push(Shown { case, number, runs });
+            cases.push(CaseRuns { case, number, runs });
         }
     }
     let scenes: Vec<&str> = plan.scenes.iter().map(|scene| scene.name.as_str()).collect();
@@ -78,13 +78,13 @@ pub(super) fn page(
         (pictures(folder, &cases)?)
         h2 { "The plan" } "\n"
         pre { (plan.text) } "\n"
-        (words())
+        (terms())
     };
     Ok(pages::page(&title, &page))
 }
 
-/// Words that the page uses, and what they mean.
-const WORDS: [(&str, &str); 9] = [
+/// Terms of the page and their definitions.
+const TERMS: [(&str, &str); 9] = [
     (
         "TTFF",
         "Time from the client's connect call until it can draw every visible instance, at least as its base mesh.",
@@ -92,18 +92,18 @@ const WORDS: [(&str, &str); 9] = [
     ("TTQ(e)", "Time until no visible part has a screen error above e pixels."),
     (
         "Where seen",
-        "The same without what the scene's own surfaces hide, as the client knows it; baselines do not know.",
+        "The same without parts that the scene's own surfaces occlude, as the client knows them; baselines do not know them.",
     ),
-    ("At rest", "TTQ counted from when a camera that moved came to rest."),
+    ("At rest", "TTQ counted from the time at which a moving camera came to rest."),
     ("Bytes", "Transport payload that the client received, handshake included; a kB is 1,000 bytes."),
     (
         "Stalls",
-        "Pauses of half a second or more, after the first frame, in which blobs were wanted and no byte came.",
+        "Pauses of half a second or more, after the first frame, in which blobs were requested and no byte arrived.",
     ),
-    ("Wasted", "Share of the chunks' bytes that no selection of the run wanted."),
+    ("Wasted", "Share of the chunks' bytes that no selection of the run requested."),
     (
         "Never drawn",
-        "Share of the chunks' bytes that were not applied: wasted, finer than the view asked, or wanted for a moment.",
+        "Share of the chunks' bytes that were not applied: wasted, finer than the view needed, or needed only briefly.",
     ),
     (
         "PSNR, SSIM, FLIP",
@@ -112,12 +112,12 @@ const WORDS: [(&str, &str); 9] = [
     ),
 ];
 
-fn words() -> Markup {
+fn terms() -> Markup {
     html! {
-        h2 { "Words" } "\n"
+        h2 { "Terms" } "\n"
         dl {
             "\n"
-            @for (word, meaning) in WORDS {
+            @for (word, meaning) in TERMS {
                 dt { (word) } dd { (meaning) } "\n"
             }
         }
@@ -125,7 +125,7 @@ fn words() -> Markup {
     }
 }
 
-/// A table of at most [`MAX_LINES`] lines: names of columns, of which the first `texts` hold words, and lines.
+/// A table of at most [`MAX_LINES`] lines: column names, of which the first `texts` hold words, and lines.
 fn table(texts: usize, names: &[String], lines: &[Vec<String>]) -> Markup {
     html! {
         (pages::table(texts, names, lines.iter().take(MAX_LINES), pages::plain))
@@ -139,7 +139,7 @@ fn strings<const N: usize>(texts: [&str; N]) -> Vec<String> {
     texts.map(str::to_owned).to_vec()
 }
 
-fn summary(plan: &Plan, cases: &[Shown<'_>], adapter: Option<&str>) -> Markup {
+fn summary(plan: &Plan, cases: &[CaseRuns<'_>], adapter: Option<&str>) -> Markup {
     let runs: usize = cases.iter().map(|shown| shown.runs.len()).sum();
     let [width, height] = plan.viewport_px;
     let target = plan.ttq_px.iter().copied().fold(f64::INFINITY, f64::min);
@@ -167,7 +167,7 @@ fn count(number: usize, what: &str) -> String {
     if number == 1 { format!("1 {what}") } else { format!("{number} {what}s") }
 }
 
-/// Ascending numbers, those without a gap as one range.
+/// Ascending numbers as text, consecutive ones as a range.
 fn ranges(numbers: &[u64]) -> String {
     let mut ranges: Vec<(u64, u64)> = Vec::new();
     for &number in numbers {
@@ -180,7 +180,7 @@ fn ranges(numbers: &[u64]) -> String {
     ranges.iter().map(text).collect::<Vec<_>>().join(", ")
 }
 
-/// The errors of a plan's TTQ, the largest first.
+/// The screen errors of a plan's TTQ, in descending order.
 fn qualities(plan: &Plan) -> Vec<f64> {
     let mut px = plan.ttq_px.clone();
     px.sort_by(|a, b| b.total_cmp(a));
@@ -195,15 +195,15 @@ fn some_bytes(bytes: Option<f64>) -> String {
     bytes.map_or(DASH.to_owned(), units::bytes)
 }
 
-/// The middle one of a figure of all seeds (nearest rank).
-fn median(shown: &Shown<'_>, figure: impl Fn(&RunResult) -> Option<f64>) -> Option<f64> {
+/// Median of a figure over all seeds (nearest rank).
+fn median(shown: &CaseRuns<'_>, figure: impl Fn(&RunResult) -> Option<f64>) -> Option<f64> {
     Spread::of(shown.runs.iter().map(figure)).and_then(|spread| spread.p50)
 }
 
-/// The middle times until each of a plan's errors; dashes where a case has none to tell.
+/// Median times until each of a plan's errors; dashes for missing values.
 fn times(
     plan: &Plan,
-    shown: &Shown<'_>,
+    shown: &CaseRuns<'_>,
     tells: bool,
     of: impl Fn(&RunResult) -> &BTreeMap<String, Option<f64>>,
 ) -> Vec<String> {
@@ -212,7 +212,7 @@ fn times(
     qualities(plan).into_iter().map(cell).collect()
 }
 
-fn results_table(plan: &Plan, cases: &[Shown<'_>]) -> Markup {
+fn results_table(plan: &Plan, cases: &[CaseRuns<'_>]) -> Markup {
     let seeds = cases.iter().map(|shown| shown.runs.len()).max().unwrap_or(0);
     let mut names = strings([
         "Case",
@@ -238,12 +238,12 @@ fn results_table(plan: &Plan, cases: &[Shown<'_>]) -> Markup {
         names.extend(quality_names("At rest, where seen, "));
     }
     names.extend(strings(["Settled", "Bytes in all", "Stalls", "Stalled", "Wasted", "Never drawn"]));
-    let line = |shown: &Shown<'_>| {
+    let line = |shown: &CaseRuns<'_>| {
         let first = &shown.runs[0];
         let limit = shown.case.limiter_bits_per_s.map(|rate| format!(", limited to {}", units::rate(rate)));
         let share = |part: fn(&RunResult) -> u64| {
             let share = |run: &RunResult| match run.usage.chunk_bytes {
-                // Baselines have no chunks to waste.
+                // Baselines have no chunks, hence no unused bytes.
                 0 => (shown.case.technique == Technique::Lodestream).then_some(0.0),
                 chunks => Some(100.0 * part(run) as f64 / chunks as f64),
             };
@@ -262,7 +262,7 @@ fn results_table(plan: &Plan, cases: &[Shown<'_>]) -> Markup {
             some_bytes(median(shown, |run| run.first_frame_bytes.map(|bytes| bytes as f64))),
         ];
         let ours = shown.case.technique == Technique::Lodestream;
-        // Where the camera stands still from the start, nothing is counted from its rest.
+        // With a fixed camera, nothing is counted from its rest.
         let moves = shown.case.path.moves();
         line.extend(times(plan, shown, true, |run| &run.ttq_ms));
         line.extend(times(plan, shown, ours, |run| &run.seen_ttq_ms));
@@ -292,8 +292,8 @@ fn results_table(plan: &Plan, cases: &[Shown<'_>]) -> Markup {
     }
 }
 
-/// Takes away columns in which all lines say the same, of some. Gives the number of columns with words that are left of
-/// `texts`, and a sentence that says what was the same.
+/// Removes columns with the same value in all lines. Returns how many of the first `texts` columns remain, and a
+/// sentence that states the removed values.
 fn same_once(
     names: &mut Vec<String>,
     lines: &mut [Vec<String>],
@@ -301,7 +301,7 @@ fn same_once(
     columns: &[usize],
 ) -> (usize, String) {
     let mut same = Vec::new();
-    // From the last one on, so that places stay.
+    // From the last column on, so that indices stay valid.
     for &column in columns.iter().rev() {
         if lines.len() > 1 && lines.iter().all(|line| line[column] == lines[0][column]) {
             same.push(format!("{}: {}", names.remove(column).to_lowercase(), lines[0][column]));
@@ -316,7 +316,7 @@ fn same_once(
     (texts, note)
 }
 
-/// Why runs ended: the commonest reason, and how many had another.
+/// Why runs ended: the most frequent reason, and the number of other endings.
 fn endings(runs: &[RunResult]) -> String {
     let mut reasons: Vec<(&str, usize)> = Vec::new();
     for run in runs {
@@ -392,8 +392,8 @@ fn percentile_table(cases: &[Percentiles]) -> Markup {
     }
 }
 
-/// The pictures of the first seed of each case, until the page has enough of them.
-fn pictures(folder: &Path, cases: &[Shown<'_>]) -> std::io::Result<Markup> {
+/// The pictures of each case's first seed, until the page is full.
+fn pictures(folder: &Path, cases: &[CaseRuns<'_>]) -> std::io::Result<Markup> {
     let mut of_cases = Vec::new();
     let (mut bytes, mut left_out) = (0, 0);
     for shown in cases {
@@ -463,7 +463,7 @@ fn caption(picture: &Picture) -> Markup {
     }
 }
 
-/// A picture of the report, small enough for a page.
+/// A picture of the report, scaled down for the page.
 fn jpeg(file: &Path) -> std::io::Result<Vec<u8>> {
     let fail = |why: image::ImageError| std::io::Error::other(format!("{}: {why}", file.display()));
     let mut picture = image::open(file).map_err(fail)?.into_rgb8();
@@ -482,14 +482,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn long_tables_say_what_they_leave_out() {
+    fn long_tables_state_how_many_lines_they_omit() {
         let html = table(1, &strings(["n"]), &vec![strings(["x"]); MAX_LINES + 2]).into_string();
         assert_eq!(html.matches("<td").count(), MAX_LINES);
         assert!(html.contains("<p>2 more in the files"), "{html}");
     }
 
     #[test]
-    fn what_all_lines_say_is_said_once() {
+    fn equal_columns_are_stated_once() {
         let mut names = strings(["Scene", "Link", "Seeds", "TTFF"]);
         let mut lines = [strings(["a<b", "slow", "1", "5 s"]), strings(["a<b", "fast", "1", "5 s"])];
         let found = same_once(&mut names, &mut lines, 2, &[0, 1, 2]);
@@ -499,7 +499,7 @@ mod tests {
     }
 
     #[test]
-    fn seeds_without_a_gap_are_a_range() {
+    fn consecutive_seeds_are_a_range() {
         assert_eq!(ranges(&[1, 2, 3, 7, 9, 10]), "1–3, 7, 9–10");
         assert_eq!(ranges(&[]), "");
     }

@@ -6,22 +6,22 @@ use lodestream_scenario::plan::{Plan, Transport};
 use lodestream_scenario::result::RunResult;
 use serde::Serialize;
 
-/// Fewest seeds of which percentiles are given.
+/// Fewest seeds for which percentiles are given.
 pub const MIN_SEEDS: usize = 30;
 
-/// Values that at least half, nine tenths and 99 of 100 seeds do not exceed; `None` where that is never.
+/// Percentiles over seeds; `None` if the value is infinite.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Spread {
-    /// Half.
+    /// Median.
     pub p50: Option<f64>,
-    /// Nine tenths.
+    /// 90th percentile.
     pub p90: Option<f64>,
-    /// 99 of 100; with fewer than 100 seeds, all of them.
+    /// 99th percentile; the maximum for fewer than 100 seeds.
     pub p99: Option<f64>,
 }
 
 impl Spread {
-    /// Of some values, of which `None` counts as infinite (nearest rank). `None` without any values.
+    /// Percentiles by nearest rank; `None` values count as infinite. `None` without any values.
     pub(super) fn of(values: impl Iterator<Item = Option<f64>>) -> Option<Self> {
         let mut sorted: Vec<f64> = values.map(|value| value.unwrap_or(f64::INFINITY)).collect();
         sorted.sort_by(f64::total_cmp);
@@ -33,32 +33,32 @@ impl Spread {
     }
 }
 
-/// A case's spread.
+/// Percentiles of a case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Percentiles {
-    /// The scene, as the plan names it.
+    /// The scene's name in the plan.
     pub scene: String,
-    /// How the scene got to the client.
+    /// The technique.
     pub technique: String,
-    /// How client and server talked.
+    /// Transport between client and server.
     pub transport: Transport,
     /// Whether the connection was resumed.
     pub resumed: bool,
-    /// The link's name, or in words what it was like.
+    /// The link's name or description.
     pub link: String,
     /// The camera path's name.
     pub camera: String,
-    /// Rate that the server limited the session to; `None` for no limit.
+    /// Rate limit of the session; `None` for none.
     pub limiter_bits_per_s: Option<u64>,
-    /// How many seeds.
+    /// Number of seeds.
     pub seeds: usize,
-    /// How many runs settled.
+    /// Number of runs that settled.
     pub settled: usize,
-    /// Figures, by their names in a run's line of CSV.
+    /// Percentiles by the name of the figure in the CSV of runs.
     pub figures: BTreeMap<String, Spread>,
 }
 
-/// A run's figures of which percentiles are given.
+/// The figures of a run for which percentiles are given.
 pub(super) fn figures(run: &RunResult) -> BTreeMap<String, Option<f64>> {
     let mut figures = BTreeMap::new();
     let mut add = |name: &str, value: Option<f64>| figures.insert(name.to_owned(), value);
@@ -84,7 +84,7 @@ pub(super) fn figures(run: &RunResult) -> BTreeMap<String, Option<f64>> {
     figures
 }
 
-/// Of each case with at least [`MIN_SEEDS`] seeds; `results` are the plan's, in its order.
+/// The percentiles of each case with at least [`MIN_SEEDS`] seeds; `results` are the plan's, in its order.
 #[must_use]
 pub fn of_plan(plan: &Plan, results: &[RunResult]) -> Vec<Percentiles> {
     let mut rest = results;
@@ -102,7 +102,7 @@ pub fn of_plan(plan: &Plan, results: &[RunResult]) -> Vec<Percentiles> {
 fn of_case(runs: &[RunResult]) -> Option<Percentiles> {
     let first = runs.first()?;
     let all: Vec<_> = runs.iter().map(figures).collect();
-    // A run that never came to rest has no figures from there on, and counts as infinite in them.
+    // A run that never came to rest lacks the figures from there on, and counts as infinite in them.
     let names: std::collections::BTreeSet<&String> = all.iter().flat_map(BTreeMap::keys).collect();
     let spread = |name: &&String| {
         Spread::of(all.iter().map(|run| run.get(*name).copied().flatten())).map(|s| ((*name).clone(), s))
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn what_never_came_counts_as_infinite() {
+    fn missing_values_count_as_infinite() {
         let values = (1..=30).map(|i| (i <= 26).then(|| f64::from(i)));
         assert_eq!(Spread::of(values), Some(Spread { p50: Some(15.0), p90: None, p99: None }));
     }

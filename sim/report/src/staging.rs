@@ -1,8 +1,9 @@
-//! What a frame spends, on the thread that draws, on what has come since the last one: taking it from the streaming thread
-//! and handing it to the graphics device.
+//! Time that a frame spends, on the drawing thread, on data that arrived since the last frame: taking them from the
+//! streaming thread and uploading them to the graphics device.
 //!
-//! A plan's case runs in real time: the shipped daemon, a relay that is the link, the shipped streaming thread, and frames
-//! at fixed instants, which take and upload as the viewer's do. They are not drawn: that would measure the device.
+//! A plan's case runs in real time: the shipped daemon, a relay in place of the link, the shipped streaming thread, and
+//! frames at fixed instants that take and upload changes as the viewer's do. They are not drawn: that would measure the
+//! device.
 
 use std::fmt;
 use std::sync::Arc;
@@ -21,53 +22,53 @@ use lodestream_scenario::truth::RealLink;
 use rustix::time::{ClockId, clock_gettime};
 use serde::Serialize;
 
-/// What frames of a case spent.
+/// Times of the frames of a case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Staging {
     /// The scene.
     pub scene: String,
     /// Transport and link.
     pub case: String,
-    /// Screen error that was refined to.
+    /// Target screen error.
     pub target_px: f32,
     /// The graphics adapter.
     pub adapter: String,
     /// Time between two frames.
     pub frame_ms: f64,
-    /// Runs.
+    /// Number of runs.
     pub repeats: u32,
-    /// Until everything was uploaded, the median.
+    /// Median time until everything was uploaded.
     pub settled_ms: f64,
-    /// What the frame spent of a processor that had the first picture whole, the median: it is not put off, and is not
-    /// among those below.
+    /// Median processor time of the frame with the first complete picture: it cannot be deferred, and is not included
+    /// in those below.
     pub first_frame_ms: f64,
-    /// Frames after that one that uploaded something, of all runs.
+    /// Number of later frames that uploaded something, in all runs.
     pub frames: usize,
-    /// What they spent of a processor.
+    /// Their processor time.
     pub busy: Spent,
-    /// How long they took, with the time in which other threads had the processors.
+    /// Their elapsed time, including time in which other threads had the processors.
     pub took: Spent,
-    /// The most that one of them uploaded, in bytes.
+    /// Most bytes that one of them uploaded.
     pub most_bytes: usize,
-    /// Bytes of a run, the last.
+    /// Bytes of the last run.
     pub bytes: usize,
-    /// The most steps that waited for a later frame.
+    /// Most steps that waited for a later frame.
     pub most_waiting: usize,
 }
 
 /// Times of frames, in milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Spent {
-    /// The median.
+    /// Median.
     pub p50_ms: f64,
-    /// What one in a hundred takes at least; the longest of fewer than a hundred.
+    /// 99th percentile; the maximum of fewer than a hundred.
     pub p99_ms: f64,
-    /// The longest.
+    /// Maximum.
     pub max_ms: f64,
 }
 
 impl Spent {
-    /// Of times in any order, by the nearest rank; zeros of none.
+    /// Percentiles by nearest rank of times in any order; zeros if there are none.
     fn of(mut times: Vec<Duration>) -> Self {
         times.sort();
         let at = |percent: usize| times.get((times.len() * percent).div_ceil(100).max(1) - 1);
@@ -87,11 +88,11 @@ fn busy() -> Duration {
     Duration::from_secs(seconds) + Duration::from_nanos(nanoseconds)
 }
 
-/// Runs the plan's cases, each with its first seed and so many times (at least once), with a frame at each multiple of
+/// Runs the plan's cases, each with its first seed, `repeats` times (at least once), with a frame at each multiple of
 /// `interval`.
 ///
 /// # Errors
-/// Cases that are not settled in time, and what the system or the graphics device refuses.
+/// Cases that are not settled in time, and errors of the system or the graphics device.
 pub fn staging(
     plan: &Plan,
     scenes: &[Arc<dyn SceneSource>],
@@ -117,10 +118,10 @@ fn of_case(
     repeats: u32,
 ) -> anyhow::Result<Staging> {
     let target_px = plan.client.target_px;
-    let mut all = Watched::default();
+    let mut all = RunFrames::default();
     let (mut settled, mut first_frame, mut adapter) = (Vec::new(), Vec::new(), String::new());
     for _ in 0..repeats {
-        // As small a picture as there is: nothing is drawn.
+        // The smallest picture: nothing is drawn.
         let headless = Headless::new(Gpu::headless()?, 1, 1)?;
         let link = RealLink::start(case, scene, case.seeds.first().copied().unwrap_or(1))?;
         let mut config = Config::new(StartView::OfScene { viewport_px: plan.viewport_px, target_px });
@@ -158,9 +159,9 @@ fn of_case(
     })
 }
 
-/// What was seen of a run.
+/// Measurements of a run.
 #[derive(Default)]
-struct Watched {
+struct RunFrames {
     settled: Duration,
     first_frame: Duration,
     busy: Vec<Duration>,
@@ -175,18 +176,18 @@ fn watch(
     streaming: &mut Streaming,
     interval: Duration,
     limit: Duration,
-) -> anyhow::Result<Watched> {
+) -> anyhow::Result<RunFrames> {
     let clock = streaming.clock();
     let now = || Duration::from(clock.now());
     let mut scene = SceneView::with_terrain_apart(|| {})?;
-    let mut found = Watched::default();
+    let mut found = RunFrames::default();
     let mut next = now();
     loop {
         next += interval;
         std::thread::sleep(next.saturating_sub(now()));
-        // A frame that came too late is not made up for.
+        // A late frame is not made up for.
         next = next.max(now());
-        // The status first: what it says is settled lies in the steps taken after it.
+        // The status first: steps that it calls settled are among those taken after it.
         let status = streaming.status();
         let was_whole = scene.is_whole();
         let (began, busy_before) = (Instant::now(), busy());
@@ -220,7 +221,7 @@ fn watch(
     }
 }
 
-/// A line for people.
+/// One line of text.
 impl fmt::Display for Staging {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
@@ -263,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn a_thread_that_sleeps_spends_nothing() {
+    fn a_sleeping_thread_uses_no_processor_time() {
         let before = busy();
         std::thread::sleep(Duration::from_millis(50));
         assert!(busy() - before < Duration::from_millis(50));

@@ -1,4 +1,4 @@
-//! A report's tables as comma-separated values: a line per run, case, picture or level.
+//! A report's CSV tables: a line per run, case, picture or level.
 
 use std::collections::BTreeSet;
 use std::fmt::Display;
@@ -11,7 +11,7 @@ use super::csv_text::csv_text;
 use super::levels::Level;
 use super::percentiles::Percentiles;
 
-/// A line that grows field by field, and the names of its fields.
+/// A line that grows field by field, with the fields' names.
 #[derive(Default)]
 struct Line {
     names: Vec<String>,
@@ -36,7 +36,7 @@ impl Line {
         line
     }
 
-    /// Empty where there is no value.
+    /// Adds a field that is empty without a value.
     fn add_some(&mut self, name: impl Into<String>, value: Option<impl Display>) {
         self.add(name, value.map(|value| value.to_string()).unwrap_or_default());
     }
@@ -49,7 +49,7 @@ fn table(lines: impl Iterator<Item = Line>) -> String {
     csv_text(names.into_iter().chain(lines.iter().map(|line| &line.fields)))
 }
 
-/// A line per run, under the names that `results.json` uses, without the series.
+/// A line per run, with the names of `results.json`, without the series.
 #[must_use]
 pub(super) fn of_runs(results: &[RunResult]) -> String {
     table(results.iter().map(|run| {
@@ -114,7 +114,7 @@ pub(super) fn of_runs(results: &[RunResult]) -> String {
     }))
 }
 
-/// A line per picture of a run, which `run` numbers from 1 in the plan's order.
+/// A line per picture of a run; `run` counts from 1 in the plan's order.
 #[must_use]
 pub(super) fn of_pictures(results: &[RunResult]) -> String {
     let pictures = (1_usize..).zip(results).flat_map(|(number, run)| {
@@ -136,20 +136,20 @@ pub(super) fn of_pictures(results: &[RunResult]) -> String {
     table(pictures)
 }
 
-/// Instants whose error stands beside the integral, in seconds.
+/// Instants whose error is listed with the integral, in seconds.
 const FIRST_INSTANTS_S: [f64; 3] = [0.5, 1.0, 2.0];
 
-/// Errors of which it is said from when on no picture has a larger one: a curve from the first frame down. At 0.005 a
-/// picture is hardly told from the settled one.
+/// FLIP errors for which the time is listed from which on no picture has a larger one, from coarse to fine. At 0.005 a
+/// picture is hardly distinguishable from the settled one.
 const FLIP_STEPS: [f64; 6] = [0.1, 0.05, 0.02, 0.01, 0.005, 0.002];
 
-/// The first picture from which on none has a larger FLIP.
+/// The first picture from which on none has a larger FLIP error.
 fn close_for_good(pictures: &[Picture], flip: f64) -> Option<&Picture> {
     let is_close = |picture: &&Picture| picture.error.is_some_and(|error| error.flip <= flip);
     pictures.iter().rev().take_while(is_close).last()
 }
 
-/// A line per run whose first seconds were looked at.
+/// A line per run with pictures of its first seconds.
 #[must_use]
 pub(super) fn of_first_seconds(results: &[RunResult]) -> String {
     let lines = (1_usize..).zip(results).filter_map(|(number, run)| {
@@ -184,7 +184,7 @@ pub(super) fn of_first_seconds(results: &[RunResult]) -> String {
 /// A line per case.
 #[must_use]
 pub(super) fn of_percentiles(cases: &[Percentiles]) -> String {
-    // Cases whose camera moves have more figures than others.
+    // Cases with a moving camera have more figures than others.
     let names: BTreeSet<&String> = cases.iter().flat_map(|case| case.figures.keys()).collect();
     table(cases.iter().map(|case| {
         let mut line = Line::default();
@@ -230,9 +230,9 @@ mod tests {
     use super::*;
     use lodestream_scenario::picture::ImageError;
 
-    /// A camera that moves makes pictures worse again; only from where they stay good do they count.
+    /// A moving camera may worsen pictures again; only pictures after the last worse one count.
     #[test]
-    fn a_picture_is_close_for_good_from_where_none_is_worse() {
+    fn the_time_of_a_flip_step_is_after_the_last_worse_picture() {
         let picture = |at_ms, flip| Picture {
             instant: String::new(),
             at_ms,

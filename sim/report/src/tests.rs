@@ -1,4 +1,4 @@
-//! Reports of whole runs over the small demo scene.
+//! Tests: reports of whole runs over the small demo scene.
 
 use std::num::NonZeroUsize;
 use std::path::Path;
@@ -23,7 +23,7 @@ pub(crate) fn small_scene() -> Arc<dyn SceneSource> {
     static SCENE: OnceLock<Arc<dyn SceneSource>> = OnceLock::new();
     let open = || {
         let cache = tempfile::tempdir().unwrap();
-        // Packs stay open, so the folder may go.
+        // Packs stay open, so the folder may be removed.
         let opened: Arc<dyn SceneSource> =
             scene::open(&SceneChoice::DemoSmall, None, cache.path(), true).unwrap();
         opened
@@ -103,7 +103,7 @@ fn percentiles_are_given_for_thirty_seeds_and_not_for_fewer() {
     assert_eq!(text("percentiles.csv").lines().count(), 2);
     assert!(text("report.html").contains("where seen, TTQ(16 px) p50 / p90 / p99"));
     assert!(text("percentiles.svg").contains(">\nTTQ(16 px), where seen\n<"));
-    // As many lines of runs as runs, and fields as names.
+    // As many lines as runs, and as many fields as names.
     let csv = text("results.csv");
     let fields = |line: &str| line.replace("\"16 Mbit/s, RTT 20 ms, loss 5 %\"", "link").matches(',').count();
     let names = fields(csv.lines().next().unwrap());
@@ -116,7 +116,7 @@ fn percentiles_are_given_for_thirty_seeds_and_not_for_fewer() {
         !folder.path().join("percentiles.json").exists() && !folder.path().join("percentiles.csv").exists()
     );
 }
-/// An encoder that makes files a twentieth as long as their text.
+/// An encoder whose files are a twentieth of the text's length.
 #[cfg(unix)]
 fn encoder(folder: &Path) -> Encoder {
     use std::os::unix::fs::PermissionsExt as _;
@@ -146,7 +146,7 @@ fn reports_do_not_depend_on_threads_and_levels_end_where_the_view_is_sharp() {
     let results = on(1);
     let bytes = to_json(&results).unwrap();
     assert!(bytes == to_json(&on(3)).unwrap());
-    // Measured anew, it is the same too.
+    // The same when measured again.
     assert!(bytes == to_json(&run(&plan, &scenes, NonZeroUsize::MIN, |_| {}).unwrap()).unwrap());
     let of = |technique: &str, camera: &str| {
         let found = results.iter().find(|r| r.technique == technique && r.camera == camera && r.seed == 1);
@@ -155,23 +155,23 @@ fn reports_do_not_depend_on_threads_and_levels_end_where_the_view_is_sharp() {
     let (chain, whole) = (of("chain", "still"), of("draco", "still"));
     assert_eq!((chain.ended.as_str(), whole.ended.as_str()), ("settled", "settled"));
     assert!(chain.ttff_ms < whole.ttff_ms, "{chain}, {whole}");
-    // The last of the chain's levels is what its run noted as sharp; every technique is laid beside each.
+    // The last level of the chain is the one that its run recorded as sharp; every technique is compared at each.
     let levels = levels::of_plan(&plan, &results);
     let last = levels.iter().rfind(|level| level.technique == "chain" && level.seed == 1).unwrap();
     assert!(last.error_px <= 1.0, "{last:?}");
     assert_eq!((last.ms, last.bytes), (chain.ttq_ms["1"], chain.ttq_bytes["1"]));
     assert!(levels.len() > 2 * 7 && levels.len().is_multiple_of(7), "{}", levels.len());
     write(folder.path(), &plan, &results).unwrap();
-    // Baselines do not know what is seen, and nothing is said of it.
+    // Baselines do not know occlusion, so these cells are empty.
     assert!(!chain.to_string().contains("where seen"), "{chain}");
     assert!(chain.series.iter().all(|sample| sample.seen_error_px.is_none()), "{chain:?}");
     let csv = std::fs::read_to_string(folder.path().join("levels.csv")).unwrap();
     assert_eq!(csv.lines().count(), 1 + levels.len());
-    // A lap sees more, comes to rest, and is sharp there.
+    // A lap sees more, comes to rest, and reaches its quality there.
     let lap = of("chain", "orbit");
     assert!(lap.ended == "settled" && lap.rest_ttq_ms["1"].is_some(), "{lap:?}");
     assert!(lap.usage.chunk_bytes > chain.usage.chunk_bytes, "{lap:?}");
-    // Whole files are all here before the lap; it shows more of the textures only.
+    // Whole files arrive before the lap, which then shows only more of the textures.
     let (still, lap) = (of("obj", "still"), of("obj", "orbit"));
     assert_eq!((still.ttff_ms, lap.rest_ttq_ms["1"]), (lap.ttff_ms, Some(0.0)), "{lap:?}");
     assert!(lap.usage.chunk_bytes > still.usage.chunk_bytes, "{lap:?}");

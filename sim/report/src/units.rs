@@ -1,6 +1,6 @@
-//! Values as people read them, in as few digits as say enough.
+//! Formats values for readers, in few digits.
 
-/// At most three significant digits, less zeros at the end.
+/// At most three significant digits, without trailing zeros.
 pub(crate) fn plain(value: f64) -> String {
     let magnitude = if value == 0.0 { 0 } else { value.abs().log10().floor() as i32 };
     let decimals = (2 - magnitude).clamp(0, 9) as usize;

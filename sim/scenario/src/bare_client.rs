@@ -1,4 +1,4 @@
-//! A client that asks and reads, and does nothing else, over either transport.
+//! A minimal client over either transport: it requests blobs, reads them and decodes nothing.
 
 use std::sync::Arc;
 
@@ -20,12 +20,12 @@ use tokio_tungstenite::tungstenite::client::IntoClientRequest as _;
 use tokio_tungstenite::tungstenite::http::HeaderValue;
 use tokio_tungstenite::tungstenite::http::header::SEC_WEBSOCKET_PROTOCOL;
 
-/// Most wants in a message.
+/// Most requests in one message.
 const WANTS_PER_MESSAGE: usize = 500;
-/// Arrivals that may wait to be looked at, and messages to be sent.
+/// Capacity of the channels: arrivals not yet read, messages not yet sent.
 const WAITING: usize = 256;
 
-/// All chunks of a scene, as many as a session queues.
+/// All chunks of a scene, up to the number of requests that a session queues.
 pub(crate) fn chunks(source: &Arc<dyn SceneSource>) -> Vec<BlobId> {
     let pages = (0..source.header().page_count).filter_map(|page| source.page(page));
     let assets = pages.flat_map(|page| page.assets.clone());
@@ -33,13 +33,13 @@ pub(crate) fn chunks(source: &Arc<dyn SceneSource>) -> Vec<BlobId> {
     (0..).zip(assets.map(|asset| asset.chunk_count)).flat_map(of_asset).take(MAX_QUEUED).collect()
 }
 
-/// Bytes of a blob that came.
+/// Bytes of a blob that arrived.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Arrival {
     pub(crate) id: BlobId,
     pub(crate) at_ns: u64,
     pub(crate) bytes: u64,
-    /// Whether they are its last.
+    /// Whether these are the blob's last bytes.
     pub(crate) last: bool,
 }
 
@@ -50,7 +50,7 @@ impl Arrival {
     }
 }
 
-/// See the module. Dropping it ends its tasks once they have something to do.
+/// A minimal client. Its tasks end after it is dropped, the next time that they have something to send or receive.
 #[derive(Debug)]
 pub(crate) struct BareClient {
     requests: mpsc::Sender<Vec<u8>>,
@@ -58,7 +58,7 @@ pub(crate) struct BareClient {
 }
 
 impl BareClient {
-    /// Over a QUIC connection, whose endpoint is kept for as long.
+    /// Runs over a QUIC connection, and keeps its endpoint alive.
     pub(crate) async fn over_quic(
         endpoint: quinn::Endpoint,
         connection: quinn::Connection,
@@ -83,7 +83,7 @@ impl BareClient {
         Ok(client)
     }
 
-    /// Over a TCP connection, or what stands for one.
+    /// Runs over a TCP connection or a simulated one.
     pub(crate) async fn over_websocket<S>(stream: S, host: &str, clock: VirtualClock) -> anyhow::Result<Self>
     where
         S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
@@ -120,12 +120,12 @@ impl BareClient {
         (Self { requests, arrivals }, to_send, found)
     }
 
-    /// Says hello, without a view.
+    /// Sends `Hello` without a view.
     pub(crate) async fn hello(&self) -> anyhow::Result<()> {
         self.say(&ClientMessage::Hello(Hello::new(""))).await
     }
 
-    /// Asks for blobs.
+    /// Requests blobs.
     pub(crate) async fn want(&self, ids: &[BlobId], priority: Priority) -> anyhow::Result<()> {
         for ids in ids.chunks(WANTS_PER_MESSAGE) {
             let wants = ids.iter().map(|&id| Want::whole(id, priority)).collect();
@@ -138,13 +138,13 @@ impl BareClient {
         self.requests.send(encode_client(message)?).await.ok().context("the connection was lost")
     }
 
-    /// The next bytes that come; `None` when the connection is over. May be dropped before it resolves.
+    /// The next bytes that arrive; `None` once the connection is closed. Cancel-safe.
     pub(crate) async fn next(&mut self) -> Option<Arrival> {
         self.arrivals.recv().await
     }
 }
 
-/// Passes on what a stream brings, if it is a blob's.
+/// Forwards the pieces of a blob's stream; ignores other streams.
 async fn read_stream(mut stream: quinn::RecvStream, clock: VirtualClock, found: mpsc::Sender<Arrival>) {
     let mut kind = [0];
     if stream.read_exact(&mut kind).await.is_err() {

@@ -1,8 +1,7 @@
-//! What sending costs without a server's session: quinn or tungstenite, a token bucket and nothing else.
+//! A server without sessions, for comparison: quinn or tungstenite with a token bucket.
 //!
-//! A bare sender has the transport's settings of the shipped server and sends the same blobs in pieces of the same
-//! length, when the same limiter admits them; over QUIC on one stream a client. It listens to nobody, plans nothing and
-//! counts nothing.
+//! It uses the shipped server's transport settings and sends the same blobs in pieces of the same length under the same
+//! rate limit, over one stream per client with QUIC. It reads no messages, schedules nothing and records no metrics.
 
 use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::Arc;
@@ -23,11 +22,11 @@ use tokio_tungstenite::tungstenite::Message;
 
 use crate::bare_client::chunks;
 
-/// Sends a scene's chunks to everybody who connects, until standard input ends. Prints its addresses as
-/// [`crate::served::serve`] does.
+/// Sends a scene's chunks to every client until standard input ends. Prints its addresses in the format of
+/// [`crate::served::serve`].
 ///
 /// # Errors
-/// What keeps it from listening.
+/// A listener or endpoint that cannot be opened.
 pub(crate) fn serve_bare(scene: &Arc<dyn SceneSource>, rate_bits_per_s: u64) -> anyhow::Result<()> {
     let blobs: Vec<Bytes> = chunks(scene).iter().filter_map(|id| scene.read(id).ok()).collect();
     let blobs: Arc<[Bytes]> = blobs.into();
@@ -59,15 +58,15 @@ pub(crate) fn serve_bare(scene: &Arc<dyn SceneSource>, rate_bits_per_s: u64) -> 
             tokio::spawn(over_websocket(stream, pieces));
         }
     });
-    // Ends with the parent, however that ends.
+    // Ends with the parent process, even if that is killed.
     let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink());
     Ok(())
 }
 
-/// What is sent to one client, and when.
+/// The paced pieces for one client.
 struct Pieces {
     blobs: Arc<[Bytes]>,
-    /// The blob that is sent, and how far it was.
+    /// Index of the current blob, and bytes of it that were sent.
     at: (usize, usize),
     piece_bytes: usize,
     limiter: SendLimiter,
@@ -80,7 +79,7 @@ impl Pieces {
         Self { blobs, at: (0, 0), piece_bytes, limiter, began: Instant::now() }
     }
 
-    /// The next piece, once it may be sent; begins anew after the last.
+    /// The next piece, once the rate limit admits it; starts over after the last.
     async fn next(&mut self) -> Option<Bytes> {
         let (blob, from) = self.at;
         let bytes = self.blobs.get(blob)?;

@@ -1,4 +1,4 @@
-//! A camera on its path: when it sets off, where it is next, and when it has come to rest.
+//! Moves a camera along its path: start, next position, and rest.
 
 use std::time::Duration;
 
@@ -11,18 +11,18 @@ use super::camera_path::{CameraPath, Start};
 /// Time between two positions of a camera that moves.
 const FRAME: Duration = Duration::from_millis(20);
 
-/// Where a path is at.
+/// Progress along a path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Phase {
-    /// The start view, until the path begins; for ever where it does not move.
+    /// At the start view, until the path begins; for ever if the camera does not move.
     Waiting,
-    /// On the way since then; the next position is due at that time.
+    /// Moving since a time; the next position is due at another.
     Moving { since: Time, next: Time },
-    /// At its end since then.
+    /// At the end of the path since a time.
     Resting { since: Time },
 }
 
-/// What a client has come to that a path may wait for.
+/// Milestones that a path may wait for.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Reached {
     pub(crate) first_frame: bool,
@@ -52,7 +52,7 @@ impl CameraDrive {
         self.path.moves()
     }
 
-    /// When the camera came to rest, if it moved.
+    /// When a moving camera came to rest.
     pub(crate) fn rest(&self) -> Option<Time> {
         match self.phase {
             Phase::Resting { since } => Some(since),
@@ -70,12 +70,12 @@ impl CameraDrive {
             }
     }
 
-    /// When the camera is to be moved next. A client that does not know the scene yet has reached nothing (`None`).
+    /// When the camera moves next. A client that does not know the scene yet has reached nothing (`None`).
     pub(crate) fn next_move(&self, now: Time, reached: Option<Reached>) -> Option<Time> {
         match self.phase {
             Phase::Moving { next, .. } => Some(next),
             Phase::Waiting if reached.is_some_and(|reached| self.begins(now, reached)) => Some(Time::ZERO),
-            // Past that moment, it waits for the scene.
+            // From that moment on it waits for the scene.
             Phase::Waiting => match self.path.start {
                 Start::At { seconds } if self.path.moves() => {
                     Some(Time::from(Duration::from_secs_f64(seconds))).filter(|at| *at > now)
@@ -86,7 +86,7 @@ impl CameraDrive {
         }
     }
 
-    /// Puts the camera where it is now, `start` being where its path begins; gives the view if it is due to move.
+    /// Updates the camera, whose path begins at `start`; returns the view if a move is due.
     pub(crate) fn advance(&mut self, now: Time, start: &Camera, reached: Reached) -> Option<View> {
         if self.phase == Phase::Waiting && self.begins(now, reached) {
             self.phase = Phase::Moving { since: now, next: now };

@@ -1,33 +1,33 @@
-//! Camera paths: where the camera of a run is at a moment, from the scene's start camera on.
+//! Camera paths: the camera of a run as a function of time, from the scene's start camera on.
 
 use glam::{DQuat, DVec3, Vec3};
 use lodestream_scene::description::Camera;
 
-/// What the camera does. Angles turn about the camera's own "up".
+/// Motion of the camera. Angles turn about the camera's own up vector.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Motion {
-    /// Nothing: the start view.
+    /// None: the start view.
     Still,
-    /// It goes around the point in the middle of the picture, and looks at it.
+    /// Around the point in the middle of the picture, looking at it.
     Orbit {
-        /// How far.
+        /// Total angle.
         degrees: f64,
     },
-    /// It goes straight on, towards the point in the middle of the picture, and beyond where that is nearer.
+    /// Straight ahead, through the point in the middle of the picture and possibly beyond.
     FlyThrough {
-        /// How far, in distances from the start to that point.
+        /// Distance, in multiples of the distance from the start to that point.
         distance: f64,
     },
-    /// It is elsewhere at once: on the orbit, so far on.
+    /// A jump along the orbit.
     Teleport {
-        /// How far.
+        /// Angle of the jump.
         degrees: f64,
     },
-    /// It stays and looks to one side, to the other, and back to the middle, as a sine does.
+    /// In place, looking to one side, to the other, and back, as a sine.
     Swing {
-        /// How far to each side.
+        /// Largest angle to each side.
         degrees: f64,
-        /// How often.
+        /// Number of periods.
         times: f64,
     },
 }
@@ -37,7 +37,7 @@ pub enum Motion {
 pub enum Start {
     /// Once every visible instance can be drawn.
     FirstFrame,
-    /// Once the start view is as sharp as asked for.
+    /// Once the start view has reached its target quality.
     Settled,
     /// At a time since the connect call.
     At {
@@ -46,14 +46,14 @@ pub enum Start {
     },
 }
 
-/// A path.
+/// A camera path: a motion, its duration and its start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraPath {
-    /// What the camera does.
+    /// The motion.
     pub motion: Motion,
-    /// How long that takes: 0 for what takes no time.
+    /// Duration; 0 for a jump.
     pub seconds: f64,
-    /// When it begins.
+    /// Start condition.
     pub start: Start,
 }
 
@@ -67,7 +67,7 @@ impl CameraPath {
         self.motion != Motion::Still
     }
 
-    /// The camera so many seconds after the path began; it stays where the path ends.
+    /// The camera at `seconds` after the start of the path; it stays at the path's end.
     #[must_use]
     pub fn camera(&self, start: &Camera, seconds: f64) -> Camera {
         let progress = if self.seconds > 0.0 { (seconds / self.seconds).clamp(0.0, 1.0) } else { 1.0 };
@@ -129,7 +129,7 @@ mod tests {
         close(at(fly, 4.0).0, [0.0, 1.0, 1.0]);
         close(at(fly, 4.0).1, [0.0, 1.0, -3.0]);
         close(at(fly, 80.0).0, [0.0, 1.0, -2.0]);
-        // To one side (left: −x), through the middle, to the other.
+        // To one side (left: −x), through the middle, to the other side.
         close(at(swing, 2.0).1, [-4.0, 1.0, 4.0]);
         close(at(swing, 4.0).1, START.target);
         close(at(swing, 6.0).1, [4.0, 1.0, 4.0]);

@@ -1,4 +1,4 @@
-//! Lengths of Draco files, by running the encoder that comes with Draco.
+//! Lengths of Draco files, from Draco's own encoder program.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -7,10 +7,10 @@ use anyhow::{Context as _, bail};
 
 /// The program's name.
 const PROGRAM: &str = "draco_encoder";
-/// The level at which the encoder tries hardest.
+/// Highest compression level.
 const LEVEL: &str = "10";
 
-/// The encoder.
+/// Draco's encoder program.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Encoder(PathBuf);
 
@@ -18,7 +18,7 @@ impl Encoder {
     /// The encoder at a path.
     ///
     /// # Errors
-    /// Refuses what is not a file.
+    /// A path that is not a file.
     pub fn at(path: &Path) -> anyhow::Result<Self> {
         if !path.is_file() {
             bail!("{}: there is no such program; name Draco's {PROGRAM}", path.display());
@@ -26,7 +26,7 @@ impl Encoder {
         Ok(Self(path.to_owned()))
     }
 
-    /// The encoder in one of the folders of a search path, as `$PATH` has them.
+    /// The encoder in one of the folders of a search path such as `$PATH`.
     #[must_use]
     pub fn on_path(folders: &std::ffi::OsStr) -> Option<Self> {
         std::env::split_paths(folders)
@@ -35,8 +35,8 @@ impl Encoder {
             .map(Self)
     }
 
-    /// Length of the file that the encoder makes of an OBJ text: level 10, `position_bits` and `uv_bits` per
-    /// axis, its default of 8 bits for normals.
+    /// Length of the Draco file of an OBJ text: level 10, `position_bits` and `uv_bits` per axis, 8 bits for normals
+    /// (Draco's default).
     ///
     /// # Errors
     /// An encoder that cannot be run or refuses the mesh.
@@ -83,7 +83,7 @@ mod tests {
     fn the_program_is_found_and_told_what_to_do() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(Encoder::on_path(folder.path().as_os_str()), None);
-        // Writes its arguments without the paths, and the mesh.
+        // Writes its arguments without the paths, then the mesh.
         let encoder = program(folder.path(), "echo \"$5 $6 $7 $8 $9 ${10}\" > \"$4\"; cat \"$2\" >> \"$4\"");
         assert_eq!(encoder, Encoder::at(&folder.path().join(PROGRAM)).unwrap());
         assert_eq!(

@@ -1,7 +1,7 @@
-//! Scenes of any size: boulders on a square field, all of them in view.
+//! Generated scenes of any size: boulders on a square field, all of them in view.
 //!
-//! Each asset is a sphere of its own roughness, made by arithmetic that gives the same on every machine: only
-//! `+ − × ÷ √`, `floor` and an integer hash.
+//! Each asset is a sphere with its own roughness, computed with `+ − × ÷ √`, `floor` and an integer hash only, so that
+//! it is identical on every machine.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -17,22 +17,22 @@ const MAX_FIELD_INSTANCES: u32 = 1_000_000;
 /// Distance between neighbours, in metres; a boulder's radius is about 1.
 const PITCH: f64 = 3.0;
 
-/// How large a scene is.
+/// Size of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Field {
     /// Distinct assets.
     pub assets: u32,
-    /// Faces of each, as near as twelve times a square comes.
+    /// Faces of each, rounded to twelve times a square.
     pub faces: u32,
-    /// Instances, the assets taking turns.
+    /// Instances; assets take turns.
     pub instances: u32,
 }
 
 impl Field {
-    /// Reads `assets=10,faces=10000,instances=100`, in any order.
+    /// Parses `assets=10,faces=10000,instances=100`, in any order.
     ///
     /// # Errors
-    /// Says what is needed.
+    /// A text that is not of this form, or a number out of range.
     pub fn parse(text: &str) -> Result<Self, &'static str> {
         const NEEDED: &str = "is no field; write \"field:assets=10,faces=10000,instances=100\"";
         const RANGE: &str =
@@ -53,12 +53,12 @@ impl Field {
         if fits { Ok(Self { assets, faces, instances }) } else { Err(RANGE) }
     }
 
-    /// Quads along an edge of the cube that the sphere is made from: twelve triangles for each square of them.
+    /// Quads along an edge of the cube that the sphere is made from; it has 12 triangles for each square of this.
     fn edge(&self) -> u32 {
         ((f64::from(self.faces) / 12.0).sqrt().round() as u32).max(1)
     }
 
-    /// Writes the models into a folder and gives the scene of them.
+    /// Writes the models into a folder and returns their scene.
     pub(super) fn generate(&self, folder: &Path) -> anyhow::Result<Scene> {
         let mut files = Vec::with_capacity(self.assets as usize);
         for asset in 0..self.assets {
@@ -76,7 +76,7 @@ impl Field {
         };
         scene.instances = Some((0..self.instances).map(place).collect());
         scene.name = "field".to_owned();
-        // From above the near edge, far enough off that the first row is whole in a picture of 16 : 9.
+        // From above the near edge, far enough that the first row fits into a picture of 16 : 9.
         let back = (side * PITCH).max(4.0);
         scene.camera = Some(Camera {
             eye: [0.0, 0.35 * back, 0.8 * back],
@@ -88,7 +88,7 @@ impl Field {
     }
 }
 
-/// A sphere over the faces of a cube with `edge`² quads each, its radius varied by noise, as OBJ.
+/// A sphere over the faces of a cube with `edge`² quads each, its radius modulated by noise, as OBJ.
 fn boulder(seed: u32, edge: u32) -> String {
     let mut text = String::new();
     let n = edge + 1;
@@ -97,7 +97,7 @@ fn boulder(seed: u32, edge: u32) -> String {
             for i in 0..n {
                 let at = |k: u32| 2.0 * f64::from(k) / f64::from(edge) - 1.0;
                 let (u, v) = (at(i), at(j));
-                // Each pair of opposite sides is seen from outside.
+                // Each pair of opposite sides faces outwards.
                 let p = match side {
                     0 => [1.0, u, v],
                     1 => [-1.0, v, u],
@@ -126,7 +126,7 @@ fn boulder(seed: u32, edge: u32) -> String {
     text
 }
 
-/// Five octaves of value noise, each half as large and half as high, in −1 to 1.
+/// Five octaves of value noise, each with half the wavelength and amplitude of the previous, in −1 to 1.
 fn fractal(seed: u64, p: [f64; 3]) -> f64 {
     let (mut sum, mut height, mut scale) = (0.0, 0.5, 1.0);
     for octave in 0..5 {
@@ -136,7 +136,7 @@ fn fractal(seed: u64, p: [f64; 3]) -> f64 {
     sum
 }
 
-/// Value noise with unit cells, faded quintically (Perlin, "Improving noise", 2002).
+/// Value noise with unit cells and quintic fade (Perlin, "Improving noise", 2002).
 fn noise(seed: u64, p: [f64; 3]) -> f64 {
     let cell = p.map(f64::floor);
     let t: [f64; 3] = std::array::from_fn(|k| {
@@ -150,7 +150,7 @@ fn noise(seed: u64, p: [f64; 3]) -> f64 {
         for k in 0..3 {
             let far = corner >> k & 1 == 1;
             weight *= if far { t[k] } else { 1.0 - t[k] };
-            // The finaliser of SplitMix64 (Steele, Lea & Flood, 2014), point by point.
+            // The finaliser of SplitMix64 (Steele, Lea & Flood, 2014) on each lattice point.
             hash = (hash ^ (cell[k] as i64 + i64::from(far)) as u64).wrapping_mul(0xBF58_476D_1CE4_E5B9);
             hash ^= hash >> 29;
         }
@@ -165,7 +165,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_field_says_how_large_it_is() {
+    fn a_field_is_parsed() {
         let field = Field::parse("instances=7,assets=2,faces=48").unwrap();
         assert_eq!(field, Field { assets: 2, faces: 48, instances: 7 });
         let bad = ["", "assets=1", "assets=1,faces=12,instances=0", "assets=1,faces=12,instances=x"];
@@ -186,7 +186,7 @@ mod tests {
         for asset in &scene.assets {
             let mesh = lodestream_import::import(&asset.file).unwrap().mesh;
             assert_eq!(mesh.faces.len(), 12 * 25);
-            // Corners of the cube's sides have the same text, so welding closes the surface.
+            // Corners on shared edges of the cube have the same text, so welding closes the surface.
             let key = |p: [f64; 3]| p.map(|x| (x * 1e6).round() as i64);
             let mut edges = std::collections::BTreeMap::new();
             let mut volume = 0.0;

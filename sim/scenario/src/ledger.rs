@@ -1,4 +1,4 @@
-//! What of the chunks that a run received was of use: asked of the selections that the client made.
+//! Accounts for the chunk bytes of a run: how many the client's selections needed.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -7,41 +7,41 @@ use lodestream_scene::{BlobId, BlobPart, TerrainBlob};
 use lodestream_select::{Selection, State};
 use serde::Serialize;
 
-/// Payload bytes that were of no use, or of use again.
+/// Payload bytes by use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Use {
-    /// Blobs of all kinds of which something was received.
+    /// Blobs of all kinds of which at least one byte was received.
     pub blobs: u64,
     /// Chunk bytes received.
     pub chunk_bytes: u64,
-    /// Of these, bytes of chunks that no selection of the run wanted. A selection wants the ancestors of
-    /// what it wants.
+    /// Of these, bytes of chunks that no selection of the run requested. A selection also requests the ancestors of its
+    /// chunks.
     pub wasted_bytes: u64,
-    /// Of these, bytes beyond the furthest stop up to which any selection wanted a chunk: vertex splits
-    /// finer than asked.
+    /// Of these, bytes beyond the last truncation point up to which any selection requested a chunk: vertex splits that
+    /// are finer than needed.
     pub finer_bytes: u64,
-    /// Of these, bytes that were never drawn: of chunks, or of the ends of chunks, that were never applied.
+    /// Of these, bytes that were never drawn: of chunks, or ends of chunks, that were never applied.
     pub undrawn_bytes: u64,
-    /// Of these, bytes that had come before.
+    /// Of these, bytes received before.
     pub repeated_bytes: u64,
-    /// Bytes of blobs of any kind whose rest did not come: cancelled, or cut off by the end of the run.
+    /// Bytes of blobs of any kind that stayed incomplete: cancelled, or cut off by the end of the run.
     pub unfinished_bytes: u64,
-    /// Chunks that were undone, wanted again, and still in the cache.
+    /// Chunks that were undone, requested again, and still in the cache.
     pub cache_hits: u64,
-    /// Chunks that were undone, wanted again, and had to be fetched again.
+    /// Chunks that were undone, requested again, and downloaded again.
     pub cache_misses: u64,
 }
 
-/// What selections wanted of one chunk.
+/// Demand of all selections for one chunk.
 #[derive(Clone, Copy, Debug)]
 struct ChunkDemand {
-    /// How many of its bytes, at most.
+    /// Most bytes requested.
     end: u32,
-    /// How many it has.
+    /// Length of the chunk.
     length: u32,
 }
 
-/// Keeps what selections want, and what is undone.
+/// Records the demand of selections, and chunks that were undone.
 #[derive(Debug, Default)]
 pub(super) struct Ledger {
     selections: u64,
@@ -52,7 +52,7 @@ pub(super) struct Ledger {
 }
 
 impl Ledger {
-    /// Looks at the client's last selection, unless it has been looked at. To be called after every update.
+    /// Records the client's last selection, unless it is recorded already. To be called after every update.
     pub(super) fn observe(&mut self, core: &ClientCore) {
         let (number, selection) = core.last_selection();
         if number > self.selections {
@@ -78,7 +78,7 @@ impl Ledger {
         self.undone.extend(&selection.undo);
     }
 
-    /// The outcome, at the end of the run.
+    /// The totals, at the end of the run.
     pub(super) fn close(&self, core: &ClientCore) -> Use {
         self.reckon(core.received(), core.stats().session.blob_bytes)
     }
@@ -107,7 +107,7 @@ impl Ledger {
     }
 }
 
-/// Chunks, and points of a terrain, which nobody lists as wishes.
+/// Whether a blob is not part of selections' demand: everything but chunks and height overrides of a terrain.
 const fn is_refinement(id: &BlobId) -> bool {
     matches!(
         id,
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_are_judged_by_the_furthest_wish() {
+    fn bytes_are_compared_with_the_furthest_request() {
         let mut ledger = Ledger::default();
         let first = vec![wanted(1, Some(40), State::Absent), wanted(2, Some(40), State::Absent)];
         ledger.note(&Selection { wanted: first, ..Selection::default() });
@@ -133,13 +133,13 @@ mod tests {
         ledger.note(&Selection { wanted: second, ..Selection::default() });
         let came = |bytes, used_bytes| Received { bytes, used_bytes };
         let received: BTreeMap<BlobId, Received> = [
-            // 20 bytes beyond the furthest stop that was wanted, drawn up to a nearer one.
+            // 20 bytes beyond the last truncation point requested; drawn up to an earlier one.
             (BlobId::chunk(0, 1), came(60, 30)),
-            // All of it, drawn, and 30 bytes twice.
+            // All of it requested and drawn, and 30 bytes received twice.
             (BlobId::chunk(0, 2), came(130, 100)),
-            // Never wanted.
+            // Never requested.
             (BlobId::chunk(0, 3), came(70, 0)),
-            // No chunk.
+            // Not a chunk.
             (BlobId::base(0), came(500, 0)),
         ]
         .into();
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_undone_and_wanted_again_is_a_hit_or_a_miss_once() {
+    fn an_undone_chunk_requested_again_is_one_hit_or_miss() {
         let mut ledger = Ledger::default();
         let undo = vec![BlobId::chunk(0, 1), BlobId::chunk(0, 2), BlobId::chunk(0, 3)];
         ledger.note(&Selection { undo, ..Selection::default() });

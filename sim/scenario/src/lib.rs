@@ -1,6 +1,6 @@
-//! Scenarios: a plan of scenes, links and camera paths, run in virtual time, and what each run came to.
+//! Scenarios: plans of scenes, links and camera paths, run in virtual time, and their results.
 //!
-//! Nothing here draws: who wants pictures of a run looks on as an [`observer`].
+//! This crate draws nothing; pictures of a run are taken by an [`observer`].
 
 mod bare_client;
 mod bare_sender;
@@ -23,6 +23,7 @@ pub mod peers;
 pub mod picture;
 pub mod plan;
 mod process;
+mod quality;
 pub mod result;
 mod resume;
 pub mod run;
@@ -34,8 +35,8 @@ pub mod technique;
 mod tests;
 pub mod timeline;
 pub mod truth;
-pub(crate) mod unjudged;
 pub mod untrusted_peers;
 mod viewer;
+mod without_occluders;
 
 pub use parallel::{Equipment, run, run_with};

@@ -1,4 +1,4 @@
-//! Models by themselves: what their packs hold, and how soon they show over a slow link.
+//! Single models: sizes of their packs, and times to show them over a slow link.
 
 use std::num::NonZeroUsize;
 use std::path::Path;
@@ -16,48 +16,48 @@ use crate::plan;
 use crate::result::RunResult;
 use crate::run;
 
-/// The model in its start view at 1280 × 720, refined to one pixel over a link of 2 Mbit/s and 50 ms round trip: over QUIC,
-/// then over WebSocket.
+/// The model in its start view at 1280 × 720, refined to one pixel over 2 Mbit/s and 50 ms round trip, over QUIC and
+/// over WebSocket.
 const PLAN: &str = "scene = \"model:-\"\nttq_px = [1]\n[[sweep]]\ntransport = [\"quic\", \"ws\"]\n\
                     rate_bits_per_s = 2_000_000\nrtt_ms = 50\n";
 
-/// What a model comes to, prepared as shipped.
+/// Measurements of a model prepared with default settings.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Model {
     /// Name of its file, without the extension.
     pub model: String,
-    /// Vertices that a face uses, after welding.
+    /// Vertices that faces use, after welding.
     pub vertices: u64,
     /// Faces.
     pub faces: u64,
-    /// Length of the pack, textures included.
+    /// Length of the pack, including textures.
     pub pack_bytes: u64,
-    /// Bits of base mesh, index and chunks per vertex.
+    /// Bits per vertex of base mesh, index and chunks.
     pub bits_per_vertex: f64,
-    /// Length of the base mesh with the description of materials.
+    /// Length of the base mesh including the description of materials.
     pub base_bytes: u64,
-    /// Geometric error of the base mesh over the diagonal.
+    /// Geometric error of the base mesh relative to the diagonal of the bounding box.
     pub base_error: f64,
-    /// Streamed over QUIC.
+    /// Session over QUIC.
     pub quic: Streamed,
-    /// Streamed over WebSocket.
+    /// Session over WebSocket.
     pub ws: Streamed,
 }
 
-/// A session until nothing more is wanted; times since the connect call, in virtual time. `None` for what was never.
+/// A session until settled; times since the connect call in virtual time, `None` if never reached.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Streamed {
-    /// Why it ended: "settled", or else what is wrong.
+    /// Why it ended: "settled", or the fault.
     pub ended: String,
-    /// Until the model could be drawn.
+    /// Time until the model could be drawn.
     pub ttff_ms: Option<f64>,
     /// Transport payload until then.
     pub first_frame_bytes: Option<u64>,
-    /// Until its screen error was at most a pixel.
+    /// Time until its screen error was at most one pixel.
     pub ttq_1_ms: Option<f64>,
-    /// The same of what is seen of it.
+    /// The same for its visible parts.
     pub seen_ttq_1_ms: Option<f64>,
-    /// Transport payload until nothing more was wanted.
+    /// Transport payload until settled.
     pub total_bytes: u64,
 }
 
@@ -77,7 +77,7 @@ impl Streamed {
 /// Prepares a model file, unless its pack is in the cache folder, and streams it.
 ///
 /// # Errors
-/// A file that cannot be imported or prepared, or that holds several meshes, each of which is an asset of its own.
+/// A file that cannot be imported or prepared, or that holds several meshes (each would be an asset of its own).
 pub fn measure(file: &Path, cache: &Path) -> anyhow::Result<Model> {
     let context = || file.display().to_string();
     let scene = Scene::of_models(&[file.to_owned()])?;

@@ -1,6 +1,6 @@
-//! The network of a run: a case's link, between the two addresses that every run has.
+//! The network of a run: the case's link between the two fixed addresses.
 //!
-//! Runs of the project and of baselines open it here, so the same seed loses the same packets under both.
+//! Runs of this project and of baselines open it here, so that the same seed loses the same packets in both.
 
 use std::future::Future;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
@@ -20,7 +20,10 @@ use super::plan::CaseLink;
 pub(crate) const SERVER: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::new(10, 0, 0, 1)), 4433);
 pub(crate) const CLIENT: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::new(10, 0, 0, 2)), 50_000);
 
-/// What the network saw of a run.
+/// Virtual time that the server may take to close after the client has left.
+pub(super) const CLOSE_TIMEOUT: Duration = Duration::from_secs(60);
+
+/// Counters of both directions after a run.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Traffic {
     pub(crate) down: LinkCounters,
@@ -40,12 +43,12 @@ impl Traffic {
     }
 }
 
-/// One direction of the link of a case, under a transport's headers.
+/// One direction of a case's link, with the headers of a transport.
 pub(crate) fn under(direction: &LinkSettings, overhead_bytes: u32) -> LinkSettings {
     LinkSettings { overhead_bytes, ..direction.clone() }
 }
 
-/// A link that carries UDP, with QUIC's endpoints at its ends.
+/// A UDP network with a QUIC endpoint at each end of the link.
 pub(crate) struct QuicNetwork {
     pub(crate) network: UdpNetwork,
     pub(crate) server: quinn::Endpoint,
@@ -73,15 +76,15 @@ impl QuicNetwork {
 pub(crate) struct TcpNetwork {
     /// The client's end.
     pub(crate) client: StreamEnd,
-    /// Whether that is open, now. If not, the time limit comes before that.
+    /// Whether it is open now; otherwise the time limit came first.
     pub(crate) in_time: bool,
-    /// Whatever serves at the other end.
+    /// The task that serves the other end.
     pub(crate) serving: JoinHandle<()>,
     pub(crate) counters: StreamCounters,
 }
 
 impl TcpNetwork {
-    /// Waits until the client's end is open. `serve` gets the server's end when that is.
+    /// Waits until the client's end is open; `serve` receives the server's end.
     pub(crate) async fn open<F>(
         link: &CaseLink,
         seed: u64,

@@ -1,4 +1,4 @@
-//! From a run that is over to its figures.
+//! Converts a finished run into its result.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -11,36 +11,23 @@ use lodestream_protocol::message::Close;
 use super::ledger::Use;
 use super::network::Traffic;
 use super::plan::{Case, Plan};
-use super::result::{RunResult, error_name, milliseconds};
-use super::timeline::Stalls;
+use super::quality::quality;
+use super::result::{RunResult, error_name};
+use super::timeline::{Stalls, milliseconds};
 use super::viewer::Viewer;
 
-/// The place of a screen error among those that clients note. Plans are checked to name no others.
-pub(crate) fn quality<T: Copy>(noted: &[Option<T>; QUALITIES_PX.len()], px: f64) -> Option<T> {
-    QUALITIES_PX.iter().position(|q| *q == px).and_then(|i| noted[i])
-}
-
-/// Notes a value for each screen error among those that is not exceeded for the first time.
-pub(crate) fn note_quality<T: Copy>(noted: &mut [Option<T>; QUALITIES_PX.len()], error_px: f64, value: T) {
-    for (slot, px) in noted.iter_mut().zip(QUALITIES_PX) {
-        if error_px <= px {
-            slot.get_or_insert(value);
-        }
-    }
-}
-
-/// A duration as reports give it.
+/// A duration in milliseconds, as reports print it.
 pub(crate) fn after_ms(after: Duration) -> f64 {
     milliseconds(u64::try_from(after.as_nanos()).unwrap_or(u64::MAX))
 }
 
-/// What a client has noted, whatever it is a client of.
+/// Milestones of a client, of this project or of a baseline.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Noted {
+pub(crate) struct ClientMilestones {
     pub(crate) first_frame: Option<Milestone>,
     pub(crate) quality: [Option<Milestone>; QUALITIES_PX.len()],
     pub(crate) seen_quality: [Option<Milestone>; QUALITIES_PX.len()],
-    /// When a camera that moved came to rest.
+    /// When a moving camera came to rest.
     pub(crate) rest: Option<Time>,
     pub(crate) rest_quality: [Option<Duration>; QUALITIES_PX.len()],
     pub(crate) rest_seen_quality: [Option<Duration>; QUALITIES_PX.len()],
@@ -48,20 +35,20 @@ pub(crate) struct Noted {
 }
 
 impl RunResult {
-    /// Of a run of which nothing came, and why.
+    /// The result of a run that could not take place, with the reason.
     #[must_use]
     pub fn nothing(plan: &Plan, case: &Case, seed: u64, why: &str) -> Self {
-        line(plan, case, seed, why, &Noted::default(), &Traffic::default())
+        line(plan, case, seed, why, &ClientMilestones::default(), &Traffic::default())
     }
 }
 
-/// A run's case, what its client noted and what its network saw; of everything else, nothing.
+/// The result with the case, the client's milestones and the network's counters; all else is empty.
 pub(crate) fn line(
     plan: &Plan,
     case: &Case,
     seed: u64,
     ended: &str,
-    noted: &Noted,
+    noted: &ClientMilestones,
     traffic: &Traffic,
 ) -> RunResult {
     let bytes = |m: Option<Milestone>| m.map(|m| m.bytes);
@@ -82,7 +69,7 @@ pub(crate) fn line(
         let px = plan.ttq_px.iter().copied().filter(|_| noted.rest.is_some());
         px.map(reached).collect::<BTreeMap<_, _>>()
     };
-    let (stalls, stalled_ns) = noted.stalls.found();
+    let (stalls, stalled_ns) = noted.stalls.totals();
     RunResult {
         scene: plan.scenes[case.scene].name.clone(),
         technique: plan.technique_name(case),
@@ -136,11 +123,11 @@ pub(crate) fn result(
     close: &Close,
     traffic: &Traffic,
 ) -> RunResult {
-    let (settled, gave_up) = (viewer.settled(), viewer.gave_up());
+    let (settled, timed_out) = (viewer.settled(), viewer.timed_out());
     let stats = viewer.core().stats();
     let counts = viewer.core().scene().map(|header| (header.asset_count, header.instance_count));
     let (assets, instances) = counts.unzip();
-    let noted = Noted {
+    let noted = ClientMilestones {
         first_frame: stats.milestones.first_frame,
         quality: stats.milestones.quality,
         seen_quality: stats.milestones.seen_quality,
@@ -149,7 +136,7 @@ pub(crate) fn result(
         rest_seen_quality: viewer.rest_seen_quality(),
         stalls: viewer.stalls,
     };
-    let ended = match (settled, gave_up) {
+    let ended = match (settled, timed_out) {
         (Some(_), _) => "settled",
         (None, true) => "time limit",
         (None, false) => &close.reason,

@@ -1,7 +1,7 @@
-//! All runs of a plan, on several threads, reported in the plan's order.
+//! Runs all runs of a plan on several threads and reports them in the plan's order.
 //!
-//! A run shares nothing with another but scenes, which are only read, and the server's certificate: so
-//! results do not depend on the number of threads.
+//! Runs share only scenes, which are read-only, and the server's certificate, so results do not depend on the number of
+//! threads.
 
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
@@ -18,15 +18,15 @@ use super::run::{Run, certificate};
 use crate::baseline::{self, Library};
 use crate::technique::Technique;
 
-/// Results that may wait for those before them.
+/// Results per thread that may wait for earlier ones.
 const WAITING_PER_THREAD: usize = 64;
 
-/// Runs all cases of a plan with all their seeds, without pictures. `scenes` are the plan's, in its order. `report` is
-/// told of each result in the plan's order.
+/// Runs all cases of a plan with all their seeds, without pictures. `scenes` are the plan's, in its order. `report`
+/// receives each result in the plan's order.
 ///
 /// # Errors
-/// The first session, in the plan's order, that ends for another reason than that the picture is settled,
-/// the time is up, or the connection is lost; baselines that cannot be measured.
+/// The first session, in the plan's order, that ends otherwise than settled, at the time limit or with a lost connection;
+/// baselines that cannot be measured.
 pub fn run(
     plan: &Plan,
     scenes: &[Arc<dyn SceneSource>],
@@ -40,26 +40,26 @@ pub fn run(
 /// What runs need besides scenes.
 #[derive(Clone, Copy)]
 pub struct Equipment<'a> {
-    /// Baselines, measured already.
+    /// Measured baselines.
     pub library: &'a Library,
-    /// Who draws the pictures that the plan asks for; `None` for none.
+    /// Renderer of the plan's pictures; `None` for none.
     pub gallery: Option<&'a dyn Draw>,
 }
 
-/// Runs and draws what they come to.
+/// Runs a case and draws its pictures.
 pub trait Draw: Sync {
-    /// Runs a case with a seed and adds its pictures to the result, where the plan asks for some. `number` is the run's
-    /// in the plan, from 0.
+    /// Runs a case with a seed and adds its pictures to the result, if the plan asks for some. `number` is the run's
+    /// index in the plan.
     ///
     /// # Errors
-    /// As [`Run::result`], and what keeps a picture from being drawn or kept.
+    /// As [`Run::result`], and pictures that cannot be drawn or stored.
     fn drawn(&self, run: &Run<'_>, number: usize) -> anyhow::Result<RunResult>;
 }
 
-/// The same with baselines that are measured already, and with the pictures that the plan asks for.
+/// As [`run`], with measured baselines and the pictures that the plan asks for.
 ///
 /// # Errors
-/// As [`run`], and what the graphics device or the gallery's folder refuses.
+/// As [`run`], and errors of the graphics device or the pictures' folder.
 pub fn run_with(
     plan: &Plan,
     scenes: &[Arc<dyn SceneSource>],
@@ -97,7 +97,7 @@ pub fn run_with(
             scope.spawn(move || {
                 loop {
                     let job = next.fetch_add(1, Ordering::Relaxed);
-                    // The other side is gone once something has failed.
+                    // The receiver is gone after an error.
                     if job >= count || sender.send((job, work(job))).is_err() {
                         break;
                     }
@@ -110,7 +110,7 @@ pub fn run_with(
         for (job, result) in receiver {
             early.insert(job, result);
             while let Some(result) = early.remove(&results.len()) {
-                // Jobs are handed out in order, so whatever comes before a failure comes here before it.
+                // Jobs are handed out in order, so results before an error arrive before it.
                 let result = result?;
                 report(&result);
                 results.push(result);

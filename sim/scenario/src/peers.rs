@@ -1,4 +1,4 @@
-//! View-dependent peers given as data: which nodes they keep, how long, how exact and where each is.
+//! View-dependent peers given as data: length, error and bounds of their nodes.
 //!
 //! A file is a JSON array of peers:
 //!
@@ -10,9 +10,9 @@
 //!                "children": [] }] }]
 //! ```
 //!
-//! Lengths are in bytes as they are sent; `error`, `center` and `radius` are in the model's units. A node's error is
-//! that of what is drawn while its children are missing. Children come after their parents, and may have several; nodes
-//! without parents are the roots.
+//! Lengths are in bytes on the wire; `error`, `center` and `radius` are in the model's units. A node's error is that of
+//! what is drawn while its children are missing. Children come after their parents and may have several; nodes without
+//! parents are the roots.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -21,17 +21,17 @@ use serde::Deserialize;
 
 /// Longest file.
 const MAX_FILE_BYTES: u64 = 64 << 20;
-/// Most peers in all: each is a run of every case.
+/// Most peers in all files: each multiplies the runs of every case.
 const MAX_PEERS: usize = 64;
-/// Longest node or index.
+/// Length limit of a node or index.
 const MAX_PEER_PART_BYTES: u64 = 1 << 32;
-/// The one kind that is known.
+/// The only known kind of peer.
 const CLUSTER_DAG: &str = "cluster-dag";
 
-/// Why two peers may not have one name.
+/// Why two peers must not share a name.
 const ROWS_DIFFER: &str = "rows of a report need different ones";
 
-/// A file of peers that cannot be used.
+/// An invalid file of peers.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{file}: {place}: {message}")]
 pub struct PeersError {
@@ -39,24 +39,23 @@ pub struct PeersError {
     pub file: String,
     /// The peer and field (`[0].nodes[3].radius`), the line, or "file".
     pub place: String,
-    /// What is wrong with it, and what to do.
+    /// The fault and its remedy.
     pub message: String,
 }
 
-/// A peer's way of keeping one model.
+/// A view-dependent technique with its encoding of one model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Peer {
     /// Name and settings, for the report.
     pub name: String,
-    /// Length of what must be known before any node.
+    /// Length of the index, which precedes all nodes.
     pub index_bytes: u64,
     /// Nodes, parents first.
     pub nodes: Vec<Node>,
 }
 
 impl Peer {
-    /// The same peer where errors are `factor` times as large as it states them: what is fetched by one that states less
-    /// than there is, if it is to be believed.
+    /// The same peer with errors multiplied by `factor`, to model what would be fetched if it stated larger errors.
     #[must_use]
     pub fn with_errors(mut self, factor: f32) -> Self {
         for node in &mut self.nodes {
@@ -104,7 +103,7 @@ struct NodeFile {
     children: Vec<u64>,
 }
 
-/// What is wrong, before the file is named.
+/// A fault, without the file's name.
 struct Fault {
     place: String,
     message: String,
@@ -114,11 +113,11 @@ fn fault<T>(place: impl Into<String>, message: impl Into<String>) -> Result<T, F
     Err(Fault { place: place.into(), message: message.into() })
 }
 
-/// Reads all files of a list that is written as `$PATH` is: each entry is a file of peers, or a folder whose `*.json`
-/// files are read in the order of their names.
+/// Reads all files of a list in the format of `$PATH`: each entry is a file of peers, or a folder whose `*.json` files
+/// are read in the order of their names.
 ///
 /// # Errors
-/// As [`read`]; also folders without such files, and peers of two files with one name.
+/// As [`read`]; also folders without such files, and two peers with one name.
 pub fn read_all(list: &OsStr) -> Result<Vec<Peer>, PeersError> {
     let mut all: Vec<Peer> = Vec::new();
     for entry in std::env::split_paths(list) {
@@ -146,7 +145,7 @@ pub fn read_all(list: &OsStr) -> Result<Vec<Peer>, PeersError> {
     Ok(all)
 }
 
-/// The files that an entry of a list names.
+/// The files of an entry of a list.
 fn files(entry: &Path) -> Result<Vec<PathBuf>, PeersError> {
     if !entry.is_dir() {
         return Ok(vec![entry.to_owned()]);
@@ -173,7 +172,7 @@ fn files(entry: &Path) -> Result<Vec<PathBuf>, PeersError> {
 /// Reads a file of peers.
 ///
 /// # Errors
-/// Names the file, the peer and the field that cannot be used.
+/// Names the file, the peer and the invalid field.
 pub fn read(path: &Path) -> Result<Vec<Peer>, PeersError> {
     let file = || path.display().to_string();
     let unreadable = |why: &dyn std::fmt::Display| PeersError {
@@ -246,7 +245,7 @@ fn check_peer(file: PeerFile) -> Result<Peer, Fault> {
             check_node(n, node, count).map_err(|f| Fault { place: format!("nodes[{n}].{}", f.place), ..f })
         })
         .collect::<Result<Vec<_>, _>>()?;
-    // Lengths are at most 2^32 each, and the file is bounded.
+    // Lengths are at most 2^32 each, and the length of the file is bounded.
     let sum = index_bytes + checked.iter().map(|node| node.bytes).sum::<u64>();
     if sum > total_bytes {
         return fault("total_bytes", format!("is {total_bytes}, but index and nodes have {sum}"));
@@ -259,7 +258,7 @@ fn check_node(number: usize, node: NodeFile, count: usize) -> Result<Node, Fault
     if !(1..=MAX_PEER_PART_BYTES).contains(&bytes) {
         return fault("bytes", format!("{bytes} is not a length from 1 to {MAX_PEER_PART_BYTES}"));
     }
-    // Within f32, as screen errors are computed.
+    // Within f32, in which screen errors are computed.
     let length = |value: f64| Some(value as f32).filter(|x| value >= 0.0 && x.is_finite());
     let Some(error) = length(error) else {
         return fault("error", format!("{error} is not a length"));
@@ -303,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_used_is_refused_by_place() {
+    fn invalid_peers_are_refused_with_their_place() {
         let good = r#"[{"peer":"p","kind":"cluster-dag","index_bytes":10,"total_bytes":500,"nodes":[
             {"bytes":100,"vertices":3,"faces":1,"error":0.5,"center":[0,0,0],"radius":1,"children":[1]},
             {"bytes":200,"vertices":3,"faces":1,"error":0.1,"center":[0,0,0],"radius":1,"children":[]}]}]"#;

@@ -1,45 +1,45 @@
-//! What is said of a picture of a run: figures alone, so that runs need no graphics.
+//! Figures of a run's pictures, separate from drawing, so that runs need no graphics.
 
 use serde::Serialize;
 
 /// A picture in the report.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Picture {
-    /// "first frame", "3 s", "settled"; "end" where the run ended otherwise.
+    /// "first frame", "3 s", "settled"; "end" if the run ended otherwise.
     pub instant: String,
     /// Time since the connect call, in milliseconds.
     pub at_ms: f64,
     /// Transport payload received until then.
     pub bytes: u64,
-    /// Upper bound on the screen error then, in pixels of the plan's viewport; `None` while something visible could
-    /// not be drawn.
+    /// Upper bound on the screen error at that time, in pixels of the plan's viewport; `None` while a visible instance
+    /// could not be drawn.
     pub error_px: Option<f64>,
-    /// The same over what is seen, without what the scene's own surfaces hide.
+    /// The same over visible parts only, without those occluded by the scene's own surfaces.
     pub seen_error_px: Option<f64>,
-    /// How far the picture is from its reference; `None` where there is none to be had.
+    /// Error against the reference; `None` without a reference.
     pub error: Option<ImageError>,
-    /// The file, relative to the report's folder; instants after a run has settled share that picture's.
+    /// The file, relative to the report's folder; instants after settling share the settled picture.
     pub file: String,
 }
 
-/// How far the screen was from the settled picture in the first seconds, all in all: a picture counts until the next one
-/// is there, and before the first frame there is an empty window.
+/// Error of the screen against the settled picture, integrated over the first seconds: a picture counts until the next;
+/// before the first frame the window is empty.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct FirstSecondsError {
-    /// How long they last, from the connect call.
+    /// Length of the interval from the connect call.
     pub until_s: f64,
-    /// FLIP of the empty window.
+    /// FLIP error of the empty window.
     pub blank_flip: f64,
-    /// ∫ FLIP dt, in seconds: 0 where the settled picture is there at once.
+    /// ∫ FLIP dt, in seconds: 0 if the settled picture is shown at once.
     pub flip_s: f64,
     /// ∫ (1 − SSIM) dt, in seconds.
     pub dissimilarity_s: f64,
-    /// PSNR of these seconds, in dB: of the mean over time of squared errors. `None` where that is 0.
+    /// PSNR of these seconds in dB, from the mean over time of squared errors. `None` if that is 0.
     pub psnr_db: Option<f64>,
 }
 
 impl FirstSecondsError {
-    /// Integrates the errors of pictures, given with their times in seconds, in order; the first is the first frame.
+    /// Integrates the errors of pictures, given in order with their times in seconds; the first is the first frame.
     /// Values are rounded to six decimals.
     #[must_use]
     pub fn integrated(until_s: f64, blank: ImageError, pictures: &[(f64, ImageError)]) -> Self {
@@ -48,7 +48,7 @@ impl FirstSecondsError {
             let seconds = (to.min(until_s) - from).max(0.0);
             flip_s += seconds * error.flip;
             dissimilarity_s += seconds * (1.0 - error.ssim);
-            // Relative to the square of what white is.
+            // Relative to the square of white.
             squares_s += seconds * error.psnr_db.map_or(0.0, |db| 10_f64.powf(-db / 10.0));
         };
         let first = pictures.first().map_or(until_s, |(at, _)| *at);
@@ -67,7 +67,7 @@ impl FirstSecondsError {
     }
 }
 
-/// What separates a picture from its reference. Opacity is not looked at.
+/// Error of a picture against its reference. Opacity is ignored.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ImageError {
     /// Peak signal-to-noise ratio in dB, over the three channels of 8-bit sRGB values; `None` where the pictures are
@@ -86,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_picture_counts_until_the_next_and_an_empty_window_before_the_first() {
+    fn a_picture_counts_until_the_next_and_the_empty_window_until_the_first() {
         let error = |flip, ssim, psnr_db| ImageError { psnr_db, ssim, flip };
         let (blank, coarse) = (error(0.8, 0.2, Some(10.0)), error(0.2, 0.7, Some(20.0)));
         let fine = error(0.0, 1.0, None);

@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 
-/// Ticks of processor time in a second, as `/proc` counts them on every Linux (`USER_HZ`).
+/// Clock ticks per second in `/proc`, on every Linux (`USER_HZ`).
 const TICKS_PER_S: f64 = 100.0;
 
-/// A process that runs.
+/// A running process.
 #[derive(Clone, Debug)]
 pub(crate) struct Process {
     folder: PathBuf,
@@ -18,7 +18,7 @@ impl Process {
         Self { folder: Path::new("/proc").join(id.to_string()) }
     }
 
-    /// This one.
+    /// This process.
     pub(crate) fn own() -> Self {
         Self::of(std::process::id())
     }
@@ -34,7 +34,7 @@ impl Process {
     /// Processor time so far, in seconds.
     pub(crate) fn cpu_s(&self) -> anyhow::Result<f64> {
         let (file, text) = self.read("stat")?;
-        // The program's name stands in parentheses and may hold anything; utime and stime are fields 14 and 15.
+        // The program's name is in parentheses and may contain anything; utime and stime are fields 14 and 15.
         let fields = text.rsplit(')').next().unwrap_or_default().split_whitespace().skip(11).take(2);
         let ticks = fields.map(|field| field.parse::<f64>().ok()).collect::<Option<Vec<f64>>>();
         let ticks =
@@ -42,7 +42,7 @@ impl Process {
         Ok(ticks.iter().sum::<f64>() / TICKS_PER_S)
     }
 
-    /// How often its threads have waited for something and were woken, so far.
+    /// Voluntary context switches of its threads so far: how often they waited and were woken.
     pub(crate) fn wake_ups(&self) -> anyhow::Result<u64> {
         let file = self.folder.join("task");
         let threads =

@@ -1,4 +1,4 @@
-//! What a run came to: its figures, for people and as JSON.
+//! The result of a run, as text and JSON.
 
 use std::collections::BTreeMap;
 
@@ -10,83 +10,83 @@ use super::plan::Transport;
 use super::technique::Technique;
 use super::timeline::Sample;
 
-/// One run of a plan. Times count from the client's connect call, in milliseconds of virtual time;
-/// `None` where the time limit came first. Bytes are transport payload that the client received,
-/// handshake included: payload of UDP datagrams, or of TCP segments.
+/// One run of a plan. Times count from the client's connect call, in milliseconds of virtual time; `None` if the time
+/// limit came first. Bytes are transport payload received by the client, handshake included: payload of UDP datagrams,
+/// or of TCP segments.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RunResult {
-    /// The scene, as the plan names it.
+    /// The scene's name in the plan.
     pub scene: String,
-    /// How the scene got to the client: "lodestream", or a baseline's name.
+    /// The technique: "lodestream", or a baseline's name.
     pub technique: String,
-    /// How client and server talked.
+    /// Transport between client and server.
     pub transport: Transport,
-    /// Whether the connection was resumed with a ticket of an earlier one. The cache was empty nevertheless.
+    /// Whether the connection was resumed with an earlier ticket. The cache was empty nevertheless.
     pub resumed: bool,
-    /// The link's name, or in words what it was like.
+    /// The link's name or description.
     pub link: String,
     /// The camera path's name.
     pub camera: String,
-    /// Rate of the link from server to client, at the start. This, loss and queue are that direction's.
+    /// Rate of the link from server to client at the start. Loss and queue are of the same direction.
     pub rate_bits_per_s: u64,
     /// Round trip without queueing and jitter.
     pub rtt_ms: f64,
-    /// Share of packets lost at random, in the long run.
+    /// Long-run share of packets lost at random.
     pub loss: f64,
-    /// Length of the link's queue.
+    /// Queue length of the link.
     pub queue_bytes: u64,
-    /// Rate that the server limited the session to; `None` for no limit.
+    /// Rate limit of the session; `None` for none.
     pub limiter_bits_per_s: Option<u64>,
     /// Seed of the run.
     pub seed: u64,
-    /// Until the client core could draw every visible instance.
+    /// Time to first frame (TTFF): until the core could draw every visible instance.
     pub ttff_ms: Option<f64>,
     /// Bytes until then.
     pub first_frame_bytes: Option<u64>,
-    /// Until no visible part had a larger screen error, by screen error in pixels.
+    /// Time to quality (TTQ), by screen error in pixels: until no visible part had a larger error.
     pub ttq_ms: BTreeMap<String, Option<f64>>,
     /// Bytes until then.
     pub ttq_bytes: BTreeMap<String, Option<u64>>,
-    /// Until no part that is seen had a larger one: of what the scene's own surfaces hide, nothing is asked. As the client
-    /// knows it; `None` for baselines, which do not know.
+    /// The same over parts that are not occluded by the scene's own surfaces, as the client knows them; `None` for
+    /// baselines.
     pub seen_ttq_ms: BTreeMap<String, Option<f64>>,
     /// Bytes until then.
     pub seen_ttq_bytes: BTreeMap<String, Option<u64>>,
-    /// Bytes until the selection wanted nothing more with the camera at rest, or the time limit.
+    /// Bytes until the selection was settled with the camera at rest, or the time limit.
     pub total_bytes: u64,
-    /// When that was.
+    /// Time until then.
     pub settled_ms: Option<f64>,
     /// Why the run ended: "settled", "time limit", or why the connection was lost.
     pub ended: String,
-    /// When client and server had parted.
+    /// When both sides had closed the connection.
     pub ended_ms: Option<f64>,
-    /// When a camera that moved came to rest.
+    /// When a moving camera came to rest.
     pub rest_ms: Option<f64>,
-    /// From then until no visible part had a larger screen error, by screen error in pixels; empty where the
-    /// camera did not move, or did not come to rest.
+    /// Time from then until no visible part had a larger screen error, by screen error in pixels; empty if the camera
+    /// did not move, or did not come to rest.
     pub rest_ttq_ms: BTreeMap<String, Option<f64>>,
-    /// The same of what is seen.
+    /// The same over parts that are not occluded.
     pub rest_seen_ttq_ms: BTreeMap<String, Option<f64>>,
-    /// Pauses of half a second or more, after the first frame, in which blobs were wanted and no byte came.
+    /// Pauses of half a second or more after the first frame, in which blobs were requested and no byte arrived.
     pub stalls: u32,
-    /// How long they lasted together.
+    /// Their total length.
     pub stalled_ms: f64,
-    /// Distinct assets of the scene; `None` where the client never heard of it, and for baselines.
+    /// Number of distinct assets; `None` if the client never received the scene, and for baselines.
     pub assets: Option<u32>,
-    /// Its instances.
+    /// Number of instances.
     pub instances: Option<u32>,
-    /// Faces of the chunks that were applied at the end; `None` for baselines, which have no chunks.
+    /// Faces of the chunks applied at the end; `None` for baselines.
     pub applied_faces: Option<u64>,
     /// Payload bytes of the chunks that the view needed at the end; `None` for baselines.
     pub needed_bytes: Option<u64>,
-    /// Of these, those of chunks that it needed for shadows alone.
+    /// Of these, bytes of chunks needed only for shadows.
     pub shadow_bytes: Option<u64>,
-    /// What of the chunks received was of use.
+    /// Use of the received chunk bytes.
     #[serde(flatten)]
     pub usage: Use,
-    /// Packets from server to client that the link lost at random.
+    /// Packets from server to client lost at random.
     pub packets_lost: u64,
-    /// Packets from server to client that found the link's queue full.
+    /// Packets from server to client dropped at a full queue.
     pub packets_dropped: u64,
     /// The same from client to server.
     pub packets_lost_up: u64,
@@ -96,28 +96,28 @@ pub struct RunResult {
     pub trace: String,
     /// Bytes and screen errors over time.
     pub series: Vec<Sample>,
-    /// Pictures, and how far each is from the settled one: the first frame, instants of the plan, the last one.
+    /// Pictures and their errors against the settled picture: the first frame, instants of the plan, the last picture.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub pictures: Vec<Picture>,
-    /// The error of the first seconds, where the plan asks for it and the run settled with the camera where it began.
+    /// The error of the first seconds, if the plan asks for it and the run settled with a fixed camera.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub first_seconds: Option<FirstSecondsError>,
 }
 
 impl RunResult {
-    /// What a first frame takes at least: two round trips (one where the connection is resumed), and the time of its
-    /// bytes at the link's rate. WebSocket without TLS takes two as well: TCP's handshake, then the upgrade.
+    /// Lower bound on the time to first frame: two round trips (one if the connection is resumed), and the transfer
+    /// time of its bytes. WebSocket without TLS also takes two: TCP's handshake, then the upgrade.
     #[must_use]
     pub fn ttff_bound_ms(&self) -> Option<f64> {
         let round_trips = if self.resumed { 1.0 } else { 2.0 };
         let transfer_ms = |bytes: u64| bytes as f64 * 8e3 / self.rate_bits_per_s as f64;
-        // To the microsecond, as other times.
+        // Rounded to the microsecond, as other times.
         let bound_ms = |bytes| round_trips * self.rtt_ms + transfer_ms(bytes);
         self.first_frame_bytes.map(|bytes| (bound_ms(bytes) * 1e3).round() / 1e3)
     }
 }
 
-/// One line for people.
+/// One line of text.
 impl std::fmt::Display for RunResult {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let or_never = |ms: Option<f64>| ms.map_or("never".to_owned(), |ms| format!("{ms:.0} ms"));
@@ -136,7 +136,7 @@ impl std::fmt::Display for RunResult {
         if let Some(bytes) = self.first_frame_bytes {
             write!(f, " ({bytes} bytes)")?;
         }
-        // Baselines do not know what is seen.
+        // Baselines do not know occlusion.
         let knows = self.technique == Technique::Lodestream.name();
         let with_seen = |ms, seen: Option<&Option<f64>>| match seen {
             Some(seen) if knows => format!("{} (where seen {})", or_never(ms), or_never(*seen)),
@@ -160,22 +160,16 @@ fn coarse_first(times: &BTreeMap<String, Option<f64>>) -> Vec<(&str, Option<f64>
     list
 }
 
-/// The name of a screen error in [`RunResult::ttq_ms`]: as short as it can be written.
+/// The key of a screen error in [`RunResult::ttq_ms`], as short as possible.
 #[must_use]
 pub fn error_name(px: f64) -> String {
     px.to_string()
 }
 
-/// Milliseconds of virtual time, exact to the microsecond.
-#[must_use]
-pub fn milliseconds(ns: u64) -> f64 {
-    (ns as f64 / 1e3).round() / 1e3
-}
-
 /// The bytes of a JSON file: an array with one object per line.
 ///
 /// # Errors
-/// What the serialiser says; results have no values that JSON lacks.
+/// Errors of the serialiser; results contain only values that JSON can represent.
 pub fn to_json<T: Serialize>(objects: &[T]) -> serde_json::Result<Vec<u8>> {
     let mut json = b"[".to_vec();
     for (i, object) in objects.iter().enumerate() {

@@ -1,9 +1,9 @@
-//! Resumed connections: what a client has that was there before.
+//! Resumed connections: gives client and server the state of an earlier session.
 //!
-//! Tickets and address tokens live in the settings of client and server ([`lodestream_client::net::client_config`],
-//! [`lodestream_daemon::server_config`]). So a run over a resumed connection is preceded by a session with
-//! the same settings, over another network, in virtual time of its own. Nothing else of it is left: the run itself
-//! begins at zero, over a fresh link, with a client that has no byte of the scene.
+//! Tickets and address tokens are part of the settings of client and server ([`lodestream_client::net::client_config`],
+//! [`lodestream_daemon::server_config`]). A run over a resumed connection is therefore preceded by a
+//! session with the same settings, over another network and in virtual time of its own. The run itself starts at time
+//! zero, over a fresh link, with a client that has no byte of the scene.
 
 use std::num::NonZeroU64;
 use std::sync::Arc;
@@ -19,12 +19,11 @@ use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::source::SceneSource;
 use tokio::time::{sleep, timeout};
 
-use super::network::{CLIENT, SERVER};
-use super::run::CLOSE_TIMEOUT;
+use super::network::{CLIENT, CLOSE_TIMEOUT, SERVER};
 
-/// The link of the first session: a gigabit per second, 1 ms each way, and a queue that takes all.
+/// The link of the first session: 1 Gbit/s, 1 ms each way, and a queue that never fills.
 const FIRST_LINK: (NonZeroU64, u64, u64) = (NonZeroU64::new(1_000_000_000).unwrap(), 1_000_000, 1 << 20);
-/// How long it lasts. Ticket and token come with the answer to the client's second flight.
+/// Length of the first session. Ticket and token arrive with the answer to the client's second flight.
 const FIRST_SESSION: Duration = Duration::from_millis(100);
 
 /// Settings of a server and of a client that pins its certificate.
@@ -35,23 +34,25 @@ pub(super) struct QuicSettings {
 }
 
 impl QuicSettings {
-    /// Of a server and a client that do not know each other.
+    /// Settings of a server and a client without an earlier session.
     pub(super) fn new(certificate: &Certificate) -> anyhow::Result<Self> {
         let client = net::client_config(Pin::Certificate(certificate.fingerprint()))?;
         Ok(Self { server: server_config(certificate)?, client })
     }
 
-    /// Of a server and a client that have had a session. Must not be called within a runtime.
-    pub(super) fn acquainted(
+    /// Settings after a first session. Must not be called within a runtime.
+    pub(super) fn after_first_session(
         scene: &Arc<dyn SceneSource>,
         certificate: &Certificate,
     ) -> anyhow::Result<Self> {
         let settings = Self::new(certificate)?;
-        virtual_runtime().context("no runtime for virtual time")?.block_on(settings.meet(scene))?;
+        virtual_runtime()
+            .context("no runtime for virtual time")?
+            .block_on(settings.run_first_session(scene))?;
         Ok(settings)
     }
 
-    async fn meet(&self, scene: &Arc<dyn SceneSource>) -> anyhow::Result<()> {
+    async fn run_first_session(&self, scene: &Arc<dyn SceneSource>) -> anyhow::Result<()> {
         let network = UdpNetwork::new(VirtualClock::start());
         let (rate, delay_ns, queue_bytes) = FIRST_LINK;
         for (from, to) in [(SERVER, CLIENT), (CLIENT, SERVER)] {

@@ -1,10 +1,10 @@
-//! One run: a case of a plan and a seed, on a runtime and network of its own.
+//! One run: a case of a plan with a seed, on its own runtime and network.
 //!
-//! What runs is what is shipped: the server's connection handlers and the client's network code and
-//! core, over quinn or over WebSocket and HTTP. Simulated are the link ([`lodestream_netsim::udp`],
-//! [`lodestream_netsim::stream_pipe`]) and the clock. Selecting, decoding, applying and reading packs happen for
-//! real, but take no virtual time; drawing takes none either, and textures count as soon as they arrive.
-//! The server's limiter is off unless the plan sets it: the link is what limits.
+//! The code is the shipped one: the server's connection handlers and the client's network code and core, over quinn or
+//! over WebSocket and HTTP. The link ([`lodestream_netsim::udp`], [`lodestream_netsim::stream_pipe`]) and the clock are
+//! simulated. Selecting, decoding, applying and reading packs are real but take no virtual time; drawing takes none
+//! either, and textures count as soon as they arrive. The server's rate limit is off unless the plan sets it: the link
+//! limits the rate.
 
 use std::future::Future;
 use std::num::NonZeroU64;
@@ -21,31 +21,29 @@ use lodestream_protocol::source::SceneSource;
 use lodestream_scene::view::View;
 use tokio::time::timeout;
 
+use super::network::CLOSE_TIMEOUT;
 use super::network::{CLIENT, QuicNetwork, SERVER, TcpNetwork, Traffic};
 use super::observer::Observer;
 use super::outcome;
 use super::plan::{Case, CaseLink, Plan, Transport};
 use super::result::RunResult;
 use super::resume::QuicSettings;
-use super::unjudged::Unjudged;
 use super::viewer::Viewer;
+use super::without_occluders::WithoutOccluders;
 
-/// Virtual time that the server may take to close after the client has left.
-pub(super) const CLOSE_TIMEOUT: Duration = Duration::from_secs(60);
+/// Virtual time after the time limit in which client and server may close the connection.
+const CLOSE_MARGIN: Duration = Duration::from_secs(60);
 
-/// Virtual time after the limit in which client and server may part by themselves.
-const PATIENCE: Duration = Duration::from_secs(60);
-
-/// Rate and queue of the link over which a reference picture is fetched, and virtual time that this may take.
+/// Rate and queue of the link over which a reference picture is fetched, and its time limit in virtual time.
 const REFERENCE_BITS_PER_S: NonZeroU64 = NonZeroU64::new(10_000_000_000).expect("not zero");
 const REFERENCE_QUEUE_BYTES: u64 = 64 << 20;
 const REFERENCE_LIMIT: Duration = Duration::from_secs(60);
 
-/// A certificate whose length is always the same: its serial number is random, and one in 128 is a byte
-/// shorter than the others. Time of day and key matter to no byte count.
+/// A self-signed certificate of constant length: random serial numbers make one certificate in 128 a byte shorter. Time
+/// of day and key do not affect byte counts.
 ///
 /// # Errors
-/// What the library that makes it says.
+/// Errors of the library that generates it.
 pub fn certificate() -> anyhow::Result<Certificate> {
     let mut longest: Option<Certificate> = None;
     for _ in 0..8 {
@@ -58,7 +56,7 @@ pub fn certificate() -> anyhow::Result<Certificate> {
     longest.context("no certificate could be made")
 }
 
-/// A case of a plan and a seed, and what a run of them needs.
+/// A case of a plan with a seed, and everything that its run needs.
 #[derive(Clone, Copy)]
 pub struct Run<'a> {
     /// The plan.
@@ -69,20 +67,19 @@ pub struct Run<'a> {
     pub scene: &'a Arc<dyn SceneSource>,
     /// The server's certificate.
     pub certificate: &'a Certificate,
-    /// Of lost packets, jitter and the endpoints' random numbers.
+    /// Seed of packet loss, jitter and the endpoints' random numbers.
     pub seed: u64,
 }
 
 impl Run<'_> {
-    /// Runs it, with an observer if there is one. Must not be called within a runtime.
+    /// Runs it, with an optional observer. Must not be called within a runtime.
     ///
     /// # Errors
-    /// A session that ends for another reason than that the picture is settled, the time is up, or the
-    /// connection is lost or silent for too long.
+    /// A session that ends otherwise than settled, at the time limit, or with a lost or silent connection.
     pub fn result(&self, observer: Option<&mut dyn Observer>) -> anyhow::Result<RunResult> {
         let Self { plan, case, scene, certificate, seed } = *self;
         let quic = if case.resumed {
-            QuicSettings::acquainted(scene, certificate)
+            QuicSettings::after_first_session(scene, certificate)
         } else {
             QuicSettings::new(certificate)
         };
@@ -90,9 +87,9 @@ impl Run<'_> {
         virtual_runtime().context("no runtime for virtual time")?.block_on(async {
             let settings =
                 SessionSettings { rate_bits_per_s: case.limiter_bits_per_s, ..SessionSettings::default() };
-            // Where a client does not ask what hides what, the server does not either.
+            // If the client does not test occlusion, neither does the server.
             let scene = Arc::clone(scene);
-            let scene = if plan.client.hidden_last { scene } else { Arc::new(Unjudged(scene)) };
+            let scene = if plan.client.hidden_last { scene } else { Arc::new(WithoutOccluders(scene)) };
             let state = ServerState::new(scene, settings);
             let limit = Duration::from_secs_f64(case.time_limit_s);
             let mut viewer = Viewer::new(plan.viewport_px, plan.client, case.path, limit, observer);
@@ -102,15 +99,15 @@ impl Run<'_> {
             };
             viewer.end();
             let by_the_link = matches!(close.code, CloseCode::Lost | CloseCode::Timeout);
-            if viewer.settled().is_none() && !viewer.gave_up() && !by_the_link {
+            if viewer.settled().is_none() && !viewer.timed_out() && !by_the_link {
                 anyhow::bail!("the session ended early: {close}");
             }
             Ok(outcome::result(plan, case, seed, &mut viewer, &close, &traffic))
         })
     }
 
-    /// Shows an observer a viewer of the same scene whose camera stands still at a pose, until nothing more is wanted:
-    /// over a link on which that takes next to no time. Must not be called within a runtime.
+    /// Shows an observer a viewer of the same scene with a fixed camera until it is settled, over a link that takes
+    /// almost no time. Must not be called within a runtime.
     ///
     /// # Errors
     /// As [`Run::result`].
@@ -134,11 +131,13 @@ impl Run<'_> {
     }
 }
 
-/// Waits for the end of a session, but not for ever: one that is not over a while after the time limit, as
-/// where the server never answers at all, is cut off.
+/// Waits for the end of a session. A session that has not ended some time after the time limit, for example because the
+/// server never answers, is cut off.
 pub(crate) async fn end_of(session: impl Future<Output = Close>, limit: Duration) -> Close {
-    let cut_off = || Close::new(CloseCode::Lost, "no end in sight: cut off a minute after the time limit");
-    timeout(limit + PATIENCE, session).await.unwrap_or_else(|_| cut_off())
+    let cut_off = || {
+        Close::new(CloseCode::Lost, "the session had not ended a minute after the time limit and was cut off")
+    };
+    timeout(limit + CLOSE_MARGIN, session).await.unwrap_or_else(|_| cut_off())
 }
 
 async fn run_quic(
@@ -152,7 +151,7 @@ async fn run_quic(
     let QuicNetwork { network, server, client } = QuicNetwork::open(&case.link, quic.server, seed)?;
     let serving = tokio::spawn(serve_quic(server, Arc::clone(&state)));
 
-    // The name is not looked at: the certificate is pinned.
+    // The name is not checked: the certificate is pinned.
     let connecting = client.connect_with(quic.client, SERVER, "localhost")?;
     let close = match QuicConnection::open(connecting, limit).await {
         Ok(connection) => {
@@ -227,7 +226,7 @@ mod tests {
                 let delivered = traffic.down.arrived_payload_bytes;
                 (net::Host::core(&mut viewer).stats().transport_bytes, delivered)
             });
-            // A packet or two may still be on its way when the client has left.
+            // A packet or two may still be on their way when the client has left.
             assert!(counted <= delivered && delivered - counted < 5000, "{case}: {counted} of {delivered}");
             assert!(counted > 40_000, "{case}: {counted}");
         }

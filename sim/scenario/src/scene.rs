@@ -1,4 +1,4 @@
-//! The scene of a plan: generated if need be, prepared, opened.
+//! The scene of a plan: generated if necessary, prepared, opened.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -13,15 +13,15 @@ use lodestream_store::{BlobCache, DEFAULT_CACHE_BYTES, PackFile};
 
 use super::plan::SceneChoice;
 
-/// Seed of the demo scene: that of the demo itself, whatever the seed of the simulation.
+/// Seed of the demo scene, independent of the simulation's seed.
 const DEMO_SEED: u64 = 1;
 
-/// Generates the scene if it is one of ours, prepares what the cache folder does not hold yet, and opens
-/// the packs. The demo scene's own files are generated anew each time, so that they are those of this
-/// version, and removed afterwards; its packs stay in the cache. `codec` is that of scenes that do not say.
+/// Generates the scene if it is a generated one, prepares the packs that the cache folder lacks, and opens them. The
+/// demo scene's files are generated anew each time, so that they match this version, and removed afterwards; its packs
+/// stay in the cache. `codec` applies to scenes that name none.
 ///
 /// # Errors
-/// Whatever keeps the scene from being generated, read or prepared.
+/// A scene that cannot be generated, read or prepared.
 pub fn open(
     choice: &SceneChoice,
     codec: Option<CodecChoice>,
@@ -29,7 +29,7 @@ pub fn open(
     quiet: bool,
 ) -> anyhow::Result<Arc<dyn SceneSource>> {
     match choice {
-        // A server refuses to prepare a scene without anything in it; a client must bear one all the same.
+        // A server refuses to prepare an empty scene; a client must accept one nevertheless.
         SceneChoice::Empty => Ok(Arc::new(MemoryScene::new(0, 0, 0))),
         _ => {
             let (scene, packs) = prepared(choice, codec, cache, quiet)?;
@@ -42,7 +42,7 @@ pub fn open(
     }
 }
 
-/// The same as the scene and its packs, in the order of its assets.
+/// The same as a scene and its packs, in the order of its assets.
 pub(crate) fn packs(
     choice: &SceneChoice,
     codec: Option<CodecChoice>,

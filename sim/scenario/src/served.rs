@@ -1,4 +1,4 @@
-//! The shipped daemon in a child process, whose memory, processor time and panics are its own.
+//! The shipped daemon in a child process, with memory, processor time and panics of its own.
 
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::net::{Ipv4Addr, SocketAddr};
@@ -17,22 +17,22 @@ use tokio::sync::mpsc;
 use crate::bare_sender::serve_bare;
 use crate::process::Process;
 
-/// What serves, and how many sessions there may be.
+/// The server in the child process, and its session limits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Serving {
-    /// The daemon as it is shipped.
+    /// The shipped daemon.
     Shipped,
-    /// The daemon with as many sessions for one address as for all: every client is on this machine.
+    /// The daemon without the session limit per address: all clients are on this machine.
     Lifted,
     /// A bare sender (`crate::bare_sender`).
     Bare,
 }
 
-/// Serves a scene until standard input ends. Prints the listeners' addresses and the certificate's fingerprint, on
-/// one line.
+/// Serves a scene until standard input ends. Prints the listeners' addresses and the certificate's fingerprint on one
+/// line.
 ///
 /// # Errors
-/// What keeps the daemon from being started.
+/// A daemon that cannot be started.
 pub fn serve(scene: Arc<dyn SceneSource>, rate_bits_per_s: u64, serving: Serving) -> anyhow::Result<()> {
     if serving == Serving::Bare {
         return serve_bare(&scene, rate_bits_per_s);
@@ -42,7 +42,7 @@ pub fn serve(scene: Arc<dyn SceneSource>, rate_bits_per_s: u64, serving: Serving
     let defaults = SessionSettings::default();
     let sessions = match serving {
         Serving::Shipped | Serving::Bare => defaults,
-        // None may use the eighth that is kept for others.
+        // No address may use the eighth that is reserved for others.
         Serving::Lifted => SessionSettings {
             max_sessions: defaults.max_sessions * 2,
             max_sessions_per_address: Some(defaults.max_sessions),
@@ -57,14 +57,14 @@ pub fn serve(scene: Arc<dyn SceneSource>, rate_bits_per_s: u64, serving: Serving
     println!("{}", daemon.urls().join(" "));
     let (stop, stopped) = mpsc::channel(2);
     let daemon = runtime.spawn(daemon.serve(stopped));
-    // Ends with the parent, however that ends.
+    // Ends with the parent process, even if that is killed.
     let _ = std::io::stdin().read_to_end(&mut Vec::new());
     let _ = (stop.try_send(()), stop.try_send(()));
     let _ = runtime.block_on(daemon);
     Ok(())
 }
 
-/// A server in a process of its own.
+/// A server in a child process.
 pub(crate) struct Server {
     child: Child,
     quic: SocketAddr,
@@ -73,7 +73,7 @@ pub(crate) struct Server {
     panics: Arc<AtomicU32>,
 }
 
-/// Where a server is reached.
+/// Addresses of a server.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Address {
     pub(crate) quic: SocketAddr,
@@ -138,17 +138,17 @@ impl Server {
         Process::of(self.child.id()).cpu_s()
     }
 
-    /// How often its threads were woken so far.
+    /// Wake-ups of its threads so far.
     pub(crate) fn wake_ups(&self) -> anyhow::Result<u64> {
         Process::of(self.child.id()).wake_ups()
     }
 
-    /// Threads and tasks that panicked so far, as the server said on its standard error.
+    /// Panics of threads and tasks so far, counted on its standard error.
     pub(crate) fn panics(&self) -> u32 {
         self.panics.load(Ordering::Relaxed)
     }
 
-    /// Whether it still runs.
+    /// Whether the process still runs.
     pub(crate) fn is_running(&mut self) -> bool {
         matches!(self.child.try_wait(), Ok(None))
     }
@@ -156,13 +156,13 @@ impl Server {
 
 impl Drop for Server {
     fn drop(&mut self) {
-        // Its standard input ends here.
+        // Closes its standard input.
         drop(self.child.stdin.take());
         let _ = self.child.wait();
     }
 }
 
-/// Passes on what a server says on its standard error, and counts the panics in it.
+/// Forwards a server's standard error and counts the panics in it.
 fn pass_on(said: ChildStderr, panics: &AtomicU32) {
     for line in BufReader::new(said).lines().map_while(Result::ok) {
         panics.fetch_add(u32::from(tells_a_panic(&line)), Ordering::Relaxed);
@@ -170,12 +170,12 @@ fn pass_on(said: ChildStderr, panics: &AtomicU32) {
     }
 }
 
-/// As the standard library says it: `thread 'main' (123) panicked at src/main.rs:1:2:`.
+/// Whether a line is the standard library's report of a panic: `thread 'main' (123) panicked at src/main.rs:1:2:`.
 fn tells_a_panic(line: &str) -> bool {
     line.trim_start().starts_with("thread '") && line.contains(" panicked at ")
 }
 
-/// What a server says of itself: `quic://HOST:PORT#sha256=… ws://HOST:PORT/`.
+/// Parses the line that a server prints: `quic://HOST:PORT#sha256=… ws://HOST:PORT/`.
 fn addresses(line: &str) -> Option<(SocketAddr, SocketAddr, Pin)> {
     let (quic, http) = line.trim().split_once(' ')?;
     let (quic, fingerprint) = quic.strip_prefix("quic://")?.split_once("#sha256=")?;
@@ -189,7 +189,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_panic_is_told_from_what_else_is_said() {
+    fn panics_are_recognised_in_log_lines() {
         assert!(tells_a_panic("thread 'tokio-runtime-worker' (4) panicked at server/src/lib.rs:1:2:"));
         assert!(
             !tells_a_panic("note: run with `RUST_BACKTRACE=1`") && !tells_a_panic("a session panicked at x")
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn a_server_is_found_by_what_it_says() {
+    fn a_server_is_found_by_its_printed_addresses() {
         let digits = "0f".repeat(32);
         let line = format!("quic://127.0.0.1:4433#sha256={digits} ws://127.0.0.1:8080/\n");
         let (quic, http, pin) = addresses(&line).unwrap();

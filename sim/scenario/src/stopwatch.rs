@@ -1,37 +1,36 @@
-//! Times of work that is done many times, and what is said of them.
+//! Timing of repeated work, and its statistics.
 
 use std::time::Instant;
 
 use serde::Serialize;
 
-/// Does some work; gives its result and the seconds that it took.
+/// Runs some work; returns its result and the seconds that it took.
 pub fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {
     let start = Instant::now();
     let result = work();
     (result, start.elapsed().as_secs_f64())
 }
 
-/// The middle one; the upper one of two.
+/// The median; the upper of the two middle values for an even count.
 ///
 /// # Panics
-/// If there are none.
+/// If the list is empty.
 #[must_use]
 pub fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values[values.len() / 2]
 }
 
-/// The median of what each of some values is of its partner: of work done in turn, what a busy machine costs falls
-/// on both.
+/// The median of the ratios between values and their partners: for work done in turn, load on the machine affects both.
 ///
 /// # Panics
-/// If there are none.
+/// If the list is empty.
 #[must_use]
 pub fn paired_ratio(values: &[f64], partners: &[f64]) -> f64 {
     median(values.iter().zip(partners).map(|(value, partner)| value / partner).collect())
 }
 
-/// Rounded to so many places.
+/// Rounds to `places` decimals.
 #[must_use]
 pub fn rounded(value: f64, places: i32) -> f64 {
     let unit = 10_f64.powi(places);
@@ -50,7 +49,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Of seconds, at least one.
+    /// From at least one time in seconds.
     #[must_use]
     pub fn of(seconds: &[f64]) -> Self {
         let mean = seconds.iter().sum::<f64>() / seconds.len() as f64;

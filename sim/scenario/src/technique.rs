@@ -2,33 +2,33 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Most requests under way at once: as many connections to a host as browsers open for HTTP/1.1.
+/// Most concurrent requests: the connections per host that browsers open for HTTP/1.1.
 pub const MOST_IN_FLIGHT: usize = 6;
 
-/// How a scene's geometry gets from server to client.
+/// How a scene's geometry is delivered.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Technique {
     /// This project's own server and client.
     #[default]
     Lodestream,
-    /// A view-dependent peer that is given as data: its nodes, fetched by the project's own selection rule.
+    /// A view-dependent peer given as data: its nodes, fetched by the project's own selection rule.
     Nodes,
-    /// A chain of Draco files with halving numbers of faces, coarse to fine; each replaces the one before.
+    /// A chain of Draco files with halving face counts, coarse to fine; each replaces the previous.
     Chain,
     /// Each asset as one OBJ file.
     Obj,
-    /// The same through gzip.
+    /// Each asset as one OBJ file with gzip.
     ObjGzip,
     /// Each asset as one Draco file.
     Draco,
-    /// The scheme of the system that this one follows: levels of 10, 30, 50, 70 and 100 % of the faces as JSON
-    /// through gzip, one request at a time.
+    /// The older system's scheme: levels of 10, 30, 50, 70 and 100 % of the faces as JSON with gzip, one request at a
+    /// time.
     SeedJson,
 }
 
 impl Technique {
-    /// Its name in plans and reports.
+    /// Name in plans and reports.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -42,13 +42,13 @@ impl Technique {
         }
     }
 
-    /// Whether sizes of Draco files are needed.
+    /// Whether it needs sizes of Draco files.
     #[must_use]
     pub const fn needs_draco(self) -> bool {
         matches!(self, Self::Chain | Self::Draco)
     }
 
-    /// Most requests under way at once.
+    /// Most concurrent requests.
     #[must_use]
     pub const fn most_in_flight(self) -> usize {
         match self {

@@ -4,32 +4,35 @@ use lodestream_protocol::Time;
 use serde::Serialize;
 use serde::ser::SerializeTuple;
 
-use super::result::milliseconds;
-
 /// Most samples of a series.
 pub const MAX_SAMPLES: usize = 120;
 /// Finest resolution.
 const FIRST_INTERVAL_NS: u64 = 1_000_000;
-/// A pause is a stall from here on.
+/// Length from which a pause counts as a stall.
 pub const STALL_NS: u64 = 500_000_000;
 
-/// One moment of a series; in JSON `[ms, bytes, px, px where seen]`.
+/// Milliseconds of virtual time, exact to the microsecond.
+#[must_use]
+pub fn milliseconds(ns: u64) -> f64 {
+    (ns as f64 / 1e3).round() / 1e3
+}
+
+/// One moment of a series; in JSON `[ms, bytes, px, px of visible parts]`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
     /// Time since the connect call.
     pub at_ns: u64,
     /// Transport payload received so far.
     pub bytes: u64,
-    /// Upper bound on the screen error over all visible parts, as the last selection found it; `None`
-    /// while something visible cannot be drawn.
+    /// Upper bound on the screen error over all parts in view, from the last selection; `None` while a visible instance
+    /// cannot be drawn.
     pub error_px: Option<f64>,
-    /// The same over what is seen, without what the scene's own surfaces hide; `None` for baselines too, which do not
-    /// know.
+    /// The same without parts that the scene's own surfaces occlude; `None` for baselines, which do not know them.
     pub seen_error_px: Option<f64>,
 }
 
 impl Sample {
-    /// What it says, but for when.
+    /// The sample without its time.
     fn news(&self) -> (u64, Option<f64>, Option<f64>) {
         (self.bytes, self.error_px, self.seen_error_px)
     }
@@ -47,8 +50,8 @@ impl Serialize for Sample {
     }
 }
 
-/// Samples, at most [`MAX_SAMPLES`]: the last change within each interval, whose length doubles as the run
-/// grows longer. So the series covers a run of any length evenly, and every sample is one that was seen.
+/// At most [`MAX_SAMPLES`] samples: the last change within each interval, whose length doubles as the run grows longer.
+/// The series covers a run of any length evenly, and every sample was observed.
 #[derive(Clone, Debug)]
 pub(crate) struct Series {
     interval_ns: u64,
@@ -62,7 +65,7 @@ impl Default for Series {
 }
 
 impl Series {
-    /// Adds what is seen now, if it is news.
+    /// Adds a sample if it differs from the last.
     pub(crate) fn push(&mut self, sample: Sample) {
         if let Some(last) = self.samples.last_mut() {
             if last.news() == sample.news() {
@@ -77,7 +80,7 @@ impl Series {
         while self.samples.len() > MAX_SAMPLES {
             self.interval_ns *= 2;
             let interval_ns = self.interval_ns;
-            // Of those that share an interval now, the last stays.
+            // The last sample of each doubled interval stays.
             self.samples.reverse();
             self.samples.dedup_by_key(|sample| sample.at_ns / interval_ns);
             self.samples.reverse();
@@ -89,10 +92,10 @@ impl Series {
     }
 }
 
-/// Finds pauses in which blobs were wanted and not a byte came.
+/// Detects pauses in which blobs were requested and no byte arrived.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Stalls {
-    /// Since when something is wanted and nothing has come.
+    /// Start of the present wait: since then blobs are requested and nothing has arrived.
     waiting_since: Option<Time>,
     bytes: u64,
     count: u32,
@@ -100,8 +103,8 @@ pub(crate) struct Stalls {
 }
 
 impl Stalls {
-    /// Looks at the client: the bytes received so far, and whether it wants any. To be called whenever
-    /// either may have changed, from the first frame on.
+    /// Records the bytes received so far and whether blobs are requested. To be called whenever either may have
+    /// changed, from the first frame on.
     pub(crate) fn observe(&mut self, now: Time, bytes: u64, wants: bool) {
         let came = bytes > self.bytes;
         self.bytes = bytes;
@@ -113,7 +116,7 @@ impl Stalls {
         }
     }
 
-    /// Ends a pause that lasts until now.
+    /// Ends a pause at `now`.
     pub(crate) fn end(&mut self, now: Time) {
         if let Some(since) = self.waiting_since.take() {
             let pause_ns = now.as_ns().saturating_sub(since.as_ns());
@@ -124,8 +127,8 @@ impl Stalls {
         }
     }
 
-    /// How many there were, and how long they lasted together.
-    pub(crate) fn found(&self) -> (u32, u64) {
+    /// Number of stalls and their total length.
+    pub(crate) fn totals(&self) -> (u32, u64) {
         (self.count, self.total_ns)
     }
 }
@@ -157,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_news_is_not_kept() {
+    fn unchanged_samples_are_not_stored() {
         let mut series = Series::default();
         for (at_ns, bytes) in [(0, 1), (5_000_000, 1), (9_000_000, 2), (9_400_000, 3)] {
             series.push(sample(at_ns, bytes));
@@ -169,9 +172,9 @@ mod tests {
         assert_eq!(serde_json::to_string(&sample(0, 7)).unwrap(), "[0.0,7,null,null]");
     }
 
-    /// What is hidden may come into view, or turn out to be hidden, without a byte.
+    /// Parts may come into view or become occluded without a byte.
     #[test]
-    fn that_less_is_seen_is_news() {
+    fn a_change_of_the_visible_error_alone_is_stored() {
         let at =
             |at_ns, seen_px| Sample { error_px: Some(9.0), seen_error_px: Some(seen_px), ..sample(at_ns, 1) };
         let mut series = Series::default();
@@ -196,8 +199,8 @@ mod tests {
         for (ms, bytes, wants) in looks {
             stalls.observe(Time::from_ms(ms), bytes, wants);
         }
-        assert_eq!(stalls.found(), (2, 2_501_000_000));
+        assert_eq!(stalls.totals(), (2, 2_501_000_000));
         stalls.end(Time::from_ms(9_700));
-        assert_eq!(stalls.found(), (3, 3_201_000_000));
+        assert_eq!(stalls.totals(), (3, 3_201_000_000));
     }
 }

@@ -1,4 +1,4 @@
-//! The client of a simulated run: the shipped core, moved along a camera path, watched where a plan asks for pictures.
+//! The client of a simulated run: the shipped core with a camera path and an optional observer.
 
 use std::future::Future;
 use std::time::Duration;
@@ -14,19 +14,19 @@ use super::camera_path::CameraPath;
 use super::computing::Computing;
 use super::ledger::{Ledger, Use};
 use super::observer::Observer;
-use super::outcome::note_quality;
 use super::plan::ClientSettings;
+use super::quality::note_quality;
 use super::timeline::{Sample, Series, Stalls};
 
-/// How a run ended, as seen by the client.
+/// Time and bytes at which the client was settled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Settled {
     pub(crate) after: Duration,
     pub(crate) bytes: u64,
 }
 
-/// Runs the core after everything that arrives, without a budget: decoding and applying take no virtual
-/// time but where a plan says how fast they are. Leaves once the camera is at rest and nothing more is wanted, or at the time limit.
+/// The client of a run. It updates the core after every arrival, without a time budget: decoding takes no virtual time
+/// unless the plan limits its rate. Leaves once it is settled with the camera at rest, or at the time limit.
 #[derive(Debug)]
 pub(crate) struct Viewer<'a> {
     core: ClientCore,
@@ -39,12 +39,12 @@ pub(crate) struct Viewer<'a> {
     rest_quality: [Option<Duration>; QUALITIES_PX.len()],
     rest_seen_quality: [Option<Duration>; QUALITIES_PX.len()],
     settled: Option<Settled>,
-    gave_up: bool,
+    timed_out: bool,
     ended: Option<Time>,
     ledger: Ledger,
     pub(super) series: Series,
     pub(super) stalls: Stalls,
-    /// What was seen last.
+    /// The last sample.
     seen: Sample,
     observer: Option<&'a mut dyn Observer>,
 }
@@ -62,7 +62,7 @@ impl<'a> Viewer<'a> {
         Self::starting(start, viewport_px, client, path, time_limit, observer, Decoders::default())
     }
 
-    /// The same where computing takes time: nothing is drawn, so all processors decode.
+    /// The same in real time: nothing is drawn, so all processors decode.
     pub(crate) fn in_real_time(
         viewport_px: [u32; 2],
         client: ClientSettings,
@@ -74,7 +74,7 @@ impl<'a> Viewer<'a> {
         Self::starting(start, viewport_px, client, path, time_limit, None, decoders)
     }
 
-    /// A client whose camera stands still at a pose.
+    /// A client with a fixed camera.
     pub(super) fn at_pose(view: View, time_limit: Duration, observer: &'a mut dyn Observer) -> Self {
         let (start, path) = (StartView::Given(view), CameraPath::STILL);
         let client = ClientSettings::to(view.target_px);
@@ -93,8 +93,8 @@ impl<'a> Viewer<'a> {
     ) -> Self {
         let mut config = Config::new(start);
         config.decoders = decoders;
-        // Where nobody looks on, textures are fetched and counted, but their pixels are not decoded. An observer takes
-        // what is decoded before it is much, so that decoding never has to wait.
+        // Without an observer, textures are fetched and counted, but their pixels are not decoded. An observer takes
+        // decoded pixels early enough that decoding never has to wait.
         config.track_changes = observer.is_some();
         config.max_waiting_bytes = usize::MAX;
         config.track_received = true;
@@ -112,7 +112,7 @@ impl<'a> Viewer<'a> {
             rest_quality: [None; QUALITIES_PX.len()],
             rest_seen_quality: [None; QUALITIES_PX.len()],
             settled: None,
-            gave_up: false,
+            timed_out: false,
             ended: None,
             ledger: Ledger::default(),
             series: Series::default(),
@@ -130,12 +130,12 @@ impl<'a> Viewer<'a> {
         self.settled
     }
 
-    /// Whether the time limit came before the picture was settled.
-    pub(crate) fn gave_up(&self) -> bool {
-        self.gave_up
+    /// Whether the time limit came before the client was settled.
+    pub(crate) fn timed_out(&self) -> bool {
+        self.timed_out
     }
 
-    /// When the camera came to rest, if it moved.
+    /// When a moving camera came to rest.
     pub(crate) fn rest(&self) -> Option<Time> {
         self.drive.rest()
     }
@@ -145,36 +145,36 @@ impl<'a> Viewer<'a> {
         self.rest_quality
     }
 
-    /// The same over the parts that are seen.
+    /// The same over parts that are not occluded.
     pub(crate) fn rest_seen_quality(&self) -> [Option<Duration>; QUALITIES_PX.len()] {
         self.rest_seen_quality
     }
 
-    /// The session is over.
+    /// Ends the session.
     pub(crate) fn end(&mut self) {
         let now = self.clock.now();
         self.ended = Some(now);
         self.stalls.end(now.min(self.limit));
         if let Some(observer) = &mut self.observer {
             let settled = self.settled;
-            // A picture that is settled stays what it is while the session closes.
+            // A settled picture does not change while the session closes.
             let at_ns = settled.map_or(now.min(self.limit).as_ns(), |s| Time::from(s.after).as_ns());
             let bytes = settled.map_or(self.seen.bytes, |s| s.bytes);
             observer.end(&mut self.core, Sample { at_ns, bytes, ..self.seen }, settled.is_some());
         }
     }
 
-    /// When that was.
+    /// When the session ended.
     pub(crate) fn ended(&self) -> Option<Time> {
         self.ended
     }
 
-    /// What of the chunks received was of use.
+    /// Use of the received chunk bytes.
     pub(crate) fn usage(&self) -> Use {
         self.ledger.close(&self.core)
     }
 
-    /// What the path may wait for, once the scene is known.
+    /// Milestones that the path may wait for, once the scene is known.
     fn reached(&self) -> Option<Reached> {
         self.core.scene().map(|_| Reached {
             first_frame: self.core.milestones().first_frame.is_some(),
@@ -182,19 +182,19 @@ impl<'a> Viewer<'a> {
         })
     }
 
-    /// Puts the camera where it is now.
+    /// Updates the camera.
     fn move_camera(&mut self, now: Time) {
         let start = self.core.scene().map(|header| header.camera);
         let Some((start, reached)) = start.zip(self.reached()) else { return };
         let Some(view) = self.drive.advance(now, &start, reached) else { return };
-        // A view that is the same already is selected for already.
+        // The same view is already selected for.
         let news = self.core.view() != Some(view);
         self.core.set_view(now, view);
         let seen = self.core.last_selection().0;
         self.selections_before_rest = if news { seen } else { seen.saturating_sub(1) };
     }
 
-    /// Notes what the last update came to.
+    /// Records the result of the last update.
     fn observe(&mut self, now: Time) {
         self.ledger.observe(&self.core);
         let (number, selection) = self.core.last_selection();
@@ -209,7 +209,7 @@ impl<'a> Viewer<'a> {
         if drawn {
             self.stalls.observe(now, bytes, !counters.settled);
         }
-        // What a selection says of an earlier view is no news of this one.
+        // A selection of an earlier view says nothing about this one.
         let of_this_view = match self.drive.phase() {
             Phase::Waiting => !self.drive.moves(),
             Phase::Moving { .. } => false,
@@ -230,7 +230,7 @@ impl<'a> Viewer<'a> {
             let first = self.core.stats().settled_after.filter(|_| !self.drive.moves());
             self.settled = Some(Settled { after: first.unwrap_or(Duration::from(now)), bytes });
         }
-        self.gave_up = self.settled.is_none() && now >= self.limit;
+        self.timed_out = self.settled.is_none() && now >= self.limit;
     }
 }
 
@@ -254,7 +254,7 @@ impl Host for Viewer<'_> {
 
     fn wake(&mut self) -> impl Future<Output = ()> {
         let until = if self.wants_to_leave() {
-            // The last words are the transport's matter.
+            // The transport sends the last messages.
             None
         } else {
             let now = self.clock.now();
@@ -274,6 +274,6 @@ impl Host for Viewer<'_> {
     }
 
     fn wants_to_leave(&self) -> bool {
-        self.settled.is_some() || self.gave_up
+        self.settled.is_some() || self.timed_out
     }
 }

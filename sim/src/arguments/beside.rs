@@ -1,4 +1,4 @@
-//! What a plan needs that is not in it.
+//! Inputs of a run besides its plan.
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -11,14 +11,14 @@ use lodestream_scenario::plan::Plan;
 // No doc comment: it would take the place of the command's own in --help.
 #[derive(Debug, Args)]
 pub(crate) struct Beside {
-    /// Folder of the models that a plan names by their files.
+    /// Folder of the models that a plan names by file.
     #[arg(long, env = "LODESTREAM_MODELS", value_name = "DIR")]
     models: Option<PathBuf>,
-    /// Nodes of view-dependent peers, instead of the file that the plan names: files (sim/peers/example.json is one) and
-    /// folders of *.json, with colons between them.
+    /// Nodes of view-dependent peers, instead of the file that the plan names: files (sim/peers/example.json is one)
+    /// and folders of *.json, separated by colons.
     #[arg(long, env = "LODESTREAM_PEERS", value_name = "FILE|DIR[:...]")]
     peers: Option<OsString>,
-    /// How many times larger than the peers state them their errors are taken to be.
+    /// Factor on the errors that the peers state.
     #[arg(long, value_name = "FACTOR", value_parser = factor, requires = "peers")]
     peer_errors: Option<f32>,
     /// Draco's encoder [default: draco_encoder, where $PATH has it].
@@ -27,7 +27,7 @@ pub(crate) struct Beside {
 }
 
 impl Beside {
-    /// The plan with it.
+    /// Adds them to a plan.
     ///
     /// # Errors
     /// Files that cannot be used.

@@ -1,4 +1,4 @@
-//! The folder of prepared packs, and scenes from it.
+//! The folder of prepared packs, and the scenes opened from it.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -19,7 +19,7 @@ pub(crate) struct CacheFolder {
 }
 
 impl CacheFolder {
-    /// The folder that is named, if one is.
+    /// The named folder, if any.
     pub(crate) fn named(&self) -> Option<&Path> {
         self.cache.as_deref()
     }
@@ -27,16 +27,16 @@ impl CacheFolder {
     /// The folder.
     ///
     /// # Errors
-    /// None is named, and the system has no usual place for it.
+    /// None is named, and the system has no cache folder.
     pub(crate) fn path(&self) -> anyhow::Result<PathBuf> {
         let path = self.cache.clone().or_else(default_folder);
         path.context("no cache folder is known; name one with --cache DIR")
     }
 
-    /// Opens the scenes of a plan, prepared where that is not done yet.
+    /// Opens the scenes of a plan; prepares those that are not in the cache.
     ///
     /// # Errors
-    /// Whatever keeps a scene from being generated, read or prepared.
+    /// A scene that cannot be generated, read or prepared.
     pub(crate) fn open_scenes(&self, plan: &Plan, quiet: bool) -> anyhow::Result<Vec<Arc<dyn SceneSource>>> {
         let folder = self.path()?;
         plan.scenes.iter().map(|scene| scene::open(&scene.choice, plan.codec, &folder, quiet)).collect()

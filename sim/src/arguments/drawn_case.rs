@@ -1,4 +1,4 @@
-//! What the commands that draw a plan's settled case have in common: its arguments, and how results are printed.
+//! Arguments and output shared by the commands that draw a plan's settled case.
 
 use std::fmt::Display;
 use std::path::PathBuf;
@@ -30,13 +30,13 @@ pub(crate) struct DrawnCase {
 }
 
 impl DrawnCase {
-    /// Opens what the plan names, hands it to `draw`, and prints what comes of it.
+    /// Opens the plan's scene and the graphics device, passes them to `draw`, and prints the results.
     pub(crate) fn run<T: Display + Serialize>(
         &self,
         draw: impl FnOnce(&Plan, &Arc<dyn SceneSource>, Gpu) -> anyhow::Result<Vec<T>>,
     ) -> anyhow::Result<()> {
         let plan = plan::read_with(&self.plan, &self.set)?;
-        // Before anything is prepared: without an adapter it would be for nothing.
+        // Before anything is prepared: without an adapter preparing would be in vain.
         let gpu = Gpu::headless().context("frames are to be drawn")?;
         let one = plan.scenes.first().context("the plan has no scene")?;
         let scene = scene::open(&one.choice, plan.codec, &self.cache.path()?, true)?;

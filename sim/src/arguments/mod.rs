@@ -1,4 +1,4 @@
-//! Arguments that several commands have, and values that they take.
+//! Arguments shared by several commands, and parsers of values.
 
 mod beside;
 mod cache;

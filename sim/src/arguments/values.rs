@@ -1,8 +1,8 @@
-//! Values on the command line.
+//! Parsers of values on the command line.
 
 use lodestream_scenario::plan::Transport;
 
-/// How client and server talk.
+/// Parses a transport.
 pub(crate) fn transport(text: &str) -> Result<Transport, String> {
     match text {
         "quic" => Ok(Transport::Quic),
@@ -11,7 +11,7 @@ pub(crate) fn transport(text: &str) -> Result<Transport, String> {
     }
 }
 
-/// A screen error on the command line.
+/// Parses a screen error.
 pub(crate) fn target_px(text: &str) -> Result<f32, String> {
     match text.parse::<f32>() {
         Ok(px) if (0.01..=1000.0).contains(&px) => Ok(px),

@@ -1,4 +1,4 @@
-//! `lodestream-sim assess`: its arguments, and what was found.
+//! `lodestream-sim assess`: arguments and output.
 
 use std::num::NonZeroU32;
 use std::path::PathBuf;
@@ -25,37 +25,37 @@ pub(crate) struct Assess {
     /// Share of the removable vertices that one level removes, 0.1 to 0.9.
     #[arg(long, default_value_t = LevelShare::default())]
     level_share: LevelShare,
-    /// Regions that are merged into one at the top, 0.25 to 16.
+    /// Regions merged into one at the top, 0.25 to 16.
     #[arg(long, default_value_t = TopRegions::default())]
     top_regions: TopRegions,
-    /// Distance of the points of a level's grid of positions over the level's error, 0 to 4; 0 for one grid.
+    /// Spacing of a level's grid of positions relative to the level's error, 0 to 4; 0 for one grid.
     #[arg(long, default_value_t = CoarseGrid::default())]
     coarse_grid: CoarseGrid,
-    /// Most faces that are simplified at once, 100 to 100,000,000: larger meshes block after block.
+    /// Most faces simplified at once, 100 to 100,000,000; larger meshes are simplified block by block.
     #[arg(long, default_value_t = BlockFaces::default())]
     block_faces: BlockFaces,
-    /// What a collapse is held to cost: qem, melax, clustering or clustering-seams.
+    /// Cost of a collapse: qem, melax, clustering or clustering-seams.
     #[arg(long, default_value_t = Metric::default())]
     metric: Metric,
     /// Order of collapses: heap, or rounds of this share of the vertices, 0.01 to 0.5.
     #[arg(long, default_value = "heap")]
     round_size: Round,
-    /// How the geometry is coded: auto, range, built or zstd.
+    /// Codec of the geometry: auto, range, axis-aligned or zstd.
     #[arg(long, default_value_t = CodecChoice::default())]
     codec: CodecChoice,
-    /// Leaves out texture coordinates, normals and colours.
+    /// Omit texture coordinates, normals and colours.
     #[arg(long)]
     positions_only: bool,
-    /// Random ancestor-closed cuts whose stated error is compared with the measured one.
+    /// Number of random ancestor-closed cuts whose stated error is compared with the measured one.
     #[arg(long, default_value_t = 20)]
     random_sets: usize,
-    /// Points on each surface.
+    /// Points sampled on each surface.
     #[arg(long, default_value = "200000")]
     samples: NonZeroU32,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Prints one JSON object instead of text.
+    /// Print one JSON object instead of text.
     #[arg(long)]
     json: bool,
 }

@@ -1,4 +1,4 @@
-//! `lodestream-sim draw-trade`: its arguments, and a line for each value.
+//! `lodestream-sim draw-trade`: arguments; prints a line per value.
 
 use clap::Args;
 use lodestream_render::{MAP_SIDES, MAX_FILTER, MAX_RELIEF_STEPS, MAX_SAMPLES, ReliefMethod};
@@ -7,45 +7,45 @@ use lodestream_report::pictures::frame_time::MAX_FRAMES;
 
 use crate::arguments::{DrawnCase, target_px};
 
-/// Most values of a run: those of the ground keep a scene each on the graphics device.
+/// Most values of a run: each terrain error keeps a scene on the graphics device.
 const MAX_VALUES: usize = 16;
 
-/// The plan must come to one case; it runs with its first seed.
+/// The plan must have one case, which runs with its first seed.
 #[derive(Debug, Args)]
 pub(crate) struct DrawTrade {
     #[command(flatten)]
     case: DrawnCase,
     #[command(flatten)]
     setting: SettingArguments,
-    /// Frames with each value that are timed, after two that are not.
+    /// Timed frames with each value, after two untimed ones.
     #[arg(long, default_value_t = 15, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_FRAMES)))]
     frames: u32,
 }
 
-/// One of them; the last value is the best, with which others are compared.
+/// The setting; the last value is the best, with which others are compared.
 #[derive(Debug, Args)]
 #[group(required = true, multiple = false)]
 struct SettingArguments {
-    /// Linear steps of relief mapping at grazing angles, divided by commas; 0 draws none.
+    /// Linear steps of relief mapping at grazing angles, separated by commas; 0 turns it off.
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_RELIEF_STEPS)))]
     relief_steps: Option<Vec<u32>>,
-    /// Ways of relief mapping, divided by commas: 0 draws none, 1 parallax, 2 steep parallax, 3 parallax occlusion, 4 relief, 5
-    /// relaxed cones, 6 quadtree.
+    /// Methods of relief mapping, separated by commas: 0 none, 1 parallax, 2 steep parallax, 3 parallax occlusion, 4
+    /// relief, 5 relaxed cones, 6 quadtree.
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=ReliefMethod::ALL.len() as i64))]
     relief_methods: Option<Vec<u32>>,
-    /// Samples of ambient occlusion per pixel, divided by commas; 0 draws none.
+    /// Samples of ambient occlusion per pixel, separated by commas; 0 turns it off.
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_SAMPLES)))]
     occlusion_samples: Option<Vec<u32>>,
-    /// Texels along a side of the shadows' maps, divided by commas; 0 draws none.
+    /// Texels along a side of the shadow maps, separated by commas; 0 turns shadows off.
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=i64::from(MAP_SIDES[1])))]
     shadow_sides: Option<Vec<u32>>,
-    /// Bilinear lookups of shadows along a side, divided by commas; 0 draws none.
+    /// Bilinear shadow lookups along a side, separated by commas; 0 turns shadows off.
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_FILTER)))]
     shadow_filters: Option<Vec<u32>>,
-    /// Whether edges are smoothed, 0 or 1, divided by commas.
+    /// Anti-aliasing, 0 or 1, separated by commas.
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=1))]
     smooth_edges: Option<Vec<u32>>,
-    /// Screen errors of the ground, in pixels, divided by commas.
+    /// Screen errors of the terrain in pixels, separated by commas.
     #[arg(long, value_delimiter = ',', value_parser = target_px)]
     ground_px: Option<Vec<f32>>,
 }
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn one_setting_is_turned() {
+    fn one_setting_is_selected() {
         assert_eq!(setting(&["--relief-steps", "0,48,192"]), Ok(Setting::ReliefSteps(vec![0, 48, 192])));
         assert_eq!(setting(&["--occlusion-samples", "0,64"]), Ok(Setting::OcclusionSamples(vec![0, 64])));
         assert_eq!(setting(&["--ground-px", "8,0.5"]), Ok(Setting::GroundPx(vec![8.0, 0.5])));

@@ -1,4 +1,4 @@
-//! `lodestream-sim frame-time`: its arguments, and a line for each target.
+//! `lodestream-sim frame-time`: arguments; prints a line per target.
 
 use clap::Args;
 use lodestream_report::pictures::frame_time::{MAX_FRAMES, frame_times};
@@ -8,15 +8,15 @@ use crate::arguments::{DrawnCase, target_px};
 /// Most targets of a run.
 const MAX_TARGETS: usize = 16;
 
-/// The plan must come to one case; it runs with its first seed.
+/// The plan must have one case, which runs with its first seed.
 #[derive(Debug, Args)]
 pub(crate) struct FrameTime {
     #[command(flatten)]
     case: DrawnCase,
-    /// Screen errors to refine to, in pixels, divided by commas.
+    /// Target screen errors in pixels, separated by commas.
     #[arg(long, value_delimiter = ',', default_value = "8,4,2,1,0.5", value_parser = target_px)]
     target_px: Vec<f32>,
-    /// Frames of each that are timed, after two that are not.
+    /// Timed frames of each, after two untimed ones.
     #[arg(long, default_value_t = 30, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_FRAMES)))]
     frames: u32,
 }

@@ -1,4 +1,4 @@
-//! `lodestream-sim gallery`: its arguments, and the page that it writes.
+//! `lodestream-sim gallery`: arguments; writes a page.
 
 use std::path::PathBuf;
 
@@ -10,18 +10,18 @@ use lodestream_scene::description::Camera;
 use super::occlusion_errors::camera;
 use crate::arguments::DrawnCase;
 
-/// The plan must come to one case; it runs with its first seed.
+/// The plan must have one case, which runs with its first seed.
 #[derive(Debug, Args)]
 pub(crate) struct Gallery {
     #[command(flatten)]
     case: DrawnCase,
-    /// Frames of each that are timed, after two that are not.
+    /// Timed frames of each picture, after two untimed ones.
     #[arg(long, default_value_t = 9, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_FRAMES)))]
     frames: u32,
-    /// A second camera, as X,Y,Z,X,Y,Z: where it stands and what it looks at.
+    /// A second camera, as X,Y,Z,X,Y,Z: position and target.
     #[arg(long, value_name = "CAMERA", value_parser = camera, allow_hyphen_values = true)]
     view: Option<Camera>,
-    /// Folder of the page and its pictures; made if need be.
+    /// Folder of the page and its pictures; created if missing.
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
 }

@@ -1,4 +1,4 @@
-//! `lodestream-sim goodput`: its arguments, and a line for each case.
+//! `lodestream-sim goodput`: arguments; prints a line per case.
 
 use std::num::NonZeroU64;
 
@@ -8,34 +8,35 @@ use lodestream_scenario::plan::Transport;
 
 use crate::arguments::transport;
 
-/// Every value may be a list, divided by commas; a case for each combination, the last changing fastest.
+/// Every value may be a list separated by commas; there is a case for each combination, the last list changing fastest.
 #[derive(Debug, Args)]
 pub(crate) struct Goodput {
     /// Transports: quic, ws.
     #[arg(long, value_delimiter = ',', default_value = "quic,ws", value_parser = transport)]
     transport: Vec<Transport>,
-    /// Rates of the link, in both directions.
+    /// Rates of the link in both directions.
     #[arg(long, value_delimiter = ',', default_value = "2000000,8000000,16000000", value_parser = rate)]
     rate_bits_per_s: Vec<NonZeroU64>,
     /// Round trips without queueing.
     #[arg(long, value_delimiter = ',', default_value = "50", value_parser = clap::value_parser!(u64).range(..=10_000))]
     rtt_ms: Vec<u64>,
-    /// Lengths of the link's queue.
+    /// Queue lengths of the link.
     #[arg(long, value_delimiter = ',', default_value = "65536", value_parser = clap::value_parser!(u64).range(1500..=1 << 30))]
     queue_bytes: Vec<u64>,
-    /// The server's limits, as shares of the rate from 0.01 to 100, or off.
+    /// The server's rate limits as shares of the link's rate, from 0.01 to 100, or off.
     #[arg(long, value_delimiter = ',', default_value = "off", value_parser = limiter_share)]
     limiter_share: Vec<LimiterShare>,
-    /// Prints JSON instead of text.
+    /// Print JSON instead of text.
     #[arg(long)]
     json: bool,
 }
 
-/// A limit as a share of the rate; `None` for none.
+/// A rate limit as a share of the link's rate; `None` for none.
 #[derive(Clone, Copy, Debug)]
 struct LimiterShare(Option<f64>);
 
-/// From a rate at which a million bytes come within the time limit, to one whose ten seconds can be simulated.
+/// Parses a rate: at least one at which a million bytes arrive within the time limit, at most one that can be simulated
+/// for ten seconds.
 fn rate(text: &str) -> Result<NonZeroU64, String> {
     match text.parse::<NonZeroU64>() {
         Ok(rate) if (64_000..=20_000_000).contains(&rate.get()) => Ok(rate),

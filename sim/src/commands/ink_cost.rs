@@ -1,4 +1,4 @@
-//! `lodestream-sim ink-cost`: its arguments, and a line for each view and part of ink.
+//! `lodestream-sim ink-cost`: arguments; prints a line per view and part of ink.
 
 use std::path::PathBuf;
 
@@ -11,18 +11,18 @@ use lodestream_scene::description::Camera;
 use super::occlusion_errors::camera;
 use crate::arguments::DrawnCase;
 
-/// The plan must come to one case; it runs with its first seed.
+/// The plan must have one case, which runs with its first seed.
 #[derive(Debug, Args)]
 pub(crate) struct InkCostOf {
     #[command(flatten)]
     case: DrawnCase,
-    /// A camera beside the scene's own, as X,Y,Z,X,Y,Z: where it stands and what it looks at; may be given more than once.
+    /// A camera besides the scene's own, as X,Y,Z,X,Y,Z: position and target; may be given more than once.
     #[arg(long, value_name = "CAMERA", value_parser = camera, allow_hyphen_values = true)]
     view: Vec<Camera>,
-    /// Frames of each that are timed.
+    /// Timed frames of each.
     #[arg(long, default_value_t = 9, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_FRAMES)))]
     frames: u32,
-    /// Writes the pictures into this folder.
+    /// Write the pictures into this folder.
     #[arg(long, value_name = "FOLDER")]
     pictures: Option<PathBuf>,
 }

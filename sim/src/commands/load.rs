@@ -1,4 +1,4 @@
-//! `lodestream-sim load`: its arguments, and a line for each case.
+//! `lodestream-sim load`: arguments; prints a line per case.
 
 use clap::Args;
 use lodestream_scenario::load::{Case, measure};
@@ -8,35 +8,35 @@ use lodestream_scenario::served::{Serving, serve};
 
 use crate::arguments::{CacheFolder, transport};
 
-/// Numbers may be lists, divided by commas; a case for each combination.
+/// Numbers may be lists separated by commas; there is a case for each combination.
 #[derive(Debug, Args)]
 pub(crate) struct Load {
-    /// The scene, as plans name it: "demo", "field:assets=100,faces=10000,instances=1000" …
+    /// The scene, as in plans: "demo", "field:assets=100,faces=10000,instances=1000" …
     scene: String,
     /// Transports: quic, ws.
     #[arg(long, value_delimiter = ',', default_value = "quic,ws", value_parser = transport)]
     transport: Vec<Transport>,
-    /// Clients at once.
+    /// Number of simultaneous clients.
     #[arg(long, value_delimiter = ',', default_value = "1,10,100,500", value_parser = clap::value_parser!(u32).range(1..=900))]
     clients: Vec<u32>,
-    /// The server's limit for each client.
+    /// The server's rate limit per session.
     #[arg(long, default_value_t = 2_000_000, value_parser = clap::value_parser!(u64).range(1000..=1_000_000_000))]
     rate_bits_per_s: u64,
-    /// How long is counted, after two seconds in which clients connect.
+    /// Length of the measurement, after two seconds in which clients connect.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=600))]
     seconds: u32,
     #[command(flatten)]
     cache: CacheFolder,
-    /// Prints JSON instead of text.
+    /// Print JSON instead of text.
     #[arg(long)]
     json: bool,
-    /// Serves the scene until standard input ends: what the measured process does.
+    /// Serve the scene until standard input ends, as the measured process.
     #[arg(long, hide = true)]
     serve: bool,
-    /// With the limits of a shipped server.
+    /// Apply the session limits of a shipped server.
     #[arg(long, hide = true)]
     shipped_limits: bool,
-    /// Serves by a bare sender.
+    /// Serve with a bare sender.
     #[arg(long, hide = true)]
     bare: bool,
 }

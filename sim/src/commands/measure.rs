@@ -1,4 +1,4 @@
-//! `lodestream-sim measure`: its arguments, and a line for each distance.
+//! `lodestream-sim measure`: arguments; prints a line per distance.
 
 use std::num::{NonZeroU32, NonZeroUsize};
 use std::path::PathBuf;
@@ -9,17 +9,17 @@ use lodestream_assess::measure::{self, AttributeDifferences, Comparison, Differe
 
 #[derive(Debug, Args)]
 pub(crate) struct Measure {
-    /// The reference; distances are divided by the diagonal of its bounding box.
+    /// The reference; distances are relative to the diagonal of its bounding box.
     a: PathBuf,
-    /// The mesh that stands for it.
+    /// The mesh that approximates it.
     b: PathBuf,
-    /// Points on each surface.
+    /// Points sampled on each surface.
     #[arg(long, default_value = "200000")]
     samples: NonZeroU32,
     /// Seed of the points.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Prints one JSON object instead of text.
+    /// Print one JSON object instead of text.
     #[arg(long)]
     json: bool,
 }

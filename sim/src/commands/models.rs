@@ -1,4 +1,4 @@
-//! `lodestream-sim models`: its arguments, and a line for each model.
+//! `lodestream-sim models`: arguments; prints a line per model.
 
 use std::path::PathBuf;
 
@@ -9,12 +9,12 @@ use crate::arguments::CacheFolder;
 
 #[derive(Debug, Args)]
 pub(crate) struct Models {
-    /// The models, a mesh each.
+    /// The models, one mesh each.
     #[arg(required = true, value_name = "MODEL")]
     models: Vec<PathBuf>,
     #[command(flatten)]
     cache: CacheFolder,
-    /// Prints JSON, a line each, instead of text.
+    /// Print a JSON object per line instead of text.
     #[arg(long)]
     json: bool,
 }

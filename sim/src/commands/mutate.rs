@@ -1,4 +1,4 @@
-//! `lodestream-sim mutate`: its arguments, and a line for each subject.
+//! `lodestream-sim mutate`: arguments; prints a line per subject.
 
 use clap::Args;
 use lodestream_scenario::mutate::{Settings, Subject, measure};
@@ -7,21 +7,21 @@ use crate::arguments::CacheFolder;
 
 #[derive(Debug, Args)]
 pub(crate) struct Mutate {
-    /// How many of each are damaged.
+    /// Number of cases of each subject.
     #[arg(long, default_value_t = 10_000, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     count: u32,
-    /// From which all damage follows.
+    /// Seed of all damage.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Number of the first case: with --count 1 one that was told of is run again by itself.
+    /// Number of the first case; with --count 1, a reported case is repeated alone.
     #[arg(long, default_value_t = 0)]
     first: u32,
-    /// Only what has this in its name.
+    /// Only subjects with this in their name.
     #[arg(long, default_value = "")]
     only: String,
     #[command(flatten)]
     cache: CacheFolder,
-    /// Prints JSON instead of text.
+    /// Print JSON instead of text.
     #[arg(long)]
     json: bool,
 }
@@ -38,7 +38,7 @@ impl Mutate {
             }
             all.push(found);
         }
-        anyhow::ensure!(!all.is_empty(), "nothing that is damaged has {:?} in its name", self.only);
+        anyhow::ensure!(!all.is_empty(), "no subject has {:?} in its name", self.only);
         if self.json {
             println!("{}", serde_json::to_string(&all)?);
         }

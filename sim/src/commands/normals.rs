@@ -1,4 +1,4 @@
-//! `lodestream-sim normals`: its arguments, and a line for each model and tolerance.
+//! `lodestream-sim normals`: arguments; prints a line per model and tolerance.
 
 use std::path::PathBuf;
 
@@ -11,13 +11,13 @@ pub(crate) struct Normals {
     /// The models.
     #[arg(required = true, value_name = "MODEL")]
     models: Vec<PathBuf>,
-    /// Angles in degrees, 0 to 180, divided by commas.
+    /// Angles in degrees, 0 to 180, separated by commas.
     #[arg(long, value_delimiter = ',', default_value = "0,1,2,3,5,7.5,10,15,20,30,45")]
     tolerances: Vec<NormalTolerance>,
-    /// Bits per axis of positions, 4 to 24, on whose grid the faces lie.
+    /// Bits per axis of positions, 4 to 24, to which the faces are quantised.
     #[arg(long, default_value_t = PositionBits::default())]
     position_bits: PositionBits,
-    /// Prints JSON instead of text.
+    /// Print JSON instead of text.
     #[arg(long)]
     json: bool,
 }

@@ -1,4 +1,4 @@
-//! `lodestream-sim occlusion-errors`: its arguments, and a line for each method, number of samples and view.
+//! `lodestream-sim occlusion-errors`: arguments; prints a line per method, number of samples and view.
 
 use std::path::PathBuf;
 
@@ -12,27 +12,27 @@ use lodestream_scene::description::Camera;
 
 use crate::arguments::DrawnCase;
 
-/// Of cameras beside the scene's own.
+/// Vertical field of view of cameras besides the scene's own.
 const FOV_Y: f32 = 0.9;
 
-/// The plan must come to one case; it runs with its first seed.
+/// The plan must have one case, which runs with its first seed.
 #[derive(Debug, Args)]
 pub(crate) struct OcclusionErrors {
     #[command(flatten)]
     case: DrawnCase,
-    /// A camera beside the scene's own, as X,Y,Z,X,Y,Z: where it stands and what it looks at; may be given more than once.
+    /// A camera besides the scene's own, as X,Y,Z,X,Y,Z: position and target; may be given more than once.
     #[arg(long, value_name = "CAMERA", value_parser = camera, allow_hyphen_values = true)]
     view: Vec<Camera>,
-    /// Methods, divided by commas.
+    /// Methods, separated by commas.
     #[arg(long, value_delimiter = ',', value_parser = methods(), default_values_t = OcclusionMethod::ALL.map(Named))]
     methods: Vec<Named<OcclusionMethod>>,
-    /// What normals are taken from, divided by commas; each method is drawn with each.
+    /// Sources of normals, separated by commas; combined with each method.
     #[arg(long, value_delimiter = ',', value_parser = normals(), default_values_t = [Named(OcclusionNormals::default())])]
     normals: Vec<Named<OcclusionNormals>>,
-    /// Draws those that stand alone of one pixel of each 2×2 too, but for `hbao-plus`, whose layers stay whole.
+    /// Also draw single frames at half resolution, except `hbao-plus`, whose layers are always full.
     #[arg(long)]
     half: bool,
-    /// Samples per pixel, divided by commas; each method is drawn with each.
+    /// Samples per pixel, separated by commas; combined with each method.
     #[arg(
         long,
         value_delimiter = ',',
@@ -40,24 +40,24 @@ pub(crate) struct OcclusionErrors {
         value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_SAMPLES))
     )]
     samples: Vec<u32>,
-    /// Samples per pixel and frame of means over 16 frames in which nothing changes, of each method; 0 draws none.
+    /// Samples per pixel and frame of means over 16 still frames, for each method; 0 for none.
     #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_SAMPLES)))]
     still: u32,
-    /// Reach of occlusion as a fraction of the view depth.
+    /// Radius of occlusion as a fraction of the view depth.
     #[arg(long, default_value_t = 0.06)]
     radius: f32,
     /// Rays per pixel.
     #[arg(long, default_value_t = 512, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_RAYS)))]
     rays: u32,
-    /// Frames of each that are timed.
+    /// Timed frames of each.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_FRAMES)))]
     frames: u32,
-    /// Writes the pictures into this folder.
+    /// Write the pictures into this folder.
     #[arg(long, value_name = "FOLDER")]
     pictures: Option<PathBuf>,
 }
 
-/// One of a few, by its name.
+/// A value selected by its name.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Named<T>(T);
 
@@ -75,7 +75,7 @@ impl std::fmt::Display for Named<OcclusionNormals> {
 
 fn methods() -> impl TypedValueParser<Value = Named<OcclusionMethod>> {
     PossibleValuesParser::new(OcclusionMethod::ALL.map(OcclusionMethod::name)).try_map(|name| {
-        // One of those offered.
+        // The name is one of those offered.
         OcclusionMethod::ALL.into_iter().find(|way| way.name() == name).map(Named).ok_or("no such method")
     })
 }

@@ -1,4 +1,4 @@
-//! `lodestream-sim pn-triangles`: its arguments, and what each question prints.
+//! `lodestream-sim pn-triangles`: arguments and output of each measurement.
 
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
@@ -15,14 +15,14 @@ use serde::Serialize;
 
 use crate::arguments::{Beside, CacheFolder};
 
-/// What is asked.
+/// What to measure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Question {
-    /// How far pictures of a scene that arrives are from the settled one, flat and curved; of all cases.
+    /// Errors of pictures while a scene arrives against the settled one, flat and curved; for all cases.
     Waiting,
-    /// What the first mesh of a settled case takes, flat, curved, and cut on the host as finely.
+    /// Cost of the first mesh of a settled case: flat, curved, and with the same triangles generated on the host.
     Cost,
-    /// How many of it are drawn at some frame rates.
+    /// Number of its instances drawn at some frame rates.
     Crowd,
 }
 
@@ -35,20 +35,21 @@ pub(crate) struct PnTrianglesOf {
     /// Another value for a key of the plan, as "sweep.rate_bits_per_s=16000000"; may be given more than once.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Pixels by which edges may be off their curves, divided by commas: the first for what arrives, each for cost.
+    /// Largest deviation of edges from their curves in pixels, separated by commas: the first for `waiting`, each for
+    /// `cost`.
     #[arg(long, value_delimiter = ',', default_value = "0.25")]
     error_px: Vec<f32>,
-    /// Frames of each that are timed.
+    /// Timed frames of each.
     #[arg(long, default_value_t = 9, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_FRAMES)))]
     frames: u32,
-    /// Writes the pictures into this folder.
+    /// Write the pictures into this folder.
     #[arg(long, value_name = "FOLDER")]
     pictures: Option<PathBuf>,
     #[command(flatten)]
     cache: CacheFolder,
     #[command(flatten)]
     beside: Beside,
-    /// Prints JSON instead of text.
+    /// Print JSON instead of text.
     #[arg(long)]
     json: bool,
 }
@@ -56,7 +57,7 @@ pub(crate) struct PnTrianglesOf {
 impl PnTrianglesOf {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
         let plan = self.beside.add_to(plan::read_with(&self.plan, &self.set)?)?;
-        // Before anything is prepared: without an adapter it would be for nothing.
+        // Before anything is prepared: without an adapter preparing would be in vain.
         let gpu = Gpu::headless().context("frames are to be drawn")?;
         let scenes = self.cache.open_scenes(&plan, true)?;
         let first: &Arc<dyn SceneSource> = scenes.first().context("the plan has no scene")?;
@@ -79,7 +80,7 @@ impl PnTrianglesOf {
         }
     }
 
-    /// Has a picture written, where pictures are.
+    /// Writes a picture into the folder of pictures, if one is named.
     fn keep(&self, name: &str, write: impl FnOnce(&Path) -> anyhow::Result<()>) -> anyhow::Result<()> {
         let Some(folder) = &self.pictures else { return Ok(()) };
         let file = folder.join(format!("{name}.png"));

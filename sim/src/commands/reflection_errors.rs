@@ -1,4 +1,4 @@
-//! `lodestream-sim reflection-errors`: its arguments, and a line for each search and view.
+//! `lodestream-sim reflection-errors`: arguments; prints a line per search and view.
 
 use clap::Args;
 use lodestream_render::Reflections;
@@ -9,15 +9,15 @@ use lodestream_scene::description::Camera;
 use super::occlusion_errors::camera;
 use crate::arguments::DrawnCase;
 
-/// The plan must come to one case; it runs with its first seed.
+/// The plan must have one case, which runs with its first seed.
 #[derive(Debug, Args)]
 pub(crate) struct ReflectionErrors {
     #[command(flatten)]
     case: DrawnCase,
-    /// A camera beside the scene's own, as X,Y,Z,X,Y,Z: where it stands and what it looks at; may be given more than once.
+    /// A camera besides the scene's own, as X,Y,Z,X,Y,Z: position and target; may be given more than once.
     #[arg(long, value_name = "CAMERA", value_parser = camera, allow_hyphen_values = true)]
     view: Vec<Camera>,
-    /// Searches with their steps, divided by commas.
+    /// Searches with their step limits, separated by commas.
     #[arg(
         long,
         value_delimiter = ',',
@@ -25,10 +25,10 @@ pub(crate) struct ReflectionErrors {
         default_value = "linear:150,linear:1000,hi-z:50,hi-z:100,hi-z:200,hi-z:400"
     )]
     searches: Vec<Reflections>,
-    /// How thick what is drawn counts for, as shares of its depth divided by commas.
+    /// Thicknesses of surfaces relative to their depth, separated by commas.
     #[arg(long, value_delimiter = ',', default_values_t = [0.02], value_parser = thickness)]
     thicknesses: Vec<f64>,
-    /// Frames of each that are timed.
+    /// Timed frames of each.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_FRAMES)))]
     frames: u32,
 }

@@ -1,4 +1,4 @@
-//! `lodestream-sim relief-methods`: its arguments, and the tables.
+//! `lodestream-sim relief-methods`: arguments; prints tables.
 
 use clap::Args;
 use lodestream_report::pictures::relief_methods::compare;
@@ -7,10 +7,10 @@ use crate::print::print;
 
 #[derive(Debug, Args)]
 pub(crate) struct ReliefMethods {
-    /// Rays over each map at each angle.
+    /// Rays per map and angle.
     #[arg(long, default_value_t = 4096, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     rays: u32,
-    /// Prints JSON instead of tables.
+    /// Print JSON instead of tables.
     #[arg(long)]
     json: bool,
 }

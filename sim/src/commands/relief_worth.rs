@@ -1,4 +1,4 @@
-//! `lodestream-sim relief-worth`: its arguments, and both tables.
+//! `lodestream-sim relief-worth`: arguments; prints two tables.
 
 use std::path::PathBuf;
 
@@ -13,21 +13,21 @@ use crate::print::print;
 
 #[derive(Debug, Args)]
 pub(crate) struct ReliefWorth {
-    /// Texels along a side of the height maps; the mesh has four times as many faces for twice of them.
+    /// Texels along a side of the height maps; twice as many give the mesh four times as many faces.
     #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u16).range(8..=1024))]
     texels: u16,
-    /// Frames of each way in each view that are timed, after two that are not.
+    /// Timed frames of each method in each view, after two untimed ones.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_FRAMES)))]
     frames: u32,
     #[command(flatten)]
     cache: CacheFolder,
-    /// Sends only: nothing is drawn.
+    /// Only send; draw nothing.
     #[arg(long, conflicts_with = "pictures")]
     sent_only: bool,
-    /// Writes the pictures into this folder.
+    /// Write the pictures into this folder.
     #[arg(long, value_name = "FOLDER")]
     pictures: Option<PathBuf>,
-    /// Prints JSON instead of tables.
+    /// Print JSON instead of tables.
     #[arg(long)]
     json: bool,
 }

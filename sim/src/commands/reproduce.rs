@@ -1,4 +1,4 @@
-//! `lodestream-sim reproduce`: its arguments, and what differs.
+//! `lodestream-sim reproduce`: arguments; reports differences.
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -12,10 +12,10 @@ pub(crate) struct Reproduce {
     /// Sections to run [default: all].
     #[arg(value_name = "SECTION")]
     only: Vec<String>,
-    /// Folder for figures, reports, reproduction.json and reproduction.html, a page with every section.
+    /// Folder of figures, reports, reproduction.json and reproduction.html, a page with every section.
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Folder of models that are not part of the project; sections that need them are left out without it.
+    /// Folder of models that are not part of the project; without it, sections that need them are left out.
     #[arg(long, env = "LODESTREAM_MODELS", value_name = "DIR")]
     models: Option<PathBuf>,
     /// The list of sections.
@@ -25,30 +25,30 @@ pub(crate) struct Reproduce {
     /// docs/benchmarks].
     #[arg(long, value_name = "FILE|DIR")]
     document: Vec<PathBuf>,
-    /// Nodes of view-dependent peers: files and folders of *.json, with colons between them; rows that need them are left
-    /// out without them.
+    /// Nodes of view-dependent peers: files and folders of *.json, separated by colons; without them, rows that need
+    /// them are left out.
     #[arg(long, env = "LODESTREAM_PEERS", value_name = "FILE|DIR[:...]")]
     peers: Option<OsString>,
     /// Draco's encoder [default: draco_encoder, where $PATH has it]; rows that need it are left out without it.
     #[arg(long, env = "LODESTREAM_DRACO_ENCODER", value_name = "FILE")]
     draco_encoder: Option<PathBuf>,
-    /// Replaces the committed figures and the pages' tables instead of comparing.
+    /// Replace the committed figures and the pages' tables instead of comparing.
     #[arg(long)]
     update: bool,
-    /// Runs nothing: replaces the pages' tables by tables of the committed figures.
+    /// Run nothing: regenerate the pages' tables from the committed figures.
     #[arg(long, conflicts_with = "update")]
     tables: bool,
 }
 
 impl Reproduce {
-    /// Whether figures are as committed is what it exits with.
+    /// Reproduces the sections; returns whether the figures agree, which determines the exit code.
     pub(crate) fn run(&self) -> anyhow::Result<ExitCode> {
         let mode = match (self.update, self.tables) {
             (true, _) => Mode::Update,
             (_, true) => Mode::Tables,
             _ => Mode::Compare,
         };
-        // Its commands take these from their environment.
+        // The commands take these from their environment.
         let draco_encoder = self.draco_encoder.clone().map(OsString::from);
         let beside = [("LODESTREAM_PEERS", self.peers.clone()), ("LODESTREAM_DRACO_ENCODER", draco_encoder)];
         let options = Options {

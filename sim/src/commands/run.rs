@@ -1,4 +1,4 @@
-//! `lodestream-sim run`: its arguments, and the report that it writes.
+//! `lodestream-sim run`: arguments; writes a report.
 
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -18,25 +18,25 @@ use crate::progress::Progress;
 pub(crate) struct Run {
     /// The plan (TOML).
     plan: PathBuf,
-    /// Runs this seed alone, of lost packets, jitter and the endpoints' random numbers [default: the
+    /// Run only this seed of packet loss, jitter and the endpoints' random numbers [default: the
     /// plan's seeds].
     #[arg(long)]
     seed: Option<u64>,
     /// Another value for a key of the plan, as "client.target_px=4" or "sweep.seeds=3"; may be given more than once.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Folder for the report: report.html, results.json and results.csv, plots, pictures if the plan asks for them,
-    /// percentiles of cases with seeds enough, and bytes and times until each level of a chain (levels.csv).
+    /// Folder of the report: report.html, results.json and results.csv, plots, pictures if the plan asks for them,
+    /// percentiles of cases with enough seeds, and bytes and times until each level of a chain (levels.csv).
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Runs at once [default: as many as there are processors]. The report does not depend on it.
+    /// Concurrent runs [default: number of processors]. The report does not depend on it.
     #[arg(long)]
     threads: Option<NonZeroUsize>,
     #[command(flatten)]
     cache: CacheFolder,
     #[command(flatten)]
     beside: Beside,
-    /// Shows no progress.
+    /// Show no progress.
     #[arg(long)]
     quiet: bool,
 }
@@ -52,7 +52,7 @@ impl Run {
 
     pub(crate) fn run(&self) -> anyhow::Result<()> {
         let plan = self.plan()?;
-        // Before anything is prepared: without a graphics adapter it would be for nothing.
+        // Before anything is prepared: without a graphics adapter preparing would be in vain.
         let device = plan.pictures.as_ref().map(|_| pictures::open_device()).transpose()?;
         let scenes = self.cache.open_scenes(&plan, self.quiet)?;
         let threads = self.threads.or(std::thread::available_parallelism().ok()).unwrap_or(NonZeroUsize::MIN);

@@ -1,4 +1,4 @@
-//! `lodestream-sim seed-table`: its arguments, and the table.
+//! `lodestream-sim seed-table`: arguments; prints a table.
 
 use clap::Args;
 use lodestream_scenario::baseline::seed_table;
@@ -7,7 +7,7 @@ use crate::print::print;
 
 #[derive(Debug, Args)]
 pub(crate) struct SeedTable {
-    /// Prints JSON instead of a table.
+    /// Print JSON instead of a table.
     #[arg(long)]
     json: bool,
 }

@@ -1,4 +1,4 @@
-//! `lodestream-sim shown`: its arguments, and a line for each frame that a window showed.
+//! `lodestream-sim shown`: arguments; prints a line per frame that a window showed.
 
 use std::path::PathBuf;
 
@@ -10,7 +10,7 @@ pub(crate) struct Shown {
     /// The folder that lodestream-viewer --frames has written
     #[arg(value_name = "DIR")]
     folder: PathBuf,
-    /// Prints JSON instead of text.
+    /// Print JSON instead of text.
     #[arg(long)]
     json: bool,
 }

@@ -1,4 +1,4 @@
-//! `lodestream-sim staging`: its arguments, and a line for each case.
+//! `lodestream-sim staging`: arguments; prints a line per case.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -19,10 +19,10 @@ pub(crate) struct Staging {
     /// Time between two frames.
     #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u64).range(1..=10_000))]
     frame_ms: u64,
-    /// Runs of each case; the frames of all are told of together.
+    /// Runs of each case; their frames are evaluated together.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100))]
     repeats: u32,
-    /// Prints JSON instead of text.
+    /// Print JSON instead of text.
     #[arg(long)]
     json: bool,
     #[command(flatten)]

@@ -1,11 +1,11 @@
-//! `lodestream-sim tangent-frames`: its arguments, and a line for each surface and way.
+//! `lodestream-sim tangent-frames`: arguments; prints a line per surface and method.
 
 use clap::Args;
 use lodestream_report::pictures::tangent_frames::compare;
 
 #[derive(Debug, Args)]
 pub(crate) struct TangentFrames {
-    /// Prints JSON instead of text.
+    /// Print JSON instead of text.
     #[arg(long)]
     json: bool,
 }

@@ -1,4 +1,4 @@
-//! `lodestream-sim terrain-table`: its arguments, and the tables.
+//! `lodestream-sim terrain-table`: arguments; prints tables.
 
 use clap::Args;
 use lodestream_scenario::baseline::terrain_table;
@@ -7,10 +7,10 @@ use crate::print::print;
 
 #[derive(Debug, Args)]
 pub(crate) struct TerrainTable {
-    /// Times each size is made.
+    /// Number of generations of each size.
     #[arg(long, default_value_t = terrain_table::GENERATIONS, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     generations: u32,
-    /// Prints JSON instead of tables.
+    /// Print JSON instead of tables.
     #[arg(long)]
     json: bool,
 }

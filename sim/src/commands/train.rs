@@ -1,4 +1,4 @@
-//! `lodestream-sim train`: its arguments, and the table that it writes.
+//! `lodestream-sim train`: arguments; writes a table of priors.
 
 use std::path::PathBuf;
 
@@ -12,7 +12,7 @@ pub(crate) struct Train {
     /// The models.
     #[arg(required = true)]
     models: Vec<PathBuf>,
-    /// The table: `crates/geometry/src/codec/priors.bin`.
+    /// Output file: `crates/geometry/src/codec/priors.bin`.
     #[arg(short, long)]
     output: PathBuf,
     /// Bits per axis of positions, 4 to 24.

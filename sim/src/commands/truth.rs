@@ -1,4 +1,4 @@
-//! `lodestream-sim truth`: its arguments, and a line for each case.
+//! `lodestream-sim truth`: arguments; prints a line per case.
 
 use std::path::PathBuf;
 
@@ -13,10 +13,10 @@ use crate::arguments::{Beside, CacheFolder};
 pub(crate) struct Truth {
     /// The plan (TOML); each case runs with its first seed.
     plan: PathBuf,
-    /// Folder for truth.json, and figures.json, which has a row per figure.
+    /// Folder of truth.json and of figures.json, which has a row per figure.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Runs of each case in real time; the median is compared.
+    /// Runs of each case in real time; their median is compared.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=i64::from(truth::MAX_REPEATS)))]
     repeats: u32,
     #[command(flatten)]

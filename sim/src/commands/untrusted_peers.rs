@@ -1,4 +1,4 @@
-//! `lodestream-sim untrusted_peers`: its arguments, and a line for each case.
+//! `lodestream-sim untrusted-peers`: arguments; prints a line per attack.
 
 use clap::Args;
 use lodestream_scenario::plan;
@@ -9,14 +9,14 @@ use crate::arguments::CacheFolder;
 
 #[derive(Debug, Args)]
 pub(crate) struct UntrustedPeers {
-    /// The scene, as plans name it: "demo", "field:assets=100,faces=10000,instances=1000" …
+    /// The scene, as in plans: "demo", "field:assets=100,faces=10000,instances=1000" …
     scene: String,
-    /// Only what has this in its name.
+    /// Only attacks with this in their name.
     #[arg(long, default_value = "")]
     only: String,
     #[command(flatten)]
     cache: CacheFolder,
-    /// Prints JSON instead of text.
+    /// Print JSON instead of text.
     #[arg(long)]
     json: bool,
 }
@@ -33,7 +33,7 @@ impl UntrustedPeers {
             }
             all.push(found);
         }
-        anyhow::ensure!(!all.is_empty(), "nothing that untrusted peers do has {:?} in its name", self.only);
+        anyhow::ensure!(!all.is_empty(), "no attack has {:?} in its name", self.only);
         if self.json {
             println!("{}", serde_json::to_string(&all)?);
         }

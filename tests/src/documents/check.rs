@@ -1,22 +1,22 @@
-//! What is looked at in a line, and what may be wrong with it.
+//! Checks the lines of a document.
 
 use super::markdown::{Kind, Line, anchors, code_spans, lines, links};
 use super::repository::{Repository, is_word, join};
 
 /// Longest line of prose.
 const MAX_LINE: usize = 120;
-/// Paths of those who write, which mean nothing to those who read.
-const FOREIGN_PATHS: [&str; 4] = ["/root/", "/home/", "/Users/", "/tmp/"];
-/// Extensions of files that a document names only if they are here.
+/// Prefixes of paths of one machine, which mean nothing to a reader.
+const MACHINE_PATHS: [&str; 4] = ["/root/", "/home/", "/Users/", "/tmp/"];
+/// Extensions of files that must exist if a document names them.
 const OWN_FILES: [&str; 4] = ["rs", "md", "wgsl", "py"];
 
-/// All that is wrong with a document, one line each.
-pub(super) fn document(repository: &Repository, name: &str, text: &str) -> Vec<String> {
-    let mut found = Vec::new();
+/// The faults of a document, one line each.
+pub(super) fn faults(repository: &Repository, name: &str, text: &str) -> Vec<String> {
+    let mut faults = Vec::new();
     let mut continued = String::new();
     for line in lines(text) {
-        let mut wrong = |what: String| found.push(format!("{name}:{}: {what}", line.number));
-        for path in FOREIGN_PATHS.iter().filter(|path| line.text.contains(**path)) {
+        let mut wrong = |what: String| faults.push(format!("{name}:{}: {what}", line.number));
+        for path in MACHINE_PATHS.iter().filter(|path| line.text.contains(**path)) {
             wrong(format!("names a path of one machine, {path}"));
         }
         match line.kind {
@@ -38,17 +38,16 @@ pub(super) fn document(repository: &Repository, name: &str, text: &str) -> Vec<S
                 for target in links(line.text) {
                     link(repository, name, &target, &mut wrong);
                 }
-                // What once was may name what is gone.
-                for span in code_spans(line.text).into_iter().filter(|_| !name.ends_with("CHANGELOG.md")) {
+                for span in code_spans(line.text) {
                     code(repository, name, span, &mut wrong);
                 }
             }
         }
     }
-    found
+    faults
 }
 
-/// Links cannot be broken, so a line with one may be longer.
+/// Whether a line of prose is too long; a line with a link may be longer, since links cannot be broken.
 fn is_too_long(line: &Line<'_>) -> bool {
     line.text.chars().count() > MAX_LINE && !line.text.contains("](")
 }
@@ -61,24 +60,24 @@ fn link(repository: &Repository, document: &str, target: &str, wrong: &mut dyn F
     let folder = document.rsplit_once('/').map_or("", |(folder, _)| folder);
     let path = if path.is_empty() { document.to_owned() } else { join(folder, path) };
     if !repository.files.contains(&path) && !repository.folders.contains(&path) {
-        return wrong(format!("links to {path}, which is not there"));
+        return wrong(format!("links to {path}, which does not exist"));
     }
     if let Some(anchor) = anchor {
         let there = std::fs::read_to_string(repository.root.join(&path))
             .is_ok_and(|text| !path.ends_with(".md") || anchors(&text).iter().any(|known| known == anchor));
         if !there {
-            wrong(format!("links to #{anchor}, which {path} has not"));
+            wrong(format!("links to #{anchor}, which {path} does not have"));
         }
     }
 }
 
-/// A code span: a command, a path, a path of modules, or a name.
+/// Checks a code span: a command, a file path, a module path, or a name.
 fn code(repository: &Repository, document: &str, span: &str, wrong: &mut dyn FnMut(String)) {
     if span.contains(' ') {
         return commands(repository, span, wrong);
     }
     if span.contains("::") {
-        return item(repository, span, wrong);
+        return module_path(repository, span, wrong);
     }
     if span.starts_with("lodestream-") && !span.contains(['/', '.', '*']) {
         let known = repository.packages.contains_key(span) || repository.programs.contains_key(span);
@@ -93,18 +92,18 @@ fn code(repository: &Repository, document: &str, span: &str, wrong: &mut dyn FnM
     let first = span.split('/').next().unwrap_or("");
     let is_path = span.contains('/') && (repository.folders.contains(first) || span.ends_with('/'));
     if span.chars().all(is_name) && (is_file || is_path) {
-        // What somebody will write, or has to fill in.
+        // Outputs and placeholders need not exist.
         let placeholder = |part: &str| part.len() > 2 && part.chars().all(|c| c.is_ascii_uppercase());
-        let theirs = matches!(first, "out" | "" | "target") || span.split('/').any(placeholder);
-        if !theirs && !repository.has_path(document, span) {
-            wrong(format!("`{span}` is not there"));
+        let is_output = matches!(first, "out" | "" | "target") || span.split('/').any(placeholder);
+        if !is_output && !repository.has_path(document, span) {
+            wrong(format!("`{span}` does not exist"));
         }
     } else if is_identifier(span) && !repository.has_word(span.trim_end_matches("()")) {
-        wrong(format!("`{span}` stands in no source"));
+        wrong(format!("`{span}` occurs in no source"));
     }
 }
 
-/// Names of code: of more than one word, joined as Rust does.
+/// Whether a span is an identifier of more than one word, in CamelCase or snake_case.
 fn is_identifier(span: &str) -> bool {
     let name = span.trim_end_matches("()");
     let humps = name.chars().filter(char::is_ascii_uppercase).count();
@@ -114,24 +113,25 @@ fn is_identifier(span: &str) -> bool {
     name.chars().all(is_word) && (is_camel || is_snake)
 }
 
-/// `geometry::refine::ActiveMesh`: if the first name is a crate of ours, the others stand in its sources; else all stand
-/// in some source, and a crate of others is not looked into.
-fn item(repository: &Repository, span: &str, wrong: &mut dyn FnMut(String)) {
+/// Checks a module path such as `geometry::refine::ActiveMesh`: after the name of a crate of this workspace, the other
+/// names must occur in its sources; otherwise all must occur in some source. External crates are not checked.
+fn module_path(repository: &Repository, span: &str, wrong: &mut dyn FnMut(String)) {
     let path = span.split(['(', '<', '{', ' ']).next().unwrap_or("");
     let names: Vec<&str> = path.split("::").filter(|name| !name.is_empty()).collect();
     let Some(first) = names.first() else { return };
-    if repository.foreign_crates.contains(*first) {
+    if repository.external_crates.contains(*first) {
         return;
     }
     let home = first.trim_start_matches("lodestream_");
     for name in names.iter().map(|name| name.trim_start_matches("lodestream_").trim_end_matches('!')) {
         if name != home && !repository.has_word_in(home, name) || !repository.has_word(name) {
-            wrong(format!("`{span}`: {name} stands in no source of {home}"));
+            wrong(format!("`{span}`: {name} occurs in no source of {home}"));
         }
     }
 }
 
-/// Commands in a line: programs of ours with subcommand and flags, cargo's with package and benchmark, scripts.
+/// Checks the commands in a line: the workspace's programs with subcommand and flags, cargo with package and target,
+/// scripts.
 fn commands(repository: &Repository, line: &str, wrong: &mut dyn FnMut(String)) {
     let line = line.split(" # ").next().unwrap_or("").split("     #").next().unwrap_or("");
     for command in line.split([';', '|', '&']) {

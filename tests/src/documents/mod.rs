@@ -1,8 +1,8 @@
-//! What the documents say of the repository is there: links and their anchors, files, names of code, commands with their
-//! flags. And they can be read: no line of prose is longer than 120 characters, and none names a path of one machine.
+//! Links, anchors, files, names of code and commands in the documents exist; lines of prose have at most 120
+//! characters, no line names a path of one machine, and all documents together stay short.
 //!
-//! Names are looked up in the text of the sources, so a name that is left in one comment passes; what this guards against is
-//! that something was moved or renamed and a document was forgotten.
+//! Names are looked up in the text of the sources, so a name that is left in one comment passes. This guards against
+//! moves and renames that a document did not follow.
 
 mod check;
 mod markdown;
@@ -11,17 +11,43 @@ mod repository;
 
 use repository::Repository;
 
+/// Most words of all documents together, as `wc -w` counts them.
+const MAX_WORDS: usize = 46_000;
+
+/// Name and text of every document.
+fn documents(repository: &Repository) -> Vec<(&str, String)> {
+    let names = repository.files.iter().filter(|file| file.ends_with(".md"));
+    let documents: Vec<_> = names
+        .map(|name| (name.as_str(), std::fs::read_to_string(repository.root.join(name)).unwrap()))
+        .collect();
+    assert!(documents.len() >= 10, "documents are missing: {} found", documents.len());
+    documents
+}
+
 #[test]
-fn what_the_documents_name_is_there() {
+fn documents_name_only_what_exists() {
     let repository = Repository::read();
-    let documents: Vec<_> = repository.files.iter().filter(|file| file.ends_with(".md")).collect();
-    assert!(documents.len() >= 10, "documents are missing: {documents:?}");
-    let mut found = Vec::new();
-    for name in documents {
-        let text = std::fs::read_to_string(repository.root.join(name)).unwrap();
-        found.extend(check::document(&repository, name, &text));
-    }
-    assert!(found.is_empty(), "{} faults in documents:\n{}", found.len(), found.join("\n"));
+    let faults: Vec<String> = documents(&repository)
+        .iter()
+        .flat_map(|(name, text)| check::faults(&repository, name, text))
+        .collect();
+    assert!(faults.is_empty(), "{} faults in documents:\n{}", faults.len(), faults.join("\n"));
+}
+
+#[test]
+fn documents_stay_short() {
+    let repository = Repository::read();
+    let mut words: Vec<(usize, &str)> = documents(&repository)
+        .into_iter()
+        .map(|(name, text)| (text.split_whitespace().count(), name))
+        .collect();
+    words.sort_unstable_by(|a, b| b.cmp(a));
+    let total: usize = words.iter().map(|(count, _)| count).sum();
+    assert!(
+        total <= MAX_WORDS,
+        "{total} words in all documents, at most {MAX_WORDS}; shorten some, of which these are the longest: {:?}",
+        &words[..10]
+    );
 }
 
 #[test]
@@ -44,20 +70,19 @@ fn programs_are_known_with_their_commands_and_flags() {
     );
 }
 
-/// Each line of a document that is wrong is found, for what it is.
 #[test]
-fn what_is_not_there_is_found() {
+fn every_kind_of_fault_is_reported() {
     let repository = Repository::read();
-    let faults = |text: &str| check::document(&repository, "docs/page.md", text);
+    let faults = |text: &str| check::faults(&repository, "docs/page.md", text);
     for (text, why) in [
         ("see [this](nowhere.md)", "links to docs/nowhere.md"),
         ("see [this](../README.md#no-such-heading)", "links to #no-such-heading"),
-        ("`server/src/no_such_file.rs` does it", "is not there"),
-        ("`no_such_file.rs`", "is not there"),
-        ("`geometry/no-such-folder/`", "is not there"),
-        ("`geometry::refine::NoSuchMesh`", "NoSuchMesh stands in no source of geometry"),
-        ("`protocol::refine::SlotMap`", "SlotMap stands in no source of protocol"),
-        ("`NoSuchStruct` and `no_such_fn()`", "stands in no source"),
+        ("`server/src/no_such_file.rs` does it", "does not exist"),
+        ("`no_such_file.rs`", "does not exist"),
+        ("`geometry/no-such-folder/`", "does not exist"),
+        ("`geometry::refine::NoSuchMesh`", "NoSuchMesh occurs in no source of geometry"),
+        ("`protocol::refine::SlotMap`", "SlotMap occurs in no source of protocol"),
+        ("`NoSuchStruct` and `no_such_fn()`", "occurs in no source"),
         ("`lodestream-nothing`", "neither a package nor a program"),
         ("`lodestream-server serv model.obj`", "no command serv"),
         ("```sh\ntarget/release/lodestream-server serve a.obj --rat 1Mbit\n```", "no flag --rat"),

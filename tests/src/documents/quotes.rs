@@ -1,4 +1,4 @@
-//! The README's lines of code are lines of a program that a test builds and runs.
+//! The README's example is part of a program that a test builds and runs.
 
 use super::repository::Repository;
 

@@ -1,11 +1,11 @@
-//! The repository as the documents see it: files, words of the sources, packages and what programs understand.
+//! What documents may name: files, words of the sources, packages, and programs with their commands and flags.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// Folders that are not the project's: built, generated, or a person's own.
-const FOREIGN: [&str; 3] = ["target", "shared", "demo"];
-/// Files whose words are looked up.
+/// Folders at the root that are not the project's: build output, generated scenes.
+const IGNORED: [&str; 3] = ["target", "shared", "demo"];
+/// Extensions of files whose words are looked up.
 const SOURCES: [&str; 8] = ["rs", "toml", "py", "wgsl", "sh", "csv", "yml", "html"];
 
 /// A program: its subcommands and the long flags that its sources declare.
@@ -15,14 +15,14 @@ pub(super) struct Program {
     pub(super) flags: BTreeSet<String>,
 }
 
-/// A package of Cargo.
+/// A Cargo package.
 pub(super) struct Package {
     folder: PathBuf,
     /// Its Cargo.toml.
     pub(super) manifest: String,
 }
 
-/// See the module.
+/// Everything that documents may name.
 pub(super) struct Repository {
     pub(super) root: PathBuf,
     /// All files, relative to the root, with `/`.
@@ -35,8 +35,8 @@ pub(super) struct Repository {
     words_of: BTreeMap<String, BTreeSet<String>>,
     pub(super) packages: BTreeMap<String, Package>,
     pub(super) programs: BTreeMap<String, Program>,
-    /// Crates of others, as they are written in paths of modules.
-    pub(super) foreign_crates: BTreeSet<String>,
+    /// External crates, as written in module paths.
+    pub(super) external_crates: BTreeSet<String>,
 }
 
 /// Whether a character belongs to a name.
@@ -55,7 +55,7 @@ impl Repository {
             words_of: BTreeMap::new(),
             packages: BTreeMap::new(),
             programs: BTreeMap::new(),
-            foreign_crates: ["std", "core"].map(str::to_owned).into(),
+            external_crates: ["std", "core"].map(str::to_owned).into(),
         };
         this.walk(&root, "");
         let sources: BTreeMap<String, String> = this
@@ -64,7 +64,7 @@ impl Repository {
             .filter(|file| {
                 SOURCES.iter().any(|end| file.ends_with(&format!(".{end}"))) || file.starts_with("script/")
             })
-            // This test's own examples of what is not there.
+            // The test's own examples of faults.
             .filter(|file| !file.starts_with("tests/src/documents/"))
             .filter_map(|file| Some((file.clone(), std::fs::read_to_string(root.join(file)).ok()?)))
             .collect();
@@ -99,8 +99,8 @@ impl Repository {
             let path = if relative.is_empty() { name.clone() } else { format!("{relative}/{name}") };
             if entry.file_type().unwrap().is_dir() {
                 let hidden = name.starts_with('.') && name != ".ci";
-                // A folder with a lock of its own is a workspace of its own, and has its own target.
-                if !hidden && !(FOREIGN.contains(&name.as_str()) && (relative.is_empty() || name == "target"))
+                // A folder that is a workspace of its own has a target folder of its own.
+                if !hidden && !(IGNORED.contains(&name.as_str()) && (relative.is_empty() || name == "target"))
                 {
                     self.walk(&entry.path(), &path);
                     self.folders.insert(path);
@@ -126,7 +126,7 @@ impl Repository {
                 && line.contains('=')
                 && !line.starts_with("lodestream")
             {
-                self.foreign_crates.insert(name().replace('-', "_"));
+                self.external_crates.insert(name().replace('-', "_"));
             }
         }
     }
@@ -156,7 +156,7 @@ impl Repository {
                 let own = path.starts_with(folder.join("src"))
                     && !nested.iter().any(|inner| path.starts_with(inner));
                 if own && file.ends_with(".rs") {
-                    declared(text, &mut found);
+                    collect_arguments(text, &mut found);
                 }
             }
             self.programs.insert(program.to_owned(), found);
@@ -167,13 +167,13 @@ impl Repository {
         self.words.contains(word)
     }
 
-    /// Whether a word stands in the sources of a package, or in any where there is no such package.
+    /// Whether a word occurs in the sources of a package, or in any source if there is no such package.
     pub(super) fn has_word_in(&self, package: &str, word: &str) -> bool {
         self.words_of.get(package).map_or_else(|| self.has_word(word), |words| words.contains(word))
     }
 
-    /// Whether there is a file or folder of this path: from the root, beside a document, or as the end of one's path.
-    /// A `*` stands for anything within a name.
+    /// Whether a file or folder has this path: from the root, relative to a document, or as a suffix. A `*` matches
+    /// anything within a name.
     pub(super) fn has_path(&self, document: &str, path: &str) -> bool {
         let path = path.trim_end_matches('/');
         let beside = document.rsplit_once('/').map_or(path.to_owned(), |(folder, _)| join(folder, path));
@@ -198,7 +198,7 @@ pub(super) fn join(folder: &str, path: &str) -> String {
     parts.join("/")
 }
 
-/// Whether a path is of a pattern, part by part.
+/// Whether a path matches a pattern, part by part.
 fn matches(pattern: &str, path: &str) -> bool {
     let (a, b): (Vec<&str>, Vec<&str>) = (pattern.split('/').collect(), path.split('/').collect());
     let fits = |pattern: &str, name: &str| match pattern.split_once('*') {
@@ -210,8 +210,8 @@ fn matches(pattern: &str, path: &str) -> bool {
     a.len() == b.len() && a.iter().zip(&b).all(|(pattern, name)| fits(pattern, name))
 }
 
-/// What a source file declares with clap's derive.
-fn declared(text: &str, found: &mut Program) {
+/// Collects the commands and flags that a source file declares with clap's derive.
+fn collect_arguments(text: &str, found: &mut Program) {
     let lines: Vec<&str> = text.lines().map(str::trim).collect();
     for (n, line) in lines.iter().enumerate() {
         // `long = "name"`, or a field below an attribute with `long`.
@@ -243,7 +243,7 @@ fn declared(text: &str, found: &mut Program) {
     }
 }
 
-/// Whether a line ends what the attributes above belong to.
+/// Whether a line ends the item that the attributes above it belong to.
 fn is_field(line: &str) -> bool {
     (line.ends_with(',') || line.ends_with('{') || line.ends_with('}'))
         && !line.starts_with('#')

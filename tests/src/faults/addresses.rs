@@ -1,4 +1,4 @@
-//! Who is let in, and whose place is whose, when addresses change.
+//! Admission and session limits when client addresses change.
 
 use lodestream_protocol::frame::encode_client;
 use lodestream_protocol::message::{ClientMessage, ServerMessage};
@@ -6,7 +6,7 @@ use lodestream_protocol::message::{ClientMessage, ServerMessage};
 use super::*;
 use crate::support::raw::{Arrival, RawClient, RawQuic, hello};
 
-/// Whether a session of an address is let in: `Hello` is answered.
+/// Whether a session from an address is admitted: `Hello` is answered.
 async fn is_let_in(world: &World, at: SocketAddr) -> bool {
     let endpoint = world.client(at, &link());
     let Ok(connection) = endpoint.connect(SERVER, "localhost").unwrap().await else { return false };
@@ -27,10 +27,9 @@ async fn is_let_in(world: &World, at: SocketAddr) -> bool {
     false
 }
 
-/// Guards a client that goes from one network to another: its session goes on, and takes a place of the address that it
-/// has now.
+/// Checks that the session of a client that changes networks continues, and counts for its new address.
 #[test]
-fn a_client_whose_address_changes_goes_on_and_gives_its_place_back() {
+fn a_session_continues_after_an_address_change_and_frees_the_old_addresss_slot() {
     let scene = TestScene::small();
     virtual_runtime().unwrap().block_on(async {
         let world = World::new();
@@ -60,9 +59,9 @@ fn a_client_whose_address_changes_goes_on_and_gives_its_place_back() {
     });
 }
 
-/// Connections of one address that are all begun before any of them has proved it: each sees a bucket that is not empty.
+/// Handshakes that start before any of them has validated its address: each sees a bucket that is not empty.
 #[test]
-fn quic_handshakes_at_the_same_time_took_more_tokens_than_there_were() {
+fn simultaneous_quic_handshakes_took_more_tokens_than_available() {
     let scene = TestScene::small();
     virtual_runtime().unwrap().block_on(async {
         let world = World::new();
@@ -82,7 +81,7 @@ fn quic_handshakes_at_the_same_time_took_more_tokens_than_there_were() {
         };
         refused(9);
         assert!(is_let_in(&world, client(2, 51_000)).await);
-        // Eight seconds bring one more, and now a handshake is refused before it begins.
+        // Eight seconds add one token, and now a handshake is refused before it begins.
         sleep(Duration::from_secs(8)).await;
         assert!(is_let_in(&world, client(1, 52_000)).await);
         assert!(!is_let_in(&world, client(1, 52_001)).await);

@@ -1,20 +1,20 @@
-//! Links that lose packets, bring them out of order, or take small ones alone.
+//! Links that lose or reorder packets, or have a small MTU.
 
 use super::*;
 
-/// What is settled over a link.
+/// Results of a session until settled.
 struct Settled {
     faces: u64,
     /// Bytes of each blob.
     blobs: BTreeMap<BlobId, u64>,
-    /// Packets from the server that were too large for the link, and those that were lost.
+    /// Packets from the server that exceeded the MTU, and lost ones.
     too_big: u64,
     lost: u64,
-    /// Connections that it took.
+    /// Number of connections.
     attempts: usize,
 }
 
-/// `port` is the client's, from which the link's chance follows.
+/// Runs a session until settled. `port` is the client's; the link's seed follows from it.
 fn settled_over(settings_of_link: &LinkSettings, port: u16) -> Settled {
     let scene = TestScene::small();
     virtual_runtime().unwrap().block_on(async {
@@ -26,7 +26,7 @@ fn settled_over(settings_of_link: &LinkSettings, port: u16) -> Settled {
         let attempts = stream(&endpoint, &mut host).await;
         let stats = host.core.stats();
         assert_eq!(stats.decode_failures, 0, "{stats:?}");
-        // What is pushed before the server can hear what the client has may come again with each connection.
+        // Blobs pushed before the server knows the client's inventory may be sent again with each connection.
         let mut twice = sent_twice(scene, &host.received());
         let pushed: u64 = twice.extract_if(.., |id, _| is_pushed(id)).map(|(_, bytes)| bytes).sum();
         assert!(twice.is_empty() && pushed <= 3_000 * (attempts.len() as u64 - 1), "{pushed}: {twice:?}");
@@ -41,14 +41,14 @@ fn settled_over(settings_of_link: &LinkSettings, port: u16) -> Settled {
     })
 }
 
-/// Guards what is put together from packets that overtake each other, none of which is larger than QUIC's least.
+/// Checks reassembly from reordered packets at QUIC's smallest MTU.
 #[test]
-fn packets_that_overtake_each_other_and_are_small_bring_the_same_scene() {
+fn small_and_reordered_packets_deliver_the_same_scene() {
     let whole = settled_over(&link(), 50_000);
     assert_eq!((whole.too_big, whole.attempts), (0, 1));
     for largest_ms in [3, 40] {
         let jitter = Jitter { largest_ns: largest_ms * 1_000_000, reorders: true };
-        // QUIC's least, and IP's and UDP's headers.
+        // QUIC's smallest datagrams, with headers of IP and UDP.
         let mtu_bytes = 1200 + IP_UDP_BYTES;
         let found = settled_over(&LinkSettings { jitter, mtu_bytes, ..link() }, 50_000);
         assert_eq!((found.faces, found.attempts), (whole.faces, 1), "{largest_ms} ms");
@@ -57,10 +57,10 @@ fn packets_that_overtake_each_other_and_are_small_bring_the_same_scene() {
     }
 }
 
-/// Guards sessions over the worst of links: three of ten packets are lost, both ways. A connection may end of it; the
-/// picture is whole in the end, and what was here is not sent again.
+/// Checks sessions over a link that loses three of ten packets both ways. A connection may fail; the picture is
+/// complete in the end, and chunks are not sent twice.
 #[test]
-fn three_of_ten_packets_lost_both_ways_bring_the_same_scene() {
+fn thirty_percent_loss_both_ways_delivers_the_same_scene() {
     let whole = settled_over(&link(), 50_000);
     let mut attempts = 0;
     for port in 50_001..=50_012 {

@@ -1,5 +1,5 @@
-//! Faults of servers and networks, in virtual time: servers that are restarted under their clients, clients that vanish,
-//! packets that are lost or overtake each other, clocks that jump, addresses that change.
+//! Faults of servers and networks in virtual time: restarted servers, vanished clients, lost and reordered packets,
+//! clock jumps, address changes.
 
 mod addresses;
 mod links;
@@ -33,10 +33,10 @@ use crate::support::virtual_link::SERVER;
 
 const RATE_BITS_PER_S: u64 = 2_000_000;
 const RTT_MS: u64 = 50;
-/// Virtual time that an attempt to connect may take.
+/// Virtual time limit of a connection attempt.
 const ATTEMPT: Duration = Duration::from_secs(4);
-/// Virtual time that anything may take, an hour that jumps by included.
-const PATIENCE: Duration = Duration::from_secs(7200);
+/// Virtual time limit of a test, including a clock jump of an hour.
+const TIMEOUT: Duration = Duration::from_secs(7200);
 
 fn client(n: u8, port: u16) -> SocketAddr {
     SocketAddr::new(IpAddr::V4(Ipv4Addr::new(10, 0, 1, n)), port)
@@ -47,7 +47,7 @@ fn link() -> LinkSettings {
     LinkSettings::constant(rate, RTT_MS * 1_000_000 / 2, 256 * 1024, IP_UDP_BYTES)
 }
 
-/// A network with one server's address on it.
+/// A network with one server's address.
 struct World {
     network: UdpNetwork,
     certificate: Certificate,
@@ -61,7 +61,7 @@ impl World {
         }
     }
 
-    /// Starts a server; aborting the task is its sudden death.
+    /// Starts a server; aborting the task kills it.
     fn serve(&self, state: Arc<ServerState>, seed: u8) -> tokio::task::JoinHandle<()> {
         let config = server_config(&self.certificate).unwrap();
         let endpoint = self.network.endpoint(SERVER, Some(config), [seed; 32]).unwrap();
@@ -96,11 +96,11 @@ fn settings(rate_bits_per_s: Option<u64>) -> SessionSettings {
     SessionSettings { rate_bits_per_s, ..SessionSettings::default() }
 }
 
-/// A client that leaves when its picture is settled.
+/// A client that leaves when it is settled.
 struct UntilSettled {
     core: ClientCore,
     settled: bool,
-    /// What had come of each blob when the first connection was lost, in bytes.
+    /// Bytes received of each blob when the first connection was lost.
     held: Option<BTreeMap<BlobId, u64>>,
 }
 
@@ -110,7 +110,7 @@ impl UntilSettled {
         Self { core: ClientCore::new(config), settled: false, held: None }
     }
 
-    /// What came of each blob so far, in bytes, as often as they came.
+    /// Bytes received of each blob so far, including repetitions.
     fn received(&self) -> BTreeMap<BlobId, u64> {
         self.core.received().iter().map(|(id, received)| (*id, received.bytes)).collect()
     }
@@ -123,7 +123,7 @@ impl Host for UntilSettled {
 
     fn turn(&mut self, now: Time) -> Progress {
         let progress = self.core.update(now, u64::MAX);
-        // A renderer takes what there is.
+        // Takes changes as a renderer would.
         self.core.take_changes(now, usize::MAX);
         if self.held.is_none() && self.core.closed().is_some() {
             self.held = Some(self.received());
@@ -137,7 +137,7 @@ impl Host for UntilSettled {
     }
 }
 
-/// Streams until the picture is settled; gives the moments of its attempts to connect.
+/// Streams until settled; returns the times of the connection attempts.
 async fn stream(endpoint: &quinn::Endpoint, host: &mut UntilSettled) -> Vec<Instant> {
     let mut attempts = Vec::new();
     let connect = async || {
@@ -146,7 +146,7 @@ async fn stream(endpoint: &quinn::Endpoint, host: &mut UntilSettled) -> Vec<Inst
     };
     let retry = Retry { first_attempts: 3, first_within: Duration::MAX, reconnect: true };
     let streaming = stream_quic("the server", connect, host, Clock::start(), retry, |_, _| {});
-    let end = timeout(PATIENCE, streaming).await.expect("the picture does not settle");
+    let end = timeout(TIMEOUT, streaming).await.expect("the picture does not settle");
     assert_eq!(end, End::Left);
     attempts
 }
@@ -155,14 +155,14 @@ fn length(scene: &TestScene, id: &BlobId) -> u64 {
     scene.store.blob_len(id).map_or(0, u64::from)
 }
 
-/// Blobs that came more than once, in part or whole, with the bytes too many.
+/// Blobs received more than once, at least in part, with the excess bytes.
 fn sent_twice(scene: &TestScene, received: &BTreeMap<BlobId, u64>) -> BTreeMap<BlobId, u64> {
     assert!(!received.is_empty(), "nothing was noted");
     let more = received.iter().map(|(id, bytes)| (*id, bytes.saturating_sub(length(scene, id))));
     more.filter(|(_, bytes)| *bytes > 0).collect()
 }
 
-/// What packets on their way to a machine that is gone come to.
+/// A link without throughput, as to a machine that is gone.
 fn cut() -> LinkSettings {
     LinkSettings { loss: Loss::Random(1.0), ..link() }
 }
@@ -171,7 +171,7 @@ fn is_chunk(id: &BlobId) -> bool {
     matches!(id.part(), Some(BlobPart::Chunk(_)))
 }
 
-/// What a server pushes before it can hear what a client has.
+/// Whether a server may push a blob before it knows the client's inventory.
 fn is_pushed(id: &BlobId) -> bool {
     matches!(id.part(), Some(BlobPart::Base | BlobPart::Texture { level: 0, .. }))
 }

@@ -1,4 +1,4 @@
-//! Servers that are killed under their clients and come back, and clocks that jump.
+//! Servers that are killed and restarted under their clients, and clock jumps.
 
 use lodestream_client::net::{WebSocketConnection, stream_websocket};
 use lodestream_daemon::accept_http;
@@ -11,27 +11,27 @@ use super::*;
 use crate::support::daemon::Transport;
 
 const CLIENTS: u8 = 50;
-/// So slow that a scene of some 30 kB takes seconds.
+/// A rate at which a scene of some 30 kB takes seconds.
 const SLOW: Option<u64> = Some(48_000);
-/// When the server dies, and when another is there.
+/// When the server is killed, and when another starts.
 const DEATH: Duration = Duration::from_secs(4);
 const REBIRTH: Duration = Duration::from_secs(30);
-/// What stands before a blob's bytes on its stream, or in each of its frames, at most.
+/// Most header bytes of a blob, on its stream or in each of its frames.
 const HEAD_BYTES: u64 = 32;
-/// What counts as one instant.
+/// Interval within which attempts count as simultaneous.
 const TOGETHER: Duration = Duration::from_millis(10);
 
-/// A client and when it tried to connect.
-type Came = (UntilSettled, Vec<Instant>);
+/// A client, and the times of its connection attempts.
+type ReturningClient = (UntilSettled, Vec<Instant>);
 
-/// Fifty clients over QUIC, and the second server. The first says nothing before it dies: its packets stop.
-async fn over_quic(scene: &TestScene) -> (Vec<Came>, Arc<ServerState>) {
+/// Fifty clients over QUIC, and the second server. The first server is killed without closing connections.
+async fn over_quic(scene: &TestScene) -> (Vec<ReturningClient>, Arc<ServerState>) {
     let world = World::new();
     let first = world.serve(ServerState::new(scene.source(), settings(SLOW)), 1);
     let addresses: Vec<_> = (0..CLIENTS).map(|n| client(n, 50_000 + u16::from(n))).collect();
     let endpoints: Vec<_> = addresses.iter().map(|at| world.client(*at, &link())).collect();
     let clients = endpoints.iter().zip(0_u64..).map(|(endpoint, n)| async move {
-        // Within a second, as a class that is told to begin.
+        // Within a second, as a class would start.
         sleep(Duration::from_millis(n * 20)).await;
         let mut host = UntilSettled::new();
         let attempts = stream(endpoint, &mut host).await;
@@ -50,7 +50,7 @@ async fn over_quic(scene: &TestScene) -> (Vec<Came>, Arc<ServerState>) {
     tokio::join!(join_all(clients), restart)
 }
 
-/// A TCP link on which nothing passes while there is no server.
+/// A TCP link without throughput while there is no server.
 fn tcp_link() -> LinkSettings {
     let at = |time: Duration| u64::try_from(time.as_nanos()).unwrap();
     let rate = Rate::steps(&[(0, RATE_BITS_PER_S), (at(DEATH), 0), (at(REBIRTH), RATE_BITS_PER_S)]).unwrap();
@@ -58,7 +58,7 @@ fn tcp_link() -> LinkSettings {
 }
 
 /// The same over WebSocket.
-async fn over_websocket(scene: &TestScene) -> (Vec<Came>, Arc<ServerState>) {
+async fn over_websocket(scene: &TestScene) -> (Vec<ReturningClient>, Arc<ServerState>) {
     let clock = VirtualClock::start();
     let first = ServerState::new(scene.source(), settings(SLOW));
     let second = ServerState::new(scene.source(), settings(None));
@@ -76,7 +76,7 @@ async fn over_websocket(scene: &TestScene) -> (Vec<Came>, Arc<ServerState>) {
                 tokio::spawn(async move {
                     clock.sleep_until(ready_ns).await;
                     let left = DEATH.saturating_sub(Duration::from_nanos(clock.now_ns()));
-                    let (state, lives) = if left.is_zero() { (second, PATIENCE) } else { (first, left) };
+                    let (state, lives) = if left.is_zero() { (second, TIMEOUT) } else { (first, left) };
                     let _ = timeout(lives, accept_http(server, state, client(n, 50_000))).await;
                 });
                 let ready = timeout(ATTEMPT, clock.sleep_until(opening.client_ready_ns)).await;
@@ -86,7 +86,7 @@ async fn over_websocket(scene: &TestScene) -> (Vec<Came>, Arc<ServerState>) {
             let retry = Retry { first_attempts: 3, first_within: Duration::MAX, reconnect: true };
             let streaming =
                 stream_websocket("the server", connect, &mut host, Clock::start(), retry, |_, _| {});
-            let end = timeout(PATIENCE, streaming).await.expect("the picture does not settle");
+            let end = timeout(TIMEOUT, streaming).await.expect("the picture does not settle");
             assert_eq!(end, End::Left);
             (host, attempts)
         }
@@ -94,8 +94,8 @@ async fn over_websocket(scene: &TestScene) -> (Vec<Came>, Arc<ServerState>) {
     (join_all(clients).await, second)
 }
 
-/// Guards a restart against its clients: they must not come in one instant, all must come, and none may be sent again
-/// what it has.
+/// Checks that clients of a restarted server do not reconnect simultaneously, that all reconnect, and that no blob is
+/// sent again to a client that has it.
 fn fifty_clients_come_back(transport: Transport) {
     let scene = TestScene::small();
     let (clients, second) = virtual_runtime().unwrap().block_on(async {
@@ -115,18 +115,18 @@ fn fifty_clients_come_back(transport: Transport) {
         println!("attempt {nth}: within {:?}, at most {most} in {TOGETHER:?}", at[49] - at[0]);
         assert!(most <= 10, "{most} of {CLIENTS} came in one instant");
     }
-    // An attempt in vain and a pause that has doubled.
+    // A failed attempt and a doubled pause.
     for retries in &retries {
         let pause = retries[1] - retries[0] - ATTEMPT;
         assert!((500..=1010).contains(&pause.as_millis()), "{pause:?}");
     }
-    // Before the server has heard what the client has it pushes base meshes, over WebSocket chunks as well.
+    // Before the server knows a client's inventory it pushes base meshes, and over WebSocket chunks.
     let bases: u64 = scene.assets.iter().map(|asset| asset.base_bytes).sum();
     let (most_pushed, may_be_pushed): (u64, fn(&BlobId) -> bool) = match transport {
         Transport::Quic => (ServerConfig::quic(None).push_before_hello_bytes, is_pushed),
         Transport::WebSocket => (bases + ServerConfig::websocket(None).refine_before_hello_bytes, |_| true),
     };
-    // Of chunks that were not there, the bytes, and the heads of their streams.
+    // Bytes of missing chunks, and the headers of their streams.
     let mut new = 0;
     for (host, _) in &clients {
         let stats = host.core.stats();
@@ -143,7 +143,7 @@ fn fifty_clients_come_back(transport: Transport) {
             new += if *bytes > before { bytes - before + HEAD_BYTES } else { 0 };
         }
     }
-    // The server says the same: what it sent was new to whom it was sent.
+    // The server agrees: what it sent was new to its recipients.
     let text = second.render_metrics();
     let line = text.lines().find_map(|l| l.strip_prefix("lodestream_sent_bytes_total{kind=\"chunk\"} "));
     let sent: u64 = line.unwrap().parse().unwrap();
@@ -151,19 +151,19 @@ fn fifty_clients_come_back(transport: Transport) {
 }
 
 #[test]
-fn fifty_clients_come_back_to_a_server_that_was_killed_and_are_sent_nothing_twice() {
+fn fifty_quic_clients_reconnect_to_a_restarted_server_and_receive_nothing_twice() {
     fifty_clients_come_back(Transport::Quic);
 }
 
 #[test]
-fn fifty_websocket_clients_come_back_and_are_sent_nothing_twice_but_what_is_pushed_ahead() {
+fn fifty_websocket_clients_reconnect_and_receive_only_the_push_twice() {
     fifty_clients_come_back(Transport::WebSocket);
 }
 
-/// Guards both sides against a clock that jumps by an hour, as that of a machine does that was asleep: what waited is
-/// over, and what was here goes on from where it was.
+/// Checks both sides after a clock jump of an hour, as of a suspended machine: pending work times out, and and
+/// the session continues from its present state.
 #[test]
-fn an_hour_that_jumps_by_ends_a_session_and_not_the_picture() {
+fn a_clock_jump_of_an_hour_ends_the_session_but_not_the_picture() {
     let scene = TestScene::small();
     virtual_runtime().unwrap().block_on(async {
         let world = World::new();

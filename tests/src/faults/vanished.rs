@@ -1,4 +1,4 @@
-//! Clients that are gone in the middle of a blob.
+//! Clients that vanish in the middle of a blob.
 
 use lodestream_daemon::MemoryScene;
 use lodestream_protocol::frame::encode_client;
@@ -7,13 +7,13 @@ use lodestream_protocol::message::ClientMessage;
 use super::*;
 use crate::support::raw::{Arrival, RawClient, RawQuic, hello, want};
 
-/// Long enough that at the link's rate each takes two seconds.
+/// Long enough that each blob takes two seconds at the link's rate.
 const BLOB_BYTES: u32 = 500_000;
 
-/// Guards the server against clients whose machine is gone while a blob is on its way: what was held for them is let go,
-/// and others get all of theirs.
+/// Checks that the server releases the resources of clients that vanish while a blob is on its way, and that other
+/// clients receive all of their blobs.
 #[test]
-fn a_client_gone_in_the_middle_of_a_blob_is_let_go_and_others_get_theirs() {
+fn a_client_that_vanishes_in_the_middle_of_a_blob_is_released() {
     virtual_runtime().unwrap().block_on(async {
         let world = World::new();
         let scene = Arc::new(MemoryScene::new(1, 500, BLOB_BYTES));
@@ -29,7 +29,7 @@ fn a_client_gone_in_the_middle_of_a_blob_is_let_go_and_others_get_theirs() {
             client
         };
         let (gone, mut other) = (open(1).await, open(2).await);
-        // Half of a blob, and no word.
+        // Half of a blob, then silence.
         sleep(Duration::from_secs(1)).await;
         world.connect(client(1, 50_001), &cut());
         let waiting = |text: &str| -> u64 {
@@ -51,7 +51,7 @@ fn a_client_gone_in_the_middle_of_a_blob_is_let_go_and_others_get_theirs() {
         }
         let bye = encode_client(&ClientMessage::Bye).unwrap();
         other.send_bytes(bye).await.unwrap();
-        // QUIC gives up a silent peer after 20 s.
+        // QUIC closes a silent connection after 20 s.
         sleep(Duration::from_secs(25)).await;
         assert_eq!(state.metrics().active_sessions(), 0);
         assert_eq!(waiting(&state.render_metrics()), 0);

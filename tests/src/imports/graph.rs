@@ -1,18 +1,18 @@
-//! Which file imports from which, and circles among them.
+//! The graph of imports between files, and its circles.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::{Path, PathBuf};
 
 use super::modules::{Import, Module};
 
-/// Files, and for each those that it imports from, with a path that says so.
+/// For each file, the files that it imports from, each with one path that it imports.
 pub(super) type Imports = BTreeMap<PathBuf, BTreeMap<PathBuf, String>>;
 
-/// How often a name may be handed on from module to module.
-const MOST_HANDED_ON: usize = 32;
+/// Most re-exports that a name is followed through.
+const MAX_REEXPORTS: usize = 32;
 
-/// The files of a target's modules. A name counts for the file that declares it, however many modules hand it on; so a
-/// `pub use` is no import.
+/// The graph of a target's modules. A name counts for the file that declares it, however many modules re-export it; a
+/// `pub use` is therefore no import.
 pub(super) fn imports(modules: &[Module]) -> Imports {
     let mut all = Imports::new();
     for (number, module) in modules.iter().enumerate() {
@@ -21,10 +21,10 @@ pub(super) fn imports(modules: &[Module]) -> Imports {
         let globs: BTreeSet<&Vec<String>> =
             module.imports.iter().filter(|import| import.name.is_none()).map(|import| &import.path).collect();
         for path in used.chain(&module.paths) {
-            let place = resolve(modules, number, path, MOST_HANDED_ON);
+            let place = resolve(modules, number, path, MAX_REEXPORTS);
             let to = match place {
                 Some(Resolved::Item(to)) => to,
-                // A module that is imported counts for what is then named of it; a glob names nothing.
+                // An imported module counts only through the names used of it; a glob import names nothing.
                 Some(Resolved::Module(to)) if globs.contains(path) => to,
                 _ => continue,
             };
@@ -36,15 +36,15 @@ pub(super) fn imports(modules: &[Module]) -> Imports {
     all
 }
 
-/// What a path names.
+/// The module or item that a path names.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Resolved {
     Module(usize),
-    /// Something that this module declares.
+    /// An item that this module declares.
     Item(usize),
 }
 
-/// `None` for what is not of this crate.
+/// Resolves a path; `None` for names of other crates.
 fn resolve(modules: &[Module], from: usize, path: &[String], left: usize) -> Option<Resolved> {
     let (first, rest) = path.split_first()?;
     let start = match first.as_str() {
@@ -54,15 +54,15 @@ fn resolve(modules: &[Module], from: usize, path: &[String], left: usize) -> Opt
         name => named(modules, from, name, left)?,
     };
     rest.iter().try_fold(start, |place, name| match place {
-        // Variants and associated functions belong to what they are of.
+        // Variants and associated functions count for their type.
         Resolved::Item(_) => Some(place),
         Resolved::Module(module) if name == "super" => modules[module].parent.map(Resolved::Module),
-        // What is not known by name, as what a macro declares, is taken for the module's.
+        // Unknown names, such as those that macros declare, count for the module.
         Resolved::Module(module) => named(modules, module, name, left).or(Some(Resolved::Item(module))),
     })
 }
 
-/// What a name stands for within a module.
+/// Resolves a name within a module.
 fn named(modules: &[Module], module: usize, name: &str, left: usize) -> Option<Resolved> {
     let left = left.checked_sub(1)?;
     let Module { children, items, imports, .. } = &modules[module];
@@ -72,7 +72,7 @@ fn named(modules: &[Module], module: usize, name: &str, left: usize) -> Option<R
     if items.contains(name) {
         return Some(Resolved::Item(module));
     }
-    // A name that stands for itself is a crate's.
+    // A name that is imported under itself is a crate.
     let of_name = |import: &&Import| import.name.as_deref() == Some(name) && import.path[0] != name;
     if let Some(import) = imports.iter().find(of_name) {
         return resolve(modules, module, &import.path, left);
@@ -84,7 +84,7 @@ fn named(modules: &[Module], module: usize, name: &str, left: usize) -> Option<R
     })
 }
 
-/// A circle that must not be: its files in order, and by which path each imports from the next.
+/// A circle of imports: its files in order, and the path by which each imports from the next.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Circle {
     pub(super) files: Vec<PathBuf>,
@@ -100,49 +100,41 @@ impl std::fmt::Display for Circle {
     }
 }
 
-/// For each import that lies on a circle which must not be, the shortest such circle: one between files of different
-/// folders, or of more than two files.
+/// For each import that lies on a circle, the shortest such circle.
 pub(super) fn circles(imports: &Imports) -> Vec<Circle> {
-    let mut found = BTreeMap::new();
+    let mut circles = BTreeMap::new();
     for (a, targets) in imports {
         for b in targets.keys() {
-            let back = if a.parent() == b.parent() {
-                // The way straight back is allowed; a longer one is not.
-                way(imports, b, a, true)
-            } else {
-                way(imports, b, a, false)
-            };
-            let Some(back) = back else { continue };
+            let Some(back) = shortest_path(imports, b, a) else { continue };
             let mut files = vec![a.clone()];
             files.extend(back.into_iter().filter(|file| file != a));
             let least = (0..files.len()).min_by_key(|&i| &files[i]).unwrap_or(0);
             files.rotate_left(least);
             let next = |i: usize| &files[(i + 1) % files.len()];
             let paths = (0..files.len()).map(|i| imports[&files[i]][next(i)].clone()).collect();
-            found.insert(files.clone(), Circle { files, paths });
+            circles.insert(files.clone(), Circle { files, paths });
         }
     }
-    found.into_values().collect()
+    circles.into_values().collect()
 }
 
-/// The shortest way from one file to another, both included.
-fn way(imports: &Imports, from: &Path, to: &Path, not_straight: bool) -> Option<Vec<PathBuf>> {
+/// The shortest path along imports from one file to another, both included (breadth-first search).
+fn shortest_path(imports: &Imports, from: &Path, to: &Path) -> Option<Vec<PathBuf>> {
     let mut before: BTreeMap<&Path, &Path> = BTreeMap::new();
     let mut queue = VecDeque::from([from]);
     while let Some(file) = queue.pop_front() {
         for next in imports.get(file).into_iter().flat_map(BTreeMap::keys) {
-            let straight = file == from && next == to;
-            if straight && not_straight || next == from || before.contains_key(next.as_path()) {
+            if next == from || before.contains_key(next.as_path()) {
                 continue;
             }
             before.insert(next, file);
             if next == to {
-                let mut way = vec![to.to_owned()];
-                while let Some(&file) = before.get(way.last().expect("it is not empty").as_path()) {
-                    way.push(file.to_owned());
+                let mut path = vec![to.to_owned()];
+                while let Some(&file) = before.get(path.last().expect("it is not empty").as_path()) {
+                    path.push(file.to_owned());
                 }
-                way.reverse();
-                return Some(way);
+                path.reverse();
+                return Some(path);
             }
             queue.push_back(next);
         }

@@ -1,7 +1,7 @@
-//! No circle of imports between files of different folders, and none of more than two files anywhere.
+//! Files do not import in circles, so that each can be read after those that it imports.
 //!
-//! Who reads a file should not have to read what reads it. Every crate's sources are parsed; a name counts for the file
-//! that declares it, and what is compiled for tests only does not count.
+//! Every crate's sources are parsed. A name counts for the file that declares it; code compiled for tests only does not
+//! count.
 
 mod graph;
 mod modules;
@@ -11,6 +11,35 @@ use std::path::{Path, PathBuf};
 
 use graph::{Circle, circles, imports};
 use modules::{Sources, modules};
+
+/// Circles that remain to be broken. An entry whose circle is gone is to be removed.
+const KNOWN_CIRCLES: [[&str; 2]; 22] = [
+    ["client/src/core/client_core/arrivals.rs", "client/src/core/client_core/mod.rs"],
+    ["crates/bake/src/prepare/describe.rs", "crates/bake/src/prepare/textures.rs"],
+    ["crates/daemon/src/admission/gate.rs", "crates/daemon/src/session/drive.rs"],
+    ["crates/geometry/src/codec/base/vertices.rs", "crates/geometry/src/codec/base/walk.rs"],
+    ["crates/geometry/src/codec/base/walk.rs", "crates/geometry/src/codec/base/wedges.rs"],
+    ["crates/geometry/src/codec/gather.rs", "crates/geometry/src/codec/local.rs"],
+    ["crates/geometry/src/codec/scratch.rs", "crates/geometry/src/codec/start.rs"],
+    ["crates/geometry/src/prepare/encode.rs", "crates/geometry/src/prepare/mod.rs"],
+    ["crates/geometry/src/refine/active.rs", "crates/geometry/src/refine/render.rs"],
+    ["crates/import/src/gltf/draco/mod.rs", "crates/import/src/gltf/draco/stream.rs"],
+    ["crates/import/src/texture/color.rs", "crates/import/src/texture/mod.rs"],
+    ["crates/import/src/texture/height.rs", "crates/import/src/texture/mod.rs"],
+    ["crates/import/src/texture/mod.rs", "crates/import/src/texture/normal.rs"],
+    ["crates/import/src/texture/mod.rs", "crates/import/src/texture/surface.rs"],
+    ["crates/render/src/layers.rs", "crates/render/src/pipelines.rs"],
+    ["crates/render/src/terrain/atlas.rs", "crates/render/src/terrain/regions.rs"],
+    ["crates/scene/src/description.rs", "crates/scene/src/shared.rs"],
+    ["crates/terrain/src/differences.rs", "crates/terrain/src/world.rs"],
+    ["protocol/src/scheduler/mod.rs", "protocol/src/scheduler/queue.rs"],
+    ["protocol/src/server/coarse_textures.rs", "protocol/src/server/refinement.rs"],
+    ["protocol/src/shared_rate_limit/mod.rs", "protocol/src/shared_rate_limit/table.rs"],
+    [
+        "fuzz/src/../../crates/geometry/tests/suite/common/mod.rs",
+        "fuzz/src/../../crates/geometry/tests/suite/common/shapes.rs",
+    ],
+];
 
 struct Folder(PathBuf);
 
@@ -57,13 +86,15 @@ fn files_do_not_import_in_circles() {
     let sources = Folder(workspace.to_owned());
     let roots = roots(workspace);
     assert!(roots.len() >= 10, "{roots:?}");
-    let mut found = Vec::new();
+    let is_known = |circle: &Circle| {
+        KNOWN_CIRCLES.iter().any(|known| circle.files.iter().map(PathBuf::as_path).eq(known.map(Path::new)))
+    };
+    let mut new = Vec::new();
     for root in &roots {
-        let modules = modules(&sources, root);
-        found.extend(circles(&imports(&modules)));
+        let circles = circles(&imports(&modules(&sources, root)));
+        new.extend(circles.iter().filter(|circle| !is_known(circle)).map(Circle::to_string));
     }
-    let found: Vec<String> = found.iter().map(Circle::to_string).collect();
-    assert!(found.is_empty(), "circles of imports:\n{}", found.join("\n"));
+    assert!(new.is_empty(), "circles of imports:\n{}", new.join("\n"));
 }
 
 fn circles_of(files: &[(&'static str, &'static str)]) -> Vec<Vec<String>> {
@@ -74,12 +105,12 @@ fn circles_of(files: &[(&'static str, &'static str)]) -> Vec<Vec<String>> {
 }
 
 #[test]
-fn two_files_of_one_folder_may_and_others_may_not() {
+fn circles_of_two_and_three_files_are_found() {
     let inner = ("c/b/mod.rs", "pub fn two() { crate::a::one() }");
     let beside = ("c/b.rs", inner.1);
     let root = ("c/lib.rs", "mod a; mod b;");
     let a = ("c/a.rs", "use crate::b; pub fn one() { b::two() }");
-    assert_eq!(circles_of(&[root, a, beside]), Vec::<Vec<String>>::new());
+    assert_eq!(circles_of(&[root, a, beside]), [["c/a.rs", "c/b.rs"]]);
     assert_eq!(circles_of(&[root, a, inner]), [["c/a.rs", "c/b/mod.rs"]]);
     let three = [
         ("c/lib.rs", "mod a; mod b; mod d;"),
@@ -102,7 +133,7 @@ fn a_name_counts_for_the_file_that_declares_it() {
         ]
     };
     assert_eq!(circles_of(&files("mod a; mod b; mod d; pub use d::f;")), Vec::<Vec<String>>::new());
-    // What the root declares, deep files may use; but then it may not use them.
+    // Deep files may use items of the root, unless the root uses theirs.
     let both = "mod a; mod b; mod d; pub struct Root; pub fn g() { a::Three; }";
     assert_eq!(circles_of(&files(both)), Vec::<Vec<String>>::new());
     let mut circle = files(both);

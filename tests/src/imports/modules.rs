@@ -1,4 +1,4 @@
-//! The modules of a crate's target: which file each is in, what it declares and what it imports.
+//! The modules of a crate's target: file, declared items and imports of each.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -21,27 +21,26 @@ pub(super) struct Module {
     pub(super) children: BTreeMap<String, usize>,
     /// Functions, types, constants, traits and macros.
     pub(super) items: BTreeSet<String>,
-    /// What `use` brings in: the name here, and the path that it stands for.
+    /// Imports by `use`.
     pub(super) imports: Vec<Import>,
     /// Every other path of two names or more.
     pub(super) paths: BTreeSet<Vec<String>>,
 }
 
-/// A leaf of a `use`.
+/// A leaf of a `use`: the local name and the path that it stands for.
 #[derive(Clone, Debug)]
 pub(super) struct Import {
     /// `None` for a glob.
     pub(super) name: Option<String>,
     pub(super) path: Vec<String>,
-    /// Whether others may import it from here (`pub use`, with whatever in brackets).
+    /// Whether it is re-exported: `pub use`, with any visibility.
     pub(super) exported: bool,
 }
 
-/// Reads the modules of a target, the root first. What is only compiled for tests is left out: tests may import what
-/// they like.
+/// Reads the modules of a target, the root first, without those compiled for tests only.
 ///
 /// # Panics
-/// Where a file is missing, or is no Rust.
+/// If a file is missing or is not valid Rust.
 pub(super) fn modules(sources: &dyn Sources, root: &Path) -> Vec<Module> {
     let mut modules = Vec::new();
     let folder = root.parent().expect("a root file lies in a folder").to_owned();
@@ -61,7 +60,7 @@ fn file_module(
     add(sources, &parsed.items, file, folder, parent, modules)
 }
 
-/// Adds a module with its items; `folder` is where files of its children are.
+/// Adds a module with its items; `folder` contains the files of its children.
 fn add(
     sources: &dyn Sources,
     items: &[syn::Item],
@@ -74,7 +73,7 @@ fn add(
     modules.push(Module { file: file.clone(), parent, ..Module::default() });
     for item in items {
         if let syn::Item::Mod(child) = item {
-            if for_tests(&child.attrs) {
+            if is_test_only(&child.attrs) {
                 continue;
             }
             let name = child.ident.to_string();
@@ -93,17 +92,17 @@ fn add(
                 }
             };
             modules[number].children.insert(name, added);
-        } else if !for_tests(attributes_of(item)) {
+        } else if !is_test_only(attributes_of(item)) {
             modules[number].items.extend(name_of(item));
-            let mut found = Found { module: &mut modules[number] };
-            found.visit_item(item);
+            let mut collector = ImportCollector { module: &mut modules[number] };
+            collector.visit_item(item);
         }
     }
     number
 }
 
-/// Whether attributes say that something is compiled for tests only.
-fn for_tests(attributes: &[syn::Attribute]) -> bool {
+/// Whether an item is compiled for tests only.
+fn is_test_only(attributes: &[syn::Attribute]) -> bool {
     let is_test = |attribute: &syn::Attribute| {
         attribute.path().is_ident("test")
             || attribute.path().is_ident("cfg")
@@ -112,7 +111,7 @@ fn for_tests(attributes: &[syn::Attribute]) -> bool {
     attributes.iter().any(is_test)
 }
 
-/// What `#[path = "…"]` says.
+/// The file that `#[path = "…"]` names.
 fn named_file(attributes: &[syn::Attribute]) -> Option<String> {
     let value = attributes.iter().find_map(|attribute| match &attribute.meta {
         syn::Meta::NameValue(meta) if meta.path.is_ident("path") => Some(&meta.value),
@@ -141,11 +140,11 @@ fn name_of(item: &syn::Item) -> Option<String> {
 }
 
 /// Collects imports and paths of a module's items.
-struct Found<'a> {
+struct ImportCollector<'a> {
     module: &'a mut Module,
 }
 
-impl<'a> Visit<'a> for Found<'_> {
+impl<'a> Visit<'a> for ImportCollector<'_> {
     fn visit_item_use(&mut self, item: &'a syn::ItemUse) {
         let exported = !matches!(item.vis, syn::Visibility::Inherited);
         self.leaves(&item.tree, &mut Vec::new(), exported);
@@ -153,12 +152,12 @@ impl<'a> Visit<'a> for Found<'_> {
 
     fn visit_path(&mut self, path: &'a syn::Path) {
         let names: Vec<String> = path.segments.iter().map(|segment| segment.ident.to_string()).collect();
-        self.note(names);
+        self.add_path(names);
         syn::visit::visit_path(self, path);
     }
 
     fn visit_visibility(&mut self, _: &'a syn::Visibility) {
-        // The path in `pub(in …)` imports nothing.
+        // The path in `pub(in …)` is no import.
     }
 
     fn visit_macro(&mut self, call: &'a syn::Macro) {
@@ -171,8 +170,8 @@ impl<'a> Visit<'a> for Found<'_> {
     }
 }
 
-impl Found<'_> {
-    fn note(&mut self, names: Vec<String>) {
+impl ImportCollector<'_> {
+    fn add_path(&mut self, names: Vec<String>) {
         if names.len() > 1 {
             self.module.paths.insert(names);
         }
@@ -208,7 +207,7 @@ impl Found<'_> {
         }
     }
 
-    /// Paths in what a macro is given: names with `::` between them.
+    /// Collects paths from a macro's tokens: names separated by `::`.
     fn tokens(&mut self, tokens: proc_macro2::TokenStream) {
         let mut names: Vec<String> = Vec::new();
         let mut colons = 0;
@@ -216,14 +215,14 @@ impl Found<'_> {
             match token {
                 proc_macro2::TokenTree::Ident(name) => {
                     if colons != 2 {
-                        self.note(std::mem::take(&mut names));
+                        self.add_path(std::mem::take(&mut names));
                     }
                     names.push(name.to_string());
                     colons = 0;
                 }
                 proc_macro2::TokenTree::Punct(mark) if mark.as_char() == ':' => colons += 1,
                 other => {
-                    self.note(std::mem::take(&mut names));
+                    self.add_path(std::mem::take(&mut names));
                     colons = 0;
                     if let proc_macro2::TokenTree::Group(group) = other {
                         self.tokens(group.stream());
@@ -231,6 +230,6 @@ impl Found<'_> {
                 }
             }
         }
-        self.note(names);
+        self.add_path(names);
     }
 }

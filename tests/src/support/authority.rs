@@ -1,4 +1,4 @@
-//! Certificates as an authority gives them, in files as a server reads them.
+//! A certificate authority, and certificate files for a server.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -11,7 +11,7 @@ use rcgen::{
 
 pub(crate) const DAY: Duration = Duration::from_secs(24 * 3600);
 
-/// An authority.
+/// A certificate authority.
 pub(crate) struct Authority(CertifiedIssuer<'static, KeyPair>);
 
 /// A new key.
@@ -28,12 +28,12 @@ impl Authority {
         Self(CertifiedIssuer::self_signed(params, new_key()).unwrap())
     }
 
-    /// What a viewer is given to trust it.
+    /// The authorities that a viewer trusts with it.
     pub(crate) fn trusted(&self) -> Authorities {
         Authorities::from_pem(self.0.pem().as_bytes()).unwrap()
     }
 
-    /// Writes a certificate for a name and key that ends at `end`, four days after it began.
+    /// Writes a certificate for a name and key that is valid for the four days before `end`.
     pub(crate) fn write(&self, files: &Files, name: &str, key: &KeyPair, end: SystemTime) {
         let mut params = CertificateParams::new(vec![name.to_owned()]).unwrap();
         let time = |time: SystemTime| date_time_ymd(1970, 1, 1) + time.duration_since(UNIX_EPOCH).unwrap();
@@ -44,7 +44,7 @@ impl Authority {
     }
 }
 
-/// Where a server finds its certificate.
+/// Paths of a server's certificate and key.
 #[derive(Clone)]
 pub(crate) struct Files {
     pub(crate) chain: PathBuf,

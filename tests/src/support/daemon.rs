@@ -1,4 +1,4 @@
-//! A daemon in this process, on a thread and ports of its own.
+//! A daemon in this process, on its own thread and ports.
 
 use std::io::{Read as _, Write as _};
 use std::net::{Ipv4Addr, SocketAddr, TcpStream};
@@ -14,7 +14,7 @@ use tokio::task::JoinHandle;
 
 use super::LIMIT;
 
-/// How a client reaches the daemon.
+/// Transport between client and daemon.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Transport {
     Quic,
@@ -25,8 +25,7 @@ impl Transport {
     pub(crate) const BOTH: [Self; 2] = [Self::Quic, Self::WebSocket];
 }
 
-/// Names of threads on which something panicked. Tasks that panic take nothing with them but a line on
-/// standard error; this is how a test hears of it.
+/// Names of threads that panicked. A panic in a task only writes a line to standard error, so tests check this list.
 fn panicked_threads() -> &'static Mutex<Vec<String>> {
     static PANICKED: OnceLock<Mutex<Vec<String>>> = OnceLock::new();
     PANICKED.get_or_init(|| {
@@ -40,7 +39,7 @@ fn panicked_threads() -> &'static Mutex<Vec<String>> {
     })
 }
 
-/// Where a daemon was, so that another can take its place: state folder (with the certificate) and ports.
+/// State folder (with the certificate) and ports of a daemon, for a successor in the same place.
 pub(crate) struct Site {
     folder: Arc<tempfile::TempDir>,
     quic: SocketAddr,
@@ -69,7 +68,7 @@ impl Server {
         Self::start_with(scene, sessions, |_| {})
     }
 
-    /// The same with more options.
+    /// Starts a daemon with more options.
     pub(crate) fn start_with(
         scene: Arc<dyn SceneSource>,
         sessions: SessionSettings,
@@ -130,7 +129,7 @@ impl Server {
         }
     }
 
-    /// What the daemon prints for viewers.
+    /// The address that the daemon prints for viewers.
     pub(crate) fn url(&self, transport: Transport) -> String {
         let scheme = match transport {
             Transport::Quic => "quic",
@@ -139,7 +138,7 @@ impl Server {
         self.url_of(scheme)
     }
 
-    /// The same of a scheme: quic, ws or wss.
+    /// The address with a given scheme: quic, ws or wss.
     pub(crate) fn url_of(&self, scheme: &str) -> String {
         let begins = format!("{scheme}://");
         self.urls.iter().find(|url| url.starts_with(&begins)).unwrap().clone()
@@ -149,12 +148,12 @@ impl Server {
         self.url_of(scheme).parse().unwrap()
     }
 
-    /// Has the daemon read its files anew, as SIGHUP does.
+    /// Reloads the daemon's files, as SIGHUP does.
     pub(crate) fn reload(&self) {
         (self.reload)();
     }
 
-    /// The same as a viewer reads it.
+    /// The address, as a viewer parses it.
     pub(crate) fn address(&self, transport: Transport) -> Address {
         self.url(transport).parse().unwrap()
     }
@@ -167,7 +166,7 @@ impl Server {
         self.http
     }
 
-    /// Asks for a path of the HTTP port; gives the whole answer.
+    /// Requests a path of the HTTP port; returns the whole answer.
     pub(crate) fn get(&self, path: &str) -> std::io::Result<String> {
         let mut stream = TcpStream::connect_timeout(&self.http, Duration::from_secs(10))?;
         stream.set_read_timeout(Some(Duration::from_secs(10)))?;
@@ -177,14 +176,14 @@ impl Server {
         Ok(answer)
     }
 
-    /// What `/metrics` would say.
+    /// The text of `/metrics`.
     pub(crate) fn metrics(&self) -> String {
         self.state.render_metrics()
     }
 
     /// Fails unless the daemon is up, answers `/health` with 200, and nothing in it has panicked.
     pub(crate) fn assert_healthy(&self) {
-        // Over TLS, viewers ask.
+        // With TLS, `/health` is not requested; viewers check it.
         if !self.tls {
             let health = self.get("/health").unwrap();
             assert!(health.starts_with("HTTP/1.1 200"), "{health}");
@@ -194,7 +193,7 @@ impl Server {
         assert!(!panicked.contains(&self.threads), "a task of the daemon has panicked");
     }
 
-    /// Waits until so many sessions are open.
+    /// Waits until the number of sessions is `sessions`.
     pub(crate) fn wait_for_sessions(&self, count: u64) {
         let until = Instant::now() + LIMIT;
         while self.state.metrics().active_sessions() != count {
@@ -207,7 +206,7 @@ impl Server {
         }
     }
 
-    /// Asks the daemon to end in good order and waits for it; gives what it returns and the time it took.
+    /// Shuts the daemon down and waits for it; returns its result and the time it took.
     pub(crate) fn stop(mut self) -> (anyhow::Result<()>, Duration) {
         let started = Instant::now();
         self.stop.try_send(()).unwrap();
@@ -217,7 +216,7 @@ impl Server {
         (ended.expect("the daemon does not end").unwrap(), started.elapsed())
     }
 
-    /// Ends the daemon without a word to anybody, as a crash would.
+    /// Kills the daemon without closing connections.
     pub(crate) fn kill(mut self) -> Site {
         self.runtime.take().unwrap().shutdown_timeout(Duration::from_secs(10));
         Site { folder: self.folder.clone(), quic: self.quic, http: self.http }

@@ -1,4 +1,4 @@
-//! What the topics share.
+//! Code shared by the test modules.
 
 pub(crate) mod authority;
 pub(crate) mod daemon;
@@ -14,8 +14,8 @@ pub(crate) mod x11;
 
 use std::time::Duration;
 
-/// Bound on everything that happens in real time; far above what it takes.
+/// Time limit of everything in real time; far above what it needs.
 pub(crate) const LIMIT: Duration = Duration::from_secs(60);
 
-/// Size of the pictures that are compared.
+/// Size of the compared pictures.
 pub(crate) const PICTURE_PX: [u32; 2] = [640, 360];

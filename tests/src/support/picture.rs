@@ -1,4 +1,4 @@
-//! Pictures, and the comparison that decides whether two show the same.
+//! Pictures, and the comparison that decides whether two are equal.
 
 use std::io::Write as _;
 
@@ -9,13 +9,13 @@ use lodestream_render::{Gpu, Headless, SceneView, Settings};
 
 use super::PICTURE_PX;
 
-/// A picture and which of its pixels show a surface.
+/// A picture, and which of its pixels show a surface.
 pub(crate) struct Picture {
     pub(crate) image: RgbaImage,
     pub(crate) covered: Vec<bool>,
 }
 
-/// Whether the tests are told to skip what needs a graphics adapter; says so.
+/// Whether tests that need a graphics adapter are skipped; prints a message if so.
 pub(crate) fn skipped() -> bool {
     let skip = std::env::var("LODESTREAM_SKIP_GPU").is_ok_and(|v| v == "1");
     if skip {
@@ -26,7 +26,7 @@ pub(crate) fn skipped() -> bool {
     skip
 }
 
-/// A renderer, or nothing if the tests are told to skip what needs a graphics adapter.
+/// A renderer, or `None` if tests that need a graphics adapter are skipped.
 pub(crate) fn headless() -> Option<Headless> {
     headless_of(PICTURE_PX)
 }
@@ -40,8 +40,8 @@ pub(crate) fn headless_of([width, height]: [u32; 2]) -> Option<Headless> {
     Some(Headless::new(gpu, width, height).unwrap())
 }
 
-/// Draws what a renderer was told, from the scene's start camera, with all effects on, at a time when
-/// every vertex has arrived where it belongs.
+/// Draws a renderer's changes from the scene's start camera, with all effects on, at a time after the end of every
+/// morph.
 pub(crate) fn draw(headless: &mut Headless, changes: Vec<Change>) -> Picture {
     let mut view = SceneView::new();
     view.push(changes);
@@ -53,13 +53,13 @@ pub(crate) fn draw(headless: &mut Headless, changes: Vec<Change>) -> Picture {
     Picture { image: headless.picture().unwrap(), covered: headless.coverage().unwrap() }
 }
 
-/// Compares over what either picture covers, so that a hole counts.
+/// Compares pictures over the pixels that either covers, so that a hole counts.
 pub(crate) fn comparison(a: &Picture, b: &Picture) -> Comparison {
     let mask: Vec<bool> = a.covered.iter().zip(&b.covered).map(|(a, b)| *a || *b).collect();
     compare(&a.image, &b.image, Some(&mask)).unwrap()
 }
 
-/// The gate: whether two pictures show the same scene.
+/// Whether two pictures count as equal.
 pub(crate) fn same(comparison: &Comparison) -> bool {
     comparison.ssim >= 0.99
 }

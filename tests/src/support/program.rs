@@ -1,4 +1,4 @@
-//! The viewer's program, in a window of a virtual X server or without.
+//! The viewer's program, in a window of a virtual X server or headless.
 
 use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
@@ -7,10 +7,10 @@ use std::time::{Duration, Instant};
 
 use super::x11::OpenWindow;
 
-/// Bound on a run; far above what one takes on a busy machine without a GPU.
+/// Time limit of a run; far above what it needs on a busy machine without a GPU.
 pub(crate) const RUN_LIMIT: Duration = Duration::from_secs(240);
 
-/// An X server without a screen, on a display of its own.
+/// A virtual X server on its own display.
 pub(crate) struct Display {
     server: Child,
     name: String,
@@ -40,7 +40,7 @@ impl Drop for Display {
     }
 }
 
-/// Where the program is: cargo builds it beside these tests when it tests the whole workspace.
+/// Path of the program: cargo builds it beside these tests when it tests the whole workspace.
 fn path() -> PathBuf {
     let tests = std::env::current_exe().unwrap();
     let folder = tests.parent().and_then(Path::parent).unwrap();
@@ -49,10 +49,10 @@ fn path() -> PathBuf {
     program
 }
 
-/// Width and height of the program's pictures.
+/// Size of the program's pictures.
 pub(crate) const SIZE_PX: [u32; 2] = [320, 180];
 
-/// A running viewer. What it logs is what it logs for anybody.
+/// A running viewer with its normal log.
 pub(crate) struct Program {
     child: Child,
     display: Option<Display>,
@@ -65,7 +65,7 @@ impl Program {
         Self { child: spawn(address, arguments, Some(&display.name)), display: Some(display) }
     }
 
-    /// Draws into a file, as small.
+    /// Draws into a file of the same size, headless.
     pub(crate) fn headless(address: &str, picture: &Path, arguments: &[&str]) -> Self {
         let output = ["--headless", "--output", picture.to_str().unwrap()];
         Self { child: spawn(address, &[&output[..], arguments].concat(), None), display: None }
@@ -77,7 +77,7 @@ impl Program {
         OpenWindow::wait(&display.name, RUN_LIMIT)
     }
 
-    /// Asks the window to close, as a window manager does for its user. Waits until there is a window.
+    /// Asks the window to close, as a window manager does. Waits until there is a window.
     pub(crate) fn close(&self) {
         self.window().ask_to_close();
     }
@@ -89,7 +89,7 @@ impl Program {
         assert!(Command::new("kill").args(["-TERM", &id]).status().unwrap().success());
     }
 
-    /// Waits until it has ended by itself.
+    /// Waits until it has exited by itself.
     pub(crate) fn end(mut self) -> Output {
         let until = Instant::now() + RUN_LIMIT;
         while self.child.try_wait().unwrap().is_none() {
@@ -115,7 +115,7 @@ fn spawn(address: &str, arguments: &[&str], display: Option<&str>) -> Child {
         .env_remove("RUST_LOG")
         .stdout(Stdio::piped())
         .stderr(Stdio::piped());
-    // Whether a session has no such folder or names one that is not there, nobody complains about it.
+    // A missing or nonexistent runtime folder of the session is no error.
     match display {
         Some(display) => command.env("DISPLAY", display).env_remove("XDG_RUNTIME_DIR"),
         None => command.env("XDG_RUNTIME_DIR", "/nonexistent"),

@@ -1,4 +1,4 @@
-//! Clients that speak frames and nothing else: what a session does is up to the test.
+//! Clients that only exchange frames; the test controls the session.
 
 use std::collections::BTreeMap;
 
@@ -14,17 +14,17 @@ use tokio::sync::mpsc;
 use tokio_tungstenite::WebSocketStream;
 use tokio_tungstenite::tungstenite::Message;
 
-/// A well-formed first message.
+/// A valid first message.
 pub(crate) fn hello() -> Hello {
     Hello::new("")
 }
 
-/// Asks for blobs, all equally urgent.
+/// Requests blobs with equal priority.
 pub(crate) fn want(ids: impl IntoIterator<Item = BlobId>) -> ClientMessage {
     ClientMessage::Want(ids.into_iter().map(|id| Want::whole(id, 1)).collect())
 }
 
-/// What comes from the server.
+/// Data from the server.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Arrival {
     Message(ServerMessage),
@@ -36,14 +36,14 @@ pub(crate) trait RawClient {
     /// Sends bytes where a frame belongs; fails where the connection has ended.
     async fn send_bytes(&mut self, frame: Vec<u8>) -> Result<(), String>;
 
-    /// What comes next; `None` once the connection has ended.
+    /// The next arrival; `None` once the connection is closed.
     async fn next(&mut self) -> Option<Arrival>;
 
     async fn send(&mut self, message: &ClientMessage) {
         self.send_bytes(encode_client(message).unwrap()).await.unwrap();
     }
 
-    /// Reads until the server says why it ends the session; `None` if it ends without a word.
+    /// Reads until the server's `Close`; `None` if the connection ends without it.
     async fn close(&mut self) -> Option<Close> {
         while let Some(arrival) = self.next().await {
             if let Arrival::Message(ServerMessage::Close(close)) = arrival {
@@ -53,7 +53,7 @@ pub(crate) trait RawClient {
         None
     }
 
-    /// Reads until some message comes.
+    /// Reads until a message for which `wanted` holds.
     async fn message(&mut self, mut wanted: impl FnMut(&ServerMessage) -> bool) -> ServerMessage {
         loop {
             match self.next().await.expect("the server has closed") {
@@ -64,7 +64,7 @@ pub(crate) trait RawClient {
     }
 }
 
-/// Over a stream of bytes.
+/// A client over a byte stream.
 pub(crate) struct RawWebSocket<S> {
     socket: WebSocketStream<S>,
     partial: BTreeMap<BlobId, Vec<u8>>,
@@ -109,7 +109,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> RawClient for RawWebSocket<S> {
     }
 }
 
-/// Over a QUIC connection.
+/// A client over a QUIC connection.
 pub(crate) struct RawQuic {
     pub(crate) connection: Connection,
     control: Option<SendStream>,

@@ -1,4 +1,4 @@
-//! The scene that is served, and the same scene as it should look in the end.
+//! The served scene, and its expected final state.
 
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
@@ -18,13 +18,13 @@ use super::shapes::write_scene;
 
 /// A prepared scene.
 pub(crate) struct TestScene {
-    /// What a daemon serves.
+    /// The source for a daemon.
     pub(crate) store: Arc<SceneStore>,
-    /// The assets whole, by the scene's asset number.
+    /// The assets with all chunks, by asset number.
     pub(crate) assets: Vec<LoadedAsset>,
 }
 
-/// Quiet preparation with default settings.
+/// Preparation options: default settings without progress output.
 pub(crate) fn options() -> Options {
     Options { quiet: true, ..Options::default() }
 }
@@ -49,7 +49,7 @@ impl TestScene {
         Self { store, assets }
     }
 
-    /// The small scene, prepared once for all tests. Its files are gone after that; the packs stay open.
+    /// The small scene, prepared once for all tests. Its files are removed; the packs stay open.
     pub(crate) fn small() -> &'static Self {
         static SMALL: OnceLock<TestScene> = OnceLock::new();
         SMALL.get_or_init(|| {
@@ -63,19 +63,19 @@ impl TestScene {
         self.store.clone()
     }
 
-    /// Number of an asset by its name.
+    /// Number of an asset, by its name.
     pub(crate) fn asset(&self, name: &str) -> u32 {
         let number = self.assets.iter().position(|a| a.description.name == name).unwrap();
         u32::try_from(number).unwrap()
     }
 
-    /// What the scene's pages say of an asset.
+    /// An asset's entry in the scene's pages.
     pub(crate) fn entry(&self, number: u32) -> AssetEntry {
         let pages = (0..self.store.header().page_count).map(|page| self.store.page(page).unwrap());
         pages.flat_map(|page| page.assets.clone()).nth(number as usize).unwrap()
     }
 
-    /// Bytes of all blobs that a client could fetch.
+    /// Total bytes of all blobs.
     pub(crate) fn total_bytes(&self) -> u64 {
         let textures = |a: &LoadedAsset| {
             a.description.textures.iter().flat_map(|t| &t.levels).map(|l| u64::from(l.bytes)).sum::<u64>()
@@ -103,13 +103,13 @@ impl TestScene {
         self.assets.iter().map(|a| a.base.faces.len() as u64 + chunks(a)).sum()
     }
 
-    /// What a renderer would be told if everything were there from the start: no network, no selection,
-    /// every chunk applied, every texture level decoded.
+    /// The changes for a renderer with everything applied: without network or selection, with all chunks and texture
+    /// levels.
     pub(crate) fn whole(&self) -> Vec<Change> {
         self.refined(0.0)
     }
 
-    /// The same with as few chunks of each asset as keep its error, in its units.
+    /// The same with as few chunks as an error in the asset's units allows.
     pub(crate) fn refined(&self, error: f64) -> Vec<Change> {
         let header = self.store.header();
         let mut changes = vec![Change::Scene(Box::new(header.clone()))];
@@ -168,7 +168,7 @@ impl TestScene {
     }
 }
 
-/// A scene of which one blob cannot be had.
+/// A scene with one blob missing.
 pub(crate) struct Lacking {
     pub(crate) scene: Arc<dyn SceneSource>,
     pub(crate) blob: BlobId,

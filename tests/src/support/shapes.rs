@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// A closed, bumpy ball with a nose: every edge has two faces. `2 × columns × (rings − 1)` faces.
+/// A closed, bumpy ball with a nose. `2 × columns × (rings − 1)` faces.
 pub(crate) fn ball(rings: usize, columns: usize) -> String {
     let point = |theta: f64, phi: f64| {
         let bumps = 0.12 * (5.0 * phi).sin() * (4.0 * theta).sin() + 0.03 * (17.0 * phi + 11.0 * theta).sin();
@@ -33,7 +33,7 @@ pub(crate) fn ball(rings: usize, columns: usize) -> String {
     obj
 }
 
-/// Rolling ground of `2 × cells²` faces, four units to each side.
+/// Hilly ground of `2 × cells²` faces, four units to each side.
 pub(crate) fn ground(cells: usize) -> String {
     let mut obj = String::new();
     let at = |i: usize| 8.0 * i as f64 / cells as f64 - 4.0;
@@ -78,8 +78,8 @@ pub(crate) fn write_wall(folder: &Path) {
     height.save(folder.join("brick_height.png")).unwrap();
 }
 
-/// The scene of most tests: a ball before a brick wall, the same ball smaller behind it, on rolling ground,
-/// and a ball so far away that little of it is needed; about 19,000 distinct faces.
+/// The scene of most tests: a ball before a brick wall, a smaller instance behind it, on hilly ground, and a ball so
+/// far away that only its coarse levels are needed; about 19,000 distinct faces.
 pub(crate) fn write_scene(folder: &Path) -> std::path::PathBuf {
     std::fs::write(folder.join("ball.obj"), ball(60, 100)).unwrap();
     std::fs::write(folder.join("moon.obj"), ball(40, 60)).unwrap();

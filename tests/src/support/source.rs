@@ -1,6 +1,6 @@
-//! Sources of the project, as trees.
+//! Helpers for parsed source files.
 
-/// The attributes of an item; none of kinds that tests do not ask about.
+/// The attributes of an item; empty for kinds of items that tests do not need.
 pub(crate) fn attributes_of(item: &syn::Item) -> &[syn::Attribute] {
     match item {
         syn::Item::Const(item) => &item.attrs,

@@ -1,4 +1,4 @@
-//! The viewer's streaming thread, waited for.
+//! The viewer's streaming thread, with waiting.
 
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
@@ -10,15 +10,15 @@ use lodestream_protocol::message::Token;
 
 use super::{LIMIT, PICTURE_PX};
 
-/// A client without graphics: what the viewer runs beside its window.
+/// A client without graphics: the part of the viewer beside its window.
 pub(crate) struct Viewer {
     streaming: Streaming,
     notified: mpsc::Receiver<()>,
-    /// Everything that a renderer would have been told so far.
+    /// All changes for a renderer so far.
     pub(crate) changes: Vec<Change>,
 }
 
-/// The viewer's settings for the pictures that are compared.
+/// The viewer's settings for the compared pictures.
 pub(crate) fn config() -> Config {
     Config::new(StartView::OfScene { viewport_px: PICTURE_PX, target_px: 1.0 })
 }
@@ -37,11 +37,11 @@ impl Viewer {
         Self { streaming: streaming.unwrap(), notified, changes: Vec::new() }
     }
 
-    /// Waits until a status is as wanted. Takes all changes meanwhile, as a renderer would.
+    /// Waits for a status. Takes all changes meanwhile, as a renderer would.
     pub(crate) fn wait(&mut self, what: &str, mut wanted: impl FnMut(&Status) -> bool) -> Status {
         let until = Instant::now() + LIMIT;
         loop {
-            // The status first: what it says is settled lies in the changes taken after it.
+            // The status first: a settled status covers the changes taken after it.
             let status = self.streaming.status();
             while let Some(step) = self.streaming.take() {
                 self.changes.extend(step);
@@ -59,12 +59,12 @@ impl Viewer {
         self.wait("a settled picture", |status| status.settled)
     }
 
-    /// Shows another token.
+    /// Presents another token.
     pub(crate) fn show(&self, token: Token) {
         self.streaming.tokens().show(token);
     }
 
-    /// Waits until the streaming thread gives up; gives what the user is told.
+    /// Waits until the streaming thread gives up; returns the user's message.
     pub(crate) fn end(&mut self, limit: Duration) -> String {
         let until = Instant::now() + limit;
         loop {

@@ -1,4 +1,4 @@
-//! A daemon's connection handlers and a client, connected by a simulated link, in virtual time.
+//! A daemon's connection handlers and a client over a simulated link, in virtual time.
 
 use std::net::SocketAddr;
 use std::num::NonZeroU64;
@@ -18,7 +18,7 @@ pub(crate) const SERVER: SocketAddr =
 const CLIENT: SocketAddr =
     SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::new(10, 0, 0, 2)), 50_000);
 
-/// A link on which nothing passes any more after some time, for as long as tests last.
+/// A rate that drops to zero after some time, for the rest of a test.
 pub(crate) fn cut_after(cut_ms: u64, rate_bits_per_s: u64) -> Rate {
     let cut_ns = cut_ms * 1_000_000;
     Rate::steps(&[(0, rate_bits_per_s), (cut_ns, 0), (cut_ns + 3_600_000_000_000, 1)]).unwrap()
@@ -50,7 +50,7 @@ impl QuicLink {
         Self::over(state, link(rate_bits_per_s, rtt_ms, IP_UDP_BYTES))
     }
 
-    /// The same with another rate, which may change.
+    /// The same with a rate that may vary.
     pub(crate) fn with_rate(state: Arc<ServerState>, rate: Rate, rtt_ms: u64) -> Self {
         Self::over(state, LinkSettings { rate, ..link(1, rtt_ms, IP_UDP_BYTES) })
     }
@@ -85,11 +85,11 @@ impl QuicLink {
     }
 }
 
-/// Bytes on a TCP connection's wire.
+/// Counter of bytes on a TCP connection's wire.
 pub(crate) struct TcpWire(StreamCounters);
 
 impl TcpWire {
-    /// From server to client so far.
+    /// Bytes from server to client so far.
     pub(crate) fn wire_bytes(&self) -> u64 {
         wire_bytes(self.0.links()[0], IP_TCP_BYTES)
     }
@@ -104,7 +104,7 @@ pub(crate) async fn tcp_connect(
     tcp_over(state, link(rate_bits_per_s, rtt_ms, IP_TCP_BYTES)).await
 }
 
-/// The same with another rate, which may change.
+/// The same with a rate that may vary.
 pub(crate) async fn tcp_with_rate(state: Arc<ServerState>, rate: Rate, rtt_ms: u64) -> (StreamEnd, TcpWire) {
     tcp_over(state, LinkSettings { rate, ..link(1, rtt_ms, IP_TCP_BYTES) }).await
 }

@@ -1,4 +1,4 @@
-//! What a window manager and a user do to a window, on X servers that have neither, and what is seen there.
+//! Window manager and user input on X servers without either, and screenshots.
 
 use std::time::{Duration, Instant};
 
@@ -21,7 +21,7 @@ pub(crate) struct OpenWindow {
 }
 
 impl OpenWindow {
-    /// Waits for a window on a display that can be asked to close (WM_DELETE_WINDOW, ICCCM 4.2.8.1).
+    /// Waits for a window with WM_DELETE_WINDOW (ICCCM 4.2.8.1).
     pub(crate) fn wait(display: &str, limit: Duration) -> Self {
         let (connection, screen) = x11rb::connect(Some(display)).unwrap();
         let root = connection.setup().roots[screen].root;
@@ -29,7 +29,7 @@ impl OpenWindow {
         let (protocols, delete) = (atom(b"WM_PROTOCOLS"), atom(b"WM_DELETE_WINDOW"));
         let listens = |window: u32| {
             let asked = connection.get_property(false, window, protocols, AtomEnum::ATOM, 0, 16).unwrap();
-            // A window that is gone meanwhile has none.
+            // A window that has been destroyed has no properties.
             let spoken =
                 asked.reply().ok().and_then(|reply| Some(reply.value32()?.any(|atom| atom == delete)));
             spoken.unwrap_or(false)
@@ -46,7 +46,7 @@ impl OpenWindow {
         Self { connection, root, window, protocols, delete }
     }
 
-    /// Asks it to close.
+    /// Sends WM_DELETE_WINDOW.
     pub(crate) fn ask_to_close(&self) {
         let data = [self.delete, x11rb::CURRENT_TIME, 0, 0, 0];
         let message = ClientMessageEvent::new(32, self.window, self.protocols, data);
@@ -54,7 +54,7 @@ impl OpenWindow {
         sent.unwrap().check().unwrap();
     }
 
-    /// Moves the pointer to a place on the screen, in whose corner the window is.
+    /// Moves the pointer on the screen; the window is in its corner.
     pub(crate) fn point_at(&self, x: i16, y: i16) {
         self.fake(MOTION_NOTIFY_EVENT, 0, x, y);
     }
@@ -69,7 +69,7 @@ impl OpenWindow {
         done.unwrap().check().unwrap();
     }
 
-    /// What is on the screen in the window's corner of it.
+    /// A screenshot of the window.
     pub(crate) fn picture(&self, [width, height]: [u32; 2]) -> RgbImage {
         let side = |px: u32| u16::try_from(px).unwrap();
         let asked = self.connection.get_image(
@@ -81,7 +81,7 @@ impl OpenWindow {
             side(height),
             u32::MAX,
         );
-        // Four bytes a pixel: blue, green, red and nothing.
+        // Four bytes per pixel: blue, green, red, unused.
         let data = asked.unwrap().reply().unwrap().data;
         assert_eq!(data.len(), (4 * width * height) as usize, "another depth than 24");
         RgbImage::from_fn(width, height, |x, y| {

@@ -1,4 +1,4 @@
-//! What Rust knows of a recorded session, in the names and shapes in which docs/protocol/reader.py prints it.
+//! The expected contents of a recorded session, in the names and shapes that docs/protocol/reader.py prints.
 
 use std::collections::BTreeMap;
 
@@ -24,7 +24,7 @@ use serde_json::{Value, json};
 
 use super::record::{Recording, hex};
 
-/// A run of a blob.
+/// Consecutive bytes of a blob.
 struct Run {
     id: BlobId,
     offset: u32,
@@ -33,15 +33,15 @@ struct Run {
     bytes: Vec<u8>,
 }
 
-/// What came from the server.
+/// Messages and blobs from the server.
 #[derive(Default)]
-pub(super) struct Known {
+pub(super) struct Expected {
     pub(super) messages: Vec<ServerMessage>,
     runs: Vec<Run>,
     begun: BTreeMap<BlobId, Run>,
 }
 
-impl Known {
+impl Expected {
     /// Reads the server's side of a recording with the project's own readers.
     pub(super) fn of(recording: &Recording) -> Self {
         let mut this = Self::default();
@@ -90,7 +90,7 @@ impl Known {
         }
     }
 
-    /// All that was said, and the blobs.
+    /// All messages and blobs as JSON.
     pub(super) fn json(&self, said: &[Vec<ClientMessage>]) -> Value {
         json!({
             "client": said.iter().flatten().map(client_message).collect::<Vec<_>>(),
@@ -142,7 +142,7 @@ impl Known {
     }
 }
 
-/// Binary messages of what a server wrote over WebSocket, behind its answer to the upgrade.
+/// Binary messages that a server wrote over WebSocket after its answer to the upgrade.
 fn messages(bytes: &[u8]) -> Vec<Bytes> {
     let head = bytes.windows(4).position(|four| four == b"\r\n\r\n").unwrap() + 4;
     let mut rest = &bytes[head..];

@@ -1,8 +1,8 @@
-//! docs/protocol.md is true: a reader that was written from it, in another language, understands what is said, and the
-//! bytes that it shows are those that are sent.
+//! docs/protocol.md is correct: a reader written from it, in Python, understands recorded sessions, and the bytes on
+//! the page are those that are sent.
 //!
-//! The reader needs `python3` (3.8 or later, no packages). Where that is missing these tests fail;
-//! `LODESTREAM_SKIP_PYTHON=1` skips them and says so. `LODESTREAM_WRITE_PROTOCOL=1` writes the page's hex dump anew.
+//! The reader needs `python3` (3.8 or later, no packages). Without it these tests fail; `LODESTREAM_SKIP_PYTHON=1`
+//! skips them with a message. `LODESTREAM_WRITE_PROTOCOL=1` rewrites the page's hex dump.
 
 mod known;
 mod record;
@@ -31,14 +31,14 @@ use serde_json::Value;
 
 use crate::support::daemon::Transport;
 use crate::support::raw::hello;
-use known::Known;
+use known::Expected;
 use record::{Recording, record};
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
 }
 
-/// What the reader prints of a recording, or nothing if the tests are told to do without Python.
+/// The reader's output for a recording, or `None` if Python is skipped.
 fn read(recording: &Recording, arguments: &[&str]) -> Option<Result<String, String>> {
     if std::env::var("LODESTREAM_SKIP_PYTHON").is_ok_and(|v| v == "1") {
         // Not `eprintln!`: the test runner would swallow it when the test "passes".
@@ -55,7 +55,7 @@ fn read(recording: &Recording, arguments: &[&str]) -> Option<Result<String, Stri
     Some(if output.status.success() { Ok(text(output.stdout)) } else { Err(text(output.stderr)) })
 }
 
-/// Where two values differ. Floats may differ by how JSON is read: two units in the last place of an `f64`.
+/// Collects differences of two values. Floats may differ by two units in the last place of an `f64`, from parsing JSON.
 fn differences(path: &str, read: &Value, known: &Value, found: &mut Vec<String>) {
     match (read, known) {
         (Value::Object(a), Value::Object(b)) => {
@@ -81,8 +81,8 @@ fn differences(path: &str, read: &Value, known: &Value, found: &mut Vec<String>)
     }
 }
 
-/// Lays what the reader understood beside what Rust knows.
-fn assert_understood(recording: &Recording, known: &Known, said: &[Vec<ClientMessage>]) {
+/// Compares the reader's output with the expected contents.
+fn assert_understood(recording: &Recording, known: &Expected, said: &[Vec<ClientMessage>]) {
     let Some(printed) = read(recording, &[]) else { return };
     let printed = serde_json::from_str(&printed.unwrap()).unwrap();
     let mut found = Vec::new();
@@ -91,12 +91,12 @@ fn assert_understood(recording: &Recording, known: &Known, said: &[Vec<ClientMes
 }
 
 #[test]
-fn a_reader_written_from_the_page_understands_all_that_is_said() {
+fn a_reader_written_from_the_page_understands_every_message() {
     let scene = scenes::gallery();
     let said = scenes::conversation(&scene);
     for transport in Transport::BOTH {
         let recording = record(scene.source(), transport, &said);
-        let known = Known::of(&recording);
+        let known = Expected::of(&recording);
         let seen =
             |wanted: &dyn Fn(&ServerMessage) -> bool| known.messages.iter().filter(|m| wanted(m)).count();
         assert!(matches!(&known.messages[0], ServerMessage::Welcome(w) if w.scene == *scene.store.header()));
@@ -147,12 +147,12 @@ fn a_reader_written_from_the_page_understands_all_that_is_said() {
 }
 
 #[test]
-fn a_reader_written_from_the_page_understands_punctual_lights_that_are_said_at_once() {
+fn a_reader_written_from_the_page_understands_initial_punctual_lights() {
     for count in [1, 16, 17, 400] {
         let scene = scenes::lit(count);
         let said = [vec![ClientMessage::Hello(hello())]];
         let recording = record(scene.source(), Transport::Quic, &said);
-        let known = Known::of(&recording);
+        let known = Expected::of(&recording);
         assert!(
             matches!(&known.messages[1], ServerMessage::PunctualLights(punctual_lights) if punctual_lights.count == count)
         );
@@ -161,12 +161,12 @@ fn a_reader_written_from_the_page_understands_punctual_lights_that_are_said_at_o
 }
 
 #[test]
-fn a_reader_written_from_the_page_understands_why_it_is_turned_away() {
+fn a_reader_written_from_the_page_understands_a_refusal() {
     let scene = scenes::tetrahedron();
     let said = [vec![ClientMessage::Hello(Hello { version_min: 9, version_max: 300, ..hello() })]];
     for transport in Transport::BOTH {
         let recording = record(scene.source(), transport, &said);
-        let known = Known::of(&recording);
+        let known = Expected::of(&recording);
         assert!(
             matches!(known.messages.last(), Some(ServerMessage::Close(close)) if close.code == CloseCode::Version)
         );
@@ -181,16 +181,16 @@ fn a_reader_written_from_the_page_understands_tokens() {
     let said = [vec![token("a.b.c"), ClientMessage::Hello(hello()), token("d.e")]];
     for transport in Transport::BOTH {
         let recording = record(scene.source(), transport, &said);
-        assert_understood(&recording, &Known::of(&recording), &said);
+        assert_understood(&recording, &Expected::of(&recording), &said);
     }
 }
 
 #[test]
-fn the_reader_refuses_what_is_not_as_the_page_says() {
+fn the_reader_refuses_bytes_that_violate_the_page() {
     let scene = scenes::tetrahedron();
     let said = [vec![ClientMessage::Hello(hello())]];
     let Recording::Quic(streams) = record(scene.source(), Transport::Quic, &said) else { unreachable!() };
-    // In turn: kind, tag and version of the server's stream; length of the head and of the blob; the client's first tag.
+    // Kind, tag and version of the server's stream; length of the header and of the blob; the client's first tag.
     for (stream, at) in [(1, 0), (1, 1), (1, 3), (2, 1), (2, 4), (0, 1)] {
         let mut broken = streams.clone();
         broken[stream].2[at] ^= 0x35;
@@ -200,7 +200,7 @@ fn the_reader_refuses_what_is_not_as_the_page_says() {
     }
 }
 
-/// The numbers in a text, without the commas of their thousands.
+/// The numbers in a text, without thousands separators.
 fn numbers(text: &str) -> Vec<u64> {
     let text = text.replace(',', "");
     text.split(|c: char| !c.is_ascii_digit()).filter_map(|digits| digits.parse().ok()).collect()
@@ -263,7 +263,7 @@ fn the_page_shows_the_bytes_of_a_first_flight() {
     let scene = scenes::tetrahedron();
     let said = [vec![ClientMessage::Hello(hello())]];
     let recording = record(scene.source(), Transport::Quic, &said);
-    assert_understood(&recording, &Known::of(&recording), &said);
+    assert_understood(&recording, &Expected::of(&recording), &said);
     let path = root().join("docs/protocol.md");
     let page = std::fs::read_to_string(&path).unwrap();
     let shown = &page[dump_of(&page)];
@@ -274,7 +274,7 @@ fn the_page_shows_the_bytes_of_a_first_flight() {
         std::fs::write(&path, page).unwrap();
         return;
     }
-    // The bytes, whether or not there is Python.
+    // The bytes are compared with or without Python.
     let Recording::Quic(streams) = &recording else { unreachable!() };
     let mut lines = shown.lines().filter(|line| !line.is_empty()).peekable();
     for (from, number, bytes) in streams {

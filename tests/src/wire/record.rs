@@ -1,4 +1,4 @@
-//! Records every byte of a session, both ways, in virtual time, as docs/protocol/reader.py reads it.
+//! Records every byte of a session, both ways, in virtual time, in the input format of docs/protocol/reader.py.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -24,7 +24,7 @@ use crate::support::virtual_link::{QuicLink, tcp_connect};
 
 const RATE_BITS_PER_S: u64 = 8_000_000;
 const RTT_MS: u64 = 50;
-/// Virtual time in which nothing comes: then all has been said.
+/// Virtual time without data after which a group of messages counts as answered.
 const QUIET: Duration = Duration::from_secs(1);
 
 type Shared = Arc<Mutex<Vec<u8>>>;
@@ -33,14 +33,14 @@ fn copy(bytes: &Shared) -> Vec<u8> {
     bytes.lock().unwrap().clone()
 }
 
-/// What both sides said. A stream is (who, number, bytes).
+/// The bytes of both sides. A stream is (sender, number, bytes).
 pub(super) enum Recording {
     Quic(Vec<(&'static str, u64, Vec<u8>)>),
     WebSocket { from_client: Vec<u8>, from_server: Vec<u8> },
 }
 
 impl Recording {
-    /// As the reader takes it.
+    /// The input of the reader.
     pub(super) fn json(&self) -> Value {
         match self {
             Self::Quic(streams) => {
@@ -58,7 +58,7 @@ pub(super) fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// A session in which a client says these messages, each group once nothing more comes of the last.
+/// Records a session in which a client sends groups of messages, each once nothing more arrives for the previous.
 pub(super) fn record(
     scene: Arc<dyn SceneSource>,
     transport: Transport,
@@ -128,7 +128,7 @@ async fn over_websocket(state: Arc<ServerState>, groups: &[Vec<ClientMessage>]) 
     Recording::WebSocket { from_client: copy(&written), from_server: copy(&read) }
 }
 
-/// A stream that keeps a copy of all that goes through it.
+/// A stream that copies all bytes that pass through it.
 struct Tap<S> {
     stream: S,
     read: Shared,

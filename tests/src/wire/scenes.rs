@@ -1,5 +1,5 @@
-//! What is recorded: one tetrahedron, which docs/protocol.md shows byte by byte, and a scene with everything that the
-//! wire can say.
+//! Recorded scenes: one tetrahedron, which docs/protocol.md shows byte by byte, and a scene that uses every feature of
+//! the wire format.
 
 use std::fmt::Write as _;
 
@@ -34,12 +34,12 @@ eye = [2.0, 2.0, 4.0]
 target = [0.25, 0.25, 0.25]
 "#;
 
-/// One tetrahedron before the camera.
+/// One tetrahedron in front of the camera.
 pub(super) fn tetrahedron() -> TestScene {
     open(ONE, |_| {})
 }
 
-/// The same under so many punctual lights.
+/// The same with some punctual lights.
 pub(super) fn lit(punctual_lights: u32) -> TestScene {
     let mut text = ONE.to_owned();
     for n in 0..punctual_lights {
@@ -49,8 +49,8 @@ pub(super) fn lit(punctual_lights: u32) -> TestScene {
     open(&text, |_| {})
 }
 
-/// A model with the wall's material, its texture laid over it along z. Unlike the wall's, its base mesh is no zstd frame, in
-/// which the reader could not look.
+/// A model with the wall's material, its texture laid over it along z. Unlike the wall's, its base mesh is no zstd
+/// frame, in which the reader could not look.
 fn textured(obj: &str) -> String {
     let mut out = String::from("mtllib wall.mtl\nusemtl brick\n");
     for line in obj.lines() {

@@ -1,4 +1,4 @@
-//! What random access costs: the ancestors that a spot or a view drags in.
+//! Cost of random access: the ancestors that a spot or a view requires.
 
 use lodestream_geometry::index::{ChunkInfo, Sphere, TruncationPoint};
 use lodestream_geometry::random::Random;
@@ -8,11 +8,11 @@ use serde::Serialize;
 
 use super::model::Model;
 
-/// Spots and views that are averaged over.
+/// Number of spots and views that are averaged.
 const TRIALS: usize = 40;
-/// Radius of a spot over the diagonal.
+/// Radius of a spot relative to the diagonal.
 const SPOT_RADIUS: f32 = 0.05;
-/// Distance of the eye from the middle, over the diagonal: the object fills the screen.
+/// Distance of the eye from the centre relative to the diagonal: the object fills the screen.
 const EYE_DISTANCE: f64 = 1.0;
 const VIEWPORT_PX: [u32; 2] = [1280, 720];
 const FOV_Y: f32 = 60.0 * std::f32::consts::PI / 180.0;
@@ -23,18 +23,18 @@ const TARGET_PX: f64 = 1.0;
 pub struct Spot {
     /// Bytes of the chunks that touch a ball of 5 % of the diagonal, with all their ancestors.
     pub bytes: f64,
-    /// The same over the bytes of those of them that are of the finest level.
+    /// The same relative to the bytes of those chunks that are of the finest level.
     pub ratio: f64,
 }
 
-/// What a view that the object fills needs: means over random directions.
+/// The share of an asset that a view filled by it needs: means over random directions.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct ViewShare {
     /// Share of all splits.
     pub splits: f64,
     /// Share of all payload bytes.
     pub bytes: f64,
-    /// The same if chunks could not be had up to a truncation.
+    /// Share of payload bytes if chunks could not be truncated.
     pub whole_bytes: f64,
 }
 
@@ -47,7 +47,7 @@ pub(super) fn spot(model: &Model, seed: u64) -> Spot {
     for _ in 0..TRIALS {
         let q = model.mesh.positions[random.below(model.mesh.positions.len())];
         let at = q.map(|x| (f64::from(x) * model.mesh.grid.step) as f32);
-        let set = closure(infos, |i| touches(&i.sphere, at, radius));
+        let set = with_ancestors(infos, |i| touches(&i.sphere, at, radius));
         let own: u32 = (0..infos.len())
             .filter(|&i| infos[i].level == finest && touches(&infos[i].sphere, at, radius))
             .map(|i| infos[i].payload_bytes)
@@ -82,15 +82,15 @@ pub(super) fn view_share(model: &Model, seed: u64) -> ViewShare {
             let seen = frustum.sees(from_eye, sphere.radius);
             if seen { screen_error_px(f64::from(error), depth, scale) } else { 0.0 }
         };
-        let set = closure(infos, |i| error_px(&i.sphere, visible_error(i, 1.0)) > TARGET_PX);
+        let set = with_ancestors(infos, |i| error_px(&i.sphere, visible_error(i, 1.0)) > TARGET_PX);
         let mut inner = vec![false; infos.len()];
         for (info, _) in infos.iter().zip(&set).filter(|(_, taken)| **taken) {
             info.parents.iter().for_each(|&parent| inner[parent as usize] = true);
         }
         let (mut splits, mut bytes, mut whole_bytes) = (0.0, 0.0, 0.0);
         for (id, info) in infos.iter().enumerate().filter(|(id, _)| set[*id]) {
-            // A chunk that none builds on is needed up to the first truncation that will do.
-            // Attributes are stated for the whole chunk only.
+            // A chunk without dependents is needed up to the first truncation point that suffices. Attribute errors are
+            // known for the whole chunk only.
             let attributes = visible_error(&ChunkInfo { error: 0.0, ..info.clone() }, 1.0);
             let enough = |s: &TruncationPoint| error_px(&info.sphere, s.error.max(attributes)) <= TARGET_PX;
             let truncation = info.truncation_points.iter().find(|s| !inner[id] && enough(s));
@@ -107,7 +107,7 @@ pub(super) fn view_share(model: &Model, seed: u64) -> ViewShare {
     share
 }
 
-/// Uniform on the sphere (Marsaglia, 1972), without trigonometry.
+/// Uniformly distributed on the sphere (Marsaglia, 1972), without trigonometry.
 fn direction(random: &mut Random) -> [f64; 3] {
     loop {
         let (a, b) = (random.unit() * 2.0 - 1.0, random.unit() * 2.0 - 1.0);
@@ -123,8 +123,8 @@ fn touches(sphere: &Sphere, at: [f32; 3], radius: f32) -> bool {
     glam::Vec3::from(sphere.center).distance(glam::Vec3::from(at)) < sphere.radius + radius
 }
 
-/// The chunks that are wanted, with all their ancestors.
-fn closure(infos: &[ChunkInfo], wanted: impl Fn(&ChunkInfo) -> bool) -> Vec<bool> {
+/// The wanted chunks with all their ancestors.
+fn with_ancestors(infos: &[ChunkInfo], wanted: impl Fn(&ChunkInfo) -> bool) -> Vec<bool> {
     let mut set: Vec<bool> = infos.iter().map(wanted).collect();
     for id in (0..infos.len()).rev() {
         if set[id] {

@@ -1,4 +1,4 @@
-//! Bytes until a quality: how much of an asset must have come for a given RMS distance.
+//! Bytes required for a quality, given as RMS distance.
 
 use lodestream_geometry::ancestor_closed_cut::{self, Budget};
 use serde::Serialize;
@@ -7,26 +7,26 @@ use super::model::Model;
 use super::options::Options;
 use super::quality::distance;
 
-/// RMS distances asked for, over the diagonal.
+/// Target RMS distances, relative to the diagonal.
 const TARGETS: [f64; 3] = [100e-5, 40e-5, 20e-5];
-/// Budgets are searched to this share.
+/// Relative precision of the search for budgets.
 const PRECISION: f64 = 0.005;
 
-/// The smallest budget found whose lowest-error ancestor-closed cut is within an RMS distance.
+/// The smallest budget found whose lowest-error ancestor-closed cut reaches an RMS distance.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct BytesToRms {
-    /// RMS distance asked for, two-sided, over the diagonal.
+    /// Target RMS distance, two-sided, relative to the diagonal.
     pub target: f64,
-    /// What the set has.
+    /// RMS distance of the cut.
     pub rms: f64,
-    /// Its faces.
+    /// Faces of the cut.
     pub faces: usize,
-    /// Base mesh, whole index and the set's payloads.
+    /// Bytes of base mesh, whole index and the cut's payloads.
     pub bytes: u64,
 }
 
-/// Bisects for every target that the whole asset reaches. The set for a larger budget is rarely worse, so
-/// the answer is a good budget, if not always the least.
+/// Bisects for every target that the whole asset reaches. The cut for a larger budget is rarely worse, so the result is
+/// near the minimum.
 pub(super) fn bytes_to_rms(model: &Model, head: u64, options: &Options) -> anyhow::Result<Vec<BytesToRms>> {
     let prepared = &model.prepared;
     let all: u64 = prepared.infos.iter().map(|i| u64::from(i.payload_bytes)).sum();

@@ -1,17 +1,16 @@
-//! How honest and how tight the stated geometric errors are, by at least ten points on each face.
+//! Stated geometric errors compared with measured distances, at ten or more points per face: validity and tightness.
 //!
-//! *Honest.* For a ancestor-closed cut, the error stated for the mesh is the largest of its missing chunks', and
-//! no point may be farther than that. Views rely on more: that near a point the error is at most that
-//! of the missing chunks whose bounding sphere holds the point. Both are measured. A chunk that is applied
-//! up to a truncation is missing at the truncation's error.
+//! *Validity.* For an ancestor-closed cut, the error stated for the mesh is the largest of its missing chunks', and no
+//! point may be further away. Views also rely on it locally: near a point, the error is at most that of the missing
+//! chunks whose bounding sphere contains the point. Both are measured. A chunk applied up to a truncation point counts
+//! as missing with that point's error.
 //!
-//! *Tight.* For a chunk, the mesh with everything coarser and nothing else is laid beside the input: the
-//! points of the coarse faces that the chunk changes, the input points that are nearest to such a face
-//! and those of the input faces that the chunk itself brings. The largest of their distances is what
-//! could have been stated for the chunk alone. Errors that are not made by this chunk but by finer
-//! ones (its descendants) count only as far as they show on those points. Errors of its neighbours may
-//! show there too, as where a neighbour's component vanished and this one is the nearest: a chunk that states less
-//! than it is charged with is measured again as the only one that is missing, with what rests on it.
+//! *Tightness.* For a chunk, the mesh with everything coarser and nothing else is compared with the input: the points
+//! of the coarse faces that the chunk changes, the input points nearest to such a face, and those of the input faces
+//! that the chunk adds. The largest of their distances is the smallest error that could be stated for the chunk alone.
+//! Errors made by finer chunks (its descendants) count as far as they appear at those points. Errors of its neighbours
+//! may appear there too, for example if a neighbour's component vanished and this one is nearest: a chunk whose stated
+//! error is smaller than that is measured again with only it and its dependents missing.
 
 use std::collections::HashMap;
 
@@ -30,16 +29,16 @@ use crate::measure::Surface;
 /// Distances below this share of the diagonal are rounding errors.
 const NOISE: f64 = 1e-9;
 
-/// Quotients of stated over measured errors.
+/// Ratios of stated to measured errors.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct Ratios {
-    /// How many.
+    /// Number of ratios.
     pub count: usize,
-    /// Least: below 1 a statement was too low.
+    /// Least; below 1, a stated error was too low.
     pub least: f64,
     /// Median.
     pub median: f64,
-    /// Nine of ten are below.
+    /// 90th percentile.
     pub p90: f64,
     /// Greatest.
     pub greatest: f64,
@@ -59,13 +58,13 @@ impl Ratios {
     }
 }
 
-/// Stated over measured error of random ancestor-closed cuts.
+/// Stated against measured errors of random ancestor-closed cuts.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct RandomSets {
-    /// Of whole meshes: the largest error of missing chunks over the largest distance.
+    /// For whole meshes: the largest error of the missing chunks over the largest distance.
     pub whole: Ratios,
-    /// Least quotient at any point: the largest error of the missing chunks whose sphere holds the
-    /// point over its distance. Points nearer than a tenth of their set's largest distance are left out.
+    /// Least ratio at any point: the largest error of the missing chunks whose sphere contains the point, over its
+    /// distance. Points nearer than a tenth of their cut's largest distance are omitted.
     pub least_at_a_point: f64,
 }
 
@@ -77,7 +76,7 @@ pub(super) fn random_sets(model: &Model, options: &Options) -> anyhow::Result<Ra
     compare(model, &mut sets)
 }
 
-/// Compares stated and measured errors of the levels, each up to each of its truncation_points.
+/// Compares stated and measured errors of the levels, each up to each of its truncation points.
 pub(super) fn at_truncation_points(model: &Model) -> anyhow::Result<RandomSets> {
     let infos = &model.prepared.infos;
     let mut sets = Vec::new();
@@ -114,7 +113,7 @@ fn compare(model: &Model, sets: &mut dyn Iterator<Item = Vec<Member>>) -> anyhow
         if worst <= NOISE * model.diagonal() {
             continue;
         }
-        let missing = Missing::new(model, &set);
+        let missing = MissingChunks::new(model, &set);
         ratios.push(missing.worst() / worst);
         for (point, distance) in points.into_iter().filter(|p| p.1 > 0.1 * worst) {
             least = least.min(missing.at(point) / distance);
@@ -126,12 +125,12 @@ fn compare(model: &Model, sets: &mut dyn Iterator<Item = Vec<Member>>) -> anyhow
     })
 }
 
-/// The chunks that a mesh lacks, or the rest of which, those with the largest errors first.
-struct Missing {
+/// The missing chunks of a mesh, including partly applied ones, in descending order of error.
+struct MissingChunks {
     chunks: Vec<(f64, DVec3, f64)>,
 }
 
-impl Missing {
+impl MissingChunks {
     fn new(model: &Model, applied: &[Member]) -> Self {
         let origin = DVec3::from_array(model.mesh.grid.origin);
         let left = model.left(applied);
@@ -140,7 +139,7 @@ impl Missing {
             .map(|id| {
                 let Sphere { center, radius } = model.prepared.infos[id].sphere;
                 let center = origin + DVec3::from_array(center.map(f64::from));
-                // The centre is relative to the grid's origin; adding that rounds.
+                // The centre is relative to the grid's origin; the addition rounds.
                 let slack = NOISE * model.diagonal();
                 (left[id], center, f64::from(radius) + slack)
             })
@@ -159,7 +158,7 @@ impl Missing {
     }
 }
 
-/// Compares each chunk's stated error with what shows where the chunk would change the mesh.
+/// Compares each chunk's stated error with the distances in the area that it would change.
 pub(super) fn per_chunk(model: &Model) -> anyhow::Result<Ratios> {
     let infos = &model.prepared.infos;
     let mut active = ActiveMesh::new(&model.prepared.base);
@@ -208,7 +207,7 @@ pub(super) fn per_chunk(model: &Model) -> anyhow::Result<Ratios> {
     Ok(Ratios::of(ratios))
 }
 
-/// The largest distance while a chunk, with what rests on it, is all that is missing.
+/// The largest distance while only a chunk and its dependents are missing.
 fn missing_alone(model: &Model, input: &Target<'_>, chunk: u32) -> anyhow::Result<f64> {
     let mut lacks = vec![false; model.prepared.infos.len()];
     for (id, info) in (0..).zip(&model.prepared.infos) {
@@ -227,7 +226,7 @@ fn missing_alone(model: &Model, input: &Target<'_>, chunk: u32) -> anyhow::Resul
     Ok(worst)
 }
 
-/// The surface of a mesh, in the asset's units, with the id of each face.
+/// The surface of a mesh in the asset's units, with each face's id.
 fn with_ids(model: &Model, active: &ActiveMesh) -> (Surface, Vec<Id>) {
     let snapshot = active.snapshot();
     let vertex = |wedge: Id| {

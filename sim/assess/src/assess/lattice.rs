@@ -1,17 +1,17 @@
-//! Points laid evenly over triangles, at least ten on each face of the input.
+//! Points distributed evenly over triangles, at least ten on each face of the input.
 
 use glam::DVec3;
 use lodestream_geometry::distance::TriangleBvh;
 
 use crate::measure::Surface;
 
-/// Subdivision of an input face's edges: 15 points a face, corners and edges included.
+/// Subdivision of an input face's edges: 15 points per face, including corners and edges.
 const SUBDIVISION: usize = 4;
-/// No face is cut finer than this.
+/// Largest subdivision of a face.
 const MOST_SUBDIVISION: usize = 100;
 
-/// Calls `visit` for a lattice of points on a triangle, corners and edges included. Triangles larger than
-/// `area`, the mean face of the input, get about 15 points for each `area`.
+/// Calls `visit` for a lattice of points on a triangle, including corners and edges. Triangles larger than `area`, the
+/// mean face of the input, get about 15 points per `area`.
 pub(super) fn over(triangle: [DVec3; 3], area: f64, visit: &mut dyn FnMut(DVec3)) {
     let [a, b, c] = triangle;
     let own = 0.5 * (b - a).cross(c - a).length();
@@ -26,7 +26,7 @@ pub(super) fn over(triangle: [DVec3; 3], area: f64, visit: &mut dyn FnMut(DVec3)
     }
 }
 
-/// A surface that distances are measured to and from.
+/// A surface with its search structure.
 pub(super) struct Target<'a> {
     surface: &'a Surface,
     bvh: TriangleBvh,
@@ -53,8 +53,7 @@ impl<'a> Target<'a> {
         total / count.max(1) as f64
     }
 
-    /// Calls `visit` with every lattice point of a face, its distance to `other` and the face of `other`
-    /// that is nearest.
+    /// Calls `visit` with every lattice point of a face, its distance to `other` and the nearest face of `other`.
     pub(super) fn distances(
         &self,
         face: usize,

@@ -1,8 +1,8 @@
-//! Assesses the geometry of one model: sizes, speeds, quality at level ends, honesty of the stated
-//! errors, and what random access costs. The benchmarks' tables of geometry come from here.
+//! Assesses the geometry of one model: sizes, speeds, quality at level ends, validity of the stated errors, and cost of
+//! random access. The geometry tables of the benchmarks come from here.
 //!
-//! Sizes and distances repeat exactly for the same model and settings; times are wall-clock times of
-//! this machine on one thread and are good for ratios within one run only.
+//! Sizes and distances are deterministic for a model and settings; times are wall-clock times on one thread, comparable
+//! within one run only.
 
 mod access;
 mod budget;
@@ -32,18 +32,18 @@ use model::{Model, surface};
 pub use options::Options;
 pub use quality::LevelEnd;
 
-/// Everything that was found out about a model.
+/// Results for a model.
 #[derive(Clone, Debug, Serialize)]
 pub struct Assessment {
     /// Vertices after welding.
     pub vertices: usize,
     /// Faces of the input.
     pub faces: usize,
-    /// How base mesh and chunks are coded.
+    /// Codec of base mesh and chunks.
     pub codec: String,
-    /// [`axis_aligned_share`]: what a codec is chosen by.
+    /// [`axis_aligned_share`], by which a codec is selected.
     pub axis_aligned_share: f64,
-    /// Chunks.
+    /// Number of chunks.
     pub chunks: usize,
     /// Levels above the base.
     pub levels: u8,
@@ -55,9 +55,9 @@ pub struct Assessment {
     pub index_bytes: usize,
     /// Bytes of all chunks.
     pub payload_bytes: usize,
-    /// Bits per vertex, everything counted.
+    /// Bits per vertex of base mesh, index and chunks.
     pub bits_per_vertex: f64,
-    /// Error of the base mesh as a share of the diagonal.
+    /// Error of the base mesh relative to the diagonal.
     pub base_error: f64,
     /// Input faces prepared per second.
     pub prepare_faces_per_s: f64,
@@ -71,17 +71,17 @@ pub struct Assessment {
     pub rms_at_tenth: Option<f64>,
     /// The lowest-error ancestor-closed cut within 10 % of the faces, usually between two levels.
     pub tenth: LevelEnd,
-    /// Bytes received until the mesh is so near to the input.
+    /// Bytes required for target RMS distances.
     pub bytes_to_rms: Vec<BytesToRms>,
-    /// Stated against measured error of random ancestor-closed cuts, their leaves up to random truncation_points.
+    /// Stated against measured errors of random ancestor-closed cuts, with leaves up to random truncation points.
     pub random: RandomSets,
-    /// The same of each level up to each of its truncation_points, everything coarser being there.
+    /// The same for each level up to each of its truncation points, with everything coarser applied.
     pub at_truncation_points: RandomSets,
-    /// Stated against locally measured error of each chunk.
+    /// Stated against locally measured errors of each chunk.
     pub per_chunk: Ratios,
-    /// What refining one spot costs.
+    /// Cost of refining one spot.
     pub spot: Spot,
-    /// What a view that the object fills needs.
+    /// Share that a view filled by the object needs.
     pub view: ViewShare,
 }
 

@@ -1,4 +1,4 @@
-//! The model that is assessed, prepared and decoded.
+//! The assessed model, prepared and decoded.
 
 use lodestream_compress::decode_prefix;
 use lodestream_geometry::ancestor_closed_cut::Member;
@@ -8,7 +8,7 @@ use lodestream_geometry::refine::{ActiveMesh, ChunkDelta};
 
 use crate::measure::Surface;
 
-/// A prepared model with everything decoded.
+/// A prepared model with all chunks decoded.
 pub(super) struct Model {
     pub(super) mesh: QuantisedMesh,
     pub(super) input: Surface,
@@ -17,7 +17,7 @@ pub(super) struct Model {
 }
 
 impl Model {
-    /// The surface with a ancestor-closed cut of chunks applied.
+    /// The surface with an ancestor-closed cut of chunks applied.
     pub(super) fn surface(&self, set: &[Member]) -> anyhow::Result<Surface> {
         let mut active = ActiveMesh::new(&self.prepared.base);
         for &Member { chunk, truncation } in set {
@@ -32,7 +32,7 @@ impl Model {
         Ok(surface(&active.to_mesh()))
     }
 
-    /// Error that the index states for each chunk where a ancestor-closed cut lacks it, or the rest of it.
+    /// The error that the index states for each chunk missing from an ancestor-closed cut, wholly or in part.
     pub(super) fn left(&self, set: &[Member]) -> Vec<f64> {
         let mut left: Vec<f64> = self.prepared.infos.iter().map(|i| f64::from(i.error)).collect();
         for &Member { chunk, truncation } in set {

@@ -1,11 +1,11 @@
-//! What to assess, and how.
+//! Options of an assessment.
 
 use lodestream_bake::preparation_settings::{
     BlockFaces, CoarseGrid, CodecChoice, LevelShare, PositionBits, RegionFaces, Round, TopRegions,
 };
 use lodestream_geometry::Metric;
 
-/// What to assess, and how.
+/// Options of an assessment.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
     /// Bits per axis of positions.
@@ -14,24 +14,24 @@ pub struct Options {
     pub region_faces: RegionFaces,
     /// Share of the removable vertices that one level removes.
     pub level_share: LevelShare,
-    /// Regions that are merged into one at the top.
+    /// Regions merged into one at the top.
     pub top_regions: TopRegions,
     /// [`lodestream_geometry::Settings::coarse_grid`].
     pub coarse_grid: CoarseGrid,
-    /// Most faces that are simplified at once.
+    /// Most faces simplified at once.
     pub block_faces: BlockFaces,
-    /// What a collapse is held to cost.
+    /// Cost function of collapses.
     pub metric: Metric,
     /// Order of collapses.
     pub round: Round,
-    /// How base mesh and chunks are coded; bytes are those stored and sent.
+    /// Codec of base mesh and chunks; bytes are those stored and sent.
     pub codec: CodecChoice,
-    /// Leaves out texture coordinates, normals and colours.
+    /// Omits texture coordinates, normals and colours.
     pub positions_only: bool,
-    /// Random ancestor-closed cuts whose stated error is compared with the measured distance.
+    /// Number of random ancestor-closed cuts whose stated error is compared with the measured distance.
     pub random_sets: usize,
-    /// Points on each surface for every distance.
+    /// Points sampled on each surface per distance.
     pub samples: usize,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     pub seed: u64,
 }

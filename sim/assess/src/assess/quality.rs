@@ -41,7 +41,7 @@ pub(super) fn level_ends(model: &Model, options: &Options) -> anyhow::Result<Vec
     Ok(ends)
 }
 
-/// Measures the ancestor-closed cut of lowest error within a number of faces.
+/// Measures the ancestor-closed cut of lowest error with at most `faces` faces.
 pub(super) fn within_faces(model: &Model, faces: u64, options: &Options) -> anyhow::Result<LevelEnd> {
     let prepared = &model.prepared;
     let set = ancestor_closed_cut::lowest_error(&prepared.base, &prepared.infos, 0, Budget::Faces(faces));
@@ -52,13 +52,13 @@ pub(super) fn within_faces(model: &Model, faces: u64, options: &Options) -> anyh
     Ok(LevelEnd { level, faces, payload_bytes, rms: found.rms, max: found.max, stated })
 }
 
-/// Bytes of a set's chunks, up to their truncation_points.
+/// Bytes of a cut's chunks, up to their truncation points.
 fn payload(model: &Model, set: &[Member]) -> u64 {
     let bytes = |m: &Member| model.prepared.infos[m.chunk as usize].extent(m.truncation).payload_bytes;
     set.iter().map(|m| u64::from(bytes(m))).sum()
 }
 
-/// RMS at a number of faces: RMS × faces changes slowly, so it is interpolated linearly in faces.
+/// RMS distance at a number of faces: RMS × faces varies slowly, so it is interpolated linearly in faces.
 pub(super) fn interpolate(ends: &[LevelEnd], faces: f64) -> Option<f64> {
     let pair = ends.windows(2).find(|w| w[0].faces as f64 <= faces && faces <= w[1].faces as f64)?;
     let product = |e: &LevelEnd| e.rms * e.faces as f64;

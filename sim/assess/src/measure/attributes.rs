@@ -1,5 +1,4 @@
-//! How attributes differ between two meshes: at points of each, beside what the nearest point of the
-//! other has.
+//! Attribute differences between two meshes, at sample points of each against the nearest point of the other.
 //!
 //! Texture coordinates are compared where both meshes have them, and so on. Near a seam the nearest point
 //! may lie in another chart, so maxima of texture coordinates say little where charts do not agree; root
@@ -13,7 +12,7 @@ use serde::Serialize;
 use super::sample::{BLOCK, Located};
 use super::{Settings, Surface, SurfaceSampler};
 
-/// Differences of one kind of attribute, over points of both meshes; the larger of the two directions.
+/// Differences of one kind of attribute, over sample points of both meshes; the larger of the two directions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Differences {
     /// Root mean square.
@@ -24,7 +23,7 @@ pub struct Differences {
     pub beyond: f64,
 }
 
-/// Differences of attributes; `None` where not both meshes have them.
+/// Attribute differences; `None` unless both meshes have the attribute.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct AttributeDifferences {
     /// Distance of texture coordinates, in their units.
@@ -33,11 +32,11 @@ pub struct AttributeDifferences {
     pub normal: Option<Differences>,
     /// Distance of colours, each channel in 0..=1 as stored (sRGB).
     pub color: Option<Differences>,
-    /// Share of the points whose material has another number; `None` where both have one material.
+    /// Share of the points with another material number; `None` if both have one material.
     pub material: Option<f64>,
 }
 
-/// Compares attributes; surfaces are those of the meshes. Cost: a search for each sample, on one core.
+/// Compares attributes; surfaces are those of the meshes. Costs one nearest-point search per sample, on one core.
 #[must_use]
 pub fn compare_attributes(a: &SourceMesh, b: &SourceMesh, settings: &Settings) -> AttributeDifferences {
     let [forth, back] = [(a, b, 0), (b, a, 1)].map(|(from, to, direction)| {
@@ -58,7 +57,7 @@ const UV: usize = 0;
 const NORMAL: usize = 1;
 const COLOR: usize = 2;
 const MATERIAL: usize = 3;
-/// What counts as different.
+/// Threshold above which a difference counts.
 const BEYOND: f64 = 0.01;
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -122,7 +121,7 @@ fn nearest(bvh: &TriangleBvh, surface: &Surface, point: DVec3) -> Option<Located
     let [a, b, c] = corners;
     let normal = (b - a).cross(c - a);
     let square = normal.length_squared();
-    // Barycentric coordinates are areas over the whole; a triangle without area is where its corner is.
+    // Barycentric coordinates are ratios of areas; a degenerate triangle is treated as its corner.
     let weights = if square > 0.0 {
         let share = |p: DVec3, q: DVec3| (p - found).cross(q - found).dot(normal) / square;
         [share(b, c), share(c, a), share(a, b)]
@@ -192,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mesh_and_itself_differ_in_nothing() {
+    fn a_mesh_does_not_differ_from_itself() {
         let found = compare_attributes(&square(), &square(), &settings());
         for kind in [found.uv, found.normal, found.color] {
             assert!(kind.unwrap().max < 1e-9, "{found:?}");
@@ -201,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn each_kind_of_difference_is_measured_as_what_it_is() {
+    fn each_kind_of_attribute_difference_is_measured() {
         let mut other = square();
         other.uvs.iter_mut().for_each(|uv| uv[1] += 0.25);
         other.colors.iter_mut().for_each(|c| c[3] = 204);
@@ -219,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn what_one_of_them_lacks_is_not_compared() {
+    fn attributes_that_one_mesh_lacks_are_not_compared() {
         let mut bare = square();
         bare.faces.iter_mut().flatten().for_each(|c| *c = Corner::at(c.position));
         (bare.uvs, bare.normals, bare.colors) = (Vec::new(), Vec::new(), Vec::new());

@@ -1,4 +1,4 @@
-//! Both directions of the sampled distance, on all cores, the same for any number of threads.
+//! Sampled distance in both directions, on all cores; independent of the number of threads.
 
 use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -8,7 +8,7 @@ use lodestream_geometry::distance::TriangleBvh;
 use super::sample::BLOCK;
 use super::{Surface, SurfaceSampler};
 
-/// How to measure.
+/// Settings of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Settings {
     /// Points on each surface. The standard error of an RMS falls as 1/√samples; 200,000 repeat to
@@ -16,7 +16,7 @@ pub struct Settings {
     pub samples: NonZeroUsize,
     /// Seed of the points.
     pub seed: u64,
-    /// Threads; changes the time taken and nothing else.
+    /// Number of threads; affects only the time.
     pub threads: NonZeroUsize,
 }
 

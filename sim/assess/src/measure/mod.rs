@@ -1,4 +1,4 @@
-//! The distance between two triangle meshes: how well one stands for the other.
+//! Distance between two triangle meshes.
 //!
 //! The metric is the two-sided sampled surface distance of Cignoni, Rocchini and Scopigno ("Metro:
 //! measuring error on simplified surfaces", 1998), restricted to faces: points are drawn uniformly
@@ -22,7 +22,7 @@ pub use distance::{Comparison, Distances, MeasureError, Settings, compare};
 pub use obj::{read_models, read_obj};
 pub use sample::SurfaceSampler;
 
-/// The triangles of a surface; nothing else matters here.
+/// A surface as triangles, without attributes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Surface {
     /// Positions, possibly more than the triangles use.

@@ -1,4 +1,4 @@
-//! Surfaces from OBJ files, by the server's importer: what it refuses cannot be measured either.
+//! Surfaces from OBJ files, read by the server's importer; files that it refuses cannot be measured.
 
 use std::path::Path;
 
@@ -7,8 +7,8 @@ use lodestream_import::ImportError;
 
 use super::Surface;
 
-/// The triangles of all objects of an OBJ file; polygons are triangulated, points and lines are left
-/// out, texture coordinates, normals and materials are read and dropped.
+/// The triangles of all objects of an OBJ file: polygons are triangulated, points and lines omitted, attributes and
+/// materials ignored.
 ///
 /// # Errors
 /// See [`ImportError`].
@@ -16,7 +16,7 @@ pub fn read_obj(path: &Path) -> Result<Surface, ImportError> {
     Ok(Surface::from(&lodestream_import::import(path)?.mesh))
 }
 
-/// Two models with attributes. Materials of one name have one number in both.
+/// Two models with attributes. Materials of the same name get the same number in both.
 ///
 /// # Errors
 /// See [`ImportError`].
@@ -60,7 +60,7 @@ mod tests {
     }
 
     #[test]
-    fn materials_are_told_by_their_names() {
+    fn materials_are_matched_by_name() {
         let dir = tempfile::tempdir().unwrap();
         let model = |name: &str, order: [&str; 2]| {
             let [one, other] = order;

@@ -6,8 +6,8 @@ use rand_pcg::Pcg64Mcg;
 
 use super::Surface;
 
-/// Points drawn from one stream of random numbers. Streams are cut by sample number, not by thread,
-/// so any number of threads draws the same points.
+/// Points per stream of random numbers. Streams are assigned by sample number, not by thread, so any number of threads
+/// draws the same points.
 pub(super) const BLOCK: usize = 4096;
 
 /// Draws points uniformly by area, stratified: of `n` samples, sample `i` lies in the `i`-th of `n`
@@ -21,7 +21,7 @@ pub struct SurfaceSampler<'a> {
 }
 
 impl<'a> SurfaceSampler<'a> {
-    /// A sampler of `surface`; `None` where it has no area.
+    /// A sampler of `surface`; `None` if it has no area.
     #[must_use]
     pub fn new(surface: &'a Surface) -> Option<Self> {
         let mut sum = 0.0;
@@ -42,7 +42,7 @@ impl<'a> SurfaceSampler<'a> {
         self.located(seed, block, count).map(|located| located.point)
     }
 
-    /// The same samples, with where they lie.
+    /// The same samples with their location.
     pub(super) fn located(
         &self,
         seed: u64,

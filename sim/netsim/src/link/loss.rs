@@ -1,22 +1,22 @@
-//! Packets lost on the way: each by itself, or in bursts.
+//! Packet loss: independent, or in bursts.
 
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// How packets get lost.
+/// Model of packet loss.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Loss {
-    /// Each packet by itself, with this probability.
+    /// Independent, with this probability per packet.
     Random(f64),
     /// In bursts.
     Burst(GilbertElliott),
 }
 
 impl Loss {
-    /// Nothing is lost.
+    /// No loss.
     pub const NONE: Self = Self::Random(0.0);
 
-    /// The share of packets that are lost in the long run.
+    /// Long-run share of lost packets.
     #[must_use]
     pub fn long_run(&self) -> f64 {
         match self {
@@ -26,9 +26,9 @@ impl Loss {
     }
 }
 
-/// Gilbert's and Elliott's channel of two states (E. N. Gilbert, "Capacity of a burst-noise channel", 1960;
-/// E. O. Elliott, "Estimates of error rates for codes on burst-noise channels", 1963), a step per packet. While
-/// nobody sends, the state stays: who probes rarely meets the same burst for longer.
+/// Gilbert–Elliott channel of two states (E. N. Gilbert, "Capacity of a burst-noise channel", 1960; E. O. Elliott,
+/// "Estimates of error rates for codes on burst-noise channels", 1963), one step per packet. The state does not change
+/// while nothing is sent.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GilbertElliott {
     /// Probability, per packet, that a good channel turns bad.
@@ -42,29 +42,29 @@ pub struct GilbertElliott {
 }
 
 impl GilbertElliott {
-    /// The share of time in the bad state: `to_bad / (to_bad + to_good)`.
+    /// Share of time in the bad state: `to_bad / (to_bad + to_good)`.
     #[must_use]
     pub fn bad_share(&self) -> f64 {
         let both = self.to_bad + self.to_good;
         if both > 0.0 { self.to_bad / both } else { 0.0 }
     }
 
-    /// The share of packets that are lost: the states' losses by their shares of time.
+    /// Share of lost packets: the states' losses weighted by their shares of time.
     #[must_use]
     pub fn long_run_loss(&self) -> f64 {
         let bad = self.bad_share();
         bad * self.loss_bad + (1.0 - bad) * self.loss_good
     }
 
-    /// Packets per visit to the bad state, on average: `1 / to_good`. Where all is lost there and nothing
-    /// elsewhere, that is the mean number of packets lost in a row.
+    /// Mean number of packets per visit to the bad state: `1 / to_good`. If all packets are lost there and none
+    /// elsewhere, this is the mean burst length.
     #[must_use]
     pub fn mean_bad_packets(&self) -> f64 {
         1.0 / self.to_good
     }
 }
 
-/// Decides, packet by packet.
+/// Generates the losses of successive packets.
 #[derive(Clone, Debug)]
 pub(super) struct Losses {
     model: Loss,
@@ -73,8 +73,7 @@ pub(super) struct Losses {
 }
 
 impl Losses {
-    /// The channel starts in a state drawn with the long-run shares, so that the first packet is lost as
-    /// often as any other.
+    /// Starts in a random state with the long-run shares, so that the first packet is lost as often as any other.
     pub(super) fn new(model: Loss, seed: u64) -> Self {
         let mut random = Pcg64Mcg::seed_from_u64(seed);
         let bad = match model {
@@ -84,8 +83,8 @@ impl Losses {
         Self { model, random, bad }
     }
 
-    /// Whether the next packet is lost if it is sent. To be asked for every packet, whatever becomes of
-    /// it: which packets are lost then depends on their place in the sequence and on nothing else.
+    /// Whether the next packet is lost if it is sent. Must be called for every packet, whatever its fate, so that
+    /// losses depend only on the place in the sequence.
     pub(super) fn next_is_lost(&mut self) -> bool {
         let drawn = self.random.random::<f64>();
         match self.model {
@@ -144,7 +143,7 @@ mod tests {
         let model = GilbertElliott { to_bad: 0.1, to_good: 0.1, loss_good: 0.02, loss_bad: 0.3 };
         assert!((model.long_run_loss() - 0.16).abs() < 1e-12);
         let found = share(&draw(model, 5));
-        // Losses of one state hang together over 1 / (0.1 + 0.1) packets: 0.16 × 0.84 + 2 × 5 × 0.14² / 4 …
+        // Losses of one state are correlated over 1 / (0.1 + 0.1) packets: 0.16 × 0.84 + 2 × 5 × 0.14² / 4 …
         // is below 0.2 per packet; four standard deviations of that.
         assert!((found - 0.16).abs() < 4.0 * (0.2 / PACKETS as f64).sqrt(), "{found}");
     }

@@ -1,9 +1,8 @@
 //! One direction of a link: packets in, arrival times out, in integer nanoseconds of virtual time.
 //!
-//! Modelled, in the order in which a packet meets them: the largest packet that fits ([`Fate::TooBig`]);
-//! a queue, limited in bytes, that drops what does not fit (drop tail); a [`rate`](Rate), constant or
-//! changing, at which packets are serialised one after the other, headers included; [`Loss`], by packet
-//! or in bursts, after a packet has taken its time; a one-way delay, with [`Jitter`].
+//! Modelled, in this order: the largest packet ([`Fate::TooBig`]); a queue limited in bytes that drops what does not
+//! fit (drop tail); a [`rate`](Rate), constant or varying, at which packets are serialised, headers included; [`Loss`],
+//! by packet or in bursts, after serialisation; a one-way delay with [`Jitter`].
 //!
 //! Not modelled: duplication, corruption, cross traffic, active queue management, layers below IP.
 
@@ -19,30 +18,26 @@ use jitter::Delays;
 pub use jitter::Jitter;
 use loss::Losses;
 pub use loss::{GilbertElliott, Loss};
-pub use rate::{AtEnd, MAX_RATE_BITS_PER_S, Rate, RateError};
+pub use rate::{AtEnd, MAX_RATE_BITS_PER_S, NS_PER_S, Rate, RateError};
 
 /// Header bytes of an IPv4 packet with a UDP datagram.
 pub const IP_UDP_BYTES: u32 = 20 + 8;
 
-/// Largest IP packet that passes a usual link: Ethernet's.
+/// Largest IP packet on Ethernet.
 pub const ETHERNET_MTU_BYTES: u32 = 1500;
 
-/// Nanoseconds per second.
-pub const NS_PER_S: u64 = 1_000_000_000;
-
-/// What a link is like, in one direction.
+/// Settings of a link, in one direction.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinkSettings {
     /// Bits per second, headers included.
     pub rate: Rate,
     /// One-way delay of a packet after its last bit was sent.
     pub delay_ns: u64,
-    /// What is added to that.
+    /// Jitter added to the delay.
     pub jitter: Jitter,
-    /// Bytes that may wait or be in the middle of being sent, headers included; what does not fit is
-    /// dropped. An idle link takes any packet.
+    /// Most bytes waiting or being sent, headers included; excess packets are dropped. An idle link accepts any packet.
     pub queue_bytes: u64,
-    /// Which packets that were sent do not arrive.
+    /// Loss of packets that were sent.
     pub loss: Loss,
     /// Bytes of headers per packet.
     pub overhead_bytes: u32,
@@ -71,7 +66,7 @@ impl LinkSettings {
     }
 }
 
-/// What became of a packet.
+/// Fate of a packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fate {
     /// It arrives at this time.
@@ -79,7 +74,7 @@ pub enum Fate {
         /// Virtual time of its arrival.
         at_ns: u64,
     },
-    /// It was sent and lost on the way.
+    /// It was sent and lost.
     Lost,
     /// The queue was full.
     QueueFull,
@@ -114,7 +109,7 @@ pub struct Link {
     settings: LinkSettings,
     losses: Losses,
     delays: Delays,
-    /// When the last packet's last bit has been sent: whole nanoseconds …
+    /// When the last packet's last bit is sent, in whole nanoseconds …
     busy_until_ns: u64,
     /// … and how much of the next one it takes, in units of 1/rate nanoseconds, so that no rate drifts by
     /// rounding.
@@ -123,7 +118,7 @@ pub struct Link {
 }
 
 impl Link {
-    /// An idle link; `seed` decides which packets are lost and how long they take.
+    /// An idle link; `seed` determines losses and jitter.
     #[must_use]
     pub fn new(settings: LinkSettings, seed: u64) -> Self {
         Self {
@@ -136,19 +131,19 @@ impl Link {
         }
     }
 
-    /// What the link is like.
+    /// The link's settings.
     #[must_use]
     pub fn settings(&self) -> &LinkSettings {
         &self.settings
     }
 
-    /// What has happened so far.
+    /// Counters so far.
     #[must_use]
     pub fn counters(&self) -> LinkCounters {
         self.counters
     }
 
-    /// When everything that was taken so far has been sent.
+    /// When all accepted packets have been sent.
     #[must_use]
     pub fn idle_from_ns(&self) -> u64 {
         self.busy_until_ns.saturating_add(u64::from(self.busy_remainder > 0))
@@ -164,7 +159,7 @@ impl Link {
         saturate((work + u128::from(self.busy_remainder)).div_ceil(8 * u128::from(NS_PER_S)))
     }
 
-    /// Hands over a packet at `now_ns`, which must not be earlier than in any call before.
+    /// Offers a packet at `now_ns`, which must not be earlier than in previous calls.
     pub fn offer(&mut self, now_ns: u64, payload_bytes: usize) -> Fate {
         let (lost, jitter_ns) = (self.losses.next_is_lost(), self.delays.draw_ns());
         self.counters.offered += 1;
@@ -192,7 +187,7 @@ impl Link {
         Fate::Arrives { at_ns }
     }
 
-    /// Moves the time until which the link is busy by the bits of one packet.
+    /// Extends the time until which the link is busy by the bits of one packet.
     fn send(&mut self, now_ns: u64, wire_bytes: u64) {
         if self.busy_until_ns < now_ns {
             self.busy_until_ns = now_ns;

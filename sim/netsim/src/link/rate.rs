@@ -1,21 +1,22 @@
-//! Rates that may change with time, and how long bits take at them: exactly, in integers.
+//! Rates that may vary over time, and the exact time that bits take at them, in integers.
 //!
-//! Work is counted in bit · ns/s, so that a link of `r` bit/s does `r` units of it per nanosecond. A rate
-//! changes only between two nanoseconds, so every nanosecond has one rate, and what a packet leaves of its
-//! last nanosecond is a whole number of units that the next packet goes on from.
+//! Work is counted in bit · ns/s, so that a link of `r` bit/s does `r` units per nanosecond. A rate changes only
+//! between two nanoseconds, so every nanosecond has one rate, and the part of a packet's last nanosecond that it does
+//! not use is a whole number of units for the next packet.
 
 use std::num::NonZeroU64;
 use std::sync::Arc;
 
-use super::NS_PER_S;
+/// Nanoseconds per second.
+pub const NS_PER_S: u64 = 1_000_000_000;
 
 /// Largest rate, in bits per second: an hour of it is far from overflowing.
 pub const MAX_RATE_BITS_PER_S: u64 = 1_000_000_000_000;
 
-/// A rate that cannot be used.
+/// An invalid rate.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RateError {
-    /// There is no value at all.
+    /// There is no value.
     #[error("there is no rate; give at least one")]
     Empty,
     /// The first step is later than the start.
@@ -27,15 +28,15 @@ pub enum RateError {
     /// A rate beyond [`MAX_RATE_BITS_PER_S`].
     #[error("rate {index} is {bits_per_s} bit/s; at most {MAX_RATE_BITS_PER_S} can be had")]
     TooFast {
-        /// Which value.
+        /// Index of the value.
         index: usize,
         /// The value.
         bits_per_s: u64,
     },
-    /// Nothing would ever pass again.
+    /// The rate stays 0.
     #[error("the rate stays 0 at the end, so nothing would ever pass again; end with a rate above 0")]
     Dead,
-    /// A line of a trace that is no rate.
+    /// A line of a trace that is not a rate.
     #[error("line {line}: {text:?} is not a number of Mbit/s from 0 to 1e6")]
     Line {
         /// Number of the line, from 1.
@@ -48,33 +49,33 @@ pub enum RateError {
 /// What follows the last second of a trace.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AtEnd {
-    /// The trace starts over.
+    /// The trace repeats.
     Repeat,
-    /// Its last value stays.
+    /// Its last value holds.
     Hold,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Shape {
     Constant(NonZeroU64),
-    /// From when on, and how much: the first from 0 on, times ascending, the last above 0.
+    /// Start time and rate of each step: the first at 0, times ascending, the last rate above 0.
     Steps(Arc<[(u64, u64)]>),
-    /// One value per second; above 0 somewhere, and at the end where that is held.
+    /// One value per second; at least one above 0, the last too if it holds.
     Trace(Arc<[u64]>, AtEnd),
 }
 
-/// Bits per second at every moment of a simulation. 0 is an outage, which has an end.
+/// Bits per second at every time of a simulation. A rate of 0 is an outage, which must end.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Rate(Shape);
 
 impl Rate {
-    /// The same rate for ever.
+    /// A constant rate.
     #[must_use]
     pub const fn constant(bits_per_s: NonZeroU64) -> Self {
         Self(Shape::Constant(bits_per_s))
     }
 
-    /// Rates that hold from a time on, in nanoseconds since the start, until the next.
+    /// Rates that hold from a time on, in nanoseconds since the start, until the next step.
     ///
     /// # Errors
     /// Times that do not ascend from 0, rates out of range, an outage without end.
@@ -110,11 +111,11 @@ impl Rate {
         Ok(Self(Shape::Trace(bits_per_s.into(), at_end)))
     }
 
-    /// The text of a trace file: a number of Mbit/s per line, one line per second; lines that are empty or
-    /// begin with `#` do not count.
+    /// Parses a trace file: a number of Mbit/s per line, one line per second; empty lines and lines that begin with `#`
+    /// are ignored.
     ///
     /// # Errors
-    /// As [`Rate::trace`], and lines that are no numbers.
+    /// As [`Rate::trace`], and lines that are not numbers.
     pub fn parse_trace(text: &str, at_end: AtEnd) -> Result<Self, RateError> {
         let mut rates = Vec::new();
         for (line, text) in (1..).zip(text.lines().map(str::trim)) {
@@ -128,7 +129,7 @@ impl Rate {
         Self::trace(&rates, at_end)
     }
 
-    /// The rate that never changes, if it is one.
+    /// The constant rate, if it is one.
     #[must_use]
     pub const fn as_constant(&self) -> Option<NonZeroU64> {
         match self.0 {
@@ -153,12 +154,12 @@ impl Rate {
         }
     }
 
-    /// The rate at a time, and until when it holds at least (`u64::MAX`: for ever).
+    /// The rate at a time, and a time until which it holds (`u64::MAX`: for ever).
     fn piece(&self, at_ns: u64) -> (u64, u64) {
         match &self.0 {
             Shape::Constant(rate) => (rate.get(), u64::MAX),
             Shape::Steps(steps) => {
-                // The first step is from 0 on, so there is one before any time.
+                // The first step starts at 0, so one exists before any time.
                 let next = steps.partition_point(|&(from_ns, _)| from_ns <= at_ns);
                 (steps[next - 1].1, steps.get(next).map_or(u64::MAX, |&(from_ns, _)| from_ns))
             }
@@ -188,8 +189,8 @@ impl Rate {
         work
     }
 
-    /// When `work` is done that begins at the start of a nanosecond: the whole nanoseconds, and the units
-    /// done in the one after them. `u64::MAX` where that is beyond counting.
+    /// When `work` that begins at the start of a nanosecond is done: whole nanoseconds, and the units done in the one
+    /// after them. `u64::MAX` on overflow.
     #[must_use]
     pub(super) fn done(&self, from_ns: u64, mut work: u128) -> (u64, u64) {
         let mut at_ns = from_ns;
@@ -227,11 +228,11 @@ mod tests {
     const BIT: u128 = NS_PER_S as u128;
 
     #[test]
-    fn work_takes_the_rates_of_the_pieces_that_it_crosses() {
+    fn work_across_steps_takes_each_steps_rate() {
         // 8 Mbit in the first second, none in the second, then 1 Mbit/s.
         let rate = Rate::steps(&[(0, 8_000_000), (S, 0), (2 * S, 1_000_000)]).unwrap();
         assert_eq!(rate.done(0, 4_000_000 * BIT), (S / 2, 0));
-        // Done at the moment at which the outage begins, not when it ends.
+        // Done at the start of the outage, not at its end.
         assert_eq!(rate.done(0, 8_000_000 * BIT), (S, 0));
         assert_eq!(rate.done(0, 8_500_000 * BIT), (2 * S + S / 2, 0));
         assert_eq!(rate.done(S + 7, 1_000 * BIT), (2 * S + S / 1000, 0));
@@ -240,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_left_of_a_nanosecond_is_counted() {
+    fn fractions_of_a_nanosecond_are_carried() {
         // A bit at 3 Gbit/s takes a third of a nanosecond.
         let rate = Rate::constant(NonZeroU64::new(3_000_000_000).unwrap());
         assert_eq!(rate.done(5, BIT), (5, 1_000_000_000));

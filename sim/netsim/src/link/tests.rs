@@ -1,4 +1,4 @@
-//! Tests: figures that theory gives.
+//! Tests against theoretical values.
 
 use super::*;
 
@@ -13,9 +13,8 @@ fn settings(rate: u64, loss: f64) -> LinkSettings {
 }
 
 #[test]
-fn packets_arrive_when_theory_says() {
-    // At 2 Mbit/s a byte takes 4 µs. Three packets of 1,000 bytes with headers at once, and one
-    // after the link fell idle.
+fn packets_arrive_at_the_computed_times() {
+    // At 2 Mbit/s a byte takes 4 µs. Three packets of 1,000 bytes with headers at once, and one on the idle link.
     let mut link = Link::new(settings(2_000_000, 0.0), 1);
     for i in 1..=3 {
         assert_eq!(link.offer(0, 972), Fate::Arrives { at_ns: i * 4 * MS + 25 * MS });
@@ -107,7 +106,7 @@ fn packets_that_cross_a_step_take_both_rates() {
     let rate = Rate::steps(&[(0, 2_000_000), (10 * MS, 0), (30 * MS, 500_000)]).unwrap();
     let mut link = Link::new(LinkSettings { rate, ..settings(1, 0.0) }, 1);
     let sent: Vec<u64> = (0..4).map(|_| arrival(link.offer(0, 972)) - 25 * MS).collect();
-    // 4 and 8 ms; half of the third passes in the 2 ms that are left, the rest takes 8 ms after the outage.
+    // 4 and 8 ms; half of the third passes in the remaining 2 ms, the rest takes 8 ms after the outage.
     assert_eq!(sent, [4 * MS, 8 * MS, 38 * MS, 54 * MS]);
     assert_eq!(
         [0, 9, 10, 29, 31, 38].map(|ms| link.backlog_bytes(ms * MS)),
@@ -142,7 +141,7 @@ fn jittered(reorders: bool, loss: f64) -> Vec<Option<u64>> {
 }
 
 #[test]
-fn jitter_is_even_and_changes_the_order_only_where_it_may() {
+fn jitter_is_uniform_and_reorders_only_if_allowed() {
     let free: Vec<u64> = jittered(true, 0.0).into_iter().flatten().collect();
     // 8 µs on the link, 25 ms of delay, and the jitter.
     let added: Vec<u64> = free.iter().zip(0..).map(|(at_ns, i)| at_ns - i * MS - 25 * MS - 8_000).collect();
@@ -153,7 +152,7 @@ fn jitter_is_even_and_changes_the_order_only_where_it_may() {
     assert!((mean - 10e6).abs() < slack, "{mean} ± {slack}");
     assert!(!free.is_sorted());
 
-    // In order, a packet arrives when the latest of it and those before it would have.
+    // In order, a packet arrives at the latest unordered arrival time of it and those before it.
     let kept: Vec<u64> = jittered(false, 0.0).into_iter().flatten().collect();
     let latest = free.iter().scan(0, |latest: &mut u64, &at_ns| {
         *latest = at_ns.max(*latest);
@@ -202,7 +201,7 @@ fn a_queue_never_holds_more_than_its_bytes() {
             let wire = payload as u64 + u64::from(IP_UDP_BYTES);
             let fits = before == 0 || before + wire <= queue_bytes;
             assert_eq!(fate == Fate::QueueFull, !fits, "{before} + {wire} of {queue_bytes}");
-            // Rounding up may tell a byte more than there is.
+            // Rounding up may exceed it by one byte.
             assert!(link.backlog_bytes(now_ns) <= queue_bytes);
         }
         let counters = link.counters();

@@ -1,4 +1,4 @@
-//! How long a frame of the settled scene takes, against the screen error that it was refined to.
+//! Frame time of the settled scene by target screen error.
 
 use std::fmt;
 use std::sync::Arc;
@@ -13,13 +13,13 @@ use super::painter::Studio;
 pub use super::settled::MAX_FRAMES;
 use super::settled::{Settled, by_turns, settle};
 
-/// The target with which others are compared.
+/// The target that others are compared with.
 const REFERENCE_PX: f32 = 1.0;
 
-/// Frames of a settled view.
+/// Timed frames of a settled view.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FrameTime {
-    /// Screen error that was refined to.
+    /// Target screen error.
     pub target_px: f32,
     /// Width and height of the frames, which are the plan's viewport.
     pub size_px: [u32; 2],
@@ -27,33 +27,33 @@ pub struct FrameTime {
     pub adapter: String,
     /// Bytes received until settled.
     pub total_bytes: u64,
-    /// Triangles of meshes that a frame submits, each instance counted and unused slots too.
+    /// Triangles of meshes submitted per frame, including every instance and unused slots.
     pub mesh_triangles: u64,
-    /// Triangles of the ground.
+    /// Triangles of the terrain.
     pub ground_triangles: u64,
-    /// Tiles of the ground.
+    /// Tiles of the terrain.
     pub ground_tiles: u32,
-    /// Screen error of the ground: more than the target where that would take more tiles than are drawn at most. `None`
-    /// without ground.
+    /// Screen error of the terrain: above the target if that would need more tiles than can be drawn. `None` without
+    /// terrain.
     pub ground_px: Option<f64>,
     /// Draw calls.
     pub draws: u32,
     /// Frames that were timed.
     pub frames: u32,
-    /// The median time, in milliseconds.
+    /// Median time, in milliseconds.
     pub median_ms: f64,
-    /// Least, mean and greatest.
+    /// Least, mean and greatest time.
     #[serde(flatten)]
     pub spread: Spread,
-    /// The time over that at 1 px: the median over frames drawn one after the other. `None` where 1 px is no target.
+    /// Frame time relative to that at 1 px: the median over consecutive frames. `None` if 1 px is not among the
+    /// targets.
     pub over_one_px: Option<f64>,
 }
 
-/// Settles the plan's case at each target and times so many frames of each, at least one.
+/// Settles the plan's case at each target and times `frames` frames (at least one) of each.
 ///
 /// # Errors
-/// A plan of more than one case, or of another technique; runs that do not settle; whatever ends a run early, and what
-/// the graphics device refuses.
+/// A plan with several cases or another technique; runs that do not settle or end early; errors of the graphics device.
 pub fn frame_times(
     plan: &Plan,
     scene: &Arc<dyn SceneSource>,
@@ -91,7 +91,7 @@ pub fn frame_times(
     Ok(each.map(|(number, (one, counters))| frame_time(number, one, counters)).collect())
 }
 
-/// A line for people.
+/// One line of text.
 impl fmt::Display for FrameTime {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [width, height] = self.size_px;
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_settle_or_is_not_one_case_is_refused() {
+    fn runs_that_do_not_settle_and_plans_of_several_cases_are_refused() {
         if !may_draw() {
             return;
         }

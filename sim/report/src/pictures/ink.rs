@@ -1,4 +1,4 @@
-//! What ink takes of a frame: nothing, and its parts one by one, of settled views.
+//! Frame time of ink: without, with all of it, and with its parts, for settled views.
 
 use std::fmt;
 use std::sync::Arc;
@@ -14,15 +14,15 @@ use serde::Serialize;
 use super::painter::Studio;
 use super::settled::{by_turns, settle_views};
 
-/// What is drawn, by turns in this order: after a frame without ink edges are found anew, after others they are there.
+/// The variants, drawn in turn: after a frame without ink, edges are searched anew; after others they are known.
 const WAYS: [&str; 5] = ["none", "first frame", "strokes and levels", "strokes", "levels"];
 
-/// One way at one view.
+/// One variant at one view.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct InkCost {
-    /// 0: the scene's own.
+    /// Number of the view; 0 is the scene's own.
     pub view: usize,
-    /// Which.
+    /// The variant.
     pub way: &'static str,
     /// Width and height of the frames.
     pub size_px: [u32; 2],
@@ -30,9 +30,9 @@ pub struct InkCost {
     pub adapter: String,
     /// Triangles of meshes that the frame draws.
     pub triangles: u64,
-    /// What a frame takes, in milliseconds: the median.
+    /// Median frame time, in milliseconds.
     pub frame_ms: f64,
-    /// Over one without ink: the median over frames by turns.
+    /// Frame time relative to that without ink: the median over consecutive frames.
     pub over_none: f64,
 }
 
@@ -47,12 +47,12 @@ fn settings(way: &str) -> Settings {
     Settings { ink, ..Settings::default() }
 }
 
-/// Settles the plan's case at the scene's own view and at those of more cameras, and draws so many frames of each way.
-/// `keep` is handed pictures with their names.
+/// Settles the plan's case at the scene's own view and at those of more cameras, and times `frames` frames of each
+/// variant. `keep` receives pictures with their names.
 ///
 /// # Errors
-/// A plan of more than one case, or of another technique; runs that do not settle; whatever ends a run early, what the
-/// graphics device refuses, and what `keep` does.
+/// A plan with several cases or another technique; runs that do not settle or end early; errors of the graphics device
+/// and of `keep`.
 pub fn ink_cost(
     plan: &Plan,
     scene: &Arc<dyn SceneSource>,
@@ -87,7 +87,7 @@ pub fn ink_cost(
     Ok(rows)
 }
 
-/// A line for people.
+/// One line of text.
 impl fmt::Display for InkCost {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { view, way, triangles, frame_ms, over_none, .. } = self;
@@ -109,7 +109,7 @@ mod tests {
     use lodestream_scenario::plan;
 
     #[test]
-    fn each_way_is_another_picture() {
+    fn each_variant_gives_another_picture() {
         if !may_draw() {
             return;
         }

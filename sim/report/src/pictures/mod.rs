@@ -1,13 +1,12 @@
-//! Pictures of a run at chosen instants, and how far each is from what a settled viewer shows.
+//! Pictures of a run at chosen instants, and their errors against the settled picture.
 //!
-//! At an instant, the run's viewer draws what its core has, as it is after the last thing that happened until then, by
-//! the renderer that is shipped. Virtual time stands still meanwhile, and the run goes on as if nobody had drawn. New
-//! vertices are drawn where they belong, as a quarter of a second later: a morph's progress would say more about the
-//! moment of drawing than about what has arrived.
+//! At an instant, the shipped renderer draws the contents of the run's core. Virtual time stands still meanwhile, and
+//! the run is not affected. New vertices are drawn at their final position, as a quarter of a second later, since the
+//! progress of a morph depends on the moment of drawing rather than on the data that arrived.
 //!
-//! The reference of a picture is the run's settled picture where the camera was the same to the bit. Elsewhere (a camera
-//! that moved, a run that did not settle) it is the settled picture of another viewer whose camera stands still at that
-//! pose, over a link of 10 Gbit/s: what the same selection wants there, and all of it.
+//! The reference of a picture is the run's settled picture if the camera is bit-identical. Otherwise (a camera that
+//! moved, a run that did not settle) it is the settled picture of another viewer with a fixed camera at that pose, over
+//! a link of 10 Gbit/s.
 
 pub mod draw_trade;
 pub mod frame_time;
@@ -22,6 +21,7 @@ pub mod reflections;
 pub mod relief_methods;
 pub mod relief_worth;
 mod settled;
+mod shot;
 pub mod shown;
 pub mod tangent_frames;
 #[cfg(test)]
@@ -37,63 +37,27 @@ use lodestream_render::{EMPTY_WINDOW, Gpu};
 use lodestream_scenario::parallel::Draw;
 use lodestream_scenario::picture::{FirstSecondsError, Picture};
 use lodestream_scenario::plan::PictureSettings;
-use lodestream_scenario::result::{RunResult, milliseconds};
+use lodestream_scenario::result::RunResult;
 use lodestream_scenario::run::Run;
+use lodestream_scenario::timeline::milliseconds;
 use lodestream_scene::view::View;
 
 use crate::image_error::image_error;
 use painter::{Painter, Studio};
+use shot::{Instant, Shot};
 
-/// The folder within a report's.
+/// Name of the pictures' folder within a report's.
 pub const FOLDER: &str = "pictures";
-
-/// Where a picture stands in its run.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Instant {
-    /// As soon as every visible instance could be drawn.
-    FirstFrame,
-    /// Seconds since the connect call.
-    At(f64),
-    /// Nothing more was wanted, with the camera at rest.
-    Settled,
-    /// The run ended before that.
-    End,
-}
-
-impl std::fmt::Display for Instant {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::FirstFrame => f.write_str("first frame"),
-            Self::At(seconds) => write!(f, "{seconds} s"),
-            Self::Settled => f.write_str("settled"),
-            Self::End => f.write_str("end"),
-        }
-    }
-}
-
-/// A picture as it was drawn.
-#[derive(Clone, Debug)]
-pub(super) struct Shot {
-    pub(super) instant: Instant,
-    pub(super) at_ns: u64,
-    pub(super) bytes: u64,
-    pub(super) error_px: Option<f64>,
-    pub(super) seen_error_px: Option<f64>,
-    /// The camera.
-    pub(super) view: View,
-    /// Instants after the end share their picture with the last shot.
-    pub(super) picture: Arc<RgbaImage>,
-}
 
 /// Opens the graphics device for a gallery.
 ///
 /// # Errors
-/// No graphics adapter: says what to install.
+/// No graphics adapter; the message says what to install.
 pub fn open_device() -> anyhow::Result<Gpu> {
     Gpu::headless().context("the plan asks for [pictures]")
 }
 
-/// Where the pictures of a plan's runs are drawn and kept until the report is written.
+/// The pictures of a plan's runs, stored in a temporary folder until the report is written.
 #[derive(Debug)]
 pub struct Gallery {
     studio: Studio,
@@ -103,7 +67,7 @@ pub struct Gallery {
 }
 
 impl Gallery {
-    /// A gallery in a report's folder, which is created where it is missing.
+    /// A gallery in a report's folder, which is created if missing.
     ///
     /// # Errors
     /// A folder that cannot be written.
@@ -114,14 +78,13 @@ impl Gallery {
         Ok(Self { adapter: gpu.describe(), studio: Studio::new(gpu), folder, output: output.to_owned() })
     }
 
-    /// The graphics adapter, for people.
+    /// Description of the graphics adapter.
     #[must_use]
     pub fn adapter(&self) -> &str {
         &self.adapter
     }
 
-    /// What a viewer shows whose camera stands still at a pose and who wants nothing more. `None` where it never comes
-    /// to that.
+    /// The settled picture of a viewer with a fixed camera at a pose; `None` if it does not settle.
     fn settled_picture(
         &self,
         run: &Run<'_>,
@@ -135,8 +98,8 @@ impl Gallery {
         Ok(settled.map(|shot| Arc::unwrap_or_clone(shot.picture)))
     }
 
-    /// Keeps a picture of a run, whose number in the plan counts from 0, unless it is kept already. Gives its file's
-    /// name in a report.
+    /// Stores a picture of a run, unless it is stored already. `run` counts from 0 in the plan's order. Returns the
+    /// file's name in a report.
     pub(super) fn keep(&self, run: usize, instant: Instant, picture: &RgbaImage) -> anyhow::Result<String> {
         let name = format!("run-{:04}-{}.png", run + 1, instant.to_string().replace(' ', "-"));
         let file = self.folder.path().join(&name);
@@ -148,10 +111,10 @@ impl Gallery {
         Ok(format!("{FOLDER}/{name}"))
     }
 
-    /// Moves the pictures into the report, in place of an earlier report's.
+    /// Moves the pictures into the report, replacing those of an earlier report.
     ///
     /// # Errors
-    /// What the system refuses.
+    /// Errors of the file system.
     pub fn publish(self) -> std::io::Result<()> {
         remove_earlier(&self.output)?;
         let folder = self.output.join(FOLDER);
@@ -172,7 +135,7 @@ impl Draw for Gallery {
         let reference = |view| self.settled_picture(run, view, settings);
         let shots = painter.finish()?;
         let settled = shots.last().filter(|shot| shot.instant == Instant::Settled).cloned();
-        result.pictures = judged(shots, self, number, reference)?;
+        result.pictures = with_errors(shots, self, number, reference)?;
         if let (Some(first), Some(settled)) = (settings.first, settled) {
             result.first_seconds = Some(first_seconds(first.until_s, &settled.picture, &result.pictures)?);
         }
@@ -180,9 +143,9 @@ impl Draw for Gallery {
     }
 }
 
-/// Compares each picture of a run with its reference and keeps it. `reference_at` draws what a settled viewer shows at a
-/// pose; it is asked once per pose, and not for that of a settled picture.
-pub(super) fn judged(
+/// Compares each picture of a run with its reference and stores it. `reference_at` draws the settled picture of a pose;
+/// it is called once per pose, and not for that of the run's own settled picture.
+pub(super) fn with_errors(
     shots: Vec<Shot>,
     gallery: &Gallery,
     run: usize,
@@ -217,30 +180,30 @@ pub(super) fn judged(
     Ok(pictures)
 }
 
-/// An error to four decimals.
+/// Rounds an error to four decimals.
 fn rounded(px: f64) -> f64 {
     (px * 1e4).round() / 1e4
 }
 
-/// What a window shows before there is a scene in it, in the size of a picture.
+/// The empty window, before there is a scene, in the size of a picture.
 fn blank(of: &RgbaImage) -> RgbaImage {
     let [r, g, b] = EMPTY_WINDOW;
     RgbaImage::from_pixel(of.width(), of.height(), image::Rgba([r, g, b, 255]))
 }
 
-/// The error of the first seconds of a run whose camera stood still.
+/// The integrated error of the first seconds of a run with a fixed camera.
 fn first_seconds(
     until_s: f64,
     settled: &RgbaImage,
     pictures: &[Picture],
 ) -> anyhow::Result<FirstSecondsError> {
-    // What is here before the first frame is not shown.
+    // Data that arrive before the first frame are not shown.
     let shown = pictures.iter().skip_while(|picture| picture.instant != Instant::FirstFrame.to_string());
     let errors: Vec<_> = shown.filter_map(|picture| Some((picture.at_ms / 1e3, picture.error?))).collect();
     Ok(FirstSecondsError::integrated(until_s, image_error(&blank(settled), settled)?, &errors))
 }
 
-/// Removes the pictures of an earlier report, and nothing else that may lie there.
+/// Removes the pictures of an earlier report, and no other files.
 pub(super) fn remove_earlier(output: &Path) -> std::io::Result<()> {
     let folder = output.join(FOLDER);
     let entries = match std::fs::read_dir(&folder) {
@@ -257,7 +220,7 @@ pub(super) fn remove_earlier(output: &Path) -> std::io::Result<()> {
             std::fs::remove_file(entry.path())?;
         }
     }
-    // Where something else lies in it, it stays.
+    // The folder stays if it contains other files.
     let _ = std::fs::remove_dir(&folder);
     Ok(())
 }

@@ -1,8 +1,8 @@
-//! What methods of ambient occlusion cost and how far they are from rays, for numbers of samples and views.
+//! Cost and error of ambient occlusion methods against ray casting, by number of samples and view.
 //!
-//! A viewer settles at each view. Rays against the triangles that it draws there give how open each pixel is
-//! ([`lodestream_render::rays`]); the same radius and falloff hold for all. Methods are drawn as they are handed on to the
-//! light, after their blur, at strength 1, and their passes timed by the device's clock.
+//! A viewer settles at each view. Rays against the triangles drawn there give each pixel's visibility
+//! ([`lodestream_render::rays`]), with the same radius and falloff for all methods. Methods are drawn as the lighting
+//! pass receives them, after their blur, at strength 1; their passes are timed by the device's clock.
 
 use std::fmt;
 use std::sync::Arc;
@@ -25,80 +25,79 @@ use super::painter::{Painter, Studio};
 use super::settled::settle_views;
 use crate::image_error::flip;
 
-/// Most rays a pixel.
+/// Most rays per pixel.
 pub const MAX_RAYS: u32 = 65_536;
-/// A pixel is judged where its ray's depth and the drawn one are as near as this, as a share: else they see different
-/// things, as where an edge passes through its middle.
+/// Largest relative difference between a pixel's depth by ray and as drawn; beyond it the two hit different surfaces,
+/// for example at an edge, and the pixel is not compared.
 const SAME_DEPTH: f64 = 1e-3;
 
-/// What is drawn.
+/// What to measure.
 #[derive(Clone, Debug)]
 pub struct Question {
-    /// Cameras beside the scene's own.
+    /// Cameras besides the scene's own.
     pub cameras: Vec<Camera>,
     /// Methods.
     pub methods: Vec<OcclusionMethod>,
-    /// Samples a pixel, each with each method.
+    /// Samples per pixel, combined with each method.
     pub samples: Vec<u32>,
-    /// What normals are taken from, each with each method and number of samples.
+    /// Sources of normals, combined with each method and number of samples.
     pub normals: Vec<OcclusionNormals>,
-    /// Whether those that stand alone are drawn of one pixel of each 2×2 too, but for those in layers, which stay whole.
+    /// Whether single frames are also drawn at half resolution, except for layered methods.
     pub half: bool,
-    /// Samples a pixel and frame of means over [`STILL_FRAMES`] frames in which nothing changes, of each method; 0: none.
+    /// Samples per pixel and frame for means over [`STILL_FRAMES`] still frames, for each method; 0: none.
     pub still: u32,
-    /// Reach of occlusion.
+    /// Radius of occlusion.
     pub radius: OcclusionRadius,
-    /// Rays a pixel.
+    /// Rays per pixel.
     pub rays: u32,
-    /// Frames that are timed of each, at least one.
+    /// Timed frames of each, at least one.
     pub frames: u32,
 }
 
-/// One method in one view.
+/// Results of one method in one view.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct OcclusionError {
     /// Number of the view; 0 is the scene's own.
     pub view: usize,
     /// Name of the method, or `none`.
     pub method: String,
-    /// Samples a pixel, over all frames of a mean.
+    /// Samples per pixel, over all frames of a mean.
     pub samples: u32,
-    /// What its normals are taken from.
+    /// Source of its normals.
     pub normals: String,
-    /// Whether one pixel of each 2×2 is estimated.
+    /// Whether it is estimated at half resolution.
     pub half: bool,
-    /// Frames of the mean; 1 where each frame stands alone.
+    /// Frames of the mean; 1 for a single frame.
     pub mean_of: u32,
     /// Width and height of the pictures, which are the plan's viewport.
     pub size_px: [u32; 2],
     /// The graphics adapter.
     pub adapter: String,
-    /// Triangles that rays are cast at.
+    /// Triangles that rays are cast against.
     pub triangles: usize,
-    /// Share of pixels with a surface that are judged.
+    /// Share of pixels with a surface that are compared.
     pub judged: f64,
-    /// How open those are by rays, in the mean.
+    /// Mean visibility of these pixels by rays.
     pub openness: f64,
-    /// How open they are drawn, less that by rays, in the mean: below 0 is too dark.
+    /// Mean difference of the drawn visibility from that by rays; below 0 is too dark.
     pub bias: f64,
-    /// Mean squared error of how open they are, 0 to 1.
+    /// Root mean squared error of the visibility, 0 to 1.
     pub mse: f64,
-    /// FLIP of the pictures of both, shown as grey values; those that are not judged are alike.
+    /// FLIP error of the visibilities as grey values; pixels that are not compared are equal in both.
     pub flip: f64,
-    /// Median time of the estimate, then with its blur, in milliseconds of the device.
+    /// Median device time of the estimate, in milliseconds.
     pub estimate_ms: f64,
-    /// See there.
+    /// The same including its blur.
     pub pass_ms: f64,
-    /// The latter over that of the first method and number of samples in the view: the median over frames drawn one after
-    /// the other. Of a mean it is that of one of its frames.
+    /// The latter relative to that of the first method and number of samples in the view: the median over consecutive
+    /// frames. For a mean it is that of one of its frames.
     pub over_first: f64,
 }
 
 /// Settles a viewer at each view and draws all methods with all numbers of samples.
 ///
 /// # Errors
-/// A plan of more than one case, or of another technique; runs that do not settle; whatever ends a run early, and what
-/// the graphics device refuses.
+/// A plan with several cases or another technique; runs that do not settle or end early; errors of the graphics device.
 pub fn occlusion_errors(
     plan: &Plan,
     scene: &Arc<dyn SceneSource>,
@@ -116,20 +115,20 @@ pub fn occlusion_errors(
     Ok(errors)
 }
 
-/// How a view is drawn.
+/// A method with its settings.
 #[derive(Clone, Copy, Debug)]
 struct OcclusionVariant {
     method: OcclusionMethod,
     normals: OcclusionNormals,
     samples: u32,
-    /// Of one pixel of each 2×2.
+    /// At half resolution.
     half: bool,
-    /// In a mean of frames, or in such as stand alone.
+    /// A mean over frames, or a single frame.
     still: bool,
 }
 
 impl OcclusionVariant {
-    /// All that are asked for: those that stand alone first.
+    /// All requested variants, single frames first.
     fn all(question: &Question) -> Vec<Self> {
         let counts = |half, still| question.samples.iter().map(move |samples| (*samples, half, still));
         let halves = counts(true, false).filter(|_| question.half);
@@ -158,12 +157,12 @@ impl OcclusionVariant {
         }
     }
 
-    /// Frames of its mean.
+    /// Frames of its mean; 1 for a single frame.
     fn mean_of(self) -> u32 {
         if self.still { STILL_FRAMES } else { 1 }
     }
 
-    /// Of a picture.
+    /// Name of its picture.
     fn name(self) -> String {
         let normals = match self.normals {
             normals if normals == OcclusionNormals::default() => String::new(),
@@ -197,7 +196,7 @@ fn of_view(
         .collect();
     let surfaces = depth.iter().filter(|stored| **stored > 0.0).count().max(1);
     let count = judged.iter().filter(|judged| **judged).count();
-    anyhow::ensure!(count > 0, "view {number}: rays see nothing of what is drawn");
+    anyhow::ensure!(count > 0, "view {number}: no ray hits a drawn surface; choose another view");
     let truth: Vec<f64> = seen.iter().map(|seen| seen.map_or(1.0, |seen| seen.openness)).collect();
     keep(&format!("view-{number}-rays"), &grey(size_px, &truth))?;
     let mean = |of: &dyn Fn(usize) -> f64| {
@@ -208,7 +207,7 @@ fn of_view(
     let mut times = vec![[Vec::new(), Vec::new()]; all.len()];
     for _ in 0..question.frames.max(1) {
         for (way, times) in all.iter().zip(&mut times) {
-            // The first frame of a mean stands alone.
+            // The first frame of a mean is a single frame.
             let settings = way.settings(question.radius);
             let [estimate, blur] =
                 painter.pass_ms(view, settings, [PassId::Occlusion, PassId::OcclusionBlur])?;
@@ -219,7 +218,7 @@ fn of_view(
     let reference = times[0][1].clone();
     let mut errors = Vec::new();
     for (way, [estimates, passes]) in all.into_iter().zip(times) {
-        // The first frame after others stands alone; then come those of a mean.
+        // The first frame after others is a single frame; those of the mean follow.
         for _ in 0..if way.still { 1 + STILL_FRAMES } else { 1 } {
             painter.frame(view, way.settings(question.radius))?;
         }
@@ -263,7 +262,7 @@ fn grey([width, height]: [u32; 2], shares: &[f64]) -> RgbaImage {
     })
 }
 
-/// A line for people.
+/// One line of text.
 impl fmt::Display for OcclusionError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
@@ -298,9 +297,13 @@ mod tests {
     use crate::tests::small_scene;
     use lodestream_scenario::plan;
 
-    /// On the small scene, whatever the method: nearer to rays than no occlusion at all, and rays see what is drawn.
+    /// In the small scene, a method of each family (point sampling, layers, horizons, bitmask) is nearer to rays than
+    /// no occlusion, and rays hit what is drawn. The renderer's tests (`occlusion_rays`) compare every method with
+    /// rays.
     #[test]
-    fn every_method_is_nearer_to_rays_than_none() {
+    fn methods_are_nearer_to_rays_than_no_occlusion() {
+        use OcclusionMethod::{Bitmask, Gtao, HbaoPlus, Ssao};
+        const METHODS: [OcclusionMethod; 4] = [Ssao, HbaoPlus, Gtao, Bitmask];
         if !may_draw() {
             return;
         }
@@ -310,7 +313,7 @@ mod tests {
         let gpu = open_device().expect("a graphics adapter (or LODESTREAM_SKIP_GPU=1)");
         let question = Question {
             cameras: Vec::new(),
-            methods: OcclusionMethod::ALL.to_vec(),
+            methods: METHODS.to_vec(),
             samples: vec![16],
             normals: vec![OcclusionNormals::default()],
             half: false,
@@ -325,7 +328,7 @@ mod tests {
             Ok(())
         })
         .unwrap();
-        let methods = OcclusionMethod::ALL.len();
+        let methods = METHODS.len();
         assert_eq!((errors.len(), kept.len()), (2 * methods, 2 * methods + 1));
         let (alone, means) = errors.split_at(methods);
         for (alone, mean) in alone.iter().zip(means) {
@@ -333,7 +336,7 @@ mod tests {
             assert!(mean.mse < alone.mse, "{alone}; {mean}");
         }
         let truth: Vec<f64> = kept[0].1.pixels().map(|pixel| 1.0 - f64::from(pixel[0]) / 255.0).collect();
-        // Of surfaces, as the others: the sky is white, and what is hidden in the mean says how much of the picture it is.
+        // Over surfaces only: the sky is white, and the mean occlusion tells the share of surfaces in the picture.
         let surfaces = truth.iter().sum::<f64>() / (1.0 - errors[0].openness);
         let none = truth.iter().map(|hidden| hidden * hidden).sum::<f64>() / surfaces;
         for error in &errors {

@@ -1,4 +1,4 @@
-//! Draws what a run's core has, with the shipped renderer, without a window.
+//! Draws the contents of a run's core with the shipped renderer, headless.
 
 use std::collections::VecDeque;
 use std::sync::{Mutex, PoisonError};
@@ -17,16 +17,16 @@ use lodestream_scenario::plan::PictureSettings;
 use lodestream_scenario::timeline::Sample;
 use lodestream_scene::view::View;
 
-use super::{Instant, Shot};
+use super::shot::{Instant, Shot};
 
 /// Decoded textures that may wait in the core between two pictures.
 const MAX_WAITING_BYTES: usize = 16 << 20;
 
-/// A time at which every vertex is where it belongs.
+/// A time after the end of every morph.
 const AFTER_ALL_MORPHS_S: f32 = f32::MAX;
 
-/// The graphics device of all runs. One draws at a time: who waits for the device may be served what another's frame
-/// brought about.
+/// The graphics device shared by all runs. One draws at a time, since a thread that waits for the device may receive
+/// results of another's frame.
 #[derive(Debug)]
 pub(crate) struct Studio {
     gpu: Mutex<Gpu>,
@@ -37,7 +37,7 @@ impl Studio {
         Self { gpu: Mutex::new(gpu) }
     }
 
-    fn alone<R>(&self, draw: impl FnOnce(&Gpu) -> R) -> R {
+    fn exclusively<R>(&self, draw: impl FnOnce(&Gpu) -> R) -> R {
         draw(&self.gpu.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }
@@ -59,10 +59,10 @@ impl<'a> Painter<'a> {
     /// Opens a picture of the plan's size.
     ///
     /// # Errors
-    /// What the graphics device refuses.
+    /// Errors of the graphics device.
     pub(crate) fn new(studio: &'a Studio, settings: &PictureSettings) -> Result<Self, RenderError> {
         let [width, height] = settings.size_px;
-        let headless = studio.alone(|gpu| Headless::new(gpu.clone(), width, height))?;
+        let headless = studio.exclusively(|gpu| Headless::new(gpu.clone(), width, height))?;
         Ok(Self {
             studio,
             headless,
@@ -75,15 +75,15 @@ impl<'a> Painter<'a> {
         })
     }
 
-    /// Its pictures have curved triangles.
+    /// Draws curved triangles from now on.
     pub(super) fn curved(self, patches: Option<PnTriangles>) -> Self {
         Self { patches, ..self }
     }
 
-    /// Hands over a frame without anything but the scene's first mesh, to be drawn as one likes.
+    /// Passes a frame with only the scene's first mesh to `draw`.
     ///
     /// # Errors
-    /// Scenes without a mesh, and what `draw` refuses.
+    /// A scene without a mesh, and errors of `draw`.
     pub(super) fn with_mesh<R>(
         &mut self,
         view: &View,
@@ -91,7 +91,7 @@ impl<'a> Painter<'a> {
         draw: impl FnOnce(&mut Headless, Frame<'_>, &AssetGpu) -> anyhow::Result<R>,
     ) -> anyhow::Result<R> {
         let Self { studio, headless, scene, .. } = self;
-        studio.alone(|_| {
+        studio.exclusively(|_| {
             scene.with_frame(view.pose(), settings, AFTER_ALL_MORPHS_S, |frame| {
                 let mesh = frame.drawables.first().context("the scene has no mesh")?.asset;
                 draw(headless, Frame { drawables: &[], terrain: None, water: None, ..*frame }, mesh)
@@ -99,41 +99,40 @@ impl<'a> Painter<'a> {
         })
     }
 
-    /// The pictures, in the order of time but for the last, which is the run's last.
+    /// The pictures in the order of time, except that the run's last picture comes last.
     ///
     /// # Errors
-    /// The first thing that went wrong while drawing.
+    /// The first error while drawing.
     pub(crate) fn finish(self) -> Result<Vec<Shot>, RenderError> {
         self.failed.map_or(Ok(self.shots), Err)
     }
 
-    /// Tells what went wrong while drawing, once.
+    /// Returns the first error while drawing, once.
     ///
     /// # Errors
-    /// The first thing.
+    /// That error.
     pub(super) fn check(&mut self) -> Result<(), RenderError> {
         self.failed.take().map_or(Ok(()), Err)
     }
 
-    /// The camera of the settled picture, where the run came to it.
+    /// The camera of the settled picture, if the run settled.
     pub(super) fn settled_view(&self) -> Option<View> {
         self.shots.last().filter(|shot| shot.instant == Instant::Settled).map(|shot| shot.view)
     }
 
-    /// Draws what the run's core had at its end, as often as one likes, and waits until it is done. Gives what the frame
-    /// took.
+    /// Draws the run's final state, any number of times, and waits for the device. Returns the frame's counters.
     ///
     /// # Errors
-    /// What the graphics device refuses.
+    /// Errors of the graphics device.
     pub(super) fn frame(&mut self, view: &View, settings: Settings) -> Result<Counters, RenderError> {
         let Self { studio, headless, scene, .. } = self;
-        studio.alone(|_| frame(headless, scene, view, settings))
+        studio.exclusively(|_| frame(headless, scene, view, settings))
     }
 
-    /// The same in other light, without exposure.
+    /// The same in another environment, without exposure.
     ///
     /// # Errors
-    /// What the graphics device refuses.
+    /// Errors of the graphics device.
     pub(super) fn frame_in(
         &mut self,
         view: &View,
@@ -142,47 +141,47 @@ impl<'a> Painter<'a> {
     ) -> Result<Counters, RenderError> {
         let Self { studio, headless, scene, .. } = self;
         let draw = |frame: &Frame<'_>| headless.frame(&Frame { environment, sky: None, settings, ..*frame });
-        studio.alone(|_| scene.with_frame(view.pose(), settings, AFTER_ALL_MORPHS_S, draw))
+        studio.exclusively(|_| scene.with_frame(view.pose(), settings, AFTER_ALL_MORPHS_S, draw))
     }
 
     /// The last frame's picture.
     ///
     /// # Errors
-    /// What the graphics device refuses.
+    /// Errors of the graphics device.
     pub(super) fn picture(&self) -> Result<RgbaImage, RenderError> {
-        self.studio.alone(|_| self.headless.picture())
+        self.studio.exclusively(|_| self.headless.picture())
     }
 
-    /// Reversed depth of the last frame, [`Settings::near`] over view depth; 0 where no surface is.
+    /// Reversed depth of the last frame, [`Settings::near`] over view depth; 0 without a surface.
     ///
     /// # Errors
-    /// What the graphics device refuses.
+    /// Errors of the graphics device.
     pub(super) fn depth(&self) -> Result<Vec<f32>, RenderError> {
-        self.studio.alone(|_| self.headless.depth())
+        self.studio.exclusively(|_| self.headless.depth())
     }
 
-    /// Rays against what the last frame drew.
+    /// A ray caster for what the last frame drew.
     ///
     /// # Errors
-    /// What the graphics device refuses.
+    /// Errors of the graphics device.
     pub(super) fn rays(&self, view: &View) -> Result<Rays, RenderError> {
-        self.studio.alone(|gpu| {
+        self.studio.exclusively(|gpu| {
             let frame = |frame: &Frame<'_>| Rays::of_frame(gpu, frame);
             self.scene.with_frame(view.pose(), Settings::default(), AFTER_ALL_MORPHS_S, frame)
         })
     }
 
-    /// Draws a frame and says what passes of it took on the device, in milliseconds; 0 where they did not run.
+    /// Draws a frame and returns the device times of some passes in milliseconds; 0 for passes that did not run.
     ///
     /// # Errors
-    /// What the graphics device refuses.
+    /// Errors of the graphics device.
     pub(super) fn pass_ms<const N: usize>(
         &mut self,
         view: &View,
         settings: Settings,
         passes: [PassId; N],
     ) -> Result<[f64; N], RenderError> {
-        // Of this frame alone.
+        // Of this frame only.
         self.headless.time_passes(false);
         self.headless.time_passes(true);
         self.frame(view, settings)?;
@@ -196,7 +195,7 @@ impl<'a> Painter<'a> {
         Ok(taken)
     }
 
-    /// Screen error of the last frame's ground; `None` without one.
+    /// Screen error of the last frame's terrain; `None` without terrain.
     pub(super) fn ground_px(&self) -> Option<f64> {
         self.scene.ground_px()
     }
@@ -206,11 +205,11 @@ impl<'a> Painter<'a> {
     }
 
     fn shoot(&mut self, core: &mut ClientCore, instant: Instant, seen: Sample) {
-        // Before the scene is known there is no camera, and nothing to look at.
+        // Before the scene is known there is no camera.
         let Some(view) = core.view().filter(|_| core.scene().is_some() && self.failed.is_none()) else {
             return;
         };
-        let picture = self.studio.alone(|gpu| {
+        let picture = self.studio.exclusively(|gpu| {
             upload(&mut self.scene, core, gpu, &self.headless)?;
             draw(&mut self.headless, &mut self.scene, &view, self.patches)
         });
@@ -223,7 +222,7 @@ impl<'a> Painter<'a> {
 }
 
 impl Observer for Painter<'_> {
-    /// Instants that lie before that time show the core as it is.
+    /// Takes the pictures due before `now`, with the core as it is.
     fn before(&mut self, now: Time, core: &mut ClientCore, last: Sample) {
         while let Some(&at_s) = self.due.front()
             && nanoseconds(at_s) < now.as_ns()
@@ -238,13 +237,13 @@ impl Observer for Painter<'_> {
             self.first_frame_due = false;
             self.shoot(core, Instant::FirstFrame, now);
         } else if core.waiting_bytes() > MAX_WAITING_BYTES {
-            // Texels are bulky; on the device they have a place.
-            let uploaded = self.studio.alone(|gpu| upload(&mut self.scene, core, gpu, &self.headless));
+            // Texels are large; they belong on the device.
+            let uploaded = self.studio.exclusively(|gpu| upload(&mut self.scene, core, gpu, &self.headless));
             self.note(uploaded);
         }
     }
 
-    /// Instants until then that are still due show the same picture, and if the run is settled, later ones as well.
+    /// Takes the pictures still due before the end, and if the run is settled, later ones: all show the last picture.
     fn end(&mut self, core: &mut ClientCore, last: Sample, settled: bool) {
         self.shoot(core, if settled { Instant::Settled } else { Instant::End }, last);
         let Some(shot) = self.shots.pop() else { return };
@@ -262,7 +261,7 @@ fn nanoseconds(seconds: f64) -> u64 {
     (seconds * 1e9).round() as u64
 }
 
-/// Hands over all that is new in the core.
+/// Uploads all changes of the core.
 fn upload(
     scene: &mut SceneView,
     core: &mut ClientCore,
@@ -280,8 +279,8 @@ fn draw(
     view: &View,
     pn_triangles: Option<PnTriangles>,
 ) -> Result<RgbaImage, RenderError> {
-    // What is judged is what has arrived of the surfaces: shadows would count some of it twice, and smoothed edges hide
-    // some.
+    // Only the surfaces that have arrived are judged: shadows would count some of them twice, and anti-aliasing hides
+    // differences.
     frame(
         headless,
         scene,

@@ -1,5 +1,5 @@
-//! What curved triangles cost against the same triangles made on the host: a mesh near the eye, flat, curved, and cut by
-//! the CPU reference as finely.
+//! Cost of curved triangles: a mesh near the eye drawn flat, curved on the device, and with the same triangles
+//! generated on the host by the CPU reference.
 
 use std::fmt;
 use std::sync::Arc;
@@ -18,47 +18,47 @@ use super::painter::{Painter, Studio};
 use super::settled::{by_turns, settle};
 use crate::image_error::image_error;
 
-/// Bytes of a vertex and of a face on the device.
+/// Bytes per vertex and per face on the device.
 const VERTEX_BYTES: usize = 52;
 const FACE_BYTES: usize = 12;
 
-/// One error that is held.
+/// Measurements for one error bound.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Cost {
-    /// Pixels by which edges may be off their curves.
+    /// Largest deviation of edges from their curves, in pixels.
     pub error_px: f32,
     /// Width and height of the frames, which are the plan's viewport.
     pub size_px: [u32; 2],
     /// The graphics adapter.
     pub adapter: String,
-    /// Triangles that are flat, and that they become.
+    /// Flat triangles.
     pub triangles: usize,
-    /// The latter.
+    /// Triangles after subdivision.
     pub curved_triangles: usize,
-    /// What the mesh that the host cut takes of the device, bytes.
+    /// Device memory of the host's mesh, in bytes.
     pub host_bytes: usize,
-    /// What cutting it took the host, for this view alone.
+    /// Time in which the host subdivided it, for this view only.
     pub host_ms: f64,
-    /// What a frame takes, in milliseconds: flat, curved, and as the host's mesh.
+    /// Frame time in milliseconds: flat.
     pub flat_ms: f64,
-    /// The same, curved.
+    /// Frame time: curved on the device.
     pub curved_ms: f64,
-    /// The same of the host's mesh.
+    /// Frame time: the host's mesh.
     pub host_frame_ms: f64,
-    /// The curved frame's time over the flat one's, and over that of the host's mesh: medians over frames by turns.
+    /// Frame time of curved relative to flat: median over consecutive frames.
     pub over_flat: f64,
-    /// The latter.
+    /// Frame time of curved relative to the host's mesh.
     pub over_host: f64,
-    /// The same of the passes that draw the mesh alone: lists and surfaces.
+    /// The same for the passes that draw the mesh: lists and surfaces.
     pub passes_over_host: f64,
-    /// How far the curved picture is from that of the host's mesh, FLIP.
+    /// FLIP error of the curved picture against that of the host's mesh.
     pub flip: f64,
 }
 
-/// Settles the plan's case and draws its first mesh at the settled view with each error, so many frames of each.
+/// Settles the plan's case and draws its first mesh at the settled view, `frames` frames for each error bound.
 ///
 /// # Errors
-/// Plans of more than one case, scenes without a mesh, runs that do not settle, and what the graphics device refuses.
+/// Plans with several cases, scenes without a mesh, runs that do not settle, and errors of the graphics device.
 pub fn cost(
     plan: &Plan,
     scene: &Arc<dyn SceneSource>,
@@ -79,7 +79,7 @@ pub fn cost(
     Ok(rows)
 }
 
-/// Three ways to draw.
+/// Number of variants.
 const WAYS: usize = 3;
 
 fn with_error(
@@ -94,7 +94,7 @@ fn with_error(
         let (width, height) = headless.size();
         let scale_px = f64::from(height) / (2.0 * frame.camera.tan_half_fov(width, height).1);
         let of = (&instance, frame.camera.eye, scale_px);
-        // All ways have one material, so that pictures differ by their triangles alone.
+        // All variants share one material, so that pictures differ only in their triangles.
         let asset = |headless: &Headless, (vertices, faces): &HostMesh| -> anyhow::Result<AssetGpu> {
             let (gpu, materials) = (headless.gpu(), [Material::default()]);
             let mut asset = headless.renderer().create_asset(gpu, mesh.origin(), &materials, &[]);
@@ -156,7 +156,7 @@ fn with_error(
     })
 }
 
-/// A line for people.
+/// One line of text.
 impl fmt::Display for Cost {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { error_px, triangles, curved_triangles, over_flat, over_host, passes_over_host, .. } = self;

@@ -1,9 +1,9 @@
-//! How many of a mesh can be drawn within a band of frame rates, flat and curved, with two methods of occlusion: an older
-//! system's experiment.
+//! Numbers of instances of a mesh that can be drawn within bands of frame rates, flat and curved, with two methods of
+//! occlusion: an experiment of the older system.
 //!
-//! Instances stand at places that are spread evenly over a frustum before the eye, the first so many of one sequence. Their
-//! number is doubled until a frame takes longer than the slowest band allows; between two numbers time is taken to grow
-//! evenly. Of the frames of a number the fastest counts: what else the machine does is no part of it.
+//! Instances are distributed evenly over a frustum in front of the eye, always the first ones of one sequence. Their
+//! number doubles until a frame takes longer than the slowest band allows; between two numbers time is interpolated
+//! linearly. The fastest frame of a number counts, which excludes other load on the machine.
 
 use std::fmt;
 use std::sync::Arc;
@@ -22,21 +22,21 @@ use serde::Serialize;
 use super::painter::Studio;
 use super::settled::{by_turns, settle};
 
-/// Frames a second at which a band ends.
+/// Frame rates at which the bands end.
 pub const BANDS: [f64; 3] = [54.0, 45.0, 30.0];
-/// Most instances that are worth trying.
+/// Most instances.
 pub const MOST: usize = 1 << 15;
-/// Radii at which the nearest and the furthest stand, and the view's height.
+/// Distances of the nearest and furthest instance, in radii of the mesh, and the vertical field of view.
 const NEAR: f64 = 6.0;
 const FAR: f64 = 24.0;
 const FOV_Y: f64 = 0.8;
 
-/// One way to draw.
+/// Results of one variant.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Crowd {
-    /// Whose figures these are.
+    /// The system that was measured.
     pub system: &'static str,
-    /// How triangles are drawn.
+    /// Method of drawing triangles.
     pub triangles: &'static str,
     /// The method of occlusion.
     pub occlusion: &'static str,
@@ -44,16 +44,16 @@ pub struct Crowd {
     pub size_px: [u32; 2],
     /// The graphics adapter.
     pub adapter: String,
-    /// A frame of one of them, in milliseconds; not known of the older system.
+    /// Frame time of one instance, in milliseconds; unknown for the older system.
     pub one_ms: Option<f64>,
-    /// Instances that are drawn at each of [`BANDS`].
+    /// Instances drawn at each of [`BANDS`].
     pub instances: [f64; 3],
-    /// The same over those of flat triangles.
+    /// The same relative to flat triangles.
     pub over_flat: [f64; 3],
 }
 
-/// The older system's table: "monkeys" that it drew at 1920×1080 within 54 to 60, 45 to 50 and 30 to 34 frames a second,
-/// by device, occlusion and triangles. How finely it tessellated them is not known.
+/// The older system's table: "monkeys" drawn at 1920×1080 at 54 to 60, 45 to 50 and 30 to 34 frames per second, by
+/// device, occlusion and triangles. Its tessellation factor is unknown.
 const OLDER: [(&str, &str, &str, [f64; 3]); 8] = [
     ("older system, GTX 970", "ssao", "flat", [1374.0, 1669.0, 2376.0]),
     ("older system, GTX 970", "ssao", "curved", [320.0, 392.0, 592.0]),
@@ -79,7 +79,7 @@ fn older() -> Vec<Crowd> {
     OLDER.into_iter().map(row).collect()
 }
 
-/// Fills in how many are drawn over how many flat ones, of the same system with the same occlusion.
+/// Fills in the ratios to flat triangles of the same system with the same occlusion.
 fn compare(rows: &mut [Crowd]) {
     let flat: Vec<Crowd> = rows.iter().filter(|row| row.triangles == "flat").cloned().collect();
     for row in rows {
@@ -92,22 +92,22 @@ fn compare(rows: &mut [Crowd]) {
     }
 }
 
-/// Ways to draw triangles.
+/// Methods of drawing triangles.
 fn ways() -> [(&'static str, Option<PnTriangles>); 4] {
     let usual = PnTriangles::default();
     [
         ("flat", None),
         ("curved, 1 px", Some(PnTriangles { error_px: 1.0, ..usual })),
         ("curved", Some(usual)),
-        // As finely as may be, up to that.
+        // The highest subdivision up to that bound.
         ("curved, 4 pieces an edge", Some(PnTriangles { error_px: 0.0, most: 4 })),
     ]
 }
 
-/// Settles the plan's case and draws ever more of its first mesh, up to `most`; so many frames of each number.
+/// Settles the plan's case and draws increasing numbers of its first mesh, up to `most`, `frames` frames of each.
 ///
 /// # Errors
-/// Plans of more than one case, scenes without a mesh, runs that do not settle, and what the graphics device refuses.
+/// Plans with several cases, scenes without a mesh, runs that do not settle, and errors of the graphics device.
 pub fn crowd(
     plan: &Plan,
     scene: &Arc<dyn SceneSource>,
@@ -123,7 +123,7 @@ pub fn crowd(
     let methods = [OcclusionMethod::Ssao, OcclusionMethod::Hbao];
     let all: Vec<_> =
         methods.iter().flat_map(|method| ways().map(|(name, way)| (*method, name, way))).collect();
-    // By way: numbers, and what a frame took.
+    // By variant: numbers of instances and frame times.
     let mut taken: Vec<Vec<(usize, f64)>> = vec![Vec::new(); all.len()];
     let mut count = 1;
     let slowest = BANDS.map(|band| 1.0 / band).into_iter().fold(0.0, f64::max);
@@ -180,7 +180,7 @@ pub fn crowd(
     Ok(rows)
 }
 
-/// The number whose frame takes so long: none where one takes longer, the most tried where that does not.
+/// The interpolated number whose frame takes `seconds`: 0 if one takes longer, the largest tried if it takes less.
 fn at_seconds(taken: &[(usize, f64)], seconds: f64) -> f64 {
     let mut before = (0.0, 0.0);
     for (number, &(count, took)) in taken.iter().enumerate() {
@@ -194,10 +194,10 @@ fn at_seconds(taken: &[(usize, f64)], seconds: f64) -> f64 {
     before.0
 }
 
-/// The first so many places before an eye at zero that looks along −z, for a mesh of a middle and radius, each turned its
-/// own way.
+/// The first `count` placements before an eye at the origin that looks along −z, for a mesh with a centre and radius,
+/// each with a rotation of its own.
 fn places(count: usize, centre: DVec3, radius: f64) -> Vec<Instance> {
-    // Even in three dimensions, and any first ones of it too (Roberts 2018).
+    // Low-discrepancy sequence in three dimensions: every prefix is evenly distributed (Roberts 2018).
     let even = |i: usize, step: f64| (0.5 + i as f64 * step).fract();
     let half = (0.5 * FOV_Y).tan();
     (0..count)
@@ -212,7 +212,7 @@ fn places(count: usize, centre: DVec3, radius: f64) -> Vec<Instance> {
         .collect()
 }
 
-/// A line for people.
+/// One line of text.
 impl fmt::Display for Crowd {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { system, triangles, occlusion, one_ms, instances, over_flat, .. } = self;
@@ -238,7 +238,7 @@ mod tests {
     use lodestream_scenario::plan;
 
     #[test]
-    fn ever_more_are_drawn_each_way() {
+    fn every_variant_draws_increasing_numbers() {
         if !may_draw() {
             return;
         }
@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_between_two_that_were_drawn_are_told_by_their_times() {
+    fn numbers_are_interpolated_by_their_times() {
         let taken = [(1, 0.010), (2, 0.012), (4, 0.020), (8, 0.040)];
         assert_eq!(at_seconds(&taken, 0.020), 4.0);
         assert_eq!(at_seconds(&taken, 0.030), 6.0);
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn the_older_systems_curved_ones_are_told_against_its_flat_ones() {
+    fn the_older_systems_ratios_are_to_its_flat_triangles() {
         let mut rows = older();
         compare(&mut rows);
         assert_eq!(rows[1].over_flat, [0.233, 0.235, 0.249]);
@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn places_are_before_the_eye_and_the_first_ones_stay() {
+    fn placements_are_in_view_and_prefixes_are_stable() {
         let (some, more) = (places(10, DVec3::ONE, 2.0), places(100, DVec3::ONE, 2.0));
         assert_eq!(some[..], more[..10]);
         for instance in more {

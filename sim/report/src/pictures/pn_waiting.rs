@@ -1,7 +1,7 @@
-//! Curved triangles while a scene arrives: how far pictures on the way are from the settled one, with and without.
+//! Curved triangles while a scene arrives: errors of intermediate pictures against the settled one, flat and curved.
 //!
-//! Each case runs twice in virtual time, once drawn flat and once curved; drawing changes nothing, so both runs have the
-//! same at each instant. The reference of both is the settled picture with flat triangles: what a viewer comes to show.
+//! Each case runs twice in virtual time, drawn flat and curved; drawing does not affect the run, so both have the same
+//! data at each instant. The reference of both is the settled picture with flat triangles.
 
 use std::fmt;
 use std::sync::Arc;
@@ -12,10 +12,11 @@ use lodestream_render::{Gpu, PnTriangles};
 use lodestream_scenario::plan::{Case, Plan};
 use lodestream_scenario::run::{Run, certificate};
 use lodestream_scenario::stopwatch::rounded;
+use lodestream_scenario::timeline::milliseconds;
 use serde::Serialize;
 
 use super::painter::{Painter, Studio};
-use super::{Instant, Shot, milliseconds};
+use super::shot::{Instant, Shot};
 use crate::image_error::image_error;
 
 /// One instant of one case.
@@ -25,28 +26,29 @@ pub struct Waiting {
     pub scene: String,
     /// Transport and link.
     pub case: String,
-    /// When.
+    /// The instant.
     pub instant: String,
-    /// In milliseconds since the connect call.
+    /// Milliseconds since the connect call.
     pub at_ms: f64,
     /// Bytes received by then.
     pub bytes: u64,
     /// Largest screen error, pixels.
     pub error_px: Option<f64>,
-    /// FLIP against the settled picture, flat and curved.
+    /// FLIP error against the settled picture, flat.
     pub flip: f64,
     /// The same with curved triangles.
     pub flip_curved: f64,
-    /// Structural similarity, likewise.
+    /// Structural similarity to the settled picture, flat.
     pub ssim: f64,
     /// The same with curved triangles.
     pub ssim_curved: f64,
 }
 
-/// Runs each case of a plan with `[pictures]` by its first seed, flat and curved. `keep` is handed each picture with its name.
+/// Runs each case of a plan with `[pictures]` with its first seed, flat and curved. `keep` receives pictures with
+/// names.
 ///
 /// # Errors
-/// Plans without pictures, runs that do not settle, whatever ends a run early, and what the graphics device refuses.
+/// Plans without pictures, runs that do not settle or end early, and errors of the graphics device.
 pub fn waiting(
     plan: &Plan,
     scenes: &[Arc<dyn SceneSource>],
@@ -98,7 +100,7 @@ fn name_of(plan: &Plan, case: &Case) -> String {
     plan.scenes.get(case.scene).map_or_else(String::new, |scene| scene.name.clone())
 }
 
-/// A line for people.
+/// One line of text.
 impl fmt::Display for Waiting {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { scene, instant, at_ms, bytes, flip, flip_curved, ssim, ssim_curved, .. } = self;
@@ -121,7 +123,7 @@ mod tests {
     use lodestream_scenario::plan;
 
     #[test]
-    fn both_ways_are_held_against_what_comes_to_be_shown() {
+    fn flat_and_curved_are_compared_with_the_settled_picture() {
         if !may_draw() {
             return;
         }

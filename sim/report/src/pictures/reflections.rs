@@ -1,8 +1,8 @@
-//! How often screen-space reflections find what a mirror would show, and what they look up until then.
+//! Hit rate and cost of screen-space reflection searches against ray casting.
 //!
-//! A viewer settles at each view. Each pixel counts as though the triangle that it shows were a mirror: a ray along the
-//! mirrored direction against the triangles that are drawn says what is seen there, and whether the picture shows that
-//! place too. Searches are those of the shader's CPU reference, on the depths that the device drew.
+//! A viewer settles at each view. Each pixel is treated as a mirror: a ray along the mirrored direction against the
+//! drawn triangles tells what it would show, and whether the picture shows that place too. The searches are those of
+//! the shader's CPU reference, on the device's depths.
 
 use std::fmt;
 use std::sync::Arc;
@@ -26,68 +26,67 @@ use serde::Serialize;
 use super::painter::{Painter, Studio};
 use super::settled::settle_views;
 
-/// A pixel is judged where its ray's depth and the drawn one are as near as this, as a share; and what a ray meets is on the
-/// picture where its depth there is as near.
+/// Largest relative difference between a pixel's depth by ray and as drawn for which the pixel is compared, and between
+/// the depth of a mirror image and the picture's there for which it counts as visible.
 const SAME_DEPTH: f64 = 1e-3;
 const SHOWN_DEPTH: f64 = 5e-3;
-/// Pixels that what is found may be off by.
+/// Tolerance of a hit, in pixels.
 const NEAR_PX: i64 = 2;
-/// What rays begin beyond, as a share of the place's depth.
+/// Offset of a ray's start, relative to the depth.
 const BEGIN: f64 = 1e-5;
 
-/// What is searched.
+/// What to measure.
 #[derive(Clone, Debug)]
 pub struct Question {
-    /// Cameras beside the scene's own.
+    /// Cameras besides the scene's own.
     pub cameras: Vec<Camera>,
     /// Searches.
     pub searches: Vec<Reflections>,
-    /// How thick what is drawn counts for, as shares of its depth, each with each search.
+    /// Thicknesses of surfaces, relative to their depth, combined with each search.
     pub thicknesses: Vec<f64>,
-    /// Frames that are timed of each search, at least one.
+    /// Timed frames of each search, at least one.
     pub frames: u32,
 }
 
-/// One search in one view.
+/// Results of one search in one view.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ReflectionError {
     /// Number of the view; 0 is the scene's own.
     pub view: usize,
     /// Name of the search.
     pub method: String,
-    /// Steps of a ray at most.
+    /// Most steps of a ray.
     pub steps: u32,
-    /// Thickness of what is drawn, as a share of its depth.
+    /// Thickness of surfaces, relative to their depth.
     pub thickness: f64,
     /// Width and height of the pictures, which are the plan's viewport.
     pub size_px: [u32; 2],
     /// The graphics adapter.
     pub adapter: String,
-    /// Pixels that are judged.
+    /// Number of compared pixels.
     pub pixels: usize,
-    /// Share of them whose mirror would show something that the picture shows too.
+    /// Share of them whose mirror image is visible in the picture.
     pub shown: f64,
-    /// Of those: found where it is, to two pixels.
+    /// Of those: found within two pixels.
     pub found: f64,
-    /// Of those: found elsewhere.
+    /// Of those: found at another place.
     pub elsewhere: f64,
-    /// Of those: given up in mid-air, its steps done.
+    /// Of those: ended by the step limit.
     pub mid_air: f64,
-    /// Of those: passed by.
+    /// Of those: missed.
     pub missed: f64,
-    /// Of pixels whose mirror shows sky, or what the picture does not show: something is found.
+    /// Share of the other pixels (mirrored sky or invisible places) for which something is found.
     pub false_hits: f64,
-    /// Lookups of depth a ray, in the mean over all that are judged.
+    /// Mean depth lookups per ray.
     pub lookups: f64,
-    /// Median time of the passes in the scene as it is, where few surfaces are smooth, in milliseconds of the device.
+    /// Median device time of the passes in the original scene, which has few smooth surfaces, in milliseconds.
     pub pass_ms: f64,
 }
 
-/// Settles a viewer at each view and follows all rays by all searches.
+/// Settles a viewer at each view and traces all rays with all searches.
 ///
 /// # Errors
-/// A plan of more than one case, or of another technique; runs that do not settle; whatever ends a run early, and what
-/// the graphics device refuses.
+/// A plan with several cases or another technique; runs that do not settle or end early; errors of the graphics device.
 pub fn reflection_errors(
     plan: &Plan,
     scene: &Arc<dyn SceneSource>,
@@ -109,7 +108,7 @@ struct Mirrored {
     place: [f64; 3],
     normal: [f64; 3],
     direction: [f64; 3],
-    /// Where the picture shows what the mirror would, if it does.
+    /// Where the picture shows the mirror image, if it does.
     shown_at: Option<[i64; 2]>,
 }
 
@@ -126,7 +125,7 @@ fn of_view(
     let tan = view.pose().tan_half_fov(size_px[0], size_px[1]);
     let picture = DepthPicture { stored: &stored, size_px, tan_half_fov: tan.into(), near: bare.near };
     let pixels = mirrors(&picture, &rays, view);
-    anyhow::ensure!(!pixels.is_empty(), "view {number}: rays see nothing of what is drawn");
+    anyhow::ensure!(!pixels.is_empty(), "view {number}: no ray hits a drawn surface; choose another view");
     let pyramid = Pyramid::new(&picture, REFLECTION_LEVELS);
     let mirror = Mirror { picture, pyramid: &pyramid };
     let mut errors = Vec::new();
@@ -166,7 +165,7 @@ fn of_view(
     Ok(errors)
 }
 
-/// All pixels whose triangle a ray sees as it was drawn.
+/// All pixels whose triangle a ray hits as it was drawn.
 fn mirrors(picture: &DepthPicture<'_>, rays: &Rays, view: &View) -> Vec<Mirrored> {
     let [width, height] = picture.size_px;
     let turn = view.pose().rotation;
@@ -193,7 +192,7 @@ fn mirrors(picture: &DepthPicture<'_>, rays: &Rays, view: &View) -> Vec<Mirrored
             let [x, y] = [(ndc[0] * 0.5 + 0.5) * f64::from(width), (0.5 - ndc[1] * 0.5) * f64::from(height)];
             let at = [x, y].map(|c| c.floor() as i64);
             let inside = (0..i64::from(width)).contains(&at[0]) && (0..i64::from(height)).contains(&at[1]);
-            // The nearest of its neighbourhood: between pixels of a slope depths differ by more.
+            // The nearest of the neighbourhood: on a slope, depths differ by more between pixels.
             let near = |dx, dy| (picture.depth_at([at[0] + dx, at[1] + dy]) / -met.z - 1.0).abs();
             let as_far = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| near(dx, dy))).fold(1.0, f64::min);
             (inside && as_far < SHOWN_DEPTH).then_some(at)
@@ -203,7 +202,7 @@ fn mirrors(picture: &DepthPicture<'_>, rays: &Rays, view: &View) -> Vec<Mirrored
     all
 }
 
-/// How searches ended.
+/// Counts of how searches ended.
 #[derive(Default)]
 struct Count {
     shown: usize,
@@ -237,7 +236,7 @@ impl Count {
     }
 }
 
-/// A line for people.
+/// One line of text.
 impl fmt::Display for ReflectionError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let percent = |share: f64| 100.0 * share;
@@ -261,10 +260,10 @@ impl fmt::Display for ReflectionError {
     }
 }
 
-/// Searches by their names, as `linear:150`.
+/// Parses a search such as `linear:150`.
 ///
 /// # Errors
-/// A name or a number of steps that there is not.
+/// An unknown name or an invalid number of steps.
 pub fn search(text: &str) -> anyhow::Result<Reflections> {
     let (name, steps) = text.split_once(':').context("write a search and its steps, as hi-z:100")?;
     let method = ReflectionMethod::ALL.into_iter().find(|method| method.name() == name);
@@ -295,7 +294,7 @@ mod tests {
         }
     }
 
-    /// On the small scene: more steps find more, and a pyramid finds as much with fewer lookups.
+    /// In the small scene, more steps find more, and a depth pyramid finds as much with fewer lookups.
     #[test]
     fn searches_find_most_of_what_mirrors_would_show() {
         if !may_draw() {

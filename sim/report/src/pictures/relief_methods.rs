@@ -1,7 +1,7 @@
-//! Ways of relief mapping held against the exact hit of a ray with the surface that the texels describe, by angle.
+//! Error of relief mapping methods against the exact intersection of a ray with the height map's surface, by angle.
 //!
-//! Everything is computed in f64 on the CPU by the shader's CPU references, so figures repeat to the digit. What a way costs is
-//! counted in lookups, since a fragment spends its time there.
+//! Everything is computed in f64 by the shaders' CPU references, so figures are reproducible to the digit. Cost is
+//! counted in lookups, which dominate a fragment's time.
 
 use std::f64::consts::TAU;
 use std::fmt;
@@ -14,63 +14,63 @@ use serde::Serialize;
 
 /// Texels along a side of the maps.
 const SIDE: usize = 128;
-/// Depth of the relief in widths of the texture.
+/// Depth of the relief in texture widths.
 const DEPTH: f64 = 0.05;
 /// Angles between ray and normal, degrees.
 pub const ANGLES: [f64; 6] = [0.0, 45.0, 75.0, 85.0, 89.9, 89.99];
-/// Steps of the main table: the shader's linear steps at grazing angles.
+/// Step limit in the main table: the shader's linear steps at grazing angles.
 const STEPS: u32 = 48;
-/// Steps of the table of error over cost, and its angle.
+/// Step limits and angle of the table of error by cost.
 const CURVE: ([u32; 5], f64) = ([8, 16, 32, 64, 128], 75.0);
-/// A hit so many texels off along the surface is another one.
+/// A hit further off than this along the surface counts as wrong.
 const WRONG_TEXELS: f64 = 1.0;
 
-/// How far off a way is at an angle.
+/// Error of a method at an angle.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct AtAngle {
-    /// Degrees to the normal.
+    /// Angle between ray and normal, in degrees.
     pub degrees: f64,
     /// Share of rays whose hit is more than a texel off along the surface.
     pub wrong: f64,
     /// Root of the mean squared distance along the surface, texels.
     pub rms_texels: f64,
-    /// Mean lookups a ray.
+    /// Mean lookups per ray.
     pub lookups: f64,
 }
 
-/// A way over a map.
+/// A method on a height map.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct OfMap {
-    /// What the map shows.
+    /// Name of the map.
     pub map: &'static str,
-    /// The way.
+    /// Name of the method.
     pub method: &'static str,
     /// By [`ANGLES`].
     pub angles: Vec<AtAngle>,
 }
 
-/// A way with so many steps, over all maps.
+/// A method with a step limit, over all maps.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct WithSteps {
-    /// The way.
+    /// Name of the method.
     pub method: &'static str,
-    /// Steps at most.
+    /// Step limit.
     pub steps: u32,
     /// At 75°.
     #[serde(flatten)]
     pub at: AtAngle,
 }
 
-/// All ways over all maps.
+/// All methods on all maps.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Comparison {
-    /// By map and way, with the shader's steps.
+    /// By map and method, with the shader's step limit.
     pub maps: Vec<OfMap>,
-    /// Error over cost at 75°.
+    /// Error by cost at 75°.
     pub steps: Vec<WithSteps>,
 }
 
-/// Compares with `rays` rays a map and angle.
+/// Compares with `rays` rays per map and angle.
 #[must_use]
 pub fn compare(rays: u32) -> Comparison {
     let maps: [(&str, ReliefMap); 4] = [
@@ -82,7 +82,7 @@ pub fn compare(rays: u32) -> Comparison {
     let maps = maps.map(|(name, heights)| (name, Prepared::new(heights)));
     let mut result = Comparison { maps: Vec::new(), steps: Vec::new() };
     for (name, map) in &maps {
-        // What is true does not depend on the way.
+        // The exact intersections do not depend on the method.
         let truth = ANGLES.map(|degrees| Truth::new(&map.heights, degrees, rays));
         for method in Method::ALL {
             let angles = truth.iter().map(|truth| truth.judge(map, method, STEPS)).collect();
@@ -108,7 +108,7 @@ pub fn compare(rays: u32) -> Comparison {
     result
 }
 
-/// Rays at an angle, and where each meets the surface.
+/// Rays at an angle, with their exact intersections.
 struct Truth {
     degrees: f64,
     rays: Vec<(Ray, f64)>,
@@ -119,7 +119,7 @@ impl Truth {
         let (sine, cosine) = degrees.to_radians().sin_cos();
         let reach = DEPTH * sine / cosine;
         let rays = (0..count).map(|i| {
-            // Along the golden ratios of one and two dimensions: even, and the same each time (Roberts 2018).
+            // Golden-ratio sequences in one and two dimensions: even and deterministic (Roberts 2018).
             let even = |step: f64| (0.5 + f64::from(i) * step).fract();
             let (along, across) = (even(0.618_033_988_749_894_9) * TAU).sin_cos();
             let start = [even(0.754_877_666_246_692_8), even(0.569_840_290_998_053_2)];
@@ -172,7 +172,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_exact_way_is_exact_and_doing_nothing_is_worst() {
+    fn the_exact_method_has_no_error_and_none_has_the_largest() {
         let all = compare(100);
         assert_eq!(all.maps.len(), 4 * Method::ALL.len());
         for of in &all.maps {
@@ -180,7 +180,7 @@ mod tests {
                 let at_rest = at.degrees == 0.0;
                 match of.method {
                     "none" => assert!(at_rest || at.rms_texels > 0.5, "{of:?}"),
-                    // At 89.9° and beyond 48 cells are not the whole way.
+                    // At 89.9° and beyond, 48 cells do not cover the whole ray.
                     "quadtree" if at.degrees < 80.0 => assert!(at.rms_texels < 1e-6, "{of:?}"),
                     _ => assert!(at.rms_texels.is_finite(), "{of:?}"),
                 }

@@ -1,9 +1,9 @@
-//! Settled scenes, drawn as often as one likes.
+//! Settled scenes, drawn repeatedly for timing.
 //!
-//! A run settles in virtual time. Then the shipped renderer draws its settled view, in real time, on whatever adapter there
-//! is. What is compared is drawn by turns: what else the machine does meanwhile falls on all, so that ratios hold where
-//! times do not. A frame is what a viewer does for one: choosing the ground's tiles, recording, drawing, and waiting
-//! until it is done. Nothing is read back.
+//! A run settles in virtual time. Then the shipped renderer draws its settled view in real time on the available
+//! adapter. Variants are drawn in turn, so that other load on the machine affects all alike: ratios hold where times do
+//! not. A frame includes what a viewer's frame does: selecting terrain tiles, recording, drawing, and waiting for the
+//! device, without readback.
 
 use std::sync::Arc;
 
@@ -19,12 +19,12 @@ use lodestream_scene::view::View;
 
 use super::painter::{Painter, Studio};
 
-/// Most frames of each.
+/// Most frames of each variant.
 pub const MAX_FRAMES: u32 = 10_000;
-/// Frames of each that are drawn before: they make the ground's tiles and fill caches.
+/// Untimed frames of each variant: they generate terrain tiles and fill caches.
 const WARM_UP: u32 = 2;
 
-/// A run that has settled, and what draws it.
+/// A settled run with its renderer.
 #[derive(Debug)]
 pub(super) struct Settled<'a> {
     pub(super) run: RunResult,
@@ -32,11 +32,10 @@ pub(super) struct Settled<'a> {
     pub(super) view: View,
 }
 
-/// Settles the plan's case with each client, by its first seed.
+/// Settles the plan's case with each client, with its first seed.
 ///
 /// # Errors
-/// A plan of more than one case, or of another technique; runs that do not settle; whatever ends a run early, and what
-/// the graphics device refuses.
+/// A plan with several cases or another technique; runs that do not settle or end early; errors of the graphics device.
 pub(super) fn settle<'a>(
     plan: &Plan,
     scene: &Arc<dyn SceneSource>,
@@ -61,7 +60,7 @@ pub(super) fn settle<'a>(
     clients.into_iter().map(settle).collect()
 }
 
-/// What draws the plan's case at its own view, and at those of more cameras, each with its view.
+/// Settles the plan's case at its own view and at those of more cameras; each renderer comes with its view.
 ///
 /// # Errors
 /// As [`settle`].
@@ -80,7 +79,7 @@ pub(super) fn settle_views<'a>(
     own.chain(others).collect()
 }
 
-/// What draws a viewer that has settled with its camera at a view, by the plan's case.
+/// Settles the plan's case with a fixed camera at a view.
 ///
 /// # Errors
 /// As [`settle`].
@@ -109,11 +108,11 @@ fn only_case(plan: &Plan) -> anyhow::Result<&Case> {
     Ok(case)
 }
 
-/// Seconds of so many frames of each, at least one: the first of all, then the second of all. `frame` draws one of those
-/// numbered below `count`.
+/// Seconds of `frames` frames (at least one) of each variant: the first of all, then the second of all. `frame` draws
+/// the variant with a number below `count`.
 ///
 /// # Errors
-/// What `frame` does not draw.
+/// Errors of `frame`.
 pub(super) fn by_turns<E>(
     count: usize,
     frames: u32,

@@ -1,4 +1,4 @@
-//! The frames that a viewer's window really showed (`lodestream-viewer --frames DIR`), held against the last of them.
+//! Errors of the frames that a viewer's window showed (`lodestream-viewer --frames DIR`) against the last one.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ use crate::image_error::image_error;
 /// Longest `frames.json`, in bytes.
 const MAX_INDEX_BYTES: u64 = 1 << 20;
 
-/// What `frames.json` says.
+/// The contents of `frames.json`.
 #[derive(Debug, Deserialize)]
 struct Index {
     until_ms: f64,
@@ -30,25 +30,25 @@ struct Entry {
     file: String,
 }
 
-/// What had come when a frame was drawn, as the viewer says.
+/// Data received when a frame was drawn, as reported by the viewer.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
 pub struct Received {
     /// Transport payload.
     pub bytes: u64,
     /// Upper bound on the screen error over all visible parts; `None` while one of them could not be drawn.
     pub error_px: Option<f64>,
-    /// The same over what is seen, without what the scene's own surfaces hide.
+    /// The same without parts that the scene's own surfaces occlude.
     pub seen_error_px: Option<f64>,
 }
 
-/// How far a frame is from the last one.
+/// A frame's error against the last one.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ShownFrame {
     /// When it was shown, in milliseconds after the connect call.
     pub at_ms: f64,
-    /// Whether it held everything of the first frame.
+    /// Whether it showed every visible instance.
     pub whole: bool,
-    /// What had come by then.
+    /// Data received by then.
     #[serde(flatten)]
     pub received: Received,
     /// Its error.
@@ -56,7 +56,7 @@ pub struct ShownFrame {
     pub error: ImageError,
 }
 
-/// One line for people.
+/// One line of text.
 impl std::fmt::Display for ShownFrame {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { at_ms, whole, received, error } = self;
@@ -72,21 +72,21 @@ impl std::fmt::Display for ShownFrame {
     }
 }
 
-/// What a window showed.
+/// The frames of a window.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ShownFrames {
-    /// Whether the last frame is the settled picture: what the others are held against is no reference otherwise.
+    /// Whether the last frame is the settled picture; otherwise it is no valid reference.
     pub settled: bool,
-    /// The error of the first seconds.
+    /// The integrated error of the first seconds.
     pub first_seconds: FirstSecondsError,
     /// The frames in order, without the last.
     pub frames: Vec<ShownFrame>,
 }
 
-/// Judges the frames in a folder that a viewer has written.
+/// Compares the frames in a folder that a viewer has written.
 ///
 /// # Errors
-/// A folder without them, pictures that cannot be read or that differ in size.
+/// A folder without frames; pictures that cannot be read or differ in size.
 pub fn judge(folder: &Path) -> anyhow::Result<ShownFrames> {
     let index = folder.join("frames.json");
     let unread = || format!("{}: cannot be read", index.display());
@@ -99,7 +99,7 @@ pub fn judge(folder: &Path) -> anyhow::Result<ShownFrames> {
     let Index { until_ms, settled, frames } = serde_json::from_str(&text)
         .with_context(|| format!("{}: not written by lodestream-viewer --frames", index.display()))?;
     let picture = |entry: &Entry| -> anyhow::Result<RgbaImage> {
-        // Names of the viewer's making, and nobody else's.
+        // Only names that the viewer writes.
         let path = folder.join(Path::new(&entry.file).file_name().unwrap_or_default());
         let image = image::open(&path).with_context(|| format!("{}: no picture", path.display()))?;
         Ok(image.into_rgba8())
@@ -128,7 +128,7 @@ mod tests {
     use image::Rgba;
 
     #[test]
-    fn frames_are_held_against_the_last_and_count_until_the_next() {
+    fn frames_are_compared_with_the_last_and_count_until_the_next() {
         let folder = tempfile::tempdir().unwrap();
         let write = |name: &str, value: u8| {
             let picture = RgbaImage::from_pixel(16, 16, Rgba([value, value, value, 255]));

@@ -1,8 +1,9 @@
-//! Tangent frames of meshes against those of the surfaces that they stand for.
+//! Errors of meshes' tangent frames against those of the surfaces that they approximate.
 //!
-//! A sphere between 60° of latitude and a torus, as meshes of 48 × 24 squares, their texture mirrored half way round: on both
-//! sides of two seams it runs the other way, and the torus has one where it begins anew. At seven places of each face each way's frame is held against the surface's
-//! own, and so is a normal that a map tilts by 45° between u and v. Everything is computed in f64, so figures repeat.
+//! A sphere between 60° of latitude and a torus, as meshes of 48 × 24 squares, with a texture mirrored half way round:
+//! its direction changes at two seams, and the torus has one more where the texture repeats. At seven places of each
+//! face, each method's frame, and a normal tilted by 45° between u and v, are compared with the surface's. Everything
+//! is computed in f64, so figures are reproducible.
 
 use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 use std::fmt;
@@ -11,13 +12,13 @@ use glam::{DVec2, DVec3};
 use lodestream_render::cpu_reference::tangents::{Corner, Mesh, TangentMethod};
 use serde::Serialize;
 
-/// Squares round the axis and along the other coordinate.
+/// Squares around the axis and along the other coordinate.
 const SQUARES: [u32; 2] = [48, 24];
 /// Radii of the torus.
 const RADII: [f64; 2] = [1.0, 0.4];
 /// Half of the sphere's range of latitudes.
 const LATITUDE: f64 = PI / 3.0;
-/// What the corners count for at the places that are looked at.
+/// Barycentric weights of the places that are compared.
 const PLACES: [[f64; 3]; 7] = [
     [1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0],
     [0.8, 0.1, 0.1],
@@ -28,14 +29,14 @@ const PLACES: [[f64; 3]; 7] = [
     [0.1, 0.45, 0.45],
 ];
 
-/// A surface with its own directions of u and v.
+/// A surface with exact directions of u and v.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Shape {
     Sphere,
     Torus,
 }
 
-/// What a place of a surface is like: where, its normal, and unit vectors round the axis and along the other coordinate.
+/// A point of a surface: position, normal, and unit vectors around the axis and along the other coordinate.
 struct Place {
     position: DVec3,
     normal: DVec3,
@@ -53,7 +54,7 @@ impl Shape {
         }
     }
 
-    /// At shares of both coordinates.
+    /// The place at normalised coordinates.
     fn at(self, [s, t]: [f64; 2]) -> Place {
         let (sin, cos) = (TAU * s).sin_cos();
         let outwards = DVec3::new(cos, sin, 0.0);
@@ -77,31 +78,31 @@ impl Shape {
     }
 }
 
-/// Texture coordinate round the axis: up to 1 half way round, and back.
+/// Texture coordinate around the axis: mirrored, up to 1 half way round, and back.
 fn folded(s: f64) -> f64 {
     1.0 - (1.0 - 2.0 * s).abs()
 }
 
-/// One way on one surface, in degrees.
+/// One method on one surface; angles in degrees.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FrameError {
     /// The surface.
     pub shape: &'static str,
-    /// How frames are made.
+    /// How frames are computed.
     pub way: &'static str,
-    /// Between its u and the surface's: root of the mean square.
+    /// Error of u: root mean square.
     pub u_rms: f64,
-    /// The greatest.
+    /// Error of u: maximum.
     pub u_most: f64,
-    /// Between a normal that is tilted by 45° and the surface's: root of the mean square.
+    /// Error of a normal tilted by 45°: root mean square.
     pub normal_rms: f64,
-    /// The greatest.
+    /// Error of a tilted normal: maximum.
     pub normal_most: f64,
-    /// The greatest away from seams, where no corner of the face lies on one.
+    /// Maximum away from seams, over faces without a corner on one.
     pub normal_most_inside: f64,
 }
 
-/// All ways on all surfaces.
+/// All methods on all surfaces.
 #[must_use]
 pub fn compare() -> Vec<FrameError> {
     Shape::ALL.into_iter().flat_map(of_shape).collect()
@@ -117,7 +118,7 @@ fn of_shape(shape: Shape) -> Vec<FrameError> {
             [[a, b, c], [a, c, d]]
         })
         .collect();
-    // Once round a place is the one from which it began.
+    // The full turn ends where it began.
     let corner = |[s, t]: [f64; 2]| shape.corner([s % 1.0, t]);
     let mesh = Mesh::new(shares.iter().map(|face| face.map(corner)).collect());
     let seam = |[s, t]: [f64; 2]| [0.0, 0.5, 1.0].contains(&s) || [0.0, 1.0].contains(&t);
@@ -185,7 +186,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sums_over_a_mirrored_seam_are_worst_and_derivatives_need_no_vertices() {
+    fn vertex_averages_over_a_mirrored_seam_are_worst() {
         let all = compare();
         assert_eq!((all.len(), &compare()), (2 * TangentMethod::ALL.len(), &all), "figures repeat");
         for of_shape in all.chunks(TangentMethod::ALL.len()) {

@@ -1,7 +1,7 @@
-//! Pictures of whole runs over the small demo scene, drawn small.
+//! Tests: small pictures of whole runs over the small demo scene.
 //!
-//! These need a graphics adapter; Mesa's software driver is enough. Without an adapter they fail.
-//! `LODESTREAM_SKIP_GPU=1` skips them, and says so.
+//! They need a graphics adapter, for which Mesa's software driver is enough, and fail without one.
+//! `LODESTREAM_SKIP_GPU=1` skips them with a message.
 
 use std::io::Write as _;
 use std::num::NonZeroUsize;
@@ -66,12 +66,12 @@ fn pictures_approach_the_settled_one_and_change_nothing_in_the_run() {
         assert_eq!((settled.at_ms, settled.bytes), (run.settled_ms.unwrap(), run.total_bytes));
         assert_eq!((early.at_ms, late.at_ms, after.at_ms), (190.0, 250.0, 9000.0));
         assert!(first.bytes < early.bytes && early.bytes < late.bytes && late.bytes < settled.bytes);
-        // Once settled, it stays as it is.
+        // A settled picture does not change.
         assert_eq!((after.bytes, &after.file), (settled.bytes, &settled.file));
         let equal = Some(ImageError { psnr_db: None, ssim: 1.0, flip: 0.0 });
         assert_eq!((after.error, settled.error), (equal, equal));
         let [first, early, late] = [first, early, late].map(|picture| picture.error.unwrap());
-        // Shapes come before textures, which are most of a picture: early on, not every measure gets better.
+        // Shapes come before textures, which are most of a picture: early on, some measures may get worse.
         for error in [first, early] {
             assert!(
                 late.psnr_db > error.psnr_db && late.ssim > error.ssim && late.flip < error.flip,
@@ -84,12 +84,12 @@ fn pictures_approach_the_settled_one_and_change_nothing_in_the_run() {
             assert_eq!((drawn.width(), drawn.height()), (96, 54));
         }
     }
-    // Nobody drew, and everything else is the same.
+    // Without drawing, everything else is the same.
     let undrawn: Vec<RunResult> =
         results.iter().cloned().map(|run| RunResult { pictures: Vec::new(), ..run }).collect();
     assert_eq!(to_json(&results_of(&plan)).unwrap(), to_json(&undrawn).unwrap());
 
-    // Again, on one thread: the same bytes in all files, and none left of the first time.
+    // Again on one thread: the same bytes in all files, and nothing left of the first report.
     let files = |folder: &Path| {
         let names = |folder: &Path| -> Vec<std::path::PathBuf> {
             std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect()
@@ -100,12 +100,12 @@ fn pictures_approach_the_settled_one_and_change_nothing_in_the_run() {
         all.into_iter().map(|file| (file.clone(), std::fs::read(file).unwrap())).collect::<Vec<_>>()
     };
     let first = files(folder.path());
-    // Four pictures of each run, and beside them two tables of results, one of pictures, plots and the page.
+    // Four pictures of each run, tables of results and pictures, plots and the page.
     assert_eq!(first.iter().filter(|(file, _)| file.extension().unwrap() == "png").count(), 8);
     report(&plan, folder.path(), 1);
     assert!(files(folder.path()) == first);
 
-    // The page needs nothing beside itself.
+    // The page is self-contained.
     let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
     assert_eq!(page.matches("src=\"data:image/jpeg;base64,").count(), 8);
     assert_eq!(page.matches("src=").count(), 8);
@@ -116,7 +116,7 @@ fn pictures_approach_the_settled_one_and_change_nothing_in_the_run() {
             && !page.contains("@import")
     );
     assert_eq!(page.matches("<svg").count(), 3);
-    // What is seen stands beside what is in view: in the table, on the curve and below pictures.
+    // Errors of visible parts are shown with those of parts in view: in the table, the plot and the captions.
     assert!(page.contains("Where seen, TTQ(1\u{a0}px)") && page.contains(" (where seen "), "{page}");
     let curve = std::fs::read_to_string(folder.path().join("screen-error-over-time.svg")).unwrap();
     assert!(curve.contains(">\nall in view\n<") && curve.contains(">\nwhere seen\n<"), "{curve}");
@@ -127,7 +127,7 @@ fn pictures_approach_the_settled_one_and_change_nothing_in_the_run() {
     let px = |figure: &String| figure.parse::<f64>().unwrap();
     assert!(rows.rows.iter().all(|row| px(&row[seen]) <= px(&row[all])), "{csv}");
 
-    // A plan without pictures takes them away again, but not what somebody else put there.
+    // A plan without pictures removes them again, but no other files.
     std::fs::write(folder.path().join("pictures/run-away.png"), "mine").unwrap();
     write(folder.path(), &plan, &undrawn).unwrap();
     let left: Vec<_> =
@@ -138,11 +138,11 @@ fn pictures_approach_the_settled_one_and_change_nothing_in_the_run() {
 }
 
 #[test]
-fn a_moving_camera_is_judged_from_where_it_was() {
+fn pictures_of_a_moving_camera_are_compared_at_their_own_pose() {
     if !may_draw() {
         return;
     }
-    // Fast enough that pictures on the way are nearly settled: against any other pose they would be far off.
+    // Fast enough that pictures on the way are nearly settled: from any other pose their errors would be large.
     let sweep =
         "transport = \"quic\"\nrate_bits_per_s = 50_000_000\nrtt_ms = 10\ncamera = [\"orbit\", \"teleport\"]";
     let plan = parse("[pictures]\nat_s = [0.2, 4, 7]\nsize_px = [96, 54]", sweep);
@@ -163,9 +163,9 @@ fn a_moving_camera_is_judged_from_where_it_was() {
     }
 }
 
-/// What is hidden comes last, also where a camera is about to see it: that must not cost the pictures on its way.
+/// Occluded parts come last, even if the camera is about to see them; this must not worsen the pictures on its way.
 #[test]
-fn pictures_of_a_moving_camera_are_as_near_with_what_is_hidden_last_as_without() {
+fn hidden_last_does_not_worsen_pictures_of_a_moving_camera() {
     if !may_draw() {
         return;
     }
@@ -187,14 +187,15 @@ fn pictures_of_a_moving_camera_are_as_near_with_what_is_hidden_last_as_without()
         let (with, without) = (flips(with), flips(without));
         println!("FLIP on the way: {with:.4?}, without {without:.4?}");
         assert!(without[1..4].iter().all(|flip| *flip > 0.0), "nothing was missing: {without:?}");
-        // A single picture may be taken just before what the other has by then. 0.95 times on the lap, 1.10 after the jump.
+        // A single picture may be taken just before what the other has by then. 0.95 times on the lap, 1.10 after the
+        // jump.
         let mean = |flips: &[f64]| flips[1..].iter().sum::<f64>() / (flips.len() - 1) as f64;
         assert!(mean(&with) <= 1.15 * mean(&without), "{with:?} and {without:?}");
     }
 }
 
 #[test]
-fn a_run_that_does_not_settle_is_judged_by_one_that_does() {
+fn a_run_that_does_not_settle_is_compared_with_one_that_does() {
     if !may_draw() {
         return;
     }
@@ -202,7 +203,7 @@ fn a_run_that_does_not_settle_is_judged_by_one_that_does() {
     let plan = parse("time_limit_s = 2.5\n[pictures]\nat_s = [0.01, 2, 3]\nsize_px = [96, 54]", sweep);
     let folder = tempfile::tempdir().unwrap();
     let run = report(&plan, folder.path(), 1).remove(0);
-    // At first there is no scene to look at, and nothing is said of what comes after the end.
+    // At first there is no scene to draw, and after the end no picture.
     assert_eq!(instants(&run), ["first frame", "2 s", "end"], "{run:?}");
     let errors: Vec<ImageError> = run.pictures.iter().map(|picture| picture.error.unwrap()).collect();
     assert!(errors.iter().all(|error| error.psnr_db.is_some_and(|db| db < 35.0)), "{errors:?}");
@@ -210,8 +211,8 @@ fn a_run_that_does_not_settle_is_judged_by_one_that_does() {
     assert_eq!((run.pictures[2].at_ms, run.pictures[2].bytes), (2500.0, run.total_bytes));
 }
 
-/// What the first seconds at 2 Mbit/s come to in the small scene: 0.075, 0.003 and 0 of FLIP. The goals of the whole demo are
-/// 0.12, 0.06 and 0.02.
+/// The integrated FLIP errors of the first seconds at 2 Mbit/s in the small scene: 0.075, 0.003 and 0. The goals for
+/// the whole demo are 0.12, 0.06 and 0.02.
 #[test]
 fn the_first_seconds_are_near_the_settled_picture() {
     if !may_draw() {

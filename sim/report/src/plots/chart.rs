@@ -1,7 +1,7 @@
-//! A chart as SVG: panels in a row that share their lines, and a legend below.
+//! A chart as SVG: panels in a row with common lines, and a legend below.
 //!
-//! The crate `plotters` draws; values are brought to the axes' scales before, and ticks and legend are laid out here,
-//! since without fonts at hand nobody knows how wide a text is.
+//! The crate `plotters` draws. Values are mapped to the axes' scales beforehand, and ticks and legend are laid out
+//! here, since the width of text is unknown without fonts.
 
 use std::ops::Range;
 
@@ -11,8 +11,8 @@ use plotters::element::DashedPathElement;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-/// Colours that the colour-blind tell apart (Okabe and Ito, "Color universal design", 2008), less the yellow, which is
-/// hard to see on white.
+/// Colours that the colour-blind can distinguish (Okabe and Ito, "Color universal design", 2008), without the yellow,
+/// which is hard to see on white.
 const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -32,27 +32,27 @@ const GAP_PX: i32 = 4;
 const TEXT_PX: u32 = 17;
 const FONT: &str = "sans-serif";
 
-/// How values lie along an axis.
+/// Scale of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Scale {
     Linear,
     Logarithmic,
 }
 
-/// An axis: what it says, and from where to where it goes.
+/// An axis: label, scale and range.
 #[derive(Clone, Debug)]
 pub(crate) struct Axis {
     pub(crate) label: String,
     pub(crate) scale: Scale,
     pub(crate) range: (f64, f64),
-    /// How a tick's value is written; `None` for an axis without ticks.
+    /// Formats a tick's value; `None` for an axis without ticks.
     pub(crate) format: Option<fn(f64) -> String>,
-    /// Where ticks stand if they fit, ascending; empty for round values.
+    /// Preferred ticks, ascending, used if they fit; empty for round values.
     pub(crate) marked: Vec<f64>,
 }
 
 impl Axis {
-    /// An axis that holds some values, of which there may be none, with room at both ends.
+    /// An axis that covers some values (possibly none), with a margin at both ends.
     pub(crate) fn holding(
         label: &str,
         scale: Scale,
@@ -68,13 +68,13 @@ impl Axis {
             _ if least > most => (1.0, 10.0),
             Scale::Logarithmic if least * 1.2 > most => (least / 2.0, most * 2.0),
             Scale::Logarithmic => (least / 1.15, most * 1.15),
-            // From zero on: what is half as high shall be half as much.
+            // Linear axes start at zero, so that heights are proportional.
             Scale::Linear => (0.0_f64.min(least), if most > 0.0 { most * 1.05 } else { 1.0 }),
         };
         Self { label: label.to_owned(), scale, range, format: Some(format), marked: Vec::new() }
     }
 
-    /// Where a value lies; values beyond the ends lie at them.
+    /// Normalised position of a value, clamped to the axis.
     fn place(&self, value: f64) -> f64 {
         let value = value.clamp(self.range.0, self.range.1);
         match self.scale {
@@ -90,8 +90,8 @@ impl Axis {
         }
     }
 
-    /// Values at which a line is drawn and a number stands: one, two and five times powers of ten, and where
-    /// that is too many, one and three times, or powers alone.
+    /// Values of ticks: one, two and five times powers of ten; if these are too many, one and three times, or powers
+    /// alone.
     pub(crate) fn ticks(&self, most: usize) -> Vec<f64> {
         let (from, to) = self.range;
         if self.format.is_none() {
@@ -131,14 +131,14 @@ impl Axis {
     }
 
     fn text(&self, place: f64) -> String {
-        // A power of ten comes back from its logarithm a little off.
+        // A power of ten is slightly off after its logarithm.
         let value = self.value(place);
         let rounded = format!("{value:.9e}").parse().unwrap_or(value);
         self.format.map(|format| format(rounded)).unwrap_or_default()
     }
 }
 
-/// Places along an axis, with ticks of our own.
+/// Ticks of an axis, for `plotters`.
 struct Places {
     range: RangedCoordf64,
     ticks: Vec<f64>,
@@ -164,13 +164,13 @@ impl Ranged for Places {
 /// How a line is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Mark {
-    /// A value holds until the next one.
+    /// Each value holds until the next one.
     Steps,
-    /// A dot at each value, and a line between them.
+    /// A dot at each value, connected by lines.
     Dots,
 }
 
-/// A line; its place in a chart's legend says its colour.
+/// A line; its index in the legend determines its colour.
 #[derive(Clone, Debug)]
 pub(crate) struct Line {
     pub(crate) number: usize,
@@ -191,21 +191,21 @@ pub(crate) struct Panel {
 #[derive(Clone, Debug)]
 pub(crate) struct Chart {
     pub(crate) panels: Vec<Panel>,
-    /// Names of the lines, by number.
+    /// Names of the lines.
     pub(crate) legend: Vec<String>,
 }
 
-/// Most lines of a chart: each colour once solid and once dashed.
+/// Most lines of a chart: each colour solid and dashed.
 pub(crate) const MAX_LINES: usize = 2 * COLOURS.len();
 
 type Failed = DrawingAreaErrorKind<std::io::Error>;
 type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
 
 impl Chart {
-    /// The chart's SVG, the same for the same chart.
+    /// The chart's SVG; deterministic.
     ///
     /// # Errors
-    /// What the drawing library says.
+    /// Errors of the drawing library.
     pub(crate) fn svg(&self) -> std::io::Result<String> {
         let mut svg = String::new();
         self.draw(&mut svg).map_err(|why| std::io::Error::other(why.to_string()))?;
@@ -213,7 +213,7 @@ impl Chart {
     }
 
     fn draw(&self, svg: &mut String) -> Result<(), Failed> {
-        // Two columns of legend where all names are short enough for that.
+        // Two columns of legend if all names are short enough.
         let longest = self.legend.iter().map(|name| name.chars().count()).max().unwrap_or(0);
         let columns: u32 = if longest <= 56 && self.legend.len() > 1 { 2 } else { 1 };
         let rows = (self.legend.len() as u32).div_ceil(columns).max(1);
@@ -277,7 +277,7 @@ impl Panel {
             } else {
                 chart.draw_series(std::iter::once(PathElement::new(path, style)))?;
             }
-            // A line of one point is a dot, whatever lines are.
+            // A line of one point is drawn as a dot.
             if self.mark == Mark::Dots || dots.len() == 1 {
                 let dot = |at| Circle::new(at, 3, colour(*number).filled());
                 chart.draw_series(dots.into_iter().map(dot))?;
@@ -296,7 +296,7 @@ fn is_dashed(number: usize) -> bool {
     number / COLOURS.len() % 2 == 1
 }
 
-/// The corners of a line on which each value holds until the next.
+/// The corners of a step line, on which each value holds until the next.
 fn steps(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let corners = points.windows(2).flat_map(|pair| [pair[0], (pair[1].0, pair[0].1)]);
     corners.chain(points.last().copied()).collect()
@@ -335,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn an_axis_holds_its_values_and_bears_none() {
+    fn an_axis_covers_its_values_and_accepts_none() {
         let held = Axis::holding("x", Scale::Logarithmic, [0.0, 3.0, f64::INFINITY, 40.0], |v| v.to_string());
         assert!(held.range.0 < 3.0 && held.range.0 > 2.0 && held.range.1 > 40.0 && held.range.1 < 50.0);
         for scale in [Scale::Linear, Scale::Logarithmic] {
@@ -354,7 +354,7 @@ mod tests {
     }
 
     #[test]
-    fn what_names_say_is_text_in_the_svg() {
+    fn names_are_escaped_in_the_svg() {
         let panel = Panel {
             title: "a < b".into(),
             x: axis(Scale::Linear, 0.0, 1.0),

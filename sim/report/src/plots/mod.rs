@@ -1,8 +1,7 @@
 //! A report's plots: bytes, screen error and image error over time, times against the rate, percentiles.
 //!
-//! Cases with one scene and one camera path share a plot; where they are many, they go on in the next one. What happens
-//! over time is shown for the first seed of a case. Time is on a logarithmic axis: a first frame takes a fraction of a
-//! second, and a settled picture may take minutes.
+//! Cases with the same scene and camera path share a plot. Quantities over time are shown for the first seed of a case,
+//! on a logarithmic time axis: a first frame takes a fraction of a second, a settled picture may take minutes.
 
 pub(crate) mod chart;
 
@@ -20,21 +19,21 @@ use lodestream_scenario::timeline::Sample;
 
 /// Most plots of a kind.
 const MAX_PLOTS: usize = 12;
-/// A screen error below this is drawn at it, since a logarithmic axis has no zero.
+/// Smaller screen errors are drawn at this value, since a logarithmic axis has no zero.
 const MIN_DRAWN_ERROR_PX: f64 = 1e-2;
-/// A screen error beyond this is drawn at it: it only says that a surface is next to the eye and coarse.
+/// Larger screen errors are drawn at this value: they only mean that a coarse surface is next to the eye.
 pub(super) const MAX_DRAWN_ERROR_PX: f64 = 1e4;
 
-/// A plot and what it shows.
+/// A plot with its title and caption.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Plot {
     /// The file within the report's folder.
     pub file: String,
     /// Title.
     pub title: String,
-    /// What one should know to read it.
+    /// Caption.
     pub caption: &'static str,
-    /// The picture.
+    /// SVG.
     pub svg: String,
 }
 
@@ -78,7 +77,7 @@ impl Kind {
             }
             Self::ScreenError => {
                 "Upper bound on the screen error over all parts in view, and over those that the scene's own surfaces do \
-                 not hide, which baselines do not know. A line begins with the first frame. Bounds beyond 10,000 px, of coarse surfaces next to the eye, are \
+                 not occlude, which baselines do not know. A line begins with the first frame. Bounds beyond 10,000 px, of coarse surfaces next to the eye, are \
                  drawn at 10,000 px, those below 0.01 px at 0.01 px."
             }
             Self::ImageError => {
@@ -87,11 +86,11 @@ impl Kind {
             }
             Self::Rates => {
                 "Medians over the seeds. TTFF: until every visible instance can be drawn; TTQ: until no visible part has a \
-                 larger screen error; where seen: without what the scene's own surfaces hide."
+                 larger screen error; where seen: without parts that the scene's own surfaces occlude."
             }
             Self::Percentiles => {
-                "Of each case: half, nine tenths and 99 of 100 seeds take no longer than the first, second and third dot. \
-                 A dot that is missing was never reached."
+                "For each case: the median, 90th and 99th percentile over the seeds. \
+                 A missing dot was never reached."
             }
         }
     }
@@ -100,7 +99,7 @@ impl Kind {
 /// Draws all plots of a report; `results` are the plan's, in its order.
 ///
 /// # Errors
-/// What the drawing library says.
+/// Errors of the drawing library.
 pub fn draw(plan: &Plan, results: &[RunResult]) -> std::io::Result<Vec<Plot>> {
     let cases = Cases::new(plan, results);
     let spread = percentiles::of_plan(plan, results);
@@ -108,8 +107,8 @@ pub fn draw(plan: &Plan, results: &[RunResult]) -> std::io::Result<Vec<Plot>> {
     for kind in Kind::ALL {
         let charts: Vec<(String, Chart)> = match kind {
             Kind::Bytes => cases.charts(|case| !case.run.series.is_empty(), bytes_over_time),
-            Kind::ScreenError => cases.charts(Shown::has_errors, screen_error_over_time),
-            Kind::ImageError => cases.charts(Shown::has_pictures, image_error_over_time),
+            Kind::ScreenError => cases.charts(CaseRuns::has_errors, screen_error_over_time),
+            Kind::ImageError => cases.charts(CaseRuns::has_pictures, image_error_over_time),
             Kind::Rates => cases.rate_charts(plan),
             Kind::Percentiles => percentile_charts(plan, &spread),
         };
@@ -126,7 +125,7 @@ pub fn draw(plan: &Plan, results: &[RunResult]) -> std::io::Result<Vec<Plot>> {
     Ok(plots)
 }
 
-/// Whether a file of a report's folder is a plot of ours.
+/// Whether a file of a report's folder is one of these plots.
 pub(super) fn is_plot(name: &str) -> bool {
     Kind::ALL.iter().any(|kind| {
         let rest = name.strip_prefix(kind.stem()).and_then(|rest| rest.strip_suffix(".svg"));
@@ -147,16 +146,16 @@ pub(super) fn remove_earlier(folder: &Path) -> std::io::Result<()> {
     Ok(())
 }
 
-/// A case and the runs of it.
+/// A case with its runs.
 #[derive(Clone, Copy, Debug)]
-struct Shown<'a> {
+struct CaseRuns<'a> {
     case: &'a Case,
-    /// The run of its first seed.
+    /// The run of the first seed.
     run: &'a RunResult,
     runs: &'a [RunResult],
 }
 
-impl Shown<'_> {
+impl CaseRuns<'_> {
     fn name(&self) -> String {
         let limit = self.case.limiter_bits_per_s.map(|rate| format!(", limited to {}", units::rate(rate)));
         format!(
@@ -168,7 +167,7 @@ impl Shown<'_> {
         )
     }
 
-    /// The technique and a comma, where it is another than ours.
+    /// The technique with a comma, unless it is this project's.
     fn technique(&self) -> String {
         match self.case.technique {
             Technique::Lodestream => String::new(),
@@ -184,7 +183,7 @@ impl Shown<'_> {
         self.run.pictures.iter().any(|picture| picture.error.is_some())
     }
 
-    /// The middle one of a figure of all seeds (nearest rank); `None` where half of them never got there.
+    /// Median of a figure over all seeds (nearest rank); `None` if half of them never reached it.
     fn median(&self, figure: impl Fn(&RunResult) -> Option<f64>) -> Option<f64> {
         percentiles::Spread::of(self.runs.iter().map(figure)).and_then(|spread| spread.p50)
     }
@@ -192,19 +191,19 @@ impl Shown<'_> {
 
 /// All cases, by scene and camera path.
 struct Cases<'a> {
-    groups: Vec<(String, Vec<Shown<'a>>)>,
+    groups: Vec<(String, Vec<CaseRuns<'a>>)>,
 }
 
 impl<'a> Cases<'a> {
     fn new(plan: &'a Plan, results: &'a [RunResult]) -> Self {
-        let mut groups: Vec<(String, Vec<Shown<'a>>)> = Vec::new();
+        let mut groups: Vec<(String, Vec<CaseRuns<'a>>)> = Vec::new();
         let mut rest = results;
         for case in &plan.cases {
             let (runs, others) = rest.split_at(case.seeds.len().min(rest.len()));
             rest = others;
             let Some(run) = runs.first() else { continue };
             let name = subject(&run.scene, &run.camera);
-            let shown = Shown { case, run, runs };
+            let shown = CaseRuns { case, run, runs };
             match groups.iter_mut().find(|(known, _)| *known == name) {
                 Some((_, cases)) => cases.push(shown),
                 None => groups.push((name, vec![shown])),
@@ -213,25 +212,25 @@ impl<'a> Cases<'a> {
         Self { groups }
     }
 
-    /// Charts of the cases that have something to show.
+    /// Charts of the cases that have data.
     fn charts(
         &self,
-        shows: impl Fn(&Shown<'a>) -> bool,
-        chart: impl Fn(&[Shown<'a>]) -> Chart,
+        shows: impl Fn(&CaseRuns<'a>) -> bool,
+        chart: impl Fn(&[CaseRuns<'a>]) -> Chart,
     ) -> Vec<(String, Chart)> {
         let mut charts = Vec::new();
         for (name, cases) in &self.groups {
-            let cases: Vec<Shown<'a>> = cases.iter().copied().filter(&shows).collect();
+            let cases: Vec<CaseRuns<'a>> = cases.iter().copied().filter(&shows).collect();
             charts.extend(cases.chunks(MAX_LINES).map(|cases| (name.clone(), chart(cases))));
         }
         charts
     }
 
-    /// Times against the rate, of cases that differ in nothing else.
+    /// Charts of times against the rate, for cases that differ only in it.
     fn rate_charts(&self, plan: &Plan) -> Vec<(String, Chart)> {
         let mut charts = Vec::new();
         for (name, cases) in &self.groups {
-            let mut kinds: Vec<(String, Vec<Shown<'a>>)> = Vec::new();
+            let mut kinds: Vec<(String, Vec<CaseRuns<'a>>)> = Vec::new();
             for shown in cases {
                 let Some(kind) = beside_the_rate(shown) else { continue };
                 match kinds.iter_mut().find(|(known, _)| *known == kind) {
@@ -253,8 +252,8 @@ fn subject(scene: &str, camera: &str) -> String {
     format!("{scene}, camera {camera}")
 }
 
-/// What a case has beside its rate, in words; `None` for links that have no rate in their name.
-fn beside_the_rate(shown: &Shown<'_>) -> Option<String> {
+/// Description of a case without its rate; `None` for links without a rate in their name.
+fn beside_the_rate(shown: &CaseRuns<'_>) -> Option<String> {
     let mbit = format!("{} Mbit/s, ", shown.run.rate_bits_per_s as f64 / 1e6);
     let rest = shown.case.link.name.strip_prefix(&mbit)?;
     let share = shown.case.limiter_bits_per_s.map(|rate| {
@@ -264,17 +263,17 @@ fn beside_the_rate(shown: &Shown<'_>) -> Option<String> {
     Some(format!("{}{}, {rest}{}", shown.technique(), shown.case.transport, share.unwrap_or_default()))
 }
 
-fn names(cases: &[Shown<'_>]) -> Vec<String> {
-    cases.iter().map(Shown::name).collect()
+fn names(cases: &[CaseRuns<'_>]) -> Vec<String> {
+    cases.iter().map(CaseRuns::name).collect()
 }
 
-/// What a panel shows of a case.
-type Points<'a> = &'a dyn Fn(&Shown<'_>) -> Vec<(f64, f64)>;
+/// The points that a panel shows of a case.
+type Points<'a> = &'a dyn Fn(&CaseRuns<'_>) -> Vec<(f64, f64)>;
 
-/// A chart of one panel or more over the time of runs.
-fn over_time(cases: &[Shown<'_>], mark: Mark, panels: &[(&str, Axis, Points<'_>)]) -> Chart {
+/// A chart with panels over the time of runs.
+fn over_time(cases: &[CaseRuns<'_>], mark: Mark, panels: &[(&str, Axis, Points<'_>)]) -> Chart {
     let drawn = |points: Points<'_>| -> Vec<Line> {
-        let line = |(number, shown): (usize, &Shown<'_>)| Line { number, points: points(shown) };
+        let line = |(number, shown): (usize, &CaseRuns<'_>)| Line { number, points: points(shown) };
         cases.iter().enumerate().map(line).collect()
     };
     let lines: Vec<Vec<Line>> = panels.iter().map(|(_, _, points)| drawn(points)).collect();
@@ -294,8 +293,8 @@ fn ms(at_ns: u64) -> f64 {
     at_ns as f64 / 1e6
 }
 
-fn bytes_over_time(cases: &[Shown<'_>]) -> Chart {
-    let points = |shown: &Shown<'_>| -> Vec<(f64, f64)> {
+fn bytes_over_time(cases: &[CaseRuns<'_>]) -> Chart {
+    let points = |shown: &CaseRuns<'_>| -> Vec<(f64, f64)> {
         let samples = shown.run.series.iter().filter(|sample| sample.at_ns > 0);
         samples.map(|sample| (ms(sample.at_ns), sample.bytes as f64)).collect()
     };
@@ -304,9 +303,9 @@ fn bytes_over_time(cases: &[Shown<'_>]) -> Chart {
     over_time(cases, Mark::Steps, &[("", y, &points)])
 }
 
-fn screen_error_over_time(cases: &[Shown<'_>]) -> Chart {
+fn screen_error_over_time(cases: &[CaseRuns<'_>]) -> Chart {
     type Pick = fn(&Sample) -> Option<f64>;
-    let points = |shown: &Shown<'_>, pick: Pick| -> Vec<(f64, f64)> {
+    let points = |shown: &CaseRuns<'_>, pick: Pick| -> Vec<(f64, f64)> {
         let errors = shown.run.series.iter().filter_map(|sample| Some((sample.at_ns, pick(sample)?)));
         errors
             .filter(|(at_ns, _)| *at_ns > 0)
@@ -314,7 +313,7 @@ fn screen_error_over_time(cases: &[Shown<'_>]) -> Chart {
             .collect()
     };
     let [all, seen]: [Pick; 2] = [|sample| sample.error_px, |sample| sample.seen_error_px];
-    // What is seen is part of what is in view: one axis holds both.
+    // Errors of visible parts are at most those of parts in view: one axis fits both.
     let least_and_most =
         [all, seen].into_iter().flat_map(|pick| cases.iter().flat_map(move |shown| points(shown, pick)));
     let y = Axis::holding(
@@ -332,9 +331,9 @@ fn screen_error_over_time(cases: &[Shown<'_>]) -> Chart {
     over_time(cases, Mark::Steps, &panels)
 }
 
-fn image_error_over_time(cases: &[Shown<'_>]) -> Chart {
+fn image_error_over_time(cases: &[CaseRuns<'_>]) -> Chart {
     type Pick = fn(&lodestream_scenario::picture::ImageError) -> Option<f64>;
-    let points = |shown: &Shown<'_>, pick: Pick| -> Vec<(f64, f64)> {
+    let points = |shown: &CaseRuns<'_>, pick: Pick| -> Vec<(f64, f64)> {
         let pictures = shown.run.pictures.iter();
         let mut points: Vec<(f64, f64)> = pictures
             .filter(|picture| picture.at_ms > 0.0)
@@ -358,8 +357,8 @@ fn image_error_over_time(cases: &[Shown<'_>]) -> Chart {
     over_time(cases, Mark::Dots, &panels)
 }
 
-/// Figures of a run that are times until something is reached: names and places. Of what is seen the smallest error
-/// stands beside the others: more panels would be too narrow to read.
+/// The milestones of a run: labels and figures. Of the visible parts only the smallest error is shown: more panels
+/// would be too narrow to read.
 fn times(plan: &Plan) -> Vec<(String, String)> {
     let mut coarse_first = plan.ttq_px.clone();
     coarse_first.sort_by(|a, b| b.total_cmp(a));
@@ -372,12 +371,12 @@ fn times(plan: &Plan) -> Vec<(String, String)> {
     first.chain(coarse_first.into_iter().map(quality)).chain(finest).collect()
 }
 
-fn against_rate(plan: &Plan, kinds: &[(String, Vec<Shown<'_>>)]) -> Chart {
+fn against_rate(plan: &Plan, kinds: &[(String, Vec<CaseRuns<'_>>)]) -> Chart {
     let figures = times(plan);
     let lines = |field: &str| -> Vec<Line> {
         let figure = |run: &RunResult| percentiles::figures(run).get(field).copied().flatten();
-        let point = |shown: &Shown<'_>| Some((shown.run.rate_bits_per_s as f64, shown.median(figure)?));
-        let line = |(number, (_, cases)): (usize, &(String, Vec<Shown<'_>>))| Line {
+        let point = |shown: &CaseRuns<'_>| Some((shown.run.rate_bits_per_s as f64, shown.median(figure)?));
+        let line = |(number, (_, cases)): (usize, &(String, Vec<CaseRuns<'_>>))| Line {
             number,
             points: cases.iter().filter_map(point).collect(),
         };
@@ -416,7 +415,7 @@ fn percentile_charts(plan: &Plan, cases: &[Percentiles]) -> Vec<(String, Chart)>
     charts
 }
 
-/// A row per case, from above.
+/// One row per case, from the top.
 fn spread_chart(plan: &Plan, cases: &[&Percentiles]) -> Chart {
     let rows = (-(cases.len() as f64), 1.0);
     let y = Axis {

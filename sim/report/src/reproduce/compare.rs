@@ -1,4 +1,4 @@
-//! Figures beside those committed.
+//! Comparison of figures with the committed ones.
 
 use std::fmt;
 
@@ -8,16 +8,16 @@ use serde::Serialize;
 use super::rows::Rows;
 use super::section::Section;
 
-/// A figure that is not as committed.
+/// A figure that differs from the committed one.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Difference {
     /// The row, by its number and label.
     pub row: String,
     /// The column.
     pub column: String,
-    /// As committed.
+    /// The committed figure.
     pub expected: String,
-    /// As found.
+    /// The new figure.
     pub found: String,
 }
 
@@ -27,14 +27,14 @@ impl fmt::Display for Difference {
     }
 }
 
-/// Rows that could not be made anew.
+/// Committed rows that cannot be reproduced on this machine.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct RowsLeftOut {
-    /// How many.
+    /// Number of rows.
     pub rows: usize,
-    /// The technique whose rows they are.
+    /// Their technique.
     pub of: String,
-    /// Why.
+    /// Reason.
     pub why: String,
 }
 
@@ -44,19 +44,19 @@ impl fmt::Display for RowsLeftOut {
     }
 }
 
-/// Figures laid beside those committed.
+/// The result of a comparison.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Compared {
-    /// What differs by more than it may.
+    /// Differences beyond the tolerance.
     pub(crate) differences: Vec<Difference>,
-    /// Committed rows with nothing beside them, and why.
+    /// Committed rows without counterpart, with the reason.
     pub(crate) left_out: Vec<RowsLeftOut>,
-    /// What was found, and the committed rows where nothing was.
+    /// The new figures, and committed rows that were left out.
     pub(crate) kept: Rows,
 }
 
-/// What differs by more than it may: columns with a ratio as ratios to the column's geometric mean, by
-/// that factor; all others at all. Rows of techniques that lack something on this machine are left out.
+/// Compares rows: columns with a tolerance by their ratios to the column's geometric mean, all others exactly. Rows of
+/// techniques that lack something on this machine are left out.
 #[must_use]
 pub(crate) fn compare(section: &Section, expected: &Rows, found: &Rows) -> Compared {
     let whole = |what: &str, expected: String, found: String| Difference {
@@ -108,7 +108,7 @@ fn count(rows: &Rows) -> String {
     format!("{} rows", rows.rows.len())
 }
 
-/// A committed row, its number, and what was found.
+/// A committed row, its number, and its counterpart.
 #[derive(Clone, Copy)]
 struct Pair<'a> {
     number: usize,
@@ -116,23 +116,23 @@ struct Pair<'a> {
     is: &'a [String],
 }
 
-/// Rows beside each other.
+/// Matched rows.
 #[derive(Default)]
 struct Aligned<'a> {
     pairs: Vec<Pair<'a>>,
-    /// Rows with nothing beside them.
+    /// Committed rows without counterpart.
     alone: usize,
     left_out: Vec<RowsLeftOut>,
     kept: Vec<Vec<String>>,
 }
 
-/// Lays rows beside each other in their order. A row that says why its technique was not run here stands for all committed
-/// rows of it that follow: nodes have one for each peer, and where no peers are known only one in all.
+/// Matches rows in order. A row that states why its technique was not run matches all committed rows of that technique
+/// that follow: nodes have one per peer, and a single one without peers.
 fn aligned<'a>(expected: &'a Rows, found: &'a Rows) -> Aligned<'a> {
     let mut all = Aligned::default();
     let places = expected.column("technique").zip(expected.column("ended"));
     let mut rest = (1..).zip(&expected.rows).peekable();
-    // The technique of the last row, if that was left out.
+    // The technique of the last row, if it was left out.
     let mut last: Option<&str> = None;
     for is in &found.rows {
         let lacking = places.filter(|&(_, ended)| lacks_something_here(&is[ended]));
@@ -154,7 +154,7 @@ fn aligned<'a>(expected: &'a Rows, found: &'a Rows) -> Aligned<'a> {
                 }
                 None => {}
             }
-            // Other seeds say the same once more.
+            // Rows of other seeds repeat the reason.
             if rows > 0 || last == Some(name) {
                 last = Some(name);
                 continue;
@@ -171,7 +171,7 @@ fn aligned<'a>(expected: &'a Rows, found: &'a Rows) -> Aligned<'a> {
     all
 }
 
-/// Of the figures that are above 0; 1 where there are none.
+/// Geometric mean of the figures above 0; 1 if there are none.
 fn geometric_mean<'a>(figures: impl Iterator<Item = &'a String>) -> f64 {
     let figures = figures.filter_map(|figure| figure.parse::<f64>().ok());
     let (mut sum, mut count) = (0.0, 0.0_f64);
@@ -207,7 +207,7 @@ mod tests {
         let expected = rows([["10", "100"], ["20", "200"]]);
         let differ = |found| compare(&section(), &expected, &found).differences;
         assert!(differ(expected.clone()).is_empty());
-        // A machine that is three times as fast.
+        // A machine three times as fast.
         assert!(differ(rows([["10", "300"], ["20", "600"]])).is_empty());
         let found = differ(rows([["10", "300"], ["21", "1200"]]));
         let columns: Vec<&str> = found.iter().map(|d| d.column.as_str()).collect();
@@ -231,9 +231,10 @@ mod tests {
                         ,nodes: b,3,1,settled\n,draco,4,1,settled\n,ours,5,1,settled\n,nodes: a,,,not run: of two\n\
                         ,nodes: b,,,not run: of two\n,draco,6,1,settled\n";
 
-    /// Without the file of peers nodes have one row and not one each, and the whole table was said to differ.
+    /// Without the file of peers, nodes have one row in place of one per peer; the whole table was reported as
+    /// different.
     #[test]
-    fn rows_that_need_what_is_not_here_are_left_out_and_the_others_compared() {
+    fn rows_that_this_machine_cannot_reproduce_are_left_out() {
         let peers = "not run: no file of peers is named (--peers FILE)";
         let draco = "not run: draco_encoder is not on this machine";
         let found = |last: &str| {
@@ -249,11 +250,11 @@ mod tests {
         let said: Vec<String> = compared.left_out.iter().map(ToString::to_string).collect();
         assert_eq!(said, [format!("4 rows of nodes: {peers}"), format!("2 rows of draco: {draco}")]);
         assert_eq!(compared.kept, expected);
-        // What is here is compared all the same, under its number; what is not here is kept.
+        // Available rows are compared under their number; the others are kept.
         let compared = compare(&section(), &expected, &found("7"));
         assert_eq!(compared.differences[0].to_string(), "row 5, bytes: 7 instead of 5");
         assert_eq!(compared.kept.rows[4][2], "7");
-        // Another row is still missing, and a technique that fails for its own reasons is no reason to leave it out.
+        // Another row is still missing, and a technique that fails for another reason is not left out.
         let mut fewer = found("5");
         fewer.rows.remove(0);
         assert_eq!(compare(&section(), &expected, &fewer).differences[0].column, "all");
@@ -264,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_here_may_have_seeds_and_may_be_committed_as_such() {
+    fn left_out_rows_may_have_seeds_and_may_be_committed_as_such() {
         let peers = "not run: no file of peers is named (--peers FILE)";
         let expected =
             "label,technique,seed,ended\n,nodes: a,1,settled\n,nodes: a,2,settled\n,ours,1,settled\n";

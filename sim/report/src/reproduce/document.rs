@@ -1,4 +1,4 @@
-//! The documents with the tables: every page that has a mark shows that table.
+//! The Markdown pages with the tables.
 
 use std::path::{Path, PathBuf};
 
@@ -8,10 +8,10 @@ use super::rows::Rows;
 use super::section::Section;
 use super::table;
 
-/// Where tables are looked for unless documents are named: a page, and a folder of them.
+/// Where tables are searched by default: a page and a folder of pages.
 const USUAL: [&str; 2] = ["BENCHMARKS.md", "docs/benchmarks"];
 
-/// Markdown files, by their names.
+/// Markdown files by name.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Documents {
     pages: Vec<Page>,
@@ -23,7 +23,7 @@ struct Page {
     text: String,
 }
 
-/// A table that a page shows otherwise than the figures say.
+/// A table on a page that differs from the figures.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Stale {
     pub(crate) file: PathBuf,
@@ -31,11 +31,11 @@ pub(crate) struct Stale {
 }
 
 impl Documents {
-    /// Reads files, and of folders the files `*.md`; where none are named, the project's: `BENCHMARKS.md` and those of
-    /// `docs/benchmarks`, as far as they exist in a folder.
+    /// Reads files, and from folders the files `*.md`; by default the project's: `BENCHMARKS.md` and those of
+    /// `docs/benchmarks`, as far as they exist.
     ///
     /// # Errors
-    /// What cannot be read, and if there is no page at all.
+    /// Pages that cannot be read, and if there is none at all.
     pub(crate) fn read(named: &[PathBuf], project: &Path) -> anyhow::Result<Self> {
         let usual = || USUAL.iter().map(|path| project.join(path)).filter(|path| path.exists()).collect();
         let named: Vec<PathBuf> = if named.is_empty() { usual() } else { named.to_vec() };
@@ -59,16 +59,16 @@ impl Documents {
         Ok(Self { pages: files.into_iter().map(page).collect::<anyhow::Result<_>>()? })
     }
 
-    /// One page, from memory.
+    /// One page in memory.
     #[cfg(test)]
     pub(crate) fn of(text: &str) -> Self {
         Self { pages: vec![Page { file: PathBuf::from("page.md"), text: text.to_owned() }] }
     }
 
-    /// The section's tables that do not show these figures, wherever their mark stands.
+    /// The section's tables that differ from the figures, on all pages.
     ///
     /// # Errors
-    /// A table whose mark no page has, and templates that name no column.
+    /// A table whose mark is on no page, and templates that name unknown columns.
     pub(crate) fn stale(&self, section: &Section, rows: &Rows) -> anyhow::Result<Vec<Stale>> {
         let mut stale = Vec::new();
         for (id, text) in table::all(section, rows)? {
@@ -82,11 +82,11 @@ impl Documents {
         Ok(stale)
     }
 
-    /// Writes the section's tables anew wherever their mark stands, and tells which files have changed. Files are read again:
-    /// sections run for minutes, and what somebody wrote meanwhile stays.
+    /// Rewrites the section's tables on all pages and returns the changed files. Files are read again, since sections
+    /// run for minutes and a page may have been edited meanwhile.
     ///
     /// # Errors
-    /// As [`Documents::stale`], and what cannot be read; then nothing is changed.
+    /// As [`Documents::stale`], and pages that cannot be read; then nothing is changed.
     pub(crate) fn update(
         &mut self,
         section: &Section,
@@ -110,7 +110,7 @@ impl Documents {
         Ok(changed.map(|(_, page)| (page.file.clone(), page.text.clone())).collect())
     }
 
-    /// The pages with a table's mark, and where on each it begins and ends. A page has a mark once.
+    /// The pages with a table's mark, with start and end of the table. A page has a mark at most once.
     fn places(&self, id: &str) -> anyhow::Result<Vec<(usize, [usize; 2])>> {
         let places: Vec<_> = (0..)
             .zip(&self.pages)
@@ -213,7 +213,7 @@ mod tests {
             assert_eq!(documents.stale(&section, &rows).unwrap(), [], "{}", csv.display());
             known.extend(table::all(&section, &rows).unwrap().into_iter().map(|(id, _)| table::mark(id)));
         }
-        // And no page has a mark of which no figures are known.
+        // No page has a mark without figures.
         for Page { file, text } in &documents.pages {
             for line in text.split_inclusive('\n').filter(|line| line.starts_with("<!-- table:")) {
                 assert!(known.iter().any(|mark| mark == line), "{}: {line}", file.display());

@@ -1,11 +1,11 @@
-//! The figures that README.md and BENCHMARKS.md begin with are those of the sections, and of the page that says what a
-//! window showed.
+//! The headline tables of README.md and BENCHMARKS.md agree with the sections' figures and with the page of window
+//! measurements.
 
 use std::path::{Path, PathBuf};
 
 use super::Rows;
 
-/// The techniques of docs/report/baselines.csv that columns of the table show. Clusters were measured outside.
+/// The techniques of docs/report/baselines.csv in the table's columns. Clusters were measured outside.
 const TECHNIQUES: [(&str, &str); 6] = [
     ("Lodestream", "lodestream"),
     ("Draco file, whole", "draco"),
@@ -14,8 +14,8 @@ const TECHNIQUES: [(&str, &str); 6] = [
     ("OBJ + gzip", "obj-gzip"),
     ("older JSON system", "seed-json"),
 ];
-/// What the table's lines show: their name, the scene, the column. What is seen only we know: of the others, the column
-/// without `seen_` is shown.
+/// The table's lines: name, scene, column. Visible parts are known only for this project; other techniques show the
+/// column without `seen_`.
 const FIGURES: [(&str, &str, &str); 9] = [
     ("demo, first frame, ms", "demo", "ttff_ms"),
     ("demo, 4 px where it is seen, ms", "demo", "seen_ttq_4_ms"),
@@ -38,7 +38,7 @@ fn file(path: &str) -> String {
     std::fs::read_to_string(root.join(path)).unwrap()
 }
 
-/// The cells of the table whose first heading is "figure", headings first, without emphasis and commas in numbers.
+/// The cells of the table whose first heading is "figure", headings first, without emphasis and thousands separators.
 fn headline(document: &str) -> Vec<Vec<String>> {
     let lines = document.lines().skip_while(|line| !line.starts_with("| figure |"));
     let cells = |line: &str| {
@@ -52,8 +52,8 @@ fn headline(document: &str) -> Vec<Vec<String>> {
     lines.take_while(|line| line.starts_with('|')).map(cells).collect()
 }
 
-/// Least and greatest of the times at which windows presented the first frame, in a page's words; of today's runs, which
-/// stand in the first column.
+/// Least and greatest time at which windows presented the first frame, from a page; of the latest runs, in the first
+/// column.
 fn presented(page: &str) -> String {
     let row = page.lines().find_map(|line| line.strip_prefix("| presented, ms |")).unwrap();
     let runs = row.split('|').next().unwrap().split(',').map(|run| run.trim().parse::<u32>().unwrap());
@@ -92,10 +92,10 @@ fn the_readme_and_the_benchmarks_begin_with_figures_that_were_measured() {
             assert_eq!(cell(line, heading), measured.as_deref().unwrap_or(DASH), "{line}, {heading}");
         }
     }
-    // A figure of the demo, so that not all may be dashes.
+    // A figure of the demo, so that not all can be dashes.
     assert_ne!(cell("demo, 1 px where it is seen, ms", "Lodestream"), DASH);
 
-    // What could be drawn is not yet on the screen: both are said, the second by one source.
+    // A drawable frame is not yet on the screen: both times are given, the second from one source.
     let windows = presented(&file("docs/benchmarks/first-frame.md"));
     assert_eq!(
         cell("demo, first frame on the screen, software driver, real time, ms", "Lodestream"),

@@ -1,19 +1,19 @@
-//! The benchmarks' figures from scratch, with one command.
+//! Reproduction of the benchmarks' figures with one command.
 //!
-//! `docs/report/sections.toml` lists sections; each is a few commands of this program, the figures that are
-//! kept of what they print or write, and tables that show them (`section`). A section's figures lie beside
-//! it as CSV. Running it makes them anew and lays them beside those committed (`compare`): bytes and virtual
-//! time must be equal, figures that hang on the machine's speed only in their ratios to each other. Tables on
-//! pages (`document`) are written from the figures and from nothing else (`table`).
+//! `docs/report/sections.toml` lists sections: commands of this program, the figures taken from their output or files,
+//! and tables that show them (`section`). A section's figures are stored beside the list as CSV. A reproduction runs
+//! the commands and compares the figures with the committed ones (`compare`): bytes and virtual times exactly, figures
+//! that depend on the machine's speed in their ratios to each other. Tables on pages (`document`) are generated from
+//! the figures alone (`table`).
 //!
-//! Commands run one after the other in processes of their own, as a reader would run them; benchmarks need cargo and
-//! the sources in the current folder.
+//! Commands run one after the other in separate processes, as a reader would run them; benchmarks need cargo and the
+//! sources in the current folder.
 
 mod compare;
 mod document;
-mod fit;
 #[cfg(test)]
 mod headline_test;
+mod outcome;
 mod page;
 mod plot;
 mod rows;
@@ -29,87 +29,45 @@ use std::time::Instant;
 use anyhow::Context as _;
 use lodestream_compress::whole_file::write_atomically;
 use lodestream_scenario::baseline::lacks_something_here;
-use serde::Serialize;
 
 use compare::{Compared, compare};
 pub use compare::{Difference, RowsLeftOut};
 use document::Documents;
+pub use outcome::{Outcome, Reproduction};
 pub use rows::Rows;
 pub use section::{CommandLine, Section, read};
 
-/// What to reproduce, and with what.
+/// Options of a reproduction.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// The list of sections; their committed figures lie beside it.
+    /// The list of sections; their committed figures are beside it.
     pub sections: PathBuf,
-    /// Pages with the tables, and folders of such; where none are named, the project's.
+    /// Pages with the tables, and folders of pages; the project's if empty.
     pub documents: Vec<PathBuf>,
     /// Folder of models that are not part of the project.
     pub models: Option<PathBuf>,
-    /// What commands find in their environment, as files of peers.
+    /// Environment variables of the commands, such as files of peers.
     pub environment: Vec<(&'static str, OsString)>,
     /// Names of the sections to run; all if empty.
     pub only: Vec<String>,
-    /// Where reports and figures go.
+    /// Folder of reports and figures.
     pub output: PathBuf,
-    /// What is done about the committed figures.
+    /// What to do with the committed figures.
     pub mode: Mode,
 }
 
-/// What is done about the committed figures.
+/// What to do with the committed figures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mode {
-    /// They are compared with those found.
+    /// Compare them with the new ones.
     Compare,
-    /// They are replaced by those found, and the pages' tables by tables of these. Rows that cannot be made anew here
-    /// stay.
+    /// Replace them with the new ones, and the pages' tables accordingly. Rows that cannot be reproduced here stay.
     Update,
-    /// Nothing is run: the pages' tables are replaced by tables of the committed figures.
+    /// Run nothing; regenerate the pages' tables from the committed figures.
     Tables,
 }
 
-/// What became of a section.
-#[derive(Clone, Debug, Serialize)]
-pub struct Outcome {
-    /// Its name.
-    pub name: String,
-    /// Why it was not run.
-    pub left_out: Option<String>,
-    /// Seconds that it took.
-    pub seconds: f64,
-    /// Figures that differ from those committed by more than they may.
-    pub differences: Vec<Difference>,
-    /// Tables on pages that do not show these figures.
-    pub stale_tables: Vec<String>,
-    /// Rows that could not be made anew, and why; they are not compared.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub rows_left_out: Vec<RowsLeftOut>,
-}
-
-/// What was run, and on what.
-#[derive(Clone, Debug, Serialize)]
-pub struct Reproduction {
-    /// Version of this program.
-    pub version: String,
-    /// Processor architecture and operating system.
-    pub machine: String,
-    /// Processors.
-    pub processors: usize,
-    /// Models that were read: file name and BLAKE3 of the file.
-    pub models: Vec<(String, String)>,
-    /// Sections, in the list's order.
-    pub sections: Vec<Outcome>,
-}
-
-impl Reproduction {
-    /// Whether everything that ran came out as committed.
-    #[must_use]
-    pub fn agrees(&self) -> bool {
-        self.sections.iter().all(|s| s.differences.is_empty() && s.stale_tables.is_empty())
-    }
-}
-
-/// Runs the sections. `report` is told, in words, what begins and how it ended.
+/// Runs the sections. `report` receives progress messages.
 ///
 /// # Errors
 /// A list or page that cannot be read, an unknown section, and commands that fail.
@@ -157,12 +115,12 @@ pub fn run(options: &Options, mut report: impl FnMut(&str)) -> anyhow::Result<Re
     Ok(made)
 }
 
-/// Whether a section has what it needs.
+/// Whether a section's models are available.
 fn runs(section: &Section, options: &Options) -> bool {
     options.models.is_some() || !section.needs_models()
 }
 
-/// Runs a section; gives the committed figures beside what became of it.
+/// Runs a section; returns its outcome and the committed figures.
 fn one(
     section: &Section,
     options: &Options,
@@ -207,7 +165,7 @@ fn one(
     outcome.seconds = start.elapsed().as_secs_f64();
     write(&options.output.join(format!("{}.csv", section.name)), rows.to_csv().as_bytes())?;
     let expected = if options.mode == Mode::Update {
-        // What cannot be made anew here is not lost.
+        // Rows that cannot be reproduced here are kept.
         let Compared { kept, left_out, .. } = match committed.exists() {
             true => compare(section, &read_rows(&committed)?, &rows),
             false => Compared { kept: rows, ..Compared::default() },
@@ -220,7 +178,7 @@ fn one(
         let expected = read_rows(&committed)?;
         let compared = compare(section, &expected, &rows);
         (outcome.differences, outcome.rows_left_out) = (compared.differences, compared.left_out);
-        // Pages show the committed figures; those of another machine may differ where they may.
+        // Pages show the committed figures, from which those of another machine may differ within the tolerance.
         for stale in documents.stale(section, &expected).with_context(|| section.name.clone())? {
             let (file, table) = (stale.file.display(), stale.table);
             report(&format!("  {file}: table {table} does not show the committed figures"));
@@ -250,31 +208,31 @@ fn write_tables(documents: &mut Documents, section: &Section, rows: &Rows) -> an
     changed.iter().try_for_each(|(file, text)| write(file, text.as_bytes()))
 }
 
-/// Committed figures.
+/// Reads committed figures.
 fn read_rows(committed: &Path) -> anyhow::Result<Rows> {
     let text = std::fs::read_to_string(committed)
         .with_context(|| format!("{}: cannot be read; --update writes it", committed.display()))?;
     Rows::from_csv(&text).with_context(|| format!("{}: is no table", committed.display()))
 }
 
-/// What commands printed that write no files: several sections show the same defaults beside their setting.
+/// Output of commands that write no files: several sections include the run with default settings.
 type Printed = BTreeMap<Vec<String>, String>;
 
-/// What came of a section's commands.
+/// Result of a section's commands.
 enum Measured {
     Rows(Rows),
-    /// There is no table, since all of it needs what is not on this machine.
+    /// There is no table, since all of it needs something that this machine lacks.
     Lacking(String),
 }
 
-/// What a run in a folder lacked of this machine, as its results say.
+/// What a run lacked on this machine, from the results in its folder.
 fn lacked(folder: &Path) -> Option<String> {
     let results = Rows::from_csv(&std::fs::read_to_string(folder.join("results.csv")).ok()?).ok()?;
     let ended = results.column("ended")?;
     results.rows.iter().map(|row| &row[ended]).find(|ended| lacks_something_here(ended)).cloned()
 }
 
-/// Runs a section's commands; a row, or a file of rows, each.
+/// Runs a section's commands; each gives a row or a file of rows.
 fn measure(section: &Section, options: &Options, printed: &mut Printed) -> anyhow::Result<Measured> {
     let mut rows = Rows::default();
     for (number, command) in (1..).zip(&section.commands) {
@@ -308,7 +266,7 @@ fn measure(section: &Section, options: &Options, printed: &mut Printed) -> anyho
     Ok(Measured::Rows(rows))
 }
 
-/// Says what benchmarks need and lack, before anything has run.
+/// Checks before the first run that benchmarks can run.
 fn check_benchmarks<'a>(mut names: impl Iterator<Item = &'a str>) -> anyhow::Result<()> {
     let Some(first) = names.next() else { return Ok(()) };
     for name in std::iter::once(first).chain(names) {
@@ -327,7 +285,8 @@ fn check_benchmarks<'a>(mut names: impl Iterator<Item = &'a str>) -> anyhow::Res
     Ok(())
 }
 
-/// Program and arguments of a command. Cargo runs benchmarks in their package's folder, so that their folders are absolute.
+/// Program and arguments of a command. Folders are absolute for benchmarks, since cargo runs them in their package's
+/// folder.
 fn command_line(command: &CommandLine, options: &Options, folder: &Path) -> anyhow::Result<Vec<String>> {
     let models = options.models.as_deref();
     let words = if command.benchmark().is_some() {
@@ -339,7 +298,7 @@ fn command_line(command: &CommandLine, options: &Options, folder: &Path) -> anyh
     Ok(command.line(words))
 }
 
-/// Runs this program, or a benchmark; gives what it printed.
+/// Runs this program or a benchmark; returns its output.
 fn execute(section: &str, line: &[String], options: &Options) -> anyhow::Result<String> {
     let (program, arguments) = line.split_first().context("there is nothing to run")?;
     let program = match program.as_str() {
@@ -356,7 +315,7 @@ fn execute(section: &str, line: &[String], options: &Options) -> anyhow::Result<
         anyhow::bail!(
             "{section}: {}: {}",
             line.join(" "),
-            // Cargo ends with a line on the failure of what it ran.
+            // Cargo ends with a line about the failed process.
             why.lines().rfind(|line| !line.starts_with("error: bench failed")).unwrap_or("it failed")
         );
     }
@@ -377,7 +336,7 @@ fn hashes(sections: &[&Section], options: &Options) -> anyhow::Result<Vec<(Strin
     names.iter().map(hash).collect()
 }
 
-/// Writes a file whole or not at all.
+/// Writes a file atomically.
 fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     let put = || {
         if let Some(folder) = path.parent() {
@@ -392,9 +351,9 @@ fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
 mod tests {
     use super::*;
 
-    /// A section of which nothing could be run here ended all of it with "cannot be read".
+    /// A section of which nothing could be run here ended the reproduction with "cannot be read".
     #[test]
-    fn a_table_that_is_not_there_is_explained_by_what_the_machine_lacks() {
+    fn a_missing_table_is_explained_by_what_the_machine_lacks() {
         let folder = tempfile::tempdir().unwrap();
         let results = |ended: &str| {
             std::fs::write(folder.path().join("results.csv"), format!("run,ended\n1,settled\n2,{ended}\n"))

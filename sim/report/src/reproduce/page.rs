@@ -1,7 +1,7 @@
-//! All sections as one page of HTML that needs nothing beside itself.
+//! All sections as a self-contained HTML page.
 //!
-//! It shows the committed figures, and names what this run found otherwise: so two runs that agree with them write the
-//! same page, whatever the machine's speed.
+//! It shows the committed figures and lists deviations of this run. Two runs without deviations write the same page,
+//! whatever the machine's speed.
 
 use anyhow::Context as _;
 use maud::{Markup, PreEscaped, html};
@@ -10,13 +10,13 @@ use super::{CommandLine, Outcome, Reproduction, Rows, Section};
 use super::{plot, table};
 use crate::html as pages;
 
-/// How a file says that it is SVG.
+/// The XML namespace attribute of an SVG file.
 const SVG_NAME: &str = " xmlns=\"http://www.w3.org/2000/svg\"";
 
-/// The page; `figures` are the committed ones of each of the reproduction's sections.
+/// The page; `sections` have the committed figures of each of the reproduction's sections.
 ///
 /// # Errors
-/// Tables and plots that name no column.
+/// Tables and plots that name unknown columns.
 pub(super) fn page(made: &Reproduction, sections: &[(&Section, Rows)]) -> anyhow::Result<String> {
     let bodies =
         sections.iter().zip(&made.sections).map(|((section, rows), outcome)| one(section, rows, outcome));
@@ -76,7 +76,7 @@ fn one(section: &Section, rows: &Rows, outcome: &Outcome) -> anyhow::Result<Mark
         p { (verdict(section, outcome)) } "\n"
         @for table in &tables { (pages::table(1, &table.headings, &table.lines, marked)) }
         @for svg in &plots {
-            // Within a page it needs no name of its language, which looks like something to fetch.
+            // Inline SVG needs no namespace, and without it the page contains no URL.
             figure class="plot" { (PreEscaped(svg.replace(SVG_NAME, ""))) } "\n"
         }
         details {
@@ -92,7 +92,7 @@ fn one(section: &Section, rows: &Rows, outcome: &Outcome) -> anyhow::Result<Mark
     })
 }
 
-/// Tolerances, and what came of the section.
+/// Tolerances, and outcome of the section.
 fn verdict(section: &Section, outcome: &Outcome) -> String {
     let mut text = "Tolerance: none".to_owned();
     let ratios: Vec<String> = section
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn the_committed_sections_make_a_page_that_can_be_sent_by_mail() {
+    fn the_committed_sections_make_a_self_contained_page() {
         let sections = committed();
         let made = reproduction(&sections);
         let shown: Vec<_> = sections.iter().map(|(section, rows)| (section, rows.clone())).collect();
@@ -187,14 +187,14 @@ mod tests {
         assert!(!page.contains("src=") && !page.contains("<script") && !page.contains("http"));
         let plots = sections.iter().map(|(section, _)| section.plots.len().div_ceil(plot::PER_PICTURE));
         assert_eq!(page.matches("<svg").count(), plots.sum::<usize>());
-        // How long a run took is not in it.
+        // Run times are not in it.
         let mut slower = made.clone();
         slower.sections[0].seconds = 1e3;
         assert_eq!(super::page(&slower, &shown).unwrap(), page);
     }
 
     #[test]
-    fn what_differs_and_what_was_left_out_is_said() {
+    fn the_page_lists_differences_and_omissions() {
         let mut sections = committed();
         sections.truncate(2);
         let mut made = reproduction(&sections);

@@ -1,7 +1,7 @@
-//! Curves of a section's figures, for the page.
+//! Plots of a section's figures, for the page.
 //!
-//! Each row gives a point for each pair of figures, rows with the same name a line. A row whose first axis' figure is no
-//! number, like "measured" among bytes, is a level line across the plot.
+//! Each row gives a point per pair of figures; rows with the same name form a line. A row whose x is not a number, such
+//! as "measured" among bytes, is a horizontal line across the plot.
 
 use anyhow::Context as _;
 
@@ -11,9 +11,9 @@ use super::table;
 use crate::plots::chart::{Axis, Chart, Line, MAX_LINES, Mark, Panel, Scale};
 use crate::units;
 
-/// Most different figures along x at which ticks stand, instead of at round values: the settings of a setting are few.
+/// Most distinct x values that are used as ticks in place of round values.
 const MAX_MARKED: usize = 7;
-/// Fewest round values along x; where there are less, ticks stand at figures, however many.
+/// Fewest round values along x; with fewer, ticks are at the figures.
 const MIN_ROUND: usize = 3;
 
 /// Plots side by side in one picture.
@@ -22,7 +22,7 @@ pub(super) const PER_PICTURE: usize = 2;
 /// The section's plots as SVG, some in one picture.
 ///
 /// # Errors
-/// Figures and names of no column, and more lines than have a colour.
+/// Figures and names of unknown columns, and more lines than colours.
 pub(super) fn svgs(section: &Section, rows: &Rows) -> anyhow::Result<Vec<String>> {
     let pictures = section.plots.chunks(PER_PICTURE).enumerate();
     pictures
@@ -33,14 +33,14 @@ pub(super) fn svgs(section: &Section, rows: &Rows) -> anyhow::Result<Vec<String>
         .collect()
 }
 
-/// Panels that share their lines' names.
+/// Panels with common line names.
 fn chart(plots: &[Plot], rows: &Rows) -> anyhow::Result<Chart> {
     let mut chart = Chart { panels: Vec::new(), legend: Vec::new() };
     for plot in plots {
         let panel = panel(plot, rows, &mut chart.legend)?;
         chart.panels.push(panel);
     }
-    // One line needs no name.
+    // A single line needs no name.
     if chart.legend.iter().all(String::is_empty) {
         chart.legend.clear();
     }
@@ -59,12 +59,12 @@ fn number_of(name: String, legend: &mut Vec<String>) -> usize {
 
 fn panel(plot: &Plot, rows: &Rows, legend: &mut Vec<String>) -> anyhow::Result<Panel> {
     let mut lines: Vec<Line> = Vec::new();
-    // Names of no x, and their heights.
+    // Rows without a number for x: names and heights.
     let mut level: Vec<(String, f64)> = Vec::new();
     for row in table::only(&plot.only, rows)? {
         let name = table::text_of_row(&plot.line, rows, row)?;
         for (x, y) in plot.x.figures.iter().zip(&plot.y.figures) {
-            // A logarithmic axis has no place for nothing.
+            // A logarithmic axis has no zero.
             let shown = |value: &f64, axis: &PlotAxis| !axis.log || *value > 0.0;
             let Some(y) = table::of_row(y, rows, row)?.filter(|y| shown(y, &plot.y)) else { continue };
             match table::of_row(x, rows, row) {
@@ -77,7 +77,7 @@ fn panel(plot: &Plot, rows: &Rows, legend: &mut Vec<String>) -> anyhow::Result<P
                 }
                 Ok(_) => {}
                 Err(why) => {
-                    // A column that is there, with words in it.
+                    // A column with words in it.
                     let column = rows.column(x).ok_or(why)?;
                     level.push((format!("{name}, {}", row[column]).trim_start_matches(", ").to_owned(), y));
                 }
@@ -102,7 +102,7 @@ fn panel(plot: &Plot, rows: &Rows, legend: &mut Vec<String>) -> anyhow::Result<P
     Ok(Panel { title: plot.title.clone(), x, y, mark: Mark::Dots, lines })
 }
 
-/// Ascending values of an axis, less those too near to one before them to have a number of their own.
+/// Ascending values of an axis, without those too near to their predecessor to be labelled.
 fn apart(values: Vec<f64>, axis: &Axis) -> Vec<f64> {
     let place = |value: f64| if axis.scale == Scale::Logarithmic { value.log10() } else { value };
     let least = (place(axis.range.1) - place(axis.range.0)) / (2 * MAX_MARKED) as f64;
@@ -123,7 +123,7 @@ fn scale(axis: &PlotAxis) -> Scale {
     if axis.log { Scale::Logarithmic } else { Scale::Linear }
 }
 
-/// Three digits, and thousands and millions as such.
+/// A number with three digits, thousands and millions abbreviated.
 fn short(value: f64) -> String {
     match value.abs() {
         x if x >= 1e6 => format!("{} M", units::plain(value / 1e6)),
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_of_a_name_are_a_line_and_words_a_level() {
+    fn rows_with_one_name_are_a_line_and_words_a_horizontal_line() {
         let text = "line = \"{who}\"\nx = { label = \"setting\", figures = [\"label\"], log = true }\n\
                     y = { label = \"s\", figures = [\"ms/1000\"] }";
         let chart = drawn(text).unwrap();
@@ -169,17 +169,17 @@ mod tests {
     }
 
     #[test]
-    fn a_row_may_give_some_points_and_a_logarithm_none_of_zero() {
+    fn a_row_may_give_several_points_and_logarithms_skip_zero() {
         let text = "x = { label = \"b\", figures = [\"bytes\", \"bytes*2\"], log = true }\n\
                     y = { label = \"\", figures = [\"1\", \"ms\"] }\nonly = { who = \"b\" }";
         let chart = drawn(text).unwrap();
-        // The first row's bytes are nothing, and the second has no time.
+        // The first row has zero bytes, and the second no time.
         assert_eq!(chart.panels[0].lines[0].points, [(400.0, 1.0)]);
         assert!(chart.legend.is_empty());
     }
 
     #[test]
-    fn what_names_no_column_is_refused() {
+    fn unknown_columns_are_refused() {
         for (x, y, line) in [("size", "ms", ""), ("label", "size", ""), ("label", "ms", "{size}")] {
             let text = format!(
                 "line = \"{line}\"\nx = {{ label = \"\", figures = [\"{x}\"] }}\n\

@@ -1,13 +1,13 @@
 //! Rows of figures by name, from JSON or CSV.
 //!
-//! Figures are kept as they are written, so that what is equal stays equal.
+//! Figures are kept as text, so that equal figures stay equal.
 
 use anyhow::Context as _;
 use serde_json::Value;
 
 use crate::csv_text::csv_text;
 
-/// Name of the column that says which command a row is from.
+/// Name of the column with the command's label.
 const LABEL: &str = "label";
 
 /// A table of figures.
@@ -15,16 +15,16 @@ const LABEL: &str = "label";
 pub struct Rows {
     /// Names of the columns.
     pub columns: Vec<String>,
-    /// As many figures as columns in each; empty where there is none.
+    /// Rows with one figure per column; empty text for a missing figure.
     pub rows: Vec<Vec<String>>,
 }
 
 impl Rows {
-    /// A JSON object is a row, an array of objects one each, and one may follow the other. Fields of objects within are named `outer.inner`,
-    /// elements of arrays `outer.0`.
+    /// Rows of JSON objects or arrays of objects, possibly several in sequence. Fields of nested objects are named
+    /// `outer.inner`, elements of arrays `outer.0`.
     ///
     /// # Errors
-    /// What is no object or array of objects.
+    /// Text that is not an object or array of objects.
     pub fn from_json(text: &str) -> anyhow::Result<Self> {
         let mut objects = Vec::new();
         for value in serde_json::Deserializer::from_str(text).into_iter() {
@@ -37,10 +37,10 @@ impl Rows {
         Self::of(&objects)
     }
 
-    /// The same of the array that is a field of an object.
+    /// The rows of the array in a field of an object.
     ///
     /// # Errors
-    /// What is no object with such a field.
+    /// Text that is not an object with such a field.
     pub fn from_field(text: &str, field: &str) -> anyhow::Result<Self> {
         let object: Value = serde_json::from_str(text).context("no JSON")?;
         let list = object.get(field).and_then(Value::as_array);
@@ -67,7 +67,7 @@ impl Rows {
         Ok(all)
     }
 
-    /// Rows of comma-separated values; a value with commas is in quotation marks, doubled within.
+    /// Rows of comma-separated values; values with commas are quoted, with doubled quotation marks.
     ///
     /// # Errors
     /// Rows of different lengths.
@@ -80,24 +80,24 @@ impl Rows {
         Ok(Self { rows: rows.collect::<anyhow::Result<_>>()?, columns })
     }
 
-    /// The same as CSV.
+    /// The rows as CSV.
     #[must_use]
     pub fn to_csv(&self) -> String {
         csv_text(std::iter::once(&self.columns).chain(&self.rows))
     }
 
-    /// The place of a column.
+    /// Index of a column.
     #[must_use]
     pub fn column(&self, name: &str) -> Option<usize> {
         self.columns.iter().position(|c| c == name)
     }
 
-    /// The place of a column that must be there.
+    /// Index of a required column.
     pub(crate) fn place(&self, name: &str) -> anyhow::Result<usize> {
         self.column(name).with_context(|| format!("there is no column {name}"))
     }
 
-    /// Adds the named columns of other rows, under a label.
+    /// Appends the named columns of other rows, with a label.
     pub(crate) fn extend(&mut self, label: &str, columns: &[String], new: &Self) -> anyhow::Result<()> {
         if self.columns.is_empty() {
             self.columns.push(LABEL.to_owned());
@@ -131,7 +131,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn json_becomes_rows_with_names_of_what_is_within() {
+    fn nested_json_becomes_rows_with_dotted_names() {
         let rows =
             Rows::from_json(r#"[{"a": 1, "b": {"c": 0.25, "d": [7, null]}}, {"a": "x, y", "e": true}]"#)
                 .unwrap();
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn csv_comes_back_as_it_was() {
+    fn csv_round_trips() {
         let rows = Rows {
             columns: vec!["a".to_owned(), "b".to_owned()],
             rows: vec![
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn a_figure_that_is_not_there_is_named() {
+    fn a_missing_figure_is_named() {
         let new = Rows::from_json(r#"{"a": 1}"#).unwrap();
         let mut rows = Rows::default();
         let error = rows.extend("x", &["b".to_owned()], &new).unwrap_err();

@@ -1,14 +1,14 @@
-//! What a section is, as TOML.
+//! Sections of a reproduction, as TOML.
 //!
 //! ```toml
 //! [[section]]
-//! name = "position-bits"          # of its CSV and its folder
+//! name = "position-bits"          # name of its CSV and its folder
 //! title = "Bits per axis of positions"
-//! seconds = 60                    # about how long it takes
-//! columns = ["payload_bytes", "view.bytes", "prepare_faces_per_s"]   # the figures that are kept
+//! seconds = 60                    # approximate run time
+//! columns = ["payload_bytes", "view.bytes", "prepare_faces_per_s"]   # the figures that are stored
 //! ratios = { prepare_faces_per_s = 1.5 }    # compared as ratios, within this factor; the others exactly
 //!
-//! [section.trade]                 # of sections that show what a setting costs
+//! [section.trade]                 # for sections that show the cost of a setting
 //! setting = "--position-bits"
 //! default = "12"
 //! reason = "half a pixel at 1280×720"
@@ -16,27 +16,23 @@
 //! [[section.command]]
 //! label = "10"                    # first column of its rows
 //! run = "assess {models}/stanford-bunny.obj --position-bits 10 --json"   # {models}, {out}: folders
-//! # file = "results.csv"          # rows are taken from this file in {out} instead of from what is printed
-//! # rows = "level_ends"           # or from this field of what is printed
-//! # bench = "prepare {models}/stanford-bunny.obj"   # instead of `run`: this benchmark of the checkout, with --json
+//! # file = "results.csv"          # rows are read from this file in {out} instead of the command's output
+//! # rows = "level_ends"           # or from this field of the output
+//! # bench = "prepare {models}/stanford-bunny.obj"   # instead of `run`: a benchmark of the checkout, with --json
 //!
 //! [[section.table]]
-//! id = "position-bits"            # stands on a page as <!-- table: position-bits -->
+//! id = "position-bits"            # placed on a page below <!-- table: position-bits -->
 //! columns = [["bits", "{label}"], ["chunks, B", "{payload_bytes:,}"], ["view", "{view.bytes*100:.0} %"]]
-//! # only = { scene = "demo" }     # leaves out rows with other values in these columns; "nodes*": what begins so,
-//! #                               # "!nodes*": what does not
+//! # only = { scene = "demo" }     # keeps rows with these values; "nodes*": values with this prefix,
+//! #                               # "!nodes*": all others
 //! # by = ["transport"]            # rows with equal values in these columns share a line,
 //! # across = "rate_bits_per_s"    # on which {ttff_ms@2000000} is the figure of the row with that value here
 //!
-//! [[section.fit]]                 # a table of exponents: how a figure grows with another (fit.rs)
-//! id = "growth"
-//! lines = [{ what = "bytes, QUIC", x = "instances", y = "total_bytes", only = { transport = "quic" } }]
-//!
-//! [[section.plot]]                # a curve on the page (plot.rs)
+//! [[section.plot]]                # a plot on the page (plot.rs)
 //! title = "Bytes"
-//! x = { label = "bits", figures = ["label"] }      # what the axis says; products and quotients as in cells
+//! x = { label = "bits", figures = ["label"] }      # label of the axis; products and quotients as in cells
 //! y = { label = "bytes", figures = ["payload_bytes"], log = true }   # as many figures as for x: points of a row
-//! # line = "{camera}"             # rows with the same text here are a line, with this name
+//! # line = "{camera}"             # rows with the same text form a line of this name
 //! # only = { camera = "still" }
 //! ```
 
@@ -46,43 +42,40 @@ use std::path::Path;
 use anyhow::Context as _;
 use serde::Deserialize;
 
-/// Where a command names the folder of models, and its own.
+/// Placeholders of the folder of models and of the command's output folder.
 const MODELS: &str = "{models}";
 const OUT: &str = "{out}";
 
-/// Figures that belong together.
+/// A group of figures, with the commands that produce them.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Section {
-    /// Of its CSV and its folder.
+    /// Name of its CSV and its folder.
     pub name: String,
-    /// For people.
+    /// Title.
     pub title: String,
-    /// About how long it takes.
+    /// Approximate run time.
     pub seconds: f64,
-    /// The figures that are kept.
+    /// The figures that are stored.
     pub columns: Vec<String>,
-    /// Columns that hang on the machine's speed: each figure over the column's geometric mean may differ by
-    /// this factor.
+    /// Tolerances of columns that depend on the machine's speed: largest factor between figures relative to the
+    /// column's geometric mean.
     #[serde(default)]
     pub ratios: BTreeMap<String, f64>,
-    /// What a setting costs, where the section shows that.
+    /// The cost of a setting, if the section shows that.
     pub trade: Option<Trade>,
-    /// What is run.
+    /// The commands.
     #[serde(rename = "command")]
     pub commands: Vec<CommandLine>,
-    /// How the document shows it.
+    /// Tables on pages.
     #[serde(default, rename = "table")]
     pub tables: Vec<Table>,
-    /// How figures grow.
-    #[serde(default, rename = "fit")]
-    pub fits: Vec<Fit>,
-    /// Curves on the page.
+    /// Plots on the HTML page.
     #[serde(default, rename = "plot")]
     pub plots: Vec<Plot>,
 }
 
-/// A setting: speed for accuracy.
+/// A setting that trades cost for quality.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Trade {
@@ -90,7 +83,7 @@ pub struct Trade {
     pub setting: String,
     /// Its default.
     pub default: String,
-    /// Why.
+    /// Reason for the default.
     pub reason: String,
 }
 
@@ -101,9 +94,9 @@ pub struct CommandLine {
     /// First column of its rows.
     #[serde(default)]
     pub label: String,
-    /// Arguments of this program, divided by spaces.
+    /// Arguments of this program, separated by spaces.
     pub run: Option<String>,
-    /// Name of a benchmark, then arguments of it.
+    /// Name of a benchmark and its arguments.
     pub bench: Option<String>,
     /// File with its rows.
     pub file: Option<String>,
@@ -111,77 +104,52 @@ pub struct CommandLine {
     pub rows: Option<String>,
 }
 
-/// A table of the document.
+/// A table on a page.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Table {
-    /// Its mark.
+    /// Its id in the page's mark.
     pub id: String,
-    /// Heading and cell of each column; what is in braces is replaced by the row's figure.
+    /// Heading and cell template of each column; braces are replaced by figures of the row.
     pub columns: Vec<[String; 2]>,
-    /// Values that a row must have to be shown, by column.
+    /// Required values by column.
     #[serde(default)]
     pub only: BTreeMap<String, String>,
-    /// Rows with equal values in these columns share a line, where they differ `across` another.
+    /// Rows with equal values in these columns share a line if they differ in the column `across`.
     #[serde(default)]
     pub by: Vec<String>,
     /// The column in which rows of a line differ.
     pub across: Option<String>,
 }
 
-/// A table of exponents.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Fit {
-    /// Its mark.
-    pub id: String,
-    /// What is fitted.
-    pub lines: Vec<FitLine>,
-}
-
-/// A power law through some rows.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct FitLine {
-    /// For people.
-    pub what: String,
-    /// The figure on which it depends; products and quotients as in cells.
-    pub x: String,
-    /// The figure.
-    pub y: String,
-    /// Values that a row must have to count, by column.
-    #[serde(default)]
-    pub only: BTreeMap<String, String>,
-}
-
-/// A curve.
+/// A plot.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plot {
-    /// For people.
+    /// Title.
     #[serde(default)]
     pub title: String,
     /// Rows with the same text here are a line, which has it as its name; figures in braces, as in cells.
     #[serde(default)]
     pub line: String,
-    /// The figure on which others depend, as a setting's setting.
+    /// The independent figure, such as a setting's value.
     pub x: PlotAxis,
-    /// The figure that depends on it.
+    /// The dependent figure.
     pub y: PlotAxis,
-    /// Values that a row must have to be shown, by column.
+    /// Required values by column.
     #[serde(default)]
     pub only: BTreeMap<String, String>,
 }
 
-/// An axis of a curve.
+/// An axis of a plot.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlotAxis {
-    /// What it says.
+    /// Label.
     pub label: String,
     /// The figures, products and quotients as in cells: a row gives as many points.
     pub figures: Vec<String>,
-    /// Whether equal factors are equally far apart.
+    /// Whether the axis is logarithmic.
     #[serde(default)]
     pub log: bool,
 }
@@ -193,23 +161,23 @@ struct List {
 }
 
 impl CommandLine {
-    /// What is run, divided by spaces.
+    /// The words of the command.
     pub(crate) fn words(&self) -> impl Iterator<Item = &str> {
         self.run.iter().chain(&self.bench).flat_map(|line| line.split_whitespace())
     }
 
-    /// The benchmark that it runs, if it is none of this program.
+    /// The benchmark that it runs, if any.
     pub(crate) fn benchmark(&self) -> Option<&str> {
         self.bench.as_ref()?.split_whitespace().next()
     }
 
-    /// As a reader would type it, folders not filled in.
+    /// The command as a reader would type it, with placeholders.
     pub(crate) fn shown(&self) -> String {
         let words = || self.words().map(str::to_owned).collect();
         self.line(words()).join(" ")
     }
 
-    /// Program and arguments, of [`Self::words`] with folders filled in.
+    /// Program and arguments, from [`Self::words`] after replacing placeholders.
     pub(crate) fn line(&self, words: Vec<String>) -> Vec<String> {
         let mut words = words.into_iter();
         let mut line: Vec<String> = match &self.bench {
@@ -233,14 +201,14 @@ impl Section {
         self.commands.iter().flat_map(CommandLine::words).any(|word| word.contains(MODELS))
     }
 
-    /// The files that it reads of the folder of models.
+    /// The files that it reads from the folder of models.
     pub(crate) fn models(&self) -> impl Iterator<Item = &str> {
         let words = self.commands.iter().flat_map(CommandLine::words);
         words.filter_map(|word| word.strip_prefix(MODELS)?.strip_prefix('/'))
     }
 }
 
-/// The words of a command line, folders filled in.
+/// Replaces the placeholders in the words of a command.
 pub(crate) fn arguments<'a>(
     words: impl Iterator<Item = &'a str>,
     models: Option<&Path>,
@@ -262,7 +230,7 @@ pub(crate) fn arguments<'a>(
 /// Reads a list of sections.
 ///
 /// # Errors
-/// Says which file, and what is wrong with which section.
+/// Names the file, the section and the fault.
 pub fn read(path: &Path) -> anyhow::Result<Vec<Section>> {
     let text =
         std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;

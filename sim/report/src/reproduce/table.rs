@@ -1,32 +1,31 @@
-//! Tables of a Markdown document, written from figures.
+//! Tables on Markdown pages, generated from figures.
 //!
-//! A table stands below a line `<!-- table: ID -->` and ends with the first line that is no row. A cell is a
-//! template: `{column}` is the figure as it is, `{column:.2}` has two places, `{column:,}` thousands divided by
-//! commas. `{a*100}`, `{a/b}` and longer ones are worked out from left to right, of columns and numbers. What has no
-//! figure is a dash.
+//! A table follows a line `<!-- table: ID -->` and ends at the first line that is not a row. A cell is a template:
+//! `{column}` is the figure as it is, `{column:.2}` has two decimals, `{column:,}` thousands separated by commas.
+//! `{a*100}`, `{a/b}` and longer expressions of columns and numbers are evaluated from left to right. A missing figure
+//! is a dash.
 //!
-//! A table may show some rows only, and rows that differ in one column (`across`) may stand on one line: there
-//! `{column@value}` is the figure of the row in which that column has this value.
+//! A table may show some rows only, and rows that differ in one column (`across`) may share a line: `{column@value}` is
+//! the figure of the row with this value in that column.
 
 use std::collections::BTreeMap;
 
 use anyhow::Context as _;
 
 use super::Rows;
-use super::fit;
-use super::section::{Fit, Section, Table};
+use super::section::{Section, Table};
 
-/// The section's tables by their marks, those of exponents last.
+/// The section's tables by their ids, as Markdown.
 ///
 /// # Errors
-/// Templates, conditions and fits that name no column.
+/// A template or condition that names a column which the rows lack.
 pub(super) fn all<'a>(section: &'a Section, rows: &Rows) -> anyhow::Result<Vec<(&'a str, String)>> {
     let shown = shown(section, rows)?;
     Ok(shown.into_iter().map(|shown| (shown.id, markdown(&shown))).collect())
 }
 
-/// A table as it is shown.
-pub(crate) struct Shown<'a> {
+/// A table with evaluated cells.
+pub(crate) struct EvaluatedTable<'a> {
     pub(crate) id: &'a str,
     pub(crate) headings: Vec<String>,
     pub(crate) lines: Vec<Vec<String>>,
@@ -35,20 +34,14 @@ pub(crate) struct Shown<'a> {
 /// The section's tables.
 ///
 /// # Errors
-/// Templates, conditions and fits that name no column.
-pub(crate) fn shown<'a>(section: &'a Section, rows: &Rows) -> anyhow::Result<Vec<Shown<'a>>> {
-    let context = |id: &str| format!("table {id}");
+/// A template or condition that names a column which the rows lack.
+pub(crate) fn shown<'a>(section: &'a Section, rows: &Rows) -> anyhow::Result<Vec<EvaluatedTable<'a>>> {
     let table = |table: &'a Table| {
         let headings = table.columns.iter().map(|[heading, _]| heading.clone()).collect();
-        let lines = lines(table, rows).with_context(|| context(&table.id))?;
-        Ok(Shown { id: &table.id, headings, lines })
+        let lines = lines(table, rows).with_context(|| format!("table {}", table.id))?;
+        Ok(EvaluatedTable { id: &table.id, headings, lines })
     };
-    let fit = |fit: &'a Fit| {
-        let lines = fit.lines.iter().map(|line| fit::line(line, rows));
-        let lines = lines.collect::<anyhow::Result<_>>().with_context(|| context(&fit.id))?;
-        Ok(Shown { id: &fit.id, headings: fit::HEADINGS.map(str::to_owned).to_vec(), lines })
-    };
-    section.tables.iter().map(table).chain(section.fits.iter().map(fit)).collect()
+    section.tables.iter().map(table).collect()
 }
 
 /// The line above a table.
@@ -56,7 +49,7 @@ pub(super) fn mark(id: &str) -> String {
     format!("<!-- table: {id} -->\n")
 }
 
-/// Where a table begins and ends, if the document has its mark.
+/// Start and end of a table, if the document has its mark.
 pub(super) fn place(document: &str, id: &str) -> Option<[usize; 2]> {
     let mark = mark(id);
     let start = document.find(&mark)? + mark.len();
@@ -64,7 +57,7 @@ pub(super) fn place(document: &str, id: &str) -> Option<[usize; 2]> {
     Some([start, start + rows.map(str::len).sum::<usize>()])
 }
 
-fn markdown(table: &Shown<'_>) -> String {
+fn markdown(table: &EvaluatedTable<'_>) -> String {
     let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
     let mut text = line(&table.headings);
     text += &format!("|{}\n", "---|".repeat(table.headings.len()));
@@ -77,7 +70,7 @@ fn markdown(table: &Shown<'_>) -> String {
 /// The cells of a table's lines, without its headings.
 ///
 /// # Errors
-/// Templates and conditions that name no column.
+/// Templates and conditions that name unknown columns.
 fn lines(table: &Table, rows: &Rows) -> anyhow::Result<Vec<Vec<String>>> {
     let across = table.across.as_ref().map(|name| rows.place(name)).transpose()?;
     let of_line = |group: &Vec<&[String]>| {
@@ -87,7 +80,7 @@ fn lines(table: &Table, rows: &Rows) -> anyhow::Result<Vec<Vec<String>>> {
     groups(table, rows)?.iter().map(of_line).collect()
 }
 
-/// The rows that a table shows, those that share a line together.
+/// The rows that a table shows, grouped by line.
 fn groups<'a>(table: &Table, rows: &'a Rows) -> anyhow::Result<Vec<Vec<&'a [String]>>> {
     let by = table.by.iter().map(|name| rows.place(name)).collect::<anyhow::Result<Vec<usize>>>()?;
     let mut groups: Vec<Vec<&[String]>> = Vec::new();
@@ -101,8 +94,7 @@ fn groups<'a>(table: &Table, rows: &'a Rows) -> anyhow::Result<Vec<Vec<&'a [Stri
     Ok(groups)
 }
 
-/// The rows that have some values; a value that ends in `*` stands for all that begin so, and one after `!` for all
-/// others.
+/// The rows with the required values; a value that ends in `*` is a prefix, and `!` negates.
 pub(super) fn only<'a>(
     conditions: &BTreeMap<String, String>,
     rows: &'a Rows,
@@ -113,7 +105,7 @@ pub(super) fn only<'a>(
     Ok(rows.rows.iter().map(Vec::as_slice).filter(has).collect())
 }
 
-/// Whether a condition takes a value.
+/// Whether a value meets a condition.
 fn is_one_of(value: &str, condition: &str) -> bool {
     if let Some(others) = condition.strip_prefix('!') {
         return !is_one_of(value, others);
@@ -124,17 +116,17 @@ fn is_one_of(value: &str, condition: &str) -> bool {
     }
 }
 
-/// Products and quotients of a row's figures and numbers.
+/// Evaluates an expression of a row's figures and numbers.
 pub(super) fn of_row(expression: &str, rows: &Rows, row: &[String]) -> anyhow::Result<Option<f64>> {
     value(expression, &Group { rows, across: None, line: &[row] })
 }
 
-/// A template with a row's figures.
+/// Evaluates a template with a row's figures.
 pub(super) fn text_of_row(template: &str, rows: &Rows, row: &[String]) -> anyhow::Result<String> {
     cell(template, &Group { rows, across: None, line: &[row] })
 }
 
-/// The rows behind a line.
+/// The rows of a line.
 struct Group<'a> {
     rows: &'a Rows,
     /// The column in which they differ.
@@ -143,7 +135,7 @@ struct Group<'a> {
 }
 
 impl Group<'_> {
-    /// The figure of a column, of the first row or, behind an `@`, of the row with a value in the column across.
+    /// The figure of a column: of the first row, or after an `@` of the row with that value in the column `across`.
     fn figure(&self, name: &str) -> anyhow::Result<&str> {
         let (name, row) = match name.split_once('@') {
             None => (name, self.line.first()),
@@ -157,7 +149,7 @@ impl Group<'_> {
     }
 }
 
-/// A template with the figures of a line in place of what is in braces.
+/// Evaluates a template with the figures of a line.
 fn cell(template: &str, group: &Group<'_>) -> anyhow::Result<String> {
     let mut text = String::new();
     let mut rest = template;
@@ -189,7 +181,7 @@ fn figure(inside: &str, group: &Group<'_>) -> anyhow::Result<String> {
     }
 }
 
-/// Products and quotients of figures and numbers, from left to right; `None` where a figure is missing.
+/// Evaluates products and quotients of figures and numbers from left to right; `None` if a figure is missing.
 fn value(expression: &str, group: &Group<'_>) -> anyhow::Result<Option<f64>> {
     let mut number = 1.0;
     let mut divide = false;
@@ -220,7 +212,7 @@ fn value(expression: &str, group: &Group<'_>) -> anyhow::Result<Option<f64>> {
     }
 }
 
-/// Rounded, with commas.
+/// Rounded, with thousands separated by commas.
 fn thousands(number: f64) -> String {
     let digits = format!("{:.0}", number.abs());
     let mut text = String::new();
@@ -265,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_is_named() {
+    fn missing_columns_and_marks_are_named() {
         let rows = Rows::from_csv(ROWS).unwrap();
         let error = Documents::of("Text.\n").update(&section(), &rows).unwrap_err();
         assert!(format!("{error:#}").contains("<!-- table: one -->"));

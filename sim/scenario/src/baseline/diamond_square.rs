@@ -1,13 +1,13 @@
-//! The plain algorithm, the yardstick for times of terrain: diamond-square (Fournier, Fussell and Carpenter 1982) in
-//! f32 and in place. It has no features, its borders agree with nothing, its heights depend on the order of points,
-//! and its random numbers come from a sequence.
+//! Diamond-square terrain (Fournier, Fussell and Carpenter 1982) in f32 and in place, as a reference for generation
+//! times. It has no features, its borders do not match neighbours, its heights depend on the order of points, and its
+//! random numbers come from a sequential generator.
 
 use lodestream_geometry::random::Random;
 
-/// Range of the first offsets; it halves from step to step.
+/// Range of the first offsets; halved in each step.
 const RANGE: f32 = 65_536.0;
 
-/// Replaces `heights` by (2^level + 1)² new ones, row by row: centres, then edges, of one step after another.
+/// Replaces `heights` by (2^level + 1)² new ones, row by row; each step computes centres, then edges.
 pub fn diamond_square(level: u8, random: &mut Random, heights: &mut Vec<f32>) {
     let side = (1_usize << level) + 1;
     heights.clear();
@@ -59,7 +59,7 @@ pub fn diamond_square(level: u8, random: &mut Random, heights: &mut Vec<f32>) {
 mod tests {
     use super::*;
 
-    /// What the algorithm promises: a point is the mean of those around it, but for an offset of its step's range.
+    /// Each point is the mean of its neighbours plus an offset within its step's range.
     #[test]
     fn a_point_is_near_the_mean_of_its_neighbours() {
         let mut heights = Vec::new();

@@ -1,7 +1,7 @@
 //! Discrete levels of detail of a prepared asset, with the errors that its index states for them.
 //!
-//! A level is the ancestor-closed cut of lowest stated error within a number of faces, which is as good a mesh of that
-//! size as the project has (BENCHMARKS.md compares it with others' simplifiers).
+//! A level is the ancestor-closed cut of lowest stated error within a number of faces, the best mesh of that size that
+//! this project produces (BENCHMARKS.md compares it with other simplifiers).
 
 use anyhow::Context as _;
 use lodestream_compress::{decode_base, plain_chunk};
@@ -14,7 +14,7 @@ use lodestream_scene::asset::AssetDescription;
 use lodestream_scene::{BlobId, BlobPart};
 use lodestream_store::LoadedAsset;
 
-/// Reads an asset of a scene whole, from the blobs that a server sends.
+/// Reads all chunks of an asset of a scene, from the blobs that a server sends.
 pub(super) fn load(scene: &dyn SceneSource, asset: u32) -> anyhow::Result<LoadedAsset> {
     let read = |part| scene.read(&BlobId::Asset { asset, part });
     let blob = read(BlobPart::Base)?;
@@ -36,26 +36,26 @@ pub(super) fn load(scene: &dyn SceneSource, asset: u32) -> anyhow::Result<Loaded
     Ok(LoadedAsset { base, description, infos, chunks, payload_bytes, base_bytes, index_bytes })
 }
 
-/// Faces of an asset with everything applied.
+/// Faces of an asset with all chunks applied.
 pub(super) fn faces(asset: &LoadedAsset) -> u64 {
     let more: u64 = asset.infos.iter().map(|info| u64::from(info.faces)).sum();
     asset.base.faces.len() as u64 + more
 }
 
-/// A mesh, and its visible error in the asset's units.
+/// A mesh and its visible error, in the asset's units.
 pub(super) struct Level {
     pub(super) mesh: QuantisedMesh,
     pub(super) error: f32,
 }
 
-/// The level with at most so many faces, but at least the base mesh.
+/// The level with at most `most_faces` faces, or the base mesh if that has more.
 pub(super) fn level(asset: &LoadedAsset, most_faces: u64) -> anyhow::Result<Level> {
     let set = lowest_error(&asset.base, &asset.infos, asset.head_bytes(), Budget::Faces(most_faces));
     let mesh = asset.refined(&set.members).context("a level cannot be built")?.to_mesh();
     Ok(Level { mesh, error: error_of(asset, &set.members) })
 }
 
-/// The largest visible error of what a ancestor-closed cut lacks.
+/// The largest visible error of the chunks that an ancestor-closed cut lacks.
 fn error_of(asset: &LoadedAsset, set: &[Member]) -> f32 {
     let mut left: Vec<f32> = asset.infos.iter().map(|info| visible_error(info, 1.0)).collect();
     for &Member { chunk, truncation } in set {
@@ -66,7 +66,7 @@ fn error_of(asset: &LoadedAsset, set: &[Member]) -> f32 {
     left.into_iter().fold(0.0, f32::max)
 }
 
-/// Numbers of faces that halve from `all` down to the base mesh's, coarse to fine.
+/// Face counts that halve from `all` down to the base mesh's, in ascending order.
 pub(super) fn halving(all: u64, base: u64) -> Vec<u64> {
     let mut counts: Vec<u64> =
         std::iter::successors(Some(all), |n| Some(n / 2)).take_while(|&n| n > base && n > 0).collect();

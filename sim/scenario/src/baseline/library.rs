@@ -1,4 +1,4 @@
-//! What every technique of a plan offers for every scene, measured once and shared by all runs.
+//! Content of every technique of a plan for every scene, measured once and shared by all runs.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -19,37 +19,37 @@ use crate::peers::Peer;
 use crate::plan::{Case, Plan};
 use crate::technique::Technique;
 
-/// Shares of the faces of the older system's levels, in percent.
+/// Face counts of the older system's levels, in percent of all faces.
 const SEED_PERCENT: [u64; 5] = [10, 30, 50, 70, 100];
 
-/// Bits of texture coordinates where a mesh has none: the encoder wants a number.
+/// Bits per axis of texture coordinates for Draco if the mesh has none.
 const NO_UV_BITS: u8 = 12;
 
-/// A scene as a technique offers it.
+/// A scene in the form that a technique delivers.
 #[derive(Clone, Debug)]
 pub struct Content {
-    /// What stands where.
+    /// Assets, instances and textures.
     pub stage: Arc<Stage>,
     /// By asset.
     pub offers: Vec<Offer>,
 }
 
-/// What there is to run, or why there is nothing.
+/// A technique's content for a scene, or the reason why it has none.
 #[derive(Clone, Debug)]
 pub enum Entry {
     /// The content.
     Ready(Arc<Content>),
-    /// Why the technique is not run over the scene.
+    /// Reason why the technique is not run over the scene.
     NotRun(String),
 }
 
-/// See the module.
+/// The content of each scene, technique and peer.
 #[derive(Clone, Debug, Default)]
 pub struct Library(BTreeMap<(usize, Technique, Option<usize>), Entry>);
 
-/// The figures of one asset, of the techniques that were asked for: lengths, and errors of levels.
+/// Lengths, and errors of levels, of one asset, for the requested techniques.
 #[derive(Clone, Debug, Default, PartialEq)]
-struct Measured {
+struct AssetFigures {
     obj: u64,
     obj_gzip: u64,
     draco: u64,
@@ -59,7 +59,7 @@ struct Measured {
 }
 
 impl Library {
-    /// Measures what a plan's baselines need. `scenes` are the plan's; `say` is told what takes time.
+    /// Measures what a plan's baselines need. `scenes` are the plan's; `say` receives progress messages.
     ///
     /// # Errors
     /// A scene that cannot be read, an encoder that fails.
@@ -97,7 +97,7 @@ impl Library {
         Ok(library)
     }
 
-    /// What there is for a case.
+    /// The content for a case.
     pub(crate) fn find(&self, case: &Case) -> Option<&Entry> {
         self.0.get(&(case.scene, case.technique, case.peer))
     }
@@ -106,7 +106,7 @@ impl Library {
 const NO_DRACO: &str = "not run: draco_encoder is not on this machine";
 const NO_PEERS: &str = "not run: no file of peers is named (--peers FILE)";
 
-/// Whether a run ended before it began because something is not on this machine: elsewhere it may come to something.
+/// Whether a run was skipped because a file or program is missing on this machine.
 #[must_use]
 pub fn lacks_something_here(ended: &str) -> bool {
     [NO_DRACO, NO_PEERS].contains(&ended)
@@ -114,7 +114,7 @@ pub fn lacks_something_here(ended: &str) -> bool {
 
 fn entry(
     stage: &Arc<Stage>,
-    measured: &[Measured],
+    measured: &[AssetFigures],
     technique: Technique,
     peer: Option<usize>,
     plan: &Plan,
@@ -160,7 +160,7 @@ fn nodes(stage: &Arc<Stage>, peer: &Peer) -> Entry {
     Entry::Ready(Arc::new(Content { stage: Arc::clone(stage), offers: vec![offer] }))
 }
 
-fn stage(scene: &dyn SceneSource, measured: &[Measured]) -> anyhow::Result<Stage> {
+fn stage(scene: &dyn SceneSource, measured: &[AssetFigures]) -> anyhow::Result<Stage> {
     let header = scene.header();
     let (mut assets, mut instances) = (Vec::new(), Vec::new());
     for number in 0..header.page_count {
@@ -172,14 +172,14 @@ fn stage(scene: &dyn SceneSource, measured: &[Measured]) -> anyhow::Result<Stage
     Ok(Stage { camera: header.camera, assets, textures, instances })
 }
 
-/// Measures all assets, several at a time; the outcome does not depend on how many.
+/// Measures all assets in parallel; the result does not depend on the number of threads.
 fn measure_all(
     scene: &dyn SceneSource,
     wanted: &BTreeSet<Technique>,
     draco: Option<&Encoder>,
-) -> anyhow::Result<Vec<Measured>> {
+) -> anyhow::Result<Vec<AssetFigures>> {
     let count = scene.header().asset_count as usize;
-    let found: Mutex<BTreeMap<usize, anyhow::Result<Measured>>> = Mutex::default();
+    let found: Mutex<BTreeMap<usize, anyhow::Result<AssetFigures>>> = Mutex::default();
     let next = AtomicUsize::new(0);
     let threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get).min(count);
     std::thread::scope(|scope| {
@@ -205,11 +205,11 @@ fn measure(
     number: u32,
     wanted: &BTreeSet<Technique>,
     draco: Option<&Encoder>,
-) -> anyhow::Result<Measured> {
+) -> anyhow::Result<AssetFigures> {
     let asset = levels::load(scene, number)?;
-    let mut found = Measured {
+    let mut found = AssetFigures {
         textures: Texture::of(&asset.description, uv_per_unit(&asset.base)),
-        ..Measured::default()
+        ..AssetFigures::default()
     };
     let all = levels::faces(&asset);
     let wants = |technique| wanted.contains(&technique);
@@ -236,7 +236,7 @@ fn measure(
     Ok(found)
 }
 
-/// The levels with these numbers of faces, less those that are no finer than the one before.
+/// The levels with these face counts, without those that are no finer than their predecessor.
 fn distinct(
     asset: &LoadedAsset,
     counts: &[u64],

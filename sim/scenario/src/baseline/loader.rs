@@ -1,4 +1,4 @@
-//! The client of a baseline: asks for what its view wants, along the camera path, and notes what it has when.
+//! The client of a baseline: requests what its view needs along the camera path, and records milestones.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -11,14 +11,14 @@ use tokio::time::sleep;
 
 use super::library::Content;
 use super::offer::Item;
-use super::select::{Held, Selection, State, select};
+use super::select::{ItemStates, Selection, State, select};
 use super::wire::{Event, Request, Wire};
 use crate::camera_drive::{CameraDrive, Reached};
 use crate::camera_path::CameraPath;
-use crate::outcome::note_quality;
+use crate::quality::note_quality;
 use crate::timeline::{Sample, Series, Stalls};
 
-/// See the module.
+/// A baseline's client.
 pub(super) struct Loader<'a> {
     content: &'a Content,
     most_in_flight: usize,
@@ -26,11 +26,11 @@ pub(super) struct Loader<'a> {
     limit: Time,
     drive: CameraDrive,
     view: View,
-    held: Held,
+    held: ItemStates,
     selection: Selection,
     in_flight: BTreeMap<u64, (Item, u64)>,
     asked: u64,
-    /// Length of the bodies that have come whole.
+    /// Total length of the bodies that arrived completely.
     pub(super) body_bytes: u64,
     pub(super) first_frame: Option<Milestone>,
     pub(super) quality: [Option<Milestone>; QUALITIES_PX.len()],
@@ -41,7 +41,7 @@ pub(super) struct Loader<'a> {
 }
 
 impl<'a> Loader<'a> {
-    /// A client that calls connect now.
+    /// A client whose connect call is now.
     pub(super) fn new(
         content: &'a Content,
         most_in_flight: usize,
@@ -57,7 +57,7 @@ impl<'a> Loader<'a> {
             limit: Time::from(limit),
             drive: CameraDrive::new(path, viewport_px, target_px),
             view: content.stage.camera.view(viewport_px, target_px),
-            held: Held::nothing(content),
+            held: ItemStates::nothing(content),
             selection: Selection::default(),
             in_flight: BTreeMap::new(),
             asked: 0,
@@ -75,22 +75,22 @@ impl<'a> Loader<'a> {
         self.clock.now()
     }
 
-    /// When the camera came to rest, if it moved.
+    /// When a moving camera came to rest.
     pub(super) fn rest(&self) -> Option<Time> {
         self.drive.rest()
     }
 
-    /// Loads until the picture is settled with the camera at rest (`Ok(true)`) or the time is up (`Ok(false)`).
-    /// `received` counts the bytes that the transport has delivered.
+    /// Loads until the picture is settled with the camera at rest (`Ok(true)`) or the time limit (`Ok(false)`).
+    /// `received` returns the bytes that the transport has delivered.
     ///
     /// # Errors
-    /// Why the connection was lost.
+    /// The reason why the connection was lost.
     pub(super) async fn load(&mut self, mut wire: Wire, received: impl Fn() -> u64) -> Result<bool, String> {
-        self.look();
+        self.update_selection();
         loop {
             let now = self.clock.now();
             if self.move_camera(now) {
-                self.look();
+                self.update_selection();
             }
             self.note(now, received());
             if self.settled.is_some() {
@@ -129,7 +129,7 @@ impl<'a> Loader<'a> {
                         };
                     }
                     if news {
-                        self.look();
+                        self.update_selection();
                     }
                 }
                 () = sleep(left) => {}
@@ -137,13 +137,13 @@ impl<'a> Loader<'a> {
         }
     }
 
-    fn look(&mut self) {
+    fn update_selection(&mut self) {
         self.selection = select(self.content, &self.held, &self.view);
     }
 
-    /// Asks for what is most urgent, as far as requests may be under way.
+    /// Requests the most urgent items, up to the number of concurrent requests.
     async fn ask(&mut self, wire: &Wire) -> Result<(), String> {
-        let absent = |wanted: &&super::select::Wanted| wanted.state == State::Absent;
+        let absent = |wanted: &&super::select::MissingItem| wanted.state == State::Absent;
         let room = self.most_in_flight.saturating_sub(self.in_flight.len());
         let next: Vec<_> = self.selection.wanted.iter().filter(absent).take(room).copied().collect();
         if next.is_empty() {
@@ -156,23 +156,23 @@ impl<'a> Loader<'a> {
             self.held.set(wanted.item, State::Requested);
             self.asked += 1;
         }
-        self.look();
+        self.update_selection();
         Ok(())
     }
 
-    /// What the path may wait for.
+    /// Milestones that the camera path may wait for.
     fn reached(&self) -> Reached {
         Reached { first_frame: self.first_frame.is_some(), settled: self.selection.wanted.is_empty() }
     }
 
-    /// Puts the camera where it is now; whether it was due to move.
+    /// Updates the camera; returns whether a move was due.
     fn move_camera(&mut self, now: Time) -> bool {
         let moved = self.drive.advance(now, &self.content.stage.camera, self.reached());
         self.view = moved.unwrap_or(self.view);
         moved.is_some()
     }
 
-    /// Notes what there is now.
+    /// Records the current state.
     fn note(&mut self, now: Time, bytes: u64) {
         let here = Milestone { after: Duration::from(now), bytes };
         let error_px = Some(self.selection.error_px).filter(|px| self.selection.drawable && px.is_finite());

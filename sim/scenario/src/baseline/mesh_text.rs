@@ -1,8 +1,7 @@
-//! Meshes as text: OBJ, and JSON as the older system sends it; and what gzip makes of a text.
+//! Meshes as text: OBJ, and JSON in the older system's format; their gzip length.
 //!
-//! Decimals are as many as the grid of the positions is worth, without zeros at the end, so the text is not
-//! longer than it must be. OBJ has normals only where the mesh has creases or normals of its own; elsewhere a
-//! viewer computes them, as ours does. Materials and colours are left out.
+//! Numbers have as many decimals as the grid of positions justifies, without trailing zeros. OBJ has normals only where
+//! the mesh has creases: elsewhere a viewer computes them, as ours does. Materials and colours are omitted.
 
 use std::io::{self, Write};
 
@@ -17,14 +16,14 @@ const NORMAL_DECIMALS: usize = 4;
 /// Decimals that keep a multiple of `step` within half a step.
 fn decimals(step: f64) -> usize {
     if step > 0.0 && step.is_finite() {
-        // The logarithm is far from f64's ends, and so is its shared rate limit.
+        // The logarithm is far from the ends of f64's range, and so is its ceiling.
         (-step.log10()).ceil().clamp(0.0, 17.0) as usize
     } else {
         0
     }
 }
 
-/// A number with at most so many decimals, as short as that may be written.
+/// Writes a number with at most `places` decimals, as short as possible.
 fn number(out: &mut Vec<u8>, value: f64, places: usize) -> io::Result<()> {
     let start = out.len();
     write!(out, "{value:.places$}")?;
@@ -47,7 +46,7 @@ fn uv_decimals(mesh: &QuantisedMesh) -> [usize; 2] {
     mesh.uv_grid.step.map(decimals)
 }
 
-/// Whether the mesh's normals are not just those of its faces.
+/// Whether the mesh has normals that differ from its faces' smooth ones.
 fn has_creases(mesh: &QuantisedMesh) -> bool {
     mesh.wedges.iter().any(|wedge| wedge.attributes.group != 0 || wedge.attributes.normal.is_some())
 }
@@ -55,7 +54,7 @@ fn has_creases(mesh: &QuantisedMesh) -> bool {
 /// The mesh as OBJ.
 ///
 /// # Errors
-/// None that writing to memory has.
+/// None: writing to memory does not fail.
 pub fn obj(mesh: &QuantisedMesh) -> io::Result<Vec<u8>> {
     let mut out = Vec::new();
     let places = decimals(mesh.grid.step);
@@ -86,7 +85,7 @@ pub fn obj(mesh: &QuantisedMesh) -> io::Result<Vec<u8>> {
     Ok(out)
 }
 
-/// Writes equal lines once; gives each wedge the number of its line, from 1.
+/// Writes equal lines once; returns for each wedge the number of its line, from 1.
 fn lines<K: Ord>(
     out: &mut Vec<u8>,
     keys: impl Iterator<Item = K>,
@@ -141,7 +140,7 @@ fn normals(out: &mut Vec<u8>, mesh: &QuantisedMesh) -> io::Result<Vec<usize>> {
 /// `faces`, which index all of them from 0.
 ///
 /// # Errors
-/// None that writing to memory has.
+/// None: writing to memory does not fail.
 pub fn json(mesh: &QuantisedMesh) -> io::Result<Vec<u8>> {
     let mut out = Vec::new();
     let places = decimals(mesh.grid.step);
@@ -171,10 +170,10 @@ fn array(out: &mut Vec<u8>, begin: &str, values: impl Iterator<Item = (f64, usiz
     Ok(())
 }
 
-/// What `gzip -9` makes of a text, in bytes.
+/// Length of a text after `gzip -9`, in bytes.
 ///
 /// # Errors
-/// None that writing to memory has.
+/// None: writing to memory does not fail.
 pub fn gzip_bytes(text: &[u8]) -> io::Result<u64> {
     let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
     encoder.write_all(text)?;
@@ -186,7 +185,7 @@ mod tests {
     use super::*;
     use lodestream_geometry::mesh::{Attributes, Face, Grid, UvGrid, Wedge};
 
-    /// A square of two triangles, with texture coordinates or not, its diagonal a crease or not.
+    /// A square of two triangles, optionally with texture coordinates and a crease along its diagonal.
     fn square(uv: bool, crease: bool) -> QuantisedMesh {
         let wedge = |vertex: u32, group| Wedge {
             vertex,
@@ -228,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_as_obj_is_read_back() {
+    fn obj_round_trips() {
         let file = tempfile::Builder::new().suffix(".obj").tempfile().unwrap();
         std::fs::write(file.path(), obj(&square(true, true)).unwrap()).unwrap();
         let read = lodestream_import::import(file.path()).unwrap().mesh;
@@ -237,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn json_is_json_and_its_arrays_fit_each_other() {
+    fn json_parses_and_its_arrays_agree_in_length() {
         for uv in [false, true] {
             let json: serde_json::Value = serde_json::from_slice(&json(&square(uv, true)).unwrap()).unwrap();
             let length = |name: &str| json[name].as_array().map(Vec::len);
@@ -251,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn gzip_is_gzip() {
+    fn gzip_length_is_that_of_a_gzip_stream() {
         let text = "v 0 0 0\n".repeat(1000);
         let bytes = gzip_bytes(text.as_bytes()).unwrap();
         assert!((20..200).contains(&bytes), "{bytes}");

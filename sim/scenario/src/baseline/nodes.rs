@@ -1,11 +1,11 @@
-//! A peer's nodes as pieces that a loader may fetch.
+//! A peer's nodes as pieces for the loader.
 
 use lodestream_geometry::index::Sphere;
 
 use super::offer::{Offer, Piece};
 use crate::peers::{Node, Peer};
 
-/// The peer's pieces of an asset whose grid begins at `origin`: the index, then its nodes.
+/// The peer's pieces of an asset: the index, then its nodes. `origin` is the origin of the asset's grid.
 #[must_use]
 pub fn offer(peer: &Peer, origin: [f64; 3]) -> Offer {
     let index = Piece {
@@ -15,7 +15,7 @@ pub fn offer(peer: &Peer, origin: [f64; 3]) -> Offer {
         parents: Vec::new(),
         draws: false,
     };
-    // Spheres are f32 throughout.
+    // Spheres are f32 everywhere.
     let piece = |node: &Node| Piece {
         bytes: node.bytes,
         error: node.error,

@@ -1,18 +1,18 @@
-//! The order in which other techniques' pieces are asked for: octaves of screen error, so that everything above 4 px
-//! comes before anything below it; within the octave, screen error removed per byte and nearness to the centre.
+//! Priority of the baselines' pieces: by octave of screen error, so that all errors above 4 px come before those below;
+//! within an octave by screen error removed per byte and distance from the picture's centre.
 
 use lodestream_select::Priority;
 
-/// Bytes at which a piece ranks in the middle of its octave.
+/// Length of a piece that ranks in the middle of its octave.
 const MIDDLE_BYTES: f32 = 1024.0;
 
 const MANTISSA: u32 = (1 << 23) - 1;
 
-/// Largest screen error that makes a difference: beyond the picture's height all is lost alike.
+/// Screen errors above this rank equally: they exceed the picture's height.
 const MAX_RANKED_ERROR_PX: f32 = 65_536.0;
 
-/// Priority of something that removes `error_px` of screen error for `bytes`; `foveation` is 1 in the middle of the
-/// picture and falls towards 0 outwards. Below that of every base mesh.
+/// Priority of a piece of `bytes` that removes `error_px` of screen error; `foveation` is 1 in the picture's centre and
+/// falls towards 0 outwards. Below the priority of every base mesh.
 pub(super) fn octave_priority(error_px: f32, bytes: u32, foveation: f32) -> Priority {
     let bits = error_px.clamp(1e-6, MAX_RANKED_ERROR_PX).to_bits();
     let in_octave = f32::from_bits((bits & MANTISSA) | 1.0_f32.to_bits());

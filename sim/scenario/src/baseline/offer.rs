@@ -1,36 +1,36 @@
-//! What a technique offers: an asset in pieces, and how well it is shown with some of them.
+//! What a technique offers: an asset in pieces, and the error that remains with some of them.
 
 use lodestream_geometry::index::Sphere;
 use lodestream_scene::BlobId;
 use lodestream_scene::asset::AssetDescription;
 use lodestream_scene::description::{AssetEntry, Camera, InstanceEntry};
 
-/// One thing to fetch of an asset.
+/// One downloadable piece of an asset.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Piece {
     /// Length of its body.
     pub bytes: u64,
-    /// Error of what is drawn while none of its children is here, in the asset's units. A piece without children
-    /// counts as exact: it is all that the technique has.
+    /// Error of what is drawn while none of its children has arrived, in the asset's units. A piece without children
+    /// counts as exact: the technique has nothing finer.
     pub error: f32,
-    /// Bounds, relative to the origin of the asset's grid.
+    /// Bounding sphere, relative to the origin of the asset's grid.
     pub sphere: Sphere,
-    /// Pieces that must be here before it is of use; they come before it.
+    /// Pieces that it depends on; they come before it in the list.
     pub parents: Vec<u32>,
-    /// Whether there is something to draw in it; an index has nothing.
+    /// Whether it has geometry to draw; an index has none.
     pub draws: bool,
 }
 
-/// A texture in levels, coarse first.
+/// A texture in mip levels, coarse first.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Texture {
     /// Texture coordinates per unit of the asset.
     pub uv_per_unit: f32,
-    /// Length of the image file and the longer side in texels, of each level.
+    /// Of each level: length of the image file, and longer side in texels.
     pub levels: Vec<(u32, u32)>,
 }
 
-/// An asset as a technique offers it.
+/// An asset as a technique offers it: pieces, parents first.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Offer {
     /// Pieces, parents first.
@@ -38,7 +38,7 @@ pub struct Offer {
 }
 
 impl Offer {
-    /// Pieces that replace each other: lengths and errors, coarse to fine.
+    /// Levels that replace each other, from lengths and errors, coarse to fine.
     #[must_use]
     pub fn chain(levels: &[(u64, f32)], sphere: Sphere) -> Self {
         let piece = |(i, &(bytes, error)): (u32, &(u64, f32))| Piece {
@@ -51,29 +51,29 @@ impl Offer {
         Self { pieces: (0..).zip(levels).map(piece).collect() }
     }
 
-    /// The pieces without which nothing can be drawn everywhere: those that draw and refine no other.
+    /// The pieces required to draw the whole asset: those with geometry that refine no other.
     pub fn roots(&self) -> impl Iterator<Item = u32> {
         (0_u32..).zip(&self.pieces).filter(|(_, piece)| self.is_root(piece)).map(|(number, _)| number)
     }
 
-    /// Whether a piece draws and refines no other.
+    /// Whether a piece has geometry and refines no other.
     #[must_use]
     pub fn is_root(&self, piece: &Piece) -> bool {
         let draws = |parent: &u32| self.pieces.get(*parent as usize).is_some_and(|p| p.draws);
         piece.draws && !piece.parents.iter().any(draws)
     }
 
-    /// Length of all bodies.
+    /// Total length of all bodies.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         self.pieces.iter().map(|piece| piece.bytes).sum()
     }
 }
 
-/// What stands where in a scene.
+/// The scene that a viewer draws: instances of assets.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stage {
-    /// Where a viewer starts.
+    /// The start view.
     pub camera: Camera,
     /// Assets.
     pub assets: Vec<AssetEntry>,
@@ -96,7 +96,7 @@ impl Texture {
     }
 }
 
-/// Something that can be fetched.
+/// A downloadable item.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Item {
     /// A piece of an asset.

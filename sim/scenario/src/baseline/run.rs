@@ -1,4 +1,4 @@
-//! One run of a baseline: a case and a seed, on a runtime and network of its own.
+//! One run of a baseline: a case and a seed, on its own runtime and network.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -15,14 +15,15 @@ use super::loader::Loader;
 use super::wire::{answer_quic, answer_tcp, over_quic, over_tcp};
 use crate::ledger::Use;
 use crate::network::{QuicNetwork, SERVER, TcpNetwork, Traffic};
-use crate::outcome::{self, Noted, after_ms};
+use crate::outcome::{self, ClientMilestones, after_ms};
 use crate::plan::{Case, Plan, Transport};
-use crate::result::{RunResult, milliseconds};
+use crate::result::RunResult;
+use crate::timeline::milliseconds;
 
-/// Requests that the server takes at once: more than any technique has under way.
+/// Concurrent requests that the server accepts: more than any technique has in flight.
 const MAX_STREAMS: u32 = 64;
 
-/// Why a run ended, and what was received by then.
+/// Why a run ended, and the bytes received until then.
 struct End {
     why: String,
     received_bytes: u64,
@@ -31,7 +32,7 @@ struct End {
 /// Runs a case with a seed.
 ///
 /// # Errors
-/// What keeps a run from being set up.
+/// A network, endpoint or runtime that cannot be set up.
 pub(crate) fn run_case(
     plan: &Plan,
     case: &Case,
@@ -108,7 +109,7 @@ async fn run_quic(
     Ok((end, traffic))
 }
 
-/// The project's certificate and congestion control, quinn's defaults otherwise, and streams for requests.
+/// The project's certificate and congestion control, streams for requests, otherwise quinn's defaults.
 fn file_server_config(certificate: &Certificate) -> anyhow::Result<quinn::ServerConfig> {
     let mut transport = quinn::TransportConfig::default();
     transport
@@ -150,7 +151,7 @@ fn result(
 ) -> RunResult {
     let now = loader.now();
     loader.stalls.end(now);
-    let noted = Noted {
+    let noted = ClientMilestones {
         first_frame: loader.first_frame,
         quality: loader.quality,
         seen_quality: Default::default(),

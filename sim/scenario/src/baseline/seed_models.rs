@@ -1,15 +1,15 @@
-//! Three small models for the older system's table of transfer times, with as many triangles as its own had:
-//! those are not to be had, and what counts here is how many bytes such a number of triangles takes.
+//! Three small models for the older system's table of transfer times, with the same numbers of triangles as its models,
+//! which are not available.
 //!
-//! Curved, closed, textured surfaces, made by arithmetic alone (+ − × ÷ and a polynomial for the sine), so that
-//! they are the same on every machine.
+//! They are curved, closed, textured surfaces, computed with + − × ÷ and a polynomial for the sine only, so that they
+//! are identical on every machine.
 
 use lodestream_geometry::mesh::{Corner, NONE, SourceMesh};
 
-/// A model and its name.
+/// A model with its name.
 #[derive(Clone, Debug)]
 pub struct SeedModel {
-    /// What it is.
+    /// Its name.
     pub name: &'static str,
     /// The mesh, with texture coordinates.
     pub mesh: SourceMesh,
@@ -29,7 +29,7 @@ pub fn seed_models() -> Vec<SeedModel> {
     models.into_iter().map(|(name, builder)| SeedModel { name, mesh: builder.mesh }).collect()
 }
 
-/// Sine and cosine of so many turns. Taylor's series within an eighth of a turn: below 1e-12 off.
+/// Sine and cosine of an angle in turns, by Taylor's series within an eighth of a turn; error below 1e-12.
 fn sine_cosine(turns: f64) -> (f64, f64) {
     let quarters = (turns * 4.0).round();
     let x = (turns - quarters / 4.0) * std::f64::consts::TAU;
@@ -74,9 +74,8 @@ impl Builder {
         self.mesh.materials.push(0);
     }
 
-    /// A lattice of `columns` by `rows` quadrilaterals over 0..=1 in both directions, counter-clockwise where
-    /// `at`'s first direction goes to the right and its second up. Triangles without area are left out, so
-    /// rows may end in a point.
+    /// A lattice of `columns` by `rows` quadrilaterals over 0..=1 in both directions, counter-clockwise if the first
+    /// direction of `at` points right and its second up. Degenerate triangles are omitted, so a row may end in a point.
     fn lattice(&mut self, columns: u32, rows: u32, at: impl Fn(f64, f64) -> [f64; 3]) {
         let mut corners = Vec::new();
         for row in 0..=rows {
@@ -133,14 +132,14 @@ impl Builder {
                     point[up] = if v > 0.5 { most[up] } else { least[up] };
                     point
                 };
-                // Seen from outside, the near side's first direction goes to the left.
+                // AssetErrors from outside, the first direction of the near side points left.
                 self.lattice(1, 1, |u, v| corner(if far { u } else { 1.0 - u }, v));
             }
         }
     }
 }
 
-/// Height and distance from the axis on a unit ball, from pole to pole.
+/// Height and distance from the axis on the unit sphere, from pole to pole.
 fn latitude(v: f64) -> (f64, f64) {
     let (sine, cosine) = sine_cosine(v / 2.0);
     (-cosine, sine)
@@ -152,7 +151,7 @@ mod tests {
     use lodestream_geometry::quantise::{QuantiseSettings, quantise};
 
     #[test]
-    fn the_sine_is_the_sine() {
+    fn sine_and_cosine_are_accurate() {
         for i in -100..=300 {
             let turns = f64::from(i) / 97.0;
             let (sine, cosine) = sine_cosine(turns);
@@ -167,7 +166,7 @@ mod tests {
         assert_eq!(counts, [902, 298, 950]);
         for SeedModel { name, mesh } in seed_models() {
             let mesh = quantise(&mesh, &QuantiseSettings::default()).unwrap();
-            // Nothing was dropped, every edge has two faces, and all look outwards.
+            // No triangle was dropped, every edge has two faces, and all faces point outwards.
             let mut edges = std::collections::BTreeMap::new();
             let mut volume = 0.0;
             for face in &mesh.faces {

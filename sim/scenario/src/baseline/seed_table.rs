@@ -1,5 +1,5 @@
-//! The older system's Table 5.1 again, by its method: how long models as JSON take over two links, in which time is
-//! length over rate and nothing else, and a Mbit is 1024² bits. Beside it what this project sends of the same models.
+//! The older system's Table 5.1, by its method: transfer times of models as JSON over two links, computed as length
+//! over rate with a Mbit of 1024² bits; beside them the sizes of this project's packs of the same models.
 
 use std::fmt;
 
@@ -18,7 +18,7 @@ pub const RATES_MBIT_PER_S: [f64; 2] = [2.0, 15.91];
 /// The table's Mbit.
 const MBIT: f64 = 1024.0 * 1024.0;
 
-/// A length, and how long it takes at each of [`RATES_MBIT_PER_S`].
+/// A length, and its transfer time at each of [`RATES_MBIT_PER_S`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Transfer {
     /// Length.
@@ -28,7 +28,7 @@ pub struct Transfer {
 }
 
 impl Transfer {
-    /// Of a length.
+    /// The transfer of a number of bytes.
     #[must_use]
     pub fn of(bytes: u64) -> Self {
         let ms = |rate: f64| bytes as f64 * 8.0 / (rate * MBIT) * 1e3;
@@ -37,18 +37,18 @@ impl Transfer {
     }
 }
 
-/// A model's line.
+/// The row of one model.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Line {
     /// The model.
     pub model: &'static str,
     /// Its triangles.
     pub triangles: usize,
-    /// All of it as JSON.
+    /// The model as JSON.
     pub json: Transfer,
-    /// The same through gzip.
+    /// The JSON after gzip.
     pub json_gzip: Transfer,
-    /// This project's base mesh: enough for a first frame.
+    /// This project's base mesh, which is enough for a first frame.
     pub first_frame: Transfer,
     /// Base mesh, index and all chunks.
     pub whole: Transfer,
@@ -61,7 +61,7 @@ pub struct SeedTable(pub Vec<Line>);
 /// Makes the models, writes them as JSON and prepares them with the default settings.
 ///
 /// # Errors
-/// None that the models have.
+/// None for these models.
 pub fn seed_table() -> anyhow::Result<SeedTable> {
     let line = |model: &super::seed_models::SeedModel| -> anyhow::Result<Line> {
         let mesh = quantise(&model.mesh, &QuantiseSettings::default())?;

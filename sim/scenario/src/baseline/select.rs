@@ -1,9 +1,9 @@
-//! Which pieces a view wants, by the project's own projection and rule (`protocol::select`), the worst first: by octaves
-//! of screen error, which takes them to a screen error sooner than the project's own order by visible difference does.
+//! Selects the pieces that a view needs, by the projection of [`lodestream_select`], most urgent first. The order by
+//! octaves of screen error reaches a given screen error sooner than this project's order by visible difference.
 //!
-//! A piece is refined into its children while its error projects to more than the target; children out of view
-//! are not wanted. A child of several pieces needs all of them, so what it is worth is passed on to them. The
-//! pieces without which an asset cannot be drawn come first where it is in view, last where it is not.
+//! A piece is refined into its children while its projected error exceeds the target, without children out of view. A
+//! child with several parents needs all of them, so its benefit is added to theirs. Pieces required to draw an asset
+//! come first.
 
 use std::cmp::Reverse;
 
@@ -15,12 +15,12 @@ use super::library::Content;
 use super::octave::octave_priority;
 use super::offer::{Item, Offer};
 
-/// Texture levels that are wanted of one texture at once, as in the project's selection.
+/// Texture levels requested at once for one texture, as in the project's selection.
 const PENDING_LEVELS: usize = 2;
-/// How a blurred texel counts against a screen error of one pixel.
+/// Weight of a blurred texel against a screen error of one pixel.
 const TEXTURE_WEIGHT: f32 = 0.25;
 
-/// Where an item is.
+/// Download state of an item.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum State {
     Absent,
@@ -28,15 +28,15 @@ pub(super) enum State {
     Here,
 }
 
-/// Where all items of a content are.
+/// Download state of all items of a content.
 #[derive(Clone, Debug)]
-pub(super) struct Held {
+pub(super) struct ItemStates {
     pieces: Vec<Vec<State>>,
     /// By asset, texture and level.
     textures: Vec<Vec<Vec<State>>>,
 }
 
-impl Held {
+impl ItemStates {
     pub(super) fn nothing(content: &Content) -> Self {
         let textures = content.stage.textures.iter();
         Self {
@@ -58,7 +58,7 @@ impl Held {
         }
     }
 
-    /// The pieces of an asset that are of use: here, and so is what they need.
+    /// The pieces of an asset that can be used: those that arrived together with all that they depend on.
     fn usable(&self, asset: usize, offer: &Offer) -> Vec<bool> {
         let mut usable = vec![false; offer.pieces.len()];
         for (number, piece) in offer.pieces.iter().enumerate() {
@@ -69,47 +69,50 @@ impl Held {
     }
 }
 
-/// Something to have.
+/// An item to request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Wanted {
+pub(super) struct MissingItem {
     pub(super) item: Item,
     pub(super) priority: Priority,
     pub(super) bytes: u64,
     pub(super) state: State,
 }
 
-/// What a view comes to.
+/// The selection for one view.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Selection {
-    /// What is not here, most urgent first, parents before children.
-    pub(super) wanted: Vec<Wanted>,
+    /// Missing items, most urgent first, parents before children.
+    pub(super) wanted: Vec<MissingItem>,
     /// Whether every visible instance can be drawn.
     pub(super) drawable: bool,
-    /// Upper bound on the screen error of what is drawn, in pixels; infinite while something visible cannot be.
+    /// Upper bound on the screen error of what is drawn, in pixels; infinite while a visible instance cannot be drawn.
     pub(super) error_px: f64,
 }
 
-/// What the instances of an asset add up to.
+/// Screen errors of an asset over all its instances.
 #[derive(Clone, Debug, Default)]
-struct Seen {
+struct AssetErrors {
     visible: bool,
     placed: bool,
     coverage_px: f32,
     foveation: f32,
     px_per_unit: f32,
-    /// By piece: screen error while it is missing, and how central it is.
+    /// By piece: screen error while it is missing, and foveation.
     missing: Vec<(f32, f32)>,
 }
 
-pub(super) fn select(content: &Content, held: &Held, view: &View) -> Selection {
+pub(super) fn select(content: &Content, held: &ItemStates, view: &View) -> Selection {
     let stage = &*content.stage;
     let projection = Projection::new(view);
     let usable: Vec<Vec<bool>> =
         content.offers.iter().enumerate().map(|(asset, offer)| held.usable(asset, offer)).collect();
     let drawable = |asset: usize| content.offers[asset].roots().all(|piece| usable[asset][piece as usize]);
     let mut selection = Selection { drawable: true, ..Selection::default() };
-    let of_offer = |offer: &Offer| Seen { missing: vec![(0.0, 0.0); offer.pieces.len()], ..Seen::default() };
-    let mut seen: Vec<Seen> = content.offers.iter().map(of_offer).collect();
+    let of_offer = |offer: &Offer| AssetErrors {
+        missing: vec![(0.0, 0.0); offer.pieces.len()],
+        ..AssetErrors::default()
+    };
+    let mut seen: Vec<AssetErrors> = content.offers.iter().map(of_offer).collect();
     for instance in &stage.instances {
         let number = instance.asset as usize;
         let (Some(asset), Some(offer)) = (stage.assets.get(number), content.offers.get(number)) else {
@@ -124,7 +127,7 @@ pub(super) fn select(content: &Content, held: &Held, view: &View) -> Selection {
         }
         seen.visible = true;
         seen.foveation = seen.foveation.max(bounds.foveation);
-        // As the project's selection has it.
+        // As in the project's selection.
         {
             let px_per_unit = projection.px_per_unit(asset, instance, bounds.depth) as f32;
             seen.px_per_unit = seen.px_per_unit.max(px_per_unit);
@@ -163,14 +166,14 @@ pub(super) fn select(content: &Content, held: &Held, view: &View) -> Selection {
 fn want_pieces(
     selection: &mut Selection,
     content: &Content,
-    held: &Held,
+    held: &ItemStates,
     asset: u32,
-    seen: &mut Seen,
+    seen: &mut AssetErrors,
     target_px: f32,
 ) {
     let offer = &content.offers[asset as usize];
     let mut priorities: Vec<Priority> = vec![0; offer.pieces.len()];
-    // Children before parents: what a child is worth is passed on.
+    // Children before parents, so that benefits accumulate upwards.
     for (number, piece) in offer.pieces.iter().enumerate().rev() {
         let (error_px, foveation) = seen.missing[number];
         let own = if offer.is_root(piece) {
@@ -195,7 +198,7 @@ fn want_pieces(
         }
     }
     let states = &held.pieces[asset as usize];
-    // Nobody can ask for nodes before the index says which there are.
+    // Nodes cannot be requested before the index that lists them has arrived.
     let unknown = |parent: &u32| {
         let parent = *parent as usize;
         !offer.pieces[parent].draws && states[parent] != State::Here
@@ -205,18 +208,18 @@ fn want_pieces(
         let known = !offer.pieces[piece as usize].parents.iter().any(unknown);
         if priority > 0 && state != State::Here && known {
             let bytes = offer.pieces[piece as usize].bytes;
-            selection.wanted.push(Wanted { item: Item::Piece { asset, piece }, priority, bytes, state });
+            selection.wanted.push(MissingItem { item: Item::Piece { asset, piece }, priority, bytes, state });
         }
     }
 }
 
-/// A texture's next level is wanted while a texel of the last one covers more than a pixel.
+/// A texture's next level is requested while a texel of the present one covers more than a pixel.
 fn want_textures(
     selection: &mut Selection,
     content: &Content,
-    held: &Held,
+    held: &ItemStates,
     asset: u32,
-    seen: &Seen,
+    seen: &AssetErrors,
     target_px: f32,
 ) {
     let textures = &content.stage.textures[asset as usize];
@@ -232,7 +235,7 @@ fn want_textures(
                 pending += 1;
                 let priority = octave_priority(texel_px.min(256.0) * TEXTURE_WEIGHT, bytes, seen.foveation);
                 let item = Item::Texture(BlobId::texture(asset, number, level));
-                selection.wanted.push(Wanted { item, priority, bytes: u64::from(bytes), state });
+                selection.wanted.push(MissingItem { item, priority, bytes: u64::from(bytes), state });
             }
             // A texture's side.
             let texels = texels.max(1) as f32;

@@ -1,9 +1,10 @@
-//! The older system's Tables 5.2 and 5.3 again: least, mean and greatest time of many generations of a patch, without
-//! and with a valley, and what a patch and its valley cost on the wire. Beside it a plain diamond-square of the same run
+//! The older system's Tables 5.2 and 5.3: least, mean and greatest time of many generations of a patch, with and
+//! without a valley, and the bytes of a patch and its valley on the wire; beside them a diamond-square of the same run
 //! ([`diamond_square`]).
 //!
-//! A generation takes the patch's heights from nothing; with a valley it also takes in the valley's points. Each is at
-//! another place of the world. The three are made in turn, so that what a busy machine costs falls on all of them.
+//! A generation computes the patch's heights from scratch; with a valley it also applies the valley's height overrides.
+//! Each generation is at another place of the world. The three kinds alternate, so that load on the machine affects all
+//! alike.
 
 use std::fmt;
 use std::hint::black_box;
@@ -20,62 +21,62 @@ use super::diamond_square::diamond_square;
 use super::mesh_text::gzip_bytes;
 use crate::stopwatch::{Spread, paired_ratio, rounded, timed};
 
-/// Generations of a size in the older system's tables.
+/// Generations of each size in the older system's tables.
 pub const GENERATIONS: u32 = 1000;
-/// Levels of its sizes, and its mean times in milliseconds: JavaScript, on a laptop of 2012. Its least and greatest
-/// times are not known to us.
+/// Levels of its sizes, and its mean times in milliseconds: JavaScript on a laptop of 2012. Its least and greatest
+/// times are unknown.
 const OLDER_MEAN_MS: [(u8, f64); 4] = [(7, 9.6), (8, 38.5), (9, 149.7), (10, 591.7)];
-/// About what it sent for one patch of 257² points with a valley: parameters, JSON, and JSON as it went over the wire.
+/// Approximate bytes that it sent for a patch of 257² points with a valley: parameters, JSON, and JSON on the wire.
 const OLDER_BYTES: [u64; 3] = [80, 38_000, 10_000];
 
 /// Depth of the valley and distance between two of its heights, in height units.
 const DEPTH: i32 = 3840;
 const STEP: i32 = 16;
 
-/// What is made.
+/// What is generated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Kind {
-    /// A patch of ours.
+    /// A patch of this project.
     Ours,
-    /// The same with the valley's listed points.
+    /// The patch with the valley's height overrides.
     Valley,
-    /// The plain algorithm's heights.
+    /// Diamond-square.
     Plain,
 }
 
 /// Times of one kind and size.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Times {
-    /// What is made.
+    /// What is generated.
     pub kind: Kind,
     /// Points along a side.
     pub side: usize,
     /// Points.
     pub points: usize,
-    /// Times it was made.
+    /// Number of generations.
     pub generations: u32,
-    /// Least, mean and greatest.
+    /// Least, mean and greatest time.
     #[serde(flatten)]
     pub spread: Spread,
-    /// Nanoseconds per point, of the mean.
+    /// Mean time per point, in nanoseconds.
     pub ns_per_point: f64,
-    /// The time over the plain algorithm's: the median over pairs made one after the other.
+    /// Time relative to diamond-square: the median over consecutive pairs.
     pub over_plain: f64,
-    /// Working memory of a thread and one patch's heights.
+    /// Working memory of a thread, including one patch's heights.
     pub memory_bytes: usize,
     /// The older system's mean, in milliseconds.
     pub older_mean_ms: f64,
 }
 
-/// What something takes on the wire.
+/// Bytes on the wire.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Size {
     /// What it is.
     pub what: &'static str,
-    /// In the older system, about; `None` where it has no such thing.
+    /// Approximate bytes in the older system; `None` if it has no counterpart.
     pub older_bytes: Option<u64>,
-    /// Here.
+    /// In this project.
     pub bytes: u64,
 }
 
@@ -88,10 +89,10 @@ pub struct TerrainTable {
     pub bytes: Vec<Size>,
 }
 
-/// Makes each size so many times, at least once.
+/// Generates each size `generations` times, at least once.
 ///
 /// # Errors
-/// None that these patches have.
+/// None for these patches.
 pub fn terrain_table(generations: u32) -> anyhow::Result<TerrainTable> {
     let mut times = Vec::new();
     for (level, older_mean_ms) in OLDER_MEAN_MS {
@@ -100,13 +101,13 @@ pub fn terrain_table(generations: u32) -> anyhow::Result<TerrainTable> {
     Ok(TerrainTable { times, bytes: bytes()? })
 }
 
-/// The parameters of the terrain that is measured, in patches of (2^level + 1)² points.
+/// Parameters of the measured terrain, in patches of (2^level + 1)² points.
 #[must_use]
 pub fn parameters(level: u8) -> Parameters {
     Parameters { seed: 1, finest_level: level, extent_log2: 10, ..Parameters::default() }
 }
 
-/// The `i`th patch's column and row: never one beside the last.
+/// Column and row of the `i`th patch; consecutive patches are never adjacent.
 #[must_use]
 pub fn place(i: i64) -> (i64, i64) {
     (i * 7 % 1000 - 500, i * 13 % 900 - 450)
@@ -118,7 +119,7 @@ fn times_of(level: u8, generations: u32, older_mean_ms: f64) -> anyhow::Result<[
     let mut buffers = [(Scratch::new(), Vec::new()), (Scratch::new(), Vec::new())];
     let (mut random, mut plain) = (Random::new(1), Vec::new());
     let mut seconds: [Vec<f64>; 3] = Default::default();
-    // The first of each fills its memory.
+    // The first generation of each kind allocates its memory.
     for i in -1..i64::from(generations.max(1)) {
         let (x, y) = place(i);
         let [(scratch, heights), (valley_scratch, valley_heights)] = &mut buffers;
@@ -162,11 +163,10 @@ fn times_of(level: u8, generations: u32, older_mean_ms: f64) -> anyhow::Result<[
     }))
 }
 
-/// A winding valley of 4,129 points through a patch, from border to border: a sixteenth of 257² points, and as many of
-/// the other sizes, where it is wider or narrower. Its cross-section is a raised cosine.
+/// A winding valley of 4,129 points through a patch, from border to border; 4,129 is a sixteenth of 257².
 ///
 /// # Errors
-/// Levels of other sizes.
+/// A level without a size in the older system's tables.
 pub fn valley(level: u8) -> anyhow::Result<HeightOverrides> {
     anyhow::ensure!(
         (7..=10).contains(&level),
@@ -174,7 +174,7 @@ pub fn valley(level: u8) -> anyhow::Result<HeightOverrides> {
     );
     let side = (1_u16 << level) + 1;
     let width = 4096 >> level;
-    // As many rows are a point wider as are needed to come to 4,129.
+    // As many rows are one point wider as the total of 4,129 requires.
     let wider = 33 - width;
     let scale = f64::from(side) / 257.0;
     let mut points = Vec::new();
@@ -265,7 +265,7 @@ mod tests {
         assert!(valley(6).is_err() && valley(11).is_err());
     }
 
-    /// What a generation "with a valley" makes has the valley in it.
+    /// A generation with a valley contains the valley.
     #[test]
     fn a_valley_lowers_each_of_its_points_by_its_depth() {
         let mut terrain = Terrain::new(parameters(7)).unwrap();

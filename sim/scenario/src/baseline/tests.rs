@@ -1,4 +1,4 @@
-//! What views want of pieces, and whole runs of baselines.
+//! Tests: selection of pieces, and whole runs of baselines.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -12,7 +12,7 @@ use super::library::{Content, Entry};
 use super::nodes;
 use super::offer::{Item, Offer, Stage, Texture};
 use super::run_case;
-use super::select::{Held, State, select};
+use super::select::{ItemStates, State, select};
 use crate::peers;
 use crate::plan::{self, Plan};
 use crate::result::RunResult;
@@ -36,7 +36,7 @@ fn view(content: &Content, target_px: f32) -> View {
     content.stage.camera.view([640, 360], target_px)
 }
 
-fn pieces(content: &Content, held: &Held, target_px: f32) -> Vec<(u32, u32)> {
+fn pieces(content: &Content, held: &ItemStates, target_px: f32) -> Vec<(u32, u32)> {
     let selection = select(content, held, &view(content, target_px));
     let piece = |item| match item {
         Item::Piece { asset, piece } => (asset, piece),
@@ -45,7 +45,7 @@ fn pieces(content: &Content, held: &Held, target_px: f32) -> Vec<(u32, u32)> {
     selection.wanted.iter().map(|wanted| piece(wanted.item)).collect()
 }
 
-fn have(held: &mut Held, asset: u32, piece: u32) {
+fn have(held: &mut ItemStates, asset: u32, piece: u32) {
     held.set(Item::Piece { asset, piece }, State::Here);
 }
 
@@ -59,13 +59,13 @@ fn example() -> Offer {
 fn nodes_come_after_their_parents_and_only_as_far_as_the_view_needs_them() {
     // 329 px a unit at distance 1, and 4.2 units to the nearest point: an error of 0.2 is 16 px.
     let content = content(vec![example()], [0.0, 0.0, 5.0]);
-    let mut held = Held::nothing(&content);
-    // Before the index is here, nobody knows what else there is.
+    let mut held = ItemStates::nothing(&content);
+    // Before the index arrives, its nodes are unknown.
     assert_eq!(pieces(&content, &held, 1.0), [(0, 0)]);
     have(&mut held, 0, 0);
-    // Both roots, then the children: the shared one is longest, so it is the last of its octave.
+    // Both roots, then the children; the shared child is longest, hence last of its octave.
     assert_eq!(pieces(&content, &held, 1.0), [(0, 1), (0, 2), (0, 3), (0, 5), (0, 4)]);
-    // A coarse view wants the roots alone.
+    // A coarse view needs only the roots.
     assert_eq!(pieces(&content, &held, 100.0), [(0, 1), (0, 2)]);
     assert!(!select(&content, &held, &view(&content, 1.0)).drawable);
     have(&mut held, 0, 1);
@@ -73,13 +73,13 @@ fn nodes_come_after_their_parents_and_only_as_far_as_the_view_needs_them() {
     have(&mut held, 0, 2);
     let drawn = select(&content, &held, &view(&content, 1.0));
     assert!(drawn.drawable);
-    // The error is that of the nearer root as the project's projection has it.
+    // The error is that of the nearer root under the project's projection.
     let projection = Projection::new(&view(&content, 1.0));
     let local = projection.local(&content.stage.assets[0], &content.stage.instances[0]);
     let root = &content.offers[0].pieces[1];
     let expected = local.error_px(&root.sphere, root.error).unwrap().0;
     assert!((drawn.error_px - expected).abs() < 1e-9 && expected > 15.0, "{drawn:?}, {expected}");
-    // With one child here, what the other children would replace is still drawn.
+    // With one child here, the geometry of the other children is still drawn from the parent.
     have(&mut held, 0, 4);
     assert_eq!(select(&content, &held, &view(&content, 1.0)).error_px, drawn.error_px);
     have(&mut held, 0, 3);
@@ -88,14 +88,14 @@ fn nodes_come_after_their_parents_and_only_as_far_as_the_view_needs_them() {
     assert_eq!((sharp.error_px, sharp.wanted.len()), (0.0, 0), "what has no children is all there is");
 }
 
-/// Larger errors are more to fetch, and earlier; what has no children stays exact.
+/// Larger errors lead to more and earlier requests; a piece without children stays exact.
 #[test]
 fn a_peer_whose_errors_are_larger_than_stated_is_fetched_further() {
     let peer = peers::parse(include_str!("../../../peers/example.json"), "example").unwrap().remove(0);
     let wanted = |factor: f32, target_px: f32| {
         let offer = nodes::offer(&peer.clone().with_errors(factor), [0.0; 3]);
         let content = content(vec![offer], [0.0, 0.0, 5.0]);
-        let mut held = Held::nothing(&content);
+        let mut held = ItemStates::nothing(&content);
         have(&mut held, 0, 0);
         pieces(&content, &held, target_px).len()
     };
@@ -109,7 +109,7 @@ fn a_peer_whose_errors_are_larger_than_stated_is_fetched_further() {
 fn children_out_of_view_are_not_wanted_and_a_shared_child_brings_all_its_parents() {
     // Close before the left end: the right child (x from 0.25) is out of view, the left and the shared are not.
     let content = content(vec![example()], [-0.9, 0.0, 0.9]);
-    let mut held = Held::nothing(&content);
+    let mut held = ItemStates::nothing(&content);
     have(&mut held, 0, 0);
     let wanted = pieces(&content, &held, 1.0);
     assert!(wanted.contains(&(0, 3)) && wanted.contains(&(0, 4)) && !wanted.contains(&(0, 5)), "{wanted:?}");
@@ -121,7 +121,7 @@ fn children_out_of_view_are_not_wanted_and_a_shared_child_brings_all_its_parents
 fn a_chain_goes_on_while_its_error_shows() {
     let levels = [(100, 0.5), (200, 0.05), (400, 0.005), (800, 0.0)];
     let content = content(vec![Offer::chain(&levels, UNIT), Offer::chain(&levels, UNIT)], [0.0, 0.0, 5.0]);
-    let mut held = Held::nothing(&content);
+    let mut held = ItemStates::nothing(&content);
     // 329 px at distance 1, 82 px at the nearest point: 41, 4.1, 0.41 px.
     assert_eq!(
         pieces(&content, &held, 1.0),
@@ -144,8 +144,8 @@ fn textures_are_wanted_by_texels_once_their_asset_is_drawn() {
     let mut content = content(vec![Offer::chain(&[(100, 0.0)], UNIT)], [0.0, 0.0, 5.0]);
     let texture = Texture { uv_per_unit: 1.0, levels: vec![(50, 8), (200, 32), (900, 128), (4000, 512)] };
     Arc::make_mut(&mut content.stage).textures = vec![vec![texture]];
-    let mut held = Held::nothing(&content);
-    let wanted = |held: &Held| {
+    let mut held = ItemStates::nothing(&content);
+    let wanted = |held: &ItemStates| {
         let selection = select(&content, held, &view(&content, 1.0));
         selection.wanted.iter().map(|w| w.bytes).collect::<Vec<_>>()
     };
@@ -184,7 +184,7 @@ fn a_whole_file_takes_the_time_of_its_bytes() {
     let segments = (bytes + 160).div_ceil(1448);
     let expected_ms = 100.0 + (2 * 52 + 52 + 212 + bytes + 160 + segments * 52) as f64 * 4e-3;
     let took_ms = tcp.ttff_ms.unwrap();
-    // Timers are up to a millisecond late: at both ends once the connection is open, and where something arrives.
+    // Timers are up to a millisecond late: at both ends once the connection is open, and at each arrival.
     assert!((expected_ms..=expected_ms + 4.0).contains(&took_ms), "{took_ms}, expected {expected_ms}");
     assert_eq!(tcp.ttff_ms, tcp.ttq_ms["1"], "a whole file is sharp at once");
 
@@ -233,7 +233,7 @@ const TECHNIQUES: &str =
     "technique = [\"lodestream\", \"nodes\", \"chain\", \"obj\", \"obj-gzip\", \"draco\", \"seed-json\"]";
 
 #[test]
-fn without_an_encoder_or_peers_the_others_run_and_the_rows_say_so() {
+fn techniques_without_encoder_or_peers_are_reported_as_not_run() {
     let sweep =
         format!("transport = [\"quic\", \"ws\"]\nrate_bits_per_s = 8_000_000\nrtt_ms = 50\n{TECHNIQUES}");
     let results = results_of(&plan_of(&sweep));

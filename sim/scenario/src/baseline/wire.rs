@@ -1,23 +1,23 @@
-//! Requests and bodies over the simulated links: a stream each over QUIC, or one after the other over TCP.
+//! Requests and bodies over the simulated links: a stream each over QUIC, pipelined over TCP.
 //!
-//! Heads have a fixed length and bodies are zeros: what counts is how many bytes there are. Nothing on the way
-//! compresses them.
+//! Headers have a fixed length and bodies consist of zeros, since only lengths matter. Nothing on the path compresses
+//! them.
 
 use lodestream_netsim::stream_pipe::StreamEnd;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::sync::mpsc;
 
-/// A request, and what comes before a body, over QUIC: HTTP/3 with its static table (RFC 9204) needs about as
-/// much for a short path and a length.
+/// Length of a request, and of a body's header, over QUIC: about what HTTP/3 with its static table (RFC 9204) needs for
+/// a short path and a length.
 pub(super) const QUIC_HEAD_BYTES: usize = 64;
 /// The same over TCP: an HTTP/1.1 request line, `Host` and `Accept`, or a status line and three fields.
 pub(super) const TCP_HEAD_BYTES: usize = 160;
 
-/// Bytes that are read or written at once.
+/// Bytes read or written at once.
 const PART_BYTES: usize = 64 * 1024;
 static ZEROS: [u8; PART_BYTES] = [0; PART_BYTES];
 
-/// What a loader asks for.
+/// A loader's request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Request {
     /// Counted from 0.
@@ -25,33 +25,33 @@ pub(super) struct Request {
     pub(super) body_bytes: u64,
 }
 
-/// What a loader hears.
+/// A loader's event.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Event {
-    /// Some bytes of some body.
+    /// Bytes of some body arrived.
     Bytes,
-    /// The request with this number is answered.
+    /// The response to the request with this number is complete.
     Done(u64),
-    /// The connection is gone.
+    /// The connection is closed.
     Lost(String),
 }
 
-/// A connection, as a loader uses it.
+/// A loader's side of a connection.
 pub(super) struct Wire {
     pub(super) requests: mpsc::Sender<Request>,
     pub(super) events: mpsc::Receiver<Event>,
 }
 
-/// The ends of the channels that a connection serves.
-struct Served {
+/// The transport's side of the same channels.
+struct ChannelEnds {
     requests: mpsc::Receiver<Request>,
     events: mpsc::Sender<Event>,
 }
 
-fn channels() -> (Wire, Served) {
+fn channels() -> (Wire, ChannelEnds) {
     let (requests, served_requests) = mpsc::channel(64);
     let (served_events, events) = mpsc::channel(256);
-    (Wire { requests, events }, Served { requests: served_requests, events: served_events })
+    (Wire { requests, events }, ChannelEnds { requests: served_requests, events: served_events })
 }
 
 fn head<const N: usize>(body_bytes: u64) -> [u8; N] {
@@ -66,7 +66,7 @@ fn body_bytes(head: &[u8]) -> u64 {
     u64::from_le_bytes(length)
 }
 
-/// Makes a QUIC connection a wire.
+/// Runs a wire over a QUIC connection.
 pub(super) fn over_quic(connection: quinn::Connection) -> Wire {
     let (wire, mut served) = channels();
     tokio::spawn(async move {
@@ -112,8 +112,8 @@ async fn ask(
     Ok(())
 }
 
-/// Answers what is asked over QUIC. Bodies are sent in the order of the requests, as RFC 9218 (§10) recommends
-/// where nobody says otherwise and a part of a body is of no use.
+/// Answers requests over QUIC. Bodies are sent in the order of the requests, as RFC 9218 (§10) recommends for responses
+/// that are of no use in part.
 pub(super) async fn answer_quic(endpoint: quinn::Endpoint) {
     while let Some(incoming) = endpoint.accept().await {
         let Ok(connection) = incoming.await else { continue };
@@ -127,7 +127,7 @@ pub(super) async fn answer_quic(endpoint: quinn::Endpoint) {
 
 async fn answer(mut send: quinn::SendStream, mut receive: quinn::RecvStream, priority: i32) {
     let mut head = [0; QUIC_HEAD_BYTES];
-    // A client that has left is no news.
+    // A client that has left needs no error.
     if send.set_priority(priority).is_err() || receive.read_exact(&mut head).await.is_err() {
         return;
     }
@@ -143,7 +143,7 @@ async fn answer(mut send: quinn::SendStream, mut receive: quinn::RecvStream, pri
     let _ = send.finish();
 }
 
-/// Makes the client's end of a TCP connection a wire.
+/// Runs a wire over the client's end of a TCP connection.
 pub(super) fn over_tcp(stream: StreamEnd) -> Wire {
     let (wire, mut served) = channels();
     let (mut read, mut write) = tokio::io::split(stream);
@@ -189,7 +189,7 @@ pub(super) fn over_tcp(stream: StreamEnd) -> Wire {
     wire
 }
 
-/// Answers what is asked over TCP, one request after the other.
+/// Answers requests over TCP, one after the other.
 pub(super) async fn answer_tcp(mut stream: StreamEnd) {
     let mut head = [0; TCP_HEAD_BYTES];
     while stream.read_exact(&mut head).await.is_ok() {

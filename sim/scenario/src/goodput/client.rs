@@ -1,4 +1,4 @@
-//! The bare client over a simulated link.
+//! The minimal client over a simulated link.
 
 use std::sync::Arc;
 
@@ -13,12 +13,12 @@ use lodestream_netsim::udp::UdpNetwork;
 use lodestream_scene::BlobId;
 use lodestream_select::Priority;
 
-use super::Case;
+use super::case::Case;
 use crate::bare_client::{Arrival, BareClient};
 use crate::network::{CLIENT, SERVER, under};
 use crate::plan::Transport;
 
-/// Where the link's counters are.
+/// Access to the link's counters.
 enum Network {
     Udp(UdpNetwork),
     Tcp(StreamCounters),
@@ -32,7 +32,7 @@ pub(super) struct Client {
 }
 
 impl Client {
-    /// Connects over the case's link and says hello.
+    /// Connects over the case's link and sends `Hello`.
     pub(super) async fn connect(
         case: &Case,
         clock: VirtualClock,
@@ -47,17 +47,17 @@ impl Client {
         Ok(Self { clock, network, bare })
     }
 
-    /// Asks for blobs.
+    /// Requests blobs.
     pub(super) async fn want(&self, ids: &[BlobId], priority: Priority) -> anyhow::Result<()> {
         self.bare.want(ids, priority).await
     }
 
-    /// The next bytes that come. May be dropped before it resolves.
+    /// The next bytes that arrive. Cancel-safe.
     pub(super) async fn next(&mut self) -> anyhow::Result<Arrival> {
         self.bare.next().await.context("the connection was lost")
     }
 
-    /// What the link to the client has done. Packets count as soon as they are on their way.
+    /// Counters of the link to the client. Packets count as soon as they are sent.
     pub(super) fn downlink(&self) -> LinkCounters {
         match &self.network {
             Network::Udp(network) => network.counters(SERVER, CLIENT),
@@ -65,8 +65,8 @@ impl Client {
         }
     }
 
-    /// Bytes of the packets that the client has received, with their headers, whose number follows from the mean length
-    /// of all packets so far.
+    /// Bytes of the packets that the client has received, headers included; their number is estimated from the mean
+    /// length of all packets so far.
     pub(super) fn wire_bytes(&self) -> f64 {
         let (received, overhead_bytes) = match &self.network {
             Network::Udp(network) => (network.received_bytes(CLIENT), IP_UDP_BYTES),

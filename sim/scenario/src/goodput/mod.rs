@@ -1,116 +1,85 @@
-//! How much of a link the server fills, and how long an urgent blob waits behind bulk, in virtual time.
+//! Goodput of a server over a link, and the delay of an urgent blob behind bulk, in virtual time.
 //!
-//! The server is the shipped one, with its sessions, scheduler, limiter and transports. The client is a bare one
-//! (`client`): it asks for more than the link carries and reads what comes. Each case is measured in three runs:
+//! The server is the shipped one, with its sessions, scheduler, limiter and transports. The client (`client`) is
+//! minimal: it requests more than the link carries and reads what arrives. Each case is measured in three runs:
 //!
-//! - *cold*: one blob of a million bytes, asked for as soon as there is a connection;
-//! - *steady*: nothing but bulk; what comes in ten seconds, once two have passed;
-//! - *urgent*: the same, and every half second a blob of 8,000 bytes with the highest priority; the time from asking
-//!   until its last byte is here.
+//! - *cold*: one blob of a million bytes, requested as soon as the connection is open;
+//! - *steady*: bulk only; the bytes of ten seconds, after a warm-up of two;
+//! - *urgent*: the same, and every half second a blob of 8,000 bytes with the highest priority; the time from its
+//!   request until its last byte.
 //!
 //! Shares are of the link's rate. "Payload" counts bytes of blobs, "wire" whole IP packets.
 
+mod case;
 mod client;
 mod scene;
 
-use std::num::NonZeroU64;
 use std::sync::Arc;
 
 use anyhow::Context as _;
 use lodestream_daemon::{Certificate, ServerState, SessionSettings};
 use lodestream_netsim::clock::{VirtualClock, virtual_runtime};
-use lodestream_netsim::link::LinkSettings;
 use serde::Serialize;
 
 use crate::plan::Transport;
-use crate::result::milliseconds;
 use crate::run::certificate;
+use crate::timeline::milliseconds;
+pub use case::Case;
 use client::Client;
 use scene::{BulkScene, COLD_BYTES, URGENT_BLOBS, bulk, cold, urgent};
 
 const S: u64 = 1_000_000_000;
-/// Before anything is counted.
+/// Time before anything is counted.
 const WARM_UP_NS: u64 = 2 * S;
-/// What is counted over.
+/// Time over which bytes are counted.
 const WINDOW_NS: u64 = 10 * S;
-/// Between two urgent blobs.
+/// Interval between two urgent blobs.
 const URGENT_EVERY_NS: u64 = S / 2;
-/// Priorities are the bits of a positive `f32`: beyond a factor of two above bulk's, a blob overtakes.
+/// Priorities are the bits of a positive `f32`: a blob overtakes if its priority is more than twice that of bulk.
 const BULK_PRIORITY: u32 = 1;
 const URGENT_PRIORITY: u32 = u32::MAX / 4;
-/// After which a run is given up; a million bytes at 64 kbit/s come sooner.
+/// Time after which a run is aborted; a million bytes at 64 kbit/s arrive sooner.
 const LIMIT_NS: u64 = 600 * S;
 
-/// A link and what the server is told of it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Case {
-    /// How client and server talk.
-    pub transport: Transport,
-    /// Rate of the link in both directions.
-    pub rate_bits_per_s: NonZeroU64,
-    /// Round trip without queueing.
-    pub rtt_ms: u64,
-    /// Length of the link's queue.
-    pub queue_bytes: u64,
-    /// The server's limit as a share of the rate; `None` for no limit.
-    pub limiter_share: Option<f64>,
-}
-
-impl Case {
-    fn limiter_bits_per_s(&self) -> Option<u64> {
-        self.limiter_share.map(|share| (self.rate_bits_per_s.get() as f64 * share).round() as u64)
-    }
-
-    fn link(&self) -> LinkSettings {
-        LinkSettings::constant(self.rate_bits_per_s, self.rtt_ms * 500_000, self.queue_bytes, 0)
-    }
-
-    /// A number of bytes in a time, as a share of what the link carries.
-    fn share(&self, bytes: f64, ns: u64) -> f64 {
-        let share = bytes * 8.0 / (ns as f64 / 1e9 * self.rate_bits_per_s.get() as f64);
-        (share * 1e5).round() / 1e5
-    }
-}
-
-/// What was found out about a case.
+/// The results of a case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Goodput {
-    /// How client and server talked.
+    /// Transport between client and server.
     pub transport: Transport,
     /// Rate of the link.
     pub rate_bits_per_s: u64,
     /// Round trip without queueing.
     pub rtt_ms: u64,
-    /// Length of the link's queue.
+    /// Queue length of the link.
     pub queue_bytes: u64,
     /// The server's limit as a share of the rate.
     pub limiter_share: Option<f64>,
-    /// From the connect call until a million bytes were here.
+    /// Time from the connect call until a million bytes had arrived.
     pub cold_ms: f64,
-    /// These bytes in that time.
+    /// Goodput over that time.
     pub cold_share: f64,
-    /// From asking for them until they were here.
+    /// Time from the request until they had arrived.
     pub cold_asked_ms: f64,
-    /// These bytes in that time.
+    /// Goodput over that time.
     pub cold_asked_share: f64,
-    /// Nothing but bulk: bytes of blobs.
+    /// Bulk only: payload, as a share of the link's rate.
     pub steady_share: f64,
-    /// The same with all headers and retransmissions.
+    /// The same including headers and retransmissions.
     pub steady_wire_share: f64,
-    /// Packets that found the queue full meanwhile and before.
+    /// Packets dropped at a full queue until the end of the window.
     pub steady_packets_dropped: u64,
-    /// With urgent blobs in between: bytes of all blobs.
+    /// With urgent blobs: payload of all blobs.
     pub urgent_share: f64,
-    /// Time that half of the urgent blobs do not exceed.
+    /// Median delay of the urgent blobs.
     pub urgent_p50_ms: f64,
-    /// The longest of these times.
+    /// Longest delay of the urgent blobs.
     pub urgent_max_ms: f64,
 }
 
 /// Measures a case.
 ///
 /// # Errors
-/// Connections that fail, and links over which a run does not end in time.
+/// Connections that fail, and runs that do not end in time.
 pub fn measure(case: &Case) -> anyhow::Result<Goodput> {
     let certificate = certificate()?;
     let [cold_ns, cold_asked_ns] =
@@ -139,7 +108,7 @@ pub fn measure(case: &Case) -> anyhow::Result<Goodput> {
     })
 }
 
-/// Runs something with a client of a server of its own.
+/// Runs a future with a client connected to its own server.
 fn in_virtual_time<T>(
     case: &Case,
     certificate: &Certificate,
@@ -165,7 +134,7 @@ fn in_virtual_time<T>(
     })
 }
 
-/// Time until the cold blob is here: since the connect call, and since it was asked for.
+/// Time until the cold blob has arrived: since the connect call, and since the request.
 async fn run_cold(client: &mut Client) -> anyhow::Result<[u64; 2]> {
     let asked_ns = client.clock.now_ns();
     client.want(&[cold()], BULK_PRIORITY).await?;
@@ -177,13 +146,13 @@ async fn run_cold(client: &mut Client) -> anyhow::Result<[u64; 2]> {
     }
 }
 
-/// What came within the window.
+/// Bytes that arrived within the window.
 #[derive(Debug, Default)]
 struct Bulk {
     payload_bytes: u64,
     wire_bytes: f64,
     packets_dropped: u64,
-    /// From asking for each urgent blob until it was here.
+    /// Delay of each urgent blob.
     waits_ns: Vec<u64>,
 }
 
@@ -195,9 +164,9 @@ async fn run_bulk(client: &mut Client, with_urgent: bool) -> anyhow::Result<Bulk
     let urgent_blobs = if with_urgent { URGENT_BLOBS } else { 0 };
     let mut at_start = None;
     let mut over = false;
-    // The next moment at which there is something to do: the window's two ends, and each urgent blob.
+    // The next event: an end of the window, or an urgent request.
     let mut next_ns = WARM_UP_NS;
-    // The last urgent blobs may still be on their way at the end.
+    // The last urgent blobs may still be on their way at the end of the window.
     while !over || found.waits_ns.len() < asked_ns.len() {
         tokio::select! {
             biased;
@@ -256,6 +225,8 @@ impl std::fmt::Display for Goodput {
 
 #[cfg(test)]
 mod tests {
+    use std::num::NonZeroU64;
+
     use super::*;
 
     fn case(transport: Transport, limiter_share: Option<f64>) -> Case {
@@ -267,7 +238,7 @@ mod tests {
     fn a_limit_below_the_rate_keeps_the_queue_short_and_the_link_full() {
         for transport in [Transport::Quic, Transport::Ws] {
             let found = measure(&case(transport, Some(0.95))).unwrap();
-            // A round trip, and the blob's own time.
+            // A round trip and the blob's own transfer time.
             assert!((82.0..=120.0).contains(&found.urgent_max_ms), "{found}");
             assert!(found.steady_share > 0.85 && found.steady_wire_share <= 1.0, "{found}");
             assert!(found.urgent_share > 0.85 && found.steady_packets_dropped == 0, "{found}");
@@ -279,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_limit_quic_keeps_the_queue_short_and_what_is_urgent_over_tcp_waits_in_it() {
+    fn without_a_limit_urgent_blobs_wait_in_the_queue_over_tcp_but_not_over_quic() {
         let quic = measure(&case(Transport::Quic, None)).unwrap();
         assert!(quic.urgent_max_ms < 200.0 && quic.steady_wire_share > 0.98, "{quic}");
         let ws = measure(&case(Transport::Ws, None)).unwrap();

@@ -1,4 +1,4 @@
-//! A scene of three kinds of blobs, all of them "chunks" of one asset: bulk, one for the cold start, and urgent ones.
+//! A scene of three kinds of blobs, all of them chunks of one asset: bulk, one for the cold start, and urgent ones.
 
 use std::sync::Arc;
 
@@ -8,19 +8,19 @@ use lodestream_protocol::source::{SceneSource, SourceError};
 use lodestream_scene::description::{SceneHeader, ScenePage};
 use lodestream_scene::{BlobId, BlobPart};
 
-/// Length of the blob that the cold start asks for.
+/// Length of the blob requested at the cold start.
 pub(super) const COLD_BYTES: u32 = 1_000_000;
-/// How many urgent blobs there are: two a second for ten seconds.
+/// Number of urgent blobs: two a second for ten seconds.
 pub(super) const URGENT_BLOBS: u32 = 20;
 const URGENT_BYTES: u32 = 8_000;
-/// Length of a bulk blob, that of a large chunk.
+/// Length of a bulk blob, equal to a large chunk.
 const BULK_BYTES: u32 = 32_000;
-/// Bulk for a quarter of a minute at 16 Mbit/s.
+/// Number of bulk blobs: 15 s at 16 Mbit/s.
 const BULK_BLOBS: u32 = 1000;
-/// What the server pushes by itself.
+/// Length of the base mesh that the server pushes.
 const BASE_BYTES: u32 = 500;
 
-/// Numbers of the chunks, by kind.
+/// Chunk numbers by kind.
 const COLD: u32 = BULK_BLOBS;
 const URGENT: u32 = COLD + 1;
 
@@ -34,12 +34,12 @@ pub(super) fn cold() -> BlobId {
     BlobId::chunk(0, COLD)
 }
 
-/// An urgent blob, of [`URGENT_BLOBS`].
+/// An urgent blob; `number` is below [`URGENT_BLOBS`].
 pub(super) fn urgent(number: u32) -> BlobId {
     BlobId::chunk(0, URGENT + number)
 }
 
-/// The scene. Nothing in it can be decoded.
+/// The scene. Its blobs cannot be decoded.
 #[derive(Debug)]
 pub(super) struct BulkScene {
     scene: MemoryScene,

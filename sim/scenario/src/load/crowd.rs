@@ -1,4 +1,4 @@
-//! Many clients of one server, all at once, and what the server's process took meanwhile.
+//! Many simultaneous clients of one server, and the server process's memory and time.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -11,48 +11,48 @@ use tokio::net::TcpStream;
 use tokio::runtime::Builder;
 use tokio::sync::mpsc;
 
-use super::Case;
+use super::case::Case;
 use crate::bare_client::BareClient;
 use crate::plan::Transport;
 use crate::served::{Address, Server};
 
-/// Before anything is counted: connecting, and the bursts of the beginning.
+/// Time before anything is counted: connections and initial bursts.
 const WARM_UP: Duration = Duration::from_secs(2);
 /// Bytes read at once.
 const READ_BYTES: usize = 1 << 16;
 
-/// What clients do.
+/// Behaviour of the clients.
 #[derive(Clone, Debug)]
 pub(super) enum Role {
-    /// They ask for these, and read what comes.
+    /// They request these blobs and read what arrives.
     Active(Arc<Vec<BlobId>>),
-    /// They say hello, take what is pushed and are silent.
+    /// They send `Hello`, receive the push and stay silent.
     Idle,
-    /// They say nothing: the sender is bare (`crate::bare_sender`).
+    /// They send nothing; the server is a bare sender (`crate::bare_sender`).
     Listening,
 }
 
-/// What came of it.
+/// Measurements of a crowd.
 #[derive(Debug)]
 pub(super) struct Crowd {
-    /// Clients that lost their connection or found none.
+    /// Clients that could not connect or lost their connection.
     pub(super) failed: u32,
-    /// Memory of the server before the first client, and at the end of the window.
+    /// Memory of the server before the first client and at the end of the window.
     pub(super) open_bytes: u64,
     pub(super) loaded_bytes: u64,
-    /// Its processor time until the window, and within it.
+    /// Processor time of the server before the window and within it.
     pub(super) connect_cpu_s: f64,
     pub(super) cpu_s: f64,
-    /// How often its threads were woken within it.
+    /// Wake-ups of its threads within the window.
     pub(super) wake_ups: u64,
-    /// Bytes of blobs that came to each client within the window.
+    /// Payload bytes of each client within the window.
     pub(super) received: Vec<u64>,
-    /// From the connect call to the first bytes of a blob, the shortest first.
+    /// Times from the connect call to the first bytes of a blob, ascending.
     pub(super) first_ns: Vec<u64>,
 }
 
 impl Crowd {
-    /// Runs a case's clients against a server that nobody has used.
+    /// Runs a case's clients against a fresh server.
     pub(super) fn run(server: &Server, case: &Case, role: &Role) -> anyhow::Result<Self> {
         let open_bytes = server.memory_bytes()?;
         let cpu_before = server.cpu_s()?;
@@ -69,9 +69,9 @@ impl Crowd {
             let loaded_bytes = server.memory_bytes()?;
             let (mut received, mut first_ns) = (Vec::new(), Vec::new());
             for client in clients {
-                if let Some(seen) = client.await? {
-                    received.push(seen.bytes);
-                    first_ns.extend(seen.first_ns);
+                if let Some(traffic) = client.await? {
+                    received.push(traffic.bytes);
+                    first_ns.extend(traffic.first_ns);
                 }
             }
             first_ns.sort_unstable();
@@ -88,54 +88,54 @@ impl Crowd {
         })
     }
 
-    /// Bytes that came to all clients within the window.
+    /// Payload bytes of all clients within the window.
     pub(super) fn bytes(&self) -> f64 {
         self.received.iter().sum::<u64>() as f64
     }
 
-    /// What the server grew by, for each client.
+    /// Growth of the server's memory per client.
     pub(super) fn bytes_per_client(&self, case: &Case) -> f64 {
         (self.loaded_bytes as f64 - self.open_bytes as f64) / f64::from(case.clients)
     }
 
-    /// Processor time for a megabyte that came.
+    /// Processor time per megabyte received.
     pub(super) fn cpu_ms_per_mb(&self) -> f64 {
         self.cpu_s * 1e3 / (self.bytes() / 1e6)
     }
 
-    /// Wake-ups of the server's threads for a megabyte that came.
+    /// Wake-ups of the server's threads per megabyte received.
     pub(super) fn wake_ups_per_mb(&self) -> f64 {
         self.wake_ups as f64 / (self.bytes() / 1e6)
     }
 }
 
-/// What a client saw.
-struct Seen {
+/// Measurements of one client.
+struct ClientTraffic {
     first_ns: Option<u64>,
-    /// Bytes of blobs within the window.
+    /// Payload bytes within the window.
     bytes: u64,
 }
 
-/// One client, from its connect call to the end of the window; `None` where its connection fails.
-async fn client(clock: VirtualClock, case: Case, at: Address, role: Role) -> Option<Seen> {
+/// Runs one client from its connect call to the end of the window; `None` if its connection fails.
+async fn client(clock: VirtualClock, case: Case, at: Address, role: Role) -> Option<ClientTraffic> {
     let [from_ns, to_ns] = [WARM_UP, WARM_UP + case.window()].map(|t| t.as_nanos() as u64);
     let start_ns = clock.now_ns();
     let mut source = Source::connect(clock, case.transport, at, role).await?;
-    let mut seen = Seen { first_ns: None, bytes: 0 };
+    let mut traffic = ClientTraffic { first_ns: None, bytes: 0 };
     loop {
         let (at_ns, bytes) = tokio::select! {
             biased;
             arrival = source.next() => arrival?,
-            () = clock.sleep_until(to_ns) => return Some(seen),
+            () = clock.sleep_until(to_ns) => return Some(traffic),
         };
-        seen.first_ns.get_or_insert(at_ns - start_ns);
+        traffic.first_ns.get_or_insert(at_ns - start_ns);
         if (from_ns..to_ns).contains(&at_ns) {
-            seen.bytes += bytes;
+            traffic.bytes += bytes;
         }
     }
 }
 
-/// Where a client's bytes come from.
+/// The receiving end of a client's connection.
 enum Source {
     Session(BareClient),
     Bytes(mpsc::Receiver<(u64, u64)>),
@@ -201,7 +201,7 @@ impl Source {
         Some(Self::Bytes(bytes))
     }
 
-    /// When bytes came, and how many.
+    /// The next arrival: time and number of bytes.
     async fn next(&mut self) -> Option<(u64, u64)> {
         match self {
             Self::Session(client) => client.next().await.map(|arrival| (arrival.at_ns, arrival.bytes)),

@@ -1,64 +1,31 @@
-//! What a server's sessions cost: memory and processor time of a process of its own, in real time on loopback.
+//! Cost of a server's sessions: memory and processor time of its process, in real time on loopback.
 //!
-//! The server is the shipped daemon in a child process ([`crate::served`]), so that its memory and time are not the
-//! clients'. The clients are bare (`crate::bare_client`): they ask for all chunks of the scene and read what comes. A
-//! second server has clients that are silent after what is pushed; and instead of a third, a bare sender
-//! (`crate::bare_sender`) sends the same blobs at the same pace. Memory depends on the allocator and processor time on
-//! the machine; both are good for how they grow, and the latter for what it is beside that of the bare sender.
+//! The server is the shipped daemon in a child process ([`crate::served`]), so that its memory and time are separate
+//! from the clients'. Minimal clients (`crate::bare_client`) request all chunks of the scene and read what arrives. A
+//! second server has clients that are silent after the push; instead of a third, a bare sender (`crate::bare_sender`)
+//! sends the same blobs at the same rate. Memory depends on the allocator and processor time on the machine: compare
+//! their growth, and the time with that of the bare sender.
 
+mod case;
 mod crowd;
 
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Duration;
 
-use lodestream_protocol::server::ServerConfig;
 use lodestream_protocol::source::SceneSource;
 use serde::Serialize;
 
+pub use self::case::Case;
 use self::crowd::{Crowd, Role};
 use crate::bare_client::chunks;
 use crate::plan::Transport;
-use crate::result::milliseconds;
 use crate::served::{Server, Serving};
+use crate::timeline::milliseconds;
 
-/// What is measured.
-#[derive(Clone, Copy, Debug)]
-pub struct Case {
-    /// How clients and server talk.
-    pub transport: Transport,
-    /// How many clients there are, all at once.
-    pub clients: u32,
-    /// The server's limit for each.
-    pub rate_bits_per_s: u64,
-    /// How long is counted.
-    pub seconds: u32,
-}
-
-impl Case {
-    fn window(&self) -> Duration {
-        Duration::from_secs(u64::from(self.seconds))
-    }
-
-    /// Bytes that the limit lets through to a client within the window.
-    fn allowed_bytes(&self) -> f64 {
-        self.rate_bits_per_s as f64 / 8.0 * self.window().as_secs_f64()
-    }
-
-    /// How many of them can be those of blobs: the limit is for what travels, headers and all.
-    fn blob_share(&self) -> f64 {
-        let config = match self.transport {
-            Transport::Quic => ServerConfig::quic(None),
-            Transport::Ws => ServerConfig::websocket(None),
-        };
-        f64::from(config.piece_bytes) / config.limiter.wire_bytes(config.piece_bytes as usize) as f64
-    }
-}
-
-/// What came of it. Bytes of memory are resident ones.
+/// The results of a case. Bytes of memory are resident ones.
 #[derive(Clone, Debug, Serialize)]
 pub struct Load {
-    /// How clients and server talked.
+    /// Transport between clients and server.
     pub transport: Transport,
     /// Distinct assets.
     pub assets: u32,
@@ -66,46 +33,46 @@ pub struct Load {
     pub instances: u32,
     /// Clients.
     pub clients: u32,
-    /// Clients that lost their connection or found none.
+    /// Clients that could not connect or lost their connection.
     pub failed: u32,
-    /// Limit of each.
+    /// Rate limit of each session.
     pub rate_bits_per_s: u64,
-    /// Bytes of blobs that came, over what the limits allow.
+    /// Payload bytes received, as a share of the rate limits.
     pub received_share: f64,
-    /// What came to the client with least, over the most that can come of blobs under its limit.
+    /// Payload bytes of the slowest client, as a share of the most that its rate limit admits.
     pub least_share: f64,
-    /// Memory of the server once it is ready.
+    /// Memory of the server before the first client.
     pub open_bytes: u64,
     /// Memory at the end of the window.
     pub loaded_bytes: u64,
-    /// What it grew by, for each client.
+    /// Growth per client.
     pub bytes_per_client: f64,
-    /// The same of clients that are silent after what is pushed.
+    /// Growth per client that is silent after the push.
     pub idle_bytes_per_client: f64,
-    /// Processor time until all had connected and two seconds had passed, in seconds.
+    /// Processor time until two seconds after all had connected, in seconds.
     pub connect_cpu_s: f64,
-    /// Share of a core that the server takes within the window.
+    /// Cores that the server uses within the window.
     pub cpu_share: f64,
-    /// Processor time for a megabyte of blobs.
+    /// Processor time per megabyte of payload.
     pub cpu_ms_per_mb: f64,
-    /// The same of a bare sender.
+    /// The same for a bare sender.
     pub bare_cpu_ms_per_mb: f64,
-    /// The one over the other.
+    /// Ratio of the two.
     pub cpu_over_bare: f64,
-    /// How often threads of the server waited and were woken, for a megabyte of blobs.
+    /// Wake-ups of the server's threads per megabyte of payload.
     pub wake_ups_per_mb: f64,
-    /// The same of a bare sender.
+    /// The same for a bare sender.
     pub bare_wake_ups_per_mb: f64,
-    /// Time from the connect call to the first bytes of a blob that half of the clients do not exceed.
+    /// Median time from the connect call to the first bytes of a blob.
     pub first_blob_p50_ms: f64,
-    /// The longest.
+    /// Longest time.
     pub first_blob_max_ms: f64,
 }
 
-/// Measures a case. `scene` names the scene for the server's process, `source` is the same, opened here.
+/// Measures a case. `scene` names the scene for the server's process; `source` is the same scene, opened here.
 ///
 /// # Errors
-/// What keeps the server or the clients from being started, and systems without `/proc`.
+/// A server or clients that cannot be started; systems without `/proc`.
 pub fn measure(
     scene: &str,
     source: &Arc<dyn SceneSource>,

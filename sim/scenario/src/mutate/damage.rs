@@ -1,9 +1,9 @@
-//! What is done to bytes, and to lists of them.
+//! Random damage to bytes and to lists.
 
 use rand::Rng;
 use rand_pcg::Pcg64Mcg;
 
-/// Numbers at which lengths, counts and their encodings turn over.
+/// Boundary values of lengths, counts and their encodings.
 const EXTREMES: [u64; 16] = [
     0,
     1,
@@ -22,15 +22,15 @@ const EXTREMES: [u64; 16] = [
     0x7FFF_FFFF_FFFF_FFFF,
     u64::MAX,
 ];
-/// Most bytes that one piece of damage adds.
+/// Most bytes that one damage adds.
 const MOST_ADDED: usize = 4096;
 
-/// One of the numbers at which things go wrong.
+/// One of the boundary values.
 pub(super) fn extreme(random: &mut Pcg64Mcg) -> u64 {
     EXTREMES[random.random_range(0..EXTREMES.len())]
 }
 
-/// A range within `length`, at most `most` long; empty where `length` is 0.
+/// A random range within `length`, at most `most` long; empty if `length` is 0.
 fn range(length: usize, most: usize, random: &mut Pcg64Mcg) -> std::ops::Range<usize> {
     if length == 0 {
         return 0..0;
@@ -40,12 +40,12 @@ fn range(length: usize, most: usize, random: &mut Pcg64Mcg) -> std::ops::Range<u
     start..start + random.random_range(1..=most)
 }
 
-/// How many times something is damaged: mostly once, so that what comes behind is reached.
+/// Number of damages: mostly one, so that the damage reaches code behind other checks.
 pub(super) fn times(random: &mut Pcg64Mcg) -> u32 {
     [1, 1, 1, 1, 2, 3][random.random_range(0..6)]
 }
 
-/// Damages bytes in one way.
+/// Damages bytes in one random way.
 pub(super) fn bytes(of: &mut Vec<u8>, other: &[u8], random: &mut Pcg64Mcg) {
     if random.random::<bool>() {
         in_place(of, other, random);
@@ -54,7 +54,8 @@ pub(super) fn bytes(of: &mut Vec<u8>, other: &[u8], random: &mut Pcg64Mcg) {
     }
 }
 
-/// Damages bytes that stay as many: bits flipped, a number set to an extreme, a piece of `other` put over them.
+/// Damages bytes without changing their number: flips bits, sets a number to an extreme, overwrites a part with
+/// `other`.
 fn in_place(of: &mut [u8], other: &[u8], random: &mut Pcg64Mcg) {
     let start = range(of.len(), 1, random).start;
     let put = |of: &mut [u8], piece: &[u8]| {
@@ -72,7 +73,7 @@ fn in_place(of: &mut [u8], other: &[u8], random: &mut Pcg64Mcg) {
             }
             put(of, &number[..width]);
         }
-        // The most likely, since it leaves the most of what follows as it was.
+        // The most likely kind, since it leaves most of what follows intact.
         _ => {
             for _ in 0..random.random_range(1..=4) {
                 let at = range(of.len(), 1, random).start;
@@ -84,7 +85,7 @@ fn in_place(of: &mut [u8], other: &[u8], random: &mut Pcg64Mcg) {
     }
 }
 
-/// Damages bytes that get fewer or more: cut short, a piece put in, taken out, repeated, or put in from `other`.
+/// Damages bytes and their number: cuts, inserts, removes, repeats, or inserts a part of `other`.
 fn resize(of: &mut Vec<u8>, other: &[u8], random: &mut Pcg64Mcg) {
     match random.random_range(0..5) {
         0 => {
@@ -112,7 +113,7 @@ fn resize(of: &mut Vec<u8>, other: &[u8], random: &mut Pcg64Mcg) {
     }
 }
 
-/// Damages a frame, or what it holds, with a length that agrees with it.
+/// Damages a frame, or its contents, and corrects its length.
 pub(super) fn frame(of: &mut Vec<u8>, other: &[u8], random: &mut Pcg64Mcg) {
     let head = 1 + (1_usize << (of.get(1).copied().unwrap_or(0) >> 6));
     if random.random_range(0..4) == 0 || of.len() <= head {
@@ -125,14 +126,14 @@ pub(super) fn frame(of: &mut Vec<u8>, other: &[u8], random: &mut Pcg64Mcg) {
     } else {
         bytes(&mut body, other, random);
     }
-    // In four bytes, which any length may take.
+    // Encoded in four bytes, which can hold any length.
     let length = u32::try_from(body.len()).unwrap_or(u32::MAX) & 0x3FFF_FFFF;
     of.truncate(1);
     of.extend((length | 0x8000_0000).to_be_bytes());
     of.extend(body);
 }
 
-/// Brings a list into disorder in one way: two places exchanged, one repeated, one taken out, one moved, a part reversed.
+/// Reorders a list in one random way: swaps, repeats, removes or moves an element, or reverses a part.
 pub(super) fn order<T: Clone>(of: &mut Vec<T>, random: &mut Pcg64Mcg) {
     if of.is_empty() {
         return;
@@ -157,7 +158,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn damage_is_the_same_for_a_seed_and_bounded_and_nothing_is_too_short_for_it() {
+    fn damage_is_deterministic_bounded_and_works_on_any_length() {
         let damaged = |seed: u64, length: usize| {
             let mut random = Pcg64Mcg::seed_from_u64(seed);
             let (mut of, mut list) = (vec![7; length], vec![1; length]);

@@ -1,4 +1,4 @@
-//! A server's session and a client's core that talk in memory, in virtual time, without a link between them.
+//! A server session and a client core that exchange messages in memory and virtual time, without a link.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -10,15 +10,15 @@ use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::server::{ServerConfig, ServerSession, Transmit};
 use lodestream_protocol::source::SceneSource;
 
-/// Size of the client's picture.
+/// The client's picture size.
 const VIEWPORT_PX: [u32; 2] = [640, 360];
-/// Updates that may follow each other before there is nothing left to do.
+/// Most consecutive updates of the core per step.
 const UPDATES: u32 = 10_000;
-/// Turns and virtual time until the client has what there is to have: it asks for what came damaged for 3.5 s.
+/// Most steps and virtual time until the picture is settled; the client retries damaged blobs for 3.5 s.
 const TURNS: u32 = 20_000;
 const LIMIT: Duration = Duration::from_secs(60);
 
-/// A client that looks at the scene's start view.
+/// A client core at the scene's start view.
 pub(super) fn core() -> ClientCore {
     let start = StartView::OfScene { viewport_px: VIEWPORT_PX, target_px: 1.0 };
     let mut config = Config::new(start);
@@ -26,7 +26,7 @@ pub(super) fn core() -> ClientCore {
     ClientCore::new(config)
 }
 
-/// Lets a core do what there is to do, with a renderer that takes all; whether that came to an end.
+/// Updates a core until it has nothing to do, as a renderer that takes all changes; false if it never ends.
 pub(super) fn work(core: &mut ClientCore, now: Time) -> bool {
     for _ in 0..UPDATES {
         let progress = core.update(now, u64::MAX);
@@ -38,20 +38,20 @@ pub(super) fn work(core: &mut ClientCore, now: Time) -> bool {
     false
 }
 
-/// How it ended.
+/// How an exchange ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Ended {
     /// The picture is settled.
     Settled,
-    /// It is as good as it gets, but something is lacking.
+    /// The picture is final, but some blobs are missing.
     Lacking,
-    /// One of the two closed.
+    /// One side closed the session.
     Closed(CloseCode),
-    /// There was no end to it.
+    /// The exchange did not end.
     Never,
 }
 
-/// Streams a scene from a server's session to a client's core; `look` is given each frame as WebSocket would carry it.
+/// Streams a scene from a session to a core; `look` sees each frame as WebSocket would carry it.
 pub(super) fn stream(source: Arc<dyn SceneSource>, mut look: impl FnMut(&[u8])) -> Result<Ended, FrameError> {
     let mut now = Time::ZERO;
     let mut server = ServerSession::new(Arc::new(ServerConfig::websocket(None)), source, 1, now);

@@ -1,5 +1,4 @@
-//! Damaged first flights: what a server sends first, as it comes over WebSocket and as it comes over QUIC, to a client's
-//! core.
+//! Damaged first flights: the first bytes of a server, over WebSocket and over QUIC, given to a client's core.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -22,27 +21,27 @@ use super::tally::Verdict;
 use crate::plan::SceneChoice;
 use crate::scene;
 
-/// How much of what a server sends counts as its first flight: all of what the first frame needs, and chunks.
+/// Length of a recorded first flight: everything that the first frame needs, and some chunks.
 const FLIGHT_BYTES: usize = 48 << 10;
-/// Bytes of a stream that come at once.
+/// Bytes of a stream that arrive at once.
 const PACKET_BYTES: usize = 1200;
-/// Timeouts of the core that are waited for after the flight.
+/// Timeouts of the core that are awaited after the flight.
 const TIMEOUTS: u32 = 20;
 
-/// A first flight, as it was recorded.
+/// A recorded first flight.
 #[derive(Debug)]
 pub struct Flights {
     /// Frames, as WebSocket carries them.
     frames: Vec<Vec<u8>>,
-    /// Streams, as QUIC carries them, the control stream first; without the bytes that say which kind they are.
+    /// Streams, as QUIC carries them, the control stream first, without their type bytes.
     streams: Vec<Vec<u8>>,
 }
 
 impl Flights {
-    /// Records what a server sends to an honest client.
+    /// Records the first flight that a server sends to a correct client.
     ///
     /// # Errors
-    /// Whatever keeps the scene from being generated and prepared.
+    /// A scene that cannot be generated or prepared.
     pub fn record(cache: &Path) -> anyhow::Result<Self> {
         let source = scene::open(&SceneChoice::DemoSmall, None, cache, true)?;
         let (mut frames, mut bytes) = (Vec::new(), 0);
@@ -56,7 +55,7 @@ impl Flights {
         Ok(Self { frames, streams })
     }
 
-    /// Frames as WebSocket would carry them, damaged.
+    /// Damaged frames, as WebSocket carries them.
     pub(super) fn damaged_frames(&self, random: &mut Pcg64Mcg) -> Vec<Vec<u8>> {
         let mut frames = self.frames.clone();
         for _ in 0..damage::times(random) {
@@ -74,7 +73,7 @@ impl Flights {
     /// Damages the flight and gives it to a core.
     ///
     /// # Errors
-    /// None; as all cases have.
+    /// None.
     pub fn judge(&self, seed: u64, case: u32) -> anyhow::Result<Verdict> {
         let mut random = Subject::Flights.random(seed, case);
         let mut core = core();
@@ -96,7 +95,7 @@ impl Flights {
             let at = random.random_range(0..streams.len());
             let other = &self.streams[random.random_range(0..self.streams.len())];
             match random.random_range(0..5) {
-                // The control stream stays the first.
+                // The control stream stays first.
                 0 => {
                     let mut blobs = streams.split_off(1);
                     damage::order(&mut blobs, random);
@@ -134,7 +133,7 @@ impl Flights {
             };
             if let Err(why) = read() {
                 match (why, blob.blob()) {
-                    // As a stream that was reset.
+                    // As for a stream that was reset.
                     (FrameError::Truncated, Some((id, _))) => reader.core.handle_abandoned(Time::ZERO, id),
                     (FrameError::Truncated, None) => {}
                     (why, _) => reader.take(Err(why)),
@@ -144,10 +143,10 @@ impl Flights {
     }
 }
 
-/// A core that is given what comes, as the client's drivers do.
+/// Feeds a core as the client's drivers do.
 struct Reader {
     core: ClientCore,
-    /// It came to no end.
+    /// The core never became idle.
     ended: bool,
 }
 
@@ -164,7 +163,7 @@ impl Reader {
         while self.core.poll_transmit(now).is_some() {}
     }
 
-    /// What the core says of the flight; then it waits for more, in vain.
+    /// The core's verdict on the flight, after it has waited in vain for more.
     fn end(mut self) -> Verdict {
         let verdict = of_core(&self.core);
         let mut now = Time::ZERO;
@@ -179,7 +178,7 @@ impl Reader {
     }
 }
 
-/// What a core makes of what it got.
+/// The verdict of a core on what it received.
 fn of_core(core: &ClientCore) -> Verdict {
     match core.closed() {
         Some(close) => Verdict::refused(format!("session closed: {:?}", close.code)),
@@ -187,7 +186,7 @@ fn of_core(core: &ClientCore) -> Verdict {
     }
 }
 
-/// The same of a session whose end says nothing.
+/// The same for a session whose end tells nothing.
 pub(super) fn of_blobs(core: &ClientCore) -> Verdict {
     match core.stats().decode_failures {
         0 => Verdict::Taken,
@@ -195,7 +194,7 @@ pub(super) fn of_blobs(core: &ClientCore) -> Verdict {
     }
 }
 
-/// The same flight over QUIC.
+/// The same flight in QUIC streams.
 fn as_streams(frames: &[Vec<u8>]) -> Result<Vec<Vec<u8>>, FrameError> {
     let mut streams = vec![Vec::new()];
     // By blob, the stream that carries it.
@@ -209,7 +208,7 @@ fn as_streams(frames: &[Vec<u8>]) -> Result<Vec<Vec<u8>>, FrameError> {
         let stream = match of_blob.get(&piece.id) {
             Some(stream) if piece.offset > 0 => *stream,
             _ => {
-                // Behind the byte that says of which kind it is.
+                // After the type byte.
                 streams.push(blob_head(&piece)?.split_off(1));
                 of_blob.insert(piece.id, streams.len() - 1);
                 streams.len() - 1

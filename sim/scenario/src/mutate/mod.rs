@@ -1,10 +1,10 @@
-//! What damaged bytes do to those who read them: packs to whoever serves and decodes them, a client's frames to the
-//! shipped daemon, a server's first flight to the client.
+//! Robustness against damaged bytes: packs read by server and client, frames sent to the shipped daemon, first flights
+//! received by the client.
 //!
-//! Each case begins with bytes as we write them and damages them in a few ways (`damage`); what is damaged, and how,
-//! follows from a seed and the case's number alone, so that a case can be run again by itself. A case is taken, refused
-//! with a reason, or a finding: a panic, or no end within a bound of work. The daemon's memory, processor time and panics
-//! are those of a process of its own; the others' are this process's.
+//! Each case damages valid bytes in a few ways (`damage`). The damage depends only on the seed and the number of the
+//! case, so that a case can be repeated alone. A case is accepted, refused with a reason, or a finding: a panic, or
+//! work beyond a bound. The daemon runs in a process of its own, whose memory, processor time and panics are counted;
+//! for the other subjects they are this process's.
 
 mod damage;
 mod exchange;
@@ -28,10 +28,10 @@ use crate::plan::Transport;
 use crate::process::Process;
 use tally::Tally;
 
-/// Tries one subject; `cache` is the folder of prepared packs, `named` the same if a user named one.
+/// Runs the cases of one subject. `cache` is the folder of prepared packs, `named` the same if a user named one.
 ///
 /// # Errors
-/// What keeps scene, server or clients from being made, and systems without `/proc`.
+/// A scene, server or client that cannot be set up; systems without `/proc`.
 pub fn measure(
     subject: Subject,
     settings: Settings,
@@ -53,7 +53,7 @@ pub fn measure(
     }
 }
 
-/// Runs cases on as many threads as there are processors.
+/// Runs cases on all processors.
 fn here(
     subject: Subject,
     settings: Settings,
@@ -72,7 +72,7 @@ fn here(
             let lanes: Vec<_> = (0..threads).map(|n| scope.spawn(move || lane(cases, n))).collect();
             let mut all = Tally::default();
             for lane in lanes {
-                // A panic of a case is caught there.
+                // Panics of a case are caught there.
                 all.merge(&lane.join().unwrap_or_else(|why| resume_unwind(why))?);
             }
             anyhow::Ok(all)

@@ -21,20 +21,20 @@ use crate::field::Field;
 use crate::plan::SceneChoice;
 use crate::scene;
 
-/// Where the number of blobs and what is hashed stand in a pack's head.
+/// Offsets of the number of blobs and of the hashed part in a pack's head.
 const COUNT_AT: usize = 12;
 const FINGERPRINT_AT: usize = 16;
 const HASH_AT: usize = HEAD_BYTES - 16;
-/// The kind of blob that is a chunk, as tables say it.
+/// The kind of chunks in a pack's table.
 const CHUNK: u8 = 2;
-/// Where offset, length and hash stand in an entry of its table.
+/// Offsets of offset, length and hash in an entry of the table.
 const OFFSET_AT: usize = 8;
 const LENGTH_AT: usize = 16;
 const ENTRY_HASH_AT: usize = 20;
-/// Memory of a store's blobs.
+/// Capacity of a store's blob cache.
 const CACHE_BYTES: u64 = 4 << 20;
 
-/// Packs to damage, under all codecs, each with the scene that is it alone.
+/// Packs of all codecs to damage, each with a scene of that asset single_asset_scene.
 #[derive(Debug)]
 pub struct Packs {
     packs: Vec<(Scene, Vec<u8>)>,
@@ -43,10 +43,10 @@ pub struct Packs {
 }
 
 impl Packs {
-    /// Prepares the packs, where the cache folder does not hold them. `hashed`: hashes are made right after the damage.
+    /// Prepares the packs that the cache folder lacks. `hashed`: hashes are corrected after the damage.
     ///
     /// # Errors
-    /// Whatever keeps the scene from being generated and prepared.
+    /// A scene that cannot be generated or prepared.
     pub fn prepare(cache: &Path, hashed: bool) -> anyhow::Result<Self> {
         let mut packs = Vec::new();
         let field = Field { assets: 2, faces: 2500, instances: 2 };
@@ -56,7 +56,7 @@ impl Packs {
                 for (asset, file) in scene.assets.iter().zip(files) {
                     let bytes = std::fs::read(file.path())
                         .with_context(|| format!("{}: cannot be read", file.path().display()))?;
-                    packs.push((alone(asset, &scene), bytes));
+                    packs.push((single_asset_scene(asset, &scene), bytes));
                 }
             }
         }
@@ -64,7 +64,7 @@ impl Packs {
         Ok(Self { packs, hashed, folder })
     }
 
-    /// Damages a pack and does with it what a server and its client do.
+    /// Damages a pack and reads it as a server and its client do.
     ///
     /// # Errors
     /// A file that cannot be written.
@@ -91,8 +91,8 @@ impl Packs {
     }
 }
 
-/// A scene of one asset, in the light of another.
-fn alone(asset: &Asset, scene: &Scene) -> Scene {
+/// A scene of one asset, with the light of another scene.
+fn single_asset_scene(asset: &Asset, scene: &Scene) -> Scene {
     Scene {
         name: asset.name.clone(),
         assets: vec![asset.clone()],
@@ -105,8 +105,8 @@ fn alone(asset: &Asset, scene: &Scene) -> Scene {
     }
 }
 
-/// What reads packs, in the order in which a server and its client do. Whatever was refused before, the rest is tried
-/// too: a panic there would be one.
+/// Applies all readers of packs in the order of a server and its client. Later readers run even if earlier ones refused
+/// the pack, since they must not panic either.
 fn read(scene: &Scene, path: &Path) -> Verdict {
     let pack = match PackFile::open(path) {
         Ok(pack) => pack,
@@ -135,23 +135,23 @@ fn read(scene: &Scene, path: &Path) -> Verdict {
     why.map_or(Verdict::Taken, Verdict::refused)
 }
 
-/// An entry of a table, as it stands there, and its blob.
+/// An entry of the table, as it is encoded, with its blob.
 #[derive(Clone)]
 struct Blob {
     entry: [u8; ENTRY_BYTES],
     bytes: Vec<u8>,
 }
 
-/// Damages blobs and table, and makes all hashes right afterwards.
+/// Damages blobs and table, then corrects all hashes.
 fn damaged_behind_hashes(pack: &[u8], other: &[u8], random: &mut Pcg64Mcg) -> Vec<u8> {
-    let mut blobs = taken_apart(pack);
-    let others = taken_apart(other);
+    let mut blobs = split_pack(pack);
+    let others = split_pack(other);
     for _ in 0..damage::times(random) {
         let [a, b] = [(); 2].map(|()| chosen(&blobs, random));
         let foreign = &others[random.random_range(0..others.len())].bytes;
         match random.random_range(0..8) {
             0 if blobs.len() > 1 => {
-                // The same entries with each other's contents.
+                // Exchanges the contents of two entries.
                 let moved = std::mem::take(&mut blobs[a].bytes);
                 blobs[a].bytes = std::mem::replace(&mut blobs[b].bytes, moved);
             }
@@ -161,7 +161,7 @@ fn damaged_behind_hashes(pack: &[u8], other: &[u8], random: &mut Pcg64Mcg) -> Ve
             _ => damage_blob(&mut blobs[a].bytes, foreign, random),
         }
     }
-    let mut file = put_together(pack, &blobs);
+    let mut file = assemble_pack(pack, &blobs);
     if random.random_range(0..4) == 0 && !blobs.is_empty() {
         // Kind, level, texture, index, offset or length of an entry.
         let entry = HEAD_BYTES + random.random_range(0..blobs.len()) * ENTRY_BYTES;
@@ -173,7 +173,7 @@ fn damaged_behind_hashes(pack: &[u8], other: &[u8], random: &mut Pcg64Mcg) -> Ve
     file
 }
 
-/// The place of a blob to damage: every other time a chunk, since those need the most else to be sound.
+/// Index of the blob to damage: a chunk in half of the cases, since chunks depend on most other blobs.
 fn chosen(blobs: &[Blob], random: &mut Pcg64Mcg) -> usize {
     let any = random.random_range(0..blobs.len().max(1));
     let chunks = (0..blobs.len()).filter(|&n| blobs[n].entry[0] == CHUNK);
@@ -181,7 +181,7 @@ fn chosen(blobs: &[Blob], random: &mut Pcg64Mcg) -> usize {
     chunks.get(any % chunks.len().max(1)).copied().unwrap_or(any)
 }
 
-/// Where a blob is compressed, what it holds is damaged: its frame has guards of its own.
+/// Damages the contents of a compressed blob, since its frame has checks of its own.
 fn damage_blob(blob: &mut Vec<u8>, foreign: &[u8], random: &mut Pcg64Mcg) {
     match decompress(blob) {
         Ok(mut plain) if random.random_range(0..4) > 0 => {
@@ -192,8 +192,8 @@ fn damage_blob(blob: &mut Vec<u8>, foreign: &[u8], random: &mut Pcg64Mcg) {
     }
 }
 
-/// The blobs of a sound pack.
-fn taken_apart(pack: &[u8]) -> Vec<Blob> {
+/// Splits a valid pack into its blobs.
+fn split_pack(pack: &[u8]) -> Vec<Blob> {
     let blob = |at: usize| {
         let (offset, length) = (number(pack, at + OFFSET_AT, 8), number(pack, at + LENGTH_AT, 4));
         let mut entry = [0; ENTRY_BYTES];
@@ -203,8 +203,8 @@ fn taken_apart(pack: &[u8]) -> Vec<Blob> {
     (0..number(pack, COUNT_AT, 4)).map(|n| blob(HEAD_BYTES + n * ENTRY_BYTES)).collect()
 }
 
-/// A pack of these blobs; [`rehash`] makes its hashes right.
-fn put_together(head: &[u8], blobs: &[Blob]) -> Vec<u8> {
+/// Assembles a pack from blobs; [`rehash`] corrects its hashes.
+fn assemble_pack(head: &[u8], blobs: &[Blob]) -> Vec<u8> {
     let mut file = head[..HEAD_BYTES].to_vec();
     file[COUNT_AT..FINGERPRINT_AT].copy_from_slice(&(blobs.len() as u32).to_le_bytes());
     let mut offset = HEAD_BYTES + blobs.len() * ENTRY_BYTES;
@@ -219,7 +219,7 @@ fn put_together(head: &[u8], blobs: &[Blob]) -> Vec<u8> {
     file
 }
 
-/// Makes the hashes right: of each blob whose entry names a place within the file, and of head and table.
+/// Corrects the hashes: of each blob whose entry lies within the file, and of head and table.
 fn rehash(file: &mut [u8], count: usize) {
     for at in (0..count).map(|n| HEAD_BYTES + n * ENTRY_BYTES) {
         let (offset, length) = (number(file, at + OFFSET_AT, 8), number(file, at + LENGTH_AT, 4));
@@ -234,7 +234,7 @@ fn rehash(file: &mut [u8], count: usize) {
     file[HASH_AT..HEAD_BYTES].copy_from_slice(&hasher.finalize().as_bytes()[..16]);
 }
 
-/// A little-endian number of the file.
+/// A little-endian number in the file.
 fn number(file: &[u8], at: usize, width: usize) -> usize {
     file[at..at + width].iter().rev().fold(0, |number, byte| number << 8 | usize::from(*byte))
 }

@@ -1,7 +1,7 @@
-//! Damaged sessions to the shipped daemon: sound messages in an order that may be, then damaged, each session from an
-//! address of its own, so that what one address may do bounds nothing here.
+//! Damaged sessions to the shipped daemon: valid messages in a possible order, then damaged. Each session has an
+//! address of its own, so that limits per address do not apply.
 //!
-//! What a session comes to is what the server says last, or that it answers the ping behind the damage.
+//! The verdict is the server's last message, or that it answers the ping after the damage.
 
 use std::net::{IpAddr, Ipv4Addr};
 use std::path::Path;
@@ -29,13 +29,13 @@ use crate::plan::{self, Transport};
 use crate::scene;
 use crate::served::{Address, Server, Serving};
 
-/// Sessions at the same time: enough for two cores, and for the server to have several.
+/// Concurrent sessions: enough for two cores and for several at once in the server.
 const AT_ONCE: usize = 8;
-/// How long a server may take to say something, in real time.
-const PATIENCE: Duration = Duration::from_secs(60);
-/// Limit of a session.
+/// Real time that a server may take to answer.
+const TIMEOUT: Duration = Duration::from_secs(60);
+/// Rate limit of a session.
 const RATE_BITS_PER_S: u64 = 16_000_000;
-/// From the last session to when memory is looked at.
+/// Time from the end of the last session until memory is measured.
 const AFTER: Duration = Duration::from_secs(2);
 
 pub(super) fn measure(
@@ -84,7 +84,7 @@ pub(super) fn measure(
     Ok(found)
 }
 
-/// Has one session.
+/// Runs one session.
 async fn judge(
     transport: Transport,
     server: Address,
@@ -99,7 +99,7 @@ async fn judge(
             Transport::Quic => over_quic(server, from, frames).await,
         }
     };
-    match timeout(PATIENCE, session).await {
+    match timeout(TIMEOUT, session).await {
         Err(_) => Verdict::Stuck,
         Ok(Ok(Answer::Pong)) => Verdict::Taken,
         Ok(Ok(Answer::Close(close))) => Verdict::refused(format!("{:?}", close.code)),
@@ -108,13 +108,13 @@ async fn judge(
     }
 }
 
-/// Another of the addresses that Linux has on loopback without being told, none of them 127.0.0.0/16.
+/// A loopback address other than 127.0.0.0/16; Linux accepts all of 127.0.0.0/8.
 fn own_address(case: u32) -> IpAddr {
     let [_, b, c, d] = (case % (254 << 16)).to_be_bytes();
     IpAddr::V4(Ipv4Addr::new(127, 1 + b, c, d))
 }
 
-/// What sessions may say of a scene.
+/// Generates messages about a scene.
 struct Sessions {
     blobs: Vec<BlobId>,
     fingerprint: [u8; 16],
@@ -138,9 +138,9 @@ impl Sessions {
         Self { blobs, fingerprint: header.fingerprint, view }
     }
 
-    /// Frames of a session, damaged.
+    /// The damaged frames of a session.
     fn damaged(&self, random: &mut Pcg64Mcg) -> Vec<Vec<u8>> {
-        // What cannot be encoded is not said.
+        // Messages that cannot be encoded are omitted.
         let sound = |random: &mut Pcg64Mcg| -> Vec<Vec<u8>> {
             self.session(random).iter().map(encode_client).filter_map(Result::<_, FrameError>::ok).collect()
         };
@@ -157,7 +157,7 @@ impl Sessions {
         frames
     }
 
-    /// A session as it may be.
+    /// The messages of a valid session.
     fn session(&self, random: &mut Pcg64Mcg) -> Vec<ClientMessage> {
         let mut said = vec![ClientMessage::Hello(Hello {
             view: random.random::<bool>().then_some(self.view),
@@ -199,7 +199,7 @@ impl Sessions {
     }
 }
 
-/// Asks for a blob, or for a part of it that may not be there.
+/// A request for a blob or a part of it, which may lie outside the blob.
 fn want(id: BlobId, random: &mut Pcg64Mcg) -> Want {
     let mut want = Want::whole(id, random.random());
     if random.random_range(0..4) == 0 {

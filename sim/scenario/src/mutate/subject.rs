@@ -1,21 +1,21 @@
-//! What is damaged, and how much of it.
+//! Subjects of damage, and numbers of cases.
 
 use rand::SeedableRng as _;
 use rand_pcg::Pcg64Mcg;
 
-/// The scene whose packs, sessions and first flight are damaged: textures, punctual lights and terrain in little.
+/// The scene whose packs, sessions and first flight are damaged: small, with textures, punctual lights and terrain.
 pub(super) const SCENE: &str = "demo-small";
-/// Cases that are run before memory is looked at, for each of those that count.
+/// Measured cases per warm-up case.
 const WARM_UP: u32 = 10;
 
-/// What is damaged, and who reads it.
+/// The damaged bytes and their reader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Subject {
     /// Packs, read by the store, a session that serves them and a client.
     Packs,
-    /// The same where every hash was made right after the damage, so that it gets to the decoders.
+    /// The same with correct hashes after the damage, so that it reaches the decoders.
     HashedPacks,
-    /// Frames of sessions, to the shipped daemon over WebSocket.
+    /// Frames of sessions, read by the shipped daemon over WebSocket.
     WebSocketSessions,
     /// The same over QUIC.
     QuicSessions,
@@ -26,7 +26,7 @@ pub enum Subject {
 }
 
 impl Subject {
-    /// All, in the order of the table.
+    /// All subjects, in the order of the table.
     pub const ALL: [Self; 6] = [
         Self::Packs,
         Self::HashedPacks,
@@ -36,7 +36,7 @@ impl Subject {
         Self::Viewers,
     ];
 
-    /// What it is, for tables.
+    /// Name in tables.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -49,26 +49,26 @@ impl Subject {
         }
     }
 
-    /// Where the random numbers of a case begin.
+    /// The random number generator of a case.
     pub(super) fn random(self, seed: u64, case: u32) -> Pcg64Mcg {
         let subject = Self::ALL.iter().position(|one| *one == self).unwrap_or_default() as u64;
         Pcg64Mcg::seed_from_u64(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ subject << 32 ^ u64::from(case))
     }
 }
 
-/// How much is tried.
+/// Which cases are run.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
-    /// From which all damage follows.
+    /// Seed of all damage.
     pub seed: u64,
     /// Number of the first case.
     pub first: u32,
-    /// How many cases there are.
+    /// Number of cases.
     pub count: u32,
 }
 
 impl Settings {
-    /// Cases before those that count, none of which is one of them.
+    /// Warm-up cases, none of which is among the measured ones.
     pub(super) fn warm_up(&self) -> Self {
         Self { first: self.first.wrapping_add(self.count), count: self.count.div_ceil(WARM_UP), ..*self }
     }

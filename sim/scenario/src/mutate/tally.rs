@@ -1,4 +1,4 @@
-//! What came of cases.
+//! Verdicts on cases, and their counts.
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -8,14 +8,14 @@ use serde::Serialize;
 
 use super::subject::Subject;
 
-/// What came of a case that did not panic.
+/// The verdict on a case that did not panic.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Verdict {
-    /// The damage meant nothing, or something else that is sound.
+    /// Accepted: the damage had no effect or gave other valid contents.
     Taken,
-    /// It was refused, for this kind of reason.
+    /// Refused, for this kind of reason.
     Refused(String),
-    /// It came to no end within the bound of work: a finding.
+    /// Finding: the work exceeded its bound.
     Stuck,
 }
 
@@ -25,28 +25,28 @@ impl Verdict {
     }
 }
 
-/// What came of all cases of a subject. Bytes of memory are resident ones, of the process that read the damaged bytes.
+/// Counts over all cases of a subject. Bytes of memory are resident ones, of the process that read the damaged bytes.
 #[derive(Clone, Debug, Serialize)]
 pub struct MutationOutcome {
-    /// What was damaged.
+    /// The subject.
     pub subject: &'static str,
-    /// How many were tried.
+    /// Number of cases.
     pub tried: u32,
-    /// How many were taken as they were.
+    /// Number of accepted cases.
     pub taken: u32,
-    /// How many were refused.
+    /// Number of refused cases.
     pub refused: u32,
-    /// How many of these for which kind of reason, the most frequent first.
+    /// Number of refused cases by kind of reason, the most frequent first.
     pub reasons: String,
     /// Panics.
     pub panics: u32,
-    /// Cases that came to no end within the bound of work.
+    /// Cases whose work exceeded its bound.
     pub stuck: u32,
-    /// Time of the case that took longest, in milliseconds.
+    /// Longest time of a case, in milliseconds.
     pub slowest_ms: f64,
-    /// Its number.
+    /// Number of that case.
     pub slowest_case: u32,
-    /// Memory after the tenth as many cases that are run beforehand, and after those that count.
+    /// Memory after the warm-up, a tenth as many cases, and after the measured cases.
     pub before_bytes: u64,
     /// See `before_bytes`.
     pub after_bytes: u64,
@@ -54,19 +54,19 @@ pub struct MutationOutcome {
     pub cpu_s: f64,
 }
 
-/// The same while it grows.
+/// Counts while cases run.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Tally {
     tried: u32,
     verdicts: BTreeMap<Verdict, u32>,
     pub(super) panics: u32,
     slowest: (Duration, u32),
-    /// Findings of cases that do not count otherwise.
+    /// Findings of warm-up cases.
     more_stuck: u32,
 }
 
 impl Tally {
-    /// Runs a case here and notes what came of it, a panic included.
+    /// Runs a case in this process and records its verdict or panic.
     pub(super) fn catch(
         &mut self,
         subject: Subject,
@@ -79,7 +79,7 @@ impl Tally {
         Ok(())
     }
 
-    /// Notes what came of a case; `None` where it panicked.
+    /// Records the verdict on a case; `None` if it panicked.
     pub(super) fn note(&mut self, subject: Subject, case: u32, took: Duration, verdict: Option<Verdict>) {
         self.tried += 1;
         self.slowest = self.slowest.max((took, case));
@@ -93,7 +93,7 @@ impl Tally {
         }
     }
 
-    /// Adds what came of other cases.
+    /// Adds the counts of other cases.
     pub(super) fn merge(&mut self, other: &Self) {
         self.tried += other.tried;
         self.panics += other.panics;
@@ -104,7 +104,7 @@ impl Tally {
         }
     }
 
-    /// A finding is one also where it came while things got warm.
+    /// Adds the findings of warm-up cases, which count too.
     pub(super) fn add_findings(&mut self, other: &Self) {
         self.panics += other.panics;
         self.more_stuck += other.of(&Verdict::Stuck);
@@ -171,7 +171,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn panics_and_cases_without_an_end_are_findings_also_while_things_get_warm() {
+    fn panics_and_endless_cases_of_the_warm_up_are_findings() {
         let subject = Subject::Flights;
         let (mut tally, mut warm) = (Tally::default(), Tally::default());
         for _ in 0..2 {

@@ -1,4 +1,4 @@
-//! Damaged first flights over a socket: a server that sends them, and a client as a viewer has it, without the viewer.
+//! Damaged first flights over a socket: a server that sends them, and a viewer's client without renderer.
 
 use std::net::Ipv4Addr;
 use std::time::Duration;
@@ -24,10 +24,10 @@ use super::subject::{Settings, Subject};
 use super::tally::{MutationOutcome, Tally, Verdict};
 use crate::process::Process;
 
-/// How long a client may take, in real time.
-const PATIENCE: Duration = Duration::from_secs(60);
+/// Real time that a client may take.
+const TIMEOUT: Duration = Duration::from_secs(60);
 
-/// Clients at the same time: each has a server of its own.
+/// Concurrent clients, each with a server of its own.
 const AT_ONCE: usize = 2;
 
 pub(super) fn measure(settings: Settings, flights: &Flights) -> anyhow::Result<MutationOutcome> {
@@ -50,7 +50,7 @@ pub(super) fn measure(settings: Settings, flights: &Flights) -> anyhow::Result<M
     })
 }
 
-/// Runs those cases whose number is the lane's.
+/// Runs the cases of one of the parallel lanes.
 async fn run_lane(cases: Settings, lane: usize, flights: &Flights) -> anyhow::Result<Tally> {
     let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await?;
     let address: Address = format!("ws://{}/", listener.local_addr()?).parse()?;
@@ -59,7 +59,7 @@ async fn run_lane(cases: Settings, lane: usize, flights: &Flights) -> anyhow::Re
         let frames = flights.damaged_frames(&mut Subject::Viewers.random(cases.seed, case));
         let begun = Instant::now();
         let client = tokio::spawn(client(address.clone().into()));
-        let accepted = timeout(PATIENCE, listener.accept()).await;
+        let accepted = timeout(TIMEOUT, listener.accept()).await;
         let (stream, _) = accepted.context("the client does not come")??;
         let server = tokio::spawn(serve(stream, frames));
         let verdict = client.await.ok();
@@ -69,7 +69,7 @@ async fn run_lane(cases: Settings, lane: usize, flights: &Flights) -> anyhow::Re
     Ok(tally)
 }
 
-/// Sends frames and hangs up, whatever is said.
+/// Sends frames and closes the connection, whatever the client sends.
 async fn serve(stream: TcpStream, frames: Vec<Vec<u8>>) {
     #[expect(clippy::result_large_err, reason = "as the library wants it")]
     let protocol = |_: &Request, mut response: Response| -> Result<Response, ErrorResponse> {
@@ -92,12 +92,12 @@ async fn serve(stream: TcpStream, frames: Vec<Vec<u8>>) {
 /// A client that connects once.
 async fn client(server: Server) -> Verdict {
     let mut core = core();
-    let retry = Retry { first_attempts: 1, first_within: PATIENCE, reconnect: false };
+    let retry = Retry { first_attempts: 1, first_within: TIMEOUT, reconnect: false };
     let streaming = stream_from(&server, &mut core, Clock::start(), retry, |_, _| {});
-    match timeout(PATIENCE, streaming).await {
+    match timeout(TIMEOUT, streaming).await {
         Err(_) => Verdict::Stuck,
         Ok(End::Left | End::Unreachable { .. }) => Verdict::refused("connection"),
-        // That the server hangs up is no complaint.
+        // A connection closed by the server is no refusal.
         Ok(End::Closed(close)) if close.code == CloseCode::Lost => of_blobs(&core),
         Ok(End::Closed(close)) => Verdict::refused(format!("session closed: {:?}", close.code)),
     }

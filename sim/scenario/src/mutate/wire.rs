@@ -1,4 +1,4 @@
-//! Frames over real sockets, whatever they hold, and what the server says last.
+//! Sends arbitrary frames over real sockets and reads the server's last message.
 
 use std::net::{IpAddr, SocketAddr};
 use std::time::Duration;
@@ -25,23 +25,23 @@ use tokio_tungstenite::{WebSocketStream, client_async};
 use super::damage;
 use crate::served::Address;
 
-/// How long the ping behind the damage is waited for before the client says that nothing follows: a server that waits for
-/// the rest of a frame says nothing until then.
+/// Time to wait for the answer to the last ping before the client ends its stream: a server that waits for the rest of
+/// a frame does not answer until then.
 const UNTIL_END: Duration = Duration::from_millis(200);
-/// Of so many sessions over WebSocket the bytes of one are damaged where the others' messages are.
+/// One in so many WebSocket sessions has damage in the raw bytes instead of the messages.
 const RAW_OF: u32 = 6;
 
-/// The ping behind everything.
+/// Payload of the ping after all other frames.
 const LAST_PING: u32 = 0xC0FF_EE00;
 
-/// What a server said last.
+/// The server's last message.
 #[derive(Debug)]
 pub(super) enum Answer {
-    /// It answered the ping behind the damage: the session goes on.
+    /// Answer to the last ping: the session continues.
     Pong,
-    /// It closed the session.
+    /// `Close`.
     Close(Close),
-    /// The connection ended without a word.
+    /// The connection ended without a message.
     End,
 }
 
@@ -49,7 +49,7 @@ fn last_ping() -> anyhow::Result<Vec<u8>> {
     Ok(encode_client(&ClientMessage::Ping(LAST_PING))?)
 }
 
-/// What a message is to who waits for the last.
+/// The answer that a message stands for; `None` for messages that are not the last.
 fn answer(message: ServerMessage) -> Option<Answer> {
     match message {
         ServerMessage::Close(close) => Some(Answer::Close(close)),
@@ -58,7 +58,7 @@ fn answer(message: ServerMessage) -> Option<Answer> {
     }
 }
 
-/// Has a session over WebSocket.
+/// Runs a session over WebSocket.
 pub(super) async fn over_websocket(
     server: Address,
     from: IpAddr,
@@ -77,17 +77,17 @@ pub(super) async fn over_websocket(
     if random.random_range(0..RAW_OF) == 0 {
         damage::bytes(&mut bytes, &[0x88, 0x80, 0, 0, 0, 0, 0x89, 0xFE, 0xFF, 0xFF], &mut random);
     }
-    // Whoever was refused already need not hear the rest.
+    // A client that was refused already need not read the rest.
     let _ = socket.get_mut().write_all(&bytes).await;
-    let mut told = timeout(UNTIL_END, last_words(&mut socket)).await;
+    let mut told = timeout(UNTIL_END, last_answer(&mut socket)).await;
     if told.is_err() {
         let _ = socket.get_mut().shutdown().await;
-        told = Ok(last_words(&mut socket).await);
+        told = Ok(last_answer(&mut socket).await);
     }
     Ok(told?)
 }
 
-/// A frame as a client's binary message, under a mask of zeros.
+/// A frame as a client's binary WebSocket message, with a mask of zeros.
 fn carried(frame: &[u8]) -> Vec<u8> {
     let mut bytes = vec![0x82];
     match u16::try_from(frame.len()) {
@@ -106,7 +106,7 @@ fn carried(frame: &[u8]) -> Vec<u8> {
     bytes
 }
 
-async fn last_words<S: AsyncRead + AsyncWrite + Unpin>(socket: &mut WebSocketStream<S>) -> Answer {
+async fn last_answer<S: AsyncRead + AsyncWrite + Unpin>(socket: &mut WebSocketStream<S>) -> Answer {
     while let Some(Ok(message)) = socket.next().await {
         let Message::Binary(bytes) = message else { continue };
         if let Ok(Some(ServerFrame::Message(message))) =
@@ -119,7 +119,7 @@ async fn last_words<S: AsyncRead + AsyncWrite + Unpin>(socket: &mut WebSocketStr
     Answer::End
 }
 
-/// Has a session over QUIC.
+/// Runs a session over QUIC.
 pub(super) async fn over_quic(
     server: Address,
     from: IpAddr,
@@ -145,7 +145,7 @@ pub(super) async fn over_quic(
     Ok(told?.unwrap_or(Answer::End))
 }
 
-/// Reads what the server sends until the connection ends; tells what it says last.
+/// Reads the server's streams until the connection ends, and reports its last message.
 async fn listen(connection: Connection, heard: mpsc::Sender<Answer>) {
     loop {
         match connection.accept_uni().await {
@@ -162,7 +162,7 @@ async fn listen(connection: Connection, heard: mpsc::Sender<Answer>) {
     }
 }
 
-/// Blobs are read and dropped.
+/// Reads a stream; blobs are discarded.
 async fn read_stream(mut stream: RecvStream, heard: mpsc::Sender<Answer>) {
     let mut kind = [0];
     if stream.read_exact(&mut kind).await.is_err() {

@@ -7,7 +7,7 @@ use serde::Deserialize;
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Deserializer, Error, IntoDeserializer, MapAccess, SeqAccess, Visitor};
 
-/// Most values of one range: a slip in a step should not fill the memory.
+/// Most values of one range: a mistake in a step should not exhaust the memory.
 const MAX_RANGE_VALUES: usize = 10_000;
 
 /// Values: `v`, `[v, w, …]`, or `{ from, to, step }` or `{ from, to, factor }`, both ends included.
@@ -26,7 +26,7 @@ struct Range {
 impl Range {
     fn values(&self) -> Result<Vec<f64>, String> {
         let Self { from, to, .. } = *self;
-        // Ends that steps in binary numbers miss by a hair are met.
+        // Includes ends that binary steps miss by a rounding error.
         let last = to * (1.0 + 1e-9);
         let mut values = Vec::new();
         let mut add = |value: f64| {
@@ -93,7 +93,7 @@ impl<'de, T: Deserialize<'de>> Visitor<'de> for Values<T> {
     fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Self::Value, A::Error> {
         let values = Range::deserialize(MapAccessDeserializer::new(map))?.values().map_err(Error::custom)?;
         let number = |value: f64| {
-            // Whole numbers below 2^53 are exact; anything else is left to the type to refuse.
+            // Whole numbers below 2^53 are exact; others are left to the target type.
             if value.fract() == 0.0 && (0.0..9e15).contains(&value) {
                 T::deserialize(IntoDeserializer::<A::Error>::into_deserializer(value as u64))
             } else {
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_axis_is_refused() {
+    fn invalid_axes_are_refused() {
         for bad in
             ["{ from = 1, to = 2 }", "{ from = 1, to = 2, step = 0 }", "{ from = 3, to = 2, step = 1 }"]
         {

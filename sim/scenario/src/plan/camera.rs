@@ -1,4 +1,4 @@
-//! Camera paths of a plan: `[camera.NAME]`, checked.
+//! Camera paths of a plan: `[camera.NAME]`.
 
 use serde::Deserialize;
 
@@ -43,7 +43,7 @@ enum When {
     Settled,
 }
 
-/// The path that a name stands for where the plan has no table of that name.
+/// The predefined path of a name, for names without a table in the plan.
 pub(super) fn by_name(name: &str) -> Option<CameraPath> {
     let path = match name {
         "still" => Kind::Still,

@@ -1,4 +1,4 @@
-//! A case: a scene, a link, a transport over it and a camera path.
+//! A case: a scene, a link, a transport and a camera path.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -11,7 +11,7 @@ use crate::camera_path::CameraPath;
 use crate::field::Field;
 use crate::technique::Technique;
 
-/// How client and server talk.
+/// Transport between client and server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Transport {
@@ -30,43 +30,43 @@ impl std::fmt::Display for Transport {
     }
 }
 
-/// What is streamed.
+/// The scene that is streamed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SceneChoice {
     /// The demo scene.
     Demo,
     /// The demo scene's small sibling, for tests.
     DemoSmall,
-    /// A scene without anything in it.
+    /// A scene without assets.
     Empty,
     /// A scene file.
     File(PathBuf),
-    /// A scene of a given size.
+    /// A generated scene of a given size.
     Field(Field),
-    /// A model by itself.
+    /// A single model.
     Model {
         /// Its file, within the folder of models.
         file: String,
         /// The folder, once it is known.
         folder: Option<PathBuf>,
-        /// Bits per axis of positions; the default where `None`.
+        /// Bits per axis of positions; `None` for the default.
         position_bits: Option<PositionBits>,
     },
 }
 
-/// A scene, and how the plan names it.
+/// A scene, with its name in the plan.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PlanScene {
-    /// For the report.
+    /// Name in the report.
     pub name: String,
-    /// What it is.
+    /// The scene.
     pub choice: SceneChoice,
 }
 
-/// A link in both directions, as a plan describes it; headers are the transport's matter.
+/// A link in both directions, without the transport's headers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CaseLink {
-    /// Its name, or its rate, round trip and loss in words.
+    /// Its name, or its rate, round trip and loss.
     pub name: String,
     /// From server to client.
     pub down: LinkSettings,
@@ -74,14 +74,14 @@ pub struct CaseLink {
     pub up: LinkSettings,
 }
 
-/// A scene, a link, a transport over it and a camera path: what some runs are about that differ by their seeds.
+/// A scene, a link, a transport and a camera path: the settings of runs that differ in their seeds only.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Case {
     /// Index into [`Plan::scenes`](super::Plan::scenes).
     pub scene: usize,
-    /// How client and server talk.
+    /// Transport between client and server.
     pub transport: Transport,
-    /// Whether the client was there before: it then has a ticket and an address token of the server's, and nothing else.
+    /// Whether the connection is resumed: the client has a ticket and an address token of the server, and nothing else.
     pub resumed: bool,
     /// The link.
     pub link: CaseLink,
@@ -89,14 +89,14 @@ pub struct Case {
     pub camera: String,
     /// The path.
     pub path: CameraPath,
-    /// How the scene gets to the client.
+    /// The technique that delivers the scene.
     pub technique: Technique,
-    /// Index into [`Plan::peers`](super::Plan::peers), for [`Technique::Nodes`]; `None` where no peers are known.
+    /// Index into [`Plan::peers`](super::Plan::peers), for [`Technique::Nodes`]; `None` without peers.
     pub peer: Option<usize>,
-    /// Rate that the server limits the session to; `None` for no limit. Below the link's rate its queue stays
-    /// short, so that what is urgent arrives sooner.
+    /// Rate limit of the session; `None` for none. Below the link's rate the queue stays short, so that urgent blobs
+    /// arrive sooner.
     pub limiter_bits_per_s: Option<u64>,
-    /// Virtual time after which a run is given up.
+    /// Virtual time after which a run ends.
     pub time_limit_s: f64,
     /// Seeds of the runs.
     pub seeds: Arc<[u64]>,

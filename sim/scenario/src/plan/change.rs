@@ -1,11 +1,11 @@
-//! Other values for some keys of a plan, from the command line.
+//! Changes of a plan's keys from the command line.
 
 use toml::{Table, Value};
 
 use super::Fault;
 
-/// The text of a plan with changes, each `KEY=VALUE`; a dot leads into a table, which is made where it is missing.
-/// Lists of tables (`sweep`) are changed in each of their tables.
+/// The text of a plan with changes, each `KEY=VALUE`; a dot leads into a table, which is created if missing.
+/// Changes within a list of tables (`sweep`) apply to each of its tables.
 pub(super) fn changed(text: &str, changes: &[String]) -> Result<String, Fault> {
     let no_toml = |why: toml::de::Error| Fault::new("", why.message().replace('\n', " "));
     let mut plan: Table = text.parse().map_err(no_toml)?;

@@ -1,31 +1,31 @@
-//! Settings of the client that a plan may change: `[client]`, checked.
+//! The client's settings of a plan: `[client]`.
 
 use lodestream_client::core::Config;
 use serde::Deserialize;
 
 use super::Fault;
 
-/// What of the client's settings is not as shipped.
+/// Client settings that differ from the default.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClientSettings {
-    /// Screen error that is refined to, in pixels.
+    /// Target screen error, in pixels.
     pub target_px: f32,
-    /// Bytes that are kept in flight, instead of what the measured rate and round trip need.
+    /// Bytes kept in flight, instead of the product of measured rate and round trip.
     pub request_depth_bytes: Option<u64>,
-    /// Whether base meshes of instances out of view are fetched too, last.
+    /// Whether base meshes of instances out of view are fetched, last.
     pub prefetch_bases: bool,
-    /// Whether chunks are fetched only up to the first stop that suffices.
+    /// Whether chunks are fetched only up to the first truncation point that suffices.
     pub truncation_points: bool,
-    /// Whether what the scene's own surfaces hide comes last, for the server's pushes too.
+    /// Whether parts occluded by the scene's own surfaces come last, in the server's pushes too.
     pub hidden_last: bool,
-    /// Whether what casts shadows into view from out of it is refined too.
+    /// Whether casters out of view whose shadow falls into view are refined.
     pub shadows: bool,
-    /// Vertex splits that the client decodes and applies in a second of virtual time; `None`: in no time.
+    /// Vertex splits that the client decodes and applies per second of virtual time; `None`: decoding takes no time.
     pub splits_per_s: Option<f64>,
 }
 
 impl ClientSettings {
-    /// The settings as shipped, refining to a screen error.
+    /// The default settings with a target screen error.
     #[must_use]
     pub fn to(target_px: f32) -> Self {
         Self {
@@ -39,7 +39,7 @@ impl ClientSettings {
         }
     }
 
-    /// Changes a configuration accordingly.
+    /// Changes a client's configuration accordingly.
     pub(crate) fn apply(&self, config: &mut Config) {
         config.select.prefetch_bases = self.prefetch_bases;
         config.select.truncation_points = self.truncation_points;
@@ -65,7 +65,7 @@ pub(super) struct ClientFile {
 }
 
 impl ClientFile {
-    /// `ttq_px` are the screen errors whose time is reported; without a target, the smallest is it.
+    /// `ttq_px` are the screen errors whose time is reported; the default target is the smallest of them.
     pub(super) fn check(&self, ttq_px: &[f64]) -> Result<ClientSettings, Fault> {
         let target_px =
             self.target_px.unwrap_or_else(|| ttq_px.iter().copied().fold(f64::INFINITY, f64::min));

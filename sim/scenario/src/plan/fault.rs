@@ -1,6 +1,6 @@
-//! What is wrong with a plan, and where.
+//! Faults of a plan, with their place.
 
-/// A plan that cannot be run: which file, which field, what is wrong.
+/// An invalid plan: file, field and fault.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{file}: {field}: {message}")]
 pub struct PlanError {
@@ -8,11 +8,11 @@ pub struct PlanError {
     pub file: String,
     /// The field (`sweep[1].loss[0]`) or the line (`line 7`).
     pub field: String,
-    /// What is wrong with it, and what to do.
+    /// The fault and its remedy.
     pub message: String,
 }
 
-/// What is wrong, before the file is named.
+/// A fault, without the file's name.
 #[derive(Debug)]
 pub(super) struct Fault {
     pub(super) field: String,
@@ -24,7 +24,7 @@ impl Fault {
         Self { field: field.into(), message: message.into() }
     }
 
-    /// The same, with what the field is a part of.
+    /// The same fault with the enclosing table prepended to its field.
     pub(super) fn within(self, table: &str) -> Self {
         Self { field: format!("{table}.{}", self.field), ..self }
     }

@@ -1,4 +1,4 @@
-//! Links of a plan: what its tables say, checked, as settings of simulated links.
+//! Links of a plan, as settings of simulated links.
 
 use std::num::NonZeroU64;
 use std::path::{Path, PathBuf};
@@ -15,9 +15,9 @@ use super::Fault;
 pub(super) const DEFAULT_QUEUE_BYTES: u64 = 64 * 1024;
 /// Longest trace file: a value per second for weeks.
 const MAX_TRACE_BYTES: u64 = 8 << 20;
-/// Longest delay, and most jitter, in one direction.
+/// Longest delay, and largest jitter, in one direction.
 const MAX_DELAY_MS: f64 = 1_800_000.0;
-/// Smallest packets: what every host on the Internet must take (RFC 791).
+/// Smallest MTU: the packet size that every Internet host must accept (RFC 791).
 const MIN_MTU_BYTES: u32 = 576;
 
 /// A link by name: `[link.NAME]`.
@@ -28,7 +28,7 @@ pub(super) struct LinkFile {
     pub(super) up: Option<Direction>,
 }
 
-/// One direction of a link, as far as it is told.
+/// One direction of a link, as far as it is given.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Direction {
@@ -81,8 +81,8 @@ fn all() -> f64 {
 }
 
 impl Direction {
-    /// What this table says, and where it says nothing, what `other` says. A rate of one kind takes the
-    /// place of a rate of another, and so does loss.
+    /// This table's values, completed by those of `other`. A rate of one kind replaces a rate of another kind, and so
+    /// does loss.
     pub(super) fn or(&self, other: &Self) -> Self {
         let own_rate =
             self.rate_bits_per_s.is_some() || self.rate_steps.is_some() || self.rate_trace.is_some();

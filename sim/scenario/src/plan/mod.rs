@@ -1,45 +1,45 @@
-//! Plans: which scenes are streamed over which links, along which camera paths, as TOML.
+//! Plans in TOML: scenes, links, camera paths and the cases that combine them.
 //!
 //! ```toml
-//! scene = "demo"              # "demo", "demo-small", "empty", a scene.toml relative to this file, a model by
-//!                             # itself: "model:stanford-bunny.obj", from the folder of models (--models), or a
+//! scene = "demo"              # "demo", "demo-small", "empty", a scene.toml relative to this file, a single model
+//!                             # from the folder of models (--models): "model:stanford-bunny.obj", or a generated
 //!                             # field of boulders: "field:assets=10,faces=10000,instances=1000"
-//! position_bits = 12          # of models by themselves; without it the default
-//! codec = "auto"              # or "range", "axis-aligned", "zstd": how scenes that are prepared here are coded
+//! position_bits = 12          # of single models; the default if absent
+//! codec = "auto"              # or "range", "axis-aligned", "zstd": codec of scenes that are prepared for the plan
 //! viewport_px = [1280, 720]
-//! ttq_px = [1, 4, 16]         # screen errors whose time is reported, of those that the client notes
-//! time_limit_s = 600          # virtual time after which a run is given up
-//! seeds = 1                   # how many (1, 2, 3 …), or which: [3, 14]
+//! ttq_px = [1, 4, 16]         # screen errors whose time is reported
+//! time_limit_s = 600          # virtual time after which a run ends
+//! seeds = 1                   # number of seeds (1, 2, 3 …), or a list of seeds: [3, 14]
 //!
-//! [client]                    # what of the client is not as shipped
-//! target_px = 1               # screen error that is refined to; without it the smallest of ttq_px
-//! request_depth_bytes = 65536 # kept in flight, instead of what rate and round trip need
-//! prefetch_bases = true       # base meshes of what is out of view, last
-//! truncation_points = true                # chunks only up to the stop that suffices
-//! shadows = false             # what casts shadows into view from out of it is refined too, as the viewer does
-//! splits_per_s = 500_000      # how fast it decodes and applies; without it that takes no virtual time
-//! hidden_last = true          # what the scene's own surfaces hide comes last; if not, the server does not ask either
+//! [client]                    # client settings that differ from the default
+//! target_px = 1               # target screen error; the smallest of ttq_px if absent
+//! request_depth_bytes = 65536 # bytes kept in flight, instead of rate times round trip
+//! prefetch_bases = true       # fetch base meshes of instances out of view, last
+//! truncation_points = true    # fetch chunks only up to the truncation point that suffices
+//! shadows = false             # refine casters out of view whose shadow falls into view, as the viewer does
+//! splits_per_s = 500_000      # rate of decoding and applying; decoding takes no virtual time if absent
+//! hidden_last = true          # occluded parts come last; if false, the server does not test occlusion either
 //!
-//! [link.train]                # a link by name: how it is from server to client,
+//! [link.train]                # a named link: from server to client,
 //! down = { rate_trace = { file = "train.txt", at_end = "repeat" }, delay_ms = 40, jitter_ms = 20, reorder = true }
-//! up = { rate_bits_per_s = 500_000 }      # and in what the way back differs
+//! up = { rate_bits_per_s = 500_000 }      # and what differs from client to server
 //!
-//! [camera.lap]                # a camera path by name
+//! [camera.lap]                # a named camera path
 //! path = "orbit"              # "still", "orbit", "fly-through", "teleport" or "swing"
 //! seconds = 12
 //!
-//! [pictures]                  # draws each run, which takes it seconds: the first frame, the settled one, and
+//! [pictures]                  # draws each run (takes seconds): the first frame, the settled picture, and at
 //! at_s = [1, 3]               # seconds since the connect call
 //! size_px = [640, 360]        # in the shape of viewport_px
 //!
-//! [[sweep]]                   # one case for each combination, one run for each seed of it
+//! [[sweep]]                   # one case for each combination, one run for each of its seeds
 //! transport = "quic"          # or "ws"; every value may be a list, and numbers a range:
-//! resumed = [false, true]     # over a new connection, or one that a ticket resumes; not for "ws"
+//! resumed = [false, true]     # over a new connection, or one resumed with a ticket; not for "ws"
 //! rate_bits_per_s = { from = 2_000_000, to = 16_000_000, factor = 2 }
 //! rtt_ms = [50]
 //! loss = [0, 0.01]            # in each direction; must be 0 for "ws"
 //! queue_bytes = 65536         # in each direction
-//! limiter_share = 0.95        # the server's limit, as a share of the link's rate; without it: no limit
+//! limiter_share = 0.95        # the server's rate limit, as a share of the link's rate; no limit if absent
 //!
 //! [[sweep]]
 //! transport = "quic"
@@ -49,20 +49,21 @@
 //! seeds = 30                  # scene, time_limit_s and seeds may be given per sweep
 //! ```
 //!
-//! A direction of a link has one of `rate_bits_per_s`, `rate_steps = [{ from_s = 0, bits_per_s = 2_000_000 }, …]`
-//! and `rate_trace` (a file with a number of Mbit/s per line, one line per second; `at_end` says whether it
-//! repeats or holds its last value), `delay_ms`, `jitter_ms` (evenly distributed from 0 to that), `reorder`
-//! (whether jitter may change the order), one of `loss` and `burst_loss = { to_bad, to_good, loss_good, loss_bad }`
-//! (Gilbert and Elliott, per packet), `queue_bytes` and `mtu_bytes`. A sweep's axes are the same, but `rtt_ms`
-//! stands for twice the delay; its `up` says in what the way back differs.
+//! A direction of a link has one of `rate_bits_per_s`, `rate_steps = [{ from_s = 0, bits_per_s = 2_000_000 }, …]` and
+//! `rate_trace` (a file with a number of Mbit/s per line, one line per second; `at_end` selects whether it repeats or
+//! holds its last value), `delay_ms`, `jitter_ms` (uniform from 0), `reorder` (whether jitter may change the order),
+//! one of `loss` and `burst_loss = { to_bad, to_good, loss_good, loss_bad }` (Gilbert and Elliott, per packet),
+//! `queue_bytes` and `mtu_bytes`. A sweep has the same axes, with `rtt_ms` for twice the delay; its `up` gives what
+//! differs from client to server.
 //!
-//! A path begins (`starts`) at the `"first-frame"`, once it is `"settled"` (as teleports do), or at a time in
-//! seconds. `orbit` and `teleport` turn the camera about what it looks at by `degrees`; `fly-through` goes `distance`
-//! times as far as that is away; `swing` looks `degrees` to both sides, `times` times.
+//! A path starts (`starts`) at the `"first-frame"`, once the start view is `"settled"` (the default of teleports), or
+//! at a time in seconds. `orbit` and `teleport` turn the camera by `degrees` around the point that it looks at;
+//! `fly-through` covers `distance` times the distance to that point; `swing` looks `degrees` to both sides, `times`
+//! times.
 //!
-//! Cases are in the order of the sweeps, and within a sweep by scene, transport, new or resumed, then link or rate,
-//! round trip, loss, jitter, queue and MTU, then camera, then technique; runs by case and then by seed. A case of `nodes`
-//! is one for each peer of the file that `peers` names (relative to this file) or the command line.
+//! Cases are ordered by sweep, and within a sweep by scene, transport, new or resumed, then link or rate, round trip,
+//! loss, jitter, queue and MTU, then camera, then technique; runs by case, then by seed. A case of technique `nodes` is
+//! repeated for each peer of the file that `peers` names (relative to this file) or the command line.
 
 mod axis;
 mod camera;
@@ -98,41 +99,38 @@ use link::LinkFile;
 use pictures::PicturesFile;
 pub use pictures::{FirstSeconds, PictureSettings};
 use seeds::Seeds;
-use sweep::Sweep;
+use sweep::{CaseBuilder, Sweep, SweepContext};
 
 /// Longest plan file.
 const MAX_PLAN_BYTES: u64 = 1 << 20;
 
-/// Most runs of one plan: a slip in a list should not cost hours.
-const MAX_RUNS: usize = 10_000;
-
-/// A whole plan.
+/// A parsed plan.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
     /// The scenes.
     pub scenes: Vec<PlanScene>,
     /// Size of the picture.
     pub viewport_px: [u32; 2],
-    /// Screen errors whose time is reported, in pixels, as the plan writes them.
+    /// Screen errors in pixels whose time is reported.
     pub ttq_px: Vec<f64>,
-    /// What the client does.
+    /// The client's settings.
     pub client: ClientSettings,
-    /// How scenes that are prepared for the plan are coded; as shipped where `None`.
+    /// Codec of scenes that are prepared for the plan; `None` for the default.
     pub codec: Option<CodecChoice>,
     /// The cases.
     pub cases: Vec<Case>,
-    /// Peers that are given as data.
+    /// Peers given as data.
     pub peers: Vec<Peer>,
-    /// Draco's encoder, where there is one.
+    /// Draco's encoder, if available.
     pub draco: Option<Encoder>,
     /// Pictures of each run; `None` for none.
     pub pictures: Option<PictureSettings>,
-    /// The plan as it is written.
+    /// The plan's TOML text.
     pub text: String,
 }
 
 impl Plan {
-    /// The same plan with one seed for every case: one run of each, as a plan with more seeds has it.
+    /// The same plan with one seed for every case.
     #[must_use]
     pub fn with_seed(mut self, seed: u64) -> Self {
         for case in &mut self.cases {
@@ -146,7 +144,7 @@ impl Plan {
     pub fn with_peers(mut self, peers: Vec<Peer>) -> Self {
         let numbers: Vec<Option<usize>> =
             if peers.is_empty() { vec![None] } else { (0..peers.len()).map(Some).collect() };
-        // Cases that stand for an earlier file's peers become one again.
+        // Cases repeated for earlier peers are merged again.
         self.cases.retain(|case| matches!(case.peer, None | Some(0)));
         let of_case = |case: Case| {
             let own = if case.technique == Technique::Nodes { numbers.clone() } else { vec![None] };
@@ -157,7 +155,7 @@ impl Plan {
         self
     }
 
-    /// The same plan with a folder of models, for scenes that name one by its file.
+    /// The same plan with a folder of models, for scenes that name a model's file.
     #[must_use]
     pub fn with_models(mut self, models: Option<&Path>) -> Self {
         for scene in &mut self.scenes {
@@ -168,7 +166,7 @@ impl Plan {
         self
     }
 
-    /// A case's technique, with the name of the peer where it is one.
+    /// A case's technique, with the peer's name for a peer.
     #[must_use]
     pub fn technique_name(&self, case: &Case) -> String {
         match case.peer.and_then(|peer| self.peers.get(peer)) {
@@ -222,10 +220,10 @@ fn default_time_limit() -> f64 {
     600.0
 }
 
-/// A scene as plans name it; files are relative to the current folder.
+/// Parses the name of a scene; files are relative to the current folder.
 ///
 /// # Errors
-/// What is no name of a scene; models by themselves, which need a plan.
+/// Unknown names, and single models, which need a plan.
 pub fn scene_choice(name: &str) -> Result<SceneChoice, PlanError> {
     let fail = |message: &str| PlanError {
         file: "the command line".to_owned(),
@@ -238,18 +236,18 @@ pub fn scene_choice(name: &str) -> Result<SceneChoice, PlanError> {
     }
 }
 
-/// Reads a plan, and the traces that it names.
+/// Reads a plan and the traces that it names.
 ///
 /// # Errors
-/// Names the file and the field or line that cannot be used.
+/// Names the file and the invalid field or line.
 pub fn read(path: &Path) -> Result<Plan, PlanError> {
     read_with(path, &[])
 }
 
-/// The same with other values for some of its keys, each as `KEY=VALUE` in TOML's words: `client.target_px=4`.
+/// As [`read`], with other values for some keys, each as `KEY=VALUE` in TOML: `client.target_px=4`.
 ///
 /// # Errors
-/// As [`read`]; a change that is none is named in place of a field.
+/// As [`read`]; an invalid change is named in place of a field.
 pub fn read_with(path: &Path, changes: &[String]) -> Result<Plan, PlanError> {
     let fail = |field: &str, message: String| PlanError {
         file: path.display().to_string(),
@@ -264,7 +262,7 @@ pub fn read_with(path: &Path, changes: &[String]) -> Result<Plan, PlanError> {
     if changes.is_empty() {
         return parse(&text, path);
     }
-    // What is wrong with the plan as it is written is said of its lines.
+    // Faults of the plan as written are reported by its lines.
     parse(&text, path)?;
     let text = change::changed(&text, changes)
         .map_err(|Fault { field, message }| fail(&format!("--set {field}"), message))?;
@@ -311,11 +309,19 @@ impl PlanFile {
         let client = self.client.check(&self.ttq_px).map_err(|fault| fault.within("client"))?;
         let peers = self.peers.as_ref().map(|file| peers::read(&folder.join(file))).transpose();
         let peers = peers.map_err(|why| Fault::new("peers", why.to_string()))?.unwrap_or_default();
-        let mut book = sweep::Book::new(&self, position_bits, folder)?;
+        let mut builder = CaseBuilder::new(&SweepContext {
+            folder,
+            scene: &self.scene,
+            position_bits,
+            time_limit_s: self.time_limit_s,
+            seeds: &self.seeds,
+            links: &self.link,
+            cameras: &self.camera,
+        })?;
         for (s, sweep) in self.sweep.iter().enumerate() {
-            book.expand(sweep).map_err(|fault| fault.within(&format!("sweep[{s}]")))?;
+            builder.expand(sweep).map_err(|fault| fault.within(&format!("sweep[{s}]")))?;
         }
-        let (scenes, cases) = book.finish();
+        let (scenes, cases) = builder.finish();
         let viewport_px = self.viewport_px;
         let pictures = self.pictures.map(|file| file.check(viewport_px)).transpose();
         let pictures = pictures.map_err(|fault| fault.within("pictures"))?;
@@ -332,14 +338,5 @@ impl PlanFile {
             text: String::new(),
         };
         Ok(plan.with_peers(peers))
-    }
-}
-
-/// Checks a time limit, in seconds.
-fn time_limit(seconds: f64) -> Result<f64, Fault> {
-    if seconds > 0.0 && seconds <= 1e6 {
-        Ok(seconds)
-    } else {
-        Err(Fault::new("time_limit_s", format!("{seconds} is not a time from 0 to 1e6 seconds")))
     }
 }

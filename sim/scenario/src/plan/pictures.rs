@@ -1,40 +1,40 @@
-//! Pictures that a plan asks for: `[pictures]`, checked.
+//! Pictures of a plan's runs: `[pictures]`.
 
 use serde::Deserialize;
 
 use super::Fault;
 
-/// Most instants that are listed.
+/// Most listed instants.
 const MAX_INSTANTS: usize = 16;
 /// Longest time over which errors are integrated, in seconds, and most pictures in it.
 const MAX_FIRST_S: f64 = 60.0;
 const MAX_FIRST_PICTURES: f64 = 100.0;
-/// Bytes of the pictures of a run.
+/// Most bytes of the pictures of a run.
 const MAX_BYTES: f64 = 600e6;
-/// Longest side of a picture: what a run holds until it is over stays below 300 MB.
+/// Longest side of a picture: keeps the pictures of a run below 300 MB.
 const MAX_SIDE_PX: u32 = 2048;
 /// Shortest side.
 const MIN_SIDE_PX: u32 = 16;
-/// Longest side where the plan says nothing.
+/// Default of the longest side.
 const DEFAULT_SIDE_PX: f64 = 640.0;
 
-/// Which pictures of each run are drawn: the first frame, some instants, the settled one.
+/// The pictures drawn of each run: the first frame, some instants, the settled picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PictureSettings {
-    /// Instants between, in seconds since the connect call, ascending.
+    /// Instants in seconds since the connect call, ascending.
     pub at_s: Vec<f64>,
     /// Width and height.
     pub size_px: [u32; 2],
-    /// The first seconds, over which the error is integrated; their pictures are among [`Self::at_s`].
+    /// The interval over which the error is integrated; its pictures are among [`Self::at_s`].
     pub first: Option<FirstSeconds>,
 }
 
-/// The first seconds after the connect call, in which pictures are drawn at even distances.
+/// The first seconds after the connect call, with pictures at equal intervals.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FirstSeconds {
-    /// How long they last.
+    /// Length of the interval.
     pub until_s: f64,
-    /// Time from picture to picture.
+    /// Time between pictures.
     pub every_s: f64,
 }
 
@@ -96,8 +96,8 @@ impl PicturesFile {
             let message = format!("{} is not a size from {MIN_SIDE_PX} to {MAX_SIDE_PX}", size_px[i]);
             return Err(Fault::new(format!("size_px[{i}]"), message));
         }
-        // A picture of another shape would show what nobody selects, or not show what is counted. Within half a
-        // pixel of either side it is the same shape.
+        // A picture of another aspect ratio would show parts that nobody selects, or omit parts that are counted. Half
+        // a pixel of either side is tolerated.
         let [w, h] = size_px.map(f64::from);
         if (w - h * width / height).abs() > 0.5 * (1.0_f64).max(width / height) {
             let message = format!(
@@ -109,7 +109,7 @@ impl PicturesFile {
         let mut at_s = self.at_s;
         if let Some(FirstSeconds { until_s, every_s }) = first {
             at_s.extend((1..).map(|i| f64::from(i) * every_s).take_while(|at| *at < until_s + 0.5 * every_s));
-            // To the microsecond, so that what is listed as well is there once.
+            // Rounded to the microsecond, so that listed instants are merged.
             at_s.iter_mut().for_each(|at| *at = (*at * 1e6).round() / 1e6);
             at_s.sort_by(f64::total_cmp);
             at_s.dedup();

@@ -1,4 +1,4 @@
-//! Seeds of a plan: how many, or which.
+//! Seeds of a plan: their number, or a list.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! Sweeps: from axes to cases.
+//! Sweeps: expands axes into cases.
 
 use std::collections::BTreeMap;
 use std::path::{Component, Path};
@@ -9,21 +9,24 @@ use lodestream_netsim::link::{IP_UDP_BYTES, LinkSettings, Loss};
 use serde::Deserialize;
 
 use super::axis::Axis;
-use super::camera;
-use super::link::{BurstFile, Direction};
+use super::camera::{self, CameraFile};
+use super::link::{BurstFile, Direction, LinkFile};
 use super::seeds::Seeds;
-use super::{Case, CaseLink, Fault, MAX_RUNS, PlanFile, PlanScene, SceneChoice, Transport, time_limit};
+use super::{Case, CaseLink, Fault, PlanScene, SceneChoice, Transport};
 use crate::camera_path::CameraPath;
 use crate::field::Field;
 use crate::technique::Technique;
 
-/// Smallest packets that QUIC can be spoken in: its datagrams of 1,200 bytes (RFC 9000, §14) and headers.
+/// Most runs of one plan: a mistake in a list should not cost hours.
+pub(super) const MAX_RUNS: usize = 10_000;
+
+/// Smallest packets that QUIC works over: datagrams of 1,200 bytes (RFC 9000, §14) and headers.
 const MIN_QUIC_MTU_BYTES: u32 = 1200 + IP_UDP_BYTES;
 
-/// What the name of a scene begins with that is a model by itself.
+/// Prefix of the name of a scene that is a single model.
 const MODEL: &str = "model:";
 
-/// What the name of a scene of a given size begins with.
+/// Prefix of the name of a generated scene of a given size.
 const FIELD: &str = "field:";
 
 #[derive(Clone, Debug, Deserialize)]
@@ -50,11 +53,26 @@ pub(super) struct Sweep {
     seeds: Option<Seeds>,
 }
 
-/// One value of an axis, and its place for messages.
+/// An axis and the index of one of its values, for messages.
 type AxisValue = (&'static str, usize);
 
-/// What a plan names, and the cases so far.
-pub(super) struct Book<'a> {
+/// The parts of a plan that its sweeps refer to.
+pub(super) struct SweepContext<'a> {
+    /// Folder that scene and trace files are relative to.
+    pub(super) folder: &'a Path,
+    /// The scene of sweeps that name none.
+    pub(super) scene: &'a str,
+    pub(super) position_bits: Option<PositionBits>,
+    /// Default of sweeps.
+    pub(super) time_limit_s: f64,
+    /// Default of sweeps.
+    pub(super) seeds: &'a Seeds,
+    pub(super) links: &'a BTreeMap<String, LinkFile>,
+    pub(super) cameras: &'a BTreeMap<String, CameraFile>,
+}
+
+/// Expands sweeps into cases.
+pub(super) struct CaseBuilder<'a> {
     folder: &'a Path,
     scene: &'a str,
     position_bits: Option<PositionBits>,
@@ -67,14 +85,12 @@ pub(super) struct Book<'a> {
     runs: usize,
 }
 
-impl<'a> Book<'a> {
-    pub(super) fn new(
-        plan: &'a PlanFile,
-        position_bits: Option<PositionBits>,
-        folder: &'a Path,
-    ) -> Result<Self, Fault> {
+impl<'a> CaseBuilder<'a> {
+    /// Checks the plan's links, cameras, scene, seeds and time limit.
+    pub(super) fn new(context: &SweepContext<'a>) -> Result<Self, Fault> {
+        let folder = context.folder;
         let mut links = BTreeMap::new();
-        for (name, file) in &plan.link {
+        for (name, file) in context.links {
             let table = format!("link.{name}");
             let down = file.down.settings(folder).map_err(|fault| fault.within("down").within(&table))?;
             let up = file.up.as_ref().map_or_else(|| file.down.clone(), |up| up.or(&file.down));
@@ -82,28 +98,28 @@ impl<'a> Book<'a> {
             links.insert(name.as_str(), CaseLink { name: name.clone(), down, up });
         }
         let mut cameras = BTreeMap::new();
-        for (name, file) in &plan.camera {
+        for (name, file) in context.cameras {
             let path = file.check().map_err(|fault| fault.within(&format!("camera.{name}")))?;
             cameras.insert(name.as_str(), path);
         }
-        let mut book = Self {
+        let mut builder = Self {
             folder,
-            scene: &plan.scene,
-            position_bits,
-            time_limit_s: time_limit(plan.time_limit_s)?,
-            seeds: plan.seeds.list()?,
+            scene: context.scene,
+            position_bits: context.position_bits,
+            time_limit_s: time_limit(context.time_limit_s)?,
+            seeds: context.seeds.list()?,
             links,
             cameras,
             scenes: Vec::new(),
             cases: Vec::new(),
             runs: 0,
         };
-        // The plan's scene is the first, and is looked at even if every sweep names another.
-        book.scene(&plan.scene).map_err(|message| Fault::new("scene", message))?;
-        Ok(book)
+        // The plan's scene is the first, and is checked even if every sweep names another.
+        builder.scene(context.scene).map_err(|message| Fault::new("scene", message))?;
+        Ok(builder)
     }
 
-    /// The scenes that cases use, and the cases.
+    /// The scenes that cases use, renumbered, and the cases.
     pub(super) fn finish(mut self) -> (Vec<PlanScene>, Vec<Case>) {
         let mut used = Vec::new();
         for case in &mut self.cases {
@@ -157,7 +173,7 @@ impl<'a> Book<'a> {
         }
         let seeds = sweep.seeds.as_ref().map_or_else(|| Ok(Arc::clone(&self.seeds)), Seeds::list)?;
         let limit = sweep.time_limit_s.map_or(Ok(self.time_limit_s), time_limit)?;
-        // Counted before anything is expanded: four long lists are soon more than the memory holds.
+        // Counted before expansion: the product of four long lists can exceed the memory.
         let link_cases = sweep.link_cases()?;
         let product = [transports.len(), scenes.len(), cameras.len(), techniques.len(), seeds.len()]
             .iter()
@@ -173,7 +189,7 @@ impl<'a> Book<'a> {
             let scene = self.scene(scene).map_err(fault)?;
             for &(transport, resumed) in &transports {
                 for (link, places) in &links {
-                    fits(transport, link, places)?;
+                    check_transport(transport, link, places)?;
                     let limiter_bits_per_s = sweep.limiter(&link.down)?;
                     for (c, camera) in cameras.iter().enumerate() {
                         let path =
@@ -198,7 +214,7 @@ impl<'a> Book<'a> {
         Ok(())
     }
 
-    /// The links of a sweep, each with the values of the axes that it comes from.
+    /// The links of a sweep, each with the axis values that define it.
     fn links(&self, sweep: &Sweep) -> Result<Vec<(CaseLink, Vec<AxisValue>)>, Fault> {
         let Some(names) = &sweep.link else { return sweep.axes(self.folder) };
         let mut links = Vec::new();
@@ -213,7 +229,7 @@ impl<'a> Book<'a> {
 }
 
 impl Sweep {
-    /// The transports, each over connections that are new and over those that are resumed, as asked for.
+    /// The transports, each with whether its connections are resumed.
     fn transports(&self) -> Result<Vec<(Transport, bool)>, Fault> {
         let transports = values("transport", Some(&self.transport), &[])?;
         let resumed = values("resumed", self.resumed.as_ref(), &[false])?;
@@ -228,7 +244,7 @@ impl Sweep {
         Ok(transports.iter().flat_map(with).collect())
     }
 
-    /// How many links the sweep is about. Refuses what does not go together.
+    /// Number of links of the sweep. Refuses keys that contradict each other.
     fn link_cases(&self) -> Result<usize, Fault> {
         let lengths = [
             ("rate_bits_per_s", self.rate_bits_per_s.as_ref().map(|axis| axis.0.len())),
@@ -248,8 +264,7 @@ impl Sweep {
             let other =
                 axis.or(self.reorder.is_some().then_some("reorder")).or(self.up.is_some().then_some("up"));
             if let Some(field) = other {
-                let message =
-                    "says what `link` says already; put it into the link's table, or leave out `link`";
+                let message = "conflicts with `link`; put it into the link's table, or leave out `link`";
                 return Err(Fault::new(field, message));
             }
             values("link", Some(names), &[])?;
@@ -268,7 +283,7 @@ impl Sweep {
             ));
         }
         if self.loss.is_some() && self.burst_loss.is_some() {
-            return Err(Fault::new("loss", "there is burst_loss too; keep one of them"));
+            return Err(Fault::new("loss", "burst_loss is given too; keep one of them"));
         }
         let product =
             lengths.iter().try_fold(1_usize, |product, (_, length)| product.checked_mul(length.unwrap_or(1)));
@@ -295,7 +310,7 @@ impl Sweep {
         let mtus = self.mtu_bytes.as_ref().map(|axis| axis.0.as_slice());
         links = cross(links, "mtu_bytes", mtus, |link, mtu| link.mtu_bytes = Some(mtu));
         let made = links.into_iter().map(|(direction, places)| {
-            let down = direction.settings(folder).map_err(|fault| placed(fault, &places))?;
+            let down = direction.settings(folder).map_err(|fault| with_index(fault, &places))?;
             let up = match &self.up {
                 None => down.clone(),
                 Some(up) => up.or(&direction).settings(folder).map_err(|fault| fault.within("up"))?,
@@ -310,7 +325,7 @@ impl Sweep {
         match (self.limiter_share, self.limiter_bits_per_s) {
             (None, None) => Ok(None),
             (Some(_), Some(_)) => {
-                Err(Fault::new("limiter_share", "there is limiter_bits_per_s too; keep one of them"))
+                Err(Fault::new("limiter_share", "limiter_bits_per_s is given too; keep one of them"))
             }
             (Some(share), None) if !(0.01..=100.0).contains(&share) => {
                 Err(Fault::new("limiter_share", format!("{share} is not a share from 0.01 to 100")))
@@ -319,7 +334,7 @@ impl Sweep {
                 Some(rate) => Ok(Some((rate.get() as f64 * share).round() as u64)),
                 None => Err(Fault::new(
                     "limiter_share",
-                    "a share of a rate that changes is no rate; give limiter_bits_per_s",
+                    "the link's rate varies, so a share of it is undefined; give limiter_bits_per_s",
                 )),
             },
             (None, Some(rate)) if !(1000..=1_000_000_000_000).contains(&rate) => {
@@ -330,7 +345,16 @@ impl Sweep {
     }
 }
 
-/// A scene as plans name it, its file relative to a folder.
+/// Checks a time limit, in seconds.
+fn time_limit(seconds: f64) -> Result<f64, Fault> {
+    if seconds > 0.0 && seconds <= 1e6 {
+        Ok(seconds)
+    } else {
+        Err(Fault::new("time_limit_s", format!("{seconds} is not a time from 0 to 1e6 seconds")))
+    }
+}
+
+/// Parses the name of a scene; files are relative to `folder`.
 pub(super) fn scene_choice(
     name: &str,
     folder: &Path,
@@ -354,7 +378,7 @@ pub(super) fn scene_choice(
     Ok(choice)
 }
 
-/// The values of an axis, or the default where it is not given.
+/// The values of an axis, or the default if the axis is absent.
 fn values<T: Clone>(name: &str, axis: Option<&Axis<T>>, default: &[T]) -> Result<Vec<T>, Fault> {
     let values = axis.map_or_else(|| default.to_vec(), |axis| axis.0.clone());
     if values.is_empty() {
@@ -364,7 +388,7 @@ fn values<T: Clone>(name: &str, axis: Option<&Axis<T>>, default: &[T]) -> Result
     }
 }
 
-/// Every link so far with every value of one more axis, the last axis changing fastest.
+/// Combines every link with every value of one more axis; the last axis changes fastest.
 fn cross<T: Copy>(
     links: Vec<(Direction, Vec<AxisValue>)>,
     name: &'static str,
@@ -386,8 +410,8 @@ fn cross<T: Copy>(
     links.iter().flat_map(with).collect()
 }
 
-/// Names the axis's value that a fault comes from.
-fn placed(fault: Fault, places: &[AxisValue]) -> Fault {
+/// Adds the index of the axis value that caused a fault.
+fn with_index(fault: Fault, places: &[AxisValue]) -> Fault {
     let (axis, rest) = fault.field.split_once('.').unwrap_or((&fault.field, ""));
     let dot = if rest.is_empty() { "" } else { "." };
     match places.iter().find(|(name, _)| *name == axis) {
@@ -396,8 +420,8 @@ fn placed(fault: Fault, places: &[AxisValue]) -> Fault {
     }
 }
 
-/// Refuses links that a transport is not modelled over, or cannot work over.
-fn fits(transport: Transport, link: &CaseLink, places: &[AxisValue]) -> Result<(), Fault> {
+/// Refuses links over which a transport is not modelled or cannot work.
+fn check_transport(transport: Transport, link: &CaseLink, places: &[AxisValue]) -> Result<(), Fault> {
     for (way, settings) in [("down", &link.down), ("up", &link.up)] {
         let fault = |axis: &[&str], message: String| {
             let place = places.iter().find(|(name, _)| axis.contains(name));
@@ -435,7 +459,7 @@ fn fits(transport: Transport, link: &CaseLink, places: &[AxisValue]) -> Result<(
     Ok(())
 }
 
-/// A link in words, as far as it differs from a plain one.
+/// Describes a link: rate, round trip and loss, and settings that differ from the default.
 fn describe(down: &LinkSettings, up: &LinkSettings) -> String {
     let mbit = down.rate.first() as f64 / 1e6;
     let rtt_ms = (down.delay_ns + up.delay_ns) as f64 / 1e6;

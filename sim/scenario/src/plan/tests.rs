@@ -1,8 +1,9 @@
-//! Tests: what plans mean, and what is refused.
+//! Tests of plans: expansion and error messages.
 
 use lodestream_geometry::Codec;
 use lodestream_netsim::link::{AtEnd, GilbertElliott, Jitter, LinkSettings, Loss, Rate};
 
+use super::sweep::MAX_RUNS;
 use super::*;
 use crate::camera_path::{CameraPath, Motion, Start};
 
@@ -31,7 +32,7 @@ fn sweeps_expand_in_order() {
 }
 
 #[test]
-fn the_documented_plan_is_one() {
+fn the_documented_plan_parses() {
     let toml: Vec<&str> = include_str!("mod.rs")
         .lines()
         .map(|line| line.trim_start_matches("//!"))
@@ -42,7 +43,8 @@ fn the_documented_plan_is_one() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("train.txt"), "4\n0\n1.5\n").unwrap();
     let plan = parse(&toml.join("\n"), &folder.path().join("plan.toml")).unwrap();
-    // Four rates with and without loss, anew and resumed; the train seen by two cameras by two techniques, thirty times each.
+    // Four rates with and without loss, anew and resumed; the train seen by two cameras by two techniques, thirty times
+    // each.
     assert_eq!((plan.cases.len(), plan.runs()), (2 * 4 * 2 + 4, 2 * 4 * 2 + 120));
     assert_eq!(plan.cases.iter().map(|case| case.resumed).position(|resumed| resumed), Some(8));
     let train = &plan.cases[17].link;
@@ -57,7 +59,7 @@ fn scene_files_are_relative_to_the_plan() {
 }
 
 #[test]
-fn the_projects_own_plans_are_plans() {
+fn the_projects_own_plans_parse() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../plans");
     let mut count = 0;
     for file in std::fs::read_dir(folder).unwrap() {
@@ -92,7 +94,7 @@ fn techniques_change_fastest_and_nodes_stand_for_each_peer() {
 }
 
 #[test]
-fn models_are_named_by_files_of_a_folder_that_the_plan_does_not_know() {
+fn models_are_files_of_a_folder_that_the_plan_does_not_name() {
     let text = format!("position_bits = 12\n{}", GOOD.replace("demo", "model:bunny.obj"));
     let plan = parse_at(&text).unwrap().with_models(Some(Path::new("models")));
     let folder = Some("models".into());
@@ -161,7 +163,7 @@ fn linked(down: &str, up: &str) -> String {
 }
 
 #[test]
-fn a_link_is_two_directions_of_which_the_way_back_says_what_differs() {
+fn the_reverse_direction_of_a_link_overrides_only_what_differs() {
     let down = "rate_steps = [{ from_s = 0, bits_per_s = 2_000_000 }, { from_s = 0.5, bits_per_s = 0 }, \
                 { from_s = 1, bits_per_s = 500_000 }], delay_ms = 0.25, jitter_ms = 3, reorder = true, \
                 burst_loss = { to_bad = 0.01, to_good = 0.25 }, queue_bytes = 3000, mtu_bytes = 1400";
@@ -361,7 +363,7 @@ fn the_shipped_plans_parse() {
 }
 
 #[test]
-fn pictures_have_the_shape_of_the_view_and_instants_in_order() {
+fn pictures_have_the_aspect_of_the_view_and_ordered_instants() {
     let with =
         |pictures: &str| parse_at(&GOOD.replace("[[sweep]]", &format!("[pictures]\n{pictures}\n[[sweep]]")));
     assert_eq!(parse_at(GOOD).unwrap().pictures, None);
@@ -394,7 +396,7 @@ fn pictures_have_the_shape_of_the_view_and_instants_in_order() {
 }
 
 #[test]
-fn the_client_and_the_codec_are_as_shipped_unless_the_plan_says_otherwise() {
+fn client_and_codec_default_to_the_shipped_settings() {
     let plain = parse_at(GOOD).unwrap();
     assert_eq!((plain.client, plain.codec), (ClientSettings::to(1.0), None));
     let client = "[client]\ntarget_px = 4\nrequest_depth_bytes = 9000\nprefetch_bases = false\nstops = false\nshadows = true\nsplits_per_s = 3e5\n";

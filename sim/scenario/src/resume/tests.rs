@@ -1,4 +1,4 @@
-//! Resumed connections: when their first words arrive, and what comes of tickets that are no good.
+//! Tests of resumed connections: time of the first data, and unusable tickets.
 
 use std::io::IoSliceMut;
 use std::net::SocketAddr;
@@ -53,7 +53,7 @@ fn resumed_runs_repeat_to_the_byte() {
     assert_eq!(json(), json());
 }
 
-/// A network with a link of [`RATE`] and [`RTT_MS`] between a server and whoever is at the other addresses.
+/// A network with a link of [`RATE`] and [`RTT_MS`] between the server and each of the other addresses.
 fn network(others: &[SocketAddr]) -> UdpNetwork {
     let network = UdpNetwork::new(VirtualClock::start());
     for &other in others {
@@ -77,19 +77,19 @@ fn viewer() -> Viewer<'static> {
     Viewer::new([640, 360], ClientSettings::to(1.0), CameraPath::STILL, Duration::from_secs(60), None)
 }
 
-/// The client's address at another port.
+/// The client's address with another port.
 fn client(port: u16) -> SocketAddr {
     SocketAddr::new(CLIENT.ip(), port)
 }
 
-/// Connects from a port and runs a session to its end; tells whether it began with early data.
+/// Connects from a port and runs a session to its end; returns whether it began with early data.
 async fn visit(
     network: &UdpNetwork,
     port: u16,
     config: &quinn::ClientConfig,
     viewer: &mut Viewer<'_>,
 ) -> (bool, Close) {
-    // Names of connections follow from the seed, and two visits must not have the same.
+    // Connection ids follow from the seed, and two visits must not share them.
     let client = network.endpoint(client(port), None, [port.to_le_bytes()[0]; 32]).unwrap();
     let connecting = client.connect_with(config.clone(), SERVER, "localhost").unwrap();
     let connection = QuicConnection::open(connecting, Duration::from_secs(4)).await.unwrap();
@@ -102,7 +102,7 @@ async fn visit(
 
 #[test]
 fn hello_comes_before_the_handshake_is_complete() {
-    let settings = QuicSettings::acquainted(&small_scene(), &certificate().unwrap()).unwrap();
+    let settings = QuicSettings::after_first_session(&small_scene(), &certificate().unwrap()).unwrap();
     virtual_runtime().unwrap().block_on(async {
         let network = network(&[client(2)]);
         let state = serve(&network, settings.server);
@@ -129,8 +129,8 @@ fn hello_comes_before_the_handshake_is_complete() {
 }
 
 #[test]
-fn every_session_brings_what_resumes_the_next() {
-    let settings = QuicSettings::acquainted(&small_scene(), &certificate().unwrap()).unwrap();
+fn every_session_issues_a_ticket_for_the_next() {
+    let settings = QuicSettings::after_first_session(&small_scene(), &certificate().unwrap()).unwrap();
     virtual_runtime().unwrap().block_on(async {
         let network = network(&[1, 2, 3].map(client));
         let state = serve(&network, settings.server);
@@ -143,17 +143,17 @@ fn every_session_brings_what_resumes_the_next() {
 }
 
 #[test]
-fn early_data_that_is_refused_is_said_again() {
+fn rejected_early_data_is_sent_again() {
     let certificate = certificate().unwrap();
-    let settings = QuicSettings::acquainted(&small_scene(), &certificate).unwrap();
+    let settings = QuicSettings::after_first_session(&small_scene(), &certificate).unwrap();
     virtual_runtime().unwrap().block_on(async {
         let network = network(&[client(2)]);
-        // The server was started again: the same certificate, and no memory.
+        // The server restarts with the same certificate and no memory.
         let state = serve(&network, server_config(&certificate).unwrap());
         let mut viewer = viewer();
         let (early, close) = visit(&network, 2, &settings.client, &mut viewer).await;
         assert!(early && viewer.settled().is_some(), "{close}");
-        // Hello came once: a session without it, or with two of them, does not go on.
+        // Hello arrived once: a session without it, or with two, would be closed.
         let metrics = state.metrics();
         assert_eq!((metrics.early_data_sessions(), metrics.rejected_messages()), (0, 0));
         assert_eq!(viewer.usage().repeated_bytes, 0);
@@ -163,17 +163,17 @@ fn early_data_that_is_refused_is_said_again() {
 #[test]
 fn a_ticket_is_not_used_for_another_pin() {
     let (certificate, other) = (certificate().unwrap(), certificate().unwrap());
-    let settings = QuicSettings::acquainted(&small_scene(), &certificate).unwrap();
+    let settings = QuicSettings::after_first_session(&small_scene(), &certificate).unwrap();
     virtual_runtime().unwrap().block_on(async {
         let network = network(&[2, 3].map(client));
-        // Another server has the address: what was said early cannot be read by it, and it is refused.
+        // Another server has the address: it cannot read the early data and rejects it.
         let state = serve(&network, server_config(&other).unwrap());
         let mut viewer = viewer();
         let (early, close) = visit(&network, 2, &settings.client, &mut viewer).await;
         assert!(early && viewer.core().scene().is_none());
         assert!(close.reason.contains("ApplicationVerificationFailure"), "{close}");
         assert_eq!(state.metrics().early_data_sessions(), 0);
-        // And its own pin finds no ticket.
+        // Its own pin has no ticket.
         let config = net::client_config(Pin::Certificate(other.fingerprint())).unwrap();
         let mut viewer = super::tests::viewer();
         let (early, _) = visit(&network, 3, &config, &mut viewer).await;
@@ -181,7 +181,7 @@ fn a_ticket_is_not_used_for_another_pin() {
     });
 }
 
-/// The datagrams that arrive in some time.
+/// The datagrams that arrive within some time.
 async fn receive(socket: &VirtualUdpSocket, time: Duration) -> Vec<Vec<u8>> {
     let mut datagrams = Vec::new();
     let _ = timeout(time, async {
@@ -208,13 +208,13 @@ fn send(socket: &VirtualUdpSocket, datagrams: &[Vec<u8>]) -> usize {
     datagrams.iter().map(Vec::len).sum()
 }
 
-/// What a client sends first that comes back, held up on its way.
+/// The first flight of a returning client, delayed on its way.
 fn first_flight(settings: &QuicSettings) -> Vec<Vec<u8>> {
     virtual_runtime().unwrap().block_on(async {
         let network = network(&[client(2)]);
         let holder = network.socket(SERVER);
         let mut viewer = viewer();
-        // Before the client repeats itself for want of an answer.
+        // Before the client retransmits.
         let time = Duration::from_millis(RTT_MS / 2 + 100);
         tokio::select! {
             biased;
@@ -225,8 +225,8 @@ fn first_flight(settings: &QuicSettings) -> Vec<Vec<u8>> {
 }
 
 #[test]
-fn repeated_early_data_is_not_read_and_earns_no_more_than_three_times_its_length() {
-    let settings = QuicSettings::acquainted(&small_scene(), &certificate().unwrap()).unwrap();
+fn replayed_early_data_is_not_read_and_answered_with_at_most_three_times_its_length() {
+    let settings = QuicSettings::after_first_session(&small_scene(), &certificate().unwrap()).unwrap();
     let datagrams = first_flight(&settings);
     assert!(datagrams.len() <= 2, "{}", datagrams.len());
     virtual_runtime().unwrap().block_on(async {
@@ -236,23 +236,23 @@ fn repeated_early_data_is_not_read_and_earns_no_more_than_three_times_its_length
         let (owner, thief) = (network.socket(client(2)), network.socket(client(3)));
         send(&owner, &datagrams);
         let (answer, ()) = tokio::join!(receive(&owner, Duration::from_secs(60)), async {
-            // While the session is open: nothing but copies of packets of it.
+            // While the session is open: copies of its packets.
             sleep(Duration::from_secs(1)).await;
             send(&thief, &datagrams);
         });
-        // The token is good, so the answer is not held back.
+        // The token is valid, so the answer is not limited.
         assert!(length(&answer) > 4 * length(&datagrams), "{}", length(&answer));
         assert_eq!(receive(&thief, Duration::from_secs(1)).await.len(), 0);
         assert_eq!(state.metrics().early_data_sessions(), 1);
         state.all_sessions_ended().await;
         sleep(Duration::from_secs(60)).await;
-        // After it: a session by its looks, without ticket and token, since both are used up.
+        // After the session: it looks like one, but ticket and token are used up.
         let sent = send(&thief, &datagrams);
         let answer = receive(&thief, Duration::from_secs(60)).await;
         assert!(!answer.is_empty() && length(&answer) <= 3 * sent, "{} for {sent}", length(&answer));
         assert_eq!(state.metrics().early_data_sessions(), 1);
         assert!(state.render_metrics().contains("lodestream_sessions_total{transport=\"quic\"} 2\n"));
-        // A server that never gave them answers as little.
+        // A server that never issued them answers as little.
         state.all_sessions_ended().await;
     });
 }

@@ -1,4 +1,4 @@
-//! Tests: the server's congestion control over simulated links, alone and beside others in one queue.
+//! Tests: the server's congestion control over simulated links, alone and with other flows in one queue.
 
 use std::net::SocketAddr;
 use std::num::NonZeroU64;
@@ -12,7 +12,7 @@ use lodestream_netsim::udp::UdpNetwork;
 use quinn::congestion::{ControllerFactory, CubicConfig};
 use rustls::pki_types::PrivateKeyDer;
 
-/// Settings of a server and a client that trusts it, as quinn has them where nobody sets anything.
+/// Default settings of quinn for a server and a client that trusts it.
 fn configs() -> (quinn::ServerConfig, quinn::ClientConfig) {
     let pair = rcgen::generate_simple_self_signed(vec!["server".to_owned()]).unwrap();
     let mut roots = rustls::RootCertStore::empty();
@@ -35,18 +35,18 @@ fn link(rate_bits_per_s: u64, rtt_ms: u64) -> LinkSettings {
     LinkSettings::constant(rate, rtt_ms * 500_000, 64 * 1024, IP_UDP_BYTES)
 }
 
-/// What flows came to that went through one queue.
+/// Throughput and round trips of flows through one queue.
 #[derive(Debug)]
 struct Shared {
-    /// Bytes that each flow brought in the second half of the time.
+    /// Bytes that each flow delivered in the second half of the time.
     bytes: Vec<u64>,
     link: LinkCounters,
     /// Round trip of each flow's server at the end.
     rtt: Vec<Duration>,
 }
 
-/// Sends without end over connections with these congestion controls, all through one link; the second and later ones
-/// begin two seconds after the one before.
+/// Sends endlessly over connections with these congestion controls through one link; each starts two seconds after the
+/// previous one.
 fn share(flows: Vec<Factory>, link: LinkSettings, seconds: u64) -> Shared {
     virtual_runtime().unwrap().block_on(async move {
         let clock = VirtualClock::start();
@@ -135,7 +135,7 @@ fn jitter_is_not_taken_for_a_queue_for_long() {
         for reorders in [false, true] {
             let jitter = Jitter { largest_ns: largest_ms * 1_000_000, reorders };
             let link = LinkSettings { jitter, ..link(2_000_000, 50) };
-            // What jitter costs CUBIC, which takes reordering for loss.
+            // The cost of jitter for CUBIC, which takes reordering for loss.
             let cubic = share(vec![cubic()], link.clone(), 60);
             let bounded = share(vec![bounded_queue()], link, 60);
             let [cubic, bounded] = [cubic, bounded].map(|shared| shares(&shared, 2_000_000, 60)[0]);

@@ -1,4 +1,4 @@
-//! Tests at the ends of what links there are: each run ends with a result, or says why there is none.
+//! Tests of extreme links: each run ends with a result, or with the reason why there is none.
 
 use std::path::Path;
 use std::sync::mpsc::sync_channel;
@@ -9,10 +9,10 @@ use crate::plan::{self, Plan, SceneChoice};
 use crate::result::RunResult;
 use crate::{parallel, scene};
 
-/// Real time that a plan of these may take: far more than it needs, and no more than a test may wait.
-const PATIENCE: Duration = Duration::from_secs(120);
+/// Real time that such a plan may take: far more than it needs.
+const TIMEOUT: Duration = Duration::from_secs(120);
 
-/// Runs a plan aside, so that one that never ends fails and does not hang.
+/// Runs a plan on another thread, so that a plan that never ends fails instead of hanging.
 fn results(plan: Plan) -> Vec<RunResult> {
     let (sender, receiver) = sync_channel(1);
     std::thread::spawn(move || {
@@ -24,7 +24,7 @@ fn results(plan: Plan) -> Vec<RunResult> {
         let threads = std::thread::available_parallelism().unwrap();
         let _ = sender.send(parallel::run(&plan, &scenes, threads, |_| {}));
     });
-    receiver.recv_timeout(PATIENCE).expect("the run hangs, or panicked").unwrap()
+    receiver.recv_timeout(TIMEOUT).expect("the run hangs, or panicked").unwrap()
 }
 
 fn run(sweep: &str) -> Vec<RunResult> {
@@ -40,17 +40,17 @@ fn assert_settled(result: &RunResult) {
 }
 
 #[test]
-fn at_one_kilobit_per_second_a_session_gives_up_and_says_so() {
+fn at_one_kilobit_per_second_a_session_ends_with_a_reason() {
     let both = run("transport = [\"quic\", \"ws\"]\nrate_bits_per_s = 1_000\nrtt_ms = 50");
     // QUIC's handshake needs packets of 1,200 bytes, 9.8 s each, and the connection is silent for more than 10 s.
     assert_eq!((both[0].ended.as_str(), both[0].ttff_ms), ("no connection: timed out", None));
-    // Over TCP the server is heard, but its first blobs take longer than the client bears without a message.
+    // Over TCP the server's data arrive, but its first blobs take longer than the client waits for a message.
     assert_eq!((both[1].ended.as_str(), both[1].ttff_ms), ("nothing heard for 20 s", None));
     assert!(both[1].total_bytes > 0, "{}", both[1]);
 }
 
 #[test]
-fn at_sixteen_kilobits_per_second_everything_comes_in_the_end() {
+fn at_sixteen_kilobits_per_second_everything_arrives() {
     for result in run("transport = [\"quic\", \"ws\"]\nrate_bits_per_s = 16_000\nrtt_ms = 50") {
         assert_settled(&result);
         let least_ms = result.total_bytes as f64 * 8e3 / 16e3;
@@ -73,7 +73,7 @@ fn with_three_seconds_of_delay_each_way_a_picture_comes_after_a_few_round_trips(
         assert_settled(&result);
         assert!((12_000.0..=18_100.0).contains(&result.ttff_ms.unwrap()), "{result}");
         assert!(result.settled_ms.unwrap() <= 36_100.0, "{result}");
-        // Every wait for an answer is a stall.
+        // Every wait for an answer counts as a stall.
         assert!(result.stalls > 0 && result.stalled_ms >= 2_000.0, "{result:?}");
     }
 }
@@ -92,7 +92,7 @@ fn thirty_percent_of_loss_slows_most_sessions_and_ends_some() {
                 (result.loss - 0.3).abs() < 1e-9 && result.packets_lost + result.packets_lost_up > 0,
                 "{result:?}"
             );
-            // The others say what became of the connection, and none lasts to the time limit of an hour.
+            // The others report why the connection was lost; none lasts until the time limit of an hour.
             let said =
                 ["settled", "does not answer", "timed out", "closed", "reset by peer", "nothing heard"];
             assert!(said.iter().any(|said| result.ended.contains(said)), "{result}");
@@ -108,7 +108,7 @@ fn a_queue_of_one_packet_slows_a_session_and_does_not_end_it() {
     for result in &both {
         assert_settled(result);
     }
-    // QUIC finds the queue by losing packets; the TCP model waits for it.
+    // QUIC detects the full queue by losing packets; the TCP model waits for it.
     assert!(both[0].packets_dropped > 10 && both[1].packets_dropped == 0, "{both:?}");
 }
 
@@ -119,7 +119,7 @@ fn a_scene_without_anything_is_complete_at_once() {
     for result in &both {
         assert_settled(result);
         assert_eq!((result.ttff_ms, result.settled_ms), (result.ttq_ms["1"], result.ttff_ms), "{result}");
-        // Two round trips of handshake and greeting, some small packets, and timers.
+        // Two round trips of handshake and Hello, some small packets, and timers.
         assert!((50.0..=115.0).contains(&result.settled_ms.unwrap()), "{result}");
         assert_eq!((result.usage.chunk_bytes, result.scene.as_str()), (0, "empty"));
     }
@@ -137,16 +137,16 @@ fn a_link_that_dies_in_the_middle_ends_the_run_by_silence() {
     for result in &both {
         assert!(result.ttff_ms.is_some() && result.settled_ms.is_none(), "{result}");
         assert!(result.total_bytes as f64 <= 500_000.0 / 8.0, "{result}");
-        // Ten and twenty seconds after the link died, and the time of the last words.
+        // Ten and twenty seconds after the link died, plus the time of the last messages.
         assert!(result.ended_ms.unwrap() <= 25_000.0, "{result:?}");
-        // The wait for what never came is the stall.
+        // The wait for missing blobs is the stall.
         assert!(result.stalls == 1 && result.stalled_ms >= 9_000.0, "{result:?}");
     }
 }
 
 #[test]
-fn a_time_limit_holds_where_not_even_the_last_words_get_out() {
-    // The way back takes minutes for what the client has to say, so it cannot say that it leaves.
+fn a_time_limit_holds_if_the_close_message_cannot_be_sent() {
+    // The client's messages take minutes on the way back, so it cannot announce that it leaves.
     let sweep = "transport = \"ws\"\nrate_bits_per_s = 2_000_000\nrtt_ms = 50\ntime_limit_s = 5\n\
                  up = { rate_steps = [{ from_s = 0, bits_per_s = 100_000 }, { from_s = 0.15, bits_per_s = 20 }] }";
     let result = &run(sweep)[0];
@@ -156,14 +156,14 @@ fn a_time_limit_holds_where_not_even_the_last_words_get_out() {
 
 #[test]
 fn a_server_that_never_answers_is_given_up_at_the_time_limit() {
-    // TCP's handshake is over after 51 ms; the answer to the request for a WebSocket never comes.
+    // TCP's handshake completes after 51 ms; the answer to the WebSocket upgrade never arrives.
     let mute = "scene = \"empty\"\ntime_limit_s = 5\n[link.mute]\n\
                 down = { rate_steps = [{ from_s = 0, bits_per_s = 2_000_000 }, { from_s = 0.06, bits_per_s = 0 }, \
                 { from_s = 900_000, bits_per_s = 1 }], delay_ms = 25 }\n\
                 [[sweep]]\ntransport = \"ws\"\nlink = \"mute\"\n";
     let result = &results(plan::parse(mute, Path::new("extreme.toml")).unwrap())[0];
     assert!(result.ended.contains("gave no answer to the WebSocket request"), "{result}");
-    // The plan's limit is that of opening; then the run waits for last words.
+    // The plan's limit applies to opening; then the run waits for the last messages.
     assert!((5_000.0..=10_000.0).contains(&result.ended_ms.unwrap()), "{result:?}");
 }
 

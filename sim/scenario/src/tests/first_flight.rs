@@ -1,7 +1,7 @@
-//! When the server's first words arrive, over QUIC in virtual time.
+//! Time of the server's first data over QUIC, in virtual time.
 //!
-//! The client of these tests says nothing of its own: what it receives before its own first flight could
-//! have been answered rode in the handshake's second flight.
+//! The client of these tests sends nothing of its own: data that arrive before its own first flight could have been
+//! answered were part of the handshake's second flight.
 
 use std::net::SocketAddr;
 use std::num::NonZeroU64;
@@ -18,7 +18,7 @@ use quinn::RecvStream;
 use quinn::crypto::rustls::QuicClientConfig;
 use tokio::sync::mpsc;
 
-/// What arrived, in order, and when in milliseconds.
+/// Kind of the data that arrived, in order, with the time in milliseconds.
 #[derive(Clone, Debug, PartialEq)]
 enum What {
     Welcome,
@@ -56,8 +56,8 @@ async fn read(mut stream: RecvStream, clock: VirtualClock, arrivals: mpsc::Sende
     }
 }
 
-/// Connects to a server over a link and listens; gives what came before `until_ms`, when the handshake
-/// was complete, and a hash of all packets.
+/// Connects to a server over a link and listens; returns the data that arrived before `until_ms`, the time at which the
+/// handshake was complete, and a hash of all packets.
 fn listen(rate: u64, rtt_ms: u64, base_bytes: u32, until_ms: u64) -> (Vec<(What, f64)>, f64, u64) {
     virtual_runtime().unwrap().block_on(async move {
         let clock = VirtualClock::start();
@@ -105,12 +105,12 @@ fn listen(rate: u64, rtt_ms: u64, base_bytes: u32, until_ms: u64) -> (Vec<(What,
 }
 
 #[test]
-fn welcome_page_and_bases_ride_in_the_handshakes_second_flight() {
+fn welcome_page_and_base_meshes_are_in_the_handshakes_second_flight() {
     for rtt_ms in [50, 300] {
         let (seen, connected_ms, _) = listen(2_000_000, rtt_ms, 900, rtt_ms * 2);
         let order: Vec<_> = seen.iter().map(|(what, _)| what.clone()).collect();
         assert_eq!(order, [What::Welcome, What::ScenePage, What::Base, What::Base], "{seen:?}");
-        // One round trip; the client's first packet, at least 1,200 bytes; 3,600 bytes from the server.
+        // One round trip; the client's first packet of at least 1,200 bytes; 3,600 bytes from the server.
         let bound_ms = rtt_ms as f64 + (1228.0 + 3.0 * 1200.0 + 3.0 * 28.0) * 8.0 / 2000.0 + 2.0;
         let last_ms = seen.last().unwrap().1;
         assert!(last_ms <= bound_ms, "RTT {rtt_ms} ms: {seen:?}, connected at {connected_ms}");
@@ -124,7 +124,7 @@ fn runs_repeat_packet_by_packet() {
 }
 
 #[test]
-fn a_client_that_says_nothing_is_told_to_go() {
+fn a_silent_client_is_closed_with_a_reason() {
     let (seen, ..) = listen(2_000_000, 50, 900, 25_000);
     assert_eq!(seen.last().unwrap().0, What::Close, "{seen:?}");
 }

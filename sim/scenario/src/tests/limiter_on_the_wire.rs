@@ -1,5 +1,5 @@
-//! Tests: how closely the server's limiter holds its rate over QUIC, counted where a network would count
-//! it: bytes of IP packets on the link, handshakes, headers and retransmissions included.
+//! Tests: accuracy of the server's rate limit over QUIC, in bytes of IP packets on the link, including handshakes,
+//! headers and retransmissions.
 
 use std::net::SocketAddr;
 use std::num::NonZeroU64;
@@ -19,11 +19,11 @@ use lodestream_protocol::stream::CONTROL_STREAM;
 use lodestream_scene::BlobId;
 
 const MS: u64 = 1_000_000;
-/// How often the link's counters are read.
+/// Interval at which the link's counters are read.
 const STEP_MS: u64 = 50;
 const WINDOW_MS: u64 = 3000;
 
-/// Everything that a client says that wants all textures of four assets.
+/// The messages of a client that requests all textures of four assets.
 fn requests() -> Vec<u8> {
     let hello = ClientMessage::Hello(Hello::new(""));
     let textures = (0..4).flat_map(|a| (0..TEXTURE_LEVELS).map(move |level| BlobId::texture(a, 0, level)));
@@ -34,7 +34,7 @@ fn requests() -> Vec<u8> {
     bytes
 }
 
-/// IP bytes that the server had sent at each step of 12 s to each of some clients, which have links of their own.
+/// IP bytes sent to each of some clients, which have links of their own, at each step of 12 s.
 fn sent_to_each(settings: SessionSettings, links: Vec<LinkSettings>) -> Vec<Vec<u64>> {
     virtual_runtime().unwrap().block_on(async move {
         let clock = VirtualClock::start();
@@ -90,13 +90,13 @@ fn link(rate: u64, loss: f64) -> LinkSettings {
     }
 }
 
-/// What was sent in each window, in bits per second.
+/// Bits per second in each window.
 fn rates(sent_bytes: &[u64]) -> Vec<f64> {
     let steps = (WINDOW_MS / STEP_MS) as usize;
     sent_bytes.windows(steps + 1).map(|w| (w[steps] - w[0]) as f64 * 8e3 / WINDOW_MS as f64).collect()
 }
 
-/// What was sent in each window at a limit over a link four times as fast, as a share of what the limit allows.
+/// Rate in each window over a link four times as fast as the limit, as a share of the limit.
 fn shares(rate: u64, loss: f64) -> Vec<f64> {
     let settings = SessionSettings { rate_bits_per_s: Some(rate), ..SessionSettings::default() };
     let sent = sent_to_each(settings, vec![link(4 * rate, loss)]);
@@ -114,19 +114,19 @@ fn every_three_second_window_is_within_two_percent_of_the_rate() {
 
 #[test]
 fn retransmissions_do_not_exceed_the_rate() {
-    // Congestion control may now stay below the limit; nothing may take the session above it.
+    // Congestion control may stay below the limit, but the session must not exceed it.
     let shares = shares(2_000_000, 0.01);
     assert!(shares.iter().all(|share| (0.5..=1.05).contains(share)), "{shares:?}");
 }
 
 #[test]
-fn sessions_share_one_rate_and_get_what_a_slow_link_leaves() {
+fn sessions_share_one_rate_including_the_part_that_a_slow_link_leaves() {
     const RATE: f64 = 10e6;
     let settings = SessionSettings { total_rate_bits_per_s: Some(10_000_000), ..SessionSettings::default() };
     let links = [20_000_000, 20_000_000, 1_000_000, 20_000_000].map(|rate| link(rate, 0.0));
     let sent = sent_to_each(settings, links.to_vec());
     let of_each: Vec<_> = sent.iter().map(|sent| rates(sent)).collect();
-    // Once it is known what the slow one takes.
+    // Once the rate of the slow client is known.
     for at in (2000 / STEP_MS) as usize..of_each[0].len() {
         let parts: Vec<_> = of_each.iter().map(|rates| rates[at]).collect();
         let sum: f64 = parts.iter().sum();

@@ -1,4 +1,4 @@
-//! Whole runs, and what they stand on: the server's and the client's code over simulated links.
+//! Tests of whole runs, and of server and client code over simulated links.
 
 mod bounded_queue;
 mod extremes;
@@ -21,7 +21,7 @@ pub(crate) fn small_scene() -> Arc<dyn SceneSource> {
     static SCENE: OnceLock<Arc<dyn SceneSource>> = OnceLock::new();
     let open = || {
         let cache = tempfile::tempdir().unwrap();
-        // Packs stay open, so the folder may go.
+        // Packs stay open, so the folder may be removed.
         let opened: Arc<dyn SceneSource> =
             scene::open(&SceneChoice::DemoSmall, None, cache.path(), true).unwrap();
         opened

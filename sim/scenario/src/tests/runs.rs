@@ -5,7 +5,8 @@ use std::path::Path;
 use super::{parse, results_of};
 use crate::ledger::Use;
 use crate::plan::{self, Plan, Transport};
-use crate::result::{milliseconds, to_json};
+use crate::result::to_json;
+use crate::timeline::milliseconds;
 use crate::timeline::{MAX_SAMPLES, Sample};
 
 fn short_plan() -> Plan {
@@ -39,12 +40,12 @@ fn results_are_possible_and_in_order() {
         ];
         assert!(times.iter().all(Option::is_some) && times.is_sorted(), "{result:?}");
         assert!(bytes.iter().all(Option::is_some) && bytes.is_sorted(), "{result:?}");
-        // No byte can be here before a round trip and its own time on the link are over.
+        // No byte can arrive before a round trip and its own transfer time.
         for (time, bytes) in times.iter().zip(bytes) {
             let least_ms = result.rtt_ms + bytes.unwrap() as f64 * 8e3 / result.rate_bits_per_s as f64;
             assert!(time.unwrap() >= least_ms, "{result:?}: {least_ms}");
         }
-        // And the first frame should not be long after that: one more round trip, some timers.
+        // The first frame should follow soon: one more round trip, some timers.
         let soon_ms = 2.0 * result.rtt_ms
             + result.first_frame_bytes.unwrap() as f64 * 8e3 / result.rate_bits_per_s as f64;
         assert!(result.ttff_ms.unwrap() <= soon_ms + 20.0, "{result:?}: {soon_ms}");
@@ -93,7 +94,7 @@ fn cameras_move_come_to_rest_and_see_more() {
     assert_eq!((still.rest_ms, still.rest_ttq_ms.len()), (None, 0));
     for moved in [orbit, fly, teleport, swing] {
         assert_eq!(moved.ended, "settled", "{moved:?}");
-        // The first frame is the same for all; what follows shows what the start view did not.
+        // The first frame is the same for all; later ones show what the start view did not.
         assert_eq!(moved.ttff_ms, still.ttff_ms);
         assert!(moved.total_bytes > still.total_bytes, "{moved}");
         let (rest_ms, settled_ms) = (moved.rest_ms.unwrap(), moved.settled_ms.unwrap());
@@ -110,24 +111,24 @@ fn cameras_move_come_to_rest_and_see_more() {
         assert!((12_000.0..=12_025.0).contains(&moved_ms), "{slow}");
     }
     assert_eq!(teleport.rest_ms, still.settled_ms);
-    // What is new after a jump needs a round trip at least.
+    // New parts after a jump need at least a round trip.
     assert!(teleport.rest_ttq_ms["1"].unwrap() >= 50.0, "{teleport}");
-    // Looking away and back finds again what was undone meanwhile.
+    // Looking back finds again what was undone meanwhile.
     assert!(swing.usage.cache_hits > 0 && swing.usage.cache_misses == 0, "{swing:?}");
 }
 
 #[test]
-fn a_series_tells_the_same_as_the_milestones() {
+fn a_series_agrees_with_the_milestones() {
     for result in results_of(&short_plan()) {
         let ms = |sample: &Sample| milliseconds(sample.at_ns);
         assert!(result.series.len() > 10 && result.series.len() <= MAX_SAMPLES);
         assert!(result.series.is_sorted_by(|a, b| a.at_ns < b.at_ns && a.bytes <= b.bytes));
         let (first, last) = (result.ttff_ms.unwrap(), result.series.last().unwrap());
-        // The last thing that changes is the error; that nothing more is wanted may turn out a little later.
+        // The error changes last; settling may be detected slightly later.
         assert!((ms(last)..ms(last) + 16.0).contains(&result.settled_ms.unwrap()), "{result:?}");
         assert_eq!(last.bytes, result.total_bytes);
         assert!(last.error_px.unwrap() <= 1.0);
-        // Before the first frame there is no error; after it one falls to the qualities at their times.
+        // Before the first frame there is no error; afterwards it reaches the qualities at their times.
         assert!(
             result.series.iter().all(|sample| sample.error_px.is_some() == (ms(sample) >= first)),
             "{result:?}"
@@ -138,18 +139,18 @@ fn a_series_tells_the_same_as_the_milestones() {
         for (error_px, times) in errors {
             for (px, at) in [(16.0, "16"), (4.0, "4"), (1.0, "1")] {
                 let reached = result.series.iter().find(|s| error_px(s).is_some_and(|e| e <= px)).unwrap();
-                // A sample is the last of its interval, at most 16 ms for a run of less than two seconds.
+                // A sample is the last of its interval, which is at most 16 ms for a run below two seconds.
                 let late = ms(reached) - times[at].unwrap();
                 assert!((0.0..=16.0).contains(&late), "{px} px: {late} ms: {result:?}");
             }
         }
-        // What is seen is part of what is in view.
+        // Visible parts are a subset of the parts in view.
         assert!(result.series.iter().all(|sample| sample.seen_error_px <= sample.error_px), "{result:?}");
     }
 }
 
 #[test]
-fn what_is_pushed_unasked_is_what_would_have_been_asked_for() {
+fn the_push_contains_only_blobs_that_the_client_would_request() {
     let sweep = "transport = [\"quic\", \"ws\"]\nrate_bits_per_s = 16_000_000\nrtt_ms = 300";
     let at = |px: &str| results_of(&parse(&format!("ttq_px = [{px}]"), sweep));
     for (coarse, sharp) in at("16").iter().zip(&at("1")) {
@@ -157,18 +158,18 @@ fn what_is_pushed_unasked_is_what_would_have_been_asked_for() {
         for run in [coarse, sharp] {
             let Use { chunk_bytes, wasted_bytes, finer_bytes, repeated_bytes, .. } = run.usage;
             assert!(wasted_bytes + finer_bytes + repeated_bytes <= chunk_bytes, "{run:?}");
-            // A settled picture draws all that its camera wanted, and nothing else.
+            // A settled picture draws all that its camera requested, and nothing else.
             assert_eq!(run.usage.undrawn_bytes, wasted_bytes + finer_bytes, "{run:?}");
             assert!(chunk_bytes < run.total_bytes, "{run:?}");
         }
-        // The view that the server assumes until it hears another is this one, but for the picture's size.
+        // The view that the server assumes until it receives another is this one, apart from the picture's size.
         let Use { wasted_bytes, finer_bytes, repeated_bytes, .. } = sharp.usage;
         assert_eq!((wasted_bytes, finer_bytes, repeated_bytes), (0, 0, 0), "{sharp:?}");
     }
 }
 
-/// The first refinement rides behind the base meshes, as far as TCP's first segments go, and more of it comes a round
-/// trip later: neither what the client says when it has seen the scene nor its first wishes are waited for.
+/// The first refinement follows the base meshes within TCP's first segments, and more a round trip later: the server
+/// waits neither for the client's view nor for its first requests.
 #[test]
 fn over_websocket_refinement_begins_with_the_first_frame() {
     let sweep = "transport = \"ws\"\nrate_bits_per_s = 16_000_000\nrtt_ms = [50, 200]";
@@ -189,7 +190,7 @@ fn a_client_that_decodes_slowly_is_as_late_as_that_takes_and_no_later() {
     let sweep = "transport = [\"quic\", \"ws\"]\nrate_bits_per_s = 16_000_000\nrtt_ms = 20\ncamera = [\"still\", \"orbit\"]";
     let with = |client: &str| results_of(&parse(client, sweep));
     let free = with("");
-    // So fast that it takes less than a nanosecond a blob.
+    // So fast that a blob takes less than a nanosecond.
     let fast = with("[client]\nsplits_per_s = 1e12\n");
     for (free, fast) in free.iter().zip(&fast) {
         let (free, fast) = (free.settled_ms.unwrap(), fast.settled_ms.unwrap());
@@ -197,7 +198,7 @@ fn a_client_that_decodes_slowly_is_as_late_as_that_takes_and_no_later() {
     }
     let slow = with("[client]\nsplits_per_s = 20_000\n");
     for (free, slow) in free.iter().zip(&slow) {
-        // Two faces a split.
+        // Two faces per split.
         let computing_ms = slow.applied_faces.unwrap() as f64 / 2.0 / 20.0;
         let (free_ms, slow_ms) = (free.settled_ms.unwrap(), slow.settled_ms.unwrap());
         assert!(slow_ms >= computing_ms && slow_ms > free_ms, "{slow_ms} ms, {free_ms} and {computing_ms}");

@@ -1,12 +1,12 @@
-//! Does virtual time tell the truth? The cases of a plan, in virtual time and again in real time.
+//! Validation of virtual time: runs the cases of a plan in virtual time and again in real time.
 //!
-//! In real time run the shipped daemon on its own threads, its real sockets on loopback, a relay in user
-//! space ([`relay_udp`], [`relay_tcp`]) that holds back what passes by the same link code ([`lodestream_netsim::link`],
-//! [`lodestream_netsim::tcp`]), and the simulator's client. What differs is what virtual time leaves out: the time
-//! that computing takes, the wake-ups of a real system, and the buffers of real sockets.
+//! Real time uses the shipped daemon on its own threads, real sockets on loopback, a user-space relay ([`relay_udp`],
+//! [`relay_tcp`]) with the simulator's link code ([`lodestream_netsim::link`], [`lodestream_netsim::tcp`]), and the
+//! simulator's client. The difference is what virtual time omits: computing time, wake-ups of a real system, and the
+//! buffers of real sockets.
 //!
-//! A machine that does something else at the same time shows in the figures, so each case is repeated
-//! and the median is compared; least and greatest stand beside it.
+//! Other load on the machine affects the figures, so each case is repeated and the median is compared; least and
+//! greatest are reported too.
 
 mod real;
 pub mod relay_tcp;
@@ -23,14 +23,14 @@ use crate::technique::Technique;
 pub use real::RealLink;
 pub use report::{Comparison, Difference, Figure, compare, figures};
 
-/// Times a case may be repeated in real time.
+/// Most repeats of a case in real time.
 pub const MAX_REPEATS: u32 = 100;
 
-/// Runs the cases of a plan, each with its first seed, in virtual time and `repeats` times in real time, one
-/// after the other. `report` is told of each case. `scenes` are the plan's, in its order.
+/// Runs the cases of a plan, each with its first seed, in virtual time and `repeats` times in real time, one after the
+/// other. `report` receives each case. `scenes` are the plan's, in its order.
 ///
 /// # Errors
-/// A plan of nothing that can be repeated, sockets that the system refuses, and whatever ends a run early.
+/// A plan whose cases cannot be repeated in real time, sockets that the system refuses, and runs that end early.
 pub fn run(
     plan: &Plan,
     scenes: &[Arc<dyn SceneSource>],

@@ -1,4 +1,4 @@
-//! A case of a plan in real time: the shipped daemon, a relay that is the link, and the simulator's client.
+//! A case of a plan in real time: the shipped daemon, a relay in place of the link, and the simulator's client.
 
 use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::Arc;
@@ -28,10 +28,10 @@ use crate::result::RunResult;
 use crate::run::end_of;
 use crate::viewer::Viewer;
 
-/// Time that the daemon and the relay may take to end.
+/// Time that daemon and relay may take to stop.
 const STOP_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// A case's server and link in real time, for a client that is not the simulator's.
+/// A case's server and link in real time, for any client.
 pub struct RealLink {
     server: Server,
     relay: Relay,
@@ -53,7 +53,7 @@ impl RealLink {
         Ok(Self { server, relay, scheme })
     }
 
-    /// Where a client finds it.
+    /// The address for a client.
     #[must_use]
     pub fn address(&self) -> Address {
         Address {
@@ -65,10 +65,10 @@ impl RealLink {
         }
     }
 
-    /// Ends both.
+    /// Stops daemon and relay.
     ///
     /// # Errors
-    /// What went wrong with the relay.
+    /// Errors of the relay.
     pub fn stop(self) -> anyhow::Result<()> {
         self.relay.stop()?;
         self.server.stop();
@@ -76,7 +76,7 @@ impl RealLink {
     }
 }
 
-/// Runs a case; takes as long as it says.
+/// Runs a case; takes the real time of its session.
 pub(super) fn run_case(
     plan: &Plan,
     case: &Case,
@@ -98,7 +98,7 @@ pub(super) fn run_case(
     let [down, up] = relay.stop()?;
     server.stop();
     let mut viewer = viewer;
-    if viewer.settled().is_none() && !viewer.gave_up() {
+    if viewer.settled().is_none() && !viewer.timed_out() {
         anyhow::bail!("in real time, the session of {case} ended early: {close}");
     }
     Ok(outcome::result(plan, case, seed, &mut viewer, &close, &Traffic { down, up, trace: 0 }))
@@ -143,14 +143,14 @@ async fn over_websocket(relay: &Relay, limit: Duration, viewer: &mut Viewer<'_>)
     Ok(end_of(session, limit).await)
 }
 
-/// The shipped daemon on threads of its own.
+/// The shipped daemon on its own threads.
 struct Server {
     runtime: Runtime,
     stop: tokio::sync::mpsc::Sender<()>,
     quic: SocketAddr,
     http: SocketAddr,
     fingerprint: [u8; 32],
-    /// Holds the certificate.
+    /// Folder of the certificate.
     _folder: tempfile::TempDir,
 }
 
@@ -177,14 +177,14 @@ impl Server {
     }
 
     fn stop(self) {
-        // The second request ends it at once.
+        // The second request stops it at once.
         let _ = self.stop.try_send(());
         let _ = self.stop.try_send(());
         self.runtime.shutdown_timeout(STOP_TIMEOUT);
     }
 }
 
-/// The relay on a thread of its own.
+/// The relay on its own thread.
 struct Relay {
     address: SocketAddr,
     stop: oneshot::Sender<()>,
@@ -221,7 +221,7 @@ impl Relay {
                             result = relay.run() => result?,
                             _ = stopped => {}
                         }
-                        // What its links did stays inside the modelled connection.
+                        // The counters of its links stay inside the modelled connection.
                         Ok([LinkCounters::default(); 2])
                     })
                 })

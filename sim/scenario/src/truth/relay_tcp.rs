@@ -1,9 +1,9 @@
-//! A relay of TCP connections in real time, between clients and a server on this machine.
+//! A real-time relay of TCP connections between clients and a server on this machine.
 //!
-//! Loopback's own TCP knows neither delay nor congestion, so the relay ends it on both sides and carries the
-//! bytes through the simulator's TCP ([`lodestream_netsim::stream_pipe`]), in real time: handshake, slow start, rate, delay
-//! and queue are those of virtual time. What differs are the buffers of the real sockets, which take bytes
-//! from a server before the modelled sender would: small ones are asked for on the relay's side.
+//! Loopback's TCP has neither delay nor congestion, so the relay terminates it on both sides and carries the bytes
+//! through the simulator's TCP ([`lodestream_netsim::stream_pipe`]) in real time: handshake, slow start, rate, delay
+//! and queue are those of virtual time. The buffers of the real sockets take bytes from a server before the modelled
+//! sender would, so the relay requests small ones.
 
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr};
@@ -14,9 +14,9 @@ use lodestream_netsim::stream_pipe::{self, Opening, StreamEnd};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, ReadHalf, WriteHalf};
 use tokio::net::{TcpListener, TcpSocket, TcpStream};
 
-/// Buffer of the relay's sockets. The system may double it.
+/// Buffer size of the relay's sockets. The system may double it.
 const SOCKET_BUFFER_BYTES: u32 = 16 * 1024;
-/// Bytes that are carried on at a time.
+/// Bytes carried at a time.
 const PIECE_BYTES: usize = 4 * 1024;
 
 /// A relay for connections to one server.
@@ -35,29 +35,28 @@ fn socket() -> io::Result<TcpSocket> {
 }
 
 impl TcpRelay {
-    /// Opens the socket. The first link leads from the server to the client; the seed decides how jitter
-    /// falls.
+    /// Opens the socket. The first link leads from the server to the client; the seed determines jitter.
     ///
     /// # Errors
-    /// What the system says.
+    /// Errors of the system.
     pub fn bind(server: SocketAddr, links: [LinkSettings; 2], seed: u64) -> io::Result<Self> {
         let socket = socket()?;
         socket.bind(SocketAddr::from((Ipv4Addr::LOCALHOST, 0)))?;
         Ok(Self { listener: socket.listen(8)?, server, links, seed })
     }
 
-    /// Where clients connect to.
+    /// The address for clients.
     ///
     /// # Errors
-    /// What the system says.
+    /// Errors of the system.
     pub fn address(&self) -> io::Result<SocketAddr> {
         self.listener.local_addr()
     }
 
-    /// Relays one connection until both sides have ended it.
+    /// Relays one connection until both sides have closed it.
     ///
     /// # Errors
-    /// What the system says, and links that TCP is not modelled over.
+    /// Errors of the system, and links over which TCP is not modelled.
     pub async fn run(self) -> io::Result<()> {
         let (client, _) = self.listener.accept().await?;
         let clock = VirtualClock::start();
@@ -87,10 +86,10 @@ fn split(stream: TcpStream) -> (tokio::net::tcp::OwnedReadHalf, tokio::net::tcp:
     stream.into_split()
 }
 
-/// From a socket into the modelled connection.
+/// Carries bytes from a socket into the modelled connection.
 async fn carry_in(mut from: tokio::net::tcp::OwnedReadHalf, mut to: WriteHalf<StreamEnd>) -> io::Result<()> {
     let mut piece = vec![0; PIECE_BYTES];
-    // A peer that breaks off has ended too.
+    // A peer that aborts has ended too.
     while let Ok(length @ 1..) = from.read(&mut piece).await {
         if to.write_all(&piece[..length]).await.is_err() {
             break;
@@ -99,7 +98,7 @@ async fn carry_in(mut from: tokio::net::tcp::OwnedReadHalf, mut to: WriteHalf<St
     to.shutdown().await
 }
 
-/// Out of the modelled connection into a socket.
+/// Carries bytes from the modelled connection into a socket.
 async fn carry_out(mut from: ReadHalf<StreamEnd>, mut to: tokio::net::tcp::OwnedWriteHalf) -> io::Result<()> {
     let mut piece = vec![0; PIECE_BYTES];
     while let length @ 1.. = from.read(&mut piece).await? {
@@ -120,9 +119,9 @@ mod tests {
     use super::*;
     use lodestream_netsim::tcp::{IP_TCP_BYTES, SEGMENT_BYTES};
 
-    /// A machine may be slow, never fast: only lower bounds of time are looked at.
+    /// Only lower bounds of time are checked: a machine may be slow, never too fast.
     #[test]
-    fn bytes_pass_both_ways_whole_and_not_before_their_time() {
+    fn bytes_pass_both_ways_intact_and_not_too_early() {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         runtime.block_on(async {
             let link = LinkSettings::constant(
@@ -150,7 +149,7 @@ mod tests {
             let mut received = Vec::new();
             client.read_to_end(&mut received).await.unwrap();
             assert!(received == expected);
-            // Handshake and question take a round trip each, and ten segments before the next round trip.
+            // Handshake and request take a round trip each; ten segments fit before the next.
             assert!(start.elapsed() >= Duration::from_millis(150), "{:?}", start.elapsed());
             drop(client);
             serving.await.unwrap();

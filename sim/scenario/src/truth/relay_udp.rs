@@ -1,8 +1,8 @@
-//! A relay of UDP datagrams in real time, between a client and a server on this machine.
+//! A real-time relay of UDP datagrams between a client and a server on this machine.
 //!
-//! The client sends to the relay's address; the relay sends on to the server from a socket of its own, and
-//! back. What passes is held back, dropped or lost as the [`Link`] of its direction says, which is the very
-//! code that runs in virtual time. tokio's timers are up to a millisecond late, and so is the relay.
+//! The client sends to the relay's address; the relay forwards to the server from a socket of its own, and back.
+//! Datagrams are delayed, dropped or lost by the [`Link`] of their direction, the same code as in virtual time. tokio's
+//! timers are up to a millisecond late, and so is the relay.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -16,10 +16,10 @@ use tokio::sync::oneshot;
 /// Largest datagram that IPv4 carries.
 const MAX_DATAGRAM_BYTES: usize = 65_507;
 
-/// Room for datagrams that came while the relay was busy.
+/// Buffer for datagrams that arrive while the relay is busy.
 const SOCKET_BUFFER_BYTES: usize = 4 << 20;
 
-/// A direction: its link, and what is on its way by time of arrival and order of sending.
+/// A direction: its link, and the datagrams on their way, by arrival time and order of sending.
 struct RelayDirection {
     link: Link,
     arriving: BTreeMap<(u64, u64), Vec<u8>>,
@@ -68,10 +68,10 @@ fn socket() -> io::Result<UdpSocket> {
 }
 
 impl UdpRelay {
-    /// Opens the sockets. `down` leads from the server to the client; the seeds decide loss and jitter.
+    /// Opens the sockets. `down` leads from the server to the client; the seeds determine loss and jitter.
     ///
     /// # Errors
-    /// What the system says.
+    /// Errors of the system.
     pub async fn bind(
         server: SocketAddr,
         [down, up]: [LinkSettings; 2],
@@ -87,16 +87,16 @@ impl UdpRelay {
         })
     }
 
-    /// Where clients send to.
+    /// The address for clients.
     ///
     /// # Errors
-    /// What the system says.
+    /// Errors of the system.
     pub fn address(&self) -> io::Result<SocketAddr> {
         self.client_side.local_addr()
     }
 
-    /// Relays until told to stop; returns what the links did, from server to client and back. The client is
-    /// whoever sent last.
+    /// Relays until stopped; returns the counters of both links, from server to client first. The client is the last
+    /// sender.
     pub async fn run(mut self, mut stop: oneshot::Receiver<()>) -> [LinkCounters; 2] {
         let clock = VirtualClock::start();
         let mut client: Option<SocketAddr> = None;
@@ -104,7 +104,7 @@ impl UdpRelay {
         loop {
             let now_ns = clock.now_ns();
             while let Some(datagram) = self.up.arrived(now_ns) {
-                // A full buffer or a port that was closed loses the datagram, as a network would.
+                // A full buffer or a closed port loses the datagram, as a network would.
                 let _ = self.server_side.try_send(&datagram);
             }
             while let Some(datagram) = self.down.arrived(now_ns) {
@@ -149,9 +149,9 @@ mod tests {
         tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap()
     }
 
-    /// A machine may be slow, never fast: only lower bounds of time are looked at.
+    /// Only lower bounds of time are checked: a machine may be slow, never too fast.
     #[test]
-    fn datagrams_pass_both_ways_whole_and_not_before_their_time() {
+    fn datagrams_pass_both_ways_intact_and_not_too_early() {
         runtime().block_on(async {
             let (server, client) = (socket().unwrap(), socket().unwrap());
             let relay =
@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_link_loses_does_not_pass() {
+    fn lost_datagrams_do_not_pass() {
         runtime().block_on(async {
             let (server, client) = (socket().unwrap(), socket().unwrap());
             let lossy = LinkSettings { loss: Loss::Random(0.5), ..settings() };

@@ -1,4 +1,4 @@
-//! Virtual beside real time, figure by figure.
+//! Comparison of virtual and real time.
 
 use std::fmt;
 
@@ -14,24 +14,24 @@ pub struct Difference {
     pub figure: String,
     /// In virtual time.
     pub virtual_ms: Option<f64>,
-    /// The median of the repeats in real time: the lower one of two. `None` where most never got there.
+    /// Median of the repeats in real time, the lower of two; `None` if most never reached the milestone.
     pub real_ms: Option<f64>,
-    /// The least.
+    /// Least value.
     pub real_least_ms: Option<f64>,
-    /// The greatest of those that got there.
+    /// Greatest value of the repeats that reached the milestone.
     pub real_greatest_ms: Option<f64>,
-    /// Real less virtual.
+    /// Real minus virtual.
     pub difference_ms: Option<f64>,
-    /// The same as a share of the virtual time.
+    /// The same relative to the virtual time.
     pub difference_share: Option<f64>,
 }
 
 /// A case in virtual and in real time.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Comparison {
-    /// The scene, as the plan names it.
+    /// The scene's name in the plan.
     pub scene: String,
-    /// How client and server talked.
+    /// Transport between client and server.
     pub transport: Transport,
     /// The link.
     pub link: String,
@@ -39,9 +39,9 @@ pub struct Comparison {
     pub camera: String,
     /// Seed of loss and jitter.
     pub seed: u64,
-    /// Runs in real time.
+    /// Number of runs in real time.
     pub repeats: usize,
-    /// Bytes that the client received, in virtual time.
+    /// Bytes received in virtual time.
     pub virtual_bytes: u64,
     /// Their median in real time.
     pub real_bytes: u64,
@@ -49,7 +49,7 @@ pub struct Comparison {
     pub differences: Vec<Difference>,
 }
 
-/// Lays the repeats of a case in real time beside its run in virtual time.
+/// Compares the real-time repeats of a case with its run in virtual time.
 #[must_use]
 pub fn compare(simulated: &RunResult, real: &[RunResult]) -> Comparison {
     let figure = |name: String, of: &dyn Fn(&RunResult) -> Option<f64>| {
@@ -94,12 +94,12 @@ pub fn compare(simulated: &RunResult, real: &[RunResult]) -> Comparison {
     }
 }
 
-/// A figure of a case, as a row of a table.
+/// A figure of a case, as a table row.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Figure<'a> {
     /// The case: scene, transport, link, camera, seed.
     pub scene: &'a str,
-    /// How client and server talked.
+    /// Transport between client and server.
     pub transport: Transport,
     /// The link.
     pub link: &'a str,
@@ -107,18 +107,18 @@ pub struct Figure<'a> {
     pub camera: &'a str,
     /// Seed of loss and jitter.
     pub seed: u64,
-    /// Runs in real time.
+    /// Number of runs in real time.
     pub repeats: usize,
-    /// Bytes that the client received until the end, in virtual time.
+    /// Bytes received until the end in virtual time.
     pub virtual_bytes: u64,
     /// Their median in real time.
     pub real_bytes: u64,
-    /// What was measured.
+    /// The compared figure.
     #[serde(flatten)]
     pub difference: &'a Difference,
 }
 
-/// A row for each case and figure.
+/// One row per case and figure.
 #[must_use]
 pub fn figures(compared: &[Comparison]) -> Vec<Figure<'_>> {
     let mut figures = Vec::new();
@@ -141,12 +141,12 @@ pub fn figures(compared: &[Comparison]) -> Vec<Figure<'_>> {
     figures
 }
 
-/// Of an ascending list; the lower one of two.
+/// Median of an ascending list; the lower of two.
 fn median<T: Copy>(sorted: &[T]) -> Option<T> {
     sorted.get(sorted.len().saturating_sub(1) / 2).copied()
 }
 
-/// A block of lines for people.
+/// Several lines of text.
 impl fmt::Display for Comparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(

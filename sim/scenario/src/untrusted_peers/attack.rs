@@ -1,4 +1,4 @@
-//! What one untrusted peer does. All of it is bounded: in bytes, and by the time at which the untrusted peer leaves.
+//! Attacks of one untrusted peer, bounded in bytes and time.
 
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -22,46 +22,46 @@ use tokio_tungstenite::{WebSocketStream, client_async};
 
 use crate::served::Address;
 
-/// Wants of a message, and messages of them.
+/// Requests per message, and number of messages.
 const WANTS: [usize; 2] = [500, 8];
-/// Random bytes of a frame.
+/// Random bytes per frame.
 const RANDOM_BYTES: usize = 64;
 /// Datagrams of one untrusted peer, and their length.
 const DATAGRAMS: [usize; 2] = [200, 1200];
-/// Frames of one untrusted peer that are no messages.
+/// Frames without a message, of one untrusted peer.
 const EMPTY_FRAMES: usize = 100_000;
 
-/// See the module.
+/// An attack.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Attack {
-    /// Nobody does anything.
+    /// No attack.
     Nothing,
-    /// Connects by TCP and is silent.
+    /// Connects by TCP and sends nothing.
     Silent,
-    /// Sends half of a request and no more.
+    /// Sends half of an HTTP request.
     HalfRequest,
-    /// A page of somebody else's site opens a WebSocket.
+    /// Opens a WebSocket from a page of another site.
     OtherOrigin,
-    /// Says hello over WebSocket, then nothing.
+    /// Sends `Hello` over WebSocket, then nothing.
     HelloWs,
-    /// The same over QUIC.
+    /// Sends `Hello` over QUIC, then nothing.
     HelloQuic,
-    /// Asks for all there is, several times over, and reads nothing.
+    /// Requests all blobs several times over and reads nothing.
     Unread,
-    /// Asks for blobs that do not exist.
+    /// Requests blobs that do not exist.
     Bogus,
-    /// Says hello, then sends random bytes as frames.
+    /// Sends `Hello`, then random bytes as frames.
     RandomFrames,
-    /// Sends frames that are no messages, as fast as they are taken.
+    /// Sends frames without messages as fast as they are accepted.
     EmptyFrames,
-    /// Sends datagrams of random bytes that look like a first packet.
+    /// Sends datagrams of random bytes that look like an Initial packet.
     RandomDatagrams,
-    /// Connects, says hello and leaves, over and over.
+    /// Connects, sends `Hello` and disconnects, repeatedly.
     Reconnect,
 }
 
 impl Attack {
-    /// All, with how many untrusted peers do each.
+    /// All attacks, each with its number of peers.
     pub const ALL: [(Self, u32); 12] = [
         (Self::Nothing, 0),
         (Self::Silent, 400),
@@ -77,7 +77,7 @@ impl Attack {
         (Self::Reconnect, 10),
     ];
 
-    /// What it is, for tables.
+    /// Name in tables.
     #[must_use]
     pub const fn name(&self) -> &'static str {
         match self {
@@ -96,7 +96,7 @@ impl Attack {
         }
     }
 
-    /// Does it until `end`. Answers whether the server still held the connection then.
+    /// Attacks until `end`. Returns whether the server still held the connection then.
     pub(super) async fn run(
         self,
         server: Address,
@@ -106,12 +106,12 @@ impl Attack {
     ) -> bool {
         tokio::select! {
             held = self.act(server, number, &wanted, end) => held.unwrap_or(false),
-            // What it was at was not refused.
+            // An attack that is still running was not refused.
             () = sleep_until(end + Duration::from_millis(500)) => true,
         }
     }
 
-    /// `None` where the server refused or closed it.
+    /// Returns `None` if the server refused or closed the connection.
     async fn act(&self, server: Address, number: u32, wanted: &[BlobId], end: Instant) -> Option<bool> {
         let Address { quic, http, pin } = server;
         match self {
@@ -122,15 +122,15 @@ impl Attack {
                     stream.write_all(b"GET / HTTP/1.1\r\nHost: loc").await.ok()?;
                 }
                 let closed = async { while stream.read(&mut [0; 256]).await.is_ok_and(|n| n > 0) {} };
-                Some(outlasts(closed, end).await)
+                Some(is_pending_at(closed, end).await)
             }
             Self::OtherOrigin => {
                 open(http, Some("https://elsewhere.example")).await?;
                 Some(true)
             }
             Self::HelloWs => {
-                let mut socket = greeted(http).await?;
-                Some(outlasts(drain(&mut socket), end).await)
+                let mut socket = websocket_after_hello(http).await?;
+                Some(is_pending_at(drain(&mut socket), end).await)
             }
             Self::HelloQuic => {
                 let endpoint = net::endpoint(quic, net::client_config(pin).ok()?).ok()?;
@@ -138,10 +138,10 @@ impl Attack {
                 let mut control = connection.open_uni().await.ok()?;
                 control.write_all(&[CONTROL_STREAM]).await.ok()?;
                 control.write_all(&hello()?).await.ok()?;
-                Some(outlasts(async { drop(connection.closed().await) }, end).await)
+                Some(is_pending_at(async { drop(connection.closed().await) }, end).await)
             }
             Self::Unread | Self::Bogus => {
-                let mut socket = greeted(http).await?;
+                let mut socket = websocket_after_hello(http).await?;
                 for message in 0..WANTS[1] {
                     let id = |i: usize| match self {
                         Self::Unread => wanted[i % wanted.len()],
@@ -152,26 +152,26 @@ impl Attack {
                     socket.send(Message::Binary(bytes.into())).await.ok()?;
                 }
                 sleep_until(end).await;
-                // Only now is anything read; what waits in the way comes first.
-                Some(outlasts(drain(&mut socket), end + Duration::from_millis(100)).await)
+                // Reads only now; the data in flight come first.
+                Some(is_pending_at(drain(&mut socket), end + Duration::from_millis(100)).await)
             }
             Self::RandomFrames => {
-                let mut socket = greeted(http).await?;
+                let mut socket = websocket_after_hello(http).await?;
                 let mut random = Pcg64Mcg::seed_from_u64(number.into());
                 let mut bytes = vec![0; RANDOM_BYTES];
                 random.fill_bytes(&mut bytes);
                 socket.send(Message::Binary(bytes.into())).await.ok()?;
-                Some(outlasts(drain(&mut socket), end).await)
+                Some(is_pending_at(drain(&mut socket), end).await)
             }
             Self::EmptyFrames => {
-                let mut socket = greeted(http).await?;
+                let mut socket = websocket_after_hello(http).await?;
                 for _ in 0..EMPTY_FRAMES {
                     socket.send(Message::Ping(Default::default())).await.ok()?;
                     if Instant::now() >= end {
                         break;
                     }
                 }
-                Some(outlasts(drain(&mut socket), end).await)
+                Some(is_pending_at(drain(&mut socket), end).await)
             }
             Self::RandomDatagrams => {
                 let socket = UdpSocket::bind("127.0.0.1:0").await.ok()?;
@@ -179,7 +179,7 @@ impl Attack {
                 let mut bytes = vec![0; DATAGRAMS[1]];
                 for _ in 0..DATAGRAMS[0] {
                     random.fill_bytes(&mut bytes);
-                    // A long header, the fixed bit, an Initial; version 1; connection ids of eight bytes.
+                    // Long header, fixed bit, Initial; version 1; connection ids of eight bytes.
                     bytes[..6].copy_from_slice(&[0xC3, 0, 0, 0, 1, 8]);
                     bytes[14] = 8;
                     socket.send_to(&bytes, quic).await.ok()?;
@@ -189,7 +189,7 @@ impl Attack {
             }
             Self::Reconnect => {
                 while Instant::now() < end {
-                    if greeted(http).await.is_none() {
+                    if websocket_after_hello(http).await.is_none() {
                         sleep(Duration::from_millis(1)).await;
                     }
                 }
@@ -199,8 +199,8 @@ impl Attack {
     }
 }
 
-/// Whether something is still going on at a time.
-async fn outlasts(what: impl Future<Output = ()>, end: Instant) -> bool {
+/// Whether a future is still pending at `end`.
+async fn is_pending_at(what: impl Future<Output = ()>, end: Instant) -> bool {
     tokio::select! {
         () = what => false,
         () = sleep_until(end) => true,
@@ -211,7 +211,7 @@ fn hello() -> Option<Vec<u8>> {
     encode_client(&ClientMessage::Hello(Hello::new(""))).ok()
 }
 
-/// A WebSocket, perhaps of a page of a site.
+/// A WebSocket, optionally with the origin of a site.
 async fn open(http: SocketAddr, origin: Option<&'static str>) -> Option<WebSocketStream<TcpStream>> {
     let stream = TcpStream::connect(http).await.ok()?;
     let mut request = format!("ws://{http}/").into_client_request().ok()?;
@@ -222,8 +222,8 @@ async fn open(http: SocketAddr, origin: Option<&'static str>) -> Option<WebSocke
     Some(client_async(request, stream).await.ok()?.0)
 }
 
-/// One that has said hello.
-async fn greeted(http: SocketAddr) -> Option<WebSocketStream<TcpStream>> {
+/// A WebSocket that has sent `Hello`.
+async fn websocket_after_hello(http: SocketAddr) -> Option<WebSocketStream<TcpStream>> {
     let mut socket = open(http, None).await?;
     socket.send(Message::Binary(hello()?.into())).await.ok()?;
     Some(socket)
@@ -243,12 +243,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_deed_is_told_from_the_others_and_bounded() {
+    fn every_attack_has_a_name_and_a_bounded_number_of_peers() {
         let mut names: Vec<_> = Attack::ALL.iter().map(|(attack, _)| attack.name()).collect();
         names.sort_unstable();
         names.dedup();
         assert_eq!(names.len(), Attack::ALL.len());
-        // The server's backlog and this process's files allow so many.
+        // The server's backlog and this process's file limit allow this number.
         assert!(Attack::ALL.iter().all(|(_, count)| *count <= 400));
     }
 }

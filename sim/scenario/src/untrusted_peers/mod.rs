@@ -1,5 +1,5 @@
-//! What untrusted peers can do to a server: the shipped daemon with its own limits in a process of its own, on loopback and in
-//! real time, while some hundred hostile peers of one address do one thing at it and somebody of another address wants a
+//! Effect of attacks on a server: the shipped daemon with its own limits in a process of its own, in real time on
+//! loopback, while some hundred untrusted peers of one address attack it and a client of another address requests a
 //! blob.
 //!
 //! Each case is bounded in peers, bytes and seconds. Memory and processor time are the server process's alone.
@@ -23,35 +23,35 @@ pub use attack::Attack;
 
 use crate::bare_client::BareClient;
 use crate::bare_client::chunks;
-use crate::result::milliseconds;
 use crate::served::{Server, Serving};
+use crate::timeline::milliseconds;
 
-/// From when the untrusted peers begin to when the other comes.
+/// Time between the start of the attack and the connect call of the honest client.
 const ALONE: Duration = Duration::from_secs(2);
-/// How long untrusted peers stay.
+/// Length of the attack.
 const STAY: Duration = Duration::from_secs(5);
-/// From when they have left to when memory is looked at again.
+/// Time from the end of the attack until memory is measured again.
 const AFTER: Duration = Duration::from_secs(2);
-/// How long the other waits.
-const PATIENCE: Duration = Duration::from_secs(10);
-/// Who else comes: another address than the untrusted peers', which Linux has on loopback without being told.
+/// Time that the honest client waits.
+const TIMEOUT: Duration = Duration::from_secs(10);
+/// The honest client's address, which differs from the attackers'; Linux accepts all of 127.0.0.0/8.
 const OTHER: IpAddr = IpAddr::V4(Ipv4Addr::new(127, 0, 0, 2));
-/// Limit of a session.
+/// Rate limit of a session.
 const RATE_BITS_PER_S: u64 = 16_000_000;
 
-/// What came of a case. Bytes of memory are resident ones.
+/// The results of a case. Bytes of memory are resident ones.
 #[derive(Clone, Debug, Serialize)]
 pub struct AttackOutcome {
-    /// What the untrusted peers did.
+    /// The attack.
     pub attack: &'static str,
-    /// How many they were.
+    /// Number of untrusted peers.
     pub untrusted_peers: u32,
-    /// How many of them the server still held after five seconds; the others were refused or closed.
+    /// How many of them the server still held at the end; the others were refused or closed.
     pub held: u32,
-    /// Time from somebody else's connect call to the first bytes of a blob, in milliseconds; absent where none came in ten
-    /// seconds.
+    /// Time from the honest client's connect call to its first bytes of a blob, in milliseconds; absent if none came in
+    /// ten seconds.
     pub other_ms: Option<f64>,
-    /// Memory of the server before, the most that was seen, and two seconds after they had left.
+    /// Memory of the server before, the largest value seen, and two seconds after the end.
     pub before_bytes: u64,
     /// See `before_bytes`.
     pub most_bytes: u64,
@@ -61,11 +61,11 @@ pub struct AttackOutcome {
     pub cpu_s: f64,
 }
 
-/// Lets `count` untrusted peers do something to a server of a scene; `scene` names it for the server's process, `source` is the
-/// same, opened here.
+/// Runs `count` untrusted peers against a server. `scene` names the scene for the server's process; `source` is the
+/// same scene, opened here.
 ///
 /// # Errors
-/// What keeps the server from being started, and systems without `/proc`.
+/// A server that cannot be started; systems without `/proc`.
 pub fn measure(
     scene: &str,
     source: &Arc<dyn SceneSource>,
@@ -109,7 +109,7 @@ pub fn measure(
     })
 }
 
-/// Nanoseconds until somebody of another address has the first bytes of a blob.
+/// Nanoseconds until the honest client has the first bytes of a blob.
 async fn other(http: SocketAddr, blob: BlobId) -> Option<u64> {
     let clock = VirtualClock::start();
     let first = async {
@@ -122,7 +122,7 @@ async fn other(http: SocketAddr, blob: BlobId) -> Option<u64> {
         client.want(&[blob], 1).await.ok()?;
         Some(client.next().await?.at_ns)
     };
-    timeout(PATIENCE, first).await.ok()?
+    timeout(TIMEOUT, first).await.ok()?
 }
 
 impl std::fmt::Display for AttackOutcome {

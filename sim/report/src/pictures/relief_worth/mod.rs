@@ -1,8 +1,8 @@
-//! What relief is worth: a wall as a plane with a height map against the same wall as a mesh.
+//! Relief mapping compared with geometry: a wall as a plane with a height map, and as a mesh.
 //!
-//! Both are prepared, streamed over the same link and drawn by the same renderer, with the same colours in the same light;
-//! pictures are held against one by rays at the surface that the height map describes. Bytes and times are of virtual time
-//! and repeat; how long a frame takes is of the machine, and its ratios hold.
+//! Both are prepared, streamed over the same link and drawn by the same renderer with the same colours and light;
+//! pictures are compared with one ray-cast from the height map's surface. Bytes and times are of virtual time and
+//! reproducible; frame times depend on the machine, their ratios little.
 
 mod truth;
 mod wall;
@@ -35,13 +35,13 @@ pub const ANGLES: [f64; 4] = [0.0, 45.0, 75.0, 85.0];
 pub const DISTANCES_M: [f64; 3] = [2.0, 6.0, 18.0];
 /// Vertical field of view.
 const FOV_Y: f32 = 0.9;
-/// What is fetched to this is all there is.
+/// Target screen error at which everything is fetched.
 const ALL_PX: f32 = 1e-3;
 
-/// What is asked.
+/// What to measure.
 #[derive(Clone, Copy, Debug)]
 pub struct Question {
-    /// Texels along a side of the maps, of which a metre of the wall has as many.
+    /// Texels along a side of the maps; a metre of the wall has as many.
     pub texels: usize,
     /// Width and height of the pictures.
     pub size_px: [u32; 2],
@@ -49,88 +49,88 @@ pub struct Question {
     pub distances_m: &'static [f64],
     /// Angles between the view and the wall's normal, degrees.
     pub angles: &'static [f64],
-    /// Frames that are timed of each way in each view.
+    /// Timed frames of each method in each view.
     pub frames: u32,
 }
 
-/// A wall sent in one way, seen straight on from a distance. Times since the connect call, in virtual time.
+/// A wall sent by one method, seen head-on from a distance. Times since the connect call, in virtual time.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Sent {
+pub struct Delivery {
     /// The height map.
     pub map: &'static str,
-    /// How it is sent.
+    /// The method.
     pub way: &'static str,
     /// Distance of the eye, metres.
     pub distance_m: f64,
-    /// Faces that are drawn in the end.
+    /// Faces drawn at the end.
     pub faces: u64,
-    /// Until it could be drawn.
+    /// Time until it could be drawn.
     pub ttff_ms: f64,
     /// Bytes until then.
     pub first_frame_bytes: u64,
-    /// Until its shape was a pixel off at most; of textures that says nothing.
+    /// Time until its shape was at most a pixel off; textures are not considered.
     pub ttq_1_ms: f64,
-    /// Until nothing more was wanted for 1 px, of textures either.
+    /// Time until settled at 1 px, including textures.
     pub settled_ms: f64,
     /// Bytes until then.
     pub settled_bytes: u64,
-    /// Bytes of all there is of it.
+    /// Bytes of the whole model.
     pub all_bytes: u64,
 }
 
-/// One view of a wall that was sent in one way, settled at 1 px.
+/// One view of a wall sent by one method, settled at 1 px.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Shown {
+pub struct ViewResult {
     /// Angle between view and normal.
     pub degrees: f64,
-    /// Mean FLIP against rays, where the wall is, without shadows in either.
+    /// Mean FLIP error against rays over the wall, without shadows in either.
     pub flip: f64,
     /// The same with shadows in both.
     pub shadowed_flip: f64,
-    /// Median time of a frame, milliseconds.
+    /// Median frame time, in milliseconds.
     pub median_ms: f64,
-    /// That over the plane's with a height map, the median over frames drawn one after the other.
+    /// Frame time relative to the plane with a height map: the median over consecutive frames.
     pub over_relief: f64,
 }
 
 /// All views from a distance.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct ShownFrom {
+pub struct DistanceResults {
     /// The height map.
     pub map: &'static str,
-    /// How it was sent.
+    /// The method.
     pub way: &'static str,
     /// Distance of the eye, metres.
     pub distance_m: f64,
-    /// As many as [`ANGLES`].
-    pub angles: Vec<Shown>,
+    /// One entry for each of [`ANGLES`].
+    pub angles: Vec<ViewResult>,
 }
 
 /// Both tables.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Worth {
-    /// The graphics adapter, where something is drawn.
+pub struct ReliefComparison {
+    /// The graphics adapter, if anything was drawn.
     pub adapter: Option<String>,
-    /// What sending takes.
-    pub sent: Vec<Sent>,
-    /// What it shows.
-    pub shown: Vec<ShownFrom>,
+    /// Cost of sending.
+    pub sent: Vec<Delivery>,
+    /// Picture errors and frame times.
+    pub shown: Vec<DistanceResults>,
 }
 
-/// Sends all walls in all ways, and draws them where there is a device. Packs are kept in a cache folder; `keep` gets each
-/// picture with a name.
+/// Sends all walls by all methods, and draws them if there is a device. Packs are stored in a cache folder; `keep`
+/// receives each picture with a name.
 ///
 /// # Errors
-/// What keeps a wall from being written, prepared or sent, and what the graphics device refuses.
+/// Walls that cannot be written, prepared or sent, and errors of the graphics device.
 pub fn relief_worth(
     question: &Question,
     gpu: Option<Gpu>,
     cache: &Path,
     mut keep: impl FnMut(&str, &RgbaImage) -> anyhow::Result<()>,
-) -> anyhow::Result<Worth> {
+) -> anyhow::Result<ReliefComparison> {
     let adapter = gpu.as_ref().map(Gpu::describe);
     let studio = gpu.map(Studio::new);
-    let mut worth = Worth { adapter, sent: Vec::new(), shown: Vec::new() };
+    let mut worth = ReliefComparison { adapter, sent: Vec::new(), shown: Vec::new() };
     for wall in Wall::all(question.texels) {
         let folder = tempfile::tempdir().context("no folder for the wall")?;
         let open = |way: WallMethod, distance_m: f64| {
@@ -152,15 +152,20 @@ pub fn relief_worth(
                 .iter()
                 .map(|way| open(*way, distance_m))
                 .collect::<anyhow::Result<Vec<_>>>()?;
-            // What is drawn in several ways is sent in one.
+            // Variants that differ only in drawing are sent once.
             for (way, plan, scene) in
                 ways.iter().filter(|(way, ..)| *way == WallMethod::Relief || !way.has_heights())
             {
                 worth.sent.push(sent(&wall, *way, plan, scene, distance_m)?);
             }
             let Some(studio) = &studio else { continue };
-            let mut shown: Vec<ShownFrom> = WallMethod::ALL
-                .map(|way| ShownFrom { map: wall.name, way: way.name(), distance_m, angles: Vec::new() })
+            let mut shown: Vec<DistanceResults> = WallMethod::ALL
+                .map(|way| DistanceResults {
+                    map: wall.name,
+                    way: way.name(),
+                    distance_m,
+                    angles: Vec::new(),
+                })
                 .into();
             for &degrees in question.angles {
                 let view = camera(distance_m, degrees).view(question.size_px, 1.0);
@@ -185,7 +190,7 @@ pub fn relief_worth(
                     keep(&name(&file), &picture)?;
                     keep(&name(&format!("{file}-shadowed")), &shadowed)?;
                     let flip = |picture, rays| rounded(flip_of(picture, rays, &truth.covered), 5);
-                    shown[number].angles.push(Shown {
+                    shown[number].angles.push(ViewResult {
                         degrees,
                         flip: flip(&picture, &truth.shape),
                         shadowed_flip: flip(&shadowed, &truth.shadowed),
@@ -200,7 +205,7 @@ pub fn relief_worth(
     Ok(worth)
 }
 
-/// How a way is drawn: by the sun with its shadows, under a sky that nothing hides.
+/// Renderer settings of a method: sun with shadows, sky without occlusion.
 fn settings(way: WallMethod) -> Settings {
     let relief_shadows = way == WallMethod::ReliefShadows;
     let relief_method = match way {
@@ -218,7 +223,7 @@ fn settings(way: WallMethod) -> Settings {
     }
 }
 
-/// An eye at an angle to the wall's normal, to its left.
+/// A camera at an angle to the wall's normal, to its left.
 fn camera(distance_m: f64, degrees: f64) -> Camera {
     let (sin, cos) = degrees.to_radians().sin_cos();
     Camera {
@@ -235,7 +240,7 @@ fn sent(
     plan: &Plan,
     scene: &Arc<dyn SceneSource>,
     distance_m: f64,
-) -> anyhow::Result<Sent> {
+) -> anyhow::Result<Delivery> {
     let certificate = certificate()?;
     let streamed = |target_px: f32| {
         let case = plan.cases.first().context("the plan has no case")?;
@@ -244,7 +249,7 @@ fn sent(
     };
     let (result, all) = (streamed(1.0)?, streamed(ALL_PX)?);
     let never = || format!("{} as {}: {}", wall.name, way.name(), result.ended);
-    Ok(Sent {
+    Ok(Delivery {
         map: wall.name,
         way: way.name(),
         distance_m,
@@ -258,7 +263,7 @@ fn sent(
     })
 }
 
-impl fmt::Display for Worth {
+impl fmt::Display for ReliefComparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "drawn on {}", self.adapter.as_deref().unwrap_or("nothing"))?;
         for s in &self.sent {
@@ -280,7 +285,7 @@ impl fmt::Display for Worth {
         }
         for from in &self.shown {
             write!(f, "\n{:7} {:26} {:>4} m:", from.map, from.way, from.distance_m)?;
-            for Shown { degrees, flip, shadowed_flip, median_ms, over_relief } in &from.angles {
+            for ViewResult { degrees, flip, shadowed_flip, median_ms, over_relief } in &from.angles {
                 write!(
                     f,
                     "  {degrees}° FLIP {flip:.4}, {shadowed_flip:.4} with shadows, {median_ms:.1} ms, {over_relief:.2}"
@@ -342,11 +347,12 @@ mod tests {
 
     /// Names that `docs/report/sections.toml` refers to.
     #[test]
-    fn figures_have_their_names() {
-        let shown = Shown { degrees: 0.0, flip: 0.1, shadowed_flip: 0.2, median_ms: 3.0, over_relief: 1.0 };
+    fn figures_have_the_names_that_sections_use() {
+        let shown =
+            ViewResult { degrees: 0.0, flip: 0.1, shadowed_flip: 0.2, median_ms: 3.0, over_relief: 1.0 };
         let angles = vec![shown; ANGLES.len()];
-        let from = ShownFrom { map: "brick", way: "mesh", distance_m: 2.0, angles };
-        let sent = Sent {
+        let from = DistanceResults { map: "brick", way: "mesh", distance_m: 2.0, angles };
+        let sent = Delivery {
             map: "brick",
             way: "mesh",
             distance_m: 2.0,

@@ -1,7 +1,7 @@
-//! A picture of a wall by rays: what every way of drawing it is held against.
+//! Ray-cast reference picture of a wall.
 //!
-//! Rays meet the bilinear surface between the texels, each patch of it as eight triangles; what they meet is lit by the
-//! sun, where a ray to it is free, and by an even sky that nothing hides, with the renderer's own reflectance in f64.
+//! Rays hit the bilinear surface between the texels, each patch approximated by eight triangles; hits are lit by the
+//! sun, unless a ray to it is blocked, and by a uniform sky without occlusion, with the renderer's reflectance in f64.
 
 use glam::DVec3;
 use image::{Rgba, RgbaImage};
@@ -15,11 +15,11 @@ use super::wall::{REPEATS, ROUGHNESS, SIDE_M, Wall, faces};
 
 /// Rays along each side of a pixel.
 const SIDE_RAYS: u32 = 3;
-/// Grid lines of the surface a texel.
+/// Grid lines of the surface per texel.
 const PARTS: usize = 2;
-/// How far above the surface a ray to the sun begins, in metres.
+/// Distance above the surface at which a ray to the sun starts, in metres.
 const LIFT: f64 = 1e-6;
-/// Cosines for which the sky's share is known.
+/// Number of tabulated cosines of the sky's contribution.
 const COSINES: usize = 64;
 
 /// Light over the wall: the sun from the upper right, and a sky of one radiance.
@@ -38,23 +38,24 @@ pub(super) fn environment() -> Environment {
     }
 }
 
-/// A wall that rays are cast at.
+/// A wall for ray casting.
 #[derive(Debug)]
 pub(super) struct Traced<'a> {
     wall: &'a Wall,
     bvh: TriangleBvh,
-    /// What an even sky of radiance 1 gives by the cosine to the eye: through a reflectance of 1, and without.
+    /// Reflection of a uniform sky of radiance 1 by the cosine to the eye: the factor of the specular reflectance, and
+    /// the rest.
     mirrored: Vec<[f64; 2]>,
 }
 
-/// Pictures, and where the wall is in them.
+/// Reference pictures, with a mask of the wall.
 #[derive(Clone, Debug)]
 pub(super) struct Truth {
-    /// Where the sun's light is taken to come everywhere.
+    /// With sunlight everywhere.
     pub(super) shape: RgbaImage,
-    /// Where it comes only to what sees it.
+    /// With sunlight only where the sun is visible.
     pub(super) shadowed: RgbaImage,
-    /// Pixels in which rays meet the wall, or would meet its plane.
+    /// Pixels in which rays hit the wall or its plane.
     pub(super) covered: Vec<bool>,
 }
 
@@ -86,12 +87,12 @@ impl<'a> Traced<'a> {
         Self { wall, bvh: TriangleBvh::new(&points, &triangles), mirrored }
     }
 
-    /// The answer does not depend on the number of threads.
+    /// The picture; it does not depend on the number of threads.
     pub(super) fn picture(&self, view: &View) -> Truth {
         let [width, height] = view.viewport_px;
         let mut pixels = vec![Pixel::default(); width as usize * height as usize];
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        // Rows by turns: what is costly lies together.
+        // Rows are interleaved, since costly rows are adjacent.
         let mut work: Vec<Vec<_>> = (0..threads).map(|_| Vec::new()).collect();
         for (y, row) in pixels.chunks_mut(width as usize).enumerate() {
             work[y % threads].push((y, row));
@@ -143,7 +144,7 @@ impl<'a> Traced<'a> {
         Pixel { shape, shadowed, covered }
     }
 
-    /// Radiance of the wall along a ray that meets it, if the sun reached all of it, and as it does.
+    /// Radiances of the wall along a ray that hits it, without and with shadows.
     fn seen(&self, eye: DVec3, ray: DVec3) -> Option<[DVec3; 2]> {
         let (far, _) = self.bvh.first_hit(eye.to_array(), ray.to_array(), [0.0, f64::INFINITY])?;
         let at = eye + ray * far;
@@ -157,7 +158,7 @@ impl<'a> Traced<'a> {
         };
         let to_sun = DVec3::from(TO_SUN).normalize();
         let from = at + DVec3::Z * LIFT;
-        // Beyond the plane nothing hides the sun.
+        // Above the plane nothing occludes the sun.
         let way = (LIFT - at.z) / to_sun.z;
         let free = self.bvh.first_hit(from.to_array(), to_sun.to_array(), [0.0, way]).is_none();
         let sun = DVec3::from(reflector.from_light(to_sun.to_array(), SUN.map(f64::from)));
@@ -165,7 +166,7 @@ impl<'a> Traced<'a> {
         Some([sky + sun, if free { sky + sun } else { sky }])
     }
 
-    /// What a dielectric makes of the even sky, split as the renderer does it.
+    /// A dielectric's reflection of the uniform sky, split as in the renderer.
     fn of_sky(&self, r: &Reflector) -> DVec3 {
         let cosine = DVec3::from(r.normal).dot(DVec3::from(r.to_eye)).clamp(0.0, 1.0);
         let at = cosine * COSINES as f64;
@@ -182,7 +183,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rays_see_stones_in_the_sun_and_joints_in_shade() {
+    fn rays_hit_sunlit_stones_and_shaded_joints() {
         let [wall, _] = Wall::all(32);
         let traced = Traced::new(&wall);
         let view = View {
@@ -192,7 +193,7 @@ mod tests {
         let truth = traced.picture(&view);
         let [covered, all] = [truth.covered.iter().filter(|c| **c).count(), truth.covered.len()];
         assert!(covered * 2 > all && covered < all, "{covered} of {all}");
-        // A stone's face, and the joint below it, over which the sun stands on the stone's side.
+        // The face of a stone, and the joint below it, which the sun reaches on the stone's side.
         let [lit, joint] =
             [[0.2, 0.12], [0.2, 0.24]].map(|[x, y]| traced.seen(DVec3::new(x, y, 2.0), DVec3::NEG_Z));
         let ([shape, shadowed], [joint_shape, joint_shadowed]) = (lit.unwrap(), joint.unwrap());

@@ -1,7 +1,7 @@
-//! A wall of stones: what it is, and the models that stand for it.
+//! The wall of stones and the models that represent it.
 //!
-//! It fills a square of the plane z = 0 and faces +z, its texture twice along each side. Height maps are 8-bit, so that all
-//! ways have the same heights.
+//! It covers a square of the plane z = 0 and faces +z; its texture repeats twice along each side. Height maps have 8
+//! bits, so that all methods have the same heights.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -15,7 +15,7 @@ use lodestream_scene::description::Camera;
 
 /// Length of the wall's sides, in metres.
 pub(super) const SIDE_M: f64 = 2.0;
-/// Texture widths along a side; one is a metre.
+/// Repeats of the texture along a side; one is a metre wide.
 pub(super) const REPEATS: usize = 2;
 /// Depth of the relief, in metres and in texture widths.
 pub(super) const DEPTH: f64 = 0.05;
@@ -25,24 +25,24 @@ pub(super) const ROUGHNESS: f64 = 0.9;
 /// How a wall is sent and drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WallMethod {
-    /// A plane with the colours.
+    /// A plane with the colours only.
     Plane,
-    /// A plane with the colours and the height map, and relief mapping.
+    /// A plane with colours and height map, and relief mapping.
     Relief,
-    /// The same, drawn with what its heights hide from the sun.
+    /// The same with self-shadowing of the heights.
     ReliefShadows,
-    /// The plane and its heights, by relaxed cones.
+    /// The same with relaxed cones.
     Cones,
-    /// The same, by a quadtree of largest heights.
+    /// The same with a quadtree of maximum heights.
     Quadtree,
-    /// The surface between the texels' middles as a mesh, with the colours.
+    /// The surface between texel centres as a mesh, with the colours.
     Mesh,
-    /// The same of one repeat of the texture, placed four times.
+    /// The mesh of one repeat of the texture, instanced four times.
     TiledMesh,
 }
 
 impl WallMethod {
-    /// All there are.
+    /// All methods.
     pub const ALL: [Self; 7] = [
         Self::Plane,
         Self::Relief,
@@ -53,7 +53,7 @@ impl WallMethod {
         Self::TiledMesh,
     ];
 
-    /// What it is called in tables.
+    /// Name in tables.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -82,7 +82,7 @@ impl WallMethod {
     }
 }
 
-/// Heights and colours of a repeat.
+/// Heights and colours of one repeat.
 #[derive(Clone, Debug)]
 pub(super) struct Wall {
     pub(super) name: &'static str,
@@ -91,7 +91,7 @@ pub(super) struct Wall {
     colours: Vec<[u8; 3]>,
 }
 
-/// What there is at a place of the wall.
+/// Surface data at a place of the wall.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Place {
     pub(super) at: DVec3,
@@ -101,7 +101,7 @@ pub(super) struct Place {
 }
 
 impl Wall {
-    /// Walls of generated height maps with so many texels along a side.
+    /// Walls of generated height maps with `texels` texels along a side.
     pub(super) fn all(texels: usize) -> [Self; 2] {
         [Self::new("brick", &height_maps::bricks(texels)), Self::new("cobble", &height_maps::cobble(texels))]
     }
@@ -125,11 +125,11 @@ impl Wall {
         self.heights.width
     }
 
-    /// Where the surface is below a place of the plane, in metres from the wall's middle.
+    /// The surface below a place of the plane, given in metres from the wall's centre.
     pub(super) fn place(&self, [x, y]: [f64; 2]) -> Place {
         let uv = DVec2::new(x + 0.5 * SIDE_M, 0.5 * SIDE_M - y) * (REPEATS as f64 / SIDE_M);
         let height = |du: f64, dv: f64| self.heights.sample([uv.x + du, uv.y + dv]);
-        // As the shader takes it: over a texel to both sides. A texture is a metre wide, v runs down.
+        // Central differences over a texel, as in the shader. A texture is a metre wide, v runs down.
         let texel = 1.0 / self.texels() as f64;
         let slope = |du: f64, dv: f64| (height(du, dv) - height(-du, -dv)) / (2.0 * texel);
         let normal = DVec3::new(-DEPTH * slope(texel, 0.0), DEPTH * slope(0.0, texel), 1.0);
@@ -140,7 +140,7 @@ impl Wall {
         }
     }
 
-    /// Colour between the texels' middles, linear.
+    /// Colour interpolated between texel centres, linear.
     fn albedo(&self, uv: DVec2) -> [f64; 3] {
         let size = self.texels();
         let at = uv * size as f64 - 0.5;
@@ -158,8 +158,8 @@ impl Wall {
         })
     }
 
-    /// Lines of a grid along one side of so many repeats, in metres from its middle: the edges, and `parts` lines a texel,
-    /// of which the first of each goes through its middle.
+    /// Grid lines along a side of `repeats` repeats, in metres from its centre: the edges, and `parts` lines per texel,
+    /// the first of which passes through its centre.
     pub(super) fn lines(&self, repeats: usize, parts: usize) -> Vec<f64> {
         let (half, texel) = (0.5 * repeats as f64, 1.0 / self.texels() as f64);
         let last = repeats as f64 - 0.5 * texel;
@@ -168,7 +168,7 @@ impl Wall {
         std::iter::once(0.0).chain(inner).chain([repeats as f64]).map(|at| at - half).collect()
     }
 
-    /// Writes models and scene of a way into a folder, with a camera, and gives the scene's file.
+    /// Writes the models and the scene of a method into a folder, with a camera; returns the scene's file.
     pub(super) fn write(&self, way: WallMethod, folder: &Path, camera: &Camera) -> anyhow::Result<PathBuf> {
         let fail = || format!("{}: cannot be written", folder.display());
         let size = self.texels() as u32;
@@ -186,7 +186,7 @@ impl Wall {
                 let place = self.place([x, y]);
                 (place.at, place.normal)
             }),
-            // Its middle lies half a texture off the wall's, which has two along a side.
+            // Its centre is half a texture away from the wall's, which has two along a side.
             WallMethod::TiledMesh => obj(name, &self.lines(1, 1), 1, |x, y| {
                 let place = self.place([x - 0.5, y - 0.5]);
                 (place.at + DVec3::new(0.5, 0.5, 0.0), place.normal)
@@ -213,7 +213,7 @@ impl Wall {
     }
 }
 
-/// A grid over a square of `repeats` textures, as OBJ: its vertices lie where both lines cross.
+/// A grid over a square of `repeats` textures, as OBJ, with vertices at the crossings of the lines.
 fn obj(name: &str, lines: &[f64], repeats: usize, vertex: impl Fn(f64, f64) -> (DVec3, DVec3)) -> String {
     let mut text = format!("mtllib {name}.mtl\nusemtl wall\n");
     let half = 0.5 * repeats as f64;
@@ -229,7 +229,7 @@ fn obj(name: &str, lines: &[f64], repeats: usize, vertex: impl Fn(f64, f64) -> (
     text
 }
 
-/// Triangles of a grid of `side`² vertices, seen from +z.
+/// Triangles of a grid of `side`² vertices, facing +z.
 pub(super) fn faces(side: usize) -> impl Iterator<Item = [u32; 3]> {
     let cells = side.saturating_sub(1);
     (0..cells * cells).flat_map(move |i| {
@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn tiles_are_the_wall_and_the_surface_is_its_texels() {
+    fn tiles_cover_the_wall_and_the_surface_interpolates_its_texels() {
         let [wall, cobble] = Wall::all(16);
         for wall in [&wall, &cobble] {
             // Texel (3, 5) of the map, 5 down from the top.

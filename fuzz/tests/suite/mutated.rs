@@ -1,28 +1,26 @@
-//! Damaged packs and first flights, as `lodestream-sim mutate` makes them by the ten thousand, under the meter: nothing
-//! panics or goes on without an end, none costs more than its ceiling of memory and steps, and nothing is held afterwards.
-#![allow(
-    clippy::unwrap_used,
-    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
-)]
+//! Damaged packs and first flights, as `lodestream-sim mutate` generates them by the ten thousand: no panic, no endless
+//! work, no cost above the limits of memory and steps, and no leak.
 
 use std::collections::BTreeSet;
 use std::path::Path;
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::OnceLock;
 
 use lodestream_fuzz::meter::{held_bytes, measure};
 use lodestream_scenario::mutate::{Flights, Packs, Verdict};
 use tempfile::TempDir;
 
+use crate::exclusive::exclusive;
+
 const SEED: u64 = 1;
 const CASES: u32 = 150;
-/// Times that all are judged again while more is held each time.
+/// Most repetitions of all cases while held memory grows each time.
 const MOST_ROUNDS: usize = 6;
-/// What a case may hold: a scene of some ten kB, read, decoded and drawn by nobody.
+/// Memory limit of a case: a scene of some ten kB, decoded without drawing.
 const MOST_BYTES: usize = 8 << 20;
-/// What a case may take: a few passes over some thousand faces.
+/// Step limit of a case: a few passes over some thousand faces.
 const MOST_STEPS: u64 = 1 << 21;
 
-/// A folder that holds the prepared packs.
+/// A folder with the prepared packs.
 fn cache() -> &'static Path {
     static CACHE: OnceLock<TempDir> = OnceLock::new();
     let prepared = || {
@@ -33,14 +31,12 @@ fn cache() -> &'static Path {
     CACHE.get_or_init(prepared).path()
 }
 
-/// Judges cases again and again, until what is held afterwards is no more than before: the second time everything that is
-/// kept for later is there already, but caches free what was given back in bags of some kilobytes (crossbeam's epochs), of
-/// which there may be one more. What is leaked is more each time. By itself: what is held is counted for each thread, and
-/// a bag of one may be freed by another.
+/// Judges all cases repeatedly until the held memory does not grow: from the second time on, lazily created state
+/// exists, but caches free memory in batches of some kilobytes (crossbeam's epochs), of which one more may be pending.
+/// A leak grows each time. Runs exclusively, since memory is counted per thread and a batch may be freed by another
+/// thread.
 fn judged(least_kinds: usize, judge: impl Fn(u64, u32) -> anyhow::Result<Verdict>) {
-    static ALONE: Mutex<()> = Mutex::new(());
-    // A test that failed meanwhile changes nothing for this one.
-    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let _exclusive = exclusive();
     let mut kinds = BTreeSet::new();
     let (mut most_bytes, mut most_steps) = (0, 0);
     let mut all = || {
@@ -72,13 +68,13 @@ fn damaged_packs_are_refused_and_leave_nothing() {
 }
 
 #[test]
-fn packs_damaged_behind_their_hashes_are_refused_or_taken_and_leave_nothing() {
+fn packs_damaged_with_correct_hashes_are_refused_or_accepted_and_leave_nothing() {
     let packs = Packs::prepare(cache(), true).unwrap();
     judged(6, |seed, case| packs.judge(seed, case));
 }
 
 #[test]
-fn damaged_first_flights_are_refused_or_taken_and_leave_nothing() {
+fn damaged_first_flights_are_refused_or_accepted_and_leave_nothing() {
     let flights = Flights::record(cache()).unwrap();
     judged(3, |seed, case| flights.judge(seed, case));
 }

@@ -1,8 +1,4 @@
-//! Every committed input of every target, and every seed as it is made now.
-#![allow(
-    clippy::unwrap_used,
-    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
-)]
+//! Replays every committed input and every current seed of every target.
 
 use std::path::{Path, PathBuf};
 
@@ -19,7 +15,7 @@ fn replay(target: &str) {
     let (_, run) = targets::ALL.into_iter().find(|(name, _)| *name == target).unwrap();
     for (file, bytes) in seeds::of(target) {
         assert!(run(&bytes), "{target} refuses its seed {file}");
-        // Cut short it may be refused or not, but must be no finding.
+        // A truncated seed may be refused or not, but must not be a finding.
         run(&bytes[..bytes.len() / 2]);
     }
     let files = corpus(target);

@@ -1,4 +1,4 @@
-//! A scene of which nobody knows what hides what.
+//! A scene without occluders, so that no occlusion is tested.
 
 use std::sync::Arc;
 
@@ -9,9 +9,9 @@ use lodestream_scene::description::{SceneHeader, ScenePage};
 use lodestream_scene::punctual_lights::PunctualLights;
 
 /// Another scene, without its occluders.
-pub(crate) struct Unjudged(pub(crate) Arc<dyn SceneSource>);
+pub(crate) struct WithoutOccluders(pub(crate) Arc<dyn SceneSource>);
 
-impl SceneSource for Unjudged {
+impl SceneSource for WithoutOccluders {
     fn header(&self) -> &SceneHeader {
         self.0.header()
     }

@@ -1,15 +1,11 @@
-//! What a client that asks and reads nothing makes the server hold.
+//! Memory that a client which requests and never reads can occupy in the server.
 //!
 //! ```sh
-//! cargo test -p lodestream-fuzz --test hoarding -- --nocapture
+//! cargo test -p lodestream-fuzz --test suite client_that_never_reads -- --nocapture
 //! ```
 //!
-//! Counted by the allocator (`lodestream_fuzz::meter`), so the figures are the same on every machine. Sockets and TLS
-//! come on top.
-#![allow(
-    clippy::unwrap_used,
-    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
-)]
+//! Counted by the allocator (`lodestream_fuzz::meter`), so the figures are equal on every machine. Sockets and TLS are
+//! not included.
 
 use std::sync::Arc;
 
@@ -25,10 +21,10 @@ use lodestream_scene::description::{
 use lodestream_scene::{BlobId, BlobPart};
 
 const CHUNKS: u32 = 10_000;
-/// What a session may hold: 256 KiB of queued requests, 64 KiB of answers, and what it is itself.
+/// Memory limit of a session: 256 KiB of queued requests, 64 KiB of answers, and the session itself.
 const MOST_BYTES: usize = 400 * 1024;
 
-/// One asset of many chunks, none of which is ever read.
+/// One asset with many chunks, none of which is ever read.
 struct Unread {
     header: SceneHeader,
     page: Arc<ScenePage>,
@@ -80,7 +76,7 @@ impl SceneSource for Unread {
 }
 
 #[test]
-fn a_client_that_asks_and_reads_nothing_held_more_than_a_megabyte() {
+fn a_client_that_never_reads_occupied_more_than_a_megabyte() {
     let source: Arc<dyn SceneSource> = Arc::new(Unread::new());
     let config = Arc::new(ServerConfig::websocket(None));
     let wants = |asset: u32, count: u32| {
@@ -88,7 +84,7 @@ fn a_client_that_asks_and_reads_nothing_held_more_than_a_megabyte() {
             (0..count).map(|chunk| Want::whole(BlobId::chunk(asset, chunk), 9 + chunk)).collect();
         all.chunks(1000).map(|some| ClientMessage::Want(some.to_vec())).collect::<Vec<_>>()
     };
-    // What is there, and then what is not: 60 kB on the wire.
+    // Existing blobs, then missing ones: 60 kB on the wire.
     let messages = [wants(0, 3300), wants(7, 4000)].concat();
     let hello = ClientMessage::Hello(Hello::new(""));
     for (what, said) in [("3,300 wishes", 4), ("and 4,000 bogus ones", messages.len())] {
