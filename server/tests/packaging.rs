@@ -146,3 +146,89 @@ fn completions_and_manuals_know_all_commands_and_flags() {
     let page = std::fs::read_to_string(pages.join("lodestream-server-serve.1")).unwrap();
     assert!(page.contains("drain") && page.contains("LODESTREAM_DRAIN"), "{page}");
 }
+
+/// A file of the repository.
+fn repository(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(name)
+}
+
+/// What `script/package --list` names: the tarball and its files, then the Debian package and its files.
+fn package_list() -> (BTreeSet<String>, BTreeSet<String>) {
+    let output = Command::new("bash").arg(repository("script/package")).arg("--list").output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let list = String::from_utf8(output.stdout).unwrap();
+    let mut lines = list.lines();
+    let version = env!("CARGO_PKG_VERSION");
+    let folder = format!("lodestream-{version}-x86_64-linux");
+    assert_eq!(lines.next(), Some(format!("target/package/{folder}.tar.gz").as_str()));
+    let debian = format!("target/package/lodestream_{version}_amd64.deb");
+    let tarball = lines.by_ref().take_while(|line| *line != debian).map(str::to_owned).collect();
+    (tarball, lines.map(str::to_owned).collect())
+}
+
+/// Builds no release: `script/package --check` runs the packages themselves.
+#[test]
+fn packages_contain_each_program_with_its_manual_and_completions() {
+    let (tarball, debian) = package_list();
+    let version = env!("CARGO_PKG_VERSION");
+    let mut expected = vec!["lib/systemd/system/lodestream.service".to_owned()];
+    // The generator of the demo scene has three flags and no command `generate`.
+    for name in ["lodestream-server", "lodestream-viewer", "lodestream-sim"] {
+        expected.extend([
+            format!("share/man/man1/{name}.1"),
+            format!("share/bash-completion/completions/{name}"),
+            format!("share/zsh/site-functions/_{name}"),
+            format!("share/fish/vendor_completions.d/{name}.fish"),
+        ]);
+    }
+    for name in ["server", "viewer", "sim", "examples/demo-scene"] {
+        let manifest = std::fs::read_to_string(repository(name).join("Cargo.toml")).unwrap();
+        let manifest: toml::Table = manifest.parse().unwrap();
+        expected.push(format!("bin/{}", manifest["package"]["name"].as_str().unwrap()));
+    }
+    for name in ["README.md", "LICENSE-APACHE", "LICENSE-MIT"] {
+        assert!(repository(name).exists(), "{name}");
+        expected.push(format!("share/doc/lodestream/{name}"));
+    }
+    for name in ["server.toml", "grafana-dashboard.json"] {
+        shipped(name);
+        expected.push(format!("share/doc/lodestream/{name}"));
+    }
+    expected.push("share/doc/lodestream/THIRD-PARTY-LICENSES.txt".to_owned());
+    let below = |folder: &str| -> BTreeSet<String> {
+        expected.iter().map(|name| format!("{folder}/{name}")).collect()
+    };
+    assert_eq!(tarball, below(&format!("lodestream-{version}-x86_64-linux")));
+
+    let mut expected: BTreeSet<String> = below("usr")
+        .into_iter()
+        .map(|name| name.replace("zsh/site-functions", "zsh/vendor-completions"))
+        .map(|name| if name.contains("/man1/") { name + ".gz" } else { name })
+        .collect();
+    // The settings that the unit starts the server with.
+    expected.insert("etc/lodestream/server.toml".to_owned());
+    expected.insert("usr/share/doc/lodestream/copyright".to_owned());
+    assert_eq!(debian, expected);
+}
+
+/// The Debian package recommends what script/setup.sh installs for the viewer, and keeps edited settings.
+#[test]
+fn the_debian_package_recommends_what_the_viewer_loads() {
+    let manifest = std::fs::read_to_string(repository("server/Cargo.toml")).unwrap();
+    let manifest: toml::Table = manifest.parse().unwrap();
+    let debian = &manifest["package"]["metadata"]["deb"];
+    let recommended = debian["recommends"].as_str().unwrap();
+    let setup = std::fs::read_to_string(repository("script/setup.sh")).unwrap();
+    let libraries =
+        setup.lines().filter(|line| line.contains("have_library lib") || line.contains("vulkan_driver ||"));
+    let packages: Vec<&str> =
+        libraries.filter_map(|line| line.split("missing+=(").nth(1)?.strip_suffix(')')).collect();
+    assert_eq!(packages.len(), 6, "{packages:?}");
+    for package in packages {
+        assert!(recommended.split([',', '|', ' ']).any(|word| word == package), "{package} of {recommended}");
+    }
+    assert_eq!(debian["conf-files"][0].as_str(), Some("/etc/lodestream/server.toml"));
+    let sources: Vec<&str> =
+        debian["assets"].as_array().unwrap().iter().filter_map(|asset| asset[0].as_str()).collect();
+    assert!(sources.iter().all(|source| source.starts_with("../target/package/debian/")), "{sources:?}");
+}

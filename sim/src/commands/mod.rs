@@ -4,6 +4,7 @@ mod assess;
 mod draw_trade;
 mod frame_time;
 mod gallery;
+mod generate;
 mod goodput;
 mod ink_cost;
 mod load;
@@ -93,6 +94,8 @@ pub(crate) enum Command {
     /// Settles a plan's case in virtual time and writes a page with pictures of it: as it is shown, without each technique, by
     /// other ways, and by each view for developers; with how far each is from the first, and its time.
     Gallery(gallery::Gallery),
+    /// Writes shell completions or manual pages.
+    Generate(generate::Generate),
     /// Streams scenes over simulated links in virtual time.
     Run(run::Run),
     /// Makes the figures of the benchmarks' pages anew and says what differs from those committed. Reads the project's
@@ -131,6 +134,7 @@ impl Command {
             Self::ReliefWorth(command) => command.run(),
             Self::TangentFrames(command) => command.run(),
             Self::Gallery(command) => command.run(),
+            Self::Generate(command) => command.run(),
             Self::Run(command) => command.run(),
             Self::Shown(command) => command.run(),
             Self::UntrustedPeers(command) => command.run(),
