@@ -126,7 +126,7 @@ def main():
         if package["repository"]:
             lines.append(f"    {package['repository']}")
     if without_text:
-        lines += ["", "These crates contain no licence text of their own; the licences that they name are printed below for others:", ""]
+        lines += ["", "These crates contain no licence text; the licences that they name are printed for other crates:", ""]
         for label, package in without_text:
             authors = ", ".join(package["authors"]) or "its authors"
             lines.append(f"{label}: {package['license']}, copyright {authors}")
