@@ -34,7 +34,8 @@ impl Generate {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
         match &self.output {
             Output::Completions { shell } => {
-                completions(*shell);
+                // A reader that closes the pipe early (`| head`) is not an error.
+                let _ = std::io::stdout().write_all(&completions(*shell));
                 Ok(())
             }
             Output::Man { folder } => man(folder).with_context(|| folder.display().to_string()),
@@ -42,16 +43,38 @@ impl Generate {
     }
 }
 
-fn completions(shell: Shell) {
+fn completions(shell: Shell) -> Vec<u8> {
     let mut command = Arguments::command();
     let (name, mut script) = (command.get_name().to_owned(), Vec::new());
     clap_complete::generate(shell, &mut command, name, &mut script);
-    // A reader that closes the pipe early (`| head`) is not an error.
-    let _ = std::io::stdout().write_all(&script);
+    script
 }
 
 fn man(folder: &Path) -> anyhow::Result<()> {
     std::fs::create_dir_all(folder)?;
     clap_mangen::generate_to(Arguments::command(), folder)?;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn completions_and_manual_pages_cover_commands_and_flags() {
+        for shell in [Shell::Bash, Shell::Zsh, Shell::Fish] {
+            let script = String::from_utf8(completions(shell)).unwrap();
+            for word in ["reproduce", "peer-errors", "completions"] {
+                assert!(script.contains(word), "{shell}: {word}");
+            }
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let pages = folder.path().join("new/man1");
+        man(&pages).unwrap();
+        for name in ["lodestream-sim.1", "lodestream-sim-run.1", "lodestream-sim-generate-man.1"] {
+            assert!(pages.join(name).exists(), "{name}");
+        }
+        let page = std::fs::read_to_string(pages.join("lodestream-sim-run.1")).unwrap();
+        assert!(page.contains("LODESTREAM_PEERS"), "{page}");
+    }
 }
