@@ -10,14 +10,14 @@ fail() {
 
 have() { command -v "$1" >/dev/null 2>&1; }
 
-# Whether the dynamic linker knows a library.
+# Succeeds if the dynamic linker finds a library.
 have_library() {
     local ldconfig
     ldconfig=$(command -v ldconfig || echo /sbin/ldconfig)
     [[ $("$ldconfig" -p 2>/dev/null) = *"$1"* ]]
 }
 
-# Whether a Vulkan driver is registered: a graphics card's, or Mesa's software driver (lavapipe).
+# Succeeds if a Vulkan driver is registered: that of a graphics card, or Mesa's software driver (lavapipe).
 have_vulkan_driver() {
     [ -n "${VK_DRIVER_FILES:-}${VK_ICD_FILENAMES:-}" ] && return 0
     local file
@@ -32,17 +32,18 @@ have_vulkan_driver() {
 install_packages() {
     local as_root=()
     if [ "$(id -u)" -ne 0 ]; then
-        have sudo || fail "these packages are missing and neither root nor sudo is at hand; install them: $*"
+        have sudo || fail "these packages are missing, and installing them needs root or sudo; install them: $*"
         as_root=(sudo)
     fi
     say "installing $*"
-    "${as_root[@]}" apt-get update -qq || echo "the package lists could not be refreshed; trying with those at hand" >&2
+    "${as_root[@]}" apt-get update -qq || echo "the package lists could not be refreshed; trying with the present ones" >&2
     "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$@" ||
         fail "apt-get could not install: $*"
 }
 
-# System packages: a C and C++ toolchain, Vulkan with at least a software driver; with "window", what a window under X11
-# loads at run time; with "tests", that too, an X server without a screen, and what else tests run beside cargo.
+# Installs missing system packages: a C and C++ toolchain, and Vulkan with at least a software driver. With "window", also
+# the libraries that a window under X11 loads at run time; with "tests", also those, python3 and an X server without a
+# screen.
 ensure_system() {
     local missing=()
     have cc && have c++ || missing+=(build-essential)
@@ -65,11 +66,11 @@ ensure_system() {
         fi
     fi
     [ ${#missing[@]} -eq 0 ] && return 0
-    have apt-get || fail "this system has no apt-get; install the counterparts of these Debian packages: ${missing[*]}"
+    have apt-get || fail "this system has no apt-get; install the equivalents of these Debian packages: ${missing[*]}"
     install_packages "${missing[@]}"
 }
 
-# Rust: by rustup if there is no cargo; rust-toolchain.toml names the version.
+# Installs Rust with rustup if there is no cargo; rust-toolchain.toml names the version.
 ensure_rust() {
     if ! have cargo && [ -x "$HOME/.cargo/bin/cargo" ]; then
         PATH="$HOME/.cargo/bin:$PATH"
@@ -88,16 +89,16 @@ ensure_rust() {
     export PATH
 }
 
-# Prints the folder that cargo builds into: what CARGO_TARGET_DIR says, else cargo, whose configuration may name another
-# than target/. It answers with one line of JSON about our own manifests only, so the key is there once. JSON escapes a
-# quote or a backslash in a path; such a path is not understood, and that is told.
+# Prints cargo's target folder: CARGO_TARGET_DIR, else what cargo metadata reports, since cargo's configuration may name
+# another folder than target/. With --no-deps the key occurs once. A path that JSON escapes (with a quote
+# or a backslash) is an error.
 target_directory() {
     local directory=${CARGO_TARGET_DIR:-}
     [ -n "$directory" ] ||
         directory=$(cargo metadata --locked --no-deps --format-version 1 |
             sed -n 's/.*"target_directory":"\([^"]*\)".*/\1/p')
     case $directory in
-        '' | *\\*) fail "it is not clear where cargo builds; say so with CARGO_TARGET_DIR" ;;
+        '' | *\\*) fail "cargo's target folder could not be determined; set CARGO_TARGET_DIR" ;;
     esac
     printf '%s\n' "$directory"
 }

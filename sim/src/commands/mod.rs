@@ -4,6 +4,7 @@ mod assess;
 mod draw_trade;
 mod frame_time;
 mod gallery;
+mod generate;
 mod goodput;
 mod ink_cost;
 mod load;
@@ -93,6 +94,8 @@ pub(crate) enum Command {
     /// Settle a plan's case in virtual time and write a page with pictures of it: default, with one technique off, with
     /// alternatives, and in debug views; with their differences from the first, and their frame times.
     Gallery(gallery::Gallery),
+    /// Write shell completions or manual pages.
+    Generate(generate::Generate),
     /// Stream scenes over simulated links in virtual time.
     Run(run::Run),
     /// Reproduce the benchmarks' figures and report differences from the committed ones. Reads the project's own files:
@@ -132,6 +135,7 @@ impl Command {
             Self::ReliefWorth(command) => command.run(),
             Self::TangentFrames(command) => command.run(),
             Self::Gallery(command) => command.run(),
+            Self::Generate(command) => command.run(),
             Self::Run(command) => command.run(),
             Self::Shown(command) => command.run(),
             Self::UntrustedPeers(command) => command.run(),
