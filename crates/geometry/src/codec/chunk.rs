@@ -142,7 +142,7 @@ impl ActiveMesh {
         // Checked before any allocation or work.
         let elements = ends.last().map_or(0, Elements::total);
         if elements > max_elements(payload.len()) {
-            return fail(format!("{elements} elements stated, more than {} bytes can be", payload.len()));
+            return fail(format!("{elements} elements stated, more than {} bytes allow", payload.len()));
         }
         let fewest = min_bytes(elements);
         let mut memory = Memory::take();
@@ -150,9 +150,9 @@ impl ActiveMesh {
         let decoded = match self.codec {
             Codec::Range | Codec::AxisAligned => {
                 let mut decoder = Decoder::new(memory.contexts(), payload);
-                let mut hearing = ChunkCoder::decoding(&mut decoder, self, chunk, shift, &mut memory);
-                let heard = hearing.chunk(&ends, info.vertices);
-                let delta = hearing.finish_decoding(heard, parents, &mut memory);
+                let mut chunk_coder = ChunkCoder::decoding(&mut decoder, self, chunk, shift, &mut memory);
+                let ends_reached = chunk_coder.chunk(&ends, info.vertices);
+                let delta = chunk_coder.finish_decoding(ends_reached, parents, &mut memory);
                 // Bytes after a truncation point are not read.
                 let ended = if truncation.is_none() { decoder.end(fewest) } else { Ok(()) };
                 memory.keep_contexts(decoder.into_contexts());
@@ -160,9 +160,9 @@ impl ActiveMesh {
             }
             Codec::Zstd if truncation.is_some() => return fail("its codec has no truncation points".into()),
             Codec::Zstd => ZstdStreamDecoder::new(&STREAMS, payload).and_then(|mut decoder| {
-                let mut hearing = ChunkCoder::decoding(&mut decoder, self, chunk, shift, &mut memory);
-                let heard = hearing.chunk(&ends, info.vertices);
-                let delta = hearing.finish_decoding(heard, parents, &mut memory)?;
+                let mut chunk_coder = ChunkCoder::decoding(&mut decoder, self, chunk, shift, &mut memory);
+                let ends_reached = chunk_coder.chunk(&ends, info.vertices);
+                let delta = chunk_coder.finish_decoding(ends_reached, parents, &mut memory)?;
                 decoder.end(fewest)?;
                 Ok(delta)
             }),
@@ -180,19 +180,19 @@ pub(crate) fn encode(
     parents: Vec<u32>,
     source: &Source<'_>,
 ) -> Result<Encoded, DecodeError> {
-    let (bytes, said) = match mesh.codec {
+    let (bytes, encoding) = match mesh.codec {
         Codec::Range | Codec::AxisAligned => {
             let mut encoder = Encoder::new(contexts());
-            let said = encode_with(&mut encoder, mesh, chunk, source)?;
-            (encoder.finish(said.min_bytes()), said)
+            let encoding = encode_with(&mut encoder, mesh, chunk, source)?;
+            (encoder.finish(encoding.min_bytes()), encoding)
         }
         Codec::Zstd => {
             let mut encoder = ZstdStreamEncoder::new(&STREAMS);
-            let said = encode_with(&mut encoder, mesh, chunk, source)?;
-            (encoder.finish(said.min_bytes()), said)
+            let encoding = encode_with(&mut encoder, mesh, chunk, source)?;
+            (encoder.finish(encoding.min_bytes()), encoding)
         }
     };
-    let ChunkEncoding { local, names, sizes: mut truncation_points } = said;
+    let ChunkEncoding { local, names, sizes: mut truncation_points } = encoding;
     let added = local.added();
     let tail = |list: &[u32], count: u32| list[list.len() - count as usize..].to_vec();
     // Vertices without faces precede the gathered region; all other new elements follow it.
@@ -297,19 +297,19 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
     /// the next pass.
     fn segment(&mut self, end: &Elements, mut pass: Pass) -> Result<(), DecodeError> {
         let vertices = &self.local.vertices;
-        let mut asked: Vec<u32> =
+        let mut candidates: Vec<u32> =
             (0..id32(vertices.len())).filter(|&v| vertices[v as usize].interior).collect();
-        let mut next = Vec::with_capacity(2 * asked.len());
+        let mut next = Vec::with_capacity(2 * candidates.len());
         while self.local.added().vertices < end.vertices {
             // The next flag's contexts are computed before this flag is read, and hold unless this vertex splits. So
             // the processor does not wait for them after a branch misprediction.
             let mut known = None;
-            for (i, &v) in asked.iter().enumerate() {
+            for (i, &v) in candidates.iter().enumerate() {
                 if self.local.added().vertices >= end.vertices {
                     break;
                 }
                 let contexts = known.take().unwrap_or_else(|| self.flag_contexts(v, &pass));
-                let ahead = asked.get(i + 1).map(|&next| self.flag_contexts(next, &pass));
+                let ahead = candidates.get(i + 1).map(|&next| self.flag_contexts(next, &pass));
                 let want = self.guide.as_ref().is_some_and(|g| g.splits(v));
                 if !self.flag(contexts, want) {
                     known = ahead;
@@ -325,7 +325,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             if next.is_empty() && self.local.added().vertices < end.vertices {
                 return Err(DecodeError::new("chunk", "it adds fewer vertices than were stated"));
             }
-            std::mem::swap(&mut asked, &mut next);
+            std::mem::swap(&mut candidates, &mut next);
             next.clear();
             pass.depth += 1;
         }

@@ -114,10 +114,10 @@ impl Fan {
     /// The distinct ring vertices in order of first use.
     pub(crate) fn ring(&self) -> Vec<u32> {
         let mut ring: Vec<u32> = Vec::with_capacity(self.star_faces.len() + 1);
-        let mut seen: Vec<u32> = Vec::with_capacity(self.star_faces.len() + 1);
+        let mut visited: Vec<u32> = Vec::with_capacity(self.star_faces.len() + 1);
         for v in self.star_faces.iter().flat_map(|s| [s.a, s.b]) {
-            if let Err(at) = seen.binary_search(&v) {
-                seen.insert(at, v);
+            if let Err(at) = visited.binary_search(&v) {
+                visited.insert(at, v);
                 ring.push(v);
             }
         }

@@ -16,32 +16,33 @@ impl Local<'_> {
         interior: &mut dyn FnMut(u32, usize) -> bool,
     ) -> Result<(), DecodeError> {
         self.check_unknown(seed)?;
-        let GatherBuffers { mut queue, mut found } = std::mem::take(&mut self.gather_buffers);
+        let GatherBuffers { mut queue, incident_faces: mut incident } =
+            std::mem::take(&mut self.gather_buffers);
         queue.clear();
         queue.push((self.old_vertex(seed, true), seed));
         let mut at = 0;
         while let Some(&(v, slot)) = queue.get(at) {
             at += 1;
-            found.clear();
+            incident.clear();
             for corner in self.mesh.stars.corners(slot) {
-                self.collect(v, corner, &mut found);
+                self.collect(v, corner, &mut incident);
             }
             // The newest face of a star comes first, so reversing almost sorts it.
-            found.reverse();
+            incident.reverse();
             // Sort by id, as one number; ids are unique per face.
-            found.sort_unstable_by_key(|f| u64::from(f.id.owner) << 32 | u64::from(f.id.index));
-            found.dedup_by_key(|f| f.face);
-            if self.faces.len() + found.len() > MAX_LOCAL_FACES {
+            incident.sort_unstable_by_key(|f| u64::from(f.id.owner) << 32 | u64::from(f.id.index));
+            incident.dedup_by_key(|f| f.face);
+            if self.faces.len() + incident.len() > MAX_LOCAL_FACES {
                 return Err(DecodeError::new(
                     "chunk",
                     format!("its region has over {MAX_LOCAL_FACES} faces"),
                 ));
             }
-            for face in &found {
+            for face in &incident {
                 self.gather(face, &mut queue, interior);
             }
         }
-        self.gather_buffers = GatherBuffers { queue, found };
+        self.gather_buffers = GatherBuffers { queue, incident_faces: incident };
         Ok(())
     }
 
@@ -64,7 +65,7 @@ impl Local<'_> {
 
     /// Collects the face of a corner at interior vertex `v`, unless it was gathered with an earlier vertex's star.
     #[inline]
-    fn collect(&mut self, v: u32, corner: u32, found: &mut Vec<IncidentFace>) {
+    fn collect(&mut self, v: u32, corner: u32, incident: &mut Vec<IncidentFace>) {
         let (face, k) = (corner::face_of(corner), corner::side_of(corner));
         let vertices = self.mesh.faces[face as usize].map(|wedge| self.mesh.wedges[wedge as usize].vertex);
         let [b, c] = [corner::next(k), corner::previous(k)];
@@ -75,17 +76,17 @@ impl Local<'_> {
         let came = came(corners[b]) | came(corners[c]);
         let id = self.owners.id_of_face(self.mesh.face_owner[face as usize], face);
         // Branch-free, since the condition is unpredictable.
-        found.push(IncidentFace { id, face, vertices, corners });
-        found.truncate(found.len() - usize::from(came));
+        incident.push(IncidentFace { id, face, vertices, corners });
+        incident.truncate(incident.len() - usize::from(came));
     }
 
     fn gather(
         &mut self,
-        found: &IncidentFace,
+        incident: &IncidentFace,
         queue: &mut Vec<(u32, u32)>,
         interior: &mut dyn FnMut(u32, usize) -> bool,
     ) {
-        let IncidentFace { id, face, vertices, mut corners } = *found;
+        let IncidentFace { id, face, vertices, mut corners } = *incident;
         let slots = self.mesh.faces[face as usize];
         for k in 0..3 {
             // An earlier face may have added it meanwhile.

@@ -17,12 +17,13 @@ pub(crate) struct IncidentFace {
 pub(crate) struct GatherBuffers {
     /// Interior vertices: local number and slot.
     pub(crate) queue: Vec<(u32, u32)>,
-    pub(crate) found: Vec<IncidentFace>,
+    pub(crate) incident_faces: Vec<IncidentFace>,
 }
 
 impl GatherBuffers {
     /// Memory held, in bytes.
     pub(crate) fn bytes(&self) -> usize {
-        self.queue.capacity() * size_of::<(u32, u32)>() + self.found.capacity() * size_of::<IncidentFace>()
+        self.queue.capacity() * size_of::<(u32, u32)>()
+            + self.incident_faces.capacity() * size_of::<IncidentFace>()
     }
 }

@@ -28,10 +28,10 @@ pub(crate) enum GridOwner {
 
 impl<C: Coder> ChunkCoder<'_, '_, C> {
     /// Codes the number of low bits of a vertex's cell that are zero, at most `most`.
-    pub(crate) fn shift(&mut self, whose: GridOwner, most: u8, want: u8) -> u8 {
+    pub(crate) fn shift(&mut self, owner: GridOwner, most: u8, want: u8) -> u8 {
         for shift in (1..=most).rev() {
             let step = usize::from(most - shift).min(SHIFT_STEPS - 1);
-            if !self.coder.bit(SHIFT + whose as usize * SHIFT_STEPS + step, want < shift) {
+            if !self.coder.bit(SHIFT + owner as usize * SHIFT_STEPS + step, want < shift) {
                 return shift;
             }
         }

@@ -39,7 +39,7 @@ pub(crate) struct SplitFace {
 
 /// The wedge to encode at a corner.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(crate) enum WantedWedge {
+pub(crate) enum TargetWedge {
     /// An existing one, by local number.
     Known(u32),
     /// A new one, by the builder's number.
@@ -235,7 +235,7 @@ impl<'a> SplitPlan<'a> {
     }
 
     /// The wedge to encode at a vertex (local number) of a builder's face.
-    pub(crate) fn wedge(&self, face: u32, vertex: u32, guess: Option<u32>, own: Option<u32>) -> WantedWedge {
+    pub(crate) fn wedge(&self, face: u32, vertex: u32, guess: Option<u32>, own: Option<u32>) -> TargetWedge {
         let vertex = self.names.vertices[vertex as usize];
         let found = self.state.get(&face).and_then(|wedges| {
             let &w = wedges.iter().find(|&&w| self.representative(self.vertex_of(w)) == vertex)?;
@@ -246,13 +246,13 @@ impl<'a> SplitPlan<'a> {
                 .names
                 .local_wedge
                 .get(&wedge)
-                .map_or(WantedWedge::New(wedge), |&w| WantedWedge::Known(w));
+                .map_or(TargetWedge::New(wedge), |&w| TargetWedge::Known(w));
         }
         // No collapse determines the wedge of a face that did not exist then. Any wedge will do, since the corner
         // moves later.
         match guess.or(own) {
-            Some(known) => WantedWedge::Known(known),
-            None => self.any_wedge.get(&vertex).map_or(WantedWedge::Known(0), |&w| WantedWedge::New(w)),
+            Some(known) => TargetWedge::Known(known),
+            None => self.any_wedge.get(&vertex).map_or(TargetWedge::Known(0), |&w| TargetWedge::New(w)),
         }
     }
 

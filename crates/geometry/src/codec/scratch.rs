@@ -53,7 +53,7 @@ pub(crate) struct UvFit {
     pub(crate) pairs: Vec<(u32, u32)>,
     /// (position, texture coordinate, weight) of each wedge visited.
     pub(crate) points: Vec<(Vec3, Vec3, f64)>,
-    pub(crate) seen: Vec<u32>,
+    pub(crate) visited: Vec<u32>,
 }
 
 impl Scratch {

@@ -8,7 +8,7 @@ use crate::codec::model::{
     AXIS_LIKELY_WEDGE, AXIS_NEW_WEDGE, MATERIAL, NEW_MOVED_WEDGE, NEW_WEDGE, SAME_MATERIAL, SAME_MOVED_WEDGE,
     SAME_WEDGE,
 };
-use crate::codec::plan::WantedWedge;
+use crate::codec::plan::TargetWedge;
 use crate::codec::residual::quarter_octaves;
 use crate::codec::scratch::{AddedFace, Split, UvFit};
 use crate::codec::sheet::{
@@ -59,11 +59,11 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             let guide = self.guide.as_ref();
             let want = guide.map(|g| g.wedge(g.names.faces[star_face.face as usize], split.u, same, first));
             let wedge = match same {
-                Some(same) if self.coder.bit(SAME_MOVED_WEDGE, want == Some(WantedWedge::Known(same))) => {
+                Some(same) if self.coder.bit(SAME_MOVED_WEDGE, want == Some(TargetWedge::Known(same))) => {
                     same
                 }
                 _ => {
-                    let new = matches!(want, Some(WantedWedge::New(_)));
+                    let new = matches!(want, Some(TargetWedge::New(_)));
                     if first.is_none() || self.coder.bit(NEW_MOVED_WEDGE, new) {
                         let expected = self.expected(split, from);
                         let sheet = self.axis_aligned().then(|| {
@@ -87,9 +87,9 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
     }
 
     /// Codes one of a vertex's wedges.
-    fn chosen(&mut self, vertex: u32, want: Option<WantedWedge>) -> Result<u32, DecodeError> {
+    fn chosen(&mut self, vertex: u32, want: Option<TargetWedge>) -> Result<u32, DecodeError> {
         let wedges = || self.local.wedges_of(vertex);
-        let place = wedges().position(|w| want == Some(WantedWedge::Known(w))).unwrap_or(0);
+        let place = wedges().position(|w| want == Some(TargetWedge::Known(w))).unwrap_or(0);
         let place = index(self.coder, wedges().count(), place, "chunk: wedge")?;
         wedges().nth(place).ok_or_else(|| DecodeError::new("chunk", "a vertex without wedges"))
     }
@@ -104,8 +104,8 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             expected.normal = normal_of_moved(local, split, None);
         }
         if kinds.uv_bits > 0 {
-            let UvFit { points, seen, .. } = &mut self.scratch.fitting;
-            gather_points(local, split, from, points, seen);
+            let UvFit { points, visited, .. } = &mut self.scratch.fitting;
+            gather_points(local, split, from, points, visited);
             let (uv, spread) = fit(points, expected.normal);
             expected.uv = [0, 1].map(|k| floored((uv[k] + 0.5).clamp(-1.0e9, 1.0e9)));
             expected.uv_size = Some([quarter_octaves(spread * UV_SIZE); 2]);
@@ -118,10 +118,10 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         vertex: u32,
         mut expected: Expected,
         facing: Option<SheetCorner<'_>>,
-        want: Option<WantedWedge>,
+        want: Option<TargetWedge>,
     ) -> Result<u32, DecodeError> {
         let builder = match want {
-            Some(WantedWedge::New(builder)) => Some(builder),
+            Some(TargetWedge::New(builder)) => Some(builder),
             _ => None,
         };
         let want = builder.and_then(|b| Some(self.guide.as_ref()?.source.wedges.get(b).attributes));
@@ -200,7 +200,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         let want = self.guide.as_ref().and_then(|g| Some(g.wedge(face?, vertex, guess, first())));
         if let Some(guess) = guess {
             let same = facing.as_ref().map_or(SAME_WEDGE + kind, |facing| self.same_wedge(facing, guess));
-            if self.coder.bit(same, want == Some(WantedWedge::Known(guess))) {
+            if self.coder.bit(same, want == Some(TargetWedge::Known(guess))) {
                 return Ok(guess);
             }
         }
@@ -211,7 +211,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
     fn other_at_corner(
         &mut self,
         corner: &Corner<'_>,
-        want: Option<WantedWedge>,
+        want: Option<TargetWedge>,
     ) -> Result<u32, DecodeError> {
         let Corner { kind, vertex, guess, near, facing, .. } = *corner;
         let first = self.local.first_wedge(vertex);
@@ -219,13 +219,13 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         if let Some(facing) = &facing {
             let likely = self.likely_wedge(vertex, facing, guess);
             if let Some(likely) = likely
-                && self.coder.bit(AXIS_LIKELY_WEDGE + kind, want == Some(WantedWedge::Known(likely)))
+                && self.coder.bit(AXIS_LIKELY_WEDGE + kind, want == Some(TargetWedge::Known(likely)))
             {
                 return Ok(likely);
             }
             new = AXIS_NEW_WEDGE + kind * 2 + usize::from(likely.is_some());
         }
-        if first.is_none() || self.coder.bit(new, matches!(want, Some(WantedWedge::New(_)))) {
+        if first.is_none() || self.coder.bit(new, matches!(want, Some(TargetWedge::New(_)))) {
             let near = guess.or(first).or(near);
             let near = near.map(|w| self.local.wedges[w as usize].attributes);
             let uv = near.map_or([0; 2], |w| w.uv);
@@ -253,16 +253,16 @@ fn gather_points(
     split: &Split,
     from: u32,
     points: &mut Vec<(Vec3, Vec3, f64)>,
-    seen: &mut Vec<u32>,
+    visited: &mut Vec<u32>,
 ) {
     let center = local.position(split.u);
-    seen.clear();
+    visited.clear();
     points.clear();
     let mut see = |wedge: u32| {
-        if seen.contains(&wedge) {
+        if visited.contains(&wedge) {
             return;
         }
-        seen.push(wedge);
+        visited.push(wedge);
         let w = &local.wedges[wedge as usize];
         let at = sub(local.position(w.vertex), center);
         let [u, v] = w.attributes.uv.map(f64::from);

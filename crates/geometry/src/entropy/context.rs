@@ -15,12 +15,12 @@ pub struct Prob {
     /// Probability in 65536ths.
     pub p: u16,
     /// Number of observations behind the estimate.
-    pub seen: u8,
+    pub count: u8,
 }
 
 impl Default for Prob {
     fn default() -> Self {
-        Self { p: 1 << 15, seen: 0 }
+        Self { p: 1 << 15, count: 0 }
     }
 }
 
@@ -33,14 +33,14 @@ impl Prob {
         reason = "within the margins: see the test over all estimates"
     )]
     pub fn update(&mut self, bit: bool) {
-        let (p, rate) = (i32::from(self.p), RATE[usize::from(self.seen)]);
+        let (p, rate) = (i32::from(self.p), RATE[usize::from(self.count)]);
         // No rate is so small that the opposite bound could be exceeded.
         self.p = if bit {
             (p + (((65535 - p) * rate) >> 15)).min(65536 - MARGIN)
         } else {
             (p + ((-p * rate) >> 15)).max(MARGIN)
         } as u16;
-        self.seen += u8::from(self.seen < MAX_COUNT);
+        self.count += u8::from(self.count < MAX_COUNT);
     }
 }
 
@@ -119,7 +119,7 @@ impl Contexts {
     #[must_use]
     pub fn from_bytes(bytes: &[u8], count: usize) -> Self {
         let (probs, weights) = bytes.split_at(count * 3);
-        let prob = |b: &[u8]| Prob { p: u16::from_le_bytes([b[0], b[1]]), seen: b[2].min(MAX_COUNT) };
+        let prob = |b: &[u8]| Prob { p: u16::from_le_bytes([b[0], b[1]]), count: b[2].min(MAX_COUNT) };
         let weight =
             |b: &[u8], i: usize| i32::from_le_bytes([b[4 * i], b[4 * i + 1], b[4 * i + 2], b[4 * i + 3]]);
         let mixer = |b: &[u8]| std::array::from_fn(|i| weight(b, i));
@@ -135,7 +135,7 @@ impl Contexts {
         let mut bytes = Vec::with_capacity(self.probs.len() * 3 + self.weights.len() * 4);
         for prob in &self.probs {
             bytes.extend(prob.p.to_le_bytes());
-            bytes.push(prob.seen);
+            bytes.push(prob.count);
         }
         for weight in self.weights.as_flattened() {
             bytes.extend(weight.to_le_bytes());
@@ -201,18 +201,18 @@ mod tests {
     #[test]
     fn no_estimate_leaves_its_range() {
         for p in 0..=u16::MAX {
-            for seen in 0..=MAX_COUNT {
+            for count in 0..=MAX_COUNT {
                 for bit in [false, true] {
-                    let mut prob = Prob { p, seen };
+                    let mut prob = Prob { p, count };
                     prob.update(bit);
                     let target = 65535 * i32::from(bit);
-                    let plain = i32::from(p) + (((target - i32::from(p)) * RATE[usize::from(seen)]) >> 15);
-                    assert_eq!(i32::from(prob.p), plain.clamp(MARGIN, 65536 - MARGIN), "{p} {seen} {bit}");
+                    let plain = i32::from(p) + (((target - i32::from(p)) * RATE[usize::from(count)]) >> 15);
+                    assert_eq!(i32::from(prob.p), plain.clamp(MARGIN, 65536 - MARGIN), "{p} {count} {bit}");
                     let inside =
                         i32::from(prob.p) <= 65536 - MARGIN && i32::from(prob.p) >= MARGIN.min(p.into());
                     assert!(
                         inside && (bit || prob.p <= p.max(48)) && (!bit || prob.p >= p.min(65488)),
-                        "{p} {seen} {bit}"
+                        "{p} {count} {bit}"
                     );
                 }
             }

@@ -229,7 +229,7 @@ fn any_ancestor_closed_cut_is_the_input_collapsed_by_the_complement() {
         }
     }
     assert!(at_truncation_points >= 100, "only {at_truncation_points} chunks ended at a truncation");
-    assert!(moves >= 1000, "only {moves} vertices moved_positions");
+    assert!(moves >= 1000, "only {moves} vertices moved");
 }
 
 #[test]

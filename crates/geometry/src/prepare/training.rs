@@ -191,8 +191,8 @@ fn prior(runs: &[Vec<bool>]) -> Prob {
     for shift in SHIFTS {
         let odds = share / (1.0 - share) * f64::exp(shift);
         let p = (odds / (1.0 + odds) * 65536.0).clamp(48.0, 65488.0) as u16;
-        for seen in COUNTS.into_iter().filter(|&w| usize::from(w) <= bits + 1) {
-            let prior = Prob { p, seen };
+        for count in COUNTS.into_iter().filter(|&w| usize::from(w) <= bits + 1) {
+            let prior = Prob { p, count };
             let cost = runs.iter().map(|run| cost(prior, run)).sum();
             if cost < best.0 {
                 best = (cost, prior);

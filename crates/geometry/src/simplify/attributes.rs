@@ -108,13 +108,13 @@ impl Texture {
 
     /// Displacement of the texture at a vertex of the input, or `enough` if it is less.
     fn displacement(&self, live: &Live<'_>, (sample, point): (u32, Vec3), face: u32, enough: f64) -> f64 {
-        let heir = live.successor(sample);
-        let most = length(sub(point, live.positions[heir as usize]));
+        let successor = live.successor(sample);
+        let most = length(sub(point, live.positions[successor as usize]));
         if most <= enough {
             return enough;
         }
         // The nearest face may lie across a seam; the matching texture is then on another face around the vertex.
-        let around = live.stars.corners(heir).map(|c| c / 3);
+        let around = live.stars.corners(successor).map(|c| c / 3);
         let mut best = most;
         for face in std::iter::once(face).chain(around) {
             best = best.min(self.displacement_on(live, (sample, point), face));

@@ -79,11 +79,11 @@ impl Deviation {
         // Points between corners with the same nearest face are no farther from it than the corners.
         let is_apart = |i: usize, j: usize| near[i] != near[j];
         let halfway = |i: usize, j: usize| between(points[i], points[j], 1, 2);
-        let asked = [middle(points), halfway(0, 1), halfway(1, 2), halfway(2, 0)];
+        let sample_points = [middle(points), halfway(0, 1), halfway(1, 2), halfway(2, 0)];
         let open = [true, is_apart(0, 1), is_apart(1, 2), is_apart(2, 0)];
         // Nearly all points are near the faces of the corners.
         let mut left = (0..4).filter(|&i| open[i]).fold(0_u32, |bits, i| bits | 1 << i);
-        let four = FourPoints::new(asked);
+        let four = FourPoints::new(sample_points);
         for triangle in triangles {
             if left != 0 {
                 left &= !four.within(triangle, limit);
@@ -110,7 +110,7 @@ impl Deviation {
         let over = InputFace { region, near, triangles, nearest_beyond: if exact { 0.0 } else { far_from } };
         let suspicious = |point, order| !at_hand(point) && over.farther(point, order, limit).is_some();
         let orders = [[0, 1, 2], [0, 1, 2], [1, 2, 0], [2, 0, 1]];
-        if !(0..4).any(|i| left >> i & 1 == 1 && suspicious(asked[i], orders[i])) {
+        if !(0..4).any(|i| left >> i & 1 == 1 && suspicious(sample_points[i], orders[i])) {
             return 0.0;
         }
         let edges = [(0, 1), (1, 2), (2, 0)].map(|(i, j)| (points[i], points[j]));

@@ -181,9 +181,9 @@ struct LimitViolation {
 /// The farthest violation (the first of equal ones) by successor of the point's vertex.
 type Farthest = BTreeMap<u32, LimitViolation>;
 
-fn insert_farther(farthest: &mut Farthest, heir: u32, found: LimitViolation) {
-    if farthest.get(&heir).is_none_or(|known| found.distance > known.distance) {
-        farthest.insert(heir, found);
+fn insert_farther(farthest: &mut Farthest, successor: u32, found: LimitViolation) {
+    if farthest.get(&successor).is_none_or(|known| found.distance > known.distance) {
+        farthest.insert(successor, found);
     }
 }
 
@@ -229,8 +229,8 @@ impl<'a> LimitedRegion<'a> {
         let faces = &self.level.faces[self.r];
         let after = faces_after(live, faces, records, records.collapses.len());
         let mut far = Farthest::new();
-        for (heir, found) in self.far_from(records, &after)?.into_iter().flatten() {
-            insert_farther(&mut far, heir, found);
+        for (successor, found) in self.far_from(records, &after)?.into_iter().flatten() {
+            insert_farther(&mut far, successor, found);
         }
         let near = |point: Vec3, v: u32| length(sub(point, live.positions[v as usize])) <= limit / MARGIN;
         let mut hold: Vec<u32> = Vec::new();
@@ -264,22 +264,23 @@ impl<'a> LimitedRegion<'a> {
         // With its own vertices only: a hierarchy copies the positions it is given, and many regions are affected.
         let (places, compacted) = compact(&live.positions, &triangles);
         let surface = WideBvh::new(&places, &compacted);
-        let went = successors(records);
+        let successors = successors(records);
         map(self.threads, self.roots.len().div_ceil(SAMPLES_PER_TASK), &|task| {
             let mut hints = Hints::new(self.limit, None);
             let mut far = Farthest::new();
             let some =
                 self.samples.iter().zip(&self.roots).skip(task * SAMPLES_PER_TASK).take(SAMPLES_PER_TASK);
             for (&sample, &root) in some {
-                let heir = went.get(root).unwrap_or(root);
-                let lost = went.get(heir).is_some() || live.stars.corners(heir).next().is_none();
+                let successor = successors.get(root).unwrap_or(root);
+                let lost =
+                    successors.get(successor).is_some() || live.stars.corners(successor).next().is_none();
                 for point in self.points.points_at(live, &self.deviation.input, sample) {
-                    let distance = length(sub(point, live.positions[heir as usize]));
+                    let distance = length(sub(point, live.positions[successor as usize]));
                     if (distance > enough || lost)
                         && (triangles.is_empty() || !surface.any_within_hinted(point, enough, &mut hints))
-                        && let Some(root) = self.removed_near(sample, root, point, &went)
+                        && let Some(root) = self.removed_near(sample, root, point, &successors)
                     {
-                        insert_farther(&mut far, heir, LimitViolation { distance, root, point });
+                        insert_farther(&mut far, successor, LimitViolation { distance, root, point });
                     }
                 }
             }
@@ -289,14 +290,14 @@ impl<'a> LimitedRegion<'a> {
 
     /// The vertex to lock for a point of an input vertex: its successor before this level or, if that vanished, the
     /// nearest corner of the face that represented it.
-    fn removed_near(&self, sample: u32, root: u32, point: Vec3, went: &SlotMap) -> Option<u32> {
+    fn removed_near(&self, sample: u32, root: u32, point: Vec3, successors: &SlotMap) -> Option<u32> {
         let live = self.live;
-        if went.get(root).is_some() {
+        if successors.get(root).is_some() {
             return Some(root);
         }
         let corners = live.face_vertices[self.deviation.face_near(sample) as usize];
         let distance = |v: u32| length(sub(live.positions[v as usize], point));
-        let removed = corners.into_iter().filter(|&v| went.get(v).is_some());
+        let removed = corners.into_iter().filter(|&v| successors.get(v).is_some());
         removed.min_by(|&a, &b| distance(a).total_cmp(&distance(b)).then(a.cmp(&b)))
     }
 
@@ -349,11 +350,11 @@ fn successors(records: &Records) -> SlotMap {
     let mut successors = SlotMap::with_capacity(records.collapses.len());
     // In reverse, so that the target's successor is known.
     for collapse in records.collapses.iter().rev() {
-        let heir = match collapse.target {
+        let successor = match collapse.target {
             NO_VERTEX => collapse.removed,
             target => successors.get(target).unwrap_or(target),
         };
-        successors.insert(collapse.removed, heir);
+        successors.insert(collapse.removed, successor);
     }
     successors
 }

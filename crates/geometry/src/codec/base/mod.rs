@@ -83,10 +83,10 @@ pub(crate) fn encode_with<C: Coder>(
     choosing: bool,
 ) -> Result<OrderedBase, DecodeError> {
     let mut walk = Walk::new(coder, format, u64::MAX, choosing);
-    walk.wanted = Some(TargetMesh::new(mesh));
+    walk.target = Some(TargetMesh::new(mesh));
     walk.run()?;
     let Numbering { vertices, wedges, faces, .. } =
-        walk.wanted.map_or_else(Default::default, |wanted| wanted.names);
+        walk.target.map_or_else(Default::default, |wanted| wanted.names);
     Ok(OrderedBase { mesh: walk.mesh, vertices, wedges, faces })
 }
 

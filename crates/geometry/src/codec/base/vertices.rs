@@ -18,7 +18,7 @@ impl<C: Coder> Walk<'_, C> {
     /// Codes the next corner's vertex; `want` is the wedge there to encode.
     pub(super) fn vertex(&mut self, corners: &Corners, want: Option<u32>) -> Result<u32, DecodeError> {
         let count = self.mesh.positions.len();
-        let wanted = match (&self.wanted, want) {
+        let wanted = match (&self.target, want) {
             (Some(wanted), Some(wedge)) => wanted.vertex_number(wedge),
             _ => None,
         };
@@ -33,7 +33,7 @@ impl<C: Coder> Walk<'_, C> {
             let likely = likely.map_or_else(Vec::new, |likely| likely.vertices);
             return self.old_vertex(&likely, wanted.unwrap_or(0));
         }
-        let actual = match (&self.wanted, want) {
+        let actual = match (&self.target, want) {
             (Some(wanted), Some(wedge)) => Some(wanted.position(wedge)),
             _ => None,
         };
@@ -41,7 +41,7 @@ impl<C: Coder> Walk<'_, C> {
         self.mesh.positions.push(position);
         self.wedges_of.push(Vec::new());
         self.border.vertex();
-        if let (Some(wanted), Some(wedge)) = (&mut self.wanted, want) {
+        if let (Some(wanted), Some(wedge)) = (&mut self.target, want) {
             wanted.number_vertex(wedge);
         }
         Ok(id32(count))

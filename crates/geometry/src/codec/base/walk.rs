@@ -22,7 +22,7 @@ pub(super) struct Walk<'a, C> {
     /// Writes, reads or records symbols.
     pub(super) coder: &'a mut C,
     /// The mesh to encode; `None` in a decoder.
-    pub(super) wanted: Option<TargetMesh<'a>>,
+    pub(super) target: Option<TargetMesh<'a>>,
     pub(super) format: BaseFormat,
     /// Most elements that the input's length allows.
     max_elements: u64,
@@ -63,7 +63,7 @@ impl<'a, C: Coder> Walk<'a, C> {
     pub(super) fn new(coder: &'a mut C, format: BaseFormat, max_elements: u64, choosing: bool) -> Self {
         Self {
             coder,
-            wanted: None,
+            target: None,
             format,
             max_elements,
             choosing,
@@ -82,7 +82,7 @@ impl<'a, C: Coder> Walk<'a, C> {
         self.choosing = self.coder.raw(1, self.choosing.into()) == 1;
         loop {
             let Some(gate) = self.queue.pop_front() else {
-                let seed = self.wanted.as_mut().and_then(TargetMesh::seed);
+                let seed = self.target.as_mut().and_then(TargetMesh::seed);
                 if !self.coder.bit(BASE_MORE, seed.is_some()) {
                     return self.coder.check();
                 }
@@ -95,7 +95,7 @@ impl<'a, C: Coder> Walk<'a, C> {
             if self.edges.contains_key(&(b, a)) {
                 continue;
             }
-            let face = self.wanted.as_mut().and_then(|w| w.at_gate(b, a));
+            let face = self.target.as_mut().and_then(|w| w.at_gate(b, a));
             if self.flag(BASE_GATE, face.is_some()) {
                 self.face(Some(gate), face)?;
             }
@@ -134,7 +134,7 @@ impl<'a, C: Coder> Walk<'a, C> {
         let material = self.material(gate, want.map(|w| w.0))?;
         let face = id32(self.mesh.faces.len());
         self.mesh.faces.push(Face { wedges: corners.wedges, material });
-        if let (Some(wanted), Some((name, _))) = (&mut self.wanted, want) {
+        if let (Some(wanted), Some((name, _))) = (&mut self.target, want) {
             wanted.names.faces.push(name);
         }
         for k in 0..3 {
@@ -148,7 +148,7 @@ impl<'a, C: Coder> Walk<'a, C> {
 
     fn material(&mut self, gate: Option<Gate>, want: Option<u32>) -> Result<u16, DecodeError> {
         let near = gate.map_or(0, |g| self.mesh.faces[g.face as usize].material);
-        let actual = match (&self.wanted, want) {
+        let actual = match (&self.target, want) {
             (Some(wanted), Some(face)) => wanted.material(face),
             _ => near,
         };

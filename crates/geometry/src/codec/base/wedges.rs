@@ -22,7 +22,7 @@ impl<C: Coder> Walk<'_, C> {
     pub(super) fn wedge(&mut self, corners: &Corners, want: Option<u32>) -> Result<u32, DecodeError> {
         let i = corners.next;
         let (vertex, across) = (corners.vertices[i], corners.across[i]);
-        let wanted = match (&self.wanted, want) {
+        let wanted = match (&self.target, want) {
             (Some(wanted), Some(wedge)) => wanted.wedge_number(wedge),
             _ => None,
         };
@@ -67,7 +67,7 @@ impl<C: Coder> Walk<'_, C> {
     fn new_wedge(&mut self, corners: &Corners, want: Option<u32>) -> Result<u32, DecodeError> {
         let i = corners.next;
         let vertex = corners.vertices[i];
-        let actual = match (&self.wanted, want) {
+        let actual = match (&self.target, want) {
             (Some(wanted), Some(wedge)) => Some(wanted.attributes(wedge)),
             _ => None,
         };
@@ -92,7 +92,7 @@ impl<C: Coder> Walk<'_, C> {
         let wedge = id32(self.mesh.wedges.len());
         self.mesh.wedges.push(Wedge { vertex, attributes: Attributes { uv, ..attributes } });
         self.wedges_of[vertex as usize].push(wedge);
-        if let (Some(wanted), Some(name)) = (&mut self.wanted, want) {
+        if let (Some(wanted), Some(name)) = (&mut self.target, want) {
             wanted.names.wedge(name);
         }
         Ok(wedge)

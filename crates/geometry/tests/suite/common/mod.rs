@@ -1,5 +1,5 @@
 //! Deterministic generated meshes, and how tests prepare them.
-#![allow(dead_code, reason = "each of those who share it needs another part")]
+#![allow(dead_code, reason = "each user needs only a part of it")]
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
