@@ -1,5 +1,5 @@
 //! Both sessions over a link in virtual time, for tests: a latency each way, a rate towards the client,
-//! WebSocket-like framing, and a client that selects, asks and applies at once.
+//! WebSocket-like framing, and a client that selects, requests and applies at once.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -20,7 +20,7 @@ use lodestream_scene::description::InstanceEntry;
 use lodestream_scene::view::View;
 use lodestream_select::{AssetState, Selection, Selector, State};
 
-/// A direction of the link: what is under way, with its arrival.
+/// One direction of the link: messages in flight with their arrival times.
 #[derive(Default)]
 pub(crate) struct Pipe {
     queue: VecDeque<(Time, Vec<u8>)>,
@@ -28,7 +28,7 @@ pub(crate) struct Pipe {
 }
 
 impl Pipe {
-    /// Sends bytes at a rate (bits per second; 0: at once) behind what is queued.
+    /// Sends bytes at a rate (bits per second; 0: at once) after what is queued.
     fn send(&mut self, now: Time, bytes: Vec<u8>, rate: u64, latency: Duration) {
         let ns = (bytes.len() as u64 * 8_000_000_000).checked_div(rate).unwrap_or(0);
         self.free_at = self.free_at.max(now) + Duration::from_nanos(ns);
@@ -39,22 +39,22 @@ impl Pipe {
         self.queue.pop_front_if(|(at, _)| *at <= now).map(|(_, bytes)| bytes)
     }
 
-    /// When a driver may send again: a transport takes some bytes ahead of the link, no more.
+    /// When a driver may send again: a transport buffers a few milliseconds of the link.
     fn ready_at(&self) -> Time {
         self.free_at - Duration::from_millis(5)
     }
 }
 
-/// What the client of a [`Pair`] knows and has seen.
+/// State of the client of a [`Pair`], and a record of what it received.
 #[derive(Default)]
 pub(crate) struct World {
     pub(crate) welcome: Option<Welcome>,
     pub(crate) instances: Vec<InstanceEntry>,
     pub(crate) assets: Vec<AssetState>,
     pub(crate) pages: BTreeMap<u32, Time>,
-    /// Blobs in the order of completion; more than once if it came again.
+    /// Blobs in order of completion, with repetitions.
     pub(crate) blobs: Vec<(Time, BlobId)>,
-    /// Of all blobs; what came again counts again.
+    /// Bytes of all blobs, with repetitions.
     pub(crate) received_bytes: u64,
     pub(crate) bases_sent: Option<Time>,
     pub(crate) done: Option<Time>,
@@ -71,16 +71,16 @@ pub(crate) struct Pair {
     pub(crate) world: World,
     pub(crate) view: View,
     pub(crate) selector: Selector,
-    /// Whether the client asks for anything by itself.
+    /// Whether the client requests blobs.
     pub(crate) asks: bool,
     pub(crate) latency: Duration,
     pub(crate) link_rate: u64,
     pub(crate) scene: Arc<MemoryScene>,
-    /// How long the store takes where it says that it has to be waited for.
+    /// Duration of the store's pending reads.
     pub(crate) read_time: Duration,
-    /// Reads under way, with the moment they are done.
+    /// Outstanding reads, with the times of their completion.
     pub(crate) reads: VecDeque<(Time, BlobId)>,
-    /// Most reads that were under way at a time.
+    /// Most reads outstanding at a time.
     pub(crate) most_reads: usize,
     up: Pipe,
     down: Pipe,
@@ -92,7 +92,7 @@ impl Pair {
         Self::of(Arc::clone(scene) as _, scene, config, resume)
     }
 
-    /// The same over a store that lets the session wait.
+    /// The same with a store whose reads are pending.
     pub(crate) fn slow(scene: &Arc<MemoryScene>, config: ServerConfig, is_slow: fn(&BlobId) -> bool) -> Self {
         let source = Arc::new(SlowScene { scene: Arc::clone(scene), is_slow });
         Self::of(source, scene, config, Resume::default())
@@ -126,7 +126,7 @@ impl Pair {
         }
     }
 
-    /// Runs until a moment, or until nothing is left to happen before it.
+    /// Runs until a moment, or until no events are left before it.
     pub(crate) fn run_until(&mut self, end: Time) {
         loop {
             self.work();
@@ -251,7 +251,7 @@ fn of_asset(id: BlobId) -> (usize, BlobPart) {
     (asset as usize, part)
 }
 
-/// Takes a blob into use, as far as its parents are there; cached ones follow.
+/// Applies a blob if its parents are applied, and then the cached blobs that depend on it.
 fn arrived(asset: &mut AssetState, part: BlobPart, offset: u32, bytes: &[u8]) {
     match part {
         BlobPart::IndexPage(page) => {
@@ -270,7 +270,7 @@ fn arrived(asset: &mut AssetState, part: BlobPart, offset: u32, bytes: &[u8]) {
         let ready = |&parent: &u32| asset.state(BlobPart::Chunk(parent)) == State::Applied;
         let Some(info) = asset.chunk(chunk) else { continue };
         if asset.state(part) == State::Cached && info.parents.iter().all(ready) {
-            // As far as the bytes go.
+            // Up to the last truncation point within the received bytes.
             let held = asset.held_bytes(chunk);
             let truncation =
                 (0..).zip(&info.truncation_points).take_while(|(_, s)| s.payload_bytes <= held).last();

@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn blobs_come_through_however_the_stream_is_cut() {
+    fn blobs_are_the_same_however_the_stream_is_cut() {
         for id in
             [BlobId::base(0), BlobId::texture(u32::MAX, u16::MAX, 255), BlobId::height_overrides(u32::MAX)]
         {
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_of_blobs_come_through_and_say_where_they_belong() {
+    fn parts_of_blobs_round_trip_with_their_offsets() {
         let id = BlobId::chunk(1, 2);
         for (offset, end) in [(0, 300), (300, 1000), (299, 301), (0, 1)] {
             let first = BlobPiece { id, offset, end, total: 1000, bytes: Bytes::new() };

@@ -1,4 +1,4 @@
-//! What the tests share: synthetic assets, scenes and a store in memory.
+//! Synthetic assets and scenes, and a store in memory, for tests.
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use lodestream_scene::description::{Camera, InstanceEntry, SceneHeader, SceneLig
 use lodestream_select::Occluder;
 use lodestream_select::testing::{plane, plane_entry};
 
-/// A store in memory whose blobs are filled with bytes that tell them apart.
+/// A store in memory whose blobs have distinct contents.
 pub(crate) struct MemoryScene {
     pub(crate) header: SceneHeader,
     pub(crate) pages: Vec<Arc<ScenePage>>,
@@ -20,7 +20,7 @@ pub(crate) struct MemoryScene {
     index: Vec<Vec<Bytes>>,
     /// Levels of the one texture that each asset has, none if 0.
     pub(crate) texture_levels: u8,
-    /// What of every asset hides what is behind it.
+    /// Occluder of every asset.
     pub(crate) occluder: Option<Arc<Occluder>>,
 }
 
@@ -109,7 +109,7 @@ impl SceneSource for MemoryScene {
     }
 }
 
-/// A scene whose store has to be waited for, for some of the blobs.
+/// A scene for which reads of some blobs are pending.
 pub(crate) struct SlowScene {
     pub(crate) scene: Arc<MemoryScene>,
     pub(crate) is_slow: fn(&BlobId) -> bool,
@@ -142,7 +142,7 @@ fn index_pages(infos: &[ChunkInfo]) -> Vec<Bytes> {
     pages.into_iter().map(Bytes::from).collect()
 }
 
-/// Bytes that differ from blob to blob and from place to place.
+/// Contents of a blob: bytes that depend on its id and on the offset.
 pub(crate) fn contents(id: &BlobId, length: u32) -> Bytes {
     let seed = id.to_string().bytes().fold(17_u32, |h, b| h.wrapping_mul(31) ^ u32::from(b));
     (0..length).map(|i| (seed.wrapping_add(i).wrapping_mul(0x9E37_79B1) >> 24) as u8).collect()

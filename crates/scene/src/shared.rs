@@ -80,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shared_texture_is_asked_for_as_the_first_that_has_it() {
+    fn shared_textures_are_requested_as_the_earlier_one() {
         let entry = AssetEntry { shared: vec![shared(1, 0, 4), shared(3, 2, 0)], ..AssetEntry::default() };
         assert_eq!([0, 1, 2, 3].map(|texture| entry.sent_as(7, texture)), [(7, 0), (0, 4), (7, 2), (2, 0)]);
         let part = BlobPart::Texture { texture: 3, level: 5 };
@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_came_before_may_be_shared_and_each_texture_once() {
+    fn only_earlier_textures_are_shared_and_each_once() {
         assert!(in_order(3, &[shared(0, 1, 9), shared(2, 3, 1)]));
         assert!(!in_order(3, &[shared(0, 4, 0)]), "a later asset");
         assert!(!in_order(3, &[shared(1, 3, 1)]), "itself");

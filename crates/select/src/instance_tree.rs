@@ -448,7 +448,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn nothing_that_passes_the_exact_test_is_left_out(
+        fn hierarchy_misses_no_instance_that_passes_the_exact_test(
             instances in prop::collection::vec(placed(), 0..400),
             view in eyes(),
             sun in prop::array::uniform3(-1.0..1.0_f32),
@@ -497,7 +497,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_out_of_view_is_not_looked_at() {
+    fn branches_out_of_view_are_not_visited() {
         let side = 100_u32;
         let at = |number: u32| [f64::from(number % side), 0.0, f64::from(number / side)];
         let instances: Vec<InstanceEntry> = (0..side * side).map(|n| InstanceEntry::at(0, at(n))).collect();

@@ -78,7 +78,7 @@ fn applied(asset: &AssetState) -> HashSet<usize> {
 }
 
 #[test]
-fn settles_at_the_target_and_needs_nothing_then() {
+fn selection_settles_at_the_target() {
     let instances = [InstanceEntry::at(0, [0.0; 3])];
     for eye in [[0.0, 3.0, 4.0], [0.3, 0.2, 0.9], [0.0, 40.0, 90.0]] {
         let mut assets = [known_asset(6)];
@@ -95,7 +95,7 @@ fn settles_at_the_target_and_needs_nothing_then() {
 }
 
 #[test]
-fn far_views_need_less_and_what_is_not_needed_is_undone() {
+fn distant_views_undo_chunks() {
     let instances = [InstanceEntry::at(0, [0.0; 3])];
     let mut assets = [known_asset(6)];
     let mut selector = Selector::default();
@@ -109,7 +109,7 @@ fn far_views_need_less_and_what_is_not_needed_is_undone() {
 }
 
 #[test]
-fn a_wavering_camera_changes_nothing() {
+fn small_camera_movements_change_nothing() {
     let instances = [InstanceEntry::at(0, [0.0; 3])];
     let mut assets = [known_asset(6)];
     let mut selector = Selector::default();
@@ -125,7 +125,7 @@ fn a_wavering_camera_changes_nothing() {
 }
 
 #[test]
-fn out_of_view_is_kept_while_there_is_room_and_undone_when_not() {
+fn chunks_out_of_view_are_undone_only_near_the_budget() {
     let instances = [InstanceEntry::at(0, [0.0; 3])];
     let mut assets = [known_asset(6)];
     let mut selector = Selector::default();
@@ -141,7 +141,7 @@ fn out_of_view_is_kept_while_there_is_room_and_undone_when_not() {
 }
 
 #[test]
-fn several_instances_share_chunks_and_the_nearest_decides() {
+fn nearest_instance_decides_for_shared_chunks() {
     let far = [InstanceEntry::at(0, [0.0, 0.0, -60.0])];
     let both = [far[0], InstanceEntry::at(0, [0.0, 0.0, -3.0])];
     let view = above([0.0, 1.0, 2.0]);
@@ -172,7 +172,7 @@ fn scale_and_rotation_are_taken_into_account() {
 }
 
 #[test]
-fn the_threshold_rises_until_budgets_hold() {
+fn threshold_rises_until_the_budgets_hold() {
     let instances = [InstanceEntry::at(0, [0.0; 3])];
     let view = above([0.0, 1.0, 2.0]);
     for max_faces in [600, 30_000, 200_000] {
@@ -190,7 +190,7 @@ fn the_threshold_rises_until_budgets_hold() {
 }
 
 #[test]
-fn bases_come_first_and_what_is_unknown_is_the_root_error() {
+fn base_meshes_come_first_and_unknown_chunks_have_the_root_error() {
     let chunks = plane(5);
     let mut fresh = AssetState::new(plane_entry("fresh", &chunks, 1000));
     let instances = [
@@ -226,7 +226,7 @@ fn bases_come_first_and_what_is_unknown_is_the_root_error() {
 /// Of two chunks as far off and as long the larger comes first, whatever octave of screen error they are in; and a
 /// small one on which much hangs comes before one on which nothing does.
 #[test]
-fn what_makes_the_most_difference_per_byte_comes_first_and_parents_before_their_children() {
+fn chunks_are_ordered_by_difference_per_byte_after_their_parents() {
     let chunk = |error: f32, radius: f32, payload_bytes: u32, parents: &[u32]| ChunkInfo {
         level: 1 + u8::from(!parents.is_empty()),
         error,
@@ -264,7 +264,7 @@ fn what_makes_the_most_difference_per_byte_comes_first_and_parents_before_their_
 }
 
 #[test]
-fn pages_behind_an_error_just_above_the_target_do_not_come_one_a_round_trip() {
+fn index_pages_just_above_the_target_are_requested_together() {
     let chunks = plane(6);
     let mut asset = AssetState::new(plane_entry("plane", &chunks, 1000));
     asset.set_state(BlobPart::Base, State::Applied);
@@ -318,7 +318,7 @@ fn pages_may_come_in_any_order_and_wrong_ones_are_refused() {
 
 /// 255 + 1 overflowed: a panic, or a bound of 0 behind which no page was asked for.
 #[test]
-fn a_page_of_level_255_bounds_what_follows_it() {
+fn page_of_level_255_bounds_later_pages() {
     let mut chunks = plane(5);
     chunks[63].level = 255;
     let mut asset = AssetState::new(plane_entry("plane", &chunks, 1000));
@@ -334,7 +334,7 @@ fn a_page_of_level_255_bounds_what_follows_it() {
 /// A region that had no chunks for two levels: its chunk's parent is three levels up, and its error far above what the
 /// levels between have. The bound was theirs, so the page was not asked for.
 #[test]
-fn what_is_unknown_is_bounded_where_parents_lie_several_levels_up() {
+fn unknown_chunks_are_bounded_with_parents_several_levels_up() {
     let chunk = |level: u8, error: f32, parents: &[u32]| ChunkInfo {
         level,
         error,
@@ -369,7 +369,7 @@ fn what_is_unknown_is_bounded_where_parents_lie_several_levels_up() {
 }
 
 #[test]
-fn failed_chunks_block_what_hangs_on_them_and_only_that() {
+fn failed_chunks_block_only_their_descendants() {
     let mut asset = known_asset(4);
     asset.set_state(BlobPart::Chunk(1), State::Failed);
     let mut assets = [asset];
@@ -382,7 +382,7 @@ fn failed_chunks_block_what_hangs_on_them_and_only_that() {
 }
 
 #[test]
-fn what_is_in_flight_and_no_longer_needed_is_cancelled() {
+fn unneeded_blobs_in_flight_are_cancelled() {
     let mut assets = [known_asset(6)];
     let instances = [InstanceEntry::at(0, [0.0; 3])];
     let mut selector = Selector::default();
@@ -440,7 +440,7 @@ fn texture_levels_follow_texel_density() {
 }
 
 #[test]
-fn a_shared_texture_is_wanted_once_by_the_sum_of_what_it_brings() {
+fn shared_textures_are_wanted_once_with_summed_differences() {
     let wanted = |sharing: bool, both: bool| {
         let plain = textured(known_asset(2));
         let shared = vec![SharedTexture { texture: 0, asset: 0, of: 0 }];
@@ -470,7 +470,7 @@ proptest! {
     /// Any prefix of the list may be applied as it stands; whatever has been applied may be undone as
     /// listed; priorities fall along the list.
     #[test]
-    fn every_prefix_is_closed_and_every_undo_legal(
+    fn every_prefix_is_ancestor_closed_and_every_undo_valid(
         eye in prop::array::uniform3(-6.0..6.0_f64),
         later in prop::array::uniform3(-30.0..30.0_f64),
         prefixes in prop::collection::vec(0..60_usize, 1..8),

@@ -45,7 +45,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn waits_double_up_to_the_longest_and_stay_within_their_half() {
+    fn waits_double_up_to_the_longest_with_jitter() {
         let mut backoff = Backoff::new();
         for n in 0..40_u32 {
             let full = FIRST.saturating_mul(1 << n.min(10)).min(LONGEST);

@@ -56,7 +56,7 @@ fn closed(client: &mut ClientSession) -> Option<Close> {
 }
 
 #[test]
-fn requests_are_as_deep_as_bandwidth_times_round_trip() {
+fn requests_in_flight_cover_the_bandwidth_delay_product() {
     let (mut client, _) = connected();
     client.handle_message(Time::from_ms(50), ServerMessage::Pong(1));
     let list: Vec<_> = (0..2000).map(|c| wanted(BlobId::chunk(0, c), 1000)).collect();
@@ -71,7 +71,7 @@ fn requests_are_as_deep_as_bandwidth_times_round_trip() {
 }
 
 #[test]
-fn what_is_under_way_and_less_urgent_holds_nothing_back() {
+fn less_urgent_blobs_in_flight_do_not_delay_requests() {
     let (mut client, _) = connected();
     client.handle_message(Time::from_ms(50), ServerMessage::Pong(1));
     let now = Time::from_ms(50);
@@ -95,7 +95,7 @@ fn what_is_under_way_and_less_urgent_holds_nothing_back() {
 }
 
 #[test]
-fn changed_priorities_are_told_small_changes_are_not() {
+fn large_priority_changes_are_sent() {
     let (mut client, _) = connected();
     let id = BlobId::chunk(0, 5);
     client.set_wanted(Time::ZERO, &[wanted(id, 900)], &[]);
@@ -110,7 +110,7 @@ fn changed_priorities_are_told_small_changes_are_not() {
 }
 
 #[test]
-fn cancelled_blobs_free_their_room_and_may_be_wanted_again() {
+fn cancelled_blobs_free_their_bytes_in_flight() {
     let (mut client, _) = connected();
     let id = BlobId::chunk(0, 5);
     client.set_wanted(Time::ZERO, &[wanted(id, 900)], &[]);
@@ -133,7 +133,7 @@ fn cancelled_blobs_free_their_room_and_may_be_wanted_again() {
 }
 
 #[test]
-fn a_beginning_comes_first_and_its_rest_when_it_is_wanted() {
+fn part_is_requested_first_and_the_rest_when_wanted() {
     let (mut client, _) = connected();
     let id = BlobId::chunk(0, 5);
     let run = |offset: u32, end: u32, length: u32| BlobPiece { end, ..piece(id, offset, 900, length) };
@@ -165,7 +165,7 @@ fn a_beginning_comes_first_and_its_rest_when_it_is_wanted() {
 }
 
 #[test]
-fn evicted_blobs_are_taken_back_so_that_they_are_sent_again() {
+fn evicted_blobs_are_cancelled_so_that_they_are_sent_again() {
     let (mut client, _) = connected();
     let id = BlobId::chunk(0, 5);
     client.handle_piece(Time::ZERO, piece(id, 0, 900, 900));
@@ -176,7 +176,7 @@ fn evicted_blobs_are_taken_back_so_that_they_are_sent_again() {
 }
 
 #[test]
-fn blobs_sent_unasked_are_taken() {
+fn pushed_blobs_are_accepted() {
     let (mut client, _) = connected();
     let id = BlobId::base(1);
     client.handle_piece(Time::ZERO, piece(id, 0, 1000, 400));
@@ -186,7 +186,7 @@ fn blobs_sent_unasked_are_taken() {
 
 /// After a restart, another scene's blob would be taken for one of the scene before.
 #[test]
-fn a_base_that_overtakes_welcome_is_told_after_it() {
+fn blob_before_welcome_is_reported_after_it() {
     let scene = MemoryScene::new(1, 1, 1);
     let mut client = ClientSession::new(ClientConfig::default(), None, Resume::default(), Time::ZERO);
     let id = BlobId::base(0);
@@ -198,7 +198,7 @@ fn a_base_that_overtakes_welcome_is_told_after_it() {
 }
 
 #[test]
-fn what_is_held_until_welcome_is_bounded_and_the_rest_given_back() {
+fn blobs_before_welcome_are_bounded() {
     let config = ClientConfig { max_in_flight_bytes: 5000, ..ClientConfig::default() };
     for (config, held) in [(ClientConfig::default(), MAX_EARLY), (config, 50)] {
         let mut client = ClientSession::new(config, None, Resume::default(), Time::ZERO);
@@ -232,7 +232,7 @@ fn blobs_of_another_length_than_announced_end_the_session() {
 }
 
 #[test]
-fn a_total_is_not_believed_before_the_bytes_are_here() {
+fn stated_length_reserves_no_memory() {
     let (mut client, _) = connected();
     let id = BlobId::index_page(0, 0);
     client.handle_piece(Time::ZERO, piece(id, 0, MAX_BLOB_BYTES, 10));
@@ -244,7 +244,7 @@ fn a_total_is_not_believed_before_the_bytes_are_here() {
 }
 
 #[test]
-fn too_many_half_sent_blobs_end_the_session() {
+fn too_many_partial_blobs_end_the_session() {
     let (mut client, _) = connected();
     for chunk in 0..=MAX_PARTIAL as u32 {
         client.handle_piece(Time::ZERO, piece(BlobId::chunk(0, chunk), 0, 20, 10));
@@ -254,7 +254,7 @@ fn too_many_half_sent_blobs_end_the_session() {
 }
 
 #[test]
-fn servers_out_of_turn_or_version_are_left() {
+fn wrong_order_or_version_of_a_server_ends_the_session() {
     let scene = MemoryScene::new(1, 1, 1);
     let ServerMessage::Welcome(good) = welcome(&scene) else { panic!("not a Welcome") };
     let newer = ServerMessage::Welcome(Welcome { version: 9, ..good });
@@ -274,7 +274,7 @@ fn servers_out_of_turn_or_version_are_left() {
 }
 
 #[test]
-fn silence_counts_as_loss_and_pings_prevent_it() {
+fn silence_ends_the_session_and_pings_prevent_it() {
     let mut client = ClientSession::new(ClientConfig::default(), None, Resume::default(), Time::ZERO);
     while client.poll_transmit(Time::ZERO).is_some() {}
     client.handle_timeout(Time::from_ms(9_999));
@@ -298,7 +298,7 @@ fn silence_counts_as_loss_and_pings_prevent_it() {
 }
 
 #[test]
-fn views_are_told_at_intervals_and_only_the_last() {
+fn only_the_latest_view_is_sent_at_intervals() {
     let (mut client, scene) = connected();
     let at = |x: f64| View { eye: [x, 0.0, 0.0], ..scene.header.camera.view([64, 64], 1.0) };
     // `Hello` named no view, so the first one is told at once.
@@ -315,7 +315,7 @@ fn views_are_told_at_intervals_and_only_the_last() {
 }
 
 #[test]
-fn escape_codes_of_a_reason_reached_the_terminal() {
+fn escape_codes_of_a_close_reason_are_replaced() {
     let (mut client, _) = connected();
     let reason = "\x1b[2J\x1b]0;mine\x07full\r\nagain\u{9b}31m \u{202e}txt";
     client.handle_message(
@@ -336,7 +336,7 @@ fn escape_codes_of_a_reason_reached_the_terminal() {
 proptest! {
     /// Whatever comes, the sum of what is in flight stays right and nothing panics.
     #[test]
-    fn the_books_balance(steps in prop::collection::vec((0..7_u8, 0..6_u32, 0..4_u32), 0..200)) {
+    fn bytes_in_flight_match_the_pending_blobs(steps in prop::collection::vec((0..7_u8, 0..6_u32, 0..4_u32), 0..200)) {
         let (mut client, _) = connected();
         let total = 1000;
         for (n, (what, chunk, part)) in steps.into_iter().enumerate() {
@@ -371,7 +371,7 @@ proptest! {
 }
 
 #[test]
-fn a_token_comes_before_hello_and_a_newer_one_at_once() {
+fn token_is_sent_before_hello_and_a_newer_one_at_once() {
     let token = |text: &str| Token(text.into());
     let config = ClientConfig { token: Some(token("first")), ..ClientConfig::default() };
     let mut client = ClientSession::new(config, None, Resume::default(), Time::ZERO);

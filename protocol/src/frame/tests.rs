@@ -154,7 +154,7 @@ fn unknown_messages_are_skipped_if_optional_and_refused_otherwise() {
 }
 
 #[test]
-fn what_exceeds_its_limits_is_neither_made_nor_taken() {
+fn values_beyond_their_limits_are_neither_encoded_nor_decoded() {
     let wants = vec![Want::whole(BlobId::base(0), 0); MAX_IDS_PER_MESSAGE + 1];
     assert!(encode_client(&ClientMessage::Want(wants.clone())).is_err());
     // The same by hand, past the encoder's check.
@@ -178,14 +178,14 @@ fn what_exceeds_its_limits_is_neither_made_nor_taken() {
 }
 
 #[test]
-fn a_forged_count_is_refused_before_memory_is_reserved() {
+fn forged_count_is_refused_before_memory_is_reserved() {
     // A `Want` that claims 2^32 − 1 entries in six bytes.
     let frame = Frame { tag: tag::WANT, body: Bytes::from_static(&[252, 0xFF, 0xFF, 0xFF, 0xFF, 0]) };
     assert!(matches!(frame.into_client_message(), Err(FrameError::Body { what: "Want", .. })));
 }
 
 #[test]
-fn the_first_messages_are_short() {
+fn first_messages_are_short() {
     let hello = Hello { view: Some(view()), ..Hello::new("") };
     assert!(encode_client(&ClientMessage::Hello(hello)).unwrap().len() < 100);
     let scene = MemoryScene::new(1, 8, 2);
@@ -195,7 +195,7 @@ fn the_first_messages_are_short() {
 }
 
 #[test]
-fn the_reader_finds_the_same_frames_however_the_stream_is_cut() {
+fn frames_are_the_same_however_the_stream_is_cut() {
     let stream: Vec<u8> = frames().concat();
     for step in [1, 2, 7, 100, stream.len()] {
         let mut reader = FrameReader::new();

@@ -1,4 +1,4 @@
-//! The queue: its order, its bounds, and what it does while reads are under way.
+//! The scheduler's order and bounds, and its behaviour during reads.
 
 use super::*;
 use lodestream_scene::blob::BlobPart;
@@ -42,7 +42,7 @@ fn urgent_first_then_first_come() {
 }
 
 #[test]
-fn a_begun_blob_is_overtaken_only_by_the_margin() {
+fn begun_blob_is_overtaken_only_by_the_margin() {
     let mut scheduler = Scheduler::new(10);
     scheduler.want(chunk(1), OVERTAKE);
     let first = scheduler.next(400, read).unwrap();
@@ -102,7 +102,7 @@ fn parts_are_sent_once_and_extended_in_the_queue() {
 }
 
 #[test]
-fn cancel_drops_what_was_not_handed_over() {
+fn cancel_drops_unsent_bytes() {
     let mut scheduler = Scheduler::new(10);
     scheduler.want(chunk(1), 5);
     scheduler.want(chunk(2), 4);
@@ -114,7 +114,7 @@ fn cancel_drops_what_was_not_handed_over() {
 }
 
 #[test]
-fn a_full_queue_says_so_but_still_takes_new_priorities() {
+fn full_queue_refuses_units_but_accepts_new_priorities() {
     let mut scheduler = Scheduler::new(2);
     assert!(scheduler.want(chunk(1), 1) && scheduler.want(chunk(2), 2));
     assert!(!scheduler.want(chunk(3), 3));
@@ -123,7 +123,7 @@ fn a_full_queue_says_so_but_still_takes_new_priorities() {
 }
 
 #[test]
-fn failures_are_reported_and_passed_over() {
+fn failed_reads_are_reported_and_skipped() {
     let mut scheduler = Scheduler::new(9);
     scheduler.want(Unit::Blob(BlobId::base(0)), 3);
     scheduler.want(Unit::Blob(BlobId::index_page(0, 0)), 2);
@@ -149,7 +149,7 @@ fn suspended_blobs_are_bounded() {
     assert!(scheduler.begun.len() <= MAX_SUSPENDED + 1, "{}", scheduler.begun.len());
 }
 
-/// A store that has nothing at hand.
+/// A store whose reads are all pending.
 fn slow(_: &BlobId) -> Result<Reading, SourceError> {
     Ok(Reading::Pending)
 }
@@ -169,7 +169,7 @@ fn number_of(next: Option<Outgoing>) -> Option<u32> {
 }
 
 #[test]
-fn others_go_on_while_a_blob_is_read_and_it_comes_in_its_turn() {
+fn other_blobs_are_sent_during_a_read() {
     let mut scheduler = Scheduler::new(10);
     for (n, priority) in [(1, 3), (2, 2), (3, 1)] {
         scheduler.want(chunk(n), priority);
@@ -184,7 +184,7 @@ fn others_go_on_while_a_blob_is_read_and_it_comes_in_its_turn() {
 }
 
 #[test]
-fn reads_are_bounded_and_none_is_asked_for_twice() {
+fn reads_are_bounded_and_not_repeated() {
     let mut scheduler = Scheduler::new(100);
     for n in 0..50 {
         scheduler.want(chunk(n), 100 - n);
@@ -203,7 +203,7 @@ fn reads_are_bounded_and_none_is_asked_for_twice() {
 }
 
 #[test]
-fn what_is_taken_back_while_it_is_read_is_dropped_and_may_be_wanted_again() {
+fn blob_cancelled_during_its_read_may_be_requested_again() {
     let mut scheduler = Scheduler::new(100);
     let id = BlobId::chunk(0, 1);
     scheduler.want(chunk(1), 5);
@@ -211,14 +211,14 @@ fn what_is_taken_back_while_it_is_read_is_dropped_and_may_be_wanted_again() {
     assert_eq!(scheduler.poll_read(), Some(id));
     assert_eq!(scheduler.cancel(id), Cancelled::Queued);
     assert!(scheduler.is_empty() && !scheduler.contains(&chunk(1)));
-    // Wanted again, the read that is under way serves.
+    // A new request reuses the outstanding read.
     scheduler.want_part(chunk(1), 6, 0..300);
     assert_eq!((scheduler.next(400, slow), scheduler.poll_read()), (None, None));
     scheduler.want_part(chunk(1), 6, 0..500);
     done(&mut scheduler, 1);
     let Some(Outgoing::Piece { piece, .. }) = scheduler.next(1000, slow) else { panic!("no piece") };
     assert_eq!((piece.offset, piece.end, piece.bytes.len()), (0, 500, 500));
-    // Taken back for good: what comes is let go.
+    // After a final cancellation the result is dropped.
     scheduler.want(chunk(2), 5);
     assert_eq!(scheduler.next(400, slow), None);
     assert_eq!(scheduler.poll_read(), Some(BlobId::chunk(0, 2)));
@@ -229,7 +229,7 @@ fn what_is_taken_back_while_it_is_read_is_dropped_and_may_be_wanted_again() {
 }
 
 #[test]
-fn a_begun_blob_goes_on_while_what_overtakes_it_is_read_and_the_next_are_read_ahead() {
+fn begun_blob_continues_while_the_next_are_read() {
     let mut scheduler = Scheduler::new(100);
     scheduler.want(chunk(1), OVERTAKE);
     assert_eq!(number_of(scheduler.next(100, read)), Some(1));
@@ -248,7 +248,7 @@ fn a_begun_blob_goes_on_while_what_overtakes_it_is_read_and_the_next_are_read_ah
 }
 
 #[test]
-fn reads_that_fail_are_told_in_their_turn() {
+fn failed_reads_are_reported_in_order() {
     let mut scheduler = Scheduler::new(10);
     let id = BlobId::chunk(0, 1);
     scheduler.want(chunk(1), 5);

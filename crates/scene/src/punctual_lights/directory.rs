@@ -1,4 +1,4 @@
-//! What the pages of punctual lights light: pages of a directory.
+//! Directory of the pages of punctual lights: their bounds, in pages of its own.
 
 use bincode::config::{Configuration, Limit, LittleEndian, Varint};
 use bincode::{Decode, Encode};
@@ -6,27 +6,27 @@ use glam::{DVec3, Vec3};
 
 use super::{MAX_PAGE_BYTES, PunctualLight, PunctualLightsError};
 
-/// Pages of punctual lights on one page of the directory.
+/// Entries of a page of the directory.
 pub const LISTED_PER_PAGE: u32 = 256;
 
 const CONFIG: Configuration<LittleEndian, Varint, Limit<{ 64 * 1024 }>> =
     bincode::config::standard().with_limit::<{ 64 * 1024 }>();
 
-/// A page of punctual lights, as far as must be known before it is asked for. 21 to 23 bytes.
+/// Entry of a page of punctual lights: what a client must know before it requests the page. 21 to 23 bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
 pub struct PunctualLightPageEntry {
-    /// Centre of a sphere that holds all that the page's punctual lights reach, in world units.
+    /// Centre of a sphere that contains the ranges of all lights of the page, in world units.
     pub center: [f32; 3],
     /// Its radius, in world units.
     pub radius: f32,
-    /// Sum over the punctual lights of their brightest colour's luminous intensity, in candela.
+    /// Sum over the lights of the luminous intensity of their brightest colour, in candela.
     pub intensity: f32,
     /// Length of the page, in bytes.
     pub bytes: u32,
 }
 
 impl PunctualLightPageEntry {
-    /// The entry of a page that is so long.
+    /// The entry of a page with these lights and length.
     #[must_use]
     pub fn of(punctual_lights: &[PunctualLight], bytes: u32) -> Self {
         let places = || {
@@ -37,9 +37,9 @@ impl PunctualLightPageEntry {
         let low = places().fold(DVec3::INFINITY, |low, (at, range)| low.min(at - range));
         let high = places().fold(DVec3::NEG_INFINITY, |high, (at, range)| high.max(at + range));
         let center = (0.5 * (low + high)).as_vec3();
-        // About the centre as it is written, and a little more for what 32 bits make of the radius.
+        // Computed for the rounded centre, and enlarged by more than the rounding of the radius.
         let reach = places().map(|(at, range)| at.distance(center.as_dvec3()) + range).fold(0.0, f64::max);
-        #[expect(clippy::cast_possible_truncation, reason = "made larger first by more than is lost")]
+        #[expect(clippy::cast_possible_truncation, reason = "enlarged by more than the rounding")]
         let radius = (reach * (1.0 + 1e-6)) as f32;
         Self {
             center: center.to_array(),
@@ -59,24 +59,24 @@ impl PunctualLightPageEntry {
     }
 }
 
-/// A page of the directory as bytes. At most [`LISTED_PER_PAGE`] entries.
+/// Encodes a page of the directory.
 ///
 /// # Errors
-/// If there are more, or an entry cannot be.
+/// If there are more than [`LISTED_PER_PAGE`] entries, or one is invalid.
 pub fn encode_directory(listed: &[PunctualLightPageEntry]) -> Result<Vec<u8>, PunctualLightsError> {
     let wrong = PunctualLightsError::WrongCount { got: listed.len() as u64, expected: LISTED_PER_PAGE };
     if listed.len() > LISTED_PER_PAGE as usize {
         return Err(wrong);
     }
     listed.iter().try_for_each(PunctualLightPageEntry::check)?;
-    // Plain numbers into memory: nothing else can fail.
+    // Encoding numbers into memory cannot fail.
     bincode::encode_to_vec(listed, CONFIG).map_err(|_| wrong)
 }
 
-/// Reads a page of the directory that must hold `count` entries.
+/// Decodes a page of the directory that must hold `count` entries. Memory is bounded by the length of `bytes`.
 ///
 /// # Errors
-/// If the bytes are not such a page. Memory is bounded by the bytes.
+/// If the bytes are not such a page.
 pub fn decode_directory(
     bytes: &[u8],
     count: u32,

@@ -1,13 +1,14 @@
-//! Numbers of punctual lights in few bits. Only bits, + − × ÷ and √ are used, so every machine writes the same.
+//! Quantised numbers of punctual lights. Only bit operations and exactly rounded arithmetic (+ − × ÷ √) are used, so
+//! the bytes are the same on every machine.
 
 use std::f64::consts::FRAC_PI_2;
 
 use super::PunctualLightsError;
 
-/// Bits of an `f32` that are left out: what is left has 8 bits of exponent and 8 of mantissa.
+/// Low bits of an `f32` that are dropped; 8 bits of exponent and 8 of mantissa remain.
 const CUT: u32 = 15;
 
-/// A positive number in 16 bits, within 2⁻⁹ of itself. The caller has bounded it.
+/// Quantises a positive number to 16 bits, with a relative error of 2⁻⁹. The caller checks its range.
 pub(super) fn short_float(x: f32) -> u16 {
     let rounded = (x.to_bits() >> (CUT - 1)).div_ceil(2);
     u16::try_from(rounded).unwrap_or(u16::MAX)
@@ -18,14 +19,14 @@ pub(super) fn long_float(short: u16) -> f32 {
     f32::from_bits(u32::from(short) << CUT)
 }
 
-/// A share of 0 to 1 in steps of 1/65535.
+/// Quantises a number from 0 to 1 in steps of 1/65535.
 fn share(x: f64) -> u16 {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the range first")]
     let steps = (x.clamp(0.0, 1.0) * 65_535.0 + 0.5) as u16;
     steps
 }
 
-/// An angle of 0 to π/2 in 16 bits, within 0.0007°.
+/// Quantises an angle from 0 to π/2 to 16 bits, within 0.0007°.
 pub(super) fn short_angle(angle: f32) -> u16 {
     share(f64::from(angle) / FRAC_PI_2)
 }
@@ -37,7 +38,7 @@ pub(super) fn long_angle(short: u16) -> f32 {
     angle.min(std::f32::consts::FRAC_PI_2)
 }
 
-/// A unit vector in 32 bits, within 0.004°, on an unfolded octahedron (Cigolle et al., "A survey of efficient
+/// Octahedral encoding of a unit vector in 32 bits, within 0.004° (Cigolle et al., "A survey of efficient
 /// representations for independent unit vectors", 2014).
 pub(super) fn short_direction(direction: [f32; 3]) -> [u16; 2] {
     let [x, y, z] = direction.map(f64::from);
@@ -54,13 +55,13 @@ pub(super) fn long_direction(short: [u16; 2]) -> [f32; 3] {
     let z = 1.0 - u.abs() - v.abs();
     let sign = |v: f64| if v < 0.0 { -1.0 } else { 1.0 };
     let [x, y] = if z < 0.0 { [(1.0 - v.abs()) * sign(u), (1.0 - u.abs()) * sign(v)] } else { [u, v] };
-    // The octahedron's faces are at least 1/√3 from its middle.
+    // Never zero: the octahedron's faces are at least 1/√3 from its centre.
     let length = (x * x + y * y + z * z).sqrt();
     #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
     [x, y, z].map(|c| (c / length) as f32)
 }
 
-/// Appends LEB128 of a signed number: 0, −1, 1, −2 … as 0, 1, 2, 3 ….
+/// Appends a signed number in zigzag LEB128.
 pub(super) fn put_signed(value: i64, out: &mut Vec<u8>) {
     let mut code = ((value << 1) ^ (value >> 63)).cast_unsigned();
     while code >= 0x80 {
@@ -77,7 +78,7 @@ pub(super) fn power_of_two(exponent: i8) -> f64 {
     f64::from_bits(u64::from((1023 + i16::from(exponent)).unsigned_abs()) << 52)
 }
 
-/// Bytes that are read from the front.
+/// A cursor over bytes.
 pub(super) struct Input<'a>(pub(super) &'a [u8]);
 
 impl Input<'_> {
@@ -105,7 +106,7 @@ impl Input<'_> {
                 return Ok((code >> 1).cast_signed() ^ -(code & 1).cast_signed());
             }
         }
-        // Nine bytes say more than any punctual light is away.
+        // Longer numbers exceed all valid positions.
         Err(PunctualLightsError::Position)
     }
 }

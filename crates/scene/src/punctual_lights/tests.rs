@@ -1,4 +1,4 @@
-//! Pages of punctual lights come back within what is stated; what cannot be is refused.
+//! Pages of punctual lights: round trips within the stated precision, and invalid pages.
 
 use std::f32::consts::FRAC_PI_2;
 
@@ -56,7 +56,7 @@ fn assert_alike(got: &[PunctualLight], punctual_lights: &[PunctualLight]) {
 }
 
 #[test]
-fn a_punctual_light_takes_14_bytes_a_spot_22_and_the_next_of_a_street_six() {
+fn lights_take_14_bytes_spots_22_and_similar_ones_6() {
     let sizes = [street(1), vec![spot([0.0, -1.0, 0.0])], street(64)]
         .map(|punctual_lights| encode_page(&punctual_lights).unwrap().len());
     // Version, step, origin and count are 27 bytes. The first punctual light is at the origin: a byte for each axis.
@@ -73,7 +73,7 @@ fn a_punctual_light_takes_14_bytes_a_spot_22_and_the_next_of_a_street_six() {
 }
 
 #[test]
-fn pages_come_back_and_every_truncation_is_refused() {
+fn pages_round_trip_and_every_truncation_is_refused() {
     let mut punctual_lights = street(20);
     punctual_lights.extend([
         spot([0.6, -0.8, 0.0]),
@@ -96,7 +96,7 @@ fn pages_come_back_and_every_truncation_is_refused() {
 }
 
 #[test]
-fn pages_that_cannot_be_are_named() {
+fn invalid_light_pages_have_distinct_errors() {
     assert!(matches!(encode_page(&[]), Err(PunctualLightsError::WrongCount { got: 0, .. })));
     assert!(matches!(encode_page(&street(65)), Err(PunctualLightsError::WrongCount { got: 65, .. })));
     let refused = |change: fn(&mut PunctualLight), why| {
@@ -149,7 +149,7 @@ fn listed(n: u32) -> PunctualLightPageEntry {
 }
 
 #[test]
-fn directories_come_back_and_say_what_their_pages_light() {
+fn directories_round_trip_and_bound_their_pages() {
     let all: Vec<_> = (0..256).map(listed).collect();
     let bytes = encode_directory(&all).unwrap();
     assert!(bytes.len() <= 3 + 256 * 23);
@@ -209,7 +209,7 @@ fn the_message_holds_few_punctual_lights_or_the_directory_of_few_pages() {
 }
 
 #[test]
-fn a_models_punctual_light_moves_and_turns_with_it_and_keeps_its_range_at_any_scale() {
+fn model_lights_are_transformed_without_scaling_their_range() {
     let punctual_light = PunctualLight { position: [1.0, 2.0, 0.0], ..spot([0.0, 0.0, -1.0]) };
     let turn = DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2);
     let placed = punctual_light.within(DVec3::new(10.0, 0.0, 0.0), turn, 3.0);
@@ -243,7 +243,7 @@ fn any_punctual_light() -> impl Strategy<Value = PunctualLight> {
 
 proptest! {
     #[test]
-    fn any_punctual_lights_come_back_within_what_is_stated(punctual_lights in prop::collection::vec(any_punctual_light(), 1..64)) {
+    fn random_lights_round_trip_within_the_stated_precision(punctual_lights in prop::collection::vec(any_punctual_light(), 1..64)) {
         let bytes = encode_page(&punctual_lights).unwrap();
         prop_assert!(bytes.len() <= MAX_PAGE_BYTES as usize);
         let got = decode_page(&bytes, punctual_lights.len() as u32).unwrap();
@@ -252,7 +252,7 @@ proptest! {
     }
 
     #[test]
-    fn random_bytes_never_panic_and_what_is_accepted_can_be_written(
+    fn random_bytes_never_panic_and_accepted_pages_can_be_encoded(
         bytes in prop::collection::vec(any::<u8>(), 0..400), count in 0..70_u32,
     ) {
         let mut page = bytes.clone();

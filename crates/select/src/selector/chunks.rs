@@ -78,7 +78,8 @@ impl Selector {
         }
         // Without its base mesh an asset cannot be used.
         let baseless = asset.state(BlobPart::Base) == State::Failed;
-        // Parents before children: a failed chunk blocks its descendants, and no chunk has a higher priority than a parent.
+        // Parents before children: a failed chunk blocks its descendants, and no chunk has a higher priority than a
+        // parent.
         for (index, chunk) in chunks.iter().enumerate() {
             let Some(chunk) = chunk else {
                 evaluations[index].blocked = true;
@@ -142,8 +143,8 @@ fn px_at(info: &ChunkInfo, evaluation: &ChunkEvaluation, truncation: u8, share: 
     if left < whole { evaluation.own_px * (left / whole) } else { evaluation.own_px }
 }
 
-/// The first truncation point of a chunk whose remaining error is not above the threshold; `None` if there is none or a child
-/// is wanted.
+/// The first truncation point of a chunk whose remaining error is not above the threshold; `None` if there is none or
+/// a child is wanted.
 pub(super) fn sufficient_truncation(
     info: &ChunkInfo,
     evaluation: &ChunkEvaluation,

@@ -14,11 +14,12 @@ use lodestream_scene::blob::BlobPart;
 use lodestream_scene::description::InstanceEntry;
 use lodestream_scene::view::View;
 
-/// Least visible share of a region for the visible screen error: a hundredth of its disc. Shares are square roots of areas.
+/// Least visible share of a region for the visible screen error: a hundredth of its disc. Shares are square roots of
+/// areas.
 const MIN_VISIBLE_SHARE: f32 = 0.1;
 
-/// Upper bound on the screen error of all visible parts with the applied blobs, in pixels; infinite while a visible instance
-/// lacks its base mesh. TTQ is measured by it.
+/// Upper bound on the screen error of all visible parts with the applied blobs, in pixels; infinite while a visible
+/// instance lacks its base mesh. TTQ is measured by it.
 #[must_use]
 pub fn max_screen_error_px(view: &View, instances: &[InstanceEntry], assets: &[AssetState]) -> f64 {
     let projection = Projection::new(view);

@@ -1,4 +1,4 @@
-//! Textures and index pages of what something hides.
+//! Textures and index pages of occluded assets.
 
 use std::sync::Arc;
 
@@ -36,7 +36,7 @@ fn levels(wanted: &[Wanted]) -> Vec<Wanted> {
 }
 
 #[test]
-fn a_texture_that_something_hides_came_before_shapes_that_are_seen() {
+fn hidden_textures_come_after_visible_shapes() {
     let (assets, instances) = roofed();
     let view = above([0.0, 12.0, 0.5]);
     let wanted = Selector::default().select(&view, &instances, &assets).wanted.clone();
@@ -64,7 +64,7 @@ fn a_texture_that_something_hides_came_before_shapes_that_are_seen() {
 }
 
 #[test]
-fn one_instance_that_is_seen_makes_a_texture_seen() {
+fn texture_is_visible_if_one_instance_is() {
     let (assets, [hidden, seen, roof]) = roofed();
     let both = [hidden, seen, roof, InstanceEntry::at(0, [0.0, 0.0, 3.0])];
     let view = above([0.0, 12.0, 0.5]);
@@ -81,7 +81,7 @@ fn one_instance_that_is_seen_makes_a_texture_seen() {
 
 /// Index pages of an asset that a roof covers came before shapes that are seen.
 #[test]
-fn pages_of_what_something_hides_come_after_all_that_is_seen() {
+fn index_pages_of_hidden_assets_come_last() {
     let mut roof = AssetState::new(plane_entry("roof", &[], 1000));
     roof.set_state(BlobPart::Base, State::Applied);
     let unknown = || {

@@ -1,4 +1,4 @@
-//! The same selection, whether instances are looked through one by one or found by their hierarchy.
+//! Selection with and without the hierarchy of instances.
 
 use std::num::NonZeroUsize;
 use std::sync::Arc;
@@ -26,7 +26,7 @@ fn scene(count: u32) -> (Vec<InstanceEntry>, Vec<AssetState>) {
 }
 
 #[test]
-fn a_hierarchy_changes_nothing_but_the_time() {
+fn hierarchy_does_not_change_the_selection() {
     let (instances, mut assets) = scene(3000);
     let entries: Vec<AssetEntry> = assets.iter().map(|asset| asset.entry().clone()).collect();
     let trees = [0, 100, 1777, 3000].map(|known| {

@@ -1,4 +1,4 @@
-//! What is out of view and casts shadows into it.
+//! Instances out of view that cast shadows into it.
 
 use std::num::NonZeroUsize;
 
@@ -35,7 +35,7 @@ fn is_caster(wanted: &Wanted) -> bool {
 }
 
 #[test]
-fn what_casts_shadows_into_view_is_refined_last() {
+fn shadow_casters_are_refined_last() {
     let mut assets = assets();
     assets[0].set_state(BlobPart::Chunk(0), State::Applied);
     let plain = selector(false, Some(BEHIND)).select(&view(), &scene(), &assets).clone();
@@ -50,7 +50,7 @@ fn what_casts_shadows_into_view_is_refined_last() {
 }
 
 #[test]
-fn no_shadow_no_refinement() {
+fn instances_without_shadows_in_view_are_not_refined() {
     let some = |to_sun: Option<[f32; 3]>, placed: &[InstanceEntry]| {
         selector(true, to_sun).select(&view(), placed, &assets()).wanted.iter().any(is_caster)
     };
@@ -66,7 +66,7 @@ fn no_shadow_no_refinement() {
 
 /// The larger the caster, the more there is to fetch: never more than a tenth of what the view needs.
 #[test]
-fn shadows_take_a_tenth_of_the_bytes_at_most() {
+fn shadows_use_at_most_a_tenth_of_the_bytes() {
     let mut most = 0.0_f64;
     for scale in [0.1, 0.5, 2.0, 8.0] {
         for max_faces in [8_000_000, 40_000] {

@@ -1,4 +1,4 @@
-//! What the rasteriser calls hidden, against rays.
+//! The occlusion test against ray casting.
 
 use std::collections::HashSet;
 
@@ -364,7 +364,7 @@ fn assert_hardly_any_wrong(what: &str, stages: &[Judged]) {
 }
 
 #[test]
-fn of_what_rays_see_hardly_anything_is_called_hidden() {
+fn surfaces_visible_to_rays_are_rarely_hidden() {
     let sources = [ball([1.0; 3], 0.12), ball([0.2, 1.6, 0.9], 0.03)];
     let instances =
         [place(0, [0.0; 3], 1.0), place(0, [0.3, 0.1, -4.0], 1.5), place(1, [0.9, 0.0, 1.4], 1.0)];
@@ -383,7 +383,7 @@ fn of_what_rays_see_hardly_anything_is_called_hidden() {
 /// Walls far thinner than a pixel of the buffer is wide (some 0.03 here), and one close behind another, of which only a
 /// margin is seen: what is off by a fraction of a pixel, or of what coarse surfaces are off by, is on the wrong side.
 #[test]
-fn of_thin_walls_that_rays_see_hardly_anything_is_called_hidden() {
+fn thin_walls_visible_to_rays_are_rarely_hidden() {
     let sources = [sheet([2.4, 1.6, 0.004]), sheet([3.0, 2.2, 0.004]), ball([0.5; 3], 0.05)];
     let assets = sources.each_ref().map(Asset::new);
     for gap in [0.008, 0.02, 0.1] {
@@ -410,7 +410,7 @@ fn of_thin_walls_that_rays_see_hardly_anything_is_called_hidden() {
 
 /// What any eye within the way sees, from the middle of a sphere and from around its surface.
 #[test]
-fn of_what_an_eye_sees_on_its_way_hardly_anything_is_called_hidden() {
+fn surfaces_visible_along_a_path_are_rarely_hidden() {
     let sources = [ball([1.0; 3], 0.12), ball([0.2, 1.6, 0.9], 0.03), sheet([1.4, 1.0, 0.004])];
     let instances = [
         place(0, [0.0; 3], 1.0),
@@ -477,7 +477,7 @@ fn share_behind(occluder: Occluder, at: [f32; 3], radius: f32, error: f32, way: 
 }
 
 #[test]
-fn a_region_is_seen_as_far_as_its_own_surface_is_in_front() {
+fn visible_share_is_that_of_the_regions_own_surface() {
     let share = |occluder, at| share_behind(occluder, at, 1.0, 0.01, 0.0);
     // The wall passes through the region's middle: its own surface.
     assert!(share(flat(10.0, 9.0), [0.0, 0.0, -10.0]) > 0.9);
@@ -494,7 +494,7 @@ fn a_region_is_seen_as_far_as_its_own_surface_is_in_front() {
 }
 
 #[test]
-fn a_region_that_is_missing_counts_the_more_the_farther_its_surface_may_be_off() {
+fn missing_regions_count_by_their_error() {
     let far = |error| share_behind(flat(30.0, 20.0), [0.0, 0.0, -10.0], 1.0, error, 0.0);
     let near_by = far(0.001);
     assert!(near_by > 0.0 && near_by < 0.05, "{near_by}");
@@ -507,14 +507,14 @@ fn a_region_that_is_missing_counts_the_more_the_farther_its_surface_may_be_off()
 }
 
 #[test]
-fn what_an_eye_that_moves_uncovers_counts_as_seen() {
+fn regions_uncovered_by_movement_count_as_visible() {
     let at_edge = |way| share_behind(flat(10.0, 1.0), [1.2, 0.0, -15.0], 0.3, 0.01, way);
     assert_eq!(at_edge(0.0), 0.0);
     assert!(at_edge(0.5) > 0.0);
 }
 
 #[test]
-fn surfaces_may_be_anything() {
+fn degenerate_surfaces_do_not_panic() {
     for bad in [f32::NAN, f32::INFINITY, -0.0, 1e30, 1e-30] {
         let corners = vec![[bad, 0.0, -1.0], [0.0, bad, -1.0], [1.0, 1.0, bad], [0.0, 0.0, -2.0]];
         let faces = vec![[0, 1, 2], [0, 1, 3], [3, 3, 3], [7, 0, 1]];

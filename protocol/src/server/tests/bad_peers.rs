@@ -11,7 +11,7 @@ use lodestream_scene::limits::MAX_IDS_PER_MESSAGE;
 use lodestream_scene::view::View;
 
 #[test]
-fn peers_out_of_turn_or_version_get_a_reasoned_close() {
+fn wrong_order_or_version_closes_with_a_reason() {
     let scene = MemoryScene::new(1, 1, 2);
     let good = hello(&scene.header);
     let cases = [
@@ -71,7 +71,7 @@ fn silent_idle_and_stalled_peers_time_out() {
 }
 
 #[test]
-fn peers_that_take_no_answers_are_closed() {
+fn peers_that_read_no_answers_are_closed() {
     let scene = MemoryScene::new(1, 1, 2);
     let mut server = session(&scene, ServerConfig::quic(None));
     server.handle_message(Time::ZERO, ClientMessage::Hello(hello(&scene.header)));
@@ -83,7 +83,7 @@ fn peers_that_take_no_answers_are_closed() {
 }
 
 #[test]
-fn bogus_wishes_of_a_client_that_reads_nothing_held_a_megabyte() {
+fn refusals_to_a_client_that_reads_nothing_are_bounded() {
     let scene = MemoryScene::new(1, 1, 2);
     let mut server = session(&scene, ServerConfig::quic(None));
     server.handle_message(Time::ZERO, ClientMessage::Hello(hello(&scene.header)));
@@ -124,8 +124,8 @@ fn any_message() -> impl Strategy<Value = ClientMessage> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 
-    /// Whatever a peer says and whenever, the session neither panics nor grows beyond its bounds, and it
-    /// always ends or goes on sending.
+    /// For any messages in any order, the session does not panic, stays within its bounds, and ends or continues to
+    /// send.
     #[test]
     fn any_sequence_of_messages_is_survived(
         steps in prop::collection::vec((any_message(), 0..300_u64, 0..40_usize), 0..60),
@@ -158,7 +158,7 @@ proptest! {
             prop_assert!(server.requests.sent_count() <= 2 * (85 + 2 + 1) + 2);
             prop_assert!(server.push.queued() <= scene.pages.len() + 2);
         }
-        // Left alone with a transport that takes everything, it comes to rest.
+        // Without further messages and with a free transport, it becomes idle.
         for _ in 0..1_000_000 {
             drain(&mut server, now);
             if !server.has_work() {

@@ -1,4 +1,4 @@
-//! What comes unasked, before and after `Hello`.
+//! Pushed units, before and after `Hello`.
 
 use super::*;
 use crate::message::{ClientMessage, Want};
@@ -33,7 +33,7 @@ fn hello_with_another_view_reorders_what_was_not_sent() {
     let mut server = session(&scene, ServerConfig::quic(None));
     let before = begun(&drain(&mut server, Time::ZERO));
     let mut hello = hello(&scene.header);
-    // From the far end, looking on: only the last planes are in view.
+    // Seen from the far end, only the last planes are in view.
     hello.view = Some(View::look_at([0.0, 0.5, -29.0], [0.0, 0.0, -40.0], [0.0, 1.0, 0.0], 0.9, [640, 480]));
     server.handle_message(Time::ZERO, ClientMessage::Hello(hello));
     let after = drain(&mut server, Time::ZERO);
@@ -53,7 +53,7 @@ fn chunks(transmits: &[Transmit]) -> Vec<BlobId> {
 }
 
 #[test]
-fn a_client_that_repeats_the_start_view_and_asks_for_pages_is_still_pushed_chunks() {
+fn repeated_start_view_and_page_requests_do_not_stop_the_push() {
     let scene = MemoryScene::new(1, 1, 6);
     let mut server = session(&scene, ServerConfig::quic(None));
     drain(&mut server, Time::ZERO);
@@ -69,20 +69,20 @@ fn a_client_that_repeats_the_start_view_and_asks_for_pages_is_still_pushed_chunk
 }
 
 #[test]
-fn websocket_refines_the_start_view_with_its_first_window_and_no_more() {
+fn websocket_refines_the_start_view_within_its_first_window() {
     let scene = MemoryScene::new(3, 1, 5);
     let mut server = session(&scene, ServerConfig::websocket(None));
     let first = drain(&mut server, Time::ZERO);
     assert!(!chunks(&first).is_empty());
     let bytes = server.stats().blob_bytes;
     assert!((10_000..=14_000).contains(&bytes), "{bytes} bytes");
-    // QUIC's is kept for base meshes.
+    // On QUIC, bytes before `Hello` are for base meshes.
     let mut server = session(&scene, ServerConfig::quic(None));
     assert_eq!(chunks(&drain(&mut server, Time::ZERO)), []);
 }
 
 #[test]
-fn another_view_stops_the_push_at_once_and_gets_its_own() {
+fn changed_view_withdraws_the_push_and_gets_its_own() {
     let scene = MemoryScene::new(12, 1, 4);
     let far = View::look_at([0.0, 0.5, -29.0], [0.0, 0.0, -40.0], [0.0, 1.0, 0.0], 0.9, [640, 480]);
     let in_far_view = |id: &BlobId| id.asset() >= Some(9);
@@ -110,7 +110,7 @@ fn another_view_stops_the_push_at_once_and_gets_its_own() {
 }
 
 #[test]
-fn what_a_returning_client_has_is_not_pushed() {
+fn blobs_of_a_returning_client_are_not_pushed() {
     let scene = MemoryScene::new(4, 1, 3);
     let have = vec![BlobId::base(0), BlobId::base(2), BlobId::base(99)];
     for (fingerprint, expected) in [([3; 16], 2), ([4; 16], 4)] {
@@ -124,9 +124,9 @@ fn what_a_returning_client_has_is_not_pushed() {
     }
 }
 
-/// Points of a terrain are numbered as chunks are, but who asks for them may know no chunk yet.
+/// A client that requests height overrides may not know any chunk yet.
 #[test]
-fn a_client_that_wants_points_of_a_terrain_is_still_pushed_chunks() {
+fn requests_for_height_overrides_do_not_stop_the_push() {
     let scene = MemoryScene::new(12, 1, 4);
     let far = View::look_at([0.0, 0.5, -29.0], [0.0, 0.0, -40.0], [0.0, 1.0, 0.0], 0.9, [640, 480]);
     let mut server = session(&scene, ServerConfig::quic(None));
@@ -139,9 +139,9 @@ fn a_client_that_wants_points_of_a_terrain_is_still_pushed_chunks() {
     assert!(pushed.len() > 5, "{pushed:?}");
 }
 
-/// Sixteen units are moved to the queue at a time: what did not fit was dropped.
+/// Sixteen units are moved to the queue at a time; those that did not fit were dropped.
 #[test]
-fn a_queue_shorter_than_the_push_loses_no_page() {
+fn queue_shorter_than_the_push_loses_no_page() {
     let scene = MemoryScene::new(1, 400, 2);
     let pages = scene.header.page_count;
     assert!(pages > 40);
@@ -152,7 +152,7 @@ fn a_queue_shorter_than_the_push_loses_no_page() {
         let mut told: Vec<u32> = pages_of(&drain(&mut server, Time::ZERO));
         told.sort_unstable();
         assert_eq!(told, (0..pages).collect::<Vec<_>>(), "a queue of {max_queued}");
-        // Nor does it lose pages that are asked for again.
+        // Pages requested again are not lost either.
         server.handle_message(Time::ZERO, ClientMessage::WantScenePages((0..pages).collect()));
         let mut told = pages_of(&drain(&mut server, Time::ZERO));
         told.sort_unstable();
@@ -168,7 +168,7 @@ fn pages_of(transmits: &[Transmit]) -> Vec<u32> {
     transmits.iter().filter_map(page).collect()
 }
 
-/// A scene that counts how often its pages are looked at.
+/// A scene that counts the reads of its pages.
 struct Watched {
     scene: Arc<MemoryScene>,
     looks: std::sync::atomic::AtomicUsize,
@@ -194,7 +194,7 @@ impl crate::source::SceneSource for Watched {
 }
 
 #[test]
-fn every_initial_had_the_scene_planned_anew() {
+fn flight_for_the_start_view_is_computed_once() {
     let scene = MemoryScene::new(4, 400, 2);
     let pages = scene.pages.len();
     let watched = Arc::new(Watched { scene, looks: Default::default() });
@@ -211,7 +211,7 @@ fn every_initial_had_the_scene_planned_anew() {
 }
 
 #[test]
-fn a_view_a_tenth_of_a_second_had_a_large_scene_ordered_as_often() {
+fn reordering_is_less_frequent_for_large_scenes() {
     let mut scene = MemoryScene::new(1, 40, 2);
     Arc::get_mut(&mut scene).unwrap().header.instance_count = 1_000_000;
     let mut server = session(&scene, ServerConfig::quic(Some(100_000)));

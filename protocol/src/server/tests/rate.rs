@@ -1,4 +1,4 @@
-//! How much is sent in how long.
+//! Sending rates over time.
 
 use super::*;
 use crate::message::{ClientMessage, Want};
@@ -38,7 +38,7 @@ fn every_window_of_a_saturated_session_is_within_two_percent_of_the_rate() {
 }
 
 #[test]
-fn ceilings_are_shared_fairly_whatever_the_transport() {
+fn shared_limits_are_fair_across_transports() {
     let scene = MemoryScene::new(1, 1, 6);
     let shared_rate_limit =
         SharedRateLimit::new(Limits { total_bits_per_s: Some(4 * MBIT), group_bits_per_s: None });

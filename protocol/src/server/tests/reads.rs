@@ -1,4 +1,4 @@
-//! Stores that have to be waited for: others go on, nothing is lost, sent twice or left behind.
+//! Slow stores: other blobs continue, and nothing is lost or sent twice.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -18,9 +18,9 @@ fn slow_session(scene: &Arc<MemoryScene>, is_slow: fn(&BlobId) -> bool) -> Serve
     ServerSession::new(Arc::new(config), Arc::new(source), 1, Time::ZERO)
 }
 
-/// One blob takes five seconds: everything else comes as if it did not.
+/// One read takes five seconds and delays no other blob.
 #[test]
-fn a_blob_that_takes_its_time_holds_nothing_else_back() {
+fn slow_read_delays_no_other_blob() {
     let scene = MemoryScene::new(3, 2, 5);
     let config = ServerConfig::websocket(Some(4 * MBIT));
     let is_slow = |id: &BlobId| *id == BlobId::base(1);
@@ -41,9 +41,9 @@ fn a_blob_that_takes_its_time_holds_nothing_else_back() {
     assert!(pair.world.done.is_some() && pair.world.closed.is_none());
 }
 
-/// Every read takes 40 ms: all comes, once, and at most so many reads are under way.
+/// Every read takes 40 ms: each blob arrives once, and outstanding reads are bounded.
 #[test]
-fn a_slow_store_loses_nothing_and_sends_nothing_twice() {
+fn slow_store_sends_each_blob_once() {
     let scene = MemoryScene::new(3, 4, 5);
     for config in [ServerConfig::quic(Some(2 * MBIT)), ServerConfig::websocket(Some(16 * MBIT))] {
         let mut pair = Pair::slow(&scene, config, |_| true);
@@ -62,9 +62,9 @@ fn a_slow_store_loses_nothing_and_sends_nothing_twice() {
     }
 }
 
-/// What is pushed is chosen by index pages: the server waits for these too, elsewhere.
+/// The server reads the index pages for the pushed refinement without blocking.
 #[test]
-fn the_pushed_refinement_waits_for_its_index_pages() {
+fn pushed_refinement_waits_for_its_index_pages() {
     let scene = MemoryScene::new(1, 1, 6);
     let is_page = |id: &BlobId| matches!(id.part(), Some(BlobPart::IndexPage(_)));
     let mut pair = Pair::slow(&scene, ServerConfig::websocket(Some(16 * MBIT)), is_page);
@@ -81,7 +81,7 @@ fn the_pushed_refinement_waits_for_its_index_pages() {
 }
 
 #[test]
-fn a_session_that_closes_while_reads_are_under_way_keeps_nothing_of_them() {
+fn closed_session_drops_outstanding_reads() {
     let scene = MemoryScene::new(2, 1, 4);
     let mut server = slow_session(&scene, |_| true);
     server.handle_message(Time::ZERO, ClientMessage::Hello(hello(&scene.header)));
@@ -99,13 +99,13 @@ fn a_session_that_closes_while_reads_are_under_way_keeps_nothing_of_them() {
     }
     assert!(server.requests.scheduler.is_empty());
     assert_eq!((drain(&mut server, Time::ZERO), server.poll_read()), (Vec::new(), None));
-    // Nobody but the test holds the bytes.
+    // Only the test holds the bytes.
     assert!(bytes.unwrap().is_unique());
 }
 
-/// A client whose blobs are all being read is not one that takes nothing.
+/// A session whose blobs are all being read is not stalled.
 #[test]
-fn waiting_for_the_store_is_no_stall_of_the_client() {
+fn waiting_for_the_store_is_not_a_client_stall() {
     let scene = MemoryScene::new(1, 1, 3);
     let mut server = slow_session(&scene, |id| matches!(id.part(), Some(BlobPart::Chunk(_))));
     server.handle_message(Time::ZERO, ClientMessage::Hello(hello(&scene.header)));

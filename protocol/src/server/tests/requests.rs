@@ -1,4 +1,4 @@
-//! What is asked for comes once, in its order, or is refused.
+//! Requested blobs are sent once, in order, or refused.
 
 use std::time::Duration;
 
@@ -9,13 +9,13 @@ use crate::scheduler::Unit;
 use crate::source::SceneSource as _;
 use lodestream_scene::view::View;
 
-/// A client whose wish goes further than what was pushed asks on when it has that: a run behind the run on
-/// its way would come before there is a wish for it, and be passed over.
+/// A client requests the rest of a pushed part when it has the part. A second run sent before that would arrive
+/// without a request and be ignored.
 #[test]
-fn wishes_that_meet_a_pushed_part_wait_for_the_client_to_ask_on() {
+fn request_that_crosses_a_pushed_part_sends_no_second_run() {
     let scene = MemoryScene::new(2, 2, 5);
     let mut server = session(&scene, ServerConfig::quic(None));
-    // From far away, where beginnings of chunks suffice.
+    // From far away, where truncated chunks suffice.
     let view = View { eye: [0.0, 12.0, 30.0], ..scene.header.camera.view([1280, 720], 1.0) };
     let hello = Hello { view: Some(view), ..hello(&scene.header) };
     server.handle_message(Time::ZERO, ClientMessage::Hello(hello));
@@ -96,7 +96,7 @@ fn parts_are_sent_once_and_bad_ones_are_refused_with_a_reason() {
     }
     assert_eq!(ask(0, Some(300)), (vec![(0, 300, 300)], None));
     assert_eq!(ask(0, Some(200)), (vec![], None), "sent already");
-    // What the client does not say it has, but was sent, is not sent again.
+    // Bytes that were sent are not sent again, even if the client's offset is lower.
     assert_eq!(ask(100, Some(400)), (vec![(300, 400, 400)], None));
     assert_eq!(ask(500, None), (vec![(500, length, length)], None));
     assert_eq!(ask(0, None), (vec![], None));
@@ -127,7 +127,7 @@ fn urgent_requests_overtake_bulk_at_two_megabits() {
 }
 
 #[test]
-fn cancelled_blobs_stop_half_way() {
+fn cancelled_blobs_stop_in_the_middle() {
     let scene = MemoryScene::new(1, 1, 3);
     let config = ServerConfig { piece_bytes: 100, ..ServerConfig::websocket(Some(MBIT)) };
     let mut server = session(&scene, config);
@@ -170,7 +170,7 @@ fn requests_beyond_the_queue_or_the_scene_are_refused() {
 }
 
 #[test]
-fn what_waits_is_told_in_bytes_until_it_is_handed_over() {
+fn waiting_bytes_count_what_is_not_handed_over() {
     let scene = MemoryScene::new(1, 1, 3);
     let mut server = session(&scene, ServerConfig::websocket(None));
     server.handle_message(Time::ZERO, ClientMessage::Hello(hello(&scene.header)));

@@ -1,5 +1,5 @@
-//! What sessions send that share a shared rate limit, in virtual time: each piece as its pace admits it, by drivers
-//! whose timers tick in whole milliseconds, late, and whose clocks began at different moments.
+//! Sessions under a shared rate limit, in virtual time. Drivers have timers of whole milliseconds, which are late, and
+//! clocks with different starts.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -12,7 +12,7 @@ use crate::limiter::LimiterConfig;
 use crate::shared_rate_limit::{Limits, SharedRateLimit, Weight};
 use crate::time::Time;
 
-/// What takes a session's bytes: so many wait in a socket, which takes more when it is half empty.
+/// A session's link with a socket buffer that accepts bytes when it is half empty.
 #[derive(Clone, Copy)]
 struct Link {
     bytes_per_s: u64,
@@ -33,7 +33,7 @@ impl Link {
         self.waiting_bytes += bytes;
     }
 
-    /// How long it takes nothing.
+    /// Until when it accepts nothing.
     fn blocked_ms(&self) -> u64 {
         if self.waiting_bytes < self.buffer_bytes {
             return 0;
@@ -51,7 +51,7 @@ struct Shift {
 }
 
 impl Shift {
-    /// Whether there is something, and when that changes.
+    /// Whether there is something to send, and when that changes.
     fn at(self, now: Time) -> (bool, Time) {
         let now_ms = now.as_ns() / 1_000_000;
         let into = (now_ms + self.phase_ms) % self.period_ms;
@@ -105,7 +105,7 @@ impl Sender {
         self
     }
 
-    /// Sends what is admitted; gives when to go on.
+    /// Sends what is admitted; returns when to continue.
     fn go_on(&mut self, now: Time) -> Time {
         let own = Time::ZERO + now.since(self.began);
         let (busy, changes) = self.shift.map_or((true, Time::from_ns(u64::MAX)), |shift| shift.at(now));
@@ -170,7 +170,7 @@ fn total(rate: u64) -> Arc<SharedRateLimit> {
 }
 
 #[test]
-fn any_three_seconds_are_shared_fairly_by_any_number_of_sessions() {
+fn rate_is_shared_fairly_in_every_three_seconds() {
     for (count, rate) in
         [(2, 20 * MBIT), (3, 2 * MBIT), (10, 20 * MBIT), (60, 20 * MBIT), (200, 20 * MBIT), (200, 200 * MBIT)]
     {
@@ -187,7 +187,7 @@ fn any_three_seconds_are_shared_fairly_by_any_number_of_sessions() {
 }
 
 #[test]
-fn parts_are_as_weights() {
+fn shares_are_proportional_to_weights() {
     let shared_rate_limit = total(16 * MBIT);
     let weights = [1, 2, 5, 5, 2, 1];
     let mut senders: Vec<_> = (0..)
@@ -211,7 +211,7 @@ fn parts_are_as_weights() {
 }
 
 #[test]
-fn the_sum_stays_at_the_ceiling_while_sessions_come_and_go() {
+fn total_stays_at_the_limit_while_sessions_come_and_go() {
     let shared_rate_limit = total(20 * MBIT);
     // Half of them are there for 500 ms of each second and a half.
     let mut senders: Vec<_> = (0..60)
@@ -227,7 +227,7 @@ fn the_sum_stays_at_the_ceiling_while_sessions_come_and_go() {
 }
 
 #[test]
-fn sessions_that_pause_for_milliseconds_came_to_more_than_the_shared_rate_limit() {
+fn short_pauses_do_not_exceed_the_shared_rate_limit() {
     let rate = 20 * MBIT;
     let shared_rate_limit = total(rate);
     // Each saves a burst in each pause.
@@ -238,7 +238,7 @@ fn sessions_that_pause_for_milliseconds_came_to_more_than_the_shared_rate_limit(
 }
 
 #[test]
-fn one_address_keeps_to_its_ceiling_beside_others() {
+fn address_keeps_to_its_group_limit() {
     let shared_rate_limit =
         SharedRateLimit::new(Limits { total_bits_per_s: Some(20 * MBIT), group_bits_per_s: Some(4 * MBIT) });
     let of_one = (0..20).map(|n| Sender::of(&shared_rate_limit, n, None, Some(1), 1));
@@ -265,7 +265,7 @@ fn one_address_keeps_to_its_ceiling_beside_others() {
 }
 
 #[test]
-fn what_one_leaves_goes_to_the_others() {
+fn unused_share_goes_to_the_others() {
     // Its own rate is low.
     let shared_rate_limit = total(12 * MBIT);
     let mut senders: Vec<_> = (0..4).map(|n| Sender::plain(&shared_rate_limit, n)).collect();
@@ -277,7 +277,7 @@ fn what_one_leaves_goes_to_the_others() {
 }
 
 #[test]
-fn what_a_slow_link_cannot_take_goes_to_the_others() {
+fn share_of_a_slow_link_goes_to_the_others() {
     for buffer_bytes in [4_000, 64_000, 400_000] {
         let shared_rate_limit = total(12 * MBIT);
         let mut senders: Vec<_> = (0..4).map(|n| Sender::plain(&shared_rate_limit, n)).collect();
@@ -300,7 +300,7 @@ fn what_a_slow_link_cannot_take_goes_to_the_others() {
 }
 
 #[test]
-fn links_that_are_all_slow_are_not_held_up() {
+fn slow_links_below_the_limit_are_not_delayed() {
     let shared_rate_limit = total(12 * MBIT);
     let mut senders: Vec<_> =
         (0..10).map(|n| Sender::plain(&shared_rate_limit, n).behind(Link::new(MBIT, 16_000))).collect();
@@ -313,7 +313,7 @@ fn links_that_are_all_slow_are_not_held_up() {
 }
 
 #[test]
-fn a_session_whose_address_changes_is_bounded_with_those_of_its_new_one() {
+fn session_with_a_new_address_shares_its_group_limit() {
     let shared_rate_limit =
         SharedRateLimit::new(Limits { total_bits_per_s: None, group_bits_per_s: Some(6 * MBIT) });
     let mut senders: Vec<_> =
@@ -337,7 +337,7 @@ fn a_session_whose_address_changes_is_bounded_with_those_of_its_new_one() {
 }
 
 #[test]
-fn a_session_slept_on_at_an_old_rate_that_was_a_twentieth_of_its_new_one() {
+fn session_with_a_raised_share_wakes_in_time() {
     let rate = 80_000;
     let shared_rate_limit = total(rate);
     let mut senders: Vec<_> = (0..19).map(|n| Sender::plain(&shared_rate_limit, n)).collect();
@@ -361,7 +361,7 @@ fn a_session_slept_on_at_an_old_rate_that_was_a_twentieth_of_its_new_one() {
 }
 
 #[test]
-fn extremes_of_ceilings_and_rates_overflow_nothing() {
+fn extreme_limits_and_rates_do_not_overflow() {
     for total_bits_per_s in [None, Some(0), Some(1), Some(u64::MAX)] {
         for group_bits_per_s in [None, Some(0), Some(1), Some(u64::MAX)] {
             let shared_rate_limit = SharedRateLimit::new(Limits { total_bits_per_s, group_bits_per_s });

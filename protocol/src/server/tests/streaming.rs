@@ -11,7 +11,7 @@ use lodestream_scene::view::View;
 use lodestream_select::{AssetState, State, max_screen_error_px};
 
 #[test]
-fn a_scene_streams_and_settles_on_both_transports() {
+fn scene_streams_and_settles_on_both_transports() {
     let scene = MemoryScene::new(3, 4, 5);
     for config in [ServerConfig::quic(Some(2 * MBIT)), ServerConfig::websocket(Some(2 * MBIT))] {
         let mut pair = Pair::new(&scene, config, Resume::default());
@@ -30,7 +30,7 @@ fn a_scene_streams_and_settles_on_both_transports() {
 }
 
 #[test]
-fn a_camera_that_moves_on_settles_where_it_stops_without_waste() {
+fn moving_camera_settles_where_it_stops_without_waste() {
     let scene = MemoryScene::new(3, 3, 6);
     let mut pair = Pair::new(&scene, ServerConfig::websocket(Some(2 * MBIT)), Resume::default());
     for step in 1..=10 {
@@ -49,7 +49,7 @@ fn a_camera_that_moves_on_settles_where_it_stops_without_waste() {
 }
 
 #[test]
-fn first_frame_comes_after_bytes_at_rate_and_little_more() {
+fn first_frame_needs_little_more_than_its_bytes_at_the_rate() {
     let scene = MemoryScene::new(5, 4, 5);
     for rate in [2, 8, 16] {
         let config = ServerConfig::websocket(Some(rate * MBIT));
@@ -70,7 +70,7 @@ fn first_frame_comes_after_bytes_at_rate_and_little_more() {
 }
 
 #[test]
-fn the_link_does_not_idle_while_something_is_wanted() {
+fn link_does_not_idle_while_blobs_are_wanted() {
     let scene = MemoryScene::new(2, 2, 6);
     for (rate, latency) in [(2, 25), (16, 25), (8, 150)] {
         let mut pair = Pair::new(&scene, ServerConfig::websocket(Some(rate * MBIT)), Resume::default());
@@ -86,7 +86,7 @@ fn the_link_does_not_idle_while_something_is_wanted() {
 }
 
 #[test]
-fn refinement_begins_without_a_round_trip_of_silence() {
+fn refinement_begins_without_an_idle_round_trip() {
     let scene = MemoryScene::new(1, 1, 6);
     for latency in [25, 100] {
         let mut pair = Pair::new(&scene, ServerConfig::websocket(Some(2 * MBIT)), Resume::default());
@@ -104,7 +104,7 @@ fn refinement_begins_without_a_round_trip_of_silence() {
 /// A view is refined to where chunks' beginnings suffice; coming nearer fetches what is left of them, and
 /// nothing twice (the pair's client takes nothing that it has).
 #[test]
-fn stops_save_bytes_and_nearer_views_fetch_the_rest_only() {
+fn truncation_points_save_bytes_and_nearer_views_fetch_the_rest() {
     let scene = MemoryScene::new(2, 2, 5);
     let run = |truncation_points: bool| {
         let config = ServerConfig { push_after_hello_bytes: 0, ..ServerConfig::websocket(Some(4 * MBIT)) };
