@@ -1,4 +1,4 @@
-//! Blobs in memory, bounded in bytes, that all scenes of a process share: what they are called is their contents.
+//! The cache of blobs in memory, bounded in bytes and shared by all scenes of a process. Keys are content fingerprints.
 
 use std::future::Future;
 use std::sync::Arc;
@@ -10,13 +10,13 @@ use moka::future::Cache;
 
 use super::error::StoreError;
 
-/// Cost of an entry in memory beside its bytes, so that many tiny ones are bounded too.
+/// Overhead of an entry in bytes, so that many tiny entries are bounded too.
 const ENTRY_BYTES: u32 = 128;
 
-/// Blobs that lie together in a pack: its fingerprint, and the number of the first one's entry.
+/// Adjacent blobs of a pack: the pack's fingerprint, and the entry number of the first blob.
 pub(super) type CacheKey = (Fingerprint, u32);
 
-/// See the module. What was not used lately, and seldom before, leaves first (TinyLFU: Einziger, Friedman and Manes, ACM
+/// A cache of blobs. Evicts rarely and least recently used entries first (TinyLFU: Einziger, Friedman and Manes, ACM
 /// Transactions on Storage 13.4, 2017).
 #[derive(Clone, Debug)]
 pub struct BlobCache {
@@ -25,7 +25,7 @@ pub struct BlobCache {
 }
 
 impl BlobCache {
-    /// One that holds about so many bytes.
+    /// A cache of about this many bytes.
     #[must_use]
     pub fn new(bytes: u64) -> Self {
         let weigh = |_: &CacheKey, bytes: &Bytes| {
@@ -34,13 +34,13 @@ impl BlobCache {
         Self { cache: Cache::builder().max_capacity(bytes).weigher(weigh).build(), capacity: bytes }
     }
 
-    /// What is at hand, without waiting for anything.
+    /// The cached bytes, without waiting.
     pub(super) fn get(&self, key: CacheKey) -> Option<Bytes> {
-        // What the future might wait for is housekeeping, and then this counts as not at hand.
+        // The future could only wait for housekeeping, which then counts as a miss.
         self.cache.get(&key).now_or_never().flatten()
     }
 
-    /// What is at hand, or else what `read` brings: asked once for all who wait for it.
+    /// The cached bytes, else those of `read`, which runs once for all concurrent callers.
     pub(super) async fn get_or(
         &self,
         key: CacheKey,
@@ -49,17 +49,17 @@ impl BlobCache {
         self.cache.try_get_with(key, read).await
     }
 
-    /// Keeps what was read. May wait for housekeeping: not on a thread that serves the network.
+    /// Inserts an entry. May block for housekeeping, so not for threads that serve the network.
     pub(super) fn insert(&self, key: CacheKey, bytes: Bytes) {
         pollster::block_on(self.cache.insert(key, bytes));
     }
 
-    /// The same from a future.
+    /// Inserts an entry, asynchronously.
     pub(super) async fn keep(&self, key: CacheKey, bytes: Bytes) {
         self.cache.insert(key, bytes).await;
     }
 
-    /// Bytes that there is room for before anything leaves.
+    /// Free bytes before anything is evicted.
     pub(super) fn room(&self) -> u64 {
         self.capacity.saturating_sub(self.cache.weighted_size())
     }

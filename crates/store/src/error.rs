@@ -1,4 +1,4 @@
-//! What can be wrong with a pack, in one line: what, where, what to do.
+//! Errors of packs and stores. A message is one line: fault, place and remedy.
 
 use std::path::PathBuf;
 
@@ -29,7 +29,7 @@ pub enum StoreError {
         /// What is wrong.
         source: DecodeError,
     },
-    /// An object is not there.
+    /// A missing object.
     #[error("{}: there is no such object", path.display())]
     NoSuchObject {
         /// The object.
@@ -43,15 +43,15 @@ pub enum StoreError {
         /// Why.
         source: std::io::Error,
     },
-    /// A URL of no store.
+    /// A URL that names no store.
     #[error("{url}: {why}")]
     Url {
-        /// The URL, without what nobody should read.
+        /// The URL, without credentials.
         url: String,
         /// What is wrong with it.
         why: String,
     },
-    /// What a scene object says does not fit together.
+    /// An invalid scene object.
     #[error("{}: {what}; publish the scene again", path.display())]
     Scene {
         /// The object.
@@ -65,7 +65,7 @@ pub enum StoreError {
         /// The pack.
         path: PathBuf,
     },
-    /// While it was not open, the file became another.
+    /// The file was replaced while it was closed.
     #[error("{}: is another pack than when it was opened; start the server again", path.display())]
     Replaced {
         /// The pack.

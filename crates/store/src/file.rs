@@ -19,7 +19,7 @@ use super::error::StoreError;
 use super::file_pool::{FilePool, PooledFile};
 use super::table::{Table, blob_name, kind};
 
-/// An open pack. Reading is by offset, so threads share it without a lock; its file may be closed in between.
+/// A pack in a file. Reads are positional, so threads share it without a lock. Its file may be closed between reads.
 #[derive(Debug)]
 pub struct PackFile {
     file: PooledFile,
@@ -58,13 +58,13 @@ impl PackFile {
         Ok(Self { file: pooled, table: Table::parse(head, &table, length).map_err(format)? })
     }
 
-    /// Where the pack is.
+    /// Path of the pack.
     #[must_use]
     pub fn path(&self) -> &Path {
         self.file.path()
     }
 
-    /// Its head, which names all contents.
+    /// The head, which identifies the contents.
     #[must_use]
     pub fn head(&self) -> &Head {
         &self.table.head
@@ -76,7 +76,7 @@ impl PackFile {
         self.table.total_bytes
     }
 
-    /// What the pack was made from, as a hash of source files and settings (`lodestream_bake::prepare::cache::Key`).
+    /// Hash of the source files and settings (`lodestream_bake::prepare::cache::Key`).
     #[must_use]
     pub fn made_from(&self) -> [u8; 32] {
         self.table.head.fingerprint
@@ -130,8 +130,8 @@ impl PackFile {
         Ok(bytes)
     }
 
-    /// Whether a file that was opened again has the table that was read from the first: then it holds the same blobs,
-    /// and whether a blob is sound shows when it is read.
+    /// Checks that a reopened file has the head and length of the first one, so the same blobs. Damage within a blob is
+    /// found when it is read.
     fn check_same(&self, file: &File) -> Result<(), StoreError> {
         let mut head = [0; HEAD_BYTES];
         let same = read_at(file, &mut head, 0).is_ok()
@@ -144,7 +144,7 @@ impl PackFile {
         StoreError::Read { path: self.path().to_owned(), source }
     }
 
-    /// The error of bytes of this pack that cannot be used.
+    /// An error about invalid bytes of this pack.
     pub fn damaged(&self, source: DecodeError) -> StoreError {
         StoreError::Format { path: self.path().to_owned(), source }
     }
@@ -165,7 +165,7 @@ impl PackFile {
         decode_base(&self.read(BlobPart::Base)?).map_err(|source| self.damaged(source))
     }
 
-    /// What a scene description says of the pack.
+    /// The pack's entry in a scene description.
     ///
     /// # Errors
     /// As [`PackFile::base`]; also an index page that is.
@@ -183,7 +183,7 @@ impl PackFile {
         })
     }
 
-    /// What tells the contents of the textures apart, by texture: equal where every level is the same, to the byte.
+    /// Fingerprint of each texture, by number: equal if all levels have equal bytes.
     pub fn textures(&self) -> Vec<(u16, Fingerprint)> {
         let mut levels: Vec<(u16, u8, &Entry)> = self
             .table
@@ -207,8 +207,8 @@ impl PackFile {
         levels.chunk_by(|a, b| a.0 == b.0).map(of).collect()
     }
 
-    /// What shows of the base mesh's error: attributes may be off by more than the geometry is. Chunks must be as long as the
-    /// index says: a client would take anything else for a lie of its server.
+    /// Visible error of the base mesh, in which attributes may exceed the geometric error. Also checks that chunks have the
+    /// lengths of the index, since a client treats any other length as a protocol violation.
     fn root_error(&self, base: &Base) -> Result<f32, StoreError> {
         let mut error = base.geometric_error;
         for page in 0..page_count(base.chunk_count as usize) as u32 {

@@ -1,4 +1,4 @@
-//! A whole asset in memory: for inspecting, checking and exporting.
+//! A whole asset in memory, for inspection, checks and export.
 
 use lodestream_compress::plain_chunk;
 use lodestream_geometry::DecodeError;
@@ -13,7 +13,7 @@ use lodestream_scene::asset::AssetDescription;
 use super::error::StoreError;
 use super::file::PackFile;
 
-/// See the module.
+/// The geometry and description of a pack.
 #[derive(Clone, Debug)]
 pub struct LoadedAsset {
     /// The base mesh.
@@ -33,10 +33,10 @@ pub struct LoadedAsset {
 }
 
 impl PackFile {
-    /// Reads the geometry of the pack whole.
+    /// Reads the pack's whole geometry.
     ///
     /// # Errors
-    /// Whatever is missing, damaged or contradicts itself.
+    /// Missing, damaged or contradictory blobs.
     pub fn load(&self) -> Result<LoadedAsset, StoreError> {
         let base = self.base()?;
         let wrong = |what: &str, why: String| self.damaged(DecodeError::new(what, why));
@@ -71,7 +71,7 @@ impl PackFile {
         Ok(LoadedAsset { base, description, infos, chunks, payload_bytes, base_bytes, index_bytes })
     }
 
-    /// How the pack was made, for people; empty where it does not say.
+    /// Preparation settings as text; empty if the pack has none.
     ///
     /// # Errors
     /// Damage.
@@ -82,7 +82,7 @@ impl PackFile {
         }
     }
 
-    /// Texture levels that differ from those given, by texture, coarse first.
+    /// Number of texture levels that differ from the given ones (by texture, coarse first).
     ///
     /// # Errors
     /// A damaged texture level.
@@ -124,7 +124,7 @@ impl LoadedAsset {
         (0..self.base.chunk_count).map(|chunk| Member { chunk, truncation: None }).collect()
     }
 
-    /// The mesh of a ancestor-closed cut of chunks, given in an order that respects parents.
+    /// The mesh of an ancestor-closed cut of chunks, given in an order that respects parents.
     ///
     /// # Errors
     /// A chunk that cannot be decoded or applied.

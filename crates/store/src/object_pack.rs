@@ -1,4 +1,4 @@
-//! A pack that is an object: its table in memory, its blobs fetched by ranges of neighbours.
+//! A pack in an object store: its table in memory, its blobs fetched in ranges of adjacent blobs.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -15,16 +15,16 @@ use super::error::StoreError;
 use super::objects::Objects;
 use super::table::{Table, blob_name, kind};
 
-/// Bytes that are fetched to learn of a pack: mostly its table, base mesh and index, and of small ones all.
+/// Bytes of the first request for a pack: usually table, base mesh and index; all of a small pack.
 const FIRST_BYTES: u64 = 64 << 10;
-/// Most bytes of a range. A request takes some ten milliseconds however short it is, and its price does not depend on it.
+/// Most bytes of a range. Time (some ten milliseconds) and price of a request hardly depend on it.
 const RANGE_BYTES: u64 = 128 << 10;
-/// Attempts at a range, where the store answers, but not with what it should hold.
+/// Attempts at a range whose bytes do not match their hashes.
 const ATTEMPTS: u32 = 3;
 /// Pause before the second attempt; doubled for each after it.
 const PAUSE: Duration = Duration::from_millis(100);
 
-/// Neighbouring blobs that are fetched together.
+/// Adjacent blobs that are fetched together.
 #[derive(Clone, Copy, Debug)]
 struct Extent {
     /// Number of the first entry; the next extent's is the end.
@@ -33,16 +33,16 @@ struct Extent {
     length: u64,
 }
 
-/// What must be true of bytes that came.
+/// Check of fetched bytes.
 #[derive(Clone, Copy, Debug)]
 enum Check {
-    /// They are the blobs of this extent.
+    /// Hashes of all blobs of this extent.
     Extent(usize),
-    /// They are the blob of this entry.
+    /// Hash of this entry's blob.
     Entry(usize),
 }
 
-/// See the module.
+/// A pack in an object store.
 #[derive(Debug)]
 pub(super) struct ObjectPack {
     objects: Objects,
@@ -52,7 +52,7 @@ pub(super) struct ObjectPack {
 }
 
 impl ObjectPack {
-    /// Opens a pack, which must be the one of this fingerprint, and keeps what came along.
+    /// Opens the pack of this fingerprint, and caches the extents that the first request brings.
     pub(super) async fn open(
         objects: &Objects,
         name: &str,
@@ -99,8 +99,8 @@ impl ObjectPack {
         Some((entry, after.checked_sub(1)?))
     }
 
-    /// The blob, if its extent is at hand.
-    pub(super) fn at_hand(&self, part: BlobPart, cache: &BlobCache) -> Option<Bytes> {
+    /// The blob, if its extent is cached.
+    pub(super) fn cached(&self, part: BlobPart, cache: &BlobCache) -> Option<Bytes> {
         let (entry, extent) = self.place(part)?;
         let bytes = cache.get(self.key(self.extents[extent].first))?;
         self.within(entry, extent, &bytes)
@@ -111,13 +111,13 @@ impl ObjectPack {
         cut(bytes, entry.offset - self.extents.get(extent)?.offset, u64::from(entry.length))
     }
 
-    /// The blob: at hand, or fetched with its neighbours, once for all who wait for any of them.
+    /// The blob, cached or fetched with its extent; one request serves all concurrent callers.
     pub(super) async fn fetch(&self, part: BlobPart, cache: &BlobCache) -> Result<Bytes, Arc<StoreError>> {
         let missing = || StoreError::NoSuchBlob { path: self.path(), what: blob_name(part) };
         let (entry, extent) = self.place(part).ok_or_else(missing)?;
         match cache.get_or(self.key(self.extents[extent].first), self.extent(extent)).await {
             Ok(bytes) => self.within(entry, extent, &bytes).ok_or_else(|| Arc::new(missing())),
-            // Of neighbours one is damaged: the others are not.
+            // One blob of the extent is damaged; others may be intact.
             Err(why) if matches!(*why, StoreError::Format { .. }) => Ok(self.alone(entry).await?),
             Err(why) => Err(why),
         }
@@ -130,18 +130,17 @@ impl ObjectPack {
     /// All blobs of an extent, each checked against its hash.
     async fn extent(&self, number: usize) -> Result<Bytes, StoreError> {
         let Extent { offset, length, .. } = self.extents[number];
-        self.asked_again(offset, length, Check::Extent(number)).await
+        self.fetch_checked(offset, length, Check::Extent(number)).await
     }
 
     /// One blob by itself, checked against its hash.
     async fn alone(&self, number: usize) -> Result<Bytes, StoreError> {
         let entry = &self.table.entries[number];
-        self.asked_again(entry.offset, u64::from(entry.length), Check::Entry(number)).await
+        self.fetch_checked(entry.offset, u64::from(entry.length), Check::Entry(number)).await
     }
 
-    /// Asks until the answer is what it should be, or what is wrong stays so. (What the store itself says of being busy or
-    /// away was tried again already.)
-    async fn asked_again(&self, offset: u64, length: u64, check: Check) -> Result<Bytes, StoreError> {
+    /// Fetches a range until its check passes, at most [`ATTEMPTS`] times. (The client already retries errors of the store.)
+    async fn fetch_checked(&self, offset: u64, length: u64, check: Check) -> Result<Bytes, StoreError> {
         let mut pause = PAUSE;
         let mut attempt = 1;
         loop {
@@ -157,7 +156,7 @@ impl ObjectPack {
             };
             match checked {
                 Ok(()) => return Ok(bytes),
-                Err(why) if attempt < ATTEMPTS => tracing::warn!("asking again: {why}"),
+                Err(why) if attempt < ATTEMPTS => tracing::warn!("retrying: {why}"),
                 Err(why) => return Err(why),
             }
             sleep(pause).await;
@@ -187,8 +186,8 @@ fn cut(bytes: &Bytes, offset: u64, length: u64) -> Option<Bytes> {
     (end <= bytes.len()).then(|| bytes.slice(start..end))
 }
 
-/// Cuts a pack into ranges of whole blobs. The first ends with what comes with the opening. Blobs
-/// that do not lie one behind the other, as they do in packs of ours, are ranges of their own.
+/// Splits a pack into ranges of whole blobs. The first range ends within the first request. Blobs that are not adjacent,
+/// which does not occur in packs written here, are ranges of their own.
 fn extents(table: &Table) -> Vec<Extent> {
     let mut extents: Vec<Extent> = Vec::new();
     for (number, entry) in (0..).zip(&table.entries) {

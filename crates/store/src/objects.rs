@@ -1,4 +1,4 @@
-//! Objects in a folder or in any store that has a URL: `file`, `s3`, `gs`, `az`, `http` and what else `object_store` reads.
+//! Objects in a folder or in a store with a URL: `file`, `s3`, `gs`, `az`, `http` and others of `object_store`.
 //!
 //! Credentials, regions and endpoints come from the environment, under the names that each store's own tools use
 //! (`AWS_ACCESS_KEY_ID`, `GOOGLE_SERVICE_ACCOUNT`, `AZURE_STORAGE_ACCOUNT_NAME`, …).
@@ -26,7 +26,7 @@ use super::error::StoreError;
 
 /// Time that one request may take with all its retries.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(30);
-/// What the environment may say otherwise: time of an attempt, and until there is a connection.
+/// Defaults of options that the environment may override: timeouts of an attempt and of connecting.
 const DEFAULTS: [(&str, &str); 2] = [("timeout", "10s"), ("connect_timeout", "4s")];
 
 /// A folder of objects.
@@ -34,18 +34,18 @@ const DEFAULTS: [(&str, &str); 2] = [("timeout", "10s"), ("connect_timeout", "4s
 pub struct Objects {
     store: Arc<dyn ObjectStore>,
     root: Path,
-    /// What messages call it.
+    /// Name in messages.
     name: String,
 }
 
-/// An object as a list shows it.
+/// An object in a listing.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ObjectEntry {
-    /// Its place, relative to the folder.
+    /// Name, relative to the folder.
     pub name: String,
     /// Its length in bytes.
     pub bytes: u64,
-    /// Differs when the object is exchanged.
+    /// Changes when the object is replaced.
     pub version: String,
 }
 
@@ -59,23 +59,23 @@ impl Objects {
         })
     }
 
-    /// The folder that a URL names. Asks for nothing yet.
+    /// The folder of a URL. Sends no request yet.
     ///
     /// # Errors
-    /// A URL that names no store, or one that the environment does not say enough of.
+    /// A URL that names no store, or a store that the environment does not configure.
     pub fn of_url(url: &str) -> Result<Self, StoreError> {
-        // The client of stores over HTTP takes the process's.
+        // The HTTP client uses the process's default provider.
         let _ = rustls::crypto::ring::default_provider().install_default();
         let about = |why: String| StoreError::Url { url: without_secrets(url), why };
         let parsed = Url::parse(url).map_err(|why| about(why.to_string()))?;
         let (scheme, root) = ObjectStoreScheme::parse(&parsed).map_err(|why| about(why.to_string()))?;
-        // What is in a URL's query or before its host would be in logs, and in the lists of processes.
+        // Credentials in a URL would appear in logs and process lists.
         if parsed.query().is_some() || !parsed.username().is_empty() || parsed.password().is_some() {
             return Err(about("credentials belong into the environment, not into the URL".into()));
         }
         let options = || {
             let defaults = DEFAULTS.map(|(key, value)| (key.to_owned(), value.to_owned()));
-            // Variables that are no text are none of these.
+            // Skips variables that are not UTF-8.
             let text = |(key, value): (std::ffi::OsString, std::ffi::OsString)| {
                 Some((key.into_string().ok()?.to_ascii_lowercase(), value.into_string().ok()?))
             };
@@ -108,7 +108,7 @@ impl Objects {
         Ok(Self { store, root, name: without_secrets(url).trim_end_matches('/').to_owned() })
     }
 
-    /// A folder of this machine.
+    /// A local folder.
     ///
     /// # Errors
     /// A folder that is not there.
@@ -125,13 +125,13 @@ impl Objects {
         Self { store, root: Path::default(), name: name.to_owned() }
     }
 
-    /// What messages call it.
+    /// Name in messages.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// What messages call an object in it.
+    /// Name of an object in messages.
     pub(super) fn path(&self, name: &str) -> PathBuf {
         PathBuf::from(format!("{}/{name}", self.name))
     }
@@ -160,7 +160,7 @@ impl Objects {
     /// Bytes of an object from `range.start` on: as many as there are up to `range.end`; with its whole length.
     ///
     /// # Errors
-    /// An object that is not there, a store that does not answer or answers otherwise than it says.
+    /// An object that is not there, a store that does not answer, or with a length other than stated.
     pub(super) async fn range(&self, name: &str, range: Range<u64>) -> Result<(Bytes, u64), StoreError> {
         let options = GetOptions { range: Some(GetRange::Bounded(range.clone())), ..GetOptions::default() };
         let path = self.at(name);
@@ -205,10 +205,10 @@ impl Objects {
         Ok(bytes)
     }
 
-    /// Writes an object, whole or not at all.
+    /// Writes an object atomically.
     ///
     /// # Errors
-    /// A store that does not take it.
+    /// A store that does not accept it.
     pub async fn put(&self, name: &str, bytes: Bytes) -> Result<(), StoreError> {
         let path = self.at(name);
         let put = async { self.store.put(&path, bytes.into()).await.map(drop) };
@@ -248,7 +248,7 @@ impl Objects {
         Ok(all)
     }
 
-    /// Copies an object into a file, whole or not at all.
+    /// Downloads an object to a file atomically.
     ///
     /// # Errors
     /// An object that is not there or longer, a store that does not answer, a file that cannot be written.
@@ -278,8 +278,8 @@ impl Objects {
     }
 }
 
-/// Transient faults are tried again after ever longer times, drawn anew each time so that servers do not come together
-/// (decorrelated jitter: Brooker, "Exponential Backoff and Jitter", 2015).
+/// Retries of transient faults with exponential backoff and jitter, so that servers do not retry in step (decorrelated
+/// jitter: Brooker, "Exponential Backoff and Jitter", 2015).
 #[must_use]
 pub fn retries() -> RetryConfig {
     RetryConfig {
@@ -293,7 +293,7 @@ pub fn retries() -> RetryConfig {
     }
 }
 
-/// A URL as it may stand in a log.
+/// A URL for logs.
 fn without_secrets(url: &str) -> String {
     let Ok(mut parsed) = Url::parse(url) else { return "the URL".to_owned() };
     parsed.set_query(None);
@@ -301,7 +301,7 @@ fn without_secrets(url: &str) -> String {
     parsed.into()
 }
 
-/// What went wrong, causes included, in one line.
+/// The error with its causes in one line.
 fn one_line(error: &object_store::Error) -> String {
     let text = error.to_string();
     text.split_whitespace().collect::<Vec<_>>().join(" ")

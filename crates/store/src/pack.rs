@@ -1,4 +1,4 @@
-//! A pack wherever it lies: a file of this machine, or an object of a store.
+//! A pack in a local file or in an object store.
 
 use std::sync::Arc;
 
@@ -11,10 +11,10 @@ use super::error::StoreError;
 use super::file::PackFile;
 use super::object_pack::ObjectPack;
 
-/// See the module.
+/// A pack of a scene.
 #[derive(Clone, Debug)]
 pub(super) enum Pack {
-    /// Blobs are read one by one: neighbours are in the system's page cache anyway.
+    /// Blobs are read one by one: the system's page cache holds adjacent ones.
     File(Arc<PackFile>),
     Object(Arc<ObjectPack>),
 }
@@ -27,7 +27,7 @@ impl Pack {
         }
     }
 
-    /// What a blob of a file is called in the cache.
+    /// Cache key of a file's blob.
     pub(super) fn key(&self, part: BlobPart) -> Option<CacheKey> {
         match self {
             Self::File(file) => Some((file.fingerprint(), file.number(part)?)),
@@ -35,15 +35,15 @@ impl Pack {
         }
     }
 
-    /// The blob, if it is at hand. Waits for nothing.
-    pub(super) fn at_hand(&self, part: BlobPart, cache: &BlobCache) -> Option<Bytes> {
+    /// The blob, if it is cached. Does not wait.
+    pub(super) fn cached(&self, part: BlobPart, cache: &BlobCache) -> Option<Bytes> {
         match self {
             Self::File(_) => cache.get(self.key(part)?),
-            Self::Object(object) => object.at_hand(part, cache),
+            Self::Object(object) => object.cached(part, cache),
         }
     }
 
-    /// The blob. Files are read on threads that may wait, by one for all who ask at the same time.
+    /// The blob. Files are read on blocking threads, once for all concurrent callers.
     pub(super) async fn fetch(&self, part: BlobPart, cache: &BlobCache) -> Result<Bytes, Arc<StoreError>> {
         let file = match self {
             Self::Object(object) => return object.fetch(part, cache).await,

@@ -1,4 +1,4 @@
-//! The punctual lights of a scene as they are sent: neighbours together in pages, and a directory of what each page lights.
+//! Encodes the punctual lights of a scene: pages of nearby lights, and a directory of the space that each page lights.
 
 use bytes::Bytes;
 use lodestream_scene::PunctualLightBlob;
@@ -8,10 +8,10 @@ use lodestream_scene::punctual_lights::{
     encode_directory, encode_page,
 };
 
-/// Bits of a place along each axis of the curve.
+/// Bits per axis of the Morton curve.
 const CURVE_BITS: u32 = 21;
 
-/// See the module. Made once when a scene is opened.
+/// Encoded punctual lights, made once when a scene is opened.
 #[derive(Clone, Debug, Default)]
 pub struct PunctualLightBlobs {
     /// Sent with the scene; `None` without lights.
@@ -29,13 +29,13 @@ pub enum PunctualLightBlobsError {
         /// How many.
         count: usize,
     },
-    /// One that the protocol refuses: a model placed too far out, say.
-    #[error("a punctual light cannot be described: {0}; look at where its model stands")]
+    /// A light outside the protocol's ranges, for example of a model that is too far out.
+    #[error("a punctual light cannot be described: {0}; check the position of its model")]
     Refused(#[from] PunctualLightsError),
 }
 
 impl PunctualLightBlobs {
-    /// Codes the punctual lights of a scene.
+    /// Encodes the punctual lights of a scene.
     ///
     /// # Errors
     /// See [`PunctualLightBlobsError`].
@@ -52,9 +52,9 @@ impl PunctualLightBlobs {
         let (mut pages, mut listed) = (Vec::new(), Vec::new());
         for group in ordered.chunks(PUNCTUAL_LIGHTS_PER_PAGE as usize) {
             let page = encode_page(group)?;
-            // Of what comes back, whose ranges may be a little larger.
-            let said = decode_page(&page, group.len() as u32)?;
-            listed.push(PunctualLightPageEntry::of(&said, page.len() as u32));
+            // Encoding may enlarge ranges a little, so the directory uses the decoded lights.
+            let decoded = decode_page(&page, group.len() as u32)?;
+            listed.push(PunctualLightPageEntry::of(&decoded, page.len() as u32));
             pages.push(Bytes::from(page));
         }
         let directory = listed.chunks(LISTED_PER_PAGE as usize).map(encode_directory);
@@ -81,13 +81,13 @@ impl PunctualLightBlobs {
         (&self.directory, &self.pages)
     }
 
-    /// What is said of them at once; `None` where there are none.
+    /// The message about them; `None` without lights.
     #[must_use]
     pub const fn punctual_lights(&self) -> Option<&PunctualLights> {
         self.summary.as_ref()
     }
 
-    /// A blob, if there is such a one.
+    /// A blob; `None` if there is none of this number.
     #[must_use]
     pub fn get(&self, blob: PunctualLightBlob) -> Option<&Bytes> {
         match blob {
@@ -114,14 +114,14 @@ fn summary(count: u32, directory: &[Bytes], pages: &[Bytes]) -> Option<PunctualL
         .then(|| PunctualLights { count, first: first.map(|bytes| bytes.to_vec()).unwrap_or_default() })
 }
 
-/// Punctual lights in the order of a Morton curve through their bounding box ("A computer oriented geodetic data base", 1966):
-/// what is near on it is near in the world.
+/// Punctual lights in the order of a Morton curve through their bounding box (Morton, "A computer oriented geodetic data
+/// base", 1966), which keeps nearby lights together.
 fn along_curve(punctual_lights: &[PunctualLight]) -> Vec<PunctualLight> {
     let of_axis =
         |axis: usize| punctual_lights.iter().map(move |punctual_light| punctual_light.position[axis]);
     let low = [0, 1, 2].map(|axis| of_axis(axis).fold(f64::INFINITY, f64::min));
     let high = [0, 1, 2].map(|axis| of_axis(axis).fold(f64::NEG_INFINITY, f64::max));
-    // A cube, so that a flat scene is cut along its length and width alone.
+    // Scaled to a cube, so that a flat scene is split along its length and width only.
     let side = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
     let cells = f64::from((1_u32 << CURVE_BITS) - 1);
     let key = |punctual_light: &PunctualLight| {

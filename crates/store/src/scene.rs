@@ -1,4 +1,4 @@
-//! A scene over opened packs: what its sessions share.
+//! A scene with its packs, shared by sessions.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -23,29 +23,28 @@ use super::pack::Pack;
 use super::scene_object::{MAX_SCENE_OBJECT_BYTES, SceneObject};
 use crate::{PunctualLightBlobs, SceneDescription, TerrainBlobs};
 
-/// Memory that blobs of all scenes may take, by default: a demo scene fits whole, and a large one falls
-/// back on the system's page cache.
+/// Default memory for blobs of all scenes: the whole demo scene fits; large scenes rely on the system's page cache.
 pub const DEFAULT_CACHE_BYTES: u64 = 256 << 20;
 
 /// Packs that are opened at once.
 const OPENED_AT_ONCE: usize = 16;
 
-/// Longest base mesh that is decoded to learn what it hides, in bytes: some milliseconds, once, on the thread that asks.
+/// Longest base mesh that is decoded as an occluder, in bytes: some milliseconds, once, on the calling thread.
 const MAX_OCCLUDER_BYTES: usize = 64 << 10;
 
-/// See the module.
+/// A scene over opened packs.
 #[derive(Debug)]
 pub struct SceneStore {
     header: SceneHeader,
     pages: Vec<Arc<ScenePage>>,
     /// By asset number.
     packs: Vec<Pack>,
-    /// By asset number: what hides other things, once somebody asked.
+    /// Occluders by asset number, made on first use.
     occluders: Vec<OnceLock<Option<Arc<Occluder>>>>,
     terrain: TerrainBlobs,
     punctual_lights: PunctualLightBlobs,
     cache: BlobCache,
-    /// What fetches where a thread waits for it.
+    /// Runtime for blocking reads from object stores.
     runtime: Option<Handle>,
     hits: AtomicU64,
     misses: AtomicU64,
@@ -67,7 +66,7 @@ impl SceneStore {
         Ok(store)
     }
 
-    /// A scene that was published as an object of this name. Reads it, and the table of each of its packs.
+    /// Opens a published scene: reads the object of this name and the table of each pack.
     ///
     /// # Errors
     /// A store that does not answer, a scene or a pack that is not there, damaged, or another one.
@@ -102,7 +101,7 @@ impl SceneStore {
         }
     }
 
-    /// Reads as many base meshes as there is room for: a first flight should wait for no disk.
+    /// Reads base meshes into the cache until it is full, so that first flights do not wait for the disk.
     fn read_bases(&self) -> Result<(), StoreError> {
         let mut room = self.cache.room();
         for pack in &self.packs {
@@ -116,7 +115,7 @@ impl SceneStore {
         Ok(())
     }
 
-    /// A blob that is in no pack, if there is such a one.
+    /// A blob of the terrain or the lights, which no pack holds.
     fn own(&self, id: &BlobId) -> Option<&Bytes> {
         match *id {
             BlobId::Asset { .. } => None,
@@ -131,8 +130,8 @@ impl SceneStore {
     }
 }
 
-/// What a client is told of a blob that cannot be had.
-fn told(id: BlobId, error: &StoreError) -> SourceError {
+/// Converts an error of a blob to the one that sessions see.
+fn source_error(id: BlobId, error: &StoreError) -> SourceError {
     match error {
         StoreError::NoSuchBlob { .. } => SourceError::NotFound(id),
         other => SourceError::Unreadable { id, why: other.to_string() },
@@ -164,8 +163,8 @@ impl SceneSource for SceneStore {
         if let Some(known) = slot.get() {
             return known.clone();
         }
-        // Where it is not in memory, the disk is not waited for: later it may be.
-        let base = self.packs.get(asset as usize)?.at_hand(BlobPart::Base, &self.cache)?;
+        // A base mesh that is not in memory is not read now; a later call may find it.
+        let base = self.packs.get(asset as usize)?.cached(BlobPart::Base, &self.cache)?;
         let decoded = (base.len() <= MAX_OCCLUDER_BYTES).then(|| decode_base(&base)).and_then(Result::ok);
         let occluder = decoded.map(|base| {
             let (positions, faces) = ActiveMesh::growing(&base).surface();
@@ -179,8 +178,8 @@ impl SceneSource for SceneStore {
             BlobId::Terrain(_) | BlobId::PunctualLights(_) => self.read(id).map(Reading::Ready),
             _ if self.blob_len(id).is_none() => Err(SourceError::NotFound(*id)),
             BlobId::Asset { .. } => {
-                let found = self.pack(id).and_then(|(pack, part)| pack.at_hand(part, &self.cache));
-                // What is read then is looked for again, and counted once.
+                let found = self.pack(id).and_then(|(pack, part)| pack.cached(part, &self.cache));
+                // The later `read` looks it up again, but only this counts.
                 let count = if found.is_some() { &self.hits } else { &self.misses };
                 count.fetch_add(1, Ordering::Relaxed);
                 Ok(found.map_or(Reading::Pending, Reading::Ready))
@@ -196,27 +195,27 @@ impl SceneSource for SceneStore {
     fn fetch(&self, id: &BlobId) -> Option<BlobFuture> {
         let ((pack, part), id) = (self.pack(id)?, *id);
         let (pack, cache) = (pack.clone(), self.cache.clone());
-        Some(Box::pin(async move { pack.fetch(part, &cache).await.map_err(|why| told(id, &why)) }))
+        Some(Box::pin(async move { pack.fetch(part, &cache).await.map_err(|why| source_error(id, &why)) }))
     }
 
     fn read(&self, id: &BlobId) -> Result<Bytes, SourceError> {
         let Some((pack, part)) = self.pack(id) else {
             return self.own(id).cloned().ok_or(SourceError::NotFound(*id));
         };
-        if let Some(bytes) = pack.at_hand(part, &self.cache) {
+        if let Some(bytes) = pack.cached(part, &self.cache) {
             return Ok(bytes);
         }
         match (pack, &self.runtime) {
-            // Read without waiting for others: two sessions may read the same blob.
+            // Not coordinated: two sessions may read the same blob.
             (Pack::File(file), _) => {
-                let bytes = file.read(part).map_err(|why| told(*id, &why))?;
+                let bytes = file.read(part).map_err(|why| source_error(*id, &why))?;
                 if let Some(key) = pack.key(part) {
                     self.cache.insert(key, bytes.clone());
                 }
                 Ok(bytes)
             }
             (Pack::Object(object), Some(runtime)) => {
-                runtime.block_on(object.fetch(part, &self.cache)).map_err(|why| told(*id, &why))
+                runtime.block_on(object.fetch(part, &self.cache)).map_err(|why| source_error(*id, &why))
             }
             (Pack::Object(_), None) => Err(SourceError::NotFound(*id)),
         }

@@ -1,4 +1,4 @@
-//! The table of a pack: which blobs it holds, where, and their hashes. It names all contents.
+//! The table of a pack: kind, offset, length and hash of each blob. Its hash identifies the contents.
 
 use std::ops::Range;
 
@@ -7,10 +7,10 @@ use lodestream_geometry::pack::{BlobKind, Entry, HEAD_BYTES, Head, find};
 use lodestream_scene::BlobPart;
 use lodestream_scene::description::Fingerprint;
 
-/// See the module.
+/// Head and table of a pack.
 #[derive(Debug)]
 pub(super) struct Table {
-    /// Names the table, and so all contents.
+    /// Head of the pack.
     pub(super) head: Head,
     pub(super) entries: Vec<Entry>,
     pub(super) fingerprint: Fingerprint,
@@ -19,7 +19,7 @@ pub(super) struct Table {
 }
 
 impl Table {
-    /// Where a table lies behind its head, in a pack of a length.
+    /// Byte range of the table in a pack of `length` bytes.
     pub(super) fn range(head: &Head, length: u64) -> Result<Range<u64>, DecodeError> {
         let first = HEAD_BYTES as u64;
         let end = first.saturating_add(head.table_bytes() as u64);
@@ -29,7 +29,7 @@ impl Table {
         Ok(first..end)
     }
 
-    /// Checks the table's bytes.
+    /// Parses and checks the table.
     pub(super) fn parse(head: Head, table: &[u8], length: u64) -> Result<Self, DecodeError> {
         let entries = head.parse_table(table, length)?;
         let end = entries.iter().map(|e| e.offset + u64::from(e.length)).max();
@@ -42,7 +42,7 @@ impl Table {
         Ok(Self { head, entries, fingerprint, total_bytes: length })
     }
 
-    /// The entry of a blob, and its number.
+    /// The entry of a blob.
     pub(super) fn find(&self, part: BlobPart) -> Option<&Entry> {
         find(&self.entries, kind(part))
     }

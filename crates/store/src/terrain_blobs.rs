@@ -1,15 +1,15 @@
-//! The blobs of a terrain: listed points of its patches, and the directory of these.
+//! Encodes the blobs of a terrain: height overrides of its patches, and their directory.
 
 use bytes::Bytes;
 use lodestream_scene::TerrainBlob;
 use lodestream_scene::terrain::{OverridePatch, PATCHES_PER_PAGE, encode_directory};
 use lodestream_terrain::{Scratch, Terrain, TerrainError, encode_points};
 
-/// See the module. Made once when a scene is opened: features are small.
+/// Encoded height overrides, made once when a scene is opened; features are small.
 #[derive(Clone, Debug, Default)]
 pub struct TerrainBlobs {
     pages: Vec<Bytes>,
-    /// By place in the directory.
+    /// Height overrides by index in the directory.
     points: Vec<Bytes>,
 }
 
@@ -32,8 +32,8 @@ pub enum TerrainBlobsError {
 }
 
 impl TerrainBlobs {
-    /// Codes what a terrain's lists hold. Each patch with points is made with and without them, to know by how much they
-    /// matter.
+    /// Encodes a terrain's height overrides. Generates each of their patches with and without them, which gives the error
+    /// of leaving them out.
     ///
     /// # Errors
     /// See [`TerrainBlobsError`].
@@ -65,17 +65,17 @@ impl TerrainBlobs {
         Ok(Self { pages, points })
     }
 
-    /// The directory's pages, and points, as they were coded once.
+    /// The directory's pages and the overrides, encoded before.
     pub(crate) const fn of_parts(pages: Vec<Bytes>, points: Vec<Bytes>) -> Self {
         Self { pages, points }
     }
 
-    /// The pages of the directory, and the points.
+    /// The pages of the directory, and the overrides.
     pub fn parts(&self) -> (&[Bytes], &[Bytes]) {
         (&self.pages, &self.points)
     }
 
-    /// A blob, if there is such a one.
+    /// A blob; `None` if there is none of this number.
     #[must_use]
     pub fn get(&self, blob: TerrainBlob) -> Option<&Bytes> {
         match blob {

@@ -1,4 +1,4 @@
-//! Models and scene files from stores, with the files that they name: into a folder, where they lie as they do there.
+//! Downloads models and scene files from a store, with the files that they name, into a folder of the same structure.
 
 use std::path::{Component, Path, PathBuf};
 

@@ -1,5 +1,5 @@
-//! Scenes as they are now. One is opened again when its files have changed, or when that is asked for; one that cannot be
-//! opened is the one that was there before.
+//! The catalogue of open scenes. A scene is reopened when its files have changed or on request. If that fails, its
+//! previous version stays.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -20,21 +20,21 @@ use lodestream_bake::stderr::write_line;
 use lodestream_daemon::{SceneProvider, SceneUpdate, Scenes};
 use lodestream_store::{BlobCache, SceneStore};
 
-/// What a scene was when it was looked at.
+/// Hash of names, lengths and times of a scene's files, or of its object's version.
 type Stamp = blake3::Hash;
 
-/// What is known of a scene.
+/// State of a scene at the last check.
 #[derive(Clone, Default)]
 struct Known {
-    /// `None` where it must be looked at again in any case.
+    /// `None` if the next check must reopen it.
     stamp: Option<Stamp>,
     /// Files whose change changes the scene.
     files: Vec<PathBuf>,
-    /// `None` where it could not be opened yet.
+    /// `None` if it was never opened.
     source: Option<Arc<SceneStore>>,
 }
 
-/// See the module.
+/// The scenes of a command line's sources.
 pub struct Catalogue {
     places: Vec<Place>,
     /// Folder of prepared packs.
@@ -74,7 +74,7 @@ impl Catalogue {
         })
     }
 
-    /// Opens all scenes for the first time. Of those in folders some may fail, which is told.
+    /// Opens all scenes for the first time. Scenes of folders may fail with a warning.
     ///
     /// # Errors
     /// A scene that was named by itself and cannot be opened, or none at all.
@@ -88,7 +88,7 @@ impl Catalogue {
         Ok(Scenes::new(sources)?)
     }
 
-    /// All scenes, if any changed. Where it cannot be said which there are, all stays as it was.
+    /// All scenes, if any changed. If the sources cannot be listed, nothing changes.
     async fn all(&self, asked: bool, first: bool) -> anyhow::Result<Option<Vec<Arc<dyn SceneSource>>>> {
         let mut listed = Vec::new();
         for place in &self.places {
@@ -125,7 +125,7 @@ impl Catalogue {
         Ok(changed.then(|| sources.map(|source| source as Arc<dyn SceneSource>).collect()))
     }
 
-    /// What a scene is now, whether or not it can be opened: what cannot is tried again when it changes.
+    /// Opens a scene. The state is valid on failure too: the scene is then reopened when it changes.
     async fn open_one(&self, found: &SceneLocation, quiet: bool) -> (Known, anyhow::Result<()>) {
         match found {
             SceneLocation::Published(objects, listed) => {
@@ -203,7 +203,7 @@ fn read_files(
     Ok(lodestream_bake::compose::open(&scene, packs, blobs)?)
 }
 
-/// What a scene is like now, as far as that shows without reading it.
+/// The stamp of a scene, computed without reading its contents.
 async fn stamp(found: &SceneLocation, before: Option<&Known>) -> Option<Stamp> {
     match found {
         SceneLocation::Published(_, listed) => Some(blake3::hash(listed.version.as_bytes())),

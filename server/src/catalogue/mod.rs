@@ -1,11 +1,11 @@
-//! Where a server's scenes come from, and whither they are published: files, folders, stores.
+//! The catalogue: sources of a server's scenes (files, folders, stores), and publishing to them.
 //!
 //! | module | idea |
 //! |---|---|
-//! | `place` | what the words of the command line stand for |
-//! | `look` | scenes as they are now, opened again when they have changed |
+//! | `place` | the sources that the command line names |
+//! | `look` | the catalogue of open scenes, reopened when they change |
 //! | [`publish`] | a scene and its packs as objects |
-//! | [`fetch`] | models from stores, with what they name |
+//! | [`fetch`] | download of models with the files that they name |
 
 pub mod fetch;
 mod look;

@@ -1,4 +1,4 @@
-//! What the words of the command line stand for.
+//! Sources of scenes, as the command line names them.
 
 use std::path::{Path, PathBuf};
 
@@ -7,12 +7,12 @@ use anyhow::{Context as _, bail};
 use lodestream_bake::scene::SceneError;
 use lodestream_store::{ObjectEntry, Objects};
 
-/// What a published scene's object is called behind its name.
+/// Extension of published scenes.
 pub(super) const PUBLISHED: &str = ".lss";
-/// Endings of models.
+/// Extensions of models.
 const MODELS: [&str; 4] = ["obj", "gltf", "glb", "ply"];
 
-/// Where scenes are.
+/// A source of scenes.
 #[derive(Clone, Debug)]
 pub(super) enum Place {
     /// One scene: a scene file, or models side by side.
@@ -23,7 +23,7 @@ pub(super) enum Place {
     Published(Objects, Option<String>),
 }
 
-/// A scene that is there.
+/// A scene of a source.
 #[derive(Clone, Debug)]
 pub(super) enum SceneLocation {
     /// A scene file, or models side by side.
@@ -33,7 +33,7 @@ pub(super) enum SceneLocation {
 }
 
 impl SceneLocation {
-    /// What tells it apart from others.
+    /// Unique key of the scene.
     pub(super) fn key(&self) -> String {
         match self {
             Self::Files(files) => {
@@ -45,7 +45,7 @@ impl SceneLocation {
 }
 
 impl Place {
-    /// The places of all words.
+    /// Parses the words of a command line.
     pub(super) fn of_words(words: &[PathBuf]) -> anyhow::Result<Vec<Self>> {
         let mut places = Vec::new();
         let mut models = Vec::new();
@@ -87,12 +87,12 @@ impl Place {
         }
     }
 
-    /// Whether it was named one by one: then it must be there.
+    /// Whether it names a single scene, which then must exist.
     pub(super) const fn is_one(&self) -> bool {
         matches!(self, Self::Files(_) | Self::Published(_, Some(_)))
     }
 
-    /// The scenes that are there.
+    /// Lists the existing scenes.
     pub(super) async fn list(&self) -> anyhow::Result<Vec<SceneLocation>> {
         match self {
             Self::Files(files) => Ok(vec![SceneLocation::Files(files.clone())]),

@@ -16,16 +16,16 @@ use lodestream_bake::scene::Scene;
 use lodestream_bake::stderr::write_line;
 use lodestream_store::{MAX_SCENE_OBJECT_BYTES, Objects, PackFile, PackName, SceneObject, StoreError};
 
-/// What publishing came to.
+/// Result of publishing a scene.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Published {
     /// Name of the scene object.
     pub name: String,
     /// Packs that were prepared.
     pub prepared: usize,
-    /// Packs that were written, and those that were there.
+    /// Packs that were written.
     pub written: usize,
-    /// See `written`.
+    /// Packs that existed already.
     pub there: usize,
     /// Whether the scene object was written: it was another, or none.
     pub scene_written: bool,
@@ -58,7 +58,7 @@ pub async fn publish(
         let (local, name) = (key.path(cache, &asset.name), format!("packs/{}.lsp", key.hex()));
         if !local.exists() && objects.length(&name).await?.is_some() {
             std::fs::create_dir_all(cache)?;
-            // Another machine made it. Whether it is whole and the right one is looked at below.
+            // Another machine prepared it; `prepare_cached` verifies it.
             if let Err(why) = objects.download(&name, &local, MAX_FILE_BYTES).await {
                 write_line(format_args!("warning: prepared here: {why}"));
             }

@@ -1,4 +1,4 @@
-//! `check`: random sets of chunks must give one mesh, whatever their order; and that of the model.
+//! `check`: random ancestor-closed cuts must give one mesh in any order, and the whole pack the model.
 
 use std::path::PathBuf;
 
@@ -18,7 +18,7 @@ pub(super) struct Arguments {
     /// The pack.
     #[arg(value_name = "FILE.lsp")]
     pack: PathBuf,
-    /// How many sets.
+    /// Number of cuts.
     #[arg(long, value_name = "N", default_value_t = 200)]
     random_sets: u32,
     /// The same seed gives the same sets and orders.

@@ -1,4 +1,4 @@
-//! The daemon's log on standard error, which holds nothing up: what nobody reads is left out, and counted.
+//! The daemon's log on standard error. It never blocks: lines beyond the queue are dropped and counted.
 
 use std::io::{IsTerminal as _, Write as _};
 use std::sync::Arc;

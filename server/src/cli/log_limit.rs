@@ -1,4 +1,4 @@
-//! How many lines a place in the code may log: what repeats itself says nothing new, and hides what does.
+//! Rate limit of log lines per call site, so that repeated lines do not hide others.
 
 use std::collections::hash_map::Entry;
 use std::collections::{HashMap, VecDeque};

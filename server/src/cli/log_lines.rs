@@ -1,4 +1,4 @@
-//! The log's lines: as text or JSON, no more of one place in the code than a limit, and what was left out is told.
+//! Formatting of the log as text or JSON, with a limit per call site and lines about suppressed ones.
 
 use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

@@ -41,11 +41,11 @@ enum Command {
     Serve(Box<serve::Arguments>),
     /// Prepare one model: OBJ, glTF or PLY to pack.
     Prepare(prepare::Arguments),
-    /// Tell what is in a pack.
+    /// Show the contents of a pack.
     Inspect(inspect::Arguments),
     /// Write the best mesh within a budget as OBJ.
     Export(export::Arguments),
-    /// Try random sets of chunks for cracks, order dependence and inexact undo.
+    /// Check random sets of chunks for cracks, order dependence and inexact undo.
     Check(check::Arguments),
     /// Generate one patch of a terrain, alone: heights, a picture or a hash.
     Terrain(terrain::Arguments),
@@ -90,7 +90,7 @@ fn serve_again() -> anyhow::Result<serve::Arguments> {
 fn finish(outcome: anyhow::Result<Outcome>) -> ExitCode {
     match outcome {
         Ok(outcome) => {
-            // A reader that goes away (`| head`) is no error of ours.
+            // A closed pipe (`| head`) is not an error.
             let _ = std::io::stdout().write_all(outcome.text.as_bytes());
             if outcome.good { ExitCode::SUCCESS } else { ExitCode::FAILURE }
         }

@@ -7,19 +7,19 @@ use lodestream_bake::preparation_settings::{
 };
 use lodestream_geometry::Metric;
 
-/// How finely positions are kept; one of the two, or neither for the default.
+/// Precision of positions: at most one of the two.
 #[derive(Clone, Copy, Debug, Args)]
 #[group(required = false, multiple = false)]
 struct PrecisionArguments {
     /// Bits per axis of positions, 4 to 24. More bits cost about 3 bits a vertex each [default: 14].
     #[arg(long, value_name = "N")]
     position_bits: Option<PositionBits>,
-    /// Largest error of a position, in the model's units; decides the bits.
+    /// Largest error of a position, in the model's units; determines the bits.
     #[arg(long, value_name = "LENGTH")]
     tolerance: Option<Tolerance>,
 }
 
-/// What a pack should hold, and how it is made.
+/// Preparation settings as flags.
 #[derive(Clone, Copy, Debug, Args)]
 pub(super) struct PreparationArguments {
     #[command(flatten)]
@@ -27,11 +27,11 @@ pub(super) struct PreparationArguments {
     /// Bits per axis of texture coordinates, 1 to 16 [default: 12].
     #[arg(long, value_name = "N")]
     uv_bits: Option<UvBits>,
-    /// Largest angle between a normal of the model and what its faces say before the normal is sent:
-    /// 0 sends all, 180 none [default: 10].
+    /// Largest angle between a normal of the model and the normal of its faces for which the former is dropped:
+    /// 0 keeps all, 180 none [default: 10].
     #[arg(long, value_name = "DEGREES")]
     normal_tolerance: Option<NormalTolerance>,
-    /// What a collapse is held to cost: qem (quadric error), melax (length × curvature), clustering (the cell that both
+    /// Cost of a collapse: qem (quadric error), melax (length × curvature), clustering (the cell that both
     /// ends share) or clustering-seams (the same, along seams) [default: qem].
     #[arg(long, value_name = "METRIC")]
     metric: Option<Metric>,
@@ -39,15 +39,15 @@ pub(super) struct PreparationArguments {
     /// 0.5 [default: heap].
     #[arg(long, value_name = "heap | SHARE")]
     round_size: Option<Round>,
-    /// How the geometry is coded: range (the fewest bytes; chunks may be sent in part), built (fewer for what is made of
-    /// parts along the axes), auto (whichever of these suits the model) or zstd (less to do for clients) [default: auto].
+    /// Codec of the geometry: range (the fewest bytes; chunks may be sent in part), axis-aligned (fewer for models built
+    /// along the axes), auto (one of these two, chosen by the model) or zstd (less work for clients) [default: auto].
     #[arg(long, value_name = "CODEC")]
     codec: Option<CodecChoice>,
-    /// Most faces that are simplified at once, 100 to 100,000,000: a mesh of more is simplified in blocks of space, one after
-    /// the other, in some 300 bytes a face of a block [default: 4000000].
+    /// Most faces simplified at once, 100 to 100,000,000: a larger mesh is simplified in spatial blocks, one after the
+    /// other, with some 300 bytes of memory per face of a block [default: 4000000].
     #[arg(long, value_name = "N")]
     block_faces: Option<BlockFaces>,
-    /// Depth of relief, 0 to 1 in units of texture coordinates, instead of what the materials say.
+    /// Depth of relief, 0 to 1 in units of texture coordinates, instead of the materials' own.
     #[arg(long, value_name = "DEPTH")]
     relief_depth: Option<ReliefDepth>,
 }

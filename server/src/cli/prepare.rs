@@ -18,8 +18,8 @@ use lodestream_bake::scene::{self, Asset};
 use lodestream_bake::stderr::write_line;
 use lodestream_store::{Objects, StoreError};
 
-/// No list of a block that is a closed surface is longer than so many bytes a face (the longest is that of quadrics):
-/// those that are belong to the whole mesh, or to a block of faces that share few vertices.
+/// Longest list of a block, in bytes per face (that of quadrics), if its faces share vertices as in a closed surface.
+/// Longer lists belong to the whole mesh, or to a block of disconnected faces.
 const BLOCK_LIST_BYTES: usize = 48;
 
 #[derive(Debug, Args)]
@@ -29,13 +29,13 @@ pub(super) struct Arguments {
     #[arg(value_name = "MODEL | SCENE.toml")]
     model: PathBuf,
     /// The pack to write; or to publish, a folder or a URL of one: then packs go to packs/, and the scene to NAME.lss.
-    /// What is there already is not prepared or written again.
+    /// Existing objects are not prepared or written again.
     #[arg(short, long, value_name = "FILE.lsp | FOLDER")]
     output: PathBuf,
     /// To publish: folder of prepared packs [default: $XDG_CACHE_HOME/lodestream or ~/.cache/lodestream].
     #[arg(long, env = "LODESTREAM_CACHE", value_name = "DIR")]
     cache: Option<PathBuf>,
-    /// Only this mesh of a glTF file, where it is about its own origin.
+    /// Only this mesh of a glTF file, untransformed.
     #[arg(long, value_name = "NAME")]
     mesh: Option<String>,
     #[command(flatten)]
@@ -43,15 +43,15 @@ pub(super) struct Arguments {
     /// Threads; the pack does not depend on it [default: as many as there are cores].
     #[arg(long, value_name = "N")]
     threads: Option<NonZeroUsize>,
-    /// Keep finished levels beside the pack until it is there, so that a run that is killed goes on from them; always
-    /// so from a million faces on.
+    /// Keep finished levels beside the pack until it is complete, so that an interrupted run is resumed from them; always
+    /// on from a million faces.
     #[arg(long)]
     keep_levels: bool,
     /// For meshes larger than memory: lists longer than a block's (--block-faces) lie in files of this folder, on a disk,
     /// and are read and written as they are needed: about 250 bytes a face. The pack is the same.
     #[arg(long, value_name = "DIR")]
     out_of_core: Option<PathBuf>,
-    /// No progress.
+    /// Show no progress.
     #[arg(short, long)]
     quiet: bool,
 }
@@ -77,7 +77,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     }
     if !to_store && !publishes && !Objects::is_url(model) {
         let report = prepare_to(&asset(arguments, model)?, &options, output)?;
-        return Ok(told(&report, output));
+        return Ok(print_report(&report, output));
     }
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     // Removed when this ends.
@@ -99,7 +99,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     }
     if !to_store {
         let report = prepare_to(&asset(arguments, &local)?, &options, output)?;
-        return Ok(told(&report, output));
+        return Ok(print_report(&report, output));
     }
     let url = output.to_string_lossy();
     let (root, name) = url.rsplit_once('/').context("a URL of a pack ends with /NAME.lsp")?;
@@ -117,7 +117,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let pack = folder.path().join("pack.lsp");
     let report = prepare_to(&asset, &options, &pack)?;
     runtime.block_on(objects.put(name, std::fs::read(&pack)?.into()))?;
-    Ok(told(&report, output))
+    Ok(print_report(&report, output))
 }
 
 /// The model as an asset.
@@ -130,7 +130,7 @@ fn asset(arguments: &Arguments, model: &Path) -> anyhow::Result<Asset> {
     Ok(asset)
 }
 
-/// Whither is published.
+/// The store or folder to publish to.
 fn objects(output: &Path) -> anyhow::Result<Objects> {
     if Objects::is_url(output) {
         return Ok(Objects::of_url(&output.to_string_lossy())?);
@@ -139,7 +139,7 @@ fn objects(output: &Path) -> anyhow::Result<Objects> {
     Ok(Objects::of_folder(output)?)
 }
 
-fn told(report: &Report, output: &Path) -> Outcome {
+fn print_report(report: &Report, output: &Path) -> Outcome {
     for warning in &report.warnings {
         write_line(format_args!("warning: {warning}"));
     }
