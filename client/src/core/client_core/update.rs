@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use lodestream_protocol::time::Time;
 use lodestream_scene::blob::{BlobId, BlobPart};
-use lodestream_scene::description::Light;
+use lodestream_scene::description::SceneLighting;
 use lodestream_select::{Selector, State, Wanted};
 
 use super::apply::BLOB_COST;
@@ -91,9 +91,9 @@ impl ClientCore {
         let round_trip = self.connection.session.as_ref().and_then(|session| session.stats().rtt);
         self.selection
             .selector
-            .set_way(self.motion.distance_within(now, round_trip.unwrap_or(USUAL_ROUND_TRIP)));
+            .set_travel_distance(self.motion.distance_within(now, round_trip.unwrap_or(USUAL_ROUND_TRIP)));
         let light = self.scene.header.as_ref().map(|header| header.light);
-        let shines = |light: &Light| light.color.iter().any(|&part| part > 0.0);
+        let shines = |light: &SceneLighting| light.color.iter().any(|&part| part > 0.0);
         self.selection.selector.set_to_sun(light.filter(shines).map(|light| light.direction));
         let selection =
             self.selection.selector.select_among(&view, self.scene.instances(), &self.scene.states);

@@ -1,9 +1,9 @@
-//! Token bucket for events of a whole cost: [`lodestream_protocol::limiter::TokenBucket`] without overdraft.
+//! Token bucket for events, which are admitted only for their whole cost.
 
 use std::time::Duration;
 
 use lodestream_protocol::Time;
-use lodestream_protocol::limiter::{LimiterConfig, TokenBucket};
+use lodestream_protocol::limiter::TokenBucket;
 
 /// A token bucket that admits an event only if it holds tokens for the event's whole cost.
 ///
@@ -15,25 +15,12 @@ pub(crate) struct EventBucket(TokenBucket);
 impl EventBucket {
     /// A full bucket of `per_s` tokens per second that holds the tokens of `burst`.
     pub(crate) const fn new(per_s: u32, burst: Duration) -> Self {
-        // The underlying bucket counts bytes at a rate in bits: one token is one byte without headers.
-        Self(TokenBucket::new(LimiterConfig {
-            rate_bits_per_s: Some(8 * per_s as u64),
-            burst,
-            packet_payload_bytes: 1,
-            packet_overhead_bytes: 0,
-            frame_overhead_bytes: 0,
-        }))
+        Self(TokenBucket::new(Some(per_s as u64), burst))
     }
 
     /// Takes `cost` tokens if there are as many; otherwise returns `false` and takes none.
     pub(crate) fn take(&mut self, now: Time, cost: usize) -> bool {
-        let mut after = self.0.clone();
-        after.spend(now, cost);
-        let admitted = after.admits(now);
-        if admitted {
-            self.0 = after;
-        }
-        admitted
+        self.0.try_take(now, cost as u64)
     }
 }
 

@@ -81,7 +81,7 @@ fn ply(of: As) -> Vec<u8> {
             out.push(b'\n')
         }
     };
-    let whole = NumberType::named(color).unwrap().whole();
+    let whole = NumberType::named(color).unwrap().unit_value();
     for (at, normal, rgb, uv) in vertices {
         let mut put = |kind, value| number(&mut out, format, kind, value);
         put(place, at[0].into());
