@@ -11,6 +11,7 @@ use bincode::{Decode, Encode};
 use glam::{DVec3, Quat, Vec3};
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, Sphere};
 
+use crate::blob::{BlobId, BlobPart};
 use crate::coding::{decode_vector, encode_vector, vector_fits_f32};
 use crate::limits::{
     MAX_ASSETS, MAX_BLOB_BYTES, MAX_CHUNKS, MAX_ENTRIES_PER_PAGE, MAX_INSTANCES, MAX_NAME_BYTES,
@@ -138,6 +139,27 @@ pub struct AssetEntry {
 }
 
 impl AssetEntry {
+    /// The asset and texture to request for texture `texture` of this asset, whose number is `asset`.
+    #[must_use]
+    pub fn sent_as(&self, asset: u32, texture: u16) -> (u32, u16) {
+        match self.shared.binary_search_by_key(&texture, |shared| shared.texture) {
+            Ok(at) => (self.shared[at].asset, self.shared[at].of),
+            Err(_) => (asset, texture),
+        }
+    }
+
+    /// The blob to request for `part` of this asset, whose number is `asset`.
+    #[must_use]
+    pub fn sent_blob(&self, asset: u32, part: BlobPart) -> BlobId {
+        match part {
+            BlobPart::Texture { texture, level } => {
+                let (asset, texture) = self.sent_as(asset, texture);
+                BlobId::texture(asset, texture, level)
+            }
+            part => BlobId::Asset { asset, part },
+        }
+    }
+
     /// Number of index pages.
     #[must_use]
     pub fn index_pages(&self) -> u32 {
@@ -477,5 +499,18 @@ mod tests {
     fn index_pages_cover_all_chunks() {
         let pages = |chunk_count| AssetEntry { chunk_count, ..AssetEntry::default() }.index_pages();
         assert_eq!([0, 1, 64, 65].map(pages), [0, 1, 1, 2]);
+    }
+
+    fn equal(texture: u16, asset: u32, of: u16) -> SharedTexture {
+        SharedTexture { texture, asset, of }
+    }
+
+    #[test]
+    fn shared_textures_are_requested_as_the_earlier_one() {
+        let entry = AssetEntry { shared: vec![equal(1, 0, 4), equal(3, 2, 0)], ..AssetEntry::default() };
+        assert_eq!([0, 1, 2, 3].map(|texture| entry.sent_as(7, texture)), [(7, 0), (0, 4), (7, 2), (2, 0)]);
+        let part = BlobPart::Texture { texture: 3, level: 5 };
+        assert_eq!(entry.sent_blob(7, part), BlobId::texture(2, 0, 5));
+        assert_eq!(entry.sent_blob(7, BlobPart::Base), BlobId::base(7));
     }
 }

@@ -9,9 +9,6 @@ use bincode::enc::Encoder;
 use bincode::error::{DecodeError, EncodeError};
 use bincode::{Decode, Encode};
 
-use crate::blob::{BlobId, BlobPart};
-use crate::description::AssetEntry;
-
 /// Most shared textures of an asset; further ones are sent for each asset.
 pub const MAX_SHARED_TEXTURES: usize = 32;
 
@@ -48,44 +45,12 @@ pub(crate) fn in_order(number: u32, shared: &[SharedTexture]) -> bool {
         && shared.iter().all(|s| (s.asset, s.of) < (number, s.texture))
 }
 
-impl AssetEntry {
-    /// The asset and texture to request for texture `texture` of this asset, whose number is `asset`.
-    #[must_use]
-    pub fn sent_as(&self, asset: u32, texture: u16) -> (u32, u16) {
-        match self.shared.binary_search_by_key(&texture, |shared| shared.texture) {
-            Ok(at) => (self.shared[at].asset, self.shared[at].of),
-            Err(_) => (asset, texture),
-        }
-    }
-
-    /// The blob to request for `part` of this asset, whose number is `asset`.
-    #[must_use]
-    pub fn sent_blob(&self, asset: u32, part: BlobPart) -> BlobId {
-        match part {
-            BlobPart::Texture { texture, level } => {
-                let (asset, texture) = self.sent_as(asset, texture);
-                BlobId::texture(asset, texture, level)
-            }
-            part => BlobId::Asset { asset, part },
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn shared(texture: u16, asset: u32, of: u16) -> SharedTexture {
         SharedTexture { texture, asset, of }
-    }
-
-    #[test]
-    fn shared_textures_are_requested_as_the_earlier_one() {
-        let entry = AssetEntry { shared: vec![shared(1, 0, 4), shared(3, 2, 0)], ..AssetEntry::default() };
-        assert_eq!([0, 1, 2, 3].map(|texture| entry.sent_as(7, texture)), [(7, 0), (0, 4), (7, 2), (2, 0)]);
-        let part = BlobPart::Texture { texture: 3, level: 5 };
-        assert_eq!(entry.sent_blob(7, part), BlobId::texture(2, 0, 5));
-        assert_eq!(entry.sent_blob(7, BlobPart::Base), BlobId::base(7));
     }
 
     #[test]
