@@ -61,7 +61,7 @@ impl Viewer {
 
     /// Shows another token.
     pub(crate) fn show(&self, token: Token) {
-        self.streaming.tokens().show(token);
+        self.streaming.tokens().set(token);
     }
 
     /// Waits until the streaming thread gives up; gives what the user is told.
