@@ -1,8 +1,8 @@
 //! Streaming client: session, cache, selection, refinement and network. It draws nothing and opens no window.
 //!
-//! A program that draws starts [`streaming::Streaming`] and takes [`core::Change`]s from it, each of which leaves a picture
-//! without holes; `lodestream_render::SceneView` uploads them to GPU memory. All heavy work runs on the client's own
-//! threads.
+//! A program that draws starts [`streaming::Streaming`] and takes [`core::Change`]s from it, each of which leaves a
+//! picture without holes; `lodestream_render::SceneView` uploads them to GPU memory. All heavy work runs on the
+//! client's own threads.
 //!
 //! | feature | enables | without it |
 //! |---|---|---|
@@ -12,8 +12,8 @@
 //! | `zstd` | zstd blobs: packs of the codec `Zstd`, and base meshes that zstd makes smaller | they count as damaged, with a message that names the feature; the asset is not drawn |
 //! | `runtime` | sessions on the host's tokio runtime, in virtual time too | only `Streaming`, which runs its own |
 //!
-//! All but `runtime` are on by default. Without transports there is neither `streaming` nor tokio: the host passes frames
-//! from its own transport to [`core::ClientCore`], which without `zstd` links no C and compiles for
+//! All but `runtime` are on by default. Without transports there is neither `streaming` nor tokio: the host passes
+//! frames from its own transport to [`core::ClientCore`], which without `zstd` links no C and compiles for
 //! `wasm32-unknown-unknown`.
 
 pub mod core;

@@ -83,8 +83,8 @@ pub struct Streaming {
 }
 
 impl Streaming {
-    /// Starts streaming from a server, which can be parsed from an address. `notify` is called on the streaming thread when
-    /// there is a new step or status.
+    /// Starts streaming from a server, which can be parsed from an address. `notify` is called on the streaming thread
+    /// when there is a new step or status.
     ///
     /// # Errors
     /// The system provides no thread.

@@ -22,14 +22,15 @@ use crate::outcome::EXIT_CODES;
 #[derive(Clone, Debug, Parser)]
 #[command(name = "lodestream-viewer", version, about, after_help = EXIT_CODES)]
 pub(crate) struct Args {
-    /// The server: quic://HOST:PORT#sha256=FINGERPRINT (as the server prints it), wss://HOST:PORT or ws://HOST:PORT; of a
-    /// server with several scenes, with the scene's name behind it: ws://HOST:PORT/NAME.
+    /// The server: quic://HOST:PORT#sha256=FINGERPRINT (as the server prints it), wss://HOST:PORT or ws://HOST:PORT; of
+    /// a server with several scenes, with the scene's name behind it: ws://HOST:PORT/NAME.
     /// Without a fingerprint, the certificate must be signed by an authority that the system trusts
     pub(crate) address: Address,
     /// Trust only the certificate authorities in this file (PEM), not the system's
     #[arg(long, value_name = "FILE")]
     pub(crate) ca: Option<PathBuf>,
-    /// File with the access token for the server; read again when it changes. Default: the environment's LODESTREAM_TOKEN
+    /// File with the access token for the server; read again when it changes. Default: the environment's
+    /// LODESTREAM_TOKEN
     #[arg(long, value_name = "FILE")]
     pub(crate) token_file: Option<PathBuf>,
     /// Size of the window or picture in pixels
@@ -56,8 +57,8 @@ pub(crate) struct Args {
     /// Write the run's statistics as JSON
     #[arg(long, value_name = "FILE.json")]
     pub(crate) stats: Option<PathBuf>,
-    /// Save the frames shown in the first three seconds, the first complete frame and the last frame in this folder, with
-    /// their times in frames.json
+    /// Save the frames shown in the first three seconds, the first complete frame and the last frame in this folder,
+    /// with their times in frames.json
     #[arg(long, value_name = "DIR", conflicts_with = "headless")]
     pub(crate) frames: Option<PathBuf>,
     /// Start with the overlay hidden; H shows and hides it
@@ -87,11 +88,12 @@ pub(crate) struct Args {
     /// Method of ambient occlusion
     #[arg(long, value_name = "NAME", default_value = OcclusionMethod::default().name(), value_parser = named(OcclusionMethod::ALL, OcclusionMethod::name))]
     pub(crate) occlusion_method: OcclusionMethod,
-    /// Method of ambient occlusion for a picture at rest, as the mean of 16 frames; none: the same as in motion. Default:
-    /// gtao on a GPU, none with a software driver
+    /// Method of ambient occlusion for a picture at rest, as the mean of 16 frames; none: the same as in motion.
+    /// Default: gtao on a GPU, none with a software driver
     #[arg(long, value_name = "NAME", value_parser = named(StillMethod::all(), StillMethod::name))]
     pub(crate) occlusion_still: Option<StillMethod>,
-    /// Source of normals for ambient occlusion: the neighbours nearest in depth, the drawn normals, or continued surfaces
+    /// Source of normals for ambient occlusion: the neighbours nearest in depth, the drawn normals, or continued
+    /// surfaces
     #[arg(long, value_name = "NAME", default_value = OcclusionNormals::default().name(), value_parser = named(OcclusionNormals::ALL, OcclusionNormals::name))]
     pub(crate) occlusion_normals: OcclusionNormals,
     /// Ambient occlusion at one pixel of each 2×2 in frames that are not averaged; not with hbao-plus

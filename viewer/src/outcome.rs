@@ -41,8 +41,8 @@ pub(crate) fn describe_end(end: &End) -> String {
     }
 }
 
-/// Describes an incomplete picture: how many blobs are damaged or refused, and the first of them. With a count of 0, the
-/// session ended too early.
+/// Describes an incomplete picture: how many blobs are damaged or refused, and the first of them. With a count of 0,
+/// the session ended too early.
 pub(crate) fn describe_missing(count: u64, first: &[impl std::fmt::Display]) -> String {
     if count == 0 {
         return "incomplete: the session ended before everything in view had arrived".to_owned();

@@ -1,5 +1,5 @@
-//! The access token: from a file, which is read again when it changes, or from the environment. It is not a command line
-//! argument, because all users of the machine can read those.
+//! The access token: from a file, which is read again when it changes, or from the environment. It is not a command
+//! line argument, because all users of the machine can read those.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;

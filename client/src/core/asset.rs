@@ -131,9 +131,9 @@ impl RefinedAsset {
         }
     }
 
-    /// Decodes and applies a chunk whose parents are applied, up to a truncation point or whole; a chunk that is applied up
-    /// to an earlier truncation point is raised. On failure the chunk is not applied, not even its beginning, which is not
-    /// trustworthy if the rest is damaged; nothing else changes.
+    /// Decodes and applies a chunk whose parents are applied, up to a truncation point or whole; a chunk that is
+    /// applied up to an earlier truncation point is raised. On failure the chunk is not applied, not even its
+    /// beginning, which is not trustworthy if the rest is damaged; nothing else changes.
     pub(crate) fn apply(
         &mut self,
         chunk: u32,
@@ -141,8 +141,8 @@ impl RefinedAsset {
         truncation: Option<u8>,
         bytes: &[u8],
     ) -> Result<(), AssetError> {
-        // A raised chunk keeps its birth, so that its new vertices appear at once: they could morph only from the position
-        // of their oldest ancestor, which the chunk's beginning has already moved.
+        // A raised chunk keeps its birth, so that its new vertices appear at once: they could morph only from the
+        // position of their oldest ancestor, which the chunk's beginning has already moved.
         let touched = if self.mesh.applied_truncation(chunk).is_some() {
             match self.mesh.raise(chunk, info, truncation, bytes) {
                 Ok(touched) => touched,
@@ -179,7 +179,8 @@ impl RefinedAsset {
         Ok(())
     }
 
-    /// Lets a chunk that was just applied appear without a morph. Vertices that a renderer has already keep their birth.
+    /// Lets a chunk that was just applied appear without a morph. Vertices that a renderer has already keep their
+    /// birth.
     pub(crate) fn appear_at_once(&mut self, chunk: u32) {
         self.births.entry(chunk).or_insert(LONG_AGO_S);
     }
@@ -215,7 +216,8 @@ impl RefinedAsset {
         &self.mesh
     }
 
-    /// Marks the asset as queued for the renderer; returns whether it was not. Always false if changes are not recorded.
+    /// Marks the asset as queued for the renderer; returns whether it was not. Always false if changes are not
+    /// recorded.
     pub(crate) fn enqueue(&mut self) -> bool {
         self.dirty.is_some() && !std::mem::replace(&mut self.is_queued, true)
     }
@@ -225,8 +227,8 @@ impl RefinedAsset {
         self.dirty.as_ref().is_some_and(|d| !d.wedges.is_empty() || !d.draws.is_empty())
     }
 
-    /// Takes the changes since the last call; all changes together give the current mesh. The morph of new vertices starts
-    /// at `now_s`.
+    /// Takes the changes since the last call; all changes together give the current mesh. The morph of new vertices
+    /// starts at `now_s`.
     pub(crate) fn take_changes(&mut self, asset: u32, now_s: f32) -> Option<MeshChange> {
         self.is_queued = false;
         let dirty = self.dirty.as_mut()?;

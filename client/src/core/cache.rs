@@ -66,8 +66,8 @@ impl BlobCache {
         self.entries.get(&id).map_or(0, |entry| u32::try_from(entry.bytes.len()).unwrap_or(u32::MAX))
     }
 
-    /// Evicts least recently used blobs until the rest fits, and returns their ids. Blobs that are `needed` stay even if the
-    /// capacity is exceeded: they are about to be applied and would have to be fetched again.
+    /// Evicts least recently used blobs until the rest fits, and returns their ids. Blobs that are `needed` stay even
+    /// if the capacity is exceeded: they are about to be applied and would have to be fetched again.
     pub(crate) fn trim(&mut self, needed: impl Fn(BlobId) -> bool) -> Vec<BlobId> {
         let mut excess = self.held_bytes.saturating_sub(self.capacity_bytes);
         let mut evicted = Vec::new();

@@ -8,8 +8,8 @@ use lodestream_geometry::pool::Pool;
 /// Chunks decoded together on a pool; bounds the memory of decoded chunks that are not applied yet.
 const BATCH: usize = 64;
 
-/// Thread pool for decoding; the default decodes on the thread that calls [`super::ClientCore::update`]. The result is the
-/// same for any pool.
+/// Thread pool for decoding; the default decodes on the thread that calls [`super::ClientCore::update`]. The result is
+/// the same for any pool.
 #[derive(Clone, Default)]
 pub struct Decoders(Option<Arc<dyn Pool + Send>>);
 

@@ -1,6 +1,6 @@
-//! Retries of blobs that failed, with exponential backoff. A damaged blob is requested [`MAX_ATTEMPTS`] times in all, since
-//! each attempt costs its bytes. A blob that the server cannot read costs nothing to request, and its disk may be repaired:
-//! it is requested for as long as the session lasts, at most once in [`LONGEST_PAUSE`].
+//! Retries of blobs that failed, with exponential backoff. A damaged blob is requested [`MAX_ATTEMPTS`] times in all,
+//! since each attempt costs its bytes. A blob that the server cannot read costs nothing to request, and its disk may be
+//! repaired: it is requested for as long as the session lasts, at most once in [`LONGEST_PAUSE`].
 
 use std::collections::BTreeMap;
 use std::time::Duration;

@@ -14,8 +14,8 @@ use lodestream_terrain::{HeightOverrides, decode_points};
 
 use super::changes::Change;
 
-/// Most memory of height overrides, in bytes: 16 times the bytes of their blobs, the most that a byte decodes to. Beyond
-/// it, no more are requested.
+/// Most memory of height overrides, in bytes: 16 times the bytes of their blobs, the most that a byte decodes to.
+/// Beyond it, no more are requested.
 const MAX_HELD_BYTES: u64 = 256 << 20;
 /// Most patches of a directory: a million of them take 16 MB.
 const MAX_PATCHES: u32 = 1 << 20;
@@ -124,9 +124,9 @@ impl HeightOverridePatches {
         }
     }
 
-    /// Adds the blobs that `view` needs to `wanted`, which is ordered by priority: pages of the directory after the base
-    /// meshes, overrides by the screen error that they remove. Adds those that failed to `failed`. Returns whether none
-    /// is left to request.
+    /// Adds the blobs that `view` needs to `wanted`, which is ordered by priority: pages of the directory after the
+    /// base meshes, overrides by the screen error that they remove. Adds those that failed to `failed`. Returns whether
+    /// none is left to request.
     pub(super) fn want(&self, view: &View, wanted: &mut Vec<Wanted>, failed: &mut Vec<BlobId>) -> bool {
         let before = wanted.len();
         let mut settled = true;

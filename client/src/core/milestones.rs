@@ -34,7 +34,8 @@ pub struct Milestones {
 }
 
 impl Milestones {
-    /// Records the milestones that a selection's counters reach. `all_known`: all instances that may be visible are known.
+    /// Records the milestones that a selection's counters reach. `all_known`: all instances that may be visible are
+    /// known.
     pub(crate) fn note(&mut self, start: Time, now: Time, bytes: u64, all_known: bool, counters: &Counters) {
         if !is_drawable(all_known, counters) {
             return;

@@ -11,9 +11,10 @@
 //!              +------- selection <- states <--+
 //! ```
 //!
-//! Drawn meshes change only from coarse to fine and back: an asset is drawn from its base mesh on, a chunk (or its part up
-//! to a truncation point) is applied in one step, and chunks that the view does not need are undone, finest first, while
-//! their bytes stay in a bounded cache. Chunks are decoded on threads that the host lends ([`Decoders`]) or on the caller's.
+//! Drawn meshes change only from coarse to fine and back: an asset is drawn from its base mesh on, a chunk (or its part
+//! up to a truncation point) is applied in one step, and chunks that the view does not need are undone, finest first,
+//! while their bytes stay in a bounded cache. Chunks are decoded on threads that the host lends ([`Decoders`]) or on
+//! the caller's.
 
 mod asset;
 mod cache;

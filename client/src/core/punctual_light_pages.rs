@@ -12,8 +12,8 @@ use lodestream_scene::punctual_lights::{
 use lodestream_scene::view::View;
 use lodestream_select::{Projection, State, Wanted, punctual_light_priority};
 
-/// Bytes that a page of the directory stands for in its priority: its own and those of the pages that it lists. It counts
-/// as if it lit the whole picture.
+/// Bytes that a page of the directory stands for in its priority: its own and those of the pages that it lists. It
+/// counts as if it lit the whole picture.
 const DIRECTORY_PRIORITY_BYTES: u32 = 12_000;
 
 /// The punctual lights of one page.
@@ -52,7 +52,8 @@ pub(super) struct PunctualLightPages {
 }
 
 impl PunctualLightPages {
-    /// Starts from the scene's description of its punctual lights; returns the first page too if the description holds it.
+    /// Starts from the scene's description of its punctual lights; returns the first page too if the description holds
+    /// it.
     ///
     /// # Errors
     /// The description is invalid.
@@ -125,9 +126,9 @@ impl PunctualLightPages {
         }
     }
 
-    /// Adds the blobs that `view` needs to `wanted`, which is ordered by priority: pages of the directory, and pages whose
-    /// light is in view, by their share of the picture's light. Adds those that failed to `failed`. Returns whether none
-    /// is left to request.
+    /// Adds the blobs that `view` needs to `wanted`, which is ordered by priority: pages of the directory, and pages
+    /// whose light is in view, by their share of the picture's light. Adds those that failed to `failed`. Returns
+    /// whether none is left to request.
     pub(super) fn want(
         &self,
         view: &View,

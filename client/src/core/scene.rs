@@ -138,8 +138,8 @@ impl Scene {
         Ok(first..self.asset_count())
     }
 
-    /// Rebuilds the tree of instances once as many are outside it as in it, so that all builds together cost at most twice
-    /// the last one.
+    /// Rebuilds the tree of instances once as many are outside it as in it, so that all builds together cost at most
+    /// twice the last one.
     pub(crate) fn update_tree(&mut self) {
         if self.instances.len() - self.tree.len() > self.tree.len().max(MAX_LOOSE) {
             let asset = |number: u32| self.states.get(number as usize).map(AssetState::entry);
@@ -318,8 +318,8 @@ impl Scene {
         self.refined.get(asset as usize).and_then(Option::as_ref).is_some_and(RefinedAsset::has_changes)
     }
 
-    /// Takes changes in order, about `max_bytes` of them, but at least one. Meshes come before textures, so that no object
-    /// is absent while others get their textures.
+    /// Takes changes in order, about `max_bytes` of them, but at least one. Meshes come before textures, so that no
+    /// object is absent while others get their textures.
     pub(crate) fn take_changes(&mut self, now_s: f32, max_bytes: usize) -> Vec<Change> {
         let mut taken = Vec::new();
         let mut bytes = 0;

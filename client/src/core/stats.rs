@@ -87,8 +87,8 @@ pub struct Stats {
     pub connections: u64,
     /// Whether the picture is as sharp as target and budgets allow, and no blob is pending or missing.
     pub settled: bool,
-    /// Number of blobs that the view needs and that stay missing because they are damaged or refused; 0 while others are
-    /// pending.
+    /// Number of blobs that the view needs and that stay missing because they are damaged or refused; 0 while others
+    /// are pending.
     pub lacking_blobs: u64,
     /// The first few of these blobs.
     pub lacking: Vec<BlobId>,

@@ -1,4 +1,5 @@
-//! Addresses of servers: `quic://HOST:PORT`, `wss://HOST:PORT` or `ws://HOST:PORT`, optionally followed by a scene's name,
+//! Addresses of servers: `quic://HOST:PORT`, `wss://HOST:PORT` or `ws://HOST:PORT`, optionally followed by a scene's
+//! name,
 //! `/NAME`. The first two may end with the fingerprint of a certificate (`#sha256=HEX`) or of its key
 //! (`#spki-sha256=HEX`).
 

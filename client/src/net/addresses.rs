@@ -121,7 +121,8 @@ mod tests {
         "ws://localhost:8080".parse().unwrap()
     }
 
-    /// Answers of servers by their last character: `1` refuses, `2` is silent for 4 s, `3` answers after 1 s, `4` at once.
+    /// Answers of servers by their last character: `1` refuses, `2` is silent for 4 s, `3` answers after 1 s, `4` at
+    /// once.
     async fn answer(server: SocketAddr) -> Result<SocketAddr, Close> {
         match server.ip().to_string().as_bytes().last() {
             Some(b'1') => Err(Close::new(CloseCode::Lost, "connection refused")),

@@ -7,10 +7,10 @@ use tokio::time::{Instant, timeout_at};
 
 /// An open QUIC connection, ready for a session.
 ///
-/// With a ticket of an earlier connection it is usable before the server has answered: the session's `Hello` is early data
-/// (0-RTT) in the first packet. An attacker can record and replay that packet, so early data must have no effect but
-/// answers; servers reject the repetitions that they recognise. A server that rejects early data, for example after a
-/// restart, completes the whole handshake instead, and the client resends the rejected data.
+/// With a ticket of an earlier connection it is usable before the server has answered: the session's `Hello` is early
+/// data (0-RTT) in the first packet. An attacker can record and replay that packet, so early data must have no effect
+/// but answers; servers reject the repetitions that they recognise. A server that rejects early data, for example after
+/// a restart, completes the whole handshake instead, and the client resends the rejected data.
 #[derive(Debug)]
 pub struct QuicConnection {
     pub(super) connection: Connection,

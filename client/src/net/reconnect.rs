@@ -26,8 +26,8 @@ use crate::core::Progress;
 /// Least time for an attempt: with less left before the deadline, none is begun.
 const MIN_ATTEMPT: Duration = Duration::from_secs(1);
 
-/// A session that is lost sooner than this counts as a failed attempt, even if blobs arrived. Without that, a client would
-/// reconnect twice a second to a server that cuts every session after the first blob.
+/// A session that is lost sooner than this counts as a failed attempt, even if blobs arrived. Without that, a client
+/// would reconnect twice a second to a server that cuts every session after the first blob.
 const MIN_USEFUL_SESSION: Duration = Duration::from_secs(10);
 
 /// When to connect again.
@@ -82,9 +82,9 @@ impl std::fmt::Display for End {
     }
 }
 
-/// Streams from a server until the host leaves: connects, runs the session, and reconnects with growing pauses when it is
-/// lost. Every step has a deadline and ends at once when the host leaves. `report` gets a line about connection problems
-/// for users, and `None` when there are none.
+/// Streams from a server until the host leaves: connects, runs the session, and reconnects with growing pauses when it
+/// is lost. Every step has a deadline and ends at once when the host leaves. `report` gets a line about connection
+/// problems for users, and `None` when there are none.
 pub async fn stream<H: Host>(
     server: &Server,
     host: &mut H,
@@ -111,8 +111,8 @@ pub(super) async fn stream_to<H: Host>(
     stream_with(sockets, host, clock, retry, report).await
 }
 
-/// As [`stream`], over QUIC connections that `connect` opens: from the host's own endpoint, or a simulated one in virtual
-/// time. `connect` must have a deadline. `name` stands for the server in reports.
+/// As [`stream`], over QUIC connections that `connect` opens: from the host's own endpoint, or a simulated one in
+/// virtual time. `connect` must have a deadline. `name` stands for the server in reports.
 #[cfg(all(feature = "runtime", feature = "quic"))]
 pub async fn stream_quic<H: Host>(
     name: &str,

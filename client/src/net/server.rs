@@ -6,8 +6,8 @@ use super::address::{Address, AddressError};
 #[cfg(any(feature = "quic", feature = "tls"))]
 use super::trust::Authorities;
 
-/// A server to stream from. Converted or parsed from an address, its certificate is verified by the address's fingerprint
-/// or by the system's certificate authorities.
+/// A server to stream from. Converted or parsed from an address, its certificate is verified by the address's
+/// fingerprint or by the system's certificate authorities.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct Server {

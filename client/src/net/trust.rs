@@ -107,7 +107,8 @@ impl From<Pin> for Trust {
     }
 }
 
-/// Why the last certificate was rejected. Kept here because transports report only an alert number or a text for developers.
+/// Why the last certificate was rejected. Kept here because transports report only an alert number or a text for
+/// developers.
 #[derive(Clone, Debug, Default)]
 pub(super) struct CertificateRejection(Arc<Mutex<Option<String>>>);
 
@@ -180,8 +181,8 @@ impl Pin {
     const fn mismatch(&self) -> &'static str {
         match self {
             Self::Certificate(_) => {
-                "its certificate is not the one in the address (#sha256=): copy the address that the server prints at \
-                 start"
+                "it has another certificate than the one in the address (#sha256=): copy the address that the server \
+                 prints at start"
             }
             Self::Key(_) => {
                 "its certificate is for another key than the one in the address (#spki-sha256=): copy the address that \

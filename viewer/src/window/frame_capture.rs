@@ -38,8 +38,8 @@ struct RetentionPolicy {
 }
 
 impl RetentionPolicy {
-    /// Whether a frame of so many bytes is kept: those of the first seconds, while there is memory, and always the first
-    /// complete one, which defines "presented".
+    /// Whether a frame of so many bytes is kept: those of the first seconds, while there is memory, and always the
+    /// first complete one, which defines "presented".
     fn keeps(&mut self, at: Duration, whole: bool, bytes: u64) -> bool {
         let apart = self.newest.is_none_or(|newest| at >= newest + MIN_INTERVAL);
         let kept = at <= KEPT_FOR && apart && self.bytes + bytes <= MAX_BYTES;

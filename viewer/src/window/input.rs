@@ -1,8 +1,8 @@
 //! Effects of keys on the camera and on the quality of the next frame.
 //!
 //! Input is handled between frames: the window system delivers it before the next frame, which is already drawn at the
-//! quality of a moving camera. The response is visible after the current frame and one quick frame; for a key that is held
-//! after two, since it has moved the camera for no time in the first.
+//! quality of a moving camera. The response is visible after the current frame and one quick frame; for a key that is
+//! held after two, since it has moved the camera for no time in the first.
 
 use std::time::Duration;
 

@@ -102,8 +102,8 @@ pub(super) struct Painted {
 
 impl Painter {
     /// Opens the window's device on a thread of its own and calls `meanwhile` repeatedly until it is open. Then threads
-    /// compile the pipelines for the first frame's `settings`, while the first frame is uploaded; a frame waits for missing
-    /// pipelines. `copies`: frames are captured.
+    /// compile the pipelines for the first frame's `settings`, while the first frame is uploaded; a frame waits for
+    /// missing pipelines. `copies`: frames are captured.
     pub(super) fn new(
         window: Arc<Window>,
         display: OwnedDisplayHandle,

@@ -1,5 +1,5 @@
-//! Adaptive quality: while the camera moves, frames are drawn as well as the device can at [`MIN_FPS`]; once it rests, at
-//! full quality.
+//! Adaptive quality: while the camera moves, frames are drawn as well as the device can at [`MIN_FPS`]; once it rests,
+//! at full quality.
 
 mod table;
 
@@ -12,7 +12,8 @@ pub(super) use table::{FULL, Step, limited_settings};
 const MIN_FPS: f64 = 15.0;
 /// Target time of a frame, with some reserve, since frames differ.
 const TARGET_S: f64 = 0.85 / MIN_FPS;
-/// A finer step is taken while moving if it is estimated to fit into this share of [`TARGET_S`] for [`HEADROOM_FRAMES`].
+/// A finer step is taken while moving if it is estimated to fit into this share of [`TARGET_S`] for
+/// [`HEADROOM_FRAMES`].
 const HEADROOM: f64 = 0.6;
 /// Frames in a row with headroom before a finer step is taken.
 const HEADROOM_FRAMES: u32 = 8;
@@ -93,13 +94,14 @@ impl Quality {
         self.step().cost
     }
 
-    /// Frames by which shadow maps may be out of date while more of the scene arrives: more than 0 on a device that is too
-    /// slow to draw them anew each time.
+    /// Frames by which shadow maps may be out of date while more of the scene arrives: more than 0 on a device that is
+    /// too slow to draw them anew each time.
     pub(super) fn late_shadows(&self) -> u32 {
         if self.full_s > 1.0 / MIN_FPS { LATE_WHILE_STREAMING } else { 0 }
     }
 
-    /// Time until another frame improves the quality: at once or when the camera counts as resting; `None` at full quality.
+    /// Time until another frame improves the quality: at once or when the camera counts as resting; `None` at full
+    /// quality.
     pub(super) fn due(&self, now: Duration) -> Option<Duration> {
         if self.step == 0 {
             return None;
@@ -127,7 +129,8 @@ mod tests {
     use super::*;
     use lodestream_render::{AntiAliasing, MAX_LIGHTS, Settings};
 
-    /// A device that takes `full_s` for a frame at full quality; costs of other steps are the table's to the power of `bias`.
+    /// A device that takes `full_s` for a frame at full quality; costs of other steps are the table's to the power of
+    /// `bias`.
     struct Device {
         full_s: f64,
         bias: f64,
@@ -205,7 +208,8 @@ mod tests {
         ("relief", |step| !step.limit(&Settings::default()).relief),
     ];
 
-    /// A camera that keeps moving on a device of which each frame in full takes `factor` of the time of that before, from
+    /// A camera that keeps moving on a device of which each frame in full takes `factor` of the time of that before,
+    /// from
     /// `full_s` on: the steps taken.
     fn drift(quality: &mut Quality, full_s: f64, factor: f64, frames: i32) -> Vec<usize> {
         let mut now = 0.0;

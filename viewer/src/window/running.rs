@@ -202,8 +202,8 @@ impl Running {
         }
     }
 
-    /// Whether the next picture would equal the last: only terrain tiles are missing, and the new ones do not suffice for
-    /// finer terrain. Drawing it would only take CPU time from making tiles.
+    /// Whether the next picture would equal the last: only terrain tiles are missing, and the new ones do not suffice
+    /// for finer terrain. Drawing it would only take CPU time from making tiles.
     fn is_unchanged(&mut self) -> anyhow::Result<bool> {
         if self.ground_moves
             || !self.only_tiles_missing

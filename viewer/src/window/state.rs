@@ -50,8 +50,8 @@ impl FrameStatus {
 }
 
 impl State {
-    /// The state after a frame. `presented`: a complete first frame has been shown. If a base mesh never arrives there is
-    /// no such frame, and the picture is incomplete.
+    /// The state after a frame. `presented`: a complete first frame has been shown. If a base mesh never arrives there
+    /// is no such frame, and the picture is incomplete.
     pub(super) const fn of(status: &Status, drawn: &FrameStatus, presented: bool) -> Self {
         match (status.settled, status.stats.lacking_blobs) {
             _ if !drawn.shows || !drawn.is_final() => Self::Refining,

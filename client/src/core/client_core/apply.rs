@@ -57,8 +57,8 @@ impl ClientCore {
         budget
     }
 
-    /// The next chunks that can be decoded independently of each other. Stops, with `index` at it, before a blob that must
-    /// be handled by itself or after this batch.
+    /// The next chunks that can be decoded independently of each other. Stops, with `index` at it, before a blob that
+    /// must be handled by itself or after this batch.
     fn next_batch(&mut self, index: &mut usize, budget: &mut u64) -> Vec<DecodeTask> {
         let mut batch: Vec<DecodeTask> = Vec::new();
         while *index < self.selection.wanted.len()

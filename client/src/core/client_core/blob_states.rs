@@ -2,7 +2,8 @@
 //!
 //! [`AssetState`](lodestream_select::AssetState) and its counterparts for terrain and punctual lights are the client's
 //! only table of blob states. How many bytes of a chunk are here is known to the cache; the table's copy is written by
-//! [`ClientCore::sync_held`] alone. What is requested is decided by the session; [`State::InFlight`] follows its answers.
+//! [`ClientCore::sync_held`] alone. What is requested is decided by the session; [`State::InFlight`] follows its
+//! answers.
 
 use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::time::Time;
@@ -72,7 +73,8 @@ impl ClientCore {
         }
     }
 
-    /// Marks a blob that cannot be used as failed, and schedules another attempt ([`Failures`](crate::core::failures::Failures)).
+    /// Marks a blob that cannot be used as failed, and schedules another attempt
+    /// ([`Failures`](crate::core::failures::Failures)).
     pub(super) fn mark_failed(&mut self, now: Time, id: BlobId, why: &BlobError) {
         self.counts.decode_failures += 1;
         let again = self.failures.record_damaged(now, id);

@@ -53,7 +53,8 @@ pub struct ClientCore {
     pub(super) scene: Scene,
     pub(super) cache: BlobCache,
     pub(super) failures: Failures,
-    /// Base meshes and index pages that have arrived and are not decoded yet; bounded by what the session has in flight.
+    /// Base meshes and index pages that have arrived and are not decoded yet; bounded by what the session has in
+    /// flight.
     undecoded: VecDeque<(BlobId, Bytes)>,
     /// Blobs of assets whose scene page has not arrived.
     early: Vec<ReceivedBlob>,
@@ -164,8 +165,8 @@ impl ClientCore {
         self.scene.refined.get(asset as usize)?.as_ref().map(super::asset::RefinedAsset::mesh)
     }
 
-    /// The punctual lights that have arrived, ordered by page; the order is the same for all clients. More are requested as
-    /// views need them.
+    /// The punctual lights that have arrived, ordered by page; the order is the same for all clients. More are
+    /// requested as views need them.
     pub fn punctual_lights(&self) -> impl Iterator<Item = &PunctualLight> {
         self.scene.punctual_lights.iter().flat_map(PunctualLightPages::received)
     }
@@ -176,7 +177,8 @@ impl ClientCore {
         self.scene.punctual_lights.as_ref().map_or(0, PunctualLightPages::count)
     }
 
-    /// Takes the next changes for a renderer, in order, about `max_bytes` of them. The morph of new vertices starts at `now`.
+    /// Takes the next changes for a renderer, in order, about `max_bytes` of them. The morph of new vertices starts at
+    /// `now`.
     pub fn take_changes(&mut self, now: Time, max_bytes: usize) -> Vec<Change> {
         // Seconds since the start: milliseconds for 4 hours.
         let now_s = Duration::from(now).as_secs_f64() as f32;

@@ -36,8 +36,8 @@ impl ClientCore {
         self.connection.started.get_or_insert(now);
     }
 
-    /// Begins a session over an open transport. If the server still has the same scene, blobs that the client has are not
-    /// fetched again.
+    /// Begins a session over an open transport. If the server still has the same scene, blobs that the client has are
+    /// not fetched again.
     pub fn connect(&mut self, now: Time) {
         self.begin(now);
         self.disconnect();

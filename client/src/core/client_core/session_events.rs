@@ -85,7 +85,8 @@ impl ClientCore {
         self.connection.welcome = Some(welcome);
     }
 
-    /// Takes the description of the scene's punctual lights. After a reconnection to the same scene it is known already.
+    /// Takes the description of the scene's punctual lights. After a reconnection to the same scene it is known
+    /// already.
     fn set_punctual_lights(&mut self, now: Time, punctual_lights: &PunctualLights) {
         if self.scene.punctual_lights.is_some() {
             return;

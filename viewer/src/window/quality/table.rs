@@ -68,9 +68,9 @@ const FASTEST: Step = Step {
 };
 
 /// The steps from best to fastest; each includes the reductions of those before. The order: the terrain's error and the
-/// staleness of shadows, which are least visible; pixels; shadow cascades; temporal anti-aliasing, then all of it together
-/// with the meshes' error, whose chunks have to be undone and applied again; samples of occlusion; punctual lights; at
-/// last occlusion, relief, which is then finer than the pixels, and texels of shadow maps.
+/// staleness of shadows, which are least visible; pixels; shadow cascades; temporal anti-aliasing, then all of it
+/// together with the meshes' error, whose chunks have to be undone and applied again; samples of occlusion; punctual
+/// lights; at last occlusion, relief, which is then finer than the pixels, and texels of shadow maps.
 pub(super) const STEPS: [Step; 10] = [
     FULL,
     LATE_SHADOWS,
