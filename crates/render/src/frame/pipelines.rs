@@ -41,7 +41,7 @@ const SSAO: &str = occlusion!("occlusion", "ssao", "occlusion_half", "whole");
 const HBAO: &str = occlusion!("occlusion", "hbao", "occlusion_half", "whole");
 #[cfg(any(test, feature = "methods"))]
 /// For [`crate::passes::occlusion_layers`].
-pub(crate) const HBAO_PLUS: &str = occlusion!("occlusion", "hbao", "layers");
+const HBAO_PLUS: &str = occlusion!("occlusion", "hbao", "layers");
 #[cfg(any(test, feature = "methods"))]
 const ALCHEMY: &str = occlusion!("occlusion", "alchemy", "occlusion_half", "whole");
 const GTAO: &str = occlusion!("occlusion", "slices", "gtao", "occlusion_half", "whole");
@@ -151,11 +151,6 @@ impl OcclusionVariant {
     const fn number(self) -> usize {
         (self.method as usize * OcclusionNormals::ALL.len() + self.normals as usize) * 3 + self.into as usize
     }
-}
-
-/// Override constants that select the source of normals.
-pub(crate) fn sides(normals: OcclusionNormals) -> [(&'static str, f64); 1] {
-    [("SIDES", normals as u8 as f64)]
 }
 
 /// A fullscreen pass.
@@ -349,7 +344,7 @@ impl Pipelines {
     #[cfg(any(test, feature = "methods"))]
     /// Pipelines of HBAO+.
     pub(crate) fn layers(&self, gpu: &Gpu, normals: OcclusionNormals) -> &LayerPipelines {
-        self.layers[normals as usize].get_or_init(|| LayerPipelines::new(gpu, BY_SHARE, normals))
+        self.layers[normals as usize].get_or_init(|| LayerPipelines::new(gpu, HBAO_PLUS, BY_SHARE, normals))
     }
 
     /// The pipeline of a fullscreen pass.
@@ -407,7 +402,7 @@ impl Pipelines {
                     OcclusionOutput::Half => ("fs_occlusion_half", OCCLUSION.into()),
                     OcclusionOutput::Mean => ("fs_occlusion", mean),
                 };
-                full(Module::of(method), entry, target, &sides(normals))
+                full(Module::of(method), entry, target, &normals.constants())
             }
             FullscreenPass::Blur => full(Module::Blur, "fs_blur", OCCLUSION.into(), &[]),
             FullscreenPass::Upsample => full(Module::Upsample, "fs_upsample", OCCLUSION.into(), &[]),

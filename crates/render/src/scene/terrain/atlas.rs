@@ -395,13 +395,6 @@ impl TerrainGpu {
     }
 }
 
-/// Morph distances for the shader. The morph ends slightly early, so that rounding leaves no point in motion where a
-/// coarser tile begins.
-pub(crate) fn shader_morph([begin, end]: [f64; 2]) -> [f32; 2] {
-    const EARLY: f64 = 0.995;
-    if end.is_finite() { [begin as f32, (begin + (end - begin) * EARLY) as f32] } else { [1e37, 2e37] }
-}
-
 /// Texel of a slot's first point, margin included.
 fn texel(slot: u32) -> [u32; 2] {
     [slot % ATLAS_TILES * TILE_SAMPLES, slot / ATLAS_TILES * TILE_SAMPLES]
