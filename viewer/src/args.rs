@@ -414,10 +414,10 @@ mod tests {
         for shade in DebugView::ALL {
             let args = Args::try_parse_from(["viewer", "ws://h:1", "--view", shade.name()]).unwrap();
             assert_eq!(args.view, shade);
-            assert_eq!(crate::run::settings(&args, true).shade, shade);
+            assert_eq!(crate::run::settings(&args, true).debug_view, shade);
         }
         let args = Args::try_parse_from(["viewer", "ws://h:1", "--colour-by-level"]).unwrap();
-        assert_eq!(crate::run::settings(&args, true).shade, DebugView::Level);
+        assert_eq!(crate::run::settings(&args, true).debug_view, DebugView::Level);
         for bad in [&["--view", "velocity"][..], &["--view", "normal", "--colour-by-level"]] {
             assert!(Args::try_parse_from(["viewer", "ws://h:1"].iter().chain(bad)).is_err(), "{bad:?}");
         }
@@ -430,8 +430,8 @@ mod tests {
             assert!(bad.parse::<Size>().is_err(), "{bad}");
         }
         for (wrong, said) in [
-            (["--ground-heights", "nan"], "multiplied by 0 to 100, not by NaN"),
-            (["--ground-heights", "-2"], "multiplied by 0 to 100, not by -2"),
+            (["--ground-heights", "nan"], "must be 0 to 100, not NaN"),
+            (["--ground-heights", "-2"], "must be 0 to 100, not -2"),
             (["--ground-seconds", "inf"], "for 0 seconds or longer, not for inf"),
         ] {
             let wrong = wrong.join("=");

@@ -274,7 +274,7 @@ pub(crate) struct Pipelines {
     /// Temporal resolve, shared with its pass.
     pub(crate) resolve: Arc<OnceLock<Resolve>>,
     modules: [OnceLock<wgpu::ShaderModule>; Module::COUNT],
-    whole: [OnceLock<wgpu::RenderPipeline>; FullscreenPass::COUNT],
+    fullscreen: [OnceLock<wgpu::RenderPipeline>; FullscreenPass::COUNT],
     target: wgpu::TextureFormat,
 }
 
@@ -301,7 +301,7 @@ impl Pipelines {
             layers: Default::default(),
             resolve: Arc::default(),
             modules: Default::default(),
-            whole: std::array::from_fn(|_| OnceLock::new()),
+            fullscreen: std::array::from_fn(|_| OnceLock::new()),
             target,
             frame_layout,
         }
@@ -348,8 +348,8 @@ impl Pipelines {
     }
 
     /// The pipeline of a fullscreen pass.
-    pub(crate) fn whole(&self, gpu: &Gpu, pass: FullscreenPass) -> &wgpu::RenderPipeline {
-        self.whole[pass.number()].get_or_init(|| self.compile(gpu, pass))
+    pub(crate) fn fullscreen(&self, gpu: &Gpu, pass: FullscreenPass) -> &wgpu::RenderPipeline {
+        self.fullscreen[pass.number()].get_or_init(|| self.compile(gpu, pass))
     }
 
     fn module(&self, gpu: &Gpu, module: Module) -> &wgpu::ShaderModule {

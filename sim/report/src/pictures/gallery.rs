@@ -182,8 +182,8 @@ fn entries() -> Vec<Entry> {
     all.push(one(Part::Otherwise, "relief: in depth", deep, "Policarpo, Oliveira, Comba 2005"));
     let neutral = Settings { tone_mapping: ToneMapping::Neutral, ..usual };
     all.push(one(Part::Otherwise, "tone mapping: neutral", neutral, "Khronos 2024"));
-    for shade in DebugView::ALL.into_iter().filter(|&shade| shade != usual.shade) {
-        all.push(one(Part::View, shade.name(), Settings { shade, ..usual }, ""));
+    for shade in DebugView::ALL.into_iter().filter(|&shade| shade != usual.debug_view) {
+        all.push(one(Part::View, shade.name(), Settings { debug_view: shade, ..usual }, ""));
     }
     all.push(one(Part::View, "wireframe", Settings { wireframe: true, ..usual }, ""));
     all

@@ -65,7 +65,7 @@ impl Choices {
             hidden: false,
             timed: false,
             wireframe: settings.wireframe,
-            shade: settings.shade,
+            shade: settings.debug_view,
             occlusion: settings.occlusion.is_some(),
             ambient: settings.occlusion.unwrap_or_default(),
             shadows: settings.shadows.is_some(),
@@ -97,7 +97,7 @@ impl Choices {
 
     pub(in crate::window) fn apply(&self, settings: &mut Settings) {
         settings.wireframe = self.wireframe;
-        settings.shade = self.shade;
+        settings.debug_view = self.shade;
         settings.occlusion = self.occlusion.then_some(self.ambient);
         settings.shadows = self.shadows.then_some(self.maps);
         settings.anti_aliasing = self.anti_aliasing;
@@ -129,7 +129,7 @@ mod tests {
     #[test]
     fn what_is_chosen_comes_from_the_settings_and_goes_back_there() {
         let mut settings = Settings {
-            shade: DebugView::Depth,
+            debug_view: DebugView::Depth,
             occlusion: Some(AmbientOcclusion { samples: 5, ..AmbientOcclusion::default() }),
             shadows: None,
             anti_aliasing: AntiAliasing::None,

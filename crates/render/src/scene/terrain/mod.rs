@@ -9,7 +9,7 @@ mod regions;
 mod slopes;
 mod tile_raw;
 
-pub use atlas::{MAX_DRAWN_HEIGHT, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};
+pub use atlas::{MAX_DRAWN_HEIGHT, TERRAIN_SLOTS, TerrainAppearance, TerrainFrame, TerrainGpu, TerrainPart};
 pub(crate) use list::{TileList, receivers};
 pub(crate) use pipeline::TerrainPipelines;
 #[cfg(any(test, feature = "reference"))]
