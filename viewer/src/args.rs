@@ -376,10 +376,10 @@ mod tests {
         for view in DebugView::ALL {
             let args = Args::try_parse_from(["viewer", "ws://h:1", "--view", view.name()]).unwrap();
             assert_eq!(args.view, view);
-            assert_eq!(crate::run::settings(&args, true).shade, view);
+            assert_eq!(crate::run::settings(&args, true).debug_view, view);
         }
         let args = Args::try_parse_from(["viewer", "ws://h:1", "--colour-by-level"]).unwrap();
-        assert_eq!(crate::run::settings(&args, true).shade, DebugView::Level);
+        assert_eq!(crate::run::settings(&args, true).debug_view, DebugView::Level);
         for bad in [&["--view", "velocity"][..], &["--view", "normal", "--colour-by-level"]] {
             assert!(Args::try_parse_from(["viewer", "ws://h:1"].iter().chain(bad)).is_err(), "{bad:?}");
         }
@@ -392,8 +392,8 @@ mod tests {
             assert!(bad.parse::<Size>().is_err(), "{bad}");
         }
         for (wrong, message) in [
-            (["--ground-heights", "nan"], "multiplied by 0 to 100, not by NaN"),
-            (["--ground-heights", "-2"], "multiplied by 0 to 100, not by -2"),
+            (["--ground-heights", "nan"], "must be 0 to 100, not NaN"),
+            (["--ground-heights", "-2"], "must be 0 to 100, not -2"),
             (["--ground-seconds", "inf"], "for 0 seconds or longer, not for inf"),
         ] {
             let wrong = wrong.join("=");

@@ -120,7 +120,7 @@ pub(crate) fn settings(args: &Args, software: bool) -> Settings {
         spatter: args.ink_spatter,
         ..Ink::default()
     });
-    settings.shade = if args.colour_by_level { DebugView::Level } else { args.view };
+    settings.debug_view = if args.colour_by_level { DebugView::Level } else { args.view };
     settings
 }
 

@@ -75,7 +75,7 @@ pub use scene::material::{Alpha, Material, Wrap};
 #[cfg(feature = "client")]
 pub use scene::scene_view::SceneView;
 pub use scene::terrain::{
-    MAX_DRAWN_HEIGHT, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart,
+    MAX_DRAWN_HEIGHT, TERRAIN_SLOTS, TerrainAppearance, TerrainFrame, TerrainGpu, TerrainPart,
 };
 pub use scene::terrain_renderer::{TerrainMeasurementTask, TerrainRenderer, TileSource};
 pub use scene::vertical_exaggeration::{

@@ -97,7 +97,7 @@ impl Compiler {
                 pipelines.terrain(gpu).caster(gpu);
             }
             Task::FullscreenPass(pass) => {
-                pipelines.whole(gpu, pass);
+                pipelines.fullscreen(gpu, pass);
             }
             Task::Water { by_cells } => {
                 pipelines.water(gpu, by_cells);

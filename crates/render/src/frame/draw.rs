@@ -63,12 +63,12 @@ impl<'a> Batch<'a> {
 pub(crate) struct Meshes<'a> {
     pub(crate) plain: &'a MeshPipelines,
     pub(crate) instances: &'a wgpu::Buffer,
-    pub(crate) curved: Option<Curved<'a>>,
+    pub(crate) curved: Option<PatchPipelines<'a>>,
 }
 
 /// Pipelines and lists of PN triangles.
 #[derive(Clone, Copy)]
-pub(crate) struct Curved<'a> {
+pub(crate) struct PatchPipelines<'a> {
     pub(crate) pipelines: &'a MeshPipelines,
     pub(crate) makers: &'a PatchListPipelines,
     pub(crate) lists: &'a PatchLists,
@@ -110,7 +110,9 @@ impl<'a> DrawList<'a> {
             counters.instances_culled += (drawable.instances.len() - seen.len()) as u32;
             seen.sort_by(|(_, a), (_, b)| a.distance.total_cmp(&b.distance));
             let Some(distance) = seen.first().map(|(_, placed)| placed.distance) else { continue };
-            for (_, Placed { centre, radius, .. }) in seen.iter().filter(|(_, placed)| placed.in_view) {
+            for (_, VisibleInstance { centre, radius, .. }) in
+                seen.iter().filter(|(_, placed)| placed.in_view)
+            {
                 list.receivers.add(*centre, *radius);
             }
             list.places.extend(seen.iter().map(|(index, _)| *index));
@@ -315,7 +317,7 @@ pub(crate) fn each<'p>(
             if !prepare(pass, pipelines, &part, triangles) {
                 continue;
             }
-            if let Some(Curved { lists, .. }) = listed {
+            if let Some(PatchPipelines { lists, .. }) = listed {
                 // Transparent parts have a list for each instance.
                 let firsts = if part.material.features.blend { batch.end } else { batch.first + 1 };
                 (batch.first..firsts).for_each(|first| lists.draw(pass, first, number));
@@ -339,7 +341,7 @@ pub(crate) fn middle(raw: &InstanceRaw) -> DVec3 {
 }
 
 /// A visible instance.
-struct Placed {
+struct VisibleInstance {
     /// Centre of its bounding sphere, relative to the eye.
     centre: DVec3,
     radius: f64,
@@ -351,12 +353,23 @@ struct Placed {
 }
 
 /// Places an instance; `None` if it is outside the view.
-fn place(instance: &Instance, asset: &AssetGpu, frame: &Frame<'_>, size: (u32, u32)) -> Option<Placed> {
+fn place(
+    instance: &Instance,
+    asset: &AssetGpu,
+    frame: &Frame<'_>,
+    size: (u32, u32),
+) -> Option<VisibleInstance> {
     let raw = finite(instance.relative_to(asset.origin(), frame.camera.eye))?;
     let (centre, radius) = asset.sphere();
     let centre = middle(&raw) + instance.rotation * (centre * instance.scale);
     let radius = radius * instance.scale.abs();
     let in_view = may_see(&frame.camera, centre, radius, size);
     let distance = (centre.length() - radius).max(0.0);
-    (in_view || asset.bounds().is_none()).then_some(Placed { centre, radius, distance, in_view, raw })
+    (in_view || asset.bounds().is_none()).then_some(VisibleInstance {
+        centre,
+        radius,
+        distance,
+        in_view,
+        raw,
+    })
 }

@@ -41,7 +41,7 @@ const SSAO: &str = occlusion!("occlusion", "ssao", "occlusion_half", "whole");
 const HBAO: &str = occlusion!("occlusion", "hbao", "occlusion_half", "whole");
 #[cfg(any(test, feature = "methods"))]
 /// For [`crate::passes::occlusion_layers`].
-pub(crate) const HBAO_PLUS: &str = occlusion!("occlusion", "hbao", "layers");
+const HBAO_PLUS: &str = occlusion!("occlusion", "hbao", "layers");
 #[cfg(any(test, feature = "methods"))]
 const ALCHEMY: &str = occlusion!("occlusion", "alchemy", "occlusion_half", "whole");
 const GTAO: &str = occlusion!("occlusion", "slices", "gtao", "occlusion_half", "whole");
@@ -151,11 +151,6 @@ impl OcclusionVariant {
     const fn number(self) -> usize {
         (self.method as usize * OcclusionNormals::ALL.len() + self.normals as usize) * 3 + self.into as usize
     }
-}
-
-/// Override constants that select the source of normals.
-pub(crate) fn sides(normals: OcclusionNormals) -> [(&'static str, f64); 1] {
-    [("SIDES", normals as u8 as f64)]
 }
 
 /// A fullscreen pass.
@@ -279,7 +274,7 @@ pub(crate) struct Pipelines {
     /// Temporal resolve, shared with its pass.
     pub(crate) resolve: Arc<OnceLock<Resolve>>,
     modules: [OnceLock<wgpu::ShaderModule>; Module::COUNT],
-    whole: [OnceLock<wgpu::RenderPipeline>; FullscreenPass::COUNT],
+    fullscreen: [OnceLock<wgpu::RenderPipeline>; FullscreenPass::COUNT],
     target: wgpu::TextureFormat,
 }
 
@@ -306,7 +301,7 @@ impl Pipelines {
             layers: Default::default(),
             resolve: Arc::default(),
             modules: Default::default(),
-            whole: std::array::from_fn(|_| OnceLock::new()),
+            fullscreen: std::array::from_fn(|_| OnceLock::new()),
             target,
             frame_layout,
         }
@@ -349,12 +344,12 @@ impl Pipelines {
     #[cfg(any(test, feature = "methods"))]
     /// Pipelines of HBAO+.
     pub(crate) fn layers(&self, gpu: &Gpu, normals: OcclusionNormals) -> &LayerPipelines {
-        self.layers[normals as usize].get_or_init(|| LayerPipelines::new(gpu, BY_SHARE, normals))
+        self.layers[normals as usize].get_or_init(|| LayerPipelines::new(gpu, HBAO_PLUS, BY_SHARE, normals))
     }
 
     /// The pipeline of a fullscreen pass.
-    pub(crate) fn whole(&self, gpu: &Gpu, pass: FullscreenPass) -> &wgpu::RenderPipeline {
-        self.whole[pass.number()].get_or_init(|| self.compile(gpu, pass))
+    pub(crate) fn fullscreen(&self, gpu: &Gpu, pass: FullscreenPass) -> &wgpu::RenderPipeline {
+        self.fullscreen[pass.number()].get_or_init(|| self.compile(gpu, pass))
     }
 
     fn module(&self, gpu: &Gpu, module: Module) -> &wgpu::ShaderModule {
@@ -407,7 +402,7 @@ impl Pipelines {
                     OcclusionOutput::Half => ("fs_occlusion_half", OCCLUSION.into()),
                     OcclusionOutput::Mean => ("fs_occlusion", mean),
                 };
-                full(Module::of(method), entry, target, &sides(normals))
+                full(Module::of(method), entry, target, &normals.constants())
             }
             FullscreenPass::Blur => full(Module::Blur, "fs_blur", OCCLUSION.into(), &[]),
             FullscreenPass::Upsample => full(Module::Upsample, "fs_upsample", OCCLUSION.into(), &[]),

@@ -298,7 +298,7 @@ impl ReliefMethod {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
     /// Drawing mode.
-    pub shade: DebugView,
+    pub debug_view: DebugView,
     /// Draws triangle edges over the lit surface. Most devices support it; others omit the edges and log a warning.
     pub wireframe: bool,
     /// Ambient occlusion; `None` saves two passes.
@@ -369,7 +369,7 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            shade: DebugView::Material,
+            debug_view: DebugView::Material,
             wireframe: false,
             occlusion: Some(AmbientOcclusion::default()),
             shadows: Some(Shadows::default()),

@@ -48,7 +48,7 @@ pub struct Timings {
 
 /// A frame's times.
 #[derive(Debug)]
-struct Recorded {
+struct FrameTimes {
     number: u64,
     plan: Duration,
     cpu: Vec<(PassId, Duration)>,
@@ -56,7 +56,7 @@ struct Recorded {
     gpu: Option<Vec<(PassId, Duration)>>,
 }
 
-impl Recorded {
+impl FrameTimes {
     fn gpu(&self, pass: PassId) -> Option<Duration> {
         // A pass without an interval did nothing.
         self.gpu.as_ref().map(|all| all.iter().filter(|(id, _)| *id == pass).map(|(_, time)| *time).sum())
@@ -84,9 +84,9 @@ struct Slot {
 }
 
 /// Callback for arrived timestamps. If a frame is never submitted, the callback is dropped and the slot becomes free.
-struct Landing(Arc<AtomicU8>);
+struct ReadbackSignal(Arc<AtomicU8>);
 
-impl Landing {
+impl ReadbackSignal {
     fn land(self, well: bool) {
         if well {
             self.0.store(READABLE, Ordering::Release);
@@ -94,7 +94,7 @@ impl Landing {
     }
 }
 
-impl Drop for Landing {
+impl Drop for ReadbackSignal {
     fn drop(&mut self) {
         let _ = self.0.compare_exchange(UNDER_WAY, FREE, Ordering::AcqRel, Ordering::Relaxed);
     }
@@ -129,7 +129,7 @@ impl Slot {
     fn send(&mut self, encoder: &wgpu::CommandEncoder, frame: u64, intervals: Vec<PassId>) {
         (self.frame, self.intervals) = (frame, intervals);
         self.state.store(UNDER_WAY, Ordering::Release);
-        let landing = Landing(Arc::clone(&self.state));
+        let landing = ReadbackSignal(Arc::clone(&self.state));
         encoder.map_buffer_on_submit(&self.readable, wgpu::MapMode::Read, .., move |result| {
             landing.land(result.is_ok());
         });
@@ -163,7 +163,7 @@ pub(crate) struct Timer {
     ring: Vec<Slot>,
     period_ns: f64,
     frames: u64,
-    last: VecDeque<Recorded>,
+    last: VecDeque<FrameTimes>,
 }
 
 impl Timer {
@@ -210,7 +210,7 @@ impl Timer {
         if self.last.len() >= FRAMES {
             self.last.pop_front();
         }
-        self.last.push_back(Recorded { number, plan, cpu, gpu: None });
+        self.last.push_back(FrameTimes { number, plan, cpu, gpu: None });
     }
 
     fn collect(&mut self) {
@@ -349,7 +349,7 @@ mod tests {
     fn means_are_over_frames_in_which_a_pass_ran_and_whose_stamps_are_back() {
         let frame = |number, cpu: &[(PassId, u64)], gpu: Option<&[(PassId, u64)]>| {
             let times = |all: &[(PassId, u64)]| all.iter().map(|&(pass, time)| (pass, ms(time))).collect();
-            Recorded { number, plan: ms(number), cpu: times(cpu), gpu: gpu.map(times) }
+            FrameTimes { number, plan: ms(number), cpu: times(cpu), gpu: gpu.map(times) }
         };
         let (sky, maps, tone) = (PassId::Sky, PassId::ShadowMaps, PassId::ToneMap);
         let mut timer = Timer {
@@ -377,10 +377,10 @@ mod tests {
     #[test]
     fn a_frame_that_is_never_submitted_leaves_its_slot_free() {
         let state = Arc::new(AtomicU8::new(UNDER_WAY));
-        drop(Landing(Arc::clone(&state)));
+        drop(ReadbackSignal(Arc::clone(&state)));
         assert_eq!(state.load(Ordering::Relaxed), FREE);
         state.store(UNDER_WAY, Ordering::Relaxed);
-        Landing(Arc::clone(&state)).land(true);
+        ReadbackSignal(Arc::clone(&state)).land(true);
         assert_eq!(state.load(Ordering::Relaxed), READABLE);
     }
 }

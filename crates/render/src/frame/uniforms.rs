@@ -38,7 +38,7 @@ pub(crate) struct FrameUniform {
     occlusion_radius_depth: f32,
     occlusion_strength: f32,
     scale_px: f32,
-    shade: u32,
+    debug_view: u32,
     occlusion_samples: u32,
     relief_steps: f32,
     /// Width, and height shifted by 16 bits, of the target; larger than `size_px` with `Settings::render_scale`.
@@ -101,7 +101,7 @@ impl FrameUniform {
             occlusion_radius_depth: radius_depth,
             occlusion_strength: occlusion.strength,
             scale_px: (f64::from(height) / (2.0 * ty)) as f32,
-            shade: match frame.settings.shade {
+            debug_view: match frame.settings.debug_view {
                 DebugView::Level => 1,
                 DebugView::Cascade => 2,
                 // Other views show intermediate results unchanged.

@@ -10,7 +10,7 @@ use crate::resources::gpu::Gpu;
 
 /// What is shown: `SHOWN` of `debug.wgsl`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Shown {
+pub(crate) enum DebugMode {
     /// White, for occlusion and shadows that are switched off.
     White = 0,
     Normal = 1,
@@ -30,31 +30,35 @@ pub(crate) enum Shown {
 /// Arguments tell whether the frame has ambient occlusion, shadows, punctual lights and moving objects. The pass of
 /// punctual lights shows their number itself.
 pub(crate) fn shown(
-    shade: DebugView,
+    debug_view: DebugView,
     [occlusion, shadows, punctual_lights, moving]: [bool; 4],
-) -> Option<(Shown, &'static [Resource])> {
-    match shade {
+) -> Option<(DebugMode, &'static [Resource])> {
+    match debug_view {
         DebugView::Material | DebugView::Level | DebugView::Cascade => None,
         DebugView::PunctualLights if punctual_lights => None,
-        DebugView::PunctualLights => Some((Shown::Black, &[Resource::Depth])),
-        DebugView::Normal => Some((Shown::Normal, &[Resource::Depth, Resource::Normal])),
-        DebugView::Albedo => Some((Shown::Albedo, &[Resource::Depth, Resource::Albedo])),
+        DebugView::PunctualLights => Some((DebugMode::Black, &[Resource::Depth])),
+        DebugView::Normal => Some((DebugMode::Normal, &[Resource::Depth, Resource::Normal])),
+        DebugView::Albedo => Some((DebugMode::Albedo, &[Resource::Depth, Resource::Albedo])),
         // Roughness and occlusion are stored with the normal, metalness with the albedo.
-        DebugView::Surface => Some((Shown::Surface, &[Resource::Depth, Resource::Normal, Resource::Albedo])),
-        DebugView::Depth => Some((Shown::Depth, &[Resource::Depth])),
-        DebugView::Occlusion if occlusion => Some((Shown::Share, &[Resource::Depth, Resource::Occlusion])),
-        DebugView::Sunlight if shadows => Some((Shown::Share, &[Resource::Depth, Resource::Sunlight])),
-        DebugView::Motion if moving => Some((Shown::OwnMotion, &[Resource::Depth, Resource::Motion])),
-        DebugView::Motion => Some((Shown::Motion, &[Resource::Depth])),
-        DebugView::Occlusion | DebugView::Sunlight => Some((Shown::White, &[Resource::Depth])),
-        DebugView::Overdraw => Some((Shown::Count, &[Resource::Depth, Resource::Overdraw])),
+        DebugView::Surface => {
+            Some((DebugMode::Surface, &[Resource::Depth, Resource::Normal, Resource::Albedo]))
+        }
+        DebugView::Depth => Some((DebugMode::Depth, &[Resource::Depth])),
+        DebugView::Occlusion if occlusion => {
+            Some((DebugMode::Share, &[Resource::Depth, Resource::Occlusion]))
+        }
+        DebugView::Sunlight if shadows => Some((DebugMode::Share, &[Resource::Depth, Resource::Sunlight])),
+        DebugView::Motion if moving => Some((DebugMode::OwnMotion, &[Resource::Depth, Resource::Motion])),
+        DebugView::Motion => Some((DebugMode::Motion, &[Resource::Depth])),
+        DebugView::Occlusion | DebugView::Sunlight => Some((DebugMode::White, &[Resource::Depth])),
+        DebugView::Overdraw => Some((DebugMode::Count, &[Resource::Depth, Resource::Overdraw])),
     }
 }
 
 /// Pipelines compiled so far.
 #[derive(Debug, Default)]
 pub(crate) struct DebugPipelines {
-    made: Vec<((Shown, Kind), wgpu::RenderPipeline)>,
+    made: Vec<((DebugMode, Kind), wgpu::RenderPipeline)>,
 }
 
 impl DebugPipelines {
@@ -63,7 +67,7 @@ impl DebugPipelines {
         &mut self,
         gpu: &Gpu,
         format: wgpu::TextureFormat,
-        shown: Shown,
+        shown: DebugMode,
         target: &Target<'_>,
     ) {
         if self.get(shown, target).is_none() {
@@ -73,13 +77,13 @@ impl DebugPipelines {
     }
 
     /// The pipeline compiled by [`DebugPipelines::ensure`].
-    pub(crate) fn get(&self, shown: Shown, target: &Target<'_>) -> Option<&wgpu::RenderPipeline> {
+    pub(crate) fn get(&self, shown: DebugMode, target: &Target<'_>) -> Option<&wgpu::RenderPipeline> {
         let key = (shown, kind(target));
         self.made.iter().find(|(made, _)| *made == key).map(|(_, pipeline)| pipeline)
     }
 }
 
-fn pipeline(gpu: &Gpu, format: wgpu::TextureFormat, shown: Shown, kind: Kind) -> wgpu::RenderPipeline {
+fn pipeline(gpu: &Gpu, format: wgpu::TextureFormat, shown: DebugMode, kind: Kind) -> wgpu::RenderPipeline {
     let module = shader(gpu, "debug", DEBUG);
     let is = |yes: bool| f64::from(u8::from(yes));
     let constants = [

@@ -62,7 +62,7 @@ const ACCELERATED: [&str; ReliefAcceleration::COUNT] = [];
 
 /// Layouts and pipelines of forward-lit surfaces.
 #[derive(Debug)]
-struct Lit {
+struct ForwardPipelines {
     /// Group 0: frame, shadow maps, sky and, if compiled in, punctual lights.
     light: wgpu::BindGroupLayout,
     /// `light` and the material.
@@ -96,7 +96,7 @@ pub(crate) struct MeshPipelines {
     /// Group of materials.
     material: wgpu::BindGroupLayout,
     /// Without and with punctual lights, which not every device supports.
-    lit: [OnceLock<Lit>; 2],
+    lit: [OnceLock<ForwardPipelines>; 2],
     /// Indexed by relief, maps and mask.
     surfaces: [OnceLock<wgpu::RenderPipeline>; 8],
     /// Modules with a relief acceleration texture.
@@ -323,12 +323,12 @@ impl MeshPipelines {
         self.emission.get_or_init(|| self.pass(gpu).emission(gpu, ["vs_surface", "fs_emission"]))
     }
 
-    fn lit(&self, gpu: &Gpu, punctual_lights: bool) -> &Lit {
+    fn lit(&self, gpu: &Gpu, punctual_lights: bool) -> &ForwardPipelines {
         self.lit[usize::from(punctual_lights)].get_or_init(|| {
             let light = light_layout(gpu, punctual_lights);
             let lists = self.lists.as_ref().map(|lists| Some(&lists.layout));
             let groups: Vec<_> = [Some(&light), Some(&self.material)].into_iter().chain(lists).collect();
-            Lit {
+            ForwardPipelines {
                 layout: layout(gpu, "lit meshes", &groups),
                 light,
                 module: OnceLock::new(),

@@ -118,6 +118,11 @@ impl OcclusionNormals {
             Self::Extended => "extended",
         }
     }
+
+    /// Override constants that select the source of normals.
+    pub(crate) fn constants(self) -> [(&'static str, f64); 1] {
+        [("SIDES", f64::from(self as u8))]
+    }
 }
 
 /// Settings of screen-space ambient occlusion.

@@ -3,7 +3,6 @@
 
 use crate::frame::fullscreen::{self, attachment, blended};
 use crate::frame::graph::PassId;
-use crate::frame::pipelines::{HBAO_PLUS, sides};
 use crate::frame::target::{Load, Target};
 use crate::frame::targets::{OCCLUSION, OCCLUSION_MEAN};
 use crate::frame::timing::PassEncoder;
@@ -26,10 +25,15 @@ pub(crate) struct LayerPipelines {
 }
 
 impl LayerPipelines {
-    pub(crate) fn new(gpu: &Gpu, over: wgpu::BlendState, normals: OcclusionNormals) -> Self {
-        let module = shader(gpu, "occlusion in layers", HBAO_PLUS);
+    pub(crate) fn new(
+        gpu: &Gpu,
+        source: &'static str,
+        over: wgpu::BlendState,
+        normals: OcclusionNormals,
+    ) -> Self {
+        let module = shader(gpu, "occlusion in layers", source);
         let pipeline = |vertex, fragment, target: wgpu::ColorTargetState| {
-            fullscreen::pipeline(gpu, &module, [vertex, fragment], (target, None), &sides(normals))
+            fullscreen::pipeline(gpu, &module, [vertex, fragment], (target, None), &normals.constants())
         };
         let mean = wgpu::ColorTargetState { blend: Some(over), ..OCCLUSION_MEAN.into() };
         Self {

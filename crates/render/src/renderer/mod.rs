@@ -10,7 +10,7 @@ use crate::frame::accumulation::Accumulation;
 use crate::frame::compiler::Compiler;
 use crate::frame::composite::Composites;
 use crate::frame::counters::Counters;
-use crate::frame::draw::{Curved, DrawList, Meshes};
+use crate::frame::draw::{DrawList, Meshes, PatchPipelines};
 use crate::frame::fullscreen::depth_attachment;
 use crate::frame::graph::{self, Needs, PassId, Resource};
 use crate::frame::pipelines::Pipelines;
@@ -41,7 +41,7 @@ use crate::scene::instance::InstanceRaw;
 use crate::scene::lights::{PunctualLightList, PunctualLightPass};
 use crate::scene::material::Material;
 use crate::scene::material_bindings::{Features, MaterialBindings};
-use crate::scene::terrain::{TerrainGpu, TerrainLook, TileList, TileRaw};
+use crate::scene::terrain::{TerrainAppearance, TerrainGpu, TileList, TileRaw};
 
 /// Draws frames into targets of one format.
 #[derive(Debug)]
@@ -204,7 +204,7 @@ impl Renderer {
     /// # Errors
     /// [`RenderError::TooLarge`] where the device cannot hold the atlas of tiles, [`RenderError::Device`] if it
     /// refuses it.
-    pub fn create_terrain(&self, gpu: &Gpu, look: TerrainLook) -> Result<TerrainGpu, RenderError> {
+    pub fn create_terrain(&self, gpu: &Gpu, look: TerrainAppearance) -> Result<TerrainGpu, RenderError> {
         TerrainGpu::new(gpu, self.pipelines.terrain(gpu), look)
     }
 
@@ -278,8 +278,8 @@ impl Renderer {
             _ if target.depth.is_some() || target.load == Load::Keep => AntiAliasing::None,
             anti_aliasing => anti_aliasing,
         };
-        let seen = frame.settings.shade == DebugView::Motion;
-        let temporal = smoothed == AntiAliasing::Temporal && frame.settings.shade.is_lit();
+        let seen = frame.settings.debug_view == DebugView::Motion;
+        let temporal = smoothed == AntiAliasing::Temporal && frame.settings.debug_view.is_lit();
         let (step, moving) = if has_surfaces && (temporal || seen) {
             let over = |water: &WaterView| [water.height, water.extinction.y].map(|x| x as f32);
             let water = water.as_ref().map_or([0.0; 2], over);
@@ -290,7 +290,7 @@ impl Renderer {
         };
         let reflections = frame.settings.reflections;
         let there = [occlusion, !casters.is_empty(), punctual_lights.is_some(), !moving.is_empty()];
-        let shown = debug::shown(frame.settings.shade, there);
+        let shown = debug::shown(frame.settings.debug_view, there);
         let plan = graph::plan(
             &graph::candidates(Needs {
                 geometry: has_surfaces,
@@ -448,7 +448,7 @@ fn meshes<'a>(
     (instances, lists): (&'a GrowingBuffer<InstanceRaw>, &'a PatchLists),
 ) -> Option<Meshes<'a>> {
     let makers = frame.settings.curves(gpu).and_then(|_| pipelines.list_makers(gpu));
-    let curved = makers.map(|makers| Curved { pipelines: pipelines.curved(gpu), makers, lists });
+    let curved = makers.map(|makers| PatchPipelines { pipelines: pipelines.curved(gpu), makers, lists });
     Some(Meshes { plain: &pipelines.meshes, instances: instances.buffer()?, curved })
 }
 

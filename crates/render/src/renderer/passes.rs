@@ -32,7 +32,7 @@ impl Renderer {
             Albedo, Depth, Display, Lit, Normal, Occlusion, OcclusionHalf, OcclusionMean, OcclusionRaw,
             Pyramid, Radiance, Sunlight,
         };
-        let p = |pass| self.pipelines.whole(gpu, pass);
+        let p = |pass| self.pipelines.fullscreen(gpu, pass);
         let full = |encoder: &mut PassEncoder<'_>, pipeline, reads: &[Resource], write| {
             self.full(gpu, encoder, pass.id, (pipeline, reads), (write, Load::Clear));
         };
@@ -60,7 +60,7 @@ impl Renderer {
                 self.lit(gpu, encoder, pass.id, (pipeline, &reads), true);
             }
             PassId::PunctualLights => {
-                self.punctual_lights(gpu, encoder, frame.settings.shade == DebugView::PunctualLights)
+                self.punctual_lights(gpu, encoder, frame.settings.debug_view == DebugView::PunctualLights)
             }
             PassId::DepthPyramid => {
                 if let Some(depth) = self.targets.view(Depth) {
@@ -147,7 +147,7 @@ impl Renderer {
                 let occlusion = pass.reads(Occlusion);
                 let there =
                     [occlusion, ran(PassId::Sunlight), ran(PassId::PunctualLights), ran(PassId::Motion)];
-                let Some((shown, reads)) = debug::shown(settings.shade, there) else { return };
+                let Some((shown, reads)) = debug::shown(settings.debug_view, there) else { return };
                 let Some(pipeline) = self.debug.get(shown, target) else { return };
                 // Inputs that the view does not use are not read, but their bindings must be filled.
                 let mut slots = [Depth; 3];
@@ -224,7 +224,7 @@ impl Renderer {
             return;
         }
         let estimate = FullscreenPass::Occlusion(OcclusionVariant { method, normals, into: estimated });
-        let pipeline = self.pipelines.whole(gpu, estimate);
+        let pipeline = self.pipelines.fullscreen(gpu, estimate);
         let group =
             self.inputs_and(gpu, pipeline, &[Depth], &[(3, wgpu::BindingResource::TextureView(&normal))]);
         let load = if mean { Load::Keep } else { Load::Clear };
@@ -234,7 +234,7 @@ impl Renderer {
 
     /// Shadow lookup for each pixel.
     fn sunlight(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>) {
-        let pipeline = self.pipelines.whole(gpu, FullscreenPass::Sunlight);
+        let pipeline = self.pipelines.fullscreen(gpu, FullscreenPass::Sunlight);
         let view = |resource| self.targets.view(resource);
         let (Some(depth), Some(normal), Some(into)) =
             (view(Resource::Depth), view(Resource::Normal), view(Resource::Sunlight))

@@ -8,14 +8,14 @@ use crate::resources::gpu::{Gpu, RenderError};
 
 /// A pending copy of a 2D texture's mip level 0, all layers.
 #[derive(Debug)]
-struct Copied {
+struct PendingCopy {
     buffer: wgpu::Buffer,
     row_bytes: u32,
     padded_bytes: u32,
     rows: u32,
 }
 
-impl Copied {
+impl PendingCopy {
     /// Records the copy.
     fn record(
         gpu: &Gpu,
@@ -103,7 +103,7 @@ pub(crate) fn read_texture(
     bytes_per_texel: u32,
 ) -> Result<Vec<u8>, RenderError> {
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
-    let copied = Copied::record(gpu, &mut encoder, texture, bytes_per_texel)?;
+    let copied = PendingCopy::record(gpu, &mut encoder, texture, bytes_per_texel)?;
     gpu.queue.submit([encoder.finish()]);
     copied.read(gpu)
 }
@@ -111,7 +111,7 @@ pub(crate) fn read_texture(
 /// A copy of a host's target, taken without waiting for the device.
 #[derive(Debug)]
 pub struct TargetCopy {
-    copied: Copied,
+    copied: PendingCopy,
     size: (u32, u32),
     bgra: bool,
 }
@@ -134,7 +134,7 @@ impl TargetCopy {
             other => return Err(RenderError::Target(format!("pictures of {other:?} cannot be read back"))),
         };
         let size = (target.width(), target.height());
-        Ok(Self { copied: Copied::record(gpu, encoder, target, 4)?, size, bgra })
+        Ok(Self { copied: PendingCopy::record(gpu, encoder, target, 4)?, size, bgra })
     }
 
     /// Memory that the copy takes.

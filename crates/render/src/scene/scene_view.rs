@@ -77,12 +77,12 @@ pub struct SceneView {
     /// Vertical exaggeration.
     heights: VerticalExaggeration,
     /// Terrain-anchored objects, while heights are exaggerated.
-    standing: Option<TerrainAnchored>,
+    anchored: Option<TerrainAnchored>,
     tile_source: TileSource,
     /// The terrain measurement of a scene that waits for upload.
-    measuring: Option<TerrainMeasurementTask>,
+    terrain_task: Option<TerrainMeasurementTask>,
     /// The sky maps of a scene that waits for upload, or of the current one.
-    computing: Option<SkyTask>,
+    sky_task: Option<SkyTask>,
     sky: Option<SkyMaps>,
 }
 
@@ -106,9 +106,9 @@ impl SceneView {
         for change in &step {
             if let Change::Scene(header) = change {
                 // If no thread can be started, the work is done on first use.
-                self.measuring =
+                self.terrain_task =
                     header.terrain.as_deref().and_then(|entry| TerrainMeasurementTask::start(entry).ok());
-                self.computing = SkyTask::start(environment(header, self.plain)).ok();
+                self.sky_task = SkyTask::start(environment(header, self.plain)).ok();
             }
         }
         self.waiting.push_back(step.into());
@@ -162,7 +162,7 @@ impl SceneView {
             gpu.queue.submit([]);
         }
         // Take the sky maps once the first frame has all its data.
-        if let Some(ahead) = self.computing.take_if(|ahead| self.whole || ahead.is_finished()) {
+        if let Some(ahead) = self.sky_task.take_if(|ahead| self.whole || ahead.is_finished()) {
             self.sky = ahead.finish();
         }
         Ok(bytes)
@@ -224,12 +224,12 @@ impl SceneView {
             Change::Scene(header) => {
                 let waiting = std::mem::take(&mut self.waiting);
                 let tile_source = std::mem::take(&mut self.tile_source);
-                let begun = self.measuring.take();
+                let begun = self.terrain_task.take();
                 let ground = match &header.terrain {
                     Some(entry) => Some(TerrainRenderer::new(gpu, renderer, entry, begun)?),
                     None => None,
                 };
-                let (computing, sky, plain) = (self.computing.take(), self.sky.take(), self.plain);
+                let (sky_task, sky, plain) = (self.sky_task.take(), self.sky.take(), self.plain);
                 let uploads = std::mem::take(&mut self.uploads);
                 let heights = self.heights;
                 let header = Some(*header);
@@ -241,7 +241,7 @@ impl SceneView {
                     ground,
                     heights,
                     tile_source,
-                    computing,
+                    sky_task,
                     sky,
                     ..Self::default()
                 };
@@ -264,7 +264,7 @@ impl SceneView {
             Change::HeightOverrides { x, y, overrides: points } => {
                 if let Some(ground) = &mut self.ground {
                     ground.set_points(x, y, points)?;
-                    self.standing.iter_mut().for_each(TerrainAnchored::invalidate);
+                    self.anchored.iter_mut().for_each(TerrainAnchored::invalidate);
                 }
             }
             // Uploaded in pieces elsewhere.
@@ -395,9 +395,9 @@ impl SceneView {
         let Some(ground) = &mut self.ground else { return false };
         ground.set_vertical_exaggeration(self.heights.at(now_s));
         if ground.vertical_exaggeration() == 1.0 {
-            self.standing = None;
+            self.anchored = None;
         } else {
-            self.standing.get_or_insert_default().follow(ground, &self.instances, &self.lights);
+            self.anchored.get_or_insert_default().follow(ground, &self.instances, &self.lights);
         }
         self.heights.is_moving(now_s)
     }
@@ -482,14 +482,14 @@ impl SceneView {
         let drawables: Vec<Drawable<'_>> = self
             .assets
             .iter()
-            .zip(self.standing.as_ref().map_or(&self.instances, |standing| &standing.instances))
+            .zip(self.anchored.as_ref().map_or(&self.instances, |anchored| &anchored.instances))
             .filter_map(|(asset, instances)| Some(Drawable { asset: asset.as_ref()?, instances }))
             .collect();
         let environment =
             self.header.as_ref().map_or_else(Environment::default, |header| environment(header, self.plain));
         let exposure = settings.exposure * exposure(&environment, self.has_punctual_lights);
         let settings = Settings { exposure, ..settings };
-        let lights = self.standing.as_ref().map_or(&self.lights, |standing| &standing.lights).as_slice();
+        let lights = self.anchored.as_ref().map_or(&self.lights, |anchored| &anchored.lights).as_slice();
         let terrain = self.ground.as_ref().map(TerrainRenderer::frame);
         // Without terrain there is no land.
         let water = self.ground.as_ref().zip(self.header.as_ref()).and_then(|(ground, header)| {

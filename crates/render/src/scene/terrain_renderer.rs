@@ -12,7 +12,7 @@ use crate::passes::shadows::Cascade;
 use crate::renderer::Renderer;
 use crate::resources::gpu::{Gpu, RenderError};
 use crate::scene::terrain::layers;
-use crate::scene::terrain::{TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};
+use crate::scene::terrain::{TERRAIN_SLOTS, TerrainAppearance, TerrainFrame, TerrainGpu, TerrainPart};
 use crate::scene::tile_generator::TileGenerator;
 use crate::scene::vertical_exaggeration::{LEAST_HEIGHT_FACTOR, MAX_VERTICAL_EXAGGERATION};
 use lodestream_terrain::tiles::{
@@ -115,7 +115,7 @@ impl TerrainRenderer {
     ) -> Result<Self, RenderError> {
         // The measurement may be another scene's.
         let begun = begun.filter(|begun| begun.entry == *entry);
-        let look = TerrainLook {
+        let look = TerrainAppearance {
             unit: f64::from(entry.unit),
             height_unit: f64::from(entry.height_unit),
             zones: entry.zones,

@@ -1,6 +1,6 @@
 // Debug views. CPU reference: cpu_reference/debug.rs.
 
-// `Shown` of debug.rs.
+// `DebugMode` of debug.rs.
 override SHOWN: u32 = 0u;
 // Whether the target applies the sRGB curve, which must be undone.
 override DECODE_SRGB: bool = false;

@@ -25,7 +25,7 @@ fn settings(still: Option<OcclusionMethod>) -> Settings {
         ..AmbientOcclusion::default()
     };
     Settings {
-        shade: DebugView::Occlusion,
+        debug_view: DebugView::Occlusion,
         occlusion: Some(occlusion),
         anti_aliasing: AntiAliasing::None,
         shadows: None,

@@ -15,7 +15,7 @@ use lodestream_terrain::{Mode, Shape, Stamp};
 
 /// Colours alone.
 fn albedo() -> Settings {
-    Settings { shade: DebugView::Albedo, anti_aliasing: AntiAliasing::None, ..Settings::default() }
+    Settings { debug_view: DebugView::Albedo, anti_aliasing: AntiAliasing::None, ..Settings::default() }
 }
 
 fn green(picture: &RgbaImage, x: u32, y: u32) -> f64 {

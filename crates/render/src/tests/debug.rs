@@ -22,8 +22,8 @@ fn camera() -> Pose {
     Pose::look_at(DVec3::new(0.0, 0.0, 3.0), DVec3::ZERO, DVec3::Y, 0.8)
 }
 
-fn shaded(shade: DebugView) -> Settings {
-    Settings { shade, ..Settings::default() }
+fn settings(debug_view: DebugView) -> Settings {
+    Settings { debug_view, ..Settings::default() }
 }
 
 /// A plane through zero that is turned about y and fills the view.
@@ -38,7 +38,7 @@ fn plane<R>(
     let wall: &'static _ = Box::leak(Box::new(wall));
     let instances: &'static [Instance] = Box::leak(Box::new([turned]));
     let drawables: &'static [Drawable<'static>] = Box::leak(Box::new([Drawable { asset: wall, instances }]));
-    draw(h, &|shade| Frame { settings: shaded(shade), ..Frame::new(camera(), drawables) })
+    draw(h, &|view| Frame { settings: settings(view), ..Frame::new(camera(), drawables) })
 }
 
 fn picture(h: &mut Headless, frame: &Frame<'_>) -> RgbaImage {
@@ -110,21 +110,21 @@ fn occlusion_and_sunlight_views_match_their_passes_or_are_white() {
         Drawable { asset: &ball, instances: &[at(-0.2, 0.3, 0.2, 0.6)] },
     ];
     let camera = Pose::look_at(DVec3::new(0.6, 1.3, 2.2), DVec3::new(0.0, 0.1, 0.0), DVec3::Y, 0.8);
-    let frame = |shade| Frame { settings: shaded(shade), ..Frame::new(camera, &drawables) };
-    for (shade, resource, bytes) in
+    let frame = |view| Frame { settings: settings(view), ..Frame::new(camera, &drawables) };
+    for (view, resource, bytes) in
         [(DebugView::Occlusion, Resource::Occlusion, 1), (DebugView::Sunlight, Resource::Sunlight, 2)]
     {
-        let shown = picture(&mut h, &frame(shade));
+        let shown = picture(&mut h, &frame(view));
         let seen = h.coverage().unwrap();
         let texels = h.intermediate(resource, bytes).unwrap();
         let value = |x, y| {
             let i = (y * SIZE[0] + x) as usize;
             if seen[i] { f64::from(texels[i * bytes as usize]) / 255.0 } else { 0.0 }
         };
-        assert_shows(&shown, |x, y| Some([value(x, y); 3]), shade.name());
+        assert_shows(&shown, |x, y| Some([value(x, y); 3]), view.name());
         let dark = shown.pixels().zip(&seen).filter(|(pixel, seen)| **seen && pixel[0] < 250).count();
-        assert!(dark > 20, "{shade:?}: {dark}");
-        let mut without = frame(shade);
+        assert!(dark > 20, "{view:?}: {dark}");
+        let mut without = frame(view);
         (without.settings.occlusion, without.settings.shadows) = (None, None);
         let white = picture(&mut h, &without);
         assert!(white.pixels().zip(&seen).all(|(pixel, seen)| pixel[0] == if *seen { 255 } else { 0 }));
@@ -146,7 +146,7 @@ fn cascade_view_shows_the_deciding_cascade() {
         Drawable { asset: &ball, instances: &balls },
     ];
     let camera = Pose::look_at(DVec3::new(0.0, 0.6, 1.5), DVec3::new(0.0, 0.3, -2.0), DVec3::Y, 0.9);
-    let mut frame = Frame { settings: shaded(DebugView::Cascade), ..Frame::new(camera, &drawables) };
+    let mut frame = Frame { settings: settings(DebugView::Cascade), ..Frame::new(camera, &drawables) };
     frame.settings.anti_aliasing = crate::AntiAliasing::None;
     let shown = picture(&mut h, &frame);
     keep(&h, "debug-cascade");
@@ -169,7 +169,7 @@ fn cascade_view_shows_the_deciding_cascade() {
     // Elsewhere, and without shadows, it is the picture.
     frame.settings.shadows = None;
     let without = picture(&mut h, &frame);
-    frame.settings.shade = DebugView::Material;
+    frame.settings.debug_view = DebugView::Material;
     assert_eq!(picture(&mut h, &frame), without);
 }
 
@@ -181,7 +181,7 @@ fn overdraw_counts_what_was_drawn_before_something_nearer() {
     for (mesh, behind) in [(join(&[far.clone(), near.clone()]), 2.0), (join(&[near, far]), 1.0)] {
         let quads = asset(&h, &mesh, Material::default());
         let drawables = [Drawable { asset: &quads, instances: &[Instance::default()] }];
-        let frame = Frame { settings: shaded(DebugView::Overdraw), ..Frame::new(camera(), &drawables) };
+        let frame = Frame { settings: settings(DebugView::Overdraw), ..Frame::new(camera(), &drawables) };
         let counters = h.frame(&frame).unwrap();
         assert_eq!(counters.passes, [PassId::Overdraw, PassId::Debug]);
         let counts = |x| if x < SIZE[0] / 2 { 1.0 } else { behind };
@@ -208,7 +208,7 @@ fn overdraw_skips_holes_and_transparent_surfaces_hide_nothing() {
     let instances = &[Instance::default()];
     let drawables = [&hole, &panes, &wall].map(|asset| Drawable { asset, instances });
     for (drawables, [left, right]) in [(&drawables[..], [1.0, 3.0]), (&drawables[..2], [0.0, 2.0])] {
-        let frame = Frame { settings: shaded(DebugView::Overdraw), ..Frame::new(camera(), drawables) };
+        let frame = Frame { settings: settings(DebugView::Overdraw), ..Frame::new(camera(), drawables) };
         h.frame(&frame).unwrap();
         let counts = |x| if x < SIZE[0] / 2 { left } else { right };
         let texels: Vec<half::f16> =
@@ -226,7 +226,7 @@ fn unlit_surfaces_have_no_normal() {
     let wall = quad([-9.0, -9.0, 0.0], [18.0, 0.0, 0.0], [0.0, 18.0, 0.0], 1.0);
     let wall = asset(&h, &wall, Material { unlit: true, base_colour: COLOUR, ..Material::default() });
     let drawables = [Drawable { asset: &wall, instances: &[Instance::default()] }];
-    let frame = |shade| Frame { settings: shaded(shade), ..Frame::new(camera(), &drawables) };
+    let frame = |view| Frame { settings: settings(view), ..Frame::new(camera(), &drawables) };
     let none = debug::normal([2.0; 2]);
     assert_shows(&picture(&mut h, &frame(DebugView::Normal)), |_, _| Some(none), "normal");
     let albedo = debug::albedo(COLOUR.map(f64::from));
@@ -239,12 +239,12 @@ fn debug_views_cost_nothing_unless_requested() {
     plane(&mut h, |h, frame| {
         let before = picture(h, &frame(DebugView::Material));
         assert!(h.intermediate(Resource::Overdraw, 2).is_none());
-        for shade in DebugView::ALL {
-            h.frame(&frame(shade)).unwrap();
+        for view in DebugView::ALL {
+            h.frame(&frame(view)).unwrap();
         }
         assert_eq!(picture(h, &frame(DebugView::Material)), before);
         // Where nothing is drawn there is nothing to show.
-        let empty = Frame { settings: shaded(DebugView::Normal), ..Frame::new(camera(), &[]) };
+        let empty = Frame { settings: settings(DebugView::Normal), ..Frame::new(camera(), &[]) };
         assert_eq!(h.frame(&empty).unwrap().passes, [PassId::Sky, PassId::ToneMap]);
     });
 }

@@ -201,7 +201,7 @@ fn snow_and_marble_in_shade_are_white() {
         keep(&h, &format!("snow-{degrees}"));
         let (snow, others) = blue_in_shade(&h);
         println!(
-            "sun {degrees}°: blue over red in shade: marble {marble:.3} ({some} pixels), snow {snow:.3} ({others})"
+            "sun {degrees}°: blue over red in debug_view: marble {marble:.3} ({some} pixels), snow {snow:.3} ({others})"
         );
         // Unadapted it would be up to 1.9 on level ground. Snow that a high sun leaves in shade lies on slopes away from
         // it, which see the bluest half of the sky.

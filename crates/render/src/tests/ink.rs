@@ -419,7 +419,8 @@ fn without_ink_the_picture_is_unchanged() {
     assert!(draw(&mut h, &drawables, camera, curved) == inked);
     // What passes hand on is shown without it.
     let passes = |h: &mut Headless, shade| {
-        let frame = Frame { settings: Settings { shade, ..on }, ..Frame::new(camera, &drawables) };
+        let frame =
+            Frame { settings: Settings { debug_view: shade, ..on }, ..Frame::new(camera, &drawables) };
         h.frame(&frame).unwrap().passes
     };
     assert!(passes(&mut h, DebugView::Material).ends_with(&[

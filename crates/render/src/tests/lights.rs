@@ -272,7 +272,7 @@ fn fewer_punctual_lights_are_looked_at_where_tiles_are_small_and_depths_tell() {
         let drawn = draw(
             &mut h,
             &lights,
-            Settings { lights: Some(lights_by), shade: DebugView::PunctualLights, ..bare() },
+            Settings { lights: Some(lights_by), debug_view: DebugView::PunctualLights, ..bare() },
         );
         keep(&h, &format!("punctual_lights-heat-{tile_px}-{clusters}"));
         // Blue falls and red slopes with their number.
@@ -287,7 +287,7 @@ fn where_there_are_no_punctual_lights_their_view_is_black() {
     let Some(mut h) = headless(32, 24) else { return };
     let ball = asset(&h, &sphere(16), Material::default());
     let drawables = [Drawable { asset: &ball, instances: &[at(0.0, 0.0, 0.0, 4.0)] }];
-    let settings = Settings { shade: DebugView::PunctualLights, ..Settings::default() };
+    let settings = Settings { debug_view: DebugView::PunctualLights, ..Settings::default() };
     let counters = h.frame(&Frame { settings, ..Frame::new(camera(), &drawables) }).unwrap();
     assert_eq!(counters.passes, [PassId::GBuffer, PassId::Debug]);
     assert!(h.picture().unwrap().pixels().all(|pixel| pixel.0 == [0, 0, 0, 255]));

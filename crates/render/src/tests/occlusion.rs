@@ -16,7 +16,7 @@ use crate::{
 /// Occlusion at strength 1 in place of the picture.
 pub(super) fn shown(method: OcclusionMethod, radius: OcclusionRadius, samples: u32) -> Settings {
     Settings {
-        shade: DebugView::Occlusion,
+        debug_view: DebugView::Occlusion,
         occlusion: Some(AmbientOcclusion {
             method,
             radius,

@@ -252,7 +252,7 @@ fn levels_have_colours_of_their_own() {
     let asset = asset(&h, &mesh, Material::default());
     let drawables = [Drawable { asset: &asset, instances: &[Instance::default()] }];
     let mut frame = Frame::new(front_camera(), &drawables);
-    frame.settings.shade = DebugView::Level;
+    frame.settings.debug_view = DebugView::Level;
     let image = picture(&mut h, &frame);
     let (a, b) = (image.get_pixel(40, 24), image.get_pixel(56, 24));
     assert!((0..3).any(|c| a[c].abs_diff(b[c]) > 60), "{a:?} {b:?}");

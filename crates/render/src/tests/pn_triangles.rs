@@ -1,4 +1,4 @@
-//! Curved patches: against their CPU reference, without cracks, and nothing where there is nothing to bend.
+//! PatchPipelines patches: against their CPU reference, without cracks, and nothing where there is nothing to bend.
 
 use std::collections::BTreeMap;
 
@@ -355,7 +355,7 @@ fn all_passes_meet_the_same_patches() {
 
     // What moves is found again where it was drawn.
     let ball = asset(&h, &mesh, Material::default());
-    let seen = Settings { shade: DebugView::Motion, ..settings };
+    let seen = Settings { debug_view: DebugView::Motion, ..settings };
     draw(&mut h, &ball, at(-0.05, 0.0, 0.0, 1.0), camera, seen);
     let moved = draw(&mut h, &ball, at(0.0, 0.0, 0.0, 1.0), camera, seen);
     keep(&h, "pn-motion");
@@ -378,13 +378,13 @@ fn all_passes_meet_the_same_patches() {
     for settings in [
         Settings { wireframe: true, ..curved(0.25) },
         curved(0.25),
-        Settings { shade: DebugView::Overdraw, ..curved(0.25) },
+        Settings { debug_view: DebugView::Overdraw, ..curved(0.25) },
         Settings { anti_aliasing: AntiAliasing::Temporal, ..curved(0.25) },
     ] {
         let frame = Frame { settings, ..Frame::new(camera, &drawables) };
         let counters = h.frame(&frame).unwrap();
         assert!(counters.passes.contains(&PassId::Patches));
-        keep(&h, &format!("pn-passes-{}-{}", settings.shade.name(), settings.wireframe));
+        keep(&h, &format!("pn-passes-{}-{}", settings.debug_view.name(), settings.wireframe));
         let flat = Frame { settings: Settings { pn_triangles: None, ..settings }, ..frame };
         assert!(!h.frame(&flat).unwrap().passes.contains(&PassId::Patches));
     }

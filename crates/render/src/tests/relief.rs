@@ -51,7 +51,7 @@ fn tinted_wall(h: &Headless, relief_depth: f32, blue: u8) -> AssetGpu {
 }
 
 /// A pixel that shows [`wall_of_coordinates`].
-struct Seen {
+struct VisiblePoint {
     /// Its number.
     pixel: usize,
     /// From the eye.
@@ -61,7 +61,7 @@ struct Seen {
     place: [f64; 2],
 }
 
-impl Seen {
+impl VisiblePoint {
     /// Whether it shows what is not near the wall's edge.
     fn is_inside(&self) -> bool {
         [self.start, self.place].iter().flatten().all(|x| (0.02..0.98).contains(x))
@@ -75,7 +75,7 @@ fn places(
     camera: Pose,
     settings: Settings,
     environment: Environment,
-) -> Vec<Seen> {
+) -> Vec<VisiblePoint> {
     let drawables = [Drawable { asset: wall, instances: &[Instance::default()] }];
     h.frame(&Frame { settings, environment, ..Frame::new(camera, &drawables) }).unwrap();
     let (width, height) = h.size();
@@ -88,7 +88,7 @@ fn places(
         let p = camera.eye + ray * (-camera.eye.z / ray.z);
         // Texel centre k holds the value k: undo the half texel. Texture space: v down.
         let place = [0, 1].map(|c| (f64::from(albedo[i * 4 + c]) + 0.5) / 256.0);
-        Seen { pixel: i, ray, start: [p.x, 1.0 - p.y], place }
+        VisiblePoint { pixel: i, ray, start: [p.x, 1.0 - p.y], place }
     });
     seen.collect()
 }
@@ -102,7 +102,7 @@ fn relief_matches_its_cpu_reference_and_the_exact_hit() {
     let wall = wall_of_coordinates(&h, relief_depth);
     let camera = Pose::look_at(DVec3::new(0.9, 0.75, 0.35), DVec3::new(0.45, 0.5, 0.0), DVec3::Y, 0.5);
     let (mut n, mut off_cpu_reference, mut off_exact, mut moved) = (0, 0, 0, 0);
-    for Seen { ray, start, place: got, .. } in
+    for VisiblePoint { ray, start, place: got, .. } in
         places(&mut h, &wall, camera, Settings::default(), Environment::default())
     {
         let cosine = -ray.z;
@@ -140,7 +140,7 @@ fn the_quadtree_draws_the_exact_hit_where_equal_steps_jump_over_crests() {
     let mut off = |relief_method| {
         let settings = Settings { relief_method, relief_steps: 64, ..Settings::default() };
         let (mut off, mut n) = (0, 0);
-        for Seen { ray, start, place: got, .. } in
+        for VisiblePoint { ray, start, place: got, .. } in
             places(&mut h, &wall, camera, settings, Environment::default())
         {
             let reach = reach(depth, -ray.z);
@@ -223,7 +223,7 @@ fn each_relief_method_matches_its_cpu_reference() {
         let mut off =
             [(cpu_reference, 0), (Method::None, 0), (Method::SteepParallax, 0), (Method::Relief, 0)];
         let mut n = 0;
-        for Seen { ray, start, place: got, .. } in seen {
+        for VisiblePoint { ray, start, place: got, .. } in seen {
             let cosine = -ray.z;
             let reach = reach(depth, cosine);
             let ray = Ray { start, span: [ray.x * reach, -ray.y * reach], cosine };
@@ -275,7 +275,7 @@ fn bricks_do_not_swim_at_grazing_angles() {
         let shifts: Vec<f64> = seen
             .iter()
             .filter(|seen| far(&seen.start))
-            .map(|Seen { start, place, .. }| (place[0] - start[0]).hypot(place[1] - start[1]) / depth)
+            .map(|VisiblePoint { start, place, .. }| (place[0] - start[0]).hypot(place[1] - start[1]) / depth)
             .collect();
         let most = shifts.iter().fold(0.0_f64, |a, b| a.max(*b));
         let mean = shifts.iter().sum::<f64>() / shifts.len() as f64;
@@ -319,7 +319,7 @@ fn relief_self_shadowing_matches_its_cpu_reference() {
         let [(_, open, bright), (seen, normals, picture)] = &mut frames;
         assert!(open.chunks(4).all(|texel| texel[3].to_f32() >= 0.0), "off, nothing is marked");
         let (mut n, mut dark, mut off_cpu_reference, mut off_truth) = (0, 0, 0, 0);
-        for Seen { pixel, place, .. } in seen.iter().filter(|seen| seen.is_inside()) {
+        for VisiblePoint { pixel, place, .. } in seen.iter().filter(|seen| seen.is_inside()) {
             let hidden = normals[pixel * 4 + 3].to_f32() < 0.0;
             let climb = climb(depth, [sun.x, -sun.y], sun.z);
             n += 1;

@@ -192,7 +192,7 @@ fn shadows_for_looking_at() {
         keep(h, "shadows");
         let dark = h.picture().unwrap();
         let with = |settings| Frame { settings, ..frame };
-        h.frame(&with(Settings { shade: DebugView::Cascade, ..frame.settings })).unwrap();
+        h.frame(&with(Settings { debug_view: DebugView::Cascade, ..frame.settings })).unwrap();
         keep(h, "shadows-cascades");
         let coloured = compare(&dark, &h.picture().unwrap(), None).unwrap();
         assert!(coloured.mean_difference > 10.0, "{coloured:?}");

@@ -164,7 +164,7 @@ fn tiles_and_clusters_change_time_of_punctual_lights_and_their_number_what_they_
     let all = scene.drawables(true, true);
     let mut with = |tile_px, clusters, most, shade| {
         let mut frame = frame(&all);
-        frame.settings.shade = shade;
+        frame.settings.debug_view = shade;
         frame.settings.lights = Some(LightCulling { tile_px, clusters, most });
         draw(&mut h, &frame).0
     };

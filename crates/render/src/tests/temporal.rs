@@ -457,7 +457,7 @@ fn motion_is_shown_where_it_is() {
         ];
         let camera = Pose::look_at(DVec3::new(0.0, 0.0, 3.0), DVec3::ZERO, DVec3::Y, 0.8);
         let frame = Frame::new(camera, &drawables);
-        h.frame(&Frame { settings: Settings { shade: DebugView::Motion, ..frame.settings }, ..frame })
+        h.frame(&Frame { settings: Settings { debug_view: DebugView::Motion, ..frame.settings }, ..frame })
             .unwrap();
         h.picture().unwrap()
     };

@@ -251,14 +251,14 @@ fn terrain_for_looking_at() {
         keep(&h, name);
         println!("{name}: {} tiles at {:.2} px", rough.frame().parts.len(), rough.drawn_px());
     }
-    let levels = Settings { shade: DebugView::Level, wireframe: true, ..Settings::default() };
+    let levels = Settings { debug_view: DebugView::Level, wireframe: true, ..Settings::default() };
     draw(&mut h, &mut rough, camera, 4.0, levels);
     keep(&h, "terrain-rough-levels");
     for (name, camera) in views {
         let picture = draw(&mut h, &mut ground, camera, 1.0, Settings::default());
         keep(&h, name);
         println!("{name}: {} tiles at {:.2} px", ground.frame().parts.len(), ground.drawn_px());
-        let levels = Settings { shade: DebugView::Level, wireframe: true, ..Settings::default() };
+        let levels = Settings { debug_view: DebugView::Level, wireframe: true, ..Settings::default() };
         let other = draw(&mut h, &mut ground, camera, 4.0, levels);
         keep(&h, &format!("{name}-levels"));
         assert!(compare(&picture, &other, None).unwrap().max_difference > 8);
@@ -569,7 +569,7 @@ fn terrain_counts_in_overdraw() {
     let Some(mut h) = headless(96, 54) else { return };
     let mut ground = scene(&h, &entry(7));
     let camera = Pose::look_at(DVec3::new(0.0, 260.0, 900.0), DVec3::new(0.0, 60.0, 0.0), DVec3::Y, 0.9);
-    let settings = Settings { shade: DebugView::Overdraw, ..Settings::default() };
+    let settings = Settings { debug_view: DebugView::Overdraw, ..Settings::default() };
     draw(&mut h, &mut ground, camera, 4.0, settings);
     let counts: Vec<half::f16> =
         bytemuck::pod_collect_to_vec(&h.intermediate(Resource::Overdraw, 2).unwrap());

@@ -36,7 +36,7 @@ fn times_are_of_the_passes_that_ran() {
         assert_eq!(h.timings(), Default::default(), "nobody asked");
         h.time_passes(true);
         let plain = Settings { shadows: None, anti_aliasing: AntiAliasing::None, ..frame.settings };
-        let normals = Settings { shade: DebugView::Normal, ..frame.settings };
+        let normals = Settings { debug_view: DebugView::Normal, ..frame.settings };
         // A pass of each kind there is, with as many shadow maps as there may be.
         let edges = Settings { wireframe: true, ..frame.settings };
         for settings in [frame.settings, plain, normals, edges] {

@@ -183,8 +183,8 @@ fn entries() -> Vec<Entry> {
     all.push(one(Part::Alternative, "relief: in depth", deep, "Policarpo, Oliveira, Comba 2005"));
     let neutral = Settings { tone_mapping: ToneMapping::Neutral, ..defaults };
     all.push(one(Part::Alternative, "tone mapping: neutral", neutral, "Khronos 2024"));
-    for shade in DebugView::ALL.into_iter().filter(|&shade| shade != defaults.shade) {
-        all.push(one(Part::DebugView, shade.name(), Settings { shade, ..defaults }, ""));
+    for shade in DebugView::ALL.into_iter().filter(|&shade| shade != defaults.debug_view) {
+        all.push(one(Part::DebugView, shade.name(), Settings { debug_view: shade, ..defaults }, ""));
     }
     all.push(one(Part::DebugView, "wireframe", Settings { wireframe: true, ..defaults }, ""));
     all

@@ -149,7 +149,7 @@ impl OcclusionVariant {
         let still = still.then_some(method);
         let occlusion = AmbientOcclusion { method, radius, strength: 1.0, samples, normals, half, still };
         Settings {
-            shade: DebugView::Occlusion,
+            debug_view: DebugView::Occlusion,
             occlusion: Some(occlusion),
             shadows: None,
             anti_aliasing: AntiAliasing::None,

@@ -65,7 +65,7 @@ impl Choices {
             hidden: false,
             timed: false,
             wireframe: settings.wireframe,
-            debug_view: settings.shade,
+            debug_view: settings.debug_view,
             occlusion: settings.occlusion.is_some(),
             ambient: settings.occlusion.unwrap_or_default(),
             shadows: settings.shadows.is_some(),
@@ -97,7 +97,7 @@ impl Choices {
 
     pub(in crate::window) fn apply(&self, settings: &mut Settings) {
         settings.wireframe = self.wireframe;
-        settings.shade = self.debug_view;
+        settings.debug_view = self.debug_view;
         settings.occlusion = self.occlusion.then_some(self.ambient);
         settings.shadows = self.shadows.then_some(self.maps);
         settings.anti_aliasing = self.anti_aliasing;
@@ -129,7 +129,7 @@ mod tests {
     #[test]
     fn choices_round_trip_through_the_settings() {
         let mut settings = Settings {
-            shade: DebugView::Depth,
+            debug_view: DebugView::Depth,
             occlusion: Some(AmbientOcclusion { samples: 5, ..AmbientOcclusion::default() }),
             shadows: None,
             anti_aliasing: AntiAliasing::None,

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::{Cascade, Casters, SunlightUniform};
 use crate::frame::counters::Counters;
-use crate::frame::draw::{Batch, Curved, Meshes, each};
+use crate::frame::draw::{Batch, Meshes, PatchPipelines, each};
 use crate::frame::graph::PassId;
 use crate::frame::settings::{MAP_SIDES, MAX_CASCADES, Shadows};
 use crate::frame::targets::DEPTH;
@@ -17,7 +17,7 @@ const MOST_GROUND_RATIO: f64 = 2.5;
 
 /// Content of a layer: cascade, top above its centre, and casters.
 #[derive(Debug, PartialEq)]
-struct Drawn {
+struct LayerState {
     cascade: Cascade,
     top: f64,
     key: Vec<u64>,
@@ -45,7 +45,7 @@ pub(crate) struct ShadowMaps {
     texture: Option<wgpu::Texture>,
     /// Frame uniforms for each cascade.
     frames: Vec<(wgpu::Buffer, wgpu::BindGroup)>,
-    drawn: Vec<Option<Drawn>>,
+    drawn: Vec<Option<LayerState>>,
     sampler: wgpu::Sampler,
     uniform: wgpu::Buffer,
 }
@@ -158,7 +158,8 @@ impl ShadowMaps {
             // Nearer cascades are redrawn sooner, and not all in one frame.
             let late = shadows.max_staleness * (cascades.len() - 1 - layer) as u32 / cascades.len() as u32;
             let key = casters.key.clone();
-            self.drawn[layer] = Some(Drawn { cascade: *cascade, top: casters.top, key, ground_px, late });
+            self.drawn[layer] =
+                Some(LayerState { cascade: *cascade, top: casters.top, key, ground_px, late });
             let (buffer, group) = &self.frames[layer];
             let uniform = frame.as_the_sun_sees(cascade, casters.top, eye);
             gpu.queue.write_buffer(buffer, 0, bytemuck::bytes_of(&uniform));
@@ -182,7 +183,7 @@ impl ShadowMaps {
                 }),
                 ..Default::default()
             };
-            if let Some(Curved { lists, makers, .. }) = meshes.and_then(|meshes| meshes.curved) {
+            if let Some(PatchPipelines { lists, makers, .. }) = meshes.and_then(|meshes| meshes.curved) {
                 let ranges = casters.batches.iter().map(Batch::range);
                 // Tessellated as for the eye, so that lit and casting surfaces are equal.
                 lists.record(makers, encoder, PassId::ShadowMaps, eye_frame, ranges);

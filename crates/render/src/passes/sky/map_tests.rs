@@ -141,7 +141,7 @@ fn given_colours_stay_as_they_are() {
 
 /// Best of several, since other work may share the machine.
 #[test]
-fn what_a_sky_costs() {
+fn time_of_sky_maps() {
     let best = |work: &dyn Fn()| {
         let times = (0..5).map(|_| {
             let begun = std::time::Instant::now();

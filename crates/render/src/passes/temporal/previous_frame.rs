@@ -10,7 +10,7 @@ use crate::scene::asset::AssetGpu;
 use crate::scene::environment::Environment;
 use crate::scene::instance::Instance;
 use crate::scene::lights::Light;
-use crate::scene::terrain::{TerrainLook, TerrainPart};
+use crate::scene::terrain::{TerrainAppearance, TerrainPart};
 use lodestream_terrain::tiles::TileRegion;
 
 /// An asset as a frame drew it.
@@ -37,7 +37,7 @@ struct FrameInput {
 /// Terrain of a frame.
 #[derive(Debug, PartialEq)]
 struct Ground {
-    look: TerrainLook,
+    look: TerrainAppearance,
     parts: Vec<TerrainPart>,
     casters: Vec<TerrainPart>,
     regions: Vec<TileRegion>,

@@ -36,7 +36,7 @@ pub const MAX_DRAWN_HEIGHT: i32 = (1 << 30) - 1;
 
 /// Scale and ground zones of a terrain.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TerrainLook {
+pub struct TerrainAppearance {
     /// World units per grid unit, above 0.
     pub unit: f64,
     /// World units per height unit, above 0.
@@ -123,7 +123,7 @@ pub(crate) struct EyeCell {
 }
 
 impl EyeCell {
-    pub(crate) fn new(eye: DVec3, look: &TerrainLook) -> Self {
+    pub(crate) fn new(eye: DVec3, look: &TerrainAppearance) -> Self {
         // Beyond 2^40 units no terrain is drawn.
         let limit = 1.1e12;
         let cell = [eye.x, eye.z].map(|x| (x / look.unit).clamp(-limit, limit).floor());
@@ -145,11 +145,11 @@ impl EyeCell {
 #[derive(Debug)]
 pub struct TerrainGpu {
     /// Current scale and zones.
-    pub(crate) look: TerrainLook,
+    pub(crate) look: TerrainAppearance,
     /// Vertical exaggeration, which `look` includes.
     factor: f64,
     /// Scale and zones without exaggeration.
-    made: TerrainLook,
+    made: TerrainAppearance,
     pub(crate) atlas: wgpu::Texture,
     /// Slopes of each tile and of the next coarser one, at the same places as the heights.
     pub(crate) slopes: wgpu::Texture,
@@ -175,7 +175,7 @@ impl TerrainGpu {
     pub(crate) fn new(
         gpu: &Gpu,
         pipelines: &TerrainPipelines,
-        look: TerrainLook,
+        look: TerrainAppearance,
     ) -> Result<Self, RenderError> {
         let device = &gpu.device;
         let allowed = device.limits().max_texture_dimension_2d;
@@ -286,12 +286,12 @@ impl TerrainGpu {
         let made = self.made;
         let zones = made.zones.map(|zone| zone * factor as f32);
         self.factor = factor;
-        self.look = TerrainLook { height_unit: made.height_unit * factor, zones, ..made };
+        self.look = TerrainAppearance { height_unit: made.height_unit * factor, zones, ..made };
     }
 
     /// Current scale and zones.
     #[must_use]
-    pub fn look(&self) -> TerrainLook {
+    pub fn look(&self) -> TerrainAppearance {
         self.look
     }
 
@@ -393,13 +393,6 @@ impl TerrainGpu {
             gpu.queue.write_buffer(&self.regions, 0, bytemuck::bytes_of(&regions));
         }
     }
-}
-
-/// Morph distances for the shader. The morph ends slightly early, so that rounding leaves no point in motion where a
-/// coarser tile begins.
-pub(crate) fn shader_morph([begin, end]: [f64; 2]) -> [f32; 2] {
-    const EARLY: f64 = 0.995;
-    if end.is_finite() { [begin as f32, (begin + (end - begin) * EARLY) as f32] } else { [1e37, 2e37] }
 }
 
 /// Texel of a slot's first point, margin included.

@@ -3,8 +3,9 @@
 use glam::DVec3;
 
 use super::TerrainPart;
-use super::atlas::{EyeCell, TerrainFrame, TerrainGpu, first_texel, shader_morph};
+use super::atlas::{EyeCell, TerrainFrame, TerrainGpu, first_texel};
 use super::grid::QUADRANT_INDICES;
+use super::regions::shader_morph;
 use super::tile_raw::TileRaw;
 use crate::frame::counters::Counters;
 use crate::frame::receivers::Receivers;

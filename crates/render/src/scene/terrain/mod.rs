@@ -9,11 +9,11 @@ mod regions;
 mod slopes;
 mod tile_raw;
 
-#[cfg(any(test, feature = "reference"))]
-pub(crate) use atlas::shader_morph;
-pub use atlas::{MAX_DRAWN_HEIGHT, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};
+pub use atlas::{MAX_DRAWN_HEIGHT, TERRAIN_SLOTS, TerrainAppearance, TerrainFrame, TerrainGpu, TerrainPart};
 pub(crate) use list::{TileList, receivers};
 pub(crate) use pipeline::TerrainPipelines;
+#[cfg(any(test, feature = "reference"))]
+pub(crate) use regions::shader_morph;
 
 /// Computes the ground textures, which all terrains share.
 pub(crate) fn compute_textures() {

@@ -3,7 +3,6 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec2, DVec3};
 
-use super::atlas::shader_morph;
 use lodestream_terrain::tiles::{MAX_REGIONS, TileRegion};
 
 /// Number of spacings with distances: more than any terrain has.
@@ -38,6 +37,13 @@ impl RegionsUniform {
         }
         out
     }
+}
+
+/// Morph distances for the shader. The morph ends slightly early, so that rounding leaves no point in motion where a
+/// coarser tile begins.
+pub(crate) fn shader_morph([begin, end]: [f64; 2]) -> [f32; 2] {
+    const EARLY: f64 = 0.995;
+    if end.is_finite() { [begin as f32, (begin + (end - begin) * EARLY) as f32] } else { [1e37, 2e37] }
 }
 
 #[cfg(test)]
