@@ -146,10 +146,7 @@ fn what_cannot_be_used_is_refused_with_a_reason() {
         ["terrain", "--level", "6", "--patch", "0,0", "--raw", text(&out), "--features", text(&features)];
     refused(&dir, &featured, &["f.json", "cannot be read"]);
     for (json, fragments) in [
-        (
-            r#"{"mode": "fixed", "points": [[1, 2, 3], [1, 2, 4]]}"#,
-            &["f.json", "point 1", "given twice"][..],
-        ),
+        (r#"{"mode": "fixed", "points": [[1, 2, 3], [1, 2, 4]]}"#, &["f.json", "point 1", "given twice"][..]),
         (r#"{"mode": "fixed", "points": [[1, 9999999999, 3]]}"#, &["point 0", "outside the world"]),
         (r#"{"mode": "fixed", "points": [[1, 2, 9999999999]]}"#, &["point 0", "9999999999"]),
         (r#"{"mode": "fixed", "points": [[1.5, 2, 3]]}"#, &["floating point", "line 1", "whole numbers"]),

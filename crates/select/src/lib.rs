@@ -34,6 +34,14 @@ mod selector;
 mod settings;
 mod state;
 #[cfg(any(test, feature = "testing"))]
+#[cfg_attr(
+    not(test),
+    expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_precision_loss,
+        reason = "synthetic assets are small"
+    )
+)]
 pub mod testing;
 #[cfg(test)]
 mod tests;

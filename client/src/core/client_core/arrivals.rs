@@ -160,7 +160,7 @@ impl ClientCore {
                 let chunks = (first..).take(count).map(|chunk| BlobId::chunk(asset, chunk));
                 self.mark_cached(chunks.collect());
             }
-            Err(why) => self.mark_failed(now, id, &why.into()),
+            Err(why) => self.mark_failed(now, id, &why),
         }
     }
 

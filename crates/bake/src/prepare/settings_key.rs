@@ -138,7 +138,8 @@ mod tests {
 
     #[test]
     fn any_changed_setting_changes_the_encoding() {
-        let changes: Vec<(&str, fn(&mut PackSettings<'static>))> = vec![
+        type Change = (&'static str, fn(&mut PackSettings<'static>));
+        let changes: Vec<Change> = vec![
             ("name", |s| s.name = "b"),
             ("longer name", |s| s.name = "a\0"),
             ("part", |s| s.part = Part::Mesh { mesh: 0, linear: DEFAULT_LINEAR }),
