@@ -6,7 +6,7 @@
 //! blob, coarse levels first, as clients that look at everything would; the second finds all of it in the cache.
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "a benchmark may end where a test would")]
 
-#[path = "../tests/stores/s3.rs"]
+#[path = "../tests/suite/stores/s3.rs"]
 #[allow(dead_code, unreachable_pub, reason = "tests use the rest")]
 mod s3;
 

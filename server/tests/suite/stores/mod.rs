@@ -1,9 +1,4 @@
 //! Scenes and packs in a real S3 server, in the face of slow, short, wrong and missing answers.
-#![cfg(unix)]
-#![allow(
-    clippy::unwrap_used,
-    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
-)]
 
 mod s3;
 

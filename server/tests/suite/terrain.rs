@@ -1,10 +1,5 @@
 //! `terrain` and `terrain-import` as people run them.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
-)]
-
 use std::path::Path;
 use std::process::{Command, Output};
 

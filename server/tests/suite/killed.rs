@@ -1,17 +1,12 @@
 //! A preparation that is killed goes on where it was, and makes the same pack.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
-)]
-
-mod landscape;
-
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use tempfile::TempDir;
+
+use crate::landscape;
 
 fn prepare(model: &Path, pack: &Path, threads: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-server"));

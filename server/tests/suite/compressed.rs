@@ -1,10 +1,5 @@
 //! A compressed model is prepared to the very pack that its uncompressed CPU reference is, but for the key of what it was made of.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
-)]
-
 use std::process::Command;
 
 use draco_core::{

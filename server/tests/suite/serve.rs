@@ -1,9 +1,4 @@
 //! The server as a process: what it prints, what it answers, how it ends.
-#![cfg(unix)]
-#![allow(
-    clippy::unwrap_used,
-    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
-)]
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;

@@ -1,9 +1,4 @@
 //! Checks the shipped files against the program: systemd unit, container image, dashboard, manual pages, packages.
-#![cfg(unix)]
-#![allow(
-    clippy::unwrap_used,
-    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
-)]
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
