@@ -3,25 +3,25 @@
 use super::brdf::from_octahedral;
 use super::tone::encode_srgb;
 
-/// Of a world normal as the G-buffer holds it, on an octahedron; beyond 1 it marks what is unlit.
+/// Colour of a world normal in the G-buffer's octahedral encoding; values beyond 1 mark unlit surfaces.
 #[must_use]
 pub fn normal(stored: [f64; 2]) -> [f64; 3] {
     if stored[0] > 1.5 { [0.0; 3] } else { from_octahedral(stored).map(|x| 0.5 + 0.5 * x) }
 }
 
-/// Of roughness, metal and occlusion.
+/// Colour of roughness, metalness and occlusion.
 #[must_use]
 pub fn surface(roughness: f64, metal: f64, occlusion: f64) -> [f64; 3] {
     [roughness, metal, occlusion]
 }
 
-/// Of a linear albedo.
+/// Colour of a linear albedo.
 #[must_use]
 pub fn albedo(albedo: [f64; 3]) -> [f64; 3] {
     albedo.map(encode_srgb)
 }
 
-/// Of a view depth.
+/// Colour of a view depth.
 #[must_use]
 pub fn depth(view_depth: f64) -> [f64; 3] {
     let octaves = view_depth.log2();
@@ -29,7 +29,7 @@ pub fn depth(view_depth: f64) -> [f64; 3] {
     level(octave + 128.0).map(|x| x * (1.0 - 0.6 * (octaves - octave)))
 }
 
-/// Of a number of times that a pixel was drawn.
+/// Colour of an overdraw count.
 #[must_use]
 pub fn count(count: f64) -> [f64; 3] {
     let t = 4.0 * (count / 8.0).min(1.0);

@@ -5,7 +5,7 @@ use super::surface::{V3, dot, scale};
 /// A punctual light, relative to the lit surface.
 #[derive(Clone, Copy, Debug)]
 pub struct PunctualLight {
-    /// Where it is.
+    /// Position.
     pub position: V3,
     /// Range.
     pub range: f64,

@@ -8,7 +8,7 @@ pub const STEPS: u32 = 7;
 /// A corner of a patch.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corner {
-    /// Where it is.
+    /// Position.
     pub position: DVec3,
     /// Unit length, or zero.
     pub normal: DVec3,

@@ -11,7 +11,7 @@ const MIRRORS: [f64; 2] = [0.2, 0.5];
 const FARTHEST: f64 = 1e4;
 /// Share of its depth at which one ends that comes towards it.
 const CLOSEST: f64 = 1e-3;
-/// How far past a cell's side the next one is looked up, pixels.
+/// Offset beyond a cell's side at which the next cell is looked up, pixels.
 const NUDGE: f64 = 0.01;
 
 /// Depth pyramid: stored depths and the nearest of each 2×2, level by level.
@@ -64,7 +64,7 @@ pub struct Tracing {
     pub by_cells: bool,
     /// Most steps.
     pub steps: u32,
-    /// How thick what is drawn is, as a share of its depth.
+    /// Assumed thickness of surfaces, as a share of their depth.
     pub thickness: f64,
 }
 
@@ -84,7 +84,7 @@ pub enum End {
 /// A ray's result and its number of depth lookups.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Traced {
-    /// Where it ended.
+    /// Result.
     pub end: End,
     /// Lookups.
     pub lookups: u32,
@@ -119,7 +119,7 @@ impl Line {
 /// A depth buffer in which rays are traced.
 #[derive(Clone, Copy, Debug)]
 pub struct Mirror<'a> {
-    /// What was drawn.
+    /// The depth buffer.
     pub picture: DepthPicture<'a>,
     /// The depth pyramid.
     pub pyramid: &'a Pyramid,

@@ -22,7 +22,7 @@ pub(crate) struct Sky<'a> {
     pub(crate) seen: &'a Octahedral,
     /// Prefiltered reflections, smoothest first.
     pub(crate) layers: &'a [Octahedral],
-    /// Of [`irradiance`].
+    /// Spherical-harmonic coefficients of the irradiance.
     pub(crate) irradiance: [DVec3; 9],
     /// Extinction by haze, per world unit.
     pub(crate) haze: f64,

@@ -8,7 +8,7 @@ use glam::{DVec2, DVec3};
 /// A corner of a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corner {
-    /// Where it is.
+    /// Position.
     pub position: DVec3,
     /// Unit normal.
     pub normal: DVec3,
@@ -28,17 +28,17 @@ pub struct Tangents {
 /// Method of computing a tangent frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TangentMethod {
-    /// Of each face, of its edges alone: Lengyel, "Computing tangent space basis vectors for an arbitrary mesh", 2001.
+    /// Per face, from its edges: Lengyel, "Computing tangent space basis vectors for an arbitrary mesh", 2001.
     PerFace,
     /// The sum of those around a corner, interpolated.
     Averaged,
-    /// The same, turned into the plane of the interpolated normal by Gram and Schmidt, v from the sense of the faces.
+    /// The sum, orthonormalised against the interpolated normal (Gram–Schmidt), with v from the winding of the faces.
     GramSchmidt,
     /// The same, with faces whose texture is mirrored summed by themselves, as Mikkelsen, "Simulation of wrinkled surfaces
     /// revisited", 2008, has it.
     SplitGramSchmidt,
-    /// From derivatives across the picture, with nothing in the vertices: Schüler, "Normal mapping without precomputed
-    /// tangents", 2006, revisited 2013. What the shader does.
+    /// From screen-space derivatives, without vertex data: Schüler, "Normal mapping without precomputed tangents",
+    /// 2006, revisited 2013. Used by the shader.
     Derivatives,
 }
 

@@ -24,7 +24,7 @@ pub struct Resolve<'a> {
     pub motion: &'a [Option<[f64; 2]>],
     /// Weighed colours, and of how many frames they are a mean.
     pub history: &'a [[f64; 4]],
-    /// From where the frame was drawn, and the one before.
+    /// Cameras of this frame and the previous one.
     pub cameras: [Pose; 2],
     /// The near plane.
     pub near: f64,
@@ -49,7 +49,7 @@ pub fn weighed(radiance: [f64; 3], exposure: f64) -> Option<[f64; 3]> {
     Some(x.map(|c| c / (1.0 + most)))
 }
 
-/// What was weighed, times exposure.
+/// Removes the brightness weight and applies exposure.
 #[must_use]
 pub fn unweighed(colour: [f64; 3]) -> [f64; 3] {
     let colour = colour.map(|c| c.min(0.9999));

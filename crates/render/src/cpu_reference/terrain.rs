@@ -6,12 +6,12 @@ use lodestream_terrain::tiles::{
     CELL_SAMPLES, FALLOFF, TILE_CELLS, TILE_MARGIN, TILE_SAMPLES, TileRegion, region_margin,
 };
 
-/// What the vertex shader knows of a tile, in world units relative to the eye.
+/// The vertex shader's input for a tile, in world units relative to the eye.
 #[derive(Clone, Copy, Debug)]
 pub struct Tile<'a> {
     /// Heights in height units, rows of [`TILE_SAMPLES`].
     pub heights: &'a [i32],
-    /// Where its first point is in the plane.
+    /// Position of its first point in the plane.
     pub corner: [f64; 2],
     /// Distance between points; samples are half as far apart.
     pub step: f64,
@@ -21,7 +21,7 @@ pub struct Tile<'a> {
     pub eye_height: f64,
     /// Height of the eye over the ground around.
     pub above: f64,
-    /// Where points begin to slide onto the coarser surface, and where they have arrived.
+    /// Distances at which the morph onto the coarser surface begins and ends.
     pub morph: [f64; 2],
     /// The spacing's number.
     pub spacing: u8,
@@ -67,7 +67,7 @@ impl Tile<'_> {
         if end.is_finite() { ((d - begin) / (end - begin)).clamp(0.0, 1.0) } else { 0.0 }
     }
 
-    /// Where the vertex shader puts a point: world axes, relative to the eye.
+    /// Position of a point: world axes, relative to the eye.
     #[must_use]
     pub fn place(&self, column: u32, row: u32) -> [f64; 3] {
         let p = [i64::from(column), i64::from(row)];

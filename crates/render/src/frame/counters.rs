@@ -2,7 +2,7 @@
 
 use crate::frame::graph::PassId;
 
-/// What a frame took.
+/// Counters of a frame.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Passes run, in order.

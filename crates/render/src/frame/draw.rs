@@ -335,7 +335,7 @@ pub(crate) fn finite(raw: InstanceRaw) -> Option<InstanceRaw> {
     raw.offset.iter().chain(&raw.rotation).chain([&raw.scale]).all(|x| x.is_finite()).then_some(raw)
 }
 
-/// Where an instance's origin lies, relative to the eye.
+/// Origin of an instance, relative to the eye.
 pub(crate) fn middle(raw: &InstanceRaw) -> DVec3 {
     DVec3::from(raw.offset.map(f64::from))
 }

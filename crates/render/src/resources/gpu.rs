@@ -178,7 +178,7 @@ impl Gpu {
         self.device.create_render_pipeline(descriptor)
     }
 
-    /// How many render pipelines were compiled on this device so far.
+    /// Number of render pipelines compiled on this device.
     #[must_use]
     pub fn compiled_pipelines(&self) -> u32 {
         self.pipelines.load(Ordering::Relaxed)

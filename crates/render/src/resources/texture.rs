@@ -18,7 +18,7 @@ use crate::scene::relief_acceleration::ReliefAcceleration;
 /// Longest allocated side; finer levels are dropped, so that a forged size cannot claim gigabytes.
 const MAX_SIDE_PX: u32 = 8192;
 
-/// What a texture is for, which decides its format.
+/// Kind of a texture, which determines its format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TextureKind {
     /// sRGB colour.

@@ -12,7 +12,7 @@ pub struct Material {
     pub base_colour: [f32; 3],
     /// 0 to 1; multiplied with the colour texture's.
     pub opacity: f32,
-    /// What opacity does.
+    /// Alpha mode.
     pub alpha: Alpha,
     /// Perceptual: 0 = mirror-like highlights, 1 = matt; multiplied with the surface texture's green.
     pub roughness: f32,
@@ -22,7 +22,7 @@ pub struct Material {
     pub emission: [f32; 3],
     /// Shows the base colour without lighting and without emission.
     pub unlit: bool,
-    /// How maps continue beyond their edges, along u and v.
+    /// Wrap modes of the textures along u and v.
     pub wrap: [Wrap; 2],
     /// Depth of the height map below the surface, in units of texture coordinates (0.05 = a
     /// twentieth of the texture's width); 0 = no relief.

@@ -1,7 +1,7 @@
 // Edges smoothed in the finished picture: fast approximate anti-aliasing (Lottes, "FXAA", 2009; the search along edges
 // of version 3.11, 2011). CPU reference: cpu_reference/antialias.rs.
 
-// Whether the target applies the sRGB curve by itself, so that it is to be given linear values.
+// Whether the target applies the sRGB curve, so that it takes linear values.
 override DECODE_SRGB: bool = false;
 
 // As it is shown: sRGB-encoded, so that differences are about as large as they look.

@@ -10,7 +10,7 @@ struct Composite {
     @builtin(frag_depth) depth: f32,
 }
 
-// For targets with depth: the depth test leaves what of the host's is nearer.
+// For targets with depth: the depth test keeps the host's nearer surfaces.
 @fragment
 fn fs_composite(@builtin(position) at: vec4<f32>) -> Composite {
     let depth = textureLoad(depth_map, vec2<i32>(at.xy), 0);

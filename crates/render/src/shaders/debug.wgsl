@@ -48,7 +48,7 @@ fn motion_colour(to_before: vec2<f32>) -> vec3<f32> {
     return 0.5 + 0.5 * vec3(s.x, s.y, -s.x);
 }
 
-// The motion of what moves by itself, else by the camera's.
+// Motion of moving objects, else due to the camera.
 fn motion_of(pixel: vec2<i32>, stored: f32, by_itself: vec2<f32>) -> vec2<f32> {
     let moves = SHOWN == 9u && by_itself.x < STANDS;
     return select(motion_of_camera(pixel, stored), by_itself, moves);
@@ -80,7 +80,7 @@ fn texel_at(at: vec2<f32>) -> vec2<i32> {
     return min(vec2<i32>(at * frame.size_px / target_size), vec2<i32>(frame.size_px) - 1);
 }
 
-// Whether there is something to show: a surface, or what is seen through and was counted.
+// Whether there is a surface, or an overdraw count.
 fn is_shown(texel: vec2<i32>) -> bool {
     let counted = SHOWN == 6u && textureLoad(shown_map, texel, 0).x > 0.0;
     return counted || textureLoad(depth_map, texel, 0).x > 0.0;
@@ -113,7 +113,7 @@ struct Debug {
     @builtin(frag_depth) depth: f32,
 }
 
-// For targets with depth: the depth test leaves what of the host's is nearer.
+// For targets with depth: the depth test keeps the host's nearer surfaces.
 @fragment
 fn fs_debug_depth(@builtin(position) at: vec4<f32>) -> Debug {
     let texel = vec2<i32>(at.xy);

@@ -1,6 +1,6 @@
 // Upscaling of the finished picture. CPU reference: cpu_reference/antialias.rs.
 
-// Whether the target applies the sRGB curve by itself, so that it is to be given linear values.
+// Whether the target applies the sRGB curve, so that it takes linear values.
 override DECODE_SRGB: bool = false;
 
 @group(0) @binding(1) var display_map: texture_2d<f32>;

@@ -34,7 +34,7 @@ fn rotation_index(pixel: vec2<i32>) -> u32 {
     return (own + (frame.flags >> 8u)) & 15u;
 }
 
-// What of an occluder at this distance counts: linear to the radius, which is what points spread evenly along it find.
+// Falloff of an occluder: linear up to the radius.
 fn falloff(r: Receiver, distance: f32) -> f32 {
     return max(1.0 - distance / r.radius, 0.0);
 }

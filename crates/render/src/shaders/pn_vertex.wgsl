@@ -21,7 +21,7 @@ struct VertexIn {
 }
 
 // A vertex on its triangle.
-struct ReliefHit {
+struct PatchPoint {
     face: u32,
     instance: u32,
     // Barycentric.
@@ -34,7 +34,7 @@ fn snapped(piece: u32, grid: u32, edge: u32) -> u32 {
     return (piece + width / 2u) / width * width;
 }
 
-fn found(v: VertexIn) -> ReliefHit {
+fn patch_point(v: VertexIn) -> PatchPoint {
     let step = v.grid.z;
     let on = listed[job.starts[step] + v.number];
     let pieces = 1u << step;
@@ -49,7 +49,7 @@ fn found(v: VertexIn) -> ReliefHit {
         w.x = snapped(w.x, step, on.steps >> 6u & 7u);
         w.z = pieces - w.x;
     }
-    return ReliefHit(on.face, on.instance, vec3<f32>(w) / f32(pieces));
+    return PatchPoint(on.face, on.instance, vec3<f32>(w) / f32(pieces));
 }
 
 // The corner that a vertex of a grid of one piece is.
@@ -72,14 +72,14 @@ fn bent(c: array<Corner, 3>, w: vec3<f32>) -> vec3<f32> {
 }
 
 // Where a vertex is at a time, relative to the asset's origin. Most triangles are of one piece, which needs no patch.
-fn local_at(v: VertexIn, at: ReliefHit, time_s: f32) -> vec3<f32> {
+fn local_at(v: VertexIn, at: PatchPoint, time_s: f32) -> vec3<f32> {
     if (v.grid.z == 0u) {
         return corner(own_slot(v, at.face), time_s).position;
     }
     return bent(corners_of(at.face, time_s), at.weights);
 }
 
-fn placed(v: VertexIn, at: ReliefHit) -> vec3<f32> {
+fn placed(v: VertexIn, at: PatchPoint) -> vec3<f32> {
     let local = local_at(v, at, frame.time_s);
     return in_world(local, instances[2u * at.instance], instances[2u * at.instance + 1u]);
 }
@@ -104,7 +104,7 @@ fn uv_at(slots: vec3<u32>, w: vec3<f32>) -> vec2<f32> {
 
 @vertex
 fn vs_surface(v: VertexIn) -> Surface {
-    let at = found(v);
+    let at = patch_point(v);
     let w = at.weights;
     let slots = slots_of(at.face);
     var local: vec3<f32>;
@@ -137,12 +137,12 @@ fn vs_surface(v: VertexIn) -> Surface {
 // Shadow caster: `frame` then holds the sun's view.
 @vertex
 fn vs_caster(v: VertexIn) -> @builtin(position) vec4<f32> {
-    return clip_position(placed(v, found(v)));
+    return clip_position(placed(v, patch_point(v)));
 }
 
 @vertex
 fn vs_pierced(v: VertexIn) -> Pierced {
-    let at = found(v);
+    let at = patch_point(v);
     let slots = slots_of(at.face);
     let w = at.weights;
     let uv = uv_at(slots, w);
@@ -153,7 +153,7 @@ fn vs_pierced(v: VertexIn) -> Pierced {
 // Edges of the grid, as those of meshes.
 @vertex
 fn vs_wire(v: VertexIn) -> @builtin(position) vec4<f32> {
-    var clip = clip_position(placed(v, found(v)));
+    var clip = clip_position(placed(v, patch_point(v)));
     clip.z *= 1.002;
     return clip;
 }

@@ -413,7 +413,7 @@ fn culling_loses_no_light_on_transparent_surfaces() {
 
 /// Medians of punctual lights that move, so that no frame has the lists of another.
 #[test]
-#[ignore = "takes times: cargo test -p lodestream-render --lib -- punctual_lights_cost --ignored --nocapture"]
+#[ignore = "takes times: cargo test -p lodestream-render --lib -- time_of_punctual_lights --ignored --nocapture"]
 fn time_of_punctual_lights() {
     const FRAMES: u32 = 9;
     let Some(mut h) = headless(1280, 720) else { return };

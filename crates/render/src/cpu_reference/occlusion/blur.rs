@@ -8,7 +8,7 @@ use crate::cpu_reference::surface::DepthPicture;
 pub struct Blur<'a> {
     /// The surfaces.
     pub picture: DepthPicture<'a>,
-    /// How open each pixel is, rows from the top.
+    /// Openness of each pixel, rows from the top.
     pub raw: &'a [f64],
     /// Radius in world units, and per unit of depth; added.
     pub radius: (f64, f64),

@@ -9,7 +9,7 @@ pub fn half_pixel(cell: [i64; 2], size_px: [u32; 2]) -> [i64; 2] {
     [0, 1].map(|i| (2 * cell[i] + (cell[1 - i] & 1)).min(i64::from(size_px[i]) - 1))
 }
 
-/// How many estimates a picture has along its sides.
+/// Size of the half-resolution picture.
 #[must_use]
 pub fn half_size(size_px: [u32; 2]) -> [u32; 2] {
     size_px.map(|side| side.div_ceil(2))
@@ -28,7 +28,7 @@ impl Occlusion<'_> {
 pub struct Upsample<'a> {
     /// The surfaces.
     pub picture: DepthPicture<'a>,
-    /// How open the pixel of each 2×2 is, rows from the top.
+    /// Openness of the estimated pixel of each 2×2, rows from the top.
     pub half: &'a [f64],
     /// Radius in world units, and per unit of depth; added.
     pub radius: (f64, f64),

@@ -12,7 +12,7 @@ pub enum Normals<'a> {
     Nearest,
     /// By the normals that are drawn, in view space, rows from the top; `None` where a surface is unlit.
     Drawn(&'a [Option<[f64; 3]>]),
-    /// Those whose surface goes on through the pixel.
+    /// The neighbours that are collinear with the pixel.
     Extended,
 }
 

@@ -46,7 +46,7 @@ impl Slice {
         }
     }
 
-    /// What is drawn so many steps away on one of the sides.
+    /// The sample `step` steps away on one side.
     pub(super) fn drawn_at(&self, r: &Receiver<'_>, step: usize, side: f64) -> V3 {
         let share = (step as f64 + r.march_offset()) / counts(r).1 as f64;
         r.drawn_at(self.offset_px.map(|px| px * side * r.march_px(share * share) * r.depth / r.scale_px))

@@ -16,11 +16,11 @@ pub enum Method {
     Parallax,
     /// The first of equal steps that lies below: McGuire and McGuire, "Steep parallax mapping", 2005.
     SteepParallax,
-    /// The same, then where the chords of the last step cross: Tatarchuk, "Dynamic parallax occlusion mapping with
-    /// approximate soft shadows", 2006; Brawley and Tatarchuk 2004.
+    /// Linear search, then the intersection of the last step's chords: Tatarchuk, "Dynamic parallax occlusion mapping
+    /// with approximate soft shadows", 2006; Brawley and Tatarchuk 2004.
     ParallaxOcclusion,
-    /// The same, then halvings: Policarpo, Oliveira and Comba, "Real-time relief mapping on arbitrary polygonal surfaces",
-    /// 2005. What `relief.wgsl` does.
+    /// Linear search, then bisection: Policarpo, Oliveira and Comba, "Real-time relief mapping on arbitrary polygonal
+    /// surfaces", 2005. Used by `relief.wgsl`.
     Relief,
     /// Steps to the edge of empty cones: Dummer, "Cone step mapping", 2006.
     ConeStepping,
@@ -37,11 +37,11 @@ pub enum Method {
 pub struct Prepared {
     /// Heights.
     pub heights: ReliefMap,
-    /// Of [`Method::ConeStepping`].
+    /// For [`Method::ConeStepping`].
     pub cones: Cones,
-    /// Of [`Method::RelaxedConeStepping`].
+    /// For [`Method::RelaxedConeStepping`].
     pub relaxed: Cones,
-    /// Of [`Method::Quadtree`].
+    /// For [`Method::Quadtree`].
     pub pyramid: Pyramid,
 }
 
@@ -82,7 +82,7 @@ impl Method {
         }
     }
 
-    /// Whether it takes as many steps as it is given.
+    /// Whether the method uses all the steps it is given.
     #[must_use]
     pub fn steps(self) -> bool {
         !matches!(self, Self::None | Self::Parallax)
@@ -146,7 +146,7 @@ fn linear(map: &ReliefMap, ray: &Ray, steps: u32) -> Linear {
 }
 
 impl Linear {
-    /// Where the chords of ray and surface cross.
+    /// Intersection of the chords of ray and surface.
     fn secant(&self) -> f64 {
         let [before, now] = self.clearance;
         if now > 0.0 || before <= now {

@@ -7,7 +7,7 @@ use super::ReliefMap;
 pub struct Ray {
     /// Texture coordinates where it comes to the surface.
     pub start: [f64; 2],
-    /// How far they change until it is at full depth.
+    /// Change of texture coordinates until full depth.
     pub span: [f64; 2],
     /// Cosine of its angle to the normal.
     pub cosine: f64,
