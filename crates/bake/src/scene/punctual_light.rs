@@ -153,7 +153,7 @@ intensity = 0
             (
                 "[[punctual_light]]",
                 "[[light]]",
-                &[":2:", "[light] is the scene's one sun", "[[punctual_light]]"],
+                &[":2:", "[light] is the only directional light", "[[punctual_light]]"],
             ),
         ] {
             let message = parse(Path::new("s.toml"), &(PUNCTUAL_LIGHTS.replacen(from, to, 1) + ASSET))

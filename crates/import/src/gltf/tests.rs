@@ -257,7 +257,7 @@ fn sparse_elements_replace_those_that_are_there_and_zeros() {
     falling.json["accessors"][0]["sparse"] = json!({
         "count": 2, "indices": {"bufferView": indices, "componentType": UBYTE}, "values": {"bufferView": 0},
     });
-    falling.refused(&["do not rise"]);
+    falling.refused(&["do not increase"]);
 }
 
 #[test]
@@ -368,7 +368,7 @@ fn what_is_not_drawn_is_named() {
         "cameras",
         "extension KHR_materials_sheen",
         "extension EXT_lights_image_based",
-        "directional lights (a scene's sun is the [light] of its file)",
+        "directional lights (set [light] in the scene file instead)",
     ] {
         assert!(warning.contains(what), "{warning:?} lacks {what:?}");
     }
@@ -402,7 +402,7 @@ fn bad_files_are_refused_with_their_place() {
     json("/meshes/0/primitives/0/attributes/POSITION", json!(7)).refused(&["accessors[7] does not exist"]);
     json("/bufferViews/0/byteLength", json!(1u64 << 40)).refused(&["bufferViews[0] reaches beyond"]);
     json("/bufferViews/0/buffer", json!(3)).refused(&["buffers[3] does not exist"]);
-    json("/buffers/0/byteLength", json!(1u64 << 40)).refused(&["buffers[0]", "cut short"]);
+    json("/buffers/0/byteLength", json!(1u64 << 40)).refused(&["buffers[0]", "truncated"]);
     json("/nodes/0", json!({"children": [0]})).refused(&["nodes[0]", "its own ancestor"]);
     json("/nodes/0", json!({"children": [4]})).refused(&["nodes[4] does not exist"]);
     json("/nodes/0/mesh", json!(2)).refused(&["meshes[2] does not exist"]);

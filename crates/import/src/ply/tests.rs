@@ -189,7 +189,7 @@ fn a_file_cut_short_anywhere_is_refused_with_a_place() {
         let least = whole.trim_ascii_end().len();
         for length in 0..if format == "ascii" { least } else { whole.len() } {
             let why = read("a.ply", &whole[..length]).unwrap_err().to_string();
-            let told = ["line", "truncated", "end_header", "is empty", "no PLY file", "numbers", "no number"];
+            let told = ["line", "truncated", "end_header", "is empty", "not a PLY file", "numbers", "not a number", "not a count"];
             assert!(told.iter().any(|word| why.contains(word)), "{format}, {length} bytes: {why}");
         }
     }
@@ -206,7 +206,7 @@ const FACE: &str = "element face 1\nproperty list uchar int vertex_index\n";
 fn headers_that_lie_are_refused_before_anything_is_reserved() {
     let many = head(&format!("element vertex 4000000000\n{XYZ}{FACE}end_header\n0 0 0\n"));
     let why = refused(many);
-    assert!(why.starts_with(":3: ") && why.contains("24000000000 bytes at least, but 6 follow"), "{why}");
+    assert!(why.starts_with(":3: ") && why.contains("at least 24000000000 bytes, but 6 follow"), "{why}");
     let binary = format!("ply\nformat binary_little_endian 1.0\nelement vertex 3\n{XYZ}{FACE}end_header\n");
     let mut list = binary.clone().into_bytes();
     list.extend([0; 36]);
@@ -230,15 +230,15 @@ fn what_is_wrong_is_told_with_its_line() {
         ("ply\n", "plx\n", ":1: is not a PLY file"),
         ("ascii", "octal", ":2: there is no format \"octal\""),
         ("format ascii 1.0\n", "", "names no format"),
-        ("1.0", "2.0", "is not one of format (of version 1.0)"),
+        ("1.0", "2.0", "is not one of format (version 1.0)"),
         ("element vertex 3\n", "", ":3: a property of no element"),
         ("float x", "real x", ":4: there is no type \"real\""),
         ("float x", "float w", ":3: vertices have no property \"x\""),
         ("uchar int", "float int", ":8: the list \"vertex_index\" has a length that is not an integer"),
         ("uchar int", "uchar float", ":7: face has no list vertex_indices of integers"),
         ("vertex_index", "corners", ":7: face has no list vertex_indices of integers"),
-        ("1 0 0", "1 0", ":11: vertex 1: the line holds fewer numbers"),
-        ("1 0 0", "1 0 0 7", ":11: vertex 1: the line holds more numbers"),
+        ("1 0 0", "1 0", ":11: vertex 1: the line has fewer numbers"),
+        ("1 0 0", "1 0 0 7", ":11: vertex 1: the line has more numbers"),
         ("1 0 0", "1 o 0", ":11: vertex 1: \"o\" is not a number"),
         ("1 0 0", "1 nan 0", ":11: vertex 1: a position, normal or coordinate is not finite"),
         ("1 0 0", "1 1e39 0", ":11: vertex 1: a position"),

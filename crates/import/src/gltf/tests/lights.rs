@@ -101,18 +101,18 @@ fn bad_lights_are_refused_with_their_place() {
         (
             json!([{"type": "area"}]),
             json!({"extensions": light(0)}),
-            &["lights[0].type", "\"area\"", "only point"],
+            &["lights[0].type", "\"area\"", "use point"],
         ),
-        (json!([{}]), json!({"extensions": light(0)}), &["lights[0] is no light", "export it again"]),
+        (json!([{}]), json!({"extensions": light(0)}), &["lights[0] is not a valid light", "export the file again"]),
         (
             json!([{"type": "point", "intensity": "x"}]),
             json!({"extensions": light(0)}),
-            &["lights[0] is no light"],
+            &["lights[0] is not a valid light"],
         ),
         (
             json!([{"type": "point"}]),
             json!({"extensions": {"KHR_lights_punctual": {"light": -1}}}),
-            &["nodes[1] has a light that is no number"],
+            &["nodes[1] has a light whose index is not a number"],
         ),
         (
             json!([{"type": "point"}]),

@@ -266,7 +266,7 @@ fn samplers_say_how_maps_continue() {
     let (material, warnings) = read(&model);
     assert_eq!(material.wrap, [Wrap::Clamp, Wrap::Mirror]);
     assert!(material.normal_texture.is_some());
-    assert!(warnings[0].contains("its normal texture wraps otherwise"), "{warnings:?}");
+    assert!(warnings[0].contains("its normal texture wraps differently"), "{warnings:?}");
     model.json["textures"][0]["sampler"] = json!(7);
     assert_eq!(read(&model).0.wrap, [Wrap::Repeat; 2]);
 }
