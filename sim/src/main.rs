@@ -9,7 +9,7 @@ mod progress;
 
 use std::process::ExitCode;
 
-use clap::Parser;
+use clap::{CommandFactory as _, Parser};
 
 /// Compares meshes and streams scenes over simulated links.
 #[derive(Debug, Parser)]
@@ -20,7 +20,7 @@ struct Arguments {
 }
 
 fn main() -> ExitCode {
-    Arguments::parse().command.run().unwrap_or_else(|error| {
+    Arguments::parse().command.run(Arguments::command()).unwrap_or_else(|error| {
         eprintln!("error: {}", one_line(&error));
         ExitCode::from(2)
     })

@@ -113,7 +113,8 @@ pub(crate) enum Command {
 }
 
 impl Command {
-    pub(crate) fn run(&self) -> anyhow::Result<ExitCode> {
+    /// `program` is the whole command line, for `generate`.
+    pub(crate) fn run(&self, program: clap::Command) -> anyhow::Result<ExitCode> {
         match self {
             Self::Assess(command) => command.run(),
             Self::Models(command) => command.run(),
@@ -135,7 +136,7 @@ impl Command {
             Self::ReliefWorth(command) => command.run(),
             Self::TangentFrames(command) => command.run(),
             Self::Gallery(command) => command.run(),
-            Self::Generate(command) => command.run(),
+            Self::Generate(command) => command.run(program),
             Self::Run(command) => command.run(),
             Self::Shown(command) => command.run(),
             Self::UntrustedPeers(command) => command.run(),

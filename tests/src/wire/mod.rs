@@ -137,7 +137,7 @@ fn a_reader_written_from_the_page_understands_every_message() {
             ("a described texture", json.to_string().contains("\"relief_depth\"")),
             (
                 "a directory",
-                blobs.iter().any(|blob| blob["id"]["page"].is_u64() && blob["contents"].is_array()),
+                blobs.iter().any(|blob| blob["id"]["terrain_directory_page"].is_u64() && blob["contents"].is_array()),
             ),
         ] {
             assert!(there, "{transport:?}: {what} did not come");
@@ -252,26 +252,17 @@ fn the_page_states_the_limits_and_close_codes_of_the_program() {
     }
 }
 
-/// The hex dump of the page: from its fence to the end.
-fn dump_of(page: &str) -> std::ops::Range<usize> {
-    let start = page.find("```hex\n").expect("docs/protocol.md has no hex dump") + "```hex\n".len();
-    start..start + page[start..].find("```\n").expect("the hex dump has no end")
-}
-
 #[test]
-fn the_page_shows_the_bytes_of_a_first_flight() {
+fn the_dump_shows_the_bytes_of_a_first_flight() {
     let scene = scenes::tetrahedron();
     let said = [vec![ClientMessage::Hello(hello())]];
     let recording = record(scene.source(), Transport::Quic, &said);
     assert_understood(&recording, &Expected::of(&recording), &said);
-    let path = root().join("docs/protocol.md");
-    let page = std::fs::read_to_string(&path).unwrap();
-    let shown = &page[dump_of(&page)];
+    let path = root().join("docs/protocol/first-flight.txt");
+    let shown = std::fs::read_to_string(&path).unwrap();
     let dump = read(&recording, &["--dump"]).map(|dump| dump.unwrap());
     if std::env::var("LODESTREAM_WRITE_PROTOCOL").is_ok_and(|v| v == "1") {
-        let mut page = page.clone();
-        page.replace_range(dump_of(&page), &dump.expect("writing the page needs python3"));
-        std::fs::write(&path, page).unwrap();
+        std::fs::write(&path, dump.expect("writing the dump needs python3")).unwrap();
         return;
     }
     // The bytes are compared with or without Python.
@@ -287,14 +278,14 @@ fn the_page_shows_the_bytes_of_a_first_flight() {
         }
         assert!(
             dumped == *bytes,
-            "stream {number} is not what docs/protocol.md shows: {dumped:02x?}\n{bytes:02x?}"
+            "stream {number} is not what docs/protocol/first-flight.txt shows: {dumped:02x?}\n{bytes:02x?}"
         );
     }
-    assert_eq!(lines.next(), None, "docs/protocol.md shows a stream that there is not");
+    assert_eq!(lines.next(), None, "docs/protocol/first-flight.txt shows a stream that there is not");
     if let Some(dump) = dump {
         assert!(
             dump == shown,
-            "docs/protocol.md names other fields than its reader; the dump is now\n{dump}"
+            "docs/protocol/first-flight.txt names other fields than its reader; the dump is now\n{dump}"
         );
     }
 }

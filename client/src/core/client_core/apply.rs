@@ -13,6 +13,7 @@ use lodestream_scene::blob::{BlobId, BlobPart};
 use lodestream_select::{State, Wanted};
 
 use super::ClientCore;
+use super::state::BLOB_COST;
 use super::blob_error::BlobError;
 use crate::core::asset::{AssetError, RefinedAsset};
 use crate::core::changes::{Change, TextureChange};
@@ -20,9 +21,6 @@ use crate::core::texture_file::TexturePixels;
 
 /// Screen error above which a chunk appears at once instead of morphing, in pixels: it shows what was missing.
 const MAX_MORPH_PX: u16 = 8;
-
-/// Cost of handling a blob besides its bytes, in units of [`ClientCore::update`]'s budget.
-pub(super) const BLOB_COST: u64 = 256;
 
 /// A chunk that can be decoded now.
 struct DecodeTask {

@@ -1,28 +1,17 @@
 //! Received blobs: chunks and texture levels go to the cache, everything else is decoded.
 
-use bytes::Bytes;
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_stated_page};
 use lodestream_protocol::time::Time;
 use lodestream_scene::blob::{BlobId, BlobPart, PunctualLightBlob, TerrainBlob};
 use lodestream_select::State;
 
 use super::ClientCore;
+use super::state::ReceivedBlob;
 use super::blob_error::BlobError;
 use crate::core::asset::RefinedAsset;
 use crate::core::changes::Change;
 use crate::core::height_overrides::HeightOverrideBlobError;
 use crate::core::punctual_light_pages::PunctualLightBlobError;
-
-/// A received blob, or a part of it.
-#[derive(Clone, Debug)]
-pub(super) struct ReceivedBlob {
-    pub(super) id: BlobId,
-    /// Offset of the bytes in the blob.
-    pub(super) offset: u32,
-    /// Length of the whole blob.
-    pub(super) total: u32,
-    pub(super) bytes: Bytes,
-}
 
 impl ClientCore {
     /// Takes a received blob of the terrain, of punctual lights or of a known asset. Chunks and texture levels are

@@ -8,6 +8,7 @@ mod blob_states;
 mod report;
 mod session;
 mod session_events;
+mod state;
 mod update;
 
 use std::collections::{BTreeMap, VecDeque};
@@ -31,9 +32,7 @@ use super::motion::Motion;
 use super::punctual_light_pages::PunctualLightPages;
 use super::scene::Scene;
 use super::stats::Received;
-use arrivals::ReceivedBlob;
-use session::ConnectionState;
-use update::SelectionState;
+use state::{ConnectionState, ReceivedBlob, SelectionState};
 
 /// Result of [`ClientCore::update`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,30 +4,13 @@ use std::time::Duration;
 
 use lodestream_protocol::client::{ClientSession, Resume};
 use lodestream_protocol::frame::{BlobPiece, FrameError, ServerFrame};
-use lodestream_protocol::message::{ClientMessage, Close, CloseCode, Welcome};
+use lodestream_protocol::message::{ClientMessage, Close, CloseCode};
 use lodestream_protocol::time::Time;
 use lodestream_scene::blob::BlobId;
 use lodestream_scene::limits::MAX_HAVE;
 use lodestream_select::State;
 
 use super::ClientCore;
-
-/// The present session, and what earlier ones leave to it.
-#[derive(Debug, Default)]
-pub(super) struct ConnectionState {
-    pub(super) session: Option<ClientSession>,
-    pub(super) welcome: Option<Welcome>,
-    /// Why the session ended.
-    pub(super) closed: Option<Close>,
-    /// Whether the server has sent the base meshes of everything in view.
-    pub(super) bases_sent: bool,
-    /// The user's connect call.
-    pub(super) started: Option<Time>,
-    /// Transport payload of the present connection.
-    pub(super) transport_bytes: u64,
-    /// Transport payload of earlier connections.
-    pub(super) earlier_bytes: u64,
-}
 
 impl ClientCore {
     /// Records the time of the user's connect call, from which milestones count. By default it is the first

@@ -8,7 +8,7 @@ use lodestream_scene::punctual_lights::PunctualLights;
 use lodestream_select::State;
 
 use super::ClientCore;
-use super::arrivals::ReceivedBlob;
+use super::state::ReceivedBlob;
 use crate::core::cache::BlobCache;
 use crate::core::changes::Change;
 use crate::core::config::StartView;

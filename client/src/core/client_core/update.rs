@@ -5,46 +5,14 @@ use std::time::Duration;
 use lodestream_protocol::time::Time;
 use lodestream_scene::blob::{BlobId, BlobPart};
 use lodestream_scene::description::SceneLighting;
-use lodestream_select::{Selector, State, Wanted};
+use lodestream_select::State;
 
-use super::apply::BLOB_COST;
+use super::state::BLOB_COST;
 use super::{ClientCore, Progress};
 use crate::core::milestones::is_drawable;
 
 /// Round trip assumed until one is measured.
 const USUAL_ROUND_TRIP: Duration = Duration::from_millis(100);
-
-/// The last selection, and what has happened since.
-#[derive(Debug)]
-pub(in crate::core) struct SelectionState {
-    pub(super) selector: Selector,
-    /// Blobs wanted by the last selection, most urgent first; their states are kept up to date.
-    pub(in crate::core) wanted: Vec<Wanted>,
-    /// Blobs that the view needs and that failed, as of the last selection.
-    pub(super) failed: Vec<BlobId>,
-    /// Whether anything has changed that the last selection did not take into account.
-    pub(super) stale: bool,
-    /// Whether all height overrides that the view needs have arrived or failed.
-    pub(super) terrain_settled: bool,
-    /// Whether all punctual lights that the view needs have arrived or failed.
-    pub(super) punctual_lights_settled: bool,
-    /// Time of the last selection.
-    selected_at: Option<Time>,
-}
-
-impl SelectionState {
-    pub(super) const fn new(selector: Selector) -> Self {
-        Self {
-            selector,
-            wanted: Vec::new(),
-            failed: Vec::new(),
-            stale: false,
-            terrain_settled: true,
-            punctual_lights_settled: true,
-            selected_at: None,
-        }
-    }
-}
 
 impl ClientCore {
     /// Selects, decodes, applies and undoes, within a budget of about `budget_bytes` of payload.

@@ -399,7 +399,7 @@ fn pictures_have_the_aspect_of_the_view_and_ordered_instants() {
 fn client_and_codec_default_to_the_shipped_settings() {
     let plain = parse_at(GOOD).unwrap();
     assert_eq!((plain.client, plain.codec), (ClientSettings::to(1.0), None));
-    let client = "[client]\ntarget_px = 4\nrequest_depth_bytes = 9000\nprefetch_bases = false\nstops = false\nshadows = true\nsplits_per_s = 3e5\n";
+    let client = "[client]\ntarget_px = 4\nrequest_depth_bytes = 9000\nprefetch_bases = false\ntruncation_points = false\nshadows = true\nsplits_per_s = 3e5\n";
     let head = "codec = \"zstd\"\nttq_px = [4, 1]\n";
     let own =
         parse_at(&format!("{head}{}", GOOD.replace("[[sweep]]", &format!("{client}[[sweep]]")))).unwrap();
@@ -422,7 +422,7 @@ fn client_and_codec_default_to_the_shipped_settings() {
         assert!(error.field == field && error.message.contains(message), "{error}");
     }
     let error = parse_at(&format!("codec = \"lzw\"\n{GOOD}")).unwrap_err();
-    let message = "auto, range, built or zstd is possible; \"lzw\" is not";
+    let message = "auto, range, axis-aligned or zstd is possible; \"lzw\" is not";
     assert_eq!((error.field.as_str(), error.message.as_str()), ("codec", message));
 }
 
