@@ -75,7 +75,7 @@ fn a_certificate_that_is_not_pinned_is_refused_with_the_reason() {
     let mut address = server.address_of("wss");
     address.port = plain.http_address().port();
     let why = refused(address);
-    assert!(why.contains("does not speak TLS") && why.contains("ws://"), "{why}");
+    assert!(why.contains("does not use TLS") && why.contains("ws://"), "{why}");
     let address: Address = format!("ws://{}", server.http_address()).parse().unwrap();
     let why = refused(address);
     assert!(why.contains("wss://"), "{why}");

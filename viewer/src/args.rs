@@ -394,7 +394,7 @@ mod tests {
         for (wrong, message) in [
             (["--ground-heights", "nan"], "must be 0 to 100, not NaN"),
             (["--ground-heights", "-2"], "must be 0 to 100, not -2"),
-            (["--ground-seconds", "inf"], "for 0 seconds or longer, not for inf"),
+            (["--ground-seconds", "inf"], "must be 0 seconds or longer, not inf"),
         ] {
             let wrong = wrong.join("=");
             let error = Args::try_parse_from(["viewer", "ws://h:1", &wrong]).unwrap_err().to_string();

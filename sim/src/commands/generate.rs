@@ -7,7 +7,6 @@ use anyhow::Context as _;
 use clap::{Args, Subcommand};
 use clap_complete::Shell;
 
-
 #[derive(Debug, Args)]
 pub(crate) struct Generate {
     #[command(subcommand)]

@@ -137,7 +137,9 @@ fn a_reader_written_from_the_page_understands_every_message() {
             ("a described texture", json.to_string().contains("\"relief_depth\"")),
             (
                 "a directory",
-                blobs.iter().any(|blob| blob["id"]["terrain_directory_page"].is_u64() && blob["contents"].is_array()),
+                blobs
+                    .iter()
+                    .any(|blob| blob["id"]["terrain_directory_page"].is_u64() && blob["contents"].is_array()),
             ),
         ] {
             assert!(there, "{transport:?}: {what} did not come");

@@ -13,8 +13,8 @@ use lodestream_scene::blob::{BlobId, BlobPart};
 use lodestream_select::{State, Wanted};
 
 use super::ClientCore;
-use super::state::BLOB_COST;
 use super::blob_error::BlobError;
+use super::state::BLOB_COST;
 use crate::core::asset::{AssetError, RefinedAsset};
 use crate::core::changes::{Change, TextureChange};
 use crate::core::texture_file::TexturePixels;

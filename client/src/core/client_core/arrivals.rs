@@ -6,8 +6,8 @@ use lodestream_scene::blob::{BlobId, BlobPart, PunctualLightBlob, TerrainBlob};
 use lodestream_select::State;
 
 use super::ClientCore;
-use super::state::ReceivedBlob;
 use super::blob_error::BlobError;
+use super::state::ReceivedBlob;
 use crate::core::asset::RefinedAsset;
 use crate::core::changes::Change;
 use crate::core::height_overrides::HeightOverrideBlobError;

@@ -189,7 +189,16 @@ fn a_file_cut_short_anywhere_is_refused_with_a_place() {
         let least = whole.trim_ascii_end().len();
         for length in 0..if format == "ascii" { least } else { whole.len() } {
             let why = read("a.ply", &whole[..length]).unwrap_err().to_string();
-            let told = ["line", "truncated", "end_header", "is empty", "not a PLY file", "numbers", "not a number", "not a count"];
+            let told = [
+                "line",
+                "truncated",
+                "end_header",
+                "is empty",
+                "not a PLY file",
+                "numbers",
+                "not a number",
+                "not a count",
+            ];
             assert!(told.iter().any(|word| why.contains(word)), "{format}, {length} bytes: {why}");
         }
     }

@@ -224,7 +224,8 @@ fn views_that_do_not_decode_are_refused_with_their_place() {
     with(0, "mode", json!("POINTS")).refused(&["bufferViews[0]", "\"POINTS\"", "not known"]);
     with(0, "filter", json!("WAVELET")).refused(&["bufferViews[0]", "\"WAVELET\"", "not known"]);
     with(4, "filter", json!("OCTAHEDRAL")).refused(&["bufferViews[4]", "indices with a filter"]);
-    with(0, "filter", json!("OCTAHEDRAL")).refused(&["bufferViews[0]", "elements of 12 bytes are not supported"]);
+    with(0, "filter", json!("OCTAHEDRAL"))
+        .refused(&["bufferViews[0]", "elements of 12 bytes are not supported"]);
     with(0, "count", json!("x")).refused(&["bufferViews[0]", "not understood"]);
     with(0, "count", json!(40)).refused(&["bufferViews[0]", "does not decode", "export the file again"]);
     with(0, "count", json!(1u64 << 50)).refused(&["bufferViews[0]", "too many bytes"]);

@@ -103,7 +103,11 @@ fn bad_lights_are_refused_with_their_place() {
             json!({"extensions": light(0)}),
             &["lights[0].type", "\"area\"", "use point"],
         ),
-        (json!([{}]), json!({"extensions": light(0)}), &["lights[0] is not a valid light", "export the file again"]),
+        (
+            json!([{}]),
+            json!({"extensions": light(0)}),
+            &["lights[0] is not a valid light", "export the file again"],
+        ),
         (
             json!([{"type": "point", "intensity": "x"}]),
             json!({"extensions": light(0)}),
