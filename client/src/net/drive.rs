@@ -47,7 +47,7 @@ impl Clock {
     }
 }
 
-/// Owner of the core while [`drive`] runs it.
+/// Owner of the core while `drive` runs it.
 pub trait Host {
     /// The core.
     fn core(&mut self) -> &mut ClientCore;

@@ -183,7 +183,7 @@ pub fn prepare(
 }
 
 #[cfg(feature = "prepare")]
-/// As [`prepare`], with all callbacks of a preparation.
+/// As [`prepare()`], with all callbacks of a preparation.
 ///
 /// # Errors
 /// As there.

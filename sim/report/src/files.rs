@@ -25,7 +25,7 @@ pub fn write(folder: &Path, plan: &Plan, results: &[RunResult]) -> std::io::Resu
     write_drawn(folder, plan, results, None)
 }
 
-/// As [`write`], with pictures: `pictures.csv` has a line per picture, `first-seconds.csv` a line per run whose first
+/// As [`write()`], with pictures: `pictures.csv` has a line per picture, `first-seconds.csv` a line per run whose first
 /// seconds the plan asks for.
 ///
 /// # Errors

@@ -17,14 +17,14 @@ pub struct Counters {
     pub instances_culled: u32,
     /// Shadow maps that had to be drawn anew.
     pub shadow_maps: u32,
-    /// Shadow maps that show things as they were, by [`super::Shadows::max_staleness`].
+    /// Shadow maps that show things as they were, by [`crate::Shadows::max_staleness`].
     pub late_shadow_maps: u32,
     /// Triangles that were drawn into shadow maps; not in `triangles`.
     pub shadow_triangles: u64,
     /// Frames in a row in which nothing changed, this one among them, of which the picture is a mean; 0 without
-    /// [`super::AntiAliasing::Temporal`].
+    /// [`crate::AntiAliasing::Temporal`].
     pub still_frames: u32,
-    /// Frames that a mean of occlusion still lacks, where nothing changes; 0 without [`super::AmbientOcclusion::still`].
+    /// Frames that a mean of occlusion still lacks, where nothing changes; 0 without [`crate::AmbientOcclusion::still`].
     pub occlusion_frames_left: u32,
     /// Terrain tiles drawn; one of which only single quadrants are drawn counts once per quadrant.
     pub terrain_tiles: u32,

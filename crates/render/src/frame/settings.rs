@@ -100,7 +100,7 @@ pub enum DebugView {
     /// The lit materials.
     #[default]
     Material,
-    /// Level of refinement, [`super::PackedVertex::level`].
+    /// Level of refinement, [`crate::PackedVertex::level`].
     Level,
     /// The cascade that determines the sun's shadow.
     Cascade,
@@ -431,7 +431,7 @@ pub struct Frame<'a> {
     pub terrain: Option<TerrainFrame<'a>>,
     /// Water.
     pub water: Option<Water>,
-    /// Punctual lights. Of more than [`super::MAX_LIGHTS`] in view, the farthest are omitted. A device without compute
+    /// Punctual lights. Of more than [`crate::MAX_LIGHTS`] in view, the farthest are omitted. A device without compute
     /// shaders omits all.
     pub lights: &'a [Light],
     /// Sun, sky and haze.
@@ -440,7 +440,7 @@ pub struct Frame<'a> {
     pub sky: Option<&'a SkyMaps>,
     /// Settings.
     pub settings: Settings,
-    /// Current time, in seconds of the clock of [`super::PackedVertex::birth_s`].
+    /// Current time, in seconds of the clock of [`crate::PackedVertex::birth_s`].
     pub time_s: f32,
 }
 

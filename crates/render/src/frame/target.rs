@@ -14,9 +14,9 @@ pub enum Load {
 
 /// The views that a frame is drawn into: textures of a host or of a window.
 ///
-/// Depth is reversed and has no far plane: `near / view depth` with the near plane of [`super::Settings::near`], so
+/// Depth is reversed and has no far plane: `near / view depth` with the near plane of [`crate::Settings::near`], so
 /// 0 is infinitely far and nearer is greater. A host that draws into the same depth texture projects as
-/// [`clip_from_view`](super::clip_from_view) does, clears depth to 0 and compares with
+/// [`clip_from_view`](crate::clip_from_view) does, clears depth to 0 and compares with
 /// `CompareFunction::Greater`. It may draw before a frame with [`Load::Keep`], and after any frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Target<'a> {

@@ -289,7 +289,7 @@ impl StreamedTexture {
     }
 }
 
-/// A texture in GPU memory for [`super::Renderer::create_asset_with`]. Clones share one texture, so that several
+/// A texture in GPU memory for [`crate::Renderer::create_asset_with`]. Clones share one texture, so that several
 /// assets may use it; the last clone frees it.
 #[derive(Clone, Debug)]
 pub struct Texture(Arc<Mutex<StreamedTexture>>);

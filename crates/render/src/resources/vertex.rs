@@ -11,11 +11,11 @@ use bytemuck::{Pod, Zeroable};
 pub struct PackedVertex {
     /// Position relative to the asset's origin, in the asset's units.
     pub position: [f32; 3],
-    /// Time at which the vertex appeared, in seconds of the clock of [`super::Frame::time_s`].
+    /// Time at which the vertex appeared, in seconds of the clock of [`crate::Frame::time_s`].
     pub birth_s: f32,
     /// Position from which the vertex morphs after its birth; equal to `position` if it does not move.
     pub morph_from: [f32; 3],
-    /// Level of refinement that brought the vertex (0 = base mesh), for [`super::DebugView::Level`].
+    /// Level of refinement that brought the vertex (0 = base mesh), for [`crate::DebugView::Level`].
     pub level: u32,
     /// Texture coordinates, `v` up as in OBJ.
     pub uv: [f32; 2],
@@ -46,7 +46,7 @@ impl PackedVertex {
         Self { colour, ..self }
     }
 
-    /// The same vertex, marked as smooth: every wedge of it has this normal. [`super::PnTriangles`] bend at smooth
+    /// The same vertex, marked as smooth: every wedge of it has this normal. [`crate::PnTriangles`] bend at smooth
     /// vertices only; marking only some wedges of a vertex opens the surface along the crease.
     #[must_use]
     pub fn smooth(mut self) -> Self {

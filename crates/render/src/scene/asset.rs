@@ -34,7 +34,7 @@ fn new_stamp() -> u64 {
     NEXT.fetch_add(1, Ordering::Relaxed)
 }
 
-/// An asset that the renderer draws. Created by [`super::Renderer::create_asset`].
+/// An asset that the renderer draws. Created by [`crate::Renderer::create_asset`].
 ///
 /// Vertices are addressed by wedge slot, faces by face slot within their material; an unused face
 /// slot holds `[0, 0, 0]`, which covers no pixel.

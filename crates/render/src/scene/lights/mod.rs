@@ -20,7 +20,7 @@ pub const LIGHT_TILES: [u32; 2] = [4, 64];
 pub struct Light {
     /// Position in the world.
     pub position: DVec3,
-    /// Luminous intensity, linear. Its unit is that of [`super::GradientSky::sun`] over π: a light of intensity π
+    /// Luminous intensity, linear. Its unit is that of [`crate::GradientSky::sun`] over π: a light of intensity π
     /// times that value lights a surface at distance 1 as the sun does.
     pub intensity: Vec3,
     /// Range, > 0: the inverse-square falloff is windowed to 0 there.
