@@ -7,8 +7,10 @@
 //! A blob that must be read from the store is set aside while others are sent (at most [`MAX_READS`] of them). After
 //! the first such blob, the next ones are read ahead while pieces are sent.
 
+mod length;
 mod queue;
 mod reads;
+mod unit;
 
 use std::cmp::Reverse;
 use std::ops::Range;
@@ -21,9 +23,11 @@ use crate::source::{Reading, SourceError};
 use lodestream_scene::blob::BlobId;
 use lodestream_select::priority::Priority;
 
+use length::number;
 use queue::{Queue, QueuedUnit};
 pub use reads::MAX_READS;
 use reads::{Key, Loaded, Reads, refusal};
+pub use unit::Unit;
 
 /// How much more urgent a blob must be to overtake one that has begun. Priorities are the bits of a
 /// positive `f32`, so this is a factor of two in screen error.
@@ -31,15 +35,6 @@ pub const OVERTAKE: Priority = 1 << 23;
 
 /// Most suspended blobs; beyond that nothing overtakes. Each holds its bytes in memory, here and at the client.
 const MAX_SUSPENDED: usize = 8;
-
-/// A unit of the queue.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Unit {
-    /// A page of the scene description.
-    Page(u32),
-    /// A blob.
-    Blob(BlobId),
-}
 
 /// An item to send.
 #[derive(Clone, Debug, PartialEq)]
@@ -342,11 +337,6 @@ impl Scheduler {
         }
         Outgoing::Piece { piece, priority }
     }
-}
-
-/// Converts a length. Blobs have at most `MAX_BLOB_BYTES`, as the session checks before it queues them.
-fn number(n: usize) -> u32 {
-    u32::try_from(n).unwrap_or(u32::MAX)
 }
 
 #[cfg(test)]

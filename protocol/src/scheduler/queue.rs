@@ -7,8 +7,9 @@ use std::cmp::Reverse;
 use std::hash::{BuildHasher as _, RandomState};
 use std::ops::Range;
 
+use super::length::number;
 use super::reads::Key;
-use super::{Unit, number};
+use super::unit::Unit;
 use lodestream_select::priority::Priority;
 
 /// Marks a free slot of the table.

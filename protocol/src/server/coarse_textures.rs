@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::refinement::PushedBlob;
+use super::pushed_blob::PushedBlob;
 use crate::source::SceneSource;
 use lodestream_scene::blob::{BlobId, BlobPart};
 use lodestream_scene::description::InstanceEntry;

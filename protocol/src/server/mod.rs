@@ -12,6 +12,7 @@ mod outbox;
 mod pace;
 mod plans;
 mod push;
+mod pushed_blob;
 mod refinement;
 mod requests;
 mod scene_index;

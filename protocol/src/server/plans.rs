@@ -7,7 +7,8 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use super::first_flight::first_flight;
-use super::refinement::{Missing, PushedBlob, ReadPage, Refinement, first_refinement};
+use super::pushed_blob::PushedBlob;
+use super::refinement::{Missing, ReadPage, Refinement, first_refinement};
 use super::scene_index::SceneIndex;
 use crate::scheduler::Unit;
 use crate::source::SceneSource;

@@ -8,7 +8,8 @@ use bytes::Bytes;
 
 use super::config::ServerConfig;
 use super::plans::{Plans, Queue};
-use super::refinement::{MAX_REFINED_PAGES, Missing, PushedBlob};
+use super::pushed_blob::PushedBlob;
+use super::refinement::{MAX_REFINED_PAGES, Missing};
 use super::requests::Requests;
 use crate::scheduler::Unit;
 use crate::source::{Reading, SceneSource, SourceError};

@@ -6,6 +6,7 @@ use std::collections::{BTreeMap, HashMap};
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_stated_page};
 
 use super::coarse_textures::coarse_textures;
+use super::pushed_blob::PushedBlob;
 use super::scene_index::SceneIndex;
 use crate::scheduler::Unit;
 use crate::source::{Reading, SceneSource, SourceError};
@@ -21,15 +22,6 @@ const MAX_REFINED_ASSETS: usize = 64;
 pub(super) const MAX_REFINED_PAGES: usize = 64;
 /// Most index pages reported as missing at a time.
 const MAX_MISSING: usize = 8;
-
-/// One blob of the first refinement.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct PushedBlob {
-    pub(super) priority: Priority,
-    pub(super) id: BlobId,
-    /// End of the part that the view needs, in bytes; `None` for the whole blob.
-    pub(super) end: Option<u32>,
-}
 
 /// The first refinement for a view.
 #[derive(Clone, Debug, PartialEq, Eq)]

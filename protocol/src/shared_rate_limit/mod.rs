@@ -9,6 +9,9 @@
 //! | `member` | one session's token bucket, in virtual time |
 //! | `demand` | estimate of what a session can use, where that is less than its share |
 //! | `gate` | the token bucket of a limit, and turns for waiting sessions |
+//! | `limits` | the limits for all sessions and for each group |
+//! | `weight` | a session's weight in the allocation |
+//! | `send_request` | a session's demand when it asks to send |
 //! | `table` | sessions, groups and gates of a limit |
 //!
 //! Bounds: in any time T, sessions send at most limit × (T + 20 ms), one piece, and control messages, which are
@@ -22,68 +25,22 @@
 mod demand;
 mod filling;
 mod gate;
+mod limits;
 mod member;
+mod send_request;
 mod table;
 #[cfg(test)]
 mod tests;
+mod weight;
 
-use std::num::NonZeroU8;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+pub use self::limits::Limits;
+pub(crate) use self::send_request::SendRequest;
 use self::table::Table;
+pub use self::weight::Weight;
 use crate::time::Time;
-
-/// Limits in bits per second on the wire, as [`crate::limiter`] counts them.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Limits {
-    /// For all sessions together; `None` for no limit.
-    pub total_bits_per_s: Option<u64>,
-    /// For the sessions of each group together; `None` for no limit.
-    pub group_bits_per_s: Option<u64>,
-}
-
-/// Weight of a session in the allocation: 1 to 100, by default 1. A session of weight 5 has five times the rate of
-/// one of weight 1 if both could use more.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Weight(NonZeroU8);
-
-impl Weight {
-    /// The least weight, and the default.
-    pub const ONE: Self = Self(NonZeroU8::MIN);
-    /// The greatest weight.
-    pub const MAX: u8 = 100;
-
-    /// A weight; `None` for 0 and above 100.
-    #[must_use]
-    pub fn new(weight: u64) -> Option<Self> {
-        let weight = u8::try_from(weight).ok().filter(|weight| *weight <= Self::MAX)?;
-        NonZeroU8::new(weight).map(Self)
-    }
-
-    /// The number.
-    #[must_use]
-    pub fn get(self) -> u32 {
-        u32::from(self.0.get())
-    }
-}
-
-impl Default for Weight {
-    fn default() -> Self {
-        Self::ONE
-    }
-}
-
-/// A session's demand when it asks to send.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct SendRequest {
-    /// Whether it has something to send.
-    pub(crate) active: bool,
-    /// Its own rate; `None` for no limit.
-    pub(crate) own_bits_per_s: Option<u64>,
-    /// Whether its own limiter admits something now.
-    pub(crate) own_ready: bool,
-}
 
 /// A rate that sessions share; see the module for its bounds.
 #[derive(Debug)]

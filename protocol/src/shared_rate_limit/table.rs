@@ -7,8 +7,10 @@ use slab::Slab;
 
 use super::filling::{Claim, Level, UNBOUNDED, fill, level_of, rate_at};
 use super::gate::Gate;
+use super::limits::Limits;
 use super::member::{Clock, Member, Turn};
-use super::{Limits, SendRequest, Weight};
+use super::send_request::SendRequest;
+use super::weight::Weight;
 use crate::time::Time;
 
 /// Least time between two computations of the levels, if something has changed, …

@@ -12,23 +12,6 @@ use std::path::{Path, PathBuf};
 use graph::{Circle, circles, imports};
 use modules::{Sources, modules};
 
-/// Circles that remain to be broken. An entry whose circle is gone is to be removed.
-const KNOWN_CIRCLES: [[&str; 2]; 10] = [
-    ["crates/geometry/src/prepare/encode.rs", "crates/geometry/src/prepare/mod.rs"],
-    ["crates/import/src/gltf/draco/mod.rs", "crates/import/src/gltf/draco/stream.rs"],
-    ["crates/import/src/texture/color.rs", "crates/import/src/texture/mod.rs"],
-    ["crates/import/src/texture/height.rs", "crates/import/src/texture/mod.rs"],
-    ["crates/import/src/texture/mod.rs", "crates/import/src/texture/normal.rs"],
-    ["crates/import/src/texture/mod.rs", "crates/import/src/texture/surface.rs"],
-    ["protocol/src/scheduler/mod.rs", "protocol/src/scheduler/queue.rs"],
-    ["protocol/src/server/coarse_textures.rs", "protocol/src/server/refinement.rs"],
-    ["protocol/src/shared_rate_limit/mod.rs", "protocol/src/shared_rate_limit/table.rs"],
-    [
-        "fuzz/src/../../crates/geometry/tests/suite/common/mod.rs",
-        "fuzz/src/../../crates/geometry/tests/suite/common/shapes.rs",
-    ],
-];
-
 struct Folder(PathBuf);
 
 impl Sources for Folder {
@@ -74,23 +57,12 @@ fn files_do_not_import_in_circles() {
     let sources = Folder(workspace.to_owned());
     let roots = roots(workspace);
     assert!(roots.len() >= 10, "{roots:?}");
-    let pair = |circle: &Circle| -> Vec<String> {
-        circle.files.iter().map(|file| file.display().to_string()).collect()
-    };
-    let mut found: Vec<(Vec<String>, String)> = Vec::new();
-    for root in &roots {
-        let circles = circles(&imports(&modules(&sources, root)));
-        found.extend(circles.iter().map(|circle| (pair(circle), circle.to_string())));
-    }
-    let new: Vec<&str> = found
+    let found: Vec<String> = roots
         .iter()
-        .filter(|(files, _)| !KNOWN_CIRCLES.iter().any(|known| files[..] == known[..]))
-        .map(|(_, text)| &**text)
+        .flat_map(|root| circles(&imports(&modules(&sources, root))))
+        .map(|circle| circle.to_string())
         .collect();
-    assert!(new.is_empty(), "circles of imports:\n{}", new.join("\n"));
-    let gone: Vec<_> =
-        KNOWN_CIRCLES.iter().filter(|known| !found.iter().any(|(files, _)| files[..] == known[..])).collect();
-    assert!(gone.is_empty(), "these circles are gone, remove them from the list: {gone:#?}");
+    assert!(found.is_empty(), "circles of imports:\n{}", found.join("\n"));
 }
 
 fn circles_of(files: &[(&'static str, &'static str)]) -> Vec<Vec<String>> {

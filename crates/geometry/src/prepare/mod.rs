@@ -1,27 +1,30 @@
 //! Preparation: from a quantised mesh to base mesh, index and chunk payloads.
 
+mod by_slot;
 mod codec_selection;
 mod encode;
+mod hooks;
 pub mod training;
 
 pub use codec_selection::{axis_aligned_share, select_codec, suit};
+pub(crate) use hooks::Observer;
+pub use hooks::{Hooks, Store};
 
 use crate::asset::base::{Base, MAX_BASE_FACES, Totals};
 use crate::asset::index::{ChunkInfo, Sphere};
-use crate::checkpoint::{CheckpointStore, InMemoryCheckpoint};
+use crate::checkpoint::InMemoryCheckpoint;
 use crate::codec::base;
 use crate::codec::base::mesh::{BaseFormat, BaseMesh};
 use crate::codec::chunk::PrefixSize;
 use crate::codec::index_page::encode_pages;
-use crate::codec::source::Source;
 use crate::entropy::Codec;
-use crate::error::{DecodeError, MeshError};
+use crate::error::MeshError;
 use crate::mesh::Kinds;
 use crate::mesh::vec3::Vec3;
 use crate::mesh::{Face, NO_COLOR, QuantisedMesh, Wedge};
-use crate::pool::{Monitor, MonitoredPool, Pool, Stage};
+use crate::pool::{MonitoredPool, Stage};
+use crate::prepare::by_slot::BySlot;
 use crate::prepare::encode::{EncodedRegion, Plan, encode_all};
-use crate::refine::ActiveMesh;
 use crate::simplify::blocks::{in_blocks, simplify_blocks};
 use crate::simplify::hierarchy::RegionChunk;
 use crate::simplify::levels::{Levels, Simplified};
@@ -43,53 +46,6 @@ pub struct Prepared {
     /// Payloads, by chunk.
     pub chunks: Vec<Vec<u8>>,
 }
-
-/// Callbacks of a preparation: threads, progress, storage of payloads, checkpoints.
-#[derive(Clone, Copy)]
-pub struct Hooks<'a> {
-    pool: &'a dyn Pool,
-    monitor: &'a dyn Monitor,
-    store: Store<'a>,
-    observe: Observer<'a>,
-    checkpoint: Option<&'a dyn CheckpointStore>,
-}
-
-impl std::fmt::Debug for Hooks<'_> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Hooks").finish_non_exhaustive()
-    }
-}
-
-impl<'a> Hooks<'a> {
-    /// Runs on `pool`, reports to `monitor`, and stores payloads unchanged.
-    #[must_use]
-    pub fn new(pool: &'a dyn Pool, monitor: &'a dyn Monitor) -> Self {
-        Self { pool, monitor, store: &Ok, observe: &|_, _, _| {}, checkpoint: None }
-    }
-
-    /// Passes each payload through `store`; the index states the lengths of the results.
-    #[must_use]
-    pub fn with_store(self, store: Store<'a>) -> Self {
-        Self { store, ..self }
-    }
-
-    /// Stores finished levels in `checkpoint` instead of memory: 37 to 65 bytes per face. The result does not depend
-    /// on it.
-    #[must_use]
-    pub fn with_checkpoints(self, checkpoint: &'a dyn CheckpointStore) -> Self {
-        Self { checkpoint: Some(checkpoint), ..self }
-    }
-
-    /// Calls `observe` with each chunk before it is encoded.
-    pub(crate) fn with_observer(self, observe: Observer<'a>) -> Self {
-        Self { observe, ..self }
-    }
-}
-
-/// Converts a payload to the bytes that are stored and sent, for example by compressing it.
-pub type Store<'a> = &'a (dyn Fn(Vec<u8>) -> Result<Vec<u8>, DecodeError> + Sync);
-/// Called with each chunk just before it is encoded.
-pub(crate) type Observer<'a> = &'a (dyn Fn(&ActiveMesh, u32, &Source<'_>) + Sync);
 
 /// Prepares a mesh for streaming.
 /// The result depends on the mesh, the settings and the stored form of payloads only, not on the pool. Cost: 21 to 33
@@ -157,13 +113,6 @@ pub fn prepare(mesh: &QuantisedMesh, settings: &Settings, hooks: &Hooks<'_>) -> 
     let (pages, infos) = encode_pages(&infos).map_err(|e| MeshError::Internal { why: e.to_string() })?;
     base.geometric_error = infos.iter().map(|i| i.error).fold(base.geometric_error, f32::max);
     Ok(Prepared { base, infos, pages, chunks: payloads })
-}
-
-/// Builder's ids of the elements of a growing [`ActiveMesh`], by slot.
-struct BySlot {
-    vertices: Vec<u32>,
-    wedges: Vec<u32>,
-    faces: Vec<u32>,
 }
 
 fn build_base(

@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 use image::{ExtendedColorType, ImageError, Rgba, RgbaImage};
 use lodestream_scene::asset::TextureKind;
 
-use super::Texture;
 use super::channel::Channels;
 use super::coverage::Coverage;
 use super::decode::decode;
 use super::encode::{levels, png, smaller};
 use super::error::TextureError;
+use super::levels::Texture;
 use super::mip::Plane;
 use super::source::{Opacity, Transparency};
 use crate::model::{Channel, ImageSource};

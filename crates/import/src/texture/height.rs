@@ -3,10 +3,10 @@
 use image::{DynamicImage, ExtendedColorType};
 use lodestream_scene::asset::TextureKind;
 
-use super::Texture;
 use super::decode::decode;
 use super::encode::{levels, png};
 use super::error::TextureError;
+use super::levels::Texture;
 use super::mip::Plane;
 use super::source::Transparency;
 use crate::model::ImageSource;

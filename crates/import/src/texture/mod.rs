@@ -11,6 +11,7 @@ mod decode;
 mod encode;
 mod error;
 mod height;
+mod levels;
 mod limits;
 mod mip;
 mod normal;
@@ -20,27 +21,9 @@ mod surface;
 pub use lodestream_scene::asset::TextureKind;
 
 pub use error::TextureError;
+pub use levels::Texture;
 pub use limits::{MAX_PIXELS, MAX_SIDE_PX};
 pub use source::{Opacity, TextureSource, Transparency};
-
-/// A texture's mip levels.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Texture {
-    /// Meaning of the texels.
-    pub kind: TextureKind,
-    /// Width of the finest level, in pixels.
-    pub width_px: u32,
-    /// Height of the finest level, in pixels.
-    pub height_px: u32,
-    /// Transparency of the texels.
-    pub transparency: Transparency,
-    /// Mean colour, sRGB, taken in linear light and weighted by opacity; of surfaces the mean of each channel; of
-    /// heights and normals none.
-    pub mean: Option<[u8; 3]>,
-    /// Encoded levels, coarse first. Counted from the finest, level k is
-    /// `max(1, width_px >> k) × max(1, height_px >> k)`, as GPUs have it.
-    pub levels: Vec<Vec<u8>>,
-}
 
 /// Reads a texture's images and encodes its mip levels.
 ///

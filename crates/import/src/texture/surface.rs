@@ -3,10 +3,10 @@
 use image::ExtendedColorType;
 use lodestream_scene::asset::TextureKind;
 
-use super::Texture;
 use super::channel::{Channels, larger};
 use super::encode::{levels, smaller};
 use super::error::TextureError;
+use super::levels::Texture;
 use super::mip::Plane;
 use super::source::Transparency;
 use crate::model::SurfaceMap;

@@ -6,13 +6,17 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
 
 use lodestream_geometry::Settings;
-use lodestream_geometry::mesh::{Attributes, Corner, QuantisedMesh, SourceMesh};
+use lodestream_geometry::mesh::{Attributes, QuantisedMesh, SourceMesh};
 use lodestream_geometry::pool::{Pool, Serial, Silent};
 use lodestream_geometry::prepare::{Hooks, Prepared, prepare};
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
 use lodestream_geometry::random::Random;
 
+mod bare_mesh;
 pub(crate) mod shapes;
+
+#[allow(unused_imports, reason = "each user needs only a part of it")]
+pub(crate) use bare_mesh::bare;
 
 /// Every generator with its name; meshes of a few thousand faces.
 pub(crate) fn all() -> Vec<(&'static str, SourceMesh)> {
@@ -135,14 +139,4 @@ pub(crate) fn permutation(count: usize, random: &mut Random) -> Vec<usize> {
         order.swap(i, random.below(i + 1));
     }
     order
-}
-
-/// A mesh without attributes.
-pub(crate) fn bare(positions: Vec<[f64; 3]>, faces: &[[u32; 3]]) -> SourceMesh {
-    SourceMesh {
-        positions,
-        faces: faces.iter().map(|f| f.map(Corner::at)).collect(),
-        materials: vec![0; faces.len()],
-        ..SourceMesh::default()
-    }
 }

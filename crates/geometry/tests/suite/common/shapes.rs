@@ -3,7 +3,7 @@
 use lodestream_geometry::mesh::{Corner, SourceMesh};
 use lodestream_geometry::random::Random;
 
-use super::bare;
+use super::bare_mesh::bare;
 
 /// A closed sphere of `rings` × `columns`, with radial noise.
 pub(crate) fn sphere(rings: u32, columns: u32, noise: f64) -> SourceMesh {

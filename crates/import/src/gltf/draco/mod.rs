@@ -3,15 +3,16 @@
 //!
 //! If a file has an uncompressed fallback too, that is read: it is exact and needs no decoding.
 
+mod mesh;
+mod stated_counts;
 #[cfg(feature = "draco")]
 mod stream;
 
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-use bytes::Bytes;
 use gltf::json;
-use gltf::json::accessor::{ComponentType, Type};
+use gltf::json::accessor::Type;
 use gltf::json::mesh::Semantic;
 use gltf::json::validation::Checked;
 use serde::Deserialize;
@@ -20,29 +21,8 @@ use super::accessor::{Buffers, Elements};
 use super::container::{DRACO, Document};
 use crate::error::ImportError;
 
-/// A decoded stream.
-struct DracoMesh {
-    triangles: Vec<u32>,
-    points: usize,
-    /// By the id that the extension gives them.
-    attributes: BTreeMap<u32, Attribute>,
-}
-
-/// Values of an attribute, one for each point, packed.
-struct Attribute {
-    bytes: Bytes,
-    components: usize,
-    kind: ComponentType,
-    normalised: bool,
-}
-
-/// Most points and triangles that a stream may decode to: the counts of the primitive's accessors.
-#[derive(Clone, Copy, Debug)]
-#[cfg_attr(not(feature = "draco"), expect(dead_code, reason = "nothing is decoded, however large"))]
-struct StatedCounts {
-    points: u64,
-    triangles: u64,
-}
+use mesh::DracoMesh;
+use stated_counts::StatedCounts;
 
 /// Decoded streams of a file, by buffer view: several nodes may place the same mesh.
 #[derive(Default)]
@@ -113,7 +93,7 @@ impl Streams {
 use stream::decode;
 
 #[cfg(not(feature = "draco"))]
-fn decode(_: &Bytes, _: StatedCounts) -> Result<DracoMesh, String> {
+fn decode(_: &bytes::Bytes, _: StatedCounts) -> Result<DracoMesh, String> {
     Err("this program was built without it (the feature draco of lodestream-import)".to_owned())
 }
 

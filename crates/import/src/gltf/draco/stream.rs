@@ -6,7 +6,8 @@ use draco_core::{
 };
 use gltf::json::accessor::ComponentType;
 
-use super::{Attribute, DracoMesh, StatedCounts};
+use super::mesh::{Attribute, DracoMesh};
+use super::stated_counts::StatedCounts;
 
 /// Triangles and points that any stream may have, however short…
 const BASE: u64 = 4096;
