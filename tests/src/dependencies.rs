@@ -85,6 +85,13 @@ fn an_embedder_of_the_renderer_compiles_no_references() {
     }
 }
 
+/// Client, server push and simulator share one selection, which therefore knows no session.
+#[test]
+fn selection_depends_on_no_session() {
+    lacks("lodestream-select", &[], &["lodestream-protocol", "lodestream-client", "lodestream-daemon", "tokio"]);
+    assert!(needs("lodestream-protocol", &[]).contains("lodestream-select"));
+}
+
 /// Terrain is generated and its tiles are selected without a GPU, a window or a thread pool.
 #[test]
 fn terrain_tiles_are_selected_without_a_gpu() {

@@ -15,7 +15,7 @@ use lodestream_select::{Priority, State, Wanted};
 const ASSUMED_BYTES: u32 = 1500;
 /// Most partly received blobs. A server has fewer than ten runs open at once.
 pub(super) const MAX_PARTIAL: usize = 1024;
-/// Least change of priority that is sent to the server: a quarter octave of screen error.
+/// Least change of priority that is sent to the server: a factor of 2^¼ in visible difference per byte.
 const PRIORITY_CHANGE: Priority = 1 << 21;
 
 /// A piece that breaks the protocol; it ends the session.

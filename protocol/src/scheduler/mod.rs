@@ -30,7 +30,7 @@ use reads::{Key, Loaded, Reads, refusal};
 pub use unit::Unit;
 
 /// How much more urgent a blob must be to overtake one that has begun. Priorities are the bits of a
-/// positive `f32`, so this is a factor of two in screen error.
+/// positive `f32`, so this is a factor of two in visible difference per byte.
 pub const OVERTAKE: Priority = 1 << 23;
 
 /// Most suspended blobs; beyond that nothing overtakes. Each holds its bytes in memory, here and at the client.

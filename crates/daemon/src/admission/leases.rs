@@ -2,8 +2,8 @@
 //!
 //! A session takes a lease when its client has validated its address and sent `Hello`. The last eighth of the leases is
 //! reserved for addresses without one. When no lease is free, a new session takes the lease of the least useful session:
-//! one whose address has more sessions than the new one's, or one that has requested nothing for 30 seconds. Addresses
-//! with many sessions, and idle sessions, lose their leases first.
+//! the longest idle one of the address with most sessions, if that address has at least two more than the new one's, or
+//! one more and the session has requested nothing for 30 seconds.
 
 use std::collections::{BTreeMap, HashMap};
 use std::net::IpAddr;

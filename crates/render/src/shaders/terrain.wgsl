@@ -1,7 +1,7 @@
 // Draws terrain tiles into depth, normal, roughness and albedo.
 //
 // A tile is TILE_CELLS² cells of one spacing; its heights lie in an atlas, CELL_SAMPLES to a cell's side, with a margin
-// that normals need. Normals are looked up by pixel, in rises between samples. Everything that two tiles share is
+// that normals need. Normals are looked up by pixel, as slopes between samples. Everything that two tiles share is
 // computed from integers by the same operations, so that they agree to the bit. CPU reference: cpu_reference/terrain.rs.
 
 // Compiled in where relief mapping is on.
@@ -10,7 +10,7 @@ override RELIEF: bool = false;
 const TILE_CELLS: i32 = 8;
 const CELL_SAMPLES: i32 = 2;
 // Unit of slopes, in height units per sample.
-const RISE_UNIT: f32 = 1024.0;
+const SLOPE_UNIT: f32 = 1024.0;
 
 struct Terrain {
     // From the corner of the eye's grid cell to the eye, world units; y from the nearest height unit.
@@ -46,7 +46,7 @@ struct Regions {
 @group(1) @binding(4) var<uniform> regions: Regions;
 
 // Slopes along both axes, of a tile and of the next coarser one.
-@group(1) @binding(5) var rises: texture_2d<f32>;
+@group(1) @binding(5) var slopes: texture_2d<f32>;
 
 // Slope at which a region's distances shrink beyond its margin.
 const FALLOFF: f32 = 64.0;
@@ -228,10 +228,10 @@ fn fs_terrain(g: Ground) -> GBuffer {
     let dxy_y = dpdy(g.position.xy);
     let distance = max(length(g.position), 1e-30);
     let view = g.position / distance;
-    let rise = textureSampleLevel(rises, layer_sampler, g.sample / vec2<f32>(textureDimensions(rises)), 0.0);
+    let sampled = textureSampleLevel(slopes, layer_sampler, g.sample / vec2<f32>(textureDimensions(slopes)), 0.0);
     // A sample of the finest spacing is half a unit too.
     let run = terrain.unit * exp2(f32(g.spacing)) / f32(CELL_SAMPLES);
-    let slope = mix(rise.xy, rise.zw, g.coarser) * (RISE_UNIT * terrain.height_unit / run);
+    let slope = mix(sampled.xy, sampled.zw, g.coarser) * (SLOPE_UNIT * terrain.height_unit / run);
     let normal_of_surface = normalize(vec3(-slope.x, 1.0, -slope.y));
     var normal = normal_of_surface;
 

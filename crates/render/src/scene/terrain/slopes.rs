@@ -7,9 +7,9 @@ use half::f16;
 
 use lodestream_terrain::tiles::{CELL_SAMPLES, TILE_CELLS, TILE_MARGIN, TILE_SAMPLES};
 
-/// Unit of the texture's slopes in height units per sample (`RISE_UNIT` of `terrain.wgsl`): half floats range from
+/// Unit of the texture's slopes in height units per sample (`SLOPE_UNIT` of `terrain.wgsl`): half floats range from
 /// 6e-5 to 65,504, heights from half a unit to 2^30.
-const RISE_UNIT: f64 = 1024.0;
+const SLOPE_UNIT: f64 = 1024.0;
 
 /// Slopes along both axes by central differences, of the tile and of the next coarser tile, per sample; 0 in the
 /// margin, which no pixel reaches.
@@ -18,7 +18,7 @@ pub(super) fn slopes(heights: &[i32]) -> Vec<[f16; 4]> {
     let margin = i64::from(TILE_MARGIN);
     let height = |x: i64, y: i64| f64::from(heights[((y + margin) * samples + x + margin) as usize]);
     let rise = |x: i64, y: i64, step: i64| {
-        let run = 2.0 * step as f64 * RISE_UNIT;
+        let run = 2.0 * step as f64 * SLOPE_UNIT;
         [(height(x + step, y) - height(x - step, y)) / run, (height(x, y + step) - height(x, y - step)) / run]
     };
     // Interpolated between the coarser tile's samples, like a filtered texture.
@@ -75,7 +75,7 @@ mod tests {
             regions: &[],
         };
         // As the shader scales them.
-        let scale = RISE_UNIT * height_unit / (step / f64::from(CELL_SAMPLES));
+        let scale = SLOPE_UNIT * height_unit / (step / f64::from(CELL_SAMPLES));
         let slopes = slopes(&heights);
         for (x, y) in (0..=LAST).flat_map(|x| (0..=LAST).map(move |y| (x, y))) {
             let found = at(&slopes, x, y).map(|rise| rise * scale);
