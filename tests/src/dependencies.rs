@@ -88,7 +88,11 @@ fn an_embedder_of_the_renderer_compiles_no_references() {
 /// Client, server push and simulator share one selection, which therefore knows no session.
 #[test]
 fn selection_depends_on_no_session() {
-    lacks("lodestream-select", &[], &["lodestream-protocol", "lodestream-client", "lodestream-daemon", "tokio"]);
+    lacks(
+        "lodestream-select",
+        &[],
+        &["lodestream-protocol", "lodestream-client", "lodestream-daemon", "tokio"],
+    );
     assert!(needs("lodestream-protocol", &[]).contains("lodestream-select"));
 }
 
