@@ -1,7 +1,7 @@
 //! `lodestream-sim relief-methods`: arguments; prints tables.
 
 use clap::Args;
-use lodestream_report::pictures::relief_methods::compare;
+use lodestream_report::pictures::relief_methods::{SIDE, compare};
 
 use crate::print::print;
 
@@ -17,6 +17,6 @@ pub(crate) struct ReliefMethods {
 
 impl ReliefMethods {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
-        print(&compare(self.rays), self.json)
+        print(&compare(SIDE, self.rays), self.json)
     }
 }
