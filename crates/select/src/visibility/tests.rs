@@ -304,7 +304,7 @@ impl Scene {
         selector.set_travel_distance(way);
         let selection = selector.select(view, &self.instances, &states);
         let (wanted, counters) = (&selection.wanted, selection.counters);
-        assert!(counters.seen_screen_error_px <= counters.max_screen_error_px, "{counters:?}");
+        assert!(counters.unoccluded_screen_error_px <= counters.max_screen_error_px, "{counters:?}");
         let hidden: HashSet<BlobId> = wanted.iter().filter(|w| is_hidden(w.priority)).map(|w| w.id).collect();
         let bytes = |w: &Wanted| w.bytes.unwrap_or(0);
         let is_wrong = |&&(instance, number): &&(usize, usize)| {
