@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use lodestream_bake::mapped::{MapError, Mapped, Mapping};
+use lodestream_bake::mapping_allocator::{MapError, Mapping, MappingAllocator};
 use lodestream_bake::preparation_settings::PreparationSettings;
 use lodestream_bake::prepare::{Options, PrepareError, prepare_to};
 use lodestream_bake::scene::Asset;
@@ -21,7 +21,7 @@ use tempfile::TempDir;
 use tokio::signal::unix::{SignalKind, signal};
 
 #[global_allocator]
-static ALLOCATOR: Mapped = Mapped;
+static ALLOCATOR: MappingAllocator = MappingAllocator;
 
 /// What is mapped is the whole process's, and so are limits, which programs that it starts have too.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
@@ -40,7 +40,7 @@ const FROM_BYTES: usize = 16 << 10;
 
 /// Lists go to files; `None` where the build lies in memory, as some people's does.
 fn mapping(folder: &Path) -> Option<Mapping> {
-    match Mapped::into(folder, FROM_BYTES) {
+    match MappingAllocator::into(folder, FROM_BYTES) {
         Ok(mapping) => Some(mapping),
         Err(error @ MapError::InMemory(_)) => {
             eprintln!("NOT TESTED: {error}");
@@ -84,12 +84,12 @@ fn lists_in_files_change_no_byte_and_leave_no_file() {
         let again = pack_by(&model, &dir.path().join("files.lsp"), threads, blocks);
         assert!(again == in_blocks, "another pack in blocks");
     }
-    assert!(Mapped::most_bytes() > 500_000, "{} bytes were mapped", Mapped::most_bytes());
+    assert!(MappingAllocator::most_bytes() > 500_000, "{} bytes were mapped", MappingAllocator::most_bytes());
     assert_eq!(std::fs::read_dir(&lists).unwrap().count(), 0);
     drop(mapping);
-    let most = Mapped::most_bytes();
+    let most = MappingAllocator::most_bytes();
     assert!(pack(&model, &dir.path().join("after.lsp"), 2) == in_memory);
-    assert_eq!(Mapped::most_bytes(), most, "nothing is mapped any more");
+    assert_eq!(MappingAllocator::most_bytes(), most, "nothing is mapped any more");
 }
 
 #[test]
@@ -101,7 +101,7 @@ fn lists_that_grow_shrink_and_change_hands_keep_what_is_in_them() {
     let mut grown = Vec::new();
     (0..100_000_u64).for_each(|i| grown.push(i));
     assert!(vec![0_u8; 1 << 20].iter().all(|&byte| byte == 0));
-    assert!(matches!(Mapped::into(dir.path(), FROM_BYTES), Err(MapError::InUse)));
+    assert!(matches!(MappingAllocator::into(dir.path(), FROM_BYTES), Err(MapError::InUse)));
     drop(first);
     // In memory again: what was mapped stays so, until it grows.
     (100_000..200_000).for_each(|i| grown.push(i));

@@ -12,7 +12,7 @@ use super::outcome::Outcome;
 use super::preparation_settings::PreparationArguments;
 use crate::catalogue::fetch::fetch;
 use crate::catalogue::publish::publish;
-use lodestream_bake::mapped::{FROM_BYTES, Mapped};
+use lodestream_bake::mapping_allocator::{FROM_BYTES, MappingAllocator};
 use lodestream_bake::prepare::{Options, Report, cache, key_of, prepare_to};
 use lodestream_bake::scene::{self, Asset};
 use lodestream_bake::stderr::write_line;
@@ -59,8 +59,11 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let preparation_settings = arguments.preparation_settings.resolve();
     let from_bytes = FROM_BYTES.max(BLOCK_LIST_BYTES * preparation_settings.simplify_settings().block_faces);
-    let _mapping =
-        arguments.out_of_core.as_deref().map(|folder| Mapped::into(folder, from_bytes)).transpose()?;
+    let _mapping = arguments
+        .out_of_core
+        .as_deref()
+        .map(|folder| MappingAllocator::into(folder, from_bytes))
+        .transpose()?;
     let options = Options {
         preparation_settings,
         threads: arguments.threads,
