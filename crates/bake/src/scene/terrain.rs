@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use lodestream_import::Impossible;
+use lodestream_import::InvalidValue;
 use lodestream_import::terrain::{ErosionPasses, FinestLevel, Roughness, SpikeLimit, Talus, TalusSlope};
 use lodestream_scene::terrain::{TerrainEntry, Water};
 use lodestream_terrain::{Distribution, Erosion, FeatureSet, Mode, Parameters, Scratch, Shape, Terrain};
@@ -151,7 +151,7 @@ fn repose() -> f64 {
 }
 
 /// Converts a number to its setting.
-fn setting<Number, Setting: TryFrom<Number, Error = Impossible>>(
+fn setting<Number, Setting: TryFrom<Number, Error = InvalidValue>>(
     name: &'static str,
     number: Number,
 ) -> Result<Setting, String> {
