@@ -26,10 +26,10 @@ type ReturningClient = (UntilSettled, Vec<Instant>);
 
 /// Fifty clients over QUIC, and the second server. The first server is killed without closing connections.
 async fn over_quic(scene: &TestScene) -> (Vec<ReturningClient>, Arc<ServerState>) {
-    let world = World::new();
-    let first = world.serve(ServerState::new(scene.source(), settings(SLOW)), 1);
+    let network = TestNetwork::new();
+    let first = network.serve(ServerState::new(scene.source(), settings(SLOW)), 1);
     let addresses: Vec<_> = (0..CLIENTS).map(|n| client(n, 50_000 + u16::from(n))).collect();
-    let endpoints: Vec<_> = addresses.iter().map(|at| world.client(*at, &link())).collect();
+    let endpoints: Vec<_> = addresses.iter().map(|at| network.client(*at, &link())).collect();
     let clients = endpoints.iter().zip(0_u64..).map(|(endpoint, n)| async move {
         // Within a second, as a class would start.
         sleep(Duration::from_millis(n * 20)).await;
@@ -39,12 +39,12 @@ async fn over_quic(scene: &TestScene) -> (Vec<ReturningClient>, Arc<ServerState>
     });
     let restart = async {
         sleep(DEATH).await;
-        addresses.iter().for_each(|at| world.connect(*at, &cut()));
+        addresses.iter().for_each(|at| network.connect(*at, &cut()));
         first.abort();
         sleep(REBIRTH - DEATH).await;
-        addresses.iter().for_each(|at| world.connect(*at, &link()));
+        addresses.iter().for_each(|at| network.connect(*at, &link()));
         let state = ServerState::new(scene.source(), settings(None));
-        world.serve(Arc::clone(&state), 2);
+        network.serve(Arc::clone(&state), 2);
         state
     };
     tokio::join!(join_all(clients), restart)
@@ -166,10 +166,10 @@ fn fifty_websocket_clients_reconnect_and_receive_only_the_push_twice() {
 fn a_clock_jump_of_an_hour_ends_the_session_but_not_the_picture() {
     let scene = TestScene::small();
     virtual_runtime().unwrap().block_on(async {
-        let world = World::new();
+        let network = TestNetwork::new();
         let state = ServerState::new(scene.source(), settings(SLOW));
-        world.serve(Arc::clone(&state), 1);
-        let endpoint = world.client(client(1, 50_000), &link());
+        network.serve(Arc::clone(&state), 1);
+        let endpoint = network.client(client(1, 50_000), &link());
         let mut host = UntilSettled::new();
         let jump = async {
             sleep(DEATH).await;

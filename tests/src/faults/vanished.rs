@@ -15,12 +15,12 @@ const BLOB_BYTES: u32 = 500_000;
 #[test]
 fn a_client_that_vanishes_in_the_middle_of_a_blob_is_released() {
     virtual_runtime().unwrap().block_on(async {
-        let world = World::new();
+        let network = TestNetwork::new();
         let scene = Arc::new(MemoryScene::new(1, 500, BLOB_BYTES));
         let state = ServerState::new(scene, settings(None));
-        world.serve(Arc::clone(&state), 1);
+        network.serve(Arc::clone(&state), 1);
         let open = async |n: u8| {
-            let endpoint = world.client(client(n, 50_000 + u16::from(n)), &link());
+            let endpoint = network.client(client(n, 50_000 + u16::from(n)), &link());
             let connection = endpoint.connect(SERVER, "localhost").unwrap().await.unwrap();
             let mut client = RawQuic::new(connection);
             client.send_bytes(encode_client(&ClientMessage::Hello(hello())).unwrap()).await.unwrap();
@@ -31,7 +31,7 @@ fn a_client_that_vanishes_in_the_middle_of_a_blob_is_released() {
         let (gone, mut other) = (open(1).await, open(2).await);
         // Half of a blob, then silence.
         sleep(Duration::from_secs(1)).await;
-        world.connect(client(1, 50_001), &cut());
+        network.connect(client(1, 50_001), &cut());
         let waiting = |text: &str| -> u64 {
             let line = text.lines().find_map(|line| line.strip_prefix("lodestream_queued_bytes "));
             line.unwrap().parse().unwrap()

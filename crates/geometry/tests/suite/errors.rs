@@ -12,7 +12,7 @@ use lodestream_geometry::screen::visible_error;
 use crate::common::{
     all, in_blocks, prepared, quantised, regions, shapes, with_bits, with_truncation_points,
 };
-use crate::promises::{apply, deltas};
+use crate::invariants::{apply, deltas};
 
 #[test]
 fn errors_are_monotone_along_parents() {

@@ -14,7 +14,7 @@ use lodestream_geometry::random::Random;
 use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, Id, Snapshot};
 
 use crate::common::{all, prepared, quantised, shapes, with_bits, with_truncation_points};
-use crate::promises::{apply, deltas};
+use crate::invariants::{apply, deltas};
 
 /// Undirected edges with an odd number of faces, smaller id first.
 fn boundary_edges(state: &Snapshot) -> BTreeSet<(Id, Id)> {

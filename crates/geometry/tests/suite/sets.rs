@@ -9,7 +9,7 @@ use lodestream_geometry::random::Random;
 use lodestream_geometry::refine::ActiveMesh;
 
 use crate::common::{prepared, quantised, shapes, with_truncation_points};
-use crate::promises::apply;
+use crate::invariants::apply;
 
 fn asset() -> Prepared {
     prepared(&quantised(&shapes::sphere(40, 60, 0.05)), &with_truncation_points(200))
