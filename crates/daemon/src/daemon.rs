@@ -14,10 +14,10 @@ use tokio::sync::watch;
 use tokio::time::timeout;
 use tracing_appender::non_blocking::ErrorCounter;
 
-use crate::admission::settings::AdmissionSettings;
 use crate::http::admin::AdminPort;
 use crate::lifecycle::settings_watch::SettingsReload;
 use crate::lifecycle::shutdown::{Signals, StopRequests};
+use crate::session::admission_settings::AdmissionSettings;
 use crate::session::scene_watch::SceneProvider;
 use crate::session::scenes::Scenes;
 use crate::session::settings::SessionSettings;

@@ -5,7 +5,7 @@ use tokio::net::UdpSocket;
 use tokio::time::timeout;
 
 use super::*;
-use crate::admission::session_rate::SessionRateLimit;
+use crate::limits::session_rate::SessionRateLimit;
 
 fn full_at(max_sessions: u64, max_sessions_per_address: Option<u64>) -> Arc<ServerState> {
     let settings = SessionSettings { max_sessions, max_sessions_per_address, ..SessionSettings::default() };

@@ -1,7 +1,7 @@
 //! Clients that reconnect without a pause.
 
 use super::*;
-use crate::admission::session_rate::SessionRateLimit;
+use crate::limits::session_rate::SessionRateLimit;
 
 fn from(n: u8) -> SocketAddr {
     SocketAddr::from((Ipv4Addr::new(10, 0, 0, n), 50_000))

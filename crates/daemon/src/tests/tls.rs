@@ -11,9 +11,9 @@ use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 use tokio_tungstenite::tungstenite::http::HeaderValue;
 
 use super::*;
-use crate::admission::proxy::Network;
-use crate::admission::settings::AdmissionSettings;
+use crate::http::proxy::Network;
 use crate::http::server::accept_https;
+use crate::session::admission_settings::AdmissionSettings;
 use crate::transport::certificate::Certificate;
 use crate::transport::live_certificate::LiveCertificate;
 use crate::transport::tls::Tls;

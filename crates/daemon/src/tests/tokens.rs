@@ -8,10 +8,10 @@ use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 use tokio_tungstenite::tungstenite::http::HeaderValue;
 
 use super::*;
-use crate::admission::settings::AdmissionSettings;
 use crate::auth::access::Access;
 use crate::auth::grant::TokenError;
 use crate::auth::tokens::Tokens;
+use crate::session::admission_settings::AdmissionSettings;
 
 const SECRET: &[u8] = b"a secret of more than thirty-two bytes";
 

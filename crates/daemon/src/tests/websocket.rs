@@ -4,7 +4,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::time::Instant;
 
 use super::*;
-use crate::admission::settings::AdmissionSettings;
+use crate::session::admission_settings::AdmissionSettings;
 
 #[tokio::test(start_paused = true)]
 async fn the_push_precedes_hello() {

@@ -14,7 +14,7 @@ use std::time::Duration;
 use lodestream_protocol::Time;
 use tokio::sync::Notify;
 
-use crate::admission::pre_auth_pool::AddressBlock;
+use crate::limits::pre_auth_pool::AddressBlock;
 
 /// One lease in this many is reserved for addresses without a lease.
 const RESERVED_SHARE: u64 = 8;

@@ -15,7 +15,7 @@ use std::time::Duration;
 
 use lodestream_protocol::Time;
 
-use crate::admission::pre_auth_pool::AddressBlock;
+use crate::limits::pre_auth_pool::AddressBlock;
 
 /// Time in which an empty bucket fills.
 const REFILL_TIME: Duration = Duration::from_secs(8);
