@@ -168,7 +168,9 @@ fn packages_contain_each_program_with_its_manual_and_completions() {
     let (tarball, debian) = package_list();
     let version = env!("CARGO_PKG_VERSION");
     let mut expected = vec!["lib/systemd/system/lodestream.service".to_owned()];
-    // The generator of the demo scene has three flags and no command `generate`.
+    // The generator of the demo scene has no command `generate`; its manual page is a file.
+    assert!(repository("examples/demo-scene/lodestream-demo-scene.1").exists());
+    expected.push("share/man/man1/lodestream-demo-scene.1".to_owned());
     for name in ["lodestream-server", "lodestream-viewer", "lodestream-sim"] {
         expected.extend([
             format!("share/man/man1/{name}.1"),
