@@ -328,7 +328,7 @@ fn many_servers_over_one_bucket_follow_what_is_published() {
         home,
         &["prepare", "s3://bucket/models/yard.toml", "-o", "s3://bucket/scenes/", "--cache", "other", "-q"],
     );
-    assert!(told.contains("yard.lss written; packs: 0 written, 2 there before, 0 prepared"), "{told}");
+    assert!(told.contains("yard.lss written; packs: 0 written, 2 existing, 0 prepared"), "{told}");
     write_scene(home, "hall", 0.3);
     run(&s3, home, &["prepare", "hall.toml", "-o", "s3://bucket/scenes", "--cache", "cache", "-q"]);
     let before = lists[0]["scenes"][0]["fingerprint"].clone();
@@ -343,7 +343,7 @@ fn many_servers_over_one_bucket_follow_what_is_published() {
     // One pack by itself.
     let pack = ["prepare", "s3://bucket/models/one.obj", "-o", "s3://bucket/one.lsp", "-q"];
     assert!(run(&s3, home, &pack).contains("1 faces"));
-    assert!(run(&s3, home, &pack).contains("is there already"));
+    assert!(run(&s3, home, &pack).contains("exists already"));
 }
 
 #[test]
