@@ -93,7 +93,7 @@ fn lists_in_files_change_no_byte_and_leave_no_file() {
 }
 
 #[test]
-fn lists_that_grow_shrink_and_change_hands_keep_what_is_in_them() {
+fn mapped_lists_keep_their_content_when_they_grow_shrink_or_move() {
     let _alone = alone();
     let dir = folder();
     let Some(first) = mapping(dir.path()) else { return };
@@ -123,7 +123,7 @@ fn lists_that_grow_shrink_and_change_hands_keep_what_is_in_them() {
 
 /// A signal would have come of writing to a file without room, and of making it longer than is allowed.
 #[test]
-fn lists_without_room_on_the_disk_lie_in_memory() {
+fn lists_without_disk_space_stay_in_memory() {
     let _alone = alone();
     let dir = folder();
     let model = landscape(dir.path(), 90);
@@ -140,7 +140,7 @@ fn lists_without_room_on_the_disk_lie_in_memory() {
 }
 
 #[test]
-fn a_mesh_that_the_disk_has_no_room_for_is_refused() {
+fn a_mesh_too_large_for_the_disk_is_refused() {
     let free = 10_u64 << 30;
     let refused = PrepareError::room("land.ply".as_ref(), 100_000_000, Some(free)).unwrap_err().to_string();
     for word in ["land.ply", "100000000 faces", "10.7 GB", "--out-of-core"] {

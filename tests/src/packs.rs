@@ -197,7 +197,7 @@ fn every_asset_passes_the_check() {
 
 /// Checks that every blob of a pack's description exists with its stated length.
 #[test]
-fn packs_hold_what_they_promise() {
+fn packs_hold_what_their_descriptions_state() {
     let folder = tempfile::tempdir().unwrap();
     let scene = of_files(&[write_scene(folder.path())]).unwrap();
     let wall = scene.assets.iter().find(|a| a.name == "wall").unwrap();

@@ -27,7 +27,7 @@ fn refused(arguments: &[&str], fragments: &[&str]) -> String {
 }
 
 #[test]
-fn addresses_that_are_none_are_refused() {
+fn invalid_addresses_are_refused() {
     for (address, fragment) in [
         ("", "server address"),
         ("http://localhost:8080", "quic://HOST:PORT#sha256="),
@@ -46,7 +46,7 @@ fn addresses_that_are_none_are_refused() {
 }
 
 #[test]
-fn options_that_make_no_sense_are_refused() {
+fn contradictory_options_are_refused() {
     let address = "ws://localhost:1";
     refused(&[address, "--headless"], &["--output"]);
     refused(&[address, "--window", "big"], &["WIDTHxHEIGHT"]);
@@ -56,7 +56,7 @@ fn options_that_make_no_sense_are_refused() {
 }
 
 #[test]
-fn authorities_that_are_none_are_refused() {
+fn invalid_authority_files_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("ca.pem");
     let ca = file.to_str().unwrap();
@@ -82,7 +82,7 @@ fn without_gpu() -> bool {
 }
 
 #[test]
-fn a_server_that_is_not_there_is_told_in_one_line() {
+fn an_unreachable_server_is_an_error_of_one_line() {
     if without_gpu() {
         return;
     }
@@ -109,7 +109,7 @@ impl Drop for Running {
 }
 
 #[test]
-fn a_peer_that_accepts_and_stays_silent_hung_the_viewer() {
+fn a_silent_peer_does_not_hang_the_viewer() {
     if without_gpu() {
         return;
     }

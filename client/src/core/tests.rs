@@ -45,7 +45,7 @@ fn a_view_settles_within_its_target() {
 }
 
 #[test]
-fn base_meshes_that_come_at_once_are_all_seen_in_slices_of_the_budget() {
+fn small_work_budgets_still_process_every_base_mesh() {
     let mut link = Loopback::new(TestScene::new(24), |_| {});
     link.budget = 1;
     // Base meshes are enough: nothing comes after them that would call for another selection.
@@ -58,7 +58,7 @@ fn base_meshes_that_come_at_once_are_all_seen_in_slices_of_the_budget() {
 }
 
 #[test]
-fn everything_applied_is_the_input() {
+fn all_chunks_applied_give_the_input() {
     for source in [TestScene::new(1), TestScene::compressed()] {
         everything_of(source);
     }
@@ -93,7 +93,7 @@ fn everything_of(source: TestScene) {
 }
 
 #[test]
-fn small_slices_of_work_come_to_the_same() {
+fn small_work_budgets_give_the_same_result() {
     let mut link = Loopback::new(TestScene::new(1), |_| {});
     link.budget = 100;
     link.core.set_view(link.now, finest());
@@ -103,7 +103,7 @@ fn small_slices_of_work_come_to_the_same() {
 }
 
 #[test]
-fn what_the_camera_left_is_undone_and_comes_back_from_the_cache() {
+fn chunks_out_of_view_are_undone_and_reapplied_from_the_cache() {
     let mut link = Loopback::new(TestScene::new(1), |config: &mut Config| {
         // Out of view, nothing is kept.
         config.select.keep_out_of_view = Share::NONE;
@@ -127,7 +127,7 @@ fn what_the_camera_left_is_undone_and_comes_back_from_the_cache() {
 }
 
 #[test]
-fn what_casts_shadows_from_out_of_view_is_refined_where_they_are_drawn() {
+fn shadow_casters_out_of_view_are_refined_if_shadows_are_drawn() {
     // The second hill stands beside the view, towards the sun.
     let mut link = Loopback::new(TestScene::new(2).lit_from([1.0, 0.3, 0.0]), |_| {});
     let narrow = Camera { fov_y: 0.3, ..TestScene::new(2).camera() };
@@ -228,7 +228,7 @@ fn changes_rebuild_the_mesh_step_by_step() {
 
 /// They came by their numbers: where a step was full, an asset at the camera waited for all with lower numbers.
 #[test]
-fn a_renderer_is_given_first_what_was_refined_first() {
+fn changes_are_taken_in_the_order_of_refinement() {
     let mut link = Loopback::new(TestScene::new(3), |_| {});
     // Beside the last of them, along the row.
     let camera = Camera { eye: [9.0, 2.0, 3.0], target: [3.0, 0.0, 0.0], ..TestScene::new(3).camera() };
@@ -314,7 +314,7 @@ fn appearances(view: View) -> Vec<(u16, bool)> {
 
 /// Parts of the picture that were missing faded in.
 #[test]
-fn a_morph_holds_back_nothing_that_is_more_than_eight_pixels_off() {
+fn chunks_more_than_eight_pixels_off_appear_without_a_morph() {
     let Camera { eye: [x, y, z], .. } = TestScene::new(1).camera();
     let mut all = Vec::new();
     for away in [0.4, 0.6, 0.8, 1.0, 1.3, 1.7, 2.5] {

@@ -210,7 +210,7 @@ async fn quic_tries_every_address_of_a_name_in_bounded_time_too() {
 
 /// A server that sends a blob and hangs up, each time: it was connected to twice a second for as long as it ran.
 #[tokio::test(start_paused = true)]
-async fn a_server_that_cuts_every_session_was_connected_to_without_a_pause() {
+async fn reconnections_pause_if_the_server_cuts_every_session() {
     use futures_util::SinkExt as _;
     use lodestream_protocol::frame::{BlobPiece, encode_piece, encode_server};
     use lodestream_protocol::message::{ServerMessage, VERSIONS, Welcome};

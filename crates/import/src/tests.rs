@@ -109,7 +109,7 @@ fn objects_groups_and_materials_merge() {
 }
 
 #[test]
-fn a_model_could_make_files_of_whoever_prepares_it_public() {
+fn models_cannot_name_files_outside_their_folder() {
     let dir = TempDir::new().unwrap();
     let secret = write(&dir, "secret.png", "a picture of somebody's");
     let absolute = secret.display().to_string();
@@ -148,7 +148,7 @@ fn a_model_could_make_files_of_whoever_prepares_it_public() {
 
 #[cfg(unix)]
 #[test]
-fn a_pipe_in_place_of_a_file_holds_nobody_up() {
+fn a_pipe_in_place_of_a_file_is_refused() {
     let dir = TempDir::new().unwrap();
     for name in ["m.mtl", "red.png"] {
         let made = std::process::Command::new("mkfifo").arg(dir.path().join(name)).status();
@@ -259,7 +259,7 @@ fn indices_out_of_range_name_their_line() {
 
 /// White space that only Unicode knows, in front of an element: it was counted and not read.
 #[test]
-fn what_is_counted_is_what_is_read() {
+fn elements_after_unicode_spaces_are_read() {
     let dir = TempDir::new().unwrap();
     for space in ["\u{b}", "\u{a0}", "\u{2003}", "\u{3000} "] {
         let text = format!("{TRIANGLE}{space}vn 0 0 1\n{space}vt 0 1\nf 1/1/1 2/1/1 3/1/1\n");

@@ -128,7 +128,7 @@ fn every_file_that_is_named_exists() {
 }
 
 #[test]
-fn the_importer_has_nothing_to_complain_about() {
+fn the_importer_gives_no_warnings() {
     let (dir, summary) = small(1);
     let mut faces = 0;
     for asset in lodestream_bake::scene::read(&summary.scene).unwrap().assets {
@@ -252,7 +252,7 @@ fn full_detail_has_its_face_counts() {
 }
 
 #[test]
-fn base_meshes_of_buildings_keep_their_allowance() {
+fn base_meshes_of_buildings_have_small_errors() {
     let dir = tempfile::tempdir().unwrap();
     let buildings = ["stylobate", "roof", "cella", "plinth", "avenue"];
     for (name, _, _, make) in
@@ -269,7 +269,7 @@ fn base_meshes_of_buildings_keep_their_allowance() {
 }
 
 #[test]
-fn refuses_detail_out_of_range_and_folders_that_cannot_be() {
+fn detail_out_of_range_and_impossible_folders_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     for detail in [0.0, 3.0, f64::NAN] {
         let refused = generate(dir.path(), &Options { seed: 1, detail });

@@ -95,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn errors_that_rise_towards_finer_chunks_are_told() {
+    fn errors_that_rise_towards_finer_chunks_are_reported() {
         let coarse = ChunkInfo { error: 2.0, attribute_error: 1.0, ..ChunkInfo::default() };
         let fine = |error, attribute_error| ChunkInfo {
             error,

@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn causes_are_told_once_and_in_one_line() {
+    fn causes_are_printed_once_and_in_one_line() {
         let error = anyhow::anyhow!("disk\nfull").context("a.lsp: cannot be written: disk\nfull");
         assert_eq!(one_line(&error), "a.lsp: cannot be written: disk full");
         let error = anyhow::anyhow!("disk full").context("a.lsp");

@@ -76,7 +76,7 @@ fn inspected(pack: &Path) -> serde_json::Value {
 }
 
 #[test]
-fn inspect_tells_all_fields_and_they_agree() {
+fn inspect_prints_all_fields_and_they_agree() {
     let (_dir, _, pack) = prepared();
     let fields = inspected(&pack);
     let number = |name: &str| fields[name].as_f64().unwrap_or_else(|| panic!("{name} in {fields}"));
@@ -205,7 +205,7 @@ fn check_compares_every_kind_of_pack_with_its_model() {
 }
 
 #[test]
-fn check_finds_what_hashes_cannot() {
+fn check_finds_faults_that_hashes_do_not() {
     let dir = TempDir::new().unwrap();
     let (obj, pack, bad) = (decorated(&dir), dir.path().join("sheet.lsp"), dir.path().join("bad.lsp"));
     type Change = fn(BlobKind, &mut Vec<u8>);
@@ -282,7 +282,7 @@ fn packs_of_both_codecs_hold_the_same_meshes() {
 }
 
 #[test]
-fn export_keeps_to_its_budget_and_is_a_model_again() {
+fn exports_keep_to_their_budget_and_can_be_imported() {
     let (dir, _, pack) = prepared();
     let out = dir.path().join("out.obj");
     let export = |budget: &[&str]| {
@@ -423,7 +423,7 @@ fn limited_to_small_files(folder: &Path, arguments: &str) -> Output {
 
 #[cfg(unix)]
 #[test]
-fn a_file_over_the_size_limit_killed_the_program_and_left_a_part() {
+fn a_file_over_the_size_limit_is_an_error_and_leaves_no_part() {
     let dir = TempDir::new().unwrap();
     let model = dir.path().join("ball.obj");
     std::fs::write(&model, sphere_obj(40, 40)).unwrap();
@@ -433,7 +433,7 @@ fn a_file_over_the_size_limit_killed_the_program_and_left_a_part() {
 }
 
 #[test]
-fn flags_win_over_the_environment_that_over_files_and_those_over_defaults() {
+fn flags_override_environment_then_file_then_defaults() {
     let dir = TempDir::new().unwrap();
     let (file, saved) = (dir.path().join("server.toml"), dir.path().join("saved.toml"));
     std::fs::write(&file, "files = \"a.obj\"\nrate = \"3Mbit\"\nmax-sessions = 30\ndrain = 30\n").unwrap();
@@ -459,7 +459,7 @@ fn flags_win_over_the_environment_that_over_files_and_those_over_defaults() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn a_full_disk_is_told() {
+fn a_full_disk_is_an_error() {
     let dir = TempDir::new().unwrap();
     let model = dir.path().join("ball.obj");
     std::fs::write(&model, sphere_obj(40, 40)).unwrap();
@@ -482,7 +482,7 @@ fn a_full_disk_is_told() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn standard_error_on_a_full_disk_was_a_panic() {
+fn standard_error_on_a_full_disk_causes_no_panic() {
     let dir = TempDir::new().unwrap();
     // A texture that is not there is a warning.
     std::fs::write(dir.path().join("a.mtl"), "newmtl a\nmap_Kd missing.png\n").unwrap();
@@ -498,7 +498,7 @@ fn standard_error_on_a_full_disk_was_a_panic() {
 
 #[cfg(unix)]
 #[test]
-fn a_server_whose_cache_takes_no_more_ends_and_leaves_no_part() {
+fn a_full_cache_disk_ends_the_server_and_leaves_no_part() {
     let dir = TempDir::new().unwrap();
     std::fs::write(dir.path().join("ball.obj"), sphere_obj(40, 40)).unwrap();
     let serve = "serve ball.obj --cache cache --listen 127.0.0.1:0 --http 127.0.0.1:0 --admin off";

@@ -233,7 +233,7 @@ fn assert_same(ours: &[u8], plain: &[u8], name: &str) {
 }
 
 #[test]
-fn what_meshoptimizer_compressed_is_the_same_pack() {
+fn meshopt_compressed_models_give_the_same_pack() {
     let plain = sheet().plain().prepared();
     for (extension, version) in [("EXT_meshopt_compression", 0), ("KHR_meshopt_compression", 1)] {
         assert_same(&sheet().meshopt(extension, version).prepared(), &plain, extension);
@@ -241,7 +241,7 @@ fn what_meshoptimizer_compressed_is_the_same_pack() {
 }
 
 #[test]
-fn what_draco_compressed_is_the_pack_of_what_it_decodes_to() {
+fn draco_compressed_models_give_the_pack_of_their_decoded_form() {
     let exact = sheet().draco(0, None).0.prepared();
     assert_same(&exact, &sheet().plain().prepared(), "every bit kept, in order");
     for level in [4, 7, 10] {

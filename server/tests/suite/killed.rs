@@ -22,7 +22,7 @@ fn kept(folder: &Path) -> Vec<PathBuf> {
 }
 
 #[test]
-fn a_killed_preparation_goes_on_and_makes_the_same_pack() {
+fn a_killed_preparation_is_resumed_and_gives_the_same_pack() {
     let dir = TempDir::new().unwrap();
     let model = dir.path().join("land.obj");
     std::fs::write(&model, landscape::obj(220)).unwrap();

@@ -111,7 +111,7 @@ impl Server {
 }
 
 #[test]
-fn a_server_starts_from_its_cache_and_ends_when_asked() {
+fn a_server_starts_from_its_cache_and_ends_on_a_signal() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(
         folder.path().join("model.obj"),
@@ -135,7 +135,7 @@ fn a_server_starts_from_its_cache_and_ends_when_asked() {
 }
 
 #[test]
-fn a_log_that_nobody_reads_held_the_server_up() {
+fn an_unread_log_does_not_block_the_server() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-server"));
@@ -155,7 +155,7 @@ fn a_log_that_nobody_reads_held_the_server_up() {
 }
 
 #[test]
-fn the_log_is_json_where_that_is_asked_for() {
+fn log_format_json_writes_one_object_per_line() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-server"));
@@ -179,7 +179,7 @@ fn the_log_is_json_where_that_is_asked_for() {
 }
 
 #[test]
-fn a_log_whose_reader_is_gone_ended_the_server() {
+fn a_closed_log_pipe_does_not_end_the_server() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     let mut server = Server::start(folder.path());
@@ -194,7 +194,7 @@ fn a_log_whose_reader_is_gone_ended_the_server() {
 }
 
 #[test]
-fn an_address_that_is_taken_is_told_in_one_line() {
+fn an_address_in_use_is_an_error_of_one_line() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
@@ -222,7 +222,7 @@ fn an_address_that_is_taken_is_told_in_one_line() {
 }
 
 #[test]
-fn a_scene_of_more_assets_than_files_may_be_open_did_not_start() {
+fn a_scene_with_more_assets_than_open_files_is_served() {
     let folder = tempfile::tempdir().unwrap();
     let names: Vec<String> = (0..200).map(|i| format!("{i}.obj")).collect();
     for name in &names {
@@ -243,7 +243,7 @@ fn a_scene_of_more_assets_than_files_may_be_open_did_not_start() {
 }
 
 #[test]
-fn a_terminal_that_hung_up_ended_the_server() {
+fn a_hangup_does_not_end_the_server() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     let server = Server::start(folder.path());
@@ -257,7 +257,7 @@ fn a_terminal_that_hung_up_ended_the_server() {
 }
 
 #[test]
-fn a_changed_configuration_holds_after_a_hangup_and_a_wrong_one_changes_nothing() {
+fn sighup_applies_a_changed_configuration_and_ignores_an_invalid_one() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     let write = |text: &str| std::fs::write(folder.path().join("server.toml"), text).unwrap();
@@ -289,7 +289,7 @@ fn a_changed_configuration_holds_after_a_hangup_and_a_wrong_one_changes_nothing(
 
 #[cfg(target_os = "linux")]
 #[test]
-fn the_soft_limit_of_open_files_bounded_sessions() {
+fn the_soft_limit_of_open_files_is_raised() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     let mut command = Command::new("sh");
@@ -306,7 +306,7 @@ fn the_soft_limit_of_open_files_bounded_sessions() {
 /// What a server writes while it serves is its log: where the disk takes no more of it, sessions and orders go on.
 #[cfg(target_os = "linux")]
 #[test]
-fn a_disk_that_is_full_while_a_server_serves_costs_its_log_alone() {
+fn a_full_disk_while_serving_loses_only_log_lines() {
     for (limit, log) in [("ulimit -f 8 && ", "log"), ("", "/dev/full")] {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
@@ -332,7 +332,7 @@ fn a_disk_that_is_full_while_a_server_serves_costs_its_log_alone() {
 
 /// A program that wants no addresses may close standard output, before or while they are printed.
 #[test]
-fn a_server_whose_standard_output_is_closed_goes_on() {
+fn a_closed_standard_output_does_not_end_the_server() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     for closed in [">&-", ">/dev/full"] {
@@ -358,7 +358,7 @@ fn a_server_whose_standard_output_is_closed_goes_on() {
 
 /// A unit of `Type=notify` waits until it is told so, and shows what it is told.
 #[test]
-fn the_service_manager_hears_when_the_server_listens_and_when_it_drains() {
+fn the_service_manager_is_notified_of_readiness_and_draining() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     let path = folder.path().join("notify");

@@ -61,7 +61,7 @@ fn a_session_continues_after_an_address_change_and_frees_the_old_addresss_slot()
 
 /// Handshakes that start before any of them has validated its address: each sees a bucket that is not empty.
 #[test]
-fn simultaneous_quic_handshakes_took_more_tokens_than_available() {
+fn simultaneous_quic_handshakes_take_no_more_tokens_than_available() {
     let scene = TestScene::small();
     virtual_runtime().unwrap().block_on(async {
         let network = TestNetwork::new();

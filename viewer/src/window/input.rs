@@ -136,7 +136,7 @@ mod tests {
 
     /// After a frame at rest, which takes long, another one in full was drawn before a reset camera was seen.
     #[test]
-    fn a_key_is_seen_one_or_two_quick_frames_after_the_frame_under_way() {
+    fn a_key_takes_effect_one_or_two_quick_frames_after_the_current_one() {
         let (home, mut moved) = (start(), start());
         moved.turn(300.0, 0.0);
         for late_ms in [1, 50, 200, 350, 500, 650, 699] {

@@ -94,7 +94,7 @@ mod tests {
 
     /// A frame counted for a quarter of a second at most: where each took two, eight seconds of flight were one.
     #[test]
-    fn the_camera_flies_as_far_whatever_a_frame_takes() {
+    fn flight_distance_does_not_depend_on_frame_time() {
         let smooth = flown(10);
         // Half the first distance a second, forward.
         assert!((smooth - glam::DVec3::new(0.0, 0.0, 10.0 - 40.0)).length() < 1e-9, "{smooth}");

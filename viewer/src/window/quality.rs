@@ -261,7 +261,7 @@ mod tests {
 
     /// Times about the bound do not move a step up and down: up takes far less time than down allows.
     #[test]
-    fn frames_that_take_now_more_and_now_less_keep_their_step() {
+    fn frame_times_around_the_bound_keep_the_step() {
         for full_s in [0.12, 0.2, 0.33, 0.5] {
             let (mut quality, mut now) = (Quality::new(false), 0.0);
             let mut steps = Vec::new();
@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn edges_are_smoothed_over_time_then_in_one_frame_then_not_by_how_long_frames_take() {
+    fn anti_aliasing_is_reduced_as_frame_times_grow() {
         let temporal = Settings { anti_aliasing: AntiAliasing::Temporal, ..Settings::default() };
         let mut quality = Quality::new(false);
         let mut ways: Vec<AntiAliasing> = drift(&mut quality, 0.05, 1.03, 200)

@@ -87,7 +87,7 @@ mod tests {
 
     /// Terrain changed for four seconds after the picture was called settled.
     #[test]
-    fn no_picture_is_called_settled_or_incomplete_that_will_change() {
+    fn a_picture_that_will_change_is_neither_settled_nor_incomplete() {
         for (status, end) in [(status(true, 0), State::Settled), (status(false, 2), State::Incomplete)] {
             assert_eq!(State::of(&status, &RESTING, true), end);
             for (drawn, why) in [
@@ -107,14 +107,14 @@ mod tests {
 
     /// It was called refining for ever, since a first frame that held everything was waited for.
     #[test]
-    fn a_picture_that_lacks_a_base_mesh_for_good_is_incomplete_though_none_was_ever_whole() {
+    fn a_picture_without_a_base_mesh_is_incomplete_without_a_first_frame() {
         assert_eq!(State::of(&status(false, 1), &RESTING, false), State::Incomplete);
         assert_eq!(State::of(&status(true, 0), &RESTING, false), State::Refining);
     }
 
     /// It was called refining for ever, and `--exit-when-settled` waited as long.
     #[test]
-    fn a_picture_whose_session_was_ended_before_all_came_is_incomplete() {
+    fn a_picture_whose_session_ended_early_is_incomplete() {
         let closed = || Some(End::Closed(Close::new(CloseCode::Protocol, "the scene is gone")));
         let ended = |settled| Status { end: closed(), ..status(settled, 0) };
         assert_eq!(State::of(&ended(false), &RESTING, true), State::Incomplete);

@@ -69,7 +69,7 @@ mod tests {
 
     /// The server heard of a moved camera only once its frame was on the screen.
     #[test]
-    fn the_view_leaves_before_the_frame_is_painted() {
+    fn the_view_is_sent_before_the_frame_is_drawn() {
         let mut recorder = Recorder::default();
         run(&mut recorder).unwrap();
         assert_eq!(recorder.painted_after, Some(Some(11)), "the moved camera's view, before painting");

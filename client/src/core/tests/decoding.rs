@@ -59,7 +59,7 @@ fn outcome(decoders: Decoders, budget: u64) -> Outcome {
 }
 
 #[test]
-fn any_pool_comes_to_the_same() {
+fn any_thread_pool_gives_the_same_result() {
     for budget in [u64::MAX, 2000] {
         let alone = outcome(Decoders::default(), budget);
         let pool = Arc::new(Wilful::default());

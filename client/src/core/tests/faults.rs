@@ -10,7 +10,7 @@ use lodestream_select::State;
 use super::{Change, Loopback, TestScene, finest, prepared, view};
 
 #[test]
-fn damaged_blobs_are_asked_for_a_few_times_and_cost_nothing_else() {
+fn damaged_blobs_are_requested_a_few_times_and_affect_no_others() {
     let mut scene = TestScene::new(1);
     let bad = BlobId::chunk(0, 1);
     scene.damage(bad);
@@ -44,7 +44,7 @@ fn damaged_blobs_are_asked_for_a_few_times_and_cost_nothing_else() {
 /// Its chunks were wanted for ever, and nobody could use them: the picture was neither settled nor incomplete.
 /// A server that pushed no bytes of it has sent all there is, and says nothing more.
 #[test]
-fn an_empty_chunk_ahead_of_its_index_was_waited_for_for_ever() {
+fn an_empty_chunk_before_its_index_page_is_reported_as_missing() {
     let mut scene = TestScene::new(1);
     let bad = BlobId::chunk(0, 0);
     scene.damaged.insert(bad, Bytes::new());
@@ -57,7 +57,7 @@ fn an_empty_chunk_ahead_of_its_index_was_waited_for_for_ever() {
 }
 
 #[test]
-fn an_asset_whose_base_mesh_never_comes_keeps_nothing_under_way() {
+fn an_asset_without_its_base_mesh_is_missing_and_requests_nothing_else() {
     for damaged in [false, true] {
         let bad = BlobId::base(1);
         let mut scene = TestScene::new(2);
@@ -80,7 +80,7 @@ fn an_asset_whose_base_mesh_never_comes_keeps_nothing_under_way() {
 
 /// A disk that is mended late, after any number of refusals: the client still asks, and gets what was damaged.
 #[test]
-fn what_was_refused_for_ten_minutes_comes_once_it_can_be_read() {
+fn a_refused_blob_arrives_once_it_can_be_read() {
     let scene = TestScene::new(1);
     scene.unreadable.lock().unwrap().insert(BlobId::chunk(0, 0));
     let mut link = Loopback::new(scene, |_| {});
@@ -97,7 +97,7 @@ fn what_was_refused_for_ten_minutes_comes_once_it_can_be_read() {
 }
 
 #[test]
-fn a_blob_that_heals_is_used() {
+fn a_blob_that_is_repaired_is_used() {
     let mut scene = TestScene::new(1);
     let bad = BlobId::chunk(0, 1);
     scene.damage(bad);
@@ -118,7 +118,7 @@ fn a_blob_that_heals_is_used() {
 /// The server was started anew with another scene: its base mesh, ahead of `Welcome`, was taken for the old
 /// scene's, which was there already, and the server would not send it again.
 #[test]
-fn after_a_restart_with_another_scene_a_base_ahead_of_welcome_is_not_taken_for_the_old_scenes() {
+fn a_base_mesh_before_welcome_is_not_used_for_the_previous_scene() {
     let mut link = Loopback::new(TestScene::new(1), |_| {});
     link.connect();
     link.settle();
@@ -181,7 +181,7 @@ fn a_chunk_that_the_server_lacks_is_given_up_and_the_rest_comes() {
 }
 
 #[test]
-fn a_terrain_that_lists_a_patch_beyond_its_world_ends_the_session_and_not_the_viewer() {
+fn a_patch_outside_the_world_ends_the_session_only() {
     let patch = |x: i32, y: i32| OverridePatch { x, y, bytes: 100, error: 900 };
     let run = |listed: &[OverridePatch]| {
         let mut link = Loopback::new(TestScene::new(1).on_terrain(4, listed), |_| {});

@@ -43,7 +43,7 @@ fn told(changes: &[Change]) -> Vec<(u32, usize)> {
 }
 
 #[test]
-fn few_punctual_lights_are_here_before_the_first_frame_and_nothing_is_asked_for() {
+fn few_punctual_lights_arrive_before_the_first_frame_without_requests() {
     let mut link = Loopback::new(
         TestScene::new(1).lit_by(&[punctual_light(0.0, 0.0), punctual_light(900.0, 900.0)]),
         |_| {},
@@ -60,7 +60,7 @@ fn few_punctual_lights_are_here_before_the_first_frame_and_nothing_is_asked_for(
 }
 
 #[test]
-fn pages_come_behind_the_base_meshes_and_only_those_whose_light_is_seen() {
+fn light_pages_follow_the_base_meshes_and_only_visible_ones_are_fetched() {
     // Three pages before the camera and three behind it: the directory is said at once.
     let punctual_lights = before_and_behind(192);
     let mut link = Loopback::new(TestScene::new(2).lit_by(&punctual_lights), |_| {});
@@ -86,7 +86,7 @@ fn pages_come_behind_the_base_meshes_and_only_those_whose_light_is_seen() {
 }
 
 #[test]
-fn what_lights_less_than_the_target_is_not_fetched() {
+fn light_pages_below_the_target_error_are_not_fetched() {
     // At 5000 units 60 units of light are 5 pixels of 640 × 360.
     let far: Vec<PunctualLight> =
         (0..20).map(|n| PunctualLight { range: 30.0, ..punctual_light(f64::from(n), -5000.0) }).collect();
@@ -102,7 +102,7 @@ fn what_lights_less_than_the_target_is_not_fetched() {
 }
 
 #[test]
-fn the_directory_of_many_is_asked_for() {
+fn the_directory_of_many_punctual_lights_is_requested() {
     let punctual_lights = before_and_behind(1024);
     let mut link = Loopback::new(TestScene::new(1).lit_by(&punctual_lights), |_| {});
     link.connect();
@@ -113,7 +113,7 @@ fn the_directory_of_many_is_asked_for() {
 }
 
 #[test]
-fn a_page_that_does_not_come_leaves_the_picture_incomplete() {
+fn a_missing_light_page_leaves_the_picture_incomplete() {
     let mut source = TestScene::new(1).lit_by(&before_and_behind(128));
     source.missing.insert(BlobId::punctual_light_page(1));
     let mut link = Loopback::new(source, |_| {});
@@ -129,7 +129,7 @@ fn a_page_that_does_not_come_leaves_the_picture_incomplete() {
 }
 
 #[test]
-fn a_damaged_page_is_asked_for_again_and_then_given_up() {
+fn a_damaged_light_page_is_requested_again_and_then_given_up() {
     let mut source = TestScene::new(1).lit_by(&before_and_behind(64));
     source.damage(BlobId::punctual_light_page(0));
     let mut link = Loopback::new(source, |_| {});
@@ -145,7 +145,7 @@ fn a_damaged_page_is_asked_for_again_and_then_given_up() {
 }
 
 #[test]
-fn punctual_lights_outlive_a_connection() {
+fn punctual_lights_are_kept_across_connections() {
     let mut link = Loopback::new(TestScene::new(1).lit_by(&before_and_behind(128)), |_| {});
     link.connect();
     link.settle();
@@ -158,7 +158,7 @@ fn punctual_lights_outlive_a_connection() {
 }
 
 #[test]
-fn punctual_lights_that_are_none_end_the_session() {
+fn invalid_punctual_lights_end_the_session() {
     let mut link = Loopback::new(TestScene::new(1), |_| {});
     link.connect();
     link.settle();
@@ -172,7 +172,7 @@ fn punctual_lights_that_are_none_end_the_session() {
 }
 
 #[test]
-fn a_whole_city_costs_a_client_little() {
+fn the_most_punctual_lights_take_at_most_64_bytes_each() {
     let said = PunctualLights { count: 1 << 18, first: Vec::new() };
     let (pages, came) = PunctualLightPages::new(&said).unwrap();
     assert!(came.is_none() && pages.received().next().is_none());

@@ -23,7 +23,7 @@ fn at_truncation_points(link: &Loopback) -> usize {
 }
 
 #[test]
-fn chunks_stop_where_the_view_allows_and_only_their_rest_is_fetched_for_a_nearer_one() {
+fn chunks_are_fetched_up_to_a_truncation_point_and_continued_for_a_nearer_view() {
     let camera = TestScene::new(1).camera();
     let run = |truncation_points: bool| {
         let mut link = frugal(TestScene::new(1), truncation_points, |_| {});
@@ -60,7 +60,7 @@ fn chunks_stop_where_the_view_allows_and_only_their_rest_is_fetched_for_a_nearer
 }
 
 #[test]
-fn chunks_at_stops_are_undone_and_come_back_from_the_cache() {
+fn truncated_chunks_are_undone_and_reapplied_from_the_cache() {
     let camera = TestScene::new(1).camera();
     let near = view(Camera { eye: [0.0, 4.2, 7.0], ..camera }, 1.0);
     let mut link = frugal(TestScene::new(1), true, |config| config.select.keep_out_of_view = Share::NONE);
@@ -81,7 +81,7 @@ fn chunks_at_stops_are_undone_and_come_back_from_the_cache() {
 }
 
 #[test]
-fn a_wavering_camera_leaves_stops_as_they_are() {
+fn small_camera_movements_keep_truncation_points() {
     let camera = TestScene::new(1).camera();
     let at = |eye: f64| view(Camera { eye: [0.0, eye * 0.6, eye], ..camera }, 1.0);
     let mut link = frugal(TestScene::new(1), true, |_| {});
@@ -99,7 +99,7 @@ fn a_wavering_camera_leaves_stops_as_they_are() {
 
 /// A beginning that can be used does not show that its rest is sound: then both go and come again.
 #[test]
-fn a_damaged_rest_takes_its_beginning_along_and_both_are_fetched_again() {
+fn a_chunk_with_a_damaged_rest_is_fetched_again_from_its_start() {
     let camera = TestScene::new(1).camera();
     let mut link = frugal(TestScene::new(1), true, |_| {});
     link.core.set_view(link.now, view(Camera { eye: [0.0, 4.2, 7.0], ..camera }, 1.0));

@@ -20,7 +20,7 @@ fn settings(folder: &Path, scene: &str, flags: PreparationSettings) -> Vec<Strin
 }
 
 #[test]
-fn a_flag_was_lost_where_the_scene_file_had_a_value() {
+fn flags_override_settings_of_the_scene_file() {
     let dir = TempDir::new().unwrap();
     std::fs::write(dir.path().join("a.obj"), TRIANGLE).unwrap();
     let scene = "[[asset]]\nname = 'fine'\nfile = 'a.obj'\nposition_bits = 16\ncodec = 'zstd'\n\
@@ -81,7 +81,7 @@ fn each_model_has_the_codec_that_suits_it_unless_one_is_chosen() {
 }
 
 #[test]
-fn a_pack_of_another_model_under_the_caches_name_was_served() {
+fn a_cached_pack_of_another_model_is_not_served() {
     let dir = tempfile::TempDir::new().unwrap();
     let cache = dir.path().join("cache");
     let options = Options { quiet: true, ..Options::default() };

@@ -40,7 +40,7 @@ fn names(scene: &Scene) -> Vec<&str> {
 }
 
 #[test]
-fn a_gltf_file_is_its_meshes_where_its_nodes_have_them() {
+fn gltf_meshes_are_placed_by_their_nodes() {
     let dir = TempDir::new().unwrap();
     let scene = of_files(&[ship(&dir)]).unwrap();
     assert_eq!(scene.name, "ship");
@@ -124,7 +124,7 @@ fn scene_files_place_gltf_models_whole_by_mesh_and_merged() {
 }
 
 #[test]
-fn a_model_named_like_the_second_of_another_kept_that_name() {
+fn models_with_the_name_of_a_numbered_duplicate_stay_distinct() {
     let named = |files: &[&str]| {
         let files: Vec<PathBuf> = files.iter().map(PathBuf::from).collect();
         let names: Vec<String> =
@@ -137,7 +137,7 @@ fn a_model_named_like_the_second_of_another_kept_that_name() {
 }
 
 #[test]
-fn a_mesh_named_like_the_second_form_of_another_kept_that_name() {
+fn meshes_with_the_name_of_a_numbered_form_stay_distinct() {
     let dir = TempDir::new().unwrap();
     let path = ship(&dir);
     // "mast" is placed twice, once mirrored: its second form is "mast-2".

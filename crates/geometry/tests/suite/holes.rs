@@ -73,7 +73,7 @@ fn no_new_holes(name: &str, source: &SourceMesh, bits: u8, region_faces: usize, 
 }
 
 #[test]
-fn surfaces_end_only_where_the_input_does() {
+fn boundaries_are_only_where_the_input_has_them() {
     let mut with_ends = 0;
     for (name, source) in all() {
         with_ends += usize::from(no_new_holes(name, &source, 14, 100, 6) > 0);

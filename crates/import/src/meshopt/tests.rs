@@ -233,7 +233,7 @@ fn every_truncation_is_an_error() {
 }
 
 #[test]
-fn what_is_accepted_of_damaged_bytes_is_what_the_library_makes_of_them() {
+fn damaged_bytes_are_refused_or_decode_as_by_the_library() {
     let mut random = Random(17);
     let (mut accepted, mut refused) = (0, 0);
     for (mode, data, count, stride, theirs) in streams() {

@@ -212,7 +212,7 @@ const XYZ: &str = "property float x\nproperty float y\nproperty float z\n";
 const FACE: &str = "element face 1\nproperty list uchar int vertex_index\n";
 
 #[test]
-fn headers_that_lie_are_refused_before_anything_is_reserved() {
+fn false_headers_are_refused_before_memory_is_reserved() {
     let many = head(&format!("element vertex 4000000000\n{XYZ}{FACE}end_header\n0 0 0\n"));
     let why = refused(many);
     assert!(why.starts_with(":3: ") && why.contains("at least 24000000000 bytes, but 6 follow"), "{why}");
@@ -231,7 +231,7 @@ fn headers_that_lie_are_refused_before_anything_is_reserved() {
 }
 
 #[test]
-fn what_is_wrong_is_told_with_its_line() {
+fn errors_name_the_line() {
     let vertices = format!("element vertex 3\n{XYZ}");
     let good = head(&format!("{vertices}{FACE}end_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"));
     assert_eq!(read("a.ply", &good).unwrap().mesh.faces.len(), 1);

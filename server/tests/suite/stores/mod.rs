@@ -130,7 +130,7 @@ impl Two {
 }
 
 #[test]
-fn a_bucket_serves_what_files_serve_to_the_byte() {
+fn a_bucket_serves_the_same_bytes_as_files() {
     let two = Two::new();
     assert_eq!(two.objects.header(), two.files.header());
     assert_eq!(two.objects.page(0), two.files.page(0));
@@ -151,7 +151,7 @@ fn a_bucket_serves_what_files_serve_to_the_byte() {
 }
 
 #[test]
-fn those_who_wait_for_the_same_range_share_one_request() {
+fn reads_of_the_same_range_share_one_request() {
     let two = Two::new();
     let id = two.far();
     two.s3.set(Fault::Slow);
@@ -163,7 +163,7 @@ fn those_who_wait_for_the_same_range_share_one_request() {
 }
 
 #[test]
-fn answers_that_are_wrong_are_refused_and_a_store_that_recovers_is_believed() {
+fn wrong_answers_of_a_store_are_refused_until_it_recovers() {
     let two = Two::new();
     let id = two.far();
     for fault in [Fault::Short, Fault::Wrong, Fault::Missing] {
@@ -307,7 +307,7 @@ impl Server {
 }
 
 #[test]
-fn many_servers_over_one_bucket_follow_what_is_published() {
+fn servers_over_one_bucket_serve_newly_published_scenes() {
     let (s3, folder) = (S3::start(), tempfile::tempdir().unwrap());
     let home = folder.path();
     write_scene(home, "hall", 0.1);
@@ -347,7 +347,7 @@ fn many_servers_over_one_bucket_follow_what_is_published() {
 }
 
 #[test]
-fn a_folder_is_followed_and_what_cannot_be_read_stays_as_it_was() {
+fn changes_of_a_folder_are_served_and_unreadable_scenes_keep_their_version() {
     let (s3, folder) = (S3::start(), tempfile::tempdir().unwrap());
     let scenes = folder.path().join("scenes");
     std::fs::create_dir(&scenes).unwrap();
@@ -369,7 +369,7 @@ fn a_folder_is_followed_and_what_cannot_be_read_stays_as_it_was() {
 /// A place that could not be listed lost what was known of those before it, and a scene that could not be read was read
 /// again at every look.
 #[test]
-fn what_fails_is_left_alone_until_it_changes() {
+fn failed_scenes_are_not_read_again_until_they_change() {
     let folder = tempfile::tempdir().unwrap();
     let [one, other] = ["one", "other"].map(|name| folder.path().join(name));
     for (place, name) in [(&one, "hall"), (&other, "yard")] {

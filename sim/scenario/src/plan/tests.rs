@@ -458,7 +458,7 @@ fn keys_may_be_changed_from_outside() {
 }
 
 #[test]
-fn a_plan_took_other_position_bits_than_a_scene_file_or_a_flag() {
+fn plans_take_4_to_24_position_bits() {
     for bits in [4, 24] {
         let plan = parse_at(&format!("position_bits = {bits}\n{}", GOOD.replace("demo", "model:bunny.obj")))
             .unwrap();

@@ -174,7 +174,7 @@ fn opacity_maps_say_whether_they_are_masks() {
 }
 
 #[test]
-fn plain_materials_take_the_bytes_that_they_took() {
+fn a_plain_material_takes_11_bytes() {
     let plain = lodestream_import::Material { name: "m".into(), ..lodestream_import::Material::default() };
     let bytes = describe("a", &[plain], None).unwrap().description.encode().unwrap();
     // Name, one material of 11 bytes and its name, no texture.

@@ -86,7 +86,7 @@ fn sorted(mut faces: Vec<[Values; 3]>) -> Vec<[Values; 3]> {
 }
 
 #[test]
-fn streams_of_the_reference_encoder_come_to_what_its_decoder_makes_of_them() {
+fn streams_of_the_reference_encoder_decode_as_by_its_decoder() {
     let dir = TempDir::new().unwrap();
     for (name, stream, decoded) in REFERENCE {
         let imported = compressed(stream, &OBJ, COUNTS).read().unwrap();
@@ -221,7 +221,7 @@ fn whole_numbers_of_every_type_arrive_as_in_the_uncompressed_cpu_reference() {
 }
 
 #[test]
-fn a_stream_that_is_placed_twice_is_there_twice() {
+fn a_stream_placed_twice_gives_its_faces_twice() {
     let mut model = compressed(REFERENCE[2].1, &OBJ, COUNTS);
     model.json["nodes"] = json!([{"mesh": 0, "children": [1]}, {"mesh": 0, "translation": [9, 0, 0]}]);
     let mesh = model.read().unwrap().mesh;
@@ -229,7 +229,7 @@ fn a_stream_that_is_placed_twice_is_there_twice() {
 }
 
 #[test]
-fn what_a_file_has_uncompressed_too_is_read_from_there() {
+fn attributes_that_are_uncompressed_too_are_read_from_there() {
     let mut model = Model::quad();
     let garbage = model.view(b"DRACO and so on");
     model.primitive()["extensions"] =
@@ -250,7 +250,7 @@ fn what_a_file_has_uncompressed_too_is_read_from_there() {
 }
 
 #[test]
-fn streams_that_say_otherwise_than_their_file_are_refused_with_their_place() {
+fn streams_that_contradict_their_file_are_refused_with_their_place() {
     let with = |change: &dyn Fn(&mut Model)| {
         let mut model = compressed(REFERENCE[2].1, &OBJ, COUNTS);
         change(&mut model);

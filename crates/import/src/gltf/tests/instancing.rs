@@ -22,7 +22,7 @@ fn thrice() -> Model {
 }
 
 #[test]
-fn a_mesh_stands_wherever_its_node_says() {
+fn a_mesh_is_placed_at_each_of_its_nodes_instances() {
     let imported = thrice().read().unwrap();
     assert!(imported.warnings.is_empty(), "{:?}", imported.warnings);
     let faces = places(&imported);
@@ -41,7 +41,7 @@ fn a_mesh_stands_wherever_its_node_says() {
 }
 
 #[test]
-fn places_that_are_not_told_as_they_should_be_are_refused_by_name() {
+fn malformed_instancing_is_refused_by_name() {
     let with = |path: &str, value: Value| {
         let mut model = thrice();
         *model.json.pointer_mut(path).unwrap() = value;

@@ -63,7 +63,7 @@ fn lights_stand_and_shine_as_their_nodes_say_whatever_their_scale() {
 }
 
 #[test]
-fn what_is_not_said_of_a_light_is_as_the_extension_says() {
+fn missing_light_fields_have_the_extensions_defaults() {
     let nodes = [json!({"extensions": light(0)}), json!({"extensions": light(1)})];
     let found = read(&lit(json!([{"type": "point"}, {"type": "spot", "spot": {}}]), &nodes)).unwrap();
     let plain = PunctualLight { position: [0.0; 3], intensity: [1.0; 3], range: 10.0, spot: None };
@@ -72,7 +72,7 @@ fn what_is_not_said_of_a_light_is_as_the_extension_says() {
 }
 
 #[test]
-fn lights_that_light_nothing_are_left_out_and_numbers_out_of_range_brought_into_it() {
+fn lights_without_effect_are_dropped_and_values_out_of_range_clamped() {
     let with = |source: Value| {
         read(&lit(json!([source]), &[json!({"extensions": light(0)})])).unwrap().punctual_lights
     };

@@ -71,7 +71,7 @@ fn every_field_has_its_place() {
 }
 
 #[test]
-fn what_is_left_out_is_what_the_format_says() {
+fn missing_fields_have_the_formats_defaults() {
     let plain = converted(json!({"alphaMode": "MASK", "normalTexture": {"index": 0}}));
     assert_eq!((plain.metallic, plain.roughness, plain.normal_scale), (1.0, 1.0, 1.0));
     assert_eq!((plain.alpha, plain.emission), (Alpha::Mask(0.5), [0.0; 3]));
@@ -352,7 +352,7 @@ fn no_file_is_refused_for_its_materials() {
 }
 
 #[test]
-fn transmission_is_seen_through_and_glossiness_is_roughness_turned_round() {
+fn transmission_becomes_transparency_and_glossiness_inverse_roughness() {
     let glass = |more: Value| {
         let (material, _) = read(&textured(json!({"extensions": {"KHR_materials_transmission": more}})));
         (material.alpha, material.opacity)

@@ -99,7 +99,7 @@ fn maps_without_factors_count_as_they_are() {
 }
 
 #[test]
-fn what_nobody_could_see_is_drawn_opaque_and_d_comes_before_tr() {
+fn invisible_materials_are_drawn_opaque_and_d_overrides_tr() {
     let (library, warnings) =
         read("newmtl a\nd 0\nnewmtl b\nd 0.5\nTr 0.75\nnewmtl c\nTr 0.75\nnewmtl d\nd 0\nmap_d m.png\n");
     assert_eq!(warnings.len(), 1, "{warnings:?}");

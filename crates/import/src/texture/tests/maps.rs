@@ -128,7 +128,7 @@ fn masks_keep_their_coverage_in_coarser_levels() {
 }
 
 #[test]
-fn what_is_there_or_not_is_guessed_to_be_a_mask() {
+fn opacity_of_zeros_and_ones_is_taken_for_a_mask() {
     let dir = TempDir::new().unwrap();
     let holes = RgbaImage::from_fn(64, 64, |x, y| Rgba([9, 9, 9, if noise(x, y) < 64 { 255 } else { 0 }]));
     let path = save(&dir, "holes.png", holes);
@@ -141,7 +141,7 @@ fn what_is_there_or_not_is_guessed_to_be_a_mask() {
 }
 
 #[test]
-fn opacity_that_says_nothing_is_dropped() {
+fn unused_opacity_is_dropped() {
     let dir = TempDir::new().unwrap();
     let image =
         RgbaImage::from_fn(64, 64, |x, y| Rgba([noise(x, y), noise(y, x), 7, if x < 32 { 0 } else { 255 }]));
@@ -153,7 +153,7 @@ fn opacity_that_says_nothing_is_dropped() {
 }
 
 #[test]
-fn opacity_of_a_file_of_its_own_takes_the_place_of_the_images() {
+fn a_separate_opacity_map_replaces_the_images_alpha() {
     let dir = TempDir::new().unwrap();
     let color = save(&dir, "c.png", RgbImage::from_pixel(16, 16, Rgb([200, 100, 50])));
     let grey = GrayImage::from_fn(32, 32, |x, _| Luma([if x < 16 { 0 } else { 255 }]));

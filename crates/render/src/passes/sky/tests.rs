@@ -116,7 +116,7 @@ fn at(degrees: f64, up: DVec3) -> DVec3 {
 }
 
 #[test]
-fn the_skys_shader_matches_its_twin() {
+fn the_sky_shader_matches_its_cpu_reference() {
     let Some(h) = headless(4, 4) else { return };
     let mut sky = SkyGpu::new(h.gpu());
     let plain = Sky::Plain(GradientSky::default());
