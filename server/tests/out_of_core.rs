@@ -1,9 +1,6 @@
 //! Preparation with its lists in files: the same pack, whatever becomes of the files.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
-)]
+#![allow(clippy::unwrap_used, reason = "test helpers without #[test] may unwrap, as tests may")]
 #![cfg(target_os = "linux")]
 
 mod landscape;

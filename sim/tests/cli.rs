@@ -1,9 +1,6 @@
 //! Exit codes and messages of the program.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
-)]
+#![allow(clippy::unwrap_used, reason = "test helpers without #[test] may unwrap, as tests may")]
 
 use std::path::Path;
 use std::process::{Command, Output};

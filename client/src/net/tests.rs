@@ -1,9 +1,6 @@
 //! The client against servers that are none.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
-)]
+#![allow(clippy::unwrap_used, reason = "test helpers without #[test] may unwrap, as tests may")]
 
 use std::net::SocketAddr;
 use std::time::Duration;

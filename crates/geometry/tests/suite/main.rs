@@ -1,8 +1,5 @@
 //! Guarantees of the crate, tested through its public interface on generated meshes.
-#![allow(
-    clippy::unwrap_used,
-    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
-)]
+#![allow(clippy::unwrap_used, reason = "test helpers without #[test] may unwrap, as tests may")]
 
 mod common;
 

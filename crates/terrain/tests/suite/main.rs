@@ -1,8 +1,5 @@
 //! Terrain: the same bits wherever, in whatever order and piece they are made.
-#![allow(
-    clippy::unwrap_used,
-    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
-)]
+#![allow(clippy::unwrap_used, reason = "test helpers without #[test] may unwrap, as tests may")]
 
 mod agreement;
 mod extremes;
