@@ -11,8 +11,7 @@ use std::time::{Duration, Instant};
 fn refused(arguments: &[&str], fragments: &[&str]) -> String {
     let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-viewer"));
     // Connection attempts are logged, but only the outcome is checked here. Graphics drivers complain on standard error
-    // if
-    // XDG_RUNTIME_DIR is missing.
+    // if XDG_RUNTIME_DIR is missing.
     command.args(arguments).env("RUST_LOG", "off").env_remove("XDG_RUNTIME_DIR");
     let output = command.output().unwrap();
     let message = String::from_utf8_lossy(&output.stderr).into_owned();

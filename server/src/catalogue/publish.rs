@@ -1,8 +1,7 @@
 //! Publishing: writes a scene and its packs as objects, from which any server can serve the scene.
 //!
 //! A pack's name is a hash of its inputs, so a pack that exists is neither prepared nor written again, whichever
-//! machine
-//! made it. The scene object, the only object that is ever replaced, is written last.
+//! machine made it. The scene object, the only object that is ever replaced, is written last.
 
 use std::path::Path;
 

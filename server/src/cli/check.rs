@@ -79,8 +79,7 @@ fn rising_errors(root: f32, infos: &[ChunkInfo]) -> Vec<String> {
             }
         }
         // Truncation points are not compared with the error stated for the missing chunk: an intermediate state may be
-        // further
-        // from the final one than the coarser mesh, and then no client stops there.
+        // further from the final one than the coarser mesh, and then no client stops there.
         if info.error > root || info.truncation_points.windows(2).any(|s| s[1].error > s[0].error) {
             lines.push(format!(
                 "chunk {id} states a larger error than the base mesh, or its truncation points' errors rise\n"

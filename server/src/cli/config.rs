@@ -148,8 +148,7 @@ pub(super) fn save(command: &Command, words: &[OsString], file: &Path) -> anyhow
 }
 
 /// A value as TOML: a number if possible, else a string. Paths become absolute, since those in files are relative to
-/// the
-/// file's folder.
+/// the file's folder.
 fn quoted(argument: &Arg, value: &OsStr) -> anyhow::Result<String> {
     let path = is_path(argument) && !Objects::is_url(Path::new(value));
     let path = path.then(|| std::path::absolute(value)).transpose()?;

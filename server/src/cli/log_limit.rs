@@ -62,8 +62,7 @@ impl Limiter {
     }
 
     /// Whether a call site may log a line now; if not, the line is counted as suppressed. Also returns the suppressed
-    /// lines
-    /// of all windows that have ended since the last call, one entry per call site.
+    /// lines of all windows that have ended since the last call, one entry per call site.
     pub(super) fn line(
         &mut self,
         of: &'static Metadata<'static>,

@@ -28,13 +28,11 @@ pub(super) struct PreparationArguments {
     #[arg(long, value_name = "N")]
     uv_bits: Option<UvBits>,
     /// Normals of the model are dropped where they differ by at most this angle from the normals computed from the
-    /// faces: 0
-    /// keeps all, 180 none [default: 10].
+    /// faces: 0 keeps all, 180 none [default: 10].
     #[arg(long, value_name = "DEGREES")]
     normal_tolerance: Option<NormalTolerance>,
     /// Cost of an edge collapse: qem (quadric error), melax (length × curvature), clustering (size of the cell that
-    /// holds
-    /// both ends) or clustering-seams (the same, along seams) [default: qem].
+    /// holds both ends) or clustering-seams (the same, along seams) [default: qem].
     #[arg(long, value_name = "METRIC")]
     metric: Option<Metric>,
     /// Order of collapses: heap (the cheapest first), or rounds of this share of the vertices, 0.01 to

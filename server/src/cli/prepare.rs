@@ -25,8 +25,7 @@ const BLOCK_LIST_BYTES: usize = 48;
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
     /// The model: OBJ, glTF, GLB or PLY, or for publishing also a scene file (TOML); a path or a URL. The meshes of a
-    /// glTF
-    /// file become one asset with their placements, or when published an asset each.
+    /// glTF file become one asset with their placements, or when published an asset each.
     #[arg(value_name = "MODEL | SCENE.toml")]
     model: PathBuf,
     /// The pack to write; or for publishing, a folder or its URL: packs are written to packs/, the scene to NAME.lss.
@@ -45,8 +44,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "N")]
     threads: Option<NonZeroUsize>,
     /// Keep finished levels beside the pack until it is complete, so that an interrupted run can be resumed; always on
-    /// from
-    /// a million faces.
+    /// from a million faces.
     #[arg(long)]
     keep_levels: bool,
     /// For meshes larger than memory: keep lists longer than a block's (--block-faces) in files of this folder, which

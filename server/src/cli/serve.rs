@@ -31,10 +31,8 @@ const MAX_DRAIN_SECONDS: u64 = 24 * 60 * 60;
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
     /// Models (OBJ, glTF, GLB, PLY), which are combined to one scene; or scenes: scene files (TOML), folders of scene
-    /// files
-    /// or models, published scenes (.lss) and folders of them, by path or URL (file, s3, gs, az, https). They are
-    /// checked
-    /// for changes every --scene-check seconds and at SIGHUP.
+    /// files or models, published scenes (.lss) and folders of them, by path or URL (file, s3, gs, az, https). They are
+    /// checked for changes every --scene-check seconds and at SIGHUP.
     #[arg(value_name = "MODEL … | SCENE …", required = true)]
     files: Vec<PathBuf>,
     /// Options file (TOML): keys are these flags without their dashes, and files. Flags and environment take

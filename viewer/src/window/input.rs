@@ -112,10 +112,8 @@ mod tests {
     }
 
     /// Draws frames one after another, as while more of the scene arrives. Keys take effect between frames, at the
-    /// first
-    /// opportunity after their time. Returns the end of the frame during which the last key was pressed, and of the
-    /// first
-    /// later frame whose pose satisfies `answer`.
+    /// first opportunity after their time. Returns the end of the frame during which the last key was pressed, and of
+    /// the first later frame whose pose satisfies `answer`.
     fn answered(
         controller: CameraController,
         presses: &[(Duration, KeyCode)],

@@ -261,8 +261,7 @@ mod tests {
     }
 
     /// Frame times near the bound do not change the step back and forth: a finer step needs a much shorter time than
-    /// the
-    /// bound for a coarser one.
+    /// the bound for a coarser one.
     #[test]
     fn frame_times_around_the_bound_keep_the_step() {
         for full_s in [0.12, 0.2, 0.33, 0.5] {
