@@ -1,4 +1,4 @@
-//! Preparation with its lists in files: the same pack, whatever becomes of the files.
+//! Out-of-core preparation: gives the same packs as in memory, also if the files cannot be written.
 
 #![allow(clippy::unwrap_used, reason = "test helpers without #[test] may unwrap, as tests may")]
 #![cfg(target_os = "linux")]
@@ -20,22 +20,22 @@ use tokio::signal::unix::{SignalKind, signal};
 #[global_allocator]
 static ALLOCATOR: MappingAllocator = MappingAllocator;
 
-/// What is mapped is the whole process's, and so are limits, which programs that it starts have too.
+/// Serialises the tests: mappings and resource limits are per process, and limits are inherited by child processes.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
 fn alone() -> MutexGuard<'static, ()> {
     ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A folder on a disk: that of the build, as far as is known.
+/// A folder in the build folder, which is usually on a disk.
 fn folder() -> TempDir {
     TempDir::new_in(env!("CARGO_TARGET_TMPDIR")).unwrap()
 }
 
-/// So small that most lists of a small mesh are mapped.
+/// Small, so that most lists of a small mesh are mapped.
 const FROM_BYTES: usize = 16 << 10;
 
-/// Lists go to files; `None` where the build lies in memory, as some people's does.
+/// Maps lists to files; `None` if the build folder is on a file system in memory.
 fn mapping(folder: &Path) -> Option<Mapping> {
     match MappingAllocator::into(folder, FROM_BYTES) {
         Ok(mapping) => Some(mapping),
@@ -100,7 +100,7 @@ fn mapped_lists_keep_their_content_when_they_grow_shrink_or_move() {
     assert!(vec![0_u8; 1 << 20].iter().all(|&byte| byte == 0));
     assert!(matches!(MappingAllocator::into(dir.path(), FROM_BYTES), Err(MapError::InUse)));
     drop(first);
-    // In memory again: what was mapped stays so, until it grows.
+    // New memory comes from the system's allocator again; mapped lists stay mapped until they grow.
     (100_000..200_000).for_each(|i| grown.push(i));
     grown.truncate(150_000);
     grown.shrink_to_fit();
@@ -118,7 +118,7 @@ fn mapped_lists_keep_their_content_when_they_grow_shrink_or_move() {
     assert!(grown.into_iter().eq(0..150_000));
 }
 
-/// A signal would have come of writing to a file without room, and of making it longer than is allowed.
+/// Writing to a file without space, or beyond the size limit, would end the process by a signal.
 #[test]
 fn lists_without_disk_space_stay_in_memory() {
     let _alone = alone();

@@ -1,4 +1,4 @@
-//! A compressed model is prepared to the very pack that its uncompressed CPU reference is, but for the key of what it was made of.
+//! A compressed model gives the same pack as the uncompressed one, except for the key of its inputs.
 
 use std::process::Command;
 
@@ -10,10 +10,10 @@ use lodestream_geometry::pack::HEAD_BYTES;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-/// Where a pack's head says what it was made of, to its end with its own hash.
+/// Offset of the key of the inputs in a pack's head; the head's own hash follows it.
 const KEY: usize = 16;
 
-/// A mesh as a file holds it: floats, and indices of 32 bits.
+/// A mesh with the types of a file: floats and 32-bit indices.
 struct Mesh {
     positions: Vec<[f32; 3]>,
     normals: Vec<[f32; 3]>,
@@ -62,7 +62,7 @@ impl Mesh {
         self.faces.as_flattened().iter().flat_map(|i| i.to_le_bytes()).collect()
     }
 
-    /// The file, of which `view` makes a view of an attribute's or the indices' bytes.
+    /// A glTF file; `view` adds a buffer view with the bytes of an attribute or of the indices.
     fn file(&self, mut view: impl FnMut(&mut File, &[u8], Option<usize>) -> Option<usize>) -> File {
         let mut file = File::new();
         let mut primitive = json!({"attributes": {}});
@@ -114,7 +114,7 @@ impl Mesh {
         file.requires(extension)
     }
 
-    /// Compressed with Draco, and what that is uncompressed.
+    /// The mesh compressed with Draco, and the same decoded to an uncompressed file.
     fn draco(&self, level: i32, bits: Option<i32>) -> (File, File) {
         let mut mesh = draco_core::Mesh::new();
         mesh.set_num_points(self.positions.len());
@@ -159,7 +159,7 @@ impl Mesh {
     }
 }
 
-/// A GLB file in the making.
+/// A GLB file that is being built.
 struct File {
     json: Value,
     bin: Vec<u8>,
@@ -202,7 +202,7 @@ impl File {
         self
     }
 
-    /// The pack that the program makes of it.
+    /// The pack that the program makes from it.
     fn prepared(&self) -> Vec<u8> {
         let chunk = |kind: &[u8; 4], bytes: &[u8], pad: u8| {
             let length = bytes.len().next_multiple_of(4);
@@ -224,11 +224,11 @@ impl File {
     }
 }
 
-/// Asserts that two packs differ in nothing but what says what they were made of.
+/// Checks that two packs differ only in the key of their inputs and the hash of the head.
 fn assert_same(ours: &[u8], plain: &[u8], name: &str) {
     assert!(plain.len() > 5000, "{} bytes", plain.len());
     assert_eq!(ours[..KEY], plain[..KEY], "{name}");
-    assert_ne!(ours[KEY..HEAD_BYTES], plain[KEY..HEAD_BYTES], "{name}: the files are not the same");
+    assert_ne!(ours[KEY..HEAD_BYTES], plain[KEY..HEAD_BYTES], "{name}: the input files must differ");
     assert!(ours[HEAD_BYTES..] == plain[HEAD_BYTES..], "{name}");
 }
 

@@ -1,4 +1,4 @@
-//! The server as a process: what it prints, what it answers, how it ends.
+//! The server as a process: output, answers, how it ends.
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
@@ -6,13 +6,13 @@ use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-/// Bound on everything that happens here; far above what it takes.
+/// Time limit of every step, far above what it takes.
 const LIMIT: Duration = Duration::from_secs(60);
 
-/// A server that is killed when the test is over, however that ends.
+/// A server that is killed at the end of the test.
 struct Server {
     child: Child,
-    /// `HOST:PORT` of the HTTP port, and of the one for who runs the server.
+    /// `HOST:PORT` of the HTTP port; below, of the administration port.
     http: String,
     admin: String,
 }
@@ -31,7 +31,7 @@ impl Server {
         Self::started(command, folder)
     }
 
-    /// A server of a command that ends with the files to serve.
+    /// Starts a server by a command whose last arguments are the files to serve.
     fn started(mut command: Command, folder: &Path) -> Self {
         let mut child = command
             .args([
@@ -62,7 +62,7 @@ impl Server {
         Self { child, http, admin }
     }
 
-    /// Asks the port of who runs the server.
+    /// Requests a page of the administration port.
     fn get(&self, path: &str) -> String {
         Self::get_from(&self.admin, path)
     }
@@ -76,7 +76,7 @@ impl Server {
         answer
     }
 
-    /// Asks for something that is refused with a line in the log.
+    /// Makes a request whose refusal is logged.
     fn log_a_line(&self) {
         let mut stream = TcpStream::connect(&self.http).unwrap();
         stream.set_read_timeout(Some(LIMIT)).unwrap();
@@ -92,7 +92,7 @@ impl Server {
         assert!(Command::new("kill").args([name, &id]).status().unwrap().success());
     }
 
-    /// Waits for the end; gives the exit status and standard error.
+    /// Waits for the end; returns the exit status and standard error.
     fn ended(mut self) -> (ExitStatus, String) {
         let until = Instant::now() + LIMIT;
         let status = loop {
@@ -141,7 +141,7 @@ fn an_unread_log_does_not_block_the_server() {
     let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-server"));
     command.args(["serve", "model.obj", "--log-limit", "off"]);
     let server = Server::started(command, folder.path());
-    // More than the pipe and the server hold.
+    // More lines than the pipe and the server's queue hold.
     for _ in 0..2500 {
         server.log_a_line();
     }
@@ -167,12 +167,12 @@ fn log_format_json_writes_one_object_per_line() {
     server.signal("-TERM");
     let (status, errors) = server.ended();
     assert!(status.success(), "{status}: {errors}");
-    // What preparation says comes before the log.
+    // Preparation prints lines before the log begins.
     let lines = errors.lines().skip_while(|line| !line.starts_with('{'));
     let lines: Vec<serde_json::Value> = lines.map(|line| serde_json::from_str(line).unwrap()).collect();
     let said = |text: &str| lines.iter().filter(|line| line["fields"]["message"] == text).count();
     assert_eq!((said("serving"), said("shut down")), (1, 1), "{errors}");
-    // Each of the ten is a line, or counted.
+    // Each of the ten refusals is a line or counted in one.
     let refused = said("session refused: a web page that --allow-origin does not name");
     let counted = lines.iter().filter_map(|line| line["fields"]["left_out"].as_u64()).sum::<u64>();
     assert_eq!(refused as u64 + counted, 10, "{errors}");
@@ -303,7 +303,7 @@ fn the_soft_limit_of_open_files_is_raised() {
     assert_eq!(soft, hard.min(65_536), "{limits}");
 }
 
-/// What a server writes while it serves is its log: where the disk takes no more of it, sessions and orders go on.
+/// On a full disk the server loses log lines, but sessions and signals are handled.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_full_disk_while_serving_loses_only_log_lines() {
@@ -330,7 +330,7 @@ fn a_full_disk_while_serving_loses_only_log_lines() {
     }
 }
 
-/// A program that wants no addresses may close standard output, before or while they are printed.
+/// A caller that does not need the addresses may close standard output, before or while they are printed.
 #[test]
 fn a_closed_standard_output_does_not_end_the_server() {
     let folder = tempfile::tempdir().unwrap();
@@ -356,7 +356,7 @@ fn a_closed_standard_output_does_not_end_the_server() {
     }
 }
 
-/// A unit of `Type=notify` waits until it is told so, and shows what it is told.
+/// A unit of `Type=notify` waits for this notification and shows the status.
 #[test]
 fn the_service_manager_is_notified_of_readiness_and_draining() {
     let folder = tempfile::tempdir().unwrap();
@@ -376,7 +376,7 @@ fn the_service_manager_is_notified_of_readiness_and_draining() {
     assert!(server.get("/ready").starts_with("HTTP/1.1 200"));
     server.signal("-TERM");
     let told = hear();
-    // Seven seconds, and two for last words.
+    // Seven seconds to drain, and two for last messages.
     for line in ["STOPPING=1", "STATUS=draining", "EXTEND_TIMEOUT_USEC=9000000"] {
         assert!(told.lines().any(|told| told == line), "{line} of {told}");
     }

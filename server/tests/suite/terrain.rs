@@ -1,4 +1,4 @@
-//! `terrain` and `terrain-import` as people run them.
+//! The commands `terrain` and `terrain-import`.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -10,7 +10,7 @@ fn run(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_lodestream-server")).args(arguments).output().unwrap()
 }
 
-/// Standard output of what must succeed.
+/// Standard output of a command that must succeed.
 fn said(arguments: &[&str]) -> String {
     let output = run(arguments);
     assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
@@ -21,7 +21,7 @@ fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
-/// Runs what must be refused: exit code 2, one line on standard error, and no file but those given.
+/// Runs a command that must be refused: exit code 2, one line on standard error, and no new file.
 fn refused(dir: &TempDir, arguments: &[&str], fragments: &[&str]) {
     let files = || std::fs::read_dir(dir.path()).unwrap().count();
     let before = files();
