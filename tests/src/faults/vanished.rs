@@ -37,11 +37,11 @@ fn a_client_that_vanishes_in_the_middle_of_a_blob_is_released() {
             line.unwrap().parse().unwrap()
         };
         assert_eq!(state.metrics().active_sessions(), 2);
-        assert!(waiting(&state.render_metrics()) > 0, "all was sent before the client was gone");
+        assert!(waiting(&state.render_metrics()) > 0, "everything was sent before the client vanished");
         let mut came = 0;
         while came < 2 {
             let arrival = timeout(Duration::from_secs(20), other.next()).await.expect("nothing more comes");
-            match arrival.expect("the connection is over") {
+            match arrival.expect("the connection has ended") {
                 Arrival::Blob(id, bytes) if bytes.len() == BLOB_BYTES as usize => {
                     assert_eq!(bytes, MemoryScene::contents(&id, BLOB_BYTES));
                     came += 1;
