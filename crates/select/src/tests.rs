@@ -354,7 +354,7 @@ fn unknown_chunks_are_bounded_with_parents_several_levels_up() {
     let mut asset = AssetState::new(plane_entry("plane", &chunks, 1000));
     asset.set_state(BlobPart::Base, State::Applied);
     asset.add_index_page(0, decode_stated_page(&pages[0], 0).unwrap()).unwrap();
-    assert!(asset.unknown_error() >= chunks[64].error, "{} is no bound", asset.unknown_error());
+    assert!(asset.unknown_error() >= chunks[64].error, "{} is not a bound", asset.unknown_error());
     // Nor is it more than it must be.
     assert_eq!(asset.unknown_error(), chunks[64].error);
     for id in 0..64 {

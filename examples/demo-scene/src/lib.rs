@@ -107,7 +107,7 @@ const TEXTURE_SIZE: f64 = 1024.0;
 /// function that makes it.
 type AssetRow<'a> = (&'static str, u8, f64, Box<dyn Fn() -> ObjMesh + 'a>);
 
-fn preparation_settings(options: &Options) -> Vec<AssetRow<'_>> {
+fn asset_rows(options: &Options) -> Vec<AssetRow<'_>> {
     let Options { seed, detail } = *options;
     let pitch = Pitch((1.0 / detail).clamp(1.0, 9.0));
     let figure = move |figure: sdf::Figure, cell: f64, name: &'static str, material: &'static str| {
@@ -162,7 +162,7 @@ pub fn generate(dir: &Path, options: &Options) -> Result<Summary, Error> {
     let instances = layout::instances(options.seed);
     let mut assets = Vec::new();
     let (mut distinct_faces, mut instanced_faces) = (0, 0);
-    for (name, position_bits, relief_depth, make) in preparation_settings(options) {
+    for (name, position_bits, relief_depth, make) in asset_rows(options) {
         let mesh = make();
         let file = format!("{name}.obj");
         let path = dir.join(&file);

@@ -1,4 +1,4 @@
-//! Chunks that are drawn up to a stop: only their rest is fetched, and they are undone like others.
+//! Chunks applied up to a truncation point: only their rest is fetched, and they are undone like others.
 
 use lodestream_scene::blob::BlobId;
 use lodestream_scene::description::Camera;
@@ -39,7 +39,7 @@ fn chunks_are_fetched_up_to_a_truncation_point_and_continued_for_a_nearer_view()
             stopped += at_truncation_points(&link);
         }
         assert_eq!(stopped > 0, truncation_points);
-        // In the end everything, as if there had been no truncation_points, and no byte twice.
+        // In the end every chunk is whole, as without truncation points, and no byte was sent twice.
         link.core.set_view(link.now, finest());
         link.run(50);
         link.settle();

@@ -107,7 +107,7 @@ fn triangles_and_indices_come_back_in_both_widths() {
     }
 }
 
-/// Whether numbers are the same, or one separate_triangle.
+/// Whether corresponding numbers differ by at most one.
 fn near(ours: impl Iterator<Item = i32>, theirs: impl Iterator<Item = i32>) -> bool {
     ours.zip(theirs).all(|(a, b)| (a - b).abs() <= 1)
 }

@@ -204,7 +204,7 @@ fn single_nan_values_neither_persist_nor_spread() {
         bad[spot][2] = f32::NAN;
         let got = resolved(&h, [&bad, &old], still);
         assert!(got.iter().all(|t| (t[2] - 0.5).abs() < 1e-3), "{still}: {got:?}");
-        assert_eq!(got[spot][3], 4.0, "{still}: what is no number adds nothing");
+        assert_eq!(got[spot][3], 4.0, "{still}: a NaN adds nothing");
         // Infinite light is as bright as can be.
         bad[spot] = [f32::INFINITY; 4];
         let got = resolved(&h, [&bad, &old], still);

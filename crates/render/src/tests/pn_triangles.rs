@@ -1,4 +1,4 @@
-//! PatchPipelines patches: against their CPU reference, without cracks, and nothing where there is nothing to bend.
+//! Curved PN triangles: equal to their CPU reference, without cracks, and flat where nothing is curved.
 
 use std::collections::BTreeMap;
 

@@ -46,7 +46,7 @@ fn shadow_casters_are_refined_last() {
     assert_eq!(others, plain.wanted, "what the view itself wants is as before");
     assert!(with.wanted.is_sorted_by_key(is_caster));
     let [of_view, of_all] = [&plain, &with].map(|selection| selection.counters.max_screen_error_px);
-    assert_eq!(of_view, of_all, "shadows are no part of the screen error");
+    assert_eq!(of_view, of_all, "shadows do not count in the screen error");
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! HeightOverride points end where they should, and change nothing that they should not.
+//! Features: overridden heights have their values, and heights that should not change do not.
 
 use super::{any_terrain, features, parameters, window};
 use lodestream_terrain::{

@@ -179,7 +179,7 @@ impl std::fmt::Display for Assessment {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         writeln!(
             f,
-            "{} vertices, {} faces, built share {:.3}; codec {}, {} chunks in {} levels",
+            "{} vertices, {} faces, axis-aligned share {:.3}; codec {}, {} chunks in {} levels",
             self.vertices, self.faces, self.axis_aligned_share, self.codec, self.chunks, self.levels
         )?;
         writeln!(
