@@ -139,7 +139,7 @@ fn the_importer_gives_no_warnings() {
         let described = lodestream_bake::prepare::describe::describe(
             &asset.name,
             &imported.materials,
-            asset.asset_rows.relief_depth,
+            asset.preparation_settings.relief_depth,
         )
         .unwrap();
         assert_eq!(described.warnings, Vec::<String>::new(), "{}", asset.name);
@@ -148,7 +148,7 @@ fn the_importer_gives_no_warnings() {
             .materials
             .iter()
             .any(|m| m.height_texture.is_some() && m.relief_depth > 0.0);
-        assert_eq!(relief, asset.asset_rows.relief_depth.is_some(), "{}", asset.name);
+        assert_eq!(relief, asset.preparation_settings.relief_depth.is_some(), "{}", asset.name);
     }
     assert_eq!(faces, summary.distinct_faces);
     drop(dir);
@@ -257,9 +257,7 @@ fn full_detail_has_its_face_counts() {
 fn base_meshes_of_buildings_have_small_errors() {
     let dir = tempfile::tempdir().unwrap();
     let buildings = ["stylobate", "roof", "cella", "plinth", "avenue"];
-    for (name, _, _, make) in
-        asset_rows(&Options::full(1)).into_iter().filter(|r| buildings.contains(&r.0))
-    {
+    for (name, _, _, make) in asset_rows(&Options::full(1)).into_iter().filter(|r| buildings.contains(&r.0)) {
         let (file, pack) = (dir.path().join(format!("{name}.obj")), dir.path().join(format!("{name}.lsp")));
         obj::write(&file, &make()).unwrap();
         prepare_to(&Asset::of_file(&file), &Default::default(), &pack).unwrap();

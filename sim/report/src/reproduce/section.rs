@@ -260,7 +260,10 @@ pub(crate) fn parse(text: &str) -> anyhow::Result<Vec<Section>> {
             );
         }
         for (column, factor) in &section.ratios {
-            anyhow::ensure!(section.columns.contains(column), "{name}: ratios: {column} is not one of its columns");
+            anyhow::ensure!(
+                section.columns.contains(column),
+                "{name}: ratios: {column} is not one of its columns"
+            );
             anyhow::ensure!(
                 factor.is_finite() && *factor >= 1.0,
                 "{name}: ratios: {column}: {factor} is not a factor of 1 or more"
