@@ -51,7 +51,7 @@ fn chunks_are_fetched_up_to_a_truncation_point_and_continued_for_a_nearer_view()
         received
     };
     let (with, without) = (run(true), run(false));
-    println!("{with:?} bytes with truncation_points, {without:?} without");
+    println!("{with:?} bytes with truncation points, {without:?} without");
     assert!(with.iter().zip(&without).all(|(a, b)| a <= b), "{with:?} against {without:?}");
     assert!(
         with.iter().sum::<u64>() * 100 < without.iter().sum::<u64>() * 95,

@@ -228,7 +228,7 @@ fn truncation_points_help_and_are_never_better_than_the_children() {
     }
     assert!(
         truncation_points > 100 && better * 4 > truncation_points * 3,
-        "{better} of {truncation_points} truncation_points help"
+        "{better} of {truncation_points} truncation points help"
     );
 }
 

@@ -4,7 +4,7 @@
 //! Independent of [`lodestream_geometry::check`], which compares *directed* edges: this test counts faces at
 //! undirected edges. A surface ends at an edge with an odd number. Mapping each vertex of the input to its ancestor
 //! in the mesh maps the input's boundary edges to edges of the mesh; modulo two, these and no others may be boundary
-//! edges of the mesh. An input without boundary (closed, however tangled) has none at any time.
+//! edges of the mesh. An input without boundary (closed, even if it intersects itself) has none at any time.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -91,7 +91,7 @@ fn closed_meshes_never_get_holes() {
     }
 }
 
-/// An early low-poly test model tore at its uv seams.
+/// A mesh with seams at nearly every vertex must not tear along them.
 #[test]
 fn a_low_poly_model_with_seams_at_nearly_every_vertex_never_tears() {
     let source = shapes::frigate(9);

@@ -319,7 +319,7 @@ fn children_require_whole_parents() {
         active.apply(&whole[id as usize]).unwrap();
         assert_eq!(active.applied_truncation(parent), None);
     }
-    assert!(tried >= 5, "only {tried} chunks have a parent with truncation_points");
+    assert!(tried >= 5, "only {tried} chunks have a parent with truncation points");
 }
 
 #[test]

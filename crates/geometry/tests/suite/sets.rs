@@ -98,7 +98,7 @@ fn truncation_points_make_cuts_smaller() {
         assert!(sets[0].faces <= sets[1].faces && sets[0].bytes <= sets[1].bytes);
         (with, without) = (with + sets[0].bytes, without + sets[1].bytes);
     }
-    assert!(with * 100 < without * 97, "{with} bytes with truncation_points, {without} without");
+    assert!(with * 100 < without * 97, "{with} bytes with truncation points, {without} without");
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Heights are those they have always been, and everywhere.
+//! Heights equal the recorded hashes, on every machine.
 
 use super::golden_cases::hashes;
 
