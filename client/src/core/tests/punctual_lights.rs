@@ -1,4 +1,4 @@
-//! Punctual lights: few come with the scene, many in pages that the view wants, and no base mesh waits for them.
+//! Punctual lights: few come with the scene, many in pages that the view wants; base meshes wait for none.
 
 use lodestream_protocol::frame::ServerFrame;
 use lodestream_protocol::message::{CloseCode, ServerMessage};
@@ -13,7 +13,7 @@ fn punctual_light(x: f64, z: f64) -> PunctualLight {
     PunctualLight { position: [x, 1.0, z], intensity: [40.0, 30.0, 10.0], range: 4.0, spot: None }
 }
 
-/// So many before the camera, close together; then as many far behind it.
+/// A number of lights close together before the camera, then as many far behind it.
 fn before_and_behind(count: u32) -> Vec<PunctualLight> {
     let row =
         |z: f64| (0..count).map(move |n| punctual_light(f64::from(n % 9) * 0.2, z + f64::from(n / 9) * 0.01));
@@ -24,7 +24,7 @@ fn punctual_lights_sent(link: &Loopback) -> Vec<BlobId> {
     link.sent.iter().copied().filter(|id| matches!(id, BlobId::PunctualLights(_))).collect()
 }
 
-/// The punctual lights that a renderer was told of, by page; fails if they came before it was told that there are some.
+/// The punctual lights that the renderer received, by page. Fails if a page comes before the number of lights.
 fn told(changes: &[Change]) -> Vec<(u32, usize)> {
     let mut count = None;
     let mut pages = Vec::new();
@@ -61,7 +61,7 @@ fn few_punctual_lights_arrive_before_the_first_frame_without_requests() {
 
 #[test]
 fn light_pages_follow_the_base_meshes_and_only_visible_ones_are_fetched() {
-    // Three pages before the camera and three behind it: the directory is said at once.
+    // Three pages before the camera and three behind it: `PunctualLights` contains the directory.
     let punctual_lights = before_and_behind(192);
     let mut link = Loopback::new(TestScene::new(2).lit_by(&punctual_lights), |_| {});
     link.connect();
@@ -73,7 +73,7 @@ fn light_pages_follow_the_base_meshes_and_only_visible_ones_are_fetched() {
     let first_page = link.sent.iter().position(|id| matches!(id, BlobId::PunctualLights(_))).unwrap();
     assert!(last_base < first_page, "{:?}", link.sent);
     assert_eq!((link.core.punctual_light_count(), link.core.punctual_lights().count()), (384, 192));
-    // Turned round, the others come too, each once.
+    // After a half turn the other pages come too, each once.
     let back = View::look_at([0.0, 2.0, 3.0], [0.0, 2.0, 9.0], [0.0, 1.0, 0.0], 0.9, [640, 360]);
     link.core.set_view(link.now, View { target_px: 0.1, ..back });
     link.run(50);
@@ -87,7 +87,7 @@ fn light_pages_follow_the_base_meshes_and_only_visible_ones_are_fetched() {
 
 #[test]
 fn light_pages_below_the_target_error_are_not_fetched() {
-    // At 5000 units 60 units of light are 5 pixels of 640 × 360.
+    // At a distance of 5000, a radius of 60 covers 5 pixels of 640 × 360.
     let far: Vec<PunctualLight> =
         (0..20).map(|n| PunctualLight { range: 30.0, ..punctual_light(f64::from(n), -5000.0) }).collect();
     for (target_px, pages) in [(20.0, 0), (1.0, 1)] {

@@ -1,4 +1,4 @@
-//! Textures that assets have in common: sent once, painted on all.
+//! Textures that assets share: sent once, used by all of them.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -8,7 +8,7 @@ use super::{finest, view};
 use crate::core::Change;
 use crate::core::testing::{Loopback, TestScene};
 
-/// The levels that each asset was painted with.
+/// The texture levels that each asset received.
 fn painted(link: &mut Loopback) -> BTreeMap<u32, BTreeSet<u8>> {
     let mut painted: BTreeMap<u32, BTreeSet<u8>> = BTreeMap::new();
     for change in link.core.take_changes(link.now, usize::MAX) {

@@ -1,4 +1,4 @@
-//! Chunks applied up to a truncation point: only their rest is fetched, and they are undone like others.
+//! Chunks applied up to a truncation point: only the rest is fetched, and they are undone like others.
 
 use lodestream_scene::blob::BlobId;
 use lodestream_scene::description::Camera;
@@ -6,7 +6,7 @@ use lodestream_select::Share;
 
 use super::{Config, Loopback, TestScene, finest, prepared, view};
 
-/// A link whose client judges geometry alone and gets nothing unasked.
+/// A link whose client ignores attribute errors and receives nothing unrequested.
 fn frugal(source: TestScene, truncation_points: bool, adapt: impl FnOnce(&mut Config)) -> Loopback {
     let mut link = Loopback::new(source, |config: &mut Config| {
         config.select.attribute_share = Share::NONE;
@@ -97,7 +97,7 @@ fn small_camera_movements_keep_truncation_points() {
     }
 }
 
-/// A beginning that can be used does not show that its rest is sound: then both go and come again.
+/// A valid beginning does not prove that the rest is valid: if the rest is damaged, both are dropped and fetched again.
 #[test]
 fn a_chunk_with_a_damaged_rest_is_fetched_again_from_its_start() {
     let camera = TestScene::new(1).camera();

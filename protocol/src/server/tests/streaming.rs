@@ -61,7 +61,7 @@ fn first_frame_needs_little_more_than_its_bytes_at_the_rate() {
         let ideal = pair.latency + Duration::from_nanos(bytes * 8000 / rate);
         let late = first_frame.since(Time::from(ideal));
         assert!(late < Duration::from_millis(15), "{rate} Mbit/s: {bytes} bytes, {late:?} late");
-        // Base meshes and pages, and next to nothing else, come before it.
+        // Only base meshes, pages and little else come before it.
         let bases: u64 =
             pair.scene.pages.iter().flat_map(|p| &p.assets).map(|a| u64::from(a.base_bytes)).sum();
         assert!(bytes < bases + 6000, "{bytes} bytes for {bases}");
@@ -101,8 +101,8 @@ fn refinement_begins_without_an_idle_round_trip() {
     }
 }
 
-/// A view is refined to where chunks' beginnings suffice; coming nearer fetches what is left of them, and
-/// nothing twice (the pair's client takes nothing that it has).
+/// A distant view needs only the beginnings of chunks; moving nearer fetches their rest, and nothing twice (the pair's
+/// client ignores what it has).
 #[test]
 fn truncation_points_save_bytes_and_nearer_views_fetch_the_rest() {
     let scene = MemoryScene::new(2, 2, 5);
