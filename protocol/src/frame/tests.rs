@@ -64,7 +64,7 @@ fn server_messages() -> Vec<ServerMessage> {
     };
     let about_y =
         InstanceEntry { rotation: [0.0, 0.6, 0.0, 0.8], scale: 3.0, ..InstanceEntry::at(0, [1.0; 3]) };
-    // A negative zero in a rotation is not written; decoding gives an equal rotation.
+    // A negative zero in a rotation is not written; what comes back is as good.
     let unturned = InstanceEntry { rotation: [0.0, -0.0, 0.0, 1.0], ..InstanceEntry::at(0, [2.0; 3]) };
     messages.push(ServerMessage::ScenePage(ScenePage {
         page: 5,

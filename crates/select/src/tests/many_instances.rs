@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::*;
 
-/// Instances of planes everywhere, a quarter of them of one asset; some hide what is behind them.
+/// Planes all over, those of a quarter of one asset; some hide what is behind them.
 fn scene(count: u32) -> (Vec<InstanceEntry>, Vec<AssetState>) {
     let place = |number: u32| {
         let f = f64::from(number);

@@ -5,7 +5,7 @@ use std::num::NonZeroUsize;
 use super::super::priority::is_hidden;
 use super::*;
 
-/// Ground in view, and an instance above and behind the eye.
+/// Ground in view, and something above and behind the eye.
 fn scene() -> [InstanceEntry; 2] {
     [InstanceEntry::at(0, [0.0; 3]), InstanceEntry { scale: 0.5, ..InstanceEntry::at(1, [0.0, 3.0, 6.0]) }]
 }
