@@ -110,7 +110,7 @@ mod tests {
         assert_eq!(std::fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
     }
 
-    /// As root, `--stats /dev/null` would otherwise replace the device by a file.
+    /// A device such as `/dev/null` must not be replaced by a file, which root could do.
     #[cfg(unix)]
     #[test]
     fn a_pipe_is_written_to_and_not_replaced() {
@@ -119,7 +119,7 @@ mod tests {
         let dir = tempfile::TempDir::new().unwrap();
         let path = dir.path().join("pipe");
         assert!(std::process::Command::new("mkfifo").arg(&path).status().unwrap().success());
-        // Opened for both, so that neither end blocks.
+        // Opened for reading and writing, so that neither end blocks.
         let mut pipe = std::fs::OpenOptions::new().read(true).write(true).open(&path).unwrap();
         write_atomically(&path, |out| out.write_all(b"told")).unwrap();
         assert!(std::fs::symlink_metadata(&path).unwrap().file_type().is_fifo());

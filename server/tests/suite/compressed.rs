@@ -144,18 +144,18 @@ impl Mesh {
         MeshDecoder::new().decode(&mut DecoderBuffer::new(out.data()), &mut decoded).unwrap();
         let values =
             |number: i32, components| decoded.attribute(number).read_f32s(decoded.num_points(), components);
-        let cpu_reference = Mesh {
+        let decoded_mesh = Mesh {
             positions: values(0, 3).as_chunks().0.to_vec(),
             normals: values(1, 3).as_chunks().0.to_vec(),
             uvs: values(2, 2).as_chunks().0.to_vec(),
             faces: decoded.faces().iter().map(|face| face.map(|point| point.0)).collect(),
         };
-        let mut file = cpu_reference.file(|_, _, _| None);
+        let mut file = decoded_mesh.file(|_, _, _| None);
         let view = file.view(out.data());
         let numbers = json!({"POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2});
         file.json["meshes"][0]["primitives"][0]["extensions"] =
             json!({"KHR_draco_mesh_compression": {"bufferView": view, "attributes": numbers}});
-        (file.requires("KHR_draco_mesh_compression"), cpu_reference.plain())
+        (file.requires("KHR_draco_mesh_compression"), decoded_mesh.plain())
     }
 }
 
@@ -245,7 +245,7 @@ fn draco_compressed_models_give_the_pack_of_their_decoded_form() {
     let exact = sheet().draco(0, None).0.prepared();
     assert_same(&exact, &sheet().plain().prepared(), "every bit kept, in order");
     for level in [4, 7, 10] {
-        let (compressed, cpu_reference) = sheet().draco(level, Some(12));
-        assert_same(&compressed.prepared(), &cpu_reference.prepared(), &format!("level {level}, 12 bits"));
+        let (compressed, decoded) = sheet().draco(level, Some(12));
+        assert_same(&compressed.prepared(), &decoded.prepared(), &format!("level {level}, 12 bits"));
     }
 }

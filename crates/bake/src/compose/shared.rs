@@ -40,7 +40,7 @@ mod tests {
             ..ScenePage::default()
         };
         let mut pages = [page(0, 2), page(2, 1)];
-        // Of the scene's assets 0 is placed nowhere.
+        // Asset 0 of the scene file has no instance.
         let numbered = |contents: &[u8]| (0..).zip(contents.iter().map(|&byte| [byte; 16])).collect();
         let textures = [&[9][..], &[1, 2], &[3, 2], &[2, 9, 3]].map(numbered);
         share_textures(&mut pages, &[2, 1, 3], &textures);

@@ -205,7 +205,7 @@ impl fmt::Display for Round {
 mod tests {
     use super::*;
 
-    /// Text at both ends is possible, and the same text beyond them is not; numbers likewise.
+    /// The limits themselves are valid, as text and as numbers; values beyond them are refused.
     macro_rules! ends {
         ($name:ident: $low:literal, $high:literal, not $below:literal, $above:literal) => {
             for (text, number) in [(stringify!($low), $low), (stringify!($high), $high)] {

@@ -102,7 +102,7 @@ fn scene_files_place_gltf_models_whole_by_mesh_and_merged() {
     assert_eq!(scene.assets[4].preparation_settings.round, Some(Round::Heap));
     let instances = scene.instances.unwrap();
     assert_eq!(instances.iter().map(|i| i.asset).collect::<Vec<_>>(), [0, 1, 2, 3, 4]);
-    // A quarter turn about y takes (1, 2, 3) to (3, 2, -1); three times that, moved.
+    // A quarter turn about y takes (1, 2, 3) to (3, 2, -1); the instance scales that by three and moves it.
     let expected = [19.0, 6.0, -3.0];
     for (found, expected) in instances[1].translation.iter().zip(expected) {
         assert!((found - expected).abs() < 1e-5, "{:?}", instances[1].translation);

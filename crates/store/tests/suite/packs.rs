@@ -224,7 +224,7 @@ fn a_pack_that_was_closed_to_make_room_is_read_again() {
     assert_eq!(pool.count(), 0);
 }
 
-/// Every pack was kept open: 1,100 assets could not be served where a process may have 1,024 files.
+/// A scene of 1,100 assets must be served although a process may open only 1,024 files.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_scene_of_many_packs_keeps_few_files_open() {

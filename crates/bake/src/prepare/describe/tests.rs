@@ -1,4 +1,4 @@
-//! Every field and map, files that are missing, and files that are not what they are named.
+//! Every field and map, missing files, and files of another type than their name says.
 
 use std::path::PathBuf;
 
@@ -144,7 +144,7 @@ fn a_normal_map_where_heights_belong_is_drawn_as_one() {
     let shown = &described.description.materials[0];
     assert_eq!((shown.height_texture, shown.normal_texture, shown.normal_scale), (None, Some(0), 0.5));
     assert_eq!(described.description.textures[0].kind, TextureKind::Normal);
-    // One that has normals already has no use for it.
+    // A material with a normal map ignores it.
     let both = lodestream_import::Material {
         normal_texture: Some(image(&dir, "n.png", [128, 128, 255])),
         ..material
