@@ -40,8 +40,7 @@ pub(super) struct PreparationArguments {
     #[arg(long, value_name = "heap | SHARE")]
     round_size: Option<Round>,
     /// Codec of the geometry: range (fewest bytes; chunks can be sent in part), axis-aligned (fewer bytes for models
-    /// built
-    /// along the axes), auto (one of these two, chosen per model) or zstd (least decoding work) [default: auto].
+    /// built along the axes), auto (one of these two, chosen per model) or zstd (least decoding work) [default: auto].
     #[arg(long, value_name = "CODEC")]
     codec: Option<CodecChoice>,
     /// Most faces simplified at once, 100 to 100,000,000. A larger mesh is simplified in spatial blocks, one after the

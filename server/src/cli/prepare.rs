@@ -48,8 +48,7 @@ pub(super) struct Arguments {
     #[arg(long)]
     keep_levels: bool,
     /// For meshes larger than memory: keep lists longer than a block's (--block-faces) in files of this folder, which
-    /// must
-    /// be on a disk; takes about 250 bytes per face. The pack is the same.
+    /// must be on a disk; takes about 250 bytes per face. The pack is the same.
     #[arg(long, value_name = "DIR")]
     out_of_core: Option<PathBuf>,
     /// Show no progress.

@@ -46,8 +46,7 @@ pub(super) struct Arguments {
     #[arg(long, env = "LODESTREAM_RATE", value_name = "RATE", default_value = "off", value_parser = parse_rate)]
     rate: Rate,
     /// Rate limit of all sessions of one address together (for IPv6 a /64 network), shared fairly. Clients behind a
-    /// proxy
-    /// share its address, unless --trusted-proxy names it.
+    /// proxy share its address, unless --trusted-proxy names it.
     #[arg(long, env = "LODESTREAM_RATE_PER_ADDRESS", value_name = "RATE", default_value = "off", value_parser = parse_rate)]
     rate_per_address: Rate,
     /// Rate limit of all sessions together, shared fairly by the weights of their tokens.
@@ -84,8 +83,7 @@ pub(super) struct Arguments {
         value_parser = value_parser!(u64).range(1..))]
     max_sessions: u64,
     /// Most sessions of one address at once (for IPv6 a /64 network), at least 1 [default: an eighth of --max-sessions,
-    /// at
-    /// least 8]. Clients behind a proxy share its address, unless --trusted-proxy names it.
+    /// at least 8]. Clients behind a proxy share its address, unless --trusted-proxy names it.
     #[arg(long, env = "LODESTREAM_MAX_SESSIONS_PER_ADDRESS", value_name = "N",
         value_parser = value_parser!(u64).range(1..))]
     max_sessions_per_address: Option<u64>,
