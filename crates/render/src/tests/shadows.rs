@@ -149,7 +149,7 @@ fn compare_with_rays(h: &Headless, yard: &Yard, camera: Pose, shadows: Shadows) 
     let texel = drawn[0].0.side / f64::from(shadows.map_side);
     let sun = yard.to_sun.normalize();
     let (x, y) = sun.any_orthonormal_pair();
-    let mut judged = ShadowErrors::default();
+    let mut errors = ShadowErrors::default();
     for (i, lit) in lit.chunks(2).enumerate() {
         let pixel = [(i % width as usize) as i64, (i / width as usize) as i64];
         let along = camera.rotation * DVec3::from(view_ray(pixel, [width, height], [tx, ty]));
@@ -162,16 +162,16 @@ fn compare_with_rays(h: &Headless, yard: &Yard, camera: Pose, shadows: Shadows) 
         };
         let lit = f64::from(lit[0]) / 255.0;
         let truth = reaches(DVec3::ZERO);
-        judged.pixels += 1;
-        judged.wrong += usize::from((lit > 0.5) != truth);
+        errors.pixels += 1;
+        errors.wrong += usize::from((lit > 0.5) != truth);
         let reach = 1.5 * texel * sunlight::reach(shadows.filter);
         let around = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (0.7, 0.7), (-0.7, 0.7)];
         if normal.dot(sun) > 1e-3 && around.iter().all(|(a, b)| reaches((x * *a + y * *b) * reach) == truth) {
-            judged.acne += usize::from(truth && lit < 0.98);
-            judged.leaks += usize::from(!truth && lit > 0.02);
+            errors.acne += usize::from(truth && lit < 0.98);
+            errors.leaks += usize::from(!truth && lit > 0.02);
         }
     }
-    judged
+    errors
 }
 
 /// Draws a yard and compares its shadows with rays.
