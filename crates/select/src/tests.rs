@@ -272,7 +272,7 @@ fn index_pages_just_above_the_target_are_requested_together() {
         asset.add_index_page(page, infos.to_vec()).unwrap();
     }
     let instances = [InstanceEntry::at(0, [0.0; 3])];
-    // The distance at which the error of the unknown chunks is 1.05 px.
+    // As far as makes the error of what is unknown 1.05 px.
     let (mut near, mut far) = (1.0, 1e6);
     for _ in 0..200 {
         let middle = (near + far) / 2.0;

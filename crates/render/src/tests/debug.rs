@@ -34,7 +34,7 @@ fn plane<R>(
     let material = Material { base_colour: COLOUR, roughness: 0.3, metallic: 0.6, ..Material::default() };
     let wall = asset(h, &quad([-9.0, -9.0, 0.0], [18.0, 0.0, 0.0], [0.0, 18.0, 0.0], 1.0), material);
     let turned = Instance { rotation: DQuat::from_rotation_y(0.5), ..Instance::default() };
-    // The few frames of a test may leak their scene.
+    // A test's few frames may live as long as it.
     let wall: &'static _ = Box::leak(Box::new(wall));
     let instances: &'static [Instance] = Box::leak(Box::new([turned]));
     let drawables: &'static [Drawable<'static>] = Box::leak(Box::new([Drawable { asset: wall, instances }]));

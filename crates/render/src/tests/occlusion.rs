@@ -122,7 +122,7 @@ impl Still {
             scale: size * scale,
             ..Instance::default()
         };
-        // The eye stays outside the objects.
+        // Not within what stands there.
         let away = (1.3 / (0.5 * fov).tan()).max(2.0);
         let target = DVec3::new(0.1 + moved, 0.4, 0.0);
         let eye = target + DVec3::new(0.5, 0.6, 1.0).normalize() * away;

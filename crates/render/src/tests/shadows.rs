@@ -321,7 +321,7 @@ fn unchanged_shadow_maps_are_not_redrawn() {
         let turned = Pose { rotation: camera().rotation * DQuat::from_rotation_y(0.3), ..camera() };
         assert_eq!(drawn(turned, &ball, &placed, 2.0), 0, "the camera turns");
         let moved = Instance { translation: placed[0].translation + DVec3::X, ..placed[0] };
-        assert_eq!(drawn(camera(), &ball, &[moved], 2.0), 1, "the moved instance lies in one map only");
+        assert_eq!(drawn(camera(), &ball, &[moved], 2.0), 1, "what moves lies in one map alone");
         ball.update_vertices(h.gpu(), 0, &morphing(3.0)).unwrap();
         let mut drawn = |time_s: f32| {
             let all: Vec<_> =
