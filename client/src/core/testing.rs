@@ -37,7 +37,7 @@ use super::{ClientCore, Config, Progress, StartView};
 /// Quads along a side of the test surface.
 const SIDE: u32 = 72;
 
-/// The test mesh and what preparation makes of it; made once.
+/// The test mesh and its prepared form; made once.
 pub(crate) fn prepared() -> &'static (QuantisedMesh, Prepared) {
     static PREPARED: OnceLock<(QuantisedMesh, Prepared)> = OnceLock::new();
     PREPARED.get_or_init(|| {

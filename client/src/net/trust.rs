@@ -140,7 +140,7 @@ enum Kind {
 
 impl Verifier {
     /// # Errors
-    /// There are no roots.
+    /// The list of roots is empty.
     pub(super) fn new(
         trust: Trust,
         rejection: CertificateRejection,

@@ -188,7 +188,7 @@ mod tests {
                 let near = |a: &PunctualLight| {
                     (0..3).all(|axis| (a.position[axis] - punctual_light.position[axis]).abs() < 0.01)
                 };
-                assert!(punctual_lights.iter().any(near), "{punctual_light:?} is none of the scene's");
+                assert!(punctual_lights.iter().any(near), "{punctual_light:?} is not one of the scene's");
             }
         }
         assert_eq!((found, blobs.get(PunctualLightBlob::Page(63))), (4000, None));

@@ -55,7 +55,7 @@ pub enum HeightMapError {
     Color {
         /// The file.
         path: PathBuf,
-        /// What they are.
+        /// The type of its pixels.
         color: image::ColorType,
     },
     /// White would be at a height beyond 32 bits.

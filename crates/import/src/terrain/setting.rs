@@ -26,7 +26,7 @@ setting! {
     Roughness(f64), below 0.0..2.0, "times the range of the level above"
 }
 setting! {
-    /// Passes of thermal erosion; 0 is none. So many as a scene's terrain may have.
+    /// Passes of thermal erosion, up to the number that a scene's terrain may have; 0 disables it.
     ErosionPasses(u8), 0..=MAX_EROSION_PASSES, "passes"
 }
 setting! {

@@ -15,7 +15,7 @@ pub(super) fn changed(text: &str, changes: &[String]) -> Result<String, Fault> {
             change.split_once('=').ok_or_else(|| fault("is not a change; write KEY=VALUE".to_owned()))?;
         let value = format!("value = {value}").parse::<Table>().ok().and_then(|mut t| t.remove("value"));
         let value = value
-            .ok_or_else(|| fault("the value is none of TOML's; words need quotation marks".to_owned()))?;
+            .ok_or_else(|| fault("the value is not valid TOML; words need quotation marks".to_owned()))?;
         let keys: Vec<&str> = key.trim().split('.').collect();
         if keys.iter().any(|key| key.is_empty()) {
             return Err(fault("a key is empty".to_owned()));
