@@ -7,9 +7,9 @@ use super::surface::{DepthPicture, V3, dot, scale};
 const BORDER: f64 = 0.1;
 /// Roughness at which screen-space reflections begin to fade, and at which they end.
 const MIRRORS: [f64; 2] = [0.2, 0.5];
-/// Depths of itself at which a ray ends that goes away from the eye.
+/// Largest depth of a ray that goes away from the eye, as a multiple of its first depth.
 const FARTHEST: f64 = 1e4;
-/// Share of its depth at which one ends that comes towards it.
+/// Least depth of a ray that comes towards the eye, as a share of its first depth.
 const CLOSEST: f64 = 1e-3;
 /// Offset beyond a cell's side at which the next cell is looked up, pixels.
 const NUDGE: f64 = 0.01;

@@ -142,8 +142,8 @@ struct Drawn {
 /// Settles the plan's case and times `frames` frames (at least one) with each value.
 ///
 /// # Errors
-/// A setting without values; a plan with several cases or another technique; runs that do not settle or end early; errors
-/// of the graphics device.
+/// A setting without values; a plan with several cases or another technique; runs that do not settle or end early;
+/// errors of the graphics device.
 pub fn draw_trade(
     plan: &Plan,
     scene: &Arc<dyn SceneSource>,
