@@ -21,7 +21,7 @@ pub enum CodingError {
     /// A length or count exceeds its limit.
     #[error("a length exceeds its limit")]
     LimitExceeded,
-    /// A number that is not a variant of an enum.
+    /// A number that is no variant of an enum.
     #[error("unknown variant of {0}")]
     UnknownVariant(&'static str),
     /// A value that its type refuses.

@@ -64,7 +64,7 @@ fn halves(h: &Headless, resource: Resource) -> Vec<[f64; 4]> {
     stored.chunks(4).map(|texel| [0, 1, 2, 3].map(|c| texel[c].to_f64())).collect()
 }
 
-/// Draws a floor and a ball under punctual lights and returns the radiance.
+/// Draws a floor and a ball under punctual lights and gives the radiance.
 fn draw(h: &mut Headless, lights: &[Light], settings: Settings) -> Vec<[f64; 4]> {
     let ground =
         asset(h, &floor(), Material { base_colour: [0.7; 3], roughness: 0.5, ..Material::default() });
@@ -153,7 +153,7 @@ fn punctual_lights_match_their_cpu_reference() {
     assert!(rms < 0.01, "{rms}");
 }
 
-/// The punctual lights in a frame: each moves on a circle, and spots turn.
+/// Where punctual lights are in a frame: each goes round a circle of its own, and spots turn.
 fn moved(punctual_lights: &[Light], frame: u32) -> Vec<Light> {
     let mut next = numbers();
     let moved = |light: &Light| {
@@ -318,7 +318,7 @@ fn strange_punctual_lights_light_nothing_and_break_nothing() {
     }
 }
 
-/// A glass pane before a far wall that covers the left half of the picture; behind the right half is sky.
+/// A pane of glass before a far wall that covers the left half of the picture; to the right there is sky behind it.
 fn glass(h: &mut Headless, lights: &[Light], culling: LightCulling) -> Vec<[f64; 4]> {
     let pane = Material {
         base_colour: [0.8, 0.6, 0.4],
@@ -345,7 +345,7 @@ fn facing() -> Pose {
     Pose::look_at(DVec3::new(0.0, 0.0, 6.0), DVec3::ZERO, DVec3::Y, 0.9)
 }
 
-/// Punctual lights just before the pane and far from the wall.
+/// Punctual lights close before the pane and far from the wall.
 fn before_glass(count: usize) -> Vec<Light> {
     let mut next = numbers();
     let mut place = || DVec3::new(9.0 * next() - 4.5, 5.0 * next() - 2.5, 0.3 + next());

@@ -169,7 +169,7 @@ fn acceleration_textures_exist_for_repeating_maps_only() {
     let gpu = h.gpu().clone();
     let mut wall = wall_of_coordinates(&h, 0.15);
     let near = Pose::look_at(DVec3::new(0.9, 0.75, 0.35), DVec3::new(0.45, 0.5, 0.0), DVec3::Y, 0.5);
-    // More than one texel of the height map per pixel.
+    // More than a texel of the height map a pixel.
     let far = Pose::look_at(DVec3::new(4.0, 0.75, 3.0), DVec3::new(0.5, 0.5, 0.0), DVec3::Y, 0.9);
     let mut picture = |wall: &AssetGpu, camera, relief_method| {
         let drawables = [Drawable { asset: wall, instances: &[Instance::default()] }];
@@ -205,7 +205,7 @@ fn each_relief_method_matches_its_cpu_reference() {
     let depth = 0.15;
     let wall = wall_of_coordinates(&h, depth as f32);
     let camera = Pose::look_at(DVec3::new(0.9, 0.75, 0.35), DVec3::new(0.45, 0.5, 0.0), DVec3::Y, 0.5);
-    // So few that terraces are wider than a colour step.
+    // Few enough that terraces are wider than a step of the colours.
     let relief_steps = 12;
     for way in ReliefMethod::ALL {
         let cpu_reference = match way {
