@@ -47,7 +47,7 @@ impl Pipe {
 
 /// State of the client of a [`Pair`], and a record of what it received.
 #[derive(Default)]
-pub(crate) struct World {
+pub(crate) struct ClientState {
     pub(crate) welcome: Option<Welcome>,
     pub(crate) instances: Vec<InstanceEntry>,
     pub(crate) assets: Vec<AssetState>,
@@ -68,7 +68,7 @@ pub(crate) struct Pair {
     pub(crate) now: Time,
     pub(crate) server: ServerSession,
     pub(crate) client: ClientSession,
-    pub(crate) world: World,
+    pub(crate) client_state: ClientState,
     pub(crate) view: View,
     pub(crate) selector: Selector,
     /// Whether the client requests blobs.
@@ -111,7 +111,7 @@ impl Pair {
             now,
             server: ServerSession::new(Arc::new(config), source, 1, now),
             client: ClientSession::new(ClientConfig::default(), Some(view), resume, now),
-            world: World::default(),
+            client_state: ClientState::default(),
             view,
             selector: Selector::default(),
             asks: true,
@@ -160,7 +160,7 @@ impl Pair {
             self.server.handle_message(now, message);
         }
         while let Some(bytes) = self.down.receive(now) {
-            self.world.arrivals.push((now, bytes.len()));
+            self.client_state.arrivals.push((now, bytes.len()));
             let frame = Frame::parse(Bytes::from(bytes)).unwrap();
             self.client.handle_frame(now, frame.into_server_frame().unwrap().unwrap());
         }
@@ -192,55 +192,55 @@ impl Pair {
 
     fn events(&mut self) {
         let now = self.now;
-        let world = &mut self.world;
+        let client_state = &mut self.client_state;
         while let Some(event) = self.client.poll_event() {
             match event {
-                ClientEvent::Connected(welcome) => world.welcome = Some(welcome),
+                ClientEvent::Connected(welcome) => client_state.welcome = Some(welcome),
                 ClientEvent::ScenePage(page) => {
-                    assert_eq!(page.first_asset as usize, world.assets.len(), "pages out of order");
-                    world.pages.insert(page.page, now);
-                    world.assets.extend(page.assets.into_iter().map(AssetState::new));
-                    world.instances.extend(page.instances);
+                    assert_eq!(page.first_asset as usize, client_state.assets.len(), "pages out of order");
+                    client_state.pages.insert(page.page, now);
+                    client_state.assets.extend(page.assets.into_iter().map(AssetState::new));
+                    client_state.instances.extend(page.instances);
                 }
                 ClientEvent::Blob { id, offset, total, bytes } => {
                     let blob = self.scene.read(&id).unwrap();
                     let range = offset as usize..offset as usize + bytes.len();
                     assert_eq!((bytes.as_ref(), total as usize), (&blob[range], blob.len()), "{id}");
-                    world.blobs.push((now, id));
-                    world.received_bytes += bytes.len() as u64;
+                    client_state.blobs.push((now, id));
+                    client_state.received_bytes += bytes.len() as u64;
                     let (asset, part) = of_asset(id);
-                    arrived(&mut world.assets[asset], part, offset, &bytes);
+                    arrived(&mut client_state.assets[asset], part, offset, &bytes);
                 }
                 ClientEvent::Refused { id, .. } => {
                     let (asset, part) = of_asset(id);
-                    world.assets[asset].set_state(part, State::Failed);
+                    client_state.assets[asset].set_state(part, State::Failed);
                 }
                 ClientEvent::PunctualLights(_) => {}
-                ClientEvent::BasesSent => world.bases_sent = Some(now),
-                ClientEvent::Done => world.done = Some(now),
-                ClientEvent::Closed(close) => world.closed = Some(close),
+                ClientEvent::BasesSent => client_state.bases_sent = Some(now),
+                ClientEvent::Done => client_state.done = Some(now),
+                ClientEvent::Closed(close) => client_state.closed = Some(close),
             }
         }
     }
 
     fn ask(&mut self) {
         let Selection { wanted, cancel, counters, .. } =
-            self.selector.select(&self.view, &self.world.instances, &self.world.assets).clone();
+            self.selector.select(&self.view, &self.client_state.instances, &self.client_state.assets).clone();
         let all_known = self
-            .world
+            .client_state
             .welcome
             .as_ref()
-            .is_some_and(|w| self.world.instances.len() == w.scene.instance_count as usize);
+            .is_some_and(|w| self.client_state.instances.len() == w.scene.instance_count as usize);
         if all_known && counters.drawable_instances == counters.visible_instances {
-            self.world.first_frame.get_or_insert(self.now);
+            self.client_state.first_frame.get_or_insert(self.now);
         }
         for id in self.client.set_wanted(self.now, &wanted, &cancel) {
             let (asset, part) = of_asset(id);
-            self.world.assets[asset].set_state(part, State::InFlight);
+            self.client_state.assets[asset].set_state(part, State::InFlight);
         }
         for id in cancel {
             let (asset, part) = of_asset(id);
-            self.world.assets[asset].set_state(part, State::Absent);
+            self.client_state.assets[asset].set_state(part, State::Absent);
         }
     }
 }

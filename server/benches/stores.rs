@@ -1,9 +1,9 @@
-//! What a request to a store of objects costs: how many a published demo scene takes, what they bring, and the processor
-//! time of this process for each, against an S3 server in another process.
+//! Cost of requests to an object store: how many requests a published demo scene takes, how many blobs and bytes each
+//! returns, and this process's processor time, with an S3 server in another process.
 //!
-//! `cargo bench -p lodestream-server --bench stores`. The store is `s3s-fs` over a folder on loopback, with signatures; a
-//! real one is farther away, so times of waiting are not told. The first pass begins with an empty cache and reads every
-//! blob, coarse levels first, as clients that look at everything would; the second finds all of it in the cache.
+//! `cargo bench -p lodestream-server --bench stores`. The store is `s3s-fs` over a folder on loopback, with signatures.
+//! Waiting times are not reported, since a real store is farther away. The first pass starts with an empty cache and
+//! reads every blob, coarse levels first, as clients would that look at everything; the second finds all in the cache.
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "a benchmark may end where a test would")]
 
 #[path = "../tests/suite/stores/s3.rs"]
@@ -25,7 +25,7 @@ use lodestream_store::{BlobCache, Objects, SceneStore, retries};
 use object_store::aws::AmazonS3Builder;
 use tokio::runtime::Runtime;
 
-/// In the environment of the process that is the store.
+/// Environment variable of the process that is the store.
 const IS_STORE: &str = "LODESTREAM_BENCH_IS_STORE";
 
 fn main() {
@@ -54,7 +54,7 @@ fn main() {
     store.wait().unwrap();
 }
 
-/// Says where it is, then how many reads there were whenever it is asked.
+/// Runs the store: prints its address, then the number of reads whenever a line arrives.
 fn be_store() {
     let s3 = s3::S3::start();
     println!("{}", s3.environment()[0].1);
@@ -98,7 +98,7 @@ fn measure(endpoint: &str, reads: &mut dyn FnMut() -> u64) {
     println!(
         "pass       blobs        bytes   requests   of a core, ms   for a request, µs   a blob, µs   a MB, ms"
     );
-    // What the kernel says of a thread that runs is some milliseconds old.
+    // The kernel's counter of a running thread is some milliseconds old.
     for (pass, times) in [("empty", 1), ("filled", 200)] {
         let (before, busy, began) = (reads(), busy_seconds(), Instant::now());
         let mut bytes = 0_u64;
@@ -125,7 +125,7 @@ fn measure(endpoint: &str, reads: &mut dyn FnMut() -> u64) {
     }
 }
 
-/// Every blob that a client could ask for, level by level.
+/// All blobs that a client could request, level by level.
 fn all_blobs(store: &SceneStore) -> Vec<BlobId> {
     let assets = 0..store.header().asset_count;
     let parts = |number: u32| [BlobPart::IndexPage(number), BlobPart::Chunk(number)];

@@ -1,9 +1,6 @@
-//! Preparation with its lists in files: the same pack, whatever becomes of the files.
+//! Out-of-core preparation: gives the same packs as in memory, also if the files cannot be written.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
-)]
+#![allow(clippy::unwrap_used, reason = "test helpers without #[test] may unwrap, as tests may")]
 #![cfg(target_os = "linux")]
 
 mod landscape;
@@ -12,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use lodestream_bake::mapped::{MapError, Mapped, Mapping};
+use lodestream_bake::mapping_allocator::{MapError, Mapping, MappingAllocator};
 use lodestream_bake::preparation_settings::PreparationSettings;
 use lodestream_bake::prepare::{Options, PrepareError, prepare_to};
 use lodestream_bake::scene::Asset;
@@ -21,26 +18,26 @@ use tempfile::TempDir;
 use tokio::signal::unix::{SignalKind, signal};
 
 #[global_allocator]
-static ALLOCATOR: Mapped = Mapped;
+static ALLOCATOR: MappingAllocator = MappingAllocator;
 
-/// What is mapped is the whole process's, and so are limits, which programs that it starts have too.
+/// Serialises the tests: mappings and resource limits are per process, and limits are inherited by child processes.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
 fn alone() -> MutexGuard<'static, ()> {
     ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A folder on a disk: that of the build, as far as is known.
+/// A folder in the build folder, which is usually on a disk.
 fn folder() -> TempDir {
     TempDir::new_in(env!("CARGO_TARGET_TMPDIR")).unwrap()
 }
 
-/// So small that most lists of a small mesh are mapped.
+/// Small, so that most lists of a small mesh are mapped.
 const FROM_BYTES: usize = 16 << 10;
 
-/// Lists go to files; `None` where the build lies in memory, as some people's does.
+/// Maps lists to files; `None` if the build folder is on a file system in memory.
 fn mapping(folder: &Path) -> Option<Mapping> {
-    match Mapped::into(folder, FROM_BYTES) {
+    match MappingAllocator::into(folder, FROM_BYTES) {
         Ok(mapping) => Some(mapping),
         Err(error @ MapError::InMemory(_)) => {
             eprintln!("NOT TESTED: {error}");
@@ -84,16 +81,16 @@ fn lists_in_files_change_no_byte_and_leave_no_file() {
         let again = pack_by(&model, &dir.path().join("files.lsp"), threads, blocks);
         assert!(again == in_blocks, "another pack in blocks");
     }
-    assert!(Mapped::most_bytes() > 500_000, "{} bytes were mapped", Mapped::most_bytes());
+    assert!(MappingAllocator::most_bytes() > 500_000, "{} bytes were mapped", MappingAllocator::most_bytes());
     assert_eq!(std::fs::read_dir(&lists).unwrap().count(), 0);
     drop(mapping);
-    let most = Mapped::most_bytes();
+    let most = MappingAllocator::most_bytes();
     assert!(pack(&model, &dir.path().join("after.lsp"), 2) == in_memory);
-    assert_eq!(Mapped::most_bytes(), most, "nothing is mapped any more");
+    assert_eq!(MappingAllocator::most_bytes(), most, "nothing is mapped any more");
 }
 
 #[test]
-fn lists_that_grow_shrink_and_change_hands_keep_what_is_in_them() {
+fn mapped_lists_keep_their_content_when_they_grow_shrink_or_move() {
     let _alone = alone();
     let dir = folder();
     let Some(first) = mapping(dir.path()) else { return };
@@ -101,9 +98,9 @@ fn lists_that_grow_shrink_and_change_hands_keep_what_is_in_them() {
     let mut grown = Vec::new();
     (0..100_000_u64).for_each(|i| grown.push(i));
     assert!(vec![0_u8; 1 << 20].iter().all(|&byte| byte == 0));
-    assert!(matches!(Mapped::into(dir.path(), FROM_BYTES), Err(MapError::InUse)));
+    assert!(matches!(MappingAllocator::into(dir.path(), FROM_BYTES), Err(MapError::InUse)));
     drop(first);
-    // In memory again: what was mapped stays so, until it grows.
+    // New memory comes from the system's allocator again; mapped lists stay mapped until they grow.
     (100_000..200_000).for_each(|i| grown.push(i));
     grown.truncate(150_000);
     grown.shrink_to_fit();
@@ -121,9 +118,9 @@ fn lists_that_grow_shrink_and_change_hands_keep_what_is_in_them() {
     assert!(grown.into_iter().eq(0..150_000));
 }
 
-/// A signal would have come of writing to a file without room, and of making it longer than is allowed.
+/// Writing to a file without space, or beyond the size limit, would end the process by a signal.
 #[test]
-fn lists_without_room_on_the_disk_lie_in_memory() {
+fn lists_without_disk_space_stay_in_memory() {
     let _alone = alone();
     let dir = folder();
     let model = landscape(dir.path(), 90);
@@ -140,7 +137,7 @@ fn lists_without_room_on_the_disk_lie_in_memory() {
 }
 
 #[test]
-fn a_mesh_that_the_disk_has_no_room_for_is_refused() {
+fn a_mesh_too_large_for_the_disk_is_refused() {
     let free = 10_u64 << 30;
     let refused = PrepareError::room("land.ply".as_ref(), 100_000_000, Some(free)).unwrap_err().to_string();
     for word in ["land.ply", "100000000 faces", "10.7 GB", "--out-of-core"] {

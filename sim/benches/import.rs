@@ -33,7 +33,7 @@ fn main() -> anyhow::Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).filter(|a| a != "--bench").collect();
     let json = arguments.iter().any(|a| a == "--json");
     let faces = match arguments.iter().find(|a| !a.starts_with('-')) {
-        Some(faces) => faces.parse().with_context(|| format!("{faces:?} is no number of faces"))?,
+        Some(faces) => faces.parse().with_context(|| format!("{faces:?} is not a number of faces"))?,
         None => 1_000_000_u32,
     };
     let field = Field { side: (f64::from(faces) / 2.0).sqrt().round().max(1.0) as u32 };

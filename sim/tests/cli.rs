@@ -1,9 +1,6 @@
 //! Exit codes and messages of the program.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
-)]
+#![allow(clippy::unwrap_used, reason = "test helpers without #[test] may unwrap, as tests may")]
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -137,7 +134,7 @@ fn run_names_missing_models_and_peers() {
     assert!(!output.exists());
 }
 
-/// Its message named `--models`, which only `run` took.
+/// The message about missing models names `--models`, so `truth` must accept that flag.
 #[test]
 fn truth_takes_the_folder_of_models_that_its_message_names() {
     let folder = tempfile::tempdir().unwrap();
@@ -165,7 +162,7 @@ fn truth_takes_the_folder_of_models_that_its_message_names() {
     assert_eq!((json.as_array().unwrap().len(), &json[0]["repeats"]), (1, &1.into()));
 }
 
-/// A table of which some rows could not be reproduced on this machine was reported as different.
+/// Rows that cannot be reproduced on this machine do not count as different.
 #[test]
 fn reproduce_leaves_out_rows_that_need_the_file_of_peers() {
     let folder = tempfile::tempdir().unwrap();

@@ -35,7 +35,7 @@ fn damaged_by(damage: impl Fn(&Path)) {
 }
 
 #[test]
-fn packs_truncated_while_served_were_not_counted() {
+fn reads_of_packs_truncated_while_served_are_counted() {
     damaged_by(|path| {
         let file = std::fs::File::options().write(true).open(path).unwrap();
         let length = file.metadata().unwrap().len();
@@ -44,7 +44,7 @@ fn packs_truncated_while_served_were_not_counted() {
 }
 
 #[test]
-fn packs_altered_while_served_were_not_counted() {
+fn reads_of_packs_altered_while_served_are_counted() {
     damaged_by(|path| {
         let mut bytes = std::fs::read(path).unwrap();
         let half = bytes.len() / 2;

@@ -113,7 +113,7 @@ fn rule_breakers() -> Vec<(&'static str, Vec<Vec<u8>>, CloseCode, &'static str)>
     let mut truncated = greeting();
     let cut = truncated.len() - 3;
     truncated.truncate(cut);
-    // For so short a message the header's length is one byte: correct it.
+    // The message is so short that the header's length takes one byte, which is corrected here.
     truncated[1] -= 3;
     vec![
         (
@@ -123,7 +123,7 @@ fn rule_breakers() -> Vec<(&'static str, Vec<Vec<u8>>, CloseCode, &'static str)>
             "version",
         ),
         (
-            "a scene that is not there",
+            "a scene that does not exist",
             first(ClientMessage::Hello(Hello { scene: "atlantis".into(), ..hello() })),
             CloseCode::NoSuchScene,
             "atlantis",
@@ -131,10 +131,10 @@ fn rule_breakers() -> Vec<(&'static str, Vec<Vec<u8>>, CloseCode, &'static str)>
         ("an unknown message that may not be skipped", vec![vec![0x33, 0]], CloseCode::Protocol, "0x33"),
         ("an oversized message", vec![greeting(), too_long], CloseCode::Limit, "bytes, but at most"),
         ("a message cut short", vec![truncated], CloseCode::Protocol, "malformed"),
-        ("a wish before Hello", first(want([BlobId::base(0)])), CloseCode::Protocol, "Hello"),
+        ("a request before Hello", first(want([BlobId::base(0)])), CloseCode::Protocol, "Hello"),
         ("Hello twice", vec![greeting(), greeting()], CloseCode::Protocol, "Hello"),
         (
-            "noise in a message",
+            "random bytes in a message",
             vec![greeting(), [&[0x02, 0x30][..], &noise(7, 0x30)].concat()],
             CloseCode::Protocol,
             "malformed",

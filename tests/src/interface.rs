@@ -45,7 +45,7 @@ fn holds(condition: &syn::Meta) -> bool {
             syn::Expr::Lit(syn::ExprLit { lit: syn::Lit::Str(name), .. }) => {
                 FEATURES.contains(&name.value().as_str())
             }
-            _ => panic!("a feature that is no text"),
+            _ => panic!("a feature that is not a string"),
         },
         syn::Meta::Path(path) if path.is_ident("test") => false,
         // Conditions on the platform may hold.

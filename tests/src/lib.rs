@@ -34,10 +34,7 @@
 
 #![cfg_attr(
     test,
-    allow(
-        clippy::unwrap_used,
-        reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
-    )
+    allow(clippy::unwrap_used, reason = "test helpers without #[test] may unwrap, as tests may")
 )]
 
 #[cfg(test)]

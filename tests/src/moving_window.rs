@@ -97,7 +97,8 @@ fn sent_chunks(server: &Server) -> u64 {
     line.map_or(0, |count| count.parse().unwrap())
 }
 
-/// Objects vanished for a frame while their meshes changed, or until the data for the moved camera had arrived.
+/// Checks that no object disappears for a frame, neither while its mesh changes nor before the data for the moved
+/// camera arrives.
 #[test]
 fn no_object_disappears_while_the_camera_moves() {
     if skipped() {

@@ -69,7 +69,7 @@ fn the_cache_serves_until_its_input_changes() {
         std::fs::write(&path, text.replace(from, to)).unwrap();
         assert!(prepared().report.is_some(), "{file} has changed");
         std::fs::write(&path, text).unwrap();
-        assert!(prepared().report.is_none(), "{file} is as it was");
+        assert!(prepared().report.is_none(), "{file} is unchanged");
     }
     let texture = folder.path().join("brick.png");
     let picture = std::fs::read(&texture).unwrap();
@@ -82,7 +82,7 @@ fn the_cache_serves_until_its_input_changes() {
     for at in [0, 9, 30, 50, 70, 100, last / 2, last] {
         flip(path, at);
         assert!(prepared().report.is_some(), "byte {at} is damaged");
-        assert!(std::fs::read(path).unwrap() == good, "the pack was not mended");
+        assert!(std::fs::read(path).unwrap() == good, "the pack was not repaired");
     }
     std::fs::write(path, &good[..good.len() / 2]).unwrap();
     assert!(prepared().report.is_some(), "half a pack");
@@ -197,7 +197,7 @@ fn every_asset_passes_the_check() {
 
 /// Checks that every blob of a pack's description exists with its stated length.
 #[test]
-fn packs_hold_what_they_promise() {
+fn packs_hold_what_their_descriptions_state() {
     let folder = tempfile::tempdir().unwrap();
     let scene = of_files(&[write_scene(folder.path())]).unwrap();
     let wall = scene.assets.iter().find(|a| a.name == "wall").unwrap();

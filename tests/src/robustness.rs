@@ -73,7 +73,7 @@ fn run_and_kill(address: &Address) {
             () = tokio::time::sleep(LIMIT) => panic!("no chunk came"),
         }
     });
-    assert!(!host.core.is_settled(), "the client must die mid-way");
+    assert!(!host.core.is_settled(), "the client must be killed before it has settled");
 }
 
 /// Checks that a vanished client affects neither other sessions nor the server.
@@ -125,11 +125,12 @@ fn a_server_dies_and_comes_back(transport: Transport) {
     let address = server.address(transport);
     let mut viewer = Viewer::start(&address, config());
     let before = viewer.wait("many chunks", |s| s.stats.applied_chunks >= MANY).stats;
-    assert!(!before.settled, "the server must die mid-way");
+    assert!(!before.settled, "the server must be killed before the viewer has settled");
     assert!(blobs_sent(&server, "base") > 0);
     let site = server.kill();
 
-    let lost = viewer.wait("word of the loss", |s| s.message.as_ref().is_some_and(|m| m.contains("again")));
+    let lost =
+        viewer.wait("the message of the loss", |s| s.message.as_ref().is_some_and(|m| m.contains("again")));
     let message = lost.message.unwrap();
     assert!(!message.contains('\n') && message.contains("connecting again in"), "{message}");
     // Nothing was removed.
@@ -143,13 +144,13 @@ fn a_server_dies_and_comes_back(transport: Transport) {
     assert_eq!(after.message, None);
     assert!(after.stats.connections >= 2, "{:?}", after.stats);
     assert_eq!(after.stats.decode_failures, 0, "{:?}", after.stats);
-    assert_eq!(scenes(&viewer), 1, "the picture was thrown away");
+    assert_eq!(scenes(&viewer), 1, "the picture was discarded");
     // Base meshes may be sent again, and over WebSocket some chunks: the server pushes them before it knows the
     // client's inventory.
     let chunks = blobs_sent(&server, "chunk") + lost.stats.applied_chunks;
     let all: u64 = scene.assets.iter().map(|a| a.chunks.len() as u64).sum();
     let most = all + most_before_hello(scene, transport);
-    assert!(most < all + MANY, "all could be sent again unnoticed");
+    assert!(most < all + MANY, "the bound allows all chunks to be sent again");
     assert!(chunks <= most, "chunks were sent again: {chunks} of {all}, at most {most}");
     server.assert_healthy();
 }
@@ -177,7 +178,7 @@ fn an_orderly_shutdown_is_announced() {
     let (ended, _) = server.stop();
     ended.unwrap();
     for viewer in &mut viewers {
-        let status = viewer.wait("word of the end", |s| s.message.is_some());
+        let status = viewer.wait("the message of the end", |s| s.message.is_some());
         let message = status.message.unwrap();
         assert!(message.contains("shut"), "{message}");
         assert!(status.stats.faces > 0, "{:?}", status.stats);

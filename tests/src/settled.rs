@@ -46,7 +46,7 @@ fn the_settled_picture_equals_that_of_the_complete_model() {
     keep(&lacking, "withheld");
     let found = comparison(&lacking, &whole);
     println!("withheld: {found:?}");
-    assert!(!same(&found), "a missing chunk goes unnoticed: {found:?}");
+    assert!(!same(&found), "the comparison does not detect a missing chunk: {found:?}");
     server.assert_healthy();
     other.assert_healthy();
 }

@@ -20,7 +20,7 @@ const QUIET_MS: u64 = 20_000;
 const STREAMING_MS: u64 = 1_500;
 const STREAMING_BITS_PER_S: u64 = 200_000;
 
-/// A client that watches the session as a viewer does, until it has been silent for a while.
+/// A client that records what the viewer would report, until the server has been silent for a while.
 struct Watching {
     core: ClientCore,
     cut: Duration,
@@ -28,7 +28,7 @@ struct Watching {
     at_cut: Option<Stats>,
     /// When the silence was reported, if it was.
     told: Option<Time>,
-    /// Reported, and then withdrawn.
+    /// Number of reports that were withdrawn.
     false_alarms: u32,
 }
 
@@ -40,20 +40,20 @@ impl Watching {
     }
 
     fn check(&self, what: &str) {
-        let told = Duration::from(self.told.expect("the silence is told")).as_secs_f64();
+        let told = Duration::from(self.told.expect("the silence was not reported")).as_secs_f64();
         let cut = self.cut.as_secs_f64();
-        println!("{what}: told {:.3} s after the last word", told - cut);
-        assert!(told >= cut && told <= cut + 2.0, "{what}: told after {told} s");
+        println!("{what}: reported {:.3} s after the last message", told - cut);
+        assert!(told >= cut && told <= cut + 2.0, "{what}: reported after {told} s");
         assert_eq!(self.false_alarms, 0, "{what}");
     }
 
     /// Whether chunks were arriving when the server vanished.
     fn check_streaming(&self, what: &str) {
         let Stats { applied_chunks, wanted_chunks, settled, ref counters, .. } =
-            *self.at_cut.as_ref().expect("it was looked at");
-        println!("{what}: {applied_chunks} chunks were there, {wanted_chunks} more were wanted");
+            *self.at_cut.as_ref().expect("the server has not vanished");
+        println!("{what}: {applied_chunks} chunks were applied, {wanted_chunks} more were wanted");
         assert!(applied_chunks > 0 && wanted_chunks > 2 && !settled, "{what}: nothing streamed");
-        assert!(counters.missing_bytes > 5000, "{what}: nothing was to come");
+        assert!(counters.missing_bytes > 5000, "{what}: nothing was left to send");
     }
 }
 
@@ -120,7 +120,7 @@ fn over_websocket(state: impl FnOnce() -> Arc<ServerState>, cut_ms: u64, rate_bi
     host
 }
 
-/// Over QUIC it took more than ten seconds until the silence was reported.
+/// QUIC itself detects the silence only after ten seconds.
 #[test]
 fn a_vanished_server_is_reported_within_two_seconds_over_quic() {
     over_quic(quiet, QUIET_MS, RATE_BITS_PER_S).check("QUIC");

@@ -71,15 +71,15 @@ fn two_servers_over_one_store_and_a_balancer_are_one_server() {
     let address = format!("ws://{balancer}/scene").parse().unwrap();
     let mut viewer = Viewer::start(&address, config());
     let before = viewer.wait("chunks", |status| status.stats.applied_chunks >= 10).stats;
-    assert!(!before.settled, "the first server must end mid-way");
+    assert!(!before.settled, "the first server must end before the viewer has settled");
     let [first, second] = servers;
     first.kill();
     let after = viewer.settle().stats;
     let went = chosen.lock().unwrap().clone();
     assert_eq!(went.last(), Some(&second.http_address()), "{went:?}");
     assert!(after.connections >= 2 && after.decode_failures == 0, "{after:?}");
-    // It was the same scene to the viewer: nothing was discarded, and only the blobs pushed before the second server
-    // knew the inventory were sent again.
+    // For the viewer it was one scene: nothing was discarded, and only the blobs that the second server pushed before
+    // it knew the client's inventory were sent again.
     let scenes = viewer.changes.iter().filter(|change| matches!(change, Change::Scene(_))).count();
     assert_eq!(scenes, 1);
     let mut direct = Viewer::start(&second.address(Transport::WebSocket), config());

@@ -107,8 +107,8 @@ fn a_picture_of_streamed_terrain_shows_its_features() {
     server.assert_healthy();
 }
 
-/// The renderer drew terrain 2.4 px off, with normals of a finer one, from at most 4,000 tiles of 128 triangles. The
-/// demo's start view must reach its target with at most a quarter of a million triangles.
+/// Checks that terrain reaches the target error in the demo's start view, with at most a quarter of a million
+/// triangles.
 #[test]
 fn the_demos_terrain_is_drawn_at_the_target_error() {
     let folder = tempfile::tempdir().unwrap();

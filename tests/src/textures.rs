@@ -56,7 +56,7 @@ fn a_shared_texture_is_uploaded_once() {
     // A colour takes four bytes per texel, a height one or two; mip levels add a third.
     assert!(bytes > 128 * 128 * 5);
     assert_eq!((count, copies, in_all), (2, 4, 2 * bytes));
-    // The next scene has its own.
+    // The next scene has textures of its own.
     let again = shown(&mut h, &mut one, apart);
     assert!(again.image == shared.image);
     assert_eq!(one.textures(), (4, 2 * bytes));

@@ -70,7 +70,7 @@ fn a_certificate_that_is_not_pinned_is_refused_with_the_reason() {
         let why = refused(address);
         assert!(why.contains("another certificate") && why.contains("#sha256="), "{transport}: {why}");
     }
-    // Without TLS, and with TLS only.
+    // Servers without TLS and with TLS only.
     let plain = Server::start(scene(), SessionSettings::default());
     let mut address = server.address_of("wss");
     address.port = plain.http_address().port();
@@ -112,7 +112,7 @@ fn an_expired_certificate_is_refused_where_its_authority_is_trusted() {
         let address = server.address_of(transport);
         let why = refused(trusting(named(&address, "localhost"), &ours.trusted()));
         assert!(why.contains("has expired") && why.contains("renew"), "{transport}: {why}");
-        // A fingerprint is trusted whatever the dates.
+        // The dates do not matter if the address has a fingerprint.
         first_frame(address);
     }
 }
@@ -121,7 +121,7 @@ fn an_expired_certificate_is_refused_where_its_authority_is_trusted() {
 fn wait_for(server: &Server, line: &str) {
     let until = Instant::now() + LIMIT;
     while !server.metrics().lines().any(|found| found == line) {
-        assert!(Instant::now() < until, "{line} was waited for in vain: {}", server.metrics());
+        assert!(Instant::now() < until, "{line} did not appear: {}", server.metrics());
         std::thread::sleep(Duration::from_millis(5));
     }
 }
@@ -148,7 +148,7 @@ fn a_certificate_is_exchanged_while_sessions_run() {
     wait_for_end(&server, now + 2 * DAY);
     pinned.iter().cloned().for_each(|address| drop(first_frame(address)));
 
-    // A certificate without its key is refused: the old one stays, with a message.
+    // A certificate without its key is refused with a message; the old one stays.
     let chain = std::fs::read(&files.chain).unwrap();
     let other = new_key();
     std::fs::write(&files.key, other.serialize_pem()).unwrap();

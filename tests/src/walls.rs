@@ -111,7 +111,7 @@ fn look(h: &mut Headless, view: &SceneView, place: [[f64; 3]; 2], shadows: bool)
     found
 }
 
-/// A convex piece of the temple that nothing is seen through: where for all of its planes `normal · place ≤ reach`.
+/// A closed convex part of the temple: the places for which `normal · place ≤ reach` for all of its planes.
 #[derive(Clone)]
 struct Solid(Vec<(DVec3, f64)>);
 
@@ -122,7 +122,7 @@ impl Solid {
         Self(planes.collect())
     }
 
-    /// The solid without a margin below its surface: joints, bevels, and the mesh's error.
+    /// The part shrunk by a margin for joints, bevels and the mesh's error.
     fn core(&self, below: f64) -> Self {
         Self(self.0.iter().map(|(normal, reach)| (*normal, reach - below)).collect())
     }
@@ -249,7 +249,7 @@ fn neither_light_nor_background_is_visible_through_closed_walls() {
         for place in views {
             assert_eq!(look(&mut h, &view, place, true), clean, "error {error} from {place:?}");
         }
-        // Without shadows the sun shines through every wall and on bevels that face it: the measure detects it.
+        // Without shadows, sunlight falls on every wall and on bevels that face the sun, so the measure detects it.
         let found = look(&mut h, &view, views[0], false);
         assert!(found.lit > 1000 && found.beyond == 0, "{found:?}");
     }
@@ -265,7 +265,7 @@ fn neither_light_nor_background_is_visible_through_closed_walls() {
 fn from_outside_nothing_is_visible_through_walls_roof_and_mitres() {
     let Some(mut h) = headless() else { return };
     let scene = prepared();
-    // What a view looks at is seen to be open where it is left out.
+    // Each view is also drawn without the part that it looks at, to check that the opening is detected.
     let views = [
         ("cella", [[-15.0, 3.0, 4.0], [0.0, 4.0, 0.0]]),
         ("cella", [[15.0, 3.5, -6.0], [0.0, 4.0, -2.0]]),
@@ -273,7 +273,7 @@ fn from_outside_nothing_is_visible_through_walls_roof_and_mitres() {
         ("roof", [[-17.0, 17.0, 9.0], [0.0, 9.5, 1.0]]),
         ("roof", [[16.0, 15.0, -13.0], [0.0, 9.5, -3.0]]),
         ("roof", [[2.0, 10.0, 24.0], [0.0, 9.6, 13.0]]),
-        // Mitres: of three corners, from below and from inside.
+        // Mitres of three corners, from below and from inside.
         ("entablature", [[10.0, 6.3, 16.0], [6.5, 8.0, 12.5]]),
         ("entablature", [[-10.0, 6.0, -16.0], [-6.5, 8.0, -12.5]]),
         ("entablature", [[3.0, 4.0, -9.5], [6.2, 8.0, -12.2]]),
@@ -299,7 +299,7 @@ fn from_outside_nothing_is_visible_through_walls_roof_and_mitres() {
         }
         let place = [[3.0, 3.0, 3.0], [-1.0, 2.0, -4.0]];
         if gone == "roof" {
-            // The sun falls on the floor beside the walls.
+            // The sun reaches the floor beside the walls.
             let found = look_from_outside(&mut h, &view, place);
             assert!(found.lit > 1000, "without {gone}: {found:?}");
         }

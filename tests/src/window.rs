@@ -39,12 +39,12 @@ fn ended(output: &Output) -> (Option<i32>, String) {
     let errors = String::from_utf8(output.stderr.clone()).unwrap();
     for line in errors.lines() {
         let ours = line.starts_with("error: ") || line.contains(" lodestream_");
-        assert!(ours && !line.contains('\u{1b}'), "{line:?} is none of ours");
+        assert!(ours && !line.contains('\u{1b}'), "{line:?} is not a line of the program");
     }
     (output.status.code(), errors)
 }
 
-/// The first pictures lacked whole objects that were still being uploaded.
+/// Checks that the first picture does not lack objects that are still being uploaded.
 #[test]
 fn the_first_frame_on_the_screen_is_complete_and_no_later_one_lacks_an_object() {
     if skipped() {
@@ -107,7 +107,7 @@ fn the_first_frame_on_the_screen_is_complete_and_no_later_one_lacks_an_object() 
     server.assert_healthy();
 }
 
-/// The viewer reported settled, with a screen error of 22 pixels.
+/// Checks that the viewer does not report settled while a chunk is missing.
 #[test]
 fn a_picture_with_a_missing_chunk_is_incomplete_with_its_exit_code() {
     if skipped() {
@@ -140,7 +140,7 @@ fn last_picture(frames: &Path) -> image::RgbaImage {
     image::open(frames.join(last["file"].as_str().unwrap())).unwrap().into_rgba8()
 }
 
-/// The window reported "refining" for ever, since it waited for a complete first frame.
+/// Checks that the window does not wait for a complete first frame when a base mesh never arrives.
 #[test]
 fn a_scene_with_a_missing_base_mesh_shows_the_others_and_is_incomplete() {
     let Some(mut headless) = headless_of(SIZE_PX) else { return };
@@ -168,14 +168,14 @@ fn a_scene_with_a_missing_base_mesh_shows_the_others_and_is_incomplete() {
         assert_eq!(
             (&stats["settled"], &stats["ttff_presented_ms"], &stats["settled_presented_ms"]),
             (&Value::from(false), &Value::Null, &Value::Null),
-            "{how}: no frame ever held everything"
+            "{how}: a frame without the base mesh counts as complete"
         );
         let shown = Picture { image, covered: rest.covered.clone() };
         keep(&shown, &format!("without-ball-{how}"));
         let found = comparison(&shown, &rest);
         println!("{how}: {found:?}");
-        assert!(found.covered > 0.2 && same(&found), "{how}: the others are not shown: {found:?}");
-        assert!(!same(&comparison(&shown, &whole)), "{how}: the comparison sees nothing");
+        assert!(found.covered > 0.2 && same(&found), "{how}: the other objects are not shown: {found:?}");
+        assert!(!same(&comparison(&shown, &whole)), "{how}: the comparison detects nothing");
     };
     let folder = tempfile::tempdir().unwrap();
     let (frames, stats) = (folder.path().join("frames"), folder.path().join("window.json"));
@@ -198,7 +198,7 @@ fn a_scene_with_a_missing_base_mesh_shows_the_others_and_is_incomplete() {
     server.assert_healthy();
 }
 
-/// Mountains changed for four seconds after the window reported settled.
+/// Checks that the window does not report settled while terrain tiles are missing.
 #[test]
 fn a_settled_window_shows_every_tile_of_the_terrain() {
     if skipped() {
@@ -290,10 +290,10 @@ fn a_viewer_that_is_terminated_writes_its_figures_and_leaves() {
         let gone = || server.metrics().contains("lodestream_sessions{transport=\"quic\"} 0");
         let until = Instant::now() + RUN_LIMIT;
         while !gone() {
-            assert!(Instant::now() < until, "{how}: the session stays: {}", server.metrics());
+            assert!(Instant::now() < until, "{how}: the session remains: {}", server.metrics());
             std::thread::sleep(Duration::from_millis(20));
         }
     }
-    assert!(!picture.exists(), "a picture that was not waited for");
+    assert!(!picture.exists(), "a picture was written without waiting for it");
     server.assert_healthy();
 }

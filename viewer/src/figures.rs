@@ -26,8 +26,8 @@ impl Display for StatisticsTable<'_> {
             ("first frame on the screen or in the file", report.ttff_presented_ms, None),
             (
                 "screen error of 1 pixel or less where it is seen",
-                report.seen_ttq_ms.get(&one_px).copied().flatten(),
-                report.seen_ttq_bytes.get(&one_px).copied().flatten(),
+                report.unoccluded_ttq_ms.get(&one_px).copied().flatten(),
+                report.unoccluded_ttq_bytes.get(&one_px).copied().flatten(),
             ),
             (
                 "screen error of 1 pixel or less everywhere",
@@ -75,7 +75,7 @@ mod tests {
             milestones: Milestones {
                 first_frame: at(178, 20_400),
                 quality: [at(300, 2000), None, None],
-                seen_quality: [at(300, 2000), at(400, 3000), at(1980, 500_000)],
+                unoccluded_quality: [at(300, 2000), at(400, 3000), at(1980, 500_000)],
             },
             ..Stats::default()
         };

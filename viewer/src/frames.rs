@@ -21,7 +21,7 @@ pub(crate) struct Received {
     /// Bound on the screen error over all visible parts, in pixels; `None` while one of them cannot be drawn.
     pub(crate) error_px: Option<f64>,
     /// As `error_px`, without the parts that the scene's own surfaces hide.
-    pub(crate) seen_error_px: Option<f64>,
+    pub(crate) unoccluded_error_px: Option<f64>,
 }
 
 impl From<&Stats> for Received {
@@ -33,7 +33,7 @@ impl From<&Stats> for Received {
         Self {
             bytes: stats.transport_bytes,
             error_px: of(counters.max_screen_error_px),
-            seen_error_px: of(counters.seen_screen_error_px),
+            unoccluded_error_px: of(counters.unoccluded_screen_error_px),
         }
     }
 }
@@ -160,15 +160,15 @@ mod tests {
         let mut stats = Stats { transport_bytes: 700, ..Stats::default() };
         let counters = &mut stats.counters;
         (counters.visible_instances, counters.drawable_instances) = (2, 1);
-        (counters.max_screen_error_px, counters.seen_screen_error_px) = (f64::INFINITY, f64::INFINITY);
+        (counters.max_screen_error_px, counters.unoccluded_screen_error_px) = (f64::INFINITY, f64::INFINITY);
         assert_eq!(Received::from(&stats), Received { bytes: 700, ..Received::default() });
         let counters = &mut stats.counters;
         counters.drawable_instances = 2;
-        (counters.max_screen_error_px, counters.seen_screen_error_px) = (9.0, 3.0);
+        (counters.max_screen_error_px, counters.unoccluded_screen_error_px) = (9.0, 3.0);
         // Not yet: others may be in view of which nothing is known.
         assert_eq!(Received::from(&stats).error_px, None);
         stats.milestones.first_frame = Some(Milestone { after: MAX_HOLD_BACK, bytes: 600 });
-        let all = Received { bytes: 700, error_px: Some(9.0), seen_error_px: Some(3.0) };
+        let all = Received { bytes: 700, error_px: Some(9.0), unoccluded_error_px: Some(3.0) };
         assert_eq!(Received::from(&stats), all);
     }
 }

@@ -1,4 +1,5 @@
-//! `generate`: shell completions and the man page, generated from the arguments. It stands in the place of the address.
+//! `generate`: shell completions and the man page, generated from the arguments. The word takes the place of the
+//! address.
 
 use std::ffi::OsString;
 use std::io::Write as _;

@@ -34,9 +34,9 @@ pub(crate) struct Report {
     /// Transport payload until then.
     pub(crate) ttq_bytes: BTreeMap<String, Option<u64>>,
     /// As `ttq_ms`, without the parts that the scene's own surfaces hide.
-    pub(crate) seen_ttq_ms: BTreeMap<String, Option<f64>>,
+    pub(crate) unoccluded_ttq_ms: BTreeMap<String, Option<f64>>,
     /// Transport payload until then.
-    pub(crate) seen_ttq_bytes: BTreeMap<String, Option<u64>>,
+    pub(crate) unoccluded_ttq_bytes: BTreeMap<String, Option<u64>>,
     /// Transport payload in all, handshakes included.
     pub(crate) total_bytes: u64,
     /// Time until the first complete frame was presented (headless: drawn).
@@ -119,7 +119,7 @@ impl Report {
         };
         let times = |noted| by_error(noted).map(|(px, m)| (px, m.map(|m| ms(m.after)))).collect();
         let sizes = |noted| by_error(noted).map(|(px, m)| (px, m.map(|m| m.bytes))).collect();
-        let (all, seen) = (stats.milestones.quality, stats.milestones.seen_quality);
+        let (all, seen) = (stats.milestones.quality, stats.milestones.unoccluded_quality);
         let error = stats.counters.max_screen_error_px;
         Self {
             scene: stats.scene.clone(),
@@ -132,8 +132,8 @@ impl Report {
             first_frame_bytes: first.map(|m| m.bytes),
             ttq_ms: times(all),
             ttq_bytes: sizes(all),
-            seen_ttq_ms: times(seen),
-            seen_ttq_bytes: sizes(seen),
+            unoccluded_ttq_ms: times(seen),
+            unoccluded_ttq_bytes: sizes(seen),
             total_bytes: stats.transport_bytes,
             ttff_presented_ms: shown.presented().map(ms),
             frames: shown.frames().to_vec(),
@@ -169,12 +169,12 @@ mod tests {
             milestones: Milestones {
                 first_frame: at(200, 1000),
                 quality: [at(300, 2000), at(400, 3000), None],
-                seen_quality: [at(300, 2000), at(350, 2500), None],
+                unoccluded_quality: [at(300, 2000), at(350, 2500), None],
             },
             ..Stats::default()
         };
         let mut shown = FrameLog::default();
-        let received = Received { bytes: 1200, error_px: Some(20.0), seen_error_px: Some(15.0) };
+        let received = Received { bytes: 1200, error_px: Some(20.0), unoccluded_error_px: Some(15.0) };
         shown.note(Duration::from_millis(250), true, &Default::default(), received);
         let pass = |pass, gpu| PassTime { pass, cpu: Duration::from_micros(250), gpu };
         let passes = vec![pass(PassId::GBuffer, Some(Duration::from_millis(3))), pass(PassId::ToneMap, None)];
@@ -186,13 +186,16 @@ mod tests {
         assert_eq!(json["first_frame_bytes"], 1000);
         assert_eq!(json["ttq_ms"]["16"], 300.0);
         assert_eq!(json["ttq_ms"]["4"], 400.0);
-        assert_eq!((&json["seen_ttq_ms"]["4"], &json["seen_ttq_bytes"]["4"]), (&350.0.into(), &2500.into()));
+        assert_eq!(
+            (&json["unoccluded_ttq_ms"]["4"], &json["unoccluded_ttq_bytes"]["4"]),
+            (&350.0.into(), &2500.into())
+        );
         assert!(json["ttq_ms"]["1"].is_null() && json["seed"].is_null() && json["rate_bits_per_s"].is_null());
         assert_eq!(json["total_bytes"], 9000);
         assert_eq!(json["ttff_presented_ms"], 250.0);
         let frame = &json["frames"][0];
         assert_eq!((&frame["at_ms"], &frame["bytes"]), (&250.0.into(), &1200.into()));
-        assert_eq!((&frame["error_px"], &frame["seen_error_px"]), (&20.0.into(), &15.0.into()));
+        assert_eq!((&frame["error_px"], &frame["unoccluded_error_px"]), (&20.0.into(), &15.0.into()));
         let drawing = serde_json::json!({
             "frames": 2,
             "plan_cpu_ms": 1.0,

@@ -1,19 +1,17 @@
-//! The viewer as people run it: what it refuses, with which words and exit code.
+//! The viewer's command line: refused arguments, messages, exit codes.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
-)]
+#![allow(clippy::unwrap_used, reason = "test helpers without #[test] may unwrap, as tests may")]
 
 use std::io::{Read as _, Write as _};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Runs what must be refused: exit code 2, nothing on standard output; gives standard error.
+/// Runs the viewer with arguments that must be refused: exit code 2, nothing on standard output. Returns standard
+/// error.
 fn refused(arguments: &[&str], fragments: &[&str]) -> String {
     let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-viewer"));
-    // Attempts to connect are logged; here only the end counts. Graphics drivers would complain on standard error that
-    // there is no XDG_RUNTIME_DIR.
+    // Connection attempts are logged, but only the outcome is checked here. Graphics drivers complain on standard error
+    // if XDG_RUNTIME_DIR is missing.
     command.args(arguments).env("RUST_LOG", "off").env_remove("XDG_RUNTIME_DIR");
     let output = command.output().unwrap();
     let message = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -27,7 +25,7 @@ fn refused(arguments: &[&str], fragments: &[&str]) -> String {
 }
 
 #[test]
-fn addresses_that_are_none_are_refused() {
+fn invalid_addresses_are_refused() {
     for (address, fragment) in [
         ("", "server address"),
         ("http://localhost:8080", "quic://HOST:PORT#sha256="),
@@ -46,7 +44,7 @@ fn addresses_that_are_none_are_refused() {
 }
 
 #[test]
-fn options_that_make_no_sense_are_refused() {
+fn contradictory_options_are_refused() {
     let address = "ws://localhost:1";
     refused(&[address, "--headless"], &["--output"]);
     refused(&[address, "--window", "big"], &["WIDTHxHEIGHT"]);
@@ -56,7 +54,7 @@ fn options_that_make_no_sense_are_refused() {
 }
 
 #[test]
-fn authorities_that_are_none_are_refused() {
+fn invalid_authority_files_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("ca.pem");
     let ca = file.to_str().unwrap();
@@ -70,7 +68,7 @@ fn authorities_that_are_none_are_refused() {
     headless(&format!("quic://localhost:1#sha256={}", "ab".repeat(32)), &["--ca", "fingerprint"]);
 }
 
-/// Whether tests that open a graphics device are to be left out; says so if they are.
+/// Whether tests that open a graphics device are skipped; prints that they are.
 fn without_gpu() -> bool {
     let skipped = std::env::var("LODESTREAM_SKIP_GPU").is_ok_and(|v| v == "1");
     if skipped {
@@ -82,13 +80,13 @@ fn without_gpu() -> bool {
 }
 
 #[test]
-fn a_server_that_is_not_there_is_told_in_one_line() {
+fn an_unreachable_server_is_an_error_of_one_line() {
     if without_gpu() {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
     let picture = folder.path().join("x.png");
-    // A port on which nobody listens: it was free a moment ago.
+    // A free port, on which nothing listens.
     let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let address = format!("ws://127.0.0.1:{port}");
     let message =
@@ -97,23 +95,23 @@ fn a_server_that_is_not_there_is_told_in_one_line() {
     assert!(!picture.exists());
 }
 
-/// A viewer that is ended whatever the test finds.
+/// A viewer that is killed at the end of the test.
 struct Running(Child);
 
 impl Drop for Running {
     fn drop(&mut self) {
-        // Fails where it has ended.
+        // Fails if it has ended already.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
 }
 
 #[test]
-fn a_peer_that_accepts_and_stays_silent_hung_the_viewer() {
+fn a_silent_peer_does_not_hang_the_viewer() {
     if without_gpu() {
         return;
     }
-    // The system accepts for it; nobody ever answers.
+    // The system accepts connections to it; nothing ever answers.
     let silent = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let address = format!("ws://{}", silent.local_addr().unwrap());
     let folder = tempfile::tempdir().unwrap();
@@ -124,19 +122,19 @@ fn a_peer_that_accepts_and_stays_silent_hung_the_viewer() {
     let mut viewer =
         Running(command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap());
     let mut stderr = viewer.0.stderr.take().unwrap();
-    // It says a line at most, so it never waits for a reader. Opening a device may take long on a busy machine.
+    // It prints at most one line, so the pipe never fills. Opening a device may take long on a busy machine.
     let limit = Instant::now() + Duration::from_secs(120);
     let status = loop {
         if let Some(status) = viewer.0.try_wait().unwrap() {
             break status;
         }
-        assert!(Instant::now() < limit, "the viewer goes on although --timeout has passed long ago");
+        assert!(Instant::now() < limit, "the viewer still runs long after --timeout");
         std::thread::sleep(Duration::from_millis(50));
     };
     let mut message = String::new();
     stderr.read_to_string(&mut message).unwrap();
     assert_eq!(status.code(), Some(2), "{message}");
-    // Which of the two it is depends on how long the device took to open.
+    // Which of these messages it is depends on how long opening the device took.
     let told = message.contains("nothing could be drawn within 2 s")
         || message.contains("is it a lodestream server");
     assert!(message.starts_with("error: ") && told, "{message}");

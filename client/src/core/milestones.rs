@@ -30,7 +30,7 @@ pub struct Milestones {
     /// When every part in view had a screen error of at most [`QUALITIES_PX`] pixels (TTQ).
     pub quality: [Option<Milestone>; 3],
     /// As `quality`, without the parts that the scene's own surfaces hide.
-    pub seen_quality: [Option<Milestone>; 3],
+    pub unoccluded_quality: [Option<Milestone>; 3],
 }
 
 impl Milestones {
@@ -44,7 +44,7 @@ impl Milestones {
         self.first_frame.get_or_insert(here);
         let errors = [
             (&mut self.quality, counters.max_screen_error_px),
-            (&mut self.seen_quality, counters.seen_screen_error_px),
+            (&mut self.unoccluded_quality, counters.unoccluded_screen_error_px),
         ];
         for (slots, error_px) in errors {
             for (slot, px) in slots.iter_mut().zip(QUALITIES_PX) {
@@ -67,7 +67,7 @@ mod tests {
             visible_instances: 2,
             drawable_instances,
             max_screen_error_px,
-            seen_screen_error_px: max_screen_error_px / 3.0,
+            unoccluded_screen_error_px: max_screen_error_px / 3.0,
             ..Counters::default()
         };
         let start = Time::from_ms(10);
@@ -79,6 +79,6 @@ mod tests {
         let at = |ms, bytes| Some(Milestone { after: Duration::from_millis(ms), bytes });
         assert_eq!(m.first_frame, at(30, 300));
         assert_eq!(m.quality, [at(30, 300), at(40, 400), at(40, 400)]);
-        assert_eq!(m.seen_quality, [at(30, 300), at(30, 300), at(40, 400)]);
+        assert_eq!(m.unoccluded_quality, [at(30, 300), at(30, 300), at(40, 400)]);
     }
 }

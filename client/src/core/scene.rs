@@ -17,7 +17,7 @@ use super::shared_textures::{SharedTextureError, SharedTextures};
 const MAX_EARLY_PAGES: usize = 256;
 
 /// Most instances outside the tree, which selections visit one by one.
-const MAX_LOOSE: usize = 1024;
+const MAX_OUTSIDE_TREE: usize = 1024;
 
 /// The received part of the scene.
 #[derive(Debug, Default)]
@@ -141,7 +141,7 @@ impl Scene {
     /// Rebuilds the tree of instances once as many are outside it as in it, so that all builds together cost at most
     /// twice the last one.
     pub(crate) fn update_tree(&mut self) {
-        if self.instances.len() - self.tree.len() > self.tree.len().max(MAX_LOOSE) {
+        if self.instances.len() - self.tree.len() > self.tree.len().max(MAX_OUTSIDE_TREE) {
             let asset = |number: u32| self.states.get(number as usize).map(AssetState::entry);
             self.tree = InstanceTree::new(self.instances.iter(), asset);
         }

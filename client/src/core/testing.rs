@@ -37,7 +37,7 @@ use super::{ClientCore, Config, Progress, StartView};
 /// Quads along a side of the test surface.
 const SIDE: u32 = 72;
 
-/// The test mesh and what preparation makes of it; made once.
+/// The test mesh and its prepared form; made once.
 pub(crate) fn prepared() -> &'static (QuantisedMesh, Prepared) {
     static PREPARED: OnceLock<(QuantisedMesh, Prepared)> = OnceLock::new();
     PREPARED.get_or_init(|| {
@@ -109,22 +109,22 @@ fn description() -> AssetDescription {
     }
 }
 
-/// What the server reads: the test mesh as several assets in a row.
+/// The server's scene: several assets in a row, all with the test mesh.
 #[derive(Debug)]
 pub(crate) struct TestScene {
     header: SceneHeader,
     page: Arc<ScenePage>,
     blobs: BTreeMap<BlobPart, Bytes>,
-    /// Served instead of the real bytes.
+    /// Bytes to serve instead of the valid ones.
     pub(crate) damaged: BTreeMap<BlobId, Bytes>,
-    /// The page of the terrain's directory, where there is terrain.
+    /// The page of the terrain's directory, if there is terrain.
     directory: Bytes,
-    /// What is said of punctual lights, where there are some, and their blobs.
+    /// The message about punctual lights, if there are some, and their blobs.
     punctual_lights: Option<PunctualLights>,
     punctual_light_blobs: BTreeMap<BlobId, Bytes>,
-    /// Announced, but not there.
+    /// Listed, but served as not found.
     pub(crate) missing: BTreeSet<BlobId>,
-    /// What the server cannot read from its disk.
+    /// Blobs that the server cannot read from its disk.
     pub(crate) unreadable: Mutex<BTreeSet<BlobId>>,
 }
 
@@ -133,7 +133,7 @@ impl TestScene {
         Self::of(&prepared().1, assets)
     }
 
-    /// The same mesh under the plain codec.
+    /// The same mesh, coded by zstd.
     pub(crate) fn compressed() -> Self {
         Self::of(&coded(&prepared().0, geometry::Codec::Zstd), 1)
     }
@@ -199,7 +199,7 @@ impl TestScene {
         self
     }
 
-    /// The same, said to have one texture in common.
+    /// The same with one texture shared by all assets.
     pub(crate) fn sharing_textures(mut self) -> Self {
         let page = Arc::make_mut(&mut self.page);
         for entry in page.assets.iter_mut().skip(1) {
@@ -208,13 +208,13 @@ impl TestScene {
         self
     }
 
-    /// The same as another scene.
+    /// The same with another fingerprint, so another scene.
     pub(crate) fn with_fingerprint(mut self, byte: u8) -> Self {
         self.header.fingerprint = [byte; 16];
         self
     }
 
-    /// The same on a terrain of 2^`extent_log2` patches to each side, of which `listed` have points.
+    /// The same on a terrain of 2^`extent_log2` patches to each side, of which `listed` have height overrides.
     pub(crate) fn on_terrain(mut self, extent_log2: u8, listed: &[OverridePatch]) -> Self {
         self.header.terrain = Some(Box::new(TerrainEntry {
             parameters: Parameters { extent_log2, ..Parameters::default() },
@@ -229,7 +229,7 @@ impl TestScene {
         self
     }
 
-    /// The same under punctual lights, in pages as they stand in the list.
+    /// The same under punctual lights, which fill pages in the order of the list.
     pub(crate) fn lit_by(mut self, punctual_lights: &[PunctualLight]) -> Self {
         let mut listed = Vec::new();
         for (number, group) in (0..).zip(punctual_lights.chunks(PUNCTUAL_LIGHTS_PER_PAGE as usize)) {
@@ -308,7 +308,7 @@ impl SceneSource for TestScene {
     }
 }
 
-/// One way of the link: what is under way, with its arrival.
+/// One direction of the link: messages under way, with their arrival times.
 type Pipe<T> = VecDeque<(Time, T)>;
 
 /// A core and a server session, 20 ms apart.
@@ -352,11 +352,11 @@ impl Loopback {
 
     /// Opens a connection, 8 Mbit/s towards the client.
     pub(crate) fn connect(&mut self) {
-        // Nothing is pushed before the client has said what it holds: counts are then exact.
+        // Nothing is pushed before `Hello` lists what the client has, so counts are exact.
         self.connect_pushing(0);
     }
 
-    /// Opens a connection over which base meshes overtake `Welcome`, as streams may.
+    /// Opens a connection over which base meshes overtake `Welcome`, as QUIC streams may.
     pub(crate) fn connect_overtaken(&mut self) {
         self.connect_pushing(u64::MAX);
         let now = self.now;
@@ -377,7 +377,7 @@ impl Loopback {
         self.core.connect(self.now);
     }
 
-    /// Cuts the connection; what is under way is lost.
+    /// Cuts the connection; data under way is lost.
     pub(crate) fn cut(&mut self) {
         self.server = None;
         self.up.clear();

@@ -22,7 +22,7 @@ fn view(camera: Camera, target_px: f32) -> View {
     camera.view([640, 360], target_px)
 }
 
-/// Everything of asset 0 in its finest form.
+/// A view that needs asset 0 in its finest form.
 fn finest() -> View {
     view(TestScene::new(1).camera(), 1e-4)
 }
@@ -45,10 +45,10 @@ fn a_view_settles_within_its_target() {
 }
 
 #[test]
-fn base_meshes_that_come_at_once_are_all_seen_in_slices_of_the_budget() {
+fn small_work_budgets_still_process_every_base_mesh() {
     let mut link = Loopback::new(TestScene::new(24), |_| {});
     link.budget = 1;
-    // Base meshes are enough: nothing comes after them that would call for another selection.
+    // Base meshes suffice for this view: nothing follows them that would cause another selection.
     link.core.set_view(link.now, view(TestScene::new(24).camera(), 1e6));
     link.connect_overtaken();
     link.settle();
@@ -58,7 +58,7 @@ fn base_meshes_that_come_at_once_are_all_seen_in_slices_of_the_budget() {
 }
 
 #[test]
-fn everything_applied_is_the_input() {
+fn all_chunks_applied_give_the_input() {
     for source in [TestScene::new(1), TestScene::compressed()] {
         everything_of(source);
     }
@@ -93,7 +93,7 @@ fn everything_of(source: TestScene) {
 }
 
 #[test]
-fn small_slices_of_work_come_to_the_same() {
+fn small_work_budgets_give_the_same_result() {
     let mut link = Loopback::new(TestScene::new(1), |_| {});
     link.budget = 100;
     link.core.set_view(link.now, finest());
@@ -103,7 +103,7 @@ fn small_slices_of_work_come_to_the_same() {
 }
 
 #[test]
-fn what_the_camera_left_is_undone_and_comes_back_from_the_cache() {
+fn chunks_out_of_view_are_undone_and_reapplied_from_the_cache() {
     let mut link = Loopback::new(TestScene::new(1), |config: &mut Config| {
         // Out of view, nothing is kept.
         config.select.keep_out_of_view = Share::NONE;
@@ -127,8 +127,8 @@ fn what_the_camera_left_is_undone_and_comes_back_from_the_cache() {
 }
 
 #[test]
-fn what_casts_shadows_from_out_of_view_is_refined_where_they_are_drawn() {
-    // The second hill stands beside the view, towards the sun.
+fn shadow_casters_out_of_view_are_refined_if_shadows_are_drawn() {
+    // The second asset stands beside the view, towards the sun.
     let mut link = Loopback::new(TestScene::new(2).lit_from([1.0, 0.3, 0.0]), |_| {});
     let narrow = Camera { fov_y: 0.3, ..TestScene::new(2).camera() };
     link.core.set_view(link.now, view(narrow, 1.0));
@@ -161,7 +161,7 @@ fn a_cache_that_is_too_small_fetches_again_but_stays_bounded() {
         assert!(link.core.stats().cached_bytes <= 2000);
     }
     assert_eq!(link.core.stats().applied_chunks, near.applied_chunks);
-    // Once for each time it was needed, and once where it was pushed before anything wanted it.
+    // One request per time that it was needed, and one push before anything wanted it.
     let most = link.times_sent().into_values().max().unwrap();
     assert!((2..=3).contains(&most), "{most}");
 }
@@ -202,7 +202,7 @@ fn changes_rebuild_the_mesh_step_by_step() {
                         faces.resize(faces.len().max(end), [0; 3]);
                         faces[run.first as usize..end].copy_from_slice(&run.faces);
                     }
-                    // Every step can be drawn: no face names a vertex that is not there.
+                    // Every step can be drawn: faces name only vertices that exist.
                     let known = |w: &u32| vertices.get(*w as usize).is_some_and(Option::is_some);
                     assert!(faces.iter().flatten().all(known), "round {round}");
                 }
@@ -220,17 +220,18 @@ fn changes_rebuild_the_mesh_step_by_step() {
             assert_eq!(vertex.data, mesh.render_vertex(*wedge));
         }
     }
-    // What was far off is at its place at once, what was near moves there.
+    // Chunks far off appear at once, others morph.
     assert!(vertices.iter().flatten().any(|v| v.level > 0 && v.birth_s < 0.0));
     assert!(vertices.iter().flatten().any(|v| v.level > 1 && v.birth_s > 0.0));
     assert!(steps > 3 && textures == 3, "{steps} {textures}");
 }
 
-/// They came by their numbers: where a step was full, an asset at the camera waited for all with lower numbers.
+/// Meshes are taken in the order of their refinement, not of their asset numbers: no asset near the camera waits for
+/// others with lower numbers.
 #[test]
-fn a_renderer_is_given_first_what_was_refined_first() {
+fn changes_are_taken_in_the_order_of_refinement() {
     let mut link = Loopback::new(TestScene::new(3), |_| {});
-    // Beside the last of them, along the row.
+    // Beside the last asset, along the row.
     let camera = Camera { eye: [9.0, 2.0, 3.0], target: [3.0, 0.0, 0.0], ..TestScene::new(3).camera() };
     link.core.set_view(link.now, view(camera, 1e-4));
     link.connect();
@@ -240,7 +241,7 @@ fn a_renderer_is_given_first_what_was_refined_first() {
     link.core.take_changes(link.now, usize::MAX);
     let applied = |link: &Loopback, asset| link.core.mesh(asset).map_or(0, ActiveMesh::applied_count);
     let before = [0, 1, 2].map(|asset| applied(&link, asset));
-    // Nobody fetches anything until all are refined further, a blob at a time.
+    // No changes are taken until all assets are refined further, one blob at a time.
     let mut refined: Vec<u32> = Vec::new();
     link.budget = 1;
     for _ in 0..10_000 {
@@ -254,7 +255,7 @@ fn a_renderer_is_given_first_what_was_refined_first() {
             }
         }
     }
-    assert!(refined.len() == 3 && refined != [0, 1, 2], "their numbers say nothing: {refined:?}");
+    assert!(refined.len() == 3 && refined != [0, 1, 2], "not in the order of asset numbers: {refined:?}");
     let mut given = Vec::new();
     while link.core.has_changes() {
         let step = link.core.take_changes(link.now, 1);
@@ -267,10 +268,10 @@ fn a_renderer_is_given_first_what_was_refined_first() {
     assert_eq!(given, refined);
 }
 
-/// Time that a renderer takes to move a vertex to its place: longer ago than that, and it is there.
+/// A renderer's morph takes this long; vertices with an earlier birth appear at their place.
 const MORPH_S: f32 = 0.25;
 
-/// Chunks by how far off their regions were without them, in whole pixels: whether they appeared at once.
+/// Of each chunk, how many whole pixels its region was off without it, and whether the chunk appeared at once.
 fn appearances(view: View) -> Vec<(u16, bool)> {
     let mut link = Loopback::new(TestScene::new(1), |_| {});
     link.core.set_view(link.now, view);
@@ -279,7 +280,7 @@ fn appearances(view: View) -> Vec<(u16, bool)> {
     for _ in 0..3000 {
         link.run(1);
         let now_s = Duration::from(link.now).as_secs_f64() as f32;
-        // What the selection said by which chunks were put to use since.
+        // The selection's errors of the chunks that were applied since the last step.
         let said = link
             .core
             .selection
@@ -303,7 +304,7 @@ fn appearances(view: View) -> Vec<(u16, bool)> {
                 );
                 let error_px = said[&BlobId::chunk(0, chunk)];
                 let at_once = *new.entry(chunk).or_insert((error_px, age_s > MORPH_S));
-                assert_eq!(at_once, (error_px, age_s > MORPH_S), "chunk {chunk} comes in parts");
+                assert_eq!(at_once, (error_px, age_s > MORPH_S), "chunk {chunk} morphs only in part");
             }
             seen.append(&mut new);
         }
@@ -312,9 +313,9 @@ fn appearances(view: View) -> Vec<(u16, bool)> {
     seen.into_values().collect()
 }
 
-/// Parts of the picture that were missing faded in.
+/// Large missing parts would otherwise fade in slowly.
 #[test]
-fn a_morph_holds_back_nothing_that_is_more_than_eight_pixels_off() {
+fn chunks_more_than_eight_pixels_off_appear_without_a_morph() {
     let Camera { eye: [x, y, z], .. } = TestScene::new(1).camera();
     let mut all = Vec::new();
     for away in [0.4, 0.6, 0.8, 1.0, 1.3, 1.7, 2.5] {
@@ -325,7 +326,7 @@ fn a_morph_holds_back_nothing_that_is_more_than_eight_pixels_off() {
     for &(error_px, at_once) in &all {
         assert_eq!(at_once, error_px > 8, "{error_px} pixels off");
     }
-    // There are some on either side, near to it.
+    // There are chunks close to the limit on both sides.
     assert!(
         all.iter().any(|(px, _)| (7..=8).contains(px)) && all.iter().any(|(px, _)| (9..=10).contains(px))
     );

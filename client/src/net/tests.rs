@@ -1,9 +1,6 @@
-//! The client against servers that are none.
+//! The client against peers that are not Lodestream servers.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
-)]
+#![allow(clippy::unwrap_used, reason = "test helpers without #[test] may unwrap, as tests may")]
 
 use std::net::SocketAddr;
 use std::time::Duration;
@@ -23,7 +20,7 @@ fn core() -> ClientCore {
     ClientCore::new(Config::new(StartView::OfScene { viewport_px: [64, 64], target_px: 1.0 }))
 }
 
-/// What comes of a peer that answers the first bytes with `answer` and hangs up.
+/// The client's error after a peer has answered the first bytes with `answer` and closed the connection.
 async fn answered(answer: &'static [u8]) -> Close {
     let (client, mut server) = duplex(4096);
     let peer = async move {
@@ -79,11 +76,11 @@ fn attempts(first_attempts: u32) -> Retry {
     Retry { first_attempts, first_within: Duration::MAX, reconnect: true }
 }
 
-/// It took half a minute: five attempts of four seconds and the pauses between.
+/// All attempts together take under five seconds, although each step may take four.
 #[tokio::test(start_paused = true)]
 async fn an_address_where_nobody_answers_fails_within_five_seconds() {
     let (_listener, at) = silent();
-    // A socket that nobody reads.
+    // A socket from which nobody reads.
     let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
     let mut addresses = vec![format!("ws://{at}")];
     if cfg!(feature = "quic") {
@@ -99,7 +96,7 @@ async fn an_address_where_nobody_answers_fails_within_five_seconds() {
     }
 }
 
-/// A TCP port that takes connections, of which nobody ever hears anything.
+/// A TCP port that accepts connections and never answers.
 fn silent() -> (std::net::TcpListener, SocketAddr) {
     let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
@@ -151,7 +148,7 @@ impl Host for Leaving {
     }
 }
 
-/// Leaving waits for no deadline: the clock stands still, but for those who only wait for it.
+/// Leaving does not wait for the deadline of a connection attempt.
 #[tokio::test]
 async fn a_host_may_leave_while_a_peer_stays_silent() {
     let (_listener, at) = silent();
@@ -160,7 +157,7 @@ async fn a_host_may_leave_while_a_peer_stays_silent() {
     let retry = attempts(u32::MAX);
     let start = Clock::start();
     let leaving = stream(&address, &mut host, start, retry, |_, _| ());
-    // Only guards against waiting for ever.
+    // A guard against waiting forever.
     let end = tokio::time::timeout(std::time::Duration::from_secs(60), leaving).await;
     assert_eq!(end, Ok(End::Left));
 }
@@ -175,7 +172,7 @@ impl Resolver for Fixed {
 
 #[tokio::test]
 async fn a_name_whose_first_address_refuses_is_reached_at_its_second() {
-    // A port that was free a moment ago, and one where somebody says that he is none of ours.
+    // The first port has no listener any more, the second answers 503.
     let nobody = silent().1;
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
     let somebody = listener.local_addr().unwrap();
@@ -197,7 +194,7 @@ async fn a_name_whose_first_address_refuses_is_reached_at_its_second() {
 #[cfg(feature = "quic")]
 #[tokio::test(start_paused = true)]
 async fn quic_tries_every_address_of_a_name_in_bounded_time_too() {
-    // Sockets that nobody reads.
+    // Sockets from which nobody reads.
     let sockets = [(); 2].map(|()| std::net::UdpSocket::bind("127.0.0.1:0").unwrap());
     let servers = sockets.each_ref().map(|socket| socket.local_addr().unwrap());
     let address = format!("quic://name.example:80#sha256={}", "ab".repeat(32)).parse().unwrap();
@@ -208,9 +205,9 @@ async fn quic_tries_every_address_of_a_name_in_bounded_time_too() {
     assert!(servers.iter().all(|server| why.contains(&format!("{server}: no answer within 4 s"))), "{why}");
 }
 
-/// A server that sends a blob and hangs up, each time: it was connected to twice a second for as long as it ran.
+/// A server that sends a blob and closes each connection: the client must not reconnect without increasing pauses.
 #[tokio::test(start_paused = true)]
-async fn a_server_that_cuts_every_session_was_connected_to_without_a_pause() {
+async fn reconnections_pause_if_the_server_cuts_every_session() {
     use futures_util::SinkExt as _;
     use lodestream_protocol::frame::{BlobPiece, encode_piece, encode_server};
     use lodestream_protocol::message::{ServerMessage, VERSIONS, Welcome};

@@ -140,7 +140,7 @@ enum Kind {
 
 impl Verifier {
     /// # Errors
-    /// There are no roots.
+    /// The list of roots is empty.
     pub(super) fn new(
         trust: Trust,
         rejection: CertificateRejection,
@@ -279,7 +279,7 @@ mod tests {
         let pin: Pin = format!("sha256={hex}").parse().unwrap();
         assert!(pin.matches(&CertificateDer::from(b"abc".to_vec())));
         assert!(!pin.matches(&CertificateDer::from(b"abd".to_vec())));
-        // Bytes that are no certificate have no key.
+        // Bytes that are not a certificate have no key.
         let pin: Pin = format!("spki-sha256={hex}").parse().unwrap();
         assert!(!pin.matches(&CertificateDer::from(b"abc".to_vec())));
     }

@@ -59,7 +59,7 @@ fn a_silent_server_is_reported_within_two_seconds_until_it_answers() {
     let notified = Cell::new(0);
     let (mut host, status, mut now) = settled(|| notified.set(notified.get() + 1));
     let message = || status.borrow().message.clone();
-    // It answers within 20 ms, for three seconds.
+    // The server answers within 20 ms, for three seconds.
     let mut answered_at = now;
     for _ in 0..150 {
         let pings = turn(&mut host, &mut now, 20);
@@ -69,7 +69,7 @@ fn a_silent_server_is_reported_within_two_seconds_until_it_answers() {
         }
         assert_eq!(message(), None, "all is well");
     }
-    // From now on it is silent.
+    // From now on the server is silent.
     let mut unanswered = Vec::new();
     while message().is_none() {
         unanswered.extend(turn(&mut host, &mut now, 1));
@@ -85,7 +85,7 @@ fn a_silent_server_is_reported_within_two_seconds_until_it_answers() {
         now.since(answered_at)
     );
     assert_eq!(message().as_deref(), Some("the server does not answer; waiting for it"));
-    // It stays, however often the thread reports.
+    // The message stays while the thread keeps reporting.
     unanswered.extend(turn(&mut host, &mut now, 500));
     assert!(message().is_some());
     // The late answers arrive.

@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read_back() {
+    fn written_meshes_are_read_back_equal() {
         let dir = tempfile::TempDir::new().unwrap();
         let path = dir.path().join("a.obj");
         std::fs::write(&path, text(&fold(false))).unwrap();

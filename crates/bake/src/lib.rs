@@ -6,7 +6,7 @@
 //! | [`scene`] | scene files, and scenes of bare models |
 //! | [`prepare`] | a model to a pack: cache, checkpoints, progress, threads |
 //! | [`compose`] | composition of a scene description from prepared models |
-//! | [`mapped`] | an allocator that maps large lists to files, for models larger than memory |
+//! | [`mapping_allocator`] | an allocator that maps large lists to files, for models larger than memory |
 //! | [`compare`], [`inspect`], [`export_obj`] | comparison of a pack with its model, statistics, export |
 //! | [`stderr`] | messages on standard error |
 
@@ -14,7 +14,7 @@ pub mod compare;
 pub mod compose;
 pub mod export_obj;
 pub mod inspect;
-pub mod mapped;
+pub mod mapping_allocator;
 pub mod preparation_settings;
 pub mod prepare;
 pub mod scene;

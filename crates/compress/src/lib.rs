@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn blobs_come_back_whatever_is_in_them() {
+    fn blobs_of_any_content_round_trip() {
         for plain in [Vec::new(), vec![7], noise(5000), vec![0; 3000], vec![0; 9_000_000], noise(200_000)] {
             let stored = compress(&plain).unwrap();
             assert!(plain.len() <= limit(stored.len()));
@@ -277,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_that_are_cut_damaged_or_lie_are_refused() {
+    fn truncated_damaged_and_false_frames_are_refused() {
         let good = compress(&noise(300)).unwrap();
         for length in 0..good.len() {
             assert!(decompress(&good[..length]).is_err(), "{length}");

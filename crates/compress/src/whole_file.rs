@@ -110,16 +110,16 @@ mod tests {
         assert_eq!(std::fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
     }
 
-    /// As root, `--stats /dev/null` would otherwise replace the device by a file.
+    /// A device such as `/dev/null` must not be replaced by a file, which root could do.
     #[cfg(unix)]
     #[test]
-    fn what_is_no_file_is_written_to_and_not_replaced() {
+    fn a_pipe_is_written_to_and_not_replaced() {
         use std::io::Read as _;
         use std::os::unix::fs::FileTypeExt as _;
         let dir = tempfile::TempDir::new().unwrap();
         let path = dir.path().join("pipe");
         assert!(std::process::Command::new("mkfifo").arg(&path).status().unwrap().success());
-        // Opened for both, so that neither end blocks.
+        // Opened for reading and writing, so that neither end blocks.
         let mut pipe = std::fs::OpenOptions::new().read(true).write(true).open(&path).unwrap();
         write_atomically(&path, |out| out.write_all(b"told")).unwrap();
         assert!(std::fs::symlink_metadata(&path).unwrap().file_type().is_fifo());
@@ -130,7 +130,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_link_stays_one_and_the_file_that_it_names_is_written() {
+    fn a_link_is_kept_and_its_target_is_written() {
         let dir = tempfile::TempDir::new().unwrap();
         let [file, link] = ["file", "link"].map(|name| dir.path().join(name));
         std::fs::write(&file, "old").unwrap();
@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_of_processes_that_were_killed_stayed_for_ever() {
+    fn partial_files_of_killed_processes_are_removed() {
         let dir = tempfile::TempDir::new().unwrap();
         let names = [".lodestream-abc.part", ".lodestream-new.part", "mine.part", ".lodestream-abc.lsp"];
         for name in names {

@@ -14,10 +14,10 @@ use tokio::sync::watch;
 use tokio::time::timeout;
 use tracing_appender::non_blocking::ErrorCounter;
 
-use crate::admission::settings::AdmissionSettings;
 use crate::http::admin::AdminPort;
 use crate::lifecycle::settings_watch::SettingsReload;
 use crate::lifecycle::shutdown::{Signals, StopRequests};
+use crate::session::admission_settings::AdmissionSettings;
 use crate::session::scene_watch::SceneProvider;
 use crate::session::scenes::Scenes;
 use crate::session::settings::SessionSettings;
@@ -143,7 +143,7 @@ impl Daemon {
                 Some((chain, key)) => Certificate::from_pem_files(chain, key)?,
                 None => Certificate::load_or_create(&options.state_folder, SystemTime::now())?,
             };
-            // A certificate from files will be certificate_files, usually for the same key: pin the key.
+            // A certificate from files will be renewed, usually for the same key: pin the key.
             pin = if options.certificate.is_some() { certificate.key_pin() } else { certificate.pin() };
             state.metrics().certificate_in_use(certificate.not_after());
             let live = LiveCertificate::new(&certificate)?;

@@ -1,6 +1,6 @@
 //! The error of parsing a name that is not one of the choices.
 
-/// A name that is none of the choices.
+/// A name that is not one of the choices.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{possible} is possible; {given:?} is not")]
 pub struct UnknownName {

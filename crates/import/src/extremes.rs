@@ -1,4 +1,4 @@
-//! OBJ files at the edges of what there is.
+//! OBJ files with extreme values and sizes.
 
 use std::fmt::Write as _;
 

@@ -30,4 +30,4 @@ pub use error::ImportError;
 pub use file::{MAX_FILE_BYTES, is_gltf, is_ply, read_file};
 pub use import::{dependencies, import, import_part};
 pub use model::{Alpha, Channel, Component, ImageSource, Imported, Material, Part, SurfaceMap};
-pub use setting::Impossible;
+pub use setting::InvalidValue;

@@ -5,12 +5,12 @@ use lodestream_geometry::UnknownName;
 /// A value outside a setting's range.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{possible}; {given} is not")]
-pub struct Impossible {
+pub struct InvalidValue {
     possible: String,
     given: String,
 }
 
-impl Impossible {
+impl InvalidValue {
     /// Error for the value `given`; `possible` is the first half of the message ("4 to 24 bits are possible").
     #[must_use]
     pub fn new(possible: impl Into<String>, given: impl Into<String>) -> Self {
@@ -18,7 +18,7 @@ impl Impossible {
     }
 }
 
-impl From<UnknownName> for Impossible {
+impl From<UnknownName> for InvalidValue {
     fn from(unknown: UnknownName) -> Self {
         Self::new(format!("{} is possible", unknown.possible), format!("{:?}", unknown.given))
     }
@@ -63,25 +63,25 @@ macro_rules! setting {
                 self.0
             }
 
-            fn refusal(given: impl Into<String>) -> $crate::setting::Impossible {
+            fn refusal(given: impl Into<String>) -> $crate::setting::InvalidValue {
                 let possible = format!("{} {} are possible", Self::possible(), $unit);
-                $crate::setting::Impossible::new(possible, given)
+                $crate::setting::InvalidValue::new(possible, given)
             }
         }
 
         impl TryFrom<$number> for $name {
-            type Error = $crate::setting::Impossible;
+            type Error = $crate::setting::InvalidValue;
 
-            fn try_from(number: $number) -> Result<Self, $crate::setting::Impossible> {
+            fn try_from(number: $number) -> Result<Self, $crate::setting::InvalidValue> {
                 // NaN is in no range.
                 if Self::RANGE.contains(&number) { Ok(Self(number)) } else { Err(Self::refusal(number.to_string())) }
             }
         }
 
         impl std::str::FromStr for $name {
-            type Err = $crate::setting::Impossible;
+            type Err = $crate::setting::InvalidValue;
 
-            fn from_str(text: &str) -> Result<Self, $crate::setting::Impossible> {
+            fn from_str(text: &str) -> Result<Self, $crate::setting::InvalidValue> {
                 text.parse().map_err(|_| Self::refusal(format!("{text:?}"))).and_then(|n: $number| Self::try_from(n))
             }
         }

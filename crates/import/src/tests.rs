@@ -1,4 +1,4 @@
-//! What imports, and what each bad file is told.
+//! OBJ files: what they are read to, and the errors of invalid ones.
 
 use std::path::{Path, PathBuf};
 
@@ -19,7 +19,7 @@ fn read(obj: &str) -> Imported {
     import(&write(&dir, "a.obj", obj)).unwrap()
 }
 
-/// The one line that a file is refused with; every fragment must be in it.
+/// Asserts that the file is refused with one line that has every fragment.
 fn refused(bytes: impl AsRef<[u8]>, fragments: &[&str]) {
     let dir = TempDir::new().unwrap();
     let path = write(&dir, "bad.obj", bytes);
@@ -109,7 +109,7 @@ fn objects_groups_and_materials_merge() {
 }
 
 #[test]
-fn a_model_could_make_files_of_whoever_prepares_it_public() {
+fn models_cannot_name_files_outside_their_folder() {
     let dir = TempDir::new().unwrap();
     let secret = write(&dir, "secret.png", "a picture of somebody's");
     let absolute = secret.display().to_string();
@@ -132,13 +132,13 @@ fn a_model_could_make_files_of_whoever_prepares_it_public() {
         let files = dependencies(&path, &std::fs::read(&path).unwrap());
         assert_eq!(files, [dir.path().join("model").join(mtl)], "{name}");
     }
-    // What stays inside may go up on its way.
+    // A path may go up as long as it stays within the folder.
     write(&dir, "model/sub/m.mtl", "newmtl red\nmap_Kd ../tex/red.png\n");
     let path = write(&dir, "model/a.obj", format!("mtllib sub/m.mtl\n{TRIANGLE}usemtl red\nf 1 2 3\n"));
     let Imported { materials, warnings, .. } = import(&path).unwrap();
     assert!(warnings.is_empty(), "{warnings:?}");
     assert_eq!(materials[0].color_texture, Some(dir.path().join("model/sub/../tex/red.png").into()));
-    // Nor are files read as materials.
+    // Material files outside are not read either.
     write(&dir, "m.mtl", "newmtl red\nKd 1 0 0\n");
     let path = write(&dir, "model/a.obj", format!("mtllib ../m.mtl\n{TRIANGLE}usemtl red\nf 1 2 3\n"));
     let Imported { warnings, .. } = import(&path).unwrap();
@@ -148,7 +148,7 @@ fn a_model_could_make_files_of_whoever_prepares_it_public() {
 
 #[cfg(unix)]
 #[test]
-fn a_pipe_in_place_of_a_file_holds_nobody_up() {
+fn a_pipe_in_place_of_a_file_is_refused() {
     let dir = TempDir::new().unwrap();
     for name in ["m.mtl", "red.png"] {
         let made = std::process::Command::new("mkfifo").arg(dir.path().join(name)).status();
@@ -257,9 +257,9 @@ fn indices_out_of_range_name_their_line() {
     refused(format!("{TRIANGLE}f 1/1/1/1 2 3\n"), &[":4: face"]);
 }
 
-/// White space that only Unicode knows, in front of an element: it was counted and not read.
+/// Elements after white space that only Unicode defines must be read, not only counted.
 #[test]
-fn what_is_counted_is_what_is_read() {
+fn elements_after_unicode_spaces_are_read() {
     let dir = TempDir::new().unwrap();
     for space in ["\u{b}", "\u{a0}", "\u{2003}", "\u{3000} "] {
         let text = format!("{TRIANGLE}{space}vn 0 0 1\n{space}vt 0 1\nf 1/1/1 2/1/1 3/1/1\n");
@@ -281,7 +281,7 @@ fn random_bytes_are_refused_without_panic() {
     refused(&bytes, &["zero byte", "not text"]);
     bytes.retain(|&b| b != 0);
     refused(&bytes, &["is it an OBJ file?"]);
-    // Noise of the format's own words: an error or a mesh, never a panic.
+    // Random sequences of the format's keywords: an error or a mesh, never a panic.
     let words = [
         "v", "vt", "vn", "f", "usemtl", "\n", "\n", "\\\n", "1", "-1", "2/1", "1//1", "0.5", "nan", "#", "/",
     ];

@@ -144,7 +144,7 @@ mod tests {
         }
     }
 
-    /// A saw of `n` corners on a bar.
+    /// A sawtooth outline of `n` corners on a bar.
     fn saw(n: u32) -> Vec<[f64; 3]> {
         let mut points: Vec<[f64; 3]> = (0..n).map(|i| [f64::from(i), f64::from(i % 2), 0.0]).collect();
         points.extend([[f64::from(n), -1.0, 0.0], [-1.0, -1.0, 0.0]]);
@@ -164,8 +164,8 @@ mod tests {
 
     #[test]
     fn a_polygon_made_to_be_slow_becomes_a_fan() {
-        // A triangle wound inwards: each corner's triangle holds all that come later, and the search for
-        // the ear at its inner end would look at n² / 4 corners.
+        // An inward spiral of triangles: each corner's triangle contains all later corners, so the search for the ear
+        // at the inner end would examine n² / 4 corners.
         let spiral = |n: u32| -> Vec<[f64; 2]> {
             let corners = [[1.0, 0.0], [-0.5, 0.9], [-0.5, -0.9]];
             let at = |i: u32| corners[i as usize % 3].map(|x| x * (1.0 - f64::from(i) / f64::from(n + 1)));

@@ -171,7 +171,7 @@ mod tests {
         }
         let c = compare(&picture(0), &b, None).unwrap();
         assert!(c.ssim < 0.99 && c.min_ssim < 0.5, "{c:?}");
-        // Outside the mask it does not count.
+        // Differences outside the mask do not count.
         let away: Vec<bool> = (0..96 * 64).map(|i| i % 96 < 30).collect();
         let c = compare(&picture(0), &b, Some(&away)).unwrap();
         assert!((c.ssim - 1.0).abs() < 1e-9 && c.max_difference == 0);

@@ -86,7 +86,7 @@ pub fn punctual_light_priority(view: &View, share: f32, radius_px: f32, bytes: u
 }
 
 /// Error of a chunk for its visible difference, from its geometric and attribute errors.
-pub fn seen_error(error: f32, attribute_error: f32, attribute_share: f32) -> f32 {
+pub fn difference_error(error: f32, attribute_error: f32, attribute_share: f32) -> f32 {
     error.max(ATTRIBUTE * attribute_share * attribute_error)
 }
 

@@ -510,7 +510,7 @@ mod tests {
         let seen = instances.iter().filter(|it| projection.bounds(&entry, it).visible).count();
         let found = tree.in_view(&projection).len();
         assert!(seen > 500 && found < 2 * seen && 2 * seen < instances.len(), "{found} for {seen}");
-        // Assets that are not known end what is known.
+        // Instances after the first one of an unknown asset are not known either.
         let tree = InstanceTree::new(instances.iter(), |_| None);
         assert!(tree.is_empty() && tree.in_view(&projection).is_empty() && !tree.places(0));
     }

@@ -76,7 +76,7 @@ pub struct Counters {
     /// instance lacks its base mesh.
     pub max_screen_error_px: f64,
     /// The same without occluded parts: regions of which less than a hundredth of the disc is visible.
-    pub seen_screen_error_px: f64,
+    pub unoccluded_screen_error_px: f64,
     /// Screen error above which chunks are wanted now: the view's target, or more over budget.
     pub threshold_px: f64,
     /// Whether nothing is wanted: the picture is as fine as target and budgets allow.

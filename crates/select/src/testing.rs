@@ -4,7 +4,7 @@ use lodestream_geometry::index::{ChunkInfo, Sphere, TruncationPoint};
 use lodestream_scene::description::AssetEntry;
 
 /// A square of side 2 about the origin in the xz plane, refined as a quadtree: level l has 4^l patches
-/// and errors of 0.2 / 2^l, with two truncation_points on the way. Parents are the patch above and its neighbour to the
+/// and errors of 0.2 / 2^l, with two truncation points. Parents are the patch above and its neighbour to the
 /// right.
 pub fn plane(levels: u8) -> Vec<ChunkInfo> {
     let mut chunks = Vec::new();

@@ -223,8 +223,8 @@ fn base_meshes_come_first_and_unknown_chunks_have_the_root_error() {
     assert_eq!(parts(&[fresh])[0], BlobId::index_page(0, 1));
 }
 
-/// Of two chunks as far off and as long the larger comes first, whatever octave of screen error they are in; and a
-/// small one on which much hangs comes before one on which nothing does.
+/// Of two chunks with equal distance and length the larger comes first, whatever the octave of its screen error. A
+/// small chunk with large descendants comes before one without.
 #[test]
 fn chunks_are_ordered_by_difference_per_byte_after_their_parents() {
     let chunk = |error: f32, radius: f32, payload_bytes: u32, parents: &[u32]| ChunkInfo {
@@ -259,7 +259,7 @@ fn chunks_are_ordered_by_difference_per_byte_after_their_parents() {
     assert_eq!(order(&[chunk(0.01, 1.0, 8000, &[]), chunk(0.01, 1.0, 800, &[])]), [1, 0]);
     let behind = [chunk(0.01, 0.2, 800, &[]), chunk(0.01, 0.3, 800, &[]), chunk(0.05, 1.0, 800, &[0])];
     assert_eq!(order(&behind), [0, 2, 1]);
-    // The child is worth more than its parent, and comes right behind it.
+    // The child has a higher priority than its parent, and follows it directly.
     assert_eq!(order(&[chunk(0.01, 0.5, 9000, &[]), chunk(0.1, 1.0, 100, &[0])]), [0, 1]);
 }
 
@@ -287,7 +287,7 @@ fn index_pages_just_above_the_target_are_requested_together() {
         wanted.iter().filter(|w| matches!(w.id.part(), Some(BlobPart::IndexPage(_)))).collect();
     let ids: Vec<_> = pages.iter().map(|page| page.id).collect();
     assert_eq!(ids, (2..6).map(|page| BlobId::index_page(0, page)).collect::<Vec<_>>());
-    // Only the first is certain to be needed: it comes before the others, each further one later.
+    // Only the first page is needed for certain: it comes first, the others in order.
     assert!(pages.windows(2).all(|pair| pair[0].priority > pair[1].priority), "{pages:?}");
 }
 
@@ -316,7 +316,7 @@ fn pages_may_come_in_any_order_and_wrong_ones_are_refused() {
     assert_eq!(asset.unknown_error(), 0.0);
 }
 
-/// 255 + 1 overflowed: a panic, or a bound of 0 behind which no page was asked for.
+/// 255 + 1 must not overflow: the bound would be 0, and no later page would be requested.
 #[test]
 fn page_of_level_255_bounds_later_pages() {
     let mut chunks = plane(5);
@@ -331,8 +331,8 @@ fn page_of_level_255_bounds_later_pages() {
     assert!(wanted.iter().any(|w| w.id == BlobId::index_page(0, 1)), "{wanted:?}");
 }
 
-/// A region that had no chunks for two levels: its chunk's parent is three levels up, and its error far above what the
-/// levels between have. The bound was theirs, so the page was not asked for.
+/// A region without chunks for two levels: its next chunk has a parent three levels up, and an error far above those of
+/// the levels between. The bound must cover it, else its page is not requested.
 #[test]
 fn unknown_chunks_are_bounded_with_parents_several_levels_up() {
     let chunk = |level: u8, error: f32, parents: &[u32]| ChunkInfo {
@@ -354,8 +354,8 @@ fn unknown_chunks_are_bounded_with_parents_several_levels_up() {
     let mut asset = AssetState::new(plane_entry("plane", &chunks, 1000));
     asset.set_state(BlobPart::Base, State::Applied);
     asset.add_index_page(0, decode_stated_page(&pages[0], 0).unwrap()).unwrap();
-    assert!(asset.unknown_error() >= chunks[64].error, "{} is no bound", asset.unknown_error());
-    // Nor is it more than it must be.
+    assert!(asset.unknown_error() >= chunks[64].error, "{} is not a bound", asset.unknown_error());
+    // The bound is not larger than necessary.
     assert_eq!(asset.unknown_error(), chunks[64].error);
     for id in 0..64 {
         asset.set_state(BlobPart::Chunk(id), State::Applied);
@@ -467,8 +467,8 @@ fn shared_textures_are_wanted_once_with_summed_differences() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Any prefix of the list may be applied as it stands; whatever has been applied may be undone as
-    /// listed; priorities fall along the list.
+    /// Any prefix of the list can be applied in order, and applied chunks can be undone in the listed order; priorities
+    /// fall along the list.
     #[test]
     fn every_prefix_is_ancestor_closed_and_every_undo_valid(
         eye in prop::array::uniform3(-6.0..6.0_f64),

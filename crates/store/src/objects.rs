@@ -312,7 +312,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn words_are_urls_or_paths() {
+    fn arguments_are_urls_or_paths() {
         for url in ["s3://b/c", "file:///x", "https://h/x", "gs://b", "az://c/d"] {
             assert!(Objects::is_url(FilePath::new(url)), "{url}");
         }
@@ -322,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn urls_that_name_no_store_are_told_without_their_secrets() {
+    fn errors_of_unknown_store_urls_hide_their_secrets() {
         let told = |url: &str| Objects::of_url(url).unwrap_err().to_string();
         assert!(told("ftp://h/x").contains("ftp://h/x"), "{}", told("ftp://h/x"));
         for url in ["s3://key:word@bucket/x", "https://h/x?sig=word"] {

@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_without_punctual_lights_says_nothing_of_them() {
+    fn a_scene_without_punctual_lights_has_no_message_about_them() {
         let none = PunctualLightBlobs::new(&[]).unwrap();
         assert_eq!((none.punctual_lights(), none.all().count()), (None, 0));
     }
@@ -188,7 +188,7 @@ mod tests {
                 let near = |a: &PunctualLight| {
                     (0..3).all(|axis| (a.position[axis] - punctual_light.position[axis]).abs() < 0.01)
                 };
-                assert!(punctual_lights.iter().any(near), "{punctual_light:?} is none of the scene's");
+                assert!(punctual_lights.iter().any(near), "{punctual_light:?} is not one of the scene's");
             }
         }
         assert_eq!((found, blobs.get(PunctualLightBlob::Page(63))), (4000, None));
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn few_punctual_lights_and_the_directory_of_few_pages_are_said_at_once() {
+    fn few_punctual_lights_or_a_short_directory_are_in_the_first_message() {
         let first = |count| {
             PunctualLightBlobs::new(&grid(count)).unwrap().punctual_lights().unwrap().first().unwrap()
         };
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_sent_is_named() {
+    fn punctual_lights_beyond_the_limits_are_refused_by_name() {
         let many = PunctualLightBlobs::new(&vec![grid(1)[0]; MAX_PUNCTUAL_LIGHTS as usize + 1])
             .unwrap_err()
             .to_string();

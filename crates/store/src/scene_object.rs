@@ -72,11 +72,11 @@ impl SceneObject {
     /// Decodes and checks an object; hashes it once. Reserves no more than its bytes justify.
     ///
     /// # Errors
-    /// Bytes that are no scene object, of another version, damaged, or contradictory.
+    /// Bytes that are not a scene object, of another version, damaged, or contradictory.
     pub fn decode(bytes: &[u8]) -> Result<Self, String> {
-        let head = bytes.get(..HEAD_BYTES).ok_or("it is no published scene: it is too short")?;
+        let head = bytes.get(..HEAD_BYTES).ok_or("it is not a published scene: it is too short")?;
         if head[..8] != MAGIC {
-            return Err("it is no published scene".into());
+            return Err("it is not a published scene".into());
         }
         let version = u16::from_le_bytes([head[8], head[9]]);
         if version != VERSION {

@@ -11,7 +11,7 @@
     reason = "a window's points can be counted"
 )]
 pub(super) fn index(distance: i64) -> usize {
-    debug_assert!(usize::try_from(distance).is_ok(), "{distance} is no index");
+    debug_assert!(usize::try_from(distance).is_ok(), "{distance} is not an index");
     distance as usize
 }
 

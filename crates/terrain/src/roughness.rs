@@ -133,7 +133,7 @@ mod tests {
 
     /// A river bed that cuts down to a fixed height is shallow where a valley exists already.
     #[test]
-    fn a_bed_in_a_valley_is_as_rough_as_what_is_left_to_cut() {
+    fn a_river_bed_in_a_valley_has_the_error_of_its_remaining_depth() {
         let parameters =
             Parameters { finest_level: 9, extent_log2: 4, amplitude: 9000, ..Default::default() };
         let line = vec![[-700, -300], [-100, 60], [500, 40]];

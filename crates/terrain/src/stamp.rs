@@ -351,7 +351,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_out_of_range_is_refused_with_a_reason() {
+    fn stamps_out_of_range_are_refused_with_a_reason() {
         let valley = |to: Position, half_width| {
             let shape = Shape::Valley { from: [0, 0], to, half_width, depth: 1 };
             Stamp { mode: Mode::Additive, shape }.check().map_err(|e| e.to_string())

@@ -1,11 +1,11 @@
-//! The ground: a terrain of a few dozen numbers. A valley with the temple in it, ridges on both sides, mountains
-//! at its end, a river bed below. Places are the same for every seed; what lies between them is not.
+//! The terrain: a valley with the temple, ridges on both sides, mountains at its end and a river bed. Features are at
+//! the same places for every seed; the random offsets between them differ.
 
 use std::fmt::Write as _;
 
-/// Height of the level site: a little under the temple's zero.
+/// Height of the levelled site: a little below y = 0, on which the temple stands.
 const SITE: f64 = -0.04;
-/// Mean height of the land around; what fixed stamps count from.
+/// Mean height of the terrain around; heights of fixed stamps are relative to it.
 const BASE: f64 = 34.0;
 /// Height of the river's surface, and the depth at which its water lets a tenth of green light through.
 const WATER: [f64; 2] = [-3.5, 4.0];
@@ -29,17 +29,17 @@ pub(super) fn terrain_text(seed: u64) -> String {
     stamp("ridge", "from = [-2600, -2500]\nto = [200, -3300]\nhalf_width = 1300\nheight = 380");
     stamp("ridge", "from = [150, -3250]\nto = [2400, -2600]\nhalf_width = 1200\nheight = 330");
     stamp("crater", "centre = [560, 700]\nradius = 120\ndepth = 30\nrim = 12");
-    // The valley runs past the temple, from the mountains in the north (−z) to the lowlands in the south. Fixed: its
-    // floor is where the site is for every seed.
+    // The valley runs past the temple, from the mountains in the north (−z) to the lowlands in the south. It is fixed,
+    // so that its floor is at the site's height for every seed.
     stamp("valley", "mode = \"fixed\"\nfrom = [-60, -1700]\nto = [40, 2600]\nhalf_width = 620\ndepth = 35");
-    // Out of the lake in the north. Fixed too: its bed is below the water's level all the way.
+    // From the lake in the north. Fixed too, so that its bed is below the water level everywhere.
     stamp(
         "river bed",
         "mode = \"fixed\"\nsmooth = true\n\
          line = [[90, -560], [-90, -470], [-215, -280], [-125, 40], [-150, 420], [-10, 1000], [60, 2400]]\n\
          half_width = 44\ndepth = 42",
     );
-    // Last, so that nothing disturbs it.
+    // The last stamp, so that no other changes the site.
     stamp(
         "plateau",
         &format!(

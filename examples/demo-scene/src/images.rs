@@ -47,7 +47,7 @@ fn blend(a: [f64; 3], b: [f64; 3], t: f64) -> [f64; 3] {
     [mix(a[0], b[0], t), mix(a[1], b[1], t), mix(a[2], b[2], t)]
 }
 
-/// Courses of weathered bricks in running bond: 4 across and 8 up a repeat.
+/// Courses of weathered bricks in running bond, 4 × 8 per repeat.
 fn brick(seed: u64, u: f64, v: f64) -> Texel {
     let wobble = 0.012 * fractal2_tiling(seed, u, v, 8, 2);
     let y = (v + wobble) * 8.0;
@@ -68,7 +68,7 @@ fn brick(seed: u64, u: f64, v: f64) -> Texel {
     Texel { height, colour: blend(mortar, clay, smoothstep(0.03, 0.08, joint)) }
 }
 
-/// Rounded field stones with sandy joints: 7 × 7 a repeat.
+/// Rounded field stones with sandy joints, 7 × 7 per repeat.
 fn cobble(seed: u64, u: f64, v: f64) -> Texel {
     let cell = cells2_tiling(seed, u, v, 7, 0.62);
     let edge = cell.second - cell.nearest;
@@ -94,8 +94,7 @@ fn stone(seed: u64, u: f64, v: f64) -> Texel {
     Texel { height: 0.5 + 0.5 * grain, colour }
 }
 
-/// The scene's pictures by file name; half of `size` texels a side for brick and
-/// cobble, a quarter for plain stone.
+/// The scene's pictures by file name. Brick and cobble have `size` / 2 texels per side, plain stone `size` / 4.
 pub(super) fn all(seed: u64, size: u32) -> Vec<(&'static str, Picture)> {
     let half = (size / 2).max(8);
     let (brick_colour, brick_height) = render(half, |u, v| brick(seed ^ 0xB1, u, v));

@@ -1,4 +1,4 @@
-//! Where everything stands: instances, light and start camera, written as `scene.toml`.
+//! The layout: instances, light and start camera, written as `scene.toml`.
 
 use super::ground;
 use super::maths::{cos_turns, sin_turns};
@@ -7,7 +7,7 @@ use super::temple::{AXES, COLUMN, ENTABLATURE, FLOOR, PLINTH};
 use glam::DVec3;
 use std::fmt::Write as _;
 
-/// From where to where the avenue runs along z, in metres.
+/// Range of the avenue along z, in metres.
 pub(super) const AVENUE: [f64; 2] = [14.2, 47.0];
 
 /// One asset of the scene, as `scene.toml` lists it.
@@ -16,18 +16,17 @@ pub(super) struct AssetEntry {
     pub(super) file: String,
     /// Precision of positions, in bits per axis.
     pub(super) position_bits: u8,
-    /// How deep the height maps of its materials are, in units of texture coordinates; 0 where it
-    /// has none.
+    /// Depth of the height maps of its materials, in units of texture coordinates; 0 if it has none.
     pub(super) relief_depth: f64,
 }
 
-/// One placed asset: turned about y by `turns`, scaled, then moved.
+/// A placed asset: rotated about y by `turns`, scaled, then moved.
 pub(super) struct Instance {
     pub(super) asset: &'static str,
     pub(super) translation: DVec3,
     pub(super) turns: f64,
     pub(super) scale: f64,
-    /// Whether `translation` counts from the ground up.
+    /// Whether the height of `translation` is relative to the terrain.
     pub(super) on_terrain: bool,
 }
 
@@ -105,13 +104,13 @@ fn boulders(all: &mut Vec<Instance>, seed: u64) {
     for i in 0..200 {
         let r = |k| uniform(seed ^ 0xB0, i, k, 0);
         let (x, z) = ((r(0) - 0.5) * 150.0, (r(1) - 0.5) * 150.0 + 14.0);
-        // Not on the site.
+        // None on the site.
         if count == 28 || (x.abs() < 15.0 && (z - 14.0).abs() < 40.0) {
             continue;
         }
         count += 1;
         let scale = 0.5 + 1.6 * r(2) * r(2);
-        // A quarter of it in the ground.
+        // A quarter of the boulder is below the ground.
         let translation = DVec3::new(x, -0.25 * scale, z);
         all.push(Instance { asset: "boulder", translation, turns: r(3), scale, on_terrain: true });
     }

@@ -1,9 +1,8 @@
 //! The demo scene: a temple among hills, an avenue of statues.
 //!
-//! It is made from a seed by arithmetic alone and written as OBJ, MTL, PNG and `scene.toml`, so that
-//! it goes the same way as a user's own files. The same seed gives the same meshes, pixels and
-//! placements on every machine: only `+ − × ÷ √`, `floor` and an integer hash are used
-//! (see `maths.rs`), and decimals are rounded to fixed places.
+//! It is computed from a seed by arithmetic alone and written as OBJ, MTL, PNG and `scene.toml`, so that it is imported
+//! like any user's files. The same seed gives the same meshes, pixels and placements on every machine: only
+//! `+ − × ÷ √`, `floor` and an integer hash are used (see `maths.rs`), and decimals are rounded to fixed places.
 //!
 //! ```text
 //! noise, maths -> images (colour, height)
@@ -34,12 +33,12 @@ use polygonise::polygonise;
 use std::path::{Path, PathBuf};
 use temple::Pitch;
 
-/// What to make.
+/// Options of [`generate`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// Chooses the hills, the grain of the stone, the folds of the robes.
+    /// Seed of the hills, the grain of the stone and the folds of the robes.
     pub seed: u64,
-    /// Linear resolution relative to the full scene: faces go with its square. From 0.05 to 2.
+    /// Linear resolution relative to the full scene, 0.05 to 2. The number of faces grows with its square.
     pub detail: f64,
 }
 
@@ -50,7 +49,7 @@ impl Options {
         Self { seed, detail: 1.0 }
     }
 
-    /// The same assets and instances in some ten thousand faces, for tests and short simulations.
+    /// The same assets and instances in about ten thousand faces, for tests and short simulations.
     #[must_use]
     pub fn small(seed: u64) -> Self {
         Self { seed, detail: 0.09 }
@@ -63,7 +62,7 @@ impl Default for Options {
     }
 }
 
-/// What was made.
+/// What was written.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Summary {
     /// Meshes.
@@ -80,15 +79,15 @@ pub struct Summary {
     pub scene: PathBuf,
 }
 
-/// Why the scene could not be written.
+/// An error of [`generate`].
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// The file system refused.
+    /// The file system refused to write.
     #[error("cannot write {}: {source}", path.display())]
     Write {
         /// File or folder.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
     /// [`Options::detail`] is out of range.
@@ -101,14 +100,14 @@ const LION_CELL: f64 = 0.0189;
 const SAGE_CELL: f64 = 0.0165;
 const DRAGON_CELL: f64 = 0.0228;
 const BOULDER_CELL: f64 = 0.08;
-/// Texels along the side of brick and cobble in the full scene, twice.
+/// Twice the texels per side of brick and cobble in the full scene.
 const TEXTURE_SIZE: f64 = 1024.0;
 
-/// An asset's name, bits of position (a millimetre or two), relief depth
-/// in units of texture coordinates, and how to make it.
+/// An asset's name, bits of position (one or two millimetres), relief depth in units of texture coordinates, and the
+/// function that makes it.
 type AssetRow<'a> = (&'static str, u8, f64, Box<dyn Fn() -> ObjMesh + 'a>);
 
-fn preparation_settings(options: &Options) -> Vec<AssetRow<'_>> {
+fn asset_rows(options: &Options) -> Vec<AssetRow<'_>> {
     let Options { seed, detail } = *options;
     let pitch = Pitch((1.0 / detail).clamp(1.0, 9.0));
     let figure = move |figure: sdf::Figure, cell: f64, name: &'static str, material: &'static str| {
@@ -134,8 +133,8 @@ fn preparation_settings(options: &Options) -> Vec<AssetRow<'_>> {
     ]
 }
 
-/// Makes the scene and writes its files into `dir`, which is created if need be; files of the same
-/// names are replaced. About 15 s and 150 MB at full detail.
+/// Generates the scene and writes its files into `dir`, which is created if it is missing; files of the same names
+/// are replaced. Takes about 15 s and 150 MB at full detail.
 ///
 /// # Errors
 /// [`Error::Detail`] for a detail out of range, [`Error::Write`] when the file system refuses.
@@ -163,7 +162,7 @@ pub fn generate(dir: &Path, options: &Options) -> Result<Summary, Error> {
     let instances = layout::instances(options.seed);
     let mut assets = Vec::new();
     let (mut distinct_faces, mut instanced_faces) = (0, 0);
-    for (name, position_bits, relief_depth, make) in preparation_settings(options) {
+    for (name, position_bits, relief_depth, make) in asset_rows(options) {
         let mesh = make();
         let file = format!("{name}.obj");
         let path = dir.join(&file);

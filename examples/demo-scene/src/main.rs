@@ -10,13 +10,13 @@ use lodestream_demo_scene::{Options, generate};
 #[derive(Debug, Parser)]
 #[command(name = "lodestream-demo-scene", version)]
 struct Arguments {
-    /// Folder to write to; made where it is missing.
+    /// Folder to write to; created if it is missing.
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// The same seed gives the same scene.
+    /// Seed of the random shapes; the same options give the same files.
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// Linear resolution, 0.05 to 2: faces go with its square.
+    /// Linear resolution, 0.05 to 2; the number of faces grows with its square.
     #[arg(long, value_name = "X", default_value_t = 1.0)]
     detail: f64,
 }
@@ -35,4 +35,20 @@ fn main() -> anyhow::Result<()> {
         summary.bytes
     )?;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory as _;
+
+    use super::Arguments;
+
+    #[test]
+    fn the_manual_page_names_each_flag() {
+        let page = include_str!("../lodestream-demo-scene.1").replace("\\-", "-");
+        for argument in Arguments::command().get_arguments() {
+            let flag = format!("--{}", argument.get_long().unwrap());
+            assert!(page.contains(&flag), "{flag}");
+        }
+    }
 }

@@ -1,9 +1,9 @@
 //! Arithmetic that gives the same bits on every machine.
 //!
-//! The scene must come out byte for byte the same everywhere, and `f64::sin`, `powf` and their kin
-//! go to the platform's maths library, whose last bits differ. IEEE 754 fixes the results of
-//! `+ − × ÷ √`, `floor` and comparisons, and Rust never contracts `a * b + c`, so everything here
-//! is built from those. Angles are in turns (1 = 360°), which makes the range reduction exact.
+//! The scene must be the same byte for byte everywhere, but `f64::sin`, `powf` and similar functions use the platform's
+//! maths library, whose last bits differ. IEEE 754 fixes the results of `+ − × ÷ √`, `floor` and comparisons, and Rust
+//! never contracts `a * b + c`, so everything here is built from those. Angles are in turns (1 = 360°), which makes the
+//! range reduction exact.
 
 use glam::DVec3;
 

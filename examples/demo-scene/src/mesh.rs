@@ -1,4 +1,4 @@
-//! The generator's own mesh: what an OBJ file can say, and the solids that buildings are made of.
+//! The generator's mesh type, with the content of an OBJ file, and the solids that buildings are composed of.
 
 use super::maths::{cos_turns, sin_turns, unit_or};
 use glam::{DVec2, DVec3};
@@ -94,8 +94,8 @@ impl ObjMesh {
         }
     }
 
-    /// A dressed stone: the box from `low` to `high` with its edges cut off at 45° by `chamfer`.
-    /// The textures lie on it in metres, `tile` metres to a repeat, from the axis that it faces.
+    /// A dressed stone: the box from `low` to `high` with its edges cut at 45° by `chamfer`. Textures are projected
+    /// along the axis that a side faces; a repeat is `tile` metres long.
     pub(super) fn stone(&mut self, low: DVec3, high: DVec3, chamfer: f64, tile: f64) {
         let map = |p: DVec3, n: DVec3| box_map(p, n) / tile;
         // Three positions per corner: the corner pulled back along each of the other two axes.
@@ -137,8 +137,8 @@ impl ObjMesh {
         }
     }
 
-    /// A flat rectangle of `nu` × `nv` quads from `origin` along `u` and `v`; normal `u × v`; mapped
-    /// in metres, `tile` metres to a repeat.
+    /// A flat rectangle of `nu` × `nv` quads from `origin` along `u` and `v`, with normal `u × v`. A texture repeat is
+    /// `tile` metres long.
     pub(super) fn sheet(&mut self, origin: DVec3, u: DVec3, v: DVec3, cells: [usize; 2], tile: f64) {
         let [nu, nv] = cells;
         let normal = self.normal(u.cross(v));
@@ -168,9 +168,8 @@ impl ObjMesh {
         self.lathe_fluted(rows, around, 0, 0.0, smooth, tile);
     }
 
-    /// [`ObjMesh::lathe`] with `flutes` hollows around (0: none), `depth` deep relative to the
-    /// radius, and sharp arrises between them. `around` counts the steps of the whole turn, and is
-    /// a multiple of `flutes`.
+    /// [`ObjMesh::lathe`] with `flutes` grooves around (0: none), `depth` deep relative to the radius, and sharp edges
+    /// (arrises) between them. `around` is the number of steps of a whole turn, a multiple of `flutes`.
     pub(super) fn lathe_fluted(
         &mut self,
         rows: &[(f64, f64)],
@@ -241,8 +240,8 @@ impl ObjMesh {
         }
     }
 
-    /// Normal at lattice point (row, step) as the face on the side `towards` sees it: central
-    /// differences, one-sided where the surface breaks (arrises; rows too unless `smooth`).
+    /// Normal at lattice point (row, step) for the face on the side `towards`: central differences, one-sided at sharp
+    /// edges (arrises; rows too unless `smooth`).
     fn lathe_normal(
         &mut self,
         ids: &[Vec<u32>],

@@ -73,7 +73,7 @@ pub(super) fn fractal2_tiling(seed: u64, u: f64, v: f64, cells: i64, octaves: u3
     sum
 }
 
-/// What [`cells2_tiling`] finds at a point.
+/// Result of [`cells2_tiling`].
 pub(super) struct Cell {
     /// Distance to the nearest feature point, in cells.
     pub(super) nearest: f64,
@@ -83,8 +83,8 @@ pub(super) struct Cell {
     pub(super) id: u64,
 }
 
-/// Cellular noise (Worley, 1996) over the unit square that tiles, `cells` feature points a side.
-/// `jitter` is how far a feature point may leave its cell's middle: 0 a lattice, 1 anywhere.
+/// Cellular noise (Worley, 1996) that tiles the unit square, with `cells` feature points per side. `jitter` is how far
+/// a feature point may be from its cell's middle: 0 for a lattice, 1 for anywhere in the cell.
 pub(super) fn cells2_tiling(seed: u64, u: f64, v: f64, cells: i64, jitter: f64) -> Cell {
     let (x, y) = (u * cells as f64, v * cells as f64);
     let (ix, iy) = (x.floor() as i64, y.floor() as i64);

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-/// How a surface looks.
+/// A material as MTL describes it.
 pub(super) struct Material {
     pub(super) name: &'static str,
     pub(super) diffuse: [f64; 3],
@@ -13,7 +13,7 @@ pub(super) struct Material {
     pub(super) shininess: u32,
     /// Colour texture.
     pub(super) colour: Option<&'static str>,
-    /// Height map, white high.
+    /// Height map; white is high.
     pub(super) height: Option<&'static str>,
 }
 
@@ -62,8 +62,8 @@ pub(super) fn write_materials(path: &Path) -> io::Result<()> {
     out.flush()
 }
 
-/// Appends `value` with `places` decimals. Rounding happens once, on an integer, so the text does
-/// not depend on a formatting library; it is also several times faster than one.
+/// Appends `value` with `places` decimals. Rounding happens once, on an integer, so the text does not depend on a
+/// formatting library; this is also several times faster.
 fn decimal(line: &mut Vec<u8>, value: f64, places: u32) {
     let scale = 10u64.pow(places);
     let scaled = (value.abs() * scale as f64 + 0.5).floor() as u64;
@@ -93,13 +93,13 @@ fn integer(line: &mut Vec<u8>, mut value: u64) {
     line.extend_from_slice(&digits[at..]);
 }
 
-/// Indices into a list of tuples without repeats: `merged[i]` is where tuple `i` went.
+/// Indices into a list of distinct tuples: `merged[i]` is the index of tuple `i`.
 struct Merged {
     kept: Vec<usize>,
     merged: Vec<u64>,
 }
 
-/// Merges tuples that are equal as written, so that the file says nothing twice.
+/// Merges tuples that are equal as written, so that the file repeats none.
 fn merge<const N: usize>(tuples: impl Iterator<Item = [f64; N]>) -> Merged {
     let mut seen: HashMap<[i64; N], u64> = HashMap::new();
     let mut result = Merged { kept: Vec::new(), merged: Vec::new() };

@@ -12,11 +12,11 @@ use super::sdf::Figure;
 use glam::{DVec3, IVec3};
 use std::collections::HashMap;
 
-/// Cells along one side of a block; a block is evaluated wholly or not at all.
+/// Cells along a side of a block; blocks without surface are not evaluated.
 const BLOCK: i32 = 8;
 /// Rounds of smoothing.
 const ROUNDS: usize = 4;
-/// Share of an edge that a crossing keeps from the edge's ends, so that no face starts degenerate.
+/// Least share of an edge between a crossing and the edge's ends, so that no face starts degenerate.
 const EDGE_GUARD: f64 = 0.12;
 
 /// The six tetrahedra of a cube: paths from corner 000 to corner 111 along the axes, as bits xyz.
@@ -156,8 +156,8 @@ fn march_cell(
             (&[a, b], &[c, d]) => vec![cross(a, c), cross(b, c), cross(b, d), cross(a, d)],
             _ => continue,
         };
-        // Outwards is from the inner corners to the outer ones; edge middles decide the winding,
-        // exactly, since they are multiples of half a cell.
+        // Faces point from the inner corners to the outer ones. The midpoints of edges decide the winding exactly,
+        // since they are multiples of half a cell.
         let middle =
             |set: &[usize]| set.iter().map(|&c| points[c].as_dvec3()).sum::<DVec3>() / set.len() as f64;
         let outwards = middle(&outs) - middle(&ins);
@@ -178,8 +178,7 @@ fn march_cell(
     }
 }
 
-/// The faces of the component with the most of them: thin spikes can shed crumbs where they are
-/// narrower than a cell.
+/// The faces of the component with most faces: spikes narrower than a cell can give small separate components.
 fn largest_component(vertices: usize, faces: Vec<[u32; 3]>) -> Vec<[u32; 3]> {
     let mut parent: Vec<u32> = (0..vertices as u32).collect();
     fn root(parent: &mut [u32], mut v: u32) -> u32 {
@@ -201,7 +200,7 @@ fn largest_component(vertices: usize, faces: Vec<[u32; 3]>) -> Vec<[u32; 3]> {
     for r in &roots {
         counts[*r as usize] += 1;
     }
-    // The first of equals, so that the choice is fixed.
+    // The first of several largest, so that the choice is deterministic.
     let best = (0..vertices).max_by_key(|v| (counts[*v], std::cmp::Reverse(*v)));
     faces.into_iter().zip(roots).filter(|(_, r)| Some(*r as usize) == best).map(|(face, _)| face).collect()
 }
@@ -225,7 +224,7 @@ fn relax(positions: &mut [DVec3], faces: &[[u32; 3]], cell: f64, distance: impl 
         let mut sums = vec![(DVec3::ZERO, 0.0); positions.len()];
         for face in faces {
             for k in 0..3 {
-                // Every edge of a closed mesh comes by twice, once each way.
+                // Every edge of a closed mesh occurs twice, once in each direction.
                 let (from, to) = (face[k] as usize, face[(k + 1) % 3] as usize);
                 sums[from].0 += positions[to];
                 sums[from].1 += 1.0;
@@ -237,8 +236,8 @@ fn relax(positions: &mut [DVec3], faces: &[[u32; 3]], cell: f64, distance: impl 
                 let step = (sums[v].0 / sums[v].1 - *position) * 0.55;
                 *position += step - normal * normal.dot(step);
             }
-            // Half steps: where the relief is steep, the field grows up to twice as fast as distance,
-            // and whole steps would overshoot.
+            // Half steps: where the relief is steep, the field grows up to twice as fast as the distance, and whole
+            // steps would overshoot.
             let back = distance(*position).clamp(-0.5 * cell, 0.5 * cell);
             *position -= normal * back * 0.5;
         }
@@ -248,7 +247,7 @@ fn relax(positions: &mut [DVec3], faces: &[[u32; 3]], cell: f64, distance: impl 
 fn into_mesh(positions: &[DVec3], faces: &[[u32; 3]]) -> ObjMesh {
     let mut mesh = ObjMesh::new();
     let normals = vertex_normals(positions, faces);
-    // Number the vertices by first use; those of dropped crumbs have none.
+    // Numbers vertices by first use; those of dropped components have no number.
     let mut number = vec![u32::MAX; positions.len()];
     for face in faces {
         let corners = face.map(|v| {

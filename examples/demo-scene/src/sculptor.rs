@@ -30,7 +30,7 @@ impl Sculptor {
         self
     }
 
-    /// Whether the parts that follow are made twice, mirrored at x = 0.
+    /// Whether the parts that follow are added twice, mirrored at x = 0.
     pub(super) fn pairs(&mut self, on: bool) -> &mut Self {
         self.mirrored = on;
         self
@@ -101,7 +101,8 @@ impl Sculptor {
             let t = i as f64 / steps as f64;
             let here = catmull_rom(points, t);
             let tangent = unit_or(catmull_rom(points, t + 1e-3) - catmull_rom(points, t - 1e-3), DVec3::Z);
-            // The back follows the curve, drawn gently upwards so that the belly stays below.
+            // The direction of the back follows the curve and is turned slightly upwards, so that the belly stays
+            // below.
             let wish = back + DVec3::Y * 0.12;
             back = unit_or(wish - tangent * tangent.dot(wish), back);
             spine.push((here, radius(t), back));

@@ -8,25 +8,25 @@ use super::maths::{atan2_turns, unit_or};
 use super::skin::Skin;
 use glam::{DMat3, DVec3};
 
-/// The form of one part.
+/// Shape of a part.
 #[derive(Clone, Debug)]
 pub(super) enum Shape {
-    /// Two spheres and the cone that wraps them.
+    /// Two spheres and the cone tangent to both.
     RoundCone { a: DVec3, b: DVec3, radius_a: f64, radius_b: f64 },
-    /// An ellipsoid; `axes` turns world directions into its own.
+    /// An ellipsoid; `axes` rotates world directions into its own.
     Ellipsoid { centre: DVec3, radii: DVec3, axes: DMat3 },
     /// A box with its edges rounded by `round`; `half` is the half size before rounding inwards.
     Block { centre: DVec3, half: DVec3, axes: DMat3, round: f64 },
 }
 
-/// Where along a scaled body a part lies: what [`Skin::Scales`] needs.
+/// Position of a part along a scaled body, for [`Skin::Scales`].
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Along {
     /// Arc length over radius, summed from the tail, at both ends of the part.
     pub(super) from: f64,
     /// See `from`.
     pub(super) to: f64,
-    /// Direction of the back, square to the part's axis.
+    /// Direction of the back, perpendicular to the part's axis.
     pub(super) back: DVec3,
 }
 
@@ -36,14 +36,14 @@ pub(super) struct Part {
     pub(super) shape: Shape,
     /// Blend radius with what came before, in metres.
     pub(super) blend: f64,
-    /// Cut away instead of added.
+    /// Whether the part is cut away instead of added.
     pub(super) cut: bool,
     pub(super) skin: Skin,
     pub(super) along: Option<Along>,
 }
 
 impl Shape {
-    /// Distance from `p`, and how far along the axis of a round cone the nearest point lies (0..1).
+    /// Distance from `p`, and the position of the nearest point along a round cone's axis (0 to 1).
     fn distance(&self, p: DVec3) -> (f64, f64) {
         match self {
             Shape::RoundCone { a, b, radius_a, radius_b } => {
@@ -66,7 +66,7 @@ impl Shape {
         }
     }
 
-    /// Corners of a box that holds the shape.
+    /// Corners of a box that contains the shape.
     fn bounds(&self) -> (DVec3, DVec3) {
         match self {
             Shape::RoundCone { a, b, radius_a, radius_b } => {
@@ -86,7 +86,7 @@ impl Shape {
 }
 
 impl Part {
-    /// Distance with the skin's relief, which is only worked out where it can matter.
+    /// Distance including the skin's relief, which is computed only near the surface.
     fn distance(&self, p: DVec3, seed: u64) -> f64 {
         let (distance, t) = self.shape.distance(p);
         let reach = self.skin.height();
@@ -139,7 +139,7 @@ impl Figure {
         (0..self.parts.len() as u32).collect()
     }
 
-    /// The parts that can matter within `radius` of `centre`, or nothing where no surface can be.
+    /// The parts that affect distances within `radius` of `centre`, or nothing if no surface is there.
     ///
     /// The margins are generous (four blend radii) because several blends may follow each other.
     pub(super) fn near(&self, centre: DVec3, radius: f64) -> Option<Vec<u32>> {

@@ -4,12 +4,12 @@ use super::maths::smoothstep;
 use super::noise::{fractal3, ridged3, value3};
 use glam::DVec3;
 
-/// How a part's surface is worked.
+/// Kind of a part's surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Skin {
-    /// Exactly the shape.
+    /// The shape without relief.
     Plain,
-    /// Polished, with the unevenness of hand work.
+    /// Polished, with slight unevenness.
     Polished,
     /// Chiselled rock.
     Rock,
@@ -31,7 +31,7 @@ pub(super) enum Skin {
 }
 
 impl Skin {
-    /// The most that [`Skin::relief`] departs from 0, in metres.
+    /// Largest absolute value of [`Skin::relief`], in metres.
     pub(super) fn height(self) -> f64 {
         match self {
             Skin::Plain => 0.0,
@@ -45,8 +45,8 @@ impl Skin {
         }
     }
 
-    /// Height above the shape at `p`, in metres. `along` is the place on a body: arc length over
-    /// radius, and the angle from the back in turns.
+    /// Height above the shape at `p`, in metres. `along` is the position on a body: arc length over radius, and the
+    /// angle from the back in turns.
     pub(super) fn relief(self, p: DVec3, along: Option<(f64, f64)>, seed: u64) -> f64 {
         match self {
             Skin::Plain => 0.0,
@@ -86,12 +86,12 @@ impl Skin {
 
 /// Rows of rounded, overlapping scales on back and flanks; broad plates on the belly.
 fn scales(length: f64, turns: f64, columns: f64, radius: f64) -> f64 {
-    // A scale is as long as wide: `columns` of them around 2π radii.
+    // A scale is as long as it is wide: `columns` of them around 2π radii.
     let v = length * columns / 5.4;
     let belly = smoothstep(0.335, 0.365, turns.abs());
     let row = v.floor();
     let odd = row - (row * 0.5).floor() * 2.0;
-    // Each row is drawn over the next: the highest of two candidate rows wins.
+    // Rows overlap: the higher of two candidate rows counts.
     let mut best: f64 = 0.0;
     for k in 0..2 {
         let k = f64::from(k);

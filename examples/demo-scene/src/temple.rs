@@ -1,8 +1,7 @@
 //! The temple and its surroundings: dressed stones, columns, brick walls, roof, paving, plinths.
 //!
-//! Assets stand on y = 0 in their own space; [`super::layout`] stacks them. Hard edges come from
-//! distinct normals, and every stone has its own piece of texture, so the meshes are full of creases,
-//! uv seams and separate components.
+//! Assets stand on y = 0 in their own space; [`super::layout`] places them. Hard edges have separate normals, and each
+//! stone has its own part of the texture, so the meshes have many creases, uv seams and separate components.
 
 use super::maths::mix;
 use super::mesh::ObjMesh;
@@ -17,7 +16,7 @@ pub(super) const FLOOR: f64 = 1.08;
 pub(super) const COLUMN: f64 = 6.0;
 /// Height of the entablature.
 pub(super) const ENTABLATURE: f64 = 1.75;
-/// How far what stands on the floor reaches into it: the paving lies a little lower than the stones around it.
+/// How far objects on the floor reach into it: the paving lies a little lower than the stones around it.
 const SUNK: f64 = 0.02;
 /// Height of a plinth.
 pub(super) const PLINTH: f64 = 1.15;
@@ -26,7 +25,7 @@ fn v(x: f64, y: f64, z: f64) -> DVec3 {
     DVec3::new(x, y, z)
 }
 
-/// How finely the buildings are divided: 1 is the full scene, larger is coarser.
+/// Resolution of the buildings: 1 is the full scene, larger is coarser.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pitch(pub(super) f64);
 
@@ -42,8 +41,8 @@ impl Pitch {
     }
 }
 
-/// Stones along the four sides of a rectangle: from `inner` to `outer` half sizes, `low` to `high`.
-/// Each is a few millimetres off its neighbours, as old masonry is.
+/// Stones along the four sides of a rectangle: from `inner` to `outer` half sizes, `low` to `high`. Each is displaced
+/// by a few millimetres, as in old masonry.
 fn ring(
     mesh: &mut ObjMesh,
     inner: [f64; 2],
@@ -54,7 +53,7 @@ fn ring(
     let jitter = |i: usize, k: i64| 0.006 * (uniform(seed, i as i64, k, (low * 100.0) as i64) - 0.5);
     let mut index = 0;
     for side in 0..4 {
-        // Sides 0 and 1 run along x the whole way; 2 and 3 along z between them.
+        // Sides 0 and 1 run along x over the whole length; 2 and 3 along z between them.
         let along_x = side < 2;
         let sign = if side % 2 == 0 { 1.0 } else { -1.0 };
         let (reach, near, far) =
@@ -199,7 +198,7 @@ pub(super) fn roof(pitch: Pitch) -> ObjMesh {
         }
     };
     prism(&mut mesh, eave - 0.5, wall, 0.0, rise - 0.16);
-    // Slabs that carry the tiles: two per side would meet at the ridge, so one sheared box each.
+    // Slabs that carry the tiles: one sheared box per side, since two per side would meet at the ridge.
     let slope = DVec2::new(eave, -rise);
     let along = v(slope.x, slope.y, 0.0);
     let across = v(-slope.y, slope.x, 0.0).normalize_or(DVec3::Y);
@@ -234,7 +233,7 @@ pub(super) fn roof(pitch: Pitch) -> ObjMesh {
         }
     }
     mesh.group("tiles", "tile");
-    // Of the tiles' material: it is what shows between them.
+    // Of the same material as the tiles, since it is visible between them.
     for sign in [1.0, -1.0] {
         slab(&mut mesh, sign, [0.0, 1.0], [-0.12, 0.0], [-reach, reach]);
     }

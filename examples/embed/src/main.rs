@@ -1,4 +1,4 @@
-//! Draws a scene from a Lodestream server in a wgpu program of its own, among its own things, into a PNG file:
+//! Draws a scene from a Lodestream server in a wgpu program, among the program's own drawing, into a PNG file:
 //! `cargo run --release -- ws://127.0.0.1:8080 picture.png`
 
 use std::error::Error;
@@ -18,7 +18,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [address, output] = &arguments[..] else { return Err("usage: embed ADDRESS OUTPUT.png".into()) };
 
-    // What this program has anyhow: a device, a picture and its depth.
+    // What any wgpu program has: a device, a colour target and a depth target.
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
     let adapter = pollster::block_on(instance.request_adapter(&Default::default()))?;
     let (device, queue) = pollster::block_on(adapter.request_device(&Default::default()))?;
@@ -43,7 +43,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let config = Config::new(StartView::OfScene { viewport_px: SIZE, target_px: TARGET_PX });
     let mut streaming = Streaming::start(address.parse()?, config, Retry::default(), || {})?;
     loop {
-        // The status first: what it calls settled lies in the steps taken after it.
+        // The status is read first: a status that says settled refers to steps taken after it.
         let status = streaming.status();
         while let Some(step) = streaming.take() {
             scene.push(step);
@@ -59,7 +59,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     let view = scene.header().ok_or("the server sent no scene")?.camera.view(SIZE, TARGET_PX);
 
-    // A frame: first this program's own things, here an evening sky; then the scene, wherever it is nearer.
+    // A frame: first the program's own drawing, here an evening sky; then the scene, where it is nearer.
     let mut encoder = device.create_command_encoder(&Default::default());
     drop(encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
         color_attachments: &[Some(wgpu::RenderPassColorAttachment {
@@ -83,7 +83,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let target = Target { colour: &colour_view, depth: Some(&depth_view), size, load: Load::Keep };
     scene.record(&gpu, &mut renderer, &mut encoder, &target, &view, Settings::default(), f32::MAX)?;
 
-    // And out into a file; 640 pixels make rows of 2560 bytes, which are aligned as copies must be.
+    // Copies the picture into a file. Rows of 640 pixels are 2560 bytes long, a multiple of the alignment for copies.
     let buffer = device.create_buffer(&wgpu::BufferDescriptor {
         label: None,
         size: u64::from(SIZE[0] * SIZE[1] * 4),

@@ -76,7 +76,7 @@ impl SceneSource for Unread {
 }
 
 #[test]
-fn a_client_that_never_reads_occupied_more_than_a_megabyte() {
+fn a_client_that_never_reads_occupies_bounded_memory() {
     let source: Arc<dyn SceneSource> = Arc::new(Unread::new());
     let config = Arc::new(ServerConfig::websocket(None));
     let wants = |asset: u32, count: u32| {

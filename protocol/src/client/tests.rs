@@ -61,7 +61,7 @@ fn requests_in_flight_cover_the_bandwidth_delay_product() {
     client.handle_message(Time::from_ms(50), ServerMessage::Pong(1));
     let list: Vec<_> = (0..2000).map(|c| wanted(BlobId::chunk(0, c), 1000)).collect();
     let asked = client.set_wanted(Time::from_ms(50), &list, &[]);
-    // 1 MB/s over 50 ms and the time to react, and a quarter: about 190 KB.
+    // 1 MB/s over 50 ms and the reaction time, times 1.25: about 190 KB.
     assert!((150..230).contains(&asked.len()), "{}", asked.len());
     assert_eq!(client.set_wanted(Time::from_ms(50), &list, &[]), []);
     let Some(ClientMessage::Want(wants)) = client.poll_transmit(Time::from_ms(50)) else { panic!("no Want") };
@@ -80,12 +80,12 @@ fn less_urgent_blobs_in_flight_do_not_delay_requests() {
     };
     let middle = client.set_wanted(now, &list(0, 1 << 30), &[]).len();
     assert!(middle > 100);
-    // As much again of what is more urgent, and nothing of what is less.
+    // As much again of more urgent blobs, and none of less urgent ones.
     let all = [list(1, 1 << 31), list(0, 1 << 30), list(2, 1 << 29)].concat();
     let asked = client.set_wanted(now, &all, &[]);
     assert_eq!(asked.len(), middle);
     assert!(asked.iter().all(|id| id.asset() == Some(1)));
-    // In all there is a bound.
+    // The total is bounded.
     let mut in_flight = 2 * middle;
     for (asset, priority) in (3..).zip((1..1000).map(|step| (1 << 31) + step)) {
         in_flight += client.set_wanted(now, &list(asset, priority), &[]).len();
@@ -123,7 +123,7 @@ fn cancelled_blobs_free_their_bytes_in_flight() {
     assert_eq!(client.set_wanted(Time::ZERO, &[wanted(id, 900)], &[]), [id]);
     assert_eq!(client.poll_transmit(Time::ZERO), Some(ClientMessage::Cancel(vec![id])));
     assert!(matches!(client.poll_transmit(Time::ZERO), Some(ClientMessage::Want(_))));
-    // What was under way is passed over, then it comes whole.
+    // Pieces that were under way are ignored; then the blob comes whole.
     client.handle_piece(Time::ZERO, piece(id, 300, 900, 300));
     client.handle_piece(Time::ZERO, piece(id, 0, 900, 600));
     client.handle_piece(Time::ZERO, piece(id, 600, 900, 300));
@@ -144,7 +144,7 @@ fn part_is_requested_first_and_the_rest_when_wanted() {
     assert_eq!(client.poll_transmit(Time::ZERO), asked(0, Some(500)));
     assert_eq!(client.stats().in_flight_bytes, 500);
     client.handle_piece(Time::ZERO, run(0, 500, 300));
-    // More is wanted meanwhile: what is under way is not asked for twice.
+    // More is wanted meanwhile: what is under way is not requested twice.
     assert!(client.set_wanted(Time::ZERO, &[wanted(id, 900)], &[]).is_empty());
     client.handle_piece(Time::ZERO, run(300, 500, 200));
     let whole = contents(&id, 900);
@@ -184,7 +184,7 @@ fn pushed_blobs_are_accepted() {
     assert!(matches!(client.poll_event(), Some(ClientEvent::Blob { id: got, .. }) if got == id));
 }
 
-/// After a restart, another scene's blob would be taken for one of the scene before.
+/// After a restart, another scene's blob must not be taken for one of the previous scene.
 #[test]
 fn blob_before_welcome_is_reported_after_it() {
     let scene = MemoryScene::new(1, 1, 1);
@@ -301,7 +301,7 @@ fn silence_ends_the_session_and_pings_prevent_it() {
 fn only_the_latest_view_is_sent_at_intervals() {
     let (mut client, scene) = connected();
     let at = |x: f64| View { eye: [x, 0.0, 0.0], ..scene.header.camera.view([64, 64], 1.0) };
-    // `Hello` named no view, so the first one is told at once.
+    // `Hello` had no view, so the first view is sent at once.
     client.set_view(Time::ZERO, at(-1.0));
     assert_eq!(client.poll_transmit(Time::ZERO), Some(ClientMessage::SetView(at(-1.0))));
     for x in 0..50 {
@@ -334,7 +334,7 @@ fn escape_codes_of_a_close_reason_are_replaced() {
 }
 
 proptest! {
-    /// Whatever comes, the sum of what is in flight stays right and nothing panics.
+    /// For any messages, the sum of bytes in flight stays right and nothing panics.
     #[test]
     fn bytes_in_flight_match_the_pending_blobs(steps in prop::collection::vec((0..7_u8, 0..6_u32, 0..4_u32), 0..200)) {
         let (mut client, _) = connected();

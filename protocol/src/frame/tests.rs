@@ -86,7 +86,7 @@ fn piece() -> BlobPiece {
     }
 }
 
-/// All frames that the crate can make.
+/// All kinds of frames that the crate can make.
 fn frames() -> Vec<Vec<u8>> {
     let client = client_messages().into_iter().map(|m| encode_client(&m).unwrap());
     let server = server_messages().into_iter().map(|m| encode_server(&m).unwrap());
@@ -125,7 +125,7 @@ fn every_truncation_and_every_extension_of_every_frame_is_refused() {
 fn every_truncation_and_every_extension_of_every_body_is_refused() {
     for bytes in frames() {
         let frame = Frame::parse(Bytes::from(bytes)).unwrap();
-        // A shorter piece is still a piece; its own length is what the reassembly checks.
+        // A shorter piece is still valid; reassembly checks its length.
         if frame.tag == tag::PIECE {
             continue;
         }
@@ -157,7 +157,7 @@ fn unknown_messages_are_skipped_if_optional_and_refused_otherwise() {
 fn values_beyond_their_limits_are_neither_encoded_nor_decoded() {
     let wants = vec![Want::whole(BlobId::base(0), 0); MAX_IDS_PER_MESSAGE + 1];
     assert!(encode_client(&ClientMessage::Want(wants.clone())).is_err());
-    // The same by hand, past the encoder's check.
+    // The same made by hand, past the encoder's check.
     let bytes = super::frame("Want", tag::WANT, &wants).unwrap();
     assert!(Frame::parse(Bytes::from(bytes)).unwrap().into_client_message().is_err());
     let ClientMessage::Hello(hello) = client_messages().remove(0) else { panic!("the first is Hello") };

@@ -133,17 +133,17 @@ impl Reads {
         self.list.iter().any(|read| read.id == id && read.purpose.is_some())
     }
 
-    /// What is wanted of blobs that are read.
+    /// The requested parts of the blobs being read.
     pub(super) fn wanted(&self) -> impl Iterator<Item = (BlobId, &Range<u32>)> {
         self.list.iter().filter_map(|read| read.purpose.as_ref().map(|(_, part)| (read.id, part)))
     }
 
-    /// Whether nobody waits for a read.
+    /// Whether no session waits for a read.
     pub(super) fn is_empty(&self) -> bool {
         self.list.iter().all(|read| read.purpose.is_none())
     }
 
-    /// What is wanted of a blob has changed: its priority, and how far. `false` where nothing is read for it.
+    /// Changes the priority and the requested part of a blob being read; `false` if it is not being read.
     pub(super) fn want(&mut self, id: BlobId, priority: Priority, part: &Range<u32>) -> bool {
         let purposes =
             self.list.iter_mut().filter(|read| read.id == id).filter_map(|read| read.purpose.as_mut());

@@ -8,14 +8,14 @@ use lodestream_import::MAX_FILE_BYTES;
 use super::place::has_ending;
 use lodestream_store::{Objects, StoreError};
 
-/// Files that one scene or model may name.
+/// Most files that one scene or model may name.
 const MAX_FILES: usize = 10_000;
 
-/// Fetches a model or a scene file and all that they name; gives its place in `folder`. What is named and not there is
-/// left to whoever reads them.
+/// Downloads a model or a scene file and all files that it names; returns its path in `folder`. A named file that does
+/// not exist in the store is skipped: the importer reports it.
 ///
 /// # Errors
-/// A URL of no store, a store that does not answer, a file that is not there or too long.
+/// The URL is not of a store, the store does not answer, or a file is missing or too long.
 pub async fn fetch(url: &str, folder: &Path) -> anyhow::Result<PathBuf> {
     let Some((root, name)) = url.rsplit_once('/').filter(|(_, name)| !name.is_empty()) else {
         bail!("{url}: names no model");
@@ -27,7 +27,7 @@ pub async fn fetch(url: &str, folder: &Path) -> anyhow::Result<PathBuf> {
     let mut seen = 1;
     while let Some(next) = to_read.pop() {
         for named in named_in(&next)? {
-            // Anything else is not below the scene, and refused by whoever reads it.
+            // Paths outside the scene's folder are skipped: the importer refuses them.
             let Ok(relative) = named.strip_prefix(folder) else { continue };
             if named.exists() || !relative.components().all(|part| matches!(part, Component::Normal(_))) {
                 continue;
@@ -41,7 +41,7 @@ pub async fn fetch(url: &str, folder: &Path) -> anyhow::Result<PathBuf> {
             }
             let parts: Vec<_> = relative.iter().map(|part| part.to_string_lossy()).collect();
             match objects.download(&parts.join("/"), &named, MAX_FILE_BYTES).await {
-                // An OBJ file names materials, and only these name textures.
+                // Textures are named in the MTL file, so the OBJ file is read again once its MTL file is there.
                 Ok(()) if has_ending(&named, &["mtl"]) => to_read.push(next.clone()),
                 Ok(()) => to_read.push(named),
                 Err(StoreError::NoSuchObject { .. }) => {}
@@ -52,12 +52,12 @@ pub async fn fetch(url: &str, folder: &Path) -> anyhow::Result<PathBuf> {
     Ok(file)
 }
 
-/// The files that a file names, by where they would lie.
+/// Paths of the files that a file names.
 fn named_in(file: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let folder = file.parent().unwrap_or(Path::new(""));
     if has_ending(file, &["toml"]) {
         let text = std::fs::read_to_string(file).with_context(|| file.display().to_string())?;
-        // What is wrong with it is told when it is read as a scene.
+        // Errors of syntax are reported when the file is read as a scene.
         let Ok(table) = text.parse::<toml::Table>() else { return Ok(Vec::new()) };
         let assets = table.get("asset").and_then(toml::Value::as_array).into_iter().flatten();
         let files = assets.filter_map(|asset| asset.get("file"));

@@ -28,7 +28,7 @@ type Stamp = blake3::Hash;
 struct Known {
     /// `None` if the next check must reopen it.
     stamp: Option<Stamp>,
-    /// Files whose change changes the scene.
+    /// Files that the scene was read from.
     files: Vec<PathBuf>,
     /// `None` if it was never opened.
     source: Option<Arc<SceneStore>>,
@@ -52,11 +52,11 @@ impl std::fmt::Debug for Catalogue {
 }
 
 impl Catalogue {
-    /// The scenes of these words: models side by side, scene files, folders, URLs of stores. Packs that have to be
-    /// prepared are kept in `folder`.
+    /// A catalogue of the scenes that these arguments name: models combined to one scene, scene files, folders, URLs of
+    /// stores. Packs that must be prepared are kept in `folder`.
     ///
     /// # Errors
-    /// Words that do not go together, or name nothing.
+    /// The arguments cannot be combined, or one names nothing.
     pub fn new(
         words: &[PathBuf],
         folder: PathBuf,
@@ -74,10 +74,10 @@ impl Catalogue {
         })
     }
 
-    /// Opens all scenes for the first time. Scenes of folders may fail with a warning.
+    /// Opens all scenes for the first time. A scene of a folder that cannot be opened is skipped with a warning.
     ///
     /// # Errors
-    /// A scene that was named by itself and cannot be opened, or none at all.
+    /// A scene that the command line names cannot be opened, or there is no scene at all.
     pub async fn open(&self) -> anyhow::Result<Scenes> {
         let sources = self.all(true, true).await?.unwrap_or_default();
         if sources.is_empty() {
@@ -125,12 +125,12 @@ impl Catalogue {
         Ok(changed.then(|| sources.map(|source| source as Arc<dyn SceneSource>).collect()))
     }
 
-    /// Opens a scene. The state is valid on failure too: the scene is then reopened when it changes.
+    /// Opens a scene. On failure the returned state is valid too: the scene is opened again when its files change.
     async fn open_one(&self, found: &SceneLocation, quiet: bool) -> (Known, anyhow::Result<()>) {
         match found {
             SceneLocation::Published(objects, listed) => {
                 let opened = SceneStore::open(objects, &listed.name, &self.blobs).await;
-                // A store that fails for a moment is no change of the object.
+                // No stamp on failure, so the next check tries again: the store may have failed for a moment only.
                 let stamp = opened.is_ok().then(|| blake3::hash(listed.version.as_bytes()));
                 let (source, opened) = parted(opened.map_err(Into::into));
                 (Known { stamp, files: Vec::new(), source }, opened)
@@ -162,7 +162,7 @@ impl SceneProvider for Catalogue {
     }
 }
 
-/// Prepares what is not in the folder of packs, and opens the scene.
+/// Prepares the packs that are missing in the folder of packs, and opens the scene.
 fn open_files(
     words: &[PathBuf],
     folder: &std::path::Path,
@@ -172,13 +172,14 @@ fn open_files(
     let began = SystemTime::now();
     let mut files = words.to_vec();
     let (source, opened) = parted(read_files(words, folder, options, blobs, &mut files));
-    // What changed while it was read is looked at again. (A time that is still to come is that of another clock.)
+    // Without a stamp the next check reads files again that changed during this read. A time in the future comes from
+    // another machine's clock and is accepted.
     let meanwhile = began..=SystemTime::now();
     let stamp = of_files(&files).filter(|(_, last)| last.is_none_or(|last| !meanwhile.contains(&last)));
     (Known { stamp: stamp.map(|(stamp, _)| stamp), files, source }, opened)
 }
 
-/// The scene; `files` gets those that it is read from.
+/// Opens the scene and adds the files that it is read from to `files`.
 fn read_files(
     words: &[PathBuf],
     folder: &std::path::Path,
@@ -214,7 +215,8 @@ async fn stamp(found: &SceneLocation, before: Option<&Known>) -> Option<Stamp> {
     }
 }
 
-/// Names, lengths and times of files, and the last of these times. Files that are not there count as such.
+/// A hash of the names, lengths and modification times of files, and the latest of these times. A missing file counts
+/// as having neither.
 fn of_files(files: &[PathBuf]) -> Option<(Stamp, Option<SystemTime>)> {
     let mut hasher = blake3::Hasher::new();
     let mut last = None;

@@ -1,4 +1,4 @@
-//! Sources of scenes, as the command line names them.
+//! Sources of scenes, as the command line names them: files, folders, stores.
 
 use std::path::{Path, PathBuf};
 
@@ -15,20 +15,20 @@ const MODELS: [&str; 4] = ["obj", "gltf", "glb", "ply"];
 /// A source of scenes.
 #[derive(Clone, Debug)]
 pub(super) enum Place {
-    /// One scene: a scene file, or models side by side.
+    /// One scene: a scene file, or models combined to one scene.
     Files(Vec<PathBuf>),
-    /// Each scene file in a folder and in its folders, or else each model in it.
+    /// The scene files of a folder and of its subfolders; if there are none, each model in the folder.
     Folder(PathBuf),
-    /// Published scenes: one, or all in a folder.
+    /// Published scenes: the named one, or all in a folder.
     Published(Objects, Option<String>),
 }
 
 /// A scene of a source.
 #[derive(Clone, Debug)]
 pub(super) enum SceneLocation {
-    /// A scene file, or models side by side.
+    /// A scene file, or models combined to one scene.
     Files(Vec<PathBuf>),
-    /// A published one.
+    /// A published scene.
     Published(Objects, ObjectEntry),
 }
 
@@ -45,7 +45,7 @@ impl SceneLocation {
 }
 
 impl Place {
-    /// Parses the words of a command line.
+    /// Parses the arguments of a command line.
     pub(super) fn of_words(words: &[PathBuf]) -> anyhow::Result<Vec<Self>> {
         let mut places = Vec::new();
         let mut models = Vec::new();
@@ -83,11 +83,11 @@ impl Place {
                 let path = scene.first().cloned().unwrap_or_default();
                 Err(SceneError::SceneAmongOthers { path }.into())
             }
-            (_, false) => bail!("{}: models stand alone, or in a folder", models[0].display()),
+            (_, false) => bail!("{}: models cannot be combined with folders or stores", models[0].display()),
         }
     }
 
-    /// Whether it names a single scene, which then must exist.
+    /// Whether this names a single scene, which then must exist.
     pub(super) const fn is_one(&self) -> bool {
         matches!(self, Self::Files(_) | Self::Published(_, Some(_)))
     }
@@ -118,7 +118,7 @@ impl Place {
     }
 }
 
-/// Scene files in a folder and in the folders in it, or else models in it.
+/// The scene files of a folder and of its subfolders; if there are none, the models in the folder.
 fn scenes_in(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let mut scenes = names(folder, &["toml"])?;
     for inner in std::fs::read_dir(folder).with_context(|| folder.display().to_string())? {
@@ -132,7 +132,7 @@ fn scenes_in(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     if scenes.is_empty() { names(folder, &MODELS) } else { Ok(scenes) }
 }
 
-/// Files in a folder that end like this, in the order of their names.
+/// Files in a folder with one of these extensions, sorted by name.
 fn names(folder: &Path, endings: &[&str]) -> anyhow::Result<Vec<PathBuf>> {
     let about = || folder.display().to_string();
     let mut found = Vec::new();

@@ -1,7 +1,7 @@
-//! A scene and its packs as objects, which any server over them serves alike.
+//! Publishing: writes a scene and its packs as objects, from which any server can serve the scene.
 //!
-//! Packs are called by what they are made from, so what is there already is neither prepared nor written again, whoever
-//! made it; the scene object, which alone is ever exchanged, comes last.
+//! A pack's name is a hash of its inputs, so a pack that exists is neither prepared nor written again, whichever
+//! machine made it. The scene object, the only object that is ever replaced, is written last.
 
 use std::path::Path;
 
@@ -27,23 +27,23 @@ pub struct Published {
     pub written: usize,
     /// Packs that existed already.
     pub there: usize,
-    /// Whether the scene object was written: it was another, or none.
+    /// Whether the scene object was written: it did not exist or differed.
     pub scene_written: bool,
 }
 
 impl std::fmt::Display for Published {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { name, prepared, written, there, scene_written } = self;
-        let scene = if *scene_written { "written" } else { "as before" };
-        write!(f, "{name} {scene}; packs: {written} written, {there} there before, {prepared} prepared")
+        let scene = if *scene_written { "written" } else { "unchanged" };
+        write!(f, "{name} {scene}; packs: {written} written, {there} existing, {prepared} prepared")
     }
 }
 
 /// Publishes a scene. Packs are prepared in `cache`, as for serving.
 ///
 /// # Errors
-/// A model that cannot be prepared, a store that does not answer or take it. What is written then is whole, and used the
-/// next time.
+/// A model cannot be prepared, or the store does not answer or refuses an object. Objects written until then are
+/// complete, and the next call uses them.
 pub async fn publish(
     scene: &Scene,
     objects: &Objects,
@@ -58,9 +58,9 @@ pub async fn publish(
         let (local, name) = (key.path(cache, &asset.name), format!("packs/{}.lsp", key.hex()));
         if !local.exists() && objects.length(&name).await?.is_some() {
             std::fs::create_dir_all(cache)?;
-            // Another machine prepared it; `prepare_cached` verifies it.
+            // Another machine prepared this pack; `prepare_cached` verifies it.
             if let Err(why) = objects.download(&name, &local, MAX_FILE_BYTES).await {
-                write_line(format_args!("warning: prepared here: {why}"));
+                write_line(format_args!("warning: the pack is prepared again: {why}"));
             }
         }
         let cached = prepare_cached(asset, cache, options)?;
@@ -98,7 +98,7 @@ pub async fn publish(
     Ok(done)
 }
 
-/// Whether an object is this pack: its head names all contents.
+/// Whether an object is this pack. Comparing heads suffices, since a head holds the hashes of all contents.
 pub async fn is_there(objects: &Objects, name: &str, pack: &PackFile) -> Result<bool, StoreError> {
     if objects.length(name).await? != Some(pack.total_bytes()) {
         return Ok(false);
@@ -107,7 +107,8 @@ pub async fn is_there(objects: &Objects, name: &str, pack: &PackFile) -> Result<
     Ok(Head::parse(&head).is_ok_and(|head| head == *pack.head()))
 }
 
-/// A scene's name as one of an object: what not every store takes as it is is left out, and a hash then tells names apart.
+/// The name of a scene's object. Characters that some stores do not accept are removed; a hash of the whole name then
+/// keeps different scenes apart.
 fn object_name(name: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
     if name.chars().all(plain) && !name.is_empty() && !name.starts_with('.') && name.len() <= 100 {

@@ -1,4 +1,4 @@
-//! `check`: random ancestor-closed cuts must give one mesh in any order, and the whole pack the model.
+//! `check`: random ancestor-closed cuts must give the same mesh in any order, and the whole pack must give the model.
 
 use std::path::PathBuf;
 
@@ -21,10 +21,10 @@ pub(super) struct Arguments {
     /// Number of cuts.
     #[arg(long, value_name = "N", default_value_t = 200)]
     random_sets: u32,
-    /// The same seed gives the same sets and orders.
+    /// Seed of the random cuts and orders.
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
-    /// The model that the pack was made of: it must hold the same faces, attributes and materials.
+    /// The model that the pack was prepared from; compares faces, attributes and materials.
     #[arg(long, value_name = "MODEL")]
     source: Option<PathBuf>,
     /// Only this mesh of a glTF file, as for `prepare`.
@@ -67,7 +67,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     Ok(outcome)
 }
 
-/// A line for each chunk whose stated errors exceed those of what it refines.
+/// A line for each chunk that states a larger error than a parent or the base mesh, and for each whose truncation
+/// points' errors rise.
 fn rising_errors(root: f32, infos: &[ChunkInfo]) -> Vec<String> {
     let mut lines = Vec::new();
     for (id, info) in infos.iter().enumerate() {
@@ -77,11 +78,11 @@ fn rising_errors(root: f32, infos: &[ChunkInfo]) -> Vec<String> {
                 lines.push(format!("chunk {id} states a larger error than its parent {parent}\n"));
             }
         }
-        // A stop may state more than its chunk does while it is missing: what is far on the way need not be
-        // in the end. Nobody truncation_points there.
+        // Truncation points are not compared with the error stated for the missing chunk: an intermediate state may be
+        // further from the final one than the coarser mesh, and then no client stops there.
         if info.error > root || info.truncation_points.windows(2).any(|s| s[1].error > s[0].error) {
             lines.push(format!(
-                "chunk {id} states a larger error than the base mesh, or a stop than the one before\n"
+                "chunk {id} states a larger error than the base mesh, or its truncation points' errors rise\n"
             ));
         }
     }
@@ -93,7 +94,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn errors_that_rise_towards_finer_chunks_are_told() {
+    fn errors_that_rise_towards_finer_chunks_are_reported() {
         let coarse = ChunkInfo { error: 2.0, attribute_error: 1.0, ..ChunkInfo::default() };
         let fine = |error, attribute_error| ChunkInfo {
             error,

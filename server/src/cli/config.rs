@@ -1,7 +1,7 @@
 //! `serve --config FILE`: flags from a TOML file. Keys are the flags of `serve` without their dashes, and `files`.
 //!
-//! The file's values become words of the command line, where neither it nor the environment says anything, so each is read
-//! and refused as its flag is. Paths are relative to the file's folder.
+//! A value of the file becomes an argument of the command line, unless the command line or the environment gives the
+//! same option, so it is parsed and checked as the flag is. Paths are relative to the file's folder.
 
 use std::any::TypeId;
 use std::collections::BTreeMap;
@@ -18,17 +18,17 @@ use toml::{Spanned, Value};
 use super::outcome::Outcome;
 use lodestream_store::Objects;
 
-/// Longest file that is read.
+/// Longest file that is read, in bytes.
 const MAX_BYTES: u64 = 1 << 20;
-/// What a file cannot set.
+/// Flags that a file cannot set.
 const NOT_IN_FILES: [&str; 4] = ["config", "save-config", "help", "version"];
 
-/// The words of a command line with what a file that it names adds to them.
+/// The arguments of a command line, with those that the file of `--config` adds.
 ///
 /// # Errors
-/// Fails where the file cannot be read or has a key that is none.
+/// The file cannot be read, or has an unknown key.
 pub(super) fn with_file(command: &Command, words: Vec<OsString>) -> anyhow::Result<Vec<OsString>> {
-    // What is wrong with the words is told when all of them are there.
+    // Errors in the arguments are reported when the complete command line is parsed.
     let found = command.clone().ignore_errors(true).try_get_matches_from(&words);
     let said = found.ok().and_then(|matches| matches.subcommand_matches("serve").cloned());
     let file = said.as_ref().and_then(|said| said.try_get_one::<PathBuf>("config").ok().flatten());
@@ -41,11 +41,11 @@ pub(super) fn with_file(command: &Command, words: Vec<OsString>) -> anyhow::Resu
     Ok([before, &more, after].concat())
 }
 
-/// The words that a file stands for.
+/// The arguments that a file stands for. `said` are those of the command line, which take precedence.
 fn read(file: &Path, serve: &Command, said: &ArgMatches) -> anyhow::Result<Vec<OsString>> {
     let bytes = std::fs::metadata(file)?.len();
     if bytes > MAX_BYTES {
-        bail!("{bytes} bytes are no configuration; at most {MAX_BYTES} are read");
+        bail!("the file has {bytes} bytes; at most {MAX_BYTES} are read");
     }
     let text = std::fs::read_to_string(file)?;
     let table: BTreeMap<String, Spanned<Value>> = toml::from_str(&text)?;
@@ -55,7 +55,7 @@ fn read(file: &Path, serve: &Command, said: &ArgMatches) -> anyhow::Result<Vec<O
         let line = text[..value.span().start.min(text.len())].matches('\n').count() + 1;
         let argument = serve.get_arguments().find(|argument| name(argument) == Some(key.as_str()));
         let Some(argument) = argument.filter(|_| !NOT_IN_FILES.contains(&key.as_str())) else {
-            bail!("line {line}: {key} is no key; keys are flags of serve without their dashes, and files");
+            bail!("line {line}: unknown key {key}; keys are flags of serve without their dashes, and files");
         };
         if said.value_source(argument.get_id().as_str()).is_some_and(|from| from != ValueSource::DefaultValue)
         {
@@ -67,7 +67,7 @@ fn read(file: &Path, serve: &Command, said: &ArgMatches) -> anyhow::Result<Vec<O
     Ok(words)
 }
 
-/// What an argument is called in a file.
+/// The key of an argument in a file.
 fn name(argument: &Arg) -> Option<&str> {
     argument.get_long().or_else(|| (argument.get_id() == "files").then_some("files"))
 }
@@ -76,7 +76,7 @@ fn is_path(argument: &Arg) -> bool {
     argument.get_value_parser().type_id() == TypeId::of::<PathBuf>()
 }
 
-/// A key and its value as words of the command line.
+/// A key and its value as arguments of a command line.
 fn as_words(key: &str, argument: &Arg, value: &Value, folder: &Path) -> Result<Vec<OsString>, &'static str> {
     if let ArgAction::SetTrue = argument.get_action() {
         return match value {
@@ -93,7 +93,7 @@ fn as_words(key: &str, argument: &Arg, value: &Value, folder: &Path) -> Result<V
             Value::String(text) => Ok(text.into()),
             Value::Integer(number) => Ok(number.to_string().into()),
             Value::Float(number) => Ok(number.to_string().into()),
-            _ => Err("must be a text or a number, or a list of such"),
+            _ => Err("must be a string or a number, or a list of these"),
         }
     };
     let all = match value {
@@ -111,18 +111,19 @@ fn as_words(key: &str, argument: &Arg, value: &Value, folder: &Path) -> Result<V
     Ok(all.into_iter().map(flag).collect())
 }
 
-/// Writes what a command line comes to as a file for `--config`, whatever its parts came from.
+/// Writes the options that result from command line, environment and file as a file for `--config`.
 ///
 /// # Errors
-/// Fails where the file cannot be written, or a value is not UTF-8.
+/// The file cannot be written, or a value is not UTF-8.
 pub(super) fn save(command: &Command, words: &[OsString], file: &Path) -> anyhow::Result<Outcome> {
     let matches = command.clone().try_get_matches_from(words)?;
     let (Some(said), Some(serve)) = (matches.subcommand_matches("serve"), command.find_subcommand("serve"))
     else {
-        bail!("only serve has a configuration");
+        bail!("only serve has a configuration file");
     };
-    let mut text =
-        String::from("# Options of lodestream-server serve, for --config. Flags and the environment win.\n");
+    let mut text = String::from(
+        "# Options of lodestream-server serve, for --config. Flags and environment take precedence.\n",
+    );
     for argument in serve.get_arguments() {
         let Some(key) = name(argument).filter(|key| !NOT_IN_FILES.contains(key)) else { continue };
         let id = argument.get_id().as_str();
@@ -146,7 +147,8 @@ pub(super) fn save(command: &Command, words: &[OsString], file: &Path) -> anyhow
     Ok(Outcome::good(format!("{} was written\n", file.display())))
 }
 
-/// A value as TOML: a number where it is one, else text; paths from the root, since files count from their own folder.
+/// A value as TOML: a number if possible, else a string. Paths become absolute, since those in files are relative to
+/// the file's folder.
 fn quoted(argument: &Arg, value: &OsStr) -> anyhow::Result<String> {
     let path = is_path(argument) && !Objects::is_url(Path::new(value));
     let path = path.then(|| std::path::absolute(value)).transpose()?;
@@ -169,7 +171,7 @@ mod tests {
         line.split(' ').map(OsString::from).collect()
     }
 
-    /// A folder with a file of this text, and the words of a command line that names it.
+    /// A folder with a file of this text, and the arguments that result from a command line with it.
     fn given(text: &str, rest: &str) -> (tempfile::TempDir, anyhow::Result<Vec<String>>) {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("server.toml");
@@ -180,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn flags_win_over_files_and_files_over_defaults() {
+    fn flags_override_files_and_files_override_defaults() {
         let text = "files = [\"a.obj\", \"b.obj\"]\nrate = \"2Mbit\"\nmax-sessions = 50\nhttp-tls = true\n\
                     allow-origin = [\"https://a.example\", \"https://b.example\"]\n";
         let (folder, found) = given(text, " --max-sessions 7");
@@ -191,7 +193,7 @@ mod tests {
             assert!(found.iter().any(|found| found == word), "{word} of {found:?}");
         }
         assert!(!found.iter().any(|word| word == "--max-sessions=50"), "{found:?}");
-        // A file of models that is named takes the place of those in the file.
+        // Models on the command line replace those in the file.
         let (_, found) = given(text, " c.obj");
         assert!(!found.unwrap().iter().any(|word| word.ends_with("a.obj")));
         let line = words("lodestream-server serve a.obj");
@@ -199,19 +201,19 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_key_or_no_value_is_refused_with_its_line() {
+    fn unknown_keys_and_invalid_values_are_refused_with_their_line() {
         for (text, why) in [
-            ("rate = \"off\"\nrates = 3\n", "line 2: rates is no key"),
-            ("\n\nconfig = \"x.toml\"\n", "line 3: config is no key"),
+            ("rate = \"off\"\nrates = 3\n", "line 2: unknown key rates"),
+            ("\n\nconfig = \"x.toml\"\n", "line 3: unknown key config"),
             ("http-tls = \"yes\"\n", "line 1: http-tls: must be true or false"),
-            ("rate = { fast = true }\n", "line 1: rate: must be a text or a number"),
+            ("rate = { fast = true }\n", "line 1: rate: must be a string or a number"),
             ("rate = \n", "line 1"),
         ] {
             let (_, found) = given(text, "");
             let said = format!("{:#}", found.unwrap_err());
             assert!(said.contains("server.toml") && said.contains(why), "{said}");
         }
-        // What its flag refuses is refused as its flag.
+        // A value out of range gets the error of its flag.
         let (_, found) = given("files = \"a.obj\"\nmax-sessions = 0\n", "");
         assert!(Cli::try_parse_from(found.unwrap()).unwrap_err().to_string().contains("--max-sessions"));
         let line = words("lodestream-server serve --config nowhere/server.toml");
@@ -221,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_saved_comes_back() {
+    fn a_saved_file_gives_the_same_options() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("saved.toml");
         let line = words(

@@ -13,17 +13,17 @@ use super::units::parse_size;
 use lodestream_bake::export_obj::write_obj;
 use lodestream_store::PackFile;
 
-/// What limits the mesh; nothing means all of it.
+/// The bound of the mesh; without one, the whole mesh is exported.
 #[derive(Clone, Copy, Debug, Args)]
 #[group(required = false, multiple = false)]
 struct BudgetArguments {
-    /// At most this many faces.
+    /// Most faces.
     #[arg(long, value_name = "N")]
     faces: Option<u64>,
-    /// Down to this error, in the model's units, in as few chunks as possible.
+    /// Largest error, in the model's units; exports the fewest chunks that reach it.
     #[arg(long, value_name = "E", value_parser = positive)]
     error: Option<f64>,
-    /// At most this many bytes: base, index pages and chunks.
+    /// Most bytes of base mesh, index pages and chunks.
     #[arg(long, value_name = "N", value_parser = parse_size)]
     bytes: Option<u64>,
 }
@@ -69,7 +69,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     write_atomically(&arguments.output, |out| write_obj(out, &mesh, &asset.material_names()))
         .with_context(|| format!("{}: cannot be written", arguments.output.display()))?;
     Ok(Outcome::good(format!(
-        "{}: {} faces, {} vertices, {} chunks ({} of them up to a stop), {} bytes, error {}\n",
+        "{}: {} faces, {} vertices, {} chunks ({} of them up to a truncation point), {} bytes, error {}\n",
         arguments.output.display(),
         mesh.faces.len(),
         mesh.positions.len(),

@@ -1,4 +1,4 @@
-//! `generate`: completions for shells, and pages of the manual, from what the arguments say of themselves.
+//! `generate`: shell completions and manual pages, generated from the arguments.
 
 use std::path::{Path, PathBuf};
 
@@ -16,14 +16,14 @@ pub(super) struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum What {
-    /// Completions for a shell, on standard output.
+    /// Write completions for a shell to standard output.
     Completions {
         /// The shell.
         shell: Shell,
     },
-    /// Pages of the manual, one for each command.
+    /// Write manual pages, one for each command.
     Man {
-        /// Folder to write to; made where it is missing.
+        /// Folder to write to; created if it is missing.
         #[arg(value_name = "DIR")]
         folder: PathBuf,
     },

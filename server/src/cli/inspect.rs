@@ -1,4 +1,4 @@
-//! `inspect`: what is in a pack.
+//! `inspect`: contents and statistics of a pack.
 
 use std::path::PathBuf;
 
@@ -12,7 +12,7 @@ pub(super) struct Arguments {
     /// The pack.
     #[arg(value_name = "FILE.lsp")]
     pack: PathBuf,
-    /// As JSON, for programs.
+    /// Print JSON, for programs.
     #[arg(long)]
     json: bool,
 }

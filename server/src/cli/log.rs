@@ -12,12 +12,12 @@ use tracing_subscriber::util::SubscriberInitExt as _;
 use super::log_limit::LogLimit;
 use super::log_lines::{Lines, LogFormat};
 
-/// Lines that wait for their reader, at most.
+/// Most lines that wait to be written.
 const MAX_LINES: usize = 1024;
-/// How long the end waits until what was logged is written.
+/// Longest time that the program waits at its end for the log to be written.
 const LAST_LINES: Duration = Duration::from_millis(1500);
 
-/// A log that is being written; dropping it waits until it is, or for [`LAST_LINES`].
+/// A log that a thread writes. Dropping it waits until all lines are written, or for [`LAST_LINES`].
 #[derive(Debug)]
 pub(super) struct Log {
     lines: Arc<Lines>,
@@ -27,19 +27,19 @@ pub(super) struct Log {
 }
 
 impl Log {
-    /// Begins; `RUST_LOG` chooses what is logged (by default: sessions and their ends).
+    /// Starts the log. `RUST_LOG` sets the level (default: `info`, sessions and their ends).
     pub(super) fn to_stderr(format: LogFormat, limit: LogLimit) -> Self {
         let builder = NonBlockingBuilder::default().buffered_lines_limit(MAX_LINES).lossy(true);
         let (writer, written) = builder.finish(std::io::stderr());
         let dropped_lines = writer.error_counter();
         let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"));
         let lines = Lines::new(format, limit, Instant::now);
-        // Fails where a log is set up already, and then that one is as good.
+        // Fails if the process has a log already; that one is used then.
         let _ = lines.log(filter, std::io::stderr().is_terminal(), writer.clone()).try_init();
         Self { lines, writer, dropped_lines, written: Some(written) }
     }
 
-    /// What counts the lines that were left out.
+    /// The counter of lines that were dropped because the queue was full.
     pub(super) fn dropped_lines(&self) -> ErrorCounter {
         self.dropped_lines.clone()
     }
@@ -50,17 +50,17 @@ impl Drop for Log {
         let Some(written) = self.written.take() else { return };
         let last = self.lines.last_words();
         if !last.is_empty() {
-            // It waits for nobody, and where there is no room it is counted.
+            // Does not block; lines without room in the queue are counted.
             let _ = self.writer.write_all(last.as_bytes());
         }
         let (done, ended) = sync_channel::<()>(1);
-        // Where nobody reads, the guard says so on standard error, and waits for its reader.
+        // If nobody reads standard error, dropping the guard blocks. A thread of its own waits for it.
         let waiting = std::thread::Builder::new().spawn(move || {
             drop(written);
             drop(done);
         });
         if waiting.is_ok() {
-            // It ends by being disconnected, or is left behind.
+            // Either the thread drops its end of the channel, or the time is over and the thread is left behind.
             let _ = ended.recv_timeout(LAST_LINES);
         }
     }

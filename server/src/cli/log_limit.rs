@@ -8,44 +8,46 @@ use std::time::{Duration, Instant};
 use tracing::Metadata;
 use tracing::callsite::Identifier;
 
-/// In this time a place may log so many lines.
+/// Interval for which [`LogLimit`] lines are admitted per call site.
 const WINDOW: Duration = Duration::from_secs(1);
 
-/// Most lines a second that a place in the code may log; `None` for no limit.
+/// Most lines per second that one call site may log; `None` for no limit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct LogLimit(pub(super) Option<NonZeroU32>);
 
-/// Reads a number of lines, or `off`.
+/// Parses a number of lines, or `off`.
 pub(super) fn parse_log_limit(text: &str) -> Result<LogLimit, String> {
     if text.eq_ignore_ascii_case("off") {
         return Ok(LogLimit(None));
     }
-    let lines =
-        text.parse().map_err(|_| format!("{text:?} is no number of lines: write for example 100, or off"))?;
+    let lines = text
+        .parse()
+        .map_err(|_| format!("{text:?} is not a number of lines; write for example 100, or off"))?;
     Ok(LogLimit(Some(lines)))
 }
 
-/// Lines of one place that were left out.
+/// Suppressed lines of one call site.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SuppressedLines {
-    /// The place.
+    /// The call site.
     pub(super) of: &'static Metadata<'static>,
-    /// How many.
+    /// Number of lines.
     pub(super) lines: u64,
 }
 
-/// See the module. There are as many entries as places that have logged, and a line costs the same however many.
+/// Counts lines per call site. It has one entry per call site that has logged; the cost of a line does not depend on
+/// their number.
 #[derive(Debug)]
 pub(super) struct Limiter {
     limit: LogLimit,
     callsites: HashMap<Identifier, Window>,
-    /// Whose windows are open, the oldest first; each callsite once.
+    /// Call sites whose window is open, oldest first, each once.
     open: VecDeque<Identifier>,
-    /// The latest time that was told: threads read the clock before they wait for each other.
+    /// The latest time passed in. Threads read the clock before they take the lock, so times may arrive out of order.
     latest: Option<Instant>,
 }
 
-/// What a callsite logged since its window began.
+/// Lines of a call site since its window began.
 #[derive(Debug)]
 struct Window {
     metadata: &'static Metadata<'static>,
@@ -59,8 +61,8 @@ impl Limiter {
         Self { limit, callsites: HashMap::new(), open: VecDeque::new(), latest: None }
     }
 
-    /// Whether a place may log a line now; if not, the line is counted. And what was left out in windows that are over
-    /// since the last line, each place once.
+    /// Whether a call site may log a line now; if not, the line is counted as suppressed. Also returns the suppressed
+    /// lines of all windows that have ended since the last call, one entry per call site.
     pub(super) fn line(
         &mut self,
         of: &'static Metadata<'static>,
@@ -93,7 +95,7 @@ impl Limiter {
         (admitted, left_out)
     }
 
-    /// Closes the windows that are over.
+    /// Closes the windows that have ended.
     fn close(&mut self, now: Instant) -> Vec<SuppressedLines> {
         let mut taken = Vec::new();
         while let Some(callsite) = self.open.front()
@@ -106,7 +108,7 @@ impl Limiter {
         sorted(taken)
     }
 
-    /// Takes all that was left out.
+    /// Takes the counts of all suppressed lines.
     pub(super) fn take_all(&mut self) -> Vec<SuppressedLines> {
         sorted(self.callsites.values_mut().filter_map(Window::take).collect())
     }
@@ -119,7 +121,7 @@ impl Window {
     }
 }
 
-/// By place: a map's order is nobody's business.
+/// Sorted by file and line, so that the order does not depend on the hash map.
 fn sorted(mut taken: Vec<SuppressedLines>) -> Vec<SuppressedLines> {
     taken.sort_by_key(|left_out| (left_out.of.file(), left_out.of.line()));
     taken
@@ -135,7 +137,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn limits_are_read() {
+    fn limits_are_parsed() {
         assert_eq!(parse_log_limit("off"), Ok(LogLimit(None)));
         assert_eq!(parse_log_limit("7"), Ok(LogLimit(NonZeroU32::new(7))));
         for bad in ["0", "-1", "", "many"] {
@@ -143,14 +145,14 @@ mod tests {
         }
     }
 
-    /// A place in a file of its own making.
+    /// A call site in a file that does not exist.
     fn callsite(line: u32) -> &'static Metadata<'static> {
-        /// Has a size, so that no two are at the same address.
-        struct Somewhere(#[expect(dead_code, reason = "it is there for its size")] u32);
+        /// Has a size, so that each call site has an address of its own.
+        struct Somewhere(#[expect(dead_code, reason = "gives the type a size")] u32);
         impl Callsite for Somewhere {
             fn set_interest(&self, _: Interest) {}
             fn metadata(&self) -> &Metadata<'_> {
-                unreachable!("nobody is registered")
+                unreachable!("no call site is registered")
             }
         }
         let fields = FieldSet::new(&[], Identifier(Box::leak(Box::new(Somewhere(line)))));
@@ -168,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn each_place_has_a_window_of_its_own_and_is_told_of_once_when_it_is_over() {
+    fn each_call_site_has_a_window_and_is_reported_once_when_it_ends() {
         let [a, b] = [9, 4].map(callsite);
         let (mut limiter, start) = (limiter(2), Instant::now());
         let mut line = |of, at_ms| {
@@ -182,14 +184,14 @@ mod tests {
         assert_eq!(line(a, 1400), (true, vec![]));
         assert_eq!(line(a, 1500), (true, vec![(4, 3)]));
         assert_eq!(line(a, 1501), (false, vec![]));
-        // Both at once, by place.
+        // Both windows end before this line; their counts are sorted by call site.
         assert_eq!([1600, 1601, 1602].map(|ms| line(b, ms).0), [true, true, false]);
         assert_eq!(line(b, 9000), (true, vec![(4, 1), (9, 1)]));
         assert_eq!(told(&limiter.take_all()), []);
     }
 
     #[test]
-    fn a_clock_that_threads_read_out_of_order_opens_no_window_twice() {
+    fn times_out_of_order_open_no_window_twice() {
         let [a, b] = [1, 2].map(callsite);
         let (mut limiter, start) = (limiter(1), Instant::now());
         let at = |us| start + Duration::from_micros(us);
@@ -200,7 +202,7 @@ mod tests {
         assert_eq!(told(&limiter.take_all()), [(1, 2), (2, 2)]);
     }
 
-    /// What a limiter does that looks at all places for each line.
+    /// A reference limiter, which checks the windows of all call sites for each line.
     #[derive(Default)]
     struct Thorough(Vec<(&'static Metadata<'static>, Instant, u32, u64)>);
 
@@ -235,12 +237,12 @@ mod tests {
     }
 
     #[test]
-    fn a_limiter_does_what_one_does_that_looks_at_all_places_for_each_line() {
+    fn the_limiter_equals_the_reference() {
         let callsites: Vec<_> = (1..=40).map(callsite).collect();
         let (mut limiter, mut thorough) = (limiter(3), Thorough::default());
         let (mut now, mut random, mut left_out) = (Instant::now(), 1_u32, 0);
         for _ in 0..20_000 {
-            // Some places flood, most log now and then (Numerical Recipes' generator).
+            // Some call sites log often, most now and then (a linear congruential generator from Numerical Recipes).
             random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             let place = (random >> 8) as usize % 40 * ((random >> 20) as usize % 40) / 39;
             now += Duration::from_millis(u64::from(random >> 28) + 700 * u64::from(random >> 22 == 0));
@@ -249,6 +251,6 @@ mod tests {
             assert!(limiter.open.len() <= callsites.len());
             left_out += usize::from(!admitted);
         }
-        assert!((1000..19_000).contains(&left_out), "{left_out} lines left out try little");
+        assert!((1000..19_000).contains(&left_out), "only {left_out} lines were suppressed, or almost all");
     }
 }

@@ -15,16 +15,16 @@ use tracing_subscriber::registry::LookupSpan;
 
 use super::log_limit::{Limiter, LogLimit, SuppressedLines};
 
-/// How lines are written.
+/// Format of log lines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum LogFormat {
-    /// For people.
+    /// Text for people.
     Text,
-    /// For programs: one JSON object a line.
+    /// JSON for programs, one object per line.
     Json,
 }
 
-/// What is known of lines that were left out, and how that is told.
+/// Formats lines, limits them per call site, and reports the suppressed ones.
 pub(super) struct Lines {
     format: LogFormat,
     limiter: Mutex<Limiter>,
@@ -46,7 +46,7 @@ impl Lines {
         Arc::new(Self { format, limiter: Mutex::new(Limiter::new(limit)), now: Box::new(now) })
     }
 
-    /// A log of these lines.
+    /// A subscriber that writes these lines.
     pub(super) fn log<W>(self: &Arc<Self>, filter: EnvFilter, colours: bool, writer: W) -> Dispatch
     where
         W: for<'w> MakeWriter<'w> + Send + Sync + 'static,
@@ -54,7 +54,8 @@ impl Lines {
         let builder = tracing_subscriber::fmt()
             .with_env_filter(filter)
             .with_writer(writer)
-            // A line that is left out is one that could not be formatted; and these would wait for standard error.
+            // Suppressed lines are reported to `tracing` as formatting errors, which it would print on standard error,
+            // blocking.
             .log_internal_errors(false);
         let lines = Arc::clone(self);
         match self.format {
@@ -72,7 +73,7 @@ impl Lines {
         }
     }
 
-    /// Lines about all that was left out and not told yet.
+    /// Lines about all suppressed lines that were not reported yet.
     pub(super) fn last_words(&self) -> String {
         let mut text = String::new();
         for left_out in self.limiter().take_all() {
@@ -83,7 +84,7 @@ impl Lines {
     }
 
     fn limiter(&self) -> MutexGuard<'_, Limiter> {
-        // A thread that panicked while it held the lock left counts behind, and no more.
+        // A thread that panicked while holding the lock can only have left wrong counts.
         self.limiter.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -111,7 +112,7 @@ impl Lines {
     }
 }
 
-/// A format of lines, of which some are left out.
+/// An event format that suppresses lines beyond the limit.
 struct Limited<F> {
     format: F,
     lines: Arc<Lines>,
@@ -138,7 +139,7 @@ where
         if admitted {
             self.format.format_event(context, writer, event)?;
         }
-        // A failure is a line that is not written.
+        // An error keeps `tracing` from writing an empty line.
         if anything { Ok(()) } else { Err(fmt::Error) }
     }
 }
@@ -156,7 +157,7 @@ mod tests {
 
     impl io::Write for Sheet {
         fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-            assert!(!bytes.is_empty(), "what is left out takes no room in the queue");
+            assert!(!bytes.is_empty(), "suppressed lines must take no room in the queue");
             self.0.lock().unwrap().extend_from_slice(bytes);
             Ok(bytes.len())
         }
@@ -170,7 +171,8 @@ mod tests {
         }
     }
 
-    /// What is written when a place logs ten lines at once, another two, and both again a second later; and at the end.
+    /// The lines written when one call site logs ten lines and another two, and both log again a second later; and the
+    /// lines written at the end.
     fn written(format: LogFormat, limit: Option<u32>) -> (Vec<String>, String) {
         let (sheet, clock) = (Sheet::default(), Arc::new(Mutex::new(Instant::now())));
         let limit = LogLimit(limit.map(|most| NonZeroU32::new(most).unwrap()));
@@ -187,14 +189,14 @@ mod tests {
             *clock.lock().unwrap() += Duration::from_secs(1);
             other();
             flood(5);
-            tracing::debug!("is not asked for");
+            tracing::debug!("below the level");
         });
         let text = String::from_utf8(sheet.0.lock().unwrap().clone()).unwrap();
         (text.lines().map(str::to_owned).collect(), lines.last_words())
     }
 
     #[test]
-    fn what_one_place_repeats_is_left_out_and_counted() {
+    fn repeated_lines_of_a_call_site_are_suppressed_and_counted() {
         let (lines, last) = written(LogFormat::Text, Some(3));
         let count = |of: &str| lines.iter().filter(|line| line.contains(of)).count();
         assert_eq!((count("flood"), count("other"), lines.len()), (6, 3, 10), "{lines:?}");
@@ -209,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn json_is_an_object_a_line_also_of_what_was_left_out() {
+    fn json_has_one_object_per_line_for_suppressed_lines_too() {
         let (lines, last) = written(LogFormat::Json, Some(3));
         let read = |line: &str| serde_json::from_str::<serde_json::Value>(line).unwrap();
         let all: Vec<_> = lines.iter().map(|line| read(line)).collect();

@@ -24,7 +24,7 @@ use clap::{CommandFactory as _, Parser, Subcommand};
 use lodestream_bake::stderr::write_line;
 use outcome::Outcome;
 
-/// Exit code for input that cannot be used, as clap has it for arguments that cannot.
+/// Exit code for unusable input, the same that clap uses for unusable arguments.
 const BAD_INPUT: u8 = 2;
 
 /// Prepares 3D models for streaming, and streams them.
@@ -37,25 +37,25 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Stream a scene: prepares its models where that was not done before, then listens.
+    /// Stream scenes: prepares models that are not prepared yet, then listens.
     Serve(Box<serve::Arguments>),
-    /// Prepare one model: OBJ, glTF or PLY to pack.
+    /// Prepare one model (OBJ, glTF or PLY) to a pack, or publish a scene.
     Prepare(prepare::Arguments),
     /// Show the contents of a pack.
     Inspect(inspect::Arguments),
     /// Write the best mesh within a budget as OBJ.
     Export(export::Arguments),
-    /// Check random sets of chunks for cracks, order dependence and inexact undo.
+    /// Check random ancestor-closed cuts for cracks, dependence on order and inexact undo.
     Check(check::Arguments),
-    /// Generate one patch of a terrain, alone: heights, a picture or a hash.
+    /// Generate one patch of a terrain: heights, a picture or a hash.
     Terrain(terrain::Arguments),
-    /// Read a 16-bit height map as features of a terrain.
+    /// Convert a 16-bit height map to features of a terrain.
     TerrainImport(terrain::ImportArguments),
-    /// Write completions for a shell, or pages of the manual.
+    /// Write shell completions or manual pages.
     Generate(generate::Arguments),
 }
 
-/// Runs the program with its command line.
+/// Parses the command line and runs its command.
 #[must_use]
 pub fn main() -> ExitCode {
     process::set_up();
@@ -78,12 +78,12 @@ pub fn main() -> ExitCode {
     })
 }
 
-/// The arguments of `serve` as they would be if the program began now.
+/// The arguments of `serve` parsed again, with the present contents of the file of `--config`.
 fn serve_again() -> anyhow::Result<serve::Arguments> {
     let words = config::with_file(&Cli::command(), std::env::args_os().collect())?;
     match Cli::try_parse_from(words)?.command {
         Command::Serve(arguments) => Ok(*arguments),
-        _ => anyhow::bail!("the program serves no more"),
+        _ => anyhow::bail!("the command line is not of serve"),
     }
 }
 
@@ -101,12 +101,12 @@ fn finish(outcome: anyhow::Result<Outcome>) -> ExitCode {
     }
 }
 
-/// The error with its causes, in one line.
+/// The error with its causes as one line.
 fn one_line(error: &anyhow::Error) -> String {
     let mut line = String::new();
     for cause in error.chain() {
         let text = cause.to_string();
-        // Errors that quote their cause would repeat it.
+        // An error whose text already ends with its cause's is not followed by it again.
         if !line.ends_with(&text) {
             if !line.is_empty() {
                 line.push_str(": ");
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn causes_are_told_once_and_in_one_line() {
+    fn causes_are_printed_once_and_in_one_line() {
         let error = anyhow::anyhow!("disk\nfull").context("a.lsp: cannot be written: disk\nfull");
         assert_eq!(one_line(&error), "a.lsp: cannot be written: disk full");
         let error = anyhow::anyhow!("disk full").context("a.lsp");

@@ -1,11 +1,11 @@
-//! What a command leaves to say.
+//! The result of a command.
 
-/// What a command that ran has to say.
+/// The result of a command that ran.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Outcome {
-    /// For standard output.
+    /// Text for standard output.
     pub(super) text: String,
-    /// Whether the answer is good; exit code 1 otherwise.
+    /// Whether the command found no fault; otherwise the exit code is 1.
     pub(super) good: bool,
 }
 

@@ -27,27 +27,27 @@ pub(super) struct PreparationArguments {
     /// Bits per axis of texture coordinates, 1 to 16 [default: 12].
     #[arg(long, value_name = "N")]
     uv_bits: Option<UvBits>,
-    /// Largest angle between a normal of the model and the normal of its faces for which the former is dropped:
-    /// 0 keeps all, 180 none [default: 10].
+    /// Normals of the model are dropped where they differ by at most this angle from the normals computed from the
+    /// faces: 0 keeps all, 180 none [default: 10].
     #[arg(long, value_name = "DEGREES")]
     normal_tolerance: Option<NormalTolerance>,
-    /// Cost of a collapse: qem (quadric error), melax (length × curvature), clustering (the cell that both
-    /// ends share) or clustering-seams (the same, along seams) [default: qem].
+    /// Cost of an edge collapse: qem (quadric error), melax (length × curvature), clustering (size of the cell that
+    /// holds both ends) or clustering-seams (the same, along seams) [default: qem].
     #[arg(long, value_name = "METRIC")]
     metric: Option<Metric>,
     /// Order of collapses: heap (the cheapest first), or rounds of this share of the vertices, 0.01 to
     /// 0.5 [default: heap].
     #[arg(long, value_name = "heap | SHARE")]
     round_size: Option<Round>,
-    /// Codec of the geometry: range (the fewest bytes; chunks may be sent in part), axis-aligned (fewer for models built
-    /// along the axes), auto (one of these two, chosen by the model) or zstd (less work for clients) [default: auto].
+    /// Codec of the geometry: range (fewest bytes; chunks can be sent in part), axis-aligned (fewer bytes for models
+    /// built along the axes), auto (one of these two, chosen per model) or zstd (least decoding work) [default: auto].
     #[arg(long, value_name = "CODEC")]
     codec: Option<CodecChoice>,
-    /// Most faces simplified at once, 100 to 100,000,000: a larger mesh is simplified in spatial blocks, one after the
-    /// other, with some 300 bytes of memory per face of a block [default: 4000000].
+    /// Most faces simplified at once, 100 to 100,000,000. A larger mesh is simplified in spatial blocks, one after the
+    /// other; a block takes about 300 bytes of memory per face [default: 4000000].
     #[arg(long, value_name = "N")]
     block_faces: Option<BlockFaces>,
-    /// Depth of relief, 0 to 1 in units of texture coordinates, instead of the materials' own.
+    /// Depth of relief in units of texture coordinates, 0 to 1; replaces that of the materials.
     #[arg(long, value_name = "DEPTH")]
     relief_depth: Option<ReliefDepth>,
 }
@@ -71,6 +71,6 @@ impl PreparationArguments {
 pub(super) fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if value.is_finite() && value > 0.0 => Ok(value),
-        _ => Err("a positive number is needed".to_owned()),
+        _ => Err("must be a positive number".to_owned()),
     }
 }

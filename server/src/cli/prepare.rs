@@ -1,4 +1,4 @@
-//! `prepare`: one model to one pack, or a scene to objects that servers share. Both may lie in stores.
+//! `prepare`: a model to a pack, or a scene to published objects. Both input and output may be in an object store.
 
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ use super::outcome::Outcome;
 use super::preparation_settings::PreparationArguments;
 use crate::catalogue::fetch::fetch;
 use crate::catalogue::publish::publish;
-use lodestream_bake::mapped::{FROM_BYTES, Mapped};
+use lodestream_bake::mapping_allocator::{FROM_BYTES, MappingAllocator};
 use lodestream_bake::prepare::{Options, Report, cache, key_of, prepare_to};
 use lodestream_bake::scene::{self, Asset};
 use lodestream_bake::stderr::write_line;
@@ -24,31 +24,31 @@ const BLOCK_LIST_BYTES: usize = 48;
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
-    /// The model: OBJ, glTF, GLB or PLY, or to publish, a scene file (TOML); a path or a URL. The meshes of a glTF file
-    /// become one asset, each in its place; of a published one, an asset each.
+    /// The model: OBJ, glTF, GLB or PLY, or for publishing also a scene file (TOML); a path or a URL. The meshes of a
+    /// glTF file become one asset with their placements, or when published an asset each.
     #[arg(value_name = "MODEL | SCENE.toml")]
     model: PathBuf,
-    /// The pack to write; or to publish, a folder or a URL of one: then packs go to packs/, and the scene to NAME.lss.
+    /// The pack to write; or for publishing, a folder or its URL: packs are written to packs/, the scene to NAME.lss.
     /// Existing objects are not prepared or written again.
     #[arg(short, long, value_name = "FILE.lsp | FOLDER")]
     output: PathBuf,
-    /// To publish: folder of prepared packs [default: $XDG_CACHE_HOME/lodestream or ~/.cache/lodestream].
+    /// For publishing: folder of prepared packs [default: $XDG_CACHE_HOME/lodestream or ~/.cache/lodestream].
     #[arg(long, env = "LODESTREAM_CACHE", value_name = "DIR")]
     cache: Option<PathBuf>,
-    /// Only this mesh of a glTF file, untransformed.
+    /// Prepare only this mesh of a glTF file, without its transform.
     #[arg(long, value_name = "NAME")]
     mesh: Option<String>,
     #[command(flatten)]
     preparation_settings: PreparationArguments,
-    /// Threads; the pack does not depend on it [default: as many as there are cores].
+    /// Number of threads; the pack does not depend on it [default: one per core].
     #[arg(long, value_name = "N")]
     threads: Option<NonZeroUsize>,
-    /// Keep finished levels beside the pack until it is complete, so that an interrupted run is resumed from them; always
-    /// on from a million faces.
+    /// Keep finished levels beside the pack until it is complete, so that an interrupted run can be resumed; always on
+    /// from a million faces.
     #[arg(long)]
     keep_levels: bool,
-    /// For meshes larger than memory: lists longer than a block's (--block-faces) lie in files of this folder, on a disk,
-    /// and are read and written as they are needed: about 250 bytes a face. The pack is the same.
+    /// For meshes larger than memory: keep lists longer than a block's (--block-faces) in files of this folder, which
+    /// must be on a disk; takes about 250 bytes per face. The pack is the same.
     #[arg(long, value_name = "DIR")]
     out_of_core: Option<PathBuf>,
     /// Show no progress.
@@ -59,8 +59,11 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let preparation_settings = arguments.preparation_settings.resolve();
     let from_bytes = FROM_BYTES.max(BLOCK_LIST_BYTES * preparation_settings.simplify_settings().block_faces);
-    let _mapping =
-        arguments.out_of_core.as_deref().map(|folder| Mapped::into(folder, from_bytes)).transpose()?;
+    let _mapping = arguments
+        .out_of_core
+        .as_deref()
+        .map(|folder| MappingAllocator::into(folder, from_bytes))
+        .transpose()?;
     let options = Options {
         preparation_settings,
         threads: arguments.threads,
@@ -73,22 +76,22 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let publishes =
         to_store && !to_pack || output.is_dir() || output.as_os_str().to_string_lossy().ends_with('/');
     if !publishes && model.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("toml")) {
-        bail!("{}: a scene is published into a folder or a store: write --output FOLDER/", model.display());
+        bail!("{}: a scene file is published: name a folder or store with --output FOLDER/", model.display());
     }
     if !to_store && !publishes && !Objects::is_url(model) {
         let report = prepare_to(&asset(arguments, model)?, &options, output)?;
         return Ok(print_report(&report, output));
     }
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    // Removed when this ends.
-    let folder = tempfile::tempdir().context("no folder for what is fetched")?;
+    // Deleted at the end of the function.
+    let folder = tempfile::tempdir().context("a temporary folder for downloads cannot be created")?;
     let local = match model.to_str() {
         Some(url) if Objects::is_url(model) => runtime.block_on(fetch(url, folder.path()))?,
         _ => model.clone(),
     };
     if publishes {
         if arguments.mesh.is_some() {
-            bail!("--mesh makes one pack: name a FILE.lsp with --output");
+            bail!("--mesh prepares a single pack: name a FILE.lsp with --output");
         }
         let scene = scene::of_files(&[local])?;
         let cache = arguments.cache.clone().or_else(cache::default_folder);
@@ -102,7 +105,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         return Ok(print_report(&report, output));
     }
     let url = output.to_string_lossy();
-    let (root, name) = url.rsplit_once('/').context("a URL of a pack ends with /NAME.lsp")?;
+    let (root, name) = url.rsplit_once('/').context("the URL of a pack must end with /NAME.lsp")?;
     let objects = Objects::of_url(root)?;
     let asset = asset(arguments, &local)?;
     let key = key_of(&asset, &options)?.bytes();
@@ -112,7 +115,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         Err(why) => return Err(why.into()),
     };
     if there {
-        return Ok(Outcome::good(format!("{url}: is there already, of the same model and settings\n")));
+        return Ok(Outcome::good(format!("{url}: exists already, for the same model and settings\n")));
     }
     let pack = folder.path().join("pack.lsp");
     let report = prepare_to(&asset, &options, &pack)?;
@@ -120,7 +123,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     Ok(print_report(&report, output))
 }
 
-/// The model as an asset.
+/// The model as an asset, restricted to the mesh of `--mesh`.
 fn asset(arguments: &Arguments, model: &Path) -> anyhow::Result<Asset> {
     let mut asset = Asset::of_file(model);
     if let Some(name) = &arguments.mesh {

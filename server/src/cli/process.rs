@@ -1,12 +1,12 @@
-//! What the process asks of the system before it does anything.
+//! Limits of the process, set at the start.
 
-/// Files that a process may have open, as far as the system lets it: a socket for each session over WebSocket, the
-/// connections that wait, packs. More than the defaults of most shells, which date from `select(2)`.
+/// Open files that the process requests: a socket per WebSocket session, pending connections, packs. The default soft
+/// limit of most shells, 1024, dates from `select(2)`.
 #[cfg(unix)]
 const OPEN_FILES: u64 = 65_536;
 
-/// Raises the soft limit of open files, and has a file that grows over `ulimit -f` be an error like a full disk, which
-/// leaves nothing behind, where it would end the process. What cannot be had is done without.
+/// Raises the soft limit of open files. Makes a write beyond `ulimit -f` fail like a write to a full disk, where the
+/// signal would end the process and leave a partial file. Failures are ignored.
 pub(super) fn set_up() {
     #[cfg(unix)]
     {
@@ -25,8 +25,8 @@ fn raise_open_files() {
     }
 }
 
-/// A handler, once set, stays: writing then fails with EFBIG. Tokio sets handlers without unsafe code here, and needs a
-/// runtime only to tell of signals, which nobody waits for.
+/// With a handler for SIGXFSZ, which stays set, the write fails with EFBIG. Tokio sets the handler without unsafe code
+/// here; it needs the runtime only to deliver signals, and nothing waits for this one.
 #[cfg(unix)]
 fn survive_file_size_limit() {
     use rustix::process::Signal;

@@ -30,119 +30,127 @@ const MAX_DRAIN_SECONDS: u64 = 24 * 60 * 60;
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
-    /// Models (OBJ, glTF, GLB, PLY), side by side as one scene; or scenes: scene files (TOML), folders of scene files or of
-    /// models, published scenes (.lss) and folders of such, by path or by URL (file, s3, gs, az, https). They are looked
-    /// at again every --scene-check seconds and at SIGHUP.
+    /// Models (OBJ, glTF, GLB, PLY), which are combined to one scene; or scenes: scene files (TOML), folders of scene
+    /// files or models, published scenes (.lss) and folders of them, by path or URL (file, s3, gs, az, https). They are
+    /// checked for changes every --scene-check seconds and at SIGHUP.
     #[arg(value_name = "MODEL … | SCENE …", required = true)]
     files: Vec<PathBuf>,
-    /// Options from a file (TOML): its keys are these flags without their dashes, and files. Flags and the environment win.
+    /// Options file (TOML): keys are these flags without their dashes, and files. Flags and environment take
+    /// precedence.
     #[arg(long, env = "LODESTREAM_CONFIG", value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Writes all options as they would be used into a file for --config, and serves nothing.
+    /// Write the effective options to a file for --config, and do not serve.
     #[arg(long, value_name = "FILE")]
     pub(super) save_config: Option<PathBuf>,
-    /// Rate that each session is limited to: 2Mbit, 500kbit, off.
+    /// Rate limit of each session: 2Mbit, 500kbit, off.
     #[arg(long, env = "LODESTREAM_RATE", value_name = "RATE", default_value = "off", value_parser = parse_rate)]
     rate: Rate,
-    /// Rate that all sessions of one address (of IPv6: of a network of 64 bits) are limited to together, shared fairly.
-    /// Behind a proxy all clients have its address, unless --trusted-proxy names it.
+    /// Rate limit of all sessions of one address together (for IPv6 a /64 network), shared fairly. Clients behind a
+    /// proxy share its address, unless --trusted-proxy names it.
     #[arg(long, env = "LODESTREAM_RATE_PER_ADDRESS", value_name = "RATE", default_value = "off", value_parser = parse_rate)]
     rate_per_address: Rate,
-    /// Rate that all sessions are limited to together, shared fairly; a token may give its session a greater weight.
+    /// Rate limit of all sessions together, shared fairly by the weights of their tokens.
     #[arg(long, env = "LODESTREAM_TOTAL_RATE", value_name = "RATE", default_value = "off", value_parser = parse_rate)]
     total_rate: Rate,
-    /// Address for QUIC (UDP); port 0 for any free one.
+    /// Address for QUIC (UDP); port 0 for any free port.
     #[arg(long, env = "LODESTREAM_LISTEN", value_name = "ADDRESS", default_value = "127.0.0.1:4433")]
     listen: SocketAddr,
-    /// Address for WebSocket, /health and /ready (TCP); port 0 for any free one.
+    /// Address for WebSocket, /health, /ready and /scenes (TCP); port 0 for any free port.
     #[arg(long, env = "LODESTREAM_HTTP", value_name = "ADDRESS", default_value = "127.0.0.1:8080")]
     http: SocketAddr,
-    /// The HTTP port speaks TLS (wss:// and https://), with the certificate of QUIC.
+    /// Use TLS on the HTTP port (wss:// and https://), with the same certificate as QUIC.
     #[arg(long, env = "LODESTREAM_HTTP_TLS")]
     http_tls: bool,
-    /// Address for /health, /ready and /metrics (TCP), for who runs the server: port 0 for any free one, or off [default:
-    /// 127.0.0.1:8081, or any free port of 127.0.0.1 where that is taken].
+    /// Address for /health, /ready, /scenes and /metrics (TCP), for operators; port 0 for any free port, or off
+    /// [default:
+    /// 127.0.0.1:8081, or any free port of 127.0.0.1 if that is taken].
     #[arg(long, env = "LODESTREAM_ADMIN", value_name = "ADDRESS")]
     admin: Option<AdminPort>,
-    /// Time between two looks at the scenes' files, in seconds; 0: only at SIGHUP. What changed is served to new sessions;
-    /// those that there are go on with what they have.
+    /// Interval of checks for changed scenes in seconds; 0: only at SIGHUP. New sessions get the new version; running
+    /// sessions keep theirs.
     #[arg(long, env = "LODESTREAM_SCENE_CHECK", value_name = "SECONDS", default_value_t = 10,
         value_parser = value_parser!(u64).range(..=MAX_DRAIN_SECONDS))]
     scene_check: u64,
-    /// Memory for blobs of all scenes, in MiB, at least 1.
+    /// Memory for the blobs of all scenes, in MiB, at least 1.
     #[arg(long, env = "LODESTREAM_BLOB_CACHE", value_name = "MIB", default_value_t = DEFAULT_CACHE_BYTES >> 20,
         value_parser = value_parser!(u64).range(1..=1 << 20))]
     blob_cache: u64,
     /// Folder of prepared packs [default: $XDG_CACHE_HOME/lodestream or ~/.cache/lodestream].
     #[arg(long, env = "LODESTREAM_CACHE", value_name = "DIR")]
     cache: Option<PathBuf>,
-    /// Most sessions at once, at least 1. An eighth is kept for addresses that have none.
+    /// Most sessions at once, at least 1. An eighth is reserved for addresses without a session.
     #[arg(long, env = "LODESTREAM_MAX_SESSIONS", value_name = "N", default_value_t = 1000,
         value_parser = value_parser!(u64).range(1..))]
     max_sessions: u64,
-    /// Most sessions at once of one address (of IPv6: of a network of 64 bits), at least 1 [default: an eighth of
-    /// --max-sessions, at least 8]. Behind a proxy all clients have its address,
-    /// unless --trusted-proxy names it.
+    /// Most sessions of one address at once (for IPv6 a /64 network), at least 1 [default: an eighth of --max-sessions,
+    /// at least 8]. Clients behind a proxy share its address, unless --trusted-proxy names it.
     #[arg(long, env = "LODESTREAM_MAX_SESSIONS_PER_ADDRESS", value_name = "N",
         value_parser = value_parser!(u64).range(1..))]
     max_sessions_per_address: Option<u64>,
-    /// Most new sessions at once of one such address, at least 1, or off; an eighth of that is given back each second
-    /// [default: as many as --max-sessions-per-address, at least 32].
+    /// Most sessions that one address may start at once, at least 1, or off; an eighth of it is refilled each second
+    /// [default: as --max-sessions-per-address, at least 32].
     #[arg(long, env = "LODESTREAM_NEW_SESSIONS_PER_ADDRESS", value_name = "N")]
     new_sessions_per_address: Option<SessionRateLimit>,
-    /// How long sessions may go on after SIGTERM or SIGINT, in seconds: no new ones are taken, and those that are at
-    /// nothing end at once. A second signal ends all.
+    /// Time for running sessions to finish after SIGTERM or SIGINT, in seconds. New sessions are refused, idle ones
+    /// closed
+    /// at once. A second signal ends the server at once.
     #[arg(long, env = "LODESTREAM_DRAIN", value_name = "SECONDS", default_value_t = DRAIN_SECONDS,
         value_parser = value_parser!(u64).range(..=MAX_DRAIN_SECONDS))]
     drain: u64,
-    /// Web pages that may open sessions over WebSocket, by origin (https://example.org), divided by commas; * for any.
-    /// Programs that are no browser need none.
+    /// Origins of web pages that may open sessions over WebSocket (https://example.org), separated by commas; * for
+    /// any.
+    /// Other programs send no origin and are always allowed.
     #[arg(long, env = "LODESTREAM_ALLOW_ORIGIN", value_name = "ORIGIN", value_delimiter = ',')]
     allow_origin: Vec<Origin>,
-    /// Proxies before the HTTP port that are believed when they say in X-Forwarded-For for whom they ask: addresses or
-    /// networks (10.0.0.0/8), divided by commas.
+    /// Trusted proxies before the HTTP port: the client's address is taken from their X-Forwarded-For header. Addresses
+    /// or
+    /// networks (10.0.0.0/8), separated by commas.
     #[arg(long, env = "LODESTREAM_TRUSTED_PROXY", value_name = "CIDR", value_delimiter = ',')]
     trusted_proxy: Vec<Network>,
-    /// Ask clients for tokens (JSON Web Tokens) that this file's keys have signed: a public key (PEM), a set of keys
-    /// (JWKS), or a secret of 32 bytes and more. Read again when it changes and at SIGHUP.
+    /// Require tokens (JSON Web Tokens) signed by a key of this file: a public key (PEM), a key set (JWKS), or a secret
+    /// of at
+    /// least 32 bytes. Read again when it changes and at SIGHUP.
     #[arg(long, env = "LODESTREAM_TOKEN_KEYS", value_name = "FILE", group = "access")]
     token_keys: Option<PathBuf>,
-    /// Audience that tokens must be for; without, tokens with an audience are refused.
+    /// Audience that tokens must name; without this flag, tokens with an audience are refused.
     #[arg(long, env = "LODESTREAM_TOKEN_AUDIENCE", value_name = "NAME", requires = "token_keys")]
     token_audience: Option<String>,
-    /// Ask clients for tokens, and let this program decide about each: it reads one line of JSON (token, scene,
-    /// client_address) and answers with JSON (active: true or false; exp, scene, weight, rate, sub as in a token).
+    /// Require tokens that this program accepts: it reads one line of JSON (token, scene, client_address) and answers
+    /// with
+    /// JSON (active: true or false; exp, scene, weight, rate, sub as in a token).
     #[arg(long, env = "LODESTREAM_ACCESS_COMMAND", value_name = "FILE", group = "access")]
     access_command: Option<PathBuf>,
-    /// The same by an endpoint of token introspection (RFC 7662), http or https.
+    /// Require tokens that this URL accepts (http or https), by token introspection (RFC 7662).
     #[arg(long, env = "LODESTREAM_ACCESS_URL", value_name = "URL", group = "access")]
     access_url: Option<Url>,
-    /// File with the value of the header Authorization for --access-url, for example "Bearer SECRET". Read again when it
+    /// File with the value of the Authorization header for --access-url, for example "Bearer SECRET". Read again when
+    /// it
     /// changes and at SIGHUP.
     #[arg(long, env = "LODESTREAM_ACCESS_AUTHORIZATION", value_name = "FILE", requires = "access_url")]
     access_authorization: Option<PathBuf>,
-    /// Certificate chain (PEM), read again when it changes and at SIGHUP [default: a self-signed one, kept in the cache
-    /// folder].
+    /// Certificate chain (PEM), read again when it changes and at SIGHUP [default: a self-signed certificate, kept in
+    /// the
+    /// cache folder].
     #[arg(long, env = "LODESTREAM_CERT", value_name = "FILE", requires = "key")]
     cert: Option<PathBuf>,
     /// Private key (PEM) of the certificate.
     #[arg(long, env = "LODESTREAM_KEY", value_name = "FILE", requires = "cert")]
     key: Option<PathBuf>,
-    /// How the log is written, on standard error: text for people, or json, one object a line.
+    /// Format of the log on standard error: text, or json with one object per line.
     #[arg(long, env = "LODESTREAM_LOG_FORMAT", value_name = "FORMAT", value_enum, default_value_t = LogFormat::Text)]
     log_format: LogFormat,
-    /// Most lines a second that one place in the program logs, or off; what is left out is counted in a line.
+    /// Most log lines per second from one place in the code, or off; later lines are counted.
     #[arg(long, env = "LODESTREAM_LOG_LIMIT", value_name = "LINES", default_value = "100", value_parser = parse_log_limit)]
     log_limit: LogLimit,
     #[command(flatten)]
     preparation_settings: PreparationArguments,
-    /// Threads of preparation [default: as many as there are cores].
+    /// Threads for preparation [default: one per core].
     #[arg(long, value_name = "N")]
     threads: Option<NonZeroUsize>,
 }
 
 impl Arguments {
-    /// What may change while the server runs. What tokens are judged by is read elsewhere.
+    /// The settings that a reload may change. Keys and other sources of access are reloaded elsewhere.
     fn changeable(&self) -> (SessionSettings, AdmissionSettings) {
         let sessions = SessionSettings {
             rate_bits_per_s: self.rate.0,
@@ -161,7 +169,7 @@ impl Arguments {
         (sessions, admission)
     }
 
-    /// By what the tokens of clients are judged, where they are asked for.
+    /// How tokens are verified; `None` if none are required.
     fn access(&self) -> anyhow::Result<Option<Access>> {
         if let Some(file) = &self.token_keys {
             return Tokens::from_file(file, self.token_audience.clone()).map(Access::Tokens).map(Some);
@@ -177,7 +185,7 @@ impl Arguments {
     }
 }
 
-/// `again` reads the arguments anew, with what their file says then.
+/// Prepares, opens and serves the scenes. `again` parses the arguments again, with the file's present contents.
 pub(super) fn run(
     arguments: Arguments,
     again: impl Fn() -> anyhow::Result<Arguments> + Send + Sync + 'static,

@@ -11,7 +11,7 @@ use lodestream_terrain::{Distribution, Erosion, FeatureSet, Parameters, Terrain,
 
 use super::outcome::Outcome;
 
-/// What a terrain follows from, beside its levels.
+/// Parameters of a terrain, without its levels.
 #[derive(Clone, Copy, Debug, Args)]
 struct TerrainArguments {
     /// Seed of the random offsets.
@@ -20,11 +20,10 @@ struct TerrainArguments {
     /// Range of the offsets of patch corners, in height units.
     #[arg(long, value_name = "UNITS", default_value_t = Parameters::default().amplitude)]
     amplitude: u32,
-    /// Factor on the range of offsets from level to level, 0 to just below 2.
+    /// Factor on the range of offsets from one level to the next, 0 to just below 2.
     #[arg(long, value_name = "FACTOR", default_value = "0.5")]
     roughness: Roughness,
-    /// How offsets are distributed: uniform (all within the range are as likely) or gaussian (like a Gaussian of the
-    /// same variance).
+    /// Distribution of offsets: uniform, or gaussian (approximately Gaussian, with the same variance).
     #[arg(long, default_value_t = Distribution::default())]
     distribution: Distribution,
     /// Mean height, in height units.
@@ -32,34 +31,34 @@ struct TerrainArguments {
     base: i32,
 }
 
-/// Smoothing after generation.
+/// Thermal erosion and removal of spikes, after generation.
 #[derive(Clone, Copy, Debug, Args)]
 struct ErosionArguments {
     /// Passes of thermal erosion, 0 to 32.
     #[arg(long, value_name = "K", default_value = "0")]
     erosion: ErosionPasses,
-    /// The level that erodes [default: the finest].
+    /// The level to erode [default: the finest].
     #[arg(long, value_name = "L")]
     erosion_level: Option<u8>,
-    /// Height difference of neighbours at that level below which nothing slides, as a fraction of the
+    /// Height difference between neighbours at that level up to which no material moves, as a fraction of the
     /// amplitude, 0 to just below 1 [default: 1/2 per 2^L].
     #[arg(long, value_name = "FRACTION")]
     talus: Option<Talus>,
-    /// How far a point may stand out of its neighbours, in ranges of that level's offsets, to just below 16; with 0
-    /// spikes stay.
+    /// Most that a point may stand out from its neighbours, in ranges of that level's offsets, to just below 16; 0
+    /// keeps all spikes.
     #[arg(long, value_name = "RANGES", default_value = "0")]
     spike_limit: SpikeLimit,
 }
 
-/// Where the heights go.
+/// Where the heights are written.
 #[derive(Debug, Args)]
 #[group(required = true, multiple = false)]
 struct OutputArguments {
     /// Write the heights as little-endian 32-bit integers, row by row.
     #[arg(long, value_name = "OUT.i32")]
     raw: Option<PathBuf>,
-    /// Write a 16-bit grey picture, black for the lowest height. Each step of grey is a height unit, or if that
-    /// does not suffice, white is the highest.
+    /// Write a 16-bit grey picture; the lowest height is black. A step of grey is one height unit; if the range is
+    /// larger, the highest is white.
     #[arg(long, value_name = "OUT.png")]
     png: Option<PathBuf>,
     /// Print the 64-bit FNV-1a hash of what --raw would write.
@@ -71,14 +70,14 @@ struct OutputArguments {
 pub(super) struct Arguments {
     #[command(flatten)]
     terrain: TerrainArguments,
-    /// The level: the patch has 2^N + 1 points a side.
+    /// The level: the patch has 2^N + 1 points per side.
     #[arg(long, value_name = "N")]
     level: u8,
-    /// The finest level n, 1 to 12, on whose grid patches and features are; level N is every 2^(n - N)th point
+    /// The finest level n, 1 to 12, whose grid patches and features refer to; level N has every 2^(n - N)th point
     /// of it [default: N].
     #[arg(long, value_name = "n")]
     finest: Option<FinestLevel>,
-    /// The patch: it covers X * 2^n to (X + 1) * 2^n in x, and likewise in y.
+    /// The patch: it covers X * 2^n to (X + 1) * 2^n in x, and correspondingly in y.
     #[arg(long, value_name = "X,Y", value_parser = pair, allow_hyphen_values = true)]
     patch: [i64; 2],
     /// Features: {"mode": "fixed" or "additive", "points": [[x, y, height], ...], "stamps": [...]}, or a list.
@@ -92,26 +91,26 @@ pub(super) struct Arguments {
 
 #[derive(Debug, Args)]
 pub(super) struct ImportArguments {
-    /// The height map: a 16-bit grey PNG, one pixel for each point of the finest grid.
+    /// The height map: a 16-bit grey PNG, one pixel per point of the finest grid.
     #[arg(value_name = "MAP.png")]
     map: PathBuf,
-    /// The feature file to write: fixed points.
+    /// The feature file to write; its points are fixed.
     #[arg(short, long, value_name = "FILE.json")]
     output: PathBuf,
-    /// List every Nth pixel of every Nth row. Powers of two are best, with --at a multiple of them: such points
-    /// are those of a coarser level, and what lies between follows from them.
+    /// Use every Nth pixel of every Nth row. A power of two is best, with --at at multiples of it: then the points
+    /// are those of a coarser level, and the points between them are interpolated.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     every: u32,
     /// Grid position of the first pixel.
     #[arg(long, value_name = "X,Y", default_value = "0,0", value_parser = pair, allow_hyphen_values = true)]
     at: [i64; 2],
-    /// Height units for each step of grey.
+    /// Height units per step of grey.
     #[arg(long, value_name = "UNITS", default_value_t = 1.0, value_parser = super::preparation_settings::positive)]
     scale: f64,
     /// Height of black, in height units.
     #[arg(long, value_name = "UNITS", default_value_t = 0, allow_negative_numbers = true)]
     offset: i32,
-    /// The finest level of the terrain that the error is measured with, 1 to 12.
+    /// The finest level of the terrain for which the error is measured, 1 to 12.
     #[arg(long, value_name = "n", default_value = "8")]
     finest: FinestLevel,
     #[command(flatten)]
@@ -119,7 +118,7 @@ pub(super) struct ImportArguments {
 }
 
 impl TerrainArguments {
-    /// In the largest world that a level has.
+    /// The parameters, in the largest world that this finest level allows.
     fn resolve(self, finest: FinestLevel, erosion: Erosion) -> Parameters {
         Parameters {
             seed: self.seed,
@@ -152,7 +151,7 @@ impl ErosionArguments {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let finest = arguments.finest.map_or_else(|| FinestLevel::try_from(arguments.level), Ok);
-    let finest = finest.context("the finest level, which is --level where --finest is not given")?;
+    let finest = finest.context("the finest level (--finest, or else --level)")?;
     let parameters = arguments.terrain.resolve(finest, arguments.erosion.resolve(finest));
     let file = arguments.features.as_deref();
     let sets = file.map_or(Ok(Vec::new()), features::read)?;
@@ -196,7 +195,7 @@ fn with_features(
     sets: &[FeatureSet],
     file: Option<&Path>,
 ) -> anyhow::Result<Terrain> {
-    // What is wrong with the parameters is not the file's fault.
+    // Checked first, so that errors of the parameters do not name the feature file.
     parameters.check()?;
     Terrain::with_features(parameters, sets)
         .with_context(|| file.map_or_else(String::new, |file| file.display().to_string()))
@@ -225,7 +224,7 @@ pub(super) fn import(arguments: &ImportArguments) -> anyhow::Result<Outcome> {
     )))
 }
 
-/// Two whole numbers with a comma between.
+/// Parses two integers separated by a comma.
 fn pair(text: &str) -> Result<[i64; 2], String> {
     let number = |part: &str| part.trim().parse::<i64>().ok();
     text.split_once(',')

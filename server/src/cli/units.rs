@@ -4,7 +4,7 @@
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Rate(pub(super) Option<u64>);
 
-/// Reads `2Mbit`, `500kbit`, `1.5Gbit`, a plain number of bits per second, or `off`.
+/// Parses `2Mbit`, `500kbit`, `1.5Gbit`, a plain number of bits per second, or `off`.
 pub(super) fn parse_rate(text: &str) -> Result<Rate, String> {
     if text.eq_ignore_ascii_case("off") || text.eq_ignore_ascii_case("unlimited") {
         return Ok(Rate(None));
@@ -20,14 +20,14 @@ pub(super) fn parse_rate(text: &str) -> Result<Rate, String> {
     Ok(Rate(Some(value)))
 }
 
-/// Reads a size in bytes: `40000`, `40kB`, `1.5MB`.
+/// Parses a size in bytes: `40000`, `40kB`, `1.5MB`.
 pub(super) fn parse_size(text: &str) -> Result<u64, String> {
     let lower = text.to_ascii_lowercase();
     let number = lower.strip_suffix('b').unwrap_or(&lower);
     scaled(number).ok_or_else(|| format!("{text:?} is not a size; write for example 40000 or 40kB"))
 }
 
-/// A decimal number with `k`, `m` or `g` for thousands, millions, thousand millions.
+/// Parses a decimal number with an optional factor `k` (10³), `m` (10⁶) or `g` (10⁹).
 fn scaled(text: &str) -> Option<u64> {
     let (number, factor) = match text.as_bytes().last()? {
         b'k' => (&text[..text.len() - 1], 1e3),

@@ -1,4 +1,4 @@
-//! The program as people run it: what it prints, what it refuses, and with which exit code.
+//! The program as a process: output, refusals, exit codes.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -21,7 +21,7 @@ fn stdout(output: &Output) -> String {
     String::from_utf8(output.stdout.clone()).unwrap()
 }
 
-/// Runs what must be refused: exit code 2, nothing on standard output, one line on standard error.
+/// Runs a command that must be refused: exit code 2, nothing on standard output, one line on standard error.
 fn refused(arguments: &[&str], fragments: &[&str]) {
     let output = run(arguments);
     let message = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -34,7 +34,7 @@ fn refused(arguments: &[&str], fragments: &[&str]) {
     }
 }
 
-/// A closed, bumpy sphere: smooth enough to simplify, with every edge in two faces.
+/// A closed, bumpy sphere, smooth enough to simplify; every edge has two faces.
 fn sphere_obj(rings: usize, segments: usize) -> String {
     let mut obj = String::from("v 0 1 0\nv 0 -1 0\n");
     for ring in 1..rings {
@@ -76,7 +76,7 @@ fn inspected(pack: &Path) -> serde_json::Value {
 }
 
 #[test]
-fn inspect_tells_all_fields_and_they_agree() {
+fn inspect_prints_all_fields_and_they_agree() {
     let (_dir, _, pack) = prepared();
     let fields = inspected(&pack);
     let number = |name: &str| fields[name].as_f64().unwrap_or_else(|| panic!("{name} in {fields}"));
@@ -117,8 +117,7 @@ fn check_finds_nothing_wrong_with_a_good_pack() {
     assert!(output.status.success());
 }
 
-/// A wavy sheet with everything that a model can have: seams, creases, colours, normals that lean, two
-/// materials, a texture.
+/// A wavy sheet with all kinds of attributes: seams, creases, colours, explicit normals, two materials, a texture.
 fn decorated(dir: &TempDir) -> PathBuf {
     let n = 48;
     let mut obj = String::from("mtllib sheet.mtl\n");
@@ -156,7 +155,7 @@ fn decorated(dir: &TempDir) -> PathBuf {
     path
 }
 
-/// The pack with its blobs changed, and hashes that fit.
+/// The pack with changed blobs and correct hashes.
 fn forged(pack: &Path, change: &dyn Fn(BlobKind, &mut Vec<u8>)) -> Vec<u8> {
     let file = std::fs::read(pack).unwrap();
     let head = Head::parse(&file[..HEAD_BYTES]).unwrap();
@@ -205,7 +204,7 @@ fn check_compares_every_kind_of_pack_with_its_model() {
 }
 
 #[test]
-fn check_finds_what_hashes_cannot() {
+fn check_finds_faults_that_hashes_do_not() {
     let dir = TempDir::new().unwrap();
     let (obj, pack, bad) = (decorated(&dir), dir.path().join("sheet.lsp"), dir.path().join("bad.lsp"));
     type Change = fn(BlobKind, &mut Vec<u8>);
@@ -240,7 +239,7 @@ fn check_finds_what_hashes_cannot() {
         {
             std::fs::write(&bad, forged(&pack, &change)).unwrap();
             let alone = run(&["check", text(&bad), "--random-sets", "3"]);
-            assert!(alone.status.success(), "{what}: only the model can tell");
+            assert!(alone.status.success(), "{what}: only a comparison with the model can find it");
             let output = run(&["check", text(&bad), "--random-sets", "3", "--source", text(&obj)]);
             let line = stdout(&output);
             assert_eq!(output.status.code(), Some(1), "{what}: {line}");
@@ -267,7 +266,7 @@ fn packs_of_both_codecs_hold_the_same_meshes() {
     }
     let output = run(&["check", text(&packed), "--random-sets", "10"]);
     assert!(output.status.success(), "{}", stdout(&output));
-    // Lines of an OBJ file without their order: vertices are numbered as they come.
+    // The lines of an OBJ file, sorted, since the order of vertices differs.
     let exported = |pack: &Path| {
         let out = dir.path().join("out.obj");
         let output = run(&["export", text(pack), "-o", text(&out)]);
@@ -277,12 +276,12 @@ fn packs_of_both_codecs_hold_the_same_meshes() {
         lines.sort();
         lines
     };
-    // Within a budget only the range coder's can stop inside chunks.
+    // Within a budget only chunks of the range coder can end at a truncation point.
     assert!(exported(&ranged) == exported(&packed));
 }
 
 #[test]
-fn export_keeps_to_its_budget_and_is_a_model_again() {
+fn exports_keep_to_their_budget_and_can_be_imported() {
     let (dir, _, pack) = prepared();
     let out = dir.path().join("out.obj");
     let export = |budget: &[&str]| {
@@ -366,7 +365,7 @@ fn damaged_packs_are_refused() {
         flipped[at] ^= 1 << (i % 8);
         refused_as(&flipped, &["bad.lsp"]);
     }
-    // What the head says of itself: magic, version, fingerprint of what the pack was made from.
+    // Fields of the head: magic, version, key of the inputs.
     let with = |at: usize| {
         let mut changed = good.clone();
         changed[at] ^= 0x40;
@@ -400,7 +399,7 @@ fn bad_scenes_are_refused() {
     serve(&["b.obj"], &["b.obj: cannot be read"]);
 }
 
-/// Runs the program in a folder where no file may grow beyond four blocks; it must say so and end.
+/// Runs the program with a file size limit of four blocks; it must print an error and end.
 #[cfg(unix)]
 fn limited_to_small_files(folder: &Path, arguments: &str) -> Output {
     let output = Command::new("sh")
@@ -423,7 +422,7 @@ fn limited_to_small_files(folder: &Path, arguments: &str) -> Output {
 
 #[cfg(unix)]
 #[test]
-fn a_file_over_the_size_limit_killed_the_program_and_left_a_part() {
+fn a_file_over_the_size_limit_is_an_error_and_leaves_no_part() {
     let dir = TempDir::new().unwrap();
     let model = dir.path().join("ball.obj");
     std::fs::write(&model, sphere_obj(40, 40)).unwrap();
@@ -433,7 +432,7 @@ fn a_file_over_the_size_limit_killed_the_program_and_left_a_part() {
 }
 
 #[test]
-fn flags_win_over_the_environment_that_over_files_and_those_over_defaults() {
+fn flags_override_environment_then_file_then_defaults() {
     let dir = TempDir::new().unwrap();
     let (file, saved) = (dir.path().join("server.toml"), dir.path().join("saved.toml"));
     std::fs::write(&file, "files = \"a.obj\"\nrate = \"3Mbit\"\nmax-sessions = 30\ndrain = 30\n").unwrap();
@@ -447,7 +446,7 @@ fn flags_win_over_the_environment_that_over_files_and_those_over_defaults() {
     for line in ["rate = \"1Mbit\"", "max-sessions = 20", "drain = 30", "http-tls = false"] {
         assert!(saved.lines().any(|saved| saved == line), "{line} of {saved}");
     }
-    // What the environment says wrong is refused as a flag is.
+    // An invalid variable is refused as the flag is.
     let output = Command::new(env!("CARGO_BIN_EXE_lodestream-server"))
         .args(["serve", "a.obj", "--save-config", text(&file)])
         .env("LODESTREAM_DRAIN", "soon")
@@ -459,14 +458,14 @@ fn flags_win_over_the_environment_that_over_files_and_those_over_defaults() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn a_full_disk_is_told() {
+fn a_full_disk_is_an_error() {
     let dir = TempDir::new().unwrap();
     let model = dir.path().join("ball.obj");
     std::fs::write(&model, sphere_obj(40, 40)).unwrap();
     let model = text(&model);
     let pack = dir.path().join("ball.lsp");
     assert!(run(&["prepare", model, "-o", text(&pack)]).status.success());
-    // Takes nothing: each write fails as on a disk that is full (ENOSPC).
+    // Each write to it fails as on a full disk (ENOSPC).
     let full = |arguments: &[&str]| {
         let output = run(arguments);
         let message = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -482,9 +481,9 @@ fn a_full_disk_is_told() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn standard_error_on_a_full_disk_was_a_panic() {
+fn standard_error_on_a_full_disk_causes_no_panic() {
     let dir = TempDir::new().unwrap();
-    // A texture that is not there is a warning.
+    // A missing texture causes a warning.
     std::fs::write(dir.path().join("a.mtl"), "newmtl a\nmap_Kd missing.png\n").unwrap();
     let obj = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n";
     std::fs::write(dir.path().join("a.obj"), obj).unwrap();
@@ -498,12 +497,12 @@ fn standard_error_on_a_full_disk_was_a_panic() {
 
 #[cfg(unix)]
 #[test]
-fn a_server_whose_cache_takes_no_more_ends_and_leaves_no_part() {
+fn a_full_cache_disk_ends_the_server_and_leaves_no_part() {
     let dir = TempDir::new().unwrap();
     std::fs::write(dir.path().join("ball.obj"), sphere_obj(40, 40)).unwrap();
     let serve = "serve ball.obj --cache cache --listen 127.0.0.1:0 --http 127.0.0.1:0 --admin off";
     let output = limited_to_small_files(dir.path(), serve);
-    assert!(output.stdout.is_empty(), "no address is printed of a server that does not serve");
+    assert!(output.stdout.is_empty(), "a server that does not serve prints no address");
     let left: Vec<_> =
         std::fs::read_dir(dir.path().join("cache")).unwrap().map(|f| f.unwrap().file_name()).collect();
     assert!(left.is_empty(), "{left:?}");

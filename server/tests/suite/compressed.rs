@@ -1,4 +1,4 @@
-//! A compressed model is prepared to the very pack that its uncompressed CPU reference is, but for the key of what it was made of.
+//! A compressed model gives the same pack as the uncompressed one, except for the key of its inputs.
 
 use std::process::Command;
 
@@ -10,10 +10,10 @@ use lodestream_geometry::pack::HEAD_BYTES;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-/// Where a pack's head says what it was made of, to its end with its own hash.
+/// Offset of the key of the inputs in a pack's head; the head's own hash follows it.
 const KEY: usize = 16;
 
-/// A mesh as a file holds it: floats, and indices of 32 bits.
+/// A mesh with the types of a file: floats and 32-bit indices.
 struct Mesh {
     positions: Vec<[f32; 3]>,
     normals: Vec<[f32; 3]>,
@@ -62,7 +62,7 @@ impl Mesh {
         self.faces.as_flattened().iter().flat_map(|i| i.to_le_bytes()).collect()
     }
 
-    /// The file, of which `view` makes a view of an attribute's or the indices' bytes.
+    /// A glTF file; `view` adds a buffer view with the bytes of an attribute or of the indices.
     fn file(&self, mut view: impl FnMut(&mut File, &[u8], Option<usize>) -> Option<usize>) -> File {
         let mut file = File::new();
         let mut primitive = json!({"attributes": {}});
@@ -114,7 +114,7 @@ impl Mesh {
         file.requires(extension)
     }
 
-    /// Compressed with Draco, and what that is uncompressed.
+    /// The mesh compressed with Draco, and the same decoded to an uncompressed file.
     fn draco(&self, level: i32, bits: Option<i32>) -> (File, File) {
         let mut mesh = draco_core::Mesh::new();
         mesh.set_num_points(self.positions.len());
@@ -144,22 +144,22 @@ impl Mesh {
         MeshDecoder::new().decode(&mut DecoderBuffer::new(out.data()), &mut decoded).unwrap();
         let values =
             |number: i32, components| decoded.attribute(number).read_f32s(decoded.num_points(), components);
-        let cpu_reference = Mesh {
+        let decoded_mesh = Mesh {
             positions: values(0, 3).as_chunks().0.to_vec(),
             normals: values(1, 3).as_chunks().0.to_vec(),
             uvs: values(2, 2).as_chunks().0.to_vec(),
             faces: decoded.faces().iter().map(|face| face.map(|point| point.0)).collect(),
         };
-        let mut file = cpu_reference.file(|_, _, _| None);
+        let mut file = decoded_mesh.file(|_, _, _| None);
         let view = file.view(out.data());
         let numbers = json!({"POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2});
         file.json["meshes"][0]["primitives"][0]["extensions"] =
             json!({"KHR_draco_mesh_compression": {"bufferView": view, "attributes": numbers}});
-        (file.requires("KHR_draco_mesh_compression"), cpu_reference.plain())
+        (file.requires("KHR_draco_mesh_compression"), decoded_mesh.plain())
     }
 }
 
-/// A GLB file in the making.
+/// A GLB file that is being built.
 struct File {
     json: Value,
     bin: Vec<u8>,
@@ -202,7 +202,7 @@ impl File {
         self
     }
 
-    /// The pack that the program makes of it.
+    /// The pack that the program makes from it.
     fn prepared(&self) -> Vec<u8> {
         let chunk = |kind: &[u8; 4], bytes: &[u8], pad: u8| {
             let length = bytes.len().next_multiple_of(4);
@@ -224,16 +224,16 @@ impl File {
     }
 }
 
-/// Asserts that two packs differ in nothing but what says what they were made of.
+/// Checks that two packs differ only in the key of their inputs and the hash of the head.
 fn assert_same(ours: &[u8], plain: &[u8], name: &str) {
     assert!(plain.len() > 5000, "{} bytes", plain.len());
     assert_eq!(ours[..KEY], plain[..KEY], "{name}");
-    assert_ne!(ours[KEY..HEAD_BYTES], plain[KEY..HEAD_BYTES], "{name}: the files are not the same");
+    assert_ne!(ours[KEY..HEAD_BYTES], plain[KEY..HEAD_BYTES], "{name}: the input files must differ");
     assert!(ours[HEAD_BYTES..] == plain[HEAD_BYTES..], "{name}");
 }
 
 #[test]
-fn what_meshoptimizer_compressed_is_the_same_pack() {
+fn meshopt_compressed_models_give_the_same_pack() {
     let plain = sheet().plain().prepared();
     for (extension, version) in [("EXT_meshopt_compression", 0), ("KHR_meshopt_compression", 1)] {
         assert_same(&sheet().meshopt(extension, version).prepared(), &plain, extension);
@@ -241,11 +241,11 @@ fn what_meshoptimizer_compressed_is_the_same_pack() {
 }
 
 #[test]
-fn what_draco_compressed_is_the_pack_of_what_it_decodes_to() {
+fn draco_compressed_models_give_the_pack_of_their_decoded_form() {
     let exact = sheet().draco(0, None).0.prepared();
     assert_same(&exact, &sheet().plain().prepared(), "every bit kept, in order");
     for level in [4, 7, 10] {
-        let (compressed, cpu_reference) = sheet().draco(level, Some(12));
-        assert_same(&compressed.prepared(), &cpu_reference.prepared(), &format!("level {level}, 12 bits"));
+        let (compressed, decoded) = sheet().draco(level, Some(12));
+        assert_same(&compressed.prepared(), &decoded.prepared(), &format!("level {level}, 12 bits"));
     }
 }

@@ -1,4 +1,4 @@
-//! A preparation that is killed goes on where it was, and makes the same pack.
+//! A killed preparation is resumed and gives the same pack.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -22,7 +22,7 @@ fn kept(folder: &Path) -> Vec<PathBuf> {
 }
 
 #[test]
-fn a_killed_preparation_goes_on_and_makes_the_same_pack() {
+fn a_killed_preparation_is_resumed_and_gives_the_same_pack() {
     let dir = TempDir::new().unwrap();
     let model = dir.path().join("land.obj");
     std::fs::write(&model, landscape::obj(220)).unwrap();
@@ -33,7 +33,7 @@ fn a_killed_preparation_goes_on_and_makes_the_same_pack() {
     let folder = dir.path().join("killed");
     std::fs::create_dir(&folder).unwrap();
     let pack = folder.join("land.lsp");
-    // On a busy machine it may be done before it is looked at.
+    // On a busy machine a run may end before it is seen to have a finished level.
     let killed = (0..20).any(|_| {
         let _ = std::fs::remove_file(&pack);
         let mut child = prepare(&model, &pack, "1").spawn().unwrap();
@@ -47,7 +47,7 @@ fn a_killed_preparation_goes_on_and_makes_the_same_pack() {
         child.wait().unwrap();
         !pack.exists()
     });
-    assert!(killed && kept(&folder).len() == 1, "it was done every time before it could be killed");
+    assert!(killed && kept(&folder).len() == 1, "every run ended before it could be killed");
 
     let output = prepare(&model, &pack, "2").output().unwrap();
     assert!(output.status.success());

@@ -1,10 +1,7 @@
-//! The server's program as people run it. Out-of-core preparation changes limits of the whole process, so it is a
-//! binary of its own (`out_of_core.rs`).
+//! Tests of the server's program. Out-of-core preparation changes limits of the whole process, so its tests are a
+//! binary of their own (`out_of_core.rs`).
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
-)]
+#![allow(clippy::unwrap_used, reason = "test helpers without #[test] may unwrap, as tests may")]
 
 mod cli;
 mod compressed;

@@ -96,7 +96,7 @@ fn the_dashboard_queries_existing_metrics() {
             assert!(!queried.is_empty() && queried.is_subset(&exported), "{expression}");
             let [open, close] = ['(', ')'].map(|c| expression.matches(c).count());
             assert_eq!(open, close, "{expression}");
-            // A sum by a missing label would give one series without a name.
+            // Grouping by a missing label would give one series without a name.
             for label in expression.split("by (").skip(1).filter_map(|rest| rest.split(')').next()) {
                 let exists = text.contains(&format!("{label}=\"")) || label == "instance";
                 assert!(exists, "{label} of {expression}");
@@ -162,13 +162,15 @@ fn package_list() -> (BTreeSet<String>, BTreeSet<String>) {
     (tarball, lines.map(str::to_owned).collect())
 }
 
-/// Builds no release: `script/package --check` runs the packages themselves.
+/// The packages themselves are checked by `script/package --check`.
 #[test]
 fn packages_contain_each_program_with_its_manual_and_completions() {
     let (tarball, debian) = package_list();
     let version = env!("CARGO_PKG_VERSION");
     let mut expected = vec!["lib/systemd/system/lodestream.service".to_owned()];
-    // The generator of the demo scene has three flags and no command `generate`.
+    // The generator of the demo scene has no command `generate`; its manual page is a file.
+    assert!(repository("examples/demo-scene/lodestream-demo-scene.1").exists());
+    expected.push("share/man/man1/lodestream-demo-scene.1".to_owned());
     for name in ["lodestream-server", "lodestream-viewer", "lodestream-sim"] {
         expected.extend([
             format!("share/man/man1/{name}.1"),
@@ -201,7 +203,7 @@ fn packages_contain_each_program_with_its_manual_and_completions() {
         .map(|name| name.replace("zsh/site-functions", "zsh/vendor-completions"))
         .map(|name| if name.contains("/man1/") { name + ".gz" } else { name })
         .collect();
-    // The settings that the unit starts the server with.
+    // The settings file that the unit names.
     expected.insert("etc/lodestream/server.toml".to_owned());
     expected.insert("usr/share/doc/lodestream/copyright".to_owned());
     assert_eq!(debian, expected);

@@ -1,4 +1,4 @@
-//! The server as a process: what it prints, what it answers, how it ends.
+//! The server as a process: output, answers, how it ends.
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
@@ -6,13 +6,13 @@ use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-/// Bound on everything that happens here; far above what it takes.
+/// Time limit of every step, far above what it takes.
 const LIMIT: Duration = Duration::from_secs(60);
 
-/// A server that is killed when the test is over, however that ends.
+/// A server that is killed at the end of the test.
 struct Server {
     child: Child,
-    /// `HOST:PORT` of the HTTP port, and of the one for who runs the server.
+    /// `HOST:PORT` of the HTTP port; below, of the administration port.
     http: String,
     admin: String,
 }
@@ -31,7 +31,7 @@ impl Server {
         Self::started(command, folder)
     }
 
-    /// A server of a command that ends with the files to serve.
+    /// Starts a server by a command whose last arguments are the files to serve.
     fn started(mut command: Command, folder: &Path) -> Self {
         let mut child = command
             .args([
@@ -62,7 +62,7 @@ impl Server {
         Self { child, http, admin }
     }
 
-    /// Asks the port of who runs the server.
+    /// Requests a page of the administration port.
     fn get(&self, path: &str) -> String {
         Self::get_from(&self.admin, path)
     }
@@ -76,7 +76,7 @@ impl Server {
         answer
     }
 
-    /// Asks for something that is refused with a line in the log.
+    /// Makes a request whose refusal is logged.
     fn log_a_line(&self) {
         let mut stream = TcpStream::connect(&self.http).unwrap();
         stream.set_read_timeout(Some(LIMIT)).unwrap();
@@ -92,7 +92,7 @@ impl Server {
         assert!(Command::new("kill").args([name, &id]).status().unwrap().success());
     }
 
-    /// Waits for the end; gives the exit status and standard error.
+    /// Waits for the end; returns the exit status and standard error.
     fn ended(mut self) -> (ExitStatus, String) {
         let until = Instant::now() + LIMIT;
         let status = loop {
@@ -111,7 +111,7 @@ impl Server {
 }
 
 #[test]
-fn a_server_starts_from_its_cache_and_ends_when_asked() {
+fn a_server_starts_from_its_cache_and_ends_on_a_signal() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(
         folder.path().join("model.obj"),
@@ -135,13 +135,13 @@ fn a_server_starts_from_its_cache_and_ends_when_asked() {
 }
 
 #[test]
-fn a_log_that_nobody_reads_held_the_server_up() {
+fn an_unread_log_does_not_block_the_server() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-server"));
     command.args(["serve", "model.obj", "--log-limit", "off"]);
     let server = Server::started(command, folder.path());
-    // More than the pipe and the server hold.
+    // More lines than the pipe and the server's queue hold.
     for _ in 0..2500 {
         server.log_a_line();
     }
@@ -155,7 +155,7 @@ fn a_log_that_nobody_reads_held_the_server_up() {
 }
 
 #[test]
-fn the_log_is_json_where_that_is_asked_for() {
+fn log_format_json_writes_one_object_per_line() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-server"));
@@ -167,19 +167,19 @@ fn the_log_is_json_where_that_is_asked_for() {
     server.signal("-TERM");
     let (status, errors) = server.ended();
     assert!(status.success(), "{status}: {errors}");
-    // What preparation says comes before the log.
+    // Preparation prints lines before the log begins.
     let lines = errors.lines().skip_while(|line| !line.starts_with('{'));
     let lines: Vec<serde_json::Value> = lines.map(|line| serde_json::from_str(line).unwrap()).collect();
     let said = |text: &str| lines.iter().filter(|line| line["fields"]["message"] == text).count();
     assert_eq!((said("serving"), said("shut down")), (1, 1), "{errors}");
-    // Each of the ten is a line, or counted.
+    // Each of the ten refusals is a line or counted in one.
     let refused = said("session refused: a web page that --allow-origin does not name");
     let counted = lines.iter().filter_map(|line| line["fields"]["left_out"].as_u64()).sum::<u64>();
     assert_eq!(refused as u64 + counted, 10, "{errors}");
 }
 
 #[test]
-fn a_log_whose_reader_is_gone_ended_the_server() {
+fn a_closed_log_pipe_does_not_end_the_server() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     let mut server = Server::start(folder.path());
@@ -194,7 +194,7 @@ fn a_log_whose_reader_is_gone_ended_the_server() {
 }
 
 #[test]
-fn an_address_that_is_taken_is_told_in_one_line() {
+fn an_address_in_use_is_an_error_of_one_line() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
@@ -222,7 +222,7 @@ fn an_address_that_is_taken_is_told_in_one_line() {
 }
 
 #[test]
-fn a_scene_of_more_assets_than_files_may_be_open_did_not_start() {
+fn a_scene_with_more_assets_than_open_files_is_served() {
     let folder = tempfile::tempdir().unwrap();
     let names: Vec<String> = (0..200).map(|i| format!("{i}.obj")).collect();
     for name in &names {
@@ -243,7 +243,7 @@ fn a_scene_of_more_assets_than_files_may_be_open_did_not_start() {
 }
 
 #[test]
-fn a_terminal_that_hung_up_ended_the_server() {
+fn a_hangup_does_not_end_the_server() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     let server = Server::start(folder.path());
@@ -257,7 +257,7 @@ fn a_terminal_that_hung_up_ended_the_server() {
 }
 
 #[test]
-fn a_changed_configuration_holds_after_a_hangup_and_a_wrong_one_changes_nothing() {
+fn sighup_applies_a_changed_configuration_and_ignores_an_invalid_one() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     let write = |text: &str| std::fs::write(folder.path().join("server.toml"), text).unwrap();
@@ -289,7 +289,7 @@ fn a_changed_configuration_holds_after_a_hangup_and_a_wrong_one_changes_nothing(
 
 #[cfg(target_os = "linux")]
 #[test]
-fn the_soft_limit_of_open_files_bounded_sessions() {
+fn the_soft_limit_of_open_files_is_raised() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     let mut command = Command::new("sh");
@@ -303,10 +303,10 @@ fn the_soft_limit_of_open_files_bounded_sessions() {
     assert_eq!(soft, hard.min(65_536), "{limits}");
 }
 
-/// What a server writes while it serves is its log: where the disk takes no more of it, sessions and orders go on.
+/// On a full disk the server loses log lines, but sessions and signals are handled.
 #[cfg(target_os = "linux")]
 #[test]
-fn a_disk_that_is_full_while_a_server_serves_costs_its_log_alone() {
+fn a_full_disk_while_serving_loses_only_log_lines() {
     for (limit, log) in [("ulimit -f 8 && ", "log"), ("", "/dev/full")] {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
@@ -330,9 +330,9 @@ fn a_disk_that_is_full_while_a_server_serves_costs_its_log_alone() {
     }
 }
 
-/// A program that wants no addresses may close standard output, before or while they are printed.
+/// A caller that does not need the addresses may close standard output, before or while they are printed.
 #[test]
-fn a_server_whose_standard_output_is_closed_goes_on() {
+fn a_closed_standard_output_does_not_end_the_server() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     for closed in [">&-", ">/dev/full"] {
@@ -356,9 +356,9 @@ fn a_server_whose_standard_output_is_closed_goes_on() {
     }
 }
 
-/// A unit of `Type=notify` waits until it is told so, and shows what it is told.
+/// A unit of `Type=notify` waits for this notification and shows the status.
 #[test]
-fn the_service_manager_hears_when_the_server_listens_and_when_it_drains() {
+fn the_service_manager_is_notified_of_readiness_and_draining() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     let path = folder.path().join("notify");
@@ -376,7 +376,7 @@ fn the_service_manager_hears_when_the_server_listens_and_when_it_drains() {
     assert!(server.get("/ready").starts_with("HTTP/1.1 200"));
     server.signal("-TERM");
     let told = hear();
-    // Seven seconds, and two for last words.
+    // Seven seconds to drain, and two for last messages.
     for line in ["STOPPING=1", "STATUS=draining", "EXTEND_TIMEOUT_USEC=9000000"] {
         assert!(told.lines().any(|told| told == line), "{line} of {told}");
     }

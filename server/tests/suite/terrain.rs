@@ -1,4 +1,4 @@
-//! `terrain` and `terrain-import` as people run them.
+//! The commands `terrain` and `terrain-import`.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -10,7 +10,7 @@ fn run(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_lodestream-server")).args(arguments).output().unwrap()
 }
 
-/// Standard output of what must succeed.
+/// Standard output of a command that must succeed.
 fn said(arguments: &[&str]) -> String {
     let output = run(arguments);
     assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
@@ -21,7 +21,7 @@ fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
-/// Runs what must be refused: exit code 2, one line on standard error, and no file but those given.
+/// Runs a command that must be refused: exit code 2, one line on standard error, and no new file.
 fn refused(dir: &TempDir, arguments: &[&str], fragments: &[&str]) {
     let files = || std::fs::read_dir(dir.path()).unwrap().count();
     let before = files();
@@ -62,7 +62,7 @@ fn raw_picture_and_hash_are_of_one_patch() {
 }
 
 #[test]
-fn levels_are_every_so_many_points_of_the_finest_with_features_and_erosion() {
+fn coarse_levels_are_subsets_of_the_finest_with_features_and_erosion() {
     let dir = TempDir::new().unwrap();
     let features = dir.path().join("f.json");
     std::fs::write(
@@ -89,7 +89,7 @@ fn levels_are_every_so_many_points_of_the_finest_with_features_and_erosion() {
 }
 
 #[test]
-fn a_height_map_becomes_features_that_give_it_back() {
+fn imported_height_maps_reproduce_their_heights() {
     let dir = TempDir::new().unwrap();
     let (map, features, raw) =
         (dir.path().join("m.png"), dir.path().join("f.json"), dir.path().join("o.i32"));
@@ -125,7 +125,7 @@ fn a_height_map_becomes_features_that_give_it_back() {
 }
 
 #[test]
-fn what_cannot_be_used_is_refused_with_a_reason() {
+fn unusable_arguments_are_refused_with_a_reason() {
     let dir = TempDir::new().unwrap();
     let (features, out) = (dir.path().join("f.json"), dir.path().join("out"));
     let patch = ["terrain", "--level", "6", "--patch", "0,0", "--raw", text(&out)];

@@ -91,7 +91,7 @@ mod tests {
             at_ns: ms * 1_000_000,
             bytes,
             error_px,
-            seen_error_px: None,
+            unoccluded_error_px: None,
         };
         let cases = plan.cases.iter().zip(series);
         cases

@@ -265,10 +265,10 @@ fn results_table(plan: &Plan, cases: &[CaseRuns<'_>]) -> Markup {
         // With a fixed camera, nothing is counted from its rest.
         let moves = shown.case.path.moves();
         line.extend(times(plan, shown, true, |run| &run.ttq_ms));
-        line.extend(times(plan, shown, ours, |run| &run.seen_ttq_ms));
+        line.extend(times(plan, shown, ours, |run| &run.unoccluded_ttq_ms));
         if moved {
             line.extend(times(plan, shown, moves, |run| &run.rest_ttq_ms));
-            line.extend(times(plan, shown, moves && ours, |run| &run.rest_seen_ttq_ms));
+            line.extend(times(plan, shown, moves && ours, |run| &run.rest_unoccluded_ttq_ms));
         }
         line.extend([
             time(median(shown, |run| run.settled_ms)),
@@ -342,9 +342,9 @@ fn percentile_table(cases: &[Percentiles]) -> Markup {
         "ttq_16_ms",
         "ttq_4_ms",
         "ttq_1_ms",
-        "seen_ttq_16_ms",
-        "seen_ttq_4_ms",
-        "seen_ttq_1_ms",
+        "unoccluded_ttq_16_ms",
+        "unoccluded_ttq_4_ms",
+        "unoccluded_ttq_1_ms",
         "settled_ms",
     ];
     let known: Vec<&str> = figures
@@ -355,7 +355,7 @@ fn percentile_table(cases: &[Percentiles]) -> Markup {
     let words = |name: &str| match name.strip_suffix("_ms").unwrap_or(name) {
         "ttff" => "TTFF".to_owned(),
         "settled" => "settled".to_owned(),
-        quality => match quality.strip_prefix("seen_ttq_") {
+        quality => match quality.strip_prefix("unoccluded_ttq_") {
             Some(px) => format!("where seen, TTQ({px} px)"),
             None => format!("TTQ({} px)", quality.trim_start_matches("ttq_")),
         },
@@ -370,7 +370,7 @@ fn percentile_table(cases: &[Percentiles]) -> Markup {
             case.seeds.to_string(),
         ];
         line.extend(known.iter().map(|name| {
-            if name.starts_with("seen_") && case.technique != Technique::Lodestream.name() {
+            if name.starts_with("unoccluded_") && case.technique != Technique::Lodestream.name() {
                 return DASH.to_owned();
             }
             let spread = case.figures.get(*name);
@@ -447,7 +447,7 @@ fn pictures(folder: &Path, cases: &[CaseRuns<'_>]) -> std::io::Result<Markup> {
 fn caption(picture: &Picture) -> Markup {
     let at = units::milliseconds(picture.at_ms);
     let pixels = |px: f64| if px > MAX_DRAWN_ERROR_PX { "> 10,000".to_owned() } else { units::plain(px) };
-    let [error_px, seen_px] = [picture.error_px, picture.seen_error_px].map(|px| px.map(pixels));
+    let [error_px, seen_px] = [picture.error_px, picture.unoccluded_error_px].map(|px| px.map(pixels));
     let against = picture.error.map_or("no settled picture to compare with".to_owned(), |error| {
         let psnr = error.psnr_db.map_or("∞".to_owned(), |db| format!("{db:.1}"));
         format!("PSNR {psnr} dB, SSIM {:.4}, FLIP {:.4}", error.ssim, error.flip)

@@ -75,11 +75,11 @@ pub(super) fn figures(run: &RunResult) -> BTreeMap<String, Option<f64>> {
     for (px, ms) in &run.rest_ttq_ms {
         add(&format!("rest_ttq_{px}_ms"), *ms);
     }
-    for (px, ms) in &run.seen_ttq_ms {
-        add(&format!("seen_ttq_{px}_ms"), *ms);
+    for (px, ms) in &run.unoccluded_ttq_ms {
+        add(&format!("unoccluded_ttq_{px}_ms"), *ms);
     }
-    for (px, ms) in &run.rest_seen_ttq_ms {
-        add(&format!("rest_seen_ttq_{px}_ms"), *ms);
+    for (px, ms) in &run.rest_unoccluded_ttq_ms {
+        add(&format!("rest_unoccluded_ttq_{px}_ms"), *ms);
     }
     figures
 }

@@ -74,8 +74,14 @@ pub(super) fn of_runs(results: &[RunResult]) -> String {
             line.add_some(format!("ttq_{px}_bytes"), run.ttq_bytes.get(&px).copied().flatten());
         }
         for px in QUALITIES_PX.map(error_name) {
-            line.add_some(format!("seen_ttq_{px}_ms"), run.seen_ttq_ms.get(&px).copied().flatten());
-            line.add_some(format!("seen_ttq_{px}_bytes"), run.seen_ttq_bytes.get(&px).copied().flatten());
+            line.add_some(
+                format!("unoccluded_ttq_{px}_ms"),
+                run.unoccluded_ttq_ms.get(&px).copied().flatten(),
+            );
+            line.add_some(
+                format!("unoccluded_ttq_{px}_bytes"),
+                run.unoccluded_ttq_bytes.get(&px).copied().flatten(),
+            );
         }
         line.add_some("settled_ms", run.settled_ms);
         line.add("total_bytes", run.total_bytes);
@@ -84,8 +90,8 @@ pub(super) fn of_runs(results: &[RunResult]) -> String {
             line.add_some(format!("rest_ttq_{px}_ms"), run.rest_ttq_ms.get(&px).copied().flatten());
         }
         for px in QUALITIES_PX.map(error_name) {
-            let reached = run.rest_seen_ttq_ms.get(&px).copied().flatten();
-            line.add_some(format!("rest_seen_ttq_{px}_ms"), reached);
+            let reached = run.rest_unoccluded_ttq_ms.get(&px).copied().flatten();
+            line.add_some(format!("rest_unoccluded_ttq_{px}_ms"), reached);
         }
         line.add_some("assets", run.assets);
         line.add_some("instances", run.instances);
@@ -124,7 +130,7 @@ pub(super) fn of_pictures(results: &[RunResult]) -> String {
             line.add("at_ms", picture.at_ms);
             line.add("bytes", picture.bytes);
             line.add_some("error_px", picture.error_px);
-            line.add_some("seen_error_px", picture.seen_error_px);
+            line.add_some("unoccluded_error_px", picture.unoccluded_error_px);
             // Empty for equal pictures, whose PSNR is infinite.
             line.add_some("psnr_db", picture.error.and_then(|error| error.psnr_db));
             line.add_some("ssim", picture.error.map(|error| error.ssim));
@@ -238,7 +244,7 @@ mod tests {
             at_ms,
             bytes: at_ms as u64,
             error_px: None,
-            seen_error_px: None,
+            unoccluded_error_px: None,
             error: Some(ImageError { psnr_db: None, ssim: 1.0, flip }),
             file: String::new(),
         };

@@ -164,7 +164,7 @@ fn reports_do_not_depend_on_threads_and_levels_end_where_the_view_is_sharp() {
     write(folder.path(), &plan, &results).unwrap();
     // Baselines do not know occlusion, so these cells are empty.
     assert!(!chain.to_string().contains("where seen"), "{chain}");
-    assert!(chain.series.iter().all(|sample| sample.seen_error_px.is_none()), "{chain:?}");
+    assert!(chain.series.iter().all(|sample| sample.unoccluded_error_px.is_none()), "{chain:?}");
     let csv = std::fs::read_to_string(folder.path().join("levels.csv")).unwrap();
     assert_eq!(csv.lines().count(), 1 + levels.len());
     // A lap sees more, comes to rest, and reaches its quality there.

@@ -34,7 +34,7 @@ impl Field {
     /// # Errors
     /// A text that is not of this form, or a number out of range.
     pub fn parse(text: &str) -> Result<Self, &'static str> {
-        const NEEDED: &str = "is no field; write \"field:assets=10,faces=10000,instances=100\"";
+        const NEEDED: &str = "is not a field; write \"field:assets=10,faces=10000,instances=100\"";
         const RANGE: &str =
             "is a field out of range: 1 to 10000 assets, 12 to 4000000 faces, 1 to 1000000 instances";
         let mut values = [None; 3];

@@ -26,11 +26,11 @@ pub(crate) fn after_ms(after: Duration) -> f64 {
 pub(crate) struct ClientMilestones {
     pub(crate) first_frame: Option<Milestone>,
     pub(crate) quality: [Option<Milestone>; QUALITIES_PX.len()],
-    pub(crate) seen_quality: [Option<Milestone>; QUALITIES_PX.len()],
+    pub(crate) unoccluded_quality: [Option<Milestone>; QUALITIES_PX.len()],
     /// When a moving camera came to rest.
     pub(crate) rest: Option<Time>,
     pub(crate) rest_quality: [Option<Duration>; QUALITIES_PX.len()],
-    pub(crate) rest_seen_quality: [Option<Duration>; QUALITIES_PX.len()],
+    pub(crate) rest_unoccluded_quality: [Option<Duration>; QUALITIES_PX.len()],
     pub(crate) stalls: Stalls,
 }
 
@@ -63,7 +63,7 @@ pub(crate) fn line(
     let sizes = |noted: &[(String, Option<Milestone>)]| {
         noted.iter().map(|(px, reached)| (px.clone(), bytes(*reached))).collect()
     };
-    let (all, seen) = (by_error(&noted.quality), by_error(&noted.seen_quality));
+    let (all, seen) = (by_error(&noted.quality), by_error(&noted.unoccluded_quality));
     let at_rest = |reached: &[Option<Duration>; QUALITIES_PX.len()]| {
         let reached = |px| (error_name(px), quality(reached, px).map(after_ms));
         let px = plan.ttq_px.iter().copied().filter(|_| noted.rest.is_some());
@@ -87,15 +87,15 @@ pub(crate) fn line(
         first_frame_bytes: bytes(noted.first_frame),
         ttq_ms: times(&all),
         ttq_bytes: sizes(&all),
-        seen_ttq_ms: times(&seen),
-        seen_ttq_bytes: sizes(&seen),
+        unoccluded_ttq_ms: times(&seen),
+        unoccluded_ttq_bytes: sizes(&seen),
         total_bytes: 0,
         settled_ms: None,
         ended: ended.to_owned(),
         ended_ms: None,
         rest_ms: noted.rest.map(|at| milliseconds(at.as_ns())),
         rest_ttq_ms: at_rest(&noted.rest_quality),
-        rest_seen_ttq_ms: at_rest(&noted.rest_seen_quality),
+        rest_unoccluded_ttq_ms: at_rest(&noted.rest_unoccluded_quality),
         assets: None,
         instances: None,
         applied_faces: None,
@@ -130,10 +130,10 @@ pub(crate) fn result(
     let noted = ClientMilestones {
         first_frame: stats.milestones.first_frame,
         quality: stats.milestones.quality,
-        seen_quality: stats.milestones.seen_quality,
+        unoccluded_quality: stats.milestones.unoccluded_quality,
         rest: viewer.rest(),
         rest_quality: viewer.rest_quality(),
-        rest_seen_quality: viewer.rest_seen_quality(),
+        rest_unoccluded_quality: viewer.rest_unoccluded_quality(),
         stalls: viewer.stalls,
     };
     let ended = match (settled, timed_out) {

@@ -25,8 +25,8 @@ const WAITING_PER_THREAD: usize = 64;
 /// receives each result in the plan's order.
 ///
 /// # Errors
-/// The first session, in the plan's order, that ends otherwise than settled, at the time limit or with a lost connection;
-/// baselines that cannot be measured.
+/// The first session, in the plan's order, that ends otherwise than settled, at the time limit or with a lost
+/// connection; baselines that cannot be measured.
 pub fn run(
     plan: &Plan,
     scenes: &[Arc<dyn SceneSource>],

@@ -273,7 +273,7 @@ fn check_node(number: usize, node: NodeFile, count: usize) -> Result<Node, Fault
     for (c, child) in children.into_iter().enumerate() {
         let place = || format!("children[{c}]");
         if child >= count as u64 {
-            return fault(place(), format!("{child} is no node; there are {count}, numbered from 0"));
+            return fault(place(), format!("{child} is not a node; there are {count}, numbered from 0"));
         }
         if child <= number as u64 {
             return fault(place(), format!("{child} does not come after its parent, node {number}"));

@@ -15,7 +15,7 @@ pub struct Picture {
     /// could not be drawn.
     pub error_px: Option<f64>,
     /// The same over visible parts only, without those occluded by the scene's own surfaces.
-    pub seen_error_px: Option<f64>,
+    pub unoccluded_error_px: Option<f64>,
     /// Error against the reference; `None` without a reference.
     pub error: Option<ImageError>,
     /// The file, relative to the report's folder; instants after settling share the settled picture.

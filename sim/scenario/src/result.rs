@@ -49,9 +49,9 @@ pub struct RunResult {
     pub ttq_bytes: BTreeMap<String, Option<u64>>,
     /// The same over parts that are not occluded by the scene's own surfaces, as the client knows them; `None` for
     /// baselines.
-    pub seen_ttq_ms: BTreeMap<String, Option<f64>>,
+    pub unoccluded_ttq_ms: BTreeMap<String, Option<f64>>,
     /// Bytes until then.
-    pub seen_ttq_bytes: BTreeMap<String, Option<u64>>,
+    pub unoccluded_ttq_bytes: BTreeMap<String, Option<u64>>,
     /// Bytes until the selection was settled with the camera at rest, or the time limit.
     pub total_bytes: u64,
     /// Time until then.
@@ -66,7 +66,7 @@ pub struct RunResult {
     /// did not move, or did not come to rest.
     pub rest_ttq_ms: BTreeMap<String, Option<f64>>,
     /// The same over parts that are not occluded.
-    pub rest_seen_ttq_ms: BTreeMap<String, Option<f64>>,
+    pub rest_unoccluded_ttq_ms: BTreeMap<String, Option<f64>>,
     /// Pauses of half a second or more after the first frame, in which blobs were requested and no byte arrived.
     pub stalls: u32,
     /// Their total length.
@@ -143,10 +143,10 @@ impl std::fmt::Display for RunResult {
             _ => or_never(ms),
         };
         for (px, ms) in coarse_first(&self.ttq_ms) {
-            write!(f, ", {px} px {}", with_seen(ms, self.seen_ttq_ms.get(px)))?;
+            write!(f, ", {px} px {}", with_seen(ms, self.unoccluded_ttq_ms.get(px)))?;
         }
         for (px, ms) in coarse_first(&self.rest_ttq_ms) {
-            write!(f, ", at rest {px} px {}", with_seen(ms, self.rest_seen_ttq_ms.get(px)))?;
+            write!(f, ", at rest {px} px {}", with_seen(ms, self.rest_unoccluded_ttq_ms.get(px)))?;
         }
         write!(f, ", {} bytes in all, {}", self.total_bytes, self.ended)
     }

@@ -28,13 +28,13 @@ pub struct Sample {
     /// cannot be drawn.
     pub error_px: Option<f64>,
     /// The same without parts that the scene's own surfaces occlude; `None` for baselines, which do not know them.
-    pub seen_error_px: Option<f64>,
+    pub unoccluded_error_px: Option<f64>,
 }
 
 impl Sample {
     /// The sample without its time.
     fn news(&self) -> (u64, Option<f64>, Option<f64>) {
-        (self.bytes, self.error_px, self.seen_error_px)
+        (self.bytes, self.error_px, self.unoccluded_error_px)
     }
 }
 
@@ -43,7 +43,7 @@ impl Serialize for Sample {
         let mut tuple = serializer.serialize_tuple(4)?;
         tuple.serialize_element(&milliseconds(self.at_ns))?;
         tuple.serialize_element(&self.bytes)?;
-        for px in [self.error_px, self.seen_error_px] {
+        for px in [self.error_px, self.unoccluded_error_px] {
             tuple.serialize_element(&px.map(|px| (px * 1e4).round() / 1e4))?;
         }
         tuple.end()
@@ -138,7 +138,7 @@ mod tests {
     use super::*;
 
     fn sample(at_ns: u64, bytes: u64) -> Sample {
-        Sample { at_ns, bytes, error_px: None, seen_error_px: None }
+        Sample { at_ns, bytes, error_px: None, unoccluded_error_px: None }
     }
 
     #[test]
@@ -167,7 +167,8 @@ mod tests {
         }
         // The last two share a millisecond.
         assert_eq!(series.samples(), [sample(0, 1), sample(9_400_000, 3)]);
-        let seen = Sample { error_px: Some(1.234_567), seen_error_px: Some(0.5), ..sample(1_500_000, 7) };
+        let seen =
+            Sample { error_px: Some(1.234_567), unoccluded_error_px: Some(0.5), ..sample(1_500_000, 7) };
         assert_eq!(serde_json::to_string(&seen).unwrap(), "[1.5,7,1.2346,0.5]");
         assert_eq!(serde_json::to_string(&sample(0, 7)).unwrap(), "[0.0,7,null,null]");
     }
@@ -175,8 +176,11 @@ mod tests {
     /// Parts may come into view or become occluded without a byte.
     #[test]
     fn a_change_of_the_visible_error_alone_is_stored() {
-        let at =
-            |at_ns, seen_px| Sample { error_px: Some(9.0), seen_error_px: Some(seen_px), ..sample(at_ns, 1) };
+        let at = |at_ns, seen_px| Sample {
+            error_px: Some(9.0),
+            unoccluded_error_px: Some(seen_px),
+            ..sample(at_ns, 1)
+        };
         let mut series = Series::default();
         for (at_ns, seen_px) in [(0, 9.0), (5_000_000, 9.0), (8_000_000, 2.0)] {
             series.push(at(at_ns, seen_px));

@@ -37,7 +37,7 @@ pub(crate) struct Viewer<'a> {
     /// Selections made before the camera came to rest.
     selections_before_rest: u64,
     rest_quality: [Option<Duration>; QUALITIES_PX.len()],
-    rest_seen_quality: [Option<Duration>; QUALITIES_PX.len()],
+    rest_unoccluded_quality: [Option<Duration>; QUALITIES_PX.len()],
     settled: Option<Settled>,
     timed_out: bool,
     ended: Option<Time>,
@@ -110,14 +110,14 @@ impl<'a> Viewer<'a> {
             drive: CameraDrive::new(path, viewport_px, client.target_px),
             selections_before_rest: 0,
             rest_quality: [None; QUALITIES_PX.len()],
-            rest_seen_quality: [None; QUALITIES_PX.len()],
+            rest_unoccluded_quality: [None; QUALITIES_PX.len()],
             settled: None,
             timed_out: false,
             ended: None,
             ledger: Ledger::default(),
             series: Series::default(),
             stalls: Stalls::default(),
-            seen: Sample { at_ns: 0, bytes: 0, error_px: None, seen_error_px: None },
+            seen: Sample { at_ns: 0, bytes: 0, error_px: None, unoccluded_error_px: None },
             observer,
         }
     }
@@ -146,8 +146,8 @@ impl<'a> Viewer<'a> {
     }
 
     /// The same over parts that are not occluded.
-    pub(crate) fn rest_seen_quality(&self) -> [Option<Duration>; QUALITIES_PX.len()] {
-        self.rest_seen_quality
+    pub(crate) fn rest_unoccluded_quality(&self) -> [Option<Duration>; QUALITIES_PX.len()] {
+        self.rest_unoccluded_quality
     }
 
     /// Ends the session.
@@ -203,8 +203,8 @@ impl<'a> Viewer<'a> {
         let drawn = self.core.milestones().first_frame.is_some();
         let complete = drawn && counters.drawable_instances >= counters.visible_instances;
         let error_px = Some(counters.max_screen_error_px).filter(|px| complete && px.is_finite());
-        let seen_error_px = error_px.and(Some(counters.seen_screen_error_px));
-        self.seen = Sample { at_ns: now.as_ns(), bytes, error_px, seen_error_px };
+        let unoccluded_error_px = error_px.and(Some(counters.unoccluded_screen_error_px));
+        self.seen = Sample { at_ns: now.as_ns(), bytes, error_px, unoccluded_error_px };
         self.series.push(self.seen);
         if drawn {
             self.stalls.observe(now, bytes, !counters.settled);
@@ -218,8 +218,8 @@ impl<'a> Viewer<'a> {
                 if let Some(error_px) = error_px.filter(|_| seen) {
                     note_quality(&mut self.rest_quality, error_px, now.since(since));
                     note_quality(
-                        &mut self.rest_seen_quality,
-                        counters.seen_screen_error_px,
+                        &mut self.rest_unoccluded_quality,
+                        counters.unoccluded_screen_error_px,
                         now.since(since),
                     );
                 }

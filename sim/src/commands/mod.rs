@@ -58,7 +58,7 @@ pub(crate) enum Command {
     /// loopback. Needs Linux.
     Load(load::Load),
     /// Run a dozen attacks of untrusted peers against a server, one after the other: connections held, memory,
-    /// processor time, and delay of an honest client. In real time on loopback; needs Linux.
+    /// processor time, and delay of another client. In real time on loopback; needs Linux.
     UntrustedPeers(untrusted_peers::UntrustedPeers),
     /// Damage packs, client sessions and server first flights in thousands of ways and count the verdicts: accepted,
     /// refused by kind of reason, panics, time, memory. Daemon and sockets on loopback; needs Linux.

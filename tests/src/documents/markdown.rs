@@ -13,7 +13,7 @@ pub(super) enum Kind<'a> {
     Prose,
     Heading,
     Table,
-    /// Within a fence, with what the fence says of it.
+    /// Within a code fence, with its language.
     Code(&'a str),
     Fence,
 }

@@ -7,8 +7,8 @@ use super::*;
 use crate::support::raw::{Arrival, RawClient, RawQuic, hello};
 
 /// Whether a session from an address is admitted: `Hello` is answered.
-async fn is_let_in(world: &World, at: SocketAddr) -> bool {
-    let endpoint = world.client(at, &link());
+async fn is_admitted(network: &TestNetwork, at: SocketAddr) -> bool {
+    let endpoint = network.client(at, &link());
     let Ok(connection) = endpoint.connect(SERVER, "localhost").unwrap().await else { return false };
     let mut client = RawQuic::new(connection);
     let Ok(()) = client.send_bytes(encode_client(&ClientMessage::Hello(hello())).unwrap()).await else {
@@ -32,25 +32,34 @@ async fn is_let_in(world: &World, at: SocketAddr) -> bool {
 fn a_session_continues_after_an_address_change_and_frees_the_old_addresss_slot() {
     let scene = TestScene::small();
     virtual_runtime().unwrap().block_on(async {
-        let world = World::new();
+        let network = TestNetwork::new();
         let one_each = SessionSettings { max_sessions_per_address: Some(1), ..settings(Some(40_000)) };
         let state = ServerState::new(scene.source(), one_each);
-        world.serve(Arc::clone(&state), 1);
-        let endpoint = world.client(client(1, 50_000), &link());
+        network.serve(Arc::clone(&state), 1);
+        let endpoint = network.client(client(1, 50_000), &link());
         let mut host = UntilSettled::new();
         let roam = async {
             sleep(Duration::from_secs(1)).await;
-            assert!(!is_let_in(&world, client(1, 50_001)).await, "the address has its session");
-            assert!(is_let_in(&world, client(2, 50_002)).await);
+            assert!(
+                !is_admitted(&network, client(1, 50_001)).await,
+                "the session counts for its first address"
+            );
+            assert!(is_admitted(&network, client(2, 50_002)).await);
             let to = client(2, 50_003);
-            world.connect(to, &link());
-            endpoint.rebind_abstract(world.network.socket(to)).unwrap();
-            world.connect(client(1, 50_000), &cut());
+            network.connect(to, &link());
+            endpoint.rebind_abstract(network.udp.socket(to)).unwrap();
+            network.connect(client(1, 50_000), &cut());
             sleep(Duration::from_secs(1)).await;
             assert_eq!(state.metrics().active_sessions(), 1);
-            assert!(is_let_in(&world, client(1, 50_004)).await, "the place of the old address was kept");
-            assert!(!is_let_in(&world, client(2, 50_005)).await, "the session counts nowhere");
-            assert_eq!(state.metrics().active_sessions(), 1, "the session was over before");
+            assert!(
+                is_admitted(&network, client(1, 50_004)).await,
+                "the session still counts for its old address"
+            );
+            assert!(
+                !is_admitted(&network, client(2, 50_005)).await,
+                "the session does not count for its new address"
+            );
+            assert_eq!(state.metrics().active_sessions(), 1, "the session ended early");
         };
         let (attempts, ()) = tokio::join!(stream(&endpoint, &mut host), roam);
         let stats = host.core.stats();
@@ -59,19 +68,19 @@ fn a_session_continues_after_an_address_change_and_frees_the_old_addresss_slot()
     });
 }
 
-/// Handshakes that start before any of them has validated its address: each sees a bucket that is not empty.
+/// Handshakes that start before any of them has validated its address all find tokens in the bucket.
 #[test]
-fn simultaneous_quic_handshakes_took_more_tokens_than_available() {
+fn simultaneous_quic_handshakes_take_no_more_tokens_than_available() {
     let scene = TestScene::small();
     virtual_runtime().unwrap().block_on(async {
-        let world = World::new();
+        let network = TestNetwork::new();
         let new = Some("1".parse().unwrap());
         let state = ServerState::new(
             scene.source(),
             SessionSettings { new_sessions_per_address: new, ..settings(None) },
         );
-        world.serve(Arc::clone(&state), 1);
-        let at_once = (0..10).map(|n| is_let_in(&world, client(1, 50_000 + n)));
+        network.serve(Arc::clone(&state), 1);
+        let at_once = (0..10).map(|n| is_admitted(&network, client(1, 50_000 + n)));
         let taken = join_all(at_once).await.into_iter().filter(|let_in| *let_in).count();
         assert_eq!(taken, 1);
         let refused = |count| {
@@ -80,11 +89,11 @@ fn simultaneous_quic_handshakes_took_more_tokens_than_available() {
             assert!(text.contains(&line), "{line}{text}");
         };
         refused(9);
-        assert!(is_let_in(&world, client(2, 51_000)).await);
-        // Eight seconds add one token, and now a handshake is refused before it begins.
+        assert!(is_admitted(&network, client(2, 51_000)).await);
+        // Eight seconds add one token; a further handshake is refused before it begins.
         sleep(Duration::from_secs(8)).await;
-        assert!(is_let_in(&world, client(1, 52_000)).await);
-        assert!(!is_let_in(&world, client(1, 52_001)).await);
+        assert!(is_admitted(&network, client(1, 52_000)).await);
+        assert!(!is_admitted(&network, client(1, 52_001)).await);
         refused(10);
     });
 }

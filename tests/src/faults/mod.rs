@@ -48,15 +48,15 @@ fn link() -> LinkSettings {
 }
 
 /// A network with one server's address.
-struct World {
-    network: UdpNetwork,
+struct TestNetwork {
+    udp: UdpNetwork,
     certificate: Certificate,
 }
 
-impl World {
+impl TestNetwork {
     fn new() -> Self {
         Self {
-            network: UdpNetwork::new(VirtualClock::start()),
+            udp: UdpNetwork::new(VirtualClock::start()),
             certificate: Certificate::self_signed(SystemTime::now()).unwrap(),
         }
     }
@@ -64,20 +64,20 @@ impl World {
     /// Starts a server; aborting the task kills it.
     fn serve(&self, state: Arc<ServerState>, seed: u8) -> tokio::task::JoinHandle<()> {
         let config = server_config(&self.certificate).unwrap();
-        let endpoint = self.network.endpoint(SERVER, Some(config), [seed; 32]).unwrap();
+        let endpoint = self.udp.endpoint(SERVER, Some(config), [seed; 32]).unwrap();
         tokio::spawn(serve_quic(endpoint, state))
     }
 
     fn connect(&self, client: SocketAddr, settings: &LinkSettings) {
         let seed = u64::from(client.port());
-        self.network.connect(SERVER, client, settings.clone(), seed);
-        self.network.connect(client, SERVER, settings.clone(), seed + 1);
+        self.udp.connect(SERVER, client, settings.clone(), seed);
+        self.udp.connect(client, SERVER, settings.clone(), seed + 1);
     }
 
     fn client(&self, address: SocketAddr, settings: &LinkSettings) -> quinn::Endpoint {
         self.connect(address, settings);
         let [.., last] = address.port().to_be_bytes();
-        let mut endpoint = self.network.endpoint(address, None, [last; 32]).unwrap();
+        let mut endpoint = self.udp.endpoint(address, None, [last; 32]).unwrap();
         let pin = Pin::Certificate(self.certificate.fingerprint());
         endpoint.set_default_client_config(client_config(pin).unwrap());
         endpoint

@@ -26,12 +26,12 @@ type ReturningClient = (UntilSettled, Vec<Instant>);
 
 /// Fifty clients over QUIC, and the second server. The first server is killed without closing connections.
 async fn over_quic(scene: &TestScene) -> (Vec<ReturningClient>, Arc<ServerState>) {
-    let world = World::new();
-    let first = world.serve(ServerState::new(scene.source(), settings(SLOW)), 1);
+    let network = TestNetwork::new();
+    let first = network.serve(ServerState::new(scene.source(), settings(SLOW)), 1);
     let addresses: Vec<_> = (0..CLIENTS).map(|n| client(n, 50_000 + u16::from(n))).collect();
-    let endpoints: Vec<_> = addresses.iter().map(|at| world.client(*at, &link())).collect();
+    let endpoints: Vec<_> = addresses.iter().map(|at| network.client(*at, &link())).collect();
     let clients = endpoints.iter().zip(0_u64..).map(|(endpoint, n)| async move {
-        // Within a second, as a class would start.
+        // All clients start within a second.
         sleep(Duration::from_millis(n * 20)).await;
         let mut host = UntilSettled::new();
         let attempts = stream(endpoint, &mut host).await;
@@ -39,12 +39,12 @@ async fn over_quic(scene: &TestScene) -> (Vec<ReturningClient>, Arc<ServerState>
     });
     let restart = async {
         sleep(DEATH).await;
-        addresses.iter().for_each(|at| world.connect(*at, &cut()));
+        addresses.iter().for_each(|at| network.connect(*at, &cut()));
         first.abort();
         sleep(REBIRTH - DEATH).await;
-        addresses.iter().for_each(|at| world.connect(*at, &link()));
+        addresses.iter().for_each(|at| network.connect(*at, &link()));
         let state = ServerState::new(scene.source(), settings(None));
-        world.serve(Arc::clone(&state), 2);
+        network.serve(Arc::clone(&state), 2);
         state
     };
     tokio::join!(join_all(clients), restart)
@@ -105,7 +105,7 @@ fn fifty_clients_come_back(transport: Transport) {
         }
     });
     let retries: Vec<_> = clients.iter().map(|(_, attempts)| attempts[1..].to_vec()).collect();
-    assert!(retries.iter().all(|retries| retries.len() >= 2), "each tries in vain first: {retries:?}");
+    assert!(retries.iter().all(|retries| retries.len() >= 2), "each has a failed attempt first: {retries:?}");
     for nth in 0..2 {
         let mut at: Vec<Instant> = retries.iter().map(|retries| retries[nth]).collect();
         at.sort_unstable();
@@ -113,7 +113,7 @@ fn fifty_clients_come_back(transport: Transport) {
             at.iter().map(|from| at.iter().filter(|at| (*from..=*from + TOGETHER).contains(at)).count());
         let most = most.max().unwrap();
         println!("attempt {nth}: within {:?}, at most {most} in {TOGETHER:?}", at[49] - at[0]);
-        assert!(most <= 10, "{most} of {CLIENTS} came in one instant");
+        assert!(most <= 10, "{most} of {CLIENTS} connected at the same time");
     }
     // A failed attempt and a doubled pause.
     for retries in &retries {
@@ -133,8 +133,8 @@ fn fifty_clients_come_back(transport: Transport) {
         assert!(host.settled && stats.decode_failures == 0, "{stats:?}");
         let (held, received) = (host.held.as_ref().unwrap(), host.received());
         let sum = |of: &BTreeMap<BlobId, u64>| of.values().sum::<u64>();
-        assert!(held.keys().any(is_chunk), "the server died before anything was refined");
-        assert!(sum(held) < sum(&received), "the server died too late");
+        assert!(held.keys().any(is_chunk), "the server was killed before it sent a chunk");
+        assert!(sum(held) < sum(&received), "the server was killed after it had sent everything");
         let mut twice = sent_twice(scene, &received);
         let pushed: u64 = twice.extract_if(.., |id, _| may_be_pushed(id)).map(|(_, bytes)| bytes).sum();
         assert!(twice.is_empty() && pushed <= most_pushed, "{pushed} bytes of what is pushed, {twice:?}");
@@ -160,16 +160,16 @@ fn fifty_websocket_clients_reconnect_and_receive_only_the_push_twice() {
     fifty_clients_come_back(Transport::WebSocket);
 }
 
-/// Checks both sides after a clock jump of an hour, as of a suspended machine: pending work times out, and and
-/// the session continues from its present state.
+/// Checks both sides after a clock jump of an hour, as of a suspended machine: pending work times out, and the session
+/// continues from its present state.
 #[test]
 fn a_clock_jump_of_an_hour_ends_the_session_but_not_the_picture() {
     let scene = TestScene::small();
     virtual_runtime().unwrap().block_on(async {
-        let world = World::new();
+        let network = TestNetwork::new();
         let state = ServerState::new(scene.source(), settings(SLOW));
-        world.serve(Arc::clone(&state), 1);
-        let endpoint = world.client(client(1, 50_000), &link());
+        network.serve(Arc::clone(&state), 1);
+        let endpoint = network.client(client(1, 50_000), &link());
         let mut host = UntilSettled::new();
         let jump = async {
             sleep(DEATH).await;
@@ -177,14 +177,14 @@ fn a_clock_jump_of_an_hour_ends_the_session_but_not_the_picture() {
             tokio::time::advance(Duration::from_secs(3600)).await;
         };
         let (attempts, ()) = tokio::join!(stream(&endpoint, &mut host), jump);
-        assert!(attempts.len() >= 2, "the session outlived an hour of silence");
+        assert!(attempts.len() >= 2, "the session survived an hour of silence");
         let (stats, held) = (host.core.stats(), host.held.as_ref().unwrap());
         assert!(host.settled && stats.decode_failures == 0, "{stats:?}");
-        assert!(held.keys().any(is_chunk), "the hour passed before anything was refined");
+        assert!(held.keys().any(is_chunk), "the clock jumped before a chunk arrived");
         let mut twice = sent_twice(scene, &host.received());
         let pushed: u64 = twice.extract_if(.., |id, _| is_pushed(id)).map(|(_, bytes)| bytes).sum();
         assert!(twice.is_empty() && pushed <= 3_000, "{pushed} bytes of what is pushed, {twice:?}");
         sleep(Duration::from_secs(60)).await;
-        assert_eq!(state.metrics().active_sessions(), 0, "the session of before is still there");
+        assert_eq!(state.metrics().active_sessions(), 0, "the earlier session is still open");
     });
 }

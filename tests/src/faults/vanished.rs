@@ -15,12 +15,12 @@ const BLOB_BYTES: u32 = 500_000;
 #[test]
 fn a_client_that_vanishes_in_the_middle_of_a_blob_is_released() {
     virtual_runtime().unwrap().block_on(async {
-        let world = World::new();
+        let network = TestNetwork::new();
         let scene = Arc::new(MemoryScene::new(1, 500, BLOB_BYTES));
         let state = ServerState::new(scene, settings(None));
-        world.serve(Arc::clone(&state), 1);
+        network.serve(Arc::clone(&state), 1);
         let open = async |n: u8| {
-            let endpoint = world.client(client(n, 50_000 + u16::from(n)), &link());
+            let endpoint = network.client(client(n, 50_000 + u16::from(n)), &link());
             let connection = endpoint.connect(SERVER, "localhost").unwrap().await.unwrap();
             let mut client = RawQuic::new(connection);
             client.send_bytes(encode_client(&ClientMessage::Hello(hello())).unwrap()).await.unwrap();
@@ -31,17 +31,17 @@ fn a_client_that_vanishes_in_the_middle_of_a_blob_is_released() {
         let (gone, mut other) = (open(1).await, open(2).await);
         // Half of a blob, then silence.
         sleep(Duration::from_secs(1)).await;
-        world.connect(client(1, 50_001), &cut());
+        network.connect(client(1, 50_001), &cut());
         let waiting = |text: &str| -> u64 {
             let line = text.lines().find_map(|line| line.strip_prefix("lodestream_queued_bytes "));
             line.unwrap().parse().unwrap()
         };
         assert_eq!(state.metrics().active_sessions(), 2);
-        assert!(waiting(&state.render_metrics()) > 0, "all was sent before the client was gone");
+        assert!(waiting(&state.render_metrics()) > 0, "everything was sent before the client vanished");
         let mut came = 0;
         while came < 2 {
             let arrival = timeout(Duration::from_secs(20), other.next()).await.expect("nothing more comes");
-            match arrival.expect("the connection is over") {
+            match arrival.expect("the connection has ended") {
                 Arrival::Blob(id, bytes) if bytes.len() == BLOB_BYTES as usize => {
                     assert_eq!(bytes, MemoryScene::contents(&id, BLOB_BYTES));
                     came += 1;

@@ -166,7 +166,7 @@ impl<'a> Visit<'a> for ImportCollector<'_> {
     }
 
     fn visit_attribute(&mut self, _: &'a syn::Attribute) {
-        // Links in documentation and names of derives are no imports.
+        // Links in documentation and names of derives are not imports.
     }
 }
 

@@ -64,7 +64,7 @@ pub(crate) fn same(comparison: &Comparison) -> bool {
     comparison.ssim >= 0.99
 }
 
-/// Writes a picture where a person can look at it.
+/// Writes a picture to a file for inspection.
 pub(crate) fn keep(picture: &Picture, name: &str) {
     let target = std::env::var_os("CARGO_TARGET_DIR")
         .map_or_else(|| std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../target"), Into::into);

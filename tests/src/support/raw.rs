@@ -33,7 +33,7 @@ pub(crate) enum Arrival {
 
 /// A client on either transport.
 pub(crate) trait RawClient {
-    /// Sends bytes where a frame belongs; fails where the connection has ended.
+    /// Sends bytes in the place of a frame. Fails if the connection has ended.
     async fn send_bytes(&mut self, frame: Vec<u8>) -> Result<(), String>;
 
     /// The next arrival; `None` once the connection is closed.
@@ -78,7 +78,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> RawWebSocket<S> {
 
     fn piece(&mut self, piece: BlobPiece) -> Option<Arrival> {
         let bytes = self.partial.entry(piece.id).or_default();
-        assert_eq!(bytes.len(), piece.offset as usize, "pieces come in order");
+        assert_eq!(bytes.len(), piece.offset as usize, "pieces arrive out of order");
         bytes.extend_from_slice(&piece.bytes);
         if !piece.is_last() {
             return None;

@@ -49,8 +49,8 @@ impl Viewer {
             if wanted(&status) {
                 return status;
             }
-            assert!(status.end.is_none(), "{what} was waited for, but: {:?}", status.end);
-            assert!(Instant::now() < until, "{what} was waited for in vain: {status:#?}");
+            assert!(status.end.is_none(), "streaming ended while waiting for {what}: {:?}", status.end);
+            assert!(Instant::now() < until, "{what} did not happen: {status:#?}");
             let _ = self.notified.recv_timeout(Duration::from_millis(100));
         }
     }

@@ -142,7 +142,7 @@ fn a_reader_written_from_the_page_understands_every_message() {
                     .any(|blob| blob["id"]["terrain_directory_page"].is_u64() && blob["contents"].is_array()),
             ),
         ] {
-            assert!(there, "{transport:?}: {what} did not come");
+            assert!(there, "{transport:?}: {what} was not sent");
         }
         assert_understood(&recording, &known, &said);
     }
@@ -280,10 +280,10 @@ fn the_dump_shows_the_bytes_of_a_first_flight() {
         }
         assert!(
             dumped == *bytes,
-            "stream {number} is not what docs/protocol/first-flight.txt shows: {dumped:02x?}\n{bytes:02x?}"
+            "stream {number} differs from docs/protocol/first-flight.txt: {dumped:02x?}\n{bytes:02x?}"
         );
     }
-    assert_eq!(lines.next(), None, "docs/protocol/first-flight.txt shows a stream that there is not");
+    assert_eq!(lines.next(), None, "docs/protocol/first-flight.txt shows a stream that was not recorded");
     if let Some(dump) = dump {
         assert!(
             dump == shown,

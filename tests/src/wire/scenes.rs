@@ -49,8 +49,8 @@ pub(super) fn lit(punctual_lights: u32) -> TestScene {
     open(&text, |_| {})
 }
 
-/// A model with the wall's material, its texture laid over it along z. Unlike the wall's, its base mesh is no zstd
-/// frame, in which the reader could not look.
+/// A model with the wall's material, its texture projected along z. Unlike the wall's, its base mesh is not compressed
+/// with zstd, so the reader can decode it.
 fn textured(obj: &str) -> String {
     let mut out = String::from("mtllib wall.mtl\nusemtl brick\n");
     for line in obj.lines() {
@@ -148,7 +148,7 @@ depth = 2
         write!(text, "[[instance]]\nasset = \"tetrahedron\"\ntranslation = [{n}.5, 0.0, -4.0]\n{turned}")
             .unwrap();
     }
-    // More than their message holds, of every kind and alike in all that punctual lights may share.
+    // More than their message holds, of every kind, and with each combination of shared values.
     for n in 0..1100 {
         let color = if n % 7 < 3 { "color = [1.0, 0.5, 0.0]\n" } else { "" };
         let range = if n % 5 < 2 { "range = 7.5\n" } else { "" };
@@ -176,7 +176,7 @@ depth = 2
     })
 }
 
-/// Everything that a client can say, in the order of groups that wait for each other.
+/// Every message that a client can send, in groups that wait for each other's answers.
 pub(super) fn conversation(scene: &TestScene) -> Vec<Vec<ClientMessage>> {
     let view = View::look_at([7.0, 5.5, 11.0], [0.0, 1.0, 0.0], [0.0, 1.0, 0.0], 0.9, [1920, 1080]);
     let hello = Hello {

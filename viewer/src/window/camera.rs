@@ -181,7 +181,10 @@ mod tests {
         assert!(controller.forward().x > 0.0, "dragging to the right looks to the right");
         let before = controller.eye;
         controller.push([0.0, 0.0, 1.0], false, 2.0);
-        assert!(((controller.eye - before).length() - 10.0).abs() < 1e-9, "half the first distance a second");
+        assert!(
+            ((controller.eye - before).length() - 10.0).abs() < 1e-9,
+            "half the initial distance per second"
+        );
         controller.reset();
         assert_eq!((controller.eye, controller.mode), (DVec3::new(0.0, 0.0, 10.0), Mode::Fly));
     }

@@ -130,8 +130,9 @@ mod tests {
         assert_eq!(kept, 10);
     }
 
-    /// On a slow device the first frame that held everything came after three seconds, or soon after one that did not,
-    /// and was not among the pictures.
+    /// On a slow device the first complete frame can come after the first three seconds, or soon after an incomplete
+    /// one.
+    /// It must be among the pictures.
     #[test]
     fn the_first_whole_frame_is_kept_however_late_it_comes() {
         for (early, whole) in [(2000, 2010), (2000, 5000)] {

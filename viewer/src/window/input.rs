@@ -53,10 +53,10 @@ mod tests {
     use lodestream_scene::description::Camera;
     use lodestream_scene::pose::Pose;
 
-    /// Time of a frame in full, as software takes at 1280×720, and of one that a moving camera needs.
+    /// Time of a frame at full quality, as a software driver takes at 1280×720, and of one while the camera moves.
     const FULL_S: f64 = 0.7;
     const QUICK_S: f64 = 1.0 / 15.0;
-    /// When the window is looked at.
+    /// End of the simulation.
     const LONG: Duration = Duration::from_secs(8);
 
     /// A window in virtual time, whose frames take as long as the table of steps says.
@@ -65,9 +65,9 @@ mod tests {
         keys: Keys,
         controller: CameraController,
         quality: Quality,
-        /// What the server heard last.
+        /// The pose that the server received last.
         heard: Option<Pose>,
-        /// Frames: when begun, when shown, where from.
+        /// Frames: start, end, pose.
         shown: Vec<(Duration, Duration, Pose)>,
     }
 
@@ -79,7 +79,7 @@ mod tests {
         }
 
         fn move_camera(&mut self) {
-            // To receive takes a moment.
+            // Receiving takes some time.
             self.now += Duration::from_millis(1);
             move_camera(self.now, &mut self.keys, Some(&mut self.controller), &mut self.quality);
         }
@@ -92,7 +92,7 @@ mod tests {
             assert_eq!(
                 self.heard,
                 Some(self.controller.pose()),
-                "the server hears of it before it is painted"
+                "the view is sent before the frame is drawn"
             );
             let (begun, took) = (self.now, FULL_S * self.quality.cost());
             self.now += Duration::from_secs_f64(took);
@@ -111,8 +111,9 @@ mod tests {
         })
     }
 
-    /// Draws frames one after another, as while more of the scene arrives; keys go down when their time has come, but
-    /// between frames. Gives (end of the frame that was under way, first frame that shows `answer`) after the last key.
+    /// Draws frames one after another, as while more of the scene arrives. Keys take effect between frames, at the
+    /// first opportunity after their time. Returns the end of the frame during which the last key was pressed, and of
+    /// the first later frame whose pose satisfies `answer`.
     fn answered(
         controller: CameraController,
         presses: &[(Duration, KeyCode)],
@@ -134,23 +135,23 @@ mod tests {
         (free, first.expect("it is answered").1)
     }
 
-    /// After a frame at rest, which takes long, another one in full was drawn before a reset camera was seen.
+    /// The frame after a key has the quality of a moving camera, even if the camera rested before.
     #[test]
-    fn a_key_is_seen_one_or_two_quick_frames_after_the_frame_under_way() {
+    fn a_key_takes_effect_one_or_two_quick_frames_after_the_current_one() {
         let (home, mut moved) = (start(), start());
         moved.turn(300.0, 0.0);
         for late_ms in [1, 50, 200, 350, 500, 650, 699] {
-            // Long after the device's first frames: it draws in full.
+            // Long after the first frames: frames are drawn at full quality.
             let at = Duration::from_millis(4000 + late_ms);
             let within = |what: &str, quick: f64, (free, seen): (Duration, Duration)| {
                 let under_way = free.saturating_sub(at).as_secs_f64();
-                assert!(under_way <= FULL_S + 0.01, "{what}: {under_way} s until it is looked at");
+                assert!(under_way <= FULL_S + 0.01, "{what}: the key is handled {under_way} s later");
                 let took = seen.saturating_sub(free).as_secs_f64();
-                assert!(took <= quick * QUICK_S + 0.01, "{what}: seen {took} s later");
+                assert!(took <= quick * QUICK_S + 0.01, "{what}: shown {took} s later");
             };
             let reset = answered(moved, &[(at, KeyCode::KeyR)], |pose| *pose == home.pose());
             within("reset", 1.0, reset);
-            // A push is a way by the second frame.
+            // A key that is held moves the camera from the second frame on.
             let way = |pose: &Pose| (pose.eye - home.pose().eye).length() > 0.1;
             within("push", 2.0, answered(home, &[(at, KeyCode::KeyW)], way));
         }

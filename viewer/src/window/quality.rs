@@ -58,13 +58,13 @@ impl Quality {
     pub(super) fn drawn(&mut self, begun: Duration, frame_s: f64) {
         self.full_s = frame_s / self.step().cost;
         if !self.is_moving(begun) {
-            // Two steps, or half of them, at once: each is a frame that the user waits for.
+            // Restores two steps at once, or half of those left, since the user waits for each of these frames.
             self.step = self.step.saturating_sub(2).min(self.step / 2);
             self.headroom_frames = 0;
             return;
         }
         if frame_s > 1.0 / MIN_FPS {
-            // One step more if the estimate says that the present one should suffice.
+            // One step faster, or more if the estimate says so.
             self.step = self.fast_enough().max((self.step + 1).min(STEPS.len() - 1));
             self.headroom_frames = 0;
         } else if self.step > 0 && self.full_s * STEPS[self.step - 1].cost <= HEADROOM * TARGET_S {
@@ -155,7 +155,8 @@ mod tests {
 
     #[test]
     fn a_slow_device_flies_at_fifteen_frames_a_second_and_rests_in_full() {
-        // Estimates are off by as much as devices differ: where pixels cost nothing, and where they cost all.
+        // The costs of steps differ between devices: from those whose time does not depend on pixels to those where it
+        // does.
         for bias in [0.8, 1.0, 1.3] {
             let device = Device { full_s: 0.4, bias };
             let mut quality = Quality::new(false);
@@ -163,9 +164,9 @@ mod tests {
             let flying: Vec<_> = all.iter().filter(|(at, ..)| (2.5..5.0).contains(at)).collect();
             assert!(flying.iter().all(|(_, took, _)| *took <= 1.0 / MIN_FPS), "{bias}: {flying:?}");
             let first = all.iter().find(|(at, took, _)| *at - took >= 1.0).expect("it moves");
-            assert!(first.2 > 1, "{bias}: the first frame under way is drawn in full: {first:?}");
+            assert!(first.2 > 1, "{bias}: the first moving frame is drawn at full quality: {first:?}");
             let changes = flying.windows(2).filter(|pair| pair[0].2 != pair[1].2).count();
-            assert!(changes <= 1, "{bias}: quality goes to and fro: {flying:?}");
+            assert!(changes <= 1, "{bias}: quality oscillates: {flying:?}");
             let rest: Vec<usize> = all.iter().filter(|(at, ..)| *at > 5.3).map(|(.., step)| *step).collect();
             assert!(rest.is_sorted_by(|a, b| a >= b) && quality.is_full(), "{bias}: {rest:?}");
         }
@@ -192,10 +193,10 @@ mod tests {
         assert_eq!(quality.due(Duration::from_secs(9)), None);
     }
 
-    /// A part of the quality by its name, and whether a step gives it up.
+    /// A reduction by its name, and whether a step makes it.
     type Part = (&'static str, fn(&Step) -> bool);
 
-    /// The order in which parts begin to be given up.
+    /// Reductions in the order in which steps begin to make them.
     const PARTS: [Part; 9] = [
         ("scale", |step| step.render_scale < 1.0),
         ("cascades", |step| step.cascades < 4),
@@ -208,9 +209,9 @@ mod tests {
         ("relief", |step| !step.limit(&Settings::default()).relief),
     ];
 
-    /// A camera that keeps moving on a device of which each frame in full takes `factor` of the time of that before,
-    /// from
-    /// `full_s` on: the steps taken.
+    /// The steps of a camera that keeps moving on a device whose frames at full quality take `full_s` at first, and
+    /// each
+    /// `factor` times as long as the one before.
     fn drift(quality: &mut Quality, full_s: f64, factor: f64, frames: i32) -> Vec<usize> {
         let mut now = 0.0;
         (0..frames)
@@ -224,12 +225,12 @@ mod tests {
             .collect()
     }
 
-    /// How many parts of the order a step gives up, from the first on.
+    /// Number of reductions that a step makes; they must be the first ones.
     fn parts(step: usize) -> usize {
         let given_up: Vec<bool> = PARTS.iter().map(|(_, is)| is(&STEPS[step])).collect();
         assert!(
             given_up.is_sorted_by(|a, b| a >= b),
-            "step {step} leaves one out: {given_up:?} of {PARTS:?}"
+            "step {step} makes them out of order: {given_up:?} of {PARTS:?}"
         );
         given_up.into_iter().filter(|is| *is).count()
     }
@@ -243,7 +244,7 @@ mod tests {
         assert_eq!(parts(quality.step), PARTS.len());
         let up = drift(&mut quality, 0.05 * 1.03_f64.powi(200), 0.99, 900);
         assert!(up.is_sorted_by(|a, b| a >= b) && quality.is_full(), "{up:?}");
-        // One at a time: in the reverse order.
+        // One step at a time, in the reverse order.
         assert!(up.windows(2).all(|pair| pair[0] - pair[1] <= 1), "{up:?}");
         assert!(up.iter().map(|step| parts(*step)).is_sorted_by(|a, b| a >= b));
     }
@@ -259,9 +260,10 @@ mod tests {
         assert!(given_up.is_sorted_by(|a, b| a >= b) && given_up.last() == Some(&0), "{given_up:?}");
     }
 
-    /// Times about the bound do not move a step up and down: up takes far less time than down allows.
+    /// Frame times near the bound do not change the step back and forth: a finer step needs a much shorter time than
+    /// the bound for a coarser one.
     #[test]
-    fn frames_that_take_now_more_and_now_less_keep_their_step() {
+    fn frame_times_around_the_bound_keep_the_step() {
         for full_s in [0.12, 0.2, 0.33, 0.5] {
             let (mut quality, mut now) = (Quality::new(false), 0.0);
             let mut steps = Vec::new();
@@ -279,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn edges_are_smoothed_over_time_then_in_one_frame_then_not_by_how_long_frames_take() {
+    fn anti_aliasing_is_reduced_as_frame_times_grow() {
         let temporal = Settings { anti_aliasing: AntiAliasing::Temporal, ..Settings::default() };
         let mut quality = Quality::new(false);
         let mut ways: Vec<AntiAliasing> = drift(&mut quality, 0.05, 1.03, 200)
@@ -303,7 +305,7 @@ mod tests {
         assert!(quality.describe().ends_with("meshes 2× as coarse, 4 samples of occlusion"));
         quality.step = 0;
         assert_eq!(quality.describe(), "full");
-        // Steps that are nearer to each other would be jumped over.
+        // Steps with more similar costs would be skipped.
         assert!(STEPS.windows(2).all(|pair| pair[0].cost * TARGET_S * MIN_FPS > pair[1].cost));
     }
 }

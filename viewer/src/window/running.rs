@@ -178,10 +178,11 @@ impl Running {
         if let Some(controller) = &self.controller
             && !self.choices.frozen
         {
-            // Only while it moves: the first picture waits for nothing coarser.
+            // Only while the camera moves, so that the first picture does not wait for a coarser one.
             let meshes = if self.quality.is_moving(self.now()) { self.step().meshes } else { 1.0 };
             let mut view = controller.view(self.painter.size(), self.choices.target_px * meshes);
-            // The server knows what stands on the ground where the scene has it.
+            // The server has the heights without exaggeration, so it receives the camera lowered by the exaggeration
+            // below it.
             view.eye[1] -= self.rise;
             let shadows = Some(self.choices.shadows);
             self.streaming.control(Controls { view: Some(view), shadows, leave: false });

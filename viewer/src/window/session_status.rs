@@ -58,12 +58,12 @@ mod tests {
         Status { end: Some(End::Closed(close)), ..Status::default() }
     }
 
-    /// The message was lost when the frame took the status a second time.
+    /// The message remains when the frame takes the same status a second time.
     #[test]
     fn the_message_of_the_sessions_end_is_still_there_when_the_frame_is_drawn() {
         let mut status = SessionStatus::default();
-        assert!(status.take(closed()), "the end is worth a frame");
-        // The frame looks for status before it is drawn.
+        assert!(status.take(closed()), "the session's end requires a frame");
+        // A frame takes the status once more before it is drawn.
         assert!(!status.take(closed()));
         let message = status.message().expect("a message");
         assert!(message.contains("ended the session: the scene is gone"), "{message}");

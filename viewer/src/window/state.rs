@@ -85,36 +85,36 @@ mod tests {
         Status { settled, stats: Stats { lacking_blobs, ..Stats::default() }, ..Status::default() }
     }
 
-    /// Terrain changed for four seconds after the picture was called settled.
+    /// Missing terrain tiles, morphs and averages over frames count too.
     #[test]
-    fn no_picture_is_called_settled_or_incomplete_that_will_change() {
+    fn a_picture_that_will_change_is_neither_settled_nor_incomplete() {
         for (status, end) in [(status(true, 0), State::Settled), (status(false, 2), State::Incomplete)] {
             assert_eq!(State::of(&status, &RESTING, true), end);
             for (drawn, why) in [
                 (FrameStatus { missing_tiles: 1, ..RESTING }, "a tile is being made"),
                 (FrameStatus { shows: false, ..RESTING }, "nothing was shown"),
                 (FrameStatus { morphing: true, ..RESTING }, "vertices move"),
-                (FrameStatus { unfinished: true, ..RESTING }, "edges are still smoothed"),
-                (FrameStatus { full: false, ..RESTING }, "drawn worse than it could be"),
+                (FrameStatus { unfinished: true, ..RESTING }, "temporal averages are incomplete"),
+                (FrameStatus { full: false, ..RESTING }, "the quality is reduced"),
                 (FrameStatus { late_shadow_maps: 1, ..RESTING }, "a shadow is late"),
                 (FrameStatus { waiting_steps: 1, ..RESTING }, "something is not uploaded"),
             ] {
                 assert_eq!(State::of(&status, &drawn, true), State::Refining, "{end:?}: {why}");
             }
         }
-        assert_eq!(State::of(&status(false, 0), &RESTING, true), State::Refining, "something is under way");
+        assert_eq!(State::of(&status(false, 0), &RESTING, true), State::Refining, "blobs are in flight");
     }
 
-    /// It was called refining for ever, since a first frame that held everything was waited for.
+    /// Without that base mesh no first frame is ever complete, so the state must not wait for one.
     #[test]
-    fn a_picture_that_lacks_a_base_mesh_for_good_is_incomplete_though_none_was_ever_whole() {
+    fn a_picture_without_a_base_mesh_is_incomplete_without_a_first_frame() {
         assert_eq!(State::of(&status(false, 1), &RESTING, false), State::Incomplete);
         assert_eq!(State::of(&status(true, 0), &RESTING, false), State::Refining);
     }
 
-    /// It was called refining for ever, and `--exit-when-settled` waited as long.
+    /// Otherwise `--exit-when-settled` would wait for ever.
     #[test]
-    fn a_picture_whose_session_was_ended_before_all_came_is_incomplete() {
+    fn a_picture_whose_session_ended_early_is_incomplete() {
         let closed = || Some(End::Closed(Close::new(CloseCode::Protocol, "the scene is gone")));
         let ended = |settled| Status { end: closed(), ..status(settled, 0) };
         assert_eq!(State::of(&ended(false), &RESTING, true), State::Incomplete);

@@ -18,7 +18,7 @@ pub(super) trait Steps {
     fn paint(&mut self) -> anyhow::Result<Self::Painted>;
 }
 
-/// Does a frame.
+/// Runs the steps of one frame.
 pub(super) fn run<S: Steps>(steps: &mut S) -> anyhow::Result<S::Painted> {
     steps.receive()?;
     steps.move_camera();
@@ -46,7 +46,7 @@ mod tests {
         type Painted = ();
 
         fn receive(&mut self) -> anyhow::Result<()> {
-            // The scene begins, and with it there is a camera.
+            // The scene arrives, and a camera with it.
             self.camera = 1;
             Ok(())
         }
@@ -61,18 +61,18 @@ mod tests {
 
         fn paint(&mut self) -> anyhow::Result<()> {
             self.painted_after = Some(self.sent);
-            // Somebody moves a slider of the overlay.
+            // The user moves a slider of the overlay.
             self.target = 100;
             Ok(())
         }
     }
 
-    /// The server heard of a moved camera only once its frame was on the screen.
+    /// Otherwise the server would receive a moved camera only after its frame is on the screen.
     #[test]
-    fn the_view_leaves_before_the_frame_is_painted() {
+    fn the_view_is_sent_before_the_frame_is_drawn() {
         let mut recorder = Recorder::default();
         run(&mut recorder).unwrap();
-        assert_eq!(recorder.painted_after, Some(Some(11)), "the moved camera's view, before painting");
-        assert_eq!(recorder.sent, Some(111), "and what the overlay changed, after it");
+        assert_eq!(recorder.painted_after, Some(Some(11)), "the moved camera's view is sent before drawing");
+        assert_eq!(recorder.sent, Some(111), "the overlay's change is sent after drawing");
     }
 }

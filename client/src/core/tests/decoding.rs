@@ -1,4 +1,4 @@
-//! Decoding on threads that are lent: nothing but time may depend on them.
+//! Decoding on lent threads: only time may depend on them.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -13,7 +13,7 @@ use super::{finest, view};
 use crate::core::Decoders;
 use crate::core::testing::{Loopback, TestScene, prepared};
 
-/// Runs tasks last first, on a thread each; leaves out every fifth. Notes the most tasks that it was given.
+/// Runs tasks in reverse order, each on a thread; omits every fifth. Records the largest number of tasks in one call.
 #[derive(Default)]
 struct Wilful(AtomicUsize);
 
@@ -28,10 +28,10 @@ impl Pool for Wilful {
     }
 }
 
-/// Everything of a mesh, by slot, and everything that was sent for it.
+/// All data of a mesh, by slot, and all changes sent for it.
 type Outcome = (Vec<BlobId>, u64, Snapshot, Vec<[u32; 3]>, Vec<RenderVertex>);
 
-/// Refines all there is, of which a chunk is damaged, looks away and back.
+/// Refines everything, one chunk of which is damaged, then looks away and back.
 fn outcome(decoders: Decoders, budget: u64) -> Outcome {
     let mut hills = TestScene::new(1);
     let last = u32::try_from(prepared().1.chunks.len() - 1).unwrap();
@@ -59,7 +59,7 @@ fn outcome(decoders: Decoders, budget: u64) -> Outcome {
 }
 
 #[test]
-fn any_pool_comes_to_the_same() {
+fn any_thread_pool_gives_the_same_result() {
     for budget in [u64::MAX, 2000] {
         let alone = outcome(Decoders::default(), budget);
         let pool = Arc::new(Wilful::default());

@@ -1,4 +1,4 @@
-//! What is damaged, missing, refused or lost, and comes again.
+//! Blobs that are damaged, missing, refused or lost, and arrive later.
 
 use bytes::Bytes;
 use lodestream_protocol::message::CloseCode;
@@ -10,7 +10,7 @@ use lodestream_select::State;
 use super::{Change, Loopback, TestScene, finest, prepared, view};
 
 #[test]
-fn damaged_blobs_are_asked_for_a_few_times_and_cost_nothing_else() {
+fn damaged_blobs_are_requested_a_few_times_and_affect_no_others() {
     let mut scene = TestScene::new(1);
     let bad = BlobId::chunk(0, 1);
     scene.damage(bad);
@@ -29,7 +29,7 @@ fn damaged_blobs_are_asked_for_a_few_times_and_cost_nothing_else() {
     assert!(!link.core.mesh(0).unwrap().is_applied(1));
     assert!(link.core.mesh(0).unwrap().is_applied(0));
 
-    // It matters where it is looked at, and nowhere else.
+    // The missing blob counts only in views that need it.
     let camera = TestScene::new(1).camera();
     let away = Camera { target: [0.0, 1e6, 0.0], up: [1.0, 0.0, 0.0], ..camera };
     link.core.set_view(link.now, view(away, 1e-4));
@@ -41,10 +41,10 @@ fn damaged_blobs_are_asked_for_a_few_times_and_cost_nothing_else() {
     assert!(link.core.lacking_blobs().eq([bad]) && !link.core.is_settled());
 }
 
-/// Its chunks were wanted for ever, and nobody could use them: the picture was neither settled nor incomplete.
-/// A server that pushed no bytes of it has sent all there is, and says nothing more.
+/// An empty chunk cannot be decoded, and the server sends no other bytes of it: the chunk is reported as missing
+/// instead of being wanted forever.
 #[test]
-fn an_empty_chunk_ahead_of_its_index_was_waited_for_for_ever() {
+fn an_empty_chunk_before_its_index_page_is_reported_as_missing() {
     let mut scene = TestScene::new(1);
     let bad = BlobId::chunk(0, 0);
     scene.damaged.insert(bad, Bytes::new());
@@ -57,7 +57,7 @@ fn an_empty_chunk_ahead_of_its_index_was_waited_for_for_ever() {
 }
 
 #[test]
-fn an_asset_whose_base_mesh_never_comes_keeps_nothing_under_way() {
+fn an_asset_without_its_base_mesh_is_missing_and_requests_nothing_else() {
     for damaged in [false, true] {
         let bad = BlobId::base(1);
         let mut scene = TestScene::new(2);
@@ -78,9 +78,10 @@ fn an_asset_whose_base_mesh_never_comes_keeps_nothing_under_way() {
     }
 }
 
-/// A disk that is mended late, after any number of refusals: the client still asks, and gets what was damaged.
+/// The server can read the blob again after any number of refusals: the client still requests it and decodes the valid
+/// bytes.
 #[test]
-fn what_was_refused_for_ten_minutes_comes_once_it_can_be_read() {
+fn a_refused_blob_arrives_once_it_can_be_read() {
     let scene = TestScene::new(1);
     scene.unreadable.lock().unwrap().insert(BlobId::chunk(0, 0));
     let mut link = Loopback::new(scene, |_| {});
@@ -97,7 +98,7 @@ fn what_was_refused_for_ten_minutes_comes_once_it_can_be_read() {
 }
 
 #[test]
-fn a_blob_that_heals_is_used() {
+fn a_blob_that_is_repaired_is_used() {
     let mut scene = TestScene::new(1);
     let bad = BlobId::chunk(0, 1);
     scene.damage(bad);
@@ -107,7 +108,7 @@ fn a_blob_that_heals_is_used() {
     while link.core.stats().decode_failures == 0 {
         link.run(1);
     }
-    // The server is started anew with a sound pack.
+    // The server restarts with an undamaged pack.
     link.cut();
     link.source = std::sync::Arc::new(TestScene::new(1));
     link.connect();
@@ -115,17 +116,17 @@ fn a_blob_that_heals_is_used() {
     assert_eq!(link.core.stats().applied_chunks, prepared().1.chunks.len() as u64);
 }
 
-/// The server was started anew with another scene: its base mesh, ahead of `Welcome`, was taken for the old
-/// scene's, which was there already, and the server would not send it again.
+/// The server restarts with another scene, whose base mesh arrives before `Welcome`: it must not be taken for the asset
+/// of the same number in the old scene.
 #[test]
-fn after_a_restart_with_another_scene_a_base_ahead_of_welcome_is_not_taken_for_the_old_scenes() {
+fn a_base_mesh_before_welcome_is_not_used_for_the_previous_scene() {
     let mut link = Loopback::new(TestScene::new(1), |_| {});
     link.connect();
     link.settle();
     link.cut();
     link.source = std::sync::Arc::new(TestScene::compressed().with_fingerprint(9));
     link.connect_overtaken();
-    // The old scene's picture is settled until the server has said which one it serves now.
+    // The old scene's picture counts as settled until the server has announced the new scene.
     while !link.core.is_open() {
         link.run(1);
     }
@@ -181,7 +182,7 @@ fn a_chunk_that_the_server_lacks_is_given_up_and_the_rest_comes() {
 }
 
 #[test]
-fn a_terrain_that_lists_a_patch_beyond_its_world_ends_the_session_and_not_the_viewer() {
+fn a_patch_outside_the_world_ends_the_session_only() {
     let patch = |x: i32, y: i32| OverridePatch { x, y, bytes: 100, error: 900 };
     let run = |listed: &[OverridePatch]| {
         let mut link = Loopback::new(TestScene::new(1).on_terrain(4, listed), |_| {});
@@ -189,7 +190,7 @@ fn a_terrain_that_lists_a_patch_beyond_its_world_ends_the_session_and_not_the_vi
         link.run(200);
         (link.core.closed().cloned(), link.core.take_changes(link.now, usize::MAX))
     };
-    // From -16 to 15 each way there is ground.
+    // The terrain extends from -16 to 15 along both axes.
     let (closed, _) = run(&[patch(-16, 15), patch(15, -16)]);
     assert_eq!(closed, None);
     for (x, y) in [(16, 0), (0, 16), (-17, 0), (0, -17), (i32::MAX, 0), (0, i32::MIN)] {

@@ -1,4 +1,4 @@
-//! Punctual lights: few come with the scene, many in pages that the view wants, and no base mesh waits for them.
+//! Punctual lights: few come with the scene, many in pages that the view wants; base meshes wait for none.
 
 use lodestream_protocol::frame::ServerFrame;
 use lodestream_protocol::message::{CloseCode, ServerMessage};
@@ -13,7 +13,7 @@ fn punctual_light(x: f64, z: f64) -> PunctualLight {
     PunctualLight { position: [x, 1.0, z], intensity: [40.0, 30.0, 10.0], range: 4.0, spot: None }
 }
 
-/// So many before the camera, close together; then as many far behind it.
+/// A number of lights close together before the camera, then as many far behind it.
 fn before_and_behind(count: u32) -> Vec<PunctualLight> {
     let row =
         |z: f64| (0..count).map(move |n| punctual_light(f64::from(n % 9) * 0.2, z + f64::from(n / 9) * 0.01));
@@ -24,7 +24,7 @@ fn punctual_lights_sent(link: &Loopback) -> Vec<BlobId> {
     link.sent.iter().copied().filter(|id| matches!(id, BlobId::PunctualLights(_))).collect()
 }
 
-/// The punctual lights that a renderer was told of, by page; fails if they came before it was told that there are some.
+/// The punctual lights that the renderer received, by page. Fails if a page comes before the number of lights.
 fn told(changes: &[Change]) -> Vec<(u32, usize)> {
     let mut count = None;
     let mut pages = Vec::new();
@@ -43,7 +43,7 @@ fn told(changes: &[Change]) -> Vec<(u32, usize)> {
 }
 
 #[test]
-fn few_punctual_lights_are_here_before_the_first_frame_and_nothing_is_asked_for() {
+fn few_punctual_lights_arrive_before_the_first_frame_without_requests() {
     let mut link = Loopback::new(
         TestScene::new(1).lit_by(&[punctual_light(0.0, 0.0), punctual_light(900.0, 900.0)]),
         |_| {},
@@ -60,8 +60,8 @@ fn few_punctual_lights_are_here_before_the_first_frame_and_nothing_is_asked_for(
 }
 
 #[test]
-fn pages_come_behind_the_base_meshes_and_only_those_whose_light_is_seen() {
-    // Three pages before the camera and three behind it: the directory is said at once.
+fn light_pages_follow_the_base_meshes_and_only_visible_ones_are_fetched() {
+    // Three pages before the camera and three behind it: `PunctualLights` contains the directory.
     let punctual_lights = before_and_behind(192);
     let mut link = Loopback::new(TestScene::new(2).lit_by(&punctual_lights), |_| {});
     link.connect();
@@ -73,7 +73,7 @@ fn pages_come_behind_the_base_meshes_and_only_those_whose_light_is_seen() {
     let first_page = link.sent.iter().position(|id| matches!(id, BlobId::PunctualLights(_))).unwrap();
     assert!(last_base < first_page, "{:?}", link.sent);
     assert_eq!((link.core.punctual_light_count(), link.core.punctual_lights().count()), (384, 192));
-    // Turned round, the others come too, each once.
+    // After a half turn the other pages come too, each once.
     let back = View::look_at([0.0, 2.0, 3.0], [0.0, 2.0, 9.0], [0.0, 1.0, 0.0], 0.9, [640, 360]);
     link.core.set_view(link.now, View { target_px: 0.1, ..back });
     link.run(50);
@@ -86,8 +86,8 @@ fn pages_come_behind_the_base_meshes_and_only_those_whose_light_is_seen() {
 }
 
 #[test]
-fn what_lights_less_than_the_target_is_not_fetched() {
-    // At 5000 units 60 units of light are 5 pixels of 640 × 360.
+fn light_pages_below_the_target_error_are_not_fetched() {
+    // At a distance of 5000, a radius of 60 covers 5 pixels of 640 × 360.
     let far: Vec<PunctualLight> =
         (0..20).map(|n| PunctualLight { range: 30.0, ..punctual_light(f64::from(n), -5000.0) }).collect();
     for (target_px, pages) in [(20.0, 0), (1.0, 1)] {
@@ -102,7 +102,7 @@ fn what_lights_less_than_the_target_is_not_fetched() {
 }
 
 #[test]
-fn the_directory_of_many_is_asked_for() {
+fn the_directory_of_many_punctual_lights_is_requested() {
     let punctual_lights = before_and_behind(1024);
     let mut link = Loopback::new(TestScene::new(1).lit_by(&punctual_lights), |_| {});
     link.connect();
@@ -113,7 +113,7 @@ fn the_directory_of_many_is_asked_for() {
 }
 
 #[test]
-fn a_page_that_does_not_come_leaves_the_picture_incomplete() {
+fn a_missing_light_page_leaves_the_picture_incomplete() {
     let mut source = TestScene::new(1).lit_by(&before_and_behind(128));
     source.missing.insert(BlobId::punctual_light_page(1));
     let mut link = Loopback::new(source, |_| {});
@@ -129,7 +129,7 @@ fn a_page_that_does_not_come_leaves_the_picture_incomplete() {
 }
 
 #[test]
-fn a_damaged_page_is_asked_for_again_and_then_given_up() {
+fn a_damaged_light_page_is_requested_again_and_then_given_up() {
     let mut source = TestScene::new(1).lit_by(&before_and_behind(64));
     source.damage(BlobId::punctual_light_page(0));
     let mut link = Loopback::new(source, |_| {});
@@ -145,7 +145,7 @@ fn a_damaged_page_is_asked_for_again_and_then_given_up() {
 }
 
 #[test]
-fn punctual_lights_outlive_a_connection() {
+fn punctual_lights_are_kept_across_connections() {
     let mut link = Loopback::new(TestScene::new(1).lit_by(&before_and_behind(128)), |_| {});
     link.connect();
     link.settle();
@@ -158,7 +158,7 @@ fn punctual_lights_outlive_a_connection() {
 }
 
 #[test]
-fn punctual_lights_that_are_none_end_the_session() {
+fn invalid_punctual_lights_end_the_session() {
     let mut link = Loopback::new(TestScene::new(1), |_| {});
     link.connect();
     link.settle();
@@ -172,7 +172,7 @@ fn punctual_lights_that_are_none_end_the_session() {
 }
 
 #[test]
-fn a_whole_city_costs_a_client_little() {
+fn the_most_punctual_lights_take_at_most_64_bytes_each() {
     let said = PunctualLights { count: 1 << 18, first: Vec::new() };
     let (pages, came) = PunctualLightPages::new(&said).unwrap();
     assert!(came.is_none() && pages.received().next().is_none());

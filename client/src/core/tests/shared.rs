@@ -1,4 +1,4 @@
-//! Textures that assets have in common: sent once, painted on all.
+//! Textures that assets share: sent once, used by all of them.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -8,7 +8,7 @@ use super::{finest, view};
 use crate::core::Change;
 use crate::core::testing::{Loopback, TestScene};
 
-/// The levels that each asset was painted with.
+/// The texture levels that each asset received.
 fn painted(link: &mut Loopback) -> BTreeMap<u32, BTreeSet<u8>> {
     let mut painted: BTreeMap<u32, BTreeSet<u8>> = BTreeMap::new();
     for change in link.core.take_changes(link.now, usize::MAX) {
@@ -29,7 +29,7 @@ fn all_levels(asset: u32) -> (u32, BTreeSet<u8>) {
 }
 
 #[test]
-fn what_assets_have_in_common_is_sent_once_and_painted_on_all() {
+fn shared_textures_are_sent_once_and_drawn_on_all_assets() {
     for (hills, copies) in [(TestScene::new(2), 2), (TestScene::new(2).sharing_textures(), 1)] {
         let mut link = Loopback::new(hills, |_| {});
         let near = view(link.source.camera(), 1e-4);
@@ -44,7 +44,7 @@ fn what_assets_have_in_common_is_sent_once_and_painted_on_all() {
 }
 
 #[test]
-fn what_is_pushed_is_pushed_once() {
+fn shared_textures_are_pushed_once() {
     let mut link = Loopback::new(TestScene::new(2).sharing_textures(), |_| {});
     link.push_bytes = 1 << 20;
     link.connect();
@@ -55,7 +55,7 @@ fn what_is_pushed_is_pushed_once() {
 }
 
 #[test]
-fn an_asset_that_comes_later_is_painted_with_what_is_here_or_it_comes_again() {
+fn a_later_asset_uses_held_textures_or_requests_them_again() {
     for cache_bytes in [64 << 20, 0] {
         let mut link = Loopback::new(TestScene::new(2).sharing_textures(), |config| {
             config.cache_bytes = cache_bytes;
@@ -75,7 +75,7 @@ fn an_asset_that_comes_later_is_painted_with_what_is_here_or_it_comes_again() {
 }
 
 #[test]
-fn a_damaged_level_lacks_on_all_and_is_asked_for_again() {
+fn a_damaged_shared_level_is_missing_on_all_assets_and_requested_again() {
     let mut hills = TestScene::new(2).sharing_textures();
     hills.damage(BlobId::texture(0, 0, 1));
     let mut link = Loopback::new(hills, |_| {});
@@ -90,7 +90,7 @@ fn a_damaged_level_lacks_on_all_and_is_asked_for_again() {
 }
 
 #[test]
-fn after_a_cut_nothing_is_painted_or_sent_twice() {
+fn after_a_reconnection_no_shared_texture_is_drawn_or_sent_twice() {
     let mut link = Loopback::new(TestScene::new(2).sharing_textures(), |_| {});
     link.core.set_view(link.now, finest());
     link.connect();

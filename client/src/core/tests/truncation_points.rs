@@ -1,4 +1,4 @@
-//! Chunks that are drawn up to a stop: only their rest is fetched, and they are undone like others.
+//! Chunks applied up to a truncation point: only the rest is fetched, and they are undone like others.
 
 use lodestream_scene::blob::BlobId;
 use lodestream_scene::description::Camera;
@@ -6,7 +6,7 @@ use lodestream_select::Share;
 
 use super::{Config, Loopback, TestScene, finest, prepared, view};
 
-/// A link whose client judges geometry alone and gets nothing unasked.
+/// A link whose client ignores attribute errors and receives nothing unrequested.
 fn frugal(source: TestScene, truncation_points: bool, adapt: impl FnOnce(&mut Config)) -> Loopback {
     let mut link = Loopback::new(source, |config: &mut Config| {
         config.select.attribute_share = Share::NONE;
@@ -23,7 +23,7 @@ fn at_truncation_points(link: &Loopback) -> usize {
 }
 
 #[test]
-fn chunks_stop_where_the_view_allows_and_only_their_rest_is_fetched_for_a_nearer_one() {
+fn chunks_are_fetched_up_to_a_truncation_point_and_continued_for_a_nearer_view() {
     let camera = TestScene::new(1).camera();
     let run = |truncation_points: bool| {
         let mut link = frugal(TestScene::new(1), truncation_points, |_| {});
@@ -39,7 +39,7 @@ fn chunks_stop_where_the_view_allows_and_only_their_rest_is_fetched_for_a_nearer
             stopped += at_truncation_points(&link);
         }
         assert_eq!(stopped > 0, truncation_points);
-        // In the end everything, as if there had been no truncation_points, and no byte twice.
+        // In the end every chunk is whole, as without truncation points, and no byte was sent twice.
         link.core.set_view(link.now, finest());
         link.run(50);
         link.settle();
@@ -51,7 +51,7 @@ fn chunks_stop_where_the_view_allows_and_only_their_rest_is_fetched_for_a_nearer
         received
     };
     let (with, without) = (run(true), run(false));
-    println!("{with:?} bytes with truncation_points, {without:?} without");
+    println!("{with:?} bytes with truncation points, {without:?} without");
     assert!(with.iter().zip(&without).all(|(a, b)| a <= b), "{with:?} against {without:?}");
     assert!(
         with.iter().sum::<u64>() * 100 < without.iter().sum::<u64>() * 95,
@@ -60,7 +60,7 @@ fn chunks_stop_where_the_view_allows_and_only_their_rest_is_fetched_for_a_nearer
 }
 
 #[test]
-fn chunks_at_stops_are_undone_and_come_back_from_the_cache() {
+fn truncated_chunks_are_undone_and_reapplied_from_the_cache() {
     let camera = TestScene::new(1).camera();
     let near = view(Camera { eye: [0.0, 4.2, 7.0], ..camera }, 1.0);
     let mut link = frugal(TestScene::new(1), true, |config| config.select.keep_out_of_view = Share::NONE);
@@ -81,7 +81,7 @@ fn chunks_at_stops_are_undone_and_come_back_from_the_cache() {
 }
 
 #[test]
-fn a_wavering_camera_leaves_stops_as_they_are() {
+fn small_camera_movements_keep_truncation_points() {
     let camera = TestScene::new(1).camera();
     let at = |eye: f64| view(Camera { eye: [0.0, eye * 0.6, eye], ..camera }, 1.0);
     let mut link = frugal(TestScene::new(1), true, |_| {});
@@ -97,9 +97,9 @@ fn a_wavering_camera_leaves_stops_as_they_are() {
     }
 }
 
-/// A beginning that can be used does not show that its rest is sound: then both go and come again.
+/// A valid beginning does not prove that the rest is valid: if the rest is damaged, both are dropped and fetched again.
 #[test]
-fn a_damaged_rest_takes_its_beginning_along_and_both_are_fetched_again() {
+fn a_chunk_with_a_damaged_rest_is_fetched_again_from_its_start() {
     let camera = TestScene::new(1).camera();
     let mut link = frugal(TestScene::new(1), true, |_| {});
     link.core.set_view(link.now, view(Camera { eye: [0.0, 4.2, 7.0], ..camera }, 1.0));

@@ -328,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn pages_hold_the_near_and_the_seen_first_and_assets_before_their_instances() {
+    fn pages_list_near_and_visible_instances_first_and_assets_before_their_instances() {
         let mut scene = Scene::of_models(&["a.obj", "b.obj", "never.obj"].map(PathBuf::from)).unwrap();
         scene.camera = Some(Camera {
             eye: [0.0; 3],

@@ -33,14 +33,14 @@ mod tests {
     use lodestream_scene::description::AssetEntry;
 
     #[test]
-    fn a_texture_is_said_to_be_the_first_that_is_the_same() {
+    fn equal_textures_refer_to_the_first_of_them() {
         let page = |first_asset, count| ScenePage {
             first_asset,
             assets: vec![AssetEntry::default(); count],
             ..ScenePage::default()
         };
         let mut pages = [page(0, 2), page(2, 1)];
-        // Of the scene's assets 0 is placed nowhere.
+        // Asset 0 of the scene file has no instance.
         let numbered = |contents: &[u8]| (0..).zip(contents.iter().map(|&byte| [byte; 16])).collect();
         let textures = [&[9][..], &[1, 2], &[3, 2], &[2, 9, 3]].map(numbered);
         share_textures(&mut pages, &[2, 1, 3], &textures);
@@ -54,7 +54,7 @@ mod tests {
     }
 
     #[test]
-    fn more_than_may_be_shared_are_sent_for_each() {
+    fn textures_beyond_the_sharing_limit_are_sent_per_asset() {
         let many: Vec<(u16, Fingerprint)> = (0..40_u8).map(|at| (at.into(), [at; 16])).collect();
         let mut page = ScenePage { assets: vec![AssetEntry::default(); 2], ..ScenePage::default() };
         share_textures(std::slice::from_mut(&mut page), &[0, 1], &[many.clone(), many]);

@@ -7,7 +7,7 @@ use lodestream_geometry::mesh::QuantisedMesh;
 use lodestream_geometry::quantise::{self, QuantiseSettings};
 use lodestream_geometry::{Metric, Settings};
 
-use lodestream_import::setting::Impossible;
+use lodestream_import::setting::InvalidValue;
 
 use super::codec_choice::CodecChoice;
 use super::setting::{
@@ -138,11 +138,11 @@ pub enum ReadError {
     },
     /// A value outside the setting's range.
     #[error("{item:?}: {why}")]
-    Impossible {
+    InvalidValue {
         /// The part.
         item: String,
         /// Why not.
-        why: Impossible,
+        why: InvalidValue,
     },
 }
 
@@ -159,7 +159,7 @@ impl FromStr for PreparationSettings {
             match preparation_settings.set(name, value) {
                 Ok(true) => {}
                 Ok(false) => return Err(ReadError::Unknown { item: item.to_owned() }),
-                Err(why) => return Err(ReadError::Impossible { item: item.to_owned(), why }),
+                Err(why) => return Err(ReadError::InvalidValue { item: item.to_owned(), why }),
             }
         }
         Ok(preparation_settings)
@@ -168,7 +168,7 @@ impl FromStr for PreparationSettings {
 
 impl PreparationSettings {
     /// Sets a setting by its name in the text; false if there is none of that name.
-    fn set(&mut self, name: &str, value: &str) -> Result<bool, Impossible> {
+    fn set(&mut self, name: &str, value: &str) -> Result<bool, InvalidValue> {
         match name {
             "position-bits" => self.precision = Some(Precision::Bits(value.parse()?)),
             "tolerance" => self.precision = Some(Precision::Tolerance(value.parse()?)),

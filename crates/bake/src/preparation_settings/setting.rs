@@ -10,7 +10,7 @@ use lodestream_geometry::quantise::{
 };
 
 use lodestream_import::setting;
-use lodestream_import::setting::Impossible;
+use lodestream_import::setting::InvalidValue;
 
 setting! {
     /// Bits per axis of positions. Each more costs about 3 bits a vertex.
@@ -119,21 +119,21 @@ impl Tolerance {
 }
 
 impl TryFrom<f64> for Tolerance {
-    type Error = Impossible;
+    type Error = InvalidValue;
 
-    fn try_from(length: f64) -> Result<Self, Impossible> {
+    fn try_from(length: f64) -> Result<Self, InvalidValue> {
         if length.is_finite() && length > 0.0 {
             return Ok(Self(length));
         }
-        Err(Impossible::new("a positive length is possible", length.to_string()))
+        Err(InvalidValue::new("a positive length is possible", length.to_string()))
     }
 }
 
 impl FromStr for Tolerance {
-    type Err = Impossible;
+    type Err = InvalidValue;
 
-    fn from_str(text: &str) -> Result<Self, Impossible> {
-        let none = |_| Impossible::new("a positive length is possible", format!("{text:?}"));
+    fn from_str(text: &str) -> Result<Self, InvalidValue> {
+        let none = |_| InvalidValue::new("a positive length is possible", format!("{text:?}"));
         text.parse().map_err(none).and_then(|length: f64| Self::try_from(length))
     }
 }
@@ -164,28 +164,31 @@ impl Round {
         }
     }
 
-    fn refusal(given: impl Into<String>) -> Impossible {
+    fn refusal(given: impl Into<String>) -> InvalidValue {
         let (low, high) = (RoundShare::RANGE.start(), RoundShare::RANGE.end());
-        Impossible::new(format!("heap, or a share of the vertices from {low} to {high}, is possible"), given)
+        InvalidValue::new(
+            format!("heap, or a share of the vertices from {low} to {high}, is possible"),
+            given,
+        )
     }
 }
 
 impl TryFrom<f64> for Round {
-    type Error = Impossible;
+    type Error = InvalidValue;
 
-    fn try_from(share: f64) -> Result<Self, Impossible> {
+    fn try_from(share: f64) -> Result<Self, InvalidValue> {
         RoundShare::try_from(share).map(Self::Share).map_err(|_| Self::refusal(share.to_string()))
     }
 }
 
 impl FromStr for Round {
-    type Err = Impossible;
+    type Err = InvalidValue;
 
-    fn from_str(text: &str) -> Result<Self, Impossible> {
+    fn from_str(text: &str) -> Result<Self, InvalidValue> {
         if text == "heap" {
             return Ok(Self::Heap);
         }
-        text.parse().map(Self::Share).map_err(|_: Impossible| Self::refusal(format!("{text:?}")))
+        text.parse().map(Self::Share).map_err(|_: InvalidValue| Self::refusal(format!("{text:?}")))
     }
 }
 
@@ -202,7 +205,7 @@ impl fmt::Display for Round {
 mod tests {
     use super::*;
 
-    /// Text at both ends is possible, and the same text beyond them is not; numbers likewise.
+    /// The limits themselves are valid, as text and as numbers; values beyond them are refused.
     macro_rules! ends {
         ($name:ident: $low:literal, $high:literal, not $below:literal, $above:literal) => {
             for (text, number) in [(stringify!($low), $low), (stringify!($high), $high)] {

@@ -24,7 +24,7 @@ use lodestream_geometry::prepare::{Hooks, suit};
 use lodestream_geometry::quantise::quantise;
 use lodestream_import::ImportError;
 
-use crate::mapped::Mapped;
+use crate::mapping_allocator::MappingAllocator;
 use crate::scene::Asset;
 use lodestream_store::{PackFile, StoreError};
 
@@ -271,7 +271,7 @@ fn prepare_with_key(
     let start = Instant::now();
     let mut mesh = quantise(&imported.mesh, &preparation_settings.quantise_settings()).map_err(mesh_error)?;
     drop(imported.mesh);
-    PrepareError::room(model, mesh.faces.len(), Mapped::free_bytes())?;
+    PrepareError::room(model, mesh.faces.len(), MappingAllocator::free_bytes())?;
     let checkpoints =
         checkpoint_folder_for(pack, &key, options.keep_levels || mesh.faces.len() >= CHECKPOINT_MIN_FACES);
     let checkpoints = checkpoints.map_err(|source| PrepareError::Write { path: pack.to_owned(), source })?;

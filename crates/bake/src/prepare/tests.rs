@@ -1,4 +1,4 @@
-//! Which of several words about a model counts.
+//! Settings from flags, scene files and defaults, and the cache of packs.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use crate::scene::{self, Asset};
 
 const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
 
-/// What the packs of a scene file say of their making.
+/// The settings that the packs of a scene file record.
 fn settings(folder: &Path, scene: &str, flags: PreparationSettings) -> Vec<String> {
     let scene = scene::parse(&folder.join("scene.toml"), scene).unwrap();
     let options = Options { preparation_settings: flags, quiet: true, ..Options::default() };
@@ -20,7 +20,7 @@ fn settings(folder: &Path, scene: &str, flags: PreparationSettings) -> Vec<Strin
 }
 
 #[test]
-fn a_flag_was_lost_where_the_scene_file_had_a_value() {
+fn flags_override_settings_of_the_scene_file() {
     let dir = TempDir::new().unwrap();
     std::fs::write(dir.path().join("a.obj"), TRIANGLE).unwrap();
     let scene = "[[asset]]\nname = 'fine'\nfile = 'a.obj'\nposition_bits = 16\ncodec = 'zstd'\n\
@@ -34,7 +34,7 @@ fn a_flag_was_lost_where_the_scene_file_had_a_value() {
     for settings in &told {
         assert!(settings.starts_with("position-bits 10,"), "{told:?}");
     }
-    // What no flag says is the file's, and then the default.
+    // A setting without a flag is the scene file's, else the default.
     assert!(told[0].contains("codec zstd") && told[1].contains("codec auto"), "{told:?}");
     let told = settings(dir.path(), scene, PreparationSettings::default());
     assert!(told[0].starts_with("position-bits 16,") && told[1].starts_with("tolerance 0.01,"), "{told:?}");
@@ -44,7 +44,7 @@ fn a_flag_was_lost_where_the_scene_file_had_a_value() {
 #[test]
 fn each_model_has_the_codec_that_suits_it_unless_one_is_chosen() {
     let dir = TempDir::new().unwrap();
-    // Steps, along the axes and turned about all of them.
+    // Steps, along the axes or rotated about all of them.
     let steps = |turned: bool| {
         let mut obj = String::new();
         for (x, y) in (0..10).flat_map(|y| (0..10).map(move |x| (f64::from(x), f64::from(y)))) {
@@ -81,7 +81,7 @@ fn each_model_has_the_codec_that_suits_it_unless_one_is_chosen() {
 }
 
 #[test]
-fn a_pack_of_another_model_under_the_caches_name_was_served() {
+fn a_cached_pack_of_another_model_is_not_served() {
     let dir = tempfile::TempDir::new().unwrap();
     let cache = dir.path().join("cache");
     let options = Options { quiet: true, ..Options::default() };
@@ -99,7 +99,7 @@ fn a_pack_of_another_model_under_the_caches_name_was_served() {
     assert!(prepared("other.obj", 2).report.is_none());
 }
 
-/// Real glTF files, prepared short of their geometry.
+/// glTF files from elsewhere, read and described without preparing their geometry.
 ///
 /// ```sh
 /// LODESTREAM_MODELS=… cargo test --release -p lodestream-server no_sample -- --ignored --nocapture

@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 use crate::preparation_settings::{Precision, PreparationSettings, Round};
 use lodestream_geometry::UnknownName;
-use lodestream_import::{Impossible, Part, gltf};
+use lodestream_import::{InvalidValue, Part, gltf};
 use lodestream_scene::description::Camera;
 use lodestream_scene::limits::MAX_NAME_BYTES;
 use serde::Deserialize;
@@ -264,7 +264,7 @@ impl Source<'_> {
         }
         let bad = |field: &'static str| {
             let error = &error;
-            move |why: Impossible| error(&format!("{field}: {why}"))
+            move |why: InvalidValue| error(&format!("{field}: {why}"))
         };
         let bits = setting(raw.position_bits).map_err(bad("position_bits"))?;
         let tolerance = setting(raw.tolerance).map_err(bad("tolerance"))?;
@@ -400,14 +400,14 @@ impl Source<'_> {
 }
 
 /// Converts an optional number to its setting.
-fn setting<Number, Setting: TryFrom<Number, Error = Impossible>>(
+fn setting<Number, Setting: TryFrom<Number, Error = InvalidValue>>(
     number: Option<Number>,
-) -> Result<Option<Setting>, Impossible> {
+) -> Result<Option<Setting>, InvalidValue> {
     number.map(Setting::try_from).transpose()
 }
 
 /// Parses an optional word as a named choice.
-fn choice<Choice: FromStr<Err = UnknownName>>(word: Option<&str>) -> Result<Option<Choice>, Impossible> {
+fn choice<Choice: FromStr<Err = UnknownName>>(word: Option<&str>) -> Result<Option<Choice>, InvalidValue> {
     Ok(word.map(str::parse).transpose()?)
 }
 

@@ -19,7 +19,7 @@ pub struct Asset {
     pub name: String,
     /// The OBJ, glTF or PLY file.
     pub file: PathBuf,
-    /// What of the file.
+    /// The part of the file.
     pub part: Part,
     /// How it is prepared.
     pub preparation_settings: PreparationSettings,

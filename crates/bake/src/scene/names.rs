@@ -7,7 +7,7 @@ use std::collections::HashMap;
 pub(super) struct UniqueNames(HashMap<String, usize>);
 
 impl UniqueNames {
-    /// Keeps a name for whoever has it.
+    /// Reserves a name that is already taken.
     pub(super) fn reserve(&mut self, name: impl Into<String>) {
         self.0.entry(name.into()).or_insert(1);
     }

@@ -21,7 +21,7 @@ pub(super) struct RawPunctualLight {
     intensity: Option<f32>,
     /// Where it ends, in world units.
     range: Option<f32>,
-    /// Whither it shines; without, all around.
+    /// Direction of a spot; without it the light is a point light.
     direction: Option<[f32; 3]>,
     inner_degrees: Option<f32>,
     outer_degrees: Option<f32>,

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use lodestream_import::Impossible;
+use lodestream_import::InvalidValue;
 use lodestream_import::terrain::{ErosionPasses, FinestLevel, Roughness, SpikeLimit, Talus, TalusSlope};
 use lodestream_scene::terrain::{TerrainEntry, Water};
 use lodestream_terrain::{Distribution, Erosion, FeatureSet, Mode, Parameters, Scratch, Shape, Terrain};
@@ -151,7 +151,7 @@ fn repose() -> f64 {
 }
 
 /// Converts a number to its setting.
-fn setting<Number, Setting: TryFrom<Number, Error = Impossible>>(
+fn setting<Number, Setting: TryFrom<Number, Error = InvalidValue>>(
     name: &'static str,
     number: Number,
 ) -> Result<Setting, String> {
@@ -331,7 +331,7 @@ mod tests {
 
     /// Each by the same type as the flag of the tool `terrain`.
     #[test]
-    fn what_a_key_cannot_be_is_refused_with_its_name_and_range() {
+    fn values_out_of_range_are_refused_with_key_and_range() {
         for (keys, refusal) in [
             ("patch_cells = 300", "patch_cells: a power of two from 2 to 4096 is possible; 300 is not"),
             ("patches = 1", "patches must be a power of two from 2 to 2147483648"),

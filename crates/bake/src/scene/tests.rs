@@ -40,7 +40,7 @@ fn names(scene: &Scene) -> Vec<&str> {
 }
 
 #[test]
-fn a_gltf_file_is_its_meshes_where_its_nodes_have_them() {
+fn gltf_meshes_are_placed_by_their_nodes() {
     let dir = TempDir::new().unwrap();
     let scene = of_files(&[ship(&dir)]).unwrap();
     assert_eq!(scene.name, "ship");
@@ -102,7 +102,7 @@ fn scene_files_place_gltf_models_whole_by_mesh_and_merged() {
     assert_eq!(scene.assets[4].preparation_settings.round, Some(Round::Heap));
     let instances = scene.instances.unwrap();
     assert_eq!(instances.iter().map(|i| i.asset).collect::<Vec<_>>(), [0, 1, 2, 3, 4]);
-    // A quarter turn about y takes (1, 2, 3) to (3, 2, -1); three times that, moved.
+    // A quarter turn about y takes (1, 2, 3) to (3, 2, -1); the instance scales that by three and moves it.
     let expected = [19.0, 6.0, -3.0];
     for (found, expected) in instances[1].translation.iter().zip(expected) {
         assert!((found - expected).abs() < 1e-5, "{:?}", instances[1].translation);
@@ -124,7 +124,7 @@ fn scene_files_place_gltf_models_whole_by_mesh_and_merged() {
 }
 
 #[test]
-fn a_model_named_like_the_second_of_another_kept_that_name() {
+fn models_with_the_name_of_a_numbered_duplicate_stay_distinct() {
     let named = |files: &[&str]| {
         let files: Vec<PathBuf> = files.iter().map(PathBuf::from).collect();
         let names: Vec<String> =
@@ -137,7 +137,7 @@ fn a_model_named_like_the_second_of_another_kept_that_name() {
 }
 
 #[test]
-fn a_mesh_named_like_the_second_form_of_another_kept_that_name() {
+fn meshes_with_the_name_of_a_numbered_form_stay_distinct() {
     let dir = TempDir::new().unwrap();
     let path = ship(&dir);
     // "mast" is placed twice, once mirrored: its second form is "mast-2".

@@ -15,9 +15,9 @@ use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpListener;
 use tokio::time::timeout;
 
-use crate::admission::pre_auth_pool::PreAuthPool;
 use crate::http::responses::{TextResponse, health, ready, scene_list, text, wrong_method};
 use crate::http::server::{REQUEST_TIMEOUT, connection_builder};
+use crate::limits::pre_auth_pool::PreAuthPool;
 use crate::session::state::ServerState;
 use crate::transport::listen::{accept_each, listen_tcp};
 

@@ -17,14 +17,14 @@ use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::time::timeout;
 
-use crate::admission::byte_rate::{MeterControl, MeteredStream};
-use crate::admission::pre_auth_pool::PreAuthSlot;
-use crate::admission::refusal::Refusal;
 use crate::auth::grant::TokenError;
 use crate::http::responses::{
     TextResponse, bearer, header_contains, health, ready, scene_list, text, unauthorised, wrong_method,
 };
 use crate::http::upgrade::{PendingUpgrade, upgrade};
+use crate::limits::byte_rate::{MeterControl, MeteredStream};
+use crate::limits::pre_auth_pool::PreAuthSlot;
+use crate::limits::refusal::Refusal;
 use crate::session::state::ServerState;
 use crate::transport::listen::accept_each;
 use crate::transport::tls::Tls;

@@ -11,9 +11,9 @@ use hyper::{Method, Request, Response, StatusCode};
 use lodestream_protocol::stream::ALPN;
 use tokio_tungstenite::tungstenite::handshake::derive_accept_key;
 
-use crate::admission::refusal::Refusal;
 use crate::auth::grant::TokenError;
 use crate::http::responses::{TextResponse, bearer, header_contains, text, unauthorised};
+use crate::limits::refusal::Refusal;
 use crate::metrics::Transport;
 use crate::session::guard::SessionGuard;
 use crate::session::state::ServerState;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use tokio::sync::watch;
 use tokio::task::spawn_blocking;
 
-use crate::admission::settings::AdmissionSettings;
+use crate::session::admission_settings::AdmissionSettings;
 use crate::session::settings::SessionSettings;
 use crate::session::state::ServerState;
 

@@ -11,7 +11,7 @@ use lodestream_scene::{BlobId, BlobPart, PunctualLightBlob, TerrainBlob};
 use prometheus::{Histogram, IntCounter, IntGauge, Registry, TextEncoder};
 use tracing_appender::non_blocking::ErrorCounter;
 
-use crate::admission::refusal::Refusal;
+use crate::limits::refusal::Refusal;
 
 /// Transport of a session.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -7,7 +7,7 @@ use prometheus::{
     Histogram, HistogramOpts, IntCounter, IntCounterVec, IntGauge, IntGaugeVec, Opts, Registry,
 };
 
-use crate::admission::refusal::Refusal;
+use crate::limits::refusal::Refusal;
 use crate::metrics::{Metrics, Transport};
 
 /// Values of the label `kind`.

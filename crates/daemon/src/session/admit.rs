@@ -9,9 +9,9 @@ use std::time::Duration;
 use lodestream_protocol::message::{ClientMessage, Close, CloseCode, Hello};
 use tokio::time::{Instant, sleep_until};
 
-use crate::admission::byte_rate::BYTE_RATE_EXCEEDED;
 use crate::auth::access::Access;
 use crate::auth::grant::{Grant, TokenError};
+use crate::limits::byte_rate::BYTE_RATE_EXCEEDED;
 use crate::session::connection::{Receive, Received};
 use crate::session::guard::SessionGuard;
 use crate::session::scenes::SceneVersion;

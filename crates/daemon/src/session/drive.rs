@@ -15,10 +15,10 @@ use lodestream_protocol::server::{ServerSession, Transmit};
 use lodestream_protocol::shared_rate_limit::Weight;
 use tokio::time::{Instant, sleep_until};
 
-use crate::admission::byte_rate::BYTE_RATE_EXCEEDED;
-use crate::admission::message_rate::MessageRateLimiter;
-use crate::admission::refusal::Refusal;
 use crate::auth::grant::{Grant, TokenError};
+use crate::limits::byte_rate::BYTE_RATE_EXCEEDED;
+use crate::limits::message_rate::MessageRateLimiter;
+use crate::limits::refusal::Refusal;
 use crate::session::admit::{Admission, PendingGrant, admit, next_grant, refusal};
 use crate::session::connection::{Deliver, Receive, Received};
 use crate::session::guard::SessionGuard;

@@ -9,9 +9,9 @@ use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::shared_rate_limit::{RateShare, Weight};
 use tokio::time::Instant;
 
-use crate::admission::leases::{Lease, LeaseError};
-use crate::admission::pre_auth_pool::{AddressBlock, PreAuthSlot};
 use crate::auth::grant::Grant;
+use crate::limits::leases::{Lease, LeaseError};
+use crate::limits::pre_auth_pool::{AddressBlock, PreAuthSlot};
 use crate::metrics::Transport;
 use crate::session::scenes::SceneVersion;
 use crate::session::state::{Phase, ServerState};

@@ -1,5 +1,6 @@
 //! Sessions: their loop over a transport, and the state that they share.
 
+pub(crate) mod admission_settings;
 pub(crate) mod admit;
 pub(crate) mod connection;
 pub(crate) mod drive;

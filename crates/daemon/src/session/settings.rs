@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use lodestream_protocol::shared_rate_limit::{Limits, SharedRateLimit};
 
-use crate::admission::leases::default_per_address;
-use crate::admission::session_rate::SessionRateLimit;
+use crate::limits::leases::default_per_address;
+use crate::limits::session_rate::SessionRateLimit;
 
 /// Default of [`SessionSettings::drain`] in seconds: long enough for transfers under way on a thin link, short enough for
 /// an operator at a terminal.

@@ -11,12 +11,12 @@ use lodestream_protocol::source::{SceneSource, SourceError};
 use tokio::sync::watch;
 use tokio::time::Instant;
 
-use crate::admission::leases::Leases;
-use crate::admission::pre_auth_pool::{PreAuthPool, PreAuthSlot};
-use crate::admission::session_rate::SessionRateLimiter;
-use crate::admission::settings::AdmissionSettings;
 use crate::auth::grant::{Grant, TokenError};
+use crate::limits::leases::Leases;
+use crate::limits::pre_auth_pool::{PreAuthPool, PreAuthSlot};
+use crate::limits::session_rate::SessionRateLimiter;
 use crate::metrics::{Metrics, Rates, Transport};
+use crate::session::admission_settings::AdmissionSettings;
 use crate::session::scenes::Scenes;
 use crate::session::settings::SessionSettings;
 use crate::session::unreadable_blobs::UnreadableBlobs;

@@ -13,11 +13,11 @@ use tokio::time::{Instant, sleep};
 use super::scenes::{at, get, hello_for, two};
 use super::tokens::{in_s, token, with_header};
 use super::*;
-use crate::admission::settings::AdmissionSettings;
 use crate::auth::access::Access;
 use crate::auth::grant::{Grant, TokenError};
 use crate::auth::hook::{Hook, HookError, Introspect, IntrospectionRequest, IntrospectionResponse};
 use crate::auth::hook_url::Authorization;
+use crate::session::admission_settings::AdmissionSettings;
 use crate::session::scenes::Scenes;
 
 /// Tokens and scenes of the requests received.

@@ -32,7 +32,7 @@ fn options(folder: &Path, sessions: SessionSettings) -> DaemonOptions {
 }
 
 #[tokio::test]
-async fn idle_connections_blocked_health_checks() {
+async fn idle_connections_do_not_block_health_checks() {
     let folder = tempfile::tempdir().unwrap();
     let sessions =
         SessionSettings { rate_bits_per_s: Some(2_000_000), max_sessions: 1, ..SessionSettings::default() };
@@ -98,7 +98,7 @@ async fn both_ports_report_draining() {
 }
 
 #[tokio::test]
-async fn the_backlog_was_short() {
+async fn three_hundred_connections_fit_in_the_backlog() {
     let listener = listen_tcp(any()).unwrap();
     let address = listener.local_addr().unwrap();
     // Nothing accepts them.

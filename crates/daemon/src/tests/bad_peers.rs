@@ -78,7 +78,7 @@ async fn close_of_flood(
 }
 
 #[tokio::test(start_paused = true)]
-async fn frames_that_are_not_messages_were_not_counted() {
+async fn frames_that_are_not_messages_are_counted() {
     // Masked as a client's frames, with a mask of zeros.
     let ping = [0x89, 0x80, 0, 0, 0, 0];
     let unknown_but_optional = [0x82, 0x82, 0, 0, 0, 0, 0xbf, 0];

@@ -5,7 +5,7 @@ use tokio::net::UdpSocket;
 use tokio::time::timeout;
 
 use super::*;
-use crate::admission::session_rate::SessionRateLimit;
+use crate::limits::session_rate::SessionRateLimit;
 
 fn full_at(max_sessions: u64, max_sessions_per_address: Option<u64>) -> Arc<ServerState> {
     let settings = SessionSettings { max_sessions, max_sessions_per_address, ..SessionSettings::default() };
@@ -53,7 +53,7 @@ async fn sessions_beyond_the_limit_are_refused() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn clients_of_one_address_that_only_ping_held_all_leases() {
+async fn idle_clients_of_one_address_cannot_hold_all_leases() {
     let state = full_at(64, None);
     let mut hoard = Vec::new();
     for _ in 0..64 {
@@ -78,7 +78,7 @@ async fn clients_of_one_address_that_only_ping_held_all_leases() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn connections_without_hello_took_leases() {
+async fn connections_without_hello_take_no_lease() {
     let state = full_at(8, Some(8));
     let mut silent = Vec::new();
     for _ in 0..8 {
@@ -90,7 +90,7 @@ async fn connections_without_hello_took_leases() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_flood_of_silent_connections_evicted_other_addresses() {
+async fn a_flood_of_silent_connections_evicts_no_other_address() {
     let settings = SessionSettings {
         max_sessions: 8,
         max_sessions_per_address: Some(8),
@@ -110,7 +110,7 @@ async fn a_flood_of_silent_connections_evicted_other_addresses() {
 
 /// An Initial is answered before its address is validated; it must take no lease.
 #[tokio::test]
-async fn unanswered_quic_initials_took_all_leases() {
+async fn unanswered_quic_initials_take_no_lease() {
     let settings =
         SessionSettings { max_sessions: 4, max_sessions_per_address: Some(4), ..SessionSettings::default() };
     let (daemon, folder) = loopback(MemoryScene::new(1, 100, 100), settings).await;

@@ -4,7 +4,7 @@ use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::source::CacheUse;
 
 use super::*;
-use crate::admission::refusal::Refusal;
+use crate::limits::refusal::Refusal;
 use crate::metrics::{Metrics, Rates, Transport};
 
 #[test]

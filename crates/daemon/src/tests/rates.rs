@@ -9,9 +9,9 @@ use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 use tokio_tungstenite::tungstenite::http::HeaderValue;
 
 use super::*;
-use crate::admission::proxy::Network;
-use crate::admission::settings::AdmissionSettings;
+use crate::http::proxy::Network;
 use crate::metrics::Transport;
+use crate::session::admission_settings::AdmissionSettings;
 use crate::session::guard::SessionGuard;
 use crate::tests::tokens::{in_s, requiring_tokens_with, signed_claims, with_header};
 

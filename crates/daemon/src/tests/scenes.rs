@@ -8,7 +8,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use super::quic::{Arrival, QuicClient, certificate, trusting};
 use super::tokens::{in_s, signed_claims, with_keys};
 use super::*;
-use crate::admission::settings::AdmissionSettings;
+use crate::session::admission_settings::AdmissionSettings;
 use crate::session::scenes::Scenes;
 
 fn scene(name: &str, assets: u32) -> Arc<dyn SceneSource> {

@@ -1,7 +1,7 @@
 //! Clients that reconnect without a pause.
 
 use super::*;
-use crate::admission::session_rate::SessionRateLimit;
+use crate::limits::session_rate::SessionRateLimit;
 
 fn from(n: u8) -> SocketAddr {
     SocketAddr::from((Ipv4Addr::new(10, 0, 0, n), 50_000))
@@ -15,7 +15,7 @@ async fn connect_and_close(peer: SocketAddr, state: &Arc<ServerState>) -> Result
 }
 
 #[tokio::test(start_paused = true)]
-async fn an_address_that_reconnected_without_a_pause_was_never_refused() {
+async fn an_address_that_reconnects_without_a_pause_is_refused() {
     let settings = SessionSettings { max_sessions: 64, ..SessionSettings::default() };
     let state = ServerState::new(Arc::new(MemoryScene::new(1, 100, 100)), settings);
     let began = tokio::time::Instant::now();

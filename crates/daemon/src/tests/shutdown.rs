@@ -47,7 +47,7 @@ async fn no_session_starts_while_draining() {
 }
 
 #[tokio::test]
-async fn quic_clients_were_refused_without_a_reason_while_draining() {
+async fn quic_clients_are_refused_with_a_reason_while_draining() {
     let settings = SessionSettings {
         rate_bits_per_s: Some(1_000_000),
         drain: Duration::from_secs(3600),

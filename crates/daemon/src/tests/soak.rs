@@ -28,7 +28,7 @@ async fn one_session(n: u32, state: &Arc<ServerState>) {
 }
 
 #[tokio::test(start_paused = true)]
-async fn hours_of_sessions_left_entries_behind() {
+async fn hours_of_sessions_leave_no_entries_behind() {
     let state = state_of(MemoryScene::new(2, 300, 500), None);
     let began = tokio::time::Instant::now();
     let mut after_first = None;

@@ -11,9 +11,9 @@ use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 use tokio_tungstenite::tungstenite::http::HeaderValue;
 
 use super::*;
-use crate::admission::proxy::Network;
-use crate::admission::settings::AdmissionSettings;
+use crate::http::proxy::Network;
 use crate::http::server::accept_https;
+use crate::session::admission_settings::AdmissionSettings;
 use crate::transport::certificate::Certificate;
 use crate::transport::live_certificate::LiveCertificate;
 use crate::transport::tls::Tls;
@@ -132,7 +132,7 @@ async fn through(state: &Arc<ServerState>, forwarded_for: &str) -> Option<Client
 }
 
 #[tokio::test(start_paused = true)]
-async fn all_clients_of_a_proxy_shared_the_leases_of_one_address() {
+async fn clients_of_a_trusted_proxy_have_leases_by_their_own_address() {
     let state = behind(&["127.0.0.1"], 1);
     let first = through(&state, "203.0.113.1").await.unwrap();
     let second = through(&state, "203.0.113.2").await.unwrap();

@@ -8,10 +8,10 @@ use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 use tokio_tungstenite::tungstenite::http::HeaderValue;
 
 use super::*;
-use crate::admission::settings::AdmissionSettings;
 use crate::auth::access::Access;
 use crate::auth::grant::TokenError;
 use crate::auth::tokens::Tokens;
+use crate::session::admission_settings::AdmissionSettings;
 
 const SECRET: &[u8] = b"a secret of more than thirty-two bytes";
 
@@ -266,7 +266,7 @@ async fn nothing_is_sent_without_a_valid_token() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn clients_without_a_token_blocked_those_with_one() {
+async fn clients_without_a_token_do_not_block_those_with_one() {
     let state = requiring_tokens();
     // More than there are leases.
     let mut without_token = Vec::new();

@@ -4,7 +4,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::time::Instant;
 
 use super::*;
-use crate::admission::settings::AdmissionSettings;
+use crate::session::admission_settings::AdmissionSettings;
 
 #[tokio::test(start_paused = true)]
 async fn the_push_precedes_hello() {
@@ -70,7 +70,7 @@ async fn answer_to(state: &Arc<ServerState>, origin: &str) -> String {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_page_of_another_origin_could_read_a_local_server() {
+async fn a_page_of_another_origin_is_refused() {
     let state = state_of(MemoryScene::new(1, 100, 100), None);
     // The server's own origin is refused too: it serves no pages, and DNS rebinding can forge its name.
     for origin in ["https://evil.example", "http://localhost:8080", "null"] {

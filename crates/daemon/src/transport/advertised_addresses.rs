@@ -50,7 +50,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unspecified_address_was_printed_as_loopback() {
+    fn an_unspecified_address_is_printed_as_the_machines_addresses() {
         let both = |towards: IpAddr| {
             Some(if towards.is_ipv4() {
                 "10.0.0.7".parse().unwrap()

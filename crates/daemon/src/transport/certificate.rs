@@ -282,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_was_set_back_replaced_the_certificate() {
+    fn a_clock_set_back_keeps_the_certificate() {
         let folder = tempfile::tempdir().unwrap();
         let now = SystemTime::now();
         let kept = Certificate::load_or_create(folder.path(), now).unwrap();

@@ -26,8 +26,8 @@ use tokio::task::JoinSet;
 use tokio::time::timeout;
 use tracing::Instrument;
 
-use crate::admission::leases::LeaseError;
-use crate::admission::pre_auth_pool::PreAuthSlot;
+use crate::limits::leases::LeaseError;
+use crate::limits::pre_auth_pool::PreAuthSlot;
 use crate::metrics::Transport;
 use crate::session::drive::drive;
 use crate::session::guard::SessionGuard;

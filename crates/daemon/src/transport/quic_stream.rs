@@ -15,7 +15,7 @@ use lodestream_scene::BlobId;
 use quinn::{Connection, ConnectionError, ReadError, RecvStream, SendStream, VarInt, WriteError};
 use tokio::time::{Instant, timeout};
 
-use crate::admission::byte_rate::ByteRateLimiter;
+use crate::limits::byte_rate::ByteRateLimiter;
 use crate::session::connection::{Deliver, Receive, Received};
 use crate::session::state::ServerState;
 

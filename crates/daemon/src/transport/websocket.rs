@@ -18,7 +18,7 @@ use tokio_tungstenite::tungstenite::protocol::{CloseFrame, Role, WebSocketConfig
 use tokio_tungstenite::tungstenite::{self, Message};
 use tracing::Instrument;
 
-use crate::admission::byte_rate::{MeterControl, is_byte_rate_exceeded};
+use crate::limits::byte_rate::{MeterControl, is_byte_rate_exceeded};
 use crate::session::connection::{Deliver, Receive, Received};
 use crate::session::drive::drive;
 use crate::session::guard::SessionGuard;

@@ -24,8 +24,8 @@ pub enum Budget {
 pub struct Member {
     /// The chunk.
     pub chunk: u32,
-    /// The truncation point up to which it is applied, an index of [`ChunkInfo::truncation_points`]; `None` for the whole chunk,
-    /// as it must be if a child of it is a member.
+    /// The truncation point up to which it is applied, an index of [`ChunkInfo::truncation_points`]; `None` for the
+    /// whole chunk, as it must be if a child of it is a member.
     pub truncation: Option<u8>,
 }
 

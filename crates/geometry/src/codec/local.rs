@@ -1,7 +1,7 @@
 //! A chunk's region as its decoder sees it: the stars of the region's interior vertices.
 //!
-//! ExistingFace from the mesh (`codec::gather`) by breadth-first search over interior vertices. The numbering depends on
-//! the chunk only: the region's stars are the same for any other chunks applied, in any order
+//! It is gathered from the mesh (`codec::gather`) by breadth-first search over interior vertices. The numbering depends
+//! on the chunk only: the region's stars are the same for any other chunks applied, in any order
 //! (docs/design/refinement.md, "Why any order gives one mesh").
 //!
 //! Positions are integers below 2^24 stored as `f64`, so their sums and differences are exact.
@@ -118,7 +118,7 @@ pub(crate) struct Local<'a> {
     /// Local numbers of existing wedges other than each vertex's first.
     pub(crate) wedge_at: SlotMap,
     pub(crate) gather_buffers: GatherBuffers,
-    /// AddedFace vertices, with the vertex that each splits from.
+    /// New vertices, with the vertex that each splits from.
     pub(crate) new_vertices: Vec<(u32, Option<u32>)>,
     pub(crate) new_wedges: u32,
     /// Older vertices that the chunk moves.

@@ -4,7 +4,6 @@
 //! coder visits the forest (by the vertex that each splits from) breadth first, and the stars are those of the mesh
 //! in which exactly the splits so far are done, whether or not simplification passed through that mesh: a corner is
 //! at the newest existing vertex on its path, and a face exists once its three corners are distinct.
-//! three corners are apart.
 
 use std::collections::VecDeque;
 

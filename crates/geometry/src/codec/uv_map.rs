@@ -1,5 +1,5 @@
-//! Projected textures of axis-aligned geometry: textures are usually projected along the main axis of a add_face, with
-//! the same map on all faces, so texture coordinates update from positions and from known faces.
+//! Projected textures of axis-aligned geometry: textures are usually projected along the main axis of a face, with the
+//! same map on all faces, so texture coordinates follow from positions and from known faces.
 
 use crate::codec::model::PLACES;
 use crate::codec::residual::quarter_octaves;
@@ -130,7 +130,7 @@ impl Default for UvMaps {
 }
 
 impl UvMaps {
-    /// Adds a add_face.
+    /// Adds a face.
     pub(crate) fn add_face(&mut self, material: u16, corners: [Anchor; 3]) {
         let sides = &mut self.sides[usize::from(material) % MATERIALS];
         for (from, to) in [(0, 1), (1, 2), (2, 0)] {
@@ -164,7 +164,7 @@ impl UvMaps {
         }
     }
 
-    /// Predicts texture coordinates at `at` for a corner of a normal group on a add_face of a material, extrapolating
+    /// Predicts texture coordinates at `at` for a corner of a normal group on a face of a material, extrapolating
     /// from `from` or, if that is `None` or has another orientation, from the most recent corner on the side. A class
     /// with several axes is projected along the axis of `from`, else along that of the class's last projection.
     pub(crate) fn predict(

@@ -8,10 +8,10 @@ use crate::mesh::distance::{Node, TriangleBvh};
 const STACK: usize = 64;
 
 impl TriangleBvh {
-    /// The first triangle that a ray triangle_hit from either side, at more than `range[0]` and less than `range[1]` lengths
-    /// of `direction` from `origin`: the parameter, and the index as given to [`TriangleBvh::new`]. A ray in the
-    /// plane of a triangle misses it; one along an edge triangle_hit at least one of the adjacent triangles, up to rounding
-    /// (Möller and Trumbore, "Fast, minimum storage ray/triangle intersection", 1997). O(log n) for small triangles.
+    /// The first triangle that a ray hits from either side, at more than `range[0]` and less than `range[1]` lengths of
+    /// `direction` from `origin`: the parameter, and the index as given to [`TriangleBvh::new`]. A ray in the plane of
+    /// a triangle misses it; one along an edge hits at least one of the adjacent triangles, up to rounding (Möller and
+    /// Trumbore, "Fast, minimum storage ray/triangle intersection", 1997). O(log n) for small triangles.
     #[must_use]
     pub fn first_hit(&self, origin: [f64; 3], direction: [f64; 3], range: [f64; 2]) -> Option<(f64, u32)> {
         let (origin, direction) = (DVec3::from_array(origin), DVec3::from_array(direction));

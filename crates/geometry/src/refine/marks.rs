@@ -51,7 +51,7 @@ impl Marks {
     }
 }
 
-/// DirtySlots slots of the change in progress. Vertices of touched faces are added when the change is finished.
+/// Slots that the change in progress has touched. Vertices of touched faces are added when the change is finished.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct TouchMarks {
     pub(crate) faces: Marks,

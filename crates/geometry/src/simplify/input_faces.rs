@@ -1,6 +1,6 @@
 //! Distance from input to coarse mesh between the samples: input faces over several coarse faces.
 //!
-//! InputFace one coarse face the distance is largest at a corner, and across an edge of the coarse surface it is about
+//! Over one coarse face the distance is largest at a corner, and across an edge of the coarse surface it is about
 //! that of the edge. But if an input face's corners are nearest to coarse faces that do not meet, the coarse surface
 //! may be open between these: the face's centre and edge midpoints are examined, and more points where one is far.
 

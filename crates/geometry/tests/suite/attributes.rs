@@ -8,7 +8,7 @@ use lodestream_geometry::octahedral;
 use lodestream_geometry::refine::ActiveMesh;
 
 use crate::common::{plain_faces, prepared, quantised, regions, shapes};
-use crate::promises::deltas;
+use crate::invariants::deltas;
 
 #[test]
 fn colours_and_normals_come_back_exactly() {

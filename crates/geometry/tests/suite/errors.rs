@@ -12,7 +12,7 @@ use lodestream_geometry::screen::visible_error;
 use crate::common::{
     all, in_blocks, prepared, quantised, regions, shapes, with_bits, with_truncation_points,
 };
-use crate::promises::{apply, deltas};
+use crate::invariants::{apply, deltas};
 
 #[test]
 fn errors_are_monotone_along_parents() {
@@ -228,7 +228,7 @@ fn truncation_points_help_and_are_never_better_than_the_children() {
     }
     assert!(
         truncation_points > 100 && better * 4 > truncation_points * 3,
-        "{better} of {truncation_points} truncation_points help"
+        "{better} of {truncation_points} truncation points help"
     );
 }
 

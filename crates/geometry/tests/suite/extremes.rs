@@ -9,7 +9,7 @@ use lodestream_geometry::quantise::{QuantiseSettings, quantise};
 use lodestream_geometry::{MeshError, Settings};
 
 use crate::common::{bare, plain_faces, prepared, quantised, regions, shapes, with_bits};
-use crate::promises::deltas;
+use crate::invariants::deltas;
 
 /// Prepares, checks, and returns the asset with its fully refined mesh.
 pub(crate) fn survives(name: &str, mesh: &QuantisedMesh, region_faces: usize) -> Prepared {

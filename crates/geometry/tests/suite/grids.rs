@@ -6,7 +6,7 @@ use lodestream_geometry::base::Base;
 use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, RefineError};
 
 use crate::common::{prepared, quantised, regions, shapes};
-use crate::promises::deltas;
+use crate::invariants::deltas;
 
 #[test]
 fn coarse_levels_lie_on_coarse_grids_and_the_last_on_the_finest() {

@@ -4,7 +4,7 @@
 //! Independent of [`lodestream_geometry::check`], which compares *directed* edges: this test counts faces at
 //! undirected edges. A surface ends at an edge with an odd number. Mapping each vertex of the input to its ancestor
 //! in the mesh maps the input's boundary edges to edges of the mesh; modulo two, these and no others may be boundary
-//! edges of the mesh. An input without boundary (closed, however tangled) has none at any time.
+//! edges of the mesh. An input without boundary (closed, even if it intersects itself) has none at any time.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,7 +14,7 @@ use lodestream_geometry::random::Random;
 use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, Id, Snapshot};
 
 use crate::common::{all, prepared, quantised, shapes, with_bits, with_truncation_points};
-use crate::promises::{apply, deltas};
+use crate::invariants::{apply, deltas};
 
 /// Undirected edges with an odd number of faces, smaller id first.
 fn boundary_edges(state: &Snapshot) -> BTreeSet<(Id, Id)> {
@@ -73,7 +73,7 @@ fn no_new_holes(name: &str, source: &SourceMesh, bits: u8, region_faces: usize, 
 }
 
 #[test]
-fn surfaces_end_only_where_the_input_does() {
+fn boundaries_are_only_where_the_input_has_them() {
     let mut with_ends = 0;
     for (name, source) in all() {
         with_ends += usize::from(no_new_holes(name, &source, 14, 100, 6) > 0);
@@ -91,7 +91,7 @@ fn closed_meshes_never_get_holes() {
     }
 }
 
-/// An early low-poly test model tore at its uv seams.
+/// A mesh with seams at nearly every vertex must not tear along them.
 #[test]
 fn a_low_poly_model_with_seams_at_nearly_every_vertex_never_tears() {
     let source = shapes::frigate(9);

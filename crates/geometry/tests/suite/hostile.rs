@@ -10,7 +10,7 @@ use lodestream_geometry::{Codec, Settings};
 use proptest::prelude::*;
 
 use crate::common::{prepared, quantised, regions, shapes, with_truncation_points};
-use crate::promises::deltas;
+use crate::invariants::deltas;
 
 /// Small assets with all features: seams, materials, vertices without faces, non-manifold stars, colours and normals;
 /// with every codec.

@@ -1,8 +1,5 @@
 //! Guarantees of the crate, tested through its public interface on generated meshes.
-#![allow(
-    clippy::unwrap_used,
-    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
-)]
+#![allow(clippy::unwrap_used, reason = "test helpers without #[test] may unwrap, as tests may")]
 
 mod common;
 
@@ -18,10 +15,10 @@ mod golden;
 mod grids;
 mod holes;
 mod hostile;
+mod invariants;
 mod precision;
-mod promises;
+mod random_meshes;
 mod render;
 mod resuming;
 mod sets;
-mod tangles;
 mod touching;

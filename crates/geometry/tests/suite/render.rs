@@ -8,7 +8,7 @@ use lodestream_geometry::random::Random;
 use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, DirtySlots, Id, RenderVertex};
 
 use crate::common::{all, plain_faces, prepared, quantised, regions, shapes};
-use crate::promises::deltas;
+use crate::invariants::deltas;
 
 /// The wedge slots that faces use.
 fn live_wedges(mesh: &ActiveMesh) -> BTreeSet<u32> {

@@ -9,7 +9,7 @@ use lodestream_geometry::random::Random;
 use lodestream_geometry::refine::ActiveMesh;
 
 use crate::common::{prepared, quantised, shapes, with_truncation_points};
-use crate::promises::apply;
+use crate::invariants::apply;
 
 fn asset() -> Prepared {
     prepared(&quantised(&shapes::sphere(40, 60, 0.05)), &with_truncation_points(200))
@@ -98,7 +98,7 @@ fn truncation_points_make_cuts_smaller() {
         assert!(sets[0].faces <= sets[1].faces && sets[0].bytes <= sets[1].bytes);
         (with, without) = (with + sets[0].bytes, without + sets[1].bytes);
     }
-    assert!(with * 100 < without * 97, "{with} bytes with truncation_points, {without} without");
+    assert!(with * 100 < without * 97, "{with} bytes with truncation points, {without} without");
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! What glTF files come to, and what each bad one is told. Files are written here, byte by byte.
+//! glTF files: what they are read to, and the errors of invalid ones. Files are written here, byte by byte.
 
 mod compressed;
 #[cfg(feature = "draco")]
@@ -25,7 +25,7 @@ const USHORT: u32 = 5123;
 const UINT: u32 = 5125;
 const FLOAT: u32 = 5126;
 
-/// A file in the making: its JSON, and the bytes of its one buffer.
+/// A file under construction: its JSON, and the bytes of its one buffer.
 struct Model {
     json: Value,
     bin: Vec<u8>,
@@ -106,7 +106,7 @@ impl Model {
         import(&write(&dir, "a.glb", self.glb()))
     }
 
-    /// The line that the file is refused with; every fragment must be in it.
+    /// Asserts that the file is refused with one line that has every fragment.
     fn refused(&self, fragments: &[&str]) {
         refused(self.glb(), fragments);
     }
@@ -127,7 +127,7 @@ fn write(dir: &TempDir, name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
     path
 }
 
-/// The places of each face's corners.
+/// The positions of each face's corners.
 fn places(imported: &Imported) -> Vec<[[f64; 3]; 3]> {
     let mesh = &imported.mesh;
     mesh.faces.iter().map(|f| f.map(|c| mesh.positions[c.position as usize])).collect()
@@ -201,7 +201,7 @@ fn attributes_come_in_every_type_that_they_may_have() {
         let find = mesh.faces.iter().flatten().find(|c| c.position as usize == vertex);
         *find.unwrap()
     };
-    // v runs down in glTF, up here.
+    // Texture coordinates run down in glTF, up here.
     assert_eq!(mesh.uvs[corner(3).uv as usize], [0.0, 0.8]);
     assert_eq!(mesh.uvs[corner(1).uv as usize], [1.0, 1.0]);
     assert_eq!(mesh.normals[corner(1).normal as usize], [0.0, -1.0, 0.0]);
@@ -279,7 +279,7 @@ fn nodes_place_their_meshes_and_mirrors_stay_the_right_way_round() {
         let stated = imported.mesh.normals[corners[0].normal as usize].map(f64::from);
         assert!(outwards.dot(DVec3::from_array(stated)) > 0.999, "{outwards} {stated:?}");
     }
-    // As a scene: the turned one shares the mesh as it is, the mirrored one has its own.
+    // As a scene: the turned instance uses the mesh as it is, the mirrored one a mesh of its own.
     let dir = TempDir::new().unwrap();
     let path = write(&dir, "a.glb", model.glb());
     let contents = contents(&path).unwrap();

@@ -1,4 +1,4 @@
-//! Against the library's own codecs, and against untrusted peers.
+//! Decoding against the codecs of the library meshoptimizer, and of invalid data.
 
 use meshopt::EncodeExpMode;
 
@@ -21,13 +21,13 @@ impl Random {
         (self.next() % end as u64) as usize
     }
 
-    /// In `-1..=1`.
+    /// A number in `-1..=1`.
     fn share(&mut self) -> f32 {
         (self.next() >> 40) as f32 / (1 << 23) as f32 - 1.0
     }
 }
 
-/// Elements that compress in every way there is: constant bytes, slopes, floats, noise.
+/// Elements of all kinds that the codec distinguishes: constant bytes, slopes, floats, noise.
 fn elements<const N: usize>(count: usize) -> Vec<[u8; N]> {
     let mut random = Random(N as u64);
     let element = |index: usize| {
@@ -50,7 +50,7 @@ fn grid(n: u32) -> Vec<u32> {
     (0..n * n).flat_map(cell).collect()
 }
 
-/// Lists of triangles that follow one another, jump, repeat and turn.
+/// Lists of triangles: adjacent, distant, repeated, rotated.
 fn lists() -> Vec<Vec<u32>> {
     let mut random = Random(5);
     let noise = (0..999).map(|_| random.below(70_000) as u32).collect();
@@ -95,7 +95,7 @@ fn triangles_and_indices_come_back_in_both_widths() {
         let sequence = meshopt::encode_index_sequence(&list, most).unwrap();
         for (mode, data) in [(Mode::Triangles, &triangles), (Mode::Indices, &sequence)] {
             let wide = decode(mode, data, list.len(), 4).unwrap();
-            // The encoder of triangles may turn one, to another of its corners.
+            // The encoder may rotate a triangle to begin with another corner.
             if mode == Mode::Indices {
                 assert_eq!(wide, bytes(&list));
             } else {
@@ -107,7 +107,7 @@ fn triangles_and_indices_come_back_in_both_widths() {
     }
 }
 
-/// Whether numbers are the same, or one separate_triangle.
+/// Whether corresponding numbers differ by at most one.
 fn near(ours: impl Iterator<Item = i32>, theirs: impl Iterator<Item = i32>) -> bool {
     ours.zip(theirs).all(|(a, b)| (a - b).abs() <= 1)
 }
@@ -171,7 +171,7 @@ fn filters_are_undone_as_the_library_does_but_for_its_estimated_roots() {
     assert!(near(widen(&ours).into_iter().map(|v| v & 0xffff), theirs));
 }
 
-/// What every machine makes of filters: single precision differs where roots are estimated.
+/// Octahedral and quaternion filters take square roots; the result must not depend on the machine.
 #[test]
 fn undone_filters_are_the_same_on_every_machine() {
     let mut random = Random(11);
@@ -194,7 +194,7 @@ fn undone_filters_are_the_same_on_every_machine() {
     assert_eq!(hash, 0xc49e_082d_bd87_cd4d, "{hash:#x}");
 }
 
-/// Streams of every mode: how to decode them, and what the library makes of them, if anything.
+/// Streams of every mode, with the decoder of the library.
 type Theirs = fn(&[u8], usize) -> Option<Vec<u8>>;
 
 fn streams() -> Vec<(Mode, Vec<u8>, usize, usize, Theirs)> {
@@ -233,7 +233,7 @@ fn every_truncation_is_an_error() {
 }
 
 #[test]
-fn what_is_accepted_of_damaged_bytes_is_what_the_library_makes_of_them() {
+fn damaged_bytes_are_refused_or_decode_as_by_the_library() {
     let mut random = Random(17);
     let (mut accepted, mut refused) = (0, 0);
     for (mode, data, count, stride, theirs) in streams() {

@@ -4,7 +4,7 @@ use tempfile::TempDir;
 use super::header::NumberType;
 use crate::{ImportError, Imported, import};
 
-/// What a model of some vertices and polygons is written as.
+/// How a model of some vertices and polygons is written.
 #[derive(Clone, Copy)]
 struct As {
     /// "ascii" or a binary format.
@@ -20,10 +20,10 @@ struct As {
 const PLAIN: As = As { format: "ascii", place: "float", length: "uchar", index: "int", color: "uchar" };
 const FORMATS: [&str; 3] = ["ascii", "binary_little_endian", "binary_big_endian"];
 
-/// Place, normal, colour in eights of 255, coordinates.
+/// Position, normal, colour in units of 1/8, texture coordinates.
 type Vertex = ([i8; 3], [i8; 3], [u8; 3], [f32; 2]);
 
-/// A box of quads and a concave roof, with a normal, colour and coordinates by vertex.
+/// A box of quads and a concave roof, with a normal, colour and texture coordinates per vertex.
 fn model() -> (Vec<Vertex>, Vec<Vec<usize>>) {
     let mut vertices = Vec::new();
     for n in 0..8_i8 {
@@ -62,7 +62,7 @@ fn number(out: &mut Vec<u8>, format: &str, kind: &str, value: f64) {
     }
 }
 
-/// The model as PLY, with things that are passed over between and behind.
+/// The model as PLY, with ignored elements and properties in between and at the end.
 fn ply(of: As) -> Vec<u8> {
     let (vertices, faces) = model();
     let As { format, place, length, index, color } = of;
@@ -138,14 +138,14 @@ fn read(name: &str, bytes: impl AsRef<[u8]>) -> Result<Imported, ImportError> {
     import(&path)
 }
 
-/// What is wrong with a file, behind its name.
+/// The error for a file, without the file's name.
 fn refused(bytes: impl AsRef<[u8]>) -> String {
     let why = read("a.ply", bytes).unwrap_err().to_string();
     assert_eq!(why.lines().count(), 1, "{why}");
     why.split_once("a.ply").unwrap().1.to_owned()
 }
 
-/// Triangles in order, each corner by its values: which index they have is a reader's own matter.
+/// Triangles in order, each corner by its values, since indices may differ between readers.
 fn values(mesh: &SourceMesh) -> Vec<String> {
     let corner = |c: &Corner| {
         let of = |index: u32| (index != NONE).then_some(index as usize);
@@ -185,7 +185,7 @@ fn every_format_and_type_gives_the_mesh_of_the_obj() {
 fn a_file_cut_short_anywhere_is_refused_with_a_place() {
     for format in FORMATS {
         let whole = ply(As { format, ..PLAIN });
-        // The end of the last line means nothing.
+        // The last line end may be missing.
         let least = whole.trim_ascii_end().len();
         for length in 0..if format == "ascii" { least } else { whole.len() } {
             let why = read("a.ply", &whole[..length]).unwrap_err().to_string();
@@ -212,7 +212,7 @@ const XYZ: &str = "property float x\nproperty float y\nproperty float z\n";
 const FACE: &str = "element face 1\nproperty list uchar int vertex_index\n";
 
 #[test]
-fn headers_that_lie_are_refused_before_anything_is_reserved() {
+fn false_headers_are_refused_before_memory_is_reserved() {
     let many = head(&format!("element vertex 4000000000\n{XYZ}{FACE}end_header\n0 0 0\n"));
     let why = refused(many);
     assert!(why.starts_with(":3: ") && why.contains("at least 24000000000 bytes, but 6 follow"), "{why}");
@@ -231,7 +231,7 @@ fn headers_that_lie_are_refused_before_anything_is_reserved() {
 }
 
 #[test]
-fn what_is_wrong_is_told_with_its_line() {
+fn errors_name_the_line() {
     let vertices = format!("element vertex 3\n{XYZ}");
     let good = head(&format!("{vertices}{FACE}end_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"));
     assert_eq!(read("a.ply", &good).unwrap().mesh.faces.len(), 1);

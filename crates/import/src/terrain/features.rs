@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_told_with_its_place() {
+    fn errors_name_the_place() {
         for (text, fragments) in [
             ("", &["line 1", "write {"][..]),
             (r#"{"mode": "wild"}"#, &["unknown variant `wild`", "fixed", "line 1 column"]),

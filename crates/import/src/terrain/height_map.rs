@@ -43,7 +43,7 @@ pub enum HeightMapError {
         source: std::io::Error,
     },
     /// The file is not an image, or has more than 16,384 pixels a side.
-    #[error("{}: is no readable picture of at most {MAX_SIDE} pixels a side: {source}", path.display())]
+    #[error("{}: is not a readable picture of at most {MAX_SIDE} pixels a side: {source}", path.display())]
     Decode {
         /// The file.
         path: PathBuf,
@@ -55,7 +55,7 @@ pub enum HeightMapError {
     Color {
         /// The file.
         path: PathBuf,
-        /// What they are.
+        /// The type of its pixels.
         color: image::ColorType,
     },
     /// White would be at a height beyond 32 bits.
@@ -191,7 +191,7 @@ mod tests {
         let refusal = |scale| HeightMap::open(&path, scale, 0).unwrap_err().to_string();
         assert!(refusal(1.0).contains("map.png: cannot be read: "), "{}", refusal(1.0));
         std::fs::write(&path, "no picture").unwrap();
-        assert!(refusal(1.0).contains("map.png: is no readable picture"), "{}", refusal(1.0));
+        assert!(refusal(1.0).contains("map.png: is not a readable picture"), "{}", refusal(1.0));
         image::RgbImage::new(2, 2).save(&path).unwrap();
         assert!(
             refusal(1.0).ends_with("Rgb8 pixels; save it as 16-bit grey without alpha"),

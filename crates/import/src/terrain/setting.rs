@@ -15,7 +15,7 @@ use lodestream_scene::terrain::MAX_EROSION_PASSES;
 use lodestream_terrain::MAX_FINEST_LEVEL;
 
 use crate::setting;
-use crate::setting::Impossible;
+use crate::setting::InvalidValue;
 
 setting! {
     /// The finest level n: a patch has 2^n cells along each side.
@@ -26,7 +26,7 @@ setting! {
     Roughness(f64), below 0.0..2.0, "times the range of the level above"
 }
 setting! {
-    /// Passes of thermal erosion; 0 is none. So many as a scene's terrain may have.
+    /// Passes of thermal erosion, up to the number that a scene's terrain may have; 0 disables it.
     ErosionPasses(u8), 0..=MAX_EROSION_PASSES, "passes"
 }
 setting! {
@@ -47,12 +47,12 @@ impl FinestLevel {
     ///
     /// # Errors
     /// Counts that are not powers of two or out of range.
-    pub fn of_patch_cells(cells: u32) -> Result<Self, Impossible> {
+    pub fn of_patch_cells(cells: u32) -> Result<Self, InvalidValue> {
         let level =
             cells.checked_ilog2().filter(|_| cells.is_power_of_two()).and_then(|n| u8::try_from(n).ok());
         level.and_then(|level| Self::try_from(level).ok()).ok_or_else(|| {
             let (least, most) = (1_u32 << Self::RANGE.start(), 1_u32 << Self::RANGE.end());
-            Impossible::new(format!("a power of two from {least} to {most} is possible"), cells.to_string())
+            InvalidValue::new(format!("a power of two from {least} to {most} is possible"), cells.to_string())
         })
     }
 }

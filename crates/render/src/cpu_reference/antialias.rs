@@ -90,13 +90,13 @@ mod tests {
 
     const SIDE: u32 = 48;
 
-    /// A picture of the half plane below a line of some slope, as one sample a pixel shows it.
+    /// A picture of the half plane below a line of the given slope, one sample per pixel.
     fn half_plane(slope: f64) -> Vec<[f64; 3]> {
         let lit = |x: u32, y: u32| f64::from(y) + 0.5 > 20.3 + slope * (f64::from(x) + 0.5);
         (0..SIDE * SIDE).map(|i| [f64::from(u8::from(lit(i % SIDE, i / SIDE))); 3]).collect()
     }
 
-    /// How much of each pixel it covers.
+    /// The share of a pixel that the half plane covers.
     fn covered(slope: f64, [x, y]: [i64; 2]) -> f64 {
         let lit = |i: i64, j: i64| {
             let at = [x as f64 + (i as f64 + 0.5) / 16.0, y as f64 + (j as f64 + 0.5) / 16.0];
@@ -117,7 +117,7 @@ mod tests {
                 before += (display.shown(at)[0] - truth).powi(2);
                 after += (display.smoothed(at)[0] - truth).powi(2);
             }
-            // What is level with the pixels has no steps to smooth.
+            // A horizontal edge along pixel borders has no steps to smooth.
             let most = if slope == 0.0 { 1.0 } else { 0.65 };
             assert!(after <= most * before, "{slope}: {before} {after}");
         }
@@ -129,7 +129,7 @@ mod tests {
         let display = Display { pixels: &pixels, size_px: [SIDE; 2] };
         for i in 0..i64::from(SIDE * SIDE) {
             let at = [i % i64::from(SIDE), i / i64::from(SIDE)];
-            // Steps of a slope as small as these are no edges but in the dark.
+            // Differences as small as these count as edges only in the dark.
             if at[0] > 4 {
                 assert_eq!(display.smoothed(at), display.shown(at), "{at:?}");
             }

@@ -108,7 +108,7 @@ mod tests {
 
     #[test]
     fn a_bright_pixel_spreads_evenly_and_keeps_its_light() {
-        // The middle four, so that halving is even.
+        // The four pixels in the middle, so that halving is symmetric.
         let size_px = [256, 256];
         let mut texels = vec![DVec3::ZERO; 256 * 256];
         for (x, y) in [(127, 127), (128, 127), (127, 128), (128, 128)] {

@@ -146,7 +146,7 @@ mod tests {
     fn the_roughest_mirror_looked_at_straight_gives_back_what_its_integral_says() {
         let up = [0.0, 0.0, 1.0];
         let r = Reflector { albedo: [1.0; 3], metal: 1.0, roughness: 1.0, normal: up, to_eye: up };
-        // Of 1 / (2 π (1 + μ)) with the cosine μ over the hemisphere.
+        // The integral of 1 / (2 π (1 + μ)), with the cosine μ, over the hemisphere.
         let want = 1.0 - 2.0_f64.ln();
         assert!((from_sky(&r, 64, |_| [1.0; 3])[0] - want).abs() < 1e-3);
     }

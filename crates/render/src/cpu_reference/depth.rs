@@ -35,7 +35,7 @@ mod tests {
                 let p = ray.map(|x| x * z);
                 let (ndc, stored) = project(p, tan, near);
                 assert!((0.0..=1.0).contains(&stored));
-                // As a depth buffer keeps it: relative precision is the same at every distance.
+                // In f32, as in the depth buffer: the relative precision is the same at every distance.
                 let z_back = view_depth(f64::from(stored as f32), near);
                 assert!((z_back / z - 1.0).abs() < 1e-7, "{z} {z_back}");
                 let px = (ndc[0] * 0.5 + 0.5) * 320.0;

@@ -190,7 +190,7 @@ mod tests {
         assert!(!is(&[up, down]) && !is(&[down, up]) && !is(&[behind, down]));
         assert!(is(&[up, behind]) && is(&[up]) && is(&[up, behind, up]));
         assert!(!is(&[up, behind, down]) && !is(&[]));
-        // No area, and seen edge-on.
+        // Triangles without area, and seen edge-on.
         assert!(!is(&[DVec3::new(0.3, 0.0, -5.0)]) && !is(&[DVec3::new(0.0, 0.0, -9.0)]));
     }
 

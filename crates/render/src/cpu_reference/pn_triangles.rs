@@ -142,7 +142,7 @@ mod tests {
     fn control_points_match_the_paper() {
         let patch = eighth();
         let [a, b, c] = patch.corners;
-        // Equations 3 and the two for b111, written as they stand there.
+        // Equations 3 and the two for b111, as the paper has them.
         let near = |p: Corner, q: Corner| {
             let w = (q.position - p.position).dot(p.normal);
             (2.0 * p.position + q.position - w * p.normal) / 3.0
@@ -193,7 +193,7 @@ mod tests {
         let [a, b, c] = patch.corners.map(|corner| corner.position);
         assert!(patch.position([0.5, 0.3, 0.2]).distance(a * 0.5 + b * 0.3 + c * 0.2) < 1e-15);
         assert_eq!(patch.steps(DVec3::ONE, 1e9, 0.01, 6), [0; 3]);
-        // Nor does a plane whose normals are its own.
+        // A plane with its own normals has one piece per edge too.
         let z = [0.0, 0.0, 1.0];
         let plane = Patch { corners: [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]].map(|p| corner(p, z)) };
         assert_eq!(plane.steps(DVec3::ONE, 1e9, 0.01, 6), [0; 3]);
@@ -244,7 +244,7 @@ mod tests {
                 let own: Vec<f64> = (0..=pieces).map(|i| f64::from(i) / f64::from(pieces)).collect();
                 assert_eq!(along, own, "edge {k} of {steps:?}");
             }
-            // None is turned over, and together they cover the triangle once.
+            // No triangle is turned over, and together they cover the patch once.
             let area = |t: &[usize; 3]| {
                 let [p, q, r] = t.map(|i| points[i]);
                 (q[1] - p[1]) * (r[2] - p[2]) - (q[2] - p[2]) * (r[1] - p[1])

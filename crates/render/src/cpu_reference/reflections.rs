@@ -7,9 +7,9 @@ use super::surface::{DepthPicture, V3, dot, scale};
 const BORDER: f64 = 0.1;
 /// Roughness at which screen-space reflections begin to fade, and at which they end.
 const MIRRORS: [f64; 2] = [0.2, 0.5];
-/// Depths of itself at which a ray ends that goes away from the eye.
+/// Largest depth of a ray that goes away from the eye, as a multiple of its first depth.
 const FARTHEST: f64 = 1e4;
-/// Share of its depth at which one ends that comes towards it.
+/// Least depth of a ray that comes towards the eye, as a share of its first depth.
 const CLOSEST: f64 = 1e-3;
 /// Offset beyond a cell's side at which the next cell is looked up, pixels.
 const NUDGE: f64 = 0.01;
@@ -252,7 +252,7 @@ mod tests {
     const SIZE: [u32; 2] = [96, 64];
     const NEAR: f64 = 0.01;
 
-    /// A floor one below the eye up to a wall at a depth of 5, and above it nothing.
+    /// A floor one unit below the eye, up to a wall at a depth of 5; above the wall nothing.
     fn room(wall: f64) -> Vec<f32> {
         let tan = [0.75, 0.5];
         let all = (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| [x, y].map(i64::from)));
@@ -271,7 +271,7 @@ mod tests {
         let mirror = Mirror { picture, pyramid: &Pyramid::new(&picture, 5) };
         for y in 40..62 {
             let place = picture.position_at([30, y]);
-            // The floor as a mirror.
+            // The floor is a mirror.
             let length = dot(place, place).sqrt();
             let direction = [place[0], -place[1], place[2]].map(|x| x / length);
             let traced = [false, true].map(|by_cells| {
@@ -287,16 +287,16 @@ mod tests {
         ends(0.02, 1.0, |pixel, linear, cells| {
             let ray = super::super::depth::view_ray(pixel, SIZE, [0.75, 0.5]);
             if ray[1] * 5.0 > -1.0 {
-                // That is the wall itself.
+                // The pixel shows the wall.
                 return;
             }
-            // Mirrored at the floor, the eye stands one below it.
+            // The mirror image of the eye is one unit below the floor.
             let (End::Met(linear_at), End::Met(cells_at)) = (linear.end, cells.end) else {
                 panic!("{pixel:?}: {linear:?} {cells:?}")
             };
             let height = -2.0 - ray[1] * 5.0;
             let want = 32.0 * (1.0 - height / 5.0 / 0.5);
-            // Rays begin a pixel higher, and end a step further at most.
+            // Rays begin a pixel higher, and end at most one step further.
             for at in [linear_at, cells_at] {
                 assert!((at[1] as f64 + 0.5 - want).abs() < 2.6, "{pixel:?} {at:?} {want}");
             }
@@ -306,7 +306,7 @@ mod tests {
 
     #[test]
     fn rays_ignore_the_background_and_end_after_their_steps() {
-        // Without a wall all goes to the sky.
+        // Without a wall all rays leave the picture.
         ends(0.02, -10.0, |pixel, linear, cells| {
             assert_eq!([linear.end, cells.end], [End::Left; 2], "{pixel:?}");
         });

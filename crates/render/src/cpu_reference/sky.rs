@@ -91,11 +91,11 @@ mod tests {
                 let (cosine, roughness) = ((f64::from(i) + 0.5) / 40.0, (f64::from(j) + 0.5) / 40.0);
                 let [a, b] = environment_brdf_exact(cosine, roughness, 4000);
                 let [c, d] = environment_brdf(&table, cosine, roughness);
-                // The fit that the table is instead of (Karis, "Physically Based Shading on Mobile", 2014).
+                // The analytic fit that the table replaces (Karis, "Physically Based Shading on Mobile", 2014).
                 let r = [(-1.0, 1.0), (-0.0275, 0.0425), (-0.572, 1.04), (0.022, -0.04)]
                     .map(|(a, b)| roughness * a + b);
                 let fit = (r[0] * r[0]).min((-9.28 * cosine).exp2()) * r[0] + r[1];
-                // What a dielectric and a metal make of it.
+                // The reflectance of a dielectric and of a metal.
                 for (k, f0) in [0.04, 0.8].into_iter().enumerate() {
                     let difference = f0 * (c - a) + d - b;
                     worst[k] = worst[k].max(difference.abs());

@@ -100,7 +100,7 @@ pub fn sunlight(
 mod tests {
     use super::*;
 
-    /// A map of the square from 0 to 1, in which an edge at x = ½ lies at depth ½, all else lowest.
+    /// A map of the unit square with an occluder at depth ½ for x < ½, and nothing elsewhere.
     fn half(side: usize) -> Vec<f32> {
         (0..side * side).map(|i| if i % side < side / 2 { 0.5 } else { 0.0 }).collect()
     }

@@ -163,7 +163,7 @@ mod tests {
 
     #[test]
     fn on_a_plane_all_tangent_methods_agree() {
-        // u runs along the diagonal, v across it, at other scales.
+        // u runs along the diagonal, v across it, with different scales.
         let uv = |x: f64, y: f64| [3.0 * (x + y), 0.5 * (y - x)];
         let at = |x, y| corner(x, y, uv(x, y));
         let mesh = Mesh::new(vec![
@@ -180,14 +180,14 @@ mod tests {
 
     #[test]
     fn where_a_texture_is_mirrored_sums_cancel_unless_they_are_split() {
-        // To the left of x = 0 u runs the other way.
+        // To the left of x = 0, u is mirrored.
         let at = |x: f64, y: f64| corner(x, y, [x.abs(), y]);
         let mesh = Mesh::new(vec![
             [at(0.0, 0.0), at(1.0, 0.0), at(0.0, 1.0)],
             [at(0.0, 0.0), at(0.0, 1.0), at(-1.0, 0.0)],
         ]);
         let along_u = |weights, way| mesh.frame(1, weights, way).unwrap().0.u;
-        // Where both sides meet, nothing is left of the sums.
+        // At the seam the sums of both sides cancel.
         for way in [TangentMethod::Averaged, TangentMethod::GramSchmidt] {
             assert_eq!(along_u([0.6, 0.4, 0.0], way), DVec3::ZERO, "{}", way.name());
         }

@@ -488,7 +488,7 @@ mod tests {
                 shown,
                 geometry: bit(0),
                 occlusion: bit(1),
-                // It reads what an earlier frame wrote.
+                // This pass reads what an earlier frame wrote.
                 still: None,
                 wireframe: bit(2),
                 depth: bit(3),
@@ -514,7 +514,7 @@ mod tests {
                 assert!(pass.reads.iter().all(|r| written.contains(r)), "{needs:?} {pass:?}");
                 written.extend_from_slice(pass.writes);
             }
-            // Nothing is written only if there is no geometry and the target's content is kept.
+            // The target is not written only if there is no geometry and its content is kept.
             assert_eq!(written.contains(&Resource::Target), needs.geometry || !needs.keep, "{needs:?}");
         }
     }

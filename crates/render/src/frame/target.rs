@@ -52,7 +52,7 @@ impl<'a> Target<'a> {
             }
             let found = texture.format();
             if name == "depth" && !found.has_depth_aspect() {
-                return refuse(format!("{found:?} is no depth format"));
+                return refuse(format!("{found:?} is not a depth format"));
             }
             if name == "colour" && found.add_srgb_suffix() != format.add_srgb_suffix() {
                 return refuse(format!(

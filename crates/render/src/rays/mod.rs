@@ -147,7 +147,7 @@ fn hash(mut x: u32) -> u32 {
 mod tests {
     use super::*;
 
-    /// A floor of so large a side about a point, and a wall that stands on it at x = 0.
+    /// A floor about the origin and a wall of the given height on it at x = 0.
     fn floor_and_wall(height: f64) -> Rays {
         let quad = |corner: DVec3, u: DVec3, v: DVec3| {
             [[corner, corner + u, corner + u + v], [corner, corner + u + v, corner + v]]
@@ -169,7 +169,7 @@ mod tests {
             let seen = picture[(20 * size[0] + x) as usize].unwrap();
             assert!((seen.depth - 4.0).abs() < 1e-9);
             let beside = 4.0 * tan * ((f64::from(x) + 0.5) / 20.0 - 1.0);
-            // Directions towards the wall at a distance over the cosines to it, by sums over both angles.
+            // The share of directions that meet the wall, weighted by distance, summed over both angles.
             let (n, mut hidden) = (400, 0.0);
             for (i, j) in (0..n).flat_map(|i| (0..n).map(move |j| (i, j))) {
                 let [u, v] = [i, j].map(|k| (f64::from(k) + 0.5) / f64::from(n));
@@ -180,7 +180,7 @@ mod tests {
             }
             assert!((1.0 - hidden - seen.openness).abs() < 2e-3, "{x}: {hidden} {seen:?}");
         }
-        // Out of the wall's reach.
+        // The wall is beyond the radius.
         assert_eq!(rays.picture([2, 2], OcclusionRadius::World(0.2), 64)[1].unwrap().openness, 1.0);
     }
 }

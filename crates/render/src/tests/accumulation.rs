@@ -1,4 +1,4 @@
-//! Occlusion as a mean of frames: what it comes to, when it is done, and what begins it anew.
+//! Occlusion as a mean of frames: the result, its end, and what restarts it.
 
 use glam::DVec3;
 use half::f16;
@@ -49,7 +49,7 @@ impl Scene {
         Self { floor: of(&floor), box_: of(&cube()) }
     }
 
-    /// Draws a frame; gives the passes of occlusion that ran.
+    /// Draws a frame; returns the number of occlusion passes that ran.
     fn draw(&self, h: &mut Headless, x: f64, frame: impl FnOnce(&mut Frame<'_>)) -> usize {
         let (here, there) = ([Instance::default()], [at(x, 0.5, 0.0, 1.0)]);
         let drawables = [
@@ -62,7 +62,7 @@ impl Scene {
         let counters = h.frame(&with).unwrap();
         let passes = counters.passes.iter();
         let count = passes.filter(|pass| [PassId::Occlusion, PassId::OcclusionBlur].contains(pass)).count();
-        // Who draws frames only where something changes goes on until it is done.
+        // A host that draws frames only after changes continues until the mean is complete.
         assert!(counters.is_unfinished() || count == 0 || counters.occlusion_frames_left == 0);
         count
     }
@@ -89,7 +89,7 @@ fn blur_of_a_mean_matches_its_cpu_reference(h: &Headless, number: u32) {
 fn sixteen_frames_average_all_rotations_and_then_drawing_stops() {
     let Some(mut h) = headless(SIZE.0, SIZE.1) else { return };
     let scene = Scene::new(&h);
-    // One that stands alone, then those that are added up.
+    // The first frame's estimate stands alone; the others are averaged.
     for frame in 0..=STILL_FRAMES {
         assert_eq!(scene.draw(&mut h, 0.0, |_| {}), 2, "frame {frame}");
         if [1, 6, STILL_FRAMES].contains(&frame) {
@@ -120,7 +120,7 @@ fn sixteen_frames_average_all_rotations_and_then_drawing_stops() {
         assert_eq!(scene.draw(&mut h, 0.0, |_| {}), 0);
         assert!(h.picture().unwrap() == last, "what is drawn without occlusion's passes has it all the same");
     }
-    // As it was before there were any means.
+    // Without the mean, the picture is that of a single estimate.
     scene.draw(&mut h, 0.0, |frame| frame.settings = settings(None));
     let alone = h.picture().unwrap();
     scene.draw(&mut h, 0.0, |_| {});
@@ -155,13 +155,13 @@ fn only_visible_changes_restart_accumulation() {
     for (what, x, change) in changes {
         settle(&scene, &mut h);
         assert_eq!(scene.draw(&mut h, x, change), 2, "{what}");
-        // What is seen of a changed frame has nothing of those before.
+        // After a change the picture contains nothing of earlier frames.
         let got = h.picture().unwrap();
         let other = Scene::new(&fresh);
         other.draw(&mut fresh, x, change);
         assert!(got == fresh.picture().unwrap(), "{what}");
     }
-    // Time alone changes nothing, but vertices on their way do, until they have come.
+    // Time alone changes nothing, but moving vertices do until they have arrived.
     settle(&scene, &mut h);
     assert_eq!(scene.draw(&mut h, 0.0, |frame| frame.time_s = 5.0), 0);
     let mesh = quad([-3.0, 0.0, 3.0], [6.0, 0.0, 0.0], [0.0, 0.0, -6.0], 1.0);

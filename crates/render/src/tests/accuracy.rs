@@ -20,7 +20,7 @@ fn tone_curve_matches_its_cpu_reference() {
     let camera = Pose::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 0.1);
     for value in [0.001f32, 0.01, 0.05, 0.18, 0.4, 0.9, 2.0, 7.0] {
         let mut frame = Frame::new(camera, &[]);
-        // Make all of the sky one radiance.
+        // The sky has the same radiance everywhere.
         let all = glam::Vec3::splat(value * 0.5);
         frame.environment.sky =
             Sky::Plain(GradientSky { zenith: all, horizon: all, ground: all, ..GradientSky::default() });
@@ -29,7 +29,7 @@ fn tone_curve_matches_its_cpu_reference() {
         h.frame(&frame).unwrap();
         let got = f64::from(h.picture().unwrap().get_pixel(2, 2)[0]);
         let want = tone::encode_srgb(tone::filmic(f64::from(value))) * 255.0;
-        // Half a step of the target plus the radiance target's 11 bits.
+        // Half a step of the target, and the 11 bits of the radiance target.
         assert!((got - want).abs() < 0.8, "{value}: {got} {want}");
     }
 }
@@ -52,7 +52,7 @@ fn the_neutral_curve_matches_its_cpu_reference_and_keeps_base_colours() {
             assert!((f64::from(got) - want).abs() < 0.8, "{value:?}: {got} {want}");
         }
     }
-    // What is lit by what it is made for looks as it is: a base colour and the four hundredths that it mirrors.
+    // A surface in white light is shown in its base colour: radiance is the base colour plus 0.04 of reflection.
     let shown = tone::neutral([0.54, 0.34, 0.24]);
     assert!(shown.iter().zip([0.5, 0.3, 0.2]).all(|(got, want)| (got - want).abs() < 1e-12));
 }
@@ -90,17 +90,17 @@ pub(super) fn drawn_normals(h: &Headless, camera: Pose) -> Vec<Option<[f64; 3]>>
     stored.chunks(4).map(of).collect()
 }
 
-/// Holds the last frame's occlusion, as the light gets it, against what its estimate comes to.
+/// Compares the last frame's blurred occlusion with the CPU reference of the blur.
 pub(super) fn blur_matches_its_cpu_reference(h: &Headless, cpu_reference: &occlusion::Blur<'_>) {
     let blurred = h.intermediate(Resource::Occlusion, 1).unwrap();
     let width = cpu_reference.picture.size_px[0] as usize;
     let off = blurred.iter().enumerate().filter(|(i, got)| {
         let want = cpu_reference.openness([(i % width) as i64, (i / width) as i64]);
-        // Half a step, and what rounding in f32 leaves.
+        // Half a step of 8 bits, and rounding in f32.
         (f64::from(**got) / 255.0 - want).abs() > 0.51 / 255.0
     });
     let off = off.count();
-    // Neighbours that are as much deeper as occlusion reaches may count or not.
+    // Rounding decides about neighbours whose depth differs by just the radius.
     assert!(off * 1000 <= blurred.len(), "{off} of {} pixels are off the CPU reference", blurred.len());
 }
 
@@ -161,12 +161,12 @@ fn occlusion_matches_its_cpu_reference() {
             let want = cpu_reference.openness(pixel, 1.0);
             let difference = (f64::from(*value) / 255.0 - want).abs();
             sum += difference;
-            // Samples that land on a pixel's border or a threshold may go either way in f32.
+            // Samples on a pixel's border or at a threshold may be rounded to either side in f32.
             different += usize::from(difference > 0.01);
             darkest = darkest.min(want);
         }
         let mean = sum / raw.len() as f64;
-        // Layers see nothing within four pixels, of the radius' dozen.
+        // `hbao-plus` looks up nothing within four pixels, a third of the radius.
         let corner = if method == OcclusionMethod::HbaoPlus { 0.82 } else { 0.75 };
         assert!(darkest < corner, "the scene has no corner: {darkest}");
         assert!(
@@ -209,7 +209,7 @@ fn smoothed_edges_match_their_cpu_reference_and_come_nearer_to_the_truth() {
         display.chunks(4).map(|p| std::array::from_fn(|c| f64::from(p[c]) / 255.0)).collect();
     let cpu_reference = antialias::Display { pixels: &pixels, size_px: [size.0, size.1] };
     let truth = scene(&mut fine, AntiAliasing::None);
-    // As much light as the pixels that lie in one give together.
+    // Mean light of the fine pixels within one pixel.
     let mean = |x: u32, y: u32, c: usize| {
         let of = |i: u32| truth.get_pixel(x * FINER + i % FINER, y * FINER + i / FINER)[c];
         let light = |i: u32| tone::decode_srgb(f64::from(of(i)) / 255.0);
@@ -227,7 +227,7 @@ fn smoothed_edges_match_their_cpu_reference_and_come_nearer_to_the_truth() {
         }
     }
     assert!(different * 300 < pixels.len() * 3, "{different} values differ from the CPU reference's");
-    // The errors' squares, of which edges have nearly all.
+    // Squared errors, nearly all at edges.
     assert!(after < 0.6 * before, "{before} {after}");
 }
 

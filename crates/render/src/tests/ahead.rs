@@ -1,4 +1,4 @@
-//! What is done before the first frame, so that the frame need not wait for it.
+//! Work done before the first frame, so that the frame does not wait for it.
 
 use glam::DVec3;
 
@@ -13,7 +13,7 @@ use crate::{
 const SIDE: u32 = 64;
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 
-/// Settings of all kinds that a window draws with.
+/// Settings of all kinds that a window uses.
 fn kinds() -> Vec<Settings> {
     let full = Settings::default();
     vec![
@@ -28,7 +28,7 @@ fn kinds() -> Vec<Settings> {
             ..full
         },
         Settings { ink: Some(Ink::default()), pn_triangles: Some(PnTriangles::default()), ..full },
-        // What a slow device begins with.
+        // The first settings of a slow device.
         Settings {
             render_scale: 0.25,
             occlusion: None,
@@ -65,7 +65,7 @@ fn record(gpu: &Gpu, renderer: &mut Renderer, frame: &Frame<'_>) {
     gpu.queue.submit([encoder.finish()]);
 }
 
-/// The terrain's pipelines were compiled while the first frame was uploaded, others while it was recorded.
+/// All pipelines of the settings, the terrain's included, are compiled ahead and none while a frame is recorded.
 #[test]
 fn compiler_covers_all_pipelines_of_the_settings() {
     let Some(h) = headless(SIDE, SIDE) else { return };

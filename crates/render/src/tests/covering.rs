@@ -1,4 +1,4 @@
-//! What surfaces are covered with: ground from near and on banks, and textures at grazing angles.
+//! Surface textures: ground near the eye and on banks, and textures at grazing angles.
 
 use glam::DVec3;
 use image::RgbaImage;
@@ -13,7 +13,7 @@ use crate::{
 };
 use lodestream_terrain::{Mode, Shape, Stamp};
 
-/// Colours alone.
+/// Base colours only.
 fn albedo() -> Settings {
     Settings { debug_view: DebugView::Albedo, anti_aliasing: AntiAliasing::None, ..Settings::default() }
 }
@@ -106,7 +106,7 @@ fn textures_at_grazing_angles_stay_sharp_across() {
     else {
         return;
     };
-    // Software drivers and those without such a filter look up as often as they are told; others show what they do.
+    // Only devices without an anisotropic filter, such as software drivers, take exactly the set number of lookups.
     if h.gpu().has_anisotropic_filter() {
         return;
     }

@@ -1,4 +1,4 @@
-//! What passes hand on, shown in place of the picture, against what the scene is known to be.
+//! Debug views of intermediate results, against the known values of the scene.
 
 use glam::{DQuat, DVec3};
 use image::RgbaImage;
@@ -79,7 +79,7 @@ fn a_plane_shows_its_normal_albedo_surface_and_depth_in_every_pixel() {
         assert_shows(&picture(h, &frame(DebugView::Surface)), |_, _| Some(surface), "surface");
         let depth = |x, y| {
             let depth = plane_depth(x, y);
-            // Where an octave ends, rounding decides about the colour.
+            // At the end of an octave, rounding decides about the colour.
             let octaves = depth.log2();
             ((octaves - octaves.round()).abs() > 1e-4).then(|| debug::depth(depth))
         };
@@ -88,7 +88,7 @@ fn a_plane_shows_its_normal_albedo_surface_and_depth_in_every_pixel() {
     });
 }
 
-/// What is drawn smaller is shown as it is, each texel for those pixels that it stands for.
+/// Values drawn at a smaller size are enlarged without interpolation: each texel fills its pixels.
 #[test]
 fn upscaled_debug_values_are_not_interpolated() {
     let Some(mut h) = headless(SIZE[0], SIZE[1]) else { return };
@@ -131,12 +131,12 @@ fn occlusion_and_sunlight_views_match_their_passes_or_are_white() {
     }
 }
 
-/// Colours of the cascades' view against the numbers that the lookups of the maps left: light alone tells those of one
-/// cascade apart.
+/// The cascade view shows the cascade that the sunlight pass recorded; the light's brightness distinguishes pixels of
+/// one cascade.
 #[test]
 fn cascade_view_shows_the_deciding_cascade() {
     let Some(mut h) = headless(SIZE[0], SIZE[1]) else { return };
-    // A floor from the eye's feet to a hundred times as far.
+    // A floor from the eye's feet to a hundred times that distance.
     let floor =
         asset(&h, &quad([-40.0, 0.0, 2.0], [80.0, 0.0, 0.0], [0.0, 0.0, -160.0], 1.0), Material::default());
     let ball = asset(&h, &sphere(16), Material::default());
@@ -153,7 +153,7 @@ fn cascade_view_shows_the_deciding_cascade() {
     let sunlight = h.intermediate(Resource::Sunlight, 2).unwrap();
     let cascade = |x: u32, y: u32| sunlight[2 * (y * SIZE[0] + x) as usize + 1];
     let seen = h.coverage().unwrap();
-    // Hues as the sum over all pixels of a cascade says them.
+    // Hue of each cascade, from the sum over its pixels.
     let mut sums = std::collections::BTreeMap::<u8, [f64; 3]>::new();
     for (x, y, pixel) in shown.enumerate_pixels().filter(|(x, y, _)| seen[(y * SIZE[0] + x) as usize]) {
         let sum = sums.entry(cascade(x, y)).or_default();
@@ -166,7 +166,7 @@ fn cascade_view_shows_the_deciding_cascade() {
     for (i, a) in hues.iter().enumerate() {
         assert!(hues[..i].iter().all(|b| apart(a, b) > 0.05), "{hues:?}");
     }
-    // Elsewhere, and without shadows, it is the picture.
+    // Pixels without shadows, and frames without shadows, are the normal picture.
     frame.settings.shadows = None;
     let without = picture(&mut h, &frame);
     frame.settings.debug_view = DebugView::Material;
@@ -243,13 +243,13 @@ fn debug_views_cost_nothing_unless_requested() {
             h.frame(&frame(view)).unwrap();
         }
         assert_eq!(picture(h, &frame(DebugView::Material)), before);
-        // Where nothing is drawn there is nothing to show.
+        // Without geometry the view is empty.
         let empty = Frame { settings: settings(DebugView::Normal), ..Frame::new(camera(), &[]) };
         assert_eq!(h.frame(&empty).unwrap().passes, [PassId::Sky, PassId::ToneMap]);
     });
 }
 
-/// A host's colour with an sRGB format shows the same, and keeps what is nearer.
+/// A host's target with an sRGB format shows the same, and keeps what is nearer.
 #[test]
 fn debug_views_work_in_a_hosts_targets() {
     let Some(mut h) = headless(SIZE[0], SIZE[1]) else { return };
@@ -283,7 +283,8 @@ fn debug_views_work_in_a_hosts_targets() {
             host.record(h.gpu(), &mut encoder, &target, &frame).unwrap();
             h.gpu().queue.submit([encoder.finish()]);
             let got = read_texture(h.gpu(), &colour, 4).unwrap();
-            // In the last round the same surface lies there already, and what is not nearer does not replace it.
+            // In the last round the target already holds the same surface, and a surface that is not nearer does not
+            // replace it.
             let off = got.iter().zip(want.as_raw()).map(|(a, b)| a.abs_diff(*b)).max();
             assert!(off <= Some(1), "{with_depth} {load:?}: {off:?}");
         }

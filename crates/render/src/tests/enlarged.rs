@@ -1,4 +1,4 @@
-//! Pictures that are drawn smaller than they are shown: their edges are smoothed all the same.
+//! Pictures drawn smaller than shown: their edges are smoothed too.
 
 use glam::DVec3;
 
@@ -12,7 +12,7 @@ use crate::{AntiAliasing, Counters, Drawable, Frame, Headless, Material, PassId,
 const SIZE: [u32; 2] = [120, 68];
 const SCALE: f32 = 0.5;
 
-/// Draws a still life so many times.
+/// Draws a still life a number of times.
 fn draw(h: &mut Headless, anti_aliasing: AntiAliasing, render_scale: f32, frames: u32) -> Counters {
     let box_ = asset(h, &cube(), Material::default());
     let ball = asset(h, &sphere(24), Material { base_colour: [0.1, 0.2, 0.5], ..Material::default() });
@@ -64,7 +64,7 @@ fn anti_aliasing_and_upscaling_match_their_cpu_reference() {
     }
 }
 
-/// What is enlarged is what a target of that size would show.
+/// The picture before enlarging is that of a target of the smaller size.
 #[test]
 fn the_upscaled_picture_is_that_of_a_small_target() {
     let [Some(mut h), Some(mut small)] = [1, 2].map(|part| headless(SIZE[0] / part, SIZE[1] / part)) else {
@@ -81,7 +81,7 @@ fn the_upscaled_picture_is_that_of_a_small_target() {
     let [mean, of_small] = [&h, &small].map(|h| h.intermediate(Resource::History, 8).unwrap());
     assert!(mean == of_small);
     keep(&h, "enlarged-temporal");
-    // Between the texels of the mean, and then as tone mapping shows it.
+    // Interpolated between the mean's texels, then tone mapped.
     let halves: Vec<half::f16> = bytemuck::pod_collect_to_vec(&mean);
     let pixels: Vec<[f64; 3]> =
         halves.chunks(4).map(|texel| std::array::from_fn(|c| texel[c].to_f64())).collect();

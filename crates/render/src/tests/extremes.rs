@@ -1,5 +1,5 @@
-//! Everything at once at the ends of what there is: scales, places, depths, angles of view, sizes of pictures, numbers of
-//! punctual lights. `docs/extremes.md` has the table.
+//! A scene with all effects at extreme scales, places, depths, fields of view, picture sizes and numbers of punctual
+//! lights. `docs/extremes.md` has the table.
 
 use glam::{DVec3, Vec3};
 use half::f16;
@@ -16,9 +16,9 @@ use crate::{
 };
 
 const SIZE: (u32, u32) = (97, 65);
-/// Both ways of smoothing edges; each picture has one of them.
+/// Both methods of smoothing edges; each picture uses one.
 const SMOOTHED: [AntiAliasing; 2] = [AntiAliasing::Spatial, AntiAliasing::Temporal];
-/// Of the planet.
+/// Radius of the Earth.
 const FAR_M: f64 = 6.371e6;
 
 /// A sloping shore with a brick wall, a ball, a glowing ball and a pane of glass.
@@ -28,22 +28,22 @@ struct Scene {
     ball: AssetGpu,
     glow: AssetGpu,
     pane: AssetGpu,
-    /// World units per unit of the meshes, where a scene is a unit large.
+    /// World units per unit of the meshes, in a scene of unit size.
     unit: f64,
 }
 
-/// How it is looked at.
+/// A view of the scene.
 #[derive(Clone, Copy)]
 struct View {
     /// World units per unit of the scene.
     scale: f64,
-    /// Where its middle is.
+    /// The scene's centre.
     offset: DVec3,
-    /// Vertical, radians.
+    /// Vertical field of view, in radians.
     fov: f64,
     /// Distance of the eye, in units of the scene.
     away: f64,
-    /// Punctual lights at the place of each.
+    /// Number of punctual lights in each place.
     punctual_lights: usize,
     water: bool,
     anti_aliasing: AntiAliasing,
@@ -62,7 +62,7 @@ const VIEW: View = View {
 };
 
 impl Scene {
-    /// With meshes of this size.
+    /// With meshes enlarged by `size`.
     fn new(h: &Headless, size: f32) -> Self {
         let sized = |(mut vertices, faces): Mesh| {
             for vertex in &mut vertices {
@@ -94,8 +94,8 @@ impl Scene {
         }
     }
 
-    /// Draws frames in which the camera creeps and the ball rolls, and gives the last picture. The first has nothing to do
-    /// with any before, so what comes is a function of these. Whatever any of them left in a target is a number.
+    /// Draws frames in which the camera and the ball move slowly, and returns the last picture. The first frame starts
+    /// without history, so the result depends on the arguments only. Checks that all targets hold finite numbers.
     fn draw(&self, h: &mut Headless, view: View) -> RgbaImage {
         let View { scale, offset, fov, away, .. } = view;
         let place = |x, y, z, size: f64| Instance {
@@ -160,7 +160,7 @@ impl Scene {
     }
 }
 
-/// Looks through every target that can hold something else than numbers.
+/// Checks that every target holds finite numbers only.
 fn numbers_only(h: &Headless) {
     let depth = h.depth().unwrap();
     assert!(depth.iter().all(|x| x.is_finite() && (0.0..=1.0).contains(x)), "depth");
@@ -174,7 +174,7 @@ fn numbers_only(h: &Headless) {
     }
 }
 
-/// How far pictures are apart, said aloud.
+/// Compares two pictures and prints the result.
 fn apart(what: &str, got: &RgbaImage, want: &RgbaImage, mask: Option<&[bool]>) -> Comparison {
     let found = compare(got, want, mask).unwrap();
     println!("{what}: mean difference {:.3} of 255, SSIM {:.4}", found.mean_difference, found.ssim);
@@ -190,13 +190,13 @@ fn everything_at_a_thousandth_and_a_thousand_times_the_size_is_the_same_picture(
         let want = plain.draw(&mut h, view);
         keep(&h, &format!("everything-{}", anti_aliasing.name()));
         for scale in [1e-3, 1e3] {
-            // Small by its instances, and by its meshes.
+            // Scaled by the instances, and by the meshes.
             for scene in [&plain, &Scene::new(&h, scale as f32)] {
                 let got = scene.draw(&mut h, View { scale, ..view });
                 let what =
                     format!("scale {scale:e} of meshes of {:e}, {}", 1.0 / scene.unit, anti_aliasing.name());
                 let found = apart(&what, &got, &want, None);
-                // Shadows' maps move in steps, which other scales meet elsewhere.
+                // Shadow maps move in steps, which fall elsewhere at other scales.
                 assert!(found.mean_difference < 0.4 && found.ssim > 0.99, "{what}: {found:?}");
             }
         }
@@ -211,7 +211,7 @@ fn everything_a_planets_radius_away_is_the_same_picture() {
         let here = View { anti_aliasing, ..VIEW };
         let want = scene.draw(&mut h, here);
         let dry = scene.draw(&mut h, View { water: false, ..here });
-        // Ripples have other phases elsewhere; above where they were they are the same.
+        // Ripples change phase sideways; straight above they stay the same.
         let land: Vec<_> = want.pixels().zip(dry.pixels()).map(|(a, b)| a == b).collect();
         let sea: Vec<_> = land.iter().map(|land| !land).collect();
         let small = scene.draw(&mut h, View { scale: 1e-3, ..here });
@@ -240,7 +240,7 @@ fn everything_a_planets_radius_away_is_the_same_picture() {
     }
 }
 
-/// Balls, bubbles of glass before them and punctual lights, each as large as it is far away, at four depths.
+/// Balls, glass bubbles before them and punctual lights, all scaled with their distance, at four depths.
 fn at_depths(h: &mut Headless, depths: [f64; 4], anti_aliasing: AntiAliasing) -> (RgbaImage, Vec<f32>) {
     let ball = asset(h, &sphere(24), Material { base_colour: [0.6, 0.4, 0.3], ..Material::default() });
     let glass =
@@ -269,7 +269,7 @@ fn at_depths(h: &mut Headless, depths: [f64; 4], anti_aliasing: AntiAliasing) ->
     });
     let camera = Pose::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 0.9);
     let environment = Environment { to_sun: DVec3::new(0.2, 0.4, 1.0), ..Environment::default() };
-    // Nothing is nearer than 0.64 of its depth.
+    // The nearest surface of each ball is at 0.64 of its depth.
     let settings = Settings { near: 1e-3, ..Settings::default() };
     for smoothed in [AntiAliasing::None, anti_aliasing, anti_aliasing, anti_aliasing] {
         let settings = Settings { anti_aliasing: smoothed, ..settings };
@@ -296,7 +296,7 @@ fn a_millimetre_and_ten_thousand_kilometres_are_seen_in_one_picture() {
         keep(&h, "depths");
         let found = apart(&format!("depths {depths:?}, {}", anti_aliasing.name()), &got, &want, None);
         assert!(found.mean_difference < 1.0 && found.ssim > 0.99, "{found:?}");
-        // Each ball's depth is that of the one at 1 times its own.
+        // Each ball's depth is its scale times that of the ball at scale 1.
         let (mut seen, mut worst) = ([0; 4], 0.0_f64);
         for (i, (stored, plain)) in stored.iter().zip(&plain).enumerate() {
             let (x, y) = (i as u32 % SIZE.0, i as u32 / SIZE.0);
@@ -317,7 +317,7 @@ fn angles_of_view_from_a_tenth_of_a_degree_to_175() {
     let Some(mut h) = headless(SIZE.0, SIZE.1) else { return };
     let scene = Scene::new(&h, 1.0);
     for anti_aliasing in SMOOTHED {
-        // From so far away perspective is gone: from half as far, twice the angle sees the same.
+        // So far away perspective vanishes: half the distance with twice the angle gives the same picture.
         let from = |degrees: f64| {
             let fov = degrees.to_radians();
             View { fov, away: 1.4 / (0.5 * fov).tan(), anti_aliasing, ..VIEW }
@@ -330,7 +330,7 @@ fn angles_of_view_from_a_tenth_of_a_degree_to_175() {
         scene.draw(&mut h, View { fov: 175_f64.to_radians(), anti_aliasing, ..VIEW });
         keep(&h, "fov-wide");
     }
-    // A wide picture shows what rays meet: a ball and a floor.
+    // A wide-angle picture agrees with rays against a ball and a floor.
     let ball = asset(&h, &sphere(64), Material::default());
     let floor =
         asset(&h, &quad([-60.0, 0.0, 60.0], [120.0, 0.0, 0.0], [0.0, 0.0, -120.0], 1.0), Material::default());
@@ -375,7 +375,7 @@ fn pictures_of_one_pixel_and_of_odd_sides_show_the_same_scene() {
         let (scene, large) = (Scene::new(&h, 1.0), Scene::new(&fine, 1.0));
         let fine_view = View { anti_aliasing: AntiAliasing::None, ..VIEW };
         let truth = large.draw(&mut fine, fine_view);
-        // What the middles of pixels see, of which the picture shows no more.
+        // The centres of the fine picture's pixel blocks, which is what a picture with one sample per pixel shows.
         let middle = FINER / 2;
         let truth = RgbaImage::from_fn(width, height, |x, y| {
             *truth.get_pixel(FINER * x + middle, FINER * y + middle)
@@ -383,14 +383,13 @@ fn pictures_of_one_pixel_and_of_odd_sides_show_the_same_scene() {
         for anti_aliasing in AntiAliasing::ALL {
             for render_scale in [1.0, 0.5, 0.0] {
                 let got = scene.draw(&mut h, View { anti_aliasing, render_scale, ..VIEW });
-                // Of what is drawn in fewer pixels, and of a few whose other points other things are seen through, no
-                // more is asked than numbers.
+                // Pictures drawn smaller, and small smoothed ones, are only checked for finite numbers.
                 if render_scale < 1.0 || anti_aliasing != AntiAliasing::None && width.min(height) < 17 {
                     continue;
                 }
                 let what = format!("{width}×{height}, {}", anti_aliasing.name());
                 let found = apart(&what, &got, &truth, None);
-                // Occlusion is of other pixels, smoothed edges are of more of them.
+                // Occlusion uses other pixels, and smoothed edges use more than one.
                 let most = if anti_aliasing == AntiAliasing::None { 12.0 } else { 20.0 };
                 assert!(found.mean_difference < most, "{what}: {found:?}");
             }

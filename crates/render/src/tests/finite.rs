@@ -1,4 +1,4 @@
-//! What is no number, or infinite, in a history or in what a frame adds to it: it is gone with the next frame.
+//! NaN and infinity in the history or in a new frame: they are gone after the next frame.
 
 use glam::DVec3;
 use half::f16;
@@ -38,7 +38,7 @@ impl Scene {
         }
     }
 
-    /// Draws a frame of which camera and ball have come so far.
+    /// Draws a frame with the camera and the ball moved by a distance.
     fn draw(&self, h: &mut Headless, moved: f64, settings: Settings, environment: Environment) {
         let drawables = [
             Drawable { asset: &self.box_, instances: &[at(-0.6, 0.0, 0.0, 1.0)] },
@@ -65,7 +65,7 @@ fn all_finite(h: &Headless) -> bool {
     texels(h, Resource::History).iter().flatten().all(|x| x.is_finite())
 }
 
-/// Fills the history that the next frame goes on from.
+/// Fills the history that the next frame will use.
 fn poison(h: &Headless, value: f64) {
     let texture = h.renderer().intermediate(Resource::History).expect("there is one");
     let view = texture.create_view(&Default::default());
@@ -79,7 +79,7 @@ fn poison(h: &Headless, value: f64) {
     h.gpu().queue.submit([encoder.finish()]);
 }
 
-/// A value that is none stayed in the mean of a picture that stands, and spread under one that moves.
+/// A non-finite value must neither stay in the mean of a still picture nor spread under a moving camera.
 #[test]
 fn a_history_that_is_not_finite_is_dropped() {
     let (Some(mut h), Some(mut fresh)) = (headless(SIZE.0, SIZE.1), headless(SIZE.0, SIZE.1)) else { return };
@@ -95,7 +95,7 @@ fn a_history_that_is_not_finite_is_dropped() {
                 scene.draw(&mut h, f64::from(frame) * speed, settings(), Environment::default());
                 assert!(all_finite(&h), "{value}, moving by {speed}: frame {frame}");
                 if frame == 4 {
-                    // As where there was no frame before, but through other points of its pixels.
+                    // The picture equals that of a first frame, apart from its jitter.
                     assert!(texels(&h, Resource::History).iter().all(|texel| texel[3] == 1.0));
                     let found = compare(&h.picture().unwrap(), &want, None).unwrap();
                     assert!(found.mean_difference < 4.0, "{value}, moving by {speed}: {found:?}");
@@ -118,10 +118,10 @@ fn a_nan_exposure_leaves_no_trace() {
     assert!(all_finite(&h) && lit * 10 > (SIZE.0 * SIZE.1) as usize * 9, "{lit} pixels are lit");
 }
 
-/// Sides of what the pass alone is given.
+/// Side of the textures in the test of the pass alone.
 const SIDE: u32 = 16;
 
-/// Radiance and an old history in, the new history out.
+/// Runs the pass on a radiance and an old history, and returns the new history.
 fn resolved(h: &Headless, [radiance, old]: [&[[f32; 4]]; 2], still: bool) -> Vec<[f32; 4]> {
     let (gpu, size) = (h.gpu(), (SIDE, SIDE));
     let texture = |format, values: &[[f32; 4]]| {
@@ -149,7 +149,7 @@ fn resolved(h: &Headless, [radiance, old]: [&[[f32; 4]]; 2], still: bool) -> Vec
     };
     let radiance = texture(RADIANCE, radiance);
     let old = texture(RADIANCE, old);
-    // All of it sky: a camera that stands moves nothing.
+    // No depth: every pixel is sky, and the camera does not move.
     let depth = texture(wgpu::TextureFormat::R32Float, &[]);
     let camera = Pose::look_at(DVec3::Z, DVec3::ZERO, DVec3::Y, 0.8);
     let environment = Environment { sky: Sky::Plain(GradientSky::default()), ..Environment::default() };
@@ -181,7 +181,7 @@ fn single_nan_values_neither_persist_nor_spread() {
     let Some(h) = headless(SIDE, SIDE) else { return };
     let [x, y] = [7, 5_usize];
     let spot = y * SIDE as usize + x;
-    // A grey that both agree on: half of it after it was weighed.
+    // A grey on which both agree: its weighted value is half.
     let even = |colour: [f32; 4]| vec![colour; (SIDE * SIDE) as usize];
     let (radiance, old) = (even([1.0, 1.0, 1.0, 0.0]), even([0.5, 0.5, 0.5, 4.0]));
     for still in [true, false] {
@@ -191,7 +191,7 @@ fn single_nan_values_neither_persist_nor_spread() {
             let mut bad = old.clone();
             bad[spot][1] = value;
             let got = resolved(&h, [&radiance, &bad], still);
-            // There the frame alone counts, and around it as far as a lookup may reach.
+            // There, and as far around it as a lookup reaches, only the new frame counts.
             assert!(got.iter().all(|t| (t[1] - 0.5).abs() < 1e-3), "{value} {still}: {got:?}");
             assert_eq!(got[spot][3], 1.0, "{value} {still}");
             let far = got.iter().enumerate().filter(|(i, texel)| {
@@ -204,8 +204,8 @@ fn single_nan_values_neither_persist_nor_spread() {
         bad[spot][2] = f32::NAN;
         let got = resolved(&h, [&bad, &old], still);
         assert!(got.iter().all(|t| (t[2] - 0.5).abs() < 1e-3), "{still}: {got:?}");
-        assert_eq!(got[spot][3], 4.0, "{still}: what is no number adds nothing");
-        // Infinite light is as bright as can be.
+        assert_eq!(got[spot][3], 4.0, "{still}: a NaN adds nothing");
+        // Infinite light becomes the largest brightness.
         bad[spot] = [f32::INFINITY; 4];
         let got = resolved(&h, [&bad, &old], still);
         assert!(

@@ -1,4 +1,4 @@
-//! What the ground must not look like: pits without light, zones cut out with a knife, blue snow and marble in shade.
+//! Ground without visual faults: no black pits, no sharp borders of zones, no blue snow or marble in shade.
 
 use glam::DVec3;
 use half::f16;
@@ -15,7 +15,7 @@ use crate::{
     AntiAliasing, Drawable, Environment, Frame, Headless, Instance, Material, Pose, Settings, TileSource,
 };
 
-/// The names of the zones, from below.
+/// The names of the zones, from the lowest.
 const ZONES: [&str; 4] = ["sand", "grass", "hill", "snow"];
 
 /// Hills all in one zone, or steep enough for rock.
@@ -35,7 +35,7 @@ fn radiance(h: &Headless) -> Vec<[f64; 3]> {
     stored.chunks(4).map(|texel| [0, 1, 2].map(|c| texel[c].to_f64())).collect()
 }
 
-/// Linear.
+/// Base colours, linear.
 fn albedo(h: &Headless) -> Vec<[f64; 3]> {
     let stored = h.intermediate(Resource::Albedo, 4).unwrap();
     stored.chunks(4).map(|texel| [0, 1, 2].map(|c| decode_srgb(f64::from(texel[c]) / 255.0))).collect()
@@ -45,7 +45,7 @@ fn sharp() -> Settings {
     Settings { anti_aliasing: AntiAliasing::None, ..Settings::default() }
 }
 
-/// Relief and blades cast no light of their own: what is looked at lay black between them.
+/// Relief and grass blades must not leave black pixels between them.
 #[test]
 fn there_are_no_black_pits_in_any_ground_from_any_height() {
     let Some(mut h) = headless(320, 180) else { return };
@@ -61,7 +61,7 @@ fn there_are_no_black_pits_in_any_ground_from_any_height() {
             let seen = h.coverage().unwrap();
             let lit = h.intermediate(Resource::Sunlight, 2).unwrap();
             let light = radiance(&h);
-            // In the sun, where a pixel is as bright as those around it but for its own relief.
+            // Sunlit pixels, which are as bright as their neighbours apart from their own relief.
             let mut all: Vec<f64> = (0..light.len())
                 .filter(|i| seen[*i] && lit[2 * i] == 255)
                 .map(|i| luminance(light[i]))
@@ -85,7 +85,7 @@ fn there_are_no_black_pits_in_any_ground_from_any_height() {
     assert!(pits.is_empty(), "ground, eye's height, pixels below a tenth of the mean, of: {pits:?}");
 }
 
-/// What a view straight down shows of gentle ground: heights, and linear colours without light.
+/// A view straight down on gentle ground: heights, and linear base colours.
 fn from_above(h: &mut Headless, entry: &TerrainEntry, [x, z]: [f64; 2], over: f64) -> Vec<(f64, [f64; 3])> {
     let mut ground = scene(h, entry);
     let eye = DVec3::new(x, ground_height(entry, x, z) + over, z);
@@ -100,7 +100,7 @@ fn from_above(h: &mut Headless, entry: &TerrainEntry, [x, z]: [f64; 2], over: f6
         let up = from_octahedral([stored[4 * i].to_f64(), stored[4 * i + 1].to_f64()])[1];
         let pixel = [(i as u32 % width).into(), (i as u32 / width).into()];
         let ray = camera.rotation * DVec3::from(view_ray(pixel, [width, height], tan));
-        // Where it is steep there is rock at all heights.
+        // Steep ground shows rock at all heights.
         (depth > 0.0 && up > 0.9).then(|| (eye.y + ray.y * settings.near / f64::from(depth), colour))
     })
     .collect()
@@ -110,16 +110,16 @@ fn from_above(h: &mut Headless, entry: &TerrainEntry, [x, z]: [f64; 2], over: f6
 fn zones_have_no_knife_edges() {
     let Some(mut h) = headless(400, 400) else { return };
     let mut cut = Vec::new();
-    // Borders across the hills: sand to grass, grass to hill and hill to snow, each alone in a picture.
+    // Borders of zones (sand to grass, grass to hill, hill to snow), each alone in a picture.
     for (border, name) in ["shore", "tree line", "snow line"].iter().enumerate() {
         let mut entry = entry(3);
-        // Half of what is seen lies below.
+        // Half of the ground in view lies below the border.
         let mut heights: Vec<f64> =
             from_above(&mut h, &entry, [0.0, 0.0], 600.0).into_iter().map(|(y, _)| y).collect();
         heights.sort_by(f64::total_cmp);
         let middle = heights[heights.len() / 2] as f32;
         entry.zones = [0, 1, 2].map(|i| middle + 50.0 * (i as f32 - border as f32));
-        // As the shader has it; borders above the shore are wider.
+        // The shader's value; borders above the shore are wider.
         let half_width = 0.08 * 50.0 * if border > 0 { 2.5 } else { 1.0 };
         let places = from_above(&mut h, &entry, [0.0, 0.0], 600.0);
         keep(&h, &format!("zones-{border}"));
@@ -134,7 +134,7 @@ fn zones_have_no_knife_edges() {
             (mean_of(m - 25.0, m - 1.6 * half_width), mean_of(m + 1.6 * half_width, m + 25.0));
         assert!(some > 2000 && others > 2000, "{name}: {some} {others} pixels");
         let way = DVec3::from(above) - DVec3::from(below);
-        // 0 is what lies below, 1 what lies above.
+        // 0 for the colour below the border, 1 for the colour above it.
         let share = |c: [f64; 3]| (DVec3::from(c) - DVec3::from(below)).dot(way) / way.length_squared();
         let steps: Vec<f64> =
             (-20..20).map(|i| share(mean_of(m + f64::from(i), m + f64::from(i) + 1.0).0)).collect();
@@ -148,8 +148,8 @@ fn zones_have_no_knife_edges() {
     assert!(cut.is_empty(), "border, largest step in a metre, metres: {cut:?}");
 }
 
-/// Of level surfaces in shade whose colour is that bright: mean blue over mean red of their light, over that of their
-/// colours, and of how many pixels.
+/// For bright, level surfaces in shade: the ratio of mean blue to mean red in their light, divided by that in their
+/// base colours, and the number of pixels.
 fn blue_in_shade(h: &Headless) -> (f64, usize) {
     let (seen, lit) = (h.coverage().unwrap(), h.intermediate(Resource::Sunlight, 2).unwrap());
     let stored: Vec<f16> = bytemuck::pod_collect_to_vec(&h.intermediate(Resource::Normal, 8).unwrap());
@@ -165,7 +165,7 @@ fn blue_in_shade(h: &Headless) -> (f64, usize) {
     (sums[1] / sums[0] / (sums[3] / sums[2]), count)
 }
 
-/// Both were as blue as the sky that lights them.
+/// In shade they would otherwise be as blue as the sky that lights them.
 #[test]
 fn snow_and_marble_in_shade_are_white() {
     let Some(mut h) = headless(240, 135) else { return };
@@ -187,7 +187,7 @@ fn snow_and_marble_in_shade_are_white() {
         h.frame(&Frame { environment, settings: sharp(), ..Frame::new(view, &drawables) }).unwrap();
         keep(&h, &format!("marble-{degrees}"));
         let (marble, some) = blue_in_shade(&h);
-        // Towards the sun, over hills whose near sides are in shade.
+        // A view towards the sun, over hills whose near sides are in shade.
         let eye = DVec3::new(-100.0, ground_height(&entry, -100.0, 400.0) + 60.0, 400.0);
         let camera = Pose::look_at(eye, eye + DVec3::new(-0.3, -0.3, -0.95), DVec3::Y, 0.9);
         ground.prepare(h.gpu(), &TileSource::Immediate, &camera, h.size(), 2.0).unwrap();

@@ -1,4 +1,4 @@
-//! Haze in pictures: what is far has the sky's colour, what is near its own, at all scales.
+//! Haze: distant things take the sky's colour, near ones keep their own, at all scales.
 
 use glam::DVec3;
 use image::RgbaImage;
@@ -38,7 +38,7 @@ fn haze_hides_the_border_of_terrain() {
     let (gone, hazy) = steps(Some(Haze { visibility: 12e3 }));
     println!("largest step between lines: {cut} without haze, {gone} with");
     assert!(cut > 20 && gone <= 4, "{cut} {gone}");
-    // The ground is there all the same.
+    // The ground is still visible.
     let sum = |c: [i32; 3]| c.iter().sum::<i32>();
     assert!(sum(hazy[40]) > sum(hazy[255]) + 20, "{:?} {:?}", hazy[40], hazy[255]);
 }

@@ -1,4 +1,4 @@
-//! Heights of the ground that are multiplied: where they are, nothing lost, and nothing left of where they were.
+//! Vertical exaggeration: heights are right, nothing is missing, and nothing is left of earlier heights.
 
 use glam::DVec3;
 use image::RgbaImage;
@@ -21,7 +21,7 @@ fn over_the_hills(entry: &TerrainEntry, factor: f64) -> Pose {
 
 const TO_SUN: DVec3 = DVec3::new(0.5, 0.3, -0.6);
 
-/// Prepares what a picture in the sun draws, with shadows from out of view too.
+/// Prepares tiles for a picture in the sun, with shadow casters out of view.
 fn prepare(h: &Headless, ground: &mut TerrainRenderer, camera: Pose) {
     ground.prepare(h.gpu(), &TileSource::Immediate, &camera, h.size(), 2.0).unwrap();
     prepare_casters(h, ground, &TileSource::Immediate, camera, TO_SUN);
@@ -60,7 +60,7 @@ fn half_exaggerated_heights_are_half_way() {
                 let at = camera.eye + camera.rotation * ray * away;
                 let height = f64::from(entry.height_unit) * ground_between(&entry, at.x, at.z) * factor;
                 judged += 1;
-                // A pixel of what the ground is drawn for, and one of where it is seen.
+                // The allowed error is a pixel of the tile's own error and a pixel of the picture.
                 off += usize::from((height - at.y).abs() > 1.5 * away * 2.0 * ty / f64::from(size.1));
             }
         }
@@ -95,7 +95,7 @@ fn the_end_of_an_animation_equals_terrain_of_that_height() {
     let end = in_the_sun(&mut h, &mut ground, camera);
     keep(&h, "heights-end");
     assert!(end != before);
-    // A renderer that has drawn nothing on the way, with tiles in the same places of the device's texture.
+    // A renderer that drew no frames in between, with its tiles in the same places of the device's texture.
     let Some(mut fresh) = headless(160, 90) else { return };
     let mut alike = scene(&fresh, &entry);
     prepare(&fresh, &mut alike, camera);
@@ -104,7 +104,7 @@ fn the_end_of_an_animation_equals_terrain_of_that_height() {
         prepare(&fresh, &mut alike, camera);
     }
     assert!(in_the_sun(&mut fresh, &mut alike, camera) == end);
-    // Terrain that was there from the start, and one that is made twice as high: powers of two are exact.
+    // Terrain with the factor from the start, and terrain with twice the height unit: powers of two are exact.
     let mut from_start = scene(&fresh, &entry);
     from_start.set_vertical_exaggeration(2.0);
     let from_start = in_the_sun(&mut fresh, &mut from_start, camera);
@@ -112,11 +112,11 @@ fn the_end_of_an_animation_equals_terrain_of_that_height() {
     let twice = TerrainEntry { height_unit: 2.0 * entry.height_unit, zones, ..entry.clone() };
     let mut twice = scene(&fresh, &twice);
     assert!(in_the_sun(&mut fresh, &mut twice, camera) == from_start);
-    // Its tiles lie elsewhere in the texture, whose lookups round: a few pixels of relief find another hit.
+    // Its tiles lie elsewhere in the texture, so lookups round differently: a few pixels of relief have another hit.
     let off = compare(&from_start, &end, None).unwrap();
     println!("{off:?}");
     assert!(off.mean_difference < 0.02 && off.min_ssim > 0.99, "{off:?}");
-    // And back to where it was.
+    // The factor 1 gives the first picture again.
     ground.set_vertical_exaggeration(1.0);
     assert!(in_the_sun(&mut h, &mut ground, camera) == before);
 }
@@ -142,7 +142,7 @@ fn no_tile_is_lost_however_high_the_ground_is() {
             keep(&h, &format!("heights-times-{factor}"));
         }
         let (depth, (tx, ty)) = (h.depth().unwrap(), camera.tan_half_fov(size.0, size.1));
-        // From the middle of the world its edge is 14 km away, and no ground lies deeper than 400 m times the factor.
+        // The world's edge is 14 km from its centre, and no ground lies deeper than 400 m times the factor.
         let steep = |ray: DVec3| ray.y / ray.x.hypot(ray.z) < -(eye.y + 400.0 * factor) / 12_000.0;
         let (mut below, mut gaps) = (0, 0);
         for y in 0..size.1 {
@@ -173,7 +173,7 @@ fn a_mean_over_frames_begins_anew_when_heights_change() {
         h.frame(&frame).unwrap().still_frames
     };
     let before: Vec<u32> = (0..4).map(|_| frames(&mut ground)).collect();
-    // So little that the same tiles are drawn.
+    // So small a change that the same tiles are drawn.
     ground.set_vertical_exaggeration(1.0001);
     let moved = frames(&mut ground);
     ground.set_vertical_exaggeration(1.0001);

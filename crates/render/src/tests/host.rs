@@ -1,4 +1,4 @@
-//! Drawing in somebody else's program: with its device, into its colour and depth.
+//! Drawing into a host's colour and depth targets, with its device.
 
 use glam::{DQuat, DVec3};
 use image::RgbaImage;
@@ -14,10 +14,10 @@ use crate::{
 const SIZE: (u32, u32) = (160, 90);
 const COLOUR: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
-/// What the host cleared its picture to.
+/// The colour to which the host cleared its target.
 const HOST: [u8; 4] = [10, 20, 30, 255];
 
-/// Two bodies before the sky.
+/// Two objects before the sky.
 fn scene<R>(h: &mut Headless, draw: impl FnOnce(&mut Headless, &Frame<'_>) -> R) -> R {
     let box_ = asset(h, &cube(), Material::default());
     let ball = asset(h, &sphere(24), Material { base_colour: [0.1, 0.3, 0.6], ..Material::default() });
@@ -27,12 +27,12 @@ fn scene<R>(h: &mut Headless, draw: impl FnOnce(&mut Headless, &Frame<'_>) -> R)
         Drawable { asset: &ball, instances: &[at(0.7, 0.1, -0.4, 1.0)] },
     ];
     let camera = Pose::look_at(DVec3::new(0.2, 0.8, 2.6), DVec3::ZERO, DVec3::Y, 0.8);
-    // Edges of a host's picture are the host's to smooth.
+    // Smoothing edges is left to the host.
     let settings = Settings { anti_aliasing: AntiAliasing::None, ..Settings::default() };
     draw(h, &Frame { settings, ..Frame::new(camera, &drawables) })
 }
 
-/// A host's picture and depth.
+/// A host's colour and depth targets.
 struct Host {
     colour: wgpu::Texture,
     depth: wgpu::Texture,
@@ -58,7 +58,7 @@ fn texture(
 }
 
 impl Host {
-    /// Colour [`HOST`] at one depth.
+    /// The colour [`HOST`] and a constant depth.
     fn new(gpu: &Gpu, depth: f32) -> Self {
         let host = Self { colour: texture(gpu, COLOUR, SIZE, 1), depth: texture(gpu, DEPTH, SIZE, 1) };
         let [r, g, b, a] = HOST.map(|x| f64::from(x) / 255.0);
@@ -87,7 +87,7 @@ impl Host {
         host
     }
 
-    /// Draws a frame into it.
+    /// Draws a frame into the targets.
     fn record(&self, gpu: &Gpu, frame: &Frame<'_>, load: Load, with_depth: bool) {
         let mut renderer = Renderer::new(gpu, COLOUR).unwrap();
         let (colour, depth) =
@@ -119,7 +119,7 @@ fn a_cleared_host_gets_the_own_picture_and_its_depth_bit_for_bit() {
             let want = if with_depth { h.depth().unwrap() } else { vec![0.5; h.depth().unwrap().len()] };
             assert!(host.depth(h.gpu()) == want);
         }
-        // Nothing in view: sky, and a depth that is cleared.
+        // With nothing in view: the sky, and a cleared depth.
         let empty = Frame { drawables: &[], ..*frame };
         h.frame(&empty).unwrap();
         let host = Host::new(h.gpu(), 0.5);
@@ -135,7 +135,7 @@ fn a_hosts_picture_is_kept_where_it_is_nearer() {
     scene(&mut h, |h, frame| {
         h.frame(frame).unwrap();
         let (own, own_depth) = (h.picture().unwrap(), h.depth().unwrap());
-        // A wall of the host's through the middle of the bodies.
+        // The host's wall cuts through the middle of the objects.
         let wall = (frame.settings.near / 2.6) as f32;
         for (host_depth, with_depth) in [(wall, true), (0.0, true), (wall, false)] {
             let host = Host::new(h.gpu(), host_depth);
@@ -154,7 +154,7 @@ fn a_hosts_picture_is_kept_where_it_is_nearer() {
             assert!(ours > 500, "{ours}");
             assert_eq!(hidden > 500, with_depth && host_depth > 0.0, "{hidden}");
         }
-        // Nothing of ours: nothing is drawn.
+        // Without objects nothing is drawn.
         let host = Host::new(h.gpu(), wall);
         host.record(h.gpu(), &Frame { drawables: &[], ..*frame }, Load::Keep, true);
         assert!(host.picture(h.gpu()).pixels().all(|pixel| pixel.0 == HOST));
@@ -174,7 +174,7 @@ fn a_hosts_device_with_default_limits_and_no_features_draws_the_same() {
     let gpu = Gpu::from_parts(adapter, device, queue);
     let mut host = Headless::new(gpu, SIZE.0, SIZE.1).unwrap();
     let got = scene(&mut host, |h, frame| {
-        // Wireframes are left out where the device has not the feature; nothing fails.
+        // Without the device feature, wireframes are left out and nothing fails.
         let settings = Settings { wireframe: true, ..frame.settings };
         h.frame(&Frame { settings, ..*frame }).unwrap();
         h.picture().unwrap()

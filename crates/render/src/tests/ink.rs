@@ -1,4 +1,4 @@
-//! Ink: strokes and levels of light against their CPU reference, which edges are strokes, and nothing where there is nothing.
+//! Ink: strokes and light levels against their CPU reference, the edges that have strokes, and cases without strokes.
 
 use glam::{DQuat, DVec2, DVec3};
 use half::f16;
@@ -16,7 +16,7 @@ use crate::{
 
 const NEAR: f64 = 1e-4;
 
-/// Nothing but contours and borders.
+/// Contours and borders only.
 fn contours() -> Ink {
     Ink { crease_degrees: 180.0, levels: 0, ..Ink::default() }
 }
@@ -37,17 +37,17 @@ fn draw(h: &mut Headless, drawables: &[Drawable<'_>], camera: Pose, settings: Se
     h.picture().unwrap()
 }
 
-/// What of each pixel strokes cover, 0 to 255.
+/// Coverage of each pixel by strokes, 0 to 255.
 fn strokes(h: &Headless) -> Vec<u8> {
     h.intermediate(Resource::Strokes, 1).unwrap()
 }
 
-/// How many pixels are mostly covered.
+/// Number of pixels that are mostly covered.
 fn count(strokes: &[u8]) -> usize {
     strokes.iter().filter(|cover| **cover > 127).count()
 }
 
-/// Draws one mesh at zero and answers its strokes.
+/// Draws one mesh at the origin and returns its strokes.
 fn drawn(h: &mut Headless, asset: &AssetGpu, camera: Pose, ink: Ink) -> Vec<u8> {
     let drawables = [Drawable { asset, instances: &[Instance::default()] }];
     draw(h, &drawables, camera, inked(ink));
@@ -174,12 +174,12 @@ fn quantised_light_matches_its_cpu_reference() {
             }
         }
         println!("{} levels: {off} of {on} off, {changed} changed", ink.levels);
-        // On a border between two levels rounding decides.
+        // On a border between two levels, rounding decides.
         assert!(on > 3000 && changed * 2 > on && off * 200 < on, "{off} of {on}, {changed} changed");
     }
 }
 
-/// How many runs of covered pixels a row or column has.
+/// Number of runs of covered pixels in a row or column.
 fn runs(line: impl Iterator<Item = u8>) -> usize {
     let covered: Vec<bool> = line.map(|cover| cover > 127).collect();
     covered.windows(2).filter(|pair| !pair[0] && pair[1]).count() + usize::from(covered[0])
@@ -202,7 +202,7 @@ fn a_cube_shows_its_outline_and_no_diagonal() {
             assert_eq!([runs(row.into_iter()), runs(column.into_iter())], [2, 2], "{line}");
         }
     }
-    // Three faces are seen: six edges of nine are the outline, and the three others are creases.
+    // Three faces are visible: six of their nine edges are contours, the other three creases.
     let camera = view([2.0, 1.6, 2.4]);
     let [outline, all] = [contours(), Ink::default()].map(|ink| count(&drawn(&mut h, &block, camera, ink)));
     keep(&h, "ink-cube");
@@ -210,7 +210,7 @@ fn a_cube_shows_its_outline_and_no_diagonal() {
     assert!((1.35..1.6).contains(&share), "{outline} {all}");
 }
 
-/// A wall of folds, from near by and so far away that each is a pixel or two wide.
+/// A wall of folds, seen from near and from so far that each fold is a pixel or two wide.
 #[test]
 fn creases_side_by_side_leave_what_is_between_them() {
     let Some(mut h) = headless(128, 128) else { return };
@@ -224,7 +224,7 @@ fn creases_side_by_side_leave_what_is_between_them() {
     for (away, least, most) in [(1.0, 0.02, 0.2), (8.0, 0.1, 0.36), (30.0, 0.1, 0.36)] {
         let got = drawn(&mut h, &wall, view([0.0, 0.0, away]), ink);
         keep(&h, &format!("ink-folds-{away}"));
-        // The middle of the wall, which has no outline.
+        // The middle of the wall, without its contours.
         let half = (100.0 / away).min(60.0) as usize;
         let (rows, columns) = (60..68, 64 - half..64 + half);
         let covers = rows.flat_map(|y| columns.clone().map(move |x| y * 128 + x)).map(|i| f64::from(got[i]));
@@ -255,7 +255,7 @@ fn a_sphere_shows_one_ring() {
     });
     let off: Vec<f64> = off.collect();
     assert!(off.iter().all(|off| (-3.0..2.0).contains(off)), "{off:?}");
-    // All around: as many as a ring of two pixels has.
+    // A closed ring: as many pixels as a ring two pixels wide has.
     let want = 2.0 * std::f64::consts::PI * radius_px * 2.0;
     let share = count(&got) as f64 / want;
     assert!((0.9..1.15).contains(&share), "{share}");
@@ -280,7 +280,7 @@ fn strokes_behind_a_wall_are_hidden() {
     assert!(count(&strokes(&h)) > 200);
 }
 
-/// A sphere whose faces all have wedges of their own.
+/// A sphere in which each face has wedges of its own.
 fn torn(mesh: &Mesh) -> Mesh {
     let vertices: Vec<_> = mesh.1.iter().flatten().map(|&i| mesh.0[i as usize]).collect();
     let faces = (0..mesh.1.len() as u32).map(|f| [3 * f, 3 * f + 1, 3 * f + 2]).collect();
@@ -290,7 +290,7 @@ fn torn(mesh: &Mesh) -> Mesh {
 #[test]
 fn seams_of_wedges_draw_nothing() {
     let Some(mut h) = headless(128, 128) else { return };
-    // Cut at latitudes and longitudes so that both have the same places to the bit.
+    // Cut at latitudes and longitudes in both cases, so that positions agree to the bit.
     let whole = asset(&h, &sphere(16), Material::default());
     let mut mesh = torn(&sphere(16));
     for (i, vertex) in mesh.0.iter_mut().enumerate() {
@@ -319,7 +319,7 @@ fn parts_of_different_materials_have_no_border_between_them() {
     two.update_indices(h.gpu(), 1, 0, right).unwrap();
     let [one, other] = [&whole, &two].map(|asset| drawn(&mut h, asset, view([0.3, 0.4, 2.0]), contours()));
     assert!(one == other && count(&one) > 200);
-    // What has holes has no strokes: its contour is in its texture.
+    // Materials with holes have no strokes, since their contour is in the texture.
     let mask = Material { alpha: Alpha::Mask(0.5), ..Material::default() };
     let leaves = asset(&h, &mesh, mask);
     assert_eq!(count(&drawn(&mut h, &leaves, view([0.3, 0.4, 2.0]), contours())), 0);
@@ -338,11 +338,11 @@ fn a_mesh_that_changes_shows_no_stale_edges() {
     grown.update_vertices(h.gpu(), 0, &fine.0).unwrap();
     grown.update_indices(h.gpu(), 0, 0, &fine.1).unwrap();
     assert!(drawn(&mut h, &grown, camera, contours()) == want);
-    // Slots that are used no longer.
+    // Slots that are no longer used.
     grown.update_indices(h.gpu(), 0, fine.1.len(), &[[0; 3], [1, 2, 3], [4, 4, 5]]).unwrap();
     grown.truncate_indices(0, fine.1.len());
     assert!(drawn(&mut h, &grown, camera, contours()) == want);
-    // And back: fewer faces in memory that was larger.
+    // And back to fewer faces, in larger buffers.
     grown.truncate_indices(0, coarse.1.len());
     grown.update_vertices(h.gpu(), 0, &coarse.0).unwrap();
     grown.update_indices(h.gpu(), 0, 0, &coarse.1).unwrap();
@@ -366,7 +366,7 @@ fn edges_are_extracted_once_per_change() {
     assert_eq!(found(&mut h, &ball, inked(Ink::default())), 2);
     ball.update_vertices(h.gpu(), 3, &sphere(8).0[3..4]).unwrap();
     assert_eq!(found(&mut h, &ball, inked(contours())), 3);
-    // Off, everything is forgotten.
+    // When ink is off, its data is dropped.
     assert_eq!(found(&mut h, &ball, Settings::default()), 0);
     assert_eq!(found(&mut h, &ball, inked(contours())), 2);
 }
@@ -411,13 +411,13 @@ fn without_ink_the_picture_is_unchanged() {
     keep(&h, "ink-default");
     assert!(inked != plain && inked == draw(&mut h, &drawables, camera, on));
     assert!(draw(&mut h, &drawables, camera, off) == plain);
-    // Neither strokes nor levels: the lit picture as it is.
+    // Neither strokes nor levels: the lit picture is unchanged.
     let nothing = Ink { width_px: 0.0, levels: 1, ..Ink::default() };
     assert!(draw(&mut h, &drawables, camera, Settings { ink: Some(nothing), ..off }) == plain);
     // Contours are those of flat triangles.
     let curved = Settings { pn_triangles: Some(PnTriangles::default()), ..on };
     assert!(draw(&mut h, &drawables, camera, curved) == inked);
-    // What passes hand on is shown without it.
+    // Debug views are shown without ink.
     let passes = |h: &mut Headless, shade| {
         let frame =
             Frame { settings: Settings { debug_view: shade, ..on }, ..Frame::new(camera, &drawables) };
@@ -442,7 +442,8 @@ fn anything_may_be_drawn_in_ink() {
     vertices[11].position = [1e-40, 0.0, -1e-40];
     let double: Vec<_> = faces.iter().rev().take(12).map(|&[a, b, c]| [a, c, b]).collect();
     faces.extend(double);
-    // No area: a corner twice by slot and by place; slots that were never written; one edge with many faces.
+    // Triangles without area (a corner twice by slot, or by position), slots that were never written, one edge with
+    // many faces.
     vertices.push(vertices[5]);
     let last = vertices.len() as u32 - 1;
     faces.extend([[3, 3, 4], [5, last, 6], [0, 0, 0], [7, 8, 9_999_999]]);
@@ -490,13 +491,13 @@ fn pictures_are_the_same_each_time() {
     let first = draw(&mut h, &drawables, camera, inked(Ink::default()));
     keep(&h, "ink-many");
     for _ in 0..3 {
-        // Edges are found anew.
+        // Edges are searched anew.
         draw(&mut h, &drawables, camera, Settings::default());
         assert!(draw(&mut h, &drawables, camera, inked(Ink::default())) == first);
     }
 }
 
-/// Figures for docs/benchmarks/ink.md; what is timed says nothing of right and wrong.
+/// Figures for docs/benchmarks/ink.md; a measurement, not a check.
 #[test]
 #[ignore = "measures: takes minutes, and says nothing of right and wrong"]
 fn time_of_ink() {

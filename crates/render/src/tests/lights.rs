@@ -1,4 +1,4 @@
-//! Punctual lights: their light against its CPU reference, and that telling them apart by tiles and depths loses none.
+//! Punctual lights against their CPU reference; culling by tiles and depths loses no light.
 
 use glam::{DQuat, DVec3, Vec3};
 use half::f16;
@@ -14,7 +14,7 @@ use crate::{
     LightCulling, Material, PassId, Pose, Settings, Sky, Spot,
 };
 
-/// No light but that of punctual lights.
+/// An environment without light.
 fn night() -> Environment {
     let none = Vec3::ZERO;
     let plain = GradientSky { sun: none, zenith: none, horizon: none, ground: none };
@@ -79,13 +79,13 @@ fn draw(h: &mut Headless, lights: &[Light], settings: Settings) -> Vec<[f64; 4]>
     ];
     let frame = Frame { lights, environment: night(), settings, ..Frame::new(camera(), &drawables) };
     let counters = h.frame(&frame).unwrap();
-    // What lights nothing has no pass.
+    // Without light in view there is no pass.
     let some = lights.iter().any(|light| crate::scene::lights::lights(light, camera().eye));
     assert_eq!(counters.passes.contains(&PassId::PunctualLights), some);
     halves(h, Resource::Radiance)
 }
 
-/// What each pixel of the last picture gets of all punctual lights, without anything that tells them apart: in f64, by the
+/// The light that each pixel of the last picture gets from all punctual lights, without culling, in f64, on the
 /// surfaces that were drawn.
 fn brute_force(h: &Headless, lights: &[Light]) -> Vec<[f64; 3]> {
     let (width, height) = h.size();
@@ -127,8 +127,8 @@ fn brute_force(h: &Headless, lights: &[Light]) -> Vec<[f64; 3]> {
     normals.iter().enumerate().map(of_pixel).collect()
 }
 
-/// Root of the sum of squared differences over that of squares, and the largest difference of a pixel over what it and a
-/// tenth of the mean come to.
+/// Root of the sum of squared differences over the sum of squares, and the largest difference of a pixel relative to
+/// its value plus a tenth of the mean.
 fn off(got: &[[f64; 4]], want: &[[f64; 3]]) -> [f64; 2] {
     let mean = want.iter().flatten().sum::<f64>() / (3 * want.len()) as f64;
     let (mut squares, mut sum, mut worst) = (0.0, 0.0, 0.0_f64);
@@ -168,7 +168,7 @@ fn moved(punctual_lights: &[Light], frame: u32) -> Vec<Light> {
 #[test]
 fn punctual_lights_that_move_light_what_all_of_them_do_one_by_one() {
     let Some(mut h) = headless(96, 64) else { return };
-    // By turns, so that nothing of one frame's lists, masks and ranges can stand for the next one's.
+    // Alternating, so that lists, masks and ranges of one frame cannot be used for the next.
     let many = [punctual_lights(4000, 0.6), punctual_lights(400, 1.0)];
     let mut last: Vec<Vec<[f64; 4]>> = Vec::new();
     for frame in 0..4 {
@@ -216,7 +216,7 @@ fn tiles_and_clusters_of_any_size_lose_no_punctual_light() {
         for (tile_px, clusters) in [(64, false), (32, true), (16, false), (16, true), (8, true), (5, true)] {
             let culling = LightCulling { tile_px, clusters, ..LightCulling::default() };
             let drawn = draw(&mut h, &lights, Settings { lights: Some(culling), ..bare() });
-            // The same punctual lights in the same order: the same sums, bit for bit.
+            // The same punctual lights in the same order give the same sums, bit for bit.
             let first = first.get_or_insert_with(|| drawn.clone());
             assert_eq!(&drawn, first, "{count} punctual lights, tiles of {tile_px} px, clusters: {clusters}");
         }
@@ -275,7 +275,7 @@ fn fewer_punctual_lights_are_looked_at_where_tiles_are_small_and_depths_tell() {
             Settings { lights: Some(lights_by), debug_view: DebugView::PunctualLights, ..bare() },
         );
         keep(&h, &format!("punctual_lights-heat-{tile_px}-{clusters}"));
-        // Blue falls and red slopes with their number.
+        // In this view the number of lights lowers blue and raises red.
         drawn.iter().map(|[r, _, b, _]| r - b).sum::<f64>()
     };
     let (coarse, fine, clustered) = (heat(64, false), heat(8, false), heat(8, true));
@@ -365,7 +365,7 @@ fn transparent_surfaces_are_lit_as_their_cpu_reference() {
     let (mut squares, mut sums) = (0.0, [0.0; 2]);
     for (i, got) in got.iter().enumerate() {
         let pixel = [(i % width as usize) as i64, (i / width as usize) as i64];
-        // The pane fills the picture, six units before the eye. Nothing behind it has any light.
+        // The pane fills the picture, six units before the eye. Nothing behind it is lit.
         let position = DVec3::from(view_ray(pixel, [width, height], tan)) * 6.0;
         let reflector = Reflector {
             albedo: [0.8, 0.6, 0.4],
@@ -411,7 +411,7 @@ fn culling_loses_no_light_on_transparent_surfaces() {
     }
 }
 
-/// Medians of punctual lights that move, so that no frame has the lists of another.
+/// Median times with moving punctual lights, so that each frame has lists of its own.
 #[test]
 #[ignore = "takes times: cargo test -p lodestream-render --lib -- time_of_punctual_lights --ignored --nocapture"]
 fn time_of_punctual_lights() {
@@ -421,7 +421,7 @@ fn time_of_punctual_lights() {
     println!("| punctual lights | tiles, px | by the tile's depths | by ranges of depth |");
     println!("|--:|--:|--:|--:|");
     for count in [40, 400, 4000, 10_000] {
-        // The more there are, the less each reaches: about as many to a pixel from 400 on.
+        // The more lights there are, the smaller their range: from 400 on, about as many reach a pixel.
         let punctual_lights = punctual_lights(count, 30.0 / (count as f64).sqrt().max(20.0));
         for tile_px in [8, 16, 32] {
             let mut time = |clusters| {

@@ -1,4 +1,4 @@
-//! What materials look like: reflection against its integral, maps, holes, light given off, what is seen through.
+//! Materials: reflection against its integral, maps, holes, emission, transparency.
 
 use glam::{DVec3, Vec3};
 use half::f16;
@@ -13,13 +13,13 @@ use crate::{
     PassId, Pose, Settings, Sky, TextureData, TextureKind, TextureShape, Wrap,
 };
 
-/// A picture that is kept in 16-bit floating point, four numbers a pixel.
+/// A target in 16-bit floating point, four numbers per pixel.
 fn halves(h: &Headless, resource: Resource) -> Vec<[f64; 4]> {
     let stored: Vec<f16> = bytemuck::pod_collect_to_vec(&h.intermediate(resource, 8).unwrap());
     stored.chunks(4).map(|texel| [0, 1, 2, 3].map(|c| texel[c].to_f64())).collect()
 }
 
-/// What a picture's middle shows.
+/// The value in the middle of a picture.
 fn middle(h: &Headless, resource: Resource) -> [f64; 4] {
     let (width, height) = h.size();
     halves(h, resource)[(height / 2 * width + width / 2) as usize]
@@ -36,7 +36,7 @@ fn sky_alone(radiance: f32) -> Environment {
     of_light(0.0, radiance)
 }
 
-/// Nothing but materials in light that nothing takes away.
+/// Materials only, without effects that darken light.
 fn bare() -> Settings {
     Settings { occlusion: None, shadows: None, anti_aliasing: AntiAliasing::None, ..Settings::default() }
 }
@@ -50,7 +50,7 @@ fn square(z: f32) -> Mesh {
     quad([-1.0, -1.0, z], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], 1.0)
 }
 
-/// An asset with textures of four levels and 8 × 8 texels, each level of one value in all texels or as `texels` say.
+/// An asset with textures of 8 × 8 texels and four levels, filled with one value or with `texels`.
 fn textured(h: &Headless, mesh: &Mesh, material: Material, textures: &[(TextureKind, &[u8])]) -> AssetGpu {
     let shapes: Vec<_> = textures
         .iter()
@@ -82,7 +82,7 @@ fn close(got: [f64; 4], want: [f64; 3], tolerance: f64) {
     }
 }
 
-/// Root of the mean squared difference of a sphere's radiance from the integral's, in shares of its mean.
+/// RMS difference of a sphere's radiance from the integral, relative to the mean.
 fn sphere_rms(
     h: &mut Headless,
     material: Material,
@@ -101,7 +101,7 @@ fn sphere_rms(
     let sun = plain.sun.to_array().map(f64::from);
     let (mut squares, mut sum, mut count) = (0.0, 0.0, 0);
     for (i, (stored, got)) in normals.iter().zip(&radiance).enumerate() {
-        // Sky has no alpha; at the rim a pixel is partly sky.
+        // Sky has no alpha; at the sphere's edge a pixel is partly sky.
         let pixel = [(i % width as usize) as i64, (i / width as usize) as i64];
         let ray = DVec3::from(view_ray(pixel, [width, height], tan_half_fov)).normalize();
         let normal = from_octahedral([stored[0], stored[1]]);
@@ -138,7 +138,7 @@ fn spheres_reflect_as_the_integral_over_all_light_says() {
             let by_sun = sphere_rms(&mut h, material, sun, |_| [0.0; 3]);
             let by_sky = sphere_rms(&mut h, material, even, |_| [0.5; 3]);
             println!("{metallic} {roughness} | {by_sun:.4} {by_sky:.4}");
-            // The sun is the formula itself, but for what 16 bits keep of normals, which narrow lobes feel.
+            // For the sun only the 16 bits of stored normals cause errors, mainly in narrow lobes.
             let most = if roughness < 0.2 { 0.12 } else { 0.05 };
             assert!(by_sun < most, "{metallic} {roughness}: {by_sun}");
             assert!(by_sky < 0.1, "{metallic} {roughness}: {by_sky}");
@@ -180,7 +180,7 @@ fn surface_maps_set_roughness_metalness_and_occlusion() {
     assert!((stored[3] - 64.0 / 255.0).abs() < 1e-3, "{stored:?}");
     let albedo = h.intermediate(Resource::Albedo, 4).unwrap();
     assert!(albedo[8 * 16 * 4 + 8 * 4 + 3].abs_diff(128) <= 1);
-    // Before it is here its mean stands for it, and nobody asks for the shader that looks it up.
+    // Before the texture arrives its mean is used, and its shader variant is not needed.
     let shape = TextureShape { mean: [0.25, 0.5, 1.0], ..TextureShape::full(8, 8, TextureKind::Surface) };
     let mut wall = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[material], &[shape]);
     fill(&h, &mut wall, &square(0.0));
@@ -198,7 +198,7 @@ fn normal_maps_tilt_along_u_and_against_the_stored_v() {
         let texel = [x, y, z].map(|c| ((c + 1.0) * 127.5).round() as u8);
         [texel[0], texel[1], texel[2], 255].repeat(64)
     };
-    // The square as it is, with u to the left, and with u and v turned by a quarter: corner, along u, along v.
+    // The square unchanged, with u to the left, and with u and v turned by 90°: mesh, direction of u, direction of v.
     let charts: [(Mesh, DVec3, DVec3); 3] = [
         (square(0.0), DVec3::X, DVec3::Y),
         (mapped(|[u, v]| [1.0 - u, v]), DVec3::NEG_X, DVec3::Y),
@@ -322,7 +322,7 @@ fn transparent_panes_blend_back_to_front_in_any_order() {
         assert!(passes.contains(&PassId::Transparency));
         close(middle(&h, Resource::Radiance), [behind[0] + 0.5, behind[1], behind[2]], 0.004);
     }
-    // The same asset twice, the far one first in the list of instances and last.
+    // The same asset twice, with the far instance first and last in the list.
     for instances in
         [[at(0.0, 0.0, 0.0, 1.0), at(0.0, 0.0, 0.3, 1.0)], [at(0.0, 0.0, 0.3, 1.0), at(0.0, 0.0, 0.0, 1.0)]]
     {
@@ -348,7 +348,7 @@ fn transparent_surfaces_are_lit_and_cast_no_shadow() {
             shown.push(middle(&h, Resource::Radiance));
         }
     }
-    // A whole pane is what it would be if it were no pane; one that is not there leaves the wall in the sun.
+    // An opaque pane looks like an opaque material; a fully transparent one leaves the wall unchanged.
     let [opaque, .., bare_wall, in_sun] = shown[..] else { panic!() };
     for pane in &shown[..4] {
         close(*pane, [opaque[0], opaque[1], opaque[2]], 0.01);

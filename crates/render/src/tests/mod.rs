@@ -41,7 +41,7 @@ use std::io::Write;
 
 use super::{Gpu, Headless};
 
-/// A renderer for pictures of this size, or nothing if the tests are told to skip.
+/// A renderer for pictures of this size, or `None` if these tests are skipped.
 pub(crate) fn headless(width: u32, height: u32) -> Option<Headless> {
     if std::env::var("LODESTREAM_SKIP_GPU").is_ok_and(|v| v == "1") {
         // Not `eprintln!`: the test runner would swallow it when the test "passes".
@@ -53,7 +53,7 @@ pub(crate) fn headless(width: u32, height: u32) -> Option<Headless> {
     Some(Headless::new(gpu, width, height).expect("a small picture"))
 }
 
-/// Writes a picture to `target/pictures/`, for looking at.
+/// Writes a picture to `target/pictures/`, for viewing.
 fn keep(headless: &Headless, name: &str) {
     let target = std::env::var_os("CARGO_TARGET_DIR")
         .map_or_else(|| std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target"), Into::into);

@@ -1,5 +1,5 @@
-//! Faults that ambient occlusion from a depth buffer is known for, for every method: halos, dark plains, scales, noise, and
-//! what it leaves of extreme views.
+//! Known faults of ambient occlusion from a depth buffer, for every method: halos, dark planes, dependence on scale,
+//! noise, extreme views.
 
 use glam::DVec3;
 use image::RgbaImage;
@@ -13,7 +13,7 @@ use crate::{
     OcclusionMethod, OcclusionNormals, OcclusionRadius, Pose, Settings,
 };
 
-/// Occlusion at strength 1 in place of the picture.
+/// Settings that show occlusion at strength 1.
 pub(super) fn shown(method: OcclusionMethod, radius: OcclusionRadius, samples: u32) -> Settings {
     Settings {
         debug_view: DebugView::Occlusion,
@@ -40,7 +40,7 @@ pub(super) fn draw(
     h.picture().unwrap()
 }
 
-/// Values of pixels that show something, of 255.
+/// Values of the pixels that are covered, of 255.
 pub(super) fn values(picture: &RgbaImage, covered: &[bool]) -> Vec<u8> {
     picture.pixels().zip(covered).filter(|(_, covered)| **covered).map(|(pixel, _)| pixel[0]).collect()
 }
@@ -166,7 +166,7 @@ fn views_from_a_tenth_of_a_degree_to_175_and_pictures_of_a_pixel_leave_numbers()
                     let covered = h.coverage().unwrap();
                     let values = values(&picture, &covered);
                     let sum: f64 = values.iter().map(|value| f64::from(*value)).sum();
-                    // What is no number is stored as 0.
+                    // NaN is stored as 0.
                     let black = values.iter().filter(|value| **value == 0).count();
                     assert!(black * 50 <= values.len() + 49, "{method:?} {size:?} {degrees}°: {black}");
                     open.push(sum / (255.0 * values.len().max(1) as f64));
@@ -174,7 +174,7 @@ fn views_from_a_tenth_of_a_degree_to_175_and_pictures_of_a_pixel_leave_numbers()
                 if size == (97, 65) && samples == 16 {
                     println!("{}: open by angle of view {open:.3?}", method.name());
                     assert!((open[0] - open[1]).abs() < 0.01, "{method:?}: {open:?}");
-                    // Where a radius is less than a pixel all is open.
+                    // Where the radius is less than a pixel nothing is occluded.
                     assert!(open.iter().all(|open| (0.5..=1.0).contains(open)), "{method:?}: {open:?}");
                 }
             }
@@ -198,7 +198,7 @@ fn depths_from_a_millimetre_to_ten_thousand_kilometres_are_shaded_alike() {
     }
 }
 
-/// Normals of vertices are not what occlusion is estimated with: where they choose neighbours it is nearly the same.
+/// Occlusion is not estimated with vertex normals; where these only choose neighbours, the result is nearly the same.
 #[test]
 fn vertices_without_normals_are_shaded_like_others() {
     let Some(mut h) = headless(96, 64) else { return };
@@ -233,8 +233,8 @@ fn vertices_without_normals_are_shaded_like_others() {
     }
 }
 
-/// How much a method flickers while a camera moves by a quarter of a pixel a frame: differences of frames one after the
-/// other, in steps of 255.
+/// Flicker of a method while the camera moves by a quarter of a pixel per frame: differences of consecutive frames, in
+/// steps of 255.
 #[test]
 fn a_slow_camera_makes_little_noise() {
     let Some(mut h) = headless(160, 90) else { return };
@@ -262,8 +262,8 @@ fn a_slow_camera_makes_little_noise() {
     }
 }
 
-/// What a depth buffer knows of a thin post: horizons take it for a wall that reaches on behind it, sectors do not. Rays
-/// say how dark it is.
+/// The depth buffer does not show how thick a post is: horizon methods assume a solid body behind it, sectors do not.
+/// Rays give the truth.
 #[test]
 fn a_thin_post_before_a_wall_hides_too_much_by_horizons_and_less_by_sectors() {
     let Some(mut h) = headless(160, 90) else { return };
@@ -275,7 +275,7 @@ fn a_thin_post_before_a_wall_hides_too_much_by_horizons_and_less_by_sectors() {
     let all = [Drawable { asset: &wall, instances: &here }, Drawable { asset: &post, instances: &here }];
     let camera = Pose::look_at(DVec3::new(0.0, 0.0, 3.0), DVec3::ZERO, DVec3::Y, 0.6);
     let frame = Frame::new(camera, &all);
-    // Of which half is a post's thickness: less than it stands before the wall.
+    // Posts are taken to be half the radius thick, which is less than their distance from the wall.
     let radius = OcclusionRadius::World(0.4);
     let rays = Rays::of_frame(h.gpu(), &frame).unwrap().picture([160, 90], radius, 512);
     let mean = |values: &mut dyn Iterator<Item = f64>| {
@@ -298,7 +298,7 @@ fn a_thin_post_before_a_wall_hides_too_much_by_horizons_and_less_by_sectors() {
     }
 }
 
-/// Rays see what is drawn: their depth is the depth buffer's, and occlusion from it is near theirs.
+/// Rays see the drawn surfaces: they give the depth buffer's depth and nearly its occlusion.
 #[test]
 fn rays_see_the_depth_that_is_drawn() {
     let Some(mut h) = headless(120, 80) else { return };

@@ -1,4 +1,4 @@
-//! Occlusion of one pixel of each 2×2: that it is what its CPU reference says, and that it is none where there should be none.
+//! Occlusion of one pixel of each 2×2: equal to its CPU reference, and none where there should be none.
 
 use glam::DVec3;
 use image::RgbaImage;
@@ -20,7 +20,7 @@ fn halved(method: OcclusionMethod, radius: OcclusionRadius) -> Settings {
     Settings { occlusion: whole.occlusion.map(half), ..whole }
 }
 
-/// A box on a block and a ball that lies in it.
+/// A box on a block, and a ball partly in the box.
 struct Heap {
     box_: AssetGpu,
     ball: AssetGpu,
@@ -70,7 +70,7 @@ fn half_resolution_occlusion_matches_its_cpu_references() {
             let place = |i: usize, width: u32| [i as i64 % i64::from(width), i as i64 / i64::from(width)];
             let [width, height] = half_size(size);
             assert_eq!(half.len(), (width * height) as usize);
-            // Samples that land on a pixel's border or a threshold may go either way in f32.
+            // Samples on a pixel's border or at a threshold may be rounded to either side in f32.
             let off = half
                 .iter()
                 .enumerate()
@@ -122,7 +122,7 @@ fn a_wall_far_behind_a_pillar_has_no_halo_at_half_the_pixels() {
     for method in OcclusionMethod::ALL {
         let picture = draw(&mut h, camera, &all, halved(method, OcclusionRadius::World(1.0)));
         let darkest = picture.pixels().map(|pixel| pixel[0]).min().unwrap();
-        // Neither the wall nor the pillar's face has anything before it.
+        // Nothing occludes the wall or the pillar's face.
         assert!(darkest >= 252, "{}: {darkest}", method.name());
     }
 }

@@ -1,4 +1,4 @@
-//! Occlusion against rays, in scenes that are each made for one fault.
+//! Occlusion against rays, in scenes made to show one fault each.
 
 use glam::DVec3;
 
@@ -11,13 +11,13 @@ use crate::{
     OcclusionRadius, Pose, Settings,
 };
 
-/// The mean over some pixels of what a function says of each.
+/// The mean of a function over some pixels.
 fn mean_of(pixels: &[usize], of: impl Fn(usize) -> f64) -> f64 {
     assert!(!pixels.is_empty());
     pixels.iter().map(|i| of(*i)).sum::<f64>() / pixels.len() as f64
 }
 
-/// Beside the inner edge of two walls the neighbour that is nearest in depth is often the other wall's.
+/// Beside the inner edge of two walls, the neighbour nearest in depth is often on the other wall.
 #[test]
 fn beside_an_inner_edge_occlusion_is_nearer_to_rays_with_normals_of_its_own_wall() {
     let size = [128, 80];
@@ -29,7 +29,7 @@ fn beside_an_inner_edge_occlusion_is_nearer_to_rays_with_normals_of_its_own_wall
     .map(|wall| asset(&h, &wall, Material::default()));
     let here = [Instance::default()];
     let all = walls.each_ref().map(|asset| Drawable { asset, instances: &here });
-    // Not along the edge: its pixels are stairs.
+    // Not seen along the edge, whose pixels would be steps.
     let camera = Pose::look_at(DVec3::new(0.7, 0.5, 4.0), DVec3::new(0.0, 0.1, 0.0), DVec3::Y, 0.7);
     let radius = OcclusionRadius::World(0.5);
     let rays = Rays::of_frame(h.gpu(), &Frame::new(camera, &all)).unwrap().picture(size, radius, 512);
@@ -48,7 +48,7 @@ fn beside_an_inner_edge_occlusion_is_nearer_to_rays_with_normals_of_its_own_wall
         println!(
             "{name}, bias and squared error: nearest {nearest:.4?}, drawn {drawn:.4?}, extended {extended:.4?}"
         );
-        // Directions that are even in the picture are too few towards walls at a slant, whatever the normal.
+        // Directions that are even in the picture are too few towards slanting walls, whatever the normal.
         let most = match method {
             OcclusionMethod::Hbao | OcclusionMethod::HbaoPlus | OcclusionMethod::Alchemy => 0.95,
             _ => 0.6,
@@ -70,16 +70,15 @@ fn block([x, y, z]: [f32; 3], [dx, dy, dz]: [f32; 3]) -> Mesh {
     ])
 }
 
-/// What `docs/benchmarks/occlusion.md` tells of faults: how dark a wall gets behind a pillar that stands two radii before it, and how
-/// dark what faces the eye gets behind what stands right before it, whose back no depth buffer knows; for the radius, twice
-/// and four times that.
+/// The errors in `docs/benchmarks/occlusion.md`: occlusion of a wall two radii behind a pillar, and of faces right
+/// behind others whose back the depth buffer does not show; for one, two and four times the radius.
 #[test]
 fn known_errors_of_half_resolution_stay_bounded() {
     const RADIUS: f32 = 0.4;
     const SIZE: [u32; 2] = [240, 135];
     const BESIDE_PX: usize = 10;
     let Some(mut h) = headless(SIZE[0], SIZE[1]) else { return };
-    // The eye is at z = 0 and looks along -z, so that what faces it has one depth each.
+    // The eye is at z = 0 and looks along -z, so faces towards it have one depth each.
     let (wall, pillar, fronts) = (5.0, 4.2, [2.0_f32, 2.7, 3.4, 4.1]);
     let row = fronts.map(|front| block([1.0, -1.0, -front - 0.45], [0.6, 1.0, 0.45]));
     let mesh = join(&[
@@ -126,24 +125,23 @@ fn known_errors_of_half_resolution_stay_bounded() {
         println!("{name}: {drawn:.3?}");
         let points = matches!(method, OcclusionMethod::Ssao | OcclusionMethod::SsaoCentred);
         for (k, ([beside, row], [rays_beside, rays_row])) in drawn.into_iter().zip(rays).enumerate() {
-            // Points behind the pillar count for hidden up to some radii behind it, and darken the wall two radii away:
-            // that is what they are known for. Marches go by how far away what they meet is.
+            // Point samples count as hidden up to some radii behind the pillar, which darkens the wall two radii away
+            // (bleeding). Marching methods use the distance of what they meet.
             let most = [[0.12, 0.28, 0.08], [0.05, 0.13, 0.15]][usize::from(!points)][k];
             let bleeding = beside - rays_beside;
             assert!((-0.06..most).contains(&bleeding), "{name}, radius {k}: {bleeding}");
-            // What is behind what is drawn is not known, to any.
+            // No method knows what is behind the drawn surfaces.
             let known = [2.8, 1.2, 1.1][k];
             assert!(row < known * rays_row, "{name}, radius {k}: {row} of {rays_row}");
         }
         let [first, _, last] = drawn;
         assert!(last[1] < 0.95 * rays[2][1], "{name}: {last:?}");
-        // A larger radius finds more of the row, and lets more bleed.
+        // A larger radius finds more occlusion in the row, and bleeds more.
         assert!(points || last[1] > 1.5 * first[1] && last[0] > first[0] + 0.05, "{name}: {drawn:?}");
     }
 }
 
-/// Where a ball stands on a floor, the eye looks past what hides it: what a march meets of the ball begins right beside
-/// what it hides, and the next step may be too far up to count.
+/// Contact occlusion under a ball: the first step of a march may already pass above the part of the ball that occludes.
 #[test]
 fn a_ball_is_dark_where_it_stands() {
     let camera = Pose::look_at(DVec3::new(0.6, 1.3, 2.2), DVec3::new(0.0, 0.1, 0.0), DVec3::Y, 0.8);

@@ -1,4 +1,4 @@
-//! What pictures show: orientation, light, occlusion, instances, options, repeatability.
+//! Pictures: orientation, light, occlusion, instances, options, repeatability.
 
 use glam::{DQuat, DVec3};
 use image::RgbaImage;
@@ -83,12 +83,12 @@ fn still_life_for_looking_at() {
         keep(h, "still-life-no-relief");
         let wires = picture(h, &with(|s| s.wireframe = true));
         keep(h, "still-life-wireframe");
-        // Each option changes something, none of them everything.
+        // Each option changes something, but not the whole picture.
         for other in [&stairs, &plain, &flat, &wires] {
             let c = compare(&all, other, None).unwrap();
             assert!(c.max_difference > 8 && c.mean_difference < 20.0, "{c:?}");
         }
-        // Occlusion only ever darkens; smoothed edges may choose other neighbours.
+        // Occlusion only darkens; smoothed edges may choose other neighbours.
         let plain = picture(
             h,
             &with(|s| {
@@ -154,7 +154,7 @@ fn vertex_colours_multiply_the_materials_and_blend_in_linear_light() {
         let asset = asset(&h, mesh, material);
         let drawables = [Drawable { asset: &asset, instances: &[Instance::default()] }];
         let mut frame = Frame::new(front_camera(), &drawables);
-        // Of which red is hardly stronger than green.
+        // In this light red is hardly stronger than green.
         frame.environment.sky = Sky::Plain(GradientSky::default());
         picture(&mut h, &frame)
     };
@@ -169,7 +169,7 @@ fn vertex_colours_multiply_the_materials_and_blend_in_linear_light() {
         assert!(a.0.iter().zip(&b.0).all(|(a, b)| a.abs_diff(*b) <= 2), "{a:?} {b:?}");
     }
     assert!(luma(&plain, 64, 32) > luma(&grey, 64, 32) + 10.0);
-    // Red on the left, green on the right: in the middle both at half the light.
+    // Red on the left, green on the right, and half the light of both in the middle.
     for v in &mut square.0 {
         let colour = if v.position[0] < 0.0 { [255, 0, 0, 255] } else { [0, 255, 0, 255] };
         *v = v.coloured(colour);
@@ -208,7 +208,7 @@ fn back_faces_are_drawn_and_lit_like_front_faces() {
         let drawables = [Drawable { asset: &asset, instances: &[Instance::default()] }];
         picture(&mut h, &Frame::new(front_camera(), &drawables))
     };
-    // Same plane, wound the other way with its normal the other way.
+    // The same plane with opposite winding and normal.
     assert_eq!(shoot(&front), shoot(&flipped));
 }
 
@@ -281,7 +281,7 @@ fn instances_out_of_view_are_left_out() {
     let places: Vec<_> = (0..10).map(|i| at(f64::from(i) * 4.0, 0.0, 0.0, 1.0)).collect();
     let mut shoot = |ball: &crate::AssetGpu| {
         let drawables = [Drawable { asset: ball, instances: &places }];
-        // Bounds also say how large a shadow map is.
+        // Bounds also determine the size of shadow maps.
         let settings = Settings { shadows: None, ..Settings::default() };
         let counters = h.frame(&Frame { settings, ..Frame::new(front_camera(), &drawables) }).unwrap();
         (counters.instances, counters.instances_culled, h.picture().unwrap())
@@ -330,7 +330,7 @@ fn strange_views_and_places_do_not_fail() {
     }
 }
 
-/// A picture drawn in half the size and enlarged shows the same things in the same places, only softer.
+/// A picture drawn at half size and enlarged shows the same objects in the same places, only softer.
 #[test]
 fn a_smaller_scale_is_the_same_picture_only_softer() {
     let Some(mut h) = headless(321, 179) else { return };
@@ -340,9 +340,9 @@ fn a_smaller_scale_is_the_same_picture_only_softer() {
             picture(h, &Frame { settings, ..Frame::new(camera, drawables) })
         };
         let full = at(1.0);
-        // Not a number, and more than all, are all of it.
+        // NaN and values above 1 count as 1.
         assert!(at(f32::NAN) == full && at(2.0) == full);
-        // What is lost is what an enlarged thumbnail of the full picture lacks as well.
+        // An enlarged thumbnail of the full picture loses as much.
         let softer = |share: f32| {
             use image::imageops::{FilterType::Triangle, resize};
             let [w, h] = [full.width(), full.height()].map(|side| (side as f32 * share).round() as u32);

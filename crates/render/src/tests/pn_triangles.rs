@@ -1,4 +1,4 @@
-//! PatchPipelines patches: against their CPU reference, without cracks, and nothing where there is nothing to bend.
+//! PN triangles: equal to their CPU reference, without cracks, and flat where the surface is flat.
 
 use std::collections::BTreeMap;
 
@@ -21,7 +21,7 @@ fn curved(error_px: f32) -> Settings {
     Settings { pn_triangles: Some(PnTriangles { error_px, most: MAX_PN_LEVEL }), ..Settings::default() }
 }
 
-/// An icosahedron of radius ½ about zero, each of its faces cut into 4 so many times.
+/// An icosahedron of radius ½ about the origin, with each face cut into 4 a number of times.
 fn icosphere(times: u32) -> Mesh {
     let g = 0.5 * (1.0 + 5.0_f64.sqrt());
     let mut points: Vec<DVec3> = Vec::new();
@@ -64,7 +64,7 @@ fn icosphere(times: u32) -> Mesh {
     (vertices, faces.into_iter().map(|f| f.map(|i| i as u32)).collect())
 }
 
-/// The same with some faces flat, which have vertices of their own.
+/// The same with some flat faces, which have vertices of their own.
 fn half_flat(mesh: &Mesh) -> Mesh {
     let (mut vertices, mut faces) = (mesh.0.clone(), Vec::new());
     for face in &mesh.1 {
@@ -117,7 +117,7 @@ fn tessellated(
     faces.iter().flat_map(of_face).collect()
 }
 
-/// Where a ray from zero first meets a triangle: how far in lengths of the ray, and the normal.
+/// Where a ray from the origin first meets a triangle: distance in lengths of the ray, and normal.
 fn cast(triangles: &[[(DVec3, DVec3); 3]], origin: DVec3, ray: DVec3) -> Option<(f64, DVec3)> {
     let hits = triangles.iter().filter_map(|[a, b, c]| {
         let (u, v) = (b.0 - a.0, c.0 - a.0);
@@ -163,7 +163,7 @@ fn patches_match_their_cpu_reference() {
                 let want = cast(&triangles, eye, ray);
                 let shown = f64::from(depth[i]);
                 let (Some((want, normal)), true) = (want, shown > 0.0) else {
-                    // Where a surface ends, a pixel's middle may be rounded to either side.
+                    // At the end of a surface a pixel's centre may be rounded to either side.
                     edges += usize::from(want.is_some() != (shown > 0.0));
                     continue;
                 };
@@ -180,8 +180,7 @@ fn patches_match_their_cpu_reference() {
     }
 }
 
-/// Pixels that show something that lies further than the near half of a ball of radius ½ at a distance, where the whole
-/// of a pixel shows that half.
+/// Number of pixels within a ball of radius ½ that show something behind its near half.
 fn holes(h: &Headless, distance: f64, camera: Pose) -> usize {
     let (width, height) = h.size();
     let depth = h.depth().unwrap();
@@ -189,7 +188,7 @@ fn holes(h: &Headless, distance: f64, camera: Pose) -> usize {
     let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
     let seen = pixels.filter(|&(x, y)| {
         let ray = DVec3::from(view_ray([i64::from(x), i64::from(y)], [width, height], [tan.0, tan.1]));
-        // How near the ray comes to the middle.
+        // The ray's distance from the ball's centre.
         let across = distance * (ray.truncate().length() / ray.length());
         let shown = f64::from(depth[(y * width + x) as usize]);
         across < 0.3 && (shown == 0.0 || NEAR / shown > distance - 0.1)
@@ -309,7 +308,7 @@ fn patches_match_the_mesh_tessellated_on_the_cpu() {
     let pairs = bent.pixels().zip(by_host.pixels());
     let off = pairs.filter(|(a, b)| (0..3).any(|k| a[k].abs_diff(b[k]) > 6)).count();
     assert!(off < 10, "{off} pixels differ");
-    // Were they flat, many would.
+    // Flat triangles would differ in many pixels.
     let plain = draw(&mut h, &ball, instance, camera, Settings::default());
     let flat = plain.pixels().zip(by_host.pixels()).filter(|(a, b)| a[1].abs_diff(b[1]) > 6).count();
     assert!(flat > 100, "{flat} pixels of flat triangles differ");
@@ -323,7 +322,7 @@ fn degenerate_input_of_patches_stays_finite() {
     vertices[1] = PackedVertex::new(vertices[1].position, [f32::NAN; 3], [0.5; 2]).smooth();
     vertices[2] = PackedVertex::new(vertices[2].position, [-1.0, 0.5, 3e38], [0.5; 2]).smooth();
     vertices.push(vertices[5]);
-    // No area: a corner twice by slot and by place; slots that were never written.
+    // Triangles without area (a corner twice by slot, or by position), and slots that were never written.
     faces.extend([[3, 3, 4], [5, vertices.len() as u32 - 1, 6], [0, 0, 0], [7, 8, 9_999]]);
     let ball = asset(&h, &(vertices, faces), Material::default());
     for instance in
@@ -353,7 +352,7 @@ fn all_passes_meet_the_same_patches() {
     let dark = picture.pixels().zip(&covered).filter(|(pixel, covered)| **covered && pixel[0] < 240).count();
     assert_eq!(dark, 0, "pixels without emission of {}", covered.iter().filter(|c| **c).count());
 
-    // What moves is found again where it was drawn.
+    // Motion vectors of a moving instance point to where it was drawn.
     let ball = asset(&h, &mesh, Material::default());
     let seen = Settings { debug_view: DebugView::Motion, ..settings };
     draw(&mut h, &ball, at(-0.05, 0.0, 0.0, 1.0), camera, seen);
@@ -362,9 +361,9 @@ fn all_passes_meet_the_same_patches() {
     let covered = h.coverage().unwrap();
     let still =
         moved.pixels().zip(&covered).filter(|(p, covered)| **covered && p[0].abs_diff(p[2]) < 8).count();
-    assert_eq!(still, 0, "pixels that seem to stand");
+    assert_eq!(still, 0, "pixels without motion");
 
-    // Edges, overdraw, what is seen through, and shadows of several instances.
+    // Wireframe, overdraw, transparency, and shadows of several instances.
     let glass = Material { alpha: crate::Alpha::Blend, opacity: 0.5, ..Material::default() };
     let glass = asset(&h, &mesh, glass);
     let instances = [at(-0.4, 0.0, 0.3, 0.7), at(0.4, 0.0, -0.3, 0.7), at(0.0, 0.3, 0.0, 0.4)];

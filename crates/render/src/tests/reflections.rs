@@ -1,4 +1,4 @@
-//! What mirrors show of the picture against the CPU reference, and bloom.
+//! Reflections against their CPU reference, and bloom.
 
 use glam::{DVec3, Vec3};
 use half::f16;
@@ -32,7 +32,7 @@ fn even(sun: f32, all: Vec3) -> Environment {
     Environment { sky: Sky::Plain(plain), ..Environment::default() }
 }
 
-/// A floor that mirrors, a cube and spheres of several roughnesses on it, and a wall behind.
+/// A reflecting floor, a cube and spheres of several roughnesses on it, and a wall behind.
 struct Stage {
     floor: AssetGpu,
     block: AssetGpu,
@@ -154,7 +154,7 @@ fn reflections_match_their_cpu_reference() {
             "{} {steps}: {met} met, {silent} not, {off} otherwise than the CPU reference",
             method.name()
         );
-        // Where a ray grazes an edge, f32 and f64 may part.
+        // Where a ray grazes an edge, f32 and f64 may differ.
         assert!(met > 1500 && off * 100 < met, "{}: {off} of {met}", method.name());
     }
 }
@@ -177,7 +177,7 @@ fn reflections_under_a_uniform_sky_change_nothing() {
     for (method, steps) in METHODS {
         let with = shoot(Some(Reflections { method, steps }));
         let most = with.iter().zip(&without).flat_map(|(a, b)| [0, 1, 2].map(|c| (a[c] - b[c]).abs()));
-        // A white mirror gives back all but what microfacets lose.
+        // A white mirror reflects all light except what the microfacet model loses.
         assert!(most.fold(0.0, f64::max) < 0.02);
     }
 }
@@ -261,14 +261,14 @@ fn water_mirrors_what_stands_behind_it() {
     let plain = shoot(None);
     for method in ReflectionMethod::ALL {
         let mirrored = shoot(Some(Reflections { method, steps: 400 }));
-        // Below the block, in the middle of the picture, water is redder than it was and less blue.
+        // Below the block, in the middle of the picture, water becomes redder and less blue.
         let redder = (90..120).flat_map(|y| (110..130).map(move |x| y * width as usize + x));
         let (all, count) = redder.fold((0, 0), |(all, count), i| {
             let less_blue = mirrored[i][2] < plain[i][2] - 0.02;
             (all + 1, count + u32::from(less_blue))
         });
         assert!(count * 2 > all, "{}: {count} of {all}", method.name());
-        // At the sides nothing stands behind it.
+        // At the sides there is nothing to reflect.
         let side = (130..150).flat_map(|y| (5..25).map(move |x| y * width as usize + x));
         assert!(side.into_iter().all(|i| mirrored[i] == plain[i]), "{}", method.name());
     }
@@ -301,7 +301,7 @@ fn bloom_matches_its_cpu_reference() {
             for (i, (got, want)) in got.iter().zip(&want.texels).enumerate() {
                 let got_rgb = DVec3::new(got[0], got[1], got[2]);
                 let off = ((got_rgb - *want).abs() / want.max(DVec3::splat(0.05))).max_element();
-                // 11 bits of each of the pictures that were mixed.
+                // 11 bits of each of the mixed pictures.
                 assert!(off < 0.004, "{width}×{height} {strength} {i}: {got_rgb} {want}");
                 assert_eq!(got[3], before[i][3]);
             }

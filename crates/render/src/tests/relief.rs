@@ -16,13 +16,13 @@ use crate::{
     Settings, Shadows, TextureData, TextureKind, TextureShape, Wrap,
 };
 
-/// The unit square in the plane z = 0 under bricks this deep. Its colours say where on it they lie, 256 steps along u and
-/// v.
+/// The unit square in the plane z = 0, with a height map of bricks of the given depth. Its colours encode texture
+/// coordinates in 256 steps along u and v.
 fn wall_of_coordinates(h: &Headless, relief_depth: f32) -> AssetGpu {
     tinted_wall(h, relief_depth, 0)
 }
 
-/// The same with so much blue.
+/// The same with a constant blue.
 fn tinted_wall(h: &Headless, relief_depth: f32, blue: u8) -> AssetGpu {
     const SIZE: u32 = 64;
     let shape = |kind, size| TextureShape::full(size, size, kind);
@@ -38,7 +38,7 @@ fn tinted_wall(h: &Headless, relief_depth: f32, blue: u8) -> AssetGpu {
     fill(h, &mut wall, &quad([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0));
     for level in 0..shapes[0].levels {
         let (w, rows) = shapes[0].level_size(level);
-        // Means of the texels that a coarser one covers.
+        // The mean of the texels that a coarser texel covers.
         let mean = |k: u32, n: u32| (k * (256 / n) + (256 / n - 1) / 2) as u8;
         let texel = |i: u32| [mean(i % w, w), mean(i / w, rows), blue, 255];
         let pixels: Vec<u8> = (0..w * rows).flat_map(texel).collect();
@@ -52,23 +52,23 @@ fn tinted_wall(h: &Headless, relief_depth: f32, blue: u8) -> AssetGpu {
 
 /// A pixel that shows [`wall_of_coordinates`].
 struct VisiblePoint {
-    /// Its number.
+    /// Its index.
     pixel: usize,
-    /// From the eye.
+    /// Its ray, from the eye.
     ray: DVec3,
-    /// Where that meets the wall, and the place that is shown there, both in texture coordinates.
+    /// Where the ray meets the plane, and the place that the picture shows, both in texture coordinates.
     start: [f64; 2],
     place: [f64; 2],
 }
 
 impl VisiblePoint {
-    /// Whether it shows what is not near the wall's edge.
+    /// Whether both are away from the wall's edge.
     fn is_inside(&self) -> bool {
         [self.start, self.place].iter().flatten().all(|x| (0.02..0.98).contains(x))
     }
 }
 
-/// What a frame shows of [`wall_of_coordinates`].
+/// The pixels of a frame that show [`wall_of_coordinates`].
 fn places(
     h: &mut Headless,
     wall: &AssetGpu,
@@ -97,7 +97,7 @@ fn places(
 fn relief_matches_its_cpu_reference_and_the_exact_hit() {
     let Some(mut h) = headless(128, 96) else { return };
     let map = bricks(64);
-    // Deep, so that a search without its binary part would be off by more than a colour step.
+    // So deep that a search without bisection would be off by more than a colour step.
     let relief_depth = 0.3f32;
     let wall = wall_of_coordinates(&h, relief_depth);
     let camera = Pose::look_at(DVec3::new(0.9, 0.75, 0.35), DVec3::new(0.45, 0.5, 0.0), DVec3::Y, 0.5);
@@ -126,7 +126,7 @@ fn relief_matches_its_cpu_reference_and_the_exact_hit() {
     assert!(n > 3000, "only {n} pixels to compare");
     assert!(moved * 4 > n, "relief moved only {moved} of {n} pixels");
     assert!(off_cpu_reference * 500 < n, "{off_cpu_reference} of {n} pixels off the CPU reference");
-    // Linear steps jump over some crests, which this deep a relief has at every joint.
+    // Linear steps jump over some crests, of which so deep a relief has one at every joint.
     assert!(off_exact * 20 < n, "{off_exact} of {n} pixels off the exact hit");
 }
 
@@ -219,7 +219,7 @@ fn each_relief_method_matches_its_cpu_reference() {
         let settings = Settings { relief_method: way, relief_steps, ..Settings::default() };
         let seen = places(&mut h, &wall, camera, settings, Environment::default());
         keep(&h, &format!("relief-way-{}", way.name()));
-        // Off each CPU reference, its own first.
+        // Pixels off each CPU reference, the method's own first.
         let mut off =
             [(cpu_reference, 0), (Method::None, 0), (Method::SteepParallax, 0), (Method::Relief, 0)];
         let mut n = 0;
@@ -227,14 +227,15 @@ fn each_relief_method_matches_its_cpu_reference() {
             let cosine = -ray.z;
             let reach = reach(depth, cosine);
             let ray = Ray { start, span: [ray.x * reach, -ray.y * reach], cosine };
-            // A limited offset is divided by the whole way, which the CPU reference's ray is for less.
+            // Where the offset is limited, parallax divides by the full length of the ray, the CPU reference by the
+            // limited one.
             let ray_of = |method| match method {
                 Method::Parallax => Ray { cosine: depth / reach, ..ray },
                 _ => ray,
             };
             let places = off.map(|(method, _)| {
                 let ray = ray_of(method);
-                // Up and down the six levels over the finest comes on top.
+                // The quadtree takes additional steps up and down its six levels.
                 let levels = if method == Method::Quadtree { 12 } else { 0 };
                 ray.at(method.find(&map, &ray, steps(relief_steps, cosine) + levels).at)
             });
@@ -280,7 +281,7 @@ fn bricks_do_not_swim_at_grazing_angles() {
         let most = shifts.iter().fold(0.0_f64, |a, b| a.max(*b));
         let mean = shifts.iter().sum::<f64>() / shifts.len() as f64;
         println!("{degrees}: along the wall by {mean:.2} depths in the mean, {most:.2} at most");
-        // A step of the colours, and what a footprint of them is rounded to.
+        // A colour step, and rounding within a pixel's footprint.
         let rounding = 1.5 / 256.0 / depth;
         assert!(
             shifts.len() > 100 && most < degrees.to_radians().tan().min(2.0) + rounding,
@@ -331,14 +332,14 @@ fn relief_self_shadowing_matches_its_cpu_reference() {
             assert!(hidden || !darker, "{x}, {y} is darker in the sun");
         }
         assert!(n > 3000 && dark * 20 > n, "{dark} of {n} pixels are hidden from {sun}");
-        // Places are known to a step of 8 bits.
+        // Places are known to 8 bits.
         assert!(off_cpu_reference * 25 < n, "{off_cpu_reference} of {n} pixels off the CPU reference");
         assert!(off_truth * 20 < n, "{off_truth} of {n} pixels off what the surface hides");
     }
 }
 
-/// Where a ray from `eye` first meets the bricks of a wall whose surface lies at `z`, moved by `by` along it: how far away,
-/// unless it misses the middle of the wall.
+/// The distance at which a ray from `eye` first meets the bricks of a wall with its surface at `z`, moved by `by` along
+/// the wall; `None` near the wall's edge and beyond.
 fn far_to(map: &ReliefMap, depth: f64, (eye, ray): (DVec3, DVec3), z: f64, by: [f64; 2]) -> Option<f64> {
     let p = eye + ray * ((z - eye.z) / ray.z);
     let start = [p.x - by[0], 1.0 - (p.y - by[1])];
@@ -365,7 +366,7 @@ fn relief_depth_intersects_objects_correctly() {
     let still = [Instance::default()];
     let placed = [moved];
     let of_wall = Drawable { asset: &wall, instances: &still };
-    // How far away along a ray from the eye.
+    // The distance along a ray from the eye.
     type Far<'a> = &'a dyn Fn(DVec3) -> Option<f64>;
     let crossing: [(&str, Drawable<'_>, Far<'_>); 2] = [
         ("a pane", Drawable { asset: &pane, instances: &still }, &|ray| Some((-0.06 - camera.eye.z) / ray.z)),

@@ -1,4 +1,4 @@
-//! Shadows: what the maps say, held against rays, and what becomes of it in the picture.
+//! Shadow maps and sunlight against rays, and their effect on the picture.
 
 use std::io::Write;
 
@@ -19,7 +19,7 @@ use crate::{
     Settings, Shadows,
 };
 
-/// Things on a floor, in the sun: a cube, a ball, a board in the air, and a wall.
+/// Objects on a floor, in the sun: a cube, a ball, a floating board, and a wall.
 struct Yard {
     meshes: Vec<(Mesh, Vec<Instance>)>,
     to_sun: DVec3,
@@ -41,7 +41,7 @@ impl Yard {
         Self { meshes, to_sun }
     }
 
-    /// The same, of another size and elsewhere.
+    /// The same, scaled and moved.
     fn scaled(mut self, scale: f64, offset: DVec3) -> Self {
         for instance in self.meshes.iter_mut().flat_map(|(_, instances)| instances) {
             instance.translation = offset + instance.translation * scale;
@@ -75,10 +75,10 @@ fn camera() -> Pose {
 
 const SUN: DVec3 = DVec3::new(0.55, 0.75, 0.45);
 
-/// Triangles in the world, relative to the eye, and a sphere around them: middle and radius.
+/// Triangles in the world, relative to the eye, and a sphere around them: centre and radius.
 type Body = (DVec3, f64, Vec<[DVec3; 3]>);
 
-/// What stands in the way of rays.
+/// Everything that rays may meet.
 struct Solid(Vec<Body>);
 
 impl Solid {
@@ -127,20 +127,20 @@ impl Solid {
     }
 }
 
-/// What the sunlight of a picture has to do with the truth.
+/// A picture's sunlight compared with rays.
 #[derive(Debug, Default)]
-struct Judged {
+struct ShadowErrors {
     pixels: usize,
-    /// Pixels that are more lit than not and should be dark, or the other way round.
+    /// Pixels that are mostly lit although the ray is blocked, or mostly dark although it is not.
     wrong: usize,
-    /// Pixels that are lit all around, as far as a lookup reaches, and are shown darker.
+    /// Pixels that are shown darker although all rays within a lookup's reach are free.
     acne: usize,
-    /// Pixels that are dark all around, as far as a lookup reaches, and are shown lit.
+    /// Pixels that are shown lit although all rays within a lookup's reach are blocked.
     leaks: usize,
 }
 
-/// Shoots rays through all pixels and on to the sun, and looks what the picture's sunlight says of them.
-fn judge(h: &Headless, yard: &Yard, camera: Pose, shadows: Shadows) -> Judged {
+/// Casts rays through all pixels and on to the sun, and compares them with the picture's sunlight.
+fn compare_with_rays(h: &Headless, yard: &Yard, camera: Pose, shadows: Shadows) -> ShadowErrors {
     let solid = Solid::new(yard, camera.eye);
     let (width, height) = h.size();
     let (tx, ty) = camera.tan_half_fov(width, height);
@@ -149,36 +149,36 @@ fn judge(h: &Headless, yard: &Yard, camera: Pose, shadows: Shadows) -> Judged {
     let texel = drawn[0].0.side / f64::from(shadows.map_side);
     let sun = yard.to_sun.normalize();
     let (x, y) = sun.any_orthonormal_pair();
-    let mut judged = Judged::default();
+    let mut errors = ShadowErrors::default();
     for (i, lit) in lit.chunks(2).enumerate() {
         let pixel = [(i % width as usize) as i64, (i / width as usize) as i64];
         let along = camera.rotation * DVec3::from(view_ray(pixel, [width, height], [tx, ty]));
         let Some((t, normal)) = solid.hit(DVec3::ZERO, along, 0.0) else { continue };
         let at = along * t;
-        // From a place of the surface's plane: rays leave it at a distance above what rounding is worth.
+        // Starts in the surface's plane, at a distance above rounding errors.
         let reaches = |offset: DVec3| {
             let at = at + offset - sun * (offset.dot(normal) / sun.dot(normal));
             normal.dot(sun) > 0.0 && solid.hit(at + normal * (1e-9 * t), sun, 1e-6 * t).is_none()
         };
         let lit = f64::from(lit[0]) / 255.0;
         let truth = reaches(DVec3::ZERO);
-        judged.pixels += 1;
-        judged.wrong += usize::from((lit > 0.5) != truth);
+        errors.pixels += 1;
+        errors.wrong += usize::from((lit > 0.5) != truth);
         let reach = 1.5 * texel * sunlight::reach(shadows.filter);
         let around = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (0.7, 0.7), (-0.7, 0.7)];
         if normal.dot(sun) > 1e-3 && around.iter().all(|(a, b)| reaches((x * *a + y * *b) * reach) == truth) {
-            judged.acne += usize::from(truth && lit < 0.98);
-            judged.leaks += usize::from(!truth && lit > 0.02);
+            errors.acne += usize::from(truth && lit < 0.98);
+            errors.leaks += usize::from(!truth && lit > 0.02);
         }
     }
-    judged
+    errors
 }
 
-/// Draws a yard and judges its shadows.
-fn judged(h: &mut Headless, yard: &Yard, camera: Pose, shadows: Shadows) -> Judged {
+/// Draws a yard and compares its shadows with rays.
+fn draw_and_compare(h: &mut Headless, yard: &Yard, camera: Pose, shadows: Shadows) -> ShadowErrors {
     yard.draw(h, |h, drawables| {
         h.frame(&yard.frame(camera, drawables, shadows)).unwrap();
-        judge(h, yard, camera, shadows)
+        compare_with_rays(h, yard, camera, shadows)
     })
 }
 
@@ -197,7 +197,7 @@ fn shadows_for_looking_at() {
         let coloured = compare(&dark, &h.picture().unwrap(), None).unwrap();
         assert!(coloured.mean_difference > 10.0, "{coloured:?}");
         h.frame(&with(Settings { shadows: None, ..frame.settings })).unwrap();
-        // Shadows only ever darken, and here they do.
+        // Shadows only darken, and here they do.
         let bright = h.picture().unwrap();
         let all = || dark.pixels().zip(bright.pixels());
         assert!(all().all(|(with, without)| (0..3).all(|c| with[c] <= without[c] + 1)));
@@ -206,8 +206,8 @@ fn shadows_for_looking_at() {
     });
 }
 
-/// The share of pixels on the wrong side of an edge, and faults beyond the reach of a lookup: at silhouettes the surface's
-/// normal is not known from depth, and facets are lit as what they stand for.
+/// The share of pixels on the wrong side of a shadow's edge, and errors beyond a lookup's reach. These remain at
+/// silhouettes, where depth does not give the normal, and because facets are lit as flat.
 #[test]
 fn shadows_match_ray_casting() {
     let Some(mut h) = headless(160, 90) else { return };
@@ -216,12 +216,12 @@ fn shadows_match_ray_casting() {
         (SUN, 0.006),
         (DVec3::new(0.9, 0.2, 0.4), 0.012),
         (DVec3::new(-0.5, 0.4, -0.9), 0.003),
-        // Just above the floor.
+        // A sun just above the floor.
         (DVec3::new(1.0, 0.02, 0.3), 0.01),
     ] {
         for (filter, map_side) in [(1, 512), (1, 2048), (2, 1024), (2, 2048), (3, 2048)] {
             let shadows = Shadows { filter, map_side, ..Shadows::default() };
-            let found = judged(&mut h, &Yard::new(sun), camera(), shadows);
+            let found = draw_and_compare(&mut h, &Yard::new(sun), camera(), shadows);
             let wrong = found.wrong as f64 / found.pixels as f64;
             writeln!(
                 say,
@@ -245,7 +245,7 @@ fn shadows_are_as_good_at_any_scale_and_anywhere() {
         let yard = Yard::new(SUN).scaled(scale, offset);
         let near = camera();
         let camera = Pose { eye: offset + near.eye * scale, ..near };
-        let found = judged(&mut h, &yard, camera, Shadows::default());
+        let found = draw_and_compare(&mut h, &yard, camera, Shadows::default());
         assert!(found.pixels > 10_000, "{scale} {offset}: {found:?}");
         assert!(found.wrong * 150 <= found.pixels, "{scale} {offset}: {found:?}");
         assert!(found.acne * 400 <= found.pixels, "{scale} {offset}: {found:?}");
@@ -289,7 +289,7 @@ fn sunlight_matches_its_cpu_reference() {
                 let want = sunlight::sunlight(&picture, pixel, sun, lit_by, maps, 3);
                 let difference = (f64::from(lit[0]) / 255.0 - want).abs();
                 sum += difference;
-                // Comparisons of what is equal but for rounding may go either way in f32.
+                // Comparisons of nearly equal numbers may be rounded to either side in f32.
                 different += usize::from(difference > 0.02);
                 dark += usize::from(want < 0.5);
             }
@@ -343,7 +343,7 @@ fn stale_shadow_maps_are_redrawn_in_time() {
     let shadows = Shadows { max_staleness: 8, ..Shadows::default() };
     yard.draw(&mut h, |h, drawables| {
         let mut drawn = |i: u32, eye: DVec3, shadows: Shadows| {
-            // Something moves all the time, too large for any map.
+            // An instance too large for any map moves all the time.
             let moving = [at(f64::from(i) * 1e-3, -20.0, 0.0, 30.0)];
             let all = [drawables, &[Drawable { asset: drawables[0].asset, instances: &moving }]].concat();
             let frame = yard.frame(Pose { eye, ..camera() }, &all, shadows);
@@ -355,7 +355,7 @@ fn stale_shadow_maps_are_redrawn_in_time() {
         let maps: Vec<u32> = (1..=18)
             .map(|i| {
                 let (maps, late) = drawn(i, eye, shadows);
-                assert_eq!(maps + late, all, "each is new or late");
+                assert_eq!(maps + late, all, "each map is redrawn or late");
                 maps
             })
             .collect();
@@ -365,12 +365,12 @@ fn stale_shadow_maps_are_redrawn_in_time() {
         assert_eq!(
             drawn(19, eye + DVec3::X * 10.0, shadows),
             (all, 0),
-            "a map that moves on is drawn at once"
+            "a map that moves is redrawn at once"
         );
         assert_eq!(
             drawn(20, eye + DVec3::X * 10.0, Shadows::default()),
             (all, 0),
-            "and without maximum staleness all are"
+            "without maximum staleness all are redrawn"
         );
     });
 }
@@ -380,7 +380,7 @@ fn edges_of_shadows_stay_where_they_are_while_the_camera_moves() {
     let Some(mut h) = headless(160, 90) else { return };
     let yard = Yard::new(SUN);
     let shadows = Shadows { map_side: 512, ..Shadows::default() };
-    // Places on the floor in the world, and what the finest map says of each from two places of the eye.
+    // Points on the floor in the world, and the finest map's result for each from two eye positions.
     let places: Vec<DVec3> = (0..4000)
         .map(|i| DVec3::new(f64::from(i % 80) * 0.04 - 1.6, 1e-3, f64::from(i / 80) * 0.04 - 1.0))
         .collect();
@@ -402,7 +402,7 @@ fn edges_of_shadows_stay_where_they_are_while_the_camera_moves() {
         for share in [0.3, 1.0, 2.6] {
             let pose = Pose { eye: camera().eye + DVec3::new(0.7, 0.2, -0.6) * (share * step), ..camera() };
             let moved = seen(h, pose);
-            // Rasterising rounds corners to parts of a texel, alike after a move by whole ones.
+            // Rasterising rounds corners to fractions of a texel, equally after a move by whole texels.
             let crawled = first.iter().zip(&moved).filter(|(a, b)| (*a - *b).abs() > 0.01).count();
             assert!(crawled * 500 <= places.len(), "after {share} steps {crawled} places have another light");
         }

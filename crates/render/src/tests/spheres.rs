@@ -1,5 +1,5 @@
-//! Spheres under the physical sky and its sun, against a path tracer: what all of image-based light, its harmonics, its
-//! prefiltered lobes and the split sum, is off by.
+//! Spheres under the physical sky and its sun, against a path tracer: the total error of image-based light with its
+//! harmonics, prefiltered lobes and split sum.
 
 use glam::DVec3;
 use half::f16;
@@ -18,32 +18,32 @@ use crate::{
 
 const SIDE: u32 = 32;
 const RADIUS: f64 = 0.5;
-/// Paths of each of two estimates, whose difference tells their noise.
+/// Paths of each of two estimates, whose difference gives their noise.
 const PATHS: u32 = 512;
-/// Angular radius of the sun, as the sky has it.
+/// Angular radius of the sky's sun.
 const SUN_RADIUS: f64 = 0.004_65;
 
-/// A ball in the open.
+/// A ball under the open sky.
 struct Traced<'a> {
     material: Material,
     sky: &'a Octahedral,
     /// The map's axes in the world: its x, y and z.
     axes: [DVec3; 3],
     to_sun: DVec3,
-    /// Irradiance over π on what faces it.
+    /// Irradiance over π on a surface that faces the sun.
     sun: DVec3,
 }
 
-/// Where a ray from a place first meets the ball about zero.
+/// Where a ray first meets the ball about the origin.
 fn meets(from: DVec3, ray: DVec3) -> Option<DVec3> {
     let (b, c) = (ray.dot(from), from.length_squared() - RADIUS * RADIUS);
     let root = (b * b - c).sqrt();
-    // Not a number where it passes by.
+    // NaN if the ray misses the ball.
     let along = -b - root;
     (along > 1e-9).then(|| from + ray * along)
 }
 
-/// A direction around another one: its cosine, and its turn in circles.
+/// A direction around an axis, given by its cosine and its turn in circles.
 fn around(axis: DVec3, cosine: f64, turn: f64) -> DVec3 {
     let (x, y) = axis.any_orthonormal_pair();
     let (sin, cos) = (std::f64::consts::TAU * turn).sin_cos();
@@ -56,10 +56,10 @@ impl Traced<'_> {
         self.sky.at(DVec3::from(self.axes.map(|axis| ray.dot(axis))))
     }
 
-    /// Radiance along a path from the eye. At each place that it meets it looks for a point of the sun's disc and goes on
-    /// in a direction drawn from the microfacets' lobe or from Lambert's, weighed by the density of both (Veach and
-    /// Guibas, "Optimally combining sampling techniques", 1995). Of a ball alone all paths leave after the first.
-    /// The first place's `draws` from 0 to 1 are given: two for a direction, one for the lobe, two for the sun.
+    /// Radiance along a path from the eye. At each hit it samples a point of the sun's disc, and continues in a
+    /// direction drawn from the microfacets' lobe or from Lambert's, weighted by the density of both (Veach and Guibas,
+    /// "Optimally combining sampling techniques", 1995). With a ball alone all paths leave after the first hit.
+    /// `draws`, from 0 to 1, are used at the first hit: two for a direction, one for the lobe, two for the sun.
     fn path(&self, mut from: DVec3, mut ray: DVec3, draws: [f64; 5], random: &mut Random) -> DVec3 {
         let (mut sum, mut weight) = (DVec3::ZERO, DVec3::ONE);
         for bounce in 0..8 {
@@ -103,8 +103,8 @@ impl Traced<'_> {
     }
 }
 
-/// Roots of mean squares in shares of the mean radiance: of how far the picture is from what the paths come to, and of
-/// their noise, which is not counted in the former.
+/// Relative to the mean radiance: the RMS difference between picture and paths, without the paths' noise, and the RMS
+/// noise.
 fn rms(h: &mut Headless, material: Material, environment: Environment) -> [f64; 2] {
     let ball = asset(h, &sphere(96), material);
     let drawables = [Drawable { asset: &ball, instances: &[Instance::default()] }];
@@ -130,11 +130,11 @@ fn rms(h: &mut Headless, material: Material, environment: Environment) -> [f64; 
     for (i, got) in stored.chunks(4).enumerate() {
         let pixel = [(i as u32 % SIDE).into(), (i as u32 / SIDE).into()];
         let ray = (camera.rotation * DVec3::from(view_ray(pixel, [SIDE, SIDE], tan))).normalize();
-        // At the rim a pixel shows facets' edges.
+        // At the ball's edge pixels show facets.
         if meets(camera.eye, ray).is_none_or(|at| -ray.dot(at) < 0.15 * RADIUS) {
             continue;
         }
-        // Spread evenly (R2, Roberts 2018), each estimate from another place.
+        // Evenly spread numbers (R2, Roberts 2018), from another start for each estimate.
         let mut mean = || {
             let first: [f64; 4] = std::array::from_fn(|_| random.unit());
             let path = |i: u32| {
@@ -163,11 +163,11 @@ fn rms(h: &mut Headless, material: Material, environment: Environment) -> [f64; 
 #[test]
 fn spheres_match_path_tracing() {
     let Some(mut h) = headless(SIDE, SIDE) else { return };
-    // Eyes adapt to shade, paths do not.
+    // The reference has no chromatic adaptation.
     let sky = Sky::Atmosphere(Atmosphere { adaptation: 0.0, ..Atmosphere::default() });
     println!("| metal | roughness | RMS, sun 47° high | 8° high | noise of the paths |");
     let mut worse = Vec::new();
-    // By metal: roughness, and the most for the high sun and the low one, whose glow is narrow.
+    // By metalness: roughness, and the limits for the high sun and for the low one, whose glow is narrow.
     let bounds = [
         (
             0.0,

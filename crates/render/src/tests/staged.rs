@@ -1,4 +1,4 @@
-//! What comes faster than frames have time for: meshes by slots and textures by rows, either seen once all of it is here.
+//! Data that arrives faster than frames can upload: meshes by slots and textures by rows, shown once they are complete.
 
 use std::sync::Arc;
 
@@ -27,7 +27,7 @@ fn vertex(x: f32, y: f32, color: [u8; 4]) -> Vertex {
     Vertex { data, birth_s: 0.0, level: 0 }
 }
 
-/// The square anew, of `side` squares to a side, in many runs.
+/// The square again, of `side` squares per side, in many runs.
 fn grid(side: u32, color: [u8; 4]) -> MeshChange {
     let at = |n: u32| 2.0 * n as f32 / side as f32 - 1.0;
     let places = (0..=side).flat_map(|y| (0..=side).map(move |x| (x, y)));
@@ -96,7 +96,7 @@ fn picture(h: &mut Headless, scene: &SceneView) -> Vec<u8> {
 const RED: [u8; 4] = [200, 20, 20, 255];
 const BLUE: [u8; 4] = [20, 20, 200, 255];
 
-/// A level of a megabyte was handed to the device in one frame, however little that was to spend.
+/// A level of a megabyte must be uploaded over several frames if the budget is small.
 #[test]
 fn a_long_texture_level_is_spread_over_frames_and_shown_once_it_is_whole() {
     let Some(mut h) = headless(256, 256) else { return };
@@ -127,12 +127,12 @@ fn a_long_texture_level_is_spread_over_frames_and_shown_once_it_is_whole() {
     }
     assert_eq!(scene.waiting(), 0);
     assert_eq!(picture(&mut h, &scene), sharp);
-    // Little as there is to spend, something is done: a row.
+    // However small the budget, at least one row is uploaded.
     scene.push(vec![level(1, SIDE, [BLUE; 2])]);
     assert_eq!(scene.upload(h.gpu(), h.renderer(), 1, 0.0).unwrap(), ROW_BYTES);
 }
 
-/// A step with several textures goes on where it was left.
+/// A step with several textures continues where it stopped.
 #[test]
 fn an_interrupted_upload_loses_nothing() {
     let Some(mut h) = headless(256, 256) else { return };
@@ -152,7 +152,7 @@ fn an_interrupted_upload_loses_nothing() {
     assert!(pictures.windows(2).all(|pair| pair[0] == pair[1]));
 }
 
-/// Two megabytes of a mesh were handed to the device in one frame, as they came in one change.
+/// Two megabytes of a mesh in one change must be uploaded over several frames.
 #[test]
 fn a_large_change_of_a_mesh_is_spread_over_frames_and_seen_at_once() {
     let Some(mut h) = headless(256, 256) else { return };

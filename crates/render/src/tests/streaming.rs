@@ -55,7 +55,7 @@ fn piecewise_uploads_equal_one_upload() {
     let want = shoot(&mut h, &whole);
 
     let mut parts = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[Material::default()], &[]);
-    // Faces before vertices, ragged pieces, several growths, and a rewrite of what is there.
+    // Faces before vertices, uneven pieces, several growths, and a rewrite of existing data.
     for (i, piece) in mesh.1.chunks(37).enumerate() {
         parts.update_indices(h.gpu(), 0, i * 37, piece).unwrap();
     }
@@ -65,13 +65,13 @@ fn piecewise_uploads_equal_one_upload() {
     }
     assert_eq!(shoot(&mut h, &parts), want);
 
-    // Unused face slots draw nothing, as edges neither.
+    // Unused face slots draw nothing, not even as wireframe.
     let wires = shoot_with(&mut h, &parts, true);
     assert_ne!(wires, want);
     parts.update_indices(h.gpu(), 0, mesh.1.len(), &[[0; 3]; 500]).unwrap();
     assert_eq!(shoot(&mut h, &parts), want);
     assert_eq!(shoot_with(&mut h, &parts, true), wires);
-    // Slots that are forgotten are not drawn.
+    // Slots that are freed are not drawn.
     parts.truncate_indices(0, 0);
     shoot(&mut h, &parts);
     assert!(h.coverage().unwrap().iter().all(|c| !c));
@@ -114,7 +114,7 @@ fn shared_textures_exist_once_while_in_use() {
         let (width, height) = shape.level_size(level);
         let red = [200, 30, 20, 255].repeat((width * height) as usize);
         one.update_texture(h.gpu(), 0, level, TextureData::Rgba8(&red)).unwrap();
-        // It is here already, as what these texels do not change shows.
+        // The texture is used already: other texels do not change the picture.
         let blue = [20, 30, 200, 255].repeat((width * height) as usize);
         other.update_texture(h.gpu(), 0, level, TextureData::Rgba8(&blue)).unwrap();
     }
@@ -123,7 +123,7 @@ fn shared_textures_exist_once_while_in_use() {
     assert_eq!(shoot(&mut h, &other), red);
     let texels = (8 * 8 + 4 * 4) * 4;
     assert_eq!(weak.upgrade().map(|texture| texture.bytes()), Some(texels));
-    // An asset that comes later has what is here from the start.
+    // An asset created later has the textures that have arrived.
     let later = vec![weak.upgrade().unwrap()];
     let mut later = h.renderer().create_asset_with(h.gpu(), DVec3::ZERO, &[material], later);
     fill(&h, &mut later, &mesh);

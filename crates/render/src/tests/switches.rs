@@ -1,5 +1,5 @@
-//! Each switch of the settings leaves out of a picture what it is named after, and nothing else: with it off a frame is
-//! the same to the bit as one that lacks the thing.
+//! Each switch of the settings omits the effect that it is named after, and nothing else: with it off, a frame equals,
+//! to the bit, one of a scene without the cause of the effect.
 
 use glam::{DVec3, Vec3};
 use image::RgbaImage;
@@ -21,7 +21,7 @@ const PUNCTUAL_LIGHTS: [Light; 2] = [
 /// A sloping shore with a glowing ball and a glowing pane of glass.
 struct Scene {
     floor: AssetGpu,
-    /// With what they give off, and without.
+    /// With emission, and without.
     balls: [AssetGpu; 2],
     panes: [AssetGpu; 2],
     here: [Instance; 1],
@@ -44,7 +44,7 @@ impl Scene {
         }
     }
 
-    /// What stands there: whether it glows, and whether there is glass.
+    /// Which objects the scene has: emissive ones, and glass.
     fn drawables(&self, glows: bool, glass: bool) -> Vec<Drawable<'_>> {
         let number = usize::from(!glows);
         let mut all = vec![
@@ -58,7 +58,7 @@ impl Scene {
     }
 }
 
-/// All there is, with other passes left out: they have tests of their own.
+/// All effects, without passes that have tests of their own.
 fn frame<'a>(drawables: &'a [Drawable<'a>]) -> Frame<'a> {
     let camera = Pose::look_at(DVec3::new(0.3, 0.9, 3.4), DVec3::new(0.0, 0.1, 0.0), DVec3::Y, 0.8);
     Frame {
@@ -81,8 +81,8 @@ fn draw(h: &mut Headless, frame: &Frame<'_>) -> (RgbaImage, Vec<PassId>) {
     (h.picture().unwrap(), passes)
 }
 
-/// A switch: how it is set to off, the frame that lacks what it is named after, its pass if it has one, and the shares of
-/// pixels that change with it, at least and at most.
+/// A switch: how it is set to off, the frame of the scene without the cause, its pass if it has one, and the least and
+/// largest share of pixels that change with it.
 type Switch<'a> = (&'a str, fn(&mut Settings), Frame<'a>, Option<PassId>, [f64; 2]);
 
 #[test]
@@ -156,7 +156,7 @@ fn dithering_is_at_most_a_step_of_the_display() {
     );
 }
 
-/// Of punctual lights' parameters those that only tell them apart change no picture, but how many are looked at.
+/// Parameters of light culling change no picture, only the number of lights that are examined.
 #[test]
 fn tiles_and_clusters_change_time_of_punctual_lights_and_their_number_what_they_light() {
     let Some(mut h) = headless(SIZE.0, SIZE.1) else { return };

@@ -1,4 +1,4 @@
-//! Anti-aliasing over time: against its CPU reference, against many samples a pixel, and what it must not leave behind.
+//! Temporal anti-aliasing against its CPU reference and against many samples per pixel, and without ghosts.
 
 use glam::{DVec3, Vec3};
 use image::RgbaImage;
@@ -13,7 +13,7 @@ use crate::{
 };
 
 const SIZE: (u32, u32) = (120, 68);
-/// Pixels along a side in place of one.
+/// Fine pixels along a side of a pixel.
 const FINER: u32 = 8;
 
 /// A still life of assets of one renderer.
@@ -37,7 +37,7 @@ impl Scene {
         }
     }
 
-    /// Draws a frame in which the column and the ball stand so far to the right.
+    /// Draws a frame with the column and the ball moved to the right.
     fn draw(
         &self,
         h: &mut Headless,
@@ -48,7 +48,7 @@ impl Scene {
         self.draw_in(h, camera, moved, anti_aliasing, None)
     }
 
-    /// The same, in water perhaps.
+    /// The same, in water or not.
     fn draw_in(
         &self,
         h: &mut Headless,
@@ -68,7 +68,7 @@ impl Scene {
     }
 }
 
-/// A pond: a bed so far below its water, with pebbles on it, and two posts that stand out of it.
+/// A pond: a bed at a depth below the water, with pebbles on it, and two posts that rise above the surface.
 struct Pond {
     bed: AssetGpu,
     pebble: AssetGpu,
@@ -97,7 +97,7 @@ impl Pond {
             .map(|i| {
                 let (x, z) = (f64::from(i % 18), f64::from(i / 18));
                 let off = 0.4 * (f64::from(i) * 2.4).sin();
-                // As large in the picture whatever lies between.
+                // The same size in the picture at any distance.
                 let size = 0.2 * (1.0 + self.depth);
                 let place = [(x - 9.0 + off) * size * 2.0, -self.depth, (2.0 - z * 2.0 - off) * size];
                 at(place[0], place[1], place[2], size)
@@ -131,7 +131,7 @@ fn camera(right: f64) -> Pose {
     Pose::look_at(DVec3::new(0.6 + right, 1.0, 2.4), DVec3::new(right, 0.0, 0.0), DVec3::Y, 0.8)
 }
 
-/// As much light as the pixels that lie in one give together.
+/// The mean light of the fine pixels within one pixel.
 fn mean_of(fine: &RgbaImage) -> RgbaImage {
     RgbaImage::from_fn(SIZE.0, SIZE.1, |x, y| {
         let mean = |c: usize| {
@@ -144,14 +144,14 @@ fn mean_of(fine: &RgbaImage) -> RgbaImage {
     })
 }
 
-/// Sum of the squares of how far two pictures are apart.
+/// Sum of the squared differences of two pictures.
 fn squares(a: &RgbaImage, b: &RgbaImage) -> f64 {
     let channels = a.as_raw().iter().zip(b.as_raw());
     channels.map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum::<f64>() / (255.0 * 255.0)
 }
 
-/// Mean FLIP between two pictures, at 67 pixels per degree, over the pixels at edges: elsewhere it is all about a 255th
-/// that rounding decides.
+/// Mean FLIP between two pictures, at 67 pixels per degree, over the pixels at edges: elsewhere it is about 1/255,
+/// which rounding decides.
 fn flip(picture: &RgbaImage, truth: &RgbaImage) -> f64 {
     let image = |rgba: &RgbaImage| {
         let rgb = image::DynamicImage::from(rgba.clone()).into_rgb8();
@@ -169,7 +169,7 @@ fn flip(picture: &RgbaImage, truth: &RgbaImage) -> f64 {
     edges.iter().sum::<f64>() / edges.len() as f64
 }
 
-/// Half floats of an intermediate picture, so many a pixel.
+/// A target in half floats, with several numbers per pixel.
 fn halves<const N: usize>(h: &Headless, resource: Resource) -> Vec<[f64; N]> {
     let bytes = h.intermediate(resource, 2 * N as u32).expect("the frame has it");
     let values: Vec<half::f16> = bytemuck::pod_collect_to_vec(&bytes);
@@ -223,7 +223,7 @@ fn compare_with_the_cpu_reference(h: &mut Headless, water: Option<Water>) {
     for (i, texel) in got.iter().enumerate() {
         let at = [i as i64 % i64::from(SIZE.0), i as i64 / i64::from(SIZE.0)];
         let want = cpu_reference.pixel(at);
-        // What the history is rounded to, a place that is a hundredth of a pixel off, and ties in depth.
+        // Rounding of the history, positions off by a hundredth of a pixel, and ties in depth.
         wrong += usize::from(
             (0..3).any(|c| (texel[c] - want[c]).abs() > 0.004) || (texel[3] - want[3]).abs() > 0.3,
         );
@@ -231,7 +231,7 @@ fn compare_with_the_cpu_reference(h: &mut Headless, water: Option<Water>) {
         let pixel = shown.get_pixel(at[0] as u32, at[1] as u32);
         let want = light.map(|x| tone::encode_srgb(tone::filmic(x)) * 255.0);
         wrong_shown += usize::from((0..3).any(|c| (f64::from(pixel[c]) - want[c]).abs() > 1.5));
-        // What is drawn with something that moves may stand by itself.
+        // What is drawn with a moving instance may itself stand still.
         if let (Some(by_itself), None) = (motion[i], water) {
             let off = glam::DVec2::from(by_itself).distance(cpu_reference.motion_of_camera(at));
             assert!(!(0.01..0.5).contains(&off), "{at:?}: {by_itself:?}");
@@ -344,7 +344,7 @@ fn a_column_that_passes_a_wall_leaves_no_ghost() {
     keep(&h, "temporal-column");
     other.draw(&mut fresh, camera(0.0), moved, AntiAliasing::None);
     let (got, want) = (h.picture().unwrap(), fresh.picture().unwrap());
-    // Away from edges, of what is there now and of its shadows, both show the same.
+    // Away from edges, moving objects and their shadows, both pictures agree.
     let flat = |x: u32, y: u32| {
         let near = (0..25).map(|i| (x + i % 5 - 2, y + i / 5 - 2));
         let range = near.fold([255_u8, 0], |[low, high], (x, y)| {
@@ -390,7 +390,7 @@ fn any_visible_change_ends_a_still_picture() {
     let mut environment = frame.environment;
     environment.to_sun.x += 1e-6;
     changed(Frame { environment, ..frame });
-    // Others have nothing to add up, and the next temporal one begins anew.
+    // Other methods have nothing to accumulate, and the next temporal frame starts anew.
     let plain = Frame { settings: settings(AntiAliasing::Spatial), ..frame };
     assert_eq!([&plain, &frame].map(|frame| still(&mut h, frame)), [0, 1]);
 }
@@ -408,7 +408,7 @@ fn materials_textures_and_morphs_end_a_still_picture() {
     assert_eq!([0; 2].map(|_| draw(&mut h, &ball, 0.0).still_frames), [1, 2]);
     ball.set_material(h.gpu(), 0, Material { base_colour: [1.0, 0.0, 0.0], ..Material::default() }).unwrap();
     assert_eq!([0; 2].map(|_| draw(&mut h, &ball, 0.0).still_frames), [1, 2]);
-    // A vertex that is on its way for a quarter of a second.
+    // A vertex that morphs for a quarter of a second.
     let mut vertex = sphere(12).0[40];
     vertex.morph_from = vertex.position.map(|x| 1.2 * x);
     vertex.birth_s = 1.0;
@@ -432,7 +432,7 @@ fn temporal_anti_aliasing_leaves_no_trace() {
         other.draw(&mut fresh, camera(0.0), 0.0, way);
         assert_eq!(h.picture().unwrap(), fresh.picture().unwrap());
     }
-    // The same frames give the same picture, from the first on.
+    // The same frames give the same pictures, from the first one on.
     let mut film = || {
         other.draw(&mut fresh, camera(0.0), 0.0, AntiAliasing::None);
         for frame in 0..5 {

@@ -1,4 +1,4 @@
-//! What pictures of terrain show: ground without cracks, level of detail that agrees with the errors.
+//! Terrain: ground without cracks, and levels of detail whose differences agree with their stated errors.
 
 use glam::{DVec2, DVec3};
 use image::RgbaImage;
@@ -72,7 +72,7 @@ pub(super) fn draw(
     h.picture().unwrap()
 }
 
-/// Prepares what casts shadows into a view of prepared ground from out of it.
+/// Prepares shadow casters out of view, for a view whose ground is prepared.
 pub(super) fn prepare_casters(
     h: &Headless,
     ground: &mut TerrainRenderer,
@@ -87,7 +87,7 @@ pub(super) fn prepare_casters(
     ground.prepare_casters(h.gpu(), making, &cascades).unwrap();
 }
 
-/// The same with shadows, of what is out of view too or not.
+/// The same with shadows, with or without casters out of view.
 fn draw_in_the_sun(
     h: &mut Headless,
     ground: &mut TerrainRenderer,
@@ -104,11 +104,11 @@ fn draw_in_the_sun(
     h.intermediate(Resource::Sunlight, 2).unwrap().chunks(2).map(|lit| lit[0]).collect()
 }
 
-/// Whether the sun is seen from places of the ground, by steps along rays over its finest level.
+/// Whether places on the ground see the sun, by steps along rays over its finest level.
 struct Rays {
     terrain: Terrain,
     entry: TerrainEntry,
-    /// Heights of points from `first` on, rows of `side`.
+    /// Heights of points from `first` on, in rows of `side`.
     heights: Vec<i32>,
     first: i64,
     side: usize,
@@ -125,7 +125,7 @@ impl Rays {
         Self { terrain, entry: entry.clone(), heights, first, side }
     }
 
-    /// Height of the ground, between points as on a bilinear patch; nothing beyond what was looked at.
+    /// Height of the ground, bilinear between points; `None` outside the stored points.
     fn height(&self, x: f64, z: f64) -> Option<f64> {
         let [x, z] = [x, z].map(|v| v / f64::from(self.entry.unit) - self.first as f64);
         let (i, j) = (x.floor(), z.floor());
@@ -139,7 +139,8 @@ impl Rays {
         })
     }
 
-    /// By how much of its length from a place a ray to the sun clears the ground, at the least: below 0 it is dark there.
+    /// The least height of a ray to the sun above the ground, relative to the distance travelled: below 0 the place is
+    /// in shade.
     fn clearance(&self, at: DVec3, to_sun: DVec3) -> f64 {
         let sun = to_sun.normalize();
         let mut least = f64::INFINITY;
@@ -170,7 +171,7 @@ fn missing_shadow_casters_count_as_missing_tiles() {
     assert!(casters > 10, "{casters}");
     let mut ground = scene(&h, &entry);
     let apart = TileSource::Thread(TileGenerator::start(|| {}).unwrap());
-    // However long a thread that nobody waits for takes.
+    // Without a time limit, since the thread may take any time.
     let made = loop {
         let (missing, parts, casters) = prepare(&mut ground, &apart);
         if missing == 0 {
@@ -178,7 +179,7 @@ fn missing_shadow_casters_count_as_missing_tiles() {
         }
         std::thread::yield_now();
     };
-    assert_eq!(made, (parts, casters), "what came apart is what is made at once");
+    assert_eq!(made, (parts, casters), "tiles made by a thread equal those made at once");
 }
 
 #[test]
@@ -205,7 +206,7 @@ fn hills_cast_shadows_on_hills_even_from_out_of_view() {
         let at = eye + camera.rotation * ray * distance;
         let Some(floor) = rays.height(at.x, at.z).filter(|_| distance < 1200.0) else { continue };
         let place = DVec3::new(at.x, floor, at.z);
-        // What is nearly touched is nobody's fault: the surface that is drawn is a few pixels off.
+        // Near misses are not judged: the drawn surface is off by a few pixels.
         let clearance = rays.clearance(place, to_sun);
         if clearance.abs() < 0.03 {
             continue;
@@ -217,7 +218,7 @@ fn hills_cast_shadows_on_hills_even_from_out_of_view() {
     }
     assert!(judged > 2000 && dark * 10 > judged, "{judged} {dark}");
     assert!(wrong * 50 < judged, "{wrong} of {judged} pixels have the wrong light, {dark} are dark");
-    assert!(missing > 4 * wrong, "nothing comes from out of view: {missing} {wrong} of {judged}");
+    assert!(missing > 4 * wrong, "no shadow comes from out of view: {missing} {wrong} of {judged}");
 }
 
 /// Height of the ground below a place.
@@ -274,11 +275,11 @@ fn a_coarse_surface_is_lit_like_a_finer_one() {
     let camera = Pose::look_at(high, high + DVec3::new(1.0, -0.35, 0.3), DVec3::Y, 0.9);
     let [fine, coarse] = [0.5, 2.4].map(|px| draw(&mut h, &mut ground, camera, px, Settings::default()));
     let found = compare(&coarse, &fine, None).unwrap();
-    // 0.92 as with normals of points at 1 px, where those at 2.4 px have 0.81.
+    // SSIM is 0.92, as with normals of vertices at 1 px; with those of vertices at 2.4 px it would be 0.81.
     assert!(found.ssim > 0.88, "{found:?}");
 }
 
-/// A camera somewhere over the middle of the world, from a man's height to a tower's, looking ahead or down.
+/// A camera above the middle of the world, at the height of a person to a tower, looking ahead or down.
 fn random_camera(entry: &TerrainEntry, random: &mut Random) -> Pose {
     let mut place = || (random.unit() - 0.5) * 4000.0;
     let (x, z) = (place(), place());
@@ -289,7 +290,7 @@ fn random_camera(entry: &TerrainEntry, random: &mut Random) -> Pose {
     Pose::look_at(eye, eye + ahead, DVec3::Y, 0.5 + 0.7 * random.unit())
 }
 
-/// Direction in which a pixel looks, not normalised: one unit deep.
+/// Direction of a pixel, scaled to a depth of one.
 fn ray(camera: &Pose, (width, height): (u32, u32), x: u32, y: u32) -> DVec3 {
     let (tx, ty) = camera.tan_half_fov(width, height);
     let ndc = [
@@ -422,11 +423,11 @@ fn pictures_show_what_the_cpu_reference_computes_and_stay_within_the_screen_erro
             looked_at += 1;
             let agrees = (drawn - met).abs() <= 3e-4 * met;
             if !agrees {
-                // Where one hill ends in front of another, a rounding error decides which is seen.
+                // At a silhouette of a hill, a rounding error decides which hill is visible.
                 silhouettes += 1;
                 continue;
             }
-            // Against the finest level.
+            // Compared with the finest level.
             let at = camera.eye + ray * met;
             let exact = terrain.height_between(at.x / unit, at.z / unit, &mut Scratch::new()) * height_unit;
             let (_, ty) = camera.tan_half_fov(size.0, size.1);
@@ -443,7 +444,7 @@ fn pictures_show_what_the_cpu_reference_computes_and_stay_within_the_screen_erro
     }
 }
 
-/// What a function of `terrain.wgsl` gives for pairs of numbers: `call` computes four numbers from `given`.
+/// The results of a function of `terrain.wgsl` for pairs of numbers: `call` computes four numbers from `given`.
 /// `uniforms` are the blocks that it uses, by binding.
 pub(crate) fn compute(
     gpu: &Gpu,

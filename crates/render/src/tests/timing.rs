@@ -1,4 +1,4 @@
-//! What passes took: of those that ran, and of no others.
+//! Pass times: those of the passes that ran, and no others.
 
 use glam::DVec3;
 
@@ -37,7 +37,7 @@ fn times_are_of_the_passes_that_ran() {
         h.time_passes(true);
         let plain = Settings { shadows: None, anti_aliasing: AntiAliasing::None, ..frame.settings };
         let normals = Settings { debug_view: DebugView::Normal, ..frame.settings };
-        // A pass of each kind there is, with as many shadow maps as there may be.
+        // All kinds of passes, with the largest number of shadow maps.
         let edges = Settings { wireframe: true, ..frame.settings };
         for settings in [frame.settings, plain, normals, edges] {
             let mut ran = Vec::new();
@@ -64,7 +64,7 @@ fn times_are_of_the_passes_that_ran() {
     });
 }
 
-/// Records a frame and submits it, or not.
+/// Records a frame, and submits it or not.
 fn record(h: &mut Headless, frame: &Frame<'_>, submit: bool) -> Result<Counters, RenderError> {
     let texture = h.gpu().device.create_texture(&wgpu::TextureDescriptor {
         label: None,
@@ -87,7 +87,7 @@ fn record(h: &mut Headless, frame: &Frame<'_>, submit: bool) -> Result<Counters,
     Ok(counters)
 }
 
-/// A host may drop a frame, and need not wait for one before it records the next.
+/// A host may drop a frame, and may record the next one before the last has finished.
 #[test]
 fn dropped_frames_release_their_timestamps() {
     let Some(mut h) = headless(160, 90) else { return };

@@ -1,4 +1,4 @@
-//! Water: what it shows against its CPU reference, where it is, and that it is the same at all scales.
+//! Water against its CPU reference, its extent, and its independence of scale.
 
 use glam::{DVec2, DVec3, Vec3};
 use half::f16;
@@ -20,7 +20,7 @@ use crate::{
 
 const WATER: Water = Water { level: 0.0, clarity: 4.0, ripples: 0.5 };
 
-/// One colour all around, and a sun.
+/// A uniform sky, and a sun.
 fn even(sun: f32, all: Vec3) -> Environment {
     let plain = GradientSky { sun: Vec3::splat(sun), zenith: all, horizon: all, ground: all };
     Environment { sky: Sky::Plain(plain), ..Environment::default() }
@@ -91,7 +91,7 @@ fn water_matches_its_cpu_reference() {
             };
             let along = water.height / -ray.through.y;
             if (along / seen - 1.0).abs() < 1e-3 || ray.through.y.abs() < 1e-3 {
-                // At a shore, and at the horizon, a pixel is either.
+                // At a shore or the horizon a pixel may show either.
                 continue;
             }
             if along < 0.0 || along > seen {
@@ -109,7 +109,7 @@ fn water_matches_its_cpu_reference() {
     }
 }
 
-/// A valley with a river bed that is as deep all along, under water of this level.
+/// A valley with a river bed of constant depth, under water of the given level.
 fn valley(h: &mut Headless, camera: Pose, level: Option<f64>) -> (RgbaImage, Vec<PassId>) {
     let mut entry = entry(3);
     entry.parameters.amplitude = 2_500;
@@ -151,7 +151,7 @@ fn rivers_have_water_where_their_beds_are_below_its_level() {
     }
     println!("{below} pixels are under water");
     assert!(below > 1500 && changed * 100 >= below * 99, "{changed} of {below}");
-    // From below its level there is none, and none where all is higher.
+    // Water is not drawn from below, or where all ground is higher.
     let (all_below, passes) = valley(&mut h, camera, Some(41.0));
     assert!(!passes.contains(&PassId::Water) && all_below == dry);
     let mut off = Frame { water: Some(WATER), ..Frame::new(camera, &[]) };
@@ -186,7 +186,7 @@ fn water_is_the_same_at_all_scales_and_never_less_than_a_number() {
         let found = compare(&shoot(scale, 1.0), &plain, None).unwrap();
         assert!(found.mean_difference < 0.2, "{scale}: {found:?}");
     }
-    // That is a picture with water in it.
+    // The picture does contain water.
     let dry = compare(&shoot(1.0, -1.0), &plain, None).unwrap();
     assert!(dry.mean_difference > 5.0, "{dry:?}");
     for height in [1e-30, 1e-6, 1e-3, 1e3, 1e6, 1e30, f64::MIN_POSITIVE] {
@@ -201,7 +201,7 @@ fn ripples_stay_where_they_are_far_from_zero() {
         let [here, there] = [far, far + step].map(|eye| WATER.view_from(eye).unwrap());
         for (here, there) in here.waves.iter().zip(&there.waves) {
             let turned = there.phase - here.phase - here.vector.dot(DVec2::new(step.x, step.z));
-            // Cycles: rounding of such a place is a nanometre, of which the shortest wave makes 1e-8.
+            // In cycles: such a place is rounded to a nanometre, which is 1e-8 of the shortest wave.
             assert!((turned - turned.round()).abs() < 1e-6, "{step}: {turned}");
         }
     }

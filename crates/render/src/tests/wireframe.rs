@@ -1,4 +1,4 @@
-//! Edges over the picture: seen where triangles are large, gone where they are smaller than a few pixels.
+//! Wireframe edges: drawn where triangles are large, faded where they are smaller than a few pixels.
 
 use glam::DVec3;
 
@@ -6,7 +6,8 @@ use super::shapes::{Mesh, asset, sphere};
 use super::{headless, keep};
 use crate::{AntiAliasing, Drawable, Frame, GradientSky, Headless, Instance, Material, Pose, Settings, Sky};
 
-/// Of the pixels that a sphere covers: mean luminance with edges over that without, and the share that is nearly black.
+/// Over the pixels of a sphere: the ratio of mean luminance with and without edges, and the share of nearly black
+/// pixels.
 fn inked(h: &mut Headless, mesh: &Mesh, name: &str) -> (f64, f64) {
     let ball = asset(h, mesh, Material { base_colour: [0.7; 3], ..Material::default() });
     let drawables = [Drawable { asset: &ball, instances: &[Instance::default()] }];
@@ -47,7 +48,7 @@ fn a_fine_mesh_is_not_solid_black_under_its_edges() {
     });
     assert!(fine.0 > 0.97 && fine.1 < 0.03, "{fine:?}");
     assert!(small.0 > 0.9 && small.0 <= fine.0, "{small:?}");
-    // Where there is something between them, edges are drawn in full: about 3 / side of all pixels.
+    // Where triangles are large enough, edges are drawn in full: about 3 / side of all pixels.
     assert!((0.15..0.5).contains(&large.1) && large.0 < 0.9, "{large:?}");
     assert!((0.05..0.2).contains(&coarse.1) && (0.8..0.96).contains(&coarse.0), "{coarse:?}");
 }

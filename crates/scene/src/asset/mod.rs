@@ -321,7 +321,7 @@ mod tests {
         refused(|m| m.emission[2] = 2.0 * MAX_EMISSION, DescriptionError::Emission);
         refused(|m| m.normal_scale = -1.0, DescriptionError::NormalScale);
         refused(|m| m.emission_texture = Some(2), DescriptionError::MissingTexture);
-        // By the wire: both of mask and blend, an unknown wrap mode, a flag for a metal that is none.
+        // On the wire: mask and blend together, an unknown wrap mode, an invalid flag for metal.
         let plain =
             AssetDescription { name: String::new(), materials: vec![Material::default()], textures: vec![] };
         let bytes = plain.encode().unwrap();

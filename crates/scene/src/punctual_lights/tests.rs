@@ -17,7 +17,7 @@ fn spot(direction: [f32; 3]) -> PunctualLight {
     PunctualLight { spot: Some(Spot { direction, inner: 0.3, outer: 0.7 }), ..punctual_light([0.0; 3]) }
 }
 
-/// A street: alike but for where they stand.
+/// A street: lights that differ in position only.
 fn street(count: u32) -> Vec<PunctualLight> {
     (0..count).map(|i| punctual_light([5.0 * f64::from(i), 6.0, f64::from(i % 2) * 8.0])).collect()
 }
@@ -48,7 +48,7 @@ fn assert_alike(got: &[PunctualLight], punctual_lights: &[PunctualLight]) {
         assert_eq!(got.spot.is_some(), want.spot.is_some());
         if let (Some(a), Some(b)) = (got.spot, want.spot) {
             let [a_to, b_to] = [a, b].map(|spot| Vec3::from(spot.direction));
-            // The sine, since a cosine near 1 tells nothing apart.
+            // The sine, since a cosine near 1 is not precise enough.
             assert!(a_to.cross(b_to).length() <= MAX_TURN && a_to.dot(b_to) > 0.0, "{a:?} {b:?}");
             assert!((a.inner - b.inner).abs() <= 1e-4 && (a.outer - b.outer).abs() <= 1.1e-4, "{a:?} {b:?}");
         }
@@ -86,7 +86,7 @@ fn pages_round_trip_and_every_truncation_is_refused() {
     let bytes = encode_page(&punctual_lights).unwrap();
     let got = decode_page(&bytes, 24).unwrap();
     assert_alike(&got, &punctual_lights);
-    // What came back is as exact as it is written again.
+    // Decoded lights are encoded again without loss.
     assert_eq!(decode_page(&encode_page(&got).unwrap(), 24).unwrap(), got);
     for end in 0..bytes.len() {
         assert!(decode_page(&bytes[..end], 24).is_err(), "{end}");
@@ -133,7 +133,7 @@ fn invalid_light_pages_have_distinct_errors() {
     assert_eq!(decode_page(&far, 1), Err(PunctualLightsError::Position));
 }
 
-/// A cone like the one before, of a punctual light that is the first.
+/// First light of a page whose flags refer to the cone of the light before it.
 const SAME_AS_NONE: u8 = 1 | 8;
 
 #[test]

@@ -28,7 +28,7 @@ pub struct OverridePatch {
 /// An invalid page of the directory.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DirectoryError {
-    /// The bytes are no page.
+    /// The bytes are not a valid page.
     #[error(transparent)]
     Coding(#[from] CodingError),
     /// More than [`PATCHES_PER_PAGE`].

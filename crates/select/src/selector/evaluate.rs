@@ -3,7 +3,7 @@
 use lodestream_geometry::screen::{visible_error, visible_error_at};
 
 use super::Selector;
-use crate::difference::{Picture, seen_error};
+use crate::difference::{Picture, difference_error};
 use crate::instance_tree::{Instances, TreeQuery};
 use crate::priority::hidden;
 use crate::project::Projection;
@@ -70,7 +70,7 @@ impl Selector {
         let counters = &mut self.selection.counters;
         (counters.applied_faces, counters.applied_bytes) = in_use;
         let floor_px = f64::from(view.target_px * self.settings.undo_below.get());
-        let (mut worst, mut worst_seen) = (0.0_f64, 0.0_f64);
+        let (mut worst, mut worst_unoccluded) = (0.0_f64, 0.0_f64);
         let mut drawn = false;
         for &number in self.nearby.numbers() {
             let instance = &instances.all()[number as usize];
@@ -90,7 +90,7 @@ impl Selector {
             if asset.state(BlobPart::Base) == State::Applied {
                 counters.drawable_instances += 1;
             } else {
-                (worst, worst_seen) = (f64::INFINITY, f64::INFINITY);
+                (worst, worst_unoccluded) = (f64::INFINITY, f64::INFINITY);
             }
             let scale = f64::from(instance.scale);
             let px_of = |error: f32| projection.error_px(f64::from(error) * scale, bounds.depth);
@@ -103,11 +103,11 @@ impl Selector {
                 let shown = self.visibility.shown(number, view, asset.entry(), instance);
                 on_screen.pages_visible |= shown > 0.0;
                 if shown > 0.0 {
-                    worst_seen = worst_seen.max(unknown_px);
+                    worst_unoccluded = worst_unoccluded.max(unknown_px);
                 }
             } else {
                 on_screen.pages_visible = true;
-                worst_seen = worst_seen.max(unknown_px);
+                worst_unoccluded = worst_unoccluded.max(unknown_px);
             }
             #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
             {
@@ -118,7 +118,7 @@ impl Selector {
             // No chunk's visible error exceeds the root error, and no sphere is nearer than the asset's.
             let root_px = px_of(asset.entry().root_error);
             if root_px < floor_px {
-                (worst, worst_seen) = (worst.max(root_px), worst_seen.max(root_px));
+                (worst, worst_unoccluded) = (worst.max(root_px), worst_unoccluded.max(root_px));
                 on_screen.far = true;
                 continue;
             }
@@ -163,7 +163,7 @@ impl Selector {
                     let left_px = if left < error { px * f64::from(left / error) } else { px };
                     worst = worst.max(left_px);
                     if shown > MIN_VISIBLE_SHARE {
-                        worst_seen = worst_seen.max(left_px);
+                        worst_unoccluded = worst_unoccluded.max(left_px);
                     }
                 }
                 #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
@@ -171,14 +171,15 @@ impl Selector {
                     evaluation.own_px = evaluation.own_px.max(px as f32);
                     evaluation.error_px = evaluation.own_px;
                     let px_per_unit = px as f32 / error.max(f32::MIN_POSITIVE);
-                    let seen_px = px_per_unit * seen_error(info.error, info.attribute_error, share);
-                    let whole = picture.shape_px2(seen_px, px_per_unit * info.sphere.radius);
+                    let difference_error_px =
+                        px_per_unit * difference_error(info.error, info.attribute_error, share);
+                    let whole = picture.shape_px2(difference_error_px, px_per_unit * info.sphere.radius);
                     evaluation.difference_px2 += if shown > 0.0 { shown * whole } else { hidden(whole) };
                 }
                 evaluation.foveation = evaluation.foveation.max(foveation);
             }
         }
         counters.max_screen_error_px = worst;
-        counters.seen_screen_error_px = worst_seen;
+        counters.unoccluded_screen_error_px = worst_unoccluded;
     }
 }

@@ -6,7 +6,7 @@ use lodestream_geometry::screen::visible_error;
 use super::Selector;
 use super::chunks::sufficient_truncation;
 use super::threshold::{BIN_SHIFT, BINS, threshold_within};
-use crate::difference::{Picture, seen_error};
+use crate::difference::{Picture, difference_error};
 use crate::instance_tree::{Instances, TreeQuery};
 use crate::priority::hidden;
 use crate::project::Projection;
@@ -83,8 +83,8 @@ impl Selector {
                 let [px, px_per_unit] = [px / SOFTNESS, px_per_unit / SOFTNESS].map(|x| x as f32);
                 evaluation.own_shadow_px = evaluation.own_shadow_px.max(px);
                 evaluation.shadow_px = evaluation.own_shadow_px;
-                let seen_px = px_per_unit * seen_error(info.error, info.attribute_error, 0.0);
-                let whole = picture.shape_px2(seen_px, px_per_unit * info.sphere.radius);
+                let error_px = px_per_unit * difference_error(info.error, info.attribute_error, 0.0);
+                let whole = picture.shape_px2(error_px, px_per_unit * info.sphere.radius);
                 evaluation.difference_px2 += hidden(whole);
             }
         }

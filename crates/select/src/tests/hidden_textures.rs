@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::*;
 use crate::priority::is_hidden;
 
-/// A square of half a side `half` about the origin in the xz plane, which hides what is below it.
+/// A square with a side of 2 × `half`, about the origin in the xz plane, which hides what is below it.
 fn flat(half: f32) -> Arc<Occluder> {
     let corner = |x: f32, z: f32| [x * half, 0.0, z * half];
     let corners = vec![corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)];
@@ -47,7 +47,7 @@ fn hidden_textures_come_after_visible_shapes() {
     }
     let last_seen = wanted.iter().rposition(|w| !is_hidden(w.priority)).unwrap();
     assert!(wanted[..last_seen].iter().all(|w| !is_hidden(w.priority)));
-    // All shapes are there: textures alone are looked for.
+    // All chunks are applied: only textures are wanted.
     let mut refined = assets.clone();
     for asset in &mut refined[..2] {
         (0..5).for_each(|chunk| asset.set_state(BlobPart::Chunk(chunk), State::Applied));
@@ -57,7 +57,7 @@ fn hidden_textures_come_after_visible_shapes() {
         found.iter().all(|level| is_hidden(level.priority) == (level.id.asset() == Some(0))),
         "{found:?}"
     );
-    // Nobody asks what hides what.
+    // Without the occlusion test nothing is hidden.
     let settings = SelectSettings { hidden_last: false, ..SelectSettings::default() };
     let found = levels(&Selector::new(settings).select(&view, &instances, &assets).wanted);
     assert!(found.iter().all(|level| !is_hidden(level.priority)));
@@ -70,7 +70,7 @@ fn texture_is_visible_if_one_instance_is() {
     let view = above([0.0, 12.0, 0.5]);
     let found = levels(&Selector::default().select(&view, &both, &assets).wanted);
     assert!(found.iter().all(|level| !is_hidden(level.priority)), "{found:?}");
-    // As it is where somebody else shows it.
+    // The texture is visible if it is shared with an asset in view.
     let shared = vec![SharedTexture { texture: 0, asset: 0, of: 0 }];
     let sharing = AssetEntry { shared, ..assets[1].entry().clone() };
     let [first, _, last] = assets;
@@ -79,7 +79,7 @@ fn texture_is_visible_if_one_instance_is() {
     assert!(found.iter().all(|level| level.id.asset() == Some(0) && !is_hidden(level.priority)), "{found:?}");
 }
 
-/// Index pages of an asset that a roof covers came before shapes that are seen.
+/// Index pages of an asset that a roof covers come after visible chunks.
 #[test]
 fn index_pages_of_hidden_assets_come_last() {
     let mut roof = AssetState::new(plane_entry("roof", &[], 1000));
@@ -103,11 +103,11 @@ fn index_pages_of_hidden_assets_come_last() {
     };
     let usual = SelectSettings::default();
     assert_eq!(of(&[hidden, seen, over], usual), [true, false]);
-    // Without the roof, with another that is seen, and where nobody asks what hides what.
+    // Nothing is hidden without the roof, with another instance in view, or without the occlusion test.
     assert_eq!(of(&[hidden, seen], usual), [false, false]);
     assert_eq!(of(&[hidden, seen, over, InstanceEntry::at(0, [0.0, 0.0, 3.0])], usual), [false, false]);
     assert_eq!(of(&[hidden, seen, over], SelectSettings { hidden_last: false, ..usual }), [false, false]);
-    // A base mesh hides, or is judged by what hides: it is wanted as before.
+    // Base meshes are never wanted last, even if they are covered.
     let mut bare = assets.clone();
     bare[0].set_state(BlobPart::Base, State::Absent);
     let wanted = Selector::new(usual).select(&view, &[hidden, seen, over], &bare).wanted.clone();

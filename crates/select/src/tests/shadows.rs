@@ -10,9 +10,9 @@ fn scene() -> [InstanceEntry; 2] {
     [InstanceEntry::at(0, [0.0; 3]), InstanceEntry { scale: 0.5, ..InstanceEntry::at(1, [0.0, 3.0, 6.0]) }]
 }
 
-/// Behind the eye, so that the shadow of what is there falls where the eye looks, …
+/// Direction to a sun behind the eye: the shadow of the instance behind falls into view.
 const BEHIND: [f32; 3] = [0.0, 0.5, 1.0];
-/// … and before it.
+/// Direction to a sun before the eye: it does not.
 const BEFORE: [f32; 3] = [0.0, 0.5, -1.0];
 
 fn assets() -> [AssetState; 2] {
@@ -43,10 +43,10 @@ fn shadow_casters_are_refined_last() {
     assert!(!plain.wanted.iter().any(is_caster) && plain.counters.shadow_bytes == 0);
     let (casters, others): (Vec<Wanted>, Vec<Wanted>) = with.wanted.iter().copied().partition(is_caster);
     assert!(!casters.is_empty() && casters.iter().all(|wanted| is_hidden(wanted.priority)));
-    assert_eq!(others, plain.wanted, "what the view itself wants is as before");
+    assert_eq!(others, plain.wanted, "the view itself wants the same");
     assert!(with.wanted.is_sorted_by_key(is_caster));
     let [of_view, of_all] = [&plain, &with].map(|selection| selection.counters.max_screen_error_px);
-    assert_eq!(of_view, of_all, "shadows are no part of the screen error");
+    assert_eq!(of_view, of_all, "shadows do not count in the screen error");
 }
 
 #[test]
@@ -58,13 +58,13 @@ fn instances_without_shadows_in_view_are_not_refined() {
     for to_sun in [None, Some(BEFORE), Some([0.0; 3]), Some([f32::NAN; 3])] {
         assert!(!some(to_sun, &scene()), "{to_sun:?}");
     }
-    // Its shadow falls below what is in view.
+    // The shadow falls below everything in view.
     let mut placed = scene();
     placed[1].translation = [0.0, -3.0, 6.0];
     assert!(!some(Some(BEHIND), &placed));
 }
 
-/// The larger the caster, the more there is to fetch: never more than a tenth of what the view needs.
+/// The larger the caster, the more bytes it has: at most a tenth of the bytes that the view needs are fetched.
 #[test]
 fn shadows_use_at_most_a_tenth_of_the_bytes() {
     let mut most = 0.0_f64;

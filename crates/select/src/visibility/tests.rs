@@ -55,7 +55,8 @@ fn ball(scale: [f64; 3], bumps: f64) -> SourceMesh {
     mesh
 }
 
-/// A closed wall that waves, so wide, high and thick, across the z axis. What is as thick waves alike, however large.
+/// A closed, wavy wall of the given width, height and thickness, across the z axis. The waves do not depend on its
+/// size.
 fn sheet([width, height, thickness]: [f64; 3]) -> SourceMesh {
     let mut mesh = SourceMesh::default();
     let wave = |x: f64, y: f64| 0.03 * (2.1 * x).sin() * (2.7 * y).cos() + 0.004 * (11.0 * x + 9.0 * y).sin();
@@ -95,10 +96,10 @@ fn sheet([width, height, thickness]: [f64; 3]) -> SourceMesh {
     mesh
 }
 
-/// A face as points, and the chunks that put its corners where they are.
+/// A face's corners, and the chunks that give them their positions.
 type FinestFace = ([Vec3; 3], [Option<u32>; 3]);
 
-/// A prepared asset, as far refined as it is.
+/// A prepared asset in its current state of refinement.
 #[derive(Clone)]
 struct Asset {
     prepared: Prepared,
@@ -125,29 +126,28 @@ impl Asset {
         }
         let mesh = ActiveMesh::new(base);
         let mut asset = Self { prepared, mesh, state };
-        asset.look();
+        asset.update_occluder();
         asset
     }
 
-    /// The same with chunks that claim to be off in attributes alone, so that nothing is allowed for where coarse
-    /// surfaces are off.
-    fn sure_of_itself(&self) -> Self {
+    /// The same with chunks that state attribute errors only, so that no margin is added for coarse surfaces.
+    fn without_geometric_errors(&self) -> Self {
         let mut state = AssetState::new(self.state.entry().clone());
         state.set_state(BlobPart::Base, State::Applied);
         for (page, infos) in (0..).zip(self.prepared.infos.chunks(geometry::index::CHUNKS_PER_PAGE)) {
-            let sure = |info: &ChunkInfo| ChunkInfo {
+            let unbounded = |info: &ChunkInfo| ChunkInfo {
                 error: 0.0,
                 attribute_error: info.error.max(info.attribute_error),
                 ..info.clone()
             };
-            state.add_index_page(page, infos.iter().map(sure).collect::<Vec<_>>()).unwrap();
+            state.add_index_page(page, infos.iter().map(unbounded).collect::<Vec<_>>()).unwrap();
         }
         let mut asset = Self { state, ..self.clone() };
-        asset.look();
+        asset.update_occluder();
         asset
     }
 
-    fn look(&mut self) {
+    fn update_occluder(&mut self) {
         let (positions, faces) = self.mesh.surface();
         self.state.set_occluder(Arc::new(Occluder::new(positions, faces)));
     }
@@ -176,7 +176,7 @@ impl Asset {
     }
 }
 
-/// Whether a triangle is hit on the way from the origin to a point, before it.
+/// Whether the ray from the origin to a point meets a triangle before the point.
 fn blocks([a, b, c]: &[Vec3; 3], to: Vec3) -> bool {
     let (ab, ac) = (*b - *a, *c - *a);
     let across = to.cross(ac);
@@ -192,10 +192,10 @@ fn blocks([a, b, c]: &[Vec3; 3], to: Vec3) -> bool {
     u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0 && t < 0.999
 }
 
-/// Cells of the picture to each side of its middle.
+/// Cells of the picture on each side of its centre.
 const CELLS: i32 = 40;
 
-/// Faces by the cells of the picture in which they may be met.
+/// Faces by the cells of the picture that they may cover.
 struct Cells<'a> {
     faces: Vec<Vec<&'a [Vec3; 3]>>,
     /// Cells per unit of tangent.
@@ -235,14 +235,15 @@ impl<'a> Cells<'a> {
         ((row + CELLS) * 2 * CELLS + column + CELLS) as usize
     }
 
-    /// Whether a face is met on the way to a point in view, before it.
+    /// Whether the ray to a point in view meets a face before the point.
     fn block(&self, to: Vec3) -> bool {
         let cell = Self::number(self.at(to.x, to.z), self.at(to.y, to.z));
         self.faces[cell].iter().any(|face| blocks(face, to))
     }
 }
 
-/// Faces that a view sees, as (instance, number), every `step`th looked at: a ray to their middle meets no other.
+/// Faces visible in a view, as (instance, number): a ray to their centre meets no other face. Tests every `step`th
+/// face.
 fn seen_by_rays(view: &View, world: &[Vec<[Vec3; 3]>], step: usize) -> Vec<(usize, usize)> {
     let tangent = (view.fov_y / 2.0).tan();
     let cells = Cells::new(view, world.iter().flatten());
@@ -251,7 +252,7 @@ fn seen_by_rays(view: &View, world: &[Vec<[Vec3; 3]>], step: usize) -> Vec<(usiz
         for (number, [a, b, c]) in faces.iter().enumerate().step_by(step) {
             let to = (*a + *b + *c) / 3.0;
             let inside = to.x.abs() < tangent * view.aspect() * to.z && to.y.abs() < tangent * to.z;
-            // Counter-clockwise from outside, and these axes mirror the world.
+            // Faces are counter-clockwise from outside, and these axes mirror the world.
             let turned_away = (*b - *a).cross(*c - *a).dot(to) >= 0.0;
             if inside && !turned_away && !cells.block(to) {
                 seen.push((instance, number));
@@ -261,7 +262,7 @@ fn seen_by_rays(view: &View, world: &[Vec<[Vec3; 3]>], step: usize) -> Vec<(usiz
     seen
 }
 
-/// Assets that stand somewhere.
+/// Assets and their instances.
 struct Scene {
     assets: Vec<Asset>,
     /// Of each asset, [`Asset::finest`].
@@ -269,13 +270,13 @@ struct Scene {
     instances: Vec<InstanceEntry>,
 }
 
-/// What a selection for a view says, held against what rays see.
+/// A selection for a view, compared with what rays see.
 #[derive(Default)]
-struct Judged {
-    /// Faces that rays see, and those of them that are called hidden.
+struct OcclusionCheck {
+    /// Faces that rays see, and those of them that the selection calls hidden.
     seen: usize,
     wrong: usize,
-    /// Bytes of what is wanted, and of what of it comes last.
+    /// Bytes of all wanted blobs, and of those wanted last.
     bytes: u32,
     last_bytes: u32,
 }
@@ -286,7 +287,7 @@ impl Scene {
         Self { assets: assets.to_vec(), finest, instances: instances.to_vec() }
     }
 
-    /// Every `step`th face that rays from a view's eye see.
+    /// Every `step`th face, if rays from a view's eye see it.
     fn seen_from(&self, view: &View, step: usize) -> Vec<(usize, usize)> {
         let world = self.instances.iter().map(|instance| {
             let asset = instance.asset as usize;
@@ -297,14 +298,15 @@ impl Scene {
         seen_by_rays(view, &world.collect::<Vec<Vec<_>>>(), step)
     }
 
-    /// What is called hidden of the faces that are seen, by an eye that may get so far.
-    fn judge(&self, view: &View, way: f32, faces: &[(usize, usize)]) -> Judged {
+    /// Compares the faces that rays see with those that a selection calls hidden, for an eye that may move by a
+    /// distance.
+    fn check(&self, view: &View, distance: f32, faces: &[(usize, usize)]) -> OcclusionCheck {
         let states: Vec<_> = self.assets.iter().map(|asset| asset.state.clone()).collect();
         let mut selector = Selector::default();
-        selector.set_travel_distance(way);
+        selector.set_travel_distance(distance);
         let selection = selector.select(view, &self.instances, &states);
         let (wanted, counters) = (&selection.wanted, selection.counters);
-        assert!(counters.seen_screen_error_px <= counters.max_screen_error_px, "{counters:?}");
+        assert!(counters.unoccluded_screen_error_px <= counters.max_screen_error_px, "{counters:?}");
         let hidden: HashSet<BlobId> = wanted.iter().filter(|w| is_hidden(w.priority)).map(|w| w.id).collect();
         let bytes = |w: &Wanted| w.bytes.unwrap_or(0);
         let is_wrong = |&&(instance, number): &&(usize, usize)| {
@@ -312,7 +314,7 @@ impl Scene {
             let mut chunks = self.finest[asset as usize][number].1.into_iter().flatten();
             chunks.any(|chunk| hidden.contains(&BlobId::chunk(asset, chunk)))
         };
-        Judged {
+        OcclusionCheck {
             seen: faces.len(),
             wrong: faces.iter().filter(is_wrong).count(),
             bytes: wanted.iter().map(bytes).sum(),
@@ -320,13 +322,13 @@ impl Scene {
         }
     }
 
-    /// The same over views, each with what is seen from it, at four stages: from the base meshes to when most chunks
-    /// are there.
-    fn judge_stages(&mut self, way: f32, views: &[(View, Vec<(usize, usize)>)]) -> [Judged; 4] {
+    /// The same, summed over views with the faces seen from each, at four stages: from base meshes to most chunks
+    /// applied.
+    fn check_stages(&mut self, distance: f32, views: &[(View, Vec<(usize, usize)>)]) -> [OcclusionCheck; 4] {
         [0, 1, 2, 3].map(|stage| {
-            let mut all = Judged::default();
+            let mut all = OcclusionCheck::default();
             for (view, faces) in views {
-                let Judged { seen, wrong, bytes, last_bytes } = self.judge(view, way, faces);
+                let OcclusionCheck { seen, wrong, bytes, last_bytes } = self.check(view, distance, faces);
                 all.seen += seen;
                 all.wrong += wrong;
                 all.bytes += bytes;
@@ -338,7 +340,7 @@ impl Scene {
                         asset.apply(chunk);
                     }
                 }
-                asset.look();
+                asset.update_occluder();
             }
             all
         })
@@ -354,8 +356,8 @@ fn place(asset: u32, translation: [f64; 3], scale: f32) -> InstanceEntry {
     InstanceEntry { scale, ..InstanceEntry::at(asset, translation) }
 }
 
-/// The promise, and that there was something to be judged.
-fn assert_hardly_any_wrong(what: &str, stages: &[Judged]) {
+/// Asserts that at most one in a thousand of the faces that rays see is called hidden, and that rays see enough faces.
+fn assert_hardly_any_wrong(what: &str, stages: &[OcclusionCheck]) {
     let (seen, wrong) = stages.iter().fold((0, 0), |(seen, wrong), s| (seen + s.seen, wrong + s.wrong));
     let by_stage: Vec<_> = stages.iter().map(|s| (s.seen, s.wrong, s.bytes, s.last_bytes)).collect();
     println!("{what}: {wrong} of {seen} faces that rays see are called hidden; {by_stage:?}");
@@ -371,17 +373,18 @@ fn surfaces_visible_to_rays_are_rarely_hidden() {
     let mut scene = Scene::new(&sources.each_ref().map(Asset::new), &instances);
     let eyes = [[0.0, 0.4, 4.0], [3.0, 2.0, 2.5], [-2.2, -0.5, -1.5], [6.0, 5.0, -9.0]];
     let views = eyes.map(view_from).map(|view| (view, scene.seen_from(&view, 7)));
-    let stages = scene.judge_stages(0.0, &views);
-    for (stage, judged) in stages.iter().enumerate() {
-        let Judged { bytes, last_bytes, .. } = judged;
-        // A good part of what is in view is hidden, and the more is known of surfaces, the more of it is called so.
+    let stages = scene.check_stages(0.0, &views);
+    for (stage, check) in stages.iter().enumerate() {
+        let OcclusionCheck { bytes, last_bytes, .. } = check;
+        // Much of what is in view is hidden, and the more surfaces are known, the more is called hidden.
         assert!(last_bytes * [15, 8, 6, 6][stage] > *bytes, "{last_bytes} of {bytes}, stage {stage}");
     }
     assert_hardly_any_wrong("balls", &stages);
 }
 
-/// Walls far thinner than a pixel of the buffer is wide (some 0.03 here), and one close behind another, of which only a
-/// margin is seen: what is off by a fraction of a pixel, or of what coarse surfaces are off by, is on the wrong side.
+/// The walls are far thinner than a pixel of the buffer (about 0.03 here), and one stands close behind another, of
+/// which only a margin is visible: an error of a fraction of a pixel, or of a coarse surface, calls visible faces
+/// hidden.
 #[test]
 fn thin_walls_visible_to_rays_are_rarely_hidden() {
     let sources = [sheet([2.4, 1.6, 0.004]), sheet([3.0, 2.2, 0.004]), ball([0.5; 3], 0.05)];
@@ -396,19 +399,19 @@ fn thin_walls_visible_to_rays_are_rarely_hidden() {
         let mut scene = Scene::new(&assets, &instances);
         let eyes = [[0.0, 0.4, 4.0], [3.0, 2.0, 2.5], [-4.0, 0.3, 0.3], [0.5, -0.8, -5.0]];
         let views = eyes.map(view_from).map(|view| (view, scene.seen_from(&view, 7)));
-        let stages = scene.judge_stages(0.0, &views);
-        assert!(stages.iter().all(|judged| judged.last_bytes > 0), "nothing is hidden");
+        let stages = scene.check_stages(0.0, &views);
+        assert!(stages.iter().all(|check| check.last_bytes > 0), "nothing is hidden");
         assert_hardly_any_wrong(&format!("walls {gap} apart"), &stages);
-        let mut sure = Scene::new(&assets.each_ref().map(Asset::sure_of_itself), &instances);
-        let wrong = |stages: &[Judged]| stages.iter().map(|judged| judged.wrong).sum::<usize>();
+        let mut unbounded = Scene::new(&assets.each_ref().map(Asset::without_geometric_errors), &instances);
+        let wrong = |stages: &[OcclusionCheck]| stages.iter().map(|check| check.wrong).sum::<usize>();
         assert!(
-            wrong(&sure.judge_stages(0.0, &views)) > wrong(&stages),
-            "what surfaces are off by is not allowed for"
+            wrong(&unbounded.check_stages(0.0, &views)) > wrong(&stages),
+            "no margin for the error of surfaces"
         );
     }
 }
 
-/// What any eye within the way sees, from the middle of a sphere and from around its surface.
+/// The faces that any eye within the distance sees: at the centre of a sphere, and on its surface.
 #[test]
 fn surfaces_visible_along_a_path_are_rarely_hidden() {
     let sources = [ball([1.0; 3], 0.12), ball([0.2, 1.6, 0.9], 0.03), sheet([1.4, 1.0, 0.004])];
@@ -419,11 +422,11 @@ fn surfaces_visible_along_a_path_are_rarely_hidden() {
         place(2, [-0.8, 0.3, 1.3], 1.0),
     ];
     let assets = sources.each_ref().map(Asset::new);
-    for way in [0.02, 0.1] {
+    for distance in [0.02, 0.1] {
         let mut scene = Scene::new(&assets, &instances);
         let views = [[0.0, 0.4, 4.0], [3.0, 2.0, 2.5], [-2.2, -0.5, -2.5]].map(view_from).map(|view| {
             let moved = |x, y, z| {
-                let to = DVec3::new(x, y, z).normalize_or_zero() * f64::from(way);
+                let to = DVec3::new(x, y, z).normalize_or_zero() * f64::from(distance);
                 View { eye: (DVec3::from(view.eye) + to).to_array(), ..view }
             };
             let eyes = [
@@ -440,13 +443,13 @@ fn surfaces_visible_along_a_path_are_rarely_hidden() {
             faces.dedup();
             (view, faces)
         });
-        let stages = scene.judge_stages(way, &views);
-        assert!(stages.iter().all(|judged| judged.last_bytes > 0), "nothing is hidden");
-        assert_hardly_any_wrong(&format!("a way of {way}"), &stages);
-        // Who does not know of the way calls more hidden.
-        let standing = Scene::new(&assets, &instances).judge_stages(0.0, &views);
+        let stages = scene.check_stages(distance, &views);
+        assert!(stages.iter().all(|check| check.last_bytes > 0), "nothing is hidden");
+        assert_hardly_any_wrong(&format!("movement by {distance}"), &stages);
+        // Without the movement, more is called hidden.
+        let standing = Scene::new(&assets, &instances).check_stages(0.0, &views);
         for (moving, standing) in stages.iter().zip(&standing) {
-            assert!(moving.last_bytes < standing.last_bytes, "edges do not give way");
+            assert!(moving.last_bytes < standing.last_bytes, "silhouettes do not shrink");
             assert!(moving.wrong <= standing.wrong, "{} and {}", moving.wrong, standing.wrong);
         }
     }
@@ -458,8 +461,8 @@ fn flat(distance: f32, half: f32) -> Occluder {
     Occluder::new(corners.to_vec(), vec![[0, 1, 2], [0, 2, 3], [0, 1, 9]])
 }
 
-/// An asset with one chunk, whose region is a ball at `depth` before the eye, and the share of it that is seen.
-fn share_behind(occluder: Occluder, at: [f32; 3], radius: f32, error: f32, way: f32) -> f32 {
+/// The visible share of the only chunk of an asset, whose region is a ball at `at`.
+fn share_behind(occluder: Occluder, at: [f32; 3], radius: f32, error: f32, distance: f32) -> f32 {
     let sphere = Sphere { center: at, radius };
     let mut state =
         AssetState::new(AssetEntry { sphere, chunk_count: 1, root_error: error, ..Default::default() });
@@ -469,7 +472,7 @@ fn share_behind(occluder: Occluder, at: [f32; 3], radius: f32, error: f32, way: 
     let view = View::look_at([0.0; 3], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0], 0.9, [1280, 720]);
     let (instances, states) = ([InstanceEntry::at(0, [0.0; 3])], [state]);
     let mut visibility = Visibility::default();
-    visibility.draw(&view, way, instances[..].into(), &states);
+    visibility.draw(&view, distance, instances[..].into(), &states);
     let placed = Placed::new(&view, states[0].entry(), &instances[0]);
     let mut shares = [1.0];
     visibility.shares(0, &placed, states[0].chunks(), |_, _| true, &mut shares);
@@ -479,16 +482,16 @@ fn share_behind(occluder: Occluder, at: [f32; 3], radius: f32, error: f32, way: 
 #[test]
 fn visible_share_is_that_of_the_regions_own_surface() {
     let share = |occluder, at| share_behind(occluder, at, 1.0, 0.01, 0.0);
-    // The wall passes through the region's middle: its own surface.
+    // The wall passes through the region's centre, so it is the region's own surface.
     assert!(share(flat(10.0, 9.0), [0.0, 0.0, -10.0]) > 0.9);
-    // Far behind it, beside it, and half behind it.
+    // The region is far behind the wall, beside it, and half behind it.
     assert_eq!(share(flat(10.0, 9.0), [0.0, 0.0, -20.0]), 0.0);
     let beside = share(flat(10.0, 1.0), [4.0, 0.0, -20.0]);
-    assert!(beside > 0.0 && beside < 0.2, "one sees through where it should be: {beside}");
+    assert!(beside > 0.0 && beside < 0.2, "the background is visible beside the wall: {beside}");
     let edge = share(flat(10.0, 1.0), [2.0, 0.0, -20.0]);
     assert!(edge > 0.0 && edge < beside, "{edge}");
-    assert_eq!(share(flat(10.0, 9.0), [0.0, 0.0, -0.5]), 1.0, "the eye is in it");
-    // A surface that may be far off hides nothing that near.
+    assert_eq!(share(flat(10.0, 9.0), [0.0, 0.0, -0.5]), 1.0, "the eye is inside the region");
+    // A surface with a large error does not hide a region so close behind it.
     assert_eq!(share_behind(flat(10.0, 9.0), [0.0, 0.0, -12.5], 1.0, 0.1, 0.0), 0.0);
     assert!(share_behind(flat(10.0, 9.0), [0.0, 0.0, -12.5], 1.0, 3.0, 0.0) > 0.0);
 }
@@ -500,15 +503,15 @@ fn missing_regions_count_by_their_error() {
     assert!(near_by > 0.0 && near_by < 0.05, "{near_by}");
     let missing = [0.1, 0.3, 1.0].map(far);
     assert!(missing[0] > 3.0 * near_by && missing.is_sorted(), "{missing:?}");
-    // All of it is seen through, so the share of the disc is what it may uncover, and this its root.
+    // The depth buffer is behind the whole region: the root of the uncovered share counts.
     assert!((missing[1] - (UNCOVERED * 0.3).sqrt()).abs() < 0.02, "{missing:?}");
-    // What hides it hides what may be missing too.
+    // What hides the coarse surface hides the missing region too.
     assert_eq!(share_behind(flat(10.0, 9.0), [0.0, 0.0, -20.0], 1.0, 0.3, 0.0), 0.0);
 }
 
 #[test]
 fn regions_uncovered_by_movement_count_as_visible() {
-    let at_edge = |way| share_behind(flat(10.0, 1.0), [1.2, 0.0, -15.0], 0.3, 0.01, way);
+    let at_edge = |distance| share_behind(flat(10.0, 1.0), [1.2, 0.0, -15.0], 0.3, 0.01, distance);
     assert_eq!(at_edge(0.0), 0.0);
     assert!(at_edge(0.5) > 0.0);
 }

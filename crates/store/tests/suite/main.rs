@@ -1,9 +1,6 @@
 //! Packs and published scenes, as baking makes them.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
-)]
+#![allow(clippy::unwrap_used, reason = "test helpers without #[test] may unwrap, as tests may")]
 
 mod packs;
 mod scene_object;

@@ -92,7 +92,7 @@ fn a_damaged_pack_in_the_cache_is_made_again() {
 }
 
 #[test]
-fn what_was_at_hand_and_what_was_not_is_counted_once_a_blob() {
+fn cache_hits_and_misses_are_counted_once_per_blob() {
     let dir = TempDir::new().unwrap();
     let (_, store) = open(&scene(dir.path(), 40), dir.path());
     let [base, chunk] = [BlobId::base(0), BlobId::chunk(0, 0)];
@@ -168,7 +168,7 @@ fn missing_blobs_are_not_found_and_damaged_ones_unreadable() {
 }
 
 #[test]
-fn a_pack_whose_chunks_are_not_as_long_as_its_index_says_was_served() {
+fn a_pack_whose_chunk_lengths_contradict_its_index_is_refused() {
     let dir = TempDir::new().unwrap();
     let path = dir.path().join("sheet.lsp");
     prepare_to(&scene(dir.path(), 40).assets[1], &options(), &path).unwrap();
@@ -224,7 +224,7 @@ fn a_pack_that_was_closed_to_make_room_is_read_again() {
     assert_eq!(pool.count(), 0);
 }
 
-/// Every pack was kept open: 1,100 assets could not be served where a process may have 1,024 files.
+/// A scene of 1,100 assets must be served although a process may open only 1,024 files.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_scene_of_many_packs_keeps_few_files_open() {

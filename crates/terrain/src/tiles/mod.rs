@@ -1,4 +1,5 @@
-//! Selection of the terrain tiles that a view draws: continuous distance-dependent level of detail (CDLOD, Strugar 2009).
+//! Selection of the terrain tiles that a view draws: continuous distance-dependent level of detail (CDLOD, Strugar
+//! 2009).
 //!
 //! A *tile* is a square of [`TILE_CELLS`]² cells of one *spacing* (2^s grid units between neighbouring points); it may
 //! span several patches. Its heights are sampled twice as densely, for normals. Tiles of all spacings form a quadtree

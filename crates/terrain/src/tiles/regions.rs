@@ -5,10 +5,10 @@
 //! end(s, p) = max(base end(s), max over regions r of (end(r, s) − [`FALLOFF`] · distance(s, p, r)))
 //!
 //! and its morph begins at the same maximum of the beginnings. distance(s, p, r) is 0 inside the region and within
-//! [`region_margin`] of it, which grows by a tile's diagonal from spacing to spacing. So a region that refines a tile of
-//! spacing s counts at least as much for spacing s + 1 on the whole tile, and each region's distances keep the rule of
-//! [`LodRanges`]: a coarser tile does not morph where a finer one may meet it. The maxima keep the rule too: the region
-//! that determines the end of the finer spacing begins the morph of the coarser one beyond that end.
+//! [`region_margin`] of it, which grows by a tile's diagonal from spacing to spacing. So a region that refines a tile
+//! of spacing s counts at least as much for spacing s + 1 on the whole tile, and each region's distances keep the rule
+//! of [`LodRanges`]: a coarser tile does not morph where a finer one may meet it. The maxima keep the rule too: the
+//! region that determines the end of the finer spacing begins the morph of the coarser one beyond that end.
 
 use crate::RoughPlace;
 use glam::DVec2;
@@ -96,8 +96,8 @@ impl Region {
         joined
     }
 
-    /// Estimated cost of the region, given the errors elsewhere, `plain`: summed over spacings, the tiles in the region's
-    /// area, weighted by the additional area of eye positions from which they are drawn. The draw distance is
+    /// Estimated cost of the region, given the errors elsewhere, `plain`: summed over spacings, the tiles in the
+    /// region's area, weighted by the additional area of eye positions from which they are drawn. The draw distance is
     /// proportional to the error, so that area is proportional to its square.
     fn cost(&self, plain: &[f64]) -> f64 {
         let length = self.from.distance(self.to);
@@ -147,8 +147,8 @@ pub struct RegionRanges {
 }
 
 impl RegionRanges {
-    /// Distances for a view, in grid units ([`LodRanges::new`] explains the arguments). Regions past [`MAX_REGIONS`] are
-    /// ignored.
+    /// Distances for a view, in grid units ([`LodRanges::new`] explains the arguments). Regions past [`MAX_REGIONS`]
+    /// are ignored.
     #[must_use]
     pub fn new(plain: &[f64], regions: &[Region], scale_px: f64, target_px: f64) -> Self {
         let ranges = |errors: &[f64]| LodRanges::new(errors, scale_px, target_px, 1.0);

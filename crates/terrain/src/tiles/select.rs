@@ -134,7 +134,8 @@ mod tests {
             let world = 2 * ROOTS[0].side();
             assert_eq!(drawn.values().map(|(side, _)| side * side).sum::<i64>(), world * world);
 
-            // Along every edge of every quadrant: find its neighbour, and check that the finer side has ended its morph.
+            // Along every edge of every quadrant: find its neighbour, and check that the finer side has ended its
+            // morph.
             let at = |x: i64, y: i64| {
                 drawn.iter().find(|((x0, y0), (side, _))| {
                     (*x0..x0 + side).contains(&x) && (*y0..y0 + side).contains(&y)

@@ -1,4 +1,4 @@
-//! The ends of what is possible.
+//! Parameters, coordinates and heights at the ends of their ranges.
 
 use super::{parameters, window};
 use lodestream_terrain::{
@@ -6,7 +6,7 @@ use lodestream_terrain::{
     Scratch, Shape, Terrain,
 };
 
-/// As high as heights may be made, for a level.
+/// The largest amplitude for a finest level.
 fn highest(finest_level: u8) -> Parameters {
     let parameters = Parameters { finest_level, extent_log2: 31 - finest_level, ..Parameters::default() };
     let fits = |&amplitude: &u32| Parameters { amplitude, ..parameters }.check().is_ok();
@@ -29,7 +29,7 @@ fn the_smallest_and_largest_patches_reach_the_edge_of_the_world() {
         }
         let corner = window(&terrain, n as i8, edge - 1, edge - 1, 2, 2);
         assert_eq!(corner[3], terrain.height_at(edge, edge, &mut Scratch::new()).unwrap());
-        // Beyond, there is nothing.
+        // Coordinates beyond the edge are refused.
         let refused = |level, x, y, width, height| {
             terrain
                 .window(level, x, y, width, height, &mut Scratch::new(), &mut Vec::new())
@@ -43,7 +43,7 @@ fn the_smallest_and_largest_patches_reach_the_edge_of_the_world() {
         assert!(refused(0, 0, 0, 0, 7).contains("0 x 7"));
         assert!(refused(0, 0, 0, usize::MAX, 2).contains("must have 1 to 67108864 points"));
         assert!(terrain.patch(last + 1, 0, n).unwrap_err().to_string().contains("outside the world"));
-        // The whole world, coarsely.
+        // The whole world at a coarse level.
         assert_eq!(window(&terrain, terrain.coarsest_level(), -1, -1, 3, 3).len(), 9);
     }
     assert_eq!(MAX_WINDOW_POINTS, 1 << 26);

@@ -1,4 +1,4 @@
-//! HeightOverride points end where they should, and change nothing that they should not.
+//! Features: overridden heights have their values, and heights that should not change do not.
 
 use super::{any_terrain, features, parameters, window};
 use lodestream_terrain::{
@@ -68,7 +68,7 @@ proptest! {
     }
 }
 
-/// A list of one mode.
+/// A list with features of one mode.
 fn list(mode: Mode, points: impl IntoIterator<Item = (i64, i64, i32)>) -> FeatureSet {
     let points = points.into_iter().map(|(x, y, height)| Point { x, y, height }).collect();
     FeatureSet { mode, points, stamps: Vec::new() }
@@ -115,7 +115,7 @@ fn a_border_is_the_same_while_only_one_side_has_its_list() {
     let sets = [list(Mode::Fixed, (0..40).map(|i| (i % 5 * 4, i / 5 * 4 - 8, i as i32 * 9000)))];
     let gathered = Features::gather(&parameters(3, n), &sets).unwrap();
     let whole = Terrain::with_features(parameters(3, n), &sets).unwrap();
-    // Whichever lists have arrived, what is listed with them has arrived.
+    // The height overrides of each list that has arrived are in effect, whichever have arrived.
     let lists: Vec<_> = gathered.patches.into_iter().collect();
     for arrived in 0..1_u32 << lists.len().min(9) {
         let mut some = Terrain::new(parameters(3, n)).unwrap();

@@ -1,4 +1,4 @@
-//! Heights are those they have always been, and everywhere.
+//! Heights equal the recorded hashes, on every machine.
 
 use super::golden_cases::hashes;
 
@@ -6,7 +6,7 @@ use super::golden_cases::hashes;
 const GOLDEN: &str = include_str!("golden.txt");
 
 #[test]
-fn heights_are_those_of_every_machine() {
+fn heights_equal_the_golden_hashes() {
     let lines = hashes().unwrap().into_iter().map(|(name, hash)| format!("{hash:016x} {name}\n"));
     let now: String = lines.collect();
     assert_eq!(now, GOLDEN, "a change of heights breaks every scene that has terrain");

@@ -1,12 +1,11 @@
-//! Terrains whose heights are pinned by hash, for this machine and others: `examples/golden.rs`
-//! prints them.
+//! Terrains whose heights are recorded as hashes, for comparison between machines: `examples/golden.rs` prints them.
 
 use lodestream_terrain::{
     Distribution, Erosion, FeatureSet, Mode, Parameters, Point, Scratch, Shape, Terrain, TerrainError,
     fingerprint,
 };
 
-/// Every case's name and the hash of its heights.
+/// Name and hash of the heights of each case.
 pub(crate) fn hashes() -> Result<Vec<(&'static str, u64)>, TerrainError> {
     let plain = Parameters { extent_log2: 10, amplitude: 100_000, ..Parameters::default() };
     let gaussian = Parameters { distribution: Distribution::Gaussian, seed: 7, ..plain };
@@ -27,7 +26,7 @@ pub(crate) fn hashes() -> Result<Vec<(&'static str, u64)>, TerrainError> {
         terrain.window(level, x, y, width, height, &mut scratch, &mut heights)?;
         Ok::<u64, TerrainError>(fingerprint(&heights))
     };
-    // Worlds of 2^32 points each way: more than a 32-bit machine's `usize` counts.
+    // Worlds of 2^32 points along each axis: more than `usize` holds on a 32-bit machine.
     let errors = |terrain: &Terrain| {
         let errors: Vec<i32> = terrain.level_errors().into_iter().map(u32::cast_signed).collect();
         fingerprint(&errors)
@@ -52,7 +51,7 @@ pub(crate) fn hashes() -> Result<Vec<(&'static str, u64)>, TerrainError> {
     ])
 }
 
-/// One of each.
+/// One feature of each kind.
 fn features() -> Vec<FeatureSet> {
     let point = |i: i64| Point { x: i * 37 % 200 - 100, y: i * i * 11 % 300 - 150, height: i as i32 * 900 };
     let stamps = vec![

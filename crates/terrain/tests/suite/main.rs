@@ -1,8 +1,5 @@
-//! Terrain: the same bits wherever, in whatever order and piece they are made.
-#![allow(
-    clippy::unwrap_used,
-    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
-)]
+//! Terrain: the same heights on every machine, in any order and division of windows.
+#![allow(clippy::unwrap_used, reason = "test helpers without #[test] may unwrap, as tests may")]
 
 mod agreement;
 mod extremes;
@@ -17,14 +14,14 @@ use lodestream_terrain::{
 };
 use proptest::prelude::*;
 
-/// A window's heights.
+/// Heights of a window.
 fn window(terrain: &Terrain, level: i8, x: i64, y: i64, width: usize, height: usize) -> Vec<i32> {
     let mut out = Vec::new();
     terrain.window(level, x, y, width, height, &mut Scratch::new(), &mut out).unwrap();
     out
 }
 
-/// A terrain of `finest_level` in a world of 2^10 patches each way.
+/// A terrain of `finest_level` in a world of 2^10 patches along each axis.
 fn parameters(seed: u64, finest_level: u8) -> Parameters {
     Parameters { seed, finest_level, extent_log2: 10, amplitude: 100_000, ..Parameters::default() }
 }
@@ -56,14 +53,14 @@ fn features(reach: i64) -> impl Strategy<Value = Vec<FeatureSet>> {
     (set.clone()(Mode::Fixed), set(Mode::Additive)).prop_map(|(fixed, additive)| vec![fixed, additive])
 }
 
-/// Erosion, off as often as on.
+/// Erosion, off in half of the cases.
 fn erosion(finest_level: u8) -> impl Strategy<Value = Erosion> {
     let some = (0..=finest_level, 0..5_u8, 0..3000_u16, 0..3_u8)
         .prop_map(|(level, passes, talus, spike_limit)| Erosion { level, passes, talus, spike_limit });
     prop_oneof![Just(Erosion::default()), some]
 }
 
-/// A terrain with features around the origin, and perhaps erosion.
+/// A terrain with features around the origin, possibly with erosion.
 fn any_terrain() -> impl Strategy<Value = Terrain> {
     (any::<u64>(), 1..7_u8, any::<bool>())
         .prop_flat_map(|(seed, n, gaussian)| (Just((seed, n, gaussian)), erosion(n), features(3 << n)))

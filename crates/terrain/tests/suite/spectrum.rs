@@ -1,4 +1,4 @@
-//! Statistics: how rough the terrain is at each scale.
+//! Statistics: the roughness of the terrain at each scale.
 
 use super::parameters;
 use lodestream_terrain::{Distribution, Parameters, Terrain};
@@ -43,8 +43,8 @@ fn transpose(values: &mut [Complex]) {
     }
 }
 
-/// Power by whole wave number (cycles per patch), averaged over directions and 20 seeds. The patch is taken
-/// less its mean and without its last row and column, as it is or under a Hann window.
+/// Power by integer wave number (cycles per patch), averaged over directions and 20 seeds. The mean and the last row
+/// and column of the patch are removed; it is used as it is or with a Hann window.
 fn power(distribution: Distribution, hann: bool) -> Vec<f64> {
     let roots: Vec<Complex> =
         (0..SIDE / 2).map(|i| TAU * i as f64 / SIDE as f64).map(|a| (a.cos(), -a.sin())).collect();
@@ -63,7 +63,7 @@ fn power(distribution: Distribution, hann: bool) -> Vec<f64> {
     };
     let mut sums = vec![(0.0, 0_u32); SIDE / 2];
     for pair in 0..10 {
-        // Two real patches in one transform: what they share cancels between a frequency and its negative.
+        // Two real patches in one transform: their cross terms cancel between a frequency and its negative.
         let mut values: Vec<Complex> = heights(2 * pair).into_iter().zip(heights(2 * pair + 1)).collect();
         for _ in 0..2 {
             values.chunks_exact_mut(SIDE).for_each(|row| transform(row, &roots));
@@ -80,8 +80,8 @@ fn power(distribution: Distribution, hann: bool) -> Vec<f64> {
     sums.into_iter().map(|(sum, count)| sum / f64::from(count)).collect()
 }
 
-/// The slope of a least-squares line through log power by log wave number, in octaves from `first` on: each
-/// octave counts once.
+/// Slope of a least-squares line through log power by log wave number, in octaves from `first` on; each octave has the
+/// same weight.
 fn exponent(power: &[f64], first: usize, last: usize) -> f64 {
     let octave = |low: usize| {
         let middle = (low as f64 * std::f64::consts::SQRT_2).ln();
@@ -100,8 +100,9 @@ fn exponent(power: &[f64], first: usize, last: usize) -> f64 {
 fn power_falls_with_the_third_power_of_the_frequency() {
     let plain = exponent(&power(Distribution::Uniform, false), 2, 256);
     assert!((2.6..=3.4).contains(&plain), "exponent {plain:.2}");
-    // A patch does not repeat, so its opposite borders count as a cliff, whose power falls slowest of all.
-    // Without it, with a Hann window, what is left is that of ranges that halve: the fourth power.
+    // A patch does not repeat, so its opposite borders act as a discontinuity, whose power falls most slowly. With a
+    // Hann window, which removes it, the power falls with the fourth power, as it should for ranges that halve per
+    // level.
     let smooth = exponent(&power(Distribution::Uniform, true), 4, 128);
     assert!((3.6..=4.4).contains(&smooth), "exponent {smooth:.2} with a Hann window");
 }

@@ -1,13 +1,13 @@
-//! What features cost on the wire.
+//! Encoded sizes of features.
 
 use lodestream_terrain::{
     HeightOverride, HeightOverrides, Mode, PARAMETERS_BYTES, Shape, Stamp, decode_points, encode_points,
     encode_stamps,
 };
 
-/// A winding valley through a patch of 257 x 257 points, coded: 4,129 additive points, a sixteenth of it. It is 16
-/// points wide, at its mouth 17, and 60 m deep; its cross-section is a raised cosine. Heights are multiples of 16 units, the
-/// height step: 25 cm.
+/// A winding valley through a patch of 257 x 257 points, encoded: 4,129 additive points, a sixteenth of the patch. It
+/// is 16 points wide (17 at its mouth) and 60 m deep; its cross-section is a raised cosine. Heights are multiples of 16
+/// units, the height step: 25 cm.
 const VALLEY: &[u8] = include_bytes!("valley-4129.points");
 
 /// The points of [`VALLEY`].
@@ -39,7 +39,7 @@ fn a_valley_of_4129_points_costs_less_than_2_kilobytes() {
     assert!(VALLEY.len() <= 2048, "{} bytes", VALLEY.len());
 }
 
-/// `cargo test -p lodestream-geometry --test suite -- --ignored write_the_valley`, after the code has changed.
+/// Run after a change of the encoding: `cargo test -p lodestream-terrain --test suite -- --ignored write_the_valley`.
 #[test]
 #[ignore = "writes the fixture"]
 #[expect(clippy::disallowed_methods, reason = "only this writes, and only when asked to")]

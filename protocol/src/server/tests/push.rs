@@ -15,7 +15,7 @@ fn before_hello_only_the_push_budget_is_sent() {
     assert!(
         matches!(&pushed[1], Transmit::Message { message: ServerMessage::ScenePage(page), .. } if page.page == 0)
     );
-    // The nearest plane first.
+    // The nearest plane comes first.
     assert_eq!(begun(&pushed).first(), Some(&BlobId::base(0)));
     let bytes = server.stats().blob_bytes;
     assert!((500..=3000).contains(&bytes), "{bytes} bytes");
@@ -139,7 +139,7 @@ fn requests_for_height_overrides_do_not_stop_the_push() {
     assert!(pushed.len() > 5, "{pushed:?}");
 }
 
-/// Sixteen units are moved to the queue at a time; those that did not fit were dropped.
+/// Sixteen units are moved to the queue at a time; those that do not fit must not be dropped.
 #[test]
 fn queue_shorter_than_the_push_loses_no_page() {
     let scene = MemoryScene::new(1, 400, 2);

@@ -30,15 +30,15 @@ fn slow_read_delays_no_other_blob() {
     plain.run_until(Time::from_ms(4_900));
     pair.run_until(Time::from_ms(4_900));
     let without = |pair: &Pair| {
-        let others = pair.world.blobs.iter().filter(|(_, id)| id.asset() != Some(1));
+        let others = pair.client_state.blobs.iter().filter(|(_, id)| id.asset() != Some(1));
         others.map(|(_, id)| *id).collect::<std::collections::BTreeSet<_>>()
     };
     assert_eq!(without(&pair), without(&plain));
     assert!(without(&plain).len() > 50);
-    assert!(pair.world.bases_sent.is_none() && !pair.selector.last().counters.settled);
+    assert!(pair.client_state.bases_sent.is_none() && !pair.selector.last().counters.settled);
     pair.run_until(Time::from_ms(20_000));
-    assert!(pair.world.bases_sent.is_some() && pair.selector.last().counters.settled);
-    assert!(pair.world.done.is_some() && pair.world.closed.is_none());
+    assert!(pair.client_state.bases_sent.is_some() && pair.selector.last().counters.settled);
+    assert!(pair.client_state.done.is_some() && pair.client_state.closed.is_none());
 }
 
 /// Every read takes 40 ms: each blob arrives once, and outstanding reads are bounded.
@@ -48,12 +48,12 @@ fn slow_store_sends_each_blob_once() {
     for config in [ServerConfig::quic(Some(2 * MBIT)), ServerConfig::websocket(Some(16 * MBIT))] {
         let mut pair = Pair::slow(&scene, config, |_| true);
         pair.run_until(Time::from_ms(60_000));
-        let world = &pair.world;
+        let client_state = &pair.client_state;
         assert!(pair.selector.last().counters.settled, "{:?}", pair.selector.last().counters);
-        assert!(max_screen_error_px(&pair.view, &world.instances, &world.assets) <= 1.0);
-        assert!(world.done.is_some() && world.closed.is_none());
+        assert!(max_screen_error_px(&pair.view, &client_state.instances, &client_state.assets) <= 1.0);
+        assert!(client_state.done.is_some() && client_state.closed.is_none());
         let mut counts = BTreeMap::new();
-        for (_, id) in &world.blobs {
+        for (_, id) in &client_state.blobs {
             *counts.entry(*id).or_insert(0) += 1;
         }
         assert!(counts.values().all(|n| *n == 1), "a blob was sent twice");
@@ -71,7 +71,7 @@ fn pushed_refinement_waits_for_its_index_pages() {
     pair.asks = false;
     pair.run_until(Time::from_ms(3000));
     let chunks = |pair: &Pair| {
-        pair.world.blobs.iter().filter(|(_, id)| matches!(id.part(), Some(BlobPart::Chunk(_)))).count()
+        pair.client_state.blobs.iter().filter(|(_, id)| matches!(id.part(), Some(BlobPart::Chunk(_)))).count()
     };
     assert!(chunks(&pair) > 10, "{}", chunks(&pair));
     let mut plain = Pair::new(&scene, ServerConfig::websocket(Some(16 * MBIT)), Resume::default());

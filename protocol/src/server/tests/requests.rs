@@ -9,8 +9,8 @@ use crate::scheduler::Unit;
 use crate::source::SceneSource as _;
 use lodestream_scene::view::View;
 
-/// A client requests the rest of a pushed part when it has the part. A second run sent before that would arrive
-/// without a request and be ignored.
+/// A client requests the rest of a pushed part once it has the part. A second run sent before that request would be
+/// ignored.
 #[test]
 fn request_that_crosses_a_pushed_part_sends_no_second_run() {
     let scene = MemoryScene::new(2, 2, 5);

@@ -12,7 +12,7 @@ use crate::limiter::LimiterConfig;
 use crate::shared_rate_limit::{Limits, SharedRateLimit, Weight};
 use crate::time::Time;
 
-/// A session's link with a socket buffer that accepts bytes when it is half empty.
+/// A session's link, with a socket buffer that accepts bytes when at most half full.
 #[derive(Clone, Copy)]
 struct Link {
     bytes_per_s: u64,
@@ -33,7 +33,7 @@ impl Link {
         self.waiting_bytes += bytes;
     }
 
-    /// Until when it accepts nothing.
+    /// Milliseconds until the link accepts bytes again.
     fn blocked_ms(&self) -> u64 {
         if self.waiting_bytes < self.buffer_bytes {
             return 0;
@@ -42,7 +42,7 @@ impl Link {
     }
 }
 
-/// When there is something to send: for `on_ms` of every `period_ms`.
+/// Times with data to send: `on_ms` of every `period_ms`.
 #[derive(Clone, Copy)]
 struct Shift {
     period_ms: u64,
@@ -51,7 +51,7 @@ struct Shift {
 }
 
 impl Shift {
-    /// Whether there is something to send, and when that changes.
+    /// Whether there is data to send, and when that changes.
     fn at(self, now: Time) -> (bool, Time) {
         let now_ms = now.as_ns() / 1_000_000;
         let into = (now_ms + self.phase_ms) % self.period_ms;
@@ -60,7 +60,7 @@ impl Shift {
     }
 }
 
-/// A session that always has something to send, or in shifts.
+/// A session that has data to send always or periodically.
 struct Sender {
     pace: Pace,
     piece: usize,
@@ -213,7 +213,7 @@ fn shares_are_proportional_to_weights() {
 #[test]
 fn total_stays_at_the_limit_while_sessions_come_and_go() {
     let shared_rate_limit = total(20 * MBIT);
-    // Half of them are there for 500 ms of each second and a half.
+    // Half of them have data to send for 500 ms of every 1500.
     let mut senders: Vec<_> = (0..60)
         .map(|n| {
             let sender = Sender::plain(&shared_rate_limit, n);
@@ -284,7 +284,7 @@ fn share_of_a_slow_link_goes_to_the_others() {
         senders[3] = Sender::plain(&shared_rate_limit, 3).behind(Link::new(MBIT, buffer_bytes));
         run(&mut senders, 1000, 12_000);
         keeps_to(&senders, 12 * MBIT, 3000..12_000, &format!("buffer of {buffer_bytes}"));
-        // All that its link takes, but for what is in the socket.
+        // It gets all that its link takes, apart from what is in the socket buffer.
         let slow = senders[3].bits(5000, 11_000) - (6 * MBIT) as f64;
         assert!(
             slow.abs() <= (buffer_bytes * 8) as f64 / 2.0 + 0.02 * (6 * MBIT) as f64,
@@ -344,7 +344,7 @@ fn session_with_a_raised_share_wakes_in_time() {
     for (sender, n) in senders.iter_mut().zip(1..) {
         sender.wakes = Time::from_ms(1000 + 130 * n);
     }
-    // A piece takes it 2.5 s; the others leave when it has just sent one.
+    // A piece takes it 2.5 s; the others end when it has just sent one.
     run(&mut senders, 1000, 11_500);
     let mut last = senders.remove(9);
     let before = last.sent.len();

@@ -16,13 +16,13 @@ fn scene_streams_and_settles_on_both_transports() {
     for config in [ServerConfig::quic(Some(2 * MBIT)), ServerConfig::websocket(Some(2 * MBIT))] {
         let mut pair = Pair::new(&scene, config, Resume::default());
         pair.run_until(Time::from_ms(20_000));
-        let world = &pair.world;
+        let client_state = &pair.client_state;
         assert!(pair.selector.last().counters.settled, "{:?}", pair.selector.last().counters);
-        assert!(max_screen_error_px(&pair.view, &world.instances, &world.assets) <= 1.0);
-        assert!(world.done.is_some() && world.closed.is_none());
+        assert!(max_screen_error_px(&pair.view, &client_state.instances, &client_state.assets) <= 1.0);
+        assert!(client_state.done.is_some() && client_state.closed.is_none());
         assert_eq!(pair.client.stats().in_flight_bytes, 0);
         let mut counts = HashMap::new();
-        for (_, id) in &world.blobs {
+        for (_, id) in &client_state.blobs {
             *counts.entry(*id).or_insert(0) += 1;
         }
         assert!(counts.values().all(|n| *n == 1), "a blob was sent twice");
@@ -40,12 +40,12 @@ fn moving_camera_settles_where_it_stops_without_waste() {
         pair.client.set_view(pair.now, pair.view);
     }
     pair.run_until(Time::from_ms(60_000));
-    let world = &pair.world;
-    assert!(world.closed.is_none() && pair.selector.last().counters.settled);
-    assert!(max_screen_error_px(&pair.view, &world.instances, &world.assets) <= 1.0);
-    let distinct: HashSet<_> = world.blobs.iter().map(|(_, id)| *id).collect();
-    let again = world.blobs.len() - distinct.len();
-    assert!(again * 20 <= world.blobs.len(), "{again} of {} came twice", world.blobs.len());
+    let client_state = &pair.client_state;
+    assert!(client_state.closed.is_none() && pair.selector.last().counters.settled);
+    assert!(max_screen_error_px(&pair.view, &client_state.instances, &client_state.assets) <= 1.0);
+    let distinct: HashSet<_> = client_state.blobs.iter().map(|(_, id)| *id).collect();
+    let again = client_state.blobs.len() - distinct.len();
+    assert!(again * 20 <= client_state.blobs.len(), "{again} of {} came twice", client_state.blobs.len());
 }
 
 #[test]
@@ -55,17 +55,17 @@ fn first_frame_needs_little_more_than_its_bytes_at_the_rate() {
         let config = ServerConfig::websocket(Some(rate * MBIT));
         let mut pair = Pair::new(&scene, config, Resume::default());
         pair.run_until(Time::from_ms(3000));
-        let first_frame = pair.world.first_frame.unwrap();
-        let arrivals = pair.world.arrivals.iter().filter(|(at, _)| *at <= first_frame);
+        let first_frame = pair.client_state.first_frame.unwrap();
+        let arrivals = pair.client_state.arrivals.iter().filter(|(at, _)| *at <= first_frame);
         let bytes: u64 = arrivals.map(|(_, bytes)| *bytes as u64).sum();
         let ideal = pair.latency + Duration::from_nanos(bytes * 8000 / rate);
         let late = first_frame.since(Time::from(ideal));
         assert!(late < Duration::from_millis(15), "{rate} Mbit/s: {bytes} bytes, {late:?} late");
-        // Base meshes and pages, and next to nothing else, come before it.
+        // Only base meshes, pages and little else come before it.
         let bases: u64 =
             pair.scene.pages.iter().flat_map(|p| &p.assets).map(|a| u64::from(a.base_bytes)).sum();
         assert!(bytes < bases + 6000, "{bytes} bytes for {bases}");
-        assert!(pair.world.bases_sent.is_some());
+        assert!(pair.client_state.bases_sent.is_some());
     }
 }
 
@@ -76,8 +76,8 @@ fn link_does_not_idle_while_blobs_are_wanted() {
         let mut pair = Pair::new(&scene, ServerConfig::websocket(Some(rate * MBIT)), Resume::default());
         pair.latency = Duration::from_millis(latency);
         pair.run_until(Time::from_ms(30_000));
-        let last = pair.world.blobs.last().unwrap().0;
-        let bytes: usize = pair.world.arrivals.iter().map(|(_, bytes)| bytes).sum();
+        let last = pair.client_state.blobs.last().unwrap().0;
+        let bytes: usize = pair.client_state.arrivals.iter().map(|(_, bytes)| bytes).sum();
         let busy = Duration::from_nanos(bytes as u64 * 8000 / rate);
         let round_trip = pair.latency * 2;
         let allowed = busy.mul_f64(1.06) + round_trip * 3;
@@ -92,17 +92,17 @@ fn refinement_begins_without_an_idle_round_trip() {
         let mut pair = Pair::new(&scene, ServerConfig::websocket(Some(2 * MBIT)), Resume::default());
         pair.latency = Duration::from_millis(latency);
         pair.run_until(Time::from_ms(1500));
-        let first = pair.world.arrivals.first().unwrap().0;
+        let first = pair.client_state.arrivals.first().unwrap().0;
         assert!(first.since(Time::ZERO) < pair.latency + Duration::from_millis(5));
-        let gaps = pair.world.arrivals.windows(2).map(|pair| (pair[1].0.since(pair[0].0), pair[0].0));
+        let gaps = pair.client_state.arrivals.windows(2).map(|pair| (pair[1].0.since(pair[0].0), pair[0].0));
         let after_hello = gaps.filter(|(_, at)| at.since(Time::ZERO) > pair.latency * 3);
         let longest = after_hello.max().unwrap();
         assert!(longest.0 < Duration::from_millis(25), "latency {latency} ms: {longest:?}");
     }
 }
 
-/// A view is refined to where chunks' beginnings suffice; coming nearer fetches what is left of them, and
-/// nothing twice (the pair's client takes nothing that it has).
+/// A distant view needs only the beginnings of chunks; moving nearer fetches their rest, and nothing twice (the pair's
+/// client ignores what it has).
 #[test]
 fn truncation_points_save_bytes_and_nearer_views_fetch_the_rest() {
     let scene = MemoryScene::new(2, 2, 5);
@@ -116,19 +116,20 @@ fn truncation_points_save_bytes_and_nearer_views_fetch_the_rest() {
             pair.run_until(pair.now + Duration::from_secs(10));
             let counters = pair.selector.last().counters;
             assert!(counters.settled, "{counters:?}");
-            let worst = max_screen_error_px(&pair.view, &pair.world.instances, &pair.world.assets);
+            let worst =
+                max_screen_error_px(&pair.view, &pair.client_state.instances, &pair.client_state.assets);
             let complete = pair
-                .world
+                .client_state
                 .assets
                 .iter()
                 .flat_map(AssetState::chunks)
                 .flatten()
                 .all(|c| c.state() == State::Applied);
             assert!(worst <= 1.0 || complete, "{worst} px left");
-            received.push(pair.world.received_bytes);
+            received.push(pair.client_state.received_bytes);
         }
         let held: u64 = pair
-            .world
+            .client_state
             .assets
             .iter()
             .flat_map(|asset| {
@@ -154,6 +155,6 @@ fn pings_keep_a_settled_session_alive() {
     let scene = MemoryScene::new(1, 1, 2);
     let mut pair = Pair::new(&scene, ServerConfig::websocket(Some(8 * MBIT)), Resume::default());
     pair.run_until(Time::from_ms(300_000));
-    assert!(pair.world.closed.is_none() && !pair.server.is_closed());
+    assert!(pair.client_state.closed.is_none() && !pair.server.is_closed());
     assert_eq!(pair.client.stats().rtt.map(|rtt| rtt.as_millis()), Some(50));
 }

@@ -1,4 +1,4 @@
-//! Scenes and packs in a real S3 server, in the face of slow, short, wrong and missing answers.
+//! Scenes and packs in a real S3 server whose answers are slow, short, wrong or missing.
 
 mod s3;
 
@@ -26,13 +26,13 @@ fn write_scene(folder: &Path, name: &str, height: f64) -> Scene {
     write_scene_of(folder, name, height, 30)
 }
 
-/// The same with a sheet of so many squares each way.
+/// The same with a sheet of `n` × `n` squares.
 fn write_scene_of(folder: &Path, name: &str, height: f64, n: u32) -> Scene {
     let mut obj = String::new();
     for y in 0..=n {
         for x in 0..=n {
             let (u, v) = (f64::from(x) / f64::from(n), f64::from(y) / f64::from(n));
-            // Rough, so that it takes bytes.
+            // Rough, so that its chunks have many bytes.
             let rough = f64::from((x * 7919 + y * 104_729) % 1009) / 1009.0 / f64::from(n);
             obj.push_str(&format!("v {u} {} {v}\n", rough + height * (9.0 * u).sin() * (7.0 * v).cos()));
         }
@@ -59,7 +59,7 @@ fn options() -> Options {
     Options { quiet: true, ..Options::default() }
 }
 
-/// The bucket, as a program with its environment sees it.
+/// The bucket as an object store, for this process.
 fn bucket(s3: &S3) -> Objects {
     // As `Objects::of_url` does.
     let _ = rustls::crypto::ring::default_provider().install_default();
@@ -73,7 +73,7 @@ fn bucket(s3: &S3) -> Objects {
     Objects::of_store(Arc::new(builder.build().unwrap()), "s3://bucket")
 }
 
-/// Every blob that a client could ask for.
+/// All blobs that a client could request.
 fn all_blobs(scene: &dyn SceneSource) -> Vec<BlobId> {
     let mut ids = Vec::new();
     for asset in 0..scene.header().asset_count {
@@ -84,7 +84,7 @@ fn all_blobs(scene: &dyn SceneSource) -> Vec<BlobId> {
     ids
 }
 
-/// A published scene of one bucket, opened with an empty cache, and the same from files.
+/// A published scene in a bucket, opened with an empty cache, and the same scene from files.
 struct Two {
     s3: S3,
     runtime: Runtime,
@@ -114,10 +114,10 @@ impl Two {
         Self { s3, runtime, files, objects }
     }
 
-    /// A chunk that did not come with the opening.
+    /// A chunk that was not read while opening.
     fn far(&self) -> BlobId {
         let far = all_blobs(&self.objects).into_iter().rev();
-        far.into_iter().find(|id| !self.is_at_hand(id)).expect("all of it came with the opening")
+        far.into_iter().find(|id| !self.is_at_hand(id)).expect("opening read every chunk")
     }
 
     fn is_at_hand(&self, id: &BlobId) -> bool {
@@ -130,7 +130,7 @@ impl Two {
 }
 
 #[test]
-fn a_bucket_serves_what_files_serve_to_the_byte() {
+fn a_bucket_serves_the_same_bytes_as_files() {
     let two = Two::new();
     assert_eq!(two.objects.header(), two.files.header());
     assert_eq!(two.objects.page(0), two.files.page(0));
@@ -143,7 +143,7 @@ fn a_bucket_serves_what_files_serve_to_the_byte() {
         assert_eq!(two.fetch(id).unwrap(), two.files.read(id).unwrap(), "{id}");
         assert!(two.is_at_hand(id));
     }
-    // Neighbours come together.
+    // A request reads neighbouring blobs too.
     let requests = two.s3.reads() - before;
     assert!(requests * 4 < ids.len() as u64, "{requests} requests for {} blobs", ids.len());
     assert!(two.objects.fetch(&BlobId::base(9)).is_none());
@@ -151,7 +151,7 @@ fn a_bucket_serves_what_files_serve_to_the_byte() {
 }
 
 #[test]
-fn those_who_wait_for_the_same_range_share_one_request() {
+fn reads_of_the_same_range_share_one_request() {
     let two = Two::new();
     let id = two.far();
     two.s3.set(Fault::Slow);
@@ -163,7 +163,7 @@ fn those_who_wait_for_the_same_range_share_one_request() {
 }
 
 #[test]
-fn answers_that_are_wrong_are_refused_and_a_store_that_recovers_is_believed() {
+fn wrong_answers_of_a_store_are_refused_until_it_recovers() {
     let two = Two::new();
     let id = two.far();
     for fault in [Fault::Short, Fault::Wrong, Fault::Missing] {
@@ -173,7 +173,7 @@ fn answers_that_are_wrong_are_refused_and_a_store_that_recovers_is_believed() {
         assert!(why.starts_with("s3://bucket/packs/"), "{fault:?}: {why}");
         assert!(!two.is_at_hand(&id), "{fault:?}");
     }
-    // What passes is tried again, without anybody's help.
+    // Temporary faults are retried.
     for fault in [Fault::WrongFor(1), Fault::BusyFor(2)] {
         let two = Two::new();
         let id = two.far();
@@ -203,7 +203,7 @@ fn a_scene_over_damaged_objects_is_not_opened() {
     let packs = two.s3.root.path().join("bucket/packs");
     let mut files: Vec<_> = std::fs::read_dir(&packs).unwrap().map(|file| file.unwrap().path()).collect();
     files.sort();
-    // Each under the other's name.
+    // Each pack under the other's name.
     let swapped = packs.join("swapped");
     for (from, to) in [(&files[0], &swapped), (&files[1], &files[0]), (&swapped, &files[1])] {
         std::fs::rename(from, to).unwrap();
@@ -229,7 +229,7 @@ fn publishing_again_writes_nothing_and_another_machine_prepares_nothing() {
     assert_eq!(published(&scene, "cache"), expected(2, 2, 0, true));
     assert_eq!(published(&scene, "cache"), expected(0, 0, 2, false));
     assert_eq!(published(&scene, "another"), expected(0, 0, 2, false));
-    // A pack that was damaged there is made and written again.
+    // A damaged pack in the store is prepared and written again.
     let packs = s3.root.path().join("bucket/packs");
     for pack in std::fs::read_dir(packs).unwrap() {
         let pack = pack.unwrap().path();
@@ -241,7 +241,7 @@ fn publishing_again_writes_nothing_and_another_machine_prepares_nothing() {
     assert_eq!(published(&changed, "cache"), expected(1, 1, 1, true));
 }
 
-/// The program, with the bucket's environment.
+/// The program, with the bucket in its environment.
 fn program(s3: &S3, folder: &Path, arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-server"));
     command.args(arguments).envs(s3.environment()).current_dir(folder);
@@ -256,7 +256,7 @@ fn run(s3: &S3, folder: &Path, arguments: &[&str]) -> String {
     text
 }
 
-/// A server that is killed when the test is over.
+/// A server that is killed at the end of the test.
 struct Server {
     child: Child,
     http: String,
@@ -292,7 +292,7 @@ impl Server {
         serde_json::from_str(text.split_once("\r\n\r\n").unwrap().1).unwrap()
     }
 
-    /// Waits until the list is one that passes.
+    /// Waits until the list of scenes satisfies `passes`.
     fn until(&self, passes: impl Fn(&serde_json::Value) -> bool) -> serde_json::Value {
         let began = std::time::Instant::now();
         loop {
@@ -307,7 +307,7 @@ impl Server {
 }
 
 #[test]
-fn many_servers_over_one_bucket_follow_what_is_published() {
+fn servers_over_one_bucket_serve_newly_published_scenes() {
     let (s3, folder) = (S3::start(), tempfile::tempdir().unwrap());
     let home = folder.path();
     write_scene(home, "hall", 0.1);
@@ -317,7 +317,7 @@ fn many_servers_over_one_bucket_follow_what_is_published() {
     let lists = servers.each_ref().map(Server::scenes);
     assert_eq!(lists[0], lists[1]);
     assert_eq!(lists[0]["scenes"][0]["name"], "hall");
-    // Another scene, and another version of the first: prepared from models that lie in the store themselves.
+    // Another scene and a new version of the first, prepared from models in the store.
     let models = s3.root.path().join("bucket/models");
     std::fs::create_dir(&models).unwrap();
     for file in ["yard.toml", "sheet.obj", "one.obj"] {
@@ -328,7 +328,7 @@ fn many_servers_over_one_bucket_follow_what_is_published() {
         home,
         &["prepare", "s3://bucket/models/yard.toml", "-o", "s3://bucket/scenes/", "--cache", "other", "-q"],
     );
-    assert!(told.contains("yard.lss written; packs: 0 written, 2 there before, 0 prepared"), "{told}");
+    assert!(told.contains("yard.lss written; packs: 0 written, 2 existing, 0 prepared"), "{told}");
     write_scene(home, "hall", 0.3);
     run(&s3, home, &["prepare", "hall.toml", "-o", "s3://bucket/scenes", "--cache", "cache", "-q"]);
     let before = lists[0]["scenes"][0]["fingerprint"].clone();
@@ -340,14 +340,14 @@ fn many_servers_over_one_bucket_follow_what_is_published() {
     assert_eq!(servers[0].scenes(), servers[1].scenes());
     std::fs::remove_file(s3.root.path().join("bucket/scenes/yard.lss")).unwrap();
     servers[1].until(|list| list["scenes"].as_array().unwrap().len() == 1);
-    // One pack by itself.
+    // A single pack.
     let pack = ["prepare", "s3://bucket/models/one.obj", "-o", "s3://bucket/one.lsp", "-q"];
     assert!(run(&s3, home, &pack).contains("1 faces"));
-    assert!(run(&s3, home, &pack).contains("is there already"));
+    assert!(run(&s3, home, &pack).contains("exists already"));
 }
 
 #[test]
-fn a_folder_is_followed_and_what_cannot_be_read_stays_as_it_was() {
+fn changes_of_a_folder_are_served_and_unreadable_scenes_keep_their_version() {
     let (s3, folder) = (S3::start(), tempfile::tempdir().unwrap());
     let scenes = folder.path().join("scenes");
     std::fs::create_dir(&scenes).unwrap();
@@ -361,15 +361,15 @@ fn a_folder_is_followed_and_what_cannot_be_read_stays_as_it_was() {
     write_scene(&scenes, "yard", 0.2);
     let after = server.until(|list| list["scenes"][1] != both["scenes"][1]);
     assert_eq!(after["scenes"][0], first["scenes"][0]);
-    // The sheet is the hall's too; its file is mended.
+    // The hall uses the same sheet; its file is repaired.
     write_scene(&scenes, "hall", 0.2);
     server.until(|list| list["scenes"][0] != first["scenes"][0]);
 }
 
-/// A place that could not be listed lost what was known of those before it, and a scene that could not be read was read
-/// again at every look.
+/// A source that cannot be listed does not affect what is known of the others, and an unreadable scene is not read
+/// again at every check.
 #[test]
-fn what_fails_is_left_alone_until_it_changes() {
+fn failed_scenes_are_not_read_again_until_they_change() {
     let folder = tempfile::tempdir().unwrap();
     let [one, other] = ["one", "other"].map(|name| folder.path().join(name));
     for (place, name) in [(&one, "hall"), (&other, "yard")] {
@@ -386,15 +386,15 @@ fn what_fails_is_left_alone_until_it_changes() {
     assert!(scenes.get("hall").is_some() && scenes.get("yard").is_some());
     let look = || runtime.block_on(catalogue.load(false));
     assert!(look().unwrap().is_none());
-    // A place that is away.
+    // A source that is missing.
     let away = folder.path().join("away");
     std::fs::rename(&other, &away).unwrap();
-    // The scene before it cannot be read meanwhile.
+    // Meanwhile a scene of another source is unreadable.
     let (hall, text) = (one.join("hall.toml"), std::fs::read(one.join("hall.toml")).unwrap());
     assert!(look().is_err());
     std::fs::rename(&away, &other).unwrap();
     std::fs::write(&hall, "nonsense").unwrap();
-    assert!(look().unwrap().is_none(), "nothing else may be served for a scene that cannot be read");
+    assert!(look().unwrap().is_none(), "an unreadable scene must change nothing");
     assert!(look().unwrap().is_none());
     std::fs::write(&hall, text).unwrap();
     assert_eq!(look().unwrap().map(|all| all.len()), Some(2));

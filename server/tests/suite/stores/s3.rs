@@ -1,4 +1,4 @@
-//! An S3 server (`s3s-fs`, over a folder, with signatures verified) on loopback, whose answers can be made slow, short or
+//! An S3 server (`s3s-fs` over a folder, verifying signatures) on loopback, whose answers can be made slow, short or
 //! wrong.
 
 use std::convert::Infallible;
@@ -21,25 +21,25 @@ use tokio::runtime::Runtime;
 const KEY: &str = "operator";
 const SECRET: &str = "the-secret-of-a-test";
 
-/// What is done to answers to reads.
+/// Fault of answers to reads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Fault {
     Nothing,
-    /// They come late.
+    /// Answers are late.
     Slow,
-    /// They end early.
+    /// Answers end early.
     Short,
-    /// A byte is another.
+    /// A byte is changed.
     Wrong,
-    /// The same, for so many.
+    /// A byte is changed, in this many answers.
     WrongFor(u32),
-    /// "Come again later", for so many.
+    /// The store answers "come again later", this many times.
     BusyFor(u32),
-    /// There is nothing.
+    /// The object is missing.
     Missing,
 }
 
-/// See the module; ends with the test.
+/// The S3 server; it ends with the test.
 pub(crate) struct S3 {
     pub(crate) root: TempDir,
     pub(crate) address: SocketAddr,
@@ -49,7 +49,7 @@ pub(crate) struct S3 {
 }
 
 impl S3 {
-    /// With one bucket, "bucket".
+    /// Starts a server with one bucket, "bucket".
     pub(crate) fn start() -> Self {
         let root = tempfile::tempdir().unwrap();
         std::fs::create_dir(root.path().join("bucket")).unwrap();
@@ -81,18 +81,18 @@ impl S3 {
         *self.fault.lock().unwrap() = fault;
     }
 
-    /// Objects or parts of them that were read so far.
+    /// Number of reads of objects or parts of them so far.
     pub(crate) fn reads(&self) -> u64 {
         self.reads.load(Ordering::SeqCst)
     }
 
-    /// What a program has in its environment to use it.
+    /// Environment variables that make a program use this server.
     pub(crate) fn environment(&self) -> [(&'static str, String); 5] {
         environment_of(&format!("http://{}", self.address))
     }
 }
 
-/// The same for one at an endpoint.
+/// The same for an endpoint.
 pub(crate) fn environment_of(endpoint: &str) -> [(&'static str, String); 5] {
     [
         ("AWS_ENDPOINT", endpoint.into()),
@@ -140,7 +140,7 @@ async fn answer(
     let mut body = body.to_bytes().to_vec();
     match now {
         Fault::Short if !body.is_empty() => {
-            // Less than is asked for, and the answer says that this is all.
+            // Fewer bytes than requested, with a length that says that these are all.
             body.truncate(body.len() / 2);
             head.headers.insert("content-length", body.len().into());
         }

@@ -6,7 +6,7 @@
 
 mod access;
 mod budget;
-mod honesty;
+mod error_ratios;
 mod lattice;
 mod model;
 mod options;
@@ -27,7 +27,7 @@ use serde::Serialize;
 
 pub use access::{Spot, ViewShare};
 pub use budget::BytesToRms;
-pub use honesty::{RandomSets, Ratios};
+pub use error_ratios::{RandomSets, Ratios};
 use model::{Model, surface};
 pub use options::Options;
 pub use quality::LevelEnd;
@@ -161,9 +161,9 @@ pub fn assess(path: &Path, options: &Options) -> anyhow::Result<Assessment> {
         level_ends,
         tenth: quality::within_faces(&model, model.mesh.faces.len() as u64 / 10, options)?,
         bytes_to_rms: budget::bytes_to_rms(&model, (base_bytes.len() + index_bytes) as u64, options)?,
-        random: honesty::random_sets(&model, options)?,
-        at_truncation_points: honesty::at_truncation_points(&model)?,
-        per_chunk: honesty::per_chunk(&model)?,
+        random: error_ratios::random_sets(&model, options)?,
+        at_truncation_points: error_ratios::at_truncation_points(&model)?,
+        per_chunk: error_ratios::per_chunk(&model)?,
         spot: access::spot(&model, options.seed),
         view: access::view_share(&model, options.seed),
     })
@@ -179,7 +179,7 @@ impl std::fmt::Display for Assessment {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         writeln!(
             f,
-            "{} vertices, {} faces, built share {:.3}; codec {}, {} chunks in {} levels",
+            "{} vertices, {} faces, axis-aligned share {:.3}; codec {}, {} chunks in {} levels",
             self.vertices, self.faces, self.axis_aligned_share, self.codec, self.chunks, self.levels
         )?;
         writeln!(

@@ -142,8 +142,8 @@ struct Drawn {
 /// Settles the plan's case and times `frames` frames (at least one) with each value.
 ///
 /// # Errors
-/// A setting without values; a plan with several cases or another technique; runs that do not settle or end early; errors
-/// of the graphics device.
+/// A setting without values; a plan with several cases or another technique; runs that do not settle or end early;
+/// errors of the graphics device.
 pub fn draw_trade(
     plan: &Plan,
     scene: &Arc<dyn SceneSource>,
@@ -152,7 +152,7 @@ pub fn draw_trade(
     frames: u32,
 ) -> anyhow::Result<Vec<DrawTime>> {
     let values = setting.values();
-    let best = values.len().checked_sub(1).context("there is no value to draw with")?;
+    let best = values.len().checked_sub(1).context("there are no values to draw with")?;
     let adapter = gpu.describe();
     let studio = Studio::new(gpu);
     let mut settled = settle(plan, scene, &studio, vec![plan.client; setting.scenes()])?;

@@ -216,8 +216,8 @@ fn elsewhere() -> Vec<Entry> {
 /// Settles the plan's case, draws the gallery into a folder, times `frames` frames of each entry, and writes the page.
 ///
 /// # Errors
-/// A plan with several cases or another technique; runs that do not settle or end early; errors of the graphics device or
-/// the folder.
+/// A plan with several cases or another technique; runs that do not settle or end early; errors of the graphics device
+/// or the folder.
 pub fn gallery(
     plan: &Plan,
     scene: &Arc<dyn SceneSource>,

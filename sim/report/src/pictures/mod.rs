@@ -157,7 +157,7 @@ pub(super) fn with_errors(
         references.push((last.view, Some(Arc::clone(&last.picture))));
     }
     let mut pictures = Vec::with_capacity(shots.len());
-    for Shot { instant, at_ns, bytes, error_px, seen_error_px, view, picture } in shots {
+    for Shot { instant, at_ns, bytes, error_px, unoccluded_error_px, view, picture } in shots {
         let known = match references.iter().position(|(pose, _)| *pose == view) {
             Some(known) => known,
             None => {
@@ -172,7 +172,7 @@ pub(super) fn with_errors(
             at_ms: milliseconds(at_ns),
             bytes,
             error_px: error_px.map(rounded),
-            seen_error_px: seen_error_px.map(rounded),
+            unoccluded_error_px: unoccluded_error_px.map(rounded),
             error: reference.map(|reference| image_error(&picture, reference)).transpose()?,
             file: gallery.keep(run, if of_the_end { last.instant } else { instant }, &picture)?,
         });

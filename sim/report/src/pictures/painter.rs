@@ -213,10 +213,10 @@ impl<'a> Painter<'a> {
             upload(&mut self.scene, core, gpu, &self.headless)?;
             draw(&mut self.headless, &mut self.scene, &view, self.patches)
         });
-        let Sample { at_ns, bytes, error_px, seen_error_px } = seen;
+        let Sample { at_ns, bytes, error_px, unoccluded_error_px } = seen;
         if let Some(picture) = self.note(picture) {
             let picture = picture.into();
-            self.shots.push(Shot { instant, at_ns, bytes, error_px, seen_error_px, view, picture });
+            self.shots.push(Shot { instant, at_ns, bytes, error_px, unoccluded_error_px, view, picture });
         }
     }
 }

@@ -36,7 +36,7 @@ pub(crate) struct Shot {
     pub(crate) at_ns: u64,
     pub(crate) bytes: u64,
     pub(crate) error_px: Option<f64>,
-    pub(crate) seen_error_px: Option<f64>,
+    pub(crate) unoccluded_error_px: Option<f64>,
     /// The camera.
     pub(crate) view: View,
     /// Instants after the end share their picture with the last shot.

@@ -38,7 +38,7 @@ pub struct Received {
     /// Upper bound on the screen error over all visible parts; `None` while one of them could not be drawn.
     pub error_px: Option<f64>,
     /// The same without parts that the scene's own surfaces occlude.
-    pub seen_error_px: Option<f64>,
+    pub unoccluded_error_px: Option<f64>,
 }
 
 /// A frame's error against the last one.
@@ -60,12 +60,12 @@ pub struct ShownFrame {
 impl std::fmt::Display for ShownFrame {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { at_ms, whole, received, error } = self;
-        let Received { bytes, error_px, seen_error_px } = *received;
+        let Received { bytes, error_px, unoccluded_error_px } = *received;
         let ImageError { psnr_db, ssim, flip } = error;
         let psnr = psnr_db.map_or("equal".into(), |db| format!("{db:.1} dB"));
         let kb = bytes as f64 / 1e3;
         write!(f, "{at_ms:6.0} ms, {kb:7.1} kB: FLIP {flip:.3}, SSIM {ssim:.3}, {psnr}")?;
-        if let Some((all, seen)) = error_px.zip(seen_error_px) {
+        if let Some((all, seen)) = error_px.zip(unoccluded_error_px) {
             write!(f, ", screen error {all:.1} px, where seen {seen:.1} px")?;
         }
         if *whole { Ok(()) } else { write!(f, ", not all of the first frame") }
@@ -142,9 +142,9 @@ mod tests {
             judge(folder.path())
         };
         let found = index(
-            r#"{"at_ms": 500, "whole": false, "bytes": 9000, "error_px": null, "seen_error_px": null, "file": "a.png"},
-               {"at_ms": 1000, "whole": true, "bytes": 20000, "error_px": 8.5, "seen_error_px": 2, "file": "b.png"},
-               {"at_ms": 4000, "whole": true, "bytes": 30000, "error_px": 1, "seen_error_px": 1, "file": "b.png"}"#,
+            r#"{"at_ms": 500, "whole": false, "bytes": 9000, "error_px": null, "unoccluded_error_px": null, "file": "a.png"},
+               {"at_ms": 1000, "whole": true, "bytes": 20000, "error_px": 8.5, "unoccluded_error_px": 2, "file": "b.png"},
+               {"at_ms": 4000, "whole": true, "bytes": 30000, "error_px": 1, "unoccluded_error_px": 1, "file": "b.png"}"#,
         )
         .unwrap();
         let FirstSecondsError { blank_flip, flip_s, .. } = found.first_seconds;
@@ -160,7 +160,7 @@ mod tests {
         let none = index("").unwrap_err().to_string();
         assert!(none.contains("no frame was shown"), "{none}");
         let lost = index(
-            r#"{"at_ms": 1, "whole": true, "bytes": 1, "error_px": null, "seen_error_px": null,
+            r#"{"at_ms": 1, "whole": true, "bytes": 1, "error_px": null, "unoccluded_error_px": null,
                 "file": "../../c.png"}"#,
         )
         .unwrap_err()

@@ -123,7 +123,7 @@ fn pictures_approach_the_settled_one_and_change_nothing_in_the_run() {
     let csv = std::fs::read_to_string(folder.path().join("pictures.csv")).unwrap();
     assert_eq!(csv.lines().count(), 1 + 2 * 5);
     let rows = Rows::from_csv(&csv).unwrap();
-    let [all, seen] = ["error_px", "seen_error_px"].map(|name| rows.column(name).unwrap());
+    let [all, seen] = ["error_px", "unoccluded_error_px"].map(|name| rows.column(name).unwrap());
     let px = |figure: &String| figure.parse::<f64>().unwrap();
     assert!(rows.rows.iter().all(|row| px(&row[seen]) <= px(&row[all])), "{csv}");
 

@@ -312,7 +312,7 @@ fn screen_error_over_time(cases: &[CaseRuns<'_>]) -> Chart {
             .map(|(at, px)| (ms(at), px.clamp(MIN_DRAWN_ERROR_PX, MAX_DRAWN_ERROR_PX)))
             .collect()
     };
-    let [all, seen]: [Pick; 2] = [|sample| sample.error_px, |sample| sample.seen_error_px];
+    let [all, seen]: [Pick; 2] = [|sample| sample.error_px, |sample| sample.unoccluded_error_px];
     // Errors of visible parts are at most those of parts in view: one axis fits both.
     let least_and_most =
         [all, seen].into_iter().flat_map(|pick| cases.iter().flat_map(move |shown| points(shown, pick)));
@@ -325,7 +325,7 @@ fn screen_error_over_time(cases: &[CaseRuns<'_>]) -> Chart {
     let of_all: Points<'_> = &|shown| points(shown, all);
     let of_seen: Points<'_> = &|shown| points(shown, seen);
     let mut panels = vec![("all in view", y.clone(), of_all)];
-    if cases.iter().any(|shown| shown.run.series.iter().any(|sample| sample.seen_error_px.is_some())) {
+    if cases.iter().any(|shown| shown.run.series.iter().any(|sample| sample.unoccluded_error_px.is_some())) {
         panels.push(("where seen", y, of_seen));
     }
     over_time(cases, Mark::Steps, &panels)
@@ -366,7 +366,7 @@ fn times(plan: &Plan) -> Vec<(String, String)> {
     let first = std::iter::once(("TTFF".to_owned(), "ttff_ms".to_owned()));
     let finest = coarse_first.last().copied().map(|px| {
         let (name, place) = quality(px);
-        (format!("{name}, where seen"), format!("seen_{place}"))
+        (format!("{name}, where seen"), format!("unoccluded_{place}"))
     });
     first.chain(coarse_first.into_iter().map(quality)).chain(finest).collect()
 }

@@ -231,8 +231,8 @@ mod tests {
                         ,nodes: b,3,1,settled\n,draco,4,1,settled\n,ours,5,1,settled\n,nodes: a,,,not run: of two\n\
                         ,nodes: b,,,not run: of two\n,draco,6,1,settled\n";
 
-    /// Without the file of peers, nodes have one row in place of one per peer; the whole table was reported as
-    /// different.
+    /// Without the file of peers, nodes have one row in place of one per peer; the other rows are compared
+    /// nevertheless.
     #[test]
     fn rows_that_this_machine_cannot_reproduce_are_left_out() {
         let peers = "not run: no file of peers is named (--peers FILE)";

@@ -212,7 +212,7 @@ fn write_tables(documents: &mut Documents, section: &Section, rows: &Rows) -> an
 fn read_rows(committed: &Path) -> anyhow::Result<Rows> {
     let text = std::fs::read_to_string(committed)
         .with_context(|| format!("{}: cannot be read; --update writes it", committed.display()))?;
-    Rows::from_csv(&text).with_context(|| format!("{}: is no table", committed.display()))
+    Rows::from_csv(&text).with_context(|| format!("{}: is not a table", committed.display()))
 }
 
 /// Output of commands that write no files: several sections include the run with default settings.
@@ -319,7 +319,7 @@ fn execute(section: &str, line: &[String], options: &Options) -> anyhow::Result<
             why.lines().rfind(|line| !line.starts_with("error: bench failed")).unwrap_or("it failed")
         );
     }
-    String::from_utf8(output.stdout).with_context(|| format!("{section}: its output is no text"))
+    String::from_utf8(output.stdout).with_context(|| format!("{section}: its output is not text"))
 }
 
 /// Hashes of the models that the sections read.
@@ -351,7 +351,7 @@ fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
 mod tests {
     use super::*;
 
-    /// A section of which nothing could be run here ended the reproduction with "cannot be read".
+    /// A section of which nothing can be run on this machine is reported with the reason.
     #[test]
     fn a_missing_table_is_explained_by_what_the_machine_lacks() {
         let folder = tempfile::tempdir().unwrap();

@@ -36,8 +36,8 @@ fn head(made: &Reproduction, sections: &[(&Section, Rows)]) -> Markup {
     html! {
         p {
             "Made by lodestream-sim " (made.version) " on " (made.machine) ". Figures are the committed ones; beside each "
-            "section stands what this run found otherwise. Bytes and virtual time must be equal; what hangs on a machine's "
-            "speed is compared in ratios to the column's geometric mean."
+            "section are the deviations of this run. Bytes and virtual time must be equal; figures that depend on the "
+            "machine's speed are compared as ratios to their column's geometric mean."
         }
         "\n"
         h2 { "Sections" } "\n"

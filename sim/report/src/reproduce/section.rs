@@ -244,7 +244,7 @@ pub(crate) fn parse(text: &str) -> anyhow::Result<Vec<Section>> {
         let plain = |c: char| c.is_ascii_alphanumeric() || c == '-';
         anyhow::ensure!(
             !name.is_empty() && name.chars().all(plain),
-            "section {}: {name:?} is no name: letters, digits and hyphens",
+            "section {}: {name:?} is not a name: use letters, digits and hyphens",
             i + 1
         );
         anyhow::ensure!(sections[..i].iter().all(|s| s.name != *name), "{name}: two sections have this name");
@@ -260,10 +260,13 @@ pub(crate) fn parse(text: &str) -> anyhow::Result<Vec<Section>> {
             );
         }
         for (column, factor) in &section.ratios {
-            anyhow::ensure!(section.columns.contains(column), "{name}: ratios: {column} is no column of it");
+            anyhow::ensure!(
+                section.columns.contains(column),
+                "{name}: ratios: {column} is not one of its columns"
+            );
             anyhow::ensure!(
                 factor.is_finite() && *factor >= 1.0,
-                "{name}: ratios: {column}: {factor} is no factor of 1 or more"
+                "{name}: ratios: {column}: {factor} is not a factor of 1 or more"
             );
         }
         for Plot { title, x, y, .. } in &section.plots {
@@ -313,7 +316,7 @@ mod tests {
         let cases = [
             (GOOD.replace("a-1", "a/1"), "section 1", "no name"),
             (format!("{GOOD}{GOOD}"), "a-1", "two sections"),
-            (GOOD.replace("y = 1.5", "z = 1.5"), "ratios", "z is no column"),
+            (GOOD.replace("y = 1.5", "z = 1.5"), "ratios", "z is not one of its columns"),
             (GOOD.replace("y = 1.5", "y = 0.5"), "y", "factor"),
             (GOOD.replace("run =", "bench = \"x\"\nrun ="), "command 1", "either"),
             (GOOD.replace("run =", "label ="), "command 1", "either"),

@@ -175,7 +175,7 @@ fn figure(inside: &str, group: &Group<'_>) -> anyhow::Result<String> {
         "," => Ok(thousands(number)),
         places => {
             let places = places.strip_prefix('.').and_then(|p| p.parse().ok());
-            let places: usize = places.with_context(|| format!("{format} is no format"))?;
+            let places: usize = places.with_context(|| format!("{format} is not a format"))?;
             Ok(format!("{number:.places$}"))
         }
     }
@@ -196,7 +196,7 @@ fn value(expression: &str, group: &Group<'_>) -> anyhow::Result<Option<f64>> {
                 if figure.is_empty() {
                     return Ok(None);
                 }
-                figure.parse().with_context(|| format!("{name}: {figure} is no number"))?
+                figure.parse().with_context(|| format!("{name}: {figure} is not a number"))?
             }
         };
         if divide {

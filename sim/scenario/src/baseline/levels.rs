@@ -51,7 +51,7 @@ pub(super) struct Level {
 /// The level with at most `most_faces` faces, or the base mesh if that has more.
 pub(super) fn level(asset: &LoadedAsset, most_faces: u64) -> anyhow::Result<Level> {
     let set = lowest_error(&asset.base, &asset.infos, asset.head_bytes(), Budget::Faces(most_faces));
-    let mesh = asset.refined(&set.members).context("a level cannot be built")?.to_mesh();
+    let mesh = asset.refined(&set.members).context("a level cannot be computed")?.to_mesh();
     Ok(Level { mesh, error: error_of(asset, &set.members) })
 }
 

@@ -183,7 +183,7 @@ impl<'a> Loader<'a> {
                 note_quality(&mut self.rest_quality, error_px, now.since(since));
             }
         }
-        self.series.push(Sample { at_ns: now.as_ns(), bytes, error_px, seen_error_px: None });
+        self.series.push(Sample { at_ns: now.as_ns(), bytes, error_px, unoccluded_error_px: None });
         let wants = !self.selection.wanted.is_empty();
         if self.first_frame.is_some() {
             self.stalls.observe(now, bytes, wants);

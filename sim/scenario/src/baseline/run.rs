@@ -154,10 +154,10 @@ fn result(
     let noted = ClientMilestones {
         first_frame: loader.first_frame,
         quality: loader.quality,
-        seen_quality: Default::default(),
+        unoccluded_quality: Default::default(),
         rest: loader.rest(),
         rest_quality: loader.rest_quality,
-        rest_seen_quality: Default::default(),
+        rest_unoccluded_quality: Default::default(),
         stalls: loader.stalls,
     };
     RunResult {

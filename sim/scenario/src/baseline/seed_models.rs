@@ -132,7 +132,7 @@ impl Builder {
                     point[up] = if v > 0.5 { most[up] } else { least[up] };
                     point
                 };
-                // AssetErrors from outside, the first direction of the near side points left.
+                // Seen from outside, the first direction of the near side points left.
                 self.lattice(1, 1, |u, v| corner(if far { u } else { 1.0 - u }, v));
             }
         }

@@ -69,7 +69,7 @@ fn nodes_come_after_their_parents_and_only_as_far_as_the_view_needs_them() {
     assert_eq!(pieces(&content, &held, 100.0), [(0, 1), (0, 2)]);
     assert!(!select(&content, &held, &view(&content, 1.0)).drawable);
     have(&mut held, 0, 1);
-    assert!(!select(&content, &held, &view(&content, 1.0)).drawable, "one root is no picture");
+    assert!(!select(&content, &held, &view(&content, 1.0)).drawable, "one root alone is not drawable");
     have(&mut held, 0, 2);
     let drawn = select(&content, &held, &view(&content, 1.0));
     assert!(drawn.drawable);
@@ -85,7 +85,7 @@ fn nodes_come_after_their_parents_and_only_as_far_as_the_view_needs_them() {
     have(&mut held, 0, 3);
     have(&mut held, 0, 5);
     let sharp = select(&content, &held, &view(&content, 1.0));
-    assert_eq!((sharp.error_px, sharp.wanted.len()), (0.0, 0), "what has no children is all there is");
+    assert_eq!((sharp.error_px, sharp.wanted.len()), (0.0, 0), "pieces without children are exact");
 }
 
 /// Larger errors lead to more and earlier requests; a piece without children stays exact.
@@ -102,7 +102,7 @@ fn a_peer_whose_errors_are_larger_than_stated_is_fetched_further() {
     let target_px = [40.0, 20.0, 10.0, 5.0, 2.5, 1.2].into_iter().find(|&px| wanted(1.0, px) > 1).unwrap();
     assert_eq!(wanted(1.0, target_px * 2.0), 1, "only its root is wanted");
     assert_eq!(wanted(2.0, target_px * 2.0), wanted(1.0, target_px));
-    assert_eq!(wanted(1e3, target_px), peer.nodes.len(), "there is no more than all");
+    assert_eq!(wanted(1e3, target_px), peer.nodes.len(), "all nodes are wanted, at most");
 }
 
 #[test]

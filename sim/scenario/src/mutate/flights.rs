@@ -51,7 +51,7 @@ impl Flights {
                 frames.push(frame.to_vec());
             }
         })?;
-        let streams = as_streams(&frames).context("an honest server's frames are not understood")?;
+        let streams = as_streams(&frames).context("the frames of an unmodified server are not understood")?;
         Ok(Self { frames, streams })
     }
 

@@ -34,7 +34,7 @@ const ENTRY_HASH_AT: usize = 20;
 /// Capacity of a store's blob cache.
 const CACHE_BYTES: u64 = 4 << 20;
 
-/// Packs of all codecs to damage, each with a scene of that asset single_asset_scene.
+/// Packs of all codecs to damage, each with a scene that consists of its asset.
 #[derive(Debug)]
 pub struct Packs {
     packs: Vec<(Scene, Vec<u8>)>,

@@ -12,10 +12,10 @@ pub(super) fn changed(text: &str, changes: &[String]) -> Result<String, Fault> {
     for change in changes {
         let fault = |message: String| Fault::new(change.clone(), message);
         let (key, value) =
-            change.split_once('=').ok_or_else(|| fault("is no change; write KEY=VALUE".to_owned()))?;
+            change.split_once('=').ok_or_else(|| fault("is not a change; write KEY=VALUE".to_owned()))?;
         let value = format!("value = {value}").parse::<Table>().ok().and_then(|mut t| t.remove("value"));
         let value = value
-            .ok_or_else(|| fault("the value is none of TOML's; words need quotation marks".to_owned()))?;
+            .ok_or_else(|| fault("the value is not valid TOML; words need quotation marks".to_owned()))?;
         let keys: Vec<&str> = key.trim().split('.').collect();
         if keys.iter().any(|key| key.is_empty()) {
             return Err(fault("a key is empty".to_owned()));
@@ -36,6 +36,6 @@ fn set(table: &mut Table, keys: &[&str], value: &Value) -> Result<(), String> {
         Value::Array(list) if list.iter().all(Value::is_table) => {
             list.iter_mut().filter_map(Value::as_table_mut).try_for_each(|inner| set(inner, rest, value))
         }
-        _ => Err(format!("{key} is no table")),
+        _ => Err(format!("{key} is not a table")),
     }
 }

@@ -133,7 +133,7 @@ fn errors_name_file_and_field() {
         (&format!("ttq_px = [1, 0]\n{GOOD}"), "ttq_px[1]", "0 is not"),
         (&format!("viewport_px = [640, 0]\n{GOOD}"), "viewport_px[1]", "0 is not"),
         (&format!("time_limit_s = -1\n{GOOD}"), "time_limit_s", "-1 is not"),
-        (&GOOD.replace("demo", "field:assets=1"), "scene", "is no field"),
+        (&GOOD.replace("demo", "field:assets=1"), "scene", "is not a field"),
         (&format!("position_bits = 40\n{GOOD}"), "position_bits", "40 is not"),
         (&format!("peers = \"no.json\"\n{GOOD}"), "peers", "cannot be read"),
         (&format!("{GOOD}technique = []\n"), "sweep[0].technique", "is empty"),
@@ -445,7 +445,7 @@ fn keys_may_be_changed_from_outside() {
         ("speed=3", "unknown field"),
         ("codec", "KEY=VALUE"),
         ("codec=zstd", "quotation marks"),
-        ("scene.name=1", "scene is no table"),
+        ("scene.name=1", "scene is not a table"),
         ("client..x=1", "a key is empty"),
         ("client.target_px=0", "not a screen error"),
     ] {
@@ -458,7 +458,7 @@ fn keys_may_be_changed_from_outside() {
 }
 
 #[test]
-fn a_plan_took_other_position_bits_than_a_scene_file_or_a_flag() {
+fn plans_take_4_to_24_position_bits() {
     for bits in [4, 24] {
         let plan = parse_at(&format!("position_bits = {bits}\n{}", GOOD.replace("demo", "model:bunny.obj")))
             .unwrap();

@@ -39,7 +39,7 @@ fn a_resumed_session_saves_a_round_trip() {
         assert!(!cold.resumed && resumed.resumed);
         let (before, after) = (cold.ttff_ms.unwrap(), resumed.ttff_ms.unwrap());
         assert!(after <= before - 0.9 * cold.rtt_ms, "RTT {}: {before} and {after}", cold.rtt_ms);
-        // One round trip, the bytes' own time, and a tenth (DESIGN, section 6); 1.101 at 50 ms, as BENCHMARKS.md says.
+        // One round trip and the bytes' own time, and a tenth; it is 1.101 times that at 50 ms (docs/benchmarks).
         let bytes_ms = resumed.first_frame_bytes.unwrap() as f64 * 8e3 / RATE as f64;
         let bound_ms = resumed.rtt_ms + bytes_ms;
         assert!(after >= bound_ms && after <= 1.102 * bound_ms, "{after}, bound {bound_ms}");

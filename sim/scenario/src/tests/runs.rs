@@ -51,7 +51,7 @@ fn results_are_possible_and_in_order() {
         assert!(result.ttff_ms.unwrap() <= soon_ms + 20.0, "{result:?}: {soon_ms}");
         let lost = result.packets_lost + result.packets_lost_up;
         assert_eq!(lost > 0, result.loss > 0.0, "{result:?}");
-        let [all, seen] = [&result.ttq_ms, &result.seen_ttq_ms].map(|times| times["1"].unwrap());
+        let [all, seen] = [&result.ttq_ms, &result.unoccluded_ttq_ms].map(|times| times["1"].unwrap());
         let said = format!(", 1 px {all:.0} ms (where seen {seen:.0} ms), ");
         assert!(seen <= all && result.to_string().contains(&said), "{result}");
     }
@@ -135,7 +135,7 @@ fn a_series_agrees_with_the_milestones() {
         );
         type Error = fn(&Sample) -> Option<f64>;
         let errors: [(Error, _); 2] =
-            [(|s| s.error_px, &result.ttq_ms), (|s| s.seen_error_px, &result.seen_ttq_ms)];
+            [(|s| s.error_px, &result.ttq_ms), (|s| s.unoccluded_error_px, &result.unoccluded_ttq_ms)];
         for (error_px, times) in errors {
             for (px, at) in [(16.0, "16"), (4.0, "4"), (1.0, "1")] {
                 let reached = result.series.iter().find(|s| error_px(s).is_some_and(|e| e <= px)).unwrap();
@@ -145,7 +145,10 @@ fn a_series_agrees_with_the_milestones() {
             }
         }
         // Visible parts are a subset of the parts in view.
-        assert!(result.series.iter().all(|sample| sample.seen_error_px <= sample.error_px), "{result:?}");
+        assert!(
+            result.series.iter().all(|sample| sample.unoccluded_error_px <= sample.error_px),
+            "{result:?}"
+        );
     }
 }
 

@@ -10,7 +10,7 @@ use crate::result::RunResult;
 /// A figure in virtual and in real time, in milliseconds since the connect call.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Difference {
-    /// "ttff", "ttq 4 px", "seen ttq 4 px" …
+    /// "ttff", "ttq 4 px", "unoccluded ttq 4 px" …
     pub figure: String,
     /// In virtual time.
     pub virtual_ms: Option<f64>,
@@ -76,7 +76,9 @@ pub fn compare(simulated: &RunResult, real: &[RunResult]) -> Comparison {
         differences.push(figure(format!("ttq {px} px"), &|r| r.ttq_ms.get(*px).copied().flatten()));
     }
     for px in &qualities {
-        differences.push(figure(format!("seen ttq {px} px"), &|r| r.seen_ttq_ms.get(*px).copied().flatten()));
+        differences.push(figure(format!("unoccluded ttq {px} px"), &|r| {
+            r.unoccluded_ttq_ms.get(*px).copied().flatten()
+        }));
     }
     differences.push(figure("settled".to_owned(), &|r| r.settled_ms));
     let mut bytes: Vec<u64> = real.iter().map(|r| r.total_bytes).collect();

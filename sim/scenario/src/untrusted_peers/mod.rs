@@ -26,15 +26,15 @@ use crate::bare_client::chunks;
 use crate::served::{Server, Serving};
 use crate::timeline::milliseconds;
 
-/// Time between the start of the attack and the connect call of the honest client.
+/// Time between the start of the attack and the connect call of the other client.
 const ALONE: Duration = Duration::from_secs(2);
 /// Length of the attack.
 const STAY: Duration = Duration::from_secs(5);
 /// Time from the end of the attack until memory is measured again.
 const AFTER: Duration = Duration::from_secs(2);
-/// Time that the honest client waits.
+/// Time that the other client waits.
 const TIMEOUT: Duration = Duration::from_secs(10);
-/// The honest client's address, which differs from the attackers'; Linux accepts all of 127.0.0.0/8.
+/// The other client's address, which differs from the attackers'; Linux accepts all of 127.0.0.0/8.
 const OTHER: IpAddr = IpAddr::V4(Ipv4Addr::new(127, 0, 0, 2));
 /// Rate limit of a session.
 const RATE_BITS_PER_S: u64 = 16_000_000;
@@ -48,7 +48,7 @@ pub struct AttackOutcome {
     pub untrusted_peers: u32,
     /// How many of them the server still held at the end; the others were refused or closed.
     pub held: u32,
-    /// Time from the honest client's connect call to its first bytes of a blob, in milliseconds; absent if none came in
+    /// Time from the other client's connect call to its first bytes of a blob, in milliseconds; absent if none came in
     /// ten seconds.
     pub other_ms: Option<f64>,
     /// Memory of the server before, the largest value seen, and two seconds after the end.
@@ -109,7 +109,7 @@ pub fn measure(
     })
 }
 
-/// Nanoseconds until the honest client has the first bytes of a blob.
+/// Nanoseconds until the other client has the first bytes of a blob.
 async fn other(http: SocketAddr, blob: BlobId) -> Option<u64> {
     let clock = VirtualClock::start();
     let first = async {

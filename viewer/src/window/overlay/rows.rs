@@ -39,7 +39,7 @@ pub(super) fn rows(stats: &Stats, overlay: &OverlayState<'_>) -> Vec<(&'static s
         Some(m) => format!("{} at {}", ms(Some(m.after)), bytes(m.bytes)),
         None => "–".into(),
     };
-    let [seen, everywhere] = [stats.milestones.seen_quality[2], stats.milestones.quality[2]];
+    let [seen, everywhere] = [stats.milestones.unoccluded_quality[2], stats.milestones.quality[2]];
     let state = match overlay.state {
         State::Settled => "settled".to_owned(),
         State::Refining => "refining".to_owned(),
@@ -77,7 +77,7 @@ pub(super) fn rows(stats: &Stats, overlay: &OverlayState<'_>) -> Vec<(&'static s
             format!(
                 "{}, where seen {} (threshold {}), {state}",
                 px(c.max_screen_error_px),
-                px(c.seen_screen_error_px),
+                px(c.unoccluded_screen_error_px),
                 px(c.threshold_px)
             ),
         ),

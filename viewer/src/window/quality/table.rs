@@ -67,10 +67,11 @@ const FASTEST: Step = Step {
     ..FEW_PUNCTUAL_LIGHTS
 };
 
-/// The steps from best to fastest; each includes the reductions of those before. The order: the terrain's error and the
-/// staleness of shadows, which are least visible; pixels; shadow cascades; temporal anti-aliasing, then all of it
-/// together with the meshes' error, whose chunks have to be undone and applied again; samples of occlusion; punctual
-/// lights; at last occlusion, relief, which is then finer than the pixels, and texels of shadow maps.
+/// The steps from best to fastest; each includes the reductions of those before. The order: the terrain's error and
+/// the staleness of shadows, which are least visible; resolution; shadow cascades; temporal anti-aliasing; all
+/// anti-aliasing together with the meshes' error, whose chunks have to be undone and applied again; samples of ambient
+/// occlusion; punctual lights; at last ambient occlusion, relief, which is then finer than the pixels, and the size of
+/// shadow maps.
 pub(super) const STEPS: [Step; 10] = [
     FULL,
     LATE_SHADOWS,

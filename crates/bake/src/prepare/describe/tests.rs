@@ -1,4 +1,4 @@
-//! Every field and map, files that are missing, and files that are not what they are named.
+//! Every field and map, missing files, and files of another type than their name says.
 
 use std::path::PathBuf;
 
@@ -144,7 +144,7 @@ fn a_normal_map_where_heights_belong_is_drawn_as_one() {
     let shown = &described.description.materials[0];
     assert_eq!((shown.height_texture, shown.normal_texture, shown.normal_scale), (None, Some(0), 0.5));
     assert_eq!(described.description.textures[0].kind, TextureKind::Normal);
-    // One that has normals already has no use for it.
+    // A material with a normal map ignores it.
     let both = lodestream_import::Material {
         normal_texture: Some(image(&dir, "n.png", [128, 128, 255])),
         ..material
@@ -174,7 +174,7 @@ fn opacity_maps_say_whether_they_are_masks() {
 }
 
 #[test]
-fn plain_materials_take_the_bytes_that_they_took() {
+fn a_plain_material_takes_11_bytes() {
     let plain = lodestream_import::Material { name: "m".into(), ..lodestream_import::Material::default() };
     let bytes = describe("a", &[plain], None).unwrap().description.encode().unwrap();
     // Name, one material of 11 bytes and its name, no texture.

@@ -1,11 +1,10 @@
-//! Views that are compressed by meshoptimizer's codecs, against the uncompressed file.
+//! Buffer views compressed by meshoptimizer's codecs, against the uncompressed file.
 
 use serde_json::{Value, json};
 
 use super::{BYTE, FLOAT, Model, Random, UBYTE, UINT, USHORT};
 
-/// An uneven square of triangles with everything that is read of a vertex: floats, and normalised numbers of one and two
-/// bytes.
+/// An uneven grid with all vertex attributes that are read: floats, and normalised integers of one and two bytes.
 struct Sheet {
     positions: Vec<[f32; 3]>,
     normals: Vec<[i8; 4]>,
@@ -31,10 +30,10 @@ fn sheet() -> Sheet {
     }
 }
 
-/// How a model gets the bytes of a view: their elements, the view's number.
+/// Adds a view with the given elements to a model and returns its number.
 type Views<'a> = &'a mut dyn FnMut(&mut Model, Elements<'_>) -> usize;
 
-/// What a view holds.
+/// The elements of a view.
 enum Elements<'a> {
     Positions(&'a [[f32; 3]]),
     Normals(&'a [[i8; 4]]),
@@ -54,7 +53,7 @@ impl Elements<'_> {
         }
     }
 
-    /// Bytes of one of them.
+    /// Bytes of one element.
     fn stride(&self) -> usize {
         if matches!(self, Self::Positions(_)) { 12 } else { 4 }
     }
@@ -128,7 +127,7 @@ impl Sheet {
     }
 }
 
-/// A view of the second buffer, which is nowhere, that is compressed in the first.
+/// A view of the fallback buffer, which has no file, with its compressed bytes in the first buffer.
 fn compressed_view(
     model: &mut Model,
     extension: &str,
@@ -166,7 +165,7 @@ fn a_compressed_file_is_the_mesh_that_the_uncompressed_one_is() {
         let imported = model.read().unwrap();
         assert!(imported.warnings.is_empty(), "{:?}", imported.warnings);
         assert_eq!(imported.mesh, plain.mesh, "{extension}, version {version}");
-        // The encoder of triangles turns them; the library says how.
+        // The encoder of triangles rotates them; the library tells how.
         let mut turned = self::sheet();
         let data = meshopt::encode_index_buffer(&turned.indices, 1 << 16).unwrap();
         turned.indices = meshopt::decode_index_buffer(&data, turned.indices.len()).unwrap();
@@ -184,7 +183,7 @@ fn extensions_that_are_used_but_not_required_are_read_with_a_fallback_or_without
     let imported = model.read().unwrap();
     assert!(imported.warnings.is_empty(), "{:?}", imported.warnings);
     assert_eq!(imported.mesh, plain.mesh);
-    // A file of the fallback that was not handed on is not missed.
+    // The fallback's file may be missing.
     model.json["buffers"][1]["uri"] = json!("fallback.bin");
     assert_eq!(model.read().unwrap().mesh, plain.mesh);
 }
@@ -208,7 +207,7 @@ fn filtered_normals_are_those_that_were_filtered() {
     for corner in mesh.faces.iter().flatten() {
         let (given, source) = (mesh.normals[corner.normal as usize], normals[corner.position as usize]);
         let dot: f32 = given.iter().zip(source).map(|(a, b)| a * b).sum();
-        // Eight bits of an octahedron: within 0.9°.
+        // Octahedral coordinates of eight bits: within 0.9°.
         assert!(dot > 0.9998, "{given:?} {source:?}");
     }
 }
@@ -234,7 +233,7 @@ fn views_that_do_not_decode_are_refused_with_their_place() {
     with(0, "buffer", json!(7)).refused(&["buffers[7] does not exist"]);
     with(0, "byteLength", json!(1 << 30)).refused(&["bufferViews[0] reaches beyond"]);
     with(1, "mode", json!("TRIANGLES")).refused(&["bufferViews[1]"]);
-    // As often decoded as listed, bytes would come to any number of their own.
+    // If overlapping views were decoded, a small file could take any amount of memory.
     let mut model = sheet.compressed("EXT_meshopt_compression", 0, false);
     let mut whole = model.json["bufferViews"][0].clone();
     whole["extensions"]["EXT_meshopt_compression"]["byteOffset"] = json!(0);

@@ -1,4 +1,4 @@
-//! Meshes that are compressed with Draco, against Google's decoder and against their uncompressed CPU references.
+//! Meshes compressed with Draco, against Google's decoder and against the uncompressed file.
 
 use std::io::Read as _;
 
@@ -13,12 +13,12 @@ use tempfile::TempDir;
 use super::{BYTE, FLOAT, Model, Random, SHORT, UBYTE, UINT, USHORT, refused, write};
 use crate::{ImportError, import};
 
-/// A torus with a seam of texture coordinates both ways round, as Draco 1.5.5 wrote it (`draco_encoder -cl LEVEL -qp 12
-/// -qt 11 -qn 9`; `raw`: `-cl 0 -qp 0 -qt 0 -qn 0`), and what its `draco_decoder` makes of that, as OBJ.
+/// A torus with seams of texture coordinates in both directions, written by Draco 1.5.5 (`draco_encoder -cl LEVEL -qp
+/// 12 -qt 11 -qn 9`; `raw`: `-cl 0 -qp 0 -qt 0 -qn 0`), and the OBJ file that its `draco_decoder` writes for it.
 ///
-/// At level 0 triangles stand one after the other and values follow differences; at 4 they are Edgebreaker's, with
-/// parallelograms; from 7 on by valence, with normals and coordinates predicted from positions, at 10 from several
-/// parallelograms.
+/// Level 0 stores triangles one by one and values as differences; level 4 uses Edgebreaker and parallelogram
+/// prediction; from level 7 on connectivity is coded by valence, and normals and texture coordinates are predicted from
+/// positions; level 10 predicts from several parallelograms.
 const REFERENCE: [(&str, &[u8], &[u8]); 5] = [
     ("level 0", include_bytes!("draco/level-0.drc"), include_bytes!("draco/level-0.obj.gz")),
     ("level 4", include_bytes!("draco/level-4.drc"), include_bytes!("draco/level-4.obj.gz")),
@@ -29,7 +29,7 @@ const REFERENCE: [(&str, &[u8], &[u8]); 5] = [
 /// Points and triangles of the torus.
 const COUNTS: [usize; 2] = [117, 192];
 
-/// An attribute's name, its number in the stream, and its accessor's type and shape, and whether it is normalised.
+/// An attribute's name, its number in the stream, its accessor's type and shape, and whether it is normalised.
 type Listed = (&'static str, u32, u32, &'static str, bool);
 
 const OBJ: [Listed; 3] = [
@@ -60,7 +60,7 @@ fn compressed(stream: &[u8], listed: &[Listed], [points, triangles]: [usize; 2])
     model
 }
 
-/// Each corner's position, normal, coordinates (up) and colour, by face.
+/// Each corner's position, normal, texture coordinates (running up) and colour, by face.
 type Values = ([f64; 3], [f32; 3], [f32; 2], [u8; 4]);
 
 fn corners(mesh: &SourceMesh) -> Vec<[Values; 3]> {
@@ -75,7 +75,7 @@ fn corners(mesh: &SourceMesh) -> Vec<[Values; 3]> {
     mesh.faces.iter().map(|face| face.map(value)).collect()
 }
 
-/// Triangles that begin at their least corner, in order.
+/// The triangles in order, each beginning with its least corner.
 fn sorted(mut faces: Vec<[Values; 3]>) -> Vec<[Values; 3]> {
     for face in &mut faces {
         let least = (0..3).min_by(|&a, &b| face[a].partial_cmp(&face[b]).unwrap()).unwrap();
@@ -86,7 +86,7 @@ fn sorted(mut faces: Vec<[Values; 3]>) -> Vec<[Values; 3]> {
 }
 
 #[test]
-fn streams_of_the_reference_encoder_come_to_what_its_decoder_makes_of_them() {
+fn streams_of_the_reference_encoder_decode_as_by_its_decoder() {
     let dir = TempDir::new().unwrap();
     for (name, stream, decoded) in REFERENCE {
         let imported = compressed(stream, &OBJ, COUNTS).read().unwrap();
@@ -101,14 +101,14 @@ fn streams_of_the_reference_encoder_come_to_what_its_decoder_makes_of_them() {
             let near = |a: f64, b: f64| (a - b).abs() < 2e-6;
             assert!((0..3).all(|i| near(ours.0[i], truth.0[i])), "{name}: {ours:?} {truth:?}");
             assert!((0..3).all(|i| near(ours.1[i].into(), truth.1[i].into())), "{name}: {ours:?} {truth:?}");
-            // Coordinates of glTF run down, those of the text up.
+            // Texture coordinates of glTF run down, those of the OBJ file up.
             let down = [ours.2[0], 1.0 - ours.2[1]];
             assert!((0..2).all(|i| near(down[i].into(), truth.2[i].into())), "{name}: {ours:?} {truth:?}");
         }
     }
 }
 
-/// An open grid with every attribute that is read, each of another type of whole numbers.
+/// An open grid with every attribute that is read, each of another integer type.
 struct Whole {
     faces: Vec<[u32; 3]>,
     attributes: Vec<(Listed, GeometryAttributeType, DataType, Vec<u8>)>,
@@ -158,7 +158,7 @@ fn whole_numbers() -> Whole {
 }
 
 impl Whole {
-    fn cpu_reference(&self) -> Model {
+    fn uncompressed(&self) -> Model {
         let mut model = Model::new();
         for ((name, _, kind, shape, normalised), _, _, bytes) in &self.attributes {
             let accessor = model.accessor(*kind, shape, self.points, bytes);
@@ -171,7 +171,7 @@ impl Whole {
         model
     }
 
-    /// At one of the encoder's levels; 0 keeps the order of points and faces.
+    /// The stream at one of the encoder's levels; 0 keeps the order of points and faces.
     fn stream(&self, level: i32) -> Vec<u8> {
         let mut mesh = Mesh::new();
         mesh.set_num_points(self.points);
@@ -203,25 +203,25 @@ impl Whole {
 }
 
 #[test]
-fn whole_numbers_of_every_type_arrive_as_in_the_uncompressed_cpu_reference() {
+fn integers_of_every_type_decode_as_in_the_uncompressed_file() {
     let whole = whole_numbers();
-    let cpu_reference = whole.cpu_reference();
-    // A view of attributes wants a stride, since elements are three bytes long here.
-    let cpu_reference = corners(&cpu_reference.read().unwrap().mesh);
-    assert!(cpu_reference.iter().flatten().any(|corner| corner.3 != cpu_reference[0][0].3), "colours differ");
+    let uncompressed = whole.uncompressed();
+    // Attributes need a stride, since their elements have three bytes here.
+    let uncompressed = corners(&uncompressed.read().unwrap().mesh);
+    assert!(uncompressed.iter().flatten().any(|corner| corner.3 != uncompressed[0][0].3), "colours differ");
     for level in [0, 3, 5, 7, 10] {
         let ours = whole.compressed(level).read().unwrap();
         assert!(ours.warnings.is_empty(), "{:?}", ours.warnings);
         let ours = corners(&ours.mesh);
         if level == 0 {
-            assert_eq!(ours, cpu_reference, "nothing is put in another order");
+            assert_eq!(ours, uncompressed, "nothing is put in another order");
         }
-        assert_eq!(sorted(ours), sorted(cpu_reference.clone()), "level {level}");
+        assert_eq!(sorted(ours), sorted(uncompressed.clone()), "level {level}");
     }
 }
 
 #[test]
-fn a_stream_that_is_placed_twice_is_there_twice() {
+fn a_stream_placed_twice_gives_its_faces_twice() {
     let mut model = compressed(REFERENCE[2].1, &OBJ, COUNTS);
     model.json["nodes"] = json!([{"mesh": 0, "children": [1]}, {"mesh": 0, "translation": [9, 0, 0]}]);
     let mesh = model.read().unwrap().mesh;
@@ -229,7 +229,7 @@ fn a_stream_that_is_placed_twice_is_there_twice() {
 }
 
 #[test]
-fn what_a_file_has_uncompressed_too_is_read_from_there() {
+fn attributes_that_are_uncompressed_too_are_read_from_there() {
     let mut model = Model::quad();
     let garbage = model.view(b"DRACO and so on");
     model.primitive()["extensions"] =
@@ -238,11 +238,11 @@ fn what_a_file_has_uncompressed_too_is_read_from_there() {
     let imported = model.read().unwrap();
     assert!(imported.warnings.is_empty(), "{:?}", imported.warnings);
     assert_eq!(imported.mesh, Model::quad().read().unwrap().mesh);
-    // What is nowhere else is decoded, required or not.
+    // A primitive without uncompressed attributes is decoded, whether the extension is required or not.
     let mut model = compressed(REFERENCE[0].1, &OBJ, COUNTS);
     model.json.as_object_mut().unwrap().remove("extensionsRequired");
     assert_eq!(model.read().unwrap().mesh.faces.len(), COUNTS[1]);
-    // And what the stream has not is read where it is.
+    // An attribute that the stream lacks is read from its accessor.
     let mut model = compressed(REFERENCE[0].1, &OBJ[..1], COUNTS);
     let uvs = model.floats("VEC2", 2, &[0.25; 2 * COUNTS[0]]);
     model.attribute("TEXCOORD_0", uvs);
@@ -250,7 +250,7 @@ fn what_a_file_has_uncompressed_too_is_read_from_there() {
 }
 
 #[test]
-fn streams_that_say_otherwise_than_their_file_are_refused_with_their_place() {
+fn streams_that_contradict_their_file_are_refused_with_their_place() {
     let with = |change: &dyn Fn(&mut Model)| {
         let mut model = compressed(REFERENCE[2].1, &OBJ, COUNTS);
         change(&mut model);
@@ -274,7 +274,7 @@ fn streams_that_say_otherwise_than_their_file_are_refused_with_their_place() {
     set(format!("{extension}/bufferView"), json!(4)).refused(&["bufferViews[4] does not exist"]);
     set(extension.into(), json!({"bufferView": 0})).refused(&[place, "not understood", "attributes"]);
     with(&|model| model.bin[7] = 9).refused(&[place, "does not decode as Draco"]);
-    // Another view of the same bytes would be decoded once more.
+    // Otherwise the same bytes would be decoded twice.
     with(&|model| {
         let view = model.json["bufferViews"][0].clone();
         model.push("bufferViews", view);
@@ -310,12 +310,12 @@ fn no_damaged_stream_is_a_panic() {
         for round in 0..1000 {
             let mut damaged = stream.clone();
             for _ in 0..=random.below(3) {
-                // What stands first says how all the rest is read.
+                // The head determines how the rest is read, so half of the rounds damage it.
                 let end = if round % 2 == 0 { damaged.len() } else { damaged.len().min(64) };
                 let at = random.below(end);
                 damaged[at] = random.next() as u8;
             }
-            // Counts that leave it to the decoder.
+            // Counts so large that only the decoder's own limits apply.
             match compressed(&damaged, listed, [1 << 20, 1 << 20]).read() {
                 Ok(_) => accepted += 1,
                 Err(_) => refused += 1,

@@ -1,11 +1,11 @@
-//! Nodes that show their mesh many times.
+//! Nodes with several instances of their mesh.
 
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
 use super::{BYTE, Model, contents, places, write};
 
-/// A quad at three places: as it is, moved and turned half round about y, and moved, larger.
+/// A quad in three places: unchanged, moved and turned by half a turn about y, moved and enlarged.
 fn thrice() -> Model {
     let mut model = Model::quad();
     let translations = model.floats("VEC3", 3, &[0., 0., 0., 10., 0., 0., 20., 0., 0.]);
@@ -22,7 +22,7 @@ fn thrice() -> Model {
 }
 
 #[test]
-fn a_mesh_stands_wherever_its_node_says() {
+fn a_mesh_is_placed_at_each_of_its_nodes_instances() {
     let imported = thrice().read().unwrap();
     assert!(imported.warnings.is_empty(), "{:?}", imported.warnings);
     let faces = places(&imported);
@@ -41,7 +41,7 @@ fn a_mesh_stands_wherever_its_node_says() {
 }
 
 #[test]
-fn places_that_are_not_told_as_they_should_be_are_refused_by_name() {
+fn malformed_instancing_is_refused_by_name() {
     let with = |path: &str, value: Value| {
         let mut model = thrice();
         *model.json.pointer_mut(path).unwrap() = value;
@@ -54,7 +54,7 @@ fn places_that_are_not_told_as_they_should_be_are_refused_by_name() {
     with(extension, json!({"attributes": {"SCALE": 99}})).refused(&[name, "SCALE", "accessors[99]"]);
     with(extension, json!({"attributes": {"ROTATION": 2}})).refused(&[name, "ROTATION", "Vec3"]);
     with("/accessors/2/count", json!(2)).refused(&[name, "different lengths"]);
-    // Zeros without bytes, of which each would be a mesh.
+    // Values without bytes, each of which would make a mesh.
     let mut many = thrice();
     many.json["accessors"][4] = json!({"componentType": 5126, "type": "VEC3", "count": 60_000});
     many.json.pointer_mut(extension).unwrap()["attributes"] = json!({"SCALE": 4});

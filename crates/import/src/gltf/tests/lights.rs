@@ -1,4 +1,4 @@
-//! Lights of nodes: where they stand, whither they shine, and what no scale changes.
+//! Lights of nodes: position, direction, and properties that do not change with the node's scale.
 
 use glam::DVec3;
 use lodestream_scene::punctual_lights::{PunctualLight, Spot};
@@ -9,7 +9,7 @@ use super::{Model, write};
 use crate::gltf::{Contents, contents};
 use crate::{ImportError, import};
 
-/// A quad, and nodes with lights beside it.
+/// A quad, and nodes with lights.
 fn lit(lights: Value, nodes: &[Value]) -> Model {
     let mut model = Model::quad();
     model.json["extensionsUsed"] = json!(["KHR_lights_punctual"]);
@@ -56,14 +56,14 @@ fn lights_stand_and_shine_as_their_nodes_say_whatever_their_scale() {
     let Spot { direction, inner, outer } = spot.spot.unwrap();
     assert!(DVec3::from(direction.map(f64::from)).distance(DVec3::NEG_Y) < 1e-6, "{direction:?}");
     assert_eq!((inner, outer), (0.25, 0.5));
-    // The mesh comes as it did, and the file is not refused for what it requires.
+    // The mesh is the same, and the file is not refused for the required extension.
     let dir = TempDir::new().unwrap();
     let imported = import(&write(&dir, "a.glb", model.glb())).unwrap();
     assert!(imported.warnings.is_empty(), "{:?}", imported.warnings);
 }
 
 #[test]
-fn what_is_not_said_of_a_light_is_as_the_extension_says() {
+fn missing_light_fields_have_the_extensions_defaults() {
     let nodes = [json!({"extensions": light(0)}), json!({"extensions": light(1)})];
     let found = read(&lit(json!([{"type": "point"}, {"type": "spot", "spot": {}}]), &nodes)).unwrap();
     let plain = PunctualLight { position: [0.0; 3], intensity: [1.0; 3], range: 10.0, spot: None };
@@ -72,7 +72,7 @@ fn what_is_not_said_of_a_light_is_as_the_extension_says() {
 }
 
 #[test]
-fn lights_that_light_nothing_are_left_out_and_numbers_out_of_range_brought_into_it() {
+fn lights_without_effect_are_dropped_and_values_out_of_range_clamped() {
     let with = |source: Value| {
         read(&lit(json!([source]), &[json!({"extensions": light(0)})])).unwrap().punctual_lights
     };
@@ -88,7 +88,7 @@ fn lights_that_light_nothing_are_left_out_and_numbers_out_of_range_brought_into_
         "spot": {"innerConeAngle": 3, "outerConeAngle": 2}});
     let [odd] = &with(odd)[..] else { panic!() };
     odd.check().unwrap();
-    // A node that is flattened along z leaves a spot no direction.
+    // A node with a scale of zero along z leaves a spot without a direction.
     let flat = json!({"scale": [1, 1, 0], "extensions": light(0)});
     assert_eq!(read(&lit(json!([{"type": "spot"}]), &[flat])).unwrap().punctual_lights, []);
 }

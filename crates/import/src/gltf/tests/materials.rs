@@ -1,4 +1,4 @@
-//! What materials come to: every field, what files leave out, and what they get wrong.
+//! Materials: every field, defaults of missing fields, and invalid values.
 
 use lodestream_scene::asset::{MAX_EMISSION, Wrap};
 use serde_json::{Value, json};
@@ -71,11 +71,11 @@ fn every_field_has_its_place() {
 }
 
 #[test]
-fn what_is_left_out_is_what_the_format_says() {
+fn missing_fields_have_the_formats_defaults() {
     let plain = converted(json!({"alphaMode": "MASK", "normalTexture": {"index": 0}}));
     assert_eq!((plain.metallic, plain.roughness, plain.normal_scale), (1.0, 1.0, 1.0));
     assert_eq!((plain.alpha, plain.emission), (Alpha::Mask(0.5), [0.0; 3]));
-    // Of a file without materials too.
+    // Also in a file without materials.
     let none = Model::quad().read().unwrap().materials;
     assert_eq!((none[0].metallic, none[0].roughness, none[0].alpha), (1.0, 1.0, Alpha::Opaque));
     let blended =
@@ -114,7 +114,7 @@ fn maps_with_coordinates_of_their_own_are_left_out_by_name() {
     model.primitive()["attributes"]["TEXCOORD_1"] = uvs;
     let imported = model.read().unwrap();
     let material = &imported.materials[0];
-    // Without a base colour texture the first map leads.
+    // Without a base colour texture, the first map determines the texture coordinates.
     assert!(material.normal_texture.is_some() && material.emission_texture.is_some());
     assert_eq!(imported.mesh.uvs[0], [0.25, 1.0]);
     assert!(material.surface.is_empty());
@@ -124,7 +124,7 @@ fn maps_with_coordinates_of_their_own_are_left_out_by_name() {
     }
 }
 
-/// A material with every map there is, each with other coordinates: those of `own` those of its own.
+/// A material with all five maps, of which those of `own` have the given texture coordinates.
 fn five_maps(own: &[usize], coordinates: &Value) -> Model {
     let map = |number: usize| {
         let mut map = json!({"index": number});
@@ -144,7 +144,7 @@ fn five_maps(own: &[usize], coordinates: &Value) -> Model {
     model
 }
 
-/// Which of a material's maps are there: base colour, metal and roughness, normals, occlusion, emission.
+/// Which maps a material has: base colour, metal and roughness, normals, occlusion, emission.
 fn there(material: &Material) -> [bool; 5] {
     let SurfaceMap { occlusion, roughness, metallic, .. } = &material.surface;
     assert_eq!(roughness.is_some(), metallic.is_some());
@@ -157,7 +157,7 @@ fn there(material: &Material) -> [bool; 5] {
     ]
 }
 
-/// Each map by each kind of coordinates: a set of its own, a transformation, and a set that the transformation names.
+/// Each map with each kind of texture coordinates: another set, a transform, and a transform that names another set.
 #[test]
 fn each_map_with_coordinates_of_its_own_is_named_with_what_to_do() {
     let names = [
@@ -177,7 +177,7 @@ fn each_map_with_coordinates_of_its_own_is_named_with_what_to_do() {
             let imported = five_maps(&[number], kind).read().unwrap();
             let about =
                 |name: &str| imported.warnings.iter().filter(|w| w.contains(&format!("its {name} "))).count();
-            // The base colour is first, and all others are left out if it is the odd one.
+            // The base colour comes first: if it is the odd one, all others are left out.
             let left_out: Vec<_> = (1..5).filter(|other| number == 0 || *other == number).collect();
             assert_eq!(
                 there(&imported.materials[0]),
@@ -200,12 +200,12 @@ fn each_map_with_coordinates_of_its_own_is_named_with_what_to_do() {
                     imported.warnings
                 );
             }
-            // What is left out neither shines nor is metal all over.
+            // Maps that are left out make nothing metallic or emissive.
             let material = &imported.materials[0];
             assert_eq!(material.metallic, if left_out.contains(&1) { 0.0 } else { 1.0 });
             assert_eq!(material.emission, if left_out.contains(&4) { [0.0; 3] } else { [1.0; 3] });
         }
-        // All alike: nothing is lost, and the mesh has these coordinates.
+        // If all maps have the same coordinates, nothing is left out and the mesh has these coordinates.
         let alike = five_maps(&[0, 1, 2, 3, 4], kind).read().unwrap();
         assert_eq!(there(&alike.materials[0]), [true; 5], "{kind}");
         assert!(!alike.warnings.iter().any(|warning| warning.contains("left out")), "{:?}", alike.warnings);
@@ -213,14 +213,14 @@ fn each_map_with_coordinates_of_its_own_is_named_with_what_to_do() {
     }
 }
 
-/// Offset, rotation and scale as the extension's own text has them: a texel of a map is found where it says.
+/// Offset, rotation and scale apply in the order that the extension's specification states.
 #[test]
 fn transformations_turn_scale_and_move_in_the_extensions_order() {
     let (angle, scale, offset) = (0.5_f64, [2.0, 3.0], [0.25, 0.5]);
     let kind = json!({"extensions": {"KHR_texture_transform": {"offset": offset, "rotation": angle, "scale": scale}}});
     let imported = five_maps(&[0, 1, 2, 3, 4], &kind).read().unwrap();
     for (uv, [u, v]) in imported.mesh.uvs.iter().zip([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) {
-        // uv' = translation · rotation · scale · uv, of GLSL's columns (cos, −sin), (sin, cos).
+        // The specification: uv' = translation · rotation · scale · uv, with GLSL's columns (cos, −sin), (sin, cos).
         let (x, y) = (u * scale[0], v * scale[1]);
         let want = [angle.cos() * x + angle.sin() * y, -angle.sin() * x + angle.cos() * y];
         let want = [want[0] + offset[0], 1.0 - (want[1] + offset[1])];
@@ -228,7 +228,7 @@ fn transformations_turn_scale_and_move_in_the_extensions_order() {
     }
 }
 
-/// Its maps were one colour all over, and nothing said why.
+/// Otherwise its maps would silently be drawn in one colour.
 #[test]
 fn a_mesh_without_the_coordinates_of_its_maps_is_named_once() {
     let mut model = textured(
@@ -242,7 +242,7 @@ fn a_mesh_without_the_coordinates_of_its_maps_is_named_once() {
     for part in ["a.glb", "meshes[0].primitives[0]", "\"wall\"", "export the mesh with texture coordinates"] {
         assert!(warning.contains(part), "{warning:?} lacks {part:?}");
     }
-    // Nobody misses what no map needs.
+    // There is no warning if no map needs coordinates.
     let plain = textured(json!({"name": "wall", "emissiveFactor": [1, 1, 1]}));
     assert!(!plain.read().unwrap().warnings.iter().any(|w| w.contains("has no TEXCOORD")));
     let mut bare = Model::quad();
@@ -352,7 +352,7 @@ fn no_file_is_refused_for_its_materials() {
 }
 
 #[test]
-fn transmission_is_seen_through_and_glossiness_is_roughness_turned_round() {
+fn transmission_becomes_transparency_and_glossiness_inverse_roughness() {
     let glass = |more: Value| {
         let (material, _) = read(&textured(json!({"extensions": {"KHR_materials_transmission": more}})));
         (material.alpha, material.opacity)

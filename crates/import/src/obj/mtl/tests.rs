@@ -1,4 +1,4 @@
-//! Statements, odd files and bad ones.
+//! Statements, unusual files and invalid ones.
 
 use std::path::PathBuf;
 
@@ -89,7 +89,7 @@ fn maps_without_factors_count_as_they_are() {
     let a = &library["a"];
     assert_eq!((a.emission, a.roughness, a.metallic), ([1.0; 3], 1.0, 1.0));
     assert_eq!(a.alpha, Alpha::Guess);
-    // The same file: its luminance would be the picture's own.
+    // The opacity map is the colour map's file, so its alpha channel is used, not its luminance.
     assert_eq!(a.opacity_texture.as_ref().map(|o| o.component), Some(Component::Alpha));
     let (library, _) = read("newmtl b\n");
     assert_eq!(
@@ -99,7 +99,7 @@ fn maps_without_factors_count_as_they_are() {
 }
 
 #[test]
-fn what_nobody_could_see_is_drawn_opaque_and_d_comes_before_tr() {
+fn invisible_materials_are_drawn_opaque_and_d_overrides_tr() {
     let (library, warnings) =
         read("newmtl a\nd 0\nnewmtl b\nd 0.5\nTr 0.75\nnewmtl c\nTr 0.75\nnewmtl d\nd 0\nmap_d m.png\n");
     assert_eq!(warnings.len(), 1, "{warnings:?}");

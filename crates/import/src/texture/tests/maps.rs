@@ -1,4 +1,4 @@
-//! Maps other than colours and heights, and what becomes of opacity.
+//! Surface and normal maps, and opacity.
 
 use image::{DynamicImage, GrayImage, Luma, Rgb, RgbImage, Rgba, RgbaImage};
 use tempfile::TempDir;
@@ -18,7 +18,7 @@ fn coarsest(texture: &Texture) -> DynamicImage {
 #[test]
 fn a_surface_is_composed_of_its_images_at_the_larger_size() {
     let dir = TempDir::new().unwrap();
-    // The left half half open, the right half open; flat, so that JPEG changes nothing that is asked.
+    // The left half is 55/255 open, the right half fully; both are flat, so that JPEG does not change them.
     let occlusion = GrayImage::from_fn(2, 2, |x, _| Luma([if x == 0 { 55 } else { 255 }]));
     let occlusion = save(&dir, "o.png", occlusion);
     let rough = save(&dir, "r.png", RgbImage::from_pixel(32, 16, Rgb([9, 102, 51])));
@@ -38,11 +38,11 @@ fn a_surface_is_composed_of_its_images_at_the_larger_size() {
     // 1 + (55/255 − 1) / 2.
     near((0, 8), [155, 102, 51]);
     near((31, 8), [255, 102, 51]);
-    // Between the centres of two texels at an eighth of their distance beyond the middle.
+    // An eighth of the way between the centres of two texels, beyond the middle.
     near((18, 8), [(155.0_f64 + 100.0 * (18.5 / 16.0 - 0.5)).round() as u8, 102, 51]);
     assert_eq!(texture.mean, Some([205, 102, 51]));
     assert_eq!(load(&TextureSource::Surface(map)).unwrap(), texture);
-    // Alone, turned round: the others are 1.
+    // A single channel, inverted: the others are 1.
     let glossy = Channel { inverted: true, ..Channel::plain(rough.into(), Component::Red) };
     let map = SurfaceMap { roughness: Some(glossy), ..SurfaceMap::default() };
     assert_eq!(load(&TextureSource::Surface(map)).unwrap().mean, Some([255, 246, 255]));
@@ -69,7 +69,7 @@ fn an_image_that_cannot_be_read_leaves_the_others() {
 #[test]
 fn coarser_normals_point_where_the_finer_do_together_and_are_unit() {
     let dir = TempDir::new().unwrap();
-    // Ridges: half leans left, half up; together between them.
+    // Ridges: half the normals lean left, half up; their mean lies between.
     let byte = |x: f64| ((x + 1.0) * 127.5).round() as u8;
     let ridges = RgbImage::from_fn(64, 64, |x, _| {
         let slope = [if x % 2 == 0 { -0.8 } else { 0.0 }, if x % 2 == 0 { 0.0 } else { 0.8 }, 0.6];
@@ -88,7 +88,7 @@ fn coarser_normals_point_where_the_finer_do_together_and_are_unit() {
     let length = (0.4_f64 * 0.4 * 2.0 + 0.36).sqrt();
     let expected = [-0.4, 0.4, 0.6].map(|x| byte(x / length));
     assert!(coarse.iter().zip(expected).all(|(a, b)| a.abs_diff(b) <= 2), "{coarse:?} {expected:?}");
-    // What has no direction points out of the surface, also where opposites meet.
+    // A mean without direction points out of the surface, also where opposite normals meet.
     let opposed =
         RgbImage::from_fn(16, 16, |x, _| if x % 2 == 0 { Rgb([0, 127, 127]) } else { Rgb([255, 128, 128]) });
     let texture = load(&TextureSource::Normal(save(&dir, "o.png", opposed).into())).unwrap();
@@ -99,8 +99,8 @@ fn coarser_normals_point_where_the_finer_do_together_and_are_unit() {
 #[test]
 fn masks_keep_their_coverage_in_coarser_levels() {
     let dir = TempDir::new().unwrap();
-    // Lone leaves: a quarter of the texels, whose means hardly ever reach one half. No two are alike, so that few means
-    // are.
+    // Separate leaves on a quarter of the texels, whose means rarely reach one half. No two are alike, so few means are
+    // equal.
     let leaves = RgbaImage::from_fn(128, 128, |x, y| {
         let at = u32::from(noise(x / 2, y / 2));
         Rgba([10, 200, 30, (if at < 64 { 128 + at * 127 / 64 } else { (255 - at) / 3 }) as u8])
@@ -128,7 +128,7 @@ fn masks_keep_their_coverage_in_coarser_levels() {
 }
 
 #[test]
-fn what_is_there_or_not_is_guessed_to_be_a_mask() {
+fn opacity_of_zeros_and_ones_is_taken_for_a_mask() {
     let dir = TempDir::new().unwrap();
     let holes = RgbaImage::from_fn(64, 64, |x, y| Rgba([9, 9, 9, if noise(x, y) < 64 { 255 } else { 0 }]));
     let path = save(&dir, "holes.png", holes);
@@ -141,7 +141,7 @@ fn what_is_there_or_not_is_guessed_to_be_a_mask() {
 }
 
 #[test]
-fn opacity_that_says_nothing_is_dropped() {
+fn unused_opacity_is_dropped() {
     let dir = TempDir::new().unwrap();
     let image =
         RgbaImage::from_fn(64, 64, |x, y| Rgba([noise(x, y), noise(y, x), 7, if x < 32 { 0 } else { 255 }]));
@@ -153,7 +153,7 @@ fn opacity_that_says_nothing_is_dropped() {
 }
 
 #[test]
-fn opacity_of_a_file_of_its_own_takes_the_place_of_the_images() {
+fn a_separate_opacity_map_replaces_the_images_alpha() {
     let dir = TempDir::new().unwrap();
     let color = save(&dir, "c.png", RgbImage::from_pixel(16, 16, Rgb([200, 100, 50])));
     let grey = GrayImage::from_fn(32, 32, |x, _| Luma([if x < 16 { 0 } else { 255 }]));
@@ -167,7 +167,7 @@ fn opacity_of_a_file_of_its_own_takes_the_place_of_the_images() {
     assert_eq!((cut.width_px, cut.transparency), (32, Transparency::Holes));
     let image = finest(&cut).to_rgba8();
     assert_eq!([image.get_pixel(0, 0).0, image.get_pixel(31, 9).0], [[200, 100, 50, 0], [200, 100, 50, 255]]);
-    // Drawn in the alpha channel, without a colour.
+    // Opacity in the alpha channel, without a colour.
     let graded = RgbaImage::from_fn(16, 16, |x, _| Rgba([0, 0, 0, x as u8 * 16]));
     let faded = load(&source(None, save(&dir, "g.png", graded))).unwrap();
     assert_eq!(faded.transparency, Transparency::Graded);

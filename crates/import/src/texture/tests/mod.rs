@@ -1,4 +1,4 @@
-//! Sizes, formats, light and refusals.
+//! Sizes, formats, colour averages and refusals.
 
 mod maps;
 mod quality;
@@ -127,7 +127,7 @@ fn noise_of(x: u32) -> u8 {
 fn absurd_sizes_are_refused_before_decoding() {
     let dir = TempDir::new().unwrap();
     for (width, height) in [(MAX_SIDE_PX + 1, 1), (MAX_SIDE_PX, MAX_SIDE_PX)] {
-        // A PNG header is enough: nothing behind it may be read.
+        // A PNG header suffices: nothing after it may be read.
         let mut header = Vec::new();
         png_header(&mut header, width, height);
         let path = dir.path().join("huge.png");

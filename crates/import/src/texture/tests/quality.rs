@@ -1,4 +1,5 @@
-//! What JPEG costs normals and surfaces, beside PNG. Real maps count where $LODESTREAM_MODELS has the model FlightHelmet.
+//! Errors of JPEG in normal and surface maps, compared with PNG. With $LODESTREAM_MODELS, maps of the model
+//! FlightHelmet too.
 //!
 //! ```sh
 //! LODESTREAM_MODELS=… cargo test --release -p lodestream-import quality -- --nocapture
@@ -15,7 +16,7 @@ use super::noise;
 
 const SIDE_PX: u32 = 128;
 
-/// A bytewise normal map of heights in texels.
+/// A normal map of 8 bits per channel from heights in texels.
 fn normals(height: impl Fn(f64, f64) -> f64) -> RgbImage {
     RgbImage::from_fn(SIDE_PX, SIDE_PX, |x, y| {
         let (x, y) = (f64::from(x), f64::from(y));
@@ -89,7 +90,7 @@ fn jpeg_turns_normals_by_less_than_is_seen() {
             let [mean, most, max] = angles(&map, &coded);
             println!("{name} {quality}: {bytes} of {lossless} bytes, {mean:.2} {most:.2} {max:.2} degrees");
             if quality == normal::JPEG_QUALITY {
-                // Noise as strong as the slopes beside it hides more than that.
+                // The noise is as strong as the slopes, so it hides larger errors.
                 assert!(mean < if name == "rough" { 5.0 } else { 2.5 }, "{name}: {mean}");
             }
         }

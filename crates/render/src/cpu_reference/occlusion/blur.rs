@@ -47,7 +47,7 @@ mod tests {
     fn means_stay_on_their_side_of_a_depth_edge_and_rotations_cancel() {
         let size = 16_i64;
         let pixels = || (0..size * size).map(|i| [i % size, i / size]);
-        // The left half 2 away and buried, the right half 4 away and open but for the rotations.
+        // The left half is 2 away and fully occluded; the right half is 4 away, with the openness of its rotation.
         let stored: Vec<f32> = pixels().map(|[x, _]| if x < 8 { 0.005 } else { 0.0025 }).collect();
         let rotation = |p: [i64; 2]| f64::from(super::super::rotation_index(p)) / 15.0;
         let raw: Vec<f64> = pixels().map(|p| if p[0] < 8 { 0.0 } else { rotation(p) }).collect();
@@ -59,9 +59,9 @@ mod tests {
         for p in pixels().filter(|p| (9..14).contains(&p[0]) && (1..14).contains(&p[1])) {
             assert!((blur.openness(p) - 0.5).abs() < 1e-12, "{p:?}: {}", blur.openness(p));
         }
-        // Where the reach goes over the edge, so does the mean.
+        // If the radius is larger than the depth step, the mean includes both halves.
         assert!(Blur { radius: (3.0, 0.0), ..blur }.openness([7, 7]) > 0.1);
-        // The last of a mean is its own pixel's.
+        // In the last frame of a mean, the blur keeps the pixel's own value.
         let p = [10, 5];
         assert_eq!(Blur { number: 16, ..blur }.openness(p), rotation(p));
         assert_eq!(Blur { number: 1, ..blur }.openness(p), blur.openness(p));

@@ -76,7 +76,7 @@ mod tests {
             let met = on_line.clone().filter(|cell| half_pixel(*cell, size)[axis] == line);
             assert!(2 * met.count() + 1 >= on_line.count(), "{axis} {line}");
         }
-        // Pictures of odd sides, and of one pixel.
+        // Pictures with odd sides, and of one pixel.
         assert_eq!(
             (half_size([5, 1]), half_pixel([2, 0], [5, 1]), half_pixel([1, 0], [5, 1])),
             ([3, 1], [4, 0], [2, 0])
@@ -88,7 +88,7 @@ mod tests {
         let size = 16_i64;
         let pixels = || (0..size * size).map(|i| [i % size, i / size]);
         let odd = |p: [i64; 2]| p == [6, 7];
-        // A plane 4 away with one pixel 2 away, which no cell estimates.
+        // A plane 4 away with one pixel 2 away, which is not among the estimated pixels.
         let stored: Vec<f32> = pixels().map(|p| if odd(p) { 0.005 } else { 0.0025 }).collect();
         assert!((0..64).all(|i| !odd(half_pixel([i % 8, i / 8], [16; 2]))));
         let half: Vec<f64> =

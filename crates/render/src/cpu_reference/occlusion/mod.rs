@@ -115,7 +115,7 @@ mod tests {
         }
     }
 
-    /// Depths of what `distance(ray)` gives along z.
+    /// Stored depths of a picture in which a ray has the depth `depth_of(ray)` along z.
     fn picture(size: u32, depth_of: impl Fn(V3) -> f64) -> Vec<f32> {
         let px = (0..size * size).map(|i| [i64::from(i % size), i64::from(i / size)]);
         px.map(|p| (0.01 / depth_of(view_ray(p, [size; 2], [0.5; 2]))) as f32).collect()
@@ -124,7 +124,7 @@ mod tests {
     fn mean_openness((method, normals): (OcclusionMethod, Normals<'_>), stored: &[f32], size: u32) -> f64 {
         let picture = DepthPicture { stored, size_px: [size; 2], tan_half_fov: [0.5; 2], near: 0.01 };
         let occlusion = Occlusion { picture, method, normals, radius: (0.5, 0.0), samples: 16, turned: None };
-        // A 4×4 window in the middle: every rotation once, as after the blur.
+        // A 4×4 window in the middle has every rotation once, as the blur does.
         let middle = i64::from(size / 2);
         let window = (0..16).map(|i| [middle - 2 + i % 4, middle - 2 + i / 4]);
         window.map(|p| occlusion.openness(p, 1.0)).sum::<f64>() / 16.0
@@ -142,17 +142,17 @@ mod tests {
             let tilted = mean(|r| 4.0 / (1.0 - r[0]));
             // Two walls that meet in an edge running away from the eye: z = -(4 - |x|).
             let edge = mean(|r| 4.0 / (1.0 + r[0].abs()));
-            // The same edge pointing at the eye: nothing hides anything.
+            // The same edge pointing at the eye: nothing is occluded.
             let ridge = mean(|r| 4.0 / (1.0 - r[0].abs()));
             let name = method.name();
             println!("{name}, {normals:?}: facing {facing}, tilted {tilted}, edge {edge}, ridge {ridge}");
             assert_eq!(facing, 1.0, "{method:?}");
             assert!(tilted > 0.98, "{method:?}: {tilted}");
             assert!(ridge > 0.98, "{method:?}: {ridge}");
-            // In the edge itself each wall hides half of the other's hemisphere. The integral is 0.703 in the mean of the
-            // window. Beside the edge the neighbour that is nearest in depth is the one across it, whose normal is
-            // between both walls': that leaves horizons of slices too low, by a tenth. Those that are even in the picture
-            // are too few towards walls at a slant, whatever the normal.
+            // In the edge each wall hides half of the other's hemisphere: the integral's mean over the window is 0.703.
+            // Beside the edge the neighbour nearest in depth is on the other wall, so `nearest` normals lie between
+            // both walls' normals and make slices' horizons too low, by a tenth. Directions that are even in the
+            // picture are too few towards slanting walls, whatever the normal.
             let most = match (method, normals) {
                 (OcclusionMethod::Hbao | OcclusionMethod::HbaoPlus, _) => 0.87,
                 (OcclusionMethod::Gtao | OcclusionMethod::Bitmask, Normals::Nearest) => 0.8,

@@ -74,8 +74,8 @@ mod tests {
     use super::*;
     use crate::cpu_reference::depth::view_ray;
 
-    /// Two walls that meet at a right angle in an edge which runs away from the eye, z = -(4 - |x|), and whose normals are
-    /// drawn.
+    /// Two walls that meet at a right angle in an edge running away from the eye, z = -(4 - |x|), with their own
+    /// normals in the G-buffer.
     #[test]
     fn beside_an_inner_edge_the_normal_is_its_own_walls() {
         let size = 64_u32;
@@ -98,12 +98,12 @@ mod tests {
         let middle = i64::from(size / 2);
         let beside = [middle - 1, middle];
         let all: Vec<i64> = (0..i64::from(size)).collect();
-        // Both pixels beside the edge are as deep, and the other's wall is the nearer: half a right angle off.
+        // The two pixels beside the edge have equal depth, and the other wall's is nearer: the normal is off by 45°.
         assert!(least(Normals::Nearest, &beside) < 0.8, "{}", least(Normals::Nearest, &beside));
         for normals in [Normals::Drawn(&drawn), Normals::Extended] {
             assert!(least(normals, &all) > 0.9999, "{normals:?}: {}", least(normals, &all));
         }
-        // Normals that are smooth over the edge mislead, and unlit surfaces have none.
+        // `drawn` fails with normals that are smooth over the edge, and unlit surfaces have no normals.
         let smooth = vec![Some([0.0, 0.0, 1.0]); drawn.len()];
         assert!(least(Normals::Drawn(&smooth), &beside) < 0.8);
         let unlit = vec![None; drawn.len()];

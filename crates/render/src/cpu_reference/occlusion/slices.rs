@@ -72,7 +72,7 @@ impl Slice {
 mod tests {
     use super::*;
 
-    /// The closed form against sums of the cosine to the normal and of the sine to the eye's direction.
+    /// The closed form against numerical sums over the slice.
     #[test]
     fn arcs_are_integrals_of_cosine_and_density() {
         for angle in [-1.4, -0.6, 0.0, 0.3, 1.2_f64] {

@@ -113,7 +113,7 @@ mod tests {
             let least = map.texels.iter().copied().fold(f64::INFINITY, f64::min);
             let most = map.texels.iter().copied().fold(0.0, f64::max);
             assert!(least < 0.25 && most > 0.75 && least >= 0.0 && most <= 1.0, "{name}: {least} to {most}");
-            // Across the seam heights differ as they do elsewhere.
+            // Heights differ across the seam no more than elsewhere.
             let step = |x: i64| (0..96).map(|y| (map.texel(x, y) - map.texel(x + 1, y)).abs()).sum::<f64>();
             let widest = (0..95).map(step).fold(0.0, f64::max);
             assert!(step(95) <= widest + 1e-9, "{name}: {} and {widest}", step(95));

@@ -175,7 +175,7 @@ mod tests {
     use super::super::height_maps;
     use super::*;
 
-    /// Rays all over a map, at a cosine and a depth of a tenth of its width.
+    /// Rays spread over a map, at a given cosine, for a depth of a tenth of the map's width.
     fn rays(cosine: f64, count: u32) -> impl Iterator<Item = Ray> {
         let reach = 0.1 * (1.0 - cosine * cosine).sqrt() / cosine;
         (0..count).map(move |i| {
@@ -204,7 +204,7 @@ mod tests {
                 let exact = map.heights.intersect(ray.start, ray.span);
                 let quadtree = Method::Quadtree.find(&map, &ray, 10_000);
                 assert!((quadtree.at - exact).abs() < 1e-9, "{} and {exact}: {ray:?}", quadtree.at);
-                // Cones are empty as seen from texels' middles, and mixed between them: a texel may be passed.
+                // Cones are computed at texel centres and interpolated between them, so a ray may pass a texel.
                 let cones = Method::ConeStepping.find(&map, &ray, 10_000);
                 let texels = (cones.at - exact) * ray.span[0].hypot(ray.span[1]) * 64.0;
                 passed += usize::from(texels > 1.0);
@@ -235,7 +235,7 @@ mod tests {
     #[test]
     fn rays_along_the_surface_end_and_stay_within_their_way() {
         let map = Prepared::new(height_maps::cobble(32));
-        // 89.9° and 89.99°: 57 and 573 times the width; and one that stays where it is.
+        // 89.9° and 89.99°: 57 and 573 times the width; and a ray without length.
         for span in [[57.3, 0.0], [-40.0, 410.0], [0.0, 0.0]] {
             for method in Method::ALL {
                 let ray = Ray { start: [0.3, 0.7], span, cosine: 1e-4 };

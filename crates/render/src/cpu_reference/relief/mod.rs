@@ -207,7 +207,7 @@ mod tests {
         let map = bricks(64);
         let (mut wrong, mut n) = (0, 0);
         for cosine in [0.9, 0.6, 0.3] {
-            // A relief of 0.04 texture widths, looked at from this angle.
+            // Relief with a depth of 0.04 texture widths, seen at this angle.
             let reach = 0.04 * (1.0f64 - cosine * cosine).sqrt() / cosine;
             for i in 0..2000 {
                 let f = |k: f64| (f64::from(i) * k).fract();

@@ -79,7 +79,7 @@ mod tests {
                 let [p, q, r] = triangle.map(|i| vertices[usize::from(i)]);
                 assert!([p, q, r].iter().all(|v| u32::from(v[2]) == step));
                 let off = |v: [u8; 4], k: usize| i32::from(v[k]) - i32::from(p[k]);
-                // Each has unit area, so together they cover the triangle.
+                // Each triangle has unit area, so together they cover the patch.
                 assert_eq!(off(q, 0) * off(r, 1) - off(q, 1) * off(r, 0), 1);
                 assert!([p, q, r].iter().all(|v| i32::from(v[0]) + i32::from(v[1]) <= pieces));
             }

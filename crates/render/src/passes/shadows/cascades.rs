@@ -111,14 +111,14 @@ fn up_to_a_step(distance: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// So many maps at most.
+    /// At most this many maps.
     fn maps(cascades: u32) -> Shadows {
         Shadows { cascades, ..Shadows::default() }
     }
 
     const SUN: DVec3 = DVec3::new(0.3, 0.8, -0.4);
 
-    /// Ground around an eye that stands on it.
+    /// Ground between two distances around the eye.
     fn around(nearest: f64, farthest: f64) -> Receivers {
         let mut all = Receivers::NONE;
         all.add_around(nearest, farthest);
@@ -139,7 +139,7 @@ mod tests {
                     let share =
                         DVec3::new(f64::from(i % 10), f64::from(i / 10 % 10), f64::from(i / 100)) / 9.0;
                     let at = low + (high - low) * share;
-                    // Of a box around a sphere the corners are beyond it.
+                    // The box's corners lie outside the sphere that it surrounds.
                     if at.length() > receivers.farthest {
                         continue;
                     }
@@ -163,7 +163,7 @@ mod tests {
             let moved = eye + DVec3::new(0.01, 0.002, -0.003) * f64::from(i * i);
             for (a, b) in first.iter().zip(cascades(moved, SUN, around(1.8, 910.0), maps(4))) {
                 assert_eq!((a.side, a.above, a.below), (b.side, b.above, b.below), "a texel keeps its size");
-                // A step is as many texels for each power of two of them.
+                // A step is a number of texels that doubles with the power of two of the map's side.
                 let steps = (b.centre - a.centre) / (a.side / 16.0);
                 assert!((steps - steps.round()).abs().max_element() < 1e-6, "{steps}");
             }
@@ -172,7 +172,7 @@ mod tests {
         assert!(first.iter().zip(&near).filter(|(a, b)| a == b).count() >= 3, "{first:?} {near:?}");
     }
 
-    /// A near map was drawn anew for every second or third frame of a camera that flew.
+    /// A near map is redrawn for one frame in five, not for every second or third, of a flying camera.
     #[test]
     fn few_steps_redraw_maps_five_times_less_often() {
         let redrawn = |steps: u32| {
@@ -197,7 +197,7 @@ mod tests {
         let mut statue = Receivers::NONE;
         statue.add(DVec3::Z * 1000.0, 1.0);
         let alone = of(statue, 4);
-        assert_eq!(alone.len(), 1, "a statue from afar");
+        assert_eq!(alone.len(), 1, "a statue far away");
         assert!(alone[0].side < 6.0, "{alone:?}");
         assert_eq!(of(around(1.0, 30.0), 4).len(), 2);
         assert_eq!(of(around(1.7, 900.0), 4).len(), 4);

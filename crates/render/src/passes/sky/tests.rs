@@ -1,4 +1,4 @@
-//! What shaders make of the sky, against its CPU reference.
+//! Shader functions of the sky against their CPU reference.
 
 use glam::{DVec3, Vec3};
 
@@ -17,7 +17,7 @@ use crate::tests::headless;
 use crate::{Atmosphere, Environment, Frame, GradientSky, Haze, Pose, Sky};
 
 const SIDE: u32 = 32;
-/// What pixels show, one after the other.
+/// The shader's outputs, in the order of pixels.
 const SHOWN: [&str; 5] = ["sky", "ambient", "reflected", "split sum", "hazed"];
 
 const SHADER: &str = concat!(
@@ -43,16 +43,16 @@ const SHADER: &str = concat!(
     }"
 );
 
-/// Where a pixel looks.
+/// The direction of a pixel.
 fn direction(i: u32) -> DVec3 {
     let z = 1.0 - (f64::from(i) + 0.5) / 512.0;
-    // As the shader's f32 has it.
+    // In f32, as in the shader.
     let (sine, cosine) = f64::from(i as f32 * 2.4f32).sin_cos();
     let across = (1.0 - z * z).max(0.0).sqrt();
     DVec3::new(across * cosine, across * sine, z)
 }
 
-/// What the shader's functions give in an environment.
+/// The results of the shader's functions in an environment.
 fn pixels(gpu: &Gpu, sky: &mut SkyGpu, environment: Environment) -> Vec<[f32; 4]> {
     let camera = Pose::look_at(DVec3::ZERO, DVec3::X, DVec3::Z, 1.0);
     let frame = Frame { environment, ..Frame::new(camera, &[]) };
@@ -116,7 +116,7 @@ fn at(degrees: f64, up: DVec3) -> DVec3 {
 }
 
 #[test]
-fn the_skys_shader_matches_its_twin() {
+fn the_sky_shader_matches_its_cpu_reference() {
     let Some(h) = headless(4, 4) else { return };
     let mut sky = SkyGpu::new(h.gpu());
     let plain = Sky::Plain(GradientSky::default());
@@ -162,7 +162,7 @@ fn the_skys_shader_matches_its_twin() {
     }
     for (shown, worst) in SHOWN.iter().zip(worst) {
         println!("{shown}: worst {worst:.5}");
-        // Textures are f16, filters have eight bits between texels, azimuths in f32 have lost four digits.
+        // Textures are f16, filters have eight bits between texels, and azimuths in f32 have lost four digits.
         assert!(worst < 6e-3, "{shown}: {worst}");
     }
 }

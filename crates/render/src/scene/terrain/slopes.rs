@@ -96,7 +96,7 @@ mod tests {
     fn a_morphed_tile_has_the_slopes_of_the_next_coarser_one() {
         let (fine, coarse) = (slopes(&heights(1)), slopes(&heights(2)));
         for (x, y) in (0..=LAST).flat_map(|x| (0..=LAST).map(move |y| (x, y))) {
-            // The coarser tile's, filtered; its samples are twice as far apart.
+            // The coarser tile's slopes, filtered; its samples are twice as far apart.
             let (from, to) = ([x / 2, y / 2], [x.div_ceil(2), y.div_ceil(2)]);
             let four = [[from[0], from[1]], [to[0], from[1]], [from[0], to[1]], [to[0], to[1]]];
             for axis in 0..2 {

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use lodestream_protocol::Time;
 
-use crate::admission::token_bucket::EventBucket;
+use crate::limits::token_bucket::EventBucket;
 
 /// Messages per second that a client may send in the long run.
 const MESSAGES_PER_S: u32 = 500;

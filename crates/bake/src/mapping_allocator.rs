@@ -13,7 +13,7 @@ use std::path::Path;
 
 /// The program's allocator. The system's allocator serves small lists, and all lists without a [`Mapping`].
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Mapped;
+pub struct MappingAllocator;
 
 /// Least size of mapped lists, in bytes. Smaller lists are numerous, and each mapping costs three system calls.
 pub const FROM_BYTES: usize = 4 << 20;
@@ -44,7 +44,7 @@ pub enum MapError {
 #[derive(Debug)]
 pub struct Mapping(());
 
-impl Mapped {
+impl MappingAllocator {
     /// Maps new lists of at least `from_bytes` ([`FROM_BYTES`]), of all threads, to files in `folder`.
     ///
     /// # Errors
@@ -75,7 +75,7 @@ impl Drop for Mapping {
 // Returns memory of the system's allocator, or a page-aligned mapping of at least the requested size; `dealloc` looks up
 // which of the two it is.
 #[allow(unsafe_code, reason = "an allocator cannot be written without")]
-unsafe impl GlobalAlloc for Mapped {
+unsafe impl GlobalAlloc for MappingAllocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         if let Some(mapped) = files::map(layout) {
             return mapped;

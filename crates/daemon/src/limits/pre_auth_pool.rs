@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn an_address_that_filled_the_pool_evicted_others() {
+    fn an_address_that_fills_the_pool_evicts_only_its_own_connections() {
         let pool = PreAuthPool::new(4);
         let honest = pool.enter(ip("10.0.0.1"));
         let mut flood: Vec<PreAuthSlot> = (0..3).map(|_| pool.enter(ip("10.0.0.2"))).collect();

@@ -1,6 +1,6 @@
 //! Reasons to refuse a session, as metrics count them.
 
-use crate::admission::leases::LeaseError;
+use crate::limits::leases::LeaseError;
 
 /// Why a session is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -14,7 +14,7 @@ use std::time::Duration;
 use lodestream_protocol::Time;
 use tokio::sync::Notify;
 
-use crate::admission::pre_auth_pool::AddressBlock;
+use crate::limits::pre_auth_pool::AddressBlock;
 
 /// One lease in this many is reserved for addresses without a lease.
 const RESERVED_SHARE: u64 = 8;
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn one_address_took_all_leases() {
+    fn one_address_cannot_take_all_leases() {
         let leases = Leases::new(1000, default_per_address(1000));
         let of_one: Vec<_> = (0..1000).map(|_| leases.take(ip(1), Time::ZERO)).collect();
         let taken = of_one.iter().filter(|lease| lease.is_ok()).count();
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn addresses_with_sessions_took_the_leases_reserved_for_others() {
+    fn reserved_leases_are_for_addresses_without_sessions() {
         let leases = Leases::new(80, 100);
         let mut of_two = Vec::new();
         for n in 0..100 {
@@ -264,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn idle_sessions_blocked_active_clients() {
+    fn a_new_client_takes_the_lease_of_the_longest_idle_session() {
         let leases = Leases::new(3, 3);
         let held: Vec<_> = (0..3).map(|n| leases.take(ip(n), Time::ZERO).unwrap()).collect();
         let later = Time::from_ms(31_000);
@@ -283,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lease_stayed_charged_to_an_address_that_the_client_had_left() {
+    fn a_lease_counts_for_the_clients_new_address() {
         let leases = Leases::new(100, 2);
         let roaming = leases.take(ip(1), Time::ZERO).unwrap();
         let other = leases.take(ip(1), Time::ZERO).unwrap();

@@ -281,7 +281,7 @@ fn children_require_whole_parents() {
     let mut random = Random::new(3);
     let mut tried = 0;
     for (id, info) in (0..).zip(&asset.infos) {
-        // A parent with truncation points that is no ancestor of the child's other parents.
+        // A parent with truncation points that is not an ancestor of the child's other parents.
         let Some(&parent) =
             info.parents.last().filter(|&&p| !asset.infos[p as usize].truncation_points.is_empty())
         else {
@@ -319,7 +319,7 @@ fn children_require_whole_parents() {
         active.apply(&whole[id as usize]).unwrap();
         assert_eq!(active.applied_truncation(parent), None);
     }
-    assert!(tried >= 5, "only {tried} chunks have a parent with truncation_points");
+    assert!(tried >= 5, "only {tried} chunks have a parent with truncation points");
 }
 
 #[test]

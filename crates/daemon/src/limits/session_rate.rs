@@ -15,7 +15,7 @@ use std::time::Duration;
 
 use lodestream_protocol::Time;
 
-use crate::admission::pre_auth_pool::AddressBlock;
+use crate::limits::pre_auth_pool::AddressBlock;
 
 /// Time in which an empty bucket fills.
 const REFILL_TIME: Duration = Duration::from_secs(8);
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn a_64_bit_network_had_a_bucket_per_address() {
+    fn a_64_bit_network_has_one_bucket() {
         let limiter = of(32);
         let address = |n: u128| IpAddr::from(Ipv6Addr::from_bits((0x2001_0db8_0001_0002_u128 << 64) + n));
         assert_eq!((0..100).filter(|n| limiter.take(address(*n), Time::ZERO)).count(), 32);

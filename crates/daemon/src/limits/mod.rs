@@ -1,12 +1,9 @@
-//! Admission: limits on connections and sessions, in all and per address.
+//! Limits on connections, sessions, messages and received bytes, in all and per address.
 
 pub(crate) mod byte_rate;
 pub(crate) mod leases;
 pub(crate) mod message_rate;
-pub(crate) mod origin;
 pub(crate) mod pre_auth_pool;
-pub(crate) mod proxy;
 pub(crate) mod refusal;
 pub(crate) mod session_rate;
-pub(crate) mod settings;
 pub(crate) mod token_bucket;

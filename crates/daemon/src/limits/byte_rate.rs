@@ -1,6 +1,6 @@
 //! Limit on the bytes that a client may send.
 //!
-//! [`MessageRateLimiter`](crate::admission::message_rate::MessageRateLimiter) bounds messages. Bytes that form no message
+//! [`MessageRateLimiter`](crate::limits::message_rate::MessageRateLimiter) bounds messages. Bytes that form no message
 //! (incomplete fragments, WebSocket's own frames) also cost work; this bounds them.
 
 use std::io;
@@ -14,7 +14,7 @@ use lodestream_protocol::Time;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::Instant;
 
-use crate::admission::token_bucket::EventBucket;
+use crate::limits::token_bucket::EventBucket;
 
 /// Bytes per second that a client may send in the long run: as many as a client with thousands of open requests needs to
 /// change their priorities ten times a second.

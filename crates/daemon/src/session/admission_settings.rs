@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use crate::admission::origin::AllowedOrigins;
-use crate::admission::proxy::TrustedProxies;
 use crate::auth::access::Access;
+use crate::http::origin::AllowedOrigins;
+use crate::http::proxy::TrustedProxies;
 
 /// Allowed web pages, trusted proxies and required tokens; by default none of them.
 #[derive(Clone, Debug, Default)]

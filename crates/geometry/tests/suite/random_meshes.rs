@@ -1,4 +1,4 @@
-//! Random triangles over few points, which cover all kinds of stars, seams and edges.
+//! Random triangles over few points: non-manifold meshes with all kinds of one-rings, seams and edges.
 
 use lodestream_geometry::mesh::{Corner, NONE, SourceMesh};
 use lodestream_geometry::quantise::{QuantiseSettings, quantise};
@@ -9,7 +9,7 @@ use crate::extremes::survives;
 
 /// A random mesh: points in a cube, a ball or a plane; faces between near or arbitrary points; random attributes,
 /// some shared.
-fn tangle(random: &mut Random) -> SourceMesh {
+fn random_mesh(random: &mut Random) -> SourceMesh {
     let points = 4 + random.below(400);
     let flat = random.below(4) == 0;
     let near = random.below(3) > 0;
@@ -56,14 +56,14 @@ fn tangle(random: &mut Random) -> SourceMesh {
     mesh
 }
 
-/// `TANGLES=N` tries N meshes instead of a few.
+/// `RANDOM_MESHES=N` tries N meshes instead of 60.
 #[test]
-fn random_tangles_survive() {
-    let seeds = std::env::var("TANGLES").ok().and_then(|n| n.parse().ok()).unwrap_or(60);
+fn random_non_manifold_meshes_keep_the_invariants() {
+    let seeds = std::env::var("RANDOM_MESHES").ok().and_then(|n| n.parse().ok()).unwrap_or(60);
     let mut usable = 0;
     for seed in 0..seeds {
         let mut random = Random::new(seed);
-        let source = tangle(&mut random);
+        let source = random_mesh(&mut random);
         if quantise(&source, &QuantiseSettings::default()).is_err() {
             continue;
         }
@@ -72,7 +72,7 @@ fn random_tangles_survive() {
         let mesh = with_bits(&source, bits);
         let region_faces = [50, 60, 100, 300, 1000][random.below(5)];
         survives(
-            &format!("tangle {seed}, {} faces, regions of {region_faces}", mesh.faces.len()),
+            &format!("random mesh {seed}, {} faces, regions of {region_faces}", mesh.faces.len()),
             &mesh,
             region_faces,
         );

@@ -84,7 +84,7 @@ mod tests {
     }
 
     #[test]
-    fn a_client_could_forge_its_address() {
+    fn forwarded_addresses_of_untrusted_peers_are_ignored() {
         assert_eq!(client(&trusted(&[]), "198.51.100.7", &[b"203.0.113.1"]), "198.51.100.7");
         assert_eq!(client(&trusted(&["10.0.0.0/8"]), "198.51.100.7", &[b"203.0.113.1"]), "198.51.100.7");
         // A forged entry stands before the one that the proxy appended.
