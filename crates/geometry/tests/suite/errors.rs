@@ -171,7 +171,8 @@ fn errors_bound_the_sampled_distance_within_a_factor() {
 }
 
 /// Cuts of all coarser chunks and all chunks of one level at the same truncation point: then the stated error is that
-/// of the truncation points, whereas in a random cut it is usually that of a missing chunk.
+/// of the truncation points, whereas in a random cut it is usually that of a missing chunk. Of each level's truncation
+/// points, every second is sampled, from the first.
 #[test]
 fn errors_at_truncation_points_bound_the_sampled_distance() {
     let mut failures = Vec::new();
@@ -186,7 +187,7 @@ fn errors_at_truncation_points_bound_the_sampled_distance() {
         {
             let truncation_points =
                 asset.infos.iter().filter(|i| i.level == level).map(|i| i.truncation_points.len()).max();
-            for truncation in 0..truncation_points.unwrap_or(0) {
+            for truncation in (0..truncation_points.unwrap_or(0)).step_by(2) {
                 let member = |(chunk, info): (u32, &ChunkInfo)| {
                     let truncation = (info.level == level && truncation < info.truncation_points.len())
                         .then_some(truncation as u8);
