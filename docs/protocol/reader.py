@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Reads a recorded Lodestream session. Written from docs/protocol.md alone.
+"""Reads a recorded Lodestream session. Written from docs/protocol.md and docs/formats.md alone.
 
     python3 docs/protocol/reader.py RECORDING.json            prints messages and blobs as JSON
     python3 docs/protocol/reader.py RECORDING.json --dump     prints the bytes with their meaning
@@ -84,9 +84,11 @@ class Bytes:
         first = self.u8()
         if first <= 250:
             return first
-        count = {251: 2, 252: 4, 253: 8}.get(first)
-        ensure(count is not None and count <= width, f"an integer of {width} bytes begins with {first}")
-        return self.fixed(count)
+        count, least = {251: (2, 251), 252: (4, 1 << 16), 253: (8, 1 << 32)}.get(first, (9, 0))
+        ensure(count <= width, f"an integer of {width} bytes begins with {first}")
+        value = self.fixed(count)
+        ensure(value >= least, f"{value} takes {count} bytes")
+        return value
 
     def u16(self):
         return self.integer(2)

@@ -7,10 +7,11 @@
 
 use bytes::Bytes;
 
-use crate::coding::{decode_message, encode_message};
+use crate::coding::{Decode, Encode, SceneValue, decode_message, encode_message};
 use crate::message::{ClientMessage, MessageError, ServerMessage};
 use lodestream_scene::blob::BlobId;
-pub use lodestream_scene::coding::CodingError;
+use lodestream_scene::encoding;
+pub use lodestream_scene::encoding::CodingError;
 use lodestream_scene::limits::{MAX_BLOB_BYTES, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, MAX_PIECE_BYTES};
 
 /// Bit of a tag that lets a peer skip the message if the tag is unknown to it.
@@ -226,8 +227,8 @@ impl Frame {
         let message = match self.tag {
             tag::HELLO => ClientMessage::Hello(decode("Hello", body)?),
             tag::WANT => ClientMessage::Want(decode("Want", body)?),
-            tag::CANCEL => ClientMessage::Cancel(decode("Cancel", body)?),
-            tag::SET_VIEW => ClientMessage::SetView(decode("SetView", body)?),
+            tag::CANCEL => ClientMessage::Cancel(decode_scene_value("Cancel", body)?),
+            tag::SET_VIEW => ClientMessage::SetView(decode_scene_value("SetView", body)?),
             tag::WANT_SCENE_PAGES => ClientMessage::WantScenePages(decode("WantScenePages", body)?),
             tag::PING => ClientMessage::Ping(decode("Ping", body)?),
             tag::BYE => decode::<()>("Bye", body).map(|()| ClientMessage::Bye)?,
@@ -247,8 +248,10 @@ impl Frame {
         let body = &self.body;
         let message = match self.tag {
             tag::WELCOME => ServerMessage::Welcome(decode("Welcome", body)?),
-            tag::SCENE_PAGE => ServerMessage::ScenePage(decode("ScenePage", body)?),
-            tag::PUNCTUAL_LIGHTS => ServerMessage::PunctualLights(decode("PunctualLights", body)?),
+            tag::SCENE_PAGE => ServerMessage::ScenePage(decode_scene_value("ScenePage", body)?),
+            tag::PUNCTUAL_LIGHTS => {
+                ServerMessage::PunctualLights(decode_scene_value("PunctualLights", body)?)
+            }
             tag::REFUSED => ServerMessage::Refused(decode("Refused", body)?),
             tag::REFUSED_MANY => ServerMessage::RefusedMany(decode("RefusedMany", body)?),
             tag::BASES_SENT => decode::<()>("BasesSent", body).map(|()| ServerMessage::BasesSent)?,
@@ -269,7 +272,7 @@ impl Frame {
         let end = 1 + head;
         let head = body.get(1..end).ok_or(FrameError::Truncated)?;
         // The bytes after the run are nearly always 0, which takes one byte.
-        let (id, offset, total, behind): (_, _, u32, u32) = decode("piece", head)?;
+        let (SceneValue(id), offset, total, behind): (_, _, u32, u32) = decode("piece", head)?;
         let run_end = total.checked_sub(behind).ok_or(PieceError::RunBeyondBlob)?;
         let piece = BlobPiece { id, offset, end: run_end, total, bytes: body.slice(end..) };
         piece.check()?;
@@ -277,11 +280,15 @@ impl Frame {
     }
 }
 
-fn decode<T: bincode::Decode<()>>(what: &'static str, body: &[u8]) -> Result<T, FrameError> {
+fn decode<T: Decode<()>>(what: &'static str, body: &[u8]) -> Result<T, FrameError> {
     decode_message(body).map_err(|why| FrameError::Body { what, why })
 }
 
-fn frame<T: bincode::Encode>(what: &'static str, tag: u8, body: &T) -> Result<Vec<u8>, FrameError> {
+fn decode_scene_value<T: encoding::Decode>(what: &'static str, body: &[u8]) -> Result<T, FrameError> {
+    decode(what, body).map(|SceneValue(value)| value)
+}
+
+fn frame<T: Encode>(what: &'static str, tag: u8, body: &T) -> Result<Vec<u8>, FrameError> {
     let mut bytes = Vec::new();
     encode_message(body, &mut bytes).map_err(|why| FrameError::Body { what, why })?;
     wrap(tag, &bytes)
@@ -307,8 +314,8 @@ pub fn encode_client(message: &ClientMessage) -> Result<Vec<u8>, FrameError> {
     match message {
         ClientMessage::Hello(hello) => frame("Hello", tag::HELLO, hello),
         ClientMessage::Want(wants) => frame("Want", tag::WANT, wants),
-        ClientMessage::Cancel(ids) => frame("Cancel", tag::CANCEL, ids),
-        ClientMessage::SetView(view) => frame("SetView", tag::SET_VIEW, view),
+        ClientMessage::Cancel(ids) => frame("Cancel", tag::CANCEL, &SceneValue(ids)),
+        ClientMessage::SetView(view) => frame("SetView", tag::SET_VIEW, &SceneValue(view)),
         ClientMessage::WantScenePages(pages) => frame("WantScenePages", tag::WANT_SCENE_PAGES, pages),
         ClientMessage::Ping(nonce) => frame("Ping", tag::PING, nonce),
         ClientMessage::Bye => frame("Bye", tag::BYE, &()),
@@ -324,9 +331,9 @@ pub fn encode_server(message: &ServerMessage) -> Result<Vec<u8>, FrameError> {
     message.check()?;
     match message {
         ServerMessage::Welcome(welcome) => frame("Welcome", tag::WELCOME, welcome),
-        ServerMessage::ScenePage(page) => frame("ScenePage", tag::SCENE_PAGE, page),
+        ServerMessage::ScenePage(page) => frame("ScenePage", tag::SCENE_PAGE, &SceneValue(page)),
         ServerMessage::PunctualLights(punctual_lights) => {
-            frame("PunctualLights", tag::PUNCTUAL_LIGHTS, punctual_lights)
+            frame("PunctualLights", tag::PUNCTUAL_LIGHTS, &SceneValue(punctual_lights))
         }
         ServerMessage::Refused(refused) => frame("Refused", tag::REFUSED, refused),
         ServerMessage::RefusedMany(many) => frame("RefusedMany", tag::REFUSED_MANY, many),
@@ -344,7 +351,7 @@ pub fn encode_server(message: &ServerMessage) -> Result<Vec<u8>, FrameError> {
 pub fn encode_piece(piece: &BlobPiece) -> Result<Vec<u8>, FrameError> {
     piece.check()?;
     let mut body = vec![0];
-    encode_message(&(piece.id, piece.offset, piece.total, piece.total - piece.end), &mut body)
+    encode_message(&(SceneValue(piece.id), piece.offset, piece.total, piece.total - piece.end), &mut body)
         .map_err(|why| FrameError::Body { what: "piece", why })?;
     #[expect(clippy::cast_possible_truncation, reason = "an id takes at most 11 bytes, the numbers 5 each")]
     let head = (body.len() - 1) as u8;

@@ -1,7 +1,5 @@
 //! Control messages: all that the peers exchange besides blobs.
 
-use bincode::{Decode, Encode};
-
 use lodestream_scene::blob::BlobId;
 use lodestream_scene::description::{Fingerprint, SceneError, SceneHeader, ScenePage};
 use lodestream_scene::limits::{
@@ -10,6 +8,8 @@ use lodestream_scene::limits::{
 };
 use lodestream_scene::punctual_lights::{PunctualLights, PunctualLightsError};
 use lodestream_scene::view::{View, ViewError};
+
+use crate::coding::{Decode, Encode, SceneValue, message_fields};
 
 /// Protocol versions that this crate supports.
 pub const VERSIONS: std::ops::RangeInclusive<u16> = 5..=5;
@@ -39,7 +39,7 @@ pub enum ClientMessage {
 }
 
 /// A client's first message.
-#[derive(Clone, Debug, PartialEq, Encode, Decode)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Hello {
     /// Lowest version that the client supports.
     pub version_min: u16,
@@ -58,6 +58,17 @@ pub struct Hello {
     /// Blobs that the client has from an earlier session; they are not pushed.
     pub have: Vec<BlobId>,
 }
+
+message_fields!(Hello {
+    version_min,
+    version_max,
+    scene,
+    view: SceneValue,
+    max_blob_bytes,
+    budget_bytes,
+    fingerprint,
+    have: SceneValue,
+});
 
 impl Hello {
     /// A `Hello` with this crate's versions for a scene (empty for the server's default): the start view, no blobs
@@ -88,7 +99,7 @@ impl std::fmt::Debug for Token {
 }
 
 /// One request: a blob, or the part of it from `offset` to `end`, and its priority.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Want {
     /// The blob.
     pub id: BlobId,
@@ -100,6 +111,8 @@ pub struct Want {
     /// End of the part, above `offset` and at most the blob's length; `None` for the blob's end.
     pub end: Option<u32>,
 }
+
+message_fields!(Want { id: SceneValue, priority, offset, end });
 
 impl Want {
     /// A request for a whole blob.
@@ -134,7 +147,7 @@ pub enum ServerMessage {
 }
 
 /// A server's first message.
-#[derive(Clone, Debug, PartialEq, Encode, Decode)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Welcome {
     /// The server's version. A client without it closes.
     pub version: u16,
@@ -148,14 +161,18 @@ pub struct Welcome {
     pub scene: SceneHeader,
 }
 
+message_fields!(Welcome { version, session, rate_bits_per_s, idle_timeout_ms, scene: SceneValue });
+
 /// The refusal of a request.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Refused {
     /// The blob.
     pub id: BlobId,
     /// Why.
     pub reason: RefusedReason,
 }
+
+message_fields!(Refused { id: SceneValue, reason });
 
 /// Why a blob is not sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]

@@ -13,10 +13,10 @@
 use bytes::Bytes;
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, percent_decode_str, utf8_percent_encode};
 
-use crate::coding::{decode_message, encode_message};
+use crate::coding::{SceneValue, decode_message, encode_message};
 use crate::frame::{BlobPiece, FrameError, PieceError};
 use lodestream_scene::blob::BlobId;
-use lodestream_scene::coding::CodingError;
+use lodestream_scene::encoding::CodingError;
 use lodestream_scene::limits::{MAX_BLOB_BYTES, MAX_NAME_BYTES, MAX_PIECE_BYTES};
 
 /// Name of the protocol in TLS ALPN and as WebSocket subprotocol.
@@ -75,7 +75,7 @@ pub fn blob_head(first: &BlobPiece) -> Result<Vec<u8>, FrameError> {
     let mut out = vec![BLOB_STREAM, 0];
     let body = |why| FrameError::Body { what: "blob head", why };
     let behind = total.checked_sub(end).ok_or(PieceError::RunBeyondBlob)?;
-    encode_message(&(id, total, offset, behind), &mut out).map_err(body)?;
+    encode_message(&(SceneValue(id), total, offset, behind), &mut out).map_err(body)?;
     #[expect(clippy::cast_possible_truncation, reason = "at most 26 bytes")]
     let length = (out.len() - 2) as u8;
     out[1] = length;
@@ -119,8 +119,8 @@ impl BlobStreamReader {
                 return Err(body(CodingError::TooLong { bytes: length, limit: MAX_BLOB_HEAD_BYTES - 2 }));
             }
             if self.head.len() == 1 + length {
-                let (id, total, offset, behind) =
-                    decode_message::<(BlobId, u32, u32, u32)>(&self.head[1..]).map_err(body)?;
+                let (SceneValue(id), total, offset, behind) =
+                    decode_message::<(SceneValue<BlobId>, u32, u32, u32)>(&self.head[1..]).map_err(body)?;
                 if total > MAX_BLOB_BYTES {
                     return Err(PieceError::BlobTooLong.into());
                 }
@@ -242,7 +242,7 @@ mod tests {
         assert!(blob_head(&beyond).is_err());
         for (offset, behind) in [(0, 11_u32), (10, 0), (5, 5), (6, 5)] {
             let mut head = vec![0];
-            encode_message(&(id, 10_u32, offset, behind), &mut head).unwrap();
+            encode_message(&(SceneValue(id), 10_u32, offset, behind), &mut head).unwrap();
             head[0] = u8::try_from(head.len() - 1).unwrap();
             assert!(BlobStreamReader::new().push(head.into()).is_err(), "from {offset}, {behind} left out");
         }

@@ -1,6 +1,7 @@
 //! Dependencies of each crate, from `cargo tree`.
 
 use std::collections::BTreeSet;
+use std::path::PathBuf;
 use std::process::Command;
 
 /// Names of all crates that a package's library depends on, with arguments for features.
@@ -147,6 +148,38 @@ fn serving_and_viewing_compile_no_importer_and_no_simplifier() {
     }
     assert!(needs("lodestream-server", &[]).contains("lodestream-bake"));
     assert!(enables("lodestream-bake", "lodestream-geometry", "prepare"));
+}
+
+/// bincode is unmaintained (deny.toml): it encodes control messages, and nothing that is stored.
+#[test]
+fn only_the_protocol_depends_on_bincode() {
+    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+    let read = |file: &str| -> toml::Table {
+        std::fs::read_to_string(format!("{root}/{file}/Cargo.toml")).unwrap().parse().unwrap()
+    };
+    let workspace = read(".");
+    let members =
+        workspace["workspace"]["members"].as_array().unwrap().iter().map(|name| name.as_str().unwrap());
+    let users: Vec<&str> = members
+        .filter(|member| {
+            let manifest = read(member);
+            let lists = ["dependencies", "dev-dependencies", "build-dependencies"];
+            lists.iter().filter_map(|list| manifest.get(*list)).any(|list| list.get("bincode").is_some())
+        })
+        .collect();
+    assert_eq!(users, ["protocol"]);
+    lacks("lodestream-scene", &[], &["bincode"]);
+    let (mut named, mut folders) = (Vec::new(), vec![PathBuf::from(format!("{root}/protocol/src"))]);
+    while let Some(folder) = folders.pop() {
+        for path in std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()) {
+            if path.is_dir() {
+                folders.push(path);
+            } else if std::fs::read_to_string(&path).unwrap().contains("bincode") {
+                named.push(path);
+            }
+        }
+    }
+    assert!(named.len() == 1 && named[0].ends_with("protocol/src/coding.rs"), "{named:?}");
 }
 
 #[test]

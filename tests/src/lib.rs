@@ -22,7 +22,7 @@
 //! | `terrain` | features of a terrain arrive, and only where a view needs them |
 //! | `punctual_lights` | punctual lights arrive with their scene, light its picture, and do not delay the first frame |
 //! | `documents` | links, files, code and commands named in documents exist; documents stay short |
-//! | `wire` | docs/protocol.md is correct: a reader written from it understands recorded sessions |
+//! | `wire` | docs/protocol.md and docs/formats.md are correct: a reader written from them understands recorded sessions |
 //! | `dependencies` | dependencies of each crate |
 //! | `interface` | the client's interface names no type of a network library |
 //! | `embed` | the embedding example, built and run |

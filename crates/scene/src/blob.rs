@@ -1,9 +1,6 @@
 //! Names of the blobs that travel from server to client.
 
-use bincode::de::Decoder;
-use bincode::enc::Encoder;
-use bincode::error::{DecodeError, EncodeError};
-use bincode::{Decode, Encode};
+use crate::encoding::{CodingError, Decode, Encode, Reader, Writer};
 
 /// A part of an asset that is sent as one blob.
 ///
@@ -63,17 +60,16 @@ pub enum BlobId {
     PunctualLights(PunctualLightBlob),
 }
 
-/// The second field of a [`BlobId`] on the wire. The order of the variants is part of the format.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
-enum BlobKind {
-    Base,
-    IndexPage(u32),
-    Chunk(u32),
-    Texture { texture: u16, level: u8 },
-    TerrainDirectoryPage,
-    HeightOverrides,
-    PunctualLightDirectoryPage,
-    PunctualLightPage,
+/// Numbers of the kinds of blobs, the second field of a [`BlobId`] on the wire.
+mod kind {
+    pub(super) const BASE: u32 = 0;
+    pub(super) const INDEX_PAGE: u32 = 1;
+    pub(super) const CHUNK: u32 = 2;
+    pub(super) const TEXTURE: u32 = 3;
+    pub(super) const TERRAIN_DIRECTORY_PAGE: u32 = 4;
+    pub(super) const HEIGHT_OVERRIDES: u32 = 5;
+    pub(super) const PUNCTUAL_LIGHT_DIRECTORY_PAGE: u32 = 6;
+    pub(super) const PUNCTUAL_LIGHT_PAGE: u32 = 7;
 }
 
 impl BlobId {
@@ -145,43 +141,46 @@ impl BlobId {
 }
 
 impl Encode for BlobId {
-    fn encode<E: Encoder>(&self, e: &mut E) -> Result<(), EncodeError> {
-        let (number, kind) = match *self {
-            Self::Asset { asset, part: BlobPart::Base } => (asset, BlobKind::Base),
-            Self::Asset { asset, part: BlobPart::IndexPage(page) } => (asset, BlobKind::IndexPage(page)),
-            Self::Asset { asset, part: BlobPart::Chunk(chunk) } => (asset, BlobKind::Chunk(chunk)),
-            Self::Asset { asset, part: BlobPart::Texture { texture, level } } => {
-                (asset, BlobKind::Texture { texture, level })
+    fn encode<W: Writer>(&self, writer: &mut W) -> Result<(), CodingError> {
+        match *self {
+            Self::Asset { asset, part } => match part {
+                BlobPart::Base => (asset, kind::BASE).encode(writer),
+                BlobPart::IndexPage(page) => (asset, kind::INDEX_PAGE, page).encode(writer),
+                BlobPart::Chunk(chunk) => (asset, kind::CHUNK, chunk).encode(writer),
+                BlobPart::Texture { texture, level } => (asset, kind::TEXTURE, texture, level).encode(writer),
+            },
+            Self::Terrain(TerrainBlob::DirectoryPage(page)) => {
+                (page, kind::TERRAIN_DIRECTORY_PAGE).encode(writer)
             }
-            Self::Terrain(TerrainBlob::DirectoryPage(page)) => (page, BlobKind::TerrainDirectoryPage),
-            Self::Terrain(TerrainBlob::HeightOverrides(patch)) => (patch, BlobKind::HeightOverrides),
+            Self::Terrain(TerrainBlob::HeightOverrides(patch)) => {
+                (patch, kind::HEIGHT_OVERRIDES).encode(writer)
+            }
             Self::PunctualLights(PunctualLightBlob::DirectoryPage(page)) => {
-                (page, BlobKind::PunctualLightDirectoryPage)
+                (page, kind::PUNCTUAL_LIGHT_DIRECTORY_PAGE).encode(writer)
             }
-            Self::PunctualLights(PunctualLightBlob::Page(page)) => (page, BlobKind::PunctualLightPage),
-        };
-        number.encode(e)?;
-        kind.encode(e)
+            Self::PunctualLights(PunctualLightBlob::Page(page)) => {
+                (page, kind::PUNCTUAL_LIGHT_PAGE).encode(writer)
+            }
+        }
     }
 }
 
-impl<Context> Decode<Context> for BlobId {
-    fn decode<D: Decoder<Context = Context>>(d: &mut D) -> Result<Self, DecodeError> {
-        let number = u32::decode(d)?;
-        Ok(match BlobKind::decode(d)? {
-            BlobKind::Base => Self::base(number),
-            BlobKind::IndexPage(page) => Self::index_page(number, page),
-            BlobKind::Chunk(chunk) => Self::chunk(number, chunk),
-            BlobKind::Texture { texture, level } => Self::texture(number, texture, level),
-            BlobKind::TerrainDirectoryPage => Self::terrain_page(number),
-            BlobKind::HeightOverrides => Self::height_overrides(number),
-            BlobKind::PunctualLightDirectoryPage => Self::punctual_light_directory(number),
-            BlobKind::PunctualLightPage => Self::punctual_light_page(number),
+impl Decode for BlobId {
+    fn decode<R: Reader>(reader: &mut R) -> Result<Self, CodingError> {
+        let number = u32::decode(reader)?;
+        Ok(match u32::decode(reader)? {
+            kind::BASE => Self::base(number),
+            kind::INDEX_PAGE => Self::index_page(number, u32::decode(reader)?),
+            kind::CHUNK => Self::chunk(number, u32::decode(reader)?),
+            kind::TEXTURE => Self::texture(number, u16::decode(reader)?, u8::decode(reader)?),
+            kind::TERRAIN_DIRECTORY_PAGE => Self::terrain_page(number),
+            kind::HEIGHT_OVERRIDES => Self::height_overrides(number),
+            kind::PUNCTUAL_LIGHT_DIRECTORY_PAGE => Self::punctual_light_directory(number),
+            kind::PUNCTUAL_LIGHT_PAGE => Self::punctual_light_page(number),
+            _ => return Err(CodingError::UnknownVariant("BlobId")),
         })
     }
 }
-
-bincode::impl_borrow_decode!(BlobId);
 
 impl std::fmt::Display for BlobId {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -209,13 +208,14 @@ impl std::fmt::Display for BlobId {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::encoding;
 
     fn encoded(value: &impl Encode) -> Vec<u8> {
-        bincode::encode_to_vec(value, bincode::config::standard()).unwrap()
+        encoding::encode(value).unwrap()
     }
 
-    fn decoded(bytes: &[u8]) -> Result<BlobId, DecodeError> {
-        Ok(bincode::decode_from_slice(bytes, bincode::config::standard())?.0)
+    fn decoded(bytes: &[u8]) -> Result<BlobId, CodingError> {
+        encoding::decode(bytes, 0)
     }
 
     #[test]

@@ -4,15 +4,13 @@
 //! first frame. Assets are numbered by the order of their entries over all pages; an asset's entry precedes its first
 //! instance.
 
-use bincode::de::Decoder;
-use bincode::enc::Encoder;
-use bincode::error::{DecodeError, EncodeError};
-use bincode::{Decode, Encode};
 use glam::{DVec3, Quat, Vec3};
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, Sphere};
 
 use crate::blob::{BlobId, BlobPart};
-use crate::coding::{decode_vector, encode_vector, vector_fits_f32};
+use crate::encoding::{
+    CodingError, Decode, Encode, Reader, Writer, decode_vector, encode_fields, encode_vector, vector_fits_f32,
+};
 use crate::limits::{
     MAX_ASSETS, MAX_BLOB_BYTES, MAX_CHUNKS, MAX_ENTRIES_PER_PAGE, MAX_INSTANCES, MAX_NAME_BYTES,
     MAX_SCENE_PAGES,
@@ -26,7 +24,7 @@ use crate::view::{View, ViewError};
 pub type Fingerprint = [u8; 16];
 
 /// Header of a scene: counts, lighting, terrain and start camera.
-#[derive(Clone, Debug, PartialEq, Encode, Decode)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct SceneHeader {
     /// Name by which clients request the scene.
     pub name: String,
@@ -49,6 +47,18 @@ pub struct SceneHeader {
     pub camera: Camera,
 }
 
+encode_fields!(SceneHeader {
+    name,
+    fingerprint,
+    asset_count,
+    instance_count,
+    page_count,
+    light,
+    background,
+    terrain,
+    camera
+});
+
 /// Ambient light of scenes that specify none, linear RGB.
 pub const DEFAULT_AMBIENT: [f32; 3] = [0.25; 3];
 /// Background of scenes that specify none, linear RGB.
@@ -63,7 +73,7 @@ impl SceneHeader {
 }
 
 /// The light of a scene without its punctual lights: one directional light and a uniform ambient one, linear RGB.
-#[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneLighting {
     /// Unit vector towards the directional light.
     pub direction: [f32; 3],
@@ -73,8 +83,10 @@ pub struct SceneLighting {
     pub ambient: [f32; 3],
 }
 
+encode_fields!(SceneLighting { direction, color, ambient });
+
 /// A camera without a viewport: the start position, and the point to orbit about.
-#[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     /// Position of the eye, in world units.
     pub eye: [f64; 3],
@@ -85,6 +97,8 @@ pub struct Camera {
     /// Vertical field of view in radians, in (0, π).
     pub fov_y: f32,
 }
+
+encode_fields!(Camera { eye, target, up, fov_y });
 
 impl Camera {
     /// The camera's view with a viewport.
@@ -102,7 +116,7 @@ impl Camera {
 }
 
 /// A page: some assets, then some instances. At most [`MAX_ENTRIES_PER_PAGE`] of each.
-#[derive(Clone, Debug, Default, PartialEq, Encode, Decode)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct ScenePage {
     /// Number of the page.
     pub page: u32,
@@ -115,6 +129,8 @@ pub struct ScenePage {
     /// Instance entries. They refer to assets of this page or an earlier one.
     pub instances: Vec<InstanceEntry>,
 }
+
+encode_fields!(ScenePage { page, first_asset, first_instance, assets, instances });
 
 /// Entry of an asset: what a client must know before the base mesh arrives.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -211,7 +227,7 @@ const NO_SCALE: u8 = 8;
 // Encoded by hand with one byte of flags: 14 bytes for an instance with a translation only, not 45. A page of 64
 // instances stays under 1 KB, which matters in the first flight.
 impl Encode for InstanceEntry {
-    fn encode<E: Encoder>(&self, e: &mut E) -> Result<(), EncodeError> {
+    fn encode<W: Writer>(&self, writer: &mut W) -> Result<(), CodingError> {
         let short = vector_fits_f32(&self.translation);
         let [x, y, z, w] = self.rotation;
         let unturned = self.rotation == [0.0, 0.0, 0.0, 1.0];
@@ -223,35 +239,35 @@ impl Encode for InstanceEntry {
             (about_y, ROTATION_ABOUT_Y),
             (unscaled, NO_SCALE),
         ];
-        flags.iter().filter(|(set, _)| *set).fold(0, |all, (_, flag)| all | flag).encode(e)?;
-        self.asset.encode(e)?;
-        encode_vector(&self.translation, short, e)?;
+        flags.iter().filter(|(set, _)| *set).fold(0_u8, |all, (_, flag)| all | flag).encode(writer)?;
+        self.asset.encode(writer)?;
+        encode_vector(&self.translation, short, writer)?;
         if about_y {
-            [y, w].encode(e)?;
+            [y, w].encode(writer)?;
         } else if !unturned {
-            self.rotation.encode(e)?;
+            self.rotation.encode(writer)?;
         }
-        if unscaled { Ok(()) } else { self.scale.encode(e) }
+        if unscaled { Ok(()) } else { self.scale.encode(writer) }
     }
 }
 
-impl<Context> Decode<Context> for InstanceEntry {
-    fn decode<D: Decoder<Context = Context>>(d: &mut D) -> Result<Self, DecodeError> {
-        let flags = u8::decode(d)?;
+impl Decode for InstanceEntry {
+    fn decode<R: Reader>(reader: &mut R) -> Result<Self, CodingError> {
+        let flags = u8::decode(reader)?;
         if flags & !(SHORT_TRANSLATION | NO_ROTATION | ROTATION_ABOUT_Y | NO_SCALE) != 0 {
-            return Err(DecodeError::Other("unknown instance flags"));
+            return Err(CodingError::value("unknown instance flags"));
         }
-        let asset = u32::decode(d)?;
-        let translation = decode_vector(flags & SHORT_TRANSLATION != 0, d)?;
+        let asset = u32::decode(reader)?;
+        let translation = decode_vector(flags & SHORT_TRANSLATION != 0, reader)?;
         let rotation = if flags & NO_ROTATION != 0 {
             [0.0, 0.0, 0.0, 1.0]
         } else if flags & ROTATION_ABOUT_Y != 0 {
-            let [y, w] = <[f32; 2]>::decode(d)?;
+            let [y, w] = <[f32; 2]>::decode(reader)?;
             [0.0, y, 0.0, w]
         } else {
-            <[f32; 4]>::decode(d)?
+            <[f32; 4]>::decode(reader)?
         };
-        let scale = if flags & NO_SCALE != 0 { 1.0 } else { f32::decode(d)? };
+        let scale = if flags & NO_SCALE != 0 { 1.0 } else { f32::decode(reader)? };
         Ok(Self { asset, translation, rotation, scale })
     }
 }
@@ -260,45 +276,42 @@ const SHORT_ORIGIN: u8 = 1;
 const SHARES_TEXTURES: u8 = 2;
 
 impl Encode for AssetEntry {
-    fn encode<E: Encoder>(&self, e: &mut E) -> Result<(), EncodeError> {
+    fn encode<W: Writer>(&self, writer: &mut W) -> Result<(), CodingError> {
         let short = vector_fits_f32(&self.origin);
         let shares = !self.shared.is_empty();
         let flags = [(short, SHORT_ORIGIN), (shares, SHARES_TEXTURES)];
-        flags.iter().filter(|(set, _)| *set).fold(0, |all, (_, flag)| all | flag).encode(e)?;
-        self.name.encode(e)?;
-        self.fingerprint.encode(e)?;
-        encode_vector(&self.origin, short, e)?;
-        self.sphere.center.encode(e)?;
-        self.sphere.radius.encode(e)?;
-        self.root_error.encode(e)?;
-        self.base_bytes.encode(e)?;
-        self.chunk_count.encode(e)?;
-        if shares { shared::encode(&self.shared, e) } else { Ok(()) }
+        flags.iter().filter(|(set, _)| *set).fold(0_u8, |all, (_, flag)| all | flag).encode(writer)?;
+        self.name.encode(writer)?;
+        self.fingerprint.encode(writer)?;
+        encode_vector(&self.origin, short, writer)?;
+        self.sphere.center.encode(writer)?;
+        self.sphere.radius.encode(writer)?;
+        self.root_error.encode(writer)?;
+        self.base_bytes.encode(writer)?;
+        self.chunk_count.encode(writer)?;
+        if shares { shared::encode(&self.shared, writer) } else { Ok(()) }
     }
 }
 
-impl<Context> Decode<Context> for AssetEntry {
-    fn decode<D: Decoder<Context = Context>>(d: &mut D) -> Result<Self, DecodeError> {
-        let flags = u8::decode(d)?;
+impl Decode for AssetEntry {
+    fn decode<R: Reader>(reader: &mut R) -> Result<Self, CodingError> {
+        let flags = u8::decode(reader)?;
         if flags & !(SHORT_ORIGIN | SHARES_TEXTURES) != 0 {
-            return Err(DecodeError::Other("unknown flags of an asset"));
+            return Err(CodingError::value("unknown flags of an asset"));
         }
         let short = flags & SHORT_ORIGIN != 0;
         Ok(Self {
-            name: String::decode(d)?,
-            fingerprint: Fingerprint::decode(d)?,
-            origin: decode_vector(short, d)?,
-            sphere: Sphere { center: <[f32; 3]>::decode(d)?, radius: f32::decode(d)? },
-            root_error: f32::decode(d)?,
-            base_bytes: u32::decode(d)?,
-            chunk_count: u32::decode(d)?,
-            shared: if flags & SHARES_TEXTURES != 0 { shared::decode(d)? } else { Vec::new() },
+            name: String::decode(reader)?,
+            fingerprint: Fingerprint::decode(reader)?,
+            origin: decode_vector(short, reader)?,
+            sphere: Sphere { center: <[f32; 3]>::decode(reader)?, radius: f32::decode(reader)? },
+            root_error: f32::decode(reader)?,
+            base_bytes: u32::decode(reader)?,
+            chunk_count: u32::decode(reader)?,
+            shared: if flags & SHARES_TEXTURES != 0 { shared::decode(reader)? } else { Vec::new() },
         })
     }
 }
-
-bincode::impl_borrow_decode!(InstanceEntry);
-bincode::impl_borrow_decode!(AssetEntry);
 
 /// A header or page of a scene with a value out of range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]

@@ -13,7 +13,7 @@
 //! | [`punctual_lights`] | point and spot lights, and their pages |
 //! | [`view`], [`pose`] | the camera, for screen errors and drawing |
 //! | [`limits`] | bounds on every length and count that a peer may send |
-//! | [`coding`] | encoding of descriptions |
+//! | [`encoding`] | encoding of all of these |
 
 #![cfg_attr(
     not(test),
@@ -27,8 +27,8 @@
 
 pub mod asset;
 pub mod blob;
-pub mod coding;
 pub mod description;
+pub mod encoding;
 pub mod limits;
 pub mod pose;
 pub mod punctual_lights;

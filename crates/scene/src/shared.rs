@@ -4,16 +4,13 @@
 //! client requests the earlier one and uses it for both. Costs some three bytes per shared texture in the scene
 //! description.
 
-use bincode::de::Decoder;
-use bincode::enc::Encoder;
-use bincode::error::{DecodeError, EncodeError};
-use bincode::{Decode, Encode};
+use crate::encoding::{CodingError, Decode, Encode, Reader, Writer, encode_fields};
 
 /// Most shared textures of an asset; further ones are sent for each asset.
 pub const MAX_SHARED_TEXTURES: usize = 32;
 
 /// A texture of an asset that equals an earlier texture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SharedTexture {
     /// Index of the asset's texture.
     pub texture: u16,
@@ -23,19 +20,21 @@ pub struct SharedTexture {
     pub of: u16,
 }
 
-pub(crate) fn encode<E: Encoder>(shared: &[SharedTexture], e: &mut E) -> Result<(), EncodeError> {
-    let count = u8::try_from(shared.len()).map_err(|_| EncodeError::Other("too many shared textures"))?;
-    count.encode(e)?;
-    shared.iter().try_for_each(|texture| texture.encode(e))
+encode_fields!(SharedTexture { texture, asset, of });
+
+pub(crate) fn encode<W: Writer>(shared: &[SharedTexture], writer: &mut W) -> Result<(), CodingError> {
+    let count = u8::try_from(shared.len()).map_err(|_| CodingError::value("too many shared textures"))?;
+    count.encode(writer)?;
+    shared.iter().try_for_each(|texture| texture.encode(writer))
 }
 
-pub(crate) fn decode<D: Decoder<Context = C>, C>(d: &mut D) -> Result<Vec<SharedTexture>, DecodeError> {
-    let count = usize::from(u8::decode(d)?);
+pub(crate) fn decode<R: Reader>(reader: &mut R) -> Result<Vec<SharedTexture>, CodingError> {
+    let count = usize::from(u8::decode(reader)?);
     if count == 0 || count > MAX_SHARED_TEXTURES {
-        return Err(DecodeError::Other("no shared texture, or too many"));
+        return Err(CodingError::value("no shared texture, or too many"));
     }
-    d.claim_bytes_read(count * size_of::<SharedTexture>())?;
-    (0..count).map(|_| SharedTexture::decode(d)).collect()
+    reader.claim(count * size_of::<SharedTexture>())?;
+    (0..count).map(|_| SharedTexture::decode(reader)).collect()
 }
 
 /// Whether the shared textures of asset `number` are sorted, without duplicates, and refer only to earlier textures.

@@ -1,17 +1,17 @@
 //! A perspective view: eye, orientation, field of view, viewport and target screen error.
 
-use bincode::{Decode, Encode};
 use geometry::screen::scale_px;
 use glam::{DQuat, DVec3, Mat3, Quat, Vec3};
 use lodestream_geometry as geometry;
 
+use crate::encoding::encode_fields;
 use crate::limits::MAX_VIEWPORT_PX;
 use crate::pose::Pose;
 
 /// A perspective view of the scene.
 ///
 /// View space is right-handed with x to the right, y up and the view along −z. There is no far plane.
-#[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     /// Position of the eye, in world units.
     pub eye: [f64; 3],
@@ -24,6 +24,8 @@ pub struct View {
     /// Screen error to refine to, in pixels.
     pub target_px: f32,
 }
+
+encode_fields!(View { eye, rotation, fov_y, viewport_px, target_px });
 
 /// A view with a value out of range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]

@@ -1,8 +1,8 @@
 //! The scene description: everything that a server needs besides the packs.
 
 use lodestream_scene::description::{Fingerprint, SceneHeader, ScenePage};
+use lodestream_scene::encoding;
 
-use crate::message_value::encode_value;
 use crate::{PunctualLightBlobs, TerrainBlobs};
 
 /// Header, pages and blobs of a scene.
@@ -23,7 +23,7 @@ pub struct SceneDescription {
 
 impl SceneDescription {
     /// Fingerprint of the contents: equal for equal descriptions over equal packs. A BLAKE3 hash over the header without
-    /// its own fingerprint and the pages, encoded as in messages (docs/protocol.md), and over the blobs that are in no
+    /// its own fingerprint and the pages, encoded as docs/formats.md says, and over the blobs that are in no
     /// pack, each preceded by its length.
     #[must_use]
     pub fn fingerprint(&self) -> Fingerprint {
@@ -34,9 +34,9 @@ impl SceneDescription {
             hasher.update(bytes);
         };
         // `check` refuses what cannot be encoded before it is hashed.
-        add(&encode_value(&bare).unwrap_or_default());
+        add(&encoding::encode(&bare).unwrap_or_default());
         for page in &self.pages {
-            add(&encode_value(page).unwrap_or_default());
+            add(&encoding::encode(page).unwrap_or_default());
         }
         for blob in self.terrain.all().chain(self.punctual_lights.all()) {
             add(blob);

@@ -6,7 +6,6 @@ mod error;
 mod file;
 mod file_pool;
 mod loaded;
-mod message_value;
 mod object_pack;
 mod objects;
 mod pack;

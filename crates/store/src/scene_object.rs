@@ -5,13 +5,14 @@
 
 use bytes::Bytes;
 use lodestream_scene::description::{Fingerprint, SceneHeader, ScenePage};
+use lodestream_scene::encoding::{self, CodingError, Decode};
+use lodestream_scene::limits::{MAX_DECODED_BYTES, MAX_MESSAGE_BYTES};
 
-use crate::message_value::{checked_length, decode_value, encode_value};
 use crate::{PunctualLightBlobs, SceneDescription, TerrainBlobs};
 
 /// First bytes of every scene object.
 const MAGIC: [u8; 8] = *b"LODSCENE";
-/// Version of the layout, the encoding of header and pages in messages included.
+/// Version of the layout, the encoding of header and pages included.
 const VERSION: u16 = 2;
 /// Bytes before the body: magic, version, hash of the body.
 const HEAD_BYTES: usize = MAGIC.len() + 2 + blake3::OUT_LEN;
@@ -46,11 +47,11 @@ impl SceneObject {
     pub fn encode(&self) -> Result<Vec<u8>, String> {
         let SceneDescription { header, pages, asset_order: _, terrain, punctual_lights } = &self.description;
         let mut body = Body::default();
-        let encode_header = || encode_value(header).and_then(checked_length);
+        let encode_header = || encoding::encode(header).and_then(checked_length);
         body.put_bytes(&encode_header().map_err(|why| format!("its header: {why}"))?)?;
         body.put_length(pages.len())?;
         for page in pages {
-            let bytes = encode_value(page).and_then(checked_length);
+            let bytes = encoding::encode(page).and_then(checked_length);
             body.put_bytes(&bytes.map_err(|why| format!("its page {}: {why}", page.page))?)?;
         }
         let (directory, overrides) = terrain.parts();
@@ -93,12 +94,12 @@ impl SceneObject {
 
     fn decode_body(mut reader: Reader<'_>) -> Result<Self, String> {
         let header: SceneHeader =
-            decode_value(reader.bytes("its header")?).map_err(|why| format!("its header: {why}"))?;
+            decode_record(reader.bytes("its header")?).map_err(|why| format!("its header: {why}"))?;
         header.check().map_err(|why| why.to_string())?;
         let count = reader.count("its pages", LENGTH_BYTES)?;
         let mut pages = Vec::with_capacity(count);
         for number in 0..count {
-            let page: ScenePage = decode_value(reader.bytes("its pages")?)
+            let page: ScenePage = decode_record(reader.bytes("its pages")?)
                 .map_err(|why| format!("its page {number}: {why}"))?;
             page.check().map_err(|why| why.to_string())?;
             pages.push(page);
@@ -156,6 +157,20 @@ impl SceneObject {
         }
         Ok(())
     }
+}
+
+/// Decodes a header or page that a message can carry.
+fn decode_record<T: Decode>(bytes: &[u8]) -> Result<T, CodingError> {
+    encoding::decode(checked_length(bytes)?, MAX_DECODED_BYTES)
+}
+
+/// Checks that a message can carry the bytes of a header or page.
+fn checked_length<T: AsRef<[u8]>>(value: T) -> Result<T, CodingError> {
+    let bytes = value.as_ref().len();
+    if bytes > MAX_MESSAGE_BYTES {
+        return Err(CodingError::TooLong { bytes, limit: MAX_MESSAGE_BYTES });
+    }
+    Ok(value)
 }
 
 /// The body while it is written, bounded by [`MAX_SCENE_OBJECT_BYTES`].

@@ -1,5 +1,5 @@
-//! docs/protocol.md is correct: a reader written from it, in Python, understands recorded sessions, and the bytes on
-//! the page are those that are sent.
+//! docs/protocol.md and docs/formats.md are correct: a reader written from them, in Python, understands recorded
+//! sessions, and the bytes shown are those that are sent.
 //!
 //! The reader needs `python3` (3.8 or later, no packages). Without it these tests fail; `LODESTREAM_SKIP_PYTHON=1`
 //! skips them with a message. `LODESTREAM_WRITE_PROTOCOL=1` rewrites the page's hex dump.
@@ -87,7 +87,7 @@ fn assert_understood(recording: &Recording, known: &Expected, said: &[Vec<Client
     let printed = serde_json::from_str(&printed.unwrap()).unwrap();
     let mut found = Vec::new();
     differences("session", &printed, &known.json(said), &mut found);
-    assert!(found.is_empty(), "the reader of docs/protocol.md read\n{}", found.join("\n"));
+    assert!(found.is_empty(), "docs/protocol/reader.py read\n{}", found.join("\n"));
 }
 
 #[test]

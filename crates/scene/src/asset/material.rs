@@ -1,9 +1,6 @@
 //! Materials: metallic–roughness as in glTF 2.0 (§3.9), with emission, alpha mode and maps.
 
-use bincode::de::Decoder;
-use bincode::enc::Encoder;
-use bincode::error::{DecodeError, EncodeError};
-use bincode::{Decode, Encode};
+use crate::encoding::{CodingError, Decode, Encode, Reader, Writer};
 
 /// Largest emission of a material, in the scene's units of light.
 pub const MAX_EMISSION: f32 = 65_504.0;
@@ -157,12 +154,12 @@ fn wrap_bits(wrap: Wrap) -> u8 {
     }
 }
 
-fn wrap_of(bits: u8) -> Result<Wrap, DecodeError> {
+fn wrap_of(bits: u8) -> Result<Wrap, CodingError> {
     match bits & 3 {
         0 => Ok(Wrap::Repeat),
         1 => Ok(Wrap::Clamp),
         2 => Ok(Wrap::Mirror),
-        _ => Err(DecodeError::Other("unknown wrap mode")),
+        _ => Err(CodingError::value("unknown wrap mode")),
     }
 }
 
@@ -196,97 +193,95 @@ impl Material {
 // By hand: bytes of flags instead of one per option, and fixed-point colours (8 bytes, not 20). A material that needs
 // none of what most lack takes 11 bytes and its name.
 impl Encode for Material {
-    fn encode<E: Encoder>(&self, e: &mut E) -> Result<(), EncodeError> {
-        self.first_byte().encode(e)?;
-        self.name.encode(e)?;
+    fn encode<W: Writer>(&self, writer: &mut W) -> Result<(), CodingError> {
+        self.first_byte().encode(writer)?;
+        self.name.encode(writer)?;
         for x in self.base_color {
-            to_u16(x).to_le_bytes().encode(e)?;
+            to_u16(x).to_le_bytes().encode(writer)?;
         }
-        to_u8(self.roughness).encode(e)?;
+        to_u8(self.roughness).encode(writer)?;
         if let Some(texture) = self.base_color_texture {
-            texture.encode(e)?;
+            texture.encode(writer)?;
         }
         if let Some(texture) = self.height_texture {
-            texture.encode(e)?;
-            self.relief_depth.encode(e)?;
+            texture.encode(writer)?;
+            self.relief_depth.encode(writer)?;
         }
         if to_u8(self.metallic) > 0 {
-            to_u8(self.metallic).encode(e)?;
+            to_u8(self.metallic).encode(writer)?;
         }
         if self.emission != [0.0; 3] {
-            self.emission.encode(e)?;
+            self.emission.encode(writer)?;
         }
         if let Some(texture) = self.surface_texture {
-            texture.encode(e)?;
+            texture.encode(writer)?;
         }
         if let Some(texture) = self.normal_texture {
-            texture.encode(e)?;
-            self.normal_scale.encode(e)?;
+            texture.encode(writer)?;
+            self.normal_scale.encode(writer)?;
         }
         if let Some(texture) = self.emission_texture {
-            texture.encode(e)?;
+            texture.encode(writer)?;
         }
         if self.second_byte() != 0 {
-            self.second_byte().encode(e)?;
+            self.second_byte().encode(writer)?;
             if let Alpha::Mask(cutoff) = self.alpha {
-                to_u8(cutoff).encode(e)?;
+                to_u8(cutoff).encode(writer)?;
             }
         }
         Ok(())
     }
 }
 
-impl<Context> Decode<Context> for Material {
-    fn decode<D: Decoder<Context = Context>>(d: &mut D) -> Result<Self, DecodeError> {
-        let flags = u8::decode(d)?;
-        let name = String::decode(d)?;
+impl Decode for Material {
+    fn decode<R: Reader>(reader: &mut R) -> Result<Self, CodingError> {
+        let flags = u8::decode(reader)?;
+        let name = String::decode(reader)?;
         let mut base_color = [0.0; 4];
         for x in &mut base_color {
-            *x = f32::from(u16::from_le_bytes(<[u8; 2]>::decode(d)?)) / 65_535.0;
+            *x = f32::from(u16::from_le_bytes(<[u8; 2]>::decode(reader)?)) / 65_535.0;
         }
-        let roughness = from_u8(u8::decode(d)?);
+        let roughness = from_u8(u8::decode(reader)?);
         let mut this = Self { name, base_color, roughness, ..Self::default() };
         let is = |bit| flags & bit != 0;
         if is(has::COLOR) {
-            this.base_color_texture = Some(u16::decode(d)?);
+            this.base_color_texture = Some(u16::decode(reader)?);
         }
         if is(has::HEIGHT) {
-            (this.height_texture, this.relief_depth) = (Some(u16::decode(d)?), f32::decode(d)?);
+            (this.height_texture, this.relief_depth) = (Some(u16::decode(reader)?), f32::decode(reader)?);
         }
         if is(has::METAL) {
-            this.metallic = from_u8(u8::decode(d)?);
+            this.metallic = from_u8(u8::decode(reader)?);
         }
         if is(has::EMISSION) {
-            this.emission = <[f32; 3]>::decode(d)?;
+            this.emission = <[f32; 3]>::decode(reader)?;
         }
         if is(has::SURFACE_TEXTURE) {
-            this.surface_texture = Some(u16::decode(d)?);
+            this.surface_texture = Some(u16::decode(reader)?);
         }
         if is(has::NORMAL_TEXTURE) {
-            (this.normal_texture, this.normal_scale) = (Some(u16::decode(d)?), f32::decode(d)?);
+            (this.normal_texture, this.normal_scale) = (Some(u16::decode(reader)?), f32::decode(reader)?);
         }
         if is(has::EMISSION_TEXTURE) {
-            this.emission_texture = Some(u16::decode(d)?);
+            this.emission_texture = Some(u16::decode(reader)?);
         }
         if is(has::MORE) {
-            let second = u8::decode(d)?;
+            let second = u8::decode(reader)?;
             if second & !more::KNOWN != 0 || second & (more::MASK | more::BLEND) == more::MASK | more::BLEND {
-                return Err(DecodeError::Other("unknown material flags"));
+                return Err(CodingError::value("unknown material flags"));
             }
             this.unlit = second & more::UNLIT != 0;
             this.wrap = [wrap_of(second / more::WRAP_U)?, wrap_of(second / more::WRAP_V)?];
             if second & more::MASK != 0 {
-                this.alpha = Alpha::Mask(from_u8(u8::decode(d)?));
+                this.alpha = Alpha::Mask(from_u8(u8::decode(reader)?));
             } else if second & more::BLEND != 0 {
                 this.alpha = Alpha::Blend;
             }
         }
         if this.first_byte() != flags {
             // One description, one encoding: what is flagged and zero would come back shorter.
-            return Err(DecodeError::Other("a material flags what it has not"));
+            return Err(CodingError::value("a material flags what it has not"));
         }
         Ok(this)
     }
 }
-
-bincode::impl_borrow_decode!(Material);

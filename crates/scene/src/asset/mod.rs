@@ -5,12 +5,10 @@
 
 mod material;
 
-use bincode::{Decode, Encode};
-
 pub use self::material::{Alpha, MAX_EMISSION, MAX_NORMAL_SCALE, Material, Wrap};
-pub use crate::coding::CodingError;
-use crate::coding::{decode_description, encode_description};
-use crate::limits::{MAX_BLOB_BYTES, MAX_NAME_BYTES};
+pub use crate::encoding::CodingError;
+use crate::encoding::{self, encode_fields, encode_variants};
+use crate::limits::{MAX_BLOB_BYTES, MAX_DESCRIPTION_BYTES, MAX_NAME_BYTES};
 
 /// Most materials of an asset.
 pub const MAX_MATERIALS: usize = 4096;
@@ -18,9 +16,11 @@ pub const MAX_MATERIALS: usize = 4096;
 pub const MAX_TEXTURES: usize = 4096;
 /// Most levels of a texture: 2^15 texels and the levels below.
 pub const MAX_TEXTURE_LEVELS: usize = 16;
+/// Most memory that a decoded description may take, in bytes.
+const MAX_MEMORY_BYTES: usize = 4 * MAX_DESCRIPTION_BYTES;
 
 /// Materials and textures of one asset.
-#[derive(Clone, Debug, Default, PartialEq, Encode, Decode)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct AssetDescription {
     /// Name for people.
     pub name: String,
@@ -30,8 +30,10 @@ pub struct AssetDescription {
     pub textures: Vec<TextureInfo>,
 }
 
+encode_fields!(AssetDescription { name, materials, textures });
+
 /// Meaning of a texture's texels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TextureKind {
     /// Colour, sRGB as in the image file; alpha if the file has it.
     Color,
@@ -43,8 +45,10 @@ pub enum TextureKind {
     Surface,
 }
 
+encode_variants!(TextureKind { 0 => Color, 1 => Height, 2 => Normal, 3 => Surface });
+
 /// Image format of a texture level.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TextureFormat {
     /// JPEG, for opaque colour, surfaces and normals.
     Jpeg,
@@ -52,8 +56,10 @@ pub enum TextureFormat {
     Png,
 }
 
+encode_variants!(TextureFormat { 0 => Jpeg, 1 => Png });
+
 /// A texture: its size and its levels.
-#[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TextureInfo {
     /// Meaning of the texels.
     pub kind: TextureKind,
@@ -68,8 +74,10 @@ pub struct TextureInfo {
     pub levels: Vec<TextureLevel>,
 }
 
+encode_fields!(TextureInfo { kind, width, height, mean, levels });
+
 /// One level of a texture: one blob.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TextureLevel {
     /// Width in texels.
     pub width: u32,
@@ -80,6 +88,8 @@ pub struct TextureLevel {
     /// Format of the image file.
     pub format: TextureFormat,
 }
+
+encode_fields!(TextureLevel { width, height, bytes, format });
 
 /// Width and height of a texture's level, of which there are `levels`: each level is half as wide and high as the
 /// next finer one, the last as large as `finest`. Level 0 is the coarsest.
@@ -136,6 +146,14 @@ pub enum DescriptionError {
     Coding(#[from] CodingError),
 }
 
+/// Checks the length of an encoded description.
+fn check_length(bytes: &[u8]) -> Result<(), CodingError> {
+    if bytes.len() > MAX_DESCRIPTION_BYTES {
+        return Err(CodingError::TooLong { bytes: bytes.len(), limit: MAX_DESCRIPTION_BYTES });
+    }
+    Ok(())
+}
+
 impl AssetDescription {
     /// Encodes the description.
     ///
@@ -143,7 +161,9 @@ impl AssetDescription {
     /// Refuses descriptions that [`AssetDescription::decode`] would refuse.
     pub fn encode(&self) -> Result<Vec<u8>, DescriptionError> {
         self.check()?;
-        Ok(encode_description(self)?)
+        let bytes = encoding::encode(self)?;
+        check_length(&bytes)?;
+        Ok(bytes)
     }
 
     /// Decodes a description, all of `bytes`.
@@ -151,7 +171,8 @@ impl AssetDescription {
     /// # Errors
     /// Refuses truncated, overlong and inconsistent descriptions.
     pub fn decode(bytes: &[u8]) -> Result<Self, DescriptionError> {
-        let this: Self = decode_description(bytes)?;
+        check_length(bytes)?;
+        let this: Self = encoding::decode(bytes, MAX_MEMORY_BYTES)?;
         this.check()?;
         Ok(this)
     }

@@ -1,19 +1,18 @@
 //! Directory of the pages of punctual lights: their bounds, in pages of its own.
 
-use bincode::config::{Configuration, Limit, LittleEndian, Varint};
-use bincode::{Decode, Encode};
 use glam::{DVec3, Vec3};
 
 use super::{MAX_PAGE_BYTES, PunctualLight, PunctualLightsError};
+use crate::encoding::{self, CodingError, encode_fields};
 
 /// Entries of a page of the directory.
 pub const LISTED_PER_PAGE: u32 = 256;
 
-const CONFIG: Configuration<LittleEndian, Varint, Limit<{ 64 * 1024 }>> =
-    bincode::config::standard().with_limit::<{ 64 * 1024 }>();
+/// Most memory that a decoded page may take, in bytes.
+const MAX_MEMORY_BYTES: usize = 64 * 1024;
 
 /// Entry of a page of punctual lights: what a client must know before it requests the page. 21 to 23 bytes.
-#[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PunctualLightPageEntry {
     /// Centre of a sphere that contains the ranges of all lights of the page, in world units.
     pub center: [f32; 3],
@@ -24,6 +23,8 @@ pub struct PunctualLightPageEntry {
     /// Length of the page, in bytes.
     pub bytes: u32,
 }
+
+encode_fields!(PunctualLightPageEntry { center, radius, intensity, bytes });
 
 impl PunctualLightPageEntry {
     /// The entry of a page with these lights and length.
@@ -70,7 +71,7 @@ pub fn encode_directory(listed: &[PunctualLightPageEntry]) -> Result<Vec<u8>, Pu
     }
     listed.iter().try_for_each(PunctualLightPageEntry::check)?;
     // Encoding numbers into memory cannot fail.
-    bincode::encode_to_vec(listed, CONFIG).map_err(|_| wrong)
+    encoding::encode(listed).map_err(|_| wrong)
 }
 
 /// Decodes a page of the directory that must hold `count` entries. Memory is bounded by the length of `bytes`.
@@ -81,11 +82,12 @@ pub fn decode_directory(
     bytes: &[u8],
     count: u32,
 ) -> Result<Vec<PunctualLightPageEntry>, PunctualLightsError> {
-    let (listed, used): (Vec<PunctualLightPageEntry>, usize) =
-        bincode::decode_from_slice(bytes, CONFIG).map_err(|_| PunctualLightsError::EndsEarly)?;
-    if used != bytes.len() {
-        return Err(PunctualLightsError::TrailingBytes(bytes.len() - used));
-    }
+    let listed: Vec<PunctualLightPageEntry> =
+        encoding::decode(bytes, MAX_MEMORY_BYTES).map_err(|why| match why {
+            CodingError::EndsEarly => PunctualLightsError::EndsEarly,
+            CodingError::TrailingBytes { left } => PunctualLightsError::TrailingBytes(left),
+            _ => PunctualLightsError::DirectoryNumber,
+        })?;
     if listed.len() != count as usize {
         return Err(PunctualLightsError::WrongCount { got: listed.len() as u64, expected: count });
     }

@@ -8,8 +8,9 @@ mod directory;
 mod numbers;
 mod page;
 
-use bincode::{Decode, Encode};
 use glam::{DQuat, DVec3, Vec3};
+
+use crate::encoding::encode_fields;
 
 pub use directory::{LISTED_PER_PAGE, PunctualLightPageEntry, decode_directory, encode_directory};
 pub use page::{MAX_PAGE_BYTES, decode_page, encode_page};
@@ -62,13 +63,15 @@ pub struct Spot {
 }
 
 /// Number of a scene's punctual lights, and their first page or directory if short.
-#[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PunctualLights {
     /// Number of lights, 1 to [`MAX_PUNCTUAL_LIGHTS`].
     pub count: u32,
     /// The page for up to [`FEW_PUNCTUAL_LIGHTS`] lights; else the directory for up to [`FEW_PAGES`] pages; else empty.
     pub first: Vec<u8>,
 }
+
+encode_fields!(PunctualLights { count, first });
 
 /// The decoded [`PunctualLights::first`].
 #[derive(Clone, Debug, PartialEq)]
@@ -101,6 +104,9 @@ pub enum PunctualLightsError {
     /// The bytes end within a punctual light.
     #[error("a page of punctual lights ends too early")]
     EndsEarly,
+    /// An integer out of range or not in its shortest form, or too many entries.
+    #[error("the directory of punctual lights has a malformed number")]
+    DirectoryNumber,
     /// Bytes are left over.
     #[error("{0} bytes are left over behind punctual lights")]
     TrailingBytes(usize),

@@ -1,19 +1,16 @@
 //! Directory of the patches with height overrides, in pages ([`crate::blob::TerrainBlob`]).
 
-use bincode::config::{Configuration, Limit, LittleEndian, Varint};
-use bincode::{Decode, Encode};
-
-use crate::coding::CodingError;
+use crate::encoding::{self, CodingError, encode_fields};
 use crate::limits::MAX_BLOB_BYTES;
 
 /// Patches on one page of the directory.
 pub const PATCHES_PER_PAGE: u32 = 1024;
 
-const CONFIG: Configuration<LittleEndian, Varint, Limit<{ 64 * 1024 }>> =
-    bincode::config::standard().with_limit::<{ 64 * 1024 }>();
+/// Most memory that a decoded page may take, in bytes.
+const MAX_MEMORY_BYTES: usize = 64 * 1024;
 
 /// A patch with height overrides.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OverridePatch {
     /// Column of the patch.
     pub x: i32,
@@ -24,6 +21,8 @@ pub struct OverridePatch {
     /// Largest error of the terrain without the overrides, in height units.
     pub error: u32,
 }
+
+encode_fields!(OverridePatch { x, y, bytes, error });
 
 /// An invalid page of the directory.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -58,7 +57,7 @@ pub fn encode_directory(patches: &[OverridePatch]) -> Result<Vec<u8>, DirectoryE
     if patches.len() > PATCHES_PER_PAGE as usize {
         return Err(DirectoryError::TooMany(patches.len()));
     }
-    Ok(bincode::encode_to_vec(patches, CONFIG).map_err(CodingError::from)?)
+    Ok(encoding::encode(patches)?)
 }
 
 /// Decodes a page of the directory that must hold `count` patches. Memory is bounded by the length of `bytes`.
@@ -66,11 +65,7 @@ pub fn encode_directory(patches: &[OverridePatch]) -> Result<Vec<u8>, DirectoryE
 /// # Errors
 /// If the bytes are not such a page.
 pub fn decode_directory(bytes: &[u8], count: u32) -> Result<Vec<OverridePatch>, DirectoryError> {
-    let (patches, used): (Vec<OverridePatch>, usize) =
-        bincode::decode_from_slice(bytes, CONFIG).map_err(CodingError::from)?;
-    if used != bytes.len() {
-        return Err(CodingError::TrailingBytes { left: bytes.len() - used }.into());
-    }
+    let patches: Vec<OverridePatch> = encoding::decode(bytes, MAX_MEMORY_BYTES)?;
     if patches.len() != count as usize {
         return Err(DirectoryError::WrongCount { got: patches.len(), expected: count });
     }
@@ -105,7 +100,7 @@ mod tests {
 
     #[test]
     fn lengths_that_bytes_cannot_justify_are_refused() {
-        // 250 announces a length of 16 bits more, 252 one of 64.
+        // 251 announces a count of 16 bits, 253 one of 64.
         for hostile in [&[251, 255, 255][..], &[253, 255, 255, 255, 255, 255, 255, 255, 255]] {
             assert!(decode_directory(hostile, 1024).is_err());
         }

@@ -2,11 +2,9 @@
 
 mod directory;
 
-use bincode::de::Decoder;
-use bincode::enc::Encoder;
-use bincode::error::{DecodeError, EncodeError};
-use bincode::{Decode, Encode};
 use lodestream_terrain::{PARAMETERS_BYTES, Parameters, Stamp, decode_stamps, encode_stamps};
+
+use crate::encoding::{CodingError, Decode, Encode, Reader, Writer, encode_fields};
 
 pub use directory::{DirectoryError, OverridePatch, PATCHES_PER_PAGE, decode_directory, encode_directory};
 
@@ -38,13 +36,15 @@ pub struct TerrainEntry {
 }
 
 /// Water at one height over the whole terrain.
-#[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Water {
     /// Height of its surface, world y.
     pub level: f32,
     /// World units of water after which a tenth of green light is left, 1e-6 to 1e9.
     pub clarity: f32,
 }
+
+encode_fields!(Water { level, clarity });
 
 /// Most patches with height overrides. On the wire, the highest bit of their number says whether there is water.
 pub const MAX_OVERRIDE_PATCHES: u32 = (1 << 31) - 1;
@@ -81,35 +81,34 @@ pub enum TerrainEntryError {
 const HAS_WATER: u32 = MAX_OVERRIDE_PATCHES + 1;
 
 impl Encode for TerrainEntry {
-    fn encode<E: Encoder>(&self, e: &mut E) -> Result<(), EncodeError> {
-        self.parameters.encode().encode(e)?;
-        self.unit.encode(e)?;
-        self.height_unit.encode(e)?;
-        self.zones.encode(e)?;
+    fn encode<W: Writer>(&self, writer: &mut W) -> Result<(), CodingError> {
+        self.parameters.encode().encode(writer)?;
+        self.unit.encode(writer)?;
+        self.height_unit.encode(writer)?;
+        self.zones.encode(writer)?;
         let stamps = if self.stamps.is_empty() {
             Vec::new()
         } else {
-            encode_stamps(&self.stamps).map_err(|why| EncodeError::OtherString(why.to_string()))?
+            encode_stamps(&self.stamps).map_err(CodingError::value)?
         };
-        stamps.encode(e)?;
-        (self.patches | if self.water.is_some() { HAS_WATER } else { 0 }).encode(e)?;
-        self.water.map_or(Ok(()), |water| water.encode(e))
+        stamps.encode(writer)?;
+        (self.patches | if self.water.is_some() { HAS_WATER } else { 0 }).encode(writer)?;
+        self.water.map_or(Ok(()), |water| water.encode(writer))
     }
 }
 
-impl<Context> Decode<Context> for TerrainEntry {
-    fn decode<D: Decoder<Context = Context>>(d: &mut D) -> Result<Self, DecodeError> {
-        let bytes = <[u8; PARAMETERS_BYTES]>::decode(d)?;
-        let parameters =
-            Parameters::decode(&bytes).map_err(|why| DecodeError::OtherString(why.to_string()))?;
-        let (unit, height_unit) = (f32::decode(d)?, f32::decode(d)?);
-        let zones = <[f32; 3]>::decode(d)?;
-        let stamps = match &Vec::<u8>::decode(d)?[..] {
+impl Decode for TerrainEntry {
+    fn decode<R: Reader>(reader: &mut R) -> Result<Self, CodingError> {
+        let bytes = <[u8; PARAMETERS_BYTES]>::decode(reader)?;
+        let parameters = Parameters::decode(&bytes).map_err(CodingError::value)?;
+        let (unit, height_unit) = (f32::decode(reader)?, f32::decode(reader)?);
+        let zones = <[f32; 3]>::decode(reader)?;
+        let stamps = match &Vec::<u8>::decode(reader)?[..] {
             [] => Vec::new(),
-            bytes => decode_stamps(bytes).map_err(|why| DecodeError::OtherString(why.to_string()))?,
+            bytes => decode_stamps(bytes).map_err(CodingError::value)?,
         };
-        let patches = u32::decode(d)?;
-        let water = if patches & HAS_WATER == 0 { None } else { Some(Water::decode(d)?) };
+        let patches = u32::decode(reader)?;
+        let water = if patches & HAS_WATER == 0 { None } else { Some(Water::decode(reader)?) };
         Ok(Self {
             parameters,
             unit,
@@ -121,8 +120,6 @@ impl<Context> Decode<Context> for TerrainEntry {
         })
     }
 }
-
-bincode::impl_borrow_decode!(TerrainEntry);
 
 impl TerrainEntry {
     /// Checks the ranges of all values.
@@ -162,6 +159,7 @@ mod tests {
     use lodestream_terrain::{Mode, Shape};
 
     use super::*;
+    use crate::encoding;
 
     fn entry() -> TerrainEntry {
         TerrainEntry {
@@ -177,22 +175,19 @@ mod tests {
 
     #[test]
     fn entries_survive_the_wire() {
-        let config = bincode::config::standard();
-        let bytes = bincode::encode_to_vec(entry(), config).unwrap();
+        let bytes = encoding::encode(&entry()).unwrap();
         // Parameters and units are 32 bytes, the zones 12, and two say that there are no features.
         assert_eq!(bytes.len(), 32 + 12 + 2);
-        let (decoded, used) = bincode::decode_from_slice::<TerrainEntry, _>(&bytes, config).unwrap();
-        assert_eq!((decoded, used), (entry(), bytes.len()));
+        assert_eq!(encoding::decode(&bytes, 0), Ok(entry()));
         entry().check().unwrap();
         let wet = TerrainEntry { water: Some(Water { level: -4.0, clarity: 6.0 }), patches: 3, ..entry() };
-        let bytes = bincode::encode_to_vec(&wet, config).unwrap();
+        let bytes = encoding::encode(&wet).unwrap();
         // The number of patches is a long one with its highest bit.
         assert_eq!(bytes.len(), 32 + 12 + 2 + 4 + 8);
-        let (decoded, used) = bincode::decode_from_slice::<TerrainEntry, _>(&bytes, config).unwrap();
-        assert_eq!((&decoded, used), (&wet, bytes.len()));
+        assert_eq!(encoding::decode(&bytes, 0).as_ref(), Ok(&wet));
         wet.check().unwrap();
         for end in 0..bytes.len() {
-            assert!(bincode::decode_from_slice::<TerrainEntry, _>(&bytes[..end], config).is_err(), "{end}");
+            assert!(encoding::decode::<TerrainEntry>(&bytes[..end], 0).is_err(), "{end}");
         }
     }
 
