@@ -12,7 +12,7 @@ use crate::passes::mesh_pipelines::MeshPipelines;
 use crate::passes::occlusion::{OcclusionMethod, OcclusionNormals};
 #[cfg(any(test, feature = "methods"))]
 use crate::passes::occlusion_layers::LayerPipelines;
-use crate::passes::pn_triangles::PatchListPipelines;
+use crate::passes::pn_triangles::{PatchPipelines, PnTriangles};
 use crate::passes::reflections::PYRAMID;
 use crate::passes::temporal::Resolve;
 use crate::passes::water::WaterPipelines;
@@ -260,8 +260,7 @@ pub(crate) struct Pipelines {
     pub(crate) frame_layout: wgpu::BindGroupLayout,
     pub(crate) meshes: MeshPipelines,
     kit: MaterialBindings,
-    curved: OnceLock<MeshPipelines>,
-    list_makers: OnceLock<PatchListPipelines>,
+    patches: OnceLock<PatchPipelines>,
     terrain: OnceLock<TerrainPipelines>,
     /// Reflecting the sky only; and with screen-space reflections by linear and hierarchical search.
     water: [OnceLock<WaterPipelines>; 3],
@@ -290,8 +289,7 @@ impl Pipelines {
         Self {
             meshes: MeshPipelines::new(gpu, kit, &frame_layout),
             kit: kit.clone(),
-            curved: OnceLock::new(),
-            list_makers: OnceLock::new(),
+            patches: OnceLock::new(),
             terrain: OnceLock::new(),
             water: Default::default(),
             bloom: OnceLock::new(),
@@ -307,15 +305,9 @@ impl Pipelines {
         }
     }
 
-    /// Pipelines of meshes as PN triangles.
-    pub(crate) fn curved(&self, gpu: &Gpu) -> &MeshPipelines {
-        self.curved.get_or_init(|| MeshPipelines::curved(gpu, &self.kit, &self.frame_layout))
-    }
-
-    /// Pipelines that build patch lists; `None` if the device does not support them.
-    pub(crate) fn list_makers(&self, gpu: &Gpu) -> Option<&PatchListPipelines> {
-        gpu.can_curve()
-            .then(|| self.list_makers.get_or_init(|| PatchListPipelines::new(gpu, &self.frame_layout)))
+    /// Pipelines of PN triangles, for a device that can draw them.
+    pub(crate) fn patches(&self, gpu: &Gpu, settings: PnTriangles) -> &PatchPipelines {
+        self.patches.get_or_init(|| PatchPipelines::new(gpu, settings, (&self.kit, &self.frame_layout)))
     }
 
     /// Pipelines of terrain tiles.

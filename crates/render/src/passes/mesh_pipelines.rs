@@ -3,7 +3,8 @@
 use std::sync::OnceLock;
 
 use crate::passes::gbuffer::{GeometryPass, shader};
-use crate::passes::pn_triangles::{GRID_VERTEX, ReadOnlyLists};
+#[cfg(any(test, feature = "methods"))]
+use crate::passes::pn_triangles::GRID_VERTEX;
 use crate::resources::gpu::Gpu;
 use crate::resources::vertex::{PackedVertex, VERTEX_ATTRIBUTES};
 use crate::scene::instance::{BEFORE_ATTRIBUTES, INSTANCE_ATTRIBUTES, InstanceRaw};
@@ -20,6 +21,20 @@ struct Texts {
     transparent: [&'static str; 2],
 }
 
+#[cfg(any(test, feature = "methods"))]
+/// Searches of relief mapping without an acceleration texture.
+macro_rules! relief_searches {
+    () => {
+        include_str!("../shaders/relief_methods.wgsl")
+    };
+}
+#[cfg(not(any(test, feature = "methods")))]
+macro_rules! relief_searches {
+    () => {
+        include_str!("../shaders/relief_bisection.wgsl")
+    };
+}
+
 /// Concatenates a shader source. `$found`: file with the relief search; `$vertex`: files of the vertex stage.
 macro_rules! text {
     ($found:literal, [$($vertex:literal),+] $(, $more:literal)*) => {
@@ -29,6 +44,7 @@ macro_rules! text {
             include_str!("../shaders/anisotropic.wgsl"),
             include_str!("../shaders/gbuffer.wgsl"),
             include_str!("../shaders/relief.wgsl"),
+            relief_searches!(),
             include_str!(concat!("../shaders/", $found, ".wgsl")),
             include_str!("../shaders/placement.wgsl"),
             $(include_str!(concat!("../shaders/", $vertex, ".wgsl")),)+
@@ -51,6 +67,7 @@ macro_rules! texts {
 }
 
 const MESH: Texts = texts!(["mesh_vertex"], "mesh_motion");
+#[cfg(any(test, feature = "methods"))]
 const CURVED: Texts = texts!(["pn_patch", "pn_vertex"], "pn_motion");
 #[cfg(any(test, feature = "methods"))]
 /// Surfaces with a relief acceleration texture. For flat triangles only: PN triangles use its bind group for their
@@ -88,8 +105,8 @@ pub(crate) struct MeshPipelines {
     texts: &'static Texts,
     /// Vertex buffer layouts: of all passes but motion, and of the motion pass.
     buffers: [&'static [Option<wgpu::VertexBufferLayout<'static>>]; 2],
-    /// Group 2: patch lists, for PN triangles.
-    lists: Option<ReadOnlyLists>,
+    /// Layout of group 2: patch lists, for PN triangles.
+    lists: Option<wgpu::BindGroupLayout>,
     module: OnceLock<wgpu::ShaderModule>,
     /// Groups of frame and material.
     layout: wgpu::PipelineLayout,
@@ -137,6 +154,7 @@ static BUFFERS: [Option<wgpu::VertexBufferLayout<'_>>; 3] = [
     }),
 ];
 
+#[cfg(any(test, feature = "methods"))]
 static GRID: [Option<wgpu::VertexBufferLayout<'_>>; 1] = [Some(GRID_VERTEX)];
 
 /// Override constants of a variant.
@@ -158,21 +176,26 @@ impl MeshPipelines {
         Self::of(gpu, (&MESH, [&BUFFERS[..2], &BUFFERS]), None, (kit, frame_layout))
     }
 
-    /// Pipelines for PN triangles.
-    pub(crate) fn curved(gpu: &Gpu, kit: &MaterialBindings, frame_layout: &wgpu::BindGroupLayout) -> Self {
-        let lists = Some(ReadOnlyLists::new(gpu));
-        Self::of(gpu, (&CURVED, [&GRID; 2]), lists, (kit, frame_layout))
+    #[cfg(any(test, feature = "methods"))]
+    /// Pipelines for PN triangles, with the layout of their lists.
+    pub(crate) fn curved(
+        gpu: &Gpu,
+        kit: &MaterialBindings,
+        frame_layout: &wgpu::BindGroupLayout,
+        lists: wgpu::BindGroupLayout,
+    ) -> Self {
+        Self::of(gpu, (&CURVED, [&GRID; 2]), Some(lists), (kit, frame_layout))
     }
 
     fn of(
         gpu: &Gpu,
         (texts, buffers): (&'static Texts, [&'static [Option<wgpu::VertexBufferLayout<'static>>]; 2]),
-        lists: Option<ReadOnlyLists>,
+        lists: Option<wgpu::BindGroupLayout>,
         (kit, frame): (&MaterialBindings, &wgpu::BindGroupLayout),
     ) -> Self {
         let material = &kit.layout;
         let with_lists = |label, groups: [Option<&wgpu::BindGroupLayout>; 2]| {
-            let groups = [groups[0], groups[1], lists.as_ref().map(|lists| &lists.layout)];
+            let groups = [groups[0], groups[1], lists.as_ref()];
             let count = groups.iter().rposition(Option::is_some).map_or(0, |last| last + 1);
             layout(gpu, label, &groups[..count])
         };
@@ -201,11 +224,6 @@ impl MeshPipelines {
             emission: OnceLock::new(),
             overdraw: Default::default(),
         }
-    }
-
-    /// Layout of the patch lists, for PN triangles.
-    pub(crate) fn lists(&self) -> Option<&ReadOnlyLists> {
-        self.lists.as_ref()
     }
 
     fn module(&self, gpu: &Gpu) -> &wgpu::ShaderModule {
@@ -326,7 +344,7 @@ impl MeshPipelines {
     fn lit(&self, gpu: &Gpu, punctual_lights: bool) -> &ForwardPipelines {
         self.lit[usize::from(punctual_lights)].get_or_init(|| {
             let light = light_layout(gpu, punctual_lights);
-            let lists = self.lists.as_ref().map(|lists| Some(&lists.layout));
+            let lists = self.lists.as_ref().map(Some);
             let groups: Vec<_> = [Some(&light), Some(&self.material)].into_iter().chain(lists).collect();
             ForwardPipelines {
                 layout: layout(gpu, "lit meshes", &groups),

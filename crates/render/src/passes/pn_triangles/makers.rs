@@ -11,15 +11,8 @@ const LIST: &str = concat!(
 );
 
 /// Layout of a list in the vertex stage: group 2.
-#[derive(Debug)]
-pub(crate) struct ReadOnlyLists {
-    pub(crate) layout: wgpu::BindGroupLayout,
-}
-
-impl ReadOnlyLists {
-    pub(crate) fn new(gpu: &Gpu) -> Self {
-        Self { layout: layout(gpu, wgpu::ShaderStages::VERTEX, [true; 6]) }
-    }
+pub(super) fn list_layout(gpu: &Gpu) -> wgpu::BindGroupLayout {
+    layout(gpu, wgpu::ShaderStages::VERTEX, [true; 6])
 }
 
 /// Layout of storage buffers at consecutive bindings; `read_only` for each.
@@ -49,7 +42,7 @@ fn layout<const N: usize>(
 
 /// Pipelines that build lists, in three stages.
 #[derive(Debug)]
-pub(crate) struct PatchListPipelines {
+pub(super) struct PatchListPipelines {
     pub(super) layout: wgpu::BindGroupLayout,
     pub(super) measure: wgpu::ComputePipeline,
     pub(super) arrange: wgpu::ComputePipeline,
@@ -57,7 +50,7 @@ pub(crate) struct PatchListPipelines {
 }
 
 impl PatchListPipelines {
-    pub(crate) fn new(gpu: &Gpu, frame_layout: &wgpu::BindGroupLayout) -> Self {
+    pub(super) fn new(gpu: &Gpu, frame_layout: &wgpu::BindGroupLayout) -> Self {
         let read_only = [false, true, true, true, false, false, false];
         let layout = layout(gpu, wgpu::ShaderStages::COMPUTE, read_only);
         let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {

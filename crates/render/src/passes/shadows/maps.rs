@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::{Cascade, Casters, SunlightUniform};
 use crate::frame::counters::Counters;
-use crate::frame::draw::{Batch, Meshes, PatchPipelines, each};
+use crate::frame::draw::{Batch, Meshes, each};
 use crate::frame::graph::PassId;
 use crate::frame::settings::{MAP_SIDES, MAX_CASCADES, Shadows};
 use crate::frame::targets::DEPTH;
@@ -183,10 +183,10 @@ impl ShadowMaps {
                 }),
                 ..Default::default()
             };
-            if let Some(PatchPipelines { lists, makers, .. }) = meshes.and_then(|meshes| meshes.curved) {
+            if let Some((patches, lists)) = meshes.and_then(|meshes| meshes.curved) {
                 let ranges = casters.batches.iter().map(Batch::range);
                 // Tessellated as for the eye, so that lit and casting surfaces are equal.
-                lists.record(makers, encoder, PassId::ShadowMaps, eye_frame, ranges);
+                lists.record((gpu, patches), encoder, PassId::ShadowMaps, eye_frame, ranges);
             }
             let mut pass = encoder.begin(PassId::ShadowMaps, &descriptor);
             pass.set_bind_group(0, group, &[]);
