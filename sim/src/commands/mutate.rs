@@ -4,6 +4,7 @@ use clap::Args;
 use lodestream_scenario::mutate::{Settings, Subject, measure};
 
 use crate::arguments::CacheFolder;
+use crate::print::Results;
 
 #[derive(Debug, Args)]
 pub(crate) struct Mutate {
@@ -30,18 +31,12 @@ impl Mutate {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
         let settings = Settings { seed: self.seed, first: self.first, count: self.count };
         let cache = self.cache.path()?;
-        let mut all = Vec::new();
+        let mut results = Results::new(self.json);
         for subject in Subject::ALL.into_iter().filter(|one| one.name().contains(&self.only)) {
-            let found = measure(subject, settings, &cache, self.cache.named())?;
-            if !self.json {
-                println!("{found}");
-            }
-            all.push(found);
+            results.push(measure(subject, settings, &cache, self.cache.named())?);
         }
+        let all = results.finish()?;
         anyhow::ensure!(!all.is_empty(), "no subject has {:?} in its name", self.only);
-        if self.json {
-            println!("{}", serde_json::to_string(&all)?);
-        }
         let findings: u32 = all.iter().map(|found| found.panics + found.stuck).sum();
         anyhow::ensure!(
             findings == 0,

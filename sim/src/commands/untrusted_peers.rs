@@ -6,6 +6,7 @@ use lodestream_scenario::scene;
 use lodestream_scenario::untrusted_peers::{Attack, measure};
 
 use crate::arguments::CacheFolder;
+use crate::print::Results;
 
 #[derive(Debug, Args)]
 pub(crate) struct UntrustedPeers {
@@ -25,18 +26,12 @@ impl UntrustedPeers {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
         let choice = plan::scene_choice(&self.scene)?;
         let source = scene::open(&choice, None, &self.cache.path()?, true)?;
-        let mut all = Vec::new();
+        let mut results = Results::new(self.json);
         for case in Attack::ALL.into_iter().filter(|(attack, _)| attack.name().contains(&self.only)) {
-            let found = measure(&self.scene, &source, self.cache.named(), case)?;
-            if !self.json {
-                println!("{found}");
-            }
-            all.push(found);
+            results.push(measure(&self.scene, &source, self.cache.named(), case)?);
         }
+        let all = results.finish()?;
         anyhow::ensure!(!all.is_empty(), "no attack has {:?} in its name", self.only);
-        if self.json {
-            println!("{}", serde_json::to_string(&all)?);
-        }
         Ok(())
     }
 }
