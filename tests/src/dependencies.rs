@@ -86,6 +86,44 @@ fn an_embedder_of_the_renderer_compiles_no_references() {
     }
 }
 
+/// Names of an enum's variants or a struct's fields that are compiled without the renderer's feature `methods`.
+fn without_methods(file: &str, type_name: &str) -> Vec<String> {
+    let path = format!("{}/../crates/render/src/{file}", env!("CARGO_MANIFEST_DIR"));
+    let parsed = syn::parse_file(&std::fs::read_to_string(path).unwrap()).unwrap();
+    let is_methods = |attribute: &syn::Attribute| {
+        let condition = attribute.meta.require_list().map(|list| list.tokens.to_string().replace(' ', ""));
+        attribute.path().is_ident("cfg")
+            && condition.is_ok_and(|condition| condition == r#"any(test,feature="methods")"#)
+    };
+    let name = |attributes: &[syn::Attribute], name: &syn::Ident| {
+        (!attributes.iter().any(is_methods)).then(|| name.to_string())
+    };
+    let of_item = |item: &syn::Item| -> Option<Vec<String>> {
+        match item {
+            syn::Item::Enum(item) if item.ident == type_name => {
+                Some(item.variants.iter().filter_map(|v| name(&v.attrs, &v.ident)).collect())
+            }
+            syn::Item::Struct(item) if item.ident == type_name => {
+                Some(item.fields.iter().filter_map(|f| name(&f.attrs, f.ident.as_ref()?)).collect())
+            }
+            _ => None,
+        }
+    };
+    parsed.items.iter().find_map(of_item).unwrap_or_else(|| panic!("{file} declares no {type_name}"))
+}
+
+/// The shaders of such a build are checked in `embed`.
+#[test]
+fn settings_without_the_renderers_methods_offer_the_defaults_only() {
+    assert_eq!(without_methods("frame/settings.rs", "ReliefMethod"), ["Relief"]);
+    assert_eq!(without_methods("passes/occlusion.rs", "OcclusionMethod"), ["Gtao"]);
+    let settings = without_methods("frame/settings.rs", "Settings");
+    assert!(settings.len() > 20 && settings.contains(&"relief_method".to_owned()), "{settings:?}");
+    for method in ["pn_triangles", "ink"] {
+        assert!(!settings.contains(&method.to_owned()), "{settings:?}");
+    }
+}
+
 /// Client, server push and simulator share one selection, which therefore knows no session.
 #[test]
 fn selection_depends_on_no_session() {

@@ -69,6 +69,25 @@ fn build() -> PathBuf {
     target.join("debug/embed").with_extension(std::env::consts::EXE_EXTENSION)
 }
 
+/// Shaders are in a program as text.
+#[test]
+fn the_example_contains_shaders_of_the_default_methods_only() {
+    let shaders = std::fs::read_dir(root().join("crates/render/src/shaders")).unwrap();
+    let sources: String =
+        shaders.map(|file| std::fs::read_to_string(file.unwrap().path()).unwrap()).collect();
+    let program = std::fs::read(build()).unwrap();
+    let contains = |text: &str| program.windows(text.len()).any(|window| window == text.as_bytes());
+    for default in ["fn vs_surface(", "fn relief_halved(", "fn fs_occlusion(", "fn fs_water_added("] {
+        assert!(contains(default), "{default}");
+    }
+    let pn_triangles = ["fn cs_measure(", "fn cs_arrange(", "fn cs_list(", "fn on_patch(", "fn patch_point("];
+    let relief = ["RELIEF_OFFSET", "RELIEF_SECANT", "RELIEF_STEEP", "fn relief_cone(", "fn relief_largest("];
+    let others = ["fn fs_ink(", "fn cs_strokes(", "fn sectors("];
+    for method in [&pn_triangles[..], &relief, &others].concat() {
+        assert!(sources.contains(method) && !contains(method), "{method}");
+    }
+}
+
 #[test]
 fn the_example_draws_what_the_viewer_draws() {
     let Some(mut headless) = headless() else { return };

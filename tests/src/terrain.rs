@@ -9,7 +9,7 @@ use lodestream_terrain::{Scratch, Terrain};
 
 use crate::support::daemon::{Server, Transport};
 use crate::support::picture::{draw, headless, keep};
-use crate::support::scene::TestScene;
+use crate::support::scene::{TestScene, write_hills};
 use crate::support::viewer::{Viewer, config};
 
 /// Hills with a pit of height overrides at the corner of four patches, and a few overrides far away.
@@ -25,16 +25,7 @@ fn write_scene(folder: &std::path::Path, far: bool) -> std::path::PathBuf {
     }
     let features = format!("{{\"mode\": \"fixed\", \"points\": [{}]}}", points.join(","));
     std::fs::write(folder.join("pit.json"), features).unwrap();
-    let text = r#"name = "hills"
-[camera]
-eye = [60.0, 30.0, 70.0]
-target = [0.0, -10.0, 0.0]
-[terrain]
-seed = 5
-patch_cells = 64
-patches = 64
-amplitude = 12.0
-features = "pit.json"
+    let terrain = r#"features = "pit.json"
 [[terrain.stamp]]
 kind = "ridge"
 from = [-200, -150]
@@ -42,9 +33,7 @@ to = [200, -190]
 half_width = 60
 height = 40
 "#;
-    let path = folder.join("scene.toml");
-    std::fs::write(&path, text).unwrap();
-    path
+    write_hills(folder, terrain)
 }
 
 #[test]

@@ -16,7 +16,7 @@ use serde_json::Value;
 use crate::support::daemon::{Server, Transport};
 use crate::support::picture::{Picture, comparison, draw, headless_of, keep, same, skipped};
 use crate::support::program::{Program, RUN_LIMIT, SIZE_PX};
-use crate::support::scene::{Lacking, TestScene};
+use crate::support::scene::{Lacking, TestScene, write_hills};
 
 /// Slow enough that there are frames between the first and the last even if drawing takes long.
 const RATE_BITS_PER_S: u64 = 200_000;
@@ -54,17 +54,7 @@ fn the_first_frame_on_the_screen_is_complete_and_no_later_one_lacks_an_object() 
     let server = Server::start(TestScene::small().source(), settings);
     let folder = tempfile::tempdir().unwrap();
     let (frames, stats) = (folder.path().join("frames"), folder.path().join("stats.json"));
-    let window = Program::in_window(
-        &server.url(Transport::Quic),
-        &[
-            "--no-overlay",
-            "--exit-when-settled",
-            "--frames",
-            frames.to_str().unwrap(),
-            "--stats",
-            stats.to_str().unwrap(),
-        ],
-    );
+    let window = Program::until_settled(&server.url(Transport::Quic), &frames, &stats);
     let (code, errors) = ended(&window.end());
     assert_eq!(code, Some(0), "{errors}");
 
@@ -180,17 +170,7 @@ fn a_scene_with_a_missing_base_mesh_shows_the_others_and_is_incomplete() {
     let folder = tempfile::tempdir().unwrap();
     let (frames, stats) = (folder.path().join("frames"), folder.path().join("window.json"));
     let (picture, figures) = (folder.path().join("headless.png"), folder.path().join("headless.json"));
-    let window = Program::in_window(
-        &server.url(Transport::WebSocket),
-        &[
-            "--no-overlay",
-            "--exit-when-settled",
-            "--frames",
-            frames.to_str().unwrap(),
-            "--stats",
-            stats.to_str().unwrap(),
-        ],
-    );
+    let window = Program::until_settled(&server.url(Transport::WebSocket), &frames, &stats);
     let url = server.url(Transport::Quic);
     let without = Program::headless(&url, &picture, &["--stats", figures.to_str().unwrap()]);
     check("window", &window.end(), &stats, last_picture(&frames));
@@ -205,19 +185,7 @@ fn a_settled_window_shows_every_tile_of_the_terrain() {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
-    let text = r#"name = "hills"
-[camera]
-eye = [60.0, 30.0, 70.0]
-target = [0.0, -10.0, 0.0]
-[terrain]
-seed = 5
-patch_cells = 64
-patches = 64
-amplitude = 12.0
-erosion = { passes = 4 }
-"#;
-    let path = folder.path().join("scene.toml");
-    std::fs::write(&path, text).unwrap();
+    let path = write_hills(folder.path(), "erosion = { passes = 4 }\n");
     let scene = TestScene::open(&of_files(&[path]).unwrap(), Vec::new());
     let server = Server::start(scene.source(), SessionSettings::default());
     let url = server.url(Transport::Quic);

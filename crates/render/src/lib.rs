@@ -9,8 +9,9 @@
 //!
 //! With the feature `client`, `SceneView` does 3 and 4 from the changes that a client reports.
 //!
-//! The feature `methods` adds ink, further estimators of occlusion and further searches of relief mapping; `reference`
-//! adds CPU references of the shaders, reference rays and comparison of pictures. Both are for tests and figures.
+//! The feature `methods` adds ink, PN triangles, further estimators of occlusion and further searches of relief
+//! mapping; `reference` adds CPU references of the shaders, reference rays and comparison of pictures. Both are for
+//! tests and figures.
 //!
 //! [`Headless`] does 2 and 4 into its own texture and reads pictures back.
 //!
@@ -53,6 +54,7 @@ pub use passes::ink::{Ink, MAX_INK_BLUR, MAX_INK_LEVELS, MAX_INK_WIDTH};
 pub use passes::occlusion::{
     AmbientOcclusion, MAX_SAMPLES, OcclusionMethod, OcclusionNormals, OcclusionRadius, STILL_FRAMES,
 };
+#[cfg(any(test, feature = "methods"))]
 pub use passes::pn_triangles::{MAX_PN_LEVEL, PnTriangles};
 pub use passes::reflections::{
     MAX_REFLECTION_STEPS, PYRAMID_LEVELS as REFLECTION_LEVELS, REFLECTION_THICKNESS, ReflectionMethod,
@@ -66,7 +68,9 @@ pub use resources::readback::TargetCopy;
 #[cfg(feature = "client")]
 pub use resources::staging::{MAX_WAITING_STEPS, upload_budget};
 pub use resources::texture::{Texture, TextureData, TextureKind, TextureShape};
-pub use resources::vertex::{HostMesh, PackedVertex, mark_smooth};
+#[cfg(any(test, feature = "methods"))]
+pub use resources::vertex::mark_smooth;
+pub use resources::vertex::{HostMesh, PackedVertex};
 pub use scene::asset::AssetGpu;
 pub use scene::environment::{Atmosphere, Environment, GradientSky, Haze, Sky};
 pub use scene::instance::Instance;

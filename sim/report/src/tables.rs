@@ -18,6 +18,20 @@ struct Line {
     fields: Vec<String>,
 }
 
+/// Adds fields of a struct to a line, under their own names.
+macro_rules! add {
+    ($line:ident, $of:expr; $($field:ident),+) => {
+        $($line.add(stringify!($field), &$of.$field);)+
+    };
+}
+
+/// The same for optional fields.
+macro_rules! add_some {
+    ($line:ident, $of:expr; $($field:ident),+) => {
+        $($line.add_some(stringify!($field), $of.$field);)+
+    };
+}
+
 impl Line {
     fn add(&mut self, name: impl Into<String>, value: impl Display) {
         self.names.push(name.into());
@@ -28,11 +42,7 @@ impl Line {
     fn of_run(number: usize, run: &RunResult) -> Self {
         let mut line = Self::default();
         line.add("run", number);
-        line.add("scene", &run.scene);
-        line.add("transport", run.transport);
-        line.add("link", &run.link);
-        line.add("camera", &run.camera);
-        line.add("seed", run.seed);
+        add!(line, run; scene, transport, link, camera, seed);
         line
     }
 
@@ -54,20 +64,10 @@ fn table(lines: impl Iterator<Item = Line>) -> String {
 pub(super) fn of_runs(results: &[RunResult]) -> String {
     table(results.iter().map(|run| {
         let mut line = Line::default();
-        line.add("scene", &run.scene);
-        line.add("technique", &run.technique);
-        line.add("transport", run.transport);
-        line.add("resumed", run.resumed);
-        line.add("link", &run.link);
-        line.add("camera", &run.camera);
-        line.add("rate_bits_per_s", run.rate_bits_per_s);
-        line.add("rtt_ms", run.rtt_ms);
-        line.add("loss", run.loss);
-        line.add("queue_bytes", run.queue_bytes);
+        add!(line, run; scene, technique, transport, resumed, link, camera, rate_bits_per_s, rtt_ms, loss, queue_bytes);
         line.add_some("limiter_bits_per_s", run.limiter_bits_per_s);
         line.add("seed", run.seed);
-        line.add_some("ttff_ms", run.ttff_ms);
-        line.add_some("first_frame_bytes", run.first_frame_bytes);
+        add_some!(line, run; ttff_ms, first_frame_bytes);
         line.add_some("ttff_bound_ms", run.ttff_bound_ms());
         for px in QUALITIES_PX.map(error_name) {
             line.add_some(format!("ttq_{px}_ms"), run.ttq_ms.get(&px).copied().flatten());
@@ -93,27 +93,11 @@ pub(super) fn of_runs(results: &[RunResult]) -> String {
             let reached = run.rest_unoccluded_ttq_ms.get(&px).copied().flatten();
             line.add_some(format!("rest_unoccluded_ttq_{px}_ms"), reached);
         }
-        line.add_some("assets", run.assets);
-        line.add_some("instances", run.instances);
-        line.add_some("applied_faces", run.applied_faces);
-        line.add_some("needed_bytes", run.needed_bytes);
-        line.add_some("shadow_bytes", run.shadow_bytes);
-        line.add("stalls", run.stalls);
-        line.add("stalled_ms", run.stalled_ms);
-        line.add("blobs", run.usage.blobs);
-        line.add("chunk_bytes", run.usage.chunk_bytes);
-        line.add("wasted_bytes", run.usage.wasted_bytes);
-        line.add("finer_bytes", run.usage.finer_bytes);
-        line.add("undrawn_bytes", run.usage.undrawn_bytes);
-        line.add("repeated_bytes", run.usage.repeated_bytes);
-        line.add("unfinished_bytes", run.usage.unfinished_bytes);
-        line.add("cache_hits", run.usage.cache_hits);
-        line.add("cache_misses", run.usage.cache_misses);
-        line.add("packets_lost", run.packets_lost);
-        line.add("packets_dropped", run.packets_dropped);
-        line.add("packets_lost_up", run.packets_lost_up);
-        line.add("packets_dropped_up", run.packets_dropped_up);
-        line.add("ended", &run.ended);
+        add_some!(line, run; assets, instances, applied_faces, needed_bytes, shadow_bytes);
+        add!(line, run; stalls, stalled_ms);
+        add!(line, run.usage; blobs, chunk_bytes, wasted_bytes, finer_bytes, undrawn_bytes, repeated_bytes);
+        add!(line, run.usage; unfinished_bytes, cache_hits, cache_misses);
+        add!(line, run; packets_lost, packets_dropped, packets_lost_up, packets_dropped_up, ended);
         line.add_some("ended_ms", run.ended_ms);
         line.add("trace", &run.trace);
         line
@@ -126,11 +110,8 @@ pub(super) fn of_pictures(results: &[RunResult]) -> String {
     let pictures = (1_usize..).zip(results).flat_map(|(number, run)| {
         run.pictures.iter().map(move |picture| {
             let mut line = Line::of_run(number, run);
-            line.add("instant", &picture.instant);
-            line.add("at_ms", picture.at_ms);
-            line.add("bytes", picture.bytes);
-            line.add_some("error_px", picture.error_px);
-            line.add_some("unoccluded_error_px", picture.unoccluded_error_px);
+            add!(line, picture; instant, at_ms, bytes);
+            add_some!(line, picture; error_px, unoccluded_error_px);
             // Empty for equal pictures, whose PSNR is infinite.
             line.add_some("psnr_db", picture.error.and_then(|error| error.psnr_db));
             line.add_some("ssim", picture.error.map(|error| error.ssim));
@@ -166,8 +147,7 @@ pub(super) fn of_first_seconds(results: &[RunResult]) -> String {
         };
         let mut line = Line::of_run(number, run);
         line.add("rate_bits_per_s", run.rate_bits_per_s);
-        line.add_some("ttff_ms", run.ttff_ms);
-        line.add_some("first_frame_bytes", run.first_frame_bytes);
+        add_some!(line, run; ttff_ms, first_frame_bytes);
         line.add("blank_flip", seconds.blank_flip);
         line.add_some("first_flip", flip("first frame"));
         for at_s in FIRST_INSTANTS_S {
@@ -178,9 +158,7 @@ pub(super) fn of_first_seconds(results: &[RunResult]) -> String {
             line.add_some(format!("flip_{step}_ms"), near.map(|picture| picture.at_ms));
             line.add_some(format!("flip_{step}_bytes"), near.map(|picture| picture.bytes));
         }
-        line.add("until_s", seconds.until_s);
-        line.add("flip_s", seconds.flip_s);
-        line.add("dissimilarity_s", seconds.dissimilarity_s);
+        add!(line, seconds; until_s, flip_s, dissimilarity_s);
         line.add_some("psnr_db", seconds.psnr_db);
         Some(line)
     });
@@ -194,15 +172,9 @@ pub(super) fn of_percentiles(cases: &[Percentiles]) -> String {
     let names: BTreeSet<&String> = cases.iter().flat_map(|case| case.figures.keys()).collect();
     table(cases.iter().map(|case| {
         let mut line = Line::default();
-        line.add("scene", &case.scene);
-        line.add("technique", &case.technique);
-        line.add("transport", case.transport);
-        line.add("resumed", case.resumed);
-        line.add("link", &case.link);
-        line.add("camera", &case.camera);
+        add!(line, case; scene, technique, transport, resumed, link, camera);
         line.add_some("limiter_bits_per_s", case.limiter_bits_per_s);
-        line.add("seeds", case.seeds);
-        line.add("settled", case.settled);
+        add!(line, case; seeds, settled);
         for &name in &names {
             let spread = case.figures.get(name);
             line.add_some(format!("{name}_p50"), spread.and_then(|s| s.p50));
@@ -218,15 +190,8 @@ pub(super) fn of_percentiles(cases: &[Percentiles]) -> String {
 pub(super) fn of_levels(levels: &[Level]) -> String {
     table(levels.iter().map(|level| {
         let mut line = Line::default();
-        line.add("scene", &level.scene);
-        line.add("transport", level.transport);
-        line.add("link", &level.link);
-        line.add("rate_bits_per_s", level.rate_bits_per_s);
-        line.add("seed", level.seed);
-        line.add("error_px", level.error_px);
-        line.add("technique", &level.technique);
-        line.add_some("bytes", level.bytes);
-        line.add_some("ms", level.ms);
+        add!(line, level; scene, transport, link, rate_bits_per_s, seed, error_px, technique);
+        add_some!(line, level; bytes, ms);
         line
     }))
 }

@@ -2,46 +2,20 @@
 
 use std::num::NonZeroUsize;
 use std::path::Path;
-use std::sync::{Arc, OnceLock};
 
-use lodestream_protocol::source::SceneSource;
 use lodestream_scenario::baseline::Library;
 use lodestream_scenario::draco::Encoder;
-use lodestream_scenario::plan::{self, Plan, SceneChoice, Transport};
-use lodestream_scenario::result::{RunResult, to_json};
+use lodestream_scenario::plan::{self, Plan, Transport};
+use lodestream_scenario::result::to_json;
+use lodestream_scenario::testing::{parse, results_of, small_scene};
 use lodestream_scenario::truth::{Comparison, Difference, figures};
-use lodestream_scenario::{Equipment, run, run_with, scene};
+use lodestream_scenario::{Equipment, run, run_with};
 
 use crate::reproduce::Rows;
 use crate::{levels, write};
 
 const TECHNIQUES: &str =
     "technique = [\"lodestream\", \"nodes\", \"chain\", \"obj\", \"obj-gzip\", \"draco\", \"seed-json\"]";
-
-/// The small demo scene, prepared once for all tests.
-pub(crate) fn small_scene() -> Arc<dyn SceneSource> {
-    static SCENE: OnceLock<Arc<dyn SceneSource>> = OnceLock::new();
-    let open = || {
-        let cache = tempfile::tempdir().unwrap();
-        // Packs stay open, so the folder may be removed.
-        let opened: Arc<dyn SceneSource> =
-            scene::open(&SceneChoice::DemoSmall, None, cache.path(), true).unwrap();
-        opened
-    };
-    Arc::clone(SCENE.get_or_init(open))
-}
-
-/// Runs a plan of the small scene, on two threads.
-pub(crate) fn results_of(plan: &Plan) -> Vec<RunResult> {
-    let scenes: Vec<_> = plan.scenes.iter().map(|_| small_scene()).collect();
-    run(plan, &scenes, NonZeroUsize::new(2).unwrap(), |_| {}).unwrap()
-}
-
-/// A plan of the small scene with one sweep.
-fn parse(head: &str, sweep: &str) -> Plan {
-    let text = format!("scene = \"demo-small\"\nviewport_px = [640, 360]\n{head}\n[[sweep]]\n{sweep}");
-    plan::parse(&text, Path::new("test.toml")).unwrap()
-}
 
 #[test]
 fn reports_do_not_depend_on_threads_and_one_seed_replays_its_run() {

@@ -31,6 +31,9 @@ pub mod scene;
 pub mod served;
 pub mod stopwatch;
 pub mod technique;
+#[cfg(any(test, feature = "testing"))]
+#[expect(clippy::unwrap_used, reason = "tests call it")]
+pub mod testing;
 #[cfg(test)]
 mod tests;
 pub mod timeline;

@@ -200,8 +200,9 @@ async fn run_websocket(
 
 #[cfg(test)]
 mod tests {
-    use super::super::{plan, tests::small_scene};
     use super::*;
+    use crate::plan;
+    use crate::testing::small_scene;
 
     #[test]
     fn the_client_counts_the_bytes_that_the_network_delivers() {

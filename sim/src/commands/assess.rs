@@ -1,6 +1,5 @@
 //! `lodestream-sim assess`: arguments and output.
 
-use std::num::NonZeroU32;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -10,6 +9,7 @@ use lodestream_bake::preparation_settings::{
 };
 use lodestream_geometry::Metric;
 
+use crate::arguments::Sampling;
 use crate::print::print;
 
 #[derive(Debug, Args)]
@@ -49,12 +49,8 @@ pub(crate) struct Assess {
     /// Number of random ancestor-closed cuts whose stated error is compared with the measured one.
     #[arg(long, default_value_t = 20)]
     random_sets: usize,
-    /// Points sampled on each surface.
-    #[arg(long, default_value = "200000")]
-    samples: NonZeroU32,
-    /// Seed of all random numbers.
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
+    #[command(flatten)]
+    sampling: Sampling,
     /// Print one JSON object instead of text.
     #[arg(long)]
     json: bool,
@@ -74,8 +70,8 @@ impl Assess {
             codec: self.codec,
             positions_only: self.positions_only,
             random_sets: self.random_sets,
-            samples: self.samples.get() as usize,
-            seed: self.seed,
+            samples: self.sampling.samples.get() as usize,
+            seed: self.sampling.seed,
         };
         print(&assess::assess(&self.model, &options)?, self.json)
     }

@@ -82,20 +82,11 @@ impl DrawTrade {
 
 #[cfg(test)]
 mod tests {
-    use clap::Parser;
-
     use super::*;
-
-    #[derive(Debug, Parser)]
-    struct Line {
-        #[command(flatten)]
-        command: DrawTrade,
-    }
+    use crate::arguments::parsed;
 
     fn setting(arguments: &[&str]) -> Result<Setting, String> {
-        let words = ["draw-trade", "plan.toml"].iter().chain(arguments);
-        let line = Line::try_parse_from(words).map_err(|why| why.to_string())?;
-        line.command.setting.setting().map_err(|why| why.to_string())
+        parsed::<DrawTrade>("plan.toml", arguments)?.setting.setting().map_err(|why| why.to_string())
     }
 
     #[test]

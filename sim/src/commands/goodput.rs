@@ -7,6 +7,7 @@ use lodestream_scenario::goodput::{Case, measure};
 use lodestream_scenario::plan::Transport;
 
 use crate::arguments::transport;
+use crate::print::Results;
 
 /// Every value may be a list separated by commas; there is a case for each combination, the last list changing fastest.
 #[derive(Debug, Args)]
@@ -74,17 +75,10 @@ impl Goodput {
     }
 
     pub(crate) fn run(&self) -> anyhow::Result<()> {
-        let mut all = Vec::new();
+        let mut results = Results::new(self.json);
         for case in self.cases() {
-            let found = measure(&case)?;
-            if !self.json {
-                println!("{found}");
-            }
-            all.push(found);
+            results.push(measure(&case)?);
         }
-        if self.json {
-            println!("{}", serde_json::to_string(&all)?);
-        }
-        Ok(())
+        results.finish().map(drop)
     }
 }

@@ -7,6 +7,7 @@ use lodestream_scenario::scene;
 use lodestream_scenario::served::{Serving, serve};
 
 use crate::arguments::{CacheFolder, transport};
+use crate::print::Results;
 
 /// Numbers may be lists separated by commas; there is a case for each combination.
 #[derive(Debug, Args)]
@@ -53,21 +54,14 @@ impl Load {
             };
             return serve(source, self.rate_bits_per_s, serving);
         }
-        let mut all = Vec::new();
+        let mut results = Results::new(self.json);
         for &transport in &self.transport {
             for &clients in &self.clients {
                 let Self { rate_bits_per_s, seconds, .. } = *self;
                 let case = Case { transport, clients, rate_bits_per_s, seconds };
-                let found = measure(&self.scene, &source, self.cache.named(), &case)?;
-                if !self.json {
-                    println!("{found}");
-                }
-                all.push(found);
+                results.push(measure(&self.scene, &source, self.cache.named(), &case)?);
             }
         }
-        if self.json {
-            println!("{}", serde_json::to_string(&all)?);
-        }
-        Ok(())
+        results.finish().map(drop)
     }
 }

@@ -1,11 +1,13 @@
 //! `lodestream-sim measure`: arguments; prints a line per distance.
 
-use std::num::{NonZeroU32, NonZeroUsize};
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 use anyhow::Context as _;
 use clap::Args;
 use lodestream_assess::measure::{self, AttributeDifferences, Comparison, Differences};
+
+use crate::arguments::Sampling;
 
 #[derive(Debug, Args)]
 pub(crate) struct Measure {
@@ -13,12 +15,8 @@ pub(crate) struct Measure {
     a: PathBuf,
     /// The mesh that approximates it.
     b: PathBuf,
-    /// Points sampled on each surface.
-    #[arg(long, default_value = "200000")]
-    samples: NonZeroU32,
-    /// Seed of the points.
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
+    #[command(flatten)]
+    sampling: Sampling,
     /// Print one JSON object instead of text.
     #[arg(long)]
     json: bool,
@@ -26,8 +24,8 @@ pub(crate) struct Measure {
 
 impl Measure {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
-        let samples = NonZeroUsize::try_from(self.samples)?;
-        let settings = measure::Settings { samples, seed: self.seed, ..Default::default() };
+        let samples = NonZeroUsize::try_from(self.sampling.samples)?;
+        let settings = measure::Settings { samples, seed: self.sampling.seed, ..Default::default() };
         let meshes = measure::read_models(&self.a, &self.b)?;
         let [first, second] = meshes.each_ref().map(measure::Surface::from);
         let found = measure::compare(&first, &second, &settings)
@@ -46,7 +44,7 @@ impl Measure {
     fn say(&self, found: &Comparison, attributes: &AttributeDifferences) {
         let line = |name: &str, value: f64| println!("{name} {value:.6e} ({:.3}e-5)", value * 1e5);
         println!("diagonal of {}: {} (distances are fractions of it)", self.a.display(), found.diagonal);
-        println!("samples {} on each surface, seed {}", found.samples, self.seed);
+        println!("samples {} on each surface, seed {}", found.samples, self.sampling.seed);
         line("first to second: rms", found.a_to_b.rms);
         line("first to second: max", found.a_to_b.max);
         line("second to first: rms", found.b_to_a.rms);

@@ -6,6 +6,8 @@ use clap::Args;
 use lodestream_assess::normals;
 use lodestream_bake::preparation_settings::{NormalTolerance, PositionBits};
 
+use crate::print::Results;
+
 #[derive(Debug, Args)]
 pub(crate) struct Normals {
     /// The models.
@@ -24,17 +26,11 @@ pub(crate) struct Normals {
 
 impl Normals {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
-        let mut all = Vec::new();
+        let mut results = Results::new(self.json);
         for model in &self.models {
             let counted = normals::count(model, self.position_bits, &self.tolerances)?;
-            if !self.json {
-                counted.iter().for_each(|one| println!("{one}"));
-            }
-            all.extend(counted);
+            counted.into_iter().for_each(|one| results.push(one));
         }
-        if self.json {
-            println!("{}", serde_json::to_string(&all)?);
-        }
-        Ok(())
+        results.finish().map(drop)
     }
 }

@@ -124,30 +124,20 @@ impl OcclusionErrors {
 
 #[cfg(test)]
 mod tests {
-    use clap::Parser;
-
     use super::*;
-
-    #[derive(Debug, Parser)]
-    struct Line {
-        #[command(flatten)]
-        command: OcclusionErrors,
-    }
-
-    fn parsed(arguments: &[&str]) -> Result<OcclusionErrors, String> {
-        let words = ["occlusion-errors", "plan.toml"].iter().chain(arguments);
-        Line::try_parse_from(words).map(|line| line.command).map_err(|why| why.to_string())
-    }
+    use crate::arguments::parsed;
 
     #[test]
     fn methods_samples_and_views_are_read() {
-        let all = parsed(&[]).unwrap();
+        let all = parsed::<OcclusionErrors>("plan.toml", &[]).unwrap();
         assert_eq!(all.methods, OcclusionMethod::ALL.map(Named));
         assert_eq!((all.samples.as_slice(), all.rays, all.view.len()), (&[8, 16, 32][..], 512, 0));
         assert_eq!(all.normals, [Named(OcclusionNormals::default())]);
-        let some =
-            parsed(&["--methods", "gtao,bitmask", "--normals", "drawn,extended", "--view", "-1,2,3,0,0,0.5"])
-                .unwrap();
+        let some = parsed::<OcclusionErrors>(
+            "plan.toml",
+            &["--methods", "gtao,bitmask", "--normals", "drawn,extended", "--view", "-1,2,3,0,0,0.5"],
+        )
+        .unwrap();
         assert_eq!(some.normals, [OcclusionNormals::Drawn, OcclusionNormals::Extended].map(Named));
         assert_eq!(some.methods, [OcclusionMethod::Gtao, OcclusionMethod::Bitmask].map(Named));
         assert_eq!((some.view[0].eye, some.view[0].target), ([-1.0, 2.0, 3.0], [0.0, 0.0, 0.5]));
@@ -158,7 +148,7 @@ mod tests {
             ["--view", "1,2,3"],
             ["--view", "0,0,0,0,0,0"],
         ] {
-            assert!(parsed(&wrong).is_err(), "{wrong:?}");
+            assert!(parsed::<OcclusionErrors>("plan.toml", &wrong).is_err(), "{wrong:?}");
         }
     }
 }

@@ -56,33 +56,23 @@ impl ReflectionErrors {
 
 #[cfg(test)]
 mod tests {
-    use clap::Parser;
-
     use super::*;
-
-    #[derive(Debug, Parser)]
-    struct Line {
-        #[command(flatten)]
-        command: ReflectionErrors,
-    }
-
-    fn parsed(arguments: &[&str]) -> Result<ReflectionErrors, String> {
-        let words = ["reflection-errors", "plan.toml"].iter().chain(arguments);
-        Line::try_parse_from(words).map(|line| line.command).map_err(|why| why.to_string())
-    }
+    use crate::arguments::parsed;
 
     #[test]
     fn searches_and_thicknesses_are_read() {
-        let all = parsed(&[]).unwrap();
+        let all = parsed::<ReflectionErrors>("plan.toml", &[]).unwrap();
         // As the shader has it.
         assert_eq!(
             (all.searches.len(), all.thicknesses[0] as f32),
             (6, lodestream_render::REFLECTION_THICKNESS)
         );
-        let some = parsed(&["--searches", "hi-z:7", "--thicknesses", "0,0.5"]).unwrap();
+        let some =
+            parsed::<ReflectionErrors>("plan.toml", &["--searches", "hi-z:7", "--thicknesses", "0,0.5"])
+                .unwrap();
         assert_eq!((some.searches[0].steps, some.thicknesses.as_slice()), (7, &[0.0, 0.5][..]));
         for wrong in [["--searches", "hi-z"], ["--thicknesses", "nan"], ["--frames", "0"]] {
-            assert!(parsed(&wrong).is_err(), "{wrong:?}");
+            assert!(parsed::<ReflectionErrors>("plan.toml", &wrong).is_err(), "{wrong:?}");
         }
     }
 }

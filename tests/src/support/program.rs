@@ -65,6 +65,15 @@ impl Program {
         Self { child: spawn(address, arguments, Some(&display.name)), display: Some(display) }
     }
 
+    /// Draws into a window until settled, and writes frames into a folder and figures into a file.
+    pub(crate) fn until_settled(address: &str, frames: &Path, stats: &Path) -> Self {
+        let [frames, stats] = [frames, stats].map(|path| path.to_str().unwrap());
+        Self::in_window(
+            address,
+            &["--no-overlay", "--exit-when-settled", "--frames", frames, "--stats", stats],
+        )
+    }
+
     /// Draws into a file of the same size, headless.
     pub(crate) fn headless(address: &str, picture: &Path, arguments: &[&str]) -> Self {
         let output = ["--headless", "--output", picture.to_str().unwrap()];

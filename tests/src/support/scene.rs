@@ -34,6 +34,17 @@ pub(crate) fn prepare_all(scene: &Scene, cache: &Path) -> Vec<PackFile> {
     scene.assets.iter().map(|asset| prepare_cached(asset, cache, &options()).unwrap().pack).collect()
 }
 
+/// Writes a scene of hills without models; `terrain`: further settings of the terrain.
+pub(crate) fn write_hills(folder: &Path, terrain: &str) -> std::path::PathBuf {
+    let text = format!(
+        "name = \"hills\"\n[camera]\neye = [60.0, 30.0, 70.0]\ntarget = [0.0, -10.0, 0.0]\n\
+         [terrain]\nseed = 5\npatch_cells = 64\npatches = 64\namplitude = 12.0\n{terrain}"
+    );
+    let path = folder.join("scene.toml");
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
 impl TestScene {
     /// Opens the packs as a scene.
     pub(crate) fn open(scene: &Scene, packs: Vec<PackFile>) -> Self {

@@ -11,6 +11,7 @@ pub mod depth;
 pub mod ink;
 pub mod lights;
 pub mod occlusion;
+#[cfg(any(test, feature = "methods"))]
 pub mod pn_triangles;
 pub mod reflections;
 pub mod relief;

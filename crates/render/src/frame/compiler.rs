@@ -8,6 +8,7 @@ use crate::frame::settings::{AntiAliasing, Settings};
 use crate::passes::occlusion::OcclusionMethod;
 #[cfg(any(test, feature = "methods"))]
 use crate::passes::occlusion::OcclusionNormals;
+use crate::passes::pn_triangles::{PatchPipelines, PnTriangles};
 use crate::passes::reflections::ReflectionMethod;
 use crate::passes::temporal::Resolve;
 use crate::resources::gpu::Gpu;
@@ -54,8 +55,8 @@ pub struct Compiler {
     gpu: Gpu,
     pipelines: Arc<Pipelines>,
     tasks: Arc<[Task]>,
-    /// PN triangles are drawn.
-    curved: bool,
+    /// Settings of PN triangles, if they are drawn.
+    curved: Option<PnTriangles>,
     next: Arc<AtomicUsize>,
 }
 
@@ -65,7 +66,7 @@ impl Compiler {
             gpu: gpu.clone(),
             pipelines: Arc::clone(pipelines),
             tasks: tasks(gpu, settings, ground).into(),
-            curved: settings.curves(gpu).is_some(),
+            curved: settings.curves(gpu),
             next: Arc::default(),
         }
     }
@@ -79,13 +80,14 @@ impl Compiler {
 
     fn make(&self, task: Task) {
         let (gpu, pipelines) = (&self.gpu, &*self.pipelines);
-        let meshes = if self.curved { pipelines.curved(gpu) } else { &pipelines.meshes };
+        let patches = self.curved.map(|settings| pipelines.patches(gpu, settings));
+        let meshes = patches.map_or(&pipelines.meshes, PatchPipelines::meshes);
         match task {
             Task::Surface { relief } => {
                 meshes.surface(gpu, Features { relief, ..Features::default() }, relief);
             }
             Task::Patches => {
-                pipelines.list_makers(gpu);
+                patches.into_iter().for_each(|patches| patches.compile_makers(gpu));
             }
             Task::Caster => {
                 meshes.caster(gpu);

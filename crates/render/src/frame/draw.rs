@@ -9,7 +9,9 @@ use crate::frame::counters::Counters;
 use crate::frame::receivers::Receivers;
 use crate::frame::settings::{Frame, ReliefMethod};
 use crate::passes::mesh_pipelines::{MeshPipelines, ReliefDraw};
-use crate::passes::pn_triangles::{PatchListItem, PatchListPipelines, PatchLists};
+#[cfg(any(test, feature = "methods"))]
+use crate::passes::pn_triangles::PatchListItem;
+use crate::passes::pn_triangles::{PatchLists, PatchPipelines};
 use crate::resources::gpu::Gpu;
 use crate::scene::asset::{AssetGpu, PartDraw};
 use crate::scene::instance::{Instance, InstanceRaw};
@@ -41,6 +43,7 @@ impl<'a> Batch<'a> {
         self.first..self.end
     }
 
+    #[cfg(any(test, feature = "methods"))]
     /// Parts that may be drawn as PN triangles, all or those in view. Transparent parts have a list per instance.
     pub(crate) fn listed(&self, in_view: bool) -> impl Iterator<Item = PatchListItem<'a>> {
         let instances = self.range();
@@ -63,15 +66,7 @@ impl<'a> Batch<'a> {
 pub(crate) struct Meshes<'a> {
     pub(crate) plain: &'a MeshPipelines,
     pub(crate) instances: &'a wgpu::Buffer,
-    pub(crate) curved: Option<PatchPipelines<'a>>,
-}
-
-/// Pipelines and lists of PN triangles.
-#[derive(Clone, Copy)]
-pub(crate) struct PatchPipelines<'a> {
-    pub(crate) pipelines: &'a MeshPipelines,
-    pub(crate) makers: &'a PatchListPipelines,
-    pub(crate) lists: &'a PatchLists,
+    pub(crate) curved: Option<(&'a PatchPipelines, &'a PatchLists)>,
 }
 
 /// Relief mapping of a pass.
@@ -311,13 +306,13 @@ pub(crate) fn each<'p>(
     for batch in batches {
         let Some((vertices, parts)) = batch.asset.draws() else { continue };
         for (number, part) in parts.enumerate() {
-            let listed = curved.filter(|curved| curved.lists.has(batch.first, number));
-            let pipelines = listed.map_or(plain, |curved| curved.pipelines);
+            let listed = curved.filter(|(_, lists)| lists.has(batch.first, number));
+            let pipelines = listed.map_or(plain, |(patches, _)| patches.meshes());
             let triangles = u64::from(part.faces) * u64::from(batch.end - batch.first);
             if !prepare(pass, pipelines, &part, triangles) {
                 continue;
             }
-            if let Some(PatchPipelines { lists, .. }) = listed {
+            if let Some((_, lists)) = listed {
                 // Transparent parts have a list for each instance.
                 let firsts = if part.material.features.blend { batch.end } else { batch.first + 1 };
                 (batch.first..firsts).for_each(|first| lists.draw(pass, first, number));

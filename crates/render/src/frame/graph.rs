@@ -6,7 +6,7 @@
 /// A pass of the frame graph.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum PassId {
-    /// Builds the patch lists of [`crate::PnTriangles`], by tessellation level.
+    /// Builds the patch lists of PN triangles, by tessellation level.
     Patches,
     /// Overdraw per pixel, in place of the surfaces.
     Overdraw,

@@ -227,11 +227,14 @@ impl AntiAliasing {
 /// docs/benchmarks/surfaces.md.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum ReliefMethod {
+    #[cfg(any(test, feature = "methods"))]
     /// Parallax mapping: one lookup, no search (Welsh, "Parallax mapping with offset limiting", 2004).
     Parallax,
+    #[cfg(any(test, feature = "methods"))]
     /// Linear search that takes the first sample below the surface (McGuire and McGuire, "Steep parallax mapping",
     /// 2005). Shows terraces.
     SteepParallax,
+    #[cfg(any(test, feature = "methods"))]
     /// Linear search, then the intersection of the last step's chords (Tatarchuk, "Dynamic parallax occlusion
     /// mapping", 2006).
     ParallaxOcclusion,
@@ -256,8 +259,11 @@ pub enum ReliefMethod {
 impl ReliefMethod {
     /// All methods that are compiled.
     pub const ALL: [Self; Self::COUNT] = [
+        #[cfg(any(test, feature = "methods"))]
         Self::Parallax,
+        #[cfg(any(test, feature = "methods"))]
         Self::SteepParallax,
+        #[cfg(any(test, feature = "methods"))]
         Self::ParallaxOcclusion,
         Self::Relief,
         #[cfg(any(test, feature = "methods"))]
@@ -265,14 +271,17 @@ impl ReliefMethod {
         #[cfg(any(test, feature = "methods"))]
         Self::Quadtree,
     ];
-    const COUNT: usize = if cfg!(any(test, feature = "methods")) { 6 } else { 4 };
+    const COUNT: usize = if cfg!(any(test, feature = "methods")) { 6 } else { 1 };
 
     /// Name on command lines and in the overlay.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
+            #[cfg(any(test, feature = "methods"))]
             Self::Parallax => "parallax",
+            #[cfg(any(test, feature = "methods"))]
             Self::SteepParallax => "steep-parallax",
+            #[cfg(any(test, feature = "methods"))]
             Self::ParallaxOcclusion => "parallax-occlusion",
             Self::Relief => "relief",
             #[cfg(any(test, feature = "methods"))]
@@ -334,6 +343,7 @@ pub struct Settings {
     /// the relief. Does not apply to emissive surfaces. Such surfaces cast shadows from the deepest point of the
     /// relief, shadow themselves through [`Self::relief_shadows`] only, and lose the early depth test.
     pub relief_in_depth: bool,
+    #[cfg(any(test, feature = "methods"))]
     /// PN triangles: draws meshes' triangles as curved patches; `None` draws them flat. A device without storage
     /// buffers in vertex shaders draws them flat and logs a warning.
     pub pn_triangles: Option<PnTriangles>,
@@ -384,6 +394,7 @@ impl Default for Settings {
             relief_method: ReliefMethod::default(),
             relief_shadows: false,
             relief_in_depth: false,
+            #[cfg(any(test, feature = "methods"))]
             pn_triangles: None,
             water: true,
             reflections: None,
@@ -403,7 +414,15 @@ impl Default for Settings {
 impl Settings {
     /// The settings of PN triangles, if they are requested, supported and not overridden by ink.
     pub(crate) fn curves(&self, gpu: &Gpu) -> Option<PnTriangles> {
-        self.pn_triangles.filter(|_| gpu.can_curve() && !self.draws_ink(gpu))
+        self.asks_for_curves().filter(|_| gpu.can_curve() && !self.draws_ink(gpu))
+    }
+
+    /// The settings of PN triangles, if they are requested. Without the feature `methods` they cannot be.
+    pub(crate) fn asks_for_curves(&self) -> Option<PnTriangles> {
+        #[cfg(any(test, feature = "methods"))]
+        return self.pn_triangles;
+        #[cfg(not(any(test, feature = "methods")))]
+        return None;
     }
 
     /// Whether ink is requested and the device can draw it.

@@ -143,15 +143,18 @@ impl FrameUniform {
     }
 }
 
-/// Index of a relief method in `relief.wgsl`.
+/// Index of a relief method in `relief_methods.wgsl`.
 fn relief_method(method: ReliefMethod) -> u32 {
     match method {
         // Used where there is no acceleration texture.
         #[cfg(any(test, feature = "methods"))]
         ReliefMethod::RelaxedCones | ReliefMethod::Quadtree => 0,
         ReliefMethod::Relief => 0,
+        #[cfg(any(test, feature = "methods"))]
         ReliefMethod::ParallaxOcclusion => 1,
+        #[cfg(any(test, feature = "methods"))]
         ReliefMethod::SteepParallax => 2,
+        #[cfg(any(test, feature = "methods"))]
         ReliefMethod::Parallax => 3,
     }
 }

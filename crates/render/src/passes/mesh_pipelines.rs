@@ -3,7 +3,11 @@
 use std::sync::OnceLock;
 
 use crate::passes::gbuffer::{GeometryPass, shader};
-use crate::passes::pn_triangles::{GRID_VERTEX, ReadOnlyLists};
+#[cfg(any(test, feature = "methods"))]
+use crate::passes::pn_triangles::GRID_VERTEX;
+use crate::resources::descriptors::{
+    buffer_binding, group_layout, layout_entry, pipeline_layout, texture_binding, wgsl,
+};
 use crate::resources::gpu::Gpu;
 use crate::resources::vertex::{PackedVertex, VERTEX_ATTRIBUTES};
 use crate::scene::instance::{BEFORE_ATTRIBUTES, INSTANCE_ATTRIBUTES, InstanceRaw};
@@ -20,19 +24,27 @@ struct Texts {
     transparent: [&'static str; 2],
 }
 
+#[cfg(any(test, feature = "methods"))]
+/// Searches of relief mapping without an acceleration texture.
+macro_rules! relief_searches {
+    () => {
+        wgsl!("relief_methods")
+    };
+}
+#[cfg(not(any(test, feature = "methods")))]
+macro_rules! relief_searches {
+    () => {
+        wgsl!("relief_bisection")
+    };
+}
+
 /// Concatenates a shader source. `$found`: file with the relief search; `$vertex`: files of the vertex stage.
 macro_rules! text {
     ($found:literal, [$($vertex:literal),+] $(, $more:literal)*) => {
         concat!(
-            include_str!("../shaders/common.wgsl"),
-            include_str!("../shaders/targets.wgsl"),
-            include_str!("../shaders/anisotropic.wgsl"),
-            include_str!("../shaders/gbuffer.wgsl"),
-            include_str!("../shaders/relief.wgsl"),
-            include_str!(concat!("../shaders/", $found, ".wgsl")),
-            include_str!("../shaders/placement.wgsl"),
-            $(include_str!(concat!("../shaders/", $vertex, ".wgsl")),)+
-            $(include_str!(concat!("../shaders/", $more, ".wgsl")),)*
+            wgsl!("common", "targets", "anisotropic", "gbuffer", "relief"),
+            relief_searches!(),
+            wgsl!($found, "placement", $($vertex,)+ $($more),*)
         )
     };
 }
@@ -51,6 +63,7 @@ macro_rules! texts {
 }
 
 const MESH: Texts = texts!(["mesh_vertex"], "mesh_motion");
+#[cfg(any(test, feature = "methods"))]
 const CURVED: Texts = texts!(["pn_patch", "pn_vertex"], "pn_motion");
 #[cfg(any(test, feature = "methods"))]
 /// Surfaces with a relief acceleration texture. For flat triangles only: PN triangles use its bind group for their
@@ -88,8 +101,8 @@ pub(crate) struct MeshPipelines {
     texts: &'static Texts,
     /// Vertex buffer layouts: of all passes but motion, and of the motion pass.
     buffers: [&'static [Option<wgpu::VertexBufferLayout<'static>>]; 2],
-    /// Group 2: patch lists, for PN triangles.
-    lists: Option<ReadOnlyLists>,
+    /// Layout of group 2: patch lists, for PN triangles.
+    lists: Option<wgpu::BindGroupLayout>,
     module: OnceLock<wgpu::ShaderModule>,
     /// Groups of frame and material.
     layout: wgpu::PipelineLayout,
@@ -137,19 +150,12 @@ static BUFFERS: [Option<wgpu::VertexBufferLayout<'_>>; 3] = [
     }),
 ];
 
+#[cfg(any(test, feature = "methods"))]
 static GRID: [Option<wgpu::VertexBufferLayout<'_>>; 1] = [Some(GRID_VERTEX)];
 
 /// Override constants of a variant.
 fn constants([relief, maps, mask]: [bool; 3]) -> [(&'static str, f64); 3] {
     [("RELIEF", relief), ("MAPS", maps), ("MASK", mask)].map(|(name, on)| (name, f64::from(u8::from(on))))
-}
-
-fn layout(gpu: &Gpu, label: &str, groups: &[Option<&wgpu::BindGroupLayout>]) -> wgpu::PipelineLayout {
-    gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-        label: Some(label),
-        bind_group_layouts: groups,
-        immediate_size: 0,
-    })
 }
 
 impl MeshPipelines {
@@ -158,23 +164,28 @@ impl MeshPipelines {
         Self::of(gpu, (&MESH, [&BUFFERS[..2], &BUFFERS]), None, (kit, frame_layout))
     }
 
-    /// Pipelines for PN triangles.
-    pub(crate) fn curved(gpu: &Gpu, kit: &MaterialBindings, frame_layout: &wgpu::BindGroupLayout) -> Self {
-        let lists = Some(ReadOnlyLists::new(gpu));
-        Self::of(gpu, (&CURVED, [&GRID; 2]), lists, (kit, frame_layout))
+    #[cfg(any(test, feature = "methods"))]
+    /// Pipelines for PN triangles, with the layout of their lists.
+    pub(crate) fn curved(
+        gpu: &Gpu,
+        kit: &MaterialBindings,
+        frame_layout: &wgpu::BindGroupLayout,
+        lists: wgpu::BindGroupLayout,
+    ) -> Self {
+        Self::of(gpu, (&CURVED, [&GRID; 2]), Some(lists), (kit, frame_layout))
     }
 
     fn of(
         gpu: &Gpu,
         (texts, buffers): (&'static Texts, [&'static [Option<wgpu::VertexBufferLayout<'static>>]; 2]),
-        lists: Option<ReadOnlyLists>,
+        lists: Option<wgpu::BindGroupLayout>,
         (kit, frame): (&MaterialBindings, &wgpu::BindGroupLayout),
     ) -> Self {
         let material = &kit.layout;
         let with_lists = |label, groups: [Option<&wgpu::BindGroupLayout>; 2]| {
-            let groups = [groups[0], groups[1], lists.as_ref().map(|lists| &lists.layout)];
+            let groups = [groups[0], groups[1], lists.as_ref()];
             let count = groups.iter().rposition(Option::is_some).map_or(0, |last| last + 1);
-            layout(gpu, label, &groups[..count])
+            pipeline_layout(gpu, label, &groups[..count])
         };
         Self {
             layout: with_lists("meshes", [Some(frame), Some(material)]),
@@ -189,7 +200,7 @@ impl MeshPipelines {
             accelerated: Default::default(),
             reliefs: Default::default(),
             sunken_casters: Default::default(),
-            accelerated_layout: layout(
+            accelerated_layout: pipeline_layout(
                 gpu,
                 "meshes with relief acceleration",
                 &[Some(frame), Some(material), Some(&kit.acceleration_layout)],
@@ -201,11 +212,6 @@ impl MeshPipelines {
             emission: OnceLock::new(),
             overdraw: Default::default(),
         }
-    }
-
-    /// Layout of the patch lists, for PN triangles.
-    pub(crate) fn lists(&self) -> Option<&ReadOnlyLists> {
-        self.lists.as_ref()
     }
 
     fn module(&self, gpu: &Gpu) -> &wgpu::ShaderModule {
@@ -326,10 +332,10 @@ impl MeshPipelines {
     fn lit(&self, gpu: &Gpu, punctual_lights: bool) -> &ForwardPipelines {
         self.lit[usize::from(punctual_lights)].get_or_init(|| {
             let light = light_layout(gpu, punctual_lights);
-            let lists = self.lists.as_ref().map(|lists| Some(&lists.layout));
+            let lists = self.lists.as_ref().map(Some);
             let groups: Vec<_> = [Some(&light), Some(&self.material)].into_iter().chain(lists).collect();
             ForwardPipelines {
-                layout: layout(gpu, "lit meshes", &groups),
+                layout: pipeline_layout(gpu, "lit meshes", &groups),
                 light,
                 module: OnceLock::new(),
                 pipelines: Default::default(),
@@ -375,35 +381,29 @@ impl MeshPipelines {
 /// Layout of group 0 of forward-lit surfaces: frame, shadow maps with their sampler, sky maps and, optionally,
 /// punctual lights.
 fn light_layout(gpu: &Gpu, punctual_lights: bool) -> wgpu::BindGroupLayout {
-    let entry = |binding, visibility, ty| wgpu::BindGroupLayoutEntry { binding, visibility, ty, count: None };
-    let buffer = |ty| wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None };
-    let block = buffer(wgpu::BufferBindingType::Uniform);
+    let block = buffer_binding(wgpu::BufferBindingType::Uniform);
     let maps = wgpu::BindingType::Texture {
         sample_type: wgpu::TextureSampleType::Depth,
         view_dimension: wgpu::TextureViewDimension::D2Array,
         multisampled: false,
     };
-    let texture = |view_dimension| wgpu::BindingType::Texture {
-        sample_type: wgpu::TextureSampleType::Float { filterable: true },
-        view_dimension,
-        multisampled: false,
-    };
+    let texture = |view_dimension| texture_binding(true, view_dimension);
     let fragment = wgpu::ShaderStages::FRAGMENT;
     let mut entries = vec![
-        entry(0, wgpu::ShaderStages::VERTEX_FRAGMENT, block),
-        entry(2, fragment, maps),
-        entry(3, fragment, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Comparison)),
-        entry(4, fragment, block),
-        entry(10, fragment, texture(wgpu::TextureViewDimension::D2)),
-        entry(11, fragment, texture(wgpu::TextureViewDimension::D2Array)),
-        entry(12, fragment, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
-        entry(13, fragment, texture(wgpu::TextureViewDimension::D2)),
+        layout_entry(0, wgpu::ShaderStages::VERTEX_FRAGMENT, block),
+        layout_entry(2, fragment, maps),
+        layout_entry(3, fragment, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Comparison)),
+        layout_entry(4, fragment, block),
+        layout_entry(10, fragment, texture(wgpu::TextureViewDimension::D2)),
+        layout_entry(11, fragment, texture(wgpu::TextureViewDimension::D2Array)),
+        layout_entry(12, fragment, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
+        layout_entry(13, fragment, texture(wgpu::TextureViewDimension::D2)),
     ];
     if punctual_lights {
-        entries.extend(PunctualLightPass::LAYOUT.map(|(binding, ty)| entry(binding, fragment, buffer(ty))));
+        entries.extend(
+            PunctualLightPass::LAYOUT
+                .map(|(binding, ty)| layout_entry(binding, fragment, buffer_binding(ty))),
+        );
     }
-    gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: Some("light"),
-        entries: &entries,
-    })
+    group_layout(gpu, "light", &entries)
 }

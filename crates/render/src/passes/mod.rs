@@ -10,6 +10,10 @@ pub(crate) mod occlusion;
 pub(crate) mod occlusion_kernel;
 #[cfg(any(test, feature = "methods"))]
 pub(crate) mod occlusion_layers;
+#[cfg(any(test, feature = "methods"))]
+pub(crate) mod pn_triangles;
+#[cfg(not(any(test, feature = "methods")))]
+#[path = "no_pn_triangles.rs"]
 pub(crate) mod pn_triangles;
 pub(crate) mod reflections;
 pub(crate) mod shadows;

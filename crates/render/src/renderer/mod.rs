@@ -10,7 +10,7 @@ use crate::frame::accumulation::Accumulation;
 use crate::frame::compiler::Compiler;
 use crate::frame::composite::Composites;
 use crate::frame::counters::Counters;
-use crate::frame::draw::{DrawList, Meshes, PatchPipelines};
+use crate::frame::draw::{DrawList, Meshes};
 use crate::frame::fullscreen::depth_attachment;
 use crate::frame::graph::{self, Needs, PassId, Resource};
 use crate::frame::pipelines::Pipelines;
@@ -26,13 +26,16 @@ use crate::passes::ink::{InkPass, StrokeInputs};
 use crate::passes::occlusion::OcclusionNormals;
 #[cfg(any(test, feature = "methods"))]
 use crate::passes::occlusion_layers::Layers;
-use crate::passes::pn_triangles::{PatchInputs, PatchLists};
+#[cfg(any(test, feature = "methods"))]
+use crate::passes::pn_triangles::PatchInputs;
+use crate::passes::pn_triangles::PatchLists;
 use crate::passes::reflections::{ReflectionMethod, Tracer};
 use crate::passes::shadows::{self, Casters, ShadowMaps, Sun};
 use crate::passes::sky::SkyGpu;
 use crate::passes::temporal::{Temporal, TemporalStep};
 use crate::passes::water::{WaterPass, WaterView};
 use crate::resources::buffer::GrowingBuffer;
+use crate::resources::descriptors::uniform_buffer;
 use crate::resources::gpu::{Gpu, RenderError};
 use crate::resources::texture::{Texture, TextureShape};
 use crate::scene::asset::AssetGpu;
@@ -98,12 +101,7 @@ impl Renderer {
     pub fn without_pipelines(gpu: &Gpu, target_format: wgpu::TextureFormat) -> Result<Self, RenderError> {
         let kit = MaterialBindings::new(gpu);
         let pipelines = Arc::new(Pipelines::new(gpu, &kit, target_format));
-        let frame_buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("frame"),
-            size: size_of::<FrameUniform>() as u64,
-            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        });
+        let frame_buffer = uniform_buffer::<FrameUniform>(gpu, "frame");
         let frame_group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("frame"),
             layout: &pipelines.frame_layout,
@@ -258,7 +256,7 @@ impl Renderer {
             self.warned_ink = true;
         }
         let curved = frame.settings.curves(gpu);
-        if frame.settings.pn_triangles.is_some() && !gpu.can_curve() && !self.warned_patches {
+        if frame.settings.asks_for_curves().is_some() && !gpu.can_curve() && !self.warned_patches {
             tracing::warn!("{} cannot draw curved patches; triangles stay flat", gpu.describe());
             self.warned_patches = true;
         }
@@ -320,18 +318,16 @@ impl Renderer {
         );
         self.targets.ensure(gpu, size, &graph::resources(&plan))?;
         self.instances.write(gpu, 0, &list.instances)?;
+        #[cfg(any(test, feature = "methods"))]
         self.patches.clear();
+        #[cfg(any(test, feature = "methods"))]
         if let (Some(settings), Some(instances)) = (curved, self.instances.buffer()) {
             let before = self.temporal.before().filter(|_| !moving.is_empty());
             let casters = casters.iter().flat_map(|casters| &casters.batches);
             let seen = list.batches.iter().flat_map(|batch| batch.listed(true));
             let parts = seen.chain(casters.flat_map(|batch| batch.listed(false)));
             let inputs = PatchInputs { settings, instances, before };
-            if let (Some(makers), Some(lists)) =
-                (self.pipelines.list_makers(gpu), self.pipelines.curved(gpu).lists())
-            {
-                self.patches.plan(gpu, (makers, lists), inputs, parts)?;
-            }
+            self.patches.plan(gpu, self.pipelines.patches(gpu, settings), inputs, parts)?;
         }
         if let Some(punctual_lights) = &punctual_lights {
             self.punctual_lights.prepare(gpu, punctual_lights)?;
@@ -447,8 +443,7 @@ fn meshes<'a>(
     pipelines: &'a Pipelines,
     (instances, lists): (&'a GrowingBuffer<InstanceRaw>, &'a PatchLists),
 ) -> Option<Meshes<'a>> {
-    let makers = frame.settings.curves(gpu).and_then(|_| pipelines.list_makers(gpu));
-    let curved = makers.map(|makers| PatchPipelines { pipelines: pipelines.curved(gpu), makers, lists });
+    let curved = frame.settings.curves(gpu).map(|settings| (pipelines.patches(gpu, settings), lists));
     Some(Meshes { plain: &pipelines.meshes, instances: instances.buffer()?, curved })
 }
 

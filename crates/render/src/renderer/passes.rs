@@ -101,9 +101,10 @@ impl Renderer {
                 self.full(gpu, encoder, pass.id, (p(FullscreenPass::Wireframe), &[Resource::Edges]), over);
             }
             PassId::Patches => {
-                if let Some(makers) = self.pipelines.list_makers(gpu) {
+                if let Some(settings) = frame.settings.curves(gpu) {
+                    let pipelines = self.pipelines.patches(gpu, settings);
                     let ranges = list.batches.iter().map(Batch::range);
-                    self.patches.record(makers, encoder, pass.id, &self.frame_group, ranges);
+                    self.patches.record((gpu, pipelines), encoder, pass.id, &self.frame_group, ranges);
                 }
             }
             PassId::Motion => self.motion(gpu, encoder, frame, moving),

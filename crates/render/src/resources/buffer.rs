@@ -166,6 +166,7 @@ impl<T: Pod> GrowingBuffer<T> {
 }
 
 /// A buffer of at least `bytes`, filled by the device only; growing discards its contents.
+#[cfg(any(test, feature = "methods"))]
 pub(crate) fn room<'a>(
     gpu: &Gpu,
     slot: &'a mut Option<wgpu::Buffer>,

@@ -202,7 +202,9 @@ impl Gpu {
             | wgpu::DownlevelFlags::VERTEX_STORAGE
             | wgpu::DownlevelFlags::INDIRECT_EXECUTION;
         let limits = self.device.limits();
-        self.adapter.get_downlevel_capabilities().flags.contains(needed)
+        // Nothing needs it without the feature `methods`.
+        cfg!(any(test, feature = "methods"))
+            && self.adapter.get_downlevel_capabilities().flags.contains(needed)
             && limits.max_compute_invocations_per_workgroup >= 64
             && limits.max_storage_buffers_per_shader_stage >= 7
             && limits.max_bind_groups >= 3

@@ -46,7 +46,7 @@ impl PackedVertex {
         Self { colour, ..self }
     }
 
-    /// The same vertex, marked as smooth: every wedge of it has this normal. [`crate::PnTriangles`] bend at smooth
+    /// The same vertex, marked as smooth: every wedge of it has this normal. PN triangles bend at smooth
     /// vertices only; marking only some wedges of a vertex opens the surface along the crease.
     #[must_use]
     pub fn smooth(mut self) -> Self {
@@ -64,6 +64,7 @@ impl PackedVertex {
 /// Vertices and faces of a mesh.
 pub type HostMesh = (Vec<PackedVertex>, Vec<[u32; 3]>);
 
+#[cfg(any(test, feature = "methods"))]
 /// Marks all smooth vertices of a mesh: those whose coincident vertices, with equal `morph_from`, have equal normals.
 /// Cost: one sort.
 pub fn mark_smooth(vertices: &mut [PackedVertex]) {

@@ -10,7 +10,7 @@ use crate::resources::gpu::{Gpu, RenderError};
 use crate::resources::texture::{Texture, TextureData};
 #[cfg(feature = "client")]
 use crate::resources::uploads::Uploads;
-#[cfg(any(test, feature = "reference"))]
+#[cfg(any(test, feature = "methods"))]
 use crate::resources::vertex::HostMesh;
 use crate::resources::vertex::PackedVertex;
 use crate::scene::material::Material;
@@ -417,7 +417,7 @@ impl AssetGpu {
         Ok(triangles)
     }
 
-    #[cfg(any(test, feature = "reference"))]
+    #[cfg(any(test, feature = "methods"))]
     /// Reads back the vertices and the first material's triangles. Waits for the device.
     pub(crate) fn read(&self, gpu: &Gpu) -> Result<HostMesh, RenderError> {
         let faces = self.parts.first().map_or(Ok(Vec::new()), |part| part.indices.read(gpu))?;

@@ -1,6 +1,6 @@
-// Relief mapping: intersection of the view ray with a height field below the surface. Linear then binary search
-// (Policarpo, Oliveira, Comba, "Real-time relief mapping on arbitrary polygonal surfaces", 2005), a part of it, or
-// relief_found() of another file with an acceleration texture (Settings::relief_method). CPU references:
+// Relief mapping: intersection of the view ray with a height field below the surface. relief_trace() and
+// relief_intersection() are in relief_bisection.wgsl or, with all methods, in relief_methods.wgsl; relief_found() is in a
+// file for each acceleration texture and one for none (Settings::relief_method). CPU references:
 // cpu_reference/relief/mod.rs, methods.rs.
 
 // Share of the grazing angle's linear steps that head-on views take; bisections after them.
@@ -10,16 +10,6 @@ const RELIEF_HALVINGS: i32 = 8;
 // relief would slide along the surface by its depth times the tangent while its edges stay in place, and bricks would
 // swim at corners.
 const RELIEF_MOST_SHIFT: f32 = 2.0;
-
-// Bits of frame.flags: search method.
-const RELIEF_WAY_BIT: u32 = 2u;
-const RELIEF_SECANT: u32 = 1u;
-const RELIEF_STEEP: u32 = 2u;
-const RELIEF_OFFSET: u32 = 3u;
-
-// With more minification than this, in mip levels, linear steps replace a search with an acceleration texture, which
-// exists for the finest level only: a ray crosses few texels then.
-const RELIEF_FINEST: f32 = 0.5;
 
 // Bit of frame.flags: self-shadowing.
 const RELIEF_SHADOWS: u32 = 16u;
@@ -54,30 +44,26 @@ fn relief_halved(start: vec2<f32>, span: vec2<f32>, lod: f32, over: f32, under: 
     return 0.5 * (above + below);
 }
 
-// Fraction of the way from `start` (surface) to `start + span` (full depth) at which the ray meets the height field.
-fn relief_trace(start: vec2<f32>, span: vec2<f32>, lod: f32, steps: f32) -> f32 {
-    let way = frame.flags >> RELIEF_WAY_BIT & 3u;
+// The last step of a linear search.
+struct ReliefStep {
+    below: f32, // where it ends, as a fraction of the way
+    before: f32, // clearance in depths where it starts
+    now: f32, // and where it ends
+}
+
+// Linear search from `start` (surface) to `start + span` (full depth), up to the first position below the surface.
+fn relief_steps(start: vec2<f32>, span: vec2<f32>, lod: f32, steps: f32) -> ReliefStep {
     let step = 1.0 / steps;
-    var below = step;
-    // Clearance in depths at the last position above and the first below.
-    var before = 1.0;
-    var now = 1.0 - relief_height(start + span * below, lod) - below;
+    var last = ReliefStep(step, 1.0, 1.0 - relief_height(start + span * step, lod) - step);
     for (var i = 1.0; i < steps; i += 1.0) {
-        if (now <= 0.0) {
+        if (last.now <= 0.0) {
             break;
         }
-        before = now;
-        below = (i + 1.0) * step;
-        now = 1.0 - relief_height(start + span * below, lod) - below;
+        last.before = last.now;
+        last.below = (i + 1.0) * step;
+        last.now = 1.0 - relief_height(start + span * last.below, lod) - last.below;
     }
-    if (way == RELIEF_STEEP || (way == RELIEF_SECANT && (now > 0.0 || before <= now))) {
-        return below;
-    }
-    let above = below - step;
-    if (way == RELIEF_SECANT) {
-        return above + step * clamp(before / (before - now), 0.0, 1.0);
-    }
-    return relief_halved(start, span, lod, above, below);
+    return last;
 }
 
 // Whether the sun reaches the height field at a position. The sun's ray reaches the surface after `climb` times the
@@ -127,15 +113,9 @@ fn relief(
     let reach = depth * min(1.0 / max(cosine, 1e-4), RELIEF_MOST_SHIFT / max(sine, 1e-4));
     let span = vec2(dot(grad_u, view), dot(grad_v, view)) * reach;
     let steps = relief_step_count(cosine);
-    var below: f32; // in depths
-    if ((frame.flags >> RELIEF_WAY_BIT & 3u) == RELIEF_OFFSET) {
-        // Offset limiting: not divided by the cosine, so the shift is at most the depth.
-        below = 1.0 - relief_height(uv, lod);
-        hit.uv = uv + span * (below * depth / reach);
-    } else {
-        below = relief_found(uv, span, lod, steps);
-        hit.uv = uv + span * below;
-    }
+    let hit_at = relief_intersection(uv, span, lod, steps, vec2(depth, reach));
+    let below = hit_at.x; // in depths
+    hit.uv = uv + span * hit_at.y;
     // Along the ray, but where that is followed less far along the surface.
     hit.sunk = (view + normal * cosine) * (reach * below) - normal * (depth * below);
 

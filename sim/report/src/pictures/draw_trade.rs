@@ -217,21 +217,9 @@ impl fmt::Display for DrawTime {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
-    use super::super::open_device;
-    use super::super::tests::may_draw;
+    use super::super::tests::plan_and_device;
     use super::*;
-    use crate::tests::small_scene;
-    use lodestream_scenario::plan;
-
-    fn of_setting(setting: &Setting) -> anyhow::Result<Vec<DrawTime>> {
-        let text = "scene = \"demo-small\"\nviewport_px = [320, 180]\n[[sweep]]\ntransport = \"quic\"\n\
-                    rate_bits_per_s = 16_000_000\nrtt_ms = 50\n";
-        let plan = plan::parse(text, Path::new("test.toml")).unwrap();
-        let gpu = open_device().expect("a graphics adapter (or LODESTREAM_SKIP_GPU=1)");
-        draw_trade(&plan, &small_scene(), gpu, setting, 1)
-    }
+    use lodestream_scenario::testing::small_scene;
 
     /// The default value draws what [`Settings::default`] draws.
     #[test]
@@ -302,9 +290,8 @@ mod tests {
 
     #[test]
     fn picture_errors_fall_towards_the_best_value() {
-        if !may_draw() {
-            return;
-        }
+        let Some((plan, gpu)) = plan_and_device("[320, 180]") else { return };
+        let of_setting = |setting: &Setting| draw_trade(&plan, &small_scene(), gpu.clone(), setting, 1);
         assert!(of_setting(&Setting::GroundPx(Vec::new())).is_err());
         for setting in [
             Setting::ReliefSteps(vec![0, 24, 192]),

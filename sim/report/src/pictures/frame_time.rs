@@ -119,11 +119,10 @@ impl fmt::Display for FrameTime {
 mod tests {
     use std::path::Path;
 
-    use super::super::open_device;
-    use super::super::tests::may_draw;
+    use super::super::tests::{device, may_draw};
     use super::*;
-    use crate::tests::small_scene;
     use lodestream_scenario::plan;
+    use lodestream_scenario::testing::small_scene;
 
     fn of_plan(head: &str, rates: &str, targets_px: &[f32]) -> anyhow::Result<Vec<FrameTime>> {
         let text = format!(
@@ -131,7 +130,7 @@ mod tests {
              rate_bits_per_s = {rates}\nrtt_ms = 50\n"
         );
         let plan = plan::parse(&text, Path::new("test.toml")).unwrap();
-        let gpu = open_device().expect("a graphics adapter (or LODESTREAM_SKIP_GPU=1)");
+        let gpu = device().expect("tests ask whether they may draw");
         frame_times(&plan, &small_scene(), gpu, targets_px, 3)
     }
 

@@ -360,11 +360,9 @@ impl fmt::Display for GalleryPicture {
 mod tests {
     use std::collections::BTreeSet;
 
-    use super::super::open_device;
-    use super::super::tests::may_draw;
+    use super::super::tests::plan_and_device;
     use super::*;
-    use crate::tests::small_scene;
-    use lodestream_scenario::plan;
+    use lodestream_scenario::testing::small_scene;
 
     const CAMERA: Camera =
         Camera { eye: [2.0, 3.0, 20.0], target: [0.0, 2.0, 0.0], up: [0.0, 1.0, 0.0], fov_y: 0.9 };
@@ -407,13 +405,7 @@ mod tests {
 
     #[test]
     fn a_page_shows_what_was_drawn() {
-        if !may_draw() {
-            return;
-        }
-        let text = "scene = \"demo-small\"\nviewport_px = [96, 54]\n[[sweep]]\ntransport = \"quic\"\n\
-                    rate_bits_per_s = 16_000_000\nrtt_ms = 50\n";
-        let plan = plan::parse(text, Path::new("test.toml")).unwrap();
-        let gpu = open_device().expect("a graphics adapter (or LODESTREAM_SKIP_GPU=1)");
+        let Some((plan, gpu)) = plan_and_device("[96, 54]") else { return };
         let folder = tempfile::tempdir().unwrap();
         let shown = gallery(&plan, &small_scene(), gpu, 1, Some(CAMERA), folder.path()).unwrap();
         let page = std::fs::read_to_string(folder.path().join(PAGE)).unwrap();

@@ -100,23 +100,13 @@ impl fmt::Display for InkCost {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
-    use super::super::open_device;
-    use super::super::tests::may_draw;
+    use super::super::tests::plan_and_device;
     use super::*;
-    use crate::tests::small_scene;
-    use lodestream_scenario::plan;
+    use lodestream_scenario::testing::small_scene;
 
     #[test]
     fn each_variant_gives_another_picture() {
-        if !may_draw() {
-            return;
-        }
-        let text = "scene = \"demo-small\"\nviewport_px = [160, 90]\n[[sweep]]\ntransport = \"quic\"\n\
-                    rate_bits_per_s = 16_000_000\nrtt_ms = 50\n";
-        let plan = plan::parse(text, Path::new("test.toml")).unwrap();
-        let gpu = open_device().expect("a graphics adapter (or LODESTREAM_SKIP_GPU=1)");
+        let Some((plan, gpu)) = plan_and_device("[160, 90]") else { return };
         let mut pictures = Vec::new();
         let keep = |_: &str, picture: &RgbaImage| {
             pictures.push(picture.clone());

@@ -289,13 +289,9 @@ impl fmt::Display for OcclusionError {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
-    use super::super::open_device;
-    use super::super::tests::may_draw;
+    use super::super::tests::plan_and_device;
     use super::*;
-    use crate::tests::small_scene;
-    use lodestream_scenario::plan;
+    use lodestream_scenario::testing::small_scene;
 
     /// In the small scene, a method of each family (point sampling, layers, horizons, bitmask) is nearer to rays than
     /// no occlusion, and rays hit what is drawn. The renderer's tests (`occlusion_rays`) compare every method with
@@ -304,13 +300,7 @@ mod tests {
     fn methods_are_nearer_to_rays_than_no_occlusion() {
         use OcclusionMethod::{Bitmask, Gtao, HbaoPlus, Ssao};
         const METHODS: [OcclusionMethod; 4] = [Ssao, HbaoPlus, Gtao, Bitmask];
-        if !may_draw() {
-            return;
-        }
-        let text = "scene = \"demo-small\"\nviewport_px = [160, 90]\n[[sweep]]\ntransport = \"quic\"\n\
-                    rate_bits_per_s = 16_000_000\nrtt_ms = 50\n";
-        let plan = plan::parse(text, Path::new("test.toml")).unwrap();
-        let gpu = open_device().expect("a graphics adapter (or LODESTREAM_SKIP_GPU=1)");
+        let Some((plan, gpu)) = plan_and_device("[160, 90]") else { return };
         let question = Question {
             cameras: Vec::new(),
             methods: METHODS.to_vec(),

@@ -172,23 +172,13 @@ impl fmt::Display for Cost {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
-    use super::super::open_device;
-    use super::super::tests::may_draw;
+    use super::super::tests::plan_and_device;
     use super::*;
-    use crate::tests::small_scene;
-    use lodestream_scenario::plan;
+    use lodestream_scenario::testing::small_scene;
 
     #[test]
     fn a_smaller_error_is_more_triangles_and_looks_as_the_hosts() {
-        if !may_draw() {
-            return;
-        }
-        let text = "scene = \"demo-small\"\nviewport_px = [160, 90]\n[[sweep]]\ntransport = \"quic\"\n\
-                    rate_bits_per_s = 16_000_000\nrtt_ms = 50\n";
-        let plan = plan::parse(text, Path::new("test.toml")).unwrap();
-        let gpu = open_device().expect("a graphics adapter (or LODESTREAM_SKIP_GPU=1)");
+        let Some((plan, gpu)) = plan_and_device("[160, 90]") else { return };
         let rows = cost(&plan, &small_scene(), gpu, &[4.0, 0.25], 1).unwrap();
         assert!(rows[0].triangles == rows[1].triangles && rows[0].triangles > 0);
         assert!(rows.iter().all(|row| row.curved_triangles >= row.triangles && row.curved_ms > 0.0));

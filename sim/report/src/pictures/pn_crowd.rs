@@ -229,23 +229,13 @@ impl fmt::Display for Crowd {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
-    use super::super::open_device;
-    use super::super::tests::may_draw;
+    use super::super::tests::plan_and_device;
     use super::*;
-    use crate::tests::small_scene;
-    use lodestream_scenario::plan;
+    use lodestream_scenario::testing::small_scene;
 
     #[test]
     fn every_variant_draws_increasing_numbers() {
-        if !may_draw() {
-            return;
-        }
-        let text = "scene = \"demo-small\"\nviewport_px = [64, 36]\n[[sweep]]\ntransport = \"quic\"\n\
-                    rate_bits_per_s = 16_000_000\nrtt_ms = 50\n";
-        let plan = plan::parse(text, Path::new("test.toml")).unwrap();
-        let gpu = open_device().expect("a graphics adapter (or LODESTREAM_SKIP_GPU=1)");
+        let Some((plan, gpu)) = plan_and_device("[64, 36]") else { return };
         let rows = crowd(&plan, &small_scene(), gpu, (1, 4), |_, _| Ok(())).unwrap();
         let ours: Vec<&Crowd> = rows.iter().filter(|row| row.system == "ours").collect();
         assert_eq!((ours.len(), rows.len()), (8, 16));

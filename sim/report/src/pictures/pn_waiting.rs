@@ -114,23 +114,16 @@ impl fmt::Display for Waiting {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
-    use super::super::open_device;
-    use super::super::tests::may_draw;
+    use super::super::tests::plan_and_device;
     use super::*;
-    use crate::tests::small_scene;
-    use lodestream_scenario::plan;
+    use lodestream_scenario::testing::small_scene;
 
     #[test]
     fn flat_and_curved_are_compared_with_the_settled_picture() {
-        if !may_draw() {
+        let Some((plan, gpu)) = plan_and_device("[160, 90]\n[pictures]\nat_s = [0.2]\nsize_px = [96, 54]")
+        else {
             return;
-        }
-        let text = "scene = \"demo-small\"\nviewport_px = [160, 90]\n[pictures]\nat_s = [0.2]\nsize_px = [96, 54]\n\
-                    [[sweep]]\ntransport = \"quic\"\nrate_bits_per_s = 16_000_000\nrtt_ms = 50\n";
-        let plan = plan::parse(text, Path::new("test.toml")).unwrap();
-        let gpu = open_device().expect("a graphics adapter (or LODESTREAM_SKIP_GPU=1)");
+        };
         let mut names = Vec::new();
         let keep = |name: &str, _: &image::RgbaImage| {
             names.push(name.to_owned());

@@ -275,13 +275,9 @@ pub fn search(text: &str) -> anyhow::Result<Reflections> {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
-    use super::super::open_device;
-    use super::super::tests::may_draw;
+    use super::super::tests::plan_and_device;
     use super::*;
-    use crate::tests::small_scene;
-    use lodestream_scenario::plan;
+    use lodestream_scenario::testing::small_scene;
 
     #[test]
     fn searches_have_names_and_steps() {
@@ -297,13 +293,7 @@ mod tests {
     /// In the small scene, more steps find more, and a depth pyramid finds as much with fewer lookups.
     #[test]
     fn searches_find_most_of_what_mirrors_would_show() {
-        if !may_draw() {
-            return;
-        }
-        let text = "scene = \"demo-small\"\nviewport_px = [160, 90]\n[[sweep]]\ntransport = \"quic\"\n\
-                    rate_bits_per_s = 16_000_000\nrtt_ms = 50\n";
-        let plan = plan::parse(text, Path::new("test.toml")).unwrap();
-        let gpu = open_device().expect("a graphics adapter (or LODESTREAM_SKIP_GPU=1)");
+        let Some((plan, gpu)) = plan_and_device("[160, 90]") else { return };
         let searches = ["linear:10", "linear:1000", "hi-z:10", "hi-z:400"].map(|name| search(name).unwrap());
         let question =
             Question { cameras: Vec::new(), searches: searches.to_vec(), thicknesses: vec![0.02], frames: 1 };

@@ -7,15 +7,16 @@ use std::io::Write as _;
 use std::num::NonZeroUsize;
 use std::path::Path;
 
+use lodestream_render::Gpu;
 use lodestream_scenario::baseline::Library;
 use lodestream_scenario::picture::ImageError;
 use lodestream_scenario::plan::{self, Plan};
 use lodestream_scenario::result::{RunResult, to_json};
+use lodestream_scenario::testing::{parse, results_of, small_scene};
 use lodestream_scenario::{Equipment, run_with};
 
 use super::*;
 use crate::reproduce::Rows;
-use crate::tests::{results_of, small_scene};
 use crate::{write, write_drawn};
 
 pub(super) fn may_draw() -> bool {
@@ -28,14 +29,23 @@ pub(super) fn may_draw() -> bool {
     !skip
 }
 
-fn parse(head: &str, sweep: &str) -> Plan {
-    let text = format!("scene = \"demo-small\"\nviewport_px = [640, 360]\n{head}\n[[sweep]]\n{sweep}");
-    plan::parse(&text, Path::new("test.toml")).unwrap()
+/// A device to draw with; `None` if the tests are told to skip.
+pub(super) fn device() -> Option<Gpu> {
+    may_draw().then(|| open_device().expect("a graphics adapter (or LODESTREAM_SKIP_GPU=1)"))
+}
+
+/// A plan of the small scene with one case, and a device to draw it with. `head` starts with the viewport.
+pub(super) fn plan_and_device(head: &str) -> Option<(Plan, Gpu)> {
+    let text = format!(
+        "scene = \"demo-small\"\nviewport_px = {head}\n[[sweep]]\ntransport = \"quic\"\n\
+         rate_bits_per_s = 16_000_000\nrtt_ms = 50\n"
+    );
+    Some((plan::parse(&text, Path::new("test.toml")).unwrap(), device()?))
 }
 
 /// Runs a plan and writes its report.
 fn report(plan: &Plan, folder: &Path, threads: usize) -> Vec<RunResult> {
-    let device = open_device().expect("a graphics adapter (or LODESTREAM_SKIP_GPU=1)");
+    let device = device().expect("the caller has asked whether it may draw");
     let gallery = Gallery::new(device, folder).unwrap();
     let threads = NonZeroUsize::new(threads).unwrap();
     let scenes = [small_scene()];

@@ -79,7 +79,7 @@ pub(super) fn halving(all: u64, base: u64) -> Vec<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tests::small_scene;
+    use crate::testing::small_scene;
 
     #[test]
     fn counts_halve_down_to_the_base() {

@@ -17,7 +17,7 @@ use crate::peers;
 use crate::plan::{self, Plan};
 use crate::result::RunResult;
 use crate::run::certificate;
-use crate::tests::results_of;
+use crate::testing::results_of;
 
 const UNIT: Sphere = Sphere { center: [0.0; 3], radius: 1.0 };
 

@@ -4,7 +4,7 @@
 //! them.
 
 use lodestream_netsim::stream_pipe::StreamEnd;
-use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+use tokio::io::{AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _};
 use tokio::sync::mpsc;
 
 /// Length of a request, and of a body's header, over QUIC: about what HTTP/3 with its static table (RFC 9204) needs for
@@ -131,16 +131,9 @@ async fn answer(mut send: quinn::SendStream, mut receive: quinn::RecvStream, pri
     if send.set_priority(priority).is_err() || receive.read_exact(&mut head).await.is_err() {
         return;
     }
-    let mut left = QUIC_HEAD_BYTES as u64 + body_bytes(&head);
-    while left > 0 {
-        let part = left.min(PART_BYTES as u64);
-        // From a usize.
-        if send.write_all(&ZEROS[..part as usize]).await.is_err() {
-            return;
-        }
-        left -= part;
+    if write_zeros(&mut send, QUIC_HEAD_BYTES as u64 + body_bytes(&head)).await.is_ok() {
+        let _ = send.finish();
     }
-    let _ = send.finish();
 }
 
 /// Runs a wire over the client's end of a TCP connection.
@@ -189,17 +182,23 @@ pub(super) fn over_tcp(stream: StreamEnd) -> Wire {
     wire
 }
 
+/// Writes the header and body of an answer.
+async fn write_zeros(to: &mut (impl AsyncWrite + Unpin), mut left: u64) -> std::io::Result<()> {
+    while left > 0 {
+        let part = left.min(PART_BYTES as u64);
+        // From a usize.
+        to.write_all(&ZEROS[..part as usize]).await?;
+        left -= part;
+    }
+    Ok(())
+}
+
 /// Answers requests over TCP, one after the other.
 pub(super) async fn answer_tcp(mut stream: StreamEnd) {
     let mut head = [0; TCP_HEAD_BYTES];
     while stream.read_exact(&mut head).await.is_ok() {
-        let mut left = TCP_HEAD_BYTES as u64 + body_bytes(&head);
-        while left > 0 {
-            let part = left.min(PART_BYTES as u64);
-            if stream.write_all(&ZEROS[..part as usize]).await.is_err() {
-                return;
-            }
-            left -= part;
+        if write_zeros(&mut stream, TCP_HEAD_BYTES as u64 + body_bytes(&head)).await.is_err() {
+            return;
         }
     }
 }

@@ -16,9 +16,9 @@ use super::super::plan::{self, ClientSettings};
 use super::super::result::RunResult;
 use super::super::result::to_json;
 use super::super::run::certificate;
-use super::super::tests::{results_of, small_scene};
 use super::super::viewer::Viewer;
 use super::*;
+use crate::testing::{results_of, small_scene};
 
 const RATE: u64 = 2_000_000;
 const RTT_MS: u64 = 300;

@@ -4,9 +4,9 @@ use std::path::Path;
 use std::sync::mpsc::sync_channel;
 use std::time::Duration;
 
-use super::small_scene;
 use crate::plan::{self, Plan, SceneChoice};
 use crate::result::RunResult;
+use crate::testing::small_scene;
 use crate::{parallel, scene};
 
 /// Real time that such a plan may take: far more than it needs.

@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use super::{parse, results_of};
 use crate::ledger::Use;
 use crate::plan::{self, Plan, Transport};
 use crate::result::to_json;
+use crate::testing::{parse, results_of};
 use crate::timeline::milliseconds;
 use crate::timeline::{MAX_SAMPLES, Sample};
 

@@ -20,7 +20,7 @@ pub enum Method {
     /// with approximate soft shadows", 2006; Brawley and Tatarchuk 2004.
     ParallaxOcclusion,
     /// Linear search, then bisection: Policarpo, Oliveira and Comba, "Real-time relief mapping on arbitrary polygonal
-    /// surfaces", 2005. Used by `relief.wgsl`.
+    /// surfaces", 2005. Used by `relief_bisection.wgsl`.
     Relief,
     /// Steps to the edge of empty cones: Dummer, "Cone step mapping", 2006.
     ConeStepping,

@@ -1,4 +1,4 @@
-//! Relief mapping: `relief_trace` of `relief.wgsl` and the exact intersection; further methods ([`methods`]) and test
+//! Relief mapping: `relief_trace` of `relief_bisection.wgsl` and the exact intersection; further methods ([`methods`]) and test
 //! maps ([`height_maps`]).
 
 pub mod cones;

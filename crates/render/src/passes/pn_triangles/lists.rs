@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::sync::OnceLock;
 
 use super::grid::{Grids, STEPS};
-use super::makers::{PatchListPipelines, ReadOnlyLists};
+use super::pipelines::PatchPipelines;
 use super::settings::PnTriangles;
 use crate::frame::graph::PassId;
 use crate::frame::timing::PassEncoder;
@@ -109,12 +109,13 @@ impl PatchLists {
     pub(crate) fn plan<'a>(
         &mut self,
         gpu: &Gpu,
-        (makers, lists): (&PatchListPipelines, &ReadOnlyLists),
+        pipelines: &PatchPipelines,
         inputs: PatchInputs<'_>,
         parts: impl Iterator<Item = PatchListItem<'a>>,
     ) -> Result<(), RenderError> {
         self.jobs.clear();
         self.grids.get_or_init(|| Grids::new(gpu));
+        let makers = pipelines.makers(gpu);
         let most_bytes = gpu.device.limits().max_storage_buffer_binding_size;
         let plans = plans(parts, most_bytes);
         let Some(last) = plans.last() else { return Ok(()) };
@@ -152,7 +153,7 @@ impl PatchLists {
             ];
             let before = (5, inputs.before.unwrap_or(inputs.instances).as_entire_binding());
             let make = group(gpu, &makers.layout, of_mesh.iter().chain(&own));
-            let draw = group(gpu, &lists.layout, of_mesh.iter().chain(&[job, list, before]));
+            let draw = group(gpu, &pipelines.list_layout, of_mesh.iter().chain(&[job, list, before]));
             self.jobs.insert(plan.key, Job { groups: plan.groups, at, make, draw });
         }
         gpu.queue.write_buffer(jobs, 0, bytemuck::cast_slice(&heads));
@@ -162,7 +163,7 @@ impl PatchLists {
     /// Records the building of the lists of some ranges of instances, as part of a pass.
     pub(crate) fn record(
         &self,
-        makers: &PatchListPipelines,
+        (gpu, pipelines): (&Gpu, &PatchPipelines),
         encoder: &mut PassEncoder<'_>,
         pass: PassId,
         frame: &wgpu::BindGroup,
@@ -173,6 +174,7 @@ impl PatchLists {
         if jobs.is_empty() {
             return;
         }
+        let makers = pipelines.makers(gpu);
         let mut pass = encoder.begin_compute(pass);
         pass.set_bind_group(0, frame, &[]);
         // Stage by stage over all lists, so that there are three barriers rather than three per list.

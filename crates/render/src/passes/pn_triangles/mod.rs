@@ -4,11 +4,11 @@
 mod grid;
 mod lists;
 mod makers;
+mod pipelines;
 mod settings;
-#[cfg(any(test, feature = "reference"))]
 mod tessellate;
 
 pub(crate) use grid::GRID_VERTEX;
 pub(crate) use lists::{PatchInputs, PatchListItem, PatchLists};
-pub(crate) use makers::{PatchListPipelines, ReadOnlyLists};
+pub(crate) use pipelines::PatchPipelines;
 pub use settings::{MAX_PN_LEVEL, PnTriangles};

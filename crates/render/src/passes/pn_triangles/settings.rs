@@ -22,6 +22,11 @@ impl Default for PnTriangles {
 }
 
 impl PnTriangles {
+    /// A number that differs between settings.
+    pub(crate) fn key(self) -> u64 {
+        u64::from(self.error_px.to_bits()) << 32 | u64::from(self.most)
+    }
+
     /// Logarithm of the most segments.
     pub(crate) fn most_step(self) -> u32 {
         self.most.clamp(1, MAX_PN_LEVEL).ilog2()

@@ -51,10 +51,8 @@ impl<'a> Casters<'a> {
         'f: 'a,
     {
         let eye = frame.camera.eye;
-        let curved = frame.settings.pn_triangles.filter(|_| !frame.settings.asks_for_ink());
-        if let Some(PnTriangles { error_px, most }) = curved {
-            self.key.push(u64::from(error_px.to_bits()) << 32 | u64::from(most));
-        }
+        let curved = frame.settings.asks_for_curves().filter(|_| !frame.settings.asks_for_ink());
+        self.key.extend(curved.map(PnTriangles::key));
         for (number, drawable) in frame.drawables.iter().enumerate().filter(|(_, d)| d.asset.is_drawable()) {
             let (centre, radius) = drawable.asset.sphere();
             let placed = drawable.instances.iter().filter_map(|instance| {

@@ -298,16 +298,12 @@ impl fmt::Display for ReliefComparison {
 
 #[cfg(test)]
 mod tests {
-    use super::super::open_device;
-    use super::super::tests::may_draw;
+    use super::super::tests::device;
     use super::*;
 
     #[test]
     fn relief_is_nearer_to_rays_than_a_plane_and_at_grazing_angles_a_mesh_is_nearest() {
-        if !may_draw() {
-            return;
-        }
-        let gpu = open_device().expect("a graphics adapter (or LODESTREAM_SKIP_GPU=1)");
+        let Some(gpu) = device() else { return };
         let cache = tempfile::tempdir().unwrap();
         let question = Question {
             texels: 24,
