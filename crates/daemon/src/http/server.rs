@@ -17,7 +17,7 @@ use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::time::timeout;
 
-use crate::admission::byte_rate::{MeterControl, MeteredStream};
+use crate::admission::byte_rate::{MeterControl, metered};
 use crate::admission::pre_auth_pool::PreAuthSlot;
 use crate::admission::refusal::Refusal;
 use crate::auth::grant::TokenError;
@@ -84,7 +84,7 @@ where
     S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
 {
     let slot = state.enter_request(peer);
-    let (stream, meter) = MeteredStream::new(stream);
+    let (stream, meter) = metered(stream);
     serve_one(stream, meter, state, peer, slot).await;
 }
 
@@ -95,7 +95,7 @@ where
     S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
 {
     let slot = state.enter_request(peer);
-    let (stream, meter) = MeteredStream::new(stream);
+    let (stream, meter) = metered(stream);
     let accepted = tokio::select! {
         biased;
         accepted = tls.accept(stream) => accepted,

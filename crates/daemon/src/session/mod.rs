@@ -1,7 +1,6 @@
 //! Sessions: their loop over a transport, and the state that they share.
 
 pub(crate) mod admit;
-pub(crate) mod connection;
 pub(crate) mod drive;
 pub(crate) mod guard;
 pub(crate) mod memory_scene;
