@@ -25,6 +25,7 @@ mod session;
 mod tests;
 mod transport;
 
+pub use crate::admission::invalid_setting::InvalidSetting;
 pub use crate::admission::origin::{AllowedOrigins, Origin};
 pub use crate::admission::proxy::{Network, TrustedProxies};
 pub use crate::admission::session_rate::SessionRateLimit;

@@ -1,6 +1,7 @@
 //! Admission: limits on connections and sessions, in all and per address.
 
 pub(crate) mod byte_rate;
+pub(crate) mod invalid_setting;
 pub(crate) mod leases;
 pub(crate) mod message_rate;
 pub(crate) mod origin;
