@@ -20,4 +20,5 @@ pub mod core;
 pub mod net;
 #[cfg(any(feature = "quic", feature = "websocket"))]
 pub mod streaming;
-pub mod threads;
+
+pub use lodestream_threads::Threads;

@@ -51,6 +51,9 @@ pub enum FrameError {
     /// A tag that is unknown and not marked optional.
     #[error("unknown message {0:#04x}")]
     UnknownTag(u8),
+    /// A QUIC stream whose first byte is unknown.
+    #[error("a stream of unknown kind {0:#04x}")]
+    UnknownStream(u8),
     /// Longer than allowed.
     #[error("a message of {bytes} bytes, but at most {limit} are allowed")]
     TooLong {

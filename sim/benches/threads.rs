@@ -1,5 +1,5 @@
 //! Speed-up by a second core: preparing, and decoding chunks whose parents are applied, alternately on one thread and
-//! on two, with the thread pools of server and client.
+//! on two.
 //!
 //! `cargo bench -p lodestream-sim --bench threads -- [MODEL.obj…]` takes the named models, else those in the folder
 //! `LODESTREAM_MODELS`, else a generated mesh, at 12 bits. The command fails if results differ. Ratios of wall time are
@@ -12,8 +12,7 @@ use std::sync::Mutex;
 use std::time::Instant;
 
 use anyhow::Context as _;
-use lodestream_bake::prepare::Threads as Preparing;
-use lodestream_client::threads::Threads as Decoding;
+use lodestream_client::Threads;
 use lodestream_geometry::Settings;
 use lodestream_geometry::mesh::QuantisedMesh;
 use lodestream_geometry::pool::{Pool, Silent};
@@ -55,16 +54,16 @@ struct Row {
 }
 
 fn row(model: String, mesh: &QuantisedMesh) -> anyhow::Result<Row> {
-    let counts = [1, 2].map(NonZeroUsize::new);
+    let pools = [NonZeroUsize::MIN, NonZeroUsize::MIN.saturating_add(1)].map(Threads::new);
     let (mut preparing, mut decoding) = (Vec::new(), Vec::new());
     let mut first: Option<(Prepared, Vec<ChunkDelta>)> = None;
     for _ in 0..RUNS {
         let mut seconds = [[0.0; 2]; 2];
-        for (count, seconds) in counts.into_iter().zip(&mut seconds) {
+        for (threads, seconds) in pools.into_iter().zip(&mut seconds) {
             let start = Instant::now();
-            let prepared = prepare(mesh, &Settings::default(), &Hooks::new(&Preparing::new(count), &Silent))?;
+            let prepared = prepare(mesh, &Settings::default(), &Hooks::new(&threads, &Silent))?;
             seconds[0] = start.elapsed().as_secs_f64();
-            let (deltas, decoded_in) = decode(&prepared, &Decoding::new(count))?;
+            let (deltas, decoded_in) = decode(&prepared, &threads)?;
             seconds[1] = decoded_in;
             if let Some((asset, all)) = &first {
                 anyhow::ensure!(*asset == prepared && *all == deltas, "what comes out depends on threads");

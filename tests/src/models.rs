@@ -24,7 +24,7 @@ fn checked(model: &Path) -> Model {
     let asset = prepare_cached(&scene.assets[0], cache.path(), &options()).unwrap().pack.load().unwrap();
     let name = &scene.assets[0].name;
 
-    let threads = Threads::new(None);
+    let threads = Threads::all_cores();
     let found = check(&asset.base, &asset.infos, &asset.chunks, RANDOM_SETS, 1, &threads).unwrap();
     let found = (found.sets, found.cracks, found.order_dependent, found.undo_errors);
     assert_eq!(found, (RANDOM_SETS, 0, 0, 0), "{name}: sets, cracks, order-dependent, undo-errors");

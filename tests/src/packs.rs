@@ -188,7 +188,7 @@ fn exports_are_as_good_as_they_say() {
 #[test]
 fn every_asset_passes_the_check() {
     for asset in &TestScene::small().assets {
-        let threads = Threads::new(None);
+        let threads = Threads::all_cores();
         let report = check(&asset.base, &asset.infos, &asset.chunks, 30, 3, &threads).unwrap();
         let found = (report.sets, report.cracks, report.order_dependent, report.undo_errors);
         assert_eq!(found, (30, 0, 0, 0), "{}", asset.description.name);

@@ -4,9 +4,9 @@ use std::io::Write as _;
 use std::path::Path;
 
 use anyhow::{Context as _, bail};
-use lodestream_client::core::{Config, StartView, Stats};
+use lodestream_client::Threads;
+use lodestream_client::core::{Config, Decoders, StartView, Stats};
 use lodestream_client::net::{Authorities, Scheme, Server};
-use lodestream_client::threads::Threads;
 use lodestream_render::{
     AmbientOcclusion, AntiAliasing, Bloom, DebugView, Ink, LightCulling, OcclusionMethod, PnTriangles,
     Reflections, Settings, Shadows,
@@ -79,7 +79,8 @@ pub(crate) fn core_config(args: &Args) -> anyhow::Result<Config> {
     config.select.max_faces = args.max_faces;
     config.select.shadows = !args.no_shadows;
     config.cache_bytes = u64::from(args.cache_mib) << 20;
-    config.decoders = Threads::new(args.decode_threads).decoders();
+    let threads = args.decode_threads.map_or_else(Threads::all_cores_but_one, Threads::new);
+    config.decoders = Decoders::on_threads(threads);
     Ok(config)
 }
 

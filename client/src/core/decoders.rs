@@ -4,6 +4,7 @@ use std::fmt;
 use std::sync::{Arc, Mutex};
 
 use lodestream_geometry::pool::Pool;
+use lodestream_threads::Threads;
 
 /// Chunks decoded together on a pool; bounds the memory of decoded chunks that are not applied yet.
 const BATCH: usize = 64;
@@ -18,6 +19,12 @@ impl Decoders {
     #[must_use]
     pub fn on(pool: Arc<dyn Pool + Send>) -> Self {
         Self(Some(pool))
+    }
+
+    /// Decodes on threads; with one only, on the calling thread.
+    #[must_use]
+    pub fn on_threads(threads: Threads) -> Self {
+        if threads.count().get() == 1 { Self::default() } else { Self::on(Arc::new(threads)) }
     }
 
     /// Number of chunks to decode together.

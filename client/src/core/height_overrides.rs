@@ -116,14 +116,6 @@ impl HeightOverridePatches {
         }
     }
 
-    /// Marks all requested blobs as absent.
-    pub(super) fn reset_in_flight(&mut self) {
-        let patches = self.patches.iter_mut().flatten().map(|patch| &mut patch.state);
-        for state in self.pages.iter_mut().chain(patches).filter(|state| **state == State::InFlight) {
-            *state = State::Absent;
-        }
-    }
-
     /// Adds the blobs that `view` needs to `wanted`, which is ordered by priority: pages of the directory after the
     /// base meshes, overrides by the screen error that they remove. Adds those that failed to `failed`. Returns whether
     /// none is left to request.

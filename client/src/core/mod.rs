@@ -45,4 +45,4 @@ pub use config::{Config, StartView};
 pub use decoders::Decoders;
 pub use milestones::{Milestone, Milestones, QUALITIES_PX};
 pub use stats::{Connection, Received, Stats};
-pub use texture_file::{TextureFileError, TexturePixels};
+pub use texture_file::{TextureFileError, TextureFileFault, TexturePixels};

@@ -118,14 +118,6 @@ impl PunctualLightPages {
         }
     }
 
-    /// Marks all requested blobs as absent.
-    pub(super) fn reset_in_flight(&mut self) {
-        let pages = self.pages.iter_mut().map(|slot| &mut slot.state);
-        for state in self.directory.iter_mut().chain(pages).filter(|state| **state == State::InFlight) {
-            *state = State::Absent;
-        }
-    }
-
     /// Adds the blobs that `view` needs to `wanted`, which is ordered by priority: pages of the directory, and pages
     /// whose light is in view, by their share of the picture's light. Adds those that failed to `failed`. Returns
     /// whether none is left to request.

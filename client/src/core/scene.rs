@@ -208,32 +208,6 @@ impl Scene {
         }
     }
 
-    /// Whether a blob is requested: of a texture that several assets share, whether it is for any of them.
-    pub(crate) fn is_in_flight(&self, id: BlobId) -> bool {
-        let state = |id| self.asset(id).map(|(asset, part)| asset.state(part));
-        self.shared.same(id).any(|id| state(id) == Some(State::InFlight))
-    }
-
-    /// Marks all requested blobs as absent: the connection that they were requested over is gone.
-    pub(crate) fn reset_in_flight(&mut self) {
-        for (state, refined) in self.states.iter_mut().zip(&self.refined) {
-            let pages = (0..state.entry().index_pages()).map(BlobPart::IndexPage);
-            let chunks = (0..).zip(state.chunks()).map(|(chunk, _)| BlobPart::Chunk(chunk));
-            let textures = refined.iter().flat_map(RefinedAsset::texture_levels);
-            let parts = std::iter::once(BlobPart::Base).chain(pages).chain(chunks).chain(textures);
-            let in_flight: Vec<_> = parts.filter(|part| state.state(*part) == State::InFlight).collect();
-            for part in in_flight {
-                state.set_state(part, State::Absent);
-            }
-        }
-        if let Some(terrain) = &mut self.terrain {
-            terrain.reset_in_flight();
-        }
-        if let Some(punctual_lights) = &mut self.punctual_lights {
-            punctual_lights.reset_in_flight();
-        }
-    }
-
     /// Number of known assets.
     pub(crate) fn asset_count(&self) -> u32 {
         u32::try_from(self.states.len()).unwrap_or(u32::MAX)

@@ -417,6 +417,7 @@ impl Loopback {
         }
         self.core.handle_timeout(now);
         while self.core.update(now, self.budget) == Progress::More {}
+        self.core.check_states();
         while let Some(message) = self.core.poll_transmit(now) {
             self.up.push_back((now + LATENCY, message));
         }

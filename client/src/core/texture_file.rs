@@ -1,17 +1,38 @@
 //! Decodes the image files of texture levels; called on the streaming thread.
 
-use image::{DynamicImage, ImageReader, Limits};
+use image::{DynamicImage, ImageError, ImageReader, Limits};
 use lodestream_scene::asset::{TextureInfo, TextureKind, level_size};
 use thiserror::Error;
 
-/// Why a texture level cannot be used.
+/// A texture level that cannot be used.
 #[derive(Debug, Error)]
-#[error("texture level {level} ({width}×{height}): {reason}")]
+#[error("texture level {level} ({width}×{height}): {fault}")]
 pub struct TextureFileError {
-    level: u32,
-    width: u32,
-    height: u32,
-    reason: String,
+    /// The level; 0 is the coarsest.
+    pub level: u32,
+    /// Width that the image should have, in pixels.
+    pub width: u32,
+    /// Height that the image should have, in pixels.
+    pub height: u32,
+    /// What is wrong.
+    #[source]
+    pub fault: TextureFileFault,
+}
+
+/// What is wrong with the file of a texture level.
+#[derive(Debug, Error)]
+pub enum TextureFileFault {
+    /// The file is not an intact image, or a larger one.
+    #[error(transparent)]
+    Image(#[from] ImageError),
+    /// The image has another size.
+    #[error("the image has {width}×{height} pixels")]
+    Size {
+        /// Its width.
+        width: u32,
+        /// Its height.
+        height: u32,
+    },
 }
 
 /// Decoded pixels of one texture level, in the format of the texture's kind.
@@ -34,19 +55,19 @@ impl TexturePixels {
     pub fn decode(file: &[u8], info: &TextureInfo, level: u32) -> Result<Self, TextureFileError> {
         let levels = u32::try_from(info.levels.len()).unwrap_or(u32::MAX);
         let [width, height] = level_size([info.width, info.height], levels, level);
-        let error = |reason: String| TextureFileError { level, width, height, reason };
-        let mut reader = ImageReader::new(std::io::Cursor::new(file))
-            .with_guessed_format()
-            .map_err(|e| error(e.to_string()))?;
+        let error = |fault: TextureFileFault| TextureFileError { level, width, height, fault };
+        let reader = ImageReader::new(std::io::Cursor::new(file)).with_guessed_format();
+        let mut reader = reader.map_err(|why| error(ImageError::IoError(why).into()))?;
         let mut limits = Limits::default();
         limits.max_image_width = Some(width);
         limits.max_image_height = Some(height);
         // Four channels of 16 bits, the decoder's buffers, and a constant for small images.
         limits.max_alloc = Some(u64::from(width) * u64::from(height) * 24 + (1 << 20));
         reader.limits(limits);
-        let image = reader.decode().map_err(|e| error(e.to_string()))?;
-        if (image.width(), image.height()) != (width, height) {
-            return Err(error(format!("the image has {}×{} pixels", image.width(), image.height())));
+        let image = reader.decode().map_err(|why| error(why.into()))?;
+        let size = (image.width(), image.height());
+        if size != (width, height) {
+            return Err(error(TextureFileFault::Size { width: size.0, height: size.1 }));
         }
         Ok(match (info.kind, image) {
             (TextureKind::Height, DynamicImage::ImageLuma8(grey)) => Self::R8(grey.into_raw()),
@@ -106,10 +127,13 @@ mod tests {
     fn files_that_do_not_match_the_level_are_errors() {
         let shape = full(8, 8, TextureKind::Color);
         let right = png(RgbImage::new(8, 8));
-        let refused = |file: &[u8], level| TexturePixels::decode(file, &shape, level).is_err();
+        let fault =
+            |file: &[u8], level| TexturePixels::decode(file, &shape, level).err().map(|why| why.fault);
+        let refused = |file: &[u8], level| fault(file, level).is_some();
         assert!(!refused(&right, 3));
         assert!(refused(&right, 2), "larger than the level");
-        assert!(refused(&png(RgbImage::new(4, 4)), 3), "smaller than the level");
+        let smaller = fault(&png(RgbImage::new(4, 4)), 3);
+        assert!(matches!(smaller, Some(TextureFileFault::Size { width: 4, height: 4 })), "{smaller:?}");
         assert!(refused(b"not an image", 3));
         for length in 0..right.len() - 1 {
             // Cutting off the end marker alone may pass; cutting off pixels may not.

@@ -4,16 +4,17 @@ use std::net::SocketAddr;
 use std::time::Duration;
 
 use lodestream_protocol::message::{Close, CloseCode, Token};
+use lodestream_transport::Clock;
 use tokio::time::timeout;
 
 use super::address::{Address, Scheme};
 use super::addresses::{Resolver, first_to_answer, resolve};
-use super::drive::{Clock, Host};
+use super::drive::Host;
 use super::server::Server;
 #[cfg(any(feature = "quic", feature = "tls"))]
 use super::trust::Trust;
 #[cfg(feature = "websocket")]
-use super::websocket::{CountingStream, Target, WebSocketConnection, run_websocket};
+use super::websocket::{CountingStream, Target, WebSocketConnection, counting, run_websocket};
 #[cfg(feature = "quic")]
 use super::{
     quic::{self, client_config_of, endpoint, run_quic},
@@ -215,7 +216,7 @@ async fn open_websocket(
         let why = "a token is not sent over ws://, which is not encrypted: use wss:// or quic://";
         return Err(Close::new(CloseCode::Protocol, why));
     }
-    let (stream, received) = CountingStream::new(open_tcp(server).await?);
+    let (stream, received) = counting(open_tcp(server).await?);
     let connection = WebSocketConnection::open_counted(stream, received, target, token, STEP_TIMEOUT).await?;
     Ok(Connection::WebSocket(Box::new(connection)))
 }
@@ -228,7 +229,7 @@ async fn open_secure_websocket(
     token: Option<&Token>,
 ) -> Result<Connection, Close> {
     // Counted below TLS: transport payload.
-    let (stream, received) = CountingStream::new(open_tcp(server).await?);
+    let (stream, received) = counting(open_tcp(server).await?);
     let stream = tls.open(stream, STEP_TIMEOUT).await?;
     let connection = WebSocketConnection::open_counted(stream, received, target, token, STEP_TIMEOUT).await?;
     Ok(Connection::SecureWebSocket(Box::new(connection)))

@@ -53,10 +53,10 @@ mod trust;
 mod websocket;
 
 pub use address::{Address, AddressError, Scheme};
-#[cfg(any(feature = "quic", feature = "websocket"))]
-pub use drive::Clock;
 #[cfg(all(feature = "runtime", any(feature = "quic", feature = "websocket")))]
 pub use drive::Host;
+#[cfg(any(feature = "quic", feature = "websocket"))]
+pub use lodestream_transport::Clock;
 pub use pin::{Pin, PinError};
 #[cfg(all(feature = "runtime", feature = "quic"))]
 pub use quic::{QuicSetupError, client_config, endpoint, run_quic};
@@ -75,7 +75,7 @@ pub use server::Server;
 #[cfg(any(feature = "quic", feature = "tls"))]
 pub use trust::{Authorities, AuthoritiesError, Trust};
 #[cfg(all(feature = "runtime", feature = "websocket"))]
-pub use websocket::{CountingStream, WebSocketConnection, run_websocket};
+pub use websocket::{ByteCounter, CountingStream, WebSocketConnection, run_websocket};
 
 #[cfg(all(not(feature = "runtime"), any(feature = "quic", feature = "websocket")))]
 pub(crate) use {drive::Host, reconnect::stream};

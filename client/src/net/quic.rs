@@ -8,15 +8,17 @@ use bytes::Buf;
 use futures_util::StreamExt;
 use futures_util::future::BoxFuture;
 use futures_util::stream::FuturesUnordered;
-use lodestream_protocol::frame::{FrameError, FrameReader};
+use lodestream_protocol::frame::{FrameError, FrameReader, ServerFrame};
 use lodestream_protocol::message::{Close, CloseCode};
 use lodestream_protocol::stream::{ALPN, BLOB_STREAM, BlobStreamReader, CONTROL_STREAM, alpn_of_scene};
+use lodestream_transport::quic::{self as transport, READ_BYTES, next_frame};
+use lodestream_transport::{Clock, Incoming as _, Received, Receiver};
 use quinn::crypto::rustls::QuicClientConfig;
 use quinn::{Chunk, Connection, ConnectionError, ReadError, RecvStream, TokenMemoryCache, VarInt};
 
 use tokio::time::timeout;
 
-use super::drive::{Clock, Host, Received, TransportReceiver, drive};
+use super::drive::{Host, drive};
 use super::quic_open::QuicConnection;
 use super::quic_sender::{QuicSender, SEND_QUEUE_BYTES};
 use super::trust::{CertificateRejection, Trust, Verifier};
@@ -31,8 +33,6 @@ const IDLE_TIMEOUT: Duration = Duration::from_secs(10);
 const KEEP_ALIVE: Duration = Duration::from_secs(3);
 /// Time within which the server must allow the control stream.
 const CONTROL_TIMEOUT: Duration = Duration::from_secs(4);
-/// Most bytes read from a stream at once.
-const READ_BYTES: usize = 16 * 1024;
 /// Most TLS session tickets kept of a server; each is used once, and every connection brings new ones.
 const MAX_TICKETS: usize = 8;
 /// Most QUIC address validation tokens kept of a server.
@@ -127,7 +127,13 @@ pub async fn run_quic<H: Host>(connection: impl Into<QuicConnection>, host: &mut
     let QuicConnection { connection, early } = connection.into();
     // Immediate with every server that allows the client a stream.
     match timeout(CONTROL_TIMEOUT, QuicSender::open(connection.clone(), early)).await {
-        Ok(Ok(sender)) => drive(host, clock, QuicReceiver::new(connection), sender).await,
+        Ok(Ok(mut sender)) => {
+            let mut receiver = QuicReceiver::new(connection.clone());
+            let received_bytes = || connection.stats().udp_rx.bytes;
+            let close = drive(host, clock, &mut receiver, &mut sender, received_bytes).await;
+            transport::close(&connection, &close);
+            close
+        }
         Ok(Err(why)) => close_of(&why),
         Err(_) => {
             let limit = CONTROL_TIMEOUT.as_secs();
@@ -140,18 +146,10 @@ pub async fn run_quic<H: Host>(connection: impl Into<QuicConnection>, host: &mut
 
 /// The reason for the end of a connection, from the server or the transport.
 pub(super) fn close_of(error: &ConnectionError) -> Close {
-    match error {
-        ConnectionError::ApplicationClosed(close) => {
-            let code = CloseCode::from_number(close.error_code.into_inner()).unwrap_or(CloseCode::Protocol);
-            let reason = String::from_utf8_lossy(&close.reason);
-            Close::new(code, if reason.is_empty() { "the server closed the connection" } else { &*reason })
-        }
-        ConnectionError::TimedOut => Close::new(CloseCode::Lost, "the server does not answer"),
-        other => Close::new(CloseCode::Lost, other.to_string()),
-    }
+    transport::close_of(error, ServerFrame::PEER)
 }
 
-fn received_of(error: &ConnectionError) -> Received {
+fn received_of(error: &ConnectionError) -> Received<ServerFrame> {
     let close = close_of(error);
     if close.code == CloseCode::Lost { Received::Lost(close.reason) } else { Received::Closed(close) }
 }
@@ -196,36 +194,28 @@ impl QuicReceiver {
     }
 
     /// The next buffered frame of the control stream; once there is none, the stream is read again.
-    fn next_frame(&mut self) -> Option<Received> {
+    fn next_frame(&mut self) -> Option<Received<ServerFrame>> {
         let mut incoming = self.control.take()?;
         let StreamKind::Control(frames) = &mut incoming.kind else { return None };
-        let frame = match frames.next_frame() {
-            Ok(None) => {
-                self.reading.push(read(incoming));
-                return None;
-            }
-            Ok(Some(frame)) => frame.into_server_frame(),
-            Err(why) => return Some(Received::Malformed(why)),
-        };
-        self.control = Some(incoming);
-        Some(match frame {
-            Ok(Some(frame)) => Received::Frame(frame),
-            // An unknown message that may be skipped.
-            Ok(None) => Received::Nothing,
-            Err(why) => Received::Malformed(why),
-        })
+        let received = next_frame(frames);
+        match received {
+            Some(Received::Malformed(_)) => {}
+            Some(_) => self.control = Some(incoming),
+            None => self.reading.push(read(incoming)),
+        }
+        received
     }
 
-    fn take(&mut self, mut incoming: Incoming, chunk: Option<Chunk>) -> Received {
+    fn take(&mut self, mut incoming: Incoming, chunk: Option<Chunk>) -> Received<ServerFrame> {
         let Some(chunk) = chunk else {
             return match incoming.kind {
-                StreamKind::Unknown => Received::Nothing,
+                StreamKind::Unknown => Received::Skipped,
                 StreamKind::Control(frames) if frames.pending() > 0 => {
                     Received::Malformed(FrameError::Truncated)
                 }
-                StreamKind::Control(_) => Received::Nothing,
+                StreamKind::Control(_) => Received::Skipped,
                 StreamKind::Blob(blob) => match blob.finish() {
-                    Ok(()) => Received::Nothing,
+                    Ok(()) => Received::Skipped,
                     Err(why) => Received::Malformed(why),
                 },
             };
@@ -235,19 +225,19 @@ impl QuicReceiver {
             incoming.kind = match bytes.get_u8() {
                 CONTROL_STREAM if !self.has_control => StreamKind::Control(FrameReader::new()),
                 BLOB_STREAM => StreamKind::Blob(BlobStreamReader::new()),
-                unknown => return Received::Malformed(FrameError::UnknownTag(unknown)),
+                unknown => return Received::Malformed(FrameError::UnknownStream(unknown)),
             };
             self.has_control |= matches!(incoming.kind, StreamKind::Control(_));
         }
         match &mut incoming.kind {
             StreamKind::Unknown => {
                 self.reading.push(read(incoming));
-                Received::Nothing
+                Received::Skipped
             }
             StreamKind::Control(frames) => {
                 frames.push(&bytes);
                 self.control = Some(incoming);
-                Received::Nothing
+                Received::Skipped
             }
             StreamKind::Blob(blob) => match blob.push(bytes) {
                 Ok(pieces) => {
@@ -260,8 +250,10 @@ impl QuicReceiver {
     }
 }
 
-impl TransportReceiver for QuicReceiver {
-    async fn receive(&mut self) -> Received {
+impl Receiver for QuicReceiver {
+    type Frame = ServerFrame;
+
+    async fn receive(&mut self) -> Received<ServerFrame> {
         if let Some(received) = self.next_frame() {
             return received;
         }
@@ -271,9 +263,9 @@ impl TransportReceiver for QuicReceiver {
                 Ok(chunk) => self.take(incoming, chunk),
                 Err(ReadError::Reset(_)) => match &incoming.kind {
                     StreamKind::Blob(blob) => {
-                        blob.blob().map_or(Received::Nothing, |(id, _)| Received::Abandoned(id))
+                        blob.blob().map_or(Received::Skipped, |(id, _)| Received::Abandoned(id))
                     }
-                    StreamKind::Unknown => Received::Nothing,
+                    StreamKind::Unknown => Received::Skipped,
                     StreamKind::Control(_) => Received::Lost("the server reset its control stream".into()),
                 },
                 Err(ReadError::ConnectionLost(why)) => received_of(&why),
@@ -282,14 +274,10 @@ impl TransportReceiver for QuicReceiver {
             accepted = self.connection.accept_uni() => match accepted {
                 Ok(stream) => {
                     self.reading.push(read(Incoming { stream, kind: StreamKind::Unknown }));
-                    Received::Nothing
+                    Received::Skipped
                 }
                 Err(why) => received_of(&why),
             },
         }
-    }
-
-    fn received_bytes(&self) -> u64 {
-        self.connection.stats().udp_rx.bytes
     }
 }

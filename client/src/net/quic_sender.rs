@@ -1,12 +1,14 @@
 //! The sending half of a QUIC session: the control stream, as early data (0-RTT) where possible.
 
-use bytes::{Buf, Bytes};
-use lodestream_protocol::message::Close;
+use bytes::Bytes;
+use lodestream_protocol::frame::{FrameError, encode_client};
+use lodestream_protocol::message::ClientMessage;
 use lodestream_protocol::stream::CONTROL_STREAM;
-use quinn::{Connection, ConnectionError, SendStream, VarInt, WriteError};
+use lodestream_transport::quic::{open_stream, write};
+use lodestream_transport::{SendError, Sender};
+use quinn::{Connection, ConnectionError, SendStream, WriteError};
 use tokio::time::timeout_at;
 
-use super::drive::{SendError, TransportSender};
 use super::quic_open::Early;
 
 /// Most bytes of messages that are queued, or sent as early data and not yet accepted.
@@ -28,27 +30,23 @@ pub(super) struct QuicSender {
     rejected: bool,
 }
 
-async fn open_stream(connection: &Connection) -> Result<SendStream, ConnectionError> {
-    let stream = connection.open_uni().await?;
-    // Fails only on closed streams.
-    let _ = stream.set_priority(i32::MAX);
-    Ok(stream)
-}
-
 impl QuicSender {
     pub(super) async fn open(connection: Connection, early: Option<Early>) -> Result<Self, ConnectionError> {
-        let stream = open_stream(&connection).await?;
+        let stream = open_stream(&connection, i32::MAX).await?;
         let (queue, sent_early) = (Bytes::new(), Vec::new());
         Ok(Self { connection, stream, queue, begun: false, early, sent_early, rejected: false })
     }
 }
 
-impl TransportSender for QuicSender {
+impl Sender for QuicSender {
+    type Item = ClientMessage;
+
     fn has_room(&self) -> bool {
         self.queue.len().max(self.sent_early.len()) < SEND_QUEUE_BYTES
     }
 
-    fn queue(&mut self, frame: Vec<u8>) {
+    fn push(&mut self, message: ClientMessage) -> Result<usize, FrameError> {
+        let frame = encode_client(&message)?;
         let mut queue = Vec::with_capacity(1 + self.queue.len() + frame.len());
         queue.extend_from_slice(&self.queue);
         if !std::mem::replace(&mut self.begun, true) {
@@ -59,6 +57,7 @@ impl TransportSender for QuicSender {
             self.sent_early.extend_from_slice(&queue[self.queue.len()..]);
         }
         self.queue = queue.into();
+        Ok(frame.len())
     }
 
     fn is_idle(&self) -> bool {
@@ -68,19 +67,17 @@ impl TransportSender for QuicSender {
     async fn flush(&mut self) -> Result<(), SendError> {
         loop {
             if self.rejected {
-                match open_stream(&self.connection).await {
+                match open_stream(&self.connection, i32::MAX).await {
                     Ok(stream) => self.stream = stream,
                     // The receiving half reports why the connection is lost.
                     Err(_) => std::future::pending().await,
                 }
                 self.rejected = false;
             }
-            while !self.queue.is_empty() {
-                match self.stream.write(&self.queue).await {
-                    Ok(count) => self.queue.advance(count),
-                    Err(WriteError::ZeroRttRejected) if self.early.is_some() => break,
-                    Err(why) => return Err(why.into()),
-                }
+            match write(&mut self.stream, &mut self.queue).await {
+                // The answer is awaited below.
+                Err(WriteError::ZeroRttRejected) if self.early.is_some() => {}
+                written => written?,
             }
             let Some(early) = &mut self.early else { return Ok(()) };
             let accepted = timeout_at(early.until, &mut early.accepted).await;
@@ -93,9 +90,5 @@ impl TransportSender for QuicSender {
                 self.rejected = true;
             }
         }
-    }
-
-    async fn finish(self, close: &Close) {
-        self.connection.close(VarInt::from(close.code.number()), close.reason.as_bytes());
     }
 }

@@ -7,13 +7,14 @@ use std::time::Duration;
 use lodestream_protocol::client::Backoff;
 use lodestream_protocol::message::{Close, CloseCode, Token};
 use lodestream_protocol::time::Time;
+use lodestream_transport::Clock;
 #[cfg(all(feature = "runtime", feature = "websocket"))]
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::time::{Instant, sleep_until, timeout_at};
 
 use super::addresses::{Resolver, SystemResolver};
 use super::connect::{Connection, ConnectionMemory, connect};
-use super::drive::{Clock, Host};
+use super::drive::Host;
 #[cfg(all(feature = "runtime", feature = "quic"))]
 use super::quic::run_quic;
 #[cfg(all(feature = "runtime", feature = "quic"))]
@@ -127,7 +128,7 @@ pub async fn stream_quic<H: Host>(
 
 /// As [`stream_quic`], over WebSockets.
 #[cfg(all(feature = "runtime", feature = "websocket"))]
-pub async fn stream_websocket<S: AsyncRead + AsyncWrite + Unpin, H: Host>(
+pub async fn stream_websocket<S: AsyncRead + AsyncWrite + Unpin + Send, H: Host>(
     name: &str,
     connect: impl AsyncFnMut() -> Result<WebSocketConnection<S>, Close>,
     host: &mut H,
@@ -196,7 +197,7 @@ impl RunSession for QuicConnection {
 }
 
 #[cfg(all(feature = "runtime", feature = "websocket"))]
-impl<S: AsyncRead + AsyncWrite + Unpin> RunSession for WebSocketConnection<S> {
+impl<S: AsyncRead + AsyncWrite + Unpin + Send> RunSession for WebSocketConnection<S> {
     async fn run<H: Host>(self, host: &mut H, clock: Clock) -> Close {
         run_websocket(self, host, clock).await
     }

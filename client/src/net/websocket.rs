@@ -1,39 +1,29 @@
 //! WebSocket transport: one binary message carries one frame.
 
-use std::collections::VecDeque;
-use std::future::poll_fn;
-use std::io;
-use std::pin::Pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::task::{Context, Poll, ready};
 use std::time::Duration;
 
-use futures_util::stream::{SplitSink, SplitStream};
-use futures_util::{Sink, SinkExt, StreamExt};
-use lodestream_protocol::frame::{Frame, FrameError};
 use lodestream_protocol::message::{Close, CloseCode, Token};
 use lodestream_protocol::stream::ALPN;
-use lodestream_scene::limits::MAX_FRAME_BYTES;
-use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use lodestream_transport::websocket::{config, split};
+use lodestream_transport::{Clock, ObservedStream, ReadObserver};
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::time::timeout;
+use tokio_tungstenite::tungstenite::Error;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest;
-use tokio_tungstenite::tungstenite::error::{CapacityError, ProtocolError};
+use tokio_tungstenite::tungstenite::error::ProtocolError;
 use tokio_tungstenite::tungstenite::http::HeaderValue;
 use tokio_tungstenite::tungstenite::http::StatusCode;
 use tokio_tungstenite::tungstenite::http::header::{AUTHORIZATION, SEC_WEBSOCKET_PROTOCOL};
-use tokio_tungstenite::tungstenite::protocol::{CloseFrame, WebSocketConfig};
-use tokio_tungstenite::tungstenite::{Error, Message};
 use tokio_tungstenite::{WebSocketStream, client_async_with_config};
 
-use super::drive::{Clock, Host, Received, SendError, TransportReceiver, TransportSender, drive};
+use super::drive::{CLOSE_TIMEOUT, Host, drive};
 
 /// Read buffer: room for two pieces.
 const READ_BUFFER_BYTES: usize = 32 * 1024;
 /// Most messages in the send queue.
 const MAX_WAITING_MESSAGES: usize = 8;
-/// Added to the protocol's close codes to get WebSocket close codes (RFC 6455 §7.4.2: private use).
-const CLOSE_CODE_BASE: u16 = 4000;
 
 /// Target of the HTTP upgrade request.
 #[derive(Clone, Copy, Debug)]
@@ -59,7 +49,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> WebSocketConnection<CountingStream<S>> {
     /// The server refuses, does not answer within `limit`, or the connection is lost.
     #[cfg_attr(not(feature = "runtime"), allow(dead_code, reason = "used by hosts with their own runtime"))]
     pub async fn open(stream: S, authority: &str, limit: Duration) -> Result<Self, Close> {
-        let (stream, received) = CountingStream::new(stream);
+        let (stream, received) = counting(stream);
         Self::open_counted(stream, received, Target { authority, path: "/" }, None, limit).await
     }
 }
@@ -87,12 +77,16 @@ impl<S: AsyncRead + AsyncWrite + Unpin> WebSocketConnection<S> {
 /// Runs one session over a WebSocket until it ends; gives the reason.
 pub async fn run_websocket<S, H>(connection: WebSocketConnection<S>, host: &mut H, clock: Clock) -> Close
 where
-    S: AsyncRead + AsyncWrite + Unpin,
+    S: AsyncRead + AsyncWrite + Unpin + Send,
     H: Host,
 {
-    let (sink, stream) = connection.socket.split();
-    let receiver = WebSocketReceiver { stream, received: connection.received };
-    drive(host, clock, receiver, WebSocketSender { sink, queue: VecDeque::new(), unflushed: false }).await
+    let WebSocketConnection { socket, received } = connection;
+    let (mut receiver, mut sender) = split(socket, MAX_WAITING_MESSAGES);
+    let close = drive(host, clock, &mut receiver, &mut sender, || received.load(Ordering::Relaxed)).await;
+    if close.code != CloseCode::Lost {
+        let _ = timeout(CLOSE_TIMEOUT, sender.send_close(&close)).await;
+    }
+    close
 }
 
 async fn handshake<S>(
@@ -120,13 +114,7 @@ where
         value.set_sensitive(true);
         request.headers_mut().insert(AUTHORIZATION, value);
     }
-    let limits = WebSocketConfig::default()
-        .read_buffer_size(READ_BUFFER_BYTES)
-        .write_buffer_size(0)
-        .max_write_buffer_size(2 * MAX_FRAME_BYTES)
-        .max_message_size(Some(MAX_FRAME_BYTES))
-        .max_frame_size(Some(MAX_FRAME_BYTES));
-    match client_async_with_config(request, stream, Some(limits)).await {
+    match client_async_with_config(request, stream, Some(config(READ_BUFFER_BYTES))).await {
         Ok((socket, _)) => Ok(WebSocketConnection { socket, received }),
         Err(Error::Http(response)) => {
             let status = response.status();
@@ -155,154 +143,21 @@ fn first_line(body: Option<&[u8]>) -> Option<&str> {
     text.lines().next().filter(|line| !line.is_empty())
 }
 
-/// A stream that counts the bytes read from it.
+/// Counts the bytes read from a stream.
 #[derive(Debug)]
-pub struct CountingStream<S> {
-    stream: S,
-    received: Arc<AtomicU64>,
-}
+pub struct ByteCounter(Arc<AtomicU64>);
 
-impl<S> CountingStream<S> {
-    /// Wraps a stream; gives the counter too.
-    pub(super) fn new(stream: S) -> (Self, Arc<AtomicU64>) {
-        let received = Arc::new(AtomicU64::new(0));
-        (Self { stream, received: Arc::clone(&received) }, received)
+impl ReadObserver for ByteCounter {
+    fn after_read(&mut self, count: usize) {
+        self.0.fetch_add(count as u64, Ordering::Relaxed);
     }
 }
 
-impl<S: AsyncRead + Unpin> AsyncRead for CountingStream<S> {
-    fn poll_read(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-        buffer: &mut ReadBuf<'_>,
-    ) -> Poll<io::Result<()>> {
-        let before = buffer.filled().len();
-        let polled = Pin::new(&mut self.stream).poll_read(context, buffer);
-        self.received.fetch_add((buffer.filled().len() - before) as u64, Ordering::Relaxed);
-        polled
-    }
-}
+/// A stream that counts the bytes read from it.
+pub type CountingStream<S> = ObservedStream<S, ByteCounter>;
 
-impl<S: AsyncWrite + Unpin> AsyncWrite for CountingStream<S> {
-    fn poll_write(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-        bytes: &[u8],
-    ) -> Poll<io::Result<usize>> {
-        Pin::new(&mut self.stream).poll_write(context, bytes)
-    }
-
-    fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.stream).poll_flush(context)
-    }
-
-    fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.stream).poll_shutdown(context)
-    }
-}
-
-struct WebSocketReceiver<S> {
-    stream: SplitStream<WebSocketStream<S>>,
-    received: Arc<AtomicU64>,
-}
-
-impl<S: AsyncRead + AsyncWrite + Unpin> TransportReceiver for WebSocketReceiver<S> {
-    async fn receive(&mut self) -> Received {
-        let message = match self.stream.next().await {
-            None | Some(Err(Error::ConnectionClosed | Error::AlreadyClosed)) => {
-                return Received::Lost("the server closed the connection".into());
-            }
-            Some(Err(Error::Capacity(CapacityError::MessageTooLong { size, max_size }))) => {
-                return Received::Malformed(FrameError::TooLong { bytes: size as u64, limit: max_size });
-            }
-            Some(Err(why)) => return Received::Lost(why.to_string()),
-            Some(Ok(message)) => message,
-        };
-        match message {
-            Message::Binary(bytes) => match Frame::parse(bytes).and_then(Frame::into_server_frame) {
-                Ok(Some(frame)) => Received::Frame(frame),
-                // An unknown message that may be skipped.
-                Ok(None) => Received::Nothing,
-                Err(why) => Received::Malformed(why),
-            },
-            Message::Close(frame) => closed(frame),
-            Message::Text(_) => Received::Lost("the server sent a text message".into()),
-            Message::Ping(_) | Message::Pong(_) | Message::Frame(_) => Received::Nothing,
-        }
-    }
-
-    fn received_bytes(&self) -> u64 {
-        self.received.load(Ordering::Relaxed)
-    }
-}
-
-fn closed(frame: Option<CloseFrame>) -> Received {
-    let Some(frame) = frame else { return Received::Lost("the server closed the connection".into()) };
-    let number = u16::from(frame.code);
-    let code = number.checked_sub(CLOSE_CODE_BASE).and_then(|n| CloseCode::from_number(u64::from(n)));
-    let reason = frame.reason.as_str();
-    match code {
-        Some(code) => Received::Closed(Close::new(code, reason)),
-        None if number == 1000 => Received::Closed(Close::new(CloseCode::Normal, reason)),
-        None => Received::Lost(format!("the server closed the connection: {number} {reason}")),
-    }
-}
-
-struct WebSocketSender<S> {
-    sink: SplitSink<WebSocketStream<S>, Message>,
-    queue: VecDeque<Message>,
-    unflushed: bool,
-}
-
-impl<S: AsyncRead + AsyncWrite + Unpin> WebSocketSender<S> {
-    fn poll(&mut self, context: &mut Context<'_>) -> Poll<Result<(), Error>> {
-        while !self.queue.is_empty() {
-            ready!(self.sink.poll_ready_unpin(context))?;
-            if let Some(message) = self.queue.pop_front() {
-                self.unflushed = true;
-                self.sink.start_send_unpin(message)?;
-            }
-        }
-        if self.unflushed {
-            ready!(Pin::new(&mut self.sink).poll_flush(context))?;
-            self.unflushed = false;
-        }
-        Poll::Ready(Ok(()))
-    }
-}
-
-impl<S: AsyncRead + AsyncWrite + Unpin> TransportSender for WebSocketSender<S> {
-    fn has_room(&self) -> bool {
-        self.queue.len() < MAX_WAITING_MESSAGES
-    }
-
-    fn queue(&mut self, frame: Vec<u8>) {
-        self.queue.push_back(Message::Binary(frame.into()));
-    }
-
-    fn is_idle(&self) -> bool {
-        self.queue.is_empty() && !self.unflushed
-    }
-
-    async fn flush(&mut self) -> Result<(), SendError> {
-        poll_fn(|context| self.poll(context)).await.map_err(|why| Box::new(why).into())
-    }
-
-    async fn finish(mut self, close: &Close) {
-        if close.code != CloseCode::Lost {
-            let code =
-                if close.code == CloseCode::Normal { 1000 } else { CLOSE_CODE_BASE + close.code.number() };
-            let frame = CloseFrame { code: code.into(), reason: truncate(&close.reason).into() };
-            let _ = self.sink.send(Message::Close(Some(frame))).await;
-        }
-    }
-}
-
-/// The beginning of a reason that fits into a close frame (RFC 6455 §5.5).
-fn truncate(reason: &str) -> &str {
-    let mut end = reason.len().min(123);
-    while !reason.is_char_boundary(end) {
-        end -= 1;
-    }
-    &reason[..end]
+/// Wraps a stream; gives the counter too.
+pub(super) fn counting<S>(stream: S) -> (CountingStream<S>, Arc<AtomicU64>) {
+    let received = Arc::new(AtomicU64::new(0));
+    (ObservedStream::new(stream, ByteCounter(Arc::clone(&received))), received)
 }

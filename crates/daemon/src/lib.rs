@@ -36,6 +36,7 @@ pub use crate::http::proxy::{Network, TrustedProxies};
 pub use crate::http::server::accept_http;
 pub use crate::lifecycle::settings_watch::SettingsReload;
 pub use crate::lifecycle::shutdown::StopRequests;
+pub use crate::limits::invalid_setting::InvalidSetting;
 pub use crate::limits::session_rate::SessionRateLimit;
 pub use crate::metrics::Metrics;
 pub use crate::session::admission_settings::AdmissionSettings;

@@ -48,7 +48,7 @@ pub use check::ancestor_closed_cut;
 pub use entropy::{Codec, steps};
 pub use error::{DecodeError, MeshError, SkippedTask};
 pub use mesh::{distance, normals, octahedral};
-pub use name::UnknownName;
+pub use name::{Named, UnknownName};
 #[cfg(feature = "prepare")]
 pub use prepare::training;
 #[cfg(feature = "prepare")]

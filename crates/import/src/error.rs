@@ -79,14 +79,6 @@ pub enum ImportError {
         /// How many are supported.
         limit: usize,
     },
-    /// The OBJ parser refuses the checked file.
-    #[error("{}: {source}", path.display())]
-    Parser {
-        /// The file.
-        path: PathBuf,
-        /// The parser's error.
-        source: tobj::LoadError,
-    },
 }
 
 impl ImportError {

@@ -2,10 +2,8 @@
 //! [`SourceMesh`](lodestream_geometry::mesh::SourceMesh) and materials, image files to mip levels, terrain features and
 //! height maps.
 //!
-//! OBJ and MTL are parsed by the crate `tobj` behind a pass of our own (`normalise`) that checks every
-//! line and reports its number: tobj 4 lets NaN and infinities through, makes up texture
-//! coordinates for corners that have none, takes polylines for faces, overflows on some negative
-//! indices and panics on a colour of one value.
+//! MTL files are parsed by the crate `tobj`, behind a pass of our own that drops lines on which tobj 4 fails or panics,
+//! with a warning. OBJ files are parsed here (`obj/parse.rs` says why).
 
 mod error;
 #[cfg(test)]

@@ -248,7 +248,7 @@ fn indices_out_of_range_name_their_line() {
     refused(format!("{TRIANGLE}f 1 2 0\n"), &[":4: face refers to vertex 0", "counts from 1"]);
     refused(format!("{TRIANGLE}f 1 2 -4\n"), &[":4: face refers to vertex -4", "only 3"]);
     refused(format!("{TRIANGLE}vt 0 0\nf 1/1 2/2 3/1\n"), &[":5: face refers to texture coordinate 2"]);
-    // The next two wrap around inside tobj.
+    // The next two must not wrap around.
     refused(format!("{TRIANGLE}vt 0 0\nf 1/1 2/-2 3/1\n"), &[":5: face refers to texture coordinate -2"]);
     refused(format!("{TRIANGLE}vt 0 0\nf 1/1 2/-9223372036854775808 3/1\n"), &[":5: face"]);
     refused(format!("{TRIANGLE}vn 0 0 1\nf 1//1 2//1 3//7\n"), &[":5: face refers to normal 7"]);

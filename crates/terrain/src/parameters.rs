@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use lodestream_geometry::{DecodeError, UnknownName};
+use lodestream_geometry::{DecodeError, Named, UnknownName};
 
 use super::error::TerrainError;
 
@@ -37,12 +37,20 @@ impl Distribution {
     }
 }
 
-impl fmt::Display for Distribution {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
+impl Named for Distribution {
+    const ALL: &'static [Self] = &[Self::Uniform, Self::Gaussian];
+
+    fn name(self) -> &'static str {
+        match self {
             Self::Uniform => "uniform",
             Self::Gaussian => "gaussian",
-        })
+        }
+    }
+}
+
+impl fmt::Display for Distribution {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
     }
 }
 
@@ -50,11 +58,7 @@ impl FromStr for Distribution {
     type Err = UnknownName;
 
     fn from_str(name: &str) -> Result<Self, UnknownName> {
-        match name {
-            "uniform" => Ok(Self::Uniform),
-            "gaussian" => Ok(Self::Gaussian),
-            _ => Err(UnknownName::new("uniform or gaussian", name)),
-        }
+        Self::from_name(name)
     }
 }
 

@@ -1,4 +1,4 @@
-//! A client session's record of requested and arriving blobs.
+//! A client session's record of requested and arriving blobs: the only one of what is requested.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
@@ -194,9 +194,10 @@ impl Downloads {
         }
     }
 
-    /// Ends the session.
-    pub(super) fn clear(&mut self) {
-        self.pending.clear();
+    /// Ends the session: nothing more arrives. What was requested can still be listed.
+    pub(super) fn end(&mut self) {
+        self.pending.retain(|_, pending| pending.requested.is_some());
+        self.pending.values_mut().for_each(|pending| pending.received = Vec::new());
         self.in_flight_bytes = 0;
         self.wants.clear();
         self.cancels.clear();

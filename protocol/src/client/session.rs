@@ -201,7 +201,7 @@ impl ClientSession {
         if self.close.is_some() {
             return;
         }
-        self.downloads.clear();
+        self.downloads.end();
         self.early.take();
         self.pages.clear();
         self.close = Some(close.clone());
@@ -299,6 +299,17 @@ impl ClientSession {
         self.token = Some(token);
     }
 
+    /// Whether a blob is requested and has not arrived.
+    #[must_use]
+    pub fn is_requested(&self, id: BlobId) -> bool {
+        self.downloads.pending.get(&id).is_some_and(|pending| pending.requested.is_some())
+    }
+
+    /// The blobs that are requested and have not arrived. Once the session has ended: those that never will.
+    pub fn requested(&self) -> impl Iterator<Item = BlobId> {
+        self.downloads.pending.keys().copied().filter(|id| self.is_requested(*id))
+    }
+
     /// Reports blobs that the client's cache has evicted; they may be requested again.
     pub fn evicted(&mut self, _now: Time, ids: &[BlobId]) {
         if self.close.is_none() {
@@ -319,7 +330,7 @@ impl ClientSession {
             blob_bytes: self.blob_bytes,
             blobs: self.downloads.completed,
             in_flight_bytes: self.downloads.in_flight_bytes,
-            in_flight_blobs: self.downloads.pending.len(),
+            in_flight_blobs: if self.close.is_none() { self.downloads.pending.len() } else { 0 },
             rtt: self.estimate.rtt(),
             bytes_per_s: self.estimate.bytes_per_s(),
         }

@@ -36,7 +36,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let pack = PackFile::open(&arguments.pack)?;
     pack.verify_textures()?;
     let asset = pack.load()?;
-    let threads = Threads::new(None);
+    let threads = Threads::all_cores();
     let sets = arguments.random_sets as usize;
     let report = check(&asset.base, &asset.infos, &asset.chunks, sets, arguments.seed, &threads)
         .with_context(|| arguments.pack.display().to_string())?;

@@ -1,11 +1,12 @@
 //! Options of preparation, shared by `prepare` and `serve`.
 
 use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use lodestream_bake::preparation_settings::{
     BlockFaces, CodecChoice, NormalTolerance, PositionBits, Precision, PreparationSettings, ReliefDepth,
     Round, Tolerance, UvBits,
 };
-use lodestream_geometry::Metric;
+use lodestream_geometry::{Metric, Named};
 
 /// Precision of positions: at most one of the two.
 #[derive(Clone, Copy, Debug, Args)]
@@ -33,7 +34,7 @@ pub(super) struct PreparationArguments {
     normal_tolerance: Option<NormalTolerance>,
     /// Cost of an edge collapse: qem (quadric error), melax (length × curvature), clustering (size of the cell that
     /// holds both ends) or clustering-seams (the same, along seams) [default: qem].
-    #[arg(long, value_name = "METRIC")]
+    #[arg(long, value_name = "METRIC", value_parser = by_name::<Metric>())]
     metric: Option<Metric>,
     /// Order of collapses: heap (the cheapest first), or rounds of this share of the vertices, 0.01 to
     /// 0.5 [default: heap].
@@ -41,7 +42,7 @@ pub(super) struct PreparationArguments {
     round_size: Option<Round>,
     /// Codec of the geometry: range (fewest bytes; chunks can be sent in part), axis-aligned (fewer bytes for models
     /// built along the axes), auto (one of these two, chosen per model) or zstd (least decoding work) [default: auto].
-    #[arg(long, value_name = "CODEC")]
+    #[arg(long, value_name = "CODEC", value_parser = by_name::<CodecChoice>())]
     codec: Option<CodecChoice>,
     /// Most faces simplified at once, 100 to 100,000,000. A larger mesh is simplified in spatial blocks, one after the
     /// other; a block takes about 300 bytes of memory per face [default: 4000000].
@@ -66,6 +67,13 @@ impl PreparationArguments {
             relief_depth: self.relief_depth,
         }
     }
+}
+
+/// Parses a value by its name; help, completions and errors list the names. The choices belong to libraries without
+/// clap, so they cannot derive its `ValueEnum`.
+pub(super) fn by_name<T: Named>() -> impl TypedValueParser<Value = T> {
+    let names = PossibleValuesParser::new(T::ALL.iter().map(|value| value.name()));
+    names.try_map(|name| T::from_name(&name))
 }
 
 pub(super) fn positive(text: &str) -> Result<f64, String> {

@@ -10,6 +10,7 @@ use lodestream_import::terrain::{ErosionPasses, FinestLevel, Roughness, SpikeLim
 use lodestream_terrain::{Distribution, Erosion, FeatureSet, Parameters, Terrain, fingerprint};
 
 use super::outcome::Outcome;
+use super::preparation_settings::{by_name, positive};
 
 /// Parameters of a terrain, without its levels.
 #[derive(Clone, Copy, Debug, Args)]
@@ -24,7 +25,7 @@ struct TerrainArguments {
     #[arg(long, value_name = "FACTOR", default_value = "0.5")]
     roughness: Roughness,
     /// Distribution of offsets: uniform, or gaussian (approximately Gaussian, with the same variance).
-    #[arg(long, default_value_t = Distribution::default())]
+    #[arg(long, default_value_t = Distribution::default(), value_parser = by_name::<Distribution>())]
     distribution: Distribution,
     /// Mean height, in height units.
     #[arg(long, value_name = "UNITS", default_value_t = 0, allow_negative_numbers = true)]
@@ -105,7 +106,7 @@ pub(super) struct ImportArguments {
     #[arg(long, value_name = "X,Y", default_value = "0,0", value_parser = pair, allow_hyphen_values = true)]
     at: [i64; 2],
     /// Height units per step of grey.
-    #[arg(long, value_name = "UNITS", default_value_t = 1.0, value_parser = super::preparation_settings::positive)]
+    #[arg(long, value_name = "UNITS", default_value_t = 1.0, value_parser = positive)]
     scale: f64,
     /// Height of black, in height units.
     #[arg(long, value_name = "UNITS", default_value_t = 0, allow_negative_numbers = true)]

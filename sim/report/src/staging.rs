@@ -10,10 +10,10 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
-use lodestream_client::core::{Config, StartView};
+use lodestream_client::Threads;
+use lodestream_client::core::{Config, Decoders, StartView};
 use lodestream_client::net::{Retry, Server};
 use lodestream_client::streaming::Streaming;
-use lodestream_client::threads::Threads;
 use lodestream_protocol::source::SceneSource;
 use lodestream_render::{Gpu, Headless, MAX_WAITING_STEPS, SceneView, upload_budget};
 use lodestream_scenario::plan::{Case, Plan};
@@ -125,7 +125,7 @@ fn of_case(
         let headless = Headless::new(Gpu::headless()?, 1, 1)?;
         let link = RealLink::start(case, scene, case.seeds.first().copied().unwrap_or(1))?;
         let mut config = Config::new(StartView::OfScene { viewport_px: plan.viewport_px, target_px });
-        config.decoders = Threads::new(None).decoders();
+        config.decoders = Decoders::on_threads(Threads::all_cores_but_one());
         let mut streaming = Streaming::start(Server::from(link.address()), config, Retry::default(), || {})?;
         let limit = Duration::from_secs_f64(case.time_limit_s);
         let one = watch(&headless, &mut streaming, interval, limit);

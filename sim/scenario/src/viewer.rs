@@ -3,9 +3,9 @@
 use std::future::Future;
 use std::time::Duration;
 
+use lodestream_client::Threads;
 use lodestream_client::core::{ClientCore, Config, Decoders, Progress, QUALITIES_PX, StartView};
 use lodestream_client::net::{Clock, Host};
-use lodestream_client::threads::Threads;
 use lodestream_protocol::Time;
 use lodestream_scene::view::View;
 
@@ -70,7 +70,7 @@ impl<'a> Viewer<'a> {
         time_limit: Duration,
     ) -> Self {
         let start = StartView::OfScene { viewport_px, target_px: client.target_px };
-        let decoders = Threads::new(std::thread::available_parallelism().ok()).decoders();
+        let decoders = Decoders::on_threads(Threads::all_cores());
         Self::starting(start, viewport_px, client, path, time_limit, None, decoders)
     }
 

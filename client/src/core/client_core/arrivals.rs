@@ -172,7 +172,7 @@ impl ClientCore {
     /// flight already.
     fn link_shared_textures(&mut self, now: Time, levels: Vec<BlobId>) {
         for &id in &levels {
-            if self.scene.is_in_flight(id) {
+            if self.is_requested(id) {
                 self.set_state(id, State::InFlight);
             } else if !self.cache.contains(id)
                 && self.scene.shared.same(id).any(|id| self.is_texture_applied(id))

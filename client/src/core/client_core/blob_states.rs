@@ -1,9 +1,18 @@
 //! The state of each blob, as selections read it.
 //!
-//! [`AssetState`](lodestream_select::AssetState) and its counterparts for terrain and punctual lights are the client's
-//! only table of blob states. How many bytes of a chunk are here is known to the cache; the table's copy is written by
-//! [`ClientCore::sync_held`] alone. What is requested is decided by the session; [`State::InFlight`] follows its
-//! answers.
+//! Each fact has one owner:
+//!
+//! | fact | owner |
+//! |---|---|
+//! | requested from the server, and with which priority | the session (`ClientSession::is_requested`) |
+//! | bytes here that are not in use | the [cache](crate::core::cache); of base meshes and index pages, the queue `undecoded` |
+//! | in use, up to a truncation point or whole | the table |
+//! | attempts after a failure | [`Failures`](crate::core::failures::Failures) |
+//!
+//! The table is [`AssetState`](lodestream_select::AssetState) with its counterparts for terrain and punctual lights.
+//! Selections read nothing else, so it also has copies of the other facts: [`State::InFlight`], [`State::Cached`],
+//! [`State::Failed`], and the number of bytes of a chunk, which [`ClientCore::sync_held`] alone writes. The core's tests
+//! compare the copies with their owners after every step of a run.
 
 use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::time::Time;
@@ -12,6 +21,8 @@ use lodestream_select::State;
 
 use super::ClientCore;
 use super::blob_error::BlobError;
+#[cfg(test)]
+use crate::core::asset::RefinedAsset;
 
 impl ClientCore {
     pub(in crate::core) fn set_state(&mut self, id: BlobId, state: State) {
@@ -23,6 +34,22 @@ impl ClientCore {
             punctual_lights.set_state(blob, state);
         } else {
             self.scene.set_state(id, state);
+        }
+    }
+
+    /// Whether a blob is requested and has not arrived.
+    pub(in crate::core) fn is_requested(&self, id: BlobId) -> bool {
+        self.connection.session.as_ref().is_some_and(|session| session.is_requested(id))
+    }
+
+    /// The state of a chunk or texture level that is not in use. The rest of a cached chunk may be requested.
+    pub(in crate::core) fn unused_state(&self, id: BlobId) -> State {
+        if self.is_requested(id) {
+            State::InFlight
+        } else if self.cache.contains(id) {
+            State::Cached
+        } else {
+            State::Absent
         }
     }
 
@@ -59,7 +86,7 @@ impl ClientCore {
     pub(in crate::core) fn mark_absent(&mut self, now: Time, id: BlobId) {
         self.cache.remove(id);
         self.sync_held(id);
-        self.set_state(id, State::Absent);
+        self.set_state(id, self.unused_state(id));
         if let Some(session) = &mut self.connection.session {
             session.evicted(now, &[id]);
         }
@@ -108,6 +135,40 @@ impl ClientCore {
             && let Some(session) = &mut self.connection.session
         {
             session.evicted(now, &evicted);
+        }
+    }
+}
+
+#[cfg(test)]
+impl ClientCore {
+    /// Compares the table's copies with their owners.
+    pub(in crate::core) fn check_states(&self) {
+        let Some(session) = self.connection.session.as_ref().filter(|_| self.connection.closed.is_none())
+        else {
+            return;
+        };
+        for id in session.requested() {
+            assert_eq!(self.state(id), State::InFlight, "{id} is requested");
+        }
+        for (asset, state) in (0..).zip(&self.scene.states) {
+            let pages = (0..state.entry().index_pages()).map(BlobPart::IndexPage);
+            let chunks = (0..).zip(state.chunks()).map(|(chunk, _)| BlobPart::Chunk(chunk));
+            let refined = self.scene.refined.get(asset as usize).and_then(Option::as_ref);
+            let textures = refined.into_iter().flat_map(RefinedAsset::texture_levels);
+            for part in std::iter::once(BlobPart::Base).chain(pages).chain(chunks).chain(textures) {
+                let id = state.entry().sent_blob(asset, part);
+                match state.state(part) {
+                    State::InFlight => assert!(session.is_requested(id), "{id} is not requested"),
+                    State::Cached => {
+                        let undecoded = self.undecoded.iter().any(|(waiting, _)| *waiting == id);
+                        assert!(undecoded || self.cache.contains(id), "{id} is not cached");
+                    }
+                    State::Absent | State::Applied | State::Failed => {}
+                }
+                if let BlobPart::Chunk(chunk) = part {
+                    assert_eq!(state.held_bytes(chunk), self.cache.held_bytes(id), "{id}");
+                }
+            }
         }
     }
 }

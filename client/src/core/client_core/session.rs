@@ -42,9 +42,13 @@ impl ClientCore {
 
     /// Ends the session; requested blobs count as absent again.
     fn disconnect(&mut self) {
-        self.connection.session = None;
         self.connection.earlier_bytes += std::mem::take(&mut self.connection.transport_bytes);
-        self.scene.reset_in_flight();
+        let Some(session) = self.connection.session.take() else { return };
+        for id in session.requested() {
+            if self.state(id) == State::InFlight {
+                self.set_state(id, State::Absent);
+            }
+        }
     }
 
     /// Handles a frame from the server.

@@ -133,11 +133,9 @@ impl ClientCore {
             Ok(()) => {
                 self.counts.undone += 1;
                 self.selection.stale = true;
-                // The rest of a chunk that was applied up to a truncation point may be in flight.
-                let in_flight = self.state(id) == State::InFlight;
                 self.set_truncation(id, None);
                 if self.cache.contains(id) {
-                    self.set_state(id, if in_flight { State::InFlight } else { State::Cached });
+                    self.set_state(id, self.unused_state(id));
                 } else {
                     self.mark_absent(now, id);
                 }

@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use lodestream_geometry::mesh::QuantisedMesh;
 use lodestream_geometry::prepare::select_codec;
-use lodestream_geometry::{Codec, UnknownName};
+use lodestream_geometry::{Codec, Named, UnknownName};
 
 /// A codec, or automatic selection by the mesh. As text `auto` or the codec's name.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -35,12 +35,21 @@ impl From<Codec> for CodecChoice {
     }
 }
 
+impl Named for CodecChoice {
+    const ALL: &'static [Self] =
+        &[Self::Auto, Self::Codec(Codec::Range), Self::Codec(Codec::AxisAligned), Self::Codec(Codec::Zstd)];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::Codec(codec) => codec.name(),
+        }
+    }
+}
+
 impl fmt::Display for CodecChoice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Auto => f.write_str("auto"),
-            Self::Codec(codec) => codec.fmt(f),
-        }
+        f.write_str(self.name())
     }
 }
 
@@ -48,11 +57,7 @@ impl FromStr for CodecChoice {
     type Err = UnknownName;
 
     fn from_str(name: &str) -> Result<Self, UnknownName> {
-        if name == "auto" {
-            return Ok(Self::Auto);
-        }
-        let unknown = |_| UnknownName::new("auto, range, axis-aligned or zstd", name);
-        name.parse().map(Self::Codec).map_err(unknown)
+        Self::from_name(name)
     }
 }
 
@@ -62,10 +67,11 @@ mod tests {
 
     #[test]
     fn a_choice_is_read_by_the_name_that_it_shows() {
-        let codecs = [Codec::Range, Codec::AxisAligned, Codec::Zstd].map(CodecChoice::from);
-        for choice in codecs.into_iter().chain([CodecChoice::Auto]) {
+        for &choice in CodecChoice::ALL {
             assert_eq!(choice.to_string().parse(), Ok(choice));
         }
+        let codecs = Codec::ALL.iter().copied().map(CodecChoice::from);
+        assert!(codecs.chain([CodecChoice::Auto]).all(|choice| CodecChoice::ALL.contains(&choice)));
         let refusal = "best".parse::<CodecChoice>().unwrap_err();
         assert_eq!(refusal.to_string(), "auto, range, axis-aligned or zstd is possible; \"best\" is not");
     }

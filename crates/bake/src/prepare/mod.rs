@@ -7,7 +7,6 @@ mod progress;
 mod settings_key;
 #[cfg(test)]
 mod tests;
-mod threads;
 
 use std::fmt;
 use std::num::NonZeroUsize;
@@ -30,9 +29,9 @@ use lodestream_store::{PackFile, StoreError};
 
 use checkpoint_folder::CheckpointFolder;
 pub use checkpoint_folder::{Resumed, remove_stale_levels};
+pub use lodestream_threads::Threads;
 pub use progress::Reporter;
 use settings_key::PackSettings;
-pub use threads::Threads;
 
 /// Options of a preparation.
 #[derive(Clone, Copy, Debug, Default)]
@@ -276,7 +275,7 @@ fn prepare_with_key(
         checkpoint_folder_for(pack, &key, options.keep_levels || mesh.faces.len() >= CHECKPOINT_MIN_FACES);
     let checkpoints = checkpoints.map_err(|source| PrepareError::Write { path: pack.to_owned(), source })?;
     let reporter = Reporter::new(name, options.quiet);
-    let threads = Threads::new(options.threads);
+    let threads = options.threads.map_or_else(Threads::all_cores, Threads::new);
     let mut hooks = Hooks::new(&threads, &reporter);
     if let Some(checkpoints) = &checkpoints {
         hooks = hooks.with_checkpoints(checkpoints);

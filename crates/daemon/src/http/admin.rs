@@ -17,6 +17,7 @@ use tokio::time::timeout;
 
 use crate::http::responses::{TextResponse, health, ready, scene_list, text, wrong_method};
 use crate::http::server::{REQUEST_TIMEOUT, connection_builder};
+use crate::limits::invalid_setting::InvalidSetting;
 use crate::limits::pre_auth_pool::PreAuthPool;
 use crate::session::state::ServerState;
 use crate::transport::listen::{accept_each, listen_tcp};
@@ -33,13 +34,13 @@ pub enum AdminPort {
 }
 
 impl FromStr for AdminPort {
-    type Err = String;
+    type Err = InvalidSetting;
 
-    fn from_str(text: &str) -> Result<Self, String> {
+    fn from_str(text: &str) -> Result<Self, InvalidSetting> {
         if text.eq_ignore_ascii_case("off") {
             return Ok(Self::Off);
         }
-        let expected = |_| format!("{text:?} is not an address: write for example 127.0.0.1:8081, or off");
+        let expected = |_| InvalidSetting::new(text, "an address", "for example 127.0.0.1:8081, or off");
         text.parse().map(Self::At).map_err(expected)
     }
 }

@@ -1,28 +1,28 @@
 //! Check of the `Origin` header. Browsers let any page open a WebSocket to any reachable address, including a server on
 //! the same machine, and send the page's origin (RFC 6455, section 10.2). Other programs send no origin.
 
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::str::FromStr;
 
 use hyper::header::{self, HeaderMap};
+
+use crate::limits::invalid_setting::InvalidSetting;
 
 /// A page's origin (RFC 6454, section 6), such as `https://example.org:8443`, or `*` for any.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Origin(String);
 
 impl FromStr for Origin {
-    type Err = String;
+    type Err = InvalidSetting;
 
-    fn from_str(text: &str) -> Result<Self, String> {
+    fn from_str(text: &str) -> Result<Self, InvalidSetting> {
         let lower = text.trim().to_ascii_lowercase();
         if matches!(lower.as_str(), "*" | "null") {
             return Ok(Self(lower));
         }
-        let expected = || {
-            format!(
-                "{text:?} is not an origin: write SCHEME://HOST[:PORT] without a path, for example https://example.org, or *"
-            )
-        };
+        let example = "SCHEME://HOST[:PORT] without a path, for example https://example.org, or *";
+        let expected = || InvalidSetting::new(text, "an origin", example);
         let (scheme, host) = lower.split_once("://").ok_or_else(expected)?;
         let plain = |c: char| c.is_ascii_graphic() && !matches!(c, '/' | '?' | '#' | '@' | ',' | '*' | '"');
         let named = |scheme: &str| {
@@ -54,19 +54,13 @@ impl FromIterator<Origin> for AllowedOrigins {
 }
 
 impl AllowedOrigins {
-    /// Checks the origins in a request's headers; a request without one passes.
-    ///
-    /// # Errors
-    /// The first origin that is not allowed, as it was sent.
-    pub(crate) fn check(&self, headers: &HeaderMap) -> Result<(), String> {
+    /// The first origin in a request's headers that is not allowed, as it was sent.
+    pub(crate) fn refused(&self, headers: &HeaderMap) -> Option<String> {
         let any = || self.0.contains(&Origin("*".into()));
-        for value in headers.get_all(header::ORIGIN) {
-            let sent = String::from_utf8_lossy(value.as_bytes());
-            if !(self.0.contains(&Origin(sent.to_ascii_lowercase())) || any()) {
-                return Err(sent.into_owned());
-            }
-        }
-        Ok(())
+        let mut sent =
+            headers.get_all(header::ORIGIN).iter().map(|value| String::from_utf8_lossy(value.as_bytes()));
+        let refused = sent.find(|sent| !(self.0.contains(&Origin(sent.to_ascii_lowercase())) || any()));
+        refused.map(Cow::into_owned)
     }
 }
 
@@ -90,14 +84,14 @@ mod tests {
 
     #[test]
     fn a_request_without_an_origin_is_allowed() {
-        assert_eq!(allowed(&[]).check(&of(&[])), Ok(()));
+        assert_eq!(allowed(&[]).refused(&of(&[])), None);
     }
 
     #[test]
     fn only_listed_origins_are_allowed() {
         let some = allowed(&["https://Example.org", "http://localhost:8000", "https://a.example:443"]);
         for origin in ["https://example.org", "http://localhost:8000", "https://a.example"] {
-            assert_eq!(some.check(&of(&[origin])), Ok(()), "{origin}");
+            assert_eq!(some.refused(&of(&[origin])), None, "{origin}");
         }
         for origin in [
             "http://example.org",
@@ -107,10 +101,10 @@ mod tests {
             "null",
             "",
         ] {
-            assert_eq!(some.check(&of(&[origin])), Err(origin.into()));
+            assert_eq!(some.refused(&of(&[origin])), Some(origin.into()));
         }
-        assert!(some.check(&of(&["https://example.org", "https://evil.example"])).is_err(), "one of two");
-        assert_eq!(allowed(&["*"]).check(&of(&["https://evil.example"])), Ok(()));
+        assert!(some.refused(&of(&["https://example.org", "https://evil.example"])).is_some(), "one of two");
+        assert_eq!(allowed(&["*"]).refused(&of(&["https://evil.example"])), None);
     }
 
     #[test]
@@ -127,7 +121,7 @@ mod tests {
             "h ttp://a",
             "https://*",
         ] {
-            let why = text.parse::<Origin>().unwrap_err();
+            let why = text.parse::<Origin>().unwrap_err().to_string();
             assert!(why.contains("SCHEME://HOST"), "{why}");
         }
     }

@@ -7,6 +7,8 @@ use std::str::FromStr;
 use hyper::header::HeaderMap;
 use ipnet::IpNet;
 
+use crate::limits::invalid_setting::InvalidSetting;
+
 /// Header to which each proxy appends its client's address.
 const FORWARDED_FOR: &str = "x-forwarded-for";
 
@@ -15,14 +17,14 @@ const FORWARDED_FOR: &str = "x-forwarded-for";
 pub struct Network(IpNet);
 
 impl FromStr for Network {
-    type Err = String;
+    type Err = InvalidSetting;
 
-    fn from_str(text: &str) -> Result<Self, String> {
+    fn from_str(text: &str) -> Result<Self, InvalidSetting> {
         let text = text.trim();
         let network = text.parse::<IpNet>().ok().or_else(|| text.parse::<IpAddr>().ok().map(IpNet::from));
-        network.map(|network| Self(network.trunc())).ok_or_else(|| {
-            format!("{text:?} is not a network: write for example 10.0.0.0/8, 2001:db8::/32 or 127.0.0.1")
-        })
+        let example = "for example 10.0.0.0/8, 2001:db8::/32 or 127.0.0.1";
+        let expected = || InvalidSetting::new(text, "a network", example);
+        network.map(|network| Self(network.trunc())).ok_or_else(expected)
     }
 }
 
@@ -130,7 +132,7 @@ mod tests {
     #[test]
     fn malformed_networks_are_refused() {
         for text in ["", "10.0.0.0/33", "example.org", "10.0.0.0/8/8", "10.0.0.0-10.0.0.9"] {
-            assert!(text.parse::<Network>().unwrap_err().contains("10.0.0.0/8"), "{text}");
+            assert!(text.parse::<Network>().unwrap_err().to_string().contains("10.0.0.0/8"), "{text}");
         }
         assert_eq!("10.1.2.3/8".parse::<Network>(), "10.0.0.0/8".parse());
     }

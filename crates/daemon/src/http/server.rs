@@ -22,7 +22,7 @@ use crate::http::responses::{
     TextResponse, bearer, header_contains, health, ready, scene_list, text, unauthorised, wrong_method,
 };
 use crate::http::upgrade::{PendingUpgrade, upgrade};
-use crate::limits::byte_rate::{MeterControl, MeteredStream};
+use crate::limits::byte_rate::{MeterControl, metered};
 use crate::limits::pre_auth_pool::PreAuthSlot;
 use crate::limits::refusal::Refusal;
 use crate::session::state::ServerState;
@@ -84,7 +84,7 @@ where
     S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
 {
     let slot = state.enter_request(peer);
-    let (stream, meter) = MeteredStream::new(stream);
+    let (stream, meter) = metered(stream);
     serve_one(stream, meter, state, peer, slot).await;
 }
 
@@ -95,7 +95,7 @@ where
     S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
 {
     let slot = state.enter_request(peer);
-    let (stream, meter) = MeteredStream::new(stream);
+    let (stream, meter) = metered(stream);
     let accepted = tokio::select! {
         biased;
         accepted = tls.accept(stream) => accepted,

@@ -40,7 +40,7 @@ pub(crate) async fn upgrade(
         response.headers_mut().insert(header::UPGRADE, HeaderValue::from_static("websocket"));
         return response;
     }
-    if let Err(origin) = state.admission().origins.check(headers) {
+    if let Some(origin) = state.admission().origins.refused(headers) {
         state.metrics().session_refused(Refusal::Origin);
         tracing::info!(%peer, ?origin, "session refused: a web page that --allow-origin does not name");
         return text(

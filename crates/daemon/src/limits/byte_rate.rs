@@ -4,14 +4,12 @@
 //! (incomplete fragments, WebSocket's own frames) also cost work; this bounds them.
 
 use std::io;
-use std::pin::Pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::task::{Context, Poll};
 use std::time::Duration;
 
 use lodestream_protocol::Time;
-use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use lodestream_transport::{ObservedStream, ReadObserver};
 use tokio::time::Instant;
 
 use crate::limits::token_bucket::EventBucket;
@@ -46,9 +44,11 @@ impl ByteRateLimiter {
 
 /// A stream whose reads fail once the byte rate is exceeded. Bytes already read are still delivered, so that a layer
 /// above, such as TLS, keeps a complete record.
+pub(crate) type MeteredStream<S> = ObservedStream<S, Meter>;
+
+/// Limits the bytes read from a stream; beyond the limit reads fail with `QuotaExceeded`.
 #[derive(Debug)]
-pub(crate) struct MeteredStream<S> {
-    stream: S,
+pub(crate) struct Meter {
     limiter: ByteRateLimiter,
     exceeded: bool,
     lifted: MeterControl,
@@ -65,50 +65,24 @@ impl MeterControl {
     }
 }
 
-impl<S> MeteredStream<S> {
-    pub(crate) fn new(stream: S) -> (Self, MeterControl) {
-        let lifted = MeterControl::default();
-        (Self { stream, limiter: ByteRateLimiter::new(), exceeded: false, lifted: lifted.clone() }, lifted)
-    }
+/// Limits a stream's reads; gives the handle that lifts the limit too.
+pub(crate) fn metered<S>(stream: S) -> (MeteredStream<S>, MeterControl) {
+    let lifted = MeterControl::default();
+    let meter = Meter { limiter: ByteRateLimiter::new(), exceeded: false, lifted: lifted.clone() };
+    (ObservedStream::new(stream, meter), lifted)
 }
 
-/// Whether an error came from the limit of a [`MeteredStream`].
-pub(crate) fn is_byte_rate_exceeded(error: &io::Error) -> bool {
-    error.kind() == io::ErrorKind::QuotaExceeded
-}
-
-impl<S: AsyncRead + Unpin> AsyncRead for MeteredStream<S> {
-    fn poll_read(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-        buffer: &mut ReadBuf<'_>,
-    ) -> Poll<io::Result<()>> {
+impl ReadObserver for Meter {
+    fn before_read(&mut self) -> io::Result<()> {
         if self.exceeded && !self.lifted.0.load(Ordering::Relaxed) {
-            return Poll::Ready(Err(io::Error::new(io::ErrorKind::QuotaExceeded, BYTE_RATE_EXCEEDED)));
+            return Err(io::Error::new(io::ErrorKind::QuotaExceeded, BYTE_RATE_EXCEEDED));
         }
-        let before = buffer.filled().len();
-        let polled = Pin::new(&mut self.stream).poll_read(context, buffer);
-        let admitted = self.limiter.take(buffer.filled().len() - before);
+        Ok(())
+    }
+
+    fn after_read(&mut self, count: usize) {
+        let admitted = self.limiter.take(count);
         self.exceeded |= !admitted;
-        polled
-    }
-}
-
-impl<S: AsyncWrite + Unpin> AsyncWrite for MeteredStream<S> {
-    fn poll_write(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-        bytes: &[u8],
-    ) -> Poll<io::Result<usize>> {
-        Pin::new(&mut self.stream).poll_write(context, bytes)
-    }
-
-    fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.stream).poll_flush(context)
-    }
-
-    fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.stream).poll_shutdown(context)
     }
 }
 
@@ -130,7 +104,7 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn bytes_read_before_the_limit_are_not_lost() {
         let sent: Vec<u8> = (0..=255).cycle().take(700 << 10).collect();
-        let (mut metered, lift) = MeteredStream::new(&sent[..]);
+        let (mut metered, lift) = metered(&sent[..]);
         let (mut got, mut piece) = (Vec::new(), [0; 4096]);
         let why = loop {
             match metered.read(&mut piece).await {
@@ -139,7 +113,7 @@ mod tests {
             }
         };
         assert!(
-            is_byte_rate_exceeded(&why) && (1..=4096).contains(&(got.len() - (512 << 10))),
+            why.kind() == io::ErrorKind::QuotaExceeded && (1..=4096).contains(&(got.len() - (512 << 10))),
             "{}",
             got.len()
         );

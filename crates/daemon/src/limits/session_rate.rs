@@ -15,6 +15,7 @@ use std::time::Duration;
 
 use lodestream_protocol::Time;
 
+use crate::limits::invalid_setting::InvalidSetting;
 use crate::limits::pre_auth_pool::AddressBlock;
 
 /// Time in which an empty bucket fills.
@@ -42,14 +43,14 @@ impl SessionRateLimit {
 }
 
 impl FromStr for SessionRateLimit {
-    type Err = String;
+    type Err = InvalidSetting;
 
     /// Parses a number from 1 up, or `off`.
-    fn from_str(text: &str) -> Result<Self, String> {
+    fn from_str(text: &str) -> Result<Self, InvalidSetting> {
         if text.eq_ignore_ascii_case("off") {
             return Ok(Self::Unlimited);
         }
-        let expected = |_| format!("{text:?} is not a number of sessions: write for example 32, or off");
+        let expected = |_| InvalidSetting::new(text, "a number of sessions", "for example 32, or off");
         text.parse().map(Self::Burst).map_err(expected)
     }
 }
@@ -209,7 +210,7 @@ mod tests {
             "at least 32, since pages are reloaded"
         );
         for text in ["0", "-1", "", "many", "4294967296"] {
-            let why = text.parse::<SessionRateLimit>().unwrap_err();
+            let why = text.parse::<SessionRateLimit>().unwrap_err().to_string();
             assert!(why.contains("write for example 32"), "{why}");
         }
     }

@@ -7,12 +7,11 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use lodestream_protocol::message::{ClientMessage, Close, CloseCode, Hello};
+use lodestream_transport::{Received, Receiver};
 use tokio::time::{Instant, sleep_until};
 
 use crate::auth::access::Access;
 use crate::auth::grant::{Grant, TokenError};
-use crate::limits::byte_rate::BYTE_RATE_EXCEEDED;
-use crate::session::connection::{Receive, Received};
 use crate::session::guard::SessionGuard;
 use crate::session::scenes::SceneVersion;
 use crate::session::state::Phase;
@@ -48,11 +47,11 @@ pub(crate) async fn next_grant(pending_grant: &mut Option<PendingGrant>) -> Resu
 ///
 /// # Errors
 /// The reason to close the connection.
-pub(crate) async fn admit<R: Receive>(
+pub(crate) async fn admit(
     guard: &SessionGuard,
     mut validation: Pin<&mut impl Future<Output = ()>>,
     validated: &mut bool,
-    receiver: &mut R,
+    receiver: &mut impl Receiver<Frame = ClientMessage>,
 ) -> Result<Admission, Close> {
     let state = &guard.state;
     let (scenes, access) = (state.scenes(), state.admission().access.clone());
@@ -89,10 +88,10 @@ pub(crate) async fn admit<R: Receive>(
                 pending_grant = None;
             }
             received = receiver.receive(), if pending_grant.is_none() => match received {
-                Received::Message(ClientMessage::Token(received)) if requires_token && grant.is_none() && token.is_none() => {
+                Received::Frame(ClientMessage::Token(received)) if requires_token && grant.is_none() && token.is_none() => {
                     token = Some(received.0);
                 }
-                Received::Message(ClientMessage::Hello(received_hello)) if !requires_token || grant.is_some() || token.is_some() => {
+                Received::Frame(ClientMessage::Hello(received_hello)) if !requires_token || grant.is_some() || token.is_some() => {
                     // Without the name, or admission would be complete.
                     if received_hello.scene.is_empty() {
                         let may = |name: &str| grant.as_ref().map_or(!requires_token, |grant| grant.allows(name));
@@ -102,26 +101,27 @@ pub(crate) async fn admit<R: Receive>(
                     name = Some(received_hello.scene.clone());
                     hello = Some(Box::new(received_hello));
                 }
-                Received::Message(ClientMessage::Bye) | Received::Ended => {
+                Received::Frame(ClientMessage::Bye) | Received::Closed(_) => {
                     return Err(Close::new(CloseCode::Normal, "the client left"));
                 }
-                Received::Message(ClientMessage::Ping(_) | ClientMessage::Token(_)) | Received::Ignored
+                Received::Frame(ClientMessage::Ping(_) | ClientMessage::Token(_)) | Received::Skipped
                     if ignored < MAX_IGNORED =>
                 {
                     ignored += 1;
                 }
-                Received::Message(ClientMessage::Ping(_) | ClientMessage::Token(_)) | Received::Ignored => {
+                Received::Frame(ClientMessage::Ping(_) | ClientMessage::Token(_)) | Received::Skipped => {
                     return Err(Close::new(CloseCode::Limit, "too many messages before Hello"));
                 }
-                Received::Message(_) if requires_token && grant.is_none() && token.is_none() => {
+                Received::Frame(_) if requires_token && grant.is_none() && token.is_none() => {
                     return Err(refusal(state.token_refused(TokenError::Missing)));
                 }
-                Received::Message(_) => {
+                Received::Frame(_) => {
                     return Err(Close::new(CloseCode::Protocol, "the first message must be Hello"));
                 }
-                Received::ByteRateExceeded => return Err(Close::new(CloseCode::Limit, BYTE_RATE_EXCEEDED)),
                 Received::Malformed(why) => return Err(Close::new(why.close_code(), why.to_string())),
-                Received::Violation(why) => return Err(Close::new(CloseCode::Protocol, why)),
+                Received::Violation(close) => return Err(close),
+                // Clients send no blobs.
+                Received::Pieces(_) | Received::Abandoned(_) => {}
                 Received::Lost(why) => return Err(Close::new(CloseCode::Lost, why)),
             },
             () = sleep_until(until) => {

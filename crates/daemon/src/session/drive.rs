@@ -1,10 +1,11 @@
 //! The loop that runs a sans-IO session over a connection, for QUIC and WebSocket.
 //!
-//! [`Receive`] yields the client's messages. [`Deliver`] accepts one transmit at a time, the next only when the transport
+//! [`Receiver`] yields the client's messages. [`Sender`] accepts one transmit at a time, the next only when the transport
 //! has accepted the last, so that data waits in the session's scheduler, where more urgent data can overtake it, and not
 //! in a socket.
 
 use std::future::Future;
+use std::net::SocketAddr;
 use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
@@ -13,14 +14,12 @@ use lodestream_protocol::Time;
 use lodestream_protocol::message::{ClientMessage, Close, CloseCode, ServerMessage};
 use lodestream_protocol::server::{ServerSession, Transmit};
 use lodestream_protocol::shared_rate_limit::Weight;
-use tokio::time::{Instant, sleep_until};
+use lodestream_transport::{Clock, Received, Receiver, Sender};
 
 use crate::auth::grant::{Grant, TokenError};
-use crate::limits::byte_rate::BYTE_RATE_EXCEEDED;
 use crate::limits::message_rate::MessageRateLimiter;
 use crate::limits::refusal::Refusal;
 use crate::session::admit::{Admission, PendingGrant, admit, next_grant, refusal};
-use crate::session::connection::{Deliver, Receive, Received};
 use crate::session::guard::SessionGuard;
 use crate::session::reads::Reads;
 use crate::session::session_metrics::SessionMetrics;
@@ -35,41 +34,21 @@ const TICK: Duration = Duration::from_millis(1);
 /// Cost of a token in messages: a signature is verified.
 const TOKEN_COST: usize = 50;
 
-/// The session's clock: tokio's, so that virtual time works.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Clock(Instant);
-
-impl Clock {
-    /// A clock that starts now.
-    pub(crate) fn start() -> Self {
-        Self(Instant::now())
-    }
-
-    /// Time since the start.
-    pub(crate) fn now(self) -> Time {
-        Time::from(self.0.elapsed())
-    }
-
-    /// Time at which a grant expires.
-    fn expiry(self, grant: &Grant) -> Time {
-        tracing::debug!(subject = grant.subject, "token accepted");
-        Time::from(grant.expires_at.saturating_duration_since(self.0))
-    }
-
-    fn instant(self, time: Time) -> Instant {
-        // Far deadlines would overflow an instant.
-        self.0.checked_add(Duration::from(time)).unwrap_or_else(|| self.0 + Duration::from_secs(1 << 30))
-    }
+/// Time at which a grant expires.
+fn expiry(clock: Clock, grant: &Grant) -> Time {
+    tracing::debug!(subject = grant.subject, "token accepted");
+    clock.time_of(grant.expires_at)
 }
 
 /// Runs a session until it has ended and its `Close` was accepted by the transport; returns the reason and stores its code
 /// in the guard. The caller then closes the transport. The session takes a lease when `validation` of the client's address
-/// has resolved and the client is admitted.
-pub(crate) async fn drive<R: Receive, D: Deliver>(
+/// has resolved and the client is admitted. `peer` gives the client's current address, if it can change.
+pub(crate) async fn drive(
     guard: &mut SessionGuard,
     validation: impl Future<Output = ()> + Send,
-    receiver: &mut R,
-    sender: &mut D,
+    peer: impl Fn() -> Option<SocketAddr> + Send,
+    receiver: &mut impl Receiver<Frame = ClientMessage>,
+    sender: &mut impl Sender<Item = Transmit>,
 ) -> Close {
     let mut validation = pin!(validation);
     let mut validated = false;
@@ -90,13 +69,13 @@ pub(crate) async fn drive<R: Receive, D: Deliver>(
     let weight = grant.as_ref().map_or(Weight::ONE, |grant| grant.weight);
     let granted_bits_per_s = grant.as_ref().and_then(|grant| grant.rate_bits_per_s);
     let mut pending_grant: Option<PendingGrant> = None;
-    let mut token_expiry = grant.map(|grant| clock.expiry(&grant));
+    let mut token_expiry = grant.map(|grant| expiry(clock, &grant));
     let state = guard.state.clone();
     let metrics = state.metrics();
     let config = state.config_for_rate(guard.transport, granted_bits_per_s);
     let (plans, source) = (Arc::clone(version.plans()), Arc::clone(version.source()));
     let mut session = ServerSession::with_plans(plans, config, source, guard.id, clock.now());
-    if let Some(share) = guard.join_shared_limit(weight, clock.0) {
+    if let Some(share) = guard.join_shared_limit(weight) {
         session.set_shared_rate_limit(share);
     }
     let mut reads = Reads::new(Arc::clone(version.source()));
@@ -129,7 +108,7 @@ pub(crate) async fn drive<R: Receive, D: Deliver>(
             session.close(now, close.code, &close.reason);
             token_expiry = None;
         }
-        if let Some(peer) = receiver.peer() {
+        if let Some(peer) = peer() {
             guard.set_peer(peer);
         }
         if validated && let Err(why) = guard.count_for_address() {
@@ -145,7 +124,7 @@ pub(crate) async fn drive<R: Receive, D: Deliver>(
         if drain_deadline.is_some_and(|until| until <= now || (all_served && sender.is_idle())) {
             session.close(now, CloseCode::ShuttingDown, "the server is shutting down");
         }
-        while sender.is_idle()
+        while sender.has_room()
             && let Some(transmit) = session.poll_transmit(now)
         {
             let mut piece = None;
@@ -164,7 +143,7 @@ pub(crate) async fn drive<R: Receive, D: Deliver>(
                 }
                 Transmit::Message { .. } | Transmit::Abandon(_) => {}
             }
-            match sender.start(transmit) {
+            match sender.push(transmit) {
                 Ok(bytes) => {
                     sent_bytes += bytes as u64;
                     match piece {
@@ -203,7 +182,7 @@ pub(crate) async fn drive<R: Receive, D: Deliver>(
             .into_iter()
             .flatten()
             .min();
-        let wake = clock.instant(wake.map_or(now + Duration::from_secs(60), |due| due.max(earliest)));
+        let wake = wake.map_or(now + Duration::from_secs(60), |due| due.max(earliest));
         tokio::select! {
             biased;
             () = &mut draining, if drain_deadline.is_none() => {
@@ -216,7 +195,7 @@ pub(crate) async fn drive<R: Receive, D: Deliver>(
                 let now = clock.now();
                 match verified {
                     Ok(grant) => {
-                        token_expiry = Some(clock.expiry(&grant));
+                        token_expiry = Some(expiry(clock, &grant));
                         session.set_rate(now, state.settings().capped_rate(grant.rate_bits_per_s));
                         session.set_weight(now, grant.weight);
                     }
@@ -228,14 +207,14 @@ pub(crate) async fn drive<R: Receive, D: Deliver>(
             }
             received = receiver.receive(), if receiving => {
                 let now = clock.now();
-                receiving = matches!(received, Received::Message(_) | Received::Ignored);
+                receiving = matches!(received, Received::Frame(_) | Received::Skipped);
                 match received {
-                    Received::Message(ClientMessage::Token(_)) if !message_limiter.take(now, TOKEN_COST) => {
+                    Received::Frame(ClientMessage::Token(_)) if !message_limiter.take(now, TOKEN_COST) => {
                         receiving = false;
                         metrics.message_rejected();
                         session.close(now, CloseCode::Limit, "too many tokens within seconds");
                     }
-                    Received::Message(ClientMessage::Token(token)) => {
+                    Received::Frame(ClientMessage::Token(token)) => {
                         if state.admission().access.is_some() {
                             let (token, scene) = (token.0.clone(), version.name().to_owned());
                             // A newer token replaces one whose verification is under way.
@@ -243,12 +222,12 @@ pub(crate) async fn drive<R: Receive, D: Deliver>(
                         }
                         session.handle_message(now, ClientMessage::Token(token));
                     }
-                    Received::Message(_) | Received::Ignored if !message_limiter.take(now, 1) => {
+                    Received::Frame(_) | Received::Skipped if !message_limiter.take(now, 1) => {
                         receiving = false;
                         metrics.message_rejected();
                         session.close(now, CloseCode::Limit, "too many messages within seconds");
                     }
-                    Received::Message(message) => {
+                    Received::Frame(message) => {
                         let is_request = !matches!(message, ClientMessage::Ping(_));
                         if is_request {
                             guard.record_request();
@@ -257,20 +236,18 @@ pub(crate) async fn drive<R: Receive, D: Deliver>(
                         session_metrics.message_received(now, &message);
                         session.handle_message(now, message);
                     }
-                    Received::Ignored => {}
-                    Received::ByteRateExceeded => {
-                        metrics.message_rejected();
-                        session.close(now, CloseCode::Limit, BYTE_RATE_EXCEEDED);
-                    }
+                    Received::Skipped => {}
                     Received::Malformed(why) => {
                         metrics.message_rejected();
                         session.handle_frame_error(now, &why);
                     }
-                    Received::Violation(why) => {
+                    Received::Violation(close) => {
                         metrics.message_rejected();
-                        session.close(now, CloseCode::Protocol, &why);
+                        session.close(now, close.code, &close.reason);
                     }
-                    Received::Ended => session.handle_message(now, ClientMessage::Bye),
+                    // Clients send no blobs.
+                    Received::Pieces(_) | Received::Abandoned(_) => {}
+                    Received::Closed(_) => session.handle_message(now, ClientMessage::Bye),
                     Received::Lost(why) => {
                         guard.close_code = CloseCode::Lost;
                         return Close::new(CloseCode::Lost, why);
@@ -280,7 +257,7 @@ pub(crate) async fn drive<R: Receive, D: Deliver>(
             flushed = sender.flush(), if !sender.is_idle() => {
                 if let Err(why) = flushed {
                     guard.close_code = CloseCode::Lost;
-                    return Close::new(CloseCode::Lost, why);
+                    return Close::new(CloseCode::Lost, why.to_string());
                 }
             }
             Some((id, bytes)) = reads.next(), if !reads.is_empty() => {
@@ -289,7 +266,7 @@ pub(crate) async fn drive<R: Receive, D: Deliver>(
                 }
                 session.handle_read(clock.now(), id, &bytes);
             }
-            () = sleep_until(wake) => session_metrics.timer_fired(),
+            () = clock.sleep_until(wake) => session_metrics.timer_fired(),
         }
     }
 }

@@ -4,10 +4,8 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-use lodestream_protocol::Time;
 use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::shared_rate_limit::{RateShare, Weight};
-use tokio::time::Instant;
 
 use crate::auth::grant::Grant;
 use crate::limits::leases::{Lease, LeaseError};
@@ -92,8 +90,8 @@ impl SessionGuard {
     }
 
     /// Joins the shared rate limit, if there is one. `session_start` is the start of the session's clock.
-    pub(crate) fn join_shared_limit(&self, weight: Weight, session_start: Instant) -> Option<RateShare> {
-        let session_start = Time::from(session_start.saturating_duration_since(self.state.started));
+    pub(crate) fn join_shared_limit(&self, weight: Weight) -> Option<RateShare> {
+        let session_start = self.state.now();
         let shared_rate_limit = self.state.live().shared_rate_limit.clone();
         shared_rate_limit.map(|limit| limit.join(self.group(), weight, session_start))
     }

@@ -2,7 +2,6 @@
 
 pub(crate) mod admission_settings;
 pub(crate) mod admit;
-pub(crate) mod connection;
 pub(crate) mod drive;
 pub(crate) mod guard;
 pub(crate) mod memory_scene;

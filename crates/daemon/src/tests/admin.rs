@@ -113,5 +113,5 @@ async fn three_hundred_connections_fit_in_the_backlog() {
 fn addresses_are_parsed() {
     assert_eq!("off".parse(), Ok(AdminPort::Off));
     assert_eq!("[::1]:0".parse(), Ok(AdminPort::At("[::1]:0".parse().unwrap())));
-    assert!("8081".parse::<AdminPort>().unwrap_err().contains("127.0.0.1:8081"));
+    assert!("8081".parse::<AdminPort>().unwrap_err().to_string().contains("127.0.0.1:8081"));
 }

@@ -284,7 +284,8 @@ async fn run_session(
         }
         counted = None;
     };
-    let close = drive(&mut guard, validation, &mut receiver, &mut sender).await;
+    let peer = || Some(connection.remote_address());
+    let close = drive(&mut guard, validation, peer, &mut receiver, &mut sender).await;
     if counted.is_some() {
         state.metrics().handshake_failed();
     }

@@ -2,25 +2,23 @@
 //! one stream per blob ([`lodestream_protocol::stream`]).
 
 use std::collections::BTreeMap;
-use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use bytes::{Buf, Bytes};
+use bytes::{Buf as _, Bytes};
 use lodestream_protocol::frame::{FrameError, FrameReader};
-use lodestream_protocol::message::{Close, CloseCode};
+use lodestream_protocol::message::{ClientMessage, Close, CloseCode};
 use lodestream_protocol::server::Transmit;
 use lodestream_protocol::stream::{CONTROL_STREAM, blob_head, quic_priority};
 use lodestream_scene::BlobId;
+use lodestream_transport::quic::{self, READ_BYTES, close_of, next_frame, open_stream};
+use lodestream_transport::{Incoming as _, Received, Receiver, SendError, Sender};
 use quinn::{Connection, ConnectionError, ReadError, RecvStream, SendStream, VarInt, WriteError};
 use tokio::time::{Instant, timeout};
 
-use crate::limits::byte_rate::ByteRateLimiter;
-use crate::session::connection::{Deliver, Receive, Received};
+use crate::limits::byte_rate::{BYTE_RATE_EXCEEDED, ByteRateLimiter};
 use crate::session::state::ServerState;
 
-/// Bytes read at once from the client's control stream.
-const READ_BYTES: usize = 16 * 1024;
 /// Application error code of streams that are reset because their blob was cancelled.
 const ABANDONED: VarInt = VarInt::from_u32(0);
 /// Time limit for the client's acknowledgement of `Close`.
@@ -36,15 +34,9 @@ pub(crate) const fn first_send_window(initial_window: u64) -> u64 {
 }
 
 /// Converts the end of a connection into an event.
-fn connection_end(error: &ConnectionError) -> Received {
-    match error {
-        ConnectionError::ApplicationClosed(close)
-            if close.error_code.into_inner() == u64::from(CloseCode::Normal.number()) =>
-        {
-            Received::Ended
-        }
-        other => Received::Lost(other.to_string()),
-    }
+fn connection_end<F>(error: &ConnectionError) -> Received<F> {
+    let close = close_of(error, ClientMessage::PEER);
+    if close.code == CloseCode::Normal { Received::Closed(close) } else { Received::Lost(close.reason) }
 }
 
 /// Receiving half: the client's control stream.
@@ -71,22 +63,13 @@ impl QuicReceiver {
     }
 }
 
-impl Receive for QuicReceiver {
-    fn peer(&self) -> Option<SocketAddr> {
-        Some(self.connection.remote_address())
-    }
+impl Receiver for QuicReceiver {
+    type Frame = ClientMessage;
 
-    async fn receive(&mut self) -> Received {
+    async fn receive(&mut self) -> Received<ClientMessage> {
         loop {
-            match self.frames.next_frame().and_then(|frame| match frame {
-                Some(frame) => frame.into_client_message().map(Some),
-                None => Ok(None),
-            }) {
-                Ok(Some(Some(message))) => return Received::Message(message),
-                // An unknown message that may be ignored.
-                Ok(Some(None)) => return Received::Ignored,
-                Ok(None) => {}
-                Err(why) => return Received::Malformed(why),
+            if let Some(received) = next_frame(&mut self.frames) {
+                return received;
             }
             let Some(stream) = &mut self.stream else {
                 match self.connection.accept_uni().await {
@@ -102,20 +85,20 @@ impl Receive for QuicReceiver {
             };
             match stream.read_chunk(READ_BYTES, true).await {
                 Ok(Some(chunk)) if !self.limiter.take(chunk.bytes.len()) => {
-                    return Received::ByteRateExceeded;
+                    return Received::Violation(Close::new(CloseCode::Limit, BYTE_RATE_EXCEEDED));
                 }
                 Ok(Some(mut chunk)) => {
                     if !self.kind_known && !chunk.bytes.is_empty() {
                         self.kind_known = true;
                         let kind = chunk.bytes.get_u8();
                         if kind != CONTROL_STREAM {
-                            return Received::Violation(format!("a stream of unknown kind {kind:#04x}"));
+                            return Received::Malformed(FrameError::UnknownStream(kind));
                         }
                     }
                     self.frames.push(&chunk.bytes);
                 }
                 Ok(None) if self.frames.pending() > 0 => return Received::Malformed(FrameError::Truncated),
-                Ok(None) => return Received::Ended,
+                Ok(None) => return Received::Closed(Close::new(CloseCode::Normal, "the client left")),
                 Err(ReadError::ConnectionLost(why)) => return connection_end(&why),
                 Err(why) => return Received::Lost(format!("the client's control stream failed: {why}")),
             }
@@ -181,13 +164,6 @@ impl QuicSender {
         self.connection.set_send_window(window.clamp(*SEND_WINDOW_BYTES.start(), *SEND_WINDOW_BYTES.end()));
     }
 
-    async fn open(&self, priority: i32) -> Result<SendStream, String> {
-        let stream = self.connection.open_uni().await.map_err(|why| why.to_string())?;
-        // Fails only on closed streams.
-        let _ = stream.set_priority(priority);
-        Ok(stream)
-    }
-
     /// Closes the connection; unless it is lost, waits for `Close` to arrive.
     pub(crate) async fn finish(mut self, close: &Close) {
         if close.code != CloseCode::Lost
@@ -205,25 +181,26 @@ impl QuicSender {
             })
             .await;
         }
-        self.connection.close(VarInt::from(close.code.number()), close.reason.as_bytes());
+        quic::close(&self.connection, close);
     }
 }
 
 /// Writes all bytes; returns `false` if the client has stopped the stream. Cancel safe: written bytes are removed.
-async fn write(stream: &mut SendStream, bytes: &mut Bytes) -> Result<bool, String> {
-    while !bytes.is_empty() {
-        // Copies, since a slice in quinn's buffers would keep the whole blob in memory.
-        match stream.write(bytes).await {
-            Ok(count) => bytes.advance(count),
-            Err(WriteError::Stopped(_) | WriteError::ClosedStream) => return Ok(false),
-            Err(why) => return Err(why.to_string()),
-        }
+async fn write(stream: &mut SendStream, bytes: &mut Bytes) -> Result<bool, WriteError> {
+    match quic::write(stream, bytes).await {
+        Err(WriteError::Stopped(_) | WriteError::ClosedStream) => Ok(false),
+        written => written.map(|()| true),
     }
-    Ok(true)
 }
 
-impl Deliver for QuicSender {
-    fn start(&mut self, transmit: Transmit) -> Result<usize, FrameError> {
+impl Sender for QuicSender {
+    type Item = Transmit;
+
+    fn has_room(&self) -> bool {
+        self.is_idle()
+    }
+
+    fn push(&mut self, transmit: Transmit) -> Result<usize, FrameError> {
         match transmit {
             Transmit::Message { frame, .. } => {
                 let length = frame.len();
@@ -252,7 +229,7 @@ impl Deliver for QuicSender {
         matches!(self.pending, Pending::Nothing)
     }
 
-    async fn flush(&mut self) -> Result<(), String> {
+    async fn flush(&mut self) -> Result<(), SendError> {
         self.adjust_window();
         // Cancel safe: written bytes are removed from `pending`.
         if let Pending::Control(frame) = &self.pending
@@ -261,13 +238,13 @@ impl Deliver for QuicSender {
             let mut first = Vec::with_capacity(1 + frame.len());
             first.push(CONTROL_STREAM);
             first.extend_from_slice(frame);
-            self.control = Some(self.open(i32::MAX).await?);
+            self.control = Some(open_stream(&self.connection, i32::MAX).await?);
             self.pending = Pending::Control(first.into());
         }
         if let Pending::Piece { id, priority, .. } = self.pending
             && !self.blobs.contains_key(&id)
         {
-            let stream = self.open(priority).await?;
+            let stream = open_stream(&self.connection, priority).await?;
             self.blobs.insert(id, Some(stream));
         }
         match &mut self.pending {
@@ -276,7 +253,7 @@ impl Deliver for QuicSender {
                 if let Some(control) = &mut self.control
                     && !write(control, frame).await?
                 {
-                    return Err("the client stopped the server's control stream".into());
+                    return Err(SendError::Stopped(ClientMessage::PEER));
                 }
             }
             Pending::Piece { id, priority, head, bytes, last } => {

@@ -42,7 +42,7 @@ pub mod zstd_streams;
 use std::fmt;
 use std::str::FromStr;
 
-use crate::name::UnknownName;
+use crate::name::{Named, UnknownName};
 
 /// Codec of chunks and base mesh, named `range`, `axis-aligned` and `zstd`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -60,13 +60,21 @@ pub enum Codec {
     Zstd,
 }
 
-impl fmt::Display for Codec {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
+impl Named for Codec {
+    const ALL: &'static [Self] = &[Self::Range, Self::AxisAligned, Self::Zstd];
+
+    fn name(self) -> &'static str {
+        match self {
             Self::Range => "range",
             Self::AxisAligned => "axis-aligned",
             Self::Zstd => "zstd",
-        })
+        }
+    }
+}
+
+impl fmt::Display for Codec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
     }
 }
 
@@ -74,12 +82,7 @@ impl FromStr for Codec {
     type Err = UnknownName;
 
     fn from_str(name: &str) -> Result<Self, UnknownName> {
-        match name {
-            "range" => Ok(Self::Range),
-            "axis-aligned" => Ok(Self::AxisAligned),
-            "zstd" => Ok(Self::Zstd),
-            _ => Err(UnknownName::new("range, axis-aligned or zstd", name)),
-        }
+        Self::from_name(name)
     }
 }
 
@@ -89,7 +92,7 @@ mod tests {
 
     #[test]
     fn codec_names_round_trip() {
-        for codec in [Codec::Range, Codec::AxisAligned, Codec::Zstd] {
+        for &codec in Codec::ALL {
             assert_eq!(codec.to_string().parse(), Ok(codec));
         }
         let refusal = "plain".parse::<Codec>().unwrap_err();

@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 use std::str::FromStr;
 
 use crate::entropy::Codec;
-use crate::name::UnknownName;
+use crate::name::{Named, UnknownName};
 
 /// Cost of a half-edge collapse, named `qem`, `melax`, `clustering` or `clustering-seams`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -27,23 +27,28 @@ pub enum Metric {
 }
 
 impl Metric {
-    /// All metrics.
-    pub const ALL: [Self; 4] = [Self::Qem, Self::Melax, Self::Clustering, Self::ClusteringSeams];
-
     /// Whether the cost depends on vertex positions only.
     pub(crate) fn clusters(self) -> bool {
         matches!(self, Self::Clustering | Self::ClusteringSeams)
     }
 }
 
-impl fmt::Display for Metric {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
+impl Named for Metric {
+    const ALL: &'static [Self] = &[Self::Qem, Self::Melax, Self::Clustering, Self::ClusteringSeams];
+
+    fn name(self) -> &'static str {
+        match self {
             Self::Qem => "qem",
             Self::Melax => "melax",
             Self::Clustering => "clustering",
             Self::ClusteringSeams => "clustering-seams",
-        })
+        }
+    }
+}
+
+impl fmt::Display for Metric {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
     }
 }
 
@@ -51,8 +56,7 @@ impl FromStr for Metric {
     type Err = UnknownName;
 
     fn from_str(name: &str) -> Result<Self, UnknownName> {
-        let known = Self::ALL.into_iter().find(|metric| metric.to_string() == name);
-        known.ok_or_else(|| UnknownName::new("qem, melax, clustering or clustering-seams", name))
+        Self::from_name(name)
     }
 }
 
@@ -241,7 +245,7 @@ mod tests {
 
     #[test]
     fn metric_names_round_trip() {
-        for metric in Metric::ALL {
+        for &metric in Metric::ALL {
             assert_eq!(metric.to_string().parse(), Ok(metric));
         }
         let refusal = "best".parse::<Metric>().unwrap_err();

@@ -6,7 +6,7 @@ use lodestream_geometry::check::check;
 use lodestream_geometry::mesh::{Face, QuantisedMesh, Wedge};
 use lodestream_geometry::pool::{Serial, Silent};
 use lodestream_geometry::prepare::{Hooks, Prepared, prepare};
-use lodestream_geometry::{Metric, Settings};
+use lodestream_geometry::{Metric, Named as _, Settings};
 
 use crate::common::{prepared, quantised, regions, shapes};
 
@@ -105,7 +105,7 @@ fn other_metrics_and_rounds_pass_the_check() {
     let (mut bytes, mut along_seams) = (BTreeSet::new(), BTreeSet::new());
     for source in &meshes {
         let mesh = quantised(source);
-        for metric in Metric::ALL {
+        for &metric in Metric::ALL {
             for round_share in [None, Some(0.05), Some(0.2)] {
                 let settings = Settings { metric, round_share, ..regions(200) };
                 let asset = prepared(&mesh, &settings);

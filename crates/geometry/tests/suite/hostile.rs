@@ -29,8 +29,12 @@ fn samples() -> Vec<Prepared> {
         };
         shapes.iter().map(of).collect::<Vec<_>>()
     };
-    [prepared(Codec::Range, &small), prepared(Codec::AxisAligned, &small[..4]), prepared(Codec::Zstd, &small[..4])]
-        .concat()
+    [
+        prepared(Codec::Range, &small),
+        prepared(Codec::AxisAligned, &small[..4]),
+        prepared(Codec::Zstd, &small[..4]),
+    ]
+    .concat()
 }
 
 #[test]

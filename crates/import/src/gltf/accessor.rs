@@ -68,7 +68,7 @@ impl<'a> Buffers<'a> {
         let error = |what: &str| self.document.error(format!("bufferViews[{index}] {what}"));
         let view = self.document.root.buffer_views.get(index).ok_or_else(|| error("does not exist"))?;
         let stride = view.byte_stride.map(|stride| stride.0).filter(|&stride| stride > 0);
-        if let Some(compressed) = of_view(view).map_err(|what| error(&what))? {
+        if let Some(compressed) = of_view(view).map_err(|why| error(&why.to_string()))? {
             return Ok((self.unpacked(index, &compressed)?, stride));
         }
         let offset = view.byte_offset.unwrap_or_default().0;

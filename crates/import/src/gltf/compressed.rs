@@ -34,30 +34,43 @@ struct CompressionJson {
     filter: Option<String>,
 }
 
+/// A view whose compression is invalid. The message goes on after the view's name.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum CompressionError {
+    #[error("has an {extension} that is not understood: {why}")]
+    Json { extension: &'static str, why: gltf::json::Error },
+    #[error("has the filter {filter:?} of {extension}, which is not known")]
+    Filter { extension: &'static str, filter: String },
+    #[error("has the mode {mode:?} of {extension}, which is not known")]
+    Mode { extension: &'static str, mode: String },
+    #[error("has indices with a filter of {extension}")]
+    FilteredIndices { extension: &'static str },
+}
+
 /// Compression of a view, if any.
 ///
 /// # Errors
-/// The end of a message: the extension's JSON is invalid.
-pub(super) fn of_view(view: &json::buffer::View) -> Result<Option<CompressedView>, String> {
+/// The extension's JSON is invalid.
+pub(super) fn of_view(view: &json::buffer::View) -> Result<Option<CompressedView>, CompressionError> {
     let others = view.extensions.as_ref().map(|all| &all.others);
     let found = EXTENSIONS.iter().find_map(|&name| Some((name, others?.get(name)?)));
-    let Some((name, json)) = found else { return Ok(None) };
-    let compression = CompressionJson::deserialize(json)
-        .map_err(|e| format!("has an {name} that is not understood: {e}"))?;
+    let Some((extension, json)) = found else { return Ok(None) };
+    let compression =
+        CompressionJson::deserialize(json).map_err(|why| CompressionError::Json { extension, why })?;
     let filter = match compression.filter.as_deref() {
         None | Some("NONE") => None,
         Some("OCTAHEDRAL") => Some(Filter::Octahedral),
         Some("QUATERNION") => Some(Filter::Quaternion),
         Some("EXPONENTIAL") => Some(Filter::Exponential),
         Some("COLOR") => Some(Filter::Color),
-        Some(other) => return Err(format!("has the filter {other:?} of {name}, which is not known")),
+        Some(other) => return Err(CompressionError::Filter { extension, filter: other.to_owned() }),
     };
     let mode = match (compression.mode.as_str(), filter) {
         ("ATTRIBUTES", filter) => Mode::Attributes(filter),
         ("TRIANGLES", None) => Mode::Triangles,
         ("INDICES", None) => Mode::Indices,
-        ("TRIANGLES" | "INDICES", Some(_)) => return Err(format!("has indices with a filter of {name}")),
-        (other, _) => return Err(format!("has the mode {other:?} of {name}, which is not known")),
+        ("TRIANGLES" | "INDICES", Some(_)) => return Err(CompressionError::FilteredIndices { extension }),
+        (other, _) => return Err(CompressionError::Mode { extension, mode: other.to_owned() }),
     };
     let (buffer, offset, length) = (compression.buffer, compression.byte_offset, compression.byte_length);
     Ok(Some(CompressedView {

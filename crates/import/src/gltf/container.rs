@@ -127,23 +127,20 @@ impl Document {
     /// Resolves a URI.
     ///
     /// # Errors
-    /// A message of one line: data URIs that do not decode, and paths outside the model's folder.
-    pub(super) fn locate(&self, uri: &str) -> Result<Location, String> {
+    /// Data URIs that do not decode, and paths outside the model's folder.
+    pub(super) fn locate(&self, uri: &str) -> Result<Location, UriError> {
         if let Some(rest) = uri.strip_prefix("data:") {
             return decode_data(rest).map(Location::Inline);
         }
         let name = percent_encoding::percent_decode_str(uri)
             .decode_utf8()
-            .map_err(|_| format!("the URI {:?} is not UTF-8", shown(uri)))?;
+            .map_err(|_| UriError::NotUtf8(shown(uri)))?;
         let relative = Path::new(&*name);
         let inside = relative.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
         // Schemes and drive letters are not relative paths either.
         let plain = !name.contains(':') && !name.contains('\\') && !name.is_empty();
         if !inside || !plain {
-            return Err(format!(
-                "the URI {:?} is not a file beside the model; put the file into its folder",
-                shown(uri)
-            ));
+            return Err(UriError::NotBeside(shown(uri)));
         }
         Ok(Location::File(self.path.parent().unwrap_or(Path::new("")).join(relative)))
     }
@@ -190,17 +187,27 @@ fn split(path: &Path, bytes: &Bytes) -> Result<(Bytes, Option<Bytes>), ImportErr
     }
 }
 
+/// A URI that is not read. The message is one line.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum UriError {
+    #[error("the URI {0:?} is not UTF-8")]
+    NotUtf8(String),
+    #[error("the URI {0:?} is not a file beside the model; put the file into its folder")]
+    NotBeside(String),
+    #[error("a data URI without a comma")]
+    NoComma,
+    #[error("a data URI does not decode: {0}")]
+    Base64(#[from] data_encoding::DecodeError),
+}
+
 /// The bytes of `[<type>][;base64],<data>`.
-fn decode_data(rest: &str) -> Result<Bytes, String> {
-    let (head, data) = rest.split_once(',').ok_or("a data URI without a comma")?;
+fn decode_data(rest: &str) -> Result<Bytes, UriError> {
+    let (head, data) = rest.split_once(',').ok_or(UriError::NoComma)?;
     if !head.ends_with(";base64") {
         return Ok(percent_encoding::percent_decode_str(data).collect::<Vec<u8>>().into());
     }
     // Padding is often left out.
-    data_encoding::BASE64_NOPAD
-        .decode(data.trim_end_matches('=').as_bytes())
-        .map(Bytes::from)
-        .map_err(|e| format!("a data URI does not decode: {e}"))
+    Ok(data_encoding::BASE64_NOPAD.decode(data.trim_end_matches('=').as_bytes())?.into())
 }
 
 /// A URI for an error message.

@@ -1,9 +1,8 @@
 //! OBJ files: one mesh with a material per face.
 
 mod mtl;
-mod normalise;
+mod parse;
 
-use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use lodestream_geometry::mesh::{Corner, NONE, SourceMesh};
@@ -14,7 +13,7 @@ use crate::model::{Imported, Material};
 use crate::triangulate::triangulate;
 use crate::weld::Weld;
 use mtl::Library;
-use normalise::{Format, Normalised, logical_lines, normalise, unpack_color};
+use parse::{Parsed, logical_lines, parse};
 
 /// Most materials of one asset, as the protocol describes them.
 const MAX_MATERIALS: usize = lodestream_scene::asset::MAX_MATERIALS;
@@ -28,29 +27,29 @@ const MAX_MATERIALS: usize = lodestream_scene::asset::MAX_MATERIALS;
 /// Whatever makes the geometry unusable, with the line; see [`ImportError`].
 pub(super) fn import(path: &Path) -> Result<Imported, ImportError> {
     let bytes = read_file(path, MAX_FILE_BYTES)?;
-    let normalised = normalise(path, &bytes)?;
+    let parsed = parse(path, &bytes)?;
     let mut warnings = Vec::new();
     let mut library = Library::new();
     for file in libraries(path, &bytes, &mut warnings) {
         mtl::load(folder(path), &file, &mut library, &mut warnings);
     }
     drop(bytes);
-    if normalised.left_out > 0 {
+    if parsed.left_out > 0 {
         warnings.push(format!(
             "{}: {} points, lines or faces with fewer than 3 corners were left out",
             path.display(),
-            normalised.left_out
+            parsed.left_out
         ));
     }
-    if normalised.clamped_colors > 0 {
+    if parsed.clamped_colors > 0 {
         warnings.push(format!(
             "{}: {} vertices have colours outside 0 to 1, which were clamped; divide values of 0 to 255 by 255",
             path.display(),
-            normalised.clamped_colors
+            parsed.clamped_colors
         ));
     }
-    let materials = materials(path, &normalised.material_names, &library, &mut warnings)?;
-    let mesh = build(path, normalised)?;
+    let materials = materials(path, &parsed.material_names, &library, &mut warnings)?;
+    let mesh = build(&parsed);
     Ok(Imported { mesh, materials, warnings })
 }
 
@@ -139,74 +138,38 @@ fn materials(
     Ok(materials)
 }
 
-/// Runs the parser on the checked text and merges its models.
-fn build(path: &Path, normalised: Normalised) -> Result<SourceMesh, ImportError> {
-    let names = normalised.material_names.len();
-    let options = tobj::LoadOptions { ignore_points: true, ignore_lines: true, ..Default::default() };
-    let mut text =
-        "mtllib names\n".as_bytes().chain(normalised.vertices.as_bytes()).chain(normalised.faces.as_bytes());
-    let (models, _) = tobj::load_obj_buf(&mut text, &options, |_| {
-        // The parser sees materials only as their indices.
-        let materials = (0..names).map(|i| tobj::Material { name: i.to_string(), ..Default::default() });
-        Ok((materials.collect(), (0..names).map(|i| (i.to_string(), i)).collect()))
-    })
-    .map_err(|source| ImportError::Parser { path: path.to_owned(), source })?;
-    drop(normalised);
-
-    let mut merge = Merge::default();
-    for model in models {
-        merge.model(&model);
-    }
-    Ok(merge.weld.mesh)
-}
-
-/// Merges models into one mesh: `tobj` numbers the values of each model from 0.
-#[derive(Default)]
-struct Merge {
-    weld: Weld,
-}
-
-impl Merge {
-    fn model(&mut self, model: &tobj::Model) {
-        let format = Format::from_name(&model.name);
-        let mesh = &model.mesh;
+/// Welds the values that faces use, in the order of the faces, and triangulates.
+fn build(parsed: &Parsed) -> SourceMesh {
+    let mut weld = Weld::default();
+    let mut corners: &[[u32; 3]] = &parsed.corners;
+    let mut polygon: Vec<Corner> = Vec::new();
+    let mut points: Vec<[f64; 3]> = Vec::new();
+    for face in &parsed.faces {
+        let (own, rest) = corners.split_at(face.corners);
+        corners = rest;
         // More than MAX_MATERIALS were refused, so the index fits.
-        let material = mesh.material_id.and_then(|id| u16::try_from(id).ok()).unwrap_or(0);
-        let positions: Vec<u32> =
-            mesh.positions.as_chunks().0.iter().map(|p| self.weld.position(*p)).collect();
-        let uvs: Vec<u32> =
-            mesh.texcoords.as_chunks().0.iter().map(|t| self.weld.uv(t.map(|x| x as f32))).collect();
-        let normals: Vec<u32> = mesh.normals.as_chunks().0.iter().map(|n| self.weld.normal(*n)).collect();
-        // One number per vertex carries the colour, the others are padding.
-        let packed = mesh.vertex_color.as_chunks::<3>().0;
-        let colors: Vec<u32> =
-            packed.iter().map(|c| unpack_color(c[0]).map_or(NONE, |color| self.weld.color(color))).collect();
-        let corner = |i: usize| Corner {
-            position: positions[mesh.indices[i] as usize],
-            uv: if format.uv { uvs[mesh.texcoord_indices[i] as usize] } else { NONE },
-            normal: if format.normal { normals[mesh.normal_indices[i] as usize] } else { NONE },
-            color: colors.get(mesh.indices[i] as usize).copied().unwrap_or(NONE),
-        };
-        // `tobj` gives no arities if all faces are triangles.
-        let triangles = std::iter::repeat_n(3, mesh.indices.len() / 3);
-        let arities: Vec<usize> = if mesh.face_arities.is_empty() {
-            triangles.collect()
-        } else {
-            mesh.face_arities.iter().map(|&n| n as usize).collect()
-        };
-        let mut first = 0;
-        let mut corners: Vec<Corner> = Vec::new();
-        let mut points: Vec<[f64; 3]> = Vec::new();
-        for arity in arities {
-            corners.clear();
-            corners.extend((first..first + arity).map(corner));
-            points.clear();
-            points.extend(corners.iter().map(|c| self.weld.mesh.positions[c.position as usize]));
-            for triangle in triangulate(&points) {
-                self.weld.mesh.faces.push(triangle.map(|i| corners[i]));
-                self.weld.mesh.materials.push(material);
-            }
-            first += arity;
+        let material = u16::try_from(face.material).unwrap_or(0);
+        // An attribute that a corner lacks is not used at the others.
+        let all_have = |kind: usize| own.iter().all(|corner| corner[kind] != 0);
+        let (has_uv, has_normal) = (all_have(1), all_have(2));
+        polygon.clear();
+        points.clear();
+        for corner in own {
+            let [position, uv, normal] = corner.map(|index| (index as usize).wrapping_sub(1));
+            let color = parsed.colors.get(position).copied().flatten();
+            let position = weld.position(parsed.positions[position]);
+            points.push(weld.mesh.positions[position as usize]);
+            polygon.push(Corner {
+                position,
+                uv: if has_uv { weld.uv(parsed.uvs[uv]) } else { NONE },
+                normal: if has_normal { weld.normal(parsed.normals[normal]) } else { NONE },
+                color: color.map_or(NONE, |color| weld.color(color)),
+            });
+        }
+        for triangle in triangulate(&points) {
+            weld.mesh.faces.push(triangle.map(|i| polygon[i]));
+            weld.mesh.materials.push(material);
         }
     }
+    weld.mesh
 }

@@ -27,7 +27,7 @@ pub(super) enum NumberType {
 }
 
 impl NumberType {
-    pub(super) fn named(name: &str) -> Result<Self, String> {
+    pub(super) fn named(name: &str) -> Result<Self, PropertyError> {
         Ok(match name {
             "char" | "int8" => Self::Signed(1),
             "uchar" | "uint8" => Self::Unsigned(1),
@@ -37,7 +37,7 @@ impl NumberType {
             "uint" | "uint32" => Self::Unsigned(4),
             "float" | "float32" => Self::Float(4),
             "double" | "float64" => Self::Float(8),
-            _ => return Err(format!("there is no type {name:?}")),
+            _ => return Err(PropertyError::Type(name.to_owned())),
         })
     }
 
@@ -137,7 +137,7 @@ impl Header {
                     header.elements.push(Element { name, count, properties, line: at });
                 }
                 ["property", ref rest @ ..] => {
-                    let property = property(rest).map_err(wrong)?;
+                    let property = property(rest).map_err(|why| wrong(why.to_string()))?;
                     let element = header.elements.last_mut();
                     let element = element.ok_or_else(|| wrong("a property of no element".to_owned()))?;
                     element.properties.push(property);
@@ -181,15 +181,26 @@ impl Header {
     }
 }
 
+/// A property that is not declared as it should be.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum PropertyError {
+    #[error("there is no type {0:?}")]
+    Type(String),
+    #[error("a property is TYPE NAME or list TYPE TYPE NAME")]
+    Words,
+    #[error("the list {0:?} has a length that is not an integer")]
+    Length(String),
+}
+
 /// Parses the words after `property`.
-fn property(words: &[&str]) -> Result<Property, String> {
+fn property(words: &[&str]) -> Result<Property, PropertyError> {
     let (length, of, name) = match *words {
         ["list", length, of, name] => (Some(NumberType::named(length)?), of, name),
         [of, name] => (None, of, name),
-        _ => return Err("a property is TYPE NAME or list TYPE TYPE NAME".to_owned()),
+        _ => return Err(PropertyError::Words),
     };
     if length.is_some_and(|length| !length.is_integer()) {
-        return Err(format!("the list {name:?} has a length that is not an integer"));
+        return Err(PropertyError::Length(name.to_owned()));
     }
     Ok(Property { name: name.to_owned(), length, kind: NumberType::named(of)? })
 }

@@ -93,8 +93,8 @@ impl Streams {
 use stream::decode;
 
 #[cfg(not(feature = "draco"))]
-fn decode(_: &bytes::Bytes, _: StatedCounts) -> Result<DracoMesh, String> {
-    Err("this program was built without it (the feature draco of lodestream-import)".to_owned())
+fn decode(_: &bytes::Bytes, _: StatedCounts) -> Result<DracoMesh, mesh::DracoError> {
+    Err(mesh::DracoError::NotBuilt)
 }
 
 impl Compressed {

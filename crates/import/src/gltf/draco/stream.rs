@@ -6,7 +6,7 @@ use draco_core::{
 };
 use gltf::json::accessor::ComponentType;
 
-use super::mesh::{Attribute, DracoMesh};
+use super::mesh::{Attribute, DracoError, DracoMesh};
 use super::stated_counts::StatedCounts;
 
 /// Triangles and points that any stream may have, however short…
@@ -21,30 +21,24 @@ const POINT_BYTES: u64 = 128;
 ///
 /// # Errors
 /// The decoder's message, or that a limit is exceeded.
-pub(super) fn decode(data: &Bytes, stated: StatedCounts) -> Result<DracoMesh, String> {
+pub(super) fn decode(data: &Bytes, stated: StatedCounts) -> Result<DracoMesh, DracoError> {
     let most = PER_BYTE.saturating_mul(data.len() as u64).saturating_add(BASE);
     let (points, triangles) = (stated.points.min(most), stated.triangles.min(most));
     let limits = DecodeLimits::default()
         .with_max_points(points)
         .with_max_faces(triangles)
         .with_max_decoded_bytes(points * POINT_BYTES);
-    let too_much = || {
-        format!(
-            "it has more than {triangles} triangles or {points} points, the counts of its accessors or the most for \
-             a stream of {} bytes",
-            data.len()
-        )
-    };
+    let too_large = || DracoError::TooLarge { triangles, points, bytes: data.len() };
     let mut mesh = Mesh::new();
-    MeshDecoder::new().decode(&mut DecoderBuffer::new(data).with_limits(limits), &mut mesh).map_err(|e| {
-        match e.kind() {
-            ErrorKind::LimitExceeded => too_much(),
-            _ => e.to_string(),
-        }
-    })?;
+    MeshDecoder::new().decode(&mut DecoderBuffer::new(data).with_limits(limits), &mut mesh).map_err(
+        |why| match why.kind() {
+            ErrorKind::LimitExceeded => too_large(),
+            _ => DracoError::Decoder(why),
+        },
+    )?;
     let count = mesh.num_points();
     if count as u64 > points {
-        return Err(too_much());
+        return Err(too_large());
     }
     let attributes = (0..mesh.num_attributes()).map(|index| mesh.attribute(index));
     let attributes =

@@ -69,7 +69,7 @@ struct Textures<'a> {
 impl Textures<'_> {
     fn image(&mut self, texture: Option<&TextureOptions>) -> Option<ImageSource> {
         let found = options::locate(self.root, self.folder, &texture?.file);
-        found.map_err(|why| self.warn(&why)).ok().map(Into::into)
+        found.map_err(|why| self.warn(&why.to_string())).ok().map(Into::into)
     }
 
     /// A channel of a texture; `otherwise` unless the line has `-imfchan`.

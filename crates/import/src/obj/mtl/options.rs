@@ -67,12 +67,17 @@ fn split_word(text: &str) -> (&str, &str) {
     (word, tail.trim_start())
 }
 
+/// A file that is not read: otherwise an untrusted model could publish local files.
+#[derive(Debug, thiserror::Error)]
+#[error("{0:?} is not in the model's folder or below it and is left out; put the file there")]
+pub(in crate::obj) struct OutsideFolder(String);
+
 /// Resolves a file name relative to `folder`, within `root`, the model's folder. Backslashes are separators if the name as
 /// written does not exist (files written on Windows).
 ///
 /// # Errors
-/// A message of one line for names outside the model's folder: otherwise an untrusted model could publish local files.
-pub(in crate::obj) fn locate(root: &Path, folder: &Path, name: &str) -> Result<PathBuf, String> {
+/// Names outside the model's folder.
+pub(in crate::obj) fn locate(root: &Path, folder: &Path, name: &str) -> Result<PathBuf, OutsideFolder> {
     let name = name.trim().trim_matches('"');
     let inside = |name: &str| {
         let below = folder.strip_prefix(root).unwrap_or(Path::new(""));
@@ -85,9 +90,7 @@ pub(in crate::obj) fn locate(root: &Path, folder: &Path, name: &str) -> Result<P
                 PathPart::RootDir | PathPart::Prefix(_) => None,
             },
         );
-        depth.map(|_| folder.join(name)).ok_or_else(|| {
-            format!("{name:?} is not in the model's folder or below it and is left out; put the file there")
-        })
+        depth.map(|_| folder.join(name)).ok_or_else(|| OutsideFolder(name.to_owned()))
     };
     let path = inside(name)?;
     if !path.exists() && name.contains('\\') {

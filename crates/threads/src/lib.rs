@@ -1,38 +1,38 @@
-//! Thread pool for decoding.
+//! A pool of threads for preparing and decoding meshes. `geometry`, which starts no threads, takes any
+//! [`Pool`] from its caller.
 
 use std::num::NonZeroUsize;
-use std::sync::Arc;
 
 use lodestream_geometry::pool::{Pool, Tasks};
 
-use crate::core::Decoders;
-
 /// Runs tasks on the calling thread and on scoped threads, which are started for each call: some 30 µs each, against
-/// milliseconds of decoding.
-#[derive(Clone, Copy, Debug)]
+/// milliseconds of work.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Threads(NonZeroUsize);
 
 impl Threads {
-    /// A number of threads; `None` for all of the machine's cores but one, which is left for drawing, and at least one.
+    /// A number of threads, the calling one included.
     #[must_use]
-    pub fn new(count: Option<NonZeroUsize>) -> Self {
-        let free = || {
-            let cores = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
-            NonZeroUsize::new(cores - 1).unwrap_or(NonZeroUsize::MIN)
-        };
-        Self(count.unwrap_or_else(free))
+    pub const fn new(count: NonZeroUsize) -> Self {
+        Self(count)
     }
 
-    /// Number of threads.
+    /// As many as the machine has cores.
+    #[must_use]
+    pub fn all_cores() -> Self {
+        Self(std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN))
+    }
+
+    /// One less than the machine has cores, but at least one.
+    #[must_use]
+    pub fn all_cores_but_one() -> Self {
+        Self(NonZeroUsize::new(Self::all_cores().0.get() - 1).unwrap_or(NonZeroUsize::MIN))
+    }
+
+    /// Number of threads, the calling one included.
     #[must_use]
     pub const fn count(self) -> NonZeroUsize {
         self.0
-    }
-
-    /// Decoders on these threads.
-    #[must_use]
-    pub fn decoders(self) -> Decoders {
-        if self.0 == NonZeroUsize::MIN { Decoders::default() } else { Decoders::on(Arc::new(self)) }
     }
 }
 
@@ -42,7 +42,7 @@ impl Pool for Threads {
         std::thread::scope(|scope| {
             for _ in 1..self.0.get().min(count) {
                 // If the system provides no thread, the others run all tasks.
-                let thread = std::thread::Builder::new().name("decoding".into());
+                let thread = std::thread::Builder::new().name("pool".into());
                 drop(thread.spawn_scoped(scope, || tasks.work()));
             }
             tasks.work();
@@ -59,8 +59,7 @@ mod tests {
     #[test]
     fn every_task_runs_once_on_any_number_of_threads() {
         for threads in [1, 2, 7] {
-            let pool = Threads::new(NonZeroUsize::new(threads));
-            assert_eq!(pool.count().get(), threads);
+            let pool = Threads::new(NonZeroUsize::new(threads).unwrap());
             for count in [0, 1, 2, 1000] {
                 let runs: Vec<AtomicUsize> = (0..count).map(|_| AtomicUsize::new(0)).collect();
                 pool.run(count, &|i| {

@@ -1,10 +1,12 @@
-//! Checks every line of an OBJ file and rewrites the file in the subset of the format that `tobj` reads correctly: `v`
-//! (with a colour, if the file has any), `vt`, `vn`, then faces with absolute indices, grouped by material and by the
-//! attributes that all their corners have. Errors name their line.
+//! The lines of an OBJ file. Errors name their line.
+//!
+//! `tobj`, which reads the MTL files, is not used here: tobj 4 lets NaN and infinities through, makes up texture
+//! coordinates for corners that have none, takes polylines for faces, overflows on some negative indices, reads neither
+//! weights nor opacities, and names no line in its errors. To check a file before it is to read every value and index,
+//! which leaves a second parser nothing to do.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
 use std::path::Path;
 
 use crate::error::ImportError;
@@ -12,54 +14,32 @@ use crate::error::ImportError;
 /// Most elements of one kind: indices and counts must fit `u32`, with room for a "none" mark.
 const MAX_ELEMENTS: usize = u32::MAX as usize - 1;
 
-/// An OBJ file rewritten for `tobj`.
+/// The values and faces of an OBJ file.
 #[derive(Debug, Default)]
-pub(super) struct Normalised {
-    /// `v`, `vt` and `vn` lines.
-    pub(super) vertices: String,
-    /// `usemtl N` (an index into [`Normalised::material_names`]), `o FORMAT` and `f` lines.
-    pub(super) faces: String,
+pub(super) struct Parsed {
+    pub(super) positions: Vec<[f64; 3]>,
+    /// Colours of vertices, up to the last that has one.
+    pub(super) colors: Vec<Option<[u8; 4]>>,
+    pub(super) uvs: Vec<[f32; 2]>,
+    pub(super) normals: Vec<[f64; 3]>,
+    pub(super) faces: Vec<Face>,
+    /// Corners of all faces: position, texture coordinate and normal from 1; 0 for none.
+    pub(super) corners: Vec<[u32; 3]>,
     /// Names of `usemtl` lines in order of first use; the empty name for faces before the first.
     pub(super) material_names: Vec<String>,
-    /// Faces with at least three corners.
-    pub(super) face_count: usize,
     /// Lines, points and faces with fewer than three corners, all left out.
     pub(super) left_out: usize,
     /// Vertices whose colour had values outside 0 to 1, which were clamped.
     pub(super) clamped_colors: usize,
 }
 
-/// Packs a vertex colour into one number, because the parser reads three components and no opacity; −1 without a colour.
-fn pack_color(color: Option<[u8; 4]>) -> i64 {
-    color.map_or(-1, |rgba| i64::from(u32::from_le_bytes(rgba)))
-}
-
-/// Inverse of [`pack_color`].
-pub(super) fn unpack_color(packed: f64) -> Option<[u8; 4]> {
-    (packed >= 0.0).then(|| (packed as u32).to_le_bytes())
-}
-
-/// The attributes that all corners of a face have.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) struct Format {
-    pub(super) uv: bool,
-    pub(super) normal: bool,
-}
-
-impl Format {
-    /// As the name of a `tobj` model, which carries it through the parser.
-    fn name(self) -> &'static str {
-        match (self.uv, self.normal) {
-            (false, false) => "v",
-            (true, false) => "vt",
-            (false, true) => "vn",
-            (true, true) => "vtn",
-        }
-    }
-
-    pub(super) fn from_name(name: &str) -> Self {
-        Self { uv: name.contains('t'), normal: name.contains('n') }
-    }
+/// A face with at least three corners.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Face {
+    /// Number of its corners, which follow those of the face before.
+    pub(super) corners: usize,
+    /// Index into [`Parsed::material_names`].
+    pub(super) material: usize,
 }
 
 /// Lines of the file with their numbers: comments and continuations (`\` at the end) resolved.
@@ -82,11 +62,11 @@ pub(super) fn logical_lines(bytes: &[u8]) -> impl Iterator<Item = (usize, Cow<'_
     })
 }
 
-/// Checks and rewrites an OBJ file.
+/// Parses an OBJ file.
 ///
 /// # Errors
 /// The first invalid line, or a file without faces.
-pub(super) fn normalise(path: &Path, bytes: &[u8]) -> Result<Normalised, ImportError> {
+pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, ImportError> {
     if bytes.is_empty() {
         return Err(ImportError::Empty { path: path.to_owned() });
     }
@@ -94,31 +74,25 @@ pub(super) fn normalise(path: &Path, bytes: &[u8]) -> Result<Normalised, ImportE
         let line = 1 + bytes[..at].iter().filter(|&&b| b == b'\n').count();
         return Err(ImportError::line(path, line, "has a zero byte, so it is not text; give an OBJ file"));
     }
-    let (totals, colored) = count_elements(bytes);
-    let mut reader = Reader::new(path, totals, colored);
+    let mut reader = Reader::new(path, count_elements(bytes));
     for (number, line) in logical_lines(bytes) {
         reader.line(number, &line)?;
     }
     reader.finish()
 }
 
-/// Elements in the whole file, since OBJ lets a positive index refer to a line further down, and whether
-/// any vertex may have a colour.
-fn count_elements(bytes: &[u8]) -> ([usize; 3], bool) {
+/// Elements in the whole file, since OBJ lets a positive index refer to a line further down.
+fn count_elements(bytes: &[u8]) -> [usize; 3] {
     let mut counts = [0usize; 3];
-    let mut colored = false;
     for (_, line) in logical_lines(bytes) {
-        match keyword(&line) {
-            ("v", values) => {
-                counts[0] += 1;
-                colored = colored || values.split_whitespace().nth(MIN_COLORED_VALUES - 1).is_some();
-            }
-            ("vt", _) => counts[1] += 1,
-            ("vn", _) => counts[2] += 1,
+        match keyword(&line).0 {
+            "v" => counts[0] += 1,
+            "vt" => counts[1] += 1,
+            "vn" => counts[2] += 1,
             _ => {}
         }
     }
-    (counts, colored)
+    counts
 }
 
 /// Splits a line into its first word and the rest. Counting and reading share this, so that they agree on Unicode white
@@ -128,40 +102,34 @@ fn keyword(line: &str) -> (&str, &str) {
     line.split_once(char::is_whitespace).unwrap_or((line, ""))
 }
 
-/// Values of a vertex with a colour: x y z r g b, perhaps with opacity after them.
-const MIN_COLORED_VALUES: usize = 6;
-
 const KINDS: [&str; 3] = ["vertex", "texture coordinate", "normal"];
 
 struct Reader<'a> {
     path: &'a Path,
     totals: [usize; 3],
-    colored: bool,
-    seen: [usize; 3],
-    out: Normalised,
+    out: Parsed,
     materials: BTreeMap<String, usize>,
     material: Option<String>,
-    written: Option<(usize, Format)>,
     lines: usize,
     unknown: usize,
-    corners: Vec<[usize; 3]>,
 }
 
 impl<'a> Reader<'a> {
-    fn new(path: &'a Path, totals: [usize; 3], colored: bool) -> Self {
+    fn new(path: &'a Path, totals: [usize; 3]) -> Self {
         Self {
             path,
             totals,
-            colored,
-            seen: [0; 3],
-            out: Normalised::default(),
+            out: Parsed::default(),
             materials: BTreeMap::new(),
             material: None,
-            written: None,
             lines: 0,
             unknown: 0,
-            corners: Vec::new(),
         }
+    }
+
+    /// Elements of each kind so far.
+    fn seen(&self) -> [usize; 3] {
+        [self.out.positions.len(), self.out.uvs.len(), self.out.normals.len()]
     }
 
     fn line(&mut self, number: usize, line: &str) -> Result<(), ImportError> {
@@ -222,10 +190,11 @@ impl<'a> Reader<'a> {
         Ok((values, count))
     }
 
-    fn count(&mut self, line: usize, kind: usize) -> Result<(), ImportError> {
-        self.seen[kind] += 1;
-        if self.seen[kind] > MAX_ELEMENTS {
-            return Err(self.error(line, format!("is {} number {}; too many", KINDS[kind], self.seen[kind])));
+    /// Checks that another element of a kind may follow.
+    fn check_count(&self, line: usize, kind: usize) -> Result<(), ImportError> {
+        let number = self.seen()[kind] + 1;
+        if number > MAX_ELEMENTS {
+            return Err(self.error(line, format!("is {} number {number}; too many", KINDS[kind])));
         }
         Ok(())
     }
@@ -248,13 +217,12 @@ impl<'a> Reader<'a> {
             }
             _ => {}
         }
-        self.count(line, 0)?;
-        let _ = write!(self.out.vertices, "v {:?} {:?} {:?}", xyz[0], xyz[1], xyz[2]);
-        if self.colored {
-            let packed = pack_color(self.color(&v[..count]));
-            let _ = write!(self.out.vertices, " {packed} 0 0");
+        self.check_count(line, 0)?;
+        if let Some(color) = self.color(&v[..count]) {
+            self.out.colors.resize(self.out.positions.len(), None);
+            self.out.colors.push(Some(color));
         }
-        self.out.vertices.push('\n');
+        self.out.positions.push(xyz);
         Ok(())
     }
 
@@ -273,9 +241,9 @@ impl<'a> Reader<'a> {
         if count == 0 {
             return Err(self.error(line, "texture coordinate has no values; two are needed (u v)"));
         }
-        self.count(line, 1)?;
+        self.check_count(line, 1)?;
         // One value is a one-dimensional texture: v is 0.
-        let _ = writeln!(self.out.vertices, "vt {:?} {:?}", v[0], v[1]);
+        self.out.uvs.push([v[0] as f32, v[1] as f32]);
         Ok(())
     }
 
@@ -284,13 +252,13 @@ impl<'a> Reader<'a> {
         if count < 3 {
             return Err(self.error(line, format!("normal has {count} values; three are needed (x y z)")));
         }
-        self.count(line, 2)?;
-        let _ = writeln!(self.out.vertices, "vn {:?} {:?} {:?}", v[0], v[1], v[2]);
+        self.check_count(line, 2)?;
+        self.out.normals.push([v[0], v[1], v[2]]);
         Ok(())
     }
 
     /// Converts an index of the file to an absolute one from 1; 0 if the corner has none.
-    fn index(&self, line: usize, kind: usize, text: &str) -> Result<usize, ImportError> {
+    fn index(&self, line: usize, kind: usize, text: &str) -> Result<u32, ImportError> {
         let name = KINDS[kind];
         if text.is_empty() && kind > 0 {
             return Ok(0);
@@ -298,20 +266,20 @@ impl<'a> Reader<'a> {
         let index: i64 = text.parse().map_err(|_| {
             self.error(line, format!("face has {:?}; a {name} index is expected", shown(text)))
         })?;
-        let (total, seen) = (self.totals[kind], self.seen[kind]);
+        let (total, seen) = (self.totals[kind], self.seen()[kind]);
         if index == 0 {
             return Err(self.error(line, format!("face refers to {name} 0; OBJ counts from 1")));
         }
         if index > 0 {
             return match usize::try_from(index) {
-                Ok(index) if index <= total => Ok(index),
+                Ok(index) if index <= total.min(MAX_ELEMENTS) => Ok(index as u32),
                 _ => {
                     Err(self.error(line, format!("face refers to {name} {index}, but the file has {total}")))
                 }
             };
         }
         match usize::try_from(index.unsigned_abs()) {
-            Ok(back) if back <= seen => Ok(seen - back + 1),
+            Ok(back) if back <= seen => Ok((seen - back + 1) as u32),
             _ => Err(self.error(
                 line,
                 format!("face refers to {name} {index} (counting back), but only {seen} come before it"),
@@ -320,8 +288,7 @@ impl<'a> Reader<'a> {
     }
 
     fn face(&mut self, line: usize, text: &str) -> Result<(), ImportError> {
-        let mut corners = std::mem::take(&mut self.corners);
-        corners.clear();
+        let first = self.out.corners.len();
         for corner in text.split_whitespace() {
             let mut parts = corner.split('/');
             let mut indices = [0; 3];
@@ -332,24 +299,17 @@ impl<'a> Reader<'a> {
                 let corner = shown(corner);
                 return Err(self.error(line, format!("face corner {corner:?} has more than three indices")));
             }
-            corners.push(indices);
+            self.out.corners.push(indices);
         }
-        if corners.len() < 3 {
+        let corners = self.out.corners.len() - first;
+        if corners < 3 {
+            self.out.corners.truncate(first);
             self.out.left_out += 1;
-        } else {
-            self.write_face(line, &corners)?;
+            return Ok(());
         }
-        self.corners = corners;
-        Ok(())
-    }
-
-    fn write_face(&mut self, line: usize, corners: &[[usize; 3]]) -> Result<(), ImportError> {
-        if self.out.face_count == MAX_ELEMENTS {
+        if self.out.faces.len() == MAX_ELEMENTS {
             return Err(self.error(line, "is one face too many"));
         }
-        self.out.face_count += 1;
-        let format =
-            Format { uv: corners.iter().all(|c| c[1] != 0), normal: corners.iter().all(|c| c[2] != 0) };
         let name = self.material.as_deref().unwrap_or("");
         let material = match self.materials.get(name) {
             Some(&index) => index,
@@ -360,26 +320,12 @@ impl<'a> Reader<'a> {
                 index
             }
         };
-        let out = &mut self.out.faces;
-        if self.written != Some((material, format)) {
-            let _ = writeln!(out, "usemtl {material}\no {}", format.name());
-            self.written = Some((material, format));
-        }
-        out.push('f');
-        for &[v, vt, vn] in corners {
-            let _ = match (format.uv, format.normal) {
-                (false, false) => write!(out, " {v}"),
-                (true, false) => write!(out, " {v}/{vt}"),
-                (false, true) => write!(out, " {v}//{vn}"),
-                (true, true) => write!(out, " {v}/{vt}/{vn}"),
-            };
-        }
-        out.push('\n');
+        self.out.faces.push(Face { corners, material });
         Ok(())
     }
 
-    fn finish(self) -> Result<Normalised, ImportError> {
-        if self.out.face_count > 0 {
+    fn finish(self) -> Result<Parsed, ImportError> {
+        if !self.out.faces.is_empty() {
             return Ok(self.out);
         }
         let found = if self.lines == 0 {
@@ -387,9 +333,9 @@ impl<'a> Reader<'a> {
         } else if self.unknown * 2 > self.lines {
             format!("{} of {} lines are not OBJ; is it an OBJ file?", self.unknown, self.lines)
         } else if self.out.left_out > 0 {
-            format!("only {} points or lines and {} vertices", self.out.left_out, self.seen[0])
+            format!("only {} points or lines and {} vertices", self.out.left_out, self.seen()[0])
         } else {
-            format!("{} vertices", self.seen[0])
+            format!("{} vertices", self.seen()[0])
         };
         Err(ImportError::NoFaces { path: self.path.to_owned(), found })
     }
