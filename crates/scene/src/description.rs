@@ -113,7 +113,7 @@ pub struct ScenePage {
     /// Asset entries.
     pub assets: Vec<AssetEntry>,
     /// Instance entries. They refer to assets of this page or an earlier one.
-    pub instances: Vec<InstanceEntry>,
+    pub instances: Vec<Instance>,
 }
 
 /// Entry of an asset: what a client must know before the base mesh arrives.
@@ -170,7 +170,7 @@ impl AssetEntry {
 
 /// One placed asset.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct InstanceEntry {
+pub struct Instance {
     /// Number of the asset.
     pub asset: u32,
     /// World position of the asset's (0, 0, 0).
@@ -181,7 +181,7 @@ pub struct InstanceEntry {
     pub scale: f32,
 }
 
-impl InstanceEntry {
+impl Instance {
     /// An instance without rotation and scale.
     #[must_use]
     pub const fn at(asset: u32, translation: [f64; 3]) -> Self {
@@ -210,7 +210,7 @@ const NO_SCALE: u8 = 8;
 
 // Encoded by hand with one byte of flags: 14 bytes for an instance with a translation only, not 45. A page of 64
 // instances stays under 1 KB, which matters in the first flight.
-impl Encode for InstanceEntry {
+impl Encode for Instance {
     fn encode<E: Encoder>(&self, e: &mut E) -> Result<(), EncodeError> {
         let short = vector_fits_f32(&self.translation);
         let [x, y, z, w] = self.rotation;
@@ -235,7 +235,7 @@ impl Encode for InstanceEntry {
     }
 }
 
-impl<Context> Decode<Context> for InstanceEntry {
+impl<Context> Decode<Context> for Instance {
     fn decode<D: Decoder<Context = Context>>(d: &mut D) -> Result<Self, DecodeError> {
         let flags = u8::decode(d)?;
         if flags & !(SHORT_TRANSLATION | NO_ROTATION | ROTATION_ABOUT_Y | NO_SCALE) != 0 {
@@ -297,7 +297,7 @@ impl<Context> Decode<Context> for AssetEntry {
     }
 }
 
-bincode::impl_borrow_decode!(InstanceEntry);
+bincode::impl_borrow_decode!(Instance);
 bincode::impl_borrow_decode!(AssetEntry);
 
 /// A header or page of a scene with a value out of range.
@@ -459,7 +459,7 @@ mod tests {
             first_asset: 0,
             first_instance: 0,
             assets: vec![asset],
-            instances: vec![InstanceEntry::at(0, [1.0, 2.0, 3.0])],
+            instances: vec![Instance::at(0, [1.0, 2.0, 3.0])],
         }
     }
 
@@ -483,14 +483,13 @@ mod tests {
         assert!(with(|p| p.assets[0].name = "x".repeat(300)).is_err());
         assert!(with(|p| p.assets[0].shared = vec![SharedTexture { texture: 0, asset: 1, of: 0 }]).is_err());
         assert!(with(|p| p.first_asset = u32::MAX).is_err());
-        assert!(with(|p| p.instances = vec![InstanceEntry::at(0, [0.0; 3]); 65]).is_err());
+        assert!(with(|p| p.instances = vec![Instance::at(0, [0.0; 3]); 65]).is_err());
     }
 
     #[test]
     fn points_are_placed_about_the_grid_origin_in_double_precision() {
         let half_turn = [0.0, 1.0, 0.0, 0.0];
-        let instance =
-            InstanceEntry { asset: 0, translation: [1e7, 0.0, 0.0], rotation: half_turn, scale: 2.0 };
+        let instance = Instance { asset: 0, translation: [1e7, 0.0, 0.0], rotation: half_turn, scale: 2.0 };
         let world = instance.to_world([0.25, 0.0, 0.0], [0.125, 1.0, 0.0]);
         assert!((world - DVec3::new(1e7 - 0.75, 2.0, 0.0)).length() < 1e-6, "{world}");
     }

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use glam::{DQuat, DVec3, Quat, Vec3};
 use lodestream_scene::description::{
-    AssetEntry, Camera, Fingerprint, InstanceEntry, SceneError, SceneHeader, SceneLighting, ScenePage,
+    self, AssetEntry, Camera, Fingerprint, SceneError, SceneHeader, SceneLighting, ScenePage,
 };
 use lodestream_scene::limits::{MAX_ENTRIES_PER_PAGE, MAX_INSTANCES};
 use lodestream_scene::punctual_lights::PunctualLight;
@@ -231,7 +231,7 @@ fn paginate(instances: &[Instance], entries: &[AssetEntry], order: &[usize]) -> 
                 page.assets.push(entries[instance.asset].clone());
                 (asset_order.len() - 1) as u32
             });
-            page.instances.push(InstanceEntry {
+            page.instances.push(description::Instance {
                 asset,
                 translation: instance.translation,
                 rotation: instance.rotation,

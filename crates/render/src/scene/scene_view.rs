@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use glam::{DQuat, DVec3, Vec3};
 use lodestream_client::core::{Change, NewAsset, TextureChange, TexturePixels};
-use lodestream_scene::description::{InstanceEntry, SceneHeader};
+use lodestream_scene::description::{self, SceneHeader};
 use lodestream_scene::pose::Pose;
 use lodestream_scene::punctual_lights::PunctualLight;
 use lodestream_scene::view::View;
@@ -525,7 +525,7 @@ impl From<&PunctualLight> for Light {
     }
 }
 
-fn place(entry: &InstanceEntry) -> Instance {
+fn place(entry: &description::Instance) -> Instance {
     let rotation: DQuat = entry.orientation().as_dquat();
     Instance { translation: DVec3::from(entry.translation), rotation, scale: f64::from(entry.scale) }
 }

@@ -11,7 +11,7 @@ use crate::selection::State;
 use crate::state::{AssetState, Chunk};
 use crate::visibility::Placed;
 use lodestream_scene::blob::BlobPart;
-use lodestream_scene::description::InstanceEntry;
+use lodestream_scene::description::Instance;
 use lodestream_scene::view::View;
 
 /// Least visible share of a region for the visible screen error: a hundredth of its disc. Shares are square roots of
@@ -21,7 +21,7 @@ const MIN_VISIBLE_SHARE: f32 = 0.1;
 /// Upper bound on the screen error of all visible parts with the applied blobs, in pixels; infinite while a visible
 /// instance lacks its base mesh. TTQ is measured by it.
 #[must_use]
-pub fn max_screen_error_px(view: &View, instances: &[InstanceEntry], assets: &[AssetState]) -> f64 {
+pub fn max_screen_error_px(view: &View, instances: &[Instance], assets: &[AssetState]) -> f64 {
     let projection = Projection::new(view);
     let mut worst = 0.0_f64;
     for instance in instances {

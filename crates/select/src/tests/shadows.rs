@@ -6,8 +6,8 @@ use super::super::priority::is_hidden;
 use super::*;
 
 /// Ground in view, and something above and behind the eye.
-fn scene() -> [InstanceEntry; 2] {
-    [InstanceEntry::at(0, [0.0; 3]), InstanceEntry { scale: 0.5, ..InstanceEntry::at(1, [0.0, 3.0, 6.0]) }]
+fn scene() -> [Instance; 2] {
+    [Instance::at(0, [0.0; 3]), Instance { scale: 0.5, ..Instance::at(1, [0.0, 3.0, 6.0]) }]
 }
 
 /// Behind the eye, so that the shadow of what is there falls where the eye looks, …
@@ -51,7 +51,7 @@ fn shadow_casters_are_refined_last() {
 
 #[test]
 fn instances_without_shadows_in_view_are_not_refined() {
-    let some = |to_sun: Option<[f32; 3]>, placed: &[InstanceEntry]| {
+    let some = |to_sun: Option<[f32; 3]>, placed: &[Instance]| {
         selector(true, to_sun).select(&view(), placed, &assets()).wanted.iter().any(is_caster)
     };
     assert!(some(Some(BEHIND), &scene()));

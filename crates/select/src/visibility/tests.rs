@@ -266,7 +266,7 @@ struct Scene {
     assets: Vec<Asset>,
     /// Of each asset, [`Asset::finest`].
     finest: Vec<Vec<FinestFace>>,
-    instances: Vec<InstanceEntry>,
+    instances: Vec<Instance>,
 }
 
 /// What a selection for a view says, held against what rays see.
@@ -281,7 +281,7 @@ struct Judged {
 }
 
 impl Scene {
-    fn new(assets: &[Asset], instances: &[InstanceEntry]) -> Self {
+    fn new(assets: &[Asset], instances: &[Instance]) -> Self {
         let finest = assets.iter().map(Asset::finest).collect();
         Self { assets: assets.to_vec(), finest, instances: instances.to_vec() }
     }
@@ -350,8 +350,8 @@ fn view_from(eye: [f64; 3]) -> View {
     View { target_px: 0.2, ..view }
 }
 
-fn place(asset: u32, translation: [f64; 3], scale: f32) -> InstanceEntry {
-    InstanceEntry { scale, ..InstanceEntry::at(asset, translation) }
+fn place(asset: u32, translation: [f64; 3], scale: f32) -> Instance {
+    Instance { scale, ..Instance::at(asset, translation) }
 }
 
 /// The promise, and that there was something to be judged.
@@ -467,7 +467,7 @@ fn share_behind(occluder: Occluder, at: [f32; 3], radius: f32, error: f32, way: 
     state.add_index_page(0, vec![ChunkInfo { sphere, error, ..ChunkInfo::default() }]).unwrap();
     state.set_occluder(Arc::new(occluder));
     let view = View::look_at([0.0; 3], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0], 0.9, [1280, 720]);
-    let (instances, states) = ([InstanceEntry::at(0, [0.0; 3])], [state]);
+    let (instances, states) = ([Instance::at(0, [0.0; 3])], [state]);
     let mut visibility = Visibility::default();
     visibility.draw(&view, way, instances[..].into(), &states);
     let placed = Placed::new(&view, states[0].entry(), &instances[0]);
