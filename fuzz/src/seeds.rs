@@ -21,6 +21,7 @@ use lodestream_scene::asset::{
 };
 use lodestream_scene::blob::BlobId;
 use lodestream_scene::description::{AssetEntry, Camera, Instance, SceneHeader, SceneLighting, ScenePage};
+use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::{
     PunctualLight, PunctualLightPageEntry, PunctualLights, Spot, encode_directory, encode_page,
 };
@@ -322,7 +323,10 @@ fn messages() -> Vec<(String, Vec<u8>)> {
         terrain: None,
         camera,
     };
-    let turned = Instance { rotation: [0.0, 0.6, 0.0, 0.8], scale: 2.0, ..Instance::at(0, [1e9, 0.1, 0.0]) };
+    let turned = Instance {
+        asset: 0,
+        placement: Placement { rotation: [0.0, 0.6, 0.0, 0.8], scale: 2.0, ..Placement::at([1e9, 0.1, 0.0]) },
+    };
     let page = ScenePage {
         assets: vec![
             AssetEntry { name: "a".into(), chunk_count: 9, ..AssetEntry::default() },

@@ -8,7 +8,7 @@ use bincode::de::Decoder;
 use bincode::enc::Encoder;
 use bincode::error::{DecodeError, EncodeError};
 use bincode::{Decode, Encode};
-use glam::{DVec3, Quat, Vec3};
+use glam::{DVec3, Vec3};
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, Sphere};
 
 use crate::blob::{BlobId, BlobPart};
@@ -17,6 +17,7 @@ use crate::limits::{
     MAX_ASSETS, MAX_BLOB_BYTES, MAX_CHUNKS, MAX_ENTRIES_PER_PAGE, MAX_INSTANCES, MAX_NAME_BYTES,
     MAX_SCENE_PAGES,
 };
+use crate::placement::Placement;
 use crate::pose::Pose;
 use crate::shared::{self, SharedTexture};
 use crate::terrain::{TerrainEntry, TerrainEntryError};
@@ -173,33 +174,21 @@ impl AssetEntry {
 pub struct Instance {
     /// Number of the asset.
     pub asset: u32,
-    /// World position of the asset's (0, 0, 0).
-    pub translation: [f64; 3],
-    /// Unit quaternion x, y, z, w from asset axes to world axes.
-    pub rotation: [f32; 4],
-    /// World units per asset unit, above zero.
-    pub scale: f32,
+    /// Where the asset stands.
+    pub placement: Placement,
 }
 
 impl Instance {
     /// An instance without rotation and scale.
     #[must_use]
     pub const fn at(asset: u32, translation: [f64; 3]) -> Self {
-        Self { asset, translation, rotation: [0.0, 0.0, 0.0, 1.0], scale: 1.0 }
-    }
-
-    /// Rotation from asset axes to world axes.
-    #[must_use]
-    pub fn orientation(&self) -> Quat {
-        let q = Quat::from_array(self.rotation);
-        if q.length_squared() > 0.0 { q.normalize() } else { Quat::IDENTITY }
+        Self { asset, placement: Placement::at(translation) }
     }
 
     /// World position of a point given in asset units relative to the grid origin `origin`.
     #[must_use]
     pub fn to_world(&self, origin: [f64; 3], point: [f32; 3]) -> DVec3 {
-        let local = DVec3::from(origin) + Vec3::from(point).as_dvec3();
-        DVec3::from(self.translation) + self.orientation().as_dquat() * (local * f64::from(self.scale))
+        self.placement.to_world(DVec3::from(origin) + Vec3::from(point).as_dvec3())
     }
 }
 
@@ -212,11 +201,12 @@ const NO_SCALE: u8 = 8;
 // instances stays under 1 KB, which matters in the first flight.
 impl Encode for Instance {
     fn encode<E: Encoder>(&self, e: &mut E) -> Result<(), EncodeError> {
-        let short = vector_fits_f32(&self.translation);
-        let [x, y, z, w] = self.rotation;
-        let unturned = self.rotation == [0.0, 0.0, 0.0, 1.0];
+        let Placement { translation, rotation, scale } = self.placement;
+        let short = vector_fits_f32(&translation);
+        let [x, y, z, w] = rotation;
+        let unturned = rotation == [0.0, 0.0, 0.0, 1.0];
         let about_y = !unturned && x == 0.0 && z == 0.0;
-        let unscaled = self.scale == 1.0;
+        let unscaled = scale == 1.0;
         let flags = [
             (short, SHORT_TRANSLATION),
             (unturned, NO_ROTATION),
@@ -225,13 +215,13 @@ impl Encode for Instance {
         ];
         flags.iter().filter(|(set, _)| *set).fold(0, |all, (_, flag)| all | flag).encode(e)?;
         self.asset.encode(e)?;
-        encode_vector(&self.translation, short, e)?;
+        encode_vector(&translation, short, e)?;
         if about_y {
             [y, w].encode(e)?;
         } else if !unturned {
-            self.rotation.encode(e)?;
+            rotation.encode(e)?;
         }
-        if unscaled { Ok(()) } else { self.scale.encode(e) }
+        if unscaled { Ok(()) } else { scale.encode(e) }
     }
 }
 
@@ -252,7 +242,7 @@ impl<Context> Decode<Context> for Instance {
             <[f32; 4]>::decode(d)?
         };
         let scale = if flags & NO_SCALE != 0 { 1.0 } else { f32::decode(d)? };
-        Ok(Self { asset, translation, rotation, scale })
+        Ok(Self { asset, placement: Placement { translation, rotation, scale } })
     }
 }
 
@@ -439,10 +429,11 @@ impl ScenePage {
         let known_assets = self.first_asset + self.assets.len() as u32;
         for instance in &self.instances {
             ensure(instance.asset < known_assets, SceneError::AssetOfLaterPage)?;
-            ensure(instance.translation.iter().all(|x| x.is_finite()), SceneError::InstancePlace)?;
-            let length = instance.rotation.iter().map(|x| x * x).sum::<f32>();
+            let Placement { translation, rotation, scale } = instance.placement;
+            ensure(translation.iter().all(|x| x.is_finite()), SceneError::InstancePlace)?;
+            let length = rotation.iter().map(|x| x * x).sum::<f32>();
             ensure((0.9..=1.1).contains(&length), SceneError::InstanceRotation)?;
-            ensure(instance.scale.is_finite() && instance.scale > 0.0, SceneError::InstanceScale)?;
+            ensure(scale.is_finite() && scale > 0.0, SceneError::InstanceScale)?;
         }
         Ok(())
     }
@@ -472,10 +463,10 @@ mod tests {
             page.check()
         };
         assert!(with(|p| p.instances[0].asset = 1).is_err());
-        assert!(with(|p| p.instances[0].translation[1] = f64::INFINITY).is_err());
-        assert!(with(|p| p.instances[0].rotation = [0.0; 4]).is_err());
-        assert!(with(|p| p.instances[0].scale = 0.0).is_err());
-        assert!(with(|p| p.instances[0].scale = f32::NAN).is_err());
+        assert!(with(|p| p.instances[0].placement.translation[1] = f64::INFINITY).is_err());
+        assert!(with(|p| p.instances[0].placement.rotation = [0.0; 4]).is_err());
+        assert!(with(|p| p.instances[0].placement.scale = 0.0).is_err());
+        assert!(with(|p| p.instances[0].placement.scale = f32::NAN).is_err());
         assert!(with(|p| p.assets[0].root_error = -1.0).is_err());
         assert!(with(|p| p.assets[0].sphere.radius = f32::INFINITY).is_err());
         assert!(with(|p| p.assets[0].base_bytes = u32::MAX).is_err());
@@ -487,11 +478,11 @@ mod tests {
     }
 
     #[test]
-    fn points_are_placed_about_the_grid_origin_in_double_precision() {
-        let half_turn = [0.0, 1.0, 0.0, 0.0];
-        let instance = Instance { asset: 0, translation: [1e7, 0.0, 0.0], rotation: half_turn, scale: 2.0 };
+    fn points_are_placed_about_the_grid_origin() {
+        let instance =
+            Instance { asset: 0, placement: Placement { scale: 2.0, ..Placement::at([1e7, 0.0, 0.0]) } };
         let world = instance.to_world([0.25, 0.0, 0.0], [0.125, 1.0, 0.0]);
-        assert!((world - DVec3::new(1e7 - 0.75, 2.0, 0.0)).length() < 1e-6, "{world}");
+        assert_eq!(world, DVec3::new(1e7 + 0.75, 2.0, 0.0));
     }
 
     #[test]

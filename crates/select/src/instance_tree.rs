@@ -288,7 +288,7 @@ impl InstanceTree {
 
 fn ball(asset: &AssetEntry, instance: &Instance) -> BoundingSphere {
     let center = instance.to_world(asset.origin, asset.sphere.center);
-    let radius = f64::from(asset.sphere.radius * instance.scale);
+    let radius = f64::from(asset.sphere.radius * instance.placement.scale);
     let known = center.is_finite() && radius.is_finite();
     if known { BoundingSphere { center, radius, largest: radius } } else { BoundingSphere::everywhere() }
 }
@@ -417,6 +417,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use lodestream_scene::placement::Placement;
     use lodestream_scene::view::View;
 
     fn asset(radius: f32) -> AssetEntry {
@@ -432,8 +433,9 @@ mod tests {
             1 => Just([1e300, 0.0, -1e300]),
             1 => Just([5.0; 3]),
         ];
-        (0_u32..5, at, prop_oneof![8 => 0.01..3.0_f32, 1 => Just(1e30_f32), 1 => Just(1e-30_f32)])
-            .prop_map(|(asset, at, scale)| Instance { scale, ..Instance::at(asset, at) })
+        (0_u32..5, at, prop_oneof![8 => 0.01..3.0_f32, 1 => Just(1e30_f32), 1 => Just(1e-30_f32)]).prop_map(
+            |(asset, at, scale)| Instance { asset, placement: Placement { scale, ..Placement::at(at) } },
+        )
     }
 
     fn eyes() -> impl Strategy<Value = View> {

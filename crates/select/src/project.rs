@@ -83,7 +83,7 @@ impl Projection {
     /// An instance's bounding sphere, its centre relative to the eye.
     pub(super) fn sphere(&self, asset: &AssetEntry, instance: &Instance) -> (Vec3, f32) {
         let center = instance.to_world(asset.origin, asset.sphere.center) - self.eye;
-        (center.as_vec3(), asset.sphere.radius * instance.scale)
+        (center.as_vec3(), asset.sphere.radius * instance.placement.scale)
     }
 
     /// Whether a sphere reaches into the frustum; `center` is relative to the eye.
@@ -100,9 +100,9 @@ impl Projection {
     /// The view in the local axes and units of an instance, relative to the grid origin of its asset.
     #[must_use]
     pub fn local(&self, asset: &AssetEntry, instance: &Instance) -> LocalView {
-        let rotation = instance.orientation();
-        let offset = self.eye - DVec3::from(instance.translation);
-        let eye = rotation.conjugate().as_dquat() * offset / f64::from(instance.scale);
+        let rotation = instance.placement.orientation();
+        let offset = self.eye - DVec3::from(instance.placement.translation);
+        let eye = rotation.conjugate().as_dquat() * offset / f64::from(instance.placement.scale);
         LocalView {
             eye: (eye - DVec3::from(asset.origin)).as_vec3(),
             frustum: self.frustum.rotated_into(rotation),
@@ -113,7 +113,7 @@ impl Projection {
     /// Pixels per unit of the asset at a world depth, which is at least a fiftieth of the asset's radius.
     #[must_use]
     pub fn px_per_unit(&self, asset: &AssetEntry, instance: &Instance, depth: f64) -> f64 {
-        let scale = f64::from(instance.scale);
+        let scale = f64::from(instance.placement.scale);
         let nearest = f64::from(asset.sphere.radius) * scale * 0.02;
         self.scale_px * scale / depth.max(nearest).max(f64::MIN_POSITIVE)
     }

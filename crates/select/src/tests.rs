@@ -12,6 +12,7 @@ use lodestream_scene::asset::{
 };
 use lodestream_scene::blob::{BlobId, BlobPart};
 use lodestream_scene::description::{AssetEntry, Instance};
+use lodestream_scene::placement::Placement;
 use lodestream_scene::shared::SharedTexture;
 use lodestream_scene::view::View;
 
@@ -158,14 +159,17 @@ fn scale_and_rotation_are_taken_into_account() {
         Selector::default().select(&view, &[instance], &[known_asset(6)]).counters.needed_chunks
     };
     let plain = needed(Instance::at(0, [0.0; 3]));
-    let small = needed(Instance { scale: 0.1, ..Instance::at(0, [0.0; 3]) });
+    let small = needed(Instance { asset: 0, placement: Placement { scale: 0.1, ..Placement::at([0.0; 3]) } });
     assert!(small * 4 < plain, "{small} against {plain}");
     // A plane is the same after half a turn.
-    let turned = needed(Instance { rotation: [0.0, 1.0, 0.0, 0.0], ..Instance::at(0, [0.0; 3]) });
+    let turned = needed(Instance {
+        asset: 0,
+        placement: Placement { rotation: [0.0, 1.0, 0.0, 0.0], ..Placement::at([0.0; 3]) },
+    });
     assert!(turned.abs_diff(plain) * 20 <= plain, "{turned} against {plain}");
     // The same scene a million times larger looks the same.
     let huge = View { eye: view.eye.map(|x| x * 1e6), ..view };
-    let scaled = Instance { scale: 1e6, ..Instance::at(0, [0.0; 3]) };
+    let scaled = Instance { asset: 0, placement: Placement { scale: 1e6, ..Placement::at([0.0; 3]) } };
     let huge = Selector::default().select(&huge, &[scaled], &[known_asset(6)]).counters.needed_chunks;
     assert_eq!(huge, plain);
 }
@@ -474,7 +478,7 @@ proptest! {
         let instances = [
             Instance::at(0, [0.0; 3]),
             Instance::at(1, [2.0, 0.5, -1.0]),
-            Instance { scale: 2.0, ..Instance::at(0, [-3.0, 0.0, 1.0]) },
+            Instance { asset: 0, placement: Placement { scale: 2.0, ..Placement::at([-3.0, 0.0, 1.0]) } },
         ];
         let mut assets = [known_asset(5), known_asset(4)];
         let mut selector = Selector::new(SelectSettings { max_faces, ..SelectSettings::default() });

@@ -381,9 +381,9 @@ fn asset(asset: &AssetEntry) -> Value {
 fn instance(instance: &Instance) -> Value {
     json!({
         "asset": instance.asset,
-        "translation": instance.translation,
-        "rotation": instance.rotation,
-        "scale": instance.scale,
+        "translation": instance.placement.translation,
+        "rotation": instance.placement.rotation,
+        "scale": instance.placement.scale,
     })
 }
 

@@ -526,8 +526,9 @@ impl From<&PunctualLight> for Light {
 }
 
 fn place(entry: &description::Instance) -> Instance {
-    let rotation: DQuat = entry.orientation().as_dquat();
-    Instance { translation: DVec3::from(entry.translation), rotation, scale: f64::from(entry.scale) }
+    let rotation: DQuat = entry.placement.orientation().as_dquat();
+    let (translation, scale) = (DVec3::from(entry.placement.translation), f64::from(entry.placement.scale));
+    Instance { translation, rotation, scale }
 }
 
 /// Radiance of a white surface lit with π lux, the least light for which a scene with punctual lights is exposed.

@@ -33,7 +33,7 @@ pub fn max_screen_error_px(view: &View, instances: &[Instance], assets: &[AssetS
         if asset.state(BlobPart::Base) != State::Applied {
             return f64::INFINITY;
         }
-        let scale = f64::from(instance.scale);
+        let scale = f64::from(instance.placement.scale);
         worst = worst.max(projection.error_px(f64::from(asset.unknown_error()) * scale, bounds.depth));
         let local = projection.local(asset.entry(), instance);
         for chunk in asset.chunks().iter().flatten().filter(|chunk| chunk.state() != State::Applied) {
@@ -92,7 +92,7 @@ impl Selector {
             } else {
                 (worst, worst_seen) = (f64::INFINITY, f64::INFINITY);
             }
-            let scale = f64::from(instance.scale);
+            let scale = f64::from(instance.placement.scale);
             let px_of = |error: f32| projection.error_px(f64::from(error) * scale, bounds.depth);
             let unknown_px = px_of(asset.unknown_error());
             worst = worst.max(unknown_px);

@@ -7,7 +7,10 @@ use super::*;
 
 /// Ground in view, and something above and behind the eye.
 fn scene() -> [Instance; 2] {
-    [Instance::at(0, [0.0; 3]), Instance { scale: 0.5, ..Instance::at(1, [0.0, 3.0, 6.0]) }]
+    [
+        Instance::at(0, [0.0; 3]),
+        Instance { asset: 1, placement: Placement { scale: 0.5, ..Placement::at([0.0, 3.0, 6.0]) } },
+    ]
 }
 
 /// Behind the eye, so that the shadow of what is there falls where the eye looks, …
@@ -60,7 +63,7 @@ fn instances_without_shadows_in_view_are_not_refined() {
     }
     // Its shadow falls below what is in view.
     let mut placed = scene();
-    placed[1].translation = [0.0, -3.0, 6.0];
+    placed[1].placement.translation = [0.0, -3.0, 6.0];
     assert!(!some(Some(BEHIND), &placed));
 }
 
@@ -71,7 +74,7 @@ fn shadows_use_at_most_a_tenth_of_the_bytes() {
     for scale in [0.1, 0.5, 2.0, 8.0] {
         for max_faces in [8_000_000, 40_000] {
             let mut placed = scene();
-            placed[1].scale = scale;
+            placed[1].placement.scale = scale;
             let mut assets = assets();
             let mut selector = selector(true, Some(BEHIND));
             selector.settings_mut().max_faces = max_faces;

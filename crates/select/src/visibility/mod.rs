@@ -106,9 +106,11 @@ impl Placed {
         let from_world = down_and_forward * Mat3::from_quat(turned);
         let origin = instance.to_world(asset.origin, [0.0; 3]) - DVec3::from(view.eye);
         Self {
-            to_view: from_world * Mat3::from_quat(instance.orientation()) * instance.scale,
+            to_view: from_world
+                * Mat3::from_quat(instance.placement.orientation())
+                * instance.placement.scale,
             offset: from_world * origin.as_vec3(),
-            scale: instance.scale,
+            scale: instance.placement.scale,
         }
     }
 

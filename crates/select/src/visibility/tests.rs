@@ -14,6 +14,7 @@ use super::*;
 use crate::priority::is_hidden;
 use crate::{Selector, State, Wanted};
 use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_scene::placement::Placement;
 
 const RINGS: u32 = 72;
 const COLUMNS: u32 = 120;
@@ -351,7 +352,7 @@ fn view_from(eye: [f64; 3]) -> View {
 }
 
 fn place(asset: u32, translation: [f64; 3], scale: f32) -> Instance {
-    Instance { scale, ..Instance::at(asset, translation) }
+    Instance { asset, placement: Placement { scale, ..Placement::at(translation) } }
 }
 
 /// The promise, and that there was something to be judged.
