@@ -46,6 +46,7 @@ pub use frame::settings::{
 };
 pub use frame::target::{Load, Target};
 pub use frame::timing::{PassTime, Timings};
+pub use lodestream_scene::placement::Placement;
 pub use lodestream_scene::pose::Pose;
 pub use passes::bloom::Bloom;
 #[cfg(any(test, feature = "methods"))]
@@ -69,7 +70,6 @@ pub use resources::texture::{Texture, TextureData, TextureKind, TextureShape};
 pub use resources::vertex::{HostMesh, PackedVertex, mark_smooth};
 pub use scene::asset::AssetGpu;
 pub use scene::environment::{Atmosphere, Environment, GradientSky, Haze, Sky};
-pub use scene::instance::Instance;
 pub use scene::lights::{LIGHT_TILES, Light, LightCulling, MAX_LIGHTS, Spot};
 pub use scene::material::{Alpha, Material, Wrap};
 #[cfg(feature = "client")]

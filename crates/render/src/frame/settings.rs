@@ -1,5 +1,6 @@
 //! The input of a frame: camera, scene data and [`Settings`].
 
+use lodestream_scene::placement::Placement;
 use lodestream_scene::pose::Pose;
 
 use crate::passes::bloom::Bloom;
@@ -13,7 +14,6 @@ use crate::passes::water::Water;
 use crate::resources::gpu::Gpu;
 use crate::scene::asset::AssetGpu;
 use crate::scene::environment::Environment;
-use crate::scene::instance::Instance;
 use crate::scene::lights::{Light, LightCulling};
 use crate::scene::relief_acceleration::ReliefAcceleration;
 use crate::scene::terrain::TerrainFrame;
@@ -41,7 +41,7 @@ pub struct Drawable<'a> {
     pub asset: &'a AssetGpu,
     /// Its placements. [`AntiAliasing::Temporal`] matches the instances of consecutive frames by index where their
     /// number is equal, and derives their motion.
-    pub instances: &'a [Instance],
+    pub instances: &'a [Placement],
 }
 
 /// Shadows of the sun: cascaded shadow maps.

@@ -6,9 +6,9 @@ use crate::passes::gbuffer::{GeometryPass, shader};
 use crate::passes::pn_triangles::{GRID_VERTEX, ReadOnlyLists};
 use crate::resources::gpu::Gpu;
 use crate::resources::vertex::{PackedVertex, VERTEX_ATTRIBUTES};
-use crate::scene::instance::{BEFORE_ATTRIBUTES, INSTANCE_ATTRIBUTES, InstanceRaw};
 use crate::scene::lights::PunctualLightPass;
 use crate::scene::material_bindings::{Features, MaterialBindings};
+use crate::scene::placement::{BEFORE_ATTRIBUTES, INSTANCE_ATTRIBUTES, InstanceRaw};
 use crate::scene::relief_acceleration::ReliefAcceleration;
 
 /// Shader sources.

@@ -3,9 +3,10 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
-use glam::{DQuat, DVec3, Vec3};
+use glam::{DVec3, Vec3};
 use lodestream_client::core::{Change, NewAsset, TextureChange, TexturePixels};
-use lodestream_scene::description::{self, SceneHeader};
+use lodestream_scene::description::SceneHeader;
+use lodestream_scene::placement::Placement;
 use lodestream_scene::pose::Pose;
 use lodestream_scene::punctual_lights::PunctualLight;
 use lodestream_scene::view::View;
@@ -23,7 +24,6 @@ use crate::resources::texture::{Texture, TextureData, TextureShape, WeakTexture}
 use crate::resources::uploads::Uploads;
 use crate::scene::asset::AssetGpu;
 use crate::scene::environment::{Atmosphere, Environment, GradientSky, Haze, Sky};
-use crate::scene::instance::Instance;
 use crate::scene::lights::{Light, Spot};
 use crate::scene::material::Material;
 use crate::scene::streamed_mesh::StreamedMeshChange;
@@ -50,8 +50,8 @@ pub struct SceneView {
     assets: Vec<Option<AssetGpu>>,
     /// Textures in use, by the asset and texture under which they are sent.
     textures: BTreeMap<(u32, u16), WeakTexture>,
-    /// By asset number.
-    instances: Vec<Vec<Instance>>,
+    /// Placements by asset number.
+    instances: Vec<Vec<Placement>>,
     /// Light and sky use the description's colours, without an atmosphere.
     plain: bool,
     /// Steps that wait for upload.
@@ -246,13 +246,13 @@ impl SceneView {
                     ..Self::default()
                 };
             }
-            Change::Instances(entries) => {
-                for entry in &entries {
-                    let asset = entry.asset as usize;
+            Change::Instances(instances) => {
+                for instance in &instances {
+                    let asset = instance.asset as usize;
                     if self.instances.len() <= asset {
                         self.instances.resize_with(asset + 1, Vec::new);
                     }
-                    self.instances[asset].push(place(entry));
+                    self.instances[asset].push(instance.placement);
                 }
             }
             Change::Asset(asset) => self.add(gpu, renderer, &asset),
@@ -523,12 +523,6 @@ impl From<&PunctualLight> for Light {
             }),
         }
     }
-}
-
-fn place(entry: &description::Instance) -> Instance {
-    let rotation: DQuat = entry.placement.orientation().as_dquat();
-    let (translation, scale) = (DVec3::from(entry.placement.translation), f64::from(entry.placement.scale));
-    Instance { translation, rotation, scale }
 }
 
 /// Radiance of a white surface lit with π lux, the least light for which a scene with punctual lights is exposed.

@@ -1,8 +1,8 @@
 //! Terrain-anchored objects: instances and lights that follow the terrain's vertical exaggeration.
 
 use glam::DVec3;
+use lodestream_scene::placement::Placement;
 
-use crate::scene::instance::Instance;
 use crate::scene::lights::Light;
 use crate::scene::terrain_renderer::TerrainRenderer;
 
@@ -12,7 +12,7 @@ pub(crate) struct TerrainAnchored {
     /// Height of the scene's terrain at each object, in the objects' order.
     heights: Vec<f64>,
     /// The scene's instances, moved; by asset.
-    pub(crate) instances: Vec<Vec<Instance>>,
+    pub(crate) instances: Vec<Vec<Placement>>,
     pub(crate) lights: Vec<Light>,
 }
 
@@ -22,10 +22,10 @@ impl TerrainAnchored {
     pub(crate) fn follow(
         &mut self,
         ground: &mut TerrainRenderer,
-        instances: &[Vec<Instance>],
+        instances: &[Vec<Placement>],
         lights: &[Light],
     ) {
-        let places = instances.iter().flatten().map(|instance| instance.translation);
+        let places = instances.iter().flatten().map(|placement| DVec3::from(placement.translation));
         let places = || places.clone().chain(lights.iter().map(|light| light.position));
         if self.heights.len() != places().count() {
             let factor = ground.vertical_exaggeration();
@@ -38,9 +38,10 @@ impl TerrainAnchored {
         let mut up = |place: DVec3| place + heights.next().unwrap_or(DVec3::ZERO);
         self.instances.clear();
         for of_asset in instances {
-            let moved = of_asset
-                .iter()
-                .map(|instance| Instance { translation: up(instance.translation), ..*instance });
+            let moved = of_asset.iter().map(|placement| Placement {
+                translation: up(placement.translation.into()).into(),
+                ..*placement
+            });
             self.instances.push(moved.collect());
         }
         self.lights = lights.iter().map(|light| Light { position: up(light.position), ..*light }).collect();

@@ -10,8 +10,8 @@ use crate::cpu_reference::{antialias, occlusion, tone};
 use crate::frame::graph::Resource;
 use crate::resources::readback::read_texture;
 use crate::{
-    AmbientOcclusion, AntiAliasing, Drawable, Frame, GradientSky, Headless, Instance, Material,
-    OcclusionMethod, OcclusionNormals, OcclusionRadius, Pose, Renderer, Sky, Target, ToneMapping,
+    AmbientOcclusion, AntiAliasing, Drawable, Frame, GradientSky, Headless, Material, OcclusionMethod,
+    OcclusionNormals, OcclusionRadius, Placement, Pose, Renderer, Sky, Target, ToneMapping,
 };
 
 #[test]
@@ -248,7 +248,7 @@ fn srgb_targets_show_the_same_picture() {
         view_formats: &[],
     });
     let ball = asset(&h, &sphere(24), Material::default());
-    let drawables = [Drawable { asset: &ball, instances: &[Instance::default()] }];
+    let drawables = [Drawable { asset: &ball, instances: &[Placement::default()] }];
     let camera = Pose::look_at(DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 0.7);
     let frame = Frame::new(camera, &drawables);
     h.frame(&frame).unwrap();

@@ -8,7 +8,7 @@ use super::terrain::{draw, entry, ground_height, scene};
 use super::{headless, keep};
 use crate::cpu_reference::tone;
 use crate::{
-    AntiAliasing, DebugView, Drawable, Frame, Headless, Instance, Material, Pose, Settings, TextureData,
+    AntiAliasing, DebugView, Drawable, Frame, Headless, Material, Placement, Pose, Settings, TextureData,
     TextureKind, TextureShape,
 };
 use lodestream_terrain::{Mode, Shape, Stamp};
@@ -95,7 +95,7 @@ fn floor<R>(h: &mut Headless, draw: impl FnOnce(&mut Headless, &[Drawable<'_>]) 
             (0..side * side).flat_map(|i| [[mean(i % side); 3].as_slice(), &[255]].concat()).collect();
         asset.update_texture(h.gpu(), 0, level, TextureData::Rgba8(&texels)).unwrap();
     }
-    draw(h, &[Drawable { asset: &asset, instances: &[Instance::default()] }])
+    draw(h, &[Drawable { asset: &asset, instances: &[Placement::default()] }])
 }
 
 #[test]

@@ -11,8 +11,8 @@ use crate::cpu_reference::depth::view_ray;
 use crate::frame::graph::Resource;
 use crate::image_compare::{Comparison, compare};
 use crate::{
-    Alpha, AntiAliasing, AssetGpu, Drawable, Environment, Frame, Haze, Headless, Instance, Light, Material,
-    PassId, Pose, Settings, Spot, Water,
+    Alpha, AntiAliasing, AssetGpu, Drawable, Environment, Frame, Haze, Headless, Light, Material, PassId,
+    Placement, Pose, Settings, Spot, Water,
 };
 
 const SIZE: (u32, u32) = (97, 65);
@@ -98,10 +98,9 @@ impl Scene {
     /// with any before, so what comes is a function of these. Whatever any of them left in a target is a number.
     fn draw(&self, h: &mut Headless, view: View) -> RgbaImage {
         let View { scale, offset, fov, away, .. } = view;
-        let place = |x, y, z, size: f64| Instance {
-            translation: offset + DVec3::new(x, y, z) * scale,
-            scale: size * scale * self.unit,
-            ..Instance::default()
+        let place = |x, y, z, size: f64| Placement {
+            scale: (size * scale * self.unit) as f32,
+            ..Placement::at((offset + DVec3::new(x, y, z) * scale).into())
         };
         let punctual_light = |x, y, z, spot| Light {
             position: offset + DVec3::new(x, y, z) * scale,
@@ -252,11 +251,8 @@ fn at_depths(h: &mut Headless, depths: [f64; 4], anti_aliasing: AntiAliasing) ->
         DVec3::new(0.24 * x + offset[0], 0.2 * y + offset[1], -1.0 + offset[2]) * depths[i]
     };
     let of = |size: f64, offset| {
-        [0, 1, 2, 3].map(|i| Instance {
-            translation: place(i, offset),
-            scale: size * depths[i],
-            ..Instance::default()
-        })
+        [0, 1, 2, 3]
+            .map(|i| Placement { scale: (size * depths[i]) as f32, ..Placement::at(place(i, offset).into()) })
     };
     let (balls, bubbles) = (of(0.3, [0.0; 3]), of(0.12, [0.04, 0.05, 0.3]));
     let drawables =
@@ -336,7 +332,7 @@ fn angles_of_view_from_a_tenth_of_a_degree_to_175() {
         asset(&h, &quad([-60.0, 0.0, 60.0], [120.0, 0.0, 0.0], [0.0, 0.0, -120.0], 1.0), Material::default());
     let drawables = [
         Drawable { asset: &ball, instances: &[at(0.0, 1.0, 0.0, 2.0)] },
-        Drawable { asset: &floor, instances: &[Instance::default()] },
+        Drawable { asset: &floor, instances: &[Placement::default()] },
     ];
     let camera =
         Pose::look_at(DVec3::new(0.0, 1.2, 1.1), DVec3::new(0.0, 1.0, 0.0), DVec3::Y, 175_f64.to_radians());

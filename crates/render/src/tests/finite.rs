@@ -16,7 +16,7 @@ use crate::passes::sky::SkyGpu;
 use crate::passes::temporal::{Resolve, TemporalStep};
 use crate::resources::readback::read_texture;
 use crate::{
-    AntiAliasing, AssetGpu, Drawable, Environment, Frame, GradientSky, Headless, Instance, Material, Pose,
+    AntiAliasing, AssetGpu, Drawable, Environment, Frame, GradientSky, Headless, Material, Placement, Pose,
     Settings, Sky,
 };
 
@@ -43,7 +43,7 @@ impl Scene {
         let drawables = [
             Drawable { asset: &self.box_, instances: &[at(-0.6, 0.0, 0.0, 1.0)] },
             Drawable { asset: &self.ball, instances: &[at(0.6 + moved, 0.1, 0.3, 0.8)] },
-            Drawable { asset: &self.floor, instances: &[Instance::default()] },
+            Drawable { asset: &self.floor, instances: &[Placement::default()] },
         ];
         let eye = DVec3::new(0.4 + moved, 0.9, 2.6);
         let camera = Pose::look_at(eye, DVec3::new(moved, 0.2, 0.0), DVec3::Y, 0.8);

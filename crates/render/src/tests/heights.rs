@@ -195,13 +195,13 @@ fn invalid_factors_are_ignored_or_clamped() {
 #[test]
 fn anchored_objects_follow_the_terrain() {
     use crate::scene::terrain_anchored::TerrainAnchored;
-    use crate::{Instance, Light};
+    use crate::{Light, Placement};
     let Some(h) = headless(8, 8) else { return };
     let entry = entry(3);
     let mut ground = scene(&h, &entry);
     let height = |x: f64, z: f64| ground_between(&entry, x, z) * f64::from(entry.height_unit);
     let stands = |x: f64, z: f64, over: f64| DVec3::new(x, height(x, z) + over, z);
-    let instance = |at| Instance { translation: at, ..Instance::default() };
+    let instance = |at: DVec3| Placement::at(at.into());
     let instances = vec![
         vec![instance(stands(10.5, -3.0, 0.0)), instance(stands(-400.0, 77.0, 2.0))],
         Vec::new(),
@@ -213,14 +213,14 @@ fn anchored_objects_follow_the_terrain() {
     for factor in [3.0, 0.0, 1.5] {
         ground.set_vertical_exaggeration(factor);
         standing.follow(&mut ground, &instances, &lights);
-        let near = |got: DVec3, x: f64, z: f64, over: f64| {
+        let near = |got: [f64; 3], x: f64, z: f64, over: f64| {
             let want = DVec3::new(x, height(x, z) * factor + over, z);
-            assert!(got.distance(want) < 1e-2, "× {factor}: {got} {want}");
+            assert!(want.distance(got.into()) < 1e-2, "× {factor}: {got:?} {want}");
         };
         near(standing.instances[0][0].translation, 10.5, -3.0, 0.0);
         near(standing.instances[0][1].translation, -400.0, 77.0, 2.0);
         near(standing.instances[2][0].translation, 900.0, 900.0, -1.0);
-        near(standing.lights[0].position, 10.5, -3.0, 4.0);
+        near(standing.lights[0].position.into(), 10.5, -3.0, 4.0);
         assert!(standing.instances[1].is_empty());
     }
 }

@@ -1,6 +1,6 @@
 //! Ink: strokes and levels of light against their CPU reference, which edges are strokes, and nothing where there is nothing.
 
-use glam::{DQuat, DVec2, DVec3};
+use glam::{DVec2, DVec3, Quat};
 use half::f16;
 use image::RgbaImage;
 
@@ -10,8 +10,8 @@ use crate::cpu_reference::depth::{project, view_depth, view_ray};
 use crate::cpu_reference::ink::{Stroke, blurred, edges, is_seen, kind, level_of, noise};
 use crate::frame::graph::Resource;
 use crate::{
-    Alpha, AntiAliasing, AssetGpu, DebugView, Drawable, Frame, Headless, Ink, Instance, Material,
-    PackedVertex, PassId, PnTriangles, Pose, Settings,
+    Alpha, AntiAliasing, AssetGpu, DebugView, Drawable, Frame, Headless, Ink, Material, PackedVertex, PassId,
+    Placement, PnTriangles, Pose, Settings,
 };
 
 const NEAR: f64 = 1e-4;
@@ -49,7 +49,7 @@ fn count(strokes: &[u8]) -> usize {
 
 /// Draws one mesh at zero and answers its strokes.
 fn drawn(h: &mut Headless, asset: &AssetGpu, camera: Pose, ink: Ink) -> Vec<u8> {
-    let drawables = [Drawable { asset, instances: &[Instance::default()] }];
+    let drawables = [Drawable { asset, instances: &[Placement::default()] }];
     draw(h, &drawables, camera, inked(ink));
     strokes(h)
 }
@@ -72,8 +72,8 @@ fn strokes_match_their_cpu_reference() {
     let meshes = [sphere(12), cube(), quad([-1.0, -0.7, 1.0], [2.5, 0.0, 0.0], [0.0, 0.1, -2.5], 1.0)];
     let places = [
         at(-0.4, 0.1, 0.2, 1.1),
-        Instance { rotation: DQuat::from_rotation_y(0.7), ..at(0.6, 0.0, -0.2, -0.8) },
-        Instance::default(),
+        Placement { rotation: Quat::from_rotation_y(0.7).into(), ..at(0.6, 0.0, -0.2, 0.8) },
+        Placement::default(),
     ];
     let assets = meshes.each_ref().map(|mesh| asset(&h, mesh, Material::default()));
     let drawables: Vec<_> = assets
@@ -269,7 +269,7 @@ fn strokes_behind_a_wall_are_hidden() {
         asset(&h, &quad([-4.0, -4.0, 0.0], [8.0, 0.0, 0.0], [0.0, 8.0, 0.0], 1.0), Material::default());
     let camera = view([0.2, 0.1, 3.0]);
     let behind = [at(0.0, 0.0, -1.0, 1.0)];
-    let wall = Drawable { asset: &wall, instances: &[Instance::default()] };
+    let wall = Drawable { asset: &wall, instances: &[Placement::default()] };
     let drawables = [wall, Drawable { asset: &ball, instances: &behind }];
     draw(&mut h, &drawables, camera, inked(contours()));
     assert_eq!(count(&strokes(&h)), 0);
@@ -387,7 +387,7 @@ fn strokes_follow_morphing_vertices() {
     let (moving, half_way) =
         (asset(&h, &moving, Material::default()), asset(&h, &grown(0.75), Material::default()));
     let mut at_time = |asset: &AssetGpu, time_s| {
-        let drawables = [Drawable { asset, instances: &[Instance::default()] }];
+        let drawables = [Drawable { asset, instances: &[Placement::default()] }];
         let camera = view([0.3, 0.4, 2.0]);
         h.frame(&Frame { settings: inked(contours()), time_s, ..Frame::new(camera, &drawables) }).unwrap();
         strokes(&h)
@@ -402,7 +402,7 @@ fn strokes_follow_morphing_vertices() {
 fn without_ink_the_picture_is_unchanged() {
     let Some(mut h) = headless(96, 64) else { return };
     let ball = asset(&h, &sphere(16), Material::default());
-    let drawables = [Drawable { asset: &ball, instances: &[Instance::default()] }];
+    let drawables = [Drawable { asset: &ball, instances: &[Placement::default()] }];
     let camera = view([0.3, 0.4, 2.0]);
     let off = Settings { near: NEAR, ..Settings::default() };
     let plain = draw(&mut h, &drawables, camera, off);

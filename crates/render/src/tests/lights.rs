@@ -10,8 +10,8 @@ use crate::cpu_reference::depth::view_ray;
 use crate::cpu_reference::lights::PunctualLight;
 use crate::frame::graph::Resource;
 use crate::{
-    Alpha, AntiAliasing, DebugView, Drawable, Environment, Frame, GradientSky, Headless, Instance, Light,
-    LightCulling, Material, PassId, Pose, Settings, Sky, Spot,
+    Alpha, AntiAliasing, DebugView, Drawable, Environment, Frame, GradientSky, Headless, Light, LightCulling,
+    Material, PassId, Placement, Pose, Settings, Sky, Spot,
 };
 
 /// No light but that of punctual lights.
@@ -74,7 +74,7 @@ fn draw(h: &mut Headless, lights: &[Light], settings: Settings) -> Vec<[f64; 4]>
         Material { base_colour: [0.9, 0.6, 0.2], metallic: 1.0, ..Material::default() },
     );
     let drawables = [
-        Drawable { asset: &ground, instances: &[Instance::default()] },
+        Drawable { asset: &ground, instances: &[Placement::default()] },
         Drawable { asset: &ball, instances: &[at(0.5, 0.6, 2.0, 1.2)] },
     ];
     let frame = Frame { lights, environment: night(), settings, ..Frame::new(camera(), &drawables) };
@@ -330,7 +330,7 @@ fn glass(h: &mut Headless, lights: &[Light], culling: LightCulling) -> Vec<[f64;
     let pane = asset(h, &quad([-8.0, -4.0, 0.0], [16.0, 0.0, 0.0], [0.0, 8.0, 0.0], 1.0), pane);
     let wall = quad([-200.0, -90.0, -90.0], [200.0, 0.0, 0.0], [0.0, 180.0, 0.0], 1.0);
     let wall = asset(h, &wall, Material { base_colour: [0.5; 3], ..Material::default() });
-    let one = [Instance::default()];
+    let one = [Placement::default()];
     let drawables = [&pane, &wall].map(|asset| Drawable { asset, instances: &one });
     let settings = Settings { lights: Some(culling), ..bare() };
     let frame = Frame { lights, environment: night(), settings, ..Frame::new(facing(), &drawables) };

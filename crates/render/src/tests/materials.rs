@@ -9,8 +9,8 @@ use crate::cpu_reference::brdf::{Reflector, from_octahedral, from_sky};
 use crate::cpu_reference::depth::view_ray;
 use crate::frame::graph::Resource;
 use crate::{
-    Alpha, AntiAliasing, AssetGpu, Drawable, Environment, Frame, GradientSky, Headless, Instance, Material,
-    PassId, Pose, Settings, Sky, TextureData, TextureKind, TextureShape, Wrap,
+    Alpha, AntiAliasing, AssetGpu, Drawable, Environment, Frame, GradientSky, Headless, Material, PassId,
+    Placement, Pose, Settings, Sky, TextureData, TextureKind, TextureShape, Wrap,
 };
 
 /// A picture that is kept in 16-bit floating point, four numbers a pixel.
@@ -90,7 +90,7 @@ fn sphere_rms(
     sky: impl Fn(DVec3) -> [f64; 3],
 ) -> f64 {
     let ball = asset(h, &sphere(96), material);
-    let drawables = [Drawable { asset: &ball, instances: &[Instance::default()] }];
+    let drawables = [Drawable { asset: &ball, instances: &[Placement::default()] }];
     let camera = Pose::look_at(DVec3::new(0.0, 0.0, 3.0), DVec3::ZERO, DVec3::Y, 0.36);
     h.frame(&Frame { environment, settings: bare(), ..Frame::new(camera, &drawables) }).unwrap();
     let (width, height) = h.size();
@@ -156,7 +156,7 @@ fn unlit_surfaces_show_their_colour_and_punctual_lights_add_theirs() {
     let mut shown = Vec::new();
     for material in [plain, punctual_light, unlit] {
         let wall = asset(&h, &square(0.0), material);
-        let drawables = [Drawable { asset: &wall, instances: &[Instance::default()] }];
+        let drawables = [Drawable { asset: &wall, instances: &[Placement::default()] }];
         let passes = draw(&mut h, &drawables, Environment::default());
         assert_eq!(passes.contains(&PassId::Emission), material.emits());
         shown.push(middle(&h, Resource::Radiance));
@@ -173,7 +173,7 @@ fn surface_maps_set_roughness_metalness_and_occlusion() {
     let material =
         Material { roughness: 0.8, metallic: 0.5, surface_texture: Some(0), ..Material::default() };
     let wall = textured(&h, &square(0.0), material, &[(TextureKind::Surface, &map)]);
-    let drawables = [Drawable { asset: &wall, instances: &[Instance::default()] }];
+    let drawables = [Drawable { asset: &wall, instances: &[Placement::default()] }];
     draw(&mut h, &drawables, Environment::default());
     let stored = middle(&h, Resource::Normal);
     assert!((stored[2] - 0.8 * 128.0 / 255.0).abs() < 1e-3, "{stored:?}");
@@ -184,7 +184,7 @@ fn surface_maps_set_roughness_metalness_and_occlusion() {
     let shape = TextureShape { mean: [0.25, 0.5, 1.0], ..TextureShape::full(8, 8, TextureKind::Surface) };
     let mut wall = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[material], &[shape]);
     fill(&h, &mut wall, &square(0.0));
-    let drawables = [Drawable { asset: &wall, instances: &[Instance::default()] }];
+    let drawables = [Drawable { asset: &wall, instances: &[Placement::default()] }];
     draw(&mut h, &drawables, Environment::default());
     let stored = middle(&h, Resource::Normal);
     assert!((stored[2] - 0.4).abs() < 1e-3 && (stored[3] - 0.25).abs() < 1e-3, "{stored:?}");
@@ -210,7 +210,7 @@ fn normal_maps_tilt_along_u_and_against_the_stored_v() {
             let material =
                 Material { normal_texture: Some(0), normal_scale: scale as f32, ..Material::default() };
             let wall = textured(&h, mesh, material, &[(TextureKind::Normal, &map)]);
-            let drawables = [Drawable { asset: &wall, instances: &[Instance::default()] }];
+            let drawables = [Drawable { asset: &wall, instances: &[Placement::default()] }];
             draw(&mut h, &drawables, Environment::default());
             let stored = middle(&h, Resource::Normal);
             let got = DVec3::from(from_octahedral([stored[0], stored[1]]));
@@ -246,7 +246,7 @@ fn textures_wrap_as_their_material_says() {
         };
         let mesh = mapped(|_| [u, 0.5]);
         let wall = textured(&h, &mesh, material, &[(TextureKind::Colour, &map)]);
-        let drawables = [Drawable { asset: &wall, instances: &[Instance::default()] }];
+        let drawables = [Drawable { asset: &wall, instances: &[Placement::default()] }];
         draw(&mut h, &drawables, Environment::default());
         middle(&h, Resource::Radiance)[0]
     };
@@ -274,8 +274,8 @@ fn holes_show_what_lies_behind_and_let_the_sun_through() {
     let wall =
         asset(&h, &quad([-3.0, -3.0, -1.0], [6.0, 0.0, 0.0], [0.0, 6.0, 0.0], 1.0), Material::default());
     let drawables = [
-        Drawable { asset: &fence, instances: &[Instance::default()] },
-        Drawable { asset: &wall, instances: &[Instance::default()] },
+        Drawable { asset: &fence, instances: &[Placement::default()] },
+        Drawable { asset: &wall, instances: &[Placement::default()] },
     ];
     // The sun stands behind the eye and a little to the right: shadows fall to the left.
     let environment = Environment { to_sun: DVec3::new(0.3, 0.0, 1.0), ..Environment::default() };
@@ -313,7 +313,7 @@ fn transparent_panes_blend_back_to_front_in_any_order() {
         &square(-1.0),
         Material { base_colour: [0.0, 1.0, 0.0], unlit: true, ..Material::default() },
     );
-    let here = [Instance::default()];
+    let here = [Placement::default()];
     let all = [&red, &blue, &hidden, &wall].map(|asset| Drawable { asset, instances: &here });
     let behind = [0.0, 0.75, 0.25].map(|c: f64| c * 0.5);
     for order in [[0, 1, 2, 3], [3, 2, 1, 0], [1, 3, 0, 2]] {
@@ -338,7 +338,7 @@ fn transparent_surfaces_are_lit_and_cast_no_shadow() {
     let environment = Environment { to_sun: DVec3::Z, ..of_light(0.8, 0.2) };
     let clay = Material { base_colour: [0.5; 3], ..Material::default() };
     let wall = asset(&h, &quad([-3.0, -3.0, -1.0], [6.0, 0.0, 0.0], [0.0, 6.0, 0.0], 1.0), clay);
-    let (here, mut shown) = ([Instance::default()], Vec::new());
+    let (here, mut shown) = ([Placement::default()], Vec::new());
     for (opacity, alpha) in [(1.0, Alpha::Opaque), (1.0, Alpha::Blend), (0.0, Alpha::Blend)] {
         let pane = asset(&h, &square(0.0), Material { opacity, alpha, ..clay });
         let drawables = [&pane, &wall].map(|asset| Drawable { asset, instances: &here });
@@ -375,7 +375,7 @@ fn strange_materials_stay_finite() {
                 ..Material::default()
             };
             let ball = textured(&h, &sphere(12), material, &[(TextureKind::Normal, &normals)]);
-            let drawables = [Drawable { asset: &ball, instances: &[Instance::default()] }];
+            let drawables = [Drawable { asset: &ball, instances: &[Placement::default()] }];
             h.frame(&Frame::new(front(), &drawables)).unwrap();
             let radiance = halves(&h, Resource::Radiance);
             assert!(radiance.iter().flatten().all(|x| x.is_finite()), "{material:?}");
@@ -432,7 +432,7 @@ fn a_row_of_materials_for_looking_at() {
         .collect();
     let mut drawables: Vec<_> =
         assets.iter().zip(&places).map(|(asset, instances)| Drawable { asset, instances }).collect();
-    let here = [Instance::default()];
+    let here = [Placement::default()];
     drawables.push(Drawable { asset: &floor, instances: &here });
     let camera = Pose::look_at(DVec3::new(0.0, 2.2, 5.2), DVec3::new(0.0, -0.1, 0.0), DVec3::Y, 0.55);
     let counters = h.frame(&Frame::new(camera, &drawables)).unwrap();

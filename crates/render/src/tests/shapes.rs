@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use crate::cpu_reference::relief::ReliefMap;
 use crate::cpu_reference::relief::height_maps::bricks;
-use crate::{AssetGpu, Headless, Instance, Material, PackedVertex, TextureData, TextureKind, TextureShape};
+use crate::{AssetGpu, Headless, Material, PackedVertex, Placement, TextureData, TextureKind, TextureShape};
 
 /// Vertices and faces.
 pub(super) type Mesh = (Vec<PackedVertex>, Vec<[u32; 3]>);
@@ -130,6 +130,6 @@ pub(super) fn brick_asset(h: &Headless, mesh: &Mesh, depth: f32) -> AssetGpu {
 }
 
 /// An instance at a place, scaled.
-pub(super) fn at(x: f64, y: f64, z: f64, scale: f64) -> Instance {
-    Instance { translation: DVec3::new(x, y, z), scale, ..Instance::default() }
+pub(super) fn at(x: f64, y: f64, z: f64, scale: f64) -> Placement {
+    Placement { scale: scale as f32, ..Placement::at([x, y, z]) }
 }

@@ -13,7 +13,8 @@ use crate::cpu_reference::sky::Octahedral;
 use crate::frame::graph::Resource;
 use crate::passes::sky::SkyGpu;
 use crate::{
-    AntiAliasing, Atmosphere, Drawable, Environment, Frame, Headless, Instance, Material, Pose, Settings, Sky,
+    AntiAliasing, Atmosphere, Drawable, Environment, Frame, Headless, Material, Placement, Pose, Settings,
+    Sky,
 };
 
 const SIDE: u32 = 32;
@@ -107,7 +108,7 @@ impl Traced<'_> {
 /// their noise, which is not counted in the former.
 fn rms(h: &mut Headless, material: Material, environment: Environment) -> [f64; 2] {
     let ball = asset(h, &sphere(96), material);
-    let drawables = [Drawable { asset: &ball, instances: &[Instance::default()] }];
+    let drawables = [Drawable { asset: &ball, instances: &[Placement::default()] }];
     let camera = Pose::look_at(DVec3::new(0.0, 0.3, 3.0), DVec3::ZERO, DVec3::Y, 0.36);
     let settings =
         Settings { occlusion: None, shadows: None, anti_aliasing: AntiAliasing::None, ..Settings::default() };

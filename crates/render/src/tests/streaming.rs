@@ -6,7 +6,7 @@ use super::headless;
 use super::shapes::{asset, at, fill, quad, sphere};
 use crate::image_compare::compare;
 use crate::{
-    AssetGpu, Drawable, Frame, Headless, Instance, Material, PackedVertex, Pose, RenderError, Texture,
+    AssetGpu, Drawable, Frame, Headless, Material, PackedVertex, Placement, Pose, RenderError, Texture,
     TextureData, TextureKind, TextureShape,
 };
 
@@ -19,7 +19,7 @@ fn shoot(h: &mut Headless, asset: &AssetGpu) -> image::RgbaImage {
 }
 
 fn shoot_with(h: &mut Headless, asset: &AssetGpu, wireframe: bool) -> image::RgbaImage {
-    let drawables = [Drawable { asset, instances: &[Instance::default()] }];
+    let drawables = [Drawable { asset, instances: &[Placement::default()] }];
     let mut frame = Frame::new(camera(), &drawables);
     frame.settings.wireframe = wireframe;
     h.frame(&frame).unwrap();

@@ -7,8 +7,8 @@ use image::RgbaImage;
 use super::shapes::{asset, at, quad, sphere};
 use super::{headless, keep};
 use crate::{
-    Alpha, AntiAliasing, AssetGpu, DebugView, Drawable, Environment, Frame, Haze, Headless, Instance, Light,
-    LightCulling, Material, PassId, Pose, Settings, Water,
+    Alpha, AntiAliasing, AssetGpu, DebugView, Drawable, Environment, Frame, Haze, Headless, Light,
+    LightCulling, Material, PassId, Placement, Pose, Settings, Water,
 };
 
 const SIZE: (u32, u32) = (96, 64);
@@ -24,8 +24,8 @@ struct Scene {
     /// With what they give off, and without.
     balls: [AssetGpu; 2],
     panes: [AssetGpu; 2],
-    here: [Instance; 1],
-    there: [Instance; 1],
+    here: [Placement; 1],
+    there: [Placement; 1],
 }
 
 impl Scene {
@@ -39,7 +39,7 @@ impl Scene {
             floor: asset(h, &floor, Material { base_colour: [0.4; 3], ..Material::default() }),
             balls: glow.map(|emission| asset(h, &sphere(24), Material { emission, ..ball })),
             panes: glow.map(|emission| asset(h, &pane, Material { emission, ..glass })),
-            here: [Instance::default()],
+            here: [Placement::default()],
             there: [at(0.2, 0.3, 0.0, 0.8)],
         }
     }

@@ -8,8 +8,8 @@ use super::{headless, keep};
 use crate::cpu_reference::{temporal, tone};
 use crate::frame::graph::Resource;
 use crate::{
-    AntiAliasing, AssetGpu, DebugView, Drawable, Environment, Frame, GradientSky, Headless, Instance,
-    Material, PassId, Pose, Settings, Sky, Water,
+    AntiAliasing, AssetGpu, DebugView, Drawable, Environment, Frame, GradientSky, Headless, Material, PassId,
+    Placement, Pose, Settings, Sky, Water,
 };
 
 const SIZE: (u32, u32) = (120, 68);
@@ -57,11 +57,11 @@ impl Scene {
         anti_aliasing: AntiAliasing,
         water: Option<Water>,
     ) -> crate::Counters {
-        let column = Instance { scale: 1.0, ..at(-0.8 + moved, 0.2, 0.0, 1.0) };
+        let column = at(-0.8 + moved, 0.2, 0.0, 1.0);
         let drawables = [
             Drawable { asset: &self.box_, instances: &[column, at(0.6, -0.6, 0.2, 0.7)] },
             Drawable { asset: &self.ball, instances: &[at(0.5 + moved, 0.3, 0.2, 0.6)] },
-            Drawable { asset: &self.wall, instances: &[Instance::default()] },
+            Drawable { asset: &self.wall, instances: &[Placement::default()] },
         ];
         let frame = Frame { settings: settings(anti_aliasing), water, ..Frame::new(camera, &drawables) };
         h.frame(&frame).unwrap()
@@ -93,7 +93,7 @@ impl Pond {
     fn draw(&self, h: &mut Headless, right: f64, anti_aliasing: AntiAliasing) {
         let eye = DVec3::new(right, 0.8, 3.0);
         let camera = Pose::look_at(eye, eye + DVec3::new(0.0, -1.0, -3.0), DVec3::Y, 0.8);
-        let pebbles: Vec<Instance> = (0..180)
+        let pebbles: Vec<Placement> = (0..180)
             .map(|i| {
                 let (x, z) = (f64::from(i % 18), f64::from(i / 18));
                 let off = 0.4 * (f64::from(i) * 2.4).sin();
@@ -105,7 +105,7 @@ impl Pond {
             .collect();
         let posts = [at(-0.7, 0.0, 0.3, 0.35), at(0.8, 0.1, -1.2, 0.5)];
         let drawables = [
-            Drawable { asset: &self.bed, instances: &[Instance::default()] },
+            Drawable { asset: &self.bed, instances: &[Placement::default()] },
             Drawable { asset: &self.pebble, instances: &pebbles },
             Drawable { asset: &self.post, instances: &posts },
         ];
@@ -371,7 +371,7 @@ fn any_visible_change_ends_a_still_picture() {
     let Some(mut h) = headless(SIZE.0, SIZE.1) else { return };
     let scene = Scene::new(&h);
     let still = |h: &mut Headless, frame: &Frame<'_>| h.frame(frame).unwrap().still_frames;
-    let stand = [Instance::default()];
+    let stand = [Placement::default()];
     let (one, two) = (at(0.0, 0.0, 0.0, 1.0), at(0.0, 1e-9, 0.0, 1.0));
     let (ones, twos) = ([one], [two]);
     let wall = Drawable { asset: &scene.wall, instances: &stand };
@@ -399,7 +399,7 @@ fn any_visible_change_ends_a_still_picture() {
 fn materials_textures_and_morphs_end_a_still_picture() {
     let Some(mut h) = headless(SIZE.0, SIZE.1) else { return };
     let mut ball = asset(&h, &sphere(12), Material::default());
-    let stand = [Instance::default()];
+    let stand = [Placement::default()];
     let draw = |h: &mut Headless, ball: &AssetGpu, time_s: f32| {
         let drawables = [Drawable { asset: ball, instances: &stand }];
         let frame = Frame::new(camera(0.0), &drawables);
@@ -450,7 +450,7 @@ fn motion_is_shown_where_it_is() {
     let scene = Scene::new(&h);
     let mut shot = |right: f64| {
         let instances = [at(right, 0.0, 0.0, 1.0)];
-        let wall = [Instance::default()];
+        let wall = [Placement::default()];
         let drawables = [
             Drawable { asset: &scene.ball, instances: &instances },
             Drawable { asset: &scene.wall, instances: &wall },

@@ -4,12 +4,12 @@ use glam::DVec3;
 
 use super::shapes::{Mesh, asset, sphere};
 use super::{headless, keep};
-use crate::{AntiAliasing, Drawable, Frame, GradientSky, Headless, Instance, Material, Pose, Settings, Sky};
+use crate::{AntiAliasing, Drawable, Frame, GradientSky, Headless, Material, Placement, Pose, Settings, Sky};
 
 /// Of the pixels that a sphere covers: mean luminance with edges over that without, and the share that is nearly black.
 fn inked(h: &mut Headless, mesh: &Mesh, name: &str) -> (f64, f64) {
     let ball = asset(h, mesh, Material { base_colour: [0.7; 3], ..Material::default() });
-    let drawables = [Drawable { asset: &ball, instances: &[Instance::default()] }];
+    let drawables = [Drawable { asset: &ball, instances: &[Placement::default()] }];
     let camera = Pose::look_at(DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 0.5);
     let mut frame = Frame::new(camera, &drawables);
     frame.settings =
