@@ -48,6 +48,7 @@ pub use frame::target::{Load, Target};
 pub use frame::timing::{PassTime, Timings};
 pub use lodestream_scene::placement::Placement;
 pub use lodestream_scene::pose::Pose;
+pub use lodestream_scene::punctual_lights::{PunctualLight, Spot};
 pub use passes::bloom::Bloom;
 #[cfg(any(test, feature = "methods"))]
 pub use passes::ink::{Ink, MAX_INK_BLUR, MAX_INK_LEVELS, MAX_INK_WIDTH};
@@ -70,7 +71,7 @@ pub use resources::texture::{Texture, TextureData, TextureKind, TextureShape};
 pub use resources::vertex::{HostMesh, PackedVertex, mark_smooth};
 pub use scene::asset::AssetGpu;
 pub use scene::environment::{Atmosphere, Environment, GradientSky, Haze, Sky};
-pub use scene::lights::{LIGHT_TILES, Light, LightCulling, MAX_LIGHTS, Spot};
+pub use scene::lights::{LIGHT_TILES, LightCulling, MAX_LIGHTS};
 pub use scene::material::{Alpha, Material, Wrap};
 #[cfg(feature = "client")]
 pub use scene::scene_view::SceneView;

@@ -24,7 +24,6 @@ use crate::resources::texture::{Texture, TextureData, TextureShape, WeakTexture}
 use crate::resources::uploads::Uploads;
 use crate::scene::asset::AssetGpu;
 use crate::scene::environment::{Atmosphere, Environment, GradientSky, Haze, Sky};
-use crate::scene::lights::{Light, Spot};
 use crate::scene::material::Material;
 use crate::scene::streamed_mesh::StreamedMeshChange;
 use crate::scene::terrain_anchored::TerrainAnchored;
@@ -70,8 +69,8 @@ pub struct SceneView {
     has_punctual_lights: bool,
     /// Arrived punctual lights by page: sums over them have one order, whatever the order of arrival.
     punctual_light_pages: BTreeMap<u32, Arc<[PunctualLight]>>,
-    /// The punctual lights, as the renderer takes them.
-    lights: Vec<Light>,
+    /// The same in one list.
+    lights: Vec<PunctualLight>,
     /// The scene's terrain, if it has one.
     ground: Option<TerrainRenderer>,
     /// Vertical exaggeration.
@@ -154,8 +153,7 @@ impl SceneView {
         }
         if lit {
             // Once per upload: there may be thousands of pages.
-            self.lights =
-                self.punctual_light_pages.values().flat_map(|page| page.iter()).map(Light::from).collect();
+            self.lights = self.punctual_light_pages.values().flat_map(|page| page.iter()).copied().collect();
         }
         if self.whole && !was_whole {
             // Submit uploads now, while the first frame is planned.
@@ -506,22 +504,6 @@ fn texels(pixels: &TexturePixels) -> TextureData<'_> {
         TexturePixels::Rgba8(texels) => TextureData::Rgba8(texels),
         TexturePixels::R8(texels) => TextureData::R8(texels),
         TexturePixels::R16(texels) => TextureData::R16(texels),
-    }
-}
-
-impl From<&PunctualLight> for Light {
-    fn from(punctual_light: &PunctualLight) -> Self {
-        let vector = |v: [f32; 3]| Vec3::from(v).as_dvec3();
-        Self {
-            position: DVec3::from(punctual_light.position),
-            intensity: Vec3::from(punctual_light.intensity),
-            range: f64::from(punctual_light.range),
-            spot: punctual_light.spot.map(|spot| Spot {
-                direction: vector(spot.direction),
-                inner: f64::from(spot.inner),
-                outer: f64::from(spot.outer),
-            }),
-        }
     }
 }
 

@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 use lodestream_scene::placement::Placement;
+use lodestream_scene::punctual_lights::PunctualLight;
 
-use crate::scene::lights::Light;
 use crate::scene::terrain_renderer::TerrainRenderer;
 
 /// Instances and punctual lights at their exaggerated positions.
@@ -13,7 +13,7 @@ pub(crate) struct TerrainAnchored {
     heights: Vec<f64>,
     /// The scene's instances, moved; by asset.
     pub(crate) instances: Vec<Vec<Placement>>,
-    pub(crate) lights: Vec<Light>,
+    pub(crate) lights: Vec<PunctualLight>,
 }
 
 impl TerrainAnchored {
@@ -23,10 +23,10 @@ impl TerrainAnchored {
         &mut self,
         ground: &mut TerrainRenderer,
         instances: &[Vec<Placement>],
-        lights: &[Light],
+        lights: &[PunctualLight],
     ) {
         let places = instances.iter().flatten().map(|placement| DVec3::from(placement.translation));
-        let places = || places.clone().chain(lights.iter().map(|light| light.position));
+        let places = || places.clone().chain(lights.iter().map(|light| DVec3::from(light.position)));
         if self.heights.len() != places().count() {
             let factor = ground.vertical_exaggeration();
             // Heights without exaggeration.
@@ -44,7 +44,10 @@ impl TerrainAnchored {
             });
             self.instances.push(moved.collect());
         }
-        self.lights = lights.iter().map(|light| Light { position: up(light.position), ..*light }).collect();
+        self.lights = lights
+            .iter()
+            .map(|light| PunctualLight { position: up(light.position.into()).into(), ..*light })
+            .collect();
     }
 
     /// Discards the looked-up heights, after the terrain has changed.

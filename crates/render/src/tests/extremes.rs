@@ -1,7 +1,7 @@
 //! Everything at once at the ends of what there is: scales, places, depths, angles of view, sizes of pictures, numbers of
 //! punctual lights. `docs/extremes.md` has the table.
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use half::f16;
 use image::RgbaImage;
 
@@ -11,8 +11,8 @@ use crate::cpu_reference::depth::view_ray;
 use crate::frame::graph::Resource;
 use crate::image_compare::{Comparison, compare};
 use crate::{
-    Alpha, AntiAliasing, AssetGpu, Drawable, Environment, Frame, Haze, Headless, Light, Material, PassId,
-    Placement, Pose, Settings, Spot, Water,
+    Alpha, AntiAliasing, AssetGpu, Drawable, Environment, Frame, Haze, Headless, Material, PassId, Placement,
+    Pose, PunctualLight, Settings, Spot, Water,
 };
 
 const SIZE: (u32, u32) = (97, 65);
@@ -102,13 +102,13 @@ impl Scene {
             scale: (size * scale * self.unit) as f32,
             ..Placement::at((offset + DVec3::new(x, y, z) * scale).into())
         };
-        let punctual_light = |x, y, z, spot| Light {
-            position: offset + DVec3::new(x, y, z) * scale,
-            intensity: Vec3::splat(1.2 * (scale * scale) as f32 / view.punctual_lights as f32),
-            range: 1.5 * scale,
+        let punctual_light = |x, y, z, spot| PunctualLight {
+            position: (offset + DVec3::new(x, y, z) * scale).into(),
+            intensity: [1.2 * (scale * scale) as f32 / view.punctual_lights as f32; 3],
+            range: 1.5 * scale as f32,
             spot,
         };
-        let cone = Spot { direction: DVec3::NEG_Y, inner: 0.3, outer: 0.7 };
+        let cone = Spot { direction: [0.0, -1.0, 0.0], inner: 0.3, outer: 0.7 };
         let punctual_lights =
             [punctual_light(1.4, 0.3, 0.6, None), punctual_light(-0.6, 0.7, -1.0, Some(cone))];
         let lights: Vec<_> = punctual_lights
@@ -257,10 +257,10 @@ fn at_depths(h: &mut Headless, depths: [f64; 4], anti_aliasing: AntiAliasing) ->
     let (balls, bubbles) = (of(0.3, [0.0; 3]), of(0.12, [0.04, 0.05, 0.3]));
     let drawables =
         [Drawable { asset: &ball, instances: &balls }, Drawable { asset: &glass, instances: &bubbles }];
-    let lights = [0, 1, 2, 3].map(|i| Light {
-        position: place(i, [-0.12, 0.0, 0.3]),
-        intensity: Vec3::new(0.05, 0.03, 0.01) * (depths[i] * depths[i]) as f32,
-        range: 0.5 * depths[i],
+    let lights = [0, 1, 2, 3].map(|i| PunctualLight {
+        position: place(i, [-0.12, 0.0, 0.3]).into(),
+        intensity: [0.05, 0.03, 0.01].map(|colour| colour * (depths[i] * depths[i]) as f32),
+        range: 0.5 * depths[i] as f32,
         spot: None,
     });
     let camera = Pose::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 0.9);

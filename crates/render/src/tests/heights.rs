@@ -195,7 +195,7 @@ fn invalid_factors_are_ignored_or_clamped() {
 #[test]
 fn anchored_objects_follow_the_terrain() {
     use crate::scene::terrain_anchored::TerrainAnchored;
-    use crate::{Light, Placement};
+    use crate::{Placement, PunctualLight};
     let Some(h) = headless(8, 8) else { return };
     let entry = entry(3);
     let mut ground = scene(&h, &entry);
@@ -207,7 +207,8 @@ fn anchored_objects_follow_the_terrain() {
         Vec::new(),
         vec![instance(stands(900.0, 900.0, -1.0))],
     ];
-    let light = |at| Light { position: at, intensity: glam::Vec3::ONE, range: 5.0, spot: None };
+    let light =
+        |at: DVec3| PunctualLight { position: at.into(), intensity: [1.0; 3], range: 5.0, spot: None };
     let lights = vec![light(stands(10.5, -3.0, 4.0))];
     let mut standing = TerrainAnchored::default();
     for factor in [3.0, 0.0, 1.5] {
@@ -220,7 +221,7 @@ fn anchored_objects_follow_the_terrain() {
         near(standing.instances[0][0].translation, 10.5, -3.0, 0.0);
         near(standing.instances[0][1].translation, -400.0, 77.0, 2.0);
         near(standing.instances[2][0].translation, 900.0, 900.0, -1.0);
-        near(standing.lights[0].position.into(), 10.5, -3.0, 4.0);
+        near(standing.lights[0].position, 10.5, -3.0, 4.0);
         assert!(standing.instances[1].is_empty());
     }
 }

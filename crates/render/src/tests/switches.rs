@@ -1,21 +1,21 @@
 //! Each switch of the settings leaves out of a picture what it is named after, and nothing else: with it off a frame is
 //! the same to the bit as one that lacks the thing.
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use image::RgbaImage;
 
 use super::shapes::{asset, at, quad, sphere};
 use super::{headless, keep};
 use crate::{
-    Alpha, AntiAliasing, AssetGpu, DebugView, Drawable, Environment, Frame, Haze, Headless, Light,
-    LightCulling, Material, PassId, Placement, Pose, Settings, Water,
+    Alpha, AntiAliasing, AssetGpu, DebugView, Drawable, Environment, Frame, Haze, Headless, LightCulling,
+    Material, PassId, Placement, Pose, PunctualLight, Settings, Water,
 };
 
 const SIZE: (u32, u32) = (96, 64);
 /// One near and one far.
-const PUNCTUAL_LIGHTS: [Light; 2] = [
-    Light { position: DVec3::new(1.4, 0.3, 0.6), intensity: Vec3::splat(1.5), range: 1.5, spot: None },
-    Light { position: DVec3::new(-0.6, 0.6, -3.0), intensity: Vec3::splat(1.5), range: 1.5, spot: None },
+const PUNCTUAL_LIGHTS: [PunctualLight; 2] = [
+    PunctualLight { position: [1.4, 0.3, 0.6], intensity: [1.5; 3], range: 1.5, spot: None },
+    PunctualLight { position: [-0.6, 0.6, -3.0], intensity: [1.5; 3], range: 1.5, spot: None },
 ];
 
 /// A sloping shore with a glowing ball and a glowing pane of glass.

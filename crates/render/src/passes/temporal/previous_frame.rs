@@ -4,12 +4,12 @@ use std::collections::BTreeMap;
 
 use lodestream_scene::placement::Placement;
 use lodestream_scene::pose::Pose;
+use lodestream_scene::punctual_lights::PunctualLight;
 
 use crate::frame::settings::{Frame, Settings};
 use crate::passes::water::Water;
 use crate::scene::asset::AssetGpu;
 use crate::scene::environment::Environment;
-use crate::scene::lights::Light;
 use crate::scene::terrain::{TerrainAppearance, TerrainPart};
 use lodestream_terrain::tiles::TileRegion;
 
@@ -31,7 +31,7 @@ struct FrameInput {
     drawn: BTreeMap<u64, DrawnAsset>,
     ground: Option<Ground>,
     water: Option<Water>,
-    lights: Vec<Light>,
+    lights: Vec<PunctualLight>,
 }
 
 /// Terrain of a frame.
