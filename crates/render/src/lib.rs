@@ -46,6 +46,7 @@ pub use frame::settings::{
 };
 pub use frame::target::{Load, Target};
 pub use frame::timing::{PassTime, Timings};
+pub use lodestream_scene::asset::{Alpha, Material, TextureKind, Wrap};
 pub use lodestream_scene::placement::Placement;
 pub use lodestream_scene::pose::Pose;
 pub use lodestream_scene::punctual_lights::{PunctualLight, Spot};
@@ -67,12 +68,11 @@ pub use resources::gpu::{Gpu, RenderError};
 pub use resources::readback::TargetCopy;
 #[cfg(feature = "client")]
 pub use resources::staging::{MAX_WAITING_STEPS, upload_budget};
-pub use resources::texture::{Texture, TextureData, TextureKind, TextureShape};
+pub use resources::texture::{Texture, TextureData, TextureShape};
 pub use resources::vertex::{HostMesh, PackedVertex, mark_smooth};
 pub use scene::asset::AssetGpu;
 pub use scene::environment::{Atmosphere, Environment, GradientSky, Haze, Sky};
 pub use scene::lights::{LIGHT_TILES, LightCulling, MAX_LIGHTS};
-pub use scene::material::{Alpha, Material, Wrap};
 #[cfg(feature = "client")]
 pub use scene::scene_view::SceneView;
 pub use scene::terrain::{

@@ -3,7 +3,6 @@
 pub(crate) mod asset;
 pub(crate) mod environment;
 pub(crate) mod lights;
-pub(crate) mod material;
 pub(crate) mod material_bindings;
 pub(crate) mod placement;
 #[cfg(any(test, feature = "methods"))]

@@ -24,7 +24,6 @@ use crate::resources::texture::{Texture, TextureData, TextureShape, WeakTexture}
 use crate::resources::uploads::Uploads;
 use crate::scene::asset::AssetGpu;
 use crate::scene::environment::{Atmosphere, Environment, GradientSky, Haze, Sky};
-use crate::scene::material::Material;
 use crate::scene::streamed_mesh::StreamedMeshChange;
 use crate::scene::terrain_anchored::TerrainAnchored;
 use crate::scene::terrain_renderer::{TerrainMeasurementTask, TerrainRenderer, TileSource};
@@ -295,14 +294,13 @@ impl SceneView {
     }
 
     fn add(&mut self, gpu: &Gpu, renderer: &Renderer, asset: &NewAsset) {
-        let materials: Vec<Material> = asset.materials.iter().map(Material::from).collect();
         let sent_as = (0..).map(|texture| (asset.asset, texture)).zip(&asset.textures);
         let sent_as = sent_as.map(|(own, info)| {
             let first = asset.shared.iter().find(|shared| shared.texture == own.1);
             (first.map_or(own, |shared| (shared.asset, shared.of)), TextureShape::from(info))
         });
         let textures: Vec<Texture> = sent_as.map(|(id, shape)| self.texture(gpu, id, shape)).collect();
-        let mut new = renderer.create_asset_with(gpu, DVec3::from(asset.origin), &materials, textures);
+        let mut new = renderer.create_asset_with(gpu, DVec3::from(asset.origin), &asset.materials, textures);
         new.set_bounds(Vec3::from(asset.center).as_dvec3(), f64::from(asset.radius));
         let number = asset.asset as usize;
         if self.assets.len() <= number {

@@ -191,7 +191,8 @@ fn smoothed_edges_match_their_cpu_reference_and_come_nearer_to_the_truth() {
     let camera = Pose::look_at(DVec3::new(0.6, 1.3, 2.2), DVec3::new(0.0, 0.1, 0.0), DVec3::Y, 0.8);
     let scene = |h: &mut Headless, anti_aliasing: AntiAliasing| {
         let box_ = asset(h, &cube(), Material::default());
-        let ball = asset(h, &sphere(24), Material { base_colour: [0.1, 0.2, 0.5], ..Material::default() });
+        let ball =
+            asset(h, &sphere(24), Material { base_color: [0.1, 0.2, 0.5, 1.0], ..Material::default() });
         let drawables = [
             Drawable { asset: &box_, instances: &[at(0.0, -1.0, 0.0, 2.0), at(0.3, 0.25, 0.3, 0.5)] },
             Drawable { asset: &ball, instances: &[at(-0.4, 0.3, 0.2, 0.6)] },

@@ -80,8 +80,8 @@ fn banks_are_not_smeared() {
 /// A floor of stripes that run away from the eye, two texels wide.
 fn floor<R>(h: &mut Headless, draw: impl FnOnce(&mut Headless, &[Drawable<'_>]) -> R) -> R {
     const SIDE: u32 = 64;
-    let material = Material { colour_texture: Some(0), base_colour: [1.0; 3], ..Material::default() };
-    let shape = TextureShape::full(SIDE, SIDE, TextureKind::Colour);
+    let material = Material { base_color_texture: Some(0), base_color: [1.0; 4], ..Material::default() };
+    let shape = TextureShape::full(SIDE, SIDE, TextureKind::Color);
     let mut asset = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[material], &[shape]);
     fill(h, &mut asset, &quad([-8.0, 0.0, 0.0], [16.0, 0.0, 0.0], [0.0, 0.0, -16.0], 8.0));
     for level in 0..=SIDE.ilog2() {

@@ -3,7 +3,7 @@
 use glam::{DQuat, DVec3};
 use image::RgbaImage;
 
-use super::shapes::{asset, at, cube, join, quad, sphere};
+use super::shapes::{asset, at, cube, join, opaque, quad, sphere};
 use super::{headless, keep};
 use crate::cpu_reference::brdf::octahedral;
 use crate::cpu_reference::debug;
@@ -31,7 +31,8 @@ fn plane<R>(
     h: &mut Headless,
     draw: impl FnOnce(&mut Headless, &dyn Fn(DebugView) -> Frame<'static>) -> R,
 ) -> R {
-    let material = Material { base_colour: COLOUR, roughness: 0.3, metallic: 0.6, ..Material::default() };
+    let material =
+        Material { base_color: opaque(COLOUR), roughness: 0.3, metallic: 0.6, ..Material::default() };
     let wall = asset(h, &quad([-9.0, -9.0, 0.0], [18.0, 0.0, 0.0], [0.0, 18.0, 0.0], 1.0), material);
     let turned = Placement { rotation: glam::Quat::from_rotation_y(0.5).into(), ..Placement::default() };
     // A test's few frames may live as long as it.
@@ -198,8 +199,8 @@ fn overdraw_counts_what_was_drawn_before_something_nearer() {
 fn overdraw_skips_holes_and_transparent_surfaces_hide_nothing() {
     let Some(mut h) = headless(SIZE[0], SIZE[1]) else { return };
     let half = |left: f32, z: f32| quad([left, -9.0, z], [9.0, 0.0, 0.0], [0.0, 18.0, 0.0], 1.0);
-    let hole = Material { opacity: 0.2, alpha: Alpha::Mask(0.5), ..Material::default() };
-    let pane = Material { opacity: 0.2, alpha: Alpha::Blend, ..Material::default() };
+    let hole = Material { base_color: [0.7, 0.7, 0.7, 0.2], alpha: Alpha::Mask(0.5), ..Material::default() };
+    let pane = Material { base_color: [0.7, 0.7, 0.7, 0.2], alpha: Alpha::Blend, ..Material::default() };
     let hole = asset(&h, &half(-9.0, 0.0), hole);
     // The nearer of two is drawn first, and the other lies behind it.
     let panes = asset(&h, &join(&[half(0.0, 0.5), half(0.0, 0.0)]), pane);
@@ -224,7 +225,7 @@ fn overdraw_skips_holes_and_transparent_surfaces_hide_nothing() {
 fn unlit_surfaces_have_no_normal() {
     let Some(mut h) = headless(SIZE[0], SIZE[1]) else { return };
     let wall = quad([-9.0, -9.0, 0.0], [18.0, 0.0, 0.0], [0.0, 18.0, 0.0], 1.0);
-    let wall = asset(&h, &wall, Material { unlit: true, base_colour: COLOUR, ..Material::default() });
+    let wall = asset(&h, &wall, Material { unlit: true, base_color: opaque(COLOUR), ..Material::default() });
     let drawables = [Drawable { asset: &wall, instances: &[Placement::default()] }];
     let frame = |view| Frame { settings: settings(view), ..Frame::new(camera(), &drawables) };
     let none = debug::normal([2.0; 2]);

@@ -74,18 +74,21 @@ impl Scene {
         let floor = quad([-6.0, -0.6, 3.0], [12.0, 0.5, 0.0], [0.0, 0.2, -9.0], 1.0);
         let wall = quad([0.4, -0.6, -1.4], [2.0, 0.0, 0.0], [0.0, 1.6, 0.0], 1.0);
         let pane = quad([-1.8, -0.6, 1.0], [1.1, 0.0, 0.0], [0.0, 1.4, 0.0], 1.0);
-        let glass = Material {
-            base_colour: [0.7, 0.9, 0.8],
-            opacity: 0.4,
-            alpha: Alpha::Blend,
+        let glass = Material { base_color: [0.7, 0.9, 0.8, 0.4], alpha: Alpha::Blend, ..Material::default() };
+        let gold = Material {
+            base_color: [0.9, 0.6, 0.2, 1.0],
+            metallic: 1.0,
+            roughness: 0.4,
             ..Material::default()
         };
-        let gold =
-            Material { base_colour: [0.9, 0.6, 0.2], metallic: 1.0, roughness: 0.4, ..Material::default() };
         let punctual_light =
-            Material { base_colour: [0.1; 3], emission: [1.4, 0.4, 0.0], ..Material::default() };
+            Material { base_color: [0.1, 0.1, 0.1, 1.0], emission: [1.4, 0.4, 0.0], ..Material::default() };
         Self {
-            floor: asset(h, &sized(floor), Material { base_colour: [0.4; 3], ..Material::default() }),
+            floor: asset(
+                h,
+                &sized(floor),
+                Material { base_color: [0.4, 0.4, 0.4, 1.0], ..Material::default() },
+            ),
             wall: brick_asset(h, &sized(wall), 0.03),
             ball: asset(h, &sized(sphere(24)), gold),
             glow: asset(h, &sized(sphere(16)), punctual_light),
@@ -241,9 +244,8 @@ fn everything_a_planets_radius_away_is_the_same_picture() {
 
 /// Balls, bubbles of glass before them and punctual lights, each as large as it is far away, at four depths.
 fn at_depths(h: &mut Headless, depths: [f64; 4], anti_aliasing: AntiAliasing) -> (RgbaImage, Vec<f32>) {
-    let ball = asset(h, &sphere(24), Material { base_colour: [0.6, 0.4, 0.3], ..Material::default() });
-    let glass =
-        Material { base_colour: [0.7, 0.9, 1.0], opacity: 0.4, alpha: Alpha::Blend, ..Material::default() };
+    let ball = asset(h, &sphere(24), Material { base_color: [0.6, 0.4, 0.3, 1.0], ..Material::default() });
+    let glass = Material { base_color: [0.7, 0.9, 1.0, 0.4], alpha: Alpha::Blend, ..Material::default() };
     let glass = asset(h, &sphere(24), glass);
     let corners = [[-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]];
     let place = |i: usize, offset: [f64; 3]| {

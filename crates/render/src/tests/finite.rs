@@ -4,7 +4,7 @@ use glam::DVec3;
 use half::f16;
 
 use super::headless;
-use super::shapes::{asset, at, cube, quad, sphere};
+use super::shapes::{asset, at, cube, opaque, quad, sphere};
 use crate::frame::accumulation::AccumulationStep;
 use crate::frame::camera::{clip_from_view, view_from_world};
 use crate::frame::graph::Resource;
@@ -30,7 +30,8 @@ struct Scene {
 
 impl Scene {
     fn new(h: &Headless) -> Self {
-        let of = |mesh, base_colour| asset(h, mesh, Material { base_colour, ..Material::default() });
+        let of =
+            |mesh, colour| asset(h, mesh, Material { base_color: opaque(colour), ..Material::default() });
         Self {
             box_: of(&cube(), [0.8; 3]),
             ball: of(&sphere(16), [0.1, 0.3, 0.6]),

@@ -17,7 +17,7 @@ fn column(image: &RgbaImage) -> Vec<[i32; 3]> {
 #[test]
 fn haze_hides_the_border_of_terrain() {
     let Some(mut h) = headless(64, 256) else { return };
-    let dark = Material { base_colour: [0.02; 3], ..Material::default() };
+    let dark = Material { base_color: [0.02, 0.02, 0.02, 1.0], ..Material::default() };
     let floor = asset(&h, &quad([-0.5, 0.0, 0.5], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0], 1.0), dark);
     // Eighty kilometres of ground, seen from a tower: it ends half a degree, thirty lines, below the horizon.
     let ground = [at(0.0, 0.0, 0.0, 80e3)];

@@ -20,7 +20,7 @@ const HOST: [u8; 4] = [10, 20, 30, 255];
 /// Two bodies before the sky.
 fn scene<R>(h: &mut Headless, draw: impl FnOnce(&mut Headless, &Frame<'_>) -> R) -> R {
     let box_ = asset(h, &cube(), Material::default());
-    let ball = asset(h, &sphere(24), Material { base_colour: [0.1, 0.3, 0.6], ..Material::default() });
+    let ball = asset(h, &sphere(24), Material { base_color: [0.1, 0.3, 0.6, 1.0], ..Material::default() });
     let turned = Placement { rotation: Quat::from_rotation_y(0.6).into(), ..at(-0.6, 0.0, 0.0, 1.0) };
     let drawables = [
         Drawable { asset: &box_, instances: &[turned] },

@@ -127,7 +127,7 @@ fn strokes_match_their_cpu_reference() {
 fn quantised_light_matches_its_cpu_reference() {
     let (width, height) = (128, 96);
     let Some(mut h) = headless(width, height) else { return };
-    let ball = asset(&h, &sphere(48), Material { base_colour: [0.7, 0.4, 0.2], ..Material::default() });
+    let ball = asset(&h, &sphere(48), Material { base_color: [0.7, 0.4, 0.2, 1.0], ..Material::default() });
     let offset = DVec3::new(1234.5, -20.25, 6_000_000.75);
     let places = [at(offset.x, offset.y, offset.z, 1.0)];
     let drawables = [Drawable { asset: &ball, instances: &places }];
@@ -311,7 +311,8 @@ fn parts_of_different_materials_have_no_border_between_them() {
     let Some(mut h) = headless(96, 96) else { return };
     let mesh = sphere(16);
     let whole = asset(&h, &mesh, Material::default());
-    let materials = [Material::default(), Material { base_colour: [0.2; 3], ..Material::default() }];
+    let materials =
+        [Material::default(), Material { base_color: [0.2, 0.2, 0.2, 1.0], ..Material::default() }];
     let mut two = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &materials, &[]);
     two.update_vertices(h.gpu(), 0, &mesh.0).unwrap();
     let (left, right) = mesh.1.split_at(mesh.1.len() / 3);

@@ -66,12 +66,15 @@ fn halves(h: &Headless, resource: Resource) -> Vec<[f64; 4]> {
 
 /// Draws a floor and a ball under punctual lights and gives the radiance.
 fn draw(h: &mut Headless, lights: &[PunctualLight], settings: Settings) -> Vec<[f64; 4]> {
-    let ground =
-        asset(h, &floor(), Material { base_colour: [0.7; 3], roughness: 0.5, ..Material::default() });
+    let ground = asset(
+        h,
+        &floor(),
+        Material { base_color: [0.7, 0.7, 0.7, 1.0], roughness: 0.5, ..Material::default() },
+    );
     let ball = asset(
         h,
         &sphere(32),
-        Material { base_colour: [0.9, 0.6, 0.2], metallic: 1.0, ..Material::default() },
+        Material { base_color: [0.9, 0.6, 0.2, 1.0], metallic: 1.0, ..Material::default() },
     );
     let drawables = [
         Drawable { asset: &ground, instances: &[Placement::default()] },
@@ -333,15 +336,14 @@ fn strange_punctual_lights_light_nothing_and_break_nothing() {
 /// A pane of glass before a far wall that covers the left half of the picture; to the right there is sky behind it.
 fn glass(h: &mut Headless, lights: &[PunctualLight], culling: LightCulling) -> Vec<[f64; 4]> {
     let pane = Material {
-        base_colour: [0.8, 0.6, 0.4],
+        base_color: [0.8, 0.6, 0.4, 0.75],
         roughness: 0.6,
-        opacity: 0.75,
         alpha: Alpha::Blend,
         ..Material::default()
     };
     let pane = asset(h, &quad([-8.0, -4.0, 0.0], [16.0, 0.0, 0.0], [0.0, 8.0, 0.0], 1.0), pane);
     let wall = quad([-200.0, -90.0, -90.0], [200.0, 0.0, 0.0], [0.0, 180.0, 0.0], 1.0);
-    let wall = asset(h, &wall, Material { base_colour: [0.5; 3], ..Material::default() });
+    let wall = asset(h, &wall, Material { base_color: [0.5, 0.5, 0.5, 1.0], ..Material::default() });
     let one = [Placement::default()];
     let drawables = [&pane, &wall].map(|asset| Drawable { asset, instances: &one });
     let settings = Settings { lights: Some(culling), ..bare() };

@@ -3,7 +3,7 @@
 use glam::{DVec3, Quat};
 use image::RgbaImage;
 
-use super::shapes::{Mesh, asset, at, brick_asset, cube, quad, sphere};
+use super::shapes::{Mesh, asset, at, brick_asset, cube, opaque, quad, sphere};
 use super::{headless, keep};
 use crate::image_compare::compare;
 use crate::{
@@ -28,9 +28,9 @@ fn picture(h: &mut Headless, frame: &Frame<'_>) -> RgbaImage {
 
 /// A still life: cube, two spheres and a floor, brick wall behind.
 fn still_life<R>(h: &mut Headless, draw: impl FnOnce(&mut Headless, &[Drawable<'_>], Pose) -> R) -> R {
-    let clay = Material { base_colour: [0.55, 0.42, 0.33], ..Material::default() };
-    let glaze = Material { base_colour: [0.12, 0.3, 0.42], roughness: 0.35, ..Material::default() };
-    let stone = Material { base_colour: [0.42, 0.42, 0.4], ..Material::default() };
+    let clay = Material { base_color: [0.55, 0.42, 0.33, 1.0], ..Material::default() };
+    let glaze = Material { base_color: [0.12, 0.3, 0.42, 1.0], roughness: 0.35, ..Material::default() };
+    let stone = Material { base_color: [0.42, 0.42, 0.4, 1.0], ..Material::default() };
     let box_ = asset(h, &cube(), clay);
     let ball = asset(h, &sphere(32), glaze);
     let floor = asset(h, &quad([-6.0, 0.0, 4.0], [12.0, 0.0, 0.0], [0.0, 0.0, -8.0], 1.0), stone);
@@ -118,7 +118,7 @@ fn pictures_repeat_bit_for_bit() {
 #[test]
 fn up_is_up_right_is_right_and_near_hides_far() {
     let Some(mut h) = headless(120, 120) else { return };
-    let colour = |c: [f32; 3]| Material { base_colour: c, ..Material::default() };
+    let colour = |c: [f32; 3]| Material { base_color: opaque(c), ..Material::default() };
     let red = asset(&h, &cube(), colour([0.9, 0.02, 0.02]));
     let green = asset(&h, &cube(), colour([0.02, 0.8, 0.02]));
     let blue = asset(&h, &cube(), colour([0.02, 0.02, 0.9]));
@@ -149,7 +149,7 @@ fn up_is_up_right_is_right_and_near_hides_far() {
 fn vertex_colours_multiply_the_materials_and_blend_in_linear_light() {
     let Some(mut h) = headless(128, 64) else { return };
     let mut square = quad([-2.0, -1.0, 0.0], [4.0, 0.0, 0.0], [0.0, 2.0, 0.0], 1.0);
-    let white = Material { base_colour: [0.5; 3], ..Material::default() };
+    let white = Material { base_color: [0.5, 0.5, 0.5, 1.0], ..Material::default() };
     let mut shoot = |mesh: &Mesh, material| {
         let asset = asset(&h, mesh, material);
         let drawables = [Drawable { asset: &asset, instances: &[Placement::default()] }];
@@ -158,13 +158,13 @@ fn vertex_colours_multiply_the_materials_and_blend_in_linear_light() {
         frame.environment.sky = Sky::Plain(GradientSky::default());
         picture(&mut h, &frame)
     };
-    let plain = shoot(&square, white);
-    let half = shoot(&square, Material { base_colour: [0.25; 3], ..Material::default() });
+    let plain = shoot(&square, white.clone());
+    let half = shoot(&square, Material { base_color: [0.25, 0.25, 0.25, 1.0], ..Material::default() });
     // Half the light is 188 of 255 in sRGB: as a vertex colour or in the material, it is the same.
     for v in &mut square.0 {
         *v = v.coloured([188, 188, 188, 255]);
     }
-    let grey = shoot(&square, white);
+    let grey = shoot(&square, white.clone());
     for (a, b) in [(64, 32), (20, 10)].map(|(x, y)| (grey.get_pixel(x, y), half.get_pixel(x, y))) {
         assert!(a.0.iter().zip(&b.0).all(|(a, b)| a.abs_diff(*b) <= 2), "{a:?} {b:?}");
     }

@@ -365,7 +365,8 @@ fn all_passes_meet_the_same_patches() {
     assert_eq!(still, 0, "pixels that seem to stand");
 
     // Edges, overdraw, what is seen through, and shadows of several instances.
-    let glass = Material { alpha: crate::Alpha::Blend, opacity: 0.5, ..Material::default() };
+    let glass =
+        Material { base_color: [0.7, 0.7, 0.7, 0.5], alpha: crate::Alpha::Blend, ..Material::default() };
     let glass = asset(&h, &mesh, glass);
     let instances = [at(-0.4, 0.0, 0.3, 0.7), at(0.4, 0.0, -0.3, 0.7), at(0.0, 0.3, 0.0, 0.4)];
     let floor =

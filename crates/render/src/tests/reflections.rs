@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 use half::f16;
 
-use super::shapes::{asset, at, cube, quad, sphere};
+use super::shapes::{asset, at, cube, opaque, quad, sphere};
 use super::{headless, keep};
 use crate::cpu_reference::bloom::Light as Picture;
 use crate::cpu_reference::brdf::{DIELECTRIC, from_octahedral};
@@ -43,7 +43,7 @@ struct Stage {
 impl Stage {
     fn new(h: &Headless) -> Self {
         let mirror = |roughness, metallic| Material { roughness, metallic, ..Material::default() };
-        let colour = |base_colour| Material { base_colour, roughness: 0.9, ..Material::default() };
+        let colour = |colour| Material { base_color: opaque(colour), roughness: 0.9, ..Material::default() };
         Self {
             floor: asset(
                 h,
@@ -162,7 +162,7 @@ fn reflections_match_their_cpu_reference() {
 #[test]
 fn reflections_under_a_uniform_sky_change_nothing() {
     let Some(mut h) = headless(96, 64) else { return };
-    let white = Material { roughness: 0.05, metallic: 1.0, base_colour: [1.0; 3], ..Material::default() };
+    let white = Material { roughness: 0.05, metallic: 1.0, base_color: [1.0; 4], ..Material::default() };
     let ball = asset(&h, &sphere(32), white);
     let instances = [at(-0.4, 0.0, 0.0, 0.9), at(0.45, 0.1, 0.2, 0.9)];
     let drawables = [Drawable { asset: &ball, instances: &instances }];
@@ -188,7 +188,7 @@ fn reflections_are_the_same_at_all_scales_and_in_small_windows() {
         let Some(mut h) = headless(width, height) else { return };
         let mirror = Material { roughness: 0.05, metallic: 1.0, ..Material::default() };
         let floor = asset(&h, &quad([-4.0, 0.0, 4.0], [8.0, 0.0, 0.0], [0.0, 0.0, -8.0], 1.0), mirror);
-        let block = asset(&h, &cube(), Material { base_colour: [0.8, 0.1, 0.1], ..Material::default() });
+        let block = asset(&h, &cube(), Material { base_color: [0.8, 0.1, 0.1, 1.0], ..Material::default() });
         let mut shoot = |scale: f64, fov: f64, method, water: bool| {
             let place = |x, y, z| at(x * scale, y * scale, z * scale, scale);
             let (floors, blocks) =
@@ -235,7 +235,7 @@ fn water_mirrors_what_stands_behind_it() {
     let Some(mut h) = headless(width, height) else { return };
     let bed =
         asset(&h, &quad([-8.0, -1.5, 8.0], [16.0, 0.0, 0.0], [0.0, 0.0, -16.0], 1.0), Material::default());
-    let block = asset(&h, &cube(), Material { base_colour: [0.9, 0.1, 0.1], ..Material::default() });
+    let block = asset(&h, &cube(), Material { base_color: [0.9, 0.1, 0.1, 1.0], ..Material::default() });
     let blocks = [at(0.0, 0.3, -1.0, 1.4)];
     let drawables = [
         Drawable { asset: &bed, instances: &[Placement::default()] },

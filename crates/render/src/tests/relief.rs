@@ -27,13 +27,13 @@ fn tinted_wall(h: &Headless, relief_depth: f32, blue: u8) -> AssetGpu {
     const SIZE: u32 = 64;
     let shape = |kind, size| TextureShape::full(size, size, kind);
     let material = Material {
-        base_colour: [1.0; 3],
+        base_color: [1.0; 4],
         relief_depth,
-        colour_texture: Some(0),
+        base_color_texture: Some(0),
         height_texture: Some(1),
         ..Material::default()
     };
-    let shapes = [shape(TextureKind::Colour, 256), shape(TextureKind::Height, SIZE)];
+    let shapes = [shape(TextureKind::Color, 256), shape(TextureKind::Height, SIZE)];
     let mut wall = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[material], &shapes);
     fill(h, &mut wall, &quad([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0));
     for level in 0..shapes[0].levels {
@@ -184,9 +184,9 @@ fn acceleration_textures_exist_for_repeating_maps_only() {
         assert!(picture(&wall, near, ReliefMethod::Relief) == before, "after {}", way.name());
     }
     let material = Material {
-        base_colour: [1.0; 3],
+        base_color: [1.0; 4],
         relief_depth: 0.15,
-        colour_texture: Some(0),
+        base_color_texture: Some(0),
         height_texture: Some(1),
         wrap: [Wrap::Clamp, Wrap::Repeat],
         ..Material::default()
@@ -356,7 +356,7 @@ fn relief_depth_intersects_objects_correctly() {
     let depth = 0.12;
     let wall = wall_of_coordinates(&h, depth as f32);
     let other = tinted_wall(&h, depth as f32, 255);
-    let flat = Material { base_colour: [0.0, 0.0, 1.0], ..Material::default() };
+    let flat = Material { base_color: [0.0, 0.0, 1.0, 1.0], ..Material::default() };
     let mut pane = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[flat], &[]);
     fill(&h, &mut pane, &quad([0.0, 0.0, -0.06], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0));
     let camera = Pose::look_at(DVec3::new(0.8, 0.65, 0.9), DVec3::new(0.5, 0.5, 0.0), DVec3::Y, 0.6);
@@ -447,7 +447,8 @@ fn relief_normals_follow_the_height_map_on_any_placement() {
     for (direction, want) in [(0, [-depth, 0.0, 1.0]), (1, [0.0, depth, 1.0])] {
         let ramp = |i: u32| (if direction == 0 { i % SIZE } else { i / SIZE }) * 65_535 / SIZE;
         let heights: Vec<u16> = (0..SIZE * SIZE).map(|i| ramp(i) as u16).collect();
-        let mut wall = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[material], &[shape]);
+        let mut wall =
+            h.renderer().create_asset(h.gpu(), DVec3::ZERO, std::slice::from_ref(&material), &[shape]);
         fill(&h, &mut wall, &quad([-0.5, -0.5, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0));
         wall.update_texture(h.gpu(), 0, 0, TextureData::R16(&heights)).unwrap();
         for instance in [

@@ -52,8 +52,8 @@ impl Yard {
     }
 
     fn draw<R>(&self, h: &mut Headless, run: impl FnOnce(&mut Headless, &[Drawable<'_>]) -> R) -> R {
-        let clay = Material { base_colour: [0.6, 0.5, 0.42], ..Material::default() };
-        let assets: Vec<_> = self.meshes.iter().map(|(mesh, _)| asset(h, mesh, clay)).collect();
+        let clay = Material { base_color: [0.6, 0.5, 0.42, 1.0], ..Material::default() };
+        let assets: Vec<_> = self.meshes.iter().map(|(mesh, _)| asset(h, mesh, clay.clone())).collect();
         let drawables: Vec<_> = assets
             .iter()
             .zip(&self.meshes)

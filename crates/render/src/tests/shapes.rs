@@ -62,6 +62,11 @@ pub(super) fn sphere(rings: u32) -> Mesh {
 }
 
 /// An asset of one mesh and one material.
+/// A base colour without transparency.
+pub(super) fn opaque([r, g, b]: [f32; 3]) -> [f32; 4] {
+    [r, g, b, 1.0]
+}
+
 pub(super) fn asset(h: &Headless, mesh: &Mesh, material: Material) -> AssetGpu {
     let mut asset = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[material], &[]);
     fill(h, &mut asset, mesh);
@@ -101,9 +106,9 @@ pub(super) fn brick_asset(h: &Headless, mesh: &Mesh, depth: f32) -> AssetGpu {
     let shape = |kind| TextureShape::full(SIZE as u32, SIZE as u32, kind);
     let material = Material {
         relief_depth: depth,
-        colour_texture: Some(0),
+        base_color_texture: Some(0),
         height_texture: Some(1),
-        base_colour: [1.0; 3],
+        base_color: [1.0; 4],
         roughness: 0.85,
         ..Material::default()
     };
@@ -111,7 +116,7 @@ pub(super) fn brick_asset(h: &Headless, mesh: &Mesh, depth: f32) -> AssetGpu {
         h.gpu(),
         DVec3::ZERO,
         &[material],
-        &[shape(TextureKind::Colour), shape(TextureKind::Height)],
+        &[shape(TextureKind::Color), shape(TextureKind::Height)],
     );
     fill(h, &mut asset, mesh);
     for (level, heights) in heights.iter().enumerate() {

@@ -33,12 +33,12 @@ impl Scene {
         let floor = quad([-6.0, -0.6, 3.0], [12.0, 0.5, 0.0], [0.0, 0.2, -9.0], 1.0);
         let pane = quad([-1.8, -0.6, 1.0], [1.1, 0.0, 0.0], [0.0, 1.4, 0.0], 1.0);
         let glow = [[0.4, 0.1, 0.0], [0.0; 3]];
-        let glass = Material { opacity: 0.4, alpha: Alpha::Blend, ..Material::default() };
-        let ball = Material { base_colour: [0.1; 3], ..Material::default() };
+        let glass = Material { base_color: [0.7, 0.7, 0.7, 0.4], alpha: Alpha::Blend, ..Material::default() };
+        let ball = Material { base_color: [0.1, 0.1, 0.1, 1.0], ..Material::default() };
         Self {
-            floor: asset(h, &floor, Material { base_colour: [0.4; 3], ..Material::default() }),
-            balls: glow.map(|emission| asset(h, &sphere(24), Material { emission, ..ball })),
-            panes: glow.map(|emission| asset(h, &pane, Material { emission, ..glass })),
+            floor: asset(h, &floor, Material { base_color: [0.4, 0.4, 0.4, 1.0], ..Material::default() }),
+            balls: glow.map(|emission| asset(h, &sphere(24), Material { emission, ..ball.clone() })),
+            panes: glow.map(|emission| asset(h, &pane, Material { emission, ..glass.clone() })),
             here: [Placement::default()],
             there: [at(0.2, 0.3, 0.0, 0.8)],
         }

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 use image::RgbaImage;
 
-use super::shapes::{asset, at, cube, quad, sphere};
+use super::shapes::{asset, at, cube, opaque, quad, sphere};
 use super::{headless, keep};
 use crate::cpu_reference::{temporal, tone};
 use crate::frame::graph::Resource;
@@ -25,7 +25,7 @@ struct Scene {
 
 impl Scene {
     fn new(h: &Headless) -> Self {
-        let colour = |c: [f32; 3]| Material { base_colour: c, roughness: 0.8, ..Material::default() };
+        let colour = |c: [f32; 3]| Material { base_color: opaque(c), roughness: 0.8, ..Material::default() };
         Self {
             box_: asset(h, &cube(), colour([0.8; 3])),
             ball: asset(h, &sphere(24), colour([0.1, 0.2, 0.5])),
@@ -79,7 +79,7 @@ struct Pond {
 
 impl Pond {
     fn new(h: &Headless, depth: f64, clarity: f64) -> Self {
-        let colour = |c: [f32; 3]| Material { base_colour: c, roughness: 0.8, ..Material::default() };
+        let colour = |c: [f32; 3]| Material { base_color: opaque(c), roughness: 0.8, ..Material::default() };
         let bed = quad([-30.0, -depth as f32, 10.0], [60.0, 0.0, 0.0], [0.0, 0.0, -60.0], 1.0);
         Self {
             bed: asset(h, &bed, colour([0.5, 0.45, 0.35])),
@@ -406,7 +406,8 @@ fn materials_textures_and_morphs_end_a_still_picture() {
         h.frame(&Frame { settings: settings(AntiAliasing::Temporal), time_s, ..frame }).unwrap()
     };
     assert_eq!([0; 2].map(|_| draw(&mut h, &ball, 0.0).still_frames), [1, 2]);
-    ball.set_material(h.gpu(), 0, Material { base_colour: [1.0, 0.0, 0.0], ..Material::default() }).unwrap();
+    ball.set_material(h.gpu(), 0, Material { base_color: [1.0, 0.0, 0.0, 1.0], ..Material::default() })
+        .unwrap();
     assert_eq!([0; 2].map(|_| draw(&mut h, &ball, 0.0).still_frames), [1, 2]);
     // A vertex that is on its way for a quarter of a second.
     let mut vertex = sphere(12).0[40];

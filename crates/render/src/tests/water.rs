@@ -41,7 +41,7 @@ fn water_matches_its_cpu_reference() {
     let Some(mut h) = headless(width, height) else { return };
     let bed =
         asset(&h, &quad([-8.0, -1.5, 8.0], [16.0, 0.4, 0.0], [0.0, 0.0, -16.0], 1.0), Material::default());
-    let ball = asset(&h, &sphere(24), Material { base_colour: [0.7, 0.3, 0.1], ..Material::default() });
+    let ball = asset(&h, &sphere(24), Material { base_color: [0.7, 0.3, 0.1, 1.0], ..Material::default() });
     let balls = [at(0.3, 0.1, -1.0, 0.8), at(-1.2, -0.7, 0.4, 0.5)];
     let drawables = [
         Drawable { asset: &bed, instances: &[Placement::default()] },

@@ -8,7 +8,7 @@ use crate::{AntiAliasing, Drawable, Frame, GradientSky, Headless, Material, Plac
 
 /// Of the pixels that a sphere covers: mean luminance with edges over that without, and the share that is nearly black.
 fn inked(h: &mut Headless, mesh: &Mesh, name: &str) -> (f64, f64) {
-    let ball = asset(h, mesh, Material { base_colour: [0.7; 3], ..Material::default() });
+    let ball = asset(h, mesh, Material { base_color: [0.7, 0.7, 0.7, 1.0], ..Material::default() });
     let drawables = [Drawable { asset: &ball, instances: &[Placement::default()] }];
     let camera = Pose::look_at(DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 0.5);
     let mut frame = Frame::new(camera, &drawables);
