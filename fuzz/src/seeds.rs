@@ -20,9 +20,8 @@ use lodestream_scene::asset::{
     Alpha, AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, TextureLevel, Wrap,
 };
 use lodestream_scene::blob::BlobId;
-use lodestream_scene::description::{
-    AssetEntry, Camera, InstanceEntry, SceneHeader, SceneLighting, ScenePage,
-};
+use lodestream_scene::description::{AssetEntry, Camera, Instance, SceneHeader, SceneLighting, ScenePage};
+use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::{
     PunctualLight, PunctualLightPageEntry, PunctualLights, Spot, encode_directory, encode_page,
 };
@@ -324,8 +323,10 @@ fn messages() -> Vec<(String, Vec<u8>)> {
         terrain: None,
         camera,
     };
-    let turned =
-        InstanceEntry { rotation: [0.0, 0.6, 0.0, 0.8], scale: 2.0, ..InstanceEntry::at(0, [1e9, 0.1, 0.0]) };
+    let turned = Instance {
+        asset: 0,
+        placement: Placement { rotation: [0.0, 0.6, 0.0, 0.8], scale: 2.0, ..Placement::at([1e9, 0.1, 0.0]) },
+    };
     let page = ScenePage {
         assets: vec![
             AssetEntry { name: "a".into(), chunk_count: 9, ..AssetEntry::default() },
@@ -334,7 +335,7 @@ fn messages() -> Vec<(String, Vec<u8>)> {
                 ..AssetEntry::default()
             },
         ],
-        instances: vec![InstanceEntry::at(0, [1.0, 0.0, 0.0]), turned],
+        instances: vec![Instance::at(0, [1.0, 0.0, 0.0]), turned],
         ..ScenePage::default()
     };
     let server = [

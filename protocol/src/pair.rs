@@ -16,7 +16,7 @@ use crate::testing::{MemoryScene, SlowScene};
 use crate::time::Time;
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_stated_page};
 use lodestream_scene::blob::{BlobId, BlobPart};
-use lodestream_scene::description::InstanceEntry;
+use lodestream_scene::description::Instance;
 use lodestream_scene::view::View;
 use lodestream_select::{AssetState, Selection, Selector, State};
 
@@ -49,7 +49,7 @@ impl Pipe {
 #[derive(Default)]
 pub(crate) struct ClientState {
     pub(crate) welcome: Option<Welcome>,
-    pub(crate) instances: Vec<InstanceEntry>,
+    pub(crate) instances: Vec<Instance>,
     pub(crate) assets: Vec<AssetState>,
     pub(crate) pages: BTreeMap<u32, Time>,
     /// Blobs in order of completion, with repetitions.

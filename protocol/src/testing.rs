@@ -7,7 +7,7 @@ use lodestream_geometry::index::{ChunkInfo, encode_pages};
 
 use crate::source::{Reading, SceneSource, SourceError};
 use lodestream_scene::blob::{BlobId, BlobPart};
-use lodestream_scene::description::{Camera, InstanceEntry, SceneHeader, SceneLighting, ScenePage};
+use lodestream_scene::description::{Camera, Instance, SceneHeader, SceneLighting, ScenePage};
 use lodestream_select::Occluder;
 use lodestream_select::testing::{plane, plane_entry};
 
@@ -33,7 +33,7 @@ impl MemoryScene {
             let entry = plane_entry(&format!("plane {asset}"), &chunks[asset as usize], 900 + 100 * asset);
             for i in 0..instances {
                 let x = (f64::from(i) - f64::from(instances) / 2.0 + 0.5) * 3.0;
-                let at = InstanceEntry::at(asset, [x, 0.0, -3.0 * f64::from(asset)]);
+                let at = Instance::at(asset, [x, 0.0, -3.0 * f64::from(asset)]);
                 entries.push((Some(entry.clone()).filter(|_| i == 0), at));
             }
         }

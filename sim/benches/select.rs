@@ -14,7 +14,7 @@ use lodestream_protocol::source::SceneSource;
 use lodestream_scenario::plan::SceneChoice;
 use lodestream_scenario::scene;
 use lodestream_scenario::stopwatch::{median, paired_ratio, timed};
-use lodestream_scene::description::InstanceEntry;
+use lodestream_scene::description::Instance;
 use lodestream_scene::view::View;
 use lodestream_scene::{BlobId, BlobPart};
 use lodestream_select::{AssetState, InstanceTree, Instances, Occluder, SelectSettings, Selector, State};
@@ -50,9 +50,9 @@ fn many(assets: &[AssetState]) {
         // Weyl sequence: quasi-random and even.
         let place = |number: u32| {
             let along = |step: f64| (f64::from(number) * step).fract() * side;
-            InstanceEntry::at(number % kinds, [along(0.754_877_666), 0.0, along(0.569_840_291)])
+            Instance::at(number % kinds, [along(0.754_877_666), 0.0, along(0.569_840_291)])
         };
-        let instances: Vec<InstanceEntry> = (0..count).map(place).collect();
+        let instances: Vec<Instance> = (0..count).map(place).collect();
         let make =
             || InstanceTree::new(instances.iter(), |asset| assets.get(asset as usize).map(AssetState::entry));
         let (tree, making) = timed(make);
@@ -81,7 +81,7 @@ fn many(assets: &[AssetState]) {
 }
 
 /// All assets with base mesh and index.
-fn known(source: &dyn SceneSource) -> anyhow::Result<(Vec<InstanceEntry>, Vec<AssetState>, Vec<ActiveMesh>)> {
+fn known(source: &dyn SceneSource) -> anyhow::Result<(Vec<Instance>, Vec<AssetState>, Vec<ActiveMesh>)> {
     let (mut instances, mut assets, mut meshes) = (Vec::new(), Vec::new(), Vec::new());
     for number in 0..source.header().page_count {
         let page = source.page(number).context("no such page")?;
@@ -136,7 +136,7 @@ fn refine(
     Ok(())
 }
 
-fn report(view: &View, instances: &[InstanceEntry], assets: &[AssetState], meshes: &[ActiveMesh]) {
+fn report(view: &View, instances: &[Instance], assets: &[AssetState], meshes: &[ActiveMesh]) {
     let selector = |hidden_last| Selector::new(SelectSettings { hidden_last, ..SelectSettings::default() });
     let mut selectors = [selector(true), selector(false)];
     let mut seconds = [Vec::new(), Vec::new()];

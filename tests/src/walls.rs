@@ -22,7 +22,8 @@ fn temple(folder: &Path) -> Scene {
     scene.terrain = None;
     let names: Vec<String> = scene.assets.iter().map(|asset| asset.name.clone()).collect();
     let parts = ["stylobate", "column", "entablature", "roof", "cella"];
-    let kept = |asset: usize| parts.iter().position(|part| *part == names[asset]);
+    let kept =
+        |asset: u32| (0..).zip(parts).find(|(_, part)| *part == names[asset as usize]).map(|(at, _)| at);
     let instances = scene.instances.take().unwrap();
     let placed = instances.into_iter().filter_map(|mut instance| {
         instance.asset = kept(instance.asset)?;

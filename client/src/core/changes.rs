@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use lodestream_geometry::refine::RenderVertex;
 use lodestream_scene::asset::{Material, TextureInfo};
-use lodestream_scene::description::{InstanceEntry, SceneHeader};
+use lodestream_scene::description::{Instance, SceneHeader};
 use lodestream_scene::punctual_lights::PunctualLight;
 use lodestream_scene::shared::SharedTexture;
 use lodestream_terrain::{HeightOverride, HeightOverrides};
@@ -30,7 +30,7 @@ pub enum Change {
         punctual_lights: Arc<[PunctualLight]>,
     },
     /// More instances, numbered after the earlier ones. Their assets may not have arrived.
-    Instances(Vec<InstanceEntry>),
+    Instances(Vec<Instance>),
     /// A new asset; a [`Change::Mesh`] with its base mesh follows at once.
     Asset(NewAsset),
     /// New contents of some slots of an asset's mesh.
@@ -128,7 +128,7 @@ impl Change {
             Self::PunctualLightPage { punctual_lights, .. } => {
                 punctual_lights.len() * size_of::<PunctualLight>()
             }
-            Self::Instances(list) => list.len() * size_of::<InstanceEntry>(),
+            Self::Instances(list) => list.len() * size_of::<Instance>(),
             Self::Asset(asset) => (asset.materials.len() + 1) * size_of::<Material>(),
             Self::Mesh(mesh) => {
                 mesh.vertices.iter().map(|(_, v)| v.len() * size_of::<Vertex>()).sum::<usize>()

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 use lodestream_scene::blob::{BlobId, BlobPart};
-use lodestream_scene::description::{InstanceEntry, SceneHeader, ScenePage};
+use lodestream_scene::description::{Instance, SceneHeader, ScenePage};
 use lodestream_select::{AssetState, InstanceTree, Instances, State};
 
 use super::asset::RefinedAsset;
@@ -23,7 +23,7 @@ const MAX_OUTSIDE_TREE: usize = 1024;
 #[derive(Debug, Default)]
 pub(crate) struct Scene {
     pub(crate) header: Option<SceneHeader>,
-    instances: Vec<InstanceEntry>,
+    instances: Vec<Instance>,
     /// Bounding volume tree of the first instances; at most as many again are outside it.
     tree: InstanceTree,
     /// States of the blobs of each asset.
@@ -365,7 +365,7 @@ mod tests {
             first_asset: number,
             first_instance: number,
             assets: vec![AssetEntry::default()],
-            instances: vec![InstanceEntry::at(number, [0.0; 3])],
+            instances: vec![Instance::at(number, [0.0; 3])],
         }
     }
 

@@ -21,9 +21,7 @@ use lodestream_scene::asset::{
     AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, TextureLevel,
 };
 use lodestream_scene::blob::{BlobId, BlobPart};
-use lodestream_scene::description::{
-    AssetEntry, Camera, InstanceEntry, SceneHeader, SceneLighting, ScenePage,
-};
+use lodestream_scene::description::{AssetEntry, Camera, Instance, SceneHeader, SceneLighting, ScenePage};
 use lodestream_scene::punctual_lights::{
     self, FEW_PAGES, FEW_PUNCTUAL_LIGHTS, LISTED_PER_PAGE, PUNCTUAL_LIGHTS_PER_PAGE, PunctualLight,
     PunctualLightPageEntry, PunctualLights, encode_page,
@@ -165,7 +163,7 @@ impl TestScene {
             chunk_count: base.chunk_count,
             shared: Vec::new(),
         };
-        let place = |n: u32| InstanceEntry::at(n, [3.0 * f64::from(n), 0.0, 0.0]);
+        let place = |n: u32| Instance::at(n, [3.0 * f64::from(n), 0.0, 0.0]);
         Self {
             header: SceneHeader {
                 name: "hills".into(),

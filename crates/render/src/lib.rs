@@ -47,7 +47,10 @@ pub use frame::settings::{
 };
 pub use frame::target::{Load, Target};
 pub use frame::timing::{PassTime, Timings};
+pub use lodestream_scene::asset::{Alpha, Material, TextureKind, Wrap};
+pub use lodestream_scene::placement::Placement;
 pub use lodestream_scene::pose::Pose;
+pub use lodestream_scene::punctual_lights::{PunctualLight, Spot};
 pub use passes::bloom::Bloom;
 #[cfg(any(test, feature = "methods"))]
 pub use passes::ink::{Ink, MAX_INK_BLUR, MAX_INK_LEVELS, MAX_INK_WIDTH};
@@ -67,15 +70,13 @@ pub use resources::gpu::{Gpu, RenderError};
 pub use resources::readback::TargetCopy;
 #[cfg(feature = "client")]
 pub use resources::staging::{MAX_WAITING_STEPS, upload_budget};
-pub use resources::texture::{Texture, TextureData, TextureKind, TextureShape};
+pub use resources::texture::{Texture, TextureData, TextureShape};
 #[cfg(any(test, feature = "methods"))]
 pub use resources::vertex::mark_smooth;
 pub use resources::vertex::{HostMesh, PackedVertex};
 pub use scene::asset::AssetGpu;
 pub use scene::environment::{Atmosphere, Environment, GradientSky, Haze, Sky};
-pub use scene::instance::Instance;
-pub use scene::lights::{LIGHT_TILES, Light, LightCulling, MAX_LIGHTS, Spot};
-pub use scene::material::{Alpha, Material, Wrap};
+pub use scene::lights::{LIGHT_TILES, LightCulling, MAX_LIGHTS};
 #[cfg(feature = "client")]
 pub use scene::scene_view::SceneView;
 pub use scene::terrain::{

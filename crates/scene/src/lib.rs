@@ -11,6 +11,7 @@
 //! | [`shared`] | textures that several assets share |
 //! | [`terrain`] | a scene's terrain, and the directory of its height overrides |
 //! | [`punctual_lights`] | point and spot lights, and their pages |
+//! | [`placement`] | where an object stands: position, rotation and scale |
 //! | [`view`], [`pose`] | the camera, for screen errors and drawing |
 //! | [`limits`] | bounds on every length and count that a peer may send |
 //! | [`encoding`] | encoding of all of these |
@@ -30,6 +31,7 @@ pub mod blob;
 pub mod description;
 pub mod encoding;
 pub mod limits;
+pub mod placement;
 pub mod pose;
 pub mod punctual_lights;
 pub mod shared;

@@ -10,7 +10,7 @@ use std::cmp::Reverse;
 use glam::{DVec3, Vec3};
 
 use super::project::Projection;
-use lodestream_scene::description::{AssetEntry, InstanceEntry};
+use lodestream_scene::description::{AssetEntry, Instance};
 
 /// Most instances of a leaf.
 const LEAF: usize = 16;
@@ -157,7 +157,7 @@ impl InstanceTree {
     /// returns an asset's entry. O(n log n); some 10 bytes per instance.
     #[must_use]
     pub fn new<'a>(
-        instances: impl Iterator<Item = &'a InstanceEntry>,
+        instances: impl Iterator<Item = &'a Instance>,
         asset: impl Fn(u32) -> Option<&'a AssetEntry>,
     ) -> Self {
         let placed = (0_u32..).zip(instances).map_while(|(number, instance)| {
@@ -286,9 +286,9 @@ impl InstanceTree {
     }
 }
 
-fn ball(asset: &AssetEntry, instance: &InstanceEntry) -> BoundingSphere {
+fn ball(asset: &AssetEntry, instance: &Instance) -> BoundingSphere {
     let center = instance.to_world(asset.origin, asset.sphere.center);
-    let radius = f64::from(asset.sphere.radius * instance.scale);
+    let radius = f64::from(asset.sphere.radius * instance.placement.scale);
     let known = center.is_finite() && radius.is_finite();
     if known { BoundingSphere { center, radius, largest: radius } } else { BoundingSphere::everywhere() }
 }
@@ -301,12 +301,12 @@ fn length(length: usize) -> u32 {
 /// A scene's instances, optionally with a hierarchy of the first ones.
 #[derive(Clone, Copy, Debug)]
 pub struct Instances<'a> {
-    all: &'a [InstanceEntry],
+    all: &'a [Instance],
     tree: Option<&'a InstanceTree>,
 }
 
-impl<'a> From<&'a [InstanceEntry]> for Instances<'a> {
-    fn from(all: &'a [InstanceEntry]) -> Self {
+impl<'a> From<&'a [Instance]> for Instances<'a> {
+    fn from(all: &'a [Instance]) -> Self {
         Self { all, tree: None }
     }
 }
@@ -317,14 +317,14 @@ impl<'a> Instances<'a> {
     /// # Panics
     /// If the hierarchy has more instances than there are.
     #[must_use]
-    pub fn new(all: &'a [InstanceEntry], tree: &'a InstanceTree) -> Self {
+    pub fn new(all: &'a [Instance], tree: &'a InstanceTree) -> Self {
         assert!(tree.len() <= all.len(), "the hierarchy is of other instances");
         Self { all, tree: Some(tree) }
     }
 
     /// All instances, by number.
     #[must_use]
-    pub const fn all(&self) -> &'a [InstanceEntry] {
+    pub const fn all(&self) -> &'a [Instance] {
         self.all
     }
 
@@ -417,6 +417,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use lodestream_scene::placement::Placement;
     use lodestream_scene::view::View;
 
     fn asset(radius: f32) -> AssetEntry {
@@ -425,15 +426,16 @@ mod tests {
         asset
     }
 
-    fn placed() -> impl Strategy<Value = InstanceEntry> {
+    fn placed() -> impl Strategy<Value = Instance> {
         let at = prop_oneof![
             8 => prop::array::uniform3(-100.0..100.0_f64),
             1 => prop::array::uniform3(-1e9..1e9_f64),
             1 => Just([1e300, 0.0, -1e300]),
             1 => Just([5.0; 3]),
         ];
-        (0_u32..5, at, prop_oneof![8 => 0.01..3.0_f32, 1 => Just(1e30_f32), 1 => Just(1e-30_f32)])
-            .prop_map(|(asset, at, scale)| InstanceEntry { scale, ..InstanceEntry::at(asset, at) })
+        (0_u32..5, at, prop_oneof![8 => 0.01..3.0_f32, 1 => Just(1e30_f32), 1 => Just(1e-30_f32)]).prop_map(
+            |(asset, at, scale)| Instance { asset, placement: Placement { scale, ..Placement::at(at) } },
+        )
     }
 
     fn eyes() -> impl Strategy<Value = View> {
@@ -500,7 +502,7 @@ mod tests {
     fn branches_out_of_view_are_not_visited() {
         let side = 100_u32;
         let at = |number: u32| [f64::from(number % side), 0.0, f64::from(number / side)];
-        let instances: Vec<InstanceEntry> = (0..side * side).map(|n| InstanceEntry::at(0, at(n))).collect();
+        let instances: Vec<Instance> = (0..side * side).map(|n| Instance::at(0, at(n))).collect();
         let mut entry = asset(0.4);
         entry.origin = [0.0; 3];
         let tree = InstanceTree::new(instances.iter(), |_| Some(&entry));

@@ -4,7 +4,7 @@ use glam::{DVec3, Vec3};
 use lodestream_geometry::index::Sphere;
 use lodestream_geometry::screen::screen_error_px;
 
-use lodestream_scene::description::{AssetEntry, InstanceEntry};
+use lodestream_scene::description::{AssetEntry, Instance};
 use lodestream_scene::view::{Frustum, View};
 
 /// A view with values that all instances share.
@@ -49,7 +49,7 @@ impl Projection {
 
     /// The bounding sphere of an instance on the screen.
     #[must_use]
-    pub fn bounds(&self, asset: &AssetEntry, instance: &InstanceEntry) -> Bounds {
+    pub fn bounds(&self, asset: &AssetEntry, instance: &Instance) -> Bounds {
         let (center, radius) = self.sphere(asset, instance);
         Bounds {
             visible: self.frustum.sees(center, radius),
@@ -60,7 +60,7 @@ impl Projection {
     }
 
     /// Radius of an instance on the screen, in pixels, as [`Bounds::coverage_px`].
-    pub fn coverage_px(&self, asset: &AssetEntry, instance: &InstanceEntry) -> f32 {
+    pub fn coverage_px(&self, asset: &AssetEntry, instance: &Instance) -> f32 {
         let (center, radius) = self.sphere(asset, instance);
         self.radius_px(center, radius)
     }
@@ -81,9 +81,9 @@ impl Projection {
     }
 
     /// An instance's bounding sphere, its centre relative to the eye.
-    pub(super) fn sphere(&self, asset: &AssetEntry, instance: &InstanceEntry) -> (Vec3, f32) {
+    pub(super) fn sphere(&self, asset: &AssetEntry, instance: &Instance) -> (Vec3, f32) {
         let center = instance.to_world(asset.origin, asset.sphere.center) - self.eye;
-        (center.as_vec3(), asset.sphere.radius * instance.scale)
+        (center.as_vec3(), asset.sphere.radius * instance.placement.scale)
     }
 
     /// Whether a sphere reaches into the frustum; `center` is relative to the eye.
@@ -99,10 +99,10 @@ impl Projection {
 
     /// The view in the local axes and units of an instance, relative to the grid origin of its asset.
     #[must_use]
-    pub fn local(&self, asset: &AssetEntry, instance: &InstanceEntry) -> LocalView {
-        let rotation = instance.orientation();
-        let offset = self.eye - DVec3::from(instance.translation);
-        let eye = rotation.conjugate().as_dquat() * offset / f64::from(instance.scale);
+    pub fn local(&self, asset: &AssetEntry, instance: &Instance) -> LocalView {
+        let rotation = instance.placement.orientation();
+        let offset = self.eye - DVec3::from(instance.placement.translation);
+        let eye = rotation.conjugate().as_dquat() * offset / f64::from(instance.placement.scale);
         LocalView {
             eye: (eye - DVec3::from(asset.origin)).as_vec3(),
             frustum: self.frustum.rotated_into(rotation),
@@ -112,8 +112,8 @@ impl Projection {
 
     /// Pixels per unit of the asset at a world depth, which is at least a fiftieth of the asset's radius.
     #[must_use]
-    pub fn px_per_unit(&self, asset: &AssetEntry, instance: &InstanceEntry, depth: f64) -> f64 {
-        let scale = f64::from(instance.scale);
+    pub fn px_per_unit(&self, asset: &AssetEntry, instance: &Instance, depth: f64) -> f64 {
+        let scale = f64::from(instance.placement.scale);
         let nearest = f64::from(asset.sphere.radius) * scale * 0.02;
         self.scale_px * scale / depth.max(nearest).max(f64::MIN_POSITIVE)
     }

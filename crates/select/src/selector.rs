@@ -19,7 +19,7 @@ use super::settings::SelectSettings;
 use super::state::{AssetState, Chunk};
 use super::textures::Textures;
 use super::visibility::Visibility;
-use lodestream_scene::description::InstanceEntry;
+use lodestream_scene::description::Instance;
 use lodestream_scene::view::View;
 
 pub use evaluate::max_screen_error_px;
@@ -152,12 +152,7 @@ impl Selector {
     }
 
     /// Draws the occluders for a view; returns the visibility of the scene's surfaces.
-    pub fn visibility(
-        &mut self,
-        view: &View,
-        instances: &[InstanceEntry],
-        assets: &[AssetState],
-    ) -> &Visibility {
+    pub fn visibility(&mut self, view: &View, instances: &[Instance], assets: &[AssetState]) -> &Visibility {
         self.visibility.draw(view, self.travel, instances.into(), assets);
         &self.visibility
     }
@@ -172,7 +167,7 @@ impl Selector {
     ///
     /// Cost: a sphere test per instance, and one per known chunk and visible instance. For thousands of instances use
     /// [`Selector::select_among`].
-    pub fn select(&mut self, view: &View, instances: &[InstanceEntry], assets: &[AssetState]) -> &Selection {
+    pub fn select(&mut self, view: &View, instances: &[Instance], assets: &[AssetState]) -> &Selection {
         self.select_among(view, instances.into(), assets)
     }
 

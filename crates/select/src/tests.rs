@@ -11,7 +11,8 @@ use lodestream_scene::asset::{
     AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, TextureLevel,
 };
 use lodestream_scene::blob::{BlobId, BlobPart};
-use lodestream_scene::description::{AssetEntry, InstanceEntry};
+use lodestream_scene::description::{AssetEntry, Instance};
+use lodestream_scene::placement::Placement;
 use lodestream_scene::shared::SharedTexture;
 use lodestream_scene::view::View;
 
@@ -44,7 +45,7 @@ fn apply(assets: &mut [AssetState], id: BlobId, state: State) {
 }
 
 /// Applies wanted chunks a few at a time and undoes what is to be undone, until settled.
-fn settle(selector: &mut Selector, view: &View, instances: &[InstanceEntry], assets: &mut [AssetState]) {
+fn settle(selector: &mut Selector, view: &View, instances: &[Instance], assets: &mut [AssetState]) {
     for _ in 0..10_000 {
         let selection = selector.select(view, instances, assets).clone();
         if selection.wanted.is_empty() && selection.undo.is_empty() {
@@ -79,7 +80,7 @@ fn applied(asset: &AssetState) -> HashSet<usize> {
 
 #[test]
 fn selection_settles_at_the_target() {
-    let instances = [InstanceEntry::at(0, [0.0; 3])];
+    let instances = [Instance::at(0, [0.0; 3])];
     for eye in [[0.0, 3.0, 4.0], [0.3, 0.2, 0.9], [0.0, 40.0, 90.0]] {
         let mut assets = [known_asset(6)];
         let mut selector = Selector::default();
@@ -96,7 +97,7 @@ fn selection_settles_at_the_target() {
 
 #[test]
 fn distant_views_undo_chunks() {
-    let instances = [InstanceEntry::at(0, [0.0; 3])];
+    let instances = [Instance::at(0, [0.0; 3])];
     let mut assets = [known_asset(6)];
     let mut selector = Selector::default();
     settle(&mut selector, &above([0.0, 2.0, 3.0]), &instances, &mut assets);
@@ -110,7 +111,7 @@ fn distant_views_undo_chunks() {
 
 #[test]
 fn small_camera_movements_change_nothing() {
-    let instances = [InstanceEntry::at(0, [0.0; 3])];
+    let instances = [Instance::at(0, [0.0; 3])];
     let mut assets = [known_asset(6)];
     let mut selector = Selector::default();
     let (near, far) = (above([0.0, 5.0, 10.0]), above([0.0, 5.5, 11.0]));
@@ -126,7 +127,7 @@ fn small_camera_movements_change_nothing() {
 
 #[test]
 fn chunks_out_of_view_are_undone_only_near_the_budget() {
-    let instances = [InstanceEntry::at(0, [0.0; 3])];
+    let instances = [Instance::at(0, [0.0; 3])];
     let mut assets = [known_asset(6)];
     let mut selector = Selector::default();
     settle(&mut selector, &above([0.0, 1.0, 2.0]), &instances, &mut assets);
@@ -142,12 +143,11 @@ fn chunks_out_of_view_are_undone_only_near_the_budget() {
 
 #[test]
 fn nearest_instance_decides_for_shared_chunks() {
-    let far = [InstanceEntry::at(0, [0.0, 0.0, -60.0])];
-    let both = [far[0], InstanceEntry::at(0, [0.0, 0.0, -3.0])];
+    let far = [Instance::at(0, [0.0, 0.0, -60.0])];
+    let both = [far[0], Instance::at(0, [0.0, 0.0, -3.0])];
     let view = above([0.0, 1.0, 2.0]);
-    let needed = |instances: &[InstanceEntry]| {
-        Selector::default().select(&view, instances, &[known_asset(6)]).counters
-    };
+    let needed =
+        |instances: &[Instance]| Selector::default().select(&view, instances, &[known_asset(6)]).counters;
     assert!(needed(&both).needed_chunks > 2 * needed(&far).needed_chunks);
     assert_eq!(needed(&both).visible_instances, 2);
 }
@@ -155,25 +155,28 @@ fn nearest_instance_decides_for_shared_chunks() {
 #[test]
 fn scale_and_rotation_are_taken_into_account() {
     let view = above([0.0, 3.0, 6.0]);
-    let needed = |instance: InstanceEntry| {
+    let needed = |instance: Instance| {
         Selector::default().select(&view, &[instance], &[known_asset(6)]).counters.needed_chunks
     };
-    let plain = needed(InstanceEntry::at(0, [0.0; 3]));
-    let small = needed(InstanceEntry { scale: 0.1, ..InstanceEntry::at(0, [0.0; 3]) });
+    let plain = needed(Instance::at(0, [0.0; 3]));
+    let small = needed(Instance { asset: 0, placement: Placement { scale: 0.1, ..Placement::at([0.0; 3]) } });
     assert!(small * 4 < plain, "{small} against {plain}");
     // A plane is the same after half a turn.
-    let turned = needed(InstanceEntry { rotation: [0.0, 1.0, 0.0, 0.0], ..InstanceEntry::at(0, [0.0; 3]) });
+    let turned = needed(Instance {
+        asset: 0,
+        placement: Placement { rotation: [0.0, 1.0, 0.0, 0.0], ..Placement::at([0.0; 3]) },
+    });
     assert!(turned.abs_diff(plain) * 20 <= plain, "{turned} against {plain}");
     // The same scene a million times larger looks the same.
     let huge = View { eye: view.eye.map(|x| x * 1e6), ..view };
-    let scaled = InstanceEntry { scale: 1e6, ..InstanceEntry::at(0, [0.0; 3]) };
+    let scaled = Instance { asset: 0, placement: Placement { scale: 1e6, ..Placement::at([0.0; 3]) } };
     let huge = Selector::default().select(&huge, &[scaled], &[known_asset(6)]).counters.needed_chunks;
     assert_eq!(huge, plain);
 }
 
 #[test]
 fn threshold_rises_until_the_budgets_hold() {
-    let instances = [InstanceEntry::at(0, [0.0; 3])];
+    let instances = [Instance::at(0, [0.0; 3])];
     let view = above([0.0, 1.0, 2.0]);
     for max_faces in [600, 30_000, 200_000] {
         let mut assets = [known_asset(7)];
@@ -193,11 +196,8 @@ fn threshold_rises_until_the_budgets_hold() {
 fn base_meshes_come_first_and_unknown_chunks_have_the_root_error() {
     let chunks = plane(5);
     let mut fresh = AssetState::new(plane_entry("fresh", &chunks, 1000));
-    let instances = [
-        InstanceEntry::at(0, [0.0; 3]),
-        InstanceEntry::at(1, [0.5, 0.0, 0.0]),
-        InstanceEntry::at(1, [0.0, 0.0, 900.0]),
-    ];
+    let instances =
+        [Instance::at(0, [0.0; 3]), Instance::at(1, [0.5, 0.0, 0.0]), Instance::at(1, [0.0, 0.0, 900.0])];
     let view = above([0.0, 1.0, 3.0]);
     let parts = |assets: &[AssetState]| {
         let selection = Selector::default().select(&view, &instances, assets).clone();
@@ -242,7 +242,7 @@ fn chunks_are_ordered_by_difference_per_byte_after_their_parents() {
         let mut asset = AssetState::new(plane_entry("plane", chunks, 1000));
         asset.set_state(BlobPart::Base, State::Applied);
         asset.add_index_page(0, chunks.to_vec()).unwrap();
-        let (view, instances) = (above([0.0, 3.0, 0.5]), [InstanceEntry::at(0, [0.0; 3])]);
+        let (view, instances) = (above([0.0, 3.0, 0.5]), [Instance::at(0, [0.0; 3])]);
         let mut selector = Selector::default();
         let wanted = selector.select(&view, &instances, &[asset]).wanted.clone();
         assert!(wanted.is_sorted_by_key(|wanted| std::cmp::Reverse(wanted.priority)));
@@ -271,7 +271,7 @@ fn index_pages_just_above_the_target_are_requested_together() {
     for (page, infos) in (0..2).zip(chunks.chunks(CHUNKS_PER_PAGE)) {
         asset.add_index_page(page, infos.to_vec()).unwrap();
     }
-    let instances = [InstanceEntry::at(0, [0.0; 3])];
+    let instances = [Instance::at(0, [0.0; 3])];
     // As far as makes the error of what is unknown 1.05 px.
     let (mut near, mut far) = (1.0, 1e6);
     for _ in 0..200 {
@@ -306,7 +306,7 @@ fn pages_may_come_in_any_order_and_wrong_ones_are_refused() {
         let mut selector = Selector::default();
         let selection = selector.select(
             &above([0.0, 1.0, 2.0]),
-            &[InstanceEntry::at(0, [0.0; 3])],
+            &[Instance::at(0, [0.0; 3])],
             std::slice::from_ref(&asset),
         );
         let any_chunk = selection.wanted.iter().any(|w| matches!(w.id.part(), Some(BlobPart::Chunk(_))));
@@ -326,8 +326,7 @@ fn page_of_level_255_bounds_later_pages() {
     asset.add_index_page(0, chunks[..64].to_vec()).unwrap();
     assert!(asset.unknown_error() >= chunks[63].error);
     let mut selector = Selector::default();
-    let wanted =
-        &selector.select(&above([0.0, 0.2, 0.5]), &[InstanceEntry::at(0, [0.0; 3])], &[asset]).wanted;
+    let wanted = &selector.select(&above([0.0, 0.2, 0.5]), &[Instance::at(0, [0.0; 3])], &[asset]).wanted;
     assert!(wanted.iter().any(|w| w.id == BlobId::index_page(0, 1)), "{wanted:?}");
 }
 
@@ -360,7 +359,7 @@ fn unknown_chunks_are_bounded_with_parents_several_levels_up() {
     for id in 0..64 {
         asset.set_state(BlobPart::Chunk(id), State::Applied);
     }
-    let instances = [InstanceEntry::at(0, [0.0; 3])];
+    let instances = [Instance::at(0, [0.0; 3])];
     let mut selector = Selector::default();
     let wanted = &selector.select(&above([0.0, 12.0, 16.0]), &instances, std::slice::from_ref(&asset)).wanted;
     assert!(wanted.iter().any(|w| w.id == BlobId::index_page(0, 1)), "{wanted:?}");
@@ -374,7 +373,7 @@ fn failed_chunks_block_only_their_descendants() {
     asset.set_state(BlobPart::Chunk(1), State::Failed);
     let mut assets = [asset];
     let mut selector = Selector::default();
-    let (view, instances) = (above([0.0, 1.0, 2.0]), [InstanceEntry::at(0, [0.0; 3])]);
+    let (view, instances) = (above([0.0, 1.0, 2.0]), [Instance::at(0, [0.0; 3])]);
     settle(&mut selector, &view, &instances, &mut assets);
     assert!(selector.last().counters.missing_chunks > 0);
     assert!(applied(&assets[0]).len() > 10);
@@ -384,7 +383,7 @@ fn failed_chunks_block_only_their_descendants() {
 #[test]
 fn unneeded_blobs_in_flight_are_cancelled() {
     let mut assets = [known_asset(6)];
-    let instances = [InstanceEntry::at(0, [0.0; 3])];
+    let instances = [Instance::at(0, [0.0; 3])];
     let mut selector = Selector::default();
     let asked: Vec<BlobId> = {
         let selection = selector.select(&above([0.0, 1.0, 2.0]), &instances, &assets);
@@ -427,7 +426,7 @@ fn textured(mut asset: AssetState) -> AssetState {
 fn texture_levels_follow_texel_density() {
     let finest = |eye: [f64; 3]| {
         let mut assets = [textured(known_asset(2))];
-        settle(&mut Selector::default(), &above(eye), &[InstanceEntry::at(0, [0.0; 3])], &mut assets);
+        settle(&mut Selector::default(), &above(eye), &[Instance::at(0, [0.0; 3])], &mut assets);
         let here = |l: u8| assets[0].state(BlobPart::Texture { texture: 0, level: l }) == State::Applied;
         let held = (0..4).take_while(|l| here(*l)).count();
         assert!((held as u8..4).all(|l| !here(l)));
@@ -447,7 +446,7 @@ fn shared_textures_are_wanted_once_with_summed_differences() {
         let sharing =
             if sharing { AssetEntry { shared, ..plain.entry().clone() } } else { plain.entry().clone() };
         let assets = [plain, textured(known_asset_of(sharing, 2))];
-        let instances = [InstanceEntry::at(0, [-3.0, 0.0, 0.0]), InstanceEntry::at(1, [3.0, 0.0, 0.0])];
+        let instances = [Instance::at(0, [-3.0, 0.0, 0.0]), Instance::at(1, [3.0, 0.0, 0.0])];
         let instances = &instances[..if both { 2 } else { 1 }];
         let wanted = Selector::default().select(&above([0.0, 12.0, 0.5]), instances, &assets).wanted.clone();
         let is_texture = |w: &Wanted| matches!(w.id.part(), Some(BlobPart::Texture { .. }));
@@ -477,9 +476,9 @@ proptest! {
         max_faces in 1_000..400_000_u64,
     ) {
         let instances = [
-            InstanceEntry::at(0, [0.0; 3]),
-            InstanceEntry::at(1, [2.0, 0.5, -1.0]),
-            InstanceEntry { scale: 2.0, ..InstanceEntry::at(0, [-3.0, 0.0, 1.0]) },
+            Instance::at(0, [0.0; 3]),
+            Instance::at(1, [2.0, 0.5, -1.0]),
+            Instance { asset: 0, placement: Placement { scale: 2.0, ..Placement::at([-3.0, 0.0, 1.0]) } },
         ];
         let mut assets = [known_asset(5), known_asset(4)];
         let mut selector = Selector::new(SelectSettings { max_faces, ..SelectSettings::default() });

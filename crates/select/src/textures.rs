@@ -6,7 +6,7 @@ use super::selection::{Selection, State, Wanted};
 use super::state::AssetState;
 use super::visibility::Visibility;
 use lodestream_scene::blob::BlobId;
-use lodestream_scene::description::InstanceEntry;
+use lodestream_scene::description::Instance;
 use lodestream_scene::view::View;
 
 /// A texture level that one asset wants.
@@ -89,7 +89,7 @@ impl Textures {
         &mut self,
         visibility: &Visibility,
         view: &View,
-        instances: &[InstanceEntry],
+        instances: &[Instance],
         assets: &[AssetState],
     ) {
         let picture = Picture::new(view);

@@ -5,6 +5,7 @@ use std::cell::RefCell;
 use lodestream_geometry::mesh::{NONE, SourceMesh};
 use lodestream_geometry::quantise::{QuantiseSettings, quantise};
 use lodestream_import::Part;
+use lodestream_scene::placement::Placement;
 use tempfile::TempDir;
 
 use crate::compressed::file;
@@ -86,8 +87,9 @@ fn import_gltf(data: &[u8], ceiling: Ceiling) -> bool {
         }
         if let Ok(contents) = within(ceiling, data.len(), || lodestream_import::gltf::contents(&path)) {
             for placed in &contents.placed {
-                assert!(placed.scale > 0.0 && placed.scale.is_finite());
-                assert!(placed.translation.iter().chain(&placed.rotation).all(|x| x.is_finite()));
+                let Placement { translation, rotation, scale } = placed.placement;
+                assert!(scale > 0.0 && scale.is_finite());
+                assert!(translation.iter().all(|x| x.is_finite()) && rotation.iter().all(|x| x.is_finite()));
             }
             for punctual_light in &contents.punctual_lights {
                 punctual_light.check().expect("an imported light can be");

@@ -15,9 +15,7 @@ use lodestream_protocol::Time;
 use lodestream_protocol::message::{ClientMessage, Hello, Want};
 use lodestream_protocol::server::{ServerConfig, ServerSession};
 use lodestream_protocol::source::{SceneSource, SourceError};
-use lodestream_scene::description::{
-    AssetEntry, Camera, InstanceEntry, SceneHeader, SceneLighting, ScenePage,
-};
+use lodestream_scene::description::{AssetEntry, Camera, Instance, SceneHeader, SceneLighting, ScenePage};
 use lodestream_scene::{BlobId, BlobPart};
 
 const CHUNKS: u32 = 10_000;
@@ -46,7 +44,7 @@ impl Unread {
         };
         let page = ScenePage {
             assets: vec![asset],
-            instances: vec![InstanceEntry::at(0, [0.0; 3])],
+            instances: vec![Instance::at(0, [0.0; 3])],
             ..ScenePage::default()
         };
         Self { header, page: Arc::new(page) }

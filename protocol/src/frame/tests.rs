@@ -6,8 +6,9 @@ use super::*;
 use crate::message::*;
 use crate::source::SceneSource;
 use crate::testing::MemoryScene;
-use lodestream_scene::description::{InstanceEntry, ScenePage};
+use lodestream_scene::description::{Instance, ScenePage};
 use lodestream_scene::limits::{MAX_HAVE, MAX_IDS_PER_MESSAGE};
+use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::PunctualLights;
 use lodestream_scene::view::View;
 
@@ -56,16 +57,23 @@ fn server_messages() -> Vec<ServerMessage> {
         ServerMessage::Close(Close::new(CloseCode::ShuttingDown, "the server shuts down")),
     ];
     messages.extend(scene.pages.iter().map(|page| ServerMessage::ScenePage((**page).clone())));
-    let odd = InstanceEntry {
+    let odd = Instance {
         asset: 0,
-        translation: [0.1, 1e7 + 0.001, -3.0],
-        rotation: [0.5, 0.5, 0.5, 0.5],
-        scale: 0.25,
+        placement: Placement {
+            translation: [0.1, 1e7 + 0.001, -3.0],
+            rotation: [0.5, 0.5, 0.5, 0.5],
+            scale: 0.25,
+        },
     };
-    let about_y =
-        InstanceEntry { rotation: [0.0, 0.6, 0.0, 0.8], scale: 3.0, ..InstanceEntry::at(0, [1.0; 3]) };
+    let about_y = Instance {
+        asset: 0,
+        placement: Placement { rotation: [0.0, 0.6, 0.0, 0.8], scale: 3.0, ..Placement::at([1.0; 3]) },
+    };
     // A negative zero in a rotation is not written; what comes back is as good.
-    let unturned = InstanceEntry { rotation: [0.0, -0.0, 0.0, 1.0], ..InstanceEntry::at(0, [2.0; 3]) };
+    let unturned = Instance {
+        asset: 0,
+        placement: Placement { rotation: [0.0, -0.0, 0.0, 1.0], ..Placement::at([2.0; 3]) },
+    };
     messages.push(ServerMessage::ScenePage(ScenePage {
         page: 5,
         first_asset: 9,

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::pushed_blob::PushedBlob;
 use crate::source::SceneSource;
 use lodestream_scene::blob::{BlobId, BlobPart};
-use lodestream_scene::description::InstanceEntry;
+use lodestream_scene::description::Instance;
 use lodestream_scene::view::View;
 use lodestream_select::difference::Picture;
 use lodestream_select::priority::refine_priority;
@@ -37,7 +37,7 @@ pub(super) fn coarse_textures(
     view: &View,
     settings: &SelectSettings,
     visibility: &Visibility,
-    (numbers, instances, assets): (&[u32], &[InstanceEntry], &[AssetState]),
+    (numbers, instances, assets): (&[u32], &[Instance], &[AssetState]),
 ) -> Vec<PushedBlob> {
     let (projection, picture) = (Projection::new(view), Picture::new(view));
     let mut on_screen = vec![AssetOnScreen::default(); assets.len()];
@@ -106,7 +106,7 @@ mod tests {
         let assets = [flat(floor, 1.0), flat(roof, 2.5)];
         let view = View::look_at([0.0, 12.0, 0.5], [0.0; 3], [0.0, 1.0, 0.0], 0.9, [1280, 720]);
         let hidden = |height: f64| {
-            let instances = [InstanceEntry::at(0, [0.0; 3]), InstanceEntry::at(1, [0.0, height, 0.0])];
+            let instances = [Instance::at(0, [0.0; 3]), Instance::at(1, [0.0, height, 0.0])];
             let mut visibility = Visibility::default();
             visibility.draw(&view, 0.0, instances[..].into(), &assets);
             let visible = (&[0, 1][..], &instances[..], &assets[..]);

@@ -11,7 +11,7 @@ use super::scene_index::SceneIndex;
 use crate::scheduler::Unit;
 use crate::source::{Reading, SceneSource, SourceError};
 use lodestream_scene::blob::{BlobId, BlobPart};
-use lodestream_scene::description::InstanceEntry;
+use lodestream_scene::description::Instance;
 use lodestream_scene::view::View;
 use lodestream_select::priority::Priority;
 use lodestream_select::{AssetState, Projection, SelectSettings, Selector, State, Wanted};
@@ -123,7 +123,7 @@ fn load_index_pages(
     selector: &mut Selector,
     budget_bytes: u64,
     read: ReadPage<'_>,
-    (numbers, instances, assets): (&[u32], &[InstanceEntry], &mut [AssetState]),
+    (numbers, instances, assets): (&[u32], &[Instance], &mut [AssetState]),
 ) -> Result<Vec<PushedBlob>, Missing> {
     let mut pages: Vec<PushedBlob> = Vec::new();
     let mut sent = Vec::new();
@@ -193,7 +193,7 @@ fn visible_assets(
     index: &SceneIndex,
     view: &View,
     flight: &[(Priority, Unit)],
-) -> (Vec<u32>, Vec<InstanceEntry>, Vec<AssetState>) {
+) -> (Vec<u32>, Vec<Instance>, Vec<AssetState>) {
     let numbers: Vec<u32> = flight
         .iter()
         .rev()
@@ -220,10 +220,10 @@ fn visible_assets(
     let in_view = index.near(&projection).into_iter().map(|(number, _, instance)| (number, instance));
     let largest = numbers.iter().filter_map(|&asset| index.largest(asset, &projection));
     // Ordered by number, as the occlusion test expects.
-    let placed: BTreeMap<u32, &InstanceEntry> =
+    let placed: BTreeMap<u32, &Instance> =
         in_view.filter(|(_, instance)| local.contains_key(&instance.asset)).chain(largest).collect();
     let renumber =
-        |instance: &&InstanceEntry| Some(InstanceEntry { asset: *local.get(&instance.asset)?, ..**instance });
+        |instance: &&Instance| Some(Instance { asset: *local.get(&instance.asset)?, ..**instance });
     let instances = placed.values().filter_map(renumber).collect();
     (numbers, instances, assets)
 }

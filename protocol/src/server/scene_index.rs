@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::source::SceneSource;
-use lodestream_scene::description::{AssetEntry, InstanceEntry, ScenePage};
+use lodestream_scene::description::{AssetEntry, Instance, ScenePage};
 use lodestream_select::{InstanceTree, Projection};
 
 /// A scene's pages with lookup of assets and instances by number and by view.
@@ -54,12 +54,12 @@ impl SceneIndex {
     }
 
     /// The instance entry of a number.
-    fn instance(&self, number: u32) -> Option<&InstanceEntry> {
+    fn instance(&self, number: u32) -> Option<&Instance> {
         self.find(number).map(|(_, instance)| instance)
     }
 
     /// The instance entry of a number, with the number of its page.
-    fn find(&self, number: u32) -> Option<(u32, &InstanceEntry)> {
+    fn find(&self, number: u32) -> Option<(u32, &Instance)> {
         let page = self.first_instances.partition_point(|&first| first <= number).checked_sub(1)?;
         let instance = self.pages[page].instances.get((number - self.first_instances[page]) as usize)?;
         Some((u32::try_from(page).ok()?, instance))
@@ -67,14 +67,14 @@ impl SceneIndex {
 
     /// The instances that may be in view, as (instance number, page number, entry), by ascending number.
     /// Conservative: all visible ones and some others.
-    pub(super) fn near(&self, projection: &Projection) -> Vec<(u32, u32, &InstanceEntry)> {
+    pub(super) fn near(&self, projection: &Projection) -> Vec<(u32, u32, &Instance)> {
         let numbers = self.tree.in_view(projection);
         let with_page = |&number: &u32| self.find(number).map(|(page, instance)| (number, page, instance));
         numbers.iter().filter_map(with_page).collect()
     }
 
     /// The instance of an asset with the largest coverage on the screen, in view or not.
-    pub(super) fn largest(&self, asset: u32, projection: &Projection) -> Option<(u32, &InstanceEntry)> {
+    pub(super) fn largest(&self, asset: u32, projection: &Projection) -> Option<(u32, &Instance)> {
         let entry = self.asset(asset)?;
         let radius_px =
             |number| self.instance(number).map_or(0.0, |instance| projection.coverage_px(entry, instance));

@@ -7,8 +7,8 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use anyhow::Context as _;
-use lodestream_bake::scene::{Instance, Scene};
-use lodestream_scene::description::Camera;
+use lodestream_bake::scene::Scene;
+use lodestream_scene::description::{Camera, Instance};
 
 /// Most faces of an asset, assets, and instances.
 const MAX_FIELD_FACES: u32 = 4_000_000;
@@ -72,7 +72,7 @@ impl Field {
         let place = |i: u32| {
             let (row, column) = ((f64::from(i) / side).floor(), f64::from(i) % side);
             let translation = [(column - (side - 1.0) / 2.0) * PITCH, 0.0, -row * PITCH];
-            Instance { translation, ..Instance::unplaced((i % self.assets) as usize) }
+            Instance::at(i % self.assets, translation)
         };
         scene.instances = Some((0..self.instances).map(place).collect());
         scene.name = "field".to_owned();

@@ -12,7 +12,7 @@ use lodestream_scene::asset::{
     Alpha, AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, Wrap,
 };
 use lodestream_scene::blob::{PunctualLightBlob, TerrainBlob};
-use lodestream_scene::description::{AssetEntry, InstanceEntry, SceneHeader, ScenePage};
+use lodestream_scene::description::{AssetEntry, Instance, SceneHeader, ScenePage};
 use lodestream_scene::punctual_lights::{
     First, PunctualLight, PunctualLightPageEntry, PunctualLights, decode_directory as decode_punctual_lights,
     decode_page,
@@ -378,12 +378,12 @@ fn asset(asset: &AssetEntry) -> Value {
     known
 }
 
-fn instance(instance: &InstanceEntry) -> Value {
+fn instance(instance: &Instance) -> Value {
     json!({
         "asset": instance.asset,
-        "translation": instance.translation,
-        "rotation": instance.rotation,
-        "scale": instance.scale,
+        "translation": instance.placement.translation,
+        "rotation": instance.placement.rotation,
+        "scale": instance.placement.scale,
     })
 }
 

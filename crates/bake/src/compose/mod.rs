@@ -5,11 +5,12 @@ mod shared;
 
 use std::collections::BTreeMap;
 
-use glam::{DQuat, DVec3, Quat, Vec3};
+use glam::{DVec3, Vec3};
 use lodestream_scene::description::{
-    AssetEntry, Camera, Fingerprint, InstanceEntry, SceneError, SceneHeader, SceneLighting, ScenePage,
+    AssetEntry, Camera, Fingerprint, Instance, SceneError, SceneHeader, SceneLighting, ScenePage,
 };
 use lodestream_scene::limits::{MAX_ENTRIES_PER_PAGE, MAX_INSTANCES};
+use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::PunctualLight;
 
 use lodestream_store::{
@@ -17,7 +18,7 @@ use lodestream_store::{
     StoreError, TerrainBlobs, TerrainBlobsError,
 };
 
-use crate::scene::{DEFAULT_FOV_Y_DEGREES, Instance, Model, Scene, SceneTerrain};
+use crate::scene::{DEFAULT_FOV_Y_DEGREES, Model, Scene, SceneTerrain};
 use shared::share_textures;
 
 /// Gap between models side by side, as a share of their mean radius.
@@ -82,7 +83,7 @@ pub fn compose(
     if instances.len() > MAX_INSTANCES as usize {
         return Err(ComposeError::TooManyInstances { count: instances.len() });
     }
-    let spheres: Vec<(DVec3, f64)> = instances.iter().map(|i| world_sphere(i, &entries[i.asset])).collect();
+    let spheres: Vec<(DVec3, f64)> = instances.iter().map(|i| world_sphere(i, entries)).collect();
     let camera = match scene.camera {
         Some(camera) => camera,
         None => match &scene.terrain {
@@ -123,11 +124,11 @@ pub fn compose(
 }
 
 /// Bounding sphere of an instance, in the world.
-fn world_sphere(instance: &Instance, entry: &AssetEntry) -> (DVec3, f64) {
+fn world_sphere(instance: &Instance, entries: &[AssetEntry]) -> (DVec3, f64) {
+    let (entry, placement) = (&entries[instance.asset as usize], instance.placement);
     let local = DVec3::from(entry.origin) + Vec3::from(entry.sphere.center).as_dvec3();
-    let rotation: DQuat = Quat::from_array(instance.rotation).as_dquat().normalize();
-    let scale = f64::from(instance.scale);
-    let center = DVec3::from(instance.translation) + rotation * (local * scale);
+    let scale = f64::from(placement.scale);
+    let center = DVec3::from(placement.translation) + placement.orientation_f64() * (local * scale);
     (center, f64::from(entry.sphere.radius) * scale)
 }
 
@@ -140,7 +141,7 @@ fn side_by_side(models: &[Model], entries: &[AssetEntry]) -> (Vec<Instance>, Vec
     let bounds: Vec<(DVec3, f64)> = models
         .iter()
         .map(|model| {
-            let spheres: Vec<_> = model.parts.iter().map(|i| world_sphere(i, &entries[i.asset])).collect();
+            let spheres: Vec<_> = model.parts.iter().map(|i| world_sphere(i, entries)).collect();
             enclosing(&spheres)
         })
         .collect();
@@ -150,8 +151,7 @@ fn side_by_side(models: &[Model], entries: &[AssetEntry]) -> (Vec<Instance>, Vec
     for (model, (center, radius)) in models.iter().zip(bounds) {
         x += radius;
         let translation = (DVec3::new(x, 0.0, 0.0) - center).to_array();
-        let place = Instance { translation, ..Instance::unplaced(0) };
-        let (parts, lights) = model.placed(&place);
+        let (parts, lights) = model.placed(Placement::at(translation));
         instances.extend(parts);
         punctual_lights.extend(lights);
         x += radius + gap;
@@ -215,7 +215,7 @@ fn visible_first(camera: &Camera, spheres: &[(DVec3, f64)]) -> Vec<usize> {
 /// Splits the instances into pages; a page lists the assets that it is the first to use.
 fn paginate(instances: &[Instance], entries: &[AssetEntry], order: &[usize]) -> (Vec<ScenePage>, Vec<usize>) {
     let mut asset_order = Vec::new();
-    let mut numbers: BTreeMap<usize, u32> = BTreeMap::new();
+    let mut numbers: BTreeMap<u32, u32> = BTreeMap::new();
     let mut pages = Vec::new();
     for (number, group) in order.chunks(MAX_ENTRIES_PER_PAGE).enumerate() {
         let mut page = ScenePage {
@@ -227,16 +227,11 @@ fn paginate(instances: &[Instance], entries: &[AssetEntry], order: &[usize]) -> 
         for &index in group {
             let instance = &instances[index];
             let asset = *numbers.entry(instance.asset).or_insert_with(|| {
-                asset_order.push(instance.asset);
-                page.assets.push(entries[instance.asset].clone());
+                asset_order.push(instance.asset as usize);
+                page.assets.push(entries[instance.asset as usize].clone());
                 (asset_order.len() - 1) as u32
             });
-            page.instances.push(InstanceEntry {
-                asset,
-                translation: instance.translation,
-                rotation: instance.rotation,
-                scale: instance.scale,
-            });
+            page.instances.push(Instance { asset, ..*instance });
         }
         pages.push(page);
     }
@@ -296,7 +291,7 @@ mod tests {
     fn one_model_stays_where_it_is_and_is_framed() {
         let scene = Scene::of_models(&[PathBuf::from("a.obj")]).unwrap();
         let composed = compose(&scene, &[entry("a", [1e7, 0.0, 0.0], 2.0)], &[]).unwrap();
-        assert_eq!(composed.pages[0].instances[0].translation, [0.0; 3]);
+        assert_eq!(composed.pages[0].instances[0].placement.translation, [0.0; 3]);
         let camera = composed.header.camera;
         assert_eq!(camera.target, [1e7 + 1.0, 0.0, 0.0]);
         let view = camera.view([640, 360], 1.0);
@@ -336,15 +331,10 @@ mod tests {
             up: [0.0, 1.0, 0.0],
             fov_y: 60_f32.to_radians(),
         });
-        let at = |asset, z| Instance {
-            asset,
-            translation: [-1.0, 0.0, z],
-            rotation: [0.0, 0.0, 0.0, 1.0],
-            scale: 1.0,
-        };
+        let at = |asset, z| Instance::at(asset, [-1.0, 0.0, z]);
         // Behind the camera, then far to near: 200 of them.
         let mut instances = vec![at(0, 5.0)];
-        instances.extend((1..=200).rev().map(|i| at(usize::from(i <= 150), -10.0 * f64::from(i))));
+        instances.extend((1..=200).rev().map(|i| at(u32::from(i <= 150), -10.0 * f64::from(i))));
         scene.instances = Some(instances);
         let entries = ["a", "b", "never"].map(|name| entry(name, [0.0; 3], 1.0));
         let composed = compose(&scene, &entries, &[]).unwrap();
@@ -354,7 +344,7 @@ mod tests {
         assert_eq!(composed.pages[0].assets[0].name, "b");
         assert_eq!(composed.pages[2].assets[0].name, "a");
         let all: Vec<f64> =
-            composed.pages.iter().flat_map(|p| &p.instances).map(|i| i.translation[2]).collect();
+            composed.pages.iter().flat_map(|p| &p.instances).map(|i| i.placement.translation[2]).collect();
         assert_eq!(all[0], -10.0);
         assert_eq!(all[200], 5.0);
         assert!(all[..200].is_sorted_by(|a, b| a >= b));
@@ -386,8 +376,8 @@ mod tests {
         else {
             panic!()
         };
-        let second = lit.pages[0].instances.iter().find(|i| i.translation[0] > 1.0).unwrap();
-        assert_eq!(punctual_lights[0].position[0], second.translation[0] + 1.0);
+        let second = lit.pages[0].instances.iter().find(|i| i.placement.translation[0] > 1.0).unwrap();
+        assert_eq!(punctual_lights[0].position[0], second.placement.translation[0] + 1.0);
         assert_eq!(punctual_lights[0].position[1], 5.0);
     }
 

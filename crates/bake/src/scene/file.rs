@@ -9,10 +9,11 @@ use lodestream_geometry::UnknownName;
 use lodestream_import::{InvalidValue, Part, gltf};
 use lodestream_scene::description::Camera;
 use lodestream_scene::limits::MAX_NAME_BYTES;
+use lodestream_scene::placement::Placement;
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::model::{Asset, DEFAULT_FOV_Y_DEGREES, Instance, Scene, unit};
+use super::model::{Asset, DEFAULT_FOV_Y_DEGREES, Scene, unit};
 use super::names::UniqueNames;
 use super::punctual_light::RawPunctualLight;
 use super::terrain::{RawTerrain, SceneTerrain};
@@ -224,8 +225,8 @@ impl Source<'_> {
         if let Some(instances) = raw.instance {
             let mut placed = Vec::with_capacity(instances.len());
             for raw in instances {
-                let place = self.instance(&numbers, raw, scene.terrain.as_ref())?;
-                let (parts, punctual_lights) = scene.models[place.asset].placed(&place);
+                let (model, place) = self.instance(&numbers, raw, scene.terrain.as_ref())?;
+                let (parts, punctual_lights) = scene.models[model].placed(place);
                 placed.extend(parts);
                 scene.punctual_lights.extend(punctual_lights);
             }
@@ -291,15 +292,16 @@ impl Source<'_> {
         Ok((Asset { name: raw.name, file, part, preparation_settings }, raw.merge))
     }
 
+    /// The number of the placed model, and its placement.
     fn instance(
         &self,
         numbers: &BTreeMap<String, usize>,
         raw: Spanned<RawInstance>,
         terrain: Option<&SceneTerrain>,
-    ) -> Result<Instance, SceneError> {
+    ) -> Result<(usize, Placement), SceneError> {
         let at = raw.span().start;
         let raw = raw.into_inner();
-        let Some(&asset) = numbers.get(raw.asset.get_ref()) else {
+        let Some(&model) = numbers.get(raw.asset.get_ref()) else {
             let (at, name) = (raw.asset.span().start, raw.asset.get_ref());
             let known: Vec<&str> = numbers.keys().take(5).map(String::as_str).collect();
             return Err(
@@ -334,7 +336,7 @@ impl Source<'_> {
             };
             translation[1] += ground;
         }
-        Ok(Instance { asset, translation, rotation, scale })
+        Ok((model, Placement { translation, rotation, scale }))
     }
 
     fn terrain(&self, folder: &Path, raw: Spanned<RawTerrain>) -> Result<SceneTerrain, SceneError> {
@@ -478,12 +480,12 @@ fov_y_degrees = 60
         );
         assert_eq!(scene.assets[1].preparation_settings.relief_depth, "0.04".parse().ok());
         let instances = scene.instances.unwrap();
-        assert_eq!(instances[0].translation, [1.0, 2.0, 1e7]);
-        let [x, y, z, w] = instances[0].rotation;
+        assert_eq!(instances[0].placement.translation, [1.0, 2.0, 1e7]);
+        let [x, y, z, w] = instances[0].placement.rotation;
         let half = std::f32::consts::FRAC_1_SQRT_2;
         assert!((y - half).abs() < 1e-6 && (w - half).abs() < 1e-6 && x == 0.0 && z == 0.0);
-        assert_eq!(instances[0].scale, 2.0);
-        assert_eq!(instances[1].rotation, [0.0, 0.0, 0.0, 1.0]);
+        assert_eq!(instances[0].placement.scale, 2.0);
+        assert_eq!(instances[1].placement.rotation, [0.0, 0.0, 0.0, 1.0]);
         assert_eq!(scene.light_direction, [0.0, 1.0, 0.0]);
         assert_eq!(scene.light_color, [2.0, 1.0, 0.5]);
         assert_eq!(scene.ambient, [0.5; 3]);

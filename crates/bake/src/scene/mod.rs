@@ -12,7 +12,7 @@ mod tests;
 use std::path::{Path, PathBuf};
 
 pub use file::{SceneError, parse, read};
-pub use model::{Asset, DEFAULT_FOV_Y_DEGREES, Instance, Model, Scene};
+pub use model::{Asset, DEFAULT_FOV_Y_DEGREES, Model, Scene};
 pub use terrain::SceneTerrain;
 
 /// Reads the scene of the files on a command line: one scene file, or models.

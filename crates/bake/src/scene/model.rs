@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use crate::preparation_settings::PreparationSettings;
-use glam::{DQuat, DVec3};
 use lodestream_import::{ImportError, Part, gltf, is_gltf};
-use lodestream_scene::description::{Camera, DEFAULT_AMBIENT, DEFAULT_BACKGROUND};
+use lodestream_scene::description::{Camera, DEFAULT_AMBIENT, DEFAULT_BACKGROUND, Instance};
+use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::PunctualLight;
 
 use super::names::UniqueNames;
@@ -39,41 +39,6 @@ impl Asset {
     }
 }
 
-/// A placed model.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Instance {
-    /// Index into [`Scene::assets`].
-    pub asset: usize,
-    /// World position of the asset's (0, 0, 0).
-    pub translation: [f64; 3],
-    /// Unit quaternion x, y, z, w.
-    pub rotation: [f32; 4],
-    /// World units per asset unit.
-    pub scale: f32,
-}
-
-impl Instance {
-    /// An asset where it is by itself.
-    #[must_use]
-    pub const fn unplaced(asset: usize) -> Self {
-        Self { asset, translation: [0.0; 3], rotation: [0.0, 0.0, 0.0, 1.0], scale: 1.0 }
-    }
-
-    /// This instance, as part of a model that is placed in turn.
-    #[must_use]
-    pub fn within(&self, model: &Self) -> Self {
-        let quaternion = |q: [f32; 4]| DQuat::from_array(q.map(f64::from)).normalize();
-        let (turn, scale) = (quaternion(model.rotation), f64::from(model.scale));
-        let moved = DVec3::from(model.translation) + turn * (DVec3::from(self.translation) * scale);
-        Self {
-            asset: self.asset,
-            translation: moved.to_array(),
-            rotation: (turn * quaternion(self.rotation)).to_array().map(|x| x as f32),
-            scale: (scale * f64::from(self.scale)) as f32,
-        }
-    }
-}
-
 /// What a model consists of, about its own origin.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Model {
@@ -85,19 +50,13 @@ pub struct Model {
 
 impl Model {
     /// Its parts and punctual lights where a placement of the model has them.
-    pub(crate) fn placed<'a>(
-        &'a self,
-        place: &'a Instance,
-    ) -> (impl Iterator<Item = Instance> + 'a, impl Iterator<Item = PunctualLight> + 'a) {
-        let rotation = DQuat::from_array(place.rotation.map(f64::from)).normalize();
-        let (translation, scale) = (DVec3::from(place.translation), f64::from(place.scale));
-        let parts = self.parts.iter().map(|part| part.within(place));
-        (
-            parts,
-            self.punctual_lights
-                .iter()
-                .map(move |punctual_light| punctual_light.within(translation, rotation, scale)),
-        )
+    pub(crate) fn placed(
+        &self,
+        place: Placement,
+    ) -> (impl Iterator<Item = Instance>, impl Iterator<Item = PunctualLight>) {
+        let part = move |part: &Instance| Instance { placement: part.placement.within(&place), ..*part };
+        let punctual_light = move |light: &PunctualLight| light.within(&place);
+        (self.parts.iter().map(part), self.punctual_lights.iter().map(punctual_light))
     }
 }
 
@@ -114,7 +73,7 @@ pub struct Scene {
     pub name: String,
     /// Models.
     pub assets: Vec<Asset>,
-    /// Placed models; `None` puts [`Scene::models`] side by side, once their sizes are known.
+    /// Placed assets, numbered as in [`Scene::assets`]; `None` puts [`Scene::models`] side by side, once their sizes are known.
     pub instances: Option<Vec<Instance>>,
     /// The models that the scene is made of.
     pub models: Vec<Model>,
@@ -178,9 +137,15 @@ impl Scene {
     pub(super) fn add_merged(&mut self, asset: Asset) -> Result<usize, ImportError> {
         let whole = asset.part == Part::Whole && is_gltf(&asset.file);
         let punctual_lights = if whole { gltf::contents(&asset.file)?.punctual_lights } else { Vec::new() };
-        self.assets.push(asset);
-        self.models.push(Model { parts: vec![Instance::unplaced(self.assets.len() - 1)], punctual_lights });
+        let number = self.add_asset(asset);
+        self.models.push(Model { parts: vec![Instance::at(number, [0.0; 3])], punctual_lights });
         Ok(self.models.len() - 1)
+    }
+
+    /// Adds an asset and returns its number.
+    fn add_asset(&mut self, asset: Asset) -> u32 {
+        self.assets.push(asset);
+        (self.assets.len() - 1) as u32
     }
 
     /// Adds the meshes that a glTF file places, each once (and once more for each mirror or uneven scale
@@ -191,7 +156,7 @@ impl Scene {
         contents: gltf::Contents,
         names: &mut UniqueNames,
     ) -> Vec<Instance> {
-        let mut known: Vec<(Part, usize)> = Vec::new();
+        let mut known: Vec<(Part, u32)> = Vec::new();
         let mut by_mesh: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         let mut instances = Vec::with_capacity(contents.placed.len());
         for placed in contents.placed {
@@ -204,16 +169,11 @@ impl Scene {
                 let name = format!("{}/{}", model.name, &own[..own.floor_char_boundary(MAX_MESH_NAME_BYTES)]);
                 let name = names.take(&name);
                 same.push(known.len());
-                self.assets.push(Asset { name, part: placed.part, ..model.clone() });
-                known.push((placed.part, self.assets.len() - 1));
-                self.assets.len() - 1
+                let number = self.add_asset(Asset { name, part: placed.part, ..model.clone() });
+                known.push((placed.part, number));
+                number
             });
-            instances.push(Instance {
-                asset: number,
-                translation: placed.translation,
-                rotation: placed.rotation.map(|x| x as f32),
-                scale: placed.scale as f32,
-            });
+            instances.push(Instance { asset: number, placement: placed.placement });
         }
         instances
     }

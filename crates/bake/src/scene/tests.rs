@@ -48,7 +48,7 @@ fn gltf_meshes_are_placed_by_their_nodes() {
     let [model] = &scene.models[..] else { panic!("{:?}", scene.models) };
     let model = &model.parts;
     assert_eq!(model.iter().map(|i| i.asset).collect::<Vec<_>>(), [0, 1, 2]);
-    assert_eq!((model[1].translation, model[1].scale), ([1.0, 2.0, 3.0], 2.0));
+    assert_eq!((model[1].placement.translation, model[1].placement.scale), ([1.0, 2.0, 3.0], 2.0));
 }
 
 #[test]
@@ -104,10 +104,10 @@ fn scene_files_place_gltf_models_whole_by_mesh_and_merged() {
     assert_eq!(instances.iter().map(|i| i.asset).collect::<Vec<_>>(), [0, 1, 2, 3, 4]);
     // A quarter turn about y takes (1, 2, 3) to (3, 2, -1); the instance scales that by three and moves it.
     let expected = [19.0, 6.0, -3.0];
-    for (found, expected) in instances[1].translation.iter().zip(expected) {
-        assert!((found - expected).abs() < 1e-5, "{:?}", instances[1].translation);
+    for (found, expected) in instances[1].placement.translation.iter().zip(expected) {
+        assert!((found - expected).abs() < 1e-5, "{:?}", instances[1].placement.translation);
     }
-    assert_eq!(instances[1].scale, 6.0);
+    assert_eq!(instances[1].placement.scale, 6.0);
     for (from, to, fragment) in [
         ("mesh = \"mast\"", "mesh = \"sail\"", "no mesh named \"sail\"; it has 2: hull, mast"),
         ("mesh = \"mast\"", "mesh = \"mast\"\nmerge = true", "exclude each other"),

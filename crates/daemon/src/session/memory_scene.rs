@@ -5,9 +5,7 @@ use std::sync::Arc;
 use bytes::Bytes;
 use lodestream_geometry::index::Sphere;
 use lodestream_protocol::source::{SceneSource, SourceError};
-use lodestream_scene::description::{
-    AssetEntry, Camera, InstanceEntry, SceneHeader, SceneLighting, ScenePage,
-};
+use lodestream_scene::description::{AssetEntry, Camera, Instance, SceneHeader, SceneLighting, ScenePage};
 use lodestream_scene::{BlobId, BlobPart};
 
 /// Mip levels of each asset's only texture.
@@ -44,8 +42,8 @@ impl MemoryScene {
             chunk_count: 0,
             shared: Vec::new(),
         });
-        let instances = (0..assets)
-            .map(|n| InstanceEntry::at(n, [f64::from(n) - f64::from(assets) / 2.0 + 0.5, 0.0, 0.0]));
+        let instances =
+            (0..assets).map(|n| Instance::at(n, [f64::from(n) - f64::from(assets) / 2.0 + 0.5, 0.0, 0.0]));
         let page = ScenePage {
             page: 0,
             first_asset: 0,

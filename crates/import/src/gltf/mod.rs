@@ -32,6 +32,7 @@ use crate::error::ImportError;
 use crate::file::{MAX_FILE_BYTES, read_file};
 use crate::model::{Imported, Part};
 use container::{Document, Location};
+use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::PunctualLight;
 use mesh::Builder;
 
@@ -44,12 +45,8 @@ const SIMILARITY: f64 = 1e-5;
 pub struct PlacedMesh {
     /// The mesh, as [`crate::import_part`] takes it.
     pub part: Part,
-    /// World position of the mesh's (0, 0, 0).
-    pub translation: [f64; 3],
-    /// Unit quaternion x, y, z, w.
-    pub rotation: [f64; 4],
-    /// World units per mesh unit, above zero.
-    pub scale: f64,
+    /// Its placement in the file's scene.
+    pub placement: Placement,
 }
 
 /// The meshes and lights of a file.
@@ -136,21 +133,21 @@ fn names(document: &Document) -> Vec<String> {
 /// becomes a linear map of the mesh and a translation.
 fn similar(mesh: usize, to_scene: &DMat4) -> PlacedMesh {
     let linear = DMat3::from_mat4(*to_scene);
-    let translation = to_scene.w_axis.truncate().to_array();
+    let translation = to_scene.w_axis.truncate();
     let scale = linear.determinant().cbrt();
     let axes = [linear.x_axis, linear.y_axis, linear.z_axis];
     let even = axes.iter().all(|axis| (axis.length() - scale).abs() <= SIMILARITY * scale);
     let square = [(0, 1), (1, 2), (2, 0)]
         .iter()
         .all(|&(i, j)| axes[i].dot(axes[j]).abs() <= SIMILARITY * scale * scale);
-    if scale > 0.0 && even && square {
+    let rounded = scale as f32;
+    if rounded > 0.0 && rounded.is_finite() && even && square {
         let rotation = DQuat::from_mat3(&DMat3::from_cols_array(&(linear * scale.recip()).to_cols_array()));
         let part = Part::Mesh { mesh, linear: DMat3::IDENTITY.to_cols_array_2d() };
-        let rotation = rotation.normalize().to_array();
-        PlacedMesh { part, translation, rotation, scale }
+        PlacedMesh { part, placement: Placement::new(translation, rotation.normalize(), rounded) }
     } else {
         let part = Part::Mesh { mesh, linear: linear.to_cols_array_2d() };
-        PlacedMesh { part, translation, rotation: DQuat::IDENTITY.to_array(), scale: 1.0 }
+        PlacedMesh { part, placement: Placement::at(translation.to_array()) }
     }
 }
 

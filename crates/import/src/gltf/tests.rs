@@ -9,7 +9,7 @@ mod materials;
 
 use std::path::{Path, PathBuf};
 
-use glam::{DMat4, DVec3};
+use glam::DVec3;
 use lodestream_geometry::mesh::NONE;
 use serde_json::{Value, json};
 use tempfile::TempDir;
@@ -285,17 +285,12 @@ fn nodes_place_their_meshes_and_mirrors_stay_the_right_way_round() {
     let contents = contents(&path).unwrap();
     assert_eq!(contents.names, ["mesh-0"]);
     let [mirrored, turned] = contents.placed[..] else { panic!("{:?}", contents.placed) };
-    assert!((turned.scale - 3.0).abs() < 1e-6 && mirrored.scale == 1.0);
+    assert!((turned.placement.scale - 3.0).abs() < 1e-6 && mirrored.placement.scale == 1.0);
     for (placed, expected) in [(mirrored, &faces[..2]), (turned, &faces[2..])] {
         let part = import_part(&path, &placed.part).unwrap();
-        let matrix = DMat4::from_scale_rotation_translation(
-            DVec3::splat(placed.scale),
-            glam::DQuat::from_array(placed.rotation),
-            DVec3::from_array(placed.translation),
-        );
         for (face, expected) in places(&part).into_iter().zip(expected) {
             for (p, q) in face.into_iter().zip(expected) {
-                let p = matrix.transform_point3(DVec3::from_array(p));
+                let p = placed.placement.to_world(DVec3::from_array(p));
                 assert!(p.distance(DVec3::from_array(*q)) < 1e-5, "{p} {q:?}");
             }
         }

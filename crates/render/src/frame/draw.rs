@@ -2,7 +2,8 @@
 
 use std::ops::Range;
 
-use glam::{DQuat, DVec3};
+use glam::DVec3;
+use lodestream_scene::placement::Placement;
 
 use crate::frame::camera::may_see;
 use crate::frame::counters::Counters;
@@ -14,8 +15,8 @@ use crate::passes::pn_triangles::PatchListItem;
 use crate::passes::pn_triangles::{PatchLists, PatchPipelines};
 use crate::resources::gpu::Gpu;
 use crate::scene::asset::{AssetGpu, PartDraw};
-use crate::scene::instance::{Instance, InstanceRaw};
 use crate::scene::material_bindings::Features;
+use crate::scene::placement::InstanceRaw;
 
 /// The visible instances of one asset: a range of the frame's instance buffer.
 #[derive(Clone, Copy, Debug)]
@@ -222,8 +223,7 @@ impl<'a> DrawList<'a> {
     /// Distance of an instance's centre from the eye.
     fn distance(&self, batch: &Batch<'_>, instance: u32) -> f64 {
         let Some(raw) = self.instances.get(instance as usize) else { return 0.0 };
-        let rotation = DQuat::from_array(raw.rotation.map(f64::from));
-        (middle(raw) + rotation * (batch.asset.sphere().0 * f64::from(raw.scale))).length()
+        raw.place(batch.asset.sphere().0).length()
     }
 
     /// Draws overdraw counters, of transparent or of all other surfaces.
@@ -330,11 +330,6 @@ pub(crate) fn finite(raw: InstanceRaw) -> Option<InstanceRaw> {
     raw.offset.iter().chain(&raw.rotation).chain([&raw.scale]).all(|x| x.is_finite()).then_some(raw)
 }
 
-/// Origin of an instance, relative to the eye.
-pub(crate) fn middle(raw: &InstanceRaw) -> DVec3 {
-    DVec3::from(raw.offset.map(f64::from))
-}
-
 /// A visible instance.
 struct VisibleInstance {
     /// Centre of its bounding sphere, relative to the eye.
@@ -349,15 +344,13 @@ struct VisibleInstance {
 
 /// Places an instance; `None` if it is outside the view.
 fn place(
-    instance: &Instance,
+    placement: &Placement,
     asset: &AssetGpu,
     frame: &Frame<'_>,
     size: (u32, u32),
 ) -> Option<VisibleInstance> {
-    let raw = finite(instance.relative_to(asset.origin(), frame.camera.eye))?;
-    let (centre, radius) = asset.sphere();
-    let centre = middle(&raw) + instance.rotation * (centre * instance.scale);
-    let radius = radius * instance.scale.abs();
+    let raw = finite(InstanceRaw::new(placement, asset.origin(), frame.camera.eye))?;
+    let (centre, radius) = raw.sphere(asset.sphere());
     let in_view = may_see(&frame.camera, centre, radius, size);
     let distance = (centre.length() - radius).max(0.0);
     (in_view || asset.bounds().is_none()).then_some(VisibleInstance {

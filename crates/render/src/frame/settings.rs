@@ -1,6 +1,8 @@
 //! The input of a frame: camera, scene data and [`Settings`].
 
+use lodestream_scene::placement::Placement;
 use lodestream_scene::pose::Pose;
+use lodestream_scene::punctual_lights::PunctualLight;
 
 use crate::passes::bloom::Bloom;
 #[cfg(any(test, feature = "methods"))]
@@ -13,8 +15,7 @@ use crate::passes::water::Water;
 use crate::resources::gpu::Gpu;
 use crate::scene::asset::AssetGpu;
 use crate::scene::environment::Environment;
-use crate::scene::instance::Instance;
-use crate::scene::lights::{Light, LightCulling};
+use crate::scene::lights::LightCulling;
 use crate::scene::relief_acceleration::ReliefAcceleration;
 use crate::scene::terrain::TerrainFrame;
 
@@ -41,7 +42,7 @@ pub struct Drawable<'a> {
     pub asset: &'a AssetGpu,
     /// Its placements. [`AntiAliasing::Temporal`] matches the instances of consecutive frames by index where their
     /// number is equal, and derives their motion.
-    pub instances: &'a [Instance],
+    pub instances: &'a [Placement],
 }
 
 /// Shadows of the sun: cascaded shadow maps.
@@ -450,9 +451,10 @@ pub struct Frame<'a> {
     pub terrain: Option<TerrainFrame<'a>>,
     /// Water.
     pub water: Option<Water>,
-    /// Punctual lights. Of more than [`crate::MAX_LIGHTS`] in view, the farthest are omitted. A device without compute
-    /// shaders omits all.
-    pub lights: &'a [Light],
+    /// Punctual lights; they cast no shadows. An intensity of π times [`crate::GradientSky::sun`] lights a surface at
+    /// distance 1 as the sun does. Of more than [`crate::MAX_LIGHTS`] in view, the farthest are omitted. A device
+    /// without compute shaders omits all.
+    pub lights: &'a [PunctualLight],
     /// Sun, sky and haze.
     pub environment: Environment,
     /// Precomputed sky maps of the environment. Without them, the first frame in this environment computes them.

@@ -1,11 +1,11 @@
 //! Reads back the triangles of a frame.
 
 use glam::{DVec2, DVec3, Vec3};
+use lodestream_scene::placement::Placement;
 
 use crate::cpu_reference::terrain::Tile;
 use crate::frame::settings::Frame;
 use crate::resources::gpu::{Gpu, RenderError};
-use crate::scene::instance::Instance;
 use crate::scene::terrain::{TerrainFrame, TerrainPart, shader_morph};
 use lodestream_terrain::tiles::{TILE_CELLS, TileRegion};
 
@@ -15,9 +15,10 @@ pub(super) fn triangles(gpu: &Gpu, frame: &Frame<'_>) -> Result<Vec<[DVec3; 3]>,
     let mut all = Vec::new();
     for drawable in frame.drawables {
         let (origin, own) = (drawable.asset.origin(), drawable.asset.triangles(gpu)?);
-        let place = |instance: &Instance, corner: Vec3| instance.to_world(origin + corner.as_dvec3()) - eye;
-        for instance in drawable.instances {
-            all.extend(own.iter().map(|corners| corners.map(|corner| place(instance, corner))));
+        let place =
+            |placement: &Placement, corner: Vec3| placement.to_world(origin + corner.as_dvec3()) - eye;
+        for placement in drawable.instances {
+            all.extend(own.iter().map(|corners| corners.map(|corner| place(placement, corner))));
         }
     }
     if let Some(ground) = &frame.terrain {

@@ -5,6 +5,7 @@ mod passes;
 use std::sync::Arc;
 
 use glam::DVec3;
+use lodestream_scene::asset::Material;
 
 use crate::frame::accumulation::Accumulation;
 use crate::frame::compiler::Compiler;
@@ -40,10 +41,9 @@ use crate::resources::gpu::{Gpu, RenderError};
 use crate::resources::texture::{Texture, TextureShape};
 use crate::scene::asset::AssetGpu;
 use crate::scene::environment::Environment;
-use crate::scene::instance::InstanceRaw;
 use crate::scene::lights::{PunctualLightList, PunctualLightPass};
-use crate::scene::material::Material;
 use crate::scene::material_bindings::{Features, MaterialBindings};
+use crate::scene::placement::InstanceRaw;
 use crate::scene::terrain::{TerrainAppearance, TerrainGpu, TileList, TileRaw};
 
 /// Draws frames into targets of one format.

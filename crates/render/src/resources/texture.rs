@@ -10,7 +10,7 @@ use std::ops::Range;
 use std::sync::Weak;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use lodestream_scene::asset::level_size;
+use lodestream_scene::asset::{TextureInfo, TextureKind, level_size};
 
 use crate::resources::descriptors::{SAMPLED_AND_COPIED, texture_2d};
 use crate::resources::gpu::{Gpu, RenderError};
@@ -18,19 +18,6 @@ use crate::scene::relief_acceleration::ReliefAcceleration;
 
 /// Longest allocated side; finer levels are dropped, so that a forged size cannot claim gigabytes.
 const MAX_SIDE_PX: u32 = 8192;
-
-/// Kind of a texture, which determines its format.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum TextureKind {
-    /// sRGB colour.
-    Colour,
-    /// Heights for relief mapping: 0 = deepest, the largest value = the surface itself.
-    Height,
-    /// Normals of a surface: a component c is stored as (c + 1) / 2.
-    Normal,
-    /// Occlusion (red), roughness (green) and metal (blue).
-    Surface,
-}
 
 /// Size and purpose of a texture, known before any of its levels.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,6 +46,24 @@ impl TextureShape {
     #[must_use]
     pub fn level_size(&self, level: u32) -> (u32, u32) {
         level_size([self.width, self.height], self.levels, level).into()
+    }
+}
+
+/// Linear light of an sRGB byte (IEC 61966-2-1).
+fn from_srgb(encoded: u8) -> f32 {
+    let encoded = f32::from(encoded) / 255.0;
+    if encoded <= 0.04045 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
+}
+
+impl From<&TextureInfo> for TextureShape {
+    fn from(info: &TextureInfo) -> Self {
+        let &TextureInfo { kind, width, height, mean, ref levels } = info;
+        let decode = |encoded| match kind {
+            TextureKind::Color => from_srgb(encoded),
+            TextureKind::Height | TextureKind::Normal | TextureKind::Surface => f32::from(encoded) / 255.0,
+        };
+        let mean = mean.map_or([1.0; 3], |mean| mean.map(decode));
+        Self { width, height, levels: levels.len() as u32, kind, mean }
     }
 }
 
@@ -149,7 +154,7 @@ impl StreamedTexture {
         };
         let limit = (0..shape.levels).rev().find(fits);
         let format = match shape.kind {
-            TextureKind::Colour => wgpu::TextureFormat::Rgba8UnormSrgb,
+            TextureKind::Color => wgpu::TextureFormat::Rgba8UnormSrgb,
             TextureKind::Normal | TextureKind::Surface => wgpu::TextureFormat::Rgba8Unorm,
             TextureKind::Height
                 if gpu.device.features().contains(wgpu::Features::TEXTURE_FORMAT_16BIT_NORM) =>
@@ -377,6 +382,8 @@ impl WeakTexture {
 
 #[cfg(test)]
 mod tests {
+    use lodestream_scene::asset::{TextureFormat, TextureLevel};
+
     use super::*;
 
     #[test]
@@ -390,7 +397,7 @@ mod tests {
 
     #[test]
     fn level_sizes_follow_the_halving_rule() {
-        let shape = TextureShape::full(300, 7, TextureKind::Colour);
+        let shape = TextureShape::full(300, 7, TextureKind::Color);
         assert_eq!(shape.levels, 9);
         assert_eq!(shape.level_size(8), (300, 7));
         assert_eq!(shape.level_size(7), (150, 3));
@@ -406,5 +413,22 @@ mod tests {
         let rgba = TextureData::R16(&[0xffff]).convert(wgpu::TextureFormat::Rgba8UnormSrgb);
         assert_eq!(*rgba, [255; 4]);
         assert_eq!(TextureData::Rgba8(&[1, 2, 3]).texels(), 0);
+    }
+
+    #[test]
+    fn the_mean_colour_is_linear_and_white_where_none_is_said() {
+        let info = |mean| TextureInfo {
+            kind: TextureKind::Color,
+            width: 8,
+            height: 8,
+            mean,
+            levels: vec![TextureLevel { width: 8, height: 8, bytes: 100, format: TextureFormat::Png }],
+        };
+        assert_eq!(TextureShape::from(&info(None)).mean, [1.0; 3]);
+        let [r, g, b] = TextureShape::from(&info(Some([255, 188, 10]))).mean;
+        assert!(
+            (r - 1.0).abs() < 1e-6 && (g - 0.5029).abs() < 1e-4 && (b - 0.003_035).abs() < 1e-6,
+            "{r} {g} {b}"
+        );
     }
 }

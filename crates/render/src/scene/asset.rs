@@ -4,6 +4,7 @@ use std::ops::{Range, RangeInclusive};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::{DVec3, Vec3};
+use lodestream_scene::asset::Material;
 
 use crate::resources::buffer::GrowingBuffer;
 use crate::resources::gpu::{Gpu, RenderError};
@@ -13,7 +14,6 @@ use crate::resources::uploads::Uploads;
 #[cfg(any(test, feature = "methods"))]
 use crate::resources::vertex::HostMesh;
 use crate::resources::vertex::PackedVertex;
-use crate::scene::material::Material;
 use crate::scene::material_bindings::{BoundMaterial, Features, MaterialBindings};
 
 /// Largest gap between touched slots that is bridged by one upload. Each vertex costs the computation of a star, faces
@@ -102,7 +102,7 @@ impl AssetGpu {
         let parts = materials
             .iter()
             .map(|material| Part {
-                material: *material,
+                material: material.clone(),
                 bound: kit.bind(gpu, material, &textures),
                 indices: GrowingBuffer::new("index buffer", wgpu::BufferUsages::INDEX | read),
             })
@@ -302,8 +302,8 @@ impl AssetGpu {
     pub fn set_material(&mut self, gpu: &Gpu, index: usize, material: Material) -> Result<(), RenderError> {
         let count = self.parts.len();
         let part = self.parts.get_mut(index).ok_or(RenderError::NoSuch { what: "material", index, count })?;
-        part.material = material;
         part.bound = self.kit.bind(gpu, &material, &self.textures);
+        part.material = material;
         self.changed_look(true);
         Ok(())
     }
@@ -346,9 +346,9 @@ impl AssetGpu {
         if slot.upload(gpu, level, data, &rows)? {
             let mut holes = false;
             for part in &mut self.parts {
-                let m = &part.material;
-                if m.uses(texture) {
-                    part.bound = self.kit.bind(gpu, m, &self.textures);
+                let material = &part.material;
+                if material.textures().any(|used| usize::from(used) == texture) {
+                    part.bound = self.kit.bind(gpu, material, &self.textures);
                     holes |= part.bound.features.mask;
                 }
             }

@@ -3,12 +3,11 @@
 use std::sync::OnceLock;
 
 use bytemuck::{Pod, Zeroable};
-use lodestream_scene::asset::{Alpha, Wrap};
+use lodestream_scene::asset::{Alpha, Material, TextureKind, Wrap};
 use wgpu::util::DeviceExt;
 
 use crate::resources::gpu::Gpu;
-use crate::resources::texture::{Texture, TextureKind};
-use crate::scene::material::Material;
+use crate::resources::texture::Texture;
 use crate::scene::relief_acceleration::ReliefAcceleration;
 
 /// `Material` of `gbuffer.wgsl`.
@@ -29,11 +28,11 @@ struct MaterialUniform {
 
 /// Textures of a material in binding order, with their kinds.
 const KINDS: [(u32, TextureKind); 5] = [
-    (1, TextureKind::Colour),
+    (1, TextureKind::Color),
     (2, TextureKind::Height),
     (4, TextureKind::Surface),
     (5, TextureKind::Normal),
-    (6, TextureKind::Colour),
+    (6, TextureKind::Color),
 ];
 const SAMPLER: u32 = 3;
 const WRAPS: [Wrap; 3] = [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror];
@@ -131,7 +130,7 @@ impl MaterialBindings {
     /// Creates the bind group of a material with the current levels of its textures.
     pub(crate) fn bind(&self, gpu: &Gpu, material: &Material, textures: &[Texture]) -> BoundMaterial {
         let named = [
-            material.colour_texture,
+            material.base_color_texture,
             material.height_texture,
             material.surface_texture,
             material.normal_texture,
@@ -141,7 +140,7 @@ impl MaterialBindings {
         let found = named.map(|index| {
             let kind = KINDS[at].1;
             at += 1;
-            index.and_then(|i| textures.get(i)).filter(|texture| texture.kind() == kind)
+            index.and_then(|i| textures.get(usize::from(i))).filter(|texture| texture.kind() == kind)
         });
         let views = found.map(|texture| texture.and_then(Texture::view));
         // A texture's mean colour, until levels arrive.
@@ -152,12 +151,12 @@ impl MaterialBindings {
         let [colour, surface, given] = [stand_in(0), stand_in(2), stand_in(4)];
         let [_, height, surfaces, normals, _] = views.each_ref().map(Option::is_some);
         let relief = height && material.relief_depth > 0.0;
-        let [r, g, b] = std::array::from_fn(|i| material.base_colour[i] * colour[i]);
+        let [r, g, b, opacity] = material.base_color;
         let cutoff = if let Alpha::Mask(cutoff) = material.alpha { cutoff } else { 0.0 };
         let uniform = gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
             label: Some("material"),
             contents: bytemuck::bytes_of(&MaterialUniform {
-                base_colour: [r, g, b, material.opacity],
+                base_colour: [r * colour[0], g * colour[1], b * colour[2], opacity],
                 emission: std::array::from_fn(|i| material.emission[i] * given[i]),
                 normal_scale: material.normal_scale,
                 roughness: material.roughness * surface[1],

@@ -2,10 +2,9 @@
 
 pub(crate) mod asset;
 pub(crate) mod environment;
-pub(crate) mod instance;
 pub(crate) mod lights;
-pub(crate) mod material;
 pub(crate) mod material_bindings;
+pub(crate) mod placement;
 #[cfg(any(test, feature = "methods"))]
 pub(crate) mod relief_acceleration;
 #[cfg(not(any(test, feature = "methods")))]

@@ -3,9 +3,10 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
-use glam::{DQuat, DVec3, Vec3};
+use glam::{DVec3, Vec3};
 use lodestream_client::core::{Change, NewAsset, TextureChange, TexturePixels};
-use lodestream_scene::description::{InstanceEntry, SceneHeader};
+use lodestream_scene::description::SceneHeader;
+use lodestream_scene::placement::Placement;
 use lodestream_scene::pose::Pose;
 use lodestream_scene::punctual_lights::PunctualLight;
 use lodestream_scene::view::View;
@@ -23,9 +24,6 @@ use crate::resources::texture::{Texture, TextureData, TextureShape, WeakTexture}
 use crate::resources::uploads::Uploads;
 use crate::scene::asset::AssetGpu;
 use crate::scene::environment::{Atmosphere, Environment, GradientSky, Haze, Sky};
-use crate::scene::instance::Instance;
-use crate::scene::lights::{Light, Spot};
-use crate::scene::material::Material;
 use crate::scene::streamed_mesh::StreamedMeshChange;
 use crate::scene::terrain_anchored::TerrainAnchored;
 use crate::scene::terrain_renderer::{TerrainMeasurementTask, TerrainRenderer, TileSource};
@@ -50,8 +48,8 @@ pub struct SceneView {
     assets: Vec<Option<AssetGpu>>,
     /// Textures in use, by the asset and texture under which they are sent.
     textures: BTreeMap<(u32, u16), WeakTexture>,
-    /// By asset number.
-    instances: Vec<Vec<Instance>>,
+    /// Placements by asset number.
+    instances: Vec<Vec<Placement>>,
     /// Light and sky use the description's colours, without an atmosphere.
     plain: bool,
     /// Steps that wait for upload.
@@ -70,8 +68,8 @@ pub struct SceneView {
     has_punctual_lights: bool,
     /// Arrived punctual lights by page: sums over them have one order, whatever the order of arrival.
     punctual_light_pages: BTreeMap<u32, Arc<[PunctualLight]>>,
-    /// The punctual lights, as the renderer takes them.
-    lights: Vec<Light>,
+    /// The same in one list.
+    lights: Vec<PunctualLight>,
     /// The scene's terrain, if it has one.
     ground: Option<TerrainRenderer>,
     /// Vertical exaggeration.
@@ -154,8 +152,7 @@ impl SceneView {
         }
         if lit {
             // Once per upload: there may be thousands of pages.
-            self.lights =
-                self.punctual_light_pages.values().flat_map(|page| page.iter()).map(Light::from).collect();
+            self.lights = self.punctual_light_pages.values().flat_map(|page| page.iter()).copied().collect();
         }
         if self.whole && !was_whole {
             // Submit uploads now, while the first frame is planned.
@@ -246,13 +243,13 @@ impl SceneView {
                     ..Self::default()
                 };
             }
-            Change::Instances(entries) => {
-                for entry in &entries {
-                    let asset = entry.asset as usize;
+            Change::Instances(instances) => {
+                for instance in &instances {
+                    let asset = instance.asset as usize;
                     if self.instances.len() <= asset {
                         self.instances.resize_with(asset + 1, Vec::new);
                     }
-                    self.instances[asset].push(place(entry));
+                    self.instances[asset].push(instance.placement);
                 }
             }
             Change::Asset(asset) => self.add(gpu, renderer, &asset),
@@ -297,14 +294,13 @@ impl SceneView {
     }
 
     fn add(&mut self, gpu: &Gpu, renderer: &Renderer, asset: &NewAsset) {
-        let materials: Vec<Material> = asset.materials.iter().map(Material::from).collect();
         let sent_as = (0..).map(|texture| (asset.asset, texture)).zip(&asset.textures);
         let sent_as = sent_as.map(|(own, info)| {
             let first = asset.shared.iter().find(|shared| shared.texture == own.1);
             (first.map_or(own, |shared| (shared.asset, shared.of)), TextureShape::from(info))
         });
         let textures: Vec<Texture> = sent_as.map(|(id, shape)| self.texture(gpu, id, shape)).collect();
-        let mut new = renderer.create_asset_with(gpu, DVec3::from(asset.origin), &materials, textures);
+        let mut new = renderer.create_asset_with(gpu, DVec3::from(asset.origin), &asset.materials, textures);
         new.set_bounds(Vec3::from(asset.center).as_dvec3(), f64::from(asset.radius));
         let number = asset.asset as usize;
         if self.assets.len() <= number {
@@ -507,27 +503,6 @@ fn texels(pixels: &TexturePixels) -> TextureData<'_> {
         TexturePixels::R8(texels) => TextureData::R8(texels),
         TexturePixels::R16(texels) => TextureData::R16(texels),
     }
-}
-
-impl From<&PunctualLight> for Light {
-    fn from(punctual_light: &PunctualLight) -> Self {
-        let vector = |v: [f32; 3]| Vec3::from(v).as_dvec3();
-        Self {
-            position: DVec3::from(punctual_light.position),
-            intensity: Vec3::from(punctual_light.intensity),
-            range: f64::from(punctual_light.range),
-            spot: punctual_light.spot.map(|spot| Spot {
-                direction: vector(spot.direction),
-                inner: f64::from(spot.inner),
-                outer: f64::from(spot.outer),
-            }),
-        }
-    }
-}
-
-fn place(entry: &InstanceEntry) -> Instance {
-    let rotation: DQuat = entry.orientation().as_dquat();
-    Instance { translation: DVec3::from(entry.translation), rotation, scale: f64::from(entry.scale) }
 }
 
 /// Radiance of a white surface lit with π lux, the least light for which a scene with punctual lights is exposed.

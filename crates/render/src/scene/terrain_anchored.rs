@@ -1,9 +1,9 @@
 //! Terrain-anchored objects: instances and lights that follow the terrain's vertical exaggeration.
 
 use glam::DVec3;
+use lodestream_scene::placement::Placement;
+use lodestream_scene::punctual_lights::PunctualLight;
 
-use crate::scene::instance::Instance;
-use crate::scene::lights::Light;
 use crate::scene::terrain_renderer::TerrainRenderer;
 
 /// Instances and punctual lights at their exaggerated positions.
@@ -12,8 +12,8 @@ pub(crate) struct TerrainAnchored {
     /// Height of the scene's terrain at each object, in the objects' order.
     heights: Vec<f64>,
     /// The scene's instances, moved; by asset.
-    pub(crate) instances: Vec<Vec<Instance>>,
-    pub(crate) lights: Vec<Light>,
+    pub(crate) instances: Vec<Vec<Placement>>,
+    pub(crate) lights: Vec<PunctualLight>,
 }
 
 impl TerrainAnchored {
@@ -22,11 +22,11 @@ impl TerrainAnchored {
     pub(crate) fn follow(
         &mut self,
         ground: &mut TerrainRenderer,
-        instances: &[Vec<Instance>],
-        lights: &[Light],
+        instances: &[Vec<Placement>],
+        lights: &[PunctualLight],
     ) {
-        let places = instances.iter().flatten().map(|instance| instance.translation);
-        let places = || places.clone().chain(lights.iter().map(|light| light.position));
+        let places = instances.iter().flatten().map(|placement| DVec3::from(placement.translation));
+        let places = || places.clone().chain(lights.iter().map(|light| DVec3::from(light.position)));
         if self.heights.len() != places().count() {
             let factor = ground.vertical_exaggeration();
             // Heights without exaggeration.
@@ -38,12 +38,16 @@ impl TerrainAnchored {
         let mut up = |place: DVec3| place + heights.next().unwrap_or(DVec3::ZERO);
         self.instances.clear();
         for of_asset in instances {
-            let moved = of_asset
-                .iter()
-                .map(|instance| Instance { translation: up(instance.translation), ..*instance });
+            let moved = of_asset.iter().map(|placement| Placement {
+                translation: up(placement.translation.into()).into(),
+                ..*placement
+            });
             self.instances.push(moved.collect());
         }
-        self.lights = lights.iter().map(|light| Light { position: up(light.position), ..*light }).collect();
+        self.lights = lights
+            .iter()
+            .map(|light| PunctualLight { position: up(light.position.into()).into(), ..*light })
+            .collect();
     }
 
     /// Discards the looked-up heights, after the terrain has changed.

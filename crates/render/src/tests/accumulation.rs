@@ -11,8 +11,8 @@ use crate::cpu_reference::surface::DepthPicture;
 use crate::frame::graph::Resource;
 use crate::image_compare::compare;
 use crate::{
-    AmbientOcclusion, AntiAliasing, AssetGpu, DebugView, Drawable, Environment, Frame, Headless, Instance,
-    Material, OcclusionMethod, OcclusionRadius, PackedVertex, PassId, Pose, STILL_FRAMES, Settings,
+    AmbientOcclusion, AntiAliasing, AssetGpu, DebugView, Drawable, Environment, Frame, Headless, Material,
+    OcclusionMethod, OcclusionRadius, PackedVertex, PassId, Placement, Pose, STILL_FRAMES, Settings,
 };
 
 const SIZE: (u32, u32) = (96, 64);
@@ -51,7 +51,7 @@ impl Scene {
 
     /// Draws a frame; returns the number of occlusion passes that ran.
     fn draw(&self, h: &mut Headless, x: f64, frame: impl FnOnce(&mut Frame<'_>)) -> usize {
-        let (here, there) = ([Instance::default()], [at(x, 0.5, 0.0, 1.0)]);
+        let (here, there) = ([Placement::default()], [at(x, 0.5, 0.0, 1.0)]);
         let drawables = [
             Drawable { asset: &self.floor, instances: &here },
             Drawable { asset: &self.box_, instances: &there },

@@ -11,8 +11,8 @@ use crate::frame::graph::Resource;
 use crate::resources::descriptors::texture_2d;
 use crate::resources::readback::read_texture;
 use crate::{
-    AmbientOcclusion, AntiAliasing, Drawable, Frame, GradientSky, Headless, Instance, Material,
-    OcclusionMethod, OcclusionNormals, OcclusionRadius, Pose, Renderer, Sky, Target, ToneMapping,
+    AmbientOcclusion, AntiAliasing, Drawable, Frame, GradientSky, Headless, Material, OcclusionMethod,
+    OcclusionNormals, OcclusionRadius, Placement, Pose, Renderer, Sky, Target, ToneMapping,
 };
 
 #[test]
@@ -192,7 +192,8 @@ fn smoothed_edges_match_their_cpu_reference_and_come_nearer_to_the_truth() {
     let camera = Pose::look_at(DVec3::new(0.6, 1.3, 2.2), DVec3::new(0.0, 0.1, 0.0), DVec3::Y, 0.8);
     let scene = |h: &mut Headless, anti_aliasing: AntiAliasing| {
         let box_ = asset(h, &cube(), Material::default());
-        let ball = asset(h, &sphere(24), Material { base_colour: [0.1, 0.2, 0.5], ..Material::default() });
+        let ball =
+            asset(h, &sphere(24), Material { base_color: [0.1, 0.2, 0.5, 1.0], ..Material::default() });
         let drawables = [
             Drawable { asset: &box_, instances: &[at(0.0, -1.0, 0.0, 2.0), at(0.3, 0.25, 0.3, 0.5)] },
             Drawable { asset: &ball, instances: &[at(-0.4, 0.3, 0.2, 0.6)] },
@@ -241,7 +242,7 @@ fn srgb_targets_show_the_same_picture() {
     let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
     let target = gpu.device.create_texture(&texture_2d("picture", (64, 64), format, usage));
     let ball = asset(&h, &sphere(24), Material::default());
-    let drawables = [Drawable { asset: &ball, instances: &[Instance::default()] }];
+    let drawables = [Drawable { asset: &ball, instances: &[Placement::default()] }];
     let camera = Pose::look_at(DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 0.7);
     let frame = Frame::new(camera, &drawables);
     h.frame(&frame).unwrap();

@@ -8,7 +8,7 @@ use super::terrain::{draw, entry, ground_height, scene};
 use super::{headless, keep};
 use crate::cpu_reference::tone;
 use crate::{
-    AntiAliasing, DebugView, Drawable, Frame, Headless, Instance, Material, Pose, Settings, TextureData,
+    AntiAliasing, DebugView, Drawable, Frame, Headless, Material, Placement, Pose, Settings, TextureData,
     TextureKind, TextureShape,
 };
 use lodestream_terrain::{Mode, Shape, Stamp};
@@ -80,8 +80,8 @@ fn banks_are_not_smeared() {
 /// A floor of stripes that run away from the eye, two texels wide.
 fn floor<R>(h: &mut Headless, draw: impl FnOnce(&mut Headless, &[Drawable<'_>]) -> R) -> R {
     const SIDE: u32 = 64;
-    let material = Material { colour_texture: Some(0), base_colour: [1.0; 3], ..Material::default() };
-    let shape = TextureShape::full(SIDE, SIDE, TextureKind::Colour);
+    let material = Material { base_color_texture: Some(0), base_color: [1.0; 4], ..Material::default() };
+    let shape = TextureShape::full(SIDE, SIDE, TextureKind::Color);
     let mut asset = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[material], &[shape]);
     fill(h, &mut asset, &quad([-8.0, 0.0, 0.0], [16.0, 0.0, 0.0], [0.0, 0.0, -16.0], 8.0));
     for level in 0..=SIDE.ilog2() {
@@ -95,7 +95,7 @@ fn floor<R>(h: &mut Headless, draw: impl FnOnce(&mut Headless, &[Drawable<'_>]) 
             (0..side * side).flat_map(|i| [[mean(i % side); 3].as_slice(), &[255]].concat()).collect();
         asset.update_texture(h.gpu(), 0, level, TextureData::Rgba8(&texels)).unwrap();
     }
-    draw(h, &[Drawable { asset: &asset, instances: &[Instance::default()] }])
+    draw(h, &[Drawable { asset: &asset, instances: &[Placement::default()] }])
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use glam::{DQuat, DVec3};
 use image::RgbaImage;
 
-use super::shapes::{asset, at, cube, join, quad, sphere};
+use super::shapes::{asset, at, cube, join, opaque, quad, sphere};
 use super::{headless, keep};
 use crate::cpu_reference::brdf::octahedral;
 use crate::cpu_reference::debug;
@@ -12,7 +12,7 @@ use crate::frame::graph::Resource;
 use crate::resources::descriptors::texture_2d;
 use crate::resources::readback::read_texture;
 use crate::{
-    Alpha, DebugView, Drawable, Frame, Headless, Instance, Load, Material, PassId, Pose, Renderer, Settings,
+    Alpha, DebugView, Drawable, Frame, Headless, Load, Material, PassId, Placement, Pose, Renderer, Settings,
     Target,
 };
 
@@ -32,12 +32,13 @@ fn plane<R>(
     h: &mut Headless,
     draw: impl FnOnce(&mut Headless, &dyn Fn(DebugView) -> Frame<'static>) -> R,
 ) -> R {
-    let material = Material { base_colour: COLOUR, roughness: 0.3, metallic: 0.6, ..Material::default() };
+    let material =
+        Material { base_color: opaque(COLOUR), roughness: 0.3, metallic: 0.6, ..Material::default() };
     let wall = asset(h, &quad([-9.0, -9.0, 0.0], [18.0, 0.0, 0.0], [0.0, 18.0, 0.0], 1.0), material);
-    let turned = Instance { rotation: DQuat::from_rotation_y(0.5), ..Instance::default() };
+    let turned = Placement { rotation: glam::Quat::from_rotation_y(0.5).into(), ..Placement::default() };
     // A test's few frames may live as long as it.
     let wall: &'static _ = Box::leak(Box::new(wall));
-    let instances: &'static [Instance] = Box::leak(Box::new([turned]));
+    let instances: &'static [Placement] = Box::leak(Box::new([turned]));
     let drawables: &'static [Drawable<'static>] = Box::leak(Box::new([Drawable { asset: wall, instances }]));
     draw(h, &|view| Frame { settings: settings(view), ..Frame::new(camera(), drawables) })
 }
@@ -141,9 +142,9 @@ fn cascade_view_shows_the_deciding_cascade() {
     let floor =
         asset(&h, &quad([-40.0, 0.0, 2.0], [80.0, 0.0, 0.0], [0.0, 0.0, -160.0], 1.0), Material::default());
     let ball = asset(&h, &sphere(16), Material::default());
-    let balls: Vec<Instance> = (0..7).map(|i| at(0.3, 0.4, 0.5 - f64::from(1 << i), 0.8)).collect();
+    let balls: Vec<Placement> = (0..7).map(|i| at(0.3, 0.4, 0.5 - f64::from(1 << i), 0.8)).collect();
     let drawables = [
-        Drawable { asset: &floor, instances: &[Instance::default()] },
+        Drawable { asset: &floor, instances: &[Placement::default()] },
         Drawable { asset: &ball, instances: &balls },
     ];
     let camera = Pose::look_at(DVec3::new(0.0, 0.6, 1.5), DVec3::new(0.0, 0.3, -2.0), DVec3::Y, 0.9);
@@ -181,7 +182,7 @@ fn overdraw_counts_what_was_drawn_before_something_nearer() {
     let near = quad([0.0, -9.0, 0.0], [9.0, 0.0, 0.0], [0.0, 18.0, 0.0], 1.0);
     for (mesh, behind) in [(join(&[far.clone(), near.clone()]), 2.0), (join(&[near, far]), 1.0)] {
         let quads = asset(&h, &mesh, Material::default());
-        let drawables = [Drawable { asset: &quads, instances: &[Instance::default()] }];
+        let drawables = [Drawable { asset: &quads, instances: &[Placement::default()] }];
         let frame = Frame { settings: settings(DebugView::Overdraw), ..Frame::new(camera(), &drawables) };
         let counters = h.frame(&frame).unwrap();
         assert_eq!(counters.passes, [PassId::Overdraw, PassId::Debug]);
@@ -204,14 +205,14 @@ fn assert_overdraw(h: &Headless, [left, right]: [f64; 2]) {
 fn overdraw_skips_holes_and_transparent_surfaces_hide_nothing() {
     let Some(mut h) = headless(SIZE[0], SIZE[1]) else { return };
     let half = |left: f32, z: f32| quad([left, -9.0, z], [9.0, 0.0, 0.0], [0.0, 18.0, 0.0], 1.0);
-    let hole = Material { opacity: 0.2, alpha: Alpha::Mask(0.5), ..Material::default() };
-    let pane = Material { opacity: 0.2, alpha: Alpha::Blend, ..Material::default() };
+    let hole = Material { base_color: [0.7, 0.7, 0.7, 0.2], alpha: Alpha::Mask(0.5), ..Material::default() };
+    let pane = Material { base_color: [0.7, 0.7, 0.7, 0.2], alpha: Alpha::Blend, ..Material::default() };
     let hole = asset(&h, &half(-9.0, 0.0), hole);
     // The nearer of two is drawn first, and the other lies behind it.
     let panes = asset(&h, &join(&[half(0.0, 0.5), half(0.0, 0.0)]), pane);
     let wall = quad([-9.0, -9.0, -1.0], [18.0, 0.0, 0.0], [0.0, 18.0, 0.0], 1.0);
     let wall = asset(&h, &wall, Material::default());
-    let instances = &[Instance::default()];
+    let instances = &[Placement::default()];
     let drawables = [&hole, &panes, &wall].map(|asset| Drawable { asset, instances });
     for (drawables, halves) in [(&drawables[..], [1.0, 3.0]), (&drawables[..2], [0.0, 2.0])] {
         let frame = Frame { settings: settings(DebugView::Overdraw), ..Frame::new(camera(), drawables) };
@@ -224,8 +225,8 @@ fn overdraw_skips_holes_and_transparent_surfaces_hide_nothing() {
 fn unlit_surfaces_have_no_normal() {
     let Some(mut h) = headless(SIZE[0], SIZE[1]) else { return };
     let wall = quad([-9.0, -9.0, 0.0], [18.0, 0.0, 0.0], [0.0, 18.0, 0.0], 1.0);
-    let wall = asset(&h, &wall, Material { unlit: true, base_colour: COLOUR, ..Material::default() });
-    let drawables = [Drawable { asset: &wall, instances: &[Instance::default()] }];
+    let wall = asset(&h, &wall, Material { unlit: true, base_color: opaque(COLOUR), ..Material::default() });
+    let drawables = [Drawable { asset: &wall, instances: &[Placement::default()] }];
     let frame = |view| Frame { settings: settings(view), ..Frame::new(camera(), &drawables) };
     let none = debug::normal([2.0; 2]);
     assert_shows(&picture(&mut h, &frame(DebugView::Normal)), |_, _| Some(none), "normal");

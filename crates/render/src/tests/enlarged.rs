@@ -15,7 +15,7 @@ const SCALE: f32 = 0.5;
 /// Draws a still life a number of times.
 fn draw(h: &mut Headless, anti_aliasing: AntiAliasing, render_scale: f32, frames: u32) -> Counters {
     let box_ = asset(h, &cube(), Material::default());
-    let ball = asset(h, &sphere(24), Material { base_colour: [0.1, 0.2, 0.5], ..Material::default() });
+    let ball = asset(h, &sphere(24), Material { base_color: [0.1, 0.2, 0.5, 1.0], ..Material::default() });
     let drawables = [
         Drawable { asset: &box_, instances: &[at(0.0, -1.0, 0.0, 2.0), at(0.3, 0.25, 0.3, 0.5)] },
         Drawable { asset: &ball, instances: &[at(-0.4, 0.3, 0.2, 0.6)] },

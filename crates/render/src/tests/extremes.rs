@@ -1,7 +1,7 @@
 //! A scene with all effects at extreme scales, places, depths, fields of view, picture sizes and numbers of punctual
 //! lights. `docs/extremes.md` has the table.
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use half::f16;
 use image::RgbaImage;
 
@@ -11,8 +11,8 @@ use crate::cpu_reference::depth::view_ray;
 use crate::frame::graph::Resource;
 use crate::image_compare::{Comparison, compare};
 use crate::{
-    Alpha, AntiAliasing, AssetGpu, Drawable, Environment, Frame, Haze, Headless, Instance, Light, Material,
-    PassId, Pose, Settings, Spot, Water,
+    Alpha, AntiAliasing, AssetGpu, Drawable, Environment, Frame, Haze, Headless, Material, PassId, Placement,
+    Pose, PunctualLight, Settings, Spot, Water,
 };
 
 const SIZE: (u32, u32) = (97, 65);
@@ -74,18 +74,21 @@ impl Scene {
         let floor = quad([-6.0, -0.6, 3.0], [12.0, 0.5, 0.0], [0.0, 0.2, -9.0], 1.0);
         let wall = quad([0.4, -0.6, -1.4], [2.0, 0.0, 0.0], [0.0, 1.6, 0.0], 1.0);
         let pane = quad([-1.8, -0.6, 1.0], [1.1, 0.0, 0.0], [0.0, 1.4, 0.0], 1.0);
-        let glass = Material {
-            base_colour: [0.7, 0.9, 0.8],
-            opacity: 0.4,
-            alpha: Alpha::Blend,
+        let glass = Material { base_color: [0.7, 0.9, 0.8, 0.4], alpha: Alpha::Blend, ..Material::default() };
+        let gold = Material {
+            base_color: [0.9, 0.6, 0.2, 1.0],
+            metallic: 1.0,
+            roughness: 0.4,
             ..Material::default()
         };
-        let gold =
-            Material { base_colour: [0.9, 0.6, 0.2], metallic: 1.0, roughness: 0.4, ..Material::default() };
         let punctual_light =
-            Material { base_colour: [0.1; 3], emission: [1.4, 0.4, 0.0], ..Material::default() };
+            Material { base_color: [0.1, 0.1, 0.1, 1.0], emission: [1.4, 0.4, 0.0], ..Material::default() };
         Self {
-            floor: asset(h, &sized(floor), Material { base_colour: [0.4; 3], ..Material::default() }),
+            floor: asset(
+                h,
+                &sized(floor),
+                Material { base_color: [0.4, 0.4, 0.4, 1.0], ..Material::default() },
+            ),
             wall: brick_asset(h, &sized(wall), 0.03),
             ball: asset(h, &sized(sphere(24)), gold),
             glow: asset(h, &sized(sphere(16)), punctual_light),
@@ -98,18 +101,17 @@ impl Scene {
     /// without history, so the result depends on the arguments only. Checks that all targets hold finite numbers.
     fn draw(&self, h: &mut Headless, view: View) -> RgbaImage {
         let View { scale, offset, fov, away, .. } = view;
-        let place = |x, y, z, size: f64| Instance {
-            translation: offset + DVec3::new(x, y, z) * scale,
-            scale: size * scale * self.unit,
-            ..Instance::default()
+        let place = |x, y, z, size: f64| Placement {
+            scale: (size * scale * self.unit) as f32,
+            ..Placement::at((offset + DVec3::new(x, y, z) * scale).into())
         };
-        let punctual_light = |x, y, z, spot| Light {
-            position: offset + DVec3::new(x, y, z) * scale,
-            intensity: Vec3::splat(1.2 * (scale * scale) as f32 / view.punctual_lights as f32),
-            range: 1.5 * scale,
+        let punctual_light = |x, y, z, spot| PunctualLight {
+            position: (offset + DVec3::new(x, y, z) * scale).into(),
+            intensity: [1.2 * (scale * scale) as f32 / view.punctual_lights as f32; 3],
+            range: 1.5 * scale as f32,
             spot,
         };
-        let cone = Spot { direction: DVec3::NEG_Y, inner: 0.3, outer: 0.7 };
+        let cone = Spot { direction: [0.0, -1.0, 0.0], inner: 0.3, outer: 0.7 };
         let punctual_lights =
             [punctual_light(1.4, 0.3, 0.6, None), punctual_light(-0.6, 0.7, -1.0, Some(cone))];
         let lights: Vec<_> = punctual_lights
@@ -242,9 +244,8 @@ fn everything_a_planets_radius_away_is_the_same_picture() {
 
 /// Balls, glass bubbles before them and punctual lights, all scaled with their distance, at four depths.
 fn at_depths(h: &mut Headless, depths: [f64; 4], anti_aliasing: AntiAliasing) -> (RgbaImage, Vec<f32>) {
-    let ball = asset(h, &sphere(24), Material { base_colour: [0.6, 0.4, 0.3], ..Material::default() });
-    let glass =
-        Material { base_colour: [0.7, 0.9, 1.0], opacity: 0.4, alpha: Alpha::Blend, ..Material::default() };
+    let ball = asset(h, &sphere(24), Material { base_color: [0.6, 0.4, 0.3, 1.0], ..Material::default() });
+    let glass = Material { base_color: [0.7, 0.9, 1.0, 0.4], alpha: Alpha::Blend, ..Material::default() };
     let glass = asset(h, &sphere(24), glass);
     let corners = [[-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]];
     let place = |i: usize, offset: [f64; 3]| {
@@ -252,19 +253,16 @@ fn at_depths(h: &mut Headless, depths: [f64; 4], anti_aliasing: AntiAliasing) ->
         DVec3::new(0.24 * x + offset[0], 0.2 * y + offset[1], -1.0 + offset[2]) * depths[i]
     };
     let of = |size: f64, offset| {
-        [0, 1, 2, 3].map(|i| Instance {
-            translation: place(i, offset),
-            scale: size * depths[i],
-            ..Instance::default()
-        })
+        [0, 1, 2, 3]
+            .map(|i| Placement { scale: (size * depths[i]) as f32, ..Placement::at(place(i, offset).into()) })
     };
     let (balls, bubbles) = (of(0.3, [0.0; 3]), of(0.12, [0.04, 0.05, 0.3]));
     let drawables =
         [Drawable { asset: &ball, instances: &balls }, Drawable { asset: &glass, instances: &bubbles }];
-    let lights = [0, 1, 2, 3].map(|i| Light {
-        position: place(i, [-0.12, 0.0, 0.3]),
-        intensity: Vec3::new(0.05, 0.03, 0.01) * (depths[i] * depths[i]) as f32,
-        range: 0.5 * depths[i],
+    let lights = [0, 1, 2, 3].map(|i| PunctualLight {
+        position: place(i, [-0.12, 0.0, 0.3]).into(),
+        intensity: [0.05, 0.03, 0.01].map(|colour| colour * (depths[i] * depths[i]) as f32),
+        range: 0.5 * depths[i] as f32,
         spot: None,
     });
     let camera = Pose::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 0.9);
@@ -336,7 +334,7 @@ fn angles_of_view_from_a_tenth_of_a_degree_to_175() {
         asset(&h, &quad([-60.0, 0.0, 60.0], [120.0, 0.0, 0.0], [0.0, 0.0, -120.0], 1.0), Material::default());
     let drawables = [
         Drawable { asset: &ball, instances: &[at(0.0, 1.0, 0.0, 2.0)] },
-        Drawable { asset: &floor, instances: &[Instance::default()] },
+        Drawable { asset: &floor, instances: &[Placement::default()] },
     ];
     let camera =
         Pose::look_at(DVec3::new(0.0, 1.2, 1.1), DVec3::new(0.0, 1.0, 0.0), DVec3::Y, 175_f64.to_radians());

@@ -4,7 +4,7 @@ use glam::DVec3;
 use half::f16;
 
 use super::headless;
-use super::shapes::{asset, at, cube, quad, sphere};
+use super::shapes::{asset, at, cube, opaque, quad, sphere};
 use crate::frame::accumulation::AccumulationStep;
 use crate::frame::camera::{clip_from_view, view_from_world};
 use crate::frame::graph::Resource;
@@ -17,7 +17,7 @@ use crate::passes::temporal::{Resolve, TemporalStep};
 use crate::resources::descriptors::{texture_2d, uniform_buffer};
 use crate::resources::readback::read_texture;
 use crate::{
-    AntiAliasing, AssetGpu, Drawable, Environment, Frame, GradientSky, Headless, Instance, Material, Pose,
+    AntiAliasing, AssetGpu, Drawable, Environment, Frame, GradientSky, Headless, Material, Placement, Pose,
     Settings, Sky,
 };
 
@@ -31,7 +31,8 @@ struct Scene {
 
 impl Scene {
     fn new(h: &Headless) -> Self {
-        let of = |mesh, base_colour| asset(h, mesh, Material { base_colour, ..Material::default() });
+        let of =
+            |mesh, colour| asset(h, mesh, Material { base_color: opaque(colour), ..Material::default() });
         Self {
             box_: of(&cube(), [0.8; 3]),
             ball: of(&sphere(16), [0.1, 0.3, 0.6]),
@@ -44,7 +45,7 @@ impl Scene {
         let drawables = [
             Drawable { asset: &self.box_, instances: &[at(-0.6, 0.0, 0.0, 1.0)] },
             Drawable { asset: &self.ball, instances: &[at(0.6 + moved, 0.1, 0.3, 0.8)] },
-            Drawable { asset: &self.floor, instances: &[Instance::default()] },
+            Drawable { asset: &self.floor, instances: &[Placement::default()] },
         ];
         let eye = DVec3::new(0.4 + moved, 0.9, 2.6);
         let camera = Pose::look_at(eye, DVec3::new(moved, 0.2, 0.0), DVec3::Y, 0.8);

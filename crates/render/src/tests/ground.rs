@@ -12,7 +12,7 @@ use crate::cpu_reference::depth::view_ray;
 use crate::cpu_reference::tone::decode_srgb;
 use crate::frame::graph::Resource;
 use crate::{
-    AntiAliasing, Drawable, Environment, Frame, Headless, Instance, Material, Pose, Settings, TileSource,
+    AntiAliasing, Drawable, Environment, Frame, Headless, Material, Placement, Pose, Settings, TileSource,
 };
 
 /// The names of the zones, from the lowest.
@@ -171,12 +171,12 @@ fn snow_and_marble_in_shade_are_white() {
     let Some(mut h) = headless(240, 135) else { return };
     let entry = all_of(3);
     let mut ground = scene(&h, &entry);
-    let marble = Material { base_colour: [0.86, 0.85, 0.83], roughness: 0.4, ..Material::default() };
-    let block = asset(&h, &cube(), marble);
+    let marble = Material { base_color: [0.86, 0.85, 0.83, 1.0], roughness: 0.4, ..Material::default() };
+    let block = asset(&h, &cube(), marble.clone());
     let floor = asset(&h, &quad([-4.0, 0.0, 4.0], [8.0, 0.0, 0.0], [0.0, 0.0, -8.0], 1.0), marble);
     let drawables = [
         Drawable { asset: &block, instances: &[at(0.0, 0.5, 0.0, 1.0)] },
-        Drawable { asset: &floor, instances: &[Instance::default()] },
+        Drawable { asset: &floor, instances: &[Placement::default()] },
     ];
     let mut blue = Vec::new();
     for degrees in [48.0_f64, 30.0, 12.0] {

@@ -6,7 +6,7 @@ use image::RgbaImage;
 use super::shapes::{asset, at, quad, sphere};
 use super::{headless, keep};
 use crate::image_compare::compare;
-use crate::{Drawable, Environment, Frame, Haze, Instance, Material, Pose, Settings};
+use crate::{Drawable, Environment, Frame, Haze, Material, Placement, Pose, Settings};
 
 /// Colours along the middle column, from the top.
 fn column(image: &RgbaImage) -> Vec<[i32; 3]> {
@@ -17,7 +17,7 @@ fn column(image: &RgbaImage) -> Vec<[i32; 3]> {
 #[test]
 fn haze_hides_the_border_of_terrain() {
     let Some(mut h) = headless(64, 256) else { return };
-    let dark = Material { base_colour: [0.02; 3], ..Material::default() };
+    let dark = Material { base_color: [0.02, 0.02, 0.02, 1.0], ..Material::default() };
     let floor = asset(&h, &quad([-0.5, 0.0, 0.5], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0], 1.0), dark);
     // Eighty kilometres of ground, seen from a tower: it ends half a degree, thirty lines, below the horizon.
     let ground = [at(0.0, 0.0, 0.0, 80e3)];
@@ -49,11 +49,10 @@ fn haze_keeps_near_colours_at_any_scale() {
     let ball = asset(&h, &sphere(24), Material::default());
     let mut shoot = |scale: f64, offset: DVec3, haze: Option<f64>| {
         let places = [
-            Instance { translation: offset, scale, ..Instance::default() },
-            Instance {
-                translation: offset + DVec3::new(3.0, 2.0, -20.0) * scale,
-                scale: 8.0 * scale,
-                ..Instance::default()
+            Placement { scale: scale as f32, ..Placement::at(offset.into()) },
+            Placement {
+                scale: 8.0 * scale as f32,
+                ..Placement::at((offset + DVec3::new(3.0, 2.0, -20.0) * scale).into())
             },
         ];
         let drawables = [Drawable { asset: &ball, instances: &places }];

@@ -195,27 +195,28 @@ fn invalid_factors_are_ignored_or_clamped() {
 #[test]
 fn anchored_objects_follow_the_terrain() {
     use crate::scene::terrain_anchored::TerrainAnchored;
-    use crate::{Instance, Light};
+    use crate::{Placement, PunctualLight};
     let Some(h) = headless(8, 8) else { return };
     let entry = entry(3);
     let mut ground = scene(&h, &entry);
     let height = |x: f64, z: f64| ground_between(&entry, x, z) * f64::from(entry.height_unit);
     let stands = |x: f64, z: f64, over: f64| DVec3::new(x, height(x, z) + over, z);
-    let instance = |at| Instance { translation: at, ..Instance::default() };
+    let instance = |at: DVec3| Placement::at(at.into());
     let instances = vec![
         vec![instance(stands(10.5, -3.0, 0.0)), instance(stands(-400.0, 77.0, 2.0))],
         Vec::new(),
         vec![instance(stands(900.0, 900.0, -1.0))],
     ];
-    let light = |at| Light { position: at, intensity: glam::Vec3::ONE, range: 5.0, spot: None };
+    let light =
+        |at: DVec3| PunctualLight { position: at.into(), intensity: [1.0; 3], range: 5.0, spot: None };
     let lights = vec![light(stands(10.5, -3.0, 4.0))];
     let mut standing = TerrainAnchored::default();
     for factor in [3.0, 0.0, 1.5] {
         ground.set_vertical_exaggeration(factor);
         standing.follow(&mut ground, &instances, &lights);
-        let near = |got: DVec3, x: f64, z: f64, over: f64| {
+        let near = |got: [f64; 3], x: f64, z: f64, over: f64| {
             let want = DVec3::new(x, height(x, z) * factor + over, z);
-            assert!(got.distance(want) < 1e-2, "× {factor}: {got} {want}");
+            assert!(want.distance(got.into()) < 1e-2, "× {factor}: {got:?} {want}");
         };
         near(standing.instances[0][0].translation, 10.5, -3.0, 0.0);
         near(standing.instances[0][1].translation, -400.0, 77.0, 2.0);

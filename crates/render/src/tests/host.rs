@@ -1,6 +1,6 @@
 //! Drawing into a host's colour and depth targets, with its device.
 
-use glam::{DQuat, DVec3};
+use glam::{DVec3, Quat};
 use image::RgbaImage;
 
 use super::headless;
@@ -8,7 +8,7 @@ use super::shapes::{asset, at, cube, sphere};
 use crate::resources::descriptors::texture_2d;
 use crate::resources::readback::read_texture;
 use crate::{
-    AntiAliasing, Drawable, Frame, Gpu, Headless, Instance, Load, Material, Pose, RenderError, Renderer,
+    AntiAliasing, Drawable, Frame, Gpu, Headless, Load, Material, Placement, Pose, RenderError, Renderer,
     Settings, Target,
 };
 
@@ -21,8 +21,8 @@ const HOST: [u8; 4] = [10, 20, 30, 255];
 /// Two objects before the sky.
 fn scene<R>(h: &mut Headless, draw: impl FnOnce(&mut Headless, &Frame<'_>) -> R) -> R {
     let box_ = asset(h, &cube(), Material::default());
-    let ball = asset(h, &sphere(24), Material { base_colour: [0.1, 0.3, 0.6], ..Material::default() });
-    let turned = Instance { rotation: DQuat::from_rotation_y(0.6), ..at(-0.6, 0.0, 0.0, 1.0) };
+    let ball = asset(h, &sphere(24), Material { base_color: [0.1, 0.3, 0.6, 1.0], ..Material::default() });
+    let turned = Placement { rotation: Quat::from_rotation_y(0.6).into(), ..at(-0.6, 0.0, 0.0, 1.0) };
     let drawables = [
         Drawable { asset: &box_, instances: &[turned] },
         Drawable { asset: &ball, instances: &[at(0.7, 0.1, -0.4, 1.0)] },

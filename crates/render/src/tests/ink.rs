@@ -1,6 +1,6 @@
 //! Ink: strokes and light levels against their CPU reference, the edges that have strokes, and cases without strokes.
 
-use glam::{DQuat, DVec2, DVec3};
+use glam::{DVec2, DVec3, Quat};
 use half::f16;
 use image::RgbaImage;
 
@@ -10,8 +10,8 @@ use crate::cpu_reference::depth::{project, view_depth, view_ray};
 use crate::cpu_reference::ink::{Stroke, blurred, edges, is_seen, kind, level_of, noise};
 use crate::frame::graph::Resource;
 use crate::{
-    Alpha, AntiAliasing, AssetGpu, DebugView, Drawable, Frame, Headless, Ink, Instance, Material,
-    PackedVertex, PassId, PnTriangles, Pose, Settings,
+    Alpha, AntiAliasing, AssetGpu, DebugView, Drawable, Frame, Headless, Ink, Material, PackedVertex, PassId,
+    Placement, PnTriangles, Pose, Settings,
 };
 
 const NEAR: f64 = 1e-4;
@@ -49,7 +49,7 @@ fn count(strokes: &[u8]) -> usize {
 
 /// Draws one mesh at the origin and returns its strokes.
 fn drawn(h: &mut Headless, asset: &AssetGpu, camera: Pose, ink: Ink) -> Vec<u8> {
-    let drawables = [Drawable { asset, instances: &[Instance::default()] }];
+    let drawables = [Drawable { asset, instances: &[Placement::default()] }];
     draw(h, &drawables, camera, inked(ink));
     strokes(h)
 }
@@ -72,8 +72,8 @@ fn strokes_match_their_cpu_reference() {
     let meshes = [sphere(12), cube(), quad([-1.0, -0.7, 1.0], [2.5, 0.0, 0.0], [0.0, 0.1, -2.5], 1.0)];
     let places = [
         at(-0.4, 0.1, 0.2, 1.1),
-        Instance { rotation: DQuat::from_rotation_y(0.7), ..at(0.6, 0.0, -0.2, -0.8) },
-        Instance::default(),
+        Placement { rotation: Quat::from_rotation_y(0.7).into(), ..at(0.6, 0.0, -0.2, 0.8) },
+        Placement::default(),
     ];
     let assets = meshes.each_ref().map(|mesh| asset(&h, mesh, Material::default()));
     let drawables: Vec<_> = assets
@@ -127,7 +127,7 @@ fn strokes_match_their_cpu_reference() {
 fn quantised_light_matches_its_cpu_reference() {
     let (width, height) = (128, 96);
     let Some(mut h) = headless(width, height) else { return };
-    let ball = asset(&h, &sphere(48), Material { base_colour: [0.7, 0.4, 0.2], ..Material::default() });
+    let ball = asset(&h, &sphere(48), Material { base_color: [0.7, 0.4, 0.2, 1.0], ..Material::default() });
     let offset = DVec3::new(1234.5, -20.25, 6_000_000.75);
     let places = [at(offset.x, offset.y, offset.z, 1.0)];
     let drawables = [Drawable { asset: &ball, instances: &places }];
@@ -269,7 +269,7 @@ fn strokes_behind_a_wall_are_hidden() {
         asset(&h, &quad([-4.0, -4.0, 0.0], [8.0, 0.0, 0.0], [0.0, 8.0, 0.0], 1.0), Material::default());
     let camera = view([0.2, 0.1, 3.0]);
     let behind = [at(0.0, 0.0, -1.0, 1.0)];
-    let wall = Drawable { asset: &wall, instances: &[Instance::default()] };
+    let wall = Drawable { asset: &wall, instances: &[Placement::default()] };
     let drawables = [wall, Drawable { asset: &ball, instances: &behind }];
     draw(&mut h, &drawables, camera, inked(contours()));
     assert_eq!(count(&strokes(&h)), 0);
@@ -311,7 +311,8 @@ fn parts_of_different_materials_have_no_border_between_them() {
     let Some(mut h) = headless(96, 96) else { return };
     let mesh = sphere(16);
     let whole = asset(&h, &mesh, Material::default());
-    let materials = [Material::default(), Material { base_colour: [0.2; 3], ..Material::default() }];
+    let materials =
+        [Material::default(), Material { base_color: [0.2, 0.2, 0.2, 1.0], ..Material::default() }];
     let mut two = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &materials, &[]);
     two.update_vertices(h.gpu(), 0, &mesh.0).unwrap();
     let (left, right) = mesh.1.split_at(mesh.1.len() / 3);
@@ -387,7 +388,7 @@ fn strokes_follow_morphing_vertices() {
     let (moving, half_way) =
         (asset(&h, &moving, Material::default()), asset(&h, &grown(0.75), Material::default()));
     let mut at_time = |asset: &AssetGpu, time_s| {
-        let drawables = [Drawable { asset, instances: &[Instance::default()] }];
+        let drawables = [Drawable { asset, instances: &[Placement::default()] }];
         let camera = view([0.3, 0.4, 2.0]);
         h.frame(&Frame { settings: inked(contours()), time_s, ..Frame::new(camera, &drawables) }).unwrap();
         strokes(&h)
@@ -402,7 +403,7 @@ fn strokes_follow_morphing_vertices() {
 fn without_ink_the_picture_is_unchanged() {
     let Some(mut h) = headless(96, 64) else { return };
     let ball = asset(&h, &sphere(16), Material::default());
-    let drawables = [Drawable { asset: &ball, instances: &[Instance::default()] }];
+    let drawables = [Drawable { asset: &ball, instances: &[Placement::default()] }];
     let camera = view([0.3, 0.4, 2.0]);
     let off = Settings { near: NEAR, ..Settings::default() };
     let plain = draw(&mut h, &drawables, camera, off);

@@ -5,13 +5,13 @@ use half::f16;
 
 use super::shapes::{Mesh, asset, at, quad, sphere};
 use super::{headless, keep};
+use crate::cpu_reference;
 use crate::cpu_reference::brdf::{Reflector, from_octahedral};
 use crate::cpu_reference::depth::view_ray;
-use crate::cpu_reference::lights::PunctualLight;
 use crate::frame::graph::Resource;
 use crate::{
-    Alpha, AntiAliasing, DebugView, Drawable, Environment, Frame, GradientSky, Headless, Instance, Light,
-    LightCulling, Material, PassId, Pose, Settings, Sky, Spot,
+    Alpha, AntiAliasing, DebugView, Drawable, Environment, Frame, GradientSky, Headless, LightCulling,
+    Material, PassId, Placement, Pose, PunctualLight, Settings, Sky, Spot,
 };
 
 /// An environment without light.
@@ -43,17 +43,17 @@ fn numbers() -> impl FnMut() -> f64 {
 }
 
 /// Punctual lights of many colours over the floor, every third one a spot that shines down.
-fn punctual_lights(count: usize, reach: f64) -> Vec<Light> {
+fn punctual_lights(count: usize, reach: f64) -> Vec<PunctualLight> {
     let mut next = numbers();
     (0..count)
-        .map(|i| Light {
-            position: DVec3::new(14.0 * next() - 7.0, 0.1 + next(), 14.0 * next() - 7.0),
-            intensity: DVec3::new(next(), next(), next()).as_vec3() * 0.5,
-            range: reach * (0.5 + next()),
+        .map(|i| PunctualLight {
+            position: [14.0 * next() - 7.0, 0.1 + next(), 14.0 * next() - 7.0],
+            intensity: [next(), next(), next()].map(|colour| colour as f32 * 0.5),
+            range: (reach * (0.5 + next())) as f32,
             spot: (i % 3 == 0).then(|| Spot {
-                direction: DVec3::new(next() - 0.5, -1.0, next() - 0.5),
+                direction: DVec3::new(next() - 0.5, -1.0, next() - 0.5).as_vec3().to_array(),
                 inner: 0.2,
-                outer: 0.3 + next(),
+                outer: 0.3 + next() as f32,
             }),
         })
         .collect()
@@ -65,16 +65,19 @@ fn halves(h: &Headless, resource: Resource) -> Vec<[f64; 4]> {
 }
 
 /// Draws a floor and a ball under punctual lights and gives the radiance.
-fn draw(h: &mut Headless, lights: &[Light], settings: Settings) -> Vec<[f64; 4]> {
-    let ground =
-        asset(h, &floor(), Material { base_colour: [0.7; 3], roughness: 0.5, ..Material::default() });
+fn draw(h: &mut Headless, lights: &[PunctualLight], settings: Settings) -> Vec<[f64; 4]> {
+    let ground = asset(
+        h,
+        &floor(),
+        Material { base_color: [0.7, 0.7, 0.7, 1.0], roughness: 0.5, ..Material::default() },
+    );
     let ball = asset(
         h,
         &sphere(32),
-        Material { base_colour: [0.9, 0.6, 0.2], metallic: 1.0, ..Material::default() },
+        Material { base_color: [0.9, 0.6, 0.2, 1.0], metallic: 1.0, ..Material::default() },
     );
     let drawables = [
-        Drawable { asset: &ground, instances: &[Instance::default()] },
+        Drawable { asset: &ground, instances: &[Placement::default()] },
         Drawable { asset: &ball, instances: &[at(0.5, 0.6, 2.0, 1.2)] },
     ];
     let frame = Frame { lights, environment: night(), settings, ..Frame::new(camera(), &drawables) };
@@ -85,9 +88,24 @@ fn draw(h: &mut Headless, lights: &[Light], settings: Settings) -> Vec<[f64; 4]>
     halves(h, Resource::Radiance)
 }
 
+/// A light relative to a lit surface, for the CPU reference.
+fn reference(light: &PunctualLight, surface: DVec3) -> cpu_reference::lights::PunctualLight {
+    cpu_reference::lights::PunctualLight {
+        position: (DVec3::from(light.position) - surface).to_array(),
+        range: light.range.into(),
+        colour: light.intensity.map(|intensity| f64::from(intensity) / std::f64::consts::PI),
+        spot: light.spot.map(|spot| (axis(&spot).to_array(), spot.inner.into(), spot.outer.into())),
+    }
+}
+
+/// The unit vector in which a spot shines.
+fn axis(spot: &Spot) -> DVec3 {
+    Vec3::from(spot.direction).as_dvec3().normalize()
+}
+
 /// The light that each pixel of the last picture gets from all punctual lights, without culling, in f64, on the
 /// surfaces that were drawn.
-fn brute_force(h: &Headless, lights: &[Light]) -> Vec<[f64; 3]> {
+fn brute_force(h: &Headless, lights: &[PunctualLight]) -> Vec<[f64; 3]> {
     let (width, height) = h.size();
     let pose = camera();
     let tan: [f64; 2] = pose.tan_half_fov(width, height).into();
@@ -110,12 +128,7 @@ fn brute_force(h: &Headless, lights: &[Light]) -> Vec<[f64; 3]> {
             to_eye: (-position.normalize()).to_array(),
         };
         for light in lights {
-            let punctual_light = PunctualLight {
-                position: (light.position - pose.eye - position).to_array(),
-                range: light.range,
-                colour: (light.intensity.as_dvec3() / std::f64::consts::PI).to_array(),
-                spot: light.spot.map(|s| (s.direction.normalize().to_array(), s.inner, s.outer)),
-            };
+            let punctual_light = reference(light, pose.eye + position);
             let (irradiance, to_punctual_light) = punctual_light.at_zero();
             if irradiance != [0.0; 3] {
                 let more = reflector.from_light(to_punctual_light, irradiance);
@@ -154,13 +167,15 @@ fn punctual_lights_match_their_cpu_reference() {
 }
 
 /// Where punctual lights are in a frame: each goes round a circle of its own, and spots turn.
-fn moved(punctual_lights: &[Light], frame: u32) -> Vec<Light> {
+fn moved(punctual_lights: &[PunctualLight], frame: u32) -> Vec<PunctualLight> {
     let mut next = numbers();
-    let moved = |light: &Light| {
+    let moved = |light: &PunctualLight| {
         let turn = DQuat::from_rotation_y((0.2 + next()) * f64::from(frame));
         let away = DVec3::new(next(), 0.0, next());
-        let spot = light.spot.map(|spot| Spot { direction: turn * spot.direction, ..spot });
-        Light { position: light.position + turn * away - away, spot, ..*light }
+        let spot =
+            light.spot.map(|spot| Spot { direction: (turn * axis(&spot)).as_vec3().to_array(), ..spot });
+        let position = (DVec3::from(light.position) + turn * away - away).to_array();
+        PunctualLight { position, spot, ..*light }
     };
     punctual_lights.iter().map(moved).collect()
 }
@@ -228,16 +243,16 @@ fn tiles_and_clusters_of_any_size_lose_no_punctual_light() {
 #[test]
 fn beyond_the_limit_the_brightest_punctual_lights_are_kept() {
     let Some(mut h) = headless(48, 32) else { return };
-    let at = |x: f64, z: f64, candela: f32, range: f64| Light {
-        position: DVec3::new(x, 0.5, z),
-        intensity: Vec3::splat(candela),
+    let at = |x: f64, z: f64, candela: f32, range: f32| PunctualLight {
+        position: [x, 0.5, z],
+        intensity: [candela; 3],
         range,
         spot: None,
     };
     // The eye is at (0, 3, 7): the third is as strong as the second and further away, the last weak and near.
     let [bright, near, far, weak] =
         [at(-1.0, 0.0, 8.0, 2.0), at(1.0, 2.0, 1.0, 2.0), at(2.0, -5.0, 1.0, 2.0), at(0.0, 4.0, 0.01, 2.0)];
-    let mut with = |lights: &[Light], most| {
+    let mut with = |lights: &[PunctualLight], most| {
         let lights_by = LightCulling { most, ..LightCulling::default() };
         draw(&mut h, lights, Settings { lights: Some(lights_by), ..bare() })
     };
@@ -254,9 +269,8 @@ fn beyond_the_limit_the_brightest_punctual_lights_are_kept() {
 #[test]
 fn ten_thousand_punctual_lights_in_one_tile_add_up() {
     let Some(mut h) = headless(16, 16) else { return };
-    let one =
-        Light { position: DVec3::new(0.0, 2.0, 0.0), intensity: Vec3::splat(1e-3), range: 30.0, spot: None };
-    let alone = draw(&mut h, &[Light { intensity: Vec3::splat(10.0), ..one }], bare());
+    let one = PunctualLight { position: [0.0, 2.0, 0.0], intensity: [1e-3; 3], range: 30.0, spot: None };
+    let alone = draw(&mut h, &[PunctualLight { intensity: [10.0; 3], ..one }], bare());
     let many = draw(&mut h, &vec![one; 10_000], bare());
     for (many, alone) in many.iter().zip(&alone) {
         assert!((many[0] - alone[0]).abs() <= 2e-3 * alone[0] + 1e-4, "{many:?} {alone:?}");
@@ -296,41 +310,41 @@ fn where_there_are_no_punctual_lights_their_view_is_black() {
 #[test]
 fn strange_punctual_lights_light_nothing_and_break_nothing() {
     let Some(mut h) = headless(16, 16) else { return };
-    let punctual_light = Light { position: DVec3::Y, intensity: Vec3::ONE, range: 3.0, spot: None };
-    let spot = Spot { direction: DVec3::NEG_Y, inner: 0.1, outer: 0.5 };
+    let punctual_light =
+        PunctualLight { position: [0.0, 1.0, 0.0], intensity: [1.0; 3], range: 3.0, spot: None };
+    let spot = Spot { direction: [0.0, -1.0, 0.0], inner: 0.1, outer: 0.5 };
     for strange in [
-        Light { position: DVec3::NAN, ..punctual_light },
-        Light { range: 0.0, ..punctual_light },
-        Light { range: f64::NAN, ..punctual_light },
-        Light { intensity: Vec3::NAN, ..punctual_light },
-        Light { intensity: Vec3::NEG_ONE, ..punctual_light },
-        Light { spot: Some(Spot { direction: DVec3::ZERO, ..spot }), ..punctual_light },
+        PunctualLight { position: [f64::NAN; 3], ..punctual_light },
+        PunctualLight { range: 0.0, ..punctual_light },
+        PunctualLight { range: f32::NAN, ..punctual_light },
+        PunctualLight { intensity: [f32::NAN; 3], ..punctual_light },
+        PunctualLight { intensity: [-1.0; 3], ..punctual_light },
+        PunctualLight { spot: Some(Spot { direction: [0.0; 3], ..spot }), ..punctual_light },
     ] {
         assert!(draw(&mut h, &[strange], bare()).iter().flatten().all(|x| x.is_finite()));
     }
     for edge in [
-        Light { position: camera().eye, ..punctual_light },
-        Light { range: 1e30, ..punctual_light },
-        Light { intensity: Vec3::splat(1e30), ..punctual_light },
-        Light { spot: Some(Spot { inner: 9.0, outer: -1.0, ..spot }), ..punctual_light },
+        PunctualLight { position: camera().eye.into(), ..punctual_light },
+        PunctualLight { range: 1e30, ..punctual_light },
+        PunctualLight { intensity: [1e30; 3], ..punctual_light },
+        PunctualLight { spot: Some(Spot { inner: 9.0, outer: -1.0, ..spot }), ..punctual_light },
     ] {
         assert!(draw(&mut h, &[edge], bare()).iter().flatten().all(|x| x.is_finite()), "{edge:?}");
     }
 }
 
 /// A pane of glass before a far wall that covers the left half of the picture; to the right there is sky behind it.
-fn glass(h: &mut Headless, lights: &[Light], culling: LightCulling) -> Vec<[f64; 4]> {
+fn glass(h: &mut Headless, lights: &[PunctualLight], culling: LightCulling) -> Vec<[f64; 4]> {
     let pane = Material {
-        base_colour: [0.8, 0.6, 0.4],
+        base_color: [0.8, 0.6, 0.4, 0.75],
         roughness: 0.6,
-        opacity: 0.75,
         alpha: Alpha::Blend,
         ..Material::default()
     };
     let pane = asset(h, &quad([-8.0, -4.0, 0.0], [16.0, 0.0, 0.0], [0.0, 8.0, 0.0], 1.0), pane);
     let wall = quad([-200.0, -90.0, -90.0], [200.0, 0.0, 0.0], [0.0, 180.0, 0.0], 1.0);
-    let wall = asset(h, &wall, Material { base_colour: [0.5; 3], ..Material::default() });
-    let one = [Instance::default()];
+    let wall = asset(h, &wall, Material { base_color: [0.5, 0.5, 0.5, 1.0], ..Material::default() });
+    let one = [Placement::default()];
     let drawables = [&pane, &wall].map(|asset| Drawable { asset, instances: &one });
     let settings = Settings { lights: Some(culling), ..bare() };
     let frame = Frame { lights, environment: night(), settings, ..Frame::new(facing(), &drawables) };
@@ -346,12 +360,12 @@ fn facing() -> Pose {
 }
 
 /// Punctual lights close before the pane and far from the wall.
-fn before_glass(count: usize) -> Vec<Light> {
+fn before_glass(count: usize) -> Vec<PunctualLight> {
     let mut next = numbers();
     let mut place = || DVec3::new(9.0 * next() - 4.5, 5.0 * next() - 2.5, 0.3 + next());
     let punctual_light =
-        |position| Light { position, intensity: Vec3::new(1.0, 0.7, 0.4), range: 2.5, spot: None };
-    (0..count).map(|_| punctual_light(place())).collect()
+        |position| PunctualLight { position, intensity: [1.0, 0.7, 0.4], range: 2.5, spot: None };
+    (0..count).map(|_| punctual_light(place().into())).collect()
 }
 
 #[test]
@@ -376,12 +390,7 @@ fn transparent_surfaces_are_lit_as_their_cpu_reference() {
         };
         let mut want = [0.0; 3];
         for light in &lights {
-            let punctual_light = PunctualLight {
-                position: (light.position - facing().eye - position).to_array(),
-                range: light.range,
-                colour: (light.intensity.as_dvec3() / std::f64::consts::PI).to_array(),
-                spot: None,
-            };
+            let punctual_light = reference(light, facing().eye + position);
             let (irradiance, to_punctual_light) = punctual_light.at_zero();
             let more = reflector.from_light(to_punctual_light, irradiance);
             want = [0, 1, 2].map(|c| want[c] + 0.75 * more[c]);

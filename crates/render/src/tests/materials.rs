@@ -3,14 +3,14 @@
 use glam::{DVec3, Vec3};
 use half::f16;
 
-use super::shapes::{Mesh, asset, at, fill, join, quad, sphere};
+use super::shapes::{Mesh, asset, at, fill, join, opaque, quad, sphere};
 use super::{headless, keep};
 use crate::cpu_reference::brdf::{Reflector, from_octahedral, from_sky};
 use crate::cpu_reference::depth::view_ray;
 use crate::frame::graph::Resource;
 use crate::{
-    Alpha, AntiAliasing, AssetGpu, Drawable, Environment, Frame, GradientSky, Headless, Instance, Material,
-    PassId, Pose, Settings, Sky, TextureData, TextureKind, TextureShape, Wrap,
+    Alpha, AntiAliasing, AssetGpu, Drawable, Environment, Frame, GradientSky, Headless, Material, PassId,
+    Placement, Pose, Settings, Sky, TextureData, TextureKind, TextureShape, Wrap,
 };
 
 /// A target in 16-bit floating point, four numbers per pixel.
@@ -89,8 +89,8 @@ fn sphere_rms(
     environment: Environment,
     sky: impl Fn(DVec3) -> [f64; 3],
 ) -> f64 {
-    let ball = asset(h, &sphere(96), material);
-    let drawables = [Drawable { asset: &ball, instances: &[Instance::default()] }];
+    let ball = asset(h, &sphere(96), material.clone());
+    let drawables = [Drawable { asset: &ball, instances: &[Placement::default()] }];
     let camera = Pose::look_at(DVec3::new(0.0, 0.0, 3.0), DVec3::ZERO, DVec3::Y, 0.36);
     h.frame(&Frame { environment, settings: bare(), ..Frame::new(camera, &drawables) }).unwrap();
     let (width, height) = h.size();
@@ -108,7 +108,7 @@ fn sphere_rms(
         if got[3] < 1.0 || -ray.dot(normal.into()) < 0.15 {
             continue;
         }
-        let albedo = material.base_colour.map(f64::from);
+        let [albedo @ .., _] = material.base_color.map(f64::from);
         let to_eye = (-ray).to_array();
         let (metal, roughness) = (f64::from(material.metallic), f64::from(material.roughness));
         let reflector = Reflector { albedo, metal, roughness, normal, to_eye };
@@ -134,8 +134,8 @@ fn spheres_reflect_as_the_integral_over_all_light_says() {
     for metallic in [0.0, 1.0] {
         for roughness in [0.1, 0.3, 0.5, 0.7, 1.0] {
             let material =
-                Material { base_colour: [0.8, 0.5, 0.2], metallic, roughness, ..Material::default() };
-            let by_sun = sphere_rms(&mut h, material, sun, |_| [0.0; 3]);
+                Material { base_color: [0.8, 0.5, 0.2, 1.0], metallic, roughness, ..Material::default() };
+            let by_sun = sphere_rms(&mut h, material.clone(), sun, |_| [0.0; 3]);
             let by_sky = sphere_rms(&mut h, material, even, |_| [0.5; 3]);
             println!("{metallic} {roughness} | {by_sun:.4} {by_sky:.4}");
             // For the sun only the 16 bits of stored normals cause errors, mainly in narrow lobes.
@@ -150,13 +150,13 @@ fn spheres_reflect_as_the_integral_over_all_light_says() {
 fn unlit_surfaces_show_their_colour_and_punctual_lights_add_theirs() {
     let Some(mut h) = headless(16, 16) else { return };
     let colour = [0.25, 0.5, 0.75];
-    let plain = Material { base_colour: colour, ..Material::default() };
-    let punctual_light = Material { emission: [3.0, 0.5, 0.0], ..plain };
-    let unlit = Material { unlit: true, ..punctual_light };
+    let plain = Material { base_color: opaque(colour), ..Material::default() };
+    let punctual_light = Material { emission: [3.0, 0.5, 0.0], ..plain.clone() };
+    let unlit = Material { unlit: true, ..punctual_light.clone() };
     let mut shown = Vec::new();
     for material in [plain, punctual_light, unlit] {
-        let wall = asset(&h, &square(0.0), material);
-        let drawables = [Drawable { asset: &wall, instances: &[Instance::default()] }];
+        let wall = asset(&h, &square(0.0), material.clone());
+        let drawables = [Drawable { asset: &wall, instances: &[Placement::default()] }];
         let passes = draw(&mut h, &drawables, Environment::default());
         assert_eq!(passes.contains(&PassId::Emission), material.emits());
         shown.push(middle(&h, Resource::Radiance));
@@ -172,8 +172,8 @@ fn surface_maps_set_roughness_metalness_and_occlusion() {
     let map = [64, 128, 255, 255].repeat(64);
     let material =
         Material { roughness: 0.8, metallic: 0.5, surface_texture: Some(0), ..Material::default() };
-    let wall = textured(&h, &square(0.0), material, &[(TextureKind::Surface, &map)]);
-    let drawables = [Drawable { asset: &wall, instances: &[Instance::default()] }];
+    let wall = textured(&h, &square(0.0), material.clone(), &[(TextureKind::Surface, &map)]);
+    let drawables = [Drawable { asset: &wall, instances: &[Placement::default()] }];
     draw(&mut h, &drawables, Environment::default());
     let stored = middle(&h, Resource::Normal);
     assert!((stored[2] - 0.8 * 128.0 / 255.0).abs() < 1e-3, "{stored:?}");
@@ -184,7 +184,7 @@ fn surface_maps_set_roughness_metalness_and_occlusion() {
     let shape = TextureShape { mean: [0.25, 0.5, 1.0], ..TextureShape::full(8, 8, TextureKind::Surface) };
     let mut wall = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[material], &[shape]);
     fill(&h, &mut wall, &square(0.0));
-    let drawables = [Drawable { asset: &wall, instances: &[Instance::default()] }];
+    let drawables = [Drawable { asset: &wall, instances: &[Placement::default()] }];
     draw(&mut h, &drawables, Environment::default());
     let stored = middle(&h, Resource::Normal);
     assert!((stored[2] - 0.4).abs() < 1e-3 && (stored[3] - 0.25).abs() < 1e-3, "{stored:?}");
@@ -210,7 +210,7 @@ fn normal_maps_tilt_along_u_and_against_the_stored_v() {
             let material =
                 Material { normal_texture: Some(0), normal_scale: scale as f32, ..Material::default() };
             let wall = textured(&h, mesh, material, &[(TextureKind::Normal, &map)]);
-            let drawables = [Drawable { asset: &wall, instances: &[Instance::default()] }];
+            let drawables = [Drawable { asset: &wall, instances: &[Placement::default()] }];
             draw(&mut h, &drawables, Environment::default());
             let stored = middle(&h, Resource::Normal);
             let got = DVec3::from(from_octahedral([stored[0], stored[1]]));
@@ -238,15 +238,15 @@ fn textures_wrap_as_their_material_says() {
     let map: Vec<u8> = (0..64).flat_map(|i| [(i % 8 * 32) as u8, 0, 0, 255]).collect();
     let mut shown = |u: f32, wrap| {
         let material = Material {
-            base_colour: [1.0; 3],
+            base_color: [1.0; 4],
             unlit: true,
-            colour_texture: Some(0),
+            base_color_texture: Some(0),
             wrap: [wrap, Wrap::Repeat],
             ..Material::default()
         };
         let mesh = mapped(|_| [u, 0.5]);
-        let wall = textured(&h, &mesh, material, &[(TextureKind::Colour, &map)]);
-        let drawables = [Drawable { asset: &wall, instances: &[Instance::default()] }];
+        let wall = textured(&h, &mesh, material, &[(TextureKind::Color, &map)]);
+        let drawables = [Drawable { asset: &wall, instances: &[Placement::default()] }];
         draw(&mut h, &drawables, Environment::default());
         middle(&h, Resource::Radiance)[0]
     };
@@ -264,18 +264,18 @@ fn holes_show_what_lies_behind_and_let_the_sun_through() {
     // The left half is a hole.
     let map: Vec<u8> = (0..64).flat_map(|i| if i % 8 < 4 { [255, 255, 255, 0] } else { [255; 4] }).collect();
     let leaf = Material {
-        base_colour: [0.0, 1.0, 0.0],
+        base_color: [0.0, 1.0, 0.0, 1.0],
         alpha: Alpha::Mask(0.5),
-        colour_texture: Some(0),
+        base_color_texture: Some(0),
         unlit: true,
         ..Material::default()
     };
-    let fence = textured(&h, &square(0.0), leaf, &[(TextureKind::Colour, &map)]);
+    let fence = textured(&h, &square(0.0), leaf, &[(TextureKind::Color, &map)]);
     let wall =
         asset(&h, &quad([-3.0, -3.0, -1.0], [6.0, 0.0, 0.0], [0.0, 6.0, 0.0], 1.0), Material::default());
     let drawables = [
-        Drawable { asset: &fence, instances: &[Instance::default()] },
-        Drawable { asset: &wall, instances: &[Instance::default()] },
+        Drawable { asset: &fence, instances: &[Placement::default()] },
+        Drawable { asset: &wall, instances: &[Placement::default()] },
     ];
     // The sun stands behind the eye and a little to the right: shadows fall to the left.
     let environment = Environment { to_sun: DVec3::new(0.3, 0.0, 1.0), ..Environment::default() };
@@ -298,9 +298,8 @@ fn holes_show_what_lies_behind_and_let_the_sun_through() {
 #[test]
 fn transparent_panes_blend_back_to_front_in_any_order() {
     let Some(mut h) = headless(16, 16) else { return };
-    let glass = |colour: [f32; 3], opacity| Material {
-        base_colour: colour,
-        opacity,
+    let glass = |[r, g, b]: [f32; 3], opacity| Material {
+        base_color: [r, g, b, opacity],
         alpha: Alpha::Blend,
         unlit: true,
         ..Material::default()
@@ -311,9 +310,9 @@ fn transparent_panes_blend_back_to_front_in_any_order() {
     let wall = asset(
         &h,
         &square(-1.0),
-        Material { base_colour: [0.0, 1.0, 0.0], unlit: true, ..Material::default() },
+        Material { base_color: [0.0, 1.0, 0.0, 1.0], unlit: true, ..Material::default() },
     );
-    let here = [Instance::default()];
+    let here = [Placement::default()];
     let all = [&red, &blue, &hidden, &wall].map(|asset| Drawable { asset, instances: &here });
     let behind = [0.0, 0.75, 0.25].map(|c: f64| c * 0.5);
     for order in [[0, 1, 2, 3], [3, 2, 1, 0], [1, 3, 0, 2]] {
@@ -336,11 +335,12 @@ fn transparent_panes_blend_back_to_front_in_any_order() {
 fn transparent_surfaces_are_lit_and_cast_no_shadow() {
     let Some(mut h) = headless(32, 32) else { return };
     let environment = Environment { to_sun: DVec3::Z, ..of_light(0.8, 0.2) };
-    let clay = Material { base_colour: [0.5; 3], ..Material::default() };
-    let wall = asset(&h, &quad([-3.0, -3.0, -1.0], [6.0, 0.0, 0.0], [0.0, 6.0, 0.0], 1.0), clay);
-    let (here, mut shown) = ([Instance::default()], Vec::new());
+    let clay = Material { base_color: [0.5, 0.5, 0.5, 1.0], ..Material::default() };
+    let wall = asset(&h, &quad([-3.0, -3.0, -1.0], [6.0, 0.0, 0.0], [0.0, 6.0, 0.0], 1.0), clay.clone());
+    let (here, mut shown) = ([Placement::default()], Vec::new());
     for (opacity, alpha) in [(1.0, Alpha::Opaque), (1.0, Alpha::Blend), (0.0, Alpha::Blend)] {
-        let pane = asset(&h, &square(0.0), Material { opacity, alpha, ..clay });
+        let pane =
+            asset(&h, &square(0.0), Material { base_color: [0.5, 0.5, 0.5, opacity], alpha, ..clay.clone() });
         let drawables = [&pane, &wall].map(|asset| Drawable { asset, instances: &here });
         for shadows in [None, Settings::default().shadows] {
             let settings = Settings { shadows, ..bare() };
@@ -364,8 +364,7 @@ fn strange_materials_stay_finite() {
     for extreme in [0.0, 1.0, 1e30, f32::NAN] {
         for alpha in [Alpha::Opaque, Alpha::Mask(extreme), Alpha::Blend] {
             let material = Material {
-                base_colour: [extreme.min(1.0); 3],
-                opacity: extreme,
+                base_color: [extreme.min(1.0), extreme.min(1.0), extreme.min(1.0), extreme],
                 alpha,
                 roughness: extreme,
                 metallic: extreme,
@@ -374,8 +373,8 @@ fn strange_materials_stay_finite() {
                 normal_texture: Some(0),
                 ..Material::default()
             };
-            let ball = textured(&h, &sphere(12), material, &[(TextureKind::Normal, &normals)]);
-            let drawables = [Drawable { asset: &ball, instances: &[Instance::default()] }];
+            let ball = textured(&h, &sphere(12), material.clone(), &[(TextureKind::Normal, &normals)]);
+            let drawables = [Drawable { asset: &ball, instances: &[Placement::default()] }];
             h.frame(&Frame::new(front(), &drawables)).unwrap();
             let radiance = halves(&h, Resource::Radiance);
             assert!(radiance.iter().flatten().all(|x| x.is_finite()), "{material:?}");
@@ -386,28 +385,41 @@ fn strange_materials_stay_finite() {
 #[test]
 fn a_row_of_materials_for_looking_at() {
     let Some(mut h) = headless(640, 360) else { return };
-    let gold =
-        Material { base_colour: [1.0, 0.77, 0.34], metallic: 1.0, roughness: 0.25, ..Material::default() };
-    let mirror = Material { base_colour: [0.95; 3], metallic: 1.0, roughness: 0.05, ..Material::default() };
-    let plastic = Material { base_colour: [0.7, 0.02, 0.02], roughness: 0.2, ..Material::default() };
-    let rough = Material { roughness: 0.7, ..gold };
-    let glass = Material {
-        base_colour: [0.7, 0.9, 1.0],
+    let gold = Material {
+        base_color: [1.0, 0.77, 0.34, 1.0],
+        metallic: 1.0,
+        roughness: 0.25,
+        ..Material::default()
+    };
+    let mirror = Material {
+        base_color: [0.95, 0.95, 0.95, 1.0],
+        metallic: 1.0,
         roughness: 0.05,
-        opacity: 0.3,
+        ..Material::default()
+    };
+    let plastic = Material { base_color: [0.7, 0.02, 0.02, 1.0], roughness: 0.2, ..Material::default() };
+    let rough = Material { roughness: 0.7, ..gold.clone() };
+    let glass = Material {
+        base_color: [0.7, 0.9, 1.0, 0.3],
+        roughness: 0.05,
         alpha: Alpha::Blend,
         ..Material::default()
     };
-    let punctual_light = Material { base_colour: [0.1; 3], emission: [4.0, 2.0, 0.4], ..Material::default() };
-    let unlit = Material { base_colour: [0.1, 0.5, 0.9], unlit: true, ..Material::default() };
+    let punctual_light =
+        Material { base_color: [0.1, 0.1, 0.1, 1.0], emission: [4.0, 2.0, 0.4], ..Material::default() };
+    let unlit = Material { base_color: [0.1, 0.5, 0.9, 1.0], unlit: true, ..Material::default() };
     let lattice = Material {
-        base_colour: [0.2, 0.5, 0.2],
+        base_color: [0.2, 0.5, 0.2, 1.0],
         alpha: Alpha::Mask(0.5),
-        colour_texture: Some(0),
+        base_color_texture: Some(0),
         ..Material::default()
     };
-    let bumpy =
-        Material { base_colour: [0.5; 3], roughness: 0.4, normal_texture: Some(0), ..Material::default() };
+    let bumpy = Material {
+        base_color: [0.5, 0.5, 0.5, 1.0],
+        roughness: 0.4,
+        normal_texture: Some(0),
+        ..Material::default()
+    };
     let holes: Vec<u8> = (0..1024)
         .flat_map(|i| [255, 255, 255, if (i % 32 / 8 + i / 256) % 2 == 0 { 255 } else { 0 }])
         .collect();
@@ -423,16 +435,16 @@ fn a_row_of_materials_for_looking_at() {
     let mut assets: Vec<_> = [gold, rough, mirror, plastic, glass, punctual_light, unlit]
         .map(|material| asset(&h, &ball, material))
         .into();
-    assets.push(textured(&h, &ball, lattice, &[(TextureKind::Colour, &holes)]));
+    assets.push(textured(&h, &ball, lattice, &[(TextureKind::Color, &holes)]));
     assets.push(textured(&h, &ball, bumpy, &[(TextureKind::Normal, &bumps)]));
     let floor = join(&[quad([-6.0, -0.5, 4.0], [12.0, 0.0, 0.0], [0.0, 0.0, -12.0], 1.0)]);
-    let floor = asset(&h, &floor, Material { base_colour: [0.45, 0.42, 0.4], ..Material::default() });
+    let floor = asset(&h, &floor, Material { base_color: [0.45, 0.42, 0.4, 1.0], ..Material::default() });
     let places: Vec<_> = (0..assets.len())
         .map(|i| [at(f64::from(i as u32 % 5) * 1.15 - 2.3, 0.0, if i < 5 { -0.7 } else { 0.7 }, 1.0)])
         .collect();
     let mut drawables: Vec<_> =
         assets.iter().zip(&places).map(|(asset, instances)| Drawable { asset, instances }).collect();
-    let here = [Instance::default()];
+    let here = [Placement::default()];
     drawables.push(Drawable { asset: &floor, instances: &here });
     let camera = Pose::look_at(DVec3::new(0.0, 2.2, 5.2), DVec3::new(0.0, -0.1, 0.0), DVec3::Y, 0.55);
     let counters = h.frame(&Frame::new(camera, &drawables)).unwrap();

@@ -9,8 +9,8 @@ use super::{headless, keep};
 use crate::image_compare::compare;
 use crate::rays::Rays;
 use crate::{
-    AmbientOcclusion, AntiAliasing, DebugView, Drawable, Frame, Headless, Instance, Material,
-    OcclusionMethod, OcclusionNormals, OcclusionRadius, Pose, Settings,
+    AmbientOcclusion, AntiAliasing, DebugView, Drawable, Frame, Headless, Material, OcclusionMethod,
+    OcclusionNormals, OcclusionRadius, Placement, Pose, Settings,
 };
 
 /// Settings that show occlusion at strength 1.
@@ -51,9 +51,9 @@ fn a_wall_far_behind_a_pillar_has_no_halo() {
     let wall =
         asset(&h, &quad([-40.0, -20.0, -20.0], [80.0, 0.0, 0.0], [0.0, 40.0, 0.0], 1.0), Material::default());
     let pillar = asset(&h, &cube(), Material::default());
-    let tall = [Instance { scale: 1.0, ..at(0.0, 0.0, 0.0, 1.0) }];
+    let tall = [at(0.0, 0.0, 0.0, 1.0)];
     let all = [
-        Drawable { asset: &wall, instances: &[Instance::default()] },
+        Drawable { asset: &wall, instances: &[Placement::default()] },
         Drawable { asset: &pillar, instances: &tall },
     ];
     let camera = Pose::look_at(DVec3::new(0.0, 0.0, 4.0), DVec3::ZERO, DVec3::Y, 0.6);
@@ -74,7 +74,7 @@ fn a_wall_far_behind_a_pillar_has_no_halo() {
 fn flat_ground_is_open_up_to_the_horizon() {
     let Some(mut h) = headless(160, 90) else { return };
     let ground = flat_ground(&h);
-    let all = [Drawable { asset: &ground, instances: &[Instance::default()] }];
+    let all = [Drawable { asset: &ground, instances: &[Placement::default()] }];
     for (height, radius) in [1.7, 0.05, 60.0]
         .into_iter()
         .flat_map(|height| [(height, OcclusionRadius::Depth(0.06)), (height, OcclusionRadius::World(0.5))])
@@ -115,12 +115,8 @@ impl Still {
         draw(h, camera, &self.drawables(&instances), Settings { near: 1e-3 * scale, ..settings })
     }
 
-    fn placed(scale: f64, fov: f64, moved: f64) -> ([Instance; 3], Pose) {
-        let place = |x, y, z, size: f64| Instance {
-            translation: DVec3::new(x, y, z) * scale,
-            scale: size * scale,
-            ..Instance::default()
-        };
+    fn placed(scale: f64, fov: f64, moved: f64) -> ([Placement; 3], Pose) {
+        let place = |x: f64, y: f64, z: f64, size: f64| at(x * scale, y * scale, z * scale, size * scale);
         // Not within what stands there.
         let away = (1.3 / (0.5 * fov).tan()).max(2.0);
         let target = DVec3::new(0.1 + moved, 0.4, 0.0);
@@ -270,7 +266,7 @@ fn a_thin_post_before_a_wall_hides_too_much_by_horizons_and_less_by_sectors() {
         asset(&h, &quad([-3.0, -2.0, 0.0], [6.0, 0.0, 0.0], [0.0, 4.0, 0.0], 1.0), Material::default());
     let post =
         asset(&h, &quad([-0.02, -2.0, 0.25], [0.04, 0.0, 0.0], [0.0, 4.0, 0.0], 1.0), Material::default());
-    let here = [Instance::default()];
+    let here = [Placement::default()];
     let all = [Drawable { asset: &wall, instances: &here }, Drawable { asset: &post, instances: &here }];
     let camera = Pose::look_at(DVec3::new(0.0, 0.0, 3.0), DVec3::ZERO, DVec3::Y, 0.6);
     let frame = Frame::new(camera, &all);

@@ -10,7 +10,7 @@ use crate::cpu_reference::occlusion::{Normals, Occlusion, Upsample, half_size};
 use crate::cpu_reference::surface::DepthPicture;
 use crate::frame::graph::Resource;
 use crate::{
-    AmbientOcclusion, AssetGpu, Drawable, Headless, Instance, Material, OcclusionMethod, OcclusionRadius,
+    AmbientOcclusion, AssetGpu, Drawable, Headless, Material, OcclusionMethod, OcclusionRadius, Placement,
     Pose, STILL_FRAMES, Settings,
 };
 
@@ -116,7 +116,7 @@ fn a_wall_far_behind_a_pillar_has_no_halo_at_half_the_pixels() {
     let Some(mut h) = headless(160, 90) else { return };
     let wall = quad([-40.0, -20.0, -20.0], [80.0, 0.0, 0.0], [0.0, 40.0, 0.0], 1.0);
     let parts = [wall, cube()].map(|mesh| asset(&h, &mesh, Material::default()));
-    let here = [Instance::default()];
+    let here = [Placement::default()];
     let all = parts.each_ref().map(|asset| Drawable { asset, instances: &here });
     let camera = Pose::look_at(DVec3::new(0.0, 0.0, 4.0), DVec3::ZERO, DVec3::Y, 0.6);
     for method in OcclusionMethod::ALL {
@@ -131,7 +131,7 @@ fn a_wall_far_behind_a_pillar_has_no_halo_at_half_the_pixels() {
 fn flat_ground_is_open_up_to_the_horizon_at_half_the_pixels() {
     let Some(mut h) = headless(160, 90) else { return };
     let ground = flat_ground(&h);
-    let all = [Drawable { asset: &ground, instances: &[Instance::default()] }];
+    let all = [Drawable { asset: &ground, instances: &[Placement::default()] }];
     for height in [1.7, 0.05, 60.0] {
         let eye = DVec3::new(0.3, height, 0.0);
         let camera = Pose::look_at(eye, eye + DVec3::new(0.1, -0.05, -1.0), DVec3::Y, 0.9);

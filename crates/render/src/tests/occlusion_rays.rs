@@ -7,8 +7,8 @@ use super::shapes::{Mesh, asset, at, join, quad, sphere};
 use super::{headless, keep};
 use crate::rays::{RayHit, Rays};
 use crate::{
-    AmbientOcclusion, Drawable, Frame, Headless, Instance, Material, OcclusionMethod, OcclusionNormals,
-    OcclusionRadius, Pose, Settings,
+    AmbientOcclusion, Drawable, Frame, Headless, Material, OcclusionMethod, OcclusionNormals,
+    OcclusionRadius, Placement, Pose, Settings,
 };
 
 /// The mean of a function over some pixels.
@@ -27,7 +27,7 @@ fn beside_an_inner_edge_occlusion_is_nearer_to_rays_with_normals_of_its_own_wall
         quad([-6.0, -3.0, 6.0], [6.0, 0.0, -6.0], [0.0, 6.0, 0.0], 1.0),
     ]
     .map(|wall| asset(&h, &wall, Material::default()));
-    let here = [Instance::default()];
+    let here = [Placement::default()];
     let all = walls.each_ref().map(|asset| Drawable { asset, instances: &here });
     // Not seen along the edge, whose pixels would be steps.
     let camera = Pose::look_at(DVec3::new(0.7, 0.5, 4.0), DVec3::new(0.0, 0.1, 0.0), DVec3::Y, 0.7);
@@ -88,7 +88,7 @@ fn known_errors_of_half_resolution_stay_bounded() {
         join(&row),
     ]);
     let mesh = asset(&h, &mesh, Material::default());
-    let all = [Drawable { asset: &mesh, instances: &[Instance::default()] }];
+    let all = [Drawable { asset: &mesh, instances: &[Placement::default()] }];
     let camera = Pose::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 0.7);
     let seen_by = |h: &Headless, radius| {
         Rays::of_frame(h.gpu(), &Frame::new(camera, &all)).unwrap().picture(SIZE, radius, 256)
@@ -150,7 +150,7 @@ fn a_ball_is_dark_where_it_stands() {
         let Some(mut h) = headless(size[0], size[1]) else { return };
         let floor = quad([-9.0, 0.0, 9.0], [18.0, 0.0, 0.0], [0.0, 0.0, -18.0], 1.0);
         let [floor, ball] = [floor, sphere(48)].map(|mesh| asset(&h, &mesh, Material::default()));
-        let (here, there) = ([Instance::default()], [at(-0.2, 0.3, 0.2, 0.6)]);
+        let (here, there) = ([Placement::default()], [at(-0.2, 0.3, 0.2, 0.6)]);
         let all =
             [Drawable { asset: &floor, instances: &here }, Drawable { asset: &ball, instances: &there }];
         let rays = Rays::of_frame(h.gpu(), &Frame::new(camera, &all)).unwrap().picture(size, radius, 256);

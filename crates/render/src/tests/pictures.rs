@@ -1,14 +1,14 @@
 //! Pictures: orientation, light, occlusion, instances, options, repeatability.
 
-use glam::{DQuat, DVec3};
+use glam::{DVec3, Quat};
 use image::RgbaImage;
 
-use super::shapes::{Mesh, asset, at, brick_asset, cube, quad, sphere};
+use super::shapes::{Mesh, asset, at, brick_asset, cube, opaque, quad, sphere};
 use super::{headless, keep};
 use crate::image_compare::compare;
 use crate::{
-    AntiAliasing, DebugView, Drawable, Frame, GradientSky, Headless, Instance, MIN_RENDER_SCALE, Material,
-    PackedVertex, PassId, Pose, RenderError, Settings, Sky,
+    AntiAliasing, DebugView, Drawable, Frame, GradientSky, Headless, MIN_RENDER_SCALE, Material,
+    PackedVertex, PassId, Placement, Pose, RenderError, Settings, Sky,
 };
 
 fn luma(image: &RgbaImage, x: u32, y: u32) -> f64 {
@@ -28,19 +28,19 @@ fn picture(h: &mut Headless, frame: &Frame<'_>) -> RgbaImage {
 
 /// A still life: cube, two spheres and a floor, brick wall behind.
 fn still_life<R>(h: &mut Headless, draw: impl FnOnce(&mut Headless, &[Drawable<'_>], Pose) -> R) -> R {
-    let clay = Material { base_colour: [0.55, 0.42, 0.33], ..Material::default() };
-    let glaze = Material { base_colour: [0.12, 0.3, 0.42], roughness: 0.35, ..Material::default() };
-    let stone = Material { base_colour: [0.42, 0.42, 0.4], ..Material::default() };
+    let clay = Material { base_color: [0.55, 0.42, 0.33, 1.0], ..Material::default() };
+    let glaze = Material { base_color: [0.12, 0.3, 0.42, 1.0], roughness: 0.35, ..Material::default() };
+    let stone = Material { base_color: [0.42, 0.42, 0.4, 1.0], ..Material::default() };
     let box_ = asset(h, &cube(), clay);
     let ball = asset(h, &sphere(32), glaze);
     let floor = asset(h, &quad([-6.0, 0.0, 4.0], [12.0, 0.0, 0.0], [0.0, 0.0, -8.0], 1.0), stone);
     let wall = brick_asset(h, &quad([-3.0, 0.0, -1.0], [6.0, 0.0, 0.0], [0.0, 3.0, 0.0], 3.0), 0.03);
-    let turned = Instance { rotation: DQuat::from_rotation_y(0.5), ..at(-0.8, 0.5, 0.2, 1.0) };
+    let turned = Placement { rotation: Quat::from_rotation_y(0.5).into(), ..at(-0.8, 0.5, 0.2, 1.0) };
     let drawables = [
         Drawable { asset: &box_, instances: &[turned] },
         Drawable { asset: &ball, instances: &[at(0.5, 0.4, 0.3, 0.8), at(1.2, 0.2, 0.8, 0.4)] },
-        Drawable { asset: &floor, instances: &[Instance::default()] },
-        Drawable { asset: &wall, instances: &[Instance::default()] },
+        Drawable { asset: &floor, instances: &[Placement::default()] },
+        Drawable { asset: &wall, instances: &[Placement::default()] },
     ];
     let camera = Pose::look_at(DVec3::new(1.6, 1.5, 3.4), DVec3::new(0.1, 0.6, 0.0), DVec3::Y, 0.75);
     draw(h, &drawables, camera)
@@ -118,7 +118,7 @@ fn pictures_repeat_bit_for_bit() {
 #[test]
 fn up_is_up_right_is_right_and_near_hides_far() {
     let Some(mut h) = headless(120, 120) else { return };
-    let colour = |c: [f32; 3]| Material { base_colour: c, ..Material::default() };
+    let colour = |c: [f32; 3]| Material { base_color: opaque(c), ..Material::default() };
     let red = asset(&h, &cube(), colour([0.9, 0.02, 0.02]));
     let green = asset(&h, &cube(), colour([0.02, 0.8, 0.02]));
     let blue = asset(&h, &cube(), colour([0.02, 0.02, 0.9]));
@@ -149,22 +149,22 @@ fn up_is_up_right_is_right_and_near_hides_far() {
 fn vertex_colours_multiply_the_materials_and_blend_in_linear_light() {
     let Some(mut h) = headless(128, 64) else { return };
     let mut square = quad([-2.0, -1.0, 0.0], [4.0, 0.0, 0.0], [0.0, 2.0, 0.0], 1.0);
-    let white = Material { base_colour: [0.5; 3], ..Material::default() };
+    let white = Material { base_color: [0.5, 0.5, 0.5, 1.0], ..Material::default() };
     let mut shoot = |mesh: &Mesh, material| {
         let asset = asset(&h, mesh, material);
-        let drawables = [Drawable { asset: &asset, instances: &[Instance::default()] }];
+        let drawables = [Drawable { asset: &asset, instances: &[Placement::default()] }];
         let mut frame = Frame::new(front_camera(), &drawables);
         // In this light red is hardly stronger than green.
         frame.environment.sky = Sky::Plain(GradientSky::default());
         picture(&mut h, &frame)
     };
-    let plain = shoot(&square, white);
-    let half = shoot(&square, Material { base_colour: [0.25; 3], ..Material::default() });
+    let plain = shoot(&square, white.clone());
+    let half = shoot(&square, Material { base_color: [0.25, 0.25, 0.25, 1.0], ..Material::default() });
     // Half the light is 188 of 255 in sRGB: as a vertex colour or in the material, it is the same.
     for v in &mut square.0 {
         *v = v.coloured([188, 188, 188, 255]);
     }
-    let grey = shoot(&square, white);
+    let grey = shoot(&square, white.clone());
     for (a, b) in [(64, 32), (20, 10)].map(|(x, y)| (grey.get_pixel(x, y), half.get_pixel(x, y))) {
         assert!(a.0.iter().zip(&b.0).all(|(a, b)| a.abs_diff(*b) <= 2), "{a:?} {b:?}");
     }
@@ -205,7 +205,7 @@ fn back_faces_are_drawn_and_lit_like_front_faces() {
         (back.0.iter().map(|v| PackedVertex { normal: v.normal.map(|x| -x), ..*v }).collect(), back.1);
     let mut shoot = |mesh| {
         let asset = asset(&h, mesh, Material::default());
-        let drawables = [Drawable { asset: &asset, instances: &[Instance::default()] }];
+        let drawables = [Drawable { asset: &asset, instances: &[Placement::default()] }];
         picture(&mut h, &Frame::new(front_camera(), &drawables))
     };
     // The same plane with opposite winding and normal.
@@ -229,7 +229,7 @@ fn flat_surfaces_carry_no_occlusion() {
         }
         picture(&mut h, &frame)
     };
-    let plane = [Drawable { asset: &floor, instances: &[Instance::default()] }];
+    let plane = [Drawable { asset: &floor, instances: &[Placement::default()] }];
     assert_eq!(compare(&shoot(&plane, true), &shoot(&plane, false), None).unwrap().max_difference, 0);
     // A coarse ball's facets do not shade themselves either (its silhouette may, against nothing).
     let alone = [Drawable { asset: &ball, instances: &[at(0.0, 1.0, 0.0, 2.0)] }];
@@ -250,7 +250,7 @@ fn levels_have_colours_of_their_own() {
         *v = v.at_level(1);
     }
     let asset = asset(&h, &mesh, Material::default());
-    let drawables = [Drawable { asset: &asset, instances: &[Instance::default()] }];
+    let drawables = [Drawable { asset: &asset, instances: &[Placement::default()] }];
     let mut frame = Frame::new(front_camera(), &drawables);
     frame.settings.debug_view = DebugView::Level;
     let image = picture(&mut h, &frame);
@@ -263,7 +263,7 @@ fn far_from_zero_the_picture_is_the_same() {
     let Some(mut h) = headless(96, 96) else { return };
     let ball = asset(&h, &sphere(24), Material::default());
     let mut shoot = |offset: DVec3| {
-        let instance = Instance { translation: offset, scale: 0.002, ..Instance::default() };
+        let instance = Placement { scale: 0.002, ..Placement::at(offset.into()) };
         let drawables = [Drawable { asset: &ball, instances: &[instance] }];
         let camera = Pose::look_at(offset + DVec3::new(0.0, 0.0, 0.004), offset, DVec3::Y, 0.8);
         let settings = Settings { near: 1e-5, ..Settings::default() };
@@ -315,11 +315,11 @@ fn strange_views_and_places_do_not_fail() {
     let Some(mut h) = headless(33, 17) else { return };
     let ball = asset(&h, &sphere(8), Material::default());
     let places = [
-        Instance::default(),
-        Instance { translation: DVec3::splat(f64::NAN), ..Instance::default() },
-        Instance { scale: f64::INFINITY, ..Instance::default() },
-        Instance { scale: 0.0, ..Instance::default() },
-        Instance { scale: -1.0, ..Instance::default() },
+        Placement::default(),
+        Placement::at([f64::NAN; 3]),
+        Placement { scale: f32::INFINITY, ..Placement::default() },
+        Placement { scale: 0.0, ..Placement::default() },
+        Placement { scale: -1.0, ..Placement::default() },
     ];
     let drawables = [Drawable { asset: &ball, instances: &places }];
     for fov_y in [0.001, 1.0, 3.1, f64::NAN, -1.0, 100.0] {

@@ -11,8 +11,8 @@ use crate::cpu_reference::depth::view_ray;
 use crate::cpu_reference::pn_triangles::{Corner, Patch};
 use crate::frame::graph::Resource;
 use crate::{
-    AntiAliasing, AssetGpu, DebugView, Drawable, Frame, Headless, Instance, MAX_PN_LEVEL, Material,
-    PackedVertex, PassId, PnTriangles, Pose, Settings, mark_smooth,
+    AntiAliasing, AssetGpu, DebugView, Drawable, Frame, Headless, MAX_PN_LEVEL, Material, PackedVertex,
+    PassId, Placement, PnTriangles, Pose, Settings, mark_smooth,
 };
 
 const NEAR: f64 = 1e-4;
@@ -85,7 +85,7 @@ fn half_flat(mesh: &Mesh) -> Mesh {
 fn draw(
     h: &mut Headless,
     asset: &AssetGpu,
-    instance: Instance,
+    instance: Placement,
     camera: Pose,
     settings: Settings,
 ) -> RgbaImage {
@@ -147,7 +147,7 @@ fn patches_match_their_cpu_reference() {
         let eye = DVec3::new(0.5, 0.4, 1.1);
         let camera = Pose::look_at(eye, DVec3::ZERO, DVec3::Y, 0.9);
         let settings = Settings { near: NEAR, ..curved(error) };
-        draw(&mut h, &ball, Instance::default(), camera, settings);
+        draw(&mut h, &ball, Placement::default(), camera, settings);
         keep(&h, &format!("pn-cpu_reference-{name}"));
         let (depth, normals) = (h.depth().unwrap(), h.intermediate(Resource::Normal, 8).unwrap());
         let normals: Vec<half::f16> = bytemuck::pod_collect_to_vec(&normals);
@@ -211,7 +211,7 @@ fn no_crack_opens_between_patches_at_any_distance() {
             let fov = (0.9 / distance).min(1.2);
             let camera = Pose::look_at(eye, DVec3::ZERO, DVec3::Y, fov);
             let settings = Settings { near: NEAR, occlusion: None, shadows: None, ..curved(0.1) };
-            draw(&mut h, &ball, Instance::default(), camera, settings);
+            draw(&mut h, &ball, Placement::default(), camera, settings);
             let holes = holes(&h, distance, camera);
             if k == 3 {
                 keep(&h, &format!("pn-cracks-{name}"));
@@ -233,7 +233,7 @@ fn from_within_a_ball_all_of_the_view_is_filled() {
         let towards = DVec3::new((0.9 * turn).cos(), (0.4 * turn).sin(), (0.9 * turn).sin());
         let camera = Pose::look_at(eye, eye + towards, DVec3::Y, fov_y);
         let settings = Settings { occlusion: None, shadows: None, ..curved(0.25) };
-        draw(&mut h, &ball, Instance::default(), camera, settings);
+        draw(&mut h, &ball, Placement::default(), camera, settings);
         let empty = h.coverage().unwrap().iter().filter(|covered| !**covered).count();
         assert_eq!(empty, 0, "view {k}");
     }
@@ -245,7 +245,7 @@ fn a_cube_stays_a_cube() {
     let mut mesh = join(&[cube(), quad([-3.0, -0.5, -3.0], [0.0, 0.0, 6.0], [6.0, 0.0, 0.0], 1.0)]);
     mark_smooth(&mut mesh.0);
     let block = asset(&h, &mesh, Material::default());
-    let turned = Instance { rotation: glam::DQuat::from_rotation_y(0.6), ..at(0.2, 0.1, -0.3, 1.3) };
+    let turned = Placement { rotation: glam::Quat::from_rotation_y(0.6).into(), ..at(0.2, 0.1, -0.3, 1.3) };
     let camera = Pose::look_at(DVec3::new(1.5, 1.2, 2.0), DVec3::ZERO, DVec3::Y, 0.8);
     for anti_aliasing in AntiAliasing::ALL {
         let settings = Settings { anti_aliasing, ..Settings::default() };
@@ -263,13 +263,13 @@ fn one_segment_per_edge_is_the_flat_triangle() {
     let Some(mut h) = headless(128, 96) else { return };
     let ball = asset(&h, &icosphere(1), Material { emission: [0.2; 3], ..Material::default() });
     let camera = Pose::look_at(DVec3::new(0.4, 0.6, 1.2), DVec3::ZERO, DVec3::Y, 0.8);
-    let plain = draw(&mut h, &ball, Instance::default(), camera, Settings::default());
+    let plain = draw(&mut h, &ball, Placement::default(), camera, Settings::default());
     for most in [0, 1] {
         let one = PnTriangles { error_px: 0.01, most };
         let settings = Settings { pn_triangles: Some(one), ..Settings::default() };
-        assert!(plain == draw(&mut h, &ball, Instance::default(), camera, settings), "{most}");
+        assert!(plain == draw(&mut h, &ball, Placement::default(), camera, settings), "{most}");
     }
-    let bent = draw(&mut h, &ball, Instance::default(), camera, curved(0.1));
+    let bent = draw(&mut h, &ball, Placement::default(), camera, curved(0.1));
     assert!(plain != bent);
 }
 
@@ -279,14 +279,14 @@ fn finer_patches_come_nearer_to_the_sphere() {
     let camera = Pose::look_at(DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 0.6);
     let fine = asset(&h, &icosphere(5), Material::default());
     let ball = asset(&h, &icosphere(1), Material::default());
-    let truth = draw(&mut h, &fine, Instance::default(), camera, Settings::default());
+    let truth = draw(&mut h, &fine, Placement::default(), camera, Settings::default());
     let off = |picture: &RgbaImage| {
         let pairs = picture.pixels().zip(truth.pixels());
         pairs.map(|(a, b)| (f64::from(a[1]) - f64::from(b[1])).powi(2)).sum::<f64>()
     };
-    let plain = off(&draw(&mut h, &ball, Instance::default(), camera, Settings::default()));
+    let plain = off(&draw(&mut h, &ball, Placement::default(), camera, Settings::default()));
     keep(&h, "pn-sphere-flat");
-    let bent = off(&draw(&mut h, &ball, Instance::default(), camera, curved(0.25)));
+    let bent = off(&draw(&mut h, &ball, Placement::default(), camera, curved(0.25)));
     keep(&h, "pn-sphere-curved");
     println!("{plain} {bent}");
     assert!(bent * 10.0 < plain, "{bent} of {plain}");
@@ -298,7 +298,7 @@ fn patches_match_the_mesh_tessellated_on_the_cpu() {
     let ball = asset(&h, &half_flat(&icosphere(1)), Material::default());
     let (eye, fov_y) = (DVec3::new(0.6, 0.5, 1.9), 0.6);
     let camera = Pose::look_at(eye, DVec3::ZERO, DVec3::Y, fov_y);
-    let instance = Instance { rotation: glam::DQuat::from_rotation_x(0.4), ..at(0.1, 0.0, 0.0, 1.2) };
+    let instance = Placement { rotation: glam::Quat::from_rotation_x(0.4).into(), ..at(0.1, 0.0, 0.0, 1.2) };
     let bent = draw(&mut h, &ball, instance, camera, curved(0.25));
     let scale_px = 64.0 / camera.tan_half_fov(128, 128).1;
     let cut = PnTriangles::default().tessellated(h.gpu(), &ball, (&instance, eye, scale_px)).unwrap();
@@ -346,7 +346,7 @@ fn all_passes_meet_the_same_patches() {
     let punctual_light = asset(&h, &mesh, Material { emission: [4.0, 0.0, 0.0], ..Material::default() });
     let settings =
         Settings { shadows: None, occlusion: None, anti_aliasing: AntiAliasing::None, ..curved(0.1) };
-    let picture = draw(&mut h, &punctual_light, Instance::default(), camera, settings);
+    let picture = draw(&mut h, &punctual_light, Placement::default(), camera, settings);
     keep(&h, "pn-emission");
     let covered = h.coverage().unwrap();
     let dark = picture.pixels().zip(&covered).filter(|(pixel, covered)| **covered && pixel[0] < 240).count();
@@ -364,7 +364,8 @@ fn all_passes_meet_the_same_patches() {
     assert_eq!(still, 0, "pixels without motion");
 
     // Wireframe, overdraw, transparency, and shadows of several instances.
-    let glass = Material { alpha: crate::Alpha::Blend, opacity: 0.5, ..Material::default() };
+    let glass =
+        Material { base_color: [0.7, 0.7, 0.7, 0.5], alpha: crate::Alpha::Blend, ..Material::default() };
     let glass = asset(&h, &mesh, glass);
     let instances = [at(-0.4, 0.0, 0.3, 0.7), at(0.4, 0.0, -0.3, 0.7), at(0.0, 0.3, 0.0, 0.4)];
     let floor =
@@ -394,8 +395,8 @@ fn pictures_are_the_same_each_time() {
     let Some(mut h) = headless(96, 96) else { return };
     let ball = asset(&h, &sphere(6), Material::default());
     let camera = Pose::look_at(DVec3::new(0.3, 0.5, 1.2), DVec3::ZERO, DVec3::Y, 0.9);
-    let first = draw(&mut h, &ball, Instance::default(), camera, curved(0.25));
+    let first = draw(&mut h, &ball, Placement::default(), camera, curved(0.25));
     for _ in 0..5 {
-        assert!(first == draw(&mut h, &ball, Instance::default(), camera, curved(0.25)));
+        assert!(first == draw(&mut h, &ball, Placement::default(), camera, curved(0.25)));
     }
 }

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 use half::f16;
 
-use super::shapes::{asset, at, cube, quad, sphere};
+use super::shapes::{asset, at, cube, opaque, quad, sphere};
 use super::{headless, keep};
 use crate::cpu_reference::bloom::Light as Picture;
 use crate::cpu_reference::brdf::{DIELECTRIC, from_octahedral};
@@ -14,8 +14,8 @@ use crate::frame::graph::Resource;
 use crate::image_compare::compare;
 use crate::passes::reflections::PYRAMID_LEVELS;
 use crate::{
-    AntiAliasing, AssetGpu, Bloom, Drawable, Environment, Frame, GradientSky, Headless, Instance, Material,
-    PassId, Pose, REFLECTION_THICKNESS, ReflectionMethod, Reflections, Settings, Sky, Water,
+    AntiAliasing, AssetGpu, Bloom, Drawable, Environment, Frame, GradientSky, Headless, Material, PassId,
+    Placement, Pose, REFLECTION_THICKNESS, ReflectionMethod, Reflections, Settings, Sky, Water,
 };
 
 fn texels(h: &Headless, resource: Resource) -> Vec<[f64; 4]> {
@@ -43,7 +43,7 @@ struct Stage {
 impl Stage {
     fn new(h: &Headless) -> Self {
         let mirror = |roughness, metallic| Material { roughness, metallic, ..Material::default() };
-        let colour = |base_colour| Material { base_colour, roughness: 0.9, ..Material::default() };
+        let colour = |colour| Material { base_color: opaque(colour), roughness: 0.9, ..Material::default() };
         Self {
             floor: asset(
                 h,
@@ -64,8 +64,8 @@ impl Stage {
         let (block, balls) =
             ([at(-0.9, 0.5, 0.0, 1.0)], [[at(0.5, 0.5, 0.3, 1.0)], [at(1.6, 0.4, -0.6, 0.8)]]);
         let drawables = [
-            Drawable { asset: &self.floor, instances: &[Instance::default()] },
-            Drawable { asset: &self.wall, instances: &[Instance::default()] },
+            Drawable { asset: &self.floor, instances: &[Placement::default()] },
+            Drawable { asset: &self.wall, instances: &[Placement::default()] },
             Drawable { asset: &self.block, instances: &block },
             Drawable { asset: &self.balls[0], instances: &balls[0] },
             Drawable { asset: &self.balls[1], instances: &balls[1] },
@@ -162,7 +162,7 @@ fn reflections_match_their_cpu_reference() {
 #[test]
 fn reflections_under_a_uniform_sky_change_nothing() {
     let Some(mut h) = headless(96, 64) else { return };
-    let white = Material { roughness: 0.05, metallic: 1.0, base_colour: [1.0; 3], ..Material::default() };
+    let white = Material { roughness: 0.05, metallic: 1.0, base_color: [1.0; 4], ..Material::default() };
     let ball = asset(&h, &sphere(32), white);
     let instances = [at(-0.4, 0.0, 0.0, 0.9), at(0.45, 0.1, 0.2, 0.9)];
     let drawables = [Drawable { asset: &ball, instances: &instances }];
@@ -188,10 +188,9 @@ fn reflections_are_the_same_at_all_scales_and_in_small_windows() {
         let Some(mut h) = headless(width, height) else { return };
         let mirror = Material { roughness: 0.05, metallic: 1.0, ..Material::default() };
         let floor = asset(&h, &quad([-4.0, 0.0, 4.0], [8.0, 0.0, 0.0], [0.0, 0.0, -8.0], 1.0), mirror);
-        let block = asset(&h, &cube(), Material { base_colour: [0.8, 0.1, 0.1], ..Material::default() });
+        let block = asset(&h, &cube(), Material { base_color: [0.8, 0.1, 0.1, 1.0], ..Material::default() });
         let mut shoot = |scale: f64, fov: f64, method, water: bool| {
-            let place =
-                |x, y, z| Instance { translation: DVec3::new(x, y, z) * scale, scale, ..Instance::default() };
+            let place = |x, y, z| at(x * scale, y * scale, z * scale, scale);
             let (floors, blocks) =
                 ([place(0.0, if water { -9.0 } else { 0.0 }, 0.0)], [place(0.2, 0.5, 0.0)]);
             let drawables = [
@@ -236,10 +235,10 @@ fn water_mirrors_what_stands_behind_it() {
     let Some(mut h) = headless(width, height) else { return };
     let bed =
         asset(&h, &quad([-8.0, -1.5, 8.0], [16.0, 0.0, 0.0], [0.0, 0.0, -16.0], 1.0), Material::default());
-    let block = asset(&h, &cube(), Material { base_colour: [0.9, 0.1, 0.1], ..Material::default() });
+    let block = asset(&h, &cube(), Material { base_color: [0.9, 0.1, 0.1, 1.0], ..Material::default() });
     let blocks = [at(0.0, 0.3, -1.0, 1.4)];
     let drawables = [
-        Drawable { asset: &bed, instances: &[Instance::default()] },
+        Drawable { asset: &bed, instances: &[Placement::default()] },
         Drawable { asset: &block, instances: &blocks },
     ];
     let camera = Pose::look_at(DVec3::new(0.2, 0.6, 4.0), DVec3::new(0.0, 0.1, 0.0), DVec3::Y, 0.7);

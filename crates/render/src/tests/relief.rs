@@ -12,7 +12,7 @@ use crate::cpu_reference::relief::ray::Ray;
 use crate::cpu_reference::relief::{ReliefMap, climb, reach, steps};
 use crate::frame::graph::Resource;
 use crate::{
-    AntiAliasing, AssetGpu, Drawable, Environment, Frame, Headless, Instance, Material, Pose, ReliefMethod,
+    AntiAliasing, AssetGpu, Drawable, Environment, Frame, Headless, Material, Placement, Pose, ReliefMethod,
     Settings, Shadows, TextureData, TextureKind, TextureShape, Wrap,
 };
 
@@ -27,13 +27,13 @@ fn tinted_wall(h: &Headless, relief_depth: f32, blue: u8) -> AssetGpu {
     const SIZE: u32 = 64;
     let shape = |kind, size| TextureShape::full(size, size, kind);
     let material = Material {
-        base_colour: [1.0; 3],
+        base_color: [1.0; 4],
         relief_depth,
-        colour_texture: Some(0),
+        base_color_texture: Some(0),
         height_texture: Some(1),
         ..Material::default()
     };
-    let shapes = [shape(TextureKind::Colour, 256), shape(TextureKind::Height, SIZE)];
+    let shapes = [shape(TextureKind::Color, 256), shape(TextureKind::Height, SIZE)];
     let mut wall = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[material], &shapes);
     fill(h, &mut wall, &quad([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0));
     for level in 0..shapes[0].levels {
@@ -81,7 +81,7 @@ fn places(
     settings: Settings,
     environment: Environment,
 ) -> Vec<VisiblePoint> {
-    let drawables = [Drawable { asset: wall, instances: &[Instance::default()] }];
+    let drawables = [Drawable { asset: wall, instances: &[Placement::default()] }];
     h.frame(&Frame { settings, environment, ..Frame::new(camera, &drawables) }).unwrap();
     let (width, height) = h.size();
     let covered = h.coverage().unwrap();
@@ -177,7 +177,7 @@ fn acceleration_textures_exist_for_repeating_maps_only() {
     // More than a texel of the height map a pixel.
     let far = Pose::look_at(DVec3::new(4.0, 0.75, 3.0), DVec3::new(0.5, 0.5, 0.0), DVec3::Y, 0.9);
     let mut picture = |wall: &AssetGpu, camera, relief_method| {
-        let drawables = [Drawable { asset: wall, instances: &[Instance::default()] }];
+        let drawables = [Drawable { asset: wall, instances: &[Placement::default()] }];
         let settings = Settings { relief_method, relief_steps: 12, ..Settings::default() };
         h.frame(&Frame { settings, ..Frame::new(camera, &drawables) }).unwrap();
         h.picture().unwrap()
@@ -189,9 +189,9 @@ fn acceleration_textures_exist_for_repeating_maps_only() {
         assert!(picture(&wall, near, ReliefMethod::Relief) == before, "after {}", way.name());
     }
     let material = Material {
-        base_colour: [1.0; 3],
+        base_color: [1.0; 4],
         relief_depth: 0.15,
-        colour_texture: Some(0),
+        base_color_texture: Some(0),
         height_texture: Some(1),
         wrap: [Wrap::Clamp, Wrap::Repeat],
         ..Material::default()
@@ -362,13 +362,13 @@ fn relief_depth_intersects_objects_correctly() {
     let depth = 0.12;
     let wall = wall_of_coordinates(&h, depth as f32);
     let other = tinted_wall(&h, depth as f32, 255);
-    let flat = Material { base_colour: [0.0, 0.0, 1.0], ..Material::default() };
+    let flat = Material { base_color: [0.0, 0.0, 1.0, 1.0], ..Material::default() };
     let mut pane = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[flat], &[]);
     fill(&h, &mut pane, &quad([0.0, 0.0, -0.06], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0));
     let camera = Pose::look_at(DVec3::new(0.8, 0.65, 0.9), DVec3::new(0.5, 0.5, 0.0), DVec3::Y, 0.6);
     let by = [0.07, 0.09];
-    let moved = Instance { translation: DVec3::new(by[0], by[1], -0.05), ..Instance::default() };
-    let still = [Instance::default()];
+    let moved = Placement::at([by[0], by[1], -0.05]);
+    let still = [Placement::default()];
     let placed = [moved];
     let of_wall = Drawable { asset: &wall, instances: &still };
     // The distance along a ray from the eye.
@@ -422,7 +422,7 @@ fn relief_depth_intersects_objects_correctly() {
 fn relief_in_depth_does_not_lie_in_the_shadow_of_its_own_surface() {
     let Some(mut h) = headless(96, 72) else { return };
     let wall = wall_of_coordinates(&h, 0.1);
-    let drawables = [Drawable { asset: &wall, instances: &[Instance::default()] }];
+    let drawables = [Drawable { asset: &wall, instances: &[Placement::default()] }];
     let camera = Pose::look_at(DVec3::new(0.5, 0.45, 0.9), DVec3::new(0.5, 0.5, 0.0), DVec3::Y, 0.6);
     for to_sun in [DVec3::new(0.3, 0.4, 0.9), DVec3::new(-0.8, 0.3, 0.4)] {
         let environment = Environment { to_sun, ..Environment::default() };
@@ -453,27 +453,28 @@ fn relief_normals_follow_the_height_map_on_any_placement() {
     for (direction, want) in [(0, [-depth, 0.0, 1.0]), (1, [0.0, depth, 1.0])] {
         let ramp = |i: u32| (if direction == 0 { i % SIZE } else { i / SIZE }) * 65_535 / SIZE;
         let heights: Vec<u16> = (0..SIZE * SIZE).map(|i| ramp(i) as u16).collect();
-        let mut wall = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[material], &[shape]);
+        let mut wall =
+            h.renderer().create_asset(h.gpu(), DVec3::ZERO, std::slice::from_ref(&material), &[shape]);
         fill(&h, &mut wall, &quad([-0.5, -0.5, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0));
         wall.update_texture(h.gpu(), 0, 0, TextureData::R16(&heights)).unwrap();
         for instance in [
-            Instance::default(),
-            Instance {
-                translation: DVec3::new(100.0, -3.0, 7.0),
-                rotation: glam::DQuat::from_axis_angle(DVec3::new(1.0, 2.0, -0.5).normalize(), 1.1),
-                scale: 3.0,
-            },
+            Placement::default(),
+            Placement::new(
+                DVec3::new(100.0, -3.0, 7.0),
+                glam::DQuat::from_axis_angle(DVec3::new(1.0, 2.0, -0.5).normalize(), 1.1),
+                3.0,
+            ),
         ] {
             let drawables = [Drawable { asset: &wall, instances: &[instance] }];
             let eye = instance.to_world(DVec3::new(0.2, -0.1, 1.3));
-            let up = instance.rotation * DVec3::Y;
+            let up = instance.orientation_f64() * DVec3::Y;
             let camera = Pose::look_at(eye, instance.to_world(DVec3::ZERO), up, 0.25);
             h.frame(&Frame::new(camera, &drawables)).unwrap();
             let normals = h.intermediate(Resource::Normal, 8).unwrap();
             let pixel = &normals[((height / 2 * width + width / 2) * 8) as usize..];
             let stored = [0, 1].map(|c| half(u16::from_le_bytes([pixel[2 * c], pixel[2 * c + 1]])));
             let got = brdf::from_octahedral(stored);
-            let want = instance.rotation * DVec3::from(want).normalize();
+            let want = instance.orientation_f64() * DVec3::from(want).normalize();
             assert!((DVec3::from(got) - want).length() < 0.01, "{direction}: {got:?} {want}");
         }
     }

@@ -15,28 +15,29 @@ use crate::image_compare::compare;
 use crate::passes::shadows::map_from_world;
 use crate::resources::readback::read_texture;
 use crate::{
-    AntiAliasing, AssetGpu, DebugView, Drawable, Environment, Frame, Headless, Instance, Material, Pose,
+    AntiAliasing, AssetGpu, DebugView, Drawable, Environment, Frame, Headless, Material, Placement, Pose,
     Settings, Shadows,
 };
 
 /// Objects on a floor, in the sun: a cube, a ball, a floating board, and a wall.
 struct Yard {
-    meshes: Vec<(Mesh, Vec<Instance>)>,
+    meshes: Vec<(Mesh, Vec<Placement>)>,
     to_sun: DVec3,
 }
 
 impl Yard {
     fn new(to_sun: DVec3) -> Self {
-        let turned = Instance { rotation: DQuat::from_rotation_y(0.5), ..at(-0.8, 0.5, 0.2, 1.0) };
+        let turned =
+            Placement { rotation: glam::Quat::from_rotation_y(0.5).into(), ..at(-0.8, 0.5, 0.2, 1.0) };
         let floor = quad([-8.0, 0.0, 8.0], [16.0, 0.0, 0.0], [0.0, 0.0, -16.0], 1.0);
         let board = quad([-0.4, 0.0, 0.3], [0.8, 0.0, 0.0], [0.0, 0.0, -0.6], 1.0);
         let wall = quad([-3.0, 0.0, -1.5], [6.0, 0.0, 0.0], [0.0, 2.0, 0.0], 1.0);
         let meshes = vec![
             (cube(), vec![turned, at(2.0, 0.1, 0.9, 0.2)]),
             (sphere(24), vec![at(0.6, 0.4, 0.3, 0.8)]),
-            (floor, vec![Instance::default()]),
+            (floor, vec![Placement::default()]),
             (board, vec![at(1.4, 0.9, 0.2, 1.0)]),
-            (wall, vec![Instance::default()]),
+            (wall, vec![Placement::default()]),
         ];
         Self { meshes, to_sun }
     }
@@ -44,15 +45,15 @@ impl Yard {
     /// The same, scaled and moved.
     fn scaled(mut self, scale: f64, offset: DVec3) -> Self {
         for instance in self.meshes.iter_mut().flat_map(|(_, instances)| instances) {
-            instance.translation = offset + instance.translation * scale;
-            instance.scale *= scale;
+            instance.translation = (offset + DVec3::from(instance.translation) * scale).into();
+            instance.scale *= scale as f32;
         }
         self
     }
 
     fn draw<R>(&self, h: &mut Headless, run: impl FnOnce(&mut Headless, &[Drawable<'_>]) -> R) -> R {
-        let clay = Material { base_colour: [0.6, 0.5, 0.42], ..Material::default() };
-        let assets: Vec<_> = self.meshes.iter().map(|(mesh, _)| asset(h, mesh, clay)).collect();
+        let clay = Material { base_color: [0.6, 0.5, 0.42, 1.0], ..Material::default() };
+        let assets: Vec<_> = self.meshes.iter().map(|(mesh, _)| asset(h, mesh, clay.clone())).collect();
         let drawables: Vec<_> = assets
             .iter()
             .zip(&self.meshes)
@@ -309,7 +310,7 @@ fn unchanged_shadow_maps_are_not_redrawn() {
     let mut ball = asset(&h, &mesh, clay);
     let morphing = |birth_s| mesh.0.iter().map(move |v| v.morphing([0.0; 3], birth_s)).collect::<Vec<_>>();
     yard.draw(&mut h, |h, drawables| {
-        let mut drawn = |camera: Pose, ball: &AssetGpu, instances: &[Instance], time_s: f32| {
+        let mut drawn = |camera: Pose, ball: &AssetGpu, instances: &[Placement], time_s: f32| {
             let all: Vec<_> =
                 drawables.iter().copied().chain([Drawable { asset: ball, instances }]).collect();
             let frame = yard.frame(camera, &all, Shadows::default());
@@ -320,7 +321,8 @@ fn unchanged_shadow_maps_are_not_redrawn() {
         assert_eq!(drawn(camera(), &ball, &placed, 2.0), 0, "time passes");
         let turned = Pose { rotation: camera().rotation * DQuat::from_rotation_y(0.3), ..camera() };
         assert_eq!(drawn(turned, &ball, &placed, 2.0), 0, "the camera turns");
-        let moved = Instance { translation: placed[0].translation + DVec3::X, ..placed[0] };
+        let moved =
+            Placement { translation: (DVec3::from(placed[0].translation) + DVec3::X).into(), ..placed[0] };
         assert_eq!(drawn(camera(), &ball, &[moved], 2.0), 1, "what moves lies in one map alone");
         ball.update_vertices(h.gpu(), 0, &morphing(3.0)).unwrap();
         let mut drawn = |time_s: f32| {

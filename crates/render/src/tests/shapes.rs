@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use crate::cpu_reference::relief::ReliefMap;
 use crate::cpu_reference::relief::height_maps::bricks;
-use crate::{AssetGpu, Headless, Instance, Material, PackedVertex, TextureData, TextureKind, TextureShape};
+use crate::{AssetGpu, Headless, Material, PackedVertex, Placement, TextureData, TextureKind, TextureShape};
 
 /// Vertices and faces.
 pub(super) type Mesh = (Vec<PackedVertex>, Vec<[u32; 3]>);
@@ -62,6 +62,11 @@ pub(super) fn sphere(rings: u32) -> Mesh {
 }
 
 /// An asset of one mesh and one material.
+/// A base colour without transparency.
+pub(super) fn opaque([r, g, b]: [f32; 3]) -> [f32; 4] {
+    [r, g, b, 1.0]
+}
+
 pub(super) fn asset(h: &Headless, mesh: &Mesh, material: Material) -> AssetGpu {
     let mut asset = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[material], &[]);
     fill(h, &mut asset, mesh);
@@ -101,9 +106,9 @@ pub(super) fn brick_asset(h: &Headless, mesh: &Mesh, depth: f32) -> AssetGpu {
     let shape = |kind| TextureShape::full(SIZE as u32, SIZE as u32, kind);
     let material = Material {
         relief_depth: depth,
-        colour_texture: Some(0),
+        base_color_texture: Some(0),
         height_texture: Some(1),
-        base_colour: [1.0; 3],
+        base_color: [1.0; 4],
         roughness: 0.85,
         ..Material::default()
     };
@@ -111,7 +116,7 @@ pub(super) fn brick_asset(h: &Headless, mesh: &Mesh, depth: f32) -> AssetGpu {
         h.gpu(),
         DVec3::ZERO,
         &[material],
-        &[shape(TextureKind::Colour), shape(TextureKind::Height)],
+        &[shape(TextureKind::Color), shape(TextureKind::Height)],
     );
     fill(h, &mut asset, mesh);
     for (level, heights) in heights.iter().enumerate() {
@@ -130,8 +135,8 @@ pub(super) fn brick_asset(h: &Headless, mesh: &Mesh, depth: f32) -> AssetGpu {
 }
 
 /// An instance at a place, scaled.
-pub(super) fn at(x: f64, y: f64, z: f64, scale: f64) -> Instance {
-    Instance { translation: DVec3::new(x, y, z), scale, ..Instance::default() }
+pub(super) fn at(x: f64, y: f64, z: f64, scale: f64) -> Placement {
+    Placement { scale: scale as f32, ..Placement::at([x, y, z]) }
 }
 
 /// A level square, 20 km wide, at height 0.

@@ -13,7 +13,8 @@ use crate::cpu_reference::sky::Octahedral;
 use crate::frame::graph::Resource;
 use crate::passes::sky::SkyGpu;
 use crate::{
-    AntiAliasing, Atmosphere, Drawable, Environment, Frame, Headless, Instance, Material, Pose, Settings, Sky,
+    AntiAliasing, Atmosphere, Drawable, Environment, Frame, Headless, Material, Placement, Pose, Settings,
+    Sky,
 };
 
 const SIDE: u32 = 32;
@@ -65,8 +66,9 @@ impl Traced<'_> {
         for bounce in 0..8 {
             let Some(at) = meets(from, ray) else { return sum + weight * self.seen(ray) };
             let normal = at / RADIUS;
+            let [albedo @ .., _] = self.material.base_color.map(f64::from);
             let reflector = Reflector {
-                albedo: self.material.base_colour.map(f64::from),
+                albedo,
                 metal: f64::from(self.material.metallic),
                 roughness: f64::from(self.material.roughness),
                 normal: normal.to_array(),
@@ -106,8 +108,8 @@ impl Traced<'_> {
 /// Relative to the mean radiance: the RMS difference between picture and paths, without the paths' noise, and the RMS
 /// noise.
 fn rms(h: &mut Headless, material: Material, environment: Environment) -> [f64; 2] {
-    let ball = asset(h, &sphere(96), material);
-    let drawables = [Drawable { asset: &ball, instances: &[Instance::default()] }];
+    let ball = asset(h, &sphere(96), material.clone());
+    let drawables = [Drawable { asset: &ball, instances: &[Placement::default()] }];
     let camera = Pose::look_at(DVec3::new(0.0, 0.3, 3.0), DVec3::ZERO, DVec3::Y, 0.36);
     let settings =
         Settings { occlusion: None, shadows: None, anti_aliasing: AntiAliasing::None, ..Settings::default() };
@@ -203,10 +205,10 @@ fn spheres_match_path_tracing() {
     for (metallic, of_roughness) in bounds {
         for (roughness, most) in of_roughness {
             let material =
-                Material { base_colour: [0.8, 0.5, 0.2], metallic, roughness, ..Material::default() };
+                Material { base_color: [0.8, 0.5, 0.2, 1.0], metallic, roughness, ..Material::default() };
             let of = [DVec3::new(0.55, 0.75, 0.45), DVec3::new(0.8, 0.14, 0.6)].map(|to_sun| {
                 let environment = Environment { to_sun, sky, ..Environment::default() };
-                rms(&mut h, material, environment)
+                rms(&mut h, material.clone(), environment)
             });
             keep(&h, &format!("sphere-{metallic}-{roughness}"));
             let [[high, high_noise], [low, low_noise]] = of;

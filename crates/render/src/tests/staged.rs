@@ -6,7 +6,7 @@ use glam::DVec3;
 use lodestream_client::core::{Change, IndexRun, MeshChange, NewAsset, TextureChange, TexturePixels, Vertex};
 use lodestream_geometry::refine::RenderVertex;
 use lodestream_scene::asset::{Material, TextureFormat, TextureInfo, TextureKind, TextureLevel};
-use lodestream_scene::description::InstanceEntry;
+use lodestream_scene::description::Instance;
 
 use super::headless;
 use crate::{Headless, Pose, SceneView, Settings};
@@ -59,7 +59,7 @@ fn square() -> Vec<Change> {
     };
     let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
     vec![
-        Change::Instances(vec![InstanceEntry::at(0, [0.0; 3])]),
+        Change::Instances(vec![Instance::at(0, [0.0; 3])]),
         Change::Asset(NewAsset {
             asset: 0,
             origin: [0.0; 3],

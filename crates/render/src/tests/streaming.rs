@@ -6,7 +6,7 @@ use super::headless;
 use super::shapes::{asset, at, fill, quad, sphere};
 use crate::image_compare::compare;
 use crate::{
-    AssetGpu, Drawable, Frame, Headless, Instance, Material, PackedVertex, Pose, RenderError, Texture,
+    AssetGpu, Drawable, Frame, Headless, Material, PackedVertex, Placement, Pose, RenderError, Texture,
     TextureData, TextureKind, TextureShape,
 };
 
@@ -19,7 +19,7 @@ fn shoot(h: &mut Headless, asset: &AssetGpu) -> image::RgbaImage {
 }
 
 fn shoot_with(h: &mut Headless, asset: &AssetGpu, wireframe: bool) -> image::RgbaImage {
-    let drawables = [Drawable { asset, instances: &[Instance::default()] }];
+    let drawables = [Drawable { asset, instances: &[Placement::default()] }];
     let mut frame = Frame::new(camera(), &drawables);
     frame.settings.wireframe = wireframe;
     h.frame(&frame).unwrap();
@@ -80,7 +80,7 @@ fn piecewise_uploads_equal_one_upload() {
 #[test]
 fn unknown_names_and_wrong_sizes_are_errors() {
     let Some(h) = headless(8, 8) else { return };
-    let shape = TextureShape::full(4, 4, TextureKind::Colour);
+    let shape = TextureShape::full(4, 4, TextureKind::Color);
     let mut a = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[Material::default()], &[shape]);
     let g = h.gpu();
     assert!(matches!(a.update_indices(g, 1, 0, &[]), Err(RenderError::NoSuch { what: "material", .. })));
@@ -98,12 +98,13 @@ fn unknown_names_and_wrong_sizes_are_errors() {
 fn shared_textures_exist_once_while_in_use() {
     let Some(mut h) = headless(16, 16) else { return };
     let mesh = quad([-1.0, -1.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], 1.0);
-    let shape = TextureShape { levels: 2, ..TextureShape::full(8, 8, TextureKind::Colour) };
-    let material = Material { base_colour: [1.0; 3], colour_texture: Some(0), ..Material::default() };
+    let shape = TextureShape { levels: 2, ..TextureShape::full(8, 8, TextureKind::Color) };
+    let material = Material { base_color: [1.0; 4], base_color_texture: Some(0), ..Material::default() };
     let texture = Texture::new(h.gpu(), shape);
     let [mut one, mut other] = [(); 2].map(|()| {
         let textures = vec![texture.clone()];
-        let mut asset = h.renderer().create_asset_with(h.gpu(), DVec3::ZERO, &[material], textures);
+        let mut asset =
+            h.renderer().create_asset_with(h.gpu(), DVec3::ZERO, std::slice::from_ref(&material), textures);
         fill(&h, &mut asset, &mesh);
         asset
     });
@@ -125,7 +126,8 @@ fn shared_textures_exist_once_while_in_use() {
     assert_eq!(weak.upgrade().map(|texture| texture.bytes()), Some(texels));
     // An asset created later has the textures that have arrived.
     let later = vec![weak.upgrade().unwrap()];
-    let mut later = h.renderer().create_asset_with(h.gpu(), DVec3::ZERO, &[material], later);
+    let mut later =
+        h.renderer().create_asset_with(h.gpu(), DVec3::ZERO, std::slice::from_ref(&material), later);
     fill(&h, &mut later, &mesh);
     assert_eq!(shoot(&mut h, &later), red);
     drop((one, later));
@@ -140,9 +142,10 @@ fn a_texture_without_levels_shows_its_mean_colour() {
     let Some(mut h) = headless(16, 16) else { return };
     let mesh = quad([-1.0, -1.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], 1.0);
     let (bytes, linear) = ([180, 90, 40, 255], [0.456_41, 0.102_24, 0.021_22]);
-    let shape = TextureShape { mean: linear, ..TextureShape::full(4, 4, TextureKind::Colour) };
-    let material = Material { base_colour: [0.5; 3], colour_texture: Some(0), ..Material::default() };
-    let mut a = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[material], &[shape]);
+    let shape = TextureShape { mean: linear, ..TextureShape::full(4, 4, TextureKind::Color) };
+    let material =
+        Material { base_color: [0.5, 0.5, 0.5, 1.0], base_color_texture: Some(0), ..Material::default() };
+    let mut a = h.renderer().create_asset(h.gpu(), DVec3::ZERO, std::slice::from_ref(&material), &[shape]);
     fill(&h, &mut a, &mesh);
     let before = shoot(&mut h, &a);
     for level in 0..shape.levels {
@@ -159,8 +162,8 @@ fn a_texture_without_levels_shows_its_mean_colour() {
 fn texture_levels_sharpen_the_picture_in_any_order() {
     let Some(mut h) = headless(64, 64) else { return };
     let size = 64u32;
-    let shape = TextureShape::full(size, size, TextureKind::Colour);
-    let material = Material { base_colour: [1.0; 3], colour_texture: Some(0), ..Material::default() };
+    let shape = TextureShape::full(size, size, TextureKind::Color);
+    let material = Material { base_color: [1.0; 4], base_color_texture: Some(0), ..Material::default() };
     let mesh = quad([-1.0, -1.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], 1.0);
     // The finest level is a checkerboard, each coarser one a flat colour of its own.
     let level_pixels = |level: u32| -> Vec<u8> {
@@ -173,7 +176,8 @@ fn texture_levels_sharpen_the_picture_in_any_order() {
         (0..w * height).flat_map(pixel).collect()
     };
     let make = |h: &Headless| {
-        let mut a = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[material], &[shape]);
+        let mut a =
+            h.renderer().create_asset(h.gpu(), DVec3::ZERO, std::slice::from_ref(&material), &[shape]);
         fill(h, &mut a, &mesh);
         a
     };

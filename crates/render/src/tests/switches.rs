@@ -1,21 +1,21 @@
 //! Each switch of the settings omits the effect that it is named after, and nothing else: with it off, a frame equals,
 //! to the bit, one of a scene without the cause of the effect.
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use image::RgbaImage;
 
 use super::shapes::{asset, at, quad, sphere};
 use super::{headless, keep};
 use crate::{
-    Alpha, AntiAliasing, AssetGpu, DebugView, Drawable, Environment, Frame, Haze, Headless, Instance, Light,
-    LightCulling, Material, PassId, Pose, Settings, Water,
+    Alpha, AntiAliasing, AssetGpu, DebugView, Drawable, Environment, Frame, Haze, Headless, LightCulling,
+    Material, PassId, Placement, Pose, PunctualLight, Settings, Water,
 };
 
 const SIZE: (u32, u32) = (96, 64);
 /// One near and one far.
-const PUNCTUAL_LIGHTS: [Light; 2] = [
-    Light { position: DVec3::new(1.4, 0.3, 0.6), intensity: Vec3::splat(1.5), range: 1.5, spot: None },
-    Light { position: DVec3::new(-0.6, 0.6, -3.0), intensity: Vec3::splat(1.5), range: 1.5, spot: None },
+const PUNCTUAL_LIGHTS: [PunctualLight; 2] = [
+    PunctualLight { position: [1.4, 0.3, 0.6], intensity: [1.5; 3], range: 1.5, spot: None },
+    PunctualLight { position: [-0.6, 0.6, -3.0], intensity: [1.5; 3], range: 1.5, spot: None },
 ];
 
 /// A sloping shore with a glowing ball and a glowing pane of glass.
@@ -24,8 +24,8 @@ struct Scene {
     /// With emission, and without.
     balls: [AssetGpu; 2],
     panes: [AssetGpu; 2],
-    here: [Instance; 1],
-    there: [Instance; 1],
+    here: [Placement; 1],
+    there: [Placement; 1],
 }
 
 impl Scene {
@@ -33,13 +33,13 @@ impl Scene {
         let floor = quad([-6.0, -0.6, 3.0], [12.0, 0.5, 0.0], [0.0, 0.2, -9.0], 1.0);
         let pane = quad([-1.8, -0.6, 1.0], [1.1, 0.0, 0.0], [0.0, 1.4, 0.0], 1.0);
         let glow = [[0.4, 0.1, 0.0], [0.0; 3]];
-        let glass = Material { opacity: 0.4, alpha: Alpha::Blend, ..Material::default() };
-        let ball = Material { base_colour: [0.1; 3], ..Material::default() };
+        let glass = Material { base_color: [0.7, 0.7, 0.7, 0.4], alpha: Alpha::Blend, ..Material::default() };
+        let ball = Material { base_color: [0.1, 0.1, 0.1, 1.0], ..Material::default() };
         Self {
-            floor: asset(h, &floor, Material { base_colour: [0.4; 3], ..Material::default() }),
-            balls: glow.map(|emission| asset(h, &sphere(24), Material { emission, ..ball })),
-            panes: glow.map(|emission| asset(h, &pane, Material { emission, ..glass })),
-            here: [Instance::default()],
+            floor: asset(h, &floor, Material { base_color: [0.4, 0.4, 0.4, 1.0], ..Material::default() }),
+            balls: glow.map(|emission| asset(h, &sphere(24), Material { emission, ..ball.clone() })),
+            panes: glow.map(|emission| asset(h, &pane, Material { emission, ..glass.clone() })),
+            here: [Placement::default()],
             there: [at(0.2, 0.3, 0.0, 0.8)],
         }
     }

@@ -3,13 +3,13 @@
 use glam::{DVec3, Vec3};
 use image::RgbaImage;
 
-use super::shapes::{asset, at, cube, quad, sphere};
+use super::shapes::{asset, at, cube, opaque, quad, sphere};
 use super::{headless, keep};
 use crate::cpu_reference::{temporal, tone};
 use crate::frame::graph::Resource;
 use crate::{
-    AntiAliasing, AssetGpu, DebugView, Drawable, Environment, Frame, GradientSky, Headless, Instance,
-    Material, PassId, Pose, Settings, Sky, Water,
+    AntiAliasing, AssetGpu, DebugView, Drawable, Environment, Frame, GradientSky, Headless, Material, PassId,
+    Placement, Pose, Settings, Sky, Water,
 };
 
 const SIZE: (u32, u32) = (120, 68);
@@ -25,7 +25,7 @@ struct Scene {
 
 impl Scene {
     fn new(h: &Headless) -> Self {
-        let colour = |c: [f32; 3]| Material { base_colour: c, roughness: 0.8, ..Material::default() };
+        let colour = |c: [f32; 3]| Material { base_color: opaque(c), roughness: 0.8, ..Material::default() };
         Self {
             box_: asset(h, &cube(), colour([0.8; 3])),
             ball: asset(h, &sphere(24), colour([0.1, 0.2, 0.5])),
@@ -57,11 +57,11 @@ impl Scene {
         anti_aliasing: AntiAliasing,
         water: Option<Water>,
     ) -> crate::Counters {
-        let column = Instance { scale: 1.0, ..at(-0.8 + moved, 0.2, 0.0, 1.0) };
+        let column = at(-0.8 + moved, 0.2, 0.0, 1.0);
         let drawables = [
             Drawable { asset: &self.box_, instances: &[column, at(0.6, -0.6, 0.2, 0.7)] },
             Drawable { asset: &self.ball, instances: &[at(0.5 + moved, 0.3, 0.2, 0.6)] },
-            Drawable { asset: &self.wall, instances: &[Instance::default()] },
+            Drawable { asset: &self.wall, instances: &[Placement::default()] },
         ];
         let frame = Frame { settings: settings(anti_aliasing), water, ..Frame::new(camera, &drawables) };
         h.frame(&frame).unwrap()
@@ -79,7 +79,7 @@ struct Pond {
 
 impl Pond {
     fn new(h: &Headless, depth: f64, clarity: f64) -> Self {
-        let colour = |c: [f32; 3]| Material { base_colour: c, roughness: 0.8, ..Material::default() };
+        let colour = |c: [f32; 3]| Material { base_color: opaque(c), roughness: 0.8, ..Material::default() };
         let bed = quad([-30.0, -depth as f32, 10.0], [60.0, 0.0, 0.0], [0.0, 0.0, -60.0], 1.0);
         Self {
             bed: asset(h, &bed, colour([0.5, 0.45, 0.35])),
@@ -93,7 +93,7 @@ impl Pond {
     fn draw(&self, h: &mut Headless, right: f64, anti_aliasing: AntiAliasing) {
         let eye = DVec3::new(right, 0.8, 3.0);
         let camera = Pose::look_at(eye, eye + DVec3::new(0.0, -1.0, -3.0), DVec3::Y, 0.8);
-        let pebbles: Vec<Instance> = (0..180)
+        let pebbles: Vec<Placement> = (0..180)
             .map(|i| {
                 let (x, z) = (f64::from(i % 18), f64::from(i / 18));
                 let off = 0.4 * (f64::from(i) * 2.4).sin();
@@ -105,7 +105,7 @@ impl Pond {
             .collect();
         let posts = [at(-0.7, 0.0, 0.3, 0.35), at(0.8, 0.1, -1.2, 0.5)];
         let drawables = [
-            Drawable { asset: &self.bed, instances: &[Instance::default()] },
+            Drawable { asset: &self.bed, instances: &[Placement::default()] },
             Drawable { asset: &self.pebble, instances: &pebbles },
             Drawable { asset: &self.post, instances: &posts },
         ];
@@ -370,7 +370,7 @@ fn any_visible_change_ends_a_still_picture() {
     let Some(mut h) = headless(SIZE.0, SIZE.1) else { return };
     let scene = Scene::new(&h);
     let still = |h: &mut Headless, frame: &Frame<'_>| h.frame(frame).unwrap().still_frames;
-    let stand = [Instance::default()];
+    let stand = [Placement::default()];
     let (one, two) = (at(0.0, 0.0, 0.0, 1.0), at(0.0, 1e-9, 0.0, 1.0));
     let (ones, twos) = ([one], [two]);
     let wall = Drawable { asset: &scene.wall, instances: &stand };
@@ -398,14 +398,15 @@ fn any_visible_change_ends_a_still_picture() {
 fn materials_textures_and_morphs_end_a_still_picture() {
     let Some(mut h) = headless(SIZE.0, SIZE.1) else { return };
     let mut ball = asset(&h, &sphere(12), Material::default());
-    let stand = [Instance::default()];
+    let stand = [Placement::default()];
     let draw = |h: &mut Headless, ball: &AssetGpu, time_s: f32| {
         let drawables = [Drawable { asset: ball, instances: &stand }];
         let frame = Frame::new(camera(0.0), &drawables);
         h.frame(&Frame { settings: settings(AntiAliasing::Temporal), time_s, ..frame }).unwrap()
     };
     assert_eq!([0; 2].map(|_| draw(&mut h, &ball, 0.0).still_frames), [1, 2]);
-    ball.set_material(h.gpu(), 0, Material { base_colour: [1.0, 0.0, 0.0], ..Material::default() }).unwrap();
+    ball.set_material(h.gpu(), 0, Material { base_color: [1.0, 0.0, 0.0, 1.0], ..Material::default() })
+        .unwrap();
     assert_eq!([0; 2].map(|_| draw(&mut h, &ball, 0.0).still_frames), [1, 2]);
     // A vertex that morphs for a quarter of a second.
     let mut vertex = sphere(12).0[40];
@@ -449,7 +450,7 @@ fn motion_is_shown_where_it_is() {
     let scene = Scene::new(&h);
     let mut shot = |right: f64| {
         let instances = [at(right, 0.0, 0.0, 1.0)];
-        let wall = [Instance::default()];
+        let wall = [Placement::default()];
         let drawables = [
             Drawable { asset: &scene.ball, instances: &instances },
             Drawable { asset: &scene.wall, instances: &wall },

@@ -14,7 +14,11 @@ fn scene<R>(h: &mut Headless, draw: impl FnOnce(&mut Headless, &Frame<'_>) -> R)
     let box_ = asset(h, &cube(), Material::default());
     let ball = asset(h, &sphere(24), Material { emission: [0.2; 3], ..Material::default() });
     let pane = quad([-0.5, 0.0, 0.9], [1.0, 0.0, 0.0], [0.0, 0.5, 0.0], 1.0);
-    let pane = asset(h, &pane, Material { opacity: 0.5, alpha: Alpha::Blend, ..Material::default() });
+    let pane = asset(
+        h,
+        &pane,
+        Material { base_color: [0.7, 0.7, 0.7, 0.5], alpha: Alpha::Blend, ..Material::default() },
+    );
     let drawables = [
         Drawable { asset: &box_, instances: &[at(0.0, -1.0, 0.0, 2.0)] },
         Drawable { asset: &ball, instances: &[at(-0.2, 0.3, 0.2, 0.6)] },

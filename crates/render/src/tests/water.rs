@@ -14,7 +14,7 @@ use crate::cpu_reference::water::Ray;
 use crate::frame::graph::Resource;
 use crate::image_compare::compare;
 use crate::{
-    AntiAliasing, Drawable, Environment, Frame, GradientSky, Haze, Headless, Instance, Material, PassId,
+    AntiAliasing, Drawable, Environment, Frame, GradientSky, Haze, Headless, Material, PassId, Placement,
     Pose, Settings, Sky, TileSource, Water,
 };
 
@@ -41,10 +41,10 @@ fn water_matches_its_cpu_reference() {
     let Some(mut h) = headless(width, height) else { return };
     let bed =
         asset(&h, &quad([-8.0, -1.5, 8.0], [16.0, 0.4, 0.0], [0.0, 0.0, -16.0], 1.0), Material::default());
-    let ball = asset(&h, &sphere(24), Material { base_colour: [0.7, 0.3, 0.1], ..Material::default() });
+    let ball = asset(&h, &sphere(24), Material { base_color: [0.7, 0.3, 0.1, 1.0], ..Material::default() });
     let balls = [at(0.3, 0.1, -1.0, 0.8), at(-1.2, -0.7, 0.4, 0.5)];
     let drawables = [
-        Drawable { asset: &bed, instances: &[Instance::default()] },
+        Drawable { asset: &bed, instances: &[Placement::default()] },
         Drawable { asset: &ball, instances: &balls },
     ];
     let camera = Pose::look_at(DVec3::new(0.4, 1.1, 3.2), DVec3::new(0.0, -0.2, 0.0), DVec3::Y, 0.9);
@@ -170,7 +170,7 @@ fn water_is_the_same_at_all_scales_and_never_less_than_a_number() {
     let Some(mut h) = headless(96, 64) else { return };
     let ball = asset(&h, &sphere(24), Material::default());
     let mut shoot = |scale: f64, height: f64| {
-        let place = Instance { scale, ..Instance::default() };
+        let place = at(0.0, 0.0, 0.0, scale);
         let drawables = [Drawable { asset: &ball, instances: &[place] }];
         let eye = DVec3::new(0.0, height, 3.0) * scale;
         let camera = Pose::look_at(eye, eye + DVec3::new(0.0, -0.3, -1.0), DVec3::Y, 0.9);

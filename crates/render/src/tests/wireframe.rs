@@ -4,13 +4,13 @@ use glam::DVec3;
 
 use super::shapes::{Mesh, asset, sphere};
 use super::{headless, keep};
-use crate::{AntiAliasing, Drawable, Frame, GradientSky, Headless, Instance, Material, Pose, Settings, Sky};
+use crate::{AntiAliasing, Drawable, Frame, GradientSky, Headless, Material, Placement, Pose, Settings, Sky};
 
 /// Over the pixels of a sphere: the ratio of mean luminance with and without edges, and the share of nearly black
 /// pixels.
 fn inked(h: &mut Headless, mesh: &Mesh, name: &str) -> (f64, f64) {
-    let ball = asset(h, mesh, Material { base_colour: [0.7; 3], ..Material::default() });
-    let drawables = [Drawable { asset: &ball, instances: &[Instance::default()] }];
+    let ball = asset(h, mesh, Material { base_color: [0.7, 0.7, 0.7, 1.0], ..Material::default() });
+    let drawables = [Drawable { asset: &ball, instances: &[Placement::default()] }];
     let camera = Pose::look_at(DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 0.5);
     let mut frame = Frame::new(camera, &drawables);
     frame.settings =

@@ -27,7 +27,7 @@ pub struct Material {
     pub emission: [f32; 3],
     /// Alpha mode.
     pub alpha: Alpha,
-    /// Whether the base colour is drawn without lighting (`KHR_materials_unlit`).
+    /// Whether the base colour is drawn without lighting and without emission (`KHR_materials_unlit`).
     pub unlit: bool,
     /// How maps continue beyond 0..=1, along u and along v.
     pub wrap: [Wrap; 2],
@@ -105,6 +105,12 @@ impl Material {
             self.height_texture,
         ];
         all.into_iter().flatten()
+    }
+
+    /// Whether it emits light; an unlit material does not.
+    #[must_use]
+    pub fn emits(&self) -> bool {
+        !self.unlit && self.emission.iter().any(|&light| light > 0.0)
     }
 }
 

@@ -8,9 +8,10 @@ mod directory;
 mod numbers;
 mod page;
 
-use glam::{DQuat, DVec3, Vec3};
+use glam::{DVec3, Vec3};
 
 use crate::encoding::encode_fields;
+use crate::placement::Placement;
 
 pub use directory::{LISTED_PER_PAGE, PunctualLightPageEntry, decode_directory, encode_directory};
 pub use page::{MAX_PAGE_BYTES, decode_page, encode_page};
@@ -149,11 +150,12 @@ impl PunctualLight {
         self.intensity.into_iter().fold(0.0, f32::max)
     }
 
-    /// The light of a model, transformed to the world. Scale affects its position only, as KHR_lights_punctual
+    /// The light of a model that is placed in the world. Scale affects its position only, as KHR_lights_punctual
     /// requires.
     #[must_use]
-    pub fn within(&self, translation: DVec3, rotation: DQuat, scale: f64) -> Self {
-        let position = translation + rotation * (DVec3::from(self.position) * scale);
+    pub fn within(&self, model: &Placement) -> Self {
+        let (rotation, scale) = (model.orientation_f64(), f64::from(model.scale));
+        let position = DVec3::from(model.translation) + rotation * (DVec3::from(self.position) * scale);
         let turned = |spot: Spot| Spot {
             direction: (rotation * Vec3::from(spot.direction).as_dvec3()).as_vec3().to_array(),
             ..spot

@@ -211,9 +211,9 @@ fn the_message_holds_few_punctual_lights_or_the_directory_of_few_pages() {
 #[test]
 fn model_lights_are_transformed_without_scaling_their_range() {
     let punctual_light = PunctualLight { position: [1.0, 2.0, 0.0], ..spot([0.0, 0.0, -1.0]) };
-    let turn = DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2);
-    let placed = punctual_light.within(DVec3::new(10.0, 0.0, 0.0), turn, 3.0);
-    assert!(DVec3::from(placed.position).distance(DVec3::new(10.0, 6.0, -3.0)) < 1e-12);
+    let turn = glam::DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2);
+    let placed = punctual_light.within(&Placement::new(DVec3::new(10.0, 0.0, 0.0), turn, 3.0));
+    assert!(DVec3::from(placed.position).distance(DVec3::new(10.0, 6.0, -3.0)) < 1e-6);
     assert!(Vec3::from(placed.spot.unwrap().direction).distance(Vec3::NEG_X) < 1e-6);
     assert_eq!((placed.range, placed.intensity), (punctual_light.range, punctual_light.intensity));
     assert_eq!(PunctualLight::usual_range([4.0, 9.0, 0.0]), 30.0);

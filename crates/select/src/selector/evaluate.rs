@@ -11,7 +11,7 @@ use crate::selection::State;
 use crate::state::{AssetState, Chunk};
 use crate::visibility::Placed;
 use lodestream_scene::blob::BlobPart;
-use lodestream_scene::description::InstanceEntry;
+use lodestream_scene::description::Instance;
 use lodestream_scene::view::View;
 
 /// Least visible share of a region for the visible screen error: a hundredth of its disc. Shares are square roots of
@@ -21,7 +21,7 @@ const MIN_VISIBLE_SHARE: f32 = 0.1;
 /// Upper bound on the screen error of all visible parts with the applied blobs, in pixels; infinite while a visible
 /// instance lacks its base mesh. TTQ is measured by it.
 #[must_use]
-pub fn max_screen_error_px(view: &View, instances: &[InstanceEntry], assets: &[AssetState]) -> f64 {
+pub fn max_screen_error_px(view: &View, instances: &[Instance], assets: &[AssetState]) -> f64 {
     let projection = Projection::new(view);
     let mut worst = 0.0_f64;
     for instance in instances {
@@ -33,7 +33,7 @@ pub fn max_screen_error_px(view: &View, instances: &[InstanceEntry], assets: &[A
         if asset.state(BlobPart::Base) != State::Applied {
             return f64::INFINITY;
         }
-        let scale = f64::from(instance.scale);
+        let scale = f64::from(instance.placement.scale);
         worst = worst.max(projection.error_px(f64::from(asset.unknown_error()) * scale, bounds.depth));
         let local = projection.local(asset.entry(), instance);
         for chunk in asset.chunks().iter().flatten().filter(|chunk| chunk.state() != State::Applied) {
@@ -92,7 +92,7 @@ impl Selector {
             } else {
                 (worst, worst_unoccluded) = (f64::INFINITY, f64::INFINITY);
             }
-            let scale = f64::from(instance.scale);
+            let scale = f64::from(instance.placement.scale);
             let px_of = |error: f32| projection.error_px(f64::from(error) * scale, bounds.depth);
             let unknown_px = px_of(asset.unknown_error());
             worst = worst.max(unknown_px);

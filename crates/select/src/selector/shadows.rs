@@ -55,7 +55,7 @@ impl Selector {
             }
             let sweep = to_sun * -fall;
             let Some(depth) = projection.shadow_depth(center, radius, sweep) else { continue };
-            let scale = f64::from(instance.scale);
+            let scale = f64::from(instance.placement.scale);
             let px_of = |error: f32| projection.error_px(f64::from(error) * scale, depth) / SOFTNESS;
             let on_screen = &mut self.on_screen[instance.asset as usize];
             if px_of(asset.entry().root_error) < floor_px {
@@ -71,7 +71,7 @@ impl Selector {
                 continue;
             }
             let local = projection.local(asset.entry(), instance);
-            let sweep = instance.orientation().conjugate() * sweep / instance.scale;
+            let sweep = instance.placement.orientation().conjugate() * sweep / instance.placement.scale;
             let evaluations = &mut self.chunks[on_screen.first_chunk..];
             for (evaluation, chunk) in evaluations.iter_mut().zip(asset.chunks()) {
                 let Some(info) = chunk.as_ref().map(Chunk::info) else { continue };

@@ -18,14 +18,14 @@ fn hiding(mut asset: AssetState, half: f32) -> AssetState {
 }
 
 /// Two planes with a texture each, and a roof over the first.
-fn roofed() -> ([AssetState; 3], [InstanceEntry; 3]) {
+fn roofed() -> ([AssetState; 3], [Instance; 3]) {
     let mut roof = AssetState::new(plane_entry("roof", &[], 1000));
     roof.set_state(BlobPart::Base, State::Applied);
     let textured = || hiding(textured(known_asset(2)), 1.0);
     let instances = [
-        InstanceEntry::at(0, [-3.0, 0.0, 0.0]),
-        InstanceEntry::at(1, [3.0, 0.0, 0.0]),
-        InstanceEntry::at(2, [-3.0, 3.0, 0.0]),
+        Instance::at(0, [-3.0, 0.0, 0.0]),
+        Instance::at(1, [3.0, 0.0, 0.0]),
+        Instance::at(2, [-3.0, 3.0, 0.0]),
     ];
     ([textured(), textured(), hiding(roof, 2.5)], instances)
 }
@@ -66,7 +66,7 @@ fn hidden_textures_come_after_visible_shapes() {
 #[test]
 fn texture_is_visible_if_one_instance_is() {
     let (assets, [hidden, seen, roof]) = roofed();
-    let both = [hidden, seen, roof, InstanceEntry::at(0, [0.0, 0.0, 3.0])];
+    let both = [hidden, seen, roof, Instance::at(0, [0.0, 0.0, 3.0])];
     let view = above([0.0, 12.0, 0.5]);
     let found = levels(&Selector::default().select(&view, &both, &assets).wanted);
     assert!(found.iter().all(|level| !is_hidden(level.priority)), "{found:?}");
@@ -91,12 +91,12 @@ fn index_pages_of_hidden_assets_come_last() {
     };
     let assets = [unknown(), unknown(), hiding(roof, 2.5)];
     let [hidden, seen, over] = [
-        InstanceEntry::at(0, [-3.0, 0.0, 0.0]),
-        InstanceEntry::at(1, [3.0, 0.0, 0.0]),
-        InstanceEntry::at(2, [-3.0, 3.0, 0.0]),
+        Instance::at(0, [-3.0, 0.0, 0.0]),
+        Instance::at(1, [3.0, 0.0, 0.0]),
+        Instance::at(2, [-3.0, 3.0, 0.0]),
     ];
     let view = above([0.0, 12.0, 0.5]);
-    let of = |instances: &[InstanceEntry], settings: SelectSettings| {
+    let of = |instances: &[Instance], settings: SelectSettings| {
         let wanted = Selector::new(settings).select(&view, instances, &assets).wanted.clone();
         let priority = |asset| wanted.iter().find(|w| w.id == BlobId::index_page(asset, 0)).unwrap().priority;
         [0, 1].map(|asset| is_hidden(priority(asset)))
@@ -105,7 +105,7 @@ fn index_pages_of_hidden_assets_come_last() {
     assert_eq!(of(&[hidden, seen, over], usual), [true, false]);
     // Nothing is hidden without the roof, with another instance in view, or without the occlusion test.
     assert_eq!(of(&[hidden, seen], usual), [false, false]);
-    assert_eq!(of(&[hidden, seen, over, InstanceEntry::at(0, [0.0, 0.0, 3.0])], usual), [false, false]);
+    assert_eq!(of(&[hidden, seen, over, Instance::at(0, [0.0, 0.0, 3.0])], usual), [false, false]);
     assert_eq!(of(&[hidden, seen, over], SelectSettings { hidden_last: false, ..usual }), [false, false]);
     // Base meshes are never wanted last, even if they are covered.
     let mut bare = assets.clone();

@@ -6,13 +6,13 @@ use std::sync::Arc;
 use super::*;
 
 /// Planes all over, those of a quarter of one asset; some hide what is behind them.
-fn scene(count: u32) -> (Vec<InstanceEntry>, Vec<AssetState>) {
+fn scene(count: u32) -> (Vec<Instance>, Vec<AssetState>) {
     let place = |number: u32| {
         let f = f64::from(number);
         let at = [(f * 0.37).sin() * 60.0, (f * 0.11).cos() * 3.0, (f * 0.23).cos() * 60.0];
         let quarter = 2 * u32::from(at[0] > 0.0) + u32::from(at[2] > 0.0);
         let scale = 0.2 + f32::from(u8::try_from(number % 7).unwrap()) * 0.4;
-        InstanceEntry { scale, ..InstanceEntry::at(4 * quarter + number % 4, at) }
+        Instance { asset: 4 * quarter + number % 4, placement: Placement { scale, ..Placement::at(at) } }
     };
     let fresh = AssetState::new(plane_entry("plane", &plane(6), 1000));
     let mut hiding = known_asset(5);

@@ -6,8 +6,11 @@ use super::super::priority::is_hidden;
 use super::*;
 
 /// Ground in view, and something above and behind the eye.
-fn scene() -> [InstanceEntry; 2] {
-    [InstanceEntry::at(0, [0.0; 3]), InstanceEntry { scale: 0.5, ..InstanceEntry::at(1, [0.0, 3.0, 6.0]) }]
+fn scene() -> [Instance; 2] {
+    [
+        Instance::at(0, [0.0; 3]),
+        Instance { asset: 1, placement: Placement { scale: 0.5, ..Placement::at([0.0, 3.0, 6.0]) } },
+    ]
 }
 
 /// Direction to a sun behind the eye: the shadow of the instance behind falls into view.
@@ -51,7 +54,7 @@ fn shadow_casters_are_refined_last() {
 
 #[test]
 fn instances_without_shadows_in_view_are_not_refined() {
-    let some = |to_sun: Option<[f32; 3]>, placed: &[InstanceEntry]| {
+    let some = |to_sun: Option<[f32; 3]>, placed: &[Instance]| {
         selector(true, to_sun).select(&view(), placed, &assets()).wanted.iter().any(is_caster)
     };
     assert!(some(Some(BEHIND), &scene()));
@@ -60,7 +63,7 @@ fn instances_without_shadows_in_view_are_not_refined() {
     }
     // The shadow falls below everything in view.
     let mut placed = scene();
-    placed[1].translation = [0.0, -3.0, 6.0];
+    placed[1].placement.translation = [0.0, -3.0, 6.0];
     assert!(!some(Some(BEHIND), &placed));
 }
 
@@ -71,7 +74,7 @@ fn shadows_use_at_most_a_tenth_of_the_bytes() {
     for scale in [0.1, 0.5, 2.0, 8.0] {
         for max_faces in [8_000_000, 40_000] {
             let mut placed = scene();
-            placed[1].scale = scale;
+            placed[1].placement.scale = scale;
             let mut assets = assets();
             let mut selector = selector(true, Some(BEHIND));
             selector.settings_mut().max_faces = max_faces;

@@ -22,7 +22,7 @@ use super::instance_tree::{IndexSet, Instances, TreeQuery};
 use super::occluder::Occluder;
 use super::project::Projection;
 use super::state::{AssetState, Chunk};
-use lodestream_scene::description::{AssetEntry, InstanceEntry};
+use lodestream_scene::description::{AssetEntry, Instance};
 use lodestream_scene::view::View;
 
 use depth::{DepthBuffer, Frame};
@@ -100,15 +100,17 @@ pub struct Placed {
 
 impl Placed {
     /// An instance placed in a view.
-    pub fn new(view: &View, asset: &AssetEntry, instance: &InstanceEntry) -> Self {
+    pub fn new(view: &View, asset: &AssetEntry, instance: &Instance) -> Self {
         let turned = view.orientation().conjugate();
         let down_and_forward = Mat3::from_diagonal(Vec3::new(1.0, -1.0, -1.0));
         let from_world = down_and_forward * Mat3::from_quat(turned);
         let origin = instance.to_world(asset.origin, [0.0; 3]) - DVec3::from(view.eye);
         Self {
-            to_view: from_world * Mat3::from_quat(instance.orientation()) * instance.scale,
+            to_view: from_world
+                * Mat3::from_quat(instance.placement.orientation())
+                * instance.placement.scale,
             offset: from_world * origin.as_vec3(),
-            scale: instance.scale,
+            scale: instance.placement.scale,
         }
     }
 
@@ -239,7 +241,7 @@ impl Visibility {
 
     /// Visible share of an instance, 0 to 1, as of a region that is its bounding sphere; 1 if it is not tested. Also
     /// small if the instance fills little of the sphere's disc.
-    pub fn shown(&self, number: u32, view: &View, asset: &AssetEntry, instance: &InstanceEntry) -> f32 {
+    pub fn shown(&self, number: u32, view: &View, asset: &AssetEntry, instance: &Instance) -> f32 {
         let Some(frame) = self.drawn.as_ref().and_then(|drawn| drawn.frame(number)) else { return 1.0 };
         let placed = Placed::new(view, asset, instance);
         let (center, radius) = (placed.place(asset.sphere.center), asset.sphere.radius * placed.scale);

@@ -14,6 +14,7 @@ use super::*;
 use crate::priority::is_hidden;
 use crate::{Selector, State, Wanted};
 use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_scene::placement::Placement;
 
 const RINGS: u32 = 72;
 const COLUMNS: u32 = 120;
@@ -267,7 +268,7 @@ struct Scene {
     assets: Vec<Asset>,
     /// Of each asset, [`Asset::finest`].
     finest: Vec<Vec<FinestFace>>,
-    instances: Vec<InstanceEntry>,
+    instances: Vec<Instance>,
 }
 
 /// A selection for a view, compared with what rays see.
@@ -282,7 +283,7 @@ struct OcclusionCheck {
 }
 
 impl Scene {
-    fn new(assets: &[Asset], instances: &[InstanceEntry]) -> Self {
+    fn new(assets: &[Asset], instances: &[Instance]) -> Self {
         let finest = assets.iter().map(Asset::finest).collect();
         Self { assets: assets.to_vec(), finest, instances: instances.to_vec() }
     }
@@ -352,8 +353,8 @@ fn view_from(eye: [f64; 3]) -> View {
     View { target_px: 0.2, ..view }
 }
 
-fn place(asset: u32, translation: [f64; 3], scale: f32) -> InstanceEntry {
-    InstanceEntry { scale, ..InstanceEntry::at(asset, translation) }
+fn place(asset: u32, translation: [f64; 3], scale: f32) -> Instance {
+    Instance { asset, placement: Placement { scale, ..Placement::at(translation) } }
 }
 
 /// Asserts that at most one in a thousand of the faces that rays see is called hidden, and that rays see enough faces.
@@ -470,7 +471,7 @@ fn share_behind(occluder: Occluder, at: [f32; 3], radius: f32, error: f32, dista
     state.add_index_page(0, vec![ChunkInfo { sphere, error, ..ChunkInfo::default() }]).unwrap();
     state.set_occluder(Arc::new(occluder));
     let view = View::look_at([0.0; 3], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0], 0.9, [1280, 720]);
-    let (instances, states) = ([InstanceEntry::at(0, [0.0; 3])], [state]);
+    let (instances, states) = ([Instance::at(0, [0.0; 3])], [state]);
     let mut visibility = Visibility::default();
     visibility.draw(&view, distance, instances[..].into(), &states);
     let placed = Placed::new(&view, states[0].entry(), &instances[0]);

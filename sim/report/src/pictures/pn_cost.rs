@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use lodestream_protocol::source::SceneSource;
 use lodestream_render::{
-    AssetGpu, Drawable, Frame, Gpu, Headless, HostMesh, Instance, Material, PassId, PnTriangles, Settings,
+    AssetGpu, Drawable, Frame, Gpu, Headless, HostMesh, Material, PassId, Placement, PnTriangles, Settings,
     mark_smooth,
 };
 use lodestream_scenario::plan::Plan;
@@ -90,7 +90,7 @@ fn with_error(
     adapter: &str,
 ) -> anyhow::Result<Cost> {
     painter.with_mesh(view, Settings { shadows: None, ..Settings::default() }, |headless, frame, mesh| {
-        let instance = Instance::default();
+        let instance = Placement::default();
         let (width, height) = headless.size();
         let scale_px = f64::from(height) / (2.0 * frame.camera.tan_half_fov(width, height).1);
         let of = (&instance, frame.camera.eye, scale_px);

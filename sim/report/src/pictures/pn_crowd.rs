@@ -11,7 +11,7 @@ use std::sync::Arc;
 use glam::{DQuat, DVec3};
 use lodestream_protocol::source::SceneSource;
 use lodestream_render::{
-    AmbientOcclusion, AntiAliasing, Drawable, Frame, Gpu, Headless, Instance, OcclusionMethod, PnTriangles,
+    AmbientOcclusion, AntiAliasing, Drawable, Frame, Gpu, Headless, OcclusionMethod, Placement, PnTriangles,
     Settings,
 };
 use lodestream_scenario::plan::Plan;
@@ -196,7 +196,7 @@ fn at_seconds(taken: &[(usize, f64)], seconds: f64) -> f64 {
 
 /// The first `count` placements before an eye at the origin that looks along −z, for a mesh with a centre and radius,
 /// each with a rotation of its own.
-fn places(count: usize, centre: DVec3, radius: f64) -> Vec<Instance> {
+fn places(count: usize, centre: DVec3, radius: f64) -> Vec<Placement> {
     // Low-discrepancy sequence in three dimensions: every prefix is evenly distributed (Roberts 2018).
     let even = |i: usize, step: f64| (0.5 + i as f64 * step).fract();
     let half = (0.5 * FOV_Y).tan();
@@ -207,7 +207,7 @@ fn places(count: usize, centre: DVec3, radius: f64) -> Vec<Instance> {
             let distance = radius * (NEAR + (FAR - NEAR) * w);
             let across = DVec3::new((u - 0.5) * 3.2 * half, (v - 0.5) * 1.8 * half, -1.0) * distance;
             let rotation = DQuat::from_rotation_y(even(i, 0.618_033_988_749_894_9) * std::f64::consts::TAU);
-            Instance { translation: across - rotation * centre, rotation, scale: 1.0 }
+            Placement::new(across - rotation * centre, rotation, 1.0)
         })
         .collect()
 }

@@ -3,7 +3,7 @@
 use lodestream_geometry::index::Sphere;
 use lodestream_scene::BlobId;
 use lodestream_scene::asset::AssetDescription;
-use lodestream_scene::description::{AssetEntry, Camera, InstanceEntry};
+use lodestream_scene::description::{AssetEntry, Camera, Instance};
 
 /// One downloadable piece of an asset.
 #[derive(Clone, Debug, PartialEq)]
@@ -80,7 +80,7 @@ pub struct Stage {
     /// Textures, by asset.
     pub textures: Vec<Vec<Texture>>,
     /// Instances.
-    pub instances: Vec<InstanceEntry>,
+    pub instances: Vec<Instance>,
 }
 
 impl Texture {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use lodestream_geometry::index::Sphere;
 use lodestream_scene::View;
-use lodestream_scene::description::{AssetEntry, Camera, InstanceEntry};
+use lodestream_scene::description::{AssetEntry, Camera, Instance};
 use lodestream_select::Projection;
 
 use super::library::{Content, Entry};
@@ -24,8 +24,7 @@ const UNIT: Sphere = Sphere { center: [0.0; 3], radius: 1.0 };
 /// Assets of radius 1 side by side, `offers[i]` at x = 10 i, seen from `eye` towards −z.
 fn content(offers: Vec<Offer>, eye: [f64; 3]) -> Content {
     let assets = offers.iter().map(|_| AssetEntry { sphere: UNIT, ..AssetEntry::default() }).collect();
-    let instances =
-        (0..offers.len()).map(|i| InstanceEntry::at(i as u32, [10.0 * i as f64, 0.0, 0.0])).collect();
+    let instances = (0..offers.len()).map(|i| Instance::at(i as u32, [10.0 * i as f64, 0.0, 0.0])).collect();
     let target = [eye[0], eye[1], eye[2] - 1.0];
     let camera = Camera { eye, target, up: [0.0, 1.0, 0.0], fov_y: 1.0 };
     let stage = Stage { camera, textures: vec![Vec::new(); offers.len()], assets, instances };

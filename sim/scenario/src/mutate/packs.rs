@@ -4,11 +4,12 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use lodestream_bake::scene::{Asset, Instance, Scene};
+use lodestream_bake::scene::{Asset, Scene};
 use lodestream_compress::{compress, decompress};
 use lodestream_geometry::Codec;
 use lodestream_geometry::pack::{ENTRY_BYTES, HEAD_BYTES};
 use lodestream_protocol::source::Immediate;
+use lodestream_scene::description::Instance;
 use lodestream_store::{BlobCache, PackFile};
 use rand::Rng as _;
 use rand_pcg::Pcg64Mcg;
@@ -96,7 +97,7 @@ fn single_asset_scene(asset: &Asset, scene: &Scene) -> Scene {
     Scene {
         name: asset.name.clone(),
         assets: vec![asset.clone()],
-        instances: Some(vec![Instance::unplaced(0)]),
+        instances: Some(vec![Instance::at(0, [0.0; 3])]),
         models: Vec::new(),
         punctual_lights: Vec::new(),
         terrain: None,

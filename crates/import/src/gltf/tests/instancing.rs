@@ -1,5 +1,6 @@
 //! Nodes with several instances of their mesh.
 
+use lodestream_scene::placement::Placement;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
@@ -37,7 +38,8 @@ fn a_mesh_is_placed_at_each_of_its_nodes_instances() {
     assert_eq!(contents.names.len(), 1);
     let [first, second, third] = contents.placed[..] else { panic!("{:?}", contents.placed) };
     assert!(first.part == second.part && second.part == third.part);
-    assert_eq!((second.translation, third.translation, third.scale), ([10., 5., 0.], [20., 5., 0.], 2.0));
+    assert_eq!(second.placement.translation, [10., 5., 0.]);
+    assert_eq!(third.placement, Placement { scale: 2.0, ..Placement::at([20., 5., 0.]) });
 }
 
 #[test]

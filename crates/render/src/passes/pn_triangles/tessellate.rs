@@ -1,13 +1,13 @@
 //! Tessellation on the CPU for one view: the reference for patches, not for real-time drawing.
 
 use glam::DVec3;
+use lodestream_scene::placement::Placement;
 
 use super::settings::PnTriangles;
 use crate::cpu_reference::pn_triangles::{Corner, Patch};
 use crate::resources::gpu::{Gpu, RenderError};
 use crate::resources::vertex::{HostMesh, PackedVertex, pack_normal};
 use crate::scene::asset::AssetGpu;
-use crate::scene::instance::Instance;
 
 impl PnTriangles {
     /// Tessellates an asset's first material as finely as a view of an instance needs; `scale_px` is the number of
@@ -20,12 +20,13 @@ impl PnTriangles {
         &self,
         gpu: &Gpu,
         asset: &AssetGpu,
-        (instance, eye, scale_px): (&Instance, DVec3, f64),
+        (placement, eye, scale_px): (&Placement, DVec3, f64),
     ) -> Result<HostMesh, RenderError> {
         let (vertices, faces) = asset.read(gpu)?;
         // In asset space, where ratios of distances and lengths are unchanged.
-        let eye =
-            instance.rotation.inverse() * (eye - instance.translation) / instance.scale - asset.origin();
+        let offset =
+            placement.orientation().as_dquat().inverse() * (eye - DVec3::from(placement.translation));
+        let eye = offset / f64::from(placement.scale) - asset.origin();
         let (most, error) = (self.most_step(), f64::from(self.error()));
         let mut mesh = HostMesh::default();
         for face in faces {

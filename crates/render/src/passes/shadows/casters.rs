@@ -1,13 +1,14 @@
 //! Shadow casters of one cascade.
 
 use glam::DVec3;
+use lodestream_scene::placement::Placement;
 
 use super::Cascade;
-use crate::frame::draw::{Batch, DrawList, finite, middle};
+use crate::frame::draw::{Batch, DrawList, finite};
 use crate::frame::settings::Frame;
 use crate::passes::pn_triangles::PnTriangles;
 use crate::scene::asset::AssetGpu;
-use crate::scene::instance::Instance;
+use crate::scene::placement::InstanceRaw;
 use crate::scene::terrain::TerrainPart;
 
 /// Casters of a map, and a key of their state.
@@ -54,18 +55,17 @@ impl<'a> Casters<'a> {
         let curved = frame.settings.asks_for_curves().filter(|_| !frame.settings.asks_for_ink());
         self.key.extend(curved.map(PnTriangles::key));
         for (number, drawable) in frame.drawables.iter().enumerate().filter(|(_, d)| d.asset.is_drawable()) {
-            let (centre, radius) = drawable.asset.sphere();
-            let placed = drawable.instances.iter().filter_map(|instance| {
-                let raw = finite(instance.relative_to(drawable.asset.origin(), eye))?;
-                let centre = middle(&raw) + instance.rotation * (centre * instance.scale);
-                let top = self.top_of(eye, centre, radius * instance.scale.abs())?;
-                Some((instance, raw, top))
+            let (origin, sphere) = (drawable.asset.origin(), drawable.asset.sphere());
+            let placed = drawable.instances.iter().filter_map(|placement| {
+                let raw = finite(InstanceRaw::new(placement, origin, eye))?;
+                let (centre, radius) = raw.sphere(sphere);
+                Some((placement, raw, self.top_of(eye, centre, radius)?))
             });
             let placed: Vec<_> = placed.collect();
             if placed.is_empty() {
                 continue;
             }
-            self.asset(drawable.asset, placed.iter().map(|(instance, _, top)| (*instance, *top)), frame);
+            self.asset(drawable.asset, placed.iter().map(|(placement, _, top)| (*placement, *top)), frame);
             let batch = list.batch((drawable.asset, number), 0.0, placed.iter().map(|(_, raw, _)| *raw));
             self.batches.push(batch);
         }
@@ -75,7 +75,7 @@ impl<'a> Casters<'a> {
     fn asset<'i>(
         &mut self,
         asset: &AssetGpu,
-        instances: impl Iterator<Item = (&'i Instance, f64)>,
+        instances: impl Iterator<Item = (&'i Placement, f64)>,
         frame: &Frame<'_>,
     ) {
         self.key.push(asset.stamp());
@@ -86,11 +86,11 @@ impl<'a> Casters<'a> {
         if asset.is_moving(frame.time_s, frame.settings.morph_s) {
             self.key.push(u64::from(frame.time_s.to_bits()));
         }
-        for (instance, top) in instances {
+        for (placement, top) in instances {
             self.top = self.top.max(top);
-            let Instance { translation, rotation, scale } = instance;
-            let place = translation.to_array().into_iter().chain(rotation.to_array()).chain([*scale]);
-            self.key.extend(place.map(f64::to_bits));
+            let Placement { translation, rotation, scale } = placement;
+            self.key.extend(translation.map(f64::to_bits));
+            self.key.extend(rotation.iter().chain([scale]).map(|x| u64::from(x.to_bits())));
         }
     }
 

@@ -14,7 +14,7 @@ use crate::frame::settings::Frame;
 use crate::frame::timing::PassEncoder;
 use crate::resources::buffer::GrowingBuffer;
 use crate::resources::gpu::{Gpu, RenderError};
-use crate::scene::instance::InstanceRaw;
+use crate::scene::placement::InstanceRaw;
 
 pub(crate) use previous_frame::PreviousFrame;
 pub(crate) use resolve::Resolve;
@@ -234,8 +234,8 @@ fn moves<'a>(
         // If their number has changed, instances cannot be matched.
         if counts.get(&asset.number()) == Some(&were.len()) {
             for (slot, place) in list.placed(batch) {
-                let raw =
-                    were[firsts[batch.drawable()] + place].relative_to(asset.origin(), frame.camera.eye);
+                let was = &were[firsts[batch.drawable()] + place];
+                let raw = InstanceRaw::new(was, asset.origin(), frame.camera.eye);
                 if let Some(raw) = finite(raw).filter(|raw| *raw != before[slot]) {
                     before[slot] = raw;
                     moved = true;

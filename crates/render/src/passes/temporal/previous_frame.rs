@@ -2,14 +2,14 @@
 
 use std::collections::BTreeMap;
 
+use lodestream_scene::placement::Placement;
 use lodestream_scene::pose::Pose;
+use lodestream_scene::punctual_lights::PunctualLight;
 
 use crate::frame::settings::{Frame, Settings};
 use crate::passes::water::Water;
 use crate::scene::asset::AssetGpu;
 use crate::scene::environment::Environment;
-use crate::scene::instance::Instance;
-use crate::scene::lights::Light;
 use crate::scene::terrain::{TerrainAppearance, TerrainPart};
 use lodestream_terrain::tiles::TileRegion;
 
@@ -18,7 +18,7 @@ use lodestream_terrain::tiles::TileRegion;
 struct DrawnAsset {
     /// The state of its vertices, faces, materials and textures.
     stamps: [u64; 2],
-    instances: Vec<Instance>,
+    instances: Vec<Placement>,
 }
 
 /// Everything that a picture depends on except jitter and time.
@@ -31,7 +31,7 @@ struct FrameInput {
     drawn: BTreeMap<u64, DrawnAsset>,
     ground: Option<Ground>,
     water: Option<Water>,
-    lights: Vec<Light>,
+    lights: Vec<PunctualLight>,
 }
 
 /// Terrain of a frame.
@@ -101,7 +101,7 @@ impl PreviousFrame {
     }
 
     /// The instances of an asset, in the order of its drawables.
-    pub(super) fn instances(&self, asset: &AssetGpu) -> &[Instance] {
+    pub(super) fn instances(&self, asset: &AssetGpu) -> &[Placement] {
         self.made.drawn.get(&asset.number()).map_or(&[], |drawn| &drawn.instances)
     }
 }

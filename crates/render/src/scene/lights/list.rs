@@ -1,9 +1,10 @@
 //! Punctual lights of a frame, front to back, as shaders read them: `lights.wgsl`.
 
 use bytemuck::{Pod, Zeroable};
-use glam::DVec3;
+use glam::{DVec3, Vec3};
+use lodestream_scene::punctual_lights::PunctualLight;
 
-use super::{LIGHT_TILES, Light, LightCulling, MAX_LIGHTS};
+use super::{LIGHT_TILES, LightCulling, MAX_LIGHTS};
 use crate::frame::camera::may_see;
 use crate::frame::settings::Frame;
 
@@ -60,10 +61,10 @@ impl PunctualLightList {
             .iter()
             .filter_map(|light| {
                 let raw = punctual_light(light, camera.eye)?;
-                let at = light.position - camera.eye;
-                let depth = at.dot(ahead);
-                let reached = may_see(camera, at, light.range, size) && depth + light.range > 0.0;
-                reached.then_some((depth - light.range, depth + light.range, raw))
+                let at = DVec3::from(light.position) - camera.eye;
+                let (depth, range) = (at.dot(ahead), f64::from(light.range));
+                let reached = may_see(camera, at, range, size) && depth + range > 0.0;
+                reached.then_some((depth - range, depth + range, raw))
             })
             .collect();
         let LightCulling { tile_px, clusters, most } = culling;
@@ -101,26 +102,26 @@ impl PunctualLightList {
 }
 
 /// A light as shaders read it; `None` if it lights nothing.
-pub(crate) fn punctual_light(light: &Light, eye: DVec3) -> Option<PunctualLightRaw> {
+pub(crate) fn punctual_light(light: &PunctualLight, eye: DVec3) -> Option<PunctualLightRaw> {
     let (scale, offset, direction) = match light.spot {
         None => (0.0, 1.0, DVec3::Y),
         Some(spot) => {
             let [inner, outer] =
-                [spot.inner, spot.outer].map(|angle| angle.clamp(0.0, 0.5 * std::f64::consts::PI));
+                [spot.inner, spot.outer].map(|angle| f64::from(angle).clamp(0.0, 0.5 * std::f64::consts::PI));
             let scale = 1.0 / (inner.cos() - outer.cos()).max(1e-3);
-            (scale, -outer.cos() * scale, spot.direction.try_normalize()?)
+            (scale, -outer.cos() * scale, Vec3::from(spot.direction).as_dvec3().try_normalize()?)
         }
     };
     let raw = PunctualLightRaw {
-        position: (light.position - eye).as_vec3().to_array(),
-        range: light.range as f32,
-        colour: (light.intensity / std::f32::consts::PI).to_array(),
+        position: (DVec3::from(light.position) - eye).as_vec3().to_array(),
+        range: light.range,
+        colour: light.intensity.map(|intensity| intensity / std::f32::consts::PI),
         spot_scale: scale as f32,
         direction: direction.as_vec3().to_array(),
         spot_offset: offset as f32,
     };
     let finite = raw.position.iter().chain(&raw.colour).chain([&raw.range]).all(|x| x.is_finite());
-    (finite && raw.range > 0.0 && light.intensity.max_element() > 0.0).then_some(raw)
+    (finite && raw.range > 0.0 && light.brightest() > 0.0).then_some(raw)
 }
 
 /// Importance of a light to the picture, up to a factor: its irradiance times the disc that it covers on the screen.
@@ -135,7 +136,7 @@ fn brightness(punctual_light: &PunctualLightRaw) -> f32 {
 
 /// Whether a light lights anything.
 #[cfg(test)]
-pub(crate) fn lights(light: &Light, eye: DVec3) -> bool {
+pub(crate) fn lights(light: &PunctualLight, eye: DVec3) -> bool {
     punctual_light(light, eye).is_some()
 }
 

@@ -3,8 +3,6 @@
 mod cull;
 mod list;
 
-use glam::{DVec3, Vec3};
-
 pub(crate) use cull::PunctualLightPass;
 pub(crate) use list::PunctualLightList;
 #[cfg(test)]
@@ -14,31 +12,6 @@ pub(crate) use list::lights;
 pub const MAX_LIGHTS: usize = 65_535;
 /// Least and largest tile side in pixels.
 pub const LIGHT_TILES: [u32; 2] = [4, 64];
-
-/// A point or spot light of the scene (KHR_lights_punctual). Casts no shadow.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Light {
-    /// Position in the world.
-    pub position: DVec3,
-    /// Luminous intensity, linear. Its unit is that of [`crate::GradientSky::sun`] over π: a light of intensity π
-    /// times that value lights a surface at distance 1 as the sun does.
-    pub intensity: Vec3,
-    /// Range, > 0: the inverse-square falloff is windowed to 0 there.
-    pub range: f64,
-    /// Cone of a spot light; `None` for a point light.
-    pub spot: Option<Spot>,
-}
-
-/// The cone of a light.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Spot {
-    /// Direction in the world; need not be normalised.
-    pub direction: DVec3,
-    /// Angle from the axis within which it has full intensity, in radians.
-    pub inner: f64,
-    /// Angle from the axis at which it is dark, in radians, at most π/2.
-    pub outer: f64,
-}
 
 /// Culling of punctual lights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

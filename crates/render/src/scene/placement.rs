@@ -1,40 +1,8 @@
-//! Placements of assets in the world, in f64, and their form on the GPU.
+//! Placements of assets as the GPU reads them: in f32, relative to the eye.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DQuat, DVec3};
-
-/// One placement of an asset: `world = translation + rotation · (scale · asset position)`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Instance {
-    /// Position of the asset's zero point in the world.
-    pub translation: DVec3,
-    /// Unit quaternion.
-    pub rotation: DQuat,
-    /// Uniform scale; negative mirrors through the zero point.
-    pub scale: f64,
-}
-
-impl Default for Instance {
-    fn default() -> Self {
-        Self { translation: DVec3::ZERO, rotation: DQuat::IDENTITY, scale: 1.0 }
-    }
-}
-
-impl Instance {
-    /// A point of the asset in the world.
-    #[must_use]
-    pub fn to_world(&self, asset_position: DVec3) -> DVec3 {
-        self.translation + self.rotation * (asset_position * self.scale)
-    }
-
-    /// The placement of vertices that are relative to `origin` (asset units), relative to `eye`. The subtraction of
-    /// large numbers happens here, in f64.
-    pub(crate) fn relative_to(&self, origin: DVec3, eye: DVec3) -> InstanceRaw {
-        let offset = (self.to_world(origin) - eye).as_vec3();
-        let q = self.rotation.as_quat();
-        InstanceRaw { offset: offset.to_array(), scale: self.scale as f32, rotation: [q.x, q.y, q.z, q.w] }
-    }
-}
+use lodestream_scene::placement::Placement;
 
 /// An instance as the vertex shader reads it.
 #[repr(C)]
@@ -46,6 +14,26 @@ pub(crate) struct InstanceRaw {
     pub(crate) scale: f32,
     /// Quaternion, x y z w.
     pub(crate) rotation: [f32; 4],
+}
+
+impl InstanceRaw {
+    /// The placement of vertices that are relative to `origin` (asset units), relative to `eye`. The subtraction of
+    /// large numbers happens here, in f64.
+    pub(crate) fn new(placement: &Placement, origin: DVec3, eye: DVec3) -> Self {
+        let offset = (placement.to_world(origin) - eye).as_vec3().to_array();
+        Self { offset, scale: placement.scale, rotation: placement.orientation().to_array() }
+    }
+
+    /// Position relative to the eye, in world units, of a point relative to the asset's origin.
+    pub(crate) fn place(&self, point: DVec3) -> DVec3 {
+        let rotation = DQuat::from_array(self.rotation.map(f64::from));
+        DVec3::from(self.offset.map(f64::from)) + rotation * (point * f64::from(self.scale))
+    }
+
+    /// A sphere about a point relative to the asset's origin, relative to the eye, in world units.
+    pub(crate) fn sphere(&self, (centre, radius): (DVec3, f64)) -> (DVec3, f64) {
+        (self.place(centre), radius * f64::from(self.scale))
+    }
 }
 
 /// Layout of [`InstanceRaw`] at shader locations 7 and 8.
@@ -64,14 +52,11 @@ mod tests {
     #[test]
     fn far_from_zero_details_survive() {
         // A millimetre of detail on an asset 10,000 km from the world's zero point.
-        let instance = Instance {
-            translation: DVec3::new(1e7, -2e7, 5e6),
-            rotation: DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), 0.7),
-            scale: 2.0,
-        };
+        let rotation = DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), 0.7);
+        let placement = Placement::new(DVec3::new(1e7, -2e7, 5e6), rotation, 2.0);
         let origin = DVec3::new(3.0, -1.0, 2.0);
-        let eye = instance.to_world(origin) + DVec3::new(0.5, 0.25, -1.0);
-        let raw = instance.relative_to(origin, eye);
+        let eye = placement.to_world(origin) + DVec3::new(0.5, 0.25, -1.0);
+        let raw = InstanceRaw::new(&placement, origin, eye);
         let p = DVec3::new(0.001, -0.002, 0.0005);
         let got = transform::place(
             p.to_array(),
@@ -79,7 +64,7 @@ mod tests {
             f64::from(raw.scale),
             raw.rotation.map(f64::from),
         );
-        let want = instance.rotation * (p * 2.0) + DVec3::new(-0.5, -0.25, 1.0);
+        let want = rotation * (p * 2.0) + DVec3::new(-0.5, -0.25, 1.0);
         assert!((DVec3::from(got) - want).length() < 1e-6, "{got:?} {want}");
     }
 
