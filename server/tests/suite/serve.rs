@@ -3,25 +3,33 @@
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
 use std::path::Path;
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
+
+use tempfile::TempDir;
+
+use crate::process::KilledOnDrop;
 
 /// Bound on everything that happens here; far above what it takes.
 const LIMIT: Duration = Duration::from_secs(60);
 
+/// A folder with a model of one triangle.
+fn folder_with_model() -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    write_model(&folder.path().join("model.obj"));
+    folder
+}
+
+fn write_model(file: &Path) {
+    std::fs::write(file, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+}
+
 /// A server that is killed when the test is over, however that ends.
 struct Server {
-    child: Child,
+    child: KilledOnDrop,
     /// `HOST:PORT` of the HTTP port, and of the one for who runs the server.
     http: String,
     admin: String,
-}
-
-impl Drop for Server {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
 }
 
 impl Server {
@@ -59,7 +67,7 @@ impl Server {
         assert!(fingerprint.len() == 64 && fingerprint.bytes().all(|b| b.is_ascii_hexdigit()), "{quic}");
         let http = url("ws://").trim_end_matches('/').to_owned();
         let admin = url("http://").trim_end_matches("/metrics").to_owned();
-        Self { child, http, admin }
+        Self { child: KilledOnDrop(child), http, admin }
     }
 
     /// Asks the port of who runs the server.
@@ -136,8 +144,7 @@ fn a_server_starts_from_its_cache_and_ends_when_asked() {
 
 #[test]
 fn a_log_that_nobody_reads_held_the_server_up() {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let folder = folder_with_model();
     let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-server"));
     command.args(["serve", "model.obj", "--log-limit", "off"]);
     let server = Server::started(command, folder.path());
@@ -156,8 +163,7 @@ fn a_log_that_nobody_reads_held_the_server_up() {
 
 #[test]
 fn the_log_is_json_where_that_is_asked_for() {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let folder = folder_with_model();
     let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-server"));
     command.args(["serve", "model.obj", "--log-limit", "1"]).env("LODESTREAM_LOG_FORMAT", "json");
     let server = Server::started(command, folder.path());
@@ -180,8 +186,7 @@ fn the_log_is_json_where_that_is_asked_for() {
 
 #[test]
 fn a_log_whose_reader_is_gone_ended_the_server() {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let folder = folder_with_model();
     let mut server = Server::start(folder.path());
     drop(server.child.stderr.take());
     for _ in 0..20 {
@@ -195,8 +200,7 @@ fn a_log_whose_reader_is_gone_ended_the_server() {
 
 #[test]
 fn an_address_that_is_taken_is_told_in_one_line() {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let folder = folder_with_model();
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap().to_string();
     let output = Command::new(env!("CARGO_BIN_EXE_lodestream-server"))
@@ -226,7 +230,7 @@ fn a_scene_of_more_assets_than_files_may_be_open_did_not_start() {
     let folder = tempfile::tempdir().unwrap();
     let names: Vec<String> = (0..200).map(|i| format!("{i}.obj")).collect();
     for name in &names {
-        std::fs::write(folder.path().join(name), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+        write_model(&folder.path().join(name));
     }
     let mut command = Command::new("sh");
     command.args([
@@ -244,8 +248,7 @@ fn a_scene_of_more_assets_than_files_may_be_open_did_not_start() {
 
 #[test]
 fn a_terminal_that_hung_up_ended_the_server() {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let folder = folder_with_model();
     let server = Server::start(folder.path());
     server.signal("-HUP");
     assert!(server.get("/health").starts_with("HTTP/1.1 200"));
@@ -258,8 +261,7 @@ fn a_terminal_that_hung_up_ended_the_server() {
 
 #[test]
 fn a_changed_configuration_holds_after_a_hangup_and_a_wrong_one_changes_nothing() {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let folder = folder_with_model();
     let write = |text: &str| std::fs::write(folder.path().join("server.toml"), text).unwrap();
     write("files = 'model.obj'\nrate = '2Mbit'\n");
     let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-server"));
@@ -290,8 +292,7 @@ fn a_changed_configuration_holds_after_a_hangup_and_a_wrong_one_changes_nothing(
 #[cfg(target_os = "linux")]
 #[test]
 fn the_soft_limit_of_open_files_bounded_sessions() {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let folder = folder_with_model();
     let mut command = Command::new("sh");
     let serve = "ulimit -S -n 64 && exec \"$0\" serve \"$@\"";
     command.args(["-c", serve, env!("CARGO_BIN_EXE_lodestream-server"), "model.obj"]);
@@ -308,8 +309,7 @@ fn the_soft_limit_of_open_files_bounded_sessions() {
 #[test]
 fn a_disk_that_is_full_while_a_server_serves_costs_its_log_alone() {
     for (limit, log) in [("ulimit -f 8 && ", "log"), ("", "/dev/full")] {
-        let folder = tempfile::tempdir().unwrap();
-        std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+        let folder = folder_with_model();
         let serve = format!("{limit}exec \"$0\" serve \"$@\" 2>{log}");
         let mut command = Command::new("sh");
         command.args(["-c", &serve, env!("CARGO_BIN_EXE_lodestream-server"), "model.obj"]);
@@ -333,8 +333,7 @@ fn a_disk_that_is_full_while_a_server_serves_costs_its_log_alone() {
 /// A program that wants no addresses may close standard output, before or while they are printed.
 #[test]
 fn a_server_whose_standard_output_is_closed_goes_on() {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let folder = folder_with_model();
     for closed in [">&-", ">/dev/full"] {
         let serve = format!(
             "exec \"$0\" serve model.obj --listen 127.0.0.1:0 --http 127.0.0.1:0 --admin off --cache cache {closed}"
@@ -359,8 +358,7 @@ fn a_server_whose_standard_output_is_closed_goes_on() {
 /// A unit of `Type=notify` waits until it is told so, and shows what it is told.
 #[test]
 fn the_service_manager_hears_when_the_server_listens_and_when_it_drains() {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let folder = folder_with_model();
     let path = folder.path().join("notify");
     let manager = std::os::unix::net::UnixDatagram::bind(&path).unwrap();
     manager.set_read_timeout(Some(LIMIT)).unwrap();

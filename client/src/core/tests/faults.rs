@@ -9,14 +9,20 @@ use lodestream_select::State;
 
 use super::{Change, Loopback, TestScene, finest, prepared, view};
 
-#[test]
-fn damaged_blobs_are_asked_for_a_few_times_and_cost_nothing_else() {
+/// A client of all of an asset one of whose chunks is damaged; and the chunk.
+fn damaged() -> (Loopback, BlobId) {
     let mut scene = TestScene::new(1);
     let bad = BlobId::chunk(0, 1);
     scene.damage(bad);
     let mut link = Loopback::new(scene, |_| {});
     link.core.set_view(link.now, finest());
     link.connect();
+    (link, bad)
+}
+
+#[test]
+fn damaged_blobs_are_asked_for_a_few_times_and_cost_nothing_else() {
+    let (mut link, bad) = damaged();
     link.run(20_000);
     let stats = link.core.stats();
     assert_eq!(link.times_sent()[&bad], 4, "no storm");
@@ -98,12 +104,7 @@ fn what_was_refused_for_ten_minutes_comes_once_it_can_be_read() {
 
 #[test]
 fn a_blob_that_heals_is_used() {
-    let mut scene = TestScene::new(1);
-    let bad = BlobId::chunk(0, 1);
-    scene.damage(bad);
-    let mut link = Loopback::new(scene, |_| {});
-    link.core.set_view(link.now, finest());
-    link.connect();
+    let (mut link, _) = damaged();
     while link.core.stats().decode_failures == 0 {
         link.run(1);
     }
