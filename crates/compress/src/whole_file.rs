@@ -1,27 +1,40 @@
 //! Atomic file writes: a file is complete or absent.
 
+use std::fs::Metadata;
 use std::io::{self, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
-/// Prefix and suffix of temporary files.
-const PREFIX: &str = ".lodestream-";
-const SUFFIX: &str = ".part";
+/// Prefix of temporary files and folders.
+pub const PREFIX: &str = ".lodestream-";
+/// Suffix of temporary files and folders.
+pub const SUFFIX: &str = ".part";
 /// Age after which a temporary file is stale. Contents are complete in memory before writing starts, so writing is
 /// quick.
 const STALE_AFTER: Duration = Duration::from_secs(60 * 60);
 
 /// Removes temporary files that killed processes left in a folder. Files that cannot be examined or removed stay.
 pub fn remove_stale(folder: &Path, now: SystemTime) {
-    for file in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-        let name = file.file_name();
-        let ours = name.to_str().is_some_and(|name| name.starts_with(PREFIX) && name.ends_with(SUFFIX));
-        let written = file.metadata().ok().filter(std::fs::Metadata::is_file).and_then(|m| m.modified().ok());
-        let age = written.and_then(|written| now.duration_since(written).ok());
-        if ours && age.is_some_and(|age| age >= STALE_AFTER) {
-            let _ = std::fs::remove_file(file.path());
+    for (path, metadata) in temporary_entries(folder, STALE_AFTER, now) {
+        if metadata.is_file() {
+            let _ = std::fs::remove_file(path);
         }
     }
+}
+
+/// Temporary files and folders in a folder that were not written for `age`. Skips those that cannot be examined.
+pub fn temporary_entries(
+    folder: &Path,
+    age: Duration,
+    now: SystemTime,
+) -> impl Iterator<Item = (PathBuf, Metadata)> + use<> {
+    std::fs::read_dir(folder).into_iter().flatten().flatten().filter_map(move |entry| {
+        let name = entry.file_name();
+        let matches = name.to_str().is_some_and(|name| name.starts_with(PREFIX) && name.ends_with(SUFFIX));
+        let metadata = entry.metadata().ok().filter(|_| matches)?;
+        let unwritten = now.duration_since(metadata.modified().ok()?).ok()?;
+        (unwritten >= age).then(|| (entry.path(), metadata))
+    })
 }
 
 /// Writes `path` through a temporary file in the same folder: written, synced, renamed. On any failure `path` is

@@ -342,13 +342,18 @@ mod tests {
         scene.header.camera.view([1280, 720], 1.0)
     }
 
+    /// A push of at most so many bytes whose first units are planned.
+    fn planned(scene: &Arc<MemoryScene>, bytes: u64) -> (Push, Requests) {
+        let (mut push, mut requests) = (Push::new(Plans::new(), start(scene), bytes), Requests::new(1000));
+        push.plan(&**scene, &mut requests);
+        (push, requests)
+    }
+
     #[test]
     fn refinement_follows_the_base_meshes_and_is_withdrawn_for_another_view() {
         let scene = MemoryScene::new(2, 1, 5);
-        let (mut push, mut requests) =
-            (Push::new(Plans::new(), start(&scene), u64::MAX), Requests::new(1000));
+        let (mut push, mut requests) = planned(&scene, u64::MAX);
         let config = ServerConfig::quic(None);
-        push.plan(&*scene, &mut requests);
         push.refill(&*scene, &mut requests, &config, true);
         assert!(!push.has_all_bases() && push.unrequested.is_empty());
         while !push.has_all_bases() {
@@ -369,10 +374,8 @@ mod tests {
     #[test]
     fn base_meshes_do_not_wait_for_requests() {
         let scene = MemoryScene::new(40, 1, 5);
-        let (mut push, mut requests) =
-            (Push::new(Plans::new(), start(&scene), u64::MAX), Requests::new(1000));
+        let (mut push, mut requests) = planned(&scene, u64::MAX);
         let config = ServerConfig::quic(None);
-        push.plan(&*scene, &mut requests);
         for chunk in 0..2 * PUSH_AHEAD as u32 {
             let want = crate::message::Want::whole(BlobId::chunk(0, chunk), 9.0_f32.to_bits());
             requests.want(&*scene, &want).unwrap();
@@ -400,8 +403,7 @@ mod tests {
     #[test]
     fn push_before_hello_keeps_to_its_budget() {
         let scene = MemoryScene::new(12, 1, 2);
-        let (mut push, mut requests) = (Push::new(Plans::new(), start(&scene), 3000), Requests::new(1000));
-        push.plan(&*scene, &mut requests);
+        let (mut push, mut requests) = planned(&scene, 3000);
         push.refill(&*scene, &mut requests, &ServerConfig::quic(None), false);
         assert!(push.bytes <= 3000 && !push.is_empty() && !push.has_work(&*scene, false));
         push.open(None, u64::MAX, false);

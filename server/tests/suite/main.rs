@@ -10,6 +10,7 @@ mod killed;
 mod landscape;
 #[cfg(unix)]
 mod packaging;
+mod process;
 mod serve;
 #[cfg(unix)]
 mod stores;

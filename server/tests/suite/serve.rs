@@ -3,25 +3,33 @@
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
 use std::path::Path;
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
+
+use tempfile::TempDir;
+
+use crate::process::KilledOnDrop;
 
 /// Time limit of every step, far above what it takes.
 const LIMIT: Duration = Duration::from_secs(60);
 
+/// A folder with a model of one triangle.
+fn folder_with_model() -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    write_model(&folder.path().join("model.obj"));
+    folder
+}
+
+fn write_model(file: &Path) {
+    std::fs::write(file, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+}
+
 /// A server that is killed at the end of the test.
 struct Server {
-    child: Child,
+    child: KilledOnDrop,
     /// `HOST:PORT` of the HTTP port; below, of the administration port.
     http: String,
     admin: String,
-}
-
-impl Drop for Server {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
 }
 
 impl Server {
@@ -59,7 +67,7 @@ impl Server {
         assert!(fingerprint.len() == 64 && fingerprint.bytes().all(|b| b.is_ascii_hexdigit()), "{quic}");
         let http = url("ws://").trim_end_matches('/').to_owned();
         let admin = url("http://").trim_end_matches("/metrics").to_owned();
-        Self { child, http, admin }
+        Self { child: KilledOnDrop(child), http, admin }
     }
 
     /// Requests a page of the administration port.
@@ -136,8 +144,7 @@ fn a_server_starts_from_its_cache_and_ends_on_a_signal() {
 
 #[test]
 fn an_unread_log_does_not_block_the_server() {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let folder = folder_with_model();
     let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-server"));
     command.args(["serve", "model.obj", "--log-limit", "off"]);
     let server = Server::started(command, folder.path());
@@ -156,8 +163,7 @@ fn an_unread_log_does_not_block_the_server() {
 
 #[test]
 fn log_format_json_writes_one_object_per_line() {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let folder = folder_with_model();
     let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-server"));
     command.args(["serve", "model.obj", "--log-limit", "1"]).env("LODESTREAM_LOG_FORMAT", "json");
     let server = Server::started(command, folder.path());
@@ -180,8 +186,7 @@ fn log_format_json_writes_one_object_per_line() {
 
 #[test]
 fn a_closed_log_pipe_does_not_end_the_server() {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let folder = folder_with_model();
     let mut server = Server::start(folder.path());
     drop(server.child.stderr.take());
     for _ in 0..20 {
@@ -195,8 +200,7 @@ fn a_closed_log_pipe_does_not_end_the_server() {
 
 #[test]
 fn an_address_in_use_is_an_error_of_one_line() {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let folder = folder_with_model();
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap().to_string();
     let output = Command::new(env!("CARGO_BIN_EXE_lodestream-server"))
@@ -226,7 +230,7 @@ fn a_scene_with_more_assets_than_open_files_is_served() {
     let folder = tempfile::tempdir().unwrap();
     let names: Vec<String> = (0..200).map(|i| format!("{i}.obj")).collect();
     for name in &names {
-        std::fs::write(folder.path().join(name), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+        write_model(&folder.path().join(name));
     }
     let mut command = Command::new("sh");
     command.args([
@@ -244,8 +248,7 @@ fn a_scene_with_more_assets_than_open_files_is_served() {
 
 #[test]
 fn a_hangup_does_not_end_the_server() {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let folder = folder_with_model();
     let server = Server::start(folder.path());
     server.signal("-HUP");
     assert!(server.get("/health").starts_with("HTTP/1.1 200"));
@@ -258,8 +261,7 @@ fn a_hangup_does_not_end_the_server() {
 
 #[test]
 fn sighup_applies_a_changed_configuration_and_ignores_an_invalid_one() {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let folder = folder_with_model();
     let write = |text: &str| std::fs::write(folder.path().join("server.toml"), text).unwrap();
     write("files = 'model.obj'\nrate = '2Mbit'\n");
     let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-server"));
@@ -290,8 +292,7 @@ fn sighup_applies_a_changed_configuration_and_ignores_an_invalid_one() {
 #[cfg(target_os = "linux")]
 #[test]
 fn the_soft_limit_of_open_files_is_raised() {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let folder = folder_with_model();
     let mut command = Command::new("sh");
     let serve = "ulimit -S -n 64 && exec \"$0\" serve \"$@\"";
     command.args(["-c", serve, env!("CARGO_BIN_EXE_lodestream-server"), "model.obj"]);
@@ -308,8 +309,7 @@ fn the_soft_limit_of_open_files_is_raised() {
 #[test]
 fn a_full_disk_while_serving_loses_only_log_lines() {
     for (limit, log) in [("ulimit -f 8 && ", "log"), ("", "/dev/full")] {
-        let folder = tempfile::tempdir().unwrap();
-        std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+        let folder = folder_with_model();
         let serve = format!("{limit}exec \"$0\" serve \"$@\" 2>{log}");
         let mut command = Command::new("sh");
         command.args(["-c", &serve, env!("CARGO_BIN_EXE_lodestream-server"), "model.obj"]);
@@ -333,8 +333,7 @@ fn a_full_disk_while_serving_loses_only_log_lines() {
 /// A caller that does not need the addresses may close standard output, before or while they are printed.
 #[test]
 fn a_closed_standard_output_does_not_end_the_server() {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let folder = folder_with_model();
     for closed in [">&-", ">/dev/full"] {
         let serve = format!(
             "exec \"$0\" serve model.obj --listen 127.0.0.1:0 --http 127.0.0.1:0 --admin off --cache cache {closed}"
@@ -359,8 +358,7 @@ fn a_closed_standard_output_does_not_end_the_server() {
 /// A unit of `Type=notify` waits for this notification and shows the status.
 #[test]
 fn the_service_manager_is_notified_of_readiness_and_draining() {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let folder = folder_with_model();
     let path = folder.path().join("notify");
     let manager = std::os::unix::net::UnixDatagram::bind(&path).unwrap();
     manager.set_read_timeout(Some(LIMIT)).unwrap();

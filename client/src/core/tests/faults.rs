@@ -9,14 +9,20 @@ use lodestream_select::State;
 
 use super::{Change, Loopback, TestScene, finest, prepared, view};
 
-#[test]
-fn damaged_blobs_are_requested_a_few_times_and_affect_no_others() {
+/// A client that requests all of an asset, one of whose chunks is damaged; and that chunk.
+fn damaged() -> (Loopback, BlobId) {
     let mut scene = TestScene::new(1);
     let bad = BlobId::chunk(0, 1);
     scene.damage(bad);
     let mut link = Loopback::new(scene, |_| {});
     link.core.set_view(link.now, finest());
     link.connect();
+    (link, bad)
+}
+
+#[test]
+fn damaged_blobs_are_asked_for_a_few_times_and_cost_nothing_else() {
+    let (mut link, bad) = damaged();
     link.run(20_000);
     let stats = link.core.stats();
     assert_eq!(link.times_sent()[&bad], 4, "no storm");
@@ -99,12 +105,7 @@ fn a_refused_blob_arrives_once_it_can_be_read() {
 
 #[test]
 fn a_blob_that_is_repaired_is_used() {
-    let mut scene = TestScene::new(1);
-    let bad = BlobId::chunk(0, 1);
-    scene.damage(bad);
-    let mut link = Loopback::new(scene, |_| {});
-    link.core.set_view(link.now, finest());
-    link.connect();
+    let (mut link, _) = damaged();
     while link.core.stats().decode_failures == 0 {
         link.run(1);
     }

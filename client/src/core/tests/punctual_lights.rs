@@ -42,6 +42,14 @@ fn told(changes: &[Change]) -> Vec<(u32, usize)> {
     pages
 }
 
+/// A client of a scene whose picture is settled.
+fn settled(scene: TestScene) -> Loopback {
+    let mut link = Loopback::new(scene, |_| {});
+    link.connect();
+    link.settle();
+    link
+}
+
 #[test]
 fn few_punctual_lights_arrive_before_the_first_frame_without_requests() {
     let mut link = Loopback::new(
@@ -63,9 +71,7 @@ fn few_punctual_lights_arrive_before_the_first_frame_without_requests() {
 fn light_pages_follow_the_base_meshes_and_only_visible_ones_are_fetched() {
     // Three pages before the camera and three behind it: `PunctualLights` contains the directory.
     let punctual_lights = before_and_behind(192);
-    let mut link = Loopback::new(TestScene::new(2).lit_by(&punctual_lights), |_| {});
-    link.connect();
-    link.settle();
+    let mut link = settled(TestScene::new(2).lit_by(&punctual_lights));
     let mut sent = punctual_lights_sent(&link);
     sent.sort();
     assert_eq!(sent, [0, 1, 2].map(BlobId::punctual_light_page));
@@ -104,9 +110,7 @@ fn light_pages_below_the_target_error_are_not_fetched() {
 #[test]
 fn the_directory_of_many_punctual_lights_is_requested() {
     let punctual_lights = before_and_behind(1024);
-    let mut link = Loopback::new(TestScene::new(1).lit_by(&punctual_lights), |_| {});
-    link.connect();
-    link.settle();
+    let link = settled(TestScene::new(1).lit_by(&punctual_lights));
     let sent = punctual_lights_sent(&link);
     assert_eq!((sent[0], sent.len()), (BlobId::punctual_light_directory(0), 1 + 16));
     assert_eq!(link.core.punctual_lights().count(), 1024);
@@ -146,9 +150,7 @@ fn a_damaged_light_page_is_requested_again_and_then_given_up() {
 
 #[test]
 fn punctual_lights_are_kept_across_connections() {
-    let mut link = Loopback::new(TestScene::new(1).lit_by(&before_and_behind(128)), |_| {});
-    link.connect();
-    link.settle();
+    let mut link = settled(TestScene::new(1).lit_by(&before_and_behind(128)));
     let sent = punctual_lights_sent(&link).len();
     link.cut();
     link.run(50);

@@ -12,13 +12,11 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime};
 
+use lodestream_compress::whole_file::{PREFIX, SUFFIX, temporary_entries};
 use lodestream_geometry::checkpoint::{CheckpointError, CheckpointStore, Piece};
 
 use super::cache::Key;
 
-/// Names of the folders begin and end like this, as those of files that are being written do.
-const PREFIX: &str = ".lodestream-";
-const SUFFIX: &str = ".part";
 /// Locked by the process that uses a folder.
 const LOCK: &str = "lock";
 /// Age after which a folder is removed instead of resumed: preparations take hours at most.
@@ -144,17 +142,12 @@ fn hash(piece: Piece, bytes: &[u8]) -> blake3::Hash {
 /// Removes checkpoint folders that were not written for a week and are not in use. Skips those that cannot be read or
 /// removed.
 pub fn remove_stale_levels(folder: &Path, now: SystemTime) {
-    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-        let name = entry.file_name();
-        let ours = name.to_str().is_some_and(|name| name.starts_with(PREFIX) && name.ends_with(SUFFIX));
-        let written = entry.metadata().ok().filter(std::fs::Metadata::is_dir).and_then(|m| m.modified().ok());
-        let age = written.and_then(|written| now.duration_since(written).ok());
-        if !ours || age.is_none_or(|age| age < STALE_AFTER) {
-            continue;
-        }
-        let Ok(lock) = File::open(entry.path().join(LOCK)) else { continue };
-        if lock.try_lock().is_ok() {
-            let _ = std::fs::remove_dir_all(entry.path());
+    for (path, metadata) in temporary_entries(folder, STALE_AFTER, now) {
+        if metadata.is_dir()
+            && let Ok(lock) = File::open(path.join(LOCK))
+            && lock.try_lock().is_ok()
+        {
+            let _ = std::fs::remove_dir_all(path);
         }
     }
 }

@@ -37,9 +37,7 @@ async fn a_client_that_floods_is_closed() {
 #[tokio::test(start_paused = true)]
 async fn a_client_that_reads_nothing_is_closed() {
     let state = state_of(MemoryScene::new(1, 100, 1_000_000), None);
-    let mut stuck = Client::in_memory(&state).await;
-    stuck.send(&hello()).await;
-    stuck.send(&want_textures(1)).await;
+    let mut stuck = Client::requesting_textures(&state).await;
     // The in-memory stream holds 64 KiB; then writes block. Pings keep the session from being idle.
     let started = tokio::time::Instant::now();
     for nonce in 0..1000 {

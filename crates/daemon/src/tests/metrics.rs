@@ -79,9 +79,7 @@ fn counters_show_up_in_the_text() {
 async fn queued_bytes_are_reported_while_they_are_queued() {
     // Two seconds' worth at 2 Mbit/s.
     let state = state_of(MemoryScene::new(1, 1000, 60_000), Some(2_000_000));
-    let mut client = Client::in_memory(&state).await;
-    client.send(&hello()).await;
-    client.send(&want_textures(1)).await;
+    let mut client = Client::requesting_textures(&state).await;
     while state.metrics().waiting_bytes() < 100_000 {
         client.next().await.expect("closed before its data was queued");
     }
@@ -90,9 +88,7 @@ async fn queued_bytes_are_reported_while_they_are_queued() {
     let text = state.render_metrics();
     assert!(text.contains("\nlodestream_first_byte_seconds_count 1\n"), "{text}");
     // The queued bytes of a session end with it.
-    let mut client = Client::in_memory(&state).await;
-    client.send(&hello()).await;
-    client.send(&want_textures(1)).await;
+    let mut client = Client::requesting_textures(&state).await;
     while state.metrics().waiting_bytes() < 100_000 {
         client.next().await.expect("closed before its data was queued");
     }
@@ -141,9 +137,7 @@ async fn turns_of_sessions_and_timers_are_counted() {
         })
     };
     assert_eq!(counted(), [0, 0]);
-    let mut client = Client::in_memory(&state).await;
-    client.send(&hello()).await;
-    client.send(&want_textures(1)).await;
+    let mut client = Client::requesting_textures(&state).await;
     client.read_blobs(3).await;
     client.send(&ClientMessage::Bye).await;
     state.all_sessions_ended().await;

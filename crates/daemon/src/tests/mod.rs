@@ -76,6 +76,14 @@ impl Client<DuplexStream> {
         Self::from(peer(), state).await.unwrap()
     }
 
+    /// Connects over a stream in memory and requests all texture levels of asset 0.
+    async fn requesting_textures(state: &Arc<ServerState>) -> Self {
+        let mut client = Self::in_memory(state).await;
+        client.send(&hello()).await;
+        client.send(&want_textures(1)).await;
+        client
+    }
+
     /// Connects from an address.
     async fn from(peer: SocketAddr, state: &Arc<ServerState>) -> Result<Self, String> {
         let (near, far) = duplex(64 * 1024);

@@ -8,9 +8,7 @@ use super::*;
 async fn a_session_finishes_its_requests_while_draining() {
     // Two seconds' worth at 2 Mbit/s.
     let state = state_of(MemoryScene::new(1, 1000, 60_000), Some(2_000_000));
-    let mut client = Client::in_memory(&state).await;
-    client.send(&hello()).await;
-    client.send(&want_textures(1)).await;
+    let mut client = Client::requesting_textures(&state).await;
     client.next().await.unwrap();
     state.drain();
     let blobs = client.read_blobs(9).await;
@@ -23,9 +21,7 @@ async fn a_session_finishes_its_requests_while_draining() {
 #[tokio::test(start_paused = true)]
 async fn draining_is_bounded_in_time() {
     let state = state_of(MemoryScene::new(1, 1000, 10_000_000), Some(2_000_000));
-    let mut client = Client::in_memory(&state).await;
-    client.send(&hello()).await;
-    client.send(&want_textures(1)).await;
+    let mut client = Client::requesting_textures(&state).await;
     client.next().await.unwrap();
     let started = Instant::now();
     state.drain();

@@ -170,9 +170,7 @@ async fn every_three_second_window_is_within_two_percent_of_the_rate() {
 #[tokio::test(start_paused = true)]
 async fn an_urgent_blob_overtakes_bulk_data() {
     let state = state_of(MemoryScene::new(2, 1500, 1_000_000), Some(2_000_000));
-    let mut client = Client::in_memory(&state).await;
-    client.send(&hello()).await;
-    client.send(&want_textures(1)).await;
+    let mut client = Client::requesting_textures(&state).await;
     tokio::time::sleep(Duration::from_secs(2)).await;
     let requested = Instant::now();
     let urgent = BlobId::base(1);

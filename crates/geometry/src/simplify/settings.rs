@@ -153,44 +153,32 @@ impl Settings {
     /// # Errors
     /// Names the first setting that is not, with its range.
     pub fn check(&self) -> Result<(), SettingsError> {
-        let whole = |setting, value: usize, range: RangeInclusive<usize>| {
-            if range.contains(&value) {
-                return Ok(());
-            }
-            let (least, most) = range.into_inner();
-            Err(SettingsError {
-                setting,
-                value: value.to_string(),
-                least: least.to_string(),
-                most: most.to_string(),
-            })
-        };
-        let real = |setting, value: f64, range: RangeInclusive<f64>| {
-            // NaN is in no range.
-            if range.contains(&value) {
-                return Ok(());
-            }
-            let (least, most) = range.into_inner();
-            Err(SettingsError {
-                setting,
-                value: value.to_string(),
-                least: least.to_string(),
-                most: most.to_string(),
-            })
-        };
-        whole("region faces", self.region_faces, Self::REGION_FACES)?;
-        real("level share", self.level_share, Self::LEVEL_SHARE)?;
-        real("top regions", self.top_regions, Self::TOP_REGIONS)?;
-        real("base error", self.base_error, Self::BASE_ERROR)?;
-        whole("fewest splits of a chunk", self.min_splits, Self::MIN_SPLITS)?;
-        whole("parts of a chunk", self.parts, Self::PARTS)?;
-        whole("fewest splits of a part", self.min_part_splits, Self::MIN_SPLITS)?;
+        check_range("region faces", self.region_faces, Self::REGION_FACES)?;
+        check_range("level share", self.level_share, Self::LEVEL_SHARE)?;
+        check_range("top regions", self.top_regions, Self::TOP_REGIONS)?;
+        check_range("base error", self.base_error, Self::BASE_ERROR)?;
+        check_range("fewest splits of a chunk", self.min_splits, Self::MIN_SPLITS)?;
+        check_range("parts of a chunk", self.parts, Self::PARTS)?;
+        check_range("fewest splits of a part", self.min_part_splits, Self::MIN_SPLITS)?;
         if let Some(share) = self.round_share {
-            real("round share", share, Self::ROUND_SHARE)?;
+            check_range("round share", share, Self::ROUND_SHARE)?;
         }
-        real("coarse grid", self.coarse_grid, Self::COARSE_GRID)?;
-        whole("faces of a block", self.block_faces, Self::BLOCK_FACES)
+        check_range("coarse grid", self.coarse_grid, Self::COARSE_GRID)?;
+        check_range("faces of a block", self.block_faces, Self::BLOCK_FACES)
     }
+}
+
+/// Checks that a setting's value is in its range. NaN is in none.
+fn check_range<T: PartialOrd + fmt::Display>(
+    setting: &'static str,
+    value: T,
+    range: RangeInclusive<T>,
+) -> Result<(), SettingsError> {
+    if range.contains(&value) {
+        return Ok(());
+    }
+    let (least, most) = range.into_inner();
+    Err(SettingsError { setting, value: value.to_string(), least: least.to_string(), most: most.to_string() })
 }
 
 /// A setting out of its range.

@@ -20,9 +20,10 @@ use serde::{Deserialize, Serialize};
 /// Largest file that is read, in bytes: four million points fit.
 const MAX_FILE_BYTES: u64 = 128 << 20;
 
-#[derive(Clone, Copy, Debug, Deserialize, Serialize)]
-#[serde(rename_all = "snake_case")]
-enum RawMode {
+/// The form of a [`Mode`].
+#[derive(Deserialize, Serialize)]
+#[serde(remote = "Mode", rename_all = "snake_case")]
+enum ModeForm {
     Fixed,
     Additive,
 }
@@ -30,7 +31,8 @@ enum RawMode {
 #[derive(Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 struct RawSet {
-    mode: RawMode,
+    #[serde(with = "ModeForm")]
+    mode: Mode,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     points: Vec<[i64; 3]>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -38,8 +40,13 @@ struct RawSet {
 }
 
 #[derive(Debug, Deserialize, Serialize)]
-#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
-enum RawStamp {
+#[serde(transparent)]
+struct RawStamp(#[serde(with = "ShapeForm")] Shape);
+
+/// The form of a [`Shape`].
+#[derive(Deserialize, Serialize)]
+#[serde(remote = "Shape", tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+enum ShapeForm {
     Ridge { from: Position, to: Position, half_width: u32, height: i32 },
     Valley { from: Position, to: Position, half_width: u32, depth: i32 },
     Crater { centre: Position, radius: u32, depth: i32, rim: i32 },
@@ -133,12 +140,9 @@ impl RawSet {
             Err(_) => Err(FeatureFileError::Height { path: path.to_owned(), set, point, height }),
         };
         Ok(FeatureSet {
-            mode: match self.mode {
-                RawMode::Fixed => Mode::Fixed,
-                RawMode::Additive => Mode::Additive,
-            },
+            mode: self.mode,
             points: self.points.into_iter().enumerate().map(point).collect::<Result<_, _>>()?,
-            stamps: self.stamps.into_iter().map(Shape::from).collect(),
+            stamps: self.stamps.into_iter().map(|RawStamp(shape)| shape).collect(),
         })
     }
 }
@@ -146,40 +150,9 @@ impl RawSet {
 impl From<&FeatureSet> for RawSet {
     fn from(set: &FeatureSet) -> Self {
         Self {
-            mode: match set.mode {
-                Mode::Fixed => RawMode::Fixed,
-                Mode::Additive => RawMode::Additive,
-            },
+            mode: set.mode,
             points: set.points.iter().map(|p| [p.x, p.y, i64::from(p.height)]).collect(),
-            stamps: set.stamps.iter().cloned().map(RawStamp::from).collect(),
-        }
-    }
-}
-
-impl From<RawStamp> for Shape {
-    fn from(stamp: RawStamp) -> Self {
-        match stamp {
-            RawStamp::Ridge { from, to, half_width, height } => Self::Ridge { from, to, half_width, height },
-            RawStamp::Valley { from, to, half_width, depth } => Self::Valley { from, to, half_width, depth },
-            RawStamp::Crater { centre, radius, depth, rim } => Self::Crater { centre, radius, depth, rim },
-            RawStamp::Plateau { centre, radius, falloff, height } => {
-                Self::Plateau { centre, radius, falloff, height }
-            }
-            RawStamp::RiverBed { line, half_width, depth } => Self::RiverBed { line, half_width, depth },
-        }
-    }
-}
-
-impl From<Shape> for RawStamp {
-    fn from(shape: Shape) -> Self {
-        match shape {
-            Shape::Ridge { from, to, half_width, height } => Self::Ridge { from, to, half_width, height },
-            Shape::Valley { from, to, half_width, depth } => Self::Valley { from, to, half_width, depth },
-            Shape::Crater { centre, radius, depth, rim } => Self::Crater { centre, radius, depth, rim },
-            Shape::Plateau { centre, radius, falloff, height } => {
-                Self::Plateau { centre, radius, falloff, height }
-            }
-            Shape::RiverBed { line, half_width, depth } => Self::RiverBed { line, half_width, depth },
+            stamps: set.stamps.iter().cloned().map(RawStamp).collect(),
         }
     }
 }

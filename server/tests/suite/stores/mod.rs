@@ -5,7 +5,7 @@ mod s3;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::sync::{Arc, LazyLock};
 
 use lodestream_bake::prepare::{Options, prepare_cached};
@@ -19,6 +19,7 @@ use lodestream_store::{BlobCache, Objects, SceneStore};
 use object_store::aws::AmazonS3Builder;
 use tokio::runtime::Runtime;
 
+use crate::process::KilledOnDrop;
 use s3::{Fault, S3};
 
 /// A wavy sheet and a triangle.
@@ -258,15 +259,8 @@ fn run(s3: &S3, folder: &Path, arguments: &[&str]) -> String {
 
 /// A server that is killed at the end of the test.
 struct Server {
-    child: Child,
+    _child: KilledOnDrop,
     http: String,
-}
-
-impl Drop for Server {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
 }
 
 impl Server {
@@ -281,7 +275,7 @@ impl Server {
             .find_map(|line| line.strip_prefix("ws://").map(str::to_owned))
             .expect("the server has ended");
         let http = http.split('/').next().unwrap_or_default().to_owned();
-        Self { child, http }
+        Self { _child: KilledOnDrop(child), http }
     }
 
     fn scenes(&self) -> serde_json::Value {
