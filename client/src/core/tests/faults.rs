@@ -21,7 +21,7 @@ fn damaged() -> (Loopback, BlobId) {
 }
 
 #[test]
-fn damaged_blobs_are_asked_for_a_few_times_and_cost_nothing_else() {
+fn damaged_blobs_are_requested_a_few_times_and_affect_no_others() {
     let (mut link, bad) = damaged();
     link.run(20_000);
     let stats = link.core.stats();

@@ -105,7 +105,7 @@ impl Still {
     }
 
     /// Each part with its instance.
-    fn drawables<'a>(&'a self, instances: &'a [Instance]) -> Vec<Drawable<'a>> {
+    fn drawables<'a>(&'a self, instances: &'a [Placement]) -> Vec<Drawable<'a>> {
         let parts = self.parts.iter().zip(instances);
         parts.map(|(asset, instance)| Drawable { asset, instances: std::slice::from_ref(instance) }).collect()
     }
