@@ -2,8 +2,7 @@
 //! bytes.
 //!
 //! docs/formats.md specifies it: little-endian, integers of variable length in their shortest form, counted lists, no
-//! names and no alignment. A value has one encoding as far as its numbers go, so that fingerprints can be computed over
-//! the bytes.
+//! names and no alignment. A number has one form, because fingerprints are computed over the bytes.
 //!
 //! Decoding is safe on any bytes. A length is compared with the bytes that are left before it is used, a list grows as
 //! its elements are read, and the memory that a value takes counts against a limit ([`Reader::claim`]).

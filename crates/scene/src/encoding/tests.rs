@@ -5,6 +5,9 @@ use std::fmt::Debug;
 use proptest::prelude::*;
 
 use super::{CodingError, Decode, Encode, decode, encode};
+use crate::description::{SceneHeader, ScenePage};
+use crate::terrain::TerrainEntry;
+use crate::{BlobId, View};
 
 const PLENTY: usize = 1 << 20;
 
@@ -146,6 +149,17 @@ proptest! {
         let floats = bits.map(f32::from_bits);
         let back: [f32; 3] = decode(&encode(&floats).unwrap(), 0).unwrap();
         prop_assert_eq!(back.map(f32::to_bits), bits);
+    }
+
+    #[test]
+    fn random_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..300)) {
+        let _ = decode::<SceneHeader>(&bytes, PLENTY);
+        let _ = decode::<ScenePage>(&bytes, PLENTY);
+        let _ = decode::<TerrainEntry>(&bytes, PLENTY);
+        let _ = decode::<View>(&bytes, PLENTY);
+        if let Ok(ids) = decode::<Vec<BlobId>>(&bytes, PLENTY) {
+            prop_assert_eq!(encode(&ids).unwrap(), bytes);
+        }
     }
 
     /// What decodes has these bytes and no others.
