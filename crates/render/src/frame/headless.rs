@@ -8,6 +8,7 @@ use crate::frame::settings::Frame;
 use crate::frame::target::Target;
 use crate::frame::timing::Timings;
 use crate::renderer::Renderer;
+use crate::resources::descriptors::texture_2d;
 use crate::resources::gpu::{Gpu, RenderError};
 use crate::resources::readback::read_texture;
 
@@ -41,16 +42,8 @@ impl Headless {
             });
         }
         let renderer = Renderer::new(&gpu, FORMAT)?;
-        let target = gpu.device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("picture"),
-            size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: FORMAT,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
-            view_formats: &[],
-        });
+        let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
+        let target = gpu.device.create_texture(&texture_2d("picture", (width, height), FORMAT, usage));
         gpu.check()?;
         Ok(Self { gpu, renderer, target, has_surfaces: false })
     }

@@ -16,6 +16,7 @@ use crate::passes::pn_triangles::{PatchPipelines, PnTriangles};
 use crate::passes::reflections::PYRAMID;
 use crate::passes::temporal::Resolve;
 use crate::passes::water::WaterPipelines;
+use crate::resources::descriptors::{blend, group_layout, wgsl};
 use crate::resources::gpu::Gpu;
 use crate::scene::material_bindings::MaterialBindings;
 use crate::scene::terrain::TerrainPipelines;
@@ -23,15 +24,7 @@ use crate::scene::terrain::TerrainPipelines;
 /// Shader source of an occlusion estimator.
 macro_rules! occlusion {
     ($($file:literal),+) => {
-        concat!(
-            include_str!("../shaders/common.wgsl"),
-            include_str!("../shaders/fullscreen.wgsl"),
-            include_str!("../shaders/surface.wgsl"),
-            include_str!("../shaders/occlusion_radius.wgsl"),
-            include_str!("../shaders/targets.wgsl"),
-            include_str!("../shaders/occlusion_normal.wgsl"),
-            $(include_str!(concat!("../shaders/", $file, ".wgsl"))),+
-        )
+        wgsl!("common", "fullscreen", "surface", "occlusion_radius", "targets", "occlusion_normal", $($file),+)
     };
 }
 
@@ -49,82 +42,24 @@ const GTAO: &str = occlusion!("occlusion", "slices", "gtao", "occlusion_half", "
 const BITMASK: &str = occlusion!("occlusion", "slices", "bitmask", "occlusion_half", "whole");
 const BLUR: &str = occlusion!("occlusion_blur");
 const UPSAMPLE: &str = occlusion!("occlusion_half", "occlusion_upsample");
-const SHADOWS: &str = concat!(
-    include_str!("../shaders/common.wgsl"),
-    include_str!("../shaders/fullscreen.wgsl"),
-    include_str!("../shaders/surface.wgsl"),
-    include_str!("../shaders/shadows.wgsl"),
-    include_str!("../shaders/sunlight.wgsl")
-);
-const LIGHTING: &str = concat!(
-    include_str!("../shaders/common.wgsl"),
-    include_str!("../shaders/fullscreen.wgsl"),
-    include_str!("../shaders/targets.wgsl"),
-    include_str!("../shaders/sky.wgsl"),
-    include_str!("../shaders/brdf.wgsl"),
-    include_str!("../shaders/lighting.wgsl")
-);
-const REFLECTIONS: &str = concat!(
-    include_str!("../shaders/common.wgsl"),
-    include_str!("../shaders/fullscreen.wgsl"),
-    include_str!("../shaders/surface.wgsl"),
-    include_str!("../shaders/targets.wgsl"),
-    include_str!("../shaders/sky.wgsl"),
-    include_str!("../shaders/brdf.wgsl"),
-    include_str!("../shaders/tracing.wgsl"),
-    include_str!("../shaders/reflections.wgsl")
-);
-const DEPTH_PYRAMID: &str =
-    concat!(include_str!("../shaders/fullscreen.wgsl"), include_str!("../shaders/pyramid.wgsl"));
-const WIREFRAME: &str = concat!(
-    include_str!("../shaders/common.wgsl"),
-    include_str!("../shaders/fullscreen.wgsl"),
-    include_str!("../shaders/wireframe.wgsl")
-);
-const ANTIALIAS: &str = concat!(
-    include_str!("../shaders/common.wgsl"),
-    include_str!("../shaders/fullscreen.wgsl"),
-    include_str!("../shaders/antialias.wgsl")
-);
-const ENLARGE: &str = concat!(
-    include_str!("../shaders/common.wgsl"),
-    include_str!("../shaders/fullscreen.wgsl"),
-    include_str!("../shaders/between.wgsl"),
-    include_str!("../shaders/enlarge.wgsl")
-);
-const TONEMAP: &str = concat!(
-    include_str!("../shaders/common.wgsl"),
-    include_str!("../shaders/fullscreen.wgsl"),
-    include_str!("../shaders/between.wgsl"),
-    include_str!("../shaders/tonemap.wgsl")
-);
+const SHADOWS: &str = wgsl!("common", "fullscreen", "surface", "shadows", "sunlight");
+const LIGHTING: &str = wgsl!("common", "fullscreen", "targets", "sky", "brdf", "lighting");
+const REFLECTIONS: &str =
+    wgsl!("common", "fullscreen", "surface", "targets", "sky", "brdf", "tracing", "reflections");
+const DEPTH_PYRAMID: &str = wgsl!("fullscreen", "pyramid");
+const WIREFRAME: &str = wgsl!("common", "fullscreen", "wireframe");
+const ANTIALIAS: &str = wgsl!("common", "fullscreen", "antialias");
+const ENLARGE: &str = wgsl!("common", "fullscreen", "between", "enlarge");
+const TONEMAP: &str = wgsl!("common", "fullscreen", "between", "tonemap");
 /// For [`crate::frame::composite`].
-pub(crate) const COMPOSITE: &str = concat!(
-    include_str!("../shaders/common.wgsl"),
-    include_str!("../shaders/fullscreen.wgsl"),
-    include_str!("../shaders/between.wgsl"),
-    include_str!("../shaders/tonemap.wgsl"),
-    include_str!("../shaders/composite.wgsl")
-);
+pub(crate) const COMPOSITE: &str = wgsl!("common", "fullscreen", "between", "tonemap", "composite");
 
 /// For [`crate::passes::debug`].
-pub(crate) const DEBUG: &str = concat!(
-    include_str!("../shaders/common.wgsl"),
-    include_str!("../shaders/fullscreen.wgsl"),
-    include_str!("../shaders/targets.wgsl"),
-    include_str!("../shaders/motion.wgsl"),
-    include_str!("../shaders/debug.wgsl")
-);
+pub(crate) const DEBUG: &str = wgsl!("common", "fullscreen", "targets", "motion", "debug");
 
 /// Blends by the blend constant.
-const BY_SHARE: wgpu::BlendState = {
-    let over = wgpu::BlendComponent {
-        src_factor: wgpu::BlendFactor::Constant,
-        dst_factor: wgpu::BlendFactor::OneMinusConstant,
-        operation: wgpu::BlendOperation::Add,
-    };
-    wgpu::BlendState { color: over, alpha: over }
-};
+const BY_SHARE: wgpu::BlendState =
+    blend(wgpu::BlendFactor::Constant, wgpu::BlendFactor::OneMinusConstant, wgpu::BlendOperation::Add);
 
 /// Variant of an occlusion estimator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -282,10 +217,8 @@ impl Pipelines {
         // Lists of patches and strokes are made as the frame's eye sees them.
         let lists = if gpu.can_curve() { wgpu::ShaderStages::COMPUTE } else { wgpu::ShaderStages::NONE };
         let visibility = UNIFORM_BLOCK.visibility | lists;
-        let frame_layout = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-            label: Some("frame"),
-            entries: &[wgpu::BindGroupLayoutEntry { visibility, ..UNIFORM_BLOCK }],
-        });
+        let entry = wgpu::BindGroupLayoutEntry { visibility, ..UNIFORM_BLOCK };
+        let frame_layout = group_layout(gpu, "frame", &[entry]);
         Self {
             meshes: MeshPipelines::new(gpu, kit, &frame_layout),
             kit: kit.clone(),

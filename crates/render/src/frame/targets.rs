@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::frame::graph::Resource;
+use crate::resources::descriptors::{DRAWN_AND_SAMPLED, texture_2d};
 use crate::resources::gpu::{Gpu, RenderError};
 
 /// Depth: reversed, 32-bit floating point.
@@ -82,24 +83,13 @@ impl Targets {
                 Resource::Lit => wgpu::TextureUsages::COPY_DST,
                 _ => wgpu::TextureUsages::empty(),
             };
-            let (width, height) = match resource {
+            let size = match resource {
                 Resource::OcclusionHalf => (size.0.div_ceil(2), size.1.div_ceil(2)),
                 _ => size,
             };
             self.textures.entry(*resource).or_insert_with(|| {
-                gpu.device.create_texture(&wgpu::TextureDescriptor {
-                    label: Some("frame target"),
-                    size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-                    mip_level_count: 1,
-                    sample_count: 1,
-                    dimension: wgpu::TextureDimension::D2,
-                    format,
-                    usage: wgpu::TextureUsages::RENDER_ATTACHMENT
-                        | wgpu::TextureUsages::TEXTURE_BINDING
-                        | wgpu::TextureUsages::COPY_SRC
-                        | copied,
-                    view_formats: &[],
-                })
+                let usage = DRAWN_AND_SAMPLED | copied;
+                gpu.device.create_texture(&texture_2d("frame target", size, format, usage))
             });
         }
         Ok(())

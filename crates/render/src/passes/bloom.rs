@@ -6,9 +6,10 @@ use crate::frame::target::{Load, Target};
 use crate::frame::targets::RADIANCE;
 use crate::frame::timing::PassEncoder;
 use crate::passes::gbuffer::shader;
+use crate::resources::descriptors::{texture_2d, wgsl};
 use crate::resources::gpu::Gpu;
 
-const BLOOM: &str = include_str!("../shaders/bloom.wgsl");
+const BLOOM: &str = wgsl!("bloom");
 
 /// Most downsampling levels: the widest tent filter spans three times 64 pixels.
 pub(crate) const MAX_LEVELS: u32 = 6;
@@ -95,20 +96,9 @@ impl BloomPass {
         self.size = size;
         let side = |side: u32, level: u32| (side >> level).max(1);
         let one = |level| {
-            let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
-                label: Some("bloom"),
-                size: wgpu::Extent3d {
-                    width: side(size.0, level),
-                    height: side(size.1, level),
-                    depth_or_array_layers: 1,
-                },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format: RADIANCE,
-                usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
-                view_formats: &[],
-            });
+            let size = (side(size.0, level), side(size.1, level));
+            let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING;
+            let texture = gpu.device.create_texture(&texture_2d("bloom", size, RADIANCE, usage));
             texture.create_view(&Default::default())
         };
         self.levels = (1..=levels(size)).map(one).collect();

@@ -1,9 +1,10 @@
 //! Pipelines of the geometry passes: G-buffer, shadow casters, emission, motion, transparency and wireframe.
 
 use crate::frame::targets::{ALBEDO, DEPTH, EDGES, MOTION, NORMAL, OVERDRAW, RADIANCE};
+use crate::resources::descriptors::{blend, buffer_binding, layout_entry, wgsl};
 use crate::resources::gpu::Gpu;
 
-const COUNT: &str = include_str!("../shaders/overdraw.wgsl");
+const COUNT: &str = wgsl!("overdraw");
 
 /// Shader, bindings and vertex layout of geometry.
 pub(crate) struct GeometryPass<'a> {
@@ -40,14 +41,8 @@ impl Raster {
 }
 
 /// Additive blending.
-pub(crate) const ADD: wgpu::BlendState = {
-    let add = wgpu::BlendComponent {
-        src_factor: wgpu::BlendFactor::One,
-        dst_factor: wgpu::BlendFactor::One,
-        operation: wgpu::BlendOperation::Add,
-    };
-    wgpu::BlendState { color: add, alpha: add }
-};
+pub(crate) const ADD: wgpu::BlendState =
+    blend(wgpu::BlendFactor::One, wgpu::BlendFactor::One, wgpu::BlendOperation::Add);
 
 impl GeometryPass<'_> {
     /// Pipeline into the G-buffer; takes the entry points of both stages and the override constants.
@@ -200,13 +195,5 @@ pub(crate) fn shader(gpu: &Gpu, label: &str, text: &'static str) -> wgpu::Shader
 }
 
 /// A uniform block at binding 0, for both stages of a geometry pass.
-pub(crate) const UNIFORM_BLOCK: wgpu::BindGroupLayoutEntry = wgpu::BindGroupLayoutEntry {
-    binding: 0,
-    visibility: wgpu::ShaderStages::VERTEX_FRAGMENT,
-    ty: wgpu::BindingType::Buffer {
-        ty: wgpu::BufferBindingType::Uniform,
-        has_dynamic_offset: false,
-        min_binding_size: None,
-    },
-    count: None,
-};
+pub(crate) const UNIFORM_BLOCK: wgpu::BindGroupLayoutEntry =
+    layout_entry(0, wgpu::ShaderStages::VERTEX_FRAGMENT, buffer_binding(wgpu::BufferBindingType::Uniform));

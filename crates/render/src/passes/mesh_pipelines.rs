@@ -5,6 +5,9 @@ use std::sync::OnceLock;
 use crate::passes::gbuffer::{GeometryPass, shader};
 #[cfg(any(test, feature = "methods"))]
 use crate::passes::pn_triangles::GRID_VERTEX;
+use crate::resources::descriptors::{
+    buffer_binding, group_layout, layout_entry, pipeline_layout, texture_binding, wgsl,
+};
 use crate::resources::gpu::Gpu;
 use crate::resources::vertex::{PackedVertex, VERTEX_ATTRIBUTES};
 use crate::scene::instance::{BEFORE_ATTRIBUTES, INSTANCE_ATTRIBUTES, InstanceRaw};
@@ -25,13 +28,13 @@ struct Texts {
 /// Searches of relief mapping without an acceleration texture.
 macro_rules! relief_searches {
     () => {
-        include_str!("../shaders/relief_methods.wgsl")
+        wgsl!("relief_methods")
     };
 }
 #[cfg(not(any(test, feature = "methods")))]
 macro_rules! relief_searches {
     () => {
-        include_str!("../shaders/relief_bisection.wgsl")
+        wgsl!("relief_bisection")
     };
 }
 
@@ -39,16 +42,9 @@ macro_rules! relief_searches {
 macro_rules! text {
     ($found:literal, [$($vertex:literal),+] $(, $more:literal)*) => {
         concat!(
-            include_str!("../shaders/common.wgsl"),
-            include_str!("../shaders/targets.wgsl"),
-            include_str!("../shaders/anisotropic.wgsl"),
-            include_str!("../shaders/gbuffer.wgsl"),
-            include_str!("../shaders/relief.wgsl"),
+            wgsl!("common", "targets", "anisotropic", "gbuffer", "relief"),
             relief_searches!(),
-            include_str!(concat!("../shaders/", $found, ".wgsl")),
-            include_str!("../shaders/placement.wgsl"),
-            $(include_str!(concat!("../shaders/", $vertex, ".wgsl")),)+
-            $(include_str!(concat!("../shaders/", $more, ".wgsl")),)*
+            wgsl!($found, "placement", $($vertex,)+ $($more),*)
         )
     };
 }
@@ -162,14 +158,6 @@ fn constants([relief, maps, mask]: [bool; 3]) -> [(&'static str, f64); 3] {
     [("RELIEF", relief), ("MAPS", maps), ("MASK", mask)].map(|(name, on)| (name, f64::from(u8::from(on))))
 }
 
-fn layout(gpu: &Gpu, label: &str, groups: &[Option<&wgpu::BindGroupLayout>]) -> wgpu::PipelineLayout {
-    gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-        label: Some(label),
-        bind_group_layouts: groups,
-        immediate_size: 0,
-    })
-}
-
 impl MeshPipelines {
     /// Pipelines for flat triangles.
     pub(crate) fn new(gpu: &Gpu, kit: &MaterialBindings, frame_layout: &wgpu::BindGroupLayout) -> Self {
@@ -197,7 +185,7 @@ impl MeshPipelines {
         let with_lists = |label, groups: [Option<&wgpu::BindGroupLayout>; 2]| {
             let groups = [groups[0], groups[1], lists.as_ref()];
             let count = groups.iter().rposition(Option::is_some).map_or(0, |last| last + 1);
-            layout(gpu, label, &groups[..count])
+            pipeline_layout(gpu, label, &groups[..count])
         };
         Self {
             layout: with_lists("meshes", [Some(frame), Some(material)]),
@@ -212,7 +200,7 @@ impl MeshPipelines {
             accelerated: Default::default(),
             reliefs: Default::default(),
             sunken_casters: Default::default(),
-            accelerated_layout: layout(
+            accelerated_layout: pipeline_layout(
                 gpu,
                 "meshes with relief acceleration",
                 &[Some(frame), Some(material), Some(&kit.acceleration_layout)],
@@ -347,7 +335,7 @@ impl MeshPipelines {
             let lists = self.lists.as_ref().map(Some);
             let groups: Vec<_> = [Some(&light), Some(&self.material)].into_iter().chain(lists).collect();
             ForwardPipelines {
-                layout: layout(gpu, "lit meshes", &groups),
+                layout: pipeline_layout(gpu, "lit meshes", &groups),
                 light,
                 module: OnceLock::new(),
                 pipelines: Default::default(),
@@ -393,35 +381,29 @@ impl MeshPipelines {
 /// Layout of group 0 of forward-lit surfaces: frame, shadow maps with their sampler, sky maps and, optionally,
 /// punctual lights.
 fn light_layout(gpu: &Gpu, punctual_lights: bool) -> wgpu::BindGroupLayout {
-    let entry = |binding, visibility, ty| wgpu::BindGroupLayoutEntry { binding, visibility, ty, count: None };
-    let buffer = |ty| wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None };
-    let block = buffer(wgpu::BufferBindingType::Uniform);
+    let block = buffer_binding(wgpu::BufferBindingType::Uniform);
     let maps = wgpu::BindingType::Texture {
         sample_type: wgpu::TextureSampleType::Depth,
         view_dimension: wgpu::TextureViewDimension::D2Array,
         multisampled: false,
     };
-    let texture = |view_dimension| wgpu::BindingType::Texture {
-        sample_type: wgpu::TextureSampleType::Float { filterable: true },
-        view_dimension,
-        multisampled: false,
-    };
+    let texture = |view_dimension| texture_binding(true, view_dimension);
     let fragment = wgpu::ShaderStages::FRAGMENT;
     let mut entries = vec![
-        entry(0, wgpu::ShaderStages::VERTEX_FRAGMENT, block),
-        entry(2, fragment, maps),
-        entry(3, fragment, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Comparison)),
-        entry(4, fragment, block),
-        entry(10, fragment, texture(wgpu::TextureViewDimension::D2)),
-        entry(11, fragment, texture(wgpu::TextureViewDimension::D2Array)),
-        entry(12, fragment, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
-        entry(13, fragment, texture(wgpu::TextureViewDimension::D2)),
+        layout_entry(0, wgpu::ShaderStages::VERTEX_FRAGMENT, block),
+        layout_entry(2, fragment, maps),
+        layout_entry(3, fragment, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Comparison)),
+        layout_entry(4, fragment, block),
+        layout_entry(10, fragment, texture(wgpu::TextureViewDimension::D2)),
+        layout_entry(11, fragment, texture(wgpu::TextureViewDimension::D2Array)),
+        layout_entry(12, fragment, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
+        layout_entry(13, fragment, texture(wgpu::TextureViewDimension::D2)),
     ];
     if punctual_lights {
-        entries.extend(PunctualLightPass::LAYOUT.map(|(binding, ty)| entry(binding, fragment, buffer(ty))));
+        entries.extend(
+            PunctualLightPass::LAYOUT
+                .map(|(binding, ty)| layout_entry(binding, fragment, buffer_binding(ty))),
+        );
     }
-    gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: Some("light"),
-        entries: &entries,
-    })
+    group_layout(gpu, "light", &entries)
 }

@@ -8,6 +8,7 @@ use crate::frame::targets::{OCCLUSION, OCCLUSION_MEAN};
 use crate::frame::timing::PassEncoder;
 use crate::passes::gbuffer::shader;
 use crate::passes::occlusion::OcclusionNormals;
+use crate::resources::descriptors::texture_2d;
 use crate::resources::gpu::Gpu;
 
 /// Number of layers: every fourth pixel of every fourth row.
@@ -59,21 +60,12 @@ impl Layers {
             return;
         }
         self.size = size;
+        let quarter = (size.0.div_ceil(4), size.1.div_ceil(4));
+        let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING;
         let texture = |format| {
-            gpu.device.create_texture(&wgpu::TextureDescriptor {
-                label: Some("occlusion layers"),
-                size: wgpu::Extent3d {
-                    width: size.0.div_ceil(4),
-                    height: size.1.div_ceil(4),
-                    depth_or_array_layers: LAYERS,
-                },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format,
-                usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
-                view_formats: &[],
-            })
+            let mut descriptor = texture_2d("occlusion layers", quarter, format, usage);
+            descriptor.size.depth_or_array_layers = LAYERS;
+            gpu.device.create_texture(&descriptor)
         };
         self.textures = Some([DEPTHS, OCCLUSION].map(texture));
     }

@@ -7,6 +7,7 @@ use crate::frame::fullscreen::fullscreen;
 use crate::frame::graph::PassId;
 use crate::frame::target::Target;
 use crate::frame::timing::PassEncoder;
+use crate::resources::descriptors::{DRAWN_AND_SAMPLED, texture_2d, uniform_buffer};
 use crate::resources::gpu::Gpu;
 
 /// Most steps of a ray.
@@ -76,13 +77,7 @@ pub(crate) struct Tracer {
 
 impl Tracer {
     pub(crate) fn new(gpu: &Gpu) -> Self {
-        let uniform = gpu.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("tracing"),
-            size: size_of::<TracingUniform>() as u64,
-            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        });
-        Self { uniform, pyramid: None }
+        Self { uniform: uniform_buffer::<TracingUniform>(gpu, "tracing"), pyramid: None }
     }
 
     /// Uploads a frame's settings, and allocates the pyramid if the search needs one.
@@ -97,20 +92,13 @@ impl Tracer {
         }
         // Rounded up to whole cells of the last level, so that downsampling covers every pixel.
         let side = |side: u32| side.next_multiple_of(1 << levels) / 2;
-        let size = wgpu::Extent3d { width: side(size.0), height: side(size.1), depth_or_array_layers: 1 };
-        if self.pyramid.as_ref().is_none_or(|pyramid| pyramid.size() != size) {
-            self.pyramid = Some(gpu.device.create_texture(&wgpu::TextureDescriptor {
-                label: Some("depth pyramid"),
-                size,
-                mip_level_count: levels,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format: PYRAMID,
-                usage: wgpu::TextureUsages::RENDER_ATTACHMENT
-                    | wgpu::TextureUsages::TEXTURE_BINDING
-                    | wgpu::TextureUsages::COPY_SRC,
-                view_formats: &[],
-            }));
+        let size = (side(size.0), side(size.1));
+        let descriptor = wgpu::TextureDescriptor {
+            mip_level_count: levels,
+            ..texture_2d("depth pyramid", size, PYRAMID, DRAWN_AND_SAMPLED)
+        };
+        if self.pyramid.as_ref().is_none_or(|pyramid| pyramid.size() != descriptor.size) {
+            self.pyramid = Some(gpu.device.create_texture(&descriptor));
         }
     }
 

@@ -9,19 +9,15 @@ use crate::frame::targets::{DEPTH, RADIANCE};
 use crate::frame::timing::PassEncoder;
 use crate::passes::gbuffer::{ADD, shader};
 use crate::passes::reflections::Tracer;
+use crate::resources::descriptors::{
+    buffer_binding, group_layout, layout_entry, pipeline_layout, texture_binding, uniform_buffer, wgsl,
+};
 use crate::resources::gpu::Gpu;
 
 /// Shader source, with the files that compute reflections.
 macro_rules! water {
     ($($mirrors:literal),+) => {
-        concat!(
-            include_str!("../shaders/common.wgsl"),
-            include_str!("../shaders/shadows.wgsl"),
-            include_str!("../shaders/sky.wgsl"),
-            include_str!("../shaders/brdf.wgsl"),
-            include_str!("../shaders/water.wgsl"),
-            $(include_str!(concat!("../shaders/", $mirrors, ".wgsl"))),+
-        )
+        wgsl!("common", "shadows", "sky", "brdf", "water", $($mirrors),+)
     };
 }
 
@@ -140,13 +136,7 @@ pub(crate) struct WaterPass {
 
 impl WaterPass {
     pub(crate) fn new(gpu: &Gpu) -> Self {
-        let uniform = gpu.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("water"),
-            size: size_of::<WaterUniform>() as u64,
-            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        });
-        Self { uniform }
+        Self { uniform: uniform_buffer::<WaterUniform>(gpu, "water") }
     }
 
     /// Uploads a frame's water.
@@ -207,35 +197,19 @@ impl WaterPipelines {
     /// `light` is the layout of group 0. `by_cells` selects the search of screen-space reflections; `None` reflects
     /// the sky only.
     pub(crate) fn new(gpu: &Gpu, light: &wgpu::BindGroupLayout, by_cells: Option<bool>) -> Self {
-        let entry =
-            |binding, visibility, ty| wgpu::BindGroupLayoutEntry { binding, visibility, ty, count: None };
-        let uniform = wgpu::BindingType::Buffer {
-            ty: wgpu::BufferBindingType::Uniform,
-            has_dynamic_offset: false,
-            min_binding_size: None,
-        };
-        let texture = wgpu::BindingType::Texture {
-            sample_type: wgpu::TextureSampleType::Float { filterable: false },
-            view_dimension: wgpu::TextureViewDimension::D2,
-            multisampled: false,
-        };
+        let uniform = buffer_binding(wgpu::BufferBindingType::Uniform);
+        let texture = texture_binding(false, wgpu::TextureViewDimension::D2);
         let fragment = wgpu::ShaderStages::FRAGMENT;
         let entries = [
-            entry(0, wgpu::ShaderStages::VERTEX_FRAGMENT, uniform),
-            entry(1, fragment, texture),
-            entry(2, fragment, texture),
-            entry(3, fragment, texture),
-            entry(4, fragment, uniform),
+            layout_entry(0, wgpu::ShaderStages::VERTEX_FRAGMENT, uniform),
+            layout_entry(1, fragment, texture),
+            layout_entry(2, fragment, texture),
+            layout_entry(3, fragment, texture),
+            layout_entry(4, fragment, uniform),
         ];
-        let layout = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-            label: Some("water"),
-            entries: if by_cells.is_some() { &entries } else { &entries[..2] },
-        });
-        let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-            label: Some("water"),
-            bind_group_layouts: &[Some(light), Some(&layout)],
-            immediate_size: 0,
-        });
+        let entries = if by_cells.is_some() { &entries[..] } else { &entries[..2] };
+        let layout = group_layout(gpu, "water", entries);
+        let pipeline_layout = pipeline_layout(gpu, "water", &[Some(light), Some(&layout)]);
         let module = shader(gpu, "water", if by_cells.is_some() { MIRRORING } else { WATER });
         let search = [("HI_Z", f64::from(u8::from(by_cells == Some(true))))];
         let constants: &[(&str, f64)] = if by_cells.is_some() { &search } else { &[] };

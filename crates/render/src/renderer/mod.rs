@@ -35,6 +35,7 @@ use crate::passes::sky::SkyGpu;
 use crate::passes::temporal::{Temporal, TemporalStep};
 use crate::passes::water::{WaterPass, WaterView};
 use crate::resources::buffer::GrowingBuffer;
+use crate::resources::descriptors::uniform_buffer;
 use crate::resources::gpu::{Gpu, RenderError};
 use crate::resources::texture::{Texture, TextureShape};
 use crate::scene::asset::AssetGpu;
@@ -100,12 +101,7 @@ impl Renderer {
     pub fn without_pipelines(gpu: &Gpu, target_format: wgpu::TextureFormat) -> Result<Self, RenderError> {
         let kit = MaterialBindings::new(gpu);
         let pipelines = Arc::new(Pipelines::new(gpu, &kit, target_format));
-        let frame_buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("frame"),
-            size: size_of::<FrameUniform>() as u64,
-            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        });
+        let frame_buffer = uniform_buffer::<FrameUniform>(gpu, "frame");
         let frame_group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("frame"),
             layout: &pipelines.frame_layout,

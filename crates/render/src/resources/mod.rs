@@ -1,6 +1,7 @@
 //! GPU resources: device, buffers, textures, uploads and readback.
 
 pub(crate) mod buffer;
+pub(crate) mod descriptors;
 pub(crate) mod gpu;
 pub(crate) mod readback;
 #[cfg(feature = "client")]

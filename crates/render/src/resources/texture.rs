@@ -12,6 +12,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use lodestream_scene::asset::level_size;
 
+use crate::resources::descriptors::{SAMPLED_AND_COPIED, texture_2d};
 use crate::resources::gpu::{Gpu, RenderError};
 use crate::scene::relief_acceleration::ReliefAcceleration;
 
@@ -227,18 +228,10 @@ impl StreamedTexture {
         if self.allocated.as_ref().is_some_and(|(_, top)| *top >= level) {
             return;
         }
-        let (width, height) = self.shape.level_size(level);
+        let usage = SAMPLED_AND_COPIED;
         let new = gpu.device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("streamed texture"),
-            size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
             mip_level_count: level + 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: self.format,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING
-                | wgpu::TextureUsages::COPY_DST
-                | wgpu::TextureUsages::COPY_SRC,
-            view_formats: &[],
+            ..texture_2d("streamed texture", self.shape.level_size(level), self.format, usage)
         });
         if let Some((old, top)) = &self.allocated {
             let mut encoder = gpu.device.create_command_encoder(&Default::default());

@@ -1,6 +1,7 @@
 //! Stand-in for `relief_acceleration.rs` without the feature `methods`: the default search of relief mapping needs no
 //! acceleration texture, so there is no kind of one.
 
+use crate::resources::descriptors::group_layout;
 use crate::resources::gpu::{Gpu, RenderError};
 
 /// Has no value.
@@ -18,10 +19,7 @@ impl ReliefAcceleration {
 
     /// Layout of group 2, which is empty.
     pub(crate) fn layout(gpu: &Gpu) -> wgpu::BindGroupLayout {
-        gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-            label: Some("no relief acceleration"),
-            entries: &[],
-        })
+        group_layout(gpu, "no relief acceleration", &[])
     }
 
     /// Builds the texture.

@@ -4,6 +4,7 @@
 use crate::cpu_reference::relief::ReliefMap;
 use crate::cpu_reference::relief::cones::Cones;
 use crate::cpu_reference::relief::pyramid::Pyramid;
+use crate::resources::descriptors::{group_layout, layout_entry, texture_2d, texture_binding};
 use crate::resources::gpu::{Gpu, RenderError};
 use crate::resources::readback::read_texture;
 
@@ -44,19 +45,8 @@ impl ReliefAcceleration {
 
     /// Layout of group 2: the acceleration texture.
     pub(crate) fn layout(gpu: &Gpu) -> wgpu::BindGroupLayout {
-        gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-            label: Some("relief acceleration"),
-            entries: &[wgpu::BindGroupLayoutEntry {
-                binding: 0,
-                visibility: wgpu::ShaderStages::FRAGMENT,
-                ty: wgpu::BindingType::Texture {
-                    sample_type: wgpu::TextureSampleType::Float { filterable: false },
-                    view_dimension: wgpu::TextureViewDimension::D2,
-                    multisampled: false,
-                },
-                count: None,
-            }],
-        })
+        let texture = texture_binding(false, wgpu::TextureViewDimension::D2);
+        group_layout(gpu, "relief acceleration", &[layout_entry(0, wgpu::ShaderStages::FRAGMENT, texture)])
     }
 
     /// Builds the texture from a mip level of heights; `None` for maps that are too large. Waits for the device.
@@ -95,16 +85,9 @@ fn read_heights(
 ) -> Result<ReliefMap, RenderError> {
     let format = heights.format();
     let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
-    let copy = gpu.device.create_texture(&wgpu::TextureDescriptor {
-        label: Some("heights to read back"),
-        size,
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format,
-        usage: wgpu::TextureUsages::COPY_DST | wgpu::TextureUsages::COPY_SRC,
-        view_formats: &[],
-    });
+    let usage = wgpu::TextureUsages::COPY_DST | wgpu::TextureUsages::COPY_SRC;
+    let descriptor = texture_2d("heights to read back", (width, height), format, usage);
+    let copy = gpu.device.create_texture(&descriptor);
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
     let from = wgpu::TexelCopyTextureInfo { mip_level: level, ..heights.as_image_copy() };
     encoder.copy_texture_to_texture(from, copy.as_image_copy(), size);
@@ -123,15 +106,10 @@ fn read_heights(
 fn upload(gpu: &Gpu, levels: &[([u32; 2], &[f64])]) -> wgpu::Texture {
     let extent = |[width, height]: [u32; 2]| wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
     let finest = levels.first().map_or([1; 2], |(size, _)| *size);
+    let usage = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST;
     let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
-        label: Some("relief acceleration"),
-        size: extent(finest),
         mip_level_count: levels.len().max(1) as u32,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: wgpu::TextureFormat::R32Float,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-        view_formats: &[],
+        ..texture_2d("relief acceleration", finest.into(), wgpu::TextureFormat::R32Float, usage)
     });
     for (level, (size, values)) in (0..).zip(levels) {
         let texels: Vec<u8> = values.iter().flat_map(|value| (*value as f32).to_le_bytes()).collect();

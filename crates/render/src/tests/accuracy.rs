@@ -8,6 +8,7 @@ use crate::cpu_reference::brdf::from_octahedral;
 use crate::cpu_reference::surface::DepthPicture;
 use crate::cpu_reference::{antialias, occlusion, tone};
 use crate::frame::graph::Resource;
+use crate::resources::descriptors::texture_2d;
 use crate::resources::readback::read_texture;
 use crate::{
     AmbientOcclusion, AntiAliasing, Drawable, Frame, GradientSky, Headless, Instance, Material,
@@ -237,16 +238,8 @@ fn srgb_targets_show_the_same_picture() {
     let format = wgpu::TextureFormat::Rgba8UnormSrgb;
     let gpu = h.gpu().clone();
     let mut other = Renderer::new(&gpu, format).unwrap();
-    let target = gpu.device.create_texture(&wgpu::TextureDescriptor {
-        label: None,
-        size: wgpu::Extent3d { width: 64, height: 64, depth_or_array_layers: 1 },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
-        view_formats: &[],
-    });
+    let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
+    let target = gpu.device.create_texture(&texture_2d("picture", (64, 64), format, usage));
     let ball = asset(&h, &sphere(24), Material::default());
     let drawables = [Drawable { asset: &ball, instances: &[Instance::default()] }];
     let camera = Pose::look_at(DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 0.7);

@@ -5,6 +5,7 @@ use glam::DVec3;
 use super::headless;
 use super::shapes::{asset, at, sphere};
 use super::terrain::{entry, scene};
+use crate::resources::descriptors::texture_2d;
 use crate::{
     AmbientOcclusion, AntiAliasing, Drawable, Environment, Frame, Gpu, Ink, Material, PnTriangles, Pose,
     Renderer, Settings, Shadows, SkyMaps, Target, TileSource, Water,
@@ -44,16 +45,8 @@ fn kinds() -> Vec<Settings> {
 }
 
 fn picture(gpu: &Gpu) -> wgpu::Texture {
-    gpu.device.create_texture(&wgpu::TextureDescriptor {
-        label: None,
-        size: wgpu::Extent3d { width: SIDE, height: SIDE, depth_or_array_layers: 1 },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: FORMAT,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
-        view_formats: &[],
-    })
+    let usage = wgpu::TextureUsages::RENDER_ATTACHMENT;
+    gpu.device.create_texture(&texture_2d("picture", (SIDE, SIDE), FORMAT, usage))
 }
 
 fn record(gpu: &Gpu, renderer: &mut Renderer, frame: &Frame<'_>) {

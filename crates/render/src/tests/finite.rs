@@ -14,6 +14,7 @@ use crate::frame::uniforms::FrameUniform;
 use crate::image_compare::compare;
 use crate::passes::sky::SkyGpu;
 use crate::passes::temporal::{Resolve, TemporalStep};
+use crate::resources::descriptors::{texture_2d, uniform_buffer};
 use crate::resources::readback::read_texture;
 use crate::{
     AntiAliasing, AssetGpu, Drawable, Environment, Frame, GradientSky, Headless, Instance, Material, Pose,
@@ -125,16 +126,8 @@ const SIDE: u32 = 16;
 fn resolved(h: &Headless, [radiance, old]: [&[[f32; 4]]; 2], still: bool) -> Vec<[f32; 4]> {
     let (gpu, size) = (h.gpu(), (SIDE, SIDE));
     let texture = |format, values: &[[f32; 4]]| {
-        let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
-            label: None,
-            size: wgpu::Extent3d { width: SIDE, height: SIDE, depth_or_array_layers: 1 },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-            view_formats: &[],
-        });
+        let usage = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST;
+        let texture = gpu.device.create_texture(&texture_2d("values", size, format, usage));
         if !values.is_empty() {
             let texels: Vec<[f16; 4]> = values.iter().map(|texel| texel.map(f16::from_f32)).collect();
             let layout = wgpu::TexelCopyBufferLayout {
@@ -158,12 +151,7 @@ fn resolved(h: &Headless, [radiance, old]: [&[[f32; 4]]; 2], still: bool) -> Vec
     let step = TemporalStep { before, history: 6.0, still, ..TemporalStep::NONE };
     let sky = SkyGpu::new(gpu).light(gpu, &environment, None);
     let uniform = FrameUniform::new(&frame, &sky, size, size, &step, 1.0, AccumulationStep::default());
-    let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
-        label: None,
-        size: size_of::<FrameUniform>() as u64,
-        usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
-        mapped_at_creation: false,
-    });
+    let buffer = uniform_buffer::<FrameUniform>(gpu, "frame");
     gpu.queue.write_buffer(&buffer, 0, bytemuck::bytes_of(&uniform));
     let resolve = Resolve::new(gpu);
     let new = resolve.history(gpu, size);

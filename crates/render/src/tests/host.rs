@@ -5,6 +5,7 @@ use image::RgbaImage;
 
 use super::headless;
 use super::shapes::{asset, at, cube, sphere};
+use crate::resources::descriptors::texture_2d;
 use crate::resources::readback::read_texture;
 use crate::{
     AntiAliasing, Drawable, Frame, Gpu, Headless, Instance, Load, Material, Pose, RenderError, Renderer,
@@ -38,22 +39,12 @@ struct Host {
     depth: wgpu::Texture,
 }
 
-fn texture(
-    gpu: &Gpu,
-    format: wgpu::TextureFormat,
-    (width, height): (u32, u32),
-    samples: u32,
-) -> wgpu::Texture {
+fn texture(gpu: &Gpu, format: wgpu::TextureFormat, size: (u32, u32), samples: u32) -> wgpu::Texture {
     let copied = if samples == 1 { wgpu::TextureUsages::COPY_SRC } else { wgpu::TextureUsages::empty() };
+    let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | copied;
     gpu.device.create_texture(&wgpu::TextureDescriptor {
-        label: Some("a host's"),
-        size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-        mip_level_count: 1,
         sample_count: samples,
-        dimension: wgpu::TextureDimension::D2,
-        format,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | copied,
-        view_formats: &[],
+        ..texture_2d("a host's", size, format, usage)
     })
 }
 

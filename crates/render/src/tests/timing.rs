@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use super::headless;
 use super::shapes::{asset, at, cube, quad, sphere};
+use crate::resources::descriptors::texture_2d;
 use crate::{
     Alpha, AntiAliasing, Counters, DebugView, Drawable, Frame, Gpu, Headless, Material, PassId, Pose,
     RenderError, Settings, Target,
@@ -66,16 +67,8 @@ fn times_are_of_the_passes_that_ran() {
 
 /// Records a frame and submits it, or not.
 fn record(h: &mut Headless, frame: &Frame<'_>, submit: bool) -> Result<Counters, RenderError> {
-    let texture = h.gpu().device.create_texture(&wgpu::TextureDescriptor {
-        label: None,
-        size: wgpu::Extent3d { width: 16, height: 16, depth_or_array_layers: 1 },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: wgpu::TextureFormat::Rgba8Unorm,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
-        view_formats: &[],
-    });
+    let (format, usage) = (wgpu::TextureFormat::Rgba8Unorm, wgpu::TextureUsages::RENDER_ATTACHMENT);
+    let texture = h.gpu().device.create_texture(&texture_2d("picture", (16, 16), format, usage));
     let view = texture.create_view(&Default::default());
     let gpu = h.gpu().clone();
     let mut encoder = gpu.device.create_command_encoder(&Default::default());

@@ -3,36 +3,19 @@
 use crate::frame::fullscreen;
 use crate::frame::targets::{RADIANCE, STROKES};
 use crate::passes::gbuffer::shader;
+use crate::resources::descriptors::{
+    blend, buffer_binding, compute_pipeline, group_layout, layout_entry, pipeline_layout, wgsl,
+};
 use crate::resources::gpu::Gpu;
 
-const ADJACENCY: &str = include_str!("../../shaders/ink_adjacency.wgsl");
-const LIST: &str = concat!(
-    include_str!("../../shaders/common.wgsl"),
-    include_str!("../../shaders/placement.wgsl"),
-    include_str!("../../shaders/ink_contour.wgsl"),
-    include_str!("../../shaders/ink_list.wgsl")
-);
-const DRAWN: &str = concat!(
-    include_str!("../../shaders/common.wgsl"),
-    include_str!("../../shaders/ink_uniform.wgsl"),
-    include_str!("../../shaders/ink_strokes.wgsl")
-);
-const MIXED: &str = concat!(
-    include_str!("../../shaders/common.wgsl"),
-    include_str!("../../shaders/fullscreen.wgsl"),
-    include_str!("../../shaders/ink_uniform.wgsl"),
-    include_str!("../../shaders/ink.wgsl")
-);
+const ADJACENCY: &str = wgsl!("ink_adjacency");
+const LIST: &str = wgsl!("common", "placement", "ink_contour", "ink_list");
+const DRAWN: &str = wgsl!("common", "ink_uniform", "ink_strokes");
+const MIXED: &str = wgsl!("common", "fullscreen", "ink_uniform", "ink");
 
 /// Crossing strokes keep the darker value, so their order does not matter.
-const DARKEST: wgpu::BlendState = {
-    let most = wgpu::BlendComponent {
-        src_factor: wgpu::BlendFactor::One,
-        dst_factor: wgpu::BlendFactor::One,
-        operation: wgpu::BlendOperation::Max,
-    };
-    wgpu::BlendState { color: most, alpha: most }
-};
+const DARKEST: wgpu::BlendState =
+    blend(wgpu::BlendFactor::One, wgpu::BlendFactor::One, wgpu::BlendOperation::Max);
 
 /// Pipelines of ink.
 #[derive(Debug)]
@@ -87,15 +70,9 @@ fn layout<const N: usize>(gpu: &Gpu, label: &str, read_only: [bool; N]) -> wgpu:
     let storage = read_only.map(|read_only| wgpu::BufferBindingType::Storage { read_only });
     let entries: Vec<_> = (0..)
         .zip(std::iter::once(wgpu::BufferBindingType::Uniform).chain(storage))
-        .map(|(binding, ty)| wgpu::BindGroupLayoutEntry {
-            binding,
-            visibility: wgpu::ShaderStages::COMPUTE,
-            ty: wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None },
-            count: None,
-        })
+        .map(|(binding, ty)| layout_entry(binding, wgpu::ShaderStages::COMPUTE, buffer_binding(ty)))
         .collect();
-    gpu.device
-        .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries })
+    group_layout(gpu, label, &entries)
 }
 
 fn compute(
@@ -104,17 +81,5 @@ fn compute(
     entry: &str,
     layouts: &[Option<&wgpu::BindGroupLayout>],
 ) -> wgpu::ComputePipeline {
-    let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-        label: Some(entry),
-        bind_group_layouts: layouts,
-        immediate_size: 0,
-    });
-    gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-        label: Some(entry),
-        layout: Some(&layout),
-        module,
-        entry_point: Some(entry),
-        compilation_options: Default::default(),
-        cache: None,
-    })
+    compute_pipeline(gpu, module, entry, &pipeline_layout(gpu, entry, layouts))
 }

@@ -1,14 +1,12 @@
 //! Pipelines and bind group layouts of patch lists.
 
 use crate::passes::gbuffer::shader;
+use crate::resources::descriptors::{
+    buffer_binding, compute_pipeline, group_layout, layout_entry, pipeline_layout, wgsl,
+};
 use crate::resources::gpu::Gpu;
 
-const LIST: &str = concat!(
-    include_str!("../../shaders/common.wgsl"),
-    include_str!("../../shaders/placement.wgsl"),
-    include_str!("../../shaders/pn_patch.wgsl"),
-    include_str!("../../shaders/pn_list.wgsl")
-);
+const LIST: &str = wgsl!("common", "placement", "pn_patch", "pn_list");
 
 /// Layout of a list in the vertex stage: group 2.
 pub(super) fn list_layout(gpu: &Gpu) -> wgpu::BindGroupLayout {
@@ -23,21 +21,11 @@ fn layout<const N: usize>(
 ) -> wgpu::BindGroupLayout {
     let entries: Vec<_> = (0..)
         .zip(read_only)
-        .map(|(binding, read_only)| wgpu::BindGroupLayoutEntry {
-            binding,
-            visibility,
-            ty: wgpu::BindingType::Buffer {
-                ty: wgpu::BufferBindingType::Storage { read_only },
-                has_dynamic_offset: false,
-                min_binding_size: None,
-            },
-            count: None,
+        .map(|(binding, read_only)| {
+            layout_entry(binding, visibility, buffer_binding(wgpu::BufferBindingType::Storage { read_only }))
         })
         .collect();
-    gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: Some("patch lists"),
-        entries: &entries,
-    })
+    group_layout(gpu, "patch lists", &entries)
 }
 
 /// Pipelines that build lists, in three stages.
@@ -53,22 +41,9 @@ impl PatchListPipelines {
     pub(super) fn new(gpu: &Gpu, frame_layout: &wgpu::BindGroupLayout) -> Self {
         let read_only = [false, true, true, true, false, false, false];
         let layout = layout(gpu, wgpu::ShaderStages::COMPUTE, read_only);
-        let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-            label: Some("patch lists"),
-            bind_group_layouts: &[Some(frame_layout), None, Some(&layout)],
-            immediate_size: 0,
-        });
+        let pipeline_layout = pipeline_layout(gpu, "patch lists", &[Some(frame_layout), None, Some(&layout)]);
         let module = shader(gpu, "patch lists", LIST);
-        let pipeline = |entry| {
-            gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                label: Some(entry),
-                layout: Some(&pipeline_layout),
-                module: &module,
-                entry_point: Some(entry),
-                compilation_options: Default::default(),
-                cache: None,
-            })
-        };
+        let pipeline = |entry| compute_pipeline(gpu, &module, entry, &pipeline_layout);
         let [measure, arrange, list] = ["cs_measure", "cs_arrange", "cs_list"].map(pipeline);
         Self { layout, measure, arrange, list }
     }

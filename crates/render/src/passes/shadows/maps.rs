@@ -10,6 +10,7 @@ use crate::frame::settings::{MAP_SIDES, MAX_CASCADES, Shadows};
 use crate::frame::targets::DEPTH;
 use crate::frame::timing::PassEncoder;
 use crate::frame::uniforms::FrameUniform;
+use crate::resources::descriptors::{DRAWN_AND_SAMPLED, texture_2d, uniform_buffer};
 use crate::resources::gpu::Gpu;
 
 /// Largest ratio of terrain screen errors for which a late map may be reused.
@@ -53,16 +54,8 @@ pub(crate) struct ShadowMaps {
 impl ShadowMaps {
     /// Creates the pass without maps.
     pub(crate) fn new(gpu: &Gpu, frame_layout: &wgpu::BindGroupLayout) -> Self {
-        let uniform = |label, size: usize| {
-            gpu.device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some(label),
-                size: size as u64,
-                usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
-                mapped_at_creation: false,
-            })
-        };
         let frames = (0..MAX_CASCADES).map(|_| {
-            let buffer = uniform("cascade", size_of::<FrameUniform>());
+            let buffer = uniform_buffer::<FrameUniform>(gpu, "cascade");
             let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
                 label: Some("cascade"),
                 layout: frame_layout,
@@ -83,7 +76,7 @@ impl ShadowMaps {
             frames: frames.collect(),
             drawn: Vec::new(),
             sampler,
-            uniform: uniform("sunlight", size_of::<SunlightUniform>()),
+            uniform: uniform_buffer::<SunlightUniform>(gpu, "sunlight"),
         }
     }
 
@@ -229,16 +222,7 @@ fn alike(drawn: Option<f64>, now: Option<f64>) -> bool {
 }
 
 fn texture(gpu: &Gpu, side: u32, layers: u32) -> wgpu::Texture {
-    gpu.device.create_texture(&wgpu::TextureDescriptor {
-        label: Some("shadow maps"),
-        size: wgpu::Extent3d { width: side, height: side, depth_or_array_layers: layers },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: DEPTH,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT
-            | wgpu::TextureUsages::TEXTURE_BINDING
-            | wgpu::TextureUsages::COPY_SRC,
-        view_formats: &[],
-    })
+    let mut descriptor = texture_2d("shadow maps", (side, side), DEPTH, DRAWN_AND_SAMPLED);
+    descriptor.size.depth_or_array_layers = layers;
+    gpu.device.create_texture(&descriptor)
 }

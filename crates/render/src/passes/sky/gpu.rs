@@ -10,6 +10,7 @@ use super::map::{LOBE_SIDE, LOBES, SEEN_SIDE, SkyMap};
 use super::maps::{Key, SkyMaps, SunPlace};
 use super::octahedral::Octahedral;
 use super::prefilter::{SPLIT_SUM_SIDE, split_sum};
+use crate::resources::descriptors::texture_2d;
 use crate::resources::gpu::Gpu;
 use crate::scene::environment::{Atmosphere, Environment};
 
@@ -50,20 +51,11 @@ pub(crate) struct SkyGpu {
 impl SkyGpu {
     pub(crate) fn new(gpu: &Gpu) -> Self {
         let texture = |label, side: usize, layers: usize| {
-            gpu.device.create_texture(&wgpu::TextureDescriptor {
-                label: Some(label),
-                size: wgpu::Extent3d {
-                    width: side as u32 + 2,
-                    height: side as u32 + 2,
-                    depth_or_array_layers: layers as u32,
-                },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format: FORMAT,
-                usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-                view_formats: &[],
-            })
+            let (side, usage) =
+                (side as u32 + 2, wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST);
+            let mut descriptor = texture_2d(label, (side, side), FORMAT, usage);
+            descriptor.size.depth_or_array_layers = layers as u32;
+            gpu.device.create_texture(&descriptor)
         };
         let sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
             label: Some("sky"),

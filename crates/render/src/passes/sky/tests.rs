@@ -11,6 +11,7 @@ use crate::frame::timing::PassEncoder;
 use crate::frame::uniforms::FrameUniform;
 use crate::passes::gbuffer::shader;
 use crate::passes::temporal::TemporalStep;
+use crate::resources::descriptors::{texture_2d, uniform_buffer, wgsl};
 use crate::resources::gpu::Gpu;
 use crate::resources::readback::read_texture;
 use crate::tests::headless;
@@ -21,9 +22,7 @@ const SIDE: u32 = 32;
 const SHOWN: [&str; 5] = ["sky", "ambient", "reflected", "split sum", "hazed"];
 
 const SHADER: &str = concat!(
-    include_str!("../../shaders/common.wgsl"),
-    include_str!("../../shaders/fullscreen.wgsl"),
-    include_str!("../../shaders/sky.wgsl"),
+    wgsl!("common", "fullscreen", "sky"),
     "
     @fragment
     fn fs_test(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
@@ -67,26 +66,13 @@ fn pixels(gpu: &Gpu, sky: &mut SkyGpu, environment: Environment) -> Vec<[f32; 4]
         AccumulationStep::default(),
     );
     let device = &gpu.device;
-    let buffer = device.create_buffer(&wgpu::BufferDescriptor {
-        label: None,
-        size: size_of::<FrameUniform>() as u64,
-        usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
-        mapped_at_creation: false,
-    });
+    let buffer = uniform_buffer::<FrameUniform>(gpu, "frame");
     gpu.queue.write_buffer(&buffer, 0, bytemuck::bytes_of(&uniform));
     let module = shader(gpu, "sky test", SHADER);
     let format = wgpu::TextureFormat::Rgba32Float;
     let pipeline = fullscreen_pipeline(gpu, &module, "fs_test", format.into(), &[]);
-    let target = device.create_texture(&wgpu::TextureDescriptor {
-        label: None,
-        size: wgpu::Extent3d { width: SIDE, height: SIDE, depth_or_array_layers: 1 },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
-        view_formats: &[],
-    });
+    let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
+    let target = device.create_texture(&texture_2d("test", (SIDE, SIDE), format, usage));
     let [seen, lobes, split_sum] = sky.views();
     let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
     let view = wgpu::BindingResource::TextureView;

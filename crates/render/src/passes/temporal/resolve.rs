@@ -6,14 +6,10 @@ use crate::frame::target::Target;
 use crate::frame::targets::RADIANCE;
 use crate::frame::timing::PassEncoder;
 use crate::passes::gbuffer::shader;
+use crate::resources::descriptors::{DRAWN_AND_SAMPLED, texture_2d, wgsl};
 use crate::resources::gpu::Gpu;
 
-const TEMPORAL: &str = concat!(
-    include_str!("../../shaders/common.wgsl"),
-    include_str!("../../shaders/fullscreen.wgsl"),
-    include_str!("../../shaders/motion.wgsl"),
-    include_str!("../../shaders/temporal.wgsl")
-);
+const TEMPORAL: &str = wgsl!("common", "fullscreen", "motion", "temporal");
 
 /// The resolve pass.
 #[derive(Debug)]
@@ -40,19 +36,8 @@ impl Resolve {
     }
 
     /// A texture for weighted colours and their number of frames.
-    pub(crate) fn history(&self, gpu: &Gpu, (width, height): (u32, u32)) -> wgpu::Texture {
-        gpu.device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("history"),
-            size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: RADIANCE,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT
-                | wgpu::TextureUsages::TEXTURE_BINDING
-                | wgpu::TextureUsages::COPY_SRC,
-            view_formats: &[],
-        })
+    pub(crate) fn history(&self, gpu: &Gpu, size: (u32, u32)) -> wgpu::Texture {
+        gpu.device.create_texture(&texture_2d("history", size, RADIANCE, DRAWN_AND_SAMPLED))
     }
 
     /// Writes a new history from the old one and a frame: radiance, depth and, if objects move, motion.

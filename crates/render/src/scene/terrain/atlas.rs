@@ -10,6 +10,7 @@ use wgpu::util::DeviceExt;
 use super::pipeline::TerrainPipelines;
 use super::slopes::slopes;
 use super::{grid, layers, regions};
+use crate::resources::descriptors::{SAMPLED_AND_COPIED, texture_2d};
 use crate::resources::gpu::{Gpu, RenderError};
 #[cfg(any(test, feature = "reference"))]
 use crate::resources::readback::read_texture;
@@ -185,18 +186,8 @@ impl TerrainGpu {
         }
         // Heights are read back for reference rays.
         let atlas = |label, format| {
-            device.create_texture(&wgpu::TextureDescriptor {
-                label: Some(label),
-                size: wgpu::Extent3d { width: ATLAS_SIDE, height: ATLAS_SIDE, depth_or_array_layers: 1 },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format,
-                usage: wgpu::TextureUsages::TEXTURE_BINDING
-                    | wgpu::TextureUsages::COPY_DST
-                    | wgpu::TextureUsages::COPY_SRC,
-                view_formats: &[],
-            })
+            let size = (ATLAS_SIDE, ATLAS_SIDE);
+            device.create_texture(&texture_2d(label, size, format, SAMPLED_AND_COPIED))
         };
         let slopes = atlas("terrain slopes", wgpu::TextureFormat::Rgba16Float);
         let atlas = atlas("terrain heights", wgpu::TextureFormat::R32Sint);

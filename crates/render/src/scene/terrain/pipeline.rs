@@ -5,15 +5,10 @@ use std::sync::OnceLock;
 use super::tile_raw::{TILE_ATTRIBUTES, TileRaw};
 use crate::frame::graph::PassId;
 use crate::passes::gbuffer::{GeometryPass, UNIFORM_BLOCK, shader};
+use crate::resources::descriptors::{group_layout, layout_entry, pipeline_layout, texture_binding, wgsl};
 use crate::resources::gpu::Gpu;
 
-const TERRAIN: &str = concat!(
-    include_str!("../../shaders/common.wgsl"),
-    include_str!("../../shaders/targets.wgsl"),
-    include_str!("../../shaders/anisotropic.wgsl"),
-    include_str!("../../shaders/ground.wgsl"),
-    include_str!("../../shaders/terrain.wgsl")
-);
+const TERRAIN: &str = wgsl!("common", "targets", "anisotropic", "ground", "terrain");
 
 /// Pipelines of tiles, compiled on first use or ahead of it.
 #[derive(Debug)]
@@ -33,52 +28,25 @@ pub(crate) struct TerrainPipelines {
 
 impl TerrainPipelines {
     pub(crate) fn new(gpu: &Gpu, frame_layout: &wgpu::BindGroupLayout) -> Self {
-        let device = &gpu.device;
-        let entry =
-            |binding, visibility, ty| wgpu::BindGroupLayoutEntry { binding, visibility, ty, count: None };
-        let texture = |sample_type, view_dimension| wgpu::BindingType::Texture {
-            sample_type,
-            view_dimension,
+        let heights = wgpu::BindingType::Texture {
+            sample_type: wgpu::TextureSampleType::Sint,
+            view_dimension: wgpu::TextureViewDimension::D2,
             multisampled: false,
         };
-        let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-            label: Some("terrain"),
-            entries: &[
-                UNIFORM_BLOCK,
-                entry(
-                    1,
-                    wgpu::ShaderStages::VERTEX,
-                    texture(wgpu::TextureSampleType::Sint, wgpu::TextureViewDimension::D2),
-                ),
-                entry(
-                    2,
-                    wgpu::ShaderStages::FRAGMENT,
-                    texture(
-                        wgpu::TextureSampleType::Float { filterable: true },
-                        wgpu::TextureViewDimension::D2Array,
-                    ),
-                ),
-                entry(
-                    3,
-                    wgpu::ShaderStages::FRAGMENT,
-                    wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
-                ),
-                wgpu::BindGroupLayoutEntry { binding: 4, ..UNIFORM_BLOCK },
-                entry(
-                    5,
-                    wgpu::ShaderStages::FRAGMENT,
-                    texture(
-                        wgpu::TextureSampleType::Float { filterable: true },
-                        wgpu::TextureViewDimension::D2,
-                    ),
-                ),
-            ],
-        });
-        let pipeline_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-            label: Some("terrain"),
-            bind_group_layouts: &[Some(frame_layout), Some(&layout)],
-            immediate_size: 0,
-        });
+        let sampler = wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering);
+        let [layers, slopes] = [wgpu::TextureViewDimension::D2Array, wgpu::TextureViewDimension::D2]
+            .map(|dimension| texture_binding(true, dimension));
+        let fragment = wgpu::ShaderStages::FRAGMENT;
+        let entries = [
+            UNIFORM_BLOCK,
+            layout_entry(1, wgpu::ShaderStages::VERTEX, heights),
+            layout_entry(2, fragment, layers),
+            layout_entry(3, fragment, sampler),
+            wgpu::BindGroupLayoutEntry { binding: 4, ..UNIFORM_BLOCK },
+            layout_entry(5, fragment, slopes),
+        ];
+        let layout = group_layout(gpu, "terrain", &entries);
+        let pipeline_layout = pipeline_layout(gpu, "terrain", &[Some(frame_layout), Some(&layout)]);
         Self {
             layout,
             pipeline_layout,
