@@ -9,6 +9,7 @@ use crate::cpu_reference::brdf::octahedral;
 use crate::cpu_reference::debug;
 use crate::cpu_reference::depth::view_ray;
 use crate::frame::graph::Resource;
+use crate::resources::descriptors::texture_2d;
 use crate::resources::readback::read_texture;
 use crate::{
     Alpha, DebugView, Drawable, Frame, Headless, Instance, Load, Material, PassId, Pose, Renderer, Settings,
@@ -184,14 +185,19 @@ fn overdraw_counts_what_was_drawn_before_something_nearer() {
         let frame = Frame { settings: settings(DebugView::Overdraw), ..Frame::new(camera(), &drawables) };
         let counters = h.frame(&frame).unwrap();
         assert_eq!(counters.passes, [PassId::Overdraw, PassId::Debug]);
-        let counts = |x| if x < SIZE[0] / 2 { 1.0 } else { behind };
-        let texels = h.intermediate(Resource::Overdraw, 2).unwrap();
-        let texels: Vec<half::f16> = bytemuck::pod_collect_to_vec(&texels);
-        for (i, got) in (0..).zip(texels) {
-            assert_eq!(got.to_f64(), counts(i % SIZE[0]), "pixel {i}");
-        }
-        assert_shows(&h.picture().unwrap(), |x, _| Some(debug::count(counts(x))), "overdraw");
+        assert_overdraw(&h, [1.0, behind]);
     }
+}
+
+/// Asserts the overdraw of the picture's left and right half.
+fn assert_overdraw(h: &Headless, [left, right]: [f64; 2]) {
+    let counts = |x| if x < SIZE[0] / 2 { left } else { right };
+    let texels = h.intermediate(Resource::Overdraw, 2).unwrap();
+    let texels: Vec<half::f16> = bytemuck::pod_collect_to_vec(&texels);
+    for (i, got) in (0..).zip(texels) {
+        assert_eq!(got.to_f64(), counts(i % SIZE[0]), "pixel {i}");
+    }
+    assert_shows(&h.picture().unwrap(), |x, _| Some(debug::count(counts(x))), "overdraw");
 }
 
 #[test]
@@ -207,16 +213,10 @@ fn overdraw_skips_holes_and_transparent_surfaces_hide_nothing() {
     let wall = asset(&h, &wall, Material::default());
     let instances = &[Instance::default()];
     let drawables = [&hole, &panes, &wall].map(|asset| Drawable { asset, instances });
-    for (drawables, [left, right]) in [(&drawables[..], [1.0, 3.0]), (&drawables[..2], [0.0, 2.0])] {
+    for (drawables, halves) in [(&drawables[..], [1.0, 3.0]), (&drawables[..2], [0.0, 2.0])] {
         let frame = Frame { settings: settings(DebugView::Overdraw), ..Frame::new(camera(), drawables) };
         h.frame(&frame).unwrap();
-        let counts = |x| if x < SIZE[0] / 2 { left } else { right };
-        let texels: Vec<half::f16> =
-            bytemuck::pod_collect_to_vec(&h.intermediate(Resource::Overdraw, 2).unwrap());
-        for (i, got) in (0..).zip(texels) {
-            assert_eq!(got.to_f64(), counts(i % SIZE[0]), "pixel {i}");
-        }
-        assert_shows(&h.picture().unwrap(), |x, _| Some(debug::count(counts(x))), "overdraw");
+        assert_overdraw(&h, halves);
     }
 }
 
@@ -254,17 +254,9 @@ fn debug_views_cost_nothing_unless_requested() {
 fn debug_views_work_in_a_hosts_targets() {
     let Some(mut h) = headless(SIZE[0], SIZE[1]) else { return };
     let format = wgpu::TextureFormat::Rgba8UnormSrgb;
+    let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
     let texture = |h: &Headless, format| {
-        h.gpu().device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("a host's"),
-            size: wgpu::Extent3d { width: SIZE[0], height: SIZE[1], depth_or_array_layers: 1 },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
-            view_formats: &[],
-        })
+        h.gpu().device.create_texture(&texture_2d("a host's", SIZE.into(), format, usage))
     };
     let colour = texture(&h, format);
     let depth = texture(&h, wgpu::TextureFormat::Depth32Float);

@@ -4,7 +4,7 @@
 use glam::DVec3;
 use image::RgbaImage;
 
-use super::shapes::{asset, at, cube, quad, sphere};
+use super::shapes::{asset, at, cube, flat_ground, quad, sphere};
 use super::{headless, keep};
 use crate::image_compare::compare;
 use crate::rays::Rays;
@@ -73,8 +73,7 @@ fn a_wall_far_behind_a_pillar_has_no_halo() {
 #[test]
 fn flat_ground_is_open_up_to_the_horizon() {
     let Some(mut h) = headless(160, 90) else { return };
-    let ground = quad([-1e4, 0.0, 1e4], [2e4, 0.0, 0.0], [0.0, 0.0, -2e4], 1.0);
-    let ground = asset(&h, &ground, Material::default());
+    let ground = flat_ground(&h);
     let all = [Drawable { asset: &ground, instances: &[Instance::default()] }];
     for (height, radius) in [1.7, 0.05, 60.0]
         .into_iter()
@@ -105,15 +104,15 @@ impl Still {
         Self { parts: [of(&floor), of(&cube()), of(&sphere(24))] }
     }
 
+    /// Each part with its instance.
+    fn drawables<'a>(&'a self, instances: &'a [Instance]) -> Vec<Drawable<'a>> {
+        let parts = self.parts.iter().zip(instances);
+        parts.map(|(asset, instance)| Drawable { asset, instances: std::slice::from_ref(instance) }).collect()
+    }
+
     fn draw(&self, h: &mut Headless, (scale, fov, moved): (f64, f64, f64), settings: Settings) -> RgbaImage {
         let (instances, camera) = Self::placed(scale, fov, moved);
-        let drawables: Vec<_> = self
-            .parts
-            .iter()
-            .zip(&instances)
-            .map(|(asset, instance)| Drawable { asset, instances: std::slice::from_ref(instance) })
-            .collect();
-        draw(h, camera, &drawables, Settings { near: 1e-3 * scale, ..settings })
+        draw(h, camera, &self.drawables(&instances), Settings { near: 1e-3 * scale, ..settings })
     }
 
     fn placed(scale: f64, fov: f64, moved: f64) -> ([Instance; 3], Pose) {
@@ -304,12 +303,7 @@ fn rays_see_the_depth_that_is_drawn() {
     let Some(mut h) = headless(120, 80) else { return };
     let still = Still::new(&h);
     let (instances, camera) = Still::placed(1.0, 0.8, 0.0);
-    let drawables: Vec<_> = still
-        .parts
-        .iter()
-        .zip(&instances)
-        .map(|(asset, instance)| Drawable { asset, instances: std::slice::from_ref(instance) })
-        .collect();
+    let drawables = still.drawables(&instances);
     let radius = OcclusionRadius::World(0.3);
     let frame =
         Frame { settings: shown(OcclusionMethod::Gtao, radius, 16), ..Frame::new(camera, &drawables) };

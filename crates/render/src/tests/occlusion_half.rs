@@ -4,7 +4,7 @@ use glam::DVec3;
 use image::RgbaImage;
 
 use super::occlusion::{draw, shown, values};
-use super::shapes::{asset, at, cube, quad, sphere};
+use super::shapes::{asset, at, cube, flat_ground, quad, sphere};
 use super::{headless, keep};
 use crate::cpu_reference::occlusion::{Normals, Occlusion, Upsample, half_size};
 use crate::cpu_reference::surface::DepthPicture;
@@ -130,8 +130,7 @@ fn a_wall_far_behind_a_pillar_has_no_halo_at_half_the_pixels() {
 #[test]
 fn flat_ground_is_open_up_to_the_horizon_at_half_the_pixels() {
     let Some(mut h) = headless(160, 90) else { return };
-    let ground = quad([-1e4, 0.0, 1e4], [2e4, 0.0, 0.0], [0.0, 0.0, -2e4], 1.0);
-    let ground = asset(&h, &ground, Material::default());
+    let ground = flat_ground(&h);
     let all = [Drawable { asset: &ground, instances: &[Instance::default()] }];
     for height in [1.7, 0.05, 60.0] {
         let eye = DVec3::new(0.3, height, 0.0);

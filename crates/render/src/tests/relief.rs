@@ -50,6 +50,11 @@ fn tinted_wall(h: &Headless, relief_depth: f32, blue: u8) -> AssetGpu {
     wall
 }
 
+/// A view of the wall from its upper right, at a shallow angle.
+fn oblique_view() -> Pose {
+    Pose::look_at(DVec3::new(0.9, 0.75, 0.35), DVec3::new(0.45, 0.5, 0.0), DVec3::Y, 0.5)
+}
+
 /// A pixel that shows [`wall_of_coordinates`].
 struct VisiblePoint {
     /// Its number.
@@ -100,7 +105,7 @@ fn relief_matches_its_cpu_reference_and_the_exact_hit() {
     // Deep, so that a search without its binary part would be off by more than a colour step.
     let relief_depth = 0.3f32;
     let wall = wall_of_coordinates(&h, relief_depth);
-    let camera = Pose::look_at(DVec3::new(0.9, 0.75, 0.35), DVec3::new(0.45, 0.5, 0.0), DVec3::Y, 0.5);
+    let camera = oblique_view();
     let (mut n, mut off_cpu_reference, mut off_exact, mut moved) = (0, 0, 0, 0);
     for VisiblePoint { ray, start, place: got, .. } in
         places(&mut h, &wall, camera, Settings::default(), Environment::default())
@@ -136,7 +141,7 @@ fn the_quadtree_draws_the_exact_hit_where_equal_steps_jump_over_crests() {
     let map = bricks(64);
     let depth = 0.3;
     let wall = wall_of_coordinates(&h, depth as f32);
-    let camera = Pose::look_at(DVec3::new(0.9, 0.75, 0.35), DVec3::new(0.45, 0.5, 0.0), DVec3::Y, 0.5);
+    let camera = oblique_view();
     let mut off = |relief_method| {
         let settings = Settings { relief_method, relief_steps: 64, ..Settings::default() };
         let (mut off, mut n) = (0, 0);
@@ -168,7 +173,7 @@ fn acceleration_textures_exist_for_repeating_maps_only() {
     let Some(mut h) = headless(96, 72) else { return };
     let gpu = h.gpu().clone();
     let mut wall = wall_of_coordinates(&h, 0.15);
-    let near = Pose::look_at(DVec3::new(0.9, 0.75, 0.35), DVec3::new(0.45, 0.5, 0.0), DVec3::Y, 0.5);
+    let near = oblique_view();
     // More than a texel of the height map a pixel.
     let far = Pose::look_at(DVec3::new(4.0, 0.75, 3.0), DVec3::new(0.5, 0.5, 0.0), DVec3::Y, 0.9);
     let mut picture = |wall: &AssetGpu, camera, relief_method| {
@@ -204,7 +209,7 @@ fn each_relief_method_matches_its_cpu_reference() {
     let map = Prepared::new(bricks(64));
     let depth = 0.15;
     let wall = wall_of_coordinates(&h, depth as f32);
-    let camera = Pose::look_at(DVec3::new(0.9, 0.75, 0.35), DVec3::new(0.45, 0.5, 0.0), DVec3::Y, 0.5);
+    let camera = oblique_view();
     // Few enough that terraces are wider than a step of the colours.
     let relief_steps = 12;
     for way in ReliefMethod::ALL {

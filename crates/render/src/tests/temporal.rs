@@ -243,12 +243,14 @@ fn compare_with_the_cpu_reference(h: &mut Headless, water: Option<Water>) {
     assert!(water.is_some() || moving * 10 > got.len(), "{moving} pixels move by themselves");
 }
 
+/// Renderers of the pictures' size and of [`FINER`] ones.
+fn both_sizes() -> Option<[Headless; 2]> {
+    Some([headless(SIZE.0, SIZE.1)?, headless(SIZE.0 * FINER, SIZE.1 * FINER)?])
+}
+
 #[test]
 fn a_still_picture_converges_to_supersampling() {
-    let (Some(mut h), Some(mut fine)) = (headless(SIZE.0, SIZE.1), headless(SIZE.0 * FINER, SIZE.1 * FINER))
-    else {
-        return;
-    };
+    let Some([mut h, mut fine]) = both_sizes() else { return };
     let (scene, large) = (Scene::new(&h), Scene::new(&fine));
     large.draw(&mut fine, camera(0.0), 0.0, AntiAliasing::None);
     let truth = mean_of(&fine.picture().unwrap());
@@ -276,10 +278,7 @@ fn a_still_picture_converges_to_supersampling() {
 
 #[test]
 fn temporal_anti_aliasing_beats_spatial_under_motion() {
-    let (Some(mut h), Some(mut fine)) = (headless(SIZE.0, SIZE.1), headless(SIZE.0 * FINER, SIZE.1 * FINER))
-    else {
-        return;
-    };
+    let Some([mut h, mut fine]) = both_sizes() else { return };
     let (scene, large) = (Scene::new(&h), Scene::new(&fine));
     // Pixels a frame: about 0.3, 1.5 and 6.
     for (speed, most) in [(0.006, 0.35), (0.03, 0.45), (0.12, 0.55)] {

@@ -2,6 +2,7 @@ use glam::Vec3;
 
 use super::*;
 use crate::cpu_reference::sky::Sky as ReferenceSky;
+use crate::passes::sky::octahedral::tests::directions;
 
 fn air() -> (Atmosphere, AtmosphereTables) {
     let air = Atmosphere::default();
@@ -20,15 +21,6 @@ fn cpu_reference(map: &SkyMap) -> ReferenceSky<'_> {
         irradiance: map.irradiance,
         haze: 0.0,
     }
-}
-
-fn directions(count: u32) -> impl Iterator<Item = DVec3> {
-    (0..count).map(move |i| {
-        let z = 1.0 - (f64::from(i) + 0.5) * 2.0 / f64::from(count);
-        let (sine, cosine) = (f64::from(i) * 2.399_963).sin_cos();
-        let across = (1.0 - z * z).sqrt();
-        DVec3::new(across * cosine, across * sine, z)
-    })
 }
 
 /// Root of the mean squared difference, over the mean.

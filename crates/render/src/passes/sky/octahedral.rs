@@ -125,7 +125,7 @@ fn turned(place: DVec2) -> DVec2 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use std::f64::consts::PI;
 
     use super::*;
@@ -137,7 +137,8 @@ mod tests {
         above + DVec3::new(4.0, 3.0, 2.0) * glow
     }
 
-    fn directions(count: u32) -> impl Iterator<Item = DVec3> {
+    /// Directions spread evenly over the sphere.
+    pub(in crate::passes::sky) fn directions(count: u32) -> impl Iterator<Item = DVec3> {
         (0..count).map(move |i| {
             let z = 1.0 - (f64::from(i) + 0.5) * 2.0 / f64::from(count);
             let (sine, cosine) = (f64::from(i) * 2.399_963).sin_cos();
