@@ -4,12 +4,14 @@ mod beside;
 mod cache;
 mod drawn_case;
 mod sampling;
+mod selection;
 mod values;
 
 pub(crate) use beside::Beside;
 pub(crate) use cache::CacheFolder;
 pub(crate) use drawn_case::DrawnCase;
 pub(crate) use sampling::Sampling;
+pub(crate) use selection::Selection;
 pub(crate) use values::{target_px, transport};
 
 /// A command's arguments as its command line gives them: the first one, then others.

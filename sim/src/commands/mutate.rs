@@ -3,8 +3,7 @@
 use clap::Args;
 use lodestream_scenario::mutate::{Settings, Subject, measure};
 
-use crate::arguments::CacheFolder;
-use crate::print::Results;
+use crate::arguments::Selection;
 
 #[derive(Debug, Args)]
 pub(crate) struct Mutate {
@@ -17,26 +16,20 @@ pub(crate) struct Mutate {
     /// Number of the first case; with --count 1, a reported case is repeated alone.
     #[arg(long, default_value_t = 0)]
     first: u32,
-    /// Only subjects with this in their name.
-    #[arg(long, default_value = "")]
-    only: String,
     #[command(flatten)]
-    cache: CacheFolder,
-    /// Print JSON instead of text.
-    #[arg(long)]
-    json: bool,
+    selection: Selection,
 }
 
 impl Mutate {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
         let settings = Settings { seed: self.seed, first: self.first, count: self.count };
-        let cache = self.cache.path()?;
-        let mut results = Results::new(self.json);
-        for subject in Subject::ALL.into_iter().filter(|one| one.name().contains(&self.only)) {
-            results.push(measure(subject, settings, &cache, self.cache.named())?);
-        }
-        let all = results.finish()?;
-        anyhow::ensure!(!all.is_empty(), "no subject has {:?} in its name", self.only);
+        let cache = &self.selection.cache;
+        let folder = cache.path()?;
+        let all = self.selection.measure(
+            Subject::ALL,
+            |subject| subject.name(),
+            |subject| measure(subject, settings, &folder, cache.named()),
+        )?;
         let findings: u32 = all.iter().map(|found| found.panics + found.stuck).sum();
         anyhow::ensure!(
             findings == 0,
