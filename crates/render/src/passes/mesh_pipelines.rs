@@ -3,8 +3,6 @@
 use std::sync::OnceLock;
 
 use crate::passes::gbuffer::{GeometryPass, shader};
-#[cfg(any(test, feature = "methods"))]
-use crate::passes::pn_triangles::GRID_VERTEX;
 use crate::resources::descriptors::{
     buffer_binding, group_layout, layout_entry, pipeline_layout, texture_binding, wgsl,
 };
@@ -150,9 +148,6 @@ static BUFFERS: [Option<wgpu::VertexBufferLayout<'_>>; 3] = [
     }),
 ];
 
-#[cfg(any(test, feature = "methods"))]
-static GRID: [Option<wgpu::VertexBufferLayout<'_>>; 1] = [Some(GRID_VERTEX)];
-
 /// Override constants of a variant.
 fn constants([relief, maps, mask]: [bool; 3]) -> [(&'static str, f64); 3] {
     [("RELIEF", relief), ("MAPS", maps), ("MASK", mask)].map(|(name, on)| (name, f64::from(u8::from(on))))
@@ -165,14 +160,15 @@ impl MeshPipelines {
     }
 
     #[cfg(any(test, feature = "methods"))]
-    /// Pipelines for PN triangles, with the layout of their lists.
+    /// Pipelines for PN triangles, with the vertices of their grids and the layout of their lists.
     pub(crate) fn curved(
         gpu: &Gpu,
         kit: &MaterialBindings,
         frame_layout: &wgpu::BindGroupLayout,
+        grid: &'static [Option<wgpu::VertexBufferLayout<'static>>],
         lists: wgpu::BindGroupLayout,
     ) -> Self {
-        Self::of(gpu, (&CURVED, [&GRID; 2]), Some(lists), (kit, frame_layout))
+        Self::of(gpu, (&CURVED, [grid; 2]), Some(lists), (kit, frame_layout))
     }
 
     fn of(

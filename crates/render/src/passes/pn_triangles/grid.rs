@@ -7,12 +7,14 @@ use crate::resources::gpu::Gpu;
 /// Number of grids.
 pub(super) const STEPS: u32 = 7;
 
-/// A grid vertex: barycentric coordinates towards the second and third corner, in segments, and the grid's level.
-pub(crate) const GRID_VERTEX: wgpu::VertexBufferLayout<'_> = wgpu::VertexBufferLayout {
-    array_stride: 4,
-    step_mode: wgpu::VertexStepMode::Vertex,
-    attributes: &wgpu::vertex_attr_array![0 => Uint8x4],
-};
+/// Layout of the grid vertices: barycentric coordinates towards the second and third corner, in segments, and the
+/// grid's level.
+pub(super) static GRID_VERTICES: [Option<wgpu::VertexBufferLayout<'_>>; 1] =
+    [Some(wgpu::VertexBufferLayout {
+        array_stride: 4,
+        step_mode: wgpu::VertexStepMode::Vertex,
+        attributes: &wgpu::vertex_attr_array![0 => Uint8x4],
+    })];
 
 /// The grids in GPU memory.
 #[derive(Debug)]

@@ -8,7 +8,6 @@ mod pipelines;
 mod settings;
 mod tessellate;
 
-pub(crate) use grid::GRID_VERTEX;
 pub(crate) use lists::{PatchInputs, PatchListItem, PatchLists};
 pub(crate) use pipelines::PatchPipelines;
 pub use settings::{MAX_PN_LEVEL, PnTriangles};

@@ -2,6 +2,7 @@
 
 use std::sync::OnceLock;
 
+use super::grid::GRID_VERTICES;
 use super::makers::{PatchListPipelines, list_layout};
 use crate::passes::mesh_pipelines::MeshPipelines;
 use crate::resources::gpu::Gpu;
@@ -25,7 +26,7 @@ impl PatchPipelines {
     ) -> Self {
         let list_layout = list_layout(gpu);
         Self {
-            meshes: MeshPipelines::curved(gpu, kit, frame_layout, list_layout.clone()),
+            meshes: MeshPipelines::curved(gpu, kit, frame_layout, &GRID_VERTICES, list_layout.clone()),
             frame_layout: frame_layout.clone(),
             list_layout,
             makers: OnceLock::new(),
