@@ -143,8 +143,3 @@ pub(super) fn at(x: f64, y: f64, z: f64, scale: f64) -> Placement {
 pub(super) fn flat_ground(h: &Headless) -> AssetGpu {
     asset(h, &quad([-1e4, 0.0, 1e4], [2e4, 0.0, 0.0], [0.0, 0.0, -2e4], 1.0), Material::default())
 }
-
-/// A level square, 20 km wide, at height 0.
-pub(super) fn flat_ground(h: &Headless) -> AssetGpu {
-    asset(h, &quad([-1e4, 0.0, 1e4], [2e4, 0.0, 0.0], [0.0, 0.0, -2e4], 1.0), Material::default())
-}
