@@ -404,6 +404,7 @@ impl Loopback {
 
     fn step(&mut self) {
         let now = self.now;
+        let arrivals = self.down.len();
         while let Some((_, transmit)) = self.down.pop_front_if(|(at, _)| *at <= now) {
             match transmit {
                 Transmit::Message { message, .. } => {
@@ -415,7 +416,9 @@ impl Loopback {
         }
         self.core.handle_timeout(now);
         while self.core.update(now, self.budget) == Progress::More {}
-        self.core.check_states();
+        if self.down.len() < arrivals {
+            self.core.check_states();
+        }
         while let Some(message) = self.core.poll_transmit(now) {
             self.up.push_back((now + LATENCY, message));
         }

@@ -34,7 +34,7 @@ impl Incoming for ClientMessage {
     }
 }
 
-/// An event of the receiving half. After the last five nothing more is received.
+/// An event of the receiving half. After the last four nothing more is received.
 #[derive(Debug)]
 pub enum Received<F> {
     /// A message, or a piece on WebSocket.

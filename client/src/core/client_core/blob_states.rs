@@ -5,14 +5,14 @@
 //! | fact | owner |
 //! |---|---|
 //! | requested from the server, and with which priority | the session (`ClientSession::is_requested`) |
-//! | bytes here that are not in use | the [cache](crate::core::cache); of base meshes and index pages, the queue `undecoded` |
+//! | bytes here, not in use | the [cache](crate::core::cache); of base meshes and index pages, the queue `undecoded` |
 //! | in use, up to a truncation point or whole | the table |
 //! | attempts after a failure | [`Failures`](crate::core::failures::Failures) |
 //!
 //! The table is [`AssetState`](lodestream_select::AssetState) with its counterparts for terrain and punctual lights.
 //! Selections read nothing else, so it also has copies of the other facts: [`State::InFlight`], [`State::Cached`],
-//! [`State::Failed`], and the number of bytes of a chunk, which [`ClientCore::sync_held`] alone writes. The core's tests
-//! compare the copies with their owners after every step of a run.
+//! [`State::Failed`], and the number of bytes of a chunk, which [`ClientCore::sync_held`] alone writes. The core's
+//! tests compare the copies with their owners whenever something has arrived.
 
 use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::time::Time;
