@@ -74,7 +74,8 @@ pub struct SceneLighting {
     pub ambient: [f32; 3],
 }
 
-/// A camera without a viewport: the start position, and the point to orbit about.
+/// A camera as scenes and people state it, without a viewport: where it starts, and the point to orbit about.
+/// [`Camera::pose`] is for drawing, [`Camera::view`] for selection.
 #[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
 pub struct Camera {
     /// Position of the eye, in world units.
