@@ -154,7 +154,7 @@ mod tests {
             read.mesh.positions,
             [[10.0, 0.0, 0.0], [11.0, 0.0, 0.0], [10.0, 1.0, 0.0], [10.0, 0.0, 1.0]]
         );
-        let names: Vec<&str> = read.materials.iter().map(|m| m.name.as_str()).collect();
+        let names: Vec<&str> = read.materials.iter().map(|m| m.material.name.as_str()).collect();
         assert_eq!(names, ["red", "material-1"]);
         let corner = read.mesh.faces[1][0];
         assert_eq!(read.mesh.positions[corner.position as usize], [11.0, 0.0, 0.0]);

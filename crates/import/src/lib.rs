@@ -27,5 +27,7 @@ mod weld;
 pub use error::ImportError;
 pub use file::{MAX_FILE_BYTES, is_gltf, is_ply, read_file};
 pub use import::{dependencies, import, import_part};
-pub use model::{Alpha, Channel, Component, ImageSource, Imported, Material, Part, SurfaceMap};
+pub use model::{
+    Channel, Component, HeightMap, ImageSource, Imported, ImportedMaterial, MaterialMaps, Part, SurfaceMap,
+};
 pub use setting::InvalidValue;

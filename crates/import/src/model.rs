@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use bytes::Bytes;
 use lodestream_geometry::mesh::SourceMesh;
-use lodestream_scene::asset::Wrap;
+use lodestream_scene::asset::Material;
 
 use crate::srgb::srgb_to_linear;
 
@@ -101,96 +101,81 @@ impl SurfaceMap {
     }
 }
 
-/// Use of a material's opacity.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Alpha {
-    /// Ignored.
-    #[default]
-    Opaque,
-    /// Alpha test: visible where opacity is at least this, in `0..=1`.
-    Mask(f32),
-    /// Blended with what is behind.
-    Blend,
-    /// Chosen by the texture ([`crate::texture::Transparency`]): an alpha test at 0.5 if nearly every texel is opaque or
-    /// transparent, else blending.
-    Guess,
+/// A height map (`map_Bump`, `bump` or `disp`; glTF has none).
+#[derive(Clone, Debug, PartialEq)]
+pub struct HeightMap {
+    /// The image.
+    pub image: ImageSource,
+    /// Factor on the heights (`-bm`).
+    pub scale: f32,
 }
 
-/// A material. Its maps share one set of texture coordinates.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Material {
-    /// Name in the file.
-    pub name: String,
-    /// Base colour, linear, in `0..=1` (`Kd`, which editors write sRGB-encoded; glTF's factor).
-    pub base_color: [f32; 3],
-    /// Opacity in `0..=1` (`d`).
-    pub opacity: f32,
-    /// Perceptual roughness in `0..=1` (`Pr`, or from `Ns`).
-    pub roughness: f32,
-    /// Metal in `0..=1` (`Pm`).
-    pub metallic: f32,
-    /// Emitted light, linear, in `0..=`[`MAX_EMISSION`](lodestream_scene::asset::MAX_EMISSION) (`Ke`).
-    pub emission: [f32; 3],
-    /// Use of the opacity.
-    pub alpha: Alpha,
-    /// Whether the material is drawn without lighting (`illum 0`; `KHR_materials_unlit`).
-    pub unlit: bool,
-    /// Wrap modes of the maps along u and v.
-    pub wrap: [Wrap; 2],
-    /// Colour texture (`map_Kd`; `baseColorTexture`).
-    pub color_texture: Option<ImageSource>,
+/// The images of a material's maps, which share one set of texture coordinates.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MaterialMaps {
+    /// Base colour (`map_Kd`; `baseColorTexture`).
+    pub color: Option<ImageSource>,
     /// Opacity of the colour texture, instead of its own (`map_d`).
-    pub opacity_texture: Option<Channel>,
+    pub opacity: Option<Channel>,
     /// Occlusion, roughness and metal.
     pub surface: SurfaceMap,
-    /// Normal map: x along u, y along v upwards, z out of the surface (`norm`; `normalTexture`).
+    /// Normals: x along u, y along v upwards, z out of the surface (`norm`; `normalTexture`).
     ///
     /// glTF's v runs down the image, but its y runs up: "the normal vectors use the convention +X is right and +Y is
     /// up" (specification 2.0, `material.normalTexture`), which is what makes shaders that take tangents from v-down
     /// coordinates turn green around (three.js, pull request 13784). Coordinates are v-up here, so texels stay as
     /// they are.
-    pub normal_texture: Option<ImageSource>,
-    /// Factor on x and y of the normal map (`-bm`); 1 where not given.
-    pub normal_scale: f32,
-    /// Texture of emitted colours (`map_Ke`; `emissiveTexture`).
-    pub emission_texture: Option<ImageSource>,
-    /// Height texture (`map_Bump`, `bump` or `disp`; glTF has none).
-    pub height_texture: Option<ImageSource>,
-    /// Factor on the heights (`-bm`); 1 where not given.
-    pub height_scale: f32,
+    pub normal: Option<ImageSource>,
+    /// Emitted colours (`map_Ke`; `emissiveTexture`).
+    pub emission: Option<ImageSource>,
+    /// Heights.
+    pub height: Option<HeightMap>,
 }
 
-impl Default for Material {
-    fn default() -> Self {
-        Self {
-            name: "default".to_owned(),
-            base_color: [srgb_to_linear(0.8); 3],
-            opacity: 1.0,
-            roughness: 0.6,
-            metallic: 0.0,
-            emission: [0.0; 3],
-            alpha: Alpha::Opaque,
-            unlit: false,
-            wrap: [Wrap::Repeat; 2],
-            color_texture: None,
-            opacity_texture: None,
-            surface: SurfaceMap::default(),
-            normal_texture: None,
-            normal_scale: 1.0,
-            emission_texture: None,
-            height_texture: None,
-            height_scale: 1.0,
-        }
+impl MaterialMaps {
+    /// The images of all maps, in the order of the fields; an image may occur twice.
+    pub fn images(&self) -> impl Iterator<Item = &ImageSource> {
+        let channels = [self.opacity.as_ref()].into_iter().chain(self.surface.channels());
+        let channels = channels.flatten().map(|channel| &channel.image);
+        let height = self.height.as_ref().map(|height| &height.image);
+        self.color.iter().chain(channels).chain(&self.normal).chain(&self.emission).chain(height)
     }
 }
 
-impl Material {
-    /// The images of all maps, in the order of the fields; an image may occur twice.
-    pub fn images(&self) -> impl Iterator<Item = &ImageSource> {
-        let channels = [self.opacity_texture.as_ref()].into_iter().chain(self.surface.channels());
-        let whole = [&self.normal_texture, &self.emission_texture, &self.height_texture];
-        let channels = channels.flatten().map(|channel| &channel.image);
-        self.color_texture.iter().chain(channels).chain(whole.into_iter().flatten())
+/// A material of a model file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImportedMaterial {
+    /// Its constants: factors on the maps, alpha mode and wrap modes. The indices of its textures are `None`: the
+    /// images become textures when the asset is prepared.
+    pub material: Material,
+    /// The images of its maps.
+    pub maps: MaterialMaps,
+    /// Whether the opacity map chooses the alpha mode, which the file leaves open, by its texels
+    /// ([`crate::texture::Transparency`]): an alpha test at 0.5 if nearly every texel is opaque or transparent, else
+    /// blending.
+    pub alpha_from_map: bool,
+}
+
+impl Default for ImportedMaterial {
+    fn default() -> Self {
+        let grey = srgb_to_linear(0.8);
+        let material = Material {
+            name: "default".to_owned(),
+            base_color: [grey, grey, grey, 1.0],
+            roughness: 0.6,
+            ..Material::default()
+        };
+        Self { material, maps: MaterialMaps::default(), alpha_from_map: false }
+    }
+}
+
+impl ImportedMaterial {
+    /// The default material under another name.
+    #[must_use]
+    pub fn named(name: impl Into<String>) -> Self {
+        let mut this = Self::default();
+        this.material.name = name.into();
+        this
     }
 }
 
@@ -200,7 +185,7 @@ pub struct Imported {
     /// The mesh; its `materials` index [`Imported::materials`].
     pub mesh: SourceMesh,
     /// Materials that at least one face uses.
-    pub materials: Vec<Material>,
+    pub materials: Vec<ImportedMaterial>,
     /// Warnings, one line each.
     pub warnings: Vec<String>,
 }

@@ -94,9 +94,9 @@ fn objects_groups_and_materials_merge() {
     );
     let Imported { mesh, materials, warnings } = import(&path).unwrap();
     assert!(warnings.is_empty(), "{warnings:?}");
-    let names: Vec<&str> = materials.iter().map(|m| m.name.as_str()).collect();
+    let names: Vec<&str> = materials.iter().map(|m| m.material.name.as_str()).collect();
     assert_eq!(names, ["blue", "red"]);
-    assert_eq!(materials[1].color_texture, Some(dir.path().join("sub/tex/red.png").into()));
+    assert_eq!(materials[1].maps.color, Some(dir.path().join("sub/tex/red.png").into()));
     let used: Vec<&str> = mesh.materials.iter().map(|&m| names[usize::from(m)]).collect();
     assert_eq!(used.len(), 3);
     for (face, name) in mesh.faces.iter().zip(used) {
@@ -125,9 +125,10 @@ fn models_cannot_name_files_outside_their_folder() {
         write(&dir, &format!("model/{mtl}"), format!("newmtl red\nKd 1 0 0\nPm 1\n{lines}"));
         let path = write(&dir, "model/a.obj", format!("mtllib {mtl}\n{TRIANGLE}usemtl red\nf 1 2 3\n"));
         let Imported { materials, warnings, .. } = import(&path).unwrap();
-        assert_eq!(materials[0].images().count(), 0, "{name}");
-        assert_eq!((materials[0].metallic, materials[0].emission), (0.0, [0.0; 3]), "{name}");
-        assert_eq!(materials[0].base_color[1], 0.0, "the rest of the material counts");
+        assert_eq!(materials[0].maps.images().count(), 0, "{name}");
+        let material = &materials[0].material;
+        assert_eq!((material.metallic, material.emission), (0.0, [0.0; 3]), "{name}");
+        assert_eq!(material.base_color[1], 0.0, "the rest of the material counts");
         assert!(warnings.iter().any(|w| w.contains("not in the model's folder")), "{name}: {warnings:?}");
         let files = dependencies(&path, &std::fs::read(&path).unwrap());
         assert_eq!(files, [dir.path().join("model").join(mtl)], "{name}");
@@ -137,7 +138,7 @@ fn models_cannot_name_files_outside_their_folder() {
     let path = write(&dir, "model/a.obj", format!("mtllib sub/m.mtl\n{TRIANGLE}usemtl red\nf 1 2 3\n"));
     let Imported { materials, warnings, .. } = import(&path).unwrap();
     assert!(warnings.is_empty(), "{warnings:?}");
-    assert_eq!(materials[0].color_texture, Some(dir.path().join("model/sub/../tex/red.png").into()));
+    assert_eq!(materials[0].maps.color, Some(dir.path().join("model/sub/../tex/red.png").into()));
     // Material files outside are not read either.
     write(&dir, "m.mtl", "newmtl red\nKd 1 0 0\n");
     let path = write(&dir, "model/a.obj", format!("mtllib ../m.mtl\n{TRIANGLE}usemtl red\nf 1 2 3\n"));
@@ -165,7 +166,7 @@ fn a_pipe_in_place_of_a_file_is_refused() {
 fn a_missing_mtl_is_a_warning_and_the_material_grey() {
     let imported = read(&format!("mtllib no such.mtl\n{TRIANGLE}usemtl x\nf 1 2 3\n"));
     assert_eq!(imported.materials.len(), 1);
-    assert_eq!(imported.materials[0].base_color, [crate::srgb::srgb_to_linear(0.8); 3]);
+    assert_eq!(imported.materials[0].material.base_color[..3], [crate::srgb::srgb_to_linear(0.8); 3]);
     assert!(imported.warnings.iter().any(|w| w.contains("such.mtl") && w.contains("cannot be read")));
     assert!(imported.warnings.iter().any(|w| w.contains("\"x\"")), "{:?}", imported.warnings);
 }

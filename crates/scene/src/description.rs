@@ -86,7 +86,8 @@ pub struct SceneLighting {
 
 encode_fields!(SceneLighting { direction, color, ambient });
 
-/// A camera without a viewport: the start position, and the point to orbit about.
+/// A camera without a viewport, as scenes and people state it: the start position, and the point to orbit about.
+/// [`Camera::pose`] is for drawing, [`Camera::view`] for selection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     /// Position of the eye, in world units.

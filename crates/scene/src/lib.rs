@@ -1,4 +1,4 @@
-//! Data types of a scene: blob names, assets, materials, lights, instances, terrain and views.
+//! Data types of a scene: blob names, assets, materials, lights, placements, terrain and cameras.
 //!
 //! Importer, server, client and renderer share them. The crate does no I/O: it opens no file and no socket, reads no
 //! clock and spawns no thread.
@@ -12,7 +12,7 @@
 //! | [`terrain`] | a scene's terrain, and the directory of its height overrides |
 //! | [`punctual_lights`] | point and spot lights, and their pages |
 //! | [`placement`] | where an object stands: position, rotation and scale |
-//! | [`view`], [`pose`] | the camera, for screen errors and drawing |
+//! | [`view`], [`pose`] | a camera for screen errors, with its picture, and for drawing, in f64 |
 //! | [`limits`] | bounds on every length and count that a peer may send |
 //! | [`encoding`] | encoding of all of these |
 

@@ -2,10 +2,12 @@
 
 use glam::{DMat3, DQuat, DVec3};
 
-/// A camera's position, orientation and field of view.
+/// A camera as it is drawn from: position, orientation and field of view, in f64.
 ///
-/// View space is right-handed with x to the right, y up and the view along −z. [`Camera`] is the wire form with a
-/// target point, [`View`] the one with a viewport; both convert to a pose.
+/// View space is right-handed with x to the right, y up and the view along −z. A [`Camera`] is what scenes, paths and
+/// people state: it also has the point to orbit about, and no rotation that would have to agree with it. A [`View`] is
+/// what selection needs and clients send: it also has the picture's size and target error, and its rotation is in f32,
+/// as sent. Both convert to a pose, a camera without rounding.
 ///
 /// [`Camera`]: crate::description::Camera
 /// [`View`]: crate::view::View

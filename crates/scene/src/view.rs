@@ -8,7 +8,8 @@ use crate::encoding::encode_fields;
 use crate::limits::MAX_VIEWPORT_PX;
 use crate::pose::Pose;
 
-/// A perspective view of the scene.
+/// A perspective view of the scene, as clients send it and selection measures errors in it: a camera with the size of
+/// its picture and the error to refine to. [`View::pose`] is for drawing.
 ///
 /// View space is right-handed with x to the right, y up and the view along −z. There is no far plane.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,7 +1,7 @@
 //! Camera controller: orbit around a point, or free flight.
 
-use glam::{DQuat, DVec3};
-use lodestream_scene::description as scene;
+use glam::{DQuat, DVec3, Vec3};
+use lodestream_scene::description::Camera;
 use lodestream_scene::pose::Pose;
 use lodestream_scene::view::View;
 
@@ -28,21 +28,17 @@ pub(super) type Push = [f64; 3];
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CameraController {
     pub(super) mode: Mode,
-    start: scene::Camera,
-    eye: DVec3,
-    target: DVec3,
-    up: DVec3,
-    fov_y: f32,
+    start: Camera,
+    now: Camera,
     /// World units per second of flight.
     speed: f64,
 }
 
 impl CameraController {
-    pub(super) fn new(start: scene::Camera) -> Self {
-        let (eye, target) = (DVec3::from(start.eye), DVec3::from(start.target));
-        let up = glam::Vec3::from(start.up).as_dvec3().normalize_or(DVec3::Y);
-        let speed = 0.5 * (target - eye).length();
-        Self { mode: Mode::Orbit, start, eye, target, up, fov_y: start.fov_y, speed }
+    pub(super) fn new(start: Camera) -> Self {
+        let up = Vec3::from(start.up).normalize_or(Vec3::Y).to_array();
+        let this = Self { mode: Mode::Orbit, start, now: Camera { up, ..start }, speed: 0.0 };
+        Self { speed: 0.5 * this.distance(), ..this }
     }
 
     /// Returns to the start.
@@ -58,42 +54,58 @@ impl CameraController {
         };
     }
 
+    fn eye(&self) -> DVec3 {
+        self.now.eye.into()
+    }
+
+    fn target(&self) -> DVec3 {
+        self.now.target.into()
+    }
+
+    fn up(&self) -> DVec3 {
+        Vec3::from(self.now.up).as_dvec3().normalize()
+    }
+
     fn distance(&self) -> f64 {
-        (self.target - self.eye).length()
+        (self.target() - self.eye()).length()
     }
 
     fn forward(&self) -> DVec3 {
-        (self.target - self.eye).normalize_or(DVec3::NEG_Z)
+        (self.target() - self.eye()).normalize_or(DVec3::NEG_Z)
     }
 
     fn right(&self) -> DVec3 {
-        self.forward().cross(self.up).normalize_or(self.up.any_orthonormal_vector())
+        self.forward().cross(self.up()).normalize_or(self.up().any_orthonormal_vector())
+    }
+
+    /// Moves eye and target.
+    fn shift(&mut self, by: DVec3) {
+        self.now.eye = (self.eye() + by).into();
+        self.now.target = (self.target() + by).into();
     }
 
     /// A drag of so many pixels to the right and down turns the view.
     pub(super) fn turn(&mut self, dx: f64, dy: f64) {
         let forward = self.forward();
         // Limited at the poles, so that up stays up.
-        let angle = forward.angle_between(self.up);
+        let angle = forward.angle_between(self.up());
         let pitch = (-dy * TURN_PER_PX).max(angle - std::f64::consts::PI + POLE).min(angle - POLE);
-        let turned = DQuat::from_axis_angle(self.up, -dx * TURN_PER_PX)
+        let turned = DQuat::from_axis_angle(self.up(), -dx * TURN_PER_PX)
             * DQuat::from_axis_angle(self.right(), pitch)
             * forward;
         let distance = self.distance();
         match self.mode {
-            Mode::Orbit => self.eye = self.target - turned * distance,
-            Mode::Fly => self.target = self.eye + turned * distance,
+            Mode::Orbit => self.now.eye = (self.target() - turned * distance).into(),
+            Mode::Fly => self.now.target = (self.eye() + turned * distance).into(),
         }
     }
 
     /// A drag that moves the scene with the pointer.
     pub(super) fn pan(&mut self, dx: f64, dy: f64, height_px: f64) {
-        let per_px = 2.0 * self.distance() * (f64::from(self.fov_y) * 0.5).tan() / height_px.max(1.0);
+        let per_px = 2.0 * self.distance() * (f64::from(self.now.fov_y) * 0.5).tan() / height_px.max(1.0);
         let right = self.right();
         let up = right.cross(self.forward());
-        let shift = (right * -dx + up * dy) * per_px;
-        self.eye += shift;
-        self.target += shift;
+        self.shift((right * -dx + up * dy) * per_px);
     }
 
     /// Turns of the wheel: changes the distance to the target, or the speed of flight.
@@ -102,7 +114,7 @@ impl CameraController {
         match self.mode {
             Mode::Orbit => {
                 let distance = (self.distance() * factor).clamp(1e-9, 1e12);
-                self.eye = self.target - self.forward() * distance;
+                self.now.eye = (self.target() - self.forward() * distance).into();
             }
             Mode::Fly => self.speed = (self.speed / factor).clamp(1e-9, 1e12),
         }
@@ -111,34 +123,30 @@ impl CameraController {
     /// Moves by keys held for `seconds`.
     pub(super) fn push(&mut self, push: Push, fast: bool, seconds: f64) {
         let [right, up, forward] = push;
-        let direction = self.right() * right + self.up * up + self.forward() * forward;
-        let shift = direction.normalize_or_zero() * self.speed * seconds * if fast { 4.0 } else { 1.0 };
-        self.eye += shift;
-        self.target += shift;
+        let direction = self.right() * right + self.up() * up + self.forward() * forward;
+        self.shift(direction.normalize_or_zero() * self.speed * seconds * if fast { 4.0 } else { 1.0 });
     }
 
     /// Moves eye and target up.
     pub(super) fn lift(&mut self, up: f64) {
-        self.eye.y += up;
-        self.target.y += up;
+        self.shift(DVec3::Y * up);
     }
 
     /// The view to send to the server.
     pub(super) fn view(&self, viewport_px: [u32; 2], target_px: f32) -> View {
-        let up = self.up.as_vec3().into();
-        View { target_px, ..View::look_at(self.eye.into(), self.target.into(), up, self.fov_y, viewport_px) }
+        self.now.view(viewport_px, target_px)
     }
 
     /// The pose to draw from.
     pub(super) fn pose(&self) -> Pose {
-        Pose::look_at(self.eye, self.target, self.up, f64::from(self.fov_y))
+        self.now.pose()
     }
 
     /// The camera in the format of `--camera`.
     pub(super) fn describe(&self) -> String {
-        let point = |p: DVec3| format!("{:.3},{:.3},{:.3}", p.x, p.y, p.z);
-        let fov = f64::from(self.fov_y).to_degrees();
-        format!("eye={};target={};fov={fov:.1}", point(self.eye), point(self.target))
+        let point = |[x, y, z]: [f64; 3]| format!("{x:.3},{y:.3},{z:.3}");
+        let fov = f64::from(self.now.fov_y).to_degrees();
+        format!("eye={};target={};fov={fov:.1}", point(self.now.eye), point(self.now.target))
     }
 }
 
@@ -147,7 +155,7 @@ mod tests {
     use super::*;
 
     fn controller() -> CameraController {
-        CameraController::new(scene::Camera {
+        CameraController::new(Camera {
             eye: [0.0, 0.0, 10.0],
             target: [0.0; 3],
             up: [0.0, 1.0, 0.0],
@@ -161,15 +169,15 @@ mod tests {
         for (dx, dy) in [(30.0, 12.0), (-500.0, 900.0), (4.0, -3000.0)] {
             controller.turn(dx, dy);
             assert!((controller.distance() - 10.0).abs() < 1e-9);
-            assert_eq!(controller.target, DVec3::ZERO);
-            let angle = controller.forward().angle_between(controller.up);
+            assert_eq!(controller.target(), DVec3::ZERO);
+            let angle = controller.forward().angle_between(controller.up());
             assert!((POLE * 0.9..=std::f64::consts::PI - POLE * 0.9).contains(&angle), "{angle}");
             assert!(controller.view([64, 36], 1.0).check().is_ok());
         }
         // Dragging to the right turns the scene to the right: the eye goes left.
         let mut controller = self::controller();
         controller.turn(50.0, 0.0);
-        assert!(controller.eye.x < 0.0);
+        assert!(controller.eye().x < 0.0);
     }
 
     #[test]
@@ -177,16 +185,16 @@ mod tests {
         let mut controller = controller();
         controller.toggle();
         controller.turn(50.0, 0.0);
-        assert_eq!(controller.eye, DVec3::new(0.0, 0.0, 10.0));
+        assert_eq!(controller.eye(), DVec3::new(0.0, 0.0, 10.0));
         assert!(controller.forward().x > 0.0, "dragging to the right looks to the right");
-        let before = controller.eye;
+        let before = controller.eye();
         controller.push([0.0, 0.0, 1.0], false, 2.0);
         assert!(
-            ((controller.eye - before).length() - 10.0).abs() < 1e-9,
+            ((controller.eye() - before).length() - 10.0).abs() < 1e-9,
             "half the initial distance per second"
         );
         controller.reset();
-        assert_eq!((controller.eye, controller.mode), (DVec3::new(0.0, 0.0, 10.0), Mode::Fly));
+        assert_eq!((controller.eye(), controller.mode), (DVec3::new(0.0, 0.0, 10.0), Mode::Fly));
     }
 
     #[test]

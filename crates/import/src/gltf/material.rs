@@ -1,16 +1,16 @@
-//! Converts glTF materials to [`Material`]s, with the texture coordinates of their maps.
+//! Converts glTF materials to [`ImportedMaterial`]s, with the texture coordinates of their maps.
 
 use gltf::json;
 use gltf::json::extensions::material::PbrSpecularGlossiness;
 use gltf::json::material::AlphaMode;
 use gltf::json::validation::Checked;
-use lodestream_scene::asset::{MAX_EMISSION, MAX_NORMAL_SCALE};
+use lodestream_scene::asset::{Alpha, MAX_EMISSION, MAX_NORMAL_SCALE, Material};
 
 use super::accessor::Buffers;
 use super::container::Document;
 use super::maps::{Maps, Texture, UvTransform};
 use crate::error::ImportError;
-use crate::model::{Alpha, Channel, Component, Material, SurfaceMap};
+use crate::model::{Channel, Component, ImportedMaterial, MaterialMaps};
 
 /// Share of transmitted light that shows what is behind the surface, drawn as plain opacity without refraction or tint.
 /// A pane of `transmissionFactor` 1 keeps an opacity of 0.1, so that it stays visible.
@@ -19,7 +19,7 @@ const TRANSMITTED_SHARE: f32 = 0.9;
 /// A material and the texture coordinates of its maps.
 #[derive(Clone, Debug)]
 pub(super) struct Converted {
-    pub(super) material: Material,
+    pub(super) imported: ImportedMaterial,
     /// Number of the TEXCOORD_n set.
     pub(super) uv_set: u32,
     pub(super) uv_transform: UvTransform,
@@ -28,9 +28,7 @@ pub(super) struct Converted {
 impl Converted {
     /// Whether the material has any map.
     pub(super) fn has_maps(&self) -> bool {
-        let Material { color_texture, normal_texture, emission_texture, surface, .. } = &self.material;
-        [color_texture, normal_texture, emission_texture].iter().any(|map| map.is_some())
-            || !surface.is_empty()
+        self.imported.maps.images().next().is_some()
     }
 }
 
@@ -44,10 +42,11 @@ pub(super) fn convert(
     buffers: &mut Buffers<'_>,
     warnings: &mut Vec<String>,
 ) -> Result<Converted, ImportError> {
-    let mut material =
-        Material { base_color: [1.0; 3], roughness: 1.0, metallic: 1.0, ..Material::default() };
+    let mut imported = ImportedMaterial::default();
+    let ImportedMaterial { material, maps: images, .. } = &mut imported;
+    (material.base_color, material.roughness, material.metallic) = ([1.0; 4], 1.0, 1.0);
     let Some(index) = index else {
-        return Ok(Converted { material, uv_set: 0, uv_transform: UvTransform::IDENTITY });
+        return Ok(Converted { imported, uv_set: 0, uv_transform: UvTransform::IDENTITY });
     };
     let Some(source) = document.root.materials.get(index) else {
         return Err(document.error(format!("materials[{index}] does not exist")));
@@ -58,16 +57,16 @@ pub(super) fn convert(
     material.unlit = extensions.is_some_and(|e| e.unlit.is_some());
     // A file with both models offers metallic-roughness to readers that support it.
     match extensions.and_then(|e| e.pbr_specular_glossiness.as_ref()).filter(|_| !has_core(source)) {
-        Some(glossy) => specular_glossiness(glossy, &mut material, &mut maps),
-        None => metallic_roughness(source, &mut material, &mut maps),
+        Some(glossy) => specular_glossiness(glossy, material, images, &mut maps),
+        None => metallic_roughness(source, material, images, &mut maps),
     }
     if !material.unlit {
-        normal_occlusion_emission(source, &mut material, &mut maps);
+        normal_occlusion_emission(source, material, images, &mut maps);
     }
-    alpha(source, &mut material, &mut maps);
+    alpha(source, material, &mut maps);
     material.wrap = maps.wrap();
     let (uv_set, uv_transform) = maps.lookup();
-    Ok(Converted { material, uv_set, uv_transform })
+    Ok(Converted { imported, uv_set, uv_transform })
 }
 
 /// Clamps a number to 0..=1; NaN becomes 1, the default of all factors.
@@ -84,21 +83,24 @@ fn has_core(source: &json::Material) -> bool {
         || [pbr.metallic_factor.0, pbr.roughness_factor.0] != [1.0; 2]
 }
 
-fn metallic_roughness(source: &json::Material, material: &mut Material, maps: &mut Maps<'_, '_>) {
+fn metallic_roughness(
+    source: &json::Material,
+    material: &mut Material,
+    images: &mut MaterialMaps,
+    maps: &mut Maps<'_, '_>,
+) {
     let pbr = &source.pbr_metallic_roughness;
-    let [r, g, b, opacity] = pbr.base_color_factor.0.map(unit);
-    (material.base_color, material.opacity) = ([r, g, b], opacity);
+    material.base_color = pbr.base_color_factor.0.map(unit);
     material.roughness = unit(pbr.roughness_factor.0);
     material.metallic = unit(pbr.metallic_factor.0);
-    material.color_texture =
-        maps.image("base colour texture", pbr.base_color_texture.as_ref().map(Texture::from));
+    images.color = maps.image("base colour texture", pbr.base_color_texture.as_ref().map(Texture::from));
     if material.unlit {
         return;
     }
     let texture = pbr.metallic_roughness_texture.as_ref().map(Texture::from);
     if let Some(image) = maps.image("metallic-roughness texture", texture) {
-        material.surface.roughness = Some(Channel::plain(image.clone(), Component::Green));
-        material.surface.metallic = Some(Channel::plain(image, Component::Blue));
+        images.surface.roughness = Some(Channel::plain(image.clone(), Component::Green));
+        images.surface.metallic = Some(Channel::plain(image, Component::Blue));
     } else if pbr.metallic_roughness_texture.is_some() {
         // Without the map, no metal is the better guess than metal everywhere.
         material.metallic = 0.0;
@@ -107,14 +109,19 @@ fn metallic_roughness(source: &json::Material, material: &mut Material, maps: &m
 
 /// Approximates specular-glossiness: the diffuse colour is the base colour, 1 − glossiness the roughness. A material
 /// without diffuse reflection becomes a metal of its specular colour.
-fn specular_glossiness(glossy: &PbrSpecularGlossiness, material: &mut Material, maps: &mut Maps<'_, '_>) {
+fn specular_glossiness(
+    glossy: &PbrSpecularGlossiness,
+    material: &mut Material,
+    images: &mut MaterialMaps,
+    maps: &mut Maps<'_, '_>,
+) {
     let [r, g, b, opacity] = glossy.diffuse_factor.0.map(unit);
-    (material.base_color, material.opacity) = ([r, g, b], opacity);
+    material.base_color = [r, g, b, opacity];
     material.metallic = 0.0;
-    material.color_texture =
-        maps.image("diffuse texture", glossy.diffuse_texture.as_ref().map(Texture::from));
+    images.color = maps.image("diffuse texture", glossy.diffuse_texture.as_ref().map(Texture::from));
     if glossy.diffuse_texture.is_none() && [r, g, b] == [0.0; 3] {
-        (material.base_color, material.metallic) = (glossy.specular_factor.0.map(unit), 1.0);
+        let [r, g, b] = glossy.specular_factor.0.map(unit);
+        (material.base_color, material.metallic) = ([r, g, b, opacity], 1.0);
     }
     let gloss = unit(glossy.glossiness_factor.0);
     material.roughness = 1.0 - gloss;
@@ -123,16 +130,21 @@ fn specular_glossiness(glossy: &PbrSpecularGlossiness, material: &mut Material, 
         // Roughness is 1 − factor × texel: the factor is the channel's.
         let strength = (gloss * f32::from(u16::MAX)).round() as u16;
         let channel = Channel { image, component: Component::Alpha, inverted: true, strength };
-        (material.surface.roughness, material.roughness) = (Some(channel), 1.0);
+        (images.surface.roughness, material.roughness) = (Some(channel), 1.0);
     }
 }
 
-fn normal_occlusion_emission(source: &json::Material, material: &mut Material, maps: &mut Maps<'_, '_>) {
+fn normal_occlusion_emission(
+    source: &json::Material,
+    material: &mut Material,
+    images: &mut MaterialMaps,
+    maps: &mut Maps<'_, '_>,
+) {
     if let Some(normal) = &source.normal_texture {
         if normal.scale >= 0.0 {
             let others = normal.extensions.as_ref().map(|e| &e.others);
             let texture = maps.texture_with_extensions(normal.index.value(), normal.tex_coord, others);
-            material.normal_texture = maps.image("normal texture", Some(texture));
+            images.normal = maps.image("normal texture", Some(texture));
             material.normal_scale = normal.scale.min(MAX_NORMAL_SCALE);
         } else {
             maps.warn("its normal texture has a scale below zero and is left out");
@@ -147,7 +159,7 @@ fn normal_occlusion_emission(source: &json::Material, material: &mut Material, m
         {
             let strength = (strength * f32::from(u16::MAX)).round() as u16;
             let channel = Channel { strength, ..Channel::plain(image, Component::Red) };
-            material.surface = SurfaceMap { occlusion: Some(channel), ..material.surface.clone() };
+            images.surface.occlusion = Some(channel);
         }
     }
     let strength = source.extensions.as_ref().and_then(|e| e.emissive_strength.as_ref());
@@ -157,9 +169,8 @@ fn normal_occlusion_emission(source: &json::Material, material: &mut Material, m
         source.emissive_factor.0.map(|x| if x.is_nan() { 0.0 } else { x.clamp(0.0, 1.0) * strength });
     // A factor of zero makes the texture invisible.
     if material.emission != [0.0; 3] {
-        material.emission_texture =
-            maps.image("emissive texture", source.emissive_texture.as_ref().map(Texture::from));
-        if source.emissive_texture.is_some() && material.emission_texture.is_none() {
+        images.emission = maps.image("emissive texture", source.emissive_texture.as_ref().map(Texture::from));
+        if source.emissive_texture.is_some() && images.emission.is_none() {
             material.emission = [0.0; 3];
         }
     }
@@ -171,15 +182,15 @@ fn alpha(source: &json::Material, material: &mut Material, maps: &mut Maps<'_, '
             let cutoff = source.alpha_cutoff.map_or(0.5, |cutoff| cutoff.0);
             // "A value greater than 1.0 will render the entire material as fully transparent" (§3.9.4).
             if cutoff > 1.0 {
-                material.opacity = 0.0;
+                material.base_color[3] = 0.0;
             }
             material.alpha = Alpha::Mask(if cutoff.is_nan() { 0.5 } else { cutoff.clamp(0.0, 1.0) });
         }
         Checked::Valid(AlphaMode::Blend) => material.alpha = Alpha::Blend,
         // The alpha of an opaque material has no effect.
-        Checked::Valid(AlphaMode::Opaque) => material.opacity = 1.0,
+        Checked::Valid(AlphaMode::Opaque) => material.base_color[3] = 1.0,
         Checked::Invalid => {
-            material.opacity = 1.0;
+            material.base_color[3] = 1.0;
             maps.warn("its alphaMode is unknown; it is drawn opaque");
         }
     }
@@ -188,6 +199,6 @@ fn alpha(source: &json::Material, material: &mut Material, maps: &mut Maps<'_, '
     // With a transmission texture, the factor alone would make the whole surface transparent.
     if factor > 0.0 && transmission.transmission_texture.is_none() && material.alpha == Alpha::Opaque {
         material.alpha = Alpha::Blend;
-        material.opacity *= 1.0 - TRANSMITTED_SHARE * factor.min(1.0);
+        material.base_color[3] *= 1.0 - TRANSMITTED_SHARE * factor.min(1.0);
     }
 }

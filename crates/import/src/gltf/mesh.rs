@@ -139,7 +139,7 @@ impl<'a> Builder<'a> {
                  texels all over; export the mesh with texture coordinates",
                 self.document.path.display(),
                 converted.uv_set,
-                converted.material.name
+                converted.imported.material.name
             ));
         }
     }
@@ -320,7 +320,7 @@ impl<'a> Builder<'a> {
             return Err(ImportError::NoFaces { path: self.document.path.clone(), found });
         }
         debug_assert!(self.mesh.faces.iter().flatten().all(|c| c.position != NONE));
-        let materials = self.materials.into_iter().map(|converted| converted.material).collect();
+        let materials = self.materials.into_iter().map(|converted| converted.imported).collect();
         Ok(Imported { mesh: self.mesh, materials, warnings: self.warnings })
     }
 }

@@ -325,20 +325,17 @@ fn materials_bring_colour_texture_and_its_transformation() {
     }]);
     model.primitive()["material"] = json!(0);
     let imported = model.read().unwrap();
-    let material = &imported.materials[0];
-    assert_eq!(
-        (material.name.as_str(), material.base_color, material.roughness),
-        ("brick", [0.5, 1.0, 0.25], 0.5)
-    );
-    assert_eq!(material.opacity, 1.0, "an opaque material's alpha says nothing");
-    let image = material.color_texture.clone().unwrap();
+    let crate::ImportedMaterial { material, maps, .. } = &imported.materials[0];
+    assert_eq!((material.name.as_str(), material.roughness), ("brick", 0.5));
+    assert_eq!(material.base_color, [0.5, 1.0, 0.25, 1.0], "an opaque material's alpha says nothing");
+    let image = maps.color.clone().unwrap();
     assert_eq!(image.bytes.as_deref(), Some(png.get_ref().as_slice()));
     assert!(image.path.ends_with("a.glb#images[0]"), "{}", image.path.display());
     assert_eq!(imported.mesh.uvs[2], [2.25, -0.5]);
     assert!(imported.warnings.is_empty(), "{:?}", imported.warnings);
     model.json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]["index"] = json!(1);
     let outside = model.read().unwrap();
-    assert_eq!(outside.materials[0].color_texture, None);
+    assert_eq!(outside.materials[0].maps.color, None);
     assert!(outside.warnings[0].contains("is not a file beside the model"), "{:?}", outside.warnings);
 }
 

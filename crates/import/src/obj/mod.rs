@@ -9,7 +9,7 @@ use lodestream_geometry::mesh::{Corner, NONE, SourceMesh};
 
 use crate::error::ImportError;
 use crate::file::{MAX_FILE_BYTES, read_file};
-use crate::model::{Imported, Material};
+use crate::model::{Imported, ImportedMaterial};
 use crate::triangulate::triangulate;
 use crate::weld::Weld;
 use mtl::Library;
@@ -62,7 +62,7 @@ pub(super) fn dependencies(path: &Path, bytes: &[u8]) -> Vec<PathBuf> {
         mtl::load(folder(path), file, &mut library, &mut Vec::new());
     }
     for material in library.values() {
-        for image in material.images() {
+        for image in material.maps.images() {
             if !files.contains(&image.path) {
                 files.push(image.path.clone());
             }
@@ -108,7 +108,7 @@ fn materials(
     names: &[String],
     library: &Library,
     warnings: &mut Vec<String>,
-) -> Result<Vec<Material>, ImportError> {
+) -> Result<Vec<ImportedMaterial>, ImportError> {
     if names.len() > MAX_MATERIALS {
         return Err(ImportError::TooManyMaterials {
             path: path.to_owned(),
@@ -124,7 +124,7 @@ fn materials(
                 if !name.is_empty() {
                     undefined.push(name.as_str());
                 }
-                Material { name: name.clone(), ..Material::default() }
+                ImportedMaterial::named(name)
             })
         })
         .collect();

@@ -16,7 +16,7 @@ use lodestream_geometry::mesh::{Corner, NONE};
 
 use crate::error::ImportError;
 use crate::file::{MAX_FILE_BYTES, check_file};
-use crate::model::{Imported, Material};
+use crate::model::{Imported, ImportedMaterial};
 use crate::triangulate::triangulate;
 use crate::weld::Weld;
 use body::Body;
@@ -307,7 +307,7 @@ impl MeshReader {
             warnings.push(format!("skipped: {skipped:?}"));
         }
         let warnings = warnings.into_iter().map(|what| format!("{}: {what}", path.display())).collect();
-        let material = Material { name: String::new(), ..Material::default() };
+        let material = ImportedMaterial::named("");
         Ok(Imported { mesh: weld.mesh, materials: vec![material], warnings })
     }
 }

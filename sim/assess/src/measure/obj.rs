@@ -25,7 +25,7 @@ pub fn read_models(a: &Path, b: &Path) -> Result<[SourceMesh; 2], ImportError> {
     let number: Vec<u16> = second
         .materials
         .iter()
-        .map(|m| first.materials.iter().position(|other| other.name == m.name))
+        .map(|m| first.materials.iter().position(|other| other.material.name == m.material.name))
         .map(|found| found.and_then(|i| u16::try_from(i).ok()).unwrap_or(u16::MAX))
         .collect();
     second.mesh.materials.iter_mut().for_each(|m| *m = number[usize::from(*m)]);

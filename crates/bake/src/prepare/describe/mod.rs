@@ -6,6 +6,7 @@ mod tests;
 mod textures;
 
 use crate::preparation_settings::ReliefDepth;
+use lodestream_import::ImportedMaterial;
 use lodestream_import::srgb::srgb_to_linear;
 use lodestream_import::texture::{Opacity, TextureKind, TextureSource, Transparency};
 use lodestream_scene::asset::{Alpha, AssetDescription, MAX_NORMAL_SCALE, Material};
@@ -40,7 +41,7 @@ pub struct EncodedDescription {
 /// See [`DescribeError`].
 pub fn describe(
     name: &str,
-    materials: &[lodestream_import::Material],
+    materials: &[ImportedMaterial],
     relief_depth: Option<ReliefDepth>,
 ) -> Result<EncodedDescription, DescribeError> {
     let mut textures = Textures::default();
@@ -54,46 +55,42 @@ pub fn describe(
 }
 
 fn describe_one(
-    material: &lodestream_import::Material,
+    imported: &ImportedMaterial,
     relief_depth: Option<ReliefDepth>,
     textures: &mut Textures,
 ) -> Result<Material, DescribeError> {
-    let color = textures.make(color_source(material))?;
-    let surface = (!material.surface.is_empty()).then(|| TextureSource::Surface(material.surface.clone()));
+    let ImportedMaterial { material, maps, .. } = imported;
+    let color = textures.make(color_source(imported))?;
+    let surface = (!maps.surface.is_empty()).then(|| TextureSource::Surface(maps.surface.clone()));
     let surface = textures.make(surface)?;
-    let mut normal = textures.make(material.normal_texture.clone().map(TextureSource::Normal))?;
-    let emission = textures.make(material.emission_texture.clone().map(TextureSource::opaque))?;
+    let mut normal = textures.make(maps.normal.clone().map(TextureSource::Normal))?;
+    let emission = textures.make(maps.emission.clone().map(TextureSource::opaque))?;
     let mut normal_scale = material.normal_scale;
-    let mut height = match &material.height_texture {
-        Some(image) if material.normal_texture.is_none() => textures.heights_or_normals(image.clone())?,
-        other => textures.make(other.clone().map(TextureSource::Height))?,
+    let height_scale = maps.height.as_ref().map_or(0.0, |height| height.scale.abs());
+    let heights = maps.height.as_ref().map(|height| height.image.clone());
+    let mut height = match heights {
+        Some(image) if maps.normal.is_none() => textures.heights_or_normals(image)?,
+        heights => textures.make(heights.map(TextureSource::Height))?,
     };
     if height.as_ref().is_some_and(|made| made.of.kind() == TextureKind::Normal) {
-        (normal, normal_scale) = (height.take(), material.height_scale.abs().min(MAX_NORMAL_SCALE));
+        (normal, normal_scale) = (height.take(), height_scale.min(MAX_NORMAL_SCALE));
     }
 
-    let mut base_color = material.base_color;
-    if material.color_texture.is_some() && !has_colors(color.as_ref()) && base_color == [1.0; 3] {
-        base_color = FALLBACK_COLOR.map(srgb_to_linear);
-    }
+    let [r, g, b, opacity] = material.base_color;
+    let missing = maps.color.is_some() && !has_colors(color.as_ref());
+    let [r, g, b] =
+        if missing && [r, g, b] == [1.0; 3] { FALLBACK_COLOR.map(srgb_to_linear) } else { [r, g, b] };
     // Factors multiply their maps: with the maps missing, everything would be metallic or emissive.
-    let metallic = if has_metal(surface.as_ref()) == material.surface.metallic.is_some() {
-        material.metallic
-    } else {
-        0.0
-    };
-    let shines = emission.is_some() == material.emission_texture.is_some();
-    let [r, g, b] = base_color;
-    let depth = relief_depth.map_or(DEFAULT_RELIEF_DEPTH * material.height_scale.abs(), ReliefDepth::get);
+    let metallic =
+        if has_metal(surface.as_ref()) == maps.surface.metallic.is_some() { material.metallic } else { 0.0 };
+    let shines = emission.is_some() == maps.emission.is_some();
+    let depth = relief_depth.map_or(DEFAULT_RELIEF_DEPTH * height_scale, ReliefDepth::get);
     Ok(Material {
         name: truncated(&material.name),
-        base_color: [r, g, b, material.opacity],
-        roughness: material.roughness,
+        base_color: [r, g, b, opacity],
         metallic,
         emission: if shines { material.emission } else { [0.0; 3] },
-        alpha: alpha(material.alpha, color.as_ref()),
-        unlit: material.unlit,
-        wrap: material.wrap,
+        alpha: alpha(imported, color.as_ref()),
         base_color_texture: index(color.as_ref()),
         surface_texture: index(surface.as_ref()),
         normal_scale: if normal.is_some() { normal_scale } else { 1.0 },
@@ -101,34 +98,35 @@ fn describe_one(
         emission_texture: index(emission.as_ref()),
         relief_depth: if height.is_some() { depth.clamp(0.0, 1.0) } else { 0.0 },
         height_texture: index(height.as_ref()),
+        ..*material
     })
 }
 
 /// Source of a material's colour texture, with the use of its opacity.
-fn color_source(material: &lodestream_import::Material) -> Option<TextureSource> {
-    let (image, opacity) = (material.color_texture.clone(), material.opacity_texture.clone());
-    if image.is_none() && opacity.is_none() {
+fn color_source(imported: &ImportedMaterial) -> Option<TextureSource> {
+    let ImportedMaterial { material, maps, alpha_from_map } = imported;
+    if maps.color.is_none() && maps.opacity.is_none() {
         return None;
     }
     let used = match material.alpha {
-        lodestream_import::Alpha::Opaque => Opacity::Ignored,
+        _ if *alpha_from_map => Opacity::Guessed,
+        Alpha::Opaque => Opacity::Ignored,
         // The texture's opacity is compared after it is multiplied by the material's.
-        lodestream_import::Alpha::Mask(cutoff) => {
-            Opacity::Tested((255.0 * cutoff / material.opacity.max(f32::MIN_POSITIVE)).ceil().min(255.0) as u8)
+        Alpha::Mask(cutoff) => {
+            let opacity = material.base_color[3].max(f32::MIN_POSITIVE);
+            Opacity::Tested((255.0 * cutoff / opacity).ceil().min(255.0) as u8)
         }
-        lodestream_import::Alpha::Blend => Opacity::Blended,
-        lodestream_import::Alpha::Guess => Opacity::Guessed,
+        Alpha::Blend => Opacity::Blended,
     };
-    Some(TextureSource::Color { image, opacity, used })
+    Some(TextureSource::Color { image: maps.color.clone(), opacity: maps.opacity.clone(), used })
 }
 
-fn alpha(alpha: lodestream_import::Alpha, color: Option<&EncodedTexture>) -> Alpha {
-    match (alpha, color.map(|made| made.transparency)) {
-        (lodestream_import::Alpha::Mask(cutoff), _) => Alpha::Mask(cutoff),
-        (lodestream_import::Alpha::Blend, _)
-        | (lodestream_import::Alpha::Guess, Some(Transparency::Graded)) => Alpha::Blend,
-        (lodestream_import::Alpha::Guess, Some(Transparency::Holes)) => Alpha::Mask(0.5),
-        (lodestream_import::Alpha::Opaque | lodestream_import::Alpha::Guess, _) => Alpha::Opaque,
+/// The alpha mode: as stated, or by the texels of the opacity map.
+fn alpha(imported: &ImportedMaterial, color: Option<&EncodedTexture>) -> Alpha {
+    match color.map(|made| made.transparency) {
+        Some(Transparency::Graded) if imported.alpha_from_map => Alpha::Blend,
+        Some(Transparency::Holes) if imported.alpha_from_map => Alpha::Mask(0.5),
+        _ => imported.material.alpha,
     }
 }
 

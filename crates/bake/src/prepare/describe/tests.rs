@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use image::{GrayImage, Luma, Rgb, RgbImage};
-use lodestream_import::{Channel, Component, ImageSource, SurfaceMap};
+use lodestream_import::{Channel, Component, HeightMap, ImageSource, MaterialMaps, SurfaceMap};
 use lodestream_scene::asset::Wrap;
 use tempfile::TempDir;
 
@@ -15,15 +15,16 @@ fn a_textured_material_names_its_blobs() {
     let (color, height) = (dir.path().join("c.png"), dir.path().join("h.png"));
     RgbImage::from_pixel(32, 16, Rgb([9, 200, 30])).save(&color).unwrap();
     GrayImage::from_fn(64, 64, |x, y| Luma([(x * y) as u8])).save(&height).unwrap();
-    let brick = lodestream_import::Material {
-        name: "brick".repeat(99),
-        base_color: [1.0; 3],
-        color_texture: Some(color.into()),
-        height_texture: Some(height.into()),
-        height_scale: 0.5,
-        ..lodestream_import::Material::default()
+    let brick = ImportedMaterial {
+        material: Material { name: "brick".repeat(99), base_color: [1.0; 4], ..Material::default() },
+        maps: MaterialMaps {
+            color: Some(color.into()),
+            height: Some(HeightMap { image: height.into(), scale: 0.5 }),
+            ..MaterialMaps::default()
+        },
+        ..ImportedMaterial::default()
     };
-    let again = lodestream_import::Material { name: "same".into(), ..brick.clone() };
+    let again = ImportedMaterial { maps: brick.maps.clone(), ..ImportedMaterial::named("same") };
     let described = describe("wall", &[brick, again], None).unwrap();
     assert!(described.warnings.is_empty(), "{:?}", described.warnings);
     let AssetDescription { materials, textures, .. } = &described.description;
@@ -40,17 +41,16 @@ fn a_textured_material_names_its_blobs() {
         let lengths: Vec<usize> = info.levels.iter().map(|l| l.bytes as usize).collect();
         assert_eq!(lengths, blobs.iter().map(Vec::len).collect::<Vec<_>>());
     }
-    let fixed =
-        describe("wall", &[lodestream_import::Material::default()], ReliefDepth::try_from(0.3).ok()).unwrap();
+    let fixed = describe("wall", &[ImportedMaterial::default()], ReliefDepth::try_from(0.3).ok()).unwrap();
     assert_eq!(fixed.description.materials[0].relief_depth, 0.0);
 }
 
 #[test]
 fn a_missing_texture_is_a_warning_and_a_colour() {
-    let material = lodestream_import::Material {
-        base_color: [1.0; 3],
-        color_texture: Some(PathBuf::from("/no/brick.png").into()),
-        ..lodestream_import::Material::default()
+    let material = ImportedMaterial {
+        material: Material { base_color: [1.0; 4], ..Material::default() },
+        maps: MaterialMaps { color: Some(PathBuf::from("/no/brick.png").into()), ..MaterialMaps::default() },
+        ..ImportedMaterial::default()
     };
     let described = describe("wall", &[material], None).unwrap();
     assert_eq!(described.warnings.len(), 1);
@@ -70,24 +70,30 @@ fn image(dir: &TempDir, name: &str, color: [u8; 3]) -> ImageSource {
 fn every_field_and_map_is_described() {
     let dir = TempDir::new().unwrap();
     let rough = image(&dir, "r.png", [9, 102, 51]);
-    let material = lodestream_import::Material {
-        opacity: 0.5,
-        roughness: 0.25,
-        metallic: 0.75,
-        emission: [1.0, 2.0, 3.0],
-        alpha: lodestream_import::Alpha::Mask(0.25),
-        unlit: true,
-        wrap: [Wrap::Clamp, Wrap::Mirror],
-        color_texture: Some(image(&dir, "c.png", [1, 2, 3])),
-        surface: SurfaceMap {
-            occlusion: None,
-            roughness: Some(Channel::plain(rough.clone(), Component::Green)),
-            metallic: Some(Channel::plain(rough, Component::Blue)),
+    let material = ImportedMaterial {
+        material: Material {
+            base_color: [0.8, 0.8, 0.8, 0.5],
+            roughness: 0.25,
+            metallic: 0.75,
+            emission: [1.0, 2.0, 3.0],
+            alpha: Alpha::Mask(0.25),
+            unlit: true,
+            wrap: [Wrap::Clamp, Wrap::Mirror],
+            normal_scale: 2.0,
+            ..Material::default()
         },
-        normal_texture: Some(image(&dir, "n.png", [128, 128, 255])),
-        normal_scale: 2.0,
-        emission_texture: Some(image(&dir, "e.png", [200, 100, 0])),
-        ..lodestream_import::Material::default()
+        maps: MaterialMaps {
+            color: Some(image(&dir, "c.png", [1, 2, 3])),
+            surface: SurfaceMap {
+                occlusion: None,
+                roughness: Some(Channel::plain(rough.clone(), Component::Green)),
+                metallic: Some(Channel::plain(rough, Component::Blue)),
+            },
+            normal: Some(image(&dir, "n.png", [128, 128, 255])),
+            emission: Some(image(&dir, "e.png", [200, 100, 0])),
+            ..MaterialMaps::default()
+        },
+        ..ImportedMaterial::default()
     };
     let described = describe("a", &[material.clone(), material], None).unwrap();
     assert!(described.warnings.is_empty(), "{:?}", described.warnings);
@@ -111,17 +117,19 @@ fn every_field_and_map_is_described() {
 fn a_lost_map_does_not_make_everything_metal_or_light() {
     let dir = TempDir::new().unwrap();
     let lost = || ImageSource::from(dir.path().join("none.png"));
-    let material = lodestream_import::Material {
-        metallic: 1.0,
-        emission: [1.0; 3],
-        surface: SurfaceMap {
-            roughness: Some(Channel::plain(image(&dir, "r.png", [0, 7, 0]), Component::Green)),
-            metallic: Some(Channel::plain(lost(), Component::Blue)),
-            occlusion: None,
+    let material = ImportedMaterial {
+        material: Material { metallic: 1.0, emission: [1.0; 3], ..Material::default() },
+        maps: MaterialMaps {
+            surface: SurfaceMap {
+                roughness: Some(Channel::plain(image(&dir, "r.png", [0, 7, 0]), Component::Green)),
+                metallic: Some(Channel::plain(lost(), Component::Blue)),
+                occlusion: None,
+            },
+            emission: Some(lost()),
+            normal: Some(lost()),
+            ..MaterialMaps::default()
         },
-        emission_texture: Some(lost()),
-        normal_texture: Some(lost()),
-        ..lodestream_import::Material::default()
+        ..ImportedMaterial::default()
     };
     let described = describe("a", &[material], None).unwrap();
     assert_eq!(described.warnings.len(), 1, "once a file: {:?}", described.warnings);
@@ -134,10 +142,10 @@ fn a_lost_map_does_not_make_everything_metal_or_light() {
 fn a_normal_map_where_heights_belong_is_drawn_as_one() {
     let dir = TempDir::new().unwrap();
     let bump = image(&dir, "b.png", [128, 127, 255]);
-    let material = lodestream_import::Material {
-        height_texture: Some(bump.clone()),
-        height_scale: 0.5,
-        ..lodestream_import::Material::default()
+    let height = Some(HeightMap { image: bump, scale: 0.5 });
+    let material = ImportedMaterial {
+        maps: MaterialMaps { height, ..MaterialMaps::default() },
+        ..ImportedMaterial::default()
     };
     let described = describe("a", std::slice::from_ref(&material), None).unwrap();
     assert!(described.warnings.is_empty(), "{:?}", described.warnings);
@@ -145,10 +153,8 @@ fn a_normal_map_where_heights_belong_is_drawn_as_one() {
     assert_eq!((shown.height_texture, shown.normal_texture, shown.normal_scale), (None, Some(0), 0.5));
     assert_eq!(described.description.textures[0].kind, TextureKind::Normal);
     // A material with a normal map ignores it.
-    let both = lodestream_import::Material {
-        normal_texture: Some(image(&dir, "n.png", [128, 128, 255])),
-        ..material
-    };
+    let mut both = material;
+    both.maps.normal = Some(image(&dir, "n.png", [128, 128, 255]));
     let described = describe("a", &[both], None).unwrap();
     assert!(described.warnings[0].contains("looks like a normal map"), "{:?}", described.warnings);
     assert_eq!(described.description.textures.len(), 1);
@@ -157,25 +163,25 @@ fn a_normal_map_where_heights_belong_is_drawn_as_one() {
 #[test]
 fn opacity_maps_say_whether_they_are_masks() {
     let dir = TempDir::new().unwrap();
-    let alpha = |name: &str, value: &dyn Fn(u32) -> u8, opacity: f32| {
+    let alpha = |name: &str, value: &dyn Fn(u32) -> u8| {
         let path = dir.path().join(name);
         GrayImage::from_fn(16, 16, |x, _| Luma([value(x)])).save(&path).unwrap();
-        let material = lodestream_import::Material {
-            opacity,
-            alpha: lodestream_import::Alpha::Guess,
-            opacity_texture: Some(Channel::plain(path.into(), Component::Mask)),
-            ..lodestream_import::Material::default()
+        let opacity = Some(Channel::plain(path.into(), Component::Mask));
+        let material = ImportedMaterial {
+            maps: MaterialMaps { opacity, ..MaterialMaps::default() },
+            alpha_from_map: true,
+            ..ImportedMaterial::default()
         };
         describe("a", &[material], None).unwrap().description.materials[0].alpha
     };
-    assert_eq!(alpha("holes.png", &|x| if x < 8 { 0 } else { 255 }, 1.0), Alpha::Mask(0.5));
-    assert_eq!(alpha("graded.png", &|x| x as u8 * 16, 1.0), Alpha::Blend);
-    assert_eq!(alpha("white.png", &|_| 255, 1.0), Alpha::Opaque);
+    assert_eq!(alpha("holes.png", &|x| if x < 8 { 0 } else { 255 }), Alpha::Mask(0.5));
+    assert_eq!(alpha("graded.png", &|x| x as u8 * 16), Alpha::Blend);
+    assert_eq!(alpha("white.png", &|_| 255), Alpha::Opaque);
 }
 
 #[test]
 fn a_plain_material_takes_11_bytes() {
-    let plain = lodestream_import::Material { name: "m".into(), ..lodestream_import::Material::default() };
+    let plain = ImportedMaterial::named("m");
     let bytes = describe("a", &[plain], None).unwrap().description.encode().unwrap();
     // Name, one material of 11 bytes and its name, no texture.
     assert_eq!(bytes.len(), 2 + 1 + 11 + 1 + 1, "{bytes:?}");

@@ -1,10 +1,10 @@
 //! Materials: every field, defaults of missing fields, and invalid values.
 
-use lodestream_scene::asset::{MAX_EMISSION, Wrap};
+use lodestream_scene::asset::{Alpha, MAX_EMISSION, Wrap};
 use serde_json::{Value, json};
 
 use super::Model;
-use crate::{Alpha, Channel, Component, Imported, Material, SurfaceMap};
+use crate::{Channel, Component, Imported, ImportedMaterial, MaterialMaps, SurfaceMap};
 
 /// A quad with texture coordinates, and a texture for each image `0.png` to `5.png` beside it.
 fn textured(material: Value) -> Model {
@@ -18,12 +18,12 @@ fn textured(material: Value) -> Model {
     model
 }
 
-fn read(model: &Model) -> (Material, Vec<String>) {
+fn read(model: &Model) -> (ImportedMaterial, Vec<String>) {
     let Imported { materials, warnings, .. } = model.read().unwrap();
     (materials[0].clone(), warnings)
 }
 
-fn converted(material: Value) -> Material {
+fn converted(material: Value) -> ImportedMaterial {
     let (material, warnings) = read(&textured(material));
     assert!(warnings.is_empty(), "{warnings:?}");
     material
@@ -40,7 +40,7 @@ fn channel(channel: Option<&Channel>) -> (String, Component, bool, u16) {
 
 #[test]
 fn every_field_has_its_place() {
-    let material = converted(json!({
+    let ImportedMaterial { material, maps, .. } = converted(json!({
         "name": "brick",
         "pbrMetallicRoughness": {
             "baseColorFactor": [0.5, 1, 0.25, 0.75], "metallicFactor": 0.25, "roughnessFactor": 0.5,
@@ -52,19 +52,16 @@ fn every_field_has_its_place() {
         "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": 8}},
         "alphaMode": "MASK", "alphaCutoff": 0.25, "doubleSided": true,
     }));
-    assert_eq!((material.base_color, material.opacity), ([0.5, 1.0, 0.25], 0.75));
+    assert_eq!(material.base_color, [0.5, 1.0, 0.25, 0.75]);
     assert_eq!((material.metallic, material.roughness), (0.25, 0.5));
-    assert_eq!(name(material.color_texture.as_ref()).as_deref(), Some("0.png"));
-    assert_eq!(channel(material.surface.occlusion.as_ref()), ("3.png".into(), Component::Red, false, 32_768));
+    assert_eq!(name(maps.color.as_ref()).as_deref(), Some("0.png"));
+    assert_eq!(channel(maps.surface.occlusion.as_ref()), ("3.png".into(), Component::Red, false, 32_768));
     let whole = u16::MAX;
-    assert_eq!(
-        channel(material.surface.roughness.as_ref()),
-        ("1.png".into(), Component::Green, false, whole)
-    );
-    assert_eq!(channel(material.surface.metallic.as_ref()), ("1.png".into(), Component::Blue, false, whole));
-    assert_eq!(name(material.normal_texture.as_ref()).as_deref(), Some("2.png"));
+    assert_eq!(channel(maps.surface.roughness.as_ref()), ("1.png".into(), Component::Green, false, whole));
+    assert_eq!(channel(maps.surface.metallic.as_ref()), ("1.png".into(), Component::Blue, false, whole));
+    assert_eq!(name(maps.normal.as_ref()).as_deref(), Some("2.png"));
     assert_eq!(material.normal_scale, 0.5);
-    assert_eq!(name(material.emission_texture.as_ref()).as_deref(), Some("4.png"));
+    assert_eq!(name(maps.emission.as_ref()).as_deref(), Some("4.png"));
     assert_eq!(material.emission, [8.0, 4.0, 0.0]);
     assert_eq!(material.alpha, Alpha::Mask(0.25));
     assert_eq!((material.unlit, material.wrap), (false, [Wrap::Repeat; 2]));
@@ -72,17 +69,17 @@ fn every_field_has_its_place() {
 
 #[test]
 fn missing_fields_have_the_formats_defaults() {
-    let plain = converted(json!({"alphaMode": "MASK", "normalTexture": {"index": 0}}));
+    let plain = converted(json!({"alphaMode": "MASK", "normalTexture": {"index": 0}})).material;
     assert_eq!((plain.metallic, plain.roughness, plain.normal_scale), (1.0, 1.0, 1.0));
     assert_eq!((plain.alpha, plain.emission), (Alpha::Mask(0.5), [0.0; 3]));
     // Also in a file without materials.
-    let none = Model::quad().read().unwrap().materials;
-    assert_eq!((none[0].metallic, none[0].roughness, none[0].alpha), (1.0, 1.0, Alpha::Opaque));
+    let none = &Model::quad().read().unwrap().materials[0].material;
+    assert_eq!((none.metallic, none.roughness, none.alpha), (1.0, 1.0, Alpha::Opaque));
     let blended =
         converted(json!({"alphaMode": "BLEND", "pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 0.5]}}));
-    assert_eq!((blended.alpha, blended.opacity), (Alpha::Blend, 0.5));
+    assert_eq!((blended.material.alpha, blended.material.base_color[3]), (Alpha::Blend, 0.5));
     let emissive = json!({"emissiveTexture": {"index": 4}});
-    assert_eq!(converted(emissive).emission_texture, None, "a factor of zero makes it black");
+    assert_eq!(converted(emissive).maps.emission, None, "a factor of zero makes it black");
 }
 
 #[test]
@@ -94,10 +91,10 @@ fn unlit_materials_have_their_colour_alone() {
     }));
     model.json["extensionsUsed"] = json!(["KHR_materials_unlit"]);
     model.json["extensionsRequired"] = json!(["KHR_materials_unlit"]);
-    let (material, warnings) = read(&model);
+    let (ImportedMaterial { material, maps, .. }, warnings) = read(&model);
     assert!(material.unlit && warnings.is_empty(), "{warnings:?}");
-    assert!(material.color_texture.is_some() && material.surface.is_empty());
-    assert_eq!((&material.normal_texture, &material.emission_texture), (&None, &None));
+    assert!(maps.color.is_some() && maps.surface.is_empty());
+    assert_eq!((&maps.normal, &maps.emission), (&None, &None));
     assert_eq!(material.emission, [0.0; 3]);
 }
 
@@ -113,11 +110,11 @@ fn maps_with_coordinates_of_their_own_are_left_out_by_name() {
     let uvs = model.json["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"].clone();
     model.primitive()["attributes"]["TEXCOORD_1"] = uvs;
     let imported = model.read().unwrap();
-    let material = &imported.materials[0];
+    let maps = &imported.materials[0].maps;
     // Without a base colour texture, the first map determines the texture coordinates.
-    assert!(material.normal_texture.is_some() && material.emission_texture.is_some());
+    assert!(maps.normal.is_some() && maps.emission.is_some());
     assert_eq!(imported.mesh.uvs[0], [0.25, 1.0]);
-    assert!(material.surface.is_empty());
+    assert!(maps.surface.is_empty());
     let [warning, _unused] = &imported.warnings[..] else { panic!("{:?}", imported.warnings) };
     for part in ["\"wall\"", "its occlusion texture", "other texture coordinates than its normal texture"] {
         assert!(warning.contains(part), "{warning:?} lacks {part:?}");
@@ -145,15 +142,15 @@ fn five_maps(own: &[usize], coordinates: &Value) -> Model {
 }
 
 /// Which maps a material has: base colour, metal and roughness, normals, occlusion, emission.
-fn there(material: &Material) -> [bool; 5] {
-    let SurfaceMap { occlusion, roughness, metallic, .. } = &material.surface;
+fn there(maps: &MaterialMaps) -> [bool; 5] {
+    let SurfaceMap { occlusion, roughness, metallic, .. } = &maps.surface;
     assert_eq!(roughness.is_some(), metallic.is_some());
     [
-        material.color_texture.is_some(),
+        maps.color.is_some(),
         roughness.is_some(),
-        material.normal_texture.is_some(),
+        maps.normal.is_some(),
         occlusion.is_some(),
-        material.emission_texture.is_some(),
+        maps.emission.is_some(),
     ]
 }
 
@@ -180,7 +177,7 @@ fn each_map_with_coordinates_of_its_own_is_named_with_what_to_do() {
             // The base colour comes first: if it is the odd one, all others are left out.
             let left_out: Vec<_> = (1..5).filter(|other| number == 0 || *other == number).collect();
             assert_eq!(
-                there(&imported.materials[0]),
+                there(&imported.materials[0].maps),
                 [0, 1, 2, 3, 4].map(|i| !left_out.contains(&i)),
                 "{kind}"
             );
@@ -201,13 +198,13 @@ fn each_map_with_coordinates_of_its_own_is_named_with_what_to_do() {
                 );
             }
             // Maps that are left out make nothing metallic or emissive.
-            let material = &imported.materials[0];
+            let material = &imported.materials[0].material;
             assert_eq!(material.metallic, if left_out.contains(&1) { 0.0 } else { 1.0 });
             assert_eq!(material.emission, if left_out.contains(&4) { [0.0; 3] } else { [1.0; 3] });
         }
         // If all maps have the same coordinates, nothing is left out and the mesh has these coordinates.
         let alike = five_maps(&[0, 1, 2, 3, 4], kind).read().unwrap();
-        assert_eq!(there(&alike.materials[0]), [true; 5], "{kind}");
+        assert_eq!(there(&alike.materials[0].maps), [true; 5], "{kind}");
         assert!(!alike.warnings.iter().any(|warning| warning.contains("left out")), "{:?}", alike.warnings);
         assert_ne!(alike.mesh.uvs[0], [0.0, 1.0], "{kind}");
     }
@@ -260,15 +257,15 @@ fn samplers_say_how_maps_continue() {
     model.json["textures"][0]["sampler"] = json!(0);
     model.json["textures"][1]["sampler"] = json!(0);
     let (material, warnings) = read(&model);
-    assert_eq!(material.wrap, [Wrap::Clamp, Wrap::Mirror]);
+    assert_eq!(material.material.wrap, [Wrap::Clamp, Wrap::Mirror]);
     assert!(warnings.is_empty(), "{warnings:?}");
     model.json["textures"][1]["sampler"] = json!(1);
     let (material, warnings) = read(&model);
-    assert_eq!(material.wrap, [Wrap::Clamp, Wrap::Mirror]);
-    assert!(material.normal_texture.is_some());
+    assert_eq!(material.material.wrap, [Wrap::Clamp, Wrap::Mirror]);
+    assert!(material.maps.normal.is_some());
     assert!(warnings[0].contains("its normal texture wraps differently"), "{warnings:?}");
     model.json["textures"][0]["sampler"] = json!(7);
-    assert_eq!(read(&model).0.wrap, [Wrap::Repeat; 2]);
+    assert_eq!(read(&model).0.material.wrap, [Wrap::Repeat; 2]);
 }
 
 #[test]
@@ -276,7 +273,7 @@ fn values_out_of_range_are_brought_into_it() {
     for (value, unit, positive) in
         [(json!(-3), 0.0, 0.0), (json!(7), 1.0, 7.0), (json!(1e39), 1.0, MAX_EMISSION)]
     {
-        let (material, _) = read(&textured(json!({
+        let (ImportedMaterial { material, maps, .. }, _) = read(&textured(json!({
             "pbrMetallicRoughness":
                 {"baseColorFactor": [value, value, value, value], "metallicFactor": value, "roughnessFactor": value},
             "emissiveFactor": [1, value, value],
@@ -284,24 +281,24 @@ fn values_out_of_range_are_brought_into_it() {
             "occlusionTexture": {"index": 0, "strength": value},
             "alphaMode": "BLEND",
         })));
-        assert_eq!((material.base_color, material.opacity), ([unit; 3], unit), "{value}");
+        assert_eq!(material.base_color, [unit; 4], "{value}");
         assert_eq!((material.metallic, material.roughness), (unit, unit), "{value}");
         assert_eq!(material.emission[0], positive, "{value}");
-        assert_eq!(material.surface.is_empty(), unit == 0.0, "occlusion of strength 0 is none");
+        assert_eq!(maps.surface.is_empty(), unit == 0.0, "occlusion of strength 0 is none");
     }
     let mask = |cutoff: Value| {
-        let (material, _) = read(&textured(json!({"alphaMode": "MASK", "alphaCutoff": cutoff})));
-        (material.alpha, material.opacity)
+        let material = read(&textured(json!({"alphaMode": "MASK", "alphaCutoff": cutoff}))).0.material;
+        (material.alpha, material.base_color[3])
     };
     assert_eq!(mask(json!(-1)), (Alpha::Mask(0.0), 1.0));
     assert_eq!(mask(json!(1.5)), (Alpha::Mask(1.0), 0.0), "nothing of it is there");
     let scaled = |scale: Value| read(&textured(json!({"normalTexture": {"index": 0, "scale": scale}})));
-    assert_eq!(scaled(json!(1e39)).0.normal_scale, 64.0);
+    assert_eq!(scaled(json!(1e39)).0.material.normal_scale, 64.0);
     let (negative, warnings) = scaled(json!(-1));
-    assert_eq!(negative.normal_texture, None);
+    assert_eq!(negative.maps.normal, None);
     assert!(warnings[0].contains("scale below zero"), "{warnings:?}");
     let (unknown, warnings) = read(&textured(json!({"alphaMode": "GLASS"})));
-    assert_eq!(unknown.alpha, Alpha::Opaque);
+    assert_eq!(unknown.material.alpha, Alpha::Opaque);
     assert!(warnings[0].contains("alphaMode"), "{warnings:?}");
     let infinite = json!({"KHR_texture_transform": {"scale": [1e39, 1]}});
     let (_, warnings) = read(&textured(
@@ -310,13 +307,13 @@ fn values_out_of_range_are_brought_into_it() {
     assert!(warnings[0].contains("not finite"), "{warnings:?}");
     let odd = json!({"KHR_texture_transform": {"scale": "large"}});
     let (material, warnings) = read(&textured(json!({"normalTexture": {"index": 0, "extensions": odd}})));
-    assert!(material.normal_texture.is_some());
+    assert!(material.maps.normal.is_some());
     assert!(warnings[0].contains("KHR_texture_transform is not used"), "{warnings:?}");
 }
 
 #[test]
 fn a_lost_map_does_not_make_everything_metal_or_light() {
-    let (material, warnings) = read(&textured(json!({
+    let (ImportedMaterial { material, .. }, warnings) = read(&textured(json!({
         "pbrMetallicRoughness": {"metallicRoughnessTexture": {"index": 9}},
         "emissiveTexture": {"index": 9}, "emissiveFactor": [1, 1, 1],
     })));
@@ -354,8 +351,9 @@ fn no_file_is_refused_for_its_materials() {
 #[test]
 fn transmission_becomes_transparency_and_glossiness_inverse_roughness() {
     let glass = |more: Value| {
-        let (material, _) = read(&textured(json!({"extensions": {"KHR_materials_transmission": more}})));
-        (material.alpha, material.opacity)
+        let (ImportedMaterial { material, .. }, _) =
+            read(&textured(json!({"extensions": {"KHR_materials_transmission": more}})));
+        (material.alpha, material.base_color[3])
     };
     let (alpha, opacity) = glass(json!({"transmissionFactor": 0.5}));
     assert_eq!((alpha, (opacity - 0.55).abs() < 1e-6), (Alpha::Blend, true));
@@ -366,20 +364,24 @@ fn transmission_becomes_transparency_and_glossiness_inverse_roughness() {
         |more: Value| read(&textured(json!({"extensions": {"KHR_materials_pbrSpecularGlossiness": more}}))).0;
     let painted = glossy(json!({"diffuseFactor": [0.5, 0, 0, 1], "glossinessFactor": 0.75,
         "diffuseTexture": {"index": 1}}));
-    assert_eq!((painted.base_color, painted.metallic, painted.roughness), ([0.5, 0.0, 0.0], 0.0, 0.25));
-    assert_eq!(name(painted.color_texture.as_ref()).as_deref(), Some("1.png"));
+    let paint = &painted.material;
+    assert_eq!((paint.base_color, paint.metallic, paint.roughness), ([0.5, 0.0, 0.0, 1.0], 0.0, 0.25));
+    assert_eq!(name(painted.maps.color.as_ref()).as_deref(), Some("1.png"));
     let mapped = glossy(json!({"glossinessFactor": 0.5, "specularGlossinessTexture": {"index": 2}}));
-    assert_eq!(mapped.roughness, 1.0);
-    assert_eq!(channel(mapped.surface.roughness.as_ref()), ("2.png".into(), Component::Alpha, true, 32_768));
+    assert_eq!(mapped.material.roughness, 1.0);
     assert_eq!(
-        mapped.surface,
-        SurfaceMap { roughness: mapped.surface.roughness.clone(), ..SurfaceMap::default() }
+        channel(mapped.maps.surface.roughness.as_ref()),
+        ("2.png".into(), Component::Alpha, true, 32_768)
     );
-    let gold = glossy(json!({"diffuseFactor": [0, 0, 0, 1], "specularFactor": [1, 0.75, 0.25]}));
-    assert_eq!((gold.base_color, gold.metallic), ([1.0, 0.75, 0.25], 1.0));
+    assert_eq!(
+        mapped.maps.surface,
+        SurfaceMap { roughness: mapped.maps.surface.roughness.clone(), ..SurfaceMap::default() }
+    );
+    let gold = glossy(json!({"diffuseFactor": [0, 0, 0, 1], "specularFactor": [1, 0.75, 0.25]})).material;
+    assert_eq!((gold.base_color, gold.metallic), ([1.0, 0.75, 0.25, 1.0], 1.0));
     let both = read(&textured(json!({
         "pbrMetallicRoughness": {"metallicFactor": 0.5},
         "extensions": {"KHR_materials_pbrSpecularGlossiness": {"diffuseFactor": [0, 0, 1, 1]}},
     })));
-    assert_eq!((both.0.base_color, both.0.metallic), ([1.0; 3], 0.5));
+    assert_eq!((both.0.material.base_color, both.0.material.metallic), ([1.0; 4], 0.5));
 }

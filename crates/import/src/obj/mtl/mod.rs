@@ -1,4 +1,4 @@
-//! MTL files to [`Material`]s.
+//! MTL files to [`ImportedMaterial`]s.
 //!
 //! `tobj` reads the values; the pass before it drops lines that it would fail or panic on, with a
 //! warning. Texture options (`-bm`, `-s`, …) are split from the file names here. Besides Wavefront's keywords, those of
@@ -13,9 +13,9 @@ mod tests;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use lodestream_scene::asset::{MAX_EMISSION, MAX_NORMAL_SCALE};
+use lodestream_scene::asset::{Alpha, MAX_EMISSION, MAX_NORMAL_SCALE, Material};
 
-use crate::model::{Alpha, Channel, Component, ImageSource, Material, SurfaceMap};
+use crate::model::{Channel, Component, HeightMap, ImageSource, ImportedMaterial, MaterialMaps, SurfaceMap};
 use crate::srgb::srgb_to_linear;
 use options::TextureOptions;
 pub(super) use options::locate;
@@ -27,7 +27,7 @@ const MAX_MTL_BYTES: u64 = 64 << 20;
 const MAX_WARNINGS: usize = 20;
 
 /// Materials by name; the last definition of a name is used, as in `tobj`.
-pub(super) type Library = BTreeMap<String, Material>;
+pub(super) type Library = BTreeMap<String, ImportedMaterial>;
 
 /// Reads one MTL file of a model in folder `root` into `library`. Unusable lines become warnings.
 pub(super) fn load(root: &Path, path: &Path, library: &mut Library, warnings: &mut Vec<String>) {
@@ -83,8 +83,8 @@ impl Textures<'_> {
     }
 }
 
-fn convert(material: &tobj::Material, textures: &mut Textures<'_>) -> Material {
-    let default = Material::default();
+fn convert(material: &tobj::Material, textures: &mut Textures<'_>) -> ImportedMaterial {
+    let default = ImportedMaterial::default().material;
     let unknown = |keyword: &str| material.unknown_param.get(keyword);
     let texture = |text: Option<&String>| text.map(|text| TextureOptions::parse(text));
     let number = |keyword: &str| unknown(keyword).and_then(|text| text.parse::<f64>().ok());
@@ -124,13 +124,14 @@ fn convert(material: &tobj::Material, textures: &mut Textures<'_>) -> Material {
         roughness: textures.channel(rough.as_ref(), Component::Luminance),
         metallic: textures.channel(metal.as_ref(), Component::Luminance),
     };
-    let emission_texture = textures.image(emission_map.as_ref());
+    let emission = textures.image(emission_map.as_ref());
     let first = [&color, &opacity_map, &rough, &metal, &normal, &emission_map, &height];
-    Material {
+    let [r, g, b, _] = default.base_color;
+    let [r, g, b] = factor(material.diffuse, color.is_some())
+        .map_or([r, g, b], |rgb| rgb.map(|x| srgb_to_linear(x.clamp(0.0, 1.0) as f32)));
+    let constants = Material {
         name: name.clone(),
-        base_color: factor(material.diffuse, color.is_some())
-            .map_or(default.base_color, |rgb| rgb.map(|x| srgb_to_linear(x.clamp(0.0, 1.0) as f32))),
-        opacity,
+        base_color: [r, g, b, opacity],
         roughness: match (factor(number("Pr"), rough.is_some()), material.shininess) {
             (Some(roughness), _) => roughness.clamp(0.0, 1.0) as f32,
             (None, Some(exponent)) => roughness_of(exponent),
@@ -144,25 +145,25 @@ fn convert(material: &tobj::Material, textures: &mut Textures<'_>) -> Material {
             _ => 0.0,
         },
         emission: match factor(material.emissive, emission_map.is_some()) {
-            Some(rgb) if emission_texture.is_some() == emission_map.is_some() => rgb.map(emitted),
+            Some(rgb) if emission.is_some() == emission_map.is_some() => rgb.map(emitted),
             _ => [0.0; 3],
         },
-        alpha: match opacity_texture {
-            _ if opacity < 1.0 => Alpha::Blend,
-            Some(_) => Alpha::Guess,
-            None => Alpha::Opaque,
-        },
+        alpha: if opacity < 1.0 { Alpha::Blend } else { Alpha::Opaque },
         unlit: material.illumination_model == Some(0),
         wrap: first.into_iter().flatten().next().map_or(default.wrap, |texture| texture.wrap),
-        color_texture: textures.image(color.as_ref()),
-        opacity_texture,
-        surface,
         normal_scale: normal.as_ref().map_or(1.0, |t| t.bump.min(MAX_NORMAL_SCALE)),
-        normal_texture: textures.image(normal.as_ref()),
-        emission_texture,
-        height_scale: height.as_ref().map_or(1.0, |t| t.bump),
-        height_texture: textures.image(height.as_ref()),
-    }
+        ..Material::default()
+    };
+    let alpha_from_map = opacity >= 1.0 && opacity_texture.is_some();
+    let maps = MaterialMaps {
+        color: textures.image(color.as_ref()),
+        opacity: opacity_texture,
+        surface,
+        normal: textures.image(normal.as_ref()),
+        emission,
+        height: height.and_then(|t| Some(HeightMap { image: textures.image(Some(&t))?, scale: t.bump })),
+    };
+    ImportedMaterial { material: constants, maps, alpha_from_map }
 }
 
 /// The factor on a texture: 1 if none is stated, or if it is zero, which some exporters write for textured materials.
