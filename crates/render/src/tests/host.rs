@@ -193,7 +193,7 @@ fn invalid_target_views_are_errors() {
         refused(&texture(gpu, wgpu::TextureFormat::Rgba16Float, SIZE, 1), None, "Rgba16Float");
         refused(&texture(gpu, COLOUR, SIZE, 4), None, "4 samples");
         refused(&texture(gpu, COLOUR, (8, 8), 1), None, "(8, 8) pixels");
-        refused(&good, Some(&texture(gpu, COLOUR, SIZE, 1)), "no depth format");
+        refused(&good, Some(&texture(gpu, COLOUR, SIZE, 1)), "not a depth format");
         refused(&good, Some(&texture(gpu, DEPTH, (8, 8), 1)), "(8, 8) pixels");
     });
 }

@@ -314,7 +314,7 @@ mod tests {
     #[test]
     fn bad_lists_are_refused_with_the_section_and_the_reason() {
         let cases = [
-            (GOOD.replace("a-1", "a/1"), "section 1", "no name"),
+            (GOOD.replace("a-1", "a/1"), "section 1", "not a name"),
             (format!("{GOOD}{GOOD}"), "a-1", "two sections"),
             (GOOD.replace("y = 1.5", "z = 1.5"), "ratios", "z is not one of its columns"),
             (GOOD.replace("y = 1.5", "y = 0.5"), "y", "factor"),
