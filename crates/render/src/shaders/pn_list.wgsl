@@ -99,7 +99,7 @@ fn cs_measure(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation
                 let ab = edge_step(c[0], c[1], instance);
                 let bc = edge_step(c[1], c[2], instance);
                 let ca = edge_step(c[2], c[0], instance);
-                found = max(ab, max(bc, ca)) | ab << 4u | bc << 7u | ca << 10u;
+                found = max(ab, max(bc, ca)) | (ab << 4u) | (bc << 7u) | (ca << 10u);
             }
         }
         steps_of[number] = found;

@@ -43,10 +43,10 @@ fn patch_point(v: VertexIn) -> PatchPoint {
         w.y = snapped(w.y, step, on.steps & 7u);
         w.x = pieces - w.y;
     } else if (w.x == 0u) {
-        w.z = snapped(w.z, step, on.steps >> 3u & 7u);
+        w.z = snapped(w.z, step, (on.steps >> 3u) & 7u);
         w.y = pieces - w.z;
     } else if (w.y == 0u) {
-        w.x = snapped(w.x, step, on.steps >> 6u & 7u);
+        w.x = snapped(w.x, step, (on.steps >> 6u) & 7u);
         w.z = pieces - w.x;
     }
     return PatchPoint(on.face, on.instance, vec3<f32>(w) / f32(pieces));

@@ -11,7 +11,7 @@ const RELIEF_OFFSET: u32 = 3u;
 const RELIEF_FINEST: f32 = 0.5;
 
 fn relief_way() -> u32 {
-    return frame.flags >> RELIEF_WAY_BIT & 3u;
+    return (frame.flags >> RELIEF_WAY_BIT) & 3u;
 }
 
 // Fraction of the way from `start` (surface) to `start + span` (full depth) at which the ray meets the height field.

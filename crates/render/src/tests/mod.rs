@@ -35,6 +35,7 @@ mod temporal;
 pub(crate) mod terrain;
 mod timing;
 mod water;
+mod wgsl_operators;
 mod wireframe;
 
 use std::io::Write;
