@@ -734,7 +734,7 @@ def check_upgrade(request, answer):
     magic = asked["sec-websocket-key"] + "258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
     key = base64.b64encode(hashlib.sha1(magic.encode()).digest()).decode()
     ensure(answered["sec-websocket-accept"] == key, "the upgrade's key is wrong")
-    ensure(answered.get("sec-websocket-protocol", "lodestream/2") == "lodestream/2", "another subprotocol")
+    ensure(answered.get("sec-websocket-protocol", "lodestream.2") == "lodestream.2", "another subprotocol")
 
 
 def websocket_messages(data, masked):

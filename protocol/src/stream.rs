@@ -19,8 +19,9 @@ use lodestream_scene::blob::BlobId;
 use lodestream_scene::encoding::CodingError;
 use lodestream_scene::limits::{MAX_BLOB_BYTES, MAX_NAME_BYTES, MAX_PIECE_BYTES};
 
-/// Name of the protocol in TLS ALPN and as WebSocket subprotocol.
-pub const ALPN: &str = "lodestream/2";
+/// Name of the protocol in TLS ALPN and as WebSocket subprotocol. A subprotocol is a token (RFC 6455, 11.3.4), which
+/// contains no slash: browsers refuse to ask for others.
+pub const ALPN: &str = "lodestream.2";
 
 /// ALPN name of a session with the scene `name`: [`ALPN`], a slash, and the first 32 hexadecimal digits of the name's
 /// BLAKE3 hash. A client offers it before [`ALPN`], so that a server with several scenes can choose the scene before
@@ -170,6 +171,13 @@ impl BlobStreamReader {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// RFC 9110, 5.6.2.
+    #[test]
+    fn the_subprotocol_is_a_token() {
+        let is_token = |c: char| c.is_ascii_alphanumeric() || "!#$%&'*+-.^_`|~".contains(c);
+        assert!(!ALPN.is_empty() && ALPN.chars().all(is_token), "{ALPN}");
+    }
 
     fn stream(id: BlobId, bytes: &[u8]) -> Vec<u8> {
         let total = u32::try_from(bytes.len()).unwrap();

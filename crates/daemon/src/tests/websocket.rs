@@ -37,7 +37,7 @@ async fn the_push_is_in_the_same_flight_as_the_upgrade() {
     tokio::spawn(accept_http(far, state, peer()));
     let request = "GET / HTTP/1.1\r\nHost: s\r\nConnection: keep-alive, Upgrade\r\nUpgrade: websocket\r\n\
          Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\
-         Sec-WebSocket-Protocol: lodestream/2\r\n\r\n";
+         Sec-WebSocket-Protocol: lodestream.2\r\n\r\n";
     near.write_all(request.as_bytes()).await.unwrap();
     // The client sends nothing more, and no time passes.
     let mut received = Vec::new();
@@ -49,7 +49,7 @@ async fn the_push_is_in_the_same_flight_as_the_upgrade() {
     assert!(head.starts_with("http/1.1 101 "), "{head}");
     // The key's answer of RFC 6455, section 1.3.
     assert!(head.contains("sec-websocket-accept: s3pplmbitxaq9kygzzhzrbk+xoo="), "{head}");
-    assert!(head.contains("sec-websocket-protocol: lodestream/2"), "{head}");
+    assert!(head.contains("sec-websocket-protocol: lodestream.2"), "{head}");
 }
 
 /// Status line of the response to a page of `origin` that requests a session.
