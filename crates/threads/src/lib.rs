@@ -1,72 +1,31 @@
-//! A pool of threads for preparing and decoding meshes. `geometry`, which starts no threads, takes any
-//! [`Pool`] from its caller.
+//! What the platform provides: threads, tasks beside the calling thread, and the time. The one place that differs between
+//! a system with threads and a browser's WebAssembly without them, where a pool has one thread, a task runs when its
+//! result is first asked for, and the time is that of `performance.now()`.
+//!
+//! `geometry`, which starts no threads, takes any [`Pool`](lodestream_geometry::pool::Pool) from its caller.
 
-use std::num::NonZeroUsize;
+mod pool;
+#[cfg_attr(target_family = "wasm", path = "task/deferred.rs")]
+#[cfg_attr(not(target_family = "wasm"), path = "task/thread.rs")]
+mod task;
 
-use lodestream_geometry::pool::{Pool, Tasks};
-
-/// Runs tasks on the calling thread and on scoped threads, which are started for each call: some 30 µs each, against
-/// milliseconds of work.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Threads(NonZeroUsize);
-
-impl Threads {
-    /// A number of threads, the calling one included.
-    #[must_use]
-    pub const fn new(count: NonZeroUsize) -> Self {
-        Self(count)
-    }
-
-    /// As many as the machine has cores.
-    #[must_use]
-    pub fn all_cores() -> Self {
-        Self(std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN))
-    }
-
-    /// One less than the machine has cores, but at least one.
-    #[must_use]
-    pub fn all_cores_but_one() -> Self {
-        Self(NonZeroUsize::new(Self::all_cores().0.get() - 1).unwrap_or(NonZeroUsize::MIN))
-    }
-
-    /// Number of threads, the calling one included.
-    #[must_use]
-    pub const fn count(self) -> NonZeroUsize {
-        self.0
-    }
-}
-
-impl Pool for Threads {
-    fn run(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
-        let tasks = Tasks::new(count, task);
-        std::thread::scope(|scope| {
-            for _ in 1..self.0.get().min(count) {
-                // If the system provides no thread, the others run all tasks.
-                let thread = std::thread::Builder::new().name("pool".into());
-                drop(thread.spawn_scoped(scope, || tasks.work()));
-            }
-            tasks.work();
-        });
-    }
-}
+pub use pool::Threads;
+pub use task::Task;
+pub use web_time::Instant;
 
 #[cfg(test)]
 mod tests {
-    use std::sync::atomic::{AtomicUsize, Ordering};
-
-    use super::*;
+    use super::Task;
 
     #[test]
-    fn every_task_runs_once_on_any_number_of_threads() {
-        for threads in [1, 2, 7] {
-            let pool = Threads::new(NonZeroUsize::new(threads).unwrap());
-            for count in [0, 1, 2, 1000] {
-                let runs: Vec<AtomicUsize> = (0..count).map(|_| AtomicUsize::new(0)).collect();
-                pool.run(count, &|i| {
-                    runs[i].fetch_add(1, Ordering::Relaxed);
-                });
-                assert!(runs.iter().all(|r| r.load(Ordering::Relaxed) == 1));
-            }
-        }
+    fn a_task_gives_its_result_once() {
+        let task = Task::start("sum", || (1..=10).sum::<u32>()).unwrap();
+        assert_eq!(task.finish(), Some(55));
+    }
+
+    #[test]
+    fn a_task_that_panics_has_no_result() {
+        let task = Task::start("fault", || -> u32 { std::panic::resume_unwind(Box::new(())) }).unwrap();
+        assert_eq!(task.finish(), None);
     }
 }

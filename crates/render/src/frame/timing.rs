@@ -7,7 +7,9 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
+
+use lodestream_threads::Instant;
 
 use crate::frame::graph::PassId;
 use crate::resources::gpu::Gpu;

@@ -188,10 +188,7 @@ impl GeometryPass<'_> {
 
 /// Compiles a shader module from WGSL source.
 pub(crate) fn shader(gpu: &Gpu, label: &str, text: &'static str) -> wgpu::ShaderModule {
-    gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
-        label: Some(label),
-        source: wgpu::ShaderSource::Wgsl(text.into()),
-    })
+    gpu.shader(label, text)
 }
 
 /// A uniform block at binding 0, for both stages of a geometry pass.

@@ -87,8 +87,13 @@ pub struct Gpu {
     /// Its queue.
     pub queue: wgpu::Queue,
     error: Arc<Mutex<Option<String>>>,
+    /// Whether a software driver draws on the CPU.
+    software: bool,
     /// Render pipelines that were compiled.
     pipelines: Arc<AtomicU32>,
+    /// Texts of the shader modules that were compiled.
+    #[cfg(any(test, feature = "reference"))]
+    shaders: Arc<Mutex<std::collections::BTreeSet<&'static str>>>,
 }
 
 impl Gpu {
@@ -129,24 +134,37 @@ impl Gpu {
     /// The host's error handlers stay in place: wgpu reports errors to them, and [`Gpu::take_error`] returns none.
     #[must_use]
     pub fn from_parts(adapter: wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Self {
-        Self { adapter, device, queue, error: Arc::default(), pipelines: Arc::default() }
+        Self::of(adapter, device, queue, Arc::default())
     }
 
     fn open(instance: &wgpu::Instance, surface: Option<&wgpu::Surface<'_>>) -> Result<Self, RenderError> {
-        let adapter = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions {
+        pollster::block_on(Self::request(instance, surface))
+    }
+
+    /// As [`Gpu::for_surface`], without blocking: a browser opens devices asynchronously.
+    ///
+    /// # Errors
+    /// No adapter or device.
+    pub async fn request(
+        instance: &wgpu::Instance,
+        surface: Option<&wgpu::Surface<'_>>,
+    ) -> Result<Self, RenderError> {
+        let request = instance.request_adapter(&wgpu::RequestAdapterOptions {
             power_preference: wgpu::PowerPreference::HighPerformance,
             compatible_surface: surface,
             ..Default::default()
-        }))
-        .map_err(|e| RenderError::NoAdapter { reason: e.to_string() })?;
+        });
+        let adapter = request.await.map_err(|e| RenderError::NoAdapter { reason: e.to_string() })?;
         let info = adapter.get_info();
-        let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
+        let request = adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("lodestream"),
             required_features: Self::WANTED_FEATURES & adapter.features(),
             required_limits: adapter.limits(),
             ..Default::default()
-        }))
-        .map_err(|e| RenderError::NoDevice { adapter: info.name.clone(), reason: e.to_string() })?;
+        });
+        let (device, queue) = request
+            .await
+            .map_err(|e| RenderError::NoDevice { adapter: info.name.clone(), reason: e.to_string() })?;
         tracing::info!(adapter = info.name, backend = ?info.backend, "graphics device opened");
 
         let error = Arc::new(Mutex::new(None));
@@ -166,7 +184,42 @@ impl Gpu {
                 on_lost(format!("device lost: {text}"));
             }
         });
-        Ok(Self { adapter, device, queue, error, pipelines: Arc::default() })
+        Ok(Self::of(adapter, device, queue, error))
+    }
+
+    fn of(
+        adapter: wgpu::Adapter,
+        device: wgpu::Device,
+        queue: wgpu::Queue,
+        error: Arc<Mutex<Option<String>>>,
+    ) -> Self {
+        Self {
+            software: adapter.get_info().device_type == wgpu::DeviceType::Cpu,
+            adapter,
+            device,
+            queue,
+            error,
+            pipelines: Arc::default(),
+            #[cfg(any(test, feature = "reference"))]
+            shaders: Arc::default(),
+        }
+    }
+
+    /// Compiles a shader module from WGSL.
+    pub(crate) fn shader(&self, label: &str, text: &'static str) -> wgpu::ShaderModule {
+        #[cfg(any(test, feature = "reference"))]
+        self.shaders.lock().unwrap_or_else(PoisonError::into_inner).insert(text);
+        self.device.create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: Some(label),
+            source: wgpu::ShaderSource::Wgsl(text.into()),
+        })
+    }
+
+    /// WGSL texts of all shader modules that were compiled on this device, in the order of their bytes.
+    #[cfg(any(test, feature = "reference"))]
+    #[must_use]
+    pub fn shader_texts(&self) -> Vec<&'static str> {
+        self.shaders.lock().unwrap_or_else(PoisonError::into_inner).iter().copied().collect()
     }
 
     /// Compiles a pipeline, which takes milliseconds: a frame should not wait for it ([`crate::Compiler`]).
@@ -187,7 +240,13 @@ impl Gpu {
     /// Whether a software driver draws on the CPU, where costs differ from a GPU's.
     #[must_use]
     pub fn is_software(&self) -> bool {
-        self.adapter.get_info().device_type == wgpu::DeviceType::Cpu
+        self.software
+    }
+
+    /// The device as one of a software driver, for hosts that know more than the adapter tells: browsers hide it.
+    #[must_use]
+    pub fn as_software(self) -> Self {
+        Self { software: true, ..self }
     }
 
     /// Whether samplers filter anisotropically. Software drivers may, but more slowly than the shaders' own lookups.

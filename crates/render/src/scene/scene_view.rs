@@ -10,13 +10,14 @@ use lodestream_scene::placement::Placement;
 use lodestream_scene::pose::Pose;
 use lodestream_scene::punctual_lights::PunctualLight;
 use lodestream_scene::view::View;
+use lodestream_threads::Task;
 
 use crate::frame::counters::Counters;
 use crate::frame::draw::DrawList;
 use crate::frame::settings::{Drawable, Frame, Settings, Shadows};
 use crate::frame::target::Target;
 use crate::passes::shadows;
-use crate::passes::sky::{SkyMaps, SkyTask};
+use crate::passes::sky::SkyMaps;
 use crate::passes::water::Water;
 use crate::renderer::Renderer;
 use crate::resources::gpu::{Gpu, RenderError};
@@ -80,7 +81,7 @@ pub struct SceneView {
     /// The terrain measurement of a scene that waits for upload.
     terrain_task: Option<TerrainMeasurementTask>,
     /// The sky maps of a scene that waits for upload, or of the current one.
-    sky_task: Option<SkyTask>,
+    sky_task: Option<Task<SkyMaps>>,
     sky: Option<SkyMaps>,
 }
 
@@ -106,7 +107,8 @@ impl SceneView {
                 // If no thread can be started, the work is done on first use.
                 self.terrain_task =
                     header.terrain.as_deref().and_then(|entry| TerrainMeasurementTask::start(entry).ok());
-                self.sky_task = SkyTask::start(environment(header, self.plain)).ok();
+                let environment = environment(header, self.plain);
+                self.sky_task = Task::start("sky", move || SkyMaps::new(&environment)).ok();
             }
         }
         self.waiting.push_back(step.into());

@@ -1,11 +1,11 @@
 //! Terrain of a scene: selects the tiles of each frame, generates missing ones and keeps them in GPU memory.
 
 use std::sync::Arc;
-use std::thread::JoinHandle;
 
 use lodestream_scene::pose::Pose;
 use lodestream_scene::terrain::TerrainEntry;
 use lodestream_terrain::{HeightOverrides, Scratch, Terrain};
+use lodestream_threads::Task;
 
 #[cfg(any(test, feature = "client"))]
 use crate::passes::shadows::Cascade;
@@ -70,7 +70,7 @@ pub struct TerrainRenderer {
 #[derive(Debug)]
 pub struct TerrainMeasurementTask {
     entry: TerrainEntry,
-    thread: JoinHandle<Result<PlacedTerrain, RenderError>>,
+    task: Task<Result<PlacedTerrain, RenderError>>,
 }
 
 impl TerrainMeasurementTask {
@@ -80,17 +80,16 @@ impl TerrainMeasurementTask {
     /// If the system cannot start a thread.
     pub fn start(entry: &TerrainEntry) -> std::io::Result<Self> {
         let (entry, measured_entry) = (entry.clone(), entry.clone());
-        let task = move || {
+        let measuring = move || {
             let ground = measure(&measured_entry)?;
             layers::texels();
             Ok(ground)
         };
-        let thread = std::thread::Builder::new().name("ground".into()).spawn(task)?;
-        Ok(Self { entry, thread })
+        Ok(Self { entry, task: Task::start("ground", measuring)? })
     }
 
     fn finish(self) -> Result<PlacedTerrain, RenderError> {
-        self.thread.join().unwrap_or_else(|_| {
+        self.task.finish().unwrap_or_else(|| {
             Err(RenderError::Terrain("measuring its errors failed: the thread panicked".into()))
         })
     }
@@ -121,15 +120,11 @@ impl TerrainRenderer {
             zones: entry.zones,
         };
         // Measuring the terrain and computing its textures take about ten milliseconds each.
-        let (ground, on_gpu) = std::thread::scope(|scope| {
-            let ground = scope.spawn(|| begun.map_or_else(|| measure(entry), TerrainMeasurementTask::finish));
-            let on_gpu = renderer.create_terrain(gpu, look);
-            (ground.join(), on_gpu)
-        });
-        let ground = ground
-            .map_err(|_| RenderError::Terrain("measuring its errors failed: the thread panicked".into()))??;
+        let begun = begun.or_else(|| TerrainMeasurementTask::start(entry).ok());
+        let gpu = renderer.create_terrain(gpu, look)?;
+        let ground = begun.map_or_else(|| measure(entry), TerrainMeasurementTask::finish)?;
         Ok(Self {
-            gpu: on_gpu?,
+            gpu,
             ground: Arc::new(ground),
             factor: 1.0,
             version: 0,

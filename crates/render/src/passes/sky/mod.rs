@@ -7,8 +7,6 @@ mod maps;
 mod octahedral;
 mod prefilter;
 mod table;
-#[cfg(feature = "client")]
-mod task;
 
 pub(crate) use gpu::{SkyGpu, SkyLight};
 pub use maps::SkyMaps;
@@ -16,8 +14,6 @@ pub use maps::SkyMaps;
 pub(crate) use octahedral::Octahedral;
 #[cfg(test)]
 pub(crate) use prefilter::{SPLIT_SUM_SIDE, ambient, environment_brdf_exact, split_sum};
-#[cfg(feature = "client")]
-pub(crate) use task::SkyTask;
 
 /// Computes the tables that every program shares.
 pub(crate) fn compute_tables() {

@@ -8,6 +8,9 @@
 
 use std::sync::OnceLock;
 
+use lodestream_geometry::pool::Pool;
+use lodestream_threads::Threads;
+
 /// Layers, in the order of the shader's weights.
 pub(crate) const LAYERS: u32 = 5;
 /// Texels along a side.
@@ -36,12 +39,11 @@ pub(crate) fn texels() -> &'static [u8] {
 }
 
 fn computed_texels() -> Vec<u8> {
-    let one_by_one = || (0..LAYERS).flat_map(mip_levels).collect();
-    std::thread::scope(|scope| {
-        let painters: Vec<_> = (0..LAYERS).map(|layer| scope.spawn(move || mip_levels(layer))).collect();
-        let computed_texels: Result<Vec<_>, _> = painters.into_iter().map(|painter| painter.join()).collect();
-        computed_texels.map_or_else(|_| one_by_one(), |layers| layers.concat())
-    })
+    let layers: Vec<OnceLock<Vec<u8>>> = (0..LAYERS).map(|_| OnceLock::new()).collect();
+    Threads::each_task().run(layers.len(), &|layer| {
+        layers[layer].get_or_init(|| mip_levels(layer as u32));
+    });
+    layers.into_iter().flat_map(|layer| layer.into_inner().unwrap_or_default()).collect()
 }
 
 /// All mip levels of a layer as bytes.

@@ -8,21 +8,10 @@ use std::thread::JoinHandle;
 use lodestream_terrain::Scratch;
 use lodestream_terrain::tiles::{PlacedTerrain, TileId};
 
+use super::GeneratedTile;
+
 /// Most generated tiles that wait for the renderer: about 2 KB each.
 const MAX_READY: usize = 512;
-
-/// A tile's heights, in rows of [`TILE_SAMPLES`].
-///
-/// [`TILE_SAMPLES`]: lodestream_terrain::tiles::TILE_SAMPLES
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct GeneratedTile {
-    /// The tile.
-    pub id: TileId,
-    /// Heights in height units, margin included.
-    pub heights: Vec<i32>,
-    /// Version of the terrain from which it was generated: see [`TileGenerator::request`].
-    pub version: u64,
-}
 
 #[derive(Debug, Default)]
 struct TileRequests {
