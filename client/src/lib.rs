@@ -9,7 +9,7 @@
 //! | `quic` | `quic://` addresses (quinn, rustls) | such an address ends the session with a message |
 //! | `websocket` | `ws://` addresses (tungstenite) | the same |
 //! | `tls` | `wss://` addresses (rustls), and with it `websocket` | the same |
-//! | `zstd` | zstd blobs: packs of the codec `Zstd`, and base meshes that zstd makes smaller | they count as damaged, with a message that names the feature; the asset is not drawn |
+//! | `zstd` | the C decoder of zstd frames: packs of the codec `Zstd`, and base meshes that zstd makes smaller | a slower decoder in Rust |
 //! | `runtime` | sessions on the host's tokio runtime, in virtual time too | only `Streaming`, which runs its own |
 //!
 //! All but `runtime` are on by default. Without transports there is neither `streaming` nor tokio: the host passes

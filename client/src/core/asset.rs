@@ -7,7 +7,6 @@ use geometry::base::Base;
 use geometry::index::ChunkInfo;
 use geometry::mesh::NONE;
 use geometry::refine::{ActiveMesh, ChunkDelta, ChunkError, DirtySlots, RefineError};
-#[cfg(feature = "zstd")]
 use lodestream_compress::{decode_base, decode_prefix};
 use lodestream_geometry as geometry;
 use lodestream_scene::asset::{AssetDescription, DescriptionError};
@@ -15,8 +14,6 @@ use lodestream_scene::blob::BlobPart;
 use lodestream_select::Occluder;
 
 use super::changes::{IndexRun, MeshChange, Vertex, runs};
-#[cfg(not(feature = "zstd"))]
-use super::stored::{decode_base, decode_prefix};
 
 /// Why a chunk or base mesh cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

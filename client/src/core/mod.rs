@@ -30,8 +30,6 @@ mod punctual_light_pages;
 mod scene;
 mod shared_textures;
 mod stats;
-#[cfg(not(feature = "zstd"))]
-mod stored;
 #[cfg(test)]
 pub(crate) mod testing;
 #[cfg(test)]

@@ -15,6 +15,7 @@
     )
 )]
 
+mod frame;
 #[cfg(feature = "files")]
 pub mod whole_file;
 
@@ -32,14 +33,15 @@ use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, ChunkError};
 use lodestream_geometry::{Codec, DecodeError};
 #[cfg(feature = "prepare")]
 use lodestream_geometry::{MeshError, Settings};
-use zstd::zstd_safe;
+
+use frame::FrameHeader;
 
 /// Compression level: the slowest without long tables, since a blob is compressed once. Higher levels gain nothing on
 /// blobs of a few kilobytes.
+#[cfg(feature = "c")]
 const LEVEL: i32 = 19;
-/// Magic numbers of a frame and of a skippable frame (whose last four bits are free). A range-coded base blob never
-/// begins with them: its first byte is the format version.
-const FRAME_MAGIC: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
+/// Magic number of a skippable frame, whose last four bits are free.
+#[cfg(feature = "c")]
 const SKIPPED_MAGIC: [u8; 4] = [0x50, 0x2a, 0x4d, 0x18];
 /// Decompressed size allowed per frame, and additionally per compressed byte.
 const FREE_BYTES: usize = 1 << 16;
@@ -52,6 +54,7 @@ fn limit(stored: usize) -> usize {
     stored.saturating_mul(MAX_PER_BYTE).saturating_add(FREE_BYTES).min(MAX_BYTES)
 }
 
+#[cfg(feature = "c")]
 /// Compresses a blob. If it compresses better than [`decompress`] allows, a skippable frame is appended as padding.
 ///
 /// # Errors
@@ -80,22 +83,42 @@ pub fn compress(plain: &[u8]) -> Result<Vec<u8>, DecodeError> {
 /// frame is damaged, or other data follows. Nothing is allocated before the size is checked.
 pub fn decompress(stored: &[u8]) -> Result<Vec<u8>, DecodeError> {
     let fail = |why: String| DecodeError::new("compressed blob", why);
-    if !is_frame(stored) {
-        return Err(fail("it is not a zstd frame".into()));
-    }
-    let size = zstd_safe::get_frame_content_size(stored).ok().flatten();
-    let size = size.ok_or_else(|| fail("its header lacks the decompressed size".into()))?;
-    let limit = limit(stored.len());
-    let size = usize::try_from(size).ok().filter(|&size| size <= limit);
-    let size = size
-        .ok_or_else(|| fail(format!("it claims more than the {limit} bytes that {} allow", stored.len())))?;
+    let size = checked_size(stored).map_err(fail)?;
+    #[cfg(feature = "c")]
     let plain = zstd::bulk::decompress(stored, size).map_err(|e| fail(e.to_string()))?;
+    #[cfg(not(feature = "c"))]
+    let plain = decompress_in_rust(stored, size).map_err(fail)?;
     if plain.len() == size { Ok(plain) } else { Err(fail(format!("{} bytes of {size}", plain.len()))) }
 }
 
-/// Whether a blob begins with a frame.
+/// The decompressed size that a frame states, if it is allowed.
+fn checked_size(stored: &[u8]) -> Result<usize, String> {
+    let header = FrameHeader::parse(stored)?;
+    let limit = limit(stored.len());
+    let size = header.content_bytes.ok_or("its header lacks the decompressed size")?;
+    let size = usize::try_from(size).ok().filter(|&size| size <= limit);
+    let size =
+        size.ok_or_else(|| format!("it claims more than the {limit} bytes that {} allow", stored.len()))?;
+    // A decoder reserves the window, which no encoder makes much larger than the content.
+    let window_limit = size.next_power_of_two().max(FREE_BYTES);
+    if header.window_bytes > window_limit as u64 {
+        return Err(format!("its window of {} bytes is larger than its content needs", header.window_bytes));
+    }
+    Ok(size)
+}
+
+/// Decompresses without C, for browsers: all frames, skippable ones included.
+#[cfg(any(test, not(feature = "c")))]
+fn decompress_in_rust(stored: &[u8], size: usize) -> Result<Vec<u8>, String> {
+    let mut plain = vec![0; size];
+    let length = ruzstd::decoding::FrameDecoder::new().decode_all(stored, &mut plain);
+    plain.truncate(length.map_err(|why| why.to_string())?);
+    Ok(plain)
+}
+
+/// Whether a blob begins with a frame. A range-coded base blob never does: its first byte is the format version.
 fn is_frame(stored: &[u8]) -> bool {
-    stored.starts_with(&FRAME_MAGIC)
+    FrameHeader::is_frame(stored)
 }
 
 /// The payload that `geometry` decodes, from a stored chunk.
@@ -109,6 +132,7 @@ pub fn plain_chunk(codec: Codec, stored: &[u8]) -> Result<Cow<'_, [u8]>, DecodeE
     }
 }
 
+#[cfg(feature = "c")]
 /// The base blob as stored: with the range coder, the smaller of the two forms.
 ///
 /// # Errors
@@ -230,6 +254,27 @@ mod tests {
         assert!(compress(&vec![0; MAX_BYTES + 1]).is_err());
     }
 
+    #[test]
+    fn the_decoder_in_rust_gives_what_the_one_in_c_gives() {
+        let texts = (0..5000_u32).flat_map(|i| (i * i % 977).to_le_bytes()).collect();
+        for plain in [Vec::new(), vec![7], noise(5000), vec![0; 9_000_000], texts, noise(200_000)] {
+            let stored = compress(&plain).unwrap();
+            assert_eq!(decompress_in_rust(&stored, checked_size(&stored).unwrap()), Ok(plain));
+        }
+        let good = compress(&noise(300)).unwrap();
+        for length in 14..good.len() {
+            let cut = decompress_in_rust(&good[..length], 300);
+            assert!(cut.is_err() || cut.is_ok_and(|plain| plain.len() < 300), "{length}");
+        }
+    }
+
+    #[test]
+    fn a_window_much_larger_than_the_content_is_refused() {
+        // No single segment, a window of 2^30 bytes, four bytes of size.
+        let frame = [&compress(b"").unwrap()[..4], &[0x80, 20 << 3], &100_u32.to_le_bytes()].concat();
+        assert!(decompress(&frame).unwrap_err().to_string().contains("window"));
+    }
+
     /// Unconnected triangles.
     fn tiles(positions: Vec<[f64; 3]>) -> QuantisedMesh {
         let count = (positions.len() / 3) as u32;
@@ -270,7 +315,7 @@ mod tests {
             assert!(why.contains("allow"), "{why}");
         }
         // A bare frame header that claims 2^60 bytes: single segment, eight bytes of size.
-        let mut forged = FRAME_MAGIC.to_vec();
+        let mut forged = compress(b"").unwrap()[..4].to_vec();
         forged.push(0xe0);
         forged.extend((1_u64 << 60).to_le_bytes());
         assert!(decompress(&forged).unwrap_err().to_string().contains("allow"));
