@@ -8,9 +8,9 @@ use std::time::Duration;
 
 use winit::keyboard::KeyCode;
 
-use super::camera::CameraController;
 use super::keys::Keys;
-use super::quality::Quality;
+use lodestream_viewing::CameraController;
+use lodestream_viewing::Quality;
 
 /// Handles a key that went down or up at `now`.
 pub(super) fn key(

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use winit::keyboard::KeyCode;
 
-use super::camera::{CameraController, Push};
+use lodestream_viewing::{CameraController, Push};
 
 /// The keys that are held.
 #[derive(Clone, Debug, Default)]

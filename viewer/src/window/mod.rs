@@ -1,13 +1,11 @@
 //! Window mode: camera, overlay, and a frame whenever something has changed.
 
 mod app;
-mod camera;
 mod frame_capture;
 mod input;
 mod keys;
 mod overlay;
 mod painter;
-mod quality;
 mod running;
 mod session_status;
 mod state;

@@ -259,9 +259,9 @@ fn times(ui: &mut egui::Ui, times: &Timings) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::quality::Quality;
     use super::*;
     use lodestream_render::Settings;
+    use lodestream_viewing::Quality;
 
     /// All text that the overlay draws.
     fn drawn(state: &OverlayState<'_>, hidden: bool) -> String {

@@ -14,13 +14,13 @@ use winit::event_loop::{ActiveEventLoop, OwnedDisplayHandle};
 use winit::keyboard::KeyCode;
 use winit::window::Window;
 
-use super::camera::{CameraController, Mode};
 use super::frame_capture::FrameCapture;
 use super::input;
 use super::keys::Keys;
 use super::overlay::{self, Choices, OverlayState};
 use super::painter::{self, Painted, Painter};
-use super::quality::{self, Quality, Step};
+use lodestream_viewing::{CameraController, Mode, Quality, Step};
+
 use super::session_status::SessionStatus;
 use super::state::{FrameStatus, State};
 use super::steps::{self, Steps};
@@ -103,7 +103,10 @@ impl Running {
             args.frames.is_some(),
             move |gpu| {
                 let full = settings(&first_args, gpu.is_software());
-                [vec![Quality::new(gpu.is_software()).step().limit(&full)], quality::limited_settings(&full)]
+                [
+                    vec![Quality::new(gpu.is_software()).step().limit(&full)],
+                    lodestream_viewing::limited_settings(&full),
+                ]
             },
             || {
                 while scene.waiting() < MAX_WAITING_STEPS
@@ -308,7 +311,7 @@ impl Running {
 
     /// The frame's step of quality.
     fn step(&self) -> Step {
-        if self.choices.adapt { self.quality.step() } else { quality::FULL }
+        if self.choices.adapt { self.quality.step() } else { lodestream_viewing::FULL }
     }
 
     /// The frame's shadow settings, without their staleness.

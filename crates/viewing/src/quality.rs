@@ -6,7 +6,7 @@ mod table;
 use std::time::Duration;
 
 use table::STEPS;
-pub(super) use table::{FULL, Step, limited_settings};
+pub use table::{FULL, Step, limited_settings};
 
 /// Least frame rate while the camera moves.
 const MIN_FPS: f64 = 15.0;
@@ -24,7 +24,7 @@ const REST: Duration = Duration::from_millis(200);
 
 /// Chooses each frame's step of quality by the measured time of frames.
 #[derive(Clone, Debug)]
-pub(super) struct Quality {
+pub struct Quality {
     step: usize,
     moved_at: Option<Duration>,
     /// Estimated time of a frame at full quality, in seconds, from the last frame and the table's costs.
@@ -35,13 +35,13 @@ pub(super) struct Quality {
 
 impl Quality {
     /// On a device known to be `slow`, the first frames are drawn at the lowest quality; on others at full quality.
-    pub(super) fn new(slow: bool) -> Self {
+    pub fn new(slow: bool) -> Self {
         Self { step: if slow { STEPS.len() - 1 } else { 0 }, moved_at: None, full_s: 0.0, headroom_frames: 0 }
     }
 
     /// Records a movement of the camera. After a rest, the step is chosen from the estimate, so that not even the first
     /// frame is slow.
-    pub(super) fn moved(&mut self, now: Duration) {
+    pub fn moved(&mut self, now: Duration) {
         if !self.is_moving(now) && self.full_s * self.step().cost > 1.0 / MIN_FPS {
             self.step = self.fast_enough().max(self.step);
         }
@@ -49,13 +49,13 @@ impl Quality {
     }
 
     /// Whether the camera counts as moving.
-    pub(super) fn is_moving(&self, now: Duration) -> bool {
+    pub fn is_moving(&self, now: Duration) -> bool {
         self.moved_at.is_some_and(|at| now < at + REST)
     }
 
     /// Records a frame of the scene that took `frame_s` seconds. Whether the camera moves is judged at its beginning
     /// (`begun`), since a slow frame outlasts [`REST`].
-    pub(super) fn drawn(&mut self, begun: Duration, frame_s: f64) {
+    pub fn drawn(&mut self, begun: Duration, frame_s: f64) {
         self.full_s = frame_s / self.step().cost;
         if !self.is_moving(begun) {
             // Restores two steps at once, or half of those left, since the user waits for each of these frames.
@@ -84,25 +84,25 @@ impl Quality {
     }
 
     /// The next frame's step.
-    pub(super) const fn step(&self) -> Step {
+    pub const fn step(&self) -> Step {
         STEPS[self.step]
     }
 
     /// The next frame's cost relative to full quality, from the table.
-    #[cfg(test)]
-    pub(super) const fn cost(&self) -> f64 {
+    #[must_use]
+    pub const fn cost(&self) -> f64 {
         self.step().cost
     }
 
     /// Frames by which shadow maps may be out of date while more of the scene arrives: more than 0 on a device that is
     /// too slow to draw them anew each time.
-    pub(super) fn late_shadows(&self) -> u32 {
+    pub fn late_shadows(&self) -> u32 {
         if self.full_s > 1.0 / MIN_FPS { LATE_WHILE_STREAMING } else { 0 }
     }
 
     /// Time until another frame improves the quality: at once or when the camera counts as resting; `None` at full
     /// quality.
-    pub(super) fn due(&self, now: Duration) -> Option<Duration> {
+    pub fn due(&self, now: Duration) -> Option<Duration> {
         if self.step == 0 {
             return None;
         }
@@ -110,12 +110,12 @@ impl Quality {
     }
 
     /// Whether frames are drawn at full quality.
-    pub(super) const fn is_full(&self) -> bool {
+    pub const fn is_full(&self) -> bool {
         self.step == 0
     }
 
     /// Text for the overlay.
-    pub(super) fn describe(&self) -> String {
+    pub fn describe(&self) -> String {
         if self.is_full() {
             return "full".into();
         }

@@ -4,35 +4,35 @@ use lodestream_render::{AmbientOcclusion, AntiAliasing, LightCulling, Settings, 
 
 /// Limits that a step of quality sets.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(in crate::window) struct Step {
+pub struct Step {
     /// Factor on the terrain's screen error.
-    pub(in crate::window) ground: f32,
+    pub ground: f32,
     /// Frames by which a shadow map may be out of date.
-    pub(in crate::window) late_shadows: u32,
+    pub late_shadows: u32,
     /// Factor on width and height of the drawn picture.
-    pub(in crate::window) render_scale: f32,
+    pub render_scale: f32,
     /// Most shadow cascades.
-    pub(in crate::window) cascades: u32,
+    pub cascades: u32,
     /// Steps along a side by which each shadow map follows the eye.
-    pub(super) map_steps: u32,
+    pub map_steps: u32,
     /// Best anti-aliasing.
-    pub(in crate::window) anti_aliasing: AntiAliasing,
+    pub anti_aliasing: AntiAliasing,
     /// Factor on the meshes' screen error.
-    pub(in crate::window) meshes: f32,
+    pub meshes: f32,
     /// Most samples of ambient occlusion per pixel; 0 is none.
-    pub(in crate::window) samples: u32,
+    pub samples: u32,
     /// Most punctual lights, the brightest on the screen first.
-    pub(in crate::window) punctual_lights: u32,
+    pub punctual_lights: u32,
     /// Most texels along a side of each shadow map.
-    pub(super) map_side: u32,
+    pub map_side: u32,
     /// Whether relief mapping is drawn.
-    pub(super) relief: bool,
+    pub relief: bool,
     /// Approximate time of a frame relative to the first step; decisions use times measured with the step.
-    pub(super) cost: f64,
+    pub cost: f64,
 }
 
 /// Full quality.
-pub(in crate::window) const FULL: Step = Step {
+pub const FULL: Step = Step {
     ground: 1.0,
     late_shadows: 0,
     render_scale: 1.0,
@@ -87,7 +87,7 @@ pub(super) const STEPS: [Step; 10] = [
 
 impl Step {
     /// Limits a user's settings, except for the staleness of shadows.
-    pub(in crate::window) fn limit(&self, settings: &Settings) -> Settings {
+    pub fn limit(&self, settings: &Settings) -> Settings {
         let occlusion = settings.occlusion.filter(|_| self.samples > 0);
         Settings {
             render_scale: self.render_scale,
@@ -111,7 +111,7 @@ impl Step {
     }
 
     /// Descriptions of all reductions, in the order of the steps.
-    pub(super) fn given_up(&self) -> Vec<String> {
+    pub fn given_up(&self) -> Vec<String> {
         let error =
             |name: &str, factor: f32| (factor > 1.0).then(|| format!("{name} {factor:.0}× as coarse"));
         let parts = [
@@ -141,7 +141,7 @@ impl Step {
 }
 
 /// A user's settings limited by each step, the best first.
-pub(in crate::window) fn limited_settings(settings: &Settings) -> Vec<Settings> {
+pub fn limited_settings(settings: &Settings) -> Vec<Settings> {
     STEPS.iter().map(|step| step.limit(settings)).collect()
 }
 
@@ -160,7 +160,7 @@ mod tests {
 
     #[test]
     fn the_document_has_the_steps_of_this_table_in_their_order() {
-        let page = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/design/drawing.md");
+        let page = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/design/drawing.md");
         let page = std::fs::read_to_string(page).unwrap();
         let table: Vec<String> = (1..STEPS.len()).map(row).collect();
         let table = format!("|---|---|---|\n{}\n", table.join("\n"));

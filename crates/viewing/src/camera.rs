@@ -14,7 +14,7 @@ const POLE: f64 = 0.02;
 
 /// Mode of the camera controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Mode {
+pub enum Mode {
     /// Around a point.
     Orbit,
     /// Free flight.
@@ -22,12 +22,13 @@ pub(super) enum Mode {
 }
 
 /// Directions of the keys held, each −1, 0 or 1: right, up, forward.
-pub(super) type Push = [f64; 3];
+pub type Push = [f64; 3];
 
 /// Camera that mouse and keys move.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct CameraController {
-    pub(super) mode: Mode,
+pub struct CameraController {
+    /// The mode.
+    pub mode: Mode,
     start: Camera,
     now: Camera,
     /// World units per second of flight.
@@ -35,19 +36,21 @@ pub(super) struct CameraController {
 }
 
 impl CameraController {
-    pub(super) fn new(start: Camera) -> Self {
+    /// A controller that starts at a camera.
+    #[must_use]
+    pub fn new(start: Camera) -> Self {
         let up = Vec3::from(start.up).normalize_or(Vec3::Y).to_array();
         let this = Self { mode: Mode::Orbit, start, now: Camera { up, ..start }, speed: 0.0 };
         Self { speed: 0.5 * this.distance(), ..this }
     }
 
     /// Returns to the start.
-    pub(super) fn reset(&mut self) {
+    pub fn reset(&mut self) {
         *self = Self { mode: self.mode, ..Self::new(self.start) };
     }
 
     /// Changes the mode without moving.
-    pub(super) fn toggle(&mut self) {
+    pub fn toggle(&mut self) {
         self.mode = match self.mode {
             Mode::Orbit => Mode::Fly,
             Mode::Fly => Mode::Orbit,
@@ -64,6 +67,18 @@ impl CameraController {
 
     fn up(&self) -> DVec3 {
         Vec3::from(self.now.up).as_dvec3().normalize()
+    }
+
+    /// Moves to a camera, from which [`CameraController::reset`] still returns to the start.
+    pub fn place(&mut self, camera: Camera) {
+        let start = self.start;
+        *self = Self { mode: self.mode, start, ..Self::new(camera) };
+    }
+
+    /// The camera now.
+    #[must_use]
+    pub const fn camera(&self) -> Camera {
+        self.now
     }
 
     fn distance(&self) -> f64 {
@@ -85,7 +100,7 @@ impl CameraController {
     }
 
     /// A drag of so many pixels to the right and down turns the view.
-    pub(super) fn turn(&mut self, dx: f64, dy: f64) {
+    pub fn turn(&mut self, dx: f64, dy: f64) {
         let forward = self.forward();
         // Limited at the poles, so that up stays up.
         let angle = forward.angle_between(self.up());
@@ -101,7 +116,7 @@ impl CameraController {
     }
 
     /// A drag that moves the scene with the pointer.
-    pub(super) fn pan(&mut self, dx: f64, dy: f64, height_px: f64) {
+    pub fn pan(&mut self, dx: f64, dy: f64, height_px: f64) {
         let per_px = 2.0 * self.distance() * (f64::from(self.now.fov_y) * 0.5).tan() / height_px.max(1.0);
         let right = self.right();
         let up = right.cross(self.forward());
@@ -109,7 +124,7 @@ impl CameraController {
     }
 
     /// Turns of the wheel: changes the distance to the target, or the speed of flight.
-    pub(super) fn wheel(&mut self, lines: f64) {
+    pub fn wheel(&mut self, lines: f64) {
         let factor = DOLLY_PER_LINE.powf(lines.clamp(-20.0, 20.0));
         match self.mode {
             Mode::Orbit => {
@@ -121,29 +136,32 @@ impl CameraController {
     }
 
     /// Moves by keys held for `seconds`.
-    pub(super) fn push(&mut self, push: Push, fast: bool, seconds: f64) {
+    pub fn push(&mut self, push: Push, fast: bool, seconds: f64) {
         let [right, up, forward] = push;
         let direction = self.right() * right + self.up() * up + self.forward() * forward;
         self.shift(direction.normalize_or_zero() * self.speed * seconds * if fast { 4.0 } else { 1.0 });
     }
 
     /// Moves eye and target up.
-    pub(super) fn lift(&mut self, up: f64) {
+    pub fn lift(&mut self, up: f64) {
         self.shift(DVec3::Y * up);
     }
 
     /// The view to send to the server.
-    pub(super) fn view(&self, viewport_px: [u32; 2], target_px: f32) -> View {
+    #[must_use]
+    pub fn view(&self, viewport_px: [u32; 2], target_px: f32) -> View {
         self.now.view(viewport_px, target_px)
     }
 
     /// The pose to draw from.
-    pub(super) fn pose(&self) -> Pose {
+    #[must_use]
+    pub fn pose(&self) -> Pose {
         self.now.pose()
     }
 
     /// The camera in the format of `--camera`.
-    pub(super) fn describe(&self) -> String {
+    #[must_use]
+    pub fn describe(&self) -> String {
         let point = |[x, y, z]: [f64; 3]| format!("{x:.3},{y:.3},{z:.3}");
         let fov = f64::from(self.now.fov_y).to_degrees();
         format!("eye={};target={};fov={fov:.1}", point(self.now.eye), point(self.now.target))
