@@ -1,0 +1,93 @@
+// The page: a view of the scene that the server offers, with input and overlay.
+
+import { now } from './clock.js';
+import { listen } from './input.js';
+import { show } from './overlay.js';
+import { View } from './view.js';
+
+const element = (id) => document.getElementById(id);
+const server = JSON.parse(element('lodestream-server').textContent);
+const files = JSON.parse(element('lodestream-files').textContent);
+const canvas = element('view');
+
+/** The fragment: `eye=x,y,z;target=x,y,z;up=x,y,z;fov=degrees;token=…`, all optional. */
+function fragment() {
+  const entries = location.hash.slice(1).split(';').map((part) => part.split('='));
+  return Object.fromEntries(entries.filter(([key, value]) => key && value).map(([k, v]) => [k, decodeURIComponent(v)]));
+}
+
+/** The camera in the fragment as ten numbers, if it has one. */
+function cameraOf({ eye, target, up = '0,1,0', fov = '50' }) {
+  if (!eye || !target) return null;
+  const numbers = [eye, target, up].flatMap((point) => point.split(',').map(Number));
+  numbers.push((Number(fov) * Math.PI) / 180);
+  return numbers.length === 10 && numbers.every(Number.isFinite) ? numbers : null;
+}
+
+const number = (value) => Number(value.toPrecision(9)).toString();
+
+/** Writes the camera into the fragment, without an entry in the history. */
+function keepCamera() {
+  const camera = view.viewer?.camera();
+  if (!camera) return;
+  const point = (from) => Array.from(camera.slice(from, from + 3), number).join(',');
+  const fov = number((camera[9] * 180) / Math.PI);
+  const parts = [`eye=${point(0)}`, `target=${point(3)}`, `up=${point(6)}`, `fov=${fov}`];
+  const { token } = fragment();
+  if (token) parts.push(`token=${encodeURIComponent(token)}`);
+  history.replaceState(null, '', `#${parts.join(';')}`);
+}
+
+const asked = fragment();
+const view = new View({
+  canvas,
+  url: new URL(server.websocket ?? location.pathname, location.href).href.replace(/^http/, 'ws'),
+  module: files.module,
+  worker: files.worker,
+  scene: server.scene ?? '',
+  token: asked.token ?? '',
+  camera: cameraOf(asked),
+});
+
+const actions = {
+  KeyF: () => view.viewer?.toggle(),
+  KeyR: () => {
+    view.viewer?.reset(now());
+    view.redraw();
+  },
+  KeyH: () => element('overlay').classList.toggle('hidden'),
+  KeyP: async () => {
+    const link = document.createElement('a');
+    link.href = URL.createObjectURL(await view.picture());
+    link.download = 'lodestream.png';
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+  },
+  KeyX: () => (document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen()),
+};
+listen(view, canvas, actions, now);
+show(view, element('overlay'), actions);
+
+let keeping = 0;
+view.addEventListener('progress', () => {
+  clearTimeout(keeping);
+  keeping = setTimeout(keepCamera, 300);
+});
+addEventListener('hashchange', () => {
+  const camera = cameraOf(fragment());
+  if (camera && view.viewer) {
+    view.viewer.set_camera(now(), Float64Array.from(camera));
+    view.redraw();
+  }
+});
+view.addEventListener('firstframe', () => element('message').remove());
+view.addEventListener('error', ({ detail }) => {
+  const message = element('message') ?? document.body.appendChild(document.createElement('p'));
+  message.id = 'message';
+  message.textContent = detail;
+});
+addEventListener('pagehide', () => view.close());
+
+/** Figures and control for scripts and tests. */
+window.lodestream = { stats: () => view.stats(), view };
+view.start();

@@ -1,0 +1,252 @@
+// A streamed scene in a canvas: the worker that streams, the viewer that draws, and their frames.
+
+import init, { Viewer } from './lodestream.js';
+import { now, origin } from './clock.js';
+
+/** What to tell people whose browser has no WebGPU. */
+export const NO_WEBGPU =
+  'This page draws with WebGPU, which this browser does not offer. Chrome and Edge have it from version 113 (on Linux ' +
+  'from 144), Firefox from 141, Safari from 26; it may be switched off on this device.';
+/** Received blobs that are kept, of a total of about 512 MB and, on phones, 256 MB. */
+const CACHE_BYTES = { desktop: 64 << 20, phone: 24 << 20 };
+/** Adapters that draw on the CPU, by the architecture that the browser tells. */
+const SOFTWARE = ['swiftshader', 'llvmpipe'];
+/** Attempts to open a device again after it was lost. */
+const MAX_DEVICES = 5;
+
+const isPhone = () => matchMedia('(pointer: coarse)').matches && Math.min(screen.width, screen.height) < 900;
+
+/**
+ * A view of a scene. Events: `firstframe`, `progress` (detail: the statistics), `settled`, `error` (detail: the message).
+ * Options: `canvas`, `url` (of the WebSocket), `module` and `worker` (addresses of the page's files), `scene`, `token`,
+ * `targetPx`, `camera` (ten numbers).
+ */
+export class View extends EventTarget {
+  #options;
+  #canvas;
+  #viewer = null;
+  #worker = null;
+  #steps = [];
+  #stats = {};
+  #message = 'loading';
+  #transport = null;
+  #scheduled = false;
+  #ended = false;
+  #devices = 0;
+  #shown = false;
+  #settled = false;
+  #sentView = '';
+  #pictures = [];
+  /** Called before each frame with the time in milliseconds, for input; returns whether it moves the camera. */
+  beforeFrame = () => false;
+  longestTaskMs = 0;
+
+  constructor(options) {
+    super();
+    this.#options = options;
+    this.#canvas = options.canvas;
+    const observer = new ResizeObserver(() => this.#resize());
+    observer.observe(this.#canvas);
+    document.addEventListener('visibilitychange', () => this.redraw());
+  }
+
+  /** Starts streaming and drawing. */
+  async start() {
+    if (!navigator.gpu) return this.#fail(NO_WEBGPU);
+    try {
+      const [module, adapter] = await Promise.all([
+        WebAssembly.compileStreaming(fetch(this.#options.module)),
+        navigator.gpu.requestAdapter(),
+      ]);
+      if (!adapter) return this.#fail(NO_WEBGPU);
+      this.#software = adapter.info.isFallbackAdapter || SOFTWARE.includes(adapter.info.architecture);
+      this.#resize();
+      await init({ module_or_path: module });
+      this.#module = module;
+      await this.#open();
+    } catch (why) {
+      this.#fail(String(why?.message ?? why));
+    }
+  }
+
+  #module;
+  #software = false;
+
+  /** Opens a device and a session for it. */
+  async #open() {
+    this.#startWorker();
+    const viewer = await Viewer.open(this.#canvas, this.#options.targetPx ?? 1, this.#software);
+    if (this.#options.camera) viewer.set_camera(now(), Float64Array.from(this.#options.camera));
+    this.#viewer = viewer;
+    this.redraw();
+  }
+
+  #startWorker() {
+    this.#worker?.terminate();
+    this.#steps = [];
+    const worker = new Worker(this.#options.worker, { type: 'module' });
+    worker.onmessage = ({ data }) => this.#receive(data);
+    worker.onerror = (event) => this.#fail(event.message ?? 'the worker could not be started');
+    worker.postMessage({
+      kind: 'start',
+      module: this.#module,
+      epoch: origin(),
+      url: this.#options.url,
+      scene: this.#options.scene ?? '',
+      token: this.#options.token ?? '',
+      width: this.#canvas.width,
+      height: this.#canvas.height,
+      targetPx: this.#options.targetPx ?? 1,
+      cacheBytes: isPhone() ? CACHE_BYTES.phone : CACHE_BYTES.desktop,
+    });
+    this.#worker = worker;
+  }
+
+  #receive(data) {
+    if (data.failed !== undefined) return this.#fail(data.failed);
+    if (data.step) {
+      this.#steps.push(data.step);
+      return this.redraw();
+    }
+    this.#stats = data.stats ?? this.#stats;
+    this.#message = data.message;
+    this.#transport = data.transport;
+    this.#progress();
+  }
+
+  #progress() {
+    const stats = this.stats();
+    this.dispatchEvent(new CustomEvent('progress', { detail: stats }));
+    if (stats.settled && !this.#settled) this.dispatchEvent(new CustomEvent('settled', { detail: stats }));
+    this.#settled = stats.settled;
+  }
+
+  #fail(message) {
+    this.#ended = true;
+    this.#message = message;
+    this.dispatchEvent(new CustomEvent('error', { detail: message }));
+  }
+
+  #resize() {
+    const ratio = devicePixelRatio;
+    const [width, height] = [this.#canvas.clientWidth, this.#canvas.clientHeight].map((side) =>
+      Math.max(1, Math.round(side * ratio)),
+    );
+    if (this.#canvas.width !== width || this.#canvas.height !== height) {
+      this.#canvas.width = width;
+      this.#canvas.height = height;
+      this.#viewer?.resize(width, height);
+    }
+    this.redraw();
+  }
+
+  /** Asks for another frame. */
+  redraw() {
+    if (this.#scheduled || this.#ended || !this.#viewer || document.hidden) return;
+    this.#scheduled = true;
+    requestAnimationFrame(() => this.#frame());
+  }
+
+  #frame() {
+    this.#scheduled = false;
+    const viewer = this.#viewer;
+    if (!viewer || this.#ended) return;
+    const begun = now();
+    try {
+      const moving = this.beforeFrame(begun);
+      this.#sendView();
+      // A device that is busy would only show earlier cameras, one after the other.
+      if (viewer.is_busy(begun)) return this.redraw();
+      for (const step of this.#steps.splice(0)) {
+        viewer.push(step);
+        this.#worker.postMessage({ kind: 'taken' });
+      }
+      const again = viewer.frame(begun);
+      for (const take of this.#pictures.splice(0)) this.#canvas.toBlob(take, 'image/png');
+      if (!this.#shown && viewer.presented_ms() !== undefined) {
+        this.#shown = true;
+        this.dispatchEvent(new CustomEvent('firstframe', { detail: this.stats() }));
+      }
+      if (again || moving || viewer.is_busy(now())) this.redraw();
+      else this.#progress();
+    } catch (why) {
+      this.#reopen(String(why?.message ?? why));
+    }
+    if (this.#shown) this.longestTaskMs = Math.max(this.longestTaskMs, now() - begun);
+  }
+
+  /** Opens another device and session after an error of the device. */
+  async #reopen(why) {
+    const camera = this.#viewer.camera();
+    this.#viewer.free();
+    this.#viewer = null;
+    this.#devices += 1;
+    if (this.#devices >= MAX_DEVICES) return this.#fail(why);
+    this.#message = `${why}; opening the graphics device again`;
+    this.#options.camera = camera ?? this.#options.camera;
+    try {
+      await this.#open();
+    } catch (again) {
+      this.#fail(String(again?.message ?? again));
+    }
+  }
+
+  #sendView() {
+    const view = this.#viewer.view(now());
+    if (!view) return;
+    const key = view.join();
+    if (key === this.#sentView) return;
+    this.#sentView = key;
+    this.#worker.postMessage({ kind: 'view', view });
+  }
+
+  /** The viewer, once the device is open: camera and techniques. */
+  get viewer() {
+    return this.#viewer;
+  }
+
+  /** Switches a technique, see `Viewer.switch`. */
+  switch(technique, on) {
+    this.#viewer?.switch(technique, on);
+    if (technique === 'shadows') this.#worker?.postMessage({ kind: 'shadows', on });
+    this.redraw();
+  }
+
+  /** A connection problem and what is done about it, for users. */
+  get message() {
+    return this.#message;
+  }
+
+  /** The viewer's figures. */
+  stats() {
+    const viewer = this.#viewer;
+    const settled = Boolean(this.#stats.settled && !this.#steps.length && viewer?.is_final());
+    return {
+      ...this.#stats,
+      transport: this.#transport,
+      settled,
+      ttff_presented_ms: viewer?.presented_ms() ?? null,
+      frames: viewer?.frames() ?? 0,
+      frame_ms: viewer?.frame_ms() ?? null,
+      quality: viewer?.quality() ?? null,
+      adapter: viewer?.adapter() ?? null,
+      gpu_bytes: viewer?.gpu_bytes() ?? 0,
+      longest_task_ms: this.longestTaskMs,
+      message: this.#message,
+    };
+  }
+
+  /** The next frame as a PNG. */
+  picture() {
+    return new Promise((resolve) => {
+      this.#pictures.push(resolve);
+      this.redraw();
+    });
+  }
+
+  /** Ends the session. */
+  close() {
+    this.#ended = true;
+    this.#worker?.postMessage({ kind: 'leave' });
+  }
+}

@@ -1,0 +1,170 @@
+// The worker: transport, session, selection and refinement, apart from the thread that draws.
+
+import init, { Streamer } from './lodestream.js';
+import { follow, now } from './clock.js';
+import { openLink } from './link.js';
+
+/** Most steps that the page has not taken yet. */
+const MAX_STEPS = 8;
+/** Interval of reports to the page. */
+const REPORT_MS = 100;
+/** Pauses between attempts to connect: from the first, doubled, to the last. */
+const RETRY_MS = [250, 8000];
+
+let streamer;
+let options;
+let link = null;
+let abandon = () => {};
+/** Frames that arrived before the module was ready. */
+let early = [];
+let opened = false;
+let untaken = 0;
+let failures = 0;
+let message = 'connecting';
+let reportedAt = -Infinity;
+let settled = false;
+let timer = 0;
+let left = false;
+
+// A task without the 4 ms that nested timers wait.
+const soon = new MessageChannel();
+let queued = false;
+soon.port1.onmessage = () => {
+  queued = false;
+  turn();
+};
+function turnSoon() {
+  if (queued) return;
+  queued = true;
+  soon.port2.postMessage(0);
+}
+
+function connect() {
+  abandon = openLink(options.url, {
+    open(newLink) {
+      link = newLink;
+      opened = true;
+      begin();
+    },
+    frame(bytes) {
+      if (streamer && !opened) {
+        streamer.receive(now(), bytes);
+        turnSoon();
+      } else {
+        early.push(bytes);
+      }
+    },
+    lost(reason) {
+      link = null;
+      opened = false;
+      early = [];
+      if (streamer) streamer.lost(now(), reason);
+      message = reason;
+      retry();
+    },
+  });
+}
+
+/** Begins the session once both the link and the module are there. */
+function begin() {
+  if (!opened || !streamer) return;
+  opened = false;
+  message = null;
+  streamer.connect(now());
+  for (const bytes of early.splice(0)) streamer.receive(now(), bytes);
+  turnSoon();
+}
+
+function retry() {
+  report();
+  if (left) return;
+  const wait = Math.min(RETRY_MS[0] * 2 ** failures, RETRY_MS[1]);
+  failures += 1;
+  // Spread, so that the clients of a server that restarts do not come at once.
+  setTimeout(connect, wait * (0.75 + 0.5 * Math.random()));
+}
+
+function turn() {
+  if (!streamer) return;
+  clearTimeout(timer);
+  const again = streamer.turn(now());
+  for (let frame; link && (frame = streamer.transmit(now())); ) link.send(frame);
+  while (untaken < MAX_STEPS) {
+    const step = streamer.step(now());
+    if (!step) break;
+    untaken += 1;
+    postMessage({ step }, [step.buffer]);
+  }
+  const closed = streamer.closed();
+  if (closed !== undefined && link) {
+    const mayRetry = streamer.may_retry();
+    message = closed;
+    abandon();
+    link = null;
+    if (mayRetry) retry();
+    else postMessage({ failed: closed });
+  }
+  if (now() - reportedAt >= REPORT_MS || streamer.stats().settled !== settled) report();
+  if (again && untaken < MAX_STEPS) {
+    turnSoon();
+  } else {
+    const due = streamer.timeout_ms();
+    const wait = due === undefined ? REPORT_MS : Math.min(due - now(), REPORT_MS);
+    timer = setTimeout(turn, Math.max(wait, 0));
+  }
+}
+
+function report() {
+  reportedAt = now();
+  const stats = streamer?.stats();
+  if (stats) {
+    settled = stats.settled;
+    if (stats.connection === 'open') failures = 0;
+  }
+  postMessage({ stats, message, transport: link?.name ?? null });
+}
+
+const handlers = {
+  async start(start) {
+    options = start;
+    follow(start.epoch);
+    const begunAt = now();
+    connect();
+    await init({ module_or_path: start.module });
+    const { width, height, targetPx, scene, token, cacheBytes } = start;
+    streamer = new Streamer(width, height, targetPx, scene, token, cacheBytes);
+    streamer.begin(begunAt);
+    begin();
+  },
+  view({ view }) {
+    streamer?.set_view(now(), view);
+    turnSoon();
+  },
+  shadows({ on }) {
+    streamer?.set_shadows(on);
+    turnSoon();
+  },
+  token({ token }) {
+    streamer?.set_token(token);
+    turnSoon();
+  },
+  taken() {
+    untaken -= 1;
+    turnSoon();
+  },
+  leave() {
+    left = true;
+    streamer?.leave(now());
+    turn();
+    abandon();
+    close();
+  },
+};
+
+onmessage = async ({ data }) => {
+  try {
+    await handlers[data.kind](data);
+  } catch (why) {
+    postMessage({ failed: String(why?.message ?? why) });
+  }
+};

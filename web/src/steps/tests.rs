@@ -1,0 +1,83 @@
+use super::*;
+use lodestream_scene::description::Instance;
+use lodestream_scene::placement::Placement;
+
+fn vertex_of(level: u32) -> Vertex {
+    Vertex {
+        data: RenderVertex {
+            position: [1.5, -2.0, 3.25],
+            normal: [0.0, 1.0, 0.0],
+            uv: [0.25, 0.75],
+            color: [1, 2, 3, 4],
+            morph_from: [-1.0, 0.5, f32::MAX],
+            smooth: level % 2 == 1,
+        },
+        birth_s: 12.5,
+        level,
+    }
+}
+
+fn step() -> Vec<Change> {
+    let spot = Spot { direction: [0.0, -1.0, 0.0], inner: 0.1, outer: 0.5 };
+    let light =
+        PunctualLight { position: [1.0, 2.0, 3.0], intensity: [4.0; 3], range: 5.0, spot: Some(spot) };
+    let point = |x, mode| HeightOverride { x, y: 3, mode, height: -7 };
+    let points = vec![point(1, Mode::Fixed), point(2, Mode::Additive)];
+    vec![
+        Change::PunctualLights { count: 1 },
+        Change::PunctualLightPage {
+            page: 0,
+            punctual_lights: [light, PunctualLight { spot: None, ..light }].into(),
+        },
+        Change::Instances(vec![Instance { asset: 7, placement: Placement::at([1e6, 0.0, -1.0]) }]),
+        Change::Asset(NewAsset {
+            asset: 7,
+            origin: [0.5; 3],
+            center: [1.0; 3],
+            radius: 2.0,
+            materials: vec![Default::default()],
+            textures: Vec::new(),
+            shared: Vec::new(),
+        }),
+        Change::Mesh(MeshChange {
+            asset: 7,
+            vertices: vec![(0, vec![vertex_of(0), vertex_of(3)]), (9, vec![vertex_of(12)])],
+            indices: vec![IndexRun { material: 0, first: 2, faces: vec![[0, 1, 0x0102_0304], [0; 3]] }],
+        }),
+        Change::FirstFrame,
+        Change::Texture(TextureChange {
+            asset: 7,
+            texture: 1,
+            level: 2,
+            pixels: TexturePixels::R16(vec![0, 0x1234, u16::MAX]).into(),
+        }),
+        Change::Texture(TextureChange {
+            asset: 7,
+            texture: 0,
+            level: 0,
+            pixels: TexturePixels::Rgba8(vec![1, 2, 3, 4]).into(),
+        }),
+        Change::HeightOverrides { x: -3, y: 5, overrides: HeightOverrides::new(15, points).unwrap() },
+    ]
+}
+
+#[test]
+fn a_step_comes_back_as_it_was() {
+    let step = step();
+    let back = decode(&encode(&step).unwrap()).unwrap();
+    assert_eq!(format!("{back:?}"), format!("{step:?}"));
+}
+
+#[test]
+fn a_cut_step_is_an_error_at_every_length() {
+    let bytes = encode(&step()).unwrap();
+    for end in 0..bytes.len() {
+        assert!(decode(&bytes[..end]).is_err(), "{end} of {} bytes", bytes.len());
+    }
+    assert!(decode(&[&bytes[..], &[0]].concat()).is_err(), "a byte too many");
+}
+
+#[test]
+fn an_unknown_kind_is_named() {
+    assert_eq!(decode(&[1, 99]).unwrap_err(), StepError::Kind(99));
+}

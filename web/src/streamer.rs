@@ -1,0 +1,161 @@
+//! The worker's half: the client's core behind calls that a script can make. The script owns the transport.
+
+use lodestream_client::core::{ClientCore, Config, Progress, StartView};
+use lodestream_protocol::frame::{Frame, encode_client};
+use lodestream_protocol::message::{CloseCode, Token};
+use lodestream_scene::encoding;
+use lodestream_scene::view::View;
+use wasm_bindgen::prelude::*;
+
+use crate::{stats, steps, time};
+
+/// Payload bytes decoded in one turn: about 10 ms of work, so that frames and views are not kept waiting.
+const SLICE_BYTES: u64 = 16 * 1024;
+/// Bytes of changes in one step: about one frame's uploads.
+const STEP_BYTES: usize = 512 << 10;
+/// Memory that a decoded view may take on the heap: it takes none.
+const VIEW_HEAP_BYTES: usize = 0;
+
+/// Session, cache, selection and refinement.
+#[wasm_bindgen]
+#[derive(Debug)]
+pub struct Streamer {
+    core: ClientCore,
+    /// Transport payload of this connection.
+    received_bytes: u64,
+    /// Connect call of the first connection.
+    begun_ms: f64,
+}
+
+#[wasm_bindgen]
+impl Streamer {
+    /// A streamer for a picture of a size in pixels, refined to a screen error of `target_px`. An empty scene name means
+    /// the server's default, an empty token none. `cache_bytes` bounds received blobs that are kept.
+    #[wasm_bindgen(constructor)]
+    #[must_use]
+    pub fn new(
+        width: u32,
+        height: u32,
+        target_px: f32,
+        scene: String,
+        token: String,
+        cache_bytes: f64,
+    ) -> Self {
+        let start = StartView::OfScene { viewport_px: [width.max(1), height.max(1)], target_px };
+        let mut config = Config::new(start);
+        config.session.scene = scene;
+        config.session.token = (!token.is_empty()).then_some(Token(token));
+        // A JavaScript number; negative ones saturate to zero.
+        config.cache_bytes = cache_bytes as u64;
+        config.max_waiting_bytes = 8 << 20;
+        Self { core: ClientCore::new(config), received_bytes: 0, begun_ms: 0.0 }
+    }
+
+    /// Records the connect call, from which milestones count.
+    pub fn begin(&mut self, now_ms: f64) {
+        self.core.begin(time(now_ms));
+        self.begun_ms = now_ms;
+    }
+
+    /// Begins a session over a transport that is open.
+    pub fn connect(&mut self, now_ms: f64) {
+        self.received_bytes = 0;
+        self.core.connect(time(now_ms));
+    }
+
+    /// Takes a frame, as one message of a WebSocket carries it.
+    pub fn receive(&mut self, now_ms: f64, frame: Vec<u8>) {
+        self.received_bytes += frame.len() as u64;
+        self.core.note_transport_bytes(self.received_bytes);
+        let now = time(now_ms);
+        match Frame::parse(frame.into()).and_then(Frame::into_server_frame) {
+            Ok(Some(frame)) => self.core.handle_frame(now, frame),
+            // Of a later version: skipped.
+            Ok(None) => {}
+            Err(why) => self.core.handle_frame_error(now, &why),
+        }
+    }
+
+    /// Records that the transport was lost.
+    pub fn lost(&mut self, now_ms: f64, reason: &str) {
+        self.core.handle_lost(time(now_ms), reason);
+    }
+
+    /// Ends the session normally.
+    pub fn leave(&mut self, now_ms: f64) {
+        self.core.leave(time(now_ms));
+    }
+
+    /// Selects, decodes and applies for some milliseconds; whether more is to be done at once.
+    pub fn turn(&mut self, now_ms: f64) -> bool {
+        self.core.handle_timeout(time(now_ms));
+        self.core.update(time(now_ms), SLICE_BYTES) == Progress::More
+    }
+
+    /// The next frame to send.
+    ///
+    /// # Errors
+    /// A fault of the core.
+    pub fn transmit(&mut self, now_ms: f64) -> Result<Option<Vec<u8>>, String> {
+        let message = self.core.poll_transmit(time(now_ms));
+        message.map(|message| encode_client(&message).map_err(|why| why.to_string())).transpose()
+    }
+
+    /// The next step of changes for the page.
+    ///
+    /// # Errors
+    /// A fault of the core.
+    pub fn step(&mut self, now_ms: f64) -> Result<Option<Vec<u8>>, String> {
+        if !self.core.has_changes() {
+            return Ok(None);
+        }
+        let step = self.core.take_changes(time(now_ms), STEP_BYTES);
+        steps::encode(&step).map(Some).map_err(|why| why.to_string())
+    }
+
+    /// Sets the view from the bytes that the page's viewer gives.
+    ///
+    /// # Errors
+    /// Other bytes.
+    pub fn set_view(&mut self, now_ms: f64, view: &[u8]) -> Result<(), String> {
+        let view: View = encoding::decode(view, VIEW_HEAP_BYTES).map_err(|why| format!("view: {why}"))?;
+        view.check().map_err(|why| format!("view: {why}"))?;
+        self.core.set_view(time(now_ms), view);
+        Ok(())
+    }
+
+    /// Whether objects out of view that cast shadows into it are refined too.
+    pub fn set_shadows(&mut self, shadows: bool) {
+        self.core.set_shadows(shadows);
+    }
+
+    /// Sets a newer token.
+    pub fn set_token(&mut self, token: &str) {
+        self.core.set_token(Token(token.to_owned()));
+    }
+
+    /// Time of the next [`Streamer::turn`] without an event.
+    #[must_use]
+    pub fn timeout_ms(&self) -> Option<f64> {
+        self.core.poll_timeout().map(|at| std::time::Duration::from(at).as_secs_f64() * 1e3)
+    }
+
+    /// Why the session ended, once it has.
+    #[must_use]
+    pub fn closed(&self) -> Option<String> {
+        self.core.closed().map(|close| close.reason.clone())
+    }
+
+    /// Whether it ended for a reason that another attempt may not have.
+    #[must_use]
+    pub fn may_retry(&self) -> bool {
+        let transient = [CloseCode::Lost, CloseCode::ShuttingDown, CloseCode::Busy, CloseCode::Timeout];
+        self.core.closed().is_none_or(|close| transient.contains(&close.code))
+    }
+
+    /// The viewer's figures as an object.
+    #[must_use]
+    pub fn stats(&self) -> js_sys::Object {
+        stats::object(&self.core.stats(), self.core.has_changes(), self.begun_ms)
+    }
+}

@@ -1,0 +1,380 @@
+//! The page's half: device, scene in GPU memory, camera and frames.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use lodestream_render::{
+    AmbientOcclusion, AntiAliasing, Counters, Gpu, LightCulling, OcclusionMethod, RenderError, Renderer,
+    SceneView, Settings, Shadows, Target, upload_budget,
+};
+use lodestream_scene::description::Camera;
+use lodestream_scene::encoding;
+use lodestream_viewing::{CameraController, FULL, Mode, Quality, Step};
+use wasm_bindgen::prelude::*;
+
+use crate::steps;
+
+/// Draws a scene into a canvas.
+#[wasm_bindgen]
+#[derive(Debug)]
+pub struct Viewer {
+    gpu: Gpu,
+    renderer: Renderer,
+    surface: wgpu::Surface<'static>,
+    config: wgpu::SurfaceConfiguration,
+    scene: SceneView,
+    controller: Option<CameraController>,
+    /// Camera to start from, instead of the scene's.
+    start: Option<Camera>,
+    quality: Quality,
+    settings: Settings,
+    target_px: f32,
+    /// Whether frames are drawn in reduced quality while the camera moves.
+    adapt: bool,
+    /// Begin of the frame on the device, in milliseconds.
+    begun_ms: f64,
+    /// Set by the device when that frame is done.
+    done: Arc<AtomicBool>,
+    waits: bool,
+    counters: Counters,
+    frames: u32,
+    frame_ms: f64,
+    presented_ms: Option<f64>,
+    /// Whether the last frame is final as far as the page can tell.
+    is_final: bool,
+}
+
+fn text(error: RenderError) -> String {
+    error.to_string()
+}
+
+#[wasm_bindgen]
+impl Viewer {
+    /// Opens a WebGPU device that draws into a canvas. `software`: the page knows that the CPU draws.
+    ///
+    /// # Errors
+    /// There is none, or it lacks what is needed.
+    pub async fn open(
+        canvas: web_sys::HtmlCanvasElement,
+        target_px: f32,
+        software: bool,
+    ) -> Result<Viewer, String> {
+        let size = [canvas.width().max(1), canvas.height().max(1)];
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
+            backends: wgpu::Backends::BROWSER_WEBGPU,
+            ..wgpu::InstanceDescriptor::new_without_display_handle()
+        });
+        let surface = instance
+            .create_surface(wgpu::SurfaceTarget::Canvas(canvas))
+            .map_err(|why| format!("the canvas cannot be drawn into: {why}"))?;
+        let gpu = Gpu::request(&instance, Some(&surface)).await.map_err(text)?;
+        let gpu = if software { gpu.as_software() } else { gpu };
+        let mut config = surface
+            .get_default_config(&gpu.adapter, size[0], size[1])
+            .ok_or("the graphics device cannot draw into this canvas")?;
+        let formats = surface.get_capabilities(&gpu.adapter).formats;
+        config.format = formats.iter().copied().find(|format| !format.is_srgb()).unwrap_or(config.format);
+        surface.configure(&gpu.device, &config);
+        let renderer = Renderer::new(&gpu, config.format).map_err(text)?;
+        let scene = SceneView::with_terrain_apart(|| {}).map_err(|why| why.to_string())?;
+        let software = gpu.is_software();
+        Ok(Self {
+            renderer,
+            surface,
+            config,
+            scene,
+            controller: None,
+            start: None,
+            quality: Quality::new(software),
+            settings: settings(software),
+            target_px,
+            adapt: true,
+            begun_ms: 0.0,
+            done: Arc::default(),
+            waits: false,
+            counters: Counters::default(),
+            frames: 0,
+            frame_ms: 0.0,
+            presented_ms: None,
+            is_final: false,
+            gpu,
+        })
+    }
+
+    /// Name of the graphics device.
+    #[must_use]
+    pub fn adapter(&self) -> String {
+        self.gpu.describe()
+    }
+
+    /// Takes a step of changes from the worker.
+    ///
+    /// # Errors
+    /// Bytes that the worker's streamer did not write.
+    pub fn push(&mut self, step: &[u8]) -> Result<(), String> {
+        self.scene.push(steps::decode(step).map_err(|why| why.to_string())?);
+        self.is_final = false;
+        Ok(())
+    }
+
+    /// Number of steps that are not in GPU memory yet.
+    #[must_use]
+    pub fn waiting(&self) -> usize {
+        self.scene.waiting()
+    }
+
+    /// Whether a frame is being drawn by the device: another one would only queue behind it.
+    pub fn is_busy(&mut self, now_ms: f64) -> bool {
+        if self.waits && self.done.load(Ordering::Acquire) {
+            self.waits = false;
+            self.frame_ms = now_ms - self.begun_ms;
+            self.quality.drawn(seconds(self.begun_ms), self.frame_ms / 1e3);
+        }
+        self.waits
+    }
+
+    /// Draws a frame; whether another is needed without an event.
+    ///
+    /// # Errors
+    /// Errors of the graphics device; after a lost device, open another viewer.
+    pub fn frame(&mut self, now_ms: f64) -> Result<bool, String> {
+        let now_s = seconds(now_ms).as_secs_f32();
+        let moves = self.quality.is_moving(seconds(now_ms));
+        let budget =
+            if self.presented_ms.is_some() { upload_budget(seconds(self.frame_ms)) } else { usize::MAX };
+        self.scene.upload(&self.gpu, &self.renderer, budget, now_s).map_err(text)?;
+        if self.controller.is_none() {
+            let camera = self.start.or(self.scene.header().map(|header| header.camera));
+            self.controller = camera.filter(|_| self.scene.header().is_some()).map(CameraController::new);
+        }
+        let Some(controller) = self.controller.filter(|_| self.scene.is_whole()) else { return Ok(true) };
+        let step = self.step();
+        let settings = Settings {
+            shadows: step.limit(&self.settings).shadows.map(|shadows| Shadows {
+                max_staleness: step.late_shadows.max(self.quality.late_shadows()),
+                ..shadows
+            }),
+            ..step.limit(&self.settings)
+        };
+        let frame = match self.surface.get_current_texture() {
+            wgpu::CurrentSurfaceTexture::Success(frame) | wgpu::CurrentSurfaceTexture::Suboptimal(frame) => {
+                frame
+            }
+            wgpu::CurrentSurfaceTexture::Outdated | wgpu::CurrentSurfaceTexture::Lost => {
+                self.surface.configure(&self.gpu.device, &self.config);
+                return Ok(true);
+            }
+            _ => return Ok(true),
+        };
+        let size = (self.config.width, self.config.height);
+        let colour = frame.texture.create_view(&Default::default());
+        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
+        let view = controller.view(size.into(), self.target_px * step.ground);
+        let target = Target::colour(&colour, size);
+        let counters = self
+            .scene
+            .record(&self.gpu, &mut self.renderer, &mut encoder, &target, &view, settings, now_s)
+            .map_err(text)?;
+        self.gpu.queue.submit([encoder.finish()]);
+        self.gpu.queue.present(frame);
+        self.note_submitted(now_ms);
+        let morphs = now_s - self.scene.changed_s() <= self.settings.morph_s;
+        let full = !self.adapt || self.quality.is_full();
+        self.is_final = !morphs
+            && !moves
+            && full
+            && !counters.is_unfinished()
+            && counters.late_shadow_maps == 0
+            && self.scene.waiting() == 0
+            && self.scene.missing_tiles() == 0;
+        self.counters = counters;
+        Ok(!self.is_final)
+    }
+
+    fn note_submitted(&mut self, now_ms: f64) {
+        self.begun_ms = now_ms;
+        self.waits = true;
+        self.done = Arc::default();
+        let done = Arc::clone(&self.done);
+        self.gpu.queue.on_submitted_work_done(move || done.store(true, Ordering::Release));
+        self.frames += 1;
+        self.presented_ms.get_or_insert(now_ms);
+    }
+
+    fn step(&self) -> Step {
+        if self.adapt { self.quality.step() } else { FULL }
+    }
+
+    /// Changes the size of the picture, in pixels of the device.
+    pub fn resize(&mut self, width: u32, height: u32) {
+        let limit = self.gpu.device.limits().max_texture_dimension_2d;
+        let size = [width, height].map(|side| side.clamp(1, limit));
+        if size != [self.config.width, self.config.height] {
+            [self.config.width, self.config.height] = size;
+            self.surface.configure(&self.gpu.device, &self.config);
+            self.is_final = false;
+        }
+    }
+
+    /// Turns the view by a drag, in pixels right and down.
+    pub fn turn(&mut self, now_ms: f64, dx: f64, dy: f64) {
+        self.moved(now_ms, |controller, _| controller.turn(dx, dy));
+    }
+
+    /// Moves the scene with a drag.
+    pub fn pan(&mut self, now_ms: f64, dx: f64, dy: f64) {
+        self.moved(now_ms, |controller, height| controller.pan(dx, dy, height));
+    }
+
+    /// Comes nearer or goes away, by lines of a wheel.
+    pub fn wheel(&mut self, now_ms: f64, lines: f64) {
+        self.moved(now_ms, |controller, _| controller.wheel(lines));
+    }
+
+    /// Flies right, up and forward, each −1 to 1, for a number of seconds.
+    pub fn fly(&mut self, now_ms: f64, right: f64, up: f64, forward: f64, fast: bool, seconds: f64) {
+        self.moved(now_ms, |controller, _| controller.push([right, up, forward], fast, seconds));
+    }
+
+    /// Changes between orbit and free flight; whether it is flight.
+    pub fn toggle(&mut self) -> bool {
+        let Some(controller) = &mut self.controller else { return false };
+        controller.toggle();
+        controller.mode == Mode::Fly
+    }
+
+    /// Returns to the start.
+    pub fn reset(&mut self, now_ms: f64) {
+        self.moved(now_ms, |controller, _| controller.reset());
+    }
+
+    fn moved(&mut self, now_ms: f64, change: impl FnOnce(&mut CameraController, f64)) {
+        if let Some(controller) = &mut self.controller {
+            change(controller, self.config.height.into());
+            self.quality.moved(seconds(now_ms));
+            self.is_final = false;
+        }
+    }
+
+    /// The view for the worker; none before the scene has begun.
+    #[must_use]
+    pub fn view(&self, now_ms: f64) -> Option<Vec<u8>> {
+        let moves = self.quality.is_moving(seconds(now_ms));
+        let meshes = if moves { self.step().meshes } else { 1.0 };
+        let view = self.controller?.view([self.config.width, self.config.height], self.target_px * meshes);
+        encoding::encode(&view).ok()
+    }
+
+    /// The camera as numbers: eye, target, up, vertical field of view in radians.
+    #[must_use]
+    pub fn camera(&self) -> Option<Vec<f64>> {
+        let Camera { eye, target, up, fov_y } = self.controller?.camera();
+        Some([&eye[..], &target, &up.map(f64::from), &[fov_y.into()]].concat())
+    }
+
+    /// Moves to a camera as [`Viewer::camera`] gives it, or starts from it.
+    ///
+    /// # Errors
+    /// Other numbers.
+    pub fn set_camera(&mut self, now_ms: f64, numbers: &[f64]) -> Result<(), String> {
+        let &[ex, ey, ez, tx, ty, tz, ux, uy, uz, fov] = numbers else {
+            return Err("a camera has ten numbers: eye, target, up, field of view".into());
+        };
+        let camera = Camera {
+            eye: [ex, ey, ez],
+            target: [tx, ty, tz],
+            up: [ux, uy, uz].map(|part| part as f32),
+            fov_y: fov as f32,
+        };
+        let view = camera.view([self.config.width, self.config.height], self.target_px);
+        view.check().map_err(|why| format!("camera: {why}"))?;
+        match self.controller {
+            Some(_) => self.moved(now_ms, |controller, _| controller.place(camera)),
+            None => self.start = Some(camera),
+        }
+        Ok(())
+    }
+
+    /// Sets the screen error to refine to, in pixels.
+    pub fn set_target_px(&mut self, target_px: f32) {
+        self.target_px = target_px.clamp(0.1, 64.0);
+        self.is_final = false;
+    }
+
+    /// Switches a technique on or off: `occlusion`, `shadows`, `relief`, `lights`, `water`, `haze`, `smoothing`, or
+    /// `adapt` (reduced quality while the camera moves).
+    ///
+    /// # Errors
+    /// Another name.
+    pub fn switch(&mut self, technique: &str, on: bool) -> Result<(), String> {
+        let usual = settings(self.gpu.is_software());
+        let settings = &mut self.settings;
+        match technique {
+            "occlusion" => settings.occlusion = usual.occlusion.filter(|_| on),
+            "shadows" => settings.shadows = usual.shadows.filter(|_| on),
+            "lights" => settings.lights = usual.lights.filter(|_| on),
+            "relief" => settings.relief = on,
+            "water" => settings.water = on,
+            "haze" => settings.haze = on,
+            "smoothing" if on => settings.anti_aliasing = usual.anti_aliasing,
+            "smoothing" => settings.anti_aliasing = AntiAliasing::None,
+            "adapt" => self.adapt = on,
+            other => return Err(format!("there is no technique {other:?}")),
+        }
+        self.is_final = false;
+        Ok(())
+    }
+
+    /// Whether the last frame needs no other.
+    #[must_use]
+    pub fn is_final(&self) -> bool {
+        self.is_final
+    }
+
+    /// Time of the first frame, in milliseconds since the navigation.
+    #[must_use]
+    pub fn presented_ms(&self) -> Option<f64> {
+        self.presented_ms
+    }
+
+    /// Number of frames drawn.
+    #[must_use]
+    pub fn frames(&self) -> u32 {
+        self.frames
+    }
+
+    /// Time of the last frame that the device has finished, in milliseconds.
+    #[must_use]
+    pub fn frame_ms(&self) -> f64 {
+        self.frame_ms
+    }
+
+    /// The step of quality, in words.
+    #[must_use]
+    pub fn quality(&self) -> String {
+        self.quality.describe()
+    }
+
+    /// GPU memory of meshes and textures, in bytes.
+    #[must_use]
+    pub fn gpu_bytes(&self) -> f64 {
+        (self.scene.geometry_bytes() + self.scene.textures().1) as f64
+    }
+}
+
+fn seconds(ms: f64) -> Duration {
+    Duration::try_from_secs_f64(ms / 1e3).unwrap_or_default()
+}
+
+/// The window's default settings for a device.
+fn settings(software: bool) -> Settings {
+    let still = (!software).then_some(OcclusionMethod::Gtao);
+    Settings {
+        occlusion: Some(AmbientOcclusion { still, ..AmbientOcclusion::default() }),
+        shadows: Some(Shadows::default()),
+        lights: Some(LightCulling::default()),
+        anti_aliasing: if software { AntiAliasing::Spatial } else { AntiAliasing::Temporal },
+        ..Settings::default()
+    }
+}
