@@ -24,7 +24,7 @@ fn a_wrong_fingerprint_is_reported_in_one_line() {
     let other = if last == "0" { "1" } else { "0" };
     let mut viewer = Viewer::start(&format!("{rest}{other}").parse().unwrap(), config());
     let end = viewer.end(Duration::from_secs(50));
-    assert!(end.contains("certificate") && end.contains("#sha256="), "{end}");
+    assert!(end.contains("certificate") && end.contains("#spki-sha256="), "{end}");
     assert_eq!(end.lines().count(), 1, "{end}");
     server.assert_healthy();
 }

@@ -54,7 +54,7 @@ fn refused(target: impl Into<Target>) -> String {
 fn wss_works_with_the_printed_address() {
     let server = serve(None);
     let url = server.url_of("wss");
-    assert!(url.contains("/#sha256="), "{url}");
+    assert!(url.contains("/#spki-sha256="), "{url}");
     let mut viewer = first_frame(server.address_of("wss"));
     let status = viewer.settle();
     assert!(status.stats.applied_chunks > 0, "{:?}", status.stats);
@@ -68,7 +68,7 @@ fn a_certificate_that_is_not_pinned_is_refused_with_the_reason() {
     for transport in BOTH {
         let address = Address { pin: other.address_of(transport).pin, ..server.address_of(transport) };
         let why = refused(address);
-        assert!(why.contains("another certificate") && why.contains("#sha256="), "{transport}: {why}");
+        assert!(why.contains("another key") && why.contains("#spki-sha256="), "{transport}: {why}");
     }
     // Servers without TLS and with TLS only.
     let plain = Server::start(scene(), SessionSettings::default());

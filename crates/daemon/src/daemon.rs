@@ -15,6 +15,8 @@ use tokio::time::timeout;
 use tracing_appender::non_blocking::ErrorCounter;
 
 use crate::http::admin::AdminPort;
+use crate::http::page::PageSetting;
+use crate::http::page_answers::{Site, WebTransportOffer};
 use crate::lifecycle::settings_watch::SettingsReload;
 use crate::lifecycle::shutdown::{Signals, StopRequests};
 use crate::session::admission_settings::AdmissionSettings;
@@ -24,6 +26,7 @@ use crate::session::settings::SessionSettings;
 use crate::session::state::ServerState;
 use crate::transport::advertised_addresses::advertised_addresses;
 use crate::transport::certificate::Certificate;
+use crate::transport::development_certificate::{DevelopmentCertificate, keep_valid};
 use crate::transport::listen::listen_tcp;
 use crate::transport::live_certificate::LiveCertificate;
 use crate::transport::quic_scenes::{QuicConfig, watch_alpns};
@@ -48,6 +51,8 @@ pub struct DaemonOptions {
     pub admin: AdminPort,
     /// Folder in which the development certificate is kept.
     pub state_folder: PathBuf,
+    /// The page for browsers, on the HTTP port.
+    pub page: PageSetting,
     /// PEM files of a certificate chain and its private key, in place of the development certificate. They are read
     /// again when they change; new connections get the new certificate.
     pub certificate: Option<(PathBuf, PathBuf)>,
@@ -73,6 +78,7 @@ impl DaemonOptions {
             http_tls: false,
             admin: AdminPort::Off,
             state_folder: state_folder.into(),
+            page: PageSetting::Off,
             certificate: None,
             sessions: SessionSettings::default(),
             admission: AdmissionSettings::default(),
@@ -83,8 +89,8 @@ impl DaemonOptions {
     }
 }
 
-/// Runs the daemon until SIGINT or SIGTERM, then drains. Prints the viewers' URLs and that of the metrics to standard
-/// output, one per line. A second signal ends the daemon at once.
+/// Runs the daemon until SIGINT or SIGTERM, then drains. Prints the viewers' URLs, that of the page for browsers and that
+/// of the metrics to standard output, one per line. A second signal ends the daemon at once.
 ///
 /// # Errors
 /// An address cannot be bound, the certificate cannot be read or written, or a second signal arrived.
@@ -93,9 +99,13 @@ pub async fn run(options: DaemonOptions, scenes: impl Into<Scenes>) -> anyhow::R
     let mut signals = Signals::listen()?;
     let daemon = Daemon::bind(options, scenes).await?;
     signals.on_hangup(daemon.reloads.clone());
-    for url in daemon.urls().into_iter().chain(daemon.metrics_urls()) {
+    let urls = daemon.urls().into_iter().chain(daemon.page_urls()).chain(daemon.metrics_urls());
+    for url in urls {
         // Standard output may be closed.
         let _ = writeln!(std::io::stdout(), "{url}");
+    }
+    if let Some(absence) = daemon.state.site().page.absence() {
+        tracing::info!("{absence}");
     }
     if let Some(warning) = daemon.exposure_warning() {
         tracing::warn!("{warning}");
@@ -122,6 +132,7 @@ pub struct Daemon {
     /// Fragment of the viewers' URLs that pins the certificate.
     pin: String,
     certificate_files: Option<crate::transport::live_certificate::CertificateFiles>,
+    development: Option<(DevelopmentCertificate, Arc<LiveCertificate>)>,
     provider: Option<Arc<dyn SceneProvider>>,
     settings_reload: Option<SettingsReload>,
     reloads: watch::Sender<u64>,
@@ -138,15 +149,23 @@ impl Daemon {
             state.metrics().watch_log(dropped);
         }
         let (mut quic, mut tls, mut certificate_files, mut pin) = (None, None, None, String::new());
+        let (mut renewal, mut certificate_hashes) = (None, Vec::new());
         if options.listen.is_some() || (options.http.is_some() && options.http_tls) {
+            let (mut from_files, mut development) = (None, None);
             let certificate = match &options.certificate {
-                Some((chain, key)) => Certificate::from_pem_files(chain, key)?,
-                None => Certificate::load_or_create(&options.state_folder, SystemTime::now())?,
+                Some((chain, key)) => from_files.insert(Certificate::from_pem_files(chain, key)?),
+                None => {
+                    let own =
+                        DevelopmentCertificate::load_or_create(&options.state_folder, SystemTime::now())?;
+                    certificate_hashes = own.hashes();
+                    development.insert(own).current()
+                }
             };
-            // A certificate from files will be renewed, usually for the same key: pin the key.
-            pin = if options.certificate.is_some() { certificate.key_pin() } else { certificate.pin() };
+            // Certificates are renewed, usually for the same key: pin the key.
+            pin = certificate.key_pin();
             state.metrics().certificate_in_use(certificate.not_after());
-            let live = LiveCertificate::new(&certificate)?;
+            let live = LiveCertificate::new(certificate)?;
+            renewal = development.map(|own| (own, Arc::clone(&live)));
             if let Some(address) = options.listen {
                 let settings = QuicConfig::new(Arc::clone(&live))?;
                 let endpoint = quinn::Endpoint::new(
@@ -167,17 +186,35 @@ impl Daemon {
         }
         let addressed = |listener: TcpListener| listener.local_addr().map(|address| (listener, address));
         let http = options.http.map(listen_tcp).transpose()?.map(addressed).transpose()?;
+        let http_port = http.as_ref().map(|(_, address)| address.port());
+        let site = Site::new(options.page, http_port);
+        if let Some((_, address, _)) = &quic {
+            site.offer_webtransport(WebTransportOffer { port: address.port(), certificate_hashes });
+        }
+        state.set_site(site);
         let admin = options.admin.listen()?.map(addressed).transpose()?;
         let (provider, settings_reload, reloads) =
             (options.provider, options.settings_reload, watch::Sender::new(0));
-        Ok(Self { state, quic, http, tls, admin, pin, certificate_files, provider, settings_reload, reloads })
+        Ok(Self {
+            state,
+            quic,
+            http,
+            tls,
+            admin,
+            pin,
+            certificate_files,
+            development: renewal,
+            provider,
+            settings_reload,
+            reloads,
+        })
     }
 
     /// URLs for viewers: `quic://HOST:PORT#PIN`, and `wss://HOST:PORT/#PIN` or, without TLS, `ws://HOST:PORT/`.
     ///
-    /// With several scenes, there is one URL with the path `/NAME` for each of the first 16. The pin is `sha256=` with
-    /// the fingerprint of the development certificate, or `spki-sha256=` with the fingerprint of the key of a
-    /// certificate from files: 64 lowercase hexadecimal digits. A socket bound to all addresses is listed under each
+    /// With several scenes, there is one URL with the path `/NAME` for each of the first 16. The pin is `spki-sha256=`
+    /// with the fingerprint of the certificate's key, which a renewed certificate keeps: 64 lowercase hexadecimal
+    /// digits. A socket bound to all addresses is listed under each
     /// address from which this machine reaches other networks, IPv6 and IPv4.
     #[must_use]
     pub fn urls(&self) -> Vec<String> {
@@ -201,6 +238,13 @@ impl Daemon {
             })
         });
         quic.chain(websocket).collect()
+    }
+
+    /// URLs of the page for browsers, if there is one.
+    pub(crate) fn page_urls(&self) -> Vec<String> {
+        let scheme = if self.tls.is_some() { "https" } else { "http" };
+        let addresses = self.http_address().filter(|_| self.state.site().has_page()).into_iter();
+        addresses.flat_map(advertised_addresses).map(|address| format!("{scheme}://{address}/")).collect()
     }
 
     /// URLs of the metrics on the administration port.
@@ -270,6 +314,7 @@ impl Daemon {
             admin,
             pin: _,
             certificate_files,
+            development,
             provider,
             settings_reload,
             reloads,
@@ -283,6 +328,9 @@ impl Daemon {
                 Arc::clone(&state),
                 reloads.subscribe(),
             ));
+        }
+        if let Some((certificate, live)) = development {
+            watchers.spawn(keep_valid(certificate, live, Arc::clone(&state)));
         }
         if let Some(read) = settings_reload {
             watchers.spawn(crate::lifecycle::settings_watch::watch_settings(

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `daemon` | the whole daemon: sockets, reload, drain |
 //! | `transport` | QUIC, WebSocket, TLS, certificates, congestion control |
-//! | `http` | the HTTP port, its checks of origins and trusted proxies, and the administration port |
+//! | `http` | the HTTP port, its page, its checks of origins and trusted proxies, and the administration port |
 //! | `session` | scenes and their versions; admission; the loop between a sans-IO session and its transport |
 //! | `limits` | limits on connections and sessions: pre-auth pool, leases, rates of sessions, messages and bytes |
 //! | `auth` | which clients may see a scene: signed tokens, or the operator's program or URL |
@@ -32,6 +32,7 @@ pub use crate::auth::tokens::Tokens;
 pub use crate::daemon::{Daemon, DaemonOptions, run};
 pub use crate::http::admin::AdminPort;
 pub use crate::http::origin::{AllowedOrigins, Origin};
+pub use crate::http::page::{Page, PageError, PageSetting};
 pub use crate::http::proxy::{Network, TrustedProxies};
 pub use crate::http::server::accept_http;
 pub use crate::lifecycle::settings_watch::SettingsReload;

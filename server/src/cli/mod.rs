@@ -135,6 +135,7 @@ mod tests {
             "serve a.obj --rate-per-address off --total-rate off",
             "serve a.obj --admin 127.0.0.1:0",
             "serve a.obj --admin off",
+            "serve a.obj --page target/web",
             "serve a.obj --token-keys keys.json --token-audience us",
             "serve a.obj --http-tls --cert c.pem --key k.pem",
             "serve a.obj --trusted-proxy 10.0.0.0/8,127.0.0.1 --trusted-proxy 2001:db8::/32",

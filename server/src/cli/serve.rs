@@ -2,7 +2,7 @@
 
 use std::net::SocketAddr;
 use std::num::NonZeroUsize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
@@ -21,7 +21,7 @@ use crate::catalogue::Catalogue;
 use lodestream_bake::prepare::{Options, cache, remove_stale_levels};
 use lodestream_daemon::{
     Access, AdminPort, AdmissionSettings, Authorization, DRAIN_SECONDS, DaemonOptions, Hook, Network, Origin,
-    SessionRateLimit, SessionSettings, Tokens,
+    Page, PageSetting, SessionRateLimit, SessionSettings, Tokens,
 };
 use lodestream_store::DEFAULT_CACHE_BYTES;
 
@@ -55,9 +55,13 @@ pub(super) struct Arguments {
     /// Address for QUIC (UDP); port 0 for any free port.
     #[arg(long, env = "LODESTREAM_LISTEN", value_name = "ADDRESS", default_value = "127.0.0.1:4433")]
     listen: SocketAddr,
-    /// Address for WebSocket, /health, /ready and /scenes (TCP); port 0 for any free port.
+    /// Address for the page for browsers, WebSocket, /health, /ready and /scenes (TCP); port 0 for any free port.
     #[arg(long, env = "LODESTREAM_HTTP", value_name = "ADDRESS", default_value = "127.0.0.1:8080")]
     http: SocketAddr,
+    /// Folder of the page for browsers, as script/web builds it [default: ../share/lodestream/web or ../web beside the
+    /// program's folder, if it is there].
+    #[arg(long, env = "LODESTREAM_PAGE", value_name = "DIR")]
+    page: Option<PathBuf>,
     /// Use TLS on the HTTP port (wss:// and https://), with the same certificate as QUIC.
     #[arg(long, env = "LODESTREAM_HTTP_TLS")]
     http_tls: bool,
@@ -97,9 +101,9 @@ pub(super) struct Arguments {
     #[arg(long, env = "LODESTREAM_DRAIN", value_name = "SECONDS", default_value_t = DRAIN_SECONDS,
         value_parser = value_parser!(u64).range(..=MAX_DRAIN_SECONDS))]
     drain: u64,
-    /// Origins of web pages that may open sessions over WebSocket (https://example.org), separated by commas; * for
-    /// any.
-    /// Other programs send no origin and are always allowed.
+    /// Origins of web pages that may open sessions (https://example.org), separated by commas; * for any. The server's
+    /// own page needs no entry if it is opened by IP address, as localhost, by a name without dots, or over https. Other
+    /// programs send no origin and are always allowed.
     #[arg(long, env = "LODESTREAM_ALLOW_ORIGIN", value_name = "ORIGIN", value_delimiter = ',')]
     allow_origin: Vec<Origin>,
     /// Trusted proxies before the HTTP port: the client's address is taken from their X-Forwarded-For header. Addresses
@@ -185,6 +189,20 @@ impl Arguments {
     }
 }
 
+/// The page of `folder`, or else of the folder where the package or the build puts it.
+fn page(folder: Option<&Path>) -> anyhow::Result<PageSetting> {
+    if let Some(folder) = folder {
+        return Ok(PageSetting::Loaded(Page::load(folder).context("--page")?));
+    }
+    let program = std::env::current_exe().context("the program's folder is not known: give --page DIR")?;
+    let beside = |path: &str| program.parent().and_then(Path::parent).map(|parent| parent.join(path));
+    let folders: Vec<PathBuf> = ["share/lodestream/web", "web"].into_iter().filter_map(beside).collect();
+    match folders.iter().find(|folder| folder.is_dir()) {
+        Some(folder) => Page::load(folder).map(PageSetting::Loaded).context("the page for browsers"),
+        None => Ok(PageSetting::Absent(folders)),
+    }
+}
+
 /// Prepares, opens and serves the scenes. `again` parses the arguments again, with the file's present contents.
 pub(super) fn run(
     arguments: Arguments,
@@ -192,6 +210,7 @@ pub(super) fn run(
 ) -> anyhow::Result<Outcome> {
     let (sessions, admission) = arguments.changeable();
     let access = arguments.access()?;
+    let page = page(arguments.page.as_deref())?;
     let cache = match arguments.cache.or_else(cache::default_folder) {
         Some(folder) => folder,
         None => anyhow::bail!("no cache folder is known; name one with --cache DIR"),
@@ -215,6 +234,7 @@ pub(super) fn run(
         listen: Some(arguments.listen),
         http: Some(arguments.http),
         http_tls: arguments.http_tls,
+        page,
         admin: arguments.admin.unwrap_or(AdminPort::Standard),
         certificate: arguments.cert.zip(arguments.key),
         admission: AdmissionSettings { access: access.map(Arc::new), ..admission },

@@ -41,6 +41,10 @@ impl Server {
 
     /// Starts a server by a command whose last arguments are the files to serve.
     fn started(mut command: Command, folder: &Path) -> Self {
+        let page = folder.join("page");
+        std::fs::create_dir_all(&page).unwrap();
+        let description = r#"<script type="application/json" id="lodestream-server">{}</script>"#;
+        std::fs::write(page.join("index.html"), description).unwrap();
         let mut child = command
             .args([
                 "--listen",
@@ -51,6 +55,8 @@ impl Server {
                 "127.0.0.1:0",
                 "--cache",
                 "cache",
+                "--page",
+                "page",
             ])
             .current_dir(folder)
             .stdout(Stdio::piped())
@@ -63,10 +69,12 @@ impl Server {
             line.strip_prefix(scheme).unwrap_or_else(|| panic!("{line}")).to_owned()
         };
         let quic = url("quic://127.0.0.1:");
-        let (_, fingerprint) = quic.split_once("#sha256=").unwrap();
+        let (_, fingerprint) = quic.split_once("#spki-sha256=").unwrap();
         assert!(fingerprint.len() == 64 && fingerprint.bytes().all(|b| b.is_ascii_hexdigit()), "{quic}");
         let http = url("ws://").trim_end_matches('/').to_owned();
+        let page = url("http://");
         let admin = url("http://").trim_end_matches("/metrics").to_owned();
+        assert_eq!(page, format!("{http}/"), "the page is on the HTTP port");
         Self { child: KilledOnDrop(child), http, admin }
     }
 
@@ -129,6 +137,8 @@ fn a_server_starts_from_its_cache_and_ends_on_a_signal() {
     for (signal, prepares) in [("-TERM", true), ("-INT", false)] {
         let server = Server::start(folder.path());
         assert!(server.get("/health").starts_with("HTTP/1.1 200"));
+        let page = Server::get_from(&server.http, "/");
+        assert!(page.starts_with("HTTP/1.1 200") && page.contains(r#""scene":"model""#), "{page}");
         assert!(server.get("/metrics").contains("lodestream_sessions{transport=\"quic\"} 0"));
         assert!(Server::get_from(&server.http, "/health").starts_with("HTTP/1.1 200"));
         assert!(

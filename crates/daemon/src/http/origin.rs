@@ -3,10 +3,12 @@
 
 use std::borrow::Cow;
 use std::collections::BTreeSet;
+use std::net::IpAddr;
 use std::str::FromStr;
 
 use hyper::header::{self, HeaderMap};
 
+use crate::http::page_answers::host;
 use crate::limits::invalid_setting::InvalidSetting;
 
 /// A page's origin (RFC 6454, section 6), such as `https://example.org:8443`, or `*` for any.
@@ -54,13 +56,42 @@ impl FromIterator<Origin> for AllowedOrigins {
 }
 
 impl AllowedOrigins {
-    /// The first origin in a request's headers that is not allowed, as it was sent.
-    pub(crate) fn refused(&self, headers: &HeaderMap) -> Option<String> {
+    /// The first origin in a request's headers that is neither allowed nor `own`, as it was sent.
+    pub(crate) fn refused(&self, headers: &HeaderMap, own: impl Fn(&str) -> bool) -> Option<String> {
         let any = || self.0.contains(&Origin("*".into()));
         let mut sent =
             headers.get_all(header::ORIGIN).iter().map(|value| String::from_utf8_lossy(value.as_bytes()));
-        let refused = sent.find(|sent| !(self.0.contains(&Origin(sent.to_ascii_lowercase())) || any()));
+        let refused =
+            sent.find(|sent| !(self.0.contains(&Origin(sent.to_ascii_lowercase())) || any() || own(sent)));
         refused.map(Cow::into_owned)
+    }
+}
+
+/// Whether an origin is that of the server's own page: the host and port that the request is sent to.
+pub(crate) fn is_same_origin(origin: &str, headers: &HeaderMap) -> bool {
+    let (Ok(origin), Some(host)) = (origin.parse::<Origin>(), host(headers)) else { return false };
+    let Some((scheme, of_page)) = origin.0.split_once("://") else { return false };
+    let of_server = format!("{scheme}://{host}").parse::<Origin>();
+    of_server.is_ok_and(|of_server| of_server == origin) && is_own_name(scheme, of_page)
+}
+
+/// Whether no other site can have this host. By DNS rebinding a site's name resolves to this server, so that its page and
+/// this server seem to have one origin: then scheme and name tell that they differ. An https page came from a server with
+/// a certificate for the name. Addresses are no names, and nobody can register localhost, names without a dot, or names
+/// of the local network (RFC 6761, RFC 6762).
+pub(crate) fn is_own_name(scheme: &str, host_and_port: &str) -> bool {
+    let host = host_and_port.rsplit_once(':').filter(|(_, port)| port.bytes().all(|b| b.is_ascii_digit()));
+    let host = host.map_or(host_and_port, |(host, _)| host);
+    let address = host.strip_prefix('[').and_then(|host| host.strip_suffix(']')).unwrap_or(host);
+    match scheme {
+        "https" => true,
+        "http" => {
+            address.parse::<IpAddr>().is_ok()
+                || !host.contains('.')
+                || host.ends_with(".localhost")
+                || host.ends_with(".local")
+        }
+        _ => false,
     }
 }
 
@@ -83,15 +114,53 @@ mod tests {
     }
 
     #[test]
+    fn only_names_that_no_other_site_can_have_are_the_servers_own() {
+        let sent_to = |host: &str| {
+            let mut headers = HeaderMap::new();
+            headers.insert(header::HOST, HeaderValue::from_str(host).unwrap());
+            headers
+        };
+        for (origin, host) in [
+            ("http://127.0.0.1:8080", "127.0.0.1:8080"),
+            ("http://[::1]:8080", "[::1]:8080"),
+            ("http://LocalHost:8080", "localhost:8080"),
+            ("http://box", "box:80"),
+            ("http://box.local:8080", "box.local:8080"),
+            ("https://example.org", "example.org"),
+            ("https://example.org", "example.org:443"),
+        ] {
+            assert!(is_same_origin(origin, &sent_to(host)), "{origin} {host}");
+        }
+        for (origin, host) in [
+            ("http://127.0.0.1:8080", "127.0.0.1:8081"),
+            ("http://127.0.0.1", "127.0.0.1:8080"),
+            ("http://localhost:8080", "127.0.0.1:8080"),
+            ("http://rebound.example:8080", "rebound.example:8080"),
+            ("http://127.0.0.1.example:8080", "127.0.0.1.example:8080"),
+            ("https://evil.example", "example.org"),
+            ("null", "null"),
+            ("*", "*"),
+            ("http://a@127.0.0.1", "a@127.0.0.1"),
+            ("chrome-extension://abc", "abc"),
+        ] {
+            assert!(!is_same_origin(origin, &sent_to(host)), "{origin} {host}");
+        }
+        let mut two = sent_to("127.0.0.1:8080");
+        two.append(header::HOST, HeaderValue::from_static("127.0.0.1:8080"));
+        assert!(!is_same_origin("http://127.0.0.1:8080", &two), "two hosts");
+        assert!(!is_same_origin("http://127.0.0.1:8080", &HeaderMap::new()), "no host");
+    }
+
+    #[test]
     fn a_request_without_an_origin_is_allowed() {
-        assert_eq!(allowed(&[]).refused(&of(&[])), None);
+        assert_eq!(allowed(&[]).refused(&of(&[]), |_| false), None);
     }
 
     #[test]
     fn only_listed_origins_are_allowed() {
         let some = allowed(&["https://Example.org", "http://localhost:8000", "https://a.example:443"]);
         for origin in ["https://example.org", "http://localhost:8000", "https://a.example"] {
-            assert_eq!(some.refused(&of(&[origin])), None, "{origin}");
+            assert_eq!(some.refused(&of(&[origin]), |_| false), None, "{origin}");
         }
         for origin in [
             "http://example.org",
@@ -101,10 +170,13 @@ mod tests {
             "null",
             "",
         ] {
-            assert_eq!(some.refused(&of(&[origin])), Some(origin.into()));
+            assert_eq!(some.refused(&of(&[origin]), |_| false), Some(origin.into()));
         }
-        assert!(some.refused(&of(&["https://example.org", "https://evil.example"])).is_some(), "one of two");
-        assert_eq!(allowed(&["*"]).refused(&of(&["https://evil.example"])), None);
+        assert!(
+            some.refused(&of(&["https://example.org", "https://evil.example"]), |_| false).is_some(),
+            "one of two"
+        );
+        assert_eq!(allowed(&["*"]).refused(&of(&["https://evil.example"]), |_| false), None);
     }
 
     #[test]

@@ -1,5 +1,6 @@
-//! The public HTTP port, with or without TLS: `/health`, `/ready`, `/scenes`, and the upgrade to WebSocket. The path
-//! `/NAME` names a scene; `/` and `/stream` stand for the only scene, or for the one that `Hello` names.
+//! The public HTTP port, with or without TLS: `/health`, `/ready`, `/scenes`, the page for browsers, and the upgrade to
+//! WebSocket. The path `/NAME` names a scene; `/` and `/stream` stand for the only scene, or for the one that `Hello`
+//! names. Without an upgrade, `/` and `/NAME` are the page.
 
 use std::convert::Infallible;
 use std::net::SocketAddr;
@@ -15,13 +16,13 @@ use hyper_util::rt::{TokioIo, TokioTimer};
 use lodestream_protocol::stream::scene_of_path;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::time::timeout;
 
 use crate::auth::grant::TokenError;
+use crate::http::paced_body::{PacedBody, Progress};
 use crate::http::responses::{
     TextResponse, bearer, header_contains, health, ready, scene_list, text, unauthorised, wrong_method,
 };
-use crate::http::upgrade::{PendingUpgrade, upgrade};
+use crate::http::upgrade::{PendingUpgrade, is_upgrade, upgrade};
 use crate::limits::byte_rate::{MeterControl, metered};
 use crate::limits::pre_auth_pool::PreAuthSlot;
 use crate::limits::refusal::Refusal;
@@ -32,8 +33,10 @@ use crate::transport::websocket;
 
 /// Time limit for a request's head, against slow senders.
 const HEADER_TIMEOUT: Duration = Duration::from_secs(5);
-/// Time limit for a request and its response.
+/// Time limit for a request and its response, or for the next piece of the page.
 pub(crate) const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
+/// Time limit for all requests of a connection, which a browser uses for several files of the page.
+const CONNECTION_TIMEOUT: Duration = Duration::from_secs(300);
 /// Longest request head, in bytes.
 const MAX_HEADER_BYTES: usize = 16 * 1024;
 /// Most header fields in a request.
@@ -77,7 +80,7 @@ fn prepare(stream: &TcpStream) {
     let _ = socket2::SockRef::from(stream).set_tcp_notsent_lowat(UNSENT_BYTES);
 }
 
-/// Serves one connection: one request, and a session if it upgrades to WebSocket. A connection that is evicted from the
+/// Serves one connection: requests for the page's files, one other request, and a session if it upgrades to WebSocket. A connection that is evicted from the
 /// pre-auth pool is dropped without a response.
 pub async fn accept_http<S>(stream: S, state: Arc<ServerState>, peer: SocketAddr)
 where
@@ -120,24 +123,29 @@ async fn serve_one<S>(
     S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
 {
     let pending_upgrade = PendingUpgrade::default();
+    let progress = Progress::start();
     let service = service_fn(|mut request: Request<Incoming>| {
         let (state, pending_upgrade) = (Arc::clone(&state), Arc::clone(&pending_upgrade));
-        async move { Ok::<_, Infallible>(answer(&mut request, &state, peer, &pending_upgrade).await) }
+        let progress = progress.clone();
+        async move {
+            let response = answer(&mut request, &state, peer, &pending_upgrade).await;
+            Ok::<_, Infallible>(response.map(|body| PacedBody::new(body, progress)))
+        }
     });
     let connection = connection_builder().serve_connection(TokioIo::new(stream), service).with_upgrades();
     let served = tokio::select! {
         biased;
-        served = timeout(REQUEST_TIMEOUT, connection) => served,
+        served = progress.limit(connection, REQUEST_TIMEOUT, CONNECTION_TIMEOUT) => served,
         () = slot.evicted() => return state.metrics().http_error(),
     };
     drop(slot);
     match served {
-        Ok(Ok(())) => {}
-        Ok(Err(why)) => {
+        Some(Ok(())) => {}
+        Some(Err(why)) => {
             tracing::debug!(%peer, "invalid request: {why}");
             state.metrics().http_error();
         }
-        Err(_) => state.metrics().http_error(),
+        None => state.metrics().http_error(),
     }
     let pending_upgrade = pending_upgrade.lock().unwrap_or_else(PoisonError::into_inner).take();
     if let Some((upgrade, guard)) = pending_upgrade
@@ -155,6 +163,10 @@ async fn answer(
 ) -> TextResponse {
     state.metrics().http_request();
     let path = request.uri().path();
+    let reads = matches!(*request.method(), Method::GET | Method::HEAD);
+    if reads && let Some(file) = state.site().file(path, request.headers()) {
+        return file;
+    }
     let name = match path {
         "/" | "/stream" | "/health" | "/ready" | "/scenes" => None,
         // A malformed path is reported as an unknown scene.
@@ -172,14 +184,21 @@ async fn answer(
             format!("{missing}; other paths are /health, /ready and /scenes\n"),
         );
     }
-    if !matches!(*request.method(), Method::GET | Method::HEAD) {
+    if !reads {
         return wrong_method();
     }
     match path {
         "/health" => health(state),
         "/ready" => ready(state),
         "/scenes" => list(request.headers(), state, peer).await,
-        _ => upgrade(request, state, peer, pending_upgrade, name).await,
+        "/stream" => upgrade(request, state, peer, pending_upgrade, name).await,
+        _ => {
+            let page = || state.site().index(state, name.as_deref(), request.headers());
+            match Some(request.headers()).filter(|headers| !is_upgrade(headers)).and_then(|_| page()) {
+                Some(page) => page,
+                None => upgrade(request, state, peer, pending_upgrade, name).await,
+            }
+        }
     }
 }
 

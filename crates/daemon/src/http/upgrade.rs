@@ -5,13 +5,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use http_body_util::Full;
 use hyper::body::Incoming;
-use hyper::header::{self, HeaderValue};
+use hyper::header::{self, HeaderMap, HeaderValue};
 use hyper::upgrade::OnUpgrade;
 use hyper::{Method, Request, Response, StatusCode};
 use lodestream_protocol::stream::ALPN;
 use tokio_tungstenite::tungstenite::handshake::derive_accept_key;
 
 use crate::auth::grant::TokenError;
+use crate::http::origin::is_same_origin;
 use crate::http::responses::{TextResponse, bearer, header_contains, text, unauthorised};
 use crate::limits::refusal::Refusal;
 use crate::metrics::Transport;
@@ -20,6 +21,12 @@ use crate::session::state::ServerState;
 
 /// Slot in which the request handler leaves an accepted upgrade for its connection.
 pub(crate) type PendingUpgrade = Arc<Mutex<Option<(OnUpgrade, SessionGuard)>>>;
+
+/// Whether a request asks for WebSocket.
+pub(crate) fn is_upgrade(headers: &HeaderMap) -> bool {
+    header_contains(headers, &header::CONNECTION, "upgrade")
+        && header_contains(headers, &header::UPGRADE, "websocket")
+}
 
 /// Performs the server's part of the opening handshake (RFC 6455 §4.2) and starts a session for `name`.
 pub(crate) async fn upgrade(
@@ -31,21 +38,20 @@ pub(crate) async fn upgrade(
 ) -> TextResponse {
     let headers = request.headers();
     let peer = state.admission().proxies.client(peer, headers);
-    let is_upgrade = *request.method() == Method::GET
-        && header_contains(headers, &header::CONNECTION, "upgrade")
-        && header_contains(headers, &header::UPGRADE, "websocket");
-    if !is_upgrade {
+    if *request.method() != Method::GET || !is_upgrade(headers) {
         let hint = "this is a Lodestream server: open this address with a viewer, as ws://HOST:PORT or wss://HOST:PORT\n";
         let mut response = text(StatusCode::UPGRADE_REQUIRED, hint);
         response.headers_mut().insert(header::UPGRADE, HeaderValue::from_static("websocket"));
         return response;
     }
-    if let Some(origin) = state.admission().origins.refused(headers) {
+    let own = |origin: &str| state.site().has_page() && is_same_origin(origin, headers);
+    if let Some(origin) = state.admission().origins.refused(headers, own) {
         state.metrics().session_refused(Refusal::Origin);
         tracing::info!(%peer, ?origin, "session refused: a web page that --allow-origin does not name");
         return text(
             StatusCode::FORBIDDEN,
-            "this web page may not open sessions: the server's --allow-origin does not name its origin\n",
+            "this web page may not open sessions: the server's --allow-origin does not name its origin (the server's \
+             own page may if it is opened by IP address, as localhost, by a name without dots, or over https)\n",
         );
     }
     if !header_contains(headers, &header::SEC_WEBSOCKET_VERSION, "13") {

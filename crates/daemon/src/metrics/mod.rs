@@ -64,6 +64,7 @@ pub struct Metrics {
     http_requests: IntCounter,
     http_errors: IntCounter,
     failed_handshakes: IntCounter,
+    web_transport: IntCounter,
     early_data: IntCounter,
     tokens_refused: IntCounter,
     access_unavailable: IntCounter,
@@ -178,6 +179,11 @@ impl Metrics {
 
     pub(crate) fn scenes_changed(&self, count: usize) {
         self.scene_changes.inc_by(count as u64);
+    }
+
+    /// Counts a QUIC session that came by WebTransport.
+    pub(crate) fn web_transport_session(&self) {
+        self.web_transport.inc();
     }
 
     pub(crate) fn early_data(&self) {

@@ -96,6 +96,10 @@ impl Metrics {
                 "HTTP connections without a valid request.",
             )?,
             failed_handshakes: counter("lodestream_failed_handshakes_total", "QUIC handshakes that failed.")?,
+            web_transport: counter(
+                "lodestream_webtransport_sessions_total",
+                "QUIC sessions that came by WebTransport.",
+            )?,
             early_data: counter(
                 "lodestream_early_data_sessions_total",
                 "Resumed QUIC sessions whose client sent 0-RTT data.",

@@ -2,7 +2,7 @@
 
 use std::net::SocketAddr;
 use std::sync::atomic::AtomicU64;
-use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard};
+use std::sync::{Arc, OnceLock, PoisonError, RwLock, RwLockReadGuard};
 
 use lodestream_protocol::Time;
 use lodestream_protocol::server::ServerConfig;
@@ -12,6 +12,7 @@ use tokio::sync::watch;
 use tokio::time::Instant;
 
 use crate::auth::grant::{Grant, TokenError};
+use crate::http::page_answers::Site;
 use crate::limits::leases::Leases;
 use crate::limits::pre_auth_pool::{PreAuthPool, PreAuthSlot};
 use crate::limits::session_rate::SessionRateLimiter;
@@ -74,6 +75,7 @@ pub struct ServerState {
     requests: Arc<PreAuthPool>,
     unreadable: UnreadableBlobs,
     pub(super) started: Instant,
+    site: OnceLock<Site>,
 }
 
 impl std::fmt::Debug for ServerState {
@@ -114,6 +116,7 @@ impl ServerState {
             requests: PreAuthPool::new(MAX_REQUESTS),
             unreadable: UnreadableBlobs::default(),
             started: Instant::now(),
+            site: OnceLock::new(),
         })
     }
 
@@ -200,6 +203,16 @@ impl ServerState {
             Transport::Quic => ServerConfig::quic(rate),
             Transport::WebSocket => ServerConfig::websocket(rate),
         })
+    }
+
+    /// The page for browsers; none until [`ServerState::set_site`].
+    pub(crate) fn site(&self) -> &Site {
+        self.site.get_or_init(Site::default)
+    }
+
+    /// Sets the page, before anything asks for it.
+    pub(crate) fn set_site(&self, site: Site) {
+        let _ = self.site.set(site);
     }
 
     /// The current phase.

@@ -35,7 +35,7 @@ async fn unspecified_addresses_are_not_printed() {
         }
         assert!(!urls.iter().any(|url| url.contains("0.0.0.0") || url.contains("[::]")), "{urls:?}");
         let pinned = urls.iter().filter(|url| url.starts_with("quic://"));
-        assert!(pinned.clone().all(|url| url.contains("#sha256=")), "{urls:?}");
+        assert!(pinned.clone().all(|url| url.contains("#spki-sha256=")), "{urls:?}");
         let port = daemon.quic_address().unwrap().port();
         assert!(pinned.clone().all(|url| url.contains(&format!(":{port}#"))), "{urls:?}");
     }

@@ -7,6 +7,7 @@ mod bad_peers;
 mod http;
 mod leases;
 mod metrics;
+mod page;
 mod quic;
 mod rates;
 mod scenes;
@@ -16,6 +17,7 @@ mod slow_store;
 mod soak;
 mod tls;
 mod tokens;
+mod web_transport;
 mod websocket;
 
 use std::net::{Ipv4Addr, SocketAddr};

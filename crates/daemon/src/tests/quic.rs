@@ -47,7 +47,7 @@ pub(super) fn certificate(folder: &tempfile::TempDir) -> CertificateDer<'static>
     kept.chain()[0].clone()
 }
 
-async fn connect_as(
+pub(super) async fn connect_as(
     address: SocketAddr,
     config: quinn::ClientConfig,
 ) -> Result<(quinn::Endpoint, Connection), ConnectionError> {
@@ -120,7 +120,7 @@ impl QuicClient {
     }
 }
 
-async fn read_stream(mut stream: RecvStream, arrivals: mpsc::Sender<Arrival>) {
+pub(super) async fn read_stream(mut stream: RecvStream, arrivals: mpsc::Sender<Arrival>) {
     let mut kind = [0];
     if stream.read_exact(&mut kind).await.is_err() {
         return;
@@ -274,7 +274,7 @@ async fn a_protocol_violation_closes_with_a_reason() {
 #[tokio::test]
 async fn another_protocol_and_another_certificate_are_refused() {
     let served = serve(MemoryScene::new(1, 100, 100), SessionSettings::default()).await;
-    let refused = connect_as(served.address, trusting(&served.certificate, &["h3"])).await;
+    let refused = connect_as(served.address, trusting(&served.certificate, &["h2"])).await;
     assert!(refused.is_err());
     let other = Certificate::self_signed(std::time::SystemTime::now()).unwrap();
     let refused = connect_as(served.address, trusting(&other.chain()[0], &[ALPN])).await;

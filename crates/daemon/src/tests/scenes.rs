@@ -113,7 +113,7 @@ async fn over_quic_the_scene_is_sent_before_hello() {
     let any = Some(SocketAddr::from((Ipv4Addr::LOCALHOST, 0)));
     let options = DaemonOptions { listen: any, http: None, ..DaemonOptions::new(folder.path()) };
     let daemon = Daemon::bind(options, two()).await.unwrap();
-    assert!(daemon.urls()[0].contains("/one#sha256=") && daemon.urls()[1].contains("/two#sha256="));
+    assert!(daemon.urls()[0].contains("/one#spki-sha256=") && daemon.urls()[1].contains("/two#spki-sha256="));
     let (address, state) = (daemon.quic_address().unwrap(), Arc::clone(daemon.state()));
     let (_stop, stopped) = tokio::sync::mpsc::channel(1);
     tokio::spawn(daemon.serve(stopped));

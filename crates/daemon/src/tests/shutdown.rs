@@ -99,7 +99,7 @@ async fn a_second_request_ends_the_daemon_at_once() {
 async fn urls_name_real_ports_and_the_fingerprint() {
     let (daemon, _folder) = loopback(MemoryScene::new(1, 10, 10), SessionSettings::default()).await;
     let urls = daemon.urls();
-    let quic = format!("quic://{}#sha256=", daemon.quic_address().unwrap());
+    let quic = format!("quic://{}#spki-sha256=", daemon.quic_address().unwrap());
     let fingerprint = urls[0].strip_prefix(&quic).unwrap();
     assert!(fingerprint.len() == 64 && fingerprint.bytes().all(|b| b"0123456789abcdef".contains(&b)));
     assert_eq!(urls[1], format!("ws://{}/", daemon.http_address().unwrap()));

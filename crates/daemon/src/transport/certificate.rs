@@ -1,11 +1,9 @@
 //! The server's certificate: self-signed for development, or given as PEM files.
 //!
-//! A self-signed certificate is created at the first start and stored, so that its fingerprint, which viewers pin, stays
-//! the same. The fingerprint is the SHA-256 of the certificate's DER, as 64 lowercase hexadecimal digits in the viewer's
-//! URL: `quic://HOST:PORT#sha256=FINGERPRINT`. For certificates that are renewed, viewers pin the key instead
-//! (`#spki-sha256=`).
-//!
-//! Keys are Ed25519: signatures have a constant length, so simulated handshakes have reproducible byte counts.
+//! The development certificate is created at the first start and stored, and renewed with the same key
+//! ([`crate::transport::development_certificate`]). Viewers pin the key: the SHA-256 of its DER, as 64 lowercase
+//! hexadecimal digits in the viewer's URL, `quic://HOST:PORT#spki-sha256=FINGERPRINT`. A pin of the certificate itself
+//! (`#sha256=`) lasts as long as the certificate.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -28,12 +26,17 @@ use crate::lifecycle::file_watch::read_small_file;
 /// Name of the file, in the state folder, that holds the development certificate and its key.
 pub(crate) const FILE_NAME: &str = "development-certificate.pem";
 
-/// Subject of self-signed certificates. Viewers that pin the fingerprint ignore it.
+/// Subject of self-signed certificates. Viewers that pin a fingerprint ignore it.
 const SUBJECT: &str = "localhost";
-/// How long a self-signed certificate is valid.
+const DAY: Duration = Duration::from_secs(24 * 3600);
+/// Certificates are valid from a day before they are made, for clients with slow clocks.
+const BACKDATED: Duration = DAY;
+/// How long a self-signed certificate for simulations and tests is valid.
 const VALIDITY: Duration = Duration::from_secs(2 * 365 * 24 * 3600);
-/// A self-signed certificate that expires within this time is replaced at start.
-const RENEW_BEFORE: Duration = Duration::from_secs(24 * 3600);
+/// How long a development certificate is valid: with the day before it was made, less than the 14 days that browsers admit.
+const DEVELOPMENT_VALIDITY: Duration = Duration::from_secs(13 * 24 * 3600 - 1);
+/// A development certificate that expires within this time is replaced at start.
+const RENEW_BEFORE: Duration = DAY;
 
 /// A certificate chain with its private key.
 #[derive(Debug)]
@@ -43,51 +46,66 @@ pub struct Certificate {
 }
 
 impl Certificate {
-    /// Creates a self-signed certificate, valid from a day before `now`.
+    /// Creates a self-signed certificate, valid from a day before `now` for two years. Its key is Ed25519: signatures
+    /// have a constant length, so simulated handshakes have reproducible byte counts. Browsers do not accept it.
     ///
     /// # Errors
     /// The system provides no random numbers.
     pub fn self_signed(now: SystemTime) -> anyhow::Result<Self> {
-        Self::self_signed_until(now, now + VALIDITY)
+        Self::self_signed_until(&rcgen::KeyPair::generate_for(&rcgen::PKCS_ED25519)?, now, now + VALIDITY)
     }
 
-    fn self_signed_until(now: SystemTime, end: SystemTime) -> anyhow::Result<Self> {
-        let key = rcgen::KeyPair::generate_for(&rcgen::PKCS_ED25519)?;
+    /// Creates a development certificate with a new key, valid from a day before `now` for less than 14 days.
+    fn development(now: SystemTime) -> anyhow::Result<Self> {
+        let key = rcgen::KeyPair::generate_for(&rcgen::PKCS_ECDSA_P256_SHA256)?;
+        Self::self_signed_until(&key, now, now + DEVELOPMENT_VALIDITY)
+    }
+
+    /// A new development certificate for the key of this one.
+    ///
+    /// # Errors
+    /// The key is not ECDSA P-256, which browsers demand.
+    pub(crate) fn renewed(&self, now: SystemTime) -> anyhow::Result<Self> {
+        let PrivateKeyDer::Pkcs8(key) = &self.key else { bail!("its key is not in PKCS #8") };
+        let key = rcgen::KeyPair::from_pkcs8_der_and_sign_algo(key, &rcgen::PKCS_ECDSA_P256_SHA256)
+            .context("its key is not ECDSA P-256, which browsers demand")?;
+        Self::self_signed_until(&key, now, now + DEVELOPMENT_VALIDITY)
+    }
+
+    fn self_signed_until(key: &rcgen::KeyPair, now: SystemTime, end: SystemTime) -> anyhow::Result<Self> {
         let mut params = rcgen::CertificateParams::new(vec![SUBJECT.to_owned()])?;
         params.distinguished_name.push(rcgen::DnType::CommonName, "Lodestream development server");
         let epoch = rcgen::date_time_ymd(1970, 1, 1);
         let since_epoch = |time: SystemTime| time.duration_since(UNIX_EPOCH).unwrap_or_default();
-        // One day earlier, for clients with slow clocks.
-        params.not_before = epoch + since_epoch(now).saturating_sub(Duration::from_secs(24 * 3600));
+        params.not_before = epoch + since_epoch(now).saturating_sub(BACKDATED);
         params.not_after = epoch + since_epoch(end);
-        let certificate = params.self_signed(&key)?;
+        let certificate = params.self_signed(key)?;
         Ok(Self {
             chain: vec![certificate.der().clone()],
             key: PrivateKeyDer::Pkcs8(PrivatePkcs8KeyDer::from(key.serialize_der())),
         })
     }
 
-    /// Loads the development certificate from `folder`. Creates it, and the folder, if there is none; replaces it with a
-    /// warning if it is damaged or expires.
+    /// Loads the development certificate from `folder`. Creates it, and the folder, if there is none; renews it, with the
+    /// same key, if it expires within a day; replaces it with a warning if it is damaged or browsers refuse its key.
     ///
     /// # Errors
     /// The folder cannot be written.
     pub fn load_or_create(folder: &Path, now: SystemTime) -> anyhow::Result<Self> {
         let path = folder.join(FILE_NAME);
         if path.exists() {
-            match Self::from_pem_files(&path, &path).and_then(|kept| kept.check_validity(now).map(|()| kept))
-            {
-                Ok(kept) => return Ok(kept),
+            let kept = Self::from_pem_files(&path, &path);
+            match kept.and_then(|kept| kept.renewed(now).map(|renewed| (kept, renewed))) {
+                Ok((kept, _)) if kept.check_validity(now).is_ok() => return Ok(kept),
+                Ok((_, renewed)) => return renewed.store(folder).map(|()| renewed),
                 Err(why) => tracing::warn!(
                     path = %path.display(),
                     "the development certificate is replaced ({why:#}); viewers need the new URL"
                 ),
             }
         }
-        let new = Self::self_signed(now)?;
-        new.write(folder, &path)
-            .with_context(|| format!("cannot store the development certificate in {}", path.display()))?;
-        Ok(new)
+        let new = Self::development(now)?;
+        new.store(folder).map(|()| new)
     }
 
     /// Loads a certificate chain and its key from PEM files, which may be the same file.
@@ -146,10 +164,15 @@ impl Certificate {
         self.chain.first().map_or([0; 32], |der| sha256(der))
     }
 
+    /// The same as 64 lowercase hexadecimal digits.
+    pub(crate) fn fingerprint_hex(&self) -> String {
+        hex(&self.fingerprint())
+    }
+
     /// Pin of this certificate in viewers' URLs: `sha256=` and 64 lowercase hexadecimal digits.
     #[must_use]
     pub fn pin(&self) -> String {
-        format!("sha256={}", hex(&self.fingerprint()))
+        format!("sha256={}", self.fingerprint_hex())
     }
 
     /// Pin of the key in viewers' URLs, which stays valid for a renewed certificate with the same key: `spki-sha256=` and
@@ -204,6 +227,13 @@ impl Certificate {
         Ok(())
     }
 
+    /// Stores this as the development certificate of `folder`.
+    pub(crate) fn store(&self, folder: &Path) -> anyhow::Result<()> {
+        let path = folder.join(FILE_NAME);
+        self.write(folder, &path)
+            .with_context(|| format!("cannot store the development certificate in {}", path.display()))
+    }
+
     /// Writes certificate and key into one file, atomically, readable only by the owner.
     fn write(&self, folder: &Path, path: &Path) -> anyhow::Result<()> {
         std::fs::create_dir_all(folder)?;
@@ -250,7 +280,8 @@ mod tests {
         assert_eq!(first.fingerprint(), again.fingerprint());
         assert_eq!((first.pin().len(), first.key_pin().len()), (7 + 64, 12 + 64));
         let lasts = first.not_after().unwrap().duration_since(now).unwrap();
-        assert!(VALIDITY.abs_diff(lasts) <= Duration::from_secs(1), "{lasts:?}");
+        // From the day before, so 14 days at most.
+        assert!(lasts + BACKDATED <= 14 * DAY && lasts > 12 * DAY, "{lasts:?}");
         assert_eq!(first.key().secret_der(), again.key().secret_der());
         #[cfg(unix)]
         {
@@ -265,13 +296,14 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(FILE_NAME);
         let now = SystemTime::now();
-        let short = Certificate::self_signed_until(now, now + Duration::from_secs(3600)).unwrap();
-        short.write(folder.path(), &path).unwrap();
-        let renewed = Certificate::load_or_create(folder.path(), now).unwrap();
-        assert_ne!(renewed.fingerprint(), short.fingerprint());
+        let refused_by_browsers = Certificate::self_signed(now).unwrap();
+        refused_by_browsers.store(folder.path()).unwrap();
+        let first = Certificate::load_or_create(folder.path(), now).unwrap();
+        assert_ne!(first.fingerprint(), refused_by_browsers.fingerprint());
         let much_later = now + 2 * VALIDITY;
         let second = Certificate::load_or_create(folder.path(), much_later).unwrap();
-        assert_ne!(second.fingerprint(), renewed.fingerprint());
+        assert_ne!(second.fingerprint(), first.fingerprint());
+        assert_eq!(second.key_pin(), first.key_pin(), "a renewed certificate has the same key");
 
         let good = std::fs::read(&path).unwrap();
         for damaged in [&b""[..], b"\xff\0garbage", &good[..good.len() / 2]] {
@@ -287,12 +319,12 @@ mod tests {
         let now = SystemTime::now();
         let kept = Certificate::load_or_create(folder.path(), now).unwrap();
         let days = |n: u64| Duration::from_secs(n * 24 * 3600);
-        for then in [now - days(3), now - days(3000), UNIX_EPOCH, UNIX_EPOCH - days(1), now + days(700)] {
+        for then in [now - days(3), now - days(3000), UNIX_EPOCH, UNIX_EPOCH - days(1), now + days(11)] {
             let again = Certificate::load_or_create(folder.path(), then).unwrap();
             assert_eq!(again.fingerprint(), kept.fingerprint(), "{then:?}");
         }
         let later =
-            Certificate::load_or_create(folder.path(), now + days(729) + Duration::from_secs(3600)).unwrap();
+            Certificate::load_or_create(folder.path(), now + days(12) + Duration::from_secs(3600)).unwrap();
         assert_ne!(later.fingerprint(), kept.fingerprint(), "its last day");
     }
 

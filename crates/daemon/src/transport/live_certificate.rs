@@ -25,7 +25,11 @@ impl LiveCertificate {
         Ok(Arc::new(Self(RwLock::new(Arc::new(certificate.certified_key()?)))))
     }
 
-    fn replace(&self, certificate: &Certificate) -> anyhow::Result<()> {
+    /// Replaces the certificate of new connections.
+    ///
+    /// # Errors
+    /// The key is of an unsupported kind.
+    pub(crate) fn replace(&self, certificate: &Certificate) -> anyhow::Result<()> {
         let new = Arc::new(certificate.certified_key()?);
         // A thread that panics with the lock leaves the old certificate or the new one.
         *self.0.write().unwrap_or_else(PoisonError::into_inner) = new;

@@ -14,8 +14,9 @@ use std::task::Poll;
 use std::time::Duration;
 
 use anyhow::Context;
-use lodestream_protocol::message::CloseCode;
+use lodestream_protocol::message::{Close, CloseCode};
 use lodestream_protocol::stream::ALPN;
+use lodestream_transport::quic;
 use quinn::crypto::rustls::{HandshakeData, NoInitialCipherSuite, QuicServerConfig};
 use quinn::{
     BloomTokenLog, Connection, IdleTimeout, Incoming, TransportConfig, ValidationTokenConfig, VarInt,
@@ -23,7 +24,7 @@ use quinn::{
 };
 use rustls::server::ServerSessionMemoryCache;
 use tokio::task::JoinSet;
-use tokio::time::timeout;
+use tokio::time::{sleep, timeout};
 use tracing::Instrument;
 
 use crate::limits::leases::LeaseError;
@@ -35,7 +36,8 @@ use crate::session::state::{Phase, ServerState};
 use crate::transport::certificate::Certificate;
 use crate::transport::congestion::{INITIAL_WINDOW_BYTES, bounded_queue};
 use crate::transport::live_certificate::LiveCertificate;
-use crate::transport::quic_stream::{QuicReceiver, QuicSender, first_send_window};
+use crate::transport::quic_stream::{ClientStreams, QuicReceiver, QuicSender, first_send_window};
+use crate::transport::web_transport::{self, H3_ALPN};
 
 /// QUIC's idle timeout.
 const IDLE_TIMEOUT_MS: u32 = 20_000;
@@ -64,6 +66,9 @@ const TOKEN_LOG_BYTES: usize = 1 << 20;
 const TOKENS_USED_PER_LIFETIME: u64 = 100_000;
 /// Time limit of the handshake with a client that is refused during shutdown.
 const REFUSAL_TIMEOUT: Duration = Duration::from_secs(2);
+/// Pauses between looks at a handshake that has not come to its protocol. QUIC's idle timeout ends it.
+const FIRST_PAUSE: Duration = Duration::from_millis(1);
+const LONGEST_PAUSE: Duration = Duration::from_millis(100);
 /// Time limit for closing the endpoint.
 const ENDPOINT_CLOSE_TIMEOUT: Duration = Duration::from_millis(500);
 
@@ -72,7 +77,7 @@ const ENDPOINT_CLOSE_TIMEOUT: Duration = Duration::from_millis(500);
 /// # Errors
 /// The certificate's key cannot be used with TLS 1.3.
 pub fn server_config(certificate: &Certificate) -> anyhow::Result<quinn::ServerConfig> {
-    Ok(server_config_of(tls_config(LiveCertificate::new(certificate)?)?)?)
+    Ok(server_config_of(tls_config(LiveCertificate::new(certificate)?)?, false)?)
 }
 
 /// TLS settings, with the certificate that `certificate` resolves at each handshake.
@@ -91,9 +96,11 @@ pub(crate) fn tls_config(certificate: Arc<LiveCertificate>) -> Result<rustls::Se
     Ok(tls)
 }
 
-/// QUIC settings over these TLS settings.
+/// QUIC settings over these TLS settings; `web_transport` tells whether browsers may connect too. What they need applies to
+/// all connections, since limits are told before the protocol is negotiated; our own sessions still read one stream.
 pub(crate) fn server_config_of(
     tls: rustls::ServerConfig,
+    web_transport: bool,
 ) -> Result<quinn::ServerConfig, NoInitialCipherSuite> {
     let mut transport = TransportConfig::default();
     transport
@@ -110,6 +117,13 @@ pub(crate) fn server_config_of(
         .initial_rtt(INITIAL_RTT)
         // Streams of equal priority are sent one after the other: one complete blob is more useful than two halves.
         .send_fairness(false);
+
+    if web_transport {
+        transport
+            .max_concurrent_uni_streams(VarInt::from_u32(web_transport::UNIDIRECTIONAL_STREAMS))
+            .max_concurrent_bidi_streams(VarInt::from_u32(web_transport::BIDIRECTIONAL_STREAMS))
+            .datagram_receive_buffer_size(Some(web_transport::DATAGRAM_BYTES));
+    }
 
     // Address tokens (NEW_TOKEN) validate a returning client's address at once, which lifts the limit of three times the
     // bytes received. A token is encrypted with a key created at start, bound to one address, and valid once.
@@ -256,10 +270,21 @@ async fn refuse_draining(incoming: Incoming, _counted: Option<Unvalidated>, slot
     }
 }
 
-/// Scene named by the client's ALPN; known here unless its first TLS message takes more than one packet.
-fn requested_scene(connection: &Connection, state: &ServerState) -> Option<String> {
-    let data = connection.handshake_data()?.downcast::<HandshakeData>().ok()?;
-    state.scenes().table().named(&data.protocol?).map(str::to_owned)
+/// The protocol that was negotiated by ALPN; waits if the client's first TLS message takes more than one packet, as those
+/// of browsers with keys against quantum computers do. Empty if the handshake fails.
+async fn negotiated(connection: &Connection) -> Vec<u8> {
+    let mut pause = FIRST_PAUSE;
+    loop {
+        if let Some(data) = connection.handshake_data() {
+            return data.downcast::<HandshakeData>().ok().and_then(|data| data.protocol).unwrap_or_default();
+        }
+        if connection.close_reason().is_some() {
+            return Vec::new();
+        }
+        // quinn tells of this event only where the session's first data would be late.
+        sleep(pause).await;
+        pause = (2 * pause).min(LONGEST_PAUSE);
+    }
 }
 
 async fn run_session(
@@ -268,12 +293,15 @@ async fn run_session(
     mut guard: SessionGuard,
     mut counted: Option<Unvalidated>,
 ) {
-    guard.requested_scene = requested_scene(&connection, &guard.state);
     let state = guard.state.clone();
+    let protocol = tokio::select! {
+        biased;
+        protocol = negotiated(&connection) => protocol,
+        why = guard.evicted() => return quic::close(&connection, &Close::new(CloseCode::Busy, why)),
+    };
+    guard.requested_scene = state.scenes().table().named(&protocol).map(str::to_owned);
     let started = tokio::time::Instant::now();
     let rate_bits_per_s = state.config(Transport::Quic).limiter.rate_bits_per_s;
-    let mut receiver = QuicReceiver::new(connection.clone(), state.clone());
-    let mut sender = QuicSender::new(connection.clone(), rate_bits_per_s);
     let validation = async {
         // The handshake's end validates the address, and shows that the client is still there, which an address token does
         // not. The result (whether 0-RTT was accepted) has no meaning for servers.
@@ -285,16 +313,35 @@ async fn run_session(
         counted = None;
     };
     let peer = || Some(connection.remote_address());
+    let log_end = |guard: &SessionGuard, close: &Close| {
+        tracing::info!(
+            scene = guard.scene_name(),
+            udp_bytes = connection.stats().udp_tx.bytes,
+            lost_packets = connection.stats().path.lost_packets,
+            seconds = started.elapsed().as_secs_f32(),
+            "session ended: {close}"
+        );
+    };
+    if protocol == H3_ALPN {
+        let session = web_transport::accept(&connection, &mut guard, validation).await;
+        if counted.is_some() {
+            state.metrics().handshake_failed();
+        }
+        let Some(session) = session else { return };
+        state.metrics().web_transport_session();
+        let (mut receiver, mut sender, end) = session.halves(state.clone(), rate_bits_per_s);
+        let close = drive(&mut guard, std::future::ready(()), peer, &mut receiver, &mut sender).await;
+        log_end(&guard, &close);
+        sender.finish_control(&close).await;
+        return end.close(&close).await;
+    }
+    let streams = ClientStreams::All(connection.clone());
+    let mut receiver = QuicReceiver::new(streams, state.clone());
+    let mut sender = QuicSender::new(connection.clone(), rate_bits_per_s);
     let close = drive(&mut guard, validation, peer, &mut receiver, &mut sender).await;
     if counted.is_some() {
         state.metrics().handshake_failed();
     }
-    tracing::info!(
-        scene = guard.scene_name(),
-        udp_bytes = connection.stats().udp_tx.bytes,
-        lost_packets = connection.stats().path.lost_packets,
-        seconds = started.elapsed().as_secs_f32(),
-        "session ended: {close}"
-    );
+    log_end(&guard, &close);
     sender.finish(&close).await;
 }

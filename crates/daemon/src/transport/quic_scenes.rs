@@ -9,6 +9,7 @@ use crate::session::scenes::Scenes;
 use crate::session::state::ServerState;
 use crate::transport::live_certificate::LiveCertificate;
 use crate::transport::quic::{server_config_of, tls_config};
+use crate::transport::web_transport::H3_ALPN;
 
 /// Settings of the QUIC endpoint. After a change of scenes, tickets, address tokens and the certificate stay valid.
 pub(crate) struct QuicConfig {
@@ -20,15 +21,17 @@ impl QuicConfig {
     /// Settings with a certificate that may be replaced.
     pub(crate) fn new(certificate: Arc<LiveCertificate>) -> anyhow::Result<Self> {
         let tls = tls_config(certificate)?;
-        let base = server_config_of(tls.clone())?;
+        let base = server_config_of(tls.clone(), true)?;
         Ok(Self { tls, base })
     }
 
-    /// The settings for the current scenes. With several, their ALPN names are preferred over the protocol's.
+    /// The settings for the current scenes. With several, their ALPN names are preferred over the protocol's. Browsers
+    /// come with HTTP/3's.
     pub(crate) fn server_config(&self, scenes: &Scenes) -> anyhow::Result<quinn::ServerConfig> {
         let mut tls = self.tls.clone();
         let names = scenes.table();
-        tls.alpn_protocols = names.alpns().map(<[u8]>::to_vec).chain([ALPN.into()]).collect();
+        let others = [ALPN.into(), H3_ALPN.to_vec()];
+        tls.alpn_protocols = names.alpns().map(<[u8]>::to_vec).chain(others).collect();
         let mut config = self.base.clone();
         config.crypto = Arc::new(QuicServerConfig::try_from(tls)?);
         Ok(config)

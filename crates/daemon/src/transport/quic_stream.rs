@@ -1,5 +1,6 @@
 //! The receiving and sending half of a session on a QUIC connection: one stream of control frames in each direction, and
-//! one stream per blob ([`lodestream_protocol::stream`]).
+//! one stream per blob ([`lodestream_protocol::stream`]). In a WebTransport session each stream begins with a prefix that
+//! names the session.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -18,6 +19,7 @@ use tokio::time::{Instant, timeout};
 
 use crate::limits::byte_rate::{BYTE_RATE_EXCEEDED, ByteRateLimiter};
 use crate::session::state::ServerState;
+use crate::transport::web_streams::WebStreams;
 
 /// Application error code of streams that are reset because their blob was cancelled.
 const ABANDONED: VarInt = VarInt::from_u32(0);
@@ -34,15 +36,34 @@ pub(crate) const fn first_send_window(initial_window: u64) -> u64 {
 }
 
 /// Converts the end of a connection into an event.
-fn connection_end<F>(error: &ConnectionError) -> Received<F> {
+pub(crate) fn connection_end<F>(error: &ConnectionError) -> Received<F> {
     let close = close_of(error, ClientMessage::PEER);
     if close.code == CloseCode::Normal { Received::Closed(close) } else { Received::Lost(close.reason) }
+}
+
+/// The streams that a client opens.
+#[derive(Debug)]
+pub(crate) enum ClientStreams {
+    /// All streams of the connection.
+    All(Connection),
+    /// Those of a WebTransport session.
+    OfSession(WebStreams),
+}
+
+impl ClientStreams {
+    /// The next stream, after the prefix. Cancel safe.
+    async fn accept(&mut self) -> Result<RecvStream, ConnectionError> {
+        match self {
+            Self::All(connection) => connection.accept_uni().await,
+            Self::OfSession(streams) => streams.accept().await,
+        }
+    }
 }
 
 /// Receiving half: the client's control stream.
 #[derive(Debug)]
 pub(crate) struct QuicReceiver {
-    connection: Connection,
+    streams: ClientStreams,
     state: Arc<ServerState>,
     stream: Option<RecvStream>,
     kind_known: bool,
@@ -51,9 +72,9 @@ pub(crate) struct QuicReceiver {
 }
 
 impl QuicReceiver {
-    pub(crate) fn new(connection: Connection, state: Arc<ServerState>) -> Self {
+    pub(crate) fn new(streams: ClientStreams, state: Arc<ServerState>) -> Self {
         Self {
-            connection,
+            streams,
             state,
             stream: None,
             kind_known: false,
@@ -72,7 +93,7 @@ impl Receiver for QuicReceiver {
                 return received;
             }
             let Some(stream) = &mut self.stream else {
-                match self.connection.accept_uni().await {
+                match self.streams.accept().await {
                     Ok(stream) => {
                         if stream.is_0rtt() {
                             self.state.metrics().early_data();
@@ -126,6 +147,10 @@ enum Pending {
 #[derive(Debug)]
 pub(crate) struct QuicSender {
     connection: Connection,
+    /// First bytes of each stream.
+    prefix: Bytes,
+    /// Error code of streams whose blob was cancelled.
+    abandoned: VarInt,
     rate_bits_per_s: Option<u64>,
     control: Option<SendStream>,
     /// Open streams of blobs; `None` if the client has stopped the stream.
@@ -136,8 +161,20 @@ pub(crate) struct QuicSender {
 
 impl QuicSender {
     pub(crate) fn new(connection: Connection, rate_bits_per_s: Option<u64>) -> Self {
+        Self::with_prefix(connection, rate_bits_per_s, Bytes::new(), ABANDONED)
+    }
+
+    /// For a WebTransport session, whose streams have a prefix and whose error codes are mapped.
+    pub(crate) fn with_prefix(
+        connection: Connection,
+        rate_bits_per_s: Option<u64>,
+        prefix: Bytes,
+        abandoned: VarInt,
+    ) -> Self {
         Self {
             connection,
+            prefix,
+            abandoned,
             rate_bits_per_s,
             control: None,
             blobs: BTreeMap::new(),
@@ -166,6 +203,12 @@ impl QuicSender {
 
     /// Closes the connection; unless it is lost, waits for `Close` to arrive.
     pub(crate) async fn finish(mut self, close: &Close) {
+        self.finish_control(close).await;
+        quic::close(&self.connection, close);
+    }
+
+    /// Ends the stream of control frames; unless the connection is lost, waits for `Close` to arrive.
+    pub(crate) async fn finish_control(&mut self, close: &Close) {
         if close.code != CloseCode::Lost
             && let Some(control) = &mut self.control
             && control.finish().is_ok()
@@ -181,7 +224,6 @@ impl QuicSender {
             })
             .await;
         }
-        quic::close(&self.connection, close);
     }
 }
 
@@ -210,7 +252,11 @@ impl Sender for QuicSender {
             Transmit::Piece { piece, priority } => {
                 let last = piece.is_last();
                 let begins = !self.blobs.contains_key(&piece.id);
-                let head = if begins { blob_head(&piece)?.into() } else { Bytes::new() };
+                let head = if begins {
+                    [&self.prefix[..], &blob_head(&piece)?].concat().into()
+                } else {
+                    Bytes::new()
+                };
                 let length = head.len() + piece.bytes.len();
                 let priority = quic_priority(priority);
                 self.pending = Pending::Piece { id: piece.id, priority, head, bytes: piece.bytes, last };
@@ -218,7 +264,7 @@ impl Sender for QuicSender {
             }
             Transmit::Abandon(id) => {
                 if let Some(Some(mut stream)) = self.blobs.remove(&id) {
-                    let _ = stream.reset(ABANDONED);
+                    let _ = stream.reset(self.abandoned);
                 }
                 Ok(0)
             }
@@ -235,9 +281,7 @@ impl Sender for QuicSender {
         if let Pending::Control(frame) = &self.pending
             && self.control.is_none()
         {
-            let mut first = Vec::with_capacity(1 + frame.len());
-            first.push(CONTROL_STREAM);
-            first.extend_from_slice(frame);
+            let first = [&self.prefix[..], &[CONTROL_STREAM], frame].concat();
             self.control = Some(open_stream(&self.connection, i32::MAX).await?);
             self.pending = Pending::Control(first.into());
         }

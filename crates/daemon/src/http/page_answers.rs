@@ -1,0 +1,227 @@
+//! Answers to requests for the page: compression, caching, and the headers that confine it.
+
+use std::sync::{PoisonError, RwLock};
+
+use bytes::Bytes;
+use http_body_util::Full;
+use hyper::header::{self, HeaderMap, HeaderName, HeaderValue};
+use hyper::http::uri::Authority;
+use hyper::{Response, StatusCode};
+use lodestream_protocol::stream::path_of_scene;
+use serde_json::{Value, json};
+
+use crate::http::page::{Asset, Coding, Page, PageSetting, entity_tag};
+use crate::http::responses::{TextResponse, text};
+use crate::session::state::ServerState;
+
+/// Where the page reaches the server by WebTransport.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct WebTransportOffer {
+    /// UDP port.
+    pub(crate) port: u16,
+    /// SHA-256 of the certificates that the browser shall accept, in hexadecimal digits; empty if an authority has
+    /// signed it.
+    pub(crate) certificate_hashes: Vec<String>,
+}
+
+/// The page, and what it is told.
+#[derive(Debug, Default)]
+pub(crate) struct Site {
+    pub(crate) page: PageSetting,
+    /// Port of the HTTP listener.
+    pub(crate) http_port: Option<u16>,
+    webtransport: RwLock<Option<WebTransportOffer>>,
+}
+
+impl Site {
+    pub(crate) fn new(page: PageSetting, http_port: Option<u16>) -> Self {
+        Self { page, http_port, webtransport: RwLock::new(None) }
+    }
+
+    /// Sets where WebTransport is offered.
+    pub(crate) fn offer_webtransport(&self, offer: WebTransportOffer) {
+        *self.webtransport.write().unwrap_or_else(PoisonError::into_inner) = Some(offer);
+    }
+
+    /// Replaces the hashes of the certificates, if WebTransport is offered.
+    pub(crate) fn set_certificate_hashes(&self, hashes: Vec<String>) {
+        if let Some(offer) = &mut *self.webtransport.write().unwrap_or_else(PoisonError::into_inner) {
+            offer.certificate_hashes = hashes;
+        }
+    }
+
+    fn webtransport(&self) -> Option<WebTransportOffer> {
+        self.webtransport.read().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Whether pages of this server may open sessions: whether it serves one.
+    pub(crate) const fn has_page(&self) -> bool {
+        matches!(self.page, PageSetting::Loaded(_))
+    }
+
+    /// The file for a path, if it is one of the page's.
+    pub(crate) fn file(&self, path: &str, headers: &HeaderMap) -> Option<TextResponse> {
+        let PageSetting::Loaded(page) = &self.page else { return None };
+        let mut response = asset(page.asset(path)?, headers);
+        self.confine(&mut response, headers);
+        Some(response)
+    }
+
+    /// The page itself, for a scene or for the only one; `None` if there is no page and none was looked for.
+    pub(crate) fn index(
+        &self,
+        state: &ServerState,
+        scene: Option<&str>,
+        headers: &HeaderMap,
+    ) -> Option<TextResponse> {
+        let page = match &self.page {
+            PageSetting::Loaded(page) => page,
+            absent => return Some(text(StatusCode::NOT_FOUND, absent.absence()? + "\n")),
+        };
+        let mut response = self.loaded_index(page, state, scene, headers);
+        self.confine(&mut response, headers);
+        Some(response)
+    }
+
+    fn loaded_index(
+        &self,
+        page: &Page,
+        state: &ServerState,
+        scene: Option<&str>,
+        headers: &HeaderMap,
+    ) -> TextResponse {
+        let body: Bytes = page.index(&self.description(state, scene)).into();
+        let tag = entity_tag(&body);
+        let mut response = if matches_tag(headers, &tag) { not_modified() } else { whole(body) };
+        let set = response.headers_mut();
+        set.insert(header::CONTENT_TYPE, HeaderValue::from_static("text/html; charset=utf-8"));
+        set.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-cache"));
+        set.insert(header::ETAG, tag);
+        response
+    }
+
+    /// What the page must know, so that it needs no other request.
+    fn description(&self, state: &ServerState, scene: Option<&str>) -> Value {
+        let table = state.scenes().table();
+        // If tokens are required, a client without one must not learn which scenes exist.
+        let token_required = state.admission().access.is_some();
+        let names: Vec<&str> = table.names().filter(|_| !token_required).collect();
+        let only = match names[..] {
+            [only] => Some(only),
+            _ => None,
+        };
+        let path = scene.map_or_else(|| "/".to_owned(), path_of_scene);
+        let webtransport = self.webtransport().map(
+            |offer| json!({ "port": offer.port, "path": path, "certificate_hashes": offer.certificate_hashes }),
+        );
+        json!({
+            "websocket": path,
+            "scenes": names,
+            "scene": scene.or(only),
+            "token_required": token_required,
+            "webtransport": webtransport,
+        })
+    }
+
+    /// Adds the headers that confine the page to this server. Workers obey those of their own script.
+    fn confine(&self, response: &mut TextResponse, headers: &HeaderMap) {
+        let set = response.headers_mut();
+        for (name, value) in [
+            (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+            (header::REFERRER_POLICY, "no-referrer"),
+            (HeaderName::from_static("cross-origin-opener-policy"), "same-origin"),
+            (HeaderName::from_static("cross-origin-embedder-policy"), "require-corp"),
+            (HeaderName::from_static("cross-origin-resource-policy"), "same-origin"),
+        ] {
+            set.insert(name, HeaderValue::from_static(value));
+        }
+        let policy = format!(
+            "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; worker-src 'self'; \
+             img-src 'self' blob: data:; connect-src 'self'{}; base-uri 'none'; form-action 'none'; \
+             frame-ancestors 'self'",
+            self.other_connections(headers).unwrap_or_default()
+        );
+        if let Ok(policy) = HeaderValue::from_str(&policy) {
+            set.insert(header::CONTENT_SECURITY_POLICY, policy);
+        }
+    }
+
+    /// This server's other ports and schemes, as sources of a policy; `None` if the request does not name the server. A
+    /// source cannot hold an IPv6 address (CSP 3, section 2.3.1): such a page has WebSocket by `'self'`.
+    fn other_connections(&self, headers: &HeaderMap) -> Option<String> {
+        let host = host(headers)?;
+        if host.host().starts_with('[') {
+            return None;
+        }
+        let quic = self.webtransport().map(|offer| format!(" https://{}:{}", host.host(), offer.port));
+        Some(format!(" ws://{host} wss://{host}{}", quic.unwrap_or_default()))
+    }
+}
+
+/// The server's name in a request. Its characters have no meaning in a policy.
+pub(crate) fn host(headers: &HeaderMap) -> Option<Authority> {
+    let mut hosts = headers.get_all(header::HOST).iter();
+    let (host, None) = (hosts.next()?, hosts.next()) else { return None };
+    let plain = |byte: u8| byte.is_ascii_alphanumeric() || b".-:[]_".contains(&byte);
+    host.to_str().ok().filter(|host| host.bytes().all(plain))?.parse().ok()
+}
+
+fn whole(body: Bytes) -> TextResponse {
+    Response::new(Full::new(body))
+}
+
+fn not_modified() -> TextResponse {
+    let mut response = whole(Bytes::new());
+    *response.status_mut() = StatusCode::NOT_MODIFIED;
+    response
+}
+
+fn asset(asset: &Asset, headers: &HeaderMap) -> TextResponse {
+    let coding =
+        Coding::ALL.into_iter().find(|coding| asset.forms.contains_key(coding) && accepts(headers, *coding));
+    let Some((coding, (body, tag))) = coding.and_then(|coding| Some((coding, asset.forms.get(&coding)?)))
+    else {
+        return text(StatusCode::NOT_ACCEPTABLE, "this file is sent as br, gzip or identity\n");
+    };
+    let mut response = if matches_tag(headers, tag) { not_modified() } else { whole(body.clone()) };
+    let set = response.headers_mut();
+    set.insert(header::CONTENT_TYPE, HeaderValue::from_static(asset.content_type));
+    set.insert(header::VARY, HeaderValue::from_static("accept-encoding"));
+    if coding != Coding::Identity {
+        set.insert(header::CONTENT_ENCODING, HeaderValue::from_static(coding.name()));
+    }
+    let cache = if asset.immutable { "public, max-age=31536000, immutable" } else { "no-cache" };
+    set.insert(header::CACHE_CONTROL, HeaderValue::from_static(cache));
+    set.insert(header::ETAG, tag.clone());
+    response
+}
+
+/// Whether `Accept-Encoding` admits a compression (RFC 9110, section 12.5.3). Without compression a file is sent unless
+/// it is excluded.
+fn accepts(headers: &HeaderMap, coding: Coding) -> bool {
+    let fields = headers.get_all(header::ACCEPT_ENCODING).iter();
+    let items = fields.filter_map(|field| field.to_str().ok()).flat_map(|field| field.split(','));
+    let (mut named, mut any) = (None, None);
+    for item in items {
+        let (name, parameters) = item.split_once(';').unwrap_or((item, ""));
+        let weight = parameters.trim().to_ascii_lowercase();
+        let weight = weight.strip_prefix("q=").map_or(1.0, |weight| weight.parse().unwrap_or(0.0));
+        let accepted = weight > 0.0_f32;
+        match name.trim() {
+            "*" => any = Some(accepted),
+            name if name.eq_ignore_ascii_case(coding.name()) => named = Some(accepted),
+            _ => {}
+        }
+    }
+    named.or(any).unwrap_or(coding == Coding::Identity)
+}
+
+/// Whether `If-None-Match` names this entity tag (RFC 9110, section 13.1.2).
+fn matches_tag(headers: &HeaderMap, tag: &HeaderValue) -> bool {
+    let fields = headers.get_all(header::IF_NONE_MATCH).iter();
+    let mut tags = fields.filter_map(|field| field.to_str().ok()).flat_map(|field| field.split(','));
+    tags.any(|item| {
+        let item = item.trim();
+        item == "*" || item.strip_prefix("W/").unwrap_or(item).as_bytes() == tag.as_bytes()
+    })
+}
