@@ -18,6 +18,7 @@
 //! | `bad_input` | wrong input by users, and packs damaged on disk |
 //! | `window` | the viewer's program: first and last frame on the screen, and exit |
 //! | `moving_window` | the same with a moving camera: nothing disappears |
+//! | `browser` | the page in a tab: picture, input, reconnection |
 //! | `damage` | packs damaged while they are served |
 //! | `terrain` | features of a terrain arrive, and only where a view needs them |
 //! | `punctual_lights` | punctual lights arrive with their scene, light its picture, and do not delay the first frame |
@@ -41,6 +42,8 @@
 mod access;
 #[cfg(test)]
 mod bad_input;
+#[cfg(test)]
+mod browser;
 #[cfg(test)]
 mod damage;
 #[cfg(test)]

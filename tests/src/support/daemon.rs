@@ -81,7 +81,22 @@ impl Server {
 
     /// Starts a daemon where another was, with the same certificate.
     pub(crate) fn start_at(site: Site, scene: Arc<dyn SceneSource>, sessions: SessionSettings) -> Self {
-        Self::start_of(site, scene, sessions, |_| {})
+        Self::start_at_with(site, scene, sessions, |_| {})
+    }
+
+    /// The same with more options.
+    pub(crate) fn start_at_with(
+        site: Site,
+        scene: Arc<dyn SceneSource>,
+        sessions: SessionSettings,
+        set: impl FnOnce(&mut DaemonOptions),
+    ) -> Self {
+        Self::start_of(site, scene, sessions, set)
+    }
+
+    /// The address of the page for browsers.
+    pub(crate) fn page_url(&self) -> String {
+        format!("http://{}/", self.http)
     }
 
     fn start_of(

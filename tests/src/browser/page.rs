@@ -1,0 +1,158 @@
+//! The daemon's page in a tab.
+
+use std::time::Duration;
+
+use data_encoding::BASE64;
+use lodestream_daemon::{Page, PageSetting, SessionSettings};
+use lodestream_report::image_error::image_error;
+use serde_json::{Value, json};
+
+use super::devtools::Tab;
+use super::{built_page, tab};
+use crate::support::PICTURE_PX;
+use crate::support::daemon::Server;
+use crate::support::picture::{Picture, draw, headless, keep};
+use crate::support::scene::TestScene;
+
+/// Largest FLIP error of the settled tab against the settled native picture: two drivers round differently, and edges
+/// are smoothed from other samples.
+const MAX_FLIP: f64 = 0.05;
+
+const STATS: &str = "window.lodestream?.stats() ?? {}";
+
+fn serve(scene: &TestScene) -> Server {
+    let page = PageSetting::Loaded(Page::load(&built_page()).unwrap());
+    Server::start_with(scene.source(), SessionSettings::default(), |options| options.page = page)
+}
+
+/// Opens the daemon's page and waits until it is settled; returns the figures.
+fn settle(tab: &mut Tab, url: &str) -> Value {
+    tab.navigate(url);
+    tab.wait("the page settles", STATS, |stats| stats["settled"] == true)
+}
+
+/// The canvas as a picture.
+fn picture(tab: &mut Tab) -> image::RgbaImage {
+    let text = tab.evaluate(
+        "lodestream.view.picture().then((blob) => new Promise((done) => {
+            const reader = new FileReader();
+            reader.onload = () => done(reader.result.split(',')[1]);
+            reader.readAsDataURL(blob);
+        }))",
+    );
+    let png = BASE64.decode(text.as_str().expect("a picture").as_bytes()).unwrap();
+    image::load_from_memory(&png).unwrap().to_rgba8()
+}
+
+#[test]
+fn a_tab_shows_what_the_native_viewer_shows() {
+    let (Some(mut tab), Some(mut headless)) = (tab(PICTURE_PX), headless()) else { return };
+    let scene = TestScene::small();
+    let server = serve(&scene);
+    let stats = settle(&mut tab, &server.page_url());
+    assert_eq!((&stats["decode_failures"], &stats["lacking_blobs"]), (&json!(0.0), &json!(0.0)), "{stats}");
+    assert!(stats["ttff_ms"].as_f64().unwrap() <= stats["settled_ms"].as_f64().unwrap(), "{stats}");
+    let native = draw(&mut headless, scene.whole());
+    let image = picture(&mut tab);
+    assert_eq!(image.dimensions(), native.image.dimensions());
+    let covered = native.covered.clone();
+    let shown = Picture { image, covered };
+    keep(&shown, "tab");
+    keep(&native, "tab-native");
+    let flip = image_error(&shown.image, &native.image).unwrap().flip;
+    println!("FLIP {flip}, {stats}");
+    assert!(flip <= MAX_FLIP, "{flip}: {stats}");
+    assert_eq!(tab.console, Vec::<String>::new());
+    server.assert_healthy();
+}
+
+/// The camera's ten numbers.
+fn camera(tab: &mut Tab) -> Vec<f64> {
+    let value = tab.evaluate("Array.from(lodestream.view.viewer.camera())");
+    serde_json::from_value(value).unwrap()
+}
+
+fn distance(camera: &[f64]) -> f64 {
+    (0..3).map(|axis| (camera[axis] - camera[3 + axis]).powi(2)).sum::<f64>().sqrt()
+}
+
+fn mouse(tab: &mut Tab, kind: &str, [x, y]: [f64; 2], more: Value) {
+    let mut event = json!({ "type": kind, "x": x, "y": y });
+    for (name, value) in more.as_object().unwrap() {
+        event[name] = value.clone();
+    }
+    tab.call("Input.dispatchMouseEvent", event);
+}
+
+fn touch(tab: &mut Tab, kind: &str, points: &[[f64; 2]]) {
+    let points: Vec<Value> =
+        points.iter().enumerate().map(|(id, [x, y])| json!({ "x": x, "y": y, "id": id })).collect();
+    tab.call("Input.dispatchTouchEvent", json!({ "type": kind, "touchPoints": points }));
+}
+
+#[test]
+fn drag_wheel_pinch_and_keys_move_the_camera() {
+    let Some(mut tab) = tab(PICTURE_PX) else { return };
+    let server = serve(&TestScene::small());
+    settle(&mut tab, &server.page_url());
+    let start = camera(&mut tab);
+
+    mouse(
+        &mut tab,
+        "mousePressed",
+        [300.0, 200.0],
+        json!({ "button": "left", "buttons": 1, "clickCount": 1 }),
+    );
+    mouse(&mut tab, "mouseMoved", [360.0, 200.0], json!({ "button": "left", "buttons": 1 }));
+    mouse(&mut tab, "mouseReleased", [360.0, 200.0], json!({ "button": "left", "clickCount": 1 }));
+    let turned = camera(&mut tab);
+    assert!((distance(&turned) - distance(&start)).abs() < 1e-6, "a drag keeps the distance");
+    assert_ne!(turned[..3], start[..3], "a drag turns around the target");
+    assert_eq!(turned[3..6], start[3..6]);
+
+    mouse(&mut tab, "mouseWheel", [300.0, 200.0], json!({ "deltaX": 0, "deltaY": -300 }));
+    let expected = distance(&turned) * 0.88_f64.powi(3);
+    let near = tab.wait("the wheel comes nearer", "Array.from(lodestream.view.viewer.camera())", |value| {
+        let camera: Vec<f64> = serde_json::from_value(value.clone()).unwrap();
+        (distance(&camera) - expected).abs() < 1e-6 * expected
+    });
+    let near: Vec<f64> = serde_json::from_value(near).unwrap();
+
+    touch(&mut tab, "touchStart", &[[250.0, 180.0], [350.0, 180.0]]);
+    touch(&mut tab, "touchMove", &[[200.0, 180.0], [400.0, 180.0]]);
+    touch(&mut tab, "touchEnd", &[]);
+    let pinched = camera(&mut tab);
+    let ratio = distance(&near) / distance(&pinched);
+    assert!((ratio - 2.0).abs() < 0.02, "fingers twice as far apart halve the distance: {ratio}");
+
+    let key = |kind: &str| json!({ "type": kind, "code": "KeyR", "key": "r", "windowsVirtualKeyCode": 82 });
+    tab.call("Input.dispatchKeyEvent", key("keyDown"));
+    tab.call("Input.dispatchKeyEvent", key("keyUp"));
+    let back = camera(&mut tab);
+    assert!(back.iter().zip(&start).all(|(a, b)| (a - b).abs() < 1e-6), "{back:?} {start:?}");
+    // The new camera is in the address, and a page opened there starts from it.
+    tab.wait("the address has the camera", "location.hash", |hash| {
+        hash.as_str().is_some_and(|h| h.contains("eye="))
+    });
+    server.assert_healthy();
+}
+
+#[test]
+fn a_tab_goes_on_after_the_server_restarts_and_receives_no_blob_twice() {
+    let Some(mut tab) = tab(PICTURE_PX) else { return };
+    let scene = TestScene::small();
+    let page = || PageSetting::Loaded(Page::load(&built_page()).unwrap());
+    let server = serve(&scene);
+    let before = settle(&mut tab, &server.page_url());
+    let site = server.kill();
+    tab.wait("the loss is told", "lodestream.stats().message", |message| message.is_string());
+    let server = Server::start_at_with(site, scene.source(), SessionSettings::default(), |o| o.page = page());
+    let after = tab.wait("the page connects again", STATS, |stats| {
+        stats["connections"] == 2.0 && stats["connection"] == "open" && stats["settled"] == true
+    });
+    std::thread::sleep(Duration::from_millis(200));
+    let again = after["bytes"].as_f64().unwrap() - before["bytes"].as_f64().unwrap();
+    // Header and scene pages come again, blobs do not.
+    assert!(again < 0.2 * before["bytes"].as_f64().unwrap(), "{again} bytes again: {after}");
+    server.assert_healthy();
+}
