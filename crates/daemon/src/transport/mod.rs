@@ -10,6 +10,7 @@ pub(crate) mod quic;
 pub(crate) mod quic_scenes;
 pub(crate) mod quic_stream;
 pub(crate) mod tls;
+pub(crate) mod web_session;
 pub(crate) mod web_streams;
 pub(crate) mod web_transport;
 pub(crate) mod websocket;

@@ -297,6 +297,10 @@ async fn run_session(
     let protocol = tokio::select! {
         biased;
         protocol = negotiated(&connection) => protocol,
+        () = state.wait_for_phase(Phase::Draining) => {
+            let why = LeaseError::Draining.to_string();
+            return quic::close(&connection, &Close::new(CloseCode::ShuttingDown, why));
+        }
         why = guard.evicted() => return quic::close(&connection, &Close::new(CloseCode::Busy, why)),
     };
     guard.requested_scene = state.scenes().table().named(&protocol).map(str::to_owned);
