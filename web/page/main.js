@@ -70,8 +70,10 @@ show(view, element('overlay'), actions);
 
 let keeping = 0;
 view.addEventListener('progress', () => {
-  clearTimeout(keeping);
-  keeping = setTimeout(keepCamera, 300);
+  keeping ||= setTimeout(() => {
+    keeping = 0;
+    keepCamera();
+  }, 500);
 });
 addEventListener('hashchange', () => {
   const camera = cameraOf(fragment());
