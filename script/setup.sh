@@ -42,7 +42,7 @@ install_packages() {
 }
 
 # Installs missing system packages: a C and C++ toolchain, and Vulkan with at least a software driver. With "window", also
-# the libraries that a window under X11 loads at run time; with "tests", also those, python3 and an X server without a
+# the libraries that a window under X11 loads at run time; with "tests", also those, python3, Chromium and an X server without a
 # screen.
 ensure_system() {
     local missing=()
@@ -50,6 +50,14 @@ ensure_system() {
     have pkg-config || missing+=(pkg-config)
     if [ "${1:-}" = tests ]; then
         have python3 || missing+=(python3)
+        if ! have chromium && ! have chromium-browser && ! have google-chrome; then
+            if have apt-get; then
+                missing+=(chromium)
+            else
+                echo "SKIPPED, NOT PASSED: tests in a browser, because there is no Chromium" >&2
+                export LODESTREAM_SKIP_BROWSER=1
+            fi
+        fi
         [ "$(uname -s)" != Linux ] || have Xvfb || missing+=(xvfb)
     fi
     if ! have cargo && ! [ -x "$HOME/.cargo/bin/cargo" ]; then
