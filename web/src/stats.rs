@@ -37,7 +37,7 @@ pub(crate) fn object(stats: &Stats, waits: bool, begun_ms: f64) -> Object {
         ("settled_ms", number(stats.settled_after.map(ms))),
         ("lacking_blobs", (stats.lacking_blobs as f64).into()),
         ("lacking", lacking.into()),
-        ("max_screen_error_px", number((first.is_some() && error.is_finite()).then(|| error.into()))),
+        ("max_screen_error_px", number((first.is_some() && error.is_finite()).then_some(error))),
         ("faces", (stats.faces as f64).into()),
         ("mesh_bytes", (stats.mesh_bytes as f64).into()),
         ("cached_bytes", (stats.cached_bytes as f64).into()),

@@ -5,8 +5,6 @@
 //! `geometry`, which starts no threads, takes any [`Pool`](lodestream_geometry::pool::Pool) from its caller.
 
 mod pool;
-#[cfg_attr(target_family = "wasm", path = "task/deferred.rs")]
-#[cfg_attr(not(target_family = "wasm"), path = "task/thread.rs")]
 mod task;
 
 pub use pool::Threads;

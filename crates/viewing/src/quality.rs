@@ -1,4 +1,4 @@
-//! Adaptive quality: while the camera moves, frames are drawn as well as the device can at [`MIN_FPS`]; once it rests,
+//! Adaptive quality: while the camera moves, frames are drawn as well as the device can at 15 frames a second; once it rests,
 //! at full quality.
 
 mod table;
@@ -12,7 +12,7 @@ pub use table::{FULL, Step, limited_settings};
 const MIN_FPS: f64 = 15.0;
 /// Target time of a frame, with some reserve, since frames differ.
 const TARGET_S: f64 = 0.85 / MIN_FPS;
-/// A finer step is taken while moving if it is estimated to fit into this share of [`TARGET_S`] for
+/// A finer step is taken while moving if it is estimated to fit into this share of `TARGET_S` for
 /// [`HEADROOM_FRAMES`].
 const HEADROOM: f64 = 0.6;
 /// Frames in a row with headroom before a finer step is taken.
@@ -54,7 +54,7 @@ impl Quality {
     }
 
     /// Records a frame of the scene that took `frame_s` seconds. Whether the camera moves is judged at its beginning
-    /// (`begun`), since a slow frame outlasts [`REST`].
+    /// (`begun`), since a slow frame outlasts a rest.
     pub fn drawn(&mut self, begun: Duration, frame_s: f64) {
         self.full_s = frame_s / self.step().cost;
         if !self.is_moving(begun) {

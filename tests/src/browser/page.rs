@@ -46,7 +46,7 @@ fn picture(tab: &mut Tab) -> image::RgbaImage {
 fn a_tab_shows_what_the_native_viewer_shows() {
     let (Some(mut tab), Some(mut headless)) = (tab(PICTURE_PX), headless()) else { return };
     let scene = TestScene::small();
-    let server = serve(&scene);
+    let server = serve(scene);
     let stats = settle(&mut tab, &server.page_url());
     let count = |name: &str| stats[name].as_f64();
     assert_eq!([count("decode_failures"), count("lacking_blobs")], [Some(0.0); 2], "{stats}");
@@ -92,7 +92,7 @@ fn touch(tab: &mut Tab, kind: &str, points: &[[f64; 2]]) {
 #[test]
 fn drag_wheel_pinch_and_keys_move_the_camera() {
     let Some(mut tab) = tab(PICTURE_PX) else { return };
-    let server = serve(&TestScene::small());
+    let server = serve(TestScene::small());
     settle(&mut tab, &server.page_url());
     let start = camera(&mut tab);
 
@@ -141,7 +141,7 @@ fn a_tab_goes_on_after_the_server_restarts() {
     let Some(mut tab) = tab(PICTURE_PX) else { return };
     let scene = TestScene::small();
     let page = || PageSetting::Loaded(Page::load(&built_page()).unwrap());
-    let server = serve(&scene);
+    let server = serve(scene);
     let before = settle(&mut tab, &server.page_url());
     let site = server.kill();
     tab.wait("the loss is told", "lodestream.stats().message", |message| message.is_string());

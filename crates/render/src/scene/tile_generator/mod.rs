@@ -1,12 +1,16 @@
 //! Generates terrain tiles apart from drawing.
 
-#[cfg_attr(target_family = "wasm", path = "deferred.rs")]
-#[cfg_attr(not(target_family = "wasm"), path = "thread.rs")]
-mod generator;
+#[cfg(target_family = "wasm")]
+mod deferred;
+#[cfg(not(target_family = "wasm"))]
+mod thread;
 
 use lodestream_terrain::tiles::TileId;
 
-pub(crate) use generator::TileGenerator;
+#[cfg(target_family = "wasm")]
+pub(crate) use deferred::TileGenerator;
+#[cfg(not(target_family = "wasm"))]
+pub(crate) use thread::TileGenerator;
 
 /// A tile's heights, in rows of [`TILE_SAMPLES`].
 ///
