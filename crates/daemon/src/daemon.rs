@@ -16,7 +16,7 @@ use tracing_appender::non_blocking::ErrorCounter;
 
 use crate::http::admin::AdminPort;
 use crate::http::page::PageSetting;
-use crate::http::page_answers::{Site, WebTransportOffer};
+use crate::http::site::{Site, WebTransportOffer};
 use crate::lifecycle::settings_watch::SettingsReload;
 use crate::lifecycle::shutdown::{Signals, StopRequests};
 use crate::session::admission_settings::AdmissionSettings;

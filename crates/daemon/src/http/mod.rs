@@ -8,4 +8,5 @@ pub(crate) mod page_answers;
 pub(crate) mod proxy;
 pub(crate) mod responses;
 pub(crate) mod server;
+pub(crate) mod site;
 pub(crate) mod upgrade;

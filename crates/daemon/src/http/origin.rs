@@ -7,8 +7,8 @@ use std::net::IpAddr;
 use std::str::FromStr;
 
 use hyper::header::{self, HeaderMap};
+use hyper::http::uri::Authority;
 
-use crate::http::page_answers::host;
 use crate::limits::invalid_setting::InvalidSetting;
 
 /// A page's origin (RFC 6454, section 6), such as `https://example.org:8443`, or `*` for any.
@@ -93,6 +93,14 @@ pub(crate) fn is_own_name(scheme: &str, host_and_port: &str) -> bool {
         }
         _ => false,
     }
+}
+
+/// The server's name in a request. Its characters have no meaning in a policy.
+pub(crate) fn host(headers: &HeaderMap) -> Option<Authority> {
+    let mut hosts = headers.get_all(header::HOST).iter();
+    let (host, None) = (hosts.next()?, hosts.next()) else { return None };
+    let plain = |byte: u8| byte.is_ascii_alphanumeric() || b".-:[]_".contains(&byte);
+    host.to_str().ok().filter(|host| host.bytes().all(plain))?.parse().ok()
 }
 
 #[cfg(test)]

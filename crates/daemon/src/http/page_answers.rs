@@ -1,64 +1,19 @@
 //! Answers to requests for the page: compression, caching, and the headers that confine it.
 
-use std::sync::{PoisonError, RwLock};
-
 use bytes::Bytes;
 use http_body_util::Full;
 use hyper::header::{self, HeaderMap, HeaderName, HeaderValue};
-use hyper::http::uri::Authority;
 use hyper::{Response, StatusCode};
 use lodestream_protocol::stream::path_of_scene;
 use serde_json::{Value, json};
 
+use crate::http::origin::host;
 use crate::http::page::{Asset, Coding, Page, PageSetting, entity_tag};
 use crate::http::responses::{TextResponse, text};
+use crate::http::site::Site;
 use crate::session::state::ServerState;
 
-/// Where the page reaches the server by WebTransport.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct WebTransportOffer {
-    /// UDP port.
-    pub(crate) port: u16,
-    /// SHA-256 of the certificates that the browser shall accept, in hexadecimal digits; empty if an authority has
-    /// signed it.
-    pub(crate) certificate_hashes: Vec<String>,
-}
-
-/// The page, and what it is told.
-#[derive(Debug, Default)]
-pub(crate) struct Site {
-    pub(crate) page: PageSetting,
-    /// Port of the HTTP listener.
-    pub(crate) http_port: Option<u16>,
-    webtransport: RwLock<Option<WebTransportOffer>>,
-}
-
 impl Site {
-    pub(crate) fn new(page: PageSetting, http_port: Option<u16>) -> Self {
-        Self { page, http_port, webtransport: RwLock::new(None) }
-    }
-
-    /// Sets where WebTransport is offered.
-    pub(crate) fn offer_webtransport(&self, offer: WebTransportOffer) {
-        *self.webtransport.write().unwrap_or_else(PoisonError::into_inner) = Some(offer);
-    }
-
-    /// Replaces the hashes of the certificates, if WebTransport is offered.
-    pub(crate) fn set_certificate_hashes(&self, hashes: Vec<String>) {
-        if let Some(offer) = &mut *self.webtransport.write().unwrap_or_else(PoisonError::into_inner) {
-            offer.certificate_hashes = hashes;
-        }
-    }
-
-    fn webtransport(&self) -> Option<WebTransportOffer> {
-        self.webtransport.read().unwrap_or_else(PoisonError::into_inner).clone()
-    }
-
-    /// Whether pages of this server may open sessions: whether it serves one.
-    pub(crate) const fn has_page(&self) -> bool {
-        matches!(self.page, PageSetting::Loaded(_))
-    }
-
     /// The file for a path, if it is one of the page's.
     pub(crate) fn file(&self, path: &str, headers: &HeaderMap) -> Option<TextResponse> {
         let PageSetting::Loaded(page) = &self.page else { return None };
@@ -156,14 +111,6 @@ impl Site {
         let quic = self.webtransport().map(|offer| format!(" https://{}:{}", host.host(), offer.port));
         Some(format!(" ws://{host} wss://{host}{}", quic.unwrap_or_default()))
     }
-}
-
-/// The server's name in a request. Its characters have no meaning in a policy.
-pub(crate) fn host(headers: &HeaderMap) -> Option<Authority> {
-    let mut hosts = headers.get_all(header::HOST).iter();
-    let (host, None) = (hosts.next()?, hosts.next()) else { return None };
-    let plain = |byte: u8| byte.is_ascii_alphanumeric() || b".-:[]_".contains(&byte);
-    host.to_str().ok().filter(|host| host.bytes().all(plain))?.parse().ok()
 }
 
 fn whole(body: Bytes) -> TextResponse {

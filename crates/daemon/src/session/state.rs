@@ -12,7 +12,7 @@ use tokio::sync::watch;
 use tokio::time::Instant;
 
 use crate::auth::grant::{Grant, TokenError};
-use crate::http::page_answers::Site;
+use crate::http::site::Site;
 use crate::limits::leases::Leases;
 use crate::limits::pre_auth_pool::{PreAuthPool, PreAuthSlot};
 use crate::limits::session_rate::SessionRateLimiter;

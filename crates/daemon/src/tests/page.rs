@@ -11,7 +11,7 @@ use tokio::time::Instant;
 use super::http::exchange;
 use super::*;
 use crate::http::page::{Page, PageError, PageSetting};
-use crate::http::page_answers::{Site, WebTransportOffer};
+use crate::http::site::{Site, WebTransportOffer};
 use crate::session::scenes::Scenes;
 
 const INDEX: &str = "<!doctype html><script type=\"application/json\" id=\"lodestream-server\">{}</script>\
