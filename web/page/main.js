@@ -10,7 +10,7 @@ const server = JSON.parse(element('lodestream-server').textContent);
 const files = JSON.parse(element('lodestream-files').textContent);
 const canvas = element('view');
 
-/** The fragment: `eye=x,y,z;target=x,y,z;up=x,y,z;fov=degrees;token=…`, all optional. */
+/** The fragment: `eye=x,y,z;target=x,y,z;up=x,y,z;fov=degrees;token=…;transport=…`, all optional. */
 function fragment() {
   const entries = location.hash.slice(1).split(';').map((part) => part.split('='));
   return Object.fromEntries(entries.filter(([key, value]) => key && value).map(([k, v]) => [k, decodeURIComponent(v)]));
@@ -33,15 +33,26 @@ function keepCamera() {
   const point = (from) => Array.from(camera.slice(from, from + 3), number).join(',');
   const fov = number((camera[9] * 180) / Math.PI);
   const parts = [`eye=${point(0)}`, `target=${point(3)}`, `up=${point(6)}`, `fov=${fov}`];
-  const { token } = fragment();
-  if (token) parts.push(`token=${encodeURIComponent(token)}`);
+  for (const [key, value] of Object.entries(fragment())) {
+    if (['token', 'transport'].includes(key)) parts.push(`${key}=${encodeURIComponent(value)}`);
+  }
   history.replaceState(null, '', `#${parts.join(';')}`);
+}
+
+/** Where the server is, by each transport. */
+function address({ websocket, webtransport }, only) {
+  const webSocket = new URL(websocket ?? location.pathname, location.href).href.replace(/^http/, 'ws');
+  const webTransport = webtransport && {
+    url: `https://${location.hostname}:${webtransport.port}${webtransport.path}`,
+    hashes: webtransport.certificate_hashes,
+  };
+  return { webSocket: webSocket.replace(/#.*/, ''), webTransport: webTransport ?? null, only };
 }
 
 const asked = fragment();
 const view = new View({
   canvas,
-  url: new URL(server.websocket ?? location.pathname, location.href).href.replace(/^http/, 'ws'),
+  address: address(server, asked.transport ?? null),
   module: files.module,
   worker: files.worker,
   scene: server.scene ?? '',

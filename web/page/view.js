@@ -18,7 +18,7 @@ const isPhone = () => matchMedia('(pointer: coarse)').matches && Math.min(screen
 
 /**
  * A view of a scene. Events: `firstframe`, `progress` (detail: the statistics), `settled`, `error` (detail: the message).
- * Options: `canvas`, `url` (of the WebSocket), `module` and `worker` (addresses of the page's files), `scene`, `token`,
+ * Options: `canvas`, `address` (see `openLink`), `module` and `worker` (addresses of the page's files), `scene`, `token`,
  * `targetPx`, `camera` (ten numbers).
  */
 export class View extends EventTarget {
@@ -91,7 +91,7 @@ export class View extends EventTarget {
       kind: 'start',
       module: this.#module,
       epoch: origin(),
-      url: this.#options.url,
+      address: this.#options.address,
       scene: this.#options.scene ?? '',
       token: this.#options.token ?? '',
       width: this.#canvas.width,

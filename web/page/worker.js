@@ -15,7 +15,7 @@ let streamer;
 let options;
 let link = null;
 let abandon = () => {};
-/** Frames that arrived before the module was ready. */
+/** What arrived before the module was ready. */
 let early = [];
 let opened = false;
 let untaken = 0;
@@ -40,18 +40,18 @@ function turnSoon() {
 }
 
 function connect() {
-  abandon = openLink(options.url, {
+  abandon = openLink(options.address, {
     open(newLink) {
       link = newLink;
       opened = true;
       begin();
     },
-    frame(bytes) {
+    data(take) {
       if (streamer && !opened) {
-        streamer.receive(now(), bytes);
+        take(streamer, now());
         turnSoon();
       } else {
-        early.push(bytes);
+        early.push(take);
       }
     },
     lost(reason) {
@@ -71,7 +71,7 @@ function begin() {
   opened = false;
   message = null;
   streamer.connect(now());
-  for (const bytes of early.splice(0)) streamer.receive(now(), bytes);
+  for (const take of early.splice(0)) take(streamer, now());
   turnSoon();
 }
 

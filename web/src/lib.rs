@@ -9,6 +9,7 @@ mod console;
 mod stats;
 pub mod steps;
 mod streamer;
+mod streams;
 #[cfg(target_family = "wasm")]
 mod viewer;
 

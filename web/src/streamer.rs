@@ -1,12 +1,13 @@
 //! The worker's half: the client's core behind calls that a script can make. The script owns the transport.
 
 use lodestream_client::core::{ClientCore, Config, Progress, StartView};
-use lodestream_protocol::frame::{Frame, encode_client};
+use lodestream_protocol::frame::encode_client;
 use lodestream_protocol::message::{CloseCode, Token};
 use lodestream_scene::encoding;
 use lodestream_scene::view::View;
 use wasm_bindgen::prelude::*;
 
+use crate::streams::{Arrival, Streams, message};
 use crate::{stats, steps, time};
 
 /// Payload bytes decoded in one turn: about 10 ms of work, so that frames and views are not kept waiting.
@@ -21,6 +22,8 @@ const VIEW_HEAP_BYTES: usize = 0;
 #[derive(Debug)]
 pub struct Streamer {
     core: ClientCore,
+    /// Streams of a WebTransport session.
+    streams: Streams,
     /// Transport payload of this connection.
     received_bytes: u64,
     /// Connect call of the first connection.
@@ -48,7 +51,7 @@ impl Streamer {
         // A JavaScript number; negative ones saturate to zero.
         config.cache_bytes = cache_bytes as u64;
         config.max_waiting_bytes = 8 << 20;
-        Self { core: ClientCore::new(config), received_bytes: 0, begun_ms: 0.0 }
+        Self { core: ClientCore::new(config), streams: Streams::default(), received_bytes: 0, begun_ms: 0.0 }
     }
 
     /// Records the connect call, from which milestones count.
@@ -60,20 +63,56 @@ impl Streamer {
     /// Begins a session over a transport that is open.
     pub fn connect(&mut self, now_ms: f64) {
         self.received_bytes = 0;
+        self.streams = Streams::default();
         self.core.connect(time(now_ms));
     }
 
     /// Takes a frame, as one message of a WebSocket carries it.
     pub fn receive(&mut self, now_ms: f64, frame: Vec<u8>) {
-        self.received_bytes += frame.len() as u64;
-        self.core.note_transport_bytes(self.received_bytes);
+        self.count(frame.len());
         let now = time(now_ms);
-        match Frame::parse(frame.into()).and_then(Frame::into_server_frame) {
+        match message(frame) {
             Ok(Some(frame)) => self.core.handle_frame(now, frame),
             // Of a later version: skipped.
             Ok(None) => {}
             Err(why) => self.core.handle_frame_error(now, &why),
         }
+    }
+
+    /// Takes bytes of one of the server's streams, as a WebTransport session carries them.
+    pub fn receive_stream(&mut self, now_ms: f64, stream: u32, bytes: Vec<u8>) {
+        self.count(bytes.len());
+        let now = time(now_ms);
+        match self.streams.push(stream, bytes.into()) {
+            Ok(arrivals) => {
+                for arrival in arrivals {
+                    match arrival {
+                        Arrival::Frame(frame) => self.core.handle_frame(now, frame),
+                        Arrival::Piece(piece) => self.core.handle_piece(now, piece),
+                    }
+                }
+            }
+            Err(why) => self.core.handle_frame_error(now, &why),
+        }
+    }
+
+    /// Takes the end of a stream.
+    pub fn end_stream(&mut self, now_ms: f64, stream: u32) {
+        if let Err(why) = self.streams.end(stream) {
+            self.core.handle_frame_error(time(now_ms), &why);
+        }
+    }
+
+    /// Takes the reset of a stream: its blob was cancelled.
+    pub fn reset_stream(&mut self, now_ms: f64, stream: u32) {
+        if let Some(id) = self.streams.reset(stream) {
+            self.core.handle_abandoned(time(now_ms), id);
+        }
+    }
+
+    fn count(&mut self, bytes: usize) {
+        self.received_bytes += bytes as u64;
+        self.core.note_transport_bytes(self.received_bytes);
     }
 
     /// Records that the transport was lost.

@@ -65,6 +65,29 @@ fn a_tab_shows_what_the_native_viewer_shows() {
     server.assert_healthy();
 }
 
+#[test]
+fn a_tab_streams_over_each_transport() {
+    let Some(mut tab) = tab(PICTURE_PX) else { return };
+    let scene = TestScene::small();
+    let server = serve(scene);
+    for transport in ["webtransport", "ws"] {
+        tab.navigate("about:blank");
+        let stats = settle(&mut tab, &format!("{}#transport={transport}", server.page_url()));
+        assert_eq!(stats["transport"], transport, "{stats}");
+        assert_eq!(stats["decode_failures"].as_f64(), Some(0.0), "{stats}");
+    }
+    // Without QUIC the page falls back, without being told to.
+    let page = PageSetting::Loaded(Page::load(&built_page()).unwrap());
+    let without_udp = Server::start_with(scene.source(), SessionSettings::default(), |options| {
+        options.page = page;
+        options.listen = None;
+    });
+    let stats = settle(&mut tab, &without_udp.page_url());
+    assert_eq!(stats["transport"], "ws", "{stats}");
+    assert_eq!(tab.console, Vec::<String>::new());
+    server.assert_healthy();
+}
+
 /// The camera's ten numbers.
 fn camera(tab: &mut Tab) -> Vec<f64> {
     let value = tab.evaluate("Array.from(lodestream.view.viewer.camera())");

@@ -124,7 +124,8 @@ impl Server {
         let tls = options.http_tls;
         let daemon = runtime.block_on(Daemon::bind(options, scene)).unwrap();
         let reload = Box::new(daemon.reload());
-        let (quic, http) = (daemon.quic_address().unwrap(), daemon.http_address().unwrap());
+        let quic = daemon.quic_address().unwrap_or(site.quic);
+        let http = daemon.http_address().unwrap();
         let (urls, state) = (daemon.urls(), daemon.state().clone());
         let (stop, stopped) = mpsc::channel(2);
         let serving = runtime.spawn(daemon.serve(stopped));
