@@ -15,6 +15,9 @@ use wasm_bindgen::prelude::*;
 
 use crate::steps;
 
+/// Time for terrain tiles in each of the browser's frames in which the device is busy.
+const WAITING_BUDGET: Duration = Duration::from_millis(8);
+
 /// Draws a scene into a canvas.
 #[wasm_bindgen]
 #[derive(Debug)]
@@ -43,6 +46,10 @@ pub struct Viewer {
     presented_ms: Option<f64>,
     /// Whether the last frame is final as far as the page can tell.
     is_final: bool,
+    /// Whether the last frame lacked nothing but terrain tiles.
+    only_tiles_missing: bool,
+    /// Whether something changes the picture besides terrain tiles.
+    dirty: bool,
 }
 
 fn text(error: RenderError) -> String {
@@ -98,6 +105,8 @@ impl Viewer {
             frame_ms: 0.0,
             presented_ms: None,
             is_final: false,
+            only_tiles_missing: false,
+            dirty: true,
             gpu,
         })
     }
@@ -115,6 +124,7 @@ impl Viewer {
     pub fn push(&mut self, step: &[u8]) -> Result<(), String> {
         self.scene.push(steps::decode(step).map_err(|why| why.to_string())?);
         self.is_final = false;
+        self.dirty = true;
         Ok(())
     }
 
@@ -130,6 +140,9 @@ impl Viewer {
             self.waits = false;
             self.frame_ms = now_ms - self.begun_ms;
             self.quality.drawn(seconds(self.begun_ms), self.frame_ms / 1e3);
+        }
+        if self.waits {
+            self.scene.generate_tiles(WAITING_BUDGET);
         }
         self.waits
     }
@@ -150,6 +163,11 @@ impl Viewer {
         }
         let Some(controller) = self.controller.filter(|_| self.scene.is_whole()) else { return Ok(true) };
         let step = self.step();
+        if self.is_unchanged(&controller)? {
+            self.scene.generate_tiles(WAITING_BUDGET);
+            return Ok(true);
+        }
+        self.dirty = false;
         let settings = Settings {
             shadows: step.limit(&self.settings).shadows.map(|shadows| Shadows {
                 max_staleness: step.late_shadows.max(self.quality.late_shadows()),
@@ -181,15 +199,31 @@ impl Viewer {
         self.note_submitted(now_ms);
         let morphs = now_s - self.scene.changed_s() <= self.settings.morph_s;
         let full = !self.adapt || self.quality.is_full();
-        self.is_final = !morphs
+        let complete = !morphs
             && !moves
             && full
             && !counters.is_unfinished()
             && counters.late_shadow_maps == 0
-            && self.scene.waiting() == 0
-            && self.scene.missing_tiles() == 0;
+            && self.scene.waiting() == 0;
+        self.is_final = complete && self.scene.missing_tiles() == 0;
+        self.only_tiles_missing = complete && !self.is_final;
         self.counters = counters;
         Ok(!self.is_final)
+    }
+
+    /// Whether the next picture would equal the last: only terrain tiles are missing, and the new ones do not suffice for
+    /// finer terrain.
+    fn is_unchanged(&mut self, controller: &CameraController) -> Result<bool, String> {
+        if self.dirty || !self.only_tiles_missing {
+            return Ok(false);
+        }
+        let before = self.scene.ground_px();
+        let size = (self.config.width, self.config.height);
+        let step = self.step();
+        let shadows = step.limit(&self.settings).shadows;
+        let (camera, px) = (controller.pose(), self.target_px * step.ground);
+        self.scene.prepare_ground(&self.gpu, &camera, size, px, shadows).map_err(text)?;
+        Ok(self.scene.missing_tiles() > 0 && self.scene.ground_px() == before)
     }
 
     fn note_submitted(&mut self, now_ms: f64) {
@@ -214,6 +248,7 @@ impl Viewer {
             [self.config.width, self.config.height] = size;
             self.surface.configure(&self.gpu.device, &self.config);
             self.is_final = false;
+            self.dirty = true;
         }
     }
 
@@ -254,6 +289,7 @@ impl Viewer {
             change(controller, self.config.height.into());
             self.quality.moved(seconds(now_ms));
             self.is_final = false;
+            self.dirty = true;
         }
     }
 
@@ -300,6 +336,7 @@ impl Viewer {
     pub fn set_target_px(&mut self, target_px: f32) {
         self.target_px = target_px.clamp(0.1, 64.0);
         self.is_final = false;
+        self.dirty = true;
     }
 
     /// Switches a technique on or off: `occlusion`, `shadows`, `relief`, `lights`, `water`, `haze`, `smoothing`, or
@@ -323,6 +360,7 @@ impl Viewer {
             other => return Err(format!("there is no technique {other:?}")),
         }
         self.is_final = false;
+        self.dirty = true;
         Ok(())
     }
 

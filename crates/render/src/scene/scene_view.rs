@@ -432,6 +432,15 @@ impl SceneView {
         ground.prepare_casters(gpu, &self.tile_source, &cascades)
     }
 
+    /// Generates requested terrain tiles for about this time, where there is no thread for it: for the time in which a
+    /// host waits for its device.
+    #[cfg(target_family = "wasm")]
+    pub fn generate_tiles(&self, budget: std::time::Duration) {
+        if let TileSource::Thread(generator) = &self.tile_source {
+            generator.work(budget);
+        }
+    }
+
     /// Number of tiles that the last frame lacked and replaced by coarser ones.
     #[must_use]
     pub fn missing_tiles(&self) -> usize {

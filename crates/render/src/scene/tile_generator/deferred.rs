@@ -1,5 +1,7 @@
-//! Terrain tiles without threads: between frames, for a few milliseconds each, so that no frame waits for many.
+//! Terrain tiles without threads: a few milliseconds of them in each frame, so that no frame waits for many, and more
+//! where the host waits for its device.
 
+use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -21,6 +23,17 @@ struct TileRequests {
     /// Start of this frame's first tile.
     begun: Option<Instant>,
     scratch: Scratch,
+    ready: VecDeque<GeneratedTile>,
+}
+
+impl TileRequests {
+    fn generate(&mut self) -> Option<GeneratedTile> {
+        let (terrain, version) = self.terrain.clone()?;
+        let id = self.tiles.pop()?;
+        let mut heights = Vec::new();
+        terrain.heights(id, &mut self.scratch, &mut heights);
+        Some(GeneratedTile { id, heights, version })
+    }
 }
 
 /// Generates tiles when they are taken.
@@ -47,21 +60,34 @@ impl TileGenerator {
         requests.terrain = Some((Arc::clone(terrain), version));
         requests.tiles.clear();
         requests.tiles.extend(tiles.rev());
+        requests.ready.retain(|tile| tile.version == version);
+        let TileRequests { tiles, ready, .. } = &mut *requests;
+        tiles.retain(|id| ready.iter().all(|tile| tile.id != *id));
         requests.begun = None;
     }
 
-    /// Generates the next requested tile; none once the frame's time is used up.
+    /// The next requested tile, generated now or before; none once the frame's time is used up.
     #[must_use]
     pub fn take(&self) -> Option<GeneratedTile> {
         let mut requests = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(tile) = requests.ready.pop_front() {
+            return Some(tile);
+        }
         if requests.begun.get_or_insert_with(Instant::now).elapsed() > FRAME_BUDGET {
             return None;
         }
-        let (terrain, version) = requests.terrain.clone()?;
-        let id = requests.tiles.pop()?;
-        let mut heights = Vec::new();
-        terrain.heights(id, &mut requests.scratch, &mut heights);
-        Some(GeneratedTile { id, heights, version })
+        requests.generate()
+    }
+
+    /// Generates requested tiles for about this time, for [`TileGenerator::take`].
+    pub fn work(&self, budget: Duration) {
+        let mut requests = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let begun = Instant::now();
+        while begun.elapsed() < budget
+            && let Some(tile) = requests.generate()
+        {
+            requests.ready.push_back(tile);
+        }
     }
 }
 
