@@ -2,6 +2,7 @@
 
 mod devtools;
 mod page;
+mod shaders;
 
 use std::io::Write as _;
 use std::path::PathBuf;
