@@ -15,7 +15,8 @@ use crate::support::daemon::Server;
 use crate::support::picture::headless_of;
 use crate::support::scene::TestScene;
 
-/// Files that no frame here needs: of transparent materials, hosts' targets, moving objects and materials with relief.
+/// Files that no frame here needs: of transparent materials, hosts' targets, moving objects and materials with
+/// relief.
 const NOT_DRAWN: [&str; 5] = [
     "composite.wgsl",
     "forward.wgsl",
