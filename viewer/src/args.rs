@@ -22,7 +22,7 @@ use crate::outcome::EXIT_CODES;
 #[derive(Clone, Debug, Parser)]
 #[command(name = "lodestream-viewer", version, about, after_help = EXIT_CODES)]
 pub(crate) struct Args {
-    /// The server: quic://HOST:PORT#sha256=FINGERPRINT (as the server prints it), wss://HOST:PORT or ws://HOST:PORT; of
+    /// The server: quic://HOST:PORT#PIN (as the server prints it), wss://HOST:PORT or ws://HOST:PORT; of
     /// a server with several scenes, with the scene's name behind it: ws://HOST:PORT/NAME.
     /// Without a fingerprint, the certificate must be signed by an authority that the system trusts
     pub(crate) address: Address,

@@ -193,6 +193,10 @@ fn packages_contain_each_program_with_its_manual_and_completions() {
         expected.push(format!("share/doc/lodestream/{name}"));
     }
     expected.push("share/doc/lodestream/THIRD-PARTY-LICENSES.txt".to_owned());
+    // Only where script/web has built it.
+    if repository("target/web/index.html").exists() {
+        expected.push("share/lodestream/web/index.html".to_owned());
+    }
     let below = |folder: &str| -> BTreeSet<String> {
         expected.iter().map(|name| format!("{folder}/{name}")).collect()
     };

@@ -175,13 +175,12 @@ fn tells_a_panic(line: &str) -> bool {
     line.trim_start().starts_with("thread '") && line.contains(" panicked at ")
 }
 
-/// Parses the line that a server prints: `quic://HOST:PORT#sha256=… ws://HOST:PORT/`.
+/// Parses the line that a server prints: `quic://HOST:PORT#PIN ws://HOST:PORT/`.
 fn addresses(line: &str) -> Option<(SocketAddr, SocketAddr, Pin)> {
     let (quic, http) = line.trim().split_once(' ')?;
-    let (quic, fingerprint) = quic.strip_prefix("quic://")?.split_once("#sha256=")?;
-    let digits = data_encoding::HEXLOWER.decode(fingerprint.as_bytes()).ok()?;
+    let (quic, pin) = quic.strip_prefix("quic://")?.split_once('#')?;
     let http = http.strip_prefix("ws://")?.strip_suffix('/')?;
-    Some((quic.parse().ok()?, http.parse().ok()?, Pin::Certificate(digits.try_into().ok()?)))
+    Some((quic.parse().ok()?, http.parse().ok()?, pin.parse().ok()?))
 }
 
 #[cfg(test)]
@@ -199,9 +198,13 @@ mod tests {
     #[test]
     fn a_server_is_found_by_its_printed_addresses() {
         let digits = "0f".repeat(32);
-        let line = format!("quic://127.0.0.1:4433#sha256={digits} ws://127.0.0.1:8080/\n");
-        let (quic, http, pin) = addresses(&line).unwrap();
-        assert_eq!((quic.port(), http.port(), pin), (4433, 8080, Pin::Certificate([15; 32])));
-        assert!(addresses("").is_none() && addresses(&line.replace("0f", "0")).is_none());
+        for (kind, expected) in [("sha256", Pin::Certificate([15; 32])), ("spki-sha256", Pin::Key([15; 32]))]
+        {
+            let line = format!("quic://127.0.0.1:4433#{kind}={digits} ws://127.0.0.1:8080/\n");
+            let (quic, http, pin) = addresses(&line).unwrap();
+            assert_eq!((quic.port(), http.port(), pin), (4433, 8080, expected));
+            assert!(addresses(&line.replace("0f", "0")).is_none());
+        }
+        assert!(addresses("").is_none());
     }
 }
