@@ -43,7 +43,7 @@ export function openLink(address, events) {
       lost(reason) {
         attempts.delete(attempt);
         if (winner === attempt) end(reason);
-        else if (!winner && open === openWebTransport && address.only !== 'webtransport') startWebSocket();
+        else if (!winner && !begun && address.only !== 'webtransport') startWebSocket();
         else if (!winner && !attempts.size) end(reason);
       },
     });

@@ -5,8 +5,8 @@ import { now, origin } from './clock.js';
 
 /** What to tell people whose browser has no WebGPU. */
 export const NO_WEBGPU =
-  'This page draws with WebGPU, which this browser does not offer. Chrome and Edge have it from version 113 (on Linux ' +
-  'from 144), Firefox from 141, Safari from 26; it may be switched off on this device.';
+  'This page draws with WebGPU, which this browser does not offer here. Current versions of Chrome, Edge, Firefox and ' +
+  'Safari have it, on pages from this machine or over https; it may be switched off on this device.';
 /** Received blobs that are kept, of a total of about 512 MB and, on phones, 256 MB. */
 const CACHE_BYTES = { desktop: 64 << 20, phone: 24 << 20 };
 /** Adapters that draw on the CPU, by the architecture that the browser tells. */
@@ -121,8 +121,8 @@ export class View extends EventTarget {
     this.#settled = stats.settled;
   }
 
+  /** Tells an error that ends streaming; what there is can still be looked at. */
   #fail(message) {
-    this.#ended = true;
     this.#message = message;
     this.dispatchEvent(new CustomEvent('error', { detail: message }));
   }

@@ -104,7 +104,7 @@ function turn() {
     if (mayRetry) retry();
     else postMessage({ failed: closed });
   }
-  if (now() - reportedAt >= REPORT_MS || streamer.stats().settled !== settled) report();
+  if (now() - reportedAt >= REPORT_MS || streamer.is_settled() !== settled) report();
   if (again && untaken < MAX_STEPS) {
     turnSoon();
   } else {

@@ -192,7 +192,13 @@ impl Streamer {
         self.core.closed().is_none_or(|close| transient.contains(&close.code))
     }
 
-    /// The viewer's figures as an object.
+    /// Whether the picture is settled and the page has all of it; costs less than [`Streamer::stats`].
+    #[must_use]
+    pub fn is_settled(&self) -> bool {
+        self.core.is_settled() && !self.core.has_changes()
+    }
+
+    /// The viewer's figures as an object. Costs a pass over the assets.
     #[must_use]
     pub fn stats(&self) -> js_sys::Object {
         stats::object(&self.core.stats(), self.core.has_changes(), self.begun_ms)
