@@ -211,19 +211,24 @@ impl QuicSender {
     pub(crate) async fn finish_control(&mut self, close: &Close) {
         if close.code != CloseCode::Lost
             && let Some(control) = &mut self.control
-            && control.finish().is_ok()
         {
-            let stopped = control.stopped();
-            let closed = self.connection.closed();
-            let _ = timeout(CLOSE_TIMEOUT, async {
-                tokio::select! {
-                    biased;
-                    _ = closed => {}
-                    _ = stopped => {}
-                }
-            })
-            .await;
+            finish_stream(control, &self.connection).await;
         }
+    }
+}
+
+/// Ends a stream and waits, within a limit, until the client has it or the connection is closed.
+pub(crate) async fn finish_stream(stream: &mut SendStream, connection: &Connection) {
+    if stream.finish().is_ok() {
+        let (stopped, closed) = (stream.stopped(), connection.closed());
+        let _ = timeout(CLOSE_TIMEOUT, async {
+            tokio::select! {
+                biased;
+                _ = closed => {}
+                _ = stopped => {}
+            }
+        })
+        .await;
     }
 }
 

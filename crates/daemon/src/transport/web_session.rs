@@ -13,7 +13,7 @@ use tokio::time::timeout;
 use web_transport_proto as h3;
 
 use crate::session::state::ServerState;
-use crate::transport::quic_stream::{ClientStreams, QuicReceiver, QuicSender, connection_end};
+use crate::transport::quic_stream::{ClientStreams, QuicReceiver, QuicSender, connection_end, finish_stream};
 use crate::transport::web_streams::WebStreams;
 
 /// Time limit for the client's acknowledgement of the end.
@@ -106,17 +106,7 @@ impl WebEnd {
 
     /// Ends the answer, waits until the client has it, and closes the connection.
     async fn end(mut self, why: &str) {
-        if self.answer.finish().is_ok() {
-            let (stopped, closed) = (self.answer.stopped(), self.connection.closed());
-            let _ = timeout(CLOSE_TIMEOUT, async {
-                tokio::select! {
-                    biased;
-                    _ = closed => {}
-                    _ = stopped => {}
-                }
-            })
-            .await;
-        }
+        finish_stream(&mut self.answer, &self.connection).await;
         self.connection.close(NO_ERROR, why.as_bytes());
     }
 }
