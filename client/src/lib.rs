@@ -9,6 +9,7 @@
 //! | `quic` | `quic://` addresses (quinn, rustls) | such an address ends the session with a message |
 //! | `websocket` | `ws://` addresses (tungstenite) | the same |
 //! | `tls` | `wss://` addresses (rustls), and with it `websocket` | the same |
+//! | `http` | `https://`, `http://` and `file:` addresses of published scenes (hyper), and with it `tls` | the same |
 //! | `zstd` | the C decoder of zstd frames: packs of the codec `Zstd`, and base meshes that zstd makes smaller | a slower decoder in Rust |
 //! | `runtime` | sessions on the host's tokio runtime, in virtual time too | only `Streaming`, which runs its own |
 //!
@@ -18,6 +19,7 @@
 
 pub mod core;
 pub mod net;
+pub mod ranges;
 #[cfg(any(feature = "quic", feature = "websocket"))]
 pub mod streaming;
 

@@ -254,7 +254,8 @@ impl<N: Fn()> Host for StreamHost<N> {
         self.publish(now);
         if self.core.is_open() {
             let was_silent = self.message.is_some();
-            self.message = self.core.silence(now).map(|_| SILENT.to_owned());
+            let silent = self.core.silence(now).map(|_| SILENT);
+            self.message = self.core.trouble().or(silent).map(str::to_owned);
             if self.message.is_some() != was_silent {
                 self.reported_at = None;
             }

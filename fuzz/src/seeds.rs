@@ -22,12 +22,15 @@ use lodestream_scene::asset::{
 use lodestream_scene::blob::BlobId;
 use lodestream_scene::description::{AssetEntry, Camera, Instance, SceneHeader, SceneLighting, ScenePage};
 use lodestream_scene::placement::Placement;
+use lodestream_scene::published::{
+    ChunkPlace, ChunkTable, IndexPage, PackContents, Texture, TexturePlace, part_hash,
+};
 use lodestream_scene::punctual_lights::{
     PunctualLight, PunctualLightPageEntry, PunctualLights, Spot, encode_directory, encode_page,
 };
 use lodestream_scene::shared::SharedTexture;
 use lodestream_scene::view::View;
-use lodestream_store::{PackName, SceneObject};
+use lodestream_store::SceneObject;
 use lodestream_terrain::{
     Distribution, Erosion, HeightOverride, HeightOverrides, Mode, Parameters, Shape, Stamp, encode_points,
     encode_stamps,
@@ -56,7 +59,7 @@ pub fn of(target: &str) -> Vec<(String, Vec<u8>)> {
         "messages" => messages(),
         "terrain" => terrain(),
         "punctual_lights" => punctual_lights(),
-        "scene_object" => published(),
+        "scene_object" | "range_session" => published(),
         _ => Vec::new(),
     }
 }
@@ -462,7 +465,31 @@ fn punctual_lights() -> Vec<(String, Vec<u8>)> {
     ]
 }
 
-/// Scenes whose packs are only named.
+/// What a published scene holds of a pack with chunks and textures.
+fn published_pack(asset: &AssetEntry) -> PackContents {
+    let chunks = (0..asset.chunk_count).map(|n| ChunkPlace {
+        bytes: 40 + n,
+        cut: if n % 2 == 0 { 20 } else { 0 },
+        first: [if n % 2 == 0 { 1 } else { 0 }; 8],
+        last: [2; 8],
+    });
+    let chunks = ChunkTable { offset: 300, chunks: chunks.collect() };
+    let texture = |level: u8| {
+        let bytes = vec![level; 9];
+        let place = TexturePlace { texture: 0, level, bytes: 9, hash: part_hash(&bytes) };
+        Texture { place, copy: (level == 0).then(|| bytes.into()) }
+    };
+    PackContents {
+        key: [asset.fingerprint[0]; 32],
+        bytes: 4096,
+        base: vec![3; asset.base_bytes as usize].into(),
+        index: vec![IndexPage { bytes: vec![4; 20].into(), chunks }],
+        textures_offset: 2000,
+        textures: vec![texture(0), texture(1)],
+    }
+}
+
+/// Scenes with the directories of made-up packs.
 fn published() -> Vec<(String, Vec<u8>)> {
     let assets = "[[asset]]\nname = 'a'\nfile = 'a.obj'\n[[asset]]\nname = 'b'\nfile = 'b.obj'\n";
     let places = |count: usize| -> String {
@@ -481,13 +508,13 @@ fn published() -> Vec<(String, Vec<u8>)> {
             sphere: Sphere { center: [0.0; 3], radius: 1.0 },
             root_error: 0.1,
             base_bytes: 100,
+            chunk_count: 3,
             ..AssetEntry::default()
         };
         let entries: Vec<_> = (1..).zip(&scene.assets).map(entry).collect();
         let description = compose(&scene, &entries, &[Vec::new(), Vec::new()]).expect("it can be described");
         let assets = description.pages.iter().flat_map(|page| &page.assets);
-        let pack = |asset: &AssetEntry| PackName { name: asset.name.clone(), fingerprint: asset.fingerprint };
-        let packs = assets.map(pack).collect();
+        let packs = assets.map(published_pack).collect();
         SceneObject { description, packs }.encode().expect("a scene is encoded")
     };
     vec![

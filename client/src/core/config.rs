@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use crate::core::decoders::Decoders;
+use crate::ranges::RangeSettings;
 use lodestream_protocol::client::ClientConfig;
 use lodestream_scene::view::View;
 use lodestream_select::SelectSettings;
@@ -26,6 +27,8 @@ pub enum StartView {
 pub struct Config {
     /// Scene and limits of the session.
     pub session: ClientConfig,
+    /// Bounds on range requests, for published scenes.
+    pub ranges: RangeSettings,
     /// Settings of the selection.
     pub select: SelectSettings,
     /// The camera at the start.
@@ -52,6 +55,7 @@ impl Config {
     pub fn new(start: StartView) -> Self {
         Self {
             session: ClientConfig::default(),
+            ranges: RangeSettings::default(),
             select: SelectSettings::default(),
             start,
             cache_bytes: 128 << 20,

@@ -47,6 +47,8 @@ pub struct Stats {
     pub counters: Counters,
     /// Counters of the session, if there is one.
     pub session: ClientStats,
+    /// Range requests over all sessions with a published scene.
+    pub requests: u64,
     /// Times of the first frame and of each quality.
     pub milestones: Milestones,
     /// Transport payload received over all connections, handshakes included.

@@ -1,6 +1,6 @@
 //! Addresses of servers: `quic://HOST:PORT`, `wss://HOST:PORT` or `ws://HOST:PORT`, optionally followed by a scene's
-//! name,
-//! `/NAME`. The first two may end with the fingerprint of a certificate (`#sha256=HEX`) or of its key
+//! name, `/NAME`. Addresses of published scenes: `https://HOST/PATH/NAME.lss`, the same with `http`, and
+//! `file:PATH/NAME.lss`. Those over TLS may end with the fingerprint of a certificate (`#sha256=HEX`) or of its key
 //! (`#spki-sha256=HEX`).
 
 use std::fmt;
@@ -19,22 +19,59 @@ pub enum Scheme {
     SecureWebSocket,
     /// WebSocket over plain TCP.
     WebSocket,
+    /// A published scene on a web server, over TLS.
+    Https,
+    /// A published scene on a web server, over plain TCP.
+    Http,
+    /// A published scene in a folder.
+    File,
 }
 
 impl Scheme {
-    /// "quic", "wss" or "ws".
+    /// "quic", "wss", "ws", "https", "http" or "file".
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Quic => "quic",
             Self::SecureWebSocket => "wss",
             Self::WebSocket => "ws",
+            Self::Https => "https",
+            Self::Http => "http",
+            Self::File => "file",
         }
+    }
+
+    fn parse(name: &str) -> Option<Self> {
+        let all = [Self::Quic, Self::SecureWebSocket, Self::WebSocket, Self::Https, Self::Http, Self::File];
+        all.into_iter().find(|scheme| scheme.name().eq_ignore_ascii_case(name))
+    }
+
+    /// Whether it is of published scenes, not of servers.
+    #[must_use]
+    pub const fn is_published(self) -> bool {
+        matches!(self, Self::Https | Self::Http | Self::File)
+    }
+
+    const fn default_port(self) -> Option<u16> {
+        match self {
+            Self::SecureWebSocket | Self::Https => Some(HTTPS_PORT),
+            Self::Http => Some(HTTP_PORT),
+            Self::Quic | Self::WebSocket | Self::File => None,
+        }
+    }
+
+    /// Whether connections verify a certificate.
+    const fn is_encrypted(self) -> bool {
+        matches!(self, Self::Quic | Self::SecureWebSocket | Self::Https)
     }
 }
 
-/// Default port of a `wss://` address.
+/// Default port of `wss://` and `https://` addresses.
 const HTTPS_PORT: u16 = 443;
+/// Default port of `http://` addresses.
+const HTTP_PORT: u16 = 80;
+/// End of the names of published scenes.
+const PUBLISHED: &str = ".lss";
 
 /// Address of a server.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -43,9 +80,10 @@ pub struct Address {
     pub scheme: Scheme,
     /// Host name or IP address, without brackets.
     pub host: String,
-    /// UDP or TCP port.
+    /// UDP or TCP port; 0 for files.
     pub port: u16,
-    /// Name of the scene; empty for the server's only scene.
+    /// Name of the scene; empty for the server's only scene. For published scenes, the path and query on the web
+    /// server, or the path of the file.
     pub scene: String,
     /// Fingerprint of the server's certificate; always `None` for plain WebSocket. With `None`, the certificate is
     /// verified by authorities.
@@ -55,10 +93,10 @@ pub struct Address {
 /// Why an address is invalid. The message says what to write instead.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum AddressError {
-    /// Not one of the three schemes.
+    /// An unknown scheme.
     #[error(
-        "{0:?} is not a server address: write quic://HOST:PORT#sha256=… (as the server prints it), wss://HOST or \
-         ws://HOST:PORT"
+        "{0:?} is not a server address: write quic://HOST:PORT#sha256=… (as the server prints it), wss://HOST, \
+         ws://HOST:PORT, or https://HOST/NAME.lss or file:NAME.lss for a published scene"
     )]
     Scheme(String),
     /// No host, or invalid characters in it.
@@ -75,6 +113,11 @@ pub enum AddressError {
         "{0:?} is not the name of a scene: write /NAME, with characters other than letters and digits as %XX"
     )]
     Scene(String),
+    /// A path that is not a published scene's.
+    #[error(
+        "{0:?} is not a published scene: its address ends with /NAME.lss; servers have quic:// or wss:// addresses"
+    )]
+    Published(String),
     /// Unknown text at the end.
     #[error("{0:?} is not allowed at the end of the address: leave it out")]
     Rest(String),
@@ -84,21 +127,26 @@ impl FromStr for Address {
     type Err = AddressError;
 
     fn from_str(text: &str) -> Result<Self, AddressError> {
+        if let Some(path) = text.strip_prefix("file:") {
+            return Self::of_file(text, path);
+        }
         let (scheme, rest) = text.split_once("://").ok_or_else(|| AddressError::Scheme(text.into()))?;
         let (rest, fragment) = rest.split_once('#').map_or((rest, None), |(a, b)| (a, Some(b)));
         let (place, path) = rest.find('/').map_or((rest, ""), |at| rest.split_at(at));
-        let scene = if path.is_empty() { Some(String::new()) } else { scene_of_path(path) };
-        let scene = scene.ok_or_else(|| AddressError::Scene(path.into()))?;
-        let scheme = match scheme.to_ascii_lowercase().as_str() {
-            "quic" => Scheme::Quic,
-            "wss" => Scheme::SecureWebSocket,
-            "ws" => Scheme::WebSocket,
-            _ => return Err(AddressError::Scheme(text.into())),
+        let scheme = Scheme::parse(scheme).ok_or_else(|| AddressError::Scheme(text.into()))?;
+        let scene = match path {
+            path if scheme.is_published() => {
+                let name = path.split('?').next().unwrap_or(path);
+                let valid = name.ends_with(PUBLISHED) && path.bytes().all(|byte| byte.is_ascii_graphic());
+                valid.then(|| path.to_owned()).ok_or_else(|| AddressError::Published(text.into()))?
+            }
+            "" => String::new(),
+            path => scene_of_path(path).ok_or_else(|| AddressError::Scene(path.into()))?,
         };
         let pin = match fragment {
             None | Some("") => None,
-            // Plain WebSocket has no certificate.
-            Some(fragment) if scheme == Scheme::WebSocket => {
+            // There is no certificate.
+            Some(fragment) if !scheme.is_encrypted() => {
                 return Err(AddressError::Rest(format!("#{fragment}")));
             }
             Some(fragment) => Some(fragment.parse()?),
@@ -119,7 +167,7 @@ impl FromStr for Address {
             return Err(AddressError::Host(place.into()));
         }
         let port = match port {
-            None if scheme == Scheme::SecureWebSocket => Some(HTTPS_PORT),
+            None if scheme.default_port().is_some() => scheme.default_port(),
             port => port.and_then(|port| port.parse().ok()).filter(|port| *port != 0),
         };
         let port = port.ok_or_else(|| AddressError::Port(place.into()))?;
@@ -128,7 +176,15 @@ impl FromStr for Address {
 }
 
 impl Address {
-    /// "quic", "wss" or "ws".
+    /// `file:PATH` or `file:///PATH`.
+    fn of_file(text: &str, path: &str) -> Result<Self, AddressError> {
+        let path = path.strip_prefix("//").unwrap_or(path);
+        let scene = percent_decoded(path).filter(|path| path.ends_with(PUBLISHED));
+        let scene = scene.ok_or_else(|| AddressError::Published(text.into()))?;
+        Ok(Self { scheme: Scheme::File, host: String::new(), port: 0, scene, pin: None })
+    }
+
+    /// The transport's name ([`Scheme::name`]).
     #[must_use]
     pub const fn transport(&self) -> &'static str {
         self.scheme.name()
@@ -150,14 +206,59 @@ impl Address {
 
 impl fmt::Display for Address {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.scheme {
+            Scheme::File => return write!(f, "file:{}", self.scene),
+            Scheme::Https | Scheme::Http => {
+                // A query may grant access.
+                let path = self.scene.split('?').next().unwrap_or_default();
+                return write!(f, "{}://{}{path}", self.transport(), self.authority());
+            }
+            Scheme::Quic | Scheme::SecureWebSocket | Scheme::WebSocket => {}
+        }
         write!(f, "{}://{}", self.transport(), self.authority())?;
         if self.scene.is_empty() { Ok(()) } else { f.write_str(&self.path()) }
     }
 }
 
+/// Decodes %XX; `None` if that is no UTF-8.
+fn percent_decoded(text: &str) -> Option<String> {
+    let mut bytes = Vec::new();
+    let mut rest = text.as_bytes();
+    while let Some((&byte, after)) = rest.split_first() {
+        let hex = after.get(..2).and_then(|hex| std::str::from_utf8(hex).ok());
+        let coded = hex.filter(|_| byte == b'%').and_then(|hex| u8::from_str_radix(hex, 16).ok());
+        bytes.push(coded.unwrap_or(byte));
+        rest = if coded.is_some() { &after[2..] } else { after };
+    }
+    String::from_utf8(bytes).ok()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn published_scenes_have_the_address_of_their_file() {
+        let https: Address = format!("https://h/a%20b/scene.lss?key=1#sha256={HEX}").parse().unwrap();
+        assert_eq!(
+            (https.scheme, https.port, https.scene.as_str()),
+            (Scheme::Https, 443, "/a%20b/scene.lss?key=1")
+        );
+        assert!(https.pin.is_some());
+        assert_eq!(https.to_string(), "https://h:443/a%20b/scene.lss");
+        let http: Address = "http://[::1]:8080/scene.lss".parse().unwrap();
+        assert_eq!((http.scheme, http.port), (Scheme::Http, 8080));
+        for (text, path) in
+            [("file:a/b.lss", "a/b.lss"), ("file:///a%20b.lss", "/a b.lss"), ("file:/a/b.lss", "/a/b.lss")]
+        {
+            let file: Address = text.parse().unwrap();
+            assert_eq!((file.scheme, file.scene.as_str()), (Scheme::File, path));
+        }
+        for bad in ["http://h", "http://h/", "https://h/a.glb", "file:a.glb", "file:", "https://h/a b.lss"] {
+            assert!(matches!(bad.parse::<Address>(), Err(AddressError::Published(_))), "{bad}");
+        }
+        assert!(matches!("http://h/a.lss#x".parse::<Address>(), Err(AddressError::Rest(_))));
+    }
 
     const HEX: &str = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
 
@@ -199,7 +300,7 @@ mod tests {
         assert!(matches!(error("wss://h:1#spki-sha256=12"), AddressError::Pin(_)));
         assert!(matches!(error("quic://h:1#md5=12"), AddressError::Pin(_)));
         assert!(matches!(error("localhost:8080"), AddressError::Scheme(_)));
-        assert!(matches!(error("http://h:1"), AddressError::Scheme(_)));
+        assert!(matches!(error("ftp://h:1"), AddressError::Scheme(_)));
         for port in [
             "ws://h",
             "ws://h:0",

@@ -10,6 +10,8 @@ use tokio::time::timeout;
 use super::address::{Address, Scheme};
 use super::addresses::{Resolver, first_to_answer, resolve};
 use super::drive::Host;
+#[cfg(feature = "http")]
+use super::published::{FileFetch, HttpFetch, Origin, Sockets, Target as HttpTarget, run_published};
 use super::server::Server;
 #[cfg(any(feature = "quic", feature = "tls"))]
 use super::trust::Trust;
@@ -56,6 +58,15 @@ pub(super) enum Connection {
     SecureWebSocket(Box<WebSocketConnection<tokio_rustls::client::TlsStream<CountingStream<TcpStream>>>>),
     #[cfg(feature = "quic")]
     Quic(Box<OpenedQuic>),
+    #[cfg(feature = "http")]
+    Published(PublishedScene),
+}
+
+/// A published scene; connections are opened as requests need them.
+#[cfg(feature = "http")]
+pub(super) enum PublishedScene {
+    Http(HttpFetch<Sockets>),
+    File(FileFetch),
 }
 
 #[cfg(feature = "quic")]
@@ -77,6 +88,10 @@ pub(super) async fn connect(
     resolver: &impl Resolver,
 ) -> Result<Connection, Close> {
     let address = &server.address;
+    #[cfg(feature = "http")]
+    if address.scheme.is_published() {
+        return Ok(Connection::Published(published(server)));
+    }
     let servers = resolve(address, resolver).await?;
     match address.scheme {
         #[cfg(feature = "websocket")]
@@ -101,7 +116,10 @@ pub(super) async fn connect(
         }
         #[cfg(feature = "quic")]
         Scheme::Quic => open_quic(server, servers, memory).await,
-        #[cfg(not(all(feature = "quic", feature = "tls")))]
+        // Returned above.
+        #[cfg(all(feature = "quic", feature = "http"))]
+        Scheme::Https | Scheme::Http | Scheme::File => Ok(Connection::Published(published(server))),
+        #[cfg(not(all(feature = "quic", feature = "http")))]
         _ => {
             let _ = (token, memory, servers);
             let why =
@@ -109,6 +127,19 @@ pub(super) async fn connect(
             Err(Close::new(CloseCode::Protocol, why))
         }
     }
+}
+
+/// Prepares requests to a published scene.
+#[cfg(feature = "http")]
+fn published(server: &Server) -> PublishedScene {
+    let address = &server.address;
+    if address.scheme == Scheme::File {
+        return PublishedScene::File(FileFetch::new((&address.scene).into()));
+    }
+    let origin =
+        Origin { tls: address.scheme == Scheme::Https, host: address.host.clone(), port: address.port };
+    let target = HttpTarget { origin, path: address.scene.clone() };
+    PublishedScene::Http(HttpFetch::new(target, Sockets { server: server.clone() }))
 }
 
 /// How the server's certificate is verified.
@@ -144,6 +175,10 @@ impl Connection {
             Self::SecureWebSocket(connection) => run_websocket(*connection, host, clock).await,
             #[cfg(feature = "quic")]
             Self::Quic(connection) => connection.run(address, memory, host, clock).await,
+            #[cfg(feature = "http")]
+            Self::Published(PublishedScene::Http(fetch)) => run_published(fetch, host, clock).await,
+            #[cfg(feature = "http")]
+            Self::Published(PublishedScene::File(fetch)) => run_published(fetch, host, clock).await,
         }
     }
 }
@@ -196,7 +231,7 @@ fn no_answer() -> Close {
 }
 
 #[cfg(feature = "websocket")]
-async fn open_tcp(server: SocketAddr) -> Result<TcpStream, Close> {
+pub(super) async fn open_tcp(server: SocketAddr) -> Result<TcpStream, Close> {
     let stream = match timeout(STEP_TIMEOUT, TcpStream::connect(server)).await {
         Ok(Ok(stream)) => stream,
         Ok(Err(why)) => return Err(lost(why.to_string())),

@@ -17,6 +17,12 @@ mod connect;
 )]
 mod drive;
 mod pin;
+#[cfg(feature = "http")]
+#[cfg_attr(
+    not(feature = "runtime"),
+    allow(unreachable_pub, reason = "re-exported with the feature `runtime`")
+)]
+mod published;
 #[cfg(feature = "quic")]
 #[cfg_attr(
     not(feature = "runtime"),
@@ -58,6 +64,8 @@ pub use drive::Host;
 #[cfg(any(feature = "quic", feature = "websocket"))]
 pub use lodestream_transport::Clock;
 pub use pin::{Pin, PinError};
+#[cfg(all(feature = "runtime", feature = "http"))]
+pub use published::{Connect, Fetch, HttpFetch, HttpStream, Origin, Report, Reports, Target, run_published};
 #[cfg(all(feature = "runtime", feature = "quic"))]
 pub use quic::{QuicSetupError, client_config, endpoint, run_quic};
 #[cfg(all(feature = "runtime", feature = "quic"))]

@@ -105,7 +105,7 @@ pub(super) async fn stream_to<H: Host>(
     retry: Retry,
     report: impl FnMut(&mut H, Option<String>),
 ) -> End {
-    if !server.address.scene.is_empty() {
+    if !server.address.scene.is_empty() && !server.address.scheme.is_published() {
         host.core().set_scene_name(&server.address.scene);
     }
     let sockets = Sockets { server, resolver, memory: ConnectionMemory::default() };

@@ -158,6 +158,11 @@ pub type CountingStream<S> = ObservedStream<S, ByteCounter>;
 
 /// Wraps a stream; gives the counter too.
 pub(super) fn counting<S>(stream: S) -> (CountingStream<S>, Arc<AtomicU64>) {
-    let received = Arc::new(AtomicU64::new(0));
-    (ObservedStream::new(stream, ByteCounter(Arc::clone(&received))), received)
+    let received = Arc::default();
+    (counting_in(stream, &received), received)
+}
+
+/// Wraps a stream whose bytes are added to a counter.
+pub(super) fn counting_in<S>(stream: S, received: &Arc<AtomicU64>) -> CountingStream<S> {
+    ObservedStream::new(stream, ByteCounter(Arc::clone(received)))
 }

@@ -11,6 +11,7 @@
 //! | [`shared`] | textures that several assets share |
 //! | [`terrain`] | a scene's terrain, and the directory of its height overrides |
 //! | [`punctual_lights`] | point and spot lights, and their pages |
+//! | [`published`] | the scene as an object that clients read in ranges |
 //! | [`placement`] | where an object stands: position, rotation and scale |
 //! | [`view`], [`pose`] | a camera for screen errors, with its picture, and for drawing, in f64 |
 //! | [`limits`] | bounds on every length and count that a peer may send |
@@ -33,6 +34,7 @@ pub mod encoding;
 pub mod limits;
 pub mod placement;
 pub mod pose;
+pub mod published;
 pub mod punctual_lights;
 pub mod shared;
 pub mod terrain;

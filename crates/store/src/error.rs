@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use lodestream_geometry::DecodeError;
 
+use super::scene_object::SceneObjectError;
+
 /// A pack, or one of its blobs, that cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
@@ -57,7 +59,7 @@ pub enum StoreError {
         /// The object.
         path: PathBuf,
         /// What is wrong.
-        what: String,
+        what: SceneObjectError,
     },
     /// The scene was published with another pack.
     #[error("{}: is another pack than the scene was published with; publish the scene again", path.display())]

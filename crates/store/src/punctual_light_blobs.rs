@@ -71,11 +71,6 @@ impl PunctualLightBlobs {
         complete.then(|| Self { summary: summary(count, &directory, &pages), directory, pages })
     }
 
-    /// Number of punctual lights.
-    pub(crate) fn count(&self) -> u32 {
-        self.summary.as_ref().map_or(0, |summary| summary.count)
-    }
-
     /// The pages of the directory, and the pages.
     pub fn parts(&self) -> (&[Bytes], &[Bytes]) {
         (&self.directory, &self.pages)

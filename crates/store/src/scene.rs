@@ -9,6 +9,7 @@ use lodestream_compress::decode_base;
 use lodestream_geometry::refine::ActiveMesh;
 use lodestream_protocol::source::{BlobFuture, CacheUse, Reading, SceneSource, SourceError};
 use lodestream_scene::description::{SceneHeader, ScenePage};
+use lodestream_scene::published::pack_name;
 use lodestream_scene::punctual_lights::PunctualLights;
 use lodestream_scene::{BlobId, BlobPart};
 use lodestream_select::Occluder;
@@ -71,13 +72,19 @@ impl SceneStore {
     /// # Errors
     /// A store that does not answer, a scene or a pack that is not there, damaged, or another one.
     pub async fn open(objects: &Objects, name: &str, cache: &BlobCache) -> Result<Self, StoreError> {
-        let bytes = objects.whole(name, MAX_SCENE_OBJECT_BYTES as u64).await?;
+        let bytes = objects.whole(name, MAX_SCENE_OBJECT_BYTES).await?;
         let wrong = |what| StoreError::Scene { path: objects.path(name), what };
         let SceneObject { description, packs } = SceneObject::decode(&bytes).map_err(wrong)?;
-        drop(bytes);
-        let opened = packs.into_iter().map(|pack| {
+        let entries = description.pages.iter().flat_map(|page| &page.assets);
+        let names: Vec<_> = packs
+            .iter()
+            .zip(entries)
+            .map(|(pack, entry)| (pack_name(&pack.key), entry.fingerprint))
+            .collect();
+        drop((bytes, packs));
+        let opened = names.into_iter().map(|(name, fingerprint)| {
             let (objects, cache) = (objects.clone(), cache.clone());
-            async move { ObjectPack::open(&objects, &pack.name, pack.fingerprint, &cache).await }
+            async move { ObjectPack::open(&objects, &name, fingerprint, &cache).await }
         });
         let opened: Vec<ObjectPack> =
             futures_util::stream::iter(opened).buffered(OPENED_AT_ONCE).try_collect().await?;

@@ -12,7 +12,7 @@ pub use asset::{base_decoder, chunk_decoder, pack_reader, rehashed};
 pub use import::{gltf_compressed, gltf_import, obj_import, ply_import};
 pub use messages::messages;
 pub use punctual_lights::punctual_lights;
-pub use scene::scene_object;
+pub use scene::{range_session, scene_object};
 pub use sequence::apply_undo;
 pub use terrain::terrain;
 
@@ -20,7 +20,7 @@ pub use terrain::terrain;
 pub type Target = fn(&[u8]) -> bool;
 
 /// Every target by the name of its corpus.
-pub const ALL: [(&str, Target); 12] = [
+pub const ALL: [(&str, Target); 13] = [
     ("pack_reader", pack_reader),
     ("base_decoder", base_decoder),
     ("chunk_decoder", chunk_decoder),
@@ -33,4 +33,5 @@ pub const ALL: [(&str, Target); 12] = [
     ("terrain", terrain),
     ("punctual_lights", punctual_lights),
     ("scene_object", scene_object),
+    ("range_session", range_session),
 ];

@@ -97,3 +97,8 @@ fn corpora_stay_small() {
 fn scene_object() {
     replay("scene_object");
 }
+
+#[test]
+fn range_session() {
+    replay("range_session");
+}

@@ -17,7 +17,7 @@ const FIRST_RTT: Duration = Duration::from_millis(200);
 
 /// Estimates of throughput and round-trip time.
 #[derive(Clone, Debug)]
-pub(super) struct Estimate {
+pub struct Estimate {
     rtt: Option<Duration>,
     window_start: Time,
     window_bytes: u64,
@@ -26,22 +26,26 @@ pub(super) struct Estimate {
 }
 
 impl Estimate {
-    pub(super) fn new(now: Time) -> Self {
+    /// Without measurements yet.
+    #[must_use]
+    pub fn new(now: Time) -> Self {
         Self { rtt: None, window_start: now, window_bytes: 0, bytes_per_s: 0.0 }
     }
 
     /// Takes the rate limit that the server states.
     #[expect(clippy::cast_precision_loss, reason = "an estimate")]
-    pub(super) fn rate_hint(&mut self, bits_per_s: u64) {
+    pub fn rate_hint(&mut self, bits_per_s: u64) {
         self.bytes_per_s = self.bytes_per_s.max(bits_per_s as f64 / 8.0);
     }
 
-    pub(super) fn measured_rtt(&mut self, rtt: Duration) {
+    /// Takes a measured round trip.
+    pub fn measured_rtt(&mut self, rtt: Duration) {
         // Falls at once and rises slowly: higher values come from queues, not from the path.
         self.rtt = Some(self.rtt.map_or(rtt, |old| if rtt < old { rtt } else { (old * 7 + rtt) / 8 }));
     }
 
-    pub(super) fn received(&mut self, now: Time, bytes: usize) {
+    /// Takes the arrival of bytes.
+    pub fn received(&mut self, now: Time, bytes: usize) {
         let elapsed = now.since(self.window_start);
         if elapsed >= WINDOW {
             #[expect(clippy::cast_precision_loss, reason = "an estimate")]
@@ -60,16 +64,21 @@ impl Estimate {
         }
     }
 
-    pub(super) fn rtt(&self) -> Option<Duration> {
+    /// The round trip, once measured.
+    #[must_use]
+    pub fn rtt(&self) -> Option<Duration> {
         self.rtt
     }
 
-    pub(super) fn bytes_per_s(&self) -> f64 {
+    /// The throughput.
+    #[must_use]
+    pub fn bytes_per_s(&self) -> f64 {
         self.bytes_per_s
     }
 
     /// Bytes to keep in flight, clamped to `bounds`.
-    pub(super) fn depth_bytes(&self, bounds: std::ops::RangeInclusive<u64>) -> u64 {
+    #[must_use]
+    pub fn depth_bytes(&self, bounds: std::ops::RangeInclusive<u64>) -> u64 {
         let covered = self.rtt.unwrap_or(FIRST_RTT) + REACTION;
         #[expect(
             clippy::cast_possible_truncation,

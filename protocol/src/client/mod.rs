@@ -18,5 +18,6 @@ mod view_updates;
 pub use backoff::Backoff;
 pub use config::{ClientConfig, Resume};
 pub use downloads::DownloadError;
+pub use estimate::Estimate;
 pub use event::{ClientEvent, ClientStats};
 pub use session::ClientSession;

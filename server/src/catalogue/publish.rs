@@ -14,7 +14,8 @@ use lodestream_bake::compose::describe;
 use lodestream_bake::prepare::{Options, key_of, prepare_cached};
 use lodestream_bake::scene::Scene;
 use lodestream_bake::stderr::write_line;
-use lodestream_store::{MAX_SCENE_OBJECT_BYTES, Objects, PackFile, PackName, SceneObject, StoreError};
+use lodestream_scene::published::pack_name;
+use lodestream_store::{MAX_SCENE_OBJECT_BYTES, Objects, PackFile, SceneObject, StoreError};
 
 /// Result of publishing a scene.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -52,10 +53,10 @@ pub async fn publish(
 ) -> anyhow::Result<Published> {
     let mut done = Published::default();
     let mut packs = Vec::with_capacity(scene.assets.len());
-    let mut names = Vec::with_capacity(scene.assets.len());
+    let mut keys = Vec::with_capacity(scene.assets.len());
     for asset in &scene.assets {
         let key = key_of(asset, options)?;
-        let (local, name) = (key.path(cache, &asset.name), format!("packs/{}.lsp", key.hex()));
+        let (local, name) = (key.path(cache, &asset.name), pack_name(&key.bytes()));
         if !local.exists() && objects.length(&name).await?.is_some() {
             std::fs::create_dir_all(cache)?;
             // Another machine prepared this pack; `prepare_cached` verifies it.
@@ -75,18 +76,18 @@ pub async fn publish(
             objects.put(&name, Bytes::from(std::fs::read(cached.pack.path())?)).await?;
             done.written += 1;
         }
-        names.push((cached.pack.path().to_owned(), name));
+        keys.push((cached.pack.path().to_owned(), key.bytes()));
         packs.push(cached.pack);
     }
     let (description, packs) = describe(scene, packs)?;
-    let name_of = |pack: &PackFile| {
-        let name = names.iter().find(|(path, _)| path == pack.path()).map(|(_, name)| name.clone());
-        PackName { name: name.unwrap_or_default(), fingerprint: pack.fingerprint() }
+    let contents_of = |pack: &PackFile| {
+        let key = keys.iter().find(|(path, _)| path == pack.path()).map(|(_, key)| *key);
+        pack.published(key.unwrap_or_default())
     };
-    let object = SceneObject { packs: packs.iter().map(name_of).collect(), description };
+    let object = SceneObject { packs: packs.iter().map(contents_of).collect::<Result<_, _>>()?, description };
     done.name = format!("{}{PUBLISHED}", object_name(&scene.name));
     let bytes = object.encode().map_err(|what| anyhow::anyhow!("{}: {what}", scene.name))?;
-    let before = match objects.whole(&done.name, MAX_SCENE_OBJECT_BYTES as u64).await {
+    let before = match objects.whole(&done.name, MAX_SCENE_OBJECT_BYTES).await {
         Ok(before) => Some(before),
         Err(StoreError::NoSuchObject { .. }) => None,
         Err(why) => return Err(why.into()),

@@ -12,6 +12,7 @@ mod outcome;
 mod preparation_settings;
 mod prepare;
 mod process;
+mod publish;
 mod serve;
 mod terrain;
 mod units;
@@ -39,8 +40,10 @@ struct Cli {
 enum Command {
     /// Stream scenes: prepares models that are not prepared yet, then listens.
     Serve(Box<serve::Arguments>),
-    /// Prepare one model (OBJ, glTF or PLY) to a pack, or publish a scene.
+    /// Prepare one model (OBJ, glTF or PLY) to a pack.
     Prepare(prepare::Arguments),
+    /// Write a scene to a folder or store, from which any web server or daemon can stream it.
+    Publish(publish::Arguments),
     /// Show the contents of a pack.
     Inspect(inspect::Arguments),
     /// Write the best mesh within a budget as OBJ.
@@ -69,6 +72,7 @@ pub fn main() -> ExitCode {
             None => serve::run(*arguments, serve_again),
         },
         Command::Prepare(arguments) => prepare::run(&arguments),
+        Command::Publish(arguments) => publish::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Export(arguments) => export::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
@@ -155,6 +159,8 @@ mod tests {
             "prepare a.obj -o a.lsp --codec zstd",
             "prepare a.obj -o a.lsp --keep-levels",
             "prepare a.ply -o a.lsp --out-of-core dir",
+            "publish hall.toml s3://bucket/scenes/",
+            "publish a.obj b.glb folder --cache packs --threads 2 -q",
             "inspect a.lsp --json",
             "export a.lsp --faces 1000 -o b.obj",
             "export a.lsp --error 0.1 -o b.obj",
@@ -176,6 +182,7 @@ mod tests {
         for line in [
             "serve",
             "prepare a.obj",
+            "publish a.obj",
             "prepare a.obj -o a.lsp --position-bits 12 --tolerance 1",
             "prepare a.obj -o a.lsp --position-bits 25",
             "prepare a.obj -o a.lsp --tolerance -1",

@@ -1,4 +1,4 @@
-//! `prepare`: a model to a pack, or a scene to published objects. Both input and output may be in an object store.
+//! `prepare`: a model to a pack. Both may be in an object store.
 
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -11,10 +11,9 @@ use lodestream_import::gltf;
 use super::outcome::Outcome;
 use super::preparation_settings::PreparationArguments;
 use crate::catalogue::fetch::fetch;
-use crate::catalogue::publish::publish;
 use lodestream_bake::mapping_allocator::{FROM_BYTES, MappingAllocator};
-use lodestream_bake::prepare::{Options, Report, cache, key_of, prepare_to};
-use lodestream_bake::scene::{self, Asset};
+use lodestream_bake::prepare::{Options, Report, key_of, prepare_to};
+use lodestream_bake::scene::Asset;
 use lodestream_bake::stderr::write_line;
 use lodestream_store::{Objects, StoreError};
 
@@ -24,17 +23,13 @@ const BLOCK_LIST_BYTES: usize = 48;
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
-    /// The model: OBJ, glTF, GLB or PLY, or for publishing also a scene file (TOML); a path or a URL. The meshes of a
-    /// glTF file become one asset with their placements, or when published an asset each.
-    #[arg(value_name = "MODEL | SCENE.toml")]
+    /// The model: OBJ, glTF, GLB or PLY; a path or a URL. The meshes of a glTF file become one asset with their
+    /// placements.
+    #[arg(value_name = "MODEL")]
     model: PathBuf,
-    /// The pack to write; or for publishing, a folder or its URL: packs are written to packs/, the scene to NAME.lss.
-    /// Existing objects are not prepared or written again.
-    #[arg(short, long, value_name = "FILE.lsp | FOLDER")]
+    /// The pack to write, a path or a URL. Whole scenes are published instead (`publish`).
+    #[arg(short, long, value_name = "FILE.lsp")]
     output: PathBuf,
-    /// For publishing: folder of prepared packs [default: $XDG_CACHE_HOME/lodestream or ~/.cache/lodestream].
-    #[arg(long, env = "LODESTREAM_CACHE", value_name = "DIR")]
-    cache: Option<PathBuf>,
     /// Prepare only this mesh of a glTF file, without its transform.
     #[arg(long, value_name = "NAME")]
     mesh: Option<String>,
@@ -73,12 +68,16 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let Arguments { model, output, .. } = arguments;
     let (to_store, to_pack) =
         (Objects::is_url(output), output.extension().is_some_and(|ending| ending == "lsp"));
-    let publishes =
+    let to_folder =
         to_store && !to_pack || output.is_dir() || output.as_os_str().to_string_lossy().ends_with('/');
-    if !publishes && model.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("toml")) {
-        bail!("{}: a scene file is published: name a folder or store with --output FOLDER/", model.display());
+    if to_folder || model.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("toml")) {
+        bail!(
+            "a scene is written to a folder or store by: lodestream-server publish {} FOLDER; prepare writes one pack, \
+             --output FILE.lsp",
+            model.display()
+        );
     }
-    if !to_store && !publishes && !Objects::is_url(model) {
+    if !to_store && !Objects::is_url(model) {
         let report = prepare_to(&asset(arguments, model)?, &options, output)?;
         return Ok(print_report(&report, output));
     }
@@ -89,17 +88,6 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         Some(url) if Objects::is_url(model) => runtime.block_on(fetch(url, folder.path()))?,
         _ => model.clone(),
     };
-    if publishes {
-        if arguments.mesh.is_some() {
-            bail!("--mesh prepares a single pack: name a FILE.lsp with --output");
-        }
-        let scene = scene::of_files(&[local])?;
-        let cache = arguments.cache.clone().or_else(cache::default_folder);
-        let cache = cache.context("no cache folder is known; name one with --cache DIR")?;
-        let objects = objects(output)?;
-        let done = runtime.block_on(publish(&scene, &objects, &cache, &options))?;
-        return Ok(Outcome::good(format!("{}: {done}\n", output.display())));
-    }
     if !to_store {
         let report = prepare_to(&asset(arguments, &local)?, &options, output)?;
         return Ok(print_report(&report, output));
@@ -131,15 +119,6 @@ fn asset(arguments: &Arguments, model: &Path) -> anyhow::Result<Asset> {
         asset.name.clone_from(name);
     }
     Ok(asset)
-}
-
-/// The store or folder to publish to.
-fn objects(output: &Path) -> anyhow::Result<Objects> {
-    if Objects::is_url(output) {
-        return Ok(Objects::of_url(&output.to_string_lossy())?);
-    }
-    std::fs::create_dir_all(output).with_context(|| output.display().to_string())?;
-    Ok(Objects::of_folder(output)?)
 }
 
 fn print_report(report: &Report, output: &Path) -> Outcome {

@@ -142,7 +142,7 @@ impl ClientCore {
 #[cfg(test)]
 impl ClientCore {
     /// Compares the table's copies with their owners.
-    pub(in crate::core) fn check_states(&self) {
+    pub(crate) fn check_states(&self) {
         let Some(session) = self.connection.session.as_ref().filter(|_| self.connection.closed.is_none())
         else {
             return;

@@ -5,9 +5,11 @@ mod apply;
 mod arrivals;
 mod blob_error;
 mod blob_states;
+mod ranges;
 mod report;
 mod session;
 mod session_events;
+mod source;
 mod state;
 mod update;
 

@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use lodestream_protocol::client::ClientSession;
 use lodestream_scene::blob::BlobId;
 use lodestream_select::{Counters, Selection};
 
 use super::ClientCore;
+use super::source::Source;
 use crate::core::milestones::Milestones;
 use crate::core::stats::{Connection, MAX_LACKING, Received, Stats};
 
@@ -93,7 +93,9 @@ impl ClientCore {
                 .map(|w| w.rate_bits_per_s)
                 .filter(|rate| *rate > 0),
             counters: *self.counters(),
-            session: self.connection.session.as_ref().map(ClientSession::stats).unwrap_or_default(),
+            session: self.connection.session.as_ref().map(Source::stats).unwrap_or_default(),
+            requests: self.connection.earlier_requests
+                + self.connection.session.as_ref().map_or(0, Source::requests),
             milestones: self.milestones,
             transport_bytes: self.received_bytes(),
             assets: self.scene.asset_count(),

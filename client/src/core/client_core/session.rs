@@ -11,6 +11,7 @@ use lodestream_scene::limits::MAX_HAVE;
 use lodestream_select::State;
 
 use super::ClientCore;
+use super::source::Source;
 
 impl ClientCore {
     /// Records the time of the user's connect call, from which milestones count. By default it is the first
@@ -22,16 +23,21 @@ impl ClientCore {
     /// Begins a session over an open transport. If the server still has the same scene, blobs that the client has are
     /// not fetched again.
     pub fn connect(&mut self, now: Time) {
-        self.begin(now);
-        self.disconnect();
         let mut resume = Resume::default();
         if let Some(header) = &self.scene.header {
             resume.fingerprint = header.fingerprint;
             let held = (0..).zip(&self.scene.states).flat_map(|(asset, state)| state.held(asset));
             resume.have = held.take(MAX_HAVE).collect();
         }
-        self.connection.session =
-            Some(ClientSession::new(self.config.session.clone(), self.view, resume, now));
+        let session = ClientSession::new(self.config.session.clone(), self.view, resume, now);
+        self.start(now, Source::Server(Box::new(session)));
+    }
+
+    /// Begins a session.
+    pub(super) fn start(&mut self, now: Time, session: Source) {
+        self.begin(now);
+        self.disconnect();
+        self.connection.session = Some(session);
         self.early.clear();
         self.connection.bases_sent = false;
         self.connection.closed = None;
@@ -44,6 +50,7 @@ impl ClientCore {
     fn disconnect(&mut self) {
         self.connection.earlier_bytes += std::mem::take(&mut self.connection.transport_bytes);
         let Some(session) = self.connection.session.take() else { return };
+        self.connection.earlier_requests += session.requests();
         for id in session.requested() {
             if self.state(id) == State::InFlight {
                 self.set_state(id, State::Absent);
@@ -120,7 +127,7 @@ impl ClientCore {
     /// Time of the next call of [`ClientCore::handle_timeout`].
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Time> {
-        let session = self.connection.session.as_ref().and_then(ClientSession::poll_timeout);
+        let session = self.connection.session.as_ref().and_then(Source::poll_timeout);
         let select = (self.selection.stale && self.view.is_some()).then(|| self.next_selection());
         [session, self.failures.next_retry(), select].into_iter().flatten().min()
     }
@@ -138,7 +145,8 @@ impl ClientCore {
             && self.connection.closed.is_none()
     }
 
-    /// Time since the server's last message, if that is longer than an answer takes ([`ClientSession::silence`]).
+    /// Time since the server's last message, if that is longer than an answer takes ([`ClientSession::silence`]); of a
+    /// published scene, since requests fail.
     #[must_use]
     pub fn silence(&self, now: Time) -> Option<Duration> {
         self.connection.session.as_ref()?.silence(now)

@@ -1,6 +1,6 @@
 //! Events of the session: the scene, its pages, blobs and refusals.
 
-use lodestream_protocol::client::{ClientEvent, ClientSession};
+use lodestream_protocol::client::ClientEvent;
 use lodestream_protocol::message::{RefusedReason, Welcome};
 use lodestream_protocol::time::Time;
 use lodestream_scene::blob::BlobId;
@@ -8,6 +8,7 @@ use lodestream_scene::punctual_lights::PunctualLights;
 use lodestream_select::State;
 
 use super::ClientCore;
+use super::source::Source;
 use super::state::ReceivedBlob;
 use crate::core::cache::BlobCache;
 use crate::core::changes::Change;
@@ -21,7 +22,7 @@ const MAX_EARLY_BLOBS: usize = 256;
 
 impl ClientCore {
     pub(super) fn handle_session_events(&mut self, now: Time) {
-        while let Some(event) = self.connection.session.as_mut().and_then(ClientSession::poll_event) {
+        while let Some(event) = self.connection.session.as_mut().and_then(Source::poll_event) {
             match event {
                 ClientEvent::Connected(welcome) => self.handle_welcome(now, welcome),
                 ClientEvent::ScenePage(page) => match self.scene.add_page(page, self.config.max_entries) {

@@ -2,11 +2,12 @@
 //! (`session`), the selection (`update`), received blobs (`arrivals`).
 
 use bytes::Bytes;
-use lodestream_protocol::client::ClientSession;
 use lodestream_protocol::message::{Close, Welcome};
 use lodestream_protocol::time::Time;
 use lodestream_scene::blob::BlobId;
 use lodestream_select::{Selector, Wanted};
+
+use super::source::Source;
 
 /// Cost of handling a blob besides its bytes, in units of [`ClientCore::update`]'s budget.
 pub(super) const BLOB_COST: u64 = 256;
@@ -14,7 +15,7 @@ pub(super) const BLOB_COST: u64 = 256;
 /// The present session, and what earlier ones leave to it.
 #[derive(Debug, Default)]
 pub(super) struct ConnectionState {
-    pub(super) session: Option<ClientSession>,
+    pub(super) session: Option<Source>,
     pub(super) welcome: Option<Welcome>,
     /// Why the session ended.
     pub(super) closed: Option<Close>,
@@ -24,6 +25,8 @@ pub(super) struct ConnectionState {
     pub(super) started: Option<Time>,
     /// Transport payload of the present connection.
     pub(super) transport_bytes: u64,
+    /// Range requests of earlier sessions.
+    pub(super) earlier_requests: u64,
     /// Transport payload of earlier connections.
     pub(super) earlier_bytes: u64,
 }

@@ -306,7 +306,7 @@ fn servers_over_one_bucket_serve_newly_published_scenes() {
     let home = folder.path();
     write_scene(home, "hall", 0.1);
     write_scene(home, "yard", 0.1);
-    run(&s3, home, &["prepare", "hall.toml", "-o", "s3://bucket/scenes", "--cache", "cache", "-q"]);
+    run(&s3, home, &["publish", "hall.toml", "s3://bucket/scenes", "--cache", "cache", "-q"]);
     let servers = [(); 2].map(|()| Server::start(&s3, home, &["s3://bucket/scenes/"]));
     let lists = servers.each_ref().map(Server::scenes);
     assert_eq!(lists[0], lists[1]);
@@ -320,11 +320,11 @@ fn servers_over_one_bucket_serve_newly_published_scenes() {
     let told = run(
         &s3,
         home,
-        &["prepare", "s3://bucket/models/yard.toml", "-o", "s3://bucket/scenes/", "--cache", "other", "-q"],
+        &["publish", "s3://bucket/models/yard.toml", "s3://bucket/scenes/", "--cache", "other", "-q"],
     );
     assert!(told.contains("yard.lss written; packs: 0 written, 2 existing, 0 prepared"), "{told}");
     write_scene(home, "hall", 0.3);
-    run(&s3, home, &["prepare", "hall.toml", "-o", "s3://bucket/scenes", "--cache", "cache", "-q"]);
+    run(&s3, home, &["publish", "hall.toml", "s3://bucket/scenes", "--cache", "cache", "-q"]);
     let before = lists[0]["scenes"][0]["fingerprint"].clone();
     for server in &servers {
         server.until(|list| {

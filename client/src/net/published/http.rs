@@ -1,0 +1,225 @@
+//! Range requests over HTTP/1.1, on connections that are kept for later requests.
+
+use std::future::Future;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use http_body_util::{BodyExt as _, Empty};
+use hyper::body::{Bytes, Incoming};
+use hyper::client::conn::http1::{SendRequest, handshake};
+use hyper::header::{
+    ACCEPT_ENCODING, CACHE_CONTROL, CONTENT_ENCODING, CONTENT_RANGE, HOST, LOCATION, RANGE, USER_AGENT,
+};
+use hyper::{Request, Response};
+use hyper_util::rt::TokioIo;
+use lodestream_protocol::message::Close;
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::task::AbortHandle;
+
+use super::target::{Origin, Target};
+use super::{Fetch, Report, Reports};
+use crate::net::addresses::{SystemResolver, first_to_answer, resolve};
+use crate::net::connect::{STEP_TIMEOUT, open_tcp};
+use crate::net::server::Server;
+use crate::net::tls::Tls;
+use crate::net::trust::Trust;
+use crate::net::websocket::counting_in;
+use crate::ranges::{ContentRange, RangeRequest, ResponseHead};
+
+/// Most redirects that are followed.
+const MAX_REDIRECTS: usize = 4;
+
+/// A byte stream to a web server.
+pub trait HttpStream: AsyncRead + AsyncWrite + Unpin + Send + 'static {}
+
+impl<S: AsyncRead + AsyncWrite + Unpin + Send + 'static> HttpStream for S {}
+
+/// Opens connections.
+pub trait Connect: Send + Sync + 'static {
+    /// A stream to an origin, over TLS if the origin says so; its bytes are counted.
+    fn connect(
+        &self,
+        origin: &Origin,
+        received: &Arc<AtomicU64>,
+    ) -> impl Future<Output = Result<Box<dyn HttpStream>, String>> + Send;
+}
+
+/// Makes range requests to a web server.
+#[derive(Debug)]
+pub struct HttpFetch<C> {
+    shared: Arc<Shared<C>>,
+}
+
+#[derive(Debug)]
+struct Shared<C> {
+    scene: Target,
+    connect: C,
+    received: Arc<AtomicU64>,
+    /// Connections without a request.
+    idle: Mutex<Vec<(Origin, SendRequest<Empty<Bytes>>)>>,
+}
+
+impl<C: Connect> HttpFetch<C> {
+    /// Reads the published scene at `scene`.
+    pub(in crate::net) fn new(scene: Target, connect: C) -> Self {
+        Self { shared: Arc::new(Shared { scene, connect, received: Arc::default(), idle: Mutex::default() }) }
+    }
+}
+
+impl<C: Connect> Fetch for HttpFetch<C> {
+    fn start(&mut self, request: RangeRequest, reports: Reports) -> AbortHandle {
+        let shared = Arc::clone(&self.shared);
+        let task = tokio::spawn(async move {
+            let id = request.id;
+            let report = match shared.fetch(request, &reports).await {
+                Ok(()) => Report::End,
+                Err(why) => Report::Failed(why),
+            };
+            let _ = reports.send((id, report)).await;
+        });
+        task.abort_handle()
+    }
+
+    fn received_bytes(&self) -> u64 {
+        self.shared.received.load(Ordering::Relaxed)
+    }
+}
+
+impl<C: Connect> Shared<C> {
+    async fn fetch(&self, request: RangeRequest, reports: &Reports) -> Result<(), String> {
+        let mut target = match request.object.name() {
+            None => self.scene.clone(),
+            Some(name) => self.scene.beside(&name),
+        };
+        let mut redirects = 0;
+        let (connection, response) = loop {
+            let (connection, response) = self.ask(&target, &request).await?;
+            let location = response.headers().get(LOCATION).and_then(|value| value.to_str().ok());
+            match location.filter(|_| response.status().is_redirection()) {
+                Some(location) => {
+                    target = target
+                        .redirected(location)
+                        .ok_or_else(|| format!("the server redirects to {location}"))?;
+                    redirects += 1;
+                    if redirects > MAX_REDIRECTS {
+                        return Err("the server redirects too often".into());
+                    }
+                }
+                None => break (connection, response),
+            }
+        };
+        let head = head_of(&response);
+        let partial = head.status == 206;
+        reports.send((request.id, Report::Head(head))).await.map_err(|_| "the session has ended")?;
+        if !partial {
+            // Whatever follows is not read: the whole file may follow.
+            return Ok(());
+        }
+        let mut body = response.into_body();
+        while let Some(frame) = body.frame().await {
+            let frame = frame.map_err(|why| reason(&why))?;
+            if let Ok(bytes) = frame.into_data() {
+                reports.send((request.id, Report::Body(bytes))).await.map_err(|_| "the session has ended")?;
+            }
+        }
+        self.idle().push((target.origin, connection));
+        Ok(())
+    }
+
+    /// Sends a request; over a kept connection if there is one, and anew if that has been closed.
+    async fn ask(
+        &self,
+        target: &Target,
+        request: &RangeRequest,
+    ) -> Result<(SendRequest<Empty<Bytes>>, Response<Incoming>), String> {
+        while let Some(mut kept) = self.take_idle(&target.origin) {
+            if kept.ready().await.is_err() {
+                continue;
+            }
+            if let Ok(response) = kept.send_request(message(target, request)?).await {
+                return Ok((kept, response));
+            }
+        }
+        let stream = self.connect.connect(&target.origin, &self.received).await?;
+        let (mut connection, run) = handshake(TokioIo::new(stream)).await.map_err(|why| reason(&why))?;
+        tokio::spawn(async move {
+            if let Err(why) = run.await {
+                tracing::debug!("a connection ended: {why}");
+            }
+        });
+        let response =
+            connection.send_request(message(target, request)?).await.map_err(|why| reason(&why))?;
+        Ok((connection, response))
+    }
+
+    fn idle(&self) -> std::sync::MutexGuard<'_, Vec<(Origin, SendRequest<Empty<Bytes>>)>> {
+        self.idle.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn take_idle(&self, origin: &Origin) -> Option<SendRequest<Empty<Bytes>>> {
+        let mut idle = self.idle();
+        let at = idle.iter().rposition(|(of, _)| of == origin)?;
+        Some(idle.swap_remove(at).1)
+    }
+}
+
+fn message(target: &Target, request: &RangeRequest) -> Result<Request<Empty<Bytes>>, String> {
+    let mut builder = Request::get(&target.path)
+        .header(HOST, target.origin.authority())
+        .header(RANGE, format!("bytes={}-{}", request.range.start, request.range.end.saturating_sub(1)))
+        // Compressed bytes would not be the object's.
+        .header(ACCEPT_ENCODING, "identity")
+        .header(USER_AGENT, concat!("lodestream/", env!("CARGO_PKG_VERSION")));
+    if request.reload {
+        builder = builder.header(CACHE_CONTROL, "no-cache");
+    }
+    builder.body(Empty::new()).map_err(|why| format!("{}: {why}", target.path))
+}
+
+fn head_of(response: &Response<Incoming>) -> ResponseHead {
+    let header = |name| response.headers().get(name).and_then(|value| value.to_str().ok());
+    ResponseHead {
+        status: response.status().as_u16(),
+        content_range: header(CONTENT_RANGE).and_then(ContentRange::parse),
+        encoded: header(CONTENT_ENCODING).is_some_and(|encoding| !encoding.eq_ignore_ascii_case("identity")),
+    }
+}
+
+/// An error with its cause, which alone tells what happened.
+fn reason(why: &hyper::Error) -> String {
+    match std::error::Error::source(why) {
+        Some(cause) => format!("{why}: {cause}"),
+        None => why.to_string(),
+    }
+}
+
+/// Opens TCP connections to a server's address, and TLS over them.
+#[derive(Debug)]
+pub(in crate::net) struct Sockets {
+    pub(in crate::net) server: Server,
+}
+
+impl Connect for Sockets {
+    async fn connect(
+        &self,
+        origin: &Origin,
+        received: &Arc<AtomicU64>,
+    ) -> Result<Box<dyn HttpStream>, String> {
+        let mut address = self.server.address.clone();
+        let redirected = (address.host != origin.host) || (address.port != origin.port);
+        (address.host, address.port) = (origin.host.clone(), origin.port);
+        let said = |why: Close| why.reason;
+        let servers = resolve(&address, &SystemResolver).await.map_err(said)?;
+        let stream = first_to_answer(&address, &servers, open_tcp).await.map_err(said)?;
+        let stream = counting_in(stream, received);
+        if !origin.tls {
+            return Ok(Box::new(stream));
+        }
+        let trust = match self.server.address.pin.filter(|_| !redirected) {
+            Some(pin) => pin.into(),
+            None => self.server.authorities.roots().await.map(Trust::Roots).map_err(said)?,
+        };
+        let tls = Tls::new(&origin.host, trust).map_err(said)?;
+        Ok(Box::new(tls.open(stream, STEP_TIMEOUT).await.map_err(said)?))
+    }
+}

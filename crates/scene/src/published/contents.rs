@@ -1,0 +1,64 @@
+//! What a published scene consists of, as its writer takes it and its reader gives it.
+
+use bytes::Bytes;
+
+use super::records::TexturePlace;
+use super::tables::ChunkTable;
+use crate::description::{SceneHeader, ScenePage};
+use crate::punctual_lights::PunctualLights;
+
+/// A whole published scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Contents {
+    /// Header.
+    pub header: SceneHeader,
+    /// Scene pages, in order.
+    pub pages: Vec<ScenePage>,
+    /// Pages of the directory of height overrides.
+    pub terrain_directory: Vec<Bytes>,
+    /// Height overrides, in the directory's order.
+    pub height_overrides: Vec<Bytes>,
+    /// The message about punctual lights, if there are any.
+    pub punctual_lights: Option<PunctualLights>,
+    /// Pages of the directory of punctual lights.
+    pub light_directory: Vec<Bytes>,
+    /// Pages of punctual lights.
+    pub light_pages: Vec<Bytes>,
+    /// Packs, by asset number.
+    pub packs: Vec<PackContents>,
+}
+
+/// What the published scene holds of a pack.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct PackContents {
+    /// Key in the pack's name.
+    pub key: [u8; 32],
+    /// Length of the pack.
+    pub bytes: u64,
+    /// The base mesh.
+    pub base: Bytes,
+    /// Index pages.
+    pub index: Vec<IndexPage>,
+    /// Where the first level of a texture begins in the pack; the others follow.
+    pub textures_offset: u64,
+    /// Levels of textures, in the pack's order.
+    pub textures: Vec<Texture>,
+}
+
+/// An index page, and where its chunks lie in the pack.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct IndexPage {
+    /// The page.
+    pub bytes: Bytes,
+    /// Its chunks.
+    pub chunks: ChunkTable,
+}
+
+/// A level of a texture.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Texture {
+    /// Its number, length and hash.
+    pub place: TexturePlace,
+    /// Its bytes, if the published scene has a copy.
+    pub copy: Option<Bytes>,
+}

@@ -1,0 +1,168 @@
+//! Reads a published scene whole, as a daemon does.
+
+use bytes::Bytes;
+
+use super::contents::{Contents, IndexPage, PackContents, Texture};
+use super::opening::{HEAD_BYTES, Head};
+use super::part::Part;
+use super::records::{AssetSource, PageRecord, SourceRecord};
+use super::tables::BlobTable;
+use super::{MAX_OBJECT_BYTES, PublishedError};
+use crate::description::AssetEntry;
+use crate::encoding;
+use crate::punctual_lights::PunctualLights;
+
+impl BlobTable {
+    /// Decodes a table of `count` blobs that lie within `rest_bytes`.
+    ///
+    /// # Errors
+    /// Bytes that are no such table.
+    pub fn decode_checked(bytes: &[u8], count: usize, rest_bytes: u64) -> Result<Self, PublishedError> {
+        let what = "a table of blobs";
+        let table: Self = encoding::decode(bytes, 1024 + 4 * bytes.len())
+            .map_err(|why| PublishedError::Record { what, why })?;
+        if table.blobs.len() != count || table.end() > rest_bytes {
+            return Err(PublishedError::Contradiction("a table of blobs does not fit its directory"));
+        }
+        Ok(table)
+    }
+}
+
+impl Contents {
+    /// Decodes and checks an object. Reserves no more than its bytes justify.
+    ///
+    /// # Errors
+    /// Bytes that are not a published scene, of another version, damaged, or contradictory.
+    pub fn decode(object: &Bytes) -> Result<Self, PublishedError> {
+        let head = Head::parse(object)?;
+        if object.len() as u64 > MAX_OBJECT_BYTES {
+            return Err(PublishedError::TooLong);
+        }
+        if head.object_bytes != object.len() as u64 {
+            return Err(PublishedError::Truncated("its parts"));
+        }
+        let (opening, rest) = object[HEAD_BYTES..].split_at(head.opening_bytes as usize);
+        let opening = head.opening(opening)?;
+        let body = Body(object.slice_ref(rest));
+        let (mut pages, mut packs) = (Vec::new(), Vec::new());
+        for (number, place) in (0..).zip(&opening.pages) {
+            let bytes = body.get(&place.page, "a scene page")?;
+            let record = PageRecord::decode_checked(&bytes, number, &place.page, body.len())?;
+            let source = body.get(&place.source, "a list of packs")?;
+            let source = SourceRecord::decode_checked(&source, &record.page, &place.source, body.len())?;
+            let starts = source.starts(&place.source);
+            for (((asset, base), of), start) in
+                record.page.assets.iter().zip(record.bases(&place.page)).zip(&source.assets).zip(starts)
+            {
+                packs.push(body.pack(asset, &base, of, start)?);
+            }
+            pages.push(record.page);
+        }
+        let punctual_lights = opening.punctual_lights();
+        let contents = Self {
+            terrain_directory: body.all(&opening.terrain_directory, "the terrain's directory")?,
+            height_overrides: body.tables(&opening.terrain_tables, "the height overrides")?,
+            light_directory: body.all(&opening.light_directory, "the directory of punctual lights")?,
+            light_pages: body.tables(&opening.light_tables, "the punctual lights")?,
+            punctual_lights,
+            header: opening.header,
+            pages,
+            packs,
+        };
+        contents.check()?;
+        Ok(contents)
+    }
+
+    fn check(&self) -> Result<(), PublishedError> {
+        let (mut assets, mut instances) = (0_u64, 0_u64);
+        for (number, page) in (0..).zip(&self.pages) {
+            let in_order = page.page == number
+                && u64::from(page.first_asset) == assets
+                && u64::from(page.first_instance) == instances;
+            if !in_order {
+                return Err(PublishedError::Contradiction("its pages are out of order"));
+            }
+            assets += page.assets.len() as u64;
+            instances += page.instances.len() as u64;
+        }
+        if [self.header.asset_count, self.header.instance_count].map(u64::from) != [assets, instances] {
+            return Err(PublishedError::Contradiction(
+                "its assets or instances are not as many as its header states",
+            ));
+        }
+        let lights = self.punctual_lights.as_ref().map_or(0, |lights| lights.count);
+        if self.light_pages.len() != PunctualLights::pages_of(lights) as usize {
+            return Err(PublishedError::Contradiction(
+                "its pages of punctual lights are not as many as its number of lights needs",
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// What follows the opening.
+struct Body(Bytes);
+
+impl Body {
+    fn len(&self) -> u64 {
+        self.0.len() as u64
+    }
+
+    fn get(&self, part: &Part, what: &'static str) -> Result<Bytes, PublishedError> {
+        let [start, end] = [part.offset, part.end()].map(usize::try_from);
+        let inside = start.ok().zip(end.ok()).filter(|(_, end)| *end <= self.0.len());
+        let (start, end) = inside.ok_or(PublishedError::Truncated(what))?;
+        let bytes = self.0.slice(start..end);
+        part.verify(&bytes, what)?;
+        Ok(bytes)
+    }
+
+    fn all(&self, parts: &[Part], what: &'static str) -> Result<Vec<Bytes>, PublishedError> {
+        parts.iter().map(|part| self.get(part, what)).collect()
+    }
+
+    fn tables(&self, parts: &[Part], what: &'static str) -> Result<Vec<Bytes>, PublishedError> {
+        let mut blobs = Vec::new();
+        for part in parts {
+            let bytes = self.get(part, what)?;
+            let table: BlobTable = encoding::decode(&bytes, 1024 + 4 * bytes.len())
+                .map_err(|why| PublishedError::Record { what, why })?;
+            for number in 0..table.blobs.len() {
+                let part = table.part(number).ok_or(PublishedError::Truncated(what))?;
+                blobs.push(self.get(&part, what)?);
+            }
+        }
+        Ok(blobs)
+    }
+
+    fn pack(
+        &self,
+        asset: &AssetEntry,
+        base: &Part,
+        source: &AssetSource,
+        start: u64,
+    ) -> Result<PackContents, PublishedError> {
+        let mut index = Vec::new();
+        for ((page, place), part) in (0..).zip(&source.index).zip(source.index(start)) {
+            let bytes = self.get(&part, "an index page")?;
+            let (page, chunks) = place.split(&bytes, (asset, page), source.pack_bytes)?;
+            index.push(IndexPage { bytes: bytes.slice_ref(page), chunks });
+        }
+        let mut textures: Vec<Texture> =
+            source.textures.iter().map(|place| Texture { place: *place, copy: None }).collect();
+        for (place, part) in source.coarse(start) {
+            let copy = self.get(&part, "a texture")?;
+            let of = textures.iter_mut().find(|texture| texture.place == *place && texture.copy.is_none());
+            of.ok_or(PublishedError::Contradiction("a texture's copy is of none of its pack's"))?.copy =
+                Some(copy);
+        }
+        Ok(PackContents {
+            key: source.key,
+            bytes: source.pack_bytes,
+            base: self.get(base, "a base mesh")?,
+            index,
+            textures_offset: source.textures_offset,
+            textures,
+        })
+    }
+}

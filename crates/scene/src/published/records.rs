@@ -1,0 +1,232 @@
+//! Records of one scene page: the page with its base meshes, and the packs of its assets. What a record lists lies behind
+//! it, so that lengths suffice.
+
+use lodestream_geometry::index::CHUNKS_PER_PAGE;
+
+use super::PublishedError;
+use super::part::{Part, PartHash};
+use super::tables::ChunkTable;
+use crate::description::{AssetEntry, ScenePage};
+use crate::encoding::{self, CodingError, Decode, encode_fields};
+use crate::limits::{MAX_BLOB_BYTES, MAX_DECODED_BYTES};
+
+/// Memory that a decoded record may take for each of its bytes.
+const MEMORY_PER_BYTE: usize = 16;
+
+fn decode<T: Decode>(bytes: &[u8], what: &'static str) -> Result<T, PublishedError> {
+    let limit = MAX_DECODED_BYTES.saturating_add(bytes.len().saturating_mul(MEMORY_PER_BYTE));
+    encoding::decode(bytes, limit).map_err(|why| PublishedError::Record { what, why })
+}
+
+/// A scene page. The base meshes of its assets follow, in order, with the lengths that the page states.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PageRecord {
+    /// The page.
+    pub page: ScenePage,
+    /// Hashes of its assets' base meshes.
+    pub bases: Vec<PartHash>,
+}
+
+encode_fields!(PageRecord { page, bases });
+
+impl PageRecord {
+    /// Decodes the record of page `number` from the bytes of `part`; the parts of the published scene have `rest_bytes`
+    /// together.
+    ///
+    /// # Errors
+    /// Bytes that are no such record.
+    pub fn decode_checked(
+        bytes: &[u8],
+        number: u32,
+        part: &Part,
+        rest_bytes: u64,
+    ) -> Result<Self, PublishedError> {
+        let what = "a scene page";
+        let record: Self = decode(bytes, what)?;
+        let ScenePage { page, assets, .. } = &record.page;
+        record.page.check().map_err(|why| PublishedError::Record { what, why: CodingError::value(why) })?;
+        let end = assets.iter().fold(part.end(), |end, asset| end.saturating_add(asset.base_bytes.into()));
+        if *page != number || record.bases.len() != assets.len() || end > rest_bytes {
+            return Err(PublishedError::Contradiction("a scene page is another than its place states"));
+        }
+        Ok(record)
+    }
+
+    /// Places of the base meshes of this page, whose record is `part`.
+    pub fn bases(&self, part: &Part) -> impl Iterator<Item = Part> {
+        let lengths = self.page.assets.iter().map(|asset| asset.base_bytes);
+        adjacent(part.end(), lengths.zip(self.bases.iter().copied()))
+    }
+}
+
+/// Parts that follow one another from `start` on.
+fn adjacent(start: u64, parts: impl Iterator<Item = (u32, PartHash)>) -> impl Iterator<Item = Part> {
+    parts.scan(start, |next, (bytes, hash)| {
+        let part = Part { offset: *next, bytes, hash };
+        *next = part.end();
+        Some(part)
+    })
+}
+
+/// An index page with the table of its chunks behind it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct IndexPlace {
+    /// Length of page and table.
+    pub bytes: u32,
+    /// Length of the page.
+    pub index_bytes: u32,
+    /// Hash of both.
+    pub hash: PartHash,
+}
+
+encode_fields!(IndexPlace { bytes, index_bytes, hash });
+
+impl IndexPlace {
+    /// Splits verified bytes into index page `page` of an asset and the table of its chunks.
+    ///
+    /// # Errors
+    /// Bytes that are no such table.
+    pub fn split<'a>(
+        &self,
+        bytes: &'a [u8],
+        (asset, page): (&AssetEntry, u32),
+        pack_bytes: u64,
+    ) -> Result<(&'a [u8], ChunkTable), PublishedError> {
+        let what = "a table of chunks";
+        let (index, table) =
+            bytes.split_at_checked(self.index_bytes as usize).ok_or(PublishedError::Truncated(what))?;
+        let table: ChunkTable = decode(table, what)?;
+        if table.chunks.len() != chunks_on_page(asset.chunk_count, page) || table.end() > pack_bytes {
+            return Err(PublishedError::Contradiction("a table of chunks does not fit its pack"));
+        }
+        Ok((index, table))
+    }
+}
+
+/// Number of chunks on an index page.
+fn chunks_on_page(chunk_count: u32, page: u32) -> usize {
+    (chunk_count as usize)
+        .saturating_sub((page as usize).saturating_mul(CHUNKS_PER_PAGE))
+        .min(CHUNKS_PER_PAGE)
+}
+
+/// A level of a texture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TexturePlace {
+    /// Number of the texture.
+    pub texture: u16,
+    /// Number of the level, 0 for the coarsest.
+    pub level: u8,
+    /// Its length.
+    pub bytes: u32,
+    /// Its hash.
+    pub hash: PartHash,
+}
+
+encode_fields!(TexturePlace { texture, level, bytes, hash });
+
+/// The pack of an asset, and where its blobs lie.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AssetSource {
+    /// Key in the pack's name ([`pack_name`]).
+    pub key: [u8; 32],
+    /// Length of the pack.
+    pub pack_bytes: u64,
+    /// Where the first level of a texture begins in the pack.
+    pub textures_offset: u64,
+    /// Levels of textures, adjacent in the pack.
+    pub textures: Vec<TexturePlace>,
+    /// Short levels of textures, behind the record: copies of the pack's.
+    pub coarse: Vec<TexturePlace>,
+    /// Index pages, behind these.
+    pub index: Vec<IndexPlace>,
+}
+
+encode_fields!(AssetSource { key, pack_bytes, textures_offset, textures, coarse, index });
+
+impl AssetSource {
+    /// Place of a level of a texture in the pack.
+    #[must_use]
+    pub fn texture(&self, texture: u16, level: u8) -> Option<Part> {
+        let at = self.textures.iter().position(|place| (place.texture, place.level) == (texture, level))?;
+        let parts = self.textures.iter().map(|place| (place.bytes, place.hash));
+        adjacent(self.textures_offset, parts).nth(at)
+    }
+
+    /// Bytes of what lies behind the record.
+    fn behind_bytes(&self) -> u64 {
+        let coarse = self.coarse.iter().map(|place| u64::from(place.bytes));
+        coarse.chain(self.index.iter().map(|place| u64::from(place.bytes))).sum()
+    }
+}
+
+/// Name of a pack's object, relative to the published scene: `packs/KEY.lsp`, with the key in hexadecimal.
+#[must_use]
+pub fn pack_name(key: &[u8; 32]) -> String {
+    format!("packs/{}.lsp", blake3::Hash::from_bytes(*key).to_hex())
+}
+
+/// The packs of a scene page's assets, in order.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SourceRecord {
+    /// One for each asset of the page.
+    pub assets: Vec<AssetSource>,
+}
+
+encode_fields!(SourceRecord { assets });
+
+impl SourceRecord {
+    /// Decodes the record that belongs to a page from the bytes of `part`.
+    ///
+    /// # Errors
+    /// Bytes that are no such record.
+    pub fn decode_checked(
+        bytes: &[u8],
+        page: &ScenePage,
+        part: &Part,
+        rest_bytes: u64,
+    ) -> Result<Self, PublishedError> {
+        let record: Self = decode(bytes, "a list of packs")?;
+        let fits = |(source, pages): (&AssetSource, u32)| {
+            let lengths = source.textures.iter().map(|place| u64::from(place.bytes));
+            let textures_end = lengths.fold(source.textures_offset, u64::saturating_add);
+            source.index.len() == pages as usize
+                && source.index.iter().all(|place| place.index_bytes <= place.bytes)
+                && source.textures.iter().chain(&source.coarse).all(|place| place.bytes <= MAX_BLOB_BYTES)
+                && textures_end <= source.pack_bytes
+        };
+        let pages = page.assets.iter().map(AssetEntry::index_pages);
+        let end =
+            record.assets.iter().fold(part.end(), |end, asset| end.saturating_add(asset.behind_bytes()));
+        if record.assets.len() != page.assets.len()
+            || !record.assets.iter().zip(pages).all(fits)
+            || end > rest_bytes
+        {
+            return Err(PublishedError::Contradiction("a list of packs does not fit its scene page"));
+        }
+        Ok(record)
+    }
+
+    /// Where each asset's coarse textures begin, and its index pages behind them. The record is `part`.
+    pub fn starts(&self, part: &Part) -> impl Iterator<Item = u64> {
+        self.assets.iter().scan(part.end(), |next, asset| {
+            let start = *next;
+            *next = next.saturating_add(asset.behind_bytes());
+            Some(start)
+        })
+    }
+}
+
+impl AssetSource {
+    /// Places of the copies of short levels, which begin at `start` ([`SourceRecord::starts`]).
+    pub fn coarse(&self, start: u64) -> impl Iterator<Item = (&TexturePlace, Part)> {
+        let parts = adjacent(start, self.coarse.iter().map(|place| (place.bytes, place.hash)));
+        self.coarse.iter().zip(parts)
+    }
+
+    /// Places of the index pages with their tables, which follow the copies.
+    pub fn index(&self, start: u64) -> impl Iterator<Item = Part> {
+        let coarse: u64 = self.coarse.iter().map(|place| u64::from(place.bytes)).sum();
+        adjacent(start.saturating_add(coarse), self.index.iter().map(|place| (place.bytes, place.hash)))
+    }
+}
