@@ -7,7 +7,7 @@ use lodestream_bake::compose::compose;
 use lodestream_bake::scene;
 use lodestream_compress::{compress, encode_base};
 use lodestream_geometry::Codec;
-use lodestream_geometry::index::Sphere;
+use lodestream_geometry::index::{self, ChunkInfo, Sphere, TruncationPoint};
 use lodestream_geometry::mesh::SourceMesh;
 use lodestream_geometry::pack::{BlobKind, write};
 use lodestream_geometry::prepare::Prepared;
@@ -465,14 +465,27 @@ fn punctual_lights() -> Vec<(String, Vec<u8>)> {
     ]
 }
 
+fn published_chunk(n: u32) -> ChunkInfo {
+    let point = TruncationPoint { payload_bytes: 20, error: 0.5, vertices: 1, wedges: 1, faces: 1 };
+    ChunkInfo {
+        level: 1,
+        sphere: Sphere { center: [0.0; 3], radius: 1.0 },
+        error: 1.0,
+        attribute_error: 0.0,
+        truncation_points: if n.is_multiple_of(2) { vec![point] } else { Vec::new() },
+        parents: Vec::new(),
+        payload_bytes: 40 + n,
+        vertices: 2,
+        wedges: 2,
+        faces: 2,
+    }
+}
+
 /// What a published scene holds of a pack with chunks and textures.
 fn published_pack(asset: &AssetEntry) -> PackContents {
-    let chunks = (0..asset.chunk_count).map(|n| ChunkPlace {
-        bytes: 40 + n,
-        cut: if n % 2 == 0 { 20 } else { 0 },
-        first: [if n % 2 == 0 { 1 } else { 0 }; 8],
-        last: [2; 8],
-    });
+    let infos: Vec<ChunkInfo> = (0..asset.chunk_count).map(published_chunk).collect();
+    let place = |info: &ChunkInfo| ChunkPlace::of(info).hashed(&vec![5; info.payload_bytes as usize]);
+    let chunks = infos.iter().map(|info| place(info).expect("the length is the index's"));
     let chunks = ChunkTable { offset: 300, chunks: chunks.collect() };
     let texture = |level: u8| {
         let bytes = vec![level; 9];
@@ -483,7 +496,10 @@ fn published_pack(asset: &AssetEntry) -> PackContents {
         key: [asset.fingerprint[0]; 32],
         bytes: 4096,
         base: vec![3; asset.base_bytes as usize].into(),
-        index: vec![IndexPage { bytes: vec![4; 20].into(), chunks }],
+        index: vec![IndexPage {
+            bytes: index::encode_page(&infos, 0).expect("chunks are indexed").into(),
+            chunks,
+        }],
         textures_offset: 2000,
         textures: vec![texture(0), texture(1)],
     }

@@ -11,7 +11,7 @@ use super::address::{Address, Scheme};
 use super::addresses::{Resolver, first_to_answer, resolve};
 use super::drive::Host;
 #[cfg(feature = "http")]
-use super::published::{FileFetch, HttpFetch, Origin, Sockets, Target as HttpTarget, run_published};
+use super::published::{FileFetch, HttpFetch, Origin, Target as HttpTarget, run_published};
 use super::server::Server;
 #[cfg(any(feature = "quic", feature = "tls"))]
 use super::trust::Trust;
@@ -65,7 +65,7 @@ pub(super) enum Connection {
 /// A published scene; connections are opened as requests need them.
 #[cfg(feature = "http")]
 pub(super) enum PublishedScene {
-    Http(HttpFetch<Sockets>),
+    Http(HttpFetch),
     File(FileFetch),
 }
 
@@ -139,7 +139,7 @@ fn published(server: &Server) -> PublishedScene {
     let origin =
         Origin { tls: address.scheme == Scheme::Https, host: address.host.clone(), port: address.port };
     let target = HttpTarget { origin, path: address.scene.clone() };
-    PublishedScene::Http(HttpFetch::new(target, Sockets { server: server.clone() }))
+    PublishedScene::Http(HttpFetch::new(target, server.clone()))
 }
 
 /// How the server's certificate is verified.

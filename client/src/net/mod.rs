@@ -65,7 +65,7 @@ pub use drive::Host;
 pub use lodestream_transport::Clock;
 pub use pin::{Pin, PinError};
 #[cfg(all(feature = "runtime", feature = "http"))]
-pub use published::{Connect, Fetch, HttpFetch, HttpStream, Origin, Report, Reports, Target, run_published};
+pub use published::{Fetch, Report, Reports, run_published};
 #[cfg(all(feature = "runtime", feature = "quic"))]
 pub use quic::{QuicSetupError, client_config, endpoint, run_quic};
 #[cfg(all(feature = "runtime", feature = "quic"))]

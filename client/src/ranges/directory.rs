@@ -6,8 +6,8 @@ use lodestream_geometry::index::CHUNKS_PER_PAGE;
 use lodestream_scene::blob::{BlobId, BlobPart, PunctualLightBlob, TerrainBlob};
 use lodestream_scene::description::AssetEntry;
 use lodestream_scene::published::{
-    AssetSource, BlobTable, ChunkTable, Head, Opening, PageRecord, Part, PublishedError, Segment,
-    SourceRecord,
+    AssetSource, Behind, BlobTable, ChunkTable, Head, Opening, PageRecord, Part, PartHash, PublishedError,
+    SegmentHash, SourceRecord, part_hash, segment_hash,
 };
 use lodestream_scene::punctual_lights::{LISTED_PER_PAGE, PunctualLights};
 use lodestream_scene::terrain::PATCHES_PER_PAGE;
@@ -62,9 +62,35 @@ pub(super) struct Place {
     pub(super) segments: Vec<Segment>,
 }
 
+/// A run of an item that is checked by itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Segment {
+    /// Its bytes in the item.
+    pub(super) start: u32,
+    pub(super) end: u32,
+    pub(super) hash: RunHash,
+}
+
+/// The hash of a run, by the two lengths that published scenes have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum RunHash {
+    Part(PartHash),
+    Segment(SegmentHash),
+}
+
+impl Segment {
+    /// Whether the bytes have the hash.
+    pub(super) fn is_of(&self, bytes: &[u8]) -> bool {
+        match self.hash {
+            RunHash::Part(hash) => part_hash(bytes) == hash,
+            RunHash::Segment(hash) => segment_hash(bytes) == hash,
+        }
+    }
+}
+
 impl Place {
     fn whole(object: Object, part: Part) -> Self {
-        let segment = Segment { start: 0, end: part.bytes, hash: part.hash };
+        let segment = Segment { start: 0, end: part.bytes, hash: RunHash::Part(part.hash) };
         Self { object, start: part.offset, bytes: part.bytes, segments: vec![segment] }
     }
 }
@@ -193,21 +219,22 @@ impl Directory {
         self.sources.get(number as usize)?.as_ref()?.assets.get(at)
     }
 
-    /// What lies behind a scene page's list of packs, and fits into a part of the object that is fetched anyway: its
-    /// coarse textures and index pages.
+    /// What follows a scene page's list of packs: coarse textures and index pages.
     pub(super) fn behind_source(&self, number: u32) -> Vec<Item> {
-        let (Some(page), Some(Some(source))) = (self.page(number), self.sources.get(number as usize)) else {
+        let place = self.opening().and_then(|opening| opening.pages.get(number as usize));
+        let (Some(place), Some(page), Some(Some(source))) =
+            (place, self.page(number), self.sources.get(number as usize))
+        else {
             return Vec::new();
         };
-        let assets = (page.page.first_asset..).zip(&source.assets);
-        assets
-            .flat_map(|(asset, source)| {
-                let coarse = source.coarse.iter();
-                let coarse =
-                    coarse.map(move |place| Item::Blob(BlobId::texture(asset, place.texture, place.level)));
-                coarse.chain((0..).zip(&source.index).map(move |(page, _)| Item::Index(asset, page)))
-            })
-            .collect()
+        let item = |(at, behind, _)| {
+            let asset = page.page.first_asset + u32::try_from(at).unwrap_or(0);
+            match behind {
+                Behind::Texture(place) => Item::Blob(BlobId::texture(asset, place.texture, place.level)),
+                Behind::Index(page, _) => Item::Index(asset, page),
+            }
+        };
+        source.behind(&place.source).map(item).collect()
     }
 
     /// Where an item lies.
@@ -229,9 +256,8 @@ impl Directory {
             }
             Item::TerrainTable(page) => listed(&opening.terrain_tables, page),
             Item::LightTable(page) => listed(&opening.light_tables, page),
-            Item::Index(asset, page) => self.locate_behind(asset, |source, start| {
-                source.index(start).nth(page as usize).map_or(Location::Nowhere, scene)
-            }),
+            Item::Index(asset, page) => self
+                .locate_behind(asset, |behind| matches!(behind, Behind::Index(number, _) if number == page)),
             Item::Blob(BlobId::Terrain(TerrainBlob::DirectoryPage(page))) => {
                 listed(&opening.terrain_directory, page)
             }
@@ -260,34 +286,34 @@ impl Directory {
                 }),
                 BlobPart::IndexPage(page) => self.locate(Item::Index(asset, page)),
                 BlobPart::Chunk(chunk) => self.locate_chunk(asset, chunk),
-                BlobPart::Texture { texture, level } => self.locate_behind(asset, |source, start| {
-                    let copy = source
-                        .coarse(start)
-                        .find(|(place, _)| (place.texture, place.level) == (texture, level));
-                    if let Some((_, part)) = copy {
-                        return scene(part);
-                    }
-                    let part = source.texture(texture, level);
-                    part.map_or(Location::Nowhere, |part| {
-                        Location::At(Place::whole(Object::Pack(source.key, source.pack_bytes), part))
-                    })
-                }),
+                BlobPart::Texture { texture, level } => {
+                    let copy = self.locate_behind(asset, |behind| {
+                        matches!(behind, Behind::Texture(place) if (place.texture, place.level) == (texture, level))
+                    });
+                    let source = self.source(asset).filter(|_| copy == Location::Nowhere);
+                    source.and_then(|source| Some((source, source.texture(texture, level)?))).map_or(
+                        copy,
+                        |(source, part)| {
+                            Location::At(Place::whole(Object::Pack(source.key, source.pack_bytes), part))
+                        },
+                    )
+                }
             },
         }
     }
 
-    /// Where something lies that an asset's list of packs tells.
-    fn locate_behind(&self, asset: u32, find: impl FnOnce(&AssetSource, u64) -> Location) -> Location {
+    /// Where something lies that follows an asset's list of packs.
+    fn locate_behind(&self, asset: u32, is_it: impl Fn(Behind) -> bool) -> Location {
         let Some((number, at)) = self.on_page(asset) else { return Location::Nowhere };
-        let place = self.opening().and_then(|opening| opening.pages.get(number as usize));
-        match (place, self.sources.get(number as usize)) {
+        let Some((head, opening)) = &self.opened else { return Location::Nowhere };
+        match (opening.pages.get(number as usize), self.sources.get(number as usize)) {
             (Some(place), Some(Some(record))) => {
-                let start = record.starts(&place.source).nth(at);
-                record
-                    .assets
-                    .get(at)
-                    .zip(start)
-                    .map_or(Location::Nowhere, |(source, start)| find(source, start))
+                let mut behind = record.behind(&place.source);
+                let found = behind.find(|(of, behind, _)| *of == at && is_it(*behind));
+                found.map_or(Location::Nowhere, |(_, _, part)| {
+                    let offset = part.offset.saturating_add(head.parts_start());
+                    Location::At(Place::whole(Object::Scene, Part { offset, ..part }))
+                })
             }
             _ => Location::Needs(Item::Source(number)),
         }
@@ -308,7 +334,10 @@ impl Directory {
             object: Object::Pack(source.key, source.pack_bytes),
             start,
             bytes: place.bytes,
-            segments: place.segments().collect(),
+            segments: place
+                .segments()
+                .map(|(start, end, hash)| Segment { start, end, hash: RunHash::Segment(hash) })
+                .collect(),
         })
     }
 }

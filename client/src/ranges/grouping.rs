@@ -3,10 +3,10 @@
 
 use std::ops::Range;
 
-use lodestream_scene::published::Segment;
 use lodestream_select::Priority;
+use lodestream_select::priority::is_hidden;
 
-use super::directory::Item;
+use super::directory::{Item, Segment};
 use super::session::Object;
 
 /// Bounds on requests.
@@ -14,10 +14,11 @@ use super::session::Object;
 pub struct RangeSettings {
     /// Most requests at once. Browsers and servers allow six connections of HTTP/1.1; more bring nothing on a slow link.
     pub max_requests: usize,
-    /// Most bytes between two items of a request: they are fetched and thrown away, and cost less than a request.
-    pub gap_bytes: u64,
-    /// Least and greatest length of a request, unless one item alone is longer. Between them, a request takes about a
-    /// third of what should be in flight: shorter ones follow the view sooner, longer ones are fewer.
+    /// Least and most bytes between two items of a request, which are fetched and thrown away. Between them, a share of
+    /// what the link carries in a round trip.
+    pub gap_bytes: [u64; 2],
+    /// Least and greatest length of a request, unless one item alone is longer. Between them, a request takes its share
+    /// of what should be in flight: shorter ones follow the view sooner, longer ones are fewer.
     pub request_bytes: [u64; 2],
     /// How much less urgent a neighbour may be, as a priority ([`lodestream_select::priority`]: 2²³ is a factor of two).
     pub priority_span: Priority,
@@ -25,7 +26,12 @@ pub struct RangeSettings {
 
 impl Default for RangeSettings {
     fn default() -> Self {
-        Self { max_requests: 6, gap_bytes: 512, request_bytes: [8 << 10, 256 << 10], priority_span: 4 << 23 }
+        Self {
+            max_requests: 6,
+            gap_bytes: [128, 4 << 10],
+            request_bytes: [8 << 10, 256 << 10],
+            priority_span: 4 << 23,
+        }
     }
 }
 
@@ -43,50 +49,112 @@ pub(super) struct Candidate {
 }
 
 /// The most urgent candidate with its neighbours, in the order of the object, and the range that covers them. `length`
-/// bounds the range. Takes the candidates of the group out of the list.
-pub(super) fn take_group(
-    candidates: &mut Vec<Candidate>,
+/// bounds the range, unless the first candidate alone is longer.
+pub(super) fn group(
+    candidates: &[Candidate],
     length: u64,
+    gap_bytes: u64,
     settings: &RangeSettings,
 ) -> Option<(Vec<Candidate>, Range<u64>)> {
     let first = candidates.iter().max_by_key(|one| (one.priority, std::cmp::Reverse(one.item)))?;
-    let (object, reload) = (first.object.clone(), first.reload);
-    let least = first.priority.saturating_sub(settings.priority_span);
-    let mut range = first.range.clone();
-    let mut near: Vec<usize> = (0..candidates.len())
-        .filter(|&at| {
-            let one = &candidates[at];
-            one.object == object && one.priority >= least && one.reload == reload
-        })
-        .collect();
-    near.sort_unstable_by_key(|&at| candidates[at].range.start);
-    let middle = near.iter().position(|&at| candidates[at].range == range)?;
-    let (mut low, mut high) = (middle, middle);
-    let joins = |range: &Range<u64>, next: &Range<u64>| {
+    let mut near: Vec<&Candidate> =
+        candidates.iter().filter(|one| one.object == first.object && one.reload == first.reload).collect();
+    near.sort_unstable_by_key(|one| (one.range.start, one.item));
+    // Hidden parts come last even as neighbours.
+    let hidden = is_hidden(first.priority);
+    let urgent = first.priority.saturating_sub(settings.priority_span);
+    let (mut found, mut range) = grow(first, &near, length, gap_bytes, |one| one.priority >= urgent);
+    if range.end - range.start < length / 2 {
+        // A short request wastes its place among few: less urgent neighbours fill it.
+        (found, range) = grow(first, &near, length, gap_bytes, |one| hidden || !is_hidden(one.priority));
+    }
+    Some((found, range))
+}
+
+/// Takes neighbours of the first candidate, as long as `is_taken` and gap and length allow it. `near` is in the order of
+/// the object.
+fn grow(
+    first: &Candidate,
+    near: &[&Candidate],
+    length: u64,
+    gap_bytes: u64,
+    is_taken: impl Fn(&Candidate) -> bool,
+) -> (Vec<Candidate>, Range<u64>) {
+    let near: Vec<&Candidate> =
+        near.iter().copied().filter(|one| one.item == first.item || is_taken(one)).collect();
+    let middle = near.iter().position(|one| one.item == first.item).unwrap_or(0);
+    let (mut low, mut high, mut range) = (middle, middle, first.range.clone());
+    let joined = |range: &Range<u64>, next: &Range<u64>| {
         let (start, end) = (range.start.min(next.start), range.end.max(next.end));
         let gap = next.start.saturating_sub(range.end).max(range.start.saturating_sub(next.end));
-        (gap <= settings.gap_bytes && end - start <= length.max(range.end - range.start))
-            .then_some(start..end)
+        (gap <= gap_bytes && end - start <= length.max(range.end - range.start)).then_some(start..end)
     };
     loop {
-        // Blobs of finer levels follow in a pack, so what lies behind is taken first.
-        if let Some(&at) = near.get(high + 1)
-            && let Some(wider) = joins(&range, &candidates[at].range)
-        {
+        // Finer chunks follow in a pack, so what lies behind is taken first.
+        if let Some(wider) = near.get(high + 1).and_then(|one| joined(&range, &one.range)) {
             (range, high) = (wider, high + 1);
         } else if let Some(before) = low.checked_sub(1)
-            && let Some(wider) = joins(&range, &candidates[near[before]].range)
+            && let Some(wider) = joined(&range, &near[before].range)
         {
             (range, low) = (wider, before);
         } else {
             break;
         }
     }
-    let mut taken = near[low..=high].to_vec();
-    let group = taken.iter().map(|&at| candidates[at].clone()).collect();
-    taken.sort_unstable();
-    for at in taken.into_iter().rev() {
-        candidates.swap_remove(at);
+    (near[low..=high].iter().map(|one| (*one).clone()).collect(), range)
+}
+
+#[cfg(test)]
+mod tests {
+    use lodestream_scene::blob::BlobId;
+
+    use super::*;
+
+    fn candidate(chunk: u32, range: Range<u64>, benefit: f32) -> Candidate {
+        Candidate {
+            item: Item::Blob(BlobId::chunk(0, chunk)),
+            priority: benefit.to_bits(),
+            object: Object::Scene,
+            range,
+            segments: Vec::new(),
+            reload: false,
+        }
     }
-    Some((group, range))
+
+    fn grouped(candidates: &[Candidate], length: u64, gap_bytes: u64) -> (Vec<u64>, Range<u64>) {
+        let (group, range) = group(candidates, length, gap_bytes, &RangeSettings::default()).unwrap();
+        (group.iter().map(|one| one.range.start).collect(), range)
+    }
+
+    #[test]
+    fn the_most_urgent_takes_its_neighbours_over_short_gaps() {
+        let list = [candidate(0, 0..100, 1.0), candidate(1, 150..200, 9.0), candidate(2, 400..500, 1.0)];
+        assert_eq!(grouped(&list, 1000, 50), (vec![0, 150], 0..200));
+        assert_eq!(grouped(&list, 1000, 200), (vec![0, 150, 400], 0..500));
+        assert_eq!(grouped(&list, 150, 200), (vec![150], 150..200), "the range would be too long");
+        assert_eq!(grouped(&list, 10, 200), (vec![150], 150..200), "one alone may be longer");
+    }
+
+    #[test]
+    fn less_urgent_neighbours_only_fill_short_requests() {
+        let list = [candidate(0, 0..400, 100.0), candidate(1, 400..800, 1.0)];
+        assert_eq!(grouped(&list, 800, 0).0, [0]);
+        assert_eq!(grouped(&list, 1000, 0).0, [0, 400]);
+    }
+
+    #[test]
+    fn other_objects_and_hidden_parts_are_no_neighbours() {
+        let pack = |mut one: Candidate| {
+            one.object = Object::Pack([1; 32], 9999);
+            one
+        };
+        let list = [
+            candidate(0, 0..10, 9.0),
+            pack(candidate(1, 10..20, 9.0)),
+            candidate(2, 20..30, 1e-30),
+            candidate(3, 30..40, 1e-31),
+        ];
+        assert_eq!(grouped(&list, 1000, 100).0, [0]);
+        assert_eq!(grouped(&list[2..], 1000, 100).0, [20, 30], "hidden parts join one another");
+    }
 }

@@ -9,13 +9,13 @@ use lodestream_protocol::client::{Backoff, ClientConfig, ClientEvent, ClientStat
 use lodestream_protocol::message::{Close, CloseCode, Refused, RefusedReason, VERSIONS, Welcome};
 use lodestream_protocol::time::Time;
 use lodestream_scene::blob::BlobId;
-use lodestream_scene::published::{HEAD_BYTES, Head, PublishedError, pack_name, part_hash};
+use lodestream_scene::published::{HEAD_BYTES, Head, PublishedError, pack_name};
 use lodestream_scene::view::{Frustum, View};
 use lodestream_select::priority::{DIRECTORY, refine_priority};
 use lodestream_select::{Priority, State, Wanted};
 
 use super::directory::{Directory, Item, Location};
-use super::grouping::{Candidate, RangeSettings, take_group};
+use super::grouping::{Candidate, RangeSettings, group};
 use super::items::{Items, Progress};
 use super::response::{self, ResponseFault, ResponseHead};
 
@@ -33,8 +33,8 @@ const FIRST_FRAME: Priority = Priority::MAX;
 const FAILED_FOR: Duration = Duration::from_secs(5);
 /// A chunk needs its index page, which needs a list of packs.
 const MAX_NEEDED_IN_A_ROW: usize = 3;
-/// The share of the bytes that should be in flight that one request takes.
-const REQUESTS_IN_DEPTH: u64 = 3;
+/// See [`RangeSession::gap_bytes`].
+const GAP_SHARE: f64 = 0.1;
 
 /// An object of a published scene.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -200,12 +200,29 @@ impl RangeSession {
         if in_flight >= depth {
             return None;
         }
-        let mut candidates = self.candidates(now);
+        let candidates = self.candidates(now);
+        // The requests that are left share the bytes that are missing in flight.
+        let free = (self.settings.max_requests - self.in_flight.len()).max(1) as u64;
         let [least, most] = self.settings.request_bytes;
-        let length = (depth / REQUESTS_IN_DEPTH).clamp(least, most.max(least));
-        let (group, range) = take_group(&mut candidates, length, &self.settings)?;
-        let (object, reload) = group.first().map(|one| (one.object.clone(), one.reload))?;
-        Some(self.request(now, object, range, group.into(), reload))
+        let length = ((depth - in_flight) / free).clamp(least, most.max(least));
+        let (items, range) = group(&candidates, length, self.gap_bytes(), &self.settings)?;
+        let (object, reload) = items.first().map(|one| (one.object.clone(), one.reload))?;
+        Some(self.request(now, object, range, items.into(), reload))
+    }
+
+    /// Most bytes between two items of a request. A request takes one of few places for a round trip, so bytes cost less
+    /// than another request as long as they take less than a place's share of that time.
+    fn gap_bytes(&self) -> u64 {
+        let round_trip = self.estimate.rtt().unwrap_or_default().as_secs_f64();
+        let share = self.estimate.bytes_per_s() * round_trip / self.settings.max_requests.max(1) as f64;
+        let [least, most] = self.settings.gap_bytes;
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "saturates, and is clamped"
+        )]
+        let share = (share * GAP_SHARE) as u64;
+        share.clamp(least, most.max(least))
     }
 
     fn request(
@@ -483,7 +500,7 @@ impl RangeSession {
                     && !pending.reload
                     && place.object == Object::Scene
                     && end <= arrived;
-                is_here.then(|| Candidate {
+                is_here.then_some(Candidate {
                     item,
                     priority: pending.priority,
                     object: place.object,
@@ -596,7 +613,7 @@ impl RangeSession {
         let first = one.segments.first().map_or(0, |segment| segment.start);
         let intact = one.segments.iter().all(|segment| {
             let run = (segment.start - first) as usize..(segment.end - first) as usize;
-            bytes.get(run).is_some_and(|run| part_hash(run) == segment.hash)
+            bytes.get(run).is_some_and(|run| segment.is_of(run))
         });
         if !intact {
             return self.damaged(now, one);
@@ -640,32 +657,40 @@ impl RangeSession {
         }
     }
 
-    /// Announces scene pages in order, with the base meshes that the front brings.
+    /// Announces scene pages in order, with the base meshes that come ahead.
     fn number_pages(&mut self) {
-        let front_end = self.front_end();
+        let ahead = self.flight_end();
         while let Some(record) = self.directory.next_in_order(self.next_page) {
             let page = record.page.clone();
             let assets = page.first_asset
                 ..page.first_asset.saturating_add(u32::try_from(page.assets.len()).unwrap_or(0));
             self.events.push_back(ClientEvent::ScenePage(page));
             for asset in assets {
-                self.need_in_front(Item::Blob(BlobId::base(asset)), FIRST_FRAME - 1, front_end);
+                self.need_ahead(Item::Blob(BlobId::base(asset)), FIRST_FRAME - 1, ahead);
             }
-            self.need_in_front(Item::Source(self.next_page), DIRECTORY, front_end);
+            self.need_ahead(Item::Source(self.next_page), DIRECTORY, ahead);
             self.next_page += 1;
         }
         self.need_pages();
     }
 
-    /// Takes what lies behind a list of packs, as far as the front brings it.
+    /// Takes what lies behind a list of packs, as far as it comes ahead.
     fn need_behind(&mut self, number: u32) {
-        let front_end = self.front_end();
+        let ahead = self.flight_end();
         for item in self.directory.behind_source(number) {
-            self.need_in_front(item, DIRECTORY, front_end);
+            self.need_ahead(item, DIRECTORY, ahead);
         }
     }
 
-    fn need_in_front(&mut self, item: Item, priority: Priority, front_end: u64) {
+    /// End of what is read without the core's request: the flight, and what the first request brings.
+    fn flight_end(&self) -> u64 {
+        let flight = self.directory.head().zip(self.directory.opening());
+        let flight =
+            flight.map_or(0, |(head, opening)| head.parts_start().saturating_add(opening.flight_bytes));
+        flight.max(self.front_end())
+    }
+
+    fn need_ahead(&mut self, item: Item, priority: Priority, front_end: u64) {
         if let Location::At(place) = self.directory.locate(item)
             && place.object == Object::Scene
             && place.start + u64::from(place.bytes) <= front_end

@@ -35,9 +35,7 @@ pub(crate) fn publish(scene: &TestScene) -> Objects {
             let places = (first..).zip(&infos).map(|(chunk, info)| {
                 let bytes = read(BlobPart::Chunk(chunk));
                 pack.extend_from_slice(&bytes);
-                let cut = info.truncation_points.first().map_or(0, |point| point.payload_bytes);
-                let (first, last) = bytes.split_at(cut as usize);
-                ChunkPlace { bytes: bytes.len() as u32, cut, first: part_hash(first), last: part_hash(last) }
+                ChunkPlace::of(info).hashed(&bytes).unwrap()
             });
             let chunks = ChunkTable { offset, chunks: places.collect() };
             IndexPage { bytes, chunks }

@@ -43,7 +43,7 @@ impl PackFile {
                         place.offset = entry.offset;
                     }
                     let place = place.chunks.get_mut(at).filter(|_| adjacent).ok_or_else(scattered)?;
-                    self.add_hashes(entry, place)?;
+                    *place = self.hashed(entry, *place)?;
                 }
                 BlobKind::Texture { texture, level } => {
                     match contents.textures.is_empty() {
@@ -68,27 +68,13 @@ impl PackFile {
         let bytes = self.read(BlobPart::IndexPage(page))?;
         let first = page.saturating_mul(u32::try_from(CHUNKS_PER_PAGE).unwrap_or(u32::MAX));
         let index = decode_stated_page(&bytes, first).map_err(|why| self.damaged(why))?;
-        let places = index.chunks.iter().map(|info| ChunkPlace {
-            bytes: info.payload_bytes,
-            cut: info.truncation_points.first().map_or(0, |point| point.payload_bytes),
-            ..ChunkPlace::default()
-        });
+        let places = index.chunks.iter().map(ChunkPlace::of);
         Ok(IndexPage { bytes, chunks: ChunkTable { offset: 0, chunks: places.collect() } })
     }
 
-    fn add_hashes(&self, entry: &Entry, place: &mut ChunkPlace) -> Result<(), StoreError> {
-        let bytes = self.read_entry(entry)?;
-        if place.cut >= place.bytes {
-            place.cut = 0;
-        }
-        let fits = place.bytes == entry.length;
-        let (first, last) = bytes.split_at_checked(place.cut as usize).filter(|_| fits).ok_or_else(|| {
-            self.damaged(DecodeError::new("pack", "a chunk is not as long as its index page says"))
-        })?;
-        if place.cut > 0 {
-            place.first = part_hash(first);
-        }
-        place.last = part_hash(last);
-        Ok(())
+    fn hashed(&self, entry: &Entry, place: ChunkPlace) -> Result<ChunkPlace, StoreError> {
+        let other =
+            || self.damaged(DecodeError::new("pack", "a chunk is not as long as its index page says"));
+        place.hashed(&self.read_entry(entry)?).ok_or_else(other)
     }
 }

@@ -6,7 +6,7 @@ use lodestream_protocol::client::{ClientConfig, ClientEvent};
 use lodestream_protocol::time::Time;
 use lodestream_scene::blob::BlobId;
 use lodestream_scene::encoding;
-use lodestream_scene::published::{HEAD_BYTES, Opening, PageRecord, Part, SourceRecord, part_hash};
+use lodestream_scene::published::{Behind, HEAD_BYTES, Opening, PageRecord, Part, SourceRecord, part_hash};
 use lodestream_select::{State, Wanted};
 use lodestream_store::SceneObject;
 
@@ -100,11 +100,20 @@ fn rehash_page(body: &mut [u8], part: &Part) {
 fn rehash_source(body: &mut [u8], part: &Part) {
     let Some(place) = range(part).filter(|range| range.end <= body.len()) else { return };
     let Ok(mut record) = encoding::decode::<SourceRecord>(&body[place.clone()], 1 << 20) else { return };
-    let starts: Vec<u64> = record.starts(part).collect();
-    for (asset, start) in record.assets.iter_mut().zip(starts) {
-        let mut index: Vec<Part> = asset.index(start).collect();
-        index.iter_mut().for_each(|part| rehash(body, part));
-        asset.index.iter_mut().zip(index).for_each(|(place, part)| place.hash = part.hash);
+    let behind: Vec<_> = record.behind(part).collect();
+    for (asset, behind, mut part) in behind {
+        rehash(body, &mut part);
+        let asset = &mut record.assets[asset];
+        match behind {
+            Behind::Index(page, _) => asset.index[page as usize].hash = part.hash,
+            Behind::Texture(place) => {
+                asset
+                    .coarse
+                    .iter_mut()
+                    .filter(|other| **other == place)
+                    .for_each(|other| other.hash = part.hash);
+            }
+        }
     }
     put(body, place, encoding::encode(&record).ok());
 }

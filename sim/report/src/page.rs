@@ -261,7 +261,7 @@ fn results_table(plan: &Plan, cases: &[CaseRuns<'_>]) -> Markup {
             time(median(shown, |run| run.ttff_ms)),
             some_bytes(median(shown, |run| run.first_frame_bytes.map(|bytes| bytes as f64))),
         ];
-        let ours = shown.case.technique == Technique::Lodestream;
+        let ours = shown.case.technique.is_ours();
         // With a fixed camera, nothing is counted from its rest.
         let moves = shown.case.path.moves();
         line.extend(times(plan, shown, true, |run| &run.ttq_ms));
@@ -370,7 +370,11 @@ fn percentile_table(cases: &[Percentiles]) -> Markup {
             case.seeds.to_string(),
         ];
         line.extend(known.iter().map(|name| {
-            if name.starts_with("unoccluded_") && case.technique != Technique::Lodestream.name() {
+            if name.starts_with("unoccluded_")
+                && ![Technique::Lodestream, Technique::Published]
+                    .into_iter()
+                    .any(|ours| case.technique == ours.name())
+            {
                 return DASH.to_owned();
             }
             let spread = case.figures.get(*name);

@@ -29,6 +29,7 @@ mod resume;
 pub mod run;
 pub mod scene;
 pub mod served;
+mod static_host;
 pub mod stopwatch;
 pub mod technique;
 #[cfg(any(test, feature = "testing"))]

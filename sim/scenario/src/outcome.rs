@@ -13,6 +13,7 @@ use super::network::Traffic;
 use super::plan::{Case, Plan};
 use super::quality::quality;
 use super::result::{RunResult, error_name};
+use super::technique::Technique;
 use super::timeline::{Stalls, milliseconds};
 use super::viewer::Viewer;
 
@@ -90,6 +91,7 @@ pub(crate) fn line(
         unoccluded_ttq_ms: times(&seen),
         unoccluded_ttq_bytes: sizes(&seen),
         total_bytes: 0,
+        requests: None,
         settled_ms: None,
         ended: ended.to_owned(),
         ended_ms: None,
@@ -142,6 +144,7 @@ pub(crate) fn result(
         (None, false) => &close.reason,
     };
     RunResult {
+        requests: (case.technique == Technique::Published).then_some(stats.requests),
         total_bytes: settled.map_or(stats.transport_bytes, |s| s.bytes),
         settled_ms: settled.map(|s| after_ms(s.after)),
         ended_ms: viewer.ended().map(|at| milliseconds(at.as_ns())),

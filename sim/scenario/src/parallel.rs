@@ -16,7 +16,6 @@ use super::plan::{Case, Plan};
 use super::result::RunResult;
 use super::run::{Run, certificate};
 use crate::baseline::{self, Library};
-use crate::technique::Technique;
 
 /// Results per thread that may wait for earlier ones.
 const WAITING_PER_THREAD: usize = 64;
@@ -76,7 +75,7 @@ pub fn run_with(
     let work = |job: usize| -> anyhow::Result<RunResult> {
         let (number, case, seed) = jobs[job];
         let scene = scenes.get(case.scene).context("the plan has a scene that was not opened")?;
-        let ran = if case.technique == Technique::Lodestream {
+        let ran = if case.technique.is_ours() {
             let run = Run { plan, case, scene, certificate: &certificate, seed };
             match equipment.gallery {
                 Some(gallery) => gallery.drawn(&run, job),

@@ -54,6 +54,9 @@ pub struct RunResult {
     pub unoccluded_ttq_bytes: BTreeMap<String, Option<u64>>,
     /// Bytes until the selection was settled with the camera at rest, or the time limit.
     pub total_bytes: u64,
+    /// Range requests until the end; `None` over sessions.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub requests: Option<u64>,
     /// Time until then.
     pub settled_ms: Option<f64>,
     /// Why the run ended: "settled", "time limit", or why the connection was lost.
@@ -137,7 +140,8 @@ impl std::fmt::Display for RunResult {
             write!(f, " ({bytes} bytes)")?;
         }
         // Baselines do not know occlusion.
-        let knows = self.technique == Technique::Lodestream.name();
+        let ours = [Technique::Lodestream, Technique::Published];
+        let knows = ours.into_iter().any(|ours| self.technique == ours.name());
         let with_seen = |ms, seen: Option<&Option<f64>>| match seen {
             Some(seen) if knows => format!("{} (where seen {})", or_never(ms), or_never(*seen)),
             _ => or_never(ms),
@@ -148,7 +152,11 @@ impl std::fmt::Display for RunResult {
         for (px, ms) in coarse_first(&self.rest_ttq_ms) {
             write!(f, ", at rest {px} px {}", with_seen(ms, self.rest_unoccluded_ttq_ms.get(px)))?;
         }
-        write!(f, ", {} bytes in all, {}", self.total_bytes, self.ended)
+        write!(f, ", {} bytes in all", self.total_bytes)?;
+        if let Some(requests) = self.requests {
+            write!(f, ", {requests} requests")?;
+        }
+        write!(f, ", {}", self.ended)
     }
 }
 

@@ -28,6 +28,8 @@ use super::outcome;
 use super::plan::{Case, CaseLink, Plan, Transport};
 use super::result::RunResult;
 use super::resume::QuicSettings;
+use super::static_host;
+use super::technique::Technique;
 use super::viewer::Viewer;
 use super::without_occluders::WithoutOccluders;
 
@@ -94,6 +96,9 @@ impl Run<'_> {
             let limit = Duration::from_secs_f64(case.time_limit_s);
             let mut viewer = Viewer::new(plan.viewport_px, plan.client, case.path, limit, observer);
             let (close, traffic) = match case.transport {
+                _ if case.technique == Technique::Published => {
+                    static_host::run(case, self.scene.as_ref(), seed, limit, &mut viewer).await?
+                }
                 Transport::Quic => run_quic(case, state, quic, seed, limit, &mut viewer).await?,
                 Transport::Ws => run_websocket(case, state, seed, limit, &mut viewer).await?,
             };

@@ -12,6 +12,8 @@ pub enum Technique {
     /// This project's own server and client.
     #[default]
     Lodestream,
+    /// This project's client, with a published scene on a static host.
+    Published,
     /// A view-dependent peer given as data: its nodes, fetched by the project's own selection rule.
     Nodes,
     /// A chain of Draco files with halving face counts, coarse to fine; each replaces the previous.
@@ -33,6 +35,7 @@ impl Technique {
     pub const fn name(self) -> &'static str {
         match self {
             Self::Lodestream => "lodestream",
+            Self::Published => "published",
             Self::Nodes => "nodes",
             Self::Chain => "chain",
             Self::Obj => "obj",
@@ -40,6 +43,12 @@ impl Technique {
             Self::Draco => "draco",
             Self::SeedJson => "seed-json",
         }
+    }
+
+    /// Whether this project's client runs.
+    #[must_use]
+    pub const fn is_ours(self) -> bool {
+        matches!(self, Self::Lodestream | Self::Published)
     }
 
     /// Whether it needs sizes of Draco files.

@@ -1,12 +1,9 @@
 //! The loop that drives a core over range requests.
 
-use std::collections::BTreeMap;
-
 use lodestream_protocol::message::Close;
 use lodestream_protocol::time::Time;
 use lodestream_transport::Clock;
 use tokio::sync::mpsc;
-use tokio::task::AbortHandle;
 
 use super::{Fetch, Report};
 use crate::core::{ClientCore, Progress};
@@ -19,7 +16,6 @@ const MAX_REPORTS: usize = 64;
 pub async fn run_published<H: Host>(mut fetch: impl Fetch, host: &mut H, clock: Clock) -> Close {
     host.core().connect_ranges(clock.now());
     let (reports, mut arriving) = mpsc::channel(MAX_REPORTS);
-    let mut running = Running::default();
     loop {
         let now = clock.now();
         host.core().note_transport_bytes(fetch.received_bytes());
@@ -30,10 +26,10 @@ pub async fn run_published<H: Host>(mut fetch: impl Fetch, host: &mut H, clock: 
         }
         let core = host.core();
         while let Some(id) = core.poll_cancelled() {
-            running.abort(id);
+            fetch.abort(id);
         }
         while let Some(request) = core.poll_request(now) {
-            running.0.insert(request.id, fetch.start(request, reports.clone()));
+            fetch.start(request, reports.clone());
         }
         if let Some(close) = core.closed() {
             return close.clone();
@@ -42,11 +38,11 @@ pub async fn run_published<H: Host>(mut fetch: impl Fetch, host: &mut H, clock: 
         let again = progress == Progress::More;
         tokio::select! {
             biased;
-            Some((id, report)) = arriving.recv() => {
-                running.report(host.core(), clock.now(), id, report);
+            Some((id, one)) = arriving.recv() => {
+                report(&mut fetch, host.core(), clock.now(), id, one);
                 for _ in 1..MAX_REPORTS {
-                    let Ok((id, report)) = arriving.try_recv() else { break };
-                    running.report(host.core(), clock.now(), id, report);
+                    let Ok((id, one)) = arriving.try_recv() else { break };
+                    report(&mut fetch, host.core(), clock.now(), id, one);
                 }
             }
             () = tokio::task::yield_now(), if again => {}
@@ -56,35 +52,17 @@ pub async fn run_published<H: Host>(mut fetch: impl Fetch, host: &mut H, clock: 
     }
 }
 
-/// Requests that have not ended; dropping them aborts them.
-#[derive(Default)]
-struct Running(BTreeMap<u64, AbortHandle>);
-
-impl Running {
-    fn abort(&mut self, id: u64) {
-        if let Some(request) = self.0.remove(&id) {
-            request.abort();
+fn report(fetch: &mut impl Fetch, core: &mut ClientCore, now: Time, id: u64, report: Report) {
+    match report {
+        Report::Head(head) => core.handle_response_head(now, id, &head),
+        Report::Body(bytes) => core.handle_response_body(now, id, &bytes),
+        Report::End => {
+            fetch.ended(id);
+            core.handle_response_end(now, id);
         }
-    }
-
-    fn report(&mut self, core: &mut ClientCore, now: Time, id: u64, report: Report) {
-        match report {
-            Report::Head(head) => core.handle_response_head(now, id, &head),
-            Report::Body(bytes) => core.handle_response_body(now, id, &bytes),
-            Report::End => {
-                self.0.remove(&id);
-                core.handle_response_end(now, id);
-            }
-            Report::Failed(why) => {
-                self.0.remove(&id);
-                core.handle_request_failure(now, id, &why);
-            }
+        Report::Failed(why) => {
+            fetch.ended(id);
+            core.handle_request_failure(now, id, &why);
         }
-    }
-}
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        self.0.values().for_each(AbortHandle::abort);
     }
 }

@@ -7,9 +7,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use bytes::Bytes;
-use tokio::task::{AbortHandle, spawn_blocking};
+use tokio::task::spawn_blocking;
 
-use super::{Fetch, Report, Reports};
+use super::{Fetch, Report, Reports, Tasks};
 use crate::ranges::{ContentRange, Object, RangeRequest, ResponseHead};
 
 /// Reads a published scene from files.
@@ -17,11 +17,12 @@ use crate::ranges::{ContentRange, Object, RangeRequest, ResponseHead};
 pub(in crate::net) struct FileFetch {
     scene: PathBuf,
     received: Arc<AtomicU64>,
+    tasks: Tasks,
 }
 
 impl FileFetch {
     pub(in crate::net) fn new(scene: PathBuf) -> Self {
-        Self { scene, received: Arc::default() }
+        Self { scene, received: Arc::default(), tasks: Tasks::default() }
     }
 
     fn path(&self, object: &Object) -> PathBuf {
@@ -33,9 +34,9 @@ impl FileFetch {
 }
 
 impl Fetch for FileFetch {
-    fn start(&mut self, request: RangeRequest, reports: Reports) -> AbortHandle {
+    fn start(&mut self, request: RangeRequest, reports: Reports) {
         let (path, received, id) = (self.path(&request.object), Arc::clone(&self.received), request.id);
-        let task = tokio::spawn(async move {
+        self.tasks.start(id, async move {
             let read = spawn_blocking(move || read(&path, &request)).await;
             let read = read.unwrap_or_else(|why| Err(std::io::Error::other(why)));
             let _ = match read {
@@ -48,7 +49,14 @@ impl Fetch for FileFetch {
                 Err(why) => reports.send((id, Report::Failed(why.to_string()))).await,
             };
         });
-        task.abort_handle()
+    }
+
+    fn abort(&mut self, id: u64) {
+        self.tasks.abort(id);
+    }
+
+    fn ended(&mut self, id: u64) {
+        self.tasks.abort(id);
     }
 
     fn received_bytes(&self) -> u64 {

@@ -1,6 +1,5 @@
 //! Range requests over HTTP/1.1, on connections that are kept for later requests.
 
-use std::future::Future;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -14,10 +13,9 @@ use hyper::{Request, Response};
 use hyper_util::rt::TokioIo;
 use lodestream_protocol::message::Close;
 use tokio::io::{AsyncRead, AsyncWrite};
-use tokio::task::AbortHandle;
 
 use super::target::{Origin, Target};
-use super::{Fetch, Report, Reports};
+use super::{Fetch, Report, Reports, Tasks};
 use crate::net::addresses::{SystemResolver, first_to_answer, resolve};
 use crate::net::connect::{STEP_TIMEOUT, open_tcp};
 use crate::net::server::Server;
@@ -30,54 +28,54 @@ use crate::ranges::{ContentRange, RangeRequest, ResponseHead};
 const MAX_REDIRECTS: usize = 4;
 
 /// A byte stream to a web server.
-pub trait HttpStream: AsyncRead + AsyncWrite + Unpin + Send + 'static {}
+trait HttpStream: AsyncRead + AsyncWrite + Unpin + Send {}
 
-impl<S: AsyncRead + AsyncWrite + Unpin + Send + 'static> HttpStream for S {}
-
-/// Opens connections.
-pub trait Connect: Send + Sync + 'static {
-    /// A stream to an origin, over TLS if the origin says so; its bytes are counted.
-    fn connect(
-        &self,
-        origin: &Origin,
-        received: &Arc<AtomicU64>,
-    ) -> impl Future<Output = Result<Box<dyn HttpStream>, String>> + Send;
-}
+impl<S: AsyncRead + AsyncWrite + Unpin + Send> HttpStream for S {}
 
 /// Makes range requests to a web server.
 #[derive(Debug)]
-pub struct HttpFetch<C> {
-    shared: Arc<Shared<C>>,
+pub(in crate::net) struct HttpFetch {
+    shared: Arc<Shared>,
+    tasks: Tasks,
 }
 
 #[derive(Debug)]
-struct Shared<C> {
+struct Shared {
     scene: Target,
-    connect: C,
+    /// Address and authorities of the scene's server.
+    server: Server,
     received: Arc<AtomicU64>,
     /// Connections without a request.
     idle: Mutex<Vec<(Origin, SendRequest<Empty<Bytes>>)>>,
 }
 
-impl<C: Connect> HttpFetch<C> {
+impl HttpFetch {
     /// Reads the published scene at `scene`.
-    pub(in crate::net) fn new(scene: Target, connect: C) -> Self {
-        Self { shared: Arc::new(Shared { scene, connect, received: Arc::default(), idle: Mutex::default() }) }
+    pub(in crate::net) fn new(scene: Target, server: Server) -> Self {
+        let shared = Shared { scene, server, received: Arc::default(), idle: Mutex::default() };
+        Self { shared: Arc::new(shared), tasks: Tasks::default() }
     }
 }
 
-impl<C: Connect> Fetch for HttpFetch<C> {
-    fn start(&mut self, request: RangeRequest, reports: Reports) -> AbortHandle {
+impl Fetch for HttpFetch {
+    fn start(&mut self, request: RangeRequest, reports: Reports) {
         let shared = Arc::clone(&self.shared);
-        let task = tokio::spawn(async move {
-            let id = request.id;
+        let id = request.id;
+        self.tasks.start(id, async move {
             let report = match shared.fetch(request, &reports).await {
                 Ok(()) => Report::End,
                 Err(why) => Report::Failed(why),
             };
             let _ = reports.send((id, report)).await;
         });
-        task.abort_handle()
+    }
+
+    fn abort(&mut self, id: u64) {
+        self.tasks.abort(id);
+    }
+
+    fn ended(&mut self, id: u64) {
+        self.tasks.abort(id);
     }
 
     fn received_bytes(&self) -> u64 {
@@ -85,7 +83,7 @@ impl<C: Connect> Fetch for HttpFetch<C> {
     }
 }
 
-impl<C: Connect> Shared<C> {
+impl Shared {
     async fn fetch(&self, request: RangeRequest, reports: &Reports) -> Result<(), String> {
         let mut target = match request.object.name() {
             None => self.scene.clone(),
@@ -140,7 +138,7 @@ impl<C: Connect> Shared<C> {
                 return Ok((kept, response));
             }
         }
-        let stream = self.connect.connect(&target.origin, &self.received).await?;
+        let stream = self.connect(&target.origin).await?;
         let (mut connection, run) = handshake(TokioIo::new(stream)).await.map_err(|why| reason(&why))?;
         tokio::spawn(async move {
             if let Err(why) = run.await {
@@ -150,6 +148,27 @@ impl<C: Connect> Shared<C> {
         let response =
             connection.send_request(message(target, request)?).await.map_err(|why| reason(&why))?;
         Ok((connection, response))
+    }
+
+    /// Opens a connection to an origin, over TLS if it says so.
+    async fn connect(&self, origin: &Origin) -> Result<Box<dyn HttpStream>, String> {
+        let mut address = self.server.address.clone();
+        let redirected = address.host != origin.host || address.port != origin.port;
+        (address.host, address.port) = (origin.host.clone(), origin.port);
+        let said = |why: Close| why.reason;
+        let servers = resolve(&address, &SystemResolver).await.map_err(said)?;
+        let stream = first_to_answer(&address, &servers, open_tcp).await.map_err(said)?;
+        let stream = counting_in(stream, &self.received);
+        if !origin.tls {
+            return Ok(Box::new(stream));
+        }
+        // The fingerprint is of the address's own certificate.
+        let trust = match self.server.address.pin.filter(|_| !redirected) {
+            Some(pin) => pin.into(),
+            None => self.server.authorities.roots().await.map(Trust::Roots).map_err(said)?,
+        };
+        let tls = Tls::new(&origin.host, trust).map_err(said)?;
+        Ok(Box::new(tls.open(stream, STEP_TIMEOUT).await.map_err(said)?))
     }
 
     fn idle(&self) -> std::sync::MutexGuard<'_, Vec<(Origin, SendRequest<Empty<Bytes>>)>> {
@@ -190,36 +209,5 @@ fn reason(why: &hyper::Error) -> String {
     match std::error::Error::source(why) {
         Some(cause) => format!("{why}: {cause}"),
         None => why.to_string(),
-    }
-}
-
-/// Opens TCP connections to a server's address, and TLS over them.
-#[derive(Debug)]
-pub(in crate::net) struct Sockets {
-    pub(in crate::net) server: Server,
-}
-
-impl Connect for Sockets {
-    async fn connect(
-        &self,
-        origin: &Origin,
-        received: &Arc<AtomicU64>,
-    ) -> Result<Box<dyn HttpStream>, String> {
-        let mut address = self.server.address.clone();
-        let redirected = (address.host != origin.host) || (address.port != origin.port);
-        (address.host, address.port) = (origin.host.clone(), origin.port);
-        let said = |why: Close| why.reason;
-        let servers = resolve(&address, &SystemResolver).await.map_err(said)?;
-        let stream = first_to_answer(&address, &servers, open_tcp).await.map_err(said)?;
-        let stream = counting_in(stream, received);
-        if !origin.tls {
-            return Ok(Box::new(stream));
-        }
-        let trust = match self.server.address.pin.filter(|_| !redirected) {
-            Some(pin) => pin.into(),
-            None => self.server.authorities.roots().await.map(Trust::Roots).map_err(said)?,
-        };
-        let tls = Tls::new(&origin.host, trust).map_err(said)?;
-        Ok(Box::new(tls.open(stream, STEP_TIMEOUT).await.map_err(said)?))
     }
 }

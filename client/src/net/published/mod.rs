@@ -5,6 +5,8 @@ mod file;
 mod http;
 mod target;
 
+use std::collections::BTreeMap;
+
 use bytes::Bytes;
 use tokio::sync::mpsc;
 use tokio::task::AbortHandle;
@@ -13,9 +15,8 @@ use crate::ranges::{RangeRequest, ResponseHead};
 
 pub use drive::run_published;
 pub(super) use file::FileFetch;
-pub(super) use http::Sockets;
-pub use http::{Connect, HttpFetch, HttpStream};
-pub use target::{Origin, Target};
+pub(super) use http::HttpFetch;
+pub(super) use target::{Origin, Target};
 
 /// What a fetch reports.
 #[derive(Debug)]
@@ -35,9 +36,39 @@ pub type Reports = mpsc::Sender<(u64, Report)>;
 
 /// Makes range requests.
 pub trait Fetch {
-    /// Starts a request, which reports what arrives. Aborting it gives up its connection.
-    fn start(&mut self, request: RangeRequest, reports: Reports) -> AbortHandle;
+    /// Starts a request, which reports what arrives.
+    fn start(&mut self, request: RangeRequest, reports: Reports);
+
+    /// Aborts a request.
+    fn abort(&mut self, id: u64);
+
+    /// Forgets a request that has ended.
+    fn ended(&mut self, id: u64) {
+        let _ = id;
+    }
 
     /// Transport payload received so far.
     fn received_bytes(&self) -> u64;
+}
+
+/// Tasks of requests that have not ended; dropping them aborts them.
+#[derive(Debug, Default)]
+struct Tasks(BTreeMap<u64, AbortHandle>);
+
+impl Tasks {
+    fn start(&mut self, id: u64, task: impl Future<Output = ()> + Send + 'static) {
+        self.0.insert(id, tokio::spawn(task).abort_handle());
+    }
+
+    fn abort(&mut self, id: u64) {
+        if let Some(task) = self.0.remove(&id) {
+            task.abort();
+        }
+    }
+}
+
+impl Drop for Tasks {
+    fn drop(&mut self) {
+        self.0.values().for_each(AbortHandle::abort);
+    }
 }

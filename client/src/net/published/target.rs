@@ -2,7 +2,7 @@
 
 /// Scheme, host and port.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Origin {
+pub(in crate::net) struct Origin {
     /// Whether the connection is over TLS.
     pub(in crate::net) tls: bool,
     /// Host name or IP address, without brackets.
@@ -32,7 +32,7 @@ impl Origin {
 
 /// An object on a web server.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Target {
+pub(in crate::net) struct Target {
     pub(in crate::net) origin: Origin,
     /// Path and query.
     pub(in crate::net) path: String,

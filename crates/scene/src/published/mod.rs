@@ -26,8 +26,8 @@ mod write;
 pub use contents::{Contents, IndexPage, PackContents, Texture};
 pub use opening::{HEAD_BYTES, Head, MAX_OPENING_BYTES, Opening, PagePlace, VERSION};
 pub use part::{HASH_BYTES, Part, PartHash, part_hash};
-pub use records::{AssetSource, IndexPlace, PageRecord, SourceRecord, TexturePlace, pack_name};
-pub use tables::{BlobTable, ChunkPlace, ChunkTable, Segment};
+pub use records::{AssetSource, Behind, IndexPlace, PageRecord, SourceRecord, TexturePlace, pack_name};
+pub use tables::{BlobTable, ChunkPlace, ChunkTable, SegmentHash, segment_hash};
 
 use crate::encoding::CodingError;
 

@@ -5,10 +5,9 @@ use bytes::Bytes;
 use super::contents::{Contents, IndexPage, PackContents, Texture};
 use super::opening::{HEAD_BYTES, Head};
 use super::part::Part;
-use super::records::{AssetSource, PageRecord, SourceRecord};
+use super::records::{AssetSource, Behind, PageRecord, SourceRecord};
 use super::tables::BlobTable;
 use super::{MAX_OBJECT_BYTES, PublishedError};
-use crate::description::AssetEntry;
 use crate::encoding;
 use crate::punctual_lights::PunctualLights;
 
@@ -50,11 +49,30 @@ impl Contents {
             let record = PageRecord::decode_checked(&bytes, number, &place.page, body.len())?;
             let source = body.get(&place.source, "a list of packs")?;
             let source = SourceRecord::decode_checked(&source, &record.page, &place.source, body.len())?;
-            let starts = source.starts(&place.source);
-            for (((asset, base), of), start) in
-                record.page.assets.iter().zip(record.bases(&place.page)).zip(&source.assets).zip(starts)
-            {
-                packs.push(body.pack(asset, &base, of, start)?);
+            let first = packs.len();
+            for (base, of) in record.bases(&place.page).zip(&source.assets) {
+                packs.push(body.pack(&base, of)?);
+            }
+            for (asset, behind, part) in source.behind(&place.source) {
+                let pack: &mut PackContents = &mut packs[first + asset];
+                match behind {
+                    Behind::Texture(place) => {
+                        let copy = body.get(&part, "a texture")?;
+                        let mut textures = pack.textures.iter_mut();
+                        textures
+                            .find(|texture| texture.place == place && texture.copy.is_none())
+                            .ok_or(PublishedError::Contradiction(
+                                "a texture's copy is of none of its pack's",
+                            ))?
+                            .copy = Some(copy);
+                    }
+                    Behind::Index(page, place) => {
+                        let bytes = body.get(&part, "an index page")?;
+                        let entry = &record.page.assets[asset];
+                        let (index, chunks) = place.split(&bytes, (entry, page), pack.bytes)?;
+                        pack.index.push(IndexPage { bytes: bytes.slice_ref(index), chunks });
+                    }
+                }
             }
             pages.push(record.page);
         }
@@ -135,34 +153,15 @@ impl Body {
         Ok(blobs)
     }
 
-    fn pack(
-        &self,
-        asset: &AssetEntry,
-        base: &Part,
-        source: &AssetSource,
-        start: u64,
-    ) -> Result<PackContents, PublishedError> {
-        let mut index = Vec::new();
-        for ((page, place), part) in (0..).zip(&source.index).zip(source.index(start)) {
-            let bytes = self.get(&part, "an index page")?;
-            let (page, chunks) = place.split(&bytes, (asset, page), source.pack_bytes)?;
-            index.push(IndexPage { bytes: bytes.slice_ref(page), chunks });
-        }
-        let mut textures: Vec<Texture> =
-            source.textures.iter().map(|place| Texture { place: *place, copy: None }).collect();
-        for (place, part) in source.coarse(start) {
-            let copy = self.get(&part, "a texture")?;
-            let of = textures.iter_mut().find(|texture| texture.place == *place && texture.copy.is_none());
-            of.ok_or(PublishedError::Contradiction("a texture's copy is of none of its pack's"))?.copy =
-                Some(copy);
-        }
+    /// A pack, without what follows its list.
+    fn pack(&self, base: &Part, source: &AssetSource) -> Result<PackContents, PublishedError> {
         Ok(PackContents {
             key: source.key,
             bytes: source.pack_bytes,
             base: self.get(base, "a base mesh")?,
-            index,
+            index: Vec::new(),
             textures_offset: source.textures_offset,
-            textures,
+            textures: source.textures.iter().map(|place| Texture { place: *place, copy: None }).collect(),
         })
     }
 }

@@ -1,11 +1,11 @@
 //! Records of one scene page: the page with its base meshes, and the packs of its assets. What a record lists lies behind
 //! it, so that lengths suffice.
 
-use lodestream_geometry::index::CHUNKS_PER_PAGE;
+use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_stated_page};
 
 use super::PublishedError;
 use super::part::{Part, PartHash};
-use super::tables::ChunkTable;
+use super::tables::{ChunkHashes, ChunkTable};
 use crate::description::{AssetEntry, ScenePage};
 use crate::encoding::{self, CodingError, Decode, encode_fields};
 use crate::limits::{MAX_BLOB_BYTES, MAX_DECODED_BYTES};
@@ -92,22 +92,20 @@ impl IndexPlace {
         (asset, page): (&AssetEntry, u32),
         pack_bytes: u64,
     ) -> Result<(&'a [u8], ChunkTable), PublishedError> {
-        let what = "a table of chunks";
-        let (index, table) =
+        let what = "an index page";
+        let (index, hashes) =
             bytes.split_at_checked(self.index_bytes as usize).ok_or(PublishedError::Truncated(what))?;
-        let table: ChunkTable = decode(table, what)?;
-        if table.chunks.len() != chunks_on_page(asset.chunk_count, page) || table.end() > pack_bytes {
-            return Err(PublishedError::Contradiction("a table of chunks does not fit its pack"));
-        }
-        Ok((index, table))
+        let hashes: ChunkHashes = decode(hashes, what)?;
+        let per_page = u32::try_from(CHUNKS_PER_PAGE).unwrap_or(u32::MAX);
+        let first = page.saturating_mul(per_page);
+        let decoded = decode_stated_page(index, first)
+            .map_err(|why| PublishedError::Record { what, why: CodingError::value(why) })?;
+        let count = asset.chunk_count.saturating_sub(first).min(per_page);
+        ChunkTable::new(&decoded.chunks, &hashes)
+            .filter(|table| table.chunks.len() == count as usize && table.end() <= pack_bytes)
+            .map(|table| (index, table))
+            .ok_or(PublishedError::Contradiction("an index page does not fit its pack"))
     }
-}
-
-/// Number of chunks on an index page.
-fn chunks_on_page(chunk_count: u32, page: u32) -> usize {
-    (chunk_count as usize)
-        .saturating_sub((page as usize).saturating_mul(CHUNKS_PER_PAGE))
-        .min(CHUNKS_PER_PAGE)
 }
 
 /// A level of a texture.
@@ -136,9 +134,9 @@ pub struct AssetSource {
     pub textures_offset: u64,
     /// Levels of textures, adjacent in the pack.
     pub textures: Vec<TexturePlace>,
-    /// Short levels of textures, behind the record: copies of the pack's.
+    /// Short levels of textures of which the published scene has a copy.
     pub coarse: Vec<TexturePlace>,
-    /// Index pages, behind these.
+    /// Index pages, in the published scene.
     pub index: Vec<IndexPlace>,
 }
 
@@ -151,12 +149,6 @@ impl AssetSource {
         let at = self.textures.iter().position(|place| (place.texture, place.level) == (texture, level))?;
         let parts = self.textures.iter().map(|place| (place.bytes, place.hash));
         adjacent(self.textures_offset, parts).nth(at)
-    }
-
-    /// Bytes of what lies behind the record.
-    fn behind_bytes(&self) -> u64 {
-        let coarse = self.coarse.iter().map(|place| u64::from(place.bytes));
-        coarse.chain(self.index.iter().map(|place| u64::from(place.bytes))).sum()
     }
 }
 
@@ -196,8 +188,7 @@ impl SourceRecord {
                 && textures_end <= source.pack_bytes
         };
         let pages = page.assets.iter().map(AssetEntry::index_pages);
-        let end =
-            record.assets.iter().fold(part.end(), |end, asset| end.saturating_add(asset.behind_bytes()));
+        let end = record.behind(part).last().map_or(part.end(), |(_, _, last)| last.end());
         if record.assets.len() != page.assets.len()
             || !record.assets.iter().zip(pages).all(fits)
             || end > rest_bytes
@@ -207,26 +198,34 @@ impl SourceRecord {
         Ok(record)
     }
 
-    /// Where each asset's coarse textures begin, and its index pages behind them. The record is `part`.
-    pub fn starts(&self, part: &Part) -> impl Iterator<Item = u64> {
-        self.assets.iter().scan(part.end(), |next, asset| {
-            let start = *next;
-            *next = next.saturating_add(asset.behind_bytes());
-            Some(start)
+    /// What follows the record, which is `part`: copies of textures, then index pages, the first of all assets first,
+    /// since they have the coarsest chunks. Each with the number of its asset on the page.
+    pub fn behind(&self, part: &Part) -> impl Iterator<Item = (usize, Behind, Part)> {
+        let assets = || self.assets.iter().enumerate();
+        let copies = assets().flat_map(|(asset, source)| {
+            source.coarse.iter().map(move |place| (asset, Behind::Texture(*place), place.bytes, place.hash))
+        });
+        let most = self.assets.iter().map(|source| source.index.len()).max().unwrap_or(0);
+        let pages = (0..most).flat_map(move |page| {
+            assets().filter_map(move |(asset, source)| {
+                let place = source.index.get(page)?;
+                let number = u32::try_from(page).unwrap_or(u32::MAX);
+                Some((asset, Behind::Index(number, *place), place.bytes, place.hash))
+            })
+        });
+        copies.chain(pages).scan(part.end(), |next, (asset, behind, bytes, hash)| {
+            let part = Part { offset: *next, bytes, hash };
+            *next = part.end();
+            Some((asset, behind, part))
         })
     }
 }
 
-impl AssetSource {
-    /// Places of the copies of short levels, which begin at `start` ([`SourceRecord::starts`]).
-    pub fn coarse(&self, start: u64) -> impl Iterator<Item = (&TexturePlace, Part)> {
-        let parts = adjacent(start, self.coarse.iter().map(|place| (place.bytes, place.hash)));
-        self.coarse.iter().zip(parts)
-    }
-
-    /// Places of the index pages with their tables, which follow the copies.
-    pub fn index(&self, start: u64) -> impl Iterator<Item = Part> {
-        let coarse: u64 = self.coarse.iter().map(|place| u64::from(place.bytes)).sum();
-        adjacent(start.saturating_add(coarse), self.index.iter().map(|place| (place.bytes, place.hash)))
-    }
+/// Something that follows a list of packs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Behind {
+    /// A copy of a level of a texture.
+    Texture(TexturePlace),
+    /// An index page of this number, with the hashes of its chunks.
+    Index(u32, IndexPlace),
 }

@@ -1,8 +1,9 @@
 //! Lengths and hashes of blobs that lie one after the other, so that their places need no offsets.
 
+use lodestream_geometry::index::ChunkInfo;
+
 use super::part::{Part, PartHash};
 use crate::encoding::{CodingError, Decode, Encode, Reader, Writer, encode_fields};
-use crate::limits::MAX_BLOB_BYTES;
 
 /// Adjacent blobs.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -51,56 +52,50 @@ struct LengthAndHash {
 
 encode_fields!(LengthAndHash { bytes, hash });
 
-/// A run of a chunk that is checked by itself: up to its truncation point, or the rest.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Segment {
-    /// Its bytes in the chunk.
-    pub start: u32,
-    /// End of its bytes in the chunk.
-    pub end: u32,
-    /// Hash of its bytes.
-    pub hash: PartHash,
+/// First bytes of the BLAKE3 hash of a chunk's segment: as many as a CRC has, since there are thousands of them.
+pub type SegmentHash = [u8; 4];
+
+/// The hash of a segment's bytes.
+#[must_use]
+pub fn segment_hash(bytes: &[u8]) -> SegmentHash {
+    let [a, b, c, d, ..] = *blake3::hash(bytes).as_bytes();
+    [a, b, c, d]
 }
 
-/// Length of a chunk and hashes of its segments.
+/// Where a chunk lies, and how it is checked: up to its truncation point and behind it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ChunkPlace {
     /// Length of the chunk.
     pub bytes: u32,
-    /// Where its second segment begins; 0 if it has but one.
+    /// Its truncation point, where its second segment begins; 0 if it has none.
     pub cut: u32,
     /// Hash of the first segment, if there are two.
-    pub first: PartHash,
+    pub first: SegmentHash,
     /// Hash of the last segment.
-    pub last: PartHash,
+    pub last: SegmentHash,
 }
 
 impl ChunkPlace {
-    /// The segments, in order.
-    pub fn segments(&self) -> impl Iterator<Item = Segment> {
-        let first = (self.cut > 0).then_some(Segment { start: 0, end: self.cut, hash: self.first });
-        first.into_iter().chain([Segment { start: self.cut, end: self.bytes, hash: self.last }])
+    /// The place of a chunk without hashes, as its index entry states it.
+    #[must_use]
+    pub fn of(info: &ChunkInfo) -> Self {
+        let cut = info.truncation_points.first().map_or(0, |point| point.payload_bytes);
+        let cut = if cut < info.payload_bytes { cut } else { 0 };
+        Self { bytes: info.payload_bytes, cut, ..Self::default() }
     }
-}
 
-impl Encode for ChunkPlace {
-    fn encode<W: Writer>(&self, writer: &mut W) -> Result<(), CodingError> {
-        (self.bytes, self.cut).encode(writer)?;
-        if self.cut > 0 {
-            self.first.encode(writer)?;
-        }
-        self.last.encode(writer)
+    /// The same with the hashes of the chunk's bytes; `None` if they are not as long as the index states.
+    #[must_use]
+    pub fn hashed(self, chunk: &[u8]) -> Option<Self> {
+        let (first, last) = chunk.split_at_checked(self.cut as usize)?;
+        let first = if self.cut > 0 { segment_hash(first) } else { SegmentHash::default() };
+        (chunk.len() == self.bytes as usize).then(|| Self { first, last: segment_hash(last), ..self })
     }
-}
 
-impl Decode for ChunkPlace {
-    fn decode<R: Reader>(reader: &mut R) -> Result<Self, CodingError> {
-        let (bytes, cut) = (u32::decode(reader)?, u32::decode(reader)?);
-        if bytes > MAX_BLOB_BYTES || (cut > 0 && cut >= bytes) {
-            return Err(CodingError::value("a chunk's length or truncation point is out of range"));
-        }
-        let first = if cut > 0 { PartHash::decode(reader)? } else { PartHash::default() };
-        Ok(Self { bytes, cut, first, last: PartHash::decode(reader)? })
+    /// Start, end and hash of its segments in the chunk, in order.
+    pub fn segments(&self) -> impl Iterator<Item = (u32, u32, SegmentHash)> {
+        let first = (self.cut > 0).then_some((0, self.cut, self.first));
+        first.into_iter().chain([(self.cut, self.bytes, self.last)])
     }
 }
 
@@ -113,10 +108,29 @@ pub struct ChunkTable {
     pub chunks: Vec<ChunkPlace>,
 }
 
-encode_fields!(ChunkTable { offset, chunks });
-
 impl ChunkTable {
-    /// Where a chunk begins, and its segments; by its number on the page.
+    /// The bytes that an index page does not hold itself: the offset, and the hashes of all segments in order.
+    pub(super) fn hashes(&self) -> ChunkHashes {
+        let hashes = self.chunks.iter().flat_map(|chunk| chunk.segments().map(|(_, _, hash)| hash));
+        ChunkHashes { offset: self.offset, hashes: hashes.collect() }
+    }
+
+    /// The table of an index page's chunks.
+    pub(super) fn new(index: &[ChunkInfo], hashes: &ChunkHashes) -> Option<Self> {
+        let mut left = hashes.hashes.iter();
+        let mut chunks = Vec::with_capacity(index.len());
+        for info in index {
+            let mut place = ChunkPlace::of(info);
+            if place.cut > 0 {
+                place.first = *left.next()?;
+            }
+            place.last = *left.next()?;
+            chunks.push(place);
+        }
+        left.next().is_none().then_some(Self { offset: hashes.offset, chunks })
+    }
+
+    /// Where a chunk begins, and its place; by its number on the page.
     #[must_use]
     pub fn chunk(&self, number: usize) -> Option<(u64, &ChunkPlace)> {
         let place = self.chunks.get(number)?;
@@ -130,3 +144,12 @@ impl ChunkTable {
         self.chunks.iter().fold(self.offset, |end, chunk| end.saturating_add(chunk.bytes.into()))
     }
 }
+
+/// What follows an index page.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct ChunkHashes {
+    offset: u64,
+    hashes: Vec<SegmentHash>,
+}
+
+encode_fields!(ChunkHashes { offset, hashes });

@@ -1,9 +1,27 @@
 //! A published scene comes back as it was written, first things first.
 
 use bytes::Bytes;
+use lodestream_geometry::index::{ChunkInfo, Sphere, TruncationPoint, encode_page};
 
 use super::*;
 use crate::description::{AssetEntry, Camera, Instance, SceneHeader, SceneLighting, ScenePage};
+
+/// The index entry of a chunk of 100 bytes and more; every second has a truncation point.
+fn info(chunk: u32) -> ChunkInfo {
+    let point = TruncationPoint { payload_bytes: 50, error: 0.5, vertices: 1, wedges: 1, faces: 1 };
+    ChunkInfo {
+        level: 1,
+        sphere: Sphere { center: [0.0; 3], radius: 1.0 },
+        error: 1.0,
+        attribute_error: 0.0,
+        truncation_points: if chunk % 2 == 1 { vec![point] } else { Vec::new() },
+        parents: Vec::new(),
+        payload_bytes: 100 + chunk,
+        vertices: 2,
+        wedges: 2,
+        faces: 2,
+    }
+}
 
 /// Scene pages of two assets with an instance each.
 fn contents(pages: u32) -> Contents {
@@ -16,18 +34,21 @@ fn contents(pages: u32) -> Contents {
             .collect(),
         instances: (0..2).map(|n| Instance::at(2 * page + n, [f64::from(page) * 10.0, 0.0, 0.0])).collect(),
     };
-    let chunks = |count: u32, offset: u64| {
-        let place =
-            |n| ChunkPlace { bytes: 100 + n, cut: 50 * (n % 2), first: [(n % 2) as u8; 8], last: [2; 8] };
-        let mut chunks: Vec<ChunkPlace> = (0..count).map(place).collect();
-        chunks.iter_mut().filter(|chunk| chunk.cut == 0).for_each(|chunk| chunk.first = PartHash::default());
-        IndexPage { bytes: vec![9; 40].into(), chunks: ChunkTable { offset, chunks } }
+    let chunks = |first: u32, count: u32, offset: u64| {
+        let infos: Vec<ChunkInfo> = (first..first + count).map(info).collect();
+        let place = |info| {
+            let place = ChunkPlace::of(info);
+            let first = if place.cut > 0 { [1; 4] } else { [0; 4] };
+            ChunkPlace { first, last: [2; 4], ..place }
+        };
+        let bytes = encode_page(&infos, first).unwrap().into();
+        IndexPage { bytes, chunks: ChunkTable { offset, chunks: infos.iter().map(place).collect() } }
     };
     let pack = |n: u32| PackContents {
         key: [n as u8; 32],
         bytes: 1 << 20,
         base: vec![n as u8; 3000 + (n % 2) as usize].into(),
-        index: vec![chunks(64, 64), chunks(1, 9000)],
+        index: vec![chunks(0, 64, 64), chunks(64, 1, 9000)],
         ..PackContents::default()
     };
     Contents {
@@ -121,16 +142,16 @@ fn records_that_contradict_their_page_are_refused() {
 #[test]
 fn chunks_lie_one_behind_the_other_in_segments() {
     let chunks = vec![
-        ChunkPlace { bytes: 10, cut: 0, first: [0; 8], last: [1; 8] },
-        ChunkPlace { bytes: 20, cut: 5, first: [2; 8], last: [3; 8] },
+        ChunkPlace { bytes: 10, cut: 0, first: [0; 4], last: [1; 4] },
+        ChunkPlace { bytes: 20, cut: 5, first: [2; 4], last: [3; 4] },
     ];
     let table = ChunkTable { offset: 100, chunks };
     let (start, chunk) = table.chunk(1).unwrap();
     let segments: Vec<_> = chunk.segments().collect();
     assert_eq!(start, 110);
-    assert_eq!(
-        segments,
-        [Segment { start: 0, end: 5, hash: [2; 8] }, Segment { start: 5, end: 20, hash: [3; 8] }]
-    );
+    assert_eq!(segments, [(0, 5, [2; 4]), (5, 20, [3; 4])]);
     assert_eq!((table.chunk(2), table.end()), (None, 130));
+    assert_eq!(chunk.hashed(&[7; 19]), None, "another length");
+    let hashed = chunk.hashed(&[7; 20]).unwrap();
+    assert_eq!((hashed.first, hashed.last), (segment_hash(&[7; 5]), segment_hash(&[7; 15])));
 }

@@ -6,7 +6,7 @@ use glam::{DVec3, Vec3};
 use super::contents::{Contents, IndexPage, PackContents};
 use super::opening::{Head, Opening, PagePlace};
 use super::part::{Part, PartHash, part_hash};
-use super::records::{AssetSource, IndexPlace, PageRecord, SourceRecord};
+use super::records::{AssetSource, Behind, IndexPlace, PageRecord, SourceRecord};
 use super::tables::BlobTable;
 use super::{MAX_OBJECT_BYTES, PublishedError};
 use crate::description::{AssetEntry, ScenePage};
@@ -112,14 +112,18 @@ impl Contents {
                 .collect(),
             index: index.iter().map(|(place, _)| *place).collect(),
         });
-        let part = body.put(&encode(&SourceRecord { assets: sources.collect() }, "a list of packs")?)?;
-        for (pack, index) in packs.iter().zip(&indices) {
-            for copy in pack.textures.iter().filter_map(|texture| texture.copy.as_ref()) {
-                body.put(copy)?;
-            }
-            for (_, bytes) in index {
-                body.put(bytes)?;
-            }
+        let record = SourceRecord { assets: sources.collect() };
+        let part = body.put(&encode(&record, "a list of packs")?)?;
+        for (asset, behind, place) in record.behind(&part) {
+            let put = match behind {
+                Behind::Texture(place) => {
+                    let texture = packs[asset].textures.iter().find(|texture| texture.place == place);
+                    let copy = texture.and_then(|texture| texture.copy.as_ref());
+                    body.put(copy.ok_or(PublishedError::Contradiction("a texture is listed twice"))?)?
+                }
+                Behind::Index(page, _) => body.put(&indices[asset][page as usize].1)?,
+            };
+            debug_assert_eq!(put, place, "what follows a list of packs lies where the list says");
         }
         Ok(part)
     }
@@ -155,7 +159,7 @@ impl Contents {
 }
 
 fn index_part(page: &IndexPage) -> Result<(IndexPlace, Vec<u8>), PublishedError> {
-    let table = encode(&page.chunks, "a table of chunks")?;
+    let table = encode(&page.chunks.hashes(), "a table of chunks")?;
     let bytes = [&page.bytes[..], &table].concat();
     let place =
         IndexPlace { bytes: length(&bytes)?, index_bytes: length(&page.bytes)?, hash: part_hash(&bytes) };

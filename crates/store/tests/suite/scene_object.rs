@@ -1,7 +1,7 @@
 //! Published scenes: encoding round-trips, and damaged objects are refused.
 
 use bytes::Bytes;
-use lodestream_geometry::index::Sphere;
+use lodestream_geometry::index::{ChunkInfo, Sphere, TruncationPoint, encode_page};
 use lodestream_scene::description::AssetEntry;
 use lodestream_scene::published::{
     ChunkPlace, ChunkTable, HEAD_BYTES, IndexPage, PackContents, Texture, TexturePlace, part_hash,
@@ -32,10 +32,30 @@ fn object() -> SceneObject {
 }
 
 fn pack(n: u8) -> PackContents {
-    let chunks = [
-        ChunkPlace { bytes: 90, cut: 40, first: [n; 8], last: [1; 8] },
-        ChunkPlace { bytes: 70, cut: 0, first: [0; 8], last: [2; 8] },
-    ];
+    let info = |bytes, cut: Option<u32>| ChunkInfo {
+        level: 1,
+        sphere: Sphere { center: [0.0; 3], radius: 1.0 },
+        error: 1.0,
+        attribute_error: 0.0,
+        truncation_points: cut
+            .map(|payload_bytes| TruncationPoint {
+                payload_bytes,
+                error: 0.5,
+                vertices: 1,
+                wedges: 1,
+                faces: 1,
+            })
+            .into_iter()
+            .collect(),
+        parents: Vec::new(),
+        payload_bytes: bytes,
+        vertices: 2,
+        wedges: 2,
+        faces: 2,
+    };
+    let infos = [info(90, Some(40)), info(70, None)];
+    let chunks =
+        infos.iter().map(|info| ChunkPlace::of(info).hashed(&vec![n; info.payload_bytes as usize]).unwrap());
     let texture = |level: u8, copied: bool| {
         let bytes = vec![level; 30];
         let place = TexturePlace { texture: 0, level, bytes: 30, hash: part_hash(&bytes) };
@@ -46,8 +66,8 @@ fn pack(n: u8) -> PackContents {
         bytes: 500,
         base: vec![n; 100].into(),
         index: vec![IndexPage {
-            bytes: vec![7; 33].into(),
-            chunks: ChunkTable { offset: 200, chunks: chunks.into() },
+            bytes: encode_page(&infos, 0).unwrap().into(),
+            chunks: ChunkTable { offset: 200, chunks: chunks.collect() },
         }],
         textures_offset: 400,
         textures: vec![texture(0, true), texture(1, false)],

@@ -73,7 +73,7 @@ impl Library {
             let keys: BTreeSet<(Technique, Option<usize>)> = plan
                 .cases
                 .iter()
-                .filter(|case| case.scene == number && case.technique != Technique::Lodestream)
+                .filter(|case| case.scene == number && !case.technique.is_ours())
                 .map(|case| (case.technique, case.peer))
                 .collect();
             if keys.is_empty() {
@@ -136,7 +136,7 @@ fn entry(
             Technique::Draco => whole(found.draco),
             Technique::Chain => found.chain.clone(),
             Technique::SeedJson => found.seed_json.clone(),
-            Technique::Lodestream | Technique::Nodes => Vec::new(),
+            Technique::Lodestream | Technique::Published | Technique::Nodes => Vec::new(),
         };
         Offer::chain(&levels, asset.sphere)
     });

@@ -171,6 +171,12 @@ impl<'a> CaseBuilder<'a> {
             );
             return Err(Fault::new(format!("technique[{t}]"), message));
         }
+        if let Some(t) = techniques.iter().position(|&t| t == Technique::Published)
+            && transports.iter().any(|(transport, _)| *transport != Transport::Ws)
+        {
+            let message = "published scenes come over TCP: give it a sweep with transport \"ws\"";
+            return Err(Fault::new(format!("technique[{t}]"), message));
+        }
         let seeds = sweep.seeds.as_ref().map_or_else(|| Ok(Arc::clone(&self.seeds)), Seeds::list)?;
         let limit = sweep.time_limit_s.map_or(Ok(self.time_limit_s), time_limit)?;
         // Counted before expansion: the product of four long lists can exceed the memory.
