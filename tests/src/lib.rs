@@ -79,6 +79,8 @@ mod settled;
 #[cfg(test)]
 mod silence;
 #[cfg(test)]
+mod static_host;
+#[cfg(test)]
 mod stores;
 #[cfg(test)]
 mod support;

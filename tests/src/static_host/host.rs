@@ -1,0 +1,171 @@
+//! A web server for files, with the faults that hosts have.
+
+use std::io::{BufRead as _, BufReader, Write as _};
+use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+
+/// What the host does with a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Fault {
+    /// Sends the whole file with status 200.
+    NoRanges,
+    /// Sends another range than it was asked for, and says so.
+    OtherRange,
+    /// Says one range and sends fewer bytes.
+    Short,
+    /// Sends the body as gzip, or says so.
+    Gzip,
+    /// Redirects to the same path below `/moved`.
+    Redirect,
+    /// Closes the connection after each response.
+    Close,
+    /// Closes the connection instead of a response.
+    HangUp,
+}
+
+/// The host; it stops with the process.
+pub(super) struct Host {
+    pub(super) address: SocketAddr,
+    shared: Arc<Shared>,
+}
+
+struct Shared {
+    folder: PathBuf,
+    fault: Mutex<Option<Fault>>,
+    /// Whether packs only have the fault.
+    packs_only: AtomicBool,
+    open: AtomicUsize,
+    most_open: AtomicUsize,
+    requests: Mutex<Vec<String>>,
+}
+
+impl Host {
+    pub(super) fn start(folder: &Path) -> Self {
+        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+        let address = listener.local_addr().unwrap();
+        let shared = Arc::new(Shared {
+            folder: folder.to_owned(),
+            fault: Mutex::new(None),
+            packs_only: AtomicBool::new(false),
+            open: AtomicUsize::new(0),
+            most_open: AtomicUsize::new(0),
+            requests: Mutex::default(),
+        });
+        let host = Arc::clone(&shared);
+        std::thread::spawn(move || {
+            while let Ok((stream, _)) = listener.accept() {
+                let host = Arc::clone(&host);
+                std::thread::spawn(move || {
+                    let open = host.open.fetch_add(1, Ordering::SeqCst) + 1;
+                    host.most_open.fetch_max(open, Ordering::SeqCst);
+                    let _ = host.serve(&stream);
+                    host.open.fetch_sub(1, Ordering::SeqCst);
+                });
+            }
+        });
+        Self { address, shared }
+    }
+
+    pub(super) fn with(self, fault: Fault) -> Self {
+        self.set(Some(fault));
+        self
+    }
+
+    pub(super) fn set(&self, fault: Option<Fault>) {
+        *self.shared.fault.lock().unwrap() = fault;
+    }
+
+    /// Packs alone have the fault.
+    pub(super) fn in_packs(self) -> Self {
+        self.shared.packs_only.store(true, Ordering::SeqCst);
+        self
+    }
+
+    pub(super) fn requests(&self) -> Vec<String> {
+        self.shared.requests.lock().unwrap().clone()
+    }
+
+    /// Most connections that were open at once.
+    pub(super) fn most_connections(&self) -> usize {
+        self.shared.most_open.load(Ordering::SeqCst)
+    }
+
+    pub(super) fn scene(&self) -> lodestream_client::net::Address {
+        format!("http://{}/small.lss", self.address).parse().unwrap()
+    }
+}
+
+impl Shared {
+    fn serve(&self, stream: &TcpStream) -> std::io::Result<()> {
+        let mut reader = BufReader::new(stream.try_clone()?);
+        loop {
+            let (mut path, mut range) = (String::new(), None);
+            loop {
+                let mut line = String::new();
+                if reader.read_line(&mut line)? == 0 {
+                    return Ok(());
+                }
+                let line = line.trim_end().to_ascii_lowercase();
+                if let Some(rest) = line.strip_prefix("get ") {
+                    path = rest.split(' ').next().unwrap_or_default().to_owned();
+                } else if let Some(bytes) = line.strip_prefix("range: bytes=") {
+                    let (start, last) = bytes.split_once('-').unwrap();
+                    range = Some((start.parse::<usize>().unwrap(), last.parse::<usize>().unwrap()));
+                } else if line.is_empty() {
+                    break;
+                }
+            }
+            self.requests.lock().unwrap().push(path.clone());
+            if !self.answer(stream, &path, range)? {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Answers a request; returns whether the connection stays open.
+    fn answer(
+        &self,
+        mut stream: &TcpStream,
+        path: &str,
+        range: Option<(usize, usize)>,
+    ) -> std::io::Result<bool> {
+        let applies = !self.packs_only.load(Ordering::SeqCst) || path.contains("/packs/");
+        let fault = self.fault.lock().unwrap().filter(|_| applies);
+        if fault == Some(Fault::HangUp) {
+            return Ok(false);
+        }
+        if fault == Some(Fault::Redirect) && !path.starts_with("/moved") {
+            write!(stream, "HTTP/1.1 302 Found\r\nlocation: /moved{path}\r\ncontent-length: 0\r\n\r\n")?;
+            return Ok(true);
+        }
+        let name = path.strip_prefix("/moved").unwrap_or(path).trim_start_matches('/');
+        let Ok(file) = std::fs::read(self.folder.join(name)) else {
+            write!(stream, "HTTP/1.1 404 Not Found\r\ncontent-length: 9\r\n\r\nnot found")?;
+            return Ok(true);
+        };
+        let total = file.len();
+        let (Some((start, last)), false) = (range, fault == Some(Fault::NoRanges)) else {
+            write!(stream, "HTTP/1.1 200 OK\r\ncontent-length: {total}\r\n\r\n")?;
+            stream.write_all(&file)?;
+            return Ok(true);
+        };
+        let shift = usize::from(fault == Some(Fault::OtherRange));
+        let (start, end) = (start + shift, (last + 1 + shift).min(total));
+        if start >= end {
+            write!(stream, "HTTP/1.1 416 Range Not Satisfiable\r\ncontent-length: 0\r\n\r\n")?;
+            return Ok(true);
+        }
+        let encoding = if fault == Some(Fault::Gzip) { "content-encoding: gzip\r\n" } else { "" };
+        write!(
+            stream,
+            "HTTP/1.1 206 Partial Content\r\ncontent-length: {}\r\ncontent-range: bytes {start}-{}/{total}\r\n{encoding}\r\n",
+            end - start,
+            end - 1
+        )?;
+        let sent = if fault == Some(Fault::Short) { start + (end - start) / 2 } else { end };
+        stream.write_all(&file[start..sent])?;
+        Ok(!matches!(fault, Some(Fault::Short | Fault::Close)))
+    }
+}
