@@ -24,6 +24,7 @@ pub mod picture;
 pub mod plan;
 mod process;
 mod quality;
+pub mod relay;
 pub mod result;
 mod resume;
 pub mod run;

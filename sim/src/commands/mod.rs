@@ -15,6 +15,7 @@ mod normals;
 mod occlusion_errors;
 mod pn_triangles;
 mod reflection_errors;
+mod relay;
 mod relief_methods;
 mod relief_worth;
 mod reproduce;
@@ -63,6 +64,9 @@ pub(crate) enum Command {
     /// Damage packs, client sessions and server first flights in thousands of ways and count the verdicts: accepted,
     /// refused by kind of reason, panics, time, memory. Daemon and sockets on loopback; needs Linux.
     Mutate(mutate::Mutate),
+    /// Relay TCP connections to a server over a rate and a round trip that all share, in real time, for programs such as
+    /// browsers and web servers. Prints its address.
+    Relay(relay::Relay),
     /// Settle a plan's case at several target screen errors in virtual time, and time frames of each in real time on
     /// the machine's graphics adapter.
     FrameTime(frame_time::FrameTime),
@@ -122,6 +126,7 @@ impl Command {
             Self::Train(command) => command.run(),
             Self::Measure(command) => command.run(),
             Self::Mutate(command) => command.run(),
+            Self::Relay(command) => command.run(),
             Self::SeedTable(command) => command.run(),
             Self::TerrainTable(command) => command.run(),
             Self::Goodput(command) => command.run(),
