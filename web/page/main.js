@@ -10,7 +10,7 @@ const server = JSON.parse(element('lodestream-server').textContent);
 const files = JSON.parse(element('lodestream-files').textContent);
 const canvas = element('view');
 
-/** The fragment: `eye=x,y,z;target=x,y,z;up=x,y,z;fov=degrees;token=…;transport=…`, all optional. */
+/** The fragment: `eye=x,y,z;target=x,y,z;up=x,y,z;fov=degrees;scene=…;token=…;transport=…`, all optional. */
 function fragment() {
   const entries = location.hash.slice(1).split(';').map((part) => part.split('='));
   return Object.fromEntries(entries.filter(([key, value]) => key && value).map(([k, v]) => [k, decodeURIComponent(v)]));
@@ -34,13 +34,15 @@ function keepCamera() {
   const fov = number((camera[9] * 180) / Math.PI);
   const parts = [`eye=${point(0)}`, `target=${point(3)}`, `up=${point(6)}`, `fov=${fov}`];
   for (const [key, value] of Object.entries(fragment())) {
-    if (['token', 'transport'].includes(key)) parts.push(`${key}=${encodeURIComponent(value)}`);
+    if (['scene', 'token', 'transport'].includes(key)) parts.push(`${key}=${encodeURIComponent(value)}`);
   }
   history.replaceState(null, '', `#${parts.join(';')}`);
 }
 
-/** Where the server is, by each transport. */
-function address({ websocket, webtransport }, only) {
+/** Where the published scene is, or else the server, by each transport. */
+function address({ published, websocket, webtransport }, { scene, transport: only = null }) {
+  const file = scene ?? published;
+  if (file) return { published: new URL(file, location.href).href };
   const webSocket = new URL(websocket ?? location.pathname, location.href).href.replace(/^http/, 'ws');
   const webTransport = webtransport && {
     url: `https://${location.hostname}:${webtransport.port}${webtransport.path}`,
@@ -52,7 +54,7 @@ function address({ websocket, webtransport }, only) {
 const asked = fragment();
 const view = new View({
   canvas,
-  address: address(server, asked.transport ?? null),
+  address: address(server, asked),
   module: files.module,
   worker: files.worker,
   scene: server.scene ?? '',

@@ -3,6 +3,7 @@
 import init, { Streamer } from './lodestream.js';
 import { follow, now } from './clock.js';
 import { openLink } from './link.js';
+import { Ranges } from './ranges.js';
 
 /** Most steps that the page has not taken yet. */
 const MAX_STEPS = 8;
@@ -14,6 +15,8 @@ const RETRY_MS = [250, 8000];
 let streamer;
 let options;
 let link = null;
+/** Range requests, if the scene is published. */
+let ranges = null;
 let abandon = () => {};
 /** What arrived before the module was ready. */
 let early = [];
@@ -40,6 +43,7 @@ function turnSoon() {
 }
 
 function connect() {
+  if (options.address.published) return read();
   abandon = openLink(options.address, {
     open(newLink) {
       link = newLink;
@@ -65,12 +69,22 @@ function connect() {
   });
 }
 
+/** Reads a published scene: there is nothing to open. */
+function read() {
+  ranges = new Ranges(options.address.published, turnSoon);
+  abandon = () => ranges.close();
+  link = { name: 'http', send() {} };
+  opened = true;
+  begin();
+}
+
 /** Begins the session once both the link and the module are there. */
 function begin() {
   if (!opened || !streamer) return;
   opened = false;
   message = null;
-  streamer.connect(now());
+  if (ranges) streamer.connect_ranges(now());
+  else streamer.connect(now());
   for (const take of early.splice(0)) take(streamer, now());
   turnSoon();
 }
@@ -89,6 +103,7 @@ function turn() {
   clearTimeout(timer);
   const again = streamer.turn(now());
   for (let frame; link && (frame = streamer.transmit(now())); ) link.send(frame);
+  ranges?.turn(streamer);
   while (untaken < MAX_STEPS) {
     const step = streamer.step(now());
     if (!step) break;
@@ -121,7 +136,7 @@ function report() {
     settled = stats.settled;
     if (stats.connection === 'open') failures = 0;
   }
-  postMessage({ stats, message, transport: link?.name ?? null });
+  postMessage({ stats, message: message ?? streamer?.trouble() ?? null, transport: link?.name ?? null });
 }
 
 const handlers = {

@@ -21,7 +21,7 @@ const VIEW_HEAP_BYTES: usize = 0;
 #[wasm_bindgen]
 #[derive(Debug)]
 pub struct Streamer {
-    core: ClientCore,
+    pub(crate) core: ClientCore,
     /// Streams of a WebTransport session.
     streams: Streams,
     /// Transport payload of this connection.
@@ -110,7 +110,7 @@ impl Streamer {
         }
     }
 
-    fn count(&mut self, bytes: usize) {
+    pub(crate) fn count(&mut self, bytes: usize) {
         self.received_bytes += bytes as u64;
         self.core.note_transport_bytes(self.received_bytes);
     }

@@ -66,12 +66,12 @@ impl ResponseFault {
 }
 
 /// Checks a response to a request for a range of an object, of `stated` bytes if that is known; gives the range that
-/// follows, which may be shorter than requested at the object's end, and the object's length.
+/// follows, which may be shorter than requested at the object's end, and the object's length, if known.
 pub(super) fn check(
     head: &ResponseHead,
     asked: &Range<u64>,
     stated: Option<u64>,
-) -> Result<(Range<u64>, u64), ResponseFault> {
+) -> Result<(Range<u64>, Option<u64>), ResponseFault> {
     match head.status {
         206 => {}
         200 => return Err(ResponseFault::NoRanges),
@@ -89,11 +89,12 @@ pub(super) fn check(
     {
         return Err(ResponseFault::OtherLength { got, stated });
     }
-    let total = total.or(stated).ok_or(ResponseFault::OtherRange)?;
-    if range != (asked.start..asked.end.min(total)) {
-        return Err(ResponseFault::OtherRange);
-    }
-    Ok((range, total))
+    let total = total.or(stated);
+    let fits = match total {
+        Some(total) => range == (asked.start..asked.end.min(total)),
+        None => range.start == asked.start && range.end <= asked.end,
+    };
+    if fits { Ok((range, total)) } else { Err(ResponseFault::OtherRange) }
 }
 
 #[cfg(test)]
@@ -125,9 +126,9 @@ mod tests {
     #[test]
     fn other_responses_than_the_range_are_faults() {
         let asked = 10..20;
-        assert_eq!(check(&head(206, "bytes 10-19/100"), &asked, Some(100)), Ok((10..20, 100)));
-        assert_eq!(check(&head(206, "bytes 10-14/15"), &asked, None), Ok((10..15, 15)));
-        assert_eq!(check(&head(206, "bytes 10-19/*"), &asked, Some(100)), Ok((10..20, 100)));
+        assert_eq!(check(&head(206, "bytes 10-19/100"), &asked, Some(100)), Ok((10..20, Some(100))));
+        assert_eq!(check(&head(206, "bytes 10-14/15"), &asked, None), Ok((10..15, Some(15))));
+        assert_eq!(check(&head(206, "bytes 10-19/*"), &asked, Some(100)), Ok((10..20, Some(100))));
         let fault = |head: &ResponseHead, stated| check(head, &asked, stated).unwrap_err();
         assert_eq!(fault(&head(200, ""), None), ResponseFault::NoRanges);
         assert_eq!(fault(&head(404, ""), None), ResponseFault::Missing(404));
@@ -135,7 +136,8 @@ mod tests {
         assert_eq!(fault(&head(416, ""), None), ResponseFault::Truncated);
         assert_eq!(fault(&head(503, ""), None), ResponseFault::Status(503));
         assert_eq!(fault(&head(206, ""), None), ResponseFault::OtherRange);
-        assert_eq!(fault(&head(206, "bytes 10-19/*"), None), ResponseFault::OtherRange);
+        assert_eq!(check(&head(206, "bytes 10-14/*"), &asked, None), Ok((10..15, None)));
+        assert_eq!(fault(&head(206, "bytes 10-20/*"), None), ResponseFault::OtherRange);
         for other in ["bytes 0-9/100", "bytes 10-18/100", "bytes 10-20/100"] {
             assert_eq!(fault(&head(206, other), Some(100)), ResponseFault::OtherRange, "{other}");
         }

@@ -354,7 +354,7 @@ impl RangeSession {
         match response::check(head, &flight.range, stated) {
             Ok((range, total)) => {
                 if flight.object == Object::Scene {
-                    self.scene_bytes = Some(total);
+                    self.scene_bytes = total.or(self.scene_bytes);
                 }
                 let whole = range.end == flight.range.end;
                 if !whole && self.front_request != Some(id) {

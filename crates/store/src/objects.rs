@@ -17,7 +17,8 @@ use object_store::http::HttpBuilder;
 use object_store::local::LocalFileSystem;
 use object_store::path::Path;
 use object_store::{
-    BackoffConfig, GetOptions, GetRange, ObjectStore, ObjectStoreExt as _, ObjectStoreScheme, RetryConfig,
+    Attribute, Attributes, BackoffConfig, GetOptions, GetRange, ObjectStore, ObjectStoreExt as _,
+    ObjectStoreScheme, PutOptions, RetryConfig,
 };
 use tokio::time::timeout;
 use url::Url;
@@ -212,6 +213,30 @@ impl Objects {
     pub async fn put(&self, name: &str, bytes: Bytes) -> Result<(), StoreError> {
         let path = self.at(name);
         let put = async { self.store.put(&path, bytes.into()).await.map(drop) };
+        self.bounded(name, put).await
+    }
+
+    /// Writes an object with a content type, as far as the store keeps types: folders do not.
+    ///
+    /// # Errors
+    /// As [`Objects::put`].
+    pub async fn put_typed(
+        &self,
+        name: &str,
+        bytes: Bytes,
+        content_type: &'static str,
+    ) -> Result<(), StoreError> {
+        let path = self.at(name);
+        let attributes = Attributes::from_iter([(Attribute::ContentType, content_type)]);
+        let options = PutOptions { attributes, ..PutOptions::default() };
+        let put = async {
+            match self.store.put_opts(&path, bytes.clone().into(), options).await {
+                Err(object_store::Error::NotImplemented { .. }) => {
+                    self.store.put(&path, bytes.into()).await.map(drop)
+                }
+                put => put.map(drop),
+            }
+        };
         self.bounded(name, put).await
     }
 

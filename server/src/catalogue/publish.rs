@@ -6,6 +6,7 @@
 use std::path::Path;
 
 use bytes::Bytes;
+use lodestream_daemon::Page;
 use lodestream_geometry::pack::{HEAD_BYTES, Head};
 use lodestream_import::MAX_FILE_BYTES;
 
@@ -97,6 +98,22 @@ pub async fn publish(
         done.scene_written = true;
     }
     Ok(done)
+}
+
+/// Publishes the page for browsers beside a published scene: its files, named by content, and `NAME.html`, which shows
+/// the scene. Gives the name of the latter.
+///
+/// # Errors
+/// The store does not answer or refuses an object.
+pub async fn publish_page(page: &Page, scene: &str, objects: &Objects) -> Result<String, StoreError> {
+    let index = format!("{}.html", scene.strip_suffix(PUBLISHED).unwrap_or(scene));
+    for (name, content_type, bytes) in page.published(scene, index.clone()) {
+        let exists = name != index && objects.length(&name).await? == Some(bytes.len() as u64);
+        if !exists {
+            objects.put_typed(&name, bytes, content_type).await?;
+        }
+    }
+    Ok(index)
 }
 
 /// Whether an object is this pack. Comparing heads suffices, since a head holds the hashes of all contents.

@@ -160,6 +160,7 @@ mod tests {
             "prepare a.obj -o a.lsp --keep-levels",
             "prepare a.ply -o a.lsp --out-of-core dir",
             "publish hall.toml s3://bucket/scenes/",
+            "publish hall.toml folder --page target/web",
             "publish a.obj b.glb folder --cache packs --threads 2 -q",
             "inspect a.lsp --json",
             "export a.lsp --faces 1000 -o b.obj",

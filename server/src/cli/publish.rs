@@ -9,9 +9,10 @@ use clap::Args;
 use super::outcome::Outcome;
 use super::preparation_settings::PreparationArguments;
 use crate::catalogue::fetch::fetch;
-use crate::catalogue::publish::publish;
+use crate::catalogue::publish::{publish, publish_page};
 use lodestream_bake::prepare::{Options, cache};
 use lodestream_bake::scene;
+use lodestream_daemon::Page;
 use lodestream_store::Objects;
 
 #[derive(Debug, Args)]
@@ -24,6 +25,10 @@ pub(super) struct Arguments {
     /// Folder of prepared packs [default: $XDG_CACHE_HOME/lodestream or ~/.cache/lodestream].
     #[arg(long, env = "LODESTREAM_CACHE", value_name = "DIR")]
     cache: Option<PathBuf>,
+    /// Write the page for browsers too: the files of this folder, as script/web builds it, and NAME.html, which shows the
+    /// scene in a tab.
+    #[arg(long, env = "LODESTREAM_PAGE", value_name = "DIR")]
+    page: Option<PathBuf>,
     #[command(flatten)]
     preparation_settings: PreparationArguments,
     /// Number of threads; the objects do not depend on it [default: one per core].
@@ -56,9 +61,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let scene = scene::of_files(&local)?;
     let cache = arguments.cache.clone().or_else(cache::default_folder);
     let cache = cache.context("no cache folder is known; name one with --cache DIR")?;
+    let page = arguments.page.as_deref().map(Page::load).transpose().context("--page")?;
     let objects = objects(destination)?;
     let done = runtime.block_on(publish(&scene, &objects, &cache, &options))?;
-    Ok(Outcome::good(format!("{}: {done}\n", destination.display())))
+    let shown = match page {
+        Some(page) => format!("; page: {}", runtime.block_on(publish_page(&page, &done.name, &objects))?),
+        None => String::new(),
+    };
+    Ok(Outcome::good(format!("{}: {done}{shown}\n", destination.display())))
 }
 
 /// The store or folder to publish to.

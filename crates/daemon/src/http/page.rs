@@ -209,6 +209,21 @@ impl Page {
         self.assets.get(path.strip_prefix('/')?)
     }
 
+    /// The page's files for a static host: name, content type, contents; compressed forms too, as their own types. Then the
+    /// index, which names a published scene, as `index`.
+    #[must_use]
+    pub fn published(&self, scene: &str, index: String) -> Vec<(String, &'static str, Bytes)> {
+        let files = self.assets.iter().flat_map(|(name, asset)| {
+            asset.forms.iter().map(move |(coding, (contents, _))| match coding {
+                Coding::Brotli => (format!("{name}.br"), "application/octet-stream", contents.clone()),
+                Coding::Gzip => (format!("{name}.gz"), "application/gzip", contents.clone()),
+                Coding::Identity => (name.clone(), asset.content_type, contents.clone()),
+            })
+        });
+        let description = serde_json::json!({ "published": scene });
+        files.chain([(index, content_type(INDEX), self.index(&description).into())]).collect()
+    }
+
     /// The index with a description of the server as JSON.
     pub(crate) fn index(&self, description: &serde_json::Value) -> String {
         // In a script element only `<` could begin its end or a comment (HTML, section 4.12.1.3).
