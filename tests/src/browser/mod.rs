@@ -3,6 +3,7 @@
 mod devtools;
 mod page;
 mod shaders;
+mod static_host;
 
 use std::io::Write as _;
 use std::path::PathBuf;

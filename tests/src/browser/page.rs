@@ -14,10 +14,10 @@ use crate::support::scene::TestScene;
 
 /// Largest FLIP error of the settled tab against the settled native picture: two drivers round differently, and edges
 /// are smoothed from other samples.
-const MAX_FLIP: f64 = 0.05;
+pub(super) const MAX_FLIP: f64 = 0.05;
 
 const CAMERA: &str = "Array.from(lodestream.view.viewer.camera())";
-const STATS: &str = "window.lodestream?.stats() ?? {}";
+pub(super) const STATS: &str = "window.lodestream?.stats() ?? {}";
 
 fn serve(scene: &TestScene) -> Server {
     let page = PageSetting::Loaded(Page::load(&built_page()).unwrap());
@@ -25,13 +25,13 @@ fn serve(scene: &TestScene) -> Server {
 }
 
 /// Opens the daemon's page and waits until it is settled; returns the figures.
-fn settle(tab: &mut Tab, url: &str) -> Value {
+pub(super) fn settle(tab: &mut Tab, url: &str) -> Value {
     tab.navigate(url);
     tab.wait("the page settles", STATS, |stats| stats["settled"] == true)
 }
 
 /// The canvas as a picture.
-fn picture(tab: &mut Tab) -> image::RgbaImage {
+pub(super) fn picture(tab: &mut Tab) -> image::RgbaImage {
     let text = tab.evaluate(
         "lodestream.view.picture().then((blob) => new Promise((done) => {
             const reader = new FileReader();

@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex};
 
 /// What the host does with a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Fault {
+pub(crate) enum Fault {
     /// Sends the whole file with status 200.
     NoRanges,
     /// Sends another range than it was asked for, and says so.
@@ -23,11 +23,13 @@ pub(super) enum Fault {
     Close,
     /// Closes the connection instead of a response.
     HangUp,
+    /// Does not allow pages of other origins.
+    NoCors,
 }
 
 /// The host; it stops with the process.
-pub(super) struct Host {
-    pub(super) address: SocketAddr,
+pub(crate) struct Host {
+    pub(crate) address: SocketAddr,
     shared: Arc<Shared>,
 }
 
@@ -42,7 +44,7 @@ struct Shared {
 }
 
 impl Host {
-    pub(super) fn start(folder: &Path) -> Self {
+    pub(crate) fn start(folder: &Path) -> Self {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
         let address = listener.local_addr().unwrap();
         let shared = Arc::new(Shared {
@@ -68,31 +70,36 @@ impl Host {
         Self { address, shared }
     }
 
-    pub(super) fn with(self, fault: Fault) -> Self {
+    pub(crate) fn with(self, fault: Fault) -> Self {
         self.set(Some(fault));
         self
     }
 
-    pub(super) fn set(&self, fault: Option<Fault>) {
+    pub(crate) fn set(&self, fault: Option<Fault>) {
         *self.shared.fault.lock().unwrap() = fault;
     }
 
     /// Packs alone have the fault.
-    pub(super) fn in_packs(self) -> Self {
+    pub(crate) fn in_packs(self) -> Self {
         self.shared.packs_only.store(true, Ordering::SeqCst);
         self
     }
 
-    pub(super) fn requests(&self) -> Vec<String> {
+    pub(crate) fn requests(&self) -> Vec<String> {
         self.shared.requests.lock().unwrap().clone()
     }
 
     /// Most connections that were open at once.
-    pub(super) fn most_connections(&self) -> usize {
+    pub(crate) fn most_connections(&self) -> usize {
         self.shared.most_open.load(Ordering::SeqCst)
     }
 
-    pub(super) fn scene(&self) -> lodestream_client::net::Address {
+    /// Address of a file.
+    pub(crate) fn url(&self, name: &str) -> String {
+        format!("http://{}/{name}", self.address)
+    }
+
+    pub(crate) fn scene(&self) -> lodestream_client::net::Address {
         format!("http://{}/small.lss", self.address).parse().unwrap()
     }
 }
@@ -146,8 +153,12 @@ impl Shared {
             return Ok(true);
         };
         let total = file.len();
+        let mut headers = format!("content-type: {}\r\n", content_type(name));
+        if fault != Some(Fault::NoCors) {
+            headers += "access-control-allow-origin: *\r\n";
+        }
         let (Some((start, last)), false) = (range, fault == Some(Fault::NoRanges)) else {
-            write!(stream, "HTTP/1.1 200 OK\r\ncontent-length: {total}\r\n\r\n")?;
+            write!(stream, "HTTP/1.1 200 OK\r\ncontent-length: {total}\r\n{headers}\r\n")?;
             stream.write_all(&file)?;
             return Ok(true);
         };
@@ -157,15 +168,28 @@ impl Shared {
             write!(stream, "HTTP/1.1 416 Range Not Satisfiable\r\ncontent-length: 0\r\n\r\n")?;
             return Ok(true);
         }
-        let encoding = if fault == Some(Fault::Gzip) { "content-encoding: gzip\r\n" } else { "" };
+        if fault == Some(Fault::Gzip) {
+            headers += "content-encoding: gzip\r\n";
+        }
         write!(
             stream,
-            "HTTP/1.1 206 Partial Content\r\ncontent-length: {}\r\ncontent-range: bytes {start}-{}/{total}\r\n{encoding}\r\n",
+            "HTTP/1.1 206 Partial Content\r\ncontent-length: {}\r\ncontent-range: bytes {start}-{}/{total}\r\n{headers}\r\n",
             end - start,
             end - 1
         )?;
         let sent = if fault == Some(Fault::Short) { start + (end - start) / 2 } else { end };
         stream.write_all(&file[start..sent])?;
         Ok(!matches!(fault, Some(Fault::Short | Fault::Close)))
+    }
+}
+
+/// Content types that browsers need for pages.
+fn content_type(name: &str) -> &'static str {
+    match name.rsplit_once('.').map(|(_, extension)| extension) {
+        Some("html") => "text/html",
+        Some("js") => "text/javascript",
+        Some("css") => "text/css",
+        Some("wasm") => "application/wasm",
+        _ => "application/octet-stream",
     }
 }

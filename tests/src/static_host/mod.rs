@@ -1,6 +1,6 @@
 //! A published scene on a web server, and in a folder, is shown as a daemon's; faults of hosts are named.
 
-mod host;
+pub(crate) mod host;
 
 use std::path::Path;
 use std::sync::OnceLock;
@@ -23,7 +23,7 @@ use host::{Fault, Host};
 const END: Duration = Duration::from_secs(60);
 
 /// The small scene, published once.
-fn published() -> &'static Path {
+pub(crate) fn published() -> &'static Path {
     static FOLDER: OnceLock<tempfile::TempDir> = OnceLock::new();
     let folder = FOLDER.get_or_init(|| {
         let folder = tempfile::tempdir().unwrap();
