@@ -1,6 +1,7 @@
 //! The page in a browser tab: streamed by a daemon, drawn by WebGPU in software, moved by mouse, wheel and fingers.
 
 mod devtools;
+mod figures;
 mod page;
 mod shaders;
 mod static_host;
