@@ -50,6 +50,10 @@ pub fn scene_of_path(path: &str) -> Option<String> {
     (decoded.len() <= MAX_NAME_BYTES && !name.contains(['/', '?'])).then(|| decoded.into_owned())
 }
 
+/// Query of the request for a session of a client that has something of the scene already: the server pushes nothing
+/// before `Hello` says what.
+pub const RESUME_QUERY: &str = "resume";
+
 /// First byte of a stream of control frames, in both directions.
 pub const CONTROL_STREAM: u8 = 0;
 /// First byte of a stream that carries a run of one blob.

@@ -13,8 +13,8 @@ const HEAD_START_MS = 200;
 /**
  * Opens a link by whichever transport opens first. `events`: `open(link)`; `data(take)`, where `take(streamer, now)` hands
  * what has arrived to a streamer; `lost(reason)`, at most once and last. `address`: `webSocket`, an URL; `webTransport`,
- * an URL and hashes, or null; `only`, the name of the one transport to use, or null. Returns a function that abandons the
- * attempt or the link.
+ * an URL and hashes, or null; `only`, the name of the one transport to use, or null; `resumes`, whether the streamer has
+ * something of the scene. Returns a function that abandons the attempt or the link.
  */
 export function openLink(address, events) {
   let winner = null;
@@ -49,18 +49,20 @@ export function openLink(address, events) {
     });
     attempts.add(attempt);
   };
+  // What the streamer has is not pushed again (docs/protocol.md).
+  const query = address.resumes ? '?resume' : '';
   let begun = false;
   const startWebSocket = () => {
     if (begun) return;
     begun = true;
-    start(openWebSocket, address.webSocket);
+    start(openWebSocket, address.webSocket + query);
   };
   const timer = setTimeout(() => end(`no connection within ${OPEN_TIMEOUT_MS / 1000} s`), OPEN_TIMEOUT_MS);
   let second = 0;
   const wantsFirst = address.webTransport && address.only !== 'ws' && typeof WebTransport === 'function';
   if (wantsFirst) {
     if (address.only !== 'webtransport') second = setTimeout(startWebSocket, HEAD_START_MS);
-    start(openWebTransport, address.webTransport);
+    start(openWebTransport, { ...address.webTransport, url: address.webTransport.url + query });
   } else if (address.only === 'webtransport') {
     queueMicrotask(() => end('the server or this browser has no WebTransport'));
   } else {

@@ -44,7 +44,7 @@ function turnSoon() {
 
 function connect() {
   if (options.address.published) return read();
-  abandon = openLink(options.address, {
+  abandon = openLink({ ...options.address, resumes: streamer?.has_scene() ?? false }, {
     open(newLink) {
       link = newLink;
       opened = true;

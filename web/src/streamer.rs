@@ -179,6 +179,12 @@ impl Streamer {
         self.core.poll_timeout().map(|at| std::time::Duration::from(at).as_secs_f64() * 1e3)
     }
 
+    /// Whether anything of a scene has arrived.
+    #[must_use]
+    pub fn has_scene(&self) -> bool {
+        self.core.scene().is_some()
+    }
+
     /// Why the session ended, once it has.
     #[must_use]
     pub fn closed(&self) -> Option<String> {

@@ -3,10 +3,12 @@
 //! `file:PATH/NAME.lss`. Those over TLS may end with the fingerprint of a certificate (`#sha256=HEX`) or of its key
 //! (`#spki-sha256=HEX`).
 
+use std::borrow::Cow;
 use std::fmt;
 use std::str::FromStr;
 
 use lodestream_protocol::stream::{path_of_scene, scene_of_path};
+use percent_encoding::percent_decode_str;
 
 use super::pin::{Pin, PinError};
 
@@ -179,7 +181,8 @@ impl Address {
     /// `file:PATH` or `file:///PATH`.
     fn of_file(text: &str, path: &str) -> Result<Self, AddressError> {
         let path = path.strip_prefix("//").unwrap_or(path);
-        let scene = percent_decoded(path).filter(|path| path.ends_with(PUBLISHED));
+        let path = percent_decode_str(path).decode_utf8().ok();
+        let scene = path.filter(|path| path.ends_with(PUBLISHED)).map(Cow::into_owned);
         let scene = scene.ok_or_else(|| AddressError::Published(text.into()))?;
         Ok(Self { scheme: Scheme::File, host: String::new(), port: 0, scene, pin: None })
     }
@@ -218,19 +221,6 @@ impl fmt::Display for Address {
         write!(f, "{}://{}", self.transport(), self.authority())?;
         if self.scene.is_empty() { Ok(()) } else { f.write_str(&self.path()) }
     }
-}
-
-/// Decodes %XX; `None` if that is no UTF-8.
-fn percent_decoded(text: &str) -> Option<String> {
-    let mut bytes = Vec::new();
-    let mut rest = text.as_bytes();
-    while let Some((&byte, after)) = rest.split_first() {
-        let hex = after.get(..2).and_then(|hex| std::str::from_utf8(hex).ok());
-        let coded = hex.filter(|_| byte == b'%').and_then(|hex| u8::from_str_radix(hex, 16).ok());
-        bytes.push(coded.unwrap_or(byte));
-        rest = if coded.is_some() { &after[2..] } else { after };
-    }
-    String::from_utf8(bytes).ok()
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ use super::server::Server;
 #[cfg(any(feature = "quic", feature = "tls"))]
 use super::trust::Trust;
 #[cfg(feature = "websocket")]
-use super::websocket::{CountingStream, Target, WebSocketConnection, counting, run_websocket};
+use super::websocket::{CountingStream, Target, WebSocketConnection, counting, request_path, run_websocket};
 #[cfg(feature = "quic")]
 use super::{
     quic::{self, client_config_of, endpoint, run_quic},
@@ -84,6 +84,7 @@ pub(super) struct OpenedQuic {
 pub(super) async fn connect(
     server: &Server,
     token: Option<&Token>,
+    resumes: bool,
     memory: &mut ConnectionMemory,
     resolver: &impl Resolver,
 ) -> Result<Connection, Close> {
@@ -96,7 +97,7 @@ pub(super) async fn connect(
     match address.scheme {
         #[cfg(feature = "websocket")]
         Scheme::WebSocket => {
-            let (authority, path) = (address.authority(), address.path());
+            let (authority, path) = (address.authority(), request_path(&address.path(), resumes));
             let target = Target { authority: &authority, path: &path };
             first_to_answer(address, &servers, |server| open_websocket(server, target, token)).await
         }
@@ -109,7 +110,7 @@ pub(super) async fn connect(
                     memory.tls.insert(opens.map_err(|why| with_address(address, why))?)
                 }
             };
-            let (authority, path) = (address.authority(), address.path());
+            let (authority, path) = (address.authority(), request_path(&address.path(), resumes));
             let target = Target { authority: &authority, path: &path };
             first_to_answer(address, &servers, |server| open_secure_websocket(server, tls, target, token))
                 .await
@@ -121,7 +122,7 @@ pub(super) async fn connect(
         Scheme::Https | Scheme::Http | Scheme::File => Ok(Connection::Published(published(server))),
         #[cfg(not(all(feature = "quic", feature = "http")))]
         _ => {
-            let _ = (token, memory, servers);
+            let _ = (token, resumes, memory, servers);
             let why =
                 format!("{address}: this program was built without the transport {}", address.transport());
             Err(Close::new(CloseCode::Protocol, why))

@@ -143,8 +143,8 @@ pub async fn stream_websocket<S: AsyncRead + AsyncWrite + Unpin + Send, H: Host>
 trait Connector {
     type Connection;
 
-    /// Opens a connection; `token` authenticates the client.
-    async fn connect(&mut self, token: Option<&Token>) -> Result<Self::Connection, Close>;
+    /// Opens a connection; `token` authenticates the client. `resumes`: the client has something of the scene.
+    async fn connect(&mut self, token: Option<&Token>, resumes: bool) -> Result<Self::Connection, Close>;
 
     /// Runs a session until it ends; gives the reason.
     async fn run<H: Host>(&mut self, connection: Self::Connection, host: &mut H, clock: Clock) -> Close;
@@ -163,8 +163,8 @@ struct Sockets<'a, R> {
 impl<R: Resolver> Connector for Sockets<'_, R> {
     type Connection = Connection;
 
-    async fn connect(&mut self, token: Option<&Token>) -> Result<Connection, Close> {
-        connect(self.server, token, &mut self.memory, self.resolver).await
+    async fn connect(&mut self, token: Option<&Token>, resumes: bool) -> Result<Connection, Close> {
+        connect(self.server, token, resumes, &mut self.memory, self.resolver).await
     }
 
     async fn run<H: Host>(&mut self, connection: Connection, host: &mut H, clock: Clock) -> Close {
@@ -207,7 +207,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> RunSession for WebSocketConnectio
 impl<C: RunSession, F: AsyncFnMut() -> Result<C, Close>> Connector for HostConnector<'_, F> {
     type Connection = C;
 
-    async fn connect(&mut self, _token: Option<&Token>) -> Result<C, Close> {
+    async fn connect(&mut self, _token: Option<&Token>, _resumes: bool) -> Result<C, Close> {
         (self.connect)().await
     }
 
@@ -246,7 +246,8 @@ async fn stream_with<H: Host>(
         }
         let limit = until.filter(|_| !reached);
         let token = host.core().token().cloned();
-        let connecting = within(limit, retry.first_within, connector.connect(token.as_ref()));
+        let resumes = host.core().scene().is_some();
+        let connecting = within(limit, retry.first_within, connector.connect(token.as_ref(), resumes));
         let mut lasted = Duration::ZERO;
         let close = match run_host_until(host, clock, connecting).await {
             None => return End::Left,

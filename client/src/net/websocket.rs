@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use lodestream_protocol::message::{Close, CloseCode, Token};
-use lodestream_protocol::stream::ALPN;
+use lodestream_protocol::stream::{ALPN, RESUME_QUERY};
 use lodestream_transport::websocket::{config, split};
 use lodestream_transport::{Clock, ObservedStream, ReadObserver};
 use tokio::io::{AsyncRead, AsyncWrite};
@@ -34,6 +34,11 @@ pub(super) struct Target<'a> {
     pub(super) path: &'a str,
 }
 
+/// Path and query of the upgrade request.
+pub(super) fn request_path(path: &str, resumes: bool) -> String {
+    if resumes { format!("{path}?{RESUME_QUERY}") } else { path.to_owned() }
+}
+
 /// An open WebSocket, ready for a session.
 #[derive(Debug)]
 pub struct WebSocketConnection<S> {
@@ -49,8 +54,23 @@ impl<S: AsyncRead + AsyncWrite + Unpin> WebSocketConnection<CountingStream<S>> {
     /// The server refuses, does not answer within `limit`, or the connection is lost.
     #[cfg_attr(not(feature = "runtime"), allow(dead_code, reason = "used by hosts with their own runtime"))]
     pub async fn open(stream: S, authority: &str, limit: Duration) -> Result<Self, Close> {
+        Self::open_resumed(stream, authority, false, limit).await
+    }
+
+    /// The same; `resumes`: the client has something of the scene, so the server must push nothing unasked.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    #[cfg_attr(not(feature = "runtime"), allow(dead_code, reason = "used by hosts with their own runtime"))]
+    pub async fn open_resumed(
+        stream: S,
+        authority: &str,
+        resumes: bool,
+        limit: Duration,
+    ) -> Result<Self, Close> {
         let (stream, received) = counting(stream);
-        Self::open_counted(stream, received, Target { authority, path: "/" }, None, limit).await
+        let path = request_path("/", resumes);
+        Self::open_counted(stream, received, Target { authority, path: &path }, None, limit).await
     }
 }
 
@@ -122,7 +142,7 @@ where
                 let reason = first_line(response.body().as_deref()).unwrap_or("the server refuses the token");
                 return Err(Close::new(CloseCode::Unauthorised, reason));
             }
-            if status == StatusCode::NOT_FOUND && path != "/" {
+            if status == StatusCode::NOT_FOUND && path.trim_end_matches(RESUME_QUERY) != "/" {
                 let reason = first_line(response.body().as_deref()).unwrap_or("the server has no such scene");
                 return Err(Close::new(CloseCode::NoSuchScene, reason));
             }

@@ -71,6 +71,14 @@ impl ServerConfig {
     }
 }
 
+impl ServerConfig {
+    /// The same without a push before `Hello`: for a client that has something of the scene.
+    #[must_use]
+    pub fn resumed(&self) -> Self {
+        Self { push_before_hello_bytes: 0, refine_before_hello_bytes: 0, ..self.clone() }
+    }
+}
+
 /// What a limiter admits in 100 ms, a common round trip with some slack; at least 64 KiB, which costs slow links little
 /// because the client would request the same chunks.
 const fn first_refinement_bytes(rate_bits_per_s: Option<u64>) -> u64 {

@@ -8,7 +8,7 @@ use hyper::body::Incoming;
 use hyper::header::{self, HeaderMap, HeaderValue};
 use hyper::upgrade::OnUpgrade;
 use hyper::{Method, Request, Response, StatusCode};
-use lodestream_protocol::stream::ALPN;
+use lodestream_protocol::stream::{ALPN, RESUME_QUERY};
 use tokio_tungstenite::tungstenite::handshake::derive_accept_key;
 
 use crate::auth::grant::TokenError;
@@ -90,6 +90,7 @@ pub(crate) async fn upgrade(
     let guard = match SessionGuard::begin(state, Transport::WebSocket, peer) {
         Ok(mut guard) => {
             (guard.requested_scene, guard.grant) = (name, grant);
+            guard.resumes = request.uri().query() == Some(RESUME_QUERY);
             guard
         }
         Err(why) => {

@@ -73,6 +73,7 @@ pub(crate) async fn drive(
     let state = guard.state.clone();
     let metrics = state.metrics();
     let config = state.config_for_rate(guard.transport, granted_bits_per_s);
+    let config = if guard.resumes { Arc::new(config.resumed()) } else { config };
     let (plans, source) = (Arc::clone(version.plans()), Arc::clone(version.source()));
     let mut session = ServerSession::with_plans(plans, config, source, guard.id, clock.now());
     if let Some(share) = guard.join_shared_limit(weight) {

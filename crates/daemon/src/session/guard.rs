@@ -35,6 +35,8 @@ pub(crate) struct SessionGuard {
     pub(crate) close_code: CloseCode,
     /// Name of the requested scene, if known before `Hello`.
     pub(crate) requested_scene: Option<String>,
+    /// Whether the client has something of the scene, so that nothing is pushed before it says what.
+    pub(crate) resumes: bool,
     /// Grant of the token in the HTTP request.
     pub(crate) grant: Option<Grant>,
     /// The scene, once the session is admitted.
@@ -82,6 +84,7 @@ impl SessionGuard {
             peer,
             close_code: CloseCode::Lost,
             requested_scene: None,
+            resumes: false,
             grant: None,
             version: None,
             counted_for_address: address_valid,

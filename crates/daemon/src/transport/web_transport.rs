@@ -12,7 +12,7 @@ use std::time::Duration;
 use bytes::BufMut as _;
 use hyper::StatusCode;
 use lodestream_protocol::message::CloseCode;
-use lodestream_protocol::stream::scene_of_path;
+use lodestream_protocol::stream::{RESUME_QUERY, scene_of_path};
 use quinn::{Connection, VarInt};
 use tokio::time::timeout;
 use web_transport_proto as h3;
@@ -165,6 +165,7 @@ async fn judge(connect: &h3::ConnectRequest, guard: &mut SessionGuard) -> Result
         }
     }
     guard.requested_scene = name;
+    guard.resumes = connect.url.query() == Some(RESUME_QUERY);
     Ok(())
 }
 
