@@ -25,6 +25,8 @@ let reportedAt = -Infinity;
 let settled = false;
 let timer = 0;
 let left = false;
+/** Number of the last view that was set, of those that the page numbers. */
+let viewNumber = 0;
 
 // A task without the 4 ms that nested timers wait.
 const soon = new MessageChannel();
@@ -90,10 +92,12 @@ function turn() {
   const again = streamer.turn(now());
   for (let frame; link && (frame = streamer.transmit(now())); ) link.send(frame);
   while (untaken < MAX_STEPS) {
-    const step = streamer.step(now());
+    // As objects for pages that draw by other means, as bytes for the viewer.
+    const step = options.deltas ? streamer.deltas(now()) : streamer.step(now());
     if (!step) break;
     untaken += 1;
-    postMessage({ step }, [step.buffer]);
+    if (options.deltas) postMessage({ deltas: step.deltas }, step.transfer);
+    else postMessage({ step }, [step.buffer]);
   }
   const closed = streamer.closed();
   if (closed !== undefined && link) {
@@ -121,7 +125,7 @@ function report() {
     settled = stats.settled;
     if (stats.connection === 'open') failures = 0;
   }
-  postMessage({ stats, message, transport: link?.name ?? null });
+  postMessage({ stats, message, transport: link?.name ?? null, view: viewNumber });
 }
 
 const handlers = {
@@ -134,10 +138,18 @@ const handlers = {
     const { width, height, targetPx, scene, token, cacheBytes } = start;
     streamer = new Streamer(width, height, targetPx, scene, token, cacheBytes);
     streamer.begin(begunAt);
+    if (start.view) streamer.set_view_numbers(now(), start.view);
     begin();
   },
   view({ view }) {
     streamer?.set_view(now(), view);
+    turnSoon();
+  },
+  // As numbers, from pages that draw by other means; one that comes early is the first.
+  viewNumbers({ view, number }) {
+    viewNumber = number;
+    if (streamer) streamer.set_view_numbers(now(), view);
+    else options.view = view;
     turnSoon();
   },
   shadows({ on }) {
