@@ -36,9 +36,10 @@ export class Connection extends EventTarget {
       address,
       scene,
       token: options.token ?? '',
-      width: options.view?.width ?? 1280,
-      height: options.view?.height ?? 720,
-      targetPx: options.view?.targetPx ?? 1,
+      // Of the scene's start camera, until a view is set.
+      width: options.width ?? 1280,
+      height: options.height ?? 720,
+      targetPx: options.targetPx ?? 1,
       cacheBytes: options.cacheBytes ?? CACHE_BYTES,
       view,
     });

@@ -108,6 +108,7 @@ export class View extends EventTarget {
   }
 
   #receive(data) {
+    if (this.#ended) return;
     if (data.failed !== undefined) return this.#fail(data.failed);
     if (data.step) {
       this.#steps.push(data.step);
