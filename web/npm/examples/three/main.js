@@ -11,17 +11,21 @@ const renderer = new THREE.WebGLRenderer({ antialias: true });
 renderer.setPixelRatio(devicePixelRatio);
 document.body.append(renderer.domElement);
 const camera = new THREE.PerspectiveCamera(50, 1, 0.1, 1000);
+addEventListener('resize', resize);
+resize();
 const controls = new OrbitControls(camera, renderer.domElement);
 const scene = new THREE.Scene();
 const sun = new THREE.DirectionalLight();
 const sky = new THREE.AmbientLight();
 scene.add(sun, sky);
 
-const streamed = new StreamedGroup(src);
+// What is sent first is for a picture of this size from the scene's start camera.
+const { x: width, y: height } = pictureSize();
+const streamed = new StreamedGroup(src, { width, height });
 scene.add(streamed);
 const { connection } = streamed;
 
-/** The page's own mesh, of a size for the scene and left of its middle. */
+/** The page's own mesh, of a size for the scene and left of its middle in the first picture. */
 const own = new THREE.Mesh(
   new THREE.TorusKnotGeometry(1, 0.3, 128, 24),
   new THREE.MeshStandardMaterial({ color: '#ff5030', roughness: 0.4 }),
@@ -46,7 +50,7 @@ connection.addEventListener('scene', ({ detail: { camera: start, light, backgrou
   scene.background = new THREE.Color(...background);
   const left = new THREE.Vector3(-1, 0, 0).applyQuaternion(camera.quaternion);
   own.scale.setScalar(distance / 16);
-  own.position.copy(controls.target).addScaledVector(left, distance / 4);
+  own.position.copy(controls.target).addScaledVector(left, distance * 0.6);
   scene.add(own);
 });
 connection.addEventListener('firstframe', () => renderer.setAnimationLoop(draw));
@@ -58,8 +62,13 @@ connection.addEventListener('error', ({ detail }) => (message.textContent = deta
 
 function draw() {
   controls.update();
-  streamed.follow(camera, renderer.getDrawingBufferSize(new THREE.Vector2()));
+  streamed.follow(camera, pictureSize());
   renderer.render(scene, camera);
+}
+
+/** Size of the picture in pixels of the device. */
+function pictureSize() {
+  return renderer.getDrawingBufferSize(new THREE.Vector2());
 }
 
 function resize() {
@@ -67,8 +76,6 @@ function resize() {
   camera.updateProjectionMatrix();
   renderer.setSize(innerWidth, innerHeight);
 }
-addEventListener('resize', resize);
-resize();
 
 /** For scripts and tests. */
 window.example = { THREE, scene, streamed, own, camera, controls, renderer, draw };
