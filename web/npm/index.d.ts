@@ -253,6 +253,11 @@ export class Connection extends EventTarget {
     listener: (event: ConnectionEvents[T]) => void,
     options?: boolean | AddEventListenerOptions,
   ): void;
+  addEventListener(
+    type: string,
+    listener: EventListenerOrEventListenerObject | null,
+    options?: boolean | AddEventListenerOptions,
+  ): void;
 }
 
 /** Connects to `ws://host:port/scene` (or wss, http, https). Throws a `TypeError` if that is no address. */

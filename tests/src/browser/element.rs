@@ -78,3 +78,42 @@ fn an_address_that_is_none_is_an_error_event() {
     let events = tab.wait("an error", "events", |events| events.as_array().is_some_and(|e| !e.is_empty()));
     assert!(events[0].as_str().unwrap().contains("ws://HOST:PORT/SCENE"), "{events}");
 }
+
+#[test]
+fn without_webgpu_the_element_says_so_and_keeps_its_poster() {
+    let Some(mut tab) = tab([640, 360]) else { return };
+    let scene = TestScene::small();
+    let files = Files::start(built_package(), PAGE.to_owned());
+    let server = serve_for(scene, &files);
+    tab.navigate(&format!("{}/page.html", files.origin()));
+    tab.wait("the page", "typeof viewer", |kind| kind == "object");
+    tab.evaluate("void Object.defineProperty(navigator, 'gpu', { value: undefined })");
+    tab.evaluate(&format!("void viewer.setAttribute('src', '{}')", websocket(&server)));
+    let events = tab.wait("an error", "events", |events| events.as_array().is_some_and(|e| !e.is_empty()));
+    assert!(events[0].as_str().unwrap().contains("WebGPU"), "{events}");
+    let poster = "[viewer.hasAttribute('shown'), viewer.querySelector('p').checkVisibility()]";
+    assert_eq!(tab.evaluate(poster), json!([false, true]));
+    server.wait_for_sessions(0);
+}
+
+#[test]
+fn the_camera_attribute_moves_the_camera() {
+    let Some(mut tab) = tab([64, 36]) else { return };
+    let scene = TestScene::small();
+    let files = Files::start(built_package(), PAGE.to_owned());
+    let server = serve_for(scene, &files);
+    tab.navigate(&format!("{}/page.html", files.origin()));
+    tab.wait("the page", "typeof viewer", |kind| kind == "object");
+    let camera = |tab: &mut super::Tab, x: f64| {
+        tab.evaluate(&format!("void viewer.setAttribute('camera', 'eye={x},1,5;target=0,0,0;fov=40')"));
+    };
+    // Before the session begins it is the start, later a move.
+    camera(&mut tab, 2.0);
+    tab.evaluate(&format!("void viewer.setAttribute('src', '{}')", websocket(&server)));
+    let at =
+        |x: f64| move |eye: &serde_json::Value| eye[0].as_f64().is_some_and(|eye| (eye - x).abs() < 1e-6);
+    tab.wait("the start", "viewer.view?.eye ?? []", at(2.0));
+    camera(&mut tab, 3.0);
+    tab.wait("the move", "viewer.view?.eye ?? []", at(3.0));
+    server.assert_healthy();
+}
