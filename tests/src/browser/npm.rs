@@ -69,9 +69,12 @@ const PAGE: &str = r#"<!doctype html>
   window.matrices = () => connection.model.instances.map(({ index, asset, matrix }) => ({ index, asset, matrix: [...matrix] }));
 </script>"#;
 
+/// Positions, and the faces of each material.
+type Mesh = (Vec<[f32; 3]>, BTreeMap<u16, Vec<[u32; 3]>>);
+
 /// The same sums of a native client's meshes.
 fn sums(changes: &[Change]) -> BTreeMap<String, [u32; 2]> {
-    let mut meshes: BTreeMap<u32, (Vec<[f32; 3]>, BTreeMap<u16, Vec<[u32; 3]>>)> = BTreeMap::new();
+    let mut meshes: BTreeMap<u32, Mesh> = BTreeMap::new();
     for change in changes {
         let Change::Mesh(change) = change else { continue };
         let (positions, lists) = meshes.entry(change.asset).or_default();
@@ -89,7 +92,7 @@ fn sums(changes: &[Change]) -> BTreeMap<String, [u32; 2]> {
             list[first..first + run.faces.len()].copy_from_slice(&run.faces);
         }
     }
-    let sum = |(positions, lists): &(Vec<[f32; 3]>, BTreeMap<u16, Vec<[u32; 3]>>)| {
+    let sum = |(positions, lists): &Mesh| {
         let corner = |slot: u32| {
             let [x, y, z] = positions[slot as usize].map(f32::to_bits);
             x.wrapping_mul(73_856_093) ^ y.wrapping_mul(19_349_663) ^ z.wrapping_mul(83_492_791)
