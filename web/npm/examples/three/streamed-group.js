@@ -76,7 +76,7 @@ class Asset {
   /** Adds instances. */
   place(matrices) {
     this.#matrices.push(...matrices);
-    for (const instanced of this.#meshes) this.#group.remove(instanced.dispose() ?? instanced);
+    this.#removeMeshes();
     this.#meshes = this.#materials.map((material, at) => {
       const instanced = new THREE.InstancedMesh(this.#geometries[at], material, this.#matrices.length);
       this.#matrices.forEach((matrix, index) => instanced.setMatrixAt(index, new THREE.Matrix4().fromArray(matrix)));
@@ -84,6 +84,14 @@ class Asset {
       this.#group.add(instanced);
       return instanced;
     });
+  }
+
+  #removeMeshes() {
+    for (const instanced of this.#meshes) {
+      instanced.removeFromParent();
+      instanced.dispose();
+    }
+    this.#meshes = [];
   }
 
   /** Shows a level of a texture, if it is finer than what is shown. */
@@ -108,7 +116,7 @@ class Asset {
   }
 
   dispose() {
-    for (const instanced of this.#meshes) this.#group.remove(instanced.dispose() ?? instanced);
+    this.#removeMeshes();
     for (const item of [...this.#geometries, ...this.#materials, ...this.#textures]) item?.dispose();
   }
 }
