@@ -10,8 +10,8 @@ const FLIGHT = { KeyD: [0, 1], KeyA: [0, -1], KeyE: [1, 1], KeyQ: [1, -1], KeyW:
 const ARROW_PX_PER_S = 200;
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
-/** Listens on a canvas. `actions`: functions by key code. */
-export function listen(view, canvas, actions, now) {
+/** Listens on a canvas. `actions`: functions by key code. `keys`: whose keys are heard, by default all of the page's. */
+export function listen(view, canvas, actions, now, keys = window) {
   const pointers = new Map();
   const held = new Set();
   let flownUntil = now();
@@ -60,7 +60,7 @@ export function listen(view, canvas, actions, now) {
     { passive: false },
   );
 
-  addEventListener('keydown', (event) => {
+  keys.addEventListener('keydown', (event) => {
     if (event.target instanceof HTMLInputElement || event.metaKey || event.altKey) return;
     if (event.code in FLIGHT || event.code in ARROWS) {
       if (!held.size) flownUntil = now();
@@ -72,11 +72,11 @@ export function listen(view, canvas, actions, now) {
     }
     if (event.key === 'Shift') held.add('Shift');
   });
-  addEventListener('keyup', (event) => {
+  keys.addEventListener('keyup', (event) => {
     held.delete(event.code);
     if (event.key === 'Shift') held.delete('Shift');
   });
-  addEventListener('blur', () => held.clear());
+  keys.addEventListener('blur', () => held.clear());
 
   view.beforeFrame = (at) => {
     const seconds = Math.min((at - flownUntil) / 1000, 1);

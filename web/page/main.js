@@ -1,5 +1,6 @@
 // The page: a view of the scene that the server offers, with input and overlay.
 
+import { cameraOf } from './camera.js';
 import { now } from './clock.js';
 import { listen } from './input.js';
 import { show } from './overlay.js';
@@ -14,14 +15,6 @@ const canvas = element('view');
 function fragment() {
   const entries = location.hash.slice(1).split(';').map((part) => part.split('='));
   return Object.fromEntries(entries.filter(([key, value]) => key && value).map(([k, v]) => [k, decodeURIComponent(v)]));
-}
-
-/** The camera in the fragment as ten numbers, if it has one. */
-function cameraOf({ eye, target, up = '0,1,0', fov = '50' }) {
-  if (!eye || !target) return null;
-  const numbers = [eye, target, up].flatMap((point) => point.split(',').map(Number));
-  numbers.push((Number(fov) * Math.PI) / 180);
-  return numbers.length === 10 && numbers.every(Number.isFinite) ? numbers : null;
 }
 
 const number = (value) => Number(value.toPrecision(9)).toString();

@@ -18,7 +18,8 @@ const isPhone = () => matchMedia('(pointer: coarse)').matches && Math.min(screen
 
 /**
  * A view of a scene. Events: `firstframe`, `progress` (detail: the statistics), `settled`, `error` (detail: the message).
- * Options: `canvas`, `address` (see `openLink`), `module` and `worker` (addresses of the page's files), `scene`, `token`,
+ * Options: `canvas`, `address` (see `openLink`), `module` (its address), `worker` (its address, or a function that starts
+ * one), `scene`, `token`,
  * `targetPx`, `camera` (ten numbers).
  */
 export class View extends EventTarget {
@@ -37,6 +38,8 @@ export class View extends EventTarget {
   #settled = false;
   #sentView = '';
   #pictures = [];
+  #observer = new ResizeObserver(() => this.#resize());
+  #shownAgain = () => this.redraw();
   /** Called before each frame with the time in milliseconds, for input; returns whether it moves the camera. */
   beforeFrame = () => false;
   longestTaskMs = 0;
@@ -45,9 +48,8 @@ export class View extends EventTarget {
     super();
     this.#options = options;
     this.#canvas = options.canvas;
-    const observer = new ResizeObserver(() => this.#resize());
-    observer.observe(this.#canvas);
-    document.addEventListener('visibilitychange', () => this.redraw());
+    this.#observer.observe(this.#canvas);
+    document.addEventListener('visibilitychange', this.#shownAgain);
   }
 
   /** Starts streaming and drawing. */
@@ -74,8 +76,10 @@ export class View extends EventTarget {
 
   /** Opens a device and a session for it. */
   async #open() {
+    if (this.#ended) return;
     this.#startWorker();
     const viewer = await Viewer.open(this.#canvas, this.#options.targetPx ?? 1, this.#software);
+    if (this.#ended) return viewer.close();
     if (this.#options.camera) viewer.set_camera(now(), Float64Array.from(this.#options.camera));
     this.#viewer = viewer;
     this.redraw();
@@ -84,7 +88,8 @@ export class View extends EventTarget {
   #startWorker() {
     this.#worker?.terminate();
     this.#steps = [];
-    const worker = new Worker(this.#options.worker, { type: 'module' });
+    const { worker: file } = this.#options;
+    const worker = typeof file === 'function' ? file() : new Worker(file, { type: 'module' });
     worker.onmessage = ({ data }) => this.#receive(data);
     worker.onerror = (event) => this.#fail(event.message ?? 'the worker could not be started');
     worker.postMessage({
@@ -103,6 +108,7 @@ export class View extends EventTarget {
   }
 
   #receive(data) {
+    if (this.#ended) return;
     if (data.failed !== undefined) return this.#fail(data.failed);
     if (data.step) {
       this.#steps.push(data.step);
@@ -244,9 +250,14 @@ export class View extends EventTarget {
     });
   }
 
-  /** Ends the session. */
+  /** Ends the session and frees the device. */
   close() {
+    if (this.#ended) return;
     this.#ended = true;
+    this.#observer.disconnect();
+    document.removeEventListener('visibilitychange', this.#shownAgain);
     this.#worker?.postMessage({ kind: 'leave' });
+    this.#viewer?.close();
+    this.#viewer = null;
   }
 }

@@ -28,6 +28,8 @@ let reportedAt = -Infinity;
 let settled = false;
 let timer = 0;
 let left = false;
+/** Number of the last view that was set, of those that the page numbers. */
+let viewNumber = 0;
 
 // A task without the 4 ms that nested timers wait.
 const soon = new MessageChannel();
@@ -105,10 +107,12 @@ function turn() {
   for (let frame; link && (frame = streamer.transmit(now())); ) link.send(frame);
   ranges?.turn(streamer);
   while (untaken < MAX_STEPS) {
-    const step = streamer.step(now());
+    // As objects for pages that draw by other means, as bytes for the viewer.
+    const step = options.deltas ? streamer.deltas(now()) : streamer.step(now());
     if (!step) break;
     untaken += 1;
-    postMessage({ step }, [step.buffer]);
+    if (options.deltas) postMessage({ deltas: step.deltas }, step.transfer);
+    else postMessage({ step }, [step.buffer]);
   }
   const closed = streamer.closed();
   if (closed !== undefined && link) {
@@ -136,7 +140,8 @@ function report() {
     settled = stats.settled;
     if (stats.connection === 'open') failures = 0;
   }
-  postMessage({ stats, message: message ?? streamer?.trouble() ?? null, transport: link?.name ?? null });
+  const why = message ?? streamer?.trouble() ?? null;
+  postMessage({ stats, message: why, transport: link?.name ?? null, view: viewNumber });
 }
 
 const handlers = {
@@ -149,10 +154,18 @@ const handlers = {
     const { width, height, targetPx, scene, token, cacheBytes } = start;
     streamer = new Streamer(width, height, targetPx, scene, token, cacheBytes);
     streamer.begin(begunAt);
+    if (start.view) streamer.set_view_numbers(now(), start.view);
     begin();
   },
   view({ view }) {
     streamer?.set_view(now(), view);
+    turnSoon();
+  },
+  // As numbers, from pages that draw by other means; one that comes early is the first.
+  viewNumbers({ view, number }) {
+    viewNumber = number;
+    if (streamer) streamer.set_view_numbers(now(), view);
+    else options.view = view;
     turnSoon();
   },
   shadows({ on }) {

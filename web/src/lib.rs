@@ -1,21 +1,24 @@
 //! The client in a browser tab, as WebAssembly: [`Streamer`] runs in a worker and turns a server's frames into steps of
 //! changes, `Viewer` runs on the page's thread and draws them with WebGPU. Both are instances of this one module; the
-//! page's scripts (`web/page`) own sockets and events, and pass steps from one to the other as bytes ([`steps`]).
+//! page's scripts (`web/page`) own sockets and events, and pass steps from one to the other as bytes ([`steps`]). With the
+//! feature `deltas`, [`Streamer`] also gives the changes as JavaScript objects, for pages that draw by other means.
 //!
 //! Times are milliseconds since the page's navigation, on the same clock in page and worker.
 
 #[cfg(target_family = "wasm")]
 mod console;
+#[cfg(feature = "deltas")]
+mod deltas;
 mod ranges;
 mod stats;
 pub mod steps;
 mod streamer;
 mod streams;
-#[cfg(target_family = "wasm")]
+#[cfg(all(target_family = "wasm", feature = "viewer"))]
 mod viewer;
 
 pub use streamer::Streamer;
-#[cfg(target_family = "wasm")]
+#[cfg(all(target_family = "wasm", feature = "viewer"))]
 pub use viewer::Viewer;
 
 use std::time::Duration;

@@ -65,7 +65,8 @@ fn by_error(noted: [Option<Milestone>; QUALITIES_PX.len()], value: fn(Milestone)
     object.into()
 }
 
-fn fields<const N: usize>(fields: [(&str, JsValue); N]) -> Object {
+/// An object with these fields.
+pub(crate) fn fields<const N: usize>(fields: [(&str, JsValue); N]) -> Object {
     let object = Object::new();
     fields.iter().for_each(|(name, value)| set(&object, name, value));
     object

@@ -13,7 +13,7 @@ use crate::{stats, steps, time};
 /// Payload bytes decoded in one turn: about 10 ms of work, so that frames and views are not kept waiting.
 const SLICE_BYTES: u64 = 16 * 1024;
 /// Bytes of changes in one step: about one frame's uploads.
-const STEP_BYTES: usize = 512 << 10;
+pub(crate) const STEP_BYTES: usize = 512 << 10;
 /// Memory that a decoded view may take on the heap: it takes none.
 const VIEW_HEAP_BYTES: usize = 0;
 

@@ -394,6 +394,11 @@ impl Viewer {
         self.quality.describe()
     }
 
+    /// Frees the device and its memory at once, not when the browser collects it.
+    pub fn close(self) {
+        self.gpu.device.destroy();
+    }
+
     /// GPU memory of meshes and textures, in bytes.
     #[must_use]
     pub fn gpu_bytes(&self) -> f64 {

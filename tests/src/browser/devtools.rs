@@ -16,21 +16,26 @@ const LIMIT: Duration = Duration::from_secs(120);
 const POLL: Duration = Duration::from_millis(100);
 /// Names under which the browser is installed.
 const NAMES: [&str; 3] = ["chromium", "chromium-browser", "google-chrome"];
-/// WebGPU drawn by the browser's own software driver, in a canvas.
-const FLAGS: [&str; 12] = [
+/// Flags of all tabs.
+const FLAGS: [&str; 6] = [
     "--headless=new",
     "--no-sandbox",
     "--disable-gpu-sandbox",
     "--remote-debugging-port=0",
     "--no-first-run",
+    "--enable-unsafe-swiftshader",
+];
+/// WebGPU drawn by the browser's own software driver, in a canvas.
+pub(crate) const WEBGPU: &[&str] = &[
     "--enable-unsafe-webgpu",
     "--enable-features=Vulkan",
     "--use-webgpu-adapter=swiftshader",
     "--use-vulkan=swiftshader",
     "--use-angle=vulkan",
-    "--enable-unsafe-swiftshader",
     "--ignore-gpu-blocklist",
 ];
+/// WebGL drawn by the same driver, which does not show WebGPU's canvases with these flags.
+pub(crate) const WEBGL: &[&str] = &["--use-angle=swiftshader"];
 
 /// A tab.
 pub(crate) struct Tab {
@@ -53,11 +58,12 @@ fn program() -> Option<&'static str> {
 }
 
 impl Tab {
-    /// Opens a browser with an empty tab of a size; `None` if no browser is installed.
-    pub(crate) fn open([width, height]: [u32; 2]) -> Option<Self> {
+    /// Opens a browser with an empty tab of a size, [`WEBGPU`] or [`WEBGL`]; `None` if no browser is installed.
+    pub(crate) fn open([width, height]: [u32; 2], graphics: &[&str]) -> Option<Self> {
         let profile = tempfile::tempdir().unwrap();
         let mut browser = Command::new(program()?)
             .args(FLAGS)
+            .args(graphics)
             .arg(format!("--user-data-dir={}", profile.path().display()))
             .arg("about:blank")
             .stdout(Stdio::null())

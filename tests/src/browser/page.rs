@@ -1,12 +1,11 @@
 //! The daemon's page in a tab.
 
-use data_encoding::BASE64;
 use lodestream_daemon::{Page, PageSetting, SessionSettings};
 use lodestream_report::image_error::image_error;
 use serde_json::{Value, json};
 
 use super::devtools::Tab;
-use super::{built_page, tab};
+use super::{built_page, image, tab};
 use crate::support::PICTURE_PX;
 use crate::support::daemon::Server;
 use crate::support::picture::{Picture, draw, headless, keep};
@@ -30,19 +29,6 @@ pub(super) fn settle(tab: &mut Tab, url: &str) -> Value {
     tab.wait("the page settles", STATS, |stats| stats["settled"] == true)
 }
 
-/// The canvas as a picture.
-pub(super) fn picture(tab: &mut Tab) -> image::RgbaImage {
-    let text = tab.evaluate(
-        "lodestream.view.picture().then((blob) => new Promise((done) => {
-            const reader = new FileReader();
-            reader.onload = () => done(reader.result.split(',')[1]);
-            reader.readAsDataURL(blob);
-        }))",
-    );
-    let png = BASE64.decode(text.as_str().expect("a picture").as_bytes()).unwrap();
-    image::load_from_memory(&png).unwrap().to_rgba8()
-}
-
 #[test]
 fn a_tab_shows_what_the_native_viewer_shows() {
     let (Some(mut tab), Some(mut headless)) = (tab(PICTURE_PX), headless()) else { return };
@@ -53,7 +39,7 @@ fn a_tab_shows_what_the_native_viewer_shows() {
     assert_eq!([count("decode_failures"), count("lacking_blobs")], [Some(0.0); 2], "{stats}");
     assert!(stats["ttff_ms"].as_f64().unwrap() <= stats["settled_ms"].as_f64().unwrap(), "{stats}");
     let native = draw(&mut headless, scene.whole());
-    let image = picture(&mut tab);
+    let image = image(&mut tab, "lodestream.view.picture()");
     assert_eq!(image.dimensions(), native.image.dimensions());
     let covered = native.covered.clone();
     let shown = Picture { image, covered };

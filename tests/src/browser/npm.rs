@@ -1,0 +1,205 @@
+//! The npm package's `connect`: a scene as typed arrays.
+
+use std::collections::BTreeMap;
+
+use glam::{DVec3, Vec3};
+use lodestream_client::core::Change;
+use lodestream_daemon::{Origin, SessionSettings};
+use lodestream_scene::placement::Placement;
+use serde_json::Value;
+
+use super::devtools::WEBGL;
+use super::files::Files;
+use super::{built_package, tab_with};
+use crate::support::daemon::{Server, Transport};
+use crate::support::scene::TestScene;
+use crate::support::viewer::{Viewer, config};
+
+/// A daemon that lets the pages of a web server in.
+pub(super) fn serve_for(scene: &TestScene, files: &Files) -> Server {
+    let origin: Origin = files.origin().parse().unwrap();
+    Server::start_with(scene.source(), SessionSettings::default(), |options| {
+        options.admission.origins = [origin].into_iter().collect();
+    })
+}
+
+/// The address for WebSocket.
+pub(super) fn websocket(server: &Server) -> String {
+    server.url_of("ws")
+}
+
+/// A page that connects with the package of another origin, counts the events and checks the arrays.
+const PAGE: &str = r#"<!doctype html>
+<script type="module">
+  const asked = new URLSearchParams(location.search);
+  const { connect } = await import(`${asked.get('package')}/connect.js`);
+  const connection = connect(asked.get('src'), { width: 640, height: 360 });
+  window.connection = connection;
+  window.counts = {};
+  window.faults = [];
+  const on = (type, check = () => true) =>
+    connection.addEventListener(type, ({ detail }) => {
+      counts[type] = (counts[type] ?? 0) + 1;
+      if (!check(detail)) faults.push(`${type}: ${JSON.stringify(detail).slice(0, 200)}`);
+    });
+  for (const type of ['scene', 'asset', 'instances', 'firstframe', 'progress', 'settled']) on(type);
+  on('error', () => false);
+  on('mesh', ({ mesh, vertices, faces }) =>
+    vertices.every(({ first, positions }) => positions.every((x, at) => mesh.positions[3 * first + at] === x)) &&
+    faces.every(({ indices }) => indices.every((index) => index < mesh.vertexCount)));
+  on('texture', ({ format, texels, width, height }) => texels.length === width * height * (format === 'rgba8' ? 4 : 1));
+  const bits = (array) => new Uint32Array(array.buffer);
+  /** Faces of each asset, and a sum of their positions that no order changes. */
+  window.sums = () =>
+    Object.fromEntries([...connection.model.assets].map(([asset, { mesh }]) => {
+      const words = bits(mesh.positions);
+      const corner = (slot) =>
+        Math.imul(words[3 * slot], 73856093) ^ Math.imul(words[3 * slot + 1], 19349663) ^ Math.imul(words[3 * slot + 2], 83492791);
+      let [faces, sum] = [0, 0];
+      mesh.indices.forEach((list, material) => {
+        for (let at = 0; at < mesh.indexCounts[material]; at += 3) {
+          if (list[at] === list[at + 1]) continue;
+          const [a, b, c] = [0, 1, 2].map((side) => corner(list[at + side]));
+          faces += 1;
+          sum = (sum + (Math.imul((a + b + c) | 0, 0x9e3779b1) ^ a ^ b ^ c)) | 0;
+        }
+      });
+      return [asset, [faces, sum >>> 0]];
+    }));
+  window.matrices = () => connection.model.instances.map(({ index, asset, matrix }) => ({ index, asset, matrix: [...matrix] }));
+</script>"#;
+
+/// Positions, and the faces of each material.
+type Mesh = (Vec<[f32; 3]>, BTreeMap<u16, Vec<[u32; 3]>>);
+
+/// The same sums of a native client's meshes.
+fn sums(changes: &[Change]) -> BTreeMap<String, [u32; 2]> {
+    let mut meshes: BTreeMap<u32, Mesh> = BTreeMap::new();
+    for change in changes {
+        let Change::Mesh(change) = change else { continue };
+        let (positions, lists) = meshes.entry(change.asset).or_default();
+        for (first, run) in &change.vertices {
+            let first = *first as usize;
+            positions.resize(positions.len().max(first + run.len()), [0.0; 3]);
+            for (place, vertex) in positions[first..].iter_mut().zip(run) {
+                *place = vertex.data.position;
+            }
+        }
+        for run in &change.indices {
+            let list = lists.entry(run.material).or_default();
+            let first = run.first as usize;
+            list.resize(list.len().max(first + run.faces.len()), [0; 3]);
+            list[first..first + run.faces.len()].copy_from_slice(&run.faces);
+        }
+    }
+    let sum = |(positions, lists): &Mesh| {
+        let corner = |slot: u32| {
+            let [x, y, z] = positions[slot as usize].map(f32::to_bits);
+            x.wrapping_mul(73_856_093) ^ y.wrapping_mul(19_349_663) ^ z.wrapping_mul(83_492_791)
+        };
+        let used = lists.values().flatten().filter(|face| face[0] != face[1]);
+        used.fold([0_u32; 2], |[faces, sum], face| {
+            let [a, b, c] = face.map(corner);
+            let mixed = a.wrapping_add(b).wrapping_add(c).wrapping_mul(0x9e37_79b1) ^ a ^ b ^ c;
+            [faces + 1, sum.wrapping_add(mixed)]
+        })
+    };
+    meshes.iter().map(|(asset, mesh)| (asset.to_string(), sum(mesh))).collect()
+}
+
+/// Checks that matrices take an asset's points to where its placements put them.
+fn check_matrices(matrices: &Value, changes: &[Change]) {
+    let mut placements: Vec<Placement> = Vec::new();
+    let mut assets = BTreeMap::new();
+    for change in changes {
+        match change {
+            Change::Instances(list) => placements.extend(list.iter().map(|instance| instance.placement)),
+            Change::Asset(new) => {
+                assets.insert(u64::from(new.asset), (DVec3::from(new.origin), Vec3::from(new.center)));
+            }
+            _ => {}
+        }
+    }
+    let matrices = matrices.as_array().unwrap();
+    assert_eq!(matrices.len(), placements.len());
+    for instance in matrices {
+        let (origin, center) = assets[&instance["asset"].as_u64().unwrap()];
+        let numbers: Vec<f64> = serde_json::from_value(instance["matrix"].clone()).unwrap();
+        let matrix = glam::DMat4::from_cols_slice(&numbers);
+        let placement = placements[usize::try_from(instance["index"].as_u64().unwrap()).unwrap()];
+        let [shown, expected] =
+            [matrix.transform_point3(center.as_dvec3()), placement.to_world(origin + center.as_dvec3())];
+        assert!((shown - expected).length() < 1e-6 * (1.0 + expected.length()), "{instance}: {expected}");
+    }
+}
+
+#[test]
+fn connect_gives_the_faces_of_the_native_client() {
+    let Some(mut tab) = tab_with([640, 360], WEBGL) else { return };
+    let scene = TestScene::small();
+    // Workers must start although the package lies on another origin than the page.
+    let package = Files::start(built_package(), String::new());
+    let site = Files::start(built_package(), PAGE.to_owned());
+    let server = serve_for(scene, &site);
+    let address = websocket(&server);
+    tab.navigate(&format!("{}/page.html?package={}&src={address}", site.origin(), package.origin()));
+    tab.wait("the page", "typeof connection", |kind| kind == "object");
+    let settled = |count: u64| move |counts: &Value| counts["settled"].as_u64() >= Some(count);
+    let counts = tab.wait("it settles", "counts", settled(1));
+    println!("{counts}");
+    assert_eq!(tab.evaluate("faults"), serde_json::json!([]));
+    for once in ["scene", "firstframe", "settled"] {
+        assert_eq!(counts[once], 1, "{once}: {counts}");
+    }
+    assert_eq!(counts["asset"].as_u64(), Some(scene.assets.len() as u64), "{counts}");
+    assert!(counts["mesh"].as_u64() > counts["asset"].as_u64(), "meshes are refined: {counts}");
+    assert!(counts["texture"].as_u64() > Some(0), "{counts}");
+
+    let mut native = Viewer::start(&server.address(Transport::WebSocket), config());
+    native.settle();
+    let expected = sums(&native.changes);
+    assert!(!expected.is_empty());
+    assert_eq!(tab.evaluate("sums()"), serde_json::to_value(&expected).unwrap());
+    check_matrices(&tab.evaluate("matrices()"), &native.changes);
+
+    // Nearer, more is wanted.
+    let faces = |tab: &mut super::Tab| {
+        let sums: BTreeMap<String, [u64; 2]> = serde_json::from_value(tab.evaluate("sums()")).unwrap();
+        sums.values().map(|[faces, _]| faces).sum::<u64>()
+    };
+    let before = faces(&mut tab);
+    tab.evaluate(
+        "(() => { const { eye, target, up, fov } = connection.model.scene.camera;
+            const nearer = eye.map((x, axis) => target[axis] + (x - target[axis]) / 4);
+            connection.setView({ eye: nearer, target, up, fov, width: 1280, height: 720, targetPx: 0.5 }); })()",
+    );
+    tab.wait("it settles nearer", "counts", settled(2));
+    let after = faces(&mut tab);
+    println!("{before} faces, {after} nearer");
+    assert!(after > before, "{before} faces, {after} nearer");
+    assert_eq!(tab.evaluate("faults"), serde_json::json!([]));
+    server.wait_for_sessions(2);
+    tab.evaluate("connection.close()");
+    server.wait_for_sessions(1);
+    assert_eq!(tab.console, Vec::<String>::new());
+    server.assert_healthy();
+}
+
+#[test]
+fn a_page_that_the_server_does_not_allow_is_told_so_and_tries_again() {
+    let Some(mut tab) = tab_with([64, 64], WEBGL) else { return };
+    let site = Files::start(built_package(), PAGE.to_owned());
+    let server = Server::start(TestScene::small().source(), SessionSettings::default());
+    let address = websocket(&server);
+    tab.navigate(&format!("{0}/page.html?package={0}&src={address}", site.origin()));
+    tab.wait("the page", "typeof connection", |kind| kind == "object");
+    let message = tab.wait("the loss is told", "connection.stats().message", |message| {
+        message.as_str().is_some_and(|text| text.contains("lost"))
+    });
+    assert_eq!(
+        tab.evaluate("[counts.scene, counts.settled].filter(Boolean)"),
+        serde_json::json!([]),
+        "{message}"
+    );
+    server.assert_healthy();
+}

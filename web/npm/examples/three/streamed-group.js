@@ -1,0 +1,229 @@
+// A streamed scene as a group of three.js: its meshes are refined in place while the camera comes nearer.
+
+import * as THREE from 'three';
+import { connect } from 'lodestream/connect';
+
+const WRAP = {
+  repeat: THREE.RepeatWrapping,
+  clamp: THREE.ClampToEdgeWrapping,
+  mirror: THREE.MirroredRepeatWrapping,
+};
+/** Texels that are drawn until the first level of a texture has arrived, by the kind of texture. */
+const UNKNOWN = { color: [255, 255, 255], surface: [255, 255, 255], normal: [128, 128, 255] };
+/** Attributes of three's geometries: array of the mesh, numbers for each vertex, whether 65535 is 1. */
+const ATTRIBUTES = {
+  position: ['positions', 3, false],
+  normal: ['normals', 3, false],
+  uv: ['uvs', 2, false],
+  color: ['colors', 4, true],
+};
+
+/** An asset: an instanced mesh for each material; all have the same vertices. */
+class Asset {
+  #asset;
+  #group;
+  #materials;
+  #textures;
+  #meshes = [];
+  #geometries = [];
+  #matrices = [];
+
+  constructor(asset, group) {
+    this.#asset = asset;
+    this.#group = group;
+    this.#textures = asset.textures.map((info) => firstTexture(info));
+    this.#materials = asset.materials.map((material) => materialOf(material, asset.textures, this.#textures));
+    this.#build();
+  }
+
+  /** Makes geometries of the mesh's present arrays: after those were replaced, the old ones' buffers are freed. */
+  #build() {
+    const { mesh, center, radius } = this.#asset;
+    for (const geometry of this.#geometries) geometry.dispose();
+    const attributes = Object.entries(ATTRIBUTES).map(([name, [array, size, normalized]]) => {
+      const attribute = new THREE.BufferAttribute(mesh[array], size, normalized);
+      return [name, attribute.setUsage(THREE.DynamicDrawUsage)];
+    });
+    this.#geometries = mesh.indices.map((indices, material) => {
+      const geometry = new THREE.BufferGeometry();
+      for (const [name, attribute] of attributes) geometry.setAttribute(name, attribute);
+      geometry.setIndex(new THREE.BufferAttribute(indices, 1).setUsage(THREE.DynamicDrawUsage));
+      geometry.setDrawRange(0, mesh.indexCounts[material]);
+      geometry.boundingSphere = new THREE.Sphere(new THREE.Vector3(...center), radius);
+      return geometry;
+    });
+    this.#meshes.forEach((instanced, material) => (instanced.geometry = this.#geometries[material]));
+  }
+
+  /** Shows a change of the mesh: uploads what has changed, or all of it where arrays had to grow. */
+  update({ mesh, vertices, faces, verticesReplaced, indicesReplaced }) {
+    if (verticesReplaced || indicesReplaced.length) return this.#build();
+    for (const [name, [array, size]] of Object.entries(ATTRIBUTES)) {
+      const attribute = this.#geometries[0].attributes[name];
+      for (const run of vertices) {
+        attribute.addUpdateRange(size * run.first, run[array].length);
+        attribute.needsUpdate = true;
+      }
+    }
+    for (const { material, first, indices } of faces) {
+      const geometry = this.#geometries[material];
+      geometry.index.addUpdateRange(3 * first, indices.length);
+      geometry.index.needsUpdate = true;
+      geometry.setDrawRange(0, mesh.indexCounts[material]);
+    }
+  }
+
+  /** Adds instances. */
+  place(matrices) {
+    this.#matrices.push(...matrices);
+    this.#removeMeshes();
+    this.#meshes = this.#materials.map((material, at) => {
+      const instanced = new THREE.InstancedMesh(this.#geometries[at], material, this.#matrices.length);
+      this.#matrices.forEach((matrix, index) => instanced.setMatrixAt(index, new THREE.Matrix4().fromArray(matrix)));
+      instanced.castShadow = instanced.receiveShadow = true;
+      this.#group.add(instanced);
+      return instanced;
+    });
+  }
+
+  #removeMeshes() {
+    for (const instanced of this.#meshes) {
+      instanced.removeFromParent();
+      instanced.dispose();
+    }
+    this.#meshes = [];
+  }
+
+  /** Shows a level of a texture, if it is finer than what is shown. */
+  texture({ texture, level, width, height, format, texels }) {
+    const shown = this.#textures[texture];
+    if (!shown || format !== 'rgba8' || level < shown.userData.level) return;
+    // Another size needs another texture of the device.
+    shown.dispose();
+    shown.image = { data: texels, width, height };
+    shown.userData.level = level;
+    shown.needsUpdate = true;
+  }
+
+  /** Faces that are drawn, for each instance. */
+  get faces() {
+    const { indices, indexCounts } = this.#asset.mesh;
+    let faces = 0;
+    indices.forEach((list, material) => {
+      for (let at = 0; at < indexCounts[material]; at += 3) if (list[at] !== list[at + 1]) faces += 1;
+    });
+    return faces;
+  }
+
+  dispose() {
+    this.#removeMeshes();
+    for (const item of [...this.#geometries, ...this.#materials, ...this.#textures]) item?.dispose();
+  }
+}
+
+/** A texture of one texel. None for heights: three's materials have no relief. */
+function firstTexture({ kind, mean }) {
+  if (kind === 'height') return null;
+  const texel = Uint8Array.of(...(mean ?? UNKNOWN[kind]), 255);
+  const texture = new THREE.DataTexture(texel, 1, 1);
+  texture.colorSpace = kind === 'color' ? THREE.SRGBColorSpace : THREE.NoColorSpace;
+  texture.magFilter = THREE.LinearFilter;
+  texture.minFilter = THREE.LinearMipmapLinearFilter;
+  texture.generateMipmaps = true;
+  texture.anisotropy = 4;
+  // Texels begin at the top, texture coordinates at the bottom.
+  texture.flipY = true;
+  texture.userData.level = -1;
+  texture.needsUpdate = true;
+  return texture;
+}
+
+/** A material of three.js for one of the scene. */
+function materialOf(material, infos, textures) {
+  const texture = (index) => {
+    const found = index === null ? null : textures[index];
+    if (found) [found.wrapS, found.wrapT] = material.wrap.map((wrap) => WRAP[wrap]);
+    return found;
+  };
+  const [red, green, blue, opacity] = material.baseColor;
+  const common = {
+    name: material.name,
+    color: new THREE.Color(red, green, blue),
+    opacity,
+    map: texture(material.baseColorTexture),
+    vertexColors: true,
+    transparent: material.alphaMode === 'blend',
+    alphaTest: material.alphaMode === 'mask' ? material.alphaCutoff : 0,
+    side: THREE.DoubleSide,
+  };
+  if (material.unlit) return new THREE.MeshBasicMaterial(common);
+  const surface = texture(material.surfaceTexture);
+  return new THREE.MeshStandardMaterial({
+    ...common,
+    roughness: material.roughness,
+    metalness: material.metallic,
+    emissive: new THREE.Color(...material.emission),
+    emissiveMap: texture(material.emissionTexture),
+    aoMap: surface,
+    roughnessMap: surface,
+    metalnessMap: surface,
+    normalMap: texture(material.normalTexture),
+    normalScale: new THREE.Vector2(material.normalScale, material.normalScale),
+  });
+}
+
+/** A scene from a server. Its `connection` has the events; `follow` asks for what a camera sees. */
+export class StreamedGroup extends THREE.Group {
+  #assets = new Map();
+  #relativeTo;
+
+  /** `options`: those of `connect`; the group's axes are the scene's, moved to `relativeTo`. */
+  constructor(src, options = {}) {
+    super();
+    this.#relativeTo = options.relativeTo ?? [0, 0, 0];
+    this.connection = connect(src, options);
+    const on = (type, act) => this.connection.addEventListener(type, ({ detail }) => act(detail));
+    on('scene', () => this.#clear());
+    on('asset', (asset) => this.#assets.set(asset.asset, new Asset(asset, this)));
+    on('mesh', (change) => this.#assets.get(change.asset).update(change));
+    on('texture', (change) => this.#assets.get(change.asset).texture(change));
+    on('instances', ({ instances }) => {
+      const byAsset = Map.groupBy(instances, ({ asset }) => asset);
+      for (const [asset, list] of byAsset) this.#assets.get(asset).place(list.map(({ matrix }) => matrix));
+    });
+    this.addEventListener('removed', () => this.dispose());
+  }
+
+  /** Refines what a camera sees in a picture of a size, in pixels of the device. Cheap where nothing has changed. */
+  follow(camera, { x: width, y: height }, targetPx = 1) {
+    this.updateWorldMatrix(true, false);
+    camera.updateWorldMatrix(true, false);
+    const [eye, rotation] = [new THREE.Vector3(), new THREE.Quaternion()];
+    const seen = new THREE.Matrix4().copy(this.matrixWorld).invert().multiply(camera.matrixWorld);
+    seen.decompose(eye, rotation, new THREE.Vector3());
+    this.connection.setView({
+      eye: eye.toArray().map((number, axis) => number + this.#relativeTo[axis]),
+      rotation: rotation.toArray(),
+      fov: camera.getEffectiveFOV(),
+      width,
+      height,
+      targetPx,
+    });
+  }
+
+  /** Faces of all assets. */
+  get faces() {
+    return [...this.#assets.values()].reduce((sum, asset) => sum + asset.faces, 0);
+  }
+
+  #clear() {
+    for (const asset of this.#assets.values()) asset.dispose();
+    this.#assets.clear();
+  }
+
+  /** Ends the session and frees the device's memory; also done when the group is removed from its parent. */
+  dispose() {
+    this.connection.close();
+    this.#clear();
+  }
+}

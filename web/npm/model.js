@@ -1,0 +1,104 @@
+// What has been received of a scene: assets with their meshes, instances and textures.
+
+import { Mesh } from './mesh.js';
+
+/** Product of a rotation (unit quaternion) and a scale, and the image of a point under it, as a matrix by columns. */
+function matrixOf([x, y, z, w], scale, translation, origin, relativeTo) {
+  const columns = [
+    [1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)],
+    [2 * (x * y - z * w), 1 - 2 * (x * x + z * z), 2 * (y * z + x * w)],
+    [2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)],
+  ].map((column) => column.map((number) => number * scale));
+  const moved = [0, 1, 2].map(
+    (row) =>
+      translation[row] - relativeTo[row] + columns.reduce((sum, column, axis) => sum + column[row] * origin[axis], 0),
+  );
+  return Float64Array.from([...columns.flatMap((column) => [...column, 0]), ...moved, 1]);
+}
+
+/** See `Model` in index.d.ts. */
+export class Model {
+  scene = null;
+  assets = new Map();
+  instances = [];
+  /** Instances whose assets have not arrived, by asset. */
+  #waiting = new Map();
+  #instanceCount = 0;
+  #relativeTo;
+
+  constructor(relativeTo) {
+    this.#relativeTo = relativeTo;
+  }
+
+  /** Takes a change from the worker; gives the events that tell it, as pairs of type and detail. */
+  apply(delta) {
+    const { kind, ...detail } = delta;
+    return this[`_${kind}`](detail);
+  }
+
+  _scene(scene) {
+    this.scene = scene;
+    this.assets.clear();
+    this.instances = [];
+    this.#waiting.clear();
+    this.#instanceCount = 0;
+    return [['scene', scene]];
+  }
+
+  _lights(page) {
+    return [['lights', page]];
+  }
+
+  _firstframe() {
+    return [['firstframe', this]];
+  }
+
+  _instances({ assets, translations, rotations, scales }) {
+    const known = [];
+    for (let at = 0; at < assets.length; at += 1) {
+      const instance = {
+        index: this.#instanceCount,
+        asset: assets[at],
+        translation: translations.subarray(3 * at, 3 * at + 3),
+        rotation: rotations.subarray(4 * at, 4 * at + 4),
+        scale: scales[at],
+      };
+      this.#instanceCount += 1;
+      if (this.assets.has(instance.asset)) {
+        known.push(this.#place(instance));
+      } else {
+        const others = this.#waiting.get(instance.asset) ?? [];
+        others.push(instance);
+        this.#waiting.set(instance.asset, others);
+      }
+    }
+    return known.length ? [['instances', { instances: known }]] : [];
+  }
+
+  #place({ index, asset, translation, rotation, scale }) {
+    const { origin } = this.assets.get(asset);
+    const instance = { index, asset, matrix: matrixOf(rotation, scale, translation, origin, this.#relativeTo) };
+    this.instances.push(instance);
+    return instance;
+  }
+
+  _asset(asset) {
+    asset.mesh = new Mesh(asset.materials.length);
+    this.assets.set(asset.asset, asset);
+    const instances = (this.#waiting.get(asset.asset) ?? []).map((instance) => this.#place(instance));
+    this.#waiting.delete(asset.asset);
+    const events = [['asset', asset]];
+    if (instances.length) events.push(['instances', { instances }]);
+    return events;
+  }
+
+  _mesh({ asset, vertices, faces }) {
+    const { mesh } = this.assets.get(asset);
+    return [['mesh', { asset, mesh, ...mesh.apply({ vertices, faces }), vertices, faces }]];
+  }
+
+  _texture(texture) {
+    const { width, height } = this.assets.get(texture.asset).textures[texture.texture].levels[texture.level];
+    return [['texture', { ...texture, width, height }]];
+  }
+}
