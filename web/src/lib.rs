@@ -6,6 +6,7 @@
 
 #[cfg(target_family = "wasm")]
 mod console;
+mod pictures;
 mod stats;
 pub mod steps;
 mod streamer;
