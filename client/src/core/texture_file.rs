@@ -171,7 +171,8 @@ fn header_size(file: &[u8]) -> Option<[u32; 2]> {
     None
 }
 
-#[cfg(all(test, feature = "images"))]
+#[cfg(test)]
+#[cfg(feature = "images")]
 mod tests {
     use super::*;
     use image::{GrayImage, ImageBuffer, ImageFormat, Luma, RgbImage};
