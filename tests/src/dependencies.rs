@@ -46,6 +46,8 @@ fn an_embedder_of_the_client_compiles_no_window_and_no_renderer() {
     lacks("lodestream-client", &["--no-default-features"], &network);
     // Nor C. (`cc` is a dependency of BLAKE3, which does not call it with its feature `pure`.)
     lacks("lodestream-client", &["--no-default-features"], &["zstd", "zstd-sys"]);
+    // Nor decoders of images, which a browser has.
+    lacks("lodestream-client", &["--no-default-features"], &["image", "png"]);
     lacks("lodestream-client", &["--no-default-features", "--features", "quic"], &["tokio-tungstenite"]);
     lacks("lodestream-client", &["--no-default-features", "--features", "websocket"], &["quinn", "rustls"]);
     lacks(

@@ -111,7 +111,7 @@ export class View extends EventTarget {
     if (this.#ended) return;
     if (data.failed !== undefined) return this.#fail(data.failed);
     if (data.step) {
-      this.#steps.push(data.step);
+      this.#steps.push(data);
       return this.redraw();
     }
     this.#stats = data.stats ?? this.#stats;
@@ -163,7 +163,11 @@ export class View extends EventTarget {
       this.#sendView();
       // A device that is busy would only show earlier cameras, one after the other.
       if (viewer.is_busy(begun)) return this.redraw();
-      for (const step of this.#steps.splice(0)) {
+      for (const { step, pictures } of this.#steps.splice(0)) {
+        for (const { number, uses, bitmap, heights, bits } of pictures) {
+          if (bitmap) viewer.hold_picture(number, uses, bitmap);
+          else viewer.hold_heights(number, uses, bits, heights);
+        }
         viewer.push(step);
         this.#worker.postMessage({ kind: 'taken' });
       }

@@ -3,6 +3,7 @@
 import init, { Streamer } from './lodestream.js';
 import { follow, now } from './clock.js';
 import { openLink } from './link.js';
+import { decode } from './pictures.js';
 import { Ranges } from './ranges.js';
 
 /** Most steps that the page has not taken yet. */
@@ -112,7 +113,7 @@ function turn() {
     if (!step) break;
     untaken += 1;
     if (options.deltas) postMessage({ deltas: step.deltas }, step.transfer);
-    else postMessage({ step }, [step.buffer]);
+    else post(step, streamer.pictures());
   }
   const closed = streamer.closed();
   if (closed !== undefined && link) {
@@ -130,6 +131,32 @@ function turn() {
     const due = streamer.timeout_ms();
     const wait = due === undefined ? REPORT_MS : Math.min(due - now(), REPORT_MS);
     timer = setTimeout(turn, Math.max(wait, 0));
+  }
+}
+
+/** Steps are posted in their order, each after its pictures. */
+let posted = Promise.resolve();
+
+function post(step, pictures) {
+  const decoded = pictures.map((picture) => decodeOne(picture));
+  posted = posted.then(async () => {
+    const held = (await Promise.all(decoded)).filter(Boolean);
+    const moved = held.map(({ bitmap, heights }) => bitmap ?? heights.buffer);
+    postMessage({ step, pictures: held }, [step.buffer, ...moved]);
+    for (const { number } of held) streamer.decoded(now(), number, undefined);
+    if (pictures.length) turnSoon();
+  });
+}
+
+/** The decoded picture; none, told to the streamer, if the browser cannot decode it. */
+async function decodeOne(picture) {
+  const { number, uses } = picture;
+  try {
+    return { number, uses, ...(await decode(picture)) };
+  } catch (why) {
+    streamer.decoded(now(), number, String(why?.message ?? why));
+    turnSoon();
+    return null;
   }
 }
 

@@ -295,6 +295,9 @@ fn texture(change: &TextureChange, transfer: &mut Transfer) -> Object {
         TexturePixels::Rgba8(bytes) => ("rgba8", transfer.bytes(bytes)),
         TexturePixels::R8(bytes) => ("r8", transfer.bytes(bytes)),
         TexturePixels::R16(texels) => ("r16", transfer.shorts(texels)),
+        // The core decodes levels for such pages.
+        TexturePixels::File { file, .. } => ("file", transfer.bytes(file)),
+        TexturePixels::Held { .. } => ("held", JsValue::NULL),
     };
     fields([
         ("kind", "texture".into()),

@@ -9,6 +9,7 @@
 mod console;
 #[cfg(feature = "deltas")]
 mod deltas;
+mod pictures;
 mod ranges;
 mod stats;
 pub mod steps;

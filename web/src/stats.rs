@@ -2,9 +2,11 @@
 
 use std::time::Duration;
 
-use js_sys::{Array, Object, Reflect};
+use js_sys::{Array, Object, Reflect, Uint8Array};
 use lodestream_client::core::{Connection, Milestone, QUALITIES_PX, Stats};
 use wasm_bindgen::JsValue;
+
+use crate::pictures::Picture;
 
 /// The object for these counters. `waits`: changes are waiting for the page. `begun_ms`: the connect call, in
 /// milliseconds since the navigation.
@@ -47,6 +49,20 @@ pub(crate) fn object(stats: &Stats, waits: bool, begun_ms: f64) -> Object {
         ("decode_failures", (stats.decode_failures as f64).into()),
         ("connections", (stats.connections as f64).into()),
     ])
+}
+
+/// A picture for the script.
+pub(crate) fn picture(picture: &Picture) -> JsValue {
+    let [width, height] = picture.size;
+    let object = fields([
+        ("number", picture.number.into()),
+        ("uses", picture.uses.into()),
+        ("file", Uint8Array::from(&picture.file[..]).into()),
+        ("width", width.into()),
+        ("height", height.into()),
+        ("height_map", picture.is_height.into()),
+    ]);
+    object.into()
 }
 
 fn ms(duration: Duration) -> f64 {

@@ -16,6 +16,9 @@ pub enum StepError {
     /// An unknown kind of change.
     #[error("step of changes: unknown kind {0}")]
     Kind(u8),
+    /// The file of a texture level, which the worker has to replace by the number of its picture.
+    #[error("step of changes: a texture level that is not decoded")]
+    File,
     /// Overrides that contradict each other.
     #[error("step of changes: {0}")]
     Terrain(String),
@@ -245,7 +248,10 @@ fn read_elements<R: Reader>(reader: &mut R, size: usize, bytes: &mut Vec<u8>) ->
     reader.read(bytes)
 }
 
-fn encode_pixels(pixels: &TexturePixels, out: &mut Vec<u8>) -> Result<(), CodingError> {
+/// Kind of texels that the page has under a number.
+const HELD: u8 = 3;
+
+fn encode_pixels(pixels: &TexturePixels, out: &mut Vec<u8>) -> Result<(), StepError> {
     match pixels {
         TexturePixels::Rgba8(bytes) | TexturePixels::R8(bytes) => {
             u8::from(matches!(pixels, TexturePixels::R8(_))).encode(out)?;
@@ -257,12 +263,17 @@ fn encode_pixels(pixels: &TexturePixels, out: &mut Vec<u8>) -> Result<(), Coding
             length(texels.len(), out)?;
             texels.iter().for_each(|texel| out.extend_from_slice(&texel.to_le_bytes()));
         }
+        TexturePixels::Held { number, bytes } => (HELD, *number, *bytes).encode(out)?,
+        TexturePixels::File { .. } => return Err(StepError::File),
     }
     Ok(())
 }
 
 fn decode_pixels<R: Reader>(reader: &mut R) -> Result<TexturePixels, StepError> {
     let kind = u8::decode(reader)?;
+    if kind == HELD {
+        return Ok(TexturePixels::Held { number: get(reader)?, bytes: get(reader)? });
+    }
     let mut bytes = Vec::new();
     read_elements(reader, if kind == 2 { 2 } else { 1 }, &mut bytes)?;
     Ok(match kind {

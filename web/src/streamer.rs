@@ -7,6 +7,7 @@ use lodestream_scene::encoding;
 use lodestream_scene::view::View;
 use wasm_bindgen::prelude::*;
 
+use crate::pictures::{Picture, Pictures};
 use crate::streams::{Arrival, Streams, message};
 use crate::{stats, steps, time};
 
@@ -24,6 +25,10 @@ pub struct Streamer {
     pub(crate) core: ClientCore,
     /// Streams of a WebTransport session.
     streams: Streams,
+    /// Texture levels that the script decodes.
+    pictures: Pictures,
+    /// Those of the last step that it has not taken.
+    to_decode: Vec<Picture>,
     /// Transport payload of this connection.
     received_bytes: u64,
     /// Connect call of the first connection.
@@ -51,7 +56,16 @@ impl Streamer {
         // A JavaScript number; negative ones saturate to zero.
         config.cache_bytes = cache_bytes as u64;
         config.max_waiting_bytes = 8 << 20;
-        Self { core: ClientCore::new(config), streams: Streams::default(), received_bytes: 0, begun_ms: 0.0 }
+        // Pages that draw by other means take texels.
+        config.host_decodes_textures = !cfg!(feature = "deltas");
+        Self {
+            core: ClientCore::new(config),
+            streams: Streams::default(),
+            pictures: Pictures::default(),
+            to_decode: Vec::new(),
+            received_bytes: 0,
+            begun_ms: 0.0,
+        }
     }
 
     /// Records the connect call, from which milestones count.
@@ -140,7 +154,23 @@ impl Streamer {
         message.map(|message| encode_client(&message).map_err(|why| why.to_string())).transpose()
     }
 
-    /// The next step of changes for the page.
+    /// The pictures of the last step, to decode before it goes to the page: objects with `number`, `uses`, `file`
+    /// (`Uint8Array`), `width`, `height` and `height_map`.
+    #[must_use]
+    pub fn pictures(&mut self) -> js_sys::Array {
+        std::mem::take(&mut self.to_decode).iter().map(stats::picture).collect()
+    }
+
+    /// Takes the result for a picture: none, or why it cannot be decoded. It then counts as damaged and may be
+    /// requested again.
+    pub fn decoded(&mut self, now_ms: f64, number: u32, failure: Option<String>) {
+        let level = self.pictures.report(number);
+        if let (Some((asset, texture, level)), Some(why)) = (level, failure) {
+            self.core.handle_texture_failure(time(now_ms), asset, texture, level, why);
+        }
+    }
+
+    /// The next step of changes for the page; see [`Streamer::pictures`].
     ///
     /// # Errors
     /// A fault of the core.
@@ -148,7 +178,8 @@ impl Streamer {
         if !self.core.has_changes() {
             return Ok(None);
         }
-        let step = self.core.take_changes(time(now_ms), STEP_BYTES);
+        let mut step = self.core.take_changes(time(now_ms), STEP_BYTES);
+        self.to_decode.extend(self.pictures.take(&mut step));
         steps::encode(&step).map(Some).map_err(|why| why.to_string())
     }
 
@@ -201,12 +232,17 @@ impl Streamer {
     /// Whether the picture is settled and the page has all of it; costs less than [`Streamer::stats`].
     #[must_use]
     pub fn is_settled(&self) -> bool {
-        self.core.is_settled() && !self.core.has_changes()
+        self.core.is_settled() && !self.waits()
     }
 
     /// The viewer's figures as an object. Costs a pass over the assets.
     #[must_use]
     pub fn stats(&self) -> js_sys::Object {
-        stats::object(&self.core.stats(), self.core.has_changes(), self.begun_ms)
+        stats::object(&self.core.stats(), self.waits(), self.begun_ms)
+    }
+
+    /// Whether the page lacks changes.
+    fn waits(&self) -> bool {
+        self.core.has_changes() || self.pictures.is_decoding()
     }
 }

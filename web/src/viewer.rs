@@ -4,9 +4,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use lodestream_client::core::TexturePixels;
 use lodestream_render::{
     AmbientOcclusion, AntiAliasing, Counters, Gpu, LightCulling, OcclusionMethod, RenderError, Renderer,
-    SceneView, Settings, Shadows, Target, upload_budget,
+    SceneView, Settings, Shadows, Target, Texels, upload_budget,
 };
 use lodestream_scene::description::Camera;
 use lodestream_scene::encoding;
@@ -126,6 +127,22 @@ impl Viewer {
         self.is_final = false;
         self.dirty = true;
         Ok(())
+    }
+
+    /// Takes a decoded picture before the step that names it.
+    pub fn hold_picture(&mut self, number: u32, uses: u32, picture: web_sys::ImageBitmap) {
+        self.scene.hold(number, uses, Texels::Bitmap(picture));
+    }
+
+    /// Takes a decoded height map of 8 or 16 bits (little-endian) per texel before the step that names it.
+    pub fn hold_heights(&mut self, number: u32, uses: u32, bits: u32, heights: Vec<u8>) {
+        let pixels = if bits == 8 {
+            TexturePixels::R8(heights)
+        } else {
+            let texels = heights.chunks_exact(2).map(|texel| u16::from_le_bytes([texel[0], texel[1]]));
+            TexturePixels::R16(texels.collect())
+        };
+        self.scene.hold(number, uses, Texels::Pixels(pixels));
     }
 
     /// Number of steps that are not in GPU memory yet.

@@ -43,6 +43,9 @@ pub struct Config {
     pub max_waiting_bytes: usize,
     /// Whether changes are recorded for [`super::ClientCore::take_changes`]; if not, textures are not decoded.
     pub track_changes: bool,
+    /// Whether changes carry the files of texture levels ([`super::TexturePixels::File`]), which the host decodes: the
+    /// default without the feature `images`, and all that there is then.
+    pub host_decodes_textures: bool,
     /// Whether received and used bytes are counted per blob, for [`super::ClientCore::received`].
     pub track_received: bool,
     /// Most assets, and most instances, of a scene; larger scenes are refused.
@@ -63,6 +66,7 @@ impl Config {
             select_interval: Duration::from_millis(10),
             max_waiting_bytes: 64 << 20,
             track_changes: true,
+            host_decodes_textures: !cfg!(feature = "images"),
             track_received: false,
             max_entries: 1 << 20,
         }

@@ -208,6 +208,16 @@ impl Scene {
         }
     }
 
+    /// Marks a texture level as not applied, for all assets that share it.
+    pub(crate) fn set_unapplied(&mut self, id: BlobId) {
+        for id in self.shared.same(id) {
+            let BlobId::Asset { asset, part: part @ BlobPart::Texture { .. } } = id else { continue };
+            if let Some(state) = self.states.get_mut(asset as usize) {
+                state.set_state(part, State::Absent);
+            }
+        }
+    }
+
     /// Number of known assets.
     pub(crate) fn asset_count(&self) -> u32 {
         u32::try_from(self.states.len()).unwrap_or(u32::MAX)

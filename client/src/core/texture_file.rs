@@ -1,5 +1,8 @@
-//! Decodes the image files of texture levels; called on the streaming thread.
+//! The image files of texture levels: their headers, and their pixels where this crate decodes them; called on the
+//! streaming thread.
 
+use bytes::Bytes;
+#[cfg(feature = "images")]
 use image::{DynamicImage, ImageError, ImageReader, Limits};
 use lodestream_scene::asset::{TextureInfo, TextureKind, level_size};
 use thiserror::Error;
@@ -19,12 +22,26 @@ pub struct TextureFileError {
     pub fault: TextureFileFault,
 }
 
+impl TextureFileError {
+    pub(in crate::core) fn by_host(info: &TextureInfo, level: u32, why: String) -> Self {
+        let [width, height] = size_of_level(info, level);
+        Self { level, width, height, fault: TextureFileFault::Host(why) }
+    }
+}
+
 /// What is wrong with the file of a texture level.
 #[derive(Debug, Error)]
 pub enum TextureFileFault {
     /// The file is not an intact image, or a larger one.
+    #[cfg(feature = "images")]
     #[error(transparent)]
     Image(#[from] ImageError),
+    /// The file does not begin as a PNG or JPEG file does.
+    #[error("the file has no header of a PNG or JPEG image")]
+    Header,
+    /// The host could not decode the file.
+    #[error("{0}")]
+    Host(String),
     /// The image has another size.
     #[error("the image has {width}×{height} pixels")]
     Size {
@@ -44,6 +61,22 @@ pub enum TexturePixels {
     R8(Vec<u8>),
     /// One 16-bit value per texel.
     R16(Vec<u16>),
+    /// The level's PNG or JPEG file, for the host to decode; its header gives the level's size.
+    File {
+        /// The file.
+        file: Bytes,
+        /// Meaning of the texels: heights are grey, others have four bytes per texel.
+        kind: TextureKind,
+        /// Width and height, in texels.
+        size: [u32; 2],
+    },
+    /// Texels that the host has decoded and keeps under a number.
+    Held {
+        /// The number.
+        number: u32,
+        /// Their size in bytes.
+        bytes: u32,
+    },
 }
 
 impl TexturePixels {
@@ -52,9 +85,9 @@ impl TexturePixels {
     ///
     /// # Errors
     /// The file is not an intact image of that size.
+    #[cfg(feature = "images")]
     pub fn decode(file: &[u8], info: &TextureInfo, level: u32) -> Result<Self, TextureFileError> {
-        let levels = u32::try_from(info.levels.len()).unwrap_or(u32::MAX);
-        let [width, height] = level_size([info.width, info.height], levels, level);
+        let [width, height] = size_of_level(info, level);
         let error = |fault: TextureFileFault| TextureFileError { level, width, height, fault };
         let reader = ImageReader::new(std::io::Cursor::new(file)).with_guessed_format();
         let mut reader = reader.map_err(|why| error(ImageError::IoError(why).into()))?;
@@ -76,17 +109,70 @@ impl TexturePixels {
         })
     }
 
+    /// The image file of a level for the host to decode, once its header has been checked: what the host reserves is
+    /// bounded by the level's size.
+    ///
+    /// # Errors
+    /// The file does not begin as a PNG or JPEG file of that size.
+    pub fn for_host(file: &Bytes, info: &TextureInfo, level: u32) -> Result<Self, TextureFileError> {
+        let size @ [width, height] = size_of_level(info, level);
+        let fault = match header_size(file) {
+            Some(found) if found == size => {
+                return Ok(Self::File { file: file.clone(), kind: info.kind, size });
+            }
+            Some([width, height]) => TextureFileFault::Size { width, height },
+            None => TextureFileFault::Header,
+        };
+        Err(TextureFileError { level, width, height, fault })
+    }
+
     /// Size of the pixels in bytes.
     #[must_use]
     pub fn bytes(&self) -> usize {
         match self {
             Self::Rgba8(texels) | Self::R8(texels) => texels.len(),
             Self::R16(texels) => 2 * texels.len(),
+            // As decoded, which is more than the file.
+            Self::File { size: [width, height], .. } => *width as usize * *height as usize * 4,
+            Self::Held { bytes, .. } => *bytes as usize,
         }
     }
 }
 
+fn size_of_level(info: &TextureInfo, level: u32) -> [u32; 2] {
+    let levels = u32::try_from(info.levels.len()).unwrap_or(u32::MAX);
+    level_size([info.width, info.height], levels, level)
+}
+
+/// Width and height in the header of a PNG file (ISO/IEC 15948, 11.2.2) or of a JPEG file's frame (ITU-T T.81, B.2.2).
+fn header_size(file: &[u8]) -> Option<[u32; 2]> {
+    if file.starts_with(b"\x89PNG\r\n\x1a\n") {
+        let header = file.get(12..24)?.strip_prefix(b"IHDR")?;
+        let side = |at: usize| Some(u32::from_be_bytes(header.get(at..at + 4)?.try_into().ok()?));
+        return Some([side(0)?, side(4)?]);
+    }
+    let mut rest = file.strip_prefix(&[0xff, 0xd8])?;
+    // Segments: 0xff, possibly repeated, a marker, a length that counts itself, data.
+    while let [0xff, marker, after @ ..] = rest {
+        if *marker == 0xff {
+            rest = &rest[1..];
+            continue;
+        }
+        let length = usize::from(u16::from_be_bytes(after.get(..2)?.try_into().ok()?));
+        let segment = after.get(2..length)?;
+        // Frames of all processes; 0xc4, 0xc8 and 0xcc are tables.
+        if (0xc0..=0xcf).contains(marker) && !matches!(marker, 0xc4 | 0xc8 | 0xcc) {
+            let side =
+                |at: usize| Some(u32::from(u16::from_be_bytes(segment.get(at..at + 2)?.try_into().ok()?)));
+            return Some([side(3)?, side(1)?]);
+        }
+        rest = after.get(length..)?;
+    }
+    None
+}
+
 #[cfg(test)]
+#[cfg(feature = "images")]
 mod tests {
     use super::*;
     use image::{GrayImage, ImageBuffer, ImageFormat, Luma, RgbImage};
@@ -140,5 +226,34 @@ mod tests {
             let _ = TexturePixels::decode(&right[..length], &shape, 3);
         }
         assert!(refused(&right[..right.len() / 2], 3));
+    }
+
+    #[test]
+    fn a_host_gets_only_files_whose_header_has_the_size_of_the_level() {
+        let shape = full(8, 4, TextureKind::Color);
+        let jpeg = |width, height| {
+            let mut file = std::io::Cursor::new(Vec::new());
+            RgbImage::new(width, height).write_to(&mut file, ImageFormat::Jpeg).unwrap();
+            file.into_inner()
+        };
+        for file in [png(RgbImage::new(8, 4)), jpeg(8, 4)] {
+            let file = Bytes::from(file);
+            let given = TexturePixels::for_host(&file, &shape, 3).unwrap();
+            assert_eq!(
+                given,
+                TexturePixels::File { file: file.clone(), kind: TextureKind::Color, size: [8, 4] }
+            );
+            assert!(TexturePixels::for_host(&file, &shape, 2).is_err(), "larger than the level");
+            // Every cut header is refused, and none panics.
+            let accepted = |length| TexturePixels::for_host(&file.slice(..length), &shape, 3).is_ok();
+            let shortest = (0..=file.len()).find(|length| accepted(*length)).unwrap();
+            assert!((24..file.len()).contains(&shortest), "{shortest}");
+        }
+        for file in [png(RgbImage::new(4, 8)), jpeg(4, 8)] {
+            let fault = TexturePixels::for_host(&file.into(), &shape, 3).unwrap_err().fault;
+            assert!(matches!(fault, TextureFileFault::Size { width: 4, height: 8 }), "{fault}");
+        }
+        let forged = [&[0xff, 0xd8][..], &[0xff; 64], &[0xc0, 0, 0]].concat();
+        assert!(TexturePixels::for_host(&forged.into(), &shape, 3).is_err());
     }
 }

@@ -76,6 +76,8 @@ pub use resources::vertex::mark_smooth;
 pub use resources::vertex::{HostMesh, PackedVertex};
 pub use scene::asset::AssetGpu;
 pub use scene::environment::{Atmosphere, Environment, GradientSky, Haze, Sky};
+#[cfg(feature = "client")]
+pub use scene::held_texels::Texels;
 pub use scene::lights::{LIGHT_TILES, LightCulling, MAX_LIGHTS};
 #[cfg(feature = "client")]
 pub use scene::scene_view::SceneView;

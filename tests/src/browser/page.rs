@@ -75,6 +75,65 @@ fn a_tab_streams_over_each_transport() {
     server.assert_healthy();
 }
 
+/// Runs the page's decoder of texture levels on a file; the texels as numbers, or the error's text.
+fn decoded(tab: &mut Tab, file: &[u8], [width, height]: [u32; 2], height_map: bool) -> Value {
+    let script = std::fs::read_dir(built_page()).unwrap().map(|entry| entry.unwrap().file_name());
+    let script = script.map(|name| name.into_string().unwrap());
+    let script = script.into_iter().find(|name| name.starts_with("pictures-") && name.ends_with(".js"));
+    let (script, file) = (script.expect("the page has the decoder"), BASE64.encode(file));
+    tab.evaluate(&format!(
+        "import('/{script}').then(({{ decode }}) => decode({{
+            file: Uint8Array.from(atob('{file}'), (c) => c.charCodeAt(0)),
+            width: {width}, height: {height}, height_map: {height_map},
+        }})).then(
+            ({{ bitmap, heights, bits }}) => {{
+                if (heights) return Array.from(bits === 16 ? new Uint16Array(heights.buffer) : heights);
+                const canvas = new OffscreenCanvas(bitmap.width, bitmap.height).getContext('2d');
+                canvas.drawImage(bitmap, 0, 0);
+                return Array.from(canvas.getImageData(0, 0, bitmap.width, bitmap.height).data);
+            }},
+            (why) => String(why),
+        )"
+    ))
+}
+
+#[test]
+fn texture_levels_decode_in_a_tab_as_they_do_natively() {
+    use image::{DynamicImage, ImageBuffer, ImageFormat, Luma};
+    let Some(mut tab) = tab(PICTURE_PX) else { return };
+    let server = serve(TestScene::small());
+    tab.navigate(&server.page_url());
+    tab.wait("the page is there", "document.readyState", |state| state == "complete");
+    let png = |image: DynamicImage| {
+        let mut file = std::io::Cursor::new(Vec::new());
+        image.write_to(&mut file, ImageFormat::Png).unwrap();
+        file.into_inner()
+    };
+    let size = [13, 9];
+    let deep = ImageBuffer::from_fn(13, 9, |x, y| Luma([(x * x * 977 + y * 7919) as u16]));
+    let flat = ImageBuffer::from_fn(13, 9, |x, y| Luma([(x * x * 3 + y * 29) as u8]));
+    let colours = ImageBuffer::from_fn(13, 9, |x, y| image::Rgb([x as u8 * 19, y as u8 * 28, 200]));
+    let of_deep = png(DynamicImage::ImageLuma16(deep.clone()));
+    assert_eq!(decoded(&mut tab, &of_deep, size, true), json!(deep.into_raw()));
+    let of_flat = png(DynamicImage::ImageLuma8(flat.clone()));
+    assert_eq!(decoded(&mut tab, &of_flat, size, true), json!(flat.into_raw()));
+    let colours = DynamicImage::ImageRgb8(colours);
+    let of_colours = png(colours.clone());
+    assert_eq!(decoded(&mut tab, &of_colours, size, false), json!(colours.into_rgba8().into_raw()));
+    // Damaged, cut, and of another size: errors, as natively.
+    for (file, size, height_map) in [
+        (&of_deep[..of_deep.len() / 2], size, true),
+        (&of_deep, [13, 8], true),
+        (&of_deep, [13, 10], true),
+        (&of_colours, size, true),
+        (b"no picture", size, false),
+        (&of_colours, [13, 8], false),
+    ] {
+        assert!(decoded(&mut tab, file, size, height_map).is_string(), "{size:?} {height_map}");
+    }
+    server.assert_healthy();
+}
+
 /// The camera's ten numbers.
 fn camera(tab: &mut Tab) -> Vec<f64> {
     let value = tab.evaluate(CAMERA);

@@ -57,6 +57,12 @@ fn step() -> Vec<Change> {
             level: 0,
             pixels: TexturePixels::Rgba8(vec![1, 2, 3, 4]).into(),
         }),
+        Change::Texture(TextureChange {
+            asset: 7,
+            texture: 2,
+            level: 0,
+            pixels: TexturePixels::Held { number: 70_000, bytes: 256 }.into(),
+        }),
         Change::HeightOverrides { x: -3, y: 5, overrides: HeightOverrides::new(15, points).unwrap() },
     ]
 }
@@ -75,6 +81,17 @@ fn a_cut_step_is_an_error_at_every_length() {
         assert!(decode(&bytes[..end]).is_err(), "{end} of {} bytes", bytes.len());
     }
     assert!(decode(&[&bytes[..], &[0]].concat()).is_err(), "a byte too many");
+}
+
+#[test]
+fn a_file_is_not_passed_as_texels() {
+    let pixels = TexturePixels::File {
+        file: bytes::Bytes::new(),
+        kind: lodestream_scene::asset::TextureKind::Color,
+        size: [1, 1],
+    };
+    let change = TextureChange { asset: 0, texture: 0, level: 0, pixels: pixels.into() };
+    assert_eq!(encode(&[Change::Texture(change)]), Err(StepError::File));
 }
 
 #[test]

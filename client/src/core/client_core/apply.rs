@@ -17,7 +17,7 @@ use super::blob_error::BlobError;
 use super::state::BLOB_COST;
 use crate::core::asset::{AssetError, RefinedAsset};
 use crate::core::changes::{Change, TextureChange};
-use crate::core::texture_file::TexturePixels;
+use crate::core::texture_file::{TextureFileError, TexturePixels};
 
 /// Screen error above which a chunk appears at once instead of morphing, in pixels: it shows what was missing.
 const MAX_MORPH_PX: u16 = 8;
@@ -206,7 +206,7 @@ impl ClientCore {
     }
 
     /// Applies a texture level to all known assets that share it; identical levels are decoded once.
-    fn apply_texture(&mut self, id: BlobId, level: u8, bytes: &[u8]) -> Result<(), BlobError> {
+    fn apply_texture(&mut self, id: BlobId, level: u8, bytes: &Bytes) -> Result<(), BlobError> {
         let sharers = self.scene.unapplied_sharers(id);
         if sharers.is_empty() {
             return Err(BlobError::UnknownTexture);
@@ -220,7 +220,7 @@ impl ClientCore {
             let info = info.ok_or(BlobError::UnknownTexture)?;
             let pixels = match decoded.iter().find(|(other, _)| *other == texels(info)) {
                 Some((_, pixels)) => Arc::clone(pixels),
-                None => Arc::new(TexturePixels::decode(bytes, info, u32::from(level))?),
+                None => Arc::new(self.pixels(bytes, info, u32::from(level))?),
             };
             decoded.push((texels(info), Arc::clone(&pixels)));
             changes.push(TextureChange { asset, texture, level, pixels });
@@ -230,5 +230,31 @@ impl ClientCore {
         }
         self.counts.texture_levels += 1;
         Ok(())
+    }
+
+    fn pixels(
+        &self,
+        file: &Bytes,
+        info: &TextureInfo,
+        level: u32,
+    ) -> Result<TexturePixels, TextureFileError> {
+        #[cfg(feature = "images")]
+        if !self.config.host_decodes_textures {
+            return TexturePixels::decode(file, info, level);
+        }
+        TexturePixels::for_host(file, info, level)
+    }
+
+    /// Takes the host's word that it cannot decode a texture level that a change gave it: the level counts as damaged,
+    /// as one that this crate cannot decode.
+    pub fn handle_texture_failure(&mut self, now: Time, asset: u32, texture: u16, level: u8, why: String) {
+        let id = BlobId::Asset { asset, part: BlobPart::Texture { texture, level } };
+        let described = self.scene.refined.get(asset as usize).and_then(Option::as_ref);
+        let Some(info) = described.and_then(|r| r.description.textures.get(usize::from(texture))) else {
+            return;
+        };
+        let why = TextureFileError::by_host(info, level.into(), why);
+        self.scene.set_unapplied(id);
+        self.mark_failed(now, id, &why.into());
     }
 }

@@ -5,8 +5,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use lodestream_scene::blob::{BlobId, BlobPart};
 
 use super::{finest, view};
-use crate::core::Change;
 use crate::core::testing::{Loopback, TestScene};
+use crate::core::{Change, TexturePixels};
 
 /// The texture levels that each asset received.
 fn painted(link: &mut Loopback) -> BTreeMap<u32, BTreeSet<u8>> {
@@ -87,6 +87,30 @@ fn a_damaged_shared_level_is_missing_on_all_assets_and_requested_again() {
     assert!(painted[&0].contains(&0) && !painted[&0].contains(&1), "{painted:?}");
     assert!(link.times_sent()[&BlobId::texture(0, 0, 1)] > 1);
     assert_eq!(link.core.lacking_blobs().collect::<Vec<_>>(), [BlobId::texture(0, 0, 1)]);
+}
+
+#[test]
+fn a_level_that_the_host_cannot_decode_counts_as_damaged_on_all_assets() {
+    let mut link = Loopback::new(TestScene::new(2).sharing_textures(), |config| {
+        config.host_decodes_textures = true;
+    });
+    link.core.set_view(link.now, finest());
+    link.connect();
+    link.settle();
+    let changes = link.core.take_changes(link.now, usize::MAX);
+    let is_file = |change: &Change| match change {
+        Change::Texture(texture) => Some(matches!(*texture.pixels, TexturePixels::File { .. })),
+        _ => None,
+    };
+    assert_eq!(changes.iter().filter_map(is_file).collect::<Vec<_>>(), [true; 6]);
+    let id = BlobId::texture(0, 0, 1);
+    link.core.handle_texture_failure(link.now, 0, 0, 1, "no such picture".into());
+    assert!(!link.core.is_settled());
+    assert_eq!(link.core.stats().decode_failures, 1);
+    // Another attempt gives it to the host again, for both assets.
+    link.settle();
+    assert_eq!(link.times_sent()[&id], 2);
+    assert_eq!(painted(&mut link), BTreeMap::from([0, 1].map(|asset| (asset, BTreeSet::from([1])))));
 }
 
 #[test]

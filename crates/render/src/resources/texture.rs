@@ -16,6 +16,12 @@ use crate::resources::descriptors::{SAMPLED_AND_COPIED, texture_2d};
 use crate::resources::gpu::{Gpu, RenderError};
 use crate::scene::relief_acceleration::ReliefAcceleration;
 
+/// Browsers write pictures into textures by drawing.
+const STREAMED: wgpu::TextureUsages = if cfg!(target_family = "wasm") {
+    SAMPLED_AND_COPIED.union(wgpu::TextureUsages::RENDER_ATTACHMENT)
+} else {
+    SAMPLED_AND_COPIED
+};
 /// Longest allocated side; finer levels are dropped, so that a forged size cannot claim gigabytes.
 const MAX_SIDE_PX: u32 = 8192;
 
@@ -76,6 +82,9 @@ pub enum TextureData<'a> {
     R8(&'a [u8]),
     /// One 16-bit value per texel. A colour texture takes the high byte as grey.
     R16(&'a [u16]),
+    /// A picture that the browser has decoded.
+    #[cfg(target_family = "wasm")]
+    Bitmap(&'a web_sys::ImageBitmap),
 }
 
 impl<'a> TextureData<'a> {
@@ -86,6 +95,8 @@ impl<'a> TextureData<'a> {
             Self::Rgba8(d) => Self::Rgba8(&d[4 * first..4 * end]),
             Self::R8(d) => Self::R8(&d[first..end]),
             Self::R16(d) => Self::R16(&d[first..end]),
+            #[cfg(target_family = "wasm")]
+            Self::Bitmap(_) => self,
         }
     }
 
@@ -95,6 +106,8 @@ impl<'a> TextureData<'a> {
             Self::Rgba8(_) => 0,
             Self::R8(d) => d.len(),
             Self::R16(d) => d.len(),
+            #[cfg(target_family = "wasm")]
+            Self::Bitmap(picture) => picture.width() as usize * picture.height() as usize,
         }
     }
 
@@ -116,8 +129,33 @@ impl<'a> TextureData<'a> {
             (_, Self::Rgba8(d)) => d.chunks_exact(4).map(|p| p[0]).collect(),
             (_, Self::R8(d)) => d.into(),
             (_, Self::R16(d)) => d.iter().map(|g| (g >> 8) as u8).collect(),
+            // Not read by the CPU.
+            #[cfg(target_family = "wasm")]
+            (_, Self::Bitmap(_)) => Cow::default(),
         }
     }
+}
+
+/// Copies rows of a picture, as its file has them: neither colour space nor alpha is converted. They begin at the
+/// target's row.
+#[cfg(target_family = "wasm")]
+fn copy_bitmap(
+    gpu: &Gpu,
+    picture: &web_sys::ImageBitmap,
+    to: wgpu::TexelCopyTextureInfo<'_>,
+    [width, height]: [u32; 2],
+) {
+    let from = wgpu::CopyExternalImageSourceInfo {
+        source: wgpu::ExternalImageSource::ImageBitmap(picture.clone()),
+        origin: wgpu::Origin2d { x: 0, y: to.origin.y },
+        flip_y: false,
+    };
+    let to = to.to_tagged(wgpu::PredefinedColorSpace::Srgb, false);
+    gpu.queue.copy_external_image_to_texture(
+        &from,
+        to,
+        wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+    );
 }
 
 /// The finest level of the unbroken run from the coarsest; `None` while the coarsest is missing.
@@ -208,14 +246,20 @@ impl StreamedTexture {
         *slot |= whole;
         self.reach(gpu, level);
         if let Some((texture, top)) = self.allocated.as_ref().filter(|_| !rows.is_empty()) {
+            let to = wgpu::TexelCopyTextureInfo {
+                texture,
+                mip_level: top - level,
+                origin: wgpu::Origin3d { x: 0, y: rows.start, z: 0 },
+                aspect: wgpu::TextureAspect::All,
+            };
+            #[cfg(target_family = "wasm")]
+            if let TextureData::Bitmap(picture) = data {
+                copy_bitmap(gpu, picture, to, [width, rows.end - rows.start]);
+                return Ok(whole);
+            }
             let pixels = data.rows(width, &rows).convert(self.format);
             gpu.queue.write_texture(
-                wgpu::TexelCopyTextureInfo {
-                    texture,
-                    mip_level: top - level,
-                    origin: wgpu::Origin3d { x: 0, y: rows.start, z: 0 },
-                    aspect: wgpu::TextureAspect::All,
-                },
+                to,
                 &pixels,
                 wgpu::TexelCopyBufferLayout {
                     offset: 0,
@@ -233,7 +277,7 @@ impl StreamedTexture {
         if self.allocated.as_ref().is_some_and(|(_, top)| *top >= level) {
             return;
         }
-        let usage = SAMPLED_AND_COPIED;
+        let usage = STREAMED;
         let new = gpu.device.create_texture(&wgpu::TextureDescriptor {
             mip_level_count: level + 1,
             ..texture_2d("streamed texture", self.shape.level_size(level), self.format, usage)

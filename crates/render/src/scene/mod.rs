@@ -2,6 +2,8 @@
 
 pub(crate) mod asset;
 pub(crate) mod environment;
+#[cfg(feature = "client")]
+pub(crate) mod held_texels;
 pub(crate) mod lights;
 pub(crate) mod material_bindings;
 pub(crate) mod placement;

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
-use lodestream_client::core::{Change, NewAsset, TextureChange, TexturePixels};
+use lodestream_client::core::{Change, NewAsset, TextureChange};
 use lodestream_scene::description::SceneHeader;
 use lodestream_scene::placement::Placement;
 use lodestream_scene::pose::Pose;
@@ -21,10 +21,11 @@ use crate::passes::sky::SkyMaps;
 use crate::passes::water::Water;
 use crate::renderer::Renderer;
 use crate::resources::gpu::{Gpu, RenderError};
-use crate::resources::texture::{Texture, TextureData, TextureShape, WeakTexture};
+use crate::resources::texture::{Texture, TextureShape, WeakTexture};
 use crate::resources::uploads::Uploads;
 use crate::scene::asset::AssetGpu;
 use crate::scene::environment::{Atmosphere, Environment, GradientSky, Haze, Sky};
+use crate::scene::held_texels::{HeldTexels, Texels};
 use crate::scene::streamed_mesh::StreamedMeshChange;
 use crate::scene::terrain_anchored::TerrainAnchored;
 use crate::scene::terrain_renderer::{TerrainMeasurementTask, TerrainRenderer, TileSource};
@@ -83,6 +84,8 @@ pub struct SceneView {
     /// The sky maps of a scene that waits for upload, or of the current one.
     sky_task: Option<Task<SkyMaps>>,
     sky: Option<SkyMaps>,
+    /// Texels that the host has decoded.
+    held: HeldTexels,
 }
 
 impl SceneView {
@@ -112,6 +115,12 @@ impl SceneView {
             }
         }
         self.waiting.push_back(step.into());
+    }
+
+    /// Takes texels that the host has decoded, which `uses` changes name by this number
+    /// ([`lodestream_client::core::TexturePixels::Held`]). They must come before those changes, which are skipped without.
+    pub fn hold(&mut self, number: u32, uses: u32, texels: Texels) {
+        self.held.hold(number, uses, texels);
     }
 
     /// Number of steps that wait for upload.
@@ -242,6 +251,7 @@ impl SceneView {
                     tile_source,
                     sky_task,
                     sky,
+                    held: std::mem::take(&mut self.held),
                     ..Self::default()
                 };
             }
@@ -281,6 +291,7 @@ impl SceneView {
         budget_bytes: usize,
     ) -> Result<usize, RenderError> {
         let first = std::mem::take(&mut self.rows);
+        let Some(texels) = self.held.texels(&texture.pixels) else { return Ok(0) };
         let Some(asset) = self.assets.get_mut(texture.asset as usize).and_then(Option::as_mut) else {
             return Ok(0);
         };
@@ -290,8 +301,11 @@ impl SceneView {
         let of_row = texture.pixels.bytes().div_ceil(height as usize).max(1);
         let rows = u32::try_from(budget_bytes / of_row).unwrap_or(u32::MAX).max(1).min(height - first);
         let end = first + rows;
-        asset.update_texture_rows(gpu, index, level, texels(&texture.pixels), first..end)?;
+        asset.update_texture_rows(gpu, index, level, texels, first..end)?;
         self.rows = if end < height { end } else { 0 };
+        if self.rows == 0 {
+            self.held.used(&texture.pixels);
+        }
         Ok(rows as usize * of_row)
     }
 
@@ -505,14 +519,6 @@ impl SceneView {
         });
         let (drawables, sky) = (&drawables[..], self.sky.as_ref());
         draw(&Frame { camera, drawables, terrain, water, lights, environment, sky, settings, time_s })
-    }
-}
-
-fn texels(pixels: &TexturePixels) -> TextureData<'_> {
-    match pixels {
-        TexturePixels::Rgba8(texels) => TextureData::Rgba8(texels),
-        TexturePixels::R8(texels) => TextureData::R8(texels),
-        TexturePixels::R16(texels) => TextureData::R16(texels),
     }
 }
 
