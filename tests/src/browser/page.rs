@@ -1,5 +1,6 @@
 //! The daemon's page in a tab.
 
+use data_encoding::BASE64;
 use lodestream_daemon::{Page, PageSetting, SessionSettings};
 use lodestream_report::image_error::image_error;
 use serde_json::{Value, json};

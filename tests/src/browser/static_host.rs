@@ -4,8 +4,8 @@ use lodestream_report::image_error::image_error;
 use lodestream_server::catalogue::publish::publish_page;
 use lodestream_store::Objects;
 
-use super::page::{MAX_FLIP, STATS, picture, settle};
-use super::{built_page, tab};
+use super::page::{MAX_FLIP, STATS, settle};
+use super::{built_page, image, tab};
 use crate::static_host::host::{Fault, Host};
 use crate::static_host::published;
 use crate::support::PICTURE_PX;
@@ -29,7 +29,8 @@ fn a_published_page_shows_what_the_native_viewer_shows() {
     assert_eq!(stats["transport"], "http", "{stats}");
     assert_eq!([&stats["decode_failures"], &stats["lacking_blobs"]], [0, 0], "{stats}");
     let native = draw(&mut headless, TestScene::small().whole());
-    let shown = Picture { image: picture(&mut tab), covered: native.covered.clone() };
+    let shown =
+        Picture { image: image(&mut tab, "lodestream.view.picture()"), covered: native.covered.clone() };
     keep(&shown, "tab-static-host");
     let flip = image_error(&shown.image, &native.image).unwrap().flip;
     assert!(flip <= MAX_FLIP, "{flip}: {stats}");
