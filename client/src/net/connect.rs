@@ -1,10 +1,12 @@
 //! Opens a connection to a server. Every step has a deadline, and every address of the name is tried.
 
 use std::net::SocketAddr;
+#[cfg(feature = "quic")]
 use std::time::Duration;
 
 use lodestream_protocol::message::{Close, CloseCode, Token};
 use lodestream_transport::Clock;
+#[cfg(feature = "quic")]
 use tokio::time::timeout;
 
 use super::address::{Address, Scheme};
@@ -13,6 +15,11 @@ use super::drive::Host;
 #[cfg(feature = "http")]
 use super::published::{FileFetch, HttpFetch, Origin, Target as HttpTarget, run_published};
 use super::server::Server;
+use super::steps::STEP_TIMEOUT;
+#[cfg(feature = "websocket")]
+use super::steps::open_tcp;
+#[cfg(feature = "quic")]
+use super::steps::{lost, no_answer};
 #[cfg(any(feature = "quic", feature = "tls"))]
 use super::trust::Trust;
 #[cfg(feature = "websocket")]
@@ -26,8 +33,6 @@ use super::{
 #[cfg(feature = "websocket")]
 use tokio::net::TcpStream;
 
-/// Time limit of each step of opening a connection: TCP, TLS, the WebSocket request, QUIC's handshake.
-pub(super) const STEP_TIMEOUT: Duration = Duration::from_secs(4);
 /// Time limit for delivering the close of a QUIC connection.
 #[cfg(feature = "quic")]
 const CLOSE_TIMEOUT: Duration = Duration::from_millis(300);
@@ -220,26 +225,6 @@ impl OpenedQuic {
 #[cfg(any(feature = "quic", feature = "tls"))]
 fn with_address(address: &Address, why: Close) -> Close {
     Close { reason: format!("{address} cannot be reached: {}", why.reason), ..why }
-}
-
-/// The close of a failed attempt, without the address.
-fn lost(why: impl Into<String>) -> Close {
-    Close::new(CloseCode::Lost, why)
-}
-
-fn no_answer() -> Close {
-    lost(format!("no answer within {} s", STEP_TIMEOUT.as_secs()))
-}
-
-#[cfg(feature = "websocket")]
-pub(super) async fn open_tcp(server: SocketAddr) -> Result<TcpStream, Close> {
-    let stream = match timeout(STEP_TIMEOUT, TcpStream::connect(server)).await {
-        Ok(Ok(stream)) => stream,
-        Ok(Err(why)) => return Err(lost(why.to_string())),
-        Err(_) => return Err(no_answer()),
-    };
-    let _ = stream.set_nodelay(true);
-    Ok(stream)
 }
 
 #[cfg(feature = "websocket")]

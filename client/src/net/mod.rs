@@ -45,6 +45,8 @@ mod quic_sender;
 mod reconnect;
 #[cfg(any(feature = "quic", feature = "websocket"))]
 mod server;
+#[cfg(any(feature = "quic", feature = "websocket"))]
+mod steps;
 #[cfg(all(test, feature = "websocket"))]
 mod tests;
 #[cfg(feature = "tls")]

@@ -10,8 +10,8 @@ use lodestream_protocol::time::Time;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
 
 use super::addresses::Resolver;
-use super::connect::STEP_TIMEOUT;
 use super::reconnect::stream_to;
+use super::steps::STEP_TIMEOUT;
 use super::websocket::{WebSocketConnection, run_websocket};
 use super::{Clock, End, Host, Retry, stream};
 use crate::core::{ClientCore, Config, Progress, StartView};

@@ -12,7 +12,7 @@ use lodestream_scene::published::{
 use lodestream_scene::punctual_lights::{LISTED_PER_PAGE, PunctualLights};
 use lodestream_scene::terrain::PATCHES_PER_PAGE;
 
-use super::session::Object;
+use super::request::Object;
 
 /// What can be fetched and checked by itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

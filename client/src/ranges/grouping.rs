@@ -7,7 +7,7 @@ use lodestream_select::Priority;
 use lodestream_select::priority::is_hidden;
 
 use super::directory::{Item, Segment};
-use super::session::Object;
+use super::request::Object;
 
 /// Bounds on requests.
 #[derive(Clone, Copy, Debug)]

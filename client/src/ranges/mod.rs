@@ -16,11 +16,13 @@
 //! | `directory` | what is known of the scene's layout: the place of each blob |
 //! | `items` | what is to be fetched, and how urgently |
 //! | `grouping` | neighbours that one request fetches |
+//! | `request` | requests, as drivers take them |
 //! | `response` | status and range of a response |
 
 mod directory;
 mod grouping;
 mod items;
+mod request;
 mod response;
 mod session;
 #[cfg(test)]
@@ -29,5 +31,6 @@ mod testing;
 mod tests;
 
 pub use grouping::RangeSettings;
+pub use request::{Object, RangeRequest};
 pub use response::{ContentRange, ResponseHead};
-pub use session::{Object, RangeRequest, RangeSession};
+pub use session::RangeSession;

@@ -9,7 +9,7 @@ use lodestream_protocol::client::{Backoff, ClientConfig, ClientEvent, ClientStat
 use lodestream_protocol::message::{Close, CloseCode, Refused, RefusedReason, VERSIONS, Welcome};
 use lodestream_protocol::time::Time;
 use lodestream_scene::blob::BlobId;
-use lodestream_scene::published::{HEAD_BYTES, Head, PublishedError, pack_name};
+use lodestream_scene::published::{HEAD_BYTES, Head, PublishedError};
 use lodestream_scene::view::{Frustum, View};
 use lodestream_select::priority::{DIRECTORY, refine_priority};
 use lodestream_select::{Priority, State, Wanted};
@@ -17,6 +17,7 @@ use lodestream_select::{Priority, State, Wanted};
 use super::directory::{Directory, Item, Location};
 use super::grouping::{Candidate, RangeSettings, group};
 use super::items::{Items, Progress};
+use super::request::{Object, RangeRequest};
 use super::response::{self, ResponseFault, ResponseHead};
 
 /// Bytes of the first request: opening, first scene pages, base meshes and index pages of most scenes.
@@ -35,48 +36,6 @@ const FAILED_FOR: Duration = Duration::from_secs(5);
 const MAX_NEEDED_IN_A_ROW: usize = 3;
 /// See [`RangeSession::gap_bytes`].
 const GAP_SHARE: f64 = 0.1;
-
-/// An object of a published scene.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Object {
-    /// The published scene itself.
-    Scene,
-    /// A pack: its key and length.
-    Pack([u8; 32], u64),
-}
-
-impl Object {
-    /// Its name relative to the published scene's folder; `None` for the scene itself.
-    #[must_use]
-    pub fn name(&self) -> Option<String> {
-        match self {
-            Self::Scene => None,
-            Self::Pack(key, _) => Some(pack_name(key)),
-        }
-    }
-}
-
-impl std::fmt::Display for Object {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self.name() {
-            None => f.write_str("the published scene"),
-            Some(name) => f.write_str(&name),
-        }
-    }
-}
-
-/// A request for a driver to make.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct RangeRequest {
-    /// Its number, in what the driver reports about it.
-    pub id: u64,
-    /// The object.
-    pub object: Object,
-    /// Its bytes.
-    pub range: Range<u64>,
-    /// Whether caches must ask the server again: a copy was damaged or outdated.
-    pub reload: bool,
-}
 
 /// A request that has been made.
 #[derive(Debug)]

@@ -11,9 +11,11 @@ use lodestream_netsim::link::{IP_UDP_BYTES, LinkCounters, LinkSettings};
 use lodestream_netsim::stream_pipe::{self, Opening, StreamCounters, StreamEnd};
 use lodestream_netsim::tcp::IP_TCP_BYTES;
 use lodestream_netsim::udp::UdpNetwork;
+use lodestream_protocol::message::{Close, CloseCode};
 use rand::{RngCore, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use tokio::task::JoinHandle;
+use tokio::time::timeout;
 
 use super::plan::CaseLink;
 
@@ -22,6 +24,9 @@ pub(crate) const CLIENT: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::new(1
 
 /// Virtual time that the server may take to close after the client has left.
 pub(super) const CLOSE_TIMEOUT: Duration = Duration::from_secs(60);
+
+/// Virtual time after the time limit in which client and server may close the connection.
+const CLOSE_MARGIN: Duration = Duration::from_secs(60);
 
 /// Counters of both directions after a run.
 #[derive(Clone, Copy, Debug, Default)]
@@ -108,4 +113,13 @@ impl TcpNetwork {
         }
         Ok(Self { client, in_time, serving, counters })
     }
+}
+
+/// Waits for the end of a session. A session that has not ended some time after the time limit, for example because the
+/// server never answers, is cut off.
+pub(crate) async fn end_of(session: impl Future<Output = Close>, limit: Duration) -> Close {
+    let cut_off = || {
+        Close::new(CloseCode::Lost, "the session had not ended a minute after the time limit and was cut off")
+    };
+    timeout(limit + CLOSE_MARGIN, session).await.unwrap_or_else(|_| cut_off())
 }

@@ -6,7 +6,6 @@
 //! either, and textures count as soon as they arrive. The server's rate limit is off unless the plan sets it: the link
 //! limits the rate.
 
-use std::future::Future;
 use std::num::NonZeroU64;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
@@ -21,8 +20,7 @@ use lodestream_protocol::source::SceneSource;
 use lodestream_scene::view::View;
 use tokio::time::timeout;
 
-use super::network::CLOSE_TIMEOUT;
-use super::network::{CLIENT, QuicNetwork, SERVER, TcpNetwork, Traffic};
+use super::network::{CLIENT, CLOSE_TIMEOUT, QuicNetwork, SERVER, TcpNetwork, Traffic, end_of};
 use super::observer::Observer;
 use super::outcome;
 use super::plan::{Case, CaseLink, Plan, Transport};
@@ -32,9 +30,6 @@ use super::static_host;
 use super::technique::Technique;
 use super::viewer::Viewer;
 use super::without_occluders::WithoutOccluders;
-
-/// Virtual time after the time limit in which client and server may close the connection.
-const CLOSE_MARGIN: Duration = Duration::from_secs(60);
 
 /// Rate and queue of the link over which a reference picture is fetched, and its time limit in virtual time.
 const REFERENCE_BITS_PER_S: NonZeroU64 = NonZeroU64::new(10_000_000_000).expect("not zero");
@@ -134,15 +129,6 @@ impl Run<'_> {
             Ok(())
         })
     }
-}
-
-/// Waits for the end of a session. A session that has not ended some time after the time limit, for example because the
-/// server never answers, is cut off.
-pub(crate) async fn end_of(session: impl Future<Output = Close>, limit: Duration) -> Close {
-    let cut_off = || {
-        Close::new(CloseCode::Lost, "the session had not ended a minute after the time limit and was cut off")
-    };
-    timeout(limit + CLOSE_MARGIN, session).await.unwrap_or_else(|_| cut_off())
 }
 
 async fn run_quic(

@@ -15,9 +15,8 @@ use lodestream_protocol::message::{Close, CloseCode};
 use lodestream_protocol::source::SceneSource;
 use tokio::time::timeout;
 
-use crate::network::{CLOSE_TIMEOUT, TcpNetwork, Traffic};
+use crate::network::{CLOSE_TIMEOUT, TcpNetwork, Traffic, end_of};
 use crate::plan::Case;
-use crate::run::end_of;
 use crate::viewer::Viewer;
 use objects::Objects;
 

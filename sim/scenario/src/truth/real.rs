@@ -21,11 +21,10 @@ use tokio::time::timeout;
 
 use super::relay_tcp::TcpRelay;
 use super::relay_udp::UdpRelay;
-use crate::network::{Traffic, under};
+use crate::network::{Traffic, end_of, under};
 use crate::outcome;
 use crate::plan::{Case, Plan, Transport};
 use crate::result::RunResult;
-use crate::run::end_of;
 use crate::viewer::Viewer;
 
 /// Time that daemon and relay may take to stop.
