@@ -12,7 +12,7 @@
 //!
 //! | module | responsibility |
 //! |---|---|
-//! | `session` | responses in, events out; failures, deadlines, end |
+//! | `session` | wanted blobs in, requests out; responses in, events out |
 //! | `directory` | what is known of the scene's layout: the place of each blob |
 //! | `items` | what is to be fetched, and how urgently |
 //! | `grouping` | neighbours that one request fetches |
