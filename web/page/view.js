@@ -56,16 +56,23 @@ export class View extends EventTarget {
   async start() {
     if (!navigator.gpu) return this.#fail(NO_WEBGPU);
     try {
+      this.#resize();
+      // Connects while the module loads.
+      this.#startWorker();
       const [module, adapter] = await Promise.all([
         WebAssembly.compileStreaming(fetch(this.#options.module)),
         navigator.gpu.requestAdapter(),
       ]);
-      if (!adapter) return this.#fail(NO_WEBGPU);
+      if (!adapter) {
+        this.#worker.terminate();
+        return this.#fail(NO_WEBGPU);
+      }
       this.#software = adapter.info.isFallbackAdapter || SOFTWARE.includes(adapter.info.architecture);
-      this.#resize();
-      await init({ module_or_path: module });
       this.#module = module;
-      await this.#open();
+      if (this.#ended) return;
+      this.#worker.postMessage({ kind: 'module', module });
+      await init({ module_or_path: module });
+      await this.#openDevice();
     } catch (why) {
       this.#fail(String(why?.message ?? why));
     }
@@ -78,6 +85,11 @@ export class View extends EventTarget {
   async #open() {
     if (this.#ended) return;
     this.#startWorker();
+    await this.#openDevice();
+  }
+
+  async #openDevice() {
+    if (this.#ended) return;
     const viewer = await Viewer.open(this.#canvas, this.#options.targetPx ?? 1, this.#software);
     if (this.#ended) return viewer.close();
     if (this.#options.camera) viewer.set_camera(now(), Float64Array.from(this.#options.camera));

@@ -24,6 +24,8 @@ let early = [];
 let opened = false;
 let untaken = 0;
 let failures = 0;
+/** Whether to connect again once the module is there: without it, attempts would follow one another on slow links. */
+let waitsForModule = false;
 let message = 'connecting';
 let reportedAt = -Infinity;
 let settled = false;
@@ -31,6 +33,11 @@ let timer = 0;
 let left = false;
 /** Number of the last view that was set, of those that the page numbers. */
 let viewNumber = 0;
+
+let giveModule;
+const laterModule = new Promise((resolve) => {
+  giveModule = resolve;
+});
 
 // A task without the 4 ms that nested timers wait.
 const soon = new MessageChannel();
@@ -95,6 +102,10 @@ function begin() {
 function retry() {
   report();
   if (left) return;
+  if (!streamer) {
+    waitsForModule = true;
+    return;
+  }
   const wait = Math.min(RETRY_MS[0] * 2 ** failures, RETRY_MS[1]);
   failures += 1;
   // Spread, so that the clients of a server that restarts do not come at once.
@@ -177,12 +188,17 @@ const handlers = {
     follow(start.epoch);
     const begunAt = now();
     connect();
-    await init({ module_or_path: start.module });
+    await init({ module_or_path: start.module ?? (await laterModule) });
     const { width, height, targetPx, scene, token, cacheBytes } = start;
     streamer = new Streamer(width, height, targetPx, scene, token, cacheBytes);
     streamer.begin(begunAt);
     if (start.view) streamer.set_view_numbers(now(), start.view);
-    begin();
+    if (waitsForModule) connect();
+    else begin();
+  },
+  /** The module, where it was not there at the start: the connection opens while it loads. */
+  module({ module }) {
+    giveModule(module);
   },
   view({ view }) {
     streamer?.set_view(now(), view);

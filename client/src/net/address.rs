@@ -117,7 +117,8 @@ pub enum AddressError {
     Scene(String),
     /// A path that is not a published scene's.
     #[error(
-        "{0:?} is not a published scene: its address ends with /NAME.lss; servers have quic:// or wss:// addresses"
+        "{0:?} is not a published scene, whose address ends with /NAME.lss; for a server write \
+         quic://HOST:PORT#sha256=… (as the server prints it), wss://HOST or ws://HOST:PORT"
     )]
     Published(String),
     /// Unknown text at the end.

@@ -151,7 +151,7 @@ fn missing_truncated_and_damaged_scenes_end_streaming_with_what_to_do() {
 fn missing_truncated_and_damaged_packs_are_named_and_the_rest_is_shown() {
     let expected = settle(&Host::start(published()));
     for (what, says) in
-        [("missing", "not there"), ("truncated", "bytes, not"), ("damaged", "do not have their hash")]
+        [("missing", "not there"), ("truncated", "truncated"), ("damaged", "do not have their hash")]
     {
         let folder = copy();
         let pack =

@@ -194,7 +194,7 @@ fn a_scene_over_damaged_objects_is_not_opened() {
         opened.err().map(|why| why.to_string()).unwrap_or_default()
     };
     for (fault, said) in
-        [(Fault::Wrong, "damaged"), (Fault::Missing, "no such object"), (Fault::Short, "hash")]
+        [(Fault::Wrong, "damaged"), (Fault::Missing, "no such object"), (Fault::Short, "truncated")]
     {
         two.s3.set(fault);
         let why = open();
