@@ -21,14 +21,18 @@ export class Ranges {
   #scene;
   #changed;
   #running = new Map();
-  #first;
+  #first = null;
 
-  /** `scene`: the address of the published scene. `changed()` is called when the streamer has received something. */
-  constructor(scene, changed) {
+  /**
+   * `scene`: the address of the published scene. `changed()` is called when the streamer has received something. `early`:
+   * the streamer is not there yet, so its first request is made before it asks.
+   */
+  constructor(scene, changed, early) {
     this.#scene = scene;
     this.#changed = changed;
-    // Asked for before the streamer is there. A failure shows when the response is used.
+    if (!early) return;
     this.#first = ask(scene, 0, FIRST_BYTES, {});
+    // A failure shows when the response is used.
     this.#first.catch(() => {});
   }
 

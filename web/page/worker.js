@@ -81,7 +81,7 @@ function connect() {
 
 /** Reads a published scene: there is nothing to open. */
 function read() {
-  ranges = new Ranges(options.address.published, turnSoon);
+  ranges = new Ranges(options.address.published, turnSoon, !streamer);
   abandon = () => ranges.close();
   link = { name: 'http', send() {} };
   opened = true;

@@ -122,10 +122,7 @@ pub(super) async fn connect(
         }
         #[cfg(feature = "quic")]
         Scheme::Quic => open_quic(server, servers, memory).await,
-        // Returned above.
-        #[cfg(all(feature = "quic", feature = "http"))]
-        Scheme::Https | Scheme::Http | Scheme::File => Ok(Connection::Published(published(server))),
-        #[cfg(not(all(feature = "quic", feature = "http")))]
+        // Published scenes without the feature `http`, which were returned above otherwise, and other features.
         _ => {
             let _ = (token, resumes, memory, servers);
             let why =

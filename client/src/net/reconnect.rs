@@ -6,7 +6,6 @@ use std::time::Duration;
 
 use lodestream_protocol::client::Backoff;
 use lodestream_protocol::message::{Close, CloseCode, Token};
-use lodestream_protocol::time::Time;
 use lodestream_transport::Clock;
 #[cfg(all(feature = "runtime", feature = "websocket"))]
 use tokio::io::{AsyncRead, AsyncWrite};
@@ -220,12 +219,6 @@ impl<C: RunSession, F: AsyncFnMut() -> Result<C, Close>> Connector for HostConne
     }
 }
 
-/// Jitter for the length of a pause: Fibonacci hashing of the time (Knuth, The Art of Computer Programming, vol. 3,
-/// section 6.4). Spreads clients that lose the same server at almost the same time.
-fn jitter(now: Time) -> u32 {
-    u32::try_from(now.as_ns().wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32).unwrap_or(0)
-}
-
 /// Connects and runs sessions until one of the reasons in [`End`].
 async fn stream_with<H: Host>(
     mut connector: impl Connector,
@@ -272,7 +265,7 @@ async fn stream_with<H: Host>(
         if lasted >= MIN_USEFUL_SESSION && host.core().stats().session.blobs > 0 {
             backoff.succeeded();
         }
-        let wait = backoff.next_wait(jitter(clock.now()));
+        let wait = backoff.next_wait_at(clock.now());
         let late = until.is_some_and(|until| Instant::now() + wait + MIN_ATTEMPT > until);
         if !reached && (late || attempts >= retry.first_attempts) {
             return End::Unreachable { attempts, why: close.reason };
@@ -320,22 +313,5 @@ async fn run_host_until<H: Host, T>(
             () = tokio::task::yield_now(), if again => {}
             () = host.wake() => {}
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn clients_that_were_started_together_reconnect_at_different_times() {
-        // Fifty clients that lose the server within 50 ms of their clocks.
-        let mut waits: Vec<Duration> =
-            (0..50).map(|ms| Backoff::new().next_wait(jitter(Time::from_ms(30_000 + ms)))).collect();
-        waits.sort_unstable();
-        // The pauses cover most of their range of 250 ms.
-        assert!(waits[49] - waits[0] > Duration::from_millis(225), "{waits:?}");
-        let together = waits.windows(6).map(|six| six[5] - six[0]).min().unwrap();
-        assert!(together > Duration::from_millis(5), "six within {together:?}");
     }
 }

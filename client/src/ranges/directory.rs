@@ -40,6 +40,11 @@ impl Item {
         }
     }
 
+    /// Whether it can lie in the published scene itself: chunks never do.
+    pub(super) const fn may_be_in_scene(self) -> bool {
+        !matches!(self, Self::Blob(BlobId::Asset { part: BlobPart::Chunk(_), .. }))
+    }
+
     /// The blob that it brings.
     pub(super) const fn blob(self) -> Option<BlobId> {
         match self {
@@ -109,8 +114,8 @@ pub(super) enum Location {
 #[derive(Debug, Default)]
 pub(super) struct Directory {
     opened: Option<(Head, Opening)>,
-    pages: Vec<Option<PageRecord>>,
-    sources: Vec<Option<SourceRecord>>,
+    pages: BTreeMap<u32, PageRecord>,
+    sources: BTreeMap<u32, SourceRecord>,
     /// Scene page of each asset of the leading pages that have arrived.
     page_of_asset: Vec<u32>,
     chunks: BTreeMap<(u32, u32), ChunkTable>,
@@ -120,8 +125,6 @@ pub(super) struct Directory {
 
 impl Directory {
     pub(super) fn open(&mut self, head: Head, opening: Opening) {
-        self.pages = vec![None; opening.pages.len()];
-        self.sources = vec![None; opening.pages.len()];
         self.opened = Some((head, opening));
     }
 
@@ -138,7 +141,7 @@ impl Directory {
     }
 
     pub(super) fn page(&self, number: u32) -> Option<&PageRecord> {
-        self.pages.get(number as usize)?.as_ref()
+        self.pages.get(&number)
     }
 
     /// Adds a scene page.
@@ -148,15 +151,13 @@ impl Directory {
             return Err(PublishedError::Contradiction("there is no such scene page"));
         };
         let record = PageRecord::decode_checked(bytes, number, &place.page, rest)?;
-        if let Some(slot) = self.pages.get_mut(number as usize) {
-            *slot = Some(record);
-        }
+        self.pages.insert(number, record);
         Ok(())
     }
 
     /// Numbers the assets of page `number`, to which the pages before it have been numbered; `None` until it arrives.
     pub(super) fn next_in_order(&mut self, number: u32) -> Option<&PageRecord> {
-        let record = self.pages.get(number as usize)?.as_ref()?;
+        let record = self.pages.get(&number)?;
         self.page_of_asset.extend(std::iter::repeat_n(number, record.page.assets.len()));
         Some(record)
     }
@@ -169,9 +170,7 @@ impl Directory {
             return Err(PublishedError::Contradiction("a list of packs came before its scene page"));
         };
         let record = SourceRecord::decode_checked(bytes, &page.page, &place, rest)?;
-        if let Some(slot) = self.sources.get_mut(number as usize) {
-            *slot = Some(record);
-        }
+        self.sources.insert(number, record);
         Ok(())
     }
 
@@ -216,14 +215,13 @@ impl Directory {
 
     pub(super) fn source(&self, asset: u32) -> Option<&AssetSource> {
         let (number, at) = self.on_page(asset)?;
-        self.sources.get(number as usize)?.as_ref()?.assets.get(at)
+        self.sources.get(&number)?.assets.get(at)
     }
 
     /// What follows a scene page's list of packs: coarse textures and index pages.
     pub(super) fn behind_source(&self, number: u32) -> Vec<Item> {
         let place = self.opening().and_then(|opening| opening.pages.get(number as usize));
-        let (Some(place), Some(page), Some(Some(source))) =
-            (place, self.page(number), self.sources.get(number as usize))
+        let (Some(place), Some(page), Some(source)) = (place, self.page(number), self.sources.get(&number))
         else {
             return Vec::new();
         };
@@ -306,8 +304,8 @@ impl Directory {
     fn locate_behind(&self, asset: u32, is_it: impl Fn(Behind) -> bool) -> Location {
         let Some((number, at)) = self.on_page(asset) else { return Location::Nowhere };
         let Some((head, opening)) = &self.opened else { return Location::Nowhere };
-        match (opening.pages.get(number as usize), self.sources.get(number as usize)) {
-            (Some(place), Some(Some(record))) => {
+        match (opening.pages.get(number as usize), self.sources.get(&number)) {
+            (Some(place), Some(record)) => {
                 let mut behind = record.behind(&place.source);
                 let found = behind.find(|(of, behind, _)| *of == at && is_it(*behind));
                 found.map_or(Location::Nowhere, |(_, _, part)| {

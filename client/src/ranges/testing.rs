@@ -4,13 +4,10 @@ use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
 use bytes::Bytes;
-use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_stated_page};
 use lodestream_protocol::source::SceneSource;
 use lodestream_protocol::time::Time;
 use lodestream_scene::blob::{BlobId, BlobPart};
-use lodestream_scene::published::{
-    ChunkPlace, ChunkTable, Contents, IndexPage, PackContents, Texture, TexturePlace, part_hash,
-};
+use lodestream_scene::published::{Contents, PackContents};
 
 use super::{ContentRange, Object, RangeRequest, ResponseHead};
 use crate::core::testing::TestScene;
@@ -27,38 +24,23 @@ pub(crate) fn publish(scene: &TestScene) -> Objects {
     for (number, asset) in (0..).zip(&page.assets) {
         let read = |part| scene.read(&BlobId::Asset { asset: number, part }).unwrap();
         let mut pack = vec![0x55; 64];
-        let index = (0..asset.index_pages()).map(|page| {
-            let bytes = read(BlobPart::IndexPage(page));
-            let first = page * CHUNKS_PER_PAGE as u32;
-            let infos = decode_stated_page(&bytes, first).unwrap().chunks;
-            let offset = pack.len() as u64;
-            let places = (first..).zip(&infos).map(|(chunk, info)| {
-                let bytes = read(BlobPart::Chunk(chunk));
-                pack.extend_from_slice(&bytes);
-                ChunkPlace::of(info).hashed(&bytes).unwrap()
-            });
-            let chunks = ChunkTable { offset, chunks: places.collect() };
-            IndexPage { bytes, chunks }
-        });
-        let index = index.collect();
-        let textures_offset = pack.len() as u64;
-        let textures = (0..3).map(|level| {
-            let bytes = read(BlobPart::Texture { texture: 0, level });
+        let mut contents = PackContents { base: read(BlobPart::Base), ..PackContents::default() };
+        for page in 0..asset.index_pages() {
+            contents.add_index_page(read(BlobPart::IndexPage(page))).unwrap();
+        }
+        for chunk in 0..asset.chunk_count {
+            let bytes = read(BlobPart::Chunk(chunk));
+            contents.add_chunk(chunk, pack.len() as u64, &bytes).unwrap();
             pack.extend_from_slice(&bytes);
-            let place =
-                TexturePlace { texture: 0, level, bytes: bytes.len() as u32, hash: part_hash(&bytes) };
-            Texture { place, copy: (level == 0).then_some(bytes) }
-        });
-        let textures = textures.collect();
+        }
+        for level in 0..3 {
+            let bytes = read(BlobPart::Texture { texture: 0, level });
+            contents.add_texture(0, level, pack.len() as u64, bytes.clone()).unwrap();
+            pack.extend_from_slice(&bytes);
+        }
         let key = *blake3::hash(&number.to_le_bytes()).as_bytes();
-        packs.push(PackContents {
-            key,
-            bytes: pack.len() as u64,
-            base: read(BlobPart::Base),
-            index,
-            textures_offset,
-            textures,
-        });
+        (contents.key, contents.bytes) = (key, pack.len() as u64);
+        packs.push(contents);
         objects.insert(Object::Pack(key, 0).name(), pack);
     }
     let directory = scene.blob_len(&BlobId::terrain_page(0)).filter(|&bytes| bytes > 0);

@@ -186,7 +186,7 @@ fn connect_gives_the_faces_of_the_native_client() {
 }
 
 #[test]
-fn a_page_that_the_server_does_not_allow_is_told_so_and_tries_again() {
+fn a_page_that_the_server_does_not_allow_is_told_that_the_connection_is_lost() {
     let Some(mut tab) = tab_with([64, 64], WEBGL) else { return };
     let site = Files::start(built_package(), PAGE.to_owned());
     let server = Server::start(TestScene::small().source(), SessionSettings::default());

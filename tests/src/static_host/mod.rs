@@ -83,7 +83,8 @@ fn a_static_host_and_a_folder_show_what_a_daemon_shows() {
         let found = comparison(&drawn, &picture);
         assert!(same(&found), "{name}: {found:?}");
     }
-    assert!(host.most_connections() <= 6, "{} connections", host.most_connections());
+    // Six requests are in flight at most; a host may see the end of an aborted one late.
+    assert!(host.most_connections() <= 8, "{} connections", host.most_connections());
     assert!(host.requests().len() <= 40, "{:?}", host.requests());
 }
 

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use lodestream_protocol::client::ClientEvent;
-use lodestream_protocol::message::{Close, CloseCode, Refused, RefusedReason};
+use lodestream_protocol::message::{Close, CloseCode, RefusedReason};
 use lodestream_protocol::time::Time;
 use lodestream_scene::blob::BlobId;
 
@@ -95,8 +95,7 @@ impl RangeSession {
     pub(super) fn give_up(&mut self, item: Item) {
         let pending = self.items.pending.remove(&item);
         if let (Some(id), true) = (item.blob(), pending.is_some_and(|pending| pending.wanted)) {
-            let Refused { id, reason } = Refused { id, reason: RefusedReason::Unreadable };
-            self.events.push_back(ClientEvent::Refused { id, reason });
+            self.events.push_back(ClientEvent::Refused { id, reason: RefusedReason::Unreadable });
         }
     }
 }

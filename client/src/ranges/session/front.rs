@@ -10,7 +10,7 @@ use lodestream_select::Priority;
 use super::{FIRST_BYTES, RangeSession};
 use crate::ranges::directory::{Item, Location};
 use crate::ranges::grouping::Candidate;
-use crate::ranges::items::Progress;
+use crate::ranges::items::{Pending, Progress};
 use crate::ranges::request::Object;
 
 impl RangeSession {
@@ -60,33 +60,42 @@ impl RangeSession {
         if self.directory.opening().is_none() && !self.open() {
             return;
         }
+        // What is read may tell where more lies.
         loop {
-            let arrived = self.front.len() as u64;
-            let here = self.items.pending.iter().find_map(|(&item, pending)| {
-                let Location::At(place) = self.directory.locate(item) else { return None };
-                let end = place.start + u64::from(place.bytes);
-                let is_here = pending.progress == Progress::Waiting
-                    && !pending.reload
-                    && place.object == Object::Scene
-                    && end <= arrived;
-                is_here.then_some(Candidate {
-                    item,
-                    priority: pending.priority,
-                    object: place.object,
-                    range: place.start..end,
-                    segments: place.segments,
-                    reload: false,
-                })
-            });
-            let Some(one) = here else { return };
-            let [start, end] =
-                [one.range.start, one.range.end].map(|at| usize::try_from(at).unwrap_or(usize::MAX));
-            let bytes = self.front.get(start..end).map(Bytes::copy_from_slice).unwrap_or_default();
-            self.deliver(now, &one, bytes);
-            if self.close.is_some() {
+            let here = self.arrived();
+            if here.is_empty() {
                 return;
             }
+            for one in here {
+                let [start, end] =
+                    [one.range.start, one.range.end].map(|at| usize::try_from(at).unwrap_or(usize::MAX));
+                let bytes = self.front.get(start..end).map(Bytes::copy_from_slice).unwrap_or_default();
+                self.deliver(now, &one, bytes);
+                if self.close.is_some() {
+                    return;
+                }
+            }
         }
+    }
+
+    /// Waiting items that the front has whole.
+    fn arrived(&self) -> Vec<Candidate> {
+        let waits = |pending: &Pending| pending.progress == Progress::Waiting && !pending.reload;
+        let waiting =
+            self.items.pending.iter().filter(|(item, pending)| item.may_be_in_scene() && waits(pending));
+        let here = waiting.filter_map(|(&item, pending)| {
+            let Location::At(place) = self.directory.locate(item) else { return None };
+            let end = place.start + u64::from(place.bytes);
+            (place.object == Object::Scene && end <= self.front.len() as u64).then_some(Candidate {
+                item,
+                priority: pending.priority,
+                object: place.object,
+                range: place.start..end,
+                segments: place.segments,
+                reload: false,
+            })
+        });
+        here.collect()
     }
 
     /// Reads the opening, if it has arrived; returns whether it has.

@@ -18,6 +18,9 @@ impl RangeSession {
     /// Requests the next scene pages.
     pub(super) fn need_pages(&mut self) {
         let Some(opening) = self.directory.opening() else { return };
+        if self.pages_in_view_known && self.next_page as usize == opening.pages.len() {
+            return;
+        }
         let frustum = self.view.map(|view| (view.frustum(), view.eye));
         let hidden = refine_priority(1.0, 1.0, 1.0);
         let eye = opening.header.camera.eye;

@@ -103,8 +103,7 @@ impl RangeSession {
         }
         // Several requests fail together: they count as one.
         if self.retry_at.is_none() {
-            let spread = (id as u32).wrapping_mul(0x9E37_79B9);
-            self.retry_at = Some(now + self.backoff.next_wait(spread));
+            self.retry_at = Some(now + self.backoff.next_wait_at(now));
         }
         let since = self.trouble.as_ref().map_or(now, |(since, _)| *since);
         self.trouble = Some((since, why));

@@ -12,7 +12,9 @@
 //! | `opening` | head and opening |
 //! | `records` | a scene page with the places of its base meshes; the packs of its assets |
 //! | `contents`, `write`, `read` | the whole object |
+//! | `compose` | what it holds of a pack, collected in the pack's order |
 
+mod compose;
 mod contents;
 mod opening;
 mod part;

@@ -2,19 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use anyhow::Context as _;
 use bytes::Bytes;
 use lodestream_client::ranges::Object;
-use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_stated_page};
 use lodestream_protocol::source::SceneSource;
-use lodestream_scene::published::{
-    ChunkPlace, ChunkTable, Contents, IndexPage, PackContents, Texture, TexturePlace, part_hash,
-};
+use lodestream_scene::published::{Contents, PackContents};
 use lodestream_scene::{BlobId, BlobPart};
-
-/// Longest texture level that the published scene has a copy of, and levels of which it may; as a store publishes.
-const MAX_COPY_BYTES: usize = 2048;
-const COPIED_LEVELS: u8 = 2;
 
 /// Objects of a published scene.
 #[derive(Debug)]
@@ -67,31 +59,20 @@ fn pack(scene: &dyn SceneSource, asset: u32, index_pages: u32) -> anyhow::Result
     let mut pack = Vec::new();
     let mut contents = PackContents { base: read(BlobPart::Base)?, ..PackContents::default() };
     for page in 0..index_pages {
-        let bytes = read(BlobPart::IndexPage(page))?;
-        let first = page * u32::try_from(CHUNKS_PER_PAGE)?;
-        let mut table = ChunkTable { offset: pack.len() as u64, chunks: Vec::new() };
-        for (chunk, info) in (first..).zip(&decode_stated_page(&bytes, first)?.chunks) {
-            let bytes = read(BlobPart::Chunk(chunk))?;
-            pack.extend_from_slice(&bytes);
-            let place = ChunkPlace::of(info).hashed(&bytes);
-            table.chunks.push(place.context("a chunk is not as long as its index page says")?);
-        }
-        contents.index.push(IndexPage { bytes, chunks: table });
+        contents.add_index_page(read(BlobPart::IndexPage(page))?)?;
     }
-    contents.textures_offset = pack.len() as u64;
-    for texture in 0.. {
-        let levels = (0..)
-            .map_while(|level| read(BlobPart::Texture { texture, level }).ok().map(|bytes| (level, bytes)));
-        let before = contents.textures.len();
-        for (level, bytes) in levels {
+    let count = contents.index.iter().map(|page| page.chunks.chunks.len()).sum::<usize>();
+    for chunk in 0..u32::try_from(count)? {
+        let bytes = read(BlobPart::Chunk(chunk))?;
+        contents.add_chunk(chunk, pack.len() as u64, &bytes)?;
+        pack.extend_from_slice(&bytes);
+    }
+    let has = |texture, level| scene.blob_len(&BlobId::texture(asset, texture, level)).is_some();
+    for texture in (0..).take_while(|texture| has(*texture, 0)) {
+        for level in (0..).take_while(|level| has(texture, *level)) {
+            let bytes = read(BlobPart::Texture { texture, level })?;
+            contents.add_texture(texture, level, pack.len() as u64, bytes.clone())?;
             pack.extend_from_slice(&bytes);
-            let place =
-                TexturePlace { texture, level, bytes: u32::try_from(bytes.len())?, hash: part_hash(&bytes) };
-            let copied = level < COPIED_LEVELS && bytes.len() <= MAX_COPY_BYTES;
-            contents.textures.push(Texture { place, copy: copied.then_some(bytes) });
-        }
-        if contents.textures.len() == before {
-            break;
         }
     }
     contents.bytes = pack.len() as u64;
