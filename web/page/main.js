@@ -4,18 +4,13 @@ import { cameraOf } from './camera.js';
 import { now } from './clock.js';
 import { listen } from './input.js';
 import { show } from './overlay.js';
+import { fragment, preview, stage } from './preview.js';
 import { View } from './view.js';
 
 const element = (id) => document.getElementById(id);
 const server = JSON.parse(element('lodestream-server').textContent);
 const files = JSON.parse(element('lodestream-files').textContent);
 const canvas = element('view');
-
-/** The fragment: `eye=x,y,z;target=x,y,z;up=x,y,z;fov=degrees;scene=…;token=…;transport=…`, all optional. */
-function fragment() {
-  const entries = location.hash.slice(1).split(';').map((part) => part.split('='));
-  return Object.fromEntries(entries.filter(([key, value]) => key && value).map(([k, v]) => [k, decodeURIComponent(v)]));
-}
 
 const number = (value) => Number(value.toPrecision(9)).toString();
 
@@ -44,6 +39,7 @@ function address({ published, websocket, webtransport }, { scene, transport: onl
   return { webSocket: webSocket.replace(/#.*/, ''), webTransport: webTransport ?? null, only };
 }
 
+// The fragment: `eye=x,y,z;target=x,y,z;up=x,y,z;fov=degrees;scene=…;token=…;transport=…`, all optional.
 const asked = fragment();
 const view = new View({
   canvas,
@@ -88,7 +84,11 @@ addEventListener('hashchange', () => {
     view.redraw();
   }
 });
-view.addEventListener('firstframe', () => element('message').remove());
+view.addEventListener('firstframe', () => {
+  element('message')?.remove();
+  preview?.close();
+});
+if (preview) preview.onmove = (camera) => view.place(camera);
 view.addEventListener('error', ({ detail }) => {
   const message = element('message') ?? document.body.appendChild(document.createElement('p'));
   message.id = 'message';
@@ -97,5 +97,5 @@ view.addEventListener('error', ({ detail }) => {
 addEventListener('pagehide', () => view.close());
 
 /** Figures and control for scripts and tests. */
-window.lodestream = { stats: () => view.stats(), view };
+window.lodestream = { stats: () => ({ ...view.stats(), preview_ms: stage.drawn_ms }), view };
 view.start();

@@ -227,6 +227,13 @@ export class View extends EventTarget {
     return this.#viewer;
   }
 
+  /** Moves to a camera of ten numbers, or starts from it. */
+  place(camera) {
+    this.#options.camera = camera;
+    this.#viewer?.set_camera(now(), Float64Array.from(camera));
+    this.redraw();
+  }
+
   /** Switches a technique, see `Viewer.switch`. */
   switch(technique, on) {
     this.#viewer?.switch(technique, on);

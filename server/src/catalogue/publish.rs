@@ -15,8 +15,11 @@ use lodestream_bake::compose::describe;
 use lodestream_bake::prepare::{Options, key_of, prepare_cached};
 use lodestream_bake::scene::Scene;
 use lodestream_bake::stderr::write_line;
+use lodestream_scene::blob::BlobPart;
 use lodestream_scene::published::pack_name;
-use lodestream_store::{MAX_SCENE_OBJECT_BYTES, Objects, PackFile, SceneObject, StoreError};
+use lodestream_store::{
+    MAX_SCENE_OBJECT_BYTES, Objects, PackFile, SceneDescription, SceneObject, StoreError,
+};
 
 /// Result of publishing a scene.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -31,11 +34,13 @@ pub struct Published {
     pub there: usize,
     /// Whether the scene object was written: it did not exist or differed.
     pub scene_written: bool,
+    /// The scene's preview for the page, if it has one.
+    pub preview: Option<Vec<u8>>,
 }
 
 impl std::fmt::Display for Published {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { name, prepared, written, there, scene_written } = self;
+        let Self { name, prepared, written, there, scene_written, .. } = self;
         let scene = if *scene_written { "written" } else { "unchanged" };
         write!(f, "{name} {scene}; packs: {written} written, {there} existing, {prepared} prepared")
     }
@@ -81,6 +86,7 @@ pub async fn publish(
         packs.push(cached.pack);
     }
     let (description, packs) = describe(scene, packs)?;
+    done.preview = preview(&description, &packs);
     let contents_of = |pack: &PackFile| {
         let key = keys.iter().find(|(path, _)| path == pack.path()).map(|(_, key)| *key);
         pack.published(key.unwrap_or_default())
@@ -100,14 +106,30 @@ pub async fn publish(
     Ok(done)
 }
 
+/// The preview; a scene without one is published all the same.
+fn preview(description: &SceneDescription, packs: &[PackFile]) -> Option<Vec<u8>> {
+    let read = |asset: u32| {
+        let pack =
+            packs.get(asset as usize).map(|pack| pack.read(BlobPart::Base).map(|bytes| bytes.to_vec()));
+        pack.transpose().map_err(anyhow::Error::from)
+    };
+    let made = lodestream_preview::encode(&description.header, &description.pages, read);
+    made.inspect_err(|why| write_line(format_args!("warning: no preview: {why}"))).ok()
+}
+
 /// Publishes the page for browsers beside a published scene: its files, named by content, and `NAME.html`, which shows
 /// the scene. Gives the name of the latter.
 ///
 /// # Errors
 /// The store does not answer or refuses an object.
-pub async fn publish_page(page: &Page, scene: &str, objects: &Objects) -> Result<String, StoreError> {
+pub async fn publish_page(
+    page: &Page,
+    published: &Published,
+    objects: &Objects,
+) -> Result<String, StoreError> {
+    let scene = &published.name;
     let index = format!("{}.html", scene.strip_suffix(PUBLISHED).unwrap_or(scene));
-    for (name, content_type, bytes) in page.published(scene, index.clone()) {
+    for (name, content_type, bytes) in page.published(scene, published.preview.clone(), index.clone()) {
         let exists = name != index && objects.length(&name).await? == Some(bytes.len() as u64);
         if !exists {
             objects.put_typed(&name, bytes, content_type).await?;

@@ -65,7 +65,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let objects = objects(destination)?;
     let done = runtime.block_on(publish(&scene, &objects, &cache, &options))?;
     let shown = match page {
-        Some(page) => format!("; page: {}", runtime.block_on(publish_page(&page, &done.name, &objects))?),
+        Some(page) => format!("; page: {}", runtime.block_on(publish_page(&page, &done, &objects))?),
         None => String::new(),
     };
     Ok(Outcome::good(format!("{}: {done}{shown}\n", destination.display())))

@@ -5,6 +5,7 @@ pub(crate) mod origin;
 pub(crate) mod paced_body;
 pub(crate) mod page;
 pub(crate) mod page_answers;
+pub(crate) mod previews;
 pub(crate) mod proxy;
 pub(crate) mod responses;
 pub(crate) mod server;

@@ -210,9 +210,14 @@ impl Page {
     }
 
     /// The page's files for a static host: name, content type, contents; compressed forms too, as their own types. Then the
-    /// index, which names a published scene, as `index`.
+    /// index, which names a published scene and its preview, as `index`.
     #[must_use]
-    pub fn published(&self, scene: &str, index: String) -> Vec<(String, &'static str, Bytes)> {
+    pub fn published(
+        &self,
+        scene: &str,
+        preview: Option<Vec<u8>>,
+        index: String,
+    ) -> Vec<(String, &'static str, Bytes)> {
         let files = self.assets.iter().flat_map(|(name, asset)| {
             asset.forms.iter().map(move |(coding, (contents, _))| match coding {
                 Coding::Brotli => (format!("{name}.br"), "application/octet-stream", contents.clone()),
@@ -220,15 +225,22 @@ impl Page {
                 Coding::Identity => (name.clone(), asset.content_type, contents.clone()),
             })
         });
-        let description = serde_json::json!({ "published": scene });
-        files.chain([(index, content_type(INDEX), self.index(&description).into())]).collect()
+        let name = preview.as_deref().map(lodestream_preview::file_name);
+        let description = serde_json::json!({ "published": scene, "preview": name });
+        let page = self.index(&description, name.as_deref()).into();
+        let preview = name.zip(preview).map(|(name, bytes)| (name, "application/octet-stream", bytes.into()));
+        files.chain(preview).chain([(index, content_type(INDEX), page)]).collect()
     }
 
-    /// The index with a description of the server as JSON.
-    pub(crate) fn index(&self, description: &serde_json::Value) -> String {
+    /// The index with a description of the server as JSON, and a link that lets browsers request the preview early.
+    pub(crate) fn index(&self, description: &serde_json::Value, preview: Option<&str>) -> String {
         // In a script element only `<` could begin its end or a comment (HTML, section 4.12.1.3).
         let json = description.to_string().replace('<', "\\u003c");
-        [&self.index.0, json.as_str(), &self.index.1].concat()
+        let link = preview.map_or(String::new(), |name| {
+            format!("<link rel=\"preload\" href=\"./{name}\" as=\"fetch\" crossorigin />")
+        });
+        let (end, rest) = self.index.1.split_at(self.index.1.find('>').map_or(0, |at| at + 1));
+        [&self.index.0, json.as_str(), end, &link, rest].concat()
     }
 }
 

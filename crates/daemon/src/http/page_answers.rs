@@ -9,21 +9,29 @@ use serde_json::{Value, json};
 
 use crate::http::origin::host;
 use crate::http::page::{Asset, Coding, Page, PageSetting, entity_tag};
+use crate::http::previews;
 use crate::http::responses::{TextResponse, text};
 use crate::http::site::Site;
+use crate::session::scene_preview::PreviewFile;
 use crate::session::state::ServerState;
+
+/// Of files that are named by content.
+const IMMUTABLE: &str = "public, max-age=31536000, immutable";
 
 impl Site {
     /// The file for a path, if it is one of the page's.
-    pub(crate) fn file(&self, path: &str, headers: &HeaderMap) -> Option<TextResponse> {
+    pub(crate) fn file(&self, state: &ServerState, path: &str, headers: &HeaderMap) -> Option<TextResponse> {
         let PageSetting::Loaded(page) = &self.page else { return None };
-        let mut response = asset(page.asset(path)?, headers);
+        let mut response = match page.asset(path) {
+            Some(file) => asset(file, headers),
+            None => preview_file(previews::named(state.scenes(), path.strip_prefix('/')?)?.as_ref(), headers),
+        };
         self.confine(&mut response, headers);
         Some(response)
     }
 
     /// The page itself, for a scene or for the only one; `None` if there is no page and none was looked for.
-    pub(crate) fn index(
+    pub(crate) async fn index(
         &self,
         state: &ServerState,
         scene: Option<&str>,
@@ -33,7 +41,14 @@ impl Site {
             PageSetting::Loaded(page) => page,
             absent => return Some(text(StatusCode::NOT_FOUND, absent.absence()? + "\n")),
         };
-        let mut response = self.loaded_index(page, state, scene, headers);
+        // If tokens are required, a client without one must not see the scene.
+        let version = scene.map_or_else(|| state.scenes().only(), |name| state.scenes().get(name));
+        let version = version.filter(|_| state.admission().access.is_none());
+        let preview = match version {
+            Some(version) => previews::preview(version).await,
+            None => None,
+        };
+        let mut response = self.loaded_index(page, state, scene, preview.as_deref(), headers);
         self.confine(&mut response, headers);
         Some(response)
     }
@@ -43,9 +58,11 @@ impl Site {
         page: &Page,
         state: &ServerState,
         scene: Option<&str>,
+        preview: Option<&PreviewFile>,
         headers: &HeaderMap,
     ) -> TextResponse {
-        let body: Bytes = page.index(&self.description(state, scene)).into();
+        let preview = preview.map(|preview| preview.name.as_str());
+        let body: Bytes = page.index(&self.description(state, scene, preview), preview).into();
         let tag = entity_tag(&body);
         let mut response = if matches_tag(headers, &tag) { not_modified() } else { whole(body) };
         let set = response.headers_mut();
@@ -56,7 +73,7 @@ impl Site {
     }
 
     /// What the page must know, so that it needs no other request.
-    fn description(&self, state: &ServerState, scene: Option<&str>) -> Value {
+    fn description(&self, state: &ServerState, scene: Option<&str>, preview: Option<&str>) -> Value {
         let table = state.scenes().table();
         // If tokens are required, a client without one must not learn which scenes exist.
         let token_required = state.admission().access.is_some();
@@ -75,6 +92,7 @@ impl Site {
             "scene": scene.or(only),
             "token_required": token_required,
             "webtransport": webtransport,
+            "preview": preview,
         })
     }
 
@@ -123,6 +141,17 @@ fn not_modified() -> TextResponse {
     response
 }
 
+/// A preview is compressed in itself.
+fn preview_file(preview: &PreviewFile, headers: &HeaderMap) -> TextResponse {
+    let mut response =
+        if matches_tag(headers, &preview.tag) { not_modified() } else { whole(preview.contents.clone()) };
+    let set = response.headers_mut();
+    set.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/octet-stream"));
+    set.insert(header::CACHE_CONTROL, HeaderValue::from_static(IMMUTABLE));
+    set.insert(header::ETAG, preview.tag.clone());
+    response
+}
+
 fn asset(asset: &Asset, headers: &HeaderMap) -> TextResponse {
     let coding =
         Coding::ALL.into_iter().find(|coding| asset.forms.contains_key(coding) && accepts(headers, *coding));
@@ -137,7 +166,7 @@ fn asset(asset: &Asset, headers: &HeaderMap) -> TextResponse {
     if coding != Coding::Identity {
         set.insert(header::CONTENT_ENCODING, HeaderValue::from_static(coding.name()));
     }
-    let cache = if asset.immutable { "public, max-age=31536000, immutable" } else { "no-cache" };
+    let cache = if asset.immutable { IMMUTABLE } else { "no-cache" };
     set.insert(header::CACHE_CONTROL, HeaderValue::from_static(cache));
     set.insert(header::ETAG, tag.clone());
     response

@@ -164,7 +164,7 @@ async fn answer(
     state.metrics().http_request();
     let path = request.uri().path();
     let reads = matches!(*request.method(), Method::GET | Method::HEAD);
-    if reads && let Some(file) = state.site().file(path, request.headers()) {
+    if reads && let Some(file) = state.site().file(state, path, request.headers()) {
         return file;
     }
     let name = match path {
@@ -193,8 +193,12 @@ async fn answer(
         "/scenes" => list(request.headers(), state, peer).await,
         "/stream" => upgrade(request, state, peer, pending_upgrade, name).await,
         _ => {
-            let page = || state.site().index(state, name.as_deref(), request.headers());
-            match Some(request.headers()).filter(|headers| !is_upgrade(headers)).and_then(|_| page()) {
+            let page = if is_upgrade(request.headers()) {
+                None
+            } else {
+                state.site().index(state, name.as_deref(), request.headers()).await
+            };
+            match page {
                 Some(page) => page,
                 None => upgrade(request, state, peer, pending_upgrade, name).await,
             }

@@ -6,6 +6,7 @@ pub(crate) mod drive;
 pub(crate) mod guard;
 pub(crate) mod memory_scene;
 pub(crate) mod reads;
+pub(crate) mod scene_preview;
 pub(crate) mod scene_watch;
 pub(crate) mod scenes;
 pub(crate) mod session_metrics;

@@ -11,7 +11,9 @@ use lodestream_protocol::server::Plans;
 use lodestream_protocol::source::{CacheUse, SceneSource};
 use lodestream_protocol::stream::alpn_of_scene;
 use serde_json::json;
-use tokio::sync::watch;
+use tokio::sync::{OnceCell, watch};
+
+use crate::session::scene_preview::PreviewFile;
 
 /// Paths of the HTTP ports, which cannot be names of scenes.
 const RESERVED_NAMES: [&str; 5] = ["health", "metrics", "ready", "scenes", "stream"];
@@ -22,11 +24,13 @@ const MAX_LISTED_NAMES: usize = 8;
 pub struct SceneVersion {
     source: Arc<dyn SceneSource>,
     plans: Arc<Plans>,
+    /// For the page; `None` in it if the scene has none.
+    preview: OnceCell<Option<Arc<PreviewFile>>>,
 }
 
 impl SceneVersion {
     fn new(source: Arc<dyn SceneSource>) -> Arc<Self> {
-        Arc::new(Self { source, plans: Plans::new() })
+        Arc::new(Self { source, plans: Plans::new(), preview: OnceCell::new() })
     }
 
     /// The scene.
@@ -38,6 +42,11 @@ impl SceneVersion {
     /// Transmission plans, shared by all sessions of the version.
     pub(crate) const fn plans(&self) -> &Arc<Plans> {
         &self.plans
+    }
+
+    /// The page's preview of it.
+    pub(crate) const fn preview(&self) -> &OnceCell<Option<Arc<PreviewFile>>> {
+        &self.preview
     }
 
     /// Its name.
@@ -125,6 +134,11 @@ impl Table {
     /// All names, in order.
     pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
         self.by_name.keys().map(String::as_str)
+    }
+
+    /// All versions, by name.
+    pub(crate) fn versions(&self) -> impl Iterator<Item = &Arc<SceneVersion>> {
+        self.by_name.values()
     }
 
     /// ALPN names of the scenes.

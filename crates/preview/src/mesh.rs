@@ -1,0 +1,145 @@
+//! One base mesh as arrays: quantised vertices, and faces by material with one colour each.
+
+use std::collections::BTreeMap;
+
+use glam::Vec3;
+use lodestream_geometry::base::Base;
+use lodestream_geometry::refine::{ActiveMesh, RenderVertex};
+use lodestream_scene::asset::{Alpha, AssetDescription, Material};
+use serde_json::{Value, json};
+
+use crate::streams::Streams;
+
+/// Steps of a coordinate over the mesh's longest side.
+const STEPS: f32 = 4095.0;
+/// Opacity below which blended faces are left out: a preview does not blend.
+const MIN_OPACITY: f32 = 0.5;
+
+/// A base mesh in a preview.
+#[derive(Debug)]
+pub(crate) struct PreviewMesh {
+    vertices: Vec<RenderVertex>,
+    groups: Vec<Group>,
+    /// Position of (0, 0, 0) of the vertices' coordinates, in the asset's units.
+    origin: [f64; 3],
+}
+
+/// The faces of one material.
+#[derive(Debug)]
+struct Group {
+    /// The material's look, for the script.
+    look: Value,
+    faces: Vec<[u16; 3]>,
+}
+
+impl PreviewMesh {
+    /// `None` for meshes without visible faces, or with more vertices than 16 bits can number.
+    pub(crate) fn new(base: &Base, description: &AssetDescription) -> Option<Self> {
+        let mesh = ActiveMesh::new(base);
+        let plain = Material::default();
+        let (mut slots, mut vertices) = (BTreeMap::new(), Vec::new());
+        let mut groups = Vec::new();
+        for material in 0..mesh.material_count() {
+            let look = description.materials.get(usize::from(material)).unwrap_or(&plain);
+            if matches!(look.alpha, Alpha::Blend) && look.base_color[3] < MIN_OPACITY {
+                continue;
+            }
+            let mut faces = Vec::new();
+            for face in mesh.indices(material) {
+                let mut corners = [0; 3];
+                for (corner, slot) in corners.iter_mut().zip(face) {
+                    *corner = match slots.get(slot) {
+                        Some(known) => *known,
+                        None => {
+                            let next = u16::try_from(vertices.len()).ok()?;
+                            vertices.push(mesh.render_vertex(*slot));
+                            slots.insert(*slot, next);
+                            next
+                        }
+                    };
+                }
+                // Slots without a face have equal corners.
+                if corners[0] != corners[1] && corners[1] != corners[2] && corners[2] != corners[0] {
+                    faces.push(corners);
+                }
+            }
+            if !faces.is_empty() {
+                groups.push(Group { look: look_of(look, description), faces });
+            }
+        }
+        (!groups.is_empty()).then_some(Self { vertices, groups, origin: base.grid.origin })
+    }
+
+    pub(crate) fn face_count(&self) -> usize {
+        self.groups.iter().map(|group| group.faces.len()).sum()
+    }
+
+    /// Writes the arrays: x, y, z, octahedral normals (8 bits each), red, green, blue unless all are white, then the
+    /// corners of the faces. The description says how many there are and what they mean.
+    pub(crate) fn write(&self, streams: &mut Streams) -> Value {
+        let positions = || self.vertices.iter().map(|vertex| Vec3::from(vertex.position));
+        let low = positions().reduce(Vec3::min).unwrap_or_default();
+        let high = positions().reduce(Vec3::max).unwrap_or_default();
+        let step = ((high - low).max_element() / STEPS).max(f32::MIN_POSITIVE);
+        for axis in 0..3 {
+            streams.differences(positions().map(|at| number((at[axis] - low[axis]) / step)));
+        }
+        let normals: Vec<[u16; 2]> = self.vertices.iter().map(|vertex| octahedral(vertex.normal)).collect();
+        for axis in 0..2 {
+            streams.differences(normals.iter().map(|normal| normal[axis]));
+        }
+        let colored = self.vertices.iter().any(|vertex| vertex.color[..3] != [255; 3]);
+        for channel in 0..if colored { 3 } else { 0 } {
+            streams.differences(self.vertices.iter().map(|vertex| vertex.color[channel].into()));
+        }
+        for group in &self.groups {
+            streams.differences(group.faces.as_flattened().iter().copied());
+        }
+        let start: Vec<f64> = (0..3).map(|axis| self.origin[axis] + f64::from(low[axis])).collect();
+        let groups =
+            self.groups.iter().map(|group| json!({ "faces": group.faces.len(), "look": group.look }));
+        json!({
+            "vertices": self.vertices.len(),
+            "start": start,
+            "step": step,
+            "colored": colored,
+            "groups": groups.collect::<Vec<_>>(),
+        })
+    }
+}
+
+/// Colour and emission of a material, linear RGB, and the mean colours of their textures, sRGB.
+fn look_of(material: &Material, description: &AssetDescription) -> Value {
+    let mean = |texture: Option<u16>| description.textures.get(usize::from(texture?))?.mean;
+    let [r, g, b, _] = material.base_color.map(short);
+    json!({
+        "color": [r, g, b],
+        "texture": mean(material.base_color_texture),
+        "emission": material.emits().then(|| material.emission.map(short)),
+        "emission_texture": mean(material.emission_texture),
+        "unlit": material.unlit,
+    })
+}
+
+/// Octahedral normal in 8 bits each (Meyer et al., "On Floating-Point Normal Vectors", 2010).
+fn octahedral(normal: [f32; 3]) -> [u16; 2] {
+    let n = Vec3::from(normal);
+    let sum = n.x.abs() + n.y.abs() + n.z.abs();
+    if sum <= 0.0 {
+        return [128, 255];
+    }
+    let (x, y) = (n.x / sum, n.y / sum);
+    let sign = |value: f32| if value < 0.0 { -1.0 } else { 1.0 };
+    let (x, y) = if n.z < 0.0 { ((1.0 - y.abs()) * sign(x), (1.0 - x.abs()) * sign(y)) } else { (x, y) };
+    [x, y].map(|part| number((part * 0.5 + 0.5) * 255.0))
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "rounded and clamped")]
+fn number(value: f32) -> u16 {
+    value.round().clamp(0.0, 65_535.0) as u16
+}
+
+/// Three decimals, for fewer digits.
+fn short(value: f32) -> f64 {
+    (f64::from(value) * 1e3).round() / 1e3
+}
