@@ -97,5 +97,5 @@ view.addEventListener('error', ({ detail }) => {
 addEventListener('pagehide', () => view.close());
 
 /** Figures and control for scripts and tests. */
-window.lodestream = { stats: () => ({ ...view.stats(), preview_ms: stage.drawn_ms }), view };
+window.lodestream = { stats: () => ({ ...view.stats(), preview_ms: stage.drawn_ms }), view, preview };
 view.start();

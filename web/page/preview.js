@@ -37,10 +37,10 @@ in vec3 normal;
 in vec3 color;
 in vec3 from_eye;
 uniform vec3 albedo, emission, sun, to_sun, up, above, below, haze;
-uniform float unlit, visibility;
+uniform float unlit, flat_faces, visibility;
 out vec4 shown;
 void main() {
-  vec3 n = normalize(normal);
+  vec3 n = flat_faces > 0.0 ? normalize(cross(dFdx(from_eye), dFdy(from_eye))) : normalize(normal);
   vec3 light = sun * max(dot(n, to_sun), 0.0) + mix(below, above, 0.5 + 0.5 * dot(n, up));
   vec3 x = color * albedo * mix(light, vec3(1.6), unlit) + emission;
   x = mix(haze, x, exp(-length(from_eye) / visibility));
@@ -92,7 +92,7 @@ const smoothstep = (low, high, x) => {
   return t * t * (3 - 2 * t);
 };
 
-/** Inflates a preview; returns its head, and a function that gives the next array of `count` numbers. */
+/** Inflates a preview; returns its head, and functions that give the next array of `count` numbers or corners. */
 async function read(response) {
   const inflated = response.body.pipeThrough(new DecompressionStream('deflate-raw'));
   const bytes = new Uint8Array(await new Response(inflated).arrayBuffer());
@@ -100,18 +100,18 @@ async function read(response) {
   const head = JSON.parse(new TextDecoder().decode(bytes.subarray(4, 4 + length)));
   if (head.version !== 1) throw new Error(`preview of version ${head.version}`);
   let at = 4 + length;
-  const numbers = (count) => {
-    const array = new Uint16Array(count);
-    let before = 0;
-    for (let i = 0; i < count; i += 1) {
-      const coded = bytes[at + i] | (bytes[at + count + i] << 8);
-      before += (coded >>> 1) ^ -(coded & 1);
-      array[i] = before;
-    }
+  const coded = (count, decode) => {
+    const array = Uint16Array.from({ length: count }, (_, i) => decode(bytes[at + i] | (bytes[at + count + i] << 8)));
     at += 2 * count;
     return array;
   };
-  return { head, numbers };
+  const numbers = (count) => {
+    let before = 0;
+    return coded(count, (number) => (before += (number >>> 1) ^ -(number & 1)));
+  };
+  // Distances below the next vertex that no corner has named.
+  const corners = (count, state) => coded(count, (distance) => (distance ? state.next - distance : state.next++));
+  return { head, numbers, corners };
 }
 
 /** A preview in a canvas. `camera`: ten numbers, which a drag or the wheel changes. */
@@ -121,11 +121,12 @@ export class Preview {
   #head;
   #meshes = [];
   #programs;
+  #observer;
   camera;
   /** Called when a person has moved the camera. */
   onmove = () => {};
 
-  constructor(canvas, { head, numbers }, camera) {
+  constructor(canvas, { head, numbers, corners }, camera) {
     const gl = canvas.getContext('webgl2', { antialias: true, alpha: false });
     if (!gl) throw new Error('no WebGL 2');
     this.#gl = gl;
@@ -133,9 +134,11 @@ export class Preview {
     this.#head = head;
     this.camera = camera ?? head.camera;
     this.#programs = { surface: this.#program(VERTEX, FRAGMENT), sky: this.#program(FULL, SKY) };
-    for (const mesh of head.meshes) this.#meshes.push(this.#mesh(mesh, numbers));
+    for (const mesh of head.meshes) this.#meshes.push(this.#mesh(mesh, numbers, corners));
     if (head.ground) this.ground = this.#ground(head.ground, numbers);
     this.#listen();
+    this.#observer = new ResizeObserver(() => this.draw());
+    this.#observer.observe(canvas);
     this.draw();
   }
 
@@ -176,7 +179,7 @@ export class Preview {
     return array;
   }
 
-  #mesh({ vertices, start, step, colored, groups }, numbers) {
+  #mesh({ vertices, start, step, flat, colored, groups }, numbers, corners) {
     const gl = this.#gl;
     const together = (Kind, parts) => {
       const all = new Kind(parts * vertices);
@@ -188,9 +191,10 @@ export class Preview {
       return all;
     };
     const positions = together(Float32Array, 3);
-    const normals = together(Uint8Array, 2);
+    const normals = flat ? null : together(Uint8Array, 2);
     const colors = colored ? together(Uint8Array, 3) : null;
-    const indices = groups.map(({ faces }) => numbers(3 * faces));
+    const state = { next: 0 };
+    const indices = groups.map(({ faces }) => corners(3 * faces, state));
     const whole = new Uint16Array(indices.reduce((sum, part) => sum + part.length, 0));
     let first = 0;
     const looks = groups.map(({ look }, group) => {
@@ -207,7 +211,7 @@ export class Preview {
       [normals, 2, gl.UNSIGNED_BYTE, false],
       [colors, 3, gl.UNSIGNED_BYTE, true],
     ];
-    return { array: this.#buffers(attributes, whole), start, step, looks };
+    return { array: this.#buffers(attributes, whole), start, step, flat, looks };
   }
 
   /** The ground's rings as a mesh around the point at height 0 below the first eye. */
@@ -324,6 +328,7 @@ export class Preview {
       gl.uniform3fv(places.offset, subtract(start, eye));
       gl.uniform4fv(places.rotation, rotation);
       gl.uniform1f(places.scale, mesh.step * scale);
+      gl.uniform1f(places.flat_faces, mesh.flat ? 1 : 0);
       gl.bindVertexArray(mesh.array);
       for (const { first, count, albedo, emission, unlit } of mesh.looks) {
         gl.uniform3fv(places.albedo, albedo);
@@ -340,6 +345,7 @@ export class Preview {
     gl.uniform3f(places.albedo, 1, 1, 1);
     gl.uniform3f(places.emission, 0, 0, 0);
     gl.uniform1f(places.unlit, 0);
+    gl.uniform1f(places.flat_faces, 0);
     gl.bindVertexArray(array);
     // The cells' straight edges must not cover what stands on the ground.
     gl.enable(gl.POLYGON_OFFSET_FILL);
@@ -376,6 +382,7 @@ export class Preview {
 
   /** Frees the graphics memory and removes the canvas. */
   close() {
+    this.#observer.disconnect();
     this.#gl?.getExtension('WEBGL_lose_context')?.loseContext();
     this.#gl = null;
     this.#canvas.remove();
@@ -394,8 +401,8 @@ export function fragment() {
   return Object.fromEntries(entries.filter(([key, value]) => key && value).map(([k, v]) => [k, decodeURIComponent(v)]));
 }
 
-/** When the preview was drawn, in milliseconds since the navigation. */
-export const stage = { drawn_ms: null };
+/** When the preview was drawn, in milliseconds since the navigation; or why it was not. */
+export const stage = { drawn_ms: null, why: null };
 
 async function show() {
   const { preview: file } = json('lodestream-server');
@@ -422,7 +429,7 @@ async function show() {
 
 /** The preview, or null: there is none, or it cannot be drawn, which the client does not need. */
 export const preview = await show().catch((why) => {
-  console.info(`no preview: ${why?.message ?? why}`);
+  stage.why = String(why?.message ?? why);
   return null;
 });
 

@@ -35,10 +35,19 @@ pub(crate) fn write(entry: &TerrainEntry, camera: &Camera, streams: &mut Streams
     for _ in 0..RINGS {
         for point in 0..4 * SIDE {
             let [x, z] = on_square(point).map(|part| part * half);
-            let (x, z, cell) = ((eye.x + x) / unit, (eye.z + z) / unit, half / unit / f64::from(SIDE));
+            let (x, z, cell) = ((eye.x + x) / unit, (eye.z + z) / unit, half / unit / 8.0);
             let mut height = terrain.height_between(x, z, &mut scratch);
             if half < LOWERED * reach {
-                for [dx, dz] in [[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]] {
+                for [dx, dz] in [
+                    [-1.0, -1.0],
+                    [1.0, -1.0],
+                    [-1.0, 1.0],
+                    [1.0, 1.0],
+                    [1.0, 0.0],
+                    [-1.0, 0.0],
+                    [0.0, -1.0],
+                    [0.0, 1.0],
+                ] {
                     height = height.min(terrain.height_between(x + dx * cell, z + dz * cell, &mut scratch));
                 }
             }

@@ -1,11 +1,12 @@
-//! A preview of a scene: base meshes in one colour per material, and the ground, in a file of some tens of kilobytes
-//! that a script of a few draws while the client loads. Format: docs/formats.md.
+//! A preview of a scene: coarse meshes in one colour per material, and the ground, in a file of some tens of kilobytes
+//! that a small script draws while the client loads. Format: docs/formats.md.
 //!
 //! A preview is an approximation. Textures are replaced by their mean colours, positions have 12 bits, and what exceeds
 //! the [limits](MAX_FACES) is left out, smallest objects last in the scene's order first.
 
 mod ground;
 mod mesh;
+mod refine;
 mod streams;
 
 use std::borrow::Borrow;
@@ -15,11 +16,14 @@ use flate2::Compression;
 use flate2::write::DeflateEncoder;
 use lodestream_compress::decode_base;
 use lodestream_geometry::DecodeError;
+use lodestream_geometry::refine::ActiveMesh;
 use lodestream_scene::asset::{AssetDescription, DescriptionError};
-use lodestream_scene::description::{Instance, SceneHeader, ScenePage};
+use lodestream_scene::blob::BlobPart;
+use lodestream_scene::description::{AssetEntry, Instance, SceneHeader, ScenePage};
 use serde_json::{Value, json};
 
 use crate::mesh::PreviewMesh;
+use crate::refine::{Refined, refine};
 use crate::streams::Streams;
 
 /// Most faces of all assets together.
@@ -40,7 +44,7 @@ pub enum PreviewError {
     #[error("base mesh of asset {asset}: {why}")]
     Base {
         /// Number of the asset.
-        asset: usize,
+        asset: u32,
         /// What is wrong.
         why: DecodeError,
     },
@@ -48,7 +52,7 @@ pub enum PreviewError {
     #[error("description of asset {asset}: {why}")]
     Description {
         /// Number of the asset.
-        asset: usize,
+        asset: u32,
         /// What is wrong.
         why: DescriptionError,
     },
@@ -57,43 +61,51 @@ pub enum PreviewError {
     Empty,
 }
 
-/// Encodes the preview of a scene. `pages`: its first pages, in order. `base`: reads the base blob of an asset; `None`
-/// leaves the asset out. The same scene gives the same bytes.
+/// Encodes the preview of a scene. `pages`: its first pages, in order. `read`: reads a blob of an asset; `None` leaves the
+/// asset or its refinement out. The same scene gives the same bytes.
 ///
-/// Cost: decoding the base meshes, some milliseconds; and some 4,000 heights of the terrain.
+/// Cost: decoding base meshes and some chunks, some milliseconds; and some 4,000 heights of the terrain.
 ///
 /// # Errors
-/// A base blob that does not decode, or nothing to show.
+/// Those of `read`, a base blob that does not decode, or nothing to show.
 pub fn encode<E: From<PreviewError>>(
     header: &SceneHeader,
     pages: &[impl Borrow<ScenePage>],
-    mut base: impl FnMut(u32) -> Result<Option<Vec<u8>>, E>,
+    mut read: impl FnMut(u32, BlobPart) -> Result<Option<Vec<u8>>, E>,
 ) -> Result<Vec<u8>, E> {
-    let mut streams = Streams::default();
-    let (mut meshes, mut numbers, mut faces) = (Vec::new(), Vec::new(), 0);
-    let entries = pages.iter().flat_map(|page| &page.borrow().assets);
-    for (asset, entry) in entries.enumerate().take(MAX_ASSETS) {
-        numbers.push(None);
+    let pages = || pages.iter().map(Borrow::borrow);
+    let entries: Vec<&AssetEntry> = pages().flat_map(|page| &page.assets).take(MAX_ASSETS).collect();
+    let instances: Vec<&Instance> = pages().flat_map(|page| &page.instances).collect();
+    let (mut refined, mut faces) = (Vec::new(), 0);
+    for (asset, entry) in (0_u32..).zip(&entries) {
         if entry.base_bytes > MAX_BASE_BYTES {
             continue;
         }
-        #[expect(clippy::cast_possible_truncation, reason = "less than `MAX_ASSETS`")]
-        let Some(blob) = base(asset as u32)? else { continue };
+        let Some(blob) = read(asset, BlobPart::Base)? else { continue };
         let base = decode_base(&blob).map_err(|why| PreviewError::Base { asset, why })?;
         let description = AssetDescription::decode(&base.description)
             .map_err(|why| PreviewError::Description { asset, why })?;
-        let Some(mesh) = PreviewMesh::new(&base, &description) else { continue };
-        if faces + mesh.face_count() > MAX_FACES {
-            continue;
+        if faces + base.faces.len() <= MAX_FACES {
+            faces += base.faces.len();
+            refined.push(Refined {
+                asset,
+                mesh: ActiveMesh::new(&base),
+                description,
+                origin: base.grid.origin,
+            });
         }
-        faces += mesh.face_count();
-        numbers[asset] = Some(meshes.len());
+    }
+    refine(&mut refined, &entries, &instances, &header.camera, &mut read)?;
+    let mut streams = Streams::default();
+    let (mut meshes, mut numbers) = (Vec::new(), vec![None; entries.len()]);
+    for refined in &refined {
+        let Some(mesh) = PreviewMesh::new(refined) else { continue };
+        numbers[refined.asset as usize] = Some(meshes.len());
         meshes.push(mesh.write(&mut streams));
     }
     let number = |instance: &Instance| numbers.get(instance.asset as usize).copied().flatten();
-    let instances: Vec<Value> = pages
-        .iter()
-        .flat_map(|page| &page.borrow().instances)
+    let instances: Vec<Value> = instances
+        .into_iter()
         .filter_map(|instance| Some(placed(number(instance)?, instance)))
         .take(MAX_INSTANCES)
         .collect();

@@ -1,24 +1,31 @@
-//! One base mesh as arrays: quantised vertices, and faces by material with one colour each.
+//! One mesh as arrays: quantised vertices, and faces by material with one colour each.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use glam::Vec3;
-use lodestream_geometry::base::Base;
-use lodestream_geometry::refine::{ActiveMesh, RenderVertex};
+use lodestream_geometry::refine::RenderVertex;
 use lodestream_scene::asset::{Alpha, AssetDescription, Material};
 use serde_json::{Value, json};
 
+use crate::refine::Refined;
 use crate::streams::Streams;
 
 /// Steps of a coordinate over the mesh's longest side.
 const STEPS: f32 = 4095.0;
+/// Vertices to a position from which a mesh is flat: most of its edges are creases, and positions alone take half the
+/// bytes.
+const MIN_SPLIT: f64 = 1.6;
 /// Opacity below which blended faces are left out: a preview does not blend.
 const MIN_OPACITY: f32 = 0.5;
 
-/// A base mesh in a preview.
+/// A mesh in a preview.
 #[derive(Debug)]
 pub(crate) struct PreviewMesh {
     vertices: Vec<RenderVertex>,
+    /// Whether faces are shaded by their own normals, and vertices have none.
+    flat: bool,
+    /// Whether vertices have colours.
+    colored: bool,
     groups: Vec<Group>,
     /// Position of (0, 0, 0) of the vertices' coordinates, in the asset's units.
     origin: [f64; 3],
@@ -29,52 +36,71 @@ pub(crate) struct PreviewMesh {
 struct Group {
     /// The material's look, for the script.
     look: Value,
-    faces: Vec<[u16; 3]>,
+    /// Three to a face.
+    corners: Vec<u16>,
+}
+
+/// Vertices in the order of their first corners.
+#[derive(Default)]
+struct Numbered {
+    numbers: BTreeMap<[u32; 3], u16>,
+    vertices: Vec<RenderVertex>,
+}
+
+impl Numbered {
+    fn number(&mut self, key: [u32; 3], vertex: &RenderVertex) -> Option<u16> {
+        if let Some(known) = self.numbers.get(&key) {
+            return Some(*known);
+        }
+        let next = u16::try_from(self.vertices.len()).ok()?;
+        self.vertices.push(*vertex);
+        self.numbers.insert(key, next);
+        Some(next)
+    }
 }
 
 impl PreviewMesh {
     /// `None` for meshes without visible faces, or with more vertices than 16 bits can number.
-    pub(crate) fn new(base: &Base, description: &AssetDescription) -> Option<Self> {
-        let mesh = ActiveMesh::new(base);
+    pub(crate) fn new(refined: &Refined) -> Option<Self> {
+        let Refined { mesh, description, .. } = refined;
         let plain = Material::default();
-        let (mut slots, mut vertices) = (BTreeMap::new(), Vec::new());
         let mut groups = Vec::new();
         for material in 0..mesh.material_count() {
             let look = description.materials.get(usize::from(material)).unwrap_or(&plain);
             if matches!(look.alpha, Alpha::Blend) && look.base_color[3] < MIN_OPACITY {
                 continue;
             }
-            let mut faces = Vec::new();
-            for face in mesh.indices(material) {
-                let mut corners = [0; 3];
-                for (corner, slot) in corners.iter_mut().zip(face) {
-                    *corner = match slots.get(slot) {
-                        Some(known) => *known,
-                        None => {
-                            let next = u16::try_from(vertices.len()).ok()?;
-                            vertices.push(mesh.render_vertex(*slot));
-                            slots.insert(*slot, next);
-                            next
-                        }
-                    };
-                }
-                // Slots without a face have equal corners.
-                if corners[0] != corners[1] && corners[1] != corners[2] && corners[2] != corners[0] {
-                    faces.push(corners);
-                }
-            }
+            // Slots without a face have equal corners.
+            let faces = mesh.indices(material).iter().filter(|[a, b, c]| a != b && b != c && c != a);
+            let faces: Vec<[u32; 3]> = faces.copied().collect();
             if !faces.is_empty() {
-                groups.push(Group { look: look_of(look, description), faces });
+                groups.push((look_of(look, description), faces));
             }
         }
-        (!groups.is_empty()).then_some(Self { vertices, groups, origin: base.grid.origin })
+        let slots: BTreeSet<u32> =
+            groups.iter().flat_map(|(_, faces)| faces.as_flattened()).copied().collect();
+        let vertices: BTreeMap<u32, RenderVertex> =
+            slots.into_iter().map(|slot| (slot, mesh.render_vertex(slot))).collect();
+        let colored = vertices.values().any(|vertex| vertex.color[..3] != [255; 3]);
+        let place = |vertex: &RenderVertex| vertex.position.map(f32::to_bits);
+        let places: BTreeSet<[u32; 3]> = vertices.values().map(place).collect();
+        let flat = !colored && vertices.len() as f64 > MIN_SPLIT * places.len() as f64;
+        let mut numbered = Numbered::default();
+        let groups = groups.into_iter().map(|(look, faces)| {
+            let number = |slot: &u32| {
+                let vertex = vertices.get(slot)?;
+                let key = if flat { place(vertex) } else { [*slot, 0, 0] };
+                numbered.number(key, vertex)
+            };
+            let corners = faces.as_flattened().iter().map(number).collect::<Option<_>>()?;
+            Some(Group { look, corners })
+        });
+        let groups = groups.collect::<Option<Vec<_>>>()?;
+        let vertices = numbered.vertices;
+        (!groups.is_empty()).then_some(Self { vertices, flat, colored, groups, origin: refined.origin })
     }
 
-    pub(crate) fn face_count(&self) -> usize {
-        self.groups.iter().map(|group| group.faces.len()).sum()
-    }
-
-    /// Writes the arrays: x, y, z, octahedral normals (8 bits each), red, green, blue unless all are white, then the
+    /// Writes the arrays: x, y, z, octahedral normals (8 bits each) unless it is flat, red, green, blue unless all are white, then the
     /// corners of the faces. The description says how many there are and what they mean.
     pub(crate) fn write(&self, streams: &mut Streams) -> Value {
         let positions = || self.vertices.iter().map(|vertex| Vec3::from(vertex.position));
@@ -85,24 +111,25 @@ impl PreviewMesh {
             streams.differences(positions().map(|at| number((at[axis] - low[axis]) / step)));
         }
         let normals: Vec<[u16; 2]> = self.vertices.iter().map(|vertex| octahedral(vertex.normal)).collect();
-        for axis in 0..2 {
+        for axis in 0..if self.flat { 0 } else { 2 } {
             streams.differences(normals.iter().map(|normal| normal[axis]));
         }
-        let colored = self.vertices.iter().any(|vertex| vertex.color[..3] != [255; 3]);
-        for channel in 0..if colored { 3 } else { 0 } {
+        for channel in 0..if self.colored { 3 } else { 0 } {
             streams.differences(self.vertices.iter().map(|vertex| vertex.color[channel].into()));
         }
+        let mut next = 0;
         for group in &self.groups {
-            streams.differences(group.faces.as_flattened().iter().copied());
+            streams.corners(&group.corners, &mut next);
         }
         let start: Vec<f64> = (0..3).map(|axis| self.origin[axis] + f64::from(low[axis])).collect();
         let groups =
-            self.groups.iter().map(|group| json!({ "faces": group.faces.len(), "look": group.look }));
+            self.groups.iter().map(|group| json!({ "faces": group.corners.len() / 3, "look": group.look }));
         json!({
             "vertices": self.vertices.len(),
             "start": start,
             "step": step,
-            "colored": colored,
+            "flat": self.flat,
+            "colored": self.colored,
             "groups": groups.collect::<Vec<_>>(),
         })
     }

@@ -108,9 +108,8 @@ pub async fn publish(
 
 /// The preview; a scene without one is published all the same.
 fn preview(description: &SceneDescription, packs: &[PackFile]) -> Option<Vec<u8>> {
-    let read = |asset: u32| {
-        let pack =
-            packs.get(asset as usize).map(|pack| pack.read(BlobPart::Base).map(|bytes| bytes.to_vec()));
+    let read = |asset: u32, part: BlobPart| {
+        let pack = packs.get(asset as usize).map(|pack| pack.read(part).map(|bytes| bytes.to_vec()));
         pack.transpose().map_err(anyhow::Error::from)
     };
     let made = lodestream_preview::encode(&description.header, &description.pages, read);

@@ -37,6 +37,16 @@ pub(crate) const WEBGPU: &[&str] = &[
 /// WebGL drawn by the same driver, which does not show WebGPU's canvases with these flags.
 pub(crate) const WEBGL: &[&str] = &["--use-angle=swiftshader"];
 
+/// WebGPU and WebGL, of which only the latter's canvases are shown.
+pub(crate) const WEBGPU_AND_WEBGL: &[&str] = &[
+    "--enable-unsafe-webgpu",
+    "--enable-features=Vulkan",
+    "--use-webgpu-adapter=swiftshader",
+    "--use-vulkan=swiftshader",
+    "--use-angle=swiftshader",
+    "--ignore-gpu-blocklist",
+];
+
 /// A tab.
 pub(crate) struct Tab {
     runtime: tokio::runtime::Runtime,

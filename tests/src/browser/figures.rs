@@ -11,8 +11,9 @@ use lodestream_scenario::plan::SceneChoice;
 use lodestream_scenario::relay::{RelayLink, relay};
 use tokio::net::TcpListener;
 
+use super::devtools::WEBGPU_AND_WEBGL;
 use super::page::STATS;
-use super::{built_page, tab};
+use super::{built_page, tab_with};
 use crate::support::daemon::Server;
 use crate::support::viewer::{Viewer, config};
 
@@ -43,12 +44,12 @@ fn times_over_links() {
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
     for rate in [2_000_000, 16_000_000] {
         let at = linked(&runtime, &server, rate);
-        // Medians of: drawable and shown since navigation, drawable since connect; cold, then with a warm cache.
+        // Medians of: preview, drawable and shown since navigation, drawable since connect; cold, then with a warm cache.
         for warm in [false, true] {
-            let mut figures: [Vec<f64>; 3] = Default::default();
+            let mut figures: [Vec<f64>; 4] = Default::default();
             for _ in 0..RUNS {
                 // A fresh browser has an empty cache.
-                let Some(mut tab) = tab([800, 450]) else { return };
+                let Some(mut tab) = tab_with([800, 450], WEBGPU_AND_WEBGL) else { return };
                 let url = format!("http://{at}/#transport=ws");
                 for visit in 0..=usize::from(warm) {
                     tab.navigate("about:blank");
@@ -56,16 +57,17 @@ fn times_over_links() {
                     let shown = |stats: &serde_json::Value| stats["ttff_presented_ms"].is_f64();
                     let stats = tab.wait("the first picture", STATS, shown);
                     if visit == usize::from(warm) {
-                        let names = ["ttff_since_navigation_ms", "ttff_presented_ms", "ttff_ms"];
+                        let names =
+                            ["preview_ms", "ttff_since_navigation_ms", "ttff_presented_ms", "ttff_ms"];
                         for (list, name) in figures.iter_mut().zip(names) {
                             list.push(stats[name].as_f64().unwrap());
                         }
                     }
                 }
             }
-            let [drawable, shown, connected] = figures.map(median);
+            let [preview, drawable, shown, connected] = figures.map(median);
             println!(
-                "{} Mbit/s, {}: drawable {drawable:.0} ms, shown {shown:.0} ms after navigation; drawable \
+                "{} Mbit/s, {}: preview {preview:.0} ms, drawable {drawable:.0} ms, shown {shown:.0} ms after navigation; drawable \
                  {connected:.0} ms after connect",
                 rate / 1_000_000,
                 if warm { "warm" } else { "cold" }

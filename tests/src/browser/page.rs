@@ -5,8 +5,8 @@ use lodestream_daemon::{Page, PageSetting, SessionSettings};
 use lodestream_report::image_error::image_error;
 use serde_json::{Value, json};
 
-use super::devtools::Tab;
-use super::{built_page, image, tab};
+use super::devtools::{Tab, WEBGPU_AND_WEBGL};
+use super::{built_page, image, tab, tab_with};
 use crate::support::PICTURE_PX;
 use crate::support::daemon::Server;
 use crate::support::picture::{Picture, draw, headless, keep};
@@ -51,6 +51,62 @@ fn a_tab_shows_what_the_native_viewer_shows() {
     assert!(flip <= MAX_FLIP, "{flip}: {stats}");
     assert_eq!(tab.console, Vec::<String>::new());
     server.assert_healthy();
+}
+
+/// Largest FLIP error of the first stage's picture against the settled native one: it has neither textures nor shadows.
+const MAX_PREVIEW_FLIP: f64 = 0.3;
+
+#[test]
+fn a_preview_is_drawn_before_the_client_is_there() {
+    let tab = tab_with(PICTURE_PX, WEBGPU_AND_WEBGL);
+    let (Some(mut tab), Some(mut headless)) = (tab, headless()) else { return };
+    // Without WebAssembly only the first stage draws.
+    let folder = tempfile::tempdir().unwrap();
+    for file in std::fs::read_dir(built_page()).unwrap() {
+        let file = file.unwrap();
+        let name = file.file_name().into_string().unwrap();
+        if !name.contains(".wasm") {
+            std::fs::copy(file.path(), folder.path().join(name)).unwrap();
+        }
+    }
+    let scene = TestScene::small();
+    let page = PageSetting::Loaded(Page::load(folder.path()).unwrap());
+    let server =
+        Server::start_with(scene.source(), SessionSettings::default(), |options| options.page = page);
+    tab.navigate(&server.page_url());
+    tab.wait("the preview is drawn", STATS, |stats| stats["preview_ms"].is_f64());
+    // WebGL keeps a picture only until the end of the task that drew it.
+    let drawn = "new Promise((done) => {
+        lodestream.preview.draw();
+        document.getElementById('preview').toBlob(done);
+    })";
+    let preview = image(&mut tab, drawn);
+    let native = draw(&mut headless, scene.whole());
+    let covered = native.covered.clone();
+    let shown = Picture { image: preview.clone(), covered };
+    keep(&shown, "tab-preview");
+    assert_eq!(preview.dimensions(), native.image.dimensions());
+    let flip = image_error(&preview, &native.image).unwrap().flip;
+    println!("FLIP {flip}");
+    assert!(flip <= MAX_PREVIEW_FLIP, "{flip}");
+    let eye = "lodestream.preview.camera.slice(0, 3)";
+    let before = tab.evaluate(eye);
+    mouse(
+        &mut tab,
+        "mousePressed",
+        [200.0, 150.0],
+        json!({ "button": "left", "buttons": 1, "clickCount": 1 }),
+    );
+    mouse(&mut tab, "mouseMoved", [260.0, 170.0], json!({ "button": "left", "buttons": 1 }));
+    tab.wait("the preview turns", eye, |after| *after != before);
+    // The whole page draws it, then removes it.
+    let whole = serve(scene);
+    tab.navigate("about:blank");
+    let stats = settle(&mut tab, &whole.page_url());
+    let [early, full] = ["preview_ms", "ttff_presented_ms"].map(|name| stats[name].as_f64().unwrap());
+    assert!(early <= full, "{stats}");
+    assert_eq!(tab.evaluate("document.getElementById('preview')"), Value::Null);
+    whole.assert_healthy();
 }
 
 #[test]

@@ -1,7 +1,9 @@
 //! A published scene in a tab, from a web server for files.
 
+use lodestream_preview::{PreviewError, encode};
 use lodestream_report::image_error::image_error;
-use lodestream_server::catalogue::publish::publish_page;
+use lodestream_scene::blob::BlobId;
+use lodestream_server::catalogue::publish::{Published, publish_page};
 use lodestream_store::Objects;
 
 use super::page::{MAX_FLIP, STATS, settle};
@@ -17,7 +19,14 @@ fn with_page() -> String {
     let page = lodestream_daemon::Page::load(&built_page()).unwrap();
     let objects = Objects::of_folder(published()).unwrap();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-    runtime.block_on(publish_page(&page, "small.lss", &objects)).unwrap()
+    let source = TestScene::small().source();
+    let pages: Vec<_> = (0..).map_while(|page| source.page(page)).collect();
+    let read =
+        |asset, part| Ok::<_, PreviewError>(source.read(&BlobId::Asset { asset, part }).ok().map(Into::into));
+    let preview = encode(source.header(), &pages, read).ok();
+    assert!(preview.is_some(), "the scene has a preview");
+    let published = Published { name: "small.lss".into(), preview, ..Published::default() };
+    runtime.block_on(publish_page(&page, &published, &objects)).unwrap()
 }
 
 #[test]
@@ -34,6 +43,9 @@ fn a_published_page_shows_what_the_native_viewer_shows() {
     keep(&shown, "tab-static-host");
     let flip = image_error(&shown.image, &native.image).unwrap().flip;
     assert!(flip <= MAX_FLIP, "{flip}: {stats}");
+    let named = tab.evaluate("JSON.parse(document.getElementById('lodestream-server').textContent).preview");
+    let file = tab.evaluate(&format!("fetch({named}).then((answer) => answer.status)"));
+    assert_eq!(file, 200, "{named}");
     // A page of another origin reads it too, without the header that shows ranges.
     let pages = Host::start(published());
     tab.navigate("about:blank");

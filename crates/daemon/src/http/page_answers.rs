@@ -24,7 +24,10 @@ impl Site {
         let PageSetting::Loaded(page) = &self.page else { return None };
         let mut response = match page.asset(path) {
             Some(file) => asset(file, headers),
-            None => preview_file(previews::named(state.scenes(), path.strip_prefix('/')?)?.as_ref(), headers),
+            None if state.admission().access.is_none() => {
+                preview_file(previews::named(state.scenes(), path.strip_prefix('/')?)?.as_ref(), headers)
+            }
+            None => return None,
         };
         self.confine(&mut response, headers);
         Some(response)

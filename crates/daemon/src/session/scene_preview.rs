@@ -6,7 +6,7 @@ use bytes::Bytes;
 use hyper::header::HeaderValue;
 use lodestream_preview::{MAX_ASSETS, PreviewError, encode, file_name};
 use lodestream_protocol::source::{SceneSource, SourceError};
-use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_scene::blob::BlobId;
 use lodestream_scene::description::ScenePage;
 
 use crate::http::page::entity_tag;
@@ -41,14 +41,15 @@ impl PreviewFile {
             assets += page.assets.len();
             pages.push(page);
         }
-        let read = |asset| {
-            let bytes = source.read(&BlobId::Asset { asset, part: BlobPart::Base })?;
+        let read = |asset, part| {
+            let bytes = source.read(&BlobId::Asset { asset, part })?;
             Ok::<_, NoPreview>(Some(bytes.to_vec()))
         };
         Ok(Self::named(encode(source.header(), &pages, read)?))
     }
 
-    fn named(contents: Vec<u8>) -> Self {
+    /// A file of these contents.
+    pub(crate) fn named(contents: Vec<u8>) -> Self {
         let name = file_name(&contents);
         Self { name, tag: entity_tag(&contents), contents: contents.into() }
     }

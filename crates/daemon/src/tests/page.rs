@@ -12,6 +12,7 @@ use super::http::exchange;
 use super::*;
 use crate::http::page::{Page, PageError, PageSetting};
 use crate::http::site::{Site, WebTransportOffer};
+use crate::session::scene_preview::PreviewFile;
 use crate::session::scenes::Scenes;
 
 const INDEX: &str = "<!doctype html><script type=\"application/json\" id=\"lodestream-server\">{}</script>\
@@ -120,10 +121,12 @@ async fn the_page_does_not_name_scenes_that_need_a_token() {
     let scene = Arc::new(MemoryScene::named("secret", 1, 100, 100)) as Arc<dyn SceneSource>;
     let state = ServerState::with_admission(scene, SessionSettings::default(), admission);
     state.set_site(Site::new(PageSetting::Loaded(Page::load(folder.path()).unwrap()), None));
+    let preview = give_preview(&state);
     for (path, scene) in [("/", Value::Null), ("/secret", "secret".into()), ("/other", "other".into())] {
         let page = request(&state, &format!("GET {path}"), "").await;
         let told = page.description();
         assert_eq!((page.status, &told["scene"]), (200, &scene), "{path}");
+        assert!(!page.body.contains(preview), "{path}: {}", page.body);
         assert_eq!((&told["scenes"], &told["token_required"]), (&serde_json::json!([]), &true.into()));
         assert_eq!(told["webtransport"], Value::Null);
     }
@@ -340,4 +343,37 @@ fn unusable_folders_are_refused_with_the_reason() {
     let file = std::fs::File::create(folder.path().join("long-0123abcd.wasm")).unwrap();
     file.set_len(65 << 20).unwrap();
     assert!(matches!(Page::load(folder.path()).unwrap_err(), PageError::TooLong(_)));
+}
+
+/// Gives a scene's version a preview without reading the scene.
+fn give_preview(state: &ServerState) -> &'static str {
+    let preview = PreviewFile::named(b"coarse".to_vec());
+    let version = state.scenes().only().unwrap();
+    version.preview().set(Some(Arc::new(preview))).unwrap();
+    "preview-"
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_page_names_a_preview_that_is_served_by_its_content() {
+    let folder = page_folder();
+    let state = served(&["first"], folder.path());
+    let prefix = give_preview(&state);
+    let page = request(&state, "GET /", "").await;
+    let name = page.description()["preview"].as_str().unwrap().to_owned();
+    assert!(name.starts_with(prefix) && name.ends_with(".bin"), "{name}");
+    assert!(
+        page.body.contains(&format!("<link rel=\"preload\" href=\"./{name}\" as=\"fetch\" crossorigin />"))
+    );
+    let file = request(&state, &format!("GET /{name}"), "").await;
+    assert_eq!((file.status, file.body.as_str()), (200, "coarse"));
+    assert!(file.header("cache-control").contains("immutable"), "{:?}", file.headers);
+    let tag = file.header("etag").to_owned();
+    let again = request(&state, &format!("GET /{name}"), &format!("If-None-Match: {tag}\r\n")).await;
+    assert_eq!(again.status, 304);
+    assert_eq!(request(&state, "GET /preview-0000000000000000.bin", "").await.status, 404);
+    // A scene that cannot be previewed is served all the same.
+    let without = served(&["first"], folder.path());
+    let page = request(&without, "GET /", "").await;
+    assert_eq!((page.status, &page.description()["preview"]), (200, &Value::Null));
+    assert!(!page.body.contains("preload"));
 }
