@@ -63,6 +63,8 @@ void main() {
 
 /** Time after which the client loads without a preview. */
 const TIMEOUT_MS = 4000;
+/** Longest wait for the preview's picture, before the client is compiled. */
+const PAINT_MS = 300;
 /** Radiance of a white surface in the sun, as the client exposes it. */
 const WHITE = 1.6;
 /** The client's atmosphere at noon: zenith and horizon. */
@@ -438,4 +440,7 @@ const { main, scripts, module } = json('lodestream-files');
 const hint = (attributes) => document.head.append(Object.assign(document.createElement('link'), attributes));
 hint({ rel: 'preload', href: module, as: 'fetch', type: 'application/wasm', crossOrigin: 'anonymous' });
 for (const href of scripts) hint({ rel: 'modulepreload', href });
+// Compiling would delay the preview's picture. A hidden page has no frames.
+const painted = new Promise((done) => requestAnimationFrame(() => setTimeout(done)));
+if (preview) await Promise.race([painted, new Promise((done) => setTimeout(done, PAINT_MS))]);
 import(main);

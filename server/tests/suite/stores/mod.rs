@@ -218,7 +218,10 @@ fn publishing_again_writes_nothing_and_another_machine_prepares_nothing() {
     let runtime = Runtime::new().unwrap();
     let scene = write_scene(folder.path(), "hall", 0.1);
     let published = |scene: &Scene, cache: &str| {
-        runtime.block_on(publish(scene, &bucket(&s3), &folder.path().join(cache), &options())).unwrap()
+        let to = folder.path().join(cache);
+        let done = runtime.block_on(publish(scene, &bucket(&s3), &to, &options())).unwrap();
+        assert!(done.preview.is_some());
+        Published { preview: None, ..done }
     };
     let expected = |prepared, written, there, scene_written| Published {
         name: "hall.lss".into(),
@@ -226,6 +229,7 @@ fn publishing_again_writes_nothing_and_another_machine_prepares_nothing() {
         written,
         there,
         scene_written,
+        preview: None,
     };
     assert_eq!(published(&scene, "cache"), expected(2, 2, 0, true));
     assert_eq!(published(&scene, "cache"), expected(0, 0, 2, false));
