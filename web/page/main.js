@@ -4,12 +4,11 @@ import { cameraOf } from './camera.js';
 import { now } from './clock.js';
 import { listen } from './input.js';
 import { show } from './overlay.js';
-import { fragment, preview, stage } from './preview.js';
+import { files, fragment, preview, stage } from './preview.js';
 import { View } from './view.js';
 
 const element = (id) => document.getElementById(id);
 const server = JSON.parse(element('lodestream-server').textContent);
-const files = JSON.parse(element('lodestream-files').textContent);
 const canvas = element('view');
 
 const number = (value) => Number(value.toPrecision(9)).toString();
@@ -46,6 +45,7 @@ const view = new View({
   address: address(server, asked),
   module: files.module,
   worker: files.worker,
+  decoder: files.decoder,
   scene: server.scene ?? '',
   token: asked.token ?? '',
   camera: cameraOf(asked),

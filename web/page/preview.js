@@ -435,8 +435,21 @@ export const preview = await show().catch((why) => {
   return null;
 });
 
+/** Whether workers may share memory: the module's tasks wait by `Atomics.waitAsync` then, and it reserves 1 GiB. */
+function sharesMemory() {
+  if (!globalThis.crossOriginIsolated || !('waitAsync' in Atomics)) return false;
+  try {
+    return Boolean(new WebAssembly.Memory({ initial: 1, maximum: 16384, shared: true }));
+  } catch {
+    return false;
+  }
+}
+
+/** The client's files: where workers share memory, with several that decode. */
+export const files = json('lodestream-files')[sharesMemory() ? 'shared' : 'plain'];
+
 // Only now, since more connections would take their shares of the link from the preview.
-const { main, scripts, module } = json('lodestream-files');
+const { main, scripts, module } = files;
 const hint = (attributes) => document.head.append(Object.assign(document.createElement('link'), attributes));
 hint({ rel: 'preload', href: module, as: 'fetch', type: 'application/wasm', crossOrigin: 'anonymous' });
 for (const href of scripts) hint({ rel: 'modulepreload', href });

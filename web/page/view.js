@@ -19,8 +19,7 @@ const isPhone = () => matchMedia('(pointer: coarse)').matches && Math.min(screen
 /**
  * A view of a scene. Events: `firstframe`, `progress` (detail: the statistics), `settled`, `error` (detail: the message).
  * Options: `canvas`, `address` (see `openLink`), `module` (its address), `worker` (its address, or a function that starts
- * one), `scene`, `token`,
- * `targetPx`, `camera` (ten numbers).
+ * one), `decoder` (its address, if the module shares memory), `scene`, `token`, `targetPx`, `camera` (ten numbers).
  */
 export class View extends EventTarget {
   #options;
@@ -31,6 +30,7 @@ export class View extends EventTarget {
   #stats = {};
   #message = 'loading';
   #transport = null;
+  #decoders = 1;
   #scheduled = false;
   #ended = false;
   #devices = 0;
@@ -114,6 +114,7 @@ export class View extends EventTarget {
       width: this.#canvas.width,
       height: this.#canvas.height,
       targetPx: this.#options.targetPx ?? 1,
+      decoder: this.#options.decoder,
       cacheBytes: isPhone() ? CACHE_BYTES.phone : CACHE_BYTES.desktop,
     });
     this.#worker = worker;
@@ -129,6 +130,7 @@ export class View extends EventTarget {
     this.#stats = data.stats ?? this.#stats;
     this.#message = data.message;
     this.#transport = data.transport;
+    this.#decoders = data.decoders;
     this.#progress();
   }
 
@@ -253,6 +255,7 @@ export class View extends EventTarget {
     return {
       ...this.#stats,
       transport: this.#transport,
+      decoders: this.#decoders,
       settled,
       ttff_presented_ms: viewer?.presented_ms() ?? null,
       frames: viewer?.frames() ?? 0,

@@ -8,6 +8,8 @@ import { Ranges } from './ranges.js';
 
 /** Most steps that the page has not taken yet. */
 const MAX_STEPS = 8;
+/** Most workers that decode besides this one. */
+const MAX_DECODERS = 4;
 /** Interval of reports to the page. */
 const REPORT_MS = 100;
 /** Pauses between attempts to connect: from the first, doubled, to the last. */
@@ -31,6 +33,8 @@ let reportedAt = -Infinity;
 let settled = false;
 let timer = 0;
 let left = false;
+/** Workers that decode, this one included. */
+let decoders = 1;
 /** Number of the last view that was set, of those that the page numbers. */
 let viewNumber = 0;
 
@@ -179,7 +183,22 @@ function report() {
     if (stats.connection === 'open') failures = 0;
   }
   const why = message ?? streamer?.trouble() ?? null;
-  postMessage({ stats, message: why, transport: link?.name ?? null, view: viewNumber });
+  postMessage({ stats, message: why, transport: link?.name ?? null, view: viewNumber, decoders });
+}
+
+/** Lets other workers decode too, of which each has a core besides the page's and this one's. */
+async function startDecoders(module, memory) {
+  const count = Math.max(1, Math.min(navigator.hardwareConcurrency - 2, MAX_DECODERS));
+  streamer.prepare_decoders(count);
+  const start = () =>
+    new Promise((ready) => {
+      const worker = new Worker(options.decoder, { type: 'module' });
+      worker.onmessage = ready;
+      worker.postMessage({ module, memory });
+    });
+  await Promise.all(Array.from({ length: count }, start));
+  streamer.use_decoders(count);
+  decoders += count;
 }
 
 const handlers = {
@@ -188,11 +207,13 @@ const handlers = {
     follow(start.epoch);
     const begunAt = now();
     connect();
-    await init({ module_or_path: start.module ?? (await laterModule) });
+    const module = start.module ?? (await laterModule);
+    const { memory } = await init({ module_or_path: module });
     const { width, height, targetPx, scene, token, cacheBytes } = start;
     streamer = new Streamer(width, height, targetPx, scene, token, cacheBytes);
     streamer.begin(begunAt);
     if (start.view) streamer.set_view_numbers(now(), start.view);
+    if (start.decoder) startDecoders(module, memory);
     if (waitsForModule) connect();
     else begin();
   },

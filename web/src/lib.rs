@@ -7,6 +7,8 @@
 
 #[cfg(target_family = "wasm")]
 mod console;
+#[cfg(feature = "threads")]
+mod decoders;
 #[cfg(feature = "deltas")]
 mod deltas;
 mod pictures;
@@ -18,6 +20,8 @@ mod streams;
 #[cfg(all(target_family = "wasm", feature = "viewer"))]
 mod viewer;
 
+#[cfg(feature = "threads")]
+pub use decoders::decode_on_this_worker;
 pub use streamer::Streamer;
 #[cfg(all(target_family = "wasm", feature = "viewer"))]
 pub use viewer::Viewer;

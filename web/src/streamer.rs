@@ -12,7 +12,7 @@ use crate::streams::{Arrival, Streams, message};
 use crate::{stats, steps, time};
 
 /// Payload bytes decoded in one turn: about 10 ms of work, so that frames and views are not kept waiting.
-const SLICE_BYTES: u64 = 16 * 1024;
+pub(crate) const SLICE_BYTES: u64 = 16 * 1024;
 /// Bytes of changes in one step: about one frame's uploads.
 pub(crate) const STEP_BYTES: usize = 512 << 10;
 /// Memory that a decoded view may take on the heap: it takes none.
@@ -33,6 +33,11 @@ pub struct Streamer {
     received_bytes: u64,
     /// Connect call of the first connection.
     begun_ms: f64,
+    /// Payload bytes decoded in one turn.
+    pub(crate) slice_bytes: u64,
+    /// Decoders whose workers are not all there yet.
+    #[cfg(feature = "threads")]
+    pub(crate) decoders: Option<lodestream_client::core::Decoders>,
 }
 
 #[wasm_bindgen]
@@ -65,6 +70,9 @@ impl Streamer {
             to_decode: Vec::new(),
             received_bytes: 0,
             begun_ms: 0.0,
+            slice_bytes: SLICE_BYTES,
+            #[cfg(feature = "threads")]
+            decoders: None,
         }
     }
 
@@ -142,7 +150,7 @@ impl Streamer {
     /// Selects, decodes and applies for some milliseconds; whether more is to be done at once.
     pub fn turn(&mut self, now_ms: f64) -> bool {
         self.core.handle_timeout(time(now_ms));
-        self.core.update(time(now_ms), SLICE_BYTES) == Progress::More
+        self.core.update(time(now_ms), self.slice_bytes) == Progress::More
     }
 
     /// The next frame to send.

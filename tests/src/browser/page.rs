@@ -39,6 +39,8 @@ fn a_tab_shows_what_the_native_viewer_shows() {
     let count = |name: &str| stats[name].as_f64();
     assert_eq!([count("decode_failures"), count("lacking_blobs")], [Some(0.0); 2], "{stats}");
     assert!(stats["ttff_ms"].as_f64().unwrap() <= stats["settled_ms"].as_f64().unwrap(), "{stats}");
+    // The daemon's page is cross-origin isolated.
+    tab.wait("other workers decode", STATS, |stats| stats["decoders"].as_f64() >= Some(2.0));
     let native = draw(&mut headless, scene.whole());
     let image = image(&mut tab, "lodestream.view.picture()");
     assert_eq!(image.dimensions(), native.image.dimensions());

@@ -28,6 +28,7 @@ use lodestream_select::Selector;
 use super::cache::BlobCache;
 use super::changes::Change;
 use super::config::{Config, StartView};
+use super::decoders::Decoders;
 use super::failures::Failures;
 use super::milestones::Milestones;
 use super::motion::Motion;
@@ -104,6 +105,11 @@ impl ClientCore {
             counts: Counts::default(),
             config,
         }
+    }
+
+    /// Sets where chunks are decoded from now on.
+    pub fn set_decoders(&mut self, decoders: Decoders) {
+        self.config.decoders = decoders;
     }
 
     /// Sets the scene to request in later sessions; empty for the server's only one.
