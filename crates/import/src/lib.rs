@@ -13,6 +13,7 @@ pub mod gltf;
 mod import;
 mod meshopt;
 mod model;
+mod model_file;
 mod obj;
 mod ply;
 pub mod setting;
@@ -30,4 +31,5 @@ pub use import::{dependencies, import, import_part};
 pub use model::{
     Channel, Component, HeightMap, ImageSource, Imported, ImportedMaterial, MaterialMaps, Part, SurfaceMap,
 };
+pub use model_file::ModelFile;
 pub use setting::InvalidValue;

@@ -14,7 +14,7 @@ use tokio::sync::Mutex;
 use tokio::task::spawn_blocking;
 
 use super::place::{Place, SceneLocation};
-use lodestream_bake::prepare::{Options, prepare_cached};
+use lodestream_bake::prepare::{Options, prepare_all};
 use lodestream_bake::scene;
 use lodestream_bake::stderr::write_line;
 use lodestream_daemon::{SceneProvider, SceneUpdate, Scenes};
@@ -189,18 +189,22 @@ fn read_files(
 ) -> anyhow::Result<SceneStore> {
     let scene = scene::of_files(words)?;
     files.extend(scene.files.iter().chain(scene.assets.iter().map(|asset| &asset.file)).cloned());
-    let mut packs = Vec::with_capacity(scene.assets.len());
-    for asset in &scene.assets {
-        let cached = prepare_cached(asset, folder, options)?;
+    let prepared = prepare_all(&scene.assets, folder, options, |number, cached| {
         if let Some(report) = &cached.report {
             for warning in &report.warnings {
                 write_line(format_args!("warning: {warning}"));
             }
-            write_line(format_args!("{}: {report}", asset.name));
+            write_line(format_args!("{}: {report}", scene.assets[number].name));
         }
+    })?;
+    let mut packs = Vec::with_capacity(prepared.len());
+    for cached in prepared {
         files.extend(cached.files);
         packs.push(cached.pack);
     }
+    // Assets of one model name the same files.
+    files.sort_unstable();
+    files.dedup();
     Ok(lodestream_bake::compose::open(&scene, packs, blobs)?)
 }
 

@@ -12,7 +12,8 @@ use lodestream_import::MAX_FILE_BYTES;
 
 use super::place::PUBLISHED;
 use lodestream_bake::compose::describe;
-use lodestream_bake::prepare::{Options, key_of, prepare_cached};
+use lodestream_bake::prepare::cache::Key;
+use lodestream_bake::prepare::{Options, keys_of, prepare_all};
 use lodestream_bake::scene::Scene;
 use lodestream_bake::stderr::write_line;
 use lodestream_scene::blob::BlobPart;
@@ -58,33 +59,36 @@ pub async fn publish(
     options: &Options,
 ) -> anyhow::Result<Published> {
     let mut done = Published::default();
-    let mut packs = Vec::with_capacity(scene.assets.len());
-    let mut keys = Vec::with_capacity(scene.assets.len());
-    for asset in &scene.assets {
-        let key = key_of(asset, options)?;
+    let keys = keys_of(&scene.assets, options)?;
+    for (asset, key) in scene.assets.iter().zip(&keys) {
         let (local, name) = (key.path(cache, &asset.name), pack_name(&key.bytes()));
         if !local.exists() && objects.length(&name).await?.is_some() {
             std::fs::create_dir_all(cache)?;
-            // Another machine prepared this pack; `prepare_cached` verifies it.
+            // Another machine prepared this pack; the preparation verifies it.
             if let Err(why) = objects.download(&name, &local, MAX_FILE_BYTES).await {
                 write_line(format_args!("warning: the pack is prepared again: {why}"));
             }
         }
-        let cached = prepare_cached(asset, cache, options)?;
+    }
+    let prepared = prepare_all(&scene.assets, cache, options, |number, cached| {
         if let Some(report) = &cached.report {
             done.prepared += 1;
             report.warnings.iter().for_each(|warning| write_line(format_args!("warning: {warning}")));
-            write_line(format_args!("{}: {report}", asset.name));
+            write_line(format_args!("{}: {report}", scene.assets[number].name));
         }
-        if is_there(objects, &name, &cached.pack).await? {
+    })?;
+    let packs: Vec<PackFile> = prepared.into_iter().map(|cached| cached.pack).collect();
+    for (pack, key) in packs.iter().zip(&keys) {
+        let name = pack_name(&key.bytes());
+        if is_there(objects, &name, pack).await? {
             done.there += 1;
         } else {
-            objects.put(&name, Bytes::from(std::fs::read(cached.pack.path())?)).await?;
+            objects.put(&name, Bytes::from(std::fs::read(pack.path())?)).await?;
             done.written += 1;
         }
-        keys.push((cached.pack.path().to_owned(), key.bytes()));
-        packs.push(cached.pack);
     }
+    let keys: Vec<_> =
+        packs.iter().map(|pack| pack.path().to_owned()).zip(keys.iter().map(Key::bytes)).collect();
     let (description, packs) = describe(scene, packs)?;
     done.preview = preview(&description, &packs);
     let contents_of = |pack: &PackFile| {

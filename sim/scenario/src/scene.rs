@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use lodestream_bake::preparation_settings::{CodecChoice, Precision, PreparationSettings};
-use lodestream_bake::prepare::{Options, prepare_cached};
+use lodestream_bake::prepare::{Options, prepare_all};
 use lodestream_bake::scene::{self, Scene};
 use lodestream_daemon::MemoryScene;
 use lodestream_protocol::source::{Immediate, SceneSource};
@@ -93,9 +93,7 @@ fn prepare(
     quiet: bool,
 ) -> anyhow::Result<(Scene, Vec<PackFile>)> {
     let options = Options { preparation_settings, quiet, ..Options::default() };
-    let mut packs = Vec::with_capacity(scene.assets.len());
-    for asset in &scene.assets {
-        packs.push(prepare_cached(asset, cache, &options)?.pack);
-    }
+    let packs = prepare_all(&scene.assets, cache, &options, |_, _| {})?;
+    let packs = packs.into_iter().map(|cached| cached.pack).collect();
     Ok((scene, packs))
 }

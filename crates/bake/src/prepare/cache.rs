@@ -1,8 +1,10 @@
 //! The cache of prepared packs: a folder of packs, each named by a hash of its inputs.
 
+use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 
-use lodestream_import::ImportError;
+use lodestream_import::{ImportError, ModelFile};
 
 /// Version of the preparation. Increment it when the same input gives another pack of the same format version: after a
 /// change of the simplifier or of the texture encoders.
@@ -12,40 +14,77 @@ const PREPARATION_VERSION: u32 = 19;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Key(blake3::Hash);
 
-/// Hashes a model file, the files that it names and the encoded settings, with the versions of the pack format and of
-/// the preparation. Returns the files that the model names, too.
-///
-/// # Errors
-/// A model file that cannot be read. Other files may be missing: the key then encodes that they are.
-pub(super) fn key_and_files(
-    model: &Path,
-    settings: &[u8],
-    format_version: u32,
-) -> Result<(Key, Vec<PathBuf>), ImportError> {
-    let (hash, dependencies) = hash_model(model)?;
-    let mut hasher = blake3::Hasher::new_derive_key("lodestream prepared pack");
-    hasher.update(&format_version.to_le_bytes());
-    hasher.update(&PREPARATION_VERSION.to_le_bytes());
-    hasher.update(blake3::hash(settings).as_bytes());
-    hasher.update(hash.as_bytes());
-    for file in &dependencies {
-        // The folder does not matter, only the names in the OBJ and MTL files, which are hashed already.
-        match hash_file(file) {
-            Some(hash) => hasher.update(&[1]).update(hash.as_bytes()),
-            None => hasher.update(&[0]),
-        };
+impl Key {
+    /// Hashes a model file, the files that it names and the encoded settings, with the versions of the pack format and of
+    /// the preparation.
+    pub(super) fn new(source: &Source, settings: &[u8], format_version: u32) -> Self {
+        let mut hasher = blake3::Hasher::new_derive_key("lodestream prepared pack");
+        hasher.update(&format_version.to_le_bytes());
+        hasher.update(&PREPARATION_VERSION.to_le_bytes());
+        hasher.update(blake3::hash(settings).as_bytes());
+        hasher.update(source.hash.as_bytes());
+        for hash in &source.dependencies {
+            // The folder does not matter, only the names in the OBJ and MTL files, which are hashed already.
+            match hash {
+                Some(hash) => hasher.update(&[1]).update(hash.as_bytes()),
+                None => hasher.update(&[0]),
+            };
+        }
+        Self(hasher.finalize())
     }
-    Ok((Key(hasher.finalize()), dependencies))
 }
 
-/// The hash of a model file, and the files that it names.
-fn hash_model(path: &Path) -> Result<(blake3::Hash, Vec<PathBuf>), ImportError> {
-    // A PLY file names no others and is never loaded whole. If it cannot be read, `read_file` returns the error.
-    if let Some(hash) = lodestream_import::is_ply(path).then(|| hash_file(path)).flatten() {
-        return Ok((hash, Vec::new()));
+/// A model file and the hashes of all that is read for it.
+#[derive(Debug)]
+pub(super) struct Source {
+    pub(super) model: ModelFile,
+    hash: blake3::Hash,
+    /// Of the files that the model names; `None` for those that cannot be read.
+    dependencies: Vec<Option<blake3::Hash>>,
+}
+
+impl Source {
+    /// Reads a model file and hashes the files that it names.
+    ///
+    /// # Errors
+    /// A model file that cannot be read. Other files may be missing: the key then encodes that they are.
+    pub(super) fn read(path: &Path) -> Result<Self, ImportError> {
+        // A PLY file names no others and is never loaded whole. If it cannot be read, `read_file` returns the error.
+        if let Some(hash) = lodestream_import::is_ply(path).then(|| hash_file(path)).flatten() {
+            return Ok(Self { model: ModelFile::alone(path), hash, dependencies: Vec::new() });
+        }
+        let bytes = lodestream_import::read_file(path, lodestream_import::MAX_FILE_BYTES)?;
+        let hash = blake3::hash(&bytes);
+        let model = ModelFile::parse(path, bytes.into())?;
+        let dependencies = model.dependencies().iter().map(|file| hash_file(file)).collect();
+        Ok(Self { model, hash, dependencies })
     }
-    let bytes = lodestream_import::read_file(path, lodestream_import::MAX_FILE_BYTES)?;
-    Ok((blake3::hash(&bytes), lodestream_import::dependencies(path, &bytes)))
+}
+
+/// The model files that were read last, since assets of one file follow one another.
+#[derive(Debug, Default)]
+pub(super) struct Sources(Mutex<VecDeque<(PathBuf, Arc<Source>)>>);
+
+/// Most model files kept: where one file's assets end, threads still prepare them.
+const KEPT: usize = 2;
+
+impl Sources {
+    /// The model file at a path. Reads it while others wait, who are likely to want the same.
+    ///
+    /// # Errors
+    /// As [`Source::read`].
+    pub(super) fn get(&self, path: &Path) -> Result<Arc<Source>, ImportError> {
+        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, source)) = kept.iter().find(|(of, _)| of == path) {
+            return Ok(Arc::clone(source));
+        }
+        let source = Arc::new(Source::read(path)?);
+        kept.push_back((path.to_owned(), Arc::clone(&source)));
+        if kept.len() > KEPT {
+            kept.pop_front();
+        }
+        Ok(source)
+    }
 }
 
 fn hash_file(path: &Path) -> Option<blake3::Hash> {
@@ -100,7 +139,7 @@ mod tests {
         let dir = tempfile::TempDir::new().unwrap();
         let write = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
         let obj = dir.path().join("a.obj");
-        let key = |settings: &[u8], version| key_and_files(&obj, settings, version).unwrap().0;
+        let key = |settings: &[u8], version| Key::new(&Source::read(&obj).unwrap(), settings, version);
         let now = || key(b"bits 14", 1);
         write("a.obj", "mtllib a.mtl\nf 1 2 3\n");
         let missing = now();

@@ -160,7 +160,7 @@ mod tests {
     fn key(dir: &Path) -> Key {
         let model = dir.join("a.obj");
         std::fs::write(&model, "f 1 2 3\n").unwrap();
-        cache::key_and_files(&model, b"", 1).unwrap().0
+        cache::Key::new(&cache::Source::read(&model).unwrap(), b"", 1)
     }
 
     #[test]

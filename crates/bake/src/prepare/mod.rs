@@ -11,6 +11,7 @@ mod tests;
 use std::fmt;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
 use crate::preparation_settings::{PreparationSettings, ReliefDepth};
@@ -19,6 +20,7 @@ use lodestream_compress::{encode_base, prepare_with_hooks};
 use lodestream_geometry::MeshError;
 use lodestream_geometry::base::FORMAT_VERSION;
 use lodestream_geometry::pack::{BlobKind, PACK_VERSION};
+use lodestream_geometry::pool::Pool as _;
 use lodestream_geometry::prepare::{Hooks, suit};
 use lodestream_geometry::quantise::quantise;
 use lodestream_import::ImportError;
@@ -27,6 +29,7 @@ use crate::mapping_allocator::MappingAllocator;
 use crate::scene::Asset;
 use lodestream_store::{PackFile, StoreError};
 
+use cache::{Source, Sources};
 use checkpoint_folder::CheckpointFolder;
 pub use checkpoint_folder::{Resumed, remove_stale_levels};
 pub use lodestream_threads::Threads;
@@ -162,18 +165,27 @@ impl fmt::Display for Report {
 /// # Errors
 /// See [`PrepareError`].
 pub fn prepare_to(asset: &Asset, options: &Options, pack: &Path) -> Result<Report, PrepareError> {
-    let (asset, key, _) = keyed(asset, options)?;
-    prepare_with_key(&asset, options, key, pack)
+    let keyed = Keyed::new(asset, options, &Sources::default())?;
+    prepare_with_key(&keyed, options, pack)
 }
 
-/// Resolves an asset's settings. Returns the asset, the key of its pack, and the files that its model names.
-fn keyed(asset: &Asset, options: &Options) -> Result<(Asset, cache::Key, Vec<PathBuf>), ImportError> {
-    let asset = Asset {
-        preparation_settings: options.preparation_settings.or(asset.preparation_settings),
-        ..asset.clone()
-    };
-    let (key, files) = cache::key_and_files(&asset.file, &pack_settings(&asset).encode(), pack_version())?;
-    Ok((asset, key, files))
+/// An asset with its resolved settings, its model file, and the key of its pack.
+struct Keyed {
+    asset: Asset,
+    source: Arc<Source>,
+    key: cache::Key,
+}
+
+impl Keyed {
+    fn new(asset: &Asset, options: &Options, sources: &Sources) -> Result<Self, ImportError> {
+        let asset = Asset {
+            preparation_settings: options.preparation_settings.or(asset.preparation_settings),
+            ..asset.clone()
+        };
+        let source = sources.get(&asset.file)?;
+        let key = cache::Key::new(&source, &pack_settings(&asset).encode(), pack_version());
+        Ok(Self { asset, source, key })
+    }
 }
 
 /// The key of an asset's pack.
@@ -181,7 +193,16 @@ fn keyed(asset: &Asset, options: &Options) -> Result<(Asset, cache::Key, Vec<Pat
 /// # Errors
 /// A model that cannot be read.
 pub fn key_of(asset: &Asset, options: &Options) -> Result<cache::Key, ImportError> {
-    keyed(asset, options).map(|(_, key, _)| key)
+    Keyed::new(asset, options, &Sources::default()).map(|keyed| keyed.key)
+}
+
+/// The keys of the packs of several assets; a model file with several of them is read once.
+///
+/// # Errors
+/// A model that cannot be read.
+pub fn keys_of(assets: &[Asset], options: &Options) -> Result<Vec<cache::Key>, ImportError> {
+    let sources = Sources::default();
+    assets.iter().map(|asset| Keyed::new(asset, options, &sources).map(|keyed| keyed.key)).collect()
 }
 
 /// An asset's pack from the cache.
@@ -201,7 +222,59 @@ pub struct Cached {
 /// # Errors
 /// See [`PrepareError`].
 pub fn prepare_cached(asset: &Asset, folder: &Path, options: &Options) -> Result<Cached, PrepareError> {
-    let (asset, key, mut files) = keyed(asset, options)?;
+    prepare_keyed(&Keyed::new(asset, options, &Sources::default())?, folder, options)
+}
+
+/// Least number of assets for each thread from which they are prepared side by side.
+const SIDE_BY_SIDE: usize = 4;
+
+/// [`prepare_cached`] for several assets: a model file with several of them is read once, and where they are many, they are
+/// prepared side by side. `done` is called for each in order, with its number. The packs do not depend on the threads.
+///
+/// # Errors
+/// Of the first asset with one. Packs that were prepared stay in the cache.
+pub fn prepare_all(
+    assets: &[Asset],
+    folder: &Path,
+    options: &Options,
+    mut done: impl FnMut(usize, &Cached),
+) -> Result<Vec<Cached>, PrepareError> {
+    let threads = options.threads.map_or_else(Threads::all_cores, Threads::new);
+    let sources = Sources::default();
+    let one = |asset: &Asset, options: &Options| {
+        prepare_keyed(&Keyed::new(asset, options, &sources)?, folder, options)
+    };
+    let mut all = Vec::with_capacity(assets.len());
+    let mut take = |cached: Cached| {
+        done(all.len(), &cached);
+        all.push(cached);
+    };
+    if assets.len() < SIDE_BY_SIDE * threads.count().get() {
+        for asset in assets {
+            take(one(asset, options)?);
+        }
+        return Ok(all);
+    }
+    let options = Options { threads: Some(NonZeroUsize::MIN), ..*options };
+    // In groups, so that lines appear while others are prepared.
+    for group in assets.chunks(16 * threads.count().get()) {
+        let slots: Vec<Mutex<Option<Result<Cached, PrepareError>>>> =
+            group.iter().map(|_| Mutex::default()).collect();
+        threads.run(group.len(), &|i| {
+            *slots[i].lock().unwrap_or_else(PoisonError::into_inner) = Some(one(&group[i], &options));
+        });
+        for (slot, asset) in slots.into_iter().zip(group) {
+            let made = slot.into_inner().unwrap_or_else(PoisonError::into_inner);
+            // A pool that runs no task leaves it to us.
+            take(made.unwrap_or_else(|| one(asset, &options))?);
+        }
+    }
+    Ok(all)
+}
+
+fn prepare_keyed(keyed: &Keyed, folder: &Path, options: &Options) -> Result<Cached, PrepareError> {
+    let Keyed { asset, source, key } = keyed;
+    let mut files = source.model.dependencies().to_vec();
     files.push(asset.file.clone());
     let path = key.path(folder, &asset.name);
     // The whole model was just read for its key; verifying its smaller pack adds little.
@@ -213,7 +286,7 @@ pub fn prepare_cached(asset: &Asset, folder: &Path, options: &Options) -> Result
     }
     std::fs::create_dir_all(folder)
         .map_err(|source| PrepareError::Write { path: folder.to_owned(), source })?;
-    let report = prepare_with_key(&asset, options, key, &path)?;
+    let report = prepare_with_key(keyed, options, &path)?;
     Ok(Cached { pack: PackFile::open(&path)?, report: Some(report), files })
 }
 
@@ -249,15 +322,11 @@ fn checkpoint_folder_for(
     CheckpointFolder::beside(pack, key)
 }
 
-fn prepare_with_key(
-    asset: &Asset,
-    options: &Options,
-    key: cache::Key,
-    pack: &Path,
-) -> Result<Report, PrepareError> {
+fn prepare_with_key(keyed: &Keyed, options: &Options, pack: &Path) -> Result<Report, PrepareError> {
+    let Keyed { asset, source, key } = keyed;
     let Asset { name, file: model, part, preparation_settings } = asset;
     let mesh_error = |source| PrepareError::Mesh { path: model.clone(), source };
-    let imported = lodestream_import::import_part(model, part)?;
+    let imported = source.model.import(part)?;
     let mut warnings = imported.warnings;
     let described = describe::describe(name, &imported.materials, preparation_settings.relief_depth)
         .map_err(|source| PrepareError::Describe { path: model.clone(), source })?;
@@ -272,7 +341,7 @@ fn prepare_with_key(
     drop(imported.mesh);
     PrepareError::room(model, mesh.faces.len(), MappingAllocator::free_bytes())?;
     let checkpoints =
-        checkpoint_folder_for(pack, &key, options.keep_levels || mesh.faces.len() >= CHECKPOINT_MIN_FACES);
+        checkpoint_folder_for(pack, key, options.keep_levels || mesh.faces.len() >= CHECKPOINT_MIN_FACES);
     let checkpoints = checkpoints.map_err(|source| PrepareError::Write { path: pack.to_owned(), source })?;
     let reporter = Reporter::new(name, options.quiet);
     let threads = options.threads.map_or_else(Threads::all_cores, Threads::new);

@@ -1,12 +1,13 @@
 //! Settings from flags, scene files and defaults, and the cache of packs.
 
+use std::num::NonZeroUsize;
 use std::path::Path;
 
 use crate::preparation_settings::{Precision, PreparationSettings};
 use lodestream_geometry::Codec;
 use tempfile::TempDir;
 
-use super::{Options, prepare_cached};
+use super::{Cached, Options, prepare_all, prepare_cached};
 use crate::scene::{self, Asset};
 
 const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
@@ -142,4 +143,37 @@ fn no_sample_is_refused_for_its_materials() {
             }
         }
     }
+}
+
+#[test]
+fn many_assets_of_one_file_give_the_same_packs_side_by_side_and_one_by_one() {
+    let dir = TempDir::new().unwrap();
+    for number in 0..20 {
+        let height = 1.0 + 0.1 * f64::from(number);
+        let obj =
+            format!("v 0 0 0\nv 1 0 0\nv 0 {height} 0\nv 0 0 {height}\nf 1 2 3\nf 1 4 2\nf 1 3 4\nf 2 4 3\n");
+        std::fs::write(dir.path().join(format!("{number}.obj")), obj).unwrap();
+    }
+    let files: Vec<_> = (0..20).map(|number| dir.path().join(format!("{number}.obj"))).collect();
+    let assets = scene::of_files(&files).unwrap().assets;
+    let threads = |count| Options { threads: NonZeroUsize::new(count), quiet: true, ..Options::default() };
+    let bytes = |cached: &Cached| std::fs::read(cached.pack.path()).unwrap();
+    let mut order = Vec::new();
+    let many =
+        prepare_all(&assets, &dir.path().join("many"), &threads(3), |number, _| order.push(number)).unwrap();
+    assert!(order.iter().copied().eq(0..20));
+    assert!(many.iter().all(|cached| cached.report.is_some()));
+    for (asset, cached) in assets.iter().zip(&many) {
+        let alone = prepare_cached(asset, &dir.path().join("alone"), &threads(1)).unwrap();
+        assert_eq!(bytes(&alone), bytes(cached), "{}", asset.name);
+        assert_eq!(alone.pack.path().file_name(), cached.pack.path().file_name());
+    }
+    // The second time from the cache; a file that has changed is prepared again.
+    std::fs::write(&files[7], TRIANGLE).unwrap();
+    let again = prepare_all(&assets, &dir.path().join("many"), &threads(3), |_, _| {}).unwrap();
+    let prepared = again.iter().filter(|cached| cached.report.is_some()).count();
+    assert_eq!(prepared, 1);
+    std::fs::remove_file(&files[7]).unwrap();
+    let why = prepare_all(&assets, &dir.path().join("many"), &threads(3), |_, _| {}).unwrap_err();
+    assert!(why.to_string().contains("7.obj"), "{why}");
 }

@@ -1,8 +1,10 @@
 //! GLB and glTF files: their JSON, and the bytes of buffers and images, which are embedded, in data URIs, or in files
 //! beside the model.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
 use std::path::{Component, Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use bytes::Bytes;
 use gltf::json;
@@ -40,11 +42,19 @@ const MAGIC: &[u8; 4] = b"glTF";
 const CHUNK_JSON: u32 = 0x4E4F_534A;
 const CHUNK_BIN: u32 = 0x004E_4942;
 
-/// A parsed model; buffers are read on demand.
-pub(super) struct Document {
+/// A parsed model; buffers are read on demand, and kept.
+pub(crate) struct Document {
     pub(super) path: PathBuf,
     pub(super) root: json::Root,
     bin: Option<Bytes>,
+    /// Buffers that were read or decoded, by index.
+    read: Mutex<BTreeMap<usize, Bytes>>,
+}
+
+impl fmt::Debug for Document {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Document").field("path", &self.path).finish_non_exhaustive()
+    }
 }
 
 /// Location of the bytes that a URI names.
@@ -58,7 +68,7 @@ impl Document {
     ///
     /// # Errors
     /// A file that is not glTF 2.0, or requires extensions that are not supported.
-    pub(super) fn parse(path: &Path, bytes: Bytes) -> Result<Self, ImportError> {
+    pub(crate) fn parse(path: &Path, bytes: Bytes) -> Result<Self, ImportError> {
         let error = |what: String| ImportError::gltf(path, what);
         let (text, bin) = if bytes.starts_with(MAGIC) { split(path, &bytes)? } else { (bytes, None) };
         let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
@@ -83,7 +93,7 @@ impl Document {
         }
         let root = json::deserialize::from_slice(text)
             .map_err(|e| error(format!("is not valid glTF 2.0: {e}; export it again")))?;
-        Ok(Self { path: path.to_owned(), root, bin })
+        Ok(Self { path: path.to_owned(), root, bin, read: Mutex::default() })
     }
 
     pub(super) fn error(&self, what: impl Into<String>) -> ImportError {
@@ -102,6 +112,10 @@ impl Document {
         let Some(buffer) = self.root.buffers.get(index) else {
             return Err(self.error(format!("buffers[{index}] does not exist")));
         };
+        let mut read = self.read.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(bytes) = read.get(&index) {
+            return Ok(bytes.clone());
+        }
         let bytes = match &buffer.uri {
             Some(uri) => match self.locate(uri).map_err(|e| self.error(format!("buffers[{index}]: {e}")))? {
                 Location::Inline(bytes) => bytes,
@@ -121,6 +135,7 @@ impl Document {
                 bytes.len()
             )));
         }
+        read.insert(index, bytes.clone());
         Ok(bytes)
     }
 

@@ -23,6 +23,7 @@ mod nodes;
 #[cfg(test)]
 mod tests;
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
@@ -31,7 +32,8 @@ use glam::{DMat3, DMat4, DQuat};
 use crate::error::ImportError;
 use crate::file::{MAX_FILE_BYTES, read_file};
 use crate::model::{Imported, Part};
-use container::{Document, Location};
+pub(crate) use container::Document;
+use container::Location;
 use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::PunctualLight;
 use mesh::Builder;
@@ -70,19 +72,41 @@ fn open(path: &Path) -> Result<Document, ImportError> {
 
 /// Imports a file, or one mesh of it.
 pub(super) fn import(path: &Path, part: &Part) -> Result<Imported, ImportError> {
-    let document = open(path)?;
-    let mut builder = Builder::new(&document);
-    match *part {
-        Part::Whole => {
-            for placed in nodes::placed(&document)?.meshes {
-                builder.add(placed.mesh, &placed.to_scene)?;
+    open(path)?.import(part)
+}
+
+impl Document {
+    /// Imports the file, or one mesh of it.
+    pub(crate) fn import(&self, part: &Part) -> Result<Imported, ImportError> {
+        let mut builder = Builder::new(self);
+        match *part {
+            Part::Whole => {
+                for placed in nodes::placed(self)?.meshes {
+                    builder.add(placed.mesh, &placed.to_scene)?;
+                }
+            }
+            Part::Mesh { mesh, linear } => {
+                builder.add(mesh, &DMat4::from_mat3(DMat3::from_cols_array_2d(&linear)))?;
             }
         }
-        Part::Mesh { mesh, linear } => {
-            builder.add(mesh, &DMat4::from_mat3(DMat3::from_cols_array_2d(&linear)))?;
-        }
+        builder.finish()
     }
-    builder.finish()
+
+    /// The files that are read beside it: buffers and images.
+    pub(crate) fn dependencies(&self) -> Vec<PathBuf> {
+        let buffers = self.root.buffers.iter().filter_map(|buffer| buffer.uri.as_deref());
+        let images = self.root.images.iter().filter_map(|image| image.uri.as_deref());
+        let mut files = Vec::new();
+        let mut known = BTreeSet::new();
+        for uri in buffers.chain(images).filter(|uri| !uri.starts_with("data:")) {
+            if let Ok(Location::File(file)) = self.locate(uri)
+                && known.insert(file.clone())
+            {
+                files.push(file);
+            }
+        }
+        files
+    }
 }
 
 /// Lists the meshes and lights of a file with their placements, without reading the meshes.
@@ -120,11 +144,15 @@ pub fn part_named(path: &Path, name: &str) -> Result<Part, ImportError> {
 /// Names of the meshes, made unique by numbers; `mesh-N` for meshes without a name.
 fn names(document: &Document) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
+    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
     for (index, mesh) in document.root.meshes.iter().enumerate() {
-        let own = mesh.name.clone().filter(|name| !name.is_empty());
-        let name = own.unwrap_or_else(|| format!("mesh-{index}"));
-        let taken = document.root.meshes[..index].iter().filter(|m| m.name.as_deref() == Some(&name)).count();
+        let own = mesh.name.as_deref().filter(|name| !name.is_empty());
+        let name = own.map_or_else(|| format!("mesh-{index}"), str::to_owned);
+        let taken = counts.get(&*name).copied().unwrap_or_default();
         names.push(if taken == 0 { name } else { format!("{name}-{}", taken + 1) });
+        if let Some(own) = own {
+            counts.insert(own, taken + 1);
+        }
     }
     names
 }
@@ -151,18 +179,9 @@ fn similar(mesh: usize, to_scene: &DMat4) -> PlacedMesh {
     }
 }
 
-/// The files that are read beside a glTF file of the given content: buffers and images.
+/// The files that are read beside a glTF file of the given content.
 pub(super) fn dependencies(path: &Path, bytes: &[u8]) -> Vec<PathBuf> {
-    let Ok(document) = Document::parse(path, Bytes::copy_from_slice(bytes)) else { return Vec::new() };
-    let buffers = document.root.buffers.iter().filter_map(|buffer| buffer.uri.as_deref());
-    let images = document.root.images.iter().filter_map(|image| image.uri.as_deref());
-    let mut files = Vec::new();
-    for uri in buffers.chain(images).filter(|uri| !uri.starts_with("data:")) {
-        if let Ok(Location::File(file)) = document.locate(uri)
-            && !files.contains(&file)
-        {
-            files.push(file);
-        }
-    }
-    files
+    Document::parse(path, Bytes::copy_from_slice(bytes))
+        .map(|document| document.dependencies())
+        .unwrap_or_default()
 }

@@ -1,0 +1,62 @@
+//! A model file that is read once, for several imports of its parts.
+
+use std::path::{Path, PathBuf};
+
+use bytes::Bytes;
+
+use crate::error::ImportError;
+use crate::file::is_gltf;
+use crate::gltf::Document;
+use crate::import::{dependencies, import_part};
+use crate::model::{Imported, Part};
+
+/// A model file. A glTF file is parsed once and stays in memory; files of other formats have only one part, for which they
+/// are read.
+#[derive(Debug)]
+pub struct ModelFile {
+    path: PathBuf,
+    document: Option<Document>,
+    dependencies: Vec<PathBuf>,
+}
+
+impl ModelFile {
+    /// The model at a path with this content.
+    ///
+    /// # Errors
+    /// A glTF file that cannot be parsed.
+    pub fn parse(path: &Path, bytes: Bytes) -> Result<Self, ImportError> {
+        if !is_gltf(path) {
+            let dependencies = dependencies(path, &bytes);
+            return Ok(Self { path: path.to_owned(), document: None, dependencies });
+        }
+        if bytes.is_empty() {
+            return Err(ImportError::Empty { path: path.to_owned() });
+        }
+        let document = Document::parse(path, bytes)?;
+        let dependencies = document.dependencies();
+        Ok(Self { path: path.to_owned(), document: Some(document), dependencies })
+    }
+
+    /// A model whose content is not known yet and which names no other files.
+    #[must_use]
+    pub fn alone(path: &Path) -> Self {
+        Self { path: path.to_owned(), document: None, dependencies: Vec::new() }
+    }
+
+    /// The files that it names, each once, whether they exist or not.
+    #[must_use]
+    pub fn dependencies(&self) -> &[PathBuf] {
+        &self.dependencies
+    }
+
+    /// Imports a part.
+    ///
+    /// # Errors
+    /// As [`crate::import`].
+    pub fn import(&self, part: &Part) -> Result<Imported, ImportError> {
+        match &self.document {
+            Some(document) => document.import(part),
+            None => import_part(&self.path, part),
+        }
+    }
+}
