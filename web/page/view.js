@@ -11,8 +11,12 @@ export const NO_WEBGPU =
 const CACHE_BYTES = { desktop: 64 << 20, phone: 24 << 20 };
 /** Adapters that draw on the CPU, by the architecture that the browser tells. */
 const SOFTWARE = ['swiftshader', 'llvmpipe'];
-/** Attempts to open a device again after it was lost. */
-const MAX_DEVICES = 5;
+/** Most devices that are lost one after the other, each within `SOON_MS`, before that is an error. */
+const MAX_LOSSES = 5;
+const SOON_MS = 60_000;
+
+/** Frees the pictures of a step that is not drawn. */
+const release = ({ pictures }) => pictures.forEach(({ bitmap }) => bitmap?.close());
 
 const isPhone = () => matchMedia('(pointer: coarse)').matches && Math.min(screen.width, screen.height) < 900;
 
@@ -34,6 +38,12 @@ export class View extends EventTarget {
   #scheduled = false;
   #ended = false;
   #devices = 0;
+  #losses = 0;
+  #openedAt = 0;
+  /** Number of times that the worker was asked for the whole scene. */
+  #generation = 0;
+  /** Techniques that were switched. */
+  #switched = new Map();
   #shown = false;
   #settled = false;
   #sentView = '';
@@ -81,25 +91,19 @@ export class View extends EventTarget {
   #module;
   #software = false;
 
-  /** Opens a device and a session for it. */
-  async #open() {
-    if (this.#ended) return;
-    this.#startWorker();
-    await this.#openDevice();
-  }
-
   async #openDevice() {
     if (this.#ended) return;
     const viewer = await Viewer.open(this.#canvas, this.#options.targetPx ?? 1, this.#software);
     if (this.#ended) return viewer.close();
     if (this.#options.camera) viewer.set_camera(now(), Float64Array.from(this.#options.camera));
+    for (const [technique, on] of this.#switched) viewer.switch(technique, on);
     this.#viewer = viewer;
+    this.#devices += 1;
+    this.#openedAt = now();
     this.redraw();
   }
 
   #startWorker() {
-    this.#worker?.terminate();
-    this.#steps = [];
     const { worker: file } = this.#options;
     const worker = typeof file === 'function' ? file() : new Worker(file, { type: 'module' });
     worker.onmessage = ({ data }) => this.#receive(data);
@@ -123,13 +127,17 @@ export class View extends EventTarget {
     if (this.#ended) return;
     if (data.failed !== undefined) return this.#fail(data.failed);
     if (data.step) {
-      this.#steps.push(data);
+      // Steps from before the last device do not fit it.
+      if (data.generation === this.#generation) this.#steps.push(data);
+      else release(data);
       return this.redraw();
     }
     this.#stats = data.stats ?? this.#stats;
     this.#message = data.message;
     this.#transport = data.transport;
-    this.#progress();
+    const lost = this.#viewer?.failure();
+    if (lost === undefined) this.#progress();
+    else this.#reopen(lost);
   }
 
   #progress() {
@@ -171,6 +179,9 @@ export class View extends EventTarget {
     if (!viewer || this.#ended) return;
     const begun = now();
     try {
+      // A lost device never finishes its frame, so it would seem busy.
+      const lost = viewer.failure();
+      if (lost !== undefined) return this.#reopen(lost);
       const moving = this.beforeFrame(begun);
       this.#sendView();
       // A device that is busy would only show earlier cameras, one after the other.
@@ -197,17 +208,19 @@ export class View extends EventTarget {
     if (this.#shown) this.longestTaskMs = Math.max(this.longestTaskMs, now() - begun);
   }
 
-  /** Opens another device and session after an error of the device. */
+  /** Opens another device after an error of the last one; the worker's session goes on and gives the whole scene again. */
   async #reopen(why) {
-    const camera = this.#viewer.camera();
-    this.#viewer.free();
+    const viewer = this.#viewer;
     this.#viewer = null;
-    this.#devices += 1;
-    if (this.#devices >= MAX_DEVICES) return this.#fail(why);
-    this.#message = `${why}; opening the graphics device again`;
-    this.#options.camera = camera ?? this.#options.camera;
+    this.#losses = now() - this.#openedAt < SOON_MS ? this.#losses + 1 : 1;
     try {
-      await this.#open();
+      this.#options.camera = viewer.camera() ?? this.#options.camera;
+      viewer.close();
+      if (this.#losses >= MAX_LOSSES) return this.#fail(why);
+      this.#steps.splice(0).forEach(release);
+      this.#generation += 1;
+      this.#worker.postMessage({ kind: 'restate', generation: this.#generation });
+      await this.#openDevice();
     } catch (again) {
       this.#fail(String(again?.message ?? again));
     }
@@ -230,6 +243,7 @@ export class View extends EventTarget {
   /** Switches a technique, see `Viewer.switch`. */
   switch(technique, on) {
     this.#viewer?.switch(technique, on);
+    this.#switched.set(technique, on);
     if (technique === 'shadows') this.#worker?.postMessage({ kind: 'shadows', on });
     this.redraw();
   }
@@ -251,6 +265,7 @@ export class View extends EventTarget {
       frames: viewer?.frames() ?? 0,
       frame_ms: viewer?.frame_ms() ?? null,
       quality: viewer?.quality() ?? null,
+      devices: this.#devices,
       adapter: viewer?.adapter() ?? null,
       gpu_bytes: viewer?.gpu_bytes() ?? 0,
       longest_task_ms: this.longestTaskMs,

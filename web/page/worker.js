@@ -23,6 +23,8 @@ let abandon = () => {};
 let early = [];
 let opened = false;
 let untaken = 0;
+/** Number of times that the page has asked for the whole scene: it drops the steps from before. */
+let generation = 0;
 let failures = 0;
 /** Whether to connect again once the module is there: without it, attempts would follow one another on slow links. */
 let waitsForModule = false;
@@ -150,10 +152,11 @@ let posted = Promise.resolve();
 
 function post(step, pictures) {
   const decoded = pictures.map((picture) => decodeOne(picture));
+  const of = generation;
   posted = posted.then(async () => {
     const held = (await Promise.all(decoded)).filter(Boolean);
     const moved = held.map(({ bitmap, heights }) => bitmap ?? heights.buffer);
-    postMessage({ step, pictures: held }, [step.buffer, ...moved]);
+    postMessage({ step, pictures: held, generation: of }, [step.buffer, ...moved]);
     for (const { number } of held) streamer.decoded(now(), number, undefined);
     if (pictures.length) turnSoon();
   });
@@ -221,6 +224,12 @@ const handlers = {
   },
   taken() {
     untaken -= 1;
+    turnSoon();
+  },
+  restate({ generation: next }) {
+    generation = next;
+    untaken = 0;
+    streamer?.restate(now());
     turnSoon();
   },
   leave() {

@@ -183,6 +183,11 @@ impl Streamer {
         steps::encode(&step).map(Some).map_err(|why| why.to_string())
     }
 
+    /// Lets the next steps give the whole scene again, for a page that has lost its graphics device.
+    pub fn restate(&mut self, now_ms: f64) {
+        self.core.restate(time(now_ms));
+    }
+
     /// Sets the view from the bytes that the page's viewer gives.
     ///
     /// # Errors

@@ -164,6 +164,12 @@ impl Viewer {
         self.waits
     }
 
+    /// Takes the device's first error since the last call: it is lost or out of memory, and another viewer is needed.
+    #[must_use]
+    pub fn failure(&self) -> Option<String> {
+        self.gpu.take_error()
+    }
+
     /// Draws a frame; whether another is needed without an event.
     ///
     /// # Errors
