@@ -11,7 +11,7 @@ const server = JSON.parse(element('lodestream-server').textContent);
 const files = JSON.parse(element('lodestream-files').textContent);
 const canvas = element('view');
 
-/** The fragment: `eye=x,y,z;target=x,y,z;up=x,y,z;fov=degrees;scene=…;token=…;transport=…`, all optional. */
+/** The fragment: `eye=x,y,z;target=x,y,z;up=x,y,z;fov=degrees;scene=…;token=…;transport=…;memory=…`, all optional. */
 function fragment() {
   const entries = location.hash.slice(1).split(';').map((part) => part.split('='));
   return Object.fromEntries(entries.filter(([key, value]) => key && value).map(([k, v]) => [k, decodeURIComponent(v)]));
@@ -27,7 +27,7 @@ function keepCamera() {
   const fov = number((camera[9] * 180) / Math.PI);
   const parts = [`eye=${point(0)}`, `target=${point(3)}`, `up=${point(6)}`, `fov=${fov}`];
   for (const [key, value] of Object.entries(fragment())) {
-    if (['scene', 'token', 'transport'].includes(key)) parts.push(`${key}=${encodeURIComponent(value)}`);
+    if (['scene', 'token', 'transport', 'memory'].includes(key)) parts.push(`${key}=${encodeURIComponent(value)}`);
   }
   history.replaceState(null, '', `#${parts.join(';')}`);
 }
@@ -52,6 +52,7 @@ const view = new View({
   worker: files.worker,
   scene: server.scene ?? '',
   token: asked.token ?? '',
+  memory: Math.max(Number(asked.memory) || 0, 0),
   camera: cameraOf(asked),
 });
 

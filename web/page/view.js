@@ -7,8 +7,8 @@ import { now, origin } from './clock.js';
 export const NO_WEBGPU =
   'This page draws with WebGPU, which this browser does not offer here. Current versions of Chrome, Edge, Firefox and ' +
   'Safari have it, on pages from this machine or over https; it may be switched off on this device.';
-/** Received blobs that are kept, of a total of about 512 MB and, on phones, 256 MB. */
-const CACHE_BYTES = { desktop: 64 << 20, phone: 24 << 20 };
+/** Megabytes for the heaps of worker and page, and GPU memory of meshes and textures. */
+const MEMORY_MB = { desktop: 512, phone: 256 };
 /** Adapters that draw on the CPU, by the architecture that the browser tells. */
 const SOFTWARE = ['swiftshader', 'llvmpipe'];
 /** Most devices that are lost one after the other, each within `SOON_MS`, before that is an error. */
@@ -24,7 +24,7 @@ const isPhone = () => matchMedia('(pointer: coarse)').matches && Math.min(screen
  * A view of a scene. Events: `firstframe`, `progress` (detail: the statistics), `settled`, `error` (detail: the message).
  * Options: `canvas`, `address` (see `openLink`), `module` (its address), `worker` (its address, or a function that starts
  * one), `scene`, `token`,
- * `targetPx`, `camera` (ten numbers).
+ * `targetPx`, `memory` (most megabytes of heaps, meshes and textures), `camera` (ten numbers).
  */
 export class View extends EventTarget {
   #options;
@@ -81,7 +81,7 @@ export class View extends EventTarget {
       this.#module = module;
       if (this.#ended) return;
       this.#worker.postMessage({ kind: 'module', module });
-      await init({ module_or_path: module });
+      this.#memory = (await init({ module_or_path: module })).memory;
       await this.#openDevice();
     } catch (why) {
       this.#fail(String(why?.message ?? why));
@@ -89,6 +89,9 @@ export class View extends EventTarget {
   }
 
   #module;
+  /** Heap of the page's instance, and bytes of the worker's. */
+  #memory;
+  #workerHeapBytes = 0;
   #software = false;
 
   async #openDevice() {
@@ -118,7 +121,7 @@ export class View extends EventTarget {
       width: this.#canvas.width,
       height: this.#canvas.height,
       targetPx: this.#options.targetPx ?? 1,
-      cacheBytes: isPhone() ? CACHE_BYTES.phone : CACHE_BYTES.desktop,
+      memoryBytes: (this.#options.memory || (isPhone() ? MEMORY_MB.phone : MEMORY_MB.desktop)) * 2 ** 20,
     });
     this.#worker = worker;
   }
@@ -135,6 +138,7 @@ export class View extends EventTarget {
     this.#stats = data.stats ?? this.#stats;
     this.#message = data.message;
     this.#transport = data.transport;
+    this.#workerHeapBytes = data.heapBytes;
     const lost = this.#viewer?.failure();
     if (lost === undefined) this.#progress();
     else this.#reopen(lost);
@@ -267,6 +271,7 @@ export class View extends EventTarget {
       quality: viewer?.quality() ?? null,
       devices: this.#devices,
       adapter: viewer?.adapter() ?? null,
+      heap_bytes: [this.#workerHeapBytes, this.#memory?.buffer.byteLength ?? 0],
       gpu_bytes: viewer?.gpu_bytes() ?? 0,
       longest_task_ms: this.longestTaskMs,
       message: this.#message,

@@ -14,6 +14,8 @@ const REPORT_MS = 100;
 const RETRY_MS = [250, 8000];
 
 let streamer;
+/** The module's heap. */
+let memory;
 let options;
 let link = null;
 /** Range requests, if the scene is published. */
@@ -182,7 +184,8 @@ function report() {
     if (stats.connection === 'open') failures = 0;
   }
   const why = message ?? streamer?.trouble() ?? null;
-  postMessage({ stats, message: why, transport: link?.name ?? null, view: viewNumber });
+  const heapBytes = memory?.buffer.byteLength ?? 0;
+  postMessage({ stats, message: why, transport: link?.name ?? null, view: viewNumber, heapBytes });
 }
 
 const handlers = {
@@ -191,9 +194,9 @@ const handlers = {
     follow(start.epoch);
     const begunAt = now();
     connect();
-    await init({ module_or_path: start.module ?? (await laterModule) });
-    const { width, height, targetPx, scene, token, cacheBytes } = start;
-    streamer = new Streamer(width, height, targetPx, scene, token, cacheBytes);
+    ({ memory } = await init({ module_or_path: start.module ?? (await laterModule) }));
+    const { width, height, targetPx, scene, token, memoryBytes, cacheBytes } = start;
+    streamer = new Streamer(width, height, targetPx, scene, token, memoryBytes, cacheBytes);
     streamer.begin(begunAt);
     if (start.view) streamer.set_view_numbers(now(), start.view);
     if (waitsForModule) connect();

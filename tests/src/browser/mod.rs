@@ -5,6 +5,7 @@ mod devtools;
 mod element;
 mod figures;
 mod files;
+mod memory;
 mod npm;
 mod page;
 mod shaders;
