@@ -7,6 +7,8 @@ import { now, origin } from './clock.js';
 export const NO_WEBGPU =
   'This page draws with WebGPU, which this browser does not offer here. Current versions of Chrome, Edge, Firefox and ' +
   'Safari have it, on pages from this machine or over https; it may be switched off on this device.';
+/** Bytes of steps that one task decodes after the first picture; a larger step is alone. */
+const MAX_STEP_BYTES = 1 << 20;
 /** Megabytes for the heaps of worker and page, and GPU memory of meshes and textures. */
 const MEMORY_MB = { desktop: 512, phone: 256 };
 /** Adapters that draw on the CPU, by the architecture that the browser tells. */
@@ -39,6 +41,8 @@ export class View extends EventTarget {
   #ended = false;
   #devices = 0;
   #losses = 0;
+  /** The longest times of a task's parts since the first picture. */
+  #longestMs = {};
   #openedAt = 0;
   /** Number of times that the worker was asked for the whole scene. */
   #generation = 0;
@@ -182,6 +186,8 @@ export class View extends EventTarget {
     const viewer = this.#viewer;
     if (!viewer || this.#ended) return;
     const begun = now();
+    // The task that draws the first picture does all that it needs.
+    const shown = this.#shown;
     try {
       // A lost device never finishes its frame, so it would seem busy.
       const lost = viewer.failure();
@@ -190,7 +196,8 @@ export class View extends EventTarget {
       this.#sendView();
       // A device that is busy would only show earlier cameras, one after the other.
       if (viewer.is_busy(begun)) return this.redraw();
-      for (const { step, pictures } of this.#steps.splice(0)) {
+      const times = [now()];
+      for (const { step, pictures } of this.#steps.splice(0, this.#countNext())) {
         for (const { number, uses, bitmap, heights, bits } of pictures) {
           if (bitmap) viewer.hold_picture(number, uses, bitmap);
           else viewer.hold_heights(number, uses, bits, heights);
@@ -198,7 +205,12 @@ export class View extends EventTarget {
         viewer.push(step);
         this.#worker.postMessage({ kind: 'taken' });
       }
-      const again = viewer.frame(begun);
+      times.push(now());
+      viewer.upload(begun);
+      times.push(now());
+      const again = viewer.frame(begun) || this.#steps.length > 0;
+      times.push(now());
+      if (shown) this.#note(times);
       for (const take of this.#pictures.splice(0)) this.#canvas.toBlob(take, 'image/png');
       if (!this.#shown && viewer.presented_ms() !== undefined) {
         this.#shown = true;
@@ -209,7 +221,22 @@ export class View extends EventTarget {
     } catch (why) {
       this.#reopen(String(why?.message ?? why));
     }
-    if (this.#shown) this.longestTaskMs = Math.max(this.longestTaskMs, now() - begun);
+    if (shown) this.longestTaskMs = Math.max(this.longestTaskMs, now() - begun);
+  }
+
+  /** Number of waiting steps to take in this task: all that the first picture needs. */
+  #countNext() {
+    if (!this.#shown) return this.#steps.length;
+    let bytes = 0;
+    const beyond = this.#steps.findIndex(({ step }) => (bytes += step.length) > MAX_STEP_BYTES);
+    return beyond < 0 ? this.#steps.length : Math.max(beyond, 1);
+  }
+
+  /** Notes how long the parts of a task took, between these times. */
+  #note(times) {
+    ['steps', 'upload', 'draw'].forEach((part, at) => {
+      this.#longestMs[part] = Math.max(this.#longestMs[part] ?? 0, times[at + 1] - times[at]);
+    });
   }
 
   /** Opens another device after an error of the last one; the worker's session goes on and gives the whole scene again. */
@@ -274,6 +301,8 @@ export class View extends EventTarget {
       heap_bytes: [this.#workerHeapBytes, this.#memory?.buffer.byteLength ?? 0],
       gpu_bytes: viewer?.gpu_bytes() ?? 0,
       longest_task_ms: this.longestTaskMs,
+      longest_part_ms: { ...this.#longestMs },
+      most_uploaded_bytes: viewer?.most_uploaded() ?? 0,
       message: this.#message,
     };
   }

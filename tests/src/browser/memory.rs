@@ -12,6 +12,8 @@ use crate::support::scene::{TestScene, prepare_all};
 
 /// Megabytes for heaps, meshes and textures.
 const MEMORY_MB: u64 = 64;
+/// Bytes that one task may upload after the first picture: 2 MiB, and at most one part more.
+const MAX_UPLOAD_BYTES: f64 = 3e6;
 /// Squares in a row, eight units apart.
 const SQUARES: usize = 12;
 /// Cells along a side: all squares have more faces than [`MEMORY_MB`] allows.
@@ -91,6 +93,7 @@ fn memory_stays_under_its_setting_along_a_flight() {
         let most = tab.evaluate("window.most").as_f64().unwrap();
         println!("x = {x}: at most {most}");
         assert!(most <= cap, "at {x}: {most} bytes: {stats}");
+        assert!(count("most_uploaded_bytes") <= MAX_UPLOAD_BYTES, "at {x}: {stats}");
     }
     assert!(without_room, "the textures were to be larger than their share");
     server.assert_healthy();
