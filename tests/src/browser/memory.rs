@@ -46,7 +46,7 @@ fn write_row(folder: &Path) -> PathBuf {
         std::fs::write(folder.join(format!("square{number}.obj")), square(number)).unwrap();
         writeln!(mtl, "newmtl square{number}\nKd 1 1 1\nmap_Kd square{number}.png").unwrap();
         let picture = image::RgbImage::from_fn(TEXTURE_PX, TEXTURE_PX, |x, y| {
-            image::Rgb([(x / 4) as u8, (y / 4) as u8, (20 * number as u32 + (x * y >> 12)) as u8])
+            image::Rgb([(x / 4) as u8, (y / 4) as u8, (20 * number as u32 + ((x * y) >> 12)) as u8])
         });
         picture.save(folder.join(format!("square{number}.png"))).unwrap();
         write!(text, "[[asset]]\nname = \"square{number}\"\nfile = \"square{number}.obj\"\n").unwrap();
