@@ -15,7 +15,7 @@ const STYLE = `
   :host([shown]) slot { display: none; }
 `;
 /** Attributes that another session is opened for. */
-const OF_SESSION = ['src', 'scene', 'token', 'target-px'];
+const OF_SESSION = ['src', 'scene', 'token', 'target-px', 'memory'];
 /** Attribute that tells styles that there is a picture. */
 const SHOWN = 'shown';
 
@@ -84,6 +84,7 @@ export class LodestreamViewer extends HTMLElement {
       scene: this.getAttribute('scene') ?? place.scene,
       token: this.getAttribute('token') ?? '',
       targetPx: Number(this.getAttribute('target-px')) || 1,
+      memory: Math.max(Number(this.getAttribute('memory')) || 0, 0),
       camera: this.#options.camera ?? cameraOfText(this.getAttribute('camera')),
     };
     const view = new View(this.#options);

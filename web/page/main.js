@@ -21,7 +21,7 @@ function keepCamera() {
   const fov = number((camera[9] * 180) / Math.PI);
   const parts = [`eye=${point(0)}`, `target=${point(3)}`, `up=${point(6)}`, `fov=${fov}`];
   for (const [key, value] of Object.entries(fragment())) {
-    if (['scene', 'token', 'transport'].includes(key)) parts.push(`${key}=${encodeURIComponent(value)}`);
+    if (['scene', 'token', 'transport', 'memory'].includes(key)) parts.push(`${key}=${encodeURIComponent(value)}`);
   }
   history.replaceState(null, '', `#${parts.join(';')}`);
 }
@@ -38,7 +38,7 @@ function address({ published, websocket, webtransport }, { scene, transport: onl
   return { webSocket: webSocket.replace(/#.*/, ''), webTransport: webTransport ?? null, only };
 }
 
-// The fragment: `eye=x,y,z;target=x,y,z;up=x,y,z;fov=degrees;scene=…;token=…;transport=…`, all optional.
+// The fragment: `eye=x,y,z;target=x,y,z;up=x,y,z;fov=degrees;scene=…;token=…;transport=…;memory=…`, all optional.
 const asked = fragment();
 const view = new View({
   canvas,
@@ -48,6 +48,7 @@ const view = new View({
   decoder: files.decoder,
   scene: server.scene ?? '',
   token: asked.token ?? '',
+  memory: Math.max(Number(asked.memory) || 0, 0),
   camera: cameraOf(asked),
 });
 

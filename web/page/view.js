@@ -7,19 +7,26 @@ import { now, origin } from './clock.js';
 export const NO_WEBGPU =
   'This page draws with WebGPU, which this browser does not offer here. Current versions of Chrome, Edge, Firefox and ' +
   'Safari have it, on pages from this machine or over https; it may be switched off on this device.';
-/** Received blobs that are kept, of a total of about 512 MB and, on phones, 256 MB. */
-const CACHE_BYTES = { desktop: 64 << 20, phone: 24 << 20 };
+/** Bytes of steps that one task decodes after the first picture; a larger step is alone. */
+const MAX_STEP_BYTES = 1 << 20;
+/** Megabytes for the heaps of worker and page, and GPU memory of meshes and textures. */
+const MEMORY_MB = { desktop: 512, phone: 256 };
 /** Adapters that draw on the CPU, by the architecture that the browser tells. */
 const SOFTWARE = ['swiftshader', 'llvmpipe'];
-/** Attempts to open a device again after it was lost. */
-const MAX_DEVICES = 5;
+/** Most devices that are lost one after the other, each within `SOON_MS`, before that is an error. */
+const MAX_LOSSES = 5;
+const SOON_MS = 60_000;
+
+/** Frees the pictures of a step that is not drawn. */
+const release = ({ pictures }) => pictures.forEach(({ bitmap }) => bitmap?.close());
 
 const isPhone = () => matchMedia('(pointer: coarse)').matches && Math.min(screen.width, screen.height) < 900;
 
 /**
  * A view of a scene. Events: `firstframe`, `progress` (detail: the statistics), `settled`, `error` (detail: the message).
  * Options: `canvas`, `address` (see `openLink`), `module` (its address), `worker` (its address, or a function that starts
- * one), `decoder` (its address, if the module shares memory), `scene`, `token`, `targetPx`, `camera` (ten numbers).
+ * one), `decoder` (its address, if the module shares memory), `scene`, `token`, `targetPx`, `memory` (most megabytes of
+ * heaps, meshes and textures), `camera` (ten numbers).
  */
 export class View extends EventTarget {
   #options;
@@ -34,6 +41,14 @@ export class View extends EventTarget {
   #scheduled = false;
   #ended = false;
   #devices = 0;
+  #losses = 0;
+  /** The longest times of a task's parts since the first picture. */
+  #longestMs = {};
+  #openedAt = 0;
+  /** Number of times that the worker was asked for the whole scene. */
+  #generation = 0;
+  /** Techniques that were switched. */
+  #switched = new Map();
   #shown = false;
   #settled = false;
   #sentView = '';
@@ -71,7 +86,7 @@ export class View extends EventTarget {
       this.#module = module;
       if (this.#ended) return;
       this.#worker.postMessage({ kind: 'module', module });
-      await init({ module_or_path: module });
+      this.#memory = (await init({ module_or_path: module })).memory;
       await this.#openDevice();
     } catch (why) {
       this.#fail(String(why?.message ?? why));
@@ -79,27 +94,24 @@ export class View extends EventTarget {
   }
 
   #module;
+  /** Heap of the page's instance, and bytes of the worker's. */
+  #memory;
+  #workerHeapBytes = 0;
   #software = false;
-
-  /** Opens a device and a session for it. */
-  async #open() {
-    if (this.#ended) return;
-    this.#startWorker();
-    await this.#openDevice();
-  }
 
   async #openDevice() {
     if (this.#ended) return;
     const viewer = await Viewer.open(this.#canvas, this.#options.targetPx ?? 1, this.#software);
     if (this.#ended) return viewer.close();
     if (this.#options.camera) viewer.set_camera(now(), Float64Array.from(this.#options.camera));
+    for (const [technique, on] of this.#switched) viewer.switch(technique, on);
     this.#viewer = viewer;
+    this.#devices += 1;
+    this.#openedAt = now();
     this.redraw();
   }
 
   #startWorker() {
-    this.#worker?.terminate();
-    this.#steps = [];
     const { worker: file } = this.#options;
     const worker = typeof file === 'function' ? file() : new Worker(file, { type: 'module' });
     worker.onmessage = ({ data }) => this.#receive(data);
@@ -115,7 +127,7 @@ export class View extends EventTarget {
       height: this.#canvas.height,
       targetPx: this.#options.targetPx ?? 1,
       decoder: this.#options.decoder,
-      cacheBytes: isPhone() ? CACHE_BYTES.phone : CACHE_BYTES.desktop,
+      memoryBytes: (this.#options.memory || (isPhone() ? MEMORY_MB.phone : MEMORY_MB.desktop)) * 2 ** 20,
     });
     this.#worker = worker;
   }
@@ -124,14 +136,19 @@ export class View extends EventTarget {
     if (this.#ended) return;
     if (data.failed !== undefined) return this.#fail(data.failed);
     if (data.step) {
-      this.#steps.push(data);
+      // Steps from before the last device do not fit it.
+      if (data.generation === this.#generation) this.#steps.push(data);
+      else release(data);
       return this.redraw();
     }
     this.#stats = data.stats ?? this.#stats;
     this.#message = data.message;
     this.#transport = data.transport;
     this.#decoders = data.decoders;
-    this.#progress();
+    this.#workerHeapBytes = data.heapBytes;
+    const lost = this.#viewer?.failure();
+    if (lost === undefined) this.#progress();
+    else this.#reopen(lost);
   }
 
   #progress() {
@@ -172,12 +189,18 @@ export class View extends EventTarget {
     const viewer = this.#viewer;
     if (!viewer || this.#ended) return;
     const begun = now();
+    // The task that draws the first picture does all that it needs.
+    const shown = this.#shown;
     try {
+      // A lost device never finishes its frame, so it would seem busy.
+      const lost = viewer.failure();
+      if (lost !== undefined) return this.#reopen(lost);
       const moving = this.beforeFrame(begun);
       this.#sendView();
       // A device that is busy would only show earlier cameras, one after the other.
       if (viewer.is_busy(begun)) return this.redraw();
-      for (const { step, pictures } of this.#steps.splice(0)) {
+      const times = [now()];
+      for (const { step, pictures } of this.#steps.splice(0, this.#countNext())) {
         for (const { number, uses, bitmap, heights, bits } of pictures) {
           if (bitmap) viewer.hold_picture(number, uses, bitmap);
           else viewer.hold_heights(number, uses, bits, heights);
@@ -185,7 +208,12 @@ export class View extends EventTarget {
         viewer.push(step);
         this.#worker.postMessage({ kind: 'taken' });
       }
-      const again = viewer.frame(begun);
+      times.push(now());
+      viewer.upload(begun);
+      times.push(now());
+      const again = viewer.frame(begun) || this.#steps.length > 0;
+      times.push(now());
+      if (shown) this.#note(times);
       for (const take of this.#pictures.splice(0)) this.#canvas.toBlob(take, 'image/png');
       if (!this.#shown && viewer.presented_ms() !== undefined) {
         this.#shown = true;
@@ -196,20 +224,37 @@ export class View extends EventTarget {
     } catch (why) {
       this.#reopen(String(why?.message ?? why));
     }
-    if (this.#shown) this.longestTaskMs = Math.max(this.longestTaskMs, now() - begun);
+    if (shown) this.longestTaskMs = Math.max(this.longestTaskMs, now() - begun);
   }
 
-  /** Opens another device and session after an error of the device. */
+  /** Number of waiting steps to take in this task: all that the first picture needs. */
+  #countNext() {
+    if (!this.#shown) return this.#steps.length;
+    let bytes = 0;
+    const beyond = this.#steps.findIndex(({ step }) => (bytes += step.length) > MAX_STEP_BYTES);
+    return beyond < 0 ? this.#steps.length : Math.max(beyond, 1);
+  }
+
+  /** Notes how long the parts of a task took, between these times. */
+  #note(times) {
+    ['steps', 'upload', 'draw'].forEach((part, at) => {
+      this.#longestMs[part] = Math.max(this.#longestMs[part] ?? 0, times[at + 1] - times[at]);
+    });
+  }
+
+  /** Opens another device after an error of the last one; the worker's session goes on and gives the whole scene again. */
   async #reopen(why) {
-    const camera = this.#viewer.camera();
-    this.#viewer.free();
+    const viewer = this.#viewer;
     this.#viewer = null;
-    this.#devices += 1;
-    if (this.#devices >= MAX_DEVICES) return this.#fail(why);
-    this.#message = `${why}; opening the graphics device again`;
-    this.#options.camera = camera ?? this.#options.camera;
+    this.#losses = now() - this.#openedAt < SOON_MS ? this.#losses + 1 : 1;
     try {
-      await this.#open();
+      this.#options.camera = viewer.camera() ?? this.#options.camera;
+      viewer.close();
+      if (this.#losses >= MAX_LOSSES) return this.#fail(why);
+      this.#steps.splice(0).forEach(release);
+      this.#generation += 1;
+      this.#worker.postMessage({ kind: 'restate', generation: this.#generation });
+      await this.#openDevice();
     } catch (again) {
       this.#fail(String(again?.message ?? again));
     }
@@ -239,6 +284,7 @@ export class View extends EventTarget {
   /** Switches a technique, see `Viewer.switch`. */
   switch(technique, on) {
     this.#viewer?.switch(technique, on);
+    this.#switched.set(technique, on);
     if (technique === 'shadows') this.#worker?.postMessage({ kind: 'shadows', on });
     this.redraw();
   }
@@ -261,9 +307,13 @@ export class View extends EventTarget {
       frames: viewer?.frames() ?? 0,
       frame_ms: viewer?.frame_ms() ?? null,
       quality: viewer?.quality() ?? null,
+      devices: this.#devices,
       adapter: viewer?.adapter() ?? null,
+      heap_bytes: [this.#workerHeapBytes, this.#memory?.buffer.byteLength ?? 0],
       gpu_bytes: viewer?.gpu_bytes() ?? 0,
       longest_task_ms: this.longestTaskMs,
+      longest_part_ms: { ...this.#longestMs },
+      most_uploaded_bytes: viewer?.most_uploaded() ?? 0,
       message: this.#message,
     };
   }

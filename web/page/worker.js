@@ -16,6 +16,8 @@ const REPORT_MS = 100;
 const RETRY_MS = [250, 8000];
 
 let streamer;
+/** The module's heap. */
+let memory;
 let options;
 let link = null;
 /** Range requests, if the scene is published. */
@@ -25,6 +27,8 @@ let abandon = () => {};
 let early = [];
 let opened = false;
 let untaken = 0;
+/** Number of times that the page has asked for the whole scene: it drops the steps from before. */
+let generation = 0;
 let failures = 0;
 /** Whether to connect again once the module is there: without it, attempts would follow one another on slow links. */
 let waitsForModule = false;
@@ -154,10 +158,11 @@ let posted = Promise.resolve();
 
 function post(step, pictures) {
   const decoded = pictures.map((picture) => decodeOne(picture));
+  const of = generation;
   posted = posted.then(async () => {
     const held = (await Promise.all(decoded)).filter(Boolean);
     const moved = held.map(({ bitmap, heights }) => bitmap ?? heights.buffer);
-    postMessage({ step, pictures: held }, [step.buffer, ...moved]);
+    postMessage({ step, pictures: held, generation: of }, [step.buffer, ...moved]);
     for (const { number } of held) streamer.decoded(now(), number, undefined);
     if (pictures.length) turnSoon();
   });
@@ -183,11 +188,12 @@ function report() {
     if (stats.connection === 'open') failures = 0;
   }
   const why = message ?? streamer?.trouble() ?? null;
-  postMessage({ stats, message: why, transport: link?.name ?? null, view: viewNumber, decoders });
+  const heapBytes = memory?.buffer.byteLength ?? 0;
+  postMessage({ stats, message: why, transport: link?.name ?? null, view: viewNumber, heapBytes, decoders });
 }
 
 /** Lets other workers decode too, of which each has a core besides the page's and this one's. */
-async function startDecoders(module, memory) {
+async function startDecoders(module) {
   const count = Math.max(1, Math.min(navigator.hardwareConcurrency - 2, MAX_DECODERS));
   streamer.prepare_decoders(count);
   const start = () =>
@@ -208,12 +214,12 @@ const handlers = {
     const begunAt = now();
     connect();
     const module = start.module ?? (await laterModule);
-    const { memory } = await init({ module_or_path: module });
-    const { width, height, targetPx, scene, token, cacheBytes } = start;
-    streamer = new Streamer(width, height, targetPx, scene, token, cacheBytes);
+    ({ memory } = await init({ module_or_path: module }));
+    const { width, height, targetPx, scene, token, memoryBytes, cacheBytes } = start;
+    streamer = new Streamer(width, height, targetPx, scene, token, memoryBytes, cacheBytes);
     streamer.begin(begunAt);
     if (start.view) streamer.set_view_numbers(now(), start.view);
-    if (start.decoder) startDecoders(module, memory);
+    if (start.decoder) startDecoders(module);
     if (waitsForModule) connect();
     else begin();
   },
@@ -242,6 +248,12 @@ const handlers = {
   },
   taken() {
     untaken -= 1;
+    turnSoon();
+  },
+  restate({ generation: next }) {
+    generation = next;
+    untaken = 0;
+    streamer?.restate(now());
     turnSoon();
   },
   leave() {

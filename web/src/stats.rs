@@ -43,6 +43,8 @@ pub(crate) fn object(stats: &Stats, waits: bool, begun_ms: f64) -> Object {
         ("faces", (stats.faces as f64).into()),
         ("mesh_bytes", (stats.mesh_bytes as f64).into()),
         ("cached_bytes", (stats.cached_bytes as f64).into()),
+        ("texels", (stats.counters.texels as f64).into()),
+        ("levels_without_room", stats.counters.levels_without_room.into()),
         ("needed_bytes", (stats.counters.needed_bytes as f64).into()),
         ("missing_bytes", (stats.counters.missing_bytes as f64).into()),
         ("wanted_chunks", (stats.wanted_chunks as f64).into()),

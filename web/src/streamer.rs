@@ -43,7 +43,8 @@ pub struct Streamer {
 #[wasm_bindgen]
 impl Streamer {
     /// A streamer for a picture of a size in pixels, refined to a screen error of `target_px`. An empty scene name means
-    /// the server's default, an empty token none. `cache_bytes` bounds received blobs that are kept.
+    /// the server's default, an empty token none. `memory_bytes` bounds the memory of streamer and viewer, `cache_bytes` received blobs that
+    /// are kept.
     #[wasm_bindgen(constructor)]
     #[must_use]
     pub fn new(
@@ -52,15 +53,21 @@ impl Streamer {
         target_px: f32,
         scene: String,
         token: String,
-        cache_bytes: f64,
+        memory_bytes: Option<f64>,
+        cache_bytes: Option<f64>,
     ) -> Self {
         let start = StartView::OfScene { viewport_px: [width.max(1), height.max(1)], target_px };
         let mut config = Config::new(start);
         config.session.scene = scene;
         config.session.token = (!token.is_empty()).then_some(Token(token));
-        // A JavaScript number; negative ones saturate to zero.
-        config.cache_bytes = cache_bytes as u64;
         config.max_waiting_bytes = 8 << 20;
+        // JavaScript numbers; negative ones saturate to zero.
+        if let Some(bytes) = memory_bytes {
+            config.bound_memory(bytes as u64);
+        }
+        if let Some(bytes) = cache_bytes {
+            config.cache_bytes = bytes as u64;
+        }
         // Pages that draw by other means take texels.
         config.host_decodes_textures = !cfg!(feature = "deltas");
         Self {
@@ -189,6 +196,11 @@ impl Streamer {
         let mut step = self.core.take_changes(time(now_ms), STEP_BYTES);
         self.to_decode.extend(self.pictures.take(&mut step));
         steps::encode(&step).map(Some).map_err(|why| why.to_string())
+    }
+
+    /// Lets the next steps give the whole scene again, for a page that has lost its graphics device.
+    pub fn restate(&mut self, now_ms: f64) {
+        self.core.restate(time(now_ms));
     }
 
     /// Sets the view from the bytes that the page's viewer gives.

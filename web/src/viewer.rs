@@ -18,6 +18,8 @@ use crate::steps;
 
 /// Time for terrain tiles in each of the browser's frames in which the device is busy.
 const WAITING_BUDGET: Duration = Duration::from_millis(8);
+/// Most bytes uploaded in one task of the page's thread: at slow frame rates, the native budget would take too long.
+const MAX_UPLOAD_BYTES: usize = 2 << 20;
 
 /// Draws a scene into a canvas.
 #[wasm_bindgen]
@@ -45,6 +47,7 @@ pub struct Viewer {
     frames: u32,
     frame_ms: f64,
     presented_ms: Option<f64>,
+    most_uploaded: usize,
     /// Whether the last frame is final as far as the page can tell.
     is_final: bool,
     /// Whether the last frame lacked nothing but terrain tiles.
@@ -105,6 +108,7 @@ impl Viewer {
             frames: 0,
             frame_ms: 0.0,
             presented_ms: None,
+            most_uploaded: 0,
             is_final: false,
             only_tiles_missing: false,
             dirty: true,
@@ -164,6 +168,37 @@ impl Viewer {
         self.waits
     }
 
+    /// Takes the device's first error since the last call: it is lost or out of memory, and another viewer is needed.
+    #[must_use]
+    pub fn failure(&self) -> Option<String> {
+        self.gpu.take_error()
+    }
+
+    /// Moves waiting steps into GPU memory: all of the first frame's, later ones up to a bound.
+    ///
+    /// # Errors
+    /// As [`Viewer::frame`].
+    pub fn upload(&mut self, now_ms: f64) -> Result<(), String> {
+        let now_s = seconds(now_ms).as_secs_f32();
+        let budget = if self.presented_ms.is_some() {
+            upload_budget(seconds(self.frame_ms)).min(MAX_UPLOAD_BYTES)
+        } else {
+            usize::MAX
+        };
+        let bytes = self.scene.upload(&self.gpu, &self.renderer, budget, now_s).map_err(text)?;
+        if self.presented_ms.is_some() {
+            self.most_uploaded = self.most_uploaded.max(bytes);
+        }
+        Ok(())
+    }
+
+    /// Most bytes that one [`Viewer::upload`] has moved since the first picture; rows of textures and vertices are not
+    /// split.
+    #[must_use]
+    pub fn most_uploaded(&self) -> f64 {
+        self.most_uploaded as f64
+    }
+
     /// Draws a frame; whether another is needed without an event.
     ///
     /// # Errors
@@ -171,9 +206,6 @@ impl Viewer {
     pub fn frame(&mut self, now_ms: f64) -> Result<bool, String> {
         let now_s = seconds(now_ms).as_secs_f32();
         let moves = self.quality.is_moving(seconds(now_ms));
-        let budget =
-            if self.presented_ms.is_some() { upload_budget(seconds(self.frame_ms)) } else { usize::MAX };
-        self.scene.upload(&self.gpu, &self.renderer, budget, now_s).map_err(text)?;
         if self.controller.is_none() {
             let camera = self.start.or(self.scene.header().map(|header| header.camera));
             self.controller = camera.filter(|_| self.scene.header().is_some()).map(CameraController::new);

@@ -116,6 +116,12 @@ impl RefinedAsset {
         })
     }
 
+    /// Lets the next changes be the whole mesh, for a renderer that has nothing of it.
+    pub(crate) fn restate(&mut self) {
+        self.touch_all();
+        self.is_queued = false;
+    }
+
     /// Marks all slots as changed.
     pub(crate) fn touch_all(&mut self) {
         if let Some(dirty) = &mut self.dirty {

@@ -36,7 +36,7 @@ pub enum Change {
     /// New contents of some slots of an asset's mesh.
     Mesh(MeshChange),
     /// The changes before this one suffice for the first frame: at least the base mesh of every visible instance. Once
-    /// per scene.
+    /// per scene, and again after [`ClientCore::restate`](super::ClientCore::restate).
     FirstFrame,
     /// A decoded level of a texture.
     Texture(TextureChange),

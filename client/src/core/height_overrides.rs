@@ -1,7 +1,8 @@
 //! Height overrides of terrain patches: which have arrived, and which a view needs.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 
+use bytes::Bytes;
 use glam::Vec3;
 use lodestream_geometry::DecodeError;
 use lodestream_scene::blob::{BlobId, TerrainBlob};
@@ -67,6 +68,8 @@ pub(super) struct HeightOverridePatches {
     /// By position in the directory; empty for pages that have not arrived.
     patches: Vec<Vec<Patch>>,
     held_bytes: u64,
+    /// Bytes of the height overrides in use, by patch: a sixteenth of [`MAX_HELD_BYTES`] at most.
+    used: BTreeMap<u32, Bytes>,
     /// Changes for a renderer.
     changes: VecDeque<Change>,
 }
@@ -79,6 +82,7 @@ impl HeightOverridePatches {
             pages: vec![State::Absent; pages],
             patches: vec![Vec::new(); pages],
             held_bytes: 0,
+            used: BTreeMap::new(),
             changes: VecDeque::new(),
         }
     }
@@ -192,16 +196,31 @@ impl HeightOverridePatches {
                 *held = listed.into_iter().map(|listed| Patch { listed, state: State::Absent }).collect();
             }
             TerrainBlob::HeightOverrides(number) => {
-                let finest = self.entry.parameters.finest_level;
-                let points: HeightOverrides = decode_points(finest, bytes)?;
-                let patch = self.patch_mut(number).ok_or(HeightOverrideBlobError::Unknown("patch"))?;
-                let (x, y) = (i64::from(patch.listed.x), i64::from(patch.listed.y));
+                let change = self.change(number, bytes)?;
                 self.held_bytes += 16 * bytes.len() as u64;
-                self.changes.push_back(Change::HeightOverrides { x, y, overrides: points });
+                // A copy: the bytes may be a part of a larger buffer.
+                self.used.insert(number, Bytes::copy_from_slice(bytes));
+                self.changes.push_back(change);
             }
         }
         self.set_state(blob, State::Applied);
         Ok(())
+    }
+
+    /// The change of a patch to the height overrides in these bytes.
+    fn change(&self, number: u32, bytes: &[u8]) -> Result<Change, HeightOverrideBlobError> {
+        let overrides: HeightOverrides = decode_points(self.entry.parameters.finest_level, bytes)?;
+        let (page, at) = (number / PATCHES_PER_PAGE, number % PATCHES_PER_PAGE);
+        let patch = self.patches.get(page as usize).and_then(|page| page.get(at as usize));
+        let Patch { listed, .. } = patch.ok_or(HeightOverrideBlobError::Unknown("patch"))?;
+        Ok(Change::HeightOverrides { x: listed.x.into(), y: listed.y.into(), overrides })
+    }
+
+    /// Replaces the queued changes by those of all height overrides in use.
+    pub(super) fn restate(&mut self) {
+        // They have been decoded before, so none fails.
+        let all = self.used.iter().filter_map(|(&number, bytes)| self.change(number, bytes).ok());
+        self.changes = all.collect();
     }
 
     /// Checks that all patches are inside the terrain.
@@ -224,7 +243,52 @@ impl HeightOverridePatches {
         self.changes.pop_front()
     }
 
+    /// Drops the changes and what they were made from: there is no renderer.
     pub(super) fn drop_changes(&mut self) {
         self.changes.clear();
+        self.used.clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lodestream_scene::terrain::encode_directory;
+    use lodestream_terrain::{HeightOverride, Mode, Parameters, encode_points};
+
+    #[test]
+    fn height_overrides_in_use_are_stated_again_and_others_are_not() {
+        let patch = |x| OverridePatch { x, y: 1, error: 9, bytes: 100 };
+        let mut patches = HeightOverridePatches::new(TerrainEntry {
+            parameters: Parameters { extent_log2: 3, ..Parameters::default() },
+            unit: 1.0,
+            height_unit: 0.01,
+            zones: [0.0, 120.0, 300.0],
+            stamps: Vec::new(),
+            patches: 3,
+            water: None,
+        });
+        let listed = [-2, 0, 1].map(patch);
+        patches.take(TerrainBlob::DirectoryPage(0), &encode_directory(&listed).unwrap()).unwrap();
+        let finest = patches.entry.parameters.finest_level;
+        for (number, height) in [(2, 7), (0, -3)] {
+            let points = vec![HeightOverride { x: 1, y: 2, mode: Mode::Fixed, height }];
+            let points = HeightOverrides::new(finest, points).unwrap();
+            let bytes = encode_points(finest, &points).unwrap();
+            patches.take(TerrainBlob::HeightOverrides(number), &bytes).unwrap();
+        }
+        let mut all = || {
+            let taken = std::iter::from_fn(|| patches.take_change()).map(|change| format!("{change:?}"));
+            let mut taken: Vec<_> = taken.collect();
+            taken.sort_unstable();
+            patches.restate();
+            taken
+        };
+        let first = all();
+        assert_eq!(first.len(), 2);
+        assert_eq!(all(), first);
+        patches.drop_changes();
+        patches.restate();
+        assert!(!patches.has_changes(), "without a renderer nothing is kept");
     }
 }

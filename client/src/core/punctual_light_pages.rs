@@ -92,6 +92,11 @@ impl PunctualLightPages {
         self.count
     }
 
+    /// The pages that have arrived, with their numbers.
+    pub(super) fn pages(&self) -> impl Iterator<Item = (u32, Page)> {
+        (0..).zip(&self.pages).filter_map(|(number, slot)| Some((number, slot.punctual_lights.clone()?)))
+    }
+
     /// The punctual lights that have arrived, ordered by page.
     pub(super) fn received(&self) -> impl Iterator<Item = &PunctualLight> {
         self.pages.iter().filter_map(|slot| slot.punctual_lights.as_deref()).flatten()

@@ -1,5 +1,7 @@
 //! The received part of the scene: header, pages, assets, and the queue of changes for a renderer.
 
+mod restate;
+
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
@@ -227,22 +229,30 @@ impl Scene {
     pub(crate) fn set_base(&mut self, asset: u32, refined: RefinedAsset) {
         let Some(state) = self.states.get_mut(asset as usize) else { return };
         state.set_description(&refined.description, refined.uv_per_unit);
-        let (sphere, shared) = (state.entry().sphere, state.entry().shared.clone());
+        self.refined[asset as usize] = Some(refined);
+        if let Some(new) = self.new_asset(asset) {
+            self.push_change(Change::Asset(new));
+        }
+        self.note_changed(asset);
+    }
+
+    /// An asset whose base mesh has arrived, as a renderer first gets it.
+    fn new_asset(&self, asset: u32) -> Option<NewAsset> {
+        let refined = self.refined.get(asset as usize)?.as_ref()?;
+        let entry = self.states.get(asset as usize)?.entry();
         let mut materials = refined.description.materials.clone();
         if materials.is_empty() {
             materials.push(lodestream_scene::asset::Material::default());
         }
-        self.push_change(Change::Asset(NewAsset {
+        Some(NewAsset {
             asset,
             origin: refined.origin,
-            center: sphere.center,
-            radius: sphere.radius,
+            center: entry.sphere.center,
+            radius: entry.sphere.radius,
             materials,
             textures: refined.description.textures.clone(),
-            shared,
-        }));
-        self.refined[asset as usize] = Some(refined);
-        self.note_changed(asset);
+            shared: entry.shared.clone(),
+        })
     }
 
     /// Queues an asset whose mesh has changed for the renderer, unless it is queued already.

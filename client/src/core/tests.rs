@@ -3,6 +3,7 @@
 mod decoding;
 mod faults;
 mod punctual_lights;
+mod restated;
 mod shared;
 mod truncation_points;
 

@@ -72,6 +72,11 @@ pub struct Counters {
     pub applied_faces: u64,
     /// Payload bytes of the applied chunks.
     pub applied_bytes: u64,
+    /// Texels of the applied texture levels, shared ones once.
+    pub texels: u64,
+    /// Texture levels that the view needs and [`SelectSettings::max_texels`](super::SelectSettings::max_texels) leaves
+    /// out.
+    pub levels_without_room: u32,
     /// Upper bound on the screen error of all visible parts with the applied blobs, in pixels; infinite while a visible
     /// instance lacks its base mesh.
     pub max_screen_error_px: f64,

@@ -17,7 +17,7 @@ use super::project::Projection;
 use super::selection::{Counters, Selection, Wanted};
 use super::settings::SelectSettings;
 use super::state::{AssetState, Chunk};
-use super::textures::Textures;
+use super::textures::{Textures, texels_in_use};
 use super::visibility::Visibility;
 use lodestream_scene::description::Instance;
 use lodestream_scene::view::View;
@@ -205,7 +205,9 @@ impl Selector {
             self.visibility.draw(view, self.travel, instances, assets);
             self.textures.apply_visibility(&self.visibility, view, instances.all(), assets);
         }
-        self.textures.list(&mut self.selection);
+        let texels = texels_in_use(assets);
+        self.selection.counters.texels = texels;
+        self.textures.list(&mut self.selection, self.settings.max_texels.saturating_sub(texels));
         self.finish()
     }
 

@@ -19,6 +19,7 @@ use lodestream_scene::view::View;
 mod hidden_textures;
 mod many_instances;
 mod shadows;
+mod texels;
 
 /// An asset whose base is applied and whose index is known.
 fn known_asset(levels: u8) -> AssetState {

@@ -1,11 +1,14 @@
 //! Wanted texture levels; a level that several assets share is listed once.
 
+use std::cmp::Reverse;
+
 use super::difference::Picture;
 use super::priority::{hidden, refine_priority};
 use super::selection::{Selection, State, Wanted};
 use super::state::AssetState;
 use super::visibility::Visibility;
-use lodestream_scene::blob::BlobId;
+use lodestream_scene::asset::TextureLevel;
+use lodestream_scene::blob::{BlobId, BlobPart};
 use lodestream_scene::description::Instance;
 use lodestream_scene::view::View;
 
@@ -17,6 +20,7 @@ pub(super) struct WantedLevel {
     /// The asset that wants it.
     pub(super) asset: u32,
     pub(super) bytes: u32,
+    pub(super) texels: u64,
     pub(super) state: State,
     /// Visible difference that it makes on this asset.
     pub(super) difference_px2: f32,
@@ -111,11 +115,13 @@ impl Textures {
         }
     }
 
-    /// Adds the levels to a selection. The difference of a shared level is the sum over its assets.
-    pub(super) fn list(&mut self, selection: &mut Selection) {
+    /// Adds the levels to a selection, the most urgent ones first, as far as their texels fit into `room`. The
+    /// difference of a shared level is the sum over its assets.
+    pub(super) fn list(&mut self, selection: &mut Selection, mut room: u64) {
         self.levels.sort_by_key(|level| level.id);
+        let mut listed = Vec::new();
         for same in self.levels.chunk_by(|a, b| a.id == b.id) {
-            let WantedLevel { id, bytes, .. } = same[0];
+            let WantedLevel { id, bytes, texels, .. } = same[0];
             if same.iter().any(|level| level.state == State::Failed) {
                 selection.failed.push(id);
                 continue;
@@ -129,7 +135,41 @@ impl Textures {
                 reason = "a priority needs no more of a length than 24 bits"
             )]
             let priority = refine_priority(difference_px2, bytes as f32, foveation);
-            selection.wanted.push(Wanted::whole(id, priority, Some(bytes), state));
+            listed.push((Wanted::whole(id, priority, Some(bytes), state), texels));
+        }
+        // Of one texture, coarser levels have more benefit per byte and come first.
+        listed.sort_unstable_by_key(|(wanted, _)| (Reverse(wanted.priority), wanted.id));
+        for (wanted, texels) in listed {
+            if let Some(rest) = room.checked_sub(texels) {
+                room = rest;
+                selection.wanted.push(wanted);
+            } else {
+                selection.counters.levels_without_room += 1;
+            }
         }
     }
+}
+
+/// Texels of the texture levels in use; a level that assets share counts once.
+pub(super) fn texels_in_use(assets: &[AssetState]) -> u64 {
+    let mut texels = 0;
+    for (number, asset) in (0..).zip(assets) {
+        for (texture, state) in (0..).zip(asset.textures()) {
+            let (owner, of) = asset.entry().sent_as(number, texture);
+            let owner = assets.get(owner as usize).filter(|_| (owner, of) != (number, texture));
+            for (level, (about, state)) in (0..).zip(&state.levels) {
+                let part = BlobPart::Texture { texture: of, level };
+                let counted = owner.is_some_and(|owner| owner.state(part) == State::Applied);
+                if *state == State::Applied && !counted {
+                    texels += texels_of(about);
+                }
+            }
+        }
+    }
+    texels
+}
+
+/// Texels of a level.
+pub(super) fn texels_of(level: &TextureLevel) -> u64 {
+    u64::from(level.width) * u64::from(level.height)
 }

@@ -1,9 +1,11 @@
 //! The page in a browser tab: streamed by a daemon, drawn by WebGPU in software, moved by mouse, wheel and fingers.
 
+mod device;
 mod devtools;
 mod element;
 mod figures;
 mod files;
+mod memory;
 mod npm;
 mod page;
 mod shaders;

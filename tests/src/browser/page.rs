@@ -19,7 +19,7 @@ pub(super) const MAX_FLIP: f64 = 0.05;
 const CAMERA: &str = "Array.from(lodestream.view.viewer.camera())";
 pub(super) const STATS: &str = "window.lodestream?.stats() ?? {}";
 
-fn serve(scene: &TestScene) -> Server {
+pub(super) fn serve(scene: &TestScene) -> Server {
     let page = PageSetting::Loaded(Page::load(&built_page()).unwrap());
     Server::start_with(scene.source(), SessionSettings::default(), |options| options.page = page)
 }

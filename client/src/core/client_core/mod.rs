@@ -198,6 +198,24 @@ impl ClientCore {
         self.scene.has_changes()
     }
 
+    /// Lets [`ClientCore::take_changes`] give the whole scene again, beginning with [`Change::Scene`]: for a renderer
+    /// that has lost its graphics device. Nothing is received again but texture levels that the cache has evicted.
+    /// Without a scene, or if changes are not recorded, it does nothing. Cost: a pass over assets and texture levels;
+    /// the meshes are copied as their changes are taken.
+    pub fn restate(&mut self, now: Time) {
+        if !self.config.track_changes {
+            return;
+        }
+        for id in self.scene.restate() {
+            if self.cache.contains(id) {
+                self.scene.set_state(id, self.unused_state(id));
+            } else {
+                self.mark_absent(now, id);
+            }
+            self.selection.stale = true;
+        }
+    }
+
     /// Memory of the changes that wait for [`ClientCore::take_changes`], in bytes, meshes not counted.
     #[must_use]
     pub const fn waiting_bytes(&self) -> usize {

@@ -178,10 +178,14 @@ impl Gpu {
         };
         let on_error = keep(&error);
         device.on_uncaptured_error(Arc::new(move |e: wgpu::Error| on_error(e.to_string())));
-        let on_lost = keep(&error);
+        let (on_lost, destroyed) = (keep(&error), Arc::clone(&error));
         device.set_device_lost_callback(move |reason, text| {
-            if reason != wgpu::DeviceLostReason::Destroyed {
-                on_lost(format!("device lost: {text}"));
+            let text = format!("device lost: {text}");
+            if reason == wgpu::DeviceLostReason::Destroyed {
+                // Usually by its owner, who does not ask any more; a browser may do it too.
+                destroyed.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(text);
+            } else {
+                on_lost(text);
             }
         });
         Ok(Self::of(adapter, device, queue, error))

@@ -5,7 +5,7 @@ use crate::difference::Picture;
 use crate::priority::{Priority, base_priority, prefetch_priority};
 use crate::selection::{Selection, State, Wanted};
 use crate::state::AssetState;
-use crate::textures::WantedLevel;
+use crate::textures::{WantedLevel, texels_of};
 use lodestream_scene::blob::{BlobId, BlobPart};
 
 impl Selector {
@@ -87,9 +87,9 @@ impl Selector {
                     pending += 1;
                     let weight = self.settings.texture_weight.get();
                     let difference_px2 = picture.texture_px2(texel_px, on_screen.visible_px, weight);
-                    let (asset, bytes, state) = (number, about.bytes, *state);
+                    let (asset, bytes, texels, state) = (number, about.bytes, texels_of(about), *state);
                     let AssetOnScreen { foveation, .. } = on_screen;
-                    let level = WantedLevel { id, asset, bytes, state, difference_px2, foveation };
+                    let level = WantedLevel { id, asset, bytes, texels, state, difference_px2, foveation };
                     self.textures.add_level(level);
                     if state == State::Failed {
                         break;
