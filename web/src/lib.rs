@@ -5,6 +5,8 @@
 //!
 //! Times are milliseconds since the page's navigation, on the same clock in page and worker.
 
+#[cfg(feature = "checks")]
+mod checks;
 #[cfg(target_family = "wasm")]
 mod console;
 #[cfg(feature = "deltas")]
@@ -18,6 +20,8 @@ mod streams;
 #[cfg(all(target_family = "wasm", feature = "viewer"))]
 mod viewer;
 
+#[cfg(feature = "checks")]
+pub use checks::{PackCheck, TerrainCheck};
 pub use streamer::Streamer;
 #[cfg(all(target_family = "wasm", feature = "viewer"))]
 pub use viewer::Viewer;
