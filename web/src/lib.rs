@@ -5,6 +5,8 @@
 //!
 //! Times are milliseconds since the page's navigation, on the same clock in page and worker.
 
+#[cfg(feature = "checks")]
+mod checks;
 #[cfg(target_family = "wasm")]
 mod console;
 #[cfg(feature = "threads")]
@@ -20,6 +22,8 @@ mod streams;
 #[cfg(all(target_family = "wasm", feature = "viewer"))]
 mod viewer;
 
+#[cfg(feature = "checks")]
+pub use checks::{PackCheck, TerrainCheck};
 #[cfg(feature = "threads")]
 pub use decoders::decode_on_this_worker;
 pub use streamer::Streamer;

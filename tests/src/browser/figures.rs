@@ -11,6 +11,7 @@ use lodestream_scenario::plan::SceneChoice;
 use lodestream_scenario::relay::{RelayLink, relay};
 use tokio::net::TcpListener;
 
+use super::checks::{in_a_worker, packs_below};
 use super::devtools::WEBGPU_AND_WEBGL;
 use super::page::STATS;
 use super::{built_page, tab_with};
@@ -85,4 +86,55 @@ fn times_over_links() {
             median(native.collect())
         );
     }
+}
+
+/// Rounds of each pack; the fastest counts, since other programs only add to a time.
+const ROUNDS: u32 = 7;
+
+#[test]
+#[ignore = "compiles the decoders with --release, and measures for a minute"]
+fn decoding_in_a_worker() {
+    let folder = tempfile::tempdir().unwrap();
+    lodestream_scenario::scene::open(&SceneChoice::Demo, None, folder.path(), true).unwrap();
+    let packs = packs_below(folder.path());
+    let Some(found) = in_a_worker(&packs, ROUNDS, None) else { return };
+    let fastest = |times: &mut dyn Iterator<Item = f64>| times.fold(f64::INFINITY, f64::min);
+    let results = found["packs"].as_array().unwrap();
+    let chunks: u64 = results.iter().map(|pack| pack["chunks"].as_u64().unwrap()).sum();
+    let times = |pack: &serde_json::Value| {
+        fastest(&mut pack["times"].as_array().unwrap().iter().map(|time| time.as_f64().unwrap()))
+    };
+    let worker_ms: f64 = results.iter().map(times).sum();
+
+    let mut command = std::process::Command::new(env!("CARGO"));
+    command.current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+    command.args([
+        "run",
+        "--quiet",
+        "--release",
+        "--locked",
+        "-p",
+        "lodestream-web",
+        "--no-default-features",
+    ]);
+    command.args(["--features", "checks", "--example", "decode_rate", "--", &ROUNDS.to_string()]);
+    for (number, pack) in packs.iter().enumerate() {
+        let path = folder.path().join(format!("{number}.lsp"));
+        std::fs::write(&path, pack).unwrap();
+        command.arg(path);
+    }
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    let lines: Vec<&str> = text.lines().collect();
+    assert_eq!(lines.len(), packs.len(), "{text}");
+    let native = |line: &&str| fastest(&mut line.split(' ').map(|time| time.parse().unwrap()));
+    let native_ms: f64 = lines.iter().map(native).sum();
+    let rate = |ms: f64| chunks as f64 / ms * 1e3;
+    println!(
+        "{chunks} chunks: {:.0} a second in a worker, {:.0} natively: {:.2} of it",
+        rate(worker_ms),
+        rate(native_ms),
+        native_ms / worker_ms
+    );
 }

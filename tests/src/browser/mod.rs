@@ -1,5 +1,6 @@
 //! The page in a browser tab: streamed by a daemon, drawn by WebGPU in software, moved by mouse, wheel and fingers.
 
+mod checks;
 mod device;
 mod devtools;
 mod element;
@@ -51,7 +52,7 @@ fn built(name: &str, file: &str) -> PathBuf {
     let folder = target.join(name);
     assert!(
         folder.join(file).exists(),
-        "{name}/{file} is absent: build it with script/web, or LODESTREAM_SKIP_BROWSER=1"
+        "{name}/{file} is absent: build it with script/web (checks: with --checks), or LODESTREAM_SKIP_BROWSER=1"
     );
     folder
 }

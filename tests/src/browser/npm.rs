@@ -49,12 +49,13 @@ const PAGE: &str = r#"<!doctype html>
     faces.every(({ indices }) => indices.every((index) => index < mesh.vertexCount)));
   on('texture', ({ format, texels, width, height }) => texels.length === width * height * (format === 'rgba8' ? 4 : 1));
   const bits = (array) => new Uint32Array(array.buffer);
-  /** Faces of each asset, and a sum of their positions that no order changes. */
+  /** Faces of each asset, and a sum of their corners' positions and texture coordinates that no order changes. */
   window.sums = () =>
     Object.fromEntries([...connection.model.assets].map(([asset, { mesh }]) => {
-      const words = bits(mesh.positions);
+      const [words, uvs] = [bits(mesh.positions), bits(mesh.uvs)];
       const corner = (slot) =>
-        Math.imul(words[3 * slot], 73856093) ^ Math.imul(words[3 * slot + 1], 19349663) ^ Math.imul(words[3 * slot + 2], 83492791);
+        Math.imul(words[3 * slot], 73856093) ^ Math.imul(words[3 * slot + 1], 19349663) ^ Math.imul(words[3 * slot + 2], 83492791) ^
+        Math.imul(uvs[2 * slot], 49979687) ^ Math.imul(uvs[2 * slot + 1], 67867967);
       let [faces, sum] = [0, 0];
       mesh.indices.forEach((list, material) => {
         for (let at = 0; at < mesh.indexCounts[material]; at += 3) {
@@ -69,20 +70,21 @@ const PAGE: &str = r#"<!doctype html>
   window.matrices = () => connection.model.instances.map(({ index, asset, matrix }) => ({ index, asset, matrix: [...matrix] }));
 </script>"#;
 
-/// Positions, and the faces of each material.
-type Mesh = (Vec<[f32; 3]>, BTreeMap<u16, Vec<[u32; 3]>>);
+/// Positions and texture coordinates, and the faces of each material.
+type Mesh = (Vec<[f32; 5]>, BTreeMap<u16, Vec<[u32; 3]>>);
 
 /// The same sums of a native client's meshes.
 fn sums(changes: &[Change]) -> BTreeMap<String, [u32; 2]> {
     let mut meshes: BTreeMap<u32, Mesh> = BTreeMap::new();
     for change in changes {
         let Change::Mesh(change) = change else { continue };
-        let (positions, lists) = meshes.entry(change.asset).or_default();
+        let (vertices, lists) = meshes.entry(change.asset).or_default();
         for (first, run) in &change.vertices {
             let first = *first as usize;
-            positions.resize(positions.len().max(first + run.len()), [0.0; 3]);
-            for (place, vertex) in positions[first..].iter_mut().zip(run) {
-                *place = vertex.data.position;
+            vertices.resize(vertices.len().max(first + run.len()), [0.0; 5]);
+            for (place, vertex) in vertices[first..].iter_mut().zip(run) {
+                let ([x, y, z], [u, v]) = (vertex.data.position, vertex.data.uv);
+                *place = [x, y, z, u, v];
             }
         }
         for run in &change.indices {
@@ -92,10 +94,11 @@ fn sums(changes: &[Change]) -> BTreeMap<String, [u32; 2]> {
             list[first..first + run.faces.len()].copy_from_slice(&run.faces);
         }
     }
-    let sum = |(positions, lists): &Mesh| {
+    let factors = [73_856_093, 19_349_663, 83_492_791, 49_979_687, 67_867_967];
+    let sum = |(vertices, lists): &Mesh| {
         let corner = |slot: u32| {
-            let [x, y, z] = positions[slot as usize].map(f32::to_bits);
-            x.wrapping_mul(73_856_093) ^ y.wrapping_mul(19_349_663) ^ z.wrapping_mul(83_492_791)
+            let words = vertices[slot as usize].iter().zip(factors);
+            words.fold(0_u32, |sum, (number, factor)| sum ^ number.to_bits().wrapping_mul(factor))
         };
         let used = lists.values().flatten().filter(|face| face[0] != face[1]);
         used.fold([0_u32; 2], |[faces, sum], face| {

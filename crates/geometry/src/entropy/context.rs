@@ -62,31 +62,27 @@ const LOGISTIC: [i32; 33] = [
     47911, 53581, 57724, 60565, 62428, 63615, 64357, 64816, 65097, 65269, 65374, 65438, 65476, 65500, 65514,
 ];
 
-/// Log odds in 256ths, from -2048 to 2047, to probabilities in 65536ths: [`LOGISTIC`] interpolated.
+/// The probability, in 65536ths, of log odds in 256ths from -2048 (`x` 0) to 2047 (`x` 4095): [`LOGISTIC`] interpolated.
+/// Computed, since a table of it would be 4 kB of every browser's download.
+#[inline(always)]
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_possible_wrap,
     clippy::cast_sign_loss,
-    reason = "indices below 4096, values of LOGISTIC"
+    reason = "x is below 4096, values of LOGISTIC are positive"
 )]
-static SQUASH: [u16; 4096] = {
-    let mut table = [0; 4096];
-    let mut i = 0;
-    while i < 4096 {
-        let (at, part) = (i / 128, i as i32 % 128);
-        table[i] = ((LOGISTIC[at] * (128 - part) + LOGISTIC[at + 1] * part) / 128) as u16;
-        i += 1;
-    }
-    table
-};
+const fn squash(x: usize) -> u16 {
+    let (at, part) = (x / 128, (x % 128) as i32);
+    ((LOGISTIC[at] * (128 - part) + LOGISTIC[at + 1] * part) as u32 / 128) as u16
+}
 
-/// Inverse of [`SQUASH`]: probabilities in 4096ths to log odds.
+/// Inverse of [`squash`]: probabilities in 4096ths to log odds.
 #[expect(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "below 4096")]
 static STRETCH: [i16; 4096] = {
     let mut table = [0; 4096];
     let (mut p, mut x) = (0_usize, 0_usize);
     while p < 4096 {
-        while x < 4095 && (SQUASH[x] as usize) < p * 16 + 8 {
+        while x < 4095 && (squash(x) as usize) < p * 16 + 8 {
             x += 1;
         }
         table[p] = x as i16 - 2048;
@@ -179,7 +175,7 @@ impl<const N: usize> Mixed<N> {
         let stretched = probs.map(|prob| i32::from(STRETCH[usize::from(prob.p >> 4)]));
         let products = stretched.iter().zip(weights).map(|(&s, &weight)| i64::from(s) * i64::from(weight));
         let x = (products.sum::<i64>() >> 16).clamp(-2047, 2047) + 2048;
-        Self { p: SQUASH[usize::try_from(x).unwrap_or(0)], stretched }
+        Self { p: squash(usize::try_from(x).unwrap_or(0)), stretched }
     }
 
     /// Updates the weights with the observed bit.

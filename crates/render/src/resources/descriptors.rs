@@ -115,10 +115,10 @@ pub(crate) fn compute_pipeline(
     })
 }
 
-/// A shader's source: files of `shaders/`, by name and in order.
+/// A shader's source: files of `shaders/`, by name and in order, as `build.rs` has written them.
 macro_rules! wgsl {
     ($($file:literal),+ $(,)?) => {
-        concat!($(include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/src/shaders/", $file, ".wgsl"))),+)
+        concat!($(include_str!(concat!(env!("OUT_DIR"), "/", $file, ".wgsl"))),+)
     };
 }
 pub(crate) use wgsl;

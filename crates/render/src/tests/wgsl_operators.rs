@@ -151,6 +151,7 @@ fn all_shaders_have_the_parentheses_that_the_grammar_demands() {
         let file = entry.unwrap().path();
         if file.extension().is_some_and(|extension| extension == "wgsl") {
             let source = std::fs::read_to_string(&file).unwrap();
+            assert!(!source.contains("/*"), "{}: build.rs removes comments of `//` only", file.display());
             found.extend(faults(&source).iter().map(|fault| format!("{}: {fault}", file.display())));
             read += 1;
         }

@@ -7,23 +7,20 @@ use crate::frame::fullscreen::fullscreen_pipeline;
 use crate::frame::targets::RADIANCE;
 use crate::passes::gbuffer::{ADD, shader};
 use crate::resources::buffer::GrowingBuffer;
+use crate::resources::descriptors::wgsl;
 use crate::resources::gpu::{Gpu, RenderError};
 
-const CULL: &str = concat!(
-    include_str!("../../shaders/common.wgsl"),
-    include_str!("../../shaders/punctual_light.wgsl"),
-    include_str!("../../shaders/cull_lights.wgsl")
-);
+const CULL: &str = wgsl!("common", "punctual_light", "cull_lights");
 
-const LIGHT: &str = concat!(
-    include_str!("../../shaders/common.wgsl"),
-    include_str!("../../shaders/fullscreen.wgsl"),
-    include_str!("../../shaders/targets.wgsl"),
-    include_str!("../../shaders/sky.wgsl"),
-    include_str!("../../shaders/brdf.wgsl"),
-    include_str!("../../shaders/punctual_light.wgsl"),
-    include_str!("../../shaders/lights.wgsl"),
-    include_str!("../../shaders/punctual_light_pass.wgsl")
+const LIGHT: &str = wgsl!(
+    "common",
+    "fullscreen",
+    "targets",
+    "sky",
+    "brdf",
+    "punctual_light",
+    "lights",
+    "punctual_light_pass"
 );
 
 /// Binding of the light list.
