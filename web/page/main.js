@@ -87,9 +87,11 @@ addEventListener('hashchange', () => {
 });
 view.addEventListener('firstframe', () => {
   element('message')?.remove();
-  preview?.close();
+  preview.then((shown) => shown?.close());
 });
-if (preview) preview.onmove = (camera) => view.place(camera);
+preview.then((shown) => {
+  if (shown) shown.onmove = (camera) => view.place(camera);
+});
 view.addEventListener('error', ({ detail }) => {
   const message = element('message') ?? document.body.appendChild(document.createElement('p'));
   message.id = 'message';

@@ -63,6 +63,8 @@ void main() {
 
 /** Time after which the client loads without a preview. */
 const TIMEOUT_MS = 4000;
+/** Rate of the link above which the client is loaded beside the preview, in kbit/s. */
+const FAST_KBIT_S = 8000;
 /** Longest wait for the preview's picture, before the client is compiled. */
 const PAINT_MS = 300;
 /** Radiance of a white surface in the sun, as the client exposes it. */
@@ -406,35 +408,6 @@ export function fragment() {
 /** When the preview was drawn, in milliseconds since the navigation; or why it was not. */
 export const stage = { drawn_ms: null, why: null };
 
-async function show() {
-  const { preview: file } = json('lodestream-server');
-  const asked = fragment();
-  if (!file || asked.scene) return null;
-  const response = await fetch(file, { signal: AbortSignal.timeout(TIMEOUT_MS) });
-  if (!response.ok) return null;
-  const contents = await read(response);
-  const canvas = document.createElement('canvas');
-  canvas.id = 'preview';
-  document.body.prepend(canvas);
-  try {
-    const preview = new Preview(canvas, contents, cameraOf(asked));
-    document.getElementById('message')?.classList.add('corner');
-    requestAnimationFrame(() => {
-      stage.drawn_ms = now();
-    });
-    return preview;
-  } catch (why) {
-    canvas.remove();
-    throw why;
-  }
-}
-
-/** The preview, or null: there is none, or it cannot be drawn, which the client does not need. */
-export const preview = await show().catch((why) => {
-  stage.why = String(why?.message ?? why);
-  return null;
-});
-
 /** Whether workers may share memory: the module's tasks wait by `Atomics.waitAsync` then, and it reserves 1 GiB. */
 function sharesMemory() {
   if (!globalThis.crossOriginIsolated || !('waitAsync' in Atomics)) return false;
@@ -448,12 +421,65 @@ function sharesMemory() {
 /** The client's files: where workers share memory, with several that decode. */
 export const files = json('lodestream-files')[sharesMemory() ? 'shared' : 'plain'];
 
-// Only now, since more connections would take their shares of the link from the preview.
-const { main, scripts, module } = files;
-const hint = (attributes) => document.head.append(Object.assign(document.createElement('link'), attributes));
-hint({ rel: 'preload', href: module, as: 'fetch', type: 'application/wasm', crossOrigin: 'anonymous' });
-for (const href of scripts) hint({ rel: 'modulepreload', href });
-// Compiling would delay the preview's picture. A hidden page has no frames.
-const painted = new Promise((done) => requestAnimationFrame(() => setTimeout(done)));
-if (preview) await Promise.race([painted, new Promise((done) => setTimeout(done, PAINT_MS))]);
-import(main);
+/** The preview's contents, or null if the page has none. */
+async function contents() {
+  const { preview: file } = json('lodestream-server');
+  if (!file || fragment().scene) return null;
+  const response = await fetch(file, { signal: AbortSignal.timeout(TIMEOUT_MS) });
+  return response.ok ? read(response) : null;
+}
+
+/** Whether the link brought the preview so fast that the client comes soon, too. */
+function isFast() {
+  const timings = performance.getEntriesByType('resource').filter(({ name }) => name.endsWith('.bin'));
+  return timings.some(
+    ({ transferSize, responseStart, responseEnd }) => 8 * transferSize > FAST_KBIT_S * (responseEnd - responseStart),
+  );
+}
+
+/** Requests the client's files. */
+function request() {
+  const hint = (attributes) => document.head.append(Object.assign(document.createElement('link'), attributes));
+  hint({ rel: 'preload', href: files.module, as: 'fetch', type: 'application/wasm', crossOrigin: 'anonymous' });
+  for (const href of files.scripts) hint({ rel: 'modulepreload', href });
+}
+
+/** Draws the preview, and resolves once it is on the screen. */
+async function show(contents) {
+  const canvas = document.createElement('canvas');
+  canvas.id = 'preview';
+  document.body.prepend(canvas);
+  try {
+    const preview = new Preview(canvas, contents, cameraOf(fragment()));
+    document.getElementById('message')?.classList.add('corner');
+    const painted = new Promise((done) => requestAnimationFrame(() => setTimeout(done)));
+    painted.then(() => {
+      stage.drawn_ms = now();
+    });
+    // A hidden page has no frames.
+    await Promise.race([painted, new Promise((done) => setTimeout(done, PAINT_MS))]);
+    return preview;
+  } catch (why) {
+    canvas.remove();
+    throw why;
+  }
+}
+
+/** Shows the preview and loads the client; returns the preview, or null if there is none or it cannot be drawn. */
+async function start() {
+  const failed = (why) => {
+    stage.why = String(why?.message ?? why);
+    return null;
+  };
+  const read = await contents().catch(failed);
+  // Only now, since more connections would take their shares of the link from the preview.
+  request();
+  // Compiling would delay the preview's picture, which matters where the client comes late.
+  const fast = !read || isFast();
+  if (fast) import(files.main);
+  const preview = read ? await show(read).catch(failed) : null;
+  if (!fast) import(files.main);
+  return preview;
+}
+
+export const preview = start();

@@ -78,10 +78,10 @@ fn a_preview_is_drawn_before_the_client_is_there() {
     tab.navigate(&server.page_url());
     tab.wait("the preview is drawn", STATS, |stats| stats["preview_ms"].is_f64());
     // WebGL keeps a picture only until the end of the task that drew it.
-    let drawn = "new Promise((done) => {
-        lodestream.preview.draw();
+    let drawn = "lodestream.preview.then((preview) => new Promise((done) => {
+        preview.draw();
         document.getElementById('preview').toBlob(done);
-    })";
+    }))";
     let preview = image(&mut tab, drawn);
     let native = draw(&mut headless, scene.whole());
     let covered = native.covered.clone();
@@ -91,7 +91,7 @@ fn a_preview_is_drawn_before_the_client_is_there() {
     let flip = image_error(&preview, &native.image).unwrap().flip;
     println!("FLIP {flip}");
     assert!(flip <= MAX_PREVIEW_FLIP, "{flip}");
-    let eye = "lodestream.preview.camera.slice(0, 3)";
+    let eye = "lodestream.preview.then((preview) => preview.camera.slice(0, 3))";
     let before = tab.evaluate(eye);
     mouse(
         &mut tab,
