@@ -50,13 +50,14 @@ void main() {
 
 const SKY = `#version 300 es
 precision highp float;
-uniform vec3 high, low;
+uniform vec3 high, low, ground;
 uniform vec4 line;
 uniform vec2 size;
 out vec4 shown;
 void main() {
   float up = dot(line.xyz, vec3(gl_FragCoord.xy / size * 2.0 - 1.0, 1));
   vec3 x = mix(low, high, sqrt(clamp(up * line.w, 0.0, 1.0)));
+  x = mix(x, ground, smoothstep(0.0, 0.1, -up));
   x = clamp((x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14), 0.0, 1.0);
   shown = vec4(mix(1.055 * pow(x, vec3(1.0 / 2.4)) - 0.055, 12.92 * x, lessThan(x, vec3(0.0031308))), 1);
 }`;
@@ -69,8 +70,8 @@ const FAST_KBIT_S = 8000;
 const PAINT_MS = 300;
 /** Radiance of a white surface in the sun, as the client exposes it. */
 const WHITE = 1.6;
-/** The client's atmosphere at noon: zenith and horizon. */
-const AIR = { high: [0.045, 0.11, 0.28], low: [0.24, 0.33, 0.44] };
+/** The client's atmosphere at noon: zenith, horizon and what lies below it. */
+const AIR = { high: [0.045, 0.11, 0.28], low: [0.24, 0.33, 0.44], below: [0.16, 0.15, 0.13] };
 /** Mean colours of sand, grass, rock, snow and water. */
 const GROUND = [
   [0.54, 0.45, 0.3],
@@ -301,6 +302,7 @@ export class Preview {
     const expose = sky ? WHITE / Math.max(luminance(add(sun.color, sky.background)), 1e-6) : 1;
     const high = sky ? times(sky.background, 0.7 * expose) : AIR.high;
     const low = sky ? times(sky.background, 1.3 * expose) : AIR.low;
+    const below = sky ? times(sky.ambient, expose) : AIR.below;
 
     gl.disable(gl.DEPTH_TEST);
     gl.useProgram(this.#programs.sky.program);
@@ -308,6 +310,7 @@ export class Preview {
     const world = unit(upward);
     gl.uniform3fv(skyPlaces.high, high);
     gl.uniform3fv(skyPlaces.low, low);
+    gl.uniform3fv(skyPlaces.ground, below);
     gl.uniform2fv(skyPlaces.size, size);
     gl.uniform4f(skyPlaces.line, (dot(right, world) * aspect) / zoom, dot(up, world) / zoom, dot(forward, world), 1.2);
     gl.bindVertexArray(null);
@@ -322,7 +325,7 @@ export class Preview {
     gl.uniform3fv(places.up, world);
     gl.uniform3fv(places.sun, sky ? times(sun.color, expose) : times(unit(sun.color), 1.25 * Math.sqrt(3)));
     gl.uniform3fv(places.above, sky ? low : [0.3, 0.36, 0.45]);
-    gl.uniform3fv(places.below, sky ? times(sky.ambient, expose) : [0.16, 0.15, 0.13]);
+    gl.uniform3fv(places.below, below);
     gl.uniform3fv(places.haze, low);
     gl.uniform1f(places.visibility, this.ground ? this.ground.outer : 1e30);
     for (const [number, ...placed] of this.#head.instances) {

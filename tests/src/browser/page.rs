@@ -56,7 +56,7 @@ fn a_tab_shows_what_the_native_viewer_shows() {
 }
 
 /// Largest FLIP error of the first stage's picture against the settled native one: it has neither textures nor shadows.
-const MAX_PREVIEW_FLIP: f64 = 0.3;
+const MAX_PREVIEW_FLIP: f64 = 0.25;
 
 #[test]
 fn a_preview_is_drawn_before_the_client_is_there() {
