@@ -29,7 +29,8 @@ pub use error::ImportError;
 pub use file::{MAX_FILE_BYTES, is_gltf, is_ply, read_file};
 pub use import::{dependencies, import, import_part};
 pub use model::{
-    Channel, Component, HeightMap, ImageSource, Imported, ImportedMaterial, MaterialMaps, Part, SurfaceMap,
+    BatchMember, Channel, Component, HeightMap, ImageSource, Imported, ImportedMaterial, MaterialMaps, Part,
+    SurfaceMap,
 };
 pub use model_file::ModelFile;
 pub use setting::InvalidValue;

@@ -1,6 +1,7 @@
 //! The result of an import: a mesh and the materials of its faces.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use bytes::Bytes;
 use lodestream_geometry::mesh::SourceMesh;
@@ -9,7 +10,7 @@ use lodestream_scene::asset::Material;
 use crate::srgb::srgb_to_linear;
 
 /// The part of a model file to import.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub enum Part {
     /// Everything as one mesh; of a glTF file, every mesh of its scene in its place.
     #[default]
@@ -21,6 +22,17 @@ pub enum Part {
         /// Columns of a linear map that is applied to it.
         linear: [[f64; 3]; 3],
     },
+    /// Several meshes of a glTF file, in their places, as one.
+    Batch(Arc<[BatchMember]>),
+}
+
+/// A mesh in a batch.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BatchMember {
+    /// Its index in the file.
+    pub mesh: usize,
+    /// Columns of the map from the mesh to the file's scene.
+    pub to_scene: [[f64; 4]; 4],
 }
 
 /// An image that a material uses: a file, or bytes of a model file.

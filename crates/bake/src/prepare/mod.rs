@@ -294,7 +294,7 @@ fn pack_settings(asset: &Asset) -> PackSettings<'_> {
     let Asset { name, file: _, part, preparation_settings } = asset;
     PackSettings {
         name,
-        part: *part,
+        part: part.clone(),
         quantise: preparation_settings.quantise_settings(),
         simplify: preparation_settings.simplify_settings(),
         codec: preparation_settings.codec(),

@@ -11,7 +11,7 @@ use crate::preparation_settings::CodecChoice;
 const VERSION: u16 = 1;
 
 /// Everything besides the model's files that determines a pack. Threads and progress do not.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct PackSettings<'a> {
     /// Name of the asset, which its description contains.
     pub(super) name: &'a str,
@@ -33,7 +33,7 @@ impl PackSettings<'_> {
     ///
     /// The patterns name every field, so a new one does not compile until it is encoded here.
     pub(super) fn encode(&self) -> Vec<u8> {
-        let Self { name, part, quantise, simplify, codec, relief_depth } = *self;
+        let Self { name, ref part, quantise, simplify, codec, relief_depth } = *self;
         let mut bytes = VERSION.to_le_bytes().to_vec();
         put_count(&mut bytes, name.len());
         bytes.extend(name.as_bytes());
@@ -41,8 +41,16 @@ impl PackSettings<'_> {
             Part::Whole => bytes.push(0),
             Part::Mesh { mesh, linear } => {
                 bytes.push(1);
-                put_count(&mut bytes, mesh);
+                put_count(&mut bytes, *mesh);
                 linear.iter().flatten().for_each(|&number| put_number(&mut bytes, number));
+            }
+            Part::Batch(members) => {
+                bytes.push(2);
+                put_count(&mut bytes, members.len());
+                for member in &**members {
+                    put_count(&mut bytes, member.mesh);
+                    member.to_scene.iter().flatten().for_each(|&number| put_number(&mut bytes, number));
+                }
             }
         }
         put_quantise(&mut bytes, quantise);
@@ -121,9 +129,13 @@ fn put_option(bytes: &mut Vec<u8>, number: Option<f64>) {
 
 #[cfg(test)]
 mod tests {
+    use lodestream_import::BatchMember;
+
     use super::*;
 
     const DEFAULT_LINEAR: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
+    const MEMBER: BatchMember = BatchMember { mesh: 2, to_scene: [[0.5; 4]; 4] };
 
     fn default() -> PackSettings<'static> {
         PackSettings {
@@ -148,6 +160,14 @@ mod tests {
                 let mut linear = DEFAULT_LINEAR;
                 linear[2][1] = 0.5;
                 s.part = Part::Mesh { mesh: 0, linear };
+            }),
+            ("batch", |s| s.part = Part::Batch([MEMBER].into())),
+            ("batch of two", |s| s.part = Part::Batch([MEMBER; 2].into())),
+            ("batch member", |s| s.part = Part::Batch([BatchMember { mesh: 3, ..MEMBER }].into())),
+            ("batch place", |s| {
+                let mut to_scene = MEMBER.to_scene;
+                to_scene[3][0] = 1.0;
+                s.part = Part::Batch([BatchMember { to_scene, ..MEMBER }].into());
             }),
             ("position bits", |s| s.quantise.precision = Precision::Bits(10)),
             ("tolerance", |s| s.quantise.precision = Precision::Tolerance(0.1)),

@@ -1,5 +1,6 @@
 //! Descriptions of scenes: a `scene.toml`, or a list of models.
 
+mod batches;
 mod curve;
 mod file;
 mod model;

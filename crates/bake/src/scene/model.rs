@@ -3,12 +3,13 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use crate::preparation_settings::PreparationSettings;
+use crate::preparation_settings::{Precision, PreparationSettings, Tolerance};
 use lodestream_import::{ImportError, Part, gltf, is_gltf};
 use lodestream_scene::description::{Camera, DEFAULT_AMBIENT, DEFAULT_BACKGROUND, Instance};
 use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::PunctualLight;
 
+use super::batches;
 use super::names::UniqueNames;
 use super::terrain::SceneTerrain;
 
@@ -148,18 +149,20 @@ impl Scene {
         (self.assets.len() - 1) as u32
     }
 
-    /// Adds the meshes that a glTF file places, each once (and once more for each mirror or uneven scale
-    /// that it is placed with), named after the model and the mesh.
+    /// Adds the meshes that a glTF file places: small ones that it places once in [batches], named after the model; others
+    /// each once (and once more for each mirror or uneven scale that it is placed with), named after the model and the
+    /// mesh.
     fn add_meshes(
         &mut self,
         model: &Asset,
         contents: gltf::Contents,
         names: &mut UniqueNames,
     ) -> Vec<Instance> {
+        let (batches, batched) = batches::of_contents(&contents);
         let mut known: Vec<(Part, u32)> = Vec::new();
         let mut by_mesh: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         let mut instances = Vec::with_capacity(contents.placed.len());
-        for placed in contents.placed {
+        for (placed, _) in contents.placed.into_iter().zip(batched).filter(|(_, batched)| !batched) {
             let Part::Mesh { mesh, .. } = placed.part else { continue };
             // Few are placed with more than one linear map.
             let same = by_mesh.entry(mesh).or_default();
@@ -169,11 +172,19 @@ impl Scene {
                 let name = format!("{}/{}", model.name, &own[..own.floor_char_boundary(MAX_MESH_NAME_BYTES)]);
                 let name = names.take(&name);
                 same.push(known.len());
-                let number = self.add_asset(Asset { name, part: placed.part, ..model.clone() });
-                known.push((placed.part, number));
+                let number = self.add_asset(Asset { name, part: placed.part.clone(), ..model.clone() });
+                known.push((placed.part.clone(), number));
                 number
             });
             instances.push(Instance { asset: number, placement: placed.placement });
+        }
+        for batch in batches {
+            let name = names.take(&format!("{}/parts", model.name));
+            let mut preparation_settings = model.preparation_settings;
+            let tolerance = Tolerance::try_from(batch.tolerance).ok().map(Precision::Tolerance);
+            preparation_settings.precision = preparation_settings.precision.or(tolerance);
+            let asset = Asset { name, part: batch.part, preparation_settings, ..model.clone() };
+            instances.push(Instance::at(self.add_asset(asset), [0.0; 3]));
         }
         instances
     }

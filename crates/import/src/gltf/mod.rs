@@ -20,6 +20,7 @@ mod maps;
 mod material;
 mod mesh;
 mod nodes;
+mod sizes;
 #[cfg(test)]
 mod tests;
 
@@ -37,18 +38,21 @@ use container::Location;
 use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::PunctualLight;
 use mesh::Builder;
+pub use sizes::MeshSize;
 
 /// Relative tolerance within which axes count as equally long and orthogonal: the rounding of transformations that
 /// were composed in f32.
 const SIMILARITY: f64 = 1e-5;
 
 /// One mesh of a file, placed by a similarity. Any other part of its transformation is in [`PlacedMesh::part`].
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct PlacedMesh {
     /// The mesh, as [`crate::import_part`] takes it.
     pub part: Part,
     /// Its placement in the file's scene.
     pub placement: Placement,
+    /// Columns of its whole transformation, of which the part and the placement have rounded shares.
+    pub to_scene: [[f64; 4]; 4],
 }
 
 /// The meshes and lights of a file.
@@ -56,6 +60,10 @@ pub struct PlacedMesh {
 pub struct Contents {
     /// Name of each mesh, by index; unique.
     pub names: Vec<String>,
+    /// Size of each mesh, by index; `None` for meshes that must stay assets of their own.
+    pub sizes: Vec<Option<MeshSize>>,
+    /// Number of materials that its meshes may name, the default one included.
+    pub materials: usize,
     /// Placements of meshes in the file's scene.
     pub placed: Vec<PlacedMesh>,
     /// Punctual lights of the file's scene.
@@ -79,14 +87,19 @@ impl Document {
     /// Imports the file, or one mesh of it.
     pub(crate) fn import(&self, part: &Part) -> Result<Imported, ImportError> {
         let mut builder = Builder::new(self);
-        match *part {
+        match part {
             Part::Whole => {
                 for placed in nodes::placed(self)?.meshes {
                     builder.add(placed.mesh, &placed.to_scene)?;
                 }
             }
             Part::Mesh { mesh, linear } => {
-                builder.add(mesh, &DMat4::from_mat3(DMat3::from_cols_array_2d(&linear)))?;
+                builder.add(*mesh, &DMat4::from_mat3(DMat3::from_cols_array_2d(linear)))?;
+            }
+            Part::Batch(members) => {
+                for member in &**members {
+                    builder.add(member.mesh, &DMat4::from_cols_array_2d(&member.to_scene))?;
+                }
             }
         }
         builder.finish()
@@ -120,7 +133,13 @@ pub fn contents(path: &Path) -> Result<Contents, ImportError> {
     let visible = placed.meshes.into_iter().filter(|p| p.to_scene.determinant() != 0.0);
     let meshes = visible.map(|p| similar(p.mesh, &p.to_scene)).collect();
     let punctual_lights = lights::punctual_lights(&document, &placed.lights)?;
-    Ok(Contents { names: names(&document), placed: meshes, punctual_lights })
+    Ok(Contents {
+        names: names(&document),
+        sizes: sizes::of_meshes(&document),
+        materials: document.root.materials.len() + 1,
+        placed: meshes,
+        punctual_lights,
+    })
 }
 
 /// The mesh of a name, untransformed.
@@ -168,14 +187,19 @@ fn similar(mesh: usize, to_scene: &DMat4) -> PlacedMesh {
     let square = [(0, 1), (1, 2), (2, 0)]
         .iter()
         .all(|&(i, j)| axes[i].dot(axes[j]).abs() <= SIMILARITY * scale * scale);
+    let columns = to_scene.to_cols_array_2d();
     let rounded = scale as f32;
     if rounded > 0.0 && rounded.is_finite() && even && square {
         let rotation = DQuat::from_mat3(&DMat3::from_cols_array(&(linear * scale.recip()).to_cols_array()));
         let part = Part::Mesh { mesh, linear: DMat3::IDENTITY.to_cols_array_2d() };
-        PlacedMesh { part, placement: Placement::new(translation, rotation.normalize(), rounded) }
+        PlacedMesh {
+            part,
+            placement: Placement::new(translation, rotation.normalize(), rounded),
+            to_scene: columns,
+        }
     } else {
         let part = Part::Mesh { mesh, linear: linear.to_cols_array_2d() };
-        PlacedMesh { part, placement: Placement::at(translation.to_array()) }
+        PlacedMesh { part, placement: Placement::at(translation.to_array()), to_scene: columns }
     }
 }
 

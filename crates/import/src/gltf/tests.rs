@@ -14,7 +14,7 @@ use lodestream_geometry::mesh::NONE;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-use super::contents;
+use super::{MeshSize, contents};
 use crate::meshopt::tests::Random;
 use crate::{ImportError, Imported, Part, dependencies, import, import_part};
 
@@ -83,6 +83,12 @@ impl Model {
         let indices = model.accessor(USHORT, "SCALAR", 6, &bytes);
         model.primitive()["indices"] = json!(indices);
         model
+    }
+
+    /// Gives the mesh a material of its own.
+    fn push_material(&mut self, material: Value) {
+        self.json["materials"] = json!([material]);
+        self.primitive()["material"] = json!(0);
     }
 
     fn glb(&self) -> Vec<u8> {
@@ -284,7 +290,7 @@ fn nodes_place_their_meshes_and_mirrors_stay_the_right_way_round() {
     let path = write(&dir, "a.glb", model.glb());
     let contents = contents(&path).unwrap();
     assert_eq!(contents.names, ["mesh-0"]);
-    let [mirrored, turned] = contents.placed[..] else { panic!("{:?}", contents.placed) };
+    let [mirrored, turned] = &contents.placed[..] else { panic!("{:?}", contents.placed) };
     assert!((turned.placement.scale - 3.0).abs() < 1e-6 && mirrored.placement.scale == 1.0);
     for (placed, expected) in [(mirrored, &faces[..2]), (turned, &faces[2..])] {
         let part = import_part(&path, &placed.part).unwrap();
@@ -447,4 +453,30 @@ fn every_truncation_is_an_error_and_no_flipped_byte_a_panic() {
         }
     }
     assert!(import(Path::new("/no/such.glb")).is_err());
+}
+
+#[test]
+fn sizes_are_those_that_the_file_states_and_none_for_meshes_with_textures_or_blending() {
+    let sizes = |change: &dyn Fn(&mut Model)| {
+        let mut model = Model::quad();
+        model.json["accessors"][0]["min"] = json!([0.0, 0.0, 0.0]);
+        model.json["accessors"][0]["max"] = json!([1.0, 1.0, 0.0]);
+        change(&mut model);
+        let dir = TempDir::new().unwrap();
+        contents(&write(&dir, "a.glb", model.glb())).unwrap().sizes
+    };
+    let size = MeshSize { faces: 2, low: [0.0; 3], high: [1.0, 1.0, 0.0] };
+    assert_eq!(sizes(&|_| {}), [Some(size)]);
+    let material = |material: Value| {
+        sizes(&|model| {
+            model.push_material(material.clone());
+        })
+    };
+    assert_eq!(material(json!({"pbrMetallicRoughness": {"baseColorFactor": [1, 0, 0, 1]}})), [Some(size)]);
+    assert_eq!(material(json!({"alphaMode": "BLEND"})), [None]);
+    assert_eq!(material(json!({"normalTexture": {"index": 0}})), [None]);
+    // Without bounds, with bounds that are none, and for strips, nothing is known.
+    assert_eq!(sizes(&|model| model.json["accessors"][0]["max"] = Value::Null), [None]);
+    assert_eq!(sizes(&|model| model.json["accessors"][0]["max"] = json!([1.0, "a", 0.0])), [None]);
+    assert_eq!(sizes(&|model| model.primitive()["mode"] = json!(5)), [None]);
 }

@@ -36,7 +36,7 @@ fn a_mesh_is_placed_at_each_of_its_nodes_instances() {
     let dir = TempDir::new().unwrap();
     let contents = contents(&write(&dir, "a.glb", thrice().glb())).unwrap();
     assert_eq!(contents.names.len(), 1);
-    let [first, second, third] = contents.placed[..] else { panic!("{:?}", contents.placed) };
+    let [first, second, third] = &contents.placed[..] else { panic!("{:?}", contents.placed) };
     assert!(first.part == second.part && second.part == third.part);
     assert_eq!(second.placement.translation, [10., 5., 0.]);
     assert_eq!(third.placement, Placement { scale: 2.0, ..Placement::at([20., 5., 0.]) });
