@@ -8,6 +8,7 @@ mod settings_key;
 #[cfg(test)]
 mod tests;
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -225,11 +226,14 @@ pub fn prepare_cached(asset: &Asset, folder: &Path, options: &Options) -> Result
     prepare_keyed(&Keyed::new(asset, options, &Sources::default())?, folder, options)
 }
 
-/// Least number of assets for each thread from which they are prepared side by side.
-const SIDE_BY_SIDE: usize = 4;
+/// Longest share of a model's files, in bytes, of an asset that is prepared beside others: some 100,000 faces. A longer one
+/// has all threads and the memory for itself.
+const MAX_SMALL_BYTES: u64 = 4 << 20;
+/// Assets in a group, for each thread: lines appear after a group.
+const GROUP: usize = 16;
 
-/// [`prepare_cached`] for several assets: a model file with several of them is read once, and where they are many, they are
-/// prepared side by side. `done` is called for each in order, with its number. The packs do not depend on the threads.
+/// [`prepare_cached`] for several assets: a model file with several of them is read once, and small ones are prepared side
+/// by side. `done` is called for each in order, with its number. The packs do not depend on the threads.
 ///
 /// # Errors
 /// Of the first asset with one. Packs that were prepared stay in the cache.
@@ -249,27 +253,52 @@ pub fn prepare_all(
         done(all.len(), &cached);
         all.push(cached);
     };
-    if assets.len() < SIDE_BY_SIDE * threads.count().get() {
-        for asset in assets {
+    let on_one_thread = Options { threads: Some(NonZeroUsize::MIN), ..*options };
+    let small = small(assets);
+    let mut at = 0;
+    while let Some(asset) = assets.get(at) {
+        let run = small[at..].iter().take(GROUP * threads.count().get()).take_while(|small| **small).count();
+        if run < 2 {
             take(one(asset, options)?);
+            at += 1;
+            continue;
         }
-        return Ok(all);
-    }
-    let options = Options { threads: Some(NonZeroUsize::MIN), ..*options };
-    // In groups, so that lines appear while others are prepared.
-    for group in assets.chunks(16 * threads.count().get()) {
+        let group = &assets[at..at + run];
         let slots: Vec<Mutex<Option<Result<Cached, PrepareError>>>> =
             group.iter().map(|_| Mutex::default()).collect();
-        threads.run(group.len(), &|i| {
-            *slots[i].lock().unwrap_or_else(PoisonError::into_inner) = Some(one(&group[i], &options));
+        threads.run(run, &|i| {
+            *slots[i].lock().unwrap_or_else(PoisonError::into_inner) = Some(one(&group[i], &on_one_thread));
         });
         for (slot, asset) in slots.into_iter().zip(group) {
             let made = slot.into_inner().unwrap_or_else(PoisonError::into_inner);
             // A pool that runs no task leaves it to us.
-            take(made.unwrap_or_else(|| one(asset, &options))?);
+            take(made.unwrap_or_else(|| one(asset, &on_one_thread))?);
         }
+        at += run;
     }
     Ok(all)
+}
+
+/// Whether each asset is small, as its model's files are long and have assets. Files that cannot be read are reported when
+/// they are prepared.
+fn small(assets: &[Asset]) -> Vec<bool> {
+    let length = |path: &Path| std::fs::metadata(path).map_or(0, |file| file.len());
+    let mut models: BTreeMap<&Path, (u64, u64)> = BTreeMap::new();
+    for asset in assets {
+        let model = models.entry(&asset.file).or_insert_with(|| {
+            let mut bytes = length(&asset.file);
+            // The vertices of a text file are beside it.
+            if asset.file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("gltf")) {
+                let text = lodestream_import::read_file(&asset.file, lodestream_import::MAX_FILE_BYTES);
+                let beside = lodestream_import::dependencies(&asset.file, &text.unwrap_or_default());
+                bytes += beside.iter().map(|file| length(file)).sum::<u64>();
+            }
+            (bytes, 0)
+        });
+        model.1 += 1;
+    }
+    let share = |asset: &Asset| models.get(&*asset.file).map_or(0, |(bytes, assets)| bytes / assets.max(&1));
+    assets.iter().map(|asset| share(asset) <= MAX_SMALL_BYTES).collect()
 }
 
 fn prepare_keyed(keyed: &Keyed, folder: &Path, options: &Options) -> Result<Cached, PrepareError> {
