@@ -64,7 +64,7 @@ pub enum PreviewError {
 /// Encodes the preview of a scene. `pages`: its first pages, in order. `read`: reads a blob of an asset; `None` leaves the
 /// asset or its refinement out. The same scene gives the same bytes.
 ///
-/// Cost: decoding base meshes and some chunks, some milliseconds; and some 4,000 heights of the terrain.
+/// Cost: decoding base meshes and some chunks, some milliseconds; and some 22,000 heights of the terrain.
 ///
 /// # Errors
 /// Those of `read`, a base blob that does not decode, or nothing to show.

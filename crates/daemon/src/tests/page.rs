@@ -2,8 +2,12 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 
-use lodestream_protocol::source::SceneSource;
+use bytes::Bytes;
+use lodestream_protocol::source::{SceneSource, SourceError};
+use lodestream_scene::blob::BlobId;
+use lodestream_scene::description::{SceneHeader, ScenePage};
 use serde_json::Value;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::time::Instant;
@@ -376,4 +380,41 @@ async fn the_page_names_a_preview_that_is_served_by_its_content() {
     let page = request(&without, "GET /", "").await;
     assert_eq!((page.status, &page.description()["preview"]), (200, &Value::Null));
     assert!(!page.body.contains("preload"));
+}
+
+/// A scene whose store fails at the first read; its blobs are no base meshes.
+struct FailsOnce(MemoryScene, AtomicBool);
+
+impl SceneSource for FailsOnce {
+    fn header(&self) -> &SceneHeader {
+        self.0.header()
+    }
+
+    fn page(&self, page: u32) -> Option<Arc<ScenePage>> {
+        self.0.page(page)
+    }
+
+    fn blob_len(&self, id: &BlobId) -> Option<u32> {
+        self.0.blob_len(id)
+    }
+
+    fn read(&self, id: &BlobId) -> Result<Bytes, SourceError> {
+        if self.1.swap(false, Ordering::Relaxed) {
+            return Err(SourceError::Unreadable { id: *id, why: "no answer".into() });
+        }
+        self.0.read(id)
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_preview_is_tried_again_after_an_error_of_the_store_but_not_of_the_scene() {
+    let folder = page_folder();
+    let scene = FailsOnce(MemoryScene::named("first", 1, 100, 100), AtomicBool::new(true));
+    let scenes = Scenes::new(vec![Arc::new(scene) as Arc<dyn SceneSource>]).unwrap();
+    let state = ServerState::with_admission(scenes, SessionSettings::default(), Default::default());
+    state.set_site(Site::new(PageSetting::Loaded(Page::load(folder.path()).unwrap()), None));
+    for known in [false, true] {
+        assert_eq!(request(&state, "GET /", "").await.description()["preview"], Value::Null);
+        assert_eq!(state.scenes().only().unwrap().preview().get().is_some(), known);
+    }
 }
