@@ -219,7 +219,8 @@ const handlers = {
     streamer = new Streamer(width, height, targetPx, scene, token, memoryBytes, cacheBytes);
     streamer.begin(begunAt);
     if (start.view) streamer.set_view_numbers(now(), start.view);
-    if (start.decoder) startDecoders(module);
+    // Without other workers this one decodes.
+    if (start.decoder) startDecoders(module).catch(() => {});
     if (waitsForModule) connect();
     else begin();
   },

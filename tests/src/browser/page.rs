@@ -93,13 +93,7 @@ fn a_preview_is_drawn_before_the_client_is_there() {
     assert!(flip <= MAX_PREVIEW_FLIP, "{flip}");
     let eye = "lodestream.preview.then((preview) => preview.camera.slice(0, 3))";
     let before = tab.evaluate(eye);
-    mouse(
-        &mut tab,
-        "mousePressed",
-        [200.0, 150.0],
-        json!({ "button": "left", "buttons": 1, "clickCount": 1 }),
-    );
-    mouse(&mut tab, "mouseMoved", [260.0, 170.0], json!({ "button": "left", "buttons": 1 }));
+    drag(&mut tab, [200.0, 150.0], [260.0, 170.0]);
     tab.wait("the preview turns", eye, |after| *after != before);
     // The whole page draws it, then removes it.
     let whole = serve(scene);
@@ -217,6 +211,13 @@ fn mouse(tab: &mut Tab, kind: &str, [x, y]: [f64; 2], more: Value) {
     tab.call("Input.dispatchMouseEvent", event);
 }
 
+/// Drags with the left button.
+fn drag(tab: &mut Tab, from: [f64; 2], to: [f64; 2]) {
+    mouse(tab, "mousePressed", from, json!({ "button": "left", "buttons": 1, "clickCount": 1 }));
+    mouse(tab, "mouseMoved", to, json!({ "button": "left", "buttons": 1 }));
+    mouse(tab, "mouseReleased", to, json!({ "button": "left", "clickCount": 1 }));
+}
+
 fn touch(tab: &mut Tab, kind: &str, points: &[[f64; 2]]) {
     let points: Vec<Value> =
         points.iter().enumerate().map(|(id, [x, y])| json!({ "x": x, "y": y, "id": id })).collect();
@@ -230,14 +231,7 @@ fn drag_wheel_pinch_and_keys_move_the_camera() {
     settle(&mut tab, &server.page_url());
     let start = camera(&mut tab);
 
-    mouse(
-        &mut tab,
-        "mousePressed",
-        [300.0, 200.0],
-        json!({ "button": "left", "buttons": 1, "clickCount": 1 }),
-    );
-    mouse(&mut tab, "mouseMoved", [360.0, 200.0], json!({ "button": "left", "buttons": 1 }));
-    mouse(&mut tab, "mouseReleased", [360.0, 200.0], json!({ "button": "left", "clickCount": 1 }));
+    drag(&mut tab, [300.0, 200.0], [360.0, 200.0]);
     let turned = moved(&mut tab, "a drag turns the camera", |camera| camera[..3] != start[..3]);
     assert!((distance(&turned) - distance(&start)).abs() < 1e-6, "a drag keeps the distance");
     assert_eq!(turned[3..6], start[3..6]);
