@@ -1,12 +1,13 @@
 //! The sending half of a QUIC session: the control stream, as early data (0-RTT) where possible.
 
 use bytes::Bytes;
+use futures_util::FutureExt;
 use lodestream_protocol::frame::{FrameError, encode_client};
 use lodestream_protocol::message::ClientMessage;
 use lodestream_protocol::stream::CONTROL_STREAM;
 use lodestream_transport::quic::{open_stream, write};
 use lodestream_transport::{SendError, Sender};
-use quinn::{Connection, ConnectionError, SendStream, WriteError};
+use quinn::{Connection, ConnectionError, SendStream, StoppedError, WriteError};
 use tokio::time::timeout_at;
 
 use super::quic_open::Early;
@@ -84,11 +85,17 @@ impl Sender for QuicSender {
             let accepted = accepted.map_err(|_| SendError::NoAnswer)?;
             self.early = None;
             let sent = std::mem::take(&mut self.sent_early);
-            if !accepted {
+            if !accepted && is_rejected(&self.stream) {
                 tracing::debug!(bytes = sent.len(), "the server rejected early data; sending it again");
                 self.queue = sent.into();
                 self.rejected = true;
             }
         }
     }
+}
+
+/// Whether the stream was opened before the server rejected early data. A stream opened after the answer is valid even
+/// though early data was rejected; dropping it would end the control stream.
+fn is_rejected(stream: &SendStream) -> bool {
+    matches!(stream.stopped().now_or_never(), Some(Err(StoppedError::ZeroRttRejected)))
 }

@@ -89,11 +89,23 @@ async fn visit(
     config: &quinn::ClientConfig,
     viewer: &mut Viewer<'_>,
 ) -> (bool, Close) {
+    visit_after(Duration::ZERO, network, port, config, viewer).await
+}
+
+/// As [`visit`], with a pause between the connection's opening and the session.
+async fn visit_after(
+    pause: Duration,
+    network: &UdpNetwork,
+    port: u16,
+    config: &quinn::ClientConfig,
+    viewer: &mut Viewer<'_>,
+) -> (bool, Close) {
     // Connection ids follow from the seed, and two visits must not share them.
     let client = network.endpoint(client(port), None, [port.to_le_bytes()[0]; 32]).unwrap();
     let connecting = client.connect_with(config.clone(), SERVER, "localhost").unwrap();
     let connection = QuicConnection::open(connecting, Duration::from_secs(4)).await.unwrap();
     let early = connection.is_early();
+    sleep(pause).await;
     let clock = viewer.clock();
     let close = run_quic(connection, viewer, clock).await;
     client.wait_idle().await;
@@ -157,6 +169,22 @@ fn rejected_early_data_is_sent_again() {
         let metrics = state.metrics();
         assert_eq!((metrics.early_data_sessions(), metrics.rejected_messages()), (0, 0));
         assert_eq!(viewer.usage().repeated_bytes, 0);
+    });
+}
+
+#[test]
+fn a_stream_opened_after_the_rejection_of_early_data_is_kept() {
+    let certificate = certificate().unwrap();
+    let settings = QuicSettings::after_first_session(&small_scene(), &certificate).unwrap();
+    virtual_runtime().unwrap().block_on(async {
+        let network = network(&[client(2)]);
+        let state = serve(&network, server_config(&certificate).unwrap());
+        let mut viewer = viewer();
+        // The server has answered when the client opens its stream, as on a busy machine.
+        let pause = Duration::from_millis(4 * RTT_MS);
+        let (early, close) = visit_after(pause, &network, 2, &settings.client, &mut viewer).await;
+        assert!(early && viewer.settled().is_some(), "{close}");
+        assert_eq!(state.metrics().rejected_messages(), 0);
     });
 }
 
