@@ -391,14 +391,14 @@ class Reader:
         shifts = self.f("shifts", lambda: list(b.take(1 + (levels + 1) // 2)))
         origin = self.numbers("origin", b.f64, 3)
         step = self.number("step", b.f64)
-        if kinds & 63:
+        if kinds & 31:
             self.numbers("uv origin", b.f64, 2)
             self.numbers("uv step", b.f64, 2)
         falls = [shifts[1 + k // 2] >> 4 * (k % 2) & 15 for k in range(levels)]
         base = {
             "position_bits": bits & 63,
             "codec": {0: "range", 128: "zstd", 192: "axis-aligned"}[bits & 192],
-            "uv_bits": kinds & 63,
+            "uv_bits": kinds & 31,
             "colors": kinds & 64 != 0,
             "normals": kinds & 128 != 0,
             "level_count": levels,
@@ -411,6 +411,7 @@ class Reader:
             "geometric_error": self.number("geometric_error", b.f32),
             "chunk_count": self.f("chunk_count", b.leb128),
             "material_count": self.f("material_count", b.leb128),
+            "part_count": self.f("part_count", b.leb128) if kinds & 32 else 1,
             "vertices": self.f("vertices", b.leb128),
             "wedges": self.f("wedges", b.leb128),
             "faces": self.f("faces", b.leb128),

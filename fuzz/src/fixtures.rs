@@ -21,7 +21,7 @@ pub struct Fixture {
 
 /// The assets: seams and materials, non-manifold stars, vanishing components, seams nearly everywhere, stars of high
 /// valence, all of these with colours and normals; some with the zstd codec, whose chunks are not compressed here; and
-/// stones with the axis-aligned codec. A few hundred faces each, so that one input takes well under a millisecond.
+/// stones with the axis-aligned codec; several parts. A few hundred faces each, so that one input takes well under a millisecond.
 ///
 /// # Panics
 /// If an asset does not decode.
@@ -39,6 +39,7 @@ pub fn all() -> &'static [Fixture] {
             ("plain", shapes::painted(shapes::materials(shapes::torus(8, 10), 3)), Codec::Zstd),
             ("plain-components", components(), Codec::Zstd),
             ("axis-aligned", shapes::stones(6), Codec::AxisAligned),
+            ("parts", shapes::parts(components(), 12), Codec::Range),
         ]
         .into_iter()
         .map(|(name, source, codec)| {

@@ -161,6 +161,10 @@ fn decode_light<R: Reader>(reader: &mut R) -> Result<PunctualLight, CodingError>
 
 /// Bytes of an encoded vertex.
 const VERTEX_BYTES: usize = 56;
+/// The word of flags holds whether the vertex is smooth, its level, and from this bit on its part, which has 20 bits.
+const PART_SHIFT: u32 = 9;
+/// Levels of an asset are at most 255.
+const MAX_LEVEL: u32 = 255;
 /// Bytes of an encoded face.
 const FACE_BYTES: usize = 12;
 
@@ -191,7 +195,7 @@ fn vertex_bytes(vertex: &Vertex) -> [u8; VERTEX_BYTES] {
         place.copy_from_slice(&number.to_le_bytes());
     }
     bytes[48..52].copy_from_slice(&data.color);
-    let flags = level << 1 | u32::from(data.smooth);
+    let flags = data.part << PART_SHIFT | (level & MAX_LEVEL) << 1 | u32::from(data.smooth);
     bytes[52..].copy_from_slice(&flags.to_le_bytes());
     bytes
 }
@@ -212,9 +216,10 @@ fn vertex(bytes: &[u8]) -> Vertex {
             morph_from: [8, 9, 10].map(number),
             color: word(12),
             smooth: flags & 1 == 1,
+            part: flags >> PART_SHIFT,
         },
         birth_s: number(11),
-        level: flags >> 1,
+        level: flags >> 1 & MAX_LEVEL,
     }
 }
 

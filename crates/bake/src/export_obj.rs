@@ -135,6 +135,7 @@ mod tests {
                 wedge(3, 0),
             ],
             faces: vec![Face { wedges: [0, 1, 2], material: 0 }, Face { wedges: [4, 3, 5], material: 1 }],
+            parts: Vec::new(),
         }
     }
 

@@ -14,7 +14,9 @@ use std::collections::HashMap;
 
 use crate::error::MeshError;
 use crate::mesh::normals;
-use crate::mesh::{Attributes, Face, Grid, NO_COLOR, NONE, QuantisedMesh, SourceMesh, UvGrid, Wedge};
+use crate::mesh::{
+    Attributes, Face, Grid, MAX_PARTS, NO_COLOR, NONE, QuantisedMesh, SourceMesh, UvGrid, Wedge,
+};
 pub use crate::mesh::{MAX_POSITION_BITS, MAX_UV_BITS};
 use crate::numbers::{id32, truncated};
 
@@ -69,7 +71,7 @@ impl Default for QuantiseSettings {
 
 /// Quantises a source mesh.
 ///
-/// Equal positions are welded into one vertex; faces with a repeated vertex are dropped, then all unused elements.
+/// Equal positions of a part are welded into one vertex; faces with a repeated vertex are dropped, then all unused elements.
 /// Distinct positions on the same grid point stay distinct vertices. Normals become normal groups: corners at a
 /// vertex whose normals agree within 1° share one; where a group's normal differs from the computed one by more than
 /// the tolerance, its wedges store it. A source without normals is smooth: one group per vertex. Colours split wedges
@@ -98,20 +100,29 @@ pub fn quantise(source: &SourceMesh, settings: &QuantiseSettings) -> Result<Quan
     let grid = position_grid(source, &kept, &vertex_of, &positions, settings.precision)?;
     let uv_grid = uv_grid(source, &kept, settings.uv_bits);
 
-    let mut mesh =
-        QuantisedMesh { grid, uv_grid, positions: Vec::new(), wedges: Vec::new(), faces: Vec::new() };
+    let mut mesh = QuantisedMesh {
+        grid,
+        uv_grid,
+        positions: Vec::new(),
+        wedges: Vec::new(),
+        faces: Vec::new(),
+        parts: Vec::new(),
+    };
     mesh.faces.reserve_exact(kept.len());
-    let mut vertex_new = vec![NONE; positions.len()];
+    let mut vertices = NewVertices::new(positions.len());
     let mut groups = NormalGroups::default();
     let mut known = WedgeTable::default();
+    let parted = !source.parts.is_empty();
     for &index in &kept {
         let wedges = source.faces[index].map(|corner| {
-            let welded = vertex_of[corner.position as usize] as usize;
-            if vertex_new[welded] == NONE {
-                vertex_new[welded] = id32(mesh.positions.len());
-                mesh.positions.push(snap(&grid, positions[welded]));
+            let welded = vertex_of[corner.position as usize];
+            let part = parted.then(|| source.parts.get(index).copied().unwrap_or(0));
+            let next = id32(mesh.positions.len());
+            let vertex = vertices.number(welded, part, next);
+            if vertex == next {
+                mesh.positions.push(snap(&grid, positions[welded as usize]));
+                mesh.parts.extend(part);
             }
-            let vertex = vertex_new[welded];
             let (group, normal) = groups.group(vertex, corner.normal, &source.normals);
             let uv =
                 if corner.uv == NONE { [0; 2] } else { snap_uv(&uv_grid, source.uvs[corner.uv as usize]) };
@@ -127,6 +138,30 @@ pub fn quantise(source: &SourceMesh, settings: &QuantiseSettings) -> Result<Quan
         normals::store_explicit(&mut mesh, &meant, settings.normal_tolerance);
     }
     Ok(mesh)
+}
+
+/// Numbers welded positions in order of first use; a position in several parts gets a vertex in each.
+struct NewVertices {
+    /// The vertex of each position of a mesh of one part; [`NONE`] for none.
+    single: Vec<u32>,
+    /// The vertices of a mesh of several parts, by position and part.
+    by_part: HashMap<(u32, u32), u32>,
+}
+
+impl NewVertices {
+    fn new(positions: usize) -> Self {
+        Self { single: vec![NONE; positions], by_part: HashMap::new() }
+    }
+
+    /// The vertex of a position in a part; `next` if it is new.
+    fn number(&mut self, position: u32, part: Option<u32>, next: u32) -> u32 {
+        let Some(part) = part else {
+            let vertex = &mut self.single[position as usize];
+            *vertex = if *vertex == NONE { next } else { *vertex };
+            return *vertex;
+        };
+        *self.by_part.entry((position, part)).or_insert(next)
+    }
 }
 
 /// Normal groups of each vertex in order of first use, as linked lists in one array, since most vertices have one
@@ -228,6 +263,13 @@ fn validate(source: &SourceMesh) -> Result<(), MeshError> {
         if count > MAX_ELEMENTS {
             return Err(MeshError::TooLarge { kind, count, limit: MAX_ELEMENTS });
         }
+    }
+    if let Some(part) = source.parts.iter().find(|&&part| part >= MAX_PARTS) {
+        return Err(MeshError::TooLarge {
+            kind: "parts",
+            count: *part as usize + 1,
+            limit: MAX_PARTS as usize,
+        });
     }
     if source.materials.contains(&u16::MAX) {
         let limit = usize::from(u16::MAX);

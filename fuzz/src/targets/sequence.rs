@@ -1,7 +1,7 @@
 //! Sequences of decoding, applying and undoing, in any order and from damaged payloads.
 
 use lodestream_geometry::index::ChunkInfo;
-use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, Id, RefineError, Snapshot};
+use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, Id, Origin, RefineError, Snapshot};
 
 use super::asset::drawable;
 use crate::fixtures::{self, Fixture};
@@ -173,7 +173,9 @@ fn forge(delta: &mut ChunkDelta, input: &mut Input<'_>) {
         list.get_mut(at % count)
     }
     match what % 10 {
-        0 => pick(&mut delta.vertices, at).map_or((), |v| v.parent = Some(id)),
+        0 => pick(&mut delta.vertices, at).map_or((), |v| {
+            v.origin = if id.owner == 255 { Origin::Part(id.index) } else { Origin::Split(id) }
+        }),
         1 => pick(&mut delta.wedges, at).map_or((), |w| w.vertex = id),
         2 => pick(&mut delta.faces, at).map_or((), |f| f.wedges[at % 3] = id),
         3 => pick(&mut delta.repoints, at).map_or((), |r| r.face = id),

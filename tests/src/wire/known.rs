@@ -404,6 +404,7 @@ fn base(base: &Base) -> Value {
         "geometric_error": base.geometric_error,
         "chunk_count": base.chunk_count,
         "material_count": base.material_count,
+        "part_count": base.part_count,
         "vertices": base.totals.vertices,
         "wedges": base.totals.wedges,
         "faces": base.totals.faces,

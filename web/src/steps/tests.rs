@@ -11,6 +11,7 @@ fn vertex_of(level: u32) -> Vertex {
             color: [1, 2, 3, 4],
             morph_from: [-1.0, 0.5, f32::MAX],
             smooth: level % 2 == 1,
+            part: (level * 4093) & 0xF_FFFF,
         },
         birth_s: 12.5,
         level,

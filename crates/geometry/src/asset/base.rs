@@ -2,6 +2,7 @@
 
 use crate::asset::index::Sphere;
 use crate::entropy::Codec;
+pub use crate::mesh::MAX_PARTS;
 use crate::mesh::{Face, Grid, Kinds, UvGrid, Wedge};
 
 /// Version of the base blob, of index pages and of chunk payloads.
@@ -46,6 +47,8 @@ pub struct Base {
     pub shifts: Vec<u8>,
     /// Materials that faces may name.
     pub material_count: u16,
+    /// Parts that vertices may name: at least 1, at most [`MAX_PARTS`].
+    pub part_count: u32,
     /// Codec of the chunks, and of the base mesh unless [`Base::encode_as`] is used.
     pub codec: Codec,
     /// Whether wedges have colours.
@@ -62,6 +65,8 @@ pub struct Base {
     pub wedges: Vec<Wedge>,
     /// Its faces.
     pub faces: Vec<Face>,
+    /// Part of each of its vertices; empty if the asset is one part.
+    pub parts: Vec<u32>,
 }
 
 /// A base blob with its mesh in each codec. The container must state which is used ([`Base::decode_as`]).

@@ -23,7 +23,7 @@ use crate::error::DecodeError;
 use crate::mesh::corner;
 use crate::pool::{self, Pool};
 use crate::random::Random;
-use crate::refine::{ActiveMesh, ChunkDelta, ChunkError, Id, Snapshot};
+use crate::refine::{ActiveMesh, ChunkDelta, ChunkError, Id, Origin, Snapshot};
 
 /// Result of a check.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -178,9 +178,9 @@ impl Reference<'_> {
     fn ancestor(&self, state: &Snapshot, mut vertex: Id) -> Id {
         while vertex.owner > 0 && state.vertices.binary_search_by_key(&vertex, |v| v.0).is_err() {
             let whole = Member { chunk: vertex.owner - 1, truncation: None };
-            match self.delta(whole).vertices[vertex.index as usize].parent {
-                Some(parent) => vertex = parent,
-                None => break,
+            match self.delta(whole).vertices[vertex.index as usize].origin {
+                Origin::Split(parent) => vertex = parent,
+                Origin::Part(_) => break,
             }
         }
         vertex
@@ -194,8 +194,8 @@ fn duplicates(full: &Snapshot, vertices: u64) -> BTreeMap<Id, Id> {
     let mut duplicates = BTreeMap::new();
     if full.vertices.len() as u64 > vertices {
         let mut first = BTreeMap::new();
-        for &(id, position) in &full.vertices {
-            let representative = *first.entry(position).or_insert(id);
+        for &(id, position, part) in &full.vertices {
+            let representative = *first.entry((position, part)).or_insert(id);
             if representative != id {
                 duplicates.insert(id, representative);
             }

@@ -9,11 +9,12 @@ use crate::codec::elements::Elements;
 use crate::codec::local::Local;
 use crate::codec::memory::Memory;
 use crate::codec::model::{
-    AREAS, BENDS, BIRTH_AXIS, BIRTHS, DEPTHS, FLAG_AREA, FLAG_BEND, FLAG_VALENCE, INTERIOR, MAX_VALENCE,
-    MIX_FLAG, MORE_SEEDS, SEED_INTERIOR, SEED_OWNER, SEGMENTS, STREAMS, contexts,
+    AREAS, BENDS, BIRTH_AXIS, BIRTH_PART, BIRTHS, DEPTHS, FLAG_AREA, FLAG_BEND, FLAG_VALENCE, INTERIOR,
+    MAX_VALENCE, MIX_FLAG, MORE_SEEDS, SEED_INTERIOR, SEED_OWNER, SEGMENTS, STREAMS, contexts,
 };
 use crate::codec::moves::GridOwner;
 use crate::codec::numbering::Numbering;
+use crate::codec::part::code_part;
 use crate::codec::plan::SplitPlan;
 use crate::codec::residual::quarter_octaves;
 use crate::codec::source::Source;
@@ -366,7 +367,9 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
     /// Codes vertices without faces: positions relative to one another.
     fn isolated_vertices(&mut self, total: u32) -> Result<(), DecodeError> {
         let Resolution { bits, shift } = self.resolution;
+        let parts = self.mesh.part_count();
         let wanted = self.guide.as_ref().map_or_else(Vec::new, SplitPlan::isolated_vertices);
+        let mut part = 0;
         let isolated_vertices = integer(self.coder, BIRTHS, id32(wanted.len()));
         if isolated_vertices > total {
             return Err(DecodeError::new("chunk", "more vertices appear than were stated"));
@@ -383,6 +386,12 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
                 if *x < 0 || *x >= 1 << bits {
                     return Err(DecodeError::new("chunk", "a position is off the grid"));
                 }
+            }
+            if parts > 1 {
+                let actual = self.guide.as_ref().and_then(|g| Some(g.source.part(name?))).unwrap_or(0);
+                part = code_part(self.coder, BIRTH_PART, part, actual, parts)
+                    .ok_or_else(|| DecodeError::new("chunk", "a part is out of range"))?;
+                self.local.isolated_parts.push(part);
             }
             self.local.add_vertex(previous.map(f64::from), None, own);
             if let (Some(guide), Some(name)) = (self.guide.as_mut(), name) {

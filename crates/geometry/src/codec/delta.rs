@@ -2,7 +2,7 @@
 
 use crate::codec::local::{Local, LocalFace, LocalWedge};
 use crate::numbers::truncated;
-use crate::refine::{ChunkDelta, NewFace, NewVertex, NewWedge, Repoint};
+use crate::refine::{ChunkDelta, NewFace, NewVertex, NewWedge, Origin, Repoint};
 
 impl Local<'_> {
     /// The chunk's changes, in canonical ids.
@@ -12,10 +12,13 @@ impl Local<'_> {
         let wedge_id = |w: u32| self.wedges[w as usize].id;
         let new_wedges = &self.wedges[self.wedges.len() - self.new_wedges as usize..];
         let (old, new_faces) = self.faces.split_at(self.gathered.len());
-        let vertex = |&(v, parent): &(u32, Option<u32>)| NewVertex {
+        let vertex = |(i, &(v, parent)): (usize, &(u32, Option<u32>))| NewVertex {
             position: self.position(v).map(truncated),
             shift: self.vertices[v as usize].shift,
-            parent: parent.map(|p| self.vertex_id(p)),
+            origin: match parent {
+                Some(parent) => Origin::Split(self.vertex_id(parent)),
+                None => Origin::Part(self.isolated_parts.get(i).copied().unwrap_or(0)),
+            },
         };
         let wedge = |w: &LocalWedge| NewWedge { vertex: self.vertex_id(w.vertex), attributes: w.attributes };
         let face = |(f, &material): (&LocalFace, &u16)| NewFace { wedges: f.wedges.map(wedge_id), material };
@@ -31,7 +34,7 @@ impl Local<'_> {
             truncation: None,
             parents,
             moves,
-            vertices: self.new_vertices.iter().map(vertex).collect(),
+            vertices: self.new_vertices.iter().enumerate().map(vertex).collect(),
             wedges: new_wedges.iter().map(wedge).collect(),
             faces: new_faces.iter().zip(&self.materials[old.len()..]).map(face).collect(),
             repoints,

@@ -75,6 +75,7 @@ pub(crate) struct LocalMemory {
     vertex_at: SlotMap,
     wedge_at: SlotMap,
     new_vertices: Vec<(u32, Option<u32>)>,
+    isolated_parts: Vec<u32>,
     gather_buffers: GatherBuffers,
 }
 
@@ -92,6 +93,7 @@ impl LocalMemory {
             + self.vertex_at.bytes()
             + self.wedge_at.bytes()
             + self.new_vertices.capacity() * 12
+            + self.isolated_parts.capacity() * 4
             + self.gather_buffers.bytes()
     }
 }
@@ -120,6 +122,8 @@ pub(crate) struct Local<'a> {
     pub(crate) gather_buffers: GatherBuffers,
     /// New vertices, with the vertex that each splits from.
     pub(crate) new_vertices: Vec<(u32, Option<u32>)>,
+    /// Parts of the new vertices without faces, which come first; empty if the asset is one part.
+    pub(crate) isolated_parts: Vec<u32>,
     pub(crate) new_wedges: u32,
     /// Older vertices that the chunk moves.
     pub(crate) moves: Vec<MovedVertex>,
@@ -145,6 +149,7 @@ impl<'a> Local<'a> {
             wedge_at: memory.wedge_at,
             gather_buffers: memory.gather_buffers,
             new_vertices: memory.new_vertices,
+            isolated_parts: memory.isolated_parts,
             new_wedges: 0,
             moves: Vec::new(),
         };
@@ -160,6 +165,7 @@ impl<'a> Local<'a> {
         local.vertex_at.clear();
         local.wedge_at.clear();
         local.new_vertices.clear();
+        local.isolated_parts.clear();
         local
     }
 
@@ -179,6 +185,7 @@ impl<'a> Local<'a> {
             wedge_at: self.wedge_at,
             gather_buffers: self.gather_buffers,
             new_vertices: self.new_vertices,
+            isolated_parts: self.isolated_parts,
         }
     }
 

@@ -26,6 +26,7 @@ mod memory;
 pub(crate) mod model;
 mod moves;
 mod numbering;
+mod part;
 mod plan;
 mod position;
 pub(crate) mod repeat;

@@ -156,6 +156,8 @@ layout! { CONTEXTS:
     WHICH_SHARERS = (MAX_REPEATED - 1) * SHARERS * SHARERS * (MAX_REPEATED + 1),
     WHICH_GAPS = (MAX_REPEATED - 1) * GAPS * (GAPS + 1),
     WHICH_REST = (MAX_REPEATED - 1) * NOT_SHARERS * BEFORE,
+    BASE_PART = INTEGER_CONTEXTS,
+    BIRTH_PART = INTEGER_CONTEXTS,
 }
 
 /// Assigns contexts to the streams of [`crate::entropy::zstd_streams`]. Byte streams: rare symbols; lengths and

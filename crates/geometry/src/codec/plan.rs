@@ -85,7 +85,11 @@ impl<'a> SplitPlan<'a> {
 
     /// Vertices without faces that the chunk starts with, in decoding order.
     pub(crate) fn isolated_vertices(&self) -> Vec<u32> {
-        self.records.collapses.iter().rev().filter(|c| c.target == NO_VERTEX).map(|c| c.removed).collect()
+        let isolated = self.records.collapses.iter().rev().filter(|c| c.target == NO_VERTEX);
+        let mut isolated: Vec<u32> = isolated.map(|c| c.removed).collect();
+        // By part, so that the steps between the parts' numbers are small.
+        isolated.sort_by_key(|&vertex| self.source.part(vertex));
+        isolated
     }
 
     /// Number of splits in each segment, coarse to fine.

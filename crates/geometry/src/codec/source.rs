@@ -17,6 +17,8 @@ pub(crate) struct Source<'a> {
     pub(crate) wedges: &'a Wedges<'a>,
     /// The builder's faces, for their materials.
     pub(crate) faces: &'a [Face],
+    /// Part of each of the builder's vertices; empty if there is one part.
+    pub(crate) parts: &'a [u32],
     /// Builder's ids by slot of the mesh before the chunk.
     pub(crate) vertex_by_slot: &'a [u32],
     pub(crate) wedge_by_slot: &'a [u32],
@@ -25,4 +27,11 @@ pub(crate) struct Source<'a> {
     pub(crate) slot_of_vertex: &'a [u32],
     /// Whether a builder's vertex is interior to the region.
     pub(crate) interior: &'a (dyn Fn(u32) -> bool + 'a),
+}
+
+impl Source<'_> {
+    /// The part of a builder's vertex.
+    pub(crate) fn part(&self, vertex: u32) -> u32 {
+        self.parts.get(vertex as usize).copied().unwrap_or(0)
+    }
 }

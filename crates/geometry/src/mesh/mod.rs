@@ -27,6 +27,9 @@ pub const NONE: u32 = u32::MAX;
 /// Most bits per axis: differences still fit f32 exactly.
 pub const MAX_POSITION_BITS: u8 = 24;
 
+/// Most parts of a mesh.
+pub const MAX_PARTS: u32 = 1 << 20;
+
 /// Most bits per axis of the uv grid.
 pub const MAX_UV_BITS: u8 = 16;
 
@@ -70,6 +73,9 @@ pub struct SourceMesh {
     pub faces: Vec<[Corner; 3]>,
     /// Material index of each face; as long as `faces`.
     pub materials: Vec<u16>,
+    /// Part of each face: a number that stays with the face at every level, for example that of an object that was
+    /// joined with others. Faces of different parts share no vertex. Empty if the mesh is one part.
+    pub parts: Vec<u32>,
 }
 
 /// Which attributes an asset has.
@@ -182,4 +188,14 @@ pub struct QuantisedMesh {
     pub wedges: Vec<Wedge>,
     /// Triangles.
     pub faces: Vec<Face>,
+    /// Part of each vertex ([`SourceMesh::parts`]); empty if the mesh is one part.
+    pub parts: Vec<u32>,
+}
+
+impl QuantisedMesh {
+    /// One more than the largest part; 1 if the mesh is one part.
+    #[must_use]
+    pub fn part_count(&self) -> u32 {
+        self.parts.iter().max().map_or(1, |most| most + 1)
+    }
 }

@@ -92,6 +92,7 @@ mod tests {
             positions: vec![[0, 0, 0], [9, 0, 0], [9, 9, 0], [0, 9, 0]],
             wedges: (0..4).map(wedge).collect(),
             faces: [[0, 1, 2], [0, 2, 3]].map(|wedges| Face { wedges, material: 0 }).to_vec(),
+            parts: Vec::new(),
         }
     }
 

@@ -65,6 +65,7 @@ pub(super) fn encode_all(
                 shift: simplified.shifts[level],
                 wedges: &simplified.wedges,
                 faces: &mesh.faces,
+                parts: &mesh.parts,
                 vertex_by_slot: &by_slot.vertices,
                 wedge_by_slot: &by_slot.wedges,
                 face_by_slot: &by_slot.faces,

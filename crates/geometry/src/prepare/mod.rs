@@ -146,7 +146,9 @@ fn build_base(
                 material: mesh.faces[f as usize].material,
             })
             .collect(),
+        parts: vertices.iter().filter_map(|&v| mesh.parts.get(v as usize).copied()).collect(),
     };
+    let parts = mesh.part_count();
     if faces.len() > MAX_BASE_FACES {
         return Err(MeshError::TooLarge { kind: "base faces", count: faces.len(), limit: MAX_BASE_FACES });
     }
@@ -155,8 +157,9 @@ fn build_base(
         colors: mesh.wedges.iter().any(|w| w.attributes.color != NO_COLOR),
         normals: mesh.wedges.iter().any(|w| w.attributes.normal.is_some()),
     };
-    let ordered = base::ordered(&coarsest, BaseFormat::new(mesh.grid.bits, kinds, materials, &mesh.uv_grid))
-        .map_err(|e| MeshError::Internal { why: e.to_string() })?;
+    let ordered =
+        base::ordered(&coarsest, BaseFormat::new(mesh.grid.bits, kinds, materials, parts, &mesh.uv_grid))
+            .map_err(|e| MeshError::Internal { why: e.to_string() })?;
     let mut min = [i32::MAX; 3];
     let mut max = [i32::MIN; 3];
     for p in &mesh.positions {
@@ -177,6 +180,7 @@ fn build_base(
         chunk_count: simplified.levels.chunk_count() as u32,
         level_count: simplified.levels.count().min(255) as u8,
         material_count: materials,
+        part_count: parts,
         codec,
         colors: kinds.colors,
         normals: kinds.normals,
@@ -190,6 +194,7 @@ fn build_base(
         shifts: simplified.shifts.iter().rev().copied().collect(),
         wedges: ordered.mesh.wedges,
         faces: ordered.mesh.faces,
+        parts: ordered.mesh.parts,
     };
     let pick = |list: &[u32], order: &[u32]| order.iter().map(|&i| list[i as usize]).collect();
     let by_slot = BySlot {

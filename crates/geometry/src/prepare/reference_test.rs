@@ -159,7 +159,7 @@ impl<'a> Case<'a> {
         let moved_positions = self.moved_positions(set);
         let snapshot = mesh.snapshot();
         let name = |lists: &[Vec<u32>], id: Id| lists[id.owner as usize][id.index as usize];
-        for &(id, position) in &snapshot.vertices {
+        for &(id, position, _) in &snapshot.vertices {
             let vertex = name(&self.vertices, id);
             let left = || self.simplified.placed(vertex).cell;
             assert_eq!(

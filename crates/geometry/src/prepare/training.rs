@@ -147,9 +147,16 @@ fn record(
             positions: base.positions.clone(),
             wedges: base.wedges.clone(),
             faces: base.faces.clone(),
+            parts: base.parts.clone(),
         };
         let mut recorder = Recorder::default();
-        let format = BaseFormat::new(base.grid.bits, base.kinds(), base.material_count, &base.uv_grid);
+        let format = BaseFormat::new(
+            base.grid.bits,
+            base.kinds(),
+            base.material_count,
+            base.part_count,
+            &base.uv_grid,
+        );
         encode_base(&mut recorder, &mesh, format, false)
             .map_err(|e| MeshError::Internal { why: e.to_string() })?;
         all.push(recorder);

@@ -36,6 +36,9 @@ pub struct ActiveMesh {
     pub(crate) vertex_mover: Vec<u32>,
     /// Known number of low bits of the position that are zero.
     pub(crate) vertex_shift: Vec<u8>,
+    /// Part of a vertex; empty if the asset is one part.
+    pub(crate) parts: Vec<u32>,
+    pub(crate) part_count: u32,
     /// [`Base::shifts`].
     pub(crate) shifts: Vec<u8>,
     pub(crate) wedges: Vec<Wedge>,
@@ -79,6 +82,8 @@ impl ActiveMesh {
             vertex_owner: Vec::new(),
             vertex_mover: Vec::new(),
             vertex_shift: Vec::new(),
+            parts: Vec::new(),
+            part_count: base.part_count.max(1),
             shifts: base.shifts.clone(),
             wedges: Vec::new(),
             wedge_owner: Vec::new(),
@@ -109,6 +114,9 @@ impl ActiveMesh {
             mesh.positions[slot] = p;
             mesh.vertex_shift[slot] = base.shifts[0];
             mesh.morph_from[slot] = p;
+        }
+        if mesh.part_count > 1 {
+            mesh.parts[..base.parts.len()].copy_from_slice(&base.parts);
         }
         mesh.wedges[..base.wedges.len()].copy_from_slice(&base.wedges);
         for (slot, face) in base.faces.iter().enumerate() {
@@ -147,6 +155,17 @@ impl ActiveMesh {
         self.applied.get(chunk.checked_add(1)?)?.truncation
     }
 
+    /// Number of parts; 1 for an asset that is not divided.
+    #[must_use]
+    pub fn part_count(&self) -> u32 {
+        self.part_count
+    }
+
+    /// The part of a vertex slot.
+    pub(crate) fn part(&self, vertex: u32) -> u32 {
+        self.parts.get(vertex as usize).copied().unwrap_or(0)
+    }
+
     /// Current number of faces.
     #[must_use]
     pub fn face_count(&self) -> usize {
@@ -171,6 +190,7 @@ impl ActiveMesh {
         self.positions.capacity() * 12
             + self.morph_from.capacity() * 12
             + self.vertex_shift.capacity()
+            + self.parts.capacity() * 4
             + (self.vertex_owner.capacity()
                 + self.vertex_mover.capacity()
                 + self.wedge_owner.capacity()
@@ -208,6 +228,9 @@ impl ActiveMesh {
         grow(&mut self.vertex_owner, v, 0);
         grow(&mut self.vertex_mover, v, 0);
         grow(&mut self.vertex_shift, v, 0);
+        if self.part_count > 1 {
+            grow(&mut self.parts, v, 0);
+        }
         grow(&mut self.wedges, w, Wedge::default());
         grow(&mut self.wedge_owner, w, 0);
         grow(&mut self.faces, f, [0; 3]);

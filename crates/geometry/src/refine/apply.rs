@@ -10,7 +10,7 @@ use crate::mesh::corner::{corner, face_of, side_of};
 use crate::numbers::id32;
 use crate::refine::active::ActiveMesh;
 use crate::refine::applied::{AppliedOwner, Undo, VertexState};
-use crate::refine::delta::{ChunkDelta, Id};
+use crate::refine::delta::{ChunkDelta, Id, Origin};
 use crate::refine::dirty_slots::DirtySlots;
 use crate::refine::error::{ChunkError, RefineError};
 use crate::refine::owners::Owners;
@@ -144,11 +144,21 @@ impl ActiveMesh {
             self.positions[slot as usize] = vertex.position;
             self.vertex_shift[slot as usize] = vertex.shift;
             // A parent inside this chunk has a smaller index, so its ancestor is already known.
-            self.morph_from[slot as usize] = match vertex.parent {
-                Some(parent) if parent.owner == owner => self.morph_from[(first + parent.index) as usize],
-                Some(parent) => self.positions[start(owners.vertex(parent)) as usize],
-                None => vertex.position,
+            let part;
+            (self.morph_from[slot as usize], part) = match vertex.origin {
+                Origin::Split(parent) if parent.owner == owner => {
+                    let parent = first + parent.index;
+                    (self.morph_from[parent as usize], self.part(parent))
+                }
+                Origin::Split(parent) => {
+                    let parent = start(owners.vertex(parent));
+                    (self.positions[parent as usize], self.part(parent))
+                }
+                Origin::Part(part) => (vertex.position, part),
             };
+            if let Some(known) = self.parts.get_mut(slot as usize) {
+                *known = part;
+            }
         }
         let first = start(owners.wedge(Id { owner, index: 0 }));
         for (slot, wedge) in (first..).zip(&delta.wedges) {
@@ -308,10 +318,11 @@ impl ActiveMesh {
         let (vertices, wedges) = (delta.vertices.len(), delta.wedges.len());
         let is_own = |id: Id, count: usize| id.owner == own && (id.index as usize) < count;
         for (i, vertex) in delta.vertices.iter().enumerate() {
-            if let Some(parent) = vertex.parent
-                && !is_own(parent, i)
-            {
-                owners.vertex(parent)?;
+            match vertex.origin {
+                Origin::Split(parent) if is_own(parent, i) => {}
+                Origin::Split(parent) => _ = owners.vertex(parent)?,
+                Origin::Part(part) if part < self.part_count => {}
+                Origin::Part(_) => return None,
             }
         }
         for wedge in delta.wedges.iter().filter(|wedge| !is_own(wedge.vertex, vertices)) {

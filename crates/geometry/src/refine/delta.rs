@@ -31,8 +31,17 @@ pub struct NewVertex {
     pub position: [i32; 3],
     /// Its shift (low bits that are zero).
     pub shift: u8,
-    /// The vertex it splits from; `None` for a vertex without faces, which starts a new piece of surface.
-    pub parent: Option<Id>,
+    /// Where it comes from.
+    pub origin: Origin,
+}
+
+/// Origin of a new vertex.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Origin {
+    /// It splits from this vertex and belongs to its part.
+    Split(Id),
+    /// It has no faces yet and starts a new piece of surface, of this part.
+    Part(u32),
 }
 
 /// A wedge that a chunk adds.

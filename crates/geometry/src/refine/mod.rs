@@ -25,7 +25,7 @@ mod snapshot;
 pub(crate) use owners::Owners;
 
 pub use active::ActiveMesh;
-pub use delta::{ChunkDelta, Id, MovedVertex, NewFace, NewVertex, NewWedge, Repoint};
+pub use delta::{ChunkDelta, Id, MovedVertex, NewFace, NewVertex, NewWedge, Origin, Repoint};
 pub use dirty_slots::DirtySlots;
 pub use error::{ChunkError, RefineError};
 pub use render::RenderVertex;

@@ -22,6 +22,8 @@ pub struct RenderVertex {
     pub morph_from: [f32; 3],
     /// Whether all wedges of the vertex have this normal, so no crease runs through it.
     pub smooth: bool,
+    /// The part that the vertex belongs to, below [`ActiveMesh::part_count`].
+    pub part: u32,
 }
 
 impl ActiveMesh {
@@ -83,6 +85,7 @@ impl ActiveMesh {
             uv: uv.map(nearest_f32),
             color: wedge.attributes.color,
             morph_from: place(self.morph_from[wedge.vertex as usize]),
+            part: self.part(wedge.vertex),
         }
     }
 

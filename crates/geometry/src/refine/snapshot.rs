@@ -8,8 +8,8 @@ use crate::refine::delta::Id;
 /// Complete state of a refined mesh, sorted by id.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Snapshot {
-    /// Vertices and their positions.
-    pub vertices: Vec<(Id, [i32; 3])>,
+    /// Vertices: id, position, part.
+    pub vertices: Vec<(Id, [i32; 3], u32)>,
     /// Wedges: id, vertex, attributes.
     pub wedges: Vec<(Id, Id, Attributes)>,
     /// Faces: id, wedges, material.
@@ -24,7 +24,8 @@ impl ActiveMesh {
         for (owner, applied) in self.applied.iter() {
             let id = |start: u32, slot: u32| Id { owner, index: slot - start };
             for slot in applied.vertices.clone() {
-                snapshot.vertices.push((id(applied.vertices.start, slot), self.positions[slot as usize]));
+                let position = self.positions[slot as usize];
+                snapshot.vertices.push((id(applied.vertices.start, slot), position, self.part(slot)));
             }
             for slot in applied.wedges.clone() {
                 let wedge = self.wedges[slot as usize];
@@ -55,6 +56,7 @@ impl ActiveMesh {
             positions: Vec::new(),
             wedges: Vec::new(),
             faces: Vec::new(),
+            parts: Vec::new(),
         };
         let mut vertex_new = vec![u32::MAX; self.positions.len()];
         let mut wedge_new = vec![u32::MAX; self.wedges.len()];
@@ -65,6 +67,7 @@ impl ActiveMesh {
                     if vertex_new[wedge.vertex as usize] == u32::MAX {
                         vertex_new[wedge.vertex as usize] = id32(mesh.positions.len());
                         mesh.positions.push(self.positions[wedge.vertex as usize]);
+                        mesh.parts.extend(self.parts.get(wedge.vertex as usize));
                     }
                     if wedge_new[w as usize] == u32::MAX {
                         wedge_new[w as usize] = id32(mesh.wedges.len());

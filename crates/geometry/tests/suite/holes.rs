@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use lodestream_geometry::ancestor_closed_cut;
 use lodestream_geometry::mesh::SourceMesh;
 use lodestream_geometry::random::Random;
-use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, Id, Snapshot};
+use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, Id, Origin, Snapshot};
 
 use crate::common::{all, prepared, quantised, shapes, with_bits, with_truncation_points};
 use crate::invariants::{apply, deltas};
@@ -39,8 +39,8 @@ fn flip(odd: &mut BTreeSet<(Id, Id)>, a: Id, b: Id) {
 /// The ancestor of an input vertex in a mesh without some of the chunks.
 fn ancestor(state: &Snapshot, deltas: &[ChunkDelta], mut vertex: Id) -> Id {
     while state.vertices.binary_search_by_key(&vertex, |v| v.0).is_err() {
-        let parent = deltas[vertex.owner as usize - 1].vertices[vertex.index as usize].parent;
-        let Some(parent) = parent else { break };
+        let origin = deltas[vertex.owner as usize - 1].vertices[vertex.index as usize].origin;
+        let Origin::Split(parent) = origin else { break };
         vertex = parent;
     }
     vertex
@@ -87,6 +87,7 @@ fn closed_meshes_never_get_holes() {
     for (name, mut source) in all() {
         source.faces.extend(source.faces.clone());
         source.materials.extend(source.materials.clone());
+        source.parts.extend(source.parts.clone());
         assert_eq!(no_new_holes(name, &source, 12, 200, 3), 0, "{name}");
     }
 }

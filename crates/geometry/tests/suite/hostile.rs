@@ -6,7 +6,7 @@ use lodestream_geometry::mesh::SourceMesh;
 use lodestream_geometry::pack::{BlobKind, HEAD_BYTES, Head, write};
 use lodestream_geometry::prepare::{Prepared, suit};
 use lodestream_geometry::random::Random;
-use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, Id, RefineError, Repoint, Snapshot};
+use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, Id, Origin, RefineError, Repoint, Snapshot};
 use lodestream_geometry::{Codec, Settings};
 use proptest::prelude::*;
 
@@ -43,7 +43,10 @@ fn the_samples_cover_isolated_vertices_and_seams() {
     let deltas: Vec<Vec<ChunkDelta>> = samples.iter().map(|asset| deltas(asset).1).collect();
     assert!(deltas.iter().all(|d| d.len() >= 2), "{:?}", deltas.iter().map(Vec::len).collect::<Vec<_>>());
     let all = || deltas.iter().flatten();
-    assert!(all().any(|d| d.vertices.iter().any(|v| v.parent.is_none())), "no vertices without faces");
+    assert!(
+        all().any(|d| d.vertices.iter().any(|v| matches!(v.origin, Origin::Part(_)))),
+        "no vertices without faces"
+    );
     assert!(all().any(|d| d.wedges.len() > d.vertices.len()), "no seams");
     assert!(all().any(|d| d.faces.iter().any(|f| f.material > 0)), "no materials");
 }
@@ -280,8 +283,11 @@ fn forged_deltas_are_refused_without_change() {
                     assert!(mesh.snapshot() == before);
                 }
             };
+            for part in [asset.base.part_count, u32::MAX] {
+                refused(&mut mesh, &|d| d.vertices.iter_mut().for_each(|v| v.origin = Origin::Part(part)));
+            }
             for id in missing {
-                refused(&mut mesh, &|d| d.vertices.iter_mut().for_each(|v| v.parent = Some(id)));
+                refused(&mut mesh, &|d| d.vertices.iter_mut().for_each(|v| v.origin = Origin::Split(id)));
                 refused(&mut mesh, &|d| d.wedges.iter_mut().for_each(|w| w.vertex = id));
                 refused(&mut mesh, &|d| d.faces.iter_mut().for_each(|f| f.wedges[1] = id));
                 refused(&mut mesh, &|d| d.moves.iter_mut().for_each(|m| m.vertex = id));

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use lodestream_geometry::mesh::QuantisedMesh;
 use lodestream_geometry::prepare::Prepared;
 use lodestream_geometry::random::Random;
-use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, DirtySlots, Id, RenderVertex};
+use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, DirtySlots, Id, Origin, RenderVertex};
 
 use crate::common::{all, plain_faces, prepared, quantised, regions, shapes};
 use crate::invariants::deltas;
@@ -122,11 +122,11 @@ fn vertices_morph_from_where_they_or_their_ancestors_were() {
 }
 
 /// Origin of a new vertex on the mesh without its chunk.
-fn source_of(delta: &ChunkDelta, index: usize, before: &[(Id, [i32; 3])]) -> [i32; 3] {
-    match delta.vertices[index].parent {
-        Some(p) if p.owner == delta.chunk + 1 => source_of(delta, p.index as usize, before),
-        Some(p) => before[before.binary_search_by_key(&p, |v| v.0).unwrap()].1,
-        None => delta.vertices[index].position,
+fn source_of(delta: &ChunkDelta, index: usize, before: &[(Id, [i32; 3], u32)]) -> [i32; 3] {
+    match delta.vertices[index].origin {
+        Origin::Split(p) if p.owner == delta.chunk + 1 => source_of(delta, p.index as usize, before),
+        Origin::Split(p) => before[before.binary_search_by_key(&p, |v| v.0).unwrap()].1,
+        Origin::Part(_) => delta.vertices[index].position,
     }
 }
 

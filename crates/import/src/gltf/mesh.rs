@@ -76,6 +76,11 @@ impl<'a> Builder<'a> {
         Ok(())
     }
 
+    /// Numbers the faces added since the last call as a part.
+    pub(super) fn end_part(&mut self, part: u32) {
+        self.mesh.parts.resize(self.mesh.faces.len(), part);
+    }
+
     fn primitive(
         &mut self,
         primitive: &json::mesh::Primitive,

@@ -97,8 +97,9 @@ impl Document {
                 builder.add(*mesh, &DMat4::from_mat3(DMat3::from_cols_array_2d(linear)))?;
             }
             Part::Batch(members) => {
-                for member in &**members {
+                for (part, member) in (0..).zip(&**members) {
                     builder.add(member.mesh, &DMat4::from_cols_array_2d(&member.to_scene))?;
+                    builder.end_part(part);
                 }
             }
         }

@@ -187,6 +187,7 @@ mod tests {
             positions,
             faces: vec![[0, 1, 2].map(corner), [0, 2, 3].map(corner)],
             materials: vec![0, 1],
+            ..SourceMesh::default()
         }
     }
 

@@ -205,6 +205,7 @@ mod tests {
                 wedge(3, 0),
             ],
             faces: vec![Face { wedges: [0, 1, 2], material: 0 }, Face { wedges: [3, 4, 5], material: 0 }],
+            parts: Vec::new(),
         }
     }
 

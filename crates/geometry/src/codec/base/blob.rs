@@ -8,7 +8,7 @@ use crate::entropy::Codec;
 use crate::entropy::bytes::{Reader, put_varint};
 use crate::error::DecodeError;
 use crate::mesh::{Grid, Kinds, UvGrid};
-use crate::mesh::{MAX_POSITION_BITS, MAX_UV_BITS};
+use crate::mesh::{MAX_PARTS, MAX_POSITION_BITS, MAX_UV_BITS};
 use crate::numbers::id32;
 
 /// Codec of the chunks, in the top two bits of the byte that holds the position bits.
@@ -17,6 +17,8 @@ const PLAIN: u8 = 0x80;
 /// An earlier form of axis-aligned, without projected textures; no longer readable.
 const AXIS_ALIGNED_V1: u8 = 0x40;
 const CODED: u8 = 0xc0;
+/// In the byte of attributes: the number of parts follows that of materials.
+const HAS_PARTS: u8 = 0x20;
 
 impl Base {
     /// Encodes the blob. Vertices, wedges and faces must be in traversal order, as [`crate::prepare::prepare`] and
@@ -50,7 +52,10 @@ impl Base {
 
     /// Bytes of the head and the description; the mesh to encode, and its format.
     fn parts(&self) -> (Vec<u8>, BaseMesh, BaseFormat) {
-        let kinds = self.uv_grid.bits | u8::from(self.colors) << 6 | u8::from(self.normals) << 7;
+        let kinds = self.uv_grid.bits
+            | if self.part_count > 1 { HAS_PARTS } else { 0 }
+            | u8::from(self.colors) << 6
+            | u8::from(self.normals) << 7;
         let coded = match self.codec {
             Codec::Range => 0,
             Codec::AxisAligned => AXIS_ALIGNED,
@@ -73,6 +78,9 @@ impl Base {
         }
         put_varint(&mut out, u64::from(self.chunk_count));
         put_varint(&mut out, u64::from(self.material_count));
+        if self.part_count > 1 {
+            put_varint(&mut out, u64::from(self.part_count));
+        }
         for total in [self.totals.vertices, self.totals.wedges, self.totals.faces] {
             put_varint(&mut out, total);
         }
@@ -82,9 +90,10 @@ impl Base {
             positions: self.positions.iter().map(|p| p.map(|x| x >> shift)).collect(),
             wedges: self.wedges.clone(),
             faces: self.faces.clone(),
+            parts: self.parts.clone(),
         };
-        let format =
-            BaseFormat::new(self.grid.bits - shift, self.kinds(), self.material_count, &self.uv_grid);
+        let bits = self.grid.bits - shift;
+        let format = BaseFormat::new(bits, self.kinds(), self.material_count, self.part_count, &self.uv_grid);
         (out, base, format)
     }
 
@@ -121,7 +130,7 @@ impl Base {
             _ => return Err(r.error("unknown codec of its chunks")),
         };
         let bits = bits & !CODED;
-        let (uv_bits, colors, normals) = (kinds & 0x3f, kinds & 0x40 != 0, kinds & 0x80 != 0);
+        let (uv_bits, colors, normals) = (kinds & 0x1f, kinds & 0x40 != 0, kinds & 0x80 != 0);
         if !(1..=MAX_POSITION_BITS).contains(&bits) || uv_bits > MAX_UV_BITS {
             return Err(r.error(format!("{bits} position bits and {uv_bits} uv bits are out of range")));
         }
@@ -148,13 +157,17 @@ impl Base {
         let chunk_count = r.varint32(MAX_CHUNKS)?;
         let material_count = r.varint32(u16::MAX.into())?;
         let material_count = u16::try_from(material_count).map_err(|_| r.error("too many materials"))?;
+        let part_count = if kinds & HAS_PARTS == 0 { 1 } else { r.varint32(MAX_PARTS)? };
+        if kinds & HAS_PARTS != 0 && part_count < 2 {
+            return Err(r.error("it is marked as several parts and has fewer than two"));
+        }
         let limit = u64::from(u32::MAX);
         let totals = Totals { vertices: r.varint(limit)?, wedges: r.varint(limit)?, faces: r.varint(limit)? };
         let length = r.varint32(id32(MAX_DESCRIPTION_BYTES))? as usize;
         let description = r.take(length)?.to_vec();
         let rest = r.remaining();
         let kinds = Kinds { uv_bits, colors, normals };
-        let format = BaseFormat::new(bits - shift, kinds, material_count, &uv_grid);
+        let format = BaseFormat::new(bits - shift, kinds, material_count, part_count, &uv_grid);
         let mesh = base::decode(r.take(rest)?, mesh.unwrap_or(codec), format)?;
         Ok(Self {
             grid,
@@ -165,6 +178,7 @@ impl Base {
             chunk_count,
             level_count,
             material_count,
+            part_count,
             codec,
             colors,
             normals,
@@ -174,6 +188,7 @@ impl Base {
             shifts,
             wedges: mesh.wedges,
             faces: mesh.faces,
+            parts: mesh.parts,
         })
     }
 }

@@ -8,6 +8,8 @@ pub(crate) struct BaseMesh {
     pub(crate) positions: Vec<[i32; 3]>,
     pub(crate) wedges: Vec<Wedge>,
     pub(crate) faces: Vec<Face>,
+    /// Part of each vertex; empty if the format has one part.
+    pub(crate) parts: Vec<u32>,
 }
 
 impl BaseMesh {
@@ -39,14 +41,16 @@ pub(crate) struct BaseFormat {
     pub(crate) kinds: Kinds,
     /// Number of materials.
     pub(crate) materials: u16,
+    /// Number of parts.
+    pub(crate) parts: u32,
     /// Height over width of a cell of the uv grid; 1 without texture coordinates.
     pub(crate) uv_ratio: f64,
 }
 
 impl BaseFormat {
-    pub(crate) fn new(bits: u8, kinds: Kinds, materials: u16, uv_grid: &UvGrid) -> Self {
+    pub(crate) fn new(bits: u8, kinds: Kinds, materials: u16, parts: u32, uv_grid: &UvGrid) -> Self {
         let ratio = uv_grid.step[1] / uv_grid.step[0];
         let uv_ratio = if ratio.is_finite() && ratio > 0.0 { ratio } else { 1.0 };
-        Self { bits, kinds, materials, uv_ratio }
+        Self { bits, kinds, materials, parts, uv_ratio }
     }
 }

@@ -77,6 +77,11 @@ impl<'a> TargetMesh<'a> {
         self.mesh.faces[face as usize].material
     }
 
+    /// The part of a wedge's vertex.
+    pub(super) fn part(&self, wedge: u32) -> u32 {
+        self.mesh.parts.get(self.vertex_of(wedge) as usize).copied().unwrap_or(0)
+    }
+
     /// Assigns the next number to a wedge's vertex.
     pub(super) fn number_vertex(&mut self, wedge: u32) {
         self.names.vertex(self.vertex_of(wedge));

@@ -9,7 +9,8 @@ use crate::codec::base::position_candidates::PositionCandidates;
 use crate::codec::base::repeats::Repeats;
 use crate::codec::base::target::TargetMesh;
 use crate::codec::base::uv_candidates::UvCandidates;
-use crate::codec::model::{BASE_GATE, BASE_MATERIAL, BASE_MORE, BASE_SAME_MATERIAL};
+use crate::codec::model::{BASE_GATE, BASE_MATERIAL, BASE_MORE, BASE_PART, BASE_SAME_MATERIAL};
+use crate::codec::part::code_part;
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::integer;
 use crate::error::DecodeError;
@@ -32,6 +33,8 @@ pub(super) struct Walk<'a, C> {
     pub(super) wedges_of: Vec<Vec<u32>>,
     /// Gates not yet visited.
     queue: VecDeque<Gate>,
+    /// Part of the component that began last.
+    last_part: u32,
     /// Directed edges with a face, and the face.
     pub(super) edges: HashMap<(u32, u32), u32>,
     pub(super) border: Border,
@@ -70,6 +73,7 @@ impl<'a, C: Coder> Walk<'a, C> {
             mesh: BaseMesh::default(),
             wedges_of: Vec::new(),
             queue: VecDeque::new(),
+            last_part: 0,
             edges: HashMap::new(),
             border: Border::default(),
             repeats: Repeats::default(),
@@ -119,7 +123,13 @@ impl<'a, C: Coder> Walk<'a, C> {
             corners.next = i;
             let vertex = match across {
                 Some(wedge) => self.mesh.wedges[wedge as usize].vertex,
-                None => self.vertex(&corners, want.map(|w| w.1[i]))?,
+                None => {
+                    let wanted = want.map(|w| w.1[i]);
+                    let vertex = self.vertex(&corners, wanted)?;
+                    let known = corners.vertices[..i].first().copied();
+                    self.part(vertex, known, wanted)?;
+                    vertex
+                }
             };
             if corners.vertices[..i].contains(&vertex) {
                 return Err(DecodeError::new("base mesh", "a face uses a vertex twice"));
@@ -144,6 +154,27 @@ impl<'a, C: Coder> Walk<'a, C> {
             self.queue.push_back(Gate { face, k });
         }
         self.coder.check()
+    }
+
+    /// Codes the part of a vertex if it is new: that of a known corner of the face, else close to the last.
+    fn part(&mut self, vertex: u32, known: Option<u32>, want: Option<u32>) -> Result<(), DecodeError> {
+        if self.format.parts < 2 || self.mesh.parts.len() > vertex as usize {
+            return Ok(());
+        }
+        let part = match known {
+            Some(corner) => self.mesh.parts[corner as usize],
+            None => {
+                let wanted = match (&self.target, want) {
+                    (Some(target), Some(wedge)) => target.part(wedge),
+                    _ => 0,
+                };
+                self.last_part = code_part(self.coder, BASE_PART, self.last_part, wanted, self.format.parts)
+                    .ok_or_else(|| DecodeError::new("base mesh", "a part is out of range"))?;
+                self.last_part
+            }
+        };
+        self.mesh.parts.push(part);
+        Ok(())
     }
 
     fn material(&mut self, gate: Option<Gate>, want: Option<u32>) -> Result<u16, DecodeError> {

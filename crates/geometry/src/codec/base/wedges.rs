@@ -213,7 +213,7 @@ mod tests {
     ) -> [Option<Uv>; CANDIDATES] {
         let kinds = Kinds { uv_bits: 8, ..Kinds::default() };
         let mut coder = NullCoder;
-        let format = BaseFormat { bits: 8, kinds, materials: 1, uv_ratio };
+        let format = BaseFormat { bits: 8, kinds, materials: 1, parts: 1, uv_ratio };
         let mut walk = Walk::new(&mut coder, format, u64::MAX, true);
         walk.mesh.positions = SQUARE.to_vec();
         for (vertex, uv) in (0..).zip([map(SQUARE[0]), map(SQUARE[1]), map(SQUARE[2]), OTHER_CHART]) {

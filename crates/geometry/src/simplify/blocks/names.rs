@@ -165,6 +165,8 @@ pub(crate) fn part(
                 material: whole.faces[face as usize].material,
             })
             .collect(),
+        // Simplification keeps vertices within their parts without knowing them.
+        parts: Vec::new(),
     };
     let names = Names {
         vertices: vertices.iter().collect(),

@@ -37,6 +37,8 @@ pub(crate) fn all() -> Vec<(&'static str, SourceMesh)> {
         ("medley", shapes::medley(6)),
         ("painted torus", shapes::painted(shapes::torus(30, 50))),
         ("dressed stones", shapes::stones(40)),
+        ("parts of one component each", shapes::parts(shapes::frigate(12), 192)),
+        ("parts that touch", shapes::parts(shapes::height_field(40), 100)),
     ]
 }
 
@@ -90,8 +92,9 @@ pub(crate) fn prepared(mesh: &QuantisedMesh, settings: &Settings) -> Prepared {
 /// Larger meshes are not cached; each is used by one test.
 const MAX_CACHED_FACES: usize = 20_000;
 
-/// A face by value: position and attributes per corner, rotated so that the smallest comes first, and the material.
-pub(crate) type PlainFace = ([([i32; 3], Attributes); 3], u16);
+/// A face by value: position, part and attributes per corner, rotated so that the smallest comes first, and the
+/// material.
+pub(crate) type PlainFace = ([([i32; 3], u32, Attributes); 3], u16);
 
 /// The faces of a mesh, sorted, independent of numbering.
 pub(crate) fn plain_faces(mesh: &QuantisedMesh) -> Vec<PlainFace> {
@@ -101,7 +104,8 @@ pub(crate) fn plain_faces(mesh: &QuantisedMesh) -> Vec<PlainFace> {
         .map(|face| {
             let corners = face.wedges.map(|w| {
                 let wedge = mesh.wedges[w as usize];
-                (mesh.positions[wedge.vertex as usize], wedge.attributes)
+                let vertex = wedge.vertex as usize;
+                (mesh.positions[vertex], mesh.parts.get(vertex).copied().unwrap_or(0), wedge.attributes)
             });
             let turns = [0, 1, 2].map(|k| [0, 1, 2].map(|i| corners[(i + k) % 3]));
             (*turns.iter().min().unwrap(), face.material)

@@ -308,6 +308,12 @@ pub(crate) fn materials(mut mesh: SourceMesh, count: u16) -> SourceMesh {
     mesh
 }
 
+/// The surface cut into parts of `faces` faces.
+pub(crate) fn parts(mut mesh: SourceMesh, faces: usize) -> SourceMesh {
+    mesh.parts = (0..mesh.faces.len()).map(|face| (face / faces) as u32).collect();
+    mesh
+}
+
 /// Joins two meshes, moving the second.
 pub(crate) fn join(mut a: SourceMesh, b: &SourceMesh, by: [f64; 3]) -> SourceMesh {
     let (p, t, n) = (a.positions.len() as u32, a.uvs.len() as u32, a.normals.len() as u32);
