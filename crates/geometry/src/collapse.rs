@@ -135,6 +135,23 @@ impl Records {
         self.truncation_points = (1..parts).rev().map(|part| (total * part / parts) as u32).collect();
     }
 
+    /// The largest count of collapses, at most `count`, that does not divide collapses of equal cost: a component that
+    /// vanishes as a whole, if it has at most `most` vertices. Needs the costs.
+    pub(crate) fn aligned(&self, count: usize, most: usize) -> usize {
+        let divides = |count: usize| count > 0 && self.costs.get(count) == self.costs.get(count - 1);
+        let start = (count.saturating_sub(most)..=count).rev().find(|&count| !divides(count));
+        start.unwrap_or(count)
+    }
+
+    /// Aligns the truncation points ([`Self::aligned`]).
+    pub(crate) fn align_truncation_points(&mut self, most: usize) {
+        let mut points: Vec<u32> =
+            self.truncation_points.iter().map(|&point| self.aligned(point as usize, most) as u32).collect();
+        points.dedup();
+        points.retain(|&point| point > 0);
+        self.truncation_points = points;
+    }
+
     /// The truncation points that are encoded, as indices of [`Records::truncation_points`]: only the middle one.
     /// Each costs about 0.5 bits per split, because the order of the splits must be encoded; errors are measured at
     /// all of them.

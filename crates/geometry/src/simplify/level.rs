@@ -11,6 +11,7 @@ use crate::simplify::queue::simplify_region;
 use crate::simplify::region::Region;
 use crate::simplify::settings::Settings;
 use crate::simplify::star_table::each_edge;
+use crate::simplify::whole_components::WholeComponents;
 
 /// Marks a vertex whose star is in several regions, or in none.
 const OUTLINE: u32 = u32::MAX;
@@ -40,6 +41,8 @@ pub(crate) struct Level<'a> {
     fixed: Fixed<'a>,
     /// The samples of each region.
     pub(crate) samples: Samples,
+    /// If the mesh is divided into parts.
+    pub(crate) components: Option<WholeComponents>,
 }
 
 impl<'a> Level<'a> {
@@ -53,7 +56,13 @@ impl<'a> Level<'a> {
         pool: &MonitoredPool<'_>,
     ) -> Result<Self, MeshError> {
         let list = &live.faces;
-        let centroids = || list.iter().map(|&f| live.centroid(f as usize));
+        let components = live.has_parts().then(|| WholeComponents::new(live));
+        let place = |f: u32| {
+            let components = components.as_ref();
+            let whole = components.and_then(|components| components.place(live.face_vertices[f as usize]));
+            whole.unwrap_or_else(|| live.centroid(f as usize))
+        };
+        let centroids = || list.iter().map(|&f| place(f));
         let regions = partition(&centroids, &|| adjacency(live), count, number, pool)?;
         let mut region_of_face = vec![OUTLINE; live.alive.len()];
         let mut sizes = vec![0; count.max(1)];
@@ -76,7 +85,7 @@ impl<'a> Level<'a> {
             }
         }
         let samples = deviation.by_region(&region_of_face, faces.len());
-        Ok(Self { region_of_face, faces, interior, capacity, vertices, fixed, samples })
+        Ok(Self { region_of_face, faces, interior, capacity, vertices, fixed, samples, components })
     }
 
     /// The interior vertices of each region, ascending.
@@ -104,6 +113,7 @@ impl<'a> Level<'a> {
             let limit = if last { usize::MAX } else { (self.capacity[r] as f64 * share) as usize };
             let mut region = self.region(live, r, settings);
             region.hold(|v| self.fixed.held.binary_search(&v).is_ok());
+            region.group(self.components.as_ref());
             if tear {
                 region.tear_outline();
             }
@@ -122,6 +132,7 @@ impl<'a> Level<'a> {
     ) -> Records {
         let mut region = self.region(live, r, settings);
         region.hold(|v| [self.fixed.held, held].iter().any(|held| held.binary_search(&v).is_ok()));
+        region.group(self.components.as_ref());
         let mut records = simplify_region(region, most, settings.round_share);
         let keep = records.costs.partition_point(|&cost| cost <= highest_cost);
         records.truncate(keep);

@@ -16,6 +16,7 @@ use crate::simplify::level::Level;
 use crate::simplify::live::Live;
 use crate::simplify::settings::Settings;
 use crate::simplify::surroundings::compact;
+use crate::simplify::whole_components::MAX_DROPPED_VERTICES;
 
 /// Input samples by which prefixes of a region's collapses are judged.
 const SEARCH_SAMPLES: usize = 8000;
@@ -217,7 +218,10 @@ impl<'a> LimitedRegion<'a> {
             let most = (whole.collapses.len(), highest_cost);
             records = self.level.simplify_with_locked(self.live, self.r, &held, most, settings);
         }
-        let keep = self.longest_good_prefix(&records, regions);
+        let mut keep = self.longest_good_prefix(&records, regions);
+        if self.level.components.is_some() {
+            keep = records.aligned(keep, MAX_DROPPED_VERTICES as usize);
+        }
         records.truncate(keep);
         Ok(records)
     }
@@ -232,9 +236,14 @@ impl<'a> LimitedRegion<'a> {
         for (successor, found) in self.far_from(records, &after)?.into_iter().flatten() {
             insert_farther(&mut far, successor, found);
         }
+        let mut far: Vec<LimitViolation> = far.into_values().collect();
+        if let Some(components) = &self.level.components {
+            // Large components first, so that they stand for small ones near by.
+            far.sort_by(|a, b| components.diagonal(b.root).total_cmp(&components.diagonal(a.root)));
+        }
         let near = |point: Vec3, v: u32| length(sub(point, live.positions[v as usize])) <= limit / MARGIN;
         let mut hold: Vec<u32> = Vec::new();
-        for LimitViolation { root, point, .. } in far.into_values() {
+        for LimitViolation { root, point, .. } in far {
             if !hold.iter().chain(held).any(|&h| near(point, h)) {
                 hold.push(root);
             }

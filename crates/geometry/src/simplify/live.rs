@@ -162,6 +162,11 @@ impl<'a> Live<'a> {
         wedges.map(|wedge| self.position(self.mesh.positions[vertex(wedge) as usize]))
     }
 
+    /// Whether the mesh is divided into parts.
+    pub(crate) fn has_parts(&self) -> bool {
+        !self.mesh.parts.is_empty()
+    }
+
     /// The material of a face.
     pub(crate) fn material(&self, face: u32) -> u16 {
         self.mesh.faces[face as usize].material

@@ -33,6 +33,7 @@ mod star_table;
 mod surroundings;
 #[cfg(test)]
 mod truncation_test;
+mod whole_components;
 
 #[cfg(test)]
 use crate::checkpoint::CheckpointStore;
@@ -86,7 +87,8 @@ pub(crate) fn simplify_from<'a>(
     let mut deviation = Deviation::new(&live, mesh.uv_grid, pool)?.with_inherited(inherited);
     let mut stray_error = merged.map_or(0.0, |merged| merged.stray_error);
     let mut shifts = vec![0; 1 + levels.count()];
-    let mut held = corners_to_hold(&live, limit.error, diagonal);
+    // Components of a mesh with parts keep their shape anyway.
+    let mut held = if live.has_parts() { Vec::new() } else { corners_to_hold(&live, limit.error, diagonal) };
     if let Some(merged) = merged {
         apply_last_levels(merged, mesh, &mut live, &levels)?;
         deviation.search_all(&live, pool)?;
@@ -118,9 +120,10 @@ pub(crate) fn simplify_from<'a>(
         pool.begin(Stage::Simplify)?;
         let last = live.faces.len() <= if stuck { top_faces.max(MAX_REGION_FACES) } else { top_faces };
         let count = if last { 1 } else { live.faces.len() / region_faces };
-        // The last level to the base mesh uses no coarser grid, because its error counts against the limit.
-        let coarse_grid =
-            if last || settings.codec == Codec::AxisAligned { 0.0 } else { settings.coarse_grid };
+        // The last level to the base mesh uses no coarser grid, because its error counts against the limit; a mesh with
+        // parts uses none, because it would be coarser than its parts.
+        let one_grid = last || settings.codec == Codec::AxisAligned || live.has_parts();
+        let coarse_grid = if one_grid { 0.0 } else { settings.coarse_grid };
         let place = LevelParameters { number: levels.count(), count, last, shift, coarse_grid, done: gone };
         let wedges = live.wedges.len();
         let LevelResult { chunks, shift: next, removed, vertices } =

@@ -50,6 +50,8 @@ struct CollapseQueue {
     /// Cost (as the bits of a positive f32) in the high half, vertex in the low half.
     heap: BinaryHeap<Reverse<u64>>,
     ring: Vec<u32>,
+    /// Whether a component is being dropped, whose shape does not matter.
+    drops: bool,
 }
 
 impl CollapseQueue {
@@ -62,6 +64,7 @@ impl CollapseQueue {
             best: vec![NONE; vertices],
             heap: BinaryHeap::with_capacity(vertices * 2),
             ring: Vec::new(),
+            drops: false,
             region,
         }
     }
@@ -74,6 +77,11 @@ impl CollapseQueue {
                 self.best[u as usize] = NONE;
                 self.find_candidate(u, None);
             }
+            for (number, group) in (self.region.vertex_count()..).zip(&self.region.groups) {
+                if group.drop_cost < f64::INFINITY {
+                    self.heap.push(Reverse(key(group.drop_cost, number)));
+                }
+            }
         }
     }
 
@@ -85,19 +93,52 @@ impl CollapseQueue {
         while !self.full() {
             let Some(Reverse(entry)) = self.heap.pop() else { break };
             let u = entry as u32;
+            if let Some(number) = u.checked_sub(self.region.vertex_count()) {
+                self.drop_group(number);
+                continue;
+            }
             let best = self.best[u as usize];
             if self.region.removed[u as usize] || key(best.cost, u) != entry {
                 continue;
             }
-            if best.stale {
+            if self.region.group_of(u).is_some_and(|group| best.cost > group.most_cost) {
+                // It would deform its component too much.
+                self.best[u as usize] = NONE;
+            } else if best.stale {
                 self.find_candidate(u, None);
-            } else if self.rules.penalty(&self.region, u, best.target).is_none() {
+            } else if self.region.shrinks(u, best.target)
+                || self.rules.penalty(&self.region, u, best.target).is_none()
+            {
                 self.find_candidate(u, Some(best));
             } else {
                 self.region.collapse(u, best.target, best.cost);
                 self.update(u, best.target);
             }
         }
+    }
+
+    /// Collapses a whole component, cheapest first, all at the cost of dropping it.
+    fn drop_group(&mut self, number: u32) {
+        let Some(group) = self.region.groups.get_mut(number as usize) else { return };
+        let cost = std::mem::replace(&mut group.drop_cost, f64::INFINITY);
+        let vertices = std::mem::take(&mut group.vertices);
+        let strict = std::mem::replace(&mut self.rules.strict, false);
+        self.drops = true;
+        loop {
+            let mut cheapest: Option<(u32, Best)> = None;
+            for &u in &vertices {
+                if self.region.stars.is_empty(u) {
+                    continue;
+                }
+                let best = self.cheapest(u, None);
+                if best.target != NONE.target && cheapest.is_none_or(|(_, known)| best.cost < known.cost) {
+                    cheapest = Some((u, best));
+                }
+            }
+            let Some((u, best)) = cheapest else { break };
+            self.region.collapse(u, best.target, cost);
+        }
+        (self.rules.strict, self.drops) = (strict, false);
     }
 
     /// Rounds of the cheapest collapses that share no face.
@@ -197,11 +238,23 @@ impl CollapseQueue {
         if !self.region.interior[at] || self.region.removed[at] || self.region.held[at] {
             return;
         }
+        let best = self.cheapest(u, after);
+        self.best[at] = best;
+        if best.target != NONE.target {
+            self.heap.push(Reverse(key(best.cost, u)));
+        }
+    }
+
+    /// The cheapest candidate of `u`, as in [`Self::find_candidate`].
+    fn cheapest(&mut self, u: u32, after: Option<Best>) -> Best {
         let mut ring = std::mem::take(&mut self.rules.ring_u);
         self.rules.ring(&self.region, u, &mut ring);
         self.pricer.prepare(&self.region, u);
         let mut best = NONE;
         for &t in ring.iter().filter(|&&t| self.region.interior[t as usize]) {
+            if !self.drops && self.region.shrinks(u, t) {
+                continue;
+            }
             let mut cost = self.pricer.cost(&self.region, u, t);
             let dearer = |a: &Best| (cost, t) > (a.cost, a.target);
             if self.rules.strict {
@@ -219,10 +272,7 @@ impl CollapseQueue {
             }
         }
         self.rules.ring_u = ring;
-        self.best[u as usize] = best;
-        if best.target != NONE.target {
-            self.heap.push(Reverse(key(best.cost, u)));
-        }
+        best
     }
 }
 

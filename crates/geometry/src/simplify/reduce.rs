@@ -10,6 +10,7 @@ use crate::simplify::limit::{Limit, limit_error};
 use crate::simplify::live::Live;
 use crate::simplify::measure::{Coarsening, measure};
 use crate::simplify::settings::Settings;
+use crate::simplify::whole_components::MAX_DROPPED_VERTICES;
 
 /// Parameters shared by all levels of a mesh.
 pub(crate) struct Reduction<'a> {
@@ -71,6 +72,9 @@ impl Reduction<'_> {
         let vertices = level.vertices;
         for region in &mut records {
             region.choose_truncation_points(settings.parts, settings.min_part_splits);
+            if level.components.is_some() {
+                region.align_truncation_points(MAX_DROPPED_VERTICES as usize);
+            }
             region.costs = Vec::new();
         }
         let removed = records.iter().map(|r| r.collapses.len()).sum();

@@ -10,9 +10,11 @@ use crate::mesh::corner;
 use crate::mesh::slot_map::SlotMap;
 use crate::mesh::stars::Stars;
 use crate::mesh::vec3::{Vec3, length, sub};
+use crate::numbers::id32;
 use crate::simplify::live::Live;
 use crate::simplify::quadric::Quadric;
 use crate::simplify::settings::Metric;
+use crate::simplify::whole_components::{Group, MAX_DROPPED_VERTICES, WholeComponents};
 
 /// A region's mesh, in local indices.
 pub(crate) struct Region {
@@ -34,6 +36,10 @@ pub(crate) struct Region {
     pub(crate) removed: Vec<bool>,
     /// Vertices that must not be removed.
     pub(crate) held: Vec<bool>,
+    /// The components, if the mesh is divided into parts.
+    pub(crate) groups: Vec<Group>,
+    /// Group of each vertex; empty without groups.
+    group_of: Vec<u32>,
     pub(crate) records: Records,
     highest_cost: f64,
     scratch: Scratch,
@@ -79,6 +85,8 @@ impl Region {
             wedges: faces.iter().map(|&f| live.face_wedges[f as usize]).collect(),
             removed: vec![false; vertices.len()],
             held: vec![false; vertices.len()],
+            groups: Vec::new(),
+            group_of: Vec::new(),
             records: Records { first_added_wedge: live.wedges.len() as u32, ..Records::default() },
             highest_cost: 0.0,
             scratch: Scratch::default(),
@@ -108,6 +116,37 @@ impl Region {
         for (held, &v) in self.held.iter_mut().zip(&self.vertices) {
             *held = holds(v);
         }
+    }
+
+    /// Groups the vertices by component. Call it after [`Self::hold`].
+    pub(crate) fn group(&mut self, components: Option<&WholeComponents>) {
+        let Some(components) = components else { return };
+        let mut numbers = SlotMap::with_capacity(self.vertices.len());
+        for (local, &vertex) in (0..).zip(&self.vertices) {
+            let next = id32(self.groups.len());
+            let number = numbers.number_or(components.number(vertex), next);
+            if number == next {
+                self.groups.push(components.group(vertex));
+            }
+            let group = &mut self.groups[number as usize];
+            group.vertices.push(local);
+            let free = self.interior[local as usize] && !self.held[local as usize];
+            if !free || components.vertices(vertex) > MAX_DROPPED_VERTICES {
+                group.drop_cost = f64::INFINITY;
+            }
+            self.group_of.push(number);
+        }
+    }
+
+    /// The group of a vertex.
+    pub(crate) fn group_of(&self, vertex: u32) -> Option<&Group> {
+        self.groups.get(*self.group_of.get(vertex as usize)? as usize)
+    }
+
+    /// Whether collapsing `u` onto `t` would take away an end of its component.
+    pub(crate) fn shrinks(&self, u: u32, t: u32) -> bool {
+        let [from, to] = [u, t].map(|v| self.positions[v as usize]);
+        self.group_of(u).is_some_and(|group| group.extent.shrinks(from, to, group.most_shrinkage))
     }
 
     /// Collapses an outline vertex onto an interior one although other regions keep it: see

@@ -8,7 +8,8 @@ use crate::simplify::settings::Settings;
 use crate::simplify::simplify;
 
 fn each_chunk(parts: usize, check: &mut dyn FnMut(&Records)) {
-    for (_, source) in common::all() {
+    // In meshes with parts, truncation points do not divide a component that vanishes.
+    for (_, source) in common::all().into_iter().filter(|(_, source)| source.parts.is_empty()) {
         let mesh = common::quantised(&source);
         let settings = Settings { parts, min_part_splits: 4, ..common::regions(200) };
         let checkpoint = InMemoryCheckpoint::default();

@@ -3,9 +3,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use lodestream_geometry::check::check;
-use lodestream_geometry::mesh::{Face, QuantisedMesh, Wedge};
+use lodestream_geometry::mesh::{Face, QuantisedMesh, SourceMesh, Wedge};
 use lodestream_geometry::pool::{Serial, Silent};
 use lodestream_geometry::prepare::{Hooks, Prepared, prepare};
+use lodestream_geometry::random::Random;
 use lodestream_geometry::{Metric, Named as _, Settings};
 
 use crate::common::{prepared, quantised, regions, shapes};
@@ -155,4 +156,70 @@ fn settings_out_of_range_are_refused_by_name() {
     assert_eq!(top(-1.0), "top regions -1 is out of range: 0.25 to 16");
     assert_eq!(top(f64::NAN), "top regions NaN is out of range: 0.25 to 16");
     assert_eq!(refused(regions(49)), "region faces 49 is out of range: 50 to 20000");
+}
+
+/// Slabs, posts and tubes in rows, of sizes that vary; each is a part.
+fn building(parts: u32) -> SourceMesh {
+    let mut random = Random::new(21);
+    let mut mesh = SourceMesh::default();
+    for part in 0..parts {
+        let size = 0.4 + 1.2 * random.unit();
+        let shape = match part % 3 {
+            0 => shapes::slab([2.4 * size, 2.0 * size, 0.2]),
+            1 => shapes::slab([0.15, 0.15, 2.7 * size]),
+            _ => shapes::placed(shapes::torus(12, 6), 0.5 * size, 0.0),
+        };
+        let faces = shape.faces.len();
+        let at = [f64::from(part % 20) * 5.0, f64::from(part / 20) * 5.0, f64::from(part % 7) * 0.3];
+        mesh = shapes::join(mesh, &shape, at);
+        mesh.parts.extend(vec![part; faces]);
+    }
+    mesh
+}
+
+/// For each part of an input: the diagonal of its box, and that in the base mesh as a share of it, 0 where the part has
+/// vanished.
+fn sizes_left(mesh: &QuantisedMesh, asset: &Prepared) -> (Vec<f64>, Vec<f64>) {
+    let diagonals = |positions: &[[i32; 3]], parts: &[u32]| {
+        let mut bounds: BTreeMap<u32, [[i32; 3]; 2]> = BTreeMap::new();
+        for (position, &part) in positions.iter().zip(parts) {
+            let [low, high] = bounds.entry(part).or_insert([*position; 2]);
+            for axis in 0..3 {
+                low[axis] = low[axis].min(position[axis]);
+                high[axis] = high[axis].max(position[axis]);
+            }
+        }
+        let diagonal = |[low, high]: &[[i32; 3]; 2]| {
+            (0..3).map(|axis| f64::from(high[axis] - low[axis]).powi(2)).sum::<f64>().sqrt()
+        };
+        bounds.iter().map(|(part, bounds)| (*part, diagonal(bounds))).collect::<BTreeMap<u32, f64>>()
+    };
+    let left = diagonals(&asset.base.positions, &asset.base.parts);
+    let whole = diagonals(&mesh.positions, &mesh.parts);
+    let share = |(part, whole): (&u32, &f64)| left.get(part).copied().unwrap_or(0.0) / whole;
+    (whole.values().copied().collect(), whole.iter().map(share).collect())
+}
+
+#[test]
+fn parts_keep_their_size_or_vanish() {
+    let source = building(500);
+    let mesh = quantised(&source);
+    let asset = prepare_and_check("building", &mesh, 4);
+    let (diagonals, sizes_left) = sizes_left(&mesh, &asset);
+    let sizes = &sizes_left;
+    let torn = sizes.iter().filter(|&&size| size > 0.0 && size < 0.75).count();
+    let left = sizes.iter().filter(|&&size| size > 0.0).count();
+    assert!(torn * 50 <= left, "{torn} of {left} parts are fragments");
+    assert!((100..400).contains(&left), "{left} parts are left");
+    // The largest slabs stay before the smallest.
+    let slabs = |sizes: &dyn Fn(f64) -> bool| {
+        let of = (0..500).step_by(3).filter(|&part| sizes(diagonals[part]));
+        let left: Vec<f64> = of.map(|part| f64::from(u8::from(sizes_left[part] > 0.0))).collect();
+        left.iter().sum::<f64>() / left.len() as f64
+    };
+    let mut sorted: Vec<f64> = diagonals.iter().copied().step_by(3).collect();
+    sorted.sort_by(f64::total_cmp);
+    let [low, high] = [sorted[sorted.len() / 3], sorted[sorted.len() * 2 / 3]];
+    let (small, large) = (slabs(&|size| size < low), slabs(&|size| size > high));
+    assert!(large > 1.5 * small, "{large} of the large slabs are left, {small} of the small ones");
 }
