@@ -1,5 +1,7 @@
 //! Descriptions of scenes: a `scene.toml`, or a list of models.
 
+#[cfg(test)]
+mod batch_tests;
 mod batches;
 mod curve;
 mod file;

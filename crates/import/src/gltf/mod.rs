@@ -41,7 +41,7 @@ pub use copies::CopyTolerance;
 use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::PunctualLight;
 use mesh::Builder;
-pub use sizes::MeshSize;
+pub use sizes::{MeshSize, PartSize};
 
 /// Relative tolerance within which axes count as equally long and orthogonal: the rounding of transformations that
 /// were composed in f32.
@@ -108,6 +108,15 @@ impl Document {
             }
         }
         builder.finish()
+    }
+
+    /// What the file states of a part; `None` for all of it.
+    pub(crate) fn stated_size(&self, part: &Part) -> Option<PartSize> {
+        match part {
+            Part::Whole => None,
+            Part::Mesh { mesh, .. } => Some(sizes::of_part(self, [*mesh].into_iter())),
+            Part::Batch(members) => Some(sizes::of_part(self, members.iter().map(|member| member.mesh))),
+        }
     }
 
     /// The files that are read beside it: buffers and images.

@@ -1,6 +1,7 @@
 //! glTF files: what they are read to, and the errors of invalid ones. Files are written here, byte by byte.
 
 mod compressed;
+mod copies;
 #[cfg(feature = "draco")]
 mod draco;
 mod instancing;
