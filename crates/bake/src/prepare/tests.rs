@@ -5,7 +5,6 @@ use std::path::Path;
 
 use crate::preparation_settings::{Precision, PreparationSettings};
 use lodestream_geometry::Codec;
-use serde_json::json;
 use tempfile::TempDir;
 
 use super::{Cached, Options, prepare_all, prepare_cached};

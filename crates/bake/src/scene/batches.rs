@@ -22,11 +22,15 @@ const MAX_MEMBERS: usize = MAX_MATERIALS / 4;
 /// Position steps over a member of median size.
 const MEMBER_STEPS: f64 = 16_384.0;
 
-/// What a mesh of several places costs as an asset, besides its faces…
+/// Bytes of an asset, besides its faces…
 const ASSET_BYTES: f64 = 390.0;
-/// …and for each place…
+/// …of each instance of a mesh that the file itself places so…
 const INSTANCE_BYTES: f64 = 20.0;
-/// …and what a face costs in either, where members of a batch repeat those of others.
+/// …and of each copy, which seldom stands straight…
+const COPY_BYTES: f64 = 30.0;
+/// …of a member of a batch that repeats another, besides its faces…
+const MEMBER_BYTES: f64 = 10.0;
+/// …and of a face in either.
 const FACE_BYTES: f64 = 1.2;
 
 /// Meshes that become one asset.
@@ -60,7 +64,7 @@ pub(super) fn of_contents(contents: &Contents, batching: Batching) -> (Vec<Batch
     let mut batched = vec![false; contents.placed.len()];
     let Some(max_faces) = batching.faces() else { return (Vec::new(), batched) };
     // Copies share a part. Parts with numbers that are equal are equal, whatever their signs of zero.
-    let mut uses: BTreeMap<(usize, [u64; 9]), usize> = BTreeMap::new();
+    let mut uses: BTreeMap<(usize, [u64; 9]), Places> = BTreeMap::new();
     let key = |placed: &PlacedMesh| match &placed.part {
         Part::Mesh { mesh, linear } => {
             let mut bits = [0; 9];
@@ -69,7 +73,12 @@ pub(super) fn of_contents(contents: &Contents, batching: Batching) -> (Vec<Batch
         }
         Part::Whole | Part::Batch(_) => None,
     };
-    contents.placed.iter().filter_map(key).for_each(|key| *uses.entry(key).or_default() += 1);
+    for placed in &contents.placed {
+        let Some(key) = key(placed) else { continue };
+        let places = uses.entry(key).or_default();
+        places.count += 1;
+        places.copies += usize::from(key.0 != placed.mesh);
+    }
     let candidate = |(number, placed): (usize, &PlacedMesh)| {
         let size = contents.sizes.get(placed.mesh).copied().flatten()?;
         let places = key(placed).and_then(|key| uses.get(&key)).copied()?;
@@ -97,11 +106,20 @@ pub(super) fn of_contents(contents: &Contents, batching: Batching) -> (Vec<Batch
     (groups.into_iter().map(batch).collect(), batched)
 }
 
+/// Where a mesh stands, in its copies too.
+#[derive(Clone, Copy, Debug, Default)]
+struct Places {
+    count: usize,
+    /// How many of them are of copies.
+    copies: usize,
+}
+
 /// Whether a mesh that stands in several places costs fewer bytes as an asset with instances than as a member of batches
 /// once for each place.
-fn instances_pay(places: usize, faces: usize) -> bool {
-    let (places, faces) = (places as f64, faces as f64 * FACE_BYTES);
-    places > 1.0 && ASSET_BYTES + faces + INSTANCE_BYTES * places < faces * places
+fn instances_pay(places: Places, faces: usize) -> bool {
+    let (count, copies, faces) = (places.count as f64, places.copies as f64, faces as f64 * FACE_BYTES);
+    let instances = INSTANCE_BYTES * (count - copies) + COPY_BYTES * copies;
+    count > 1.0 && ASSET_BYTES + faces + instances < (MEMBER_BYTES + faces) * count
 }
 
 fn batch(mut candidates: Vec<Candidate>) -> Batch {

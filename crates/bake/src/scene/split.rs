@@ -3,6 +3,8 @@
 //! A cut is at the roundest coordinate near the middle of the faces, not at the middle itself: when a few meshes of a file
 //! change, most cuts stay, and with them most batches.
 
+use std::cmp::Ordering;
+
 use glam::DVec3;
 
 use super::batches::Candidate;
@@ -66,7 +68,7 @@ fn cut(candidates: &[Candidate], axis: usize, faces: usize) -> usize {
 
 /// The multiple of the largest power of two that is above `low` and at most `high`; `None` if there is no number between.
 fn roundest(low: f64, high: f64) -> Option<f64> {
-    if !(low < high) {
+    if low.partial_cmp(&high) != Some(Ordering::Less) {
         return None;
     }
     if low < 0.0 && high >= 0.0 {

@@ -8,7 +8,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 
-use glam::{DMat3, DMat4, DVec3};
+use glam::{DMat3, DMat4, DQuat, DVec3};
 use gltf::json;
 use gltf::json::mesh::Semantic;
 use gltf::json::validation::Checked;
@@ -237,6 +237,24 @@ fn faces_key(mesh: &SourceMesh) -> [u64; 2] {
     key
 }
 
+/// Scales and parts of a rotation that differ by less from 1 and 0 are taken for these where the tolerance allows.
+const ROUNDING: f64 = 1e-5;
+
+/// A map with simpler numbers, which take fewer bytes in a scene: without the noise of rounded vertices.
+fn simple(map: &DMat4, from: &[[f64; 3]], to: &[[f64; 3]], tolerance: f64) -> DMat4 {
+    let linear = DMat3::from_mat4(*map);
+    let sign = linear.determinant().signum();
+    let scale = linear.determinant().abs().cbrt();
+    let rotation = DQuat::from_mat3(&(linear * (sign / scale)));
+    let rotation = rotation.to_array().map(|part| if part.abs() < ROUNDING { 0.0 } else { part });
+    let scale = if (scale - 1.0).abs() < ROUNDING { 1.0 } else { scale };
+    let linear = DMat3::from_quat(DQuat::from_array(rotation).normalize()) * (scale * sign);
+    let step = (tolerance / 4.0).log2().floor().exp2();
+    let translation = centroid(to) - linear * centroid(from);
+    let rounded = (translation / step).round() * step;
+    DMat4::from_mat3_translation(linear, if rounded.is_finite() { rounded } else { translation })
+}
+
 /// The similarity that makes `original` to `copy`, if every vertex is within the tolerance and everything else is equal.
 fn copy_of(original: &SourceMesh, copy: &SourceMesh, tolerance: f64) -> Option<DMat4> {
     let counts = |mesh: &SourceMesh| {
@@ -257,9 +275,11 @@ fn copy_of(original: &SourceMesh, copy: &SourceMesh, tolerance: f64) -> Option<D
     }
     let (from, to) = (&original.positions, &copy.positions);
     let near = |map: &DMat4| largest_distance(map, from, to) <= tolerance;
-    let moved = DMat4::from_translation(centroid(to) - centroid(from));
-    // A rotation by nothing is shorter to write, and most copies are only moved.
-    let map = Some(moved).filter(|map| same && near(map)).or_else(|| fit(from, to, !same).filter(near))?;
+    let moved = simple(&DMat4::from_translation(centroid(to) - centroid(from)), from, to, tolerance);
+    let map = Some(moved).filter(|map| same && near(map)).or_else(|| {
+        let fitted = fit(from, to, !same)?;
+        Some(simple(&fitted, from, to, tolerance)).filter(near).or(Some(fitted).filter(near))
+    })?;
     let linear = DMat3::from_mat4(map);
     let rotation = linear * linear.determinant().abs().cbrt().recip();
     let straight = original.normals.iter().zip(&copy.normals).all(|(a, b)| {

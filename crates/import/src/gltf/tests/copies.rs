@@ -107,7 +107,8 @@ fn turned_enlarged_and_mirrored_copies_become_instances_where_they_were() {
 fn meshes_that_differ_by_more_than_the_tolerance_are_no_copies() {
     let mut random = Random(6);
     let (points, faces) = shape(&mut random, 30);
-    let with = |change: &dyn Fn(&mut Vec<DVec3>, &mut Vec<[u16; 3]>)| {
+    type Change<'a> = &'a dyn Fn(&mut Vec<DVec3>, &mut Vec<[u16; 3]>);
+    let with = |change: Change<'_>| {
         let mut model = empty();
         push(&mut model, &points, &faces, [0.0; 3]);
         let (mut points, mut faces) = (points.clone(), faces.clone());
