@@ -6,7 +6,7 @@ use bytes::Bytes;
 
 use crate::error::ImportError;
 use crate::file::is_gltf;
-use crate::gltf::Document;
+use crate::gltf::{Document, PartSize};
 use crate::import::{dependencies, import_part};
 use crate::model::{Imported, Part};
 
@@ -47,6 +47,13 @@ impl ModelFile {
     #[must_use]
     pub fn dependencies(&self) -> &[PathBuf] {
         &self.dependencies
+    }
+
+    /// What the file states of a part, without reading it; `None` for the whole file and for files of other formats than
+    /// glTF.
+    #[must_use]
+    pub fn stated_size(&self, part: &Part) -> Option<PartSize> {
+        self.document.as_ref()?.stated_size(part)
     }
 
     /// Imports a part.

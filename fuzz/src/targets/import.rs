@@ -5,6 +5,7 @@ use std::cell::RefCell;
 use lodestream_geometry::mesh::{NONE, SourceMesh};
 use lodestream_geometry::quantise::{QuantiseSettings, quantise};
 use lodestream_import::Part;
+use lodestream_import::gltf::CopyTolerance;
 use lodestream_scene::placement::Placement;
 use tempfile::TempDir;
 
@@ -85,7 +86,9 @@ fn import_gltf(data: &[u8], ceiling: Ceiling) -> bool {
                 accepted = true;
             }
         }
-        if let Ok(contents) = within(ceiling, data.len(), || lodestream_import::gltf::contents(&path)) {
+        let copies = Some(CopyTolerance::Share(1e-4));
+        if let Ok(contents) = within(ceiling, data.len(), || lodestream_import::gltf::contents(&path, copies))
+        {
             for placed in &contents.placed {
                 let Placement { translation, rotation, scale } = placed.placement;
                 assert!(scale > 0.0 && scale.is_finite());

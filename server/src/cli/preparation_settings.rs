@@ -1,10 +1,10 @@
-//! Options of preparation, shared by `prepare` and `serve`.
+//! Options of preparation, shared by `prepare`, `publish` and `serve`.
 
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use lodestream_bake::preparation_settings::{
-    BlockFaces, CodecChoice, NormalTolerance, PositionBits, Precision, PreparationSettings, ReliefDepth,
-    Round, Tolerance, UvBits,
+    Batching, BlockFaces, CodecChoice, NormalTolerance, PositionBits, Precision, PreparationSettings,
+    ReliefDepth, Round, Tolerance, UvBits,
 };
 use lodestream_geometry::{Metric, Named};
 
@@ -53,6 +53,23 @@ pub(super) struct PreparationArguments {
     relief_depth: Option<ReliefDepth>,
 }
 
+/// Preparation settings of scenes, whose models may have many meshes.
+#[derive(Clone, Copy, Debug, Args)]
+pub(super) struct SceneArguments {
+    #[command(flatten)]
+    preparation: PreparationArguments,
+    /// Whether many small meshes of a glTF file are gathered into batches: auto, off (each mesh is an asset), or the most
+    /// faces of a batch, 1,000 to 10,000,000 [default: auto].
+    #[arg(long, value_name = "auto | off | FACES")]
+    batch: Option<Batching>,
+}
+
+impl SceneArguments {
+    pub(super) fn resolve(self) -> PreparationSettings {
+        PreparationSettings { batching: self.batch, ..self.preparation.resolve() }
+    }
+}
+
 impl PreparationArguments {
     pub(super) fn resolve(self) -> PreparationSettings {
         let PrecisionArguments { position_bits, tolerance } = self.precision;
@@ -65,6 +82,8 @@ impl PreparationArguments {
             codec: self.codec,
             block_faces: self.block_faces,
             relief_depth: self.relief_depth,
+            // One model is one pack.
+            batching: None,
         }
     }
 }

@@ -7,7 +7,7 @@ use anyhow::Context as _;
 use clap::Args;
 
 use super::outcome::Outcome;
-use super::preparation_settings::PreparationArguments;
+use super::preparation_settings::SceneArguments;
 use crate::catalogue::fetch::fetch;
 use crate::catalogue::publish::{publish, publish_page};
 use lodestream_bake::prepare::{Options, cache};
@@ -30,7 +30,7 @@ pub(super) struct Arguments {
     #[arg(long, env = "LODESTREAM_PAGE", value_name = "DIR")]
     page: Option<PathBuf>,
     #[command(flatten)]
-    preparation_settings: PreparationArguments,
+    preparation_settings: SceneArguments,
     /// Number of threads; the objects do not depend on it [default: one per core].
     #[arg(long, value_name = "N")]
     threads: Option<NonZeroUsize>,
@@ -58,7 +58,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             _ => source.clone(),
         });
     }
-    let scene = scene::of_files(&local)?;
+    let scene = scene::of_files(&local, &options.preparation_settings)?;
     let cache = arguments.cache.clone().or_else(cache::default_folder);
     let cache = cache.context("no cache folder is known; name one with --cache DIR")?;
     let page = arguments.page.as_deref().map(Page::load).transpose().context("--page")?;

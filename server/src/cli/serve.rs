@@ -15,7 +15,7 @@ use super::log::Log;
 use super::log_limit::{LogLimit, parse_log_limit};
 use super::log_lines::LogFormat;
 use super::outcome::Outcome;
-use super::preparation_settings::PreparationArguments;
+use super::preparation_settings::SceneArguments;
 use super::units::{Rate, parse_rate};
 use crate::catalogue::Catalogue;
 use lodestream_bake::prepare::{Options, cache, remove_stale_levels};
@@ -147,7 +147,7 @@ pub(super) struct Arguments {
     #[arg(long, env = "LODESTREAM_LOG_LIMIT", value_name = "LINES", default_value = "100", value_parser = parse_log_limit)]
     log_limit: LogLimit,
     #[command(flatten)]
-    preparation_settings: PreparationArguments,
+    preparation_settings: SceneArguments,
     /// Threads for preparation [default: one per core].
     #[arg(long, value_name = "N")]
     threads: Option<NonZeroUsize>,

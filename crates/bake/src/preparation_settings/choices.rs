@@ -9,6 +9,7 @@ use lodestream_geometry::{Metric, Settings};
 
 use lodestream_import::setting::InvalidValue;
 
+use super::batching::Batching;
 use super::codec_choice::CodecChoice;
 use super::setting::{
     BlockFaces, NormalTolerance, PositionBits, RegionFaces, ReliefDepth, Round, Tolerance, UvBits,
@@ -42,6 +43,8 @@ pub struct PreparationSettings {
     pub block_faces: Option<BlockFaces>,
     /// Depth of relief instead of the materials' own.
     pub relief_depth: Option<ReliefDepth>,
+    /// Which assets the meshes of a file become. No pack contains it.
+    pub batching: Option<Batching>,
 }
 
 impl PreparationSettings {
@@ -57,6 +60,7 @@ impl PreparationSettings {
             codec: self.codec.or(other.codec),
             block_faces: self.block_faces.or(other.block_faces),
             relief_depth: self.relief_depth.or(other.relief_depth),
+            batching: self.batching.or(other.batching),
         }
     }
 
@@ -241,6 +245,7 @@ mod tests {
             codec: Some(Codec::Zstd.into()),
             block_faces: BlockFaces::try_from(1_000_000).ok(),
             relief_depth: ReliefDepth::try_from(0.1).ok(),
+            batching: None,
         };
         assert_eq!(all.to_string().parse(), Ok(all));
         let told: PreparationSettings = PreparationSettings::default().to_string().parse().unwrap();

@@ -15,16 +15,19 @@
 //! | top regions | [`TopRegions`] | 0.25 to 16 | the first step |
 //! | coarse grid | [`CoarseGrid`] | 0 to 4 | grids of coarse levels |
 //! | block faces | [`BlockFaces`] | 100 to 100,000,000 | meshes that are simplified block after block |
+//! | batch | [`Batching`] | `auto`, `off`, or 1,000 to 10,000,000 faces | which assets a file becomes |
 //!
 //! `FromStr` reads each from text and `TryFrom` from a number, with the same error.
 
+mod batching;
 mod choices;
 mod codec_choice;
 mod setting;
 
+pub use batching::Batching;
 pub use choices::{Precision, PreparationSettings, ReadError};
 pub use codec_choice::CodecChoice;
 pub use setting::{
-    BlockFaces, CoarseGrid, LevelShare, NormalTolerance, PositionBits, RegionFaces, ReliefDepth, Round,
-    RoundShare, Tolerance, TopRegions, UvBits,
+    BatchFaces, BlockFaces, CoarseGrid, LevelShare, NormalTolerance, PositionBits, RegionFaces, ReliefDepth,
+    Round, RoundShare, Tolerance, TopRegions, UvBits,
 };

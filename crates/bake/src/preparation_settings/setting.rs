@@ -54,9 +54,15 @@ setting! {
     BlockFaces(usize), Settings::BLOCK_FACES, "faces"
 }
 
+setting! {
+    /// Most faces of a batch.
+    BatchFaces(usize), 1_000..=10_000_000, "faces"
+}
+
 impl Eq for PositionBits {}
 impl Eq for UvBits {}
 impl Eq for RegionFaces {}
+impl Eq for BatchFaces {}
 
 impl Default for PositionBits {
     fn default() -> Self {
@@ -97,6 +103,14 @@ impl Default for TopRegions {
 impl Default for BlockFaces {
     fn default() -> Self {
         Self(Settings::default().block_faces)
+    }
+}
+
+impl Default for BatchFaces {
+    /// A base mesh costs some 12 kB, whatever it stands for: that of a larger batch is cheaper, but shows shards of its
+    /// members at first.
+    fn default() -> Self {
+        Self(49_152)
     }
 }
 
@@ -231,6 +245,7 @@ mod tests {
         ends!(LevelShare: 0.1, 0.9, not 0.0, 0.91);
         ends!(TopRegions: 0.25, 16.0, not 0.2, 16.1);
         ends!(CoarseGrid: 0.0, 4.0, not -0.1, 4.1);
+        ends!(BatchFaces: 1000, 10000000, not 999, 10000001);
     }
 
     #[test]

@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use lodestream_geometry::mesh::{Corner, SourceMesh};
 use lodestream_import::{ImportError, ModelFile};
 
 /// Version of the preparation. Increment it when the same input gives another pack of the same format version: after a
@@ -18,10 +19,7 @@ impl Key {
     /// Hashes a model file, the files that it names and the encoded settings, with the versions of the pack format and of
     /// the preparation.
     pub(super) fn new(source: &Source, settings: &[u8], format_version: u32) -> Self {
-        let mut hasher = blake3::Hasher::new_derive_key("lodestream prepared pack");
-        hasher.update(&format_version.to_le_bytes());
-        hasher.update(&PREPARATION_VERSION.to_le_bytes());
-        hasher.update(blake3::hash(settings).as_bytes());
+        let mut hasher = hasher(settings, format_version);
         hasher.update(source.hash.as_bytes());
         for hash in &source.dependencies {
             // The folder does not matter, only the names in the OBJ and MTL files, which are hashed already.
@@ -31,6 +29,60 @@ impl Key {
             };
         }
         Self(hasher.finalize())
+    }
+
+    /// Hashes what was imported of a model file instead of the file: the key stays when other parts of the file change.
+    /// `materials` is the encoded description, without textures.
+    pub(super) fn of_content(
+        mesh: &SourceMesh,
+        materials: &[u8],
+        settings: &[u8],
+        format_version: u32,
+    ) -> Self {
+        let mut hasher = hasher(settings, format_version);
+        hasher.update(blake3::hash(materials).as_bytes());
+        hash_mesh(mesh, &mut hasher);
+        Self(hasher.finalize())
+    }
+}
+
+fn hasher(settings: &[u8], format_version: u32) -> blake3::Hasher {
+    let mut hasher = blake3::Hasher::new_derive_key("lodestream prepared pack");
+    hasher.update(&format_version.to_le_bytes());
+    hasher.update(&PREPARATION_VERSION.to_le_bytes());
+    hasher.update(blake3::hash(settings).as_bytes());
+    hasher
+}
+
+/// Hashes every list of a mesh, each with its length. The pattern names all fields, so a new one does not compile until it
+/// is hashed here.
+fn hash_mesh(mesh: &SourceMesh, hasher: &mut blake3::Hasher) {
+    let SourceMesh { positions, uvs, normals, colors, faces, materials, parts } = mesh;
+    let corner = |&Corner { position, uv, normal, color }: &Corner| {
+        [position, uv, normal, color].into_iter().flat_map(u32::to_le_bytes)
+    };
+    hash_list(hasher, positions, |point| point.iter().flat_map(|x| x.to_le_bytes()));
+    hash_list(hasher, uvs, |uv| uv.iter().flat_map(|x| x.to_le_bytes()));
+    hash_list(hasher, normals, |normal| normal.iter().flat_map(|x| x.to_le_bytes()));
+    hash_list(hasher, colors, |color| color.iter().copied());
+    hash_list(hasher, faces, |face| face.iter().flat_map(corner));
+    hash_list(hasher, materials, |material| material.to_le_bytes().into_iter());
+    hash_list(hasher, parts, |part| part.to_le_bytes().into_iter());
+}
+
+/// Hashes a list's length and the bytes of its elements.
+fn hash_list<'a, T, B: Iterator<Item = u8>>(
+    hasher: &mut blake3::Hasher,
+    list: &'a [T],
+    bytes: impl Fn(&'a T) -> B,
+) {
+    hasher.update(&(list.len() as u64).to_le_bytes());
+    // The hash is fast for some kilobytes at once.
+    let mut block = Vec::new();
+    for some in list.chunks(1024) {
+        block.clear();
+        block.extend(some.iter().flat_map(&bytes));
+        hasher.update(&block);
     }
 }
 
@@ -66,7 +118,7 @@ impl Source {
 pub(super) struct Sources(Mutex<VecDeque<(PathBuf, Arc<Source>)>>);
 
 /// Most model files kept: where one file's assets end, threads still prepare them.
-const KEPT: usize = 2;
+pub(super) const KEPT: usize = 2;
 
 impl Sources {
     /// The model file at a path. Reads it while others wait, who are likely to want the same.

@@ -5,10 +5,10 @@ mod checkpoint_folder;
 pub mod describe;
 mod progress;
 mod settings_key;
+mod sizes;
 #[cfg(test)]
 mod tests;
 
-use std::collections::BTreeMap;
 use std::fmt;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -24,7 +24,7 @@ use lodestream_geometry::pack::{BlobKind, PACK_VERSION};
 use lodestream_geometry::pool::Pool as _;
 use lodestream_geometry::prepare::{Hooks, suit};
 use lodestream_geometry::quantise::quantise;
-use lodestream_import::ImportError;
+use lodestream_import::{ImportError, Imported, Part};
 
 use crate::mapping_allocator::MappingAllocator;
 use crate::scene::Asset;
@@ -36,6 +36,7 @@ pub use checkpoint_folder::{Resumed, remove_stale_levels};
 pub use lodestream_threads::Threads;
 pub use progress::Reporter;
 use settings_key::PackSettings;
+use sizes::Sizes;
 
 /// Options of a preparation.
 #[derive(Clone, Copy, Debug, Default)]
@@ -167,7 +168,7 @@ impl fmt::Display for Report {
 /// See [`PrepareError`].
 pub fn prepare_to(asset: &Asset, options: &Options, pack: &Path) -> Result<Report, PrepareError> {
     let keyed = Keyed::new(asset, options, &Sources::default())?;
-    prepare_with_key(&keyed, options, pack)
+    prepare_with_key(keyed, options, pack)
 }
 
 /// An asset with its resolved settings, its model file, and the key of its pack.
@@ -175,7 +176,12 @@ struct Keyed {
     asset: Asset,
     source: Arc<Source>,
     key: cache::Key,
+    /// What was imported for the key.
+    imported: Option<Imported>,
 }
+
+/// Most faces of a mesh among others whose key depends on the mesh instead of the file, which takes an import each time.
+const MAX_CONTENT_FACES: usize = 1 << 16;
 
 impl Keyed {
     fn new(asset: &Asset, options: &Options, sources: &Sources) -> Result<Self, ImportError> {
@@ -184,9 +190,37 @@ impl Keyed {
             ..asset.clone()
         };
         let source = sources.get(&asset.file)?;
-        let key = cache::Key::new(&source, &pack_settings(&asset).encode(), pack_version());
-        Ok(Self { asset, source, key })
+        let mut settings = pack_settings(&asset);
+        let (key, imported) = match content(&asset, &source)? {
+            Some((imported, materials)) => {
+                settings.part = None;
+                let settings = settings.encode();
+                let key = cache::Key::of_content(&imported.mesh, &materials, &settings, pack_version());
+                (key, Some(imported))
+            }
+            None => (cache::Key::new(&source, &settings.encode(), pack_version()), None),
+        };
+        Ok(Self { asset, source, key, imported })
     }
+}
+
+/// What is imported for an asset and its encoded materials, if a pack depends on nothing else of the file: for batches and
+/// small meshes, without textures.
+fn content(asset: &Asset, source: &Source) -> Result<Option<(Imported, Vec<u8>)>, ImportError> {
+    let Some(size) = source.model.stated_size(&asset.part) else { return Ok(None) };
+    let small = matches!(asset.part, Part::Batch(_)) || size.faces <= MAX_CONTENT_FACES;
+    if !small || size.textured {
+        return Ok(None);
+    }
+    let imported = source.model.import(&asset.part)?;
+    if imported.materials.iter().any(|material| material.maps.images().next().is_some()) {
+        return Ok(None);
+    }
+    let relief = asset.preparation_settings.relief_depth;
+    let described = describe::describe(&asset.name, &imported.materials, relief);
+    // A description that cannot be encoded is an error when the asset is prepared.
+    let materials = described.ok().and_then(|described| described.description.encode().ok());
+    Ok(materials.map(|materials| (imported, materials)))
 }
 
 /// The key of an asset's pack.
@@ -223,12 +257,13 @@ pub struct Cached {
 /// # Errors
 /// See [`PrepareError`].
 pub fn prepare_cached(asset: &Asset, folder: &Path, options: &Options) -> Result<Cached, PrepareError> {
-    prepare_keyed(&Keyed::new(asset, options, &Sources::default())?, folder, options)
+    prepare_keyed(Keyed::new(asset, options, &Sources::default())?, folder, options)
 }
 
-/// Longest share of a model's files, in bytes, of an asset that is prepared beside others: some 100,000 faces. A longer one
-/// has all threads and the memory for itself.
+/// Longest model, in bytes of its files, and most faces of an asset of a glTF file, that are prepared beside others. A
+/// larger one has all threads and the memory for itself.
 const MAX_SMALL_BYTES: u64 = 4 << 20;
+const MAX_SMALL_FACES: usize = 100_000;
 /// Assets in a group, for each thread: lines appear after a group.
 const GROUP: usize = 16;
 
@@ -246,7 +281,7 @@ pub fn prepare_all(
     let threads = options.threads.map_or_else(Threads::all_cores, Threads::new);
     let sources = Sources::default();
     let one = |asset: &Asset, options: &Options| {
-        prepare_keyed(&Keyed::new(asset, options, &sources)?, folder, options)
+        prepare_keyed(Keyed::new(asset, options, &sources)?, folder, options)
     };
     let mut all = Vec::with_capacity(assets.len());
     let mut take = |cached: Cached| {
@@ -254,10 +289,10 @@ pub fn prepare_all(
         all.push(cached);
     };
     let on_one_thread = Options { threads: Some(NonZeroUsize::MIN), ..*options };
-    let small = small(assets);
+    let mut sizes = Sizes::new(assets, &sources);
     let mut at = 0;
     while let Some(asset) = assets.get(at) {
-        let run = small[at..].iter().take(GROUP * threads.count().get()).take_while(|small| **small).count();
+        let run = sizes.small_ones(&assets[at..], GROUP * threads.count().get());
         if run < 2 {
             take(one(asset, options)?);
             at += 1;
@@ -279,34 +314,12 @@ pub fn prepare_all(
     Ok(all)
 }
 
-/// Whether each asset is small, as its model's files are long and have assets. Files that cannot be read are reported when
-/// they are prepared.
-fn small(assets: &[Asset]) -> Vec<bool> {
-    let length = |path: &Path| std::fs::metadata(path).map_or(0, |file| file.len());
-    let mut models: BTreeMap<&Path, (u64, u64)> = BTreeMap::new();
-    for asset in assets {
-        let model = models.entry(&asset.file).or_insert_with(|| {
-            let mut bytes = length(&asset.file);
-            // The vertices of a text file are beside it.
-            if asset.file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("gltf")) {
-                let text = lodestream_import::read_file(&asset.file, lodestream_import::MAX_FILE_BYTES);
-                let beside = lodestream_import::dependencies(&asset.file, &text.unwrap_or_default());
-                bytes += beside.iter().map(|file| length(file)).sum::<u64>();
-            }
-            (bytes, 0)
-        });
-        model.1 += 1;
-    }
-    let share = |asset: &Asset| models.get(&*asset.file).map_or(0, |(bytes, assets)| bytes / assets.max(&1));
-    assets.iter().map(|asset| share(asset) <= MAX_SMALL_BYTES).collect()
-}
-
-fn prepare_keyed(keyed: &Keyed, folder: &Path, options: &Options) -> Result<Cached, PrepareError> {
-    let Keyed { asset, source, key } = keyed;
+fn prepare_keyed(keyed: Keyed, folder: &Path, options: &Options) -> Result<Cached, PrepareError> {
+    let Keyed { asset, source, key, .. } = &keyed;
     let mut files = source.model.dependencies().to_vec();
     files.push(asset.file.clone());
     let path = key.path(folder, &asset.name);
-    // The whole model was just read for its key; verifying its smaller pack adds little.
+    // What the pack is made from was just read for its key; verifying the smaller pack adds little.
     if let Ok(pack) = PackFile::open(&path)
         && pack.made_from() == key.bytes()
         && pack.verify().and_then(|()| pack.base().map(drop)).is_ok()
@@ -323,7 +336,7 @@ fn pack_settings(asset: &Asset) -> PackSettings<'_> {
     let Asset { name, file: _, part, preparation_settings } = asset;
     PackSettings {
         name,
-        part: part.clone(),
+        part: Some(part.clone()),
         quantise: preparation_settings.quantise_settings(),
         simplify: preparation_settings.simplify_settings(),
         codec: preparation_settings.codec(),
@@ -351,11 +364,11 @@ fn checkpoint_folder_for(
     CheckpointFolder::beside(pack, key)
 }
 
-fn prepare_with_key(keyed: &Keyed, options: &Options, pack: &Path) -> Result<Report, PrepareError> {
-    let Keyed { asset, source, key } = keyed;
-    let Asset { name, file: model, part, preparation_settings } = asset;
+fn prepare_with_key(keyed: Keyed, options: &Options, pack: &Path) -> Result<Report, PrepareError> {
+    let Keyed { asset, source, key, imported } = keyed;
+    let Asset { name, file: model, part, preparation_settings } = &asset;
     let mesh_error = |source| PrepareError::Mesh { path: model.clone(), source };
-    let imported = source.model.import(part)?;
+    let imported = imported.map_or_else(|| source.model.import(part), Ok)?;
     let mut warnings = imported.warnings;
     let described = describe::describe(name, &imported.materials, preparation_settings.relief_depth)
         .map_err(|source| PrepareError::Describe { path: model.clone(), source })?;
@@ -370,7 +383,7 @@ fn prepare_with_key(keyed: &Keyed, options: &Options, pack: &Path) -> Result<Rep
     drop(imported.mesh);
     PrepareError::room(model, mesh.faces.len(), MappingAllocator::free_bytes())?;
     let checkpoints =
-        checkpoint_folder_for(pack, key, options.keep_levels || mesh.faces.len() >= CHECKPOINT_MIN_FACES);
+        checkpoint_folder_for(pack, &key, options.keep_levels || mesh.faces.len() >= CHECKPOINT_MIN_FACES);
     let checkpoints = checkpoints.map_err(|source| PrepareError::Write { path: pack.to_owned(), source })?;
     let reporter = Reporter::new(name, options.quiet);
     let threads = options.threads.map_or_else(Threads::all_cores, Threads::new);

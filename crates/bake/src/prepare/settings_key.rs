@@ -15,8 +15,8 @@ const VERSION: u16 = 1;
 pub(super) struct PackSettings<'a> {
     /// Name of the asset, which its description contains.
     pub(super) name: &'a str,
-    /// Part of the model file.
-    pub(super) part: Part,
+    /// Part of the model file; `None` if what is imported of it is hashed beside these settings.
+    pub(super) part: Option<Part>,
     /// Grids and normals.
     pub(super) quantise: QuantiseSettings,
     /// Simplification and coding; `codec` below takes the place of its codec.
@@ -38,13 +38,14 @@ impl PackSettings<'_> {
         put_count(&mut bytes, name.len());
         bytes.extend(name.as_bytes());
         match part {
-            Part::Whole => bytes.push(0),
-            Part::Mesh { mesh, linear } => {
+            None => bytes.push(3),
+            Some(Part::Whole) => bytes.push(0),
+            Some(Part::Mesh { mesh, linear }) => {
                 bytes.push(1);
                 put_count(&mut bytes, *mesh);
                 linear.iter().flatten().for_each(|&number| put_number(&mut bytes, number));
             }
-            Part::Batch(members) => {
+            Some(Part::Batch(members)) => {
                 bytes.push(2);
                 put_count(&mut bytes, members.len());
                 for member in &**members {
@@ -140,7 +141,7 @@ mod tests {
     fn default() -> PackSettings<'static> {
         PackSettings {
             name: "a",
-            part: Part::Whole,
+            part: Some(Part::Whole),
             quantise: QuantiseSettings::default(),
             simplify: Settings::default(),
             codec: CodecChoice::Auto,
@@ -154,20 +155,21 @@ mod tests {
         let changes: Vec<Change> = vec![
             ("name", |s| s.name = "b"),
             ("longer name", |s| s.name = "a\0"),
-            ("part", |s| s.part = Part::Mesh { mesh: 0, linear: DEFAULT_LINEAR }),
-            ("mesh", |s| s.part = Part::Mesh { mesh: 1, linear: DEFAULT_LINEAR }),
+            ("part", |s| s.part = Some(Part::Mesh { mesh: 0, linear: DEFAULT_LINEAR })),
+            ("mesh", |s| s.part = Some(Part::Mesh { mesh: 1, linear: DEFAULT_LINEAR })),
             ("linear", |s| {
                 let mut linear = DEFAULT_LINEAR;
                 linear[2][1] = 0.5;
-                s.part = Part::Mesh { mesh: 0, linear };
+                s.part = Some(Part::Mesh { mesh: 0, linear });
             }),
-            ("batch", |s| s.part = Part::Batch([MEMBER].into())),
-            ("batch of two", |s| s.part = Part::Batch([MEMBER; 2].into())),
-            ("batch member", |s| s.part = Part::Batch([BatchMember { mesh: 3, ..MEMBER }].into())),
+            ("content", |s| s.part = None),
+            ("batch", |s| s.part = Some(Part::Batch([MEMBER].into()))),
+            ("batch of two", |s| s.part = Some(Part::Batch([MEMBER; 2].into()))),
+            ("batch member", |s| s.part = Some(Part::Batch([BatchMember { mesh: 3, ..MEMBER }].into()))),
             ("batch place", |s| {
                 let mut to_scene = MEMBER.to_scene;
                 to_scene[3][0] = 1.0;
-                s.part = Part::Batch([BatchMember { to_scene, ..MEMBER }].into());
+                s.part = Some(Part::Batch([BatchMember { to_scene, ..MEMBER }].into()));
             }),
             ("position bits", |s| s.quantise.precision = Precision::Bits(10)),
             ("tolerance", |s| s.quantise.precision = Precision::Tolerance(0.1)),

@@ -5,10 +5,9 @@ use std::path::Path;
 
 use crate::preparation_settings::{Precision, PreparationSettings};
 use lodestream_geometry::Codec;
-use serde_json::json;
 use tempfile::TempDir;
 
-use super::{Cached, MAX_SMALL_BYTES, Options, prepare_all, prepare_cached, small};
+use super::{Cached, Options, prepare_all, prepare_cached};
 use crate::scene::{self, Asset};
 
 const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
@@ -156,7 +155,7 @@ fn many_assets_of_one_file_give_the_same_packs_side_by_side_and_one_by_one() {
         std::fs::write(dir.path().join(format!("{number}.obj")), obj).unwrap();
     }
     let files: Vec<_> = (0..20).map(|number| dir.path().join(format!("{number}.obj"))).collect();
-    let assets = scene::of_files(&files).unwrap().assets;
+    let assets = scene::of_files(&files, &PreparationSettings::default()).unwrap().assets;
     let threads = |count| Options { threads: NonZeroUsize::new(count), quiet: true, ..Options::default() };
     let bytes = |cached: &Cached| std::fs::read(cached.pack.path()).unwrap();
     let mut order = Vec::new();
@@ -177,26 +176,4 @@ fn many_assets_of_one_file_give_the_same_packs_side_by_side_and_one_by_one() {
     std::fs::remove_file(&files[7]).unwrap();
     let why = prepare_all(&assets, &dir.path().join("many"), &threads(3), |_, _| {}).unwrap_err();
     assert!(why.to_string().contains("7.obj"), "{why}");
-}
-
-#[test]
-fn assets_are_small_by_their_share_of_their_models_files() {
-    let dir = TempDir::new().unwrap();
-    let write = |name: &str, bytes: u64| {
-        let path = dir.path().join(name);
-        std::fs::File::create(&path).unwrap().set_len(bytes).unwrap();
-        path
-    };
-    let buffer = json!({"uri": "far.bin", "byteLength": 1});
-    let text = json!({"asset": {"version": "2.0"}, "buffers": [buffer]}).to_string();
-    std::fs::write(dir.path().join("beside.gltf"), text).unwrap();
-    write("far.bin", MAX_SMALL_BYTES + 1);
-    let large = write("large.glb", 3 * MAX_SMALL_BYTES);
-    let files = [write("a.obj", 100), large.clone(), large.clone(), dir.path().join("beside.gltf")];
-    let assets: Vec<Asset> = files.iter().map(|file| Asset::of_file(file)).collect();
-    assert_eq!(small(&assets), [true, false, false, false]);
-    // A third asset of the same file, and it is three small ones.
-    let thirds = [large.clone(), large.clone(), large].map(|file| Asset::of_file(&file));
-    assert_eq!(small(&thirds), [true; 3]);
-    assert_eq!(small(&[Asset::of_file(Path::new("missing.obj"))]), [true]);
 }

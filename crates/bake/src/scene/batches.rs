@@ -1,26 +1,37 @@
-//! Batches: small meshes that a file places once, gathered by place into assets of their own. A batch is one progressive
-//! mesh, so its members share a base mesh, an index and adaptive models.
+//! Batches: small meshes that a file places once, or a few times, gathered by place into assets of their own. A batch is
+//! one progressive mesh, so its members share a base mesh, an index and adaptive models.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use glam::{DMat4, DVec3};
 use lodestream_geometry::mesh::MAX_POSITION_BITS;
-use lodestream_import::gltf::Contents;
+use lodestream_import::gltf::{Contents, PlacedMesh};
 use lodestream_import::{BatchMember, Part};
 use lodestream_scene::asset::MAX_MATERIALS;
+
+use super::split;
+use crate::preparation_settings::Batching;
 
 /// Least number of meshes worth gathering: a few assets cost little.
 const MIN_MEMBERS: usize = 32;
 /// Most faces of a mesh in a batch. Larger meshes are refined well by themselves.
 const MAX_MEMBER_FACES: usize = 8_192;
-/// Most faces of a batch. A base mesh costs some 12 kB, whatever it stands for: that of a larger batch is cheaper, but
-/// shows shards of its members at first.
-const MAX_FACES: usize = 49_152;
 /// Most meshes of a batch of a file with more materials than an asset may have: each has at most four.
 const MAX_MEMBERS: usize = MAX_MATERIALS / 4;
 /// Position steps over a member of median size.
 const MEMBER_STEPS: f64 = 16_384.0;
+
+/// Bytes of an asset, besides its faces…
+const ASSET_BYTES: f64 = 390.0;
+/// …of each instance of a mesh that the file itself places so…
+const INSTANCE_BYTES: f64 = 20.0;
+/// …and of each copy, which seldom stands straight…
+const COPY_BYTES: f64 = 30.0;
+/// …of a member of a batch that repeats another, besides its faces…
+const MEMBER_BYTES: f64 = 10.0;
+/// …and of a face in either.
+const FACE_BYTES: f64 = 1.2;
 
 /// Meshes that become one asset.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,33 +44,45 @@ pub(super) struct Batch {
 
 /// A mesh that may be in a batch.
 #[derive(Clone, Copy, Debug)]
-struct Candidate {
+pub(super) struct Candidate {
     /// Index among the placed meshes.
-    placed: usize,
+    pub(super) placed: usize,
     member: BatchMember,
-    faces: usize,
+    pub(super) faces: usize,
     low: DVec3,
     high: DVec3,
 }
 
 impl Candidate {
-    fn center(&self) -> DVec3 {
+    pub(super) fn center(&self) -> DVec3 {
         (self.low + self.high) / 2.0
     }
 }
 
 /// The batches of a file's meshes, and the placed meshes (by index) that are in one.
-pub(super) fn of_contents(contents: &Contents) -> (Vec<Batch>, Vec<bool>) {
-    let mut uses: BTreeMap<usize, usize> = BTreeMap::new();
-    for placed in &contents.placed {
-        if let Part::Mesh { mesh, .. } = placed.part {
-            *uses.entry(mesh).or_default() += 1;
+pub(super) fn of_contents(contents: &Contents, batching: Batching) -> (Vec<Batch>, Vec<bool>) {
+    let mut batched = vec![false; contents.placed.len()];
+    let Some(max_faces) = batching.faces() else { return (Vec::new(), batched) };
+    // Copies share a part. Parts with numbers that are equal are equal, whatever their signs of zero.
+    let mut uses: BTreeMap<(usize, [u64; 9]), Places> = BTreeMap::new();
+    let key = |placed: &PlacedMesh| match &placed.part {
+        Part::Mesh { mesh, linear } => {
+            let mut bits = [0; 9];
+            bits.iter_mut().zip(linear.iter().flatten()).for_each(|(bits, x)| *bits = (x + 0.0).to_bits());
+            Some((*mesh, bits))
         }
+        Part::Whole | Part::Batch(_) => None,
+    };
+    for placed in &contents.placed {
+        let Some(key) = key(placed) else { continue };
+        let places = uses.entry(key).or_default();
+        places.count += 1;
+        places.copies += usize::from(key.0 != placed.mesh);
     }
-    let candidate = |(number, placed): (usize, &lodestream_import::gltf::PlacedMesh)| {
-        let Part::Mesh { mesh, .. } = placed.part else { return None };
-        let size = contents.sizes.get(mesh).copied().flatten()?;
-        if uses.get(&mesh) != Some(&1) || size.faces == 0 || size.faces > MAX_MEMBER_FACES {
+    let candidate = |(number, placed): (usize, &PlacedMesh)| {
+        let size = contents.sizes.get(placed.mesh).copied().flatten()?;
+        let places = key(placed).and_then(|key| uses.get(&key)).copied()?;
+        if size.faces == 0 || size.faces > MAX_MEMBER_FACES || instances_pay(places, size.faces) {
             return None;
         }
         let to_scene = DMat4::from_cols_array_2d(&placed.to_scene);
@@ -70,47 +93,33 @@ pub(super) fn of_contents(contents: &Contents) -> (Vec<Batch>, Vec<bool>) {
         };
         let low = (0..8).map(corner).reduce(DVec3::min)?;
         let high = (0..8).map(corner).reduce(DVec3::max)?;
-        let member = BatchMember { mesh, to_scene: placed.to_scene };
+        let member = BatchMember { mesh: placed.mesh, to_scene: placed.to_scene };
         Some(Candidate { placed: number, member, faces: size.faces, low, high })
     };
     let candidates: Vec<Candidate> = contents.placed.iter().enumerate().filter_map(candidate).collect();
-    let mut batched = vec![false; contents.placed.len()];
     if candidates.len() < MIN_MEMBERS {
         return (Vec::new(), batched);
     }
     candidates.iter().for_each(|candidate| batched[candidate.placed] = true);
-    let mut batches = Vec::new();
     let max_members = if contents.materials <= MAX_MATERIALS { usize::MAX } else { MAX_MEMBERS };
-    split(candidates, max_members, &mut batches);
-    (batches, batched)
+    let groups = split::by_place(candidates, max_faces, max_members);
+    (groups.into_iter().map(batch).collect(), batched)
 }
 
-/// Splits candidates in two at the middle of their faces along the longest side of their centres' bounds, until each part
-/// is small enough for a batch.
-fn split(mut candidates: Vec<Candidate>, max_members: usize, batches: &mut Vec<Batch>) {
-    let faces: usize = candidates.iter().map(|candidate| candidate.faces).sum();
-    if candidates.len() == 1 || (faces <= MAX_FACES && candidates.len() <= max_members) {
-        return batches.push(batch(candidates));
-    }
-    let centers = || candidates.iter().map(Candidate::center);
-    let low = centers().reduce(DVec3::min).unwrap_or_default();
-    let high = centers().reduce(DVec3::max).unwrap_or_default();
-    let axis = (high - low)
-        .to_array()
-        .into_iter()
-        .enumerate()
-        .max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)));
-    let axis = axis.map_or(0, |(axis, _)| axis);
-    candidates.sort_by(|a, b| a.center()[axis].total_cmp(&b.center()[axis]).then(a.placed.cmp(&b.placed)));
-    let mut before = 0;
-    let middle = candidates.iter().position(|candidate| {
-        before += candidate.faces;
-        2 * before >= faces
-    });
-    let middle = middle.map_or(1, |at| at + 1).clamp(1, candidates.len() - 1);
-    let rest = candidates.split_off(middle);
-    split(candidates, max_members, batches);
-    split(rest, max_members, batches);
+/// Where a mesh stands, in its copies too.
+#[derive(Clone, Copy, Debug, Default)]
+struct Places {
+    count: usize,
+    /// How many of them are of copies.
+    copies: usize,
+}
+
+/// Whether a mesh that stands in several places costs fewer bytes as an asset with instances than as a member of batches
+/// once for each place.
+fn instances_pay(places: Places, faces: usize) -> bool {
+    let (count, copies, faces) = (places.count as f64, places.copies as f64, faces as f64 * FACE_BYTES);
+    let instances = INSTANCE_BYTES * (count - copies) + COPY_BYTES * copies;
+    count > 1.0 && ASSET_BYTES + faces + instances < (MEMBER_BYTES + faces) * count
 }
 
 fn batch(mut candidates: Vec<Candidate>) -> Batch {
@@ -132,11 +141,12 @@ mod tests {
     use std::collections::BTreeSet;
 
     use data_encoding::BASE64;
-    use lodestream_import::gltf::{MeshSize, PlacedMesh};
+    use lodestream_import::gltf::MeshSize;
     use lodestream_scene::placement::Placement;
     use serde_json::{Value, json};
 
     use super::*;
+    use crate::preparation_settings::PreparationSettings;
     use crate::prepare::{Options, prepare_cached};
     use crate::scene::{Asset, Scene, of_files};
 
@@ -147,7 +157,7 @@ mod tests {
             let to_scene =
                 DMat4::from_translation(DVec3::new(3.0 * mesh as f64, 0.0, 0.0)).to_cols_array_2d();
             let part = Part::Mesh { mesh, linear: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]] };
-            PlacedMesh { part, placement: Placement::default(), to_scene }
+            PlacedMesh { part, placement: Placement::default(), mesh, to_scene }
         };
         Contents {
             names: Vec::new(),
@@ -168,28 +178,30 @@ mod tests {
         let mut some = contents(&[100; 40], 1);
         some.sizes[3] = None;
         some.sizes[4].as_mut().unwrap().faces = MAX_MEMBER_FACES + 1;
-        // The sixth mesh is placed twice.
-        some.placed.push(some.placed[5].clone());
-        let (batches, batched) = of_contents(&some);
-        let alone: Vec<usize> = (0..41).filter(|&placed| !batched[placed]).collect();
-        assert_eq!(alone, [3, 4, 5, 40]);
+        // The sixth mesh is placed often.
+        (0..8).for_each(|_| some.placed.push(some.placed[5].clone()));
+        let (batches, batched) = of_contents(&some, Batching::Auto);
+        let alone: Vec<usize> = (0..48).filter(|&placed| !batched[placed]).collect();
+        assert_eq!(alone, [3, 4, 5, 40, 41, 42, 43, 44, 45, 46, 47]);
         assert_eq!(batches.len(), 1);
         assert_eq!(members(&batches[0]).len(), 37);
         assert_eq!(batches[0].tolerance, 1.0 / MEMBER_STEPS / 2.0);
         // Too few are left as they are.
-        let (batches, batched) = of_contents(&contents(&[100; MIN_MEMBERS - 1], 1));
+        let (batches, batched) = of_contents(&contents(&[100; MIN_MEMBERS - 1], 1), Batching::Auto);
         assert!(batches.is_empty() && !batched.contains(&true));
     }
 
     #[test]
     fn large_batches_are_split_where_their_meshes_are() {
+        let max_faces = Batching::Auto.faces().unwrap();
         let faces = MAX_MEMBER_FACES / 4;
-        let count = 2 * MAX_FACES / faces + 2;
-        let (batches, _) = of_contents(&contents(&vec![faces; count], 1));
+        let count = 2 * max_faces / faces + 2;
+        let (batches, _) = of_contents(&contents(&vec![faces; count], 1), Batching::Auto);
         let all: Vec<usize> = batches.iter().flat_map(members).collect();
         assert_eq!(all, (0..count).collect::<Vec<_>>(), "parts along x, one after another");
-        assert!(batches.len() == 4 && batches.iter().all(|batch| members(batch).len() * faces <= MAX_FACES));
-        let (batches, _) = of_contents(&contents(&vec![1; 2 * MAX_MEMBERS + 2], MAX_MATERIALS + 1));
+        assert!(batches.len() == 3 && batches.iter().all(|batch| members(batch).len() * faces <= max_faces));
+        let (batches, _) =
+            of_contents(&contents(&vec![1; 2 * MAX_MEMBERS + 2], MAX_MATERIALS + 1), Batching::Auto);
         assert!(batches.len() > 2 && batches.iter().all(|batch| members(batch).len() <= MAX_MEMBERS));
     }
 
@@ -229,7 +241,7 @@ mod tests {
     #[test]
     fn a_batch_has_all_faces_of_its_members_in_their_places() {
         let folder = tempfile::tempdir().unwrap();
-        let scene: Scene = of_files(&[write(folder.path(), 40)]).unwrap();
+        let scene: Scene = of_files(&[write(folder.path(), 40)], &PreparationSettings::default()).unwrap();
         let [asset]: &[Asset; 1] = scene.assets[..].try_into().unwrap();
         assert_eq!(asset.name, "parts/parts");
         let [instance] = scene.models[0].parts[..] else { panic!("one instance") };

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use crate::preparation_settings::{Precision, PreparationSettings, Round};
+use crate::preparation_settings::{Batching, Precision, PreparationSettings, Round};
 use lodestream_geometry::UnknownName;
 use lodestream_import::{InvalidValue, Part, gltf};
 use lodestream_scene::description::Camera;
@@ -81,6 +81,14 @@ struct RawAsset {
     codec: Option<String>,
     block_faces: Option<usize>,
     relief_depth: Option<f32>,
+    batch: Option<RawBatch>,
+}
+
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "expected \"auto\", \"off\" or a number of faces")]
+enum RawBatch {
+    Word(String),
+    Faces(usize),
 }
 
 #[derive(Deserialize)]
@@ -147,12 +155,17 @@ struct RawCamera {
 /// # Errors
 /// See [`SceneError`].
 pub fn read(path: &Path) -> Result<Scene, SceneError> {
+    read_with(path, &PreparationSettings::default())
+}
+
+/// As [`read`], with settings that take precedence over the file's.
+pub(super) fn read_with(path: &Path, flags: &PreparationSettings) -> Result<Scene, SceneError> {
     let bytes = lodestream_import::read_file(path, MAX_SCENE_BYTES)?;
     let text = std::str::from_utf8(&bytes).map_err(|error| {
         let line = 1 + bytes[..error.valid_up_to()].iter().filter(|&&b| b == b'\n').count();
         SceneError::Line { path: path.to_owned(), line, what: "is not UTF-8 text".to_owned() }
     })?;
-    parse(path, text)
+    parse_with(path, text, flags)
 }
 
 /// Parses the text of a scene file at `path`.
@@ -160,6 +173,10 @@ pub fn read(path: &Path) -> Result<Scene, SceneError> {
 /// # Errors
 /// See [`SceneError`].
 pub fn parse(path: &Path, text: &str) -> Result<Scene, SceneError> {
+    parse_with(path, text, &PreparationSettings::default())
+}
+
+fn parse_with(path: &Path, text: &str, flags: &PreparationSettings) -> Result<Scene, SceneError> {
     let source = Source { path, text };
     let raw: RawScene = toml::from_str(text).map_err(|error| {
         // A likely mistake with a misleading message: TOML cannot have a table and a list of one name.
@@ -174,7 +191,7 @@ pub fn parse(path: &Path, text: &str) -> Result<Scene, SceneError> {
         let message = error.message().split_whitespace().collect::<Vec<_>>().join(" ");
         source.error(error.span().map_or(0, |span| span.start), message)
     })?;
-    source.resolve(raw)
+    source.resolve(raw, flags)
 }
 
 struct Source<'a> {
@@ -189,7 +206,7 @@ impl Source<'_> {
         SceneError::Line { path: self.path.to_owned(), line, what: what.into() }
     }
 
-    fn resolve(&self, raw: RawScene) -> Result<Scene, SceneError> {
+    fn resolve(&self, raw: RawScene, flags: &PreparationSettings) -> Result<Scene, SceneError> {
         let mut scene = Scene::empty();
         if let Some(name) = raw.name {
             self.check_name("the scene", name.get_ref(), name.span().start)?;
@@ -219,7 +236,7 @@ impl Source<'_> {
             if merge {
                 scene.add_merged(asset)?
             } else {
-                scene.add_model(asset, &mut names)?
+                scene.add_model(asset, flags, &mut names)?
             };
         }
         if let Some(instances) = raw.instance {
@@ -273,6 +290,15 @@ impl Source<'_> {
             RawRound::Word(word) => word.parse(),
             RawRound::Share(share) => Round::try_from(*share),
         });
+        let batching = raw.batch.as_ref().map(|batch| match batch {
+            RawBatch::Word(word) => word.parse(),
+            RawBatch::Faces(faces) => Batching::try_from(*faces),
+        });
+        if batching.is_some() && (raw.merge || raw.mesh.is_some()) {
+            return Err(error(
+                "batch is for assets of several meshes: leave it out, or leave out mesh and merge",
+            ));
+        }
         let preparation_settings = PreparationSettings {
             precision: bits.map(Precision::Bits).or(tolerance.map(Precision::Tolerance)),
             uv_bits: setting(raw.uv_bits).map_err(bad("uv_bits"))?,
@@ -282,6 +308,7 @@ impl Source<'_> {
             codec: choice(raw.codec.as_deref()).map_err(bad("codec"))?,
             block_faces: setting(raw.block_faces).map_err(bad("block_faces"))?,
             relief_depth: setting(raw.relief_depth).map_err(bad("relief_depth"))?,
+            batching: batching.transpose().map_err(bad("batch"))?,
         };
         let file = folder.join(&raw.file);
         let part = match &raw.mesh {
@@ -542,14 +569,21 @@ fov_y_degrees = 60
     #[test]
     fn models_become_a_scene_and_a_scene_stands_alone() {
         let files = ["a/x.obj", "b/x.obj", "y.OBJ"].map(PathBuf::from);
-        let scene = super::super::of_files(&files).unwrap();
+        let scene = super::super::of_files(&files, &PreparationSettings::default()).unwrap();
         let names: Vec<&str> = scene.assets.iter().map(|a| a.name.as_str()).collect();
         assert_eq!(names, ["x", "x-2", "y"]);
         assert_eq!(scene.instances, None);
         let mixed = ["a.obj", "s.toml"].map(PathBuf::from);
-        assert!(super::super::of_files(&mixed).unwrap_err().to_string().contains("stands alone"));
-        assert!(super::super::of_files(&[]).is_err());
-        let missing = super::super::of_files(&[PathBuf::from("/no/s.toml")]).unwrap_err().to_string();
+        assert!(
+            super::super::of_files(&mixed, &PreparationSettings::default())
+                .unwrap_err()
+                .to_string()
+                .contains("stands alone")
+        );
+        assert!(super::super::of_files(&[], &PreparationSettings::default()).is_err());
+        let missing = super::super::of_files(&[PathBuf::from("/no/s.toml")], &PreparationSettings::default())
+            .unwrap_err()
+            .to_string();
         assert!(missing.contains("/no/s.toml: cannot be read"), "{missing}");
     }
 }

@@ -1,33 +1,38 @@
 //! Descriptions of scenes: a `scene.toml`, or a list of models.
 
+#[cfg(test)]
+mod batch_tests;
 mod batches;
 mod curve;
 mod file;
 mod model;
 mod names;
 mod punctual_light;
+mod split;
 mod terrain;
 #[cfg(test)]
 mod tests;
 
 use std::path::{Path, PathBuf};
 
+use crate::preparation_settings::PreparationSettings;
 pub use file::{SceneError, parse, read};
 pub use model::{Asset, DEFAULT_FOV_Y_DEGREES, Model, Scene};
 pub use terrain::SceneTerrain;
 
-/// Reads the scene of the files on a command line: one scene file, or models.
+/// Reads the scene of the files on a command line: one scene file, or models. The `flags` take precedence over the scene
+/// file's settings in what assets there are; [`crate::prepare::Options`] has them for how these are prepared.
 ///
 /// # Errors
 /// See [`SceneError`]; a scene file must be the only file.
-pub fn of_files(files: &[PathBuf]) -> Result<Scene, SceneError> {
+pub fn of_files(files: &[PathBuf], flags: &PreparationSettings) -> Result<Scene, SceneError> {
     let is_scene = |file: &Path| file.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
     match files {
         [] => Err(SceneError::NothingNamed),
-        [file] if is_scene(file) => read(file),
+        [file] if is_scene(file) => file::read_with(file, flags),
         _ => match files.iter().find(|file| is_scene(file)) {
             Some(scene) => Err(SceneError::SceneAmongOthers { path: scene.clone() }),
-            None => Ok(Scene::of_models(files)?),
+            None => Ok(Scene::of_models_with(files, flags)?),
         },
     }
 }

@@ -3,13 +3,14 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use crate::preparation_settings::{Precision, PreparationSettings, Tolerance};
-use lodestream_import::{ImportError, Part, gltf, is_gltf};
+use crate::preparation_settings::{PositionBits, Precision, PreparationSettings, Tolerance};
+use lodestream_import::gltf::{self, CopyTolerance};
+use lodestream_import::{ImportError, Part, is_gltf};
 use lodestream_scene::description::{Camera, DEFAULT_AMBIENT, DEFAULT_BACKGROUND, Instance};
 use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::PunctualLight;
 
-use super::batches;
+use super::batches::{self, Batch};
 use super::names::UniqueNames;
 use super::terrain::SceneTerrain;
 
@@ -61,6 +62,21 @@ impl Model {
     }
 }
 
+/// Half the error of positions that the settings allow: a copy adds it to that of its original.
+fn copy_tolerance(settings: &PreparationSettings) -> CopyTolerance {
+    match settings.precision {
+        Some(Precision::Tolerance(length)) => CopyTolerance::Length(length.get() / 2.0),
+        bits => {
+            let bits = match bits {
+                Some(Precision::Bits(bits)) => bits,
+                _ => PositionBits::default(),
+            };
+            // A position is at most half a step from its grid point.
+            CopyTolerance::Share(0.25 / f64::from(1_u32 << bits.get()))
+        }
+    }
+}
+
 /// Longest name of a mesh that an asset's name repeats, in bytes.
 const MAX_MESH_NAME_BYTES: usize = 100;
 
@@ -102,12 +118,20 @@ impl Scene {
     /// # Errors
     /// A glTF file that cannot be read: its meshes become assets, so they must be known.
     pub fn of_models(files: &[PathBuf]) -> Result<Self, ImportError> {
+        Self::of_models_with(files, &PreparationSettings::default())
+    }
+
+    /// As [`Self::of_models`], with settings.
+    pub(super) fn of_models_with(
+        files: &[PathBuf],
+        flags: &PreparationSettings,
+    ) -> Result<Self, ImportError> {
         let mut scene = Self::empty();
         let mut names = UniqueNames::default();
         for file in files {
             let mut asset = Asset::of_file(file);
             asset.name = names.take(&asset.name);
-            scene.add_model(asset, &mut names)?;
+            scene.add_model(asset, flags, &mut names)?;
         }
         scene.name = match files {
             [one] => Asset::of_file(one).name,
@@ -118,14 +142,21 @@ impl Scene {
 
     /// Adds a model: one asset, or for a whole glTF file one for each of its meshes. Returns its number
     /// among [`Scene::models`]. The asset's own name stays; its meshes' must be none of those that are taken.
-    pub(super) fn add_model(&mut self, asset: Asset, names: &mut UniqueNames) -> Result<usize, ImportError> {
+    pub(super) fn add_model(
+        &mut self,
+        asset: Asset,
+        flags: &PreparationSettings,
+        names: &mut UniqueNames,
+    ) -> Result<usize, ImportError> {
         if asset.part != Part::Whole || !is_gltf(&asset.file) {
             return self.add_merged(asset);
         }
-        let contents = gltf::contents(&asset.file)?;
+        let settings = flags.or(asset.preparation_settings);
+        let contents = gltf::contents(&asset.file, Some(copy_tolerance(&settings)))?;
+        let batches = batches::of_contents(&contents, settings.batching.unwrap_or_default());
         let model = Model {
             punctual_lights: contents.punctual_lights.clone(),
-            parts: self.add_meshes(&asset, contents, names),
+            parts: self.add_meshes(&asset, contents, batches, names),
         };
         self.models.push(model);
         Ok(self.models.len() - 1)
@@ -137,7 +168,8 @@ impl Scene {
     /// A glTF file that cannot be read, where all of it is meant.
     pub(super) fn add_merged(&mut self, asset: Asset) -> Result<usize, ImportError> {
         let whole = asset.part == Part::Whole && is_gltf(&asset.file);
-        let punctual_lights = if whole { gltf::contents(&asset.file)?.punctual_lights } else { Vec::new() };
+        let punctual_lights =
+            if whole { gltf::contents(&asset.file, None)?.punctual_lights } else { Vec::new() };
         let number = self.add_asset(asset);
         self.models.push(Model { parts: vec![Instance::at(number, [0.0; 3])], punctual_lights });
         Ok(self.models.len() - 1)
@@ -149,16 +181,16 @@ impl Scene {
         (self.assets.len() - 1) as u32
     }
 
-    /// Adds the meshes that a glTF file places: small ones that it places once in [batches], named after the model; others
-    /// each once (and once more for each mirror or uneven scale that it is placed with), named after the model and the
-    /// mesh.
+    /// Adds the meshes that a glTF file places: those in [batches], named after the model; others and their copies each
+    /// once (and once more for a mirror image and for each uneven scale that it is placed with), named after the model
+    /// and the mesh.
     fn add_meshes(
         &mut self,
         model: &Asset,
         contents: gltf::Contents,
+        (batches, batched): (Vec<Batch>, Vec<bool>),
         names: &mut UniqueNames,
     ) -> Vec<Instance> {
-        let (batches, batched) = batches::of_contents(&contents);
         let mut known: Vec<(Part, u32)> = Vec::new();
         let mut by_mesh: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         let mut instances = Vec::with_capacity(contents.placed.len());

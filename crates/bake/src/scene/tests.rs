@@ -2,17 +2,17 @@
 
 use std::path::PathBuf;
 
-use crate::preparation_settings::{Precision, Round};
+use crate::preparation_settings::{Precision, PreparationSettings, Round};
 use lodestream_geometry::Codec;
 use lodestream_import::Part;
 use tempfile::TempDir;
 
 use super::{Scene, of_files, parse};
 
-/// Two meshes, "hull" and "mast" (placed twice, once mirrored), of one triangle each.
+/// Two meshes, "hull" and "mast" (placed twice, once mirrored), of one triangle each, which differ.
 fn ship(dir: &TempDir) -> PathBuf {
     let bytes: Vec<u8> =
-        [0f32, 0., 0., 1., 0., 0., 0., 1., 0.].iter().flat_map(|v| v.to_le_bytes()).collect();
+        [0f32, 0., 0., 1., 0., 0., 0., 1., 0., 5., 0., 0.].iter().flat_map(|v| v.to_le_bytes()).collect();
     let data = data_encoding::BASE64.encode(&bytes);
     let text = serde_json::json!({
         "asset": {"version": "2.0"},
@@ -24,11 +24,14 @@ fn ship(dir: &TempDir) -> PathBuf {
         ],
         "meshes": [
             {"name": "hull", "primitives": [{"attributes": {"POSITION": 0}}]},
-            {"name": "mast", "primitives": [{"attributes": {"POSITION": 0}}]},
+            {"name": "mast", "primitives": [{"attributes": {"POSITION": 1}}]},
         ],
-        "accessors": [{"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 3}],
-        "bufferViews": [{"buffer": 0, "byteLength": 36}],
-        "buffers": [{"byteLength": 36, "uri": format!("data:;base64,{data}")}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 3},
+            {"bufferView": 0, "byteOffset": 12, "componentType": 5126, "type": "VEC3", "count": 3},
+        ],
+        "bufferViews": [{"buffer": 0, "byteLength": 48}],
+        "buffers": [{"byteLength": 48, "uri": format!("data:;base64,{data}")}],
     });
     let path = dir.path().join("ship.gltf");
     std::fs::write(&path, text.to_string()).unwrap();
@@ -42,7 +45,7 @@ fn names(scene: &Scene) -> Vec<&str> {
 #[test]
 fn gltf_meshes_are_placed_by_their_nodes() {
     let dir = TempDir::new().unwrap();
-    let scene = of_files(&[ship(&dir)]).unwrap();
+    let scene = of_files(&[ship(&dir)], &PreparationSettings::default()).unwrap();
     assert_eq!(scene.name, "ship");
     assert_eq!(names(&scene), ["ship/hull", "ship/mast", "ship/mast-2"]);
     let [model] = &scene.models[..] else { panic!("{:?}", scene.models) };
@@ -127,8 +130,12 @@ fn scene_files_place_gltf_models_whole_by_mesh_and_merged() {
 fn models_with_the_name_of_a_numbered_duplicate_stay_distinct() {
     let named = |files: &[&str]| {
         let files: Vec<PathBuf> = files.iter().map(PathBuf::from).collect();
-        let names: Vec<String> =
-            of_files(&files).unwrap().assets.into_iter().map(|asset| asset.name).collect();
+        let names: Vec<String> = of_files(&files, &PreparationSettings::default())
+            .unwrap()
+            .assets
+            .into_iter()
+            .map(|asset| asset.name)
+            .collect();
         names
     };
     assert_eq!(named(&["chair-2.obj", "chair.obj"]), ["chair-2", "chair"]);
@@ -144,7 +151,7 @@ fn meshes_with_the_name_of_a_numbered_form_stay_distinct() {
     let text = std::fs::read_to_string(&path).unwrap().replace("hull", "mast-2");
     std::fs::write(&path, text).unwrap();
     assert_eq!(
-        names(&of_files(std::slice::from_ref(&path)).unwrap()),
+        names(&of_files(std::slice::from_ref(&path), &PreparationSettings::default()).unwrap()),
         ["ship/mast-2", "ship/mast", "ship/mast-3"]
     );
     // A scene file's own names stay, wherever they stand.

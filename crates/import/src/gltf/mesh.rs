@@ -81,6 +81,22 @@ impl<'a> Builder<'a> {
         self.mesh.parts.resize(self.mesh.faces.len(), part);
     }
 
+    /// One mesh of the file, untransformed and by itself. Its material numbers mean nothing.
+    ///
+    /// # Errors
+    /// As [`Self::add`].
+    pub(super) fn take(&mut self, mesh: usize) -> Result<SourceMesh, ImportError> {
+        // Room for all materials of the mesh, which may have as many as an asset.
+        if self.materials.len() >= MAX_MATERIALS / 2 {
+            self.materials.clear();
+            self.material_of.clear();
+        }
+        let added = self.add(mesh, &DMat4::IDENTITY);
+        self.warnings.clear();
+        let taken = std::mem::take(&mut self.mesh);
+        added.map(|()| taken)
+    }
+
     fn primitive(
         &mut self,
         primitive: &json::mesh::Primitive,

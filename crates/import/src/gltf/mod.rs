@@ -12,6 +12,7 @@
 mod accessor;
 mod compressed;
 mod container;
+mod copies;
 mod draco;
 mod ignored;
 mod instancing;
@@ -20,6 +21,7 @@ mod maps;
 mod material;
 mod mesh;
 mod nodes;
+mod similarity;
 mod sizes;
 #[cfg(test)]
 mod tests;
@@ -28,17 +30,18 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
-use glam::{DMat3, DMat4, DQuat};
+use glam::{DMat3, DMat4, DQuat, DVec3};
 
 use crate::error::ImportError;
 use crate::file::{MAX_FILE_BYTES, read_file};
 use crate::model::{Imported, Part};
 pub(crate) use container::Document;
 use container::Location;
+pub use copies::CopyTolerance;
 use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::PunctualLight;
 use mesh::Builder;
-pub use sizes::MeshSize;
+pub use sizes::{MeshSize, PartSize};
 
 /// Relative tolerance within which axes count as equally long and orthogonal: the rounding of transformations that
 /// were composed in f32.
@@ -47,11 +50,13 @@ const SIMILARITY: f64 = 1e-5;
 /// One mesh of a file, placed by a similarity. Any other part of its transformation is in [`PlacedMesh::part`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlacedMesh {
-    /// The mesh, as [`crate::import_part`] takes it.
+    /// What is placed, as [`crate::import_part`] takes it: the mesh, or the one that it is a copy of.
     pub part: Part,
-    /// Its placement in the file's scene.
+    /// The part's placement in the file's scene.
     pub placement: Placement,
-    /// Columns of its whole transformation, of which the part and the placement have rounded shares.
+    /// Index of the mesh itself.
+    pub mesh: usize,
+    /// Columns of the mesh's whole transformation, of which the part and the placement have rounded shares.
     pub to_scene: [[f64; 4]; 4],
 }
 
@@ -106,6 +111,15 @@ impl Document {
         builder.finish()
     }
 
+    /// What the file states of a part; `None` for all of it.
+    pub(crate) fn stated_size(&self, part: &Part) -> Option<PartSize> {
+        match part {
+            Part::Whole => None,
+            Part::Mesh { mesh, .. } => Some(sizes::of_part(self, [*mesh].into_iter())),
+            Part::Batch(members) => Some(sizes::of_part(self, members.iter().map(|member| member.mesh))),
+        }
+    }
+
     /// The files that are read beside it: buffers and images.
     pub(crate) fn dependencies(&self) -> Vec<PathBuf> {
         let buffers = self.root.buffers.iter().filter_map(|buffer| buffer.uri.as_deref());
@@ -123,16 +137,24 @@ impl Document {
     }
 }
 
-/// Lists the meshes and lights of a file with their placements, without reading the meshes.
+/// Lists the meshes and lights of a file with their placements. With a tolerance, finds meshes that are copies of others,
+/// which reads those that state the same numbers of corners; without one, reads no mesh.
 ///
 /// # Errors
 /// As [`crate::import`], except for errors within meshes.
-pub fn contents(path: &Path) -> Result<Contents, ImportError> {
+pub fn contents(path: &Path, copies: Option<CopyTolerance>) -> Result<Contents, ImportError> {
     let document = open(path)?;
     let placed = nodes::placed(&document)?;
     // A scale of zero leaves nothing to draw.
-    let visible = placed.meshes.into_iter().filter(|p| p.to_scene.determinant() != 0.0);
-    let meshes = visible.map(|p| similar(p.mesh, &p.to_scene)).collect();
+    let visible: Vec<_> = placed.meshes.into_iter().filter(|p| p.to_scene.determinant() != 0.0).collect();
+    let used = visible.iter().map(|placed| placed.mesh).collect();
+    let copies = copies.map(|tolerance| copies::of_meshes(&document, &used, tolerance)).unwrap_or_default();
+    let placed_mesh = |nodes::Placed { mesh, to_scene }| {
+        let (original, map) = copies.get(&mesh).map_or((mesh, to_scene), |(of, map)| (*of, to_scene * *map));
+        let (part, placement) = similar(original, &map);
+        PlacedMesh { part, placement, mesh, to_scene: to_scene.to_cols_array_2d() }
+    };
+    let meshes = visible.into_iter().map(placed_mesh).collect();
     let punctual_lights = lights::punctual_lights(&document, &placed.lights)?;
     Ok(Contents {
         names: names(&document),
@@ -177,30 +199,27 @@ fn names(document: &Document) -> Vec<String> {
     names
 }
 
-/// Splits a transformation: a similarity becomes the placement of an instance; any other (uneven scale, shear, mirror)
-/// becomes a linear map of the mesh and a translation.
-fn similar(mesh: usize, to_scene: &DMat4) -> PlacedMesh {
+/// Splits a transformation: a similarity becomes the placement of an instance, a mirror image the placement of one that is
+/// mirrored in x; any other (uneven scale, shear) becomes a linear map of the mesh and a translation.
+fn similar(mesh: usize, to_scene: &DMat4) -> (Part, Placement) {
     let linear = DMat3::from_mat4(*to_scene);
     let translation = to_scene.w_axis.truncate();
-    let scale = linear.determinant().cbrt();
-    let axes = [linear.x_axis, linear.y_axis, linear.z_axis];
+    let mirror = DMat3::from_diagonal(DVec3::new(linear.determinant().signum(), 1.0, 1.0));
+    let rotated = linear * mirror;
+    let scale = rotated.determinant().cbrt();
+    let axes = [rotated.x_axis, rotated.y_axis, rotated.z_axis];
     let even = axes.iter().all(|axis| (axis.length() - scale).abs() <= SIMILARITY * scale);
     let square = [(0, 1), (1, 2), (2, 0)]
         .iter()
         .all(|&(i, j)| axes[i].dot(axes[j]).abs() <= SIMILARITY * scale * scale);
-    let columns = to_scene.to_cols_array_2d();
     let rounded = scale as f32;
     if rounded > 0.0 && rounded.is_finite() && even && square {
-        let rotation = DQuat::from_mat3(&DMat3::from_cols_array(&(linear * scale.recip()).to_cols_array()));
-        let part = Part::Mesh { mesh, linear: DMat3::IDENTITY.to_cols_array_2d() };
-        PlacedMesh {
-            part,
-            placement: Placement::new(translation, rotation.normalize(), rounded),
-            to_scene: columns,
-        }
+        let rotation = DQuat::from_mat3(&(rotated * scale.recip()));
+        let part = Part::Mesh { mesh, linear: mirror.to_cols_array_2d() };
+        (part, Placement::new(translation, rotation.normalize(), rounded))
     } else {
         let part = Part::Mesh { mesh, linear: linear.to_cols_array_2d() };
-        PlacedMesh { part, placement: Placement::at(translation.to_array()), to_scene: columns }
+        (part, Placement::at(translation.to_array()))
     }
 }
 

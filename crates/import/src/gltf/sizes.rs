@@ -21,6 +21,32 @@ pub struct MeshSize {
     pub high: [f64; 3],
 }
 
+/// What a file states of a part.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PartSize {
+    /// Triangles, over all members of a batch.
+    pub faces: usize,
+    /// Whether it has textures, blends, or may for all that is known.
+    pub textured: bool,
+}
+
+/// What the file states of some of its meshes.
+pub(super) fn of_part(document: &Document, meshes: impl Iterator<Item = usize>) -> PartSize {
+    let primitives =
+        meshes.filter_map(|mesh| document.root.meshes.get(mesh)).flat_map(|mesh| &mesh.primitives);
+    primitives.fold(PartSize::default(), |size, primitive| PartSize {
+        faces: size.faces.saturating_add(corners(document, primitive).unwrap_or(0) / 3),
+        textured: size.textured || !is_plain(document, primitive),
+    })
+}
+
+/// Corners of a primitive, as its indices or vertices say.
+fn corners(document: &Document, primitive: &Primitive) -> Option<usize> {
+    let positions = *primitive.attributes.get(&Checked::Valid(Semantic::Positions))?;
+    let accessor = document.root.accessors.get(primitive.indices.unwrap_or(positions).value())?;
+    usize::try_from(accessor.count.0).ok()
+}
+
 /// The size of each mesh; `None` where the file does not state it, and for meshes with textures or blending: texture
 /// coordinates would share a grid, and blended objects are drawn by distance.
 pub(super) fn of_meshes(document: &Document) -> Vec<Option<MeshSize>> {
@@ -45,16 +71,12 @@ fn of_primitive(document: &Document, primitive: &Primitive) -> Option<MeshSize> 
     if positions.normalized {
         return None;
     }
-    let corners = match primitive.indices {
-        Some(indices) => accessor(indices.value())?.count.0,
-        None => positions.count.0,
-    };
     let point = |value: &Option<json::Value>| {
         let numbers = value.as_ref()?.as_array()?;
         let [x, y, z] = [0, 1, 2].map(|axis| numbers.get(axis).and_then(json::Value::as_f64));
         Some([x?, y?, z?]).filter(|point| point.iter().all(|number| number.is_finite()))
     };
-    let faces = usize::try_from(corners / 3).ok()?;
+    let faces = corners(document, primitive)? / 3;
     Some(MeshSize { faces, low: point(&positions.min)?, high: point(&positions.max)? })
 }
 

@@ -34,7 +34,7 @@ fn a_mesh_is_placed_at_each_of_its_nodes_instances() {
     assert_eq!(faces[4][2], [22., 7., 0.]);
     // As a scene: one mesh, three instances.
     let dir = TempDir::new().unwrap();
-    let contents = contents(&write(&dir, "a.glb", thrice().glb())).unwrap();
+    let contents = contents(&write(&dir, "a.glb", thrice().glb()), None).unwrap();
     assert_eq!(contents.names.len(), 1);
     let [first, second, third] = &contents.placed[..] else { panic!("{:?}", contents.placed) };
     assert!(first.part == second.part && second.part == third.part);

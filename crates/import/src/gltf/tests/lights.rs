@@ -28,7 +28,7 @@ fn light(number: usize) -> Value {
 
 fn read(model: &Model) -> Result<Contents, ImportError> {
     let dir = TempDir::new().unwrap();
-    contents(&write(&dir, "a.glb", model.glb()))
+    contents(&write(&dir, "a.glb", model.glb()), None)
 }
 
 #[test]
