@@ -29,6 +29,8 @@ pub(super) struct Batch {
     pub(super) part: Part,
     /// Largest distance between a position and its grid point, in units of the file.
     pub(super) tolerance: f64,
+    /// Index of each member among the placed meshes.
+    pub(super) placed: Vec<usize>,
 }
 
 /// A mesh that may be in a batch.
@@ -124,7 +126,8 @@ fn batch(mut candidates: Vec<Candidate>) -> Batch {
     let finest = (high - low).max_element() / f64::from(1_u32 << (MAX_POSITION_BITS - 1));
     let tolerance = (sizes[sizes.len() / 2] / MEMBER_STEPS / 2.0).max(finest).max(f64::MIN_POSITIVE);
     let members: Arc<[BatchMember]> = candidates.iter().map(|candidate| candidate.member).collect();
-    Batch { part: Part::Batch(members), tolerance }
+    let placed = candidates.iter().map(|candidate| candidate.placed).collect();
+    Batch { part: Part::Batch(members), tolerance, placed }
 }
 
 #[cfg(test)]
@@ -147,12 +150,14 @@ mod tests {
             let to_scene =
                 DMat4::from_translation(DVec3::new(3.0 * mesh as f64, 0.0, 0.0)).to_cols_array_2d();
             let part = Part::Mesh { mesh, linear: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]] };
-            PlacedMesh { part, placement: Placement::default(), to_scene }
+            PlacedMesh { part, placement: Placement::default(), to_scene, node: None }
         };
         Contents {
             names: Vec::new(),
             sizes: faces.iter().map(size).collect(),
+            part_names: Arc::default(),
             materials,
+            warnings: Vec::new(),
             placed: (0..faces.len()).map(placed).collect(),
             punctual_lights: Vec::new(),
         }
@@ -212,10 +217,14 @@ mod tests {
                 "min": [0.0, 0.0, 0.0], "max": [high, high, high],
             }));
             meshes.push(json!({"primitives": [{"attributes": {"POSITION": mesh}}]}));
-            nodes.push(json!({"mesh": mesh, "translation": [4.0 * mesh as f64, 0.0, 0.0]}));
+            let translation = [4.0 * mesh as f64, 0.0, 0.0];
+            let extras = json!({"number": mesh});
+            nodes.push(json!({"mesh": mesh, "name": format!("part {mesh}"), "translation": translation, "extras": extras}));
         }
         let children: Vec<usize> = (0..count).collect();
-        nodes.push(json!({"translation": [408_000.0, 0.0, -4_080_000.0], "children": children}));
+        nodes.push(
+            json!({"name": "floor", "translation": [408_000.0, 0.0, -4_080_000.0], "children": children}),
+        );
         let uri = format!("data:application/octet-stream;base64,{}", BASE64.encode(&bytes));
         let file: Value = json!({
             "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [count]}], "nodes": nodes, "meshes": meshes,

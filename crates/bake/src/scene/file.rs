@@ -226,6 +226,8 @@ impl Source<'_> {
             let mut placed = Vec::with_capacity(instances.len());
             for raw in instances {
                 let (model, place) = self.instance(&numbers, raw, scene.terrain.as_ref())?;
+                let count = scene.models[model].parts.len() as u32;
+                scene.instance_parts.extend((0..count).map(|part| (model as u32, part)));
                 let (parts, punctual_lights) = scene.models[model].placed(place);
                 placed.extend(parts);
                 scene.punctual_lights.extend(punctual_lights);

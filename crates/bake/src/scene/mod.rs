@@ -5,6 +5,7 @@ mod curve;
 mod file;
 mod model;
 mod names;
+mod part_names;
 mod punctual_light;
 mod terrain;
 #[cfg(test)]
@@ -14,6 +15,7 @@ use std::path::{Path, PathBuf};
 
 pub use file::{SceneError, parse, read};
 pub use model::{Asset, DEFAULT_FOV_Y_DEGREES, Model, Scene};
+pub use part_names::ModelPartNames;
 pub use terrain::SceneTerrain;
 
 /// Reads the scene of the files on a command line: one scene file, or models.

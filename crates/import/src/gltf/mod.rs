@@ -20,12 +20,14 @@ mod maps;
 mod material;
 mod mesh;
 mod nodes;
+mod part_names;
 mod sizes;
 #[cfg(test)]
 mod tests;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use bytes::Bytes;
 use glam::{DMat3, DMat4, DQuat};
@@ -38,6 +40,8 @@ use container::Location;
 use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::PunctualLight;
 use mesh::Builder;
+use nodes::Placed;
+pub use part_names::PartNames;
 pub use sizes::MeshSize;
 
 /// Relative tolerance within which axes count as equally long and orthogonal: the rounding of transformations that
@@ -53,6 +57,9 @@ pub struct PlacedMesh {
     pub placement: Placement,
     /// Columns of its whole transformation, of which the part and the placement have rounded shares.
     pub to_scene: [[f64; 4]; 4],
+    /// Number of the node that places it, by which [`Contents::part_names`] finds its name; `None` in a file without
+    /// scenes.
+    pub node: Option<u32>,
 }
 
 /// The meshes and lights of a file.
@@ -62,12 +69,16 @@ pub struct Contents {
     pub names: Vec<String>,
     /// Size of each mesh, by index; `None` for meshes that must stay assets of their own.
     pub sizes: Vec<Option<MeshSize>>,
+    /// What its placed meshes are called.
+    pub part_names: Arc<PartNames>,
     /// Number of materials that its meshes may name, the default one included.
     pub materials: usize,
     /// Placements of meshes in the file's scene.
     pub placed: Vec<PlacedMesh>,
     /// Punctual lights of the file's scene.
     pub punctual_lights: Vec<PunctualLight>,
+    /// What could not be taken over whole, for people.
+    pub warnings: Vec<String>,
 }
 
 fn open(path: &Path) -> Result<Document, ImportError> {
@@ -131,14 +142,18 @@ pub fn contents(path: &Path) -> Result<Contents, ImportError> {
     let placed = nodes::placed(&document)?;
     // A scale of zero leaves nothing to draw.
     let visible = placed.meshes.into_iter().filter(|p| p.to_scene.determinant() != 0.0);
-    let meshes = visible.map(|p| similar(p.mesh, &p.to_scene)).collect();
+    let meshes = visible.map(|p| similar(&p)).collect();
     let punctual_lights = lights::punctual_lights(&document, &placed.lights)?;
+    let names = names(&document);
+    let (part_names, warning) = PartNames::new(&document, placed.nodes, &names);
     Ok(Contents {
-        names: names(&document),
+        names,
+        part_names: Arc::new(part_names),
         sizes: sizes::of_meshes(&document),
         materials: document.root.materials.len() + 1,
         placed: meshes,
         punctual_lights,
+        warnings: warning.into_iter().collect(),
     })
 }
 
@@ -178,7 +193,7 @@ fn names(document: &Document) -> Vec<String> {
 
 /// Splits a transformation: a similarity becomes the placement of an instance; any other (uneven scale, shear, mirror)
 /// becomes a linear map of the mesh and a translation.
-fn similar(mesh: usize, to_scene: &DMat4) -> PlacedMesh {
+fn similar(&Placed { mesh, ref to_scene, node }: &Placed) -> PlacedMesh {
     let linear = DMat3::from_mat4(*to_scene);
     let translation = to_scene.w_axis.truncate();
     let scale = linear.determinant().cbrt();
@@ -196,10 +211,11 @@ fn similar(mesh: usize, to_scene: &DMat4) -> PlacedMesh {
             part,
             placement: Placement::new(translation, rotation.normalize(), rounded),
             to_scene: columns,
+            node,
         }
     } else {
         let part = Part::Mesh { mesh, linear: linear.to_cols_array_2d() };
-        PlacedMesh { part, placement: Placement::at(translation.to_array()), to_scene: columns }
+        PlacedMesh { part, placement: Placement::at(translation.to_array()), to_scene: columns, node }
     }
 }
 

@@ -69,6 +69,9 @@ fn contents(pages: u32) -> Contents {
         punctual_lights: None,
         light_directory: Vec::new(),
         light_pages: Vec::new(),
+        parts: None,
+        part_directory: Vec::new(),
+        part_pages: Vec::new(),
         packs: (0..2 * pages).map(pack).collect(),
     }
 }
