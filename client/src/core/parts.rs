@@ -81,6 +81,8 @@ impl Lookup {
 pub(super) struct PartLookups {
     /// The scene's table, once it is known that it has one.
     pub(super) table: Option<PartTable>,
+    /// Whether the present session has said so. A server that has not may not know such blobs.
+    pub(super) is_announced: bool,
     pub(super) waiting: Vec<Lookup>,
     pub(super) answers: VecDeque<PartAnswer>,
     /// States of the blobs that were requested.
@@ -125,7 +127,7 @@ impl PartLookups {
 
     /// The blobs that lookups wait for, each once: before all else, since a person waits for the answer.
     pub(super) fn wanted(&self) -> Vec<Wanted> {
-        if self.table.is_none() {
+        if !self.is_announced {
             return Vec::new();
         }
         let blobs: BTreeSet<PartBlob> = self.waiting.iter().map(Lookup::needs).collect();

@@ -43,6 +43,7 @@ impl ClientCore {
                 }
                 ClientEvent::Parts(table) => {
                     self.parts.table.get_or_insert(table);
+                    self.parts.is_announced = true;
                     self.advance_lookups(now);
                 }
                 ClientEvent::Blob { id, offset, total, bytes } => {
