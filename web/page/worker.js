@@ -25,6 +25,8 @@ let ranges = null;
 let abandon = () => {};
 /** What arrived before the module was ready. */
 let early = [];
+/** Lookups of parts from before the module was ready. */
+const earlyParts = [];
 let opened = false;
 let untaken = 0;
 /** Number of times that the page has asked for the whole scene: it drops the steps from before. */
