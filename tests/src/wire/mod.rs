@@ -23,6 +23,7 @@ use lodestream_scene::limits::{
     MAX_FRAME_BYTES, MAX_HAVE, MAX_IDS_PER_MESSAGE, MAX_INSTANCES, MAX_MESSAGE_BYTES, MAX_NAME_BYTES,
     MAX_PAGES_PER_MESSAGE, MAX_PIECE_BYTES, MAX_QUEUED, MAX_REASON_BYTES, MAX_SCENE_PAGES, MAX_TOKEN_BYTES,
 };
+use lodestream_scene::parts;
 use lodestream_scene::punctual_lights::{
     LISTED_PER_PAGE, MAX_PAGE_BYTES, MAX_PUNCTUAL_LIGHTS, PUNCTUAL_LIGHTS_PER_PAGE,
 };
@@ -246,6 +247,15 @@ fn the_page_states_the_limits_and_close_codes_of_the_program() {
         (
             "punctual lights of a scene; of a page; pages on a page of their directory; bytes of a page",
             &[MAX_PUNCTUAL_LIGHTS, PUNCTUAL_LIGHTS_PER_PAGE, LISTED_PER_PAGE, MAX_PAGE_BYTES].map(u64::from),
+        ),
+        (
+            "records of parts; bytes of name, path, extras",
+            &[
+                u64::from(parts::MAX_RECORDS),
+                parts::MAX_NAME_BYTES as u64,
+                parts::MAX_PATH_BYTES as u64,
+                parts::MAX_EXTRAS_BYTES as u64,
+            ],
         ),
     ] {
         let row = rows.iter().find(|row| row[1] == what).unwrap_or_else(|| panic!("no row {what:?}"));

@@ -87,6 +87,10 @@ fn a_directory_gives_each_instance_its_records() {
     assert_eq!(records_of(&runs, 6), None);
     let alike: Vec<_> = (0..1024).map(|n| n..n + 1).collect();
     assert_eq!(encode_directory(&alike).unwrap().len(), 6);
+    // The most runs that a page can have.
+    let apart: Vec<_> = (0..1024).map(|n| n * 7 % 1024..n * 7 % 1024 + 1).collect();
+    let runs = decode_directory(&encode_directory(&apart).unwrap(), 1024, 1024).unwrap();
+    assert_eq!((runs.len(), records_of(&runs, 1023)), (1024, Some(apart[1023].clone())));
 }
 
 #[test]
