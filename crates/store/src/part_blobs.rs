@@ -128,7 +128,7 @@ mod tests {
     #[test]
     fn a_scene_without_instances_has_no_table_and_records_must_exist() {
         assert_eq!(PartBlobs::new(&[], (0..3).map(info)).unwrap().all().count(), 0);
-        assert!(PartBlobs::new(&[0..4], (0..3).map(info)).is_err());
-        assert!(PartBlobs::new(&[2..2], (0..3).map(info)).is_err());
+        assert!(PartBlobs::new(&[0..1, 0..4], (0..3).map(info)).is_err());
+        assert!(PartBlobs::new(&[0..1, 2..2], (0..3).map(info)).is_err());
     }
 }

@@ -129,8 +129,10 @@ fn compact(extras: Option<&RawValue>, shortened: &mut usize) -> Option<Box<str>>
     for (key, value) in entries {
         let comma = if kept.len() > 1 { "," } else { "" };
         let key = serde_json::Value::from(key).to_string();
-        if kept.len() + comma.len() + key.len() + 1 + value.get().len() + 1 <= MAX_EXTRAS_BYTES {
-            kept.extend([comma, &key, ":", value.get()]);
+        let entry = [comma, &key, ":", value.get()];
+        // The closing brace follows.
+        if kept.len() + entry.iter().map(|text| text.len()).sum::<usize>() < MAX_EXTRAS_BYTES {
+            kept.extend(entry);
         }
     }
     kept.push('}');
