@@ -73,6 +73,7 @@ mod moving_window;
 mod packs;
 #[cfg(test)]
 mod parts;
+#[cfg(test)]
 mod punctual_lights;
 #[cfg(test)]
 mod robustness;
