@@ -12,7 +12,7 @@ use lodestream_scene::view::View;
 use tokio::sync::{mpsc, watch};
 use tokio::time::sleep;
 
-use crate::core::{Change, ClientCore, Config, Progress, Stats};
+use crate::core::{Change, ClientCore, Config, PartAnswer, PartId, Progress, Stats};
 use crate::net::{Clock, End, Host, Retry, Server, stream};
 
 /// Payload bytes decoded between two polls of the network: about 5 ms of work.
@@ -21,6 +21,8 @@ const SLICE_BYTES: u64 = 16 * 1024;
 const STEP_BYTES: usize = 512 << 10;
 /// Most steps that wait for the renderer.
 const MAX_STEPS: usize = 8;
+/// Most lookups of parts, and answers to them, between the two threads.
+const MAX_LOOKUPS: usize = 256;
 /// Status message for a server that does not answer while the connection is still open.
 const SILENT: &str = "the server does not answer; waiting for it";
 /// Interval of status reports.
@@ -78,6 +80,8 @@ pub struct Streaming {
     tokens: Tokens,
     status: watch::Receiver<Status>,
     steps: mpsc::Receiver<Vec<Change>>,
+    lookups: mpsc::Sender<PartId>,
+    parts: mpsc::Receiver<PartAnswer>,
     clock: Clock,
     thread: Option<JoinHandle<()>>,
 }
@@ -99,6 +103,8 @@ impl Streaming {
         let (tokens, tokens_receiver) = watch::channel(None);
         let (status_sender, status) = watch::channel(Status::default());
         let (step_sender, steps) = mpsc::channel(MAX_STEPS);
+        let (lookups, lookup_receiver) = mpsc::channel(MAX_LOOKUPS);
+        let (part_sender, parts) = mpsc::channel(MAX_LOOKUPS);
         // A thread of its own serves the sockets, so that decoding does not delay them.
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(1)
@@ -110,6 +116,9 @@ impl Streaming {
             controls: controls_receiver,
             tokens: tokens_receiver,
             steps: Some(step_sender),
+            lookups: lookup_receiver,
+            next_lookup: None,
+            parts: part_sender,
             status: status_sender,
             message: Some(format!("connecting to {}", server.address)),
             reported_at: None,
@@ -121,7 +130,16 @@ impl Streaming {
             host.report(clock.now(), Some(end));
             runtime.shutdown_timeout(Duration::from_millis(200));
         })?;
-        Ok(Self { controls, tokens: Tokens(tokens), status, steps, clock, thread: Some(thread) })
+        Ok(Self {
+            controls,
+            tokens: Tokens(tokens),
+            status,
+            steps,
+            lookups,
+            parts,
+            clock,
+            thread: Some(thread),
+        })
     }
 
     /// The clock of all times in statuses and changes.
@@ -147,6 +165,18 @@ impl Streaming {
         self.status.borrow().clone()
     }
 
+    /// Looks up what a part is called ([`ClientCore::look_up_part`]); [`Streaming::take_part`] gives the answer. Returns
+    /// `false`, and nothing follows, if streaming has ended or 256 lookups have not been noticed yet.
+    #[must_use]
+    pub fn look_up_part(&self, id: PartId) -> bool {
+        self.lookups.try_send(id).is_ok()
+    }
+
+    /// Takes the next answer to a lookup, if there is one. `notify` is called for each.
+    pub fn take_part(&mut self) -> Option<PartAnswer> {
+        self.parts.try_recv().ok()
+    }
+
     /// Takes the next step of changes, if there is one.
     pub fn take(&mut self) -> Option<Vec<Change>> {
         self.steps.try_recv().ok()
@@ -170,6 +200,10 @@ struct StreamHost<N> {
     tokens: watch::Receiver<Option<Token>>,
     /// `None` once the receiver is dropped.
     steps: Option<mpsc::Sender<Vec<Change>>>,
+    lookups: mpsc::Receiver<PartId>,
+    /// One that woke the thread.
+    next_lookup: Option<PartId>,
+    parts: mpsc::Sender<PartAnswer>,
     status: watch::Sender<Status>,
     message: Option<String>,
     reported_at: Option<Time>,
@@ -203,6 +237,19 @@ impl<N: Fn()> StreamHost<N> {
             self.steps = None;
         }
         if published {
+            (self.notify)();
+        }
+    }
+
+    /// Passes lookups to the core, and its answers back while there is room. The others wait in the core.
+    fn look_up(&mut self, now: Time) {
+        while let Some(id) = self.next_lookup.take().or_else(|| self.lookups.try_recv().ok()) {
+            self.core.look_up_part(now, id);
+        }
+        while let Ok(permit) = self.parts.try_reserve()
+            && let Some(answer) = self.core.take_part()
+        {
+            permit.send(answer);
             (self.notify)();
         }
     }
@@ -250,6 +297,7 @@ impl<N: Fn()> Host for StreamHost<N> {
         {
             self.core.set_token(token);
         }
+        self.look_up(now);
         let progress = self.core.update(now, SLICE_BYTES);
         self.publish(now);
         if self.core.is_open() {
@@ -287,6 +335,7 @@ impl<N: Fn()> Host for StreamHost<N> {
                         self.controls.mark_changed();
                     }
                 }
+                Some(id) = self.lookups.recv() => self.next_lookup = Some(id),
                 () = room => {}
                 () = sleep(STATUS_INTERVAL) => {}
             }

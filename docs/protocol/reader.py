@@ -19,14 +19,15 @@ import sys
 CLIENT_TAGS = {1: "Hello", 2: "Want", 3: "Cancel", 0x84: "SetView", 5: "WantScenePages", 6: "Ping", 7: "Bye",
                0x88: "Token"}
 SERVER_TAGS = {0x41: "Welcome", 0x42: "ScenePage", 0x43: "Refused", 0xC4: "BasesSent", 0xC5: "Done",
-               0x46: "Pong", 0x47: "Close", 0x48: "Piece", 0x49: "RefusedMany", 0xCA: "PunctualLights"}
+               0x46: "Pong", 0x47: "Close", 0x48: "Piece", 0x49: "RefusedMany", 0xCA: "PunctualLights",
+               0xCB: "Parts"}
 REFUSED = ["NotFound", "Unreadable", "QueueFull", "TooLong", "OutOfRange"]
 CLOSE_CODES = ["Normal", "ShuttingDown", "Version", "NoSuchScene", "Protocol", "Limit", "Timeout", "Busy", "Lost",
                "Unauthorised"]
 STAMPS = ["ridge", "valley", "crater", "plateau", "river bed"]
 # Kinds of blobs that are no part of an asset.
 SCENE_BLOBS = {4: "terrain_directory_page", 5: "height_overrides", 6: "punctual_light_directory_page",
-               7: "punctual_light_page"}
+               7: "punctual_light_page", 8: "part_directory_page", 9: "part_page"}
 MAX_BODY, MAX_PIECE, MAX_BLOB = 65536, 16384, 1 << 26
 ZSTD = bytes.fromhex("28b52ffd")
 
@@ -549,6 +550,36 @@ class Reader:
         self.b.finish("the punctual_lights")
         return punctual_lights
 
+    # What parts are called.
+    def parts(self):
+        count = self.f("records", self.b.u32)
+        ensure(1 <= count <= 1 << 24, f"{count} records of parts")
+        return count
+
+    def part_directory(self):
+        def run():
+            return [self.f(name, self.b.u32) for name in ("instances", "parts", "first")]
+        runs = self.vec("runs", run, 1024)
+        ensure(all(instances and parts for instances, parts, _ in runs), "an instance without parts")
+        self.b.finish("the directory of parts")
+        return runs
+
+    def part_page(self):
+        version = self.f("version", self.b.u8)
+        ensure(version == 1, f"a page of parts of format version {version}")
+        records, before = [], [b"", b"", b""]
+        while self.b.left():
+            before = [self.f(name, lambda: self.continued(text, most)) for name, text, most in
+                      zip(("name", "path", "extras"), before, (255, 1024, 4096))]
+            records.append([text.decode("utf-8") for text in before])
+        ensure(1 <= len(records) <= 256, f"{len(records)} records on a page")
+        return records
+
+    def continued(self, before, most):
+        shared, rest = self.b.u32(), self.b.u32()
+        ensure(shared <= len(before) and shared + rest <= most, "a text that does not continue the one before it")
+        return bytes(before[:shared]) + bytes(self.b.take(rest))
+
     def half(self):
         """Bits 30 to 15 of an f32."""
         return struct.unpack("<f", struct.pack("<I", self.b.fixed(2) << 15))[0]
@@ -578,6 +609,7 @@ def read_body(name, r):
         "Refused": r.refused,
         "RefusedMany": lambda: r.vec("refusals", r.refused, 1024),
         "PunctualLights": r.punctual_lights,
+        "Parts": r.parts,
         "BasesSent": lambda: None,
         "Done": lambda: None,
         "Pong": lambda: r.f("number", b.u32),
@@ -682,6 +714,10 @@ class Session:
             run["contents"] = Reader(b).punctual_light_directory()
         elif whole and "punctual_light_page" in run["id"]:
             run["contents"] = Reader(b).punctual_light_page()
+        elif whole and "part_directory_page" in run["id"]:
+            run["contents"] = Reader(b).part_directory()
+        elif whole and "part_page" in run["id"]:
+            run["contents"] = Reader(b).part_page()
         elif b.left():
             b.note("blob", lambda: b.take(b.left()), lambda taken: f"{len(taken)} bytes")
         self.blobs.append(run)

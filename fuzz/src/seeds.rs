@@ -21,6 +21,7 @@ use lodestream_scene::asset::{
 };
 use lodestream_scene::blob::BlobId;
 use lodestream_scene::description::{AssetEntry, Camera, Instance, SceneHeader, SceneLighting, ScenePage};
+use lodestream_scene::parts::{self, PartInfo, PartTable};
 use lodestream_scene::placement::Placement;
 use lodestream_scene::published::{
     ChunkPlace, ChunkTable, IndexPage, PackContents, Texture, TexturePlace, part_hash,
@@ -59,6 +60,7 @@ pub fn of(target: &str) -> Vec<(String, Vec<u8>)> {
         "messages" => messages(),
         "terrain" => terrain(),
         "punctual_lights" => punctual_lights(),
+        "parts" => parts(),
         "scene_object" | "range_session" => published(),
         _ => Vec::new(),
     }
@@ -359,6 +361,7 @@ fn messages() -> Vec<(String, Vec<u8>)> {
             first: encode_page(&some_punctual_lights()[..1]).expect("a page is encoded"),
         }),
         ServerMessage::PunctualLights(PunctualLights { count: 5000, first: Vec::new() }),
+        ServerMessage::Parts(PartTable { records: 700 }),
     ];
     let mut seeds = Vec::new();
     let mut stream = vec![2];
@@ -462,6 +465,26 @@ fn punctual_lights() -> Vec<(String, Vec<u8>)> {
         seed("directory", with(1, 9, directory(9))),
         seed("few", with(2, 5, page(&some))),
         seed("few-pages", with(2, 200, directory(4))),
+    ]
+}
+
+fn parts() -> Vec<(String, Vec<u8>)> {
+    let called = |n: u32| PartInfo {
+        name: format!("door {n}"),
+        path: format!("site/building {}/floor {}", n / 9, n % 3),
+        extras: (n % 2 == 0).then(|| format!("{{\"number\":{n}}}")),
+    };
+    let page = |count: u32| {
+        let records: Vec<PartInfo> = (0..count).map(called).collect();
+        parts::encode_page(&records).expect("a page is encoded")
+    };
+    let directory =
+        |ranges: &[std::ops::Range<u32>]| parts::encode_directory(ranges).expect("a directory is encoded");
+    let with = |kind: u8, count: u32, bytes: Vec<u8>| [&[kind, (count - 1) as u8], &bytes[..]].concat();
+    vec![
+        seed("one", with(0, 1, page(1))),
+        seed("some", with(0, 20, page(20))),
+        seed("directory", with(1, 4, directory(&[0..300, 300..301, 300..301, 301..302]))),
     ]
 }
 

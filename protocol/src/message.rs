@@ -6,6 +6,7 @@ use lodestream_scene::limits::{
     MAX_BLOB_BYTES, MAX_HAVE, MAX_IDS_PER_MESSAGE, MAX_NAME_BYTES, MAX_PAGES_PER_MESSAGE, MAX_REASON_BYTES,
     MAX_TOKEN_BYTES,
 };
+use lodestream_scene::parts::{PartTable, PartsError};
 use lodestream_scene::punctual_lights::{PunctualLights, PunctualLightsError};
 use lodestream_scene::view::{View, ViewError};
 
@@ -131,6 +132,9 @@ pub enum ServerMessage {
     ScenePage(ScenePage),
     /// The scene's punctual lights: once, after `Welcome`, if there are any. Optional for clients.
     PunctualLights(PunctualLights),
+    /// The scene has a table of what its parts are called: once, after `Welcome`. Clients request blobs of it only then.
+    /// Optional for clients.
+    Parts(PartTable),
     /// A requested blob will not be sent.
     Refused(Refused),
     /// Refusals of several blobs, 1 to [`MAX_IDS_PER_MESSAGE`].
@@ -285,7 +289,7 @@ impl std::fmt::Display for Close {
 }
 
 /// A message with an invalid value.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MessageError {
     /// Longer than [`MAX_NAME_BYTES`].
     #[error("the scene's name is too long")]
@@ -323,6 +327,9 @@ pub enum MessageError {
     /// The summary of punctual lights is invalid.
     #[error(transparent)]
     PunctualLights(#[from] PunctualLightsError),
+    /// The summary of the parts' names is invalid.
+    #[error(transparent)]
+    Parts(#[from] PartsError),
 }
 
 fn ensure(ok: bool, why: MessageError) -> Result<(), MessageError> {
@@ -358,6 +365,7 @@ impl ServerMessage {
             Self::Welcome(welcome) => Ok(welcome.scene.check()?),
             Self::ScenePage(page) => Ok(page.check()?),
             Self::PunctualLights(punctual_lights) => Ok(punctual_lights.first().map(drop)?),
+            Self::Parts(table) => Ok(table.check()?),
             Self::Close(close) => ensure(close.reason.len() <= MAX_REASON_BYTES, MessageError::Reason),
             Self::RefusedMany(many) => {
                 ensure((1..=MAX_IDS_PER_MESSAGE).contains(&many.len()), MessageError::Refusals)

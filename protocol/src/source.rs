@@ -8,6 +8,7 @@ use bytes::Bytes;
 
 use lodestream_scene::blob::BlobId;
 use lodestream_scene::description::{SceneHeader, ScenePage};
+use lodestream_scene::parts::PartTable;
 use lodestream_scene::punctual_lights::PunctualLights;
 use lodestream_select::Occluder;
 
@@ -58,6 +59,11 @@ pub trait SceneSource: Send + Sync {
 
     /// Count and first page of the scene's punctual lights; `None` if it has none.
     fn punctual_lights(&self) -> Option<&PunctualLights> {
+        None
+    }
+
+    /// The table of what the scene's parts are called; `None` if it has none.
+    fn parts(&self) -> Option<PartTable> {
         None
     }
 
@@ -113,6 +119,10 @@ impl<S: SceneSource> SceneSource for Immediate<S> {
 
     fn punctual_lights(&self) -> Option<&PunctualLights> {
         self.0.punctual_lights()
+    }
+
+    fn parts(&self) -> Option<PartTable> {
+        self.0.parts()
     }
 
     fn blob_len(&self, id: &BlobId) -> Option<u32> {

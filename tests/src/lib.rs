@@ -21,6 +21,7 @@
 //! | `browser` | the page in a tab: picture, input, reconnection |
 //! | `damage` | packs damaged while they are served |
 //! | `terrain` | features of a terrain arrive, and only where a view needs them |
+//! | `parts` | what parts are called: over both transports and in a published scene |
 //! | `punctual_lights` | punctual lights arrive with their scene, light its picture, and do not delay the first frame |
 //! | `documents` | links, files, code and commands named in documents exist; documents stay short |
 //! | `wire` | docs/protocol.md and docs/formats.md are correct: a reader written from them understands recorded sessions |
@@ -70,6 +71,8 @@ mod models;
 mod moving_window;
 #[cfg(test)]
 mod packs;
+#[cfg(test)]
+mod parts;
 #[cfg(test)]
 mod punctual_lights;
 #[cfg(test)]

@@ -10,6 +10,7 @@ use glam::DVec3;
 use lodestream_scene::description::Camera;
 use lodestream_scene::view::View;
 
+use lodestream_client::core::PartId;
 use lodestream_client::net::Address;
 use lodestream_render::{
     AntiAliasing, DebugView, Ink, MAX_INK_LEVELS, MAX_INK_WIDTH, MAX_REFLECTION_STEPS, OcclusionMethod,
@@ -42,6 +43,9 @@ pub(crate) struct Args {
     /// File for the picture (PNG)
     #[arg(long, value_name = "FILE.png")]
     pub(crate) output: Option<PathBuf>,
+    /// Print what a part is called, as a line of JSON: of an instance, a part's number, 0 outside batches. May be repeated
+    #[arg(long, value_name = "INSTANCE:PART", requires = "headless")]
+    pub(crate) part: Vec<PartArg>,
     /// Camera: `eye=X,Y,Z;target=X,Y,Z`, optionally with `;up=X,Y,Z` and `;fov=DEGREES`. Default: the scene's camera
     #[arg(long, value_name = "CAMERA", allow_hyphen_values = true)]
     pub(crate) camera: Option<CameraArg>,
@@ -253,6 +257,21 @@ impl FromStr for Size {
     }
 }
 
+/// A part of the scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct PartArg(pub(crate) PartId);
+
+impl FromStr for PartArg {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers = text.split_once(':').and_then(|(instance, part)| {
+            Some(Self(PartId { instance: instance.parse().ok()?, part: part.parse().ok()? }))
+        });
+        numbers.ok_or_else(|| "write INSTANCE:PART, for example 3:0".into())
+    }
+}
+
 /// A screen error in pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct PixelError(pub(crate) f32);
@@ -400,6 +419,8 @@ mod tests {
             let error = Args::try_parse_from(["viewer", "ws://h:1", &wrong]).unwrap_err().to_string();
             assert!(error.contains(message), "{error}");
         }
+        assert_eq!("3:17".parse(), Ok(PartArg(PartId { instance: 3, part: 17 })));
+        assert!(["3", "3:", ":1", "-1:0", "0:4294967296"].iter().all(|bad| bad.parse::<PartArg>().is_err()));
         assert!("0".parse::<PixelError>().is_err() && "nan".parse::<PixelError>().is_err());
         assert!("0".parse::<Seconds>().is_err() && "1e300".parse::<Seconds>().is_err());
         assert!(Args::try_parse_from(["viewer", "ws://h:1", "--headless"]).is_err());

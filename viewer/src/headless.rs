@@ -13,7 +13,7 @@ use crate::files::write_png;
 use crate::frames::FrameLog;
 use crate::outcome::{Outcome, describe_end, describe_missing};
 use crate::run::{core_config, server, settings, write_statistics};
-use crate::{signals, token};
+use crate::{parts, signals, token};
 
 /// Time limit of a run without `--timeout`.
 const DEFAULT_TIMEOUT: Duration = Duration::from_secs(300);
@@ -113,6 +113,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
             return Ok(Outcome::Interrupted(signal));
         }
     };
+    parts::print(args, &mut streaming, deadline.saturating_sub(clock.now().into()))?;
     drop(streaming);
     // At this time all morphs are over.
     while draw(&mut headless, &mut scene, args, f32::MAX)?.is_unfinished() {}

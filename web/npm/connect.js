@@ -3,6 +3,7 @@
 import { origin } from './clock.js';
 import { placeOf } from './address.js';
 import { Model } from './model.js';
+import { PartLookups } from './parts.js';
 import { numbersOf } from './views.js';
 import { startStreamWorker } from './workers.js';
 
@@ -19,6 +20,7 @@ export class Connection extends EventTarget {
   #settled = false;
   #view = null;
   #viewNumber = 0;
+  #parts = new PartLookups();
 
   constructor(src, options) {
     super();
@@ -60,6 +62,10 @@ export class Connection extends EventTarget {
     this.#worker?.postMessage({ kind: 'viewNumbers', view: numbers, number: this.#viewNumber });
   }
 
+  part(instance, part = 0) {
+    return this.#parts.ask(this.#worker, instance, part);
+  }
+
   setToken(token) {
     this.#worker?.postMessage({ kind: 'token', token });
   }
@@ -71,11 +77,13 @@ export class Connection extends EventTarget {
   close() {
     this.#worker?.postMessage({ kind: 'leave' });
     this.#worker = null;
+    this.#parts.end('the session has ended');
   }
 
   #receive(data) {
     if (!this.#worker) return;
     if (data.failed !== undefined) return this.#fail(data.failed);
+    if (data.parts) return this.#parts.answer(data.parts);
     if (data.deltas) return this.#apply(data.deltas);
     this.#stats = data.stats ?? this.#stats;
     this.#message = data.message;
@@ -101,6 +109,7 @@ export class Connection extends EventTarget {
 
   #fail(message) {
     this.#message = message;
+    this.#parts.end(message);
     this.#tell('error', message);
   }
 }

@@ -148,6 +148,10 @@ export class LodestreamViewer extends HTMLElement {
     this.#view?.switch(technique, on);
   }
 
+  part(instance, part = 0) {
+    return this.#view ? this.#view.part(instance, part) : Promise.reject(new Error('the element shows no scene'));
+  }
+
   stats() {
     return this.#view?.stats() ?? null;
   }

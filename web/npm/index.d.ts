@@ -211,6 +211,16 @@ export interface LightPage {
   }[];
 }
 
+/** What a part is called: a mesh that a node of a model file places. */
+export interface PartInfo {
+  /** Name of the node, else of its mesh. */
+  name: string;
+  /** Names of the nodes above it, from the root, with `/` between them; of several models, the model's name first. */
+  path: string;
+  /** The `extras` of the node, else of its mesh; null without. */
+  extras: unknown;
+}
+
 /** What has been received. */
 export interface Model {
   scene: Scene | null;
@@ -245,6 +255,11 @@ export class Connection extends EventTarget {
   /** Refines what a view shows. The same view again costs nothing. Throws a `TypeError` if it is none. */
   setView(view: View): void;
   setToken(token: string): void;
+  /**
+   * What a part is called: of the `instance`-th instance the `part`-th member of a batch, else 0. Asks the server once for
+   * 256 neighbours. Rejects with the reason if that is not known.
+   */
+  part(instance: number, part?: number): Promise<PartInfo>;
   stats(): Stats;
   /** Ends the session and its worker. */
   close(): void;
@@ -280,6 +295,11 @@ export class LodestreamViewer extends HTMLElement {
   setView(view: Camera): void;
   /** Switches a technique: occlusion, shadows, relief, lights, water, haze, smoothing, adapt. */
   switch(technique: string, on: boolean): void;
+  /**
+   * What a part is called: of the `instance`-th instance the `part`-th member of a batch, else 0. Asks the server once for
+   * 256 neighbours. Rejects with the reason if that is not known.
+   */
+  part(instance: number, part?: number): Promise<PartInfo>;
   /** Null without a session. */
   stats(): Stats | null;
   /** The next frame as a PNG. */

@@ -2,6 +2,7 @@
 
 import init, { Viewer } from './lodestream.js';
 import { now, origin } from './clock.js';
+import { PartLookups } from './parts.js';
 
 /** What to tell people whose browser has no WebGPU. */
 export const NO_WEBGPU =
@@ -53,6 +54,7 @@ export class View extends EventTarget {
   #settled = false;
   #sentView = '';
   #pictures = [];
+  #parts = new PartLookups();
   #observer = new ResizeObserver(() => this.#resize());
   #shownAgain = () => this.redraw();
   /** Called before each frame with the time in milliseconds, for input; returns whether it moves the camera. */
@@ -135,6 +137,7 @@ export class View extends EventTarget {
   #receive(data) {
     if (this.#ended) return;
     if (data.failed !== undefined) return this.#fail(data.failed);
+    if (data.parts) return this.#parts.answer(data.parts);
     if (data.step) {
       // Steps from before the last device do not fit it.
       if (data.generation === this.#generation) this.#steps.push(data);
@@ -161,6 +164,7 @@ export class View extends EventTarget {
   /** Tells an error that ends streaming; what there is can still be looked at. */
   #fail(message) {
     this.#message = message;
+    this.#parts.end(message);
     this.dispatchEvent(new CustomEvent('error', { detail: message }));
   }
 
@@ -326,10 +330,16 @@ export class View extends EventTarget {
     });
   }
 
+  /** What a part is called, see `LodestreamViewer.part`. */
+  part(instance, part = 0) {
+    return this.#parts.ask(this.#ended ? null : this.#worker, instance, part);
+  }
+
   /** Ends the session and frees the device. */
   close() {
     if (this.#ended) return;
     this.#ended = true;
+    this.#parts.end('the session has ended');
     this.#observer.disconnect();
     document.removeEventListener('visibilitychange', this.#shownAgain);
     this.#worker?.postMessage({ kind: 'leave' });

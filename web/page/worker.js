@@ -25,6 +25,8 @@ let ranges = null;
 let abandon = () => {};
 /** What arrived before the module was ready. */
 let early = [];
+/** Lookups of parts from before the module was ready. */
+const earlyParts = [];
 let opened = false;
 let untaken = 0;
 /** Number of times that the page has asked for the whole scene: it drops the steps from before. */
@@ -134,6 +136,8 @@ function turn() {
     if (options.deltas) postMessage({ deltas: step.deltas }, step.transfer);
     else post(step, streamer.pictures());
   }
+  const parts = streamer.parts();
+  if (parts.length) postMessage({ parts });
   const closed = streamer.closed();
   if (closed !== undefined && link) {
     const mayRetry = streamer.may_retry();
@@ -218,6 +222,7 @@ const handlers = {
     const { width, height, targetPx, scene, token, memoryBytes, cacheBytes } = start;
     streamer = new Streamer(width, height, targetPx, scene, token, memoryBytes, cacheBytes);
     streamer.begin(begunAt);
+    for (const { instance, part } of earlyParts.splice(0)) streamer.look_up_part(now(), instance, part);
     if (start.view) streamer.set_view_numbers(now(), start.view);
     // Without other workers this one decodes.
     if (start.decoder) startDecoders(module).catch(() => {});
@@ -241,6 +246,11 @@ const handlers = {
   },
   shadows({ on }) {
     streamer?.set_shadows(on);
+    turnSoon();
+  },
+  part({ instance, part }) {
+    if (streamer) streamer.look_up_part(now(), instance, part);
+    else earlyParts.push({ instance, part });
     turnSoon();
   },
   token({ token }) {

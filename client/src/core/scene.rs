@@ -90,6 +90,11 @@ impl Scene {
         Self { header: Some(header), terrain, changes, ..Self::default() }
     }
 
+    /// Whether a page has arrived and is in order.
+    pub(crate) const fn has_page(&self) -> bool {
+        self.next_page > 0
+    }
+
     /// Adds a page; returns the numbers of the assets that have become known.
     ///
     /// # Errors

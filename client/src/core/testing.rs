@@ -22,6 +22,7 @@ use lodestream_scene::asset::{
 };
 use lodestream_scene::blob::{BlobId, BlobPart};
 use lodestream_scene::description::{AssetEntry, Camera, Instance, SceneHeader, SceneLighting, ScenePage};
+use lodestream_scene::parts::{self, INSTANCES_PER_PAGE, PartInfo, PartTable, RECORDS_PER_PAGE};
 use lodestream_scene::punctual_lights::{
     self, FEW_PAGES, FEW_PUNCTUAL_LIGHTS, LISTED_PER_PAGE, PUNCTUAL_LIGHTS_PER_PAGE, PunctualLight,
     PunctualLightPageEntry, PunctualLights, encode_page,
@@ -117,9 +118,11 @@ pub(crate) struct TestScene {
     pub(crate) damaged: BTreeMap<BlobId, Bytes>,
     /// The page of the terrain's directory, if there is terrain.
     directory: Bytes,
-    /// The message about punctual lights, if there are some, and their blobs.
+    /// The message about punctual lights, if there are some.
     punctual_lights: Option<PunctualLights>,
-    punctual_light_blobs: BTreeMap<BlobId, Bytes>,
+    /// Blobs of punctual lights and parts.
+    scene_blobs: BTreeMap<BlobId, Bytes>,
+    parts: Option<PartTable>,
     /// Listed, but served as not found.
     pub(crate) missing: BTreeSet<BlobId>,
     /// Blobs that the server cannot read from its disk.
@@ -185,7 +188,8 @@ impl TestScene {
             damaged: BTreeMap::new(),
             directory: Bytes::new(),
             punctual_lights: None,
-            punctual_light_blobs: BTreeMap::new(),
+            scene_blobs: BTreeMap::new(),
+            parts: None,
             missing: BTreeSet::new(),
             unreadable: Mutex::default(),
         }
@@ -233,20 +237,40 @@ impl TestScene {
         for (number, group) in (0..).zip(punctual_lights.chunks(PUNCTUAL_LIGHTS_PER_PAGE as usize)) {
             let page = encode_page(group).unwrap();
             listed.push(PunctualLightPageEntry::of(group, page.len() as u32));
-            self.punctual_light_blobs.insert(BlobId::punctual_light_page(number), page.into());
+            self.scene_blobs.insert(BlobId::punctual_light_page(number), page.into());
         }
         for (number, group) in (0..).zip(listed.chunks(LISTED_PER_PAGE as usize)) {
             let page = punctual_lights::encode_directory(group).unwrap();
-            self.punctual_light_blobs.insert(BlobId::punctual_light_directory(number), page.into());
+            self.scene_blobs.insert(BlobId::punctual_light_directory(number), page.into());
         }
         let first = match listed.len() as u32 {
             1 if punctual_lights.len() <= FEW_PUNCTUAL_LIGHTS as usize => {
-                self.punctual_light_blobs[&BlobId::punctual_light_page(0)].to_vec()
+                self.scene_blobs[&BlobId::punctual_light_page(0)].to_vec()
             }
-            ..=FEW_PAGES => self.punctual_light_blobs[&BlobId::punctual_light_directory(0)].to_vec(),
+            ..=FEW_PAGES => self.scene_blobs[&BlobId::punctual_light_directory(0)].to_vec(),
             _ => Vec::new(),
         };
         self.punctual_lights = Some(PunctualLights { count: punctual_lights.len() as u32, first });
+        self
+    }
+
+    /// The same with parts: of each instance so many, called one after the other.
+    pub(crate) fn of_parts(mut self, parts: &[u32], called: &[PartInfo]) -> Self {
+        let mut next = 0;
+        let mut range = |count: &u32| {
+            next += count;
+            next - count..next
+        };
+        let ranges: Vec<_> = parts.iter().map(&mut range).collect();
+        let pages = called.chunks(RECORDS_PER_PAGE as usize).map(parts::encode_page);
+        let directory = ranges.chunks(INSTANCES_PER_PAGE as usize).map(parts::encode_directory);
+        for (number, page) in (0..).zip(pages) {
+            self.scene_blobs.insert(BlobId::part_page(number), page.unwrap().into());
+        }
+        for (number, page) in (0..).zip(directory) {
+            self.scene_blobs.insert(BlobId::part_directory(number), page.unwrap().into());
+        }
+        self.parts = Some(PartTable { records: called.len() as u32 });
         self
     }
 
@@ -256,7 +280,7 @@ impl TestScene {
 
     /// The blob with its middle byte changed.
     pub(crate) fn damage(&mut self, id: BlobId) {
-        let real = id.part().map_or_else(|| &self.punctual_light_blobs[&id], |part| &self.blobs[&part]);
+        let real = id.part().map_or_else(|| &self.scene_blobs[&id], |part| &self.blobs[&part]);
         let mut bytes = real.to_vec();
         for byte in &mut bytes {
             *byte ^= 0x5A;
@@ -278,8 +302,12 @@ impl SceneSource for TestScene {
         self.punctual_lights.as_ref()
     }
 
+    fn parts(&self) -> Option<PartTable> {
+        self.parts
+    }
+
     fn blob_len(&self, id: &BlobId) -> Option<u32> {
-        if let Some(bytes) = self.punctual_light_blobs.get(id) {
+        if let Some(bytes) = self.scene_blobs.get(id) {
             return Some(bytes.len() as u32);
         }
         if *id == BlobId::terrain_page(0) {
@@ -299,7 +327,7 @@ impl SceneSource for TestScene {
         if *id == BlobId::terrain_page(0) {
             return Ok(self.directory.clone());
         }
-        let real = id.part().map_or_else(|| self.punctual_light_blobs.get(id), |part| self.blobs.get(&part));
+        let real = id.part().map_or_else(|| self.scene_blobs.get(id), |part| self.blobs.get(&part));
         let real = real.filter(|_| !self.missing.contains(id));
         let real = real.ok_or(SourceError::NotFound(*id))?;
         Ok(self.damaged.get(id).unwrap_or(real).clone())

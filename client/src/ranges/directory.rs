@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 
 use lodestream_geometry::index::CHUNKS_PER_PAGE;
-use lodestream_scene::blob::{BlobId, BlobPart, PunctualLightBlob, TerrainBlob};
+use lodestream_scene::blob::{BlobId, BlobPart, PartBlob, PunctualLightBlob, TerrainBlob};
 use lodestream_scene::description::AssetEntry;
 use lodestream_scene::published::{
-    AssetSource, Behind, BlobTable, ChunkTable, Head, Opening, PageRecord, Part, PartHash, PublishedError,
-    SegmentHash, SourceRecord, part_hash, segment_hash,
+    AssetSource, Behind, BlobTable, ChunkTable, Head, Opening, PART_PAGES_PER_TABLE, PageRecord, Part,
+    PartHash, PublishedError, SegmentHash, SourceRecord, part_hash, segment_hash,
 };
 use lodestream_scene::punctual_lights::{LISTED_PER_PAGE, PunctualLights};
 use lodestream_scene::terrain::PATCHES_PER_PAGE;
@@ -27,6 +27,8 @@ pub(super) enum Item {
     TerrainTable(u32),
     /// Places of the pages of punctual lights of a page of the directory.
     LightTable(u32),
+    /// Places of the pages of records of parts, of a table of the opening.
+    PartTable(u32),
     /// Any other blob.
     Blob(BlobId),
 }
@@ -50,7 +52,11 @@ impl Item {
         match self {
             Self::Index(asset, page) => Some(BlobId::index_page(asset, page)),
             Self::Blob(id) => Some(id),
-            Self::Page(_) | Self::Source(_) | Self::TerrainTable(_) | Self::LightTable(_) => None,
+            Self::Page(_)
+            | Self::Source(_)
+            | Self::TerrainTable(_)
+            | Self::LightTable(_)
+            | Self::PartTable(_) => None,
         }
     }
 }
@@ -121,6 +127,7 @@ pub(super) struct Directory {
     chunks: BTreeMap<(u32, u32), ChunkTable>,
     terrain: BTreeMap<u32, BlobTable>,
     lights: BTreeMap<u32, BlobTable>,
+    parts: BTreeMap<u32, BlobTable>,
 }
 
 impl Directory {
@@ -202,6 +209,13 @@ impl Directory {
         Ok(())
     }
 
+    pub(super) fn add_part_table(&mut self, number: u32, bytes: &[u8]) -> Result<(), PublishedError> {
+        let count = self.opening().map_or(0, |opening| opening.parts.in_table(number));
+        let table = BlobTable::decode_checked(bytes, count as usize, self.rest_bytes())?;
+        self.parts.insert(number, table);
+        Ok(())
+    }
+
     fn entry(&self, asset: u32) -> Option<&AssetEntry> {
         let page = &self.page(*self.page_of_asset.get(asset as usize)?)?.page;
         page.assets.get((asset - page.first_asset) as usize)
@@ -254,6 +268,7 @@ impl Directory {
             }
             Item::TerrainTable(page) => listed(&opening.terrain_tables, page),
             Item::LightTable(page) => listed(&opening.light_tables, page),
+            Item::PartTable(number) => listed(&opening.parts.tables, number),
             Item::Index(asset, page) => self
                 .locate_behind(asset, |behind| matches!(behind, Behind::Index(number, _) if number == page)),
             Item::Blob(BlobId::Terrain(TerrainBlob::DirectoryPage(page))) => {
@@ -274,6 +289,16 @@ impl Directory {
                 match self.lights.get(&page) {
                     Some(table) => table.part(at as usize).map_or(Location::Nowhere, scene),
                     None => Location::Needs(Item::LightTable(page)),
+                }
+            }
+            Item::Blob(BlobId::Parts(PartBlob::DirectoryPage(page))) => {
+                listed(&opening.parts.directory, page)
+            }
+            Item::Blob(BlobId::Parts(PartBlob::Page(number))) => {
+                let (table, at) = (number / PART_PAGES_PER_TABLE, number % PART_PAGES_PER_TABLE);
+                match self.parts.get(&table) {
+                    Some(table) => table.part(at as usize).map_or(Location::Nowhere, scene),
+                    None => Location::Needs(Item::PartTable(table)),
                 }
             }
             Item::Blob(BlobId::Asset { asset, part }) => match part {

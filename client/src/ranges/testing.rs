@@ -44,7 +44,7 @@ pub(crate) fn publish(scene: &TestScene) -> Objects {
         objects.insert(Object::Pack(key, 0).name(), pack);
     }
     let directory = scene.blob_len(&BlobId::terrain_page(0)).filter(|&bytes| bytes > 0);
-    let lights = |id: fn(u32) -> BlobId| -> Vec<Bytes> {
+    let blobs = |id: fn(u32) -> BlobId| -> Vec<Bytes> {
         (0..)
             .map(id)
             .take_while(|id| scene.blob_len(id).is_some())
@@ -60,8 +60,11 @@ pub(crate) fn publish(scene: &TestScene) -> Objects {
             .collect(),
         height_overrides: Vec::new(),
         punctual_lights: scene.punctual_lights().cloned(),
-        light_directory: lights(BlobId::punctual_light_directory),
-        light_pages: lights(BlobId::punctual_light_page),
+        light_directory: blobs(BlobId::punctual_light_directory),
+        light_pages: blobs(BlobId::punctual_light_page),
+        parts: scene.parts(),
+        part_directory: blobs(BlobId::part_directory),
+        part_pages: blobs(BlobId::part_page),
         packs,
     };
     objects.insert(None, contents.encode().unwrap());

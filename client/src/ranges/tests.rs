@@ -2,11 +2,13 @@
 
 use lodestream_protocol::message::CloseCode;
 use lodestream_scene::description::Camera;
+use lodestream_scene::parts::PartInfo;
 use lodestream_scene::punctual_lights::PunctualLight;
 
 use super::testing::{Fault, RangeLoopback};
 use super::{Object, RangeRequest};
 use crate::core::testing::{Loopback, TestScene};
+use crate::core::{PartAbsence, PartId};
 
 fn link() -> RangeLoopback {
     RangeLoopback::new(&TestScene::new(3), |_| {})
@@ -272,4 +274,33 @@ fn a_new_session_with_the_same_scene_fetches_only_what_is_missing() {
     link.core.connect_ranges(link.now);
     link.settle();
     assert_eq!((meshes(&link.core, 3), pack_bytes(&link)), (chunks, before));
+}
+
+#[test]
+fn names_of_parts_come_by_ranges_on_demand() {
+    let called = |n: u32| PartInfo { name: format!("part {n}"), ..PartInfo::default() };
+    let scene = TestScene::new(3).of_parts(&[1, 300, 1], &(0..302).map(called).collect::<Vec<_>>());
+    let mut link = RangeLoopback::new(&scene, |_| {});
+    link.settle();
+    let requests = link.core.stats().requests;
+    for (instance, part, record) in [(1, 299, 300), (2, 0, 301), (1, 298, 299)] {
+        link.core.look_up_part(link.now, PartId { instance, part });
+        if record == 300 {
+            link.run(2000);
+        }
+        let answer = link.core.take_part().unwrap();
+        assert_eq!(answer.info, Ok(called(record)));
+    }
+    // The directory and the table of pages, then the page, unless they came with the beginning of the scene.
+    let more = link.core.stats().requests - requests;
+    assert!(more <= 3, "{more} requests");
+    link.core.look_up_part(link.now, PartId { instance: 0, part: 0 });
+    link.run(2000);
+    assert_eq!(link.core.take_part().unwrap().info, Ok(called(0)));
+    assert!(link.core.stats().requests - requests <= more + 1);
+    // A scene that was published without a table.
+    let mut link = RangeLoopback::new(&TestScene::new(1), |_| {});
+    link.core.look_up_part(link.now, PartId { instance: 0, part: 0 });
+    link.settle();
+    assert_eq!(link.core.take_part().unwrap().info, Err(PartAbsence::NoNames));
 }

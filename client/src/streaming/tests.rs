@@ -23,6 +23,9 @@ fn settled<N: Fn()>(notify: N) -> (StreamHost<N>, watch::Receiver<Status>, Time)
         tokens,
         // There is no renderer.
         steps: None,
+        lookups: mpsc::channel(1).1,
+        next_lookup: None,
+        parts: mpsc::channel(1).0,
         status: sender,
         message: None,
         reported_at: None,

@@ -41,10 +41,19 @@ pub enum PunctualLightBlob {
     Page(u32),
 }
 
+/// A part of the table of a scene's parts that is sent as one blob.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum PartBlob {
+    /// A page of the directory of records ([`crate::parts::decode_directory`]).
+    DirectoryPage(u32),
+    /// A page of records ([`crate::parts::decode_record`]).
+    Page(u32),
+}
+
 /// Name of one blob within a scene.
 ///
 /// Two to eleven bytes on the wire: a number, then the kind. The number is the asset's index where the kind is a part
-/// of an asset, and the index of the page or patch for terrain and punctual lights.
+/// of an asset, and the index of the page or patch for terrain, punctual lights and parts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum BlobId {
     /// Part of an asset.
@@ -58,6 +67,8 @@ pub enum BlobId {
     Terrain(TerrainBlob),
     /// Part of the scene's punctual lights.
     PunctualLights(PunctualLightBlob),
+    /// What the scene's parts are called.
+    Parts(PartBlob),
 }
 
 /// Numbers of the kinds of blobs, the second field of a [`BlobId`] on the wire.
@@ -70,6 +81,8 @@ mod kind {
     pub(super) const HEIGHT_OVERRIDES: u32 = 5;
     pub(super) const PUNCTUAL_LIGHT_DIRECTORY_PAGE: u32 = 6;
     pub(super) const PUNCTUAL_LIGHT_PAGE: u32 = 7;
+    pub(super) const PART_DIRECTORY_PAGE: u32 = 8;
+    pub(super) const PART_PAGE: u32 = 9;
 }
 
 impl BlobId {
@@ -121,21 +134,33 @@ impl BlobId {
         Self::PunctualLights(PunctualLightBlob::Page(page))
     }
 
-    /// The asset that the blob is a part of; `None` for terrain and lights.
+    /// A page of the directory of the scene's parts.
+    #[must_use]
+    pub const fn part_directory(page: u32) -> Self {
+        Self::Parts(PartBlob::DirectoryPage(page))
+    }
+
+    /// A page of records of the scene's parts.
+    #[must_use]
+    pub const fn part_page(page: u32) -> Self {
+        Self::Parts(PartBlob::Page(page))
+    }
+
+    /// The asset that the blob is a part of; `None` for terrain, lights and parts.
     #[must_use]
     pub const fn asset(&self) -> Option<u32> {
         match *self {
             Self::Asset { asset, .. } => Some(asset),
-            Self::Terrain(_) | Self::PunctualLights(_) => None,
+            Self::Terrain(_) | Self::PunctualLights(_) | Self::Parts(_) => None,
         }
     }
 
-    /// The part of the asset that the blob is; `None` for terrain and lights.
+    /// The part of the asset that the blob is; `None` for terrain, lights and parts.
     #[must_use]
     pub const fn part(&self) -> Option<BlobPart> {
         match *self {
             Self::Asset { part, .. } => Some(part),
-            Self::Terrain(_) | Self::PunctualLights(_) => None,
+            Self::Terrain(_) | Self::PunctualLights(_) | Self::Parts(_) => None,
         }
     }
 }
@@ -161,6 +186,8 @@ impl Encode for BlobId {
             Self::PunctualLights(PunctualLightBlob::Page(page)) => {
                 (page, kind::PUNCTUAL_LIGHT_PAGE).encode(writer)
             }
+            Self::Parts(PartBlob::DirectoryPage(page)) => (page, kind::PART_DIRECTORY_PAGE).encode(writer),
+            Self::Parts(PartBlob::Page(page)) => (page, kind::PART_PAGE).encode(writer),
         }
     }
 }
@@ -177,6 +204,8 @@ impl Decode for BlobId {
             kind::HEIGHT_OVERRIDES => Self::height_overrides(number),
             kind::PUNCTUAL_LIGHT_DIRECTORY_PAGE => Self::punctual_light_directory(number),
             kind::PUNCTUAL_LIGHT_PAGE => Self::punctual_light_page(number),
+            kind::PART_DIRECTORY_PAGE => Self::part_directory(number),
+            kind::PART_PAGE => Self::part_page(number),
             _ => return Err(CodingError::UnknownVariant("BlobId")),
         })
     }
@@ -201,6 +230,8 @@ impl std::fmt::Display for BlobId {
                 write!(f, "punctual light directory page {page}")
             }
             Self::PunctualLights(PunctualLightBlob::Page(page)) => write!(f, "punctual light page {page}"),
+            Self::Parts(PartBlob::DirectoryPage(page)) => write!(f, "part directory page {page}"),
+            Self::Parts(PartBlob::Page(page)) => write!(f, "part page {page}"),
         }
     }
 }
@@ -230,6 +261,8 @@ mod tests {
             (BlobId::height_overrides(2000), &[251, 208, 7, 5]),
             (BlobId::punctual_light_directory(3), &[3, 6]),
             (BlobId::punctual_light_page(4000), &[251, 160, 15, 7]),
+            (BlobId::part_directory(5), &[5, 8]),
+            (BlobId::part_page(300), &[251, 44, 1, 9]),
         ] {
             assert_eq!(encoded(&id), bytes, "{id}");
             assert_eq!(decoded(bytes).unwrap(), id);
@@ -238,13 +271,13 @@ mod tests {
 
     #[test]
     fn unknown_kinds_are_refused() {
-        for kind in [8, 250] {
+        for kind in [10, 250] {
             assert!(decoded(&[0, kind, 0, 0]).is_err());
         }
     }
 
     #[test]
-    fn terrain_and_lights_sort_after_assets_and_directories_first() {
+    fn terrain_lights_and_parts_sort_after_assets_and_directories_first() {
         let order = [
             BlobId::base(0),
             BlobId::chunk(0, 9),
@@ -253,6 +286,8 @@ mod tests {
             BlobId::height_overrides(0),
             BlobId::punctual_light_directory(9),
             BlobId::punctual_light_page(0),
+            BlobId::part_directory(9),
+            BlobId::part_page(0),
         ];
         assert!(order.is_sorted());
     }

@@ -5,12 +5,13 @@
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`blob`] | names of blobs: base meshes, index pages, chunks, texture levels, terrain, lights |
+//! | [`blob`] | names of blobs: base meshes, index pages, chunks, texture levels, terrain, lights, parts |
 //! | [`description`] | the scene's header and pages |
 //! | [`asset`] | the description of one asset: materials and textures |
 //! | [`shared`] | textures that several assets share |
 //! | [`terrain`] | a scene's terrain, and the directory of its height overrides |
 //! | [`punctual_lights`] | point and spot lights, and their pages |
+//! | [`parts`] | what the parts of the scene are called |
 //! | [`published`] | the scene as an object that clients read in ranges |
 //! | [`placement`] | where an object stands: position, rotation and scale |
 //! | [`view`], [`pose`] | a camera for screen errors, with its picture, and for drawing, in f64 |
@@ -32,6 +33,7 @@ pub mod blob;
 pub mod description;
 pub mod encoding;
 pub mod limits;
+pub mod parts;
 pub mod placement;
 pub mod pose;
 pub mod published;
@@ -40,5 +42,5 @@ pub mod shared;
 pub mod terrain;
 pub mod view;
 
-pub use blob::{BlobId, BlobPart, PunctualLightBlob, TerrainBlob};
+pub use blob::{BlobId, BlobPart, PartBlob, PunctualLightBlob, TerrainBlob};
 pub use view::View;

@@ -3,7 +3,7 @@
 use lodestream_scene::description::{Fingerprint, SceneHeader, ScenePage};
 use lodestream_scene::encoding;
 
-use crate::{PunctualLightBlobs, TerrainBlobs};
+use crate::{PartBlobs, PunctualLightBlobs, TerrainBlobs};
 
 /// Header, pages and blobs of a scene.
 #[derive(Clone, Debug)]
@@ -19,6 +19,8 @@ pub struct SceneDescription {
     pub terrain: TerrainBlobs,
     /// Punctual lights of the scene, and their blobs.
     pub punctual_lights: PunctualLightBlobs,
+    /// What the scene's parts are called.
+    pub parts: PartBlobs,
 }
 
 impl SceneDescription {
@@ -38,7 +40,7 @@ impl SceneDescription {
         for page in &self.pages {
             add(&encoding::encode(page).unwrap_or_default());
         }
-        for blob in self.terrain.all().chain(self.punctual_lights.all()) {
+        for blob in self.terrain.all().chain(self.punctual_lights.all()).chain(self.parts.all()) {
             add(blob);
         }
         let mut fingerprint = Fingerprint::default();

@@ -9,6 +9,7 @@ use lodestream_compress::decode_base;
 use lodestream_geometry::refine::ActiveMesh;
 use lodestream_protocol::source::{BlobFuture, CacheUse, Reading, SceneSource, SourceError};
 use lodestream_scene::description::{SceneHeader, ScenePage};
+use lodestream_scene::parts::PartTable;
 use lodestream_scene::published::pack_name;
 use lodestream_scene::punctual_lights::PunctualLights;
 use lodestream_scene::{BlobId, BlobPart};
@@ -22,7 +23,7 @@ use super::object_pack::ObjectPack;
 use super::objects::Objects;
 use super::pack::Pack;
 use super::scene_object::{MAX_SCENE_OBJECT_BYTES, SceneObject};
-use crate::{PunctualLightBlobs, SceneDescription, TerrainBlobs};
+use crate::{PartBlobs, PunctualLightBlobs, SceneDescription, TerrainBlobs};
 
 /// Default memory for blobs of all scenes: the whole demo scene fits; large scenes rely on the system's page cache.
 pub const DEFAULT_CACHE_BYTES: u64 = 256 << 20;
@@ -44,6 +45,7 @@ pub struct SceneStore {
     occluders: Vec<OnceLock<Option<Arc<Occluder>>>>,
     terrain: TerrainBlobs,
     punctual_lights: PunctualLightBlobs,
+    parts: PartBlobs,
     cache: BlobCache,
     /// Runtime for blocking reads from object stores.
     runtime: Option<Handle>,
@@ -93,7 +95,7 @@ impl SceneStore {
     }
 
     fn of(description: SceneDescription, packs: Vec<Pack>, cache: &BlobCache) -> Self {
-        let SceneDescription { header, pages, asset_order: _, terrain, punctual_lights } = description;
+        let SceneDescription { header, pages, asset_order: _, terrain, punctual_lights, parts } = description;
         Self {
             header,
             pages: pages.into_iter().map(Arc::new).collect(),
@@ -101,6 +103,7 @@ impl SceneStore {
             packs,
             terrain,
             punctual_lights,
+            parts,
             cache: cache.clone(),
             runtime: None,
             hits: AtomicU64::new(0),
@@ -122,12 +125,13 @@ impl SceneStore {
         Ok(())
     }
 
-    /// A blob of the terrain or the lights, which no pack holds.
+    /// A blob of the terrain, the lights or the names of parts, which no pack holds.
     fn own(&self, id: &BlobId) -> Option<&Bytes> {
         match *id {
             BlobId::Asset { .. } => None,
             BlobId::Terrain(blob) => self.terrain.get(blob),
             BlobId::PunctualLights(blob) => self.punctual_lights.get(blob),
+            BlobId::Parts(blob) => self.parts.get(blob),
         }
     }
 
@@ -158,10 +162,16 @@ impl SceneSource for SceneStore {
         self.punctual_lights.punctual_lights()
     }
 
+    fn parts(&self) -> Option<PartTable> {
+        self.parts.table()
+    }
+
     fn blob_len(&self, id: &BlobId) -> Option<u32> {
         match *id {
             BlobId::Asset { .. } => self.pack(id).and_then(|(pack, part)| pack.blob_len(part)),
-            BlobId::Terrain(_) | BlobId::PunctualLights(_) => u32::try_from(self.own(id)?.len()).ok(),
+            BlobId::Terrain(_) | BlobId::PunctualLights(_) | BlobId::Parts(_) => {
+                u32::try_from(self.own(id)?.len()).ok()
+            }
         }
     }
 
@@ -182,7 +192,9 @@ impl SceneSource for SceneStore {
 
     fn try_read(&self, id: &BlobId) -> Result<Reading, SourceError> {
         match id {
-            BlobId::Terrain(_) | BlobId::PunctualLights(_) => self.read(id).map(Reading::Ready),
+            BlobId::Terrain(_) | BlobId::PunctualLights(_) | BlobId::Parts(_) => {
+                self.read(id).map(Reading::Ready)
+            }
             _ if self.blob_len(id).is_none() => Err(SourceError::NotFound(*id)),
             BlobId::Asset { .. } => {
                 let found = self.pack(id).and_then(|(pack, part)| pack.cached(part, &self.cache));

@@ -6,7 +6,7 @@ use lodestream_scene::encoding::{self, CodingError};
 use lodestream_scene::limits::MAX_MESSAGE_BYTES;
 use lodestream_scene::published::{Contents, MAX_OBJECT_BYTES, PackContents, PublishedError};
 
-use crate::{PunctualLightBlobs, SceneDescription, TerrainBlobs};
+use crate::{PartBlobs, PunctualLightBlobs, SceneDescription, TerrainBlobs};
 
 /// Longest scene object, in bytes.
 pub const MAX_SCENE_OBJECT_BYTES: u64 = MAX_OBJECT_BYTES;
@@ -48,10 +48,12 @@ impl SceneObject {
     /// # Errors
     /// A scene longer than [`MAX_SCENE_OBJECT_BYTES`], or one whose header or page is longer than a message.
     pub fn encode(&self) -> Result<Vec<u8>, SceneObjectError> {
-        let SceneDescription { header, pages, asset_order: _, terrain, punctual_lights } = &self.description;
+        let SceneDescription { header, pages, asset_order: _, terrain, punctual_lights, parts } =
+            &self.description;
         check_lengths(&self.description)?;
         let (terrain_directory, height_overrides) = terrain.parts();
         let (light_directory, light_pages) = punctual_lights.parts();
+        let (part_directory, part_pages) = parts.parts();
         let contents = Contents {
             header: header.clone(),
             pages: pages.clone(),
@@ -60,6 +62,9 @@ impl SceneObject {
             punctual_lights: punctual_lights.punctual_lights().cloned(),
             light_directory: light_directory.to_vec(),
             light_pages: light_pages.to_vec(),
+            parts: parts.table(),
+            part_directory: part_directory.to_vec(),
+            part_pages: part_pages.to_vec(),
             packs: self.packs.clone(),
         };
         Ok(contents.encode()?)
@@ -82,6 +87,7 @@ impl SceneObject {
             asset_order: (0..contents.packs.len()).collect(),
             terrain: TerrainBlobs::of_parts(contents.terrain_directory, contents.height_overrides),
             punctual_lights,
+            parts: PartBlobs::of_parts(contents.parts, contents.part_directory, contents.part_pages),
         };
         check_lengths(&description)?;
         if !description.has_stated_fingerprint() {

@@ -3,6 +3,7 @@
 mod asset;
 mod import;
 mod messages;
+mod parts;
 mod punctual_lights;
 mod scene;
 mod sequence;
@@ -11,6 +12,7 @@ mod terrain;
 pub use asset::{base_decoder, chunk_decoder, pack_reader, rehashed};
 pub use import::{gltf_compressed, gltf_import, obj_import, ply_import};
 pub use messages::messages;
+pub use parts::parts;
 pub use punctual_lights::punctual_lights;
 pub use scene::{range_session, scene_object};
 pub use sequence::apply_undo;
@@ -20,7 +22,7 @@ pub use terrain::terrain;
 pub type Target = fn(&[u8]) -> bool;
 
 /// Every target by the name of its corpus.
-pub const ALL: [(&str, Target); 13] = [
+pub const ALL: [(&str, Target); 14] = [
     ("pack_reader", pack_reader),
     ("base_decoder", base_decoder),
     ("chunk_decoder", chunk_decoder),
@@ -32,6 +34,7 @@ pub const ALL: [(&str, Target); 13] = [
     ("messages", messages),
     ("terrain", terrain),
     ("punctual_lights", punctual_lights),
+    ("parts", parts),
     ("scene_object", scene_object),
     ("range_session", range_session),
 ];

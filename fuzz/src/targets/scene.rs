@@ -6,7 +6,7 @@ use lodestream_protocol::client::{ClientConfig, ClientEvent};
 use lodestream_protocol::time::Time;
 use lodestream_scene::blob::BlobId;
 use lodestream_scene::encoding;
-use lodestream_scene::published::{Behind, HEAD_BYTES, Opening, PageRecord, Part, SourceRecord, part_hash};
+use lodestream_scene::published::{Behind, HEAD_BYTES, Head, PageRecord, Part, SourceRecord, part_hash};
 use lodestream_select::{State, Wanted};
 use lodestream_store::SceneObject;
 
@@ -51,7 +51,8 @@ fn rehashed(data: &[u8]) -> Vec<u8> {
     };
     let total = bytes.len() as u64;
     bytes[16..24].copy_from_slice(&total.to_le_bytes());
-    if let Ok(mut opening) = Opening::decode(&bytes[HEAD_BYTES..start]) {
+    let opening = Head::parse(&bytes).and_then(|head| head.decode_opening(&bytes[HEAD_BYTES..start]));
+    if let Ok(mut opening) = opening {
         let mut body = bytes[start..].to_vec();
         for place in &mut opening.pages {
             rehash_page(&mut body, &place.page);
@@ -64,12 +65,16 @@ fn rehashed(data: &[u8]) -> Vec<u8> {
             &mut opening.terrain_tables,
             &mut opening.light_directory,
             &mut opening.light_tables,
+            &mut opening.parts.directory,
+            &mut opening.parts.tables,
         ];
         lists.into_iter().flatten().for_each(|part| rehash(&body, part));
+        // Without parts, the opening ends before their empty lists.
         if let Ok(encoded) = encoding::encode(&opening)
-            && encoded.len() == length as usize
+            && (length as usize..length as usize + 4).contains(&encoded.len())
+            && let Some(encoded) = encoded.get(..length as usize)
         {
-            bytes[HEAD_BYTES..start].copy_from_slice(&encoded);
+            bytes[HEAD_BYTES..start].copy_from_slice(encoded);
             bytes[start..].copy_from_slice(&body);
         }
     }
@@ -138,6 +143,7 @@ fn wanted() -> Vec<Wanted> {
         ids.extend([BlobId::chunk(n, 0), BlobId::texture(n, 0, 0), BlobId::texture(0, 0, 1)]);
         ids.extend([BlobId::terrain_page(n), BlobId::height_overrides(n)]);
         ids.extend([BlobId::punctual_light_directory(n), BlobId::punctual_light_page(n)]);
+        ids.extend([BlobId::part_directory(n), BlobId::part_page(n)]);
     }
     ids.sort_unstable();
     ids.dedup();

@@ -82,6 +82,11 @@ fn punctual_lights() {
 }
 
 #[test]
+fn parts() {
+    replay("parts");
+}
+
+#[test]
 fn corpora_stay_small() {
     let (mut files, mut bytes) = (0, 0);
     for (name, _) in targets::ALL {

@@ -7,6 +7,7 @@ use bytes::Bytes;
 use crate::message::{Close, RefusedReason, Welcome};
 use lodestream_scene::blob::BlobId;
 use lodestream_scene::description::ScenePage;
+use lodestream_scene::parts::PartTable;
 use lodestream_scene::punctual_lights::PunctualLights;
 
 /// An event of a client session.
@@ -18,6 +19,8 @@ pub enum ClientEvent {
     ScenePage(ScenePage),
     /// The scene has punctual lights; comes before the first page.
     PunctualLights(PunctualLights),
+    /// The scene has a table of what its parts are called; comes before the first page.
+    Parts(PartTable),
     /// A blob or a part of one, requested or pushed, is complete. Comes after [`ClientEvent::Connected`] even if the
     /// bytes arrived earlier.
     Blob {

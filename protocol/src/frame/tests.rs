@@ -8,6 +8,7 @@ use crate::source::SceneSource;
 use crate::testing::MemoryScene;
 use lodestream_scene::description::{Instance, ScenePage};
 use lodestream_scene::limits::{MAX_HAVE, MAX_IDS_PER_MESSAGE};
+use lodestream_scene::parts::PartTable;
 use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::PunctualLights;
 use lodestream_scene::view::View;
@@ -50,6 +51,7 @@ fn server_messages() -> Vec<ServerMessage> {
             scene: scene.header.clone(),
         }),
         ServerMessage::PunctualLights(PunctualLights { count: 2000, first: Vec::new() }),
+        ServerMessage::Parts(PartTable { records: 5000 }),
         ServerMessage::Refused(Refused { id: BlobId::chunk(3, 4), reason: RefusedReason::NotFound }),
         ServerMessage::BasesSent,
         ServerMessage::Done,

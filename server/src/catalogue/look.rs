@@ -187,7 +187,7 @@ fn read_files(
     blobs: &BlobCache,
     files: &mut Vec<PathBuf>,
 ) -> anyhow::Result<SceneStore> {
-    let scene = scene::of_files(words, &options.preparation_settings)?;
+    let scene = scene::of_files_with(words, &options.preparation_settings)?;
     files.extend(scene.files.iter().chain(scene.assets.iter().map(|asset| &asset.file)).cloned());
     let prepared = prepare_all(&scene.assets, folder, options, |number, cached| {
         if let Some(report) = &cached.report {

@@ -58,7 +58,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             _ => source.clone(),
         });
     }
-    let scene = scene::of_files(&local, &options.preparation_settings)?;
+    let scene = scene::of_files_with(&local, &options.preparation_settings)?;
     let cache = arguments.cache.clone().or_else(cache::default_folder);
     let cache = cache.context("no cache folder is known; name one with --cache DIR")?;
     let page = arguments.page.as_deref().map(Page::load).transpose().context("--page")?;

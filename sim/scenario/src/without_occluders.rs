@@ -6,6 +6,7 @@ use bytes::Bytes;
 use lodestream_protocol::source::{Reading, SceneSource, SourceError};
 use lodestream_scene::BlobId;
 use lodestream_scene::description::{SceneHeader, ScenePage};
+use lodestream_scene::parts::PartTable;
 use lodestream_scene::punctual_lights::PunctualLights;
 
 /// Another scene, without its occluders.
@@ -22,6 +23,10 @@ impl SceneSource for WithoutOccluders {
 
     fn punctual_lights(&self) -> Option<&PunctualLights> {
         self.0.punctual_lights()
+    }
+
+    fn parts(&self) -> Option<PartTable> {
+        self.0.parts()
     }
 
     fn blob_len(&self, id: &BlobId) -> Option<u32> {

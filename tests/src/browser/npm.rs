@@ -165,6 +165,19 @@ fn connect_gives_the_faces_of_the_native_client() {
     assert_eq!(tab.evaluate("sums()"), serde_json::to_value(&expected).unwrap());
     check_matrices(&tab.evaluate("matrices()"), &native.changes);
 
+    // What parts are called, and why that is not known.
+    for instance in 0..3 {
+        let info = native.part(instance, 0).unwrap();
+        assert!(!info.name.is_empty(), "instance {instance}");
+        let extras: Value = info.extras.map_or(Value::Null, |text| serde_json::from_str(&text).unwrap());
+        let expected = serde_json::json!({"name": info.name, "path": info.path, "extras": extras});
+        assert_eq!(tab.evaluate(&format!("connection.part({instance})")), expected);
+    }
+    for (part, why) in [("0, 1", "there is no such part"), ("-1", "whole numbers")] {
+        let message = tab.evaluate(&format!("connection.part({part}).catch((why) => why.message)"));
+        assert!(message.as_str().is_some_and(|message| message.contains(why)), "{message}");
+    }
+
     // Nearer, more is wanted.
     let faces = |tab: &mut super::Tab| {
         let sums: BTreeMap<String, [u64; 2]> = serde_json::from_value(tab.evaluate("sums()")).unwrap();
@@ -183,6 +196,8 @@ fn connect_gives_the_faces_of_the_native_client() {
     assert_eq!(tab.evaluate("faults"), serde_json::json!([]));
     server.wait_for_sessions(2);
     tab.evaluate("connection.close()");
+    let message = tab.evaluate("connection.part(0).catch((why) => why.message)");
+    assert_eq!(message, "the session has ended");
     server.wait_for_sessions(1);
     assert_eq!(tab.console, Vec::<String>::new());
     server.assert_healthy();

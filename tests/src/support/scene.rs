@@ -10,6 +10,7 @@ use lodestream_client::core::{Change, IndexRun, MeshChange, NewAsset, TextureCha
 use lodestream_geometry::ancestor_closed_cut::{Budget, lowest_error};
 use lodestream_protocol::source::{SceneSource, SourceError};
 use lodestream_scene::description::{AssetEntry, SceneHeader, ScenePage};
+use lodestream_scene::parts::PartTable;
 use lodestream_scene::punctual_lights::{PunctualLight, PunctualLights, decode_page};
 use lodestream_scene::{BlobId, BlobPart};
 use lodestream_store::{BlobCache, DEFAULT_CACHE_BYTES, LoadedAsset, PackFile, SceneStore};
@@ -196,6 +197,10 @@ impl SceneSource for Lacking {
 
     fn punctual_lights(&self) -> Option<&PunctualLights> {
         self.scene.punctual_lights()
+    }
+
+    fn parts(&self) -> Option<PartTable> {
+        self.scene.parts()
     }
 
     fn blob_len(&self, id: &BlobId) -> Option<u32> {

@@ -3,10 +3,11 @@
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
-use lodestream_client::core::{Change, Config, StartView};
+use lodestream_client::core::{Change, Config, PartAbsence, PartId, StartView};
 use lodestream_client::net::{Address, End, Retry, Server};
 use lodestream_client::streaming::{Status, Streaming};
 use lodestream_protocol::message::Token;
+use lodestream_scene::parts::PartInfo;
 
 use super::{LIMIT, PICTURE_PX};
 
@@ -51,6 +52,21 @@ impl Viewer {
             }
             assert!(status.end.is_none(), "streaming ended while waiting for {what}: {:?}", status.end);
             assert!(Instant::now() < until, "{what} did not happen: {status:#?}");
+            let _ = self.notified.recv_timeout(Duration::from_millis(100));
+        }
+    }
+
+    /// What a part is called; waits for the answer.
+    pub(crate) fn part(&mut self, instance: u32, part: u32) -> Result<PartInfo, PartAbsence> {
+        let id = PartId { instance, part };
+        assert!(self.streaming.look_up_part(id), "streaming has ended");
+        let until = Instant::now() + LIMIT;
+        loop {
+            if let Some(answer) = self.streaming.take_part() {
+                assert_eq!(answer.id, id);
+                return answer.info;
+            }
+            assert!(Instant::now() < until, "no answer for {id:?}");
             let _ = self.notified.recv_timeout(Duration::from_millis(100));
         }
     }

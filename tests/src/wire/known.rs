@@ -11,8 +11,9 @@ use lodestream_protocol::stream::{BLOB_STREAM, BlobStreamReader};
 use lodestream_scene::asset::{
     Alpha, AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, Wrap,
 };
-use lodestream_scene::blob::{PunctualLightBlob, TerrainBlob};
+use lodestream_scene::blob::{PartBlob, PunctualLightBlob, TerrainBlob};
 use lodestream_scene::description::{AssetEntry, Instance, SceneHeader, ScenePage};
+use lodestream_scene::parts::{PartTable, decode_directory as decode_parts, decode_record};
 use lodestream_scene::punctual_lights::{
     First, PunctualLight, PunctualLightPageEntry, PunctualLights, decode_directory as decode_punctual_lights,
     decode_page,
@@ -138,7 +139,37 @@ impl Expected {
                 }
             };
         }
+        if let BlobId::Parts(blob) = *id {
+            let table = self.messages.iter().find_map(|message| match message {
+                ServerMessage::Parts(table) => Some(*table),
+                _ => None,
+            });
+            let instances = self.messages.iter().find_map(|message| match message {
+                ServerMessage::Welcome(welcome) => Some(welcome.scene.instance_count),
+                _ => None,
+            });
+            value["contents"] = parts(blob, bytes, table.unwrap(), instances.unwrap());
+        }
         value
+    }
+}
+
+/// Contents of a blob of the table of parts.
+fn parts(blob: PartBlob, bytes: &[u8], table: PartTable, instances: u32) -> Value {
+    match blob {
+        PartBlob::DirectoryPage(page) => {
+            let count = PartTable::on_directory_page(instances, page);
+            let runs = decode_parts(bytes, count, table.records).unwrap();
+            runs.iter().map(|run| json!([run.instances, run.parts, run.first])).collect()
+        }
+        PartBlob::Page(page) => {
+            let count = table.on_page(page);
+            let record = |number| decode_record(bytes, count, number).unwrap().unwrap();
+            (0..count)
+                .map(record)
+                .map(|info| json!([info.name, info.path, info.extras.unwrap_or_default()]))
+                .collect()
+        }
     }
 }
 
@@ -180,6 +211,7 @@ fn server_message(message: &ServerMessage) -> Value {
         ServerMessage::PunctualLights(punctual_lights) => {
             json!(["PunctualLights", self::punctual_lights(punctual_lights)])
         }
+        ServerMessage::Parts(table) => json!(["Parts", table.records]),
         ServerMessage::Refused(refused) => json!(["Refused", self::refused(refused)]),
         ServerMessage::RefusedMany(many) => {
             json!(["RefusedMany", many.iter().map(self::refused).collect::<Vec<_>>()])
@@ -264,6 +296,8 @@ fn blob_id(id: BlobId) -> Value {
         BlobId::PunctualLights(PunctualLightBlob::Page(page)) => {
             json!({"punctual_light_page": page})
         }
+        BlobId::Parts(PartBlob::DirectoryPage(page)) => json!({"part_directory_page": page}),
+        BlobId::Parts(PartBlob::Page(page)) => json!({"part_page": page}),
         BlobId::Asset { asset, part } => match part {
             BlobPart::Base => json!({"asset": asset, "base": true}),
             BlobPart::IndexPage(page) => json!({"asset": asset, "page": page}),

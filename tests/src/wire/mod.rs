@@ -23,6 +23,7 @@ use lodestream_scene::limits::{
     MAX_FRAME_BYTES, MAX_HAVE, MAX_IDS_PER_MESSAGE, MAX_INSTANCES, MAX_MESSAGE_BYTES, MAX_NAME_BYTES,
     MAX_PAGES_PER_MESSAGE, MAX_PIECE_BYTES, MAX_QUEUED, MAX_REASON_BYTES, MAX_SCENE_PAGES, MAX_TOKEN_BYTES,
 };
+use lodestream_scene::parts;
 use lodestream_scene::punctual_lights::{
     LISTED_PER_PAGE, MAX_PAGE_BYTES, MAX_PUNCTUAL_LIGHTS, PUNCTUAL_LIGHTS_PER_PAGE,
 };
@@ -134,6 +135,11 @@ fn a_reader_written_from_the_page_understands_every_message() {
                 "a directory of punctual lights",
                 blobs.iter().any(|blob| blob["contents"].as_array().is_some_and(|pages| pages.len() == 18)),
             ),
+            ("a directory of parts", blobs.iter().any(|blob| blob["id"]["part_directory_page"].is_u64())),
+            (
+                "a page of parts",
+                blobs.iter().any(|blob| blob["id"]["part_page"].is_u64() && blob["contents"].is_array()),
+            ),
             ("a described texture", json.to_string().contains("\"relief_depth\"")),
             (
                 "a directory",
@@ -241,6 +247,15 @@ fn the_page_states_the_limits_and_close_codes_of_the_program() {
         (
             "punctual lights of a scene; of a page; pages on a page of their directory; bytes of a page",
             &[MAX_PUNCTUAL_LIGHTS, PUNCTUAL_LIGHTS_PER_PAGE, LISTED_PER_PAGE, MAX_PAGE_BYTES].map(u64::from),
+        ),
+        (
+            "records of parts; bytes of name, path, extras",
+            &[
+                u64::from(parts::MAX_RECORDS),
+                parts::MAX_NAME_BYTES as u64,
+                parts::MAX_PATH_BYTES as u64,
+                parts::MAX_EXTRAS_BYTES as u64,
+            ],
         ),
     ] {
         let row = rows.iter().find(|row| row[1] == what).unwrap_or_else(|| panic!("no row {what:?}"));

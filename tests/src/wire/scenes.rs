@@ -195,6 +195,8 @@ pub(super) fn conversation(scene: &TestScene) -> Vec<Vec<ClientMessage>> {
         BlobId::punctual_light_directory(0),
         BlobId::punctual_light_page(0),
         BlobId::punctual_light_page(17),
+        BlobId::part_directory(0),
+        BlobId::part_page(0),
     ];
     let again = [BlobId::base(wall), BlobId::index_page(ball, 0), BlobId::chunk(ball, 0)];
     let part = |offset, end| Want { offset, end, ..Want::whole(BlobId::chunk(ball, 0), 0x4180_0000) };

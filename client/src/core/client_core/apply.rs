@@ -130,7 +130,8 @@ impl ClientCore {
             // Decoded when they arrive.
             BlobId::Asset { part: BlobPart::Base | BlobPart::IndexPage(_), .. }
             | BlobId::Terrain(_)
-            | BlobId::PunctualLights(_) => Ok(()),
+            | BlobId::PunctualLights(_)
+            | BlobId::Parts(_) => Ok(()),
         };
         self.note_applied(now, wanted, applied);
         Some(length)

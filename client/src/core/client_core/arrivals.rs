@@ -14,13 +14,14 @@ use crate::core::height_overrides::HeightOverrideBlobError;
 use crate::core::punctual_light_pages::PunctualLightBlobError;
 
 impl ClientCore {
-    /// Takes a received blob of the terrain, of punctual lights or of a known asset. Chunks and texture levels are
+    /// Takes a received blob of the terrain, of punctual lights, of the table of parts or of a known asset. Chunks and texture levels are
     /// cached until a selection wants them; base meshes and index pages are decoded by the next [`ClientCore::update`].
     pub(super) fn receive(&mut self, now: Time, blob: ReceivedBlob) {
         match blob.id {
             BlobId::Asset { part, .. } => self.receive_asset_blob(now, part, blob),
             BlobId::Terrain(part) => self.receive_terrain_blob(now, part, &blob),
             BlobId::PunctualLights(part) => self.receive_punctual_light_blob(now, part, &blob),
+            BlobId::Parts(part) => self.receive_part_blob(now, part, blob),
         }
     }
 
@@ -97,6 +98,9 @@ impl ClientCore {
     /// fetched again.
     pub(super) fn trim_cache(&mut self, now: Time) {
         let needed = |id: BlobId| {
+            if matches!(id, BlobId::Parts(_)) {
+                return self.parts.needs(id);
+            }
             matches!(self.scene.state(id), State::Cached | State::InFlight)
                 && self.selection.wanted.iter().any(|wanted| wanted.id == id)
         };

@@ -5,6 +5,7 @@ use lodestream_select::PageError;
 
 use crate::core::asset::AssetError;
 use crate::core::height_overrides::HeightOverrideBlobError;
+use crate::core::parts::PartBlobError;
 use crate::core::punctual_light_pages::PunctualLightBlobError;
 use crate::core::texture_file::TextureFileError;
 
@@ -35,4 +36,6 @@ pub(super) enum BlobError {
     HeightOverrides(#[from] HeightOverrideBlobError),
     #[error(transparent)]
     PunctualLights(#[from] PunctualLightBlobError),
+    #[error(transparent)]
+    Parts(#[from] PartBlobError),
 }

@@ -9,7 +9,7 @@
 //! | in use, up to a truncation point or whole | the table |
 //! | attempts after a failure | [`Failures`](crate::core::failures::Failures) |
 //!
-//! The table is [`AssetState`](lodestream_select::AssetState) with its counterparts for terrain and punctual lights.
+//! The table is [`AssetState`](lodestream_select::AssetState) with its counterparts for terrain, punctual lights and parts.
 //! Selections read nothing else, so it also has copies of the other facts: [`State::InFlight`], [`State::Cached`],
 //! [`State::Failed`], and the number of bytes of a chunk, which [`ClientCore::sync_held`] alone writes. The core's
 //! tests compare the copies with their owners whenever something has arrived.
@@ -32,6 +32,8 @@ impl ClientCore {
             (id, &mut self.scene.punctual_lights)
         {
             punctual_lights.set_state(blob, state);
+        } else if let BlobId::Parts(blob) = id {
+            self.parts.set_state(blob, state);
         } else {
             self.scene.set_state(id, state);
         }
@@ -96,6 +98,7 @@ impl ClientCore {
         match (id, &self.scene.terrain, &self.scene.punctual_lights) {
             (BlobId::Terrain(blob), Some(terrain), _) => terrain.state(blob),
             (BlobId::PunctualLights(blob), _, Some(punctual_lights)) => punctual_lights.state(blob),
+            (BlobId::Parts(blob), ..) => self.parts.state(blob),
             _ => self.scene.state(id),
         }
     }

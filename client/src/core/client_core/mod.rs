@@ -5,6 +5,7 @@ mod apply;
 mod arrivals;
 mod blob_error;
 mod blob_states;
+mod parts;
 mod ranges;
 mod report;
 mod session;
@@ -32,6 +33,7 @@ use super::decoders::Decoders;
 use super::failures::Failures;
 use super::milestones::Milestones;
 use super::motion::Motion;
+use super::parts::PartLookups;
 use super::punctual_light_pages::PunctualLightPages;
 use super::scene::Scene;
 use super::stats::Received;
@@ -55,6 +57,7 @@ pub struct ClientCore {
     pub(super) scene: Scene,
     pub(super) cache: BlobCache,
     pub(super) failures: Failures,
+    pub(super) parts: PartLookups,
     /// Base meshes and index pages that have arrived and are not decoded yet; bounded by what the session has in
     /// flight.
     undecoded: VecDeque<(BlobId, Bytes)>,
@@ -96,6 +99,7 @@ impl ClientCore {
             scene: Scene::default(),
             cache: BlobCache::new(config.cache_bytes),
             failures: Failures::default(),
+            parts: PartLookups::default(),
             undecoded: VecDeque::new(),
             early: Vec::new(),
             received: BTreeMap::new(),

@@ -39,6 +39,8 @@ impl ClientCore {
         self.disconnect();
         self.connection.session = Some(session);
         self.early.clear();
+        self.parts.is_announced = false;
+        self.selection.wanted.retain(|wanted| !matches!(wanted.id, BlobId::Parts(_)));
         self.connection.bases_sent = false;
         self.connection.closed = None;
         self.connection.welcome = None;

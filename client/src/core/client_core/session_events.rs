@@ -34,11 +34,17 @@ impl ClientCore {
                         for blob in known {
                             self.receive(now, blob);
                         }
+                        self.advance_lookups(now);
                     }
                     Err(why) => self.end_session(now, &why),
                 },
                 ClientEvent::PunctualLights(punctual_lights) => {
                     self.set_punctual_lights(now, &punctual_lights)
+                }
+                ClientEvent::Parts(table) => {
+                    self.parts.table.get_or_insert(table);
+                    self.parts.is_announced = true;
+                    self.advance_lookups(now);
                 }
                 ClientEvent::Blob { id, offset, total, bytes } => {
                     if self.config.track_received {
@@ -70,6 +76,7 @@ impl ClientCore {
         let header = &welcome.scene;
         let same = self.scene.header.as_ref().is_some_and(|old| old.fingerprint == header.fingerprint);
         if !same {
+            self.parts.begin_scene(self.scene.header.is_some());
             self.scene = Scene::new(header.clone());
             self.cache = BlobCache::new(self.config.cache_bytes);
             self.failures = Failures::default();
@@ -120,6 +127,9 @@ impl ClientCore {
                 self.failures.give_up(id);
                 self.set_state(id, State::Failed);
             }
+        }
+        if matches!(id, BlobId::Parts(_)) {
+            self.advance_lookups(now);
         }
     }
 }

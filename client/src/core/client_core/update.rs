@@ -78,6 +78,8 @@ impl ClientCore {
             }
             _ => true,
         };
+        let wanted_parts = self.parts.wanted();
+        self.selection.wanted.splice(0..0, wanted_parts);
         let all_known = self.scene.is_complete() || self.connection.bases_sent;
         let started = self.connection.started.unwrap_or(now);
         self.milestones.note(started, now, self.received_bytes(), all_known, &counters);
@@ -95,7 +97,7 @@ impl ClientCore {
     }
 
     /// Requests wanted blobs that are absent, and cancels others.
-    fn send_requests(&mut self, now: Time, cancel: &[BlobId]) {
+    pub(super) fn send_requests(&mut self, now: Time, cancel: &[BlobId]) {
         (0..self.selection.wanted.len()).for_each(|index| self.refresh(index));
         let Some(session) = &mut self.connection.session else { return };
         let requested = session.set_wanted(now, &self.selection.wanted, cancel);
@@ -118,6 +120,8 @@ impl ClientCore {
             (wanted.id, &self.scene.punctual_lights)
         {
             wanted.state = punctual_lights.state(blob);
+        } else if let BlobId::Parts(blob) = wanted.id {
+            wanted.state = self.parts.state(blob);
         } else if let Some(BlobPart::Texture { .. }) = wanted.id.part() {
             wanted.state = self.scene.state(wanted.id);
         } else if let Some((asset, _)) = self.scene.asset(wanted.id) {

@@ -37,6 +37,7 @@ impl RangeSession {
             }
             Item::TerrainTable(page) => self.directory.add_terrain_table(page, &bytes),
             Item::LightTable(page) => self.directory.add_light_table(page, &bytes),
+            Item::PartTable(number) => self.directory.add_part_table(number, &bytes),
             Item::Index(asset, page) => self.directory.add_index(asset, page, &bytes).map(|length| {
                 self.blobs += 1;
                 let bytes = bytes.slice(..length);

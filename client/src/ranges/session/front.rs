@@ -124,6 +124,7 @@ impl RangeSession {
             }
         };
         let lights = opening.punctual_lights();
+        let parts = opening.parts.table();
         let welcome = Welcome {
             version: *VERSIONS.end(),
             session: 0,
@@ -134,6 +135,7 @@ impl RangeSession {
         self.directory.open(head, opening);
         self.events.push_back(ClientEvent::Connected(welcome));
         self.events.extend(lights.map(ClientEvent::PunctualLights));
+        self.events.extend(parts.map(ClientEvent::Parts));
         self.need_pages();
         true
     }

@@ -1,6 +1,7 @@
 //! Composes the description of a scene from its prepared models: assets and instances in pages, nearest and largest
 //! first.
 
+mod parts;
 mod shared;
 
 use std::collections::BTreeMap;
@@ -14,8 +15,8 @@ use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::PunctualLight;
 
 use lodestream_store::{
-    BlobCache, PackFile, PunctualLightBlobs, PunctualLightBlobsError, SceneDescription, SceneStore,
-    StoreError, TerrainBlobs, TerrainBlobsError,
+    BlobCache, PackFile, PartBlobsError, PunctualLightBlobs, PunctualLightBlobsError, SceneDescription,
+    SceneStore, StoreError, TerrainBlobs, TerrainBlobsError,
 };
 
 use crate::scene::{DEFAULT_FOV_Y_DEGREES, Model, Scene, SceneTerrain};
@@ -52,6 +53,9 @@ pub enum ComposeError {
     /// The punctual lights cannot be sent.
     #[error(transparent)]
     PunctualLights(#[from] PunctualLightBlobsError),
+    /// What the parts are called cannot be sent.
+    #[error(transparent)]
+    Parts(#[from] PartBlobsError),
     /// A pack that cannot be read.
     #[error(transparent)]
     Store(#[from] StoreError),
@@ -114,11 +118,12 @@ pub fn compose(
         None => TerrainBlobs::default(),
     };
     let punctual_lights = PunctualLightBlobs::new(&punctual_lights)?;
+    let parts = parts::blobs(scene, &instances, &order)?;
     header.check()?;
     for page in &pages {
         page.check()?;
     }
-    let mut description = SceneDescription { header, pages, asset_order, terrain, punctual_lights };
+    let mut description = SceneDescription { header, pages, asset_order, terrain, punctual_lights, parts };
     description.header.fingerprint = description.fingerprint();
     Ok(description)
 }

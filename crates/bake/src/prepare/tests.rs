@@ -155,7 +155,7 @@ fn many_assets_of_one_file_give_the_same_packs_side_by_side_and_one_by_one() {
         std::fs::write(dir.path().join(format!("{number}.obj")), obj).unwrap();
     }
     let files: Vec<_> = (0..20).map(|number| dir.path().join(format!("{number}.obj"))).collect();
-    let assets = scene::of_files(&files, &PreparationSettings::default()).unwrap().assets;
+    let assets = scene::of_files(&files).unwrap().assets;
     let threads = |count| Options { threads: NonZeroUsize::new(count), quiet: true, ..Options::default() };
     let bytes = |cached: &Cached| std::fs::read(cached.pack.path()).unwrap();
     let mut order = Vec::new();

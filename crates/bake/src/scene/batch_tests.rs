@@ -9,7 +9,7 @@ use lodestream_import::Part;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-use super::{Scene, of_files, parse};
+use super::{Scene, of_files_with, parse};
 use crate::preparation_settings::{Batching, PreparationSettings};
 use crate::prepare::{Options, keys_of, prepare_all};
 
@@ -90,7 +90,7 @@ fn sheet(side: usize, bend: f64) -> Vec<DVec3> {
 
 fn scene(path: &Path, batching: Batching) -> Scene {
     let flags = PreparationSettings { batching: Some(batching), ..PreparationSettings::default() };
-    of_files(&[path.to_owned()], &flags).unwrap()
+    of_files_with(&[path.to_owned()], &flags).unwrap()
 }
 
 fn members(scene: &Scene) -> Vec<usize> {

@@ -40,6 +40,8 @@ pub(super) struct Batch {
     pub(super) part: Part,
     /// Largest distance between a position and its grid point, in units of the file.
     pub(super) tolerance: f64,
+    /// Index of each member among the placed meshes.
+    pub(super) placed: Vec<usize>,
 }
 
 /// A mesh that may be in a batch.
@@ -133,7 +135,8 @@ fn batch(mut candidates: Vec<Candidate>) -> Batch {
     let finest = (high - low).max_element() / f64::from(1_u32 << (MAX_POSITION_BITS - 1));
     let tolerance = (sizes[sizes.len() / 2] / MEMBER_STEPS / 2.0).max(finest).max(f64::MIN_POSITIVE);
     let members: Arc<[BatchMember]> = candidates.iter().map(|candidate| candidate.member).collect();
-    Batch { part: Part::Batch(members), tolerance }
+    let placed = candidates.iter().map(|candidate| candidate.placed).collect();
+    Batch { part: Part::Batch(members), tolerance, placed }
 }
 
 #[cfg(test)]
@@ -146,7 +149,6 @@ mod tests {
     use serde_json::{Value, json};
 
     use super::*;
-    use crate::preparation_settings::PreparationSettings;
     use crate::prepare::{Options, prepare_cached};
     use crate::scene::{Asset, Scene, of_files};
 
@@ -157,12 +159,14 @@ mod tests {
             let to_scene =
                 DMat4::from_translation(DVec3::new(3.0 * mesh as f64, 0.0, 0.0)).to_cols_array_2d();
             let part = Part::Mesh { mesh, linear: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]] };
-            PlacedMesh { part, placement: Placement::default(), mesh, to_scene }
+            PlacedMesh { part, placement: Placement::default(), mesh, to_scene, node: None }
         };
         Contents {
             names: Vec::new(),
             sizes: faces.iter().map(size).collect(),
+            part_names: Arc::default(),
             materials,
+            warnings: Vec::new(),
             placed: (0..faces.len()).map(placed).collect(),
             punctual_lights: Vec::new(),
         }
@@ -224,10 +228,14 @@ mod tests {
                 "min": [0.0, 0.0, 0.0], "max": [high, high, high],
             }));
             meshes.push(json!({"primitives": [{"attributes": {"POSITION": mesh}}]}));
-            nodes.push(json!({"mesh": mesh, "translation": [4.0 * mesh as f64, 0.0, 0.0]}));
+            let translation = [4.0 * mesh as f64, 0.0, 0.0];
+            let extras = json!({"number": mesh});
+            nodes.push(json!({"mesh": mesh, "name": format!("part {mesh}"), "translation": translation, "extras": extras}));
         }
         let children: Vec<usize> = (0..count).collect();
-        nodes.push(json!({"translation": [408_000.0, 0.0, -4_080_000.0], "children": children}));
+        nodes.push(
+            json!({"name": "floor", "translation": [408_000.0, 0.0, -4_080_000.0], "children": children}),
+        );
         let uri = format!("data:application/octet-stream;base64,{}", BASE64.encode(&bytes));
         let file: Value = json!({
             "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [count]}], "nodes": nodes, "meshes": meshes,
@@ -241,7 +249,7 @@ mod tests {
     #[test]
     fn a_batch_has_all_faces_of_its_members_in_their_places() {
         let folder = tempfile::tempdir().unwrap();
-        let scene: Scene = of_files(&[write(folder.path(), 40)], &PreparationSettings::default()).unwrap();
+        let scene: Scene = of_files(&[write(folder.path(), 40)]).unwrap();
         let [asset]: &[Asset; 1] = scene.assets[..].try_into().unwrap();
         assert_eq!(asset.name, "parts/parts");
         let [instance] = scene.models[0].parts[..] else { panic!("one instance") };

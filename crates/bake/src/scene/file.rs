@@ -243,6 +243,8 @@ impl Source<'_> {
             let mut placed = Vec::with_capacity(instances.len());
             for raw in instances {
                 let (model, place) = self.instance(&numbers, raw, scene.terrain.as_ref())?;
+                let count = scene.models[model].parts.len() as u32;
+                scene.instance_parts.extend((0..count).map(|part| (model as u32, part)));
                 let (parts, punctual_lights) = scene.models[model].placed(place);
                 placed.extend(parts);
                 scene.punctual_lights.extend(punctual_lights);
@@ -569,19 +571,19 @@ fov_y_degrees = 60
     #[test]
     fn models_become_a_scene_and_a_scene_stands_alone() {
         let files = ["a/x.obj", "b/x.obj", "y.OBJ"].map(PathBuf::from);
-        let scene = super::super::of_files(&files, &PreparationSettings::default()).unwrap();
+        let scene = super::super::of_files(&files).unwrap();
         let names: Vec<&str> = scene.assets.iter().map(|a| a.name.as_str()).collect();
         assert_eq!(names, ["x", "x-2", "y"]);
         assert_eq!(scene.instances, None);
         let mixed = ["a.obj", "s.toml"].map(PathBuf::from);
         assert!(
-            super::super::of_files(&mixed, &PreparationSettings::default())
+            super::super::of_files(&mixed)
                 .unwrap_err()
                 .to_string()
                 .contains("stands alone")
         );
-        assert!(super::super::of_files(&[], &PreparationSettings::default()).is_err());
-        let missing = super::super::of_files(&[PathBuf::from("/no/s.toml")], &PreparationSettings::default())
+        assert!(super::super::of_files(&[]).is_err());
+        let missing = super::super::of_files(&[PathBuf::from("/no/s.toml")])
             .unwrap_err()
             .to_string();
         assert!(missing.contains("/no/s.toml: cannot be read"), "{missing}");

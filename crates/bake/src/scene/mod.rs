@@ -7,6 +7,7 @@ mod curve;
 mod file;
 mod model;
 mod names;
+mod part_names;
 mod punctual_light;
 mod split;
 mod terrain;
@@ -18,14 +19,23 @@ use std::path::{Path, PathBuf};
 use crate::preparation_settings::PreparationSettings;
 pub use file::{SceneError, parse, read};
 pub use model::{Asset, DEFAULT_FOV_Y_DEGREES, Model, Scene};
+pub use part_names::ModelPartNames;
 pub use terrain::SceneTerrain;
 
-/// Reads the scene of the files on a command line: one scene file, or models. The `flags` take precedence over the scene
-/// file's settings in what assets there are; [`crate::prepare::Options`] has them for how these are prepared.
+/// Reads the scene of the files on a command line: one scene file, or models.
 ///
 /// # Errors
 /// See [`SceneError`]; a scene file must be the only file.
-pub fn of_files(files: &[PathBuf], flags: &PreparationSettings) -> Result<Scene, SceneError> {
+pub fn of_files(files: &[PathBuf]) -> Result<Scene, SceneError> {
+    of_files_with(files, &PreparationSettings::default())
+}
+
+/// As [`of_files`], with flags. The `flags` take precedence over the scene
+/// file's settings in what assets there are; [`crate::prepare::Options`] has them for how these are prepared.
+///
+/// # Errors
+/// As [`of_files`].
+pub fn of_files_with(files: &[PathBuf], flags: &PreparationSettings) -> Result<Scene, SceneError> {
     let is_scene = |file: &Path| file.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
     match files {
         [] => Err(SceneError::NothingNamed),

@@ -2,8 +2,10 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use crate::preparation_settings::{PositionBits, Precision, PreparationSettings, Tolerance};
+use crate::stderr::write_line;
 use lodestream_import::gltf::{self, CopyTolerance};
 use lodestream_import::{ImportError, Part, is_gltf};
 use lodestream_scene::description::{Camera, DEFAULT_AMBIENT, DEFAULT_BACKGROUND, Instance};
@@ -12,6 +14,7 @@ use lodestream_scene::punctual_lights::PunctualLight;
 
 use super::batches::{self, Batch};
 use super::names::UniqueNames;
+use super::part_names::ModelPartNames;
 use super::terrain::SceneTerrain;
 
 /// A model of a scene.
@@ -48,6 +51,8 @@ pub struct Model {
     pub parts: Vec<Instance>,
     /// The lights that stand in it.
     pub punctual_lights: Vec<PunctualLight>,
+    /// What the parts of each of [`Model::parts`] are called.
+    pub part_names: ModelPartNames,
 }
 
 impl Model {
@@ -94,6 +99,9 @@ pub struct Scene {
     pub instances: Option<Vec<Instance>>,
     /// The models that the scene is made of.
     pub models: Vec<Model>,
+    /// Which of [`Model::parts`] each of [`Scene::instances`] is: number of the model, and index there. Instances behind
+    /// its end are called as their asset.
+    pub instance_parts: Vec<(u32, u32)>,
     /// Lights that stand in the scene: its own, and where [`Scene::instances`] says where models are, theirs.
     pub punctual_lights: Vec<PunctualLight>,
     /// Unit vector from the scene towards the light.
@@ -153,12 +161,13 @@ impl Scene {
         }
         let settings = flags.or(asset.preparation_settings);
         let contents = gltf::contents(&asset.file, Some(copy_tolerance(&settings)))?;
+        for warning in &contents.warnings {
+            write_line(format_args!("warning: {warning}"));
+        }
         let batches = batches::of_contents(&contents, settings.batching.unwrap_or_default());
-        let model = Model {
-            punctual_lights: contents.punctual_lights.clone(),
-            parts: self.add_meshes(&asset, contents, batches, names),
-        };
-        self.models.push(model);
+        let punctual_lights = contents.punctual_lights.clone();
+        let (parts, part_names) = self.add_meshes(&asset, contents, batches, names);
+        self.models.push(Model { parts, punctual_lights, part_names });
         Ok(self.models.len() - 1)
     }
 
@@ -170,8 +179,9 @@ impl Scene {
         let whole = asset.part == Part::Whole && is_gltf(&asset.file);
         let punctual_lights =
             if whole { gltf::contents(&asset.file, None)?.punctual_lights } else { Vec::new() };
+        let part_names = ModelPartNames::of_one(&asset.name);
         let number = self.add_asset(asset);
-        self.models.push(Model { parts: vec![Instance::at(number, [0.0; 3])], punctual_lights });
+        self.models.push(Model { parts: vec![Instance::at(number, [0.0; 3])], punctual_lights, part_names });
         Ok(self.models.len() - 1)
     }
 
@@ -190,7 +200,13 @@ impl Scene {
         contents: gltf::Contents,
         (batches, batched): (Vec<Batch>, Vec<bool>),
         names: &mut UniqueNames,
-    ) -> Vec<Instance> {
+    ) -> (Vec<Instance>, ModelPartNames) {
+        let mut part_names = ModelPartNames::of_file(&model.name, Arc::clone(&contents.part_names));
+        let placed_part = |placed: &gltf::PlacedMesh| match placed.part {
+            Part::Mesh { .. } => Some((placed.node, placed.mesh)),
+            Part::Whole | Part::Batch(_) => None,
+        };
+        let placed_parts: Vec<_> = contents.placed.iter().map(placed_part).collect();
         let mut known: Vec<(Part, u32)> = Vec::new();
         let mut by_mesh: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         let mut instances = Vec::with_capacity(contents.placed.len());
@@ -209,6 +225,7 @@ impl Scene {
                 number
             });
             instances.push(Instance { asset: number, placement: placed.placement });
+            part_names.add([(placed.node, mesh)]);
         }
         for batch in batches {
             let name = names.take(&format!("{}/parts", model.name));
@@ -217,8 +234,9 @@ impl Scene {
             preparation_settings.precision = preparation_settings.precision.or(tolerance);
             let asset = Asset { name, part: batch.part, preparation_settings, ..model.clone() };
             instances.push(Instance::at(self.add_asset(asset), [0.0; 3]));
+            part_names.add(batch.placed.iter().filter_map(|&placed| placed_parts[placed]));
         }
-        instances
+        (instances, part_names)
     }
 
     pub(super) fn empty() -> Self {
@@ -226,6 +244,7 @@ impl Scene {
             name: "scene".to_owned(),
             assets: Vec::new(),
             instances: None,
+            instance_parts: Vec::new(),
             models: Vec::new(),
             punctual_lights: Vec::new(),
             light_direction: unit([0.4, 1.0, 0.6]).unwrap_or([0.0, 1.0, 0.0]),

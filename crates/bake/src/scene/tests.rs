@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::preparation_settings::{Precision, PreparationSettings, Round};
+use crate::preparation_settings::{Precision, Round};
 use lodestream_geometry::Codec;
 use lodestream_import::Part;
 use tempfile::TempDir;
@@ -45,7 +45,7 @@ fn names(scene: &Scene) -> Vec<&str> {
 #[test]
 fn gltf_meshes_are_placed_by_their_nodes() {
     let dir = TempDir::new().unwrap();
-    let scene = of_files(&[ship(&dir)], &PreparationSettings::default()).unwrap();
+    let scene = of_files(&[ship(&dir)]).unwrap();
     assert_eq!(scene.name, "ship");
     assert_eq!(names(&scene), ["ship/hull", "ship/mast", "ship/mast-2"]);
     let [model] = &scene.models[..] else { panic!("{:?}", scene.models) };
@@ -130,7 +130,7 @@ fn scene_files_place_gltf_models_whole_by_mesh_and_merged() {
 fn models_with_the_name_of_a_numbered_duplicate_stay_distinct() {
     let named = |files: &[&str]| {
         let files: Vec<PathBuf> = files.iter().map(PathBuf::from).collect();
-        let names: Vec<String> = of_files(&files, &PreparationSettings::default())
+        let names: Vec<String> = of_files(&files)
             .unwrap()
             .assets
             .into_iter()
@@ -151,7 +151,7 @@ fn meshes_with_the_name_of_a_numbered_form_stay_distinct() {
     let text = std::fs::read_to_string(&path).unwrap().replace("hull", "mast-2");
     std::fs::write(&path, text).unwrap();
     assert_eq!(
-        names(&of_files(std::slice::from_ref(&path), &PreparationSettings::default()).unwrap()),
+        names(&of_files(std::slice::from_ref(&path)).unwrap()),
         ["ship/mast-2", "ship/mast", "ship/mast-3"]
     );
     // A scene file's own names stay, wherever they stand.

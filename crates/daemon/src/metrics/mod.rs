@@ -7,7 +7,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::source::CacheUse;
-use lodestream_scene::{BlobId, BlobPart, PunctualLightBlob, TerrainBlob};
+use lodestream_scene::{BlobId, BlobPart, PartBlob, PunctualLightBlob, TerrainBlob};
 use prometheus::{Histogram, IntCounter, IntGauge, Registry, TextEncoder};
 use tracing_appender::non_blocking::ErrorCounter;
 
@@ -88,17 +88,19 @@ pub struct Metrics {
     log: OnceLock<ErrorCounter>,
 }
 
-/// Index of a blob's kind in the label values. Directory pages of terrain and punctual lights count as index pages, height
-/// overrides and pages of punctual lights as chunks.
+/// Index of a blob's kind in the label values. Directory pages of terrain, punctual lights and parts count as index pages,
+/// height overrides and pages of punctual lights and parts as chunks.
 const fn kind(id: &BlobId) -> usize {
     match id {
         BlobId::Asset { part: BlobPart::Base, .. } => 1,
         BlobId::Asset { part: BlobPart::IndexPage(_), .. }
         | BlobId::Terrain(TerrainBlob::DirectoryPage(_))
-        | BlobId::PunctualLights(PunctualLightBlob::DirectoryPage(_)) => 2,
+        | BlobId::PunctualLights(PunctualLightBlob::DirectoryPage(_))
+        | BlobId::Parts(PartBlob::DirectoryPage(_)) => 2,
         BlobId::Asset { part: BlobPart::Chunk(_), .. }
         | BlobId::Terrain(TerrainBlob::HeightOverrides(_))
-        | BlobId::PunctualLights(PunctualLightBlob::Page(_)) => 3,
+        | BlobId::PunctualLights(PunctualLightBlob::Page(_))
+        | BlobId::Parts(PartBlob::Page(_)) => 3,
         BlobId::Asset { part: BlobPart::Texture { .. }, .. } => 4,
     }
 }

@@ -21,6 +21,7 @@ mod maps;
 mod material;
 mod mesh;
 mod nodes;
+mod part_names;
 mod similarity;
 mod sizes;
 #[cfg(test)]
@@ -28,6 +29,7 @@ mod tests;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use bytes::Bytes;
 use glam::{DMat3, DMat4, DQuat, DVec3};
@@ -41,6 +43,7 @@ pub use copies::CopyTolerance;
 use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::PunctualLight;
 use mesh::Builder;
+pub use part_names::PartNames;
 pub use sizes::{MeshSize, PartSize};
 
 /// Relative tolerance within which axes count as equally long and orthogonal: the rounding of transformations that
@@ -58,6 +61,9 @@ pub struct PlacedMesh {
     pub mesh: usize,
     /// Columns of the mesh's whole transformation, of which the part and the placement have rounded shares.
     pub to_scene: [[f64; 4]; 4],
+    /// Number of the node that places it, by which [`Contents::part_names`] finds its name; `None` in a file without
+    /// scenes.
+    pub node: Option<u32>,
 }
 
 /// The meshes and lights of a file.
@@ -67,12 +73,16 @@ pub struct Contents {
     pub names: Vec<String>,
     /// Size of each mesh, by index; `None` for meshes that must stay assets of their own.
     pub sizes: Vec<Option<MeshSize>>,
+    /// What its placed meshes are called.
+    pub part_names: Arc<PartNames>,
     /// Number of materials that its meshes may name, the default one included.
     pub materials: usize,
     /// Placements of meshes in the file's scene.
     pub placed: Vec<PlacedMesh>,
     /// Punctual lights of the file's scene.
     pub punctual_lights: Vec<PunctualLight>,
+    /// What could not be taken over whole, for people.
+    pub warnings: Vec<String>,
 }
 
 fn open(path: &Path) -> Result<Document, ImportError> {
@@ -149,19 +159,23 @@ pub fn contents(path: &Path, copies: Option<CopyTolerance>) -> Result<Contents, 
     let visible: Vec<_> = placed.meshes.into_iter().filter(|p| p.to_scene.determinant() != 0.0).collect();
     let used = visible.iter().map(|placed| placed.mesh).collect();
     let copies = copies.map(|tolerance| copies::of_meshes(&document, &used, tolerance)).unwrap_or_default();
-    let placed_mesh = |nodes::Placed { mesh, to_scene }| {
+    let placed_mesh = |nodes::Placed { mesh, to_scene, node }| {
         let (original, map) = copies.get(&mesh).map_or((mesh, to_scene), |(of, map)| (*of, to_scene * *map));
         let (part, placement) = similar(original, &map);
-        PlacedMesh { part, placement, mesh, to_scene: to_scene.to_cols_array_2d() }
+        PlacedMesh { part, placement, mesh, to_scene: to_scene.to_cols_array_2d(), node }
     };
     let meshes = visible.into_iter().map(placed_mesh).collect();
     let punctual_lights = lights::punctual_lights(&document, &placed.lights)?;
+    let names = names(&document);
+    let (part_names, warning) = PartNames::new(&document, placed.nodes, &names);
     Ok(Contents {
-        names: names(&document),
+        names,
+        part_names: Arc::new(part_names),
         sizes: sizes::of_meshes(&document),
         materials: document.root.materials.len() + 1,
         placed: meshes,
         punctual_lights,
+        warnings: warning.into_iter().collect(),
     })
 }
 

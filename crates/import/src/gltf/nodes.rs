@@ -7,6 +7,7 @@ use super::accessor::Buffers;
 use super::container::Document;
 use super::instancing;
 use super::lights::{self, PlacedLight};
+use super::part_names::Nodes;
 use crate::error::ImportError;
 
 /// A mesh of the file with its transformation.
@@ -14,11 +15,14 @@ use crate::error::ImportError;
 pub(super) struct Placed {
     pub(super) mesh: usize,
     pub(super) to_scene: DMat4,
+    /// The node that places it; `None` in a file without scenes.
+    pub(super) node: Option<u32>,
 }
 
 /// Meshes and lights of a scene.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug, Default)]
 pub(super) struct SceneContents {
+    pub(super) nodes: Nodes,
     pub(super) meshes: Vec<Placed>,
     pub(super) lights: Vec<PlacedLight>,
 }
@@ -34,17 +38,17 @@ pub(super) fn placed(document: &Document) -> Result<SceneContents, ImportError> 
     let Some(scene) = root.scenes.get(number) else {
         if root.scenes.is_empty() {
             let all = 0..root.meshes.len();
-            let meshes = all.map(|mesh| Placed { mesh, to_scene: DMat4::IDENTITY }).collect();
+            let meshes = all.map(|mesh| Placed { mesh, to_scene: DMat4::IDENTITY, node: None }).collect();
             return Ok(SceneContents { meshes, ..SceneContents::default() });
         }
         return Err(document.error(format!("scenes[{number}] does not exist")));
     };
-    let mut placed = SceneContents::default();
+    let mut placed = SceneContents { nodes: Nodes::new(root.nodes.len()), ..SceneContents::default() };
     let mut buffers = Buffers::new(document);
     let mut seen = vec![false; root.nodes.len()];
-    let mut waiting: Vec<(usize, DMat4)> =
-        scene.nodes.iter().rev().map(|node| (node.value(), DMat4::IDENTITY)).collect();
-    while let Some((index, parent)) = waiting.pop() {
+    let mut waiting: Vec<(usize, DMat4, Option<u32>)> =
+        scene.nodes.iter().rev().map(|node| (node.value(), DMat4::IDENTITY, None)).collect();
+    while let Some((index, parent, named)) = waiting.pop() {
         let error = |what: &str| document.error(format!("nodes[{index}] {what}"));
         let node = root.nodes.get(index).ok_or_else(|| error("does not exist"))?;
         if std::mem::replace(&mut seen[index], true) {
@@ -54,15 +58,18 @@ pub(super) fn placed(document: &Document) -> Result<SceneContents, ImportError> 
         if !to_scene.is_finite() {
             return Err(error("has a transformation that is not finite"));
         }
+        let named = placed.nodes.add(index, node, named);
+        let number = u32::try_from(index).ok();
         if let Some(mesh) = node.mesh.map(|mesh| mesh.value()) {
             match instancing::of_node(document, &mut buffers, node, index)? {
-                None => placed.meshes.push(Placed { mesh, to_scene }),
+                None => placed.meshes.push(Placed { mesh, to_scene, node: number }),
                 Some(places) => {
                     let places: Vec<DMat4> = places.into_iter().map(|place| to_scene * place).collect();
                     if !places.iter().all(DMat4::is_finite) {
                         return Err(error("has an instance that is not finite; export the file again"));
                     }
-                    placed.meshes.extend(places.into_iter().map(|to_scene| Placed { mesh, to_scene }));
+                    let placed_here = |to_scene| Placed { mesh, to_scene, node: number };
+                    placed.meshes.extend(places.into_iter().map(placed_here));
                 }
             }
         }
@@ -70,7 +77,7 @@ pub(super) fn placed(document: &Document) -> Result<SceneContents, ImportError> 
             placed.lights.push(PlacedLight { node: index, light, to_scene });
         }
         let children = node.children.iter().flatten().rev();
-        waiting.extend(children.map(|child| (child.value(), to_scene)));
+        waiting.extend(children.map(|child| (child.value(), to_scene, named)));
     }
     Ok(placed)
 }

@@ -5,6 +5,7 @@ use bytes::Bytes;
 use super::records::TexturePlace;
 use super::tables::ChunkTable;
 use crate::description::{SceneHeader, ScenePage};
+use crate::parts::PartTable;
 use crate::punctual_lights::PunctualLights;
 
 /// A whole published scene.
@@ -24,6 +25,12 @@ pub struct Contents {
     pub light_directory: Vec<Bytes>,
     /// Pages of punctual lights.
     pub light_pages: Vec<Bytes>,
+    /// Number of records of the scene's parts, if it has a table of them.
+    pub parts: Option<PartTable>,
+    /// Pages of the directory of parts.
+    pub part_directory: Vec<Bytes>,
+    /// Pages of records of parts.
+    pub part_pages: Vec<Bytes>,
     /// Packs, by asset number.
     pub packs: Vec<PackContents>,
 }

@@ -4,12 +4,18 @@ use super::part::Part;
 use super::{MAX_OBJECT_BYTES, PublishedError};
 use crate::description::SceneHeader;
 use crate::encoding::{self, encode_fields};
+use crate::parts::{PartTable, RECORDS_PER_PAGE};
 use crate::punctual_lights::{MAX_PUNCTUAL_LIGHTS, PunctualLights};
 
 /// First bytes of every published scene.
 const MAGIC: [u8; 8] = *b"LODSCENE";
 /// Version of the layout, the encoding of header and pages included.
-pub const VERSION: u16 = 3;
+pub const VERSION: u16 = 4;
+/// Version of a scene without a table of parts, which older programs read too: its opening ends before
+/// [`Opening::parts`].
+const VERSION_WITHOUT_PARTS: u16 = 3;
+/// Pages of records of a [`PartPlaces::tables`] entry.
+pub const PART_PAGES_PER_TABLE: u32 = 256;
 /// Bytes of the head.
 pub const HEAD_BYTES: usize = 40;
 /// Bytes of the opening's hash.
@@ -26,25 +32,39 @@ pub struct Head {
     pub opening_bytes: u32,
     /// Length of the object.
     pub object_bytes: u64,
+    version: u16,
     hash: [u8; OPENING_HASH_BYTES],
 }
 
 impl Head {
-    /// The head for an opening and a length of what follows it.
-    pub(super) fn new(opening: &[u8], rest_bytes: u64) -> Result<Self, PublishedError> {
+    /// Head and opening, for a length of what follows them.
+    pub(super) fn encode_opening(opening: &Opening, rest_bytes: u64) -> Result<Vec<u8>, PublishedError> {
+        let mut bytes =
+            encoding::encode(opening).map_err(|why| PublishedError::Record { what: "its opening", why })?;
+        let version = if opening.parts.records > 0 {
+            VERSION
+        } else {
+            bytes.truncate(bytes.len() - NO_PARTS.len());
+            VERSION_WITHOUT_PARTS
+        };
+        let head = Self::new(version, &bytes, rest_bytes)?;
+        Ok([head.encode(), bytes].concat())
+    }
+
+    fn new(version: u16, opening: &[u8], rest_bytes: u64) -> Result<Self, PublishedError> {
         let length = u32::try_from(opening.len()).ok().filter(|length| *length <= MAX_OPENING_BYTES);
         let opening_bytes = length.ok_or(PublishedError::TooLong)?;
         let object_bytes = rest_bytes.saturating_add(HEAD_BYTES as u64 + u64::from(opening_bytes));
         if object_bytes > MAX_OBJECT_BYTES {
             return Err(PublishedError::TooLong);
         }
-        Ok(Self { opening_bytes, object_bytes, hash: opening_hash(opening) })
+        Ok(Self { opening_bytes, object_bytes, version, hash: opening_hash(opening) })
     }
 
-    pub(super) fn encode(&self) -> Vec<u8> {
+    fn encode(&self) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(HEAD_BYTES);
         bytes.extend(MAGIC);
-        bytes.extend(VERSION.to_le_bytes());
+        bytes.extend(self.version.to_le_bytes());
         bytes.extend([0; 2]);
         bytes.extend(self.opening_bytes.to_le_bytes());
         bytes.extend(self.object_bytes.to_le_bytes());
@@ -64,7 +84,7 @@ impl Head {
         let cut = PublishedError::Truncated("its head");
         let (version, rest) = rest.split_first_chunk().ok_or(cut.clone())?;
         let version = u16::from_le_bytes(*version);
-        if version != VERSION {
+        if !(VERSION_WITHOUT_PARTS..=VERSION).contains(&version) {
             return Err(PublishedError::Version(version));
         }
         let (reserved, rest) = rest.split_first_chunk::<2>().ok_or(cut.clone())?;
@@ -81,13 +101,28 @@ impl Head {
         if HEAD_BYTES as u64 + u64::from(opening_bytes) > object_bytes {
             return Err(PublishedError::Contradiction("its opening is longer than the object"));
         }
-        Ok(Self { opening_bytes, object_bytes, hash: *hash })
+        Ok(Self { opening_bytes, object_bytes, version, hash: *hash })
     }
 
     /// Where the parts begin.
     #[must_use]
     pub const fn parts_start(&self) -> u64 {
         HEAD_BYTES as u64 + self.opening_bytes as u64
+    }
+
+    /// Decodes the opening; neither its hash nor its parts are checked.
+    ///
+    /// # Errors
+    /// Bytes that are no opening of the head's version.
+    pub fn decode_opening(&self, bytes: &[u8]) -> Result<Opening, PublishedError> {
+        if self.version == VERSION_WITHOUT_PARTS {
+            return Opening::decode(&[bytes, &NO_PARTS].concat());
+        }
+        let opening = Opening::decode(bytes)?;
+        if opening.parts.records == 0 {
+            return Err(PublishedError::Contradiction("its version has parts, but it lists none"));
+        }
+        Ok(opening)
     }
 
     /// Checks and decodes the opening, the bytes after the head.
@@ -98,11 +133,14 @@ impl Head {
         if bytes.len() != self.opening_bytes as usize || opening_hash(bytes) != self.hash {
             return Err(PublishedError::Hash("its opening"));
         }
-        let opening = Opening::decode(bytes)?;
+        let opening = self.decode_opening(bytes)?;
         opening.check(self.object_bytes - self.parts_start())?;
         Ok(opening)
     }
 }
+
+/// An opening's [`Opening::parts`] without parts.
+const NO_PARTS: [u8; 3] = [0; 3];
 
 fn opening_hash(bytes: &[u8]) -> [u8; OPENING_HASH_BYTES] {
     let mut hash = [0; OPENING_HASH_BYTES];
@@ -147,6 +185,52 @@ pub struct Opening {
     pub light_tables: Vec<Part>,
     /// The blob that the message about punctual lights carries, if any.
     pub first_lights: Vec<u8>,
+    /// What the scene's parts are called.
+    pub parts: PartPlaces,
+}
+
+/// Places of the table of a scene's parts; nothing in it if there is none.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PartPlaces {
+    /// Number of records.
+    pub records: u32,
+    /// Pages of the directory.
+    pub directory: Vec<Part>,
+    /// Tables of the pages of records ([`BlobTable`](super::BlobTable)), [`PART_PAGES_PER_TABLE`] each.
+    pub tables: Vec<Part>,
+}
+
+encode_fields!(PartPlaces { records, directory, tables });
+
+impl PartPlaces {
+    /// The message about the table; `None` without one.
+    #[must_use]
+    pub fn table(&self) -> Option<PartTable> {
+        (self.records > 0).then_some(PartTable { records: self.records })
+    }
+
+    /// Number of pages that a table lists; 0 beyond the last.
+    #[must_use]
+    pub fn in_table(&self, table: u32) -> u32 {
+        let pages = self.records.div_ceil(RECORDS_PER_PAGE);
+        pages.saturating_sub(table.saturating_mul(PART_PAGES_PER_TABLE)).min(PART_PAGES_PER_TABLE)
+    }
+
+    fn check(&self, instances: u32) -> Result<(), PublishedError> {
+        let [directory, tables] = match self.table() {
+            Some(table) if table.check().is_err() => [u32::MAX; 2],
+            Some(table) => {
+                [PartTable::directory_pages(instances), table.pages().div_ceil(PART_PAGES_PER_TABLE)]
+            }
+            None => [0; 2],
+        };
+        if [&self.directory, &self.tables].map(Vec::len) != [directory, tables].map(|count| count as usize) {
+            return Err(PublishedError::Contradiction(
+                "its tables of parts are not as many as their number needs",
+            ));
+        }
+        Ok(())
+    }
 }
 
 encode_fields!(Opening {
@@ -159,10 +243,11 @@ encode_fields!(Opening {
     light_directory,
     light_tables,
     first_lights,
+    parts,
 });
 
 impl Opening {
-    /// Decodes an opening; its parts are not checked yet.
+    /// Decodes an opening of the newest version; its parts are not checked yet.
     ///
     /// # Errors
     /// Bytes that are no opening.
@@ -202,9 +287,16 @@ impl Opening {
         if self.terrain_tables.len() != self.terrain_directory.len() {
             return contradiction("it lists other tables of height overrides than directory pages");
         }
+        self.parts.check(self.header.instance_count)?;
         let pages = self.pages.iter().flat_map(|place| [&place.page, &place.source]);
-        let lists =
-            [&self.terrain_directory, &self.terrain_tables, &self.light_directory, &self.light_tables];
+        let lists = [
+            &self.terrain_directory,
+            &self.terrain_tables,
+            &self.light_directory,
+            &self.light_tables,
+            &self.parts.directory,
+            &self.parts.tables,
+        ];
         let mut parts = pages.chain(lists.into_iter().flatten());
         if self.flight_bytes > rest_bytes || parts.any(|part| part.end() > rest_bytes) {
             return contradiction("it lists a part beyond its end");

@@ -82,6 +82,9 @@ impl Contents {
             height_overrides: body.tables(&opening.terrain_tables, "the height overrides")?,
             light_directory: body.all(&opening.light_directory, "the directory of punctual lights")?,
             light_pages: body.tables(&opening.light_tables, "the punctual lights")?,
+            parts: opening.parts.table(),
+            part_directory: body.all(&opening.parts.directory, "the directory of parts")?,
+            part_pages: body.tables(&opening.parts.tables, "the names of parts")?,
             punctual_lights,
             header: opening.header,
             pages,
@@ -112,6 +115,11 @@ impl Contents {
         if self.light_pages.len() != PunctualLights::pages_of(lights) as usize {
             return Err(PublishedError::Contradiction(
                 "its pages of punctual lights are not as many as its number of lights needs",
+            ));
+        }
+        if self.part_pages.len() != self.parts.map_or(0, |table| table.pages()) as usize {
+            return Err(PublishedError::Contradiction(
+                "its pages of parts are not as many as its number of records needs",
             ));
         }
         Ok(())

@@ -5,6 +5,7 @@ use lodestream_geometry::index::{ChunkInfo, Sphere, TruncationPoint, encode_page
 
 use super::*;
 use crate::description::{AssetEntry, Camera, Instance, SceneHeader, SceneLighting, ScenePage};
+use crate::parts::PartTable;
 
 /// The index entry of a chunk of 100 bytes and more; every second has a truncation point.
 fn info(chunk: u32) -> ChunkInfo {
@@ -69,6 +70,9 @@ fn contents(pages: u32) -> Contents {
         punctual_lights: None,
         light_directory: Vec::new(),
         light_pages: Vec::new(),
+        parts: None,
+        part_directory: Vec::new(),
+        part_pages: Vec::new(),
         packs: (0..2 * pages).map(pack).collect(),
     }
 }
@@ -82,6 +86,42 @@ fn contents_come_back() {
         assert_eq!(read, contents, "{pages} pages");
         assert_eq!(read.encode().unwrap(), object);
     }
+}
+
+#[test]
+fn a_table_of_parts_comes_back_and_scenes_without_one_are_as_before() {
+    let plain = contents(2);
+    let object = plain.encode().unwrap();
+    // Programs that know no parts read it.
+    assert_eq!(object[8..10], [3, 0]);
+    let parts = |records: u32, pages: u32| Contents {
+        parts: Some(PartTable { records }),
+        part_directory: vec![Bytes::from_static(b"directory")],
+        part_pages: (0..pages).map(|n| n.to_le_bytes().to_vec().into()).collect(),
+        ..plain.clone()
+    };
+    // As many pages as two tables list.
+    let some = parts(256 * 256 + 1, 257);
+    let object = Bytes::from(some.encode().unwrap());
+    assert_eq!(object[8..10], [4, 0]);
+    let head = Head::parse(&object).unwrap();
+    let opening = head.opening(&object[HEAD_BYTES..head.parts_start() as usize]).unwrap();
+    assert_eq!(
+        (opening.parts.tables.len(), opening.parts.in_table(0), opening.parts.in_table(1)),
+        (2, 256, 1)
+    );
+    assert_eq!(Contents::decode(&object).unwrap(), some);
+    // As for a version 3, its end is missing; as for a version 5, it is not known.
+    for version in [3, 5] {
+        let mut other = object.to_vec();
+        other[8] = version;
+        assert!(Contents::decode(&other.into()).is_err(), "version {version}");
+    }
+    for wrong in [parts(256 * 256 + 1, 256), parts(0, 0), parts(u32::MAX, 1)] {
+        assert!(wrong.encode().is_err() || Contents::decode(&wrong.encode().unwrap().into()).is_err());
+    }
+    let longer = Contents { part_directory: vec![Bytes::new(); 2], ..parts(1, 1) };
+    assert!(longer.encode().is_err());
 }
 
 #[test]

@@ -4,7 +4,7 @@ use bytes::Bytes;
 use glam::{DVec3, Vec3};
 
 use super::contents::{Contents, IndexPage, PackContents};
-use super::opening::{Head, Opening, PagePlace};
+use super::opening::{Head, Opening, PART_PAGES_PER_TABLE, PagePlace, PartPlaces};
 use super::part::{Part, PartHash, part_hash};
 use super::records::{AssetSource, Behind, IndexPlace, PageRecord, SourceRecord};
 use super::tables::BlobTable;
@@ -47,6 +47,11 @@ impl Contents {
         let light_directory = body.put_all(&self.light_directory)?;
         let terrain_tables = body.put_tables(&self.height_overrides, PATCHES_PER_PAGE as usize)?;
         let light_tables = body.put_tables(&self.light_pages, LISTED_PER_PAGE as usize)?;
+        let parts = PartPlaces {
+            records: self.parts.map_or(0, |table| table.records),
+            directory: body.put_all(&self.part_directory)?,
+            tables: body.put_tables(&self.part_pages, PART_PAGES_PER_TABLE as usize)?,
+        };
         let assets: Vec<&AssetEntry> = self.pages.iter().flat_map(|page| &page.assets).collect();
         let places = self.pages.iter().zip(pages.into_iter().zip(sources));
         let pages = places.map(|(scene_page, (page, source))| {
@@ -64,11 +69,10 @@ impl Contents {
             light_directory,
             light_tables,
             first_lights: lights.map(|lights| lights.first.clone()).unwrap_or_default(),
+            parts,
         };
         opening.check(body.end())?;
-        let opening = encode(&opening, "its opening")?;
-        let head = Head::new(&opening, body.end())?;
-        Ok([head.encode(), opening, body.0].concat())
+        Ok([Head::encode_opening(&opening, body.end())?, body.0].concat())
     }
 
     /// Packs of a page's assets.

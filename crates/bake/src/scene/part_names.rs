@@ -1,0 +1,78 @@
+//! What the parts of a model are called.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use lodestream_import::gltf::PartNames;
+use lodestream_scene::parts::{MAX_PATH_BYTES, PartInfo};
+
+/// A part: a mesh of a file, and the node that places it.
+pub(super) type PlacedPart = (Option<u32>, usize);
+
+/// What the parts of a model are called: those of each of its [`Model::parts`](super::Model), which has many if it is a
+/// batch.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ModelPartNames {
+    /// Name of the model.
+    model: String,
+    /// Names of its file; `None` if each of its parts is called as the model.
+    file: Option<Arc<PartNames>>,
+    /// Parts of all instances, and where those of each end.
+    parts: Vec<PlacedPart>,
+    ends: Vec<u32>,
+}
+
+impl ModelPartNames {
+    /// A model of one part, called as the model.
+    pub(super) fn of_one(model: &str) -> Self {
+        Self { model: model.to_owned(), file: None, parts: vec![(None, 0)], ends: vec![1] }
+    }
+
+    pub(super) fn of_file(model: &str, file: Arc<PartNames>) -> Self {
+        Self { model: model.to_owned(), file: Some(file), ..Self::default() }
+    }
+
+    /// Adds the parts of the model's next instance.
+    pub(super) fn add(&mut self, parts: impl IntoIterator<Item = PlacedPart>) {
+        self.parts.extend(parts);
+        self.ends.push(self.parts.len() as u32);
+    }
+
+    /// Number of parts.
+    pub(crate) fn len(&self) -> u32 {
+        self.parts.len() as u32
+    }
+
+    /// The parts of an instance, by number among the model's; `None` if it has none.
+    pub(crate) fn of_instance(&self, instance: usize) -> Option<Range<u32>> {
+        let end = *self.ends.get(instance)?;
+        let start = instance.checked_sub(1).and_then(|before| self.ends.get(before)).copied().unwrap_or(0);
+        Some(start..end).filter(|range| !range.is_empty())
+    }
+
+    /// What the parts are called, one after the other. Paths begin with the model's name if it is one `of_several`.
+    pub(crate) fn infos(&self, of_several: bool) -> impl Iterator<Item = PartInfo> {
+        self.parts.iter().map(move |&(node, mesh)| match &self.file {
+            Some(file) => {
+                let info = file.of(node, mesh);
+                let path = if of_several { self.below_model(&info.path) } else { info.path };
+                PartInfo { path, ..info }
+            }
+            None => PartInfo { name: self.model.clone(), ..PartInfo::default() },
+        })
+    }
+
+    /// A path below the model's name; its beginning is left out if both are too long.
+    fn below_model(&self, path: &str) -> String {
+        let model = &self.model;
+        let free = MAX_PATH_BYTES.saturating_sub(model.len() + "/".len());
+        if path.is_empty() {
+            return model.clone();
+        }
+        if path.len() <= free {
+            return format!("{model}/{path}");
+        }
+        let start = path.len() - free.saturating_sub("…".len());
+        format!("{model}/…{}", &path[path.ceil_char_boundary(start)..])
+    }
+}
