@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use crate::preparation_settings::{Precision, PreparationSettings, Tolerance};
+use crate::preparation_settings::{Precision, PreparationSettings, Tolerance, UvBits};
 use lodestream_import::{ImportError, Part, gltf, is_gltf};
 use lodestream_scene::description::{Camera, DEFAULT_AMBIENT, DEFAULT_BACKGROUND, Instance};
 use lodestream_scene::placement::Placement;
@@ -183,6 +183,8 @@ impl Scene {
             let mut preparation_settings = model.preparation_settings;
             let tolerance = Tolerance::try_from(batch.tolerance).ok().map(Precision::Tolerance);
             preparation_settings.precision = preparation_settings.precision.or(tolerance);
+            let uv_bits = batch.uv_bits.and_then(|bits| UvBits::try_from(bits).ok());
+            preparation_settings.uv_bits = preparation_settings.uv_bits.or(uv_bits);
             let asset = Asset { name, part: batch.part, preparation_settings, ..model.clone() };
             instances.push(Instance::at(self.add_asset(asset), [0.0; 3]));
         }

@@ -38,7 +38,7 @@ use container::Location;
 use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::PunctualLight;
 use mesh::Builder;
-pub use sizes::MeshSize;
+pub use sizes::{MeshSize, join_uvs};
 
 /// Relative tolerance within which axes count as equally long and orthogonal: the rounding of transformations that
 /// were composed in f32.

@@ -300,7 +300,7 @@ impl Building<'_> {
                 let place = Place { at: DVec3::new(x, 0.0, 0.0), turns };
                 let half = DEPTH * 0.5;
                 self.part(node, format!("{name} party wall"), place, "\"fire_rating\":\"F90\"", || {
-                    facade::wall(style.wall, [-half, half], y, &[])
+                    facade::wall(named("plaster grey"), [-half, half], y, &[])
                 });
             }
         }
@@ -319,7 +319,9 @@ impl Building<'_> {
         });
         for (name, x, turns) in [("left", -width * 0.5, 0.5), ("right", width * 0.5, 0.0)] {
             let place = Place { at: DVec3::X * x, turns };
-            self.part(node, format!("{name} gable"), place, "", || roof::gable(style.wall, DEPTH, pitch));
+            self.part(node, format!("{name} gable"), place, "", || {
+                roof::gable(named("plaster grey"), DEPTH, pitch)
+            });
         }
         let dormers = if plan.random(6) < 0.7 { (width / 3.2).floor() as usize } else { 0 };
         for dormer in 0..dormers {

@@ -124,7 +124,7 @@ pub(super) fn bay(style: &Style, width: f64, storey: f64) -> Part {
         }
     }
     let cap = plan.map(|p| at(p, storey));
-    part.polygon(named("zinc"), &cap);
+    part.polygon(style.trim, &cap);
     let floor: Vec<DVec3> = plan.iter().rev().map(|&p| at(p, 0.0)).collect();
     part.polygon(style.trim, &floor);
     part

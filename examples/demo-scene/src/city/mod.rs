@@ -158,7 +158,7 @@ fn scene_text(files: &[String], options: &Options) -> String {
         "# Lodestream's city, seed {}, {} parts or more. Metres, y up.\n\
          name = \"city\"\n\n\
          [light]\ndirection = [0.62, 0.60, 0.50]\ncolor = [1.0, 0.93, 0.82]\nintensity = 1.7\n\n\
-         [camera]\neye = [3.2, 7.0, 26.0]\ntarget = [-2.0, 9.0, -40.0]\nfov_y_degrees = 55.0\n",
+         [camera]\neye = [3.4, 4.6, 11.0]\ntarget = [-1.5, 8.2, -40.0]\nfov_y_degrees = 55.0\n",
         options.seed, options.parts
     );
     // Writing to a String cannot fail.

@@ -172,9 +172,9 @@ impl Part {
                 let turns = i as f64 / around as f64;
                 let level = cos_turns(tilt);
                 let way = DVec3::new(level * sin_turns(turns), sin_turns(tilt), level * cos_turns(turns));
-                let bump = 1.0 + 0.20 * value3(seed, way * 2.1) + 0.16 * value3(seed ^ 7, way * 5.3);
+                let bump = 1.0 + 0.18 * value3(seed, way * 2.1) + 0.26 * value3(seed ^ 7, way * 6.1);
                 // Normals lean by the small bumps alone, which looks like leaves.
-                let lean = DVec3::new(value3(seed ^ 8, way * 7.0), 0.3, value3(seed ^ 9, way * 7.0)) * 0.55;
+                let lean = DVec3::new(value3(seed ^ 8, way * 7.0), 0.3, value3(seed ^ 9, way * 7.0)) * 0.8;
                 ids.push(self.vertex(material, centre + way * radii * bump, unit_or(way + lean, DVec3::Y)));
             }
         }

@@ -81,6 +81,14 @@ impl Streets {
             turns: lot.turns + turns,
         };
         self.own(node, "pavement", at(0.0, 0.0, PAVEMENT * 0.5, 0.0), || street::pavement(lot.width));
+        for (end, side) in [(0, -1.0), (1, 1.0)] {
+            if lot.ends[end] {
+                let x = side * 0.5 * (lot.width + PAVEMENT);
+                self.own(node, "end pavement", at(x, 0.0, -0.5 * DEPTH, 0.25 * side), || {
+                    street::pavement(DEPTH)
+                });
+            }
+        }
         let has_tree = r(1) < 0.6;
         let (trees, cars) = (&self.catalogue.trees, &self.catalogue.cars);
         let pick = |from: &[Index], k: i64| from[(hash(lot.seed, k, 6, 0) % from.len() as u64) as usize];
@@ -138,9 +146,7 @@ impl Streets {
         if lot.what == Use::House {
             for (x, z) in [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)] {
                 let corner = DVec3::new(x * (BLOCK[0] + PAVEMENT), 0.0, z * (BLOCK[1] + PAVEMENT)) * 0.5;
-                self.own(node, "corner", Place::at(corner + DVec3::Y * KERB), || {
-                    street::ground(named("paving"), [PAVEMENT; 2], PAVEMENT)
-                });
+                self.own(node, "corner", Place::at(corner), street::corner);
             }
         }
         for (dx, dz) in [(0, 0), (1, 0), (0, 1), (1, 1)] {

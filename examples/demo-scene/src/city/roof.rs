@@ -42,7 +42,7 @@ pub(super) fn pitched(style: &Style, width: f64, depth: f64, pitch: f64) -> Part
     let gutter = [(0.0, -0.02), (0.1, -0.02), (0.15, 0.03), (0.15, 0.1), (0.0, 0.1)];
     let ends = |y: f64, z: f64| [DVec3::new(-half, y, z), DVec3::new(half, y, z)];
     part.moulding(named("zinc"), ends(eave, reach), DVec3::Z, &gutter);
-    let cap = [(-0.16, -0.06), (0.16, -0.06), (0.1, 0.08), (-0.1, 0.08), (-0.16, -0.06)];
+    let cap = [(0.16, -0.06), (0.1, 0.08), (-0.1, 0.08), (-0.16, -0.06)];
     part.moulding(style.roof, ends(ridge + lift, 0.0), DVec3::Z, &cap);
     part
 }
@@ -74,7 +74,7 @@ pub(super) fn flat(style: &Style, width: f64, depth: f64) -> Part {
 }
 
 /// A dormer on a roof that rises by `pitch`: cheeks, a gabled roof, a window. Its origin is the middle of the foot of its
-/// front.
+/// front. It has four materials, as many as a mesh of a batch may have.
 pub(super) fn dormer(style: &Style, pitch: f64) -> Part {
     let mut part = Part::default();
     let (half, wall, peak) = (0.75, 1.45, 2.05);
@@ -119,10 +119,10 @@ pub(super) fn dormer(style: &Style, pitch: f64) -> Part {
             at(0.0, peak + 0.06, front),
         ];
         let board = if side > 0.0 { board } else { [board[3], board[2], board[1], board[0]] };
-        part.polygon(style.trim, &board);
+        part.polygon(style.frame, &board);
     }
     part.moulding(
-        style.trim,
+        style.frame,
         [at(-0.6, 0.14, 0.0), at(0.6, 0.14, 0.0)],
         DVec3::Z,
         &[(0.0, 0.0), (0.1, 0.03), (0.14, 0.06), (0.14, 0.1), (0.0, 0.12)],

@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use super::materials::{Material, named};
 use super::part::Part;
+use crate::maths::{cos_turns, sin_turns};
 use crate::noise::uniform;
 
 /// Width of a carriageway, and of the pavement on each side.
@@ -85,14 +86,15 @@ pub(super) fn tree(seed: u64, leaves: Material, rows: usize) -> Part {
     let bark = named("bark");
     let trunk = [(0.24, -0.1), (0.17, 0.3), (0.14, 1.4), (0.13, 2.6), (0.09, 3.8), (0.03, 5.6)];
     part.lathe(bark, DVec3::ZERO, &trunk, 9);
-    part.lump(leaves, seed, DVec3::new(0.0, 5.6, 0.0), DVec3::new(1.9, 2.1, 1.9), rows);
-    for lump in 0..6 {
-        let (turns, height) =
-            (f64::from(lump) / 6.0 + 0.1 * r(i64::from(lump)), 4.4 + 1.9 * r(10 + i64::from(lump)));
-        let way = DVec3::new(crate::maths::sin_turns(turns), 0.0, crate::maths::cos_turns(turns));
-        let size = 0.9 + 0.5 * r(20 + i64::from(lump));
-        let centre = way * (1.2 + 0.4 * r(30 + i64::from(lump))) + DVec3::Y * height;
-        let radii = DVec3::new(size, size * 0.85, size);
+    part.lump(leaves, seed, DVec3::new(0.0, 5.7, 0.0), DVec3::new(1.5, 1.8, 1.5), rows);
+    for lump in 0..11 {
+        let turns = f64::from(lump) * 0.381_966 + 0.1 * r(i64::from(lump));
+        let level = f64::from(lump) / 10.0;
+        let way = DVec3::new(sin_turns(turns), 0.0, cos_turns(turns));
+        let size = 0.75 + 0.35 * r(20 + i64::from(lump));
+        let reach = 1.75 - 0.9 * level + 0.3 * r(30 + i64::from(lump));
+        let centre = way * reach + DVec3::Y * (3.9 + 2.9 * level);
+        let radii = DVec3::new(size * 1.15, size * 0.85, size * 1.15);
         part.lump(leaves, seed ^ (40 + lump as u64), centre, radii, rows * 3 / 4);
     }
     part
@@ -166,7 +168,7 @@ fn wheel(part: &mut Part, centre: DVec3, side: f64) {
     let ring = |radius: f64, z: f64| -> Vec<DVec3> {
         let way = |i: usize| {
             let turns = i as f64 / STEPS as f64;
-            DVec3::new(crate::maths::cos_turns(turns), crate::maths::sin_turns(turns), 0.0)
+            DVec3::new(cos_turns(turns), sin_turns(turns), 0.0)
         };
         (0..STEPS).map(|i| centre + way(i) * radius + DVec3::Z * (side * z)).collect()
     };
@@ -215,6 +217,14 @@ pub(super) fn pavement(length: f64) -> Part {
         let (low, high) = (DVec3::new(x[0] + 0.006, -0.1, z - 0.3), DVec3::new(x[1] - 0.006, KERB, z));
         part.on_wall(named("trim pale"), low, high);
     }
+    part
+}
+
+/// The pavement at the corner of a block, around the origin.
+pub(super) fn corner() -> Part {
+    let mut part = Part::default();
+    let half = PAVEMENT * 0.5;
+    part.cuboid(named("paving"), DVec3::new(-half, -0.1, -half), DVec3::new(half, KERB, half));
     part
 }
 
