@@ -1,4 +1,4 @@
-//! Writes the demo scene: models, textures and `scene.toml`.
+//! Writes a demo scene: models, textures and `scene.toml`.
 
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -16,7 +16,7 @@ enum SceneName {
     City,
 }
 
-/// Generates the demo scene: models, textures and scene.toml.
+/// Generates a demo scene: models, textures and scene.toml.
 #[derive(Debug, Parser)]
 #[command(name = "lodestream-demo-scene", version)]
 struct Arguments {

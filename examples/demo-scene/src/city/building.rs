@@ -216,7 +216,7 @@ impl Building<'_> {
                 continue;
             }
             let is_door =
-                storey > 0 && has_balconies && plan.random(20 + 8 * storey as i64 + axis as i64) < 0.24;
+                storey > 0 && has_balconies && plan.random(20 + 8 * storey as i64 + axis as i64) < 0.16;
             let (low, size) = if is_door { (0.12, [size[0], size[1] + sill - 0.12]) } else { (sill, size) };
             let size = [size[0], size[1].min(height - low - 0.55)];
             openings.push(Opening::new(x, low, size));

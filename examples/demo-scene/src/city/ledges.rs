@@ -36,7 +36,7 @@ pub(super) fn balcony(style: &Style, width: f64, depth: f64, is_stone: bool) -> 
 /// A railing 1 m high from one foot to another: turned balusters of stone under a rail, or iron bars.
 fn railing(part: &mut Part, stone: Material, from: DVec3, to: DVec3, is_stone: bool) {
     let length = (to - from).length();
-    let step = if is_stone { 0.24 } else { 0.12 };
+    let step = if is_stone { 0.26 } else { 0.14 };
     let count = ((length / step).round() as usize).max(1);
     let thick = if is_stone { DVec3::new(0.08, 0.0, 0.08) } else { DVec3::new(0.022, 0.0, 0.022) };
     let material = if is_stone { stone } else { named("iron") };
@@ -65,7 +65,7 @@ fn railing(part: &mut Part, stone: Material, from: DVec3, to: DVec3, is_stone: b
                 (0.045, 0.76),
                 (0.06, 0.84),
             ];
-            part.lathe(material, foot, &BALUSTER, 8);
+            part.lathe(material, foot, &BALUSTER, 6);
         } else {
             bar(part, material, foot, [0.09, 0.96]);
         }
@@ -76,7 +76,7 @@ fn railing(part: &mut Part, stone: Material, from: DVec3, to: DVec3, is_stone: b
 fn bar(part: &mut Part, material: Material, foot: DVec3, [low, high]: [f64; 2]) {
     let middle = 0.5 * (low + high);
     let rows = [(0.011, low), (0.011, middle - 0.05), (0.026, middle), (0.011, middle + 0.05), (0.011, high)];
-    part.lathe(material, foot, &rows, 5);
+    part.lathe(material, foot, &rows, 4);
 }
 
 /// One storey of a bay window: a front and two slanting sides, each with a window, on panels. Its origin is the middle

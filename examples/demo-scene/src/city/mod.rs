@@ -38,7 +38,7 @@ use crate::{Error, Summary};
 pub struct Options {
     /// Seed of the buildings and of what stands in the streets.
     pub seed: u64,
-    /// Least number of placed meshes, 100 to 200,000. The last building makes it up to 130 more.
+    /// Least number of placed meshes, 100 to 200,000. The last building makes it up to 200 more.
     pub parts: usize,
 }
 

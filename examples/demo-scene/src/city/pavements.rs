@@ -38,7 +38,7 @@ impl Streets {
         let trees = (0..4)
             .map(|i| {
                 glb.mesh(&format!("tree {i}"), || {
-                    street::tree(seed ^ (0x7EE + i as u64), leaves[i % leaves.len()], 12)
+                    street::tree(seed ^ (0x7EE + i as u64), leaves[i % leaves.len()], 9)
                 })
             })
             .collect();
