@@ -66,7 +66,7 @@ impl Glb {
         this
     }
 
-    /// Not a file, but the number of parts that a file would have; takes a hundredth of the time.
+    /// Not a file, but the number of parts that a file would have: no mesh is made.
     pub(super) fn count() -> Self {
         Self { is_count: true, ..Self::new("count") }
     }
@@ -185,7 +185,7 @@ impl Glb {
 
     /// Writes the file and returns its size in bytes.
     pub(super) fn write(mut self, path: &Path) -> io::Result<u64> {
-        // The last view stays: an empty view would be invalid, so those that nothing uses have one element.
+        // An empty view would be invalid, so those that nothing uses have one element.
         for (bytes, least) in
             [(&mut self.positions, 12), (&mut self.normals, 12), (&mut self.uvs, 8), (&mut self.indices, 4)]
         {
