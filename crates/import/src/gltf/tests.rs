@@ -489,7 +489,7 @@ fn sizes_have_the_range_of_texture_coordinates_if_a_shared_grid_can_hold_them() 
         model.json["accessors"][0]["min"] = json!([0.0, 0.0, 0.0]);
         model.json["accessors"][0]["max"] = json!([1.0, 1.0, 0.0]);
         model.push_material(material);
-        let uvs = model.floats("VEC2", 4, uvs);
+        let uvs = model.floats("VEC2", 2, uvs);
         model.attribute("TEXCOORD_0", uvs);
         let dir = TempDir::new().unwrap();
         let [size] = contents(&write(&dir, "a.glb", model.glb())).unwrap().sizes[..] else {
