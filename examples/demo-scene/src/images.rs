@@ -13,9 +13,9 @@ pub(super) struct Picture {
 }
 
 /// Height and colour at a point of the unit square.
-struct Texel {
-    height: f64,
-    colour: [f64; 3],
+pub(super) struct Texel {
+    pub(super) height: f64,
+    pub(super) colour: [f64; 3],
 }
 
 fn byte(value: f64) -> u8 {
@@ -23,7 +23,7 @@ fn byte(value: f64) -> u8 {
 }
 
 /// Renders colour and height over `size`² texels; row 0 is the top, v = 1, as OBJ has it.
-fn render(size: u32, texel: impl Fn(f64, f64) -> Texel) -> (Picture, Picture) {
+pub(super) fn render(size: u32, texel: impl Fn(f64, f64) -> Texel) -> (Picture, Picture) {
     let area = size as usize * size as usize;
     let mut colour = Picture { size, channels: 3, pixels: Vec::with_capacity(area * 3) };
     let mut height = Picture { size, channels: 1, pixels: Vec::with_capacity(area) };
@@ -39,11 +39,11 @@ fn render(size: u32, texel: impl Fn(f64, f64) -> Texel) -> (Picture, Picture) {
     (colour, height)
 }
 
-fn tint(colour: [f64; 3], light: f64) -> [f64; 3] {
+pub(super) fn tint(colour: [f64; 3], light: f64) -> [f64; 3] {
     colour.map(|c| c * light)
 }
 
-fn blend(a: [f64; 3], b: [f64; 3], t: f64) -> [f64; 3] {
+pub(super) fn blend(a: [f64; 3], b: [f64; 3], t: f64) -> [f64; 3] {
     [mix(a[0], b[0], t), mix(a[1], b[1], t), mix(a[2], b[2], t)]
 }
 

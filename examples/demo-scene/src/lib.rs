@@ -1,6 +1,6 @@
-//! The demo scene: a temple among hills, an avenue of statues.
+//! The demo scene: a temple among hills, an avenue of statues; and a [`city`] of parts.
 //!
-//! It is computed from a seed by arithmetic alone and written as OBJ, MTL, PNG and `scene.toml`, so that it is imported
+//! The former is computed from a seed by arithmetic alone and written as OBJ, MTL, PNG and `scene.toml`, so that it is imported
 //! like any user's files. The same seed gives the same meshes, pixels and placements on every machine: only
 //! `+ − × ÷ √`, `floor` and an integer hash are used (see `maths.rs`), and decimals are rounded to fixed places.
 //!
@@ -11,6 +11,7 @@
 //!                                          '-> obj <-----'   ground, layout -> scene.toml
 //! ```
 
+pub mod city;
 mod ground;
 mod images;
 mod layout;
@@ -79,7 +80,7 @@ pub struct Summary {
     pub scene: PathBuf,
 }
 
-/// An error of [`generate`].
+/// An error of [`generate`] and [`city::generate`].
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The file system refused to write.
@@ -93,6 +94,9 @@ pub enum Error {
     /// [`Options::detail`] is out of range.
     #[error("detail is {0}; give a number from 0.05 to 2")]
     Detail(f64),
+    /// [`city::Options::parts`] is out of range.
+    #[error("a city of {0} parts; give a number from 100 to 200000")]
+    Parts(usize),
 }
 
 /// Lattice cells of the solids in the full scene, in metres: more than 300,000 faces a statue.

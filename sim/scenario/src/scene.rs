@@ -17,7 +17,7 @@ use super::plan::SceneChoice;
 const DEMO_SEED: u64 = 1;
 
 /// Generates the scene if it is a generated one, prepares the packs that the cache folder lacks, and opens them. The
-/// demo scene's files are generated anew each time, so that they match this version, and removed afterwards; its packs
+/// files of demo scene and city are generated anew each time, so that they match this version, and removed afterwards; its packs
 /// stay in the cache. `codec` applies to scenes that name none.
 ///
 /// # Errors
@@ -74,6 +74,12 @@ fn prepared(
         SceneChoice::Field(field) => {
             let folder = tempfile::tempdir().context("no folder for the scene")?;
             return prepare(field.generate(folder.path())?, preparation_settings, cache, quiet);
+        }
+        &SceneChoice::City(parts) => {
+            let folder = tempfile::tempdir().context("no folder for the city")?;
+            let options = lodestream_demo_scene::city::Options { seed: DEMO_SEED, parts };
+            let made = lodestream_demo_scene::city::generate(folder.path(), &options)?;
+            return prepare(scene::read(&made.scene)?, preparation_settings, cache, quiet);
         }
         SceneChoice::Demo => lodestream_demo_scene::Options::full(DEMO_SEED),
         SceneChoice::DemoSmall => lodestream_demo_scene::Options::small(DEMO_SEED),

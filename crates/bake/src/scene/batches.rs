@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use glam::{DMat4, DVec3};
-use lodestream_geometry::mesh::MAX_POSITION_BITS;
-use lodestream_import::gltf::{Contents, PlacedMesh};
+use lodestream_geometry::quantise::{DEFAULT_UV_BITS, MAX_POSITION_BITS, MAX_UV_BITS};
+use lodestream_import::gltf::{Contents, PlacedMesh, join_uvs};
 use lodestream_import::{BatchMember, Part};
 use lodestream_scene::asset::MAX_MATERIALS;
 
@@ -21,6 +21,8 @@ const MAX_MEMBER_FACES: usize = 8_192;
 const MAX_MEMBERS: usize = MAX_MATERIALS / 4;
 /// Position steps over a member of median size.
 const MEMBER_STEPS: f64 = 16_384.0;
+/// Steps of texture coordinates over a repeat of a texture, at least: a texel of the largest usual textures.
+const UV_STEPS: f64 = 4_096.0;
 
 /// Bytes of an asset, besides its faces…
 const ASSET_BYTES: f64 = 390.0;
@@ -42,6 +44,8 @@ pub(super) struct Batch {
     pub(super) tolerance: f64,
     /// Index of each member among the placed meshes.
     pub(super) placed: Vec<usize>,
+    /// Bits of texture coordinates; `None` for the default, where no member has a texture.
+    pub(super) uv_bits: Option<u8>,
 }
 
 /// A mesh that may be in a batch.
@@ -53,6 +57,7 @@ pub(super) struct Candidate {
     pub(super) faces: usize,
     low: DVec3,
     high: DVec3,
+    uvs: Option<[[f64; 2]; 2]>,
 }
 
 impl Candidate {
@@ -96,7 +101,7 @@ pub(super) fn of_contents(contents: &Contents, batching: Batching) -> (Vec<Batch
         let low = (0..8).map(corner).reduce(DVec3::min)?;
         let high = (0..8).map(corner).reduce(DVec3::max)?;
         let member = BatchMember { mesh: placed.mesh, to_scene: placed.to_scene };
-        Some(Candidate { placed: number, member, faces: size.faces, low, high })
+        Some(Candidate { placed: number, member, faces: size.faces, low, high, uvs: size.uvs })
     };
     let candidates: Vec<Candidate> = contents.placed.iter().enumerate().filter_map(candidate).collect();
     if candidates.len() < MIN_MEMBERS {
@@ -136,7 +141,17 @@ fn batch(mut candidates: Vec<Candidate>) -> Batch {
     let tolerance = (sizes[sizes.len() / 2] / MEMBER_STEPS / 2.0).max(finest).max(f64::MIN_POSITIVE);
     let members: Arc<[BatchMember]> = candidates.iter().map(|candidate| candidate.member).collect();
     let placed = candidates.iter().map(|candidate| candidate.placed).collect();
-    Batch { part: Part::Batch(members), tolerance, placed }
+    let uvs = candidates.iter().map(|candidate| candidate.uvs).reduce(join_uvs).flatten();
+    Batch { part: Part::Batch(members), tolerance, placed, uv_bits: uvs.map(uv_bits) }
+}
+
+/// Bits of a grid over a range of texture coordinates, of at most 16 repeats, with as many steps over a repeat as the
+/// default has over the whole of a texture.
+fn uv_bits([low, high]: [[f64; 2]; 2]) -> u8 {
+    let extent = (high[0] - low[0]).max(high[1] - low[1]);
+    (DEFAULT_UV_BITS..MAX_UV_BITS)
+        .find(|&bits| extent * UV_STEPS <= f64::from(1_u32 << bits))
+        .unwrap_or(MAX_UV_BITS)
 }
 
 #[cfg(test)]
@@ -154,7 +169,7 @@ mod tests {
 
     /// A mesh of a number of faces and of unit size, placed along x.
     fn contents(faces: &[usize], materials: usize) -> Contents {
-        let size = |&faces: &usize| Some(MeshSize { faces, low: [0.0; 3], high: [1.0; 3] });
+        let size = |&faces: &usize| Some(MeshSize { faces, low: [0.0; 3], high: [1.0; 3], uvs: None });
         let placed = |mesh: usize| {
             let to_scene =
                 DMat4::from_translation(DVec3::new(3.0 * mesh as f64, 0.0, 0.0)).to_cols_array_2d();
@@ -193,6 +208,23 @@ mod tests {
         // Too few are left as they are.
         let (batches, batched) = of_contents(&contents(&[100; MIN_MEMBERS - 1], 1), Batching::Auto);
         assert!(batches.is_empty() && !batched.contains(&true));
+    }
+
+    #[test]
+    fn texture_coordinates_have_a_grid_that_holds_all_members_at_the_usual_precision() {
+        let bits = |ranges: &[Option<[[f64; 2]; 2]>]| {
+            let mut some = contents(&[100; 32], 1);
+            for (size, uvs) in some.sizes.iter_mut().zip(ranges) {
+                size.as_mut().unwrap().uvs = *uvs;
+            }
+            of_contents(&some, Batching::Auto).0[0].uv_bits
+        };
+        assert_eq!(bits(&[None, None]), None);
+        assert_eq!(bits(&[None, Some([[0.0, 0.0], [1.0, 0.5]])]), Some(DEFAULT_UV_BITS));
+        let far = [Some([[-8.0, 0.0], [-7.0, 1.0]]), Some([[7.0, 0.0], [8.0, 1.0]])];
+        assert_eq!(bits(&far[..1]), Some(DEFAULT_UV_BITS));
+        assert_eq!(bits(&far), Some(MAX_UV_BITS));
+        assert_eq!(bits(&[Some([[0.0, -1.0], [1.0, 1.5]])]), Some(14));
     }
 
     #[test]

@@ -576,16 +576,9 @@ fov_y_degrees = 60
         assert_eq!(names, ["x", "x-2", "y"]);
         assert_eq!(scene.instances, None);
         let mixed = ["a.obj", "s.toml"].map(PathBuf::from);
-        assert!(
-            super::super::of_files(&mixed)
-                .unwrap_err()
-                .to_string()
-                .contains("stands alone")
-        );
+        assert!(super::super::of_files(&mixed).unwrap_err().to_string().contains("stands alone"));
         assert!(super::super::of_files(&[]).is_err());
-        let missing = super::super::of_files(&[PathBuf::from("/no/s.toml")])
-            .unwrap_err()
-            .to_string();
+        let missing = super::super::of_files(&[PathBuf::from("/no/s.toml")]).unwrap_err().to_string();
         assert!(missing.contains("/no/s.toml: cannot be read"), "{missing}");
     }
 }

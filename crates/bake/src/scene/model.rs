@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::preparation_settings::{PositionBits, Precision, PreparationSettings, Tolerance};
+use crate::preparation_settings::{PositionBits, Precision, PreparationSettings, Tolerance, UvBits};
 use crate::stderr::write_line;
 use lodestream_import::gltf::{self, CopyTolerance};
 use lodestream_import::{ImportError, Part, is_gltf};
@@ -232,6 +232,8 @@ impl Scene {
             let mut preparation_settings = model.preparation_settings;
             let tolerance = Tolerance::try_from(batch.tolerance).ok().map(Precision::Tolerance);
             preparation_settings.precision = preparation_settings.precision.or(tolerance);
+            let uv_bits = batch.uv_bits.and_then(|bits| UvBits::try_from(bits).ok());
+            preparation_settings.uv_bits = preparation_settings.uv_bits.or(uv_bits);
             let asset = Asset { name, part: batch.part, preparation_settings, ..model.clone() };
             instances.push(Instance::at(self.add_asset(asset), [0.0; 3]));
             part_names.add(batch.placed.iter().filter_map(|&placed| placed_parts[placed]));

@@ -130,12 +130,8 @@ fn scene_files_place_gltf_models_whole_by_mesh_and_merged() {
 fn models_with_the_name_of_a_numbered_duplicate_stay_distinct() {
     let named = |files: &[&str]| {
         let files: Vec<PathBuf> = files.iter().map(PathBuf::from).collect();
-        let names: Vec<String> = of_files(&files)
-            .unwrap()
-            .assets
-            .into_iter()
-            .map(|asset| asset.name)
-            .collect();
+        let names: Vec<String> =
+            of_files(&files).unwrap().assets.into_iter().map(|asset| asset.name).collect();
         names
     };
     assert_eq!(named(&["chair-2.obj", "chair.obj"]), ["chair-2", "chair"]);

@@ -44,7 +44,7 @@ use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::PunctualLight;
 use mesh::Builder;
 pub use part_names::PartNames;
-pub use sizes::{MeshSize, PartSize};
+pub use sizes::{MeshSize, PartSize, join_uvs};
 
 /// Relative tolerance within which axes count as equally long and orthogonal: the rounding of transformations that
 /// were composed in f32.

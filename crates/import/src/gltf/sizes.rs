@@ -5,10 +5,17 @@ use gltf::json::material::AlphaMode;
 use gltf::json::mesh::{Mode, Primitive, Semantic};
 use gltf::json::validation::Checked;
 
+use gltf::json::accessor::Type;
+
+use super::accessor::Buffers;
 use super::container::Document;
 
 /// Most primitives of a mesh in a batch, since a batch has a limited number of materials.
 const MAX_PRIMITIVES: usize = 4;
+
+/// Largest absolute texture coordinate of a mesh in a batch, in repeats of its textures. The finest grid of a batch then
+/// has cells of 1/4096 of a repeat.
+const MAX_UV: f64 = 8.0;
 
 /// Faces and bounds of a mesh, about its own origin.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,6 +26,8 @@ pub struct MeshSize {
     pub low: [f64; 3],
     /// Largest coordinates.
     pub high: [f64; 3],
+    /// Least and largest texture coordinates, v up, of its primitives with textures.
+    pub uvs: Option<[[f64; 2]; 2]>,
 }
 
 /// What a file states of a part.
@@ -36,7 +45,7 @@ pub(super) fn of_part(document: &Document, meshes: impl Iterator<Item = usize>) 
         meshes.filter_map(|mesh| document.root.meshes.get(mesh)).flat_map(|mesh| &mesh.primitives);
     primitives.fold(PartSize::default(), |size, primitive| PartSize {
         faces: size.faces.saturating_add(corners(document, primitive).unwrap_or(0) / 3),
-        textured: size.textured || !is_plain(document, primitive),
+        textured: size.textured || !matches!(lookup(document, primitive), Some(Lookup::None)),
     })
 }
 
@@ -47,25 +56,38 @@ fn corners(document: &Document, primitive: &Primitive) -> Option<usize> {
     usize::try_from(accessor.count.0).ok()
 }
 
-/// The size of each mesh; `None` where the file does not state it, and for meshes with textures or blending: texture
-/// coordinates would share a grid, and blended objects are drawn by distance.
+/// The least and largest of two ranges of texture coordinates.
+#[must_use]
+pub fn join_uvs(one: Option<[[f64; 2]; 2]>, other: Option<[[f64; 2]; 2]>) -> Option<[[f64; 2]; 2]> {
+    let (Some(a), Some(b)) = (one, other) else { return one.or(other) };
+    Some([[0, 1].map(|axis| a[0][axis].min(b[0][axis])), [0, 1].map(|axis| a[1][axis].max(b[1][axis]))])
+}
+
+/// The size of each mesh; `None` where the file does not state it, and for meshes that blend, since blended objects are
+/// drawn by distance, and whose texture coordinates need a grid of their own: beyond 8 repeats, transformed, compressed.
 pub(super) fn of_meshes(document: &Document) -> Vec<Option<MeshSize>> {
-    let size = |mesh: &json::Mesh| {
+    let mut buffers = Buffers::new(document);
+    let mut size = |mesh: &json::Mesh| {
         let parts: Option<Vec<MeshSize>> =
-            mesh.primitives.iter().map(|primitive| of_primitive(document, primitive)).collect();
+            mesh.primitives.iter().map(|primitive| of_primitive(document, &mut buffers, primitive)).collect();
         parts.filter(|parts| parts.len() <= MAX_PRIMITIVES)?.into_iter().reduce(|one, other| MeshSize {
             faces: one.faces.saturating_add(other.faces),
             low: [0, 1, 2].map(|axis| one.low[axis].min(other.low[axis])),
             high: [0, 1, 2].map(|axis| one.high[axis].max(other.high[axis])),
+            uvs: join_uvs(one.uvs, other.uvs),
         })
     };
-    document.root.meshes.iter().map(size).collect()
+    document.root.meshes.iter().map(&mut size).collect()
 }
 
-fn of_primitive(document: &Document, primitive: &Primitive) -> Option<MeshSize> {
-    if !matches!(primitive.mode, Checked::Valid(Mode::Triangles)) || !is_plain(document, primitive) {
+fn of_primitive(document: &Document, buffers: &mut Buffers<'_>, primitive: &Primitive) -> Option<MeshSize> {
+    if !matches!(primitive.mode, Checked::Valid(Mode::Triangles)) {
         return None;
     }
+    let uvs = match lookup(document, primitive)? {
+        Lookup::None => None,
+        Lookup::Set(set) => Some(uv_range(document, buffers, primitive, set)?),
+    };
     let accessor = |index: usize| document.root.accessors.get(index);
     let positions = accessor(primitive.attributes.get(&Checked::Valid(Semantic::Positions))?.value())?;
     if positions.normalized {
@@ -77,21 +99,65 @@ fn of_primitive(document: &Document, primitive: &Primitive) -> Option<MeshSize> 
         Some([x?, y?, z?]).filter(|point| point.iter().all(|number| number.is_finite()))
     };
     let faces = corners(document, primitive)? / 3;
-    Some(MeshSize { faces, low: point(&positions.min)?, high: point(&positions.max)? })
+    Some(MeshSize { faces, low: point(&positions.min)?, high: point(&positions.max)?, uvs })
 }
 
-/// Whether its material has no textures and does not blend.
-fn is_plain(document: &Document, primitive: &Primitive) -> bool {
-    let Some(material) = primitive.material else { return true };
-    let Some(material) = document.root.materials.get(material.value()) else { return false };
+/// How the textures of a material are looked up.
+enum Lookup {
+    /// It has none.
+    None,
+    /// All by TEXCOORD_n, untransformed.
+    Set(u32),
+}
+
+/// `None` for a material that blends, or whose textures have extensions or different coordinates.
+fn lookup(document: &Document, primitive: &Primitive) -> Option<Lookup> {
+    let Some(material) = primitive.material else { return Some(Lookup::None) };
+    let material = document.root.materials.get(material.value())?;
+    // Extensions may name other textures, or blend.
+    let is_extended = material.extensions.as_ref().is_some_and(|extensions| {
+        extensions.pbr_specular_glossiness.is_some()
+            || extensions.transmission.is_some()
+            || !extensions.others.is_empty()
+    });
+    if is_extended || matches!(material.alpha_mode, Checked::Valid(AlphaMode::Blend)) {
+        return None;
+    }
     let metallic = &material.pbr_metallic_roughness;
-    let textured = metallic.base_color_texture.is_some()
-        || metallic.metallic_roughness_texture.is_some()
-        || material.normal_texture.is_some()
-        || material.occlusion_texture.is_some()
-        || material.emissive_texture.is_some()
-        // An extension may name others.
-        || material.extensions.as_ref().is_some_and(|extensions| !extensions.others.is_empty());
-    let transmits = matches!(material.alpha_mode, Checked::Valid(AlphaMode::Blend));
-    !textured && !transmits
+    let colors =
+        [&metallic.base_color_texture, &metallic.metallic_roughness_texture, &material.emissive_texture];
+    let colors = colors.into_iter().flatten().map(|map| (map.tex_coord, map.extensions.is_some()));
+    let normal = material.normal_texture.iter().map(|map| (map.tex_coord, map.extensions.is_some()));
+    let occlusion = material.occlusion_texture.iter().map(|map| (map.tex_coord, map.extensions.is_some()));
+    let mut found = Lookup::None;
+    for (set, is_extended) in colors.chain(normal).chain(occlusion) {
+        if is_extended || matches!(found, Lookup::Set(other) if other != set) {
+            return None;
+        }
+        found = Lookup::Set(set);
+    }
+    Some(found)
+}
+
+/// Least and largest texture coordinates of a primitive, v up; `None` if they are compressed, damaged, or beyond
+/// [`MAX_UV`].
+fn uv_range(
+    document: &Document,
+    buffers: &mut Buffers<'_>,
+    primitive: &Primitive,
+    set: u32,
+) -> Option<[[f64; 2]; 2]> {
+    let index = primitive.attributes.get(&Checked::Valid(Semantic::TexCoords(set)))?.value();
+    // A compressed accessor has no view.
+    document.root.accessors.get(index)?.buffer_view?;
+    let elements = buffers.open(index, "texture coordinates", &[Type::Vec2]).ok()?;
+    let points = (0..elements.len()).map(|i| elements.get::<2>(i)).map(|[u, v]| [u, 1.0 - v]);
+    let mut range = None;
+    for point in points {
+        if !point.iter().all(|number| number.abs() <= MAX_UV) {
+            return None;
+        }
+        range = join_uvs(range, Some([point; 2]));
+    }
+    range
 }

@@ -457,7 +457,7 @@ fn every_truncation_is_an_error_and_no_flipped_byte_a_panic() {
 }
 
 #[test]
-fn sizes_are_those_that_the_file_states_and_none_for_meshes_with_textures_or_blending() {
+fn sizes_are_those_that_the_file_states_and_none_for_meshes_that_blend() {
     let sizes = |change: &dyn Fn(&mut Model)| {
         let mut model = Model::quad();
         model.json["accessors"][0]["min"] = json!([0.0, 0.0, 0.0]);
@@ -466,7 +466,7 @@ fn sizes_are_those_that_the_file_states_and_none_for_meshes_with_textures_or_ble
         let dir = TempDir::new().unwrap();
         contents(&write(&dir, "a.glb", model.glb()), None).unwrap().sizes
     };
-    let size = MeshSize { faces: 2, low: [0.0; 3], high: [1.0, 1.0, 0.0] };
+    let size = MeshSize { faces: 2, low: [0.0; 3], high: [1.0, 1.0, 0.0], uvs: None };
     assert_eq!(sizes(&|_| {}), [Some(size)]);
     let material = |material: Value| {
         sizes(&|model| {
@@ -475,9 +475,47 @@ fn sizes_are_those_that_the_file_states_and_none_for_meshes_with_textures_or_ble
     };
     assert_eq!(material(json!({"pbrMetallicRoughness": {"baseColorFactor": [1, 0, 0, 1]}})), [Some(size)]);
     assert_eq!(material(json!({"alphaMode": "BLEND"})), [None]);
+    // Textures without coordinates.
     assert_eq!(material(json!({"normalTexture": {"index": 0}})), [None]);
     // Without bounds, with bounds that are none, and for strips, nothing is known.
     assert_eq!(sizes(&|model| model.json["accessors"][0]["max"] = Value::Null), [None]);
     assert_eq!(sizes(&|model| model.json["accessors"][0]["max"] = json!([1.0, "a", 0.0])), [None]);
     assert_eq!(sizes(&|model| model.primitive()["mode"] = json!(5)), [None]);
+}
+
+#[test]
+fn sizes_have_the_range_of_texture_coordinates_if_a_shared_grid_can_hold_them() {
+    let uvs = |uvs: &[f32], material: Value| {
+        let mut model = Model::quad();
+        model.json["accessors"][0]["min"] = json!([0.0, 0.0, 0.0]);
+        model.json["accessors"][0]["max"] = json!([1.0, 1.0, 0.0]);
+        model.push_material(material);
+        let uvs = model.floats("VEC2", 2, uvs);
+        model.attribute("TEXCOORD_0", uvs);
+        let dir = TempDir::new().unwrap();
+        let [size] = contents(&write(&dir, "a.glb", model.glb()), None).unwrap().sizes[..] else {
+            panic!("one mesh")
+        };
+        size.map(|size| size.uvs)
+    };
+    let textured = json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}});
+    let square = [0.0, 0.0, 2.0, 0.0, 2.0, 3.0, 0.0, 3.0];
+    assert_eq!(uvs(&square, textured.clone()), Some(Some([[0.0, -2.0], [2.0, 1.0]])), "v is up");
+    // Without a texture, coordinates do not matter.
+    assert_eq!(uvs(&square.map(|x| 100.0 * x), json!({})), Some(None));
+    for far in [8.5, -8.5, f32::NAN] {
+        let mut square = square;
+        square[2] = far;
+        assert_eq!(uvs(&square, textured.clone()), None, "{far}");
+    }
+    let transform = json!({"index": 0, "extensions": {"KHR_texture_transform": {"scale": [2, 2]}}});
+    for other in [
+        json!({"pbrMetallicRoughness": {"baseColorTexture": transform}}),
+        json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, "texCoord": 1}}}),
+        json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}, "emissiveTexture": {"index": 0, "texCoord": 1}}),
+        json!({"normalTexture": {"index": 0}, "alphaMode": "BLEND"}),
+        json!({"normalTexture": {"index": 0}, "extensions": {"KHR_materials_transmission": {"transmissionFactor": 1}}}),
+    ] {
+        assert_eq!(uvs(&square, other.clone()), None, "{other}");
+    }
 }

@@ -37,6 +37,8 @@ pub enum SceneChoice {
     Demo,
     /// The demo scene's small sibling, for tests.
     DemoSmall,
+    /// The generated city, of this many parts.
+    City(usize),
     /// A scene without assets.
     Empty,
     /// A scene file.

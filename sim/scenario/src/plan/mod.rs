@@ -3,7 +3,8 @@
 //! ```toml
 //! scene = "demo"              # "demo", "demo-small", "empty", a scene.toml relative to this file, a single model
 //!                             # from the folder of models (--models): "model:stanford-bunny.obj", or a generated
-//!                             # field of boulders: "field:assets=10,faces=10000,instances=1000"
+//!                             # field of boulders: "field:assets=10,faces=10000,instances=1000", or the city of so
+//!                             # many parts: "city:1000"
 //! position_bits = 12          # of single models; the default if absent
 //! codec = "auto"              # or "range", "axis-aligned", "zstd": codec of scenes that are prepared for the plan
 //! viewport_px = [1280, 720]

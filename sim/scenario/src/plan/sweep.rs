@@ -28,6 +28,8 @@ const MODEL: &str = "model:";
 
 /// Prefix of the name of a generated scene of a given size.
 const FIELD: &str = "field:";
+/// What the name of a city begins with.
+const CITY: &str = "city:";
 
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -367,7 +369,9 @@ pub(super) fn scene_choice(
     position_bits: Option<PositionBits>,
 ) -> Result<SceneChoice, &'static str> {
     let choice = match name {
-        "" => return Err("is empty; name \"demo\", \"demo-small\", \"empty\" or a scene.toml"),
+        "" => {
+            return Err("is empty; name \"demo\", \"demo-small\", \"city:1000\", \"empty\" or a scene.toml");
+        }
         "demo" => SceneChoice::Demo,
         "demo-small" => SceneChoice::DemoSmall,
         "empty" => SceneChoice::Empty,
@@ -377,6 +381,11 @@ pub(super) fn scene_choice(
                 return Err("names no file within the folder of models, as \"model:bunny.obj\" does");
             }
             SceneChoice::Model { file: file.to_owned(), folder: None, position_bits }
+        }
+        city if city.starts_with(CITY) => {
+            let parts =
+                city[CITY.len()..].parse().map_err(|_| "needs a number of parts, as \"city:1000\" has")?;
+            SceneChoice::City(parts)
         }
         field if field.starts_with(FIELD) => SceneChoice::Field(Field::parse(&field[FIELD.len()..])?),
         other => SceneChoice::File(folder.join(other)),

@@ -360,6 +360,9 @@ fn the_shipped_plans_parse() {
     assert_eq!(limited.cases.len(), first_frame.cases.len());
     let short = read(&folder.join("short.toml")).unwrap();
     assert_eq!(short.scenes[0].choice, SceneChoice::DemoSmall);
+    let city = read(&folder.join("city.toml")).unwrap();
+    let sizes: Vec<_> = city.scenes.iter().map(|scene| scene.choice.clone()).collect();
+    assert_eq!(sizes, [100, 1_000, 10_000].map(SceneChoice::City));
 }
 
 #[test]
