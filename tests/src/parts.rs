@@ -34,7 +34,9 @@ fn write_house(folder: &Path) -> PathBuf {
             "bufferView": mesh, "componentType": 5126, "type": "VEC3", "count": 12,
             "min": [0.0, 0.0, 0.0], "max": [high, high, high],
         }));
-        meshes.push(json!({"primitives": [{"attributes": {"POSITION": mesh}}]}));
+        // Columns blend, so they are in no batch.
+        let material = usize::from(mesh == PARTS);
+        meshes.push(json!({"primitives": [{"attributes": {"POSITION": mesh}, "material": material}]}));
     }
     let part = |mesh: usize, name: String, x: f64, z: f64| json!({"mesh": mesh, "name": name, "translation": [x, 0.0, z], "extras": {"id": name}});
     let mut nodes: Vec<Value> =
@@ -46,6 +48,7 @@ fn write_house(folder: &Path) -> PathBuf {
     let uri = format!("data:application/octet-stream;base64,{}", BASE64.encode(&bytes));
     let file = json!({
         "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [PARTS + 3]}], "nodes": nodes, "meshes": meshes,
+        "materials": [{}, {"alphaMode": "BLEND"}],
         "accessors": accessors, "bufferViews": views, "buffers": [{"byteLength": bytes.len(), "uri": uri}],
     });
     let path = folder.join("house.gltf");

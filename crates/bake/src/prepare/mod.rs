@@ -260,10 +260,6 @@ pub fn prepare_cached(asset: &Asset, folder: &Path, options: &Options) -> Result
     prepare_keyed(Keyed::new(asset, options, &Sources::default())?, folder, options)
 }
 
-/// Longest model, in bytes of its files, and most faces of an asset of a glTF file, that are prepared beside others. A
-/// larger one has all threads and the memory for itself.
-const MAX_SMALL_BYTES: u64 = 4 << 20;
-const MAX_SMALL_FACES: usize = 100_000;
 /// Assets in a group, for each thread: lines appear after a group.
 const GROUP: usize = 16;
 

@@ -6,8 +6,12 @@ use std::path::Path;
 use lodestream_import::is_gltf;
 
 use super::cache::{KEPT, Sources};
-use super::{MAX_SMALL_BYTES, MAX_SMALL_FACES};
 use crate::scene::Asset;
+
+/// Longest model, in bytes of its files, and most faces of an asset of a glTF file, that are prepared beside others. A
+/// larger one has all threads and the memory for itself.
+const MAX_SMALL_BYTES: u64 = 4 << 20;
+const MAX_SMALL_FACES: usize = 100_000;
 
 /// Sizes of the assets of a scene, as their files state them.
 pub(super) struct Sizes<'a> {

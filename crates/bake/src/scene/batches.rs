@@ -10,7 +10,7 @@ use lodestream_import::gltf::{Contents, PlacedMesh, join_uvs};
 use lodestream_import::{BatchMember, Part};
 use lodestream_scene::asset::MAX_MATERIALS;
 
-use super::split;
+use super::split::{self, Candidate};
 use crate::preparation_settings::Batching;
 
 /// Least number of meshes worth gathering: a few assets cost little.
@@ -46,24 +46,6 @@ pub(super) struct Batch {
     pub(super) placed: Vec<usize>,
     /// Bits of texture coordinates; `None` for the default, where no member has a texture.
     pub(super) uv_bits: Option<u8>,
-}
-
-/// A mesh that may be in a batch.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Candidate {
-    /// Index among the placed meshes.
-    pub(super) placed: usize,
-    member: BatchMember,
-    pub(super) faces: usize,
-    low: DVec3,
-    high: DVec3,
-    uvs: Option<[[f64; 2]; 2]>,
-}
-
-impl Candidate {
-    pub(super) fn center(&self) -> DVec3 {
-        (self.low + self.high) / 2.0
-    }
 }
 
 /// The batches of a file's meshes, and the placed meshes (by index) that are in one.

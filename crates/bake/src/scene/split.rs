@@ -7,10 +7,30 @@ use std::cmp::Ordering;
 
 use glam::DVec3;
 
-use super::batches::Candidate;
+use lodestream_import::BatchMember;
 
 /// Share of the faces that each side of a cut has at least, unless one mesh has more than the rest.
 const MIN_SHARE: f64 = 0.375;
+
+/// A mesh that may be in a batch.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Candidate {
+    /// Index among the placed meshes.
+    pub(super) placed: usize,
+    pub(super) member: BatchMember,
+    pub(super) faces: usize,
+    /// Corners of its box in the scene.
+    pub(super) low: DVec3,
+    pub(super) high: DVec3,
+    /// Range of its texture coordinates, if it has textures.
+    pub(super) uvs: Option<[[f64; 2]; 2]>,
+}
+
+impl Candidate {
+    fn center(&self) -> DVec3 {
+        (self.low + self.high) / 2.0
+    }
+}
 
 /// Splits candidates along the longest side of their centres' bounds until each group has at most `max_faces` (or one
 /// candidate) and `max_members`. Groups and their members are in an order that depends only on the candidates.

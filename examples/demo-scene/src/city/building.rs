@@ -11,13 +11,11 @@ use super::glb::{Glb, Index, Place};
 use super::ledges;
 use super::materials::{named, of_kind};
 use super::part::Part;
-use super::plan::Lot;
+use super::plan::{DEPTH, Lot};
 use super::roof;
 use crate::maths::{cos_turns, sin_turns};
 use crate::noise::{hash, uniform};
 
-/// Depth of a building, from street to court.
-pub(super) const DEPTH: f64 = 12.0;
 /// Height of a ground floor.
 const GROUND: f64 = 4.3;
 

@@ -5,11 +5,12 @@
 
 use glam::{DVec2, DVec3};
 
-use super::building::DEPTH;
 use super::street::{CARRIAGEWAY, KERB, PAVEMENT};
 use crate::maths::{cos_turns, sin_turns};
 use crate::noise::{hash, uniform};
 
+/// Depth of a building, from street to court.
+pub(super) const DEPTH: f64 = 12.0;
 /// Sides of the land of a block within its pavements.
 pub(super) const BLOCK: [f64; 2] = [84.0, 60.0];
 /// Distance between streets.
