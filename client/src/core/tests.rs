@@ -2,6 +2,7 @@
 
 mod decoding;
 mod faults;
+mod picking;
 mod punctual_lights;
 mod restated;
 mod shared;

@@ -12,6 +12,7 @@
 //! | [`terrain`] | a scene's terrain, and the directory of its height overrides |
 //! | [`punctual_lights`] | point and spot lights, and their pages |
 //! | [`published`] | the scene as an object that clients read in ranges |
+//! | [`part`] | a part of an instance |
 //! | [`placement`] | where an object stands: position, rotation and scale |
 //! | [`view`], [`pose`] | a camera for screen errors, with its picture, and for drawing, in f64 |
 //! | [`limits`] | bounds on every length and count that a peer may send |
@@ -32,6 +33,7 @@ pub mod blob;
 pub mod description;
 pub mod encoding;
 pub mod limits;
+pub mod part;
 pub mod placement;
 pub mod pose;
 pub mod published;
