@@ -2,6 +2,8 @@
 //! channels between the two are bounded: the newest view replaces earlier ones, steps of changes wait for room, and the
 //! newest status replaces the last.
 
+mod questions;
+
 use std::future::Future;
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -14,6 +16,9 @@ use tokio::time::sleep;
 
 use crate::core::{Change, ClientCore, Config, Progress, Stats};
 use crate::net::{Clock, End, Host, Retry, Server, stream};
+use questions::{Asker, Questions};
+
+pub use questions::{Answer, NoAnswer};
 
 /// Payload bytes decoded between two polls of the network: about 5 ms of work.
 const SLICE_BYTES: u64 = 16 * 1024;
@@ -78,6 +83,7 @@ pub struct Streaming {
     tokens: Tokens,
     status: watch::Receiver<Status>,
     steps: mpsc::Receiver<Vec<Change>>,
+    asker: Asker,
     clock: Clock,
     thread: Option<JoinHandle<()>>,
 }
@@ -99,6 +105,7 @@ impl Streaming {
         let (tokens, tokens_receiver) = watch::channel(None);
         let (status_sender, status) = watch::channel(Status::default());
         let (step_sender, steps) = mpsc::channel(MAX_STEPS);
+        let (asker, questions) = questions::channel();
         // A thread of its own serves the sockets, so that decoding does not delay them.
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(1)
@@ -109,6 +116,7 @@ impl Streaming {
             core: ClientCore::new(config),
             controls: controls_receiver,
             tokens: tokens_receiver,
+            questions,
             steps: Some(step_sender),
             status: status_sender,
             message: Some(format!("connecting to {}", server.address)),
@@ -121,7 +129,7 @@ impl Streaming {
             host.report(clock.now(), Some(end));
             runtime.shutdown_timeout(Duration::from_millis(200));
         })?;
-        Ok(Self { controls, tokens: Tokens(tokens), status, steps, clock, thread: Some(thread) })
+        Ok(Self { controls, tokens: Tokens(tokens), status, steps, asker, clock, thread: Some(thread) })
     }
 
     /// The clock of all times in statuses and changes.
@@ -133,6 +141,18 @@ impl Streaming {
     /// Sets the controls; the streaming thread sees only the newest.
     pub fn control(&self, controls: Controls) {
         self.controls.send_if_modified(|old| std::mem::replace(old, controls) != controls);
+    }
+
+    /// Asks the core something, such as [`ClientCore::pick`]. `notify` is called once it is answered. The streaming
+    /// thread does nothing else meanwhile.
+    ///
+    /// # Errors
+    /// Streaming has ended, or sixteen questions wait.
+    pub fn ask<T: Send + 'static>(
+        &self,
+        question: impl FnOnce(&ClientCore) -> T + Send + 'static,
+    ) -> Result<Answer<T>, NoAnswer> {
+        self.asker.ask(question)
     }
 
     /// A handle to set newer tokens than the configuration's.
@@ -168,6 +188,7 @@ struct StreamHost<N> {
     core: ClientCore,
     controls: watch::Receiver<Controls>,
     tokens: watch::Receiver<Option<Token>>,
+    questions: Questions,
     /// `None` once the receiver is dropped.
     steps: Option<mpsc::Sender<Vec<Change>>>,
     status: watch::Sender<Status>,
@@ -250,6 +271,9 @@ impl<N: Fn()> Host for StreamHost<N> {
         {
             self.core.set_token(token);
         }
+        if self.questions.answer(&self.core) {
+            (self.notify)();
+        }
         let progress = self.core.update(now, SLICE_BYTES);
         self.publish(now);
         if self.core.is_open() {
@@ -288,6 +312,7 @@ impl<N: Fn()> Host for StreamHost<N> {
                     }
                 }
                 () = room => {}
+                () = self.questions.wait() => {}
                 () = sleep(STATUS_INTERVAL) => {}
             }
         }

@@ -17,6 +17,7 @@ use lodestream_render::{
 };
 
 use crate::outcome::EXIT_CODES;
+use crate::parts::{PartArg, PixelArg, TintArg};
 
 /// Streams a scene from a Lodestream server and draws it.
 #[derive(Clone, Debug, Parser)]
@@ -131,6 +132,18 @@ pub(crate) struct Args {
     /// Seconds over which terrain heights change; at once with --headless
     #[arg(long, value_name = "SECONDS", default_value_t = 2.0, value_parser = exaggeration_seconds)]
     pub(crate) ground_seconds: f64,
+    /// Print the part that this pixel of the finished picture shows, from its upper left corner; may be repeated
+    #[arg(long, value_name = "X,Y", requires = "headless")]
+    pub(crate) pick: Vec<PixelArg>,
+    /// Hide a part; may be repeated, as may --isolate and --tint
+    #[arg(long, value_name = "INSTANCE:PART")]
+    pub(crate) hide: Vec<PartArg>,
+    /// Draw this part without others
+    #[arg(long, value_name = "INSTANCE:PART")]
+    pub(crate) isolate: Vec<PartArg>,
+    /// Tint a part
+    #[arg(long, value_name = "INSTANCE:PART=RRGGBB")]
+    pub(crate) tint: Vec<TintArg>,
     /// No relief mapping
     #[arg(long)]
     pub(crate) no_relief: bool,

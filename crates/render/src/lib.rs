@@ -81,6 +81,8 @@ pub use scene::held_texels::Texels;
 pub use scene::lights::{LIGHT_TILES, LightCulling, MAX_LIGHTS};
 pub use scene::part_states::{InstanceStates, PartState, PartStates, Tint};
 #[cfg(feature = "client")]
+pub use scene::scene_parts::HiddenParts;
+#[cfg(feature = "client")]
 pub use scene::scene_view::SceneView;
 pub use scene::terrain::{
     MAX_DRAWN_HEIGHT, TERRAIN_SLOTS, TerrainAppearance, TerrainFrame, TerrainGpu, TerrainPart,

@@ -6,6 +6,22 @@ use lodestream_scene::part::ScenePart;
 
 use crate::scene::part_states::{InstanceStates, PartState, PartStates};
 
+/// Which parts are hidden at a time, for picking ([`crate::SceneView::hidden_parts`]).
+#[derive(Clone, Debug, Default)]
+pub struct HiddenParts {
+    hidden: BTreeSet<ScenePart>,
+    isolated: Option<BTreeSet<ScenePart>>,
+}
+
+impl HiddenParts {
+    /// Whether a part is hidden, or others are isolated.
+    #[must_use]
+    pub fn contains(&self, part: ScenePart) -> bool {
+        self.hidden.contains(&part)
+            || self.isolated.as_ref().is_some_and(|isolated| !isolated.contains(&part))
+    }
+}
+
 /// States by part of the scene, whether or not their instances have arrived.
 #[derive(Debug, Default)]
 pub(crate) struct SceneParts {
@@ -49,6 +65,11 @@ impl SceneParts {
     /// Whether all parts are drawn as they are.
     pub(crate) fn is_empty(&self) -> bool {
         self.states.is_empty() && self.isolated.is_none()
+    }
+
+    pub(crate) fn hidden(&self) -> HiddenParts {
+        let hidden = self.states.iter().filter(|(_, state)| state.hidden).map(|(part, _)| *part);
+        HiddenParts { hidden: hidden.collect(), isolated: self.isolated.clone() }
     }
 
     /// How a part is drawn.

@@ -84,6 +84,8 @@ fn isolating_parts_hides_all_others_and_clearing_restores_the_picture() {
     view.isolate_parts(h.gpu(), Some(&kept)).unwrap();
     let isolated = picture(&mut h, &view);
     assert!(isolated != whole);
+    let hidden = view.hidden_parts();
+    assert!(hidden.contains(part(2, 0)) && !hidden.contains(kept[0]));
     assert!(view.part_state(part(2, 0)).hidden && !view.part_state(kept[0]).hidden);
     view.isolate_parts(h.gpu(), None).unwrap();
     assert!(picture(&mut h, &view) == whole);

@@ -8,6 +8,7 @@ use super::SceneView;
 use crate::resources::gpu::{Gpu, RenderError};
 use crate::resources::vertex::MAX_PARTS;
 use crate::scene::part_states::PartState;
+use crate::scene::scene_parts::HiddenParts;
 
 impl SceneView {
     /// Hides or tints parts, or shows them as they are. Parts of instances that have not arrived take their state when
@@ -50,6 +51,12 @@ impl SceneView {
     #[must_use]
     pub fn part_state(&self, part: ScenePart) -> PartState {
         self.parts.state(part)
+    }
+
+    /// Which parts are hidden now; picking on another thread skips them. Cost: a copy of all parts with a state.
+    #[must_use]
+    pub fn hidden_parts(&self) -> HiddenParts {
+        self.parts.hidden()
     }
 
     /// Writes the states of an asset that has just arrived.
