@@ -2,6 +2,7 @@
 
 import init, { Viewer } from './lodestream.js';
 import { now, origin } from './clock.js';
+import { Parts } from './parts.js';
 
 /** What to tell people whose browser has no WebGPU. */
 export const NO_WEBGPU =
@@ -55,6 +56,12 @@ export class View extends EventTarget {
   #pictures = [];
   #observer = new ResizeObserver(() => this.#resize());
   #shownAgain = () => this.redraw();
+  /** Picking, hiding, tinting, isolating and fitting of parts. */
+  parts = new Parts({
+    viewer: () => this.#viewer,
+    post: (message) => this.#worker?.postMessage(message),
+    redraw: () => this.redraw(),
+  });
   /** Called before each frame with the time in milliseconds, for input; returns whether it moves the camera. */
   beforeFrame = () => false;
   longestTaskMs = 0;
@@ -105,6 +112,7 @@ export class View extends EventTarget {
     if (this.#ended) return viewer.close();
     if (this.#options.camera) viewer.set_camera(now(), Float64Array.from(this.#options.camera));
     for (const [technique, on] of this.#switched) viewer.switch(technique, on);
+    this.parts.restore(viewer);
     this.#viewer = viewer;
     this.#devices += 1;
     this.#openedAt = now();
@@ -135,6 +143,7 @@ export class View extends EventTarget {
   #receive(data) {
     if (this.#ended) return;
     if (data.failed !== undefined) return this.#fail(data.failed);
+    if (data.question !== undefined) return this.parts.answer(data);
     if (data.step) {
       // Steps from before the last device do not fit it.
       if (data.generation === this.#generation) this.#steps.push(data);

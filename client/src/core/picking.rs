@@ -39,7 +39,7 @@ pub struct PartBounds {
 }
 
 /// Instances whose faces are searched between two passes over the scene.
-const CANDIDATES: usize = 64;
+const CANDIDATES: usize = 16;
 /// Spheres are of f32: rounding of their centre and radius, as a share of both.
 const SPHERE_ROUNDING: f64 = 1e-6;
 

@@ -245,6 +245,12 @@ impl SceneView {
                 let (sky_task, sky, plain) = (self.sky_task.take(), self.sky.take(), self.plain);
                 let uploads = std::mem::take(&mut self.uploads);
                 let heights = self.heights;
+                // Parts may be hidden before the scene arrives, but another scene has other parts.
+                let parts = if self.header.is_none() {
+                    std::mem::take(&mut self.parts)
+                } else {
+                    SceneParts::default()
+                };
                 let header = Some(*header);
                 *self = Self {
                     header,
@@ -253,6 +259,7 @@ impl SceneView {
                     uploads,
                     ground,
                     heights,
+                    parts,
                     tile_source,
                     sky_task,
                     sky,

@@ -12,7 +12,7 @@ use crate::scene::scene_parts::HiddenParts;
 
 impl SceneView {
     /// Hides or tints parts, or shows them as they are. Parts of instances that have not arrived take their state when
-    /// they do. A new scene begins without states. Cost: a pass over all parts with a state, and a write to the device
+    /// they do; another scene begins without states. Cost: a pass over all parts with a state, and a write to the device
     /// per asset concerned; no pipeline, mesh or draw changes, and nothing is requested. Draw a frame afterwards.
     ///
     /// PN triangles and ink follow only where a whole instance is hidden.
