@@ -342,6 +342,7 @@ export class View extends EventTarget {
     this.#observer.disconnect();
     document.removeEventListener('visibilitychange', this.#shownAgain);
     this.#worker?.postMessage({ kind: 'leave' });
+    this.parts.close();
     this.#viewer?.close();
     this.#viewer = null;
   }
