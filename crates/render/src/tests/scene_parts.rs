@@ -3,7 +3,9 @@
 use glam::DVec3;
 use lodestream_client::core::{Change, IndexRun, MeshChange, NewAsset, Vertex};
 use lodestream_geometry::refine::RenderVertex;
-use lodestream_scene::description::Instance;
+use lodestream_scene::description::{
+    Camera, DEFAULT_AMBIENT, DEFAULT_BACKGROUND, Instance, SceneHeader, SceneLighting,
+};
 use lodestream_scene::part::ScenePart;
 
 use super::headless;
@@ -129,4 +131,28 @@ fn parts_that_arrive_later_take_their_state() {
         arrive(&h, &mut view, asset(1, [60, 60, 200, 255]));
         assert!(picture(&mut h, &view) == *want, "{isolated:?}");
     }
+}
+
+/// A viewer whose device was lost names the parts before the scene is given again.
+#[test]
+fn states_from_before_the_first_scene_are_kept_and_those_of_another_scene_are_not() {
+    let Some(h) = headless(16, 16) else { return };
+    let header = SceneHeader {
+        name: "squares".into(),
+        fingerprint: [7; 16],
+        asset_count: 2,
+        instance_count: 3,
+        page_count: 1,
+        light: SceneLighting { direction: [0.0, 1.0, 0.0], color: [1.0; 3], ambient: DEFAULT_AMBIENT },
+        background: DEFAULT_BACKGROUND,
+        terrain: None,
+        camera: Camera { eye: [0.0, 0.0, 5.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_y: 0.9 },
+    };
+    let begins = || vec![Change::Scene(Box::new(header.clone())), instances(&PLACES)];
+    let mut view = SceneView::new();
+    view.set_parts(h.gpu(), &[(part(1, 1), PartState::HIDDEN)]).unwrap();
+    arrive(&h, &mut view, begins());
+    assert!(view.part_state(part(1, 1)).hidden);
+    arrive(&h, &mut view, begins());
+    assert!(!view.part_state(part(1, 1)).hidden);
 }
