@@ -2,6 +2,8 @@
 //! channels between the two are bounded: the newest view replaces earlier ones, steps of changes wait for room, and the
 //! newest status replaces the last.
 
+mod questions;
+
 use std::future::Future;
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -12,8 +14,12 @@ use lodestream_scene::view::View;
 use tokio::sync::{mpsc, watch};
 use tokio::time::sleep;
 
-use crate::core::{Change, ClientCore, Config, PartAnswer, PartId, Progress, Stats};
+use crate::core::{Change, ClientCore, Config, PartAnswer, Progress, Stats};
 use crate::net::{Clock, End, Host, Retry, Server, stream};
+use lodestream_scene::parts::ScenePart;
+use questions::{Asker, Questions};
+
+pub use questions::{Answer, NoAnswer};
 
 /// Payload bytes decoded between two polls of the network: about 5 ms of work.
 const SLICE_BYTES: u64 = 16 * 1024;
@@ -80,8 +86,9 @@ pub struct Streaming {
     tokens: Tokens,
     status: watch::Receiver<Status>,
     steps: mpsc::Receiver<Vec<Change>>,
-    lookups: mpsc::Sender<PartId>,
+    lookups: mpsc::Sender<ScenePart>,
     parts: mpsc::Receiver<PartAnswer>,
+    asker: Asker,
     clock: Clock,
     thread: Option<JoinHandle<()>>,
 }
@@ -105,6 +112,7 @@ impl Streaming {
         let (step_sender, steps) = mpsc::channel(MAX_STEPS);
         let (lookups, lookup_receiver) = mpsc::channel(MAX_LOOKUPS);
         let (part_sender, parts) = mpsc::channel(MAX_LOOKUPS);
+        let (asker, questions) = questions::channel();
         // A thread of its own serves the sockets, so that decoding does not delay them.
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(1)
@@ -115,6 +123,7 @@ impl Streaming {
             core: ClientCore::new(config),
             controls: controls_receiver,
             tokens: tokens_receiver,
+            questions,
             steps: Some(step_sender),
             lookups: lookup_receiver,
             next_lookup: None,
@@ -137,6 +146,7 @@ impl Streaming {
             steps,
             lookups,
             parts,
+            asker,
             clock,
             thread: Some(thread),
         })
@@ -151,6 +161,18 @@ impl Streaming {
     /// Sets the controls; the streaming thread sees only the newest.
     pub fn control(&self, controls: Controls) {
         self.controls.send_if_modified(|old| std::mem::replace(old, controls) != controls);
+    }
+
+    /// Asks the core something, such as [`ClientCore::pick`]. `notify` is called once it is answered. The streaming
+    /// thread does nothing else meanwhile.
+    ///
+    /// # Errors
+    /// Streaming has ended, or sixteen questions wait.
+    pub fn ask<T: Send + 'static>(
+        &self,
+        question: impl FnOnce(&ClientCore) -> T + Send + 'static,
+    ) -> Result<Answer<T>, NoAnswer> {
+        self.asker.ask(question)
     }
 
     /// A handle to set newer tokens than the configuration's.
@@ -168,7 +190,7 @@ impl Streaming {
     /// Looks up what a part is called ([`ClientCore::look_up_part`]); [`Streaming::take_part`] gives the answer. Returns
     /// `false`, and nothing follows, if streaming has ended or 256 lookups have not been noticed yet.
     #[must_use]
-    pub fn look_up_part(&self, id: PartId) -> bool {
+    pub fn look_up_part(&self, id: ScenePart) -> bool {
         self.lookups.try_send(id).is_ok()
     }
 
@@ -198,11 +220,12 @@ struct StreamHost<N> {
     core: ClientCore,
     controls: watch::Receiver<Controls>,
     tokens: watch::Receiver<Option<Token>>,
+    questions: Questions,
     /// `None` once the receiver is dropped.
     steps: Option<mpsc::Sender<Vec<Change>>>,
-    lookups: mpsc::Receiver<PartId>,
+    lookups: mpsc::Receiver<ScenePart>,
     /// One that woke the thread.
-    next_lookup: Option<PartId>,
+    next_lookup: Option<ScenePart>,
     parts: mpsc::Sender<PartAnswer>,
     status: watch::Sender<Status>,
     message: Option<String>,
@@ -298,6 +321,9 @@ impl<N: Fn()> Host for StreamHost<N> {
             self.core.set_token(token);
         }
         self.look_up(now);
+        if self.questions.answer(&self.core) {
+            (self.notify)();
+        }
         let progress = self.core.update(now, SLICE_BYTES);
         self.publish(now);
         if self.core.is_open() {
@@ -337,6 +363,7 @@ impl<N: Fn()> Host for StreamHost<N> {
                 }
                 Some(id) = self.lookups.recv() => self.next_lookup = Some(id),
                 () = room => {}
+                () = self.questions.wait() => {}
                 () = sleep(STATUS_INTERVAL) => {}
             }
         }

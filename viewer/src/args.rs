@@ -10,7 +10,6 @@ use glam::DVec3;
 use lodestream_scene::description::Camera;
 use lodestream_scene::view::View;
 
-use lodestream_client::core::PartId;
 use lodestream_client::net::Address;
 use lodestream_render::{
     AntiAliasing, DebugView, Ink, MAX_INK_LEVELS, MAX_INK_WIDTH, MAX_REFLECTION_STEPS, OcclusionMethod,
@@ -18,6 +17,7 @@ use lodestream_render::{
 };
 
 use crate::outcome::EXIT_CODES;
+use crate::parts::{PartArg, PixelArg, TintArg};
 
 /// Streams a scene from a Lodestream server and draws it.
 #[derive(Clone, Debug, Parser)]
@@ -135,6 +135,18 @@ pub(crate) struct Args {
     /// Seconds over which terrain heights change; at once with --headless
     #[arg(long, value_name = "SECONDS", default_value_t = 2.0, value_parser = exaggeration_seconds)]
     pub(crate) ground_seconds: f64,
+    /// Print the part that this pixel of the finished picture shows, from its upper left corner; may be repeated
+    #[arg(long, value_name = "X,Y", requires = "headless")]
+    pub(crate) pick: Vec<PixelArg>,
+    /// Hide a part; may be repeated, as may --isolate and --tint
+    #[arg(long, value_name = "INSTANCE:PART")]
+    pub(crate) hide: Vec<PartArg>,
+    /// Draw this part without others
+    #[arg(long, value_name = "INSTANCE:PART")]
+    pub(crate) isolate: Vec<PartArg>,
+    /// Tint a part
+    #[arg(long, value_name = "INSTANCE:PART=RRGGBB")]
+    pub(crate) tint: Vec<TintArg>,
     /// No relief mapping
     #[arg(long)]
     pub(crate) no_relief: bool,
@@ -254,21 +266,6 @@ impl FromStr for Size {
         text.split_once(['x', 'X'])
             .and_then(|(w, h)| Some(Self([parse(w)?, parse(h)?])))
             .ok_or_else(|| "write WIDTHxHEIGHT in pixels, each from 1 to 16384, for example 1280x720".into())
-    }
-}
-
-/// A part of the scene.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct PartArg(pub(crate) PartId);
-
-impl FromStr for PartArg {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let numbers = text.split_once(':').and_then(|(instance, part)| {
-            Some(Self(PartId { instance: instance.parse().ok()?, part: part.parse().ok()? }))
-        });
-        numbers.ok_or_else(|| "write INSTANCE:PART, for example 3:0".into())
     }
 }
 
@@ -419,8 +416,6 @@ mod tests {
             let error = Args::try_parse_from(["viewer", "ws://h:1", &wrong]).unwrap_err().to_string();
             assert!(error.contains(message), "{error}");
         }
-        assert_eq!("3:17".parse(), Ok(PartArg(PartId { instance: 3, part: 17 })));
-        assert!(["3", "3:", ":1", "-1:0", "0:4294967296"].iter().all(|bad| bad.parse::<PartArg>().is_err()));
         assert!("0".parse::<PixelError>().is_err() && "nan".parse::<PixelError>().is_err());
         assert!("0".parse::<Seconds>().is_err() && "1e300".parse::<Seconds>().is_err());
         assert!(Args::try_parse_from(["viewer", "ws://h:1", "--headless"]).is_err());

@@ -7,13 +7,14 @@ use anyhow::{Context, bail};
 use lodestream_client::net::Retry;
 use lodestream_client::streaming::{Status, Streaming};
 use lodestream_render::{Counters, Frame, Gpu, Headless, SceneView};
+use lodestream_scene::description::Camera;
 
 use crate::args::Args;
 use crate::files::write_png;
 use crate::frames::FrameLog;
 use crate::outcome::{Outcome, describe_end, describe_missing};
 use crate::run::{core_config, server, settings, write_statistics};
-use crate::{parts, signals, token};
+use crate::{part_names, parts, signals, token};
 
 /// Time limit of a run without `--timeout`.
 const DEFAULT_TIMEOUT: Duration = Duration::from_secs(300);
@@ -113,7 +114,14 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
             return Ok(Outcome::Interrupted(signal));
         }
     };
-    parts::print(args, &mut streaming, deadline.saturating_sub(clock.now().into()))?;
+    part_names::print(args, &mut streaming, deadline.saturating_sub(clock.now().into()))?;
+    parts::apply(args, headless.gpu(), &mut scene)?;
+    if let Some(camera) = camera(args, &scene) {
+        for pixel in &args.pick {
+            let found = parts::describe_at(*pixel, &camera.pose(), headless.size(), &streaming, &scene)?;
+            println!("{found}");
+        }
+    }
     drop(streaming);
     // At this time all morphs are over.
     while draw(&mut headless, &mut scene, args, f32::MAX)?.is_unfinished() {}
@@ -130,14 +138,18 @@ fn seconds(duration: Duration) -> f32 {
     duration.as_secs_f32()
 }
 
+/// The camera of the command line, else of the scene.
+fn camera(args: &Args, scene: &SceneView) -> Option<Camera> {
+    args.camera.map(|c| c.0).or_else(|| scene.header().map(|h| h.camera))
+}
+
 fn draw(
     headless: &mut Headless,
     scene: &mut SceneView,
     args: &Args,
     time_s: f32,
 ) -> anyhow::Result<Counters> {
-    let start = args.camera.map(|c| c.0).or_else(|| scene.header().map(|h| h.camera));
-    let Some(start) = start else { bail!("the server sent no scene") };
+    let Some(start) = camera(args, scene) else { bail!("the server sent no scene") };
     let camera = start.pose();
     let settings = settings(args, headless.gpu().is_software());
     scene.move_ground(time_s);

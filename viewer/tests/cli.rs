@@ -51,6 +51,9 @@ fn contradictory_options_are_refused() {
     refused(&[address, "--camera", "eye=1,2"], &["eye"]);
     refused(&[address, "--pixel-error", "0"], &["--pixel-error"]);
     refused(&[address, "--timeout=-1"], &["--timeout"]);
+    refused(&[address, "--pick", "3,4"], &["--headless"]);
+    refused(&[address, "--hide", "3"], &["INSTANCE:PART"]);
+    refused(&[address, "--tint", "0:1=orange"], &["INSTANCE:PART=RRGGBB"]);
 }
 
 #[test]

@@ -152,6 +152,31 @@ export class LodestreamViewer extends HTMLElement {
     return this.#view ? this.#view.part(instance, part) : Promise.reject(new Error('the element shows no scene'));
   }
 
+  pick(x, y) {
+    const ratio = devicePixelRatio;
+    return this.#view ? this.#view.parts.pick(x * ratio, y * ratio) : Promise.resolve(null);
+  }
+
+  hide(instance, part, hidden = true) {
+    this.#view?.parts.hide(instance, part, hidden);
+  }
+
+  isolate(parts) {
+    this.#view?.parts.isolate(parts);
+  }
+
+  tint(instance, part, color, strength) {
+    this.#view?.parts.tint(instance, part, color, strength);
+  }
+
+  fit(instance, part) {
+    return this.#view ? this.#view.parts.fit(instance, part) : Promise.resolve(false);
+  }
+
+  showAll() {
+    this.#view?.parts.showAll();
+  }
+
   stats() {
     return this.#view?.stats() ?? null;
   }

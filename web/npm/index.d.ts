@@ -199,6 +199,21 @@ export interface TextureChange {
   texels: Uint8Array | Uint16Array;
 }
 
+/** A part of an instance: 0 for assets that are not divided. */
+export interface ScenePart {
+  /** Number of the instance within the scene. */
+  instance: number;
+  part: number;
+}
+
+/** The nearest part on a ray from the eye. */
+export interface PickedPart extends ScenePart {
+  /** Where, in world units. */
+  place: Vector;
+  /** From the eye, in world units. */
+  distance: number;
+}
+
 /** Punctual lights: positions and ranges in world units, intensities in candela (linear RGB), angles in radians. */
 export interface LightPage {
   /** Pages come in any order. */
@@ -300,6 +315,18 @@ export class LodestreamViewer extends HTMLElement {
    * 256 neighbours. Rejects with the reason if that is not known.
    */
   part(instance: number, part?: number): Promise<PartInfo>;
+  /** The part at a place of the element, in CSS pixels from its upper left corner; hidden parts are skipped. Sends nothing. */
+  pick(x: number, y: number): Promise<PickedPart | null>;
+  /** Hides a part of a session's scene, or shows it again. */
+  hide(instance: number, part: number, hidden?: boolean): void;
+  /** Draws these parts alone; null ends that. */
+  isolate(parts: ScenePart[] | null): void;
+  /** Mixes `#rrggbb` into a part's colour, by a strength from 0 to 1 (by default 0.7); null ends that. */
+  tint(instance: number, part: number, color: string | null, strength?: number): void;
+  /** Moves the camera to a part; false if it has not arrived. */
+  fit(instance: number, part: number): Promise<boolean>;
+  /** Nothing hidden, tinted or isolated. */
+  showAll(): void;
   /** Null without a session. */
   stats(): Stats | null;
   /** The next frame as a PNG. */

@@ -1,50 +1,112 @@
-// Lookups of parts: promises for what the worker answers.
+// Parts of a scene: which are hidden, tinted or isolated, and what lies under a place of the picture.
 
-/** Lookups that wait for the worker's answers. */
-export class PartLookups {
-  #waiting = new Map();
-  #next = 0;
+import { now } from './clock.js';
 
-  /** Asks a worker what a part is called. Rejects if that is not known. */
-  ask(worker, instance, part) {
-    const valid = (number) => Number.isInteger(number) && number >= 0 && number < 2 ** 32;
-    if (!valid(instance) || !valid(part)) {
-      return Promise.reject(new TypeError(`instance ${instance}, part ${part}: both must be whole numbers from 0 to 2^32 - 1`));
+/** Share of a tint's colour in the mixture, unless stated. */
+const STRENGTH = 0.7;
+
+const pairsOf = (parts) => Uint32Array.from(parts.flatMap(({ instance, part }) => [instance, part]));
+
+/**
+ * The parts of a `View`. `viewer` gives its viewer, once there is one, `post` sends to its worker, `redraw` asks for a
+ * frame. States are kept for the next viewer, if the device is lost.
+ */
+export class Parts {
+  #viewer;
+  #post;
+  #redraw;
+  /** By `instance:part`: `{ instance, part, hidden, color, strength }`. */
+  #states = new Map();
+  #isolated = null;
+  #questions = new Map();
+  #asked = 0;
+
+  constructor({ viewer, post, redraw }) {
+    this.#viewer = viewer;
+    this.#post = post;
+    this.#redraw = redraw;
+  }
+
+  /** Applies all states to a new viewer. */
+  restore(viewer) {
+    for (const { instance, part, hidden, color, strength } of this.#states.values()) {
+      viewer.set_part(instance, part, hidden, color, strength);
     }
-    if (!worker) return Promise.reject(new Error('the session has ended'));
-    return new Promise((resolve, reject) => {
-      const number = this.#next;
-      this.#next += 1;
-      this.#waiting.set(number, { instance, part, resolve, reject });
-      worker.postMessage({ kind: 'part', instance, part });
+    if (this.#isolated) viewer.isolate_parts(this.#isolated);
+  }
+
+  #set(instance, part, change) {
+    const key = `${instance}:${part}`;
+    const before = this.#states.get(key) ?? { instance, part, hidden: false, color: undefined, strength: STRENGTH };
+    const state = { ...before, ...change };
+    this.#viewer()?.set_part(instance, part, state.hidden, state.color, state.strength);
+    if (state.hidden || state.color !== undefined) this.#states.set(key, state);
+    else this.#states.delete(key);
+    this.#redraw();
+  }
+
+  hide(instance, part, hidden = true) {
+    this.#set(instance, part, { hidden });
+  }
+
+  /** Tints with `#rrggbb`; null ends it. */
+  tint(instance, part, color, strength = STRENGTH) {
+    if (color !== null && !/^#[0-9a-f]{6}$/i.test(color)) throw new TypeError(`${color} is no colour: write #rrggbb`);
+    this.#set(instance, part, { color: color === null ? undefined : parseInt(color.slice(1), 16), strength });
+  }
+
+  isolate(parts) {
+    this.#isolated = parts && pairsOf(parts);
+    this.#viewer()?.isolate_parts(this.#isolated ?? undefined);
+    this.#redraw();
+  }
+
+  showAll() {
+    this.#states.clear();
+    this.#isolated = null;
+    this.#viewer()?.clear_parts();
+    this.#redraw();
+  }
+
+  #ask(message) {
+    this.#asked += 1;
+    const question = this.#asked;
+    return new Promise((resolve) => {
+      this.#questions.set(question, resolve);
+      this.#post({ ...message, question });
     });
   }
 
-  /** Takes answers of the worker: equal lookups have equal answers. */
-  answer(answers) {
-    for (const { instance, part, info, absence } of answers) {
-      for (const [number, lookup] of this.#waiting) {
-        if (lookup.instance !== instance || lookup.part !== part) continue;
-        this.#waiting.delete(number);
-        if (info) settle(lookup, info);
-        else lookup.reject(new Error(absence));
-        break;
-      }
-    }
+  /** Takes an answer of the worker. */
+  answer({ question, numbers }) {
+    this.#questions.get(question)?.(numbers);
+    this.#questions.delete(question);
   }
 
-  /** Ends all lookups. */
-  end(why) {
-    for (const { reject } of this.#waiting.values()) reject(new Error(why));
-    this.#waiting.clear();
+  /** Answers all questions with nothing: the worker ends. */
+  close() {
+    for (const resolve of this.#questions.values()) resolve(null);
+    this.#questions.clear();
   }
-}
 
-/** Extras come as JSON text, which the server may not have checked. */
-function settle({ resolve, reject }, { name, path, extras }) {
-  try {
-    resolve({ name, path, extras: extras === undefined ? null : JSON.parse(extras) });
-  } catch (why) {
-    reject(new Error(`the part's extras are no JSON: ${why.message}`));
+  /** The part at a place, in pixels of the device; null where there is none. */
+  async pick(x, y) {
+    const ray = this.#viewer()?.ray(x, y);
+    if (!ray) return null;
+    const hidden = pairsOf([...this.#states.values()].filter((state) => state.hidden));
+    const found = await this.#ask({ kind: 'pick', ray, hidden, isolated: this.#isolated ?? undefined });
+    if (!found) return null;
+    const [instance, part, px, py, pz, distance] = found;
+    return { instance, part, place: [px, py, pz], distance };
+  }
+
+  /** Moves the camera to a part; whether it has faces yet. */
+  async fit(instance, part) {
+    const bounds = await this.#ask({ kind: 'bounds', instance, part });
+    const viewer = this.#viewer();
+    if (!bounds || !viewer) return false;
+    viewer.fit(now(), ...bounds.slice(0, 4));
+    this.#redraw();
+    return true;
   }
 }

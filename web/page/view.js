@@ -2,7 +2,8 @@
 
 import init, { Viewer } from './lodestream.js';
 import { now, origin } from './clock.js';
-import { PartLookups } from './parts.js';
+import { PartLookups } from './part-names.js';
+import { Parts } from './parts.js';
 
 /** What to tell people whose browser has no WebGPU. */
 export const NO_WEBGPU =
@@ -54,9 +55,15 @@ export class View extends EventTarget {
   #settled = false;
   #sentView = '';
   #pictures = [];
-  #parts = new PartLookups();
+  #partNames = new PartLookups();
   #observer = new ResizeObserver(() => this.#resize());
   #shownAgain = () => this.redraw();
+  /** Picking, hiding, tinting, isolating and fitting of parts. */
+  parts = new Parts({
+    viewer: () => this.#viewer,
+    post: (message) => this.#worker?.postMessage(message),
+    redraw: () => this.redraw(),
+  });
   /** Called before each frame with the time in milliseconds, for input; returns whether it moves the camera. */
   beforeFrame = () => false;
   longestTaskMs = 0;
@@ -107,6 +114,7 @@ export class View extends EventTarget {
     if (this.#ended) return viewer.close();
     if (this.#options.camera) viewer.set_camera(now(), Float64Array.from(this.#options.camera));
     for (const [technique, on] of this.#switched) viewer.switch(technique, on);
+    this.parts.restore(viewer);
     this.#viewer = viewer;
     this.#devices += 1;
     this.#openedAt = now();
@@ -137,7 +145,8 @@ export class View extends EventTarget {
   #receive(data) {
     if (this.#ended) return;
     if (data.failed !== undefined) return this.#fail(data.failed);
-    if (data.parts) return this.#parts.answer(data.parts);
+    if (data.parts) return this.#partNames.answer(data.parts);
+    if (data.question !== undefined) return this.parts.answer(data);
     if (data.step) {
       // Steps from before the last device do not fit it.
       if (data.generation === this.#generation) this.#steps.push(data);
@@ -164,7 +173,7 @@ export class View extends EventTarget {
   /** Tells an error that ends streaming; what there is can still be looked at. */
   #fail(message) {
     this.#message = message;
-    this.#parts.end(message);
+    this.#partNames.end(message);
     this.dispatchEvent(new CustomEvent('error', { detail: message }));
   }
 
@@ -332,17 +341,18 @@ export class View extends EventTarget {
 
   /** What a part is called, see `LodestreamViewer.part`. */
   part(instance, part = 0) {
-    return this.#parts.ask(this.#ended ? null : this.#worker, instance, part);
+    return this.#partNames.ask(this.#ended ? null : this.#worker, instance, part);
   }
 
   /** Ends the session and frees the device. */
   close() {
     if (this.#ended) return;
     this.#ended = true;
-    this.#parts.end('the session has ended');
+    this.#partNames.end('the session has ended');
     this.#observer.disconnect();
     document.removeEventListener('visibilitychange', this.#shownAgain);
     this.#worker?.postMessage({ kind: 'leave' });
+    this.parts.close();
     this.#viewer?.close();
     this.#viewer = null;
   }

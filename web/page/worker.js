@@ -211,6 +211,8 @@ async function startDecoders(module) {
   decoders += count;
 }
 
+const answer = (question, numbers) => postMessage({ question, numbers: numbers ?? null });
+
 const handlers = {
   async start(start) {
     options = start;
@@ -266,6 +268,12 @@ const handlers = {
     untaken = 0;
     streamer?.restate(now());
     turnSoon();
+  },
+  pick({ question, ray, hidden, isolated }) {
+    answer(question, streamer?.pick(ray, hidden, isolated));
+  },
+  bounds({ question, instance, part }) {
+    answer(question, streamer?.part_bounds(instance, part));
   },
   leave() {
     left = true;

@@ -13,6 +13,7 @@ mod console;
 mod decoders;
 #[cfg(feature = "deltas")]
 mod deltas;
+mod part_names;
 mod parts;
 mod pictures;
 mod ranges;

@@ -1,41 +1,43 @@
-//! The worker's half of lookups of parts.
+//! Picking in the worker, whose core has the meshes.
 
-use js_sys::Array;
-use lodestream_client::core::{PartAnswer, PartId};
+use std::collections::BTreeSet;
+
+use glam::DVec3;
+use lodestream_client::core::Ray;
+use lodestream_scene::parts::ScenePart;
 use wasm_bindgen::prelude::*;
 
-use crate::stats::fields;
-use crate::{Streamer, time};
+use crate::Streamer;
+
+/// Parts from pairs of instance and part.
+pub(crate) fn scene_parts(pairs: &[u32]) -> Vec<ScenePart> {
+    pairs.chunks_exact(2).map(|pair| ScenePart { instance: pair[0], part: pair[1] }).collect()
+}
 
 #[wasm_bindgen]
 impl Streamer {
-    /// Looks up what a part is called; [`Streamer::parts`] gives the answer.
-    pub fn look_up_part(&mut self, now_ms: f64, instance: u32, part: u32) {
-        self.core.look_up_part(time(now_ms), PartId { instance, part });
-    }
-
-    /// Answers to lookups: objects with `instance`, `part`, and either `info` (`name`, `path`, `extras` as JSON text or
-    /// absent) or `absence`, the reason.
+    /// The nearest part on a ray of six numbers, origin and direction: instance, part, place (three numbers) and
+    /// distance. Hidden parts, and all others if some are isolated, are skipped; both are pairs of instance and part.
     #[must_use]
-    pub fn parts(&mut self) -> Array {
-        std::iter::from_fn(|| self.core.take_part()).map(|answer| object(&answer)).collect()
+    pub fn pick(&self, ray: &[f64], hidden: &[u32], isolated: Option<Vec<u32>>) -> Option<Vec<f64>> {
+        let &[x, y, z, dx, dy, dz] = ray else { return None };
+        let ray = Ray { origin: DVec3::new(x, y, z), direction: DVec3::new(dx, dy, dz) };
+        let hidden: BTreeSet<ScenePart> = scene_parts(hidden).into_iter().collect();
+        let isolated: Option<BTreeSet<ScenePart>> =
+            isolated.map(|pairs| scene_parts(&pairs).into_iter().collect());
+        let hit = self.core.pick(ray, |part| {
+            hidden.contains(&part) || isolated.as_ref().is_some_and(|isolated| !isolated.contains(&part))
+        })?;
+        let numbers = [hit.part.instance.into(), hit.part.part.into()];
+        Some([&numbers[..], &hit.place.to_array(), &[hit.distance]].concat())
     }
-}
 
-fn object(answer: &PartAnswer) -> JsValue {
-    let (info, absence) = match &answer.info {
-        Ok(info) => {
-            let extras = info.extras.as_deref().map_or(JsValue::UNDEFINED, JsValue::from);
-            let info = fields([
-                ("name", info.name.as_str().into()),
-                ("path", info.path.as_str().into()),
-                ("extras", extras),
-            ]);
-            (info.into(), JsValue::UNDEFINED)
-        }
-        Err(absence) => (JsValue::UNDEFINED, absence.to_string().into()),
-    };
-    let PartId { instance, part } = answer.id;
-    fields([("instance", instance.into()), ("part", part.into()), ("info", info), ("absence", absence)])
-        .into()
+    /// Bounds of a part as it is drawn: centre and radius of a sphere, lowest and highest coordinates. None for a part
+    /// without faces, or that has not arrived.
+    #[must_use]
+    pub fn part_bounds(&self, instance: u32, part: u32) -> Option<Vec<f64>> {
+        let bounds = self.core.part_bounds(ScenePart { instance, part })?;
+        let [low, high] = bounds.extent.map(|corner| corner.to_array());
+        Some([&bounds.centre.to_array()[..], &[bounds.radius], &low, &high].concat())
+    }
 }

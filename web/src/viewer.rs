@@ -6,14 +6,16 @@ use std::time::Duration;
 
 use lodestream_client::core::TexturePixels;
 use lodestream_render::{
-    AmbientOcclusion, AntiAliasing, Counters, Gpu, LightCulling, OcclusionMethod, RenderError, Renderer,
-    SceneView, Settings, Shadows, Target, Texels, upload_budget,
+    AmbientOcclusion, AntiAliasing, Counters, Gpu, LightCulling, OcclusionMethod, PartState, RenderError,
+    Renderer, SceneView, Settings, Shadows, Target, Texels, Tint, upload_budget,
 };
 use lodestream_scene::description::Camera;
 use lodestream_scene::encoding;
+use lodestream_scene::parts::ScenePart;
 use lodestream_viewing::{CameraController, FULL, Mode, Quality, Step};
 use wasm_bindgen::prelude::*;
 
+use crate::parts::scene_parts;
 use crate::steps;
 
 /// Time for terrain tiles in each of the browser's frames in which the device is busy.
@@ -331,6 +333,70 @@ impl Viewer {
     /// Returns to the start.
     pub fn reset(&mut self, now_ms: f64) {
         self.moved(now_ms, |controller, _| controller.reset());
+    }
+
+    /// Hides a part, or tints it with an sRGB colour `0xrrggbb` of a strength from 0 to 1; neither shows it as it is.
+    /// Parts may be named before they arrive.
+    ///
+    /// # Errors
+    /// A part that no asset can have, or errors of the graphics device.
+    pub fn set_part(
+        &mut self,
+        instance: u32,
+        part: u32,
+        hidden: bool,
+        colour: Option<u32>,
+        strength: f32,
+    ) -> Result<(), String> {
+        let tint = colour.map(|colour| {
+            let [_, r, g, b] = colour.to_be_bytes();
+            Tint { colour: [r, g, b], strength }
+        });
+        let state = (ScenePart { instance, part }, PartState { hidden, tint });
+        self.scene.set_parts(&self.gpu, &[state]).map_err(text)?;
+        self.changed_parts();
+        Ok(())
+    }
+
+    /// Draws these parts alone, given as pairs of instance and part; none ends the isolation.
+    ///
+    /// # Errors
+    /// As [`Viewer::set_part`].
+    pub fn isolate_parts(&mut self, pairs: Option<Vec<u32>>) -> Result<(), String> {
+        let parts = pairs.map(|pairs| scene_parts(&pairs));
+        self.scene.isolate_parts(&self.gpu, parts.as_deref()).map_err(text)?;
+        self.changed_parts();
+        Ok(())
+    }
+
+    /// Shows all parts as they are.
+    ///
+    /// # Errors
+    /// Errors of the graphics device.
+    pub fn clear_parts(&mut self) -> Result<(), String> {
+        self.scene.clear_parts(&self.gpu).map_err(text)?;
+        self.changed_parts();
+        Ok(())
+    }
+
+    fn changed_parts(&mut self) {
+        self.is_final = false;
+        self.dirty = true;
+    }
+
+    /// The ray through a place of the picture, in pixels of the device from its upper left corner: origin and direction
+    /// for [`crate::Streamer::pick`]. None before the scene has begun.
+    #[must_use]
+    pub fn ray(&self, x: f64, y: f64) -> Option<Vec<f64>> {
+        let pose = self.controller?.pose();
+        let direction = pose.direction([x, y], (self.config.width, self.config.height));
+        Some([pose.eye.to_array(), direction.to_array()].concat())
+    }
+
+    /// Moves, without turning, to where a sphere just fits into the picture.
+    pub fn fit(&mut self, now_ms: f64, x: f64, y: f64, z: f64, radius: f64) {
+        let aspect = f64::from(self.config.width) / f64::from(self.config.height);
+        self.moved(now_ms, |controller, _| controller.fit([x, y, z].into(), radius, aspect));
     }
 
     fn moved(&mut self, now_ms: f64, change: impl FnOnce(&mut CameraController, f64)) {

@@ -3,26 +3,19 @@
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use lodestream_scene::blob::{BlobId, PartBlob};
-use lodestream_scene::parts::{INSTANCES_PER_PAGE, PartInfo, PartTable, PartsError, RECORDS_PER_PAGE};
+use lodestream_scene::parts::{
+    INSTANCES_PER_PAGE, PartInfo, PartTable, PartsError, RECORDS_PER_PAGE, ScenePart,
+};
 use lodestream_select::{Priority, State, Wanted};
 
 /// Most lookups that wait, and most answers that are kept; more are answered by [`PartAbsence::TooMany`] or dropped.
 pub(super) const MAX_LOOKUPS: usize = 1024;
 
-/// A part of the scene.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct PartId {
-    /// Number of the instance.
-    pub instance: u32,
-    /// Number of the part within it: the index among the members of a batch, else 0.
-    pub part: u32,
-}
-
 /// The answer to a lookup.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PartAnswer {
     /// The part.
-    pub id: PartId,
+    pub id: ScenePart,
     /// What it is called, or why that is not known.
     pub info: Result<PartInfo, PartAbsence>,
 }
@@ -61,7 +54,7 @@ pub(super) enum PartBlobError {
 /// A lookup that waits.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lookup {
-    pub(super) id: PartId,
+    pub(super) id: ScenePart,
     /// Its record, once the directory has told it.
     pub(super) record: Option<u32>,
 }
@@ -101,7 +94,7 @@ impl PartLookups {
         }
     }
 
-    pub(super) fn answer(&mut self, id: PartId, info: Result<PartInfo, PartAbsence>) {
+    pub(super) fn answer(&mut self, id: ScenePart, info: Result<PartInfo, PartAbsence>) {
         // Only a host that never takes answers lets them reach the limit.
         if self.answers.len() < MAX_LOOKUPS {
             self.answers.push_back(PartAnswer { id, info });

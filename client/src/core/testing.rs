@@ -46,7 +46,7 @@ pub(crate) fn prepared() -> &'static (QuantisedMesh, Prepared) {
     })
 }
 
-fn coded(mesh: &QuantisedMesh, codec: geometry::Codec) -> Prepared {
+pub(crate) fn coded(mesh: &QuantisedMesh, codec: geometry::Codec) -> Prepared {
     let settings = geometry::Settings { region_faces: 300, codec, ..geometry::Settings::default() };
     let mut prepared = lodestream_compress::prepare(mesh, &settings, &Serial, &Silent).unwrap();
     prepared.base.description = description().encode().unwrap();
@@ -139,7 +139,8 @@ impl TestScene {
         Self::of(&coded(&prepared().0, geometry::Codec::Zstd), 1)
     }
 
-    fn of(prepared: &Prepared, assets: u32) -> Self {
+    /// Assets of one mesh each.
+    pub(crate) fn of(prepared: &Prepared, assets: u32) -> Self {
         let base = lodestream_compress::encode_base(&prepared.base).unwrap();
         let mut blobs = BTreeMap::from([(BlobPart::Base, Bytes::from(base))]);
         for (n, page) in (0..).zip(&prepared.pages) {
@@ -207,6 +208,13 @@ impl TestScene {
         for entry in page.assets.iter_mut().skip(1) {
             entry.shared = vec![SharedTexture { texture: 0, asset: 0, of: 0 }];
         }
+        self
+    }
+
+    /// The same with other instances.
+    pub(crate) fn with_instances(mut self, instances: Vec<Instance>) -> Self {
+        self.header.instance_count = instances.len() as u32;
+        Arc::make_mut(&mut self.page).instances = instances;
         self
     }
 

@@ -3,6 +3,7 @@
 mod decoding;
 mod faults;
 mod parts;
+mod picking;
 mod punctual_lights;
 mod restated;
 mod shared;

@@ -7,8 +7,9 @@ use lodestream_scene::punctual_lights::PunctualLight;
 
 use super::testing::{Fault, RangeLoopback};
 use super::{Object, RangeRequest};
+use crate::core::PartAbsence;
 use crate::core::testing::{Loopback, TestScene};
-use crate::core::{PartAbsence, PartId};
+use lodestream_scene::parts::ScenePart;
 
 fn link() -> RangeLoopback {
     RangeLoopback::new(&TestScene::new(3), |_| {})
@@ -284,7 +285,7 @@ fn names_of_parts_come_by_ranges_on_demand() {
     link.settle();
     let requests = link.core.stats().requests;
     for (instance, part, record) in [(1, 299, 300), (2, 0, 301), (1, 298, 299)] {
-        link.core.look_up_part(link.now, PartId { instance, part });
+        link.core.look_up_part(link.now, ScenePart { instance, part });
         if record == 300 {
             link.run(2000);
         }
@@ -294,13 +295,13 @@ fn names_of_parts_come_by_ranges_on_demand() {
     // The directory and the table of pages, then the page, unless they came with the beginning of the scene.
     let more = link.core.stats().requests - requests;
     assert!(more <= 3, "{more} requests");
-    link.core.look_up_part(link.now, PartId { instance: 0, part: 0 });
+    link.core.look_up_part(link.now, ScenePart { instance: 0, part: 0 });
     link.run(2000);
     assert_eq!(link.core.take_part().unwrap().info, Ok(called(0)));
     assert!(link.core.stats().requests - requests <= more + 1);
     // A scene that was published without a table.
     let mut link = RangeLoopback::new(&TestScene::new(1), |_| {});
-    link.core.look_up_part(link.now, PartId { instance: 0, part: 0 });
+    link.core.look_up_part(link.now, ScenePart { instance: 0, part: 0 });
     link.settle();
     assert_eq!(link.core.take_part().unwrap().info, Err(PartAbsence::NoNames));
 }

@@ -21,6 +21,7 @@ fn settled<N: Fn()>(notify: N) -> (StreamHost<N>, watch::Receiver<Status>, Time)
         core: link.core,
         controls,
         tokens,
+        questions: questions::channel().1,
         // There is no renderer.
         steps: None,
         lookups: mpsc::channel(1).1,

@@ -73,12 +73,15 @@ pub use resources::staging::{MAX_WAITING_STEPS, upload_budget};
 pub use resources::texture::{Texture, TextureData, TextureShape};
 #[cfg(any(test, feature = "methods"))]
 pub use resources::vertex::mark_smooth;
-pub use resources::vertex::{HostMesh, PackedVertex};
+pub use resources::vertex::{HostMesh, MAX_PARTS, PackedVertex};
 pub use scene::asset::AssetGpu;
 pub use scene::environment::{Atmosphere, Environment, GradientSky, Haze, Sky};
 #[cfg(feature = "client")]
 pub use scene::held_texels::Texels;
 pub use scene::lights::{LIGHT_TILES, LightCulling, MAX_LIGHTS};
+pub use scene::part_states::{InstanceStates, PartState, PartStates, Tint};
+#[cfg(feature = "client")]
+pub use scene::scene_parts::HiddenParts;
 #[cfg(feature = "client")]
 pub use scene::scene_view::SceneView;
 pub use scene::terrain::{

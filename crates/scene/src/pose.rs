@@ -44,6 +44,16 @@ impl Pose {
         let y = (self.fov_y.clamp(1e-5, std::f64::consts::PI - 1e-3) * 0.5).tan();
         (y * f64::from(width_px.max(1)) / f64::from(height_px.max(1)), y)
     }
+
+    /// Direction from the eye through a place of a picture, in pixels from its upper left corner; world axes, not of
+    /// unit length.
+    #[must_use]
+    pub fn direction(&self, [x, y]: [f64; 2], (width_px, height_px): (u32, u32)) -> DVec3 {
+        let (across, up) = self.tan_half_fov(width_px, height_px);
+        let right = 2.0 * x / f64::from(width_px.max(1)) - 1.0;
+        let down = 2.0 * y / f64::from(height_px.max(1)) - 1.0;
+        self.rotation * DVec3::new(right * across, -down * up, -1.0)
+    }
 }
 
 #[cfg(test)]
@@ -58,6 +68,15 @@ mod tests {
         assert!(v.x.abs() < 1e-12 && v.y.abs() < 1e-12 && v.z < 0.0, "{v}");
         let up = pose.rotation * DVec3::Y;
         assert!(up.y > 0.9);
+    }
+
+    #[test]
+    fn directions_lead_through_pixels() {
+        let pose = Pose::look_at(DVec3::Z, DVec3::ZERO, DVec3::Y, std::f64::consts::FRAC_PI_2);
+        let off = |at, want: [f64; 3]| (pose.direction(at, (200, 100)) - DVec3::from(want)).length();
+        assert!(off([100.0, 50.0], [0.0, 0.0, -1.0]) < 1e-12);
+        assert!(off([0.0, 0.0], [-2.0, 1.0, -1.0]) < 1e-12);
+        assert!(off([150.0, 100.0], [1.0, -1.0, -1.0]) < 1e-12);
     }
 
     #[test]

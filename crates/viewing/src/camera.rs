@@ -11,6 +11,8 @@ const TURN_PER_PX: f64 = 0.005;
 const DOLLY_PER_LINE: f64 = 0.88;
 /// Smallest angle between the view and up.
 const POLE: f64 = 0.02;
+/// Room around what the camera is fitted to, as a factor.
+const FIT_MARGIN: f64 = 1.1;
 
 /// Mode of the camera controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -142,6 +144,20 @@ impl CameraController {
         self.shift(direction.normalize_or_zero() * self.speed * seconds * if fast { 4.0 } else { 1.0 });
     }
 
+    /// Moves, without turning, to where a sphere just fits into a picture `aspect` times as wide as high, and orbits
+    /// about its centre.
+    pub fn fit(&mut self, centre: DVec3, radius: f64, aspect: f64) {
+        let up = (f64::from(self.now.fov_y) * 0.5).tan();
+        let least = up.min(up * aspect).atan();
+        let distance = (FIT_MARGIN * radius / least.sin()).clamp(1e-9, 1e12);
+        if !centre.is_finite() || !distance.is_finite() {
+            return;
+        }
+        self.now.eye = (centre - self.forward() * distance).into();
+        self.now.target = centre.into();
+        self.speed = 0.5 * distance;
+    }
+
     /// Moves eye and target up.
     pub fn lift(&mut self, up: f64) {
         self.shift(DVec3::Y * up);
@@ -196,6 +212,25 @@ mod tests {
         let mut controller = self::controller();
         controller.turn(50.0, 0.0);
         assert!(controller.eye().x < 0.0);
+    }
+
+    #[test]
+    fn a_fitted_sphere_fills_the_picture_without_turning() {
+        for aspect in [0.5, 1.0, 2.0] {
+            let mut controller = controller();
+            controller.turn(120.0, -40.0);
+            let (forward, centre) = (controller.forward(), DVec3::new(1e6, -3.0, 7.0));
+            controller.fit(centre, 2.0, aspect);
+            assert!((controller.forward() - forward).length() < 1e-6);
+            assert_eq!(controller.target(), centre);
+            // Half the angle that the sphere takes, against the narrower half field of view.
+            let seen = (2.0 / controller.distance()).asin();
+            let (x, y) = controller.pose().tan_half_fov((1000.0 * aspect) as u32, 1000);
+            let narrow = x.min(y).atan();
+            assert!(seen < narrow && seen > 0.85 * narrow, "{aspect}: {seen} {narrow}");
+            controller.fit(DVec3::NAN, 1.0, 1.0);
+            assert_eq!(controller.target(), centre);
+        }
     }
 
     #[test]

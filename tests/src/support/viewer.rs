@@ -3,11 +3,12 @@
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
-use lodestream_client::core::{Change, Config, PartAbsence, PartId, StartView};
+use lodestream_client::core::{Change, Config, PartAbsence, StartView};
 use lodestream_client::net::{Address, End, Retry, Server};
 use lodestream_client::streaming::{Status, Streaming};
 use lodestream_protocol::message::Token;
 use lodestream_scene::parts::PartInfo;
+use lodestream_scene::parts::ScenePart;
 
 use super::{LIMIT, PICTURE_PX};
 
@@ -58,7 +59,7 @@ impl Viewer {
 
     /// What a part is called; waits for the answer.
     pub(crate) fn part(&mut self, instance: u32, part: u32) -> Result<PartInfo, PartAbsence> {
-        let id = PartId { instance, part };
+        let id = ScenePart { instance, part };
         assert!(self.streaming.look_up_part(id), "streaming has ended");
         let until = Instant::now() + LIMIT;
         loop {

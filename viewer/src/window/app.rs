@@ -95,7 +95,7 @@ impl ApplicationHandler<Event> for App {
         let Some(running) = &mut self.running else { return };
         // The timeout is checked here too, because an idle window draws no frames.
         let late = self.args.timeout.is_some_and(|limit| running.now() >= limit.0);
-        if running.receive() || late {
+        if running.receive() || running.awaits_answer() || late {
             running.dirty = true;
             running.painter.window.request_redraw();
         }
@@ -121,7 +121,9 @@ impl ApplicationHandler<Event> for App {
                 if let PhysicalKey::Code(code) = event.physical_key
                     && !event.repeat
                 {
-                    running.key(code, event.state == ElementState::Pressed);
+                    if let Err(why) = running.key(code, event.state == ElementState::Pressed) {
+                        return self.fail(events, why);
+                    }
                     redraw = true;
                 }
             }
@@ -131,7 +133,7 @@ impl ApplicationHandler<Event> for App {
                 running.button = None;
             }
             WindowEvent::MouseInput { state, button, .. } => {
-                running.button = (state == ElementState::Pressed && !consumed).then_some(button);
+                running.button(button, state == ElementState::Pressed, consumed);
             }
             WindowEvent::CursorMoved { position, .. } => redraw |= running.drag(position),
             WindowEvent::MouseWheel { delta, .. } if !consumed => {

@@ -7,6 +7,7 @@ mod keys;
 mod overlay;
 mod painter;
 mod running;
+mod selection;
 mod session_status;
 mod state;
 mod steps;

@@ -107,6 +107,7 @@ fn contents(ui: &mut egui::Ui, stats: &Stats, state: &OverlayState<'_>, choices:
     choices.timed = times.body_returned.is_some();
     ui.separator();
     ui.small("drag: turn · right drag: pan · wheel: nearer · F: fly or orbit · WASD QE: move · R: reset · H: hide this");
+    ui.small("click: select a part · X: hide it · I: isolate it · Z: go to it · U: show all");
 }
 
 /// Controls for the parameters of passes.

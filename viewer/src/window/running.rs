@@ -1,5 +1,7 @@
 //! State that lives as long as the window, and the steps of its frames.
 
+mod parts;
+
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -19,6 +21,7 @@ use super::input;
 use super::keys::Keys;
 use super::overlay::{self, Choices, OverlayState};
 use super::painter::{self, Painted, Painter};
+use super::selection::Selection;
 use lodestream_viewing::{CameraController, Mode, Quality, Step};
 
 use super::session_status::SessionStatus;
@@ -48,6 +51,9 @@ pub(super) struct Running {
     pub(super) keys: Keys,
     pub(super) button: Option<MouseButton>,
     pointer: PhysicalPosition<f64>,
+    /// Where the button was pressed.
+    pressed_at: PhysicalPosition<f64>,
+    selection: Selection,
     drawn: Option<Instant>,
     counters: Counters,
     frame_ms: f64,
@@ -133,6 +139,8 @@ impl Running {
             keys: Keys::default(),
             button: None,
             pointer: PhysicalPosition::default(),
+            pressed_at: PhysicalPosition::default(),
+            selection: Selection::default(),
             drawn: None,
             counters: Counters::default(),
             frame_ms: 0.0,
@@ -256,6 +264,7 @@ impl Running {
 
     /// Draws a frame; returns the time until the next.
     pub(super) fn frame(&mut self, args: &Args) -> anyhow::Result<Duration> {
+        self.dirty |= self.update_parts(args)?;
         if self.is_unchanged()? {
             return Ok(TILES_INTERVAL);
         }
@@ -364,6 +373,7 @@ impl Running {
                 _ => "orbit",
             },
             camera: self.controller.map(|controller| controller.describe()).unwrap_or_default(),
+            part: self.selection.describe(),
             draw: self.counters.clone(),
             gpu_bytes: self.scene.geometry_bytes(),
             waiting_steps: self.scene.waiting(),
@@ -406,11 +416,19 @@ impl Running {
         }
     }
 
-    pub(super) fn key(&mut self, code: KeyCode, pressed: bool) {
+    /// Handles a key that went down or up.
+    ///
+    /// # Errors
+    /// Errors of the graphics device.
+    pub(super) fn key(&mut self, code: KeyCode, pressed: bool) -> anyhow::Result<()> {
         input::key(self.now(), code, pressed, &mut self.keys, self.controller.as_mut(), &mut self.quality);
         if code == KeyCode::KeyH && pressed && self.controller.is_some() {
             self.choices.hidden ^= true;
         }
+        if pressed {
+            self.selection.key(code, &self.painter.gpu, &mut self.scene, &self.streaming)?;
+        }
+        Ok(())
     }
 
     pub(super) fn drag(&mut self, to: PhysicalPosition<f64>) -> bool {

@@ -11,12 +11,13 @@ use lodestream_select::State;
 
 use super::ClientCore;
 use super::state::ReceivedBlob;
-use crate::core::parts::{Lookup, MAX_LOOKUPS, PartAbsence, PartAnswer, PartBlobError, PartId};
+use crate::core::parts::{Lookup, MAX_LOOKUPS, PartAbsence, PartAnswer, PartBlobError};
+use lodestream_scene::parts::ScenePart;
 
 impl ClientCore {
     /// Looks up what a part is called; [`ClientCore::take_part`] gives the answer, at once if the client has it, else when
     /// it has arrived. Before a scene is known, the lookup waits for one. At most 1,024 wait.
-    pub fn look_up_part(&mut self, now: Time, id: PartId) {
+    pub fn look_up_part(&mut self, now: Time, id: ScenePart) {
         if self.parts.waiting.len() >= MAX_LOOKUPS {
             return self.parts.answer(id, Err(PartAbsence::TooMany));
         }
@@ -53,7 +54,7 @@ impl ClientCore {
 
     /// What the part of a lookup is called; `None` as long as something has to arrive.
     fn advance_lookup(&mut self, lookup: &mut Lookup) -> Option<Result<PartInfo, PartAbsence>> {
-        let PartId { instance, part } = lookup.id;
+        let ScenePart { instance, part } = lookup.id;
         let instances = self.scene.header.as_ref()?.instance_count;
         if instance >= instances {
             return Some(Err(PartAbsence::NoSuchPart));

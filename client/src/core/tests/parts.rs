@@ -6,10 +6,11 @@ use lodestream_scene::blob::BlobId;
 use lodestream_scene::parts::{PartInfo, PartTable};
 
 use super::{Loopback, TestScene};
-use crate::core::{PartAbsence, PartAnswer, PartId};
+use crate::core::{PartAbsence, PartAnswer};
+use lodestream_scene::parts::ScenePart;
 
-fn part(instance: u32, part: u32) -> PartId {
-    PartId { instance, part }
+fn part(instance: u32, part: u32) -> ScenePart {
+    ScenePart { instance, part }
 }
 
 fn called(number: u32) -> PartInfo {
@@ -37,7 +38,7 @@ fn part_blobs(link: &Loopback) -> Vec<BlobId> {
 }
 
 /// Looks up a part and waits for the answer, at most a minute of virtual time.
-fn look_up(link: &mut Loopback, id: PartId) -> Result<PartInfo, PartAbsence> {
+fn look_up(link: &mut Loopback, id: ScenePart) -> Result<PartInfo, PartAbsence> {
     link.core.look_up_part(link.now, id);
     for _ in 0..60_000 {
         if let Some(answer) = link.core.take_part() {

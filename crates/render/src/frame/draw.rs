@@ -89,7 +89,7 @@ pub(crate) struct DrawList<'a> {
 }
 
 impl<'a> DrawList<'a> {
-    /// Culls instances outside the view or with positions that are not finite; sorts the rest front to back for the
+    /// Culls instances that are hidden, outside the view or with positions that are not finite; sorts the rest front to back for the
     /// depth test.
     pub(crate) fn new(frame: &Frame<'a>, size: (u32, u32), counters: &mut Counters) -> Self {
         let (instances, batches, places) = (Vec::new(), Vec::new(), Vec::new());
@@ -100,7 +100,8 @@ impl<'a> DrawList<'a> {
                 .iter()
                 .enumerate()
                 .filter_map(|(index, instance)| {
-                    Some((index as u32, place(instance, drawable.asset, frame, size)?))
+                    let states = drawable.asset.part_states(index)?;
+                    Some((index as u32, place(instance, states, drawable.asset, frame, size)?))
                 })
                 .collect();
             counters.instances_culled += (drawable.instances.len() - seen.len()) as u32;
@@ -253,6 +254,7 @@ impl<'a> DrawList<'a> {
         each(batches, pass, meshes, |pass, pipelines, part, _| {
             let drawn = !part.material.features.blend;
             if drawn {
+                pass.set_bind_group(1, &part.material.group, &[]);
                 pass.set_pipeline(pipelines.motion(gpu));
             }
             drawn
@@ -342,14 +344,16 @@ struct VisibleInstance {
     raw: InstanceRaw,
 }
 
-/// Places an instance; `None` if it is outside the view.
+/// Places an instance with its part states; `None` if it is outside the view.
 fn place(
     placement: &Placement,
+    states: u32,
     asset: &AssetGpu,
     frame: &Frame<'_>,
     size: (u32, u32),
 ) -> Option<VisibleInstance> {
-    let raw = finite(InstanceRaw::new(placement, asset.origin(), frame.camera.eye))?;
+    let raw = InstanceRaw::new(placement, asset.origin(), frame.camera.eye).with_states(states);
+    let raw = finite(raw)?;
     let (centre, radius) = raw.sphere(asset.sphere());
     let in_view = may_see(&frame.camera, centre, radius, size);
     let distance = (centre.length() - radius).max(0.0);

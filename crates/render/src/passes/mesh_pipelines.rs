@@ -121,7 +121,6 @@ pub(crate) struct MeshPipelines {
     /// `None` where the device cannot draw triangles as lines.
     wire: OnceLock<Option<wgpu::RenderPipeline>>,
     caster: OnceLock<wgpu::RenderPipeline>,
-    caster_layout: wgpu::PipelineLayout,
     pierced_caster: OnceLock<wgpu::RenderPipeline>,
     motion: OnceLock<wgpu::RenderPipeline>,
     emission: OnceLock<wgpu::RenderPipeline>,
@@ -178,14 +177,10 @@ impl MeshPipelines {
         (kit, frame): (&MaterialBindings, &wgpu::BindGroupLayout),
     ) -> Self {
         let material = &kit.layout;
-        let with_lists = |label, groups: [Option<&wgpu::BindGroupLayout>; 2]| {
-            let groups = [groups[0], groups[1], lists.as_ref()];
-            let count = groups.iter().rposition(Option::is_some).map_or(0, |last| last + 1);
-            pipeline_layout(gpu, label, &groups[..count])
-        };
+        let groups = [Some(frame), Some(material), lists.as_ref()];
+        let groups = if lists.is_some() { &groups[..] } else { &groups[..2] };
         Self {
-            layout: with_lists("meshes", [Some(frame), Some(material)]),
-            caster_layout: with_lists("casters", [Some(frame), None]),
+            layout: pipeline_layout(gpu, "meshes", groups),
             material: material.clone(),
             texts,
             buffers,
@@ -240,10 +235,9 @@ impl MeshPipelines {
         self.wire.get_or_init(|| self.pass(gpu).wire(gpu, ["vs_wire", "fs_wire"])).as_ref()
     }
 
-    /// Opaque shadow casters.
+    /// Opaque shadow casters; needs group 1 for the states of parts.
     pub(crate) fn caster(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
-        self.caster
-            .get_or_init(|| self.pass_of(self.module(gpu), &self.caster_layout).caster(gpu, "vs_caster"))
+        self.caster.get_or_init(|| self.pass(gpu).caster(gpu, "vs_caster"))
     }
 
     /// Compiles the pipelines that a material needs beyond those of the settings alone.
@@ -310,11 +304,11 @@ impl MeshPipelines {
         self.pierced_caster.get_or_init(|| self.pass(gpu).pierced_caster(gpu, ["vs_pierced", "fs_pierced"]))
     }
 
-    /// Motion vectors; a third buffer holds the previous instances.
+    /// Motion vectors; needs group 1; a third buffer holds the previous instances.
     pub(crate) fn motion(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
         self.motion.get_or_init(|| {
             let module = shader(gpu, "motion", self.texts.motion);
-            let layout = &self.caster_layout;
+            let layout = &self.layout;
             let pass = GeometryPass { module: &module, layout, buffers: self.buffers[1] };
             pass.motion(gpu, ["vs_motion", "fs_motion"])
         })

@@ -2,6 +2,11 @@
 
 use bytemuck::{Pod, Zeroable};
 
+/// Most parts of an asset.
+pub const MAX_PARTS: u32 = 1 << 20;
+const LEVEL_BITS: u32 = 8;
+const MAX_LEVEL: u32 = (1 << LEVEL_BITS) - 1;
+
 /// One wedge of an asset, ready for the GPU.
 ///
 /// All wedges of one vertex must carry the same `position`, `morph_from` and `birth_s`, or the
@@ -15,8 +20,9 @@ pub struct PackedVertex {
     pub birth_s: f32,
     /// Position from which the vertex morphs after its birth; equal to `position` if it does not move.
     pub morph_from: [f32; 3],
-    /// Level of refinement that brought the vertex (0 = base mesh), for [`crate::DebugView::Level`].
-    pub level: u32,
+    /// Part that the vertex belongs to, shifted by 8 bits, and the level of refinement that brought it; see
+    /// [`PackedVertex::of_part`] and [`PackedVertex::at_level`].
+    pub part_and_level: u32,
     /// Texture coordinates, `v` up as in OBJ.
     pub uv: [f32; 2],
     /// Unit normal as signed 16-bit fractions. The fourth is not 0 if all wedges of the vertex have this normal, so
@@ -27,7 +33,7 @@ pub struct PackedVertex {
 }
 
 impl PackedVertex {
-    /// A white vertex without morph: `morph_from = position`, born at time 0, level 0.
+    /// A white vertex without morph: `morph_from = position`, born at time 0, level 0, part 0.
     #[must_use]
     pub fn new(position: [f32; 3], normal: [f32; 3], uv: [f32; 2]) -> Self {
         let (normal, colour) = (pack_normal(normal), [255; 4]);
@@ -54,10 +60,29 @@ impl PackedVertex {
         self
     }
 
-    /// The same vertex, marked with a level of refinement.
+    /// The same vertex, marked with a level of refinement (0 = base mesh, at most 255), for
+    /// [`crate::DebugView::Level`].
     #[must_use]
     pub fn at_level(self, level: u32) -> Self {
-        Self { level, ..self }
+        Self { part_and_level: self.part_and_level & !MAX_LEVEL | level.min(MAX_LEVEL), ..self }
+    }
+
+    /// The same vertex, in a part of its asset below [`crate::MAX_PARTS`]. All corners of a face must have the same.
+    #[must_use]
+    pub fn of_part(self, part: u32) -> Self {
+        Self { part_and_level: self.level() | part.min(MAX_PARTS - 1) << LEVEL_BITS, ..self }
+    }
+
+    /// Level of refinement that brought the vertex.
+    #[must_use]
+    pub const fn level(&self) -> u32 {
+        self.part_and_level & MAX_LEVEL
+    }
+
+    /// Part that the vertex belongs to.
+    #[must_use]
+    pub const fn part(&self) -> u32 {
+        self.part_and_level >> LEVEL_BITS
     }
 }
 
@@ -108,6 +133,17 @@ mod tests {
         assert_eq!(size_of::<PackedVertex>(), 52);
         let offsets: Vec<u64> = VERTEX_ATTRIBUTES.iter().map(|a| a.offset).collect();
         assert_eq!(offsets, [0, 12, 16, 28, 32, 40, 48]);
+    }
+
+    #[test]
+    fn part_and_level_are_independent() {
+        let vertex = PackedVertex::default().at_level(300).of_part(MAX_PARTS - 1);
+        assert_eq!((vertex.level(), vertex.part()), (255, MAX_PARTS - 1));
+        let vertex = vertex.at_level(7);
+        assert_eq!((vertex.level(), vertex.part()), (7, MAX_PARTS - 1));
+        let vertex = vertex.of_part(3);
+        assert_eq!((vertex.level(), vertex.part()), (7, 3));
+        assert_eq!(vertex.of_part(u32::MAX).part(), MAX_PARTS - 1);
     }
 
     #[test]

@@ -15,6 +15,8 @@ use crate::resources::uploads::Uploads;
 use crate::resources::vertex::HostMesh;
 use crate::resources::vertex::PackedVertex;
 use crate::scene::material_bindings::{BoundMaterial, Features, MaterialBindings};
+use crate::scene::part_states::PartStates;
+use crate::scene::part_table::{PartTable, Written};
 
 /// Largest gap between touched slots that is bridged by one upload. Each vertex costs the computation of a star, faces
 /// cost nothing.
@@ -50,6 +52,7 @@ pub struct AssetGpu {
     vertices: GrowingBuffer<PackedVertex>,
     parts: Vec<Part>,
     textures: Vec<Texture>,
+    states: PartTable,
 }
 
 /// Bounds of all vertices ever written, and when their morphs end.
@@ -103,7 +106,7 @@ impl AssetGpu {
             .iter()
             .map(|material| Part {
                 material: material.clone(),
-                bound: kit.bind(gpu, material, &textures),
+                bound: kit.bind(gpu, material, &textures, &PartTable::default()),
                 indices: GrowingBuffer::new("index buffer", wgpu::BufferUsages::INDEX | read),
             })
             .collect();
@@ -119,6 +122,7 @@ impl AssetGpu {
             vertices,
             parts,
             textures,
+            states: PartTable::default(),
         }
     }
 
@@ -302,7 +306,7 @@ impl AssetGpu {
     pub fn set_material(&mut self, gpu: &Gpu, index: usize, material: Material) -> Result<(), RenderError> {
         let count = self.parts.len();
         let part = self.parts.get_mut(index).ok_or(RenderError::NoSuch { what: "material", index, count })?;
-        part.bound = self.kit.bind(gpu, &material, &self.textures);
+        part.bound = self.kit.bind(gpu, &material, &self.textures, &self.states);
         part.material = material;
         self.changed_look(true);
         Ok(())
@@ -348,7 +352,7 @@ impl AssetGpu {
             for part in &mut self.parts {
                 let material = &part.material;
                 if material.textures().any(|used| usize::from(used) == texture) {
-                    part.bound = self.kit.bind(gpu, material, &self.textures);
+                    part.bound = self.kit.bind(gpu, material, &self.textures, &self.states);
                     holes |= part.bound.features.mask;
                 }
             }
@@ -357,7 +361,33 @@ impl AssetGpu {
         Ok(())
     }
 
-    /// Marks materials or textures as changed; `holes`: alpha-tested holes, and thus shadows, may have changed.
+    /// Hides or tints parts ([`PackedVertex::of_part`]) of the asset's instances, which are numbered as in
+    /// [`crate::Drawable::instances`]; replaces all earlier states. PN triangles and ink follow only where a whole instance is hidden. Costs
+    /// one write to the device, in proportion to the largest part listed of each instance; nothing is compiled.
+    ///
+    /// # Errors
+    /// [`RenderError::NoSuch`] for a part from [`crate::MAX_PARTS`] on, [`RenderError::TooLarge`] past the device's
+    /// limit of textures; nothing is changed then.
+    pub fn set_part_states(&mut self, gpu: &Gpu, states: PartStates) -> Result<(), RenderError> {
+        let written = self.states.set(gpu, states)?;
+        if written == Written::NewTexture {
+            for part in &mut self.parts {
+                part.bound = self.kit.bind(gpu, &part.material, &self.textures, &self.states);
+            }
+        }
+        if written != Written::Nothing {
+            self.changed_look(true);
+        }
+        Ok(())
+    }
+
+    /// Where the states of an instance's parts begin; `None` if nothing of it is drawn.
+    pub(crate) fn part_states(&self, instance: usize) -> Option<u32> {
+        self.states.start(instance)
+    }
+
+    /// Marks materials, textures or part states as changed; `holes`: what is drawn at all, and thus shadows, may have
+    /// changed.
     fn changed_look(&mut self, holes: bool) {
         self.look_stamp = new_stamp();
         if holes {

@@ -8,6 +8,7 @@ use wgpu::util::DeviceExt;
 
 use crate::resources::gpu::Gpu;
 use crate::resources::texture::Texture;
+use crate::scene::part_table::PartTable;
 use crate::scene::relief_acceleration::ReliefAcceleration;
 
 /// `Material` of `gbuffer.wgsl`.
@@ -35,6 +36,7 @@ const KINDS: [(u32, TextureKind); 5] = [
     (6, TextureKind::Color),
 ];
 const SAMPLER: u32 = 3;
+const PART_STATES: u32 = 7;
 const WRAPS: [Wrap; 3] = [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror];
 
 /// Shared by all materials: layout, samplers and placeholder textures.
@@ -52,6 +54,8 @@ pub(crate) struct MaterialBindings {
     plain: wgpu::TextureView,
     /// Placeholder normal map: the surface's normal.
     straight: wgpu::TextureView,
+    /// Placeholder of [`PartTable`].
+    no_states: wgpu::TextureView,
 }
 
 fn sampler(gpu: &Gpu, [u, v]: [Wrap; 2]) -> wgpu::Sampler {
@@ -112,6 +116,16 @@ impl MaterialBindings {
             entry(SAMPLER, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
         ];
         entries.extend(KINDS.map(|(binding, _)| entry(binding, texture)));
+        entries.push(wgpu::BindGroupLayoutEntry {
+            binding: PART_STATES,
+            visibility: wgpu::ShaderStages::VERTEX,
+            ty: wgpu::BindingType::Texture {
+                sample_type: wgpu::TextureSampleType::Uint,
+                view_dimension: wgpu::TextureViewDimension::D2,
+                multisampled: false,
+            },
+            count: None,
+        });
         let layout = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("material"),
             entries: &entries,
@@ -124,11 +138,18 @@ impl MaterialBindings {
             flat: texel(gpu, wgpu::TextureFormat::R8Unorm, &[255]),
             plain: texel(gpu, wgpu::TextureFormat::Rgba8Unorm, &[255; 4]),
             straight: texel(gpu, wgpu::TextureFormat::Rgba8Unorm, &[128, 128, 255, 255]),
+            no_states: texel(gpu, wgpu::TextureFormat::R32Uint, &[0; 4]),
         }
     }
 
-    /// Creates the bind group of a material with the current levels of its textures.
-    pub(crate) fn bind(&self, gpu: &Gpu, material: &Material, textures: &[Texture]) -> BoundMaterial {
+    /// Creates the bind group of a material with the current levels of its textures, and the asset's part states.
+    pub(crate) fn bind(
+        &self,
+        gpu: &Gpu,
+        material: &Material,
+        textures: &[Texture],
+        states: &PartTable,
+    ) -> BoundMaterial {
         let named = [
             material.base_color_texture,
             material.height_texture,
@@ -182,6 +203,11 @@ impl MaterialBindings {
             let view = view.as_ref().unwrap_or(stand_in);
             wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::TextureView(view) }
         }));
+        let states = states.view();
+        entries.push(wgpu::BindGroupEntry {
+            binding: PART_STATES,
+            resource: wgpu::BindingResource::TextureView(states.as_ref().unwrap_or(&self.no_states)),
+        });
         let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("material"),
             layout: &self.layout,

@@ -6,12 +6,16 @@ pub(crate) mod environment;
 pub(crate) mod held_texels;
 pub(crate) mod lights;
 pub(crate) mod material_bindings;
+pub(crate) mod part_states;
+pub(crate) mod part_table;
 pub(crate) mod placement;
 #[cfg(any(test, feature = "methods"))]
 pub(crate) mod relief_acceleration;
 #[cfg(not(any(test, feature = "methods")))]
 #[path = "no_relief_acceleration.rs"]
 pub(crate) mod relief_acceleration;
+#[cfg(feature = "client")]
+pub(crate) mod scene_parts;
 #[cfg(feature = "client")]
 pub(crate) mod scene_view;
 #[cfg(feature = "client")]

@@ -14,6 +14,10 @@ pub(crate) struct InstanceRaw {
     pub(crate) scale: f32,
     /// Quaternion, x y z w.
     pub(crate) rotation: [f32; 4],
+    /// Where the states of its parts begin in the asset's table; 0: none.
+    pub(crate) states: u32,
+    /// PN triangles read instances as vectors of four.
+    pub(crate) padding: [u32; 3],
 }
 
 impl InstanceRaw {
@@ -21,7 +25,13 @@ impl InstanceRaw {
     /// large numbers happens here, in f64.
     pub(crate) fn new(placement: &Placement, origin: DVec3, eye: DVec3) -> Self {
         let offset = (placement.to_world(origin) - eye).as_vec3().to_array();
-        Self { offset, scale: placement.scale, rotation: placement.orientation().to_array() }
+        let rotation = placement.orientation().to_array();
+        Self { offset, scale: placement.scale, rotation, states: 0, padding: [0; 3] }
+    }
+
+    /// The same placement with part states.
+    pub(crate) fn with_states(self, states: u32) -> Self {
+        Self { states, ..self }
     }
 
     /// Position relative to the eye, in world units, of a point relative to the asset's origin.
@@ -36,9 +46,9 @@ impl InstanceRaw {
     }
 }
 
-/// Layout of [`InstanceRaw`] at shader locations 7 and 8.
-pub(crate) const INSTANCE_ATTRIBUTES: [wgpu::VertexAttribute; 2] =
-    wgpu::vertex_attr_array![7 => Float32x4, 8 => Float32x4];
+/// Layout of [`InstanceRaw`] at shader locations 7, 8 and 11.
+pub(crate) const INSTANCE_ATTRIBUTES: [wgpu::VertexAttribute; 3] =
+    wgpu::vertex_attr_array![7 => Float32x4, 8 => Float32x4, 11 => Uint32];
 
 /// Layout of the previous frame's [`InstanceRaw`] at locations 9 and 10.
 pub(crate) const BEFORE_ATTRIBUTES: [wgpu::VertexAttribute; 2] =

@@ -1,6 +1,8 @@
 //! The scene in GPU memory: applies a client's changes to the renderer's assets and draws frames.
 
-use std::collections::{BTreeMap, VecDeque};
+mod parts;
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
@@ -26,6 +28,7 @@ use crate::resources::uploads::Uploads;
 use crate::scene::asset::AssetGpu;
 use crate::scene::environment::{Atmosphere, Environment, GradientSky, Haze, Sky};
 use crate::scene::held_texels::{HeldTexels, Texels};
+use crate::scene::scene_parts::SceneParts;
 use crate::scene::streamed_mesh::StreamedMeshChange;
 use crate::scene::terrain_anchored::TerrainAnchored;
 use crate::scene::terrain_renderer::{TerrainMeasurementTask, TerrainRenderer, TileSource};
@@ -52,6 +55,8 @@ pub struct SceneView {
     textures: BTreeMap<(u32, u16), WeakTexture>,
     /// Placements by asset number.
     instances: Vec<Vec<Placement>>,
+    /// Parts that are hidden, tinted or isolated.
+    parts: SceneParts,
     /// Light and sky use the description's colours, without an atmosphere.
     plain: bool,
     /// Steps that wait for upload.
@@ -240,6 +245,12 @@ impl SceneView {
                 let (sky_task, sky, plain) = (self.sky_task.take(), self.sky.take(), self.plain);
                 let uploads = std::mem::take(&mut self.uploads);
                 let heights = self.heights;
+                // Parts may be hidden before the scene arrives, but another scene has other parts.
+                let parts = if self.header.is_none() {
+                    std::mem::take(&mut self.parts)
+                } else {
+                    SceneParts::default()
+                };
                 let header = Some(*header);
                 *self = Self {
                     header,
@@ -248,6 +259,7 @@ impl SceneView {
                     uploads,
                     ground,
                     heights,
+                    parts,
                     tile_source,
                     sky_task,
                     sky,
@@ -256,15 +268,26 @@ impl SceneView {
                 };
             }
             Change::Instances(instances) => {
+                let mut concerned = BTreeSet::new();
                 for instance in &instances {
                     let asset = instance.asset as usize;
                     if self.instances.len() <= asset {
                         self.instances.resize_with(asset + 1, Vec::new);
                     }
-                    self.instances[asset].push(instance.placement);
+                    let placed = &mut self.instances[asset];
+                    if self.parts.add_instance(instance.asset, placed.len() as u32) {
+                        concerned.insert(instance.asset);
+                    }
+                    placed.push(instance.placement);
+                }
+                if !concerned.is_empty() {
+                    self.write_part_states(gpu, |asset| concerned.contains(&asset))?;
                 }
             }
-            Change::Asset(asset) => self.add(gpu, renderer, &asset),
+            Change::Asset(asset) => {
+                self.add(gpu, renderer, &asset);
+                self.write_part_states_of(gpu, asset.asset)?;
+            }
             Change::PunctualLights { count } => self.has_punctual_lights = count > 0,
             Change::PunctualLightPage { page, punctual_lights } => {
                 self.punctual_light_pages.insert(page, punctual_lights);

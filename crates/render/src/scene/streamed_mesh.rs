@@ -96,6 +96,7 @@ fn packed(v: &Vertex) -> PackedVertex {
     let vertex = PackedVertex::new(v.data.position, v.data.normal, v.data.uv)
         .morphing(v.data.morph_from, v.birth_s)
         .coloured(v.data.color)
-        .at_level(v.level);
+        .at_level(v.level)
+        .of_part(v.data.part);
     if v.data.smooth { vertex.smooth() } else { vertex }
 }

@@ -36,6 +36,7 @@ struct Surface {
     @location(2) uv: vec2<f32>, // v down, as textures are stored
     @location(3) @interpolate(flat) level: u32,
     @location(4) colour: vec4<f32>, // linear, so that what lies between vertices is too; with opacity
+    @location(5) @interpolate(flat) tint: u32, // sRGB in the low three bytes, red lowest; above, its share of 127
 }
 
 // A shaded surface point.
@@ -84,6 +85,13 @@ fn mapped_normal(texel: vec3<f32>, normal: vec3<f32>, along: Gradients) -> vec3<
     return select(normal, tilted / len, len > 1e-6);
 }
 
+fn tinted(colour: vec3<f32>, tint: u32) -> vec3<f32> {
+    if (tint == 0u) {
+        return colour;
+    }
+    return mix(colour, linear_from_srgb(unpack4x8unorm(tint).rgb), f32(tint >> 24u) / 127.0);
+}
+
 // All of a surface at a fragment. In uniform control flow, for derivatives.
 fn shaded(s: Surface, front: bool) -> Shaded {
     let dp_dx = dpdx(s.position);
@@ -122,7 +130,7 @@ fn shaded(s: Surface, front: bool) -> Shaded {
     }
     let texel = anisotropic(colour_map, map_sampler, uv, footprint(duv_dx, duv_dy, vec2<f32>(textureDimensions(colour_map))));
     let colour = material.base_colour * s.colour * texel;
-    out.albedo = colour.rgb;
+    out.albedo = tinted(colour.rgb, s.tint);
     out.opacity = colour.a;
     if (frame.shade == 1u) {
         out.albedo = level_colour(s.level);

@@ -127,8 +127,8 @@ fn cs_strokes(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let instance = job.first_instance + id.x / job.sides;
-    let offset_scale = instances[2u * instance];
-    let rotation = instances[2u * instance + 1u];
+    let offset_scale = instances[INSTANCE_VECTORS * instance];
+    let rotation = instances[INSTANCE_VECTORS * instance + 1u];
     let next = next_side(side);
     var a = local(corners[side]);
     var b = local(corners[next]);

@@ -5,5 +5,5 @@ fn vs_motion(
     v: VertexIn, @location(9) offset_scale_before: vec4<f32>, @location(10) rotation_before: vec4<f32>,
 ) -> Moved {
     let local = mix(v.morph_from, v.position, morph_weight(frame.before_s - v.birth_s));
-    return Moved(clip_position(placed(v)), in_world(local, offset_scale_before, rotation_before));
+    return Moved(shown(placed(v), part_state(v)), in_world(local, offset_scale_before, rotation_before));
 }

@@ -4,12 +4,42 @@ struct VertexIn {
     @location(0) position: vec3<f32>,
     @location(1) birth_s: f32,
     @location(2) morph_from: vec3<f32>,
-    @location(3) level: u32,
+    @location(3) part_and_level: u32,
     @location(4) uv: vec2<f32>,
     @location(5) normal: vec4<f32>,
     @location(6) colour: vec4<f32>, // sRGB-encoded
     @location(7) offset_scale: vec4<f32>,
     @location(8) rotation: vec4<f32>,
+    @location(11) states: u32, // where its parts' states begin; 0: none
+}
+
+// States of parts, as part_table.rs writes them: for an instance the number of parts that follow, the state of all
+// others, and the states. A texture, since not every device has storage buffers in the vertex stage.
+@group(1) @binding(7) var part_states: texture_2d<u32>;
+
+const PART_STATES_WIDTH: u32 = 1024u;
+const HIDDEN: u32 = 0x80000000u;
+
+fn part_states_at(at: u32) -> u32 {
+    return textureLoad(part_states, vec2(at % PART_STATES_WIDTH, at / PART_STATES_WIDTH), 0).x;
+}
+
+// Tint of a vertex's part in its low 31 bits, and whether it is hidden.
+fn part_state(v: VertexIn) -> u32 {
+    if (v.states == 0u) {
+        return 0u;
+    }
+    let part = v.part_and_level >> 8u;
+    let listed = part < part_states_at(v.states);
+    return part_states_at(v.states + 1u + select(0u, part + 1u, listed));
+}
+
+// Outside the picture if the part is hidden: all corners of a face have one part, so that nothing of it is drawn.
+fn shown(world: vec3<f32>, state: u32) -> vec4<f32> {
+    if ((state & HIDDEN) != 0u) {
+        return vec4(2.0, 2.0, 2.0, 1.0);
+    }
+    return clip_position(world);
 }
 
 // Position of a vertex now, world axes, relative to the eye.
@@ -21,11 +51,13 @@ fn placed(v: VertexIn) -> vec3<f32> {
 @vertex
 fn vs_surface(v: VertexIn) -> Surface {
     var out: Surface;
+    let state = part_state(v);
     out.position = placed(v);
-    out.clip = clip_position(out.position);
+    out.clip = shown(out.position, state);
     out.normal = rotate(v.rotation, v.normal.xyz);
     out.uv = vec2(v.uv.x, 1.0 - v.uv.y);
-    out.level = v.level;
+    out.level = v.part_and_level & 255u;
+    out.tint = state & ~HIDDEN;
     out.colour = vec4(linear_from_srgb(v.colour.rgb), v.colour.a);
     return out;
 }
@@ -33,19 +65,19 @@ fn vs_surface(v: VertexIn) -> Surface {
 // Shadow caster: `frame` then holds the sun's view.
 @vertex
 fn vs_caster(v: VertexIn) -> @builtin(position) vec4<f32> {
-    return clip_position(placed(v));
+    return shown(placed(v), part_state(v));
 }
 
 @vertex
 fn vs_pierced(v: VertexIn) -> Pierced {
-    return Pierced(clip_position(placed(v)), vec2(v.uv.x, 1.0 - v.uv.y), v.colour.a);
+    return Pierced(shown(placed(v), part_state(v)), vec2(v.uv.x, 1.0 - v.uv.y), v.colour.a);
 }
 
 // Edges, counted. Moved towards the eye by two thousandths of their depth, which keeps them in
 // front of the faces they belong to.
 @vertex
 fn vs_wire(v: VertexIn) -> @builtin(position) vec4<f32> {
-    var clip = clip_position(placed(v));
+    var clip = shown(placed(v), part_state(v));
     clip.z *= 1.002;
     return clip;
 }

@@ -1,5 +1,8 @@
 // Placement of mesh vertices.
 
+// Of an `InstanceRaw` as a storage buffer.
+const INSTANCE_VECTORS: u32 = 3u;
+
 // Geomorph (Hoppe, "Progressive Meshes", 1996, section 3.2): how far a vertex has come from the
 // position it split from.
 fn morph_weight(age_s: f32) -> f32 {

@@ -46,8 +46,8 @@ fn edge_step(a: Corner, b: Corner, instance: u32) -> u32 {
     let o = bow(first, second.position);
     let p = bow(second, first.position);
     let bend = 6.0 * max(length(p - 2.0 * o), length(o - 2.0 * p));
-    let offset_scale = instances[2u * instance];
-    let rotation = instances[2u * instance + 1u];
+    let offset_scale = instances[INSTANCE_VECTORS * instance];
+    let rotation = instances[INSTANCE_VECTORS * instance + 1u];
     let near = length(in_world(first.position, offset_scale, rotation));
     let distance = max(min(near, length(in_world(second.position, offset_scale, rotation))), 1e-30);
     let allowed = 8.0 * job.error_px * distance / (frame.scale_px * abs(offset_scale.w));
@@ -65,8 +65,8 @@ fn is_out_of_view(c: array<Corner, 3>, instance: u32) -> bool {
         max(max(length(bow(c[0], c[1].position)), length(bow(c[1], c[0].position))),
             max(length(bow(c[1], c[2].position)), length(bow(c[2], c[1].position)))),
         max(length(bow(c[2], c[0].position)), length(bow(c[0], c[2].position))));
-    let offset_scale = instances[2u * instance];
-    let rotation = instances[2u * instance + 1u];
+    let offset_scale = instances[INSTANCE_VECTORS * instance];
+    let rotation = instances[INSTANCE_VECTORS * instance + 1u];
     let margin = 1.5 * most * abs(offset_scale.w);
     // A pixel more, since frames look anywhere in theirs.
     let tangent = frame.tan_half_fov * (1.0 + 2.0 / frame.size_px);

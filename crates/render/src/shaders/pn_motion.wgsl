@@ -6,6 +6,6 @@
 fn vs_motion(v: VertexIn) -> Moved {
     let at = patch_point(v);
     let local = local_at(v, at, frame.before_s);
-    let before = in_world(local, instances_before[2u * at.instance], instances_before[2u * at.instance + 1u]);
+    let before = in_world(local, instances_before[INSTANCE_VECTORS * at.instance], instances_before[INSTANCE_VECTORS * at.instance + 1u]);
     return Moved(clip_position(placed(v, at)), before);
 }

@@ -81,7 +81,7 @@ fn local_at(v: VertexIn, at: PatchPoint, time_s: f32) -> vec3<f32> {
 
 fn placed(v: VertexIn, at: PatchPoint) -> vec3<f32> {
     let local = local_at(v, at, frame.time_s);
-    return in_world(local, instances[2u * at.instance], instances[2u * at.instance + 1u]);
+    return in_world(local, instances[INSTANCE_VECTORS * at.instance], instances[INSTANCE_VECTORS * at.instance + 1u]);
 }
 
 fn uv_of(slot: u32) -> vec2<f32> {
@@ -125,12 +125,13 @@ fn vs_surface(v: VertexIn) -> Surface {
         uv = uv_at(slots, w);
         out.colour = colour_of(slots.x) * w.x + colour_of(slots.y) * w.y + colour_of(slots.z) * w.z;
     }
-    let rotation = instances[2u * at.instance + 1u];
-    out.position = in_world(local, instances[2u * at.instance], rotation);
+    let rotation = instances[INSTANCE_VECTORS * at.instance + 1u];
+    out.position = in_world(local, instances[INSTANCE_VECTORS * at.instance], rotation);
     out.clip = clip_position(out.position);
     out.normal = rotate(rotation, normal);
     out.uv = vec2(uv.x, 1.0 - uv.y);
-    out.level = vertices[slots.x * VERTEX_WORDS + 7u];
+    out.level = vertices[slots.x * VERTEX_WORDS + 7u] & 255u;
+    out.tint = 0u; // parts' states are for flat triangles
     return out;
 }
 

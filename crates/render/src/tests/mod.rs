@@ -20,10 +20,13 @@ mod materials;
 mod occlusion;
 mod occlusion_half;
 mod occlusion_rays;
+mod parts;
 mod pictures;
 mod pn_triangles;
 mod reflections;
 mod relief;
+#[cfg(feature = "client")]
+mod scene_parts;
 mod shadows;
 mod shapes;
 mod spheres;

@@ -21,6 +21,15 @@ pub const MAX_PATH_BYTES: usize = 1024;
 /// Longest extras, in bytes of UTF-8.
 pub const MAX_EXTRAS_BYTES: usize = 4096;
 
+/// A part of an instance.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct ScenePart {
+    /// Number of the instance in the scene.
+    pub instance: u32,
+    /// Number of the part within the instance's asset; 0 for an asset that is not divided.
+    pub part: u32,
+}
+
 /// What a part is called.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PartInfo {

@@ -4,9 +4,9 @@ use std::collections::BTreeSet;
 
 use glam::DVec3;
 
-use super::building::DEPTH;
 use super::glb::{Glb, Index, Place};
 use super::materials::{named, of_kind};
+use super::plan::DEPTH;
 use super::plan::{BLOCK, Lot, PITCH, Use, middle};
 use super::street::{self, CARRIAGEWAY, KERB, PAVEMENT};
 use crate::noise::{hash, uniform};

@@ -22,6 +22,8 @@ pub(in crate::window) struct OverlayState<'a> {
     pub(in crate::window) quality: String,
     pub(in crate::window) mode: &'static str,
     pub(in crate::window) camera: String,
+    /// The selected part.
+    pub(in crate::window) part: String,
     pub(in crate::window) draw: Counters,
     pub(in crate::window) gpu_bytes: u64,
     pub(in crate::window) waiting_steps: usize,
@@ -101,6 +103,7 @@ pub(super) fn rows(stats: &Stats, overlay: &OverlayState<'_>) -> Vec<(&'static s
             ),
         ),
         ("camera", format!("{}: {}", overlay.mode, overlay.camera)),
+        ("part", overlay.part.clone()),
     ]
 }
 

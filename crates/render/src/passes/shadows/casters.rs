@@ -56,8 +56,9 @@ impl<'a> Casters<'a> {
         self.key.extend(curved.map(PnTriangles::key));
         for (number, drawable) in frame.drawables.iter().enumerate().filter(|(_, d)| d.asset.is_drawable()) {
             let (origin, sphere) = (drawable.asset.origin(), drawable.asset.sphere());
-            let placed = drawable.instances.iter().filter_map(|placement| {
-                let raw = finite(InstanceRaw::new(placement, origin, eye))?;
+            let placed = drawable.instances.iter().enumerate().filter_map(|(index, placement)| {
+                let states = drawable.asset.part_states(index)?;
+                let raw = finite(InstanceRaw::new(placement, origin, eye).with_states(states))?;
                 let (centre, radius) = raw.sphere(sphere);
                 Some((placement, raw, self.top_of(eye, centre, radius)?))
             });

@@ -190,15 +190,14 @@ impl ShadowMaps {
                         // Transparent surfaces cast no shadow.
                         return false;
                     }
-                    if sunken && features.relief_may_be_deep() {
-                        pass.set_pipeline(pipelines.sunken_caster(gpu, features));
-                        pass.set_bind_group(1, &part.material.group, &[]);
+                    pass.set_bind_group(1, &part.material.group, &[]);
+                    pass.set_pipeline(if sunken && features.relief_may_be_deep() {
+                        pipelines.sunken_caster(gpu, features)
                     } else if features.mask {
-                        pass.set_pipeline(pipelines.pierced_caster(gpu));
-                        pass.set_bind_group(1, &part.material.group, &[]);
+                        pipelines.pierced_caster(gpu)
                     } else {
-                        pass.set_pipeline(pipelines.caster(gpu));
-                    }
+                        pipelines.caster(gpu)
+                    });
                     counters.shadow_triangles += triangles;
                     true
                 });

@@ -235,7 +235,8 @@ fn moves<'a>(
         if counts.get(&asset.number()) == Some(&were.len()) {
             for (slot, place) in list.placed(batch) {
                 let was = &were[firsts[batch.drawable()] + place];
-                let raw = InstanceRaw::new(was, asset.origin(), frame.camera.eye);
+                let raw =
+                    InstanceRaw::new(was, asset.origin(), frame.camera.eye).with_states(before[slot].states);
                 if let Some(raw) = finite(raw).filter(|raw| *raw != before[slot]) {
                     before[slot] = raw;
                     moved = true;

@@ -1,0 +1,186 @@
+//! Which part of the scene a ray meets, and where parts are: from the meshes that are drawn, without a request.
+
+use glam::DVec3;
+use lodestream_geometry::refine::ActiveMesh;
+use lodestream_scene::description::Instance;
+use lodestream_scene::parts::ScenePart;
+
+use super::ClientCore;
+
+/// A ray in the world.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ray {
+    /// Its origin, world units.
+    pub origin: DVec3,
+    /// Its direction, of any length but 0.
+    pub direction: DVec3,
+}
+
+/// The nearest surface on a ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// The part that was hit.
+    pub part: ScenePart,
+    /// Where, world units.
+    pub place: DVec3,
+    /// Distance from the ray's origin, world units.
+    pub distance: f64,
+}
+
+/// Bounds of a part as it is drawn, in world units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PartBounds {
+    /// Corners of the box along the world's axes: lowest and highest coordinates.
+    pub extent: [DVec3; 2],
+    /// Centre of the box and of the sphere.
+    pub centre: DVec3,
+    /// Radius of a sphere about the centre that contains the part.
+    pub radius: f64,
+}
+
+/// Instances whose faces are searched between two passes over the scene.
+const CANDIDATES: usize = 16;
+/// Spheres are of f32: rounding of their centre and radius, as a share of both.
+const SPHERE_ROUNDING: f64 = 1e-6;
+
+/// An instance whose sphere the ray meets; ordered by distance, then number.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Candidate {
+    /// Distance at which the ray enters the sphere, world units.
+    enters: f64,
+    instance: u32,
+}
+
+impl Candidate {
+    fn is_before(&self, other: &Self) -> bool {
+        self.enters.total_cmp(&other.enters).then(self.instance.cmp(&other.instance)).is_lt()
+    }
+}
+
+impl ClientCore {
+    /// The nearest face that a ray meets, from either side, at the current refinement; parts for which `is_hidden`
+    /// holds are skipped. Of equally near parts the lowest counts. Opacity, morphs, terrain and its exaggeration are
+    /// ignored. `None` too for a ray that is not finite or has no direction.
+    ///
+    /// Cost: a pass over the scene's instances, and one over the faces of each mesh whose bounding sphere the ray meets
+    /// before the hit. Memory does not depend on the scene.
+    #[must_use]
+    pub fn pick(&self, ray: Ray, is_hidden: impl Fn(ScenePart) -> bool) -> Option<Hit> {
+        let length = ray.direction.length();
+        let direction = ray.direction / length;
+        if !ray.origin.is_finite() || !direction.is_finite() {
+            return None;
+        }
+        let mut nearest: Option<Hit> = None;
+        let mut searched = None;
+        loop {
+            let farthest = nearest.map_or(f64::INFINITY, |hit| hit.distance);
+            let candidates = self.candidates(ray.origin, direction, searched, farthest);
+            for candidate in &candidates {
+                let most = nearest.map_or(f64::INFINITY, |hit| hit.distance);
+                if candidate.enters > most {
+                    return nearest;
+                }
+                let found = self.cast(candidate.instance, ray.origin, direction, most, &is_hidden);
+                let is_nearer = |found: &Hit| {
+                    nearest.is_none_or(|hit| {
+                        found.distance.total_cmp(&hit.distance).then(found.part.cmp(&hit.part)).is_lt()
+                    })
+                };
+                nearest = found.filter(is_nearer).or(nearest);
+            }
+            if candidates.len() < CANDIDATES {
+                return nearest;
+            }
+            searched = candidates.last().copied();
+        }
+    }
+
+    /// The first instances along a ray after `searched`, at most [`CANDIDATES`], in order.
+    fn candidates(
+        &self,
+        origin: DVec3,
+        direction: DVec3,
+        searched: Option<Candidate>,
+        farthest: f64,
+    ) -> Vec<Candidate> {
+        let mut found: Vec<Candidate> = Vec::with_capacity(CANDIDATES + 1);
+        for (number, instance) in (0..).zip(self.scene.instances().all()) {
+            let Some(state) = self.scene.states.get(instance.asset as usize) else { continue };
+            let (entry, placement) = (state.entry(), &instance.placement);
+            let scale = f64::from(placement.scale);
+            let centre = DVec3::from(entry.sphere.center.map(f64::from));
+            // Coarse surfaces may lie outside the input's sphere, by their error.
+            let radius = f64::from(entry.sphere.radius) + f64::from(entry.root_error);
+            let rounding = SPHERE_ROUNDING * (centre.length() + radius);
+            let centre = placement.to_world(DVec3::from(entry.origin) + centre);
+            let Some(enters) = entry_into(origin, direction, centre, (radius + rounding) * scale) else {
+                continue;
+            };
+            let candidate = Candidate { enters, instance: number };
+            let is_new = searched.is_none_or(|searched| searched.is_before(&candidate));
+            if enters <= farthest && is_new {
+                let at = found.partition_point(|other| other.is_before(&candidate));
+                found.insert(at, candidate);
+                found.truncate(CANDIDATES);
+            }
+        }
+        found
+    }
+
+    /// The nearest face of an instance.
+    fn cast(
+        &self,
+        number: u32,
+        origin: DVec3,
+        direction: DVec3,
+        farthest: f64,
+        is_hidden: &impl Fn(ScenePart) -> bool,
+    ) -> Option<Hit> {
+        let (instance, mesh) = self.placed_mesh(number)?;
+        let placement = &instance.placement;
+        let back = placement.orientation().as_dquat().inverse();
+        let scale = f64::from(placement.scale);
+        let own = DVec3::from(mesh.grid().origin);
+        let from = back * (origin - DVec3::from(placement.translation)) / scale - own;
+        // In the asset's units, so that distances are in world units.
+        let along = back * direction / scale;
+        let part = |part| ScenePart { instance: number, part };
+        let hit =
+            mesh.cast_ray(from.to_array(), along.to_array(), farthest, |number| is_hidden(part(number)))?;
+        let place = origin + direction * hit.distance;
+        Some(Hit { part: part(hit.part), place, distance: hit.distance })
+    }
+
+    /// Bounds of a part at the current refinement; `None` for a part without faces, or that has not arrived. Cost: two
+    /// passes over the faces of its asset.
+    #[must_use]
+    pub fn part_bounds(&self, part: ScenePart) -> Option<PartBounds> {
+        let (instance, mesh) = self.placed_mesh(part.instance)?;
+        let own = DVec3::from(mesh.grid().origin);
+        let corners =
+            || mesh.part_corners(part.part).map(|at| instance.placement.to_world(own + DVec3::from(at)));
+        let extent = corners().fold(None, |extent: Option<[DVec3; 2]>, at| {
+            Some(extent.map_or([at; 2], |[low, high]| [low.min(at), high.max(at)]))
+        })?;
+        let centre = 0.5 * (extent[0] + extent[1]);
+        let radius = corners().map(|at| centre.distance(at)).fold(0.0, f64::max);
+        Some(PartBounds { extent, centre, radius })
+    }
+
+    /// An instance whose base mesh has arrived, and its mesh.
+    fn placed_mesh(&self, instance: u32) -> Option<(&Instance, &ActiveMesh)> {
+        let instance = self.scene.instances().all().get(instance as usize)?;
+        Some((instance, self.mesh(instance.asset)?))
+    }
+}
+
+/// Distance at which a ray of unit direction enters a sphere, 0 inside it; `None` if it misses.
+fn entry_into(origin: DVec3, direction: DVec3, centre: DVec3, radius: f64) -> Option<f64> {
+    let to = centre - origin;
+    let along = to.dot(direction);
+    // From the nearest point of the line, which is exact where the sphere is far and small.
+    let aside = (to - direction * along).length_squared();
+    let half = (radius * radius - aside).max(0.0).sqrt();
+    (aside <= radius * radius && along + half >= 0.0).then(|| (along - half).max(0.0))
+}
