@@ -17,7 +17,7 @@ use lodestream_render::{
 };
 
 use crate::outcome::EXIT_CODES;
-use crate::parts::{PartArg, PixelArg, TintArg};
+use crate::part_args::{PartArg, PixelArg, TintArg};
 
 /// Streams a scene from a Lodestream server and draws it.
 #[derive(Clone, Debug, Parser)]

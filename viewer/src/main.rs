@@ -8,6 +8,7 @@ mod generate;
 mod headless;
 mod log;
 mod outcome;
+mod part_args;
 mod part_names;
 mod parts;
 mod report;

@@ -23,6 +23,8 @@ impl ClientCore {
         }
         self.parts.waiting.push(Lookup { id, record: None });
         self.advance_lookups(now);
+        // A published scene may have what is requested at hand.
+        self.handle_session_events(now);
     }
 
     /// The next answer to a lookup, in the order in which they were found.
