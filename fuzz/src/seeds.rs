@@ -472,7 +472,7 @@ fn parts() -> Vec<(String, Vec<u8>)> {
     let called = |n: u32| PartInfo {
         name: format!("door {n}"),
         path: format!("site/building {}/floor {}", n / 9, n % 3),
-        extras: (n % 2 == 0).then(|| format!("{{\"number\":{n}}}")),
+        extras: n.is_multiple_of(2).then(|| format!("{{\"number\":{n}}}")),
     };
     let page = |count: u32| {
         let records: Vec<PartInfo> = (0..count).map(called).collect();

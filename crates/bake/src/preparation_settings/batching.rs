@@ -72,7 +72,7 @@ mod tests {
 
     #[test]
     fn batching_is_a_word_or_a_number_of_faces() {
-        assert_eq!("auto".parse::<Batching>().unwrap().faces(), Some(49_152));
+        assert_eq!("auto".parse::<Batching>().unwrap().faces(), Some(393_216));
         assert_eq!("off".parse::<Batching>().unwrap().faces(), None);
         assert_eq!("20000".parse(), Batching::try_from(20_000));
         for text in ["auto", "off", "1000", "10000000"] {

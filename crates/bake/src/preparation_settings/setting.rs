@@ -107,10 +107,10 @@ impl Default for BlockFaces {
 }
 
 impl Default for BatchFaces {
-    /// A base mesh costs some 12 kB, whatever it stands for: that of a larger batch is cheaper, but shows shards of its
-    /// members at first.
+    /// A larger batch has a smaller first frame and fewer bytes in all (docs/design/batches.md); a smaller one is
+    /// prepared sooner after a change of its members.
     fn default() -> Self {
-        Self(49_152)
+        Self(393_216)
     }
 }
 

@@ -288,7 +288,7 @@ fn a_hundred_thousand_nodes_and_a_chain_three_thousand_deep_are_gathered() {
     }
     let many = scene(&glb.write(&dir.path().join("many.glb")), Batching::Auto);
     assert_eq!(members(&many).iter().sum::<usize>(), 100_000);
-    assert!((9..=16).contains(&many.assets.len()), "{}", many.assets.len());
+    assert!((2..=4).contains(&many.assets.len()), "{}", many.assets.len());
     // A chain, each node with a mesh and the next node.
     glb.nodes.truncate(3_000);
     for i in 0..2_999 {
