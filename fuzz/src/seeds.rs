@@ -481,10 +481,22 @@ fn parts() -> Vec<(String, Vec<u8>)> {
     let directory =
         |ranges: &[std::ops::Range<u32>]| parts::encode_directory(ranges).expect("a directory is encoded");
     let with = |kind: u8, count: u32, bytes: Vec<u8>| [&[kind, (count - 1) as u8], &bytes[..]].concat();
+    // Names as long as they may be, the second like the first.
+    let longest = PartInfo {
+        name: "n".repeat(parts::MAX_NAME_BYTES),
+        path: "p".repeat(parts::MAX_PATH_BYTES),
+        extras: Some(format!("\"{}\"", "e".repeat(parts::MAX_EXTRAS_BYTES - 2))),
+    };
+    let long = parts::encode_page(&[longest.clone(), longest]).expect("a page is encoded");
+    // Instances of three models in turn.
+    let many: Vec<_> = (0..200).map(|n| [0..1, 1..8, 8..9][n % 3].clone()).collect();
     vec![
         seed("one", with(0, 1, page(1))),
         seed("some", with(0, 20, page(20))),
+        seed("whole-page", with(0, 256, page(256))),
+        seed("long", with(0, 2, long)),
         seed("directory", with(1, 4, directory(&[0..300, 300..301, 300..301, 301..302]))),
+        seed("many-instances", with(1, 200, directory(&many))),
     ]
 }
 
