@@ -10,13 +10,13 @@ use std::time::Duration;
 
 use lodestream_protocol::message::Token;
 use lodestream_protocol::time::Time;
+use lodestream_scene::parts::ScenePart;
 use lodestream_scene::view::View;
 use tokio::sync::{mpsc, watch};
 use tokio::time::sleep;
 
 use crate::core::{Change, ClientCore, Config, PartAnswer, Progress, Stats};
 use crate::net::{Clock, End, Host, Retry, Server, stream};
-use lodestream_scene::parts::ScenePart;
 use questions::{Asker, Questions};
 
 pub use questions::{Answer, NoAnswer};

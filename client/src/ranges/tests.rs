@@ -2,14 +2,13 @@
 
 use lodestream_protocol::message::CloseCode;
 use lodestream_scene::description::Camera;
-use lodestream_scene::parts::PartInfo;
+use lodestream_scene::parts::{PartInfo, ScenePart};
 use lodestream_scene::punctual_lights::PunctualLight;
 
 use super::testing::{Fault, RangeLoopback};
 use super::{Object, RangeRequest};
 use crate::core::PartAbsence;
 use crate::core::testing::{Loopback, TestScene};
-use lodestream_scene::parts::ScenePart;
 
 fn link() -> RangeLoopback {
     RangeLoopback::new(&TestScene::new(3), |_| {})

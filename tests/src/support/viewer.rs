@@ -7,8 +7,7 @@ use lodestream_client::core::{Change, Config, PartAbsence, StartView};
 use lodestream_client::net::{Address, End, Retry, Server};
 use lodestream_client::streaming::{Status, Streaming};
 use lodestream_protocol::message::Token;
-use lodestream_scene::parts::PartInfo;
-use lodestream_scene::parts::ScenePart;
+use lodestream_scene::parts::{PartInfo, ScenePart};
 
 use super::{LIMIT, PICTURE_PX};
 

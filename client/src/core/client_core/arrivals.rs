@@ -14,8 +14,9 @@ use crate::core::height_overrides::HeightOverrideBlobError;
 use crate::core::punctual_light_pages::PunctualLightBlobError;
 
 impl ClientCore {
-    /// Takes a received blob of the terrain, of punctual lights, of the table of parts or of a known asset. Chunks and texture levels are
-    /// cached until a selection wants them; base meshes and index pages are decoded by the next [`ClientCore::update`].
+    /// Takes a received blob of the terrain, of punctual lights, of the table of parts or of a known asset. Chunks and
+    /// texture levels are cached until a selection wants them; base meshes and index pages are decoded by the next
+    /// [`ClientCore::update`].
     pub(super) fn receive(&mut self, now: Time, blob: ReceivedBlob) {
         match blob.id {
             BlobId::Asset { part, .. } => self.receive_asset_blob(now, part, blob),

@@ -9,7 +9,8 @@
 //! | in use, up to a truncation point or whole | the table |
 //! | attempts after a failure | [`Failures`](crate::core::failures::Failures) |
 //!
-//! The table is [`AssetState`](lodestream_select::AssetState) with its counterparts for terrain, punctual lights and parts.
+//! The table is [`AssetState`](lodestream_select::AssetState) with its counterparts for terrain, punctual lights and
+//! parts.
 //! Selections read nothing else, so it also has copies of the other facts: [`State::InFlight`], [`State::Cached`],
 //! [`State::Failed`], and the number of bytes of a chunk, which [`ClientCore::sync_held`] alone writes. The core's
 //! tests compare the copies with their owners whenever something has arrived.

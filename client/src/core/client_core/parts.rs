@@ -4,15 +4,14 @@ use bytes::Bytes;
 use lodestream_protocol::time::Time;
 use lodestream_scene::blob::{BlobId, PartBlob};
 use lodestream_scene::parts::{
-    INSTANCES_PER_PAGE, PartInfo, PartTable, RECORDS_PER_PAGE, check_page, decode_directory, decode_record,
-    records_of,
+    INSTANCES_PER_PAGE, PartInfo, PartTable, RECORDS_PER_PAGE, ScenePart, check_page, decode_directory,
+    decode_record, records_of,
 };
 use lodestream_select::State;
 
 use super::ClientCore;
 use super::state::ReceivedBlob;
 use crate::core::parts::{Lookup, MAX_LOOKUPS, PartAbsence, PartAnswer, PartBlobError};
-use lodestream_scene::parts::ScenePart;
 
 impl ClientCore {
     /// Looks up what a part is called; [`ClientCore::take_part`] gives the answer, at once if the client has it, else when

@@ -3,11 +3,10 @@
 use lodestream_protocol::frame::ServerFrame;
 use lodestream_protocol::message::ServerMessage;
 use lodestream_scene::blob::BlobId;
-use lodestream_scene::parts::{PartInfo, PartTable};
+use lodestream_scene::parts::{PartInfo, PartTable, ScenePart};
 
 use super::{Loopback, TestScene};
 use crate::core::{PartAbsence, PartAnswer};
-use lodestream_scene::parts::ScenePart;
 
 fn part(instance: u32, part: u32) -> ScenePart {
     ScenePart { instance, part }

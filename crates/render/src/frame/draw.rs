@@ -89,8 +89,8 @@ pub(crate) struct DrawList<'a> {
 }
 
 impl<'a> DrawList<'a> {
-    /// Culls instances that are hidden, outside the view or with positions that are not finite; sorts the rest front to back for the
-    /// depth test.
+    /// Culls instances that are hidden, outside the view or with positions that are not finite; sorts the rest front to
+    /// back for the depth test.
     pub(crate) fn new(frame: &Frame<'a>, size: (u32, u32), counters: &mut Counters) -> Self {
         let (instances, batches, places) = (Vec::new(), Vec::new(), Vec::new());
         let mut list = Self { instances, batches, places, receivers: Receivers::NONE };

@@ -1,9 +1,8 @@
 //! Vertex layout: 52 bytes per wedge slot.
 
 use bytemuck::{Pod, Zeroable};
+pub use lodestream_geometry::base::MAX_PARTS;
 
-/// Most parts of an asset.
-pub const MAX_PARTS: u32 = 1 << 20;
 const LEVEL_BITS: u32 = 8;
 const MAX_LEVEL: u32 = (1 << LEVEL_BITS) - 1;
 

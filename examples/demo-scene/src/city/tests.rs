@@ -1,8 +1,5 @@
 //! Tests of the city: bytes, counts, files that are imported as any user's.
 
-use std::collections::BTreeMap;
-use std::path::Path;
-
 use glam::{DVec2, DVec3};
 use lodestream_import::Part as ImportedPart;
 use lodestream_import::gltf;
@@ -11,24 +8,15 @@ use super::facade::{self, Opening};
 use super::materials;
 use super::part::Part;
 use super::*;
+use crate::tests::{files, hash};
 
-/// Hash of all files of 300 parts of seed 7; pictures by their pixels, since encoders may change.
+/// [`hash`] of all files of 300 parts of seed 7.
 const GOLDEN: &str = "3da23c18f8d2e604e03ea145d6c8e43aed5555d365cd39db87622efdb9fce3ca";
 
 fn small(seed: u64, parts: usize) -> (tempfile::TempDir, Summary) {
     let dir = tempfile::tempdir().unwrap();
     let summary = generate(dir.path(), &Options { seed, parts }).unwrap();
     (dir, summary)
-}
-
-fn files(dir: &Path) -> BTreeMap<String, Vec<u8>> {
-    std::fs::read_dir(dir)
-        .unwrap()
-        .map(|entry| {
-            let path = entry.unwrap().path();
-            (path.file_name().unwrap().to_str().unwrap().to_owned(), std::fs::read(&path).unwrap())
-        })
-        .collect()
 }
 
 #[test]
@@ -41,16 +29,7 @@ fn same_seed_same_bytes_and_the_golden_hash() {
     for name in ["block-001.glb", "streets.glb", "plaster.png", "scene.toml"] {
         assert_ne!(first[name], other[name], "{name}");
     }
-    let mut hasher = blake3::Hasher::new();
-    for (name, bytes) in &first {
-        hasher.update(name.as_bytes());
-        if name.ends_with(".png") {
-            hasher.update(image::load_from_memory(bytes).unwrap().as_bytes());
-        } else {
-            hasher.update(bytes);
-        }
-    }
-    assert_eq!(hasher.finalize().to_hex().as_str(), GOLDEN);
+    assert_eq!(hash(&first), GOLDEN);
 }
 
 #[test]
