@@ -5,7 +5,7 @@ use lodestream_geometry::Codec;
 use lodestream_geometry::pack::{BlobKind, write};
 use lodestream_geometry::prepare::Prepared;
 
-use super::seed;
+use super::seed::seed;
 use crate::fixtures;
 
 fn pack(asset: &Prepared) -> Vec<u8> {

@@ -17,7 +17,7 @@ use lodestream_scene::shared::SharedTexture;
 use lodestream_scene::view::View;
 
 use super::scenes::some_punctual_lights;
-use super::seed;
+use super::seed::seed;
 
 pub(super) fn messages() -> Vec<(String, Vec<u8>)> {
     let view = View::look_at([0.0, 1.0, 5.0], [0.0; 3], [0.0, 1.0, 0.0], 1.0, [1280, 720]);

@@ -5,6 +5,7 @@ mod messages;
 mod models;
 mod published;
 mod scenes;
+mod seed;
 
 use crate::compressed;
 
@@ -30,9 +31,4 @@ pub fn of(target: &str) -> Vec<(String, Vec<u8>)> {
         "scene_object" | "range_session" => published::published(),
         _ => Vec::new(),
     }
-}
-
-/// A seed that a target must accept.
-fn seed(name: impl Into<String>, bytes: Vec<u8>) -> (String, Vec<u8>) {
-    (name.into(), bytes)
 }

@@ -3,7 +3,7 @@
 use data_encoding::BASE64;
 use lodestream_geometry::mesh::SourceMesh;
 
-use super::seed;
+use super::seed::seed;
 use crate::common::shapes;
 use crate::glb::glb;
 

@@ -11,7 +11,7 @@ use lodestream_scene::published::{
 };
 use lodestream_store::SceneObject;
 
-use super::seed;
+use super::seed::seed;
 
 fn published_chunk(n: u32) -> ChunkInfo {
     let point = TruncationPoint { payload_bytes: 20, error: 0.5, vertices: 1, wedges: 1, faces: 1 };

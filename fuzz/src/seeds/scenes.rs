@@ -9,7 +9,7 @@ use lodestream_terrain::{
     encode_stamps,
 };
 
-use super::seed;
+use super::seed::seed;
 
 /// A point light, a spot light, and others with equal parameters.
 pub(super) fn some_punctual_lights() -> Vec<PunctualLight> {
