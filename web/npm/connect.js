@@ -3,7 +3,7 @@
 import { origin } from './clock.js';
 import { placeOf } from './address.js';
 import { Model } from './model.js';
-import { PartLookups } from './parts.js';
+import { PartLookups } from './part-names.js';
 import { numbersOf } from './views.js';
 import { startStreamWorker } from './workers.js';
 
