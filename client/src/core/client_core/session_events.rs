@@ -23,6 +23,8 @@ const MAX_EARLY_BLOBS: usize = 256;
 impl ClientCore {
     pub(super) fn handle_session_events(&mut self, now: Time) {
         while let Some(event) = self.connection.session.as_mut().and_then(Source::poll_event) {
+            // Names of parts change nothing that is drawn: a settled client stays settled.
+            let is_name = matches!(&event, ClientEvent::Blob { id: BlobId::Parts(_), .. });
             match event {
                 ClientEvent::Connected(welcome) => self.handle_welcome(now, welcome),
                 ClientEvent::ScenePage(page) => match self.scene.add_page(page, self.config.max_entries) {
@@ -68,7 +70,7 @@ impl ClientCore {
                     self.connection.closed = Some(close);
                 }
             }
-            self.selection.stale = true;
+            self.selection.stale |= !is_name;
         }
     }
 

@@ -38,10 +38,12 @@ fn part_blobs(link: &Loopback) -> Vec<BlobId> {
 
 /// Looks up a part and waits for the answer, at most a minute of virtual time.
 fn look_up(link: &mut Loopback, id: ScenePart) -> Result<PartInfo, PartAbsence> {
+    let was_settled = link.core.is_settled();
     link.core.look_up_part(link.now, id);
     for _ in 0..60_000 {
         if let Some(answer) = link.core.take_part() {
             assert_eq!(answer.id, id);
+            assert!(!was_settled || link.core.is_settled(), "a lookup changes nothing that is drawn");
             return answer.info;
         }
         link.run(1);

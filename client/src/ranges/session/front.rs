@@ -62,6 +62,7 @@ impl RangeSession {
         }
         // What is read may tell where more lies.
         loop {
+            self.need_from_front();
             let here = self.arrived();
             if here.is_empty() {
                 return;
@@ -76,6 +77,29 @@ impl RangeSession {
                 }
             }
         }
+    }
+
+    /// Adds what waiting items need first, as far as the front has it: nothing else would read it until the next
+    /// selection.
+    fn need_from_front(&mut self) {
+        let waiting = self.items.pending.iter().filter(|(_, pending)| pending.progress == Progress::Waiting);
+        let needs: Vec<_> = waiting
+            .filter_map(|(&item, pending)| match self.directory.locate(item) {
+                Location::Needs(other) if !self.items.pending.contains_key(&other) => {
+                    Some((other, pending.priority))
+                }
+                _ => None,
+            })
+            .filter(|&(other, _)| self.is_in_front(other))
+            .collect();
+        for (item, priority) in needs {
+            self.items.need(item, priority);
+        }
+    }
+
+    fn is_in_front(&self, item: Item) -> bool {
+        matches!(self.directory.locate(item), Location::At(place)
+            if place.object == Object::Scene && place.start + u64::from(place.bytes) <= self.front.len() as u64)
     }
 
     /// Waiting items that the front has whole.
