@@ -46,6 +46,7 @@ impl MemoryScene {
                 first_instance,
                 assets: group.iter().filter_map(|(entry, _)| entry.clone()).collect(),
                 instances: group.iter().map(|(_, at)| *at).collect(),
+                ..ScenePage::default()
             };
             first_asset += page.assets.len() as u32;
             first_instance += page.instances.len() as u32;

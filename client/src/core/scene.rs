@@ -391,6 +391,7 @@ mod tests {
             first_instance: number,
             assets: vec![AssetEntry::default()],
             instances: vec![Instance::at(number, [0.0; 3])],
+            ..ScenePage::default()
         }
     }
 

@@ -17,6 +17,7 @@ use crate::limits::{
 };
 use crate::placement::Placement;
 use crate::pose::Pose;
+use crate::proxy::{self, Proxy};
 use crate::shared::{self, SharedTexture};
 use crate::terrain::{TerrainEntry, TerrainEntryError};
 use crate::view::{View, ViewError};
@@ -117,7 +118,7 @@ impl Camera {
     }
 }
 
-/// A page: some assets, then some instances. At most [`MAX_ENTRIES_PER_PAGE`] of each.
+/// A page: some assets, then some instances and proxies. At most [`MAX_ENTRIES_PER_PAGE`] of each.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ScenePage {
     /// Number of the page.
@@ -130,9 +131,13 @@ pub struct ScenePage {
     pub assets: Vec<AssetEntry>,
     /// Instance entries. They refer to assets of this page or an earlier one.
     pub instances: Vec<Instance>,
+    /// Number of the first proxy; the others follow.
+    pub first_proxy: u32,
+    /// Proxies. They refer to assets of this page or an earlier one, and to instances of any page.
+    pub proxies: Vec<Proxy>,
 }
 
-encode_fields!(ScenePage { page, first_asset, first_instance, assets, instances });
+encode_fields!(ScenePage { page, first_asset, first_instance, assets, instances, first_proxy, proxies });
 
 /// Entry of an asset: what a client must know before the base mesh arrives.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -367,6 +372,9 @@ pub enum SceneError {
     /// A scale that is not positive and finite.
     #[error("an instance's scale is not a finite positive number")]
     InstanceScale,
+    /// A proxy without instances, or whose error is not a finite number of at least 0.
+    #[error("a proxy stands for no instance, or its error is not a finite number of at least 0")]
+    Proxy,
     /// The start camera is invalid.
     #[error(transparent)]
     Camera(#[from] ViewError),
@@ -416,7 +424,9 @@ impl ScenePage {
     /// The first value that is out of range.
     pub fn check(&self) -> Result<(), SceneError> {
         ensure(
-            self.assets.len() <= MAX_ENTRIES_PER_PAGE && self.instances.len() <= MAX_ENTRIES_PER_PAGE,
+            [self.assets.len(), self.instances.len(), self.proxies.len()]
+                .iter()
+                .all(|&count| count <= MAX_ENTRIES_PER_PAGE),
             SceneError::TooManyEntries,
         )?;
         ensure(
@@ -449,7 +459,9 @@ impl ScenePage {
             ensure((0.9..=1.1).contains(&length), SceneError::InstanceRotation)?;
             ensure(scale.is_finite() && scale > 0.0, SceneError::InstanceScale)?;
         }
-        Ok(())
+        ensure(self.first_proxy <= MAX_ASSETS, SceneError::PageNumbers)?;
+        proxy::check(&self.proxies)?;
+        ensure(self.proxies.iter().all(|proxy| proxy.asset < known_assets), SceneError::AssetOfLaterPage)
     }
 }
 
@@ -465,6 +477,7 @@ mod tests {
             first_instance: 0,
             assets: vec![asset],
             instances: vec![Instance::at(0, [1.0, 2.0, 3.0])],
+            ..ScenePage::default()
         }
     }
 

@@ -36,6 +36,7 @@ pub mod limits;
 pub mod parts;
 pub mod placement;
 pub mod pose;
+pub mod proxy;
 pub mod published;
 pub mod punctual_lights;
 pub mod shared;

@@ -82,6 +82,7 @@ fn server_messages() -> Vec<ServerMessage> {
         first_instance: 70,
         assets: Vec::new(),
         instances: vec![odd, about_y, unturned],
+        ..ScenePage::default()
     }));
     messages
 }

@@ -50,6 +50,7 @@ impl MemoryScene {
             first_instance: 0,
             assets: entries.collect(),
             instances: instances.collect(),
+            ..ScenePage::default()
         };
         let header = SceneHeader {
             name: name.into(),

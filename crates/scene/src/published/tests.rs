@@ -34,6 +34,7 @@ fn contents(pages: u32) -> Contents {
             .map(|n| AssetEntry { base_bytes: 3000 + n, chunk_count: 65, ..AssetEntry::default() })
             .collect(),
         instances: (0..2).map(|n| Instance::at(2 * page + n, [f64::from(page) * 10.0, 0.0, 0.0])).collect(),
+        ..ScenePage::default()
     };
     let chunks = |first: u32, count: u32, offset: u64| {
         let infos: Vec<ChunkInfo> = (first..first + count).map(info).collect();
