@@ -164,9 +164,13 @@ export interface Asset {
 
 /** A placed asset. */
 export interface Instance {
-  /** Number within the scene. */
-  index: number;
+  /** Number within the scene; null for a proxy, a mesh that stands for many instances. */
+  index: number | null;
+  /** Number of the proxy; null for an instance. */
+  proxy: number | null;
   asset: number;
+  /** Whether it is drawn: an instance is not while a proxy stands for it. */
+  drawn: boolean;
   /** 16 numbers by columns, from an asset's positions to the world, less `relativeTo`; computed in f64. */
   matrix: Float64Array;
 }
@@ -250,6 +254,8 @@ export interface ConnectionEvents {
   scene: CustomEvent<Scene>;
   asset: CustomEvent<Asset>;
   instances: CustomEvent<{ instances: Instance[] }>;
+  /** The instances whose `drawn` has changed: some were replaced by others. */
+  drawn: CustomEvent<{ instances: Instance[] }>;
   mesh: CustomEvent<MeshChange>;
   texture: CustomEvent<TextureChange>;
   lights: CustomEvent<LightPage>;

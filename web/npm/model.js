@@ -24,6 +24,9 @@ export class Model {
   /** Instances whose assets have not arrived, by asset. */
   #waiting = new Map();
   #instanceCount = 0;
+  /** Placements of proxies by number, and what is drawn, if there are proxies. */
+  #proxies = [];
+  #cut = null;
   #relativeTo;
 
   constructor(relativeTo) {
@@ -42,6 +45,8 @@ export class Model {
     this.instances = [];
     this.#waiting.clear();
     this.#instanceCount = 0;
+    this.#proxies = [];
+    this.#cut = null;
     return [['scene', scene]];
   }
 
@@ -64,20 +69,60 @@ export class Model {
         scale: scales[at],
       };
       this.#instanceCount += 1;
-      if (this.assets.has(instance.asset)) {
-        known.push(this.#place(instance));
-      } else {
-        const others = this.#waiting.get(instance.asset) ?? [];
-        others.push(instance);
-        this.#waiting.set(instance.asset, others);
-      }
+      this.#add(instance, known);
     }
     return known.length ? [['instances', { instances: known }]] : [];
   }
 
-  #place({ index, asset, translation, rotation, scale }) {
+  /** Places an instance, or keeps it until its asset comes. */
+  #add(instance, known) {
+    if (this.assets.has(instance.asset)) {
+      known.push(this.#place(instance));
+    } else {
+      const others = this.#waiting.get(instance.asset) ?? [];
+      others.push(instance);
+      this.#waiting.set(instance.asset, others);
+    }
+  }
+
+  _proxies({ assets }) {
+    const known = [];
+    for (const asset of assets) {
+      const proxy = { index: null, proxy: this.#proxies.length, asset, translation: [0, 0, 0], rotation: [0, 0, 0, 1], scale: 1 };
+      this.#proxies.push(asset);
+      this.#add(proxy, known);
+    }
+    this.#cut ??= { proxies: new Set(), instances: 0, covered: [] };
+    return known.length ? [['instances', { instances: known }]] : [];
+  }
+
+  _cut({ proxies, instances, covered }) {
+    this.#cut = { proxies: new Set(proxies), instances, covered };
+    const changed = this.instances.filter((instance) => instance.drawn !== this.#isDrawn(instance));
+    for (const instance of changed) instance.drawn = !instance.drawn;
+    return changed.length ? [['drawn', { instances: changed }]] : [];
+  }
+
+  #isDrawn({ index, proxy }) {
+    if (!this.#cut) return true;
+    if (proxy !== null) return this.#cut.proxies.has(proxy);
+    if (index >= this.#cut.instances) return false;
+    // The run that begins last at or before the instance.
+    const { covered } = this.#cut;
+    let [low, high] = [0, covered.length / 2];
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (covered[2 * middle] <= index) low = middle + 1;
+      else high = middle;
+    }
+    return low === 0 || index >= covered[2 * low - 1];
+  }
+
+  #place({ index, proxy = null, asset, translation, rotation, scale }) {
     const { origin } = this.assets.get(asset);
-    const instance = { index, asset, matrix: matrixOf(rotation, scale, translation, origin, this.#relativeTo) };
+    const matrix = matrixOf(rotation, scale, translation, origin, this.#relativeTo);
+    const instance = { index, proxy, asset, matrix, drawn: true };
+    instance.drawn = this.#isDrawn(instance);
     this.instances.push(instance);
     return instance;
   }

@@ -104,6 +104,16 @@ fn delta(change: &Change, transfer: &mut Transfer) -> Option<JsValue> {
             ("lights", punctual_lights.iter().map(light).collect::<Array>().into()),
         ]),
         Change::Instances(list) => instances(list, transfer),
+        Change::Proxies(list) => {
+            let assets: Vec<u32> = list.iter().map(|proxy| proxy.asset).collect();
+            fields([("kind", "proxies".into()), ("assets", transfer.words(&assets))])
+        }
+        Change::Cut(cut) => fields([
+            ("kind", "cut".into()),
+            ("proxies", transfer.words(&cut.proxies)),
+            ("instances", cut.instances.into()),
+            ("covered", transfer.words(cut.covered.as_flattened())),
+        ]),
         Change::Asset(new) => asset(new),
         Change::Mesh(change) => mesh(change, transfer),
         Change::FirstFrame => fields([("kind", "firstframe".into())]),

@@ -83,6 +83,8 @@ fn encode_change(change: &Change, out: &mut Vec<u8>) -> Result<(), StepError> {
             }
         }
         Change::Instances(instances) => (3_u8, instances).encode(out)?,
+        Change::Proxies(proxies) => (9_u8, proxies).encode(out)?,
+        Change::Cut(cut) => (10_u8, cut).encode(out)?,
         Change::Asset(asset) => {
             (4_u8, asset.asset).encode(out)?;
             (asset.origin, asset.center, asset.radius).encode(out)?;
@@ -116,6 +118,8 @@ fn decode_change<R: Reader>(reader: &mut R) -> Result<Change, StepError> {
             Change::PunctualLightPage { page, punctual_lights: lights.into() }
         }
         3 => Change::Instances(Decode::decode(reader)?),
+        9 => Change::Proxies(Decode::decode(reader)?),
+        10 => Change::Cut(Decode::decode(reader)?),
         4 => Change::Asset(NewAsset {
             asset: get(reader)?,
             origin: get(reader)?,

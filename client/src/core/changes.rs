@@ -6,6 +6,7 @@ use std::sync::Arc;
 use lodestream_geometry::refine::RenderVertex;
 use lodestream_scene::asset::{Material, TextureInfo};
 use lodestream_scene::description::{Instance, SceneHeader};
+use lodestream_scene::proxy::{Cut, Proxy};
 use lodestream_scene::punctual_lights::PunctualLight;
 use lodestream_scene::shared::SharedTexture;
 use lodestream_terrain::{HeightOverride, HeightOverrides};
@@ -31,6 +32,11 @@ pub enum Change {
     },
     /// More instances, numbered after the earlier ones. Their assets may not have arrived.
     Instances(Vec<Instance>),
+    /// More proxies, numbered after the earlier ones: meshes that stand for runs of instances, placed in the world as they
+    /// are. From the first one on, a proxy or instance that no [`Change::Cut`] names yet is not drawn.
+    Proxies(Vec<Proxy>),
+    /// What is drawn from now on, after the meshes of which it consists.
+    Cut(Cut),
     /// A new asset; a [`Change::Mesh`] with its base mesh follows at once.
     Asset(NewAsset),
     /// New contents of some slots of an asset's mesh.
@@ -129,6 +135,8 @@ impl Change {
                 punctual_lights.len() * size_of::<PunctualLight>()
             }
             Self::Instances(list) => list.len() * size_of::<Instance>(),
+            Self::Proxies(list) => list.len() * size_of::<Proxy>(),
+            Self::Cut(cut) => cut.proxies.len() * 4 + cut.covered.len() * 8,
             Self::Asset(asset) => (asset.materials.len() + 1) * size_of::<Material>(),
             Self::Mesh(mesh) => {
                 mesh.vertices.iter().map(|(_, v)| v.len() * size_of::<Vertex>()).sum::<usize>()

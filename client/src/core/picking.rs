@@ -4,6 +4,7 @@ use glam::DVec3;
 use lodestream_geometry::refine::ActiveMesh;
 use lodestream_scene::description::Instance;
 use lodestream_scene::parts::ScenePart;
+use lodestream_scene::placement::Placement;
 
 use super::ClientCore;
 
@@ -71,17 +72,51 @@ impl ClientCore {
         if !ray.origin.is_finite() || !direction.is_finite() {
             return None;
         }
+        let nearest = self.pick_instance(ray.origin, direction, &is_hidden);
+        self.pick_proxy(ray.origin, direction, &is_hidden, nearest)
+    }
+
+    /// The nearest face of the proxies that are drawn, if it is before `nearest`. Its part is the instance that it stands
+    /// for.
+    fn pick_proxy(
+        &self,
+        origin: DVec3,
+        direction: DVec3,
+        is_hidden: &impl Fn(ScenePart) -> bool,
+        mut nearest: Option<Hit>,
+    ) -> Option<Hit> {
+        for proxy in self.scene.drawn_proxies() {
+            let Some(mesh) = self.mesh(proxy.asset) else { continue };
+            let part = |part: u32| ScenePart { instance: proxy.first_instance.saturating_add(part), part: 0 };
+            let from = origin - DVec3::from(mesh.grid().origin);
+            let most = nearest.map_or(f64::INFINITY, |hit| hit.distance);
+            let hit =
+                mesh.cast_ray(from.to_array(), direction.to_array(), most, |number| is_hidden(part(number)));
+            if let Some(hit) = hit.filter(|hit| hit.distance < most) {
+                let place = origin + direction * hit.distance;
+                nearest = Some(Hit { part: part(hit.part), place, distance: hit.distance });
+            }
+        }
+        nearest
+    }
+
+    fn pick_instance(
+        &self,
+        origin: DVec3,
+        direction: DVec3,
+        is_hidden: &impl Fn(ScenePart) -> bool,
+    ) -> Option<Hit> {
         let mut nearest: Option<Hit> = None;
         let mut searched = None;
         loop {
             let farthest = nearest.map_or(f64::INFINITY, |hit| hit.distance);
-            let candidates = self.candidates(ray.origin, direction, searched, farthest);
+            let candidates = self.candidates(origin, direction, searched, farthest);
             for candidate in &candidates {
                 let most = nearest.map_or(f64::INFINITY, |hit| hit.distance);
                 if candidate.enters > most {
                     return nearest;
                 }
-                let found = self.cast(candidate.instance, ray.origin, direction, most, &is_hidden);
+                let found = self.cast(candidate.instance, origin, direction, most, is_hidden);
                 let is_nearer = |found: &Hit| {
                     nearest.is_none_or(|hit| {
                         found.distance.total_cmp(&hit.distance).then(found.part.cmp(&hit.part)).is_lt()
@@ -105,7 +140,9 @@ impl ClientCore {
         farthest: f64,
     ) -> Vec<Candidate> {
         let mut found: Vec<Candidate> = Vec::with_capacity(CANDIDATES + 1);
-        for (number, instance) in (0..).zip(self.scene.instances().all()) {
+        let drawn =
+            (0..).zip(self.scene.instances().all()).filter(|(number, _)| self.scene.is_drawn(*number));
+        for (number, instance) in drawn {
             let Some(state) = self.scene.states.get(instance.asset as usize) else { continue };
             let (entry, placement) = (state.entry(), &instance.placement);
             let scale = f64::from(placement.scale);
@@ -156,16 +193,24 @@ impl ClientCore {
     /// passes over the faces of its asset.
     #[must_use]
     pub fn part_bounds(&self, part: ScenePart) -> Option<PartBounds> {
-        let (instance, mesh) = self.placed_mesh(part.instance)?;
+        let (placement, mesh, of_mesh) = match self.placed_mesh(part.instance) {
+            Some((instance, mesh)) => (instance.placement, mesh, part.part),
+            None => self.in_proxy(part.instance)?,
+        };
         let own = DVec3::from(mesh.grid().origin);
-        let corners =
-            || mesh.part_corners(part.part).map(|at| instance.placement.to_world(own + DVec3::from(at)));
+        let corners = || mesh.part_corners(of_mesh).map(|at| placement.to_world(own + DVec3::from(at)));
         let extent = corners().fold(None, |extent: Option<[DVec3; 2]>, at| {
             Some(extent.map_or([at; 2], |[low, high]| [low.min(at), high.max(at)]))
         })?;
         let centre = 0.5 * (extent[0] + extent[1]);
         let radius = corners().map(|at| centre.distance(at)).fold(0.0, f64::max);
         Some(PartBounds { extent, centre, radius })
+    }
+
+    /// The drawn proxy that stands for an instance: where it is placed, its mesh and the instance's part of it.
+    fn in_proxy(&self, instance: u32) -> Option<(Placement, &ActiveMesh, u32)> {
+        let proxy = self.scene.drawn_proxies().find(|proxy| proxy.instances().contains(&instance))?;
+        Some((Placement::at([0.0; 3]), self.mesh(proxy.asset)?, instance - proxy.first_instance))
     }
 
     /// An instance whose base mesh has arrived, and its mesh.

@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use lodestream_scene::blob::{BlobId, BlobPart};
 use lodestream_scene::description::{Instance, SceneHeader, ScenePage};
+use lodestream_scene::proxy::{Cut, Proxies, Proxy, ProxyError};
 use lodestream_select::{AssetState, InstanceTree, Instances, State};
 
 use super::asset::RefinedAsset;
@@ -28,6 +29,10 @@ pub(crate) struct Scene {
     instances: Vec<Instance>,
     /// Bounding volume tree of the first instances; at most as many again are outside it.
     tree: InstanceTree,
+    /// Meshes that stand for runs of instances.
+    proxies: Proxies,
+    /// What is drawn, and whether a renderer knows it.
+    cut: (Cut, bool),
     /// States of the blobs of each asset.
     pub(crate) states: Vec<AssetState>,
     /// The assets whose base mesh has arrived; as long as `states`.
@@ -67,6 +72,8 @@ pub(crate) enum ScenePageError {
     TooManyEntries,
     #[error("an instance refers to an asset of a later page")]
     AssetOfLaterPage,
+    #[error(transparent)]
+    Proxy(#[from] ProxyError),
     #[error(transparent)]
     SharedTexture(#[from] SharedTextureError),
 }
@@ -138,8 +145,17 @@ impl Scene {
                 self.states.push(AssetState::new(entry));
             }
             self.refined.resize_with(self.states.len(), || None);
+            self.proxies.add(page.first_proxy, &page.proxies, self.asset_count(), instance_count)?;
+            if self.proxies.len() > max_entries {
+                return Err(ScenePageError::TooManyEntries);
+            }
+            if !page.proxies.is_empty() {
+                self.push_change(Change::Proxies(page.proxies));
+            }
             self.instances.extend(&page.instances);
-            self.push_change(Change::Instances(page.instances));
+            if !page.instances.is_empty() {
+                self.push_change(Change::Instances(page.instances));
+            }
             self.next_page += 1;
         }
         Ok(first..self.asset_count())
@@ -156,7 +172,39 @@ impl Scene {
 
     /// The instances.
     pub(crate) fn instances(&self) -> Instances<'_> {
-        Instances::new(&self.instances, &self.tree)
+        Instances::new(&self.instances, &self.tree).with_proxies(&self.proxies)
+    }
+
+    /// The proxies that are drawn.
+    pub(crate) fn drawn_proxies(&self) -> impl Iterator<Item = &Proxy> {
+        let node = |&number: &u32| Some(&self.proxies.nodes().get(number as usize)?.proxy);
+        self.cut.0.proxies.iter().filter_map(node)
+    }
+
+    /// Whether an instance is drawn, rather than a proxy.
+    pub(crate) fn is_drawn(&self, instance: u32) -> bool {
+        self.proxies.is_empty() || self.cut.0.draws(instance)
+    }
+
+    /// Whether proxies stand for all instances of the scene, so that pictures are whole before all pages have arrived.
+    pub(crate) fn proxies_stand_for_all(&self) -> bool {
+        let Some(header) = self.header.as_ref().filter(|_| !self.proxies.is_empty()) else { return false };
+        let mut end = 0;
+        for &root in self.proxies.roots() {
+            let of = self.proxies.nodes()[root as usize].proxy.instances();
+            if of.start != end {
+                return false;
+            }
+            end = of.end;
+        }
+        end == header.instance_count
+    }
+
+    /// Sets what is drawn. The renderer gets to know it after the meshes of which it consists.
+    pub(crate) fn set_cut(&mut self, cut: &Cut) {
+        if self.cut.0 != *cut {
+            self.cut = (cut.clone(), false);
+        }
     }
 
     /// Whether all pages have arrived.
@@ -309,8 +357,13 @@ impl Scene {
     pub(crate) fn has_changes(&self) -> bool {
         let terrain = self.terrain.as_ref().is_some_and(HeightOverridePatches::has_changes);
         let other = !self.changes.is_empty() || !self.textures.is_empty();
-        let first_frame = self.first_frame == FirstFrame::Complete;
+        let first_frame = self.first_frame == FirstFrame::Complete || self.has_new_cut();
         other || first_frame || terrain || self.changed.iter().any(|&asset| self.has_mesh_changes(asset))
+    }
+
+    /// Whether a renderer does not know what is drawn. Without proxies, all instances are.
+    fn has_new_cut(&self) -> bool {
+        !self.proxies.is_empty() && !self.cut.1
     }
 
     fn has_mesh_changes(&self, asset: u32) -> bool {
@@ -343,6 +396,10 @@ impl Scene {
                 bytes += change.bytes();
                 taken.push(change);
             }
+        }
+        if self.has_new_cut() {
+            self.cut.1 = true;
+            taken.push(Change::Cut(self.cut.0.clone()));
         }
         if self.first_frame == FirstFrame::Complete {
             self.first_frame = FirstFrame::Delivered;

@@ -23,6 +23,7 @@ use lodestream_scene::asset::{
 use lodestream_scene::blob::{BlobId, BlobPart};
 use lodestream_scene::description::{AssetEntry, Camera, Instance, SceneHeader, SceneLighting, ScenePage};
 use lodestream_scene::parts::{self, INSTANCES_PER_PAGE, PartInfo, PartTable, RECORDS_PER_PAGE};
+use lodestream_scene::proxy::Proxy;
 use lodestream_scene::punctual_lights::{
     self, FEW_PAGES, FEW_PUNCTUAL_LIGHTS, LISTED_PER_PAGE, PUNCTUAL_LIGHTS_PER_PAGE, PunctualLight,
     PunctualLightPageEntry, PunctualLights, encode_page,
@@ -215,6 +216,17 @@ impl TestScene {
     pub(crate) fn with_instances(mut self, instances: Vec<Instance>) -> Self {
         self.header.instance_count = instances.len() as u32;
         Arc::make_mut(&mut self.page).instances = instances;
+        self
+    }
+
+    /// The same with proxies, each of an asset more with the same mesh.
+    pub(crate) fn with_proxies(mut self, proxies: &[Proxy]) -> Self {
+        let page = Arc::make_mut(&mut self.page);
+        for proxy in proxies {
+            page.proxies.push(Proxy { asset: page.assets.len() as u32, ..*proxy });
+            page.assets.push(page.assets[0].clone());
+        }
+        self.header.asset_count = page.assets.len() as u32;
         self
     }
 

@@ -4,6 +4,7 @@ mod decoding;
 mod faults;
 mod parts;
 mod picking;
+mod proxies;
 mod punctual_lights;
 mod restated;
 mod shared;

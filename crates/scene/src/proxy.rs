@@ -43,6 +43,29 @@ impl Proxy {
     }
 }
 
+/// What of a scene's instances and proxies is drawn.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Cut {
+    /// Numbers of the proxies that are drawn, ascending.
+    pub proxies: Vec<u32>,
+    /// Number of instances that it is about; later ones are not drawn.
+    pub instances: u32,
+    /// Those of them that are not drawn, since a proxy stands for them: ascending runs as first and end.
+    pub covered: Vec<[u32; 2]>,
+}
+
+impl Cut {
+    /// Whether an instance is drawn.
+    #[must_use]
+    pub fn draws(&self, instance: u32) -> bool {
+        let begun = self.covered.partition_point(|[first, _]| *first <= instance);
+        let is_covered = begun.checked_sub(1).is_some_and(|run| instance < self.covered[run][1]);
+        instance < self.instances && !is_covered
+    }
+}
+
+encode_fields!(Cut { proxies, instances, covered });
+
 /// A proxy that does not fit those before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ProxyError {
@@ -176,6 +199,13 @@ mod tests {
         proxies.add(2, &[proxy(1, 0, 4, 0), proxy(1, 5, 5, 0)], 1, 12).unwrap();
         assert_eq!((proxies.roots(), &proxies.nodes()[0].children[..]), (&[0, 1][..], &[2, 3][..]));
         assert_eq!(proxies.nodes()[3].depth, 1);
+    }
+
+    #[test]
+    fn a_cut_draws_what_it_knows_and_does_not_cover() {
+        let cut = Cut { proxies: vec![0], instances: 9, covered: vec![[1, 3], [5, 8]] };
+        let drawn: Vec<u32> = (0..12).filter(|&instance| cut.draws(instance)).collect();
+        assert_eq!(drawn, [0, 3, 4, 8]);
     }
 
     #[test]

@@ -11,6 +11,7 @@ use glam::{DVec3, Vec3};
 
 use super::project::Projection;
 use lodestream_scene::description::{AssetEntry, Instance};
+use lodestream_scene::proxy::Proxies;
 
 /// Most instances of a leaf.
 const LEAF: usize = 16;
@@ -303,11 +304,12 @@ fn length(length: usize) -> u32 {
 pub struct Instances<'a> {
     all: &'a [Instance],
     tree: Option<&'a InstanceTree>,
+    proxies: Option<&'a Proxies>,
 }
 
 impl<'a> From<&'a [Instance]> for Instances<'a> {
     fn from(all: &'a [Instance]) -> Self {
-        Self { all, tree: None }
+        Self { all, tree: None, proxies: None }
     }
 }
 
@@ -319,7 +321,18 @@ impl<'a> Instances<'a> {
     #[must_use]
     pub fn new(all: &'a [Instance], tree: &'a InstanceTree) -> Self {
         assert!(tree.len() <= all.len(), "the hierarchy is of other instances");
-        Self { all, tree: Some(tree) }
+        Self { all, tree: Some(tree), proxies: None }
+    }
+
+    /// With proxies, which are drawn instead of instances that are small on the screen.
+    #[must_use]
+    pub const fn with_proxies(self, proxies: &'a Proxies) -> Self {
+        Self { proxies: Some(proxies), ..self }
+    }
+
+    /// The proxies, if there are any.
+    pub(super) fn proxies(&self) -> Option<&'a Proxies> {
+        self.proxies.filter(|proxies| !proxies.is_empty())
     }
 
     /// All instances, by number.

@@ -24,6 +24,7 @@
     )
 )]
 
+mod cut;
 pub mod difference;
 mod instance_tree;
 mod occluder;

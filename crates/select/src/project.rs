@@ -51,12 +51,23 @@ impl Projection {
     #[must_use]
     pub fn bounds(&self, asset: &AssetEntry, instance: &Instance) -> Bounds {
         let (center, radius) = self.sphere(asset, instance);
+        self.of_sphere(center, radius)
+    }
+
+    fn of_sphere(&self, center: Vec3, radius: f32) -> Bounds {
         Bounds {
             visible: self.frustum.sees(center, radius),
             depth: f64::from(self.frustum.depth(center, radius)),
             coverage_px: self.radius_px(center, radius),
             foveation: foveation(&self.frustum, center, radius),
         }
+    }
+
+    /// Bounds of an asset that is placed in the world as it is, with a margin.
+    #[must_use]
+    pub fn bounds_within(&self, asset: &AssetEntry, margin: f32) -> Bounds {
+        let (center, radius) = self.sphere(asset, &Instance::at(0, [0.0; 3]));
+        self.of_sphere(center, radius + margin)
     }
 
     /// Radius of an instance on the screen, in pixels, as [`Bounds::coverage_px`].

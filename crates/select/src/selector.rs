@@ -10,6 +10,7 @@ use std::cmp::Reverse;
 
 use glam::Vec3;
 
+use super::cut::{CutScene, CutSelector, CutSettings};
 use super::difference::{Picture, SubtreeBenefit};
 use super::instance_tree::{IndexSet, Instances};
 use super::priority::Priority;
@@ -20,6 +21,7 @@ use super::state::{AssetState, Chunk};
 use super::textures::{Textures, texels_in_use};
 use super::visibility::Visibility;
 use lodestream_scene::description::Instance;
+use lodestream_scene::proxy::Cut;
 use lodestream_scene::view::View;
 
 pub use evaluate::max_screen_error_px;
@@ -49,6 +51,20 @@ pub struct Selector {
     to_sun: Option<Vec3>,
     /// Wanted texture levels.
     textures: Textures,
+    cut: CutSelector,
+    /// Whether the server still pushes base meshes.
+    awaits_push: bool,
+    /// What of the last cut may be in view.
+    drawn: Vec<Drawn>,
+}
+
+/// An instance, or a proxy as one.
+#[derive(Clone, Copy, Debug)]
+struct Drawn {
+    instance: Instance,
+    /// Its number, or that of the proxy.
+    number: u32,
+    is_proxy: bool,
 }
 
 /// Maxima over the instances of an asset.
@@ -131,7 +147,22 @@ impl Selector {
             travel: 0.0,
             to_sun: None,
             textures: Textures::default(),
+            cut: CutSelector::default(),
+            awaits_push: false,
+            drawn: Vec::new(),
         }
+    }
+
+    /// Sets whether the server still pushes the base meshes of a cut through the proxies: then none are wanted where
+    /// nothing can be drawn yet. False by default.
+    pub const fn set_awaits_push(&mut self, awaits_push: bool) {
+        self.awaits_push = awaits_push;
+    }
+
+    /// What the last call found to be drawn.
+    #[must_use]
+    pub const fn cut(&self) -> &Cut {
+        self.cut.cut()
     }
 
     /// The settings; changes apply from the next call.
@@ -181,6 +212,7 @@ impl Selector {
     ) -> &Selection {
         self.reset(assets);
         let in_use = usage(assets);
+        self.find_cut(view, instances, assets);
         self.evaluate(view, instances, assets, in_use);
         let threshold = self.choose_threshold(view.target_px, assets);
         if let Some(to_sun) = self.to_sun.filter(|_| self.settings.shadows) {
@@ -211,6 +243,23 @@ impl Selector {
         self.finish()
     }
 
+    /// Finds which proxies are drawn. Without proxies, all instances are.
+    fn find_cut(&mut self, view: &View, instances: Instances<'_>, assets: &[AssetState]) {
+        let Some(proxies) = instances.proxies() else {
+            self.cut = CutSelector::default();
+            return;
+        };
+        let settings = CutSettings {
+            threshold_px: self.threshold_px.max(view.target_px),
+            close_below: self.settings.undo_below.get(),
+            prefetch: self.settings.prefetch_bases,
+            awaits_push: self.awaits_push,
+        };
+        let scene = CutScene { proxies, instances: instances.all(), assets };
+        let (projection, picture) = (Projection::new(view), Picture::new(view));
+        self.cut.update(&projection, &picture, scene, settings, &mut self.selection.wanted);
+    }
+
     fn reset(&mut self, assets: &[AssetState]) {
         self.selection.wanted.clear();
         self.selection.failed.clear();
@@ -231,7 +280,13 @@ impl Selector {
     /// Sorts the wanted blobs and truncates the list.
     fn finish(&mut self) -> &Selection {
         let selection = &mut self.selection;
-        selection.counters.settled = selection.wanted.is_empty();
+        if !self.cut.cut().proxies.is_empty() || self.cut.missing() > 0 {
+            // An asset may be wanted for instances and for those below a proxy.
+            selection.wanted.sort_unstable_by_key(|w| (w.id, Reverse(w.priority)));
+            selection.wanted.dedup_by_key(|w| w.id);
+        }
+        let awaited = if self.awaits_push { self.cut.missing() } else { 0 };
+        selection.counters.settled = selection.wanted.is_empty() && awaited == 0;
         let order = |w: &Wanted| (Reverse(w.priority), w.id);
         let most = self.settings.max_wanted.get();
         if selection.wanted.len() > most {

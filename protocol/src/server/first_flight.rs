@@ -3,10 +3,12 @@
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
+use super::first_cut::first_cut;
 use super::scene_index::SceneIndex;
 use crate::scheduler::Unit;
 use crate::source::SceneSource;
 use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_scene::description::Instance;
 use lodestream_scene::view::View;
 use lodestream_select::Projection;
 use lodestream_select::priority::{Priority, base_priority, refine_priority};
@@ -38,7 +40,21 @@ pub(super) fn first_flight(
     let mut best = vec![0; scene.assets().len()];
     let mut largest_px = vec![0.0_f32; best.len()];
     let mut page_best = vec![0; scene.page_count()];
-    for (_, page, instance) in scene.near(&projection) {
+    let cut = first_cut(scene, view);
+    for &proxy in &cut.proxies {
+        let number = scene.proxies().nodes()[proxy as usize].proxy.asset;
+        let (Some(entry), Some(page)) = (scene.asset(number), scene.page_of_proxy(proxy)) else { continue };
+        let bounds = projection.bounds(entry, &Instance::at(number, [0.0; 3]));
+        let priority = base_priority(bounds.coverage_px, bounds.foveation);
+        best[number as usize] = priority.max(best[number as usize]);
+        if let Some(best_on_page) = page_best.get_mut(page as usize) {
+            *best_on_page = priority.max(*best_on_page);
+        }
+    }
+    for (number, page, instance) in scene.near(&projection) {
+        if cut.covers(number) {
+            continue;
+        }
         let Some(asset) = scene.asset(instance.asset) else { continue };
         let bounds = projection.bounds(asset, instance);
         if bounds.visible {
@@ -56,6 +72,14 @@ pub(super) fn first_flight(
     for ((page, _), &priority) in scene.assets().zip(&best) {
         if let Some(best_on_page) = page_best.get_mut(page as usize) {
             *best_on_page = priority.max(*best_on_page);
+        }
+    }
+    if !scene.proxies().is_empty() {
+        // A client numbers the entries of a page after those of the pages before.
+        let mut of_later = 0;
+        for best in page_best.iter_mut().rev() {
+            of_later = of_later.max(*best);
+            *best = of_later;
         }
     }
     let hidden = refine_priority(HIDDEN_PAGE_BENEFIT, 1.0, 1.0);

@@ -7,6 +7,7 @@
 
 mod coarse_textures;
 mod config;
+mod first_cut;
 mod first_flight;
 mod outbox;
 mod pace;

@@ -6,6 +6,7 @@ use std::collections::{BTreeMap, HashMap};
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_stated_page};
 
 use super::coarse_textures::coarse_textures;
+use super::first_cut::first_cut;
 use super::pushed_blob::PushedBlob;
 use super::scene_index::SceneIndex;
 use crate::scheduler::Unit;
@@ -217,14 +218,24 @@ fn visible_assets(
         })
         .collect();
     let projection = Projection::new(view);
+    let cut = first_cut(index, view);
     let in_view = index.near(&projection).into_iter().map(|(number, _, instance)| (number, instance));
     let largest = numbers.iter().filter_map(|&asset| index.largest(asset, &projection));
     // Ordered by number, as the occlusion test expects.
-    let placed: BTreeMap<u32, &Instance> =
-        in_view.filter(|(_, instance)| local.contains_key(&instance.asset)).chain(largest).collect();
+    let placed: BTreeMap<u32, &Instance> = in_view
+        .chain(largest)
+        .filter(|(number, instance)| !cut.covers(*number) && local.contains_key(&instance.asset))
+        .collect();
     let renumber =
         |instance: &&Instance| Some(Instance { asset: *local.get(&instance.asset)?, ..**instance });
-    let instances = placed.values().filter_map(renumber).collect();
+    // A proxy in view is a placed asset like others, unless the client will replace it as it is.
+    let proxies = cut.proxies.iter().filter_map(|&proxy| {
+        let proxy = index.proxies().nodes()[proxy as usize].proxy;
+        let depth = projection.bounds_within(index.asset(proxy.asset)?, proxy.error).depth;
+        let stays = projection.error_px(f64::from(proxy.error), depth) <= f64::from(view.target_px);
+        stays.then_some(Instance::at(*local.get(&proxy.asset)?, [0.0; 3]))
+    });
+    let instances = placed.values().filter_map(renumber).chain(proxies).collect();
     (numbers, instances, assets)
 }
 

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use crate::source::SceneSource;
 use lodestream_scene::description::{AssetEntry, Instance, ScenePage};
+use lodestream_scene::proxy::Proxies;
 use lodestream_select::{InstanceTree, Projection};
 
 /// A scene's pages with lookup of assets and instances by number and by view.
@@ -15,6 +16,10 @@ pub(super) struct SceneIndex {
     /// Page of each asset, and index there.
     assets: Vec<(u32, u32)>,
     tree: InstanceTree,
+    proxies: Proxies,
+    /// Page of each proxy.
+    proxy_pages: Vec<u32>,
+    instance_count: usize,
 }
 
 impl SceneIndex {
@@ -31,10 +36,51 @@ impl SceneIndex {
             Some(first)
         });
         let first_instances = first_instances.collect();
-        let mut index = Self { pages, first_instances, assets, tree: InstanceTree::default() };
+        let instance_count = pages.iter().map(|page| page.instances.len()).sum();
+        let mut index = Self {
+            pages,
+            first_instances,
+            assets,
+            tree: InstanceTree::default(),
+            proxies: Proxies::default(),
+            proxy_pages: Vec::new(),
+            instance_count,
+        };
+        index.add_proxies();
         let instances = index.pages.iter().flat_map(|page| &page.instances);
         index.tree = InstanceTree::new(instances, |asset| index.asset(asset));
         index
+    }
+
+    /// Reads the proxies, up to the first that does not fit.
+    fn add_proxies(&mut self) {
+        let known = |length: usize| u32::try_from(length).unwrap_or(u32::MAX);
+        let (assets, instances) = (known(self.assets.len()), known(self.instance_count));
+        for (number, page) in (0..).zip(&self.pages) {
+            if self
+                .proxies
+                .add(page.first_proxy.max(self.proxies.len()), &page.proxies, assets, instances)
+                .is_err()
+            {
+                break;
+            }
+            self.proxy_pages.resize(self.proxies.nodes().len(), number);
+        }
+    }
+
+    /// The proxies.
+    pub(super) const fn proxies(&self) -> &Proxies {
+        &self.proxies
+    }
+
+    /// Number of the page of a proxy.
+    pub(super) fn page_of_proxy(&self, proxy: u32) -> Option<u32> {
+        self.proxy_pages.get(proxy as usize).copied()
+    }
+
+    /// Number of instances.
+    pub(super) const fn instance_count(&self) -> usize {
+        self.instance_count
     }
 
     /// Number of pages.
@@ -54,7 +100,7 @@ impl SceneIndex {
     }
 
     /// The instance entry of a number.
-    fn instance(&self, number: u32) -> Option<&Instance> {
+    pub(super) fn instance(&self, number: u32) -> Option<&Instance> {
         self.find(number).map(|(_, instance)| instance)
     }
 

@@ -63,6 +63,9 @@ impl ClientCore {
         let light = self.scene.header.as_ref().map(|header| header.light);
         let shines = |light: &SceneLighting| light.color.iter().any(|&part| part > 0.0);
         self.selection.selector.set_to_sun(light.filter(shines).map(|light| light.direction));
+        // A session pushes the base meshes of a cut; of a published scene they are in its beginning.
+        let awaits_push = !self.connection.bases_sent && self.awaits_first_frame();
+        self.selection.selector.set_awaits_push(awaits_push);
         let selection =
             self.selection.selector.select_among(&view, self.scene.instances(), &self.scene.states);
         let (counters, cancel, undo) = (selection.counters, selection.cancel.clone(), selection.undo.clone());
@@ -80,7 +83,9 @@ impl ClientCore {
         };
         let wanted_parts = self.parts.wanted();
         self.selection.wanted.splice(0..0, wanted_parts);
-        let all_known = self.scene.is_complete() || self.connection.bases_sent;
+        self.scene.set_cut(self.selection.selector.cut());
+        let all_known =
+            self.scene.is_complete() || self.connection.bases_sent || self.scene.proxies_stand_for_all();
         let started = self.connection.started.unwrap_or(now);
         self.milestones.note(started, now, self.received_bytes(), all_known, &counters);
         if self.config.track_changes && is_drawable(all_known, &counters) {

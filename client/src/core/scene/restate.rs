@@ -11,7 +11,7 @@ const INSTANCES_PER_CHANGE: usize = 8192;
 
 impl Scene {
     /// Replaces the queued changes by all that make up the scene now, in the order of a first time: header, punctual
-    /// lights, instances, assets, whole meshes, first frame, height overrides. Texture levels are left out: they are
+    /// lights, proxies, instances, assets, whole meshes, first frame, height overrides. Texture levels are left out: they are
     /// marked as not applied, and returned as the blobs that were requested for them, each once.
     pub(crate) fn restate(&mut self) -> Vec<BlobId> {
         let Some(header) = self.header.clone() else { return Vec::new() };
@@ -25,6 +25,11 @@ impl Scene {
             for (page, punctual_lights) in pages {
                 self.push_change(Change::PunctualLightPage { page, punctual_lights });
             }
+        }
+        let proxies: Vec<_> = self.proxies.nodes().iter().map(|node| node.proxy).collect();
+        if !proxies.is_empty() {
+            self.push_change(Change::Proxies(proxies));
+            self.cut.1 = false;
         }
         let instances: Vec<_> = self.instances.chunks(INSTANCES_PER_CHANGE).map(<[_]>::to_vec).collect();
         for some in instances {

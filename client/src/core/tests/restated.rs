@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use lodestream_scene::blob::BlobId;
+use lodestream_scene::proxy::Cut;
 use lodestream_scene::punctual_lights::PunctualLight;
 
 use super::{Change, Config, Loopback, TestScene, finest};
@@ -13,6 +14,7 @@ use crate::core::{TexturePixels, Vertex};
 struct Drawn {
     scenes: u32,
     instances: Vec<String>,
+    cut: Cut,
     assets: BTreeMap<u32, String>,
     vertices: BTreeMap<(u32, u32), Vertex>,
     faces: BTreeMap<(u32, u16, u32), [u32; 3]>,
@@ -31,6 +33,8 @@ impl Drawn {
             Change::PunctualLightPage { page, punctual_lights } => {
                 self.lights.insert(page, punctual_lights.len());
             }
+            Change::Proxies(some) => self.instances.extend(some.iter().map(|one| format!("{one:?}"))),
+            Change::Cut(cut) => self.cut = cut,
             Change::Instances(some) => self.instances.extend(some.iter().map(|one| format!("{one:?}"))),
             Change::Asset(asset) => {
                 let old = self.assets.insert(asset.asset, format!("{asset:?}"));
@@ -167,4 +171,11 @@ fn what_the_renderer_had_not_taken_is_stated_once() {
         }
     }
     assert!(link.times_sent().values().all(|&times| times == 1), "{:?}", link.times_sent());
+}
+
+#[test]
+fn a_restated_scene_draws_the_same_proxies() {
+    let (_, drawn, _) =
+        same_after_restating(TestScene::new(2).with_proxies(&super::proxies::street(2)), |_| {});
+    assert!(drawn.cut.instances == 2 && drawn.instances.len() > 2, "{:?}", drawn.cut);
 }

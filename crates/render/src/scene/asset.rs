@@ -1,5 +1,6 @@
 //! An asset in GPU memory: vertices, an index list per material, materials and textures.
 
+use std::collections::BTreeSet;
 use std::ops::{Range, RangeInclusive};
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -53,6 +54,8 @@ pub struct AssetGpu {
     parts: Vec<Part>,
     textures: Vec<Texture>,
     states: PartTable,
+    /// Indices of the placements that are drawn; all if `None`.
+    drawn: Option<BTreeSet<u32>>,
 }
 
 /// Bounds of all vertices ever written, and when their morphs end.
@@ -123,6 +126,7 @@ impl AssetGpu {
             parts,
             textures,
             states: PartTable::default(),
+            drawn: None,
         }
     }
 
@@ -382,8 +386,20 @@ impl AssetGpu {
         Ok(())
     }
 
+    /// Sets which placements are drawn, by index; all if `None`.
+    pub(crate) fn set_drawn(&mut self, drawn: Option<BTreeSet<u32>>) {
+        if self.drawn != drawn {
+            self.drawn = drawn;
+            self.changed_look(true);
+        }
+    }
+
     /// Where the states of an instance's parts begin; `None` if nothing of it is drawn.
     pub(crate) fn part_states(&self, instance: usize) -> Option<u32> {
+        let index = u32::try_from(instance).unwrap_or(u32::MAX);
+        if self.drawn.as_ref().is_some_and(|drawn| !drawn.contains(&index)) {
+            return None;
+        }
         self.states.start(instance)
     }
 

@@ -42,6 +42,11 @@ impl SceneParts {
         isolated || self.states.range(own).next().is_some()
     }
 
+    /// Of each arrived instance its asset, and its index among the asset's instances.
+    pub(crate) fn places(&self) -> &[(u32, u32)] {
+        &self.places
+    }
+
     /// Sets a part's state; returns its asset, once that is known.
     pub(crate) fn set(&mut self, part: ScenePart, state: PartState) -> Option<u32> {
         if state == PartState::default() {

@@ -10,6 +10,7 @@ use lodestream_client::core::{Change, NewAsset, TextureChange};
 use lodestream_scene::description::SceneHeader;
 use lodestream_scene::placement::Placement;
 use lodestream_scene::pose::Pose;
+use lodestream_scene::proxy::Cut;
 use lodestream_scene::punctual_lights::PunctualLight;
 use lodestream_scene::view::View;
 use lodestream_threads::Task;
@@ -57,6 +58,10 @@ pub struct SceneView {
     instances: Vec<Vec<Placement>>,
     /// Parts that are hidden, tinted or isolated.
     parts: SceneParts,
+    /// Assets of the scene's proxies.
+    proxies: Vec<u32>,
+    /// What of instances and proxies is drawn, if there are proxies.
+    cut: Cut,
     /// Light and sky use the description's colours, without an atmosphere.
     plain: bool,
     /// Steps that wait for upload.
@@ -280,12 +285,32 @@ impl SceneView {
                     }
                     placed.push(instance.placement);
                 }
+                if !self.proxies.is_empty() {
+                    let assets: BTreeSet<u32> = instances.iter().map(|instance| instance.asset).collect();
+                    self.apply_cut(|asset| assets.contains(&asset));
+                }
                 if !concerned.is_empty() {
                     self.write_part_states(gpu, |asset| concerned.contains(&asset))?;
                 }
             }
+            Change::Proxies(proxies) => {
+                for proxy in &proxies {
+                    let asset = proxy.asset as usize;
+                    if self.instances.len() <= asset {
+                        self.instances.resize_with(asset + 1, Vec::new);
+                    }
+                    self.instances[asset].push(Placement::at([0.0; 3]));
+                    self.proxies.push(proxy.asset);
+                    self.apply_cut(|one| one == proxy.asset);
+                }
+            }
+            Change::Cut(cut) => {
+                self.cut = cut;
+                self.apply_cut(|_| true);
+            }
             Change::Asset(asset) => {
                 self.add(gpu, renderer, &asset);
+                self.apply_cut(|one| one == asset.asset);
                 self.write_part_states_of(gpu, asset.asset)?;
             }
             Change::PunctualLights { count } => self.has_punctual_lights = count > 0,
@@ -303,6 +328,32 @@ impl SceneView {
             Change::Mesh(_) | Change::Texture(_) => {}
         }
         Ok(())
+    }
+
+    /// Tells assets which of their placements are drawn, if the scene has proxies.
+    fn apply_cut(&mut self, concerns: impl Fn(u32) -> bool) {
+        if self.proxies.is_empty() {
+            return;
+        }
+        let mut drawn: BTreeMap<u32, BTreeSet<u32>> = BTreeMap::new();
+        let mut covered = self.cut.covered.iter().peekable();
+        for (number, &(asset, index)) in (0..self.cut.instances).zip(self.parts.places()) {
+            while covered.next_if(|[_, end]| *end <= number).is_some() {}
+            if covered.peek().is_none_or(|[first, _]| number < *first) && concerns(asset) {
+                drawn.entry(asset).or_default().insert(index);
+            }
+        }
+        for &proxy in &self.cut.proxies {
+            // A proxy is the only placement of its asset.
+            if let Some(&asset) = self.proxies.get(proxy as usize).filter(|asset| concerns(**asset)) {
+                drawn.entry(asset).or_default().insert(0);
+            }
+        }
+        for (number, asset) in (0..).zip(&mut self.assets) {
+            if let Some(asset) = asset.as_mut().filter(|_| concerns(number)) {
+                asset.set_drawn(Some(drawn.remove(&number).unwrap_or_default()));
+            }
+        }
     }
 
     /// Uploads missing rows of a texture level, about `budget_bytes` but at least one, and returns the number of

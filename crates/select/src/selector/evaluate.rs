@@ -2,7 +2,7 @@
 
 use lodestream_geometry::screen::{visible_error, visible_error_at};
 
-use super::Selector;
+use super::{Drawn, Selector};
 use crate::difference::{Picture, difference_error};
 use crate::instance_tree::{Instances, TreeQuery};
 use crate::priority::hidden;
@@ -65,15 +65,20 @@ impl Selector {
         let (projection, picture) = (Projection::new(view), Picture::new(view));
         instances.find(&TreeQuery::in_view(&projection), &mut self.nearby);
         for (number, on_screen) in (0..).zip(&mut self.on_screen) {
-            on_screen.placed = instances.places(number);
+            on_screen.placed = instances.proxies().is_none() && instances.places(number);
         }
+        let drawn = self.list_drawn(instances);
         let counters = &mut self.selection.counters;
         (counters.applied_faces, counters.applied_bytes) = in_use;
         let floor_px = f64::from(view.target_px * self.settings.undo_below.get());
         let (mut worst, mut worst_unoccluded) = (0.0_f64, 0.0_f64);
-        let mut drawn = false;
-        for &number in self.nearby.numbers() {
-            let instance = &instances.all()[number as usize];
+        // What is missing has no error yet.
+        counters.visible_instances += self.cut.missing();
+        if self.cut.missing() > 0 {
+            (worst, worst_unoccluded) = (f64::INFINITY, f64::INFINITY);
+        }
+        let mut is_visibility_drawn = false;
+        for &Drawn { ref instance, number, is_proxy } in &drawn {
             let Some(asset) = assets.get(instance.asset as usize) else { continue };
             let on_screen = &mut self.on_screen[instance.asset as usize];
             on_screen.placed = true;
@@ -84,7 +89,9 @@ impl Selector {
             }
             on_screen.visible = true;
             on_screen.visible_px = on_screen.visible_px.max(bounds.coverage_px);
-            self.textures.add_instance(number, instance.asset, bounds.coverage_px);
+            if !is_proxy {
+                self.textures.add_instance(number, instance.asset, bounds.coverage_px);
+            }
             on_screen.foveation = on_screen.foveation.max(bounds.foveation);
             counters.visible_instances += 1;
             if asset.state(BlobPart::Base) == State::Applied {
@@ -94,10 +101,15 @@ impl Selector {
             }
             let scale = f64::from(instance.placement.scale);
             let px_of = |error: f32| projection.error_px(f64::from(error) * scale, bounds.depth);
-            let unknown_px = px_of(asset.unknown_error());
-            worst = worst.max(unknown_px);
-            if unknown_px > floor_px && self.settings.hidden_last && asset.occluder().is_some() {
-                if !std::mem::replace(&mut drawn, true) {
+            // The finest mesh of a proxy has an error of its own.
+            let proxy_px = if is_proxy { f64::from(self.cut.error_px(number)) } else { 0.0 };
+            let waits = is_proxy && self.cut.waits(number);
+            let with_own = |px: f64| if px > 0.0 { px + proxy_px } else { 0.0 };
+            let unknown_px = if waits { 0.0 } else { with_own(px_of(asset.unknown_error())) };
+            worst = worst.max(unknown_px).max(proxy_px);
+            let tests_visibility = self.settings.hidden_last && asset.occluder().is_some() && !is_proxy;
+            if unknown_px > floor_px && tests_visibility {
+                if !std::mem::replace(&mut is_visibility_drawn, true) {
                     self.visibility.draw(view, self.travel, instances, assets);
                 }
                 let shown = self.visibility.shown(number, view, asset.entry(), instance);
@@ -107,7 +119,7 @@ impl Selector {
                 }
             } else {
                 on_screen.pages_visible = true;
-                worst_unoccluded = worst_unoccluded.max(unknown_px);
+                worst_unoccluded = worst_unoccluded.max(unknown_px).max(proxy_px);
             }
             #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
             {
@@ -116,7 +128,7 @@ impl Selector {
                 on_screen.px_per_unit = on_screen.px_per_unit.max(px_per_unit as f32);
             }
             // No chunk's visible error exceeds the root error, and no sphere is nearer than the asset's.
-            let root_px = px_of(asset.entry().root_error);
+            let root_px = with_own(px_of(asset.entry().root_error));
             if root_px < floor_px {
                 (worst, worst_unoccluded) = (worst.max(root_px), worst_unoccluded.max(root_px));
                 on_screen.far = true;
@@ -128,7 +140,8 @@ impl Selector {
             self.projected.clear();
             self.projected.extend(asset.chunks().iter().map(|chunk| {
                 let info = chunk.as_ref()?.info();
-                local.error_px(&info.sphere, visible_error(info, share))
+                let (px, foveation) = local.error_px(&info.sphere, visible_error(info, share))?;
+                Some((with_own(px), foveation))
             }));
             self.shares.clear();
             self.shares.resize(asset.chunks().len(), 1.0);
@@ -138,13 +151,12 @@ impl Selector {
                 chunk.state() != State::Applied && projected[number].is_some_and(|(px, _)| px > floor_px)
             };
             let numbered = (0..).zip(asset.chunks());
-            if self.settings.hidden_last
-                && asset.occluder().is_some()
+            if tests_visibility
                 && numbered
                     .filter_map(|(at, chunk)| Some((at, chunk.as_ref()?)))
                     .any(|(at, c)| needs_test(at, c))
             {
-                if !std::mem::replace(&mut drawn, true) {
+                if !std::mem::replace(&mut is_visibility_drawn, true) {
                     self.visibility.draw(view, self.travel, instances, assets);
                 }
                 let placed = Placed::new(view, asset.entry(), instance);
@@ -160,10 +172,17 @@ impl Selector {
                 let error = visible_error(info, share);
                 if chunk.state() != State::Applied {
                     let left = remaining_error(chunk, share);
-                    let left_px = if left < error { px * f64::from(left / error) } else { px };
+                    let left_px = if left < error {
+                        proxy_px + (px - proxy_px).max(0.0) * f64::from(left / error)
+                    } else {
+                        px
+                    };
                     worst = worst.max(left_px);
                     if shown > MIN_VISIBLE_SHARE {
                         worst_unoccluded = worst_unoccluded.max(left_px);
+                    }
+                    if waits && chunk.extent_in_use().is_none() {
+                        continue;
                     }
                 }
                 #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
@@ -181,5 +200,32 @@ impl Selector {
         }
         counters.max_screen_error_px = worst;
         counters.unoccluded_screen_error_px = worst_unoccluded;
+        self.drawn = drawn;
+    }
+
+    /// The instances that may be in view and for which no proxy stands, and the proxies that are drawn.
+    fn list_drawn(&mut self, instances: Instances<'_>) -> Vec<Drawn> {
+        let mut drawn = std::mem::take(&mut self.drawn);
+        drawn.clear();
+        let Some(proxies) = instances.proxies() else {
+            let of = |&number: &u32| (number, instances.all()[number as usize]);
+            let nearby = self.nearby.numbers().iter().map(of);
+            drawn.extend(nearby.map(|(number, instance)| Drawn { instance, number, is_proxy: false }));
+            return drawn;
+        };
+        for &number in self.nearby.numbers().iter().filter(|number| !self.cut.covers(**number)) {
+            drawn.push(Drawn { instance: instances.all()[number as usize], number, is_proxy: false });
+        }
+        for &number in &self.cut.cut().proxies {
+            let asset = proxies.nodes()[number as usize].proxy.asset;
+            drawn.push(Drawn { instance: Instance::at(asset, [0.0; 3]), number, is_proxy: true });
+        }
+        let uncovered = (0..).zip(instances.all()).filter(|(number, _)| !self.cut.covers(*number));
+        for (_, instance) in uncovered {
+            if let Some(on_screen) = self.on_screen.get_mut(instance.asset as usize) {
+                on_screen.placed = true;
+            }
+        }
+        drawn
     }
 }

@@ -36,7 +36,11 @@ impl Selector {
     ) {
         let (projection, picture) = (Projection::new(view), Picture::new(view));
         let floor_px = f64::from(threshold * self.settings.undo_below.get());
+        let cut = &self.cut;
         let placed = |number: &u32| {
+            if cut.covers(*number) {
+                return None;
+            }
             let instance = instances.all().get(*number as usize)?;
             Some((instance, assets.get(instance.asset as usize)?))
         };

@@ -26,6 +26,7 @@ class Asset {
   #textures;
   #meshes = [];
   #geometries = [];
+  #instances = [];
   #matrices = [];
 
   constructor(asset, group) {
@@ -73,10 +74,12 @@ class Asset {
     }
   }
 
-  /** Adds instances. */
-  place(matrices) {
-    this.#matrices.push(...matrices);
+  /** Adds instances, and places those that are drawn. */
+  place(instances) {
+    this.#instances.push(...instances);
+    this.#matrices = this.#instances.filter(({ drawn }) => drawn).map(({ matrix }) => matrix);
     this.#removeMeshes();
+    if (!this.#matrices.length) return;
     this.#meshes = this.#materials.map((material, at) => {
       const instanced = new THREE.InstancedMesh(this.#geometries[at], material, this.#matrices.length);
       this.#matrices.forEach((matrix, index) => instanced.setMatrixAt(index, new THREE.Matrix4().fromArray(matrix)));
@@ -189,7 +192,11 @@ export class StreamedGroup extends THREE.Group {
     on('texture', (change) => this.#assets.get(change.asset).texture(change));
     on('instances', ({ instances }) => {
       const byAsset = Map.groupBy(instances, ({ asset }) => asset);
-      for (const [asset, list] of byAsset) this.#assets.get(asset).place(list.map(({ matrix }) => matrix));
+      for (const [asset, list] of byAsset) this.#assets.get(asset).place(list);
+    });
+    // Distant instances are drawn as proxies.
+    on('drawn', ({ instances }) => {
+      for (const asset of new Set(instances.map(({ asset }) => asset))) this.#assets.get(asset).place([]);
     });
     this.addEventListener('removed', () => this.dispose());
   }

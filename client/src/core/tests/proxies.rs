@@ -1,0 +1,169 @@
+//! Proxies: drawn instead of instances that are small on the screen, and replaced at once.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_scene::description::{Camera, Instance};
+use lodestream_scene::proxy::{Cut, Proxy};
+use lodestream_scene::view::View;
+
+use super::{Change, Loopback, TestScene, view};
+
+/// A root for all instances of a row with one child for each half; the halves' error is a fifth of the root's.
+pub(super) fn street(count: u32) -> [Proxy; 3] {
+    let of = |parent, first_instance, instance_count, error| Proxy {
+        parent,
+        first_instance,
+        instance_count,
+        error,
+        ..Proxy::default()
+    };
+    let half = count / 2;
+    [Proxy { child_count: 2, ..of(0, 0, count, 0.5) }, of(1, 0, half, 0.1), of(1, half, count - half, 0.1)]
+}
+
+/// Numbers of the proxies' assets in [`street`].
+const ROOT: u32 = 4;
+
+/// What a renderer draws.
+#[derive(Default)]
+struct Picture {
+    instances: Vec<Instance>,
+    proxies: Vec<Proxy>,
+    meshes: BTreeMap<u32, bool>,
+    cut: Cut,
+    whole: bool,
+}
+
+impl Picture {
+    fn take(&mut self, link: &mut Loopback, max_bytes: usize) {
+        for change in link.core.take_changes(link.now, max_bytes) {
+            match change {
+                Change::Instances(list) => self.instances.extend(list),
+                Change::Proxies(list) => self.proxies.extend(list),
+                Change::Asset(new) => {
+                    self.meshes.insert(new.asset, false);
+                }
+                Change::Mesh(change) => {
+                    self.meshes.insert(change.asset, true);
+                }
+                Change::Cut(cut) => self.cut = cut,
+                Change::FirstFrame => self.whole = true,
+                _ => {}
+            }
+        }
+        self.check();
+    }
+
+    /// Each instance is drawn once, by itself or by a proxy, and what is drawn has a mesh.
+    fn check(&self) {
+        if !self.whole {
+            return;
+        }
+        let mut times = vec![0; self.instances.len()];
+        for &number in &self.cut.proxies {
+            let proxy = &self.proxies[number as usize];
+            assert!(self.meshes[&proxy.asset], "proxy {number} has a mesh");
+            proxy.instances().for_each(|instance| times[instance as usize] += 1);
+        }
+        for (number, instance) in (0_u32..).zip(&self.instances).filter(|(number, _)| self.cut.draws(*number))
+        {
+            assert!(self.meshes[&instance.asset], "instance {number} has a mesh");
+            times[number as usize] += 1;
+        }
+        assert!(times.iter().all(|times| *times == 1), "{times:?} {:?}", self.cut);
+    }
+
+    fn settle(&mut self, link: &mut Loopback) {
+        for _ in 0..60_000 {
+            link.run(1);
+            self.take(link, 2000);
+            if link.core.is_settled() && !link.core.has_changes() {
+                return;
+            }
+        }
+        panic!("not settled: {:?}", link.core.stats());
+    }
+}
+
+/// A view along the row from so far that all instances are in view.
+fn from(distance: f64) -> View {
+    let camera =
+        Camera { eye: [4.5, 1.0, distance], target: [4.5, 0.0, 0.0], up: [0.0, 1.0, 0.0], fov_y: 0.9 };
+    view(camera, 1.0)
+}
+
+fn link_from(distance: f64) -> Loopback {
+    let mut link = Loopback::new(TestScene::new(4).with_proxies(&street(4)), |_| {});
+    link.core.set_view(link.now, from(distance));
+    link.connect();
+    link
+}
+
+fn bases_sent(link: &Loopback) -> BTreeSet<u32> {
+    let base = |id: &BlobId| (id.part() == Some(BlobPart::Base)).then(|| id.asset()).flatten();
+    link.sent.iter().filter_map(base).collect()
+}
+
+#[test]
+fn from_afar_only_the_root_is_sent_and_drawn() {
+    let mut link = link_from(2000.0);
+    let mut picture = Picture::default();
+    picture.settle(&mut link);
+    assert_eq!(picture.cut, Cut { proxies: vec![0], instances: 4, covered: vec![[0, 4]] });
+    assert_eq!(bases_sent(&link), BTreeSet::from([ROOT]));
+    let stats = link.core.stats();
+    assert!(stats.counters.max_screen_error_px <= 1.0, "{stats:?}");
+    assert_eq!((stats.counters.visible_instances, stats.counters.drawable_instances), (1, 1));
+}
+
+#[test]
+fn an_approaching_camera_sees_each_instance_once_at_each_step() {
+    let mut link = link_from(2000.0);
+    let mut picture = Picture::default();
+    picture.settle(&mut link);
+    let mut cuts = BTreeSet::new();
+    for distance in [2000.0, 700.0, 150.0, 90.0, 40.0, 10.0, 40.0, 150.0, 2000.0] {
+        link.core.set_view(link.now, from(distance));
+        picture.settle(&mut link);
+        cuts.insert(picture.cut.proxies.clone());
+        assert!(
+            link.core.stats().counters.max_screen_error_px <= 1.01,
+            "{distance}: {:?}",
+            link.core.stats()
+        );
+    }
+    assert_eq!(cuts, BTreeSet::from([vec![], vec![0], vec![1, 2]]));
+    assert!(link.times_sent().values().all(|times| *times == 1), "{:?}", link.times_sent());
+}
+
+#[test]
+fn a_near_view_gets_its_instances_without_their_proxies() {
+    let mut link = link_from(10.0);
+    let mut picture = Picture::default();
+    picture.settle(&mut link);
+    assert_eq!(picture.cut, Cut { proxies: vec![], instances: 4, covered: vec![] });
+    assert_eq!(bases_sent(&link), (0..ROOT).collect());
+}
+
+#[test]
+fn proxies_that_do_not_fit_end_the_session() {
+    for wrong in [Proxy { instance_count: 9, ..street(4)[0] }, Proxy { parent: 7, ..street(4)[1] }] {
+        let mut link = Loopback::new(TestScene::new(4).with_proxies(&[wrong]), |_| {});
+        link.connect();
+        link.run(500);
+        assert!(link.core.closed().is_some(), "{wrong:?}");
+    }
+}
+
+#[test]
+fn picking_finds_instances_through_their_proxy() {
+    let mut link = link_from(2000.0);
+    let mut picture = Picture::default();
+    picture.settle(&mut link);
+    let ray = crate::core::Ray { origin: glam::DVec3::new(0.1, 50.0, 0.1), direction: glam::DVec3::NEG_Y };
+    let far = link.core.pick(ray, |_| false).unwrap();
+    assert_eq!(far.part.instance, 0);
+    assert_eq!(link.core.pick(ray, |part| part == far.part), None);
+    assert!(link.core.part_bounds(far.part).is_some());
+}
