@@ -330,7 +330,21 @@ class Reader:
             "first_instance": self.f("first_instance", self.b.u32),
             "assets": self.vec("assets", self.asset, 64),
             "instances": self.vec("instances", self.instance, 64),
+            "first_proxy": self.f("first_proxy", self.b.u32),
+            "proxies": self.vec("proxies", self.proxy, 64),
         }
+
+    def proxy(self):
+        found = {
+            "asset": self.f("asset", self.b.u32),
+            "parent": self.f("parent", self.b.u32),
+            "first_instance": self.f("first_instance", self.b.u32),
+            "instance_count": self.f("instance_count", self.b.u32),
+            "child_count": self.f("child_count", self.b.u32),
+            "error": self.number("error", self.b.f32),
+        }
+        ensure(found["instance_count"] > 0 and found["error"] >= 0, "a proxy for nothing, or its error is below 0")
+        return found
 
     def asset(self):
         flags = self.f("flags", self.b.u8)

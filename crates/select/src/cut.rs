@@ -54,6 +54,8 @@ pub(crate) struct CutSelector {
     covered: Vec<bool>,
     /// Proxies in view of which nothing can be drawn.
     missing: u32,
+    /// Instances that are drawn themselves wherever they are in view, ascending.
+    pinned: Vec<u32>,
 }
 
 /// Settings of one update.
@@ -69,9 +71,27 @@ pub(crate) struct CutSettings {
 }
 
 impl CutSelector {
+    /// Sets the instances that are drawn themselves wherever they are in view.
+    pub(crate) fn pin(&mut self, instances: &[u32]) {
+        self.pinned = instances.to_vec();
+        self.pinned.sort_unstable();
+    }
+
+    /// Whether a proxy stands for a pinned instance.
+    fn hides_pinned(&self, of: std::ops::Range<u32>) -> bool {
+        self.pinned
+            .get(self.pinned.partition_point(|&pinned| pinned < of.start))
+            .is_some_and(|at| *at < of.end)
+    }
+
     /// The last cut.
     pub(crate) const fn cut(&self) -> &Cut {
         &self.cut
+    }
+
+    /// The cut of a scene without proxies.
+    pub(crate) fn clear(&mut self) {
+        *self = Self { pinned: std::mem::take(&mut self.pinned), ..Self::default() };
     }
 
     /// Whether a proxy stands for an instance.
@@ -182,7 +202,11 @@ impl Pass<'_> {
             error_px,
             coverage_px: bounds.coverage_px,
             foveation: bounds.foveation,
-            must_open: if bounds.visible { error_px > limit || base == State::Failed } else { was_open },
+            must_open: if bounds.visible {
+                error_px > limit || base == State::Failed || self.state.hides_pinned(node.proxy.instances())
+            } else {
+                was_open
+            },
             can_draw: base == State::Applied,
         };
         if seen.must_open || base != State::Applied {

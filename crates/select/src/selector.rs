@@ -159,6 +159,12 @@ impl Selector {
         self.awaits_push = awaits_push;
     }
 
+    /// Sets the instances for which no proxy may stand where they are in view: their parts have states of their own. None
+    /// by default.
+    pub fn pin(&mut self, instances: &[u32]) {
+        self.cut.pin(instances);
+    }
+
     /// What the last call found to be drawn.
     #[must_use]
     pub const fn cut(&self) -> &Cut {
@@ -246,7 +252,7 @@ impl Selector {
     /// Finds which proxies are drawn. Without proxies, all instances are.
     fn find_cut(&mut self, view: &View, instances: Instances<'_>, assets: &[AssetState]) {
         let Some(proxies) = instances.proxies() else {
-            self.cut = CutSelector::default();
+            self.cut.clear();
             return;
         };
         let settings = CutSettings {

@@ -12,6 +12,7 @@ use lodestream_scene::blob::BlobId;
 use lodestream_scene::description::{AssetEntry, Camera, Instance, SceneHeader, SceneLighting, ScenePage};
 use lodestream_scene::parts::PartTable;
 use lodestream_scene::placement::Placement;
+use lodestream_scene::proxy::Proxy;
 use lodestream_scene::punctual_lights::{PunctualLights, encode_page};
 use lodestream_scene::shared::SharedTexture;
 use lodestream_scene::view::View;
@@ -69,6 +70,10 @@ pub(super) fn messages() -> Vec<(String, Vec<u8>)> {
             },
         ],
         instances: vec![Instance::at(0, [1.0, 0.0, 0.0]), turned],
+        proxies: vec![
+            Proxy { asset: 1, instance_count: 2, child_count: 1, error: 0.5, ..Proxy::default() },
+            Proxy { asset: 0, parent: 1, first_instance: 1, instance_count: 1, ..Proxy::default() },
+        ],
         ..ScenePage::default()
     };
     let server = [

@@ -6,7 +6,9 @@ use lodestream_protocol::client::{ClientConfig, ClientEvent};
 use lodestream_protocol::time::Time;
 use lodestream_scene::blob::BlobId;
 use lodestream_scene::encoding;
-use lodestream_scene::published::{Behind, HEAD_BYTES, Head, PageRecord, Part, SourceRecord, part_hash};
+use lodestream_scene::published::{
+    Behind, HEAD_BYTES, Head, Opening, PageRecord, Part, SourceRecord, part_hash,
+};
 use lodestream_select::{State, Wanted};
 use lodestream_store::SceneObject;
 
@@ -51,7 +53,7 @@ fn rehashed(data: &[u8]) -> Vec<u8> {
     };
     let total = bytes.len() as u64;
     bytes[16..24].copy_from_slice(&total.to_le_bytes());
-    let opening = Head::parse(&bytes).and_then(|head| head.decode_opening(&bytes[HEAD_BYTES..start]));
+    let opening = Head::parse(&bytes).and_then(|_| Opening::decode(&bytes[HEAD_BYTES..start]));
     if let Ok(mut opening) = opening {
         let mut body = bytes[start..].to_vec();
         for place in &mut opening.pages {
@@ -69,12 +71,10 @@ fn rehashed(data: &[u8]) -> Vec<u8> {
             &mut opening.parts.tables,
         ];
         lists.into_iter().flatten().for_each(|part| rehash(&body, part));
-        // Without parts, the opening ends before their empty lists.
         if let Ok(encoded) = encoding::encode(&opening)
-            && (length as usize..length as usize + 4).contains(&encoded.len())
-            && let Some(encoded) = encoded.get(..length as usize)
+            && encoded.len() == length as usize
         {
-            bytes[HEAD_BYTES..start].copy_from_slice(encoded);
+            bytes[HEAD_BYTES..start].copy_from_slice(&encoded);
             bytes[start..].copy_from_slice(&body);
         }
     }

@@ -185,3 +185,84 @@ impl Search<'_> {
         Some(below)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::scheduler::Unit;
+    use crate::server::first_flight::first_flight;
+    use crate::testing::MemoryScene;
+    use lodestream_scene::blob::{BlobId, BlobPart};
+    use lodestream_scene::proxy::Proxy;
+
+    /// 32 planes behind each other; a root, four children, and four of each.
+    fn scene() -> Arc<MemoryScene> {
+        let mut scene = MemoryScene::new(32, 1, 2);
+        let of = |parent: u32, first_instance, instance_count, child_count, error| Proxy {
+            asset: first_instance / 8,
+            parent,
+            first_instance,
+            instance_count,
+            child_count,
+            error,
+        };
+        let root = of(0, 0, 32, 4, 4.0);
+        let children = (0..4).map(|n| of(1, 8 * n, 8, 4, 1.0));
+        let leaves = (0..16).map(|n| of(2 + n / 4, 2 * n, 2, 0, 0.25));
+        let pages = &mut Arc::get_mut(&mut scene).unwrap().pages;
+        // Their assets stand in the first page for simplicity: those of the first planes.
+        let assets = pages[0].assets.len() as u32;
+        let fits = |proxy: Proxy| Proxy { asset: proxy.asset.min(assets - 1), ..proxy };
+        Arc::get_mut(&mut pages[0]).unwrap().proxies =
+            [root].into_iter().chain(children).chain(leaves).map(fits).collect();
+        scene
+    }
+
+    #[test]
+    fn a_first_cut_shows_everything_within_its_bytes() {
+        let scene = scene();
+        let index = SceneIndex::new(&*scene);
+        assert_eq!(index.proxies().len(), 21);
+        let view = scene.header.camera.view([1280, 720], 1.0);
+        let cut = first_cut(&index, &view);
+        assert!(!cut.proxies.is_empty() && cut.covered.iter().any(|covered| !covered), "{cut:?}");
+        let mut assets: BTreeSet<u32> = BTreeSet::new();
+        let mut bytes = 0;
+        for &proxy in &cut.proxies {
+            let proxy = index.proxies().nodes()[proxy as usize].proxy;
+            assert!(proxy.instances().all(|instance| cut.covers(instance)), "{proxy:?} beside its instances");
+            bytes += base_bytes(index.asset(proxy.asset).unwrap());
+        }
+        let projection = Projection::new(&view);
+        for (number, _, instance) in index.near(&projection) {
+            let stands = cut.proxies.iter().filter(|proxy| {
+                index.proxies().nodes()[**proxy as usize].proxy.instances().contains(&number)
+            });
+            assert_eq!(stands.count(), usize::from(cut.covers(number)), "instance {number}");
+            if !cut.covers(number) && assets.insert(instance.asset) {
+                bytes += base_bytes(index.asset(instance.asset).unwrap());
+            }
+        }
+        assert!(bytes <= FIRST_CUT_BYTES && bytes > FIRST_CUT_BYTES / 4, "{bytes}");
+    }
+
+    #[test]
+    fn the_first_flight_has_the_base_meshes_of_the_cut_only() {
+        let scene = scene();
+        let index = SceneIndex::new(&*scene);
+        let far = View { eye: [0.0, 1.0, 40_000.0], ..scene.header.camera.view([1280, 720], 1.0) };
+        assert_eq!(first_cut(&index, &far).proxies, [0]);
+        let flight = first_flight(&*scene, &index, &far);
+        let bases: Vec<_> = flight
+            .iter()
+            .filter_map(|(_, unit)| match unit {
+                Unit::Blob(BlobId::Asset { asset, part: BlobPart::Base }) => Some(*asset),
+                _ => None,
+            })
+            .collect();
+        assert_eq!(bases, [0]);
+        assert_eq!(flight.last().unwrap().1, Unit::Page(0), "the page with the root comes first");
+    }
+}

@@ -14,6 +14,7 @@ use lodestream_scene::asset::{
 use lodestream_scene::blob::{PartBlob, PunctualLightBlob, TerrainBlob};
 use lodestream_scene::description::{AssetEntry, Instance, SceneHeader, ScenePage};
 use lodestream_scene::parts::{PartTable, decode_directory as decode_parts, decode_record};
+use lodestream_scene::proxy::Proxy;
 use lodestream_scene::punctual_lights::{
     First, PunctualLight, PunctualLightPageEntry, PunctualLights, decode_directory as decode_punctual_lights,
     decode_page,
@@ -389,6 +390,19 @@ fn page(page: &ScenePage) -> Value {
         "first_instance": page.first_instance,
         "assets": page.assets.iter().map(asset).collect::<Vec<_>>(),
         "instances": page.instances.iter().map(instance).collect::<Vec<_>>(),
+        "first_proxy": page.first_proxy,
+        "proxies": page.proxies.iter().map(proxy).collect::<Vec<_>>(),
+    })
+}
+
+fn proxy(proxy: &Proxy) -> Value {
+    json!({
+        "asset": proxy.asset,
+        "parent": proxy.parent,
+        "first_instance": proxy.first_instance,
+        "instance_count": proxy.instance_count,
+        "child_count": proxy.child_count,
+        "error": proxy.error,
     })
 }
 

@@ -158,6 +158,13 @@ impl ClientCore {
         *wanted = shadows;
     }
 
+    /// Sets the instances for which no proxy may stand where they are in view, because their parts are hidden, tinted or
+    /// isolated. They may have to be requested.
+    pub fn pin_instances(&mut self, instances: &[u32]) {
+        self.selection.selector.pin(instances);
+        self.selection.stale = true;
+    }
+
     /// The view, once known.
     #[must_use]
     pub const fn view(&self) -> Option<View> {

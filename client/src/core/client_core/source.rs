@@ -32,7 +32,7 @@ macro_rules! both {
 
 impl Source {
     /// The server's session; frames, tokens and messages are of that alone.
-    fn server(&mut self) -> Option<&mut ClientSession> {
+    pub(super) fn server(&mut self) -> Option<&mut ClientSession> {
         match self {
             Self::Server(session) => Some(session),
             Self::Ranges(_) => None,

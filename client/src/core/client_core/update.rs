@@ -63,8 +63,9 @@ impl ClientCore {
         let light = self.scene.header.as_ref().map(|header| header.light);
         let shines = |light: &SceneLighting| light.color.iter().any(|&part| part > 0.0);
         self.selection.selector.set_to_sun(light.filter(shines).map(|light| light.direction));
-        // A session pushes the base meshes of a cut; of a published scene they are in its beginning.
-        let awaits_push = !self.connection.bases_sent && self.awaits_first_frame();
+        // A server pushes the base meshes of a cut; a published scene pushes nothing.
+        let pushes = self.connection.session.as_mut().is_some_and(|session| session.server().is_some());
+        let awaits_push = pushes && !self.connection.bases_sent && self.awaits_first_frame();
         self.selection.selector.set_awaits_push(awaits_push);
         let selection =
             self.selection.selector.select_among(&view, self.scene.instances(), &self.scene.states);

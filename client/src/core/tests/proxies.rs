@@ -138,6 +138,19 @@ fn an_approaching_camera_sees_each_instance_once_at_each_step() {
 }
 
 #[test]
+fn no_proxy_stands_for_a_pinned_instance() {
+    let mut link = link_from(2000.0);
+    let mut picture = Picture::default();
+    picture.settle(&mut link);
+    link.core.pin_instances(&[2]);
+    picture.settle(&mut link);
+    assert_eq!(picture.cut, Cut { proxies: vec![1], instances: 4, covered: vec![[0, 2]] });
+    link.core.pin_instances(&[]);
+    picture.settle(&mut link);
+    assert_eq!(picture.cut.proxies, [0]);
+}
+
+#[test]
 fn a_near_view_gets_its_instances_without_their_proxies() {
     let mut link = link_from(10.0);
     let mut picture = Picture::default();

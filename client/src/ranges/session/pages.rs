@@ -23,6 +23,9 @@ impl RangeSession {
         }
         let frustum = self.view.map(|view| (view.frustum(), view.eye));
         let hidden = refine_priority(1.0, 1.0, 1.0);
+        // Proxies are drawn before the instances for which they stand are known.
+        let has_proxies = self.directory.page(0).is_some_and(|record| !record.page.proxies.is_empty());
+        let in_view = if has_proxies { DIRECTORY } else { FIRST_FRAME };
         let eye = opening.header.camera.eye;
         let priorities: Vec<(u32, Priority)> = (self.next_page..)
             .zip(opening.pages.iter().skip(self.next_page as usize).take(PAGES_AHEAD as usize))
@@ -31,14 +34,15 @@ impl RangeSession {
                     .as_ref()
                     .is_none_or(|(frustum, from)| sees(frustum, from, &eye, place.center, place.radius));
                 // The first page has what is nearest and largest.
-                (number, if seen || number == 0 { FIRST_FRAME } else { hidden })
+                let first = if number == 0 { FIRST_FRAME } else { in_view };
+                (number, if seen || number == 0 { first } else { hidden })
             })
             .collect();
         let unseen_from = self.pages_seen_to();
         let known = self.next_page >= unseen_from;
         for (number, priority) in priorities {
             // A page is of no use before those that precede it.
-            let priority = if number < unseen_from { FIRST_FRAME } else { priority };
+            let priority = if number < unseen_from { priority.max(in_view) } else { priority };
             if self.directory.page(number).is_none() {
                 self.items.need(Item::Page(number), priority);
             }

@@ -386,8 +386,8 @@ impl AssetGpu {
         Ok(())
     }
 
-    /// Sets which placements are drawn, by index; all if `None`.
-    pub(crate) fn set_drawn(&mut self, drawn: Option<BTreeSet<u32>>) {
+    /// Sets which placements are drawn, numbered as in [`crate::Drawable::instances`]; all if `None`, the default.
+    pub fn set_drawn(&mut self, drawn: Option<BTreeSet<u32>>) {
         if self.drawn != drawn {
             self.drawn = drawn;
             self.changed_look(true);

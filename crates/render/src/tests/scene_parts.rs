@@ -7,6 +7,7 @@ use lodestream_scene::description::{
     Camera, DEFAULT_AMBIENT, DEFAULT_BACKGROUND, Instance, SceneHeader, SceneLighting,
 };
 use lodestream_scene::parts::ScenePart;
+use lodestream_scene::proxy::{Cut, Proxy};
 
 use super::headless;
 use crate::{Headless, MAX_PARTS, Material, PartState, Pose, RenderError, SceneView, Settings, Tint};
@@ -155,4 +156,38 @@ fn states_from_before_the_first_scene_are_kept_and_those_of_another_scene_are_no
     assert!(view.part_state(part(1, 1)).hidden);
     arrive(&h, &mut view, begins());
     assert!(!view.part_state(part(1, 1)).hidden);
+}
+
+/// A renderer draws the cut: a proxy or its instances, and nothing before the first cut.
+#[test]
+fn a_proxy_is_drawn_instead_of_its_instances_and_they_instead_of_it() {
+    let Some(mut h) = headless(128, 128) else { return };
+    let proxy = Proxy { asset: 2, instance_count: 2, error: 1.0, ..Proxy::default() };
+    let colours = [[200, 60, 60, 255], [60, 60, 200, 255], [60, 200, 60, 255]];
+    let assets = || (0..).zip(colours).flat_map(|(number, color)| asset(number, color));
+    let of = |placed: &[(u32, [f64; 3])], h: &mut Headless| {
+        let mut view = SceneView::new();
+        arrive(h, &mut view, [instances(placed)].into_iter().chain(assets()).collect());
+        picture(h, &view)
+    };
+    let empty = of(&[], &mut h);
+    let [apart, stand_in] = [&PLACES[..], &[PLACES[2], (2, [0.0; 3])]].map(|placed| of(placed, &mut h));
+
+    let mut view = SceneView::new();
+    let cut = |proxies: &[u32], covered: &[[u32; 2]]| {
+        vec![Change::Cut(Cut { proxies: proxies.to_vec(), instances: 3, covered: covered.to_vec() })]
+    };
+    arrive(&h, &mut view, vec![Change::Proxies(vec![proxy]), instances(&PLACES[..1])]);
+    arrive(&h, &mut view, assets().collect());
+    arrive(&h, &mut view, vec![instances(&PLACES[1..])]);
+    assert!(picture(&mut h, &view) == empty, "nothing before the first cut");
+    arrive(&h, &mut view, cut(&[0], &[[0, 2]]));
+    assert!(picture(&mut h, &view) == stand_in);
+    arrive(&h, &mut view, cut(&[], &[]));
+    assert!(picture(&mut h, &view) == apart);
+    arrive(&h, &mut view, cut(&[0], &[[0, 2]]));
+    assert!(picture(&mut h, &view) == stand_in);
+    // Of isolated parts, proxies have none.
+    view.isolate_parts(h.gpu(), Some(&[part(2, 0), part(2, 1)])).unwrap();
+    assert!(picture(&mut h, &view) == of(&PLACES[2..], &mut h));
 }

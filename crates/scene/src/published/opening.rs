@@ -10,10 +10,7 @@ use crate::punctual_lights::{MAX_PUNCTUAL_LIGHTS, PunctualLights};
 /// First bytes of every published scene.
 const MAGIC: [u8; 8] = *b"LODSCENE";
 /// Version of the layout, the encoding of header and pages included.
-pub const VERSION: u16 = 4;
-/// Version of a scene without a table of parts, which older programs read too: its opening ends before
-/// [`Opening::parts`].
-const VERSION_WITHOUT_PARTS: u16 = 3;
+pub const VERSION: u16 = 5;
 /// Pages of records of a [`PartPlaces::tables`] entry.
 pub const PART_PAGES_PER_TABLE: u32 = 256;
 /// Bytes of the head.
@@ -32,39 +29,32 @@ pub struct Head {
     pub opening_bytes: u32,
     /// Length of the object.
     pub object_bytes: u64,
-    version: u16,
     hash: [u8; OPENING_HASH_BYTES],
 }
 
 impl Head {
     /// Head and opening, for a length of what follows them.
     pub(super) fn encode_opening(opening: &Opening, rest_bytes: u64) -> Result<Vec<u8>, PublishedError> {
-        let mut bytes =
+        let bytes =
             encoding::encode(opening).map_err(|why| PublishedError::Record { what: "its opening", why })?;
-        let version = if opening.parts.records > 0 {
-            VERSION
-        } else {
-            bytes.truncate(bytes.len() - NO_PARTS.len());
-            VERSION_WITHOUT_PARTS
-        };
-        let head = Self::new(version, &bytes, rest_bytes)?;
+        let head = Self::new(&bytes, rest_bytes)?;
         Ok([head.encode(), bytes].concat())
     }
 
-    fn new(version: u16, opening: &[u8], rest_bytes: u64) -> Result<Self, PublishedError> {
+    fn new(opening: &[u8], rest_bytes: u64) -> Result<Self, PublishedError> {
         let length = u32::try_from(opening.len()).ok().filter(|length| *length <= MAX_OPENING_BYTES);
         let opening_bytes = length.ok_or(PublishedError::TooLong)?;
         let object_bytes = rest_bytes.saturating_add(HEAD_BYTES as u64 + u64::from(opening_bytes));
         if object_bytes > MAX_OBJECT_BYTES {
             return Err(PublishedError::TooLong);
         }
-        Ok(Self { opening_bytes, object_bytes, version, hash: opening_hash(opening) })
+        Ok(Self { opening_bytes, object_bytes, hash: opening_hash(opening) })
     }
 
     fn encode(&self) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(HEAD_BYTES);
         bytes.extend(MAGIC);
-        bytes.extend(self.version.to_le_bytes());
+        bytes.extend(VERSION.to_le_bytes());
         bytes.extend([0; 2]);
         bytes.extend(self.opening_bytes.to_le_bytes());
         bytes.extend(self.object_bytes.to_le_bytes());
@@ -84,7 +74,7 @@ impl Head {
         let cut = PublishedError::Truncated("its head");
         let (version, rest) = rest.split_first_chunk().ok_or(cut.clone())?;
         let version = u16::from_le_bytes(*version);
-        if !(VERSION_WITHOUT_PARTS..=VERSION).contains(&version) {
+        if version != VERSION {
             return Err(PublishedError::Version(version));
         }
         let (reserved, rest) = rest.split_first_chunk::<2>().ok_or(cut.clone())?;
@@ -101,28 +91,13 @@ impl Head {
         if HEAD_BYTES as u64 + u64::from(opening_bytes) > object_bytes {
             return Err(PublishedError::Contradiction("its opening is longer than the object"));
         }
-        Ok(Self { opening_bytes, object_bytes, version, hash: *hash })
+        Ok(Self { opening_bytes, object_bytes, hash: *hash })
     }
 
     /// Where the parts begin.
     #[must_use]
     pub const fn parts_start(&self) -> u64 {
         HEAD_BYTES as u64 + self.opening_bytes as u64
-    }
-
-    /// Decodes the opening; neither its hash nor its parts are checked.
-    ///
-    /// # Errors
-    /// Bytes that are no opening of the head's version.
-    pub fn decode_opening(&self, bytes: &[u8]) -> Result<Opening, PublishedError> {
-        if self.version == VERSION_WITHOUT_PARTS {
-            return Opening::decode(&[bytes, &NO_PARTS].concat());
-        }
-        let opening = Opening::decode(bytes)?;
-        if opening.parts.records == 0 {
-            return Err(PublishedError::Contradiction("its version has parts, but it lists none"));
-        }
-        Ok(opening)
     }
 
     /// Checks and decodes the opening, the bytes after the head.
@@ -133,14 +108,11 @@ impl Head {
         if bytes.len() != self.opening_bytes as usize || opening_hash(bytes) != self.hash {
             return Err(PublishedError::Hash("its opening"));
         }
-        let opening = self.decode_opening(bytes)?;
+        let opening = Opening::decode(bytes)?;
         opening.check(self.object_bytes - self.parts_start())?;
         Ok(opening)
     }
 }
-
-/// An opening's [`Opening::parts`] without parts.
-const NO_PARTS: [u8; 3] = [0; 3];
 
 fn opening_hash(bytes: &[u8]) -> [u8; OPENING_HASH_BYTES] {
     let mut hash = [0; OPENING_HASH_BYTES];

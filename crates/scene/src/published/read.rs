@@ -9,6 +9,7 @@ use super::records::{AssetSource, Behind, PageRecord, SourceRecord};
 use super::tables::BlobTable;
 use super::{MAX_OBJECT_BYTES, PublishedError};
 use crate::encoding;
+use crate::proxy::Proxies;
 use crate::punctual_lights::PunctualLights;
 
 impl BlobTable {
@@ -96,6 +97,7 @@ impl Contents {
 
     fn check(&self) -> Result<(), PublishedError> {
         let (mut assets, mut instances) = (0_u64, 0_u64);
+        let mut proxies = Proxies::default();
         for (number, page) in (0..).zip(&self.pages) {
             let in_order = page.page == number
                 && u64::from(page.first_asset) == assets
@@ -104,6 +106,9 @@ impl Contents {
                 return Err(PublishedError::Contradiction("its pages are out of order"));
             }
             assets += page.assets.len() as u64;
+            let known = u32::try_from(assets).unwrap_or(u32::MAX);
+            let fits = proxies.add(page.first_proxy, &page.proxies, known, self.header.instance_count);
+            fits.map_err(|_| PublishedError::Contradiction("its proxies do not fit its instances"))?;
             instances += page.instances.len() as u64;
         }
         if [self.header.asset_count, self.header.instance_count].map(u64::from) != [assets, instances] {

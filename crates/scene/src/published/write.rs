@@ -132,7 +132,7 @@ impl Contents {
         Ok(part)
     }
 
-    /// A sphere around a page's instances, relative to the start camera's eye, rounded outwards.
+    /// A sphere around a page's instances and proxies, relative to the start camera's eye, rounded outwards.
     fn bounds(&self, page: &ScenePage, assets: &[&AssetEntry]) -> ([f32; 3], f32) {
         let eye = DVec3::from(self.header.camera.eye);
         let spheres: Vec<(DVec3, f64)> = page
@@ -143,6 +143,11 @@ impl Contents {
                 let center = instance.to_world(asset.origin, asset.sphere.center) - eye;
                 Some((center, f64::from(asset.sphere.radius) * f64::from(instance.placement.scale)))
             })
+            .chain(page.proxies.iter().filter_map(|proxy| {
+                let asset = assets.get(proxy.asset as usize)?;
+                let center = DVec3::from(asset.origin) + Vec3::from(asset.sphere.center).as_dvec3() - eye;
+                Some((center, f64::from(asset.sphere.radius) + f64::from(proxy.error)))
+            }))
             .collect();
         let corner = |pick: fn(DVec3, DVec3) -> DVec3, sign: f64, start: f64| {
             spheres.iter().fold(DVec3::splat(start), |at, (c, r)| pick(at, *c + DVec3::splat(sign * r)))

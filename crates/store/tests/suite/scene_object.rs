@@ -135,7 +135,7 @@ fn openings_of_other_bytes_are_refused() {
 fn other_kinds_and_versions_say_so() {
     let mut bytes = object().encode().unwrap();
     bytes[8] = 2;
-    assert!(decode(&bytes).unwrap_err().to_string().contains("version 2, and this program reads version 4"));
+    assert!(decode(&bytes).unwrap_err().to_string().contains("version 2, and this program reads version 5"));
     bytes[0] = b'X';
     assert!(decode(&bytes).unwrap_err().to_string().contains("not a published scene"));
 }
