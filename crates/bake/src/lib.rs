@@ -5,6 +5,7 @@
 //! | [`preparation_settings`] | preparation settings, one type with a range for each |
 //! | [`scene`] | scene files, and scenes of bare models |
 //! | [`prepare`] | a model to a pack: cache, checkpoints, progress, threads |
+//! | [`proxies`] | meshes that stand for many instances of a scene |
 //! | [`compose`] | composition of a scene description from prepared models |
 //! | [`mapping_allocator`] | an allocator that maps large lists to files, for models larger than memory |
 //! | [`compare`], [`inspect`], [`export_obj`] | comparison of a pack with its model, statistics, export |
@@ -17,5 +18,6 @@ pub mod inspect;
 pub mod mapping_allocator;
 pub mod preparation_settings;
 pub mod prepare;
+pub mod proxies;
 pub mod scene;
 pub mod stderr;

@@ -3,13 +3,15 @@
 //! A pack's name is a hash of its inputs, so a pack that exists is neither prepared nor written again, whichever
 //! machine made it. The scene object, the only object that is ever replaced, is written last.
 
-use std::path::Path;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
 use lodestream_daemon::Page;
 use lodestream_geometry::pack::{HEAD_BYTES, Head};
 use lodestream_import::MAX_FILE_BYTES;
 
+use super::look::proxies;
 use super::place::PUBLISHED;
 use lodestream_bake::compose::describe;
 use lodestream_bake::prepare::cache::Key;
@@ -78,8 +80,15 @@ pub async fn publish(
         }
     })?;
     let packs: Vec<PackFile> = prepared.into_iter().map(|cached| cached.pack).collect();
-    for (pack, key) in packs.iter().zip(&keys) {
-        let name = pack_name(&key.bytes());
+    let forest = proxies(scene, &packs, cache, options)?;
+    done.prepared += forest.as_ref().map_or(0, |forest| forest.prepared);
+    let of_proxies = forest.iter().flat_map(|forest| &forest.packs);
+    let keyed = packs.iter().zip(keys.iter().map(Key::bytes));
+    let keyed = keyed.chain(of_proxies.map(|pack| (pack, pack.made_from())));
+    let mut keys: BTreeMap<PathBuf, [u8; 32]> = BTreeMap::new();
+    for (pack, key) in keyed {
+        keys.insert(pack.path().to_owned(), key);
+        let name = pack_name(&key);
         if is_there(objects, &name, pack).await? {
             done.there += 1;
         } else {
@@ -87,14 +96,9 @@ pub async fn publish(
             done.written += 1;
         }
     }
-    let keys: Vec<_> =
-        packs.iter().map(|pack| pack.path().to_owned()).zip(keys.iter().map(Key::bytes)).collect();
-    let (description, packs) = describe(scene, packs)?;
+    let (description, packs) = describe(scene, packs, forest)?;
     done.preview = preview(&description, &packs);
-    let contents_of = |pack: &PackFile| {
-        let key = keys.iter().find(|(path, _)| path == pack.path()).map(|(_, key)| *key);
-        pack.published(key.unwrap_or_default())
-    };
+    let contents_of = |pack: &PackFile| pack.published(keys.get(pack.path()).copied().unwrap_or_default());
     let object = SceneObject { packs: packs.iter().map(contents_of).collect::<Result<_, _>>()?, description };
     done.name = format!("{}{PUBLISHED}", object_name(&scene.name));
     let bytes = object.encode().map_err(|what| anyhow::anyhow!("{}: {what}", scene.name))?;

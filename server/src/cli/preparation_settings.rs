@@ -62,11 +62,15 @@ pub(super) struct SceneArguments {
     /// faces of a batch, 1,000 to 10,000,000 [default: auto].
     #[arg(long, value_name = "auto | off | FACES")]
     batch: Option<Batching>,
+    /// Whether scenes of many instances get proxies, meshes that stand for many instances far away: auto or off [default:
+    /// as the scene file says, else auto].
+    #[arg(long, value_name = "auto | off", value_parser = auto_or_off)]
+    proxies: Option<bool>,
 }
 
 impl SceneArguments {
     pub(super) fn resolve(self) -> PreparationSettings {
-        PreparationSettings { batching: self.batch, ..self.preparation.resolve() }
+        PreparationSettings { batching: self.batch, proxies: self.proxies, ..self.preparation.resolve() }
     }
 }
 
@@ -84,6 +88,7 @@ impl PreparationArguments {
             relief_depth: self.relief_depth,
             // One model is one pack.
             batching: None,
+            proxies: None,
         }
     }
 }
@@ -93,6 +98,14 @@ impl PreparationArguments {
 pub(super) fn by_name<T: Named>() -> impl TypedValueParser<Value = T> {
     let names = PossibleValuesParser::new(T::ALL.iter().map(|value| value.name()));
     names.try_map(|name| T::from_name(&name))
+}
+
+fn auto_or_off(text: &str) -> Result<bool, String> {
+    match text {
+        "auto" => Ok(true),
+        "off" => Ok(false),
+        _ => Err("must be auto or off".to_owned()),
+    }
 }
 
 pub(super) fn positive(text: &str) -> Result<f64, String> {

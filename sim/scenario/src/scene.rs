@@ -6,6 +6,7 @@ use std::sync::Arc;
 use anyhow::Context as _;
 use lodestream_bake::preparation_settings::{CodecChoice, Precision, PreparationSettings};
 use lodestream_bake::prepare::{Options, prepare_all};
+use lodestream_bake::proxies;
 use lodestream_bake::scene::{self, Scene};
 use lodestream_daemon::MemoryScene;
 use lodestream_protocol::source::{Immediate, SceneSource};
@@ -33,11 +34,9 @@ pub fn open(
         SceneChoice::Empty => Ok(Arc::new(MemoryScene::new(0, 0, 0))),
         _ => {
             let (scene, packs) = prepared(choice, codec, cache, quiet)?;
-            Ok(Arc::new(Immediate(lodestream_bake::compose::open(
-                &scene,
-                packs,
-                &BlobCache::new(DEFAULT_CACHE_BYTES),
-            )?)))
+            let forest = proxies::make(&scene, &packs, cache, &Options { quiet, ..Options::default() })?;
+            let blobs = BlobCache::new(DEFAULT_CACHE_BYTES);
+            Ok(Arc::new(Immediate(lodestream_bake::compose::open_with(&scene, packs, forest, &blobs)?)))
         }
     }
 }

@@ -1,16 +1,15 @@
 //! Composes the description of a scene from its prepared models: assets and instances in pages, nearest and largest
 //! first.
 
+mod pages;
 mod parts;
 mod shared;
 
-use std::collections::BTreeMap;
-
 use glam::{DVec3, Vec3};
 use lodestream_scene::description::{
-    AssetEntry, Camera, Fingerprint, Instance, SceneError, SceneHeader, SceneLighting, ScenePage,
+    AssetEntry, Camera, Fingerprint, Instance, SceneError, SceneHeader, SceneLighting,
 };
-use lodestream_scene::limits::{MAX_ENTRIES_PER_PAGE, MAX_INSTANCES};
+use lodestream_scene::limits::MAX_INSTANCES;
 use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::PunctualLight;
 
@@ -19,7 +18,9 @@ use lodestream_store::{
     SceneStore, StoreError, TerrainBlobs, TerrainBlobsError,
 };
 
+use crate::proxies::Forest;
 use crate::scene::{DEFAULT_FOV_Y_DEGREES, Model, Scene, SceneTerrain};
+use pages::Pages;
 use shared::share_textures;
 
 /// Gap between models side by side, as a share of their mean radius.
@@ -74,13 +75,17 @@ pub fn compose(
     entries: &[AssetEntry],
     textures: &[Vec<(u16, Fingerprint)>],
 ) -> Result<SceneDescription, ComposeError> {
-    let (instances, punctual_lights) = match &scene.instances {
-        Some(instances) => (instances.clone(), scene.punctual_lights.clone()),
-        None => {
-            let (instances, punctual_lights) = side_by_side(&scene.models, entries);
-            (instances, [&scene.punctual_lights[..], &punctual_lights].concat())
-        }
-    };
+    compose_with(scene, entries, textures, None)
+}
+
+/// As [`compose`], with proxies and the entries of their assets, which are numbered behind the scene's.
+fn compose_with(
+    scene: &Scene,
+    entries: &[AssetEntry],
+    textures: &[Vec<(u16, Fingerprint)>],
+    forest: Option<(&Forest, &[AssetEntry])>,
+) -> Result<SceneDescription, ComposeError> {
+    let (instances, punctual_lights) = placed(scene, entries);
     if instances.is_empty() && scene.terrain.is_none() {
         return Err(ComposeError::Empty { name: scene.name.clone() });
     }
@@ -88,15 +93,17 @@ pub fn compose(
         return Err(ComposeError::TooManyInstances { count: instances.len() });
     }
     let spheres: Vec<(DVec3, f64)> = instances.iter().map(|i| world_sphere(i, entries)).collect();
-    let camera = match scene.camera {
-        Some(camera) => camera,
-        None => match &scene.terrain {
-            Some(terrain) if spheres.is_empty() => overlook(terrain),
-            _ => framing_camera(&spheres),
-        },
+    let camera = start_camera(scene, &spheres);
+    let order = match forest {
+        Some((forest, _)) => forest.order.clone(),
+        None => visible_first(&camera, &spheres),
     };
-    let order = visible_first(&camera, &spheres);
-    let (mut pages, asset_order) = paginate(&instances, entries, &order);
+    let mut pages = Pages::default();
+    if let Some((forest, of_proxies)) = forest {
+        pages.add_proxies(&forest.proxies, of_proxies, entries.len());
+    }
+    pages.add_instances(&instances, entries, &order);
+    let Pages { mut pages, asset_order } = pages;
     share_textures(&mut pages, &asset_order, textures);
     let header = SceneHeader {
         name: scene.name.clone(),
@@ -128,8 +135,30 @@ pub fn compose(
     Ok(description)
 }
 
+/// The scene's instances, of assets with these entries, and its punctual lights.
+pub(crate) fn placed(scene: &Scene, entries: &[AssetEntry]) -> (Vec<Instance>, Vec<PunctualLight>) {
+    match &scene.instances {
+        Some(instances) => (instances.clone(), scene.punctual_lights.clone()),
+        None => {
+            let (instances, punctual_lights) = side_by_side(&scene.models, entries);
+            (instances, [&scene.punctual_lights[..], &punctual_lights].concat())
+        }
+    }
+}
+
+/// The camera from which the scene is first seen; `spheres` are the bounds of the instances in the world.
+pub(crate) fn start_camera(scene: &Scene, spheres: &[(DVec3, f64)]) -> Camera {
+    match scene.camera {
+        Some(camera) => camera,
+        None => match &scene.terrain {
+            Some(terrain) if spheres.is_empty() => overlook(terrain),
+            _ => framing_camera(spheres),
+        },
+    }
+}
+
 /// Bounding sphere of an instance, in the world.
-fn world_sphere(instance: &Instance, entries: &[AssetEntry]) -> (DVec3, f64) {
+pub(crate) fn world_sphere(instance: &Instance, entries: &[AssetEntry]) -> (DVec3, f64) {
     let (entry, placement) = (&entries[instance.asset as usize], instance.placement);
     let local = DVec3::from(entry.origin) + Vec3::from(entry.sphere.center).as_dvec3();
     let scale = f64::from(placement.scale);
@@ -200,7 +229,7 @@ fn overlook(terrain: &SceneTerrain) -> Camera {
 }
 
 /// Indices of instances: those in the start camera's view first, then by apparent size.
-fn visible_first(camera: &Camera, spheres: &[(DVec3, f64)]) -> Vec<usize> {
+pub(crate) fn visible_first(camera: &Camera, spheres: &[(DVec3, f64)]) -> Vec<usize> {
     let view = camera.view(ORDER_VIEWPORT_PX, 1.0);
     let frustum = view.frustum();
     let eye = DVec3::from(camera.eye);
@@ -217,32 +246,6 @@ fn visible_first(camera: &Camera, spheres: &[(DVec3, f64)]) -> Vec<usize> {
     order
 }
 
-/// Splits the instances into pages; a page lists the assets that it is the first to use.
-fn paginate(instances: &[Instance], entries: &[AssetEntry], order: &[usize]) -> (Vec<ScenePage>, Vec<usize>) {
-    let mut asset_order = Vec::new();
-    let mut numbers: BTreeMap<u32, u32> = BTreeMap::new();
-    let mut pages = Vec::new();
-    for (number, group) in order.chunks(MAX_ENTRIES_PER_PAGE).enumerate() {
-        let mut page = ScenePage {
-            page: number as u32,
-            first_asset: asset_order.len() as u32,
-            first_instance: (number * MAX_ENTRIES_PER_PAGE) as u32,
-            ..ScenePage::default()
-        };
-        for &index in group {
-            let instance = &instances[index];
-            let asset = *numbers.entry(instance.asset).or_insert_with(|| {
-                asset_order.push(instance.asset as usize);
-                page.assets.push(entries[instance.asset as usize].clone());
-                (asset_order.len() - 1) as u32
-            });
-            page.instances.push(Instance { asset, ..*instance });
-        }
-        pages.push(page);
-    }
-    (pages, asset_order)
-}
-
 /// Describes a scene whose asset `i` is `packs[i]`. Returns the packs by asset number.
 ///
 /// # Errors
@@ -250,6 +253,7 @@ fn paginate(instances: &[Instance], entries: &[AssetEntry], order: &[usize]) -> 
 pub fn describe(
     scene: &Scene,
     packs: Vec<PackFile>,
+    forest: Option<Forest>,
 ) -> Result<(SceneDescription, Vec<PackFile>), ComposeError> {
     let entries: Vec<AssetEntry> = scene
         .assets
@@ -258,8 +262,11 @@ pub fn describe(
         .map(|(asset, pack)| pack.entry(&asset.name))
         .collect::<Result<_, _>>()?;
     let textures: Vec<_> = packs.iter().map(PackFile::textures).collect();
-    let composed = compose(scene, &entries, &textures)?;
-    let mut packs: Vec<Option<PackFile>> = packs.into_iter().map(Some).collect();
+    let of_proxies = forest.as_ref().map_or(Ok(Vec::new()), Forest::entries)?;
+    let with = forest.as_ref().map(|forest| (forest, &of_proxies[..]));
+    let composed = compose_with(scene, &entries, &textures, with)?;
+    let of_proxies = forest.into_iter().flat_map(|forest| forest.packs);
+    let mut packs: Vec<Option<PackFile>> = packs.into_iter().chain(of_proxies).map(Some).collect();
     let in_order = composed.asset_order.iter().filter_map(|&i| packs.get_mut(i).and_then(Option::take));
     let in_order = in_order.collect();
     Ok((composed, in_order))
@@ -270,7 +277,20 @@ pub fn describe(
 /// # Errors
 /// A scene that cannot be described, packs whose base mesh is damaged.
 pub fn open(scene: &Scene, packs: Vec<PackFile>, cache: &BlobCache) -> Result<SceneStore, ComposeError> {
-    let (description, packs) = describe(scene, packs)?;
+    open_with(scene, packs, None, cache)
+}
+
+/// As [`open`], with the scene's proxies.
+///
+/// # Errors
+/// As [`open`].
+pub fn open_with(
+    scene: &Scene,
+    packs: Vec<PackFile>,
+    forest: Option<Forest>,
+    cache: &BlobCache,
+) -> Result<SceneStore, ComposeError> {
+    let (description, packs) = describe(scene, packs, forest)?;
     Ok(SceneStore::new(description, packs, cache)?)
 }
 

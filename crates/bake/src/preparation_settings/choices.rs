@@ -45,6 +45,8 @@ pub struct PreparationSettings {
     pub relief_depth: Option<ReliefDepth>,
     /// Which assets the meshes of a file become. No pack contains it.
     pub batching: Option<Batching>,
+    /// Whether scenes of many instances get proxies. No pack contains it.
+    pub proxies: Option<bool>,
 }
 
 impl PreparationSettings {
@@ -61,6 +63,7 @@ impl PreparationSettings {
             block_faces: self.block_faces.or(other.block_faces),
             relief_depth: self.relief_depth.or(other.relief_depth),
             batching: self.batching.or(other.batching),
+            proxies: self.proxies.or(other.proxies),
         }
     }
 
@@ -246,6 +249,7 @@ mod tests {
             block_faces: BlockFaces::try_from(1_000_000).ok(),
             relief_depth: ReliefDepth::try_from(0.1).ok(),
             batching: None,
+            proxies: None,
         };
         assert_eq!(all.to_string().parse(), Ok(all));
         let told: PreparationSettings = PreparationSettings::default().to_string().parse().unwrap();

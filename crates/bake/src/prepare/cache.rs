@@ -44,6 +44,11 @@ impl Key {
         hash_mesh(mesh, &mut hasher);
         Self(hasher.finalize())
     }
+
+    /// Hashes settings that state all that a pack is made from.
+    pub(crate) fn of_settings(settings: &[u8], format_version: u32) -> Self {
+        Self(hasher(settings, format_version).finalize())
+    }
 }
 
 fn hasher(settings: &[u8], format_version: u32) -> blake3::Hasher {

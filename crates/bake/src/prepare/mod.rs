@@ -340,7 +340,7 @@ fn pack_settings(asset: &Asset) -> PackSettings<'_> {
     }
 }
 
-fn pack_version() -> u32 {
+pub(crate) fn pack_version() -> u32 {
     u32::from(PACK_VERSION) << 8 | u32::from(FORMAT_VERSION)
 }
 

@@ -52,6 +52,7 @@ pub enum SceneError {
 #[serde(deny_unknown_fields)]
 struct RawScene {
     name: Option<Spanned<String>>,
+    proxies: Option<bool>,
     #[serde(default)]
     asset: Vec<Spanned<RawAsset>>,
     instance: Option<Vec<Spanned<RawInstance>>>,
@@ -259,6 +260,7 @@ impl Source<'_> {
                 .extend(punctual_light.map_err(|why| self.error(at, format!("punctual light: {why}")))?);
         }
         self.lights(&mut scene, raw.light, raw.ambient, raw.background)?;
+        scene.proxies = raw.proxies.unwrap_or(true);
         scene.camera = raw.camera.map(|raw| self.camera(raw)).transpose()?;
         Ok(scene)
     }
@@ -311,6 +313,8 @@ impl Source<'_> {
             block_faces: setting(raw.block_faces).map_err(bad("block_faces"))?,
             relief_depth: setting(raw.relief_depth).map_err(bad("relief_depth"))?,
             batching: batching.transpose().map_err(bad("batch"))?,
+            // A setting of the scene, not of a model.
+            proxies: None,
         };
         let file = folder.join(&raw.file);
         let part = match &raw.mesh {

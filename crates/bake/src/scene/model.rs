@@ -116,6 +116,8 @@ pub struct Scene {
     pub terrain: Option<SceneTerrain>,
     /// Start camera; `None` frames everything, once sizes are known.
     pub camera: Option<Camera>,
+    /// Whether it gets proxies if it has many instances.
+    pub proxies: bool,
     /// Files beside the models that all this was read from.
     pub files: Vec<PathBuf>,
 }
@@ -255,6 +257,7 @@ impl Scene {
             background: DEFAULT_BACKGROUND,
             terrain: None,
             camera: None,
+            proxies: true,
             files: Vec::new(),
         }
     }

@@ -1,0 +1,199 @@
+//! The mesh of a node: base meshes of its members in their places, with colours in the vertices.
+
+use glam::DVec3;
+use lodestream_geometry::DecodeError;
+use lodestream_geometry::base::Base;
+use lodestream_geometry::mesh::{Corner, NONE, QuantisedMesh, SourceMesh};
+use lodestream_geometry::normals::wedge_normals;
+use lodestream_scene::asset::{AssetDescription, Material};
+use lodestream_scene::placement::Placement;
+use lodestream_store::{PackFile, StoreError};
+
+use super::color::corners;
+
+/// A base mesh as a member of a node, in its asset's units.
+pub(super) struct Piece {
+    positions: Vec<DVec3>,
+    /// Of each vertex; empty if it has one part.
+    parts: Vec<u32>,
+    /// Of each wedge; zero for none.
+    normals: Vec<DVec3>,
+    faces: Vec<PieceFace>,
+    /// Roughness and metalness, each the least and largest of all faces.
+    shading: [[f64; 2]; 2],
+    /// Length up to which colours differ from what vertices show, in the asset's units.
+    detail: f64,
+    diameter: f64,
+}
+
+struct PieceFace {
+    vertices: [u32; 3],
+    wedges: [u32; 3],
+    colors: [[u8; 4]; 3],
+    /// Roughness and metalness.
+    shading: [f64; 2],
+}
+
+impl Piece {
+    /// Reads a base mesh, its materials and their coarsest textures. Transparent faces are left out unless
+    /// `transparent_too`.
+    ///
+    /// # Errors
+    /// Blobs that are missing, unreadable or damaged.
+    pub(super) fn read(pack: &PackFile, transparent_too: bool) -> Result<Self, StoreError> {
+        let mut base = pack.base()?;
+        let description = AssetDescription::decode(&base.description)
+            .map_err(|why| pack.damaged(DecodeError::new("description", why.to_string())))?;
+        let mut colors = corners(pack, &base, &description)?;
+        let hidden = colors.iter().any(Option::is_none);
+        if transparent_too {
+            for (color, face) in colors.iter_mut().zip(&base.faces) {
+                let material = description.materials.get(usize::from(face.material));
+                color.get_or_insert([material.map_or([u8::MAX; 4], opaque); 3]);
+            }
+        }
+        let diameter = 2.0 * f64::from(base.sphere.radius);
+        let detail = if hidden || description.materials.iter().any(|m| m.emits() || m.unlit) {
+            diameter
+        } else {
+            texture_length(&base, &description).min(diameter) / 2.0
+        };
+        let mesh = QuantisedMesh {
+            grid: base.grid,
+            uv_grid: base.uv_grid,
+            positions: std::mem::take(&mut base.positions),
+            wedges: std::mem::take(&mut base.wedges),
+            faces: std::mem::take(&mut base.faces),
+            parts: std::mem::take(&mut base.parts),
+        };
+        let shadings: Vec<[f64; 2]> =
+            description.materials.iter().map(|m| shading(m, &description)).collect();
+        let faces = mesh.faces.iter().zip(colors).filter_map(|(face, colors)| {
+            Some(PieceFace {
+                vertices: face.wedges.map(|wedge| mesh.wedges[wedge as usize].vertex),
+                wedges: face.wedges,
+                colors: colors?,
+                shading: shadings.get(usize::from(face.material)).copied().unwrap_or([1.0, 0.0]),
+            })
+        });
+        let faces: Vec<PieceFace> = faces.collect();
+        let ends = |of: usize| {
+            let all = faces.iter().map(|face| face.shading[of]);
+            [all.clone().fold(f64::MAX, f64::min), all.fold(f64::MIN, f64::max)]
+        };
+        Ok(Self {
+            shading: [ends(0), ends(1)],
+            positions: mesh.positions.iter().map(|&q| mesh.grid.position(q).into()).collect(),
+            normals: wedge_normals(&mesh).into_iter().map(DVec3::from).collect(),
+            parts: mesh.parts,
+            faces,
+            detail,
+            diameter,
+        })
+    }
+}
+
+/// Colour of a material without textures, sRGB.
+fn opaque(material: &Material) -> [u8; 4] {
+    let [r, g, b, _] = material.base_color;
+    let [r, g, b] = [r, g, b].map(|x| lodestream_import::srgb::linear_to_srgb(f64::from(x)));
+    [r, g, b, u8::MAX]
+}
+
+/// Roughness and metalness of a material, with the mean of its texture.
+fn shading(material: &Material, description: &AssetDescription) -> [f64; 2] {
+    let texture = material.surface_texture.and_then(|of| description.textures.get(usize::from(of)));
+    let [_, green, blue] = texture.and_then(|texture| texture.mean).unwrap_or([u8::MAX; 3]);
+    let share = |byte: u8| f64::from(byte) / 255.0;
+    [f64::from(material.roughness) * share(green), f64::from(material.metallic) * share(blue)]
+}
+
+/// Mean length of a unit of texture coordinates on the surface, in the asset's units; 0 without textures. A texture has no
+/// detail that is coarser.
+fn texture_length(base: &Base, description: &AssetDescription) -> f64 {
+    let (mut surface, mut texture) = (0.0, 0.0);
+    for face in &base.faces {
+        let material = description.materials.get(usize::from(face.material));
+        if material.is_none_or(|material| material.textures().next().is_none()) {
+            continue;
+        }
+        let wedges = face.wedges.map(|wedge| base.wedges[wedge as usize]);
+        let [a, b, c] = wedges.map(|w| DVec3::from(base.grid.position(base.positions[w.vertex as usize])));
+        let [p, q, r] = wedges.map(|w| glam::DVec2::from(base.uv_grid.uv(w.attributes.uv)));
+        surface += (b - a).cross(c - a).length();
+        texture += (q - p).perp_dot(r - p).abs();
+    }
+    if surface == 0.0 { 0.0 } else { (surface / texture).sqrt() }
+}
+
+/// A node's mesh while members are added.
+#[derive(Default)]
+pub(super) struct Union {
+    mesh: SourceMesh,
+    /// Roughness, metalness and their weight, summed by area.
+    shading: [f64; 3],
+    /// Of each member: the ends of its shading, and its diameter in the world.
+    members: Vec<([[f64; 2]; 2], f64)>,
+    /// Largest [`Piece::detail`] in the world.
+    detail: f64,
+}
+
+/// A node's mesh.
+pub(super) struct NodeMesh {
+    pub(super) mesh: SourceMesh,
+    pub(super) material: Material,
+    /// Length up to which colours and shading differ from the members', in world units: for errors, a displacement.
+    pub(super) appearance_error: f64,
+}
+
+impl Union {
+    /// Adds a member. Its part `p` becomes part `first_part + p`.
+    pub(super) fn add(&mut self, piece: &Piece, placement: &Placement, first_part: u32) {
+        let rotation = placement.orientation().as_dquat();
+        let mesh = &mut self.mesh;
+        let (position, normal) = (mesh.positions.len() as u32, mesh.normals.len() as u32);
+        mesh.positions.extend(piece.positions.iter().map(|&point| placement.to_world(point).to_array()));
+        mesh.normals.extend(piece.normals.iter().map(|&n| (rotation * n).as_vec3().to_array()));
+        for face in &piece.faces {
+            let color = mesh.colors.len() as u32;
+            mesh.colors.extend(face.colors);
+            mesh.faces.push(std::array::from_fn(|i| Corner {
+                position: position + face.vertices[i],
+                uv: NONE,
+                normal: normal + face.wedges[i],
+                color: color + i as u32,
+            }));
+            let part = piece.parts.get(face.vertices[0] as usize).copied().unwrap_or(0);
+            mesh.parts.push(first_part + part);
+            let [a, b, c] = face.vertices.map(|vertex| piece.positions[vertex as usize]);
+            let area = (b - a).cross(c - a).length() * f64::from(placement.scale).powi(2);
+            let [roughness, metallic] = face.shading;
+            [area * roughness, area * metallic, area]
+                .into_iter()
+                .zip(&mut self.shading)
+                .for_each(|(x, sum)| *sum += x);
+        }
+        mesh.materials.resize(mesh.faces.len(), 0);
+        self.detail = self.detail.max(piece.detail * f64::from(placement.scale));
+        self.members.push((piece.shading, piece.diameter * f64::from(placement.scale)));
+    }
+
+    /// The mesh, with one opaque material of mean roughness and metalness.
+    pub(super) fn finish(self) -> NodeMesh {
+        let [roughness, metallic, area] = self.shading;
+        let mean = if area > 0.0 { [roughness / area, metallic / area] } else { [1.0, 0.0] };
+        let material = Material {
+            base_color: [1.0; 4],
+            roughness: mean[0] as f32,
+            metallic: mean[1] as f32,
+            ..Material::default()
+        };
+        let differs = |&(ends, diameter): &([[f64; 2]; 2], f64)| {
+            let difference =
+                ends.iter().zip(mean).flat_map(|(ends, mean)| ends.map(|end| (end - mean).abs()));
+            diameter / 2.0 * difference.fold(0.0, f64::max)
+        };
+        let appearance_error = self.members.iter().map(differs).fold(self.detail, f64::max);
+        NodeMesh { mesh: self.mesh, material, appearance_error }
+    }
+}
