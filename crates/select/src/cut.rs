@@ -15,10 +15,10 @@ use crate::selection::{State, Wanted};
 use crate::state::AssetState;
 
 /// Bytes of base meshes up to which a proxy is replaced by the final cut below it; else first by its children.
-const STEP_BYTES: u64 = 24 * 1024;
+pub const STEP_BYTES: u64 = 24 * 1024;
 
 /// Share of the threshold that a proxy's finest mesh may err; its chunks have the rest.
-const OWN_SHARE: f32 = 0.5;
+pub const OWN_SHARE: f32 = 0.5;
 
 /// What a scene consists of, for [`CutSelector::update`].
 #[derive(Clone, Copy, Debug)]
@@ -260,7 +260,10 @@ impl Pass<'_> {
                 self.draw(child, list);
             }
             let is_known = node.children.len() == node.proxy.child_count as usize
-                && node.proxy.instances().end as usize <= self.scene.instances.len();
+                && self
+                    .own_instances(number)
+                    .last()
+                    .is_none_or(|last| (last as usize) < self.scene.instances.len());
             self.state.missing += u32::from(seen.visible && !is_known);
             return;
         }

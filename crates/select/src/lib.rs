@@ -24,7 +24,7 @@
     )
 )]
 
-mod cut;
+pub mod cut;
 pub mod difference;
 mod instance_tree;
 mod occluder;

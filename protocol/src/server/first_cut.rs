@@ -6,19 +6,28 @@ use std::collections::{BTreeSet, BinaryHeap};
 use super::scene_index::SceneIndex;
 use lodestream_scene::description::AssetEntry;
 use lodestream_scene::view::View;
+use lodestream_select::cut::{OWN_SHARE, STEP_BYTES};
 use lodestream_select::difference::Picture;
+use lodestream_select::priority::{Priority, refine_priority};
 use lodestream_select::{Bounds, Projection};
 
 /// Most bytes of the base meshes of a first cut, unless the roots in view have more: a tenth of a second at 2 Mbit/s.
-const FIRST_CUT_BYTES: u64 = 24 * 1024;
+const FIRST_CUT_BYTES: u64 = 40 * 1024;
 
-/// What is drawn first.
+/// Most bytes of the base meshes that follow to make it finer: what a client requests when it has the first cut.
+const FINER_BYTES: u64 = 64 * 1024;
+
+/// What is drawn first, and what makes it finer.
 #[derive(Debug, Default)]
 pub(super) struct FirstCut {
     /// Numbers of proxies in view.
     pub(super) proxies: Vec<u32>,
     /// By instance: whether a proxy stands for it. Empty without proxies.
     pub(super) covered: Vec<bool>,
+    /// Instances that a client must know to replace proxies by the cut: those before this number, in view or not.
+    pub(super) known_to: u32,
+    /// Assets whose base meshes replace proxies of the cut, as the client will want them.
+    pub(super) finer: Vec<(Priority, u32)>,
 }
 
 impl FirstCut {
@@ -32,7 +41,7 @@ impl FirstCut {
 #[derive(Debug, PartialEq)]
 struct Candidate {
     /// Visible difference per byte.
-    benefit: f32,
+    priority: Priority,
     proxy: u32,
 }
 
@@ -46,50 +55,57 @@ impl PartialOrd for Candidate {
 
 impl Ord for Candidate {
     fn cmp(&self, other: &Self) -> Ordering {
-        self.benefit.total_cmp(&other.benefit).then(other.proxy.cmp(&self.proxy))
+        self.priority.cmp(&other.priority).then(other.proxy.cmp(&self.proxy))
     }
 }
 
 /// A greedy cut: from the roots in view, the proxy whose replacement makes the largest difference per byte is replaced by
-/// what is below it in view, as long as all base meshes take at most [`FIRST_CUT_BYTES`].
+/// what is below it in view, as long as all base meshes take at most [`FIRST_CUT_BYTES`]. The rest is listed in
+/// [`FirstCut::finer`], up to [`FINER_BYTES`].
 pub(super) fn first_cut(scene: &SceneIndex, view: &View) -> FirstCut {
     let proxies = scene.proxies();
     if proxies.is_empty() {
         return FirstCut::default();
     }
-    let mut covered = vec![false; scene.instance_count()];
+    let mut cut = FirstCut { covered: vec![false; scene.instance_count()], ..FirstCut::default() };
     let mut search = Search {
         scene,
         projection: Projection::new(view),
         picture: Picture::new(view),
         view,
         assets: BTreeSet::new(),
+        open: BinaryHeap::new(),
     };
-    let (mut open, mut chosen, mut bytes) = (BinaryHeap::new(), BTreeSet::new(), 0);
+    let (mut chosen, mut bytes, mut later) = (BTreeSet::new(), 0, Vec::new());
+    let take = |number: u32, search: &mut Search<'_>, cut: &mut FirstCut, chosen: &mut BTreeSet<u32>| {
+        cover(&mut cut.covered, scene, number, true);
+        let taken = search.take_proxy(number);
+        chosen.extend(taken.map(|_| number));
+        taken.unwrap_or_default()
+    };
     for &root in proxies.roots() {
-        bytes += search.take_proxy(root, &mut open, &mut chosen);
-        cover(&mut covered, scene, root, true);
+        bytes += take(root, &mut search, &mut cut, &mut chosen);
     }
-    while let Some(Candidate { proxy, .. }) = open.pop() {
-        let Some(below) = search.below(proxy) else { continue };
-        let own = scene.asset(proxies.nodes()[proxy as usize].proxy.asset).map_or(0, base_bytes);
+    while let Some(candidate) = search.open.pop() {
+        let Some(below) = search.below(candidate.proxy) else { continue };
+        let own = scene.asset(proxies.nodes()[candidate.proxy as usize].proxy.asset).map_or(0, base_bytes);
         if (bytes + below.bytes).saturating_sub(own) > FIRST_CUT_BYTES {
+            later.push(candidate);
             continue;
         }
+        cut.known_to = cut.known_to.max(below.known_to);
         bytes -= own;
-        chosen.remove(&proxy);
-        cover(&mut covered, scene, proxy, false);
-        for instance in below.instances {
-            if let Some(asset) = scene.instance(instance).filter(|of| search.assets.insert(of.asset)) {
-                bytes += scene.asset(asset.asset).map_or(0, base_bytes);
-            }
-        }
+        chosen.remove(&candidate.proxy);
+        cover(&mut cut.covered, scene, candidate.proxy, false);
+        bytes += below.instances.iter().map(|&instance| search.take_instance(instance)).sum::<u64>();
         for child in below.proxies {
-            bytes += search.take_proxy(child, &mut open, &mut chosen);
-            cover(&mut covered, scene, child, true);
+            bytes += take(child, &mut search, &mut cut, &mut chosen);
         }
     }
-    FirstCut { proxies: chosen.into_iter().collect(), covered }
+    cut.proxies = chosen.into_iter().collect();
+    search.open.extend(later);
+    cut.finer = search.finer();
+    cut
 }
 
 fn base_bytes(entry: &AssetEntry) -> u64 {
@@ -103,10 +119,13 @@ fn cover(covered: &mut [bool], scene: &SceneIndex, proxy: u32, value: bool) {
 }
 
 /// What replaces a proxy in view.
+#[derive(Default)]
 struct Below {
     proxies: Vec<u32>,
     instances: Vec<u32>,
     bytes: u64,
+    /// Its own instances are those before this number.
+    known_to: u32,
 }
 
 struct Search<'a> {
@@ -116,6 +135,8 @@ struct Search<'a> {
     view: &'a View,
     /// Assets of chosen instances: several instances have one base mesh.
     assets: BTreeSet<u32>,
+    /// Proxies that may be replaced.
+    open: BinaryHeap<Candidate>,
 }
 
 impl Search<'_> {
@@ -126,40 +147,102 @@ impl Search<'_> {
     }
 
     /// Chooses a proxy if it is in view; returns its bytes.
-    fn take_proxy(
-        &mut self,
-        number: u32,
-        open: &mut BinaryHeap<Candidate>,
-        chosen: &mut BTreeSet<u32>,
-    ) -> u64 {
-        let Some((bounds, entry)) = self.bounds(number).filter(|(bounds, _)| bounds.visible) else {
-            return 0;
-        };
+    fn take_proxy(&mut self, number: u32) -> Option<u64> {
+        let (bounds, entry) = self.bounds(number).filter(|(bounds, _)| bounds.visible)?;
         let bytes = base_bytes(entry);
-        chosen.insert(number);
+        if let Some(priority) = self.priority(number, &bounds) {
+            self.open.push(Candidate { priority, proxy: number });
+        }
+        Some(bytes)
+    }
+
+    /// Chooses an instance; returns the bytes of its asset, if that is new.
+    fn take_instance(&mut self, number: u32) -> u64 {
+        let instance = self.scene.instance(number).filter(|of| self.assets.insert(of.asset));
+        instance.and_then(|of| self.scene.asset(of.asset)).map_or(0, base_bytes)
+    }
+
+    /// Error of a proxy on the screen, if a client replaces it for that.
+    fn error_px(&self, number: u32, bounds: &Bounds) -> Option<f32> {
         let error = self.scene.proxies().nodes()[number as usize].proxy.error;
         #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
         let error_px = self.projection.error_px(f64::from(error), bounds.depth) as f32;
-        if error_px > self.view.target_px {
-            let difference_px2 = self.picture.shape_px2(error_px, bounds.coverage_px);
-            let below = self.below(number).map_or(1, |below| below.bytes.max(1));
-            #[expect(
-                clippy::cast_precision_loss,
-                reason = "an order needs no more of a length than 24 bits"
-            )]
-            open.push(Candidate { benefit: difference_px2 / below as f32, proxy: number });
+        (error_px > OWN_SHARE * self.view.target_px).then_some(error_px)
+    }
+
+    /// Priority of what replaces a proxy; `None` if nothing has to.
+    fn priority(&self, number: u32, bounds: &Bounds) -> Option<Priority> {
+        let error_px = self.error_px(number, bounds)?;
+        let difference_px2 = self.picture.shape_px2(error_px, bounds.coverage_px);
+        #[expect(clippy::cast_precision_loss, reason = "a priority needs no more of a length than 24 bits")]
+        let bytes = self.below(number)?.bytes as f32;
+        Some(refine_priority(difference_px2, bytes, bounds.foveation))
+    }
+
+    /// Base meshes that replace the proxies that are left: as a client requests them, those of the final cut below a proxy,
+    /// or of its children if these are many.
+    fn finer(&mut self) -> Vec<(Priority, u32)> {
+        let (mut list, mut bytes, mut least) = (Vec::new(), 0, Priority::MAX);
+        while let Some(Candidate { priority, proxy }) = self.open.pop() {
+            let mut last = Below::default();
+            let is_known = self.add_final(proxy, &mut last).is_some();
+            let (below, is_final) = match self.below(proxy) {
+                _ if is_known && last.bytes <= STEP_BYTES => (last, true),
+                Some(below) => (below, false),
+                None => continue,
+            };
+            bytes += below.bytes;
+            if bytes > FINER_BYTES {
+                break;
+            }
+            // What is below a proxy comes after it.
+            least = least.min(priority);
+            for child in below.proxies {
+                list.push((least, self.scene.proxies().nodes()[child as usize].proxy.asset));
+                if !is_final {
+                    let _ = self.take_proxy(child);
+                }
+            }
+            for instance in below.instances {
+                if self.take_instance(instance) > 0
+                    && let Some(of) = self.scene.instance(instance)
+                {
+                    list.push((least, of.asset));
+                }
+            }
         }
-        bytes
+        list
+    }
+
+    /// Adds the final cut below a proxy; `None` if not all of it is known.
+    fn add_final(&self, number: u32, last: &mut Below) -> Option<()> {
+        let below = self.below(number)?;
+        last.instances.extend(below.instances);
+        let instances: u64 = below.bytes;
+        let mut proxies = 0;
+        for child in below.proxies {
+            let (bounds, entry) = self.bounds(child)?;
+            proxies += base_bytes(entry);
+            if self.error_px(child, &bounds).is_some() {
+                self.add_final(child, last)?;
+            } else {
+                last.proxies.push(child);
+                last.bytes += base_bytes(entry);
+            }
+        }
+        last.bytes += instances - proxies;
+        Some(())
     }
 
     /// What is below a proxy in view; `None` if not all of it is known.
     fn below(&self, number: u32) -> Option<Below> {
         let nodes = self.scene.proxies().nodes();
         let node = &nodes[number as usize];
-        let mut below = Below { proxies: Vec::new(), instances: Vec::new(), bytes: 0 };
+        let mut below = Below::default();
         let mut from = node.proxy.instances().start;
         let mut assets = BTreeSet::new();
         let mut add = |range: std::ops::Range<u32>, below: &mut Below| {
+            below.known_to = if range.is_empty() { below.known_to } else { range.end };
             for number in range {
                 let instance = self.scene.instance(number)?;
                 let entry = self.scene.asset(instance.asset)?;

@@ -76,6 +76,10 @@ pub(super) fn first_flight(
     }
     if !scene.proxies().is_empty() {
         // A client numbers the entries of a page after those of the pages before.
+        if let Some(last) = cut.known_to.checked_sub(1).and_then(|last| scene.page_of_instance(last)) {
+            let best = page_best.iter().copied().max().unwrap_or_default();
+            page_best.get_mut(last as usize).into_iter().for_each(|of_page| *of_page = best);
+        }
         let mut of_later = 0;
         for best in page_best.iter_mut().rev() {
             of_later = of_later.max(*best);
@@ -91,7 +95,10 @@ pub(super) fn first_flight(
     let textures = coarsest_textures(source, scene, |asset| {
         best.get(asset).zip(largest_px.get(asset)).filter(|(_, px)| **px >= least_px).map(|(best, _)| *best)
     });
-    let mut flight: Vec<_> = pages.chain(bases).chain(textures).collect();
+    // Shared assets may be in both lists.
+    let finer = cut.finer.iter().filter(|(_, asset)| best.get(*asset as usize) == Some(&0));
+    let finer = finer.map(|&(priority, asset)| (priority, Unit::Blob(BlobId::base(asset))));
+    let mut flight: Vec<_> = pages.chain(bases).chain(textures).chain(finer).collect();
     // Pages before base meshes before their textures, low numbers first, among equals.
     flight.sort_unstable_by_key(|&(priority, unit)| (priority, Reverse(unit)));
     flight

@@ -104,6 +104,11 @@ impl SceneIndex {
         self.find(number).map(|(_, instance)| instance)
     }
 
+    /// Number of the page of an instance.
+    pub(super) fn page_of_instance(&self, number: u32) -> Option<u32> {
+        self.find(number).map(|(page, _)| page)
+    }
+
     /// The instance entry of a number, with the number of its page.
     fn find(&self, number: u32) -> Option<(u32, &Instance)> {
         let page = self.first_instances.partition_point(|&first| first <= number).checked_sub(1)?;
