@@ -8,6 +8,8 @@
 mod color;
 mod mesh;
 mod pack;
+#[cfg(test)]
+mod tests;
 mod tree;
 
 use std::collections::btree_map::Entry;
