@@ -10,6 +10,7 @@ mod refine;
 mod streams;
 
 use std::borrow::Borrow;
+use std::collections::BTreeSet;
 use std::io::Write as _;
 
 use flate2::Compression;
@@ -74,10 +75,13 @@ pub fn encode<E: From<PreviewError>>(
     mut read: impl FnMut(u32, BlobPart) -> Result<Option<Vec<u8>>, E>,
 ) -> Result<Vec<u8>, E> {
     let pages = || pages.iter().map(Borrow::borrow);
-    let entries: Vec<&AssetEntry> = pages().flat_map(|page| &page.assets).take(MAX_ASSETS).collect();
+    let entries: Vec<&AssetEntry> = pages().flat_map(|page| &page.assets).collect();
+    // Proxies stand for what the instances show.
+    let proxies: BTreeSet<u32> = pages().flat_map(|page| &page.proxies).map(|proxy| proxy.asset).collect();
     let instances: Vec<&Instance> = pages().flat_map(|page| &page.instances).collect();
     let (mut refined, mut faces) = (Vec::new(), 0);
-    for (asset, entry) in (0_u32..).zip(&entries) {
+    let placed_ones = (0_u32..).zip(&entries).filter(|(asset, _)| !proxies.contains(asset));
+    for (asset, entry) in placed_ones.take(MAX_ASSETS) {
         if entry.base_bytes > MAX_BASE_BYTES {
             continue;
         }

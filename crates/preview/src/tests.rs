@@ -10,6 +10,7 @@ use lodestream_geometry::prepare::Prepared;
 use lodestream_geometry::quantise::{QuantiseSettings, quantise};
 use lodestream_scene::asset::{Alpha, Material};
 use lodestream_scene::description::{Camera, SceneLighting};
+use lodestream_scene::proxy::Proxy;
 use lodestream_scene::terrain::{TerrainEntry, Water};
 use lodestream_terrain::{Parameters, Scratch, Terrain};
 
@@ -183,6 +184,22 @@ fn near_meshes_are_refined_and_all_stay_within_a_step() {
         json!([[0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0], [1, 0.0, 0.0, -5000.0, 0.0, 0.0, 0.0, 1.0, 1.0]])
     );
     assert_eq!(meshes[0]["groups"][0]["look"]["color"], json!([0.5, 0.25, 0.125]));
+}
+
+#[test]
+fn proxies_are_left_out_however_many_come_first() {
+    let (prepared, placed) = (hills(), page(hills()));
+    let count = MAX_ASSETS as u32 + 1;
+    let proxies = (0..count).map(|asset| Proxy { asset, instance_count: 2, ..Proxy::default() }).collect();
+    let first =
+        ScenePage { assets: vec![placed.assets[0].clone(); count as usize], proxies, ..ScenePage::default() };
+    let mut then = ScenePage { first_asset: count, ..placed.clone() };
+    then.instances.iter_mut().for_each(|instance| instance.asset += count);
+    let file = encode::<PreviewError>(&header(), &[first, then], |asset, part| {
+        assert!(asset >= count);
+        Ok(blob(prepared, part))
+    });
+    assert_eq!(file.unwrap(), preview(&header(), &placed, prepared).unwrap());
 }
 
 /// Positions have 12 bits.

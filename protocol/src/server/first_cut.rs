@@ -12,7 +12,7 @@ use lodestream_select::priority::{Priority, refine_priority};
 use lodestream_select::{Bounds, Projection};
 
 /// Most bytes of the base meshes of a first cut, unless the roots in view have more: a tenth of a second at 2 Mbit/s.
-const FIRST_CUT_BYTES: u64 = 40 * 1024;
+const FIRST_CUT_BYTES: u64 = 24 * 1024;
 
 /// Most bytes of the base meshes that follow to make it finer: what a client requests when it has the first cut.
 const FINER_BYTES: u64 = 64 * 1024;

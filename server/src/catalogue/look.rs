@@ -19,7 +19,7 @@ use lodestream_bake::proxies::{self, Forest};
 use lodestream_bake::scene;
 use lodestream_bake::stderr::write_line;
 use lodestream_daemon::{SceneProvider, SceneUpdate, Scenes};
-use lodestream_store::{BlobCache, SceneStore};
+use lodestream_store::{BlobCache, PackFile, SceneStore};
 
 /// Hash of names, lengths and times of a scene's files, or of its object's version.
 type Stamp = blake3::Hash;

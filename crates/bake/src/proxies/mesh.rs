@@ -3,7 +3,7 @@
 use glam::DVec3;
 use lodestream_geometry::DecodeError;
 use lodestream_geometry::base::Base;
-use lodestream_geometry::mesh::{Corner, NONE, QuantisedMesh, SourceMesh};
+use lodestream_geometry::mesh::{Corner, Face, NONE, QuantisedMesh, SourceMesh};
 use lodestream_geometry::normals::wedge_normals;
 use lodestream_scene::asset::{AssetDescription, Material};
 use lodestream_scene::placement::Placement;
@@ -19,11 +19,10 @@ pub(super) struct Piece {
     /// Of each wedge; zero for none.
     normals: Vec<DVec3>,
     faces: Vec<PieceFace>,
-    /// Roughness and metalness, each the least and largest of all faces.
-    shading: [[f64; 2]; 2],
+    /// Roughness and metalness of each material, and the largest diagonal of the components that have it.
+    shading: Vec<([f64; 2], f64)>,
     /// Length up to which colours differ from what vertices show, in the asset's units.
     detail: f64,
-    diameter: f64,
 }
 
 struct PieceFace {
@@ -45,19 +44,25 @@ impl Piece {
         let description = AssetDescription::decode(&base.description)
             .map_err(|why| pack.damaged(DecodeError::new("description", why.to_string())))?;
         let mut colors = corners(pack, &base, &description)?;
-        let hidden = colors.iter().any(Option::is_none);
+        let lengths = component_lengths(&base);
+        let (mut detail, mut textured) = (0.0_f64, 0.0_f64);
+        for ((face, length), color) in base.faces.iter().zip(&lengths).zip(&colors) {
+            let material = description.materials.get(usize::from(face.material));
+            if color.is_none() || material.is_some_and(|material| material.emits() || material.unlit) {
+                detail = detail.max(*length);
+            }
+            if material.is_some_and(|material| material.textures().next().is_some()) {
+                textured = textured.max(*length);
+            }
+        }
+        // A displacement counts half as an attribute's (lodestream_geometry::screen).
+        let detail = detail.max(texture_length(&base, &description).min(textured) / 2.0);
         if transparent_too {
             for (color, face) in colors.iter_mut().zip(&base.faces) {
                 let material = description.materials.get(usize::from(face.material));
                 color.get_or_insert([material.map_or([u8::MAX; 4], opaque); 3]);
             }
         }
-        let diameter = 2.0 * f64::from(base.sphere.radius);
-        let detail = if hidden || description.materials.iter().any(|m| m.emits() || m.unlit) {
-            diameter
-        } else {
-            texture_length(&base, &description).min(diameter) / 2.0
-        };
         let mesh = QuantisedMesh {
             grid: base.grid,
             uv_grid: base.uv_grid,
@@ -68,6 +73,12 @@ impl Piece {
         };
         let shadings: Vec<[f64; 2]> =
             description.materials.iter().map(|m| shading(m, &description)).collect();
+        let mut of_shading: Vec<([f64; 2], f64)> = shadings.iter().map(|&shading| (shading, 0.0)).collect();
+        for (face, &length) in mesh.faces.iter().zip(&lengths) {
+            if let Some((_, longest)) = of_shading.get_mut(usize::from(face.material)) {
+                *longest = longest.max(length);
+            }
+        }
         let faces = mesh.faces.iter().zip(colors).filter_map(|(face, colors)| {
             Some(PieceFace {
                 vertices: face.wedges.map(|wedge| mesh.wedges[wedge as usize].vertex),
@@ -76,19 +87,13 @@ impl Piece {
                 shading: shadings.get(usize::from(face.material)).copied().unwrap_or([1.0, 0.0]),
             })
         });
-        let faces: Vec<PieceFace> = faces.collect();
-        let ends = |of: usize| {
-            let all = faces.iter().map(|face| face.shading[of]);
-            [all.clone().fold(f64::MAX, f64::min), all.fold(f64::MIN, f64::max)]
-        };
         Ok(Self {
-            shading: [ends(0), ends(1)],
+            shading: of_shading,
             positions: mesh.positions.iter().map(|&q| mesh.grid.position(q).into()).collect(),
             normals: wedge_normals(&mesh).into_iter().map(DVec3::from).collect(),
             parts: mesh.parts,
-            faces,
+            faces: faces.collect(),
             detail,
-            diameter,
         })
     }
 }
@@ -118,12 +123,44 @@ fn texture_length(base: &Base, description: &AssetDescription) -> f64 {
             continue;
         }
         let wedges = face.wedges.map(|wedge| base.wedges[wedge as usize]);
-        let [a, b, c] = wedges.map(|w| DVec3::from(base.grid.position(base.positions[w.vertex as usize])));
-        let [p, q, r] = wedges.map(|w| glam::DVec2::from(base.uv_grid.uv(w.attributes.uv)));
-        surface += (b - a).cross(c - a).length();
-        texture += (q - p).perp_dot(r - p).abs();
+        let at = wedges.map(|w| DVec3::from(base.grid.position(base.positions[w.vertex as usize])));
+        let uv = wedges.map(|w| glam::DVec2::from(base.uv_grid.uv(w.attributes.uv)));
+        for (from, to) in [(0, 1), (1, 2), (2, 0)] {
+            surface += at[from].distance(at[to]);
+            texture += uv[from].distance(uv[to]);
+        }
     }
-    if surface == 0.0 { 0.0 } else { (surface / texture).sqrt() }
+    // One texel on a whole surface is a colour.
+    if texture == 0.0 { 0.0 } else { surface / texture }
+}
+
+/// For each face, the diagonal of its connected component: what vanishes, or looks otherwise, as a whole.
+fn component_lengths(base: &Base) -> Vec<f64> {
+    let mut root: Vec<u32> = (0..base.positions.len() as u32).collect();
+    let find = |root: &mut Vec<u32>, mut at: u32| {
+        while root[at as usize] != at {
+            root[at as usize] = root[root[at as usize] as usize];
+            at = root[at as usize];
+        }
+        at
+    };
+    let vertices = |face: &Face| face.wedges.map(|wedge| base.wedges[wedge as usize].vertex);
+    for face in &base.faces {
+        let [a, b, c] = vertices(face).map(|vertex| find(&mut root, vertex));
+        let least = a.min(b).min(c);
+        [a, b, c].into_iter().for_each(|vertex| root[vertex as usize] = least);
+    }
+    let mut bounds = vec![(DVec3::INFINITY, DVec3::NEG_INFINITY); base.positions.len()];
+    for (vertex, &position) in (0_u32..).zip(&base.positions) {
+        let point = DVec3::from(base.grid.position(position));
+        let (low, high) = &mut bounds[find(&mut root, vertex) as usize];
+        (*low, *high) = (low.min(point), high.max(point));
+    }
+    let length = |face: &Face| {
+        let (low, high) = bounds[find(&mut root, vertices(face)[0]) as usize];
+        low.distance(high)
+    };
+    base.faces.iter().map(length).collect()
 }
 
 /// A node's mesh while members are added.
@@ -132,8 +169,8 @@ pub(super) struct Union {
     mesh: SourceMesh,
     /// Roughness, metalness and their weight, summed by area.
     shading: [f64; 3],
-    /// Of each member: the ends of its shading, and its diameter in the world.
-    members: Vec<([[f64; 2]; 2], f64)>,
+    /// Roughness and metalness of the members' materials, and the largest length in the world that has them.
+    materials: Vec<([f64; 2], f64)>,
     /// Largest [`Piece::detail`] in the world.
     detail: f64,
 }
@@ -175,7 +212,9 @@ impl Union {
         }
         mesh.materials.resize(mesh.faces.len(), 0);
         self.detail = self.detail.max(piece.detail * f64::from(placement.scale));
-        self.members.push((piece.shading, piece.diameter * f64::from(placement.scale)));
+        self.materials.extend(
+            piece.shading.iter().map(|&(shading, length)| (shading, length * f64::from(placement.scale))),
+        );
     }
 
     /// The mesh, with one opaque material of mean roughness and metalness.
@@ -188,12 +227,11 @@ impl Union {
             metallic: mean[1] as f32,
             ..Material::default()
         };
-        let differs = |&(ends, diameter): &([[f64; 2]; 2], f64)| {
-            let difference =
-                ends.iter().zip(mean).flat_map(|(ends, mean)| ends.map(|end| (end - mean).abs()));
-            diameter / 2.0 * difference.fold(0.0, f64::max)
+        let differs = |(of, length): &([f64; 2], f64)| {
+            let difference = (of[0] - mean[0]).abs().max((of[1] - mean[1]).abs());
+            difference * length / 2.0
         };
-        let appearance_error = self.members.iter().map(differs).fold(self.detail, f64::max);
+        let appearance_error = self.materials.iter().map(differs).fold(self.detail, f64::max);
         NodeMesh { mesh: self.mesh, material, appearance_error }
     }
 }

@@ -8,6 +8,8 @@
 mod color;
 mod mesh;
 mod pack;
+#[cfg(test)]
+mod tests;
 mod tree;
 
 use std::collections::btree_map::Entry;
@@ -57,12 +59,6 @@ pub struct Forest {
 }
 
 impl Forest {
-    /// The proxies in the order in which they are sent, parents first; [`Proxy::asset`] is an index into the packs.
-    #[must_use]
-    pub fn proxies(&self) -> &[Proxy] {
-        &self.proxies
-    }
-
     /// Entries of the proxies' assets.
     pub(crate) fn entries(&self) -> Result<Vec<AssetEntry>, StoreError> {
         (0_u32..).zip(&self.packs).map(|(number, pack)| pack.entry(&format!("proxy {number}"))).collect()

@@ -18,9 +18,9 @@ use crate::preparation_settings::CodecChoice;
 use crate::prepare::PrepareError;
 use crate::prepare::cache::Key;
 
-/// Largest error of a node's base mesh, as a share of the diagonal: about a thirtieth of the radius. Leaves then have
-/// base meshes of a tenth of their members' bytes (docs/design/proxies.md).
-pub(super) const BASE_ERROR: f64 = 1.0 / 60.0;
+/// Largest error of a node's base mesh, as a share of the diagonal: it then has one to three kilobytes. Half of it doubles
+/// the bytes (docs/design/proxies.md).
+pub(super) const BASE_ERROR: f64 = 0.06;
 /// Largest rounding of positions, as a share of the bounding box's diagonal and of the error of the members.
 const ROUNDING_OF_DIAGONAL: f64 = 1.0 / 32_768.0;
 const ROUNDING_OF_ERROR: f64 = 1.0 / 16.0;

@@ -169,7 +169,7 @@ mod tests {
             } else {
                 let bytes: u64 =
                     tree.order[node.instances.clone()].iter().map(|&i| items[i].base_bytes).sum();
-                assert!(bytes <= MAX_LEAF_BYTES && bytes >= 2000, "{bytes}");
+                assert!((2000..=MAX_LEAF_BYTES).contains(&bytes), "{bytes}");
             }
             assert!(node.parent.is_none_or(|parent| tree.nodes[parent].depth + 1 == node.depth));
         }
@@ -182,7 +182,7 @@ mod tests {
         let items: Vec<Item> =
             (0..4000).map(|i| item(0.0, 0.0, (1 << 40) >> i.min(30), i as usize)).collect();
         let tree = build(&items);
-        assert!(tree.nodes.iter().all(|node| node.depth < 7 && node.depth < MAX_PROXY_DEPTH));
+        assert!(tree.nodes.iter().all(|node| node.depth < MAX_PROXY_DEPTH.min(7)));
     }
 
     #[test]

@@ -38,7 +38,7 @@ impl PreviewFile {
         while assets < MAX_ASSETS
             && let Some(page) = u32::try_from(pages.len()).ok().and_then(|number| source.page(number))
         {
-            assets += page.assets.len();
+            assets += page.assets.len().saturating_sub(page.proxies.len());
             pages.push(page);
         }
         let read = |asset, part| {

@@ -1,0 +1,310 @@
+//! Proxies of generated scenes.
+
+use std::fmt::Write as _;
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+use lodestream_geometry::distance::TriangleBvh;
+use lodestream_geometry::mesh::QuantisedMesh;
+use lodestream_geometry::refine::ActiveMesh;
+use lodestream_scene::BlobPart;
+use lodestream_scene::description::ScenePage;
+use lodestream_scene::proxy::Proxies;
+use lodestream_store::SceneDescription;
+use tempfile::TempDir;
+
+use crate::compose::describe;
+use crate::prepare::prepare_all;
+use crate::scene;
+
+use super::*;
+
+/// Rough ground of 200 faces on 10 × 10 units with a colour at each vertex, by a hash of `seed` and the place.
+fn rough(seed: u32) -> String {
+    let mut text = format!("mtllib {seed}.mtl\nusemtl m\n");
+    for i in 0..11 * 11_u32 {
+        let hash = (i + 1000 * seed).wrapping_mul(0x9E37_79B9);
+        let hash = (hash ^ (hash >> 15)).wrapping_mul(0x85EB_CA6B);
+        let [height, red, green, blue] = hash.to_be_bytes().map(|byte| f64::from(byte) / 255.0);
+        let _ = writeln!(text, "v {} {} {} {red} {green} {blue}", i % 11, 5.0 * height, i / 11);
+    }
+    for i in (0..10 * 10_u32).map(|i| i / 10 * 11 + i % 10 + 1) {
+        let _ = writeln!(text, "f {i} {} {}\nf {i} {} {}", i + 11, i + 12, i + 12, i + 1);
+    }
+    text
+}
+
+/// A scene file with `assets` grounds, each placed twice: turned, and enlarged.
+fn write(folder: &Path, assets: u32, more: &str) -> PathBuf {
+    let mut text = format!("{more}\n[camera]\neye = [0.0, 50.0, -50.0]\ntarget = [60.0, 0.0, 60.0]\n");
+    for seed in 0..assets {
+        std::fs::write(folder.join(format!("{seed}.obj")), rough(seed)).unwrap();
+        std::fs::write(folder.join(format!("{seed}.mtl")), "newmtl m\nKd 0.5 0.5 0.5\n").unwrap();
+        let _ = write!(text, "[[asset]]\nname = \"{seed}\"\nfile = \"{seed}.obj\"\n");
+        for copy in 0..2 {
+            let number = 2 * seed + copy;
+            let _ = write!(
+                text,
+                "[[instance]]\nasset = \"{seed}\"\ntranslation = [{}, {copy}, {}]\nscale = 1.{copy}\n\
+                 rotation = {{ yaw = {} }}\n",
+                number % 10 * 20,
+                number / 10 * 20,
+                7 * number
+            );
+        }
+    }
+    let path = folder.join("scene.toml");
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+fn options(threads: usize) -> Options {
+    Options { quiet: true, threads: NonZeroUsize::new(threads), ..Options::default() }
+}
+
+fn prepared(file: &Path, cache: &Path) -> (Scene, Vec<PackFile>) {
+    let scene = scene::of_files(&[file.to_owned()]).unwrap();
+    let cached = prepare_all(&scene.assets, cache, &options(2), |_, _| {}).unwrap();
+    (scene, cached.into_iter().map(|cached| cached.pack).collect())
+}
+
+/// A mesh with all chunks.
+fn finest(pack: &PackFile) -> QuantisedMesh {
+    let asset = pack.load().unwrap();
+    let mut mesh = ActiveMesh::new(&asset.base);
+    for ((chunk, info), payload) in (0..).zip(&asset.infos).zip(&asset.chunks) {
+        mesh.apply(&mesh.decode(chunk, info, payload).unwrap()).unwrap();
+    }
+    mesh.to_mesh()
+}
+
+fn positions(mesh: &QuantisedMesh) -> Vec<[f64; 3]> {
+    mesh.positions.iter().map(|&q| mesh.grid.position(q)).collect()
+}
+
+fn triangles(mesh: &QuantisedMesh) -> Vec<[u32; 3]> {
+    mesh.faces.iter().map(|face| face.wedges.map(|wedge| mesh.wedges[wedge as usize].vertex)).collect()
+}
+
+/// Distances to a mesh.
+fn surface(mesh: &QuantisedMesh) -> TriangleBvh {
+    TriangleBvh::new(&positions(mesh), &triangles(mesh))
+}
+
+/// The proxies of a description as a client takes them, and its instances.
+fn received(description: &SceneDescription) -> (Proxies, Vec<Instance>) {
+    let mut proxies = Proxies::default();
+    let mut assets = 0;
+    for page in &description.pages {
+        let ScenePage { first_proxy, first_asset, .. } = *page;
+        assert_eq!(first_asset, assets);
+        assets += page.assets.len() as u32;
+        proxies.add(first_proxy, &page.proxies, assets, description.header.instance_count).unwrap();
+    }
+    assert_eq!(assets, description.header.asset_count);
+    (proxies, description.pages.iter().flat_map(|page| page.instances.clone()).collect())
+}
+
+#[test]
+fn each_level_stands_for_each_instance_once_and_errors_hold() {
+    let dir = TempDir::new().unwrap();
+    let (scene, packs) = prepared(&write(dir.path(), 160, ""), dir.path());
+    let full: Vec<QuantisedMesh> = packs.iter().map(finest).collect();
+    let forest = make(&scene, &packs, dir.path(), &options(2)).unwrap().unwrap();
+    let text = forest.to_string();
+    assert!(forest.prepared == forest.packs.len() && text.contains("bytes of base meshes"), "{text}");
+    let meshes: Vec<_> = forest.packs.iter().map(|pack| (finest(pack), pack.base().unwrap())).collect();
+    let (description, in_order) = describe(&scene, packs, Some(forest)).unwrap();
+    let (proxies, instances) = received(&description);
+    assert!(proxies.len() > 9 && proxies.roots() == [0], "{}", proxies.len());
+    assert_eq!(in_order.len(), description.header.asset_count as usize);
+    assert_eq!((instances.len(), description.pages[0].proxies.len()), (320, proxies.len().min(16) as usize));
+    let deepest = proxies.nodes().iter().map(|node| node.depth).max().unwrap();
+    for depth in 0..=deepest {
+        let level = proxies.nodes().iter().filter(|node| {
+            assert_eq!(node.children.len(), node.proxy.child_count as usize);
+            node.depth == depth || node.depth < depth && node.children.is_empty()
+        });
+        let mut covered: Vec<u32> = level.flat_map(|node| node.proxy.instances()).collect();
+        covered.sort_unstable();
+        assert!(covered.into_iter().eq(0..320), "level {depth}");
+    }
+    for (node, (mesh, base)) in proxies.nodes().iter().zip(&meshes) {
+        let to_proxy = surface(mesh);
+        let error = f64::from(node.proxy.error);
+        let mut largest = 0.0_f64;
+        for number in node.proxy.instances() {
+            let instance = &instances[number as usize];
+            let member = &full[description.asset_order[instance.asset as usize]];
+            for point in positions(member) {
+                let placed = instance.placement.to_world(point.into()).to_array();
+                let (distance, _) = to_proxy.nearest(placed, f64::INFINITY).unwrap();
+                largest = largest.max(distance);
+            }
+        }
+        assert!(largest <= error * 1.001, "{largest} but the proxy states {error}");
+        // Far below would mean that nothing is gained: a client refines by the stated error.
+        assert!(error < 60.0 * largest && base.faces.len() < mesh.faces.len(), "{error} {largest}");
+    }
+}
+
+#[test]
+fn leaves_have_the_base_meshes_of_their_members_as_parts() {
+    let dir = TempDir::new().unwrap();
+    let (scene, packs) = prepared(&write(dir.path(), 64, ""), dir.path());
+    let forest = make(&scene, &packs, dir.path(), &options(2)).unwrap().unwrap();
+    let instances = scene.instances.as_deref().unwrap();
+    let mut leaves = 0;
+    for (proxy, pack) in forest.proxies.iter().zip(&forest.packs).filter(|(proxy, _)| proxy.child_count == 0)
+    {
+        leaves += 1;
+        let mesh = finest(pack);
+        let (points, corners) = (positions(&mesh), triangles(&mesh));
+        let mut faces = 0;
+        for (part, number) in proxy.instances().enumerate() {
+            let instance = &instances[forest.order[number as usize]];
+            let base = packs[instance.asset as usize].base().unwrap();
+            let of_part = |corners: &&[u32; 3]| mesh.parts[corners[0] as usize] == part as u32;
+            let own: Vec<_> = corners.iter().filter(of_part).copied().collect();
+            assert_eq!(own.len(), base.faces.len());
+            faces += own.len();
+            let placed: Vec<DVec3> = base
+                .positions
+                .iter()
+                .map(|&q| instance.placement.to_world(base.grid.position(q).into()))
+                .collect();
+            for vertex in own.into_iter().flatten() {
+                let near = |point: &DVec3| point.distance(points[vertex as usize].into());
+                let distance = placed.iter().map(near).fold(f64::MAX, f64::min);
+                assert!(distance <= mesh.grid.step * 0.87, "{distance}, grid {}", mesh.grid.step);
+            }
+        }
+        assert_eq!(faces, mesh.faces.len());
+    }
+    assert!(leaves > 2);
+}
+
+#[test]
+fn threads_do_not_change_proxies_and_a_changed_member_only_its_ancestors() {
+    let dir = TempDir::new().unwrap();
+    let file = write(dir.path(), 160, "");
+    let make_in = |cache: &str, threads| {
+        let (scene, packs) = prepared(&file, dir.path());
+        make(&scene, &packs, &dir.path().join(cache), &options(threads)).unwrap().unwrap()
+    };
+    let (one, three) = (make_in("one", 1), make_in("three", 3));
+    let bytes = |forest: &Forest| -> Vec<_> {
+        forest.packs.iter().map(|pack| std::fs::read(pack.path()).unwrap()).collect()
+    };
+    assert_eq!(bytes(&one), bytes(&three));
+    assert!((&one.proxies, &one.order) == (&three.proxies, &three.order));
+    let again = make_in("three", 2);
+    assert!(again.prepared == 0 && again.proxies == one.proxies);
+    // A damaged pack is made again.
+    let damaged = again.packs[1].path().to_owned();
+    std::fs::write(&damaged, &bytes(&again)[1][..400]).unwrap();
+    let again = make_in("three", 2);
+    assert_eq!((again.prepared, bytes(&again) == bytes(&one)), (1, true));
+    // Another colour of equal length, in the two instances of one asset.
+    std::fs::write(dir.path().join("0.mtl"), "newmtl m\nKd 0.5 0.5 0.4\n").unwrap();
+    let changed = make_in("three", 2);
+    assert_eq!((&changed.order, changed.packs.len()), (&one.order, one.packs.len()));
+    let affected = |proxy: &&Proxy| proxy.instances().any(|number| changed.order[number as usize] < 2);
+    let ancestors = changed.proxies.iter().filter(affected).count();
+    assert!(ancestors < changed.packs.len() / 2, "{ancestors}");
+    assert_eq!(changed.prepared, ancestors);
+}
+
+#[test]
+fn textures_and_materials_become_colors_of_vertices() {
+    let dir = TempDir::new().unwrap();
+    let picture =
+        image::RgbImage::from_fn(64, 64, |x, _| image::Rgb(if x < 32 { [255, 0, 0] } else { [0, 0, 255] }));
+    picture.save(dir.path().join("t.png")).unwrap();
+    // Left: red and blue halves of the texture. Right: a square without, and one that is transparent.
+    let square = |x: f64, u: f64| {
+        let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+        let v = corners.iter().fold(String::new(), |text, [dx, y]| text + &format!("v {} {y} 0\n", x + dx));
+        let vt =
+            corners.iter().fold(String::new(), |text, [du, v]| text + &format!("vt {} {v}\n", u + du / 2.0));
+        v + &vt
+    };
+    let mut text = String::from("mtllib m.mtl\n");
+    for (i, (x, u, material)) in
+        [(0.0, 0.0, "t"), (2.0, 0.5, "t"), (4.0, 0.0, "plain"), (6.0, 0.0, "glass")].into_iter().enumerate()
+    {
+        let [a, b, c, d] = [1, 2, 3, 4].map(|corner| 4 * i + corner);
+        text += &square(x, u);
+        let _ = write!(text, "usemtl {material}\nf {a}/{a} {b}/{b} {c}/{c}\nf {a}/{a} {c}/{c} {d}/{d}\n");
+    }
+    std::fs::write(dir.path().join("m.obj"), text).unwrap();
+    let materials =
+        "newmtl t\nKd 1 1 1\nmap_Kd t.png\nnewmtl plain\nKd 0 1 0\nnewmtl glass\nKd 1 1 1\nd 0.2\n";
+    std::fs::write(dir.path().join("m.mtl"), materials).unwrap();
+    let (_, packs) = prepared(&dir.path().join("m.obj"), dir.path());
+    let half_turn = Placement { rotation: [0.0, 0.0, 1.0, 0.0], ..Placement::at([100.0, 0.0, 0.0]) };
+    let member = Member { pack: &packs[0], number: 0, placement: half_turn, part: 3, error: 0.0 };
+    let NodeMesh { mesh, material, appearance_error } = union(&[member], false).unwrap();
+    assert_eq!((mesh.faces.len(), &mesh.parts[..], material.base_color), (6, &[3; 6][..], [1.0; 4]));
+    for corner in mesh.faces.iter().flatten() {
+        let [x, _, _] = mesh.positions[corner.position as usize];
+        let [r, g, b, a] = mesh.colors[corner.color as usize];
+        let expected = match 100.0 - x {
+            ..1.5 => r > 240 && g < 16 && b < 16,
+            1.5..3.5 => r < 16 && g < 16 && b > 240,
+            _ => [r, g, b] == [0, 255, 0],
+        };
+        assert!(expected && a == 255, "{:?} at {x}", [r, g, b]);
+        // Turned about z.
+        let normal = mesh.normals[corner.normal as usize];
+        assert!(normal[2] > 0.99, "{normal:?}");
+    }
+    // The glass, and the texture's detail, are missing.
+    assert!((1.0..3.0).contains(&appearance_error), "{appearance_error}");
+    let member = Member { pack: &packs[0], number: 0, placement: half_turn, part: 0, error: 0.0 };
+    assert_eq!(union(&[member], true).unwrap().mesh.faces.len(), 8);
+}
+
+#[test]
+fn scenes_with_few_bytes_or_instances_or_with_terrain_or_without_the_wish_have_none() {
+    let dir = TempDir::new().unwrap();
+    let file = write(dir.path(), 64, "");
+    let (mut scene, packs) = prepared(&file, dir.path());
+    let made = |scene: &Scene, options: &Options| make(scene, &packs, dir.path(), options).unwrap().is_some();
+    let bytes: u32 = packs.iter().map(|pack| pack.entry("").unwrap().base_bytes).sum();
+    assert!(made(&scene, &options(2)), "{bytes} bytes");
+    let mut off = options(2);
+    off.preparation_settings.proxies = Some(false);
+    assert!(!made(&scene, &off));
+    scene.proxies = false;
+    assert!(!made(&scene, &options(2)));
+    off.preparation_settings.proxies = Some(true);
+    assert!(made(&scene, &off), "flags precede scene files");
+    scene.proxies = true;
+    let all = scene.instances.clone().unwrap();
+    // Many, of few assets.
+    scene.instances = Some(all.iter().map(|instance| Instance { asset: 0, ..*instance }).collect());
+    assert!(!made(&scene, &options(2)));
+    scene.instances = Some(all[..7].to_vec());
+    assert!(!made(&scene, &options(2)));
+    let hills = "[terrain]\nseed = 5\npatch_cells = 64\npatches = 4\namplitude = 1.0\n";
+    let (with_terrain, packs) = prepared(&write(dir.path(), 64, hills), dir.path());
+    assert!(make(&with_terrain, &packs, dir.path(), &options(2)).unwrap().is_none());
+    let wish = scene::of_files(&[write(dir.path(), 1, "proxies = false")]).unwrap();
+    assert!(!wish.proxies && scene::of_files(&[write(dir.path(), 1, "")]).unwrap().proxies);
+}
+
+#[test]
+fn a_pack_that_cannot_be_read_is_an_error() {
+    let dir = TempDir::new().unwrap();
+    let (scene, packs) = prepared(&write(dir.path(), 64, ""), dir.path());
+    let pack = packs[3].path();
+    let mut bytes = std::fs::read(pack).unwrap();
+    let base = packs[3].read(BlobPart::Base).unwrap();
+    let at = bytes.windows(base.len()).position(|some| some == base).unwrap();
+    bytes[at + 20] ^= 1;
+    std::fs::write(pack, &bytes).unwrap();
+    let why = make(&scene, &packs, dir.path(), &options(2)).unwrap_err().to_string();
+    assert!(why.contains(&*pack.file_name().unwrap().to_string_lossy()), "{why}");
+}
