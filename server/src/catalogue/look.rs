@@ -14,12 +14,12 @@ use tokio::sync::Mutex;
 use tokio::task::spawn_blocking;
 
 use super::place::{Place, SceneLocation};
-use lodestream_bake::prepare::{Options, PrepareError, prepare_all};
-use lodestream_bake::proxies::{self, Forest};
+use lodestream_bake::prepare::{Options, prepare_all};
+use lodestream_bake::proxies;
 use lodestream_bake::scene;
 use lodestream_bake::stderr::write_line;
 use lodestream_daemon::{SceneProvider, SceneUpdate, Scenes};
-use lodestream_store::{BlobCache, PackFile, SceneStore};
+use lodestream_store::{BlobCache, SceneStore};
 
 /// Hash of names, lengths and times of a scene's files, or of its object's version.
 type Stamp = blake3::Hash;
@@ -206,22 +206,11 @@ fn read_files(
     // Assets of one model name the same files.
     files.sort_unstable();
     files.dedup();
-    let forest = proxies(&scene, &packs, folder, options)?;
-    Ok(lodestream_bake::compose::open_with(&scene, packs, forest, blobs)?)
-}
-
-/// The scene's proxies, made if the folder of packs lacks them.
-pub(super) fn proxies(
-    scene: &scene::Scene,
-    packs: &[PackFile],
-    folder: &std::path::Path,
-    options: &Options,
-) -> Result<Option<Forest>, PrepareError> {
-    let forest = proxies::make(scene, packs, folder, options)?;
+    let forest = proxies::make(&scene, &packs, folder, options)?;
     if let Some(forest) = forest.as_ref().filter(|forest| forest.prepared > 0) {
         write_line(format_args!("{}: {forest}", scene.name));
     }
-    Ok(forest)
+    Ok(lodestream_bake::compose::open_with(&scene, packs, forest, blobs)?)
 }
 
 /// The stamp of a scene, computed without reading its contents.

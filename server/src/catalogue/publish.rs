@@ -11,11 +11,11 @@ use lodestream_daemon::Page;
 use lodestream_geometry::pack::{HEAD_BYTES, Head};
 use lodestream_import::MAX_FILE_BYTES;
 
-use super::look::proxies;
 use super::place::PUBLISHED;
 use lodestream_bake::compose::describe;
 use lodestream_bake::prepare::cache::Key;
 use lodestream_bake::prepare::{Options, keys_of, prepare_all};
+use lodestream_bake::proxies::make_with;
 use lodestream_bake::scene::Scene;
 use lodestream_bake::stderr::write_line;
 use lodestream_scene::blob::BlobPart;
@@ -23,6 +23,7 @@ use lodestream_scene::published::pack_name;
 use lodestream_store::{
     MAX_SCENE_OBJECT_BYTES, Objects, PackFile, SceneDescription, SceneObject, StoreError,
 };
+use tokio::runtime::{Handle, RuntimeFlavor};
 
 /// Result of publishing a scene.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -49,7 +50,8 @@ impl std::fmt::Display for Published {
     }
 }
 
-/// Publishes a scene. Packs are prepared in `cache`, as for serving.
+/// Publishes a scene. Packs are prepared in `cache`, as for serving. Packs of proxies that another machine prepared are only
+/// downloaded in a runtime of several threads, since this one waits for them.
 ///
 /// # Errors
 /// A model cannot be prepared, or the store does not answer or refuses an object. Objects written until then are
@@ -63,14 +65,7 @@ pub async fn publish(
     let mut done = Published::default();
     let keys = keys_of(&scene.assets, options)?;
     for (asset, key) in scene.assets.iter().zip(&keys) {
-        let (local, name) = (key.path(cache, &asset.name), pack_name(&key.bytes()));
-        if !local.exists() && objects.length(&name).await?.is_some() {
-            std::fs::create_dir_all(cache)?;
-            // Another machine prepared this pack; the preparation verifies it.
-            if let Err(why) = objects.download(&name, &local, MAX_FILE_BYTES).await {
-                write_line(format_args!("warning: the pack is prepared again: {why}"));
-            }
-        }
+        download(objects, &key.path(cache, &asset.name), key).await?;
     }
     let prepared = prepare_all(&scene.assets, cache, options, |number, cached| {
         if let Some(report) = &cached.report {
@@ -80,8 +75,19 @@ pub async fn publish(
         }
     })?;
     let packs: Vec<PackFile> = prepared.into_iter().map(|cached| cached.pack).collect();
-    let forest = proxies(scene, &packs, cache, options)?;
-    done.prepared += forest.as_ref().map_or(0, |forest| forest.prepared);
+    let mut downloaded = Ok(());
+    // The key of a proxy's pack is known once those that it is made from are there.
+    let forest = make_with(scene, &packs, cache, options, &mut |local, key| {
+        if downloaded.is_ok() && Handle::current().runtime_flavor() != RuntimeFlavor::CurrentThread {
+            let wait = || Handle::current().block_on(download(objects, local, key));
+            downloaded = tokio::task::block_in_place(wait);
+        }
+    })?;
+    downloaded?;
+    if let Some(forest) = forest.as_ref().filter(|forest| forest.prepared > 0) {
+        done.prepared += forest.prepared;
+        write_line(format_args!("{}: {forest}", scene.name));
+    }
     let of_proxies = forest.iter().flat_map(|forest| &forest.packs);
     let keyed = packs.iter().zip(keys.iter().map(Key::bytes));
     let keyed = keyed.chain(of_proxies.map(|pack| (pack, pack.made_from())));
@@ -112,6 +118,18 @@ pub async fn publish(
         done.scene_written = true;
     }
     Ok(done)
+}
+
+/// Downloads a pack that another machine prepared, unless it is here; the preparation verifies it.
+async fn download(objects: &Objects, local: &Path, key: &Key) -> anyhow::Result<()> {
+    let name = pack_name(&key.bytes());
+    if !local.exists() && objects.length(&name).await?.is_some() {
+        std::fs::create_dir_all(local.parent().unwrap_or(local))?;
+        if let Err(why) = objects.download(&name, local, MAX_FILE_BYTES).await {
+            write_line(format_args!("warning: the pack is prepared again: {why}"));
+        }
+    }
+    Ok(())
 }
 
 /// The preview; a scene without one is published all the same.

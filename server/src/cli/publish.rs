@@ -48,7 +48,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     };
     let (destination, sources) =
         arguments.words.split_last().context("name a scene and where to publish it")?;
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
     // Deleted at the end of the function.
     let folder = tempfile::tempdir().context("a temporary folder for downloads cannot be created")?;
     let mut local = Vec::with_capacity(sources.len());

@@ -36,6 +36,8 @@ use tree::{Item, Node, Tree};
 /// Version of what packs of proxies are made from. Increment it when the same members give another pack, for reasons other
 /// than those that change all packs.
 const VERSION: u32 = 1;
+/// What names of packs begin with.
+const NAME: &str = "proxy";
 /// Fewest instances, and base meshes in bytes above which a scene gets proxies: below, all of them are sent within the
 /// time of a first frame anyway.
 const MIN_INSTANCES: usize = 8;
@@ -101,6 +103,21 @@ pub fn make(
     folder: &Path,
     options: &Options,
 ) -> Result<Option<Forest>, PrepareError> {
+    make_with(scene, packs, folder, options, &mut |_, _| {})
+}
+
+/// As [`make`]. `fetch` is called on this thread with path and key of each pack that `folder` lacks, members before their
+/// parents. What it does not put there is prepared.
+///
+/// # Errors
+/// As [`make`].
+pub fn make_with(
+    scene: &Scene,
+    packs: &[PackFile],
+    folder: &Path,
+    options: &Options,
+    fetch: &mut dyn FnMut(&Path, &Key),
+) -> Result<Option<Forest>, PrepareError> {
     let wanted = options.preparation_settings.proxies.unwrap_or(scene.proxies);
     if !wanted || scene.terrain.is_some() {
         return Ok(None);
@@ -137,7 +154,7 @@ pub fn make(
     std::fs::create_dir_all(folder)
         .map_err(|source| PrepareError::Write { path: folder.to_owned(), source })?;
     let maker = Maker { tree: &tree, instances: &instances, entries: &entries, packs, folder };
-    let made = maker.all(options.threads.map_or_else(Threads::all_cores, Threads::new))?;
+    let made = maker.all(options.threads.map_or_else(Threads::all_cores, Threads::new), fetch)?;
     let mut forest = Forest {
         proxies: Vec::with_capacity(made.len()),
         packs: Vec::with_capacity(made.len()),
@@ -197,7 +214,7 @@ struct Member<'a> {
 
 impl Maker<'_> {
     /// All nodes: the deepest level first, its nodes side by side.
-    fn all(&self, threads: Threads) -> Result<Vec<Made>, PrepareError> {
+    fn all(&self, threads: Threads, fetch: &mut dyn FnMut(&Path, &Key)) -> Result<Vec<Made>, PrepareError> {
         let nodes = &self.tree.nodes;
         let mut made: Vec<Option<Made>> = nodes.iter().map(|_| None).collect();
         let mut end = nodes.len();
@@ -207,6 +224,13 @@ impl Maker<'_> {
             let level = &nodes[first..end];
             let own =
                 if level.len() < threads.count().get() { threads } else { Threads::new(NonZeroUsize::MIN) };
+            for node in level {
+                let key = key(&self.members(node, &made));
+                let path = key.path(self.folder, NAME);
+                if !path.exists() {
+                    fetch(&path, &key);
+                }
+            }
             let slots: Vec<_> = level.iter().map(|_| Mutex::new(None)).collect();
             let one = |i: usize| {
                 let node: Result<Made, PrepareError> = self.node(&level[i], &made, own);
@@ -256,7 +280,7 @@ impl Maker<'_> {
     fn node(&self, node: &Node, made: &[Option<Made>], threads: Threads) -> Result<Made, PrepareError> {
         let members = self.members(node, made);
         let key = key(&members);
-        let path = key.path(self.folder, "proxy");
+        let path = key.path(self.folder, NAME);
         let (pack, error, prepared) = match pack::open(&path, &key) {
             Some((pack, error)) => (pack, error, false),
             None => {

@@ -246,6 +246,49 @@ fn publishing_again_writes_nothing_and_another_machine_prepares_nothing() {
     assert_eq!(published(&changed, "cache"), expected(1, 1, 1, true));
 }
 
+#[test]
+fn packs_of_proxies_are_published_and_another_machine_prepares_none() {
+    let (s3, folder) = (S3::start(), tempfile::tempdir().unwrap());
+    let runtime = Runtime::new().unwrap();
+    let mut text = String::from("name = 'many'\n");
+    for number in 0..64 {
+        // Rough ground with a colour at each vertex: 0.8 kB of base mesh.
+        let mut obj = String::new();
+        for i in 0..121_u32 {
+            let hash = (i + 1000 * number).wrapping_mul(0x9E37_79B9);
+            let hash = (hash ^ (hash >> 15)).wrapping_mul(0x85EB_CA6B);
+            let [y, r, g, b] = hash.to_be_bytes().map(|byte| f64::from(byte) / 255.0);
+            obj.push_str(&format!("v {} {} {} {r} {g} {b}\n", i % 11, 5.0 * y, i / 11));
+        }
+        for i in (0..100).map(|i| i / 10 * 11 + i % 10 + 1) {
+            obj.push_str(&format!("f {i} {} {} {}\n", i + 11, i + 12, i + 1));
+        }
+        std::fs::write(folder.path().join(format!("{number}.obj")), obj).unwrap();
+        text += &format!("[[asset]]\nname = '{number}'\nfile = '{number}.obj'\n");
+        text += &format!(
+            "[[instance]]\nasset = '{number}'\ntranslation = [{}, 0, {}]\n",
+            number % 8 * 15,
+            number / 8 * 15
+        );
+    }
+    let file = folder.path().join("many.toml");
+    std::fs::write(&file, text).unwrap();
+    let scene = scene::read(&file).unwrap();
+    let published = |cache: &str| {
+        let to = folder.path().join(cache);
+        let done = runtime.block_on(publish(&scene, &bucket(&s3), &to, &options())).unwrap();
+        (done.prepared, done.written, done.there, done.scene_written)
+    };
+    let (prepared, written, there, _) = published("cache");
+    assert!(prepared == written && written > 66 && there == 0, "{prepared} {written} {there}");
+    assert_eq!(published("another"), (0, 0, written, false));
+    let (objects, blobs) = (bucket(&s3), BlobCache::new(1 << 24));
+    let store = runtime.block_on(SceneStore::open(&objects, "many.lss", &blobs)).unwrap();
+    assert_eq!(store.header().asset_count as usize, written);
+    let first = store.page(0).unwrap();
+    assert!(!first.proxies.is_empty() && first.instances.is_empty());
+}
+
 /// The program, with the bucket in its environment.
 fn program(s3: &S3, folder: &Path, arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-server"));
