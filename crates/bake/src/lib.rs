@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`preparation_settings`] | preparation settings, one type with a range for each |
 //! | [`scene`] | scene files, and scenes of bare models |
+//! | [`sources`] | model files read once, and memos of what was found in them |
 //! | [`prepare`] | a model to a pack: cache, checkpoints, progress, threads |
 //! | [`compose`] | composition of a scene description from prepared models |
 //! | [`mapping_allocator`] | an allocator that maps large lists to files, for models larger than memory |
@@ -18,4 +19,5 @@ pub mod mapping_allocator;
 pub mod preparation_settings;
 pub mod prepare;
 pub mod scene;
+pub mod sources;
 pub mod stderr;
