@@ -26,7 +26,7 @@ pub(super) struct Glb {
 
 impl Glb {
     /// Adds a mesh without indices.
-    fn mesh(&mut self, corners: &[DVec3]) -> usize {
+    pub(super) fn mesh(&mut self, corners: &[DVec3]) -> usize {
         let (low, high) = corners
             .iter()
             .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), &p| (low.min(p), high.max(p)));
@@ -42,7 +42,7 @@ impl Glb {
         self.meshes.len() - 1
     }
 
-    fn node(&mut self, mesh: usize, translation: [f64; 3]) {
+    pub(super) fn node(&mut self, mesh: usize, translation: [f64; 3]) {
         self.nodes.push(json!({"mesh": mesh, "translation": translation}));
     }
 
@@ -80,7 +80,7 @@ fn tetrahedron(height: f64) -> Vec<DVec3> {
 }
 
 /// The corners of a grid of quads that is bent, so that it is no copy of one that is bent otherwise.
-fn sheet(side: usize, bend: f64) -> Vec<DVec3> {
+pub(super) fn sheet(side: usize, bend: f64) -> Vec<DVec3> {
     let at = |x: usize, y: usize| {
         let (x, y) = (x as f64 / side as f64, y as f64 / side as f64);
         DVec3::new(x, y, bend * x * x + y * y * y)

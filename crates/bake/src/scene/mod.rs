@@ -1,6 +1,8 @@
 //! Descriptions of scenes: a `scene.toml`, or a list of models.
 
 #[cfg(test)]
+mod batch_cost_tests;
+#[cfg(test)]
 mod batch_tests;
 mod batches;
 mod curve;
