@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`preparation_settings`] | preparation settings, one type with a range for each |
 //! | [`scene`] | scene files, and scenes of bare models |
+//! | [`sources`] | model files read once, and memos of what was found in them |
 //! | [`prepare`] | a model to a pack: cache, checkpoints, progress, threads |
 //! | [`proxies`] | meshes that stand for many instances of a scene |
 //! | [`compose`] | composition of a scene description from prepared models |
@@ -20,4 +21,5 @@ pub mod preparation_settings;
 pub mod prepare;
 pub mod proxies;
 pub mod scene;
+pub mod sources;
 pub mod stderr;

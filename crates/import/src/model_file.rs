@@ -6,7 +6,7 @@ use bytes::Bytes;
 
 use crate::error::ImportError;
 use crate::file::is_gltf;
-use crate::gltf::{Document, PartSize};
+use crate::gltf::{self, Contents, CopyTolerance, Document, PartSize};
 use crate::import::{dependencies, import_part};
 use crate::model::{Imported, Part};
 
@@ -54,6 +54,17 @@ impl ModelFile {
     #[must_use]
     pub fn stated_size(&self, part: &Part) -> Option<PartSize> {
         self.document.as_ref()?.stated_size(part)
+    }
+
+    /// The meshes and lights of a glTF file, as [`gltf::contents`].
+    ///
+    /// # Errors
+    /// As there, and files of other formats.
+    pub fn contents(&self, copies: Option<CopyTolerance>) -> Result<Contents, ImportError> {
+        match &self.document {
+            Some(document) => document.contents(copies),
+            None => gltf::contents(&self.path, copies),
+        }
     }
 
     /// Imports a part.

@@ -192,6 +192,7 @@ impl Pass<'_> {
         let node = &self.scene.proxies.nodes()[number as usize];
         let Some(asset) = self.scene.assets.get(node.proxy.asset as usize) else { return false };
         let bounds = self.projection.bounds_within(asset.entry(), node.proxy.error);
+        #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
         let error_px = self.projection.error_px(f64::from(node.proxy.error), bounds.depth) as f32;
         let was_open = self.state.open[number as usize];
         let limit =

@@ -14,9 +14,10 @@ use tokio::sync::Mutex;
 use tokio::task::spawn_blocking;
 
 use super::place::{Place, SceneLocation};
-use lodestream_bake::prepare::{Options, prepare_all};
+use lodestream_bake::prepare::{Options, prepare_all_of};
 use lodestream_bake::proxies;
 use lodestream_bake::scene;
+use lodestream_bake::sources::Sources;
 use lodestream_bake::stderr::write_line;
 use lodestream_daemon::{SceneProvider, SceneUpdate, Scenes};
 use lodestream_store::{BlobCache, SceneStore};
@@ -188,9 +189,10 @@ fn read_files(
     blobs: &BlobCache,
     files: &mut Vec<PathBuf>,
 ) -> anyhow::Result<SceneStore> {
-    let scene = scene::of_files_with(words, &options.preparation_settings)?;
+    let sources = Sources::in_folder(folder);
+    let scene = scene::of_files_in(words, &options.preparation_settings, &sources)?;
     files.extend(scene.files.iter().chain(scene.assets.iter().map(|asset| &asset.file)).cloned());
-    let prepared = prepare_all(&scene.assets, folder, options, |number, cached| {
+    let prepared = prepare_all_of(&scene.assets, folder, options, &sources, |number, cached| {
         if let Some(report) = &cached.report {
             for warning in &report.warnings {
                 write_line(format_args!("warning: {warning}"));
@@ -198,6 +200,8 @@ fn read_files(
             write_line(format_args!("{}: {report}", scene.assets[number].name));
         }
     })?;
+    // Files that were kept for further packs.
+    drop(sources);
     let mut packs = Vec::with_capacity(prepared.len());
     for cached in prepared {
         files.extend(cached.files);

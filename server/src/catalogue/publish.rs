@@ -14,9 +14,10 @@ use lodestream_import::MAX_FILE_BYTES;
 use super::place::PUBLISHED;
 use lodestream_bake::compose::describe;
 use lodestream_bake::prepare::cache::Key;
-use lodestream_bake::prepare::{Options, keys_of, prepare_all};
+use lodestream_bake::prepare::{Options, keys_of, prepare_all_of};
 use lodestream_bake::proxies::make_with;
 use lodestream_bake::scene::Scene;
+use lodestream_bake::sources::Sources;
 use lodestream_bake::stderr::write_line;
 use lodestream_scene::blob::BlobPart;
 use lodestream_scene::published::pack_name;
@@ -54,20 +55,34 @@ impl std::fmt::Display for Published {
 /// downloaded in a runtime of several threads, since this one waits for them.
 ///
 /// # Errors
-/// A model cannot be prepared, or the store does not answer or refuses an object. Objects written until then are
-/// complete, and the next call uses them.
+/// As [`publish_from`].
 pub async fn publish(
     scene: &Scene,
     objects: &Objects,
     cache: &Path,
     options: &Options,
 ) -> anyhow::Result<Published> {
+    publish_from(scene, objects, cache, options, &Sources::in_folder(cache)).await
+}
+
+/// As [`publish`], with the model files that the scene was found in.
+///
+/// # Errors
+/// A model cannot be prepared, or the store does not answer or refuses an object. Objects written until then are
+/// complete, and the next call uses them.
+pub async fn publish_from(
+    scene: &Scene,
+    objects: &Objects,
+    cache: &Path,
+    options: &Options,
+    sources: &Sources,
+) -> anyhow::Result<Published> {
     let mut done = Published::default();
-    let keys = keys_of(&scene.assets, options)?;
+    let keys = keys_of(&scene.assets, options, sources)?;
     for (asset, key) in scene.assets.iter().zip(&keys) {
         download(objects, &key.path(cache, &asset.name), key).await?;
     }
-    let prepared = prepare_all(&scene.assets, cache, options, |number, cached| {
+    let prepared = prepare_all_of(&scene.assets, cache, options, sources, |number, cached| {
         if let Some(report) = &cached.report {
             done.prepared += 1;
             report.warnings.iter().for_each(|warning| write_line(format_args!("warning: {warning}")));

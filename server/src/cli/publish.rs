@@ -9,9 +9,10 @@ use clap::Args;
 use super::outcome::Outcome;
 use super::preparation_settings::SceneArguments;
 use crate::catalogue::fetch::fetch;
-use crate::catalogue::publish::{publish, publish_page};
+use crate::catalogue::publish::{publish_from, publish_page};
 use lodestream_bake::prepare::{Options, cache};
 use lodestream_bake::scene;
+use lodestream_bake::sources::Sources;
 use lodestream_daemon::Page;
 use lodestream_store::Objects;
 
@@ -46,24 +47,25 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         quiet: arguments.quiet,
         keep_levels: false,
     };
-    let (destination, sources) =
+    let (destination, words) =
         arguments.words.split_last().context("name a scene and where to publish it")?;
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
     // Deleted at the end of the function.
     let folder = tempfile::tempdir().context("a temporary folder for downloads cannot be created")?;
-    let mut local = Vec::with_capacity(sources.len());
-    for source in sources {
-        local.push(match source.to_str() {
-            Some(url) if Objects::is_url(source) => runtime.block_on(fetch(url, folder.path()))?,
-            _ => source.clone(),
+    let mut local = Vec::with_capacity(words.len());
+    for word in words {
+        local.push(match word.to_str() {
+            Some(url) if Objects::is_url(word) => runtime.block_on(fetch(url, folder.path()))?,
+            _ => word.clone(),
         });
     }
-    let scene = scene::of_files_with(&local, &options.preparation_settings)?;
     let cache = arguments.cache.clone().or_else(cache::default_folder);
     let cache = cache.context("no cache folder is known; name one with --cache DIR")?;
+    let sources = Sources::in_folder(&cache);
+    let scene = scene::of_files_in(&local, &options.preparation_settings, &sources)?;
     let page = arguments.page.as_deref().map(Page::load).transpose().context("--page")?;
     let objects = objects(destination)?;
-    let done = runtime.block_on(publish(&scene, &objects, &cache, &options))?;
+    let done = runtime.block_on(publish_from(&scene, &objects, &cache, &options, &sources))?;
     let shown = match page {
         Some(page) => format!("; page: {}", runtime.block_on(publish_page(&page, &done, &objects))?),
         None => String::new(),

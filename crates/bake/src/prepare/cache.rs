@@ -1,15 +1,14 @@
 //! The cache of prepared packs: a folder of packs, each named by a hash of its inputs.
 
-use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
 
 use lodestream_geometry::mesh::{Corner, SourceMesh};
-use lodestream_import::{ImportError, ModelFile};
+
+use crate::sources::Source;
 
 /// Version of the preparation. Increment it when the same input gives another pack of the same format version: after a
 /// change of the simplifier or of the texture encoders.
-const PREPARATION_VERSION: u32 = 19;
+pub(super) const PREPARATION_VERSION: u32 = 19;
 
 /// BLAKE3 hash of everything that a pack depends on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -91,69 +90,12 @@ fn hash_list<'a, T, B: Iterator<Item = u8>>(
     }
 }
 
-/// A model file and the hashes of all that is read for it.
-#[derive(Debug)]
-pub(super) struct Source {
-    pub(super) model: ModelFile,
-    hash: blake3::Hash,
-    /// Of the files that the model names; `None` for those that cannot be read.
-    dependencies: Vec<Option<blake3::Hash>>,
-}
-
-impl Source {
-    /// Reads a model file and hashes the files that it names.
-    ///
-    /// # Errors
-    /// A model file that cannot be read. Other files may be missing: the key then encodes that they are.
-    pub(super) fn read(path: &Path) -> Result<Self, ImportError> {
-        // A PLY file names no others and is never loaded whole. If it cannot be read, `read_file` returns the error.
-        if let Some(hash) = lodestream_import::is_ply(path).then(|| hash_file(path)).flatten() {
-            return Ok(Self { model: ModelFile::alone(path), hash, dependencies: Vec::new() });
-        }
-        let bytes = lodestream_import::read_file(path, lodestream_import::MAX_FILE_BYTES)?;
-        let hash = blake3::hash(&bytes);
-        let model = ModelFile::parse(path, bytes.into())?;
-        let dependencies = model.dependencies().iter().map(|file| hash_file(file)).collect();
-        Ok(Self { model, hash, dependencies })
-    }
-}
-
-/// The model files that were read last, since assets of one file follow one another.
-#[derive(Debug, Default)]
-pub(super) struct Sources(Mutex<VecDeque<(PathBuf, Arc<Source>)>>);
-
-/// Most model files kept: where one file's assets end, threads still prepare them.
-pub(super) const KEPT: usize = 2;
-
-impl Sources {
-    /// The model file at a path. Reads it while others wait, who are likely to want the same.
-    ///
-    /// # Errors
-    /// As [`Source::read`].
-    pub(super) fn get(&self, path: &Path) -> Result<Arc<Source>, ImportError> {
-        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, source)) = kept.iter().find(|(of, _)| of == path) {
-            return Ok(Arc::clone(source));
-        }
-        let source = Arc::new(Source::read(path)?);
-        kept.push_back((path.to_owned(), Arc::clone(&source)));
-        if kept.len() > KEPT {
-            kept.pop_front();
-        }
-        Ok(source)
-    }
-}
-
-fn hash_file(path: &Path) -> Option<blake3::Hash> {
-    let mut hasher = blake3::Hasher::new();
-    let file = std::fs::File::open(path).ok()?;
-    // Neither a folder nor an endless device.
-    file.metadata().ok().filter(std::fs::Metadata::is_file)?;
-    hasher.update_reader(file).ok()?;
-    Some(hasher.finalize())
-}
-
 impl Key {
+    /// The key with these bytes.
+    pub(super) const fn of_bytes(bytes: [u8; 32]) -> Self {
+        Self(blake3::Hash::from_bytes(bytes))
+    }
+
     /// The hash.
     #[must_use]
     pub fn bytes(&self) -> [u8; 32] {

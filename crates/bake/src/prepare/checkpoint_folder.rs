@@ -160,7 +160,7 @@ mod tests {
     fn key(dir: &Path) -> Key {
         let model = dir.join("a.obj");
         std::fs::write(&model, "f 1 2 3\n").unwrap();
-        cache::Key::new(&cache::Source::read(&model).unwrap(), b"", 1)
+        cache::Key::new(&crate::sources::Source::read(&model).unwrap(), b"", 1)
     }
 
     #[test]

@@ -3,6 +3,7 @@
 pub mod cache;
 mod checkpoint_folder;
 pub mod describe;
+mod known_keys;
 mod progress;
 mod settings_key;
 mod sizes;
@@ -28,11 +29,12 @@ use lodestream_import::{ImportError, Imported, Part};
 
 use crate::mapping_allocator::MappingAllocator;
 use crate::scene::Asset;
+use crate::sources::{Source, Sources};
 use lodestream_store::{PackFile, StoreError};
 
-use cache::{Source, Sources};
 use checkpoint_folder::CheckpointFolder;
 pub use checkpoint_folder::{Resumed, remove_stale_levels};
+use known_keys::KnownKeys;
 pub use lodestream_threads::Threads;
 pub use progress::Reporter;
 use settings_key::PackSettings;
@@ -185,10 +187,7 @@ const MAX_CONTENT_FACES: usize = 1 << 16;
 
 impl Keyed {
     fn new(asset: &Asset, options: &Options, sources: &Sources) -> Result<Self, ImportError> {
-        let asset = Asset {
-            preparation_settings: options.preparation_settings.or(asset.preparation_settings),
-            ..asset.clone()
-        };
+        let asset = resolved(asset, options);
         let source = sources.get(&asset.file)?;
         let mut settings = pack_settings(&asset);
         let (key, imported) = match content(&asset, &source)? {
@@ -202,6 +201,12 @@ impl Keyed {
         };
         Ok(Self { asset, source, key, imported })
     }
+}
+
+/// An asset with the settings that it is prepared with.
+fn resolved(asset: &Asset, options: &Options) -> Asset {
+    let preparation_settings = options.preparation_settings.or(asset.preparation_settings);
+    Asset { preparation_settings, ..asset.clone() }
 }
 
 /// What is imported for an asset and its encoded materials, if a pack depends on nothing else of the file: for batches and
@@ -231,13 +236,28 @@ pub fn key_of(asset: &Asset, options: &Options) -> Result<cache::Key, ImportErro
     Keyed::new(asset, options, &Sources::default()).map(|keyed| keyed.key)
 }
 
-/// The keys of the packs of several assets; a model file with several of them is read once.
+/// The keys of the packs of several assets; a model file with several of them is read once, or not at all if memos say
+/// what its keys are.
 ///
 /// # Errors
 /// A model that cannot be read.
-pub fn keys_of(assets: &[Asset], options: &Options) -> Result<Vec<cache::Key>, ImportError> {
-    let sources = Sources::default();
-    assets.iter().map(|asset| Keyed::new(asset, options, &sources).map(|keyed| keyed.key)).collect()
+pub fn keys_of(
+    assets: &[Asset],
+    options: &Options,
+    sources: &Sources,
+) -> Result<Vec<cache::Key>, ImportError> {
+    let known = KnownKeys::new(sources);
+    let key = |asset: &Asset| {
+        if let Some((key, _)) = known.get(&resolved(asset, options)) {
+            return Ok(key);
+        }
+        let keyed = Keyed::new(asset, options, sources)?;
+        known.add(&keyed.asset, keyed.key, &keyed.source);
+        Ok(keyed.key)
+    };
+    let keys = assets.iter().map(key).collect();
+    known.write();
+    keys
 }
 
 /// An asset's pack from the cache.
@@ -272,12 +292,37 @@ pub fn prepare_all(
     assets: &[Asset],
     folder: &Path,
     options: &Options,
+    done: impl FnMut(usize, &Cached),
+) -> Result<Vec<Cached>, PrepareError> {
+    prepare_all_of(assets, folder, options, &Sources::in_folder(folder), done)
+}
+
+/// As [`prepare_all`], with the model files that the assets were found in. If their memos say what the keys of all packs
+/// are, and the packs are in the cache, they are not read.
+///
+/// # Errors
+/// As [`prepare_all`].
+pub fn prepare_all_of(
+    assets: &[Asset],
+    folder: &Path,
+    options: &Options,
+    sources: &Sources,
     mut done: impl FnMut(usize, &Cached),
 ) -> Result<Vec<Cached>, PrepareError> {
     let threads = options.threads.map_or_else(Threads::all_cores, Threads::new);
-    let sources = Sources::default();
+    let known = KnownKeys::new(sources);
+    let in_cache = |asset: &Asset| {
+        let asset = resolved(asset, options);
+        let (key, mut files) = known.get(&asset)?;
+        let pack = cached_pack(&key.path(folder, &asset.name), &key)?;
+        files.push(asset.file);
+        Some(Cached { pack, report: None, files })
+    };
+    let mut ready = side_by_side(assets, &threads, &in_cache);
     let one = |asset: &Asset, options: &Options| {
-        prepare_keyed(Keyed::new(asset, options, &sources)?, folder, options)
+        let keyed = Keyed::new(asset, options, sources)?;
+        known.add(&keyed.asset, keyed.key, &keyed.source);
+        prepare_keyed(keyed, folder, options)
     };
     let mut all = Vec::with_capacity(assets.len());
     let mut take = |cached: Cached| {
@@ -285,29 +330,50 @@ pub fn prepare_all(
         all.push(cached);
     };
     let on_one_thread = Options { threads: Some(NonZeroUsize::MIN), ..*options };
-    let mut sizes = Sizes::new(assets, &sources);
+    let mut sizes = Sizes::new(assets, sources);
     let mut at = 0;
     while let Some(asset) = assets.get(at) {
-        let run = sizes.small_ones(&assets[at..], GROUP * threads.count().get());
+        if let Some(cached) = ready.get_mut(at).and_then(Option::take) {
+            take(cached);
+            at += 1;
+            continue;
+        }
+        let missing = ready[at..].iter().take_while(|cached| cached.is_none()).count();
+        let run = sizes.small_ones(&assets[at..], missing.min(GROUP * threads.count().get()));
         if run < 2 {
             take(one(asset, options)?);
             at += 1;
             continue;
         }
-        let group = &assets[at..at + run];
-        let slots: Vec<Mutex<Option<Result<Cached, PrepareError>>>> =
-            group.iter().map(|_| Mutex::default()).collect();
-        threads.run(run, &|i| {
-            *slots[i].lock().unwrap_or_else(PoisonError::into_inner) = Some(one(&group[i], &on_one_thread));
-        });
-        for (slot, asset) in slots.into_iter().zip(group) {
-            let made = slot.into_inner().unwrap_or_else(PoisonError::into_inner);
-            // A pool that runs no task leaves it to us.
-            take(made.unwrap_or_else(|| one(asset, &on_one_thread))?);
+        for made in side_by_side(&assets[at..at + run], &threads, &|asset| one(asset, &on_one_thread)) {
+            take(made?);
         }
         at += run;
     }
+    known.write();
     Ok(all)
+}
+
+/// What `make` makes of each element, on some threads.
+fn side_by_side<T: Sync, R: Send>(
+    elements: &[T],
+    threads: &Threads,
+    make: &(impl Fn(&T) -> R + Sync),
+) -> Vec<R> {
+    let slots: Vec<Mutex<Option<R>>> = elements.iter().map(|_| Mutex::default()).collect();
+    threads.run(elements.len(), &|i| {
+        *slots[i].lock().unwrap_or_else(PoisonError::into_inner) = Some(make(&elements[i]));
+    });
+    let made = slots.into_iter().map(|slot| slot.into_inner().unwrap_or_else(PoisonError::into_inner));
+    // A pool that runs no task leaves it to us.
+    made.zip(elements).map(|(made, element)| made.unwrap_or_else(|| make(element))).collect()
+}
+
+/// A pack in the cache, if it is there, whole, and made for this key.
+fn cached_pack(path: &Path, key: &cache::Key) -> Option<PackFile> {
+    let pack = PackFile::open(path).ok().filter(|pack| pack.made_from() == key.bytes())?;
+    // Reading the pack is less than reading what it is made from.
+    pack.verify().and_then(|()| pack.base().map(drop)).is_ok().then_some(pack)
 }
 
 fn prepare_keyed(keyed: Keyed, folder: &Path, options: &Options) -> Result<Cached, PrepareError> {
@@ -315,11 +381,7 @@ fn prepare_keyed(keyed: Keyed, folder: &Path, options: &Options) -> Result<Cache
     let mut files = source.model.dependencies().to_vec();
     files.push(asset.file.clone());
     let path = key.path(folder, &asset.name);
-    // What the pack is made from was just read for its key; verifying the smaller pack adds little.
-    if let Ok(pack) = PackFile::open(&path)
-        && pack.made_from() == key.bytes()
-        && pack.verify().and_then(|()| pack.base().map(drop)).is_ok()
-    {
+    if let Some(pack) = cached_pack(&path, key) {
         return Ok(Cached { pack, report: None, files });
     }
     std::fs::create_dir_all(folder)

@@ -5,8 +5,8 @@ use std::path::Path;
 
 use lodestream_import::is_gltf;
 
-use super::cache::{KEPT, Sources};
 use crate::scene::Asset;
+use crate::sources::{KEPT, Sources};
 
 /// Longest model, in bytes of its files, and most faces of an asset of a glTF file, that are prepared beside others. A
 /// larger one has all threads and the memory for itself.

@@ -12,10 +12,11 @@ use tempfile::TempDir;
 use super::{Scene, of_files_with, parse};
 use crate::preparation_settings::{Batching, PreparationSettings};
 use crate::prepare::{Options, keys_of, prepare_all};
+use crate::sources::Sources;
 
 /// A GLB under construction, of meshes without materials.
 #[derive(Default)]
-struct Glb {
+pub(super) struct Glb {
     bin: Vec<u8>,
     views: Vec<Value>,
     accessors: Vec<Value>,
@@ -25,7 +26,7 @@ struct Glb {
 
 impl Glb {
     /// Adds a mesh without indices.
-    fn mesh(&mut self, corners: &[DVec3]) -> usize {
+    pub(super) fn mesh(&mut self, corners: &[DVec3]) -> usize {
         let (low, high) = corners
             .iter()
             .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), &p| (low.min(p), high.max(p)));
@@ -41,11 +42,11 @@ impl Glb {
         self.meshes.len() - 1
     }
 
-    fn node(&mut self, mesh: usize, translation: [f64; 3]) {
+    pub(super) fn node(&mut self, mesh: usize, translation: [f64; 3]) {
         self.nodes.push(json!({"mesh": mesh, "translation": translation}));
     }
 
-    fn write(&self, path: &Path) -> PathBuf {
+    pub(super) fn write(&self, path: &Path) -> PathBuf {
         let roots: Vec<usize> = (0..self.nodes.len()).collect();
         self.write_with(path, &roots)
     }
@@ -79,7 +80,7 @@ fn tetrahedron(height: f64) -> Vec<DVec3> {
 }
 
 /// The corners of a grid of quads that is bent, so that it is no copy of one that is bent otherwise.
-fn sheet(side: usize, bend: f64) -> Vec<DVec3> {
+pub(super) fn sheet(side: usize, bend: f64) -> Vec<DVec3> {
     let at = |x: usize, y: usize| {
         let (x, y) = (x as f64 / side as f64, y as f64 / side as f64);
         DVec3::new(x, y, bend * x * x + y * y * y)
@@ -174,7 +175,7 @@ fn batch_says_whether_and_how_large() {
 }
 
 /// A street of different meshes in several batches.
-fn street(change: impl Fn(usize) -> f64, count: usize) -> Glb {
+pub(super) fn street(change: impl Fn(usize) -> f64, count: usize) -> Glb {
     let mut glb = Glb::default();
     for i in 0..count {
         let mesh = glb.mesh(&sheet(4, change(i)));
@@ -229,7 +230,7 @@ fn keys_of_batches_depend_on_settings_and_content() {
             ..PreparationSettings::default()
         };
         let options = Options { preparation_settings, quiet: true, ..Options::default() };
-        let keys = keys_of(&scene.assets, &options).unwrap();
+        let keys = keys_of(&scene.assets, &options, &Sources::default()).unwrap();
         assert_eq!(keys.len(), 1);
         keys[0].hex()
     };

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use crate::preparation_settings::{Batching, Precision, PreparationSettings, Round};
+use crate::sources::Sources;
 use lodestream_geometry::UnknownName;
 use lodestream_import::{InvalidValue, Part, gltf};
 use lodestream_scene::description::Camera;
@@ -156,17 +157,21 @@ struct RawCamera {
 /// # Errors
 /// See [`SceneError`].
 pub fn read(path: &Path) -> Result<Scene, SceneError> {
-    read_with(path, &PreparationSettings::default())
+    read_with(path, &PreparationSettings::default(), &Sources::default())
 }
 
 /// As [`read`], with settings that take precedence over the file's.
-pub(super) fn read_with(path: &Path, flags: &PreparationSettings) -> Result<Scene, SceneError> {
+pub(super) fn read_with(
+    path: &Path,
+    flags: &PreparationSettings,
+    sources: &Sources,
+) -> Result<Scene, SceneError> {
     let bytes = lodestream_import::read_file(path, MAX_SCENE_BYTES)?;
     let text = std::str::from_utf8(&bytes).map_err(|error| {
         let line = 1 + bytes[..error.valid_up_to()].iter().filter(|&&b| b == b'\n').count();
         SceneError::Line { path: path.to_owned(), line, what: "is not UTF-8 text".to_owned() }
     })?;
-    parse_with(path, text, flags)
+    parse_with(path, text, flags, sources)
 }
 
 /// Parses the text of a scene file at `path`.
@@ -174,10 +179,15 @@ pub(super) fn read_with(path: &Path, flags: &PreparationSettings) -> Result<Scen
 /// # Errors
 /// See [`SceneError`].
 pub fn parse(path: &Path, text: &str) -> Result<Scene, SceneError> {
-    parse_with(path, text, &PreparationSettings::default())
+    parse_with(path, text, &PreparationSettings::default(), &Sources::default())
 }
 
-fn parse_with(path: &Path, text: &str, flags: &PreparationSettings) -> Result<Scene, SceneError> {
+fn parse_with(
+    path: &Path,
+    text: &str,
+    flags: &PreparationSettings,
+    sources: &Sources,
+) -> Result<Scene, SceneError> {
     let source = Source { path, text };
     let raw: RawScene = toml::from_str(text).map_err(|error| {
         // A likely mistake with a misleading message: TOML cannot have a table and a list of one name.
@@ -192,7 +202,7 @@ fn parse_with(path: &Path, text: &str, flags: &PreparationSettings) -> Result<Sc
         let message = error.message().split_whitespace().collect::<Vec<_>>().join(" ");
         source.error(error.span().map_or(0, |span| span.start), message)
     })?;
-    source.resolve(raw, flags)
+    source.resolve(raw, flags, sources)
 }
 
 struct Source<'a> {
@@ -207,7 +217,12 @@ impl Source<'_> {
         SceneError::Line { path: self.path.to_owned(), line, what: what.into() }
     }
 
-    fn resolve(&self, raw: RawScene, flags: &PreparationSettings) -> Result<Scene, SceneError> {
+    fn resolve(
+        &self,
+        raw: RawScene,
+        flags: &PreparationSettings,
+        sources: &Sources,
+    ) -> Result<Scene, SceneError> {
         let mut scene = Scene::empty();
         if let Some(name) = raw.name {
             self.check_name("the scene", name.get_ref(), name.span().start)?;
@@ -235,9 +250,9 @@ impl Source<'_> {
                 return Err(self.error(at, format!("asset {:?} is defined twice; rename one", asset.name)));
             }
             if merge {
-                scene.add_merged(asset)?
+                scene.add_merged(asset, sources)?
             } else {
-                scene.add_model(asset, flags, &mut names)?
+                scene.add_model(asset, flags, sources, &mut names)?
             };
         }
         if let Some(instances) = raw.instance {

@@ -1,6 +1,8 @@
 //! Descriptions of scenes: a `scene.toml`, or a list of models.
 
 #[cfg(test)]
+mod batch_cost_tests;
+#[cfg(test)]
 mod batch_tests;
 mod batches;
 mod curve;
@@ -13,10 +15,13 @@ mod split;
 mod terrain;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod warm_start_tests;
 
 use std::path::{Path, PathBuf};
 
 use crate::preparation_settings::PreparationSettings;
+use crate::sources::Sources;
 pub use file::{SceneError, parse, read};
 pub use model::{Asset, DEFAULT_FOV_Y_DEGREES, Model, Scene};
 pub use part_names::ModelPartNames;
@@ -36,13 +41,25 @@ pub fn of_files(files: &[PathBuf]) -> Result<Scene, SceneError> {
 /// # Errors
 /// As [`of_files`].
 pub fn of_files_with(files: &[PathBuf], flags: &PreparationSettings) -> Result<Scene, SceneError> {
+    of_files_in(files, flags, &Sources::default())
+}
+
+/// As [`of_files_with`], with model files that [`crate::prepare::prepare_all_of`] then need not read again.
+///
+/// # Errors
+/// As [`of_files`].
+pub fn of_files_in(
+    files: &[PathBuf],
+    flags: &PreparationSettings,
+    sources: &Sources,
+) -> Result<Scene, SceneError> {
     let is_scene = |file: &Path| file.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
     match files {
         [] => Err(SceneError::NothingNamed),
-        [file] if is_scene(file) => file::read_with(file, flags),
+        [file] if is_scene(file) => file::read_with(file, flags, sources),
         _ => match files.iter().find(|file| is_scene(file)) {
             Some(scene) => Err(SceneError::SceneAmongOthers { path: scene.clone() }),
-            None => Ok(Scene::of_models_with(files, flags)?),
+            None => Ok(Scene::of_models_with(files, flags, sources)?),
         },
     }
 }

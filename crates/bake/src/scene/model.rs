@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::preparation_settings::{PositionBits, Precision, PreparationSettings, Tolerance, UvBits};
+use crate::sources::Sources;
 use crate::stderr::write_line;
 use lodestream_import::gltf::{self, CopyTolerance};
 use lodestream_import::{ImportError, Part, is_gltf};
@@ -128,20 +129,21 @@ impl Scene {
     /// # Errors
     /// A glTF file that cannot be read: its meshes become assets, so they must be known.
     pub fn of_models(files: &[PathBuf]) -> Result<Self, ImportError> {
-        Self::of_models_with(files, &PreparationSettings::default())
+        Self::of_models_with(files, &PreparationSettings::default(), &Sources::default())
     }
 
     /// As [`Self::of_models`], with settings.
     pub(super) fn of_models_with(
         files: &[PathBuf],
         flags: &PreparationSettings,
+        sources: &Sources,
     ) -> Result<Self, ImportError> {
         let mut scene = Self::empty();
         let mut names = UniqueNames::default();
         for file in files {
             let mut asset = Asset::of_file(file);
             asset.name = names.take(&asset.name);
-            scene.add_model(asset, flags, &mut names)?;
+            scene.add_model(asset, flags, sources, &mut names)?;
         }
         scene.name = match files {
             [one] => Asset::of_file(one).name,
@@ -156,13 +158,14 @@ impl Scene {
         &mut self,
         asset: Asset,
         flags: &PreparationSettings,
+        sources: &Sources,
         names: &mut UniqueNames,
     ) -> Result<usize, ImportError> {
         if asset.part != Part::Whole || !is_gltf(&asset.file) {
-            return self.add_merged(asset);
+            return self.add_merged(asset, sources);
         }
         let settings = flags.or(asset.preparation_settings);
-        let contents = gltf::contents(&asset.file, Some(copy_tolerance(&settings)))?;
+        let contents = sources.contents(&asset.file, Some(copy_tolerance(&settings)))?;
         for warning in &contents.warnings {
             write_line(format_args!("warning: {warning}"));
         }
@@ -177,10 +180,10 @@ impl Scene {
     ///
     /// # Errors
     /// A glTF file that cannot be read, where all of it is meant.
-    pub(super) fn add_merged(&mut self, asset: Asset) -> Result<usize, ImportError> {
+    pub(super) fn add_merged(&mut self, asset: Asset, sources: &Sources) -> Result<usize, ImportError> {
         let whole = asset.part == Part::Whole && is_gltf(&asset.file);
         let punctual_lights =
-            if whole { gltf::contents(&asset.file, None)?.punctual_lights } else { Vec::new() };
+            if whole { sources.contents(&asset.file, None)?.punctual_lights } else { Vec::new() };
         let part_names = ModelPartNames::of_one(&asset.name);
         let number = self.add_asset(asset);
         self.models.push(Model { parts: vec![Instance::at(number, [0.0; 3])], punctual_lights, part_names });

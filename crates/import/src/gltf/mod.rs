@@ -12,6 +12,7 @@
 mod accessor;
 mod compressed;
 mod container;
+mod contents_bytes;
 mod copies;
 mod draco;
 mod ignored;
@@ -39,6 +40,7 @@ use crate::file::{MAX_FILE_BYTES, read_file};
 use crate::model::{Imported, Part};
 pub(crate) use container::Document;
 use container::Location;
+pub use contents_bytes::CONTENTS_VERSION;
 pub use copies::CopyTolerance;
 use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::PunctualLight;
@@ -130,6 +132,34 @@ impl Document {
         }
     }
 
+    /// As [`contents`].
+    pub(crate) fn contents(&self, copies: Option<CopyTolerance>) -> Result<Contents, ImportError> {
+        let placed = nodes::placed(self)?;
+        // A scale of zero leaves nothing to draw.
+        let visible: Vec<_> = placed.meshes.into_iter().filter(|p| p.to_scene.determinant() != 0.0).collect();
+        let used = visible.iter().map(|placed| placed.mesh).collect();
+        let copies = copies.map(|tolerance| copies::of_meshes(self, &used, tolerance)).unwrap_or_default();
+        let placed_mesh = |nodes::Placed { mesh, to_scene, node }| {
+            let (original, map) =
+                copies.get(&mesh).map_or((mesh, to_scene), |(of, map)| (*of, to_scene * *map));
+            let (part, placement) = similar(original, &map);
+            PlacedMesh { part, placement, mesh, to_scene: to_scene.to_cols_array_2d(), node }
+        };
+        let meshes = visible.into_iter().map(placed_mesh).collect();
+        let punctual_lights = lights::punctual_lights(self, &placed.lights)?;
+        let names = names(self);
+        let (part_names, warning) = PartNames::new(self, placed.nodes, &names);
+        Ok(Contents {
+            names,
+            part_names: Arc::new(part_names),
+            sizes: sizes::of_meshes(self),
+            materials: self.root.materials.len() + 1,
+            placed: meshes,
+            punctual_lights,
+            warnings: warning.into_iter().collect(),
+        })
+    }
+
     /// The files that are read beside it: buffers and images.
     pub(crate) fn dependencies(&self) -> Vec<PathBuf> {
         let buffers = self.root.buffers.iter().filter_map(|buffer| buffer.uri.as_deref());
@@ -153,30 +183,7 @@ impl Document {
 /// # Errors
 /// As [`crate::import`], except for errors within meshes.
 pub fn contents(path: &Path, copies: Option<CopyTolerance>) -> Result<Contents, ImportError> {
-    let document = open(path)?;
-    let placed = nodes::placed(&document)?;
-    // A scale of zero leaves nothing to draw.
-    let visible: Vec<_> = placed.meshes.into_iter().filter(|p| p.to_scene.determinant() != 0.0).collect();
-    let used = visible.iter().map(|placed| placed.mesh).collect();
-    let copies = copies.map(|tolerance| copies::of_meshes(&document, &used, tolerance)).unwrap_or_default();
-    let placed_mesh = |nodes::Placed { mesh, to_scene, node }| {
-        let (original, map) = copies.get(&mesh).map_or((mesh, to_scene), |(of, map)| (*of, to_scene * *map));
-        let (part, placement) = similar(original, &map);
-        PlacedMesh { part, placement, mesh, to_scene: to_scene.to_cols_array_2d(), node }
-    };
-    let meshes = visible.into_iter().map(placed_mesh).collect();
-    let punctual_lights = lights::punctual_lights(&document, &placed.lights)?;
-    let names = names(&document);
-    let (part_names, warning) = PartNames::new(&document, placed.nodes, &names);
-    Ok(Contents {
-        names,
-        part_names: Arc::new(part_names),
-        sizes: sizes::of_meshes(&document),
-        materials: document.root.materials.len() + 1,
-        placed: meshes,
-        punctual_lights,
-        warnings: warning.into_iter().collect(),
-    })
+    open(path)?.contents(copies)
 }
 
 /// The mesh of a name, untransformed.

@@ -10,6 +10,7 @@ use serde::de::{MapAccess, Visitor};
 use serde_json::value::RawValue;
 
 use super::container::Document;
+use super::contents_bytes::{Rest, put_list, put_option, put_text};
 
 /// Stands for what is left out of a name or path.
 const ELLIPSIS: &str = "…";
@@ -85,6 +86,30 @@ impl PartNames {
             path: self.path(node.and_then(|node| node.above)),
             extras: extras.or(mesh.and_then(|(_, extras)| extras.as_deref())).map(str::to_owned),
         }
+    }
+
+    /// Appends them as bytes.
+    pub(super) fn put(&self, out: &mut Vec<u8>) {
+        let Self { nodes, meshes } = self;
+        put_list(out, nodes, |out, Node { name, above, extras }| {
+            put_text(out, name);
+            put_option(out, above.as_ref(), |out, above| out.extend(above.to_le_bytes()));
+            put_option(out, extras.as_deref(), put_text);
+        });
+        put_list(out, meshes, |out, (name, extras)| {
+            put_text(out, name);
+            put_option(out, extras.as_deref(), put_text);
+        });
+    }
+
+    /// What [`Self::put`] appended; `None` for other bytes.
+    pub(super) fn take(rest: &mut Rest<'_>) -> Option<Self> {
+        let text = |rest: &mut Rest<'_>| rest.text().map(Box::from);
+        let node = |rest: &mut Rest<'_>| {
+            Some(Node { name: text(rest)?, above: rest.option(Rest::u32)?, extras: rest.option(text)? })
+        };
+        let mesh = |rest: &mut Rest<'_>| Some((text(rest)?, rest.option(text)?));
+        Some(Self { nodes: rest.list(node)?, meshes: rest.list(mesh)? })
     }
 
     /// The names from the root to a node. The beginning of a path that is too long is left out.
