@@ -87,6 +87,7 @@ pub struct Streaming {
     status: watch::Receiver<Status>,
     steps: mpsc::Receiver<Vec<Change>>,
     lookups: mpsc::Sender<ScenePart>,
+    pinned: watch::Sender<Vec<u32>>,
     parts: mpsc::Receiver<PartAnswer>,
     asker: Asker,
     clock: Clock,
@@ -110,6 +111,7 @@ impl Streaming {
         let (tokens, tokens_receiver) = watch::channel(None);
         let (status_sender, status) = watch::channel(Status::default());
         let (step_sender, steps) = mpsc::channel(MAX_STEPS);
+        let (pinned, pinned_receiver) = watch::channel(Vec::new());
         let (lookups, lookup_receiver) = mpsc::channel(MAX_LOOKUPS);
         let (part_sender, parts) = mpsc::channel(MAX_LOOKUPS);
         let (asker, questions) = questions::channel();
@@ -125,6 +127,7 @@ impl Streaming {
             tokens: tokens_receiver,
             questions,
             steps: Some(step_sender),
+            pinned: pinned_receiver,
             lookups: lookup_receiver,
             next_lookup: None,
             parts: part_sender,
@@ -145,6 +148,7 @@ impl Streaming {
             status,
             steps,
             lookups,
+            pinned,
             parts,
             asker,
             clock,
@@ -161,6 +165,16 @@ impl Streaming {
     /// Sets the controls; the streaming thread sees only the newest.
     pub fn control(&self, controls: Controls) {
         self.controls.send_if_modified(|old| std::mem::replace(old, controls) != controls);
+    }
+
+    /// Sets the instances for which no proxy may stand ([`ClientCore::pin_instances`]): those with parts of which something
+    /// is hidden, tinted or isolated.
+    pub fn pin_instances(&self, instances: Vec<u32>) {
+        self.pinned.send_if_modified(|old| {
+            let new = *old != instances;
+            *old = instances;
+            new
+        });
     }
 
     /// Asks the core something, such as [`ClientCore::pick`]. `notify` is called once it is answered. The streaming
@@ -221,6 +235,7 @@ struct StreamHost<N> {
     controls: watch::Receiver<Controls>,
     tokens: watch::Receiver<Option<Token>>,
     questions: Questions,
+    pinned: watch::Receiver<Vec<u32>>,
     /// `None` once the receiver is dropped.
     steps: Option<mpsc::Sender<Vec<Change>>>,
     lookups: mpsc::Receiver<ScenePart>,
@@ -319,6 +334,9 @@ impl<N: Fn()> Host for StreamHost<N> {
             && let Some(token) = self.tokens.borrow_and_update().clone()
         {
             self.core.set_token(token);
+        }
+        if self.pinned.has_changed().unwrap_or(false) {
+            self.core.pin_instances(&self.pinned.borrow_and_update());
         }
         self.look_up(now);
         if self.questions.answer(&self.core) {

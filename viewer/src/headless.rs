@@ -49,6 +49,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         let _ = sender.try_send(Event::Streaming);
     })?;
     token::follow(args.token_file.as_ref(), &streaming)?;
+    streaming.pin_instances(parts::instances(args));
     let mut headless = Headless::new(Gpu::headless()?, width, height)?;
     headless.time_passes(args.stats.is_some());
     let mut scene = SceneView::new();

@@ -33,6 +33,13 @@ pub(crate) fn apply(args: &Args, gpu: &Gpu, scene: &mut SceneView) -> anyhow::Re
     Ok(())
 }
 
+/// The instances that the command line hides, tints or isolates something of.
+pub(crate) fn instances(args: &Args) -> Vec<u32> {
+    let tinted = args.tint.iter().map(|tint| tint.part);
+    let others = args.hide.iter().chain(&args.isolate).map(|part| part.0);
+    tinted.chain(others).map(|part| part.instance).collect()
+}
+
 /// Describes what a pixel shows; waits for the streaming thread.
 pub(crate) fn describe_at(
     PixelArg([x, y]): PixelArg,

@@ -35,6 +35,13 @@ export class Parts {
     if (this.#isolated) viewer.isolate_parts(this.#isolated);
   }
 
+  /** Tells the worker for which instances no proxy may stand: proxies do not show states of parts. */
+  #pin() {
+    const isolated = [...(this.#isolated ?? [])].filter((_, at) => at % 2 === 0);
+    const stated = [...this.#states.values()].map(({ instance }) => instance);
+    this.#post({ kind: 'pin', instances: Uint32Array.from([...stated, ...isolated]) });
+  }
+
   #set(instance, part, change) {
     const key = `${instance}:${part}`;
     const before = this.#states.get(key) ?? { instance, part, hidden: false, color: undefined, strength: STRENGTH };
@@ -42,6 +49,7 @@ export class Parts {
     this.#viewer()?.set_part(instance, part, state.hidden, state.color, state.strength);
     if (state.hidden || state.color !== undefined) this.#states.set(key, state);
     else this.#states.delete(key);
+    this.#pin();
     this.#redraw();
   }
 
@@ -58,6 +66,7 @@ export class Parts {
   isolate(parts) {
     this.#isolated = parts && pairsOf(parts);
     this.#viewer()?.isolate_parts(this.#isolated ?? undefined);
+    this.#pin();
     this.#redraw();
   }
 
@@ -65,6 +74,7 @@ export class Parts {
     this.#states.clear();
     this.#isolated = null;
     this.#viewer()?.clear_parts();
+    this.#pin();
     this.#redraw();
   }
 

@@ -25,6 +25,8 @@ let ranges = null;
 let abandon = () => {};
 /** What arrived before the module was ready. */
 let early = [];
+/** Instances for which no proxy may stand, from before the module was ready. */
+let pinned = null;
 /** Lookups of parts from before the module was ready. */
 const earlyParts = [];
 let opened = false;
@@ -224,6 +226,7 @@ const handlers = {
     const { width, height, targetPx, scene, token, memoryBytes, cacheBytes } = start;
     streamer = new Streamer(width, height, targetPx, scene, token, memoryBytes, cacheBytes);
     streamer.begin(begunAt);
+    if (pinned) streamer.pin(pinned);
     for (const { instance, part } of earlyParts.splice(0)) streamer.look_up_part(now(), instance, part);
     if (start.view) streamer.set_view_numbers(now(), start.view);
     // Without other workers this one decodes.
@@ -267,6 +270,11 @@ const handlers = {
     generation = next;
     untaken = 0;
     streamer?.restate(now());
+    turnSoon();
+  },
+  pin({ instances }) {
+    pinned = instances;
+    streamer?.pin(instances);
     turnSoon();
   },
   pick({ question, ray, hidden, isolated }) {

@@ -16,6 +16,11 @@ pub(crate) fn scene_parts(pairs: &[u32]) -> Vec<ScenePart> {
 
 #[wasm_bindgen]
 impl Streamer {
+    /// Sets the instances for which no proxy may stand: those with parts that have a state.
+    pub fn pin(&mut self, instances: &[u32]) {
+        self.core.pin_instances(instances);
+    }
+
     /// The nearest part on a ray of six numbers, origin and direction: instance, part, place (three numbers) and
     /// distance. Hidden parts, and all others if some are isolated, are skipped; both are pairs of instance and part.
     #[must_use]

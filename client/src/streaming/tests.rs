@@ -17,7 +17,9 @@ fn settled<N: Fn()>(notify: N) -> (StreamHost<N>, watch::Receiver<Status>, Time)
     let (_, controls) = watch::channel(Controls::default());
     let (_, tokens) = watch::channel(None);
     let (sender, status) = watch::channel(Status::default());
+    let (_, pinned) = watch::channel(Vec::new());
     let host = StreamHost {
+        pinned,
         core: link.core,
         controls,
         tokens,

@@ -77,6 +77,15 @@ impl SceneParts {
         HiddenParts { hidden: hidden.collect(), isolated: self.isolated.clone() }
     }
 
+    /// The instances that have parts with a state or isolated ones, ascending.
+    pub(crate) fn instances(&self) -> Vec<u32> {
+        let isolated = self.isolated.iter().flatten();
+        let mut all: Vec<u32> = self.states.keys().chain(isolated).map(|part| part.instance).collect();
+        all.sort_unstable();
+        all.dedup();
+        all
+    }
+
     /// How a part is drawn.
     pub(crate) fn state(&self, part: ScenePart) -> PartState {
         let own = self.states.get(&part).copied().unwrap_or_default();

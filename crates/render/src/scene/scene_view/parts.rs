@@ -53,6 +53,13 @@ impl SceneView {
         self.parts.state(part)
     }
 
+    /// The instances for which no proxy may stand, ascending: proxies do not show states of parts. Tell the client
+    /// (`ClientCore::pin_instances`).
+    #[must_use]
+    pub fn pinned_instances(&self) -> Vec<u32> {
+        self.parts.instances()
+    }
+
     /// Which parts are hidden now; picking on another thread skips them. Cost: a copy of all parts with a state.
     #[must_use]
     pub fn hidden_parts(&self) -> HiddenParts {
