@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 use super::cache::{self, Key};
-use super::{pack_settings, pack_version};
+use super::settings_key::{PackSettings, pack_version};
 use crate::scene::Asset;
 use crate::sources::{FileState, Memo, Source, Sources};
 use lodestream_import::is_gltf;
@@ -98,5 +98,5 @@ fn about() -> Vec<u8> {
 }
 
 fn settings(asset: &Asset) -> Bytes {
-    *blake3::hash(&pack_settings(asset).encode()).as_bytes()
+    *blake3::hash(&PackSettings::of(asset).encode()).as_bytes()
 }

@@ -5,7 +5,7 @@ mod checkpoint_folder;
 pub mod describe;
 mod known_keys;
 mod progress;
-mod settings_key;
+pub(crate) mod settings_key;
 mod sizes;
 #[cfg(test)]
 mod tests;
@@ -16,12 +16,11 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
-use crate::preparation_settings::{PreparationSettings, ReliefDepth};
+use crate::preparation_settings::PreparationSettings;
 use lodestream_compress::whole_file::write_atomically;
 use lodestream_compress::{encode_base, prepare_with_hooks};
 use lodestream_geometry::MeshError;
-use lodestream_geometry::base::FORMAT_VERSION;
-use lodestream_geometry::pack::{BlobKind, PACK_VERSION};
+use lodestream_geometry::pack::BlobKind;
 use lodestream_geometry::pool::Pool as _;
 use lodestream_geometry::prepare::{Hooks, suit};
 use lodestream_geometry::quantise::quantise;
@@ -37,7 +36,7 @@ pub use checkpoint_folder::{Resumed, remove_stale_levels};
 use known_keys::KnownKeys;
 pub use lodestream_threads::Threads;
 pub use progress::Reporter;
-use settings_key::PackSettings;
+use settings_key::{PackSettings, pack_version};
 use sizes::Sizes;
 
 /// Options of a preparation.
@@ -189,7 +188,7 @@ impl Keyed {
     fn new(asset: &Asset, options: &Options, sources: &Sources) -> Result<Self, ImportError> {
         let asset = resolved(asset, options);
         let source = sources.get(&asset.file)?;
-        let mut settings = pack_settings(&asset);
+        let mut settings = PackSettings::of(&asset);
         let (key, imported) = match content(&asset, &source)? {
             Some((imported, materials)) => {
                 settings.part = None;
@@ -388,22 +387,6 @@ fn prepare_keyed(keyed: Keyed, folder: &Path, options: &Options) -> Result<Cache
         .map_err(|source| PrepareError::Write { path: folder.to_owned(), source })?;
     let report = prepare_with_key(keyed, options, &path)?;
     Ok(Cached { pack: PackFile::open(&path)?, report: Some(report), files })
-}
-
-fn pack_settings(asset: &Asset) -> PackSettings<'_> {
-    let Asset { name, file: _, part, preparation_settings } = asset;
-    PackSettings {
-        name,
-        part: Some(part.clone()),
-        quantise: preparation_settings.quantise_settings(),
-        simplify: preparation_settings.simplify_settings(),
-        codec: preparation_settings.codec(),
-        relief_depth: preparation_settings.relief_depth.map(ReliefDepth::get),
-    }
-}
-
-pub(crate) fn pack_version() -> u32 {
-    u32::from(PACK_VERSION) << 8 | u32::from(FORMAT_VERSION)
 }
 
 /// Folder of checkpoints; `None` (memory) if they are not wanted, if another process prepares the same pack, or if the

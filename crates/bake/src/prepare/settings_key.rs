@@ -1,11 +1,14 @@
 //! The bytes of an asset's settings that enter the key of its pack: an explicit, versioned encoding, so that a key
 //! depends on no type's debug output.
 
+use lodestream_geometry::base::FORMAT_VERSION;
+use lodestream_geometry::pack::PACK_VERSION;
 use lodestream_geometry::quantise::{Precision, QuantiseSettings};
 use lodestream_geometry::{Codec, Metric, Settings};
 use lodestream_import::Part;
 
-use crate::preparation_settings::CodecChoice;
+use crate::preparation_settings::{CodecChoice, ReliefDepth};
+use crate::scene::Asset;
 
 /// Version of the encoding. Increment it when a field is added, removed or reordered, or a tag changes its meaning.
 const VERSION: u16 = 1;
@@ -25,6 +28,26 @@ pub(super) struct PackSettings<'a> {
     pub(super) codec: CodecChoice,
     /// Depth of relief instead of the materials', in units of texture coordinates.
     pub(super) relief_depth: Option<f32>,
+}
+
+impl<'a> PackSettings<'a> {
+    /// The settings of an asset.
+    pub(super) fn of(asset: &'a Asset) -> Self {
+        let Asset { name, file: _, part, preparation_settings } = asset;
+        Self {
+            name,
+            part: Some(part.clone()),
+            quantise: preparation_settings.quantise_settings(),
+            simplify: preparation_settings.simplify_settings(),
+            codec: preparation_settings.codec(),
+            relief_depth: preparation_settings.relief_depth.map(ReliefDepth::get),
+        }
+    }
+}
+
+/// Version of packs, which enters their keys.
+pub(crate) fn pack_version() -> u32 {
+    u32::from(PACK_VERSION) << 8 | u32::from(FORMAT_VERSION)
 }
 
 impl PackSettings<'_> {

@@ -26,9 +26,10 @@ use lodestream_scene::proxy::Proxy;
 use lodestream_store::{PackFile, StoreError};
 use lodestream_threads::Threads;
 
-use crate::compose;
+use crate::compose::placing::{placed, start_camera, visible_first, world_sphere};
 use crate::prepare::cache::Key;
-use crate::prepare::{Options, PrepareError, pack_version};
+use crate::prepare::settings_key::pack_version;
+use crate::prepare::{Options, PrepareError};
 use crate::scene::Scene;
 use mesh::{NodeMesh, Piece, Union};
 use tree::{Item, Node, Tree};
@@ -124,7 +125,7 @@ pub fn make_with(
     }
     let start = Instant::now();
     let entries: Vec<AssetEntry> = packs.iter().map(|pack| pack.entry("")).collect::<Result<_, _>>()?;
-    let (instances, _) = compose::placed(scene, &entries);
+    let (instances, _) = placed(scene, &entries);
     let used: BTreeSet<u32> = instances.iter().map(|instance| instance.asset).collect();
     let bytes: u64 = used.iter().map(|&asset| u64::from(entries[asset as usize].base_bytes)).sum();
     if instances.len() < MIN_INSTANCES || bytes <= MIN_BASE_BYTES {
@@ -134,11 +135,9 @@ pub fn make_with(
     for &asset in &used {
         faces.insert(asset, packs[asset as usize].base()?.faces.len() as u64);
     }
-    let spheres: Vec<_> = instances.iter().map(|i| compose::world_sphere(i, &entries)).collect();
+    let spheres: Vec<_> = instances.iter().map(|i| world_sphere(i, &entries)).collect();
     let mut rank = vec![0; instances.len()];
-    for (at, instance) in
-        compose::visible_first(&compose::start_camera(scene, &spheres), &spheres).into_iter().enumerate()
-    {
+    for (at, instance) in visible_first(&start_camera(scene, &spheres), &spheres).into_iter().enumerate() {
         rank[instance] = at;
     }
     let item = |(at, instance): (usize, &Instance)| Item {

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::{PunctualLight, Spot};
 
+use super::byte_values::{Rest, put_count, put_f32s, put_f64s, put_list, put_option, put_text};
 use super::part_names::PartNames;
 use super::sizes::MeshSize;
 use super::{Contents, PlacedMesh};
@@ -39,7 +40,7 @@ impl Contents {
     /// The contents of [`Self::to_bytes`]; `None` for other bytes. Takes memory in proportion to the bytes.
     #[must_use]
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
-        let rest = &mut Rest(bytes);
+        let rest = &mut Rest::new(bytes);
         let contents = Self {
             names: rest.list(Rest::text)?,
             sizes: rest.list(|rest| rest.option(size))?,
@@ -49,7 +50,7 @@ impl Contents {
             punctual_lights: rest.list(light)?,
             warnings: rest.list(Rest::text)?,
         };
-        rest.0.is_empty().then_some(contents)
+        rest.is_empty().then_some(contents)
     }
 }
 
@@ -115,99 +116,6 @@ fn light(rest: &mut Rest<'_>) -> Option<PunctualLight> {
         Some(Spot { direction, inner, outer })
     })?;
     Some(PunctualLight { position, intensity, range, spot })
-}
-
-pub(super) fn put_count(out: &mut Vec<u8>, count: usize) {
-    out.extend((count as u64).to_le_bytes());
-}
-
-pub(super) fn put_text(out: &mut Vec<u8>, text: &str) {
-    put_count(out, text.len());
-    out.extend(text.as_bytes());
-}
-
-pub(super) fn put_option<T>(out: &mut Vec<u8>, value: Option<T>, put: impl FnOnce(&mut Vec<u8>, T)) {
-    out.push(u8::from(value.is_some()));
-    if let Some(value) = value {
-        put(out, value);
-    }
-}
-
-pub(super) fn put_list<T>(out: &mut Vec<u8>, list: &[T], mut put: impl FnMut(&mut Vec<u8>, &T)) {
-    put_count(out, list.len());
-    list.iter().for_each(|element| put(out, element));
-}
-
-fn put_f64s(out: &mut Vec<u8>, numbers: &[f64]) {
-    out.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
-}
-
-fn put_f32s(out: &mut Vec<u8>, numbers: &[f32]) {
-    out.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
-}
-
-/// Bytes that were not read yet.
-pub(super) struct Rest<'a>(&'a [u8]);
-
-impl Rest<'_> {
-    fn array<const N: usize>(&mut self) -> Option<[u8; N]> {
-        let (array, rest) = self.0.split_first_chunk()?;
-        self.0 = rest;
-        Some(*array)
-    }
-
-    pub(super) fn u32(&mut self) -> Option<u32> {
-        self.array().map(u32::from_le_bytes)
-    }
-
-    fn count(&mut self) -> Option<usize> {
-        usize::try_from(u64::from_le_bytes(self.array()?)).ok()
-    }
-
-    pub(super) fn text(&mut self) -> Option<String> {
-        let count = self.count()?;
-        let (text, rest) = self.0.split_at_checked(count)?;
-        self.0 = rest;
-        std::str::from_utf8(text).ok().map(str::to_owned)
-    }
-
-    pub(super) fn option<T>(&mut self, take: impl FnOnce(&mut Self) -> Option<T>) -> Option<Option<T>> {
-        match self.array()? {
-            [0] => Some(None),
-            [1] => take(self).map(Some),
-            _ => None,
-        }
-    }
-
-    /// A list, which grows as its elements are read.
-    pub(super) fn list<T>(&mut self, mut take: impl FnMut(&mut Self) -> Option<T>) -> Option<Vec<T>> {
-        let count = self.count()?;
-        // Every element has a byte at least.
-        if count > self.0.len() {
-            return None;
-        }
-        let mut list = Vec::new();
-        for _ in 0..count {
-            list.push(take(self)?);
-        }
-        Some(list)
-    }
-
-    fn f64s<const N: usize>(&mut self) -> Option<[f64; N]> {
-        let mut numbers = [0.0; N];
-        for number in &mut numbers {
-            *number = f64::from_le_bytes(self.array()?);
-        }
-        Some(numbers)
-    }
-
-    fn f32s<const N: usize>(&mut self) -> Option<[f32; N]> {
-        let mut numbers = [0.0; N];
-        for number in &mut numbers {
-            *number = f32::from_le_bytes(self.array()?);
-        }
-        Some(numbers)
-    }
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@
 //! check, where it is used.
 
 mod accessor;
+mod byte_values;
 mod compressed;
 mod container;
 mod contents_bytes;

@@ -9,8 +9,8 @@ use serde::Deserialize;
 use serde::de::{MapAccess, Visitor};
 use serde_json::value::RawValue;
 
+use super::byte_values::{Rest, put_list, put_option, put_text};
 use super::container::Document;
-use super::contents_bytes::{Rest, put_list, put_option, put_text};
 
 /// Stands for what is left out of a name or path.
 const ELLIPSIS: &str = "…";
