@@ -17,7 +17,7 @@ use crate::limits::{
 };
 use crate::placement::Placement;
 use crate::pose::Pose;
-use crate::proxy::{self, Proxy};
+use crate::proxy::Proxy;
 use crate::shared::{self, SharedTexture};
 use crate::terrain::{TerrainEntry, TerrainEntryError};
 use crate::view::{View, ViewError};
@@ -460,7 +460,7 @@ impl ScenePage {
             ensure(scale.is_finite() && scale > 0.0, SceneError::InstanceScale)?;
         }
         ensure(self.first_proxy <= MAX_ASSETS, SceneError::PageNumbers)?;
-        proxy::check(&self.proxies)?;
+        ensure(self.proxies.iter().all(Proxy::is_valid), SceneError::Proxy)?;
         ensure(self.proxies.iter().all(|proxy| proxy.asset < known_assets), SceneError::AssetOfLaterPage)
     }
 }

@@ -4,7 +4,6 @@
 //! Proxies form a forest over the instances, which are numbered so that each proxy stands for a run of them. A client
 //! draws a proxy instead of its instances until its error is too large on the screen, then its children at once.
 
-use crate::description::SceneError;
 use crate::encoding::encode_fields;
 
 /// Most levels of a forest of proxies.
@@ -34,6 +33,11 @@ impl Proxy {
     #[must_use]
     pub const fn parent(&self) -> Option<u32> {
         self.parent.checked_sub(1)
+    }
+
+    /// Whether it stands for something, and its error is a finite number of at least 0.
+    pub(crate) const fn is_valid(&self) -> bool {
+        self.error.is_finite() && self.error >= 0.0 && self.instance_count > 0
     }
 
     /// The instances that it stands for.
@@ -176,12 +180,6 @@ impl Proxies {
         self.nodes.push(ProxyNode { proxy: *proxy, children: Vec::new(), depth });
         Ok(())
     }
-}
-
-/// Checks the values of a page's proxies.
-pub(crate) fn check(proxies: &[Proxy]) -> Result<(), SceneError> {
-    let fits = |proxy: &Proxy| proxy.error.is_finite() && proxy.error >= 0.0 && proxy.instance_count > 0;
-    if proxies.iter().all(fits) { Ok(()) } else { Err(SceneError::Proxy) }
 }
 
 #[cfg(test)]
