@@ -1,5 +1,5 @@
 //! Model files as a scene and its packs are made from them: each is read and parsed once while it is among the last ones,
-//! and not at all if [memos](memo) in a cache folder say what is needed of it.
+//! and not at all if memos in a cache folder say what is needed of it.
 
 mod memo;
 
