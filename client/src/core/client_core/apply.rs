@@ -115,6 +115,10 @@ impl ClientCore {
         if !self.is_ready(id) {
             return None;
         }
+        // Names of parts answer lookups, and change nothing that is drawn.
+        if matches!(id, BlobId::Parts(_)) && self.cache.contains(id) {
+            return None;
+        }
         let Some(bytes) = self.cache.get(id) else {
             self.mark_absent(now, id);
             return Some(0);

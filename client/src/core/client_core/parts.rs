@@ -44,11 +44,12 @@ impl ClientCore {
             }
         }
         self.parts.waiting = left;
-        let wanted = &mut self.selection.wanted;
-        let known = |id| wanted.iter().any(|wanted| wanted.id == id);
-        let new: Vec<_> = self.parts.wanted().into_iter().filter(|one| !known(one.id)).collect();
-        if !new.is_empty() {
-            wanted.splice(0..0, new);
+        // Those of earlier lookups may have been evicted since: they are absent again.
+        let wanted = self.parts.wanted();
+        let requests = wanted.iter().any(|one| one.state == State::Absent);
+        self.selection.wanted.retain(|one| !matches!(one.id, BlobId::Parts(_)));
+        self.selection.wanted.splice(0..0, wanted);
+        if requests {
             self.send_requests(now, &[]);
         }
     }

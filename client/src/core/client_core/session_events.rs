@@ -23,8 +23,13 @@ const MAX_EARLY_BLOBS: usize = 256;
 impl ClientCore {
     pub(super) fn handle_session_events(&mut self, now: Time) {
         while let Some(event) = self.connection.session.as_mut().and_then(Source::poll_event) {
-            // Names of parts change nothing that is drawn: a settled client stays settled.
-            let is_name = matches!(&event, ClientEvent::Blob { id: BlobId::Parts(_), .. });
+            // Names of parts change nothing that is drawn, nor does the end of sending where nothing was wanted: a settled
+            // client stays settled.
+            let changes_nothing = match &event {
+                ClientEvent::Blob { id: BlobId::Parts(_), .. } => true,
+                ClientEvent::Done => self.counters().settled,
+                _ => false,
+            };
             match event {
                 ClientEvent::Connected(welcome) => self.handle_welcome(now, welcome),
                 ClientEvent::ScenePage(page) => match self.scene.add_page(page, self.config.max_entries) {
@@ -70,7 +75,7 @@ impl ClientCore {
                     self.connection.closed = Some(close);
                 }
             }
-            self.selection.stale |= !is_name;
+            self.selection.stale |= !changes_nothing;
         }
     }
 

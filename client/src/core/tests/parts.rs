@@ -55,6 +55,8 @@ fn look_up(link: &mut Loopback, id: ScenePart) -> Result<PartInfo, PartAbsence> 
 fn names_come_on_demand_and_each_page_once() {
     let mut link = settled(house());
     assert_eq!(part_blobs(&link), [], "nothing is pushed");
+    link.run(100);
+    let selections = link.core.stats().selections;
     assert_eq!(look_up(&mut link, part(1, 17)), Ok(called(18)));
     assert_eq!(part_blobs(&link), [BlobId::part_directory(0), BlobId::part_page(0)]);
     // Without a byte from the network: at once.
@@ -67,7 +69,9 @@ fn names_come_on_demand_and_each_page_once() {
         assert_eq!(look_up(&mut link, id), Ok(called(record)));
     }
     assert_eq!(part_blobs(&link).len(), 3, "{:?}", part_blobs(&link));
-    link.settle();
+    link.run(100);
+    assert_eq!(link.core.stats().selections, selections, "nothing that is drawn changes");
+    assert!(link.core.is_settled());
 }
 
 #[test]
