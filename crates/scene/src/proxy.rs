@@ -124,6 +124,25 @@ impl Proxies {
         &self.roots
     }
 
+    /// The instances of a proxy for which none of its children stands, as runs.
+    ///
+    /// # Panics
+    /// If there is no such proxy.
+    #[must_use]
+    pub fn own_instances(&self, number: u32) -> Vec<std::ops::Range<u32>> {
+        let node = &self.nodes[number as usize];
+        let mut runs = Vec::with_capacity(node.children.len() + 1);
+        let mut from = node.proxy.first_instance;
+        for &child in &node.children {
+            let of = self.nodes[child as usize].proxy.instances();
+            runs.push(from..of.start);
+            from = of.end;
+        }
+        runs.push(from..node.proxy.instances().end);
+        runs.retain(|run| !run.is_empty());
+        runs
+    }
+
     /// Number of proxies.
     #[must_use]
     pub fn len(&self) -> u32 {
@@ -197,6 +216,9 @@ mod tests {
         proxies.add(2, &[proxy(1, 0, 4, 0), proxy(1, 5, 5, 0)], 1, 12).unwrap();
         assert_eq!((proxies.roots(), &proxies.nodes()[0].children[..]), (&[0, 1][..], &[2, 3][..]));
         assert_eq!(proxies.nodes()[3].depth, 1);
+        let own =
+            [0, 1].map(|number| proxies.own_instances(number).into_iter().flatten().collect::<Vec<_>>());
+        assert_eq!(own, [vec![4], vec![10, 11]]);
     }
 
     #[test]

@@ -233,23 +233,15 @@ impl Pass<'_> {
         }
         all && self.own_instances(number).all(|instance| {
             let of = self.scene.instances.get(instance as usize);
-            of.is_some_and(|of| self.base(of.asset) == State::Applied || !self.is_in_view(of))
+            // One that cannot be had must not keep all others coarse.
+            let is_due = |of: &Instance| !matches!(self.base(of.asset), State::Applied | State::Failed);
+            of.is_some_and(|of| !is_due(of) || !self.is_in_view(of))
         })
     }
 
     /// The instances of a proxy that no child stands for.
     fn own_instances(&self, number: u32) -> impl Iterator<Item = u32> + use<> {
-        let nodes = self.scene.proxies.nodes();
-        let node = &nodes[number as usize];
-        let mut gaps = Vec::with_capacity(node.children.len() + 1);
-        let mut from = node.proxy.instances().start;
-        for &child in &node.children {
-            let of = nodes[child as usize].proxy.instances();
-            gaps.push(from..of.start);
-            from = of.end;
-        }
-        gaps.push(from..node.proxy.instances().end);
-        gaps.into_iter().flatten()
+        self.scene.proxies.own_instances(number).into_iter().flatten()
     }
 
     /// Adds a proxy or what is below it to the cut, and lists what a finer cut needs.

@@ -1,6 +1,6 @@
 //! The first cut through a scene's proxies for a view: what a client draws first.
 
-use std::cmp::Ordering;
+use std::cmp::Reverse;
 use std::collections::{BTreeSet, BinaryHeap};
 
 use super::scene_index::SceneIndex;
@@ -37,27 +37,9 @@ impl FirstCut {
     }
 }
 
-/// A proxy that may be replaced by what is below it.
-#[derive(Debug, PartialEq)]
-struct Candidate {
-    /// Visible difference per byte.
-    priority: Priority,
-    proxy: u32,
-}
-
-impl Eq for Candidate {}
-
-impl PartialOrd for Candidate {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl Ord for Candidate {
-    fn cmp(&self, other: &Self) -> Ordering {
-        self.priority.cmp(&other.priority).then(other.proxy.cmp(&self.proxy))
-    }
-}
+/// A proxy that may be replaced by what is below it, after the visible difference per byte of that; low numbers first among
+/// equals.
+type Candidate = (Priority, Reverse<u32>);
 
 /// A greedy cut: from the roots in view, the proxy whose replacement makes the largest difference per byte is replaced by
 /// what is below it in view, as long as all base meshes take at most [`FIRST_CUT_BYTES`]. The rest is listed in
@@ -87,16 +69,17 @@ pub(super) fn first_cut(scene: &SceneIndex, view: &View) -> FirstCut {
         bytes += take(root, &mut search, &mut cut, &mut chosen);
     }
     while let Some(candidate) = search.open.pop() {
-        let Some(below) = search.below(candidate.proxy) else { continue };
-        let own = scene.asset(proxies.nodes()[candidate.proxy as usize].proxy.asset).map_or(0, base_bytes);
+        let (_, Reverse(proxy)) = candidate;
+        let Some(below) = search.below(proxy) else { continue };
+        let own = scene.asset(proxies.nodes()[proxy as usize].proxy.asset).map_or(0, base_bytes);
         if (bytes + below.bytes).saturating_sub(own) > FIRST_CUT_BYTES {
             later.push(candidate);
             continue;
         }
         cut.known_to = cut.known_to.max(below.known_to);
         bytes -= own;
-        chosen.remove(&candidate.proxy);
-        cover(&mut cut.covered, scene, candidate.proxy, false);
+        chosen.remove(&proxy);
+        cover(&mut cut.covered, scene, proxy, false);
         bytes += below.instances.iter().map(|&instance| search.take_instance(instance)).sum::<u64>();
         for child in below.proxies {
             bytes += take(child, &mut search, &mut cut, &mut chosen);
@@ -151,7 +134,7 @@ impl Search<'_> {
         let (bounds, entry) = self.bounds(number).filter(|(bounds, _)| bounds.visible)?;
         let bytes = base_bytes(entry);
         if let Some(priority) = self.priority(number, &bounds) {
-            self.open.push(Candidate { priority, proxy: number });
+            self.open.push((priority, Reverse(number)));
         }
         Some(bytes)
     }
@@ -183,7 +166,7 @@ impl Search<'_> {
     /// or of its children if these are many.
     fn finer(&mut self) -> Vec<(Priority, u32)> {
         let (mut list, mut bytes, mut least) = (Vec::new(), 0, Priority::MAX);
-        while let Some(Candidate { priority, proxy }) = self.open.pop() {
+        while let Some((priority, Reverse(proxy))) = self.open.pop() {
             let mut last = Below::default();
             let is_known = self.add_final(proxy, &mut last).is_some();
             let (below, is_final) = match self.below(proxy) {
@@ -236,14 +219,18 @@ impl Search<'_> {
 
     /// What is below a proxy in view; `None` if not all of it is known.
     fn below(&self, number: u32) -> Option<Below> {
-        let nodes = self.scene.proxies().nodes();
-        let node = &nodes[number as usize];
-        let mut below = Below::default();
-        let mut from = node.proxy.instances().start;
-        let mut assets = BTreeSet::new();
-        let mut add = |range: std::ops::Range<u32>, below: &mut Below| {
-            below.known_to = if range.is_empty() { below.known_to } else { range.end };
-            for number in range {
+        let proxies = self.scene.proxies();
+        let (mut below, mut assets) = (Below::default(), BTreeSet::new());
+        for &child in &proxies.nodes()[number as usize].children {
+            let (bounds, entry) = self.bounds(child)?;
+            if bounds.visible {
+                below.proxies.push(child);
+                below.bytes += base_bytes(entry);
+            }
+        }
+        for run in proxies.own_instances(number) {
+            below.known_to = run.end;
+            for number in run {
                 let instance = self.scene.instance(number)?;
                 let entry = self.scene.asset(instance.asset)?;
                 if self.projection.bounds(entry, instance).visible {
@@ -252,19 +239,7 @@ impl Search<'_> {
                     below.bytes += if is_new { base_bytes(entry) } else { 0 };
                 }
             }
-            Some(())
-        };
-        for &child in &node.children {
-            let of = nodes[child as usize].proxy.instances();
-            add(from..of.start, &mut below)?;
-            from = of.end;
-            let (bounds, entry) = self.bounds(child)?;
-            if bounds.visible {
-                below.proxies.push(child);
-                below.bytes += base_bytes(entry);
-            }
         }
-        add(from..node.proxy.instances().end, &mut below)?;
         Some(below)
     }
 }

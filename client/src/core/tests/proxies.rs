@@ -159,6 +159,22 @@ fn a_near_view_gets_its_instances_without_their_proxies() {
     assert_eq!(bases_sent(&link), (0..ROOT).collect());
 }
 
+/// It is absent as in a scene without proxies, and the client says what is lacking.
+#[test]
+fn an_instance_that_cannot_be_had_does_not_keep_others_coarse() {
+    let mut scene = TestScene::new(4).with_proxies(&street(4));
+    scene.missing.insert(BlobId::base(1));
+    let mut link = Loopback::new(scene, |_| {});
+    link.core.set_view(link.now, from(2000.0));
+    link.connect();
+    Picture::default().settle(&mut link);
+    link.core.set_view(link.now, from(10.0));
+    link.run(5000);
+    let stats = link.core.stats();
+    assert_eq!((stats.counters.visible_instances, stats.counters.drawable_instances), (4, 3), "{stats:?}");
+    assert_eq!(stats.lacking, [BlobId::base(1)]);
+}
+
 #[test]
 fn proxies_that_do_not_fit_end_the_session() {
     for wrong in [Proxy { instance_count: 9, ..street(4)[0] }, Proxy { parent: 7, ..street(4)[1] }] {

@@ -1,6 +1,8 @@
 //! Scene data in GPU memory: assets, instances, materials, lights, environment and terrain.
 
 pub(crate) mod asset;
+#[cfg(feature = "client")]
+pub(crate) mod drawn_placements;
 pub(crate) mod environment;
 #[cfg(feature = "client")]
 pub(crate) mod held_texels;

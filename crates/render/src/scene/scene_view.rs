@@ -10,7 +10,6 @@ use lodestream_client::core::{Change, NewAsset, TextureChange};
 use lodestream_scene::description::SceneHeader;
 use lodestream_scene::placement::Placement;
 use lodestream_scene::pose::Pose;
-use lodestream_scene::proxy::Cut;
 use lodestream_scene::punctual_lights::PunctualLight;
 use lodestream_scene::view::View;
 use lodestream_threads::Task;
@@ -27,6 +26,7 @@ use crate::resources::gpu::{Gpu, RenderError};
 use crate::resources::texture::{Texture, TextureShape, WeakTexture};
 use crate::resources::uploads::Uploads;
 use crate::scene::asset::AssetGpu;
+use crate::scene::drawn_placements::DrawnPlacements;
 use crate::scene::environment::{Atmosphere, Environment, GradientSky, Haze, Sky};
 use crate::scene::held_texels::{HeldTexels, Texels};
 use crate::scene::scene_parts::SceneParts;
@@ -58,10 +58,8 @@ pub struct SceneView {
     instances: Vec<Vec<Placement>>,
     /// Parts that are hidden, tinted or isolated.
     parts: SceneParts,
-    /// Assets of the scene's proxies.
-    proxies: Vec<u32>,
-    /// What of instances and proxies is drawn, if there are proxies.
-    cut: Cut,
+    /// Placements that are drawn, if there are proxies.
+    drawn: DrawnPlacements,
     /// Light and sky use the description's colours, without an atmosphere.
     plain: bool,
     /// Steps that wait for upload.
@@ -285,10 +283,6 @@ impl SceneView {
                     }
                     placed.push(instance.placement);
                 }
-                if !self.proxies.is_empty() {
-                    let assets: BTreeSet<u32> = instances.iter().map(|instance| instance.asset).collect();
-                    self.apply_cut(|asset| assets.contains(&asset));
-                }
                 if !concerned.is_empty() {
                     self.write_part_states(gpu, |asset| concerned.contains(&asset))?;
                 }
@@ -300,17 +294,16 @@ impl SceneView {
                         self.instances.resize_with(asset + 1, Vec::new);
                     }
                     self.instances[asset].push(Placement::at([0.0; 3]));
-                    self.proxies.push(proxy.asset);
-                    self.apply_cut(|one| one == proxy.asset);
                 }
+                self.drawn.add_proxies(&proxies);
+                self.update_drawn();
             }
             Change::Cut(cut) => {
-                self.cut = cut;
-                self.apply_cut(|_| true);
+                self.drawn.set_cut(&cut, self.parts.places());
+                self.update_drawn();
             }
             Change::Asset(asset) => {
                 self.add(gpu, renderer, &asset);
-                self.apply_cut(|one| one == asset.asset);
                 self.write_part_states_of(gpu, asset.asset)?;
             }
             Change::PunctualLights { count } => self.has_punctual_lights = count > 0,
@@ -330,28 +323,11 @@ impl SceneView {
         Ok(())
     }
 
-    /// Tells assets which of their placements are drawn, if the scene has proxies.
-    fn apply_cut(&mut self, concerns: impl Fn(u32) -> bool) {
-        if self.proxies.is_empty() {
-            return;
-        }
-        let mut drawn: BTreeMap<u32, BTreeSet<u32>> = BTreeMap::new();
-        let mut covered = self.cut.covered.iter().peekable();
-        for (number, &(asset, index)) in (0..self.cut.instances).zip(self.parts.places()) {
-            while covered.next_if(|[_, end]| *end <= number).is_some() {}
-            if covered.peek().is_none_or(|[first, _]| number < *first) && concerns(asset) {
-                drawn.entry(asset).or_default().insert(index);
-            }
-        }
-        for &proxy in &self.cut.proxies {
-            // A proxy is the only placement of its asset.
-            if let Some(&asset) = self.proxies.get(proxy as usize).filter(|asset| concerns(**asset)) {
-                drawn.entry(asset).or_default().insert(0);
-            }
-        }
+    /// Tells assets which of their placements are drawn.
+    fn update_drawn(&mut self) {
         for (number, asset) in (0..).zip(&mut self.assets) {
-            if let Some(asset) = asset.as_mut().filter(|_| concerns(number)) {
-                asset.set_drawn(Some(drawn.remove(&number).unwrap_or_default()));
+            if let Some(asset) = asset {
+                asset.set_drawn(self.drawn.of(number));
             }
         }
     }
@@ -392,6 +368,7 @@ impl SceneView {
         let textures: Vec<Texture> = sent_as.map(|(id, shape)| self.texture(gpu, id, shape)).collect();
         let mut new = renderer.create_asset_with(gpu, DVec3::from(asset.origin), &asset.materials, textures);
         new.set_bounds(Vec3::from(asset.center).as_dvec3(), f64::from(asset.radius));
+        new.set_drawn(self.drawn.of(asset.asset));
         let number = asset.asset as usize;
         if self.assets.len() <= number {
             self.assets.resize_with(number + 1, || None);
