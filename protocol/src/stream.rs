@@ -3,8 +3,8 @@
 //! **QUIC** (ALPN [`ALPN`]). The client opens one unidirectional stream for its frames. The server opens
 //! one unidirectional stream for its control frames and one for each run of a blob, so that a lost packet delays
 //! one blob only and a cancelled blob's stream can be reset. A stream's first byte says which kind it is
-//! ([`CONTROL_STREAM`], [`BLOB_STREAM`]); a blob's stream goes on with [`blob_head`] and the blob's bytes,
-//! and ends. Stream priorities follow [`quic_priority`].
+//! ([`CONTROL_STREAM`], [`BLOB_STREAM`], [`PAGE_STREAM`]); a blob's stream goes on with [`blob_head`] and the blob's bytes,
+//! and ends. A scene page that no first frame waits for has a stream of its own, too. Stream priorities follow [`quic_priority`].
 //!
 //! **WebSocket** (subprotocol [`ALPN`]). Each binary message is one [`crate::frame::Frame`]; blobs travel
 //! as pieces of a few KiB so that an urgent one does not wait behind a large one. Text messages are
@@ -58,6 +58,8 @@ pub const RESUME_QUERY: &str = "resume";
 pub const CONTROL_STREAM: u8 = 0;
 /// First byte of a stream that carries a run of one blob.
 pub const BLOB_STREAM: u8 = 1;
+/// First byte of a stream that carries the frame of one scene page.
+pub const PAGE_STREAM: u8 = 2;
 /// Longest head of a blob's stream: kind, length of the head, id, total length, offset of the run, and bytes after it.
 pub const MAX_BLOB_HEAD_BYTES: usize = 1 + 1 + 11 + 5 + 5 + 5;
 

@@ -1,15 +1,16 @@
-//! The server's streams of a WebTransport session: one of frames, and one for each run of a blob.
+//! The server's streams of a WebTransport session: one of frames, one for each run of a blob, and one for each page for
+//! which no first frame waits.
 
 use std::collections::BTreeMap;
 
 use bytes::{Buf as _, Bytes};
 use lodestream_protocol::frame::{BlobPiece, Frame, FrameError, FrameReader, ServerFrame};
-use lodestream_protocol::stream::{BLOB_STREAM, BlobStreamReader, CONTROL_STREAM};
+use lodestream_protocol::stream::{BLOB_STREAM, BlobStreamReader, CONTROL_STREAM, PAGE_STREAM};
 use lodestream_scene::BlobId;
 
 /// What arrived on a stream.
 pub(crate) enum Arrival {
-    /// A frame of the control stream.
+    /// A frame of the control stream or of a page.
     Frame(ServerFrame),
     /// A piece of a blob.
     Piece(BlobPiece),
@@ -19,6 +20,7 @@ enum Kind {
     /// Its type byte has not arrived.
     Unknown,
     Control(FrameReader),
+    Page(FrameReader),
     Blob(BlobStreamReader),
 }
 
@@ -37,13 +39,14 @@ impl Streams {
             *kind = match bytes.get_u8() {
                 CONTROL_STREAM if !self.has_control => Kind::Control(FrameReader::new()),
                 BLOB_STREAM => Kind::Blob(BlobStreamReader::new()),
+                PAGE_STREAM => Kind::Page(FrameReader::new()),
                 unknown => return Err(FrameError::UnknownStream(unknown)),
             };
             self.has_control |= matches!(kind, Kind::Control(_));
         }
         match kind {
             Kind::Unknown => Ok(Vec::new()),
-            Kind::Control(frames) => {
+            Kind::Control(frames) | Kind::Page(frames) => {
                 frames.push(&bytes);
                 let mut arrivals = Vec::new();
                 while let Some(frame) = frames.next_frame()? {
@@ -59,7 +62,9 @@ impl Streams {
     /// Takes the end of a stream.
     pub(crate) fn end(&mut self, stream: u32) -> Result<(), FrameError> {
         match self.open.remove(&stream) {
-            Some(Kind::Control(frames)) if frames.pending() > 0 => Err(FrameError::Truncated),
+            Some(Kind::Control(frames) | Kind::Page(frames)) if frames.pending() > 0 => {
+                Err(FrameError::Truncated)
+            }
             Some(Kind::Blob(blob)) => blob.finish(),
             _ => Ok(()),
         }
@@ -69,7 +74,7 @@ impl Streams {
     pub(crate) fn reset(&mut self, stream: u32) -> Option<BlobId> {
         match self.open.remove(&stream)? {
             Kind::Blob(blob) => blob.blob().map(|(id, _)| id),
-            Kind::Control(_) | Kind::Unknown => None,
+            Kind::Control(_) | Kind::Page(_) | Kind::Unknown => None,
         }
     }
 }
@@ -102,12 +107,15 @@ mod tests {
     fn frames_and_blobs_arrive_however_their_streams_are_cut() {
         let frames = [ServerMessage::BasesSent, ServerMessage::Done].map(|m| encode_server(&m).unwrap());
         let control = [&[CONTROL_STREAM][..], &frames.concat()].concat();
+        let page = [&[PAGE_STREAM][..], &encode_server(&ServerMessage::Done).unwrap()].concat();
         let blob = of_blob(&[7; 300]);
         for step in [1, 5, 1000] {
             let mut streams = Streams::default();
             let (mut messages, mut bytes) = (0, Vec::new());
-            let parts =
-                control.chunks(step).map(|part| (0, part)).chain(blob.chunks(step).map(|part| (1, part)));
+            let streams_of_server = [(0, &control), (1, &blob), (2, &page)];
+            let parts = streams_of_server
+                .iter()
+                .flat_map(|(stream, bytes)| bytes.chunks(step).map(move |part| (*stream, part)));
             for (stream, part) in parts {
                 for arrival in streams.push(stream, Bytes::copy_from_slice(part)).unwrap() {
                     match arrival {
@@ -116,8 +124,8 @@ mod tests {
                     }
                 }
             }
-            assert_eq!((streams.end(0), streams.end(1)), (Ok(()), Ok(())));
-            assert_eq!((messages, bytes), (2, vec![7; 300]));
+            assert_eq!([0, 1, 2].map(|stream| streams.end(stream)), [Ok(()), Ok(()), Ok(())]);
+            assert_eq!((messages, bytes), (3, vec![7; 300]));
         }
     }
 

@@ -1,5 +1,6 @@
 //! QUIC transport: one control stream each way, and one stream from the server per blob.
 
+use std::collections::VecDeque;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
@@ -10,7 +11,9 @@ use futures_util::future::BoxFuture;
 use futures_util::stream::FuturesUnordered;
 use lodestream_protocol::frame::{FrameError, FrameReader, ServerFrame};
 use lodestream_protocol::message::{Close, CloseCode};
-use lodestream_protocol::stream::{ALPN, BLOB_STREAM, BlobStreamReader, CONTROL_STREAM, alpn_of_scene};
+use lodestream_protocol::stream::{
+    ALPN, BLOB_STREAM, BlobStreamReader, CONTROL_STREAM, PAGE_STREAM, alpn_of_scene,
+};
 use lodestream_transport::quic::{self as transport, READ_BYTES, next_frame};
 use lodestream_transport::{Clock, Incoming as _, Received, Receiver};
 use quinn::crypto::rustls::QuicClientConfig;
@@ -160,6 +163,7 @@ enum StreamKind {
     /// Its type byte has not arrived.
     Unknown,
     Control(FrameReader),
+    Page(FrameReader),
     Blob(BlobStreamReader),
 }
 
@@ -183,37 +187,42 @@ fn read(mut incoming: Incoming) -> Reading {
 struct QuicReceiver {
     connection: Connection,
     reading: FuturesUnordered<Reading>,
-    /// The control stream, while it holds frames that were not returned yet.
-    control: Option<Incoming>,
+    /// Streams of frames that hold some that were not returned yet.
+    framed: VecDeque<Incoming>,
     has_control: bool,
 }
 
 impl QuicReceiver {
     fn new(connection: Connection) -> Self {
-        Self { connection, reading: FuturesUnordered::new(), control: None, has_control: false }
+        Self { connection, reading: FuturesUnordered::new(), framed: VecDeque::new(), has_control: false }
     }
 
-    /// The next buffered frame of the control stream; once there is none, the stream is read again.
+    /// The next buffered frame of a stream of frames; once a stream has none, it is read again.
     fn next_frame(&mut self) -> Option<Received<ServerFrame>> {
-        let mut incoming = self.control.take()?;
-        let StreamKind::Control(frames) = &mut incoming.kind else { return None };
-        let received = next_frame(frames);
-        match received {
-            Some(Received::Malformed(_)) => {}
-            Some(_) => self.control = Some(incoming),
-            None => self.reading.push(read(incoming)),
+        while let Some(mut incoming) = self.framed.pop_front() {
+            let (StreamKind::Control(frames) | StreamKind::Page(frames)) = &mut incoming.kind else {
+                continue;
+            };
+            match next_frame(frames) {
+                Some(malformed @ Received::Malformed(_)) => return Some(malformed),
+                Some(received) => {
+                    self.framed.push_front(incoming);
+                    return Some(received);
+                }
+                None => self.reading.push(read(incoming)),
+            }
         }
-        received
+        None
     }
 
     fn take(&mut self, mut incoming: Incoming, chunk: Option<Chunk>) -> Received<ServerFrame> {
         let Some(chunk) = chunk else {
             return match incoming.kind {
                 StreamKind::Unknown => Received::Skipped,
-                StreamKind::Control(frames) if frames.pending() > 0 => {
+                StreamKind::Control(frames) | StreamKind::Page(frames) if frames.pending() > 0 => {
                     Received::Malformed(FrameError::Truncated)
                 }
-                StreamKind::Control(_) => Received::Skipped,
+                StreamKind::Control(_) | StreamKind::Page(_) => Received::Skipped,
                 StreamKind::Blob(blob) => match blob.finish() {
                     Ok(()) => Received::Skipped,
                     Err(why) => Received::Malformed(why),
@@ -225,6 +234,7 @@ impl QuicReceiver {
             incoming.kind = match bytes.get_u8() {
                 CONTROL_STREAM if !self.has_control => StreamKind::Control(FrameReader::new()),
                 BLOB_STREAM => StreamKind::Blob(BlobStreamReader::new()),
+                PAGE_STREAM => StreamKind::Page(FrameReader::new()),
                 unknown => return Received::Malformed(FrameError::UnknownStream(unknown)),
             };
             self.has_control |= matches!(incoming.kind, StreamKind::Control(_));
@@ -234,9 +244,9 @@ impl QuicReceiver {
                 self.reading.push(read(incoming));
                 Received::Skipped
             }
-            StreamKind::Control(frames) => {
+            StreamKind::Control(frames) | StreamKind::Page(frames) => {
                 frames.push(&bytes);
-                self.control = Some(incoming);
+                self.framed.push_back(incoming);
                 Received::Skipped
             }
             StreamKind::Blob(blob) => match blob.push(bytes) {
@@ -267,6 +277,7 @@ impl Receiver for QuicReceiver {
                     }
                     StreamKind::Unknown => Received::Skipped,
                     StreamKind::Control(_) => Received::Lost("the server reset its control stream".into()),
+                    StreamKind::Page(_) => Received::Lost("the server reset a stream of a page".into()),
                 },
                 Err(ReadError::ConnectionLost(why)) => received_of(&why),
                 Err(why) => Received::Lost(why.to_string()),

@@ -40,7 +40,12 @@ const MAX_SUSPENDED: usize = 8;
 #[derive(Clone, Debug, PartialEq)]
 pub enum Outgoing {
     /// A page of the scene description.
-    Page(u32),
+    Page {
+        /// Its number.
+        page: u32,
+        /// Its priority.
+        priority: Priority,
+    },
     /// A piece of a blob.
     Piece {
         /// The piece.
@@ -244,7 +249,7 @@ impl Scheduler {
                     let QueuedUnit { key, unit, part } = self.queue.pop()?;
                     let Reverse(priority) = key.0;
                     let id = match unit {
-                        Unit::Page(page) => return Some(Outgoing::Page(page)),
+                        Unit::Page(page) => return Some(Outgoing::Page { page, priority }),
                         Unit::Blob(id) => id,
                     };
                     match read(&id) {

@@ -23,7 +23,7 @@ fn drain(scheduler: &mut Scheduler) -> Vec<u32> {
                 Some(BlobPart::Chunk(n)) => n,
                 _ => 999,
             },
-            Outgoing::Page(page) => 100 + page,
+            Outgoing::Page { page, .. } => 100 + page,
             Outgoing::Failed { .. } => 998,
         })
         .collect()
@@ -199,7 +199,7 @@ fn reads_are_bounded_and_not_repeated() {
     assert_eq!(scheduler.queued(), 50 - MAX_READS);
     // Pages of the scene need no store, but come in their turn.
     scheduler.want(Unit::Page(0), 1000);
-    assert_eq!(scheduler.next(400, slow), Some(Outgoing::Page(0)));
+    assert_eq!(scheduler.next(400, slow), Some(Outgoing::Page { page: 0, priority: 1000 }));
 }
 
 #[test]

@@ -11,7 +11,8 @@ use lodestream_select::difference::Picture;
 use lodestream_select::priority::{Priority, refine_priority};
 use lodestream_select::{Bounds, Projection};
 
-/// Most bytes of the base meshes of a first cut, unless the roots in view have more: a tenth of a second at 2 Mbit/s.
+/// Most bytes of the base meshes and scene pages of a first cut, unless the roots in view have more: a tenth of a second at
+/// 2 Mbit/s.
 const FIRST_CUT_BYTES: u64 = 24 * 1024;
 
 /// Most bytes of the base meshes that follow to make it finer: what a client requests when it has the first cut.
@@ -24,10 +25,12 @@ pub(super) struct FirstCut {
     pub(super) proxies: Vec<u32>,
     /// By instance: whether a proxy stands for it. Empty without proxies.
     pub(super) covered: Vec<bool>,
-    /// Instances that a client must know to replace proxies by the cut: those before this number, in view or not.
-    pub(super) known_to: u32,
+    /// The last page that a client needs to draw the cut: it numbers entries after those of the pages before.
+    pub(super) last_page: u32,
     /// Assets whose base meshes replace proxies of the cut, as the client will want them.
     pub(super) finer: Vec<(Priority, u32)>,
+    /// The last pages that list what replaces proxies of the cut, as urgent as that.
+    pub(super) finer_pages: Vec<(Priority, u32)>,
 }
 
 impl FirstCut {
@@ -42,7 +45,7 @@ impl FirstCut {
 type Candidate = (Priority, Reverse<u32>);
 
 /// A greedy cut: from the roots in view, the proxy whose replacement makes the largest difference per byte is replaced by
-/// what is below it in view, as long as all base meshes take at most [`FIRST_CUT_BYTES`]. The rest is listed in
+/// what is below it in view, as long as base meshes and pages take at most [`FIRST_CUT_BYTES`]. The rest is listed in
 /// [`FirstCut::finer`], up to [`FINER_BYTES`].
 pub(super) fn first_cut(scene: &SceneIndex, view: &View) -> FirstCut {
     let proxies = scene.proxies();
@@ -67,17 +70,21 @@ pub(super) fn first_cut(scene: &SceneIndex, view: &View) -> FirstCut {
     };
     for &root in proxies.roots() {
         bytes += take(root, &mut search, &mut cut, &mut chosen);
+        cut.last_page = cut.last_page.max(scene.page_of_proxy(root).unwrap_or_default());
     }
+    bytes += scene.bytes_to_page(cut.last_page);
     while let Some(candidate) = search.open.pop() {
         let (_, Reverse(proxy)) = candidate;
         let Some(below) = search.below(proxy) else { continue };
         let own = scene.asset(proxies.nodes()[proxy as usize].proxy.asset).map_or(0, base_bytes);
-        if (bytes + below.bytes).saturating_sub(own) > FIRST_CUT_BYTES {
+        let last_page = cut.last_page.max(below.last_page);
+        let pages = scene.bytes_to_page(last_page) - scene.bytes_to_page(cut.last_page);
+        if (bytes + below.bytes + pages).saturating_sub(own) > FIRST_CUT_BYTES {
             later.push(candidate);
             continue;
         }
-        cut.known_to = cut.known_to.max(below.known_to);
-        bytes -= own;
+        cut.last_page = last_page;
+        bytes = bytes + pages - own;
         chosen.remove(&proxy);
         cover(&mut cut.covered, scene, proxy, false);
         bytes += below.instances.iter().map(|&instance| search.take_instance(instance)).sum::<u64>();
@@ -87,7 +94,7 @@ pub(super) fn first_cut(scene: &SceneIndex, view: &View) -> FirstCut {
     }
     cut.proxies = chosen.into_iter().collect();
     search.open.extend(later);
-    cut.finer = search.finer();
+    search.add_finer(&mut cut);
     cut
 }
 
@@ -106,9 +113,10 @@ fn cover(covered: &mut [bool], scene: &SceneIndex, proxy: u32, value: bool) {
 struct Below {
     proxies: Vec<u32>,
     instances: Vec<u32>,
+    /// Bytes of base meshes.
     bytes: u64,
-    /// Its own instances are those before this number.
-    known_to: u32,
+    /// The last page that lists any of it, in view or not.
+    last_page: u32,
 }
 
 struct Search<'a> {
@@ -162,10 +170,10 @@ impl Search<'_> {
         Some(refine_priority(difference_px2, bytes, bounds.foveation))
     }
 
-    /// Base meshes that replace the proxies that are left: as a client requests them, those of the final cut below a proxy,
-    /// or of its children if these are many.
-    fn finer(&mut self) -> Vec<(Priority, u32)> {
-        let (mut list, mut bytes, mut least) = (Vec::new(), 0, Priority::MAX);
+    /// Adds base meshes that replace the proxies that are left: as a client requests them, those of the final cut below a
+    /// proxy, or of its children if these are many.
+    fn add_finer(&mut self, cut: &mut FirstCut) {
+        let (mut bytes, mut least) = (0, Priority::MAX);
         while let Some((priority, Reverse(proxy))) = self.open.pop() {
             let mut last = Below::default();
             let is_known = self.add_final(proxy, &mut last).is_some();
@@ -180,8 +188,9 @@ impl Search<'_> {
             }
             // What is below a proxy comes after it.
             least = least.min(priority);
+            cut.finer_pages.push((least, below.last_page));
             for child in below.proxies {
-                list.push((least, self.scene.proxies().nodes()[child as usize].proxy.asset));
+                cut.finer.push((least, self.scene.proxies().nodes()[child as usize].proxy.asset));
                 if !is_final {
                     let _ = self.take_proxy(child);
                 }
@@ -190,16 +199,16 @@ impl Search<'_> {
                 if self.take_instance(instance) > 0
                     && let Some(of) = self.scene.instance(instance)
                 {
-                    list.push((least, of.asset));
+                    cut.finer.push((least, of.asset));
                 }
             }
         }
-        list
     }
 
     /// Adds the final cut below a proxy; `None` if not all of it is known.
     fn add_final(&self, number: u32, last: &mut Below) -> Option<()> {
         let below = self.below(number)?;
+        last.last_page = last.last_page.max(below.last_page);
         last.instances.extend(below.instances);
         let instances: u64 = below.bytes;
         let mut proxies = 0;
@@ -223,13 +232,15 @@ impl Search<'_> {
         let (mut below, mut assets) = (Below::default(), BTreeSet::new());
         for &child in &proxies.nodes()[number as usize].children {
             let (bounds, entry) = self.bounds(child)?;
+            below.last_page = below.last_page.max(self.scene.page_of_proxy(child)?);
             if bounds.visible {
                 below.proxies.push(child);
                 below.bytes += base_bytes(entry);
             }
         }
         for run in proxies.own_instances(number) {
-            below.known_to = run.end;
+            let last = run.end.checked_sub(1).and_then(|last| self.scene.page_of_instance(last));
+            below.last_page = below.last_page.max(last.unwrap_or_default());
             for number in run {
                 let instance = self.scene.instance(number)?;
                 let entry = self.scene.asset(instance.asset)?;
@@ -303,7 +314,12 @@ mod tests {
                 bytes += base_bytes(index.asset(instance.asset).unwrap());
             }
         }
+        bytes += index.bytes_to_page(cut.last_page);
         assert!(bytes <= FIRST_CUT_BYTES && bytes > FIRST_CUT_BYTES / 4, "{bytes}");
+        let own = (0..).zip(&cut.covered).filter(|(_, covered)| !**covered).map(|(number, _)| number);
+        assert!(own.filter_map(|number| index.page_of_instance(number)).max() <= Some(cut.last_page));
+        let finer = &cut.finer_pages;
+        assert!(!finer.is_empty() && finer.is_sorted_by(|a, b| a.0 >= b.0), "{finer:?}");
     }
 
     #[test]

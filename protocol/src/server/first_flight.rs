@@ -75,11 +75,15 @@ pub(super) fn first_flight(
         }
     }
     if !scene.proxies().is_empty() {
-        // A client numbers the entries of a page after those of the pages before.
-        if let Some(last) = cut.known_to.checked_sub(1).and_then(|last| scene.page_of_instance(last)) {
-            let best = page_best.iter().copied().max().unwrap_or_default();
-            page_best.get_mut(last as usize).into_iter().for_each(|of_page| *of_page = best);
+        let best = page_best.iter().copied().max().unwrap_or_default();
+        page_best.get_mut(cut.last_page as usize).into_iter().for_each(|of_page| *of_page = best);
+        for &(priority, page) in &cut.finer_pages {
+            page_best
+                .get_mut(page as usize)
+                .into_iter()
+                .for_each(|of_page| *of_page = priority.max(*of_page));
         }
+        // A client numbers the entries of a page after those of the pages before.
         let mut of_later = 0;
         for best in page_best.iter_mut().rev() {
             of_later = of_later.max(*best);

@@ -11,6 +11,7 @@ use super::plans::{Plans, Queue};
 use super::pushed_blob::PushedBlob;
 use super::refinement::{MAX_REFINED_PAGES, Missing};
 use super::requests::Requests;
+use super::scene_index::estimated_page_bytes;
 use crate::scheduler::Unit;
 use crate::source::{Reading, SceneSource, SourceError};
 use crate::time::Time;
@@ -324,10 +325,7 @@ fn is_texture(unit: Unit) -> bool {
 
 fn estimated_bytes(source: &dyn SceneSource, unit: Unit) -> u64 {
     match unit {
-        // Typical lengths of asset and instance entries.
-        Unit::Page(page) => source
-            .page(page)
-            .map_or(0, |page| 8 + 80 * page.assets.len() as u64 + 20 * page.instances.len() as u64),
+        Unit::Page(page) => source.page(page).map_or(0, |page| estimated_page_bytes(&page)),
         Unit::Blob(id) => source.blob_len(&id).map_or(0, u64::from),
     }
 }
@@ -358,7 +356,7 @@ mod tests {
         assert!(!push.has_all_bases() && push.unrequested.is_empty());
         while !push.has_all_bases() {
             match requests.next(&*scene, 1 << 14).unwrap() {
-                Outgoing::Page(page) => push.settled(Unit::Page(page)),
+                Outgoing::Page { page, .. } => push.settled(Unit::Page(page)),
                 Outgoing::Piece { piece, .. } => push.settled(Unit::Blob(piece.id)),
                 Outgoing::Failed { id, .. } => push.settled(Unit::Blob(id)),
             }
@@ -386,7 +384,7 @@ mod tests {
                 break;
             }
             match requests.next(&*scene, 1 << 14).unwrap() {
-                Outgoing::Page(page) => push.settled(Unit::Page(page)),
+                Outgoing::Page { page, .. } => push.settled(Unit::Page(page)),
                 Outgoing::Piece { piece, .. } => {
                     assert_eq!(
                         piece.id.part(),

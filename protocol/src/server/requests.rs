@@ -194,7 +194,7 @@ impl Requests {
             Reading::Pending => Ok(Reading::Pending),
         })?;
         match &next {
-            Outgoing::Page(page) => {
+            Outgoing::Page { page, .. } => {
                 if self.sent.insert(Unit::Page(*page), u32::MAX).is_none() {
                     self.pages_sent = self.pages_sent.saturating_add(1);
                 }
@@ -271,7 +271,7 @@ mod tests {
         let scene = MemoryScene::new(1, 40, 2);
         let mut requests = Requests::new(1);
         assert_eq!(requests.want_page(0), PageRequest::Queued);
-        assert!(matches!(requests.next(&*scene, 100), Some(Outgoing::Page(0))));
+        assert!(matches!(requests.next(&*scene, 100), Some(Outgoing::Page { page: 0, .. })));
         assert_eq!(requests.pages_sent(), 1);
         assert_eq!(requests.want_page(1), PageRequest::Queued);
         assert!(matches!(requests.want_page(0), PageRequest::Resend(_)));

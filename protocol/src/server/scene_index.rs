@@ -13,6 +13,8 @@ pub(super) struct SceneIndex {
     pages: Vec<Arc<ScenePage>>,
     /// Number of the first instance of each page.
     first_instances: Vec<u32>,
+    /// Estimated bytes of each page and all before it.
+    page_ends: Vec<u64>,
     /// Page of each asset, and index there.
     assets: Vec<(u32, u32)>,
     tree: InstanceTree,
@@ -36,10 +38,16 @@ impl SceneIndex {
             Some(first)
         });
         let first_instances = first_instances.collect();
+        let page_ends = pages.iter().scan(0, |end: &mut u64, page| {
+            *end += estimated_page_bytes(page);
+            Some(*end)
+        });
+        let page_ends = page_ends.collect();
         let instance_count = pages.iter().map(|page| page.instances.len()).sum();
         let mut index = Self {
             pages,
             first_instances,
+            page_ends,
             assets,
             tree: InstanceTree::default(),
             proxies: Proxies::default(),
@@ -76,6 +84,11 @@ impl SceneIndex {
     /// Number of the page of a proxy.
     pub(super) fn page_of_proxy(&self, proxy: u32) -> Option<u32> {
         self.proxy_pages.get(proxy as usize).copied()
+    }
+
+    /// Estimated bytes of a page and all before it.
+    pub(super) fn bytes_to_page(&self, page: u32) -> u64 {
+        self.page_ends.get(page as usize).copied().unwrap_or_default()
     }
 
     /// Number of instances.
@@ -132,4 +145,9 @@ impl SceneIndex {
         let (number, _) = self.tree.largest(asset, projection, radius_px)?;
         Some((number, self.instance(number)?))
     }
+}
+
+/// About how many bytes a page takes, from typical lengths of entries.
+pub(super) fn estimated_page_bytes(page: &ScenePage) -> u64 {
+    8 + 80 * page.assets.len() as u64 + 20 * page.instances.len() as u64
 }

@@ -12,7 +12,7 @@ use crate::scheduler::{Outgoing, Unit};
 use crate::time::Time;
 use lodestream_scene::blob::BlobId;
 use lodestream_scene::limits::MAX_PIECE_BYTES;
-use lodestream_select::Priority;
+use lodestream_select::priority::{Priority, is_base};
 
 /// An item that the driver passes to the transport.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,6 +23,9 @@ pub enum Transmit {
         message: ServerMessage,
         /// The message encoded as a frame: the bytes to send.
         frame: Bytes,
+        /// Priority of a scene page for which no first frame waits. QUIC sends it on a stream of its own: on the control
+        /// stream it would overtake base meshes that were handed over before.
+        page_priority: Option<Priority>,
     },
     /// A piece of a blob. The pieces of a blob come in order, interleaved with pieces of other blobs.
     Piece {
@@ -82,11 +85,17 @@ impl ServerSession {
         let source = Arc::clone(&self.source);
         let piece_bytes = self.config.piece_bytes.clamp(1, id32(MAX_PIECE_BYTES)) as usize;
         match self.requests.next(&*source, piece_bytes)? {
-            Outgoing::Page(page) => {
-                self.push.settled(Unit::Page(page));
+            Outgoing::Page { page: number, priority } => {
+                self.push.settled(Unit::Page(number));
                 self.done_reported = false;
-                let Some(page) = source.page(page) else { return self.transmit_queued(now) };
-                self.transmit_message(now, ServerMessage::ScenePage((*page).clone()))
+                let Some(page) = source.page(number) else { return self.transmit_queued(now) };
+                let mut transmit = self.transmit_message(now, ServerMessage::ScenePage((*page).clone()))?;
+                if let Transmit::Message { message: ServerMessage::ScenePage(_), page_priority, .. } =
+                    &mut transmit
+                {
+                    *page_priority = Some(priority).filter(|&priority| number > 0 && !is_base(priority));
+                }
+                Some(transmit)
             }
             Outgoing::Piece { piece, priority } => {
                 self.stats.blobs += u64::from(piece.offset == 0);
@@ -111,7 +120,7 @@ impl ServerSession {
             Ok(frame) => {
                 self.stats.messages += 1;
                 self.stats.wire_bytes += self.pace.spend(now, frame.len());
-                Some(Transmit::Message { message, frame: frame.into() })
+                Some(Transmit::Message { message, frame: frame.into(), page_priority: None })
             }
             // The scene contains something that does not fit a message; no client can use it.
             Err(why) => {

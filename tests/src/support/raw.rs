@@ -6,7 +6,7 @@ use bytes::Bytes;
 use futures_util::{SinkExt, StreamExt};
 use lodestream_protocol::frame::{BlobPiece, Frame, FrameReader, ServerFrame, encode_client};
 use lodestream_protocol::message::{ClientMessage, Close, Hello, ServerMessage, Want};
-use lodestream_protocol::stream::{BLOB_STREAM, BlobStreamReader, CONTROL_STREAM};
+use lodestream_protocol::stream::{BLOB_STREAM, BlobStreamReader, CONTROL_STREAM, PAGE_STREAM};
 use lodestream_scene::BlobId;
 use quinn::{Connection, RecvStream, SendStream};
 use tokio::io::{AsyncRead, AsyncWrite};
@@ -155,7 +155,7 @@ async fn read_stream(mut stream: RecvStream, arrivals: mpsc::Sender<Arrival>) {
     let mut blob = Vec::new();
     while let Ok(Some(chunk)) = stream.read_chunk(16 * 1024, true).await {
         match kind[0] {
-            CONTROL_STREAM => {
+            CONTROL_STREAM | PAGE_STREAM => {
                 frames.push(&chunk.bytes);
                 while let Some(frame) = frames.next_frame().unwrap() {
                     if let Some(ServerFrame::Message(message)) = frame.into_server_frame().unwrap() {

@@ -2,7 +2,7 @@ use std::collections::BTreeMap;
 
 use lodestream_protocol::frame::FrameReader;
 use lodestream_protocol::message::{Close, CloseCode};
-use lodestream_protocol::stream::{ALPN, BLOB_STREAM, BlobStreamReader, CONTROL_STREAM};
+use lodestream_protocol::stream::{ALPN, BLOB_STREAM, BlobStreamReader, CONTROL_STREAM, PAGE_STREAM};
 use lodestream_scene::BlobPart;
 use quinn::crypto::rustls::QuicClientConfig;
 use quinn::{Connection, ConnectionError, RecvStream, SendStream};
@@ -126,7 +126,7 @@ pub(super) async fn read_stream(mut stream: RecvStream, arrivals: mpsc::Sender<A
         return;
     }
     match kind[0] {
-        CONTROL_STREAM => {
+        CONTROL_STREAM | PAGE_STREAM => {
             let mut frames = FrameReader::new();
             while let Ok(Some(chunk)) = stream.read_chunk(10_000, true).await {
                 frames.push(&chunk.bytes);

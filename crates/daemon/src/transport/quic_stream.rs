@@ -10,7 +10,7 @@ use bytes::{Buf as _, Bytes};
 use lodestream_protocol::frame::{FrameError, FrameReader};
 use lodestream_protocol::message::{ClientMessage, Close, CloseCode};
 use lodestream_protocol::server::Transmit;
-use lodestream_protocol::stream::{CONTROL_STREAM, blob_head, quic_priority};
+use lodestream_protocol::stream::{CONTROL_STREAM, PAGE_STREAM, blob_head, quic_priority};
 use lodestream_scene::BlobId;
 use lodestream_transport::quic::{self, READ_BYTES, close_of, next_frame, open_stream};
 use lodestream_transport::{Incoming as _, Received, Receiver, SendError, Sender};
@@ -133,6 +133,12 @@ enum Pending {
     Nothing,
     /// The rest of a control frame.
     Control(Bytes),
+    /// The rest of a scene page, with the stream's kind if the stream is not open yet.
+    Page {
+        priority: i32,
+        stream: Option<SendStream>,
+        bytes: Bytes,
+    },
     /// The rest of a piece, with the stream's head if the stream is not open yet.
     Piece {
         id: BlobId,
@@ -249,6 +255,12 @@ impl Sender for QuicSender {
 
     fn push(&mut self, transmit: Transmit) -> Result<usize, FrameError> {
         match transmit {
+            Transmit::Message { frame, page_priority: Some(priority), .. } => {
+                let bytes: Bytes = [&self.prefix[..], &[PAGE_STREAM], &frame].concat().into();
+                let length = bytes.len();
+                self.pending = Pending::Page { priority: quic_priority(priority), stream: None, bytes };
+                Ok(length)
+            }
             Transmit::Message { frame, .. } => {
                 let length = frame.len();
                 self.pending = Pending::Control(frame);
@@ -304,6 +316,16 @@ impl Sender for QuicSender {
                 {
                     return Err(SendError::Stopped(ClientMessage::PEER));
                 }
+            }
+            Pending::Page { priority, stream, bytes } => {
+                let stream = match stream {
+                    Some(stream) => stream,
+                    None => stream.insert(open_stream(&self.connection, *priority).await?),
+                };
+                if !write(stream, bytes).await? {
+                    return Err(SendError::Stopped(ClientMessage::PEER));
+                }
+                let _ = stream.finish();
             }
             Pending::Piece { id, priority, head, bytes, last } => {
                 if let Some(slot) = self.blobs.get_mut(id) {

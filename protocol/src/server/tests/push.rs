@@ -48,6 +48,27 @@ fn hello_with_another_view_reorders_what_was_not_sent() {
     assert!(told > last_base);
 }
 
+#[test]
+fn a_page_that_no_first_frame_waits_for_has_the_priority_of_a_stream() {
+    let scene = MemoryScene::new(24, 1, 2);
+    let mut server = session(&scene, ServerConfig::quic(None));
+    let mut hello = hello(&scene.header);
+    // The planes of the first two pages are in view, those of the third are behind the camera.
+    hello.view = Some(View::look_at([0.0, 0.5, -31.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0], 0.9, [640, 480]));
+    server.handle_message(Time::ZERO, ClientMessage::Hello(hello));
+    let page = |transmit: Transmit| match transmit {
+        Transmit::Message { message: ServerMessage::ScenePage(page), page_priority, .. } => {
+            Some((page.page, page_priority))
+        }
+        _ => None,
+    };
+    let mut pages: Vec<_> = drain(&mut server, Time::ZERO).into_iter().filter_map(page).collect();
+    pages.sort_unstable_by_key(|(number, _)| *number);
+    assert_eq!(pages[..2], [(0, None), (1, None)]);
+    let last = pages[2].1.expect("it would overtake base meshes");
+    assert!(pages.len() == 3 && last > 0 && !lodestream_select::priority::is_base(last), "{pages:?}");
+}
+
 fn chunks(transmits: &[Transmit]) -> Vec<BlobId> {
     begun(transmits).into_iter().filter(|id| matches!(id.part(), Some(BlobPart::Chunk(_)))).collect()
 }

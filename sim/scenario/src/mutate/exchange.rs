@@ -66,7 +66,7 @@ pub(super) fn stream(source: Arc<dyn SceneSource>, mut look: impl FnMut(&[u8])) 
         while let Some(transmit) = server.poll_transmit(now) {
             moved = true;
             match transmit {
-                Transmit::Message { message, frame } => {
+                Transmit::Message { message, frame, page_priority: _ } => {
                     look(&frame);
                     core.handle_frame(now, ServerFrame::Message(message));
                 }
