@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use glam::{DVec3, Vec3};
+use lodestream_geometry::pack::{BlobKind, Entry};
 use tempfile::TempDir;
 
 use super::batch_tests::{Glb, sheet, street};
@@ -33,17 +34,52 @@ fn packs_of_batches_are_no_larger_than_those_of_assets_with_instances() {
         let mesh = large.mesh(&sheet(16, f64::from(i)));
         large.node(mesh, [f64::from(i) * 2.0, 0.0, 0.0]);
     }
-    let inputs = [("copies", copies), ("different", street(|i| i as f64 / 50.0, 100)), ("large", large)];
+    let mut textured = street(|i| i as f64 / 50.0, 100);
+    let mut textured_copies = Glb::default();
+    let materials: Vec<usize> = (0..4).map(|seed| textured.textured(seed)).collect();
+    let of_copies: Vec<usize> = (0..4).map(|seed| textured_copies.textured(seed)).collect();
+    for mesh in 0..100 {
+        // Up to two repeats, from another corner of the texture each.
+        let uv = |p: &DVec3| [p.x as f32 * 2.0 + mesh as f32 / 100.0, p.y as f32];
+        textured.dress(mesh, materials[mesh % 4], sheet(4, 0.0).iter().map(uv));
+    }
+    for i in 0..120 {
+        // Each of four shapes stands in thirty places.
+        let corners = sheet(6, (i % 4) as f64);
+        let place = DVec3::new((i / 4) as f64 * 2.0, (i % 4) as f64 * 2.0, 0.0);
+        let mesh = textured_copies.mesh(&corners.iter().map(|&p| p + place).collect::<Vec<_>>());
+        textured_copies.dress(mesh, of_copies[i % 4], corners.iter().map(|p| [p.x as f32, p.y as f32]));
+        textured_copies.node(mesh, [0.0; 3]);
+    }
+    let inputs = [
+        ("copies", copies),
+        ("different", street(|i| i as f64 / 50.0, 100)),
+        ("large", large),
+        ("textured", textured),
+        ("textured copies", textured_copies),
+    ];
     for (name, glb) in inputs {
         let model = glb.write(&dir.path().join(format!("{name}.glb")));
         let bytes = |batching: &str| -> u64 {
             let settings =
                 PreparationSettings { batching: batching.parse().ok(), ..PreparationSettings::default() };
             let cached = prepared(&model, &dir.path().join(batching), settings);
-            // Copies share a pack.
+            // Copies share a pack, and textures are sent once.
             let packs: BTreeMap<_, _> =
-                cached.iter().map(|cached| (cached.pack.path(), cached.pack.total_bytes())).collect();
-            packs.values().sum()
+                cached.iter().map(|cached| (cached.pack.path(), &cached.pack)).collect();
+            let mut textures: BTreeMap<_, u64> = BTreeMap::new();
+            let mut geometry = 0;
+            for pack in packs.values() {
+                let bytes_of = |wanted: u16| -> u64 {
+                    let of = |entry: &&Entry| matches!(entry.kind, BlobKind::Texture { texture, .. } if texture == wanted);
+                    pack.entries().iter().filter(of).map(|entry| u64::from(entry.length)).sum()
+                };
+                let own: Vec<_> = pack.textures().into_iter().map(|(n, hash)| (hash, bytes_of(n))).collect();
+                geometry += pack.total_bytes() - own.iter().map(|(_, bytes)| bytes).sum::<u64>();
+                textures.extend(own);
+            }
+            assert_eq!(textures.len(), if name.starts_with("textured") { 4 } else { 0 });
+            geometry + textures.values().sum::<u64>()
         };
         let (auto, off) = (bytes("auto"), bytes("off"));
         assert!(auto <= off, "{name}: {auto} bytes in batches, {off} in assets");

@@ -14,7 +14,7 @@ use crate::preparation_settings::{Batching, PreparationSettings};
 use crate::prepare::{Options, keys_of, prepare_all};
 use crate::sources::Sources;
 
-/// A GLB under construction, of meshes without materials.
+/// A GLB under construction.
 #[derive(Default)]
 pub(super) struct Glb {
     bin: Vec<u8>,
@@ -22,6 +22,7 @@ pub(super) struct Glb {
     accessors: Vec<Value>,
     meshes: Vec<Value>,
     nodes: Vec<Value>,
+    images: Vec<Value>,
 }
 
 impl Glb {
@@ -42,6 +43,40 @@ impl Glb {
         self.meshes.len() - 1
     }
 
+    /// Adds a view of the bytes, and returns its number.
+    fn view(&mut self, bytes: &[u8]) -> usize {
+        self.bin.resize(self.bin.len().next_multiple_of(4), 0);
+        self.views.push(json!({"buffer": 0, "byteOffset": self.bin.len(), "byteLength": bytes.len()}));
+        self.bin.extend(bytes);
+        self.bin.resize(self.bin.len().next_multiple_of(4), 0);
+        self.views.len() - 1
+    }
+
+    /// Adds a material with a generated texture, and returns its number.
+    pub(super) fn textured(&mut self, seed: u32) -> usize {
+        let texel = |x: u32, y: u32| {
+            let weave = (x * (seed + 3) ^ y * (seed + 5)) as u8;
+            image::Rgb([weave, weave / 2 + 60, (40 * seed) as u8])
+        };
+        let mut file = std::io::Cursor::new(Vec::new());
+        image::RgbImage::from_fn(64, 64, texel).write_to(&mut file, image::ImageFormat::Png).unwrap();
+        let view = self.view(file.get_ref());
+        self.images.push(json!({"bufferView": view, "mimeType": "image/png"}));
+        self.images.len() - 1
+    }
+
+    /// Gives a mesh of [`Self::mesh`] texture coordinates and a material of [`Self::textured`].
+    pub(super) fn dress(&mut self, mesh: usize, material: usize, uvs: impl Iterator<Item = [f32; 2]>) {
+        let uvs: Vec<[f32; 2]> = uvs.collect();
+        let bytes: Vec<u8> = uvs.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect();
+        let view = self.view(&bytes);
+        self.accessors
+            .push(json!({"bufferView": view, "componentType": 5126, "type": "VEC2", "count": uvs.len()}));
+        let primitive = &mut self.meshes[mesh]["primitives"][0];
+        primitive["attributes"]["TEXCOORD_0"] = json!(self.accessors.len() - 1);
+        primitive["material"] = json!(material);
+    }
+
     pub(super) fn node(&mut self, mesh: usize, translation: [f64; 3]) {
         self.nodes.push(json!({"mesh": mesh, "translation": translation}));
     }
@@ -52,8 +87,12 @@ impl Glb {
     }
 
     fn write_with(&self, path: &Path, roots: &[usize]) -> PathBuf {
+        let textures: Vec<Value> = (0..self.images.len()).map(|source| json!({"source": source})).collect();
+        let material =
+            |texture: usize| json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": texture}}});
+        let materials: Vec<Value> = (0..self.images.len()).map(material).collect();
         let json = json!({
-            "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": roots}], "nodes": self.nodes,
+            "images": self.images, "textures": textures, "materials": materials, "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": roots}], "nodes": self.nodes,
             "meshes": self.meshes, "accessors": self.accessors, "bufferViews": self.views,
             "buffers": [{"byteLength": self.bin.len()}],
         });
