@@ -5,6 +5,7 @@
 //! MTL files are parsed by the crate `tobj`, behind a pass of our own that drops lines on which tobj 4 fails or panics,
 //! with a warning. OBJ files are parsed here (`obj/parse.rs` says why).
 
+mod content;
 mod error;
 #[cfg(test)]
 mod extremes;
@@ -25,6 +26,7 @@ pub mod texture;
 mod triangulate;
 mod weld;
 
+pub use content::Content;
 pub use error::ImportError;
 pub use file::{MAX_FILE_BYTES, is_gltf, is_ply, read_file};
 pub use import::{dependencies, import, import_part};

@@ -1,17 +1,17 @@
 //! A model file that is read once, for several imports of its parts.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-use bytes::Bytes;
-
+use crate::content::Content;
 use crate::error::ImportError;
 use crate::file::is_gltf;
 use crate::gltf::{self, Contents, CopyTolerance, Document, PartSize};
 use crate::import::{dependencies, import_part};
 use crate::model::{Imported, Part};
 
-/// A model file. A glTF file is parsed once and stays in memory; files of other formats have only one part, for which they
-/// are read.
+/// A model file. The JSON of a glTF file is parsed once and stays in memory, its buffers are read where they are needed.
+/// Files of other formats have only one part, for which they are read.
 #[derive(Debug)]
 pub struct ModelFile {
     path: PathBuf,
@@ -23,16 +23,18 @@ impl ModelFile {
     /// The model at a path with this content.
     ///
     /// # Errors
-    /// A glTF file that cannot be parsed.
-    pub fn parse(path: &Path, bytes: Bytes) -> Result<Self, ImportError> {
+    /// A file that cannot be read, a glTF file that cannot be parsed.
+    pub fn parse(path: &Path, content: Arc<dyn Content>) -> Result<Self, ImportError> {
         if !is_gltf(path) {
+            let bytes = content.read(0..content.length());
+            let bytes = bytes.map_err(|source| ImportError::Read { path: path.to_owned(), source })?;
             let dependencies = dependencies(path, &bytes);
             return Ok(Self { path: path.to_owned(), document: None, dependencies });
         }
-        if bytes.is_empty() {
+        if content.length() == 0 {
             return Err(ImportError::Empty { path: path.to_owned() });
         }
-        let document = Document::parse(path, bytes)?;
+        let document = Document::parse(path, content)?;
         let dependencies = document.dependencies();
         Ok(Self { path: path.to_owned(), document: Some(document), dependencies })
     }

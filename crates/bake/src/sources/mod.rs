@@ -1,6 +1,7 @@
 //! Model files as a scene and its packs are made from them: each is read and parsed once while it is among the last ones,
 //! and not at all if memos in a cache folder say what is needed of it.
 
+mod hashed_file;
 mod memo;
 
 use std::collections::{BTreeMap, VecDeque};
@@ -11,6 +12,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use lodestream_import::gltf::{CONTENTS_VERSION, Contents, CopyTolerance};
 use lodestream_import::{ImportError, ModelFile, is_gltf};
 
+use hashed_file::HashedFile;
 pub(crate) use memo::{FileState, Memo};
 
 /// A model file and the hashes of all that is read for it.
@@ -23,18 +25,18 @@ pub(crate) struct Source {
 }
 
 impl Source {
-    /// Reads a model file and hashes the files that it names.
+    /// Opens a model file and hashes it and the files that it names.
     ///
     /// # Errors
     /// A model file that cannot be read. Other files may be missing: the key then encodes that they are.
     pub(crate) fn read(path: &Path) -> Result<Self, ImportError> {
-        // A PLY file names no others and is never loaded whole. If it cannot be read, `read_file` returns the error.
+        // A PLY file names no others and is never loaded whole. If it cannot be read, opening it returns the error.
         if let Some(hash) = lodestream_import::is_ply(path).then(|| hash_file(path)).flatten() {
             return Ok(Self { model: ModelFile::alone(path), hash, dependencies: Vec::new() });
         }
-        let bytes = lodestream_import::read_file(path, lodestream_import::MAX_FILE_BYTES)?;
-        let hash = blake3::hash(&bytes);
-        let model = ModelFile::parse(path, bytes.into())?;
+        let file = HashedFile::open(path)?;
+        let hash = file.hash();
+        let model = ModelFile::parse(path, Arc::new(file))?;
         let dependencies = model.dependencies().iter().map(|file| hash_file(file)).collect();
         Ok(Self { model, hash, dependencies })
     }
@@ -47,8 +49,8 @@ impl Source {
     }
 }
 
-/// The model files of a scene. It is for one opening of a scene: what was read of a file is used although the file changes
-/// meanwhile.
+/// The model files of a scene. It is for one opening of a scene: a file that changes meanwhile is an error, unless another
+/// file takes its name.
 #[derive(Debug, Default)]
 pub struct Sources {
     /// Folder of memos.

@@ -1,32 +1,52 @@
-//! Accessors: the elements of vertex attributes and indices, read in place.
+//! Accessors: the elements of vertex attributes and indices.
 //!
-//! Only compressed views are decoded in advance, so memory is bounded by the file's bytes. An accessor is checked once,
+//! Of a buffer only what an accessor holds is read, when it is opened; compressed views are decoded whole, and kept. An accessor is checked once,
 //! when it is opened; reads rely on that.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use bytes::Bytes;
 use gltf::json::accessor::{ComponentType, Type};
 use gltf::json::validation::Checked;
 
 use super::compressed::{CompressedView, of_view};
-use super::container::Document;
+use super::container::{Buffer, Document};
 use crate::error::ImportError;
 use crate::file::MAX_FILE_BYTES;
 
 /// Most elements of an accessor without a buffer view, which are zeros and sparse values.
 const MAX_ZEROS: usize = 1 << 16;
 
-/// Buffers and decoded views of a file, each read once.
+/// Buffers, decoded views and images of a file. Each view is decoded and each image read once.
 pub(super) struct Buffers<'a> {
     document: &'a Document,
-    read: Vec<Option<Bytes>>,
+    opened: Vec<Option<Buffer>>,
+    /// Bytes of images, by view; `None` if images are not read.
+    images: Option<BTreeMap<usize, Bytes>>,
     /// Decoded views, by index.
     unpacked: BTreeMap<usize, Bytes>,
     /// Total length of the decoded views.
     unpacked_bytes: u64,
     /// Compressed bytes that were decoded, by buffer.
     decoded_bytes: Vec<u64>,
+}
+
+/// The bytes of a view.
+enum Stored {
+    /// Decoded.
+    Unpacked(Bytes),
+    /// A range within a buffer.
+    In { buffer: usize, range: Range<u64> },
+}
+
+impl Stored {
+    fn length(&self) -> u64 {
+        match self {
+            Self::Unpacked(bytes) => bytes.len() as u64,
+            Self::In { range, .. } => range.end - range.start,
+        }
+    }
 }
 
 /// The elements of one accessor.
@@ -47,61 +67,110 @@ impl<'a> Buffers<'a> {
         let buffers = document.root.buffers.len();
         Self {
             document,
-            read: vec![None; buffers],
+            opened: vec![None; buffers],
+            images: Some(BTreeMap::new()),
             unpacked: BTreeMap::new(),
             unpacked_bytes: 0,
             decoded_bytes: vec![0; buffers],
         }
     }
 
-    fn buffer(&mut self, index: usize) -> Result<Bytes, ImportError> {
-        if let Some(Some(bytes)) = self.read.get(index) {
+    /// Buffers whose images are empty: for those who need shapes only.
+    pub(super) fn without_images(document: &'a Document) -> Self {
+        Self { images: None, ..Self::new(document) }
+    }
+
+    fn buffer(&mut self, index: usize) -> Result<&Buffer, ImportError> {
+        if !matches!(self.opened.get(index), Some(Some(_))) {
+            let buffer = self.document.buffer(index)?;
+            self.opened[index] = Some(buffer);
+        }
+        // It was opened above.
+        self.opened[index]
+            .as_ref()
+            .ok_or_else(|| self.document.error(format!("buffers[{index}] is not open")))
+    }
+
+    /// The bytes of an image in a view.
+    pub(super) fn image(&mut self, view: usize) -> Result<Bytes, ImportError> {
+        if let Some(bytes) = self.images.as_ref().and_then(|images| images.get(&view)) {
             return Ok(bytes.clone());
         }
-        let bytes = self.document.buffer(index)?;
-        self.read[index] = Some(bytes.clone());
+        let stored = self.view(view)?.0;
+        if self.images.is_none() {
+            return Ok(Bytes::new());
+        }
+        let bytes = Bytes::copy_from_slice(&self.part(&stored, 0..stored.length())?);
+        self.images.as_mut().map(|images| images.insert(view, bytes.clone()));
         Ok(bytes)
     }
 
-    /// The bytes of a buffer view and its stride, if it has one.
-    pub(super) fn view(&mut self, index: usize) -> Result<(Bytes, Option<usize>), ImportError> {
+    /// A buffer view and its stride, if it has one.
+    fn view(&mut self, index: usize) -> Result<(Stored, Option<usize>), ImportError> {
         let error = |what: &str| self.document.error(format!("bufferViews[{index}] {what}"));
         let view = self.document.root.buffer_views.get(index).ok_or_else(|| error("does not exist"))?;
-        let stride = view.byte_stride.map(|stride| stride.0).filter(|&stride| stride > 0);
+        let stride = view.byte_stride;
         if let Some(compressed) = of_view(view).map_err(|why| error(&why.to_string()))? {
-            return Ok((self.unpacked(index, &compressed)?, stride));
+            return Ok((Stored::Unpacked(self.unpacked(index, &compressed)?), stride));
         }
-        let offset = view.byte_offset.unwrap_or_default().0;
-        Ok((self.range(index, view.buffer.value(), offset, view.byte_length.0)?, stride))
+        Ok((self.range(index, view.buffer.value(), view.byte_offset, view.byte_length)?, stride))
     }
 
     /// The bytes of a buffer view that the caller will decode; counts them against the limit.
     pub(super) fn compressed_view(&mut self, index: usize) -> Result<Bytes, ImportError> {
         let views = &self.document.root.buffer_views;
         let buffer = views.get(index).map_or(0, |view| view.buffer.value());
-        let (bytes, _) = self.view(index)?;
-        self.count(index, buffer, &bytes)?;
-        Ok(bytes)
+        let (stored, _) = self.view(index)?;
+        self.count(index, buffer, stored.length())?;
+        self.part(&stored, 0..stored.length())
     }
 
     /// A range of a buffer; errors name the view `index`.
-    fn range(&mut self, index: usize, buffer: usize, offset: u64, length: u64) -> Result<Bytes, ImportError> {
-        let bytes = self.buffer(buffer)?;
-        let end = offset.checked_add(length).filter(|&end| end <= bytes.len() as u64);
-        // No end above a length that fits `usize` fails to fit it.
+    fn range(
+        &mut self,
+        index: usize,
+        buffer: usize,
+        offset: u64,
+        length: u64,
+    ) -> Result<Stored, ImportError> {
+        let document = self.document;
+        let bytes = self.buffer(buffer)?.length();
+        let end = offset.checked_add(length).filter(|&end| end <= bytes);
         let end = end.ok_or_else(|| {
-            self.document
-                .error(format!("bufferViews[{index}] reaches beyond its buffer; the file is damaged"))
+            document.error(format!("bufferViews[{index}] reaches beyond its buffer; the file is damaged"))
         })?;
-        Ok(bytes.slice(offset as usize..end as usize))
+        Ok(Stored::In { buffer, range: offset..end })
+    }
+
+    /// A part of what is stored, which is not longer than that.
+    fn part(&mut self, stored: &Stored, part: Range<u64>) -> Result<Bytes, ImportError> {
+        match stored {
+            Stored::Unpacked(bytes) => Ok(bytes.slice(part.start as usize..part.end as usize)),
+            Stored::In { buffer, range } => {
+                self.buffer(*buffer)?.read(range.start + part.start..range.start + part.end)
+            }
+        }
+    }
+
+    /// The bytes of `count` elements of `size` bytes, `stride` apart; `None` if they exceed what is stored.
+    fn elements(
+        &mut self,
+        stored: &Stored,
+        offset: u64,
+        [count, stride, size]: [usize; 3],
+    ) -> Result<Option<Bytes>, ImportError> {
+        match elements(stored.length(), offset, count, stride, size) {
+            Some(range) => self.part(stored, range).map(Some),
+            None => Ok(None),
+        }
     }
 
     /// Counts compressed bytes against the length of their buffer: without this limit, overlapping views would decode the
     /// same bytes many times, each listed in a few bytes of JSON.
-    fn count(&mut self, index: usize, buffer: usize, bytes: &Bytes) -> Result<(), ImportError> {
-        let length = self.buffer(buffer)?.len() as u64;
+    fn count(&mut self, index: usize, buffer: usize, bytes: u64) -> Result<(), ImportError> {
+        let length = self.buffer(buffer)?.length();
         let decoded = &mut self.decoded_bytes[buffer];
-        *decoded += bytes.len() as u64;
+        *decoded += bytes;
         if *decoded > length {
             return Err(self.document.error(format!(
                 "bufferViews[{index}]: the compressed views of buffers[{buffer}] overlap: together they are longer than its length, \
@@ -116,8 +185,9 @@ impl<'a> Buffers<'a> {
         if let Some(bytes) = self.unpacked.get(&index) {
             return Ok(bytes.clone());
         }
-        let data = self.range(index, view.buffer, view.offset, view.length)?;
-        self.count(index, view.buffer, &data)?;
+        let stored = self.range(index, view.buffer, view.offset, view.length)?;
+        self.count(index, view.buffer, stored.length())?;
+        let data = self.part(&stored, 0..stored.length())?;
         let document = self.document;
         let error = |what: String| document.error(format!("bufferViews[{index}] {what}"));
         let bytes = view.unpacked_bytes().and_then(|bytes| bytes.checked_add(self.unpacked_bytes));
@@ -141,7 +211,7 @@ impl<'a> Buffers<'a> {
         let view = view.and_then(|view| root.buffer_views.get(view.value()));
         view.map_or(0, |view| match of_view(view) {
             Ok(Some(compressed)) => compressed.length,
-            _ => view.byte_length.0,
+            _ => view.byte_length,
         })
     }
 
@@ -158,17 +228,16 @@ impl<'a> Buffers<'a> {
         let document = self.document;
         let error = |what: String| document.error(format!("{place}: accessors[{index}] {what}"));
         let accessor = document.root.accessors.get(index).ok_or_else(|| error("does not exist".into()))?;
-        let (Checked::Valid(kind), Checked::Valid(shape)) = (accessor.component_type, accessor.type_) else {
+        let (Some(kind), Some(shape)) = (accessor.component_type, accessor.shape) else {
             return Err(error("has an unknown component type or shape".into()));
         };
         if !allowed.contains(&shape) {
             return Err(error(format!("has the shape {shape:?}; expected {allowed:?}")));
         }
-        let kind = kind.0;
         let components = shape.multiplicity();
         let size = components * kind.size();
-        let count = usize::try_from(accessor.count.0).ok().filter(|&n| n <= u32::MAX as usize);
-        let count = count.ok_or_else(|| error(format!("has {} elements; too many", accessor.count.0)))?;
+        let count = usize::try_from(accessor.count).ok().filter(|&n| n <= u32::MAX as usize);
+        let count = count.ok_or_else(|| error(format!("has {} elements; too many", accessor.count)))?;
         let dense = match &accessor.buffer_view {
             None if count > MAX_ZEROS => {
                 return Err(error(format!(
@@ -177,10 +246,9 @@ impl<'a> Buffers<'a> {
             }
             None => None,
             Some(view) => {
-                let (bytes, stride) = self.view(view.value())?;
+                let (stored, stride) = self.view(view.value())?;
                 let stride = stride.unwrap_or(size);
-                let offset = accessor.byte_offset.unwrap_or_default().0;
-                let bytes = elements(&bytes, offset, count, stride, size);
+                let bytes = self.elements(&stored, accessor.byte_offset, [count, stride, size])?;
                 Some((bytes.ok_or_else(|| error(beyond(count, stride)))?, stride))
             }
         };
@@ -193,9 +261,10 @@ impl<'a> Buffers<'a> {
                 let many = usize::try_from(sparse.count.0).ok().filter(|&many| many <= count);
                 let many = many.ok_or_else(|| error("has more sparse elements than elements".into()))?;
                 let index_kind = index_kind.0;
-                let bytes = self.view(sparse.indices.buffer_view.value())?.0;
+                let stored = self.view(sparse.indices.buffer_view.value())?.0;
                 let width = index_kind.size();
-                let bytes = elements(&bytes, sparse.indices.byte_offset.0, many, width, width);
+                let offset = sparse.indices.byte_offset.0;
+                let bytes = self.elements(&stored, offset, [many, width, width])?;
                 let bytes = bytes.ok_or_else(|| error(beyond(many, width)))?;
                 let indices: Vec<u32> =
                     (0..many).map(|i| component(&bytes[i * width..], index_kind) as u32).collect();
@@ -205,8 +274,8 @@ impl<'a> Buffers<'a> {
                         "has sparse indices that do not increase, or are beyond its length".into(),
                     ));
                 }
-                let bytes = self.view(sparse.values.buffer_view.value())?.0;
-                let bytes = elements(&bytes, sparse.values.byte_offset.0, many, size, size);
+                let stored = self.view(sparse.values.buffer_view.value())?.0;
+                let bytes = self.elements(&stored, sparse.values.byte_offset.0, [many, size, size])?;
                 (indices, bytes.ok_or_else(|| error(beyond(many, size)))?)
             }
         };
@@ -218,15 +287,14 @@ fn beyond(count: usize, stride: usize) -> String {
     format!("reaches beyond its bufferView with {count} elements {stride} bytes apart; the file is damaged")
 }
 
-/// The bytes of `count` elements of `size` bytes, `stride` apart; `None` if they exceed `bytes`.
-fn elements(bytes: &Bytes, offset: u64, count: usize, stride: usize, size: usize) -> Option<Bytes> {
+/// Where `count` elements of `size` bytes are, `stride` apart; `None` if they exceed `length`.
+fn elements(length: u64, offset: u64, count: usize, stride: usize, size: usize) -> Option<Range<u64>> {
     if count == 0 {
-        return Some(Bytes::new());
+        return Some(0..0);
     }
-    let length = (count - 1).checked_mul(stride)?.checked_add(size)?;
-    let start = usize::try_from(offset).ok()?;
-    let end = start.checked_add(length).filter(|&end| end <= bytes.len() && stride >= size)?;
-    Some(bytes.slice(start..end))
+    let bytes = (count - 1).checked_mul(stride)?.checked_add(size)?;
+    let end = offset.checked_add(bytes as u64).filter(|&end| end <= length && stride >= size)?;
+    Some(offset..end)
 }
 
 /// The component at the start of `bytes`.

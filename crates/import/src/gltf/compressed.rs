@@ -4,9 +4,9 @@
 //! If a file has an uncompressed fallback too, the compressed bytes are read: both must be equal, and the fallback buffer
 //! may be missing.
 
-use gltf::json;
 use serde::Deserialize;
 
+use super::root::View;
 use crate::meshopt::{self, Filter, MeshoptError, Mode};
 
 pub(super) const EXTENSIONS: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
@@ -51,10 +51,9 @@ pub(super) enum CompressionError {
 ///
 /// # Errors
 /// The extension's JSON is invalid.
-pub(super) fn of_view(view: &json::buffer::View) -> Result<Option<CompressedView>, CompressionError> {
-    let others = view.extensions.as_ref().map(|all| &all.others);
-    let found = EXTENSIONS.iter().find_map(|&name| Some((name, others?.get(name)?)));
-    let Some((extension, json)) = found else { return Ok(None) };
+pub(super) fn of_view(view: &View) -> Result<Option<CompressedView>, CompressionError> {
+    let Some((extension, json)) = view.compression.as_deref() else { return Ok(None) };
+    let extension = *extension;
     let compression =
         CompressionJson::deserialize(json).map_err(|why| CompressionError::Json { extension, why })?;
     let filter = match compression.filter.as_deref() {

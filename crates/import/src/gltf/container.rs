@@ -3,15 +3,17 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
+use std::ops::Range;
 use std::path::{Component, Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use bytes::Bytes;
 use gltf::json;
 
 use super::compressed;
+use super::root::Root;
+use crate::content::{Content, OpenFile};
 use crate::error::ImportError;
-use crate::file::{MAX_FILE_BYTES, read_file};
 
 /// The extension of meshes that are compressed with Draco.
 pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
@@ -42,13 +44,42 @@ const MAGIC: &[u8; 4] = b"glTF";
 const CHUNK_JSON: u32 = 0x4E4F_534A;
 const CHUNK_BIN: u32 = 0x004E_4942;
 
-/// A parsed model; buffers are read on demand, and kept.
+/// A parsed model. Of buffers in files, parts are read on demand; those in data URIs are kept.
 pub(crate) struct Document {
     pub(super) path: PathBuf,
-    pub(super) root: json::Root,
-    bin: Option<Bytes>,
-    /// Buffers that were read or decoded, by index.
-    read: Mutex<BTreeMap<usize, Bytes>>,
+    pub(super) root: Root,
+    bin: Option<Buffer>,
+    /// Buffers that were opened or decoded, by index.
+    opened: Mutex<BTreeMap<usize, Buffer>>,
+}
+
+/// The bytes of one buffer.
+#[derive(Clone, Debug)]
+pub(super) struct Buffer {
+    /// The file that they are in, for messages.
+    path: Arc<Path>,
+    content: Arc<dyn Content>,
+    /// Where they are in the content.
+    range: Range<u64>,
+}
+
+impl Buffer {
+    fn all_of(path: &Path, content: Arc<dyn Content>) -> Self {
+        Self { path: path.into(), range: 0..content.length(), content }
+    }
+
+    pub(super) fn length(&self) -> u64 {
+        self.range.end - self.range.start
+    }
+
+    /// The bytes of a range, which is not longer than the buffer.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub(super) fn read(&self, range: Range<u64>) -> Result<Bytes, ImportError> {
+        let read = self.content.read(self.range.start + range.start..self.range.start + range.end);
+        read.map_err(|source| ImportError::Read { path: self.path.to_path_buf(), source })
+    }
 }
 
 impl fmt::Debug for Document {
@@ -64,13 +95,17 @@ pub(super) enum Location {
 }
 
 impl Document {
-    /// Parses the bytes of the file at `path`.
+    /// Parses the file at `path`, of which a GLB's BIN chunk is not read.
     ///
     /// # Errors
-    /// A file that is not glTF 2.0, or requires extensions that are not supported.
-    pub(crate) fn parse(path: &Path, bytes: Bytes) -> Result<Self, ImportError> {
+    /// A file that cannot be read, is not glTF 2.0, or requires extensions that are not supported.
+    pub(crate) fn parse(path: &Path, content: Arc<dyn Content>) -> Result<Self, ImportError> {
         let error = |what: String| ImportError::gltf(path, what);
-        let (text, bin) = if bytes.starts_with(MAGIC) { split(path, &bytes)? } else { (bytes, None) };
+        let whole = Buffer::all_of(path, content);
+        let is_glb = whole.length() >= 4 && *whole.read(0..4)? == *MAGIC;
+        let (text, bin) = if is_glb { split(path, &whole)? } else { (0..whole.length(), None) };
+        let text = whole.read(text)?;
+        let bin = bin.map(|bin| Buffer { range: bin, ..whole });
         let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
         // The version first: other versions have other fields.
         let head: Head = json::deserialize::from_slice(text)
@@ -93,7 +128,7 @@ impl Document {
         }
         let root = json::deserialize::from_slice(text)
             .map_err(|e| error(format!("is not valid glTF 2.0: {e}; export it again")))?;
-        Ok(Self { path: path.to_owned(), root, bin, read: Mutex::default() })
+        Ok(Self { path: path.to_owned(), root, bin, opened: Mutex::default() })
     }
 
     pub(super) fn error(&self, what: impl Into<String>) -> ImportError {
@@ -108,34 +143,35 @@ impl Document {
     }
 
     /// The bytes of one buffer: at least as many as its `byteLength`.
-    pub(super) fn buffer(&self, index: usize) -> Result<Bytes, ImportError> {
+    pub(super) fn buffer(&self, index: usize) -> Result<Buffer, ImportError> {
         let Some(buffer) = self.root.buffers.get(index) else {
             return Err(self.error(format!("buffers[{index}] does not exist")));
         };
-        let mut read = self.read.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(bytes) = read.get(&index) {
+        let mut opened = self.opened.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(bytes) = opened.get(&index) {
             return Ok(bytes.clone());
         }
         let bytes = match &buffer.uri {
             Some(uri) => match self.locate(uri).map_err(|e| self.error(format!("buffers[{index}]: {e}")))? {
-                Location::Inline(bytes) => bytes,
-                Location::File(file) => read_file(&file, MAX_FILE_BYTES)?.into(),
+                Location::Inline(bytes) => Buffer::all_of(&self.path, Arc::new(bytes)),
+                Location::File(file) => Buffer::all_of(&file, Arc::new(OpenFile::new(&file)?)),
             },
-            None if index == 0 && self.bin.is_some() => self.bin.clone().unwrap_or_default(),
-            None => {
-                return Err(
-                    self.error(format!("buffers[{index}] has neither a uri nor the file's BIN chunk"))
-                );
-            }
+            None => match self.bin.as_ref().filter(|_| index == 0) {
+                Some(bin) => bin.clone(),
+                None => {
+                    let what = format!("buffers[{index}] has neither a uri nor the file's BIN chunk");
+                    return Err(self.error(what));
+                }
+            },
         };
-        if (bytes.len() as u64) < buffer.byte_length.0 {
+        if bytes.length() < buffer.byte_length.0 {
             return Err(self.error(format!(
                 "buffers[{index}] states {} bytes but has {}; the file is truncated",
                 buffer.byte_length.0,
-                bytes.len()
+                bytes.length()
             )));
         }
-        read.insert(index, bytes.clone());
+        opened.insert(index, bytes.clone());
         Ok(bytes)
     }
 
@@ -174,25 +210,33 @@ struct HeadAsset {
     version: String,
 }
 
-/// The JSON chunk of a GLB, and its BIN chunk if there is one (glTF 2.0 specification, §4.4).
-fn split(path: &Path, bytes: &Bytes) -> Result<(Bytes, Option<Bytes>), ImportError> {
+/// Where the JSON chunk of a GLB is, and its BIN chunk if there is one (glTF 2.0 specification, §4.4).
+fn split(path: &Path, file: &Buffer) -> Result<(Range<u64>, Option<Range<u64>>), ImportError> {
     let error = |what: String| ImportError::gltf(path, what);
-    let word =
-        |at: usize| -> Option<u32> { Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?)) };
     let cut = || error("ends within its header or a chunk; the file is truncated".to_owned());
-    let (version, length) = (word(4).ok_or_else(cut)?, word(8).ok_or_else(cut)? as usize);
+    // Two numbers of 4 bytes.
+    let pair = |at: u64| {
+        if at + 8 > file.length() {
+            return Err(cut());
+        }
+        let bytes = file.read(at..at + 8)?;
+        let word = |at: usize| bytes.get(at..)?.first_chunk().map(|word| u32::from_le_bytes(*word));
+        word(0).zip(word(4)).ok_or_else(cut)
+    };
+    let (version, length) = pair(4)?;
+    let length = u64::from(length);
     if version != 2 {
         return Err(error(format!("is GLB version {version}; only version 2 is read")));
     }
-    if length > bytes.len() {
+    if length > file.length() {
         return Err(cut());
     }
     let mut chunks = Vec::new();
     let mut at = 12;
     while at < length && chunks.len() < 2 {
-        let (size, kind) = (word(at).ok_or_else(cut)? as usize, word(at + 4).ok_or_else(cut)?);
-        let end = (at + 8).checked_add(size).filter(|&end| end <= length).ok_or_else(cut)?;
-        chunks.push((kind, bytes.slice(at + 8..end)));
+        let (size, kind) = pair(at)?;
+        let end = Some(at + 8 + u64::from(size)).filter(|&end| end <= length).ok_or_else(cut)?;
+        chunks.push((kind, at + 8..end));
         at = end.next_multiple_of(4);
     }
     match &chunks[..] {

@@ -5,17 +5,16 @@
 //! Meshes that state other numbers of corners or other materials are not read. The others are compared by their faces and
 //! by lengths that a similarity leaves in proportion, and only where these agree is a similarity fitted.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 
 use glam::{DMat3, DMat4, DQuat, DVec3};
-use gltf::json;
-use gltf::json::mesh::Semantic;
-use gltf::json::validation::Checked;
+use gltf::json::mesh::{Mode, Semantic};
 use lodestream_geometry::mesh::{Corner, SourceMesh};
 
-use super::container::{DRACO, Document};
+use super::container::Document;
 use super::mesh::Builder;
+use super::root::{Mesh, Primitive};
 use super::similarity::{centroid, fit, largest_distance};
 use crate::error::ImportError;
 
@@ -59,22 +58,21 @@ pub(super) fn of_meshes(
     tolerance: CopyTolerance,
 ) -> BTreeMap<usize, (usize, DMat4)> {
     let mut copies = BTreeMap::new();
-    let mut identical: BTreeMap<String, usize> = BTreeMap::new();
+    let mut identical: HashMap<&[Primitive], usize> = HashMap::new();
     let mut groups: BTreeMap<Stated, Vec<usize>> = BTreeMap::new();
     for &number in placed {
         let Some(mesh) = document.root.meshes.get(number) else { continue };
-        let Ok(text) = json::serialize::to_string(&mesh.primitives) else { continue };
-        if let Some(&original) = identical.get(&text) {
+        if let Some(&original) = identical.get(&*mesh.primitives) {
             copies.insert(number, (original, DMat4::IDENTITY));
             continue;
         }
-        identical.insert(text, number);
+        identical.insert(&mesh.primitives, number);
         if let Some(stated) = stated(document, mesh) {
             groups.entry(stated).or_default().push(number);
         }
     }
     let mut finder = Finder {
-        builder: Builder::new(document),
+        builder: Builder::of_shapes(document),
         tolerance,
         corners: document.root.buffers.iter().map(|buffer| buffer.byte_length.0).sum::<u64>(),
     };
@@ -91,18 +89,14 @@ pub(super) fn of_meshes(
 }
 
 /// `None` for meshes that are not read: those with Draco streams, which take long to decode.
-fn stated(document: &Document, mesh: &json::Mesh) -> Option<Stated> {
-    let of_primitive = |primitive: &json::mesh::Primitive| {
-        let extensions = primitive.extensions.as_ref();
-        if extensions.is_some_and(|extensions| extensions.others.contains_key(DRACO)) {
+fn stated(document: &Document, mesh: &Mesh) -> Option<Stated> {
+    let of_primitive = |primitive: &Primitive| {
+        if primitive.draco.is_some() {
             return None;
         }
-        let positions = primitive.attributes.get(&Checked::Valid(Semantic::Positions))?;
-        let corners = document.root.accessors.get(primitive.indices.unwrap_or(*positions).value())?.count.0;
-        let mode = match primitive.mode {
-            Checked::Valid(mode) => Some(mode.as_gl_enum()),
-            Checked::Invalid => None,
-        };
+        let positions = primitive.attribute(&Semantic::Positions)?;
+        let corners = document.root.accessors.get(primitive.indices.unwrap_or(positions).value())?.count;
+        let mode = primitive.mode().map(Mode::as_gl_enum);
         Some((mode, primitive.material.map(|material| material.value()), corners))
     };
     mesh.primitives.iter().map(of_primitive).collect()

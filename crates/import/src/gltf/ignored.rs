@@ -17,9 +17,9 @@ impl Ignored {
         let mut ignored = Self::default();
         let root = &document.root;
         for (what, count) in [
-            ("animations", root.animations.len()),
-            ("skins", root.skins.len()),
-            ("cameras", root.cameras.len()),
+            ("animations", root.animations),
+            ("skins", root.skins),
+            ("cameras", root.cameras),
             ("directional lights (set [light] in the scene file instead)", lights::directional(document)),
         ] {
             if count > 0 {

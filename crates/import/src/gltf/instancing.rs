@@ -3,12 +3,12 @@
 use std::collections::BTreeMap;
 
 use glam::{DMat4, DQuat, DVec3};
-use gltf::json;
 use gltf::json::accessor::Type;
 use serde::Deserialize;
 
 use super::accessor::Buffers;
 use super::container::Document;
+use super::root::Node;
 use crate::error::ImportError;
 
 const EXTENSION: &str = "EXT_mesh_gpu_instancing";
@@ -29,10 +29,10 @@ struct InstancingJson {
 pub(super) fn of_node(
     document: &Document,
     buffers: &mut Buffers<'_>,
-    node: &json::Node,
+    node: &Node,
     index: usize,
 ) -> Result<Option<Vec<DMat4>>, ImportError> {
-    let json = node.extensions.as_ref().and_then(|all| all.others.get(EXTENSION));
+    let json = node.extension(EXTENSION);
     let Some(json) = json else { return Ok(None) };
     let place = format!("nodes[{index}].extensions.{EXTENSION}");
     let error = |what: String| document.error(format!("{place}: {what}"));

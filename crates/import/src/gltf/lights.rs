@@ -3,12 +3,12 @@
 //! A light has its node's position and shines along the node's −z. The node's scale changes only the position.
 
 use glam::{DMat3, DMat4, DVec3};
-use gltf::json;
 use lodestream_scene::punctual_lights::{INTENSITIES, MAX_COORDINATE, PunctualLight, RANGES, Spot};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
 use super::container::Document;
+use super::root::Node;
 use crate::error::ImportError;
 
 const EXTENSION: &str = "KHR_lights_punctual";
@@ -60,8 +60,8 @@ fn one() -> f32 {
 ///
 /// # Errors
 /// The end of a message: the reference is not a number.
-pub(super) fn of_node(node: &json::Node) -> Result<Option<usize>, &'static str> {
-    let Some(extension) = node.extensions.as_ref().and_then(|all| all.others.get(EXTENSION)) else {
+pub(super) fn of_node(node: &Node) -> Result<Option<usize>, &'static str> {
+    let Some(extension) = node.extension(EXTENSION) else {
         return Ok(None);
     };
     let number = extension.get("light").and_then(Value::as_u64).and_then(|light| usize::try_from(light).ok());

@@ -181,7 +181,7 @@ fn find_image(document: &Document, texture: usize, buffers: &mut Buffers<'_>) ->
         label.into()
     };
     let bytes = match (&image.buffer_view, &image.uri) {
-        (Some(view), _) => buffers.view(view.value()).map_err(|e| e.to_string())?.0,
+        (Some(view), _) => buffers.image(view.value()).map_err(|e| e.to_string())?,
         (None, Some(uri)) => match document.locate(uri).map_err(|e| format!("images[{source}]: {e}"))? {
             Location::File(path) => return Ok(ImageSource { path, bytes: None }),
             Location::Inline(bytes) => bytes,

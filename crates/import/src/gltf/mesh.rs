@@ -3,7 +3,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{DMat3, DMat4, DVec3};
-use gltf::json;
 use gltf::json::accessor::Type;
 use gltf::json::mesh::{Mode, Semantic};
 use gltf::json::validation::Checked;
@@ -14,6 +13,7 @@ use super::container::Document;
 use super::draco::{Compressed, Streams};
 use super::ignored::Ignored;
 use super::material::{Converted, convert};
+use super::root::Primitive;
 use crate::error::ImportError;
 use crate::model::Imported;
 use crate::srgb::linear_to_srgb;
@@ -48,9 +48,18 @@ struct Attributes {
 
 impl<'a> Builder<'a> {
     pub(super) fn new(document: &'a Document) -> Self {
+        Self::with(document, Buffers::new(document))
+    }
+
+    /// For shapes only: images of materials are not read.
+    pub(super) fn of_shapes(document: &'a Document) -> Self {
+        Self::with(document, Buffers::without_images(document))
+    }
+
+    fn with(document: &'a Document, buffers: Buffers<'a>) -> Self {
         Self {
             document,
-            buffers: Buffers::new(document),
+            buffers,
             streams: Streams::default(),
             mesh: SourceMesh::default(),
             materials: Vec::new(),
@@ -99,20 +108,20 @@ impl<'a> Builder<'a> {
 
     fn primitive(
         &mut self,
-        primitive: &json::mesh::Primitive,
+        primitive: &Primitive,
         place: &str,
         transform: &DMat4,
     ) -> Result<(), ImportError> {
         let document = self.document;
-        let mode = match primitive.mode {
-            Checked::Valid(mode @ (Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan)) => mode,
-            Checked::Valid(_) => {
+        let mode = match primitive.mode() {
+            Some(mode @ (Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan)) => mode,
+            Some(_) => {
                 self.ignored.note("points and lines");
                 return Ok(());
             }
-            Checked::Invalid => return Err(document.error(format!("{place}.mode is unknown"))),
+            None => return Err(document.error(format!("{place}.mode is unknown"))),
         };
-        if primitive.targets.as_ref().is_some_and(|targets| !targets.is_empty()) {
+        if primitive.has_targets {
             self.ignored.note("morph targets");
         }
         let material = self.material(primitive.material.map(|m| m.value()))?;
@@ -187,7 +196,7 @@ impl<'a> Builder<'a> {
     /// glTF allows and which draws nothing.
     fn attributes(
         &mut self,
-        primitive: &json::mesh::Primitive,
+        primitive: &Primitive,
         compressed: Option<&Compressed>,
         place: &str,
         material: u16,
@@ -238,7 +247,7 @@ impl<'a> Builder<'a> {
     /// The primitive's indices, all below `vertices`.
     fn indices(
         &mut self,
-        primitive: &json::mesh::Primitive,
+        primitive: &Primitive,
         compressed: Option<&Compressed>,
         place: &str,
         vertices: usize,

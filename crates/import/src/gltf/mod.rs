@@ -24,6 +24,7 @@ mod material;
 mod mesh;
 mod nodes;
 mod part_names;
+mod root;
 mod similarity;
 mod sizes;
 #[cfg(test)]
@@ -36,8 +37,8 @@ use std::sync::Arc;
 use bytes::Bytes;
 use glam::{DMat3, DMat4, DQuat, DVec3};
 
+use crate::content::{Content as _, OpenFile};
 use crate::error::ImportError;
-use crate::file::{MAX_FILE_BYTES, read_file};
 use crate::model::{Imported, Part};
 pub(crate) use container::Document;
 use container::Location;
@@ -89,11 +90,11 @@ pub struct Contents {
 }
 
 fn open(path: &Path) -> Result<Document, ImportError> {
-    let bytes = read_file(path, MAX_FILE_BYTES)?;
-    if bytes.is_empty() {
+    let content = OpenFile::new(path)?;
+    if content.length() == 0 {
         return Err(ImportError::Empty { path: path.to_owned() });
     }
-    Document::parse(path, Bytes::from(bytes))
+    Document::parse(path, Arc::new(content))
 }
 
 /// Imports a file, or one mesh of it.
@@ -247,7 +248,7 @@ fn similar(mesh: usize, to_scene: &DMat4) -> (Part, Placement) {
 
 /// The files that are read beside a glTF file of the given content.
 pub(super) fn dependencies(path: &Path, bytes: &[u8]) -> Vec<PathBuf> {
-    Document::parse(path, Bytes::copy_from_slice(bytes))
+    Document::parse(path, Arc::new(Bytes::copy_from_slice(bytes)))
         .map(|document| document.dependencies())
         .unwrap_or_default()
 }

@@ -1,13 +1,13 @@
 //! Flattening of the node hierarchy: each mesh and light with its transformation to the scene, in f64.
 
 use glam::{DMat4, DQuat, DVec3};
-use gltf::json;
 
 use super::accessor::Buffers;
 use super::container::Document;
 use super::instancing;
 use super::lights::{self, PlacedLight};
 use super::part_names::Nodes;
+use super::root::Node;
 use crate::error::ImportError;
 
 /// A mesh of the file with its transformation.
@@ -76,20 +76,20 @@ pub(super) fn placed(document: &Document) -> Result<SceneContents, ImportError> 
         if let Some(light) = lights::of_node(node).map_err(error)? {
             placed.lights.push(PlacedLight { node: index, light, to_scene });
         }
-        let children = node.children.iter().flatten().rev();
+        let children = node.children.iter().rev();
         waiting.extend(children.map(|child| (child.value(), to_scene, named)));
     }
     Ok(placed)
 }
 
-fn local(node: &json::Node) -> DMat4 {
-    if let Some(matrix) = node.matrix {
+fn local(node: &Node) -> DMat4 {
+    if let Some(matrix) = &node.matrix {
         return DMat4::from_cols_array(&matrix.map(f64::from));
     }
     let vector = |v: Option<[f32; 3]>, default: f64| {
         v.map_or(DVec3::splat(default), |v| DVec3::from_array(v.map(f64::from)))
     };
-    let rotation = node.rotation.unwrap_or_default().0.map(f64::from);
+    let rotation = node.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]).map(f64::from);
     let rotation = DQuat::from_array(rotation);
     // Normalised, since files round quaternions; a zero quaternion counts as the identity.
     let rotation = if rotation.length_squared() > 0.0 { rotation.normalize() } else { DQuat::IDENTITY };

@@ -3,7 +3,6 @@
 //! A node keeps its name and its nearest ancestor with a name. Paths are built when they are asked for, from the node
 //! upwards until they are long enough: a chain of thousands of nodes costs no more than its names.
 
-use gltf::json;
 use lodestream_scene::parts::{MAX_EXTRAS_BYTES, MAX_NAME_BYTES, MAX_PATH_BYTES, PartInfo};
 use serde::Deserialize;
 use serde::de::{MapAccess, Visitor};
@@ -11,6 +10,7 @@ use serde_json::value::RawValue;
 
 use super::byte_values::{Rest, put_list, put_option, put_text};
 use super::container::Document;
+use super::root;
 
 /// Stands for what is left out of a name or path.
 const ELLIPSIS: &str = "…";
@@ -38,7 +38,7 @@ impl Nodes {
     }
 
     /// Adds a node, given its nearest ancestor that has a name; returns that of its children.
-    pub(super) fn add(&mut self, index: usize, node: &json::Node, above: Option<u32>) -> Option<u32> {
+    pub(super) fn add(&mut self, index: usize, node: &root::Node, above: Option<u32>) -> Option<u32> {
         let name = node.name.as_deref().unwrap_or_default();
         // Only nodes with meshes are asked for their extras.
         let extras = node.mesh.and_then(|_| compact(node.extras.as_deref(), &mut self.shortened));
@@ -207,9 +207,9 @@ impl<'de> Deserialize<'de> for Entries {
 mod tests {
     use super::*;
 
-    fn node(name: &str, mesh: bool, extras: Option<&str>) -> json::Node {
+    fn node(name: &str, mesh: bool, extras: Option<&str>) -> root::Node {
         let json = serde_json::json!({"name": name, "mesh": mesh.then_some(0)});
-        let mut node: json::Node = serde_json::from_value(json).unwrap();
+        let mut node: root::Node = serde_json::from_value(json).unwrap();
         node.extras = extras.map(|text| RawValue::from_string(text.into()).unwrap());
         node
     }

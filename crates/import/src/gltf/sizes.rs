@@ -1,14 +1,14 @@
 //! Sizes of meshes as a file states them, without reading vertices: what decides which meshes are gathered into batches.
 
-use gltf::json;
 use gltf::json::material::AlphaMode;
-use gltf::json::mesh::{Mode, Primitive, Semantic};
+use gltf::json::mesh::{Mode, Semantic};
 use gltf::json::validation::Checked;
 
 use gltf::json::accessor::Type;
 
 use super::accessor::Buffers;
 use super::container::Document;
+use super::root::{Mesh, Primitive};
 
 /// Most primitives of a mesh in a batch, since a batch has a limited number of materials.
 const MAX_PRIMITIVES: usize = 4;
@@ -51,9 +51,9 @@ pub(super) fn of_part(document: &Document, meshes: impl Iterator<Item = usize>) 
 
 /// Corners of a primitive, as its indices or vertices say.
 fn corners(document: &Document, primitive: &Primitive) -> Option<usize> {
-    let positions = *primitive.attributes.get(&Checked::Valid(Semantic::Positions))?;
+    let positions = primitive.attribute(&Semantic::Positions)?;
     let accessor = document.root.accessors.get(primitive.indices.unwrap_or(positions).value())?;
-    usize::try_from(accessor.count.0).ok()
+    usize::try_from(accessor.count).ok()
 }
 
 /// The least and largest of two ranges of texture coordinates.
@@ -67,7 +67,7 @@ pub fn join_uvs(one: Option<[[f64; 2]; 2]>, other: Option<[[f64; 2]; 2]>) -> Opt
 /// drawn by distance, and whose texture coordinates need a grid of their own: beyond 8 repeats, transformed, compressed.
 pub(super) fn of_meshes(document: &Document) -> Vec<Option<MeshSize>> {
     let mut buffers = Buffers::new(document);
-    let mut size = |mesh: &json::Mesh| {
+    let mut size = |mesh: &Mesh| {
         let parts: Option<Vec<MeshSize>> =
             mesh.primitives.iter().map(|primitive| of_primitive(document, &mut buffers, primitive)).collect();
         parts.filter(|parts| parts.len() <= MAX_PRIMITIVES)?.into_iter().reduce(|one, other| MeshSize {
@@ -81,7 +81,7 @@ pub(super) fn of_meshes(document: &Document) -> Vec<Option<MeshSize>> {
 }
 
 fn of_primitive(document: &Document, buffers: &mut Buffers<'_>, primitive: &Primitive) -> Option<MeshSize> {
-    if !matches!(primitive.mode, Checked::Valid(Mode::Triangles)) {
+    if primitive.mode() != Some(Mode::Triangles) {
         return None;
     }
     let uvs = match lookup(document, primitive)? {
@@ -89,17 +89,13 @@ fn of_primitive(document: &Document, buffers: &mut Buffers<'_>, primitive: &Prim
         Lookup::Set(set) => Some(uv_range(document, buffers, primitive, set)?),
     };
     let accessor = |index: usize| document.root.accessors.get(index);
-    let positions = accessor(primitive.attributes.get(&Checked::Valid(Semantic::Positions))?.value())?;
+    let positions = accessor(primitive.attribute(&Semantic::Positions)?.value())?;
     if positions.normalized {
         return None;
     }
-    let point = |value: &Option<json::Value>| {
-        let numbers = value.as_ref()?.as_array()?;
-        let [x, y, z] = [0, 1, 2].map(|axis| numbers.get(axis).and_then(json::Value::as_f64));
-        Some([x?, y?, z?]).filter(|point| point.iter().all(|number| number.is_finite()))
-    };
     let faces = corners(document, primitive)? / 3;
-    Some(MeshSize { faces, low: point(&positions.min)?, high: point(&positions.max)?, uvs })
+    let [low, high] = *positions.bounds.as_deref()?;
+    Some(MeshSize { faces, low, high, uvs })
 }
 
 /// How the textures of a material are looked up.
@@ -147,7 +143,7 @@ fn uv_range(
     primitive: &Primitive,
     set: u32,
 ) -> Option<[[f64; 2]; 2]> {
-    let index = primitive.attributes.get(&Checked::Valid(Semantic::TexCoords(set)))?.value();
+    let index = primitive.attribute(&Semantic::TexCoords(set))?.value();
     // A compressed accessor has no view.
     document.root.accessors.get(index)?.buffer_view?;
     let elements = buffers.open(index, "texture coordinates", &[Type::Vec2]).ok()?;

@@ -11,14 +11,13 @@ mod stream;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-use gltf::json;
 use gltf::json::accessor::Type;
 use gltf::json::mesh::Semantic;
-use gltf::json::validation::Checked;
 use serde::Deserialize;
 
 use super::accessor::{Buffers, Elements};
 use super::container::{DRACO, Document};
+use super::root::Primitive;
 use crate::error::ImportError;
 
 use mesh::DracoMesh;
@@ -52,14 +51,13 @@ impl Streams {
         &mut self,
         document: &Document,
         buffers: &mut Buffers<'_>,
-        primitive: &json::mesh::Primitive,
+        primitive: &Primitive,
         place: &str,
     ) -> Result<Option<Compressed>, ImportError> {
-        let others = primitive.extensions.as_ref().map(|all| &all.others);
-        let Some(json) = others.and_then(|all| all.get(DRACO)) else { return Ok(None) };
+        let Some(json) = primitive.draco.as_deref() else { return Ok(None) };
         let error = |what: String| document.error(format!("{place}: {what}"));
         let accessor = |index: usize| document.root.accessors.get(index);
-        let positions = primitive.attributes.get(&Checked::Valid(Semantic::Positions));
+        let positions = primitive.attribute(&Semantic::Positions);
         let positions = positions.and_then(|index| accessor(index.value()));
         // An accessor of positions with a buffer view is the fallback; without positions nothing is drawn.
         if positions.is_none_or(|positions| positions.buffer_view.is_some()) {
@@ -74,8 +72,8 @@ impl Streams {
                 let bytes = buffers.compressed_view(view)?;
                 let indices = primitive.indices.and_then(|index| accessor(index.value()));
                 let stated = StatedCounts {
-                    points: positions.map_or(0, |positions| positions.count.0),
-                    triangles: indices.map_or(u64::MAX, |indices| indices.count.0 / 3),
+                    points: positions.map_or(0, |positions| positions.count),
+                    triangles: indices.map_or(u64::MAX, |indices| indices.count / 3),
                 };
                 let stream = decode(&bytes, stated).map_err(|what| {
                     error(format!("bufferViews[{view}] does not decode as Draco: {what}; export it again"))
@@ -122,9 +120,9 @@ impl Compressed {
         let attribute = self.stream.attributes.get(number).ok_or_else(|| {
             error(format!("attribute {number} is not in the Draco stream, or has a type that glTF lacks"))
         })?;
-        let shape = allowed.iter().find(|shape| {
-            shape.multiplicity() == attribute.components && accessor.type_ == Checked::Valid(**shape)
-        });
+        let shape = allowed
+            .iter()
+            .find(|shape| shape.multiplicity() == attribute.components && accessor.shape == Some(**shape));
         if shape.is_none() {
             let components = attribute.components;
             return Err(error(format!(
@@ -133,7 +131,7 @@ impl Compressed {
             )));
         }
         // The accessor states whether values are normalised, unless its component type differs.
-        let same = matches!(accessor.component_type, Checked::Valid(kind) if kind.0 == attribute.kind);
+        let same = accessor.component_type == Some(attribute.kind);
         let normalised = if same { accessor.normalized } else { attribute.normalised };
         let (bytes, points) = (attribute.bytes.clone(), self.stream.points);
         Ok(Some(Elements::packed(bytes, points, attribute.components, attribute.kind, normalised)))
