@@ -67,14 +67,19 @@ pub(super) fn read(
 /// Writes a memo about the model at `path`. Does nothing if that fails: it is only lost time.
 pub(super) fn write(folder: &Path, path: &Path, about: &[u8], memo: &Memo) {
     let key = key(path, about, memo.state.hash);
-    let Some(rest) = encode(path, memo).filter(|rest| rest.len() as u64 <= MAX_BYTES - 64) else { return };
-    let sum = blake3::hash(&rest);
+    let Some(named) = encode_named(path, &memo.state) else { return };
+    if (named.len() + memo.contents.len()) as u64 > MAX_BYTES - 64 {
+        return;
+    }
+    // Not joined: what was found may be long.
+    let sum = blake3::Hasher::new().update(&named).update(&memo.contents).finalize();
     let write = || {
         std::fs::create_dir_all(folder)?;
         write_atomically(&place(folder, path, key), |out| {
             out.write_all(key.as_bytes())?;
             out.write_all(sum.as_bytes())?;
-            out.write_all(&rest)
+            out.write_all(&named)?;
+            out.write_all(&memo.contents)
         })
     };
     drop(write());
@@ -95,18 +100,17 @@ fn place(folder: &Path, path: &Path, key: Hash) -> PathBuf {
     folder.join(format!("{name}-{}.memo", &key.to_hex()[..32]))
 }
 
-/// `None` for names that are no text, or not below the model's folder.
-fn encode(path: &Path, memo: &Memo) -> Option<Vec<u8>> {
+/// The files that a model names, as a memo has them; `None` for names that are no text, or not below the model's folder.
+fn encode_named(path: &Path, state: &FileState) -> Option<Vec<u8>> {
     let folder = path.parent().unwrap_or(Path::new(""));
-    let mut out = u32::try_from(memo.state.named.len()).ok()?.to_le_bytes().to_vec();
-    for (file, hash) in &memo.state.named {
+    let mut out = u32::try_from(state.named.len()).ok()?.to_le_bytes().to_vec();
+    for (file, hash) in &state.named {
         let name = file.strip_prefix(folder).ok()?.to_str()?;
         out.extend(u32::try_from(name.len()).ok()?.to_le_bytes());
         out.extend(name.as_bytes());
         out.push(u8::from(hash.is_some()));
         out.extend(hash.iter().flat_map(|hash| hash.as_bytes()));
     }
-    out.extend(&memo.contents);
     Some(out)
 }
 

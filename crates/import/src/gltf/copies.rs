@@ -38,7 +38,10 @@ impl CopyTolerance {
 
 /// Most originals whose proportions are compared with a mesh's.
 const MAX_NEAR: usize = 64;
-/// Most originals that are read again and fitted to a mesh.
+/// Largest difference of proportions of a copy, in shares of the radius by which a vertex may be off, times one more than the
+/// proportion: a length is off by two of them at most and the radius by one, so a proportion `p` by `2 + p`.
+const SLACK: f64 = 2.5;
+/// Most originals that are fitted to a mesh.
 const MAX_FITS: usize = 4;
 /// Most corners read for each byte of the file's buffers, which bounds the work for meshes that share their bytes. Two are
 /// usual, and some ten if the bytes are compressed.
@@ -121,10 +124,11 @@ impl Finder<'_> {
     fn compare(&mut self, group: &[usize], copies: &mut BTreeMap<usize, (usize, DMat4)>) {
         // By faces, then by the first proportion, whose bits have its order as it is positive.
         let mut originals: BTreeMap<([u64; 2], u64, usize), Original> = BTreeMap::new();
+        let mut kept = Kept::default();
         for &number in group {
             let Some(mesh) = self.read(number) else { continue };
             let Some(shape) = Shape::of(&mesh) else { continue };
-            let slack = 8.0 * self.tolerance.length(shape.extent) / shape.radius;
+            let slack = SLACK * self.tolerance.length(shape.extent) / shape.radius;
             let faces = faces_key(&mesh);
             let [first, ..] = shape.proportions;
             let low = (first - slack * (1.0 + first)).max(0.0);
@@ -140,17 +144,30 @@ impl Finder<'_> {
                 .collect();
             similar.sort_unstable();
             let found = similar.into_iter().take(MAX_FITS).find_map(|original| {
-                let read = self.read(original)?;
-                Some((original, copy_of(&read, &mesh, self.tolerance.length(shape.extent))?))
+                let read = self.original(original, &mut kept)?;
+                Some((original, copy_of(read, &mesh, self.tolerance.length(shape.extent))?))
             });
             match found {
                 Some(copy) => drop(copies.insert(number, copy)),
                 None => {
                     let original = Original { mesh: number, proportions: shape.proportions };
                     originals.insert((faces, first.to_bits(), number), original);
+                    kept.add(number, mesh);
                 }
             }
         }
+    }
+
+    /// An original again: read, unless it is kept. Counts as read in either case, so that what is found does not depend on
+    /// what is kept.
+    fn original<'k>(&mut self, mesh: usize, kept: &'k mut Kept) -> Option<&'k SourceMesh> {
+        if !kept.meshes.contains_key(&mesh) {
+            let read = self.read(mesh)?;
+            kept.add(mesh, read);
+            return kept.meshes.get(&mesh);
+        }
+        let known = kept.meshes.get(&mesh)?;
+        self.count(known).then_some(known)
     }
 
     /// The mesh, untransformed; `None` if it cannot be read, which is an error where it is imported, or if too much was
@@ -161,8 +178,37 @@ impl Finder<'_> {
         }
         let read: Result<SourceMesh, ImportError> = self.builder.take(mesh);
         let read = read.ok()?;
-        self.corners = self.corners.saturating_sub(3 * read.faces.len() as u64 + 1);
+        self.count(&read);
         Some(read)
+    }
+
+    /// Counts a mesh as read; false if too much was read already.
+    fn count(&mut self, mesh: &SourceMesh) -> bool {
+        let enough = self.corners > 0;
+        self.corners = self.corners.saturating_sub(3 * mesh.faces.len() as u64 + 1);
+        enough
+    }
+}
+
+/// Most corners of the originals that are kept, some 40 bytes each.
+const MAX_KEPT: usize = 1 << 17;
+
+/// Originals of a group, to be compared with further meshes.
+#[derive(Default)]
+struct Kept {
+    meshes: HashMap<usize, SourceMesh>,
+    corners: usize,
+}
+
+impl Kept {
+    /// Adds an original; forgets the others where they are too many.
+    fn add(&mut self, number: usize, mesh: SourceMesh) {
+        let corners = 3 * mesh.faces.len();
+        if self.corners + corners > MAX_KEPT {
+            *self = Self::default();
+        }
+        self.corners += corners;
+        self.meshes.insert(number, mesh);
     }
 }
 

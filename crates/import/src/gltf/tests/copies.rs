@@ -1,15 +1,21 @@
 //! Copies of meshes whose transformations were applied to their vertices.
 
 use std::collections::BTreeSet;
+use std::io;
+use std::ops::Range;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
+use bytes::Bytes;
 use glam::{DMat4, DQuat, DVec3, EulerRot};
 use serde_json::json;
 use tempfile::TempDir;
 
 use super::{Model, USHORT, contents, places, write};
-use crate::gltf::{Contents, CopyTolerance};
+use crate::gltf::{Contents, CopyTolerance, Document};
 use crate::meshopt::tests::Random;
-use crate::{Part, import, import_part};
+use crate::{Content, Part, import, import_part};
 
 const TOLERANCE: CopyTolerance = CopyTolerance::Share(1.0 / 65_536.0);
 
@@ -211,4 +217,40 @@ fn ten_thousand_shapes_of_the_same_faces_are_told_apart() {
     }
     let found = originals(&read(&model, Some(TOLERANCE)));
     assert!(found.iter().enumerate().all(|(i, &original)| original == i & !1));
+}
+
+/// Counts the bytes that are read.
+#[derive(Debug)]
+struct Counting(Bytes, AtomicU64);
+
+impl Content for Counting {
+    fn length(&self) -> u64 {
+        self.0.length()
+    }
+
+    fn read(&self, range: Range<u64>) -> io::Result<Bytes> {
+        self.1.fetch_add(range.end - range.start, Ordering::Relaxed);
+        self.0.read(range)
+    }
+}
+
+#[test]
+fn each_mesh_is_read_once_however_many_copies_there_are() {
+    let mut random = Random(11);
+    let mut model = empty();
+    let (points, faces) = shape(&mut random, 30);
+    for i in 0..50 {
+        let turn = DQuat::from_rotation_y(f64::from(i));
+        let points: Vec<DVec3> = points.iter().map(|&p| turn * p).collect();
+        push(&mut model, &points, &faces, [0.0; 3]);
+    }
+    let counting = Arc::new(Counting(model.glb().into(), AtomicU64::new(0)));
+    let document = Document::parse(Path::new("a.glb"), Arc::<Counting>::clone(&counting)).unwrap();
+    let stored = document.root.buffers[0].byte_length.0;
+    counting.1.store(0, Ordering::Relaxed);
+    assert_eq!(originals(&document.contents(None).unwrap()), (0..50).collect::<Vec<_>>());
+    assert_eq!(counting.1.load(Ordering::Relaxed), 0, "no mesh is read without a search for copies");
+    assert_eq!(originals(&document.contents(Some(TOLERANCE)).unwrap()), [0; 50]);
+    let read = counting.1.load(Ordering::Relaxed);
+    assert!(read <= stored, "{read} bytes of {stored}");
 }
