@@ -55,7 +55,7 @@ impl Glb {
     /// Adds a material with a generated texture, and returns its number.
     pub(super) fn textured(&mut self, seed: u32) -> usize {
         let texel = |x: u32, y: u32| {
-            let weave = (x * (seed + 3) ^ y * (seed + 5)) as u8;
+            let weave = ((x * (seed + 3)) ^ (y * (seed + 5))) as u8;
             image::Rgb([weave, weave / 2 + 60, (40 * seed) as u8])
         };
         let mut file = std::io::Cursor::new(Vec::new());
@@ -92,7 +92,8 @@ impl Glb {
             |texture: usize| json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": texture}}});
         let materials: Vec<Value> = (0..self.images.len()).map(material).collect();
         let json = json!({
-            "images": self.images, "textures": textures, "materials": materials, "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": roots}], "nodes": self.nodes,
+            "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": roots}], "nodes": self.nodes,
+            "images": self.images, "textures": textures, "materials": materials,
             "meshes": self.meshes, "accessors": self.accessors, "bufferViews": self.views,
             "buffers": [{"byteLength": self.bin.len()}],
         });

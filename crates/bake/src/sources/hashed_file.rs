@@ -12,10 +12,11 @@ use blake3::Hash;
 use bytes::{Bytes, BytesMut};
 use lodestream_import::{Content, ImportError, MAX_FILE_BYTES};
 
-/// Length of a block. Meshes of a file are mostly read in its order, so blocks are read about once for each pass.
-const BLOCK_BYTES: u64 = 1 << 17;
+/// Length of a block. Batches read meshes in the file's order, so blocks are read about once; the search for copies reads
+/// similar meshes from all over the file, and so a block for each: of 128 KiB, hashing them was its largest cost.
+const BLOCK_BYTES: u64 = 1 << 14;
 /// Blocks that are kept: some threads read positions, normals, coordinates and indices at different places.
-const KEPT_BLOCKS: usize = 64;
+const KEPT_BLOCKS: usize = 512;
 
 /// A file, of which some blocks are in memory.
 #[derive(Debug)]

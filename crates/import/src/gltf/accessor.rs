@@ -1,7 +1,7 @@
 //! Accessors: the elements of vertex attributes and indices.
 //!
-//! Of a buffer only what an accessor holds is read, when it is opened; compressed views are decoded whole, and kept. An accessor is checked once,
-//! when it is opened; reads rely on that.
+//! Of a buffer only what an accessor holds is read, when it is opened; compressed views are decoded whole, and kept. An
+//! accessor is checked once, when it is opened; reads of its elements rely on that.
 
 use std::collections::BTreeMap;
 use std::ops::Range;

@@ -14,6 +14,7 @@ use super::compressed;
 use super::root::Root;
 use crate::content::{Content, OpenFile};
 use crate::error::ImportError;
+use crate::file::{MAX_FILE_BYTES, read_file};
 
 /// The extension of meshes that are compressed with Draco.
 pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
@@ -43,6 +44,9 @@ fn dispensable(name: &str) -> bool {
 const MAGIC: &[u8; 4] = b"glTF";
 const CHUNK_JSON: u32 = 0x4E4F_534A;
 const CHUNK_BIN: u32 = 0x004E_4942;
+
+/// Most buffers in files of their own that stay open. Further ones are read whole: a process may have some 1,000 open files.
+const MAX_OPEN: usize = 64;
 
 /// A parsed model. Of buffers in files, parts are read on demand; those in data URIs are kept.
 pub(crate) struct Document {
@@ -126,8 +130,9 @@ impl Document {
                  meshes and textures uncompressed)"
             )));
         }
-        let root = json::deserialize::from_slice(text)
+        let mut root: Root = json::deserialize::from_slice(text)
             .map_err(|e| error(format!("is not valid glTF 2.0: {e}; export it again")))?;
+        root.shrink_to_fit();
         Ok(Self { path: path.to_owned(), root, bin, opened: Mutex::default() })
     }
 
@@ -154,7 +159,12 @@ impl Document {
         let bytes = match &buffer.uri {
             Some(uri) => match self.locate(uri).map_err(|e| self.error(format!("buffers[{index}]: {e}")))? {
                 Location::Inline(bytes) => Buffer::all_of(&self.path, Arc::new(bytes)),
-                Location::File(file) => Buffer::all_of(&file, Arc::new(OpenFile::new(&file)?)),
+                Location::File(file) if opened.len() < MAX_OPEN => {
+                    Buffer::all_of(&file, Arc::new(OpenFile::new(&file)?))
+                }
+                Location::File(file) => {
+                    Buffer::all_of(&file, Arc::new(Bytes::from(read_file(&file, MAX_FILE_BYTES)?)))
+                }
             },
             None => match self.bin.as_ref().filter(|_| index == 0) {
                 Some(bin) => bin.clone(),

@@ -55,6 +55,16 @@ pub(super) struct Root {
     pub(super) textures: Vec<json::Texture>,
 }
 
+impl Root {
+    /// Gives back the room that long lists grew into.
+    pub(super) fn shrink_to_fit(&mut self) {
+        self.accessors.shrink_to_fit();
+        self.buffer_views.shrink_to_fit();
+        self.meshes.shrink_to_fit();
+        self.nodes.shrink_to_fit();
+    }
+}
+
 /// How many elements a list has; each must be a valid `T`.
 fn count<'de, T: Deserialize<'de>, D: Deserializer<'de>>(list: D) -> Result<usize, D::Error> {
     struct Count<T>(PhantomData<T>);
