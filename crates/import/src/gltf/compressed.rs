@@ -9,8 +9,6 @@ use serde::Deserialize;
 use super::root::View;
 use crate::meshopt::{self, Filter, MeshoptError, Mode};
 
-pub(super) const EXTENSIONS: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
-
 /// Location of a view's compressed bytes, and the layout of the decoded elements.
 pub(super) struct CompressedView {
     pub(super) buffer: usize,

@@ -10,16 +10,12 @@ use std::sync::{Arc, Mutex, PoisonError};
 use bytes::Bytes;
 use gltf::json;
 
-use super::compressed;
-use super::root::Root;
+use super::root::{COMPRESSED_VIEWS, DRACO, Root};
 use crate::content::{Content, OpenFile};
 use crate::error::ImportError;
 use crate::file::{MAX_FILE_BYTES, read_file};
 
-/// The extension of meshes that are compressed with Draco.
-pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
-
-/// Extensions that a file may require, besides [`compressed::EXTENSIONS`] and, with the feature `draco`, [`DRACO`].
+/// Extensions that a file may require, besides [`COMPRESSED_VIEWS`] and, with the feature `draco`, [`DRACO`].
 const SUPPORTED: [&str; 6] = [
     "EXT_mesh_gpu_instancing",
     "KHR_lights_punctual",
@@ -31,7 +27,7 @@ const SUPPORTED: [&str; 6] = [
 
 fn supported(name: &str) -> bool {
     SUPPORTED.contains(&name)
-        || compressed::EXTENSIONS.contains(&name)
+        || COMPRESSED_VIEWS.contains(&name)
         || (cfg!(feature = "draco") && name == DRACO)
 }
 

@@ -14,8 +14,11 @@ use serde::de::{Deserializer, SeqAccess, Visitor};
 use serde_json::value::RawValue;
 use serde_json::{Map, Value};
 
-use super::compressed;
-use super::container::DRACO;
+/// The extension of meshes that are compressed with Draco.
+pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
+
+/// Extensions that compress buffer views.
+pub(super) const COMPRESSED_VIEWS: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 
 /// A file's JSON.
 #[derive(Deserialize)]
@@ -146,7 +149,7 @@ impl From<json::buffer::View> for View {
     fn from(view: json::buffer::View) -> Self {
         let mut others = view.extensions.map(|all| all.others).unwrap_or_default();
         let compression =
-            compressed::EXTENSIONS.iter().find_map(|&name| Some(Box::new((name, others.remove(name)?))));
+            COMPRESSED_VIEWS.iter().find_map(|&name| Some(Box::new((name, others.remove(name)?))));
         Self {
             buffer: view.buffer,
             byte_offset: view.byte_offset.unwrap_or_default().0,

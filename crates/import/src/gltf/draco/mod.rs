@@ -16,8 +16,8 @@ use gltf::json::mesh::Semantic;
 use serde::Deserialize;
 
 use super::accessor::{Buffers, Elements};
-use super::container::{DRACO, Document};
-use super::root::Primitive;
+use super::container::Document;
+use super::root::{DRACO, Primitive};
 use crate::error::ImportError;
 
 use mesh::DracoMesh;
