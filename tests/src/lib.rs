@@ -66,6 +66,8 @@ mod interface;
 #[cfg(test)]
 mod limiter;
 #[cfg(test)]
+mod merged_parts;
+#[cfg(test)]
 mod models;
 #[cfg(test)]
 mod moving_window;

@@ -12,7 +12,7 @@ use crate::srgb::srgb_to_linear;
 /// The part of a model file to import.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Part {
-    /// Everything as one mesh; of a glTF file, every mesh of its scene in its place.
+    /// Everything as one mesh; of a glTF file, every mesh of its scene in its place, each a part of its own.
     #[default]
     Whole,
     /// One mesh of a glTF file.

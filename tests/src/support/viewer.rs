@@ -3,7 +3,7 @@
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
-use lodestream_client::core::{Change, Config, PartAbsence, StartView};
+use lodestream_client::core::{Change, ClientCore, Config, PartAbsence, StartView};
 use lodestream_client::net::{Address, End, Retry, Server};
 use lodestream_client::streaming::{Status, Streaming};
 use lodestream_protocol::message::Token;
@@ -69,6 +69,14 @@ impl Viewer {
             assert!(Instant::now() < until, "no answer for {id:?}");
             let _ = self.notified.recv_timeout(Duration::from_millis(100));
         }
+    }
+
+    /// Asks the client's core; waits for the answer.
+    pub(crate) fn ask<T: Send + 'static>(
+        &self,
+        question: impl FnOnce(&ClientCore) -> T + Send + 'static,
+    ) -> T {
+        self.streaming.ask(question).unwrap().wait().unwrap()
     }
 
     pub(crate) fn settle(&mut self) -> Status {

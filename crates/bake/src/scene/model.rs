@@ -182,9 +182,15 @@ impl Scene {
     /// A glTF file that cannot be read, where all of it is meant.
     pub(super) fn add_merged(&mut self, asset: Asset, sources: &Sources) -> Result<usize, ImportError> {
         let whole = asset.part == Part::Whole && is_gltf(&asset.file);
-        let punctual_lights =
-            if whole { sources.contents(&asset.file, None)?.punctual_lights } else { Vec::new() };
-        let part_names = ModelPartNames::of_one(&asset.name);
+        let contents = whole.then(|| sources.contents(&asset.file, None)).transpose()?;
+        for warning in contents.iter().flat_map(|contents| &contents.warnings) {
+            write_line(format_args!("warning: {warning}"));
+        }
+        let part_names = match &contents {
+            Some(contents) => ModelPartNames::of_merged(&asset.name, contents),
+            None => ModelPartNames::of_one(&asset.name),
+        };
+        let punctual_lights = contents.map(|contents| contents.punctual_lights).unwrap_or_default();
         let number = self.add_asset(asset);
         self.models.push(Model { parts: vec![Instance::at(number, [0.0; 3])], punctual_lights, part_names });
         Ok(self.models.len() - 1)

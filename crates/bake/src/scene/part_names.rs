@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use lodestream_import::gltf::PartNames;
+use lodestream_import::gltf::{Contents, PartNames};
 use lodestream_scene::parts::{MAX_PATH_BYTES, PartInfo};
 
 /// A part: a mesh of a file, and the node that places it.
@@ -26,6 +26,14 @@ impl ModelPartNames {
     /// A model of one part, called as the model.
     pub(super) fn of_one(model: &str) -> Self {
         Self { model: model.to_owned(), file: None, parts: vec![(None, 0)], ends: vec![1] }
+    }
+
+    /// A model with the whole of a glTF file as one mesh.
+    pub(super) fn of_merged(model: &str, contents: &Contents) -> Self {
+        let Some(parts) = contents.merged_parts() else { return Self::of_one(model) };
+        let mut names = Self::of_file(model, Arc::clone(&contents.part_names));
+        names.add(parts);
+        names
     }
 
     pub(super) fn of_file(model: &str, file: Arc<PartNames>) -> Self {

@@ -44,6 +44,7 @@ pub(crate) use container::Document;
 use container::Location;
 pub use contents_bytes::CONTENTS_VERSION;
 pub use copies::CopyTolerance;
+use lodestream_geometry::base::MAX_PARTS;
 use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::PunctualLight;
 use mesh::Builder;
@@ -89,6 +90,30 @@ pub struct Contents {
     pub warnings: Vec<String>,
 }
 
+impl Contents {
+    /// Nodes and meshes of the parts of the whole file as one mesh ([`Part::Whole`]), by number; `None` if that has no
+    /// parts: a file that places one mesh, or more than a mesh may have parts.
+    #[must_use]
+    pub fn merged_parts(&self) -> Option<impl Iterator<Item = (Option<u32>, usize)>> {
+        has_parts(self.placed.len()).then(|| self.placed.iter().map(|placed| (placed.node, placed.mesh)))
+    }
+}
+
+/// Whether the meshes that a file places are parts of their whole.
+fn has_parts(placed: usize) -> bool {
+    (2..=MAX_PARTS as usize).contains(&placed)
+}
+
+/// The placed meshes of which something is left to draw. A map onto a line or a point leaves nothing, one onto a plane
+/// leaves flat meshes (glTF 2.0 specification, §3.5.3, lets only scales of zero on all axes hide a mesh).
+fn drawn(mut placed: Vec<nodes::Placed>) -> Vec<nodes::Placed> {
+    placed.retain(|placed| {
+        let DMat3 { x_axis: x, y_axis: y, z_axis: z } = DMat3::from_mat4(placed.to_scene);
+        [x.cross(y), y.cross(z), z.cross(x)].iter().any(|cofactors| *cofactors != DVec3::ZERO)
+    });
+    placed
+}
+
 fn open(path: &Path) -> Result<Document, ImportError> {
     let content = OpenFile::new(path)?;
     if content.length() == 0 {
@@ -108,8 +133,13 @@ impl Document {
         let mut builder = Builder::new(self);
         match part {
             Part::Whole => {
-                for placed in nodes::placed(self)?.meshes {
+                let meshes = drawn(nodes::placed(self)?.meshes);
+                let parted = has_parts(meshes.len());
+                for (part, placed) in (0..).zip(meshes) {
                     builder.add(placed.mesh, &placed.to_scene)?;
+                    if parted {
+                        builder.end_part(part);
+                    }
                 }
             }
             Part::Mesh { mesh, linear } => {
@@ -137,8 +167,7 @@ impl Document {
     /// As [`contents`].
     pub(crate) fn contents(&self, copies: Option<CopyTolerance>) -> Result<Contents, ImportError> {
         let placed = nodes::placed(self)?;
-        // A scale of zero leaves nothing to draw.
-        let visible: Vec<_> = placed.meshes.into_iter().filter(|p| p.to_scene.determinant() != 0.0).collect();
+        let visible = drawn(placed.meshes);
         let used = visible.iter().map(|placed| placed.mesh).collect();
         let copies = copies.map(|tolerance| copies::of_meshes(self, &used, tolerance)).unwrap_or_default();
         let placed_mesh = |nodes::Placed { mesh, to_scene, node }| {

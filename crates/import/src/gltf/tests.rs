@@ -8,6 +8,7 @@ mod draco;
 mod instancing;
 mod lights;
 mod materials;
+mod parts;
 
 use std::path::{Path, PathBuf};
 
