@@ -4,13 +4,14 @@
 
 mod questions;
 
+use std::collections::BTreeMap;
 use std::future::Future;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 use lodestream_protocol::message::Token;
 use lodestream_protocol::time::Time;
-use lodestream_scene::parts::ScenePart;
+use lodestream_scene::parts::{PartTransform, ScenePart};
 use lodestream_scene::view::View;
 use tokio::sync::{mpsc, watch};
 use tokio::time::sleep;
@@ -58,6 +59,9 @@ pub struct Status {
     pub end: Option<End>,
 }
 
+/// Parts, and where they are moved to.
+type MovedParts = BTreeMap<ScenePart, PartTransform>;
+
 /// Sets newer access tokens ([`Streaming::tokens`]) from any thread; it may outlive the streaming.
 #[derive(Clone, Debug)]
 pub struct Tokens(watch::Sender<Option<Token>>);
@@ -88,6 +92,7 @@ pub struct Streaming {
     steps: mpsc::Receiver<Vec<Change>>,
     lookups: mpsc::Sender<ScenePart>,
     pinned: watch::Sender<Vec<u32>>,
+    moved: watch::Sender<MovedParts>,
     parts: mpsc::Receiver<PartAnswer>,
     asker: Asker,
     clock: Clock,
@@ -112,6 +117,7 @@ impl Streaming {
         let (status_sender, status) = watch::channel(Status::default());
         let (step_sender, steps) = mpsc::channel(MAX_STEPS);
         let (pinned, pinned_receiver) = watch::channel(Vec::new());
+        let (moved, moved_receiver) = watch::channel(MovedParts::new());
         let (lookups, lookup_receiver) = mpsc::channel(MAX_LOOKUPS);
         let (part_sender, parts) = mpsc::channel(MAX_LOOKUPS);
         let (asker, questions) = questions::channel();
@@ -128,6 +134,7 @@ impl Streaming {
             questions,
             steps: Some(step_sender),
             pinned: pinned_receiver,
+            moved: moved_receiver,
             lookups: lookup_receiver,
             next_lookup: None,
             parts: part_sender,
@@ -149,6 +156,7 @@ impl Streaming {
             steps,
             lookups,
             pinned,
+            moved,
             parts,
             asker,
             clock,
@@ -173,6 +181,15 @@ impl Streaming {
         self.pinned.send_if_modified(|old| {
             let new = *old != instances;
             *old = instances;
+            new
+        });
+    }
+
+    /// Sets which parts are moved within their instances ([`ClientCore::move_parts`]).
+    pub fn move_parts(&self, moved: BTreeMap<ScenePart, PartTransform>) {
+        self.moved.send_if_modified(|old| {
+            let new = *old != moved;
+            *old = moved;
             new
         });
     }
@@ -236,6 +253,7 @@ struct StreamHost<N> {
     tokens: watch::Receiver<Option<Token>>,
     questions: Questions,
     pinned: watch::Receiver<Vec<u32>>,
+    moved: watch::Receiver<MovedParts>,
     /// `None` once the receiver is dropped.
     steps: Option<mpsc::Sender<Vec<Change>>>,
     lookups: mpsc::Receiver<ScenePart>,
@@ -337,6 +355,9 @@ impl<N: Fn()> Host for StreamHost<N> {
         }
         if self.pinned.has_changed().unwrap_or(false) {
             self.core.pin_instances(&self.pinned.borrow_and_update());
+        }
+        if self.moved.has_changed().unwrap_or(false) {
+            self.core.move_parts(&self.moved.borrow_and_update());
         }
         self.look_up(now);
         if self.questions.answer(&self.core) {

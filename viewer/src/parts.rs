@@ -15,7 +15,7 @@ const TINT_STRENGTH: f32 = 0.7;
 
 /// A tint of usual strength.
 pub(crate) const fn tinted(colour: [u8; 3]) -> PartState {
-    PartState { hidden: false, tint: Some(Tint { colour, strength: TINT_STRENGTH }) }
+    PartState { hidden: false, tint: Some(Tint { colour, strength: TINT_STRENGTH }), transform: None }
 }
 
 /// Hides, tints and isolates what the command line says.

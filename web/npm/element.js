@@ -169,6 +169,10 @@ export class LodestreamViewer extends HTMLElement {
     this.#view?.parts.tint(instance, part, color, strength);
   }
 
+  move(instance, part, matrix) {
+    this.#view?.parts.move(instance, part, matrix);
+  }
+
   fit(instance, part) {
     return this.#view ? this.#view.parts.fit(instance, part) : Promise.resolve(false);
   }

@@ -329,9 +329,14 @@ export class LodestreamViewer extends HTMLElement {
   isolate(parts: ScenePart[] | null): void;
   /** Mixes `#rrggbb` into a part's colour, by a strength from 0 to 1 (by default 0.7); null ends that. */
   tint(instance: number, part: number, color: string | null, strength?: number): void;
+  /**
+   * Moves a part within its instance, in that one's units and axes, by a matrix of 16 numbers in columns, as three.js has
+   * them; null moves it back. Throws if the matrix does more than move, turn and scale evenly.
+   */
+  move(instance: number, part: number, matrix: ArrayLike<number> | null): void;
   /** Moves the camera to a part; false if it has not arrived. */
   fit(instance: number, part: number): Promise<boolean>;
-  /** Nothing hidden, tinted or isolated. */
+  /** Nothing hidden, tinted, moved or isolated. */
   showAll(): void;
   /** Null without a session. */
   stats(): Stats | null;

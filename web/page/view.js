@@ -58,7 +58,7 @@ export class View extends EventTarget {
   #partNames = new PartLookups();
   #observer = new ResizeObserver(() => this.#resize());
   #shownAgain = () => this.redraw();
-  /** Picking, hiding, tinting, isolating and fitting of parts. */
+  /** Picking, hiding, tinting, moving, isolating and fitting of parts. */
   parts = new Parts({
     viewer: () => this.#viewer,
     post: (message) => this.#worker?.postMessage(message),

@@ -25,7 +25,7 @@ let ranges = null;
 let abandon = () => {};
 /** What arrived before the module was ready. */
 let early = [];
-/** Instances for which no proxy may stand, from before the module was ready. */
+/** Instances for which no proxy may stand, and moved parts, from before the module was ready. */
 let pinned = null;
 /** Lookups of parts from before the module was ready. */
 const earlyParts = [];
@@ -226,7 +226,7 @@ const handlers = {
     const { width, height, targetPx, scene, token, memoryBytes, cacheBytes } = start;
     streamer = new Streamer(width, height, targetPx, scene, token, memoryBytes, cacheBytes);
     streamer.begin(begunAt);
-    if (pinned) streamer.pin(pinned);
+    if (pinned) handlers.pin(pinned);
     for (const { instance, part } of earlyParts.splice(0)) streamer.look_up_part(now(), instance, part);
     if (start.view) streamer.set_view_numbers(now(), start.view);
     // Without other workers this one decodes.
@@ -272,9 +272,10 @@ const handlers = {
     streamer?.restate(now());
     turnSoon();
   },
-  pin({ instances }) {
-    pinned = instances;
+  pin({ instances, moved, matrices }) {
+    pinned = { instances, moved, matrices };
     streamer?.pin(instances);
+    streamer?.move_parts(moved, matrices);
     turnSoon();
   },
   pick({ question, ray, hidden, isolated }) {

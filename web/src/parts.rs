@@ -1,10 +1,10 @@
 //! Picking in the worker, whose core has the meshes.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use glam::DVec3;
 use lodestream_client::core::Ray;
-use lodestream_scene::parts::ScenePart;
+use lodestream_scene::parts::{PartTransform, ScenePart};
 use wasm_bindgen::prelude::*;
 
 use crate::Streamer;
@@ -14,8 +14,27 @@ pub(crate) fn scene_parts(pairs: &[u32]) -> Vec<ScenePart> {
     pairs.chunks_exact(2).map(|pair| ScenePart { instance: pair[0], part: pair[1] }).collect()
 }
 
+/// The transform of a matrix of 16 numbers, column after column.
+pub(crate) fn part_transform(matrix: &[f64]) -> Result<PartTransform, String> {
+    let columns =
+        matrix.try_into().map_err(|_| format!("a part's matrix has {} numbers, not 16", matrix.len()))?;
+    PartTransform::from_matrix(columns).map_err(|why| why.to_string())
+}
+
 #[wasm_bindgen]
 impl Streamer {
+    /// Sets which parts are moved within their instances, as pairs of instance and part, and a matrix of 16 numbers for
+    /// each.
+    ///
+    /// # Errors
+    /// Matrices that are no similarities.
+    pub fn move_parts(&mut self, parts: &[u32], matrices: &[f64]) -> Result<(), String> {
+        let transforms = matrices.chunks(16).map(part_transform).collect::<Result<Vec<_>, _>>()?;
+        let moved: BTreeMap<_, _> = scene_parts(parts).into_iter().zip(transforms).collect();
+        self.core.move_parts(&moved);
+        Ok(())
+    }
+
     /// Sets the instances for which no proxy may stand: those with parts that have a state.
     pub fn pin(&mut self, instances: &[u32]) {
         self.core.pin_instances(instances);

@@ -15,7 +15,7 @@ use lodestream_scene::parts::ScenePart;
 use lodestream_viewing::{CameraController, FULL, Mode, Quality, Step};
 use wasm_bindgen::prelude::*;
 
-use crate::parts::scene_parts;
+use crate::parts::{part_transform, scene_parts};
 use crate::steps;
 
 /// Time for terrain tiles in each of the browser's frames in which the device is busy.
@@ -335,11 +335,12 @@ impl Viewer {
         self.moved(now_ms, |controller, _| controller.reset());
     }
 
-    /// Hides a part, or tints it with an sRGB colour `0xrrggbb` of a strength from 0 to 1; neither shows it as it is.
-    /// Parts may be named before they arrive.
+    /// Hides a part, tints it with an sRGB colour `0xrrggbb` of a strength from 0 to 1, and moves it within its instance by
+    /// a matrix of 16 numbers, column after column; without all of these it is shown as it is. Parts may be named before
+    /// they arrive. The worker must know what is moved ([`crate::Streamer::move_parts`]).
     ///
     /// # Errors
-    /// A part that no asset can have, or errors of the graphics device.
+    /// A part that no asset can have, a matrix that is no similarity, or errors of the graphics device.
     pub fn set_part(
         &mut self,
         instance: u32,
@@ -347,12 +348,14 @@ impl Viewer {
         hidden: bool,
         colour: Option<u32>,
         strength: f32,
+        matrix: Option<Vec<f64>>,
     ) -> Result<(), String> {
         let tint = colour.map(|colour| {
             let [_, r, g, b] = colour.to_be_bytes();
             Tint { colour: [r, g, b], strength }
         });
-        let state = (ScenePart { instance, part }, PartState { hidden, tint });
+        let transform = matrix.as_deref().map(part_transform).transpose()?;
+        let state = (ScenePart { instance, part }, PartState { hidden, tint, transform });
         self.scene.set_parts(&self.gpu, &[state]).map_err(text)?;
         self.changed_parts();
         Ok(())

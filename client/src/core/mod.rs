@@ -26,6 +26,7 @@ mod failures;
 mod height_overrides;
 mod milestones;
 mod motion;
+mod moved_parts;
 mod parts;
 mod picking;
 mod punctual_light_pages;

@@ -60,7 +60,7 @@ impl Candidate {
 
 impl ClientCore {
     /// The nearest face that a ray meets, from either side, at the current refinement; parts for which `is_hidden`
-    /// holds are skipped. Of equally near parts the lowest counts. Opacity, morphs, terrain and its exaggeration are
+    /// holds are skipped, and moved ones count where they are. Of equally near parts the lowest counts. Opacity, morphs, terrain and its exaggeration are
     /// ignored. `None` too for a ray that is not finite or has no direction.
     ///
     /// Cost: a pass over the scene's instances, and one over the faces of each mesh whose bounding sphere the ray meets
@@ -145,15 +145,13 @@ impl ClientCore {
         for (number, instance) in drawn {
             let Some(state) = self.scene.states.get(instance.asset as usize) else { continue };
             let (entry, placement) = (state.entry(), &instance.placement);
-            let scale = f64::from(placement.scale);
             let centre = DVec3::from(entry.sphere.center.map(f64::from));
             // Coarse surfaces may lie outside the input's sphere, by their error.
             let radius = f64::from(entry.sphere.radius) + f64::from(entry.root_error);
             let rounding = SPHERE_ROUNDING * (centre.length() + radius);
-            let centre = placement.to_world(DVec3::from(entry.origin) + centre);
-            let Some(enters) = entry_into(origin, direction, centre, (radius + rounding) * scale) else {
-                continue;
-            };
+            let sphere = (DVec3::from(entry.origin) + centre, radius + rounding);
+            let (centre, radius) = self.moved.sphere(number, placement, sphere);
+            let Some(enters) = entry_into(origin, direction, centre, radius) else { continue };
             let candidate = Candidate { enters, instance: number };
             let is_new = searched.is_none_or(|searched| searched.is_before(&candidate));
             if enters <= farthest && is_new {
@@ -179,12 +177,22 @@ impl ClientCore {
         let back = placement.orientation().as_dquat().inverse();
         let scale = f64::from(placement.scale);
         let own = DVec3::from(mesh.grid().origin);
-        let from = back * (origin - DVec3::from(placement.translation)) / scale - own;
+        let from = back * (origin - DVec3::from(placement.translation)) / scale;
         // In the asset's units, so that distances are in world units.
         let along = back * direction / scale;
         let part = |part| ScenePart { instance: number, part };
-        let hit =
-            mesh.cast_ray(from.to_array(), along.to_array(), farthest, |number| is_hidden(part(number)))?;
+        let skip = |number| is_hidden(part(number));
+        let ray = |from: DVec3, along: DVec3| [(from - own).to_array(), along.to_array()];
+        let still = ray(from, along);
+        let hit = match self.moved.of(number) {
+            None => mesh.cast_ray(still[0], still[1], farthest, skip),
+            Some(moved) => {
+                let ray = |part: u32| {
+                    moved.get(&part).map_or(still, |to| ray(to.undo(from), to.undo_direction(along)))
+                };
+                mesh.cast_ray_of_each(ray, farthest, skip)
+            }
+        }?;
         let place = origin + direction * hit.distance;
         Some(Hit { part: part(hit.part), place, distance: hit.distance })
     }
@@ -198,7 +206,11 @@ impl ClientCore {
             None => self.in_proxy(part.instance)?,
         };
         let own = DVec3::from(mesh.grid().origin);
-        let corners = || mesh.part_corners(of_mesh).map(|at| placement.to_world(own + DVec3::from(at)));
+        let moved = self.moved.transform(part);
+        let corners = || {
+            let of_asset = mesh.part_corners(of_mesh).map(|at| own + DVec3::from(at));
+            of_asset.map(|at| placement.to_world(moved.map_or(at, |to| to.apply(at))))
+        };
         let extent = corners().fold(None, |extent: Option<[DVec3; 2]>, at| {
             Some(extent.map_or([at; 2], |[low, high]| [low.min(at), high.max(at)]))
         })?;

@@ -18,8 +18,10 @@ fn settled<N: Fn()>(notify: N) -> (StreamHost<N>, watch::Receiver<Status>, Time)
     let (_, tokens) = watch::channel(None);
     let (sender, status) = watch::channel(Status::default());
     let (_, pinned) = watch::channel(Vec::new());
+    let (_, moved) = watch::channel(MovedParts::new());
     let host = StreamHost {
         pinned,
+        moved,
         core: link.core,
         controls,
         tokens,

@@ -56,6 +56,8 @@ pub(crate) struct CutSelector {
     missing: u32,
     /// Instances that are drawn themselves wherever they are in view, ascending.
     pinned: Vec<u32>,
+    /// Those that are drawn themselves in any case, since parts of them are elsewhere; ascending.
+    moved: Vec<u32>,
 }
 
 /// Settings of one update.
@@ -77,11 +79,9 @@ impl CutSelector {
         self.pinned.sort_unstable();
     }
 
-    /// Whether a proxy stands for a pinned instance.
-    fn hides_pinned(&self, of: std::ops::Range<u32>) -> bool {
-        self.pinned
-            .get(self.pinned.partition_point(|&pinned| pinned < of.start))
-            .is_some_and(|at| *at < of.end)
+    /// Sets the instances that are drawn themselves in any case, ascending.
+    pub(crate) fn set_moved(&mut self, instances: Vec<u32>) {
+        self.moved = instances;
     }
 
     /// The last cut.
@@ -91,7 +91,8 @@ impl CutSelector {
 
     /// The cut of a scene without proxies.
     pub(crate) fn clear(&mut self) {
-        *self = Self { pinned: std::mem::take(&mut self.pinned), ..Self::default() };
+        let (pinned, moved) = (std::mem::take(&mut self.pinned), std::mem::take(&mut self.moved));
+        *self = Self { pinned, moved, ..Self::default() };
     }
 
     /// Whether a proxy stands for an instance.
@@ -156,6 +157,11 @@ impl CutSelector {
     }
 }
 
+/// Whether one of some ascending numbers is within a range.
+fn any_within(numbers: &[u32], range: std::ops::Range<u32>) -> bool {
+    numbers.get(numbers.partition_point(|&number| number < range.start)).is_some_and(|at| *at < range.end)
+}
+
 /// Runs of true values, as first and end.
 fn runs(flags: &[bool]) -> Vec<[u32; 2]> {
     let mut runs: Vec<[u32; 2]> = Vec::new();
@@ -203,11 +209,14 @@ impl Pass<'_> {
             error_px,
             coverage_px: bounds.coverage_px,
             foveation: bounds.foveation,
-            must_open: if bounds.visible {
-                error_px > limit || base == State::Failed || self.state.hides_pinned(node.proxy.instances())
-            } else {
-                was_open
-            },
+            must_open: any_within(&self.state.moved, node.proxy.instances())
+                || if bounds.visible {
+                    error_px > limit
+                        || base == State::Failed
+                        || any_within(&self.state.pinned, node.proxy.instances())
+                } else {
+                    was_open
+                },
             can_draw: base == State::Applied,
         };
         if seen.must_open || base != State::Applied {

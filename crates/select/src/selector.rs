@@ -21,6 +21,7 @@ use super::state::{AssetState, Chunk};
 use super::textures::{Textures, texels_in_use};
 use super::visibility::Visibility;
 use lodestream_scene::description::Instance;
+use lodestream_scene::parts::PartTransform;
 use lodestream_scene::proxy::Cut;
 use lodestream_scene::view::View;
 
@@ -56,6 +57,8 @@ pub struct Selector {
     awaits_push: bool,
     /// What of the last cut may be in view.
     drawn: Vec<Drawn>,
+    /// Instances, and where parts of them are moved to.
+    moved: Vec<(u32, PartTransform)>,
 }
 
 /// An instance, or a proxy as one.
@@ -65,6 +68,8 @@ struct Drawn {
     /// Its number, or that of the proxy.
     number: u32,
     is_proxy: bool,
+    /// Whether it stands for parts of the instance that are moved.
+    is_moved: bool,
 }
 
 /// Maxima over the instances of an asset.
@@ -150,6 +155,7 @@ impl Selector {
             cut: CutSelector::default(),
             awaits_push: false,
             drawn: Vec::new(),
+            moved: Vec::new(),
         }
     }
 
@@ -163,6 +169,17 @@ impl Selector {
     /// by default.
     pub fn pin(&mut self, instances: &[u32]) {
         self.cut.pin(instances);
+    }
+
+    /// Sets to where parts of instances are moved, each transform once for an instance. Each costs as much as an instance:
+    /// the asset is refined as if it stood there too, which is more than its moved parts need; no proxy stands for it,
+    /// whether or not it is in view. None by default. For shadows cast from out of view, parts count where they were.
+    pub fn set_moved(&mut self, moved: Vec<(u32, PartTransform)>) {
+        let mut instances: Vec<u32> = moved.iter().map(|(instance, _)| *instance).collect();
+        instances.sort_unstable();
+        instances.dedup();
+        self.cut.set_moved(instances);
+        self.moved = moved;
     }
 
     /// What the last call found to be drawn.

@@ -33,6 +33,7 @@ use super::decoders::Decoders;
 use super::failures::Failures;
 use super::milestones::Milestones;
 use super::motion::Motion;
+use super::moved_parts::MovedParts;
 use super::parts::PartLookups;
 use super::punctual_light_pages::PunctualLightPages;
 use super::scene::Scene;
@@ -58,6 +59,7 @@ pub struct ClientCore {
     pub(super) cache: BlobCache,
     pub(super) failures: Failures,
     pub(super) parts: PartLookups,
+    pub(super) moved: MovedParts,
     /// Base meshes and index pages that have arrived and are not decoded yet; bounded by what the session has in
     /// flight.
     undecoded: VecDeque<(BlobId, Bytes)>,
@@ -100,6 +102,7 @@ impl ClientCore {
             cache: BlobCache::new(config.cache_bytes),
             failures: Failures::default(),
             parts: PartLookups::default(),
+            moved: MovedParts::default(),
             undecoded: VecDeque::new(),
             early: Vec::new(),
             received: BTreeMap::new(),

@@ -1,19 +1,32 @@
-//! Looks up what parts are called. Blobs of the table stay in the cache, from which later lookups are answered.
+//! Parts: where they are moved to, and what they are called. Blobs of the table of names stay in the cache, from which
+//! later lookups are answered.
+
+use std::collections::BTreeMap;
 
 use bytes::Bytes;
 use lodestream_protocol::time::Time;
 use lodestream_scene::blob::{BlobId, PartBlob};
 use lodestream_scene::parts::{
-    INSTANCES_PER_PAGE, PartInfo, PartTable, RECORDS_PER_PAGE, ScenePart, check_page, decode_directory,
-    decode_record, records_of,
+    INSTANCES_PER_PAGE, PartInfo, PartTable, PartTransform, RECORDS_PER_PAGE, ScenePart, check_page,
+    decode_directory, decode_record, records_of,
 };
 use lodestream_select::State;
 
 use super::ClientCore;
 use super::state::ReceivedBlob;
+use crate::core::moved_parts::MovedParts;
 use crate::core::parts::{Lookup, MAX_LOOKUPS, PartAbsence, PartAnswer, PartBlobError};
 
 impl ClientCore {
+    /// Sets which parts are moved within their instances, and where to, instead of those set before. Picking, bounds and
+    /// refinement follow, and no proxy stands for the instances; what they lack may have to be requested. Cost: for each
+    /// selection, as much as an instance for each transform that parts of an instance share.
+    pub fn move_parts(&mut self, moved: &BTreeMap<ScenePart, PartTransform>) {
+        self.moved = MovedParts::new(moved);
+        self.selection.selector.set_moved(self.moved.distinct());
+        self.selection.stale = true;
+    }
+
     /// Looks up what a part is called; [`ClientCore::take_part`] gives the answer, at once if the client has it, else when
     /// it has arrived. Before a scene is known, the lookup waits for one. At most 1,024 wait.
     pub fn look_up_part(&mut self, now: Time, id: ScenePart) {

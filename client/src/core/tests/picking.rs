@@ -1,11 +1,13 @@
 //! Picking and bounds of parts, against a search of another kind over the source meshes.
 
+use std::collections::BTreeMap;
+
 use geometry::mesh::{Corner, SourceMesh};
 use geometry::quantise::{QuantiseSettings, quantise};
 use glam::{DQuat, DVec3};
 use lodestream_geometry as geometry;
 use lodestream_scene::description::{Camera, Instance};
-use lodestream_scene::parts::ScenePart;
+use lodestream_scene::parts::{PartTransform, ScenePart};
 use lodestream_scene::placement::Placement;
 
 use super::super::testing::coded;
@@ -194,6 +196,76 @@ fn bounds_of_parts_are_those_of_the_source() {
     }
     assert_eq!(link.core.part_bounds(ScenePart { instance: 0, part: PARTS }), None);
     assert_eq!(link.core.part_bounds(ScenePart { instance: 2, part: 0 }), None);
+}
+
+/// The source with some parts elsewhere in their instance.
+fn moved_source(source: &SourceMesh, moved: &BTreeMap<ScenePart, PartTransform>) -> Vec<SourcePart> {
+    let mut all = parts(source, &instances());
+    for part in &mut all {
+        let Some(to) = moved.get(&part.part) else { continue };
+        let placement = instances()[part.part.instance as usize].placement;
+        let back = placement.orientation().as_dquat().inverse();
+        let into = |at: DVec3| back * (at - DVec3::from(placement.translation)) / f64::from(placement.scale);
+        let place = |at: DVec3| placement.to_world(to.apply(into(at)));
+        part.faces.iter_mut().for_each(|face| *face = face.map(place));
+        (part.centre, part.radius) = (place(part.centre), part.radius * to.scale());
+    }
+    all
+}
+
+#[test]
+fn moved_parts_are_met_where_they_are_without_a_byte() {
+    let source = batch();
+    let mut link = whole(&source);
+    let sent = link.sent.len();
+    let mut random = Random(5);
+    // Every third part: turned and scaled about the batch's middle, and moved out of the batch.
+    let moved: BTreeMap<ScenePart, PartTransform> = (0..2)
+        .flat_map(|instance| (0..PARTS).step_by(3).map(move |part| ScenePart { instance, part }))
+        .map(|part| {
+            let turn = DQuat::from_axis_angle(random.point().normalize(), random.next());
+            let (middle, scale) = (DVec3::splat(1000.0), 1.0 + 0.4 * random.next());
+            let by = 6.0 * random.point().normalize();
+            (part, PartTransform::new(middle + by - turn * (scale * middle), turn, scale).unwrap())
+        })
+        .collect();
+    link.core.move_parts(&moved);
+    link.run(200);
+    assert_eq!(link.sent.len(), sent, "nothing was requested");
+    let step = 2.0 * link.core.mesh(0).unwrap().grid().step;
+    let parts = moved_source(&source, &moved);
+    let (mut hits, mut moved_hits, mut others) = (0, 0, 0);
+    for _ in 0..2_000 {
+        let from = DVec3::new(4.0, 0.0, 0.0) + 40.0 * random.point().normalize();
+        let toward = &parts[((random.next() + 1.0) * f64::from(PARTS)) as usize];
+        let at = toward.centre + 1.2 * toward.radius * random.point();
+        let ray = Ray { origin: from, direction: (at - from).normalize() };
+        let got = link.core.pick(ray, |_| false);
+        match (got, search(&parts, ray, None)) {
+            (None, None) => {}
+            (Some(hit), Some((part, distance)))
+                if hit.part == part && (hit.distance - distance).abs() < 40.0 * step =>
+            {
+                hits += 1;
+                moved_hits += u32::from(moved.contains_key(&part));
+            }
+            // Past an edge.
+            _ => others += 1,
+        }
+    }
+    println!("{hits} hits, {moved_hits} of moved parts, {others} near edges");
+    assert!(hits > 800 && moved_hits > 200 && others < 40, "{hits} {moved_hits} {others}");
+    for SourcePart { part, faces, .. } in &parts {
+        let bounds = link.core.part_bounds(*part).unwrap();
+        let low = faces.iter().flatten().copied().reduce(DVec3::min).unwrap();
+        let high = faces.iter().flatten().copied().reduce(DVec3::max).unwrap();
+        let off = bounds.extent[0].distance(low).max(bounds.extent[1].distance(high));
+        assert!(off < 2.0 * step, "{part:?}: {bounds:?}, {low}, {high}");
+    }
+    link.core.move_parts(&BTreeMap::new());
+    let bounds = link.core.part_bounds(ScenePart { instance: 0, part: 0 }).unwrap();
+    let still = &moved_source(&source, &BTreeMap::new())[0];
+    assert!(bounds.centre.distance(still.centre) < still.radius);
 }
 
 /// More instances on a ray than are searched at once.

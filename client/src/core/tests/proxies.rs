@@ -2,8 +2,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use glam::DVec3;
 use lodestream_scene::blob::{BlobId, BlobPart};
 use lodestream_scene::description::{Camera, Instance};
+use lodestream_scene::parts::{PartTransform, ScenePart};
 use lodestream_scene::proxy::{Cut, Proxy};
 use lodestream_scene::view::View;
 
@@ -148,6 +150,31 @@ fn no_proxy_stands_for_a_pinned_instance() {
     link.core.pin_instances(&[]);
     picture.settle(&mut link);
     assert_eq!(picture.cut.proxies, [0]);
+}
+
+/// Even if the instance is out of view, since its parts may be in it.
+#[test]
+fn no_proxy_stands_for_an_instance_with_moved_parts_and_it_is_refined_where_they_are() {
+    let mut link = link_from(2000.0);
+    let mut picture = Picture::default();
+    picture.settle(&mut link);
+    let faces = |link: &Loopback| link.core.mesh(2).map(|mesh| mesh.face_count());
+    assert_eq!(faces(&link), None);
+    let mut move_by = |link: &mut Loopback, by: Option<DVec3>| {
+        let moved = by.map(|by| (ScenePart { instance: 2, part: 0 }, PartTransform::by(by).unwrap()));
+        link.core.move_parts(&moved.into_iter().collect());
+        picture.settle(link);
+        picture.cut.clone()
+    };
+    let cut = Cut { proxies: vec![1], instances: 4, covered: vec![[0, 2]] };
+    assert_eq!(move_by(&mut link, Some(DVec3::X)), cut);
+    let afar = faces(&link);
+    // Near the eye.
+    let eye = DVec3::from(from(2000.0).eye);
+    let target = DVec3::from(from(40.0).eye);
+    assert_eq!(move_by(&mut link, Some(eye - target)), cut);
+    assert!(faces(&link) > afar, "{afar:?}, {:?}", faces(&link));
+    assert_eq!(move_by(&mut link, None).proxies, [0]);
 }
 
 #[test]

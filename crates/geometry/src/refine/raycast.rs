@@ -22,11 +22,23 @@ impl ActiveMesh {
         origin: [f64; 3],
         direction: [f64; 3],
         farthest: f64,
+        skip: impl FnMut(u32) -> bool,
+    ) -> Option<FaceHit> {
+        self.cast_ray_of_each(|_| [origin, direction], farthest, skip)
+    }
+
+    /// As [`Self::cast_ray`], with an origin and a direction for each part: those that are seen from a part that was
+    /// moved. Distances are in lengths of the directions, so these must be turned and scaled with their parts.
+    pub fn cast_ray_of_each(
+        &self,
+        mut ray: impl FnMut(u32) -> [[f64; 3]; 2],
+        farthest: f64,
         mut skip: impl FnMut(u32) -> bool,
     ) -> Option<FaceHit> {
         let mut nearest: Option<FaceHit> = None;
         for (part, corners) in self.drawn_faces() {
             let most = nearest.map_or(farthest, |hit| hit.distance);
+            let [origin, direction] = ray(part);
             let Some(distance) = meeting(origin, direction, corners) else { continue };
             let nearer = nearest.is_none_or(|hit| distance < hit.distance || part < hit.part);
             if distance <= most && nearer && !skip(part) {

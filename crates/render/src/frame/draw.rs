@@ -101,7 +101,8 @@ impl<'a> DrawList<'a> {
                 .enumerate()
                 .filter_map(|(index, instance)| {
                     let states = drawable.asset.part_states(index)?;
-                    Some((index as u32, place(instance, states, drawable.asset, frame, size)?))
+                    let sphere = drawable.asset.sphere_of(index);
+                    Some((index as u32, place(instance, states, (drawable.asset, sphere), frame, size)?))
                 })
                 .collect();
             counters.instances_culled += (drawable.instances.len() - seen.len()) as u32;
@@ -344,17 +345,17 @@ struct VisibleInstance {
     raw: InstanceRaw,
 }
 
-/// Places an instance with its part states; `None` if it is outside the view.
+/// Places an instance with its part states, given its sphere; `None` if it is outside the view.
 fn place(
     placement: &Placement,
     states: u32,
-    asset: &AssetGpu,
+    (asset, sphere): (&AssetGpu, (DVec3, f64)),
     frame: &Frame<'_>,
     size: (u32, u32),
 ) -> Option<VisibleInstance> {
     let raw = InstanceRaw::new(placement, asset.origin(), frame.camera.eye).with_states(states);
     let raw = finite(raw)?;
-    let (centre, radius) = raw.sphere(asset.sphere());
+    let (centre, radius) = raw.sphere(sphere);
     let in_view = may_see(&frame.camera, centre, radius, size);
     let distance = (centre.length() - radius).max(0.0);
     (in_view || asset.bounds().is_none()).then_some(VisibleInstance {

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::{DVec3, Vec3};
 use lodestream_scene::asset::Material;
+use lodestream_scene::parts::PartTransform;
 
 use crate::resources::buffer::GrowingBuffer;
 use crate::resources::gpu::{Gpu, RenderError};
@@ -152,6 +153,17 @@ impl AssetGpu {
     pub(crate) fn sphere(&self) -> (DVec3, f64) {
         let [low, high] = self.reach.extent.map(Vec3::as_dvec3);
         self.bounds.unwrap_or((0.5 * (low + high), 0.5 * low.distance(high)))
+    }
+
+    /// The same of an instance, with its moved parts.
+    pub(crate) fn sphere_of(&self, instance: usize) -> (DVec3, f64) {
+        let (centre, radius) = self.sphere();
+        let mut moves = self.states.moves(instance).peekable();
+        if moves.peek().is_none() {
+            return (centre, radius);
+        }
+        let (centre, radius) = PartTransform::bounds(moves, (self.origin + centre, radius));
+        (centre - self.origin, radius)
     }
 
     /// Equal for equal geometry, morphs aside.
@@ -365,7 +377,7 @@ impl AssetGpu {
         Ok(())
     }
 
-    /// Hides or tints parts ([`PackedVertex::of_part`]) of the asset's instances, which are numbered as in
+    /// Hides, tints or moves parts ([`PackedVertex::of_part`]) of the asset's instances, which are numbered as in
     /// [`crate::Drawable::instances`]; replaces all earlier states. PN triangles and ink follow only where a whole
     /// instance is hidden. Costs one write to the device, in proportion to the largest part listed of each instance;
     /// nothing is compiled.
@@ -374,7 +386,7 @@ impl AssetGpu {
     /// [`RenderError::NoSuch`] for a part from [`crate::MAX_PARTS`] on, [`RenderError::TooLarge`] past the device's
     /// limit of textures; nothing is changed then.
     pub fn set_part_states(&mut self, gpu: &Gpu, states: PartStates) -> Result<(), RenderError> {
-        let written = self.states.set(gpu, states)?;
+        let written = self.states.set(gpu, states, self.origin)?;
         if written == Written::NewTexture {
             for part in &mut self.parts {
                 part.bound = self.kit.bind(gpu, &part.material, &self.textures, &self.states);
@@ -401,6 +413,17 @@ impl AssetGpu {
             return None;
         }
         self.states.start(instance)
+    }
+
+    /// Number of the states of its parts, another for each change.
+    pub(crate) fn part_states_version(&self) -> u64 {
+        self.states.version()
+    }
+
+    /// Where the states of this number begin of an instance that is drawn, if they were the last ones drawn; else where
+    /// the present ones do.
+    pub(crate) fn part_states_before(&self, instance: usize, version: u64) -> u32 {
+        self.states.start_before(instance, version).or_else(|| self.states.start(instance)).unwrap_or(0)
     }
 
     /// Marks materials, textures or part states as changed; `holes`: what is drawn at all, and thus shadows, may have

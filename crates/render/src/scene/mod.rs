@@ -10,6 +10,7 @@ pub(crate) mod lights;
 pub(crate) mod material_bindings;
 pub(crate) mod part_states;
 pub(crate) mod part_table;
+pub(crate) mod part_words;
 pub(crate) mod placement;
 #[cfg(any(test, feature = "methods"))]
 pub(crate) mod relief_acceleration;

@@ -1,6 +1,8 @@
-//! What the viewer does to parts of an asset's instances: hide and tint them.
+//! What the viewer does to parts of an asset's instances: hide, tint and move them.
 
 use std::collections::BTreeMap;
+
+use lodestream_scene::parts::PartTransform;
 
 /// How a part is drawn; by default, as it is.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -9,6 +11,8 @@ pub struct PartState {
     pub hidden: bool,
     /// Mixed into the part's base colour before it is lit.
     pub tint: Option<Tint>,
+    /// Moves it within its instance.
+    pub transform: Option<PartTransform>,
 }
 
 /// A colour that is mixed into a surface's own.
@@ -26,7 +30,7 @@ pub(crate) const HIDDEN: u32 = 1 << 31;
 
 impl PartState {
     /// A state that hides a part.
-    pub const HIDDEN: Self = Self { hidden: true, tint: None };
+    pub const HIDDEN: Self = Self { hidden: true, tint: None, transform: None };
 
     /// The state as shaders read it: red, green, blue, strength and, in the highest bit, hidden.
     pub(crate) fn word(&self) -> u32 {
@@ -50,8 +54,13 @@ pub struct InstanceStates {
 
 impl InstanceStates {
     /// Whether no part is drawn, whatever parts there are.
-    fn hides_all(&self) -> bool {
+    pub(crate) fn hides_all(&self) -> bool {
         self.others.hidden && self.parts.values().all(|state| state.hidden)
+    }
+
+    /// The transforms of its parts, those of all others first.
+    pub(crate) fn transforms(&self) -> impl Iterator<Item = &PartTransform> {
+        [&self.others].into_iter().chain(self.parts.values()).filter_map(|state| state.transform.as_ref())
     }
 }
 
@@ -64,44 +73,11 @@ pub struct PartStates {
     pub instances: BTreeMap<u32, InstanceStates>,
 }
 
-/// [`PartStates`] as words for the GPU, and where those of an instance are.
-#[derive(Debug, Default)]
-pub(crate) struct PartWords {
-    /// Of each instance: number of parts that follow, state of all others, states by part. Two zeros come first.
-    pub(crate) words: Vec<u32>,
-    /// Beginnings in `words`; `None` for instances that are hidden.
-    starts: BTreeMap<u32, Option<u32>>,
-    others: Option<u32>,
-}
-
-impl PartWords {
-    pub(crate) fn new(states: &PartStates) -> Self {
-        let mut words = vec![0; 2];
-        let mut add = |states: &InstanceStates| {
-            if states.hides_all() {
-                return None;
-            }
-            let (start, others) = (words.len(), states.others.word());
-            let count = states.parts.last_key_value().map_or(0, |(part, _)| part + 1);
-            words.extend([count, others]);
-            words.resize(start + 2 + count as usize, others);
-            for (part, state) in &states.parts {
-                words[start + 2 + *part as usize] = state.word();
-            }
-            Some(u32::try_from(start).unwrap_or(u32::MAX))
-        };
-        let starts = states.instances.iter().map(|(index, states)| (*index, add(states))).collect();
-        let others = match states.others {
-            others if others == PartState::default() => Some(0),
-            others => add(&InstanceStates { others, ..Default::default() }),
-        };
-        Self { words, starts, others }
-    }
-
-    /// Where the states of an instance begin, 0 without any; `None` if nothing of it is drawn.
-    pub(crate) fn start(&self, instance: usize) -> Option<u32> {
-        let listed = u32::try_from(instance).ok().and_then(|index| self.starts.get(&index));
-        listed.copied().unwrap_or(self.others)
+impl PartStates {
+    /// Whether any part is moved.
+    pub(crate) fn moves(&self) -> bool {
+        let listed = self.instances.values().any(|states| states.transforms().next().is_some());
+        self.others.transform.is_some() || listed
     }
 }
 
@@ -121,20 +97,5 @@ mod tests {
         assert_eq!(tinted(7.0).word(), 0x7f03_0201);
         assert_eq!(tinted(f32::NAN).word(), 0);
         assert_eq!(PartState { hidden: true, ..tinted(0.5) }.word(), 0xc003_0201);
-    }
-
-    #[test]
-    fn instances_find_their_states_and_hidden_ones_are_not_drawn() {
-        let parts = |parts: &[(u32, PartState)]| parts.iter().copied().collect();
-        let one = InstanceStates { others: PartState::default(), parts: parts(&[(2, PartState::HIDDEN)]) };
-        let gone = InstanceStates { others: PartState::HIDDEN, parts: parts(&[(0, PartState::HIDDEN)]) };
-        let alone = InstanceStates { others: PartState::HIDDEN, parts: parts(&[(1, PartState::default())]) };
-        let instances = [(0, one), (3, gone), (4, alone)].into();
-        let words = PartWords::new(&PartStates { others: PartState::default(), instances });
-        let hidden = PartState::HIDDEN.word();
-        assert_eq!(words.words, [0, 0, 3, 0, 0, 0, hidden, 2, hidden, hidden, 0]);
-        assert_eq!([0, 1, 3, 4].map(|index| words.start(index)), [Some(2), Some(0), None, Some(7)]);
-        let isolated = PartStates { others: PartState::HIDDEN, ..Default::default() };
-        assert_eq!(PartWords::new(&isolated).start(9), None);
     }
 }

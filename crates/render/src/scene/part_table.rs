@@ -1,9 +1,16 @@
 //! States of an asset's parts in GPU memory.
 
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+use glam::DVec3;
+use lodestream_scene::parts::PartTransform;
+
 use crate::resources::descriptors::texture_2d;
 use crate::resources::gpu::{Gpu, RenderError};
 use crate::resources::vertex::MAX_PARTS;
-use crate::scene::part_states::{PartStates, PartWords};
+use crate::scene::part_states::PartStates;
+use crate::scene::part_words::PartWords;
 
 /// `PART_STATES_WIDTH` of `mesh_vertex.wgsl`.
 const WIDTH: usize = 1024;
@@ -23,11 +30,34 @@ pub(crate) struct PartTable {
     states: PartStates,
     words: Option<PartWords>,
     texture: Option<wgpu::Texture>,
+    /// Number of the states; another for each change.
+    version: u64,
+    /// Whether a frame has drawn the states.
+    drawn: AtomicBool,
+    /// The states of the last frame that was drawn before the present ones, and their number.
+    before: (u64, PartStates),
+    /// Their words, if any part is moved in either: for motion vectors.
+    words_before: Option<PartWords>,
+    /// The transforms of each instance, each once.
+    moves: BTreeMap<u32, Vec<PartTransform>>,
+    moves_of_others: Vec<PartTransform>,
+}
+
+/// A new number of states, unequal to 0.
+fn new_version() -> u64 {
+    static NEXT: AtomicU64 = AtomicU64::new(1);
+    NEXT.fetch_add(1, Ordering::Relaxed)
 }
 
 impl PartTable {
-    /// Replaces all states. Cost: in proportion to the largest part listed of each instance, at most [`MAX_PARTS`].
-    pub(crate) fn set(&mut self, gpu: &Gpu, states: PartStates) -> Result<Written, RenderError> {
+    /// Replaces all states of an asset whose vertices are relative to `origin`. Cost: in proportion to the largest part
+    /// listed of each instance, at most [`MAX_PARTS`]; twice that if parts are moved.
+    pub(crate) fn set(
+        &mut self,
+        gpu: &Gpu,
+        states: PartStates,
+        origin: DVec3,
+    ) -> Result<Written, RenderError> {
         if states == self.states {
             return Ok(Written::Nothing);
         }
@@ -40,7 +70,10 @@ impl PartTable {
                 count: MAX_PARTS as usize,
             });
         }
-        let mut words = PartWords::new(&states);
+        let was_drawn = self.drawn.load(Ordering::Relaxed);
+        let before = if was_drawn { &self.states } else { &self.before.1 };
+        let mut words = PartWords::new(&states, origin);
+        let words_before = (states.moves() || before.moves()).then(|| words.append(before, origin));
         words.words.resize(words.words.len().next_multiple_of(WIDTH), 0);
         let rows = (words.words.len() / WIDTH) as u32;
         let allowed = gpu.device.limits().max_texture_dimension_2d;
@@ -71,7 +104,15 @@ impl PartTable {
             wgpu::Extent3d { width: WIDTH as u32, height: rows, depth_or_array_layers: 1 },
         );
         words.words = Vec::new();
-        (self.states, self.words) = (states, Some(words));
+        if was_drawn {
+            self.before = (self.version, std::mem::take(&mut self.states));
+        }
+        self.moves_of_others = states.others.transform.into_iter().collect();
+        let moves = states.instances.iter();
+        let moves = moves.map(|(index, states)| (*index, PartTransform::distinct(states.transforms())));
+        self.moves = moves.collect();
+        (self.states, self.words, self.words_before) = (states, Some(words), words_before);
+        (self.version, self.drawn) = (new_version(), AtomicBool::new(false));
         Ok(written)
     }
 
@@ -80,8 +121,28 @@ impl PartTable {
         self.texture.as_ref().map(|texture| texture.create_view(&Default::default()))
     }
 
-    /// Where the states of an instance begin, 0 without any; `None` if nothing of it is drawn.
+    /// To where parts of an instance are moved, each transform once.
+    pub(crate) fn moves(&self, instance: usize) -> impl Iterator<Item = &PartTransform> {
+        let listed = u32::try_from(instance).ok().and_then(|index| self.moves.get(&index));
+        listed.unwrap_or(&self.moves_of_others).iter()
+    }
+
+    /// Number of the states, which the next frame may give to [`PartTable::start_before`].
+    pub(crate) fn version(&self) -> u64 {
+        self.version
+    }
+
+    /// Where the states of this number begin, if they were the last that were drawn before the present ones and moves
+    /// differ; else where the present ones do.
+    pub(crate) fn start_before(&self, instance: usize, version: u64) -> Option<u32> {
+        let before =
+            self.words_before.as_ref().filter(|_| version != self.version && version == self.before.0);
+        before.map_or_else(|| self.start(instance), |words| words.start(instance))
+    }
+
+    /// Where the states of an instance that is drawn begin, 0 without any; `None` if nothing of it is drawn.
     pub(crate) fn start(&self, instance: usize) -> Option<u32> {
+        self.drawn.store(true, Ordering::Relaxed);
         self.words.as_ref().map_or(Some(0), |words| words.start(instance))
     }
 }

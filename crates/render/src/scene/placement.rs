@@ -50,9 +50,9 @@ impl InstanceRaw {
 pub(crate) const INSTANCE_ATTRIBUTES: [wgpu::VertexAttribute; 3] =
     wgpu::vertex_attr_array![7 => Float32x4, 8 => Float32x4, 11 => Uint32];
 
-/// Layout of the previous frame's [`InstanceRaw`] at locations 9 and 10.
-pub(crate) const BEFORE_ATTRIBUTES: [wgpu::VertexAttribute; 2] =
-    wgpu::vertex_attr_array![9 => Float32x4, 10 => Float32x4];
+/// Layout of the previous frame's [`InstanceRaw`] at locations 9, 10 and 12.
+pub(crate) const BEFORE_ATTRIBUTES: [wgpu::VertexAttribute; 3] =
+    wgpu::vertex_attr_array![9 => Float32x4, 10 => Float32x4, 12 => Uint32];
 
 #[cfg(test)]
 mod tests {

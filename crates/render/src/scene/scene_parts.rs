@@ -1,8 +1,8 @@
-//! Parts of a scene that are hidden, tinted or isolated.
+//! Parts of a scene that are hidden, tinted, moved or isolated.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use lodestream_scene::parts::ScenePart;
+use lodestream_scene::parts::{PartTransform, ScenePart};
 
 use crate::scene::part_states::{InstanceStates, PartState, PartStates};
 
@@ -75,6 +75,11 @@ impl SceneParts {
     pub(crate) fn hidden(&self) -> HiddenParts {
         let hidden = self.states.iter().filter(|(_, state)| state.hidden).map(|(part, _)| *part);
         HiddenParts { hidden: hidden.collect(), isolated: self.isolated.clone() }
+    }
+
+    /// The parts that are moved.
+    pub(crate) fn moved(&self) -> BTreeMap<ScenePart, PartTransform> {
+        self.states.iter().filter_map(|(part, state)| Some((*part, state.transform?))).collect()
     }
 
     /// The instances that have parts with a state or isolated ones, ascending.

@@ -13,8 +13,9 @@ struct VertexIn {
     @location(11) states: u32, // where its parts' states begin; 0: none
 }
 
-// States of parts, as part_table.rs writes them: for an instance the number of parts that follow, the state of all
-// others, and the states. A texture, since not every device has storage buffers in the vertex stage.
+// States of parts, as part_words.rs writes them: for an instance the number of parts that follow, where the places of
+// their moves begin (0: none), the state of all others, and the states. A texture, since not every device has storage
+// buffers in the vertex stage.
 @group(1) @binding(7) var part_states: texture_2d<u32>;
 
 const PART_STATES_WIDTH: u32 = 1024u;
@@ -24,14 +25,45 @@ fn part_states_at(at: u32) -> u32 {
     return textureLoad(part_states, vec2(at % PART_STATES_WIDTH, at / PART_STATES_WIDTH), 0).x;
 }
 
+// Where a vertex's part is in the lists of an instance: the first entry is of all parts that are not listed.
+fn part_entry(v: VertexIn, states: u32) -> u32 {
+    let part = v.part_and_level >> 8u;
+    return select(0u, part + 1u, part < part_states_at(states));
+}
+
 // Tint of a vertex's part in its low 31 bits, and whether it is hidden.
 fn part_state(v: VertexIn) -> u32 {
     if (v.states == 0u) {
         return 0u;
     }
-    let part = v.part_and_level >> 8u;
-    let listed = part < part_states_at(v.states);
-    return part_states_at(v.states + 1u + select(0u, part + 1u, listed));
+    return part_states_at(v.states + 2u + part_entry(v, v.states));
+}
+
+// Where the move of a vertex's part is among the states that begin at `states`; 0 if it has none.
+fn part_move(v: VertexIn, states: u32) -> u32 {
+    if (states == 0u) {
+        return 0u;
+    }
+    let moves = part_states_at(states + 1u);
+    if (moves == 0u) {
+        return 0u;
+    }
+    return part_states_at(moves + part_entry(v, states));
+}
+
+// Four numbers of a move: offset and scale, or its rotation.
+fn part_move_at(at: u32) -> vec4<f32> {
+    return bitcast<vec4<f32>>(vec4(
+        part_states_at(at), part_states_at(at + 1u), part_states_at(at + 2u), part_states_at(at + 3u),
+    ));
+}
+
+// A place of the asset, relative to its origin, where its part is moved to.
+fn part_moved(local: vec3<f32>, move_at: u32) -> vec3<f32> {
+    if (move_at == 0u) {
+        return local;
+    }
+    return in_world(local, part_move_at(move_at), part_move_at(move_at + 4u));
 }
 
 // Outside the picture if the part is hidden: all corners of a face have one part, so that nothing of it is drawn.
@@ -45,7 +77,7 @@ fn shown(world: vec3<f32>, state: u32) -> vec4<f32> {
 // Position of a vertex now, world axes, relative to the eye.
 fn placed(v: VertexIn) -> vec3<f32> {
     let local = mix(v.morph_from, v.position, morph_weight(frame.time_s - v.birth_s));
-    return in_world(local, v.offset_scale, v.rotation);
+    return in_world(part_moved(local, part_move(v, v.states)), v.offset_scale, v.rotation);
 }
 
 @vertex
@@ -54,7 +86,12 @@ fn vs_surface(v: VertexIn) -> Surface {
     let state = part_state(v);
     out.position = placed(v);
     out.clip = shown(out.position, state);
-    out.normal = rotate(v.rotation, v.normal.xyz);
+    let move_at = part_move(v, v.states);
+    var normal = v.normal.xyz;
+    if (move_at != 0u) {
+        normal = rotate(part_move_at(move_at + 4u), normal);
+    }
+    out.normal = rotate(v.rotation, normal);
     out.uv = vec2(v.uv.x, 1.0 - v.uv.y);
     out.level = v.part_and_level & 255u;
     out.tint = state & ~HIDDEN;

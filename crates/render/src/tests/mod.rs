@@ -17,6 +17,7 @@ mod host;
 mod ink;
 mod lights;
 mod materials;
+mod moved_parts;
 mod occlusion;
 mod occlusion_half;
 mod occlusion_rays;

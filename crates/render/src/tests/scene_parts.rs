@@ -6,7 +6,7 @@ use lodestream_geometry::refine::RenderVertex;
 use lodestream_scene::description::{
     Camera, DEFAULT_AMBIENT, DEFAULT_BACKGROUND, Instance, SceneHeader, SceneLighting,
 };
-use lodestream_scene::parts::ScenePart;
+use lodestream_scene::parts::{PartTransform, ScenePart};
 use lodestream_scene::proxy::{Cut, Proxy};
 
 use super::headless;
@@ -108,6 +108,28 @@ fn isolating_parts_hides_all_others_and_clearing_restores_the_picture() {
     let refused = view.set_parts(h.gpu(), &[(kept[0], tint), (part(0, MAX_PARTS), PartState::HIDDEN)]);
     assert!(matches!(refused, Err(RenderError::NoSuch { what: "part", .. })), "{refused:?}");
     assert!(picture(&mut h, &view) == whole);
+}
+
+/// The client is told which parts are moved, and for which instances no proxy may stand.
+#[test]
+fn a_moved_part_keeps_its_other_states_and_is_told_to_the_client() {
+    let Some(mut h) = headless(128, 128) else { return };
+    let mut view = scene(&h);
+    let whole = picture(&mut h, &view);
+    // The second square of one instance onto the place of the first, which is hidden.
+    let back = PartTransform::by(DVec3::new(-1.0, 0.0, 0.0)).unwrap();
+    let moved = PartState { transform: Some(back), ..Default::default() };
+    view.set_parts(h.gpu(), &[(part(0, 0), PartState::HIDDEN), (part(0, 1), moved)]).unwrap();
+    assert_eq!(view.moved_parts(), [(part(0, 1), back)].into());
+    assert_eq!(view.pinned_instances(), [0]);
+    let onto = picture(&mut h, &view);
+    view.set_parts(h.gpu(), &[(part(0, 0), PartState::default()), (part(0, 1), PartState::HIDDEN)]).unwrap();
+    assert!(picture(&mut h, &view) == onto && onto != whole, "the squares are equal");
+    view.set_parts(h.gpu(), &[(part(0, 1), moved)]).unwrap();
+    view.isolate_parts(h.gpu(), Some(&[part(0, 1)])).unwrap();
+    assert_eq!(view.part_state(part(0, 1)), moved);
+    view.clear_parts(h.gpu()).unwrap();
+    assert!(view.moved_parts().is_empty() && picture(&mut h, &view) == whole);
 }
 
 /// States are those of the same parts, whether they were set before or after instances and assets arrived.

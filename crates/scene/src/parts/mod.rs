@@ -6,11 +6,13 @@
 
 mod directory;
 mod page;
+mod transform;
 
 use crate::encoding::{CodingError, encode_fields};
 
 pub use directory::{INSTANCES_PER_PAGE, PartRun, decode_directory, encode_directory, records_of};
 pub use page::{MAX_PAGE_BYTES, RECORDS_PER_PAGE, check_page, decode_record, encode_page};
+pub use transform::{MAX_PART_TRANSLATION, PART_SCALES, PartTransform, PartTransformError};
 
 /// Most records of a scene.
 pub const MAX_RECORDS: u32 = 1 << 24;

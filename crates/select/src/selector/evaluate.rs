@@ -78,7 +78,7 @@ impl Selector {
             (worst, worst_unoccluded) = (f64::INFINITY, f64::INFINITY);
         }
         let mut is_visibility_drawn = false;
-        for &Drawn { ref instance, number, is_proxy } in &drawn {
+        for &Drawn { ref instance, number, is_proxy, is_moved } in &drawn {
             let Some(asset) = assets.get(instance.asset as usize) else { continue };
             let on_screen = &mut self.on_screen[instance.asset as usize];
             on_screen.placed = true;
@@ -107,7 +107,9 @@ impl Selector {
             let with_own = |px: f64| if px > 0.0 { px + proxy_px } else { 0.0 };
             let unknown_px = if waits { 0.0 } else { with_own(px_of(asset.unknown_error())) };
             worst = worst.max(unknown_px).max(proxy_px);
-            let tests_visibility = self.settings.hidden_last && asset.occluder().is_some() && !is_proxy;
+            // Visible shares are kept by number, and an instance has one.
+            let tests_visibility =
+                self.settings.hidden_last && asset.occluder().is_some() && !is_proxy && !is_moved;
             if unknown_px > floor_px && tests_visibility {
                 if !std::mem::replace(&mut is_visibility_drawn, true) {
                     self.visibility.draw(view, self.travel, instances, assets);
@@ -207,18 +209,26 @@ impl Selector {
     fn list_drawn(&mut self, instances: Instances<'_>) -> Vec<Drawn> {
         let mut drawn = std::mem::take(&mut self.drawn);
         drawn.clear();
+        let placed =
+            |number: u32, instance: Instance| Drawn { instance, number, is_proxy: false, is_moved: false };
+        let moved = self.moved.iter().filter_map(|&(number, to)| {
+            let instance = instances.all().get(number as usize)?;
+            let placement = to.within(&instance.placement);
+            Some(Drawn { is_moved: true, ..placed(number, Instance { placement, ..*instance }) })
+        });
         let Some(proxies) = instances.proxies() else {
-            let of = |&number: &u32| (number, instances.all()[number as usize]);
-            let nearby = self.nearby.numbers().iter().map(of);
-            drawn.extend(nearby.map(|(number, instance)| Drawn { instance, number, is_proxy: false }));
+            let of = |&number: &u32| placed(number, instances.all()[number as usize]);
+            drawn.extend(self.nearby.numbers().iter().map(of).chain(moved));
             return drawn;
         };
         for &number in self.nearby.numbers().iter().filter(|number| !self.cut.covers(**number)) {
-            drawn.push(Drawn { instance: instances.all()[number as usize], number, is_proxy: false });
+            drawn.push(placed(number, instances.all()[number as usize]));
         }
+        drawn.extend(moved.filter(|moved| !self.cut.covers(moved.number)));
         for &number in &self.cut.cut().proxies {
             let asset = proxies.nodes()[number as usize].proxy.asset;
-            drawn.push(Drawn { instance: Instance::at(asset, [0.0; 3]), number, is_proxy: true });
+            let instance = Instance::at(asset, [0.0; 3]);
+            drawn.push(Drawn { is_proxy: true, ..placed(number, instance) });
         }
         let uncovered = (0..).zip(instances.all()).filter(|(number, _)| !self.cut.covers(*number));
         for (_, instance) in uncovered {

@@ -24,6 +24,7 @@ impl Running {
             parts::apply(args, &self.painter.gpu, &mut self.scene)?;
         }
         self.streaming.pin_instances(self.scene.pinned_instances());
+        self.streaming.move_parts(self.scene.moved_parts());
         let (selected, fitted) = self.selection.receive(&self.painter.gpu, &mut self.scene)?;
         if let (Some(bounds), Some(controller)) = (fitted, &mut self.controller) {
             let [width, height] = self.painter.size().map(|side| f64::from(side.max(1)));

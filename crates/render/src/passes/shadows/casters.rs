@@ -55,11 +55,11 @@ impl<'a> Casters<'a> {
         let curved = frame.settings.asks_for_curves().filter(|_| !frame.settings.asks_for_ink());
         self.key.extend(curved.map(PnTriangles::key));
         for (number, drawable) in frame.drawables.iter().enumerate().filter(|(_, d)| d.asset.is_drawable()) {
-            let (origin, sphere) = (drawable.asset.origin(), drawable.asset.sphere());
+            let origin = drawable.asset.origin();
             let placed = drawable.instances.iter().enumerate().filter_map(|(index, placement)| {
                 let states = drawable.asset.part_states(index)?;
                 let raw = finite(InstanceRaw::new(placement, origin, eye).with_states(states))?;
-                let (centre, radius) = raw.sphere(sphere);
+                let (centre, radius) = raw.sphere(drawable.asset.sphere_of(index));
                 Some((placement, raw, self.top_of(eye, centre, radius)?))
             });
             let placed: Vec<_> = placed.collect();

@@ -230,13 +230,13 @@ fn moves<'a>(
     for batch in &list.batches {
         let asset = batch.asset();
         let mut moved = asset.is_moving(past.time_s, frame.settings.morph_s);
-        let were = past.instances(asset);
+        let (were, states) = past.instances(asset);
         // If their number has changed, instances cannot be matched.
         if counts.get(&asset.number()) == Some(&were.len()) {
             for (slot, place) in list.placed(batch) {
                 let was = &were[firsts[batch.drawable()] + place];
-                let raw =
-                    InstanceRaw::new(was, asset.origin(), frame.camera.eye).with_states(before[slot].states);
+                let raw = InstanceRaw::new(was, asset.origin(), frame.camera.eye)
+                    .with_states(asset.part_states_before(place, states));
                 if let Some(raw) = finite(raw).filter(|raw| *raw != before[slot]) {
                     before[slot] = raw;
                     moved = true;

@@ -19,6 +19,8 @@ struct DrawnAsset {
     /// The state of its vertices, faces, materials and textures.
     stamps: [u64; 2],
     instances: Vec<Placement>,
+    /// Number of its parts' states.
+    part_states: u64,
 }
 
 /// Everything that a picture depends on except jitter and time.
@@ -60,6 +62,7 @@ impl PreviousFrame {
         for drawable in frame.drawables {
             let asset = drawn.entry(drawable.asset.number()).or_default();
             asset.stamps = drawable.asset.stamps();
+            asset.part_states = drawable.asset.part_states_version();
             asset.instances.extend(drawable.instances);
         }
         let ground = frame.terrain.map(|ground| Ground {
@@ -100,8 +103,9 @@ impl PreviousFrame {
         &self.made.camera
     }
 
-    /// The instances of an asset, in the order of its drawables.
-    pub(super) fn instances(&self, asset: &AssetGpu) -> &[Placement] {
-        self.made.drawn.get(&asset.number()).map_or(&[], |drawn| &drawn.instances)
+    /// The instances of an asset, in the order of its drawables, and the number of its parts' states.
+    pub(super) fn instances(&self, asset: &AssetGpu) -> (&[Placement], u64) {
+        let drawn = self.made.drawn.get(&asset.number());
+        drawn.map_or((&[], 0), |drawn| (&drawn.instances, drawn.part_states))
     }
 }

@@ -1,8 +1,8 @@
-//! Parts of a [`SceneView`]: which are hidden, tinted or isolated.
+//! Parts of a [`SceneView`]: which are hidden, tinted, moved or isolated.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
-use lodestream_scene::parts::ScenePart;
+use lodestream_scene::parts::{PartTransform, ScenePart};
 
 use super::SceneView;
 use crate::resources::gpu::{Gpu, RenderError};
@@ -11,11 +11,11 @@ use crate::scene::part_states::PartState;
 use crate::scene::scene_parts::HiddenParts;
 
 impl SceneView {
-    /// Hides or tints parts, or shows them as they are. Parts of instances that have not arrived take their state when
+    /// Hides, tints or moves parts, or shows them as they are. Parts of instances that have not arrived take their state when
     /// they do; another scene begins without states. Cost: a pass over all parts with a state, and a write to the device
     /// per asset concerned; no pipeline, mesh or draw changes, and nothing is requested. Draw a frame afterwards.
     ///
-    /// PN triangles and ink follow only where a whole instance is hidden.
+    /// PN triangles and ink follow only where a whole instance is hidden; there, moved parts stay where they were.
     ///
     /// # Errors
     /// [`RenderError::NoSuch`] for a part from [`MAX_PARTS`] on; nothing is changed then. [`RenderError::TooLarge`] for
@@ -38,7 +38,7 @@ impl SceneView {
         self.write_part_states(gpu, |_| true)
     }
 
-    /// Shows all parts as they are: nothing hidden, tinted or isolated.
+    /// Shows all parts as they are: nothing hidden, tinted, moved or isolated.
     ///
     /// # Errors
     /// As [`SceneView::set_parts`].
@@ -58,6 +58,13 @@ impl SceneView {
     #[must_use]
     pub fn pinned_instances(&self) -> Vec<u32> {
         self.parts.instances()
+    }
+
+    /// The parts that are moved. Tell the client (`ClientCore::move_parts`), so that picking and refinement follow. Cost: a
+    /// pass over all parts with a state.
+    #[must_use]
+    pub fn moved_parts(&self) -> BTreeMap<ScenePart, PartTransform> {
+        self.parts.moved()
     }
 
     /// Which parts are hidden now; picking on another thread skips them. Cost: a copy of all parts with a state.
