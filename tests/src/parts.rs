@@ -1,4 +1,5 @@
-//! What parts are called is found by any client of a scene: over both transports, and in a published scene.
+//! What parts are called is found by any client of a scene: over both transports, and in a published scene. The viewer
+//! names the part at a pixel.
 
 use std::path::{Path, PathBuf};
 
@@ -12,6 +13,8 @@ use lodestream_store::Objects;
 use serde_json::{Value, json};
 
 use crate::support::daemon::{Server, Transport};
+use crate::support::picture::skipped;
+use crate::support::program::Program;
 use crate::support::scene::{TestScene, options, prepare_all};
 use crate::support::viewer::{Viewer, config};
 
@@ -19,7 +22,7 @@ use crate::support::viewer::{Viewer, config};
 const PARTS: usize = 40;
 
 /// A house: 40 different parts on a floor, which become a batch, and two copies of a column.
-fn write_house(folder: &Path) -> PathBuf {
+pub(crate) fn write_house(folder: &Path) -> PathBuf {
     let (mut bytes, mut accessors, mut views, mut meshes) = (Vec::new(), vec![], vec![], vec![]);
     for mesh in 0..=PARTS {
         let high = 1.0 + mesh as f32 / 64.0;
@@ -112,4 +115,45 @@ fn a_client_finds_what_every_part_is_called() {
     let done = runtime.block_on(publish(&scene, &objects, &cache, &options())).unwrap();
     let file = format!("file:{}/{}", host.display(), done.name).parse().unwrap();
     check(&mut Viewer::start(&file, config()), &test_scene, "published");
+}
+
+#[test]
+fn the_viewer_names_the_part_at_a_pixel() {
+    if skipped() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let scene = of_files(&[write_house(folder.path())]).unwrap();
+    let test_scene = TestScene::open(&scene, prepare_all(&scene, &folder.path().join("cache")));
+    let batch = test_scene.asset("house/parts");
+    let page = test_scene.store.page(0).unwrap();
+    let instance = page.instances.iter().position(|instance| instance.asset == batch).unwrap();
+    let server = Server::start(test_scene.source(), SessionSettings::default());
+    // The slope of part 7, whose corners are 1 + 7/64 from its own zero, meets the ray at 0.2, 0.2.
+    let camera = "eye=21.2,0.2,10;target=21.2,0.2,0";
+    let part = format!("{instance}:7");
+    for hidden in [false, true] {
+        let mut arguments = vec!["--camera", camera, "--pick", "160,90", "--pick", "160,2"];
+        if hidden {
+            arguments.extend(["--hide", &part]);
+        }
+        let picture = folder.path().join("picture.png");
+        let output = Program::headless(&server.url(Transport::Quic), &picture, &arguments).end();
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{errors}");
+        let text = String::from_utf8(output.stdout).unwrap();
+        let [first, second]: [&str; 2] = text.lines().collect::<Vec<_>>().try_into().unwrap();
+        assert_eq!(second, "160,2: nothing");
+        if hidden {
+            assert_eq!(first, "160,90: nothing", "nothing is behind it");
+            continue;
+        }
+        let at = first.strip_prefix(&format!("160,90: {part} at ")).unwrap_or_else(|| panic!("{text}"));
+        let (place, distance) = at.split_once(", distance ").unwrap();
+        let place: Vec<f64> = place.split(',').map(|x| x.parse().unwrap()).collect();
+        let expected = [21.2, 0.2, 1.0 + 7.0 / 64.0 - 0.4];
+        assert!(place.iter().zip(expected).all(|(a, b)| (a - b).abs() < 0.06), "{text}");
+        assert!((distance.parse::<f64>().unwrap() - (10.0 - expected[2])).abs() < 0.06, "{text}");
+    }
+    server.assert_healthy();
 }
