@@ -5,6 +5,7 @@ import { now } from './clock.js';
 import { listen } from './input.js';
 import { show } from './overlay.js';
 import { files, fragment, preview, stage } from './preview.js';
+import { Selection } from './selection.js';
 import { View } from './view.js';
 
 const element = (id) => document.getElementById(id);
@@ -52,6 +53,7 @@ const view = new View({
   camera: cameraOf(asked),
 });
 
+const selection = new Selection(view, canvas);
 const actions = {
   KeyF: () => view.viewer?.toggle(),
   KeyR: () => {
@@ -66,7 +68,11 @@ const actions = {
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
   },
-  KeyX: () => (document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen()),
+  KeyX: () => selection.hide(),
+  KeyI: () => selection.isolate(),
+  KeyU: () => selection.showAll(),
+  KeyZ: () => selection.fit(),
+  KeyV: () => (document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen()),
 };
 listen(view, canvas, actions, now);
 show(view, element('overlay'), actions);
@@ -100,5 +106,5 @@ view.addEventListener('error', ({ detail }) => {
 addEventListener('pagehide', () => view.close());
 
 /** Figures and control for scripts and tests. */
-window.lodestream = { stats: () => ({ ...view.stats(), preview_ms: stage.drawn_ms }), view, preview };
+window.lodestream = { stats: () => ({ ...view.stats(), preview_ms: stage.drawn_ms }), view, preview, selection };
 view.start();

@@ -26,7 +26,7 @@ export function show(view, element, actions) {
     line.append(input, ` ${label}`);
     switches.append(line);
   }
-  const buttons = { picture: actions.KeyP, screen: actions.KeyX, start: actions.KeyR };
+  const buttons = { picture: actions.KeyP, screen: actions.KeyV, start: actions.KeyR };
   for (const [name, act] of Object.entries(buttons)) {
     element.querySelector(`.${name}`).addEventListener('click', act);
   }

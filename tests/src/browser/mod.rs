@@ -9,6 +9,7 @@ mod files;
 mod memory;
 mod npm;
 mod page;
+mod parts;
 mod shaders;
 mod static_host;
 mod three;

@@ -203,12 +203,21 @@ fn distance(camera: &[f64]) -> f64 {
     (0..3).map(|axis| (camera[axis] - camera[3 + axis]).powi(2)).sum::<f64>().sqrt()
 }
 
-fn mouse(tab: &mut Tab, kind: &str, [x, y]: [f64; 2], more: Value) {
+pub(super) fn mouse(tab: &mut Tab, kind: &str, [x, y]: [f64; 2], more: Value) {
     let mut event = json!({ "type": kind, "x": x, "y": y });
     for (name, value) in more.as_object().unwrap() {
         event[name] = value.clone();
     }
     tab.call("Input.dispatchMouseEvent", event);
+}
+
+/// Presses the key of a letter.
+pub(super) fn press(tab: &mut Tab, letter: char) {
+    for kind in ["keyDown", "keyUp"] {
+        let (code, key) = (format!("Key{letter}"), letter.to_ascii_lowercase().to_string());
+        let event = json!({ "type": kind, "code": code, "key": key, "windowsVirtualKeyCode": letter as u32 });
+        tab.call("Input.dispatchKeyEvent", event);
+    }
 }
 
 /// Drags with the left button.
@@ -247,9 +256,7 @@ fn drag_wheel_pinch_and_keys_move_the_camera() {
     let half = distance(&near) / 2.0;
     moved(&mut tab, "fingers twice as far apart halve the distance", |camera| is_at(camera, half, 0.01));
 
-    let key = |kind: &str| json!({ "type": kind, "code": "KeyR", "key": "r", "windowsVirtualKeyCode": 82 });
-    tab.call("Input.dispatchKeyEvent", key("keyDown"));
-    tab.call("Input.dispatchKeyEvent", key("keyUp"));
+    press(&mut tab, 'R');
     let is_start = |camera: &[f64]| camera.iter().zip(&start).all(|(a, b)| (a - b).abs() < 1e-6);
     moved(&mut tab, "R returns to the start", is_start);
     // The new camera is in the address, and a page opened there starts from it.
