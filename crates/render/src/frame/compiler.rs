@@ -12,7 +12,7 @@ use crate::passes::pn_triangles::{PatchPipelines, PnTriangles};
 use crate::passes::reflections::ReflectionMethod;
 use crate::passes::temporal::Resolve;
 use crate::resources::gpu::Gpu;
-use crate::scene::material_bindings::Features;
+use crate::scene::bound_material::Features;
 
 /// A unit of compilation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -7,8 +7,11 @@ use crate::frame::graph::PassId;
 pub struct Counters {
     /// Passes run, in order.
     pub passes: Vec<PassId>,
-    /// Draw calls that drew geometry.
+    /// Draws of meshes' materials and of terrain, shadow maps and motion aside.
     pub draws: u32,
+    /// Calls to the device for meshes in all passes, shadow maps included. A call draws thousands of meshes that share
+    /// material and buffers, where the device draws indirectly ([`wgpu::Features::INDIRECT_FIRST_INSTANCE`]).
+    pub calls: u32,
     /// Triangles submitted (instances multiplied, unused face slots included).
     pub triangles: u64,
     /// Instances drawn.

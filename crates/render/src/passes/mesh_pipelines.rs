@@ -8,8 +8,9 @@ use crate::resources::descriptors::{
 };
 use crate::resources::gpu::Gpu;
 use crate::resources::vertex::{PackedVertex, VERTEX_ATTRIBUTES};
+use crate::scene::bound_material::Features;
 use crate::scene::lights::PunctualLightPass;
-use crate::scene::material_bindings::{Features, MaterialBindings};
+use crate::scene::material_bindings::MaterialBindings;
 use crate::scene::placement::{BEFORE_ATTRIBUTES, INSTANCE_ATTRIBUTES, InstanceRaw};
 use crate::scene::relief_acceleration::ReliefAcceleration;
 

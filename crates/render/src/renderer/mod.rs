@@ -8,10 +8,13 @@ use glam::DVec3;
 use lodestream_scene::asset::Material;
 
 use crate::frame::accumulation::Accumulation;
+use crate::frame::batch::Meshes;
 use crate::frame::compiler::Compiler;
 use crate::frame::composite::Composites;
 use crate::frame::counters::Counters;
-use crate::frame::draw::{DrawList, Meshes};
+use crate::frame::draw::DrawList;
+use crate::frame::draw_calls::DrawCalls;
+use crate::frame::draw_groups::DrawGroups;
 use crate::frame::fullscreen::depth_attachment;
 use crate::frame::graph::{self, Needs, PassId, Resource};
 use crate::frame::pipelines::Pipelines;
@@ -40,9 +43,11 @@ use crate::resources::descriptors::uniform_buffer;
 use crate::resources::gpu::{Gpu, RenderError};
 use crate::resources::texture::{Texture, TextureShape};
 use crate::scene::asset::AssetGpu;
+use crate::scene::bound_material::Features;
 use crate::scene::environment::Environment;
 use crate::scene::lights::{PunctualLightList, PunctualLightPass};
-use crate::scene::material_bindings::{Features, MaterialBindings};
+use crate::scene::material_bindings::MaterialBindings;
+use crate::scene::mesh_pools::MeshPools;
 use crate::scene::placement::InstanceRaw;
 use crate::scene::terrain::{TerrainAppearance, TerrainGpu, TileList, TileRaw};
 
@@ -50,6 +55,7 @@ use crate::scene::terrain::{TerrainAppearance, TerrainGpu, TileList, TileRaw};
 #[derive(Debug)]
 pub struct Renderer {
     kit: MaterialBindings,
+    pools: MeshPools,
     pipelines: Arc<Pipelines>,
     composites: Composites,
     debug: DebugPipelines,
@@ -57,6 +63,7 @@ pub struct Renderer {
     frame_buffer: wgpu::Buffer,
     frame_group: wgpu::BindGroup,
     instances: GrowingBuffer<InstanceRaw>,
+    calls: DrawCalls,
     patches: PatchLists,
     tiles: GrowingBuffer<TileRaw>,
     shadow_maps: ShadowMaps,
@@ -113,6 +120,7 @@ impl Renderer {
         gpu.check()?;
         Ok(Self {
             kit,
+            pools: MeshPools::new(gpu),
             pipelines,
             composites: Composites::default(),
             debug: DebugPipelines::default(),
@@ -120,6 +128,7 @@ impl Renderer {
             frame_buffer,
             frame_group,
             instances: GrowingBuffer::new("instance buffer", wgpu::BufferUsages::VERTEX | read),
+            calls: DrawCalls::default(),
             patches: PatchLists::default(),
             tiles: GrowingBuffer::new("terrain tiles", wgpu::BufferUsages::VERTEX),
             shadow_maps,
@@ -194,7 +203,7 @@ impl Renderer {
         textures: Vec<Texture>,
     ) -> AssetGpu {
         materials.iter().for_each(|material| self.pipelines.meshes.ensure(gpu, Features::of(material)));
-        AssetGpu::new(gpu, self.kit.clone(), origin, materials, textures)
+        AssetGpu::new(gpu, (self.kit.clone(), &self.pools), origin, materials, textures)
     }
 
     /// Creates a terrain without tiles.
@@ -222,6 +231,7 @@ impl Renderer {
         frame: &Frame<'_>,
     ) -> Result<Counters, RenderError> {
         target.check(self.target_format)?;
+        self.pools.begin_frame();
         let mut passes = PassEncoder::new(encoder, self.timer.as_mut().map(Timer::begin));
         let (size, mut counters) = (drawn_size(target, frame.settings.render_scale), Counters::default());
         let mut list = DrawList::new(frame, size, &mut counters);
@@ -329,6 +339,14 @@ impl Renderer {
             let inputs = PatchInputs { settings, instances, before };
             self.patches.plan(gpu, self.pipelines.patches(gpu, settings), inputs, parts)?;
         }
+        self.calls.clear();
+        let lists = curved.map(|_| &self.patches);
+        let groups = DrawGroups::new(&list.batches, lists, &mut self.calls);
+        let moving_groups = DrawGroups::new(&moving, lists, &mut self.calls);
+        for casters in &mut casters {
+            casters.groups = DrawGroups::new(&casters.batches, lists, &mut self.calls);
+        }
+        self.calls.upload(gpu)?;
         if let Some(punctual_lights) = &punctual_lights {
             self.punctual_lights.prepare(gpu, punctual_lights)?;
         }
@@ -376,7 +394,7 @@ impl Renderer {
             let sunken = frame.settings.relief && frame.settings.relief_in_depth;
             let eye = frame.camera.eye;
             let sun = Sun { shadows, cascades: &casters, frame: &uniform, eye, ground_px, sunken };
-            let meshes = meshes(gpu, frame, &self.pipelines, (&self.instances, &self.patches));
+            let meshes = meshes(gpu, frame, &self.pipelines, (&self.instances, &self.patches, &self.calls));
             self.shadow_maps.record(
                 gpu,
                 &mut passes,
@@ -393,7 +411,7 @@ impl Renderer {
             passes.recorded(PassId::ShadowMaps);
         }
         for pass in &plan {
-            let drawn = (&list, ground.as_ref(), moving.as_slice());
+            let drawn = (&list, ground.as_ref(), [&groups, &moving_groups]);
             self.run(gpu, &mut passes, *pass, target, (frame, accumulated), drawn, &mut counters);
             passes.recorded(pass.id);
             counters.passes.push(pass.id);
@@ -441,10 +459,10 @@ fn meshes<'a>(
     gpu: &Gpu,
     frame: &Frame<'_>,
     pipelines: &'a Pipelines,
-    (instances, lists): (&'a GrowingBuffer<InstanceRaw>, &'a PatchLists),
+    (instances, lists, calls): (&'a GrowingBuffer<InstanceRaw>, &'a PatchLists, &'a DrawCalls),
 ) -> Option<Meshes<'a>> {
     let curved = frame.settings.curves(gpu).map(|settings| (pipelines.patches(gpu, settings), lists));
-    Some(Meshes { plain: &pipelines.meshes, instances: instances.buffer()?, curved })
+    Some(Meshes { plain: &pipelines.meshes, instances: instances.buffer()?, curved, calls })
 }
 
 /// The render size for a target.

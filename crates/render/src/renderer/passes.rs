@@ -2,8 +2,11 @@
 
 use super::Renderer;
 use crate::frame::accumulation::AccumulationStep;
+use crate::frame::batch::{Batch, Meshes};
 use crate::frame::counters::Counters;
-use crate::frame::draw::{Batch, DrawList, Meshes, Relief};
+use crate::frame::draw::DrawList;
+use crate::frame::draw_groups::DrawGroups;
+use crate::frame::draw_passes::Relief;
 use crate::frame::fullscreen::{attachment, blended, fullscreen};
 use crate::frame::graph::{Pass, PassId, Resource};
 use crate::frame::pipelines::{FullscreenPass, OcclusionOutput, OcclusionVariant};
@@ -25,7 +28,7 @@ impl Renderer {
         pass: Pass,
         target: &Target<'_>,
         (frame, accumulated): (&Frame<'_>, AccumulationStep),
-        (list, ground, moving): (&DrawList<'_>, Option<&TileList<'_>>, &[Batch<'_>]),
+        (list, ground, [groups, moving]): (&DrawList<'_>, Option<&TileList<'_>>, [&DrawGroups<'_>; 2]),
         counters: &mut Counters,
     ) {
         use Resource::{
@@ -38,7 +41,7 @@ impl Renderer {
         };
         match pass.id {
             PassId::GBuffer | PassId::Overdraw | PassId::Emission | PassId::Transparency | PassId::Edges => {
-                self.geometry(gpu, encoder, pass.id, frame, (list, ground), counters)
+                self.geometry(gpu, encoder, pass.id, frame, (list, groups, ground), counters)
             }
             PassId::Occlusion => self.occlusion(gpu, encoder, pass, accumulated),
             PassId::OcclusionBlur if pass.reads(OcclusionHalf) => {
@@ -107,7 +110,7 @@ impl Renderer {
                     self.patches.record((gpu, pipelines), encoder, pass.id, &self.frame_group, ranges);
                 }
             }
-            PassId::Motion => self.motion(gpu, encoder, frame, moving),
+            PassId::Motion => self.motion(gpu, encoder, frame, moving, counters),
             PassId::Temporal => {
                 let view = |resource| self.targets.view(resource);
                 if let (Some(radiance), Some(depth)) = (view(Radiance), view(Depth)) {
@@ -165,11 +168,18 @@ impl Renderer {
     }
 
     fn meshes(&self, gpu: &Gpu, frame: &Frame<'_>) -> Option<Meshes<'_>> {
-        super::meshes(gpu, frame, &self.pipelines, (&self.instances, &self.patches))
+        super::meshes(gpu, frame, &self.pipelines, (&self.instances, &self.patches, &self.calls))
     }
 
     /// Draws motion vectors of moving objects.
-    fn motion(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>, frame: &Frame<'_>, moving: &[Batch<'_>]) {
+    fn motion(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut PassEncoder<'_>,
+        frame: &Frame<'_>,
+        moving: &DrawGroups<'_>,
+        counters: &mut Counters,
+    ) {
         let view = |resource| self.targets.view(resource);
         let (Some(depth), Some(motion), Some(meshes), Some(before)) =
             (view(Resource::Depth), view(Resource::Motion), self.meshes(gpu, frame), self.temporal.before())
@@ -190,7 +200,7 @@ impl Renderer {
         };
         let mut pass = encoder.begin(PassId::Motion, &descriptor);
         pass.set_bind_group(0, &self.frame_group, &[]);
-        DrawList::motion(moving, gpu, &mut pass, meshes, before);
+        moving.motion(gpu, &mut pass, meshes, before, counters);
     }
 
     /// Estimates occlusion, for one frame or into the accumulated mean.
@@ -423,7 +433,7 @@ impl Renderer {
         encoder: &mut PassEncoder<'_>,
         id: PassId,
         frame: &Frame<'_>,
-        (list, ground): (&DrawList<'_>, Option<&TileList<'_>>),
+        (list, groups, ground): (&DrawList<'_>, &DrawGroups<'_>, Option<&TileList<'_>>),
         counters: &mut Counters,
     ) {
         let view = |r| self.targets.view(r);
@@ -460,7 +470,7 @@ impl Renderer {
         let (meshes, relief) = (self.meshes(gpu, frame), frame.settings.relief);
         if let Some(meshes) = meshes {
             match id {
-                PassId::Emission => list.emission(gpu, &mut pass, meshes, counters),
+                PassId::Emission => groups.emission(gpu, &mut pass, meshes, counters),
                 PassId::Transparency => {
                     let punctual_lights = counters.passes.contains(&PassId::PunctualLights);
                     if let Some(light) = self.light(gpu, punctual_lights) {
@@ -468,12 +478,12 @@ impl Renderer {
                         list.transparent(gpu, &mut pass, meshes, punctual_lights, counters);
                     }
                 }
-                PassId::Edges => list.wires(gpu, &mut pass, meshes, counters),
-                PassId::Overdraw => list.overdraw(gpu, &mut pass, meshes, false, counters),
+                PassId::Edges => groups.wires(gpu, &mut pass, meshes, counters),
+                PassId::Overdraw => groups.overdraw(gpu, &mut pass, meshes, false, counters),
                 _ => {
                     let Settings { relief_method: method, relief_in_depth: in_depth, .. } = frame.settings;
                     let way = relief.then_some(Relief { method, in_depth });
-                    list.surfaces(gpu, &mut pass, meshes, way, counters);
+                    groups.surfaces(gpu, &mut pass, meshes, way, counters);
                 }
             }
         }
@@ -486,7 +496,7 @@ impl Renderer {
         if let (PassId::Overdraw, Some(meshes)) = (id, meshes)
             && frame.settings.transparency
         {
-            list.overdraw(gpu, &mut pass, meshes, true, counters);
+            groups.overdraw(gpu, &mut pass, meshes, true, counters);
         }
     }
 

@@ -5,10 +5,6 @@ use std::marker::PhantomData;
 use bytemuck::Pod;
 
 use crate::resources::gpu::{Gpu, RenderError};
-#[cfg(any(test, feature = "reference"))]
-use crate::resources::readback::read_buffer;
-#[cfg(feature = "client")]
-use crate::resources::uploads::Uploads;
 
 /// Elements that the smallest buffer holds; an empty buffer cannot be bound.
 const MIN_ELEMENTS: u64 = 64;
@@ -18,10 +14,7 @@ const MIN_ELEMENTS: u64 = 64;
 pub(crate) struct GrowingBuffer<T> {
     label: &'static str,
     usage: wgpu::BufferUsages,
-    /// Current contents.
     shown: Contents,
-    /// Contents from the next [`GrowingBuffer::commit`] on, if anything is staged.
-    staged: Option<Contents>,
     kind: PhantomData<T>,
 }
 
@@ -34,7 +27,7 @@ struct Contents {
 
 impl<T: Pod> GrowingBuffer<T> {
     pub(crate) fn new(label: &'static str, usage: wgpu::BufferUsages) -> Self {
-        Self { label, usage, shown: Contents::default(), staged: None, kind: PhantomData }
+        Self { label, usage, shown: Contents::default(), kind: PhantomData }
     }
 
     /// Number of elements, counted to the end of the furthest write.
@@ -42,37 +35,14 @@ impl<T: Pod> GrowingBuffer<T> {
         self.shown.len
     }
 
-    /// Bytes allocated on the GPU.
-    pub(crate) fn bytes(&self) -> u64 {
-        self.shown.capacity * size_of::<T>() as u64
-    }
-
     /// The buffer, once something was written.
     pub(crate) fn buffer(&self) -> Option<&wgpu::Buffer> {
         self.shown.buffer.as_ref()
     }
 
-    #[cfg(any(test, feature = "reference"))]
-    /// Reads the elements back. Waits for the device.
-    pub(crate) fn read(&self, gpu: &Gpu) -> Result<Vec<T>, RenderError> {
-        match &self.shown.buffer {
-            Some(buffer) if self.shown.len > 0 => {
-                let bytes = read_buffer(gpu, buffer, self.shown.len * size_of::<T>() as u64)?;
-                Ok(bytemuck::pod_collect_to_vec(&bytes))
-            }
-            _ => Ok(Vec::new()),
-        }
-    }
-
-    /// Forgets elements past `len`; memory is kept.
-    pub(crate) fn truncate(&mut self, len: u64) {
-        self.shown.len = self.shown.len.min(len);
-    }
-
     /// Writes `data` from element `first`, growing as needed. Elements between the old end and
-    /// `first` are zero. Nothing may be staged.
+    /// `first` are zero.
     pub(crate) fn write(&mut self, gpu: &Gpu, first: u64, data: &[T]) -> Result<(), RenderError> {
-        debug_assert!(self.staged.is_none(), "{}: written while something is staged", self.label);
         if data.is_empty() {
             return Ok(());
         }
@@ -92,46 +62,6 @@ impl<T: Pod> GrowingBuffer<T> {
             self.shown.len = self.shown.len.max(end);
         }
         Ok(())
-    }
-
-    /// Stages `data` among other uploads. The current contents stay in use until the uploads are submitted and
-    /// [`GrowingBuffer::commit`] is called.
-    #[cfg(feature = "client")]
-    pub(crate) fn stage(
-        &mut self,
-        gpu: &Gpu,
-        uploads: &mut Uploads,
-        first: u64,
-        data: impl ExactSizeIterator<Item = T>,
-    ) -> Result<(), RenderError> {
-        if data.len() == 0 {
-            return Ok(());
-        }
-        let stride = size_of::<T>() as u64;
-        let end = first.saturating_add(data.len() as u64);
-        let mut staged = self.staged.take().unwrap_or_else(|| self.shown.clone());
-        if end > staged.capacity
-            && let Some((old, new)) = self.make_room(gpu, staged.clone(), end)?
-        {
-            if let (Some(old), Some(new)) = (&old, &new.buffer) {
-                uploads.copy(old, new, staged.len * stride);
-            }
-            staged = new;
-        }
-        staged.len = staged.len.max(end);
-        if let Some(buffer) = &staged.buffer {
-            uploads.write(gpu, buffer, first * stride, data)?;
-        }
-        self.staged = Some(staged);
-        Ok(())
-    }
-
-    /// Makes the staged contents current.
-    #[cfg(feature = "client")]
-    pub(crate) fn commit(&mut self) {
-        if let Some(staged) = self.staged.take() {
-            self.shown = staged;
-        }
     }
 
     /// Contents with room up to element `end`, if `now` has not; with the buffer to copy from, if there is one.

@@ -100,7 +100,8 @@ impl Gpu {
     /// Features that the renderer uses where the device has them.
     pub const WANTED_FEATURES: wgpu::Features = wgpu::Features::POLYGON_MODE_LINE
         .union(wgpu::Features::TEXTURE_FORMAT_16BIT_NORM)
-        .union(wgpu::Features::TIMESTAMP_QUERY);
+        .union(wgpu::Features::TIMESTAMP_QUERY)
+        .union(wgpu::Features::INDIRECT_FIRST_INSTANCE);
 
     /// Opens a device that draws into textures only; needs no display. Prefers real GPUs to
     /// software ones; the environment variable `WGPU_BACKEND` restricts the back ends tried.
@@ -129,7 +130,7 @@ impl Gpu {
     }
 
     /// Uses a host program's device. Needs no feature or limit beyond WebGPU's defaults; [`Gpu::WANTED_FEATURES`] add
-    /// wireframes, 16-bit height maps and timing of passes on the device.
+    /// wireframes, 16-bit height maps, timing of passes on the device and calls that draw many meshes.
     ///
     /// The host's error handlers stay in place: wgpu reports errors to them, and [`Gpu::take_error`] returns none.
     #[must_use]
@@ -284,6 +285,14 @@ impl Gpu {
     /// Additional usages of vertex, index and instance buffers, which PN triangles and ink read.
     pub(crate) fn curve_usage(&self) -> wgpu::BufferUsages {
         if self.can_curve() { wgpu::BufferUsages::STORAGE } else { wgpu::BufferUsages::empty() }
+    }
+
+    /// Whether one call draws many meshes. Browsers split such calls, at more cost than single draws.
+    pub(crate) fn draws_indirectly(&self) -> bool {
+        let flags = self.adapter.get_downlevel_capabilities().flags;
+        cfg!(not(target_family = "wasm"))
+            && self.device.features().contains(wgpu::Features::INDIRECT_FIRST_INSTANCE)
+            && flags.contains(wgpu::DownlevelFlags::INDIRECT_EXECUTION)
     }
 
     /// Anisotropy of samplers.

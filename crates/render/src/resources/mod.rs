@@ -3,6 +3,8 @@
 pub(crate) mod buffer;
 pub(crate) mod descriptors;
 pub(crate) mod gpu;
+pub(crate) mod paged_buffer;
+pub(crate) mod pages;
 pub(crate) mod readback;
 #[cfg(feature = "client")]
 pub(crate) mod staging;

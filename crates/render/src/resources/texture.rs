@@ -315,6 +315,11 @@ impl StreamedTexture {
         )
     }
 
+    /// The allocated texture, and the finest level in use.
+    fn used_levels(&self) -> Option<(wgpu::Texture, u32)> {
+        Some((self.allocated.as_ref()?.0.clone(), self.finest()?))
+    }
+
     /// The relief acceleration texture of the finest level in use. Built once per level, which waits for the device;
     /// `None` for maps that are too large, without a level, or if readback fails.
     fn acceleration(&mut self, gpu: &Gpu, acceleration: ReliefAcceleration) -> Option<wgpu::TextureView> {
@@ -383,6 +388,11 @@ impl Texture {
     /// A view of the usable levels.
     pub(crate) fn view(&self) -> Option<wgpu::TextureView> {
         self.streamed().view()
+    }
+
+    /// What [`Texture::view`] shows: the allocated texture, and the finest level in use.
+    pub(crate) fn used_levels(&self) -> Option<(wgpu::Texture, u32)> {
+        self.streamed().used_levels()
     }
 
     /// The relief acceleration texture ([`StreamedTexture::acceleration`]).

@@ -34,8 +34,10 @@ pub(crate) struct Uploads {
 enum Order {
     /// Writes the next `len` bytes to a buffer.
     Write { to: wgpu::Buffer, offset: u64, len: u64 },
-    /// Copies the start of a buffer to the start of another.
-    Copy { from: wgpu::Buffer, to: wgpu::Buffer, len: u64 },
+    /// Copies a range of a buffer to another.
+    Copy { from: (wgpu::Buffer, u64), to: (wgpu::Buffer, u64), len: u64 },
+    /// Fills a range of a buffer with zeros.
+    Clear { buffer: wgpu::Buffer, offset: u64, len: u64 },
 }
 
 impl Uploads {
@@ -67,9 +69,15 @@ impl Uploads {
         Ok(())
     }
 
-    /// Copies the start of a buffer, after all earlier writes.
-    pub(crate) fn copy(&mut self, from: &wgpu::Buffer, to: &wgpu::Buffer, len: u64) {
-        self.orders.push(Order::Copy { from: from.clone(), to: to.clone(), len });
+    /// Copies bytes from an offset of a buffer to an offset of another one, after all earlier writes.
+    pub(crate) fn copy(&mut self, from: (&wgpu::Buffer, u64), to: (&wgpu::Buffer, u64), len: u64) {
+        let owned = |(buffer, offset): (&wgpu::Buffer, u64)| (buffer.clone(), offset);
+        self.orders.push(Order::Copy { from: owned(from), to: owned(to), len });
+    }
+
+    /// Fills a range of a buffer with zeros, after all earlier writes.
+    pub(crate) fn clear(&mut self, buffer: &wgpu::Buffer, offset: u64, len: u64) {
+        self.orders.push(Order::Clear { buffer: buffer.clone(), offset, len });
     }
 
     /// Records commands for all pieces; [`Uploads::submit`] submits them.
@@ -101,7 +109,10 @@ impl Uploads {
                     encoder.copy_buffer_to_buffer(&block, at, &to, offset, len);
                     at += len;
                 }
-                Order::Copy { from, to, len } => encoder.copy_buffer_to_buffer(&from, 0, &to, 0, len),
+                Order::Copy { from: (from, start), to: (to, at), len } => {
+                    encoder.copy_buffer_to_buffer(&from, start, &to, at, len);
+                }
+                Order::Clear { buffer, offset, len } => encoder.clear_buffer(&buffer, offset, Some(len)),
             }
         }
         self.recorded.push(encoder.finish());

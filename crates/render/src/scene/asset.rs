@@ -2,21 +2,25 @@
 
 use std::collections::BTreeSet;
 use std::ops::{Range, RangeInclusive};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::{DVec3, Vec3};
 use lodestream_scene::asset::Material;
 use lodestream_scene::parts::PartTransform;
 
-use crate::resources::buffer::GrowingBuffer;
 use crate::resources::gpu::{Gpu, RenderError};
+use crate::resources::paged_buffer::PagedBuffer;
+use crate::resources::pages::PageRange;
 use crate::resources::texture::{Texture, TextureData};
 #[cfg(feature = "client")]
 use crate::resources::uploads::Uploads;
 #[cfg(any(test, feature = "methods"))]
 use crate::resources::vertex::HostMesh;
 use crate::resources::vertex::PackedVertex;
-use crate::scene::material_bindings::{BoundMaterial, Features, MaterialBindings};
+use crate::scene::bound_material::{BoundMaterial, Features};
+use crate::scene::material_bindings::MaterialBindings;
+use crate::scene::mesh_pools::MeshPools;
 use crate::scene::part_states::PartStates;
 use crate::scene::part_table::{PartTable, Written};
 
@@ -51,7 +55,7 @@ pub struct AssetGpu {
     reach: VertexBounds,
     stamp: u64,
     look_stamp: u64,
-    vertices: GrowingBuffer<PackedVertex>,
+    vertices: PagedBuffer<PackedVertex>,
     parts: Vec<Part>,
     textures: Vec<Texture>,
     states: PartTable,
@@ -86,35 +90,33 @@ impl VertexBounds {
 #[derive(Debug)]
 struct Part {
     material: Material,
-    bound: BoundMaterial,
-    indices: GrowingBuffer<[u32; 3]>,
+    bound: Arc<BoundMaterial>,
+    indices: PagedBuffer<[u32; 3]>,
 }
 
 /// Inputs of one material's draw call.
 pub(crate) struct PartDraw<'a> {
     pub(crate) material: &'a BoundMaterial,
-    pub(crate) indices: &'a wgpu::Buffer,
+    pub(crate) indices: &'a PageRange,
     pub(crate) faces: u32,
 }
 
 impl AssetGpu {
     pub(crate) fn new(
         gpu: &Gpu,
-        kit: MaterialBindings,
+        (kit, pools): (MaterialBindings, &MeshPools),
         origin: DVec3,
         materials: &[Material],
         textures: Vec<Texture>,
     ) -> Self {
-        let read = gpu.curve_usage();
         let parts = materials
             .iter()
             .map(|material| Part {
                 material: material.clone(),
                 bound: kit.bind(gpu, material, &textures, &PartTable::default()),
-                indices: GrowingBuffer::new("index buffer", wgpu::BufferUsages::INDEX | read),
+                indices: PagedBuffer::new(&pools.faces),
             })
             .collect();
-        let vertices = GrowingBuffer::new("vertex buffer", wgpu::BufferUsages::VERTEX | read);
         Self {
             number: new_stamp(),
             kit,
@@ -123,7 +125,7 @@ impl AssetGpu {
             reach: VertexBounds::NONE,
             stamp: new_stamp(),
             look_stamp: new_stamp(),
-            vertices,
+            vertices: PagedBuffer::new(&pools.vertices),
             parts,
             textures,
             states: PartTable::default(),
@@ -459,14 +461,14 @@ impl AssetGpu {
         self.vertices.len()
     }
 
-    /// The vertex buffer and the parts with faces; `None` without vertices.
-    pub(crate) fn draws(&self) -> Option<(&wgpu::Buffer, impl Iterator<Item = PartDraw<'_>>)> {
+    /// The vertices and the parts with faces; `None` without vertices.
+    pub(crate) fn draws(&self) -> Option<(&PageRange, impl Iterator<Item = PartDraw<'_>>)> {
         let parts = self.parts.iter().filter_map(|part| {
             let faces = u32::try_from(part.indices.len()).unwrap_or(u32::MAX).min(u32::MAX / 3);
-            Some(PartDraw { material: &part.bound, indices: part.indices.buffer()?, faces })
+            Some(PartDraw { material: &part.bound, indices: part.indices.range()?, faces })
                 .filter(|draw| draw.faces > 0)
         });
-        Some((self.vertices.buffer()?, parts))
+        Some((self.vertices.range()?, parts))
     }
 
     #[cfg(any(test, feature = "reference"))]

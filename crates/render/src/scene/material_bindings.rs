@@ -1,6 +1,6 @@
 //! Bind groups of materials.
 
-use std::sync::OnceLock;
+use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 use lodestream_scene::asset::{Alpha, Material, TextureKind, Wrap};
@@ -8,6 +8,7 @@ use wgpu::util::DeviceExt;
 
 use crate::resources::gpu::Gpu;
 use crate::resources::texture::Texture;
+use crate::scene::bound_material::{BoundMaterial, Features, MaterialCache, MaterialKey};
 use crate::scene::part_table::PartTable;
 use crate::scene::relief_acceleration::ReliefAcceleration;
 
@@ -56,6 +57,7 @@ pub(crate) struct MaterialBindings {
     straight: wgpu::TextureView,
     /// Placeholder of [`PartTable`].
     no_states: wgpu::TextureView,
+    pub(crate) cache: MaterialCache,
 }
 
 fn sampler(gpu: &Gpu, [u, v]: [Wrap; 2]) -> wgpu::Sampler {
@@ -139,17 +141,18 @@ impl MaterialBindings {
             plain: texel(gpu, wgpu::TextureFormat::Rgba8Unorm, &[255; 4]),
             straight: texel(gpu, wgpu::TextureFormat::Rgba8Unorm, &[128, 128, 255, 255]),
             no_states: texel(gpu, wgpu::TextureFormat::R32Uint, &[0; 4]),
+            cache: MaterialCache::default(),
         }
     }
 
-    /// Creates the bind group of a material with the current levels of its textures, and the asset's part states.
+    /// A material with the current levels of its textures, and the asset's part states; equal ones share a bind group.
     pub(crate) fn bind(
         &self,
         gpu: &Gpu,
         material: &Material,
         textures: &[Texture],
         states: &PartTable,
-    ) -> BoundMaterial {
+    ) -> Arc<BoundMaterial> {
         let named = [
             material.base_color_texture,
             material.height_texture,
@@ -163,34 +166,59 @@ impl MaterialBindings {
             at += 1;
             index.and_then(|i| textures.get(usize::from(i))).filter(|texture| texture.kind() == kind)
         });
-        let views = found.map(|texture| texture.and_then(Texture::view));
+        let used = found.map(|texture| texture.and_then(Texture::used_levels));
         // A texture's mean colour, until levels arrive.
         let stand_in = |i: usize| {
-            let missing = found[i].filter(|_| views[i].is_none());
+            let missing = found[i].filter(|_| used[i].is_none());
             missing.map_or([1.0; 3], Texture::mean)
         };
         let [colour, surface, given] = [stand_in(0), stand_in(2), stand_in(4)];
-        let [_, height, surfaces, normals, _] = views.each_ref().map(Option::is_some);
+        let [_, height, surfaces, normals, _] = used.each_ref().map(Option::is_some);
         let relief = height && material.relief_depth > 0.0;
         let [r, g, b, opacity] = material.base_color;
         let cutoff = if let Alpha::Mask(cutoff) = material.alpha { cutoff } else { 0.0 };
+        let uniform = MaterialUniform {
+            base_colour: [r * colour[0], g * colour[1], b * colour[2], opacity],
+            emission: std::array::from_fn(|i| material.emission[i] * given[i]),
+            normal_scale: material.normal_scale,
+            roughness: material.roughness * surface[1],
+            metallic: (material.metallic * surface[2]).clamp(0.0, 1.0),
+            occlusion: surface[0],
+            cutoff,
+            relief_depth: if relief { material.relief_depth.min(1.0) } else { 0.0 },
+            unlit: u32::from(material.unlit),
+            padding: [0.0; 2],
+        };
+        let wrap = material.wrap.map(|wrap| WRAPS.iter().position(|w| *w == wrap).unwrap_or(0));
+        // Acceleration textures assume a repeating map.
+        let heights = found[1].filter(|_| relief && material.wrap == [Wrap::Repeat; 2]).cloned();
+        let key = MaterialKey {
+            uniform: bytemuck::bytes_of(&uniform).to_vec(),
+            wrap,
+            textures: used,
+            states: states.texture().cloned(),
+            features: Features { relief, maps: surfaces || normals, ..Features::of(material) },
+            accelerated: heights.is_some(),
+        };
+        self.cache.get(key, heights, &self.acceleration_layout, || {
+            let views = found.map(|texture| texture.and_then(Texture::view));
+            self.group(gpu, &uniform, wrap, &views, states)
+        })
+    }
+
+    fn group(
+        &self,
+        gpu: &Gpu,
+        uniform: &MaterialUniform,
+        [u, v]: [usize; 2],
+        views: &[Option<wgpu::TextureView>; 5],
+        states: &PartTable,
+    ) -> wgpu::BindGroup {
         let uniform = gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
             label: Some("material"),
-            contents: bytemuck::bytes_of(&MaterialUniform {
-                base_colour: [r * colour[0], g * colour[1], b * colour[2], opacity],
-                emission: std::array::from_fn(|i| material.emission[i] * given[i]),
-                normal_scale: material.normal_scale,
-                roughness: material.roughness * surface[1],
-                metallic: (material.metallic * surface[2]).clamp(0.0, 1.0),
-                occlusion: surface[0],
-                cutoff,
-                relief_depth: if relief { material.relief_depth.min(1.0) } else { 0.0 },
-                unlit: u32::from(material.unlit),
-                padding: [0.0; 2],
-            }),
+            contents: bytemuck::bytes_of(uniform),
             usage: wgpu::BufferUsages::UNIFORM,
         });
-        let [u, v] = material.wrap.map(|wrap| WRAPS.iter().position(|w| *w == wrap).unwrap_or(0));
         let stand_ins = [&self.white, &self.flat, &self.plain, &self.straight, &self.white];
         let mut entries = vec![
             wgpu::BindGroupEntry { binding: 0, resource: uniform.as_entire_binding() },
@@ -208,87 +236,10 @@ impl MaterialBindings {
             binding: PART_STATES,
             resource: wgpu::BindingResource::TextureView(states.as_ref().unwrap_or(&self.no_states)),
         });
-        let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("material"),
             layout: &self.layout,
             entries: &entries,
-        });
-        let features = Features { relief, maps: surfaces || normals, ..Features::of(material) };
-        // Acceleration textures assume a repeating map.
-        let heights = found[1].filter(|_| relief && material.wrap == [Wrap::Repeat; 2]).cloned();
-        BoundMaterial {
-            group,
-            features,
-            heights,
-            accelerations: Default::default(),
-            acceleration_layout: self.acceleration_layout.clone(),
-        }
-    }
-}
-
-/// A material ready to draw with.
-#[derive(Debug)]
-pub(crate) struct BoundMaterial {
-    pub(crate) group: wgpu::BindGroup,
-    pub(crate) features: Features,
-    /// The height map, if it may have an acceleration texture.
-    heights: Option<Texture>,
-    /// Group 2 with each acceleration texture; the inner `None` marks maps without one.
-    accelerations: [OnceLock<Option<wgpu::BindGroup>>; ReliefAcceleration::COUNT],
-    acceleration_layout: wgpu::BindGroupLayout,
-}
-
-impl BoundMaterial {
-    /// Group 2 with an acceleration texture, built on first use; `None` if the search must do without.
-    pub(crate) fn acceleration(
-        &self,
-        gpu: &Gpu,
-        acceleration: ReliefAcceleration,
-    ) -> Option<&wgpu::BindGroup> {
-        let group = self.accelerations[acceleration.number()].get_or_init(|| {
-            let view = self.heights.as_ref()?.acceleration(gpu, acceleration)?;
-            Some(gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-                label: Some("relief's acceleration"),
-                layout: &self.acceleration_layout,
-                entries: &[wgpu::BindGroupEntry {
-                    binding: 0,
-                    resource: wgpu::BindingResource::TextureView(&view),
-                }],
-            }))
-        });
-        group.as_ref()
-    }
-}
-
-/// Shader features of a material.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Features {
-    /// Height map.
-    pub(crate) relief: bool,
-    /// Normal or surface map.
-    pub(crate) maps: bool,
-    /// Alpha test.
-    pub(crate) mask: bool,
-    /// Transparency.
-    pub(crate) blend: bool,
-    /// Emission.
-    pub(crate) emits: bool,
-}
-
-impl Features {
-    /// Whether the relief's depth can be written; emission is drawn at the mesh's own depth.
-    pub(crate) const fn relief_may_be_deep(self) -> bool {
-        self.relief && !self.emits && !self.blend
-    }
-
-    /// Features once all textures have arrived.
-    pub(crate) fn of(material: &Material) -> Self {
-        Self {
-            relief: material.height_texture.is_some() && material.relief_depth > 0.0,
-            maps: material.surface_texture.is_some() || material.normal_texture.is_some(),
-            mask: matches!(material.alpha, Alpha::Mask(_)),
-            blend: material.alpha == Alpha::Blend,
-            emits: material.emits(),
-        }
+        })
     }
 }

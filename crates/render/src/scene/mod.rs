@@ -1,6 +1,7 @@
 //! Scene data in GPU memory: assets, instances, materials, lights, environment and terrain.
 
 pub(crate) mod asset;
+pub(crate) mod bound_material;
 #[cfg(feature = "client")]
 pub(crate) mod drawn_placements;
 pub(crate) mod environment;
@@ -8,6 +9,7 @@ pub(crate) mod environment;
 pub(crate) mod held_texels;
 pub(crate) mod lights;
 pub(crate) mod material_bindings;
+pub(crate) mod mesh_pools;
 pub(crate) mod part_states;
 pub(crate) mod part_table;
 pub(crate) mod part_words;

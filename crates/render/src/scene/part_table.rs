@@ -117,6 +117,11 @@ impl PartTable {
     }
 
     /// The texture, once there are states.
+    pub(crate) fn texture(&self) -> Option<&wgpu::Texture> {
+        self.texture.as_ref()
+    }
+
+    /// A view of the texture, once there are states.
     pub(crate) fn view(&self) -> Option<wgpu::TextureView> {
         self.texture.as_ref().map(|texture| texture.create_view(&Default::default()))
     }

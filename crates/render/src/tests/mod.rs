@@ -16,6 +16,7 @@ mod heights;
 mod host;
 mod ink;
 mod lights;
+mod many_assets_cost;
 mod materials;
 mod moved_parts;
 mod occlusion;

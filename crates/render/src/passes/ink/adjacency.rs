@@ -3,6 +3,7 @@
 use super::pipelines::InkPipelines;
 use crate::resources::buffer::room;
 use crate::resources::gpu::{Gpu, RenderError};
+use crate::resources::pages::PageRange;
 use crate::scene::asset::AssetGpu;
 
 /// Invocations of a workgroup, and of a whole dispatch.
@@ -75,15 +76,15 @@ impl Extent {
     }
 
     /// Whether the device's limits suffice.
-    fn fits(&self, gpu: &Gpu, vertices: &wgpu::Buffer) -> bool {
+    fn fits(&self, gpu: &Gpu, vertices: &PageRange) -> bool {
         let most = gpu.device.limits().max_storage_buffer_binding_size;
         let most_invocations = self.vertices.max(self.sides);
-        most_invocations <= MOST_INVOCATIONS && 4 * self.cells <= most && vertices.size() <= most
+        most_invocations <= MOST_INVOCATIONS && 4 * self.cells <= most && vertices.bytes() <= most
     }
 }
 
 /// Faces with strokes. Alpha-tested materials have contours that their mesh does not describe.
-fn faces(asset: &AssetGpu) -> impl Iterator<Item = (&wgpu::Buffer, u32)> {
+fn faces(asset: &AssetGpu) -> impl Iterator<Item = (&PageRange, u32)> {
     let parts = asset.draws().into_iter().flat_map(|(_, parts)| parts);
     parts.filter(|part| !part.material.features.mask).map(|part| (part.indices, part.faces))
 }
@@ -119,8 +120,9 @@ impl Tables {
             let sides = 3 * u64::from(faces);
             let words = [extent.vertices, first, sides, extent.sides, extent.cells - 1];
             let Some(job) = jobs.add(&words.map(|word| word as u32)) else { return Ok(None) };
-            let buffers = [vertices, indices, corners, rings, owners, heads];
-            let group = bound(gpu, &pipelines.adjacency_layout, job, &buffers);
+            let whole = [&corners, &rings, &owners, &heads].map(|buffer| buffer.as_entire_buffer_binding());
+            let buffers = [vertices.binding(), indices.binding()].into_iter().chain(whole);
+            let group = bound(gpu, &pipelines.adjacency_layout, job, buffers);
             parts.push((group, sides));
             first += sides;
         }
@@ -152,13 +154,13 @@ impl<'a> Jobs<'a> {
 }
 
 /// Binds a job and then buffers at consecutive bindings.
-pub(super) fn bound(
+pub(super) fn bound<'b>(
     gpu: &Gpu,
     layout: &wgpu::BindGroupLayout,
-    job: wgpu::BindingResource<'_>,
-    buffers: &[&wgpu::Buffer],
+    job: wgpu::BindingResource<'b>,
+    buffers: impl Iterator<Item = wgpu::BufferBinding<'b>>,
 ) -> wgpu::BindGroup {
-    let buffers = buffers.iter().map(|buffer| buffer.as_entire_binding());
+    let buffers = buffers.map(wgpu::BindingResource::Buffer);
     let entries = (0..).zip(std::iter::once(job).chain(buffers));
     let entries: Vec<_> =
         entries.map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource }).collect();

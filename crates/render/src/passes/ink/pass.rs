@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::adjacency::{Adjacency, EdgeExtraction, JOB_BYTES, Jobs, MOST_INVOCATIONS, Tables, bound, groups};
 use super::pipelines::InkPipelines;
 use super::settings::{Ink, InkUniform};
-use crate::frame::draw::Batch;
+use crate::frame::batch::Batch;
 use crate::frame::fullscreen::attachment;
 use crate::frame::graph::PassId;
 use crate::frame::settings::Frame;
@@ -117,8 +117,10 @@ impl InkPass {
             left -= invocations;
             let words = [mesh.sides as u32, range.start, count as u32, MOST_STROKES as u32, crease];
             let Some(job) = jobs.add(&words) else { continue };
-            let buffers = [vertices, corners, rings, instances, drawn, strokes];
-            let group = bound(gpu, &pipelines.list_layout, job, &buffers);
+            let whole = [corners, rings, instances, drawn, strokes];
+            let whole = whole.map(|buffer| buffer.as_entire_buffer_binding());
+            let buffers = [vertices.binding()].into_iter().chain(whole);
+            let group = bound(gpu, &pipelines.list_layout, job, buffers);
             self.listing.push(StrokeListing { group, invocations });
         }
         gpu.queue.write_buffer(jobs.buffer, 0, &jobs.bytes);

@@ -11,6 +11,7 @@ use crate::frame::graph::PassId;
 use crate::frame::timing::PassEncoder;
 use crate::resources::buffer::room;
 use crate::resources::gpu::{Gpu, RenderError};
+use crate::resources::pages::PageRange;
 
 /// Name of the buffers in errors.
 const LISTS: &str = "patch lists";
@@ -69,8 +70,8 @@ pub(crate) struct PatchInputs<'a> {
 /// Faces of a part that may be drawn as patches.
 pub(crate) struct PatchListItem<'a> {
     /// Vertices of the mesh.
-    pub(crate) vertices: &'a wgpu::Buffer,
-    pub(crate) indices: &'a wgpu::Buffer,
+    pub(crate) vertices: &'a PageRange,
+    pub(crate) indices: &'a PageRange,
     /// Index among its asset's parts with faces, and number of faces.
     pub(crate) part: usize,
     pub(crate) faces: u32,
@@ -85,8 +86,8 @@ pub(crate) struct PatchListItem<'a> {
 /// A planned list: its input and its offsets in the buffers.
 struct Plan<'a> {
     key: Key,
-    vertices: &'a wgpu::Buffer,
-    indices: &'a wgpu::Buffer,
+    vertices: &'a PageRange,
+    indices: &'a PageRange,
     faces: u32,
     instances: u32,
     in_view: bool,
@@ -140,8 +141,10 @@ impl PatchLists {
             let host = [plan.faces, plan.key.0, plan.instances, plan.groups, most, error, in_view];
             head[JOB_HEAD..JOB_HEAD + host.len()].copy_from_slice(&host);
             let at = number * JOB_BYTES;
-            let of_mesh = [plan.vertices, plan.indices, inputs.instances];
-            let of_mesh = (1..).zip(of_mesh).map(|(binding, buffer)| (binding, buffer.as_entire_binding()));
+            let instances = inputs.instances.as_entire_buffer_binding();
+            let of_mesh = [plan.vertices.binding(), plan.indices.binding(), instances];
+            let of_mesh = of_mesh.map(wgpu::BindingResource::Buffer);
+            let of_mesh = (1..).zip(of_mesh);
             let of_mesh: Vec<_> = of_mesh.collect();
             let job = (0, part(jobs, at, JOB_BYTES));
             let list = (4, part(listed, plan.listed, bytes_of(plan, LISTED_BYTES)));
@@ -214,7 +217,7 @@ fn plans<'a>(parts: impl Iterator<Item = PatchListItem<'a>>, most_bytes: u64) ->
     let [mut listed, mut steps, mut counts] = [0; 3];
     for PatchListItem { vertices, indices, part, faces, instances, alone, in_view } in parts {
         let triangles = u64::from(faces) * instances.len() as u64;
-        if all + triangles > MAX_LISTED || vertices.size().max(indices.size()) > most_bytes {
+        if all + triangles > MAX_LISTED || vertices.bytes().max(indices.bytes()) > most_bytes {
             continue;
         }
         all += triangles;

@@ -4,7 +4,9 @@ use glam::DVec3;
 use lodestream_scene::placement::Placement;
 
 use super::Cascade;
-use crate::frame::draw::{Batch, DrawList, finite};
+use crate::frame::batch::Batch;
+use crate::frame::draw::{DrawList, finite};
+use crate::frame::draw_groups::DrawGroups;
 use crate::frame::settings::Frame;
 use crate::passes::pn_triangles::PnTriangles;
 use crate::scene::asset::AssetGpu;
@@ -18,6 +20,8 @@ pub(crate) struct Casters<'a> {
     /// Width of the border, as a share of the side, within which the next cascade is blended in.
     margin: f64,
     pub(crate) batches: Vec<Batch<'a>>,
+    /// Their draws.
+    pub(crate) groups: DrawGroups<'a>,
     /// Height of the highest caster above the map's centre, along the light.
     pub(crate) top: f64,
     /// Equal for equal shadows, except for terrain that morphs while the eye moves less than a step.
@@ -35,6 +39,7 @@ impl<'a> Casters<'a> {
             nearer,
             margin,
             batches: Vec::new(),
+            groups: DrawGroups::default(),
             top: cascade.above,
             key: Vec::new(),
         })

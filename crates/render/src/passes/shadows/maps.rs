@@ -3,8 +3,8 @@
 use glam::DVec3;
 
 use super::{Cascade, Casters, SunlightUniform};
+use crate::frame::batch::{Batch, Meshes};
 use crate::frame::counters::Counters;
-use crate::frame::draw::{Batch, Meshes, each};
 use crate::frame::graph::PassId;
 use crate::frame::settings::{MAP_SIDES, MAX_CASCADES, Shadows};
 use crate::frame::targets::DEPTH;
@@ -184,13 +184,12 @@ impl ShadowMaps {
             let mut pass = encoder.begin(PassId::ShadowMaps, &descriptor);
             pass.set_bind_group(0, group, &[]);
             if let Some(meshes) = meshes {
-                each(&casters.batches, &mut pass, meshes, |pass, pipelines, part, triangles| {
-                    let features = part.material.features;
+                casters.groups.draw(&mut pass, meshes, counters, |pass, pipelines, group, counters| {
+                    let features = group.material.features;
                     if features.blend {
                         // Transparent surfaces cast no shadow.
                         return false;
                     }
-                    pass.set_bind_group(1, &part.material.group, &[]);
                     pass.set_pipeline(if sunken && features.relief_may_be_deep() {
                         pipelines.sunken_caster(gpu, features)
                     } else if features.mask {
@@ -198,7 +197,7 @@ impl ShadowMaps {
                     } else {
                         pipelines.caster(gpu)
                     });
-                    counters.shadow_triangles += triangles;
+                    counters.shadow_triangles += group.triangles;
                     true
                 });
             }

@@ -8,8 +8,9 @@ use std::sync::{Arc, OnceLock};
 
 use glam::Mat4;
 
+use crate::frame::batch::Batch;
 use crate::frame::camera::{clip_from_view, view_from_world};
-use crate::frame::draw::{Batch, DrawList, finite};
+use crate::frame::draw::{DrawList, finite};
 use crate::frame::settings::Frame;
 use crate::frame::timing::PassEncoder;
 use crate::resources::buffer::GrowingBuffer;
