@@ -4,6 +4,7 @@
 //! blur is needed. Changes are detected from the frame's input: camera, settings, light, the state of every drawn mesh
 //! and tile, and whether vertices morph. Nothing is inferred from pictures.
 
+use crate::frame::placed::PlacedInstances;
 use crate::frame::settings::Frame;
 use crate::passes::occlusion::{AmbientOcclusion, OcclusionMethod, OcclusionNormals, STILL_FRAMES};
 use crate::passes::temporal::PreviousFrame;
@@ -45,7 +46,7 @@ impl Accumulation {
     /// Begins a frame in pictures of `size`.
     pub(crate) fn begin(
         &mut self,
-        frame: &Frame<'_>,
+        (frame, placed): (&Frame<'_>, &PlacedInstances),
         occlusion: Option<AmbientOcclusion>,
         size: (u32, u32),
     ) -> AccumulationStep {
@@ -56,7 +57,7 @@ impl Accumulation {
             *self = Self::default();
             return alone(0);
         };
-        let now = (PreviousFrame::of(frame), size);
+        let now = (PreviousFrame::of(frame, placed), size);
         let same = self.past.as_ref().is_some_and(|(past, before)| past.is(&now.0) && *before == size);
         self.past = Some(now);
         if !same {

@@ -17,8 +17,8 @@ pub(crate) struct Batch<'a> {
     pub(super) drawable: usize,
     pub(super) first: u32,
     pub(super) end: u32,
-    /// Distance of the nearest instance's bounds from the eye.
-    pub(super) distance: f64,
+    /// Whether any material is transparent.
+    pub(super) blends: bool,
 }
 
 impl<'a> Batch<'a> {
@@ -33,6 +33,11 @@ impl<'a> Batch<'a> {
     /// Range in the frame's instance buffer.
     pub(crate) fn range(&self) -> Range<u32> {
         self.first..self.end
+    }
+
+    /// Whether any material is transparent.
+    pub(crate) fn blends(&self) -> bool {
+        self.blends
     }
 
     #[cfg(any(test, feature = "methods"))]

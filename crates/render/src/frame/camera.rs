@@ -1,6 +1,6 @@
 //! Camera matrices: a reversed-Z projection without a far plane.
 
-use glam::{DVec3, Mat4, Vec4};
+use glam::{DMat3, DVec3, Mat4, Vec4};
 use lodestream_scene::pose::Pose;
 
 /// Projection from view space to clip space: `clip = (x/tx, y/ty, near, −z)`, so depth is
@@ -22,14 +22,54 @@ pub(crate) fn view_from_world(pose: &Pose) -> Mat4 {
     Mat4::from_quat(pose.rotation.conjugate().as_quat())
 }
 
-/// Whether a sphere (relative to the eye, world units) may intersect the frustum.
-pub(crate) fn may_see(pose: &Pose, centre: DVec3, radius: f64, (width_px, height_px): (u32, u32)) -> bool {
-    let c = pose.rotation.conjugate() * centre;
-    let (tx, ty) = pose.tan_half_fov(width_px, height_px);
-    // Side planes go through the eye; their inward normals are (∓1, 0, −t) and (0, ∓1, −t),
-    // not normalised. A distance that is not a number counts as visible.
-    let outside = |lateral: f64, t: f64| (-c.z * t - lateral.abs()) / t.hypot(1.0) < -radius;
-    !(-c.z < -radius || outside(c.x, tx) || outside(c.y, ty))
+/// Where a sphere is, as a camera sees it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Side {
+    /// Outside the frustum.
+    Out,
+    /// Neither, or not a number.
+    Across,
+    /// Within the frustum.
+    In,
+}
+
+/// The frustum of a camera, relative to the eye.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Frustum {
+    view_from_world: DMat3,
+    /// Tangents of half the angles of view, and the lengths of the side planes' normals.
+    tangents: [f64; 2],
+    lengths: [f64; 2],
+}
+
+impl Frustum {
+    pub(crate) fn new(pose: &Pose, (width_px, height_px): (u32, u32)) -> Self {
+        let (tx, ty) = pose.tan_half_fov(width_px, height_px);
+        let view_from_world = DMat3::from_quat(pose.rotation.conjugate());
+        Self { view_from_world, tangents: [tx, ty], lengths: [tx.hypot(1.0), ty.hypot(1.0)] }
+    }
+
+    /// Where a sphere is (relative to the eye, world units).
+    pub(crate) fn side(&self, centre: DVec3, radius: f64) -> Side {
+        let c = self.view_from_world * centre;
+        // Side planes go through the eye; their inward normals are (∓1, 0, −t) and (0, ∓1, −t).
+        let within = |lateral: f64, i: usize| (-c.z * self.tangents[i] - lateral.abs()) / self.lengths[i];
+        let within = [-c.z, within(c.x, 0), within(c.y, 1)];
+        // A distance that is not a number is neither.
+        if within.iter().any(|distance| *distance < -radius) {
+            Side::Out
+        } else if within.iter().all(|distance| *distance >= radius) {
+            Side::In
+        } else {
+            Side::Across
+        }
+    }
+}
+
+/// Whether a sphere (relative to the eye, world units) may intersect the frustum. A distance that is not a number counts
+/// as visible.
+pub(crate) fn may_see(pose: &Pose, centre: DVec3, radius: f64, size: (u32, u32)) -> bool {
+    Frustum::new(pose, size).side(centre, radius) != Side::Out
 }
 
 #[cfg(test)]

@@ -1,16 +1,22 @@
 //! Draw lists: culls instances, and sorts them from near to far.
 
 use glam::DVec3;
-use lodestream_scene::placement::Placement;
 
 use crate::frame::batch::Batch;
-use crate::frame::camera::may_see;
+use crate::frame::camera::{Frustum, Side};
 use crate::frame::counters::Counters;
+use crate::frame::placed::{Cell, PlacedDrawable, PlacedInstances};
 use crate::frame::receivers::Receivers;
 use crate::frame::settings::Frame;
 use crate::scene::asset::AssetGpu;
-use crate::scene::bound_material::Features;
 use crate::scene::placement::InstanceRaw;
+
+/// Memory of a draw list, reused by the next frame's.
+#[derive(Debug, Default)]
+pub(crate) struct ListMemory {
+    instances: Vec<InstanceRaw>,
+    places: Vec<u32>,
+}
 
 /// The visible instances of a frame.
 pub(crate) struct DrawList<'a> {
@@ -20,53 +26,110 @@ pub(crate) struct DrawList<'a> {
     places: Vec<u32>,
     /// Region that receives light.
     pub(crate) receivers: Receivers,
+    /// Whether any material is transparent, and whether any opaque one emits.
+    pub(crate) blends: bool,
+    pub(crate) emits: bool,
 }
 
 impl<'a> DrawList<'a> {
     /// Culls instances that are hidden, outside the view or with positions that are not finite; sorts the rest front to
-    /// back for the depth test.
-    pub(crate) fn new(frame: &Frame<'a>, size: (u32, u32), counters: &mut Counters) -> Self {
-        let (instances, batches, places) = (Vec::new(), Vec::new(), Vec::new());
-        let mut list = Self { instances, batches, places, receivers: Receivers::NONE };
-        for (number, drawable) in frame.drawables.iter().enumerate().filter(|(_, d)| d.asset.is_drawable()) {
-            let mut seen: Vec<_> = drawable
-                .instances
-                .iter()
-                .enumerate()
-                .filter_map(|(index, instance)| {
-                    let states = drawable.asset.part_states(index)?;
-                    let sphere = drawable.asset.sphere_of(index);
-                    Some((index as u32, place(instance, states, (drawable.asset, sphere), frame, size)?))
-                })
-                .collect();
-            counters.instances_culled += (drawable.instances.len() - seen.len()) as u32;
-            seen.sort_by(|(_, a), (_, b)| a.distance.total_cmp(&b.distance));
-            let Some(distance) = seen.first().map(|(_, placed)| placed.distance) else { continue };
-            for (_, VisibleInstance { centre, radius, .. }) in
-                seen.iter().filter(|(_, placed)| placed.in_view)
-            {
-                list.receivers.add(*centre, *radius);
+    /// back for the depth test, instances by cell. `placed` has the frame's drawables.
+    pub(crate) fn new(
+        frame: &Frame<'a>,
+        size: (u32, u32),
+        placed: &PlacedInstances,
+        memory: ListMemory,
+        counters: &mut Counters,
+    ) -> Self {
+        let ListMemory { mut instances, mut places } = memory;
+        instances.clear();
+        places.clear();
+        let (batches, receivers) = (Vec::new(), Receivers::NONE);
+        let mut list = Self { instances, batches, places, receivers, blends: false, emits: false };
+        let frustum = Frustum::new(&frame.camera, size);
+        let (mut cells, mut order) = (Vec::new(), Vec::new());
+        for (number, (drawable, placed)) in frame.drawables.iter().zip(placed.drawables()).enumerate() {
+            let Some(look) = placed.look else { continue };
+            cells.clear();
+            let all = placed.unbounded;
+            for (index, cell) in placed.cells.iter().enumerate() {
+                let centre = cell.centre - frame.camera.eye;
+                let side = frustum.side(centre, cell.radius);
+                if side != Side::Out || all {
+                    let distance = (centre.length() - cell.radius).max(0.0);
+                    cells.push((sort_key(distance, index), side));
+                }
             }
-            list.places.extend(seen.iter().map(|(index, _)| *index));
-            let raws = seen.iter().map(|(_, placed)| placed.raw);
-            let batch = list.batch((drawable.asset, number), distance, raws);
-            list.batches.push(batch);
+            cells.sort_unstable_by_key(|(key, _)| *key);
+            let first = list.instances.len();
+            for &(key, side) in &cells {
+                let cell = &placed.cells[(key & INDEX) as usize];
+                list.add_cell((drawable.asset, &placed), cell, (&frustum, frame.camera.eye), (side, all));
+            }
+            let end = list.instances.len();
+            counters.instances_culled += (drawable.instances.len() - (end - first)) as u32;
+            let Some(&(nearest, _)) = cells.first().filter(|_| end > first) else { continue };
+            order.push(nearest & !INDEX | list.batches.len() as u64);
+            list.batches.push(Batch {
+                asset: drawable.asset,
+                drawable: number,
+                first: first as u32,
+                end: end as u32,
+                blends: look.blends,
+            });
+            list.blends |= look.blends;
+            list.emits |= look.emits;
         }
-        list.batches.sort_by(|a, b| a.distance.total_cmp(&b.distance));
+        order.sort_unstable();
+        list.batches = order.iter().map(|key| list.batches[(key & INDEX) as usize]).collect();
         counters.instances = list.instances.len() as u32;
         list
+    }
+
+    /// Adds the instances of a cell that are seen, or all.
+    fn add_cell(
+        &mut self,
+        (asset, placed): (&AssetGpu, &PlacedDrawable<'_>),
+        cell: &Cell,
+        (frustum, eye): (&Frustum, DVec3),
+        (side, all): (Side, bool),
+    ) {
+        // Most cells lie between the nearest and the farthest.
+        let covered = self.receivers.cover(cell.centre - eye, cell.radius);
+        for at in cell.range() {
+            let (mut in_view, instance) = (side == Side::In, &placed.instances[at]);
+            let sphere = placed.spheres[at];
+            if side == Side::Across {
+                in_view = frustum.side(sphere.centre - eye, sphere.radius) != Side::Out;
+            }
+            if !in_view && !all {
+                continue;
+            }
+            let states =
+                if placed.has_no_states { Some(0) } else { asset.part_states(instance.place as usize) };
+            let Some(raw) = states.and_then(|states| instance.raw(eye, states)) else { continue };
+            if in_view && !covered {
+                self.receivers.add(sphere.centre - eye, sphere.radius);
+            }
+            self.instances.push(raw);
+            self.places.push(instance.place);
+        }
+    }
+
+    /// The memory, for the next frame's list.
+    pub(crate) fn into_memory(self) -> ListMemory {
+        ListMemory { instances: self.instances, places: self.places }
     }
 
     /// Adds instances of an asset.
     pub(crate) fn batch(
         &mut self,
         (asset, drawable): (&'a AssetGpu, usize),
-        distance: f64,
         instances: impl Iterator<Item = InstanceRaw>,
     ) -> Batch<'a> {
         let first = self.instances.len() as u32;
         self.instances.extend(instances);
-        Batch { asset, drawable, first, end: self.instances.len() as u32, distance }
+        Batch { asset, drawable, first, end: self.instances.len() as u32, blends: false }
     }
 
     /// The instances of a batch: index in the list and index within the drawable.
@@ -80,48 +143,18 @@ impl<'a> DrawList<'a> {
         let Some(raw) = self.instances.get(instance as usize) else { return 0.0 };
         raw.place(batch.asset().sphere().0).length()
     }
+}
 
-    /// Whether any material satisfies `holds`.
-    pub(crate) fn any(&self, holds: impl Fn(Features) -> bool) -> bool {
-        self.batches.iter().any(|batch| batch.asset.any(&holds))
-    }
+/// Bits of a sort key that hold an index.
+const INDEX: u64 = u32::MAX as u64;
+
+/// A key that sorts by distance, from near to far, and then by index.
+fn sort_key(distance: f64, index: usize) -> u64 {
+    // Bits of positive numbers sort as they do.
+    u64::from((distance as f32).to_bits()) << 32 | index as u64 & INDEX
 }
 
 /// The instance, if all its numbers are finite.
 pub(crate) fn finite(raw: InstanceRaw) -> Option<InstanceRaw> {
     raw.offset.iter().chain(&raw.rotation).chain([&raw.scale]).all(|x| x.is_finite()).then_some(raw)
-}
-
-/// A visible instance.
-struct VisibleInstance {
-    /// Centre of its bounding sphere, relative to the eye.
-    centre: DVec3,
-    radius: f64,
-    /// Distance of the bounding sphere from the eye.
-    distance: f64,
-    /// Whether its bounding sphere reaches into the view; true without bounds.
-    in_view: bool,
-    raw: InstanceRaw,
-}
-
-/// Places an instance with its part states, given its sphere; `None` if it is outside the view.
-fn place(
-    placement: &Placement,
-    states: u32,
-    (asset, sphere): (&AssetGpu, (DVec3, f64)),
-    frame: &Frame<'_>,
-    size: (u32, u32),
-) -> Option<VisibleInstance> {
-    let raw = InstanceRaw::new(placement, asset.origin(), frame.camera.eye).with_states(states);
-    let raw = finite(raw)?;
-    let (centre, radius) = raw.sphere(sphere);
-    let in_view = may_see(&frame.camera, centre, radius, size);
-    let distance = (centre.length() - radius).max(0.0);
-    (in_view || asset.bounds().is_none()).then_some(VisibleInstance {
-        centre,
-        radius,
-        distance,
-        in_view,
-        raw,
-    })
 }

@@ -6,10 +6,13 @@ use std::ops::Range;
 use crate::frame::batch::{Batch, Meshes};
 use crate::frame::counters::Counters;
 use crate::frame::draw_calls::{DrawArguments, DrawCalls};
+use crate::frame::placed::{PartCall, PlacedInstances};
 use crate::passes::mesh_pipelines::MeshPipelines;
 use crate::passes::pn_triangles::PatchLists;
-use crate::scene::asset::PartDraw;
 use crate::scene::bound_material::BoundMaterial;
+
+/// Groups that are searched one by one.
+const FEW: usize = 32;
 
 /// Draws of one material from one page of vertices and one of faces.
 #[derive(Debug)]
@@ -23,7 +26,15 @@ pub(crate) struct DrawGroup<'a> {
     pub(crate) triangles: u64,
 }
 
-impl DrawGroup<'_> {
+impl<'a> DrawGroup<'a> {
+    /// Without draws, of a part of a batch's asset.
+    fn of(batch: &Batch<'a>, number: usize) -> Option<Self> {
+        let (vertices, mut parts) = batch.asset().draws()?;
+        let part = parts.nth(number)?;
+        let (vertices, indices) = (vertices.buffer(), part.indices.buffer());
+        Some(Self { material: part.material, vertices, indices, arguments: 0..0, triangles: 0 })
+    }
+
     /// Number of draws.
     pub(crate) fn draws(&self) -> u32 {
         self.arguments.end - self.arguments.start
@@ -48,62 +59,60 @@ pub(crate) struct DrawGroups<'a> {
     listed: Vec<ListedPart<'a>>,
 }
 
-/// Arguments for a part of a batch, or of single instances of it.
-fn arguments(batch: &Batch<'_>, part: &PartDraw<'_>, instances: &Range<u32>) -> DrawArguments {
-    let vertices = batch.asset().draws().map_or(0, |(vertices, _)| vertices.first());
-    DrawArguments {
-        index_count: part.faces * 3,
-        instance_count: instances.end - instances.start,
-        // Pages are far below 2³¹ elements, and other ranges begin at 0.
-        first_index: (part.indices.first() * 3) as u32,
-        base_vertex: vertices as i32,
-        first_instance: instances.start,
-    }
-}
-
 impl<'a> DrawGroups<'a> {
     /// Groups the draws of batches, with their arguments added to `calls`; parts that have patch lists are drawn by
     /// these. Cost: a look-up per draw.
-    pub(crate) fn new(batches: &[Batch<'a>], lists: Option<&PatchLists>, calls: &mut DrawCalls) -> Self {
+    pub(crate) fn new(
+        batches: &[Batch<'a>],
+        placed: &PlacedInstances,
+        lists: Option<&PatchLists>,
+        calls: &mut DrawCalls,
+    ) -> Self {
         let mut this = Self::default();
         // Only looked up in.
         let mut numbers: HashMap<(u64, u32, u32), usize> = HashMap::new();
-        let mut last = None;
+        let (mut keys, mut last) = (Vec::new(), None);
         let mut draws: Vec<(usize, DrawArguments)> = Vec::with_capacity(batches.len());
         for batch in batches {
-            let Some((vertices, parts)) = batch.asset().draws() else { continue };
             let instances = batch.range();
-            let count = u64::from(instances.end - instances.start);
-            for (number, part) in parts.enumerate() {
-                let group = || DrawGroup {
-                    material: part.material,
-                    vertices: vertices.buffer(),
-                    indices: part.indices.buffer(),
-                    arguments: 0..0,
-                    triangles: 0,
-                };
-                let triangles = u64::from(part.faces) * count;
+            let count = instances.end - instances.start;
+            let Some(placed) = placed.drawable(batch.drawable()) else { continue };
+            for (number, part) in placed.parts.iter().enumerate() {
+                let triangles = u64::from(part.index_count / 3) * u64::from(count);
                 if lists.is_some_and(|lists| lists.has(instances.start, number)) {
-                    let end = if part.material.features.blend { instances.end } else { instances.start + 1 };
+                    let Some(group) = DrawGroup::of(batch, number) else { continue };
+                    let end = if group.material.features.blend { instances.end } else { instances.start + 1 };
                     this.listed.push(ListedPart {
-                        group: DrawGroup { triangles, ..group() },
+                        group: DrawGroup { triangles, ..group },
                         lists: instances.start..end,
                         part: number,
                     });
                     continue;
                 }
-                let key = (part.material.number, vertices.page(), part.indices.page());
-                let at = match last {
-                    Some((same, at)) if same == key => at,
-                    _ => *numbers.entry(key).or_insert_with(|| {
-                        this.groups.push(group());
-                        this.groups.len() - 1
-                    }),
+                let known = match last {
+                    Some((same, at)) if same == part.key => Some(at),
+                    // A few are found faster one by one than by their hash.
+                    _ if keys.len() <= FEW => keys.iter().position(|key| *key == part.key),
+                    _ => numbers.get(&part.key).copied(),
                 };
-                last = Some((key, at));
+                let at = match known {
+                    Some(at) => at,
+                    None => {
+                        let Some(group) = DrawGroup::of(batch, number) else { continue };
+                        this.groups.push(group);
+                        numbers.insert(part.key, keys.len());
+                        keys.push(part.key);
+                        this.groups.len() - 1
+                    }
+                };
+                last = Some((part.key, at));
                 this.groups[at].triangles += triangles;
                 this.groups[at].arguments.end += 1;
-                draws.push((at, arguments(batch, &part, &instances)));
+                let &PartCall { index_count, first_index, base_vertex, .. } = part;
+                let (instance_count, first_instance) = (count, instances.start);
+                let draw =
+                    DrawArguments { index_count, instance_count, first_index, base_vertex, first_instance };
+                draws.push((at, draw));
             }
         }
         // Counting sort by group.
@@ -192,11 +201,11 @@ pub(crate) fn draw_instance<'p>(
             lists.draw(pass, instance, number);
             continue;
         }
-        let draw = arguments(batch, &part, &one);
         pass.set_vertex_buffer(0, vertices.buffer().slice(..));
         pass.set_vertex_buffer(1, meshes.instances.slice(..));
         pass.set_index_buffer(part.indices.buffer().slice(..), wgpu::IndexFormat::Uint32);
-        let indices = draw.first_index..draw.first_index + draw.index_count;
-        pass.draw_indexed(indices, draw.base_vertex, one.clone());
+        // As in [`crate::frame::placed::PartCall`].
+        let first = (part.indices.first() * 3) as u32;
+        pass.draw_indexed(first..first + part.faces * 3, vertices.first() as i32, one.clone());
     }
 }

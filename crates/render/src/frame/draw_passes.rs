@@ -143,7 +143,7 @@ impl DrawList<'_> {
         punctual_lights: bool,
         counters: &mut Counters,
     ) {
-        let with = self.batches.iter().filter(|batch| batch.asset().any(|features| features.blend));
+        let with = self.batches.iter().filter(|batch| batch.blends());
         let mut order: Vec<_> = with
             .flat_map(|batch| batch.range().map(move |instance| (batch, instance)))
             .map(|(batch, instance)| (self.distance(batch, instance), batch, instance))

@@ -144,6 +144,12 @@ impl Headless {
         &mut self.renderer
     }
 
+    /// A view of the target, for drawing without waiting.
+    #[cfg(test)]
+    pub(crate) fn target_view(&self) -> wgpu::TextureView {
+        self.target.create_view(&Default::default())
+    }
+
     /// Bytes of an intermediate texture of the last frame, if it has been drawn.
     #[cfg(test)]
     pub(crate) fn intermediate(&self, resource: Resource, bytes_per_texel: u32) -> Option<Vec<u8>> {

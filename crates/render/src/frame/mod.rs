@@ -14,6 +14,7 @@ pub(crate) mod fullscreen;
 pub(crate) mod graph;
 pub(crate) mod headless;
 pub(crate) mod pipelines;
+pub(crate) mod placed;
 pub(crate) mod receivers;
 pub(crate) mod settings;
 pub(crate) mod target;

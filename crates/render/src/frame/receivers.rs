@@ -25,6 +25,15 @@ impl Receivers {
         self.high = self.high.max(centre + radius);
     }
 
+    /// Whether no sphere within this one extends the bounds.
+    pub(crate) fn cover(&self, centre: DVec3, radius: f64) -> bool {
+        let distance = centre.length();
+        distance - radius >= self.nearest
+            && distance + radius <= self.farthest
+            && (centre - radius).cmpge(self.low).all()
+            && (centre + radius).cmple(self.high).all()
+    }
+
     /// Extends the bounds by a shell between two distances.
     pub(crate) fn add_around(&mut self, nearest: f64, farthest: f64) {
         self.add(DVec3::ZERO, farthest);

@@ -12,12 +12,13 @@ use crate::frame::batch::Meshes;
 use crate::frame::compiler::Compiler;
 use crate::frame::composite::Composites;
 use crate::frame::counters::Counters;
-use crate::frame::draw::DrawList;
+use crate::frame::draw::{DrawList, ListMemory};
 use crate::frame::draw_calls::DrawCalls;
 use crate::frame::draw_groups::DrawGroups;
 use crate::frame::fullscreen::depth_attachment;
 use crate::frame::graph::{self, Needs, PassId, Resource};
 use crate::frame::pipelines::Pipelines;
+use crate::frame::placed::PlacedInstances;
 use crate::frame::settings::{AntiAliasing, DebugView, Frame, MAX_ANISOTROPY, MIN_RENDER_SCALE, Settings};
 use crate::frame::target::{Load, Target};
 use crate::frame::targets::Targets;
@@ -62,6 +63,9 @@ pub struct Renderer {
     targets: Targets,
     frame_buffer: wgpu::Buffer,
     frame_group: wgpu::BindGroup,
+    /// Placements of the last frame's drawables.
+    placed: PlacedInstances,
+    memory: ListMemory,
     instances: GrowingBuffer<InstanceRaw>,
     calls: DrawCalls,
     patches: PatchLists,
@@ -128,6 +132,8 @@ impl Renderer {
             frame_buffer,
             frame_group,
             instances: GrowingBuffer::new("instance buffer", wgpu::BufferUsages::VERTEX | read),
+            placed: PlacedInstances::default(),
+            memory: ListMemory::default(),
             calls: DrawCalls::default(),
             patches: PatchLists::default(),
             tiles: GrowingBuffer::new("terrain tiles", wgpu::BufferUsages::VERTEX),
@@ -234,7 +240,10 @@ impl Renderer {
         self.pools.begin_frame();
         let mut passes = PassEncoder::new(encoder, self.timer.as_mut().map(Timer::begin));
         let (size, mut counters) = (drawn_size(target, frame.settings.render_scale), Counters::default());
-        let mut list = DrawList::new(frame, size, &mut counters);
+        self.placed.update(frame.drawables);
+        let placed = &self.placed;
+        let memory = std::mem::take(&mut self.memory);
+        let mut list = DrawList::new(frame, size, placed, memory, &mut counters);
         let haze = frame.environment.haze.filter(|_| frame.settings.haze);
         let sky = self.sky.light(gpu, &Environment { haze, ..frame.environment }, frame.sky);
         let shadows = frame.settings.shadows.filter(|_| sky.sun.max_element() > 0.0);
@@ -243,10 +252,7 @@ impl Renderer {
         let cascades = cascades.unwrap_or_default();
         let mut casters: Vec<Casters<'_>> = Vec::new();
         if let Some(shadows) = shadows {
-            casters = (1..=cascades.len())
-                .filter_map(|count| Casters::new(&cascades[..count], shadows.map_side))
-                .collect();
-            casters.iter_mut().for_each(|casters| casters.add_meshes(&mut list, frame));
+            casters = self.shadow_maps.casters((&cascades, shadows.map_side), frame, placed);
         }
         let ground = match frame.terrain {
             Some(terrain) => {
@@ -275,10 +281,10 @@ impl Renderer {
         let water = water.and_then(|water| water.view_from(frame.camera.eye));
         let has_surfaces = !list.batches.is_empty() || ground.is_some() || water.is_some();
         let ambient = frame.settings.occlusion.filter(|o| o.strength > 0.0 && has_surfaces);
-        let accumulated = self.accumulation.begin(frame, ambient, size);
+        let accumulated = self.accumulation.begin((frame, placed), ambient, size);
         let occlusion = ambient.is_some();
         let lit = !frame.lights.is_empty() && PunctualLightPass::is_possible(gpu);
-        let through = frame.settings.transparency && list.any(|features| features.blend);
+        let through = frame.settings.transparency && list.blends;
         let culling = frame.settings.lights.filter(|_| lit);
         let punctual_lights = culling.map(|culling| PunctualLightList::new(frame, culling, size, through));
         let punctual_lights = punctual_lights.filter(|list| !list.punctual_lights.is_empty());
@@ -291,7 +297,7 @@ impl Renderer {
         let (step, moving) = if has_surfaces && (temporal || seen) {
             let over = |water: &WaterView| [water.height, water.extinction.y].map(|x| x as f32);
             let water = water.as_ref().map_or([0.0; 2], over);
-            self.temporal.begin(gpu, (frame, &list), size, (temporal, water))?
+            self.temporal.begin(gpu, (frame, &list, placed), size, (temporal, water))?
         } else {
             self.temporal.forget();
             (TemporalStep::NONE, Vec::new())
@@ -309,7 +315,7 @@ impl Renderer {
                 still: (accumulated.number > 0).then_some(accumulated.done),
                 shadows: !casters.is_empty(),
                 punctual_lights: punctual_lights.is_some(),
-                emission: frame.settings.emission && list.any(|features| features.emits && !features.blend),
+                emission: frame.settings.emission && list.emits,
                 reflections: reflections.map(|reflections| reflections.method == ReflectionMethod::HiZ),
                 bloom: frame.settings.bloom.and_then(Bloom::share).is_some(),
                 water: water.is_some(),
@@ -327,6 +333,14 @@ impl Renderer {
             &[Resource::Target],
         );
         self.targets.ensure(gpu, size, &graph::resources(&plan))?;
+        let mut redrawn = Vec::new();
+        if let Some(shadows) = shadows.filter(|_| plan.iter().any(|pass| pass.id == PassId::ShadowMaps)) {
+            let ground_px = frame.terrain.map(|terrain| terrain.error_px);
+            redrawn = self.shadow_maps.begin(gpu, shadows, &casters, ground_px, &mut counters);
+            for (casters, _) in casters.iter_mut().zip(&redrawn).filter(|(_, redrawn)| **redrawn) {
+                casters.add_meshes(&mut list, frame, placed);
+            }
+        }
         self.instances.write(gpu, 0, &list.instances)?;
         #[cfg(any(test, feature = "methods"))]
         self.patches.clear();
@@ -341,10 +355,10 @@ impl Renderer {
         }
         self.calls.clear();
         let lists = curved.map(|_| &self.patches);
-        let groups = DrawGroups::new(&list.batches, lists, &mut self.calls);
-        let moving_groups = DrawGroups::new(&moving, lists, &mut self.calls);
+        let groups = DrawGroups::new(&list.batches, placed, lists, &mut self.calls);
+        let moving_groups = DrawGroups::new(&moving, placed, lists, &mut self.calls);
         for casters in &mut casters {
-            casters.groups = DrawGroups::new(&casters.batches, lists, &mut self.calls);
+            casters.groups = DrawGroups::new(&casters.batches, placed, lists, &mut self.calls);
         }
         self.calls.upload(gpu)?;
         if let Some(punctual_lights) = &punctual_lights {
@@ -390,10 +404,10 @@ impl Renderer {
         if let Some(shadows) = shadows
             && runs(PassId::ShadowMaps)
         {
-            let ground_px = frame.terrain.map(|terrain| terrain.error_px);
             let sunken = frame.settings.relief && frame.settings.relief_in_depth;
             let eye = frame.camera.eye;
-            let sun = Sun { shadows, cascades: &casters, frame: &uniform, eye, ground_px, sunken };
+            let (cascades, redrawn) = (casters.as_slice(), redrawn.as_slice());
+            let sun = Sun { shadows, cascades, redrawn, frame: &uniform, eye, sunken };
             let meshes = meshes(gpu, frame, &self.pipelines, (&self.instances, &self.patches, &self.calls));
             self.shadow_maps.record(
                 gpu,
@@ -419,6 +433,8 @@ impl Renderer {
         counters.still_frames = if temporal && has_surfaces { self.temporal.still_frames() } else { 0 };
         counters.occlusion_frames_left = accumulated.left;
         passes.end(self.timer.as_mut());
+        drop((groups, moving_groups));
+        self.memory = list.into_memory();
         gpu.check()?;
         Ok(counters)
     }
@@ -427,6 +443,18 @@ impl Renderer {
     #[cfg(test)]
     pub(crate) fn shadow_maps(&self) -> &ShadowMaps {
         &self.shadow_maps
+    }
+
+    /// Memory of meshes.
+    #[cfg(test)]
+    pub(crate) fn mesh_pools(&self) -> &MeshPools {
+        &self.pools
+    }
+
+    /// Number of materials in use.
+    #[cfg(test)]
+    pub(crate) fn bound_materials(&self) -> usize {
+        self.kit.cache.len()
     }
 
     /// Number of sky maps computed while a frame waited for them.

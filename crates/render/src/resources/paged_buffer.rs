@@ -131,14 +131,14 @@ impl<T: Pod> PagedBuffer<T> {
         let stride = size_of::<T>() as u64;
         let end = first.saturating_add(data.len() as u64);
         let mut staged = self.staged.take().unwrap_or_else(|| self.shown.clone());
-        if let Some(new) = self.grown(gpu, &staged, end)? {
-            if let Some(old) = staged.range.replace(Arc::clone(&new)) {
-                if staged.len > 0 {
-                    let from = (old.buffer(), old.offset(0));
-                    uploads.copy(from, (new.buffer(), new.offset(0)), staged.len * stride);
-                }
-                self.outgrown.push(old);
+        if let Some(new) = self.grown(gpu, &staged, end)?
+            && let Some(old) = staged.range.replace(Arc::clone(&new))
+        {
+            if staged.len > 0 {
+                let from = (old.buffer(), old.offset(0));
+                uploads.copy(from, (new.buffer(), new.offset(0)), staged.len * stride);
             }
+            self.outgrown.push(old);
         }
         if let Some(range) = &staged.range {
             if first > staged.len {

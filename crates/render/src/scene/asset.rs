@@ -19,6 +19,7 @@ use crate::resources::uploads::Uploads;
 use crate::resources::vertex::HostMesh;
 use crate::resources::vertex::PackedVertex;
 use crate::scene::bound_material::{BoundMaterial, Features};
+use crate::scene::index_set::IndexSet;
 use crate::scene::material_bindings::MaterialBindings;
 use crate::scene::mesh_pools::MeshPools;
 use crate::scene::part_states::PartStates;
@@ -60,7 +61,7 @@ pub struct AssetGpu {
     textures: Vec<Texture>,
     states: PartTable,
     /// Indices of the placements that are drawn; all if `None`.
-    drawn: Option<BTreeSet<u32>>,
+    drawn: Option<IndexSet>,
 }
 
 /// Bounds of all vertices ever written, and when their morphs end.
@@ -92,6 +93,15 @@ struct Part {
     material: Material,
     bound: Arc<BoundMaterial>,
     indices: PagedBuffer<[u32; 3]>,
+}
+
+/// Kinds of an asset's materials.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Look {
+    /// Any is transparent.
+    pub(crate) blends: bool,
+    /// Any opaque one emits.
+    pub(crate) emits: bool,
 }
 
 /// Inputs of one material's draw call.
@@ -183,9 +193,9 @@ impl AssetGpu {
         [self.stamp, self.look_stamp]
     }
 
-    /// Whether vertices may still morph at `time_s`, if a morph takes `morph_s`.
-    pub(crate) fn is_moving(&self, time_s: f32, morph_s: f32) -> bool {
-        time_s < self.reach.moved_s + morph_s
+    /// Latest birth of a vertex that morphs.
+    pub(crate) fn moved_s(&self) -> f32 {
+        self.reach.moved_s
     }
 
     /// Replaces the vertices from slot `first` on. The buffer grows as needed; slots skipped over
@@ -402,16 +412,21 @@ impl AssetGpu {
 
     /// Sets which placements are drawn, numbered as in [`crate::Drawable::instances`]; all if `None`, the default.
     pub fn set_drawn(&mut self, drawn: Option<BTreeSet<u32>>) {
-        if self.drawn != drawn {
-            self.drawn = drawn;
+        if self.drawn.as_ref().map(IndexSet::indices) != drawn.as_ref() {
+            self.drawn = drawn.map(IndexSet::new);
             self.changed_look(true);
         }
+    }
+
+    /// Whether all placements are drawn, as they are.
+    pub(crate) fn has_no_states(&self) -> bool {
+        self.drawn.is_none() && self.states.texture().is_none()
     }
 
     /// Where the states of an instance's parts begin; `None` if nothing of it is drawn.
     pub(crate) fn part_states(&self, instance: usize) -> Option<u32> {
         let index = u32::try_from(instance).unwrap_or(u32::MAX);
-        if self.drawn.as_ref().is_some_and(|drawn| !drawn.contains(&index)) {
+        if self.drawn.as_ref().is_some_and(|drawn| !drawn.contains(index)) {
             return None;
         }
         self.states.start(instance)
@@ -420,6 +435,11 @@ impl AssetGpu {
     /// Number of the states of its parts, another for each change.
     pub(crate) fn part_states_version(&self) -> u64 {
         self.states.version()
+    }
+
+    /// The same if any part is moved, which changes [`AssetGpu::sphere_of`]; else 0.
+    pub(crate) fn part_moves_version(&self) -> u64 {
+        if self.states.moves_any() { self.states.version() } else { 0 }
     }
 
     /// Where the states of this number begin of an instance that is drawn, if they were the last ones drawn; else where
@@ -498,14 +518,15 @@ impl AssetGpu {
         Ok((self.vertices.read(gpu)?, used.collect()))
     }
 
-    /// Whether any material with faces satisfies `holds`.
-    pub(crate) fn any(&self, holds: impl Fn(Features) -> bool) -> bool {
-        self.parts.iter().any(|part| part.indices.len() > 0 && holds(part.bound.features))
-    }
-
-    /// Whether there is anything to draw.
-    pub(crate) fn is_drawable(&self) -> bool {
-        self.vertices.len() > 0 && self.parts.iter().any(|part| part.indices.len() > 0)
+    /// Kinds of materials with faces; `None` if there is nothing to draw.
+    pub(crate) fn look(&self) -> Option<Look> {
+        let drawn = self.parts.iter().filter(|part| part.indices.len() > 0);
+        let looks = drawn.map(|part| {
+            let Features { blend: blends, emits, .. } = part.bound.features;
+            Look { blends, emits: emits && !blends }
+        });
+        let all = |a: Look, b: Look| Look { blends: a.blends | b.blends, emits: a.emits | b.emits };
+        looks.reduce(all).filter(|_| self.vertices.len() > 0)
     }
 }
 

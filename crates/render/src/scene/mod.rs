@@ -7,6 +7,7 @@ pub(crate) mod drawn_placements;
 pub(crate) mod environment;
 #[cfg(feature = "client")]
 pub(crate) mod held_texels;
+pub(crate) mod index_set;
 pub(crate) mod lights;
 pub(crate) mod material_bindings;
 pub(crate) mod mesh_pools;

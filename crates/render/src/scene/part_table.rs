@@ -132,6 +132,11 @@ impl PartTable {
         listed.unwrap_or(&self.moves_of_others).iter()
     }
 
+    /// Whether any part is moved.
+    pub(crate) fn moves_any(&self) -> bool {
+        !self.moves_of_others.is_empty() || self.moves.values().any(|moves| !moves.is_empty())
+    }
+
     /// Number of the states, which the next frame may give to [`PartTable::start_before`].
     pub(crate) fn version(&self) -> u64 {
         self.version

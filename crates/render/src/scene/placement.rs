@@ -40,6 +40,7 @@ impl InstanceRaw {
         DVec3::from(self.offset.map(f64::from)) + rotation * (point * f64::from(self.scale))
     }
 
+    #[cfg(test)]
     /// A sphere about a point relative to the asset's origin, relative to the eye, in world units.
     pub(crate) fn sphere(&self, (centre, radius): (DVec3, f64)) -> (DVec3, f64) {
         (self.place(centre), radius * f64::from(self.scale))

@@ -15,7 +15,8 @@ use lodestream_scene::view::View;
 use lodestream_threads::Task;
 
 use crate::frame::counters::Counters;
-use crate::frame::draw::DrawList;
+use crate::frame::draw::{DrawList, ListMemory};
+use crate::frame::placed::PlacedInstances;
 use crate::frame::settings::{Drawable, Frame, Settings, Shadows};
 use crate::frame::target::Target;
 use crate::passes::shadows;
@@ -87,6 +88,8 @@ pub struct SceneView {
     /// Terrain-anchored objects, while heights are exaggerated.
     anchored: Option<TerrainAnchored>,
     tile_source: TileSource,
+    /// Placements as they were when terrain was last prepared with shadows.
+    placed: PlacedInstances,
     /// The terrain measurement of a scene that waits for upload.
     terrain_task: Option<TerrainMeasurementTask>,
     /// The sky maps of a scene that waits for upload, or of the current one.
@@ -489,10 +492,14 @@ impl SceneView {
         let Some(ground) = &mut self.ground else { return Ok(()) };
         ground.prepare(gpu, &self.tile_source, camera, size, GROUND_ERRORS * f64::from(target_px))?;
         let Some(shadows) = shadows else { return Ok(()) };
+        let mut placed = std::mem::take(&mut self.placed);
         let cascades = self.with_frame(*camera, Settings::default(), f32::MAX, |frame| {
-            let list = DrawList::new(frame, size, &mut Counters::default());
+            placed.update(frame.drawables);
+            let (memory, mut counters) = (ListMemory::default(), Counters::default());
+            let list = DrawList::new(frame, size, &placed, memory, &mut counters);
             shadows::of_frame(frame, &list, shadows)
         });
+        self.placed = placed;
         let Some(ground) = &mut self.ground else { return Ok(()) };
         ground.prepare_casters(gpu, &self.tile_source, &cascades)
     }

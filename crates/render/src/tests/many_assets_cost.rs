@@ -32,7 +32,7 @@ fn times(h: &mut Headless, drawables: &[Drawable<'_>], side: f64, settings: Sett
     let mut all = Vec::new();
     for number in 0..24 {
         let shift = f64::from(number) * 0.003 * side;
-        let eye = DVec3::new(shift, 0.9 * side, 1.3 * side);
+        let eye = DVec3::new(shift, 1.9 * side, 2.3 * side);
         let camera = Pose::look_at(eye, DVec3::new(shift, 0.0, 0.0), DVec3::Y, 1.0);
         let frame = Frame { settings, ..Frame::new(camera, drawables) };
         let mut encoder = gpu.device.create_command_encoder(&Default::default());

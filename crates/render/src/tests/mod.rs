@@ -16,7 +16,10 @@ mod heights;
 mod host;
 mod ink;
 mod lights;
+mod many;
 mod many_assets_cost;
+#[cfg(feature = "client")]
+mod many_parts;
 mod materials;
 mod moved_parts;
 mod occlusion;

@@ -10,8 +10,9 @@ use wgpu::util::DeviceExt;
 use super::{headless, keep};
 use crate::cpu_reference::depth::view_ray;
 use crate::cpu_reference::terrain::{Tile, zone_weights};
-use crate::frame::draw::DrawList;
+use crate::frame::draw::{DrawList, ListMemory};
 use crate::frame::graph::Resource;
+use crate::frame::placed::PlacedInstances;
 use crate::image_compare::compare;
 use crate::passes::shadows;
 use crate::resources::descriptors::wgsl;
@@ -88,7 +89,9 @@ pub(super) fn prepare_casters(
 ) {
     let environment = Environment { to_sun, ..Environment::default() };
     let frame = Frame { terrain: Some(ground.frame()), environment, ..Frame::new(camera, &[]) };
-    let list = DrawList::new(&frame, h.size(), &mut Counters::default());
+    let mut placed = PlacedInstances::default();
+    placed.update(frame.drawables);
+    let list = DrawList::new(&frame, h.size(), &placed, ListMemory::default(), &mut Counters::default());
     let cascades = shadows::of_frame(&frame, &list, Shadows::default());
     ground.prepare_casters(h.gpu(), making, &cascades).unwrap();
 }

@@ -1,12 +1,16 @@
 //! The shadow maps: redrawn when their content has changed.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 
+use super::mesh_casters::MeshCasters;
 use super::{Cascade, Casters, SunlightUniform};
 use crate::frame::batch::{Batch, Meshes};
 use crate::frame::counters::Counters;
 use crate::frame::graph::PassId;
-use crate::frame::settings::{MAP_SIDES, MAX_CASCADES, Shadows};
+use crate::frame::placed::PlacedInstances;
+use crate::frame::settings::{Frame, MAP_SIDES, MAX_CASCADES, Shadows};
 use crate::frame::targets::DEPTH;
 use crate::frame::timing::PassEncoder;
 use crate::frame::uniforms::FrameUniform;
@@ -17,10 +21,12 @@ use crate::resources::gpu::Gpu;
 const MOST_GROUND_RATIO: f64 = 2.5;
 
 /// Content of a layer: cascade, top above its centre, and casters.
-#[derive(Debug, PartialEq)]
+#[derive(Debug)]
 struct LayerState {
     cascade: Cascade,
     top: f64,
+    meshes: Arc<MeshCasters>,
+    /// Key of the terrain.
     key: Vec<u64>,
     /// Screen error of the terrain.
     ground_px: Option<f64>,
@@ -32,10 +38,11 @@ struct LayerState {
 pub(crate) struct Sun<'a> {
     pub(crate) shadows: Shadows,
     pub(crate) cascades: &'a [Casters<'a>],
+    /// Which maps are redrawn.
+    pub(crate) redrawn: &'a [bool],
     /// The frame's uniforms for its camera, and the eye.
     pub(crate) frame: &'a FrameUniform,
     pub(crate) eye: DVec3,
-    pub(crate) ground_px: Option<f64>,
     /// Surfaces whose relief writes depth cast shadows from its deepest point.
     pub(crate) sunken: bool,
 }
@@ -47,6 +54,8 @@ pub(crate) struct ShadowMaps {
     /// Frame uniforms for each cascade.
     frames: Vec<(wgpu::Buffer, wgpu::BindGroup)>,
     drawn: Vec<Option<LayerState>>,
+    /// Mesh casters of the last frame, by layer.
+    selected: Vec<Arc<MeshCasters>>,
     sampler: wgpu::Sampler,
     uniform: wgpu::Buffer,
 }
@@ -75,6 +84,7 @@ impl ShadowMaps {
             texture: None,
             frames: frames.collect(),
             drawn: Vec::new(),
+            selected: Vec::new(),
             sampler,
             uniform: uniform_buffer::<SunlightUniform>(gpu, "sunlight"),
         }
@@ -113,6 +123,70 @@ impl ShadowMaps {
         gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
     }
 
+    /// Selects the mesh casters of a frame, in order of the cascades.
+    pub(crate) fn casters<'a>(
+        &mut self,
+        (cascades, map_side): (&'a [Cascade], u32),
+        frame: &Frame<'_>,
+        placed: &PlacedInstances,
+    ) -> Vec<Casters<'a>> {
+        let select = |count: usize| {
+            let before = self.selected.get(count - 1);
+            Casters::new((&cascades[..count], map_side), frame, placed, before)
+        };
+        let casters: Vec<_> = (1..=cascades.len()).filter_map(select).collect();
+        self.selected = casters.iter().map(|casters| Arc::clone(&casters.meshes)).collect();
+        casters
+    }
+
+    /// Decides which maps are redrawn; to be called once a frame before [`ShadowMaps::record`], which draws them. Counts
+    /// maps that stay although something has changed.
+    pub(crate) fn begin(
+        &mut self,
+        gpu: &Gpu,
+        shadows: Shadows,
+        cascades: &[Casters<'_>],
+        ground_px: Option<f64>,
+        counters: &mut Counters,
+    ) -> Vec<bool> {
+        let side = shadows.map_side;
+        let layers = cascades.len().max(1) as u32;
+        let old = self.texture.as_ref();
+        if old.is_none_or(|old| old.width() != side || old.depth_or_array_layers() < layers) {
+            self.texture = Some(texture(gpu, side, layers));
+            self.drawn.clear();
+        }
+        self.drawn.resize_with(cascades.len(), || None);
+        let mut redrawn = Vec::new();
+        for (layer, casters) in cascades.iter().enumerate() {
+            let cascade = &casters.cascade;
+            if let Some(drawn) = &mut self.drawn[layer]
+                && drawn.cascade == *cascade
+                && alike(drawn.ground_px, ground_px)
+            {
+                let same_meshes =
+                    Arc::ptr_eq(&drawn.meshes, &casters.meshes) || drawn.meshes.key == casters.meshes.key;
+                let same = same_meshes
+                    && drawn.top == casters.top
+                    && drawn.key == casters.key
+                    && drawn.ground_px == ground_px;
+                drawn.late = if same { 0 } else { drawn.late + 1 };
+                if drawn.late <= shadows.max_staleness {
+                    counters.late_shadow_maps += u32::from(!same);
+                    redrawn.push(false);
+                    continue;
+                }
+            }
+            // Nearer cascades are redrawn sooner, and not all in one frame.
+            let late = shadows.max_staleness * (cascades.len() - 1 - layer) as u32 / cascades.len() as u32;
+            let (key, meshes) = (casters.key.clone(), Arc::clone(&casters.meshes));
+            self.drawn[layer] =
+                Some(LayerState { cascade: *cascade, top: casters.top, meshes, key, ground_px, late });
+            redrawn.push(true);
+        }
+        redrawn
+    }
+
     /// Draws the changed maps. Meshes are drawn as in the frame, whose bindings come with them; `ground` draws the
     /// terrain casters of a cascade and returns their number of triangles.
     pub(crate) fn record(
@@ -124,35 +198,10 @@ impl ShadowMaps {
         mut ground: impl FnMut(&mut wgpu::RenderPass<'_>, usize) -> u64,
         counters: &mut Counters,
     ) {
-        let Sun { shadows, cascades, frame, eye, ground_px, sunken } = *sun;
-        let side = shadows.map_side;
-        let layers = cascades.len().max(1) as u32;
-        let old = self.texture.as_ref();
-        if old.is_none_or(|old| old.width() != side || old.depth_or_array_layers() < layers) {
-            self.texture = Some(texture(gpu, side, layers));
-            self.drawn.clear();
-        }
-        self.drawn.resize_with(cascades.len(), || None);
+        let Sun { shadows, cascades, redrawn, frame, eye, sunken } = *sun;
         let Some(texture) = &self.texture else { return };
-        for (layer, casters) in cascades.iter().enumerate() {
+        for (layer, casters) in cascades.iter().enumerate().filter(|(layer, _)| redrawn[*layer]) {
             let cascade = &casters.cascade;
-            if let Some(drawn) = &mut self.drawn[layer]
-                && drawn.cascade == *cascade
-                && alike(drawn.ground_px, ground_px)
-            {
-                let same =
-                    drawn.top == casters.top && drawn.key == casters.key && drawn.ground_px == ground_px;
-                drawn.late = if same { 0 } else { drawn.late + 1 };
-                if drawn.late <= shadows.max_staleness {
-                    counters.late_shadow_maps += u32::from(!same);
-                    continue;
-                }
-            }
-            // Nearer cascades are redrawn sooner, and not all in one frame.
-            let late = shadows.max_staleness * (cascades.len() - 1 - layer) as u32 / cascades.len() as u32;
-            let key = casters.key.clone();
-            self.drawn[layer] =
-                Some(LayerState { cascade: *cascade, top: casters.top, key, ground_px, late });
             let (buffer, group) = &self.frames[layer];
             let uniform = frame.as_the_sun_sees(cascade, casters.top, eye);
             gpu.queue.write_buffer(buffer, 0, bytemuck::bytes_of(&uniform));

@@ -3,6 +3,7 @@
 mod cascades;
 mod casters;
 mod maps;
+mod mesh_casters;
 mod sunlight;
 
 use cascades::cascades;

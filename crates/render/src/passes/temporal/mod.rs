@@ -11,6 +11,7 @@ use glam::Mat4;
 use crate::frame::batch::Batch;
 use crate::frame::camera::{clip_from_view, view_from_world};
 use crate::frame::draw::{DrawList, finite};
+use crate::frame::placed::PlacedInstances;
 use crate::frame::settings::Frame;
 use crate::frame::timing::PassEncoder;
 use crate::resources::buffer::GrowingBuffer;
@@ -111,7 +112,7 @@ impl Temporal {
     pub(crate) fn begin<'a>(
         &mut self,
         gpu: &Gpu,
-        (frame, list): (&Frame<'a>, &DrawList<'a>),
+        (frame, list, placed): (&Frame<'a>, &DrawList<'a>, &PlacedInstances),
         size: (u32, u32),
         (jittered, water): (bool, [f32; 2]),
     ) -> Result<(TemporalStep, Vec<Batch<'a>>), RenderError> {
@@ -123,7 +124,7 @@ impl Temporal {
                 self.past = None;
             }
         }
-        let now = PreviousFrame::of(frame);
+        let now = PreviousFrame::of(frame, placed);
         let past = self.past.take();
         let still = past.as_ref().is_some_and(|past| past.is(&now));
         self.still_frames = if still { self.still_frames + 1 } else { 1 };
@@ -135,7 +136,7 @@ impl Temporal {
             (_, true) => STANDING,
         };
         let before_s = past.as_ref().map_or(frame.time_s, |past| past.time_s);
-        let moves = past.as_ref().filter(|_| !still).map(|past| moves(frame, list, past));
+        let moves = past.as_ref().filter(|_| !still).map(|past| moves(frame, list, placed, past));
         let (moving, before) = moves.unwrap_or_default();
         if !moving.is_empty() {
             self.before.write(gpu, 0, &before)?;
@@ -208,36 +209,50 @@ fn point(frame: u32) -> [f32; 2] {
     [inverse(2) - 0.5, inverse(3) - 0.5]
 }
 
-/// Batches that have moved since `past`, and previous positions of all instances relative to this frame's eye.
+/// Batches that have moved since `past`, and, if there are some, previous positions of all instances relative to this
+/// frame's eye.
 fn moves<'a>(
     frame: &Frame<'a>,
     list: &DrawList<'a>,
+    placed: &PlacedInstances,
     past: &PreviousFrame,
 ) -> (Vec<Batch<'a>>, Vec<InstanceRaw>) {
-    let mut before = list.instances.clone();
+    let mut before = Vec::new();
     let mut moving = Vec::new();
     // Instances of an asset are numbered across its drawables.
     let mut counts: BTreeMap<u64, usize> = BTreeMap::new();
-    let firsts: Vec<usize> = frame
-        .drawables
-        .iter()
-        .map(|drawable| {
+    let mut firsts = Vec::new();
+    if !placed.before().is_empty() || !placed.part_states_before().is_empty() {
+        before.clone_from(&list.instances);
+        firsts.extend(frame.drawables.iter().map(|drawable| {
             let count = counts.entry(drawable.asset.number()).or_default();
             let first = *count;
             *count += drawable.instances.len();
             first
-        })
-        .collect();
+        }));
+    }
     for batch in &list.batches {
         let asset = batch.asset();
-        let mut moved = asset.is_moving(past.time_s, frame.settings.morph_s);
-        let (were, states) = past.instances(asset);
+        let own = placed.drawable(batch.drawable());
+        let mut moved = own.is_some_and(|own| own.is_moving(past.time_s, frame.settings.morph_s));
+        if !moved && before.is_empty() {
+            continue;
+        }
         // If their number has changed, instances cannot be matched.
-        if counts.get(&asset.number()) == Some(&were.len()) {
+        let were = placed
+            .before()
+            .get(&asset.number())
+            .filter(|were| counts.get(&asset.number()) == Some(&were.len()));
+        let states = placed.part_states_before().get(&asset.number());
+        if were.is_some() || states.is_some() {
             for (slot, place) in list.placed(batch) {
-                let was = &were[firsts[batch.drawable()] + place];
-                let raw = InstanceRaw::new(was, asset.origin(), frame.camera.eye)
-                    .with_states(asset.part_states_before(place, states));
+                let raw = were.map_or(before[slot], |were| {
+                    let was = &were[firsts[batch.drawable()] + place];
+                    InstanceRaw::new(was, asset.origin(), frame.camera.eye)
+                });
+                let states =
+                    states.map_or(before[slot].states, |version| asset.part_states_before(place, *version));
+                let raw = raw.with_states(states);
                 if let Some(raw) = finite(raw).filter(|raw| *raw != before[slot]) {
                     before[slot] = raw;
                     moved = true;
@@ -247,6 +262,9 @@ fn moves<'a>(
         if moved {
             moving.push(*batch);
         }
+    }
+    if before.is_empty() && !moving.is_empty() {
+        before.clone_from(&list.instances);
     }
     (moving, before)
 }

@@ -1,27 +1,14 @@
 //! Record of a frame's input, to detect motion and changes in the next one.
 
-use std::collections::BTreeMap;
-
-use lodestream_scene::placement::Placement;
 use lodestream_scene::pose::Pose;
 use lodestream_scene::punctual_lights::PunctualLight;
 
+use crate::frame::placed::PlacedInstances;
 use crate::frame::settings::{Frame, Settings};
 use crate::passes::water::Water;
-use crate::scene::asset::AssetGpu;
 use crate::scene::environment::Environment;
 use crate::scene::terrain::{TerrainAppearance, TerrainPart};
 use lodestream_terrain::tiles::TileRegion;
-
-/// An asset as a frame drew it.
-#[derive(Debug, Default, PartialEq)]
-struct DrawnAsset {
-    /// The state of its vertices, faces, materials and textures.
-    stamps: [u64; 2],
-    instances: Vec<Placement>,
-    /// Number of its parts' states.
-    part_states: u64,
-}
 
 /// Everything that a picture depends on except jitter and time.
 #[derive(Debug, PartialEq)]
@@ -29,8 +16,8 @@ struct FrameInput {
     camera: Pose,
     environment: Environment,
     settings: Settings,
-    /// By asset number; all drawables of an asset together.
-    drawn: BTreeMap<u64, DrawnAsset>,
+    /// [`PlacedInstances::changes`]: drawables, their places, and the state of vertices, faces, materials and textures.
+    placed: u64,
     ground: Option<Ground>,
     water: Option<Water>,
     lights: Vec<PunctualLight>,
@@ -57,14 +44,8 @@ pub(crate) struct PreviousFrame {
 }
 
 impl PreviousFrame {
-    pub(crate) fn of(frame: &Frame<'_>) -> Self {
-        let mut drawn: BTreeMap<u64, DrawnAsset> = BTreeMap::new();
-        for drawable in frame.drawables {
-            let asset = drawn.entry(drawable.asset.number()).or_default();
-            asset.stamps = drawable.asset.stamps();
-            asset.part_states = drawable.asset.part_states_version();
-            asset.instances.extend(drawable.instances);
-        }
+    /// `placed` has the frame's drawables.
+    pub(crate) fn of(frame: &Frame<'_>, placed: &PlacedInstances) -> Self {
         let ground = frame.terrain.map(|ground| Ground {
             look: ground.terrain.look,
             parts: ground.parts.to_vec(),
@@ -77,15 +58,14 @@ impl PreviousFrame {
                 .map(|part| ground.terrain.slot(part.slot).stamp)
                 .collect(),
         });
-        let is_moving = |asset: &AssetGpu| asset.is_moving(frame.time_s, frame.settings.morph_s);
         Self {
             time_s: frame.time_s,
-            moving: frame.drawables.iter().any(|drawable| is_moving(drawable.asset)),
+            moving: placed.are_moving(frame.time_s, frame.settings.morph_s),
             made: FrameInput {
                 camera: frame.camera,
                 environment: frame.environment,
                 settings: frame.settings,
-                drawn,
+                placed: placed.changes(),
                 ground,
                 water: frame.water,
                 lights: frame.lights.to_vec(),
@@ -101,11 +81,5 @@ impl PreviousFrame {
     /// Camera of the frame.
     pub(super) fn camera(&self) -> &Pose {
         &self.made.camera
-    }
-
-    /// The instances of an asset, in the order of its drawables, and the number of its parts' states.
-    pub(super) fn instances(&self, asset: &AssetGpu) -> (&[Placement], u64) {
-        let drawn = self.made.drawn.get(&asset.number());
-        drawn.map_or((&[], 0), |drawn| (&drawn.instances, drawn.part_states))
     }
 }
