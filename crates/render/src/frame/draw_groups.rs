@@ -51,8 +51,8 @@ struct ListedPart<'a> {
     part: usize,
 }
 
-/// The draws of some batches. Groups are in the order of their first draws, and the draws of a group in the order of the
-/// batches: near ones first, independent of whether the device draws indirectly.
+/// The draws of some batches. Materials are in the order of their first draws, as are a material's groups, and the draws
+/// of a group in the order of the batches: near ones first, independent of whether the device draws indirectly.
 #[derive(Debug, Default)]
 pub(crate) struct DrawGroups<'a> {
     groups: Vec<DrawGroup<'a>>,
@@ -118,7 +118,15 @@ impl<'a> DrawGroups<'a> {
         // Counting sort by group.
         let mut next = calls.arguments.len() as u32;
         calls.arguments.resize(calls.arguments.len() + draws.len(), DrawArguments::default());
-        for group in &mut this.groups {
+        // Those of a material follow one another, so that the order of different materials does not depend on pages.
+        let mut firsts: HashMap<u64, usize> = HashMap::new();
+        let mut order: Vec<(usize, usize)> = Vec::with_capacity(this.groups.len());
+        for (at, group) in this.groups.iter().enumerate() {
+            order.push((*firsts.entry(group.material.number).or_insert(at), at));
+        }
+        order.sort_unstable();
+        for (_, at) in order {
+            let group = &mut this.groups[at];
             let end = next + group.arguments.end;
             group.arguments = next..next;
             next = end;
@@ -128,6 +136,7 @@ impl<'a> DrawGroups<'a> {
             calls.arguments[*end as usize] = arguments;
             *end += 1;
         }
+        this.groups.sort_unstable_by_key(|group| group.arguments.start);
         this
     }
 
