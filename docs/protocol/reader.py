@@ -679,6 +679,12 @@ class Session:
         while b.left():
             self.frame(side, read_frame(b, tags))
 
+    def page(self, b):
+        """A page's stream, after its first byte."""
+        frame = read_frame(b, SERVER_TAGS)
+        ensure(frame is not None and frame[0] == "ScenePage" and not b.left(), "a page stream of something else")
+        self.frame("server", frame)
+
     def frame(self, side, frame):
         if frame is None:
             return
@@ -747,12 +753,14 @@ def read_quic(recording):
     for stream in recording["streams"]:
         b = Bytes(bytes.fromhex(stream["bytes"]))
         side = stream["from"]
-        kind = b.note("kind", b.u8, lambda kind: {0: "control", 1: "blob"}.get(kind, "unknown"))
-        ensure(kind == 0 or (kind == 1 and side == "server"), f"a stream of kind {kind} from the {side}")
+        kind = b.note("kind", b.u8, lambda kind: {0: "control", 1: "blob", 2: "page"}.get(kind, "unknown"))
+        ensure(kind == 0 or (kind in (1, 2) and side == "server"), f"a stream of kind {kind} from the {side}")
         if kind == 0:
             session.frames(side, b)
-        else:
+        elif kind == 1:
             session.stream(b)
+        else:
+            session.page(b)
         parts.append((f"stream {stream['number']}, from the {side}", b.data, b.notes))
     return session, parts
 
