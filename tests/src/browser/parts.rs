@@ -82,13 +82,7 @@ fn a_click_selects_a_part_and_keys_hide_isolate_fit_and_show_it() {
     press(&mut tab, 'I');
     let isolated = differing(&whole, &picture(&mut tab));
     assert!(count(&isolated) > own + 500, "the others are gone: {}", count(&isolated));
-    let eye = "Array.from(lodestream.view.viewer.camera()).slice(0, 3)";
-    let start = tab.evaluate(eye);
-    press(&mut tab, 'Z');
-    tab.wait("the camera moves to the part", eye, |eye| *eye != start);
-    press(&mut tab, 'R');
     press(&mut tab, 'U');
-    tab.wait("the start view", eye, |eye| *eye == start);
     assert_eq!(count(&differing(&whole, &picture(&mut tab))), 0, "all is shown again");
 
     // Half a unit upwards, and back. A matrix that is none is refused and changes nothing.
@@ -119,6 +113,16 @@ fn a_click_selects_a_part_and_keys_hide_isolate_fit_and_show_it() {
     assert_eq!(tab.evaluate(&move_to("null")), "moved");
     assert_eq!(count(&differing(&whole, &picture(&mut tab))), 0, "moved back");
     assert_eq!(sent(&mut tab), before, "nothing was requested");
+
+    // The nearer view requests refinements, so it comes last.
+    click(&mut tab, middle);
+    tab.wait("the part is selected once more", SELECTED, |selected| *selected == part);
+    let eye = "Array.from(lodestream.view.viewer.camera()).slice(0, 3)";
+    let start = tab.evaluate(eye);
+    press(&mut tab, 'Z');
+    tab.wait("the camera moves to the part", eye, |eye| *eye != start);
+    press(&mut tab, 'R');
+    tab.wait("the start view", eye, |eye| *eye == start);
     assert_eq!(tab.console, Vec::<String>::new());
     server.assert_healthy();
 }
