@@ -3,7 +3,6 @@
 use std::fmt;
 use std::str::FromStr;
 
-use lodestream_geometry::mesh::QuantisedMesh;
 use lodestream_geometry::quantise::{self, QuantiseSettings};
 use lodestream_geometry::{Metric, Settings};
 
@@ -82,13 +81,7 @@ impl PreparationSettings {
         }
     }
 
-    /// Settings of simplification and coding, of a mesh.
-    #[must_use]
-    pub fn settings(&self, mesh: &QuantisedMesh) -> Settings {
-        Settings { codec: self.codec().of(mesh), ..self.simplify_settings() }
-    }
-
-    /// As [`Self::settings`] with the default codec, since the codec may depend on the mesh.
+    /// Settings of simplification and coding, with the default codec, since the codec may depend on the mesh.
     #[must_use]
     pub fn simplify_settings(&self) -> Settings {
         let default = Settings::default();

@@ -19,11 +19,11 @@ use std::time::{Duration, Instant, SystemTime};
 use crate::preparation_settings::PreparationSettings;
 use lodestream_compress::whole_file::write_atomically;
 use lodestream_compress::{encode_base, prepare_with_hooks};
-use lodestream_geometry::MeshError;
 use lodestream_geometry::pack::BlobKind;
 use lodestream_geometry::pool::Pool as _;
 use lodestream_geometry::prepare::{Hooks, suit};
 use lodestream_geometry::quantise::quantise;
+use lodestream_geometry::{MeshError, Settings};
 use lodestream_import::{ImportError, Imported, Part};
 
 use crate::mapping_allocator::MappingAllocator;
@@ -432,7 +432,8 @@ fn prepare_with_key(keyed: Keyed, options: &Options, pack: &Path) -> Result<Repo
     if let Some(checkpoints) = &checkpoints {
         hooks = hooks.with_checkpoints(checkpoints);
     }
-    let settings = preparation_settings.settings(&mesh);
+    let codec = preparation_settings.codec().of(&mesh);
+    let settings = Settings { codec, ..asset.simplify_settings() };
     suit(&mut mesh, settings.codec);
     let prepared = prepare_with_hooks(&mesh, &settings, hooks);
     reporter.finish();

@@ -11,7 +11,7 @@ use crate::preparation_settings::{CodecChoice, ReliefDepth};
 use crate::scene::Asset;
 
 /// Version of the encoding. Increment it when a field is added, removed or reordered, or a tag changes its meaning.
-const VERSION: u16 = 1;
+const VERSION: u16 = 2;
 
 /// Everything besides the model's files that determines a pack. Threads and progress do not.
 #[derive(Clone, Debug)]
@@ -38,7 +38,7 @@ impl<'a> PackSettings<'a> {
             name,
             part: Some(part.clone()),
             quantise: preparation_settings.quantise_settings(),
-            simplify: preparation_settings.simplify_settings(),
+            simplify: asset.simplify_settings(),
             codec: preparation_settings.codec(),
             relief_depth: preparation_settings.relief_depth.map(ReliefDepth::get),
         }
@@ -109,6 +109,7 @@ fn put_simplify(bytes: &mut Vec<u8>, settings: Settings) {
         level_share,
         top_regions,
         base_error,
+        visible_side,
         min_splits,
         parts,
         min_part_splits,
@@ -123,6 +124,7 @@ fn put_simplify(bytes: &mut Vec<u8>, settings: Settings) {
     put_number(bytes, level_share);
     put_number(bytes, top_regions);
     put_number(bytes, base_error);
+    put_number(bytes, visible_side);
     put_count(bytes, min_splits);
     put_count(bytes, parts);
     put_count(bytes, min_part_splits);
@@ -203,6 +205,7 @@ mod tests {
             ("level share", |s| s.simplify.level_share += 0.01),
             ("top regions", |s| s.simplify.top_regions += 0.5),
             ("base error", |s| s.simplify.base_error += 0.01),
+            ("visible side", |s| s.simplify.visible_side += 0.01),
             ("min splits", |s| s.simplify.min_splits += 1),
             ("parts", |s| s.simplify.parts += 1),
             ("min part splits", |s| s.simplify.min_part_splits += 1),
@@ -238,6 +241,9 @@ mod tests {
     fn the_encoding_of_the_defaults_is_fixed() {
         let bytes = default().encode();
         assert_eq!(bytes[..2], VERSION.to_le_bytes());
-        assert_eq!(bytes.len(), 2 + 9 + 1 + (2 + 1 + 8) + (3 * 8 + 8 + 3 * 8 + 1 + 1 + 8 + 8 + 1) + 1 + 1);
+        assert_eq!(
+            bytes.len(),
+            2 + 9 + 1 + (2 + 1 + 8) + (3 * 8 + 2 * 8 + 3 * 8 + 1 + 1 + 8 + 8 + 1) + 1 + 1
+        );
     }
 }

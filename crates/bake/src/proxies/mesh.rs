@@ -96,6 +96,11 @@ impl Piece {
             detail,
         })
     }
+
+    /// Without its division into parts.
+    pub(super) fn into_one_part(self) -> Self {
+        Self { parts: Vec::new(), ..self }
+    }
 }
 
 /// Colour of a material without textures, sRGB.

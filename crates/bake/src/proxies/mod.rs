@@ -36,7 +36,7 @@ use tree::{Item, Node, Tree};
 
 /// Version of what packs of proxies are made from. Increment it when the same members give another pack, for reasons other
 /// than those that change all packs.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 /// What names of packs begin with.
 const NAME: &str = "proxy";
 /// Fewest instances, and base meshes in bytes above which a scene gets proxies: below, all of them are sent within the
@@ -207,6 +207,8 @@ struct Member<'a> {
     placement: Placement,
     /// First part in the node.
     part: u32,
+    /// Whether it is an instance, thus one part of the node whatever parts its asset has.
+    is_instance: bool,
     /// Bound on the distance of its base mesh from what it stands for, in world units.
     error: f64,
 }
@@ -259,6 +261,7 @@ impl Maker<'_> {
                 number: instance.asset,
                 placement: instance.placement,
                 part: (number - node.instances.start) as u32,
+                is_instance: true,
                 error: f64::from(self.entries[instance.asset as usize].root_error)
                     * f64::from(instance.placement.scale),
             }
@@ -270,6 +273,7 @@ impl Maker<'_> {
                 number: child as u32,
                 placement: Placement::default(),
                 part: (of.instances.start - node.instances.start) as u32,
+                is_instance: false,
                 error: f64::from(made.entry.root_error) + f64::from(made.error),
             })
         });
@@ -304,7 +308,10 @@ fn union(members: &[Member<'_>], transparent_too: bool) -> Result<NodeMesh, Prep
     for member in members {
         let piece = match pieces.entry(member.number) {
             Entry::Occupied(piece) => piece.into_mut(),
-            Entry::Vacant(place) => place.insert(Piece::read(member.pack, transparent_too)?),
+            Entry::Vacant(place) => {
+                let piece = Piece::read(member.pack, transparent_too)?;
+                place.insert(if member.is_instance { piece.into_one_part() } else { piece })
+            }
         };
         union.add(piece, &member.placement, member.part);
     }
@@ -314,8 +321,8 @@ fn union(members: &[Member<'_>], transparent_too: bool) -> Result<NodeMesh, Prep
 /// The key of a node's pack: what its members' packs hold, and where they are.
 fn key(members: &[Member<'_>]) -> Key {
     let mut bytes = VERSION.to_le_bytes().to_vec();
-    bytes.extend(pack::BASE_ERROR.to_le_bytes());
-    for Member { pack, number: _, placement, part, error } in members {
+    bytes.extend([pack::BASE_ERROR, pack::VISIBLE_SIDE].iter().flat_map(|x| x.to_le_bytes()));
+    for Member { pack, number: _, placement, part, is_instance: _, error } in members {
         bytes.extend(pack.fingerprint());
         let Placement { translation, rotation, scale } = placement;
         bytes.extend(translation.iter().flat_map(|x| x.to_le_bytes()));

@@ -21,6 +21,8 @@ use crate::prepare::cache::Key;
 /// Largest error of a node's base mesh, as a share of the diagonal: it then has one to three kilobytes. Half of it doubles
 /// the bytes (docs/design/proxies.md).
 pub(super) const BASE_ERROR: f64 = 0.06;
+/// [`Settings::visible_side`]: walls that share edges are one component of a proxy.
+pub(super) const VISIBLE_SIDE: f64 = 0.35;
 /// Largest rounding of positions, as a share of the bounding box's diagonal and of the error of the members.
 const ROUNDING_OF_DIAGONAL: f64 = 1.0 / 32_768.0;
 const ROUNDING_OF_ERROR: f64 = 1.0 / 16.0;
@@ -69,7 +71,8 @@ pub(super) fn write(
     drop(mesh);
     let codec = CodecChoice::Auto.of(&quantised);
     suit(&mut quantised, codec);
-    let settings = Settings { base_error: BASE_ERROR, codec, ..Settings::default() };
+    let settings =
+        Settings { base_error: BASE_ERROR, visible_side: VISIBLE_SIDE, codec, ..Settings::default() };
     let mut prepared = prepare(&quantised, &settings, &threads, &Silent).map_err(mesh_error)?;
     prepared.base.description = description;
     let base = encode_base(&prepared.base).map_err(|why| internal(why.to_string()))?;

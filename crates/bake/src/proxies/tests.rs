@@ -17,6 +17,7 @@ use tempfile::TempDir;
 use crate::compose::describe;
 use crate::prepare::prepare_all;
 use crate::scene;
+use crate::scene::batch_tests::{Glb, sheet};
 
 use super::*;
 
@@ -152,7 +153,21 @@ fn each_level_stands_for_each_instance_once_and_errors_hold() {
 #[test]
 fn leaves_have_the_base_meshes_of_their_members_as_parts() {
     let dir = TempDir::new().unwrap();
-    let (scene, packs) = prepared(&write(dir.path(), 64, ""), dir.path());
+    // One of the members has parts of its own.
+    let mut glb = Glb::default();
+    for number in 0..40 {
+        let mesh = glb.mesh(&sheet(3, f64::from(number)));
+        glb.node(mesh, [0.0, 0.0, 2.0 * f64::from(number)]);
+    }
+    glb.write(&dir.path().join("parts.glb"));
+    let more = "[[asset]]\nname = \"parts\"\nfile = \"parts.glb\"\n[[instance]]\nasset = \"parts\"";
+    let (scene, packs) = prepared(&write(dir.path(), 64, more), dir.path());
+    let parts = |pack: &PackFile| pack.base().unwrap().parts.iter().max().copied();
+    assert!(
+        packs.iter().any(|pack| parts(pack) == Some(39)),
+        "{:?}",
+        packs.iter().map(parts).collect::<Vec<_>>()
+    );
     let forest = make(&scene, &packs, dir.path(), &options(2)).unwrap().unwrap();
     let instances = scene.instances.as_deref().unwrap();
     let mut leaves = 0;
@@ -244,7 +259,8 @@ fn textures_and_materials_become_colors_of_vertices() {
     std::fs::write(dir.path().join("m.mtl"), materials).unwrap();
     let (_, packs) = prepared(&dir.path().join("m.obj"), dir.path());
     let half_turn = Placement { rotation: [0.0, 0.0, 1.0, 0.0], ..Placement::at([100.0, 0.0, 0.0]) };
-    let member = Member { pack: &packs[0], number: 0, placement: half_turn, part: 3, error: 0.0 };
+    let member =
+        Member { pack: &packs[0], number: 0, placement: half_turn, part: 3, is_instance: true, error: 0.0 };
     let NodeMesh { mesh, material, appearance_error } = union(&[member], false).unwrap();
     assert_eq!((mesh.faces.len(), &mesh.parts[..], material.base_color), (6, &[3; 6][..], [1.0; 4]));
     for corner in mesh.faces.iter().flatten() {
@@ -262,7 +278,8 @@ fn textures_and_materials_become_colors_of_vertices() {
     }
     // The glass, and the texture's detail, are missing.
     assert!((1.0..3.0).contains(&appearance_error), "{appearance_error}");
-    let member = Member { pack: &packs[0], number: 0, placement: half_turn, part: 0, error: 0.0 };
+    let member =
+        Member { pack: &packs[0], number: 0, placement: half_turn, part: 0, is_instance: true, error: 0.0 };
     assert_eq!(union(&[member], true).unwrap().mesh.faces.len(), 8);
 }
 

@@ -16,7 +16,7 @@ use crate::sources::Sources;
 
 /// A GLB under construction.
 #[derive(Default)]
-pub(super) struct Glb {
+pub(crate) struct Glb {
     bin: Vec<u8>,
     views: Vec<Value>,
     accessors: Vec<Value>,
@@ -27,7 +27,7 @@ pub(super) struct Glb {
 
 impl Glb {
     /// Adds a mesh without indices.
-    pub(super) fn mesh(&mut self, corners: &[DVec3]) -> usize {
+    pub(crate) fn mesh(&mut self, corners: &[DVec3]) -> usize {
         let (low, high) = corners
             .iter()
             .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), &p| (low.min(p), high.max(p)));
@@ -77,11 +77,11 @@ impl Glb {
         primitive["material"] = json!(material);
     }
 
-    pub(super) fn node(&mut self, mesh: usize, translation: [f64; 3]) {
+    pub(crate) fn node(&mut self, mesh: usize, translation: [f64; 3]) {
         self.nodes.push(json!({"mesh": mesh, "translation": translation}));
     }
 
-    pub(super) fn write(&self, path: &Path) -> PathBuf {
+    pub(crate) fn write(&self, path: &Path) -> PathBuf {
         let roots: Vec<usize> = (0..self.nodes.len()).collect();
         self.write_with(path, &roots)
     }
@@ -120,7 +120,7 @@ fn tetrahedron(height: f64) -> Vec<DVec3> {
 }
 
 /// The corners of a grid of quads that is bent, so that it is no copy of one that is bent otherwise.
-pub(super) fn sheet(side: usize, bend: f64) -> Vec<DVec3> {
+pub(crate) fn sheet(side: usize, bend: f64) -> Vec<DVec3> {
     let at = |x: usize, y: usize| {
         let (x, y) = (x as f64 / side as f64, y as f64 / side as f64);
         DVec3::new(x, y, bend * x * x + y * y * y)

@@ -3,7 +3,7 @@
 #[cfg(test)]
 mod batch_cost_tests;
 #[cfg(test)]
-mod batch_tests;
+pub(crate) mod batch_tests;
 mod batches;
 mod curve;
 mod file;

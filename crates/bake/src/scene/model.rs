@@ -7,6 +7,7 @@ use std::sync::Arc;
 use crate::preparation_settings::{PositionBits, Precision, PreparationSettings, Tolerance, UvBits};
 use crate::sources::Sources;
 use crate::stderr::write_line;
+use lodestream_geometry::Settings;
 use lodestream_import::gltf::{self, CopyTolerance};
 use lodestream_import::{ImportError, Part, is_gltf};
 use lodestream_scene::description::{Camera, DEFAULT_AMBIENT, DEFAULT_BACKGROUND, Instance};
@@ -17,6 +18,9 @@ use super::batches::{self, Batch};
 use super::names::UniqueNames;
 use super::part_names::ModelPartNames;
 use super::terrain::SceneTerrain;
+
+/// [`Settings::visible_side`] of batches: of a building more is seen than of an object, for its walls are near.
+const VISIBLE_SIDE: f64 = 0.35;
 
 /// A model of a scene.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,6 +45,15 @@ impl Asset {
             file: file.to_owned(),
             part: Part::Whole,
             preparation_settings: PreparationSettings::default(),
+        }
+    }
+
+    /// Settings of simplification, with the default codec.
+    pub(crate) fn simplify_settings(&self) -> Settings {
+        let settings = self.preparation_settings.simplify_settings();
+        match self.part {
+            Part::Batch(_) => Settings { visible_side: VISIBLE_SIDE, ..settings },
+            Part::Whole | Part::Mesh { .. } => settings,
         }
     }
 }

@@ -11,7 +11,7 @@ use crate::simplify::queue::simplify_region;
 use crate::simplify::region::Region;
 use crate::simplify::settings::Settings;
 use crate::simplify::star_table::each_edge;
-use crate::simplify::whole_components::WholeComponents;
+use crate::simplify::whole_components::{Visible, WholeComponents};
 
 /// Marks a vertex whose star is in several regions, or in none.
 const OUTLINE: u32 = u32::MAX;
@@ -53,10 +53,11 @@ impl<'a> Level<'a> {
         number: usize,
         count: usize,
         fixed: Fixed<'a>,
+        visible: Visible,
         pool: &MonitoredPool<'_>,
     ) -> Result<Self, MeshError> {
         let list = &live.faces;
-        let components = live.has_parts().then(|| WholeComponents::new(live));
+        let components = live.has_parts().then(|| WholeComponents::new(live, visible));
         let place = |f: u32| {
             let components = components.as_ref();
             let whole = components.and_then(|components| components.place(live.face_vertices[f as usize]));

@@ -10,7 +10,7 @@ use crate::simplify::limit::{Limit, limit_error};
 use crate::simplify::live::Live;
 use crate::simplify::measure::{Coarsening, measure};
 use crate::simplify::settings::Settings;
-use crate::simplify::whole_components::MAX_DROPPED_VERTICES;
+use crate::simplify::whole_components::{MAX_DROPPED_VERTICES, Visible};
 
 /// Parameters shared by all levels of a mesh.
 pub(crate) struct Reduction<'a> {
@@ -60,7 +60,8 @@ impl Reduction<'_> {
         let &Self { settings, limit, fixed } = self;
         let LevelParameters { number, count, last, shift, coarse_grid, done } = place;
         pool.begin(Stage::Simplify)?;
-        let level = Level::new(live, deviation, number, count, fixed, pool)?;
+        let visible = Visible { limit: limit.error, side: settings.visible_side * limit.error };
+        let level = Level::new(live, deviation, number, count, fixed, visible, pool)?;
         let tear = settings.unlock_outlines && number == 0;
         let mut records = level.simplify(live, last, tear, settings, pool)?;
         if !last {

@@ -77,6 +77,10 @@ pub struct Settings {
     pub top_regions: f64,
     /// Largest error of the base mesh as a share of the bounding box's diagonal ([`Self::BASE_ERROR`]).
     pub base_error: f64,
+    /// In meshes with parts, the side of a square that is visible at the base mesh's error, as a share of that
+    /// ([`Self::VISIBLE_SIDE`]). Components of such a size do not vanish, the 256 largest; less means a base mesh of more
+    /// bytes that looks more like the input.
+    pub visible_side: f64,
     /// Fewest splits per chunk ([`Self::MIN_SPLITS`]); regions with fewer are left to the next level.
     pub min_splits: usize,
     /// Parts of a chunk ([`Self::PARTS`]), separated by truncation points. More parts follow the view and a face
@@ -114,6 +118,7 @@ impl Default for Settings {
             level_share: 2.0 / 3.0,
             top_regions: 1.5,
             base_error: 0.042,
+            visible_side: 1.0,
             min_splits: 32,
             parts: 4,
             min_part_splits: 32,
@@ -137,6 +142,8 @@ impl Settings {
     pub const TOP_REGIONS: RangeInclusive<f64> = 0.25..=16.0;
     /// Range of [`Self::base_error`].
     pub const BASE_ERROR: RangeInclusive<f64> = 0.0..=1.0;
+    /// Range of [`Self::visible_side`].
+    pub const VISIBLE_SIDE: RangeInclusive<f64> = 0.01..=1000.0;
     /// Range of [`Self::min_splits`] and [`Self::min_part_splits`].
     pub const MIN_SPLITS: RangeInclusive<usize> = 1..=20_000;
     /// Range of [`Self::parts`].
@@ -157,6 +164,7 @@ impl Settings {
         check_range("level share", self.level_share, Self::LEVEL_SHARE)?;
         check_range("top regions", self.top_regions, Self::TOP_REGIONS)?;
         check_range("base error", self.base_error, Self::BASE_ERROR)?;
+        check_range("visible side", self.visible_side, Self::VISIBLE_SIDE)?;
         check_range("fewest splits of a chunk", self.min_splits, Self::MIN_SPLITS)?;
         check_range("parts of a chunk", self.parts, Self::PARTS)?;
         check_range("fewest splits of a part", self.min_part_splits, Self::MIN_SPLITS)?;
@@ -202,11 +210,12 @@ mod tests {
     #[test]
     fn every_setting_is_refused_outside_its_range_and_accepted_at_its_ends() {
         type Set = fn(&mut Settings, f64);
-        let settings: [(&str, Set, f64, f64); 10] = [
+        let settings: [(&str, Set, f64, f64); 11] = [
             ("region faces", |s, x| s.region_faces = x as usize, 50.0, 20_000.0),
             ("level share", |s, x| s.level_share = x, 0.1, 0.9),
             ("top regions", |s, x| s.top_regions = x, 0.25, 16.0),
             ("base error", |s, x| s.base_error = x, 0.0, 1.0),
+            ("visible side", |s, x| s.visible_side = x, 0.01, 1000.0),
             ("fewest splits of a chunk", |s, x| s.min_splits = x as usize, 1.0, 20_000.0),
             ("parts of a chunk", |s, x| s.parts = x as usize, 1.0, 16.0),
             ("fewest splits of a part", |s, x| s.min_part_splits = x as usize, 1.0, 20_000.0),

@@ -3,6 +3,10 @@
 //! Quadrics alone first turn each of thousands of boxes into a tetrahedron, then each tetrahedron into nothing: coarse
 //! levels show shards. Here a collapse may deform a component by a share of its size only. What would deform it more
 //! waits until dropping the whole component costs no more than other collapses, small components first.
+//!
+//! The error limit alone would let a wall vanish wherever a window or a moulding is left within the limit. So the
+//! largest components stay if a surface of their area is visible at the limit, and no collapse moves such an area by
+//! more than the limit.
 
 use crate::mesh::components::components;
 use crate::mesh::vec3::{Vec3, add, dot, length, scale, sub, triangle_normal};
@@ -11,7 +15,11 @@ use crate::simplify::live::Live;
 
 /// Largest deformation of a component, as a share of its diagonal. A component of this share as thickness becomes a
 /// sheet.
-const MOST_DEFORMATION: f64 = 0.08;
+const MOST_DEFORMATION: f64 = 0.06;
+/// How far the ends of a component may recede, as a share of the visible side: corners of joined walls stay straight.
+const MOST_SHRINKAGE: f64 = 0.6;
+/// Most components that are not dropped for their area, the largest: of thousands of walls some must vanish.
+const MOST_KEPT: usize = 256;
 /// Distance at which the cost of a vanished component's surface counts, as a share of its diagonal.
 const DROP_DISTANCE: f64 = 0.125;
 /// Components of at most this many faces lie in one region where possible.
@@ -36,6 +44,9 @@ pub(crate) struct WholeComponents {
     /// Component of each vertex; meaningless for removed ones.
     of_vertex: Vec<u32>,
     components: Vec<Component>,
+    visible: Visible,
+    /// Components of more than this area are not dropped.
+    kept_area: f64,
 }
 
 #[derive(Clone, Copy)]
@@ -88,8 +99,27 @@ impl Extent {
     }
 }
 
+/// What is visible when the error is the largest one.
+#[derive(Clone, Copy)]
+pub(crate) struct Visible {
+    /// The largest error of any level.
+    pub(crate) limit: f64,
+    /// Side of a visible square ([`crate::Settings::visible_side`]).
+    pub(crate) side: f64,
+}
+
+/// The area above which components are kept: that of two visible squares, front and back.
+fn kept_area(components: &[Component], visible: Visible) -> f64 {
+    let visible = 2.0 * visible.side * visible.side;
+    let mut areas: Vec<f64> = components.iter().map(|component| component.area).collect();
+    if areas.len() <= MOST_KEPT {
+        return visible;
+    }
+    visible.max(*areas.select_nth_unstable_by(MOST_KEPT, |a, b| b.total_cmp(a)).1)
+}
+
 impl WholeComponents {
-    pub(crate) fn new(live: &Live<'_>) -> Self {
+    pub(crate) fn new(live: &Live<'_>, visible: Visible) -> Self {
         let faces: Vec<[u32; 3]> = live.faces.iter().map(|&f| live.face_vertices[f as usize]).collect();
         let roots = components(live.positions.len(), &faces);
         let mut of_vertex = vec![0; roots.len()];
@@ -123,7 +153,8 @@ impl WholeComponents {
             component.faces += 1;
             component.area += 0.5 * length(triangle_normal(a, b, c));
         }
-        Self { of_vertex, components }
+        let kept_area = kept_area(&components, visible);
+        Self { of_vertex, components, visible, kept_area }
     }
 
     fn component(&self, vertex: u32) -> &Component {
@@ -150,12 +181,13 @@ impl WholeComponents {
     pub(crate) fn group(&self, vertex: u32) -> Group {
         let (component, size) = (self.component(vertex), self.diagonal(vertex));
         let cost = |share: f64| component.area * (share * size) * (share * size);
+        let is_kept = component.area > self.kept_area;
         Group {
             vertices: Vec::new(),
-            most_cost: cost(MOST_DEFORMATION),
+            most_cost: cost(MOST_DEFORMATION).min(self.kept_area * self.visible.limit * self.visible.limit),
             extent: component.extent,
-            most_shrinkage: MOST_DEFORMATION * size,
-            drop_cost: cost(DROP_DISTANCE),
+            most_shrinkage: (MOST_DEFORMATION * size).min(MOST_SHRINKAGE * self.visible.side),
+            drop_cost: if is_kept { f64::INFINITY } else { cost(DROP_DISTANCE) },
         }
     }
 

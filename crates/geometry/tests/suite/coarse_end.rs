@@ -223,3 +223,50 @@ fn parts_keep_their_size_or_vanish() {
     let (small, large) = (slabs(&|size| size < low), slabs(&|size| size > high));
     assert!(large > 1.5 * small, "{large} of the large slabs are left, {small} of the small ones");
 }
+
+/// A street of houses of a wall for each side and storey, with mouldings as long as the walls and windows before them, each
+/// a part: first the walls.
+fn street(houses: u32) -> (SourceMesh, u32) {
+    let mut shapes_at: Vec<([f64; 3], [f64; 3])> = Vec::new();
+    let sides = || {
+        (0..houses)
+            .flat_map(|house| (0..4).flat_map(move |storey| (0..2).map(move |side| (house, storey, side))))
+    };
+    for (house, storey, side) in sides() {
+        let [x, y, z] = [14.0 * f64::from(house), 3.0 * f64::from(storey), 9.0 * f64::from(side)];
+        shapes_at.push(([9.6, 2.9, 0.2], [x, y, z]));
+        shapes_at.push(([0.2, 2.9, 8.6], [x - 4.8 + 9.6 * f64::from(side), y, 4.5]));
+    }
+    let walls = shapes_at.len() as u32;
+    for (house, storey, side) in sides() {
+        let out = f64::from(2 * side - 1);
+        let [x, y, z] = [14.0 * f64::from(house), 3.0 * f64::from(storey), 9.0 * f64::from(side)];
+        shapes_at.push(([10.4, 0.15, 0.3], [x, y + 1.5, z + 0.3 * out]));
+        for window in 0..6 {
+            shapes_at.push(([0.9, 1.4, 0.1], [x - 4.0 + 1.6 * f64::from(window), y, z + 0.3 * out]));
+        }
+    }
+    let mut mesh = SourceMesh::default();
+    for (part, (size, at)) in (0..).zip(shapes_at) {
+        let shape = shapes::slab(size);
+        mesh = shapes::join(mesh, &shape, at);
+        mesh.parts.extend(vec![part; shape.faces.len()]);
+    }
+    (mesh, walls)
+}
+
+#[test]
+fn walls_stay_although_mouldings_are_near() {
+    let (source, walls) = street(7);
+    let mesh = quantised(&source);
+    let asset = prepare_and_check("street", &mesh, 4);
+    // Each wall is within it of mouldings.
+    let limit = 0.042 * f64::from(asset.base.diagonal);
+    assert!(limit > 3.0, "{limit}");
+    let (_, left) = sizes_left(&mesh, &asset);
+    let (of_walls, others) = left.split_at(walls as usize);
+    let torn = of_walls.iter().filter(|&&size| size < 0.9).count();
+    assert_eq!(torn, 0, "of {walls} walls");
+    let others_left = others.iter().filter(|&&size| size > 0.0).count();
+    assert!(others_left * 10 < others.len(), "{others_left} of {}", others.len());
+}

@@ -49,6 +49,6 @@ c5a073b8c466b6cd 3c54d58a7c76242f f6913becd516fdd6 triangle soup
 326ebf1a373aa72c 7927564ecac93994 be54d18f242d8663 medley
 7f5746fb8dba7404 0869a62df4f86e65 500acbeec928e3db painted torus
 3d1f8d52a42593b3 816af195627f4871 59ab84a0ce7cfc03 dressed stones
-5efadfbee7d6c526 766983e9f8dd06c9 eda9cba440cdc8a6 parts of one component each
-3082a829adb26318 32ec7ac6c3efd7ca d9b0b5c52ac8ed53 parts that touch
+7051dc25b4e9a104 3c93780cbef72c52 73e7a3ccd5e49dd0 parts of one component each
+f03045a0c19c85d2 7d6fe78265bbe556 8b8906c5b8024bd4 parts that touch
 ";
