@@ -39,7 +39,11 @@ pub fn all() -> &'static [Fixture] {
             ("plain", shapes::painted(shapes::materials(shapes::torus(8, 10), 3)), Codec::Zstd),
             ("plain-components", components(), Codec::Zstd),
             ("axis-aligned", shapes::stones(6), Codec::AxisAligned),
-            ("parts", shapes::parts(components(), 12), Codec::Range),
+            (
+                "parts",
+                shapes::parts(shapes::join(components(), &components(), [0.0, 4.0, 0.0]), 12),
+                Codec::Range,
+            ),
         ]
         .into_iter()
         .map(|(name, source, codec)| {
