@@ -18,7 +18,7 @@ use crate::preparation_settings::CodecChoice;
 use crate::prepare::PrepareError;
 use crate::prepare::cache::Key;
 
-/// Largest error of a node's base mesh, as a share of the diagonal: it then has one to three kilobytes. Half of it doubles
+/// Largest error of a node's base mesh, as a share of the diagonal: it then has two to eight kilobytes. Half of it doubles
 /// the bytes (docs/design/proxies.md).
 pub(super) const BASE_ERROR: f64 = 0.06;
 /// [`Settings::visible_side`]: walls that share edges are one component of a proxy.
