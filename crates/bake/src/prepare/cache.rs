@@ -31,7 +31,7 @@ impl Key {
     }
 
     /// Hashes what was imported of a model file instead of the file: the key stays when other parts of the file change.
-    /// `materials` is the encoded description, without textures.
+    /// `materials` is what [`super::materials_key`] encodes.
     pub(super) fn of_content(
         mesh: &SourceMesh,
         materials: &[u8],

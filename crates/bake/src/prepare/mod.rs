@@ -4,6 +4,7 @@ pub mod cache;
 mod checkpoint_folder;
 pub mod describe;
 mod known_keys;
+mod materials_key;
 mod progress;
 pub(crate) mod settings_key;
 mod sizes;
@@ -209,21 +210,16 @@ fn resolved(asset: &Asset, options: &Options) -> Asset {
 }
 
 /// What is imported for an asset and its encoded materials, if a pack depends on nothing else of the file: for batches and
-/// small meshes, without textures.
+/// small meshes.
 fn content(asset: &Asset, source: &Source) -> Result<Option<(Imported, Vec<u8>)>, ImportError> {
     let Some(size) = source.model.stated_size(&asset.part) else { return Ok(None) };
-    let small = matches!(asset.part, Part::Batch(_)) || size.faces <= MAX_CONTENT_FACES;
-    if !small || size.textured {
+    if size.faces > MAX_CONTENT_FACES && !matches!(asset.part, Part::Batch(_)) {
         return Ok(None);
     }
     let imported = source.model.import(&asset.part)?;
-    if imported.materials.iter().any(|material| material.maps.images().next().is_some()) {
-        return Ok(None);
-    }
-    let relief = asset.preparation_settings.relief_depth;
-    let described = describe::describe(&asset.name, &imported.materials, relief);
-    // A description that cannot be encoded is an error when the asset is prepared.
-    let materials = described.ok().and_then(|described| described.description.encode().ok());
+    // Materials that cannot be encoded are an error when the asset is prepared.
+    let materials =
+        materials_key::encode(&asset.name, &imported.materials, &|image| source.image_hash(image));
     Ok(materials.map(|materials| (imported, materials)))
 }
 

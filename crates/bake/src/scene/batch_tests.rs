@@ -2,6 +2,7 @@
 //! file changes.
 
 use std::collections::BTreeSet;
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
 use glam::{DMat4, DQuat, DVec3};
@@ -260,6 +261,67 @@ fn only_batches_that_changed_are_prepared_again() {
 }
 
 #[test]
+fn packs_of_batches_do_not_depend_on_threads_or_on_an_end_between_them() {
+    let dir = TempDir::new().unwrap();
+    let path = street(|i| 0.1 + i as f64 / 100.0, 200).write(&dir.path().join("street.glb"));
+    let scene = scene(&path, Batching::try_from(1_000).unwrap());
+    let prepared = |folder: &str, threads| {
+        let options = Options { threads: NonZeroUsize::new(threads), quiet: true, ..Options::default() };
+        let cached = prepare_all(&scene.assets, &dir.path().join(folder), &options, |_, _| {}).unwrap();
+        let bytes: Vec<_> = cached.iter().map(|of| std::fs::read(of.pack.path()).unwrap()).collect();
+        (bytes, cached.iter().filter(|cached| cached.report.is_some()).count())
+    };
+    let (expected, all) = prepared("one", 1);
+    assert_eq!(prepared("three", 3), (expected.clone(), all));
+    // What was prepared when a process ended is kept: those of the first packs, whole or in part.
+    let kept: Vec<PathBuf> = std::fs::read_dir(dir.path().join("three"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|extension| extension == "lsp"))
+        .collect();
+    assert_eq!(kept.len(), all);
+    kept[..all / 2].iter().for_each(|pack| std::fs::remove_file(pack).unwrap());
+    let short = std::fs::read(&kept[all / 2]).unwrap();
+    std::fs::write(&kept[all / 2], &short[..short.len() / 2]).unwrap();
+    assert_eq!(prepared("three", 2), (expected, all / 2 + 1));
+}
+
+#[test]
+fn only_batches_whose_textures_changed_are_prepared_again() {
+    let dir = TempDir::new().unwrap();
+    let path = dir.path().join("street.glb");
+    let options = Options { quiet: true, ..Options::default() };
+    // The first half of the street has one texture, the second half another.
+    let dressed = |bend: &dyn Fn(usize) -> f64, seeds: [u32; 2]| {
+        let mut glb = Glb::default();
+        for (half, seed) in seeds.into_iter().enumerate() {
+            let material = glb.textured(seed);
+            for i in 100 * half..100 * (half + 1) {
+                let corners = sheet(4, bend(i));
+                let mesh = glb.mesh(&corners);
+                glb.dress(mesh, material, corners.iter().map(|p| [p.x as f32, p.y as f32]));
+                glb.node(mesh, [3.0 * i as f64, 0.0, 0.0]);
+            }
+        }
+        glb
+    };
+    let prepared = |glb: &Glb| {
+        let scene = scene(&glb.write(&path), Batching::try_from(1_000).unwrap());
+        let batches = scene.assets.iter().filter(|asset| matches!(asset.part, Part::Batch(_))).count();
+        let cached = prepare_all(&scene.assets, &dir.path().join("cache"), &options, |_, _| {}).unwrap();
+        (batches, cached.len(), cached.iter().filter(|cached| cached.report.is_some()).count())
+    };
+    let bend = |i: usize| 0.1 + i as f64 / 100.0;
+    let (batches, all, first) = prepared(&dressed(&bend, [1, 2]));
+    assert!(batches == all && all >= 8 && first == all, "{batches} {all} {first}");
+    let other_shape = |i: usize| if i == 77 { 9.0 } else { bend(i) };
+    assert_eq!(prepared(&dressed(&other_shape, [1, 2])), (all, all, 1));
+    let (_, _, again) = prepared(&dressed(&bend, [1, 3]));
+    assert!((all / 2..=all / 2 + 1).contains(&again), "{again} of {all}");
+    assert_eq!(prepared(&dressed(&bend, [1, 2])), (all, all, 0), "the first packs are still there");
+}
+
+#[test]
 fn keys_of_batches_depend_on_settings_and_content() {
     let dir = TempDir::new().unwrap();
     let path = dir.path().join("street.glb");
@@ -291,6 +353,7 @@ fn keys_of_batches_depend_on_settings_and_content() {
 fn mirrored_sheared_and_flat_meshes_and_single_triangles_are_prepared_in_batches() {
     let dir = TempDir::new().unwrap();
     let mut glb = Glb::default();
+    let mut shapes = Vec::new();
     for i in 0..40 {
         let height = 1.0 + f64::from(i) / 10.0;
         let corners = match i % 4 {
@@ -301,6 +364,7 @@ fn mirrored_sheared_and_flat_meshes_and_single_triangles_are_prepared_in_batches
             _ => tetrahedron(height),
         };
         let mesh = glb.mesh(&corners);
+        shapes.push(corners);
         let x = 3.0 * f64::from(i);
         glb.nodes.push(match i % 3 {
             0 => json!({"mesh": mesh, "translation": [x, 0, 0], "scale": [-1, 1, 1]}),
@@ -311,12 +375,33 @@ fn mirrored_sheared_and_flat_meshes_and_single_triangles_are_prepared_in_batches
     let path = glb.write(&dir.path().join("odd.glb"));
     let scene = scene(&path, Batching::Auto);
     assert_eq!(members(&scene), [40]);
+    let Part::Batch(placed) = &scene.assets[0].part else { panic!("no batch") };
     let options = Options { quiet: true, ..Options::default() };
     let cached = prepare_all(&scene.assets, &dir.path().join("cache"), &options, |_, _| {}).unwrap();
     let pack = cached[0].pack.load().unwrap();
     let mesh = pack.refined(&pack.everything()).unwrap();
     // All but the ten faces whose corners coincide: twenty meshes of one triangle, and twenty of four.
     assert_eq!(mesh.face_count(), 20 + 80);
+    // Every face in its place, with the side in front that the file shows: glTF turns faces of mirrored nodes around
+    // (specification 2.0, section 3.7.4).
+    let origin = DVec3::from(mesh.grid().origin);
+    for (part, member) in (0..).zip(&placed[..]) {
+        let to_scene = DMat4::from_cols_array_2d(&member.to_scene);
+        let mirrors = to_scene.determinant() < 0.0;
+        let expected = shapes[member.mesh].as_chunks::<3>().0.iter().map(|face| {
+            let [a, b, c] = face.map(|corner| to_scene.transform_point3(corner));
+            if mirrors { [a, c, b] } else { [a, b, c] }
+        });
+        let corners: Vec<DVec3> = mesh.part_corners(part).map(|at| origin + DVec3::from(at)).collect();
+        let faces = corners.as_chunks::<3>().0;
+        for face in expected.filter(|[a, b, c]| a != b && b != c) {
+            let turned = |turn: usize| [0, 1, 2].map(|corner| face[(corner + turn) % 3]);
+            let is = |other: &[DVec3; 3]| {
+                (0..3).any(|turn| turned(turn).iter().zip(other).all(|(a, b)| a.distance(*b) < 1e-3))
+            };
+            assert!(faces.iter().any(is), "part {part}: {face:?} is not among {faces:?}");
+        }
+    }
 }
 
 #[test]
@@ -340,6 +425,10 @@ fn a_hundred_thousand_nodes_and_a_chain_three_thousand_deep_are_gathered() {
     assert_eq!(members(&chain), [3_000]);
     let Part::Batch(parts) = &chain.assets[0].part else { panic!("no batch") };
     assert_eq!(parts[2_998].to_scene[3], [2_999.0, 0.0, 0.0, 1.0]);
+    let options = Options { quiet: true, ..Options::default() };
+    let cached = prepare_all(&chain.assets, &dir.path().join("cache"), &options, |_, _| {}).unwrap();
+    let pack = cached[0].pack.load().unwrap();
+    assert_eq!(pack.refined(&pack.everything()).unwrap().part_count(), 3_000);
 }
 
 #[test]

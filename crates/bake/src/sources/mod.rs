@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use lodestream_import::gltf::{CONTENTS_VERSION, Contents, CopyTolerance};
-use lodestream_import::{ImportError, ModelFile, is_gltf};
+use lodestream_import::{ImageSource, ImportError, ModelFile, is_gltf};
 
 use hashed_file::HashedFile;
 pub(crate) use memo::{FileState, Memo};
@@ -22,6 +22,8 @@ pub(crate) struct Source {
     pub(crate) hash: blake3::Hash,
     /// Of the files that the model names; `None` for those that cannot be read.
     pub(crate) dependencies: Vec<Option<blake3::Hash>>,
+    /// Of images within the model file, by the names that they have for messages.
+    images: Mutex<BTreeMap<PathBuf, blake3::Hash>>,
 }
 
 impl Source {
@@ -32,13 +34,28 @@ impl Source {
     pub(crate) fn read(path: &Path) -> Result<Self, ImportError> {
         // A PLY file names no others and is never loaded whole. If it cannot be read, opening it returns the error.
         if let Some(hash) = lodestream_import::is_ply(path).then(|| hash_file(path)).flatten() {
-            return Ok(Self { model: ModelFile::alone(path), hash, dependencies: Vec::new() });
+            return Ok(Self::new(ModelFile::alone(path), hash, Vec::new()));
         }
         let file = HashedFile::open(path)?;
         let hash = file.hash();
         let model = ModelFile::parse(path, Arc::new(file))?;
         let dependencies = model.dependencies().iter().map(|file| hash_file(file)).collect();
-        Ok(Self { model, hash, dependencies })
+        Ok(Self::new(model, hash, dependencies))
+    }
+
+    fn new(model: ModelFile, hash: blake3::Hash, dependencies: Vec<Option<blake3::Hash>>) -> Self {
+        Self { model, hash, dependencies, images: Mutex::default() }
+    }
+
+    /// Hash of the bytes of an image of the model; `None` if it cannot be read. Those of a texture that thousands of meshes
+    /// use are hashed once.
+    pub(crate) fn image_hash(&self, image: &ImageSource) -> Option<blake3::Hash> {
+        let Some(bytes) = &image.bytes else {
+            let named = self.model.dependencies().iter().position(|file| *file == image.path);
+            return named.map_or_else(|| hash_file(&image.path), |at| self.dependencies[at]);
+        };
+        let mut images = self.images.lock().unwrap_or_else(PoisonError::into_inner);
+        Some(*images.entry(image.path.clone()).or_insert_with(|| blake3::hash(bytes)))
     }
 
     /// The content of the model file and of those that it names.

@@ -35,8 +35,6 @@ pub struct MeshSize {
 pub struct PartSize {
     /// Triangles, over all members of a batch.
     pub faces: usize,
-    /// Whether it has textures, blends, or may for all that is known.
-    pub textured: bool,
 }
 
 /// What the file states of some of its meshes.
@@ -45,7 +43,6 @@ pub(super) fn of_part(document: &Document, meshes: impl Iterator<Item = usize>) 
         meshes.filter_map(|mesh| document.root.meshes.get(mesh)).flat_map(|mesh| &mesh.primitives);
     primitives.fold(PartSize::default(), |size, primitive| PartSize {
         faces: size.faces.saturating_add(corners(document, primitive).unwrap_or(0) / 3),
-        textured: size.textured || !matches!(lookup(document, primitive), Some(Lookup::None)),
     })
 }
 

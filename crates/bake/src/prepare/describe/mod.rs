@@ -143,6 +143,6 @@ fn has_metal(made: Option<&EncodedTexture>) -> bool {
 }
 
 /// A name cut to what the protocol carries, between characters.
-fn truncated(name: &str) -> String {
+pub(super) fn truncated(name: &str) -> String {
     name[..name.floor_char_boundary(MAX_NAME_BYTES)].to_owned()
 }
