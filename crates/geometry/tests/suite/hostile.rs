@@ -18,8 +18,16 @@ use crate::invariants::deltas;
 fn samples() -> Vec<Prepared> {
     let torus = shapes::materials(shapes::torus(9, 11), 3);
     let painted = shapes::painted(shapes::torus(7, 9));
-    let small =
-        [torus, painted, shapes::stones(6), shapes::fans(20), shapes::components(30), shapes::frigate(3)];
+    let parts = shapes::parts(shapes::frigate(3), 24);
+    let small = [
+        torus,
+        painted,
+        shapes::stones(6),
+        shapes::fans(20),
+        shapes::components(30),
+        shapes::frigate(3),
+        parts,
+    ];
     let prepared = |codec, shapes: &[SourceMesh]| {
         let settings = Settings { codec, ..regions(50) };
         let of = |source| {

@@ -81,6 +81,7 @@ fn a_preparation_resumes_after_any_storage_failure() {
         ("medley", shapes::medley(3)),
         ("painted", shapes::painted(shapes::materials(shapes::sphere(40, 60, 0.02), 3))),
         ("flat shaded", shapes::flat_shaded(shapes::height_field(50))),
+        ("parts", shapes::parts(shapes::frigate(12), 192)),
     ];
     let mut ends = 0;
     for (name, source) in meshes {
