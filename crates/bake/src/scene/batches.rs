@@ -19,7 +19,7 @@ const MIN_MEMBERS: usize = 32;
 const MAX_MEMBER_FACES: usize = 8_192;
 /// Most meshes of a batch of a file with more materials than an asset may have: each has at most four.
 const MAX_MEMBERS: usize = MAX_MATERIALS / 4;
-/// Position steps over a member of median size.
+/// Position steps over the smallest member.
 const MEMBER_STEPS: f64 = 16_384.0;
 /// Steps of texture coordinates over a repeat of a texture, at least: a texel of the largest usual textures.
 const UV_STEPS: f64 = 4_096.0;
@@ -115,12 +115,11 @@ fn batch(mut candidates: Vec<Candidate>) -> Batch {
     candidates.sort_by_key(|candidate| candidate.placed);
     let low = candidates.iter().map(|candidate| candidate.low).reduce(DVec3::min).unwrap_or_default();
     let high = candidates.iter().map(|candidate| candidate.high).reduce(DVec3::max).unwrap_or_default();
-    let mut sizes: Vec<f64> =
-        candidates.iter().map(|candidate| (candidate.high - candidate.low).max_element()).collect();
-    sizes.sort_by(f64::total_cmp);
     // A cell is twice the tolerance wide. The grid has a limited number of cells, of which one is left over.
     let finest = (high - low).max_element() / f64::from(1_u32 << (MAX_POSITION_BITS - 1));
-    let tolerance = (sizes[sizes.len() / 2] / MEMBER_STEPS / 2.0).max(finest).max(f64::MIN_POSITIVE);
+    let sizes = candidates.iter().map(|candidate| (candidate.high - candidate.low).max_element());
+    let least = sizes.filter(|size| *size > 0.0).reduce(f64::min).unwrap_or(0.0);
+    let tolerance = (least / MEMBER_STEPS / 2.0).max(finest).max(f64::MIN_POSITIVE);
     let members: Arc<[BatchMember]> = candidates.iter().map(|candidate| candidate.member).collect();
     let placed = candidates.iter().map(|candidate| candidate.placed).collect();
     let uvs = candidates.iter().map(|candidate| candidate.uvs).reduce(join_uvs).flatten();
@@ -187,6 +186,10 @@ mod tests {
         assert_eq!(batches.len(), 1);
         assert_eq!(members(&batches[0]).len(), 37);
         assert_eq!(batches[0].tolerance, 1.0 / MEMBER_STEPS / 2.0);
+        // One half as large.
+        let half = some.sizes[7].as_mut().unwrap();
+        half.high = [0, 1, 2].map(|axis| f64::midpoint(half.low[axis], half.high[axis]));
+        assert_eq!(of_contents(&some, Batching::Auto).0[0].tolerance, 0.5 / MEMBER_STEPS / 2.0);
         // Too few are left as they are.
         let (batches, batched) = of_contents(&contents(&[100; MIN_MEMBERS - 1], 1), Batching::Auto);
         assert!(batches.is_empty() && !batched.contains(&true));
