@@ -1,4 +1,4 @@
-//! Parts of a file that is prepared as one mesh: they are called and picked as the file has them.
+//! Parts of a file that is prepared as one mesh, merged or as a batch: they are called and picked as the file has them.
 
 use std::path::Path;
 
@@ -128,10 +128,23 @@ fn search(parts: &[Vec<[DVec3; 3]>], ray: Ray) -> Option<(u32, f64)> {
 
 #[test]
 fn parts_of_a_merged_file_are_called_and_picked_as_the_file_has_them() {
+    check("merge = true", "Whole");
+}
+
+#[test]
+fn parts_of_a_batch_are_called_and_picked_as_the_file_has_them() {
+    check("batch = 'auto'", "Batch");
+}
+
+/// Compares what is served with the file, of which a line of settings makes one asset of this kind.
+fn check(settings: &str, kind: &str) {
     let folder = tempfile::tempdir().unwrap();
     let parts = write_site(&folder.path().join("site.gltf"), PARTS);
-    let text = "[[asset]]\nname = 'site'\nfile = 'site.gltf'\nmerge = true\n[[instance]]\nasset = 'site'\n";
-    let scene = parse(&folder.path().join("scene.toml"), text).unwrap();
+    let text =
+        format!("[[asset]]\nname = 'site'\nfile = 'site.gltf'\n{settings}\n[[instance]]\nasset = 'site'\n");
+    let scene = parse(&folder.path().join("scene.toml"), &text).unwrap();
+    let [asset] = &scene.assets[..] else { panic!("{} assets", scene.assets.len()) };
+    assert!(format!("{:?}", asset.part).starts_with(kind), "{:?}", asset.part);
     let test_scene = TestScene::open(&scene, prepare_all(&scene, &folder.path().join("cache")));
     let server = Server::start(test_scene.source(), SessionSettings::default());
     // So fine that all is wanted.
@@ -166,7 +179,8 @@ fn parts_of_a_merged_file_are_called_and_picked_as_the_file_has_them() {
         let same = |ray: Ray| match (hit, search(&parts, ray)) {
             (None, None) => true,
             (Some(hit), Some((part, distance))) => {
-                hit.part == ScenePart { instance: 0, part } && (hit.distance - distance).abs() < 40.0 * step
+                hit.scene_part() == Some(ScenePart { instance: 0, part })
+                    && (hit.distance - distance).abs() < 40.0 * step
             }
             _ => false,
         };

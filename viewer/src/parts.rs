@@ -1,10 +1,10 @@
 //! Parts named on the command line: what they look like, and which one a pixel shows.
 
 use anyhow::Context;
+use glam::DVec3;
 use lodestream_client::core::{Hit, Ray};
 use lodestream_client::streaming::Streaming;
 use lodestream_render::{Gpu, PartState, SceneView, Tint};
-use lodestream_scene::parts::ScenePart;
 use lodestream_scene::pose::Pose;
 
 use crate::args::Args;
@@ -52,11 +52,9 @@ pub(crate) fn describe_at(
     let ray = Ray { origin: pose.eye, direction };
     let hidden = scene.hidden_parts();
     let hit = streaming.ask(move |core| core.pick(ray, |part| hidden.contains(part)))?.wait()?;
-    Ok(match hit {
-        None => format!("{x},{y}: nothing"),
-        Some(Hit { part: ScenePart { instance, part }, place, distance }) => format!(
-            "{x},{y}: {instance}:{part} at {:.4},{:.4},{:.4}, distance {distance:.4}",
-            place.x, place.y, place.z
-        ),
-    })
+    let Some(Hit { instance, part, place, distance }) = hit else { return Ok(format!("{x},{y}: nothing")) };
+    // Behind a proxy the part is not known.
+    let part = part.map_or_else(|| "?".into(), |part| part.to_string());
+    let DVec3 { x: at_x, y: at_y, z: at_z } = place;
+    Ok(format!("{x},{y}: {instance}:{part} at {at_x:.4},{at_y:.4},{at_z:.4}, distance {distance:.4}"))
 }

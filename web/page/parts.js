@@ -7,6 +7,10 @@ const STRENGTH = 0.7;
 
 const pairsOf = (parts) => Uint32Array.from(parts.flatMap(({ instance, part }) => [instance, part]));
 
+/** Time between two questions about a part that a proxy hides, and how many there are. */
+const PICK_AGAIN_MS = 50;
+const PICKS = 400;
+
 /** Relative difference of axes that a matrix may have from rounding. */
 const SIMILARITY = 5e-5;
 
@@ -51,6 +55,9 @@ export class Parts {
   #isolated = null;
   #questions = new Map();
   #asked = 0;
+  /** Instances of which a part is wanted while a proxy stands for them. */
+  #behindProxies = new Set();
+  #picks = 0;
 
   constructor({ viewer, post, redraw }) {
     this.#viewer = viewer;
@@ -74,7 +81,7 @@ export class Parts {
     const moved = states.filter(({ matrix }) => matrix);
     this.#post({
       kind: 'pin',
-      instances: Uint32Array.from([...stated, ...isolated]),
+      instances: Uint32Array.from([...stated, ...isolated, ...this.#behindProxies]),
       moved: pairsOf(moved),
       matrices: Float64Array.from(moved.flatMap(({ matrix }) => [...matrix])),
     });
@@ -142,15 +149,42 @@ export class Parts {
     this.#questions.clear();
   }
 
-  /** The part at a place, in pixels of the device; null where there is none. */
+  /**
+   * The part at a place, in pixels of the device; null where there is none. A proxy does not know the parts of an instance:
+   * then the answer comes once that one is drawn itself, or is null if that takes 20 s or another part is asked for.
+   */
   async pick(x, y) {
     const ray = this.#viewer()?.ray(x, y);
     if (!ray) return null;
-    const hidden = pairsOf([...this.#states.values()].filter((state) => state.hidden));
-    const found = await this.#ask({ kind: 'pick', ray, hidden, isolated: this.#isolated ?? undefined });
-    if (!found) return null;
-    const [instance, part, px, py, pz, distance] = found;
-    return { instance, part, place: [px, py, pz], distance };
+    this.#picks += 1;
+    const own = this.#picks;
+    const behind = new Set();
+    const setBehind = () => {
+      if (behind.size === 0 && this.#behindProxies.size === 0) return;
+      this.#behindProxies = new Set(behind);
+      this.#pin();
+    };
+    for (let i = 0; i < PICKS && own === this.#picks; i += 1) {
+      const hidden = pairsOf([...this.#states.values()].filter((state) => state.hidden));
+      const found = await this.#ask({ kind: 'pick', ray, hidden, isolated: this.#isolated ?? undefined });
+      const [instance, part, px, py, pz, distance] = found ?? [];
+      if (own !== this.#picks) return null;
+      if (!found || part >= 0) {
+        behind.clear();
+        setBehind();
+        return found && { instance, part, place: [px, py, pz], distance };
+      }
+      if (!behind.has(instance)) {
+        behind.add(instance);
+        setBehind();
+      }
+      await new Promise((resolve) => setTimeout(resolve, PICK_AGAIN_MS));
+    }
+    if (own === this.#picks) {
+      behind.clear();
+      setBehind();
+    }
+    return null;
   }
 
   /** Moves the camera to a part; whether it has faces yet. */

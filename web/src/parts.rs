@@ -40,8 +40,8 @@ impl Streamer {
         self.core.pin_instances(instances);
     }
 
-    /// The nearest part on a ray of six numbers, origin and direction: instance, part, place (three numbers) and
-    /// distance. Hidden parts, and all others if some are isolated, are skipped; both are pairs of instance and part.
+    /// The nearest part on a ray of six numbers, origin and direction: instance, part (-1 if a proxy stands for the
+    /// instance), place (three numbers) and distance. Hidden parts, and all others if some are isolated, are skipped; both are pairs of instance and part.
     #[must_use]
     pub fn pick(&self, ray: &[f64], hidden: &[u32], isolated: Option<Vec<u32>>) -> Option<Vec<f64>> {
         let &[x, y, z, dx, dy, dz] = ray else { return None };
@@ -52,7 +52,7 @@ impl Streamer {
         let hit = self.core.pick(ray, |part| {
             hidden.contains(&part) || isolated.as_ref().is_some_and(|isolated| !isolated.contains(&part))
         })?;
-        let numbers = [hit.part.instance.into(), hit.part.part.into()];
+        let numbers = [hit.instance.into(), hit.part.map_or(-1.0, f64::from)];
         Some([&numbers[..], &hit.place.to_array(), &[hit.distance]].concat())
     }
 

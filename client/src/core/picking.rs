@@ -20,12 +20,23 @@ pub struct Ray {
 /// The nearest surface on a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// The part that was hit.
-    pub part: ScenePart,
+    /// Number of the instance that was hit.
+    pub instance: u32,
+    /// Number of the part within it. `None` if a proxy stands for the instance, which does not know its parts: give it to
+    /// [`ClientCore::pin_instances`], and pick again when it is drawn itself.
+    pub part: Option<u32>,
     /// Where, world units.
     pub place: DVec3,
     /// Distance from the ray's origin, world units.
     pub distance: f64,
+}
+
+impl Hit {
+    /// The part that was hit, if it is known.
+    #[must_use]
+    pub fn scene_part(&self) -> Option<ScenePart> {
+        self.part.map(|part| ScenePart { instance: self.instance, part })
+    }
 }
 
 /// Bounds of a part as it is drawn, in world units.
@@ -60,8 +71,8 @@ impl Candidate {
 
 impl ClientCore {
     /// The nearest face that a ray meets, from either side, at the current refinement; parts for which `is_hidden`
-    /// holds are skipped, and moved ones count where they are. Of equally near parts the lowest counts. Opacity, morphs, terrain and its exaggeration are
-    /// ignored. `None` too for a ray that is not finite or has no direction.
+    /// holds are skipped, and moved ones count where they are. Of equally near parts the lowest counts. Opacity, morphs,
+    /// terrain and its exaggeration are ignored. `None` too for a ray that is not finite or has no direction.
     ///
     /// Cost: a pass over the scene's instances, and one over the faces of each mesh whose bounding sphere the ray meets
     /// before the hit. Memory does not depend on the scene.
@@ -76,8 +87,7 @@ impl ClientCore {
         self.pick_proxy(ray.origin, direction, &is_hidden, nearest)
     }
 
-    /// The nearest face of the proxies that are drawn, if it is before `nearest`. Its part is the instance that it stands
-    /// for.
+    /// The nearest face of the proxies that are drawn, if it is before `nearest`. A part of a proxy is an instance.
     fn pick_proxy(
         &self,
         origin: DVec3,
@@ -87,14 +97,16 @@ impl ClientCore {
     ) -> Option<Hit> {
         for proxy in self.scene.drawn_proxies() {
             let Some(mesh) = self.mesh(proxy.asset) else { continue };
-            let part = |part: u32| ScenePart { instance: proxy.first_instance.saturating_add(part), part: 0 };
+            let instance = |part: u32| proxy.first_instance.saturating_add(part);
+            // An instance with a part that has a state is drawn itself.
+            let skip = |part: u32| is_hidden(ScenePart { instance: instance(part), part: 0 });
             let from = origin - DVec3::from(mesh.grid().origin);
             let most = nearest.map_or(f64::INFINITY, |hit| hit.distance);
-            let hit =
-                mesh.cast_ray(from.to_array(), direction.to_array(), most, |number| is_hidden(part(number)));
+            let hit = mesh.cast_ray(from.to_array(), direction.to_array(), most, skip);
             if let Some(hit) = hit.filter(|hit| hit.distance < most) {
-                let place = origin + direction * hit.distance;
-                nearest = Some(Hit { part: part(hit.part), place, distance: hit.distance });
+                let (instance, place) = (instance(hit.part), origin + direction * hit.distance);
+                let is_whole = self.placed_mesh(instance).is_some_and(|(_, mesh)| mesh.part_count() <= 1);
+                nearest = Some(Hit { instance, part: is_whole.then_some(0), place, distance: hit.distance });
             }
         }
         nearest
@@ -119,7 +131,8 @@ impl ClientCore {
                 let found = self.cast(candidate.instance, origin, direction, most, is_hidden);
                 let is_nearer = |found: &Hit| {
                     nearest.is_none_or(|hit| {
-                        found.distance.total_cmp(&hit.distance).then(found.part.cmp(&hit.part)).is_lt()
+                        let (one, other) = ((found.instance, found.part), (hit.instance, hit.part));
+                        found.distance.total_cmp(&hit.distance).then(one.cmp(&other)).is_lt()
                     })
                 };
                 nearest = found.filter(is_nearer).or(nearest);
@@ -194,7 +207,7 @@ impl ClientCore {
             }
         }?;
         let place = origin + direction * hit.distance;
-        Some(Hit { part: part(hit.part), place, distance: hit.distance })
+        Some(Hit { instance: number, part: Some(hit.part), place, distance: hit.distance })
     }
 
     /// Bounds of a part at the current refinement; `None` for a part without faces, or that has not arrived. Cost: two

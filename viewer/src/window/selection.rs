@@ -20,13 +20,26 @@ struct Selected {
     own: PartState,
 }
 
+/// A ray that met a proxy, which does not know the parts of its instances: it is asked again once they are drawn.
+#[derive(Debug)]
+struct BehindProxy {
+    ray: Ray,
+    instances: Vec<u32>,
+    /// Questions left.
+    left: u32,
+}
+
+/// Questions about a ray, one a frame: an instance that cannot be drawn has no end.
+const MOST_QUESTIONS: u32 = 2_000;
+
 /// The selection, and what is asked about it.
 #[derive(Debug, Default)]
 pub(super) struct Selection {
     /// Fingerprint of the scene whose parts these are.
     scene: Option<[u8; 16]>,
     selected: Option<Selected>,
-    picking: Option<Answer<Option<Hit>>>,
+    picking: Option<(Ray, Answer<Option<Hit>>)>,
+    behind_proxy: Option<BehindProxy>,
     fitting: Option<Answer<Option<PartBounds>>>,
 }
 
@@ -51,27 +64,65 @@ impl Selection {
 
     /// Whether an answer is awaited.
     pub(super) const fn awaits_answer(&self) -> bool {
-        self.picking.is_some() || self.fitting.is_some()
+        self.picking.is_some() || self.behind_proxy.is_some() || self.fitting.is_some()
+    }
+
+    /// Instances that must be drawn themselves: those with states, and one of which a part is wanted.
+    pub(super) fn pinned_instances(&self, scene: &SceneView) -> Vec<u32> {
+        let mut instances = scene.pinned_instances();
+        instances.extend(self.behind_proxy.iter().flat_map(|behind| &behind.instances));
+        instances
     }
 
     /// Asks which part a ray meets.
     pub(super) fn pick(&mut self, ray: Ray, streaming: &Streaming, scene: &SceneView) {
-        let hidden = scene.hidden_parts();
         // An answer to an earlier click is not wanted any more.
-        self.picking = streaming.ask(move |core| core.pick(ray, |part| hidden.contains(part))).ok();
+        self.behind_proxy = None;
+        self.ask(ray, streaming, scene);
+    }
+
+    fn ask(&mut self, ray: Ray, streaming: &Streaming, scene: &SceneView) {
+        let hidden = scene.hidden_parts();
+        let answer = streaming.ask(move |core| core.pick(ray, |part| hidden.contains(part)));
+        self.picking = answer.ok().map(|answer| (ray, answer));
     }
 
     /// Takes answers that have come; returns whether the picture changes, and the bounds to move the camera to.
     pub(super) fn receive(
         &mut self,
         gpu: &Gpu,
+        streaming: &Streaming,
         scene: &mut SceneView,
     ) -> Result<(bool, Option<PartBounds>), RenderError> {
-        let picked = answered(&mut self.picking);
-        if let Some(hit) = picked {
-            self.select(hit.map(|hit| hit.part), gpu, scene)?;
+        let mut answer = self.picking.take();
+        let picked = answer.as_mut().map(|(ray, answer)| (*ray, answer.take()));
+        let mut changes = false;
+        match picked {
+            Some((_, Ok(None))) => self.picking = answer,
+            Some((ray, Ok(Some(Some(hit))))) if hit.part.is_none() => {
+                let new = || BehindProxy { ray, instances: Vec::new(), left: MOST_QUESTIONS };
+                let behind = self.behind_proxy.get_or_insert_with(new);
+                if !behind.instances.contains(&hit.instance) {
+                    behind.instances.push(hit.instance);
+                }
+            }
+            Some((_, Ok(Some(hit)))) => {
+                self.behind_proxy = None;
+                self.select(hit.and_then(|hit| hit.scene_part()), gpu, scene)?;
+                changes = true;
+            }
+            Some((_, Err(_))) => self.behind_proxy = None,
+            None => {
+                if let Some(mut behind) = self.behind_proxy.take_if(|behind| behind.left > 0) {
+                    self.ask(behind.ray, streaming, scene);
+                    behind.left -= 1;
+                    self.behind_proxy = Some(behind);
+                } else {
+                    self.behind_proxy = None;
+                }
+            }
         }
-        Ok((picked.is_some(), answered(&mut self.fitting).flatten()))
+        Ok((changes, answered(&mut self.fitting).flatten()))
     }
 
     fn select(

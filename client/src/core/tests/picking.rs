@@ -153,7 +153,7 @@ fn ten_thousand_rays_meet_the_parts_of_the_source() {
         let same = |ray: Ray| match (got, search(&parts, ray, hidden)) {
             (None, None) => true,
             (Some(hit), Some((part, distance))) => {
-                hit.part == part && (hit.distance - distance).abs() < 40.0 * step
+                hit.scene_part() == Some(part) && (hit.distance - distance).abs() < 40.0 * step
             }
             _ => false,
         };
@@ -167,11 +167,11 @@ fn ten_thousand_rays_meet_the_parts_of_the_source() {
             });
             assert!(near.into_iter().any(same), "ray {number}: {got:?}, {:?}", search(&parts, unit, hidden));
         }
-        let Some(Hit { part, place, distance }) = got else { continue };
+        let Some(hit @ Hit { place, distance, .. }) = got else { continue };
         assert!((place - (unit.origin + unit.direction * distance)).length() < 1e-9);
         hits += 1;
         hidden_hits += u32::from(hidden.is_some());
-        assert_ne!(Some(part), hidden);
+        assert!(hit.scene_part().is_some_and(|part| Some(part) != hidden));
     }
     println!("{hits} hits, {hidden_hits} behind hidden parts, {near_edges} near edges, grid step {step}");
     assert!(hits > 4000 && hidden_hits > 500 && near_edges < 100, "{hits} {hidden_hits} {near_edges}");
@@ -244,7 +244,7 @@ fn moved_parts_are_met_where_they_are_without_a_byte() {
         match (got, search(&parts, ray, None)) {
             (None, None) => {}
             (Some(hit), Some((part, distance)))
-                if hit.part == part && (hit.distance - distance).abs() < 40.0 * step =>
+                if hit.scene_part() == Some(part) && (hit.distance - distance).abs() < 40.0 * step =>
             {
                 hits += 1;
                 moved_hits += u32::from(moved.contains_key(&part));
@@ -280,14 +280,14 @@ fn a_ray_passes_hidden_instances_to_the_last() {
     let mut last = 0.0;
     for seen in [0, 1, 15, 16, 17, 40, 63] {
         let hit = link.core.pick(ray, |part| part.instance < seen).unwrap();
-        assert_eq!(hit.part, ScenePart { instance: seen, part: 0 });
+        assert_eq!(hit.scene_part(), Some(ScenePart { instance: seen, part: 0 }));
         assert!(hit.distance > last, "{hit:?}");
         last = hit.distance;
     }
     assert_eq!(link.core.pick(ray, |_| true), None);
     // From the other end.
     let back = Ray { origin: DVec3::new(250.0, 0.0, 0.1), direction: -DVec3::X };
-    assert_eq!(link.core.pick(back, |part| part.instance > 20).unwrap().part.instance, 20);
+    assert_eq!(link.core.pick(back, |part| part.instance > 20).unwrap().instance, 20);
     for bad in [DVec3::ZERO, DVec3::NAN, DVec3::new(f64::INFINITY, 0.0, 0.0)] {
         assert_eq!(link.core.pick(Ray { direction: bad, ..ray }, |_| false), None);
         assert_eq!(link.core.pick(Ray { origin: bad / 0.0, ..ray }, |_| false), None);

@@ -219,7 +219,17 @@ fn picking_finds_instances_through_their_proxy() {
     picture.settle(&mut link);
     let ray = crate::core::Ray { origin: glam::DVec3::new(0.1, 50.0, 0.1), direction: glam::DVec3::NEG_Y };
     let far = link.core.pick(ray, |_| false).unwrap();
-    assert_eq!(far.part.instance, 0);
-    assert_eq!(link.core.pick(ray, |part| part == far.part), None);
-    assert!(link.core.part_bounds(far.part).is_some());
+    // Which part that is, the proxy does not know.
+    assert_eq!((far.instance, far.part), (0, None));
+    let part = ScenePart { instance: 0, part: 0 };
+    assert_eq!(link.core.pick(ray, |other| other == part), None);
+    assert!(link.core.part_bounds(part).is_some());
+    link.core.pin_instances(&[0]);
+    picture.settle(&mut link);
+    assert_eq!(link.core.pick(ray, |_| false).unwrap().scene_part(), Some(part));
+    // Without the pin a proxy stands for it again, but its mesh is known.
+    link.core.pin_instances(&[]);
+    picture.settle(&mut link);
+    let hit = link.core.pick(ray, |_| false).unwrap();
+    assert_eq!(hit.scene_part(), Some(part));
 }

@@ -23,9 +23,10 @@ impl Running {
         if new {
             parts::apply(args, &self.painter.gpu, &mut self.scene)?;
         }
-        self.streaming.pin_instances(self.scene.pinned_instances());
+        self.streaming.pin_instances(self.selection.pinned_instances(&self.scene));
         self.streaming.move_parts(self.scene.moved_parts());
-        let (selected, fitted) = self.selection.receive(&self.painter.gpu, &mut self.scene)?;
+        let (selected, fitted) =
+            self.selection.receive(&self.painter.gpu, &self.streaming, &mut self.scene)?;
         if let (Some(bounds), Some(controller)) = (fitted, &mut self.controller) {
             let [width, height] = self.painter.size().map(|side| f64::from(side.max(1)));
             let centre = bounds.centre + glam::DVec3::Y * self.rise;
