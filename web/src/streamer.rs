@@ -70,6 +70,8 @@ impl Streamer {
         }
         // Pages that draw by other means take texels.
         config.host_decodes_textures = !cfg!(feature = "deltas");
+        // Their meshes have no parts that could be left out.
+        config.select.partial_proxies = !cfg!(feature = "deltas");
         Self {
             core: ClientCore::new(config),
             streams: Streams::default(),

@@ -136,7 +136,10 @@ impl Change {
             }
             Self::Instances(list) => list.len() * size_of::<Instance>(),
             Self::Proxies(list) => list.len() * size_of::<Proxy>(),
-            Self::Cut(cut) => cut.proxies.len() * 4 + cut.covered.len() * 8,
+            Self::Cut(cut) => {
+                let hidden = cut.partial.iter().map(|partial| 4 + partial.hidden.len() * 8);
+                cut.proxies.len() * 4 + cut.covered.len() * 8 + hidden.sum::<usize>()
+            }
             Self::Asset(asset) => (asset.materials.len() + 1) * size_of::<Material>(),
             Self::Mesh(mesh) => {
                 mesh.vertices.iter().map(|(_, v)| v.len() * size_of::<Vertex>()).sum::<usize>()

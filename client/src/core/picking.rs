@@ -5,6 +5,7 @@ use lodestream_geometry::refine::ActiveMesh;
 use lodestream_scene::description::Instance;
 use lodestream_scene::parts::ScenePart;
 use lodestream_scene::placement::Placement;
+use lodestream_scene::proxy::Proxy;
 
 use super::ClientCore;
 
@@ -95,11 +96,14 @@ impl ClientCore {
         is_hidden: &impl Fn(ScenePart) -> bool,
         mut nearest: Option<Hit>,
     ) -> Option<Hit> {
-        for proxy in self.scene.drawn_proxies() {
+        for (number, proxy) in self.scene.drawn_proxies() {
             let Some(mesh) = self.mesh(proxy.asset) else { continue };
             let instance = |part: u32| proxy.first_instance.saturating_add(part);
             // An instance with a part that has a state is drawn itself.
-            let skip = |part: u32| is_hidden(ScenePart { instance: instance(part), part: 0 });
+            let skip = |part: u32| {
+                self.scene.cut().hides(number, part)
+                    || is_hidden(ScenePart { instance: instance(part), part: 0 })
+            };
             let from = origin - DVec3::from(mesh.grid().origin);
             let most = nearest.map_or(f64::INFINITY, |hit| hit.distance);
             let hit = mesh.cast_ray(from.to_array(), direction.to_array(), most, skip);
@@ -234,7 +238,11 @@ impl ClientCore {
 
     /// The drawn proxy that stands for an instance: where it is placed, its mesh and the instance's part of it.
     fn in_proxy(&self, instance: u32) -> Option<(Placement, &ActiveMesh, u32)> {
-        let proxy = self.scene.drawn_proxies().find(|proxy| proxy.instances().contains(&instance))?;
+        let draws = |(number, proxy): &(u32, &Proxy)| {
+            let part = instance.checked_sub(proxy.first_instance);
+            part.is_some_and(|part| part < proxy.instance_count && !self.scene.cut().hides(*number, part))
+        };
+        let (_, proxy) = self.scene.drawn_proxies().find(draws)?;
         Some((Placement::at([0.0; 3]), self.mesh(proxy.asset)?, instance - proxy.first_instance))
     }
 

@@ -175,9 +175,14 @@ impl Scene {
         Instances::new(&self.instances, &self.tree).with_proxies(&self.proxies)
     }
 
-    /// The proxies that are drawn.
-    pub(crate) fn drawn_proxies(&self) -> impl Iterator<Item = &Proxy> {
-        let node = |&number: &u32| Some(&self.proxies.nodes().get(number as usize)?.proxy);
+    /// What is drawn.
+    pub(crate) const fn cut(&self) -> &Cut {
+        &self.cut.0
+    }
+
+    /// The proxies that are drawn, with their numbers.
+    pub(crate) fn drawn_proxies(&self) -> impl Iterator<Item = (u32, &Proxy)> {
+        let node = |&number: &u32| Some((number, &self.proxies.nodes().get(number as usize)?.proxy));
         self.cut.0.proxies.iter().filter_map(node)
     }
 

@@ -373,6 +373,8 @@ pub(crate) struct Loopback {
     pub(crate) push_bytes: u64,
     /// Budget of each update.
     pub(crate) budget: u64,
+    /// Towards the client.
+    pub(crate) rate_bits_per_s: u64,
 }
 
 const LATENCY: Duration = Duration::from_millis(20);
@@ -393,10 +395,11 @@ impl Loopback {
             sent_bytes: BTreeMap::new(),
             push_bytes: ServerConfig::websocket(None).push_after_hello_bytes,
             budget: u64::MAX,
+            rate_bits_per_s: 8_000_000,
         }
     }
 
-    /// Opens a connection, 8 Mbit/s towards the client.
+    /// Opens a connection.
     pub(crate) fn connect(&mut self) {
         // Nothing is pushed before `Hello` lists what the client has, so counts are exact.
         self.connect_pushing(0);
@@ -417,7 +420,7 @@ impl Loopback {
             push_before_hello_bytes,
             refine_before_hello_bytes: 0,
             push_after_hello_bytes: self.push_bytes,
-            ..ServerConfig::websocket(Some(8_000_000))
+            ..ServerConfig::websocket(Some(self.rate_bits_per_s))
         };
         self.server = Some(ServerSession::new(Arc::new(config), self.source.clone(), 1, self.now));
         self.core.connect(self.now);

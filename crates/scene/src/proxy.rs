@@ -2,7 +2,8 @@
 //! small on the screen.
 //!
 //! Proxies form a forest over the instances, which are numbered so that each proxy stands for a run of them. A client
-//! draws a proxy instead of its instances until its error is too large on the screen, then its children at once.
+//! draws a proxy instead of its instances until its error is too large on the screen, then its children. An instance is a
+//! part of the proxy, so that it can be drawn without those that are drawn themselves already.
 
 use crate::encoding::encode_fields;
 
@@ -56,19 +57,50 @@ pub struct Cut {
     pub instances: u32,
     /// Those of them that are not drawn, since a proxy stands for them: ascending runs as first and end.
     pub covered: Vec<[u32; 2]>,
+    /// Drawn proxies that do not stand for all of their instances, by ascending number.
+    pub partial: Vec<PartialProxy>,
+}
+
+/// A proxy that is drawn without some of its parts.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct PartialProxy {
+    /// Its number.
+    pub proxy: u32,
+    /// Parts that are not drawn: ascending runs as first and end. A part is an instance, numbered from the proxy's first.
+    pub hidden: Vec<[u32; 2]>,
+}
+
+encode_fields!(PartialProxy { proxy, hidden });
+
+impl PartialProxy {
+    /// Whether it is drawn without a part.
+    #[must_use]
+    pub fn hides(&self, part: u32) -> bool {
+        is_within(&self.hidden, part)
+    }
+}
+
+fn is_within(runs: &[[u32; 2]], number: u32) -> bool {
+    let begun = runs.partition_point(|[first, _]| *first <= number);
+    begun.checked_sub(1).is_some_and(|run| number < runs[run][1])
 }
 
 impl Cut {
     /// Whether an instance is drawn.
     #[must_use]
     pub fn draws(&self, instance: u32) -> bool {
-        let begun = self.covered.partition_point(|[first, _]| *first <= instance);
-        let is_covered = begun.checked_sub(1).is_some_and(|run| instance < self.covered[run][1]);
-        instance < self.instances && !is_covered
+        instance < self.instances && !is_within(&self.covered, instance)
+    }
+
+    /// Whether a drawn proxy is drawn without a part.
+    #[must_use]
+    pub fn hides(&self, proxy: u32, part: u32) -> bool {
+        let at = self.partial.binary_search_by_key(&proxy, |partial| partial.proxy);
+        at.is_ok_and(|at| self.partial[at].hides(part))
     }
 }
 
-encode_fields!(Cut { proxies, instances, covered });
+encode_fields!(Cut { proxies, instances, covered, partial });
 
 /// A proxy that does not fit those before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]

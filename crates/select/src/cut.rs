@@ -1,21 +1,23 @@
 //! The cut through the forest of proxies: which proxies are drawn instead of their instances.
 //!
-//! A proxy is *opened*, that is, replaced by its children at once, while its error is larger on the screen than the
-//! threshold and all its children in view can be drawn. A proxy whose mesh has not arrived is open, too: its instances
-//! may be there from another view.
+//! A proxy is *opened*, that is, replaced by its children, while its error is larger on the screen than the threshold. What
+//! of them cannot be drawn yet, it stands for still: its instances are its parts, and it is drawn without those that are
+//! drawn otherwise. A proxy whose mesh has not arrived is open, too: its instances may be there from another view.
+
+mod finer;
 
 use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_scene::description::AssetEntry;
 use lodestream_scene::description::Instance;
-use lodestream_scene::proxy::{Cut, Proxies};
+use lodestream_scene::proxy::{Cut, PartialProxy, Proxies};
 
 use crate::difference::Picture;
-use crate::priority::{Priority, base_priority, prefetch_priority, refine_priority};
+use crate::priority::{Priority, base_priority, prefetch_priority};
 use crate::project::Projection;
 use crate::selection::{State, Wanted};
 use crate::state::AssetState;
 
-/// Bytes of base meshes up to which a proxy is replaced by the final cut below it; else first by its children.
-pub const STEP_BYTES: u64 = 24 * 1024;
+pub use finer::{Finer, Forest, Placed, finer};
 
 /// Share of the threshold that a proxy's finest mesh may err; its chunks have the rest.
 pub const OWN_SHARE: f32 = 0.5;
@@ -42,6 +44,9 @@ struct Seen {
     can_draw: bool,
 }
 
+/// In [`CutSelector::cover`].
+const NO_PROXY: u32 = u32::MAX;
+
 /// Finds the cut of each view. Keeps which proxies are open, for hysteresis.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct CutSelector {
@@ -50,8 +55,8 @@ pub(crate) struct CutSelector {
     seen: Vec<Seen>,
     /// Proxies that are drawn until what replaces them has arrived.
     waiting: Vec<bool>,
-    /// By instance: whether a proxy stands for it.
-    covered: Vec<bool>,
+    /// By instance: one more than the proxy that stands for it, [`NO_PROXY`] if none does but it is not drawn, else 0.
+    cover: Vec<u32>,
     /// Proxies in view of which nothing can be drawn.
     missing: u32,
     /// Instances that are drawn themselves wherever they are in view, ascending.
@@ -70,6 +75,8 @@ pub(crate) struct CutSettings {
     pub(crate) prefetch: bool,
     /// Whether the server still pushes a cut: then nothing is wanted where nothing can be drawn.
     pub(crate) awaits_push: bool,
+    /// Whether a proxy is replaced piece by piece.
+    pub(crate) partial: bool,
 }
 
 impl CutSelector {
@@ -97,7 +104,7 @@ impl CutSelector {
 
     /// Whether a proxy stands for an instance.
     pub(crate) fn covers(&self, instance: u32) -> bool {
-        self.covered.get(instance as usize).copied().unwrap_or_default()
+        self.cover.get(instance as usize).is_some_and(|by| *by != 0)
     }
 
     /// Whether a drawn proxy waits for what replaces it, and so needs no refinement.
@@ -131,8 +138,14 @@ impl CutSelector {
         self.seen.resize(count, Seen::default());
         self.waiting.clear();
         self.waiting.resize(count, false);
-        self.covered.clear();
-        self.covered.resize(scene.instances.len(), false);
+        self.cover.clear();
+        // Proxies come before the instances that they stand for.
+        let end = scene
+            .proxies
+            .roots()
+            .last()
+            .map_or(0, |&root| scene.proxies.nodes()[root as usize].proxy.instances().end);
+        self.cover.resize(scene.instances.len().max(end as usize), 0);
         (self.cut, self.missing) = (Cut::default(), 0);
         let mut pass = Pass { state: self, projection, picture, scene, settings };
         for &root in scene.proxies.roots() {
@@ -140,8 +153,9 @@ impl CutSelector {
         }
         let mut list = Vec::new();
         for &root in scene.proxies.roots() {
-            pass.draw(root, &mut list);
+            pass.draw(root, None, &mut list);
         }
+        pass.want_finer(&mut list);
         // An asset of several instances is wanted once, for the most urgent of them.
         list.sort_unstable_by_key(|&(priority, asset)| (asset, std::cmp::Reverse(priority)));
         list.dedup_by_key(|(_, asset)| *asset);
@@ -151,9 +165,26 @@ impl CutSelector {
                 wanted.push(Wanted::whole(BlobId::base(asset), priority, bytes, of.state(BlobPart::Base)));
             }
         }
-        self.cut.proxies.sort_unstable();
-        self.cut.covered = runs(&self.covered);
-        self.cut.instances = u32::try_from(self.covered.len()).unwrap_or(u32::MAX);
+        self.cut.covered = runs(self.cover.iter().take(scene.instances.len()).map(|by| *by != 0));
+        self.cut.instances = u32::try_from(scene.instances.len()).unwrap_or(u32::MAX);
+        self.list_proxies(scene.proxies);
+    }
+
+    /// Lists the proxies that stand for anything, and for what they do not.
+    fn list_proxies(&mut self, proxies: &Proxies) {
+        let mut drawn: Vec<u32> =
+            self.cover.iter().filter(|by| ![0, NO_PROXY].contains(by)).map(|by| by - 1).collect();
+        drawn.sort_unstable();
+        drawn.dedup();
+        for &proxy in &drawn {
+            let of = proxies.nodes()[proxy as usize].proxy.instances();
+            let [first, end] = [of.start, of.end].map(|at| (at as usize).min(self.cover.len()));
+            let hidden = runs(self.cover[first..end].iter().map(|by| *by != proxy + 1));
+            if !hidden.is_empty() {
+                self.cut.partial.push(PartialProxy { proxy, hidden });
+            }
+        }
+        self.cut.proxies = drawn;
     }
 }
 
@@ -163,9 +194,9 @@ fn any_within(numbers: &[u32], range: std::ops::Range<u32>) -> bool {
 }
 
 /// Runs of true values, as first and end.
-fn runs(flags: &[bool]) -> Vec<[u32; 2]> {
+fn runs(flags: impl Iterator<Item = bool>) -> Vec<[u32; 2]> {
     let mut runs: Vec<[u32; 2]> = Vec::new();
-    for (number, _) in (0_u32..).zip(flags).filter(|(_, flag)| **flag) {
+    for (number, _) in (0_u32..).zip(flags).filter(|(_, flag)| *flag) {
         match runs.last_mut() {
             Some([_, end]) if *end == number => *end += 1,
             _ => runs.push([number, number + 1]),
@@ -253,13 +284,16 @@ impl Pass<'_> {
         self.scene.proxies.own_instances(number).into_iter().flatten()
     }
 
-    /// Adds a proxy or what is below it to the cut, and lists what a finer cut needs.
-    fn draw(&mut self, number: u32, list: &mut Vec<(Priority, u32)>) {
+    /// Adds a proxy or what is below it to the cut. `above` is the proxy that stands for what cannot be drawn otherwise.
+    /// Lists what a cut needs where there is none.
+    fn draw(&mut self, number: u32, above: Option<u32>, list: &mut Vec<(Priority, u32)>) {
         let node = &self.scene.proxies.nodes()[number as usize];
         let (seen, base) = (self.state.seen[number as usize], self.base(node.proxy.asset));
+        let is_there = base == State::Applied;
         if self.state.open[number as usize] {
+            self.cover(node.proxy.instances(), 0);
             for &child in &node.children {
-                self.draw(child, list);
+                self.draw(child, None, list);
             }
             let is_known = node.children.len() == node.proxy.child_count as usize
                 && self
@@ -270,15 +304,33 @@ impl Pass<'_> {
             return;
         }
         let of = node.proxy.instances();
-        if base == State::Applied {
-            self.cover(of);
-            self.state.cut.proxies.push(number);
-            if seen.visible && seen.must_open {
-                self.state.waiting[number as usize] = true;
-                self.want_finer(number, list);
-            }
+        let Some(by) = is_there.then_some(number).or(above) else {
+            return self.draw_missing(number, list);
+        };
+        self.cover(of, by + 1);
+        if !seen.must_open {
             return;
         }
+        if is_there && seen.visible {
+            self.state.waiting[number as usize] = true;
+        }
+        if !self.settings.partial {
+            return;
+        }
+        for &child in &node.children {
+            self.draw(child, Some(by), list);
+        }
+        for instance in self.own_instances(number) {
+            if self.can_draw(instance) {
+                self.cover(instance..instance.saturating_add(1), 0);
+            }
+        }
+    }
+
+    /// Adds what has arrived of a proxy that has not, with none above it; lists its base mesh.
+    fn draw_missing(&mut self, number: u32, list: &mut Vec<(Priority, u32)>) {
+        let node = &self.scene.proxies.nodes()[number as usize];
+        let seen = self.state.seen[number as usize];
         let is_wanted = if seen.visible { !self.settings.awaits_push } else { self.settings.prefetch };
         if is_wanted {
             let priority = if seen.visible {
@@ -288,94 +340,74 @@ impl Pass<'_> {
             };
             list.push((priority, node.proxy.asset));
         }
-        if !seen.visible {
-            // Nothing of it is drawn, and its instances are not wanted.
-            return self.cover(of);
-        }
-        self.state.missing += 1;
-        // What has arrived is drawn; the rest is not wanted.
-        for &child in &node.children {
-            self.draw_arrived(child);
-        }
-        for instance in self.own_instances(number) {
-            self.cover_absent(instance);
+        self.cover(node.proxy.instances(), NO_PROXY);
+        // Nothing of it is drawn out of view, and its instances are not wanted.
+        if seen.visible {
+            self.state.missing += 1;
+            self.draw_arrived(number);
         }
     }
 
-    /// Draws what has arrived of a proxy that is missing.
+    /// Draws what has arrived below a proxy that is missing; the rest is not wanted.
     fn draw_arrived(&mut self, number: u32) {
         let node = &self.scene.proxies.nodes()[number as usize];
-        if self.base(node.proxy.asset) == State::Applied && !self.state.open[number as usize] {
-            self.state.cut.proxies.push(number);
-            return self.cover(node.proxy.instances());
-        }
         for &child in &node.children {
-            self.draw_arrived(child);
-        }
-        for instance in self.own_instances(number) {
-            self.cover_absent(instance);
-        }
-    }
-
-    fn cover_absent(&mut self, instance: u32) {
-        let of = self.scene.instances.get(instance as usize);
-        if of.is_none_or(|of| self.base(of.asset) != State::Applied) {
-            self.cover(instance..instance.saturating_add(1));
-        }
-    }
-
-    fn cover(&mut self, of: std::ops::Range<u32>) {
-        let known = self.state.covered.len();
-        let [first, end] = [of.start, of.end].map(|at| (at as usize).min(known));
-        self.state.covered[first..end].fill(true);
-    }
-
-    /// Lists the base meshes that replace a drawn proxy: those of the final cut below it, or of its children if these are
-    /// many. They help only together, so that they have one priority.
-    fn want_finer(&mut self, number: u32, list: &mut Vec<(Priority, u32)>) {
-        let mut assets = Vec::new();
-        self.missing_below(number, true, &mut assets);
-        let bytes = |assets: &[u32]| -> u64 {
-            let bytes = |asset: &u32| Some(self.scene.assets.get(*asset as usize)?.entry().base_bytes);
-            assets.iter().filter_map(bytes).map(u64::from).sum()
-        };
-        if bytes(&assets) > STEP_BYTES {
-            assets.clear();
-            self.missing_below(number, false, &mut assets);
-        }
-        let seen = self.state.seen[number as usize];
-        let difference_px2 = self.picture.shape_px2(seen.error_px, seen.coverage_px);
-        #[expect(clippy::cast_precision_loss, reason = "a priority needs no more of a length than 24 bits")]
-        let priority = refine_priority(difference_px2, bytes(&assets) as f32, seen.foveation);
-        list.extend(assets.into_iter().map(|asset| (priority, asset)));
-    }
-
-    /// Assets in view below a proxy whose base meshes have not arrived; with `all` those of the final cut.
-    fn missing_below(&self, number: u32, all: bool, assets: &mut Vec<u32>) {
-        let node = &self.scene.proxies.nodes()[number as usize];
-        for &child in &node.children {
-            let (seen, of) =
-                (self.state.seen[child as usize], self.scene.proxies.nodes()[child as usize].proxy);
-            if !seen.visible || (seen.can_draw && !(all && seen.must_open)) {
-                continue;
-            }
-            if all && seen.must_open {
-                self.missing_below(child, all, assets);
+            let proxy = self.scene.proxies.nodes()[child as usize].proxy;
+            if self.base(proxy.asset) == State::Applied && !self.state.open[child as usize] {
+                self.cover(proxy.instances(), child + 1);
             } else {
-                self.add_missing(of.asset, assets);
+                self.draw_arrived(child);
             }
         }
         for instance in self.own_instances(number) {
-            if let Some(of) = self.scene.instances.get(instance as usize).filter(|of| self.is_in_view(of)) {
-                self.add_missing(of.asset, assets);
+            if self.can_draw(instance) {
+                self.cover(instance..instance.saturating_add(1), 0);
             }
         }
     }
 
-    fn add_missing(&self, asset: u32, assets: &mut Vec<u32>) {
-        let is_missing = matches!(self.base(asset), State::Absent | State::InFlight | State::Cached);
-        if is_missing && !assets.contains(&asset) {
-            assets.push(asset);
-        }
+    fn can_draw(&self, instance: u32) -> bool {
+        let of = self.scene.instances.get(instance as usize);
+        of.is_some_and(|of| self.base(of.asset) == State::Applied)
+    }
+
+    fn cover(&mut self, of: std::ops::Range<u32>, by: u32) {
+        let known = self.state.cover.len();
+        let [first, end] = [of.start, of.end].map(|at| (at as usize).min(known));
+        self.state.cover[first..end].fill(by);
+    }
+
+    /// Lists the base meshes that make the cut finer.
+    fn want_finer(&mut self, list: &mut Vec<(Priority, u32)>) {
+        let waiting =
+            (0_u32..).zip(&self.state.waiting).filter(|(_, waits)| **waits).map(|(number, _)| number);
+        let finer = finer(&*self, self.projection, self.picture, waiting);
+        list.extend(finer.iter().map(|finer| (finer.priority(), finer.asset)));
+    }
+}
+
+impl Forest for Pass<'_> {
+    fn proxies(&self) -> &Proxies {
+        self.scene.proxies
+    }
+
+    fn instance(&self, number: u32) -> Option<&Instance> {
+        self.scene.instances.get(number as usize)
+    }
+
+    fn entry(&self, asset: u32) -> Option<&AssetEntry> {
+        self.scene.assets.get(asset as usize).map(AssetState::entry)
+    }
+
+    fn is_missing(&self, asset: u32) -> bool {
+        matches!(self.base(asset), State::Absent | State::InFlight | State::Cached)
+    }
+
+    fn is_there(&self, asset: u32) -> bool {
+        self.base(asset) == State::Applied
+    }
+
+    fn must_open(&self, proxy: u32, _: f32) -> bool {
+        self.state.seen[proxy as usize].must_open
     }
 }

@@ -45,6 +45,13 @@ impl Picture {
         (SHAPE * error_px * radius).min(radius * radius)
     }
 
+    /// Difference of an object within `radius_px` for which a surface with an error of `error_px` stands: no more than its
+    /// own area, however far off the surface is.
+    pub fn object_px2(&self, error_px: f32, radius_px: f32) -> f32 {
+        let radius = radius_px.min(self.radius_px);
+        (SHAPE * error_px * radius).min(radius * radius)
+    }
+
     /// Difference of a texture with texels of `texel_px` on a surface of radius `coverage_px`; `weight` is the share
     /// of its area that counts as different while it is a blur.
     pub fn texture_px2(&self, texel_px: f32, coverage_px: f32, weight: f32) -> f32 {
@@ -140,6 +147,8 @@ mod tests {
         assert_eq!(picture.shape_px2(90.0, 100.0), 10_000.0, "all of the region");
         assert_eq!(picture.shape_px2(f32::MAX, f32::MAX), 734.0 * 734.0, "all of the picture");
         assert_eq!(picture.shape_px2(0.0, 0.0), 0.0);
+        assert_eq!((picture.shape_px2(50.0, 10.0), picture.object_px2(50.0, 10.0)), (2500.0, 100.0));
+        assert_eq!(picture.object_px2(2.0, 100.0), SHAPE * 200.0);
         let texture = |texel, coverage| picture.texture_px2(texel, coverage, 0.02);
         assert_eq!(texture(400.0, 100.0), 200.0);
         assert_eq!(texture(400.0, 100.0), texture(16.0, 100.0));

@@ -277,6 +277,7 @@ impl Selector {
             close_below: self.settings.undo_below.get(),
             prefetch: self.settings.prefetch_bases,
             awaits_push: self.awaits_push,
+            partial: self.settings.partial_proxies,
         };
         let scene = CutScene { proxies, instances: instances.all(), assets };
         let (projection, picture) = (Projection::new(view), Picture::new(view));

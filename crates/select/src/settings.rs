@@ -104,6 +104,9 @@ pub struct SelectSettings {
     pub attribute_share: Share,
     /// Whether base meshes of instances out of view are wanted too, with the lowest priority.
     pub prefetch_bases: bool,
+    /// Whether a proxy is replaced piece by piece, as base meshes arrive, and drawn without these parts
+    /// ([`PartialProxy`](lodestream_scene::proxy::PartialProxy)). If off, by all of them at once.
+    pub partial_proxies: bool,
     /// Whether chunks without wanted children are wanted only up to the first sufficient truncation point. If off, a
     /// view needs more bytes, and fewer requests follow when the camera approaches.
     pub truncation_points: bool,
@@ -130,6 +133,7 @@ impl Default for SelectSettings {
             texture_weight: Weight(0.02),
             attribute_share: Share::ALL,
             prefetch_bases: true,
+            partial_proxies: true,
             truncation_points: true,
             hidden_last: true,
             shadows: false,

@@ -4,9 +4,10 @@ use std::cmp::Reverse;
 use std::collections::{BTreeSet, BinaryHeap};
 
 use super::scene_index::SceneIndex;
-use lodestream_scene::description::AssetEntry;
+use lodestream_scene::description::{AssetEntry, Instance};
+use lodestream_scene::proxy::Proxies;
 use lodestream_scene::view::View;
-use lodestream_select::cut::{OWN_SHARE, STEP_BYTES};
+use lodestream_select::cut::{Finer, Forest, OWN_SHARE, Placed, finer};
 use lodestream_select::difference::Picture;
 use lodestream_select::priority::{Priority, refine_priority};
 use lodestream_select::{Bounds, Projection};
@@ -27,7 +28,7 @@ pub(super) struct FirstCut {
     pub(super) covered: Vec<bool>,
     /// The last page that a client needs to draw the cut: it numbers entries after those of the pages before.
     pub(super) last_page: u32,
-    /// Assets whose base meshes replace proxies of the cut, as the client will want them.
+    /// Assets whose base meshes replace parts of the cut's proxies, as the client will want them.
     pub(super) finer: Vec<(Priority, u32)>,
     /// The last pages that list what replaces proxies of the cut, as urgent as that.
     pub(super) finer_pages: Vec<(Priority, u32)>,
@@ -59,6 +60,7 @@ pub(super) fn first_cut(scene: &SceneIndex, view: &View) -> FirstCut {
         picture: Picture::new(view),
         view,
         assets: BTreeSet::new(),
+        proxies: BTreeSet::new(),
         open: BinaryHeap::new(),
     };
     let (mut chosen, mut bytes, mut later) = (BTreeSet::new(), 0, Vec::new());
@@ -94,8 +96,80 @@ pub(super) fn first_cut(scene: &SceneIndex, view: &View) -> FirstCut {
     }
     cut.proxies = chosen.into_iter().collect();
     search.open.extend(later);
-    search.add_finer(&mut cut);
+    add_finer(&search, &mut cut);
     cut
+}
+
+/// Adds base meshes that make the cut finer, as a client requests them, most urgent first, and the pages that list them.
+fn add_finer(search: &Search<'_>, cut: &mut FirstCut) {
+    let drawn = search.open.iter().map(|(_, Reverse(proxy))| *proxy);
+    let list = finer(search, &search.projection, &search.picture, drawn);
+    let page_of = |finer: &Finer| match finer.first {
+        Placed::Proxy(proxy) => search.scene.page_of_proxy(proxy),
+        Placed::Instance(instance) => search.scene.page_of_instance(instance),
+    };
+    let with_page = list.into_iter().filter_map(|finer| Some((page_of(&finer)?.max(cut.last_page), finer)));
+    let mut list: Vec<(u32, Finer)> = with_page.collect();
+    list.sort_by_key(|(page, finer)| (*page, finer.asset));
+    // A page is as urgent as the difference of what it lists, per byte of both. It is of no use before those before it, so
+    // these and a page with more difference per byte have one priority (pool adjacent violators, Ayer et al. 1955).
+    let mut pools: Vec<Pool> = Vec::new();
+    for of_page in list.chunk_by(|(one, _), (other, _)| one == other) {
+        let last_page = of_page[0].0;
+        let before = pools.last().map_or(cut.last_page, |pool| pool.last_page);
+        let page_bytes = search.scene.bytes_to_page(last_page) - search.scene.bytes_to_page(before);
+        #[expect(clippy::cast_precision_loss, reason = "a priority needs no more of a length than 24 bits")]
+        let mut pool = Pool { last_page, difference_px2: 0.0, bytes: page_bytes as f32 };
+        for (_, finer) in of_page {
+            pool.add(finer.difference_px2(), finer.bytes());
+        }
+        while let Some(last) = pools.pop_if(|last| last.priority() < pool.priority()) {
+            pool = Pool {
+                last_page,
+                difference_px2: last.difference_px2 + pool.difference_px2,
+                bytes: last.bytes + pool.bytes,
+            };
+        }
+        pools.push(pool);
+    }
+    let of_pool = |page: u32| pools[pools.partition_point(|pool| pool.last_page < page)].priority();
+    let is_listed = |page: u32| page <= cut.last_page;
+    let mut list: Vec<(Priority, u32, u32)> = list
+        .into_iter()
+        .map(|(page, finer)| {
+            let own = finer.priority();
+            (if is_listed(page) { own } else { own.min(of_pool(page)) }, finer.asset, finer.bytes())
+        })
+        .collect();
+    list.sort_unstable_by_key(|&(priority, asset, _)| (Reverse(priority), asset));
+    let mut bytes = 0;
+    let within = list.into_iter().take_while(|(_, _, length)| {
+        bytes += u64::from(*length);
+        bytes <= FINER_BYTES
+    });
+    cut.finer = within.map(|(priority, asset, _)| (priority, asset)).collect();
+    let last_page = cut.last_page;
+    let later = pools.iter().filter(|pool| pool.last_page > last_page);
+    cut.finer_pages = later.map(|pool| (pool.priority(), pool.last_page)).collect();
+}
+
+/// Pages that are sent one after the other, and what they list.
+struct Pool {
+    last_page: u32,
+    difference_px2: f32,
+    bytes: f32,
+}
+
+impl Pool {
+    #[expect(clippy::cast_precision_loss, reason = "a priority needs no more of a length than 24 bits")]
+    fn add(&mut self, difference_px2: f32, bytes: u32) {
+        self.difference_px2 += difference_px2;
+        self.bytes += bytes as f32;
+    }
+
+    fn priority(&self) -> Priority {
+        refine_priority(self.difference_px2, self.bytes, 1.0)
+    }
 }
 
 fn base_bytes(entry: &AssetEntry) -> u64 {
@@ -126,8 +200,36 @@ struct Search<'a> {
     view: &'a View,
     /// Assets of chosen instances: several instances have one base mesh.
     assets: BTreeSet<u32>,
+    /// Assets of chosen proxies.
+    proxies: BTreeSet<u32>,
     /// Proxies that may be replaced.
     open: BinaryHeap<Candidate>,
+}
+
+impl Forest for Search<'_> {
+    fn proxies(&self) -> &Proxies {
+        self.scene.proxies()
+    }
+
+    fn instance(&self, number: u32) -> Option<&Instance> {
+        self.scene.instance(number)
+    }
+
+    fn entry(&self, asset: u32) -> Option<&AssetEntry> {
+        self.scene.asset(asset)
+    }
+
+    fn is_missing(&self, asset: u32) -> bool {
+        !self.is_there(asset)
+    }
+
+    fn is_there(&self, asset: u32) -> bool {
+        self.assets.contains(&asset) || self.proxies.contains(&asset)
+    }
+
+    fn must_open(&self, _: u32, error_px: f32) -> bool {
+        error_px > OWN_SHARE * self.view.target_px
+    }
 }
 
 impl Search<'_> {
@@ -141,6 +243,7 @@ impl Search<'_> {
     fn take_proxy(&mut self, number: u32) -> Option<u64> {
         let (bounds, entry) = self.bounds(number).filter(|(bounds, _)| bounds.visible)?;
         let bytes = base_bytes(entry);
+        self.proxies.insert(self.scene.proxies().nodes()[number as usize].proxy.asset);
         if let Some(priority) = self.priority(number, &bounds) {
             self.open.push((priority, Reverse(number)));
         }
@@ -168,62 +271,6 @@ impl Search<'_> {
         #[expect(clippy::cast_precision_loss, reason = "a priority needs no more of a length than 24 bits")]
         let bytes = self.below(number)?.bytes as f32;
         Some(refine_priority(difference_px2, bytes, bounds.foveation))
-    }
-
-    /// Adds base meshes that replace the proxies that are left: as a client requests them, those of the final cut below a
-    /// proxy, or of its children if these are many.
-    fn add_finer(&mut self, cut: &mut FirstCut) {
-        let (mut bytes, mut least) = (0, Priority::MAX);
-        while let Some((priority, Reverse(proxy))) = self.open.pop() {
-            let mut last = Below::default();
-            let is_known = self.add_final(proxy, &mut last).is_some();
-            let (below, is_final) = match self.below(proxy) {
-                _ if is_known && last.bytes <= STEP_BYTES => (last, true),
-                Some(below) => (below, false),
-                None => continue,
-            };
-            bytes += below.bytes;
-            if bytes > FINER_BYTES {
-                break;
-            }
-            // What is below a proxy comes after it.
-            least = least.min(priority);
-            cut.finer_pages.push((least, below.last_page));
-            for child in below.proxies {
-                cut.finer.push((least, self.scene.proxies().nodes()[child as usize].proxy.asset));
-                if !is_final {
-                    let _ = self.take_proxy(child);
-                }
-            }
-            for instance in below.instances {
-                if self.take_instance(instance) > 0
-                    && let Some(of) = self.scene.instance(instance)
-                {
-                    cut.finer.push((least, of.asset));
-                }
-            }
-        }
-    }
-
-    /// Adds the final cut below a proxy; `None` if not all of it is known.
-    fn add_final(&self, number: u32, last: &mut Below) -> Option<()> {
-        let below = self.below(number)?;
-        last.last_page = last.last_page.max(below.last_page);
-        last.instances.extend(below.instances);
-        let instances: u64 = below.bytes;
-        let mut proxies = 0;
-        for child in below.proxies {
-            let (bounds, entry) = self.bounds(child)?;
-            proxies += base_bytes(entry);
-            if self.error_px(child, &bounds).is_some() {
-                self.add_final(child, last)?;
-            } else {
-                last.proxies.push(child);
-                last.bytes += base_bytes(entry);
-            }
-        }
-        last.bytes += instances - proxies;
-        Some(())
     }
 
     /// What is below a proxy in view; `None` if not all of it is known.

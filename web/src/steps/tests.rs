@@ -1,7 +1,7 @@
 use super::*;
 use lodestream_scene::description::Instance;
 use lodestream_scene::placement::Placement;
-use lodestream_scene::proxy::{Cut, Proxy};
+use lodestream_scene::proxy::{Cut, PartialProxy, Proxy};
 
 fn vertex_of(level: u32) -> Vertex {
     Vertex {
@@ -32,7 +32,12 @@ fn step() -> Vec<Change> {
             punctual_lights: [light, PunctualLight { spot: None, ..light }].into(),
         },
         Change::Proxies(vec![Proxy { asset: 3, instance_count: 9, error: 0.5, ..Proxy::default() }]),
-        Change::Cut(Cut { proxies: vec![0, 7], instances: 9, covered: vec![[0, 3], [5, 9]] }),
+        Change::Cut(Cut {
+            proxies: vec![0, 7],
+            instances: 9,
+            covered: vec![[0, 3], [5, 9]],
+            partial: vec![PartialProxy { proxy: 7, hidden: vec![[1, 2]] }],
+        }),
         Change::Instances(vec![Instance { asset: 7, placement: Placement::at([1e6, 0.0, -1.0]) }]),
         Change::Asset(NewAsset {
             asset: 7,

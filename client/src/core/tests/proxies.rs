@@ -66,7 +66,8 @@ impl Picture {
         for &number in &self.cut.proxies {
             let proxy = &self.proxies[number as usize];
             assert!(self.meshes[&proxy.asset], "proxy {number} has a mesh");
-            proxy.instances().for_each(|instance| times[instance as usize] += 1);
+            let parts = (0..proxy.instance_count).filter(|part| !self.cut.hides(number, *part));
+            parts.for_each(|part| times[(proxy.first_instance + part) as usize] += 1);
         }
         for (number, instance) in (0_u32..).zip(&self.instances).filter(|(number, _)| self.cut.draws(*number))
         {
@@ -112,7 +113,7 @@ fn from_afar_only_the_root_is_sent_and_drawn() {
     let mut link = link_from(2000.0);
     let mut picture = Picture::default();
     picture.settle(&mut link);
-    assert_eq!(picture.cut, Cut { proxies: vec![0], instances: 4, covered: vec![[0, 4]] });
+    assert_eq!(picture.cut, Cut { proxies: vec![0], instances: 4, covered: vec![[0, 4]], ..Cut::default() });
     assert_eq!(bases_sent(&link), BTreeSet::from([ROOT]));
     let stats = link.core.stats();
     assert!(stats.counters.max_screen_error_px <= 1.0, "{stats:?}");
@@ -139,6 +140,37 @@ fn an_approaching_camera_sees_each_instance_once_at_each_step() {
     assert!(link.times_sent().values().all(|times| *times == 1), "{:?}", link.times_sent());
 }
 
+/// Each base mesh replaces a part of the proxy as soon as it is there; to a renderer that cannot leave parts out, all at
+/// once.
+#[test]
+fn a_proxy_is_replaced_piece_by_piece() {
+    for partial in [true, false] {
+        let mut link = Loopback::new(TestScene::new(4).with_proxies(&street(4)), |config| {
+            config.select.partial_proxies = partial;
+        });
+        link.rate_bits_per_s = 200_000;
+        link.core.set_view(link.now, from(2000.0));
+        link.connect();
+        let mut picture = Picture::default();
+        picture.settle(&mut link);
+        link.core.set_view(link.now, from(10.0));
+        let mut cuts = Vec::new();
+        while !(link.core.is_settled() && !link.core.has_changes()) {
+            link.run(1);
+            picture.take(&mut link, 2000);
+            if cuts.last() != Some(&picture.cut) {
+                cuts.push(picture.cut.clone());
+            }
+        }
+        assert_eq!(cuts.last().unwrap().proxies, []);
+        let drawn = |cut: &Cut| (0..4).filter(|instance| cut.draws(*instance)).count();
+        let counts: Vec<usize> = cuts.iter().map(drawn).collect();
+        assert!(counts.is_sorted(), "{counts:?}");
+        let in_part = cuts.iter().filter(|cut| !cut.partial.is_empty()).count();
+        assert_eq!(in_part >= 2, partial, "{cuts:?}");
+    }
+}
+
 #[test]
 fn no_proxy_stands_for_a_pinned_instance() {
     let mut link = link_from(2000.0);
@@ -146,7 +178,7 @@ fn no_proxy_stands_for_a_pinned_instance() {
     picture.settle(&mut link);
     link.core.pin_instances(&[2]);
     picture.settle(&mut link);
-    assert_eq!(picture.cut, Cut { proxies: vec![1], instances: 4, covered: vec![[0, 2]] });
+    assert_eq!(picture.cut, Cut { proxies: vec![1], instances: 4, covered: vec![[0, 2]], ..Cut::default() });
     link.core.pin_instances(&[]);
     picture.settle(&mut link);
     assert_eq!(picture.cut.proxies, [0]);
@@ -166,7 +198,7 @@ fn no_proxy_stands_for_an_instance_with_moved_parts_and_it_is_refined_where_they
         picture.settle(link);
         picture.cut.clone()
     };
-    let cut = Cut { proxies: vec![1], instances: 4, covered: vec![[0, 2]] };
+    let cut = Cut { proxies: vec![1], instances: 4, covered: vec![[0, 2]], ..Cut::default() };
     assert_eq!(move_by(&mut link, Some(DVec3::X)), cut);
     let afar = faces(&link);
     // Near the eye.
@@ -182,7 +214,7 @@ fn a_near_view_gets_its_instances_without_their_proxies() {
     let mut link = link_from(10.0);
     let mut picture = Picture::default();
     picture.settle(&mut link);
-    assert_eq!(picture.cut, Cut { proxies: vec![], instances: 4, covered: vec![] });
+    assert_eq!(picture.cut, Cut { proxies: vec![], instances: 4, covered: vec![], ..Cut::default() });
     assert_eq!(bases_sent(&link), (0..ROOT).collect());
 }
 

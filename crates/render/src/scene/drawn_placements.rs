@@ -2,7 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use lodestream_scene::proxy::{Cut, Proxy};
+use lodestream_scene::proxy::{Cut, PartialProxy, Proxy};
+
+use crate::scene::part_states::{InstanceStates, PartState, PartStates};
 
 /// Placements that the last cut draws, by asset. Those that it does not name are not drawn.
 #[derive(Debug, Default)]
@@ -34,6 +36,18 @@ impl DrawnPlacements {
                 self.by_asset.entry(asset).or_default().insert(0);
             }
         }
+    }
+
+    /// The parts that assets of proxies are drawn without; of proxies whose meshes have parts that others stand for.
+    pub(crate) fn hidden_parts(&self, cut: &Cut) -> BTreeMap<u32, PartStates> {
+        let states = |partial: &PartialProxy| {
+            let asset = *self.proxies.get(partial.proxy as usize)?;
+            let parts = partial.hidden.iter().flat_map(|[first, end]| *first..*end);
+            let parts = parts.map(|part| (part, PartState::HIDDEN)).collect();
+            let instances = [(0, InstanceStates { parts, ..InstanceStates::default() })].into();
+            Some((asset, PartStates { instances, ..PartStates::default() }))
+        };
+        cut.partial.iter().filter_map(states).collect()
     }
 
     /// The placements of an asset that are drawn; `None`, which means all, in a scene without proxies.

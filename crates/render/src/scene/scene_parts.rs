@@ -30,6 +30,8 @@ pub(crate) struct SceneParts {
     isolated: Option<BTreeSet<ScenePart>>,
     /// Of each arrived instance its asset, and its index among the asset's instances.
     places: Vec<(u32, u32)>,
+    /// States of the assets of proxies that are drawn without some of their parts.
+    proxies: BTreeMap<u32, PartStates>,
 }
 
 impl SceneParts {
@@ -57,6 +59,13 @@ impl SceneParts {
         Some(self.places.get(part.instance as usize)?.0)
     }
 
+    /// Sets the states of the assets of proxies; returns those that change.
+    pub(crate) fn set_proxies(&mut self, proxies: BTreeMap<u32, PartStates>) -> BTreeSet<u32> {
+        let before = std::mem::replace(&mut self.proxies, proxies);
+        let numbers = before.keys().chain(self.proxies.keys()).copied();
+        numbers.filter(|asset| before.get(asset) != self.proxies.get(asset)).collect()
+    }
+
     pub(crate) fn isolate(&mut self, parts: Option<BTreeSet<ScenePart>>) {
         self.isolated = parts;
     }
@@ -69,7 +78,7 @@ impl SceneParts {
 
     /// Whether all parts are drawn as they are.
     pub(crate) fn is_empty(&self) -> bool {
-        self.states.is_empty() && self.isolated.is_none()
+        self.states.is_empty() && self.isolated.is_none() && self.proxies.is_empty()
     }
 
     pub(crate) fn hidden(&self) -> HiddenParts {
@@ -113,7 +122,10 @@ impl SceneParts {
         };
         match &self.isolated {
             Some(isolated) => isolated.iter().for_each(|part| add(*part)),
-            None => self.states.keys().for_each(|part| add(*part)),
+            None => {
+                self.states.keys().for_each(|part| add(*part));
+                assets.extend(self.proxies.iter().map(|(asset, states)| (*asset, states.clone())));
+            }
         }
         (assets, unlisted)
     }

@@ -304,6 +304,8 @@ impl SceneView {
             Change::Cut(cut) => {
                 self.drawn.set_cut(&cut, self.parts.places());
                 self.update_drawn();
+                let changed = self.parts.set_proxies(self.drawn.hidden_parts(&cut));
+                self.write_part_states(gpu, |asset| changed.contains(&asset))?;
             }
             Change::Asset(asset) => {
                 self.add(gpu, renderer, &asset);

@@ -81,7 +81,12 @@ fn a_far_view_of_a_hundred_thousand_parts_takes_at_most_three_hundred_calls() {
     steps.extend((100..300).flat_map(|number| asset(number, 1, 2)));
     steps.extend((300..320).flat_map(|number| asset(number, 200, 1)));
     let count = placed.len() as u32;
-    steps.push(Change::Cut(Cut { proxies: (0..20).collect(), instances: count, covered: vec![[0, 20_000]] }));
+    steps.push(Change::Cut(Cut {
+        proxies: (0..20).collect(),
+        instances: count,
+        covered: vec![[0, 20_000]],
+        ..Cut::default()
+    }));
     let mut view = SceneView::new();
     view.push(steps);
     view.upload(h.gpu(), h.renderer(), usize::MAX, 0.0).unwrap();

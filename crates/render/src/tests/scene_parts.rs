@@ -7,7 +7,7 @@ use lodestream_scene::description::{
     Camera, DEFAULT_AMBIENT, DEFAULT_BACKGROUND, Instance, SceneHeader, SceneLighting,
 };
 use lodestream_scene::parts::{PartTransform, ScenePart};
-use lodestream_scene::proxy::{Cut, Proxy};
+use lodestream_scene::proxy::{Cut, PartialProxy, Proxy};
 
 use super::headless;
 use crate::{Headless, MAX_PARTS, Material, PartState, Pose, RenderError, SceneView, Settings, Tint};
@@ -197,7 +197,8 @@ fn a_proxy_is_drawn_instead_of_its_instances_and_they_instead_of_it() {
 
     let mut view = SceneView::new();
     let cut = |proxies: &[u32], covered: &[[u32; 2]]| {
-        vec![Change::Cut(Cut { proxies: proxies.to_vec(), instances: 3, covered: covered.to_vec() })]
+        let (proxies, covered) = (proxies.to_vec(), covered.to_vec());
+        vec![Change::Cut(Cut { proxies, instances: 3, covered, partial: Vec::new() })]
     };
     arrive(&h, &mut view, vec![Change::Proxies(vec![proxy]), instances(&PLACES[..1])]);
     arrive(&h, &mut view, assets().collect());
@@ -207,6 +208,23 @@ fn a_proxy_is_drawn_instead_of_its_instances_and_they_instead_of_it() {
     assert!(picture(&mut h, &view) == stand_in);
     arrive(&h, &mut view, cut(&[], &[]));
     assert!(picture(&mut h, &view) == apart);
+    // The second instance is there, the proxy is drawn without its second part.
+    let mut want = SceneView::new();
+    arrive(&h, &mut want, vec![instances(&[PLACES[1], PLACES[2], (2, [0.0; 3])])]);
+    arrive(&h, &mut want, assets().collect());
+    want.set_parts(h.gpu(), &[(part(2, 1), PartState::HIDDEN)]).unwrap();
+    let partial = vec![PartialProxy { proxy: 0, hidden: vec![[1, 2]] }];
+    let cut_in_part = Cut { proxies: vec![0], instances: 3, covered: vec![[0, 1]], partial };
+    arrive(&h, &mut view, vec![Change::Cut(cut_in_part)]);
+    let in_part = picture(&mut h, &view);
+    assert!(in_part == picture(&mut h, &want) && in_part != stand_in && in_part != apart);
+    // States of other parts do not show it again.
+    view.set_parts(h.gpu(), &[(part(2, 0), PartState::HIDDEN)]).unwrap();
+    want.set_parts(h.gpu(), &[(part(1, 0), PartState::HIDDEN)]).unwrap();
+    assert!(picture(&mut h, &view) == picture(&mut h, &want));
+    view.clear_parts(h.gpu()).unwrap();
+    want.set_parts(h.gpu(), &[(part(1, 0), PartState::default())]).unwrap();
+    assert!(picture(&mut h, &view) == picture(&mut h, &want));
     arrive(&h, &mut view, cut(&[0], &[[0, 2]]));
     assert!(picture(&mut h, &view) == stand_in);
     // Of isolated parts, proxies have none.
