@@ -49,7 +49,7 @@ export function show(view, element, actions) {
       `${size(stats.bytes ?? 0)} received${left ? `, ${size(left)} to come${time}` : ''}`,
       `link: ${stats.transport ?? 'none'}, ${(rate / 1e6).toFixed(2)} Mbit/s` +
         (stats.rtt_ms ? `, round trip ${stats.rtt_ms.toFixed(0)} ms` : ''),
-      `first frame ${seconds(stats.ttff_presented_ms)} after opening the page`,
+      `first frame ${seconds(stats.ttff_presented_since_navigation_ms)} after opening the page`,
       `${(stats.faces ?? 0).toLocaleString('en')} faces, error ${stats.max_screen_error_px?.toFixed(1) ?? '–'} px`,
       `quality: ${stats.quality ?? '–'}`,
       stats.adapter ?? '',

@@ -10,8 +10,10 @@ mod memory;
 mod npm;
 mod page;
 mod parts;
+mod restart;
 mod shaders;
 mod static_host;
+mod stats;
 mod three;
 
 use std::io::Write as _;
