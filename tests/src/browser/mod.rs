@@ -15,6 +15,7 @@ mod shaders;
 mod static_host;
 mod stats;
 mod three;
+mod transports;
 
 use std::io::Write as _;
 use std::path::PathBuf;
