@@ -53,7 +53,7 @@ pub(crate) struct Tab {
     socket: WebSocketStream<MaybeTlsStream<TcpStream>>,
     session: Value,
     next: u64,
-    /// Console messages and uncaught errors.
+    /// Console messages, uncaught errors, and errors that the browser reports, such as a policy's violations.
     pub(crate) console: Vec<String>,
     browser: Child,
     _profile: tempfile::TempDir,
@@ -93,8 +93,9 @@ impl Tab {
         let attached = json!({ "targetId": target["targetId"], "flatten": true });
         tab.session = tab.call("Target.attachToTarget", attached)["sessionId"].clone();
         tab.resize([width, height], 1.0);
-        tab.call("Runtime.enable", json!({}));
-        tab.call("Page.enable", json!({}));
+        for domain in ["Runtime", "Log", "Page"] {
+            tab.call(&format!("{domain}.enable"), json!({}));
+        }
         Some(tab)
     }
 
@@ -156,7 +157,11 @@ impl Tab {
             if holds(&value) {
                 return value;
             }
-            assert!(begun.elapsed() < LIMIT, "{what}: {value}\n{}", self.console.join("\n"));
+            assert!(
+                begun.elapsed() < LIMIT,
+                "{what}: {value}\n{:#?}",
+                self.console.iter().take(9).collect::<Vec<_>>()
+            );
             std::thread::sleep(POLL);
         }
     }
@@ -183,3 +188,11 @@ impl Drop for Tab {
         let _ = self.browser.wait();
     }
 }
+        // The browser itself asks for an icon; its warnings are advice.
+        Some("Log.entryAdded") => {
+            let entry = &parameters["entry"];
+            let (text, url) = (&entry["text"], &entry["url"]);
+            if entry["level"] == "error" && !url.as_str().is_some_and(|url| url.ends_with("/favicon.ico")) {
+                console.push(format!("{}: {text} {url}", entry["source"]));
+            }
+        }
