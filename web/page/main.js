@@ -72,7 +72,12 @@ const actions = {
   KeyI: () => selection.isolate(),
   KeyU: () => selection.showAll(),
   KeyZ: () => selection.fit(),
-  KeyV: () => (document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen()),
+  // Phones may lack it, and a browser may refuse it.
+  KeyV: () => {
+    const root = document.documentElement;
+    const change = document.fullscreenElement ? document.exitFullscreen() : root.requestFullscreen?.();
+    change?.catch(() => {});
+  },
 };
 listen(view, canvas, actions, now);
 show(view, element('overlay'), actions);

@@ -30,6 +30,7 @@ export function show(view, element, actions) {
   for (const [name, act] of Object.entries(buttons)) {
     element.querySelector(`.${name}`).addEventListener('click', act);
   }
+  element.querySelector('.screen').hidden = !document.fullscreenEnabled;
 
   let last = null;
   let rate = 0;

@@ -57,6 +57,8 @@ export class View extends EventTarget {
   #pictures = [];
   #partNames = new PartLookups();
   #observer = new ResizeObserver(() => this.#resize());
+  /** Pixels of the device for each of the page, as the canvas has them. */
+  #ratio = 0;
   /** Tasks over 50 ms, whatever they do. */
   #longTasks = null;
   #shownAgain = () => this.redraw();
@@ -191,6 +193,8 @@ export class View extends EventTarget {
     this.#decoders = data.decoders;
     this.#workerHeapBytes = data.heapBytes;
     this.#connectedMs = data.begunAt;
+    // Zoom, or another screen, may change the ratio alone, of which not all browsers tell.
+    if (this.#ratio !== devicePixelRatio) this.#resize();
     const lost = this.#viewer?.failure();
     if (lost === undefined) this.#progress();
     else this.#reopen(lost);
@@ -212,9 +216,9 @@ export class View extends EventTarget {
   }
 
   #resize() {
-    const ratio = devicePixelRatio;
+    this.#ratio = devicePixelRatio;
     const [width, height] = [this.#canvas.clientWidth, this.#canvas.clientHeight].map((side) =>
-      Math.max(1, Math.round(side * ratio)),
+      Math.max(1, Math.round(side * this.#ratio)),
     );
     if (this.#canvas.width !== width || this.#canvas.height !== height) {
       this.#canvas.width = width;

@@ -6,6 +6,7 @@ mod devtools;
 mod element;
 mod figures;
 mod files;
+mod habits;
 mod memory;
 mod npm;
 mod page;
