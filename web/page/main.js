@@ -91,10 +91,7 @@ view.addEventListener('progress', () => {
 });
 addEventListener('hashchange', () => {
   const camera = cameraOf(fragment());
-  if (camera && view.viewer) {
-    view.viewer.set_camera(now(), Float64Array.from(camera));
-    view.redraw();
-  }
+  if (camera) view.place(camera);
 });
 view.addEventListener('firstframe', () => {
   element('message')?.remove();

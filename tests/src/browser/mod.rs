@@ -1,5 +1,6 @@
 //! The page in a browser tab: streamed by a daemon, drawn by WebGPU in software, moved by mouse, wheel and fingers.
 
+mod address;
 mod checks;
 mod device;
 mod devtools;
