@@ -194,6 +194,14 @@ fn note(event: &Value, console: &mut Vec<String>) {
             console.push(format!("{}: {}", parameters["type"], text.join(" ")));
         }
         Some("Runtime.exceptionThrown") => console.push(parameters["exceptionDetails"].to_string()),
+        // The browser itself asks for an icon; its warnings are advice.
+        Some("Log.entryAdded") => {
+            let entry = &parameters["entry"];
+            let (text, url) = (&entry["text"], &entry["url"]);
+            if entry["level"] == "error" && !url.as_str().is_some_and(|url| url.ends_with("/favicon.ico")) {
+                console.push(format!("{}: {text} {url}", entry["source"]));
+            }
+        }
         _ => {}
     }
 }
@@ -205,11 +213,3 @@ impl Drop for Tab {
         let _ = self.browser.wait();
     }
 }
-        // The browser itself asks for an icon; its warnings are advice.
-        Some("Log.entryAdded") => {
-            let entry = &parameters["entry"];
-            let (text, url) = (&entry["text"], &entry["url"]);
-            if entry["level"] == "error" && !url.as_str().is_some_and(|url| url.ends_with("/favicon.ico")) {
-                console.push(format!("{}: {text} {url}", entry["source"]));
-            }
-        }

@@ -10,6 +10,7 @@ mod files;
 mod habits;
 mod memory;
 mod npm;
+mod overlay;
 mod page;
 mod parts;
 mod restart;
