@@ -1,7 +1,7 @@
 //! The npm package's `<lodestream-viewer>` on another page, from a plain static web server.
 
 use lodestream_report::image_error::image_error;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::files::Files;
 use super::npm::{serve_for, websocket};
@@ -51,8 +51,7 @@ fn the_element_shows_what_the_native_viewer_shows() {
         "(() => { const view = viewer.view; view.eye = view.eye.map((x, axis) => (x + view.target[axis]) / 2);
             viewer.setView(view); return [view.eye, viewer.view.eye]; })()",
     );
-    let near =
-        |a: &serde_json::Value, b: &serde_json::Value| (a.as_f64().unwrap() - b.as_f64().unwrap()).abs();
+    let near = |a: &Value, b: &Value| (a.as_f64().unwrap() - b.as_f64().unwrap()).abs();
     for axis in 0..3 {
         assert!(near(&eye[0][axis], &eye[1][axis]) < 1e-6, "{eye}");
     }
@@ -84,13 +83,21 @@ fn without_webgpu_the_element_says_so_and_keeps_its_poster() {
     let Some(mut tab) = tab([640, 360]) else { return };
     let scene = TestScene::small();
     let files = Files::start(built_package(), PAGE.to_owned());
+/// Asserts that a text says what is missing, and who has it.
+pub(super) fn assert_names_browsers(text: &Value) {
+    let text = text.as_str().unwrap_or_default();
+    for part in ["WebGPU", "Chrome", "Edge", "Firefox", "Safari", "https"] {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+}
+
     let server = serve_for(scene, &files);
     tab.navigate(&format!("{}/page.html", files.origin()));
     tab.wait("the page", "typeof viewer", |kind| kind == "object");
     tab.evaluate("void Object.defineProperty(navigator, 'gpu', { value: undefined })");
     tab.evaluate(&format!("void viewer.setAttribute('src', '{}')", websocket(&server)));
     let events = tab.wait("an error", "events", |events| events.as_array().is_some_and(|e| !e.is_empty()));
-    assert!(events[0].as_str().unwrap().contains("WebGPU"), "{events}");
+    assert_names_browsers(&events[0]);
     let poster = "[viewer.hasAttribute('shown'), viewer.querySelector('p').checkVisibility()]";
     assert_eq!(tab.evaluate(poster), json!([false, true]));
     server.wait_for_sessions(0);
@@ -110,8 +117,7 @@ fn the_camera_attribute_moves_the_camera() {
     // Before the session begins it is the start, later a move.
     camera(&mut tab, 2.0);
     tab.evaluate(&format!("void viewer.setAttribute('src', '{}')", websocket(&server)));
-    let at =
-        |x: f64| move |eye: &serde_json::Value| eye[0].as_f64().is_some_and(|eye| (eye - x).abs() < 1e-6);
+    let at = |x: f64| move |eye: &Value| eye[0].as_f64().is_some_and(|eye| (eye - x).abs() < 1e-6);
     tab.wait("the start", "viewer.view?.eye ?? []", at(2.0));
     camera(&mut tab, 3.0);
     tab.wait("the move", "viewer.view?.eye ?? []", at(3.0));

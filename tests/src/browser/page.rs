@@ -6,6 +6,7 @@ use lodestream_report::image_error::image_error;
 use serde_json::{Value, json};
 
 use super::devtools::{Tab, WEBGPU_AND_WEBGL};
+use super::element::assert_names_browsers;
 use super::{built_page, image, tab, tab_with};
 use crate::support::PICTURE_PX;
 use crate::support::daemon::Server;
@@ -269,5 +270,33 @@ fn drag_wheel_pinch_and_keys_move_the_camera() {
     press(&mut tab, 'R');
     let is_start = |camera: &[f64]| camera.iter().zip(&start).all(|(a, b)| (a - b).abs() < 1e-6);
     moved(&mut tab, "R returns to the start", is_start);
+    server.assert_healthy();
+}
+
+#[test]
+fn without_webgpu_the_page_names_browsers_that_have_it() {
+    let Some(mut tab) = tab(PICTURE_PX) else { return };
+    let server = serve(TestScene::small());
+    // None at all, and a device that the browser does not use.
+    let mut scripts = Vec::new();
+    for without in [
+        "Object.defineProperty(Navigator.prototype, 'gpu', { get: () => undefined })",
+        "GPU.prototype.requestAdapter = async () => null",
+    ] {
+        for script in scripts.drain(..) {
+            tab.call("Page.removeScriptToEvaluateOnNewDocument", json!({ "identifier": script }));
+        }
+        let added = tab.call("Page.addScriptToEvaluateOnNewDocument", json!({ "source": without }));
+        scripts.push(added["identifier"].clone());
+        tab.navigate("about:blank");
+        tab.navigate(&server.page_url());
+        let shown = "document.getElementById('message')?.textContent ?? ''";
+        let text =
+            tab.wait("the page says so", shown, |text| text.as_str().is_some_and(|t| t.contains("WebGPU")));
+        assert_names_browsers(&text);
+        // The session that began meanwhile has ended.
+        server.wait_for_sessions(0);
+    }
+    assert_eq!(tab.console, Vec::<String>::new());
     server.assert_healthy();
 }
