@@ -99,7 +99,16 @@ fn the_whole_page_fits_desks_and_phones() {
             tab.be_a_phone(size_px, 3.0);
         }
         tab.navigate("about:blank");
-        settle(&mut tab, &server.page_url());
+        tab.navigate(&server.page_url());
+        // Without a GPU a settled picture of a phone's pixels takes a minute; the first with all meshes shows enough.
+        tab.wait("the page", "typeof lodestream", |kind| kind == "object");
+        tab.evaluate(
+            "['occlusion', 'shadows', 'relief'].forEach((name) => lodestream.view.switch(name, false))",
+        );
+        tab.wait("a picture with all meshes", STATS, |stats| {
+            let count = |name: &str| stats[name].as_f64().unwrap_or(0.0);
+            count("frame_count") > 0.0 && count("needed_bytes") > 0.0 && count("missing_bytes") == 0.0
+        });
         keep_file(&tab.screenshot(), &format!("{name}-closed"));
         tab.evaluate("void (document.getElementById('overlay').open = true)");
         tab.wait("figures are shown", FIGURES, |text| {
