@@ -1,4 +1,4 @@
-# Sourced by script/test and script/demo: finds or installs what the build and the viewer need.
+# Sourced by the other scripts: finds or installs what the build and the viewer need.
 # shellcheck shell=bash
 
 say() { printf '\n== %s\n' "$*"; }
@@ -109,4 +109,14 @@ target_directory() {
         '' | *\\*) fail "cargo's target folder could not be determined; set CARGO_TARGET_DIR" ;;
     esac
     printf '%s\n' "$directory"
+}
+
+# Builds the page for browsers with script/web, unless it is there and newer than its sources.
+ensure_page() {
+    local index sources=(web client protocol crates Cargo.lock script/web)
+    index=$(target_directory)/web/index.html
+    if [ -s "$index" ] && [ -z "$(find "${sources[@]}" -type f -newer "$index" -print -quit)" ]; then
+        return 0
+    fi
+    script/web
 }

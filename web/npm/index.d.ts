@@ -45,7 +45,7 @@ export interface WebTransportAddress {
 export interface Stats {
   /** Whether all is there that the view needs. */
   settled: boolean;
-  /** Bytes received over this connection. */
+  /** Bytes received, over all connections of the session together. */
   bytes?: number;
   /** Bytes of what the view needs, and of what of it has not arrived. */
   needed_bytes?: number;
@@ -56,7 +56,8 @@ export interface Stats {
   faces?: number;
   /** Largest error on the screen, in pixels. */
   max_screen_error_px?: number | null;
-  transport: 'ws' | 'webtransport' | null;
+  /** `http` for published scenes. */
+  transport: 'ws' | 'webtransport' | 'http' | null;
   /** A problem of the connection, for people; attempts go on. */
   message: string | null;
   [name: string]: unknown;
@@ -296,11 +297,14 @@ export class Connection extends EventTarget {
   ): void;
 }
 
-/** Connects to `ws://host:port/scene` (or wss, http, https). Throws a `TypeError` if that is no address. */
+/**
+ * Connects to `ws://host:port/scene` (or wss, http, https), or reads the published scene `https://host/path/NAME.lss`. Throws
+ * a `TypeError` if that is no address.
+ */
 export function connect(src: string | URL, options?: ConnectOptions): Connection;
 
 /**
- * `<lodestream-viewer src="ws://host:port/scene">`. Further attributes: `scene` (in place of the address's), `token`,
+ * `<lodestream-viewer src="ws://host:port/scene">`, or `src="https://host/path/NAME.lss"`. Further attributes: `scene` (in place of the address's), `token`,
  * `target-px` (error on the screen to refine to, by default 1), `memory` (most megabytes of heaps, meshes and textures, by
  * default 512, on phones 256), `camera` (`eye=x,y,z;target=x,y,z;up=x,y,z;fov=degrees`).
  * It has the attribute `shown` once there is a picture; until then, and without WebGPU, its children are shown. Events:

@@ -10,6 +10,9 @@ const FLIGHT = { KeyD: [0, 1], KeyA: [0, -1], KeyE: [1, 1], KeyQ: [1, -1], KeyW:
 const ARROW_PX_PER_S = 200;
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
+/** What keys write into. A checkbox takes no letters. */
+const WRITABLE = 'input:not([type=checkbox]), textarea, select, [contenteditable]';
+
 /** Listens on a canvas. `actions`: functions by key code. `keys`: whose keys are heard, by default all of the page's. */
 export function listen(view, canvas, actions, now, keys = window) {
   const pointers = new Map();
@@ -61,7 +64,7 @@ export function listen(view, canvas, actions, now, keys = window) {
   );
 
   keys.addEventListener('keydown', (event) => {
-    if (event.target instanceof HTMLInputElement || event.metaKey || event.altKey) return;
+    if (event.target.closest?.(WRITABLE) || event.metaKey || event.altKey) return;
     if (event.code in FLIGHT || event.code in ARROWS) {
       if (!held.size) flownUntil = now();
       held.add(event.code);

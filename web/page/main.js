@@ -72,7 +72,12 @@ const actions = {
   KeyI: () => selection.isolate(),
   KeyU: () => selection.showAll(),
   KeyZ: () => selection.fit(),
-  KeyV: () => (document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen()),
+  // Phones may lack it, and a browser may refuse it.
+  KeyV: () => {
+    const root = document.documentElement;
+    const change = document.fullscreenElement ? document.exitFullscreen() : root.requestFullscreen?.();
+    change?.catch(() => {});
+  },
 };
 listen(view, canvas, actions, now);
 show(view, element('overlay'), actions);
@@ -86,10 +91,7 @@ view.addEventListener('progress', () => {
 });
 addEventListener('hashchange', () => {
   const camera = cameraOf(fragment());
-  if (camera && view.viewer) {
-    view.viewer.set_camera(now(), Float64Array.from(camera));
-    view.redraw();
-  }
+  if (camera) view.place(camera);
 });
 view.addEventListener('firstframe', () => {
   element('message')?.remove();

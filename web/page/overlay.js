@@ -30,6 +30,7 @@ export function show(view, element, actions) {
   for (const [name, act] of Object.entries(buttons)) {
     element.querySelector(`.${name}`).addEventListener('click', act);
   }
+  element.querySelector('.screen').hidden = !document.fullscreenEnabled;
 
   let last = null;
   let rate = 0;
@@ -43,17 +44,20 @@ export function show(view, element, actions) {
     const left = Math.max(0, stats.missing_bytes ?? 0);
     const share = left ? (stats.needed_bytes - left) / Math.max(stats.needed_bytes, 1) : 1;
     bar.value = stats.settled ? 1 : Math.max(0, Math.min(share, 0.99));
-    status.textContent = view.message ?? (stats.settled ? 'settled' : stats.ttff_ms === null ? 'loading' : 'refining');
-    const time = left && rate > 0 ? `, ${((8 * left) / rate).toFixed(1)} s left` : '';
+    const time = rate > 0 ? `, ${((8 * left) / rate).toFixed(1)} s left` : '';
+    const toCome = left ? `: ${size(left)} to come${time}` : '';
+    const stage = stats.settled ? 'settled' : stats.ttff_ms === null ? 'loading' : 'refining';
+    status.textContent = view.message ?? stage + (stats.settled ? '' : toCome);
     const lines = [
-      `${size(stats.bytes ?? 0)} received${left ? `, ${size(left)} to come${time}` : ''}`,
+      `${size(stats.bytes ?? 0)} received`,
       `link: ${stats.transport ?? 'none'}, ${(rate / 1e6).toFixed(2)} Mbit/s` +
         (stats.rtt_ms ? `, round trip ${stats.rtt_ms.toFixed(0)} ms` : ''),
-      `first frame ${seconds(stats.ttff_presented_ms)} after opening the page`,
+      `first frame ${seconds(stats.ttff_presented_since_navigation_ms)} after opening the page`,
       `${(stats.faces ?? 0).toLocaleString('en')} faces, error ${stats.max_screen_error_px?.toFixed(1) ?? '–'} px`,
       `quality: ${stats.quality ?? '–'}`,
-      stats.adapter ?? '',
+      // Browsers that keep the device's name to themselves give the interface alone, in brackets.
+      stats.adapter?.trim().startsWith('(') ? '' : (stats.adapter ?? ''),
     ];
-    figures.textContent = lines.join('\n');
+    figures.textContent = lines.filter(Boolean).join('\n');
   });
 }

@@ -5,12 +5,16 @@ import { now } from './clock.js';
 /** The bytes that the streamer asks for first, whatever the scene. */
 const FIRST_BYTES = 65536;
 
-/** The `Content-Range` of a response, or what it must be where another origin does not expose the header. */
+/**
+ * The `Content-Range` of a response, or what it must be where another origin does not expose the header: a body that is
+ * shorter than asked ends where the file does.
+ */
 function contentRange(response, start, end) {
   const stated = response.headers.get('Content-Range');
   if (stated || response.type !== 'cors' || response.status !== 206) return stated ?? undefined;
   const length = Number(response.headers.get('Content-Length') ?? end - start);
-  return `bytes ${start}-${start + length - 1}/*`;
+  const ends = start + length;
+  return `bytes ${start}-${ends - 1}/${ends < end ? ends : '*'}`;
 }
 
 function ask(url, start, end, options) {

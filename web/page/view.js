@@ -57,6 +57,10 @@ export class View extends EventTarget {
   #pictures = [];
   #partNames = new PartLookups();
   #observer = new ResizeObserver(() => this.#resize());
+  /** Pixels of the device for each of the page, as the canvas has them. */
+  #ratio = 0;
+  /** Tasks over 50 ms, whatever they do. */
+  #longTasks = null;
   #shownAgain = () => this.redraw();
   /** Picking, hiding, tinting, moving, isolating and fitting of parts. */
   parts = new Parts({
@@ -73,7 +77,24 @@ export class View extends EventTarget {
     this.#options = options;
     this.#canvas = options.canvas;
     this.#observer.observe(this.#canvas);
+    this.#watchTasks();
     document.addEventListener('visibilitychange', this.#shownAgain);
+  }
+
+  /** Browsers without this kind of entry count the view's own tasks only. */
+  #watchTasks() {
+    if (!globalThis.PerformanceObserver?.supportedEntryTypes?.includes('longtask')) return;
+    this.#longTasks = new PerformanceObserver((list) => {
+      for (const { startTime, duration } of list.getEntries()) {
+        // The task that draws the first picture does all that it needs.
+        if (this.#shown && startTime > this.#shownMs) this.#noteTask(duration);
+      }
+    });
+    this.#longTasks.observe({ type: 'longtask' });
+  }
+
+  #noteTask(ms) {
+    this.longestTaskMs = Math.max(this.longestTaskMs, ms);
   }
 
   /** Starts streaming and drawing. */
@@ -107,6 +128,10 @@ export class View extends EventTarget {
   #memory;
   #workerHeapBytes = 0;
   #software = false;
+  /** Times of the connect call, of the first picture, whichever device drew it, and of the first settled one. */
+  #connectedMs = null;
+  #shownMs = null;
+  #settledMs = null;
 
   async #openDevice() {
     if (this.#ended) return;
@@ -121,10 +146,19 @@ export class View extends EventTarget {
     this.redraw();
   }
 
+  /** Most bytes of heaps, meshes and textures. */
+  get #memoryCap() {
+    return (this.#options.memory || (isPhone() ? MEMORY_MB.phone : MEMORY_MB.desktop)) * 2 ** 20;
+  }
+
   #startWorker() {
     const { worker: file } = this.#options;
     const worker = typeof file === 'function' ? file() : new Worker(file, { type: 'module' });
-    worker.onmessage = ({ data }) => this.#receive(data);
+    worker.onmessage = ({ data }) => {
+      const [begun, shown] = [now(), this.#shown];
+      this.#receive(data);
+      if (shown) this.#noteTask(now() - begun);
+    };
     worker.onerror = (event) => this.#fail(event.message ?? 'the worker could not be started');
     worker.postMessage({
       kind: 'start',
@@ -137,7 +171,7 @@ export class View extends EventTarget {
       height: this.#canvas.height,
       targetPx: this.#options.targetPx ?? 1,
       decoder: this.#options.decoder,
-      memoryBytes: (this.#options.memory || (isPhone() ? MEMORY_MB.phone : MEMORY_MB.desktop)) * 2 ** 20,
+      memoryBytes: this.#memoryCap,
     });
     this.#worker = worker;
   }
@@ -158,12 +192,16 @@ export class View extends EventTarget {
     this.#transport = data.transport;
     this.#decoders = data.decoders;
     this.#workerHeapBytes = data.heapBytes;
+    this.#connectedMs = data.begunAt;
+    // Zoom, or another screen, may change the ratio alone, of which not all browsers tell.
+    if (this.#ratio !== devicePixelRatio) this.#resize();
     const lost = this.#viewer?.failure();
     if (lost === undefined) this.#progress();
     else this.#reopen(lost);
   }
 
   #progress() {
+    if (this.#isSettled()) this.#settledMs ??= now();
     const stats = this.stats();
     this.dispatchEvent(new CustomEvent('progress', { detail: stats }));
     if (stats.settled && !this.#settled) this.dispatchEvent(new CustomEvent('settled', { detail: stats }));
@@ -178,9 +216,9 @@ export class View extends EventTarget {
   }
 
   #resize() {
-    const ratio = devicePixelRatio;
+    this.#ratio = devicePixelRatio;
     const [width, height] = [this.#canvas.clientWidth, this.#canvas.clientHeight].map((side) =>
-      Math.max(1, Math.round(side * ratio)),
+      Math.max(1, Math.round(side * this.#ratio)),
     );
     if (this.#canvas.width !== width || this.#canvas.height !== height) {
       this.#canvas.width = width;
@@ -230,6 +268,7 @@ export class View extends EventTarget {
       for (const take of this.#pictures.splice(0)) this.#canvas.toBlob(take, 'image/png');
       if (!this.#shown && viewer.presented_ms() !== undefined) {
         this.#shown = true;
+        this.#shownMs = viewer.presented_ms();
         this.dispatchEvent(new CustomEvent('firstframe', { detail: this.stats() }));
       }
       if (again || moving || viewer.is_busy(now())) this.redraw();
@@ -237,7 +276,7 @@ export class View extends EventTarget {
     } catch (why) {
       this.#reopen(String(why?.message ?? why));
     }
-    if (shown) this.longestTaskMs = Math.max(this.longestTaskMs, now() - begun);
+    if (shown) this.#noteTask(now() - begun);
   }
 
   /** Number of waiting steps to take in this task: all that the first picture needs. */
@@ -307,23 +346,31 @@ export class View extends EventTarget {
     return this.#message;
   }
 
-  /** The viewer's figures. */
+  #isSettled() {
+    return Boolean(this.#stats.settled && !this.#steps.length && this.#viewer?.is_final());
+  }
+
+  /** The figures of `lodestream-viewer --stats`, with its names where both have them, and more. */
   stats() {
     const viewer = this.#viewer;
-    const settled = Boolean(this.#stats.settled && !this.#steps.length && viewer?.is_final());
+    const settled = this.#isSettled();
+    const sinceConnect = (ms) => (ms === null || this.#connectedMs === null ? null : ms - this.#connectedMs);
     return {
       ...this.#stats,
       transport: this.#transport,
       decoders: this.#decoders,
       settled,
-      ttff_presented_ms: viewer?.presented_ms() ?? null,
-      frames: viewer?.frames() ?? 0,
+      ttff_presented_ms: sinceConnect(this.#shownMs),
+      ttff_presented_since_navigation_ms: this.#shownMs,
+      settled_presented_ms: sinceConnect(this.#settledMs),
+      frame_count: viewer?.frames() ?? 0,
       frame_ms: viewer?.frame_ms() ?? null,
       quality: viewer?.quality() ?? null,
       devices: this.#devices,
       adapter: viewer?.adapter() ?? null,
       heap_bytes: [this.#workerHeapBytes, this.#memory?.buffer.byteLength ?? 0],
       gpu_bytes: viewer?.gpu_bytes() ?? 0,
+      memory_cap_bytes: this.#memoryCap,
       longest_task_ms: this.longestTaskMs,
       longest_part_ms: { ...this.#longestMs },
       most_uploaded_bytes: viewer?.most_uploaded() ?? 0,
@@ -350,6 +397,7 @@ export class View extends EventTarget {
     this.#ended = true;
     this.#partNames.end('the session has ended');
     this.#observer.disconnect();
+    this.#longTasks?.disconnect();
     document.removeEventListener('visibilitychange', this.#shownAgain);
     this.#worker?.postMessage({ kind: 'leave' });
     this.parts.close();

@@ -37,6 +37,8 @@ let failures = 0;
 /** Whether to connect again once the module is there: without it, attempts would follow one another on slow links. */
 let waitsForModule = false;
 let message = 'connecting';
+/** Time of the connect call. */
+let begunAt = null;
 let reportedAt = -Infinity;
 let settled = false;
 let timer = 0;
@@ -195,7 +197,7 @@ function report() {
   }
   const why = message ?? streamer?.trouble() ?? null;
   const heapBytes = memory?.buffer.byteLength ?? 0;
-  postMessage({ stats, message: why, transport: link?.name ?? null, view: viewNumber, heapBytes, decoders });
+  postMessage({ stats, message: why, transport: link?.name ?? null, view: viewNumber, heapBytes, decoders, begunAt });
 }
 
 /** Lets other workers decode too, of which each has a core besides the page's and this one's. */
@@ -219,7 +221,7 @@ const handlers = {
   async start(start) {
     options = start;
     follow(start.epoch);
-    const begunAt = now();
+    begunAt = now();
     connect();
     const module = start.module ?? (await laterModule);
     ({ memory } = await init({ module_or_path: module }));

@@ -1,8 +1,9 @@
 //! Checks the shipped files against the program: systemd unit, container image, dashboard, manual pages, packages.
 
 use std::collections::BTreeSet;
+use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 use std::sync::Arc;
 
 use lodestream_daemon::{MemoryScene, ServerState, SessionSettings};
@@ -64,7 +65,7 @@ fn the_container_image_starts_the_server() {
     let words: Vec<&str> = words.iter().map(String::as_str).collect();
     let saved = resolved(&words, environment);
     assert_lines(&saved, &["listen = \"0.0.0.0:4433\"", "http = \"0.0.0.0:8080\"", "log-format = \"json\""]);
-    assert_lines(&saved, &["cache = \"/cache\""]);
+    assert_lines(&saved, &["cache = \"/cache\"", "page = \"/page\""]);
     let minimum = env!("CARGO_PKG_RUST_VERSION");
     assert!(file.contains(&format!("/rust:{minimum}-")), "the toolchain is {minimum}");
 }
@@ -193,10 +194,7 @@ fn packages_contain_each_program_with_its_manual_and_completions() {
         expected.push(format!("share/doc/lodestream/{name}"));
     }
     expected.push("share/doc/lodestream/THIRD-PARTY-LICENSES.txt".to_owned());
-    // Only where script/web has built it.
-    if repository("target/web/index.html").exists() {
-        expected.push("share/lodestream/web/index.html".to_owned());
-    }
+    expected.push("share/lodestream/web/index.html".to_owned());
     let below = |folder: &str| -> BTreeSet<String> {
         expected.iter().map(|name| format!("{folder}/{name}")).collect()
     };
@@ -211,6 +209,64 @@ fn packages_contain_each_program_with_its_manual_and_completions() {
     expected.insert("etc/lodestream/server.toml".to_owned());
     expected.insert("usr/share/doc/lodestream/copyright".to_owned());
     assert_eq!(debian, expected);
+}
+
+/// Packages and image hold the page where the installed server looks for it, and none is made without.
+#[test]
+fn packages_and_image_hold_the_page_for_browsers() {
+    let read = |name: &str| std::fs::read_to_string(repository(name)).unwrap();
+    let script = read("script/package");
+    let at = |line: &str| script.find(line).unwrap_or_else(|| panic!("script/package lacks {line}"));
+    // Built or renewed before it is copied, and a failure ends the script.
+    assert!(
+        at("    ensure_page || fail ") < at("    stage_prefix\n"),
+        "the page is built before it is staged"
+    );
+    assert!(script.contains("cp \"$(target_directory)\"/web/* \"$prefix/share/lodestream/web/\""));
+    at("    check_page \"$page\" || fail ");
+    let function = read("script/setup.sh");
+    let function = function.split("\nensure_page() {\n").nth(1).expect("script/setup.sh builds the page");
+    let sources = function.split("sources=(").nth(1).unwrap().split(')').next().unwrap();
+    for source in sources.split(' ') {
+        assert!(repository(source).exists(), "{source}");
+    }
+
+    let image = shipped("Containerfile");
+    assert_lines(&image, &["COPY --from=build /source/target/web /page", "ENV LODESTREAM_PAGE=/page"]);
+    let check = image.find("RUN test -s target/web/index.html").expect("a build without the page fails");
+    assert!(check < image.find("RUN cargo build").unwrap(), "it fails before it compiles");
+    assert_lines(&read(".dockerignore"), &["target/*", "!target/web"]);
+}
+
+/// A page in `../share/lodestream/web` beside the program is served; without one the program says where it looked.
+#[test]
+fn an_installed_server_finds_its_page() {
+    let folder = tempfile::tempdir().unwrap();
+    let (bin, web) = (folder.path().join("bin"), folder.path().join("share/lodestream/web"));
+    std::fs::create_dir_all(&bin).unwrap();
+    std::fs::create_dir_all(&web).unwrap();
+    let installed = bin.join("lodestream-server");
+    std::fs::copy(env!("CARGO_BIN_EXE_lodestream-server"), &installed).unwrap();
+    let page = "<!doctype html><script type=\"application/json\" id=\"lodestream-server\">{}</script>";
+    for extension in ["", ".br", ".gz"] {
+        std::fs::write(web.join(format!("index.html{extension}")), page).unwrap();
+    }
+    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let mut server = Command::new(&installed)
+        .env_clear()
+        .current_dir(folder.path())
+        .args(["serve", "model.obj", "--listen", "127.0.0.1:0", "--http", "127.0.0.1:0", "--admin", "off"])
+        .args(["--cache", "cache"])
+        .env("HOME", folder.path())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let lines = BufReader::new(server.stdout.take().unwrap()).lines().map_while(Result::ok);
+    // Its output ends if it stops.
+    let found = lines.take_while(|line| !line.is_empty()).find(|line| line.starts_with("http://"));
+    server.kill().unwrap();
+    server.wait().unwrap();
+    assert!(found.is_some(), "the server prints the page's address");
 }
 
 /// The Debian package recommends what script/setup.sh installs for the viewer, and keeps edited settings.

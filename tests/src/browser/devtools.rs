@@ -4,6 +4,7 @@ use std::io::{BufRead as _, BufReader};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
+use data_encoding::BASE64;
 use futures_util::{SinkExt as _, StreamExt as _};
 use serde_json::{Value, json};
 use tokio::net::TcpStream;
@@ -53,7 +54,7 @@ pub(crate) struct Tab {
     socket: WebSocketStream<MaybeTlsStream<TcpStream>>,
     session: Value,
     next: u64,
-    /// Console messages and uncaught errors.
+    /// Console messages, uncaught errors, and errors that the browser reports, such as a policy's violations.
     pub(crate) console: Vec<String>,
     browser: Child,
     _profile: tempfile::TempDir,
@@ -93,8 +94,9 @@ impl Tab {
         let attached = json!({ "targetId": target["targetId"], "flatten": true });
         tab.session = tab.call("Target.attachToTarget", attached)["sessionId"].clone();
         tab.resize([width, height], 1.0);
-        tab.call("Runtime.enable", json!({}));
-        tab.call("Page.enable", json!({}));
+        for domain in ["Runtime", "Log", "Page"] {
+            tab.call(&format!("{domain}.enable"), json!({}));
+        }
         Some(tab)
     }
 
@@ -103,6 +105,22 @@ impl Tab {
         let metrics =
             json!({ "width": width, "height": height, "deviceScaleFactor": scale, "mobile": false });
         self.call("Emulation.setDeviceMetricsOverride", metrics);
+    }
+
+    /// Makes the tab that of a phone: a screen of this size, and fingers.
+    pub(crate) fn be_a_phone(&mut self, [width, height]: [u32; 2], scale: f64) {
+        let metrics = json!({
+            "width": width, "height": height, "screenWidth": width, "screenHeight": height,
+            "deviceScaleFactor": scale, "mobile": true,
+        });
+        self.call("Emulation.setDeviceMetricsOverride", metrics);
+        self.call("Emulation.setTouchEmulationEnabled", json!({ "enabled": true, "maxTouchPoints": 5 }));
+    }
+
+    /// The whole page as it is shown, as a PNG.
+    pub(crate) fn screenshot(&mut self) -> Vec<u8> {
+        let shot = self.call("Page.captureScreenshot", json!({ "format": "png" }));
+        BASE64.decode(shot["data"].as_str().expect("a picture").as_bytes()).unwrap()
     }
 
     /// Calls a method and waits for its result.
@@ -156,7 +174,11 @@ impl Tab {
             if holds(&value) {
                 return value;
             }
-            assert!(begun.elapsed() < LIMIT, "{what}: {value}\n{}", self.console.join("\n"));
+            assert!(
+                begun.elapsed() < LIMIT,
+                "{what}: {value}\n{:#?}",
+                self.console.iter().take(9).collect::<Vec<_>>()
+            );
             std::thread::sleep(POLL);
         }
     }
@@ -172,6 +194,14 @@ fn note(event: &Value, console: &mut Vec<String>) {
             console.push(format!("{}: {}", parameters["type"], text.join(" ")));
         }
         Some("Runtime.exceptionThrown") => console.push(parameters["exceptionDetails"].to_string()),
+        // The browser itself asks for an icon; its warnings are advice.
+        Some("Log.entryAdded") => {
+            let entry = &parameters["entry"];
+            let (text, url) = (&entry["text"], &entry["url"]);
+            if entry["level"] == "error" && !url.as_str().is_some_and(|url| url.ends_with("/favicon.ico")) {
+                console.push(format!("{}: {text} {url}", entry["source"]));
+            }
+        }
         _ => {}
     }
 }

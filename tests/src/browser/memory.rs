@@ -91,7 +91,7 @@ fn memory_stays_under_its_setting_along_a_flight() {
         assert!(count("decode_failures") == 0.0, "{stats}");
         without_room |= count("levels_without_room") > 0.0;
         let most = tab.evaluate("window.most").as_f64().unwrap();
-        println!("x = {x}: at most {most}");
+        println!("x = {x}: at most {most} bytes; longest task {} ms", stats["longest_task_ms"]);
         assert!(most <= cap, "at {x}: {most} bytes: {stats}");
         assert!(count("most_uploaded_bytes") <= MAX_UPLOAD_BYTES, "at {x}: {stats}");
     }

@@ -1,18 +1,24 @@
 //! The page in a browser tab: streamed by a daemon, drawn by WebGPU in software, moved by mouse, wheel and fingers.
 
+mod address;
 mod checks;
 mod device;
 mod devtools;
 mod element;
 mod figures;
 mod files;
+mod habits;
 mod memory;
 mod npm;
+mod overlay;
 mod page;
 mod parts;
+mod restart;
 mod shaders;
 mod static_host;
+mod stats;
 mod three;
+mod transports;
 
 use std::io::Write as _;
 use std::path::PathBuf;

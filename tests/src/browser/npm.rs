@@ -1,6 +1,6 @@
 //! The npm package's `connect`: a scene as typed arrays.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{DVec3, Vec3};
 use lodestream_client::core::Change;
@@ -11,6 +11,8 @@ use serde_json::Value;
 use super::devtools::WEBGL;
 use super::files::Files;
 use super::{built_package, tab_with};
+use crate::static_host::host::Host;
+use crate::static_host::published;
 use crate::support::daemon::{Server, Transport};
 use crate::support::scene::TestScene;
 use crate::support::viewer::{Viewer, config};
@@ -220,4 +222,90 @@ fn a_page_that_the_server_does_not_allow_is_told_that_the_connection_is_lost() {
         "{message}"
     );
     server.assert_healthy();
+}
+
+/// A page that imports the package and nothing else.
+const MODULES: &str = r#"<!doctype html>
+<script type="module">
+  window.modules = Object.assign({}, ...await Promise.all(
+    ['index', 'connect', 'element'].map(async (name) => ({ [name]: await import(`./${name}.js`) })),
+  ));
+</script>"#;
+
+/// Names that the package's types state: exported values, and the members of a class.
+fn typed(text: &str, class: Option<&str>) -> BTreeSet<String> {
+    let name = |rest: &str| rest.chars().take_while(|c| c.is_alphanumeric()).collect::<String>();
+    let Some(class) = class else {
+        let starts = ["export class ", "export function ", "export const "];
+        let lines = text.lines().filter_map(|line| starts.iter().find_map(|start| line.strip_prefix(start)));
+        return lines.map(name).collect();
+    };
+    let begins = format!("export class {class} ");
+    let lines = text.lines().skip_while(|line| !line.starts_with(&begins)).skip(1);
+    let lines = lines.take_while(|line| *line != "}").filter_map(|line| line.strip_prefix("  "));
+    let members = lines.filter(|line| line.starts_with(char::is_alphabetic) && !line.starts_with("private "));
+    let prefixes = ["readonly ", "get ", "set "];
+    members.map(|line| name(prefixes.iter().find_map(|p| line.strip_prefix(p)).unwrap_or(line))).collect()
+}
+
+#[test]
+fn the_types_name_what_the_modules_export() {
+    let Some(mut tab) = tab_with([64, 64], WEBGL) else { return };
+    let folder = built_package();
+    let types = std::fs::read_to_string(folder.join("index.d.ts")).unwrap();
+    let site = Files::start(folder, MODULES.to_owned());
+    tab.navigate(&format!("{}/page.html", site.origin()));
+    tab.wait("the modules", "typeof modules", |kind| kind == "object");
+    let names = |tab: &mut super::Tab, expression: &str| -> BTreeSet<String> {
+        serde_json::from_value(tab.evaluate(expression)).unwrap()
+    };
+    assert_eq!(names(&mut tab, "Object.keys(modules.index)"), typed(&types, None));
+    for file in ["connect", "element"] {
+        assert!(
+            names(&mut tab, &format!("Object.keys(modules.{file})")).is_subset(&typed(&types, None)),
+            "{file}"
+        );
+    }
+    // Members of the class and fields of an instance, without what the browser calls and what it inherits.
+    let connection = "new modules.index.Connection('ws://localhost:1/', {})";
+    for (class, instance, inherited) in [
+        ("LodestreamViewer", "document.createElement('lodestream-viewer')", &[][..]),
+        ("Connection", connection, &["addEventListener"][..]),
+    ] {
+        let own = names(
+            &mut tab,
+            &format!(
+                "[...Object.getOwnPropertyNames(modules.index.{class}.prototype), ...Object.keys({instance})]
+                    .filter((name) => !/^(constructor|.*Callback)$/.test(name))"
+            ),
+        );
+        let stated = typed(&types, Some(class));
+        let stated: BTreeSet<_> =
+            stated.into_iter().filter(|name| !inherited.contains(&name.as_str())).collect();
+        assert_eq!(own, stated, "{class}");
+    }
+}
+
+#[test]
+fn connect_reads_a_published_scene_and_says_what_is_wrong_with_one() {
+    let Some(mut tab) = tab_with([640, 360], WEBGL) else { return };
+    let site = Files::start(built_package(), PAGE.to_owned());
+    let host = Host::start(published());
+    let open = |tab: &mut super::Tab, src: &str| {
+        tab.navigate("about:blank");
+        tab.navigate(&format!("{0}/page.html?package={0}&src={src}", site.origin()));
+        tab.wait("the page", "typeof connection", |kind| kind == "object");
+    };
+    open(&mut tab, &host.url("small.lss"));
+    tab.wait("it settles", "counts", |counts| counts["settled"].as_u64() >= Some(1));
+    assert_eq!(tab.evaluate("[faults, connection.stats().transport]"), serde_json::json!([[], "http"]));
+
+    let server = serve_for(TestScene::small(), &site);
+    let mut native = Viewer::start(&server.address(Transport::WebSocket), config());
+    native.settle();
+    assert_eq!(tab.evaluate("sums()"), serde_json::to_value(sums(&native.changes)).unwrap());
+
+    open(&mut tab, &host.url("missing.lss"));
+    let fault = tab.wait("the error", "faults[0] ?? null", Value::is_string);
+    assert!(fault.as_str().unwrap().contains("the published scene: it is not there (status 404)"), "{fault}");
 }

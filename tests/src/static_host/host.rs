@@ -149,7 +149,9 @@ impl Shared {
         }
         let name = path.strip_prefix("/moved").unwrap_or(path).trim_start_matches('/');
         let Ok(file) = std::fs::read(self.folder.join(name)) else {
-            write!(stream, "HTTP/1.1 404 Not Found\r\ncontent-length: 9\r\n\r\nnot found")?;
+            let allowed =
+                if fault == Some(Fault::NoCors) { "" } else { "access-control-allow-origin: *\r\n" };
+            write!(stream, "HTTP/1.1 404 Not Found\r\n{allowed}content-length: 9\r\n\r\nnot found")?;
             return Ok(true);
         };
         let total = file.len();

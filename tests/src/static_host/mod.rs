@@ -41,7 +41,7 @@ pub(crate) fn published() -> &'static Path {
 }
 
 /// A copy of the published scene, to be damaged.
-fn copy() -> tempfile::TempDir {
+pub(crate) fn copy() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     std::fs::create_dir(folder.path().join("packs")).unwrap();
     for name in std::iter::once("small.lss".to_owned()).chain(packs()) {
@@ -51,7 +51,7 @@ fn copy() -> tempfile::TempDir {
 }
 
 /// Names of the packs.
-fn packs() -> Vec<String> {
+pub(crate) fn packs() -> Vec<String> {
     let listed = std::fs::read_dir(published().join("packs")).unwrap();
     let mut names: Vec<_> =
         listed.map(|file| format!("packs/{}", file.unwrap().file_name().to_str().unwrap())).collect();

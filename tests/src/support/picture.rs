@@ -66,9 +66,19 @@ pub(crate) fn same(comparison: &Comparison) -> bool {
 
 /// Writes a picture to a file for inspection.
 pub(crate) fn keep(picture: &Picture, name: &str) {
+    picture.image.save(file(name)).unwrap();
+}
+
+/// Writes a PNG file for inspection.
+pub(crate) fn keep_file(png: &[u8], name: &str) {
+    std::fs::write(file(name), png).unwrap();
+}
+
+/// Where a picture is kept.
+fn file(name: &str) -> std::path::PathBuf {
     let target = std::env::var_os("CARGO_TARGET_DIR")
         .map_or_else(|| std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../target"), Into::into);
     let folder = target.join("pictures");
     std::fs::create_dir_all(&folder).unwrap();
-    picture.image.save(folder.join(format!("{name}.png"))).unwrap();
+    folder.join(format!("{name}.png"))
 }
