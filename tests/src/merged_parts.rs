@@ -71,8 +71,11 @@ fn write_site(path: &Path, count: usize) -> Vec<Vec<[DVec3; 3]>> {
                 let corners = faces.as_flattened();
                 bytes.extend(corners.iter().flat_map(|at| at.as_vec3().to_array()).flat_map(f32::to_le_bytes));
                 views.push(json!({"buffer": 0, "byteOffset": offset, "byteLength": bytes.len() - offset}));
+                let low = corners.iter().copied().reduce(DVec3::min).unwrap();
+                let high = corners.iter().copied().reduce(DVec3::max).unwrap();
                 accessors.push(json!({
                     "bufferView": views.len() - 1, "componentType": 5126, "type": "VEC3", "count": corners.len(),
+                    "min": low.to_array(), "max": high.to_array(),
                 }));
                 json!({"attributes": {"POSITION": accessors.len() - 1}, "material": material})
             })

@@ -18,7 +18,7 @@ use crate::invariants::deltas;
 fn samples() -> Vec<Prepared> {
     let torus = shapes::materials(shapes::torus(9, 11), 3);
     let painted = shapes::painted(shapes::torus(7, 9));
-    let parts = shapes::parts(shapes::frigate(3), 24);
+    let parts = shapes::parts(shapes::height_field(16), 128);
     let small = [
         torus,
         painted,
