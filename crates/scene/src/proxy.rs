@@ -255,9 +255,12 @@ mod tests {
 
     #[test]
     fn a_cut_draws_what_it_knows_and_does_not_cover() {
-        let cut = Cut { proxies: vec![0], instances: 9, covered: vec![[1, 3], [5, 8]] };
+        let partial = vec![PartialProxy { proxy: 0, hidden: vec![[0, 1], [3, 5]] }];
+        let cut = Cut { proxies: vec![0], instances: 9, covered: vec![[1, 3], [5, 8]], partial };
         let drawn: Vec<u32> = (0..12).filter(|&instance| cut.draws(instance)).collect();
         assert_eq!(drawn, [0, 3, 4, 8]);
+        let hidden: Vec<u32> = (0..9).filter(|&part| cut.hides(0, part)).collect();
+        assert_eq!((hidden, cut.hides(1, 0)), (vec![0, 3, 4], false));
     }
 
     #[test]
