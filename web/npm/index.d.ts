@@ -325,7 +325,11 @@ export class LodestreamViewer extends HTMLElement {
    * 256 neighbours. Rejects with the reason if that is not known.
    */
   part(instance: number, part?: number): Promise<PartInfo>;
-  /** The part at a place of the element, in CSS pixels from its upper left corner; hidden parts are skipped. Sends nothing. */
+  /**
+   * The part at a place of the element, in CSS pixels from its upper left corner; hidden parts are skipped. Where a proxy is
+   * drawn, which knows instances only, the answer comes once the instance is, which may request it; null if that takes 20 s
+   * or another part is asked for. Else nothing is sent.
+   */
   pick(x: number, y: number): Promise<PickedPart | null>;
   /** Hides a part of a session's scene, or shows it again. */
   hide(instance: number, part: number, hidden?: boolean): void;

@@ -1,4 +1,4 @@
-//! Proxies: drawn instead of instances that are small on the screen, and replaced at once.
+//! Proxies: drawn instead of instances that are small on the screen, and replaced piece by piece.
 
 use std::collections::{BTreeMap, BTreeSet};
 
