@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use super::page::{serve, settle};
+use super::page::{STATS, serve, settle};
 use super::tab;
 use crate::support::PICTURE_PX;
 use crate::support::scene::TestScene;
@@ -33,7 +33,10 @@ fn report() -> BTreeMap<String, String> {
 fn the_figures_of_a_tab_have_the_names_and_kinds_of_the_viewers_report() {
     let Some(mut tab) = tab(PICTURE_PX) else { return };
     let server = serve(TestScene::small());
-    let stats = settle(&mut tab, &server.page_url());
+    settle(&mut tab, &server.page_url());
+    // The settled picture is presented a frame later.
+    let stats = tab
+        .wait("the settled picture is presented", STATS, |stats| stats["settled_presented_ms"].is_number());
     let report = report();
     assert!(report.len() > 20, "{report:?}");
     for (name, kind) in &report {

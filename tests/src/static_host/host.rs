@@ -167,7 +167,7 @@ impl Shared {
         let shift = usize::from(fault == Some(Fault::OtherRange));
         let (start, end) = (start + shift, (last + 1 + shift).min(total));
         if start >= end {
-            write!(stream, "HTTP/1.1 416 Range Not Satisfiable\r\ncontent-length: 0\r\n\r\n")?;
+            write!(stream, "HTTP/1.1 416 Range Not Satisfiable\r\n{headers}content-length: 0\r\n\r\n")?;
             return Ok(true);
         }
         if fault == Some(Fault::Gzip) {
