@@ -23,6 +23,7 @@ pub mod peers;
 pub mod picture;
 pub mod plan;
 mod process;
+mod published_scene;
 mod quality;
 pub mod relay;
 pub mod result;

@@ -13,6 +13,7 @@ use lodestream_protocol::source::{Immediate, SceneSource};
 use lodestream_store::{BlobCache, DEFAULT_CACHE_BYTES, PackFile};
 
 use super::plan::SceneChoice;
+use super::published_scene;
 
 /// Seed of the demo scene, independent of the simulation's seed.
 const DEMO_SEED: u64 = 1;
@@ -32,6 +33,7 @@ pub fn open(
     match choice {
         // A server refuses to prepare an empty scene; a client must accept one nevertheless.
         SceneChoice::Empty => Ok(Arc::new(MemoryScene::new(0, 0, 0))),
+        SceneChoice::Published(place) => published_scene::open(place),
         _ => {
             let (scene, packs) = prepared(choice, codec, cache, quiet)?;
             let forest = proxies::make(&scene, &packs, cache, &Options { quiet, ..Options::default() })?;
@@ -59,6 +61,9 @@ fn prepared(
     let preparation_settings = PreparationSettings { codec, ..PreparationSettings::default() };
     let options = match choice {
         SceneChoice::Empty => return Ok((Scene::of_models(&[])?, Vec::new())),
+        SceneChoice::Published(place) => {
+            anyhow::bail!("{place} is published; here name the scene file that it was made from")
+        }
         SceneChoice::File(file) => return prepare(scene::read(file)?, preparation_settings, cache, quiet),
         SceneChoice::Model { file, folder, position_bits } => {
             let folder = folder.as_ref().with_context(|| {

@@ -9,6 +9,7 @@ use std::time::Duration;
 use lodestream_bake::scene::of_files;
 use lodestream_client::core::Stats;
 use lodestream_daemon::SessionSettings;
+use lodestream_scene::blob::BlobId;
 use lodestream_server::catalogue::publish::publish;
 use lodestream_store::Objects;
 
@@ -61,6 +62,38 @@ pub(crate) fn packs() -> Vec<String> {
 
 fn settle(host: &Host) -> Stats {
     Viewer::start(&host.scene(), config()).settle().stats
+}
+
+/// A plan of the simulator names it by path or address.
+#[test]
+fn the_simulator_reads_a_published_scene() {
+    let source = TestScene::small().source();
+    let open = |place: &str| {
+        let choice = lodestream_scenario::plan::scene_choice(place).unwrap();
+        lodestream_scenario::scene::open(&choice, None, Path::new(""), true)
+    };
+    let path = published().join("small.lss").display().to_string();
+    for place in [path.clone(), format!("file:{path}")] {
+        let opened = open(&place).unwrap();
+        assert_eq!(opened.header().fingerprint, source.header().fingerprint);
+        let chunks = |asset| source.page(0).unwrap().assets[asset as usize].chunk_count;
+        let of_asset = |asset| {
+            let chunks = (0..chunks(asset)).map(move |chunk| BlobId::chunk(asset, chunk));
+            [BlobId::base(asset), BlobId::texture(asset, 0, 0)].into_iter().chain(chunks)
+        };
+        let mut count = 0;
+        for id in (0..source.page(0).unwrap().assets.len() as u32).flat_map(of_asset) {
+            if source.blob_len(&id).is_some() {
+                assert_eq!(opened.read(&id).unwrap(), source.read(&id).unwrap(), "{id:?}");
+                count += 1;
+            }
+        }
+        assert!(count > 10, "{count}");
+    }
+    let folder = copy();
+    std::fs::remove_file(folder.path().join(&packs()[0])).unwrap();
+    let why = open(&folder.path().join("small.lss").display().to_string()).err().unwrap();
+    assert!(format!("{why:#}").contains(&packs()[0]), "{why:#}");
 }
 
 #[test]

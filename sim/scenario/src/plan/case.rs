@@ -43,6 +43,8 @@ pub enum SceneChoice {
     Empty,
     /// A scene file.
     File(PathBuf),
+    /// A published scene, by path or URL.
+    Published(String),
     /// A generated scene of a given size.
     Field(Field),
     /// A single model.

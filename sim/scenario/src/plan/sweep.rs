@@ -15,6 +15,7 @@ use super::seeds::Seeds;
 use super::{Case, CaseLink, Fault, PlanScene, SceneChoice, Transport};
 use crate::camera_path::CameraPath;
 use crate::field::Field;
+use crate::published_scene::ENDING;
 use crate::technique::Technique;
 
 /// Most runs of one plan: a mistake in a list should not cost hours.
@@ -388,6 +389,12 @@ pub(super) fn scene_choice(
             SceneChoice::City(parts)
         }
         field if field.starts_with(FIELD) => SceneChoice::Field(Field::parse(&field[FIELD.len()..])?),
+        url if url.ends_with(ENDING) && (url.contains("://") || url.starts_with("file:")) => {
+            SceneChoice::Published(url.to_owned())
+        }
+        file if file.ends_with(ENDING) => {
+            SceneChoice::Published(folder.join(file).to_string_lossy().into_owned())
+        }
         other => SceneChoice::File(folder.join(other)),
     };
     Ok(choice)

@@ -56,6 +56,11 @@ fn the_documented_plan_parses() {
 fn scene_files_are_relative_to_the_plan() {
     let plan = parse_at(&GOOD.replace("demo", "../scenes/a.toml")).unwrap();
     assert_eq!(plan.scenes[0].choice, SceneChoice::File("plans/../scenes/a.toml".into()));
+    let published = |name| parse_at(&GOOD.replace("demo", name)).unwrap().scenes[0].choice.clone();
+    assert_eq!(published("a.lss"), SceneChoice::Published("plans/a.lss".into()));
+    for url in ["file:/b/a.lss", "https://host/b/a.lss"] {
+        assert_eq!(published(url), SceneChoice::Published(url.into()));
+    }
 }
 
 #[test]
