@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::io;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use bytes::Bytes;
 use lodestream_compress::decode_base;
@@ -24,6 +24,16 @@ use super::table::{Table, blob_name, kind};
 pub struct PackFile {
     file: PooledFile,
     table: Table,
+    /// Decoded when it is first needed.
+    summary: OnceLock<Summary>,
+}
+
+/// What base mesh and index pages say of a pack.
+#[derive(Debug)]
+struct Summary {
+    /// The entry, without a name.
+    entry: AssetEntry,
+    base_faces: u32,
 }
 
 impl PackFile {
@@ -55,7 +65,8 @@ impl PackFile {
         let range = Table::range(&head, length).map_err(format)?;
         let mut table = vec![0; head.table_bytes()];
         read_at(&file, &mut table, range.start).map_err(read_error)?;
-        Ok(Self { file: pooled, table: Table::parse(head, &table, length).map_err(format)? })
+        let table = Table::parse(head, &table, length).map_err(format)?;
+        Ok(Self { file: pooled, table, summary: OnceLock::new() })
     }
 
     /// Path of the pack.
@@ -165,14 +176,29 @@ impl PackFile {
         decode_base(&self.read(BlobPart::Base)?).map_err(|source| self.damaged(source))
     }
 
-    /// The pack's entry in a scene description.
+    /// The pack's entry in a scene description. The first call decodes the base mesh and all index pages.
     ///
     /// # Errors
     /// As [`PackFile::base`]; also an index page that is.
     pub fn entry(&self, name: &str) -> Result<AssetEntry, StoreError> {
+        Ok(AssetEntry { name: name.to_owned(), ..self.summary()?.entry.clone() })
+    }
+
+    /// Number of faces of the base mesh. Costs as much as [`PackFile::entry`].
+    ///
+    /// # Errors
+    /// As [`PackFile::entry`].
+    pub fn base_faces(&self) -> Result<u32, StoreError> {
+        Ok(self.summary()?.base_faces)
+    }
+
+    fn summary(&self) -> Result<&Summary, StoreError> {
+        if let Some(summary) = self.summary.get() {
+            return Ok(summary);
+        }
         let base = self.base()?;
-        Ok(AssetEntry {
-            name: name.to_owned(),
+        let entry = AssetEntry {
+            name: String::new(),
             fingerprint: self.table.fingerprint,
             origin: base.grid.origin,
             sphere: base.sphere,
@@ -180,7 +206,9 @@ impl PackFile {
             base_bytes: self.blob_len(BlobPart::Base).unwrap_or(0),
             chunk_count: base.chunk_count,
             shared: Vec::new(),
-        })
+        };
+        let base_faces = u32::try_from(base.faces.len()).unwrap_or(u32::MAX);
+        Ok(self.summary.get_or_init(|| Summary { entry, base_faces }))
     }
 
     /// Fingerprint of each texture, by number: equal if all levels have equal bytes.

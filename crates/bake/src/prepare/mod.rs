@@ -368,7 +368,7 @@ fn side_by_side<T: Sync, R: Send>(
 fn cached_pack(path: &Path, key: &cache::Key) -> Option<PackFile> {
     let pack = PackFile::open(path).ok().filter(|pack| pack.made_from() == key.bytes())?;
     // Reading the pack is less than reading what it is made from.
-    pack.verify().and_then(|()| pack.base().map(drop)).is_ok().then_some(pack)
+    pack.verify().and_then(|()| pack.base_faces()).is_ok().then_some(pack)
 }
 
 fn prepare_keyed(keyed: Keyed, folder: &Path, options: &Options) -> Result<Cached, PrepareError> {

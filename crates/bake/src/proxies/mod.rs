@@ -133,7 +133,7 @@ pub fn make_with(
     }
     let mut faces: BTreeMap<u32, u64> = BTreeMap::new();
     for &asset in &used {
-        faces.insert(asset, packs[asset as usize].base()?.faces.len() as u64);
+        faces.insert(asset, u64::from(packs[asset as usize].base_faces()?));
     }
     let spheres: Vec<_> = instances.iter().map(|i| world_sphere(i, &entries)).collect();
     let mut rank = vec![0; instances.len()];

@@ -34,7 +34,7 @@ const SETTINGS: &str = "proxy, error ";
 /// for it.
 pub(super) fn open(path: &Path, key: &Key) -> Option<(PackFile, f32)> {
     let pack = PackFile::open(path).ok().filter(|pack| pack.made_from() == key.bytes())?;
-    pack.verify().and_then(|()| pack.base().map(drop)).ok()?;
+    pack.verify().and_then(|()| pack.base_faces()).ok()?;
     let text = pack.settings().ok()?;
     let error = text.strip_prefix(SETTINGS)?.parse().ok()?;
     Some((pack, error))
