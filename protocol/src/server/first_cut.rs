@@ -114,9 +114,11 @@ fn add_finer(search: &Search<'_>, cut: &mut FirstCut) {
     // A page is as urgent as the difference of what it lists, per byte of both. It is of no use before those before it, so
     // these and a page with more difference per byte have one priority (pool adjacent violators, Ayer et al. 1955).
     let mut pools: Vec<Pool> = Vec::new();
-    for of_page in list.chunk_by(|(one, _), (other, _)| one == other) {
+    let last_of_cut = cut.last_page;
+    let later = list.partition_point(|(page, _)| *page <= last_of_cut);
+    for of_page in list[later..].chunk_by(|(one, _), (other, _)| one == other) {
         let last_page = of_page[0].0;
-        let before = pools.last().map_or(cut.last_page, |pool| pool.last_page);
+        let before = pools.last().map_or(last_of_cut, |pool| pool.last_page);
         let page_bytes = search.scene.bytes_to_page(last_page) - search.scene.bytes_to_page(before);
         #[expect(clippy::cast_precision_loss, reason = "a priority needs no more of a length than 24 bits")]
         let mut pool = Pool { last_page, difference_px2: 0.0, bytes: page_bytes as f32 };
@@ -133,7 +135,7 @@ fn add_finer(search: &Search<'_>, cut: &mut FirstCut) {
         pools.push(pool);
     }
     let of_pool = |page: u32| pools[pools.partition_point(|pool| pool.last_page < page)].priority();
-    let is_listed = |page: u32| page <= cut.last_page;
+    let is_listed = |page: u32| page <= last_of_cut;
     let mut list: Vec<(Priority, u32, u32)> = list
         .into_iter()
         .map(|(page, finer)| {
@@ -148,9 +150,7 @@ fn add_finer(search: &Search<'_>, cut: &mut FirstCut) {
         bytes <= FINER_BYTES
     });
     cut.finer = within.map(|(priority, asset, _)| (priority, asset)).collect();
-    let last_page = cut.last_page;
-    let later = pools.iter().filter(|pool| pool.last_page > last_page);
-    cut.finer_pages = later.map(|pool| (pool.priority(), pool.last_page)).collect();
+    cut.finer_pages = pools.iter().map(|pool| (pool.priority(), pool.last_page)).collect();
 }
 
 /// Pages that are sent one after the other, and what they list.
