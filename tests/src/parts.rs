@@ -19,7 +19,7 @@ use crate::support::scene::{TestScene, options, prepare_all};
 use crate::support::viewer::{Viewer, config};
 
 /// Parts that are placed once.
-const PARTS: usize = 40;
+pub(crate) const PARTS: usize = 40;
 
 /// A house: 40 different parts on a floor, which become a batch, and two copies of a column.
 pub(crate) fn write_house(folder: &Path) -> PathBuf {

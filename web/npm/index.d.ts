@@ -142,6 +142,8 @@ export interface Mesh {
   uvs: Float32Array;
   /** Four for each vertex: linear RGB and opacity, of which 65,535 is 1. */
   colors: Uint16Array;
+  /** One for each vertex: its part, 0 in assets that are not divided. All corners of a face have the same. */
+  parts: Uint32Array;
   vertexCount: number;
   /** By material: three vertices for each face, counter-clockwise from outside. Unused faces are 0, 0, 0 and cover nothing. */
   indices: Uint32Array[];
@@ -182,7 +184,14 @@ export interface MeshChange {
   /** The mesh with this change. */
   mesh: Mesh;
   /** Runs of vertices from vertex `first` on, with the shapes of `Mesh`. */
-  vertices: { first: number; positions: Float32Array; normals: Float32Array; uvs: Float32Array; colors: Uint16Array }[];
+  vertices: {
+    first: number;
+    positions: Float32Array;
+    normals: Float32Array;
+    uvs: Float32Array;
+    colors: Uint16Array;
+    parts: Uint32Array;
+  }[];
   /** Runs of faces from face `first` on of a material's list. */
   faces: { material: number; first: number; indices: Uint32Array }[];
   /** Whether the mesh's arrays of vertices are new ones, because they had to grow. */

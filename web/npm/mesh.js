@@ -6,6 +6,7 @@ const ATTRIBUTES = {
   normals: [3, Float32Array],
   uvs: [2, Float32Array],
   colors: [4, Uint16Array],
+  parts: [1, Uint32Array],
 };
 /** Least elements of an array. */
 const MIN_CAPACITY = 256;

@@ -280,12 +280,14 @@ fn vertices(first: u32, run: &[Vertex], transfer: &mut Transfer) -> Object {
     let normals: Vec<f32> = run.iter().flat_map(|vertex| vertex.data.normal).collect();
     let uvs: Vec<f32> = run.iter().flat_map(|vertex| vertex.data.uv).collect();
     let colors: Vec<u16> = run.iter().flat_map(|vertex| linear(vertex.data.color)).collect();
+    let parts: Vec<u32> = run.iter().map(|vertex| vertex.data.part).collect();
     fields([
         ("first", first.into()),
         ("positions", transfer.floats(&positions)),
         ("normals", transfer.floats(&normals)),
         ("uvs", transfer.floats(&uvs)),
         ("colors", transfer.shorts(&colors)),
+        ("parts", transfer.words(&parts)),
     ])
 }
 

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{DVec3, Vec3};
+use lodestream_bake::scene::of_files;
 use lodestream_client::core::Change;
 use lodestream_daemon::{Origin, SessionSettings};
 use lodestream_scene::placement::Placement;
@@ -11,10 +12,11 @@ use serde_json::Value;
 use super::devtools::WEBGL;
 use super::files::Files;
 use super::{built_package, tab_with};
+use crate::parts::{PARTS, write_house};
 use crate::static_host::host::Host;
 use crate::static_host::published;
 use crate::support::daemon::{Server, Transport};
-use crate::support::scene::TestScene;
+use crate::support::scene::{TestScene, prepare_all};
 use crate::support::viewer::{Viewer, config};
 
 /// A daemon that lets the pages of a web server in.
@@ -47,17 +49,19 @@ const PAGE: &str = r#"<!doctype html>
   for (const type of ['scene', 'asset', 'instances', 'firstframe', 'progress', 'settled']) on(type);
   on('error', () => false);
   on('mesh', ({ mesh, vertices, faces }) =>
-    vertices.every(({ first, positions }) => positions.every((x, at) => mesh.positions[3 * first + at] === x)) &&
+    vertices.every(({ first, positions, parts }) =>
+      positions.every((x, at) => mesh.positions[3 * first + at] === x) && parts.every((x, at) => mesh.parts[first + at] === x)) &&
     faces.every(({ indices }) => indices.every((index) => index < mesh.vertexCount)));
   on('texture', ({ format, texels, width, height }) => texels.length === width * height * (format === 'rgba8' ? 4 : 1));
   const bits = (array) => new Uint32Array(array.buffer);
-  /** Faces of each asset, and a sum of their corners' positions and texture coordinates that no order changes. */
+  /** Faces of each asset, and a sum of their corners' positions, texture coordinates and parts that no order changes. */
   window.sums = () =>
     Object.fromEntries([...connection.model.assets].map(([asset, { mesh }]) => {
       const [words, uvs] = [bits(mesh.positions), bits(mesh.uvs)];
       const corner = (slot) =>
         Math.imul(words[3 * slot], 73856093) ^ Math.imul(words[3 * slot + 1], 19349663) ^ Math.imul(words[3 * slot + 2], 83492791) ^
-        Math.imul(uvs[2 * slot], 49979687) ^ Math.imul(uvs[2 * slot + 1], 67867967);
+        Math.imul(uvs[2 * slot], 49979687) ^ Math.imul(uvs[2 * slot + 1], 67867967) ^
+        Math.imul(mesh.parts[slot], 86028121);
       let [faces, sum] = [0, 0];
       mesh.indices.forEach((list, material) => {
         for (let at = 0; at < mesh.indexCounts[material]; at += 3) {
@@ -72,8 +76,8 @@ const PAGE: &str = r#"<!doctype html>
   window.matrices = () => connection.model.instances.map(({ index, asset, matrix }) => ({ index, asset, matrix: [...matrix] }));
 </script>"#;
 
-/// Positions and texture coordinates, and the faces of each material.
-type Mesh = (Vec<[f32; 5]>, BTreeMap<u16, Vec<[u32; 3]>>);
+/// Bits of positions and texture coordinates and the part of each vertex, and the faces of each material.
+type Mesh = (Vec<[u32; 6]>, BTreeMap<u16, Vec<[u32; 3]>>);
 
 /// The same sums of a native client's meshes.
 fn sums(changes: &[Change]) -> BTreeMap<String, [u32; 2]> {
@@ -83,10 +87,11 @@ fn sums(changes: &[Change]) -> BTreeMap<String, [u32; 2]> {
         let (vertices, lists) = meshes.entry(change.asset).or_default();
         for (first, run) in &change.vertices {
             let first = *first as usize;
-            vertices.resize(vertices.len().max(first + run.len()), [0.0; 5]);
+            vertices.resize(vertices.len().max(first + run.len()), [0; 6]);
             for (place, vertex) in vertices[first..].iter_mut().zip(run) {
                 let ([x, y, z], [u, v]) = (vertex.data.position, vertex.data.uv);
-                *place = [x, y, z, u, v];
+                let [x, y, z, u, v] = [x, y, z, u, v].map(f32::to_bits);
+                *place = [x, y, z, u, v, vertex.data.part];
             }
         }
         for run in &change.indices {
@@ -96,11 +101,11 @@ fn sums(changes: &[Change]) -> BTreeMap<String, [u32; 2]> {
             list[first..first + run.faces.len()].copy_from_slice(&run.faces);
         }
     }
-    let factors = [73_856_093, 19_349_663, 83_492_791, 49_979_687, 67_867_967];
+    let factors = [73_856_093, 19_349_663, 83_492_791, 49_979_687, 67_867_967, 86_028_121];
     let sum = |(vertices, lists): &Mesh| {
         let corner = |slot: u32| {
             let words = vertices[slot as usize].iter().zip(factors);
-            words.fold(0_u32, |sum, (number, factor)| sum ^ number.to_bits().wrapping_mul(factor))
+            words.fold(0_u32, |sum, (number, factor)| sum ^ number.wrapping_mul(factor))
         };
         let used = lists.values().flatten().filter(|face| face[0] != face[1]);
         used.fold([0_u32; 2], |[faces, sum], face| {
@@ -201,6 +206,35 @@ fn connect_gives_the_faces_of_the_native_client() {
     let message = tab.evaluate("connection.part(0).catch((why) => why.message)");
     assert_eq!(message, "the session has ended");
     server.wait_for_sessions(1);
+    assert_eq!(tab.console, Vec::<String>::new());
+    server.assert_healthy();
+}
+
+#[test]
+fn connect_gives_the_parts_of_the_native_client() {
+    let Some(mut tab) = tab_with([640, 360], WEBGL) else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let scene = of_files(&[write_house(folder.path())]).unwrap();
+    let scene = TestScene::open(&scene, prepare_all(&scene, &folder.path().join("cache")));
+    let site = Files::start(built_package(), PAGE.to_owned());
+    let server = serve_for(&scene, &site);
+    tab.navigate(&format!("{0}/page.html?package={0}&src={1}", site.origin(), websocket(&server)));
+    tab.wait("the page", "typeof connection", |kind| kind == "object");
+    tab.wait("it settles", "counts", |counts| counts["settled"].as_u64() >= Some(1));
+    let mut native = Viewer::start(&server.address(Transport::WebSocket), config());
+    native.settle();
+    assert_eq!(tab.evaluate("sums()"), serde_json::to_value(sums(&native.changes)).unwrap());
+    let batch = scene.asset("house/parts");
+    let mesh = format!("connection.model.assets.get({batch}).mesh");
+    // Unused slots have part 0, which is in use.
+    let found = tab.evaluate(&format!("new Set({mesh}.parts.subarray(0, {mesh}.vertexCount)).size"));
+    assert_eq!(found, PARTS);
+    let mixed = tab.evaluate(&format!(
+        "{mesh}.indices[0].subarray(0, {mesh}.indexCounts[0]).some((slot, at, all) =>
+            {mesh}.parts[slot] !== {mesh}.parts[all[at - (at % 3)]])"
+    ));
+    assert_eq!(mixed, false, "a face has one part");
+    assert_eq!(tab.evaluate("faults"), serde_json::json!([]));
     assert_eq!(tab.console, Vec::<String>::new());
     server.assert_healthy();
 }
