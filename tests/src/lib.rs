@@ -100,4 +100,6 @@ mod walls;
 #[cfg(test)]
 mod window;
 #[cfg(test)]
+mod window_parts;
+#[cfg(test)]
 mod wire;

@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 use image::RgbImage;
 use x11rb::connection::Connection as _;
 use x11rb::protocol::xproto::{
-    AtomEnum, BUTTON_PRESS_EVENT, ClientMessageEvent, ConnectionExt as _, EventMask, ImageFormat,
-    MOTION_NOTIFY_EVENT,
+    AtomEnum, BUTTON_PRESS_EVENT, BUTTON_RELEASE_EVENT, ClientMessageEvent, ConnectionExt as _, EventMask,
+    ImageFormat, InputFocus, KEY_PRESS_EVENT, KEY_RELEASE_EVENT, MOTION_NOTIFY_EVENT,
 };
 use x11rb::protocol::xtest::ConnectionExt as _;
 use x11rb::rust_connection::RustConnection;
@@ -62,6 +62,30 @@ impl OpenWindow {
     /// Presses the left button where the pointer is, and holds it.
     pub(crate) fn hold_left(&self) {
         self.fake(BUTTON_PRESS_EVENT, 1, 0, 0);
+    }
+
+    /// Clicks with the left button.
+    pub(crate) fn click(&self, x: i16, y: i16) {
+        self.point_at(x, y);
+        self.hold_left();
+        self.fake(BUTTON_RELEASE_EVENT, 1, 0, 0);
+    }
+
+    /// Presses and releases the key of a letter.
+    pub(crate) fn press(&self, letter: char) {
+        let focus = self.connection.set_input_focus(InputFocus::PARENT, self.window, x11rb::CURRENT_TIME);
+        focus.unwrap().check().unwrap();
+        let (first, last) = (self.connection.setup().min_keycode, self.connection.setup().max_keycode);
+        let asked = self.connection.get_keyboard_mapping(first, last - first + 1).unwrap();
+        let mapping = asked.reply().unwrap();
+        // The keysyms of Latin letters are their characters.
+        let symbol = u32::from(letter.to_ascii_lowercase());
+        let mut keys = mapping.keysyms.chunks(usize::from(mapping.keysyms_per_keycode));
+        let key = keys.position(|symbols| symbols[0] == symbol).expect("a keyboard with this letter");
+        let code = first + u8::try_from(key).unwrap();
+        for kind in [KEY_PRESS_EVENT, KEY_RELEASE_EVENT] {
+            self.fake(kind, code, 0, 0);
+        }
     }
 
     fn fake(&self, kind: u8, detail: u8, x: i16, y: i16) {

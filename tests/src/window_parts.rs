@@ -1,0 +1,108 @@
+//! Parts in the viewer's window: a click selects one, keys hide, isolate, fit and show it.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use image::RgbImage;
+use lodestream_bake::scene::of_files;
+use lodestream_daemon::SessionSettings;
+use lodestream_protocol::source::SceneSource as _;
+
+use crate::parts::write_house;
+use crate::support::daemon::{Server, Transport};
+use crate::support::picture::skipped;
+use crate::support::program::{Program, RUN_LIMIT, SIZE_PX};
+use crate::support::scene::{TestScene, prepare_all};
+use crate::support::x11::OpenWindow;
+
+/// Part 7 is in the middle, 6 and 8 are beside it.
+const CAMERA: [&str; 2] = ["--camera", "eye=21.3,0.3,3.5;target=21.3,0.3,0;fov=50"];
+/// Parts change the shadows and the occlusion of others otherwise.
+const PLAIN: [&str; 3] = ["--no-overlay", "--no-shadows", "--no-ao"];
+const MIDDLE: [i16; 2] = [160, 90];
+/// Largest share of pixels in which a window and a headless picture of the same view differ: edges that are rounded
+/// otherwise. A part covers five times as many.
+const OTHER_PIXELS: f64 = 0.004;
+
+/// Share of the pixels that differ.
+fn differing(a: &RgbImage, b: &RgbImage) -> f64 {
+    let differ = |(a, b): (&image::Rgb<u8>, &image::Rgb<u8>)| (0..3).any(|i| a.0[i].abs_diff(b.0[i]) > 6);
+    let count = a.pixels().zip(b.pixels()).filter(|pixels| differ(*pixels)).count();
+    count as f64 / f64::from(a.width() * a.height())
+}
+
+/// What a headless viewer draws of the same view.
+fn drawn(url: &str, folder: &Path, arguments: &[&str]) -> RgbImage {
+    let picture = folder.join("picture.png");
+    let output = Program::headless(url, &picture, &[&CAMERA[..], &PLAIN, arguments].concat()).end();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    image::open(&picture).unwrap().into_rgb8()
+}
+
+/// Waits until the window shows a picture.
+fn wait_for(window: &OpenWindow, what: &str, expected: &RgbImage) {
+    let until = Instant::now() + RUN_LIMIT;
+    loop {
+        let differs = differing(&window.picture(SIZE_PX), expected);
+        if differs <= OTHER_PIXELS {
+            return;
+        }
+        assert!(Instant::now() < until, "{what}: {differs} of the pixels differ");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+#[test]
+fn a_click_in_the_window_selects_a_part_and_keys_hide_isolate_fit_and_show_it() {
+    if skipped() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let scene = of_files(&[write_house(folder.path())]).unwrap();
+    let test_scene = TestScene::open(&scene, prepare_all(&scene, &folder.path().join("cache")));
+    let batch = test_scene.asset("house/parts");
+    let page = test_scene.store.page(0).unwrap();
+    let instance = page.instances.iter().position(|instance| instance.asset == batch).unwrap();
+    let server = Server::start(test_scene.source(), SessionSettings::default());
+    let url = server.url(Transport::Quic);
+    let part = format!("{instance}:7");
+    let whole = drawn(&url, folder.path(), &[]);
+    let selected = drawn(&url, folder.path(), &["--tint", &format!("{part}=ff8c00")]);
+    let hidden = drawn(&url, folder.path(), &["--hide", &part]);
+    let isolated = drawn(&url, folder.path(), &["--isolate", &part, "--tint", &format!("{part}=ff8c00")]);
+    let pictures = [&whole, &selected, &hidden, &isolated];
+    for (i, one) in pictures.iter().enumerate() {
+        for other in &pictures[..i] {
+            assert!(differing(one, other) > 5.0 * OTHER_PIXELS, "{i}: {}", differing(one, other));
+        }
+    }
+
+    let program = Program::in_window(&url, &[&CAMERA[..], &PLAIN].concat());
+    let window = program.window();
+    let [x, y] = MIDDLE;
+    wait_for(&window, "the whole", &whole);
+    window.click(x, y);
+    wait_for(&window, "selected", &selected);
+    window.press('x');
+    wait_for(&window, "hidden", &hidden);
+    window.press('u');
+    wait_for(&window, "all is shown", &whole);
+    window.click(x, y);
+    wait_for(&window, "selected again", &selected);
+    window.press('i');
+    wait_for(&window, "isolated", &isolated);
+    window.press('z');
+    let until = Instant::now() + RUN_LIMIT;
+    while differing(&window.picture(SIZE_PX), &isolated) < 5.0 * OTHER_PIXELS {
+        assert!(Instant::now() < until, "the camera does not move to the part");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    window.press('r');
+    wait_for(&window, "the start view", &isolated);
+    window.press('u');
+    wait_for(&window, "all is shown again", &whole);
+    window.ask_to_close();
+    let output = program.end();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    server.assert_healthy();
+}
