@@ -131,6 +131,14 @@ def unzigzag(code):
     return code >> 1 ^ -(code & 1)
 
 
+def nearest(number):
+    """The nearest integer, halves away from zero; 0 beyond 2^53."""
+    if not abs(number) <= 1 << 53:
+        return 0
+    whole = math.floor(abs(number))
+    return int(math.copysign(whole + (abs(number) - whole >= 0.5), number))
+
+
 def unfolded(u, v):
     """A unit vector from its octahedral coordinates."""
     x, y = u / 32767.5 - 1, v / 32767.5 - 1
@@ -329,7 +337,7 @@ class Reader:
             "first_asset": self.f("first_asset", self.b.u32),
             "first_instance": self.f("first_instance", self.b.u32),
             "assets": self.vec("assets", self.asset, 64),
-            "instances": self.vec("instances", self.instance, 64),
+            "instances": self.instances(),
             "first_proxy": self.f("first_proxy", self.b.u32),
             "proxies": self.vec("proxies", self.proxy, 64),
         }
@@ -373,20 +381,39 @@ class Reader:
             "of": self.f("of", self.b.u16),
         }
 
-    def instance(self):
-        flags = self.f("flags", self.b.u8)
-        ensure(flags < 16, f"unknown flags of an instance: {flags}")
-        asset = self.f("asset", self.b.u32)
-        translation = self.numbers("translation", self.b.f32 if flags & 1 else self.b.f64, 3)
-        rotation = [0.0, 0.0, 0.0, 1.0]
-        if not flags & 2:
+    def instances(self):
+        before = {"asset": 0, "translation": [0.0] * 3, "rotation": [0.0, 0.0, 0.0, 1.0], "scale": 1.0}
+        found, exponent = [], 0
+        count = self.f("instances", self.b.u64)
+        ensure(count <= 64, f"{count} instances")
+        for _ in range(count):
+            flags = self.f("flags", self.b.u8)
+            ensure(flags < 64, f"unknown flags of an instance: {flags}")
+            before = dict(before)
             if flags & 4:
-                y, w = self.numbers("rotation about y", self.b.f32, 2)
-                rotation = [0.0, y, 0.0, w]
+                before["asset"] = self.f("asset", self.b.u32)
+            form = flags & 3
+            if form >= 2:
+                before["translation"] = self.numbers("translation", self.b.f64 if form == 3 else self.b.f32, 3)
             else:
-                rotation = self.numbers("rotation", self.b.f32, 4)
-        scale = 1.0 if flags & 8 else self.number("scale", self.b.f32)
-        return {"asset": asset, "translation": translation, "rotation": rotation, "scale": scale}
+                if form == 1:
+                    exponent = self.f("exponent", lambda: (self.b.u8() ^ 128) - 128)
+                steps = [nearest(x * 2.0**-exponent) for x in before["translation"]]
+                steps = [from_ + self.f("steps", lambda: unzigzag(self.b.leb128())) for from_ in steps]
+                ensure(all(abs(number) <= 1 << 53 for number in steps), "a translation of too many steps")
+                before["translation"] = [number * 2.0**exponent for number in steps]
+            turn = flags >> 3 & 3
+            if turn == 1:
+                before["rotation"] = [0.0, 0.0, 0.0, 1.0]
+            elif turn == 2:
+                y, w = self.numbers("rotation about y", self.b.f32, 2)
+                before["rotation"] = [0.0, y, 0.0, w]
+            elif turn == 3:
+                before["rotation"] = self.numbers("rotation", self.b.f32, 4)
+            if flags & 32:
+                before["scale"] = self.number("scale", self.b.f32)
+            found.append(before)
+        return found
 
     def named(self, name, names):
         def read():

@@ -4,6 +4,7 @@
 use lodestream_client::core::{Change, IndexRun, MeshChange, NewAsset, TextureChange, TexturePixels, Vertex};
 use lodestream_geometry::refine::RenderVertex;
 use lodestream_scene::encoding::{CodingError, Decode, Encode, Reader, SliceReader};
+use lodestream_scene::instances;
 use lodestream_scene::punctual_lights::{PunctualLight, Spot};
 use lodestream_terrain::{HeightOverride, HeightOverrides, Mode};
 
@@ -82,7 +83,10 @@ fn encode_change(change: &Change, out: &mut Vec<u8>) -> Result<(), StepError> {
                 }
             }
         }
-        Change::Instances(instances) => (3_u8, instances).encode(out)?,
+        Change::Instances(list) => {
+            3_u8.encode(out)?;
+            instances::encode(list, out)?;
+        }
         Change::Proxies(proxies) => (9_u8, proxies).encode(out)?,
         Change::Cut(cut) => (10_u8, cut).encode(out)?,
         Change::Asset(asset) => {
@@ -117,7 +121,7 @@ fn decode_change<R: Reader>(reader: &mut R) -> Result<Change, StepError> {
             let lights = (0..count(reader)?).map(|_| decode_light(reader)).collect::<Result<Vec<_>, _>>()?;
             Change::PunctualLightPage { page, punctual_lights: lights.into() }
         }
-        3 => Change::Instances(Decode::decode(reader)?),
+        3 => Change::Instances(instances::decode(reader)?),
         9 => Change::Proxies(Decode::decode(reader)?),
         10 => Change::Cut(Decode::decode(reader)?),
         4 => Change::Asset(NewAsset {

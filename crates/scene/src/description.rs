@@ -11,6 +11,7 @@ use crate::blob::{BlobId, BlobPart};
 use crate::encoding::{
     CodingError, Decode, Encode, Reader, Writer, decode_vector, encode_fields, encode_vector, vector_fits_f32,
 };
+use crate::instances;
 use crate::limits::{
     MAX_ASSETS, MAX_BLOB_BYTES, MAX_CHUNKS, MAX_ENTRIES_PER_PAGE, MAX_INSTANCES, MAX_NAME_BYTES,
     MAX_SCENE_PAGES,
@@ -137,7 +138,30 @@ pub struct ScenePage {
     pub proxies: Vec<Proxy>,
 }
 
-encode_fields!(ScenePage { page, first_asset, first_instance, assets, instances, first_proxy, proxies });
+impl Encode for ScenePage {
+    fn encode<W: Writer>(&self, writer: &mut W) -> Result<(), CodingError> {
+        [self.page, self.first_asset, self.first_instance].encode(writer)?;
+        self.assets.encode(writer)?;
+        instances::encode(&self.instances, writer)?;
+        self.first_proxy.encode(writer)?;
+        self.proxies.encode(writer)
+    }
+}
+
+impl Decode for ScenePage {
+    fn decode<R: Reader>(reader: &mut R) -> Result<Self, CodingError> {
+        let [page, first_asset, first_instance] = Decode::decode(reader)?;
+        Ok(Self {
+            page,
+            first_asset,
+            first_instance,
+            assets: Decode::decode(reader)?,
+            instances: instances::decode(reader)?,
+            first_proxy: Decode::decode(reader)?,
+            proxies: Decode::decode(reader)?,
+        })
+    }
+}
 
 /// Entry of an asset: what a client must know before the base mesh arrives.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -211,60 +235,6 @@ impl Instance {
     #[must_use]
     pub fn to_world(&self, origin: [f64; 3], point: [f32; 3]) -> DVec3 {
         self.placement.to_world(DVec3::from(origin) + Vec3::from(point).as_dvec3())
-    }
-}
-
-const SHORT_TRANSLATION: u8 = 1;
-const NO_ROTATION: u8 = 2;
-const ROTATION_ABOUT_Y: u8 = 4;
-const NO_SCALE: u8 = 8;
-
-// Encoded by hand with one byte of flags: 14 bytes for an instance with a translation only, not 45. A page of 64
-// instances stays under 1 KB, which matters in the first flight.
-impl Encode for Instance {
-    fn encode<W: Writer>(&self, writer: &mut W) -> Result<(), CodingError> {
-        let Placement { translation, rotation, scale } = self.placement;
-        let short = vector_fits_f32(&translation);
-        let [x, y, z, w] = rotation;
-        let unturned = rotation == [0.0, 0.0, 0.0, 1.0];
-        let about_y = !unturned && x == 0.0 && z == 0.0;
-        let unscaled = scale == 1.0;
-        let flags = [
-            (short, SHORT_TRANSLATION),
-            (unturned, NO_ROTATION),
-            (about_y, ROTATION_ABOUT_Y),
-            (unscaled, NO_SCALE),
-        ];
-        flags.iter().filter(|(set, _)| *set).fold(0_u8, |all, (_, flag)| all | flag).encode(writer)?;
-        self.asset.encode(writer)?;
-        encode_vector(&translation, short, writer)?;
-        if about_y {
-            [y, w].encode(writer)?;
-        } else if !unturned {
-            rotation.encode(writer)?;
-        }
-        if unscaled { Ok(()) } else { scale.encode(writer) }
-    }
-}
-
-impl Decode for Instance {
-    fn decode<R: Reader>(reader: &mut R) -> Result<Self, CodingError> {
-        let flags = u8::decode(reader)?;
-        if flags & !(SHORT_TRANSLATION | NO_ROTATION | ROTATION_ABOUT_Y | NO_SCALE) != 0 {
-            return Err(CodingError::value("unknown instance flags"));
-        }
-        let asset = u32::decode(reader)?;
-        let translation = decode_vector(flags & SHORT_TRANSLATION != 0, reader)?;
-        let rotation = if flags & NO_ROTATION != 0 {
-            [0.0, 0.0, 0.0, 1.0]
-        } else if flags & ROTATION_ABOUT_Y != 0 {
-            let [y, w] = <[f32; 2]>::decode(reader)?;
-            [0.0, y, 0.0, w]
-        } else {
-            <[f32; 4]>::decode(reader)?
-        };
-        let scale = if flags & NO_SCALE != 0 { 1.0 } else { f32::decode(reader)? };
-        Ok(Self { asset, placement: Placement { translation, rotation, scale } })
     }
 }
 

@@ -32,6 +32,7 @@ pub mod asset;
 pub mod blob;
 pub mod description;
 pub mod encoding;
+pub mod instances;
 pub mod limits;
 pub mod parts;
 pub mod placement;

@@ -10,7 +10,7 @@ use lodestream_geometry::base::MAX_PARTS;
 const MAX_LEAF_BYTES: u64 = 16 << 10;
 /// Faces of a leaf's members above which it is split: a leaf is prepared in well under a second.
 const MAX_LEAF_FACES: u64 = 20_000;
-/// About what an instance costs in a page, in bytes.
+/// What an instance weighs besides its base mesh, in bytes: some 14 in a page, and its part of a proxy.
 const INSTANCE_BYTES: u64 = 20;
 /// Each kept level of the binary tree is this many below the one before, so a node has at most eight children.
 const KEPT_LEVELS: usize = 3;
@@ -94,7 +94,8 @@ fn number(branch: Branch, order: &mut Vec<usize>) -> Numbered {
 fn grow(items: &[Item], members: &mut [usize], level: usize) -> Vec<Branch> {
     let rank = members.iter().map(|&member| items[member].rank).min().unwrap_or(0);
     if is_leaf(items, members) {
-        members.sort_unstable();
+        // Copies of an asset are coded in few bytes after each other.
+        members.sort_unstable_by_key(|&member| (items[member].asset, member));
         return vec![Branch { members: members.to_vec(), children: Vec::new(), rank }];
     }
     let few_enough = members.len() <= MAX_PARTS as usize;

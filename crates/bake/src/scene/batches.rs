@@ -26,10 +26,8 @@ const UV_STEPS: f64 = 4_096.0;
 
 /// Bytes of an asset, besides its faces…
 const ASSET_BYTES: f64 = 390.0;
-/// …of each instance of a mesh that the file itself places so…
-const INSTANCE_BYTES: f64 = 20.0;
-/// …and of each copy, which seldom stands straight…
-const COPY_BYTES: f64 = 30.0;
+/// …of each instance (docs/design/batches.md)…
+const INSTANCE_BYTES: f64 = 14.0;
 /// …of a member of a batch that repeats another, besides its faces…
 const MEMBER_BYTES: f64 = 10.0;
 /// …and of a face in either.
@@ -53,7 +51,7 @@ pub(super) fn of_contents(contents: &Contents, batching: Batching) -> (Vec<Batch
     let mut batched = vec![false; contents.placed.len()];
     let Some(max_faces) = batching.faces() else { return (Vec::new(), batched) };
     // Copies share a part. Parts with numbers that are equal are equal, whatever their signs of zero.
-    let mut uses: BTreeMap<(usize, [u64; 9]), Places> = BTreeMap::new();
+    let mut uses: BTreeMap<(usize, [u64; 9]), usize> = BTreeMap::new();
     let key = |placed: &PlacedMesh| match &placed.part {
         Part::Mesh { mesh, linear } => {
             let mut bits = [0; 9];
@@ -64,9 +62,7 @@ pub(super) fn of_contents(contents: &Contents, batching: Batching) -> (Vec<Batch
     };
     for placed in &contents.placed {
         let Some(key) = key(placed) else { continue };
-        let places = uses.entry(key).or_default();
-        places.count += 1;
-        places.copies += usize::from(key.0 != placed.mesh);
+        *uses.entry(key).or_default() += 1;
     }
     let candidate = |(number, placed): (usize, &PlacedMesh)| {
         let size = contents.sizes.get(placed.mesh).copied().flatten()?;
@@ -95,20 +91,11 @@ pub(super) fn of_contents(contents: &Contents, batching: Batching) -> (Vec<Batch
     (groups.into_iter().map(batch).collect(), batched)
 }
 
-/// Where a mesh stands, in its copies too.
-#[derive(Clone, Copy, Debug, Default)]
-struct Places {
-    count: usize,
-    /// How many of them are of copies.
-    copies: usize,
-}
-
 /// Whether a mesh that stands in several places costs fewer bytes as an asset with instances than as a member of batches
 /// once for each place.
-fn instances_pay(places: Places, faces: usize) -> bool {
-    let (count, copies, faces) = (places.count as f64, places.copies as f64, faces as f64 * FACE_BYTES);
-    let instances = INSTANCE_BYTES * (count - copies) + COPY_BYTES * copies;
-    count > 1.0 && ASSET_BYTES + faces + instances < (MEMBER_BYTES + faces) * count
+fn instances_pay(places: usize, faces: usize) -> bool {
+    let (count, faces) = (places as f64, faces as f64 * FACE_BYTES);
+    count > 1.0 && ASSET_BYTES + faces + INSTANCE_BYTES * count < (MEMBER_BYTES + faces) * count
 }
 
 fn batch(mut candidates: Vec<Candidate>) -> Batch {
