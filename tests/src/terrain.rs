@@ -1,15 +1,20 @@
 //! Streamed terrain: the client has the server's heights, and features arrive only where a view needs them.
 
+use std::fmt::Write as _;
+
 use lodestream_bake::scene::{of_files, read};
 use lodestream_client::core::Change;
 use lodestream_daemon::SessionSettings;
 use lodestream_demo_scene::{Options, generate};
+use lodestream_scene::proxy::Cut;
+use lodestream_server::catalogue::publish::publish;
+use lodestream_store::Objects;
 use lodestream_terrain::tiles::{PlacedTerrain, TerrainView};
 use lodestream_terrain::{Scratch, Terrain};
 
 use crate::support::daemon::{Server, Transport};
 use crate::support::picture::{draw, headless, keep};
-use crate::support::scene::{TestScene, write_hills};
+use crate::support::scene::{TestScene, options, write_hills};
 use crate::support::viewer::{Viewer, config};
 
 /// Hills with a pit of height overrides at the corner of four patches, and a few overrides far away.
@@ -117,4 +122,62 @@ fn the_demos_terrain_is_drawn_at_the_target_error() {
     let tiles = ground.tiles(&view, 2.4, 4000);
     let triangles: u32 = tiles.selected.iter().map(|tile| 32 * tile.quadrants.count_ones()).sum();
     assert!(tiles.target_px == 2.4 && (100_000..=250_000).contains(&triangles), "{triangles}");
+}
+
+/// Towers on a grid, whose base mesh keeps most of them.
+fn towers(seed: u32) -> String {
+    let mut text = String::new();
+    for number in 0..196_u32 {
+        let (x, z) = (f64::from(number % 14), f64::from(number / 14));
+        let high = 1.0 + f64::from((number * 7 + seed * 11) % 23) / 8.0;
+        for corner in 0..8_u32 {
+            let along = |axis: u32| f64::from(corner >> axis & 1);
+            let _ = writeln!(text, "v {} {} {}", x + 0.6 * along(0), high * along(1), z + 0.6 * along(2));
+        }
+        for face in [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]] {
+            let [a, b, c, d] = face.map(|corner| 8 * number + corner + 1);
+            let _ = writeln!(text, "f {a} {b} {c} {d}");
+        }
+    }
+    text
+}
+
+#[test]
+fn many_instances_on_terrain_begin_as_proxies() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut text = String::new();
+    for number in 0..40_u32 {
+        std::fs::write(folder.path().join(format!("{number}.obj")), towers(number)).unwrap();
+        let (x, z) = (20.0 * f64::from(number % 6) - 50.0, 20.0 * f64::from(number / 6) - 50.0);
+        let _ = write!(
+            text,
+            "[[asset]]\nname = \"{number}\"\nfile = \"{number}.obj\"\n[[instance]]\nasset = \"{number}\"\n\
+             translation = [{x:.1}, 1.0, {z:.1}]\non_terrain = true\n"
+        );
+    }
+    let scene = of_files(&[write_hills(folder.path(), &text)]).unwrap();
+    let host = folder.path().join("host");
+    std::fs::create_dir(&host).unwrap();
+    let objects = Objects::of_folder(&host).unwrap();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let cache = folder.path().join("cache");
+    let done = runtime.block_on(publish(&scene, &objects, &cache, &options())).unwrap();
+    let file = format!("file:{}/{}", host.display(), done.name).parse().unwrap();
+    let mut viewer = Viewer::start(&file, config());
+    let stats = viewer.settle().stats;
+    assert_eq!((stats.decode_failures, stats.refused), (0, 0));
+    let mut cuts = viewer.changes.iter().filter_map(|change| match change {
+        Change::Cut(cut) => Some(cut),
+        _ => None,
+    });
+    let first = cuts.next().expect("a cut through proxies");
+    assert!(!first.proxies.is_empty(), "{first:?}");
+    let last = cuts.last().expect("a finer cut");
+    let covered = |cut: &Cut| cut.covered.iter().map(|[first, end]| end - first).sum::<u32>();
+    assert!(covered(last) < covered(first), "the near ones are drawn themselves: {first:?} {last:?}");
+    let header = viewer.changes.iter().find_map(|change| match change {
+        Change::Scene(header) => Some(header),
+        _ => None,
+    });
+    assert!(header.unwrap().terrain.is_some());
 }

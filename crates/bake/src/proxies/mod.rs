@@ -41,7 +41,7 @@ const VERSION: u32 = 2;
 const NAME: &str = "proxy";
 /// Fewest instances, and base meshes in bytes above which a scene gets proxies: below, all of them are sent within the
 /// time of a first frame anyway.
-const MIN_INSTANCES: usize = 8;
+const MIN_INSTANCES: usize = 2;
 const MIN_BASE_BYTES: u64 = 48 << 10;
 
 /// Proxies of a scene, with their packs.
@@ -92,8 +92,8 @@ impl std::fmt::Display for Forest {
     }
 }
 
-/// Makes the proxies of a scene whose asset `i` is `packs[i]`; `None` for a scene that needs none, has a terrain or is
-/// told to have none. Packs are kept in `folder` under keys of what they are made from, so what did not change is not
+/// Makes the proxies of a scene whose asset `i` is `packs[i]`; `None` for a scene that needs none or is told
+/// to have none. Packs are kept in `folder` under keys of what they are made from, so what did not change is not
 /// prepared again. They do not depend on the threads; a thread holds one node's mesh at a time.
 ///
 /// # Errors
@@ -120,7 +120,7 @@ pub fn make_with(
     fetch: &mut dyn FnMut(&Path, &Key),
 ) -> Result<Option<Forest>, PrepareError> {
     let wanted = options.preparation_settings.proxies.unwrap_or(scene.proxies);
-    if !wanted || scene.terrain.is_some() {
+    if !wanted {
         return Ok(None);
     }
     let start = Instant::now();
