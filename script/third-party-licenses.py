@@ -94,6 +94,9 @@ def license_texts(package):
 
 def main():
     roots = sys.argv[1:]
+    if roots in (["--help"], ["-h"]):
+        print(__doc__.strip())
+        return
     if not roots:
         fail("no package is named; usage: script/third-party-licenses.py PACKAGE...")
     os.chdir(os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."))
