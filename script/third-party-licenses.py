@@ -3,8 +3,9 @@
 
 Usage: script/third-party-licenses.py PACKAGE... >THIRD-PARTY-LICENSES.txt
 
-The crates are the closure of normal and build dependencies that `cargo metadata` resolves for Linux on x86-64; the
-texts are the licence files in their sources. Equal texts are printed once. The output depends on Cargo.lock only.
+The crates are the closure of normal and build dependencies that `cargo metadata` resolves for Linux on x86-64, and of
+lodestream-web, the page for browsers, for WebAssembly; the texts are the licence files in their sources. Equal texts are
+printed once. The output depends on Cargo.lock only.
 """
 
 import json
@@ -16,6 +17,8 @@ import textwrap
 from collections import defaultdict
 
 TARGET = "x86_64-unknown-linux-gnu"
+# The package that runs elsewhere.
+PAGE, PAGE_TARGET = "lodestream-web", "wasm32-unknown-unknown"
 LICENSE_FILE = re.compile(r"^(li[cs]en[cs]e|copying|copyright|notice|unlicen[cs]e|ofl|ufl)([-_.].*)?$", re.IGNORECASE)
 # Sources in these languages are never a licence, whatever their name.
 SOURCE_FILE = re.compile(r"\.(rs|c|h|cc|cpp|py|toml|json|html|js)$", re.IGNORECASE)
@@ -28,16 +31,26 @@ def fail(message):
     sys.exit(f"error: {message}")
 
 
-def metadata():
-    command = ["cargo", "metadata", "--locked", "--format-version", "1", "--filter-platform", TARGET]
+def metadata(target):
+    command = ["cargo", "metadata", "--locked", "--format-version", "1", "--filter-platform", target]
     result = subprocess.run(command, stdout=subprocess.PIPE, check=False)
     if result.returncode != 0:
         fail("cargo metadata failed; see its message above")
     return json.loads(result.stdout)
 
 
-def dependencies(data, roots):
+def all_dependencies(roots):
     """Third-party packages that the roots link, sorted by name and version."""
+    programs = [root for root in roots if root != PAGE]
+    found = dependencies(metadata(TARGET), programs) if programs else []
+    if PAGE in roots:
+        found += dependencies(metadata(PAGE_TARGET), [PAGE])
+    distinct = {package["id"]: package for package in found}.values()
+    return sorted(distinct, key=lambda package: (package["name"], package["version"]))
+
+
+def dependencies(data, roots):
+    """Third-party packages that the roots link on the data's platform."""
     packages = {package["id"]: package for package in data["packages"]}
     nodes = {node["id"]: node for node in data["resolve"]["nodes"]}
     names = {packages[member]["name"]: member for member in data["workspace_members"]}
@@ -52,8 +65,7 @@ def dependencies(data, roots):
             for dependency in nodes[package]["deps"]:
                 if any(kind["kind"] != "dev" for kind in dependency["dep_kinds"]):
                     pending.append(dependency["pkg"])
-    third_party = [packages[package] for package in reached if packages[package]["source"]]
-    return sorted(third_party, key=lambda package: (package["name"], package["version"]))
+    return [packages[package] for package in reached if packages[package]["source"]]
 
 
 def read(path):
@@ -94,10 +106,13 @@ def license_texts(package):
 
 def main():
     roots = sys.argv[1:]
+    if roots in (["--help"], ["-h"]):
+        print(__doc__.strip())
+        return
     if not roots:
         fail("no package is named; usage: script/third-party-licenses.py PACKAGE...")
     os.chdir(os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."))
-    packages = dependencies(metadata(), roots)
+    packages = all_dependencies(roots)
     # By the text without its line breaks: the first layout of a text is printed.
     users, layouts, without_text = defaultdict(list), {}, []
     for package in packages:
@@ -116,8 +131,9 @@ def main():
     lines = [
         "Third-party software in Lodestream",
         "",
-        "The programs contain the Rust standard library (MIT OR Apache-2.0, https://www.rust-lang.org) and these",
-        "crates. Where a crate offers several licences, each applies at your choice. The texts follow.",
+        "The programs and the page for browsers contain the Rust standard library (MIT OR Apache-2.0,",
+        "https://www.rust-lang.org) and these crates. Where a crate offers several licences, each applies at your choice.",
+        "The texts follow.",
         "",
     ]
     for package in packages:

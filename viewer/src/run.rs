@@ -42,15 +42,17 @@ pub(crate) fn check(args: &Args) -> anyhow::Result<()> {
 pub(crate) fn server(args: &Args) -> anyhow::Result<Server> {
     let mut server = Server::from(args.address.clone());
     if let Some(file) = &args.ca {
-        if args.address.pin.is_some() || args.address.scheme == Scheme::WebSocket {
-            bail!(
-                "--ca has no effect: {}",
-                if args.address.pin.is_some() {
-                    "the address has a fingerprint, which is checked instead; leave out the part from # on"
-                } else {
-                    "ws:// does not use TLS; write wss://"
-                }
-            );
+        let why = match args.address.scheme {
+            _ if args.address.pin.is_some() => {
+                Some("the address has a fingerprint, which is checked instead; leave out the part from # on")
+            }
+            Scheme::WebSocket => Some("ws:// does not use TLS; write wss://"),
+            Scheme::Http => Some("http:// does not use TLS; write https://"),
+            Scheme::File => Some("a file needs no certificate"),
+            _ => None,
+        };
+        if let Some(why) = why {
+            bail!("--ca has no effect: {why}");
         }
         server.authorities = authorities(file).with_context(|| format!("--ca {}", file.display()))?;
     }

@@ -11,8 +11,10 @@ export const NO_WEBGPU =
   'Safari have it, on pages from this machine or over https; it may be switched off on this device.';
 /** Bytes of steps that one task decodes after the first picture; a larger step is alone. */
 const MAX_STEP_BYTES = 1 << 20;
-/** Megabytes for the heaps of worker and page, and GPU memory of meshes and textures. */
+/** Megabytes for the heaps of worker and page, and GPU memory. */
 const MEMORY_MB = { desktop: 512, phone: 256 };
+/** Share of it that the scene may use until the viewer knows what render targets leave: less than that. */
+const FIRST_SHARE = 0.2;
 /** Adapters that draw on the CPU, by the architecture that the browser tells. */
 const SOFTWARE = ['swiftshader', 'llvmpipe'];
 /** Most devices that are lost one after the other, each within `SOON_MS`, before that is an error. */
@@ -28,7 +30,7 @@ const isPhone = () => matchMedia('(pointer: coarse)').matches && Math.min(screen
  * A view of a scene. Events: `firstframe`, `progress` (detail: the statistics), `settled`, `error` (detail: the message).
  * Options: `canvas`, `address` (see `openLink`), `module` (its address), `worker` (its address, or a function that starts
  * one), `decoder` (its address, if the module shares memory), `scene`, `token`, `targetPx`, `memory` (most megabytes of
- * heaps, meshes and textures), `camera` (ten numbers).
+ * heaps and GPU memory), `camera` (ten numbers).
  */
 export class View extends EventTarget {
   #options;
@@ -54,6 +56,7 @@ export class View extends EventTarget {
   #shown = false;
   #settled = false;
   #sentView = '';
+  #sentBytes = 0;
   #pictures = [];
   #partNames = new PartLookups();
   #observer = new ResizeObserver(() => this.#resize());
@@ -135,7 +138,7 @@ export class View extends EventTarget {
 
   async #openDevice() {
     if (this.#ended) return;
-    const viewer = await Viewer.open(this.#canvas, this.#options.targetPx ?? 1, this.#software);
+    const viewer = await Viewer.open(this.#canvas, this.#options.targetPx ?? 1, this.#software, this.#memoryCap);
     if (this.#ended) return viewer.close();
     if (this.#options.camera) viewer.set_camera(now(), Float64Array.from(this.#options.camera));
     for (const [technique, on] of this.#switched) viewer.switch(technique, on);
@@ -146,7 +149,7 @@ export class View extends EventTarget {
     this.redraw();
   }
 
-  /** Most bytes of heaps, meshes and textures. */
+  /** Most bytes of heaps and GPU memory. */
   get #memoryCap() {
     return (this.#options.memory || (isPhone() ? MEMORY_MB.phone : MEMORY_MB.desktop)) * 2 ** 20;
   }
@@ -171,7 +174,7 @@ export class View extends EventTarget {
       height: this.#canvas.height,
       targetPx: this.#options.targetPx ?? 1,
       decoder: this.#options.decoder,
-      memoryBytes: this.#memoryCap,
+      memoryBytes: this.#memoryCap * FIRST_SHARE,
     });
     this.#worker = worker;
   }
@@ -313,6 +316,10 @@ export class View extends EventTarget {
   }
 
   #sendView() {
+    // The size of the canvas and the scene's terrain change it.
+    const bytes = this.#viewer.content_bytes();
+    if (bytes !== this.#sentBytes) this.#worker.postMessage({ kind: 'memory', bytes });
+    this.#sentBytes = bytes;
     const view = this.#viewer.view(now());
     if (!view) return;
     const key = view.join();
@@ -370,6 +377,7 @@ export class View extends EventTarget {
       adapter: viewer?.adapter() ?? null,
       heap_bytes: [this.#workerHeapBytes, this.#memory?.buffer.byteLength ?? 0],
       gpu_bytes: viewer?.gpu_bytes() ?? 0,
+      target_bytes: viewer?.target_bytes() ?? 0,
       memory_cap_bytes: this.#memoryCap,
       longest_task_ms: this.longestTaskMs,
       longest_part_ms: { ...this.#longestMs },

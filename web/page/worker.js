@@ -251,6 +251,12 @@ const handlers = {
     else options.view = view;
     turnSoon();
   },
+  // What render targets leave; it may come before the module is ready.
+  memory({ bytes }) {
+    options.memoryBytes = bytes;
+    streamer?.bound_memory(bytes);
+    turnSoon();
+  },
   shadows({ on }) {
     streamer?.set_shadows(on);
     turnSoon();

@@ -221,6 +221,11 @@ impl Streamer {
         self.core.set_shadows(shadows);
     }
 
+    /// Bounds the memory of streamer and viewer from now on: the viewer's render targets may leave less, or more.
+    pub fn bound_memory(&mut self, memory_bytes: f64) {
+        self.core.bound_memory(memory_bytes as u64);
+    }
+
     /// Sets a newer token.
     pub fn set_token(&mut self, token: &str) {
         self.core.set_token(Token(token.to_owned()));

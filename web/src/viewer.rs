@@ -1,5 +1,7 @@
 //! The page's half: device, scene in GPU memory, camera and frames.
 
+mod memory;
+
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -36,7 +38,12 @@ pub struct Viewer {
     /// Camera to start from, instead of the scene's.
     start: Option<Camera>,
     quality: Quality,
+    /// What was asked for.
     settings: Settings,
+    /// The same, within the memory.
+    fitted: Settings,
+    /// Most bytes of heaps and GPU memory.
+    memory_bytes: f64,
     target_px: f32,
     /// Whether frames are drawn in reduced quality while the camera moves.
     adapt: bool,
@@ -64,7 +71,8 @@ fn text(error: RenderError) -> String {
 
 #[wasm_bindgen]
 impl Viewer {
-    /// Opens a WebGPU device that draws into a canvas. `software`: the page knows that the CPU draws.
+    /// Opens a WebGPU device that draws into a canvas. `software`: the page knows that the CPU draws. `memory_bytes`
+    /// bounds heaps and GPU memory; see [`Viewer::content_bytes`].
     ///
     /// # Errors
     /// There is none, or it lacks what is needed.
@@ -72,6 +80,7 @@ impl Viewer {
         canvas: web_sys::HtmlCanvasElement,
         target_px: f32,
         software: bool,
+        memory_bytes: f64,
     ) -> Result<Viewer, String> {
         let size = [canvas.width().max(1), canvas.height().max(1)];
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
@@ -92,7 +101,7 @@ impl Viewer {
         let renderer = Renderer::new(&gpu, config.format).map_err(text)?;
         let scene = SceneView::with_terrain_apart(|| {}).map_err(|why| why.to_string())?;
         let software = gpu.is_software();
-        Ok(Self {
+        let mut this = Self {
             renderer,
             surface,
             config,
@@ -101,6 +110,8 @@ impl Viewer {
             start: None,
             quality: Quality::new(software),
             settings: settings(software),
+            fitted: settings(software),
+            memory_bytes,
             target_px,
             adapt: true,
             begun_ms: 0.0,
@@ -115,7 +126,9 @@ impl Viewer {
             only_tiles_missing: false,
             dirty: true,
             gpu,
-        })
+        };
+        this.fit_targets();
+        Ok(this)
     }
 
     /// Name of the graphics device.
@@ -219,12 +232,15 @@ impl Viewer {
             return Ok(true);
         }
         self.dirty = false;
+        let limited = step.limit(&self.fitted);
         let settings = Settings {
-            shadows: step.limit(&self.settings).shadows.map(|shadows| Shadows {
+            shadows: limited.shadows.map(|shadows| Shadows {
                 max_staleness: step.late_shadows.max(self.quality.late_shadows()),
                 ..shadows
             }),
-            ..step.limit(&self.settings)
+            // A step sets the scale, whatever the memory allows.
+            render_scale: limited.render_scale.min(self.fitted.render_scale),
+            ..limited
         };
         let frame = match self.surface.get_current_texture() {
             wgpu::CurrentSurfaceTexture::Success(frame) | wgpu::CurrentSurfaceTexture::Suboptimal(frame) => {
@@ -271,7 +287,7 @@ impl Viewer {
         let before = self.scene.ground_px();
         let size = (self.config.width, self.config.height);
         let step = self.step();
-        let shadows = step.limit(&self.settings).shadows;
+        let shadows = step.limit(&self.fitted).shadows;
         let (camera, px) = (controller.pose(), self.target_px * step.ground);
         self.scene.prepare_ground(&self.gpu, &camera, size, px, shadows).map_err(text)?;
         Ok(self.scene.missing_tiles() > 0 && self.scene.ground_px() == before)
@@ -298,6 +314,7 @@ impl Viewer {
         if size != [self.config.width, self.config.height] {
             [self.config.width, self.config.height] = size;
             self.surface.configure(&self.gpu.device, &self.config);
+            self.fit_targets();
             self.is_final = false;
             self.dirty = true;
         }
@@ -477,6 +494,7 @@ impl Viewer {
             "adapt" => self.adapt = on,
             other => return Err(format!("there is no technique {other:?}")),
         }
+        self.fit_targets();
         self.is_final = false;
         self.dirty = true;
         Ok(())
@@ -515,12 +533,6 @@ impl Viewer {
     /// Frees the device and its memory at once, not when the browser collects it.
     pub fn close(self) {
         self.gpu.device.destroy();
-    }
-
-    /// GPU memory of meshes and textures, in bytes.
-    #[must_use]
-    pub fn gpu_bytes(&self) -> f64 {
-        (self.scene.geometry_bytes() + self.scene.textures().1) as f64
     }
 }
 

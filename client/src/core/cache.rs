@@ -30,6 +30,11 @@ impl BlobCache {
         Self { capacity_bytes, held_bytes: 0, entries: HashMap::new(), order: BTreeMap::new(), clock: 0 }
     }
 
+    /// Sets the capacity; the next [`BlobCache::trim`] evicts what is too much.
+    pub(crate) const fn set_capacity(&mut self, capacity_bytes: u64) {
+        self.capacity_bytes = capacity_bytes;
+    }
+
     /// Bytes held.
     pub(crate) const fn bytes(&self) -> u64 {
         self.held_bytes

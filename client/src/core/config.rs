@@ -60,8 +60,8 @@ const TEXEL_BYTES: u64 = 4;
 
 impl Config {
     /// Sets the cache and the budgets of the selection so that client and renderer together take at most about
-    /// `memory_bytes`, render targets apart: an eighth for the cache, a quarter for
-    /// texels, three eighths for faces, and the rest for decoding and what waits.
+    /// `memory_bytes`, render targets and terrain apart: an eighth for the cache, a quarter for texels, three eighths for
+    /// faces, and the rest for decoding and what waits (never raised again).
     pub fn bound_memory(&mut self, memory_bytes: u64) {
         let eighth = memory_bytes / 8;
         self.cache_bytes = eighth;

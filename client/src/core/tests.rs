@@ -181,6 +181,28 @@ fn budgets_hold() {
     assert!(stats.counters.threshold_px > 1e-4);
 }
 
+/// Render targets of a window leave less memory when it grows, and more when it shrinks.
+#[test]
+fn a_bound_on_memory_that_changes_undoes_chunks_and_brings_them_back() {
+    let mut link = Loopback::new(TestScene::new(1), |_| {});
+    link.core.set_view(link.now, finest());
+    link.connect();
+    link.settle();
+    let full = link.core.stats();
+    let mut resettled = |memory_bytes| {
+        link.core.bound_memory(memory_bytes);
+        link.run(200);
+        link.settle();
+        link.core.stats()
+    };
+    let bounded = resettled(1 << 20);
+    assert!(bounded.faces < full.faces && bounded.undone > 0, "{bounded:?}");
+    let base_alone = resettled(0);
+    assert!(base_alone.faces > 0 && base_alone.faces < bounded.faces, "{base_alone:?}");
+    assert_eq!(base_alone.applied_chunks, 0);
+    assert_eq!(resettled(512 << 20).faces, full.faces);
+}
+
 #[test]
 fn changes_rebuild_the_mesh_step_by_step() {
     let mut link = Loopback::new(TestScene::new(1), |_| {});

@@ -76,7 +76,8 @@ fn failed(why: &io::Error) -> Close {
     match why.get_ref().and_then(|inner| inner.downcast_ref::<Error>()) {
         Some(Error::InvalidMessage(_)) => Close::new(
             CloseCode::Protocol,
-            "the server does not use TLS on this port: write ws:// if the server prints that",
+            "the server does not use TLS on this port: write ws:// if the server prints that, and http:// for a \
+             published scene",
         ),
         Some(why) => Close::new(CloseCode::Lost, format!("the TLS handshake failed: {why}")),
         None => Close::new(CloseCode::Lost, format!("the TLS handshake failed: {why}")),

@@ -199,8 +199,8 @@ fn describe(error: &Error) -> String {
     };
     match why {
         CertificateError::UnknownIssuer => {
-            "no trusted authority has signed its certificate: copy the address that the server prints, with the \
-             fingerprint after #, or trust its authority's certificate"
+            "no trusted authority has signed its certificate: use an address with the certificate's fingerprint after #, \
+             which Lodestream's server prints, or trust its authority's certificate (viewer: --ca FILE)"
                 .into()
         }
         CertificateError::Expired | CertificateError::ExpiredContext { .. } => {

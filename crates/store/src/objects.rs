@@ -326,10 +326,16 @@ fn without_secrets(url: &str) -> String {
     parsed.into()
 }
 
-/// The error with its causes in one line.
+/// The error with its causes in one line, and what to do about a certificate.
 fn one_line(error: &object_store::Error) -> String {
     let text = error.to_string();
-    text.split_whitespace().collect::<Vec<_>>().join(" ")
+    let mut line = text.split_whitespace().collect::<Vec<_>>().join(" ");
+    let mut causes = std::iter::successors(std::error::Error::source(error), |cause| cause.source());
+    let is_untrusted = |cause: &str| cause.contains("invalid peer certificate");
+    if is_untrusted(&line) || causes.any(|cause| is_untrusted(&cause.to_string())) {
+        line += ": the environment's SSL_CERT_FILE may name a file of the authorities to trust (PEM)";
+    }
+    line
 }
 
 #[cfg(test)]

@@ -5,13 +5,16 @@ use std::path::{Path, PathBuf};
 
 use lodestream_bake::scene::of_files;
 
+use super::devtools::Tab;
 use super::page::{STATS, serve, settle};
 use super::tab;
 use crate::support::PICTURE_PX;
 use crate::support::scene::{TestScene, prepare_all};
 
-/// Megabytes for heaps, meshes and textures.
+/// Megabytes for heaps and GPU memory.
 const MEMORY_MB: u64 = 64;
+/// A canvas whose render targets, at full size, would take more than [`MEMORY_MB`].
+const LARGE_PX: [u32; 2] = [1600, 1000];
 /// Bytes that one task may upload after the first picture: 2 MiB, and at most one part more.
 const MAX_UPLOAD_BYTES: f64 = 3e6;
 /// Squares in a row, eight units apart.
@@ -59,6 +62,16 @@ fn write_row(folder: &Path) -> PathBuf {
     path
 }
 
+/// Keeps the most memory at any time, not only where the view rests, as `window.most`.
+fn watch(tab: &mut Tab) {
+    tab.evaluate(
+        "void setInterval(() => {
+            const { heap_bytes: [worker, page], gpu_bytes } = lodestream.stats();
+            window.most = Math.max(window.most ?? 0, worker + page + gpu_bytes);
+        }, 20)",
+    );
+}
+
 #[test]
 fn memory_stays_under_its_setting_along_a_flight() {
     let Some(mut tab) = tab(PICTURE_PX) else { return };
@@ -67,15 +80,10 @@ fn memory_stays_under_its_setting_along_a_flight() {
     let scene = TestScene::open(&scene, prepare_all(&scene, &folder.path().join("cache")));
     let server = serve(&scene);
     settle(&mut tab, &format!("{}#memory={MEMORY_MB}", server.page_url()));
-    // The most at any time, not only where the flight rests.
-    tab.evaluate(
-        "void setInterval(() => {
-            const { heap_bytes: [worker, page], gpu_bytes } = lodestream.stats();
-            window.most = Math.max(window.most ?? 0, worker + page + gpu_bytes);
-        }, 20)",
-    );
+    watch(&mut tab);
     let cap = (MEMORY_MB << 20) as f64;
     let mut without_room = false;
+    let [width, height] = PICTURE_PX.map(f64::from);
     for x in (0..8 * SQUARES).step_by(8) {
         let camera = format!("{x}, 1.6, 3, {x}, 0, -1, 0, 1, 0, 1");
         tab.evaluate(&format!(
@@ -89,6 +97,9 @@ fn memory_stays_under_its_setting_along_a_flight() {
         println!("x = {x}: {stats}");
         assert!(4.0 * count("texels") <= cap / 4.0, "at {x}: {stats}");
         assert!(count("decode_failures") == 0.0, "{stats}");
+        // Two pictures of the canvas, depth, normals, albedo and radiance are the least.
+        assert!(count("target_bytes") >= width * height * 32.0, "{stats}");
+        assert!(count("gpu_bytes") > count("target_bytes"), "{stats}");
         without_room |= count("levels_without_room") > 0.0;
         let most = tab.evaluate("window.most").as_f64().unwrap();
         println!("x = {x}: at most {most} bytes; longest task {} ms", stats["longest_task_ms"]);
@@ -96,5 +107,29 @@ fn memory_stays_under_its_setting_along_a_flight() {
         assert!(count("most_uploaded_bytes") <= MAX_UPLOAD_BYTES, "at {x}: {stats}");
     }
     assert!(without_room, "the textures were to be larger than their share");
+    server.assert_healthy();
+}
+
+/// The picture is drawn smaller, so that there is memory for what it shows.
+#[test]
+fn render_targets_of_a_large_canvas_leave_memory_for_meshes() {
+    let Some(mut tab) = tab(LARGE_PX) else { return };
+    let server = serve(TestScene::small());
+    settle(&mut tab, &format!("{}#memory={MEMORY_MB}", server.page_url()));
+    watch(&mut tab);
+    // Another frame, of a moved camera.
+    tab.evaluate("void (lodestream.view.viewer.turn(performance.now(), 40, 0), lodestream.view.redraw())");
+    tab.evaluate("new Promise((done) => setTimeout(done, 300))");
+    let stats = tab.wait("the view settles", STATS, |stats| stats["settled"] == true);
+    let most = tab.evaluate("window.most").as_f64().unwrap();
+    println!("at most {most} bytes: {stats}");
+    let count = |name: &str| stats[name].as_f64().unwrap();
+    let pixels = f64::from(LARGE_PX[0] * LARGE_PX[1]);
+    assert!(count("target_bytes") >= 8.0 * pixels, "{stats}");
+    assert!(
+        count("target_bytes") <= 0.75 * (MEMORY_MB << 20) as f64 && most <= (MEMORY_MB << 20) as f64,
+        "{stats}"
+    );
+    assert!(count("faces") > 0.0 && count("decode_failures") == 0.0, "{stats}");
     server.assert_healthy();
 }

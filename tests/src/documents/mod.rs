@@ -1,5 +1,5 @@
 //! Links, anchors, files, names of code and commands in the documents exist; lines of prose have at most 120
-//! characters, no line names a path of one machine, and all documents together stay short.
+//! characters, no line names a path of one machine, and all documents together stay short. Scripts print their usage.
 //!
 //! Names are looked up in the text of the sources, so a name that is left in one comment passes. This guards against
 //! moves and renames that a document did not follow.
@@ -68,6 +68,29 @@ fn programs_are_known_with_their_commands_and_flags() {
         "{:?}",
         viewer.flags
     );
+}
+
+/// `--help` of `script/web` once started a build of many minutes.
+#[test]
+fn scripts_print_their_usage_instead_of_starting() {
+    let repository = Repository::read();
+    let scripts = repository.files.iter().filter(|file| file.starts_with("script/"));
+    let mut count = 0;
+    for script in scripts {
+        let path = repository.root.join(script);
+        // Others are read by these.
+        if !std::fs::read(&path).unwrap().starts_with(b"#!") {
+            continue;
+        }
+        let output = std::process::Command::new(&path).arg("--help").output().unwrap();
+        let said = String::from_utf8_lossy(&output.stdout);
+        assert!(
+            output.status.success() && said.contains(&format!("Usage: {script}")),
+            "{script}: {output:?}"
+        );
+        count += 1;
+    }
+    assert!(count >= 7, "{count} scripts");
 }
 
 #[test]

@@ -1,10 +1,19 @@
 //! A web server for files, with the faults that hosts have.
 
-use std::io::{BufRead as _, BufReader, Write as _};
-use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
+use std::io::{BufRead as _, BufReader, Read, Write};
+use std::net::{Ipv4Addr, SocketAddr, TcpListener};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
+
+use rustls::pki_types::pem::PemObject as _;
+use rustls::pki_types::{CertificateDer, PrivateKeyDer};
+use rustls::{ServerConfig, ServerConnection, StreamOwned};
+
+use crate::support::authority::Files;
+
+/// First byte of a TLS connection.
+const TLS_HANDSHAKE: u8 = 22;
 
 /// What the host does with a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,6 +39,7 @@ pub(crate) enum Fault {
 /// The host; it stops with the process.
 pub(crate) struct Host {
     pub(crate) address: SocketAddr,
+    tls: bool,
     shared: Arc<Shared>,
 }
 
@@ -40,11 +50,30 @@ struct Shared {
     packs_only: AtomicBool,
     open: AtomicUsize,
     most_open: AtomicUsize,
+    accepted: AtomicUsize,
     requests: Mutex<Vec<String>>,
 }
 
 impl Host {
     pub(crate) fn start(folder: &Path) -> Self {
+        Self::start_with(folder, None)
+    }
+
+    /// Over TLS, with a certificate and key from files.
+    pub(crate) fn start_tls(folder: &Path, files: &Files) -> Self {
+        let certificate = CertificateDer::from_pem_file(&files.chain).unwrap();
+        let key = PrivateKeyDer::from_pem_file(&files.key).unwrap();
+        let provider = Arc::new(rustls::crypto::ring::default_provider());
+        let config = ServerConfig::builder_with_provider(provider)
+            .with_safe_default_protocol_versions()
+            .unwrap()
+            .with_no_client_auth()
+            .with_single_cert(vec![certificate], key)
+            .unwrap();
+        Self::start_with(folder, Some(Arc::new(config)))
+    }
+
+    fn start_with(folder: &Path, tls: Option<Arc<ServerConfig>>) -> Self {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
         let address = listener.local_addr().unwrap();
         let shared = Arc::new(Shared {
@@ -53,21 +82,28 @@ impl Host {
             packs_only: AtomicBool::new(false),
             open: AtomicUsize::new(0),
             most_open: AtomicUsize::new(0),
+            accepted: AtomicUsize::new(0),
             requests: Mutex::default(),
         });
-        let host = Arc::clone(&shared);
+        let (host, is_tls) = (Arc::clone(&shared), tls.is_some());
         std::thread::spawn(move || {
             while let Ok((stream, _)) = listener.accept() {
-                let host = Arc::clone(&host);
+                let (host, tls) = (Arc::clone(&host), tls.clone());
+                host.accepted.fetch_add(1, Ordering::SeqCst);
                 std::thread::spawn(move || {
                     let open = host.open.fetch_add(1, Ordering::SeqCst) + 1;
                     host.most_open.fetch_max(open, Ordering::SeqCst);
-                    let _ = host.serve(&stream);
+                    let _ = match tls {
+                        None => host.serve(stream),
+                        Some(config) => {
+                            host.serve(StreamOwned::new(ServerConnection::new(config).unwrap(), stream))
+                        }
+                    };
                     host.open.fetch_sub(1, Ordering::SeqCst);
                 });
             }
         });
-        Self { address, shared }
+        Self { address, tls: is_tls, shared }
     }
 
     pub(crate) fn with(self, fault: Fault) -> Self {
@@ -94,19 +130,30 @@ impl Host {
         self.shared.most_open.load(Ordering::SeqCst)
     }
 
-    /// Address of a file.
+    /// Number of connections so far.
+    pub(crate) fn connections(&self) -> usize {
+        self.shared.accepted.load(Ordering::SeqCst)
+    }
+
+    /// Address of a file. Certificates of tests are for the name.
     pub(crate) fn url(&self, name: &str) -> String {
+        if self.tls {
+            return format!("https://localhost:{}/{name}", self.address.port());
+        }
         format!("http://{}/{name}", self.address)
     }
 
     pub(crate) fn scene(&self) -> lodestream_client::net::Address {
-        format!("http://{}/small.lss", self.address).parse().unwrap()
+        self.url("small.lss").parse().unwrap()
     }
 }
 
 impl Shared {
-    fn serve(&self, stream: &TcpStream) -> std::io::Result<()> {
-        let mut reader = BufReader::new(stream.try_clone()?);
+    fn serve(&self, stream: impl Read + Write) -> std::io::Result<()> {
+        let mut reader = BufReader::new(stream);
+        if reader.fill_buf()?.first() == Some(&TLS_HANDSHAKE) {
+            return reader.get_mut().write_all(b"HTTP/1.1 400 Bad Request\r\nconnection: close\r\n\r\n");
+        }
         loop {
             let (mut path, mut range) = (String::new(), None);
             loop {
@@ -125,7 +172,7 @@ impl Shared {
                 }
             }
             self.requests.lock().unwrap().push(path.clone());
-            if !self.answer(stream, &path, range)? {
+            if !self.answer(reader.get_mut(), &path, range)? {
                 return Ok(());
             }
         }
@@ -134,7 +181,7 @@ impl Shared {
     /// Answers a request; returns whether the connection stays open.
     fn answer(
         &self,
-        mut stream: &TcpStream,
+        stream: &mut impl Write,
         path: &str,
         range: Option<(usize, usize)>,
     ) -> std::io::Result<bool> {

@@ -1,6 +1,7 @@
 //! A published scene on a web server, and in a folder, is shown as a daemon's; faults of hosts are named.
 
 pub(crate) mod host;
+mod https;
 
 use std::path::Path;
 use std::sync::OnceLock;

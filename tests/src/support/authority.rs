@@ -8,6 +8,8 @@ use rcgen::{
     BasicConstraints, CertificateParams, CertifiedIssuer, DnType, IsCa, KeyPair, KeyUsagePurpose,
     PKCS_ED25519, date_time_ymd,
 };
+use rustls::pki_types::CertificateDer;
+use rustls::pki_types::pem::PemObject as _;
 
 pub(crate) const DAY: Duration = Duration::from_secs(24 * 3600);
 
@@ -28,9 +30,14 @@ impl Authority {
         Self(CertifiedIssuer::self_signed(params, new_key()).unwrap())
     }
 
+    /// Its certificate.
+    pub(crate) fn pem(&self) -> String {
+        self.0.pem()
+    }
+
     /// The authorities that a viewer trusts with it.
     pub(crate) fn trusted(&self) -> Authorities {
-        Authorities::from_pem(self.0.pem().as_bytes()).unwrap()
+        Authorities::from_pem(self.pem().as_bytes()).unwrap()
     }
 
     /// Writes a certificate for a name and key that is valid for the four days before `end`.
@@ -54,5 +61,12 @@ pub(crate) struct Files {
 impl Files {
     pub(crate) fn within(folder: &Path) -> Self {
         Self { chain: folder.join("chain.pem"), key: folder.join("key.pem") }
+    }
+
+    /// Fingerprint of the certificate: hexadecimal digits of its SHA-256.
+    pub(crate) fn pin(&self) -> String {
+        let certificate = CertificateDer::from_pem_file(&self.chain).unwrap();
+        let digest = ring::digest::digest(&ring::digest::SHA256, &certificate);
+        data_encoding::HEXLOWER.encode(digest.as_ref())
     }
 }

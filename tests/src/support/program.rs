@@ -40,12 +40,12 @@ impl Drop for Display {
     }
 }
 
-/// Path of the program: cargo builds it beside these tests when it tests the whole workspace.
-fn path() -> PathBuf {
+/// Path of a program: cargo builds it beside these tests when it tests the whole workspace.
+pub(crate) fn program(name: &str) -> PathBuf {
     let tests = std::env::current_exe().unwrap();
     let folder = tests.parent().and_then(Path::parent).unwrap();
-    let program = folder.join("lodestream-viewer").with_extension(std::env::consts::EXE_EXTENSION);
-    assert!(program.exists(), "{} is missing: run cargo build -p lodestream-viewer", program.display());
+    let program = folder.join(name).with_extension(std::env::consts::EXE_EXTENSION);
+    assert!(program.exists(), "{} is missing: run cargo build -p {name}", program.display());
     program
 }
 
@@ -115,7 +115,7 @@ impl Program {
 
 fn spawn(address: &str, arguments: &[&str], display: Option<&str>) -> Child {
     let [width, height] = SIZE_PX;
-    let mut command = Command::new(path());
+    let mut command = Command::new(program("lodestream-viewer"));
     command
         .args([address, "--window", &format!("{width}x{height}")])
         .args(arguments)

@@ -24,7 +24,7 @@ use lodestream_scene::blob::BlobId;
 use lodestream_scene::description::SceneHeader;
 use lodestream_scene::punctual_lights::PunctualLight;
 use lodestream_scene::view::View;
-use lodestream_select::Selector;
+use lodestream_select::{SelectSettings, Selector};
 
 use super::cache::BlobCache;
 use super::changes::Change;
@@ -159,6 +159,17 @@ impl ClientCore {
         let wanted = &mut self.selection.selector.settings_mut().shadows;
         self.selection.stale |= *wanted != shadows;
         *wanted = shadows;
+    }
+
+    /// Bounds the memory of client and renderer from now on, as [`Config::bound_memory`]. Base meshes stay, whatever the
+    /// bound; chunks are undone, and blobs evicted, until the rest fits.
+    pub fn bound_memory(&mut self, memory_bytes: u64) {
+        self.config.bound_memory(memory_bytes);
+        let SelectSettings { max_bytes, max_texels, max_faces, .. } = self.config.select;
+        let settings = self.selection.selector.settings_mut();
+        *settings = SelectSettings { max_bytes, max_texels, max_faces, ..*settings };
+        self.cache.set_capacity(self.config.cache_bytes);
+        self.selection.stale = true;
     }
 
     /// Sets the instances for which no proxy may stand where they are in view, because their parts are hidden, tinted or

@@ -55,6 +55,11 @@ impl ClientCore {
         self.with_ranges(now, |session| session.handle_failure(now, id, why));
     }
 
+    /// Handles a request that failed for a reason that stays, such as a certificate that is not trusted: the session ends.
+    pub fn handle_request_refusal(&mut self, now: Time, id: u64, why: &str) {
+        self.with_ranges(now, |session| session.handle_refusal(id, why));
+    }
+
     /// What is wrong with the source for the present, for people, if it is known.
     #[must_use]
     pub fn trouble(&self) -> Option<&str> {

@@ -64,5 +64,9 @@ fn report(fetch: &mut impl Fetch, core: &mut ClientCore, now: Time, id: u64, rep
             fetch.ended(id);
             core.handle_request_failure(now, id, &why);
         }
+        Report::Refused(why) => {
+            fetch.ended(id);
+            core.handle_request_refusal(now, id, &why);
+        }
     }
 }

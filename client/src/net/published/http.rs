@@ -11,8 +11,10 @@ use hyper::header::{
 };
 use hyper::{Request, Response};
 use hyper_util::rt::TokioIo;
-use lodestream_protocol::message::Close;
+use lodestream_protocol::message::{Close, CloseCode};
+use rustls::RootCertStore;
 use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::sync::OnceCell;
 
 use super::target::{Origin, Target};
 use super::{Fetch, Report, Reports, Tasks};
@@ -45,6 +47,8 @@ struct Shared {
     /// Address and authorities of the scene's server.
     server: Server,
     received: Arc<AtomicU64>,
+    /// The authorities' certificates: reading the system's takes tens of milliseconds, and there are six connections.
+    roots: OnceCell<Arc<RootCertStore>>,
     /// Connections without a request.
     idle: Mutex<Vec<(Origin, SendRequest<Empty<Bytes>>)>>,
 }
@@ -52,7 +56,8 @@ struct Shared {
 impl HttpFetch {
     /// Reads the published scene at `scene`.
     pub(in crate::net) fn new(scene: Target, server: Server) -> Self {
-        let shared = Shared { scene, server, received: Arc::default(), idle: Mutex::default() };
+        let (received, roots, idle) = (Arc::default(), OnceCell::new(), Mutex::default());
+        let shared = Shared { scene, server, received, roots, idle };
         Self { shared: Arc::new(shared), tasks: Tasks::default() }
     }
 }
@@ -64,7 +69,8 @@ impl Fetch for HttpFetch {
         self.tasks.start(id, async move {
             let report = match shared.fetch(request, &reports).await {
                 Ok(()) => Report::End,
-                Err(why) => Report::Failed(why),
+                Err(close) if close.code.worth_retrying() => Report::Failed(close.reason),
+                Err(close) => Report::Refused(close.reason),
             };
             let _ = reports.send((id, report)).await;
         });
@@ -84,7 +90,8 @@ impl Fetch for HttpFetch {
 }
 
 impl Shared {
-    async fn fetch(&self, request: RangeRequest, reports: &Reports) -> Result<(), String> {
+    async fn fetch(&self, request: RangeRequest, reports: &Reports) -> Result<(), Close> {
+        let left = || lost("the session has ended");
         let mut target = match request.object.name() {
             None => self.scene.clone(),
             Some(name) => self.scene.beside(&name),
@@ -97,10 +104,10 @@ impl Shared {
                 Some(location) => {
                     target = target
                         .redirected(location)
-                        .ok_or_else(|| format!("the server redirects to {location}"))?;
+                        .ok_or_else(|| lost(format!("the server redirects to {location}")))?;
                     redirects += 1;
                     if redirects > MAX_REDIRECTS {
-                        return Err("the server redirects too often".into());
+                        return Err(lost("the server redirects too often"));
                     }
                 }
                 None => break (connection, response),
@@ -108,7 +115,7 @@ impl Shared {
         };
         let head = head_of(&response);
         let partial = head.status == 206;
-        reports.send((request.id, Report::Head(head))).await.map_err(|_| "the session has ended")?;
+        reports.send((request.id, Report::Head(head))).await.map_err(|_| left())?;
         if !partial {
             // Whatever follows is not read: the whole file may follow.
             return Ok(());
@@ -117,7 +124,7 @@ impl Shared {
         while let Some(frame) = body.frame().await {
             let frame = frame.map_err(|why| reason(&why))?;
             if let Ok(bytes) = frame.into_data() {
-                reports.send((request.id, Report::Body(bytes))).await.map_err(|_| "the session has ended")?;
+                reports.send((request.id, Report::Body(bytes))).await.map_err(|_| left())?;
             }
         }
         self.idle().push((target.origin, connection));
@@ -129,7 +136,7 @@ impl Shared {
         &self,
         target: &Target,
         request: &RangeRequest,
-    ) -> Result<(SendRequest<Empty<Bytes>>, Response<Incoming>), String> {
+    ) -> Result<(SendRequest<Empty<Bytes>>, Response<Incoming>), Close> {
         while let Some(mut kept) = self.take_idle(&target.origin) {
             if kept.ready().await.is_err() {
                 continue;
@@ -151,13 +158,12 @@ impl Shared {
     }
 
     /// Opens a connection to an origin, over TLS if it says so.
-    async fn connect(&self, origin: &Origin) -> Result<Box<dyn HttpStream>, String> {
+    async fn connect(&self, origin: &Origin) -> Result<Box<dyn HttpStream>, Close> {
         let mut address = self.server.address.clone();
         let redirected = address.host != origin.host || address.port != origin.port;
         (address.host, address.port) = (origin.host.clone(), origin.port);
-        let said = |why: Close| why.reason;
-        let servers = resolve(&address, &SystemResolver).await.map_err(said)?;
-        let stream = first_to_answer(&address, &servers, open_tcp).await.map_err(said)?;
+        let servers = resolve(&address, &SystemResolver).await?;
+        let stream = first_to_answer(&address, &servers, open_tcp).await?;
         let stream = counting_in(stream, &self.received);
         if !origin.tls {
             return Ok(Box::new(stream));
@@ -165,10 +171,13 @@ impl Shared {
         // The fingerprint is of the address's own certificate.
         let trust = match self.server.address.pin.filter(|_| !redirected) {
             Some(pin) => pin.into(),
-            None => self.server.authorities.roots().await.map(Trust::Roots).map_err(said)?,
+            None => {
+                let roots = self.roots.get_or_try_init(|| self.server.authorities.roots()).await?;
+                Trust::Roots(Arc::clone(roots))
+            }
         };
-        let tls = Tls::new(&origin.host, trust).map_err(said)?;
-        Ok(Box::new(tls.open(stream, STEP_TIMEOUT).await.map_err(said)?))
+        let tls = Tls::new(&origin.host, trust)?;
+        Ok(Box::new(tls.open(stream, STEP_TIMEOUT).await?))
     }
 
     fn idle(&self) -> std::sync::MutexGuard<'_, Vec<(Origin, SendRequest<Empty<Bytes>>)>> {
@@ -182,7 +191,7 @@ impl Shared {
     }
 }
 
-fn message(target: &Target, request: &RangeRequest) -> Result<Request<Empty<Bytes>>, String> {
+fn message(target: &Target, request: &RangeRequest) -> Result<Request<Empty<Bytes>>, Close> {
     let mut builder = Request::get(&target.path)
         .header(HOST, target.origin.authority())
         .header(RANGE, format!("bytes={}-{}", request.range.start, request.range.end.saturating_sub(1)))
@@ -192,7 +201,7 @@ fn message(target: &Target, request: &RangeRequest) -> Result<Request<Empty<Byte
     if request.reload {
         builder = builder.header(CACHE_CONTROL, "no-cache");
     }
-    builder.body(Empty::new()).map_err(|why| format!("{}: {why}", target.path))
+    builder.body(Empty::new()).map_err(|why| lost(format!("{}: {why}", target.path)))
 }
 
 fn head_of(response: &Response<Incoming>) -> ResponseHead {
@@ -204,10 +213,15 @@ fn head_of(response: &Response<Incoming>) -> ResponseHead {
     }
 }
 
+/// A failure that may pass.
+fn lost(why: impl Into<String>) -> Close {
+    Close::new(CloseCode::Lost, why)
+}
+
 /// An error with its cause, which alone tells what happened.
-fn reason(why: &hyper::Error) -> String {
+fn reason(why: &hyper::Error) -> Close {
     match std::error::Error::source(why) {
-        Some(cause) => format!("{why}: {cause}"),
-        None => why.to_string(),
+        Some(cause) => lost(format!("{why}: {cause}")),
+        None => lost(why.to_string()),
     }
 }

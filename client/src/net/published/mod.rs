@@ -27,8 +27,10 @@ pub enum Report {
     Body(Bytes),
     /// The end of its body.
     End,
-    /// The request failed.
+    /// The request failed; another one may not.
     Failed(String),
+    /// The request failed for a reason that stays, such as a certificate that is not trusted.
+    Refused(String),
 }
 
 /// Reports of all fetches, each with the request's number.

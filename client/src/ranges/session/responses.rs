@@ -109,6 +109,12 @@ impl RangeSession {
         self.trouble = Some((since, why));
     }
 
+    /// Handles a request that failed for a reason that stays.
+    pub fn handle_refusal(&mut self, id: u64, why: &str) {
+        let Some(flight) = self.in_flight.remove(&id) else { return };
+        self.end(Close::new(CloseCode::Protocol, format!("{}: {why}", flight.object)));
+    }
+
     /// A response that cannot be used.
     pub(super) fn fault(&mut self, now: Time, id: u64, fault: &ResponseFault) {
         self.cancelled.push_back(id);

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::frame::graph::Resource;
-use crate::resources::descriptors::{DRAWN_AND_SAMPLED, texture_2d};
+use crate::resources::descriptors::{DRAWN_AND_SAMPLED, texel_bytes, texture_2d, texture_bytes};
 use crate::resources::gpu::{Gpu, RenderError};
 
 /// Depth: reversed, 32-bit floating point.
@@ -30,6 +30,43 @@ pub(crate) const MOTION: wgpu::TextureFormat = wgpu::TextureFormat::Rg16Float;
 pub(crate) const STROKES: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
 /// Linear radiance.
 pub(crate) const RADIANCE: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
+
+/// Format of a resource, if it is allocated here.
+const fn format(resource: Resource) -> Option<wgpu::TextureFormat> {
+    Some(match resource {
+        Resource::Depth => DEPTH,
+        Resource::Normal => NORMAL,
+        Resource::Albedo => ALBEDO,
+        Resource::OcclusionRaw | Resource::OcclusionHalf | Resource::Occlusion => OCCLUSION,
+        Resource::OcclusionMean => OCCLUSION_MEAN,
+        Resource::Sunlight => SUNLIGHT,
+        Resource::Edges => EDGES,
+        Resource::Radiance | Resource::Lit => RADIANCE,
+        Resource::Display | Resource::Smoothed => DISPLAY,
+        Resource::Strokes => STROKES,
+        Resource::Overdraw => OVERDRAW,
+        Resource::Motion => MOTION,
+        Resource::Patches
+        | Resource::ShadowMaps
+        | Resource::Pyramid
+        | Resource::History
+        | Resource::Target => return None,
+    })
+}
+
+/// Size of a resource in pictures of a size.
+fn size_of_target(resource: Resource, (width, height): (u32, u32)) -> (u32, u32) {
+    match resource {
+        Resource::OcclusionHalf => (width.div_ceil(2), height.div_ceil(2)),
+        _ => (width, height),
+    }
+}
+
+/// Memory of a resource in pictures of a size, in bytes; 0 if it is not allocated here.
+pub(crate) fn target_bytes(resource: Resource, size: (u32, u32)) -> u64 {
+    let (width, height) = size_of_target(resource, size);
+    u64::from(width) * u64::from(height) * format(resource).map_or(0, texel_bytes)
+}
 
 /// The intermediate pictures of one size.
 #[derive(Debug, Default)]
@@ -60,39 +97,23 @@ impl Targets {
             self.size = size;
         }
         for resource in resources {
-            let format = match resource {
-                Resource::Depth => DEPTH,
-                Resource::Normal => NORMAL,
-                Resource::Albedo => ALBEDO,
-                Resource::OcclusionRaw | Resource::OcclusionHalf | Resource::Occlusion => OCCLUSION,
-                Resource::OcclusionMean => OCCLUSION_MEAN,
-                Resource::Sunlight => SUNLIGHT,
-                Resource::Edges => EDGES,
-                Resource::Radiance | Resource::Lit => RADIANCE,
-                Resource::Display | Resource::Smoothed => DISPLAY,
-                Resource::Strokes => STROKES,
-                Resource::Overdraw => OVERDRAW,
-                Resource::Motion => MOTION,
-                Resource::Patches
-                | Resource::ShadowMaps
-                | Resource::Pyramid
-                | Resource::History
-                | Resource::Target => continue,
-            };
+            let Some(format) = format(*resource) else { continue };
             let copied = match resource {
                 Resource::Lit => wgpu::TextureUsages::COPY_DST,
                 _ => wgpu::TextureUsages::empty(),
             };
-            let size = match resource {
-                Resource::OcclusionHalf => (size.0.div_ceil(2), size.1.div_ceil(2)),
-                _ => size,
-            };
+            let size = size_of_target(*resource, size);
             self.textures.entry(*resource).or_insert_with(|| {
                 let usage = DRAWN_AND_SAMPLED | copied;
                 gpu.device.create_texture(&texture_2d("frame target", size, format, usage))
             });
         }
         Ok(())
+    }
+
+    /// Memory of all, in bytes.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.textures.values().map(texture_bytes).sum()
     }
 
     pub(crate) fn texture(&self, resource: Resource) -> Option<&wgpu::Texture> {

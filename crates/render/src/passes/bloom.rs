@@ -6,7 +6,7 @@ use crate::frame::target::{Load, Target};
 use crate::frame::targets::RADIANCE;
 use crate::frame::timing::PassEncoder;
 use crate::passes::gbuffer::shader;
-use crate::resources::descriptors::{texture_2d, wgsl};
+use crate::resources::descriptors::{texel_bytes, texture_2d, texture_bytes, wgsl};
 use crate::resources::gpu::Gpu;
 
 const BLOOM: &str = wgsl!("bloom");
@@ -37,6 +37,20 @@ impl Bloom {
 /// Number of downsampling levels: until a side has one pixel.
 pub(crate) fn levels((width, height): (u32, u32)) -> u32 {
     width.min(height).max(1).ilog2().min(MAX_LEVELS)
+}
+
+/// Size of a level.
+fn level_size((width, height): (u32, u32), level: u32) -> (u32, u32) {
+    ((width >> level).max(1), (height >> level).max(1))
+}
+
+/// Memory of the levels for a picture of a size, in bytes.
+pub(crate) fn level_bytes(size: (u32, u32)) -> u64 {
+    let texels = |level| {
+        let (width, height) = level_size(size, level);
+        u64::from(width) * u64::from(height)
+    };
+    (1..=levels(size)).map(texels).sum::<u64>() * texel_bytes(RADIANCE)
 }
 
 /// Pipelines of the pass.
@@ -94,14 +108,18 @@ impl BloomPass {
             return;
         }
         self.size = size;
-        let side = |side: u32, level: u32| (side >> level).max(1);
         let one = |level| {
-            let size = (side(size.0, level), side(size.1, level));
+            let size = level_size(size, level);
             let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING;
             let texture = gpu.device.create_texture(&texture_2d("bloom", size, RADIANCE, usage));
             texture.create_view(&Default::default())
         };
         self.levels = (1..=levels(size)).map(one).collect();
+    }
+
+    /// Memory of the levels, in bytes.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.levels.iter().map(|level| texture_bytes(level.texture())).sum()
     }
 
     /// Downsamples the picture, upsamples it level by level and blends the result over it.

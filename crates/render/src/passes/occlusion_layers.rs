@@ -8,7 +8,7 @@ use crate::frame::targets::{OCCLUSION, OCCLUSION_MEAN};
 use crate::frame::timing::PassEncoder;
 use crate::passes::gbuffer::shader;
 use crate::passes::occlusion::OcclusionNormals;
-use crate::resources::descriptors::texture_2d;
+use crate::resources::descriptors::{texel_bytes, texture_2d, texture_bytes};
 use crate::resources::gpu::Gpu;
 
 /// Number of layers: every fourth pixel of every fourth row.
@@ -45,6 +45,18 @@ impl LayerPipelines {
     }
 }
 
+/// Size of a layer.
+fn layer_size((width, height): (u32, u32)) -> (u32, u32) {
+    (width.div_ceil(4), height.div_ceil(4))
+}
+
+/// Memory of the layers for a picture of a size, in bytes.
+pub(crate) fn layer_bytes(size: (u32, u32)) -> u64 {
+    let (width, height) = layer_size(size);
+    let texels = u64::from(width) * u64::from(height) * u64::from(LAYERS);
+    texels * [DEPTHS, OCCLUSION].map(texel_bytes).iter().sum::<u64>()
+}
+
 /// Textures of the layers.
 #[derive(Debug, Default)]
 pub(crate) struct Layers {
@@ -60,7 +72,7 @@ impl Layers {
             return;
         }
         self.size = size;
-        let quarter = (size.0.div_ceil(4), size.1.div_ceil(4));
+        let quarter = layer_size(size);
         let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING;
         let texture = |format| {
             let mut descriptor = texture_2d("occlusion layers", quarter, format, usage);
@@ -68,6 +80,11 @@ impl Layers {
             gpu.device.create_texture(&descriptor)
         };
         self.textures = Some([DEPTHS, OCCLUSION].map(texture));
+    }
+
+    /// Memory of the layers, in bytes.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.textures.iter().flatten().map(texture_bytes).sum()
     }
 
     /// Splits the depth buffer, estimates each layer and joins the layers; `share` blends into the accumulated mean.

@@ -7,7 +7,9 @@ use crate::frame::fullscreen::fullscreen;
 use crate::frame::graph::PassId;
 use crate::frame::target::Target;
 use crate::frame::timing::PassEncoder;
-use crate::resources::descriptors::{DRAWN_AND_SAMPLED, texture_2d, uniform_buffer};
+use crate::resources::descriptors::{
+    DRAWN_AND_SAMPLED, texel_bytes, texture_2d, texture_bytes, uniform_buffer,
+};
 use crate::resources::gpu::Gpu;
 
 /// Most steps of a ray.
@@ -90,9 +92,7 @@ impl Tracer {
             self.pyramid = None;
             return;
         }
-        // Rounded up to whole cells of the last level, so that downsampling covers every pixel.
-        let side = |side: u32| side.next_multiple_of(1 << levels) / 2;
-        let size = (side(size.0), side(size.1));
+        let size = pyramid_size(size);
         let descriptor = wgpu::TextureDescriptor {
             mip_level_count: levels,
             ..texture_2d("depth pyramid", size, PYRAMID, DRAWN_AND_SAMPLED)
@@ -100,6 +100,11 @@ impl Tracer {
         if self.pyramid.as_ref().is_none_or(|pyramid| pyramid.size() != descriptor.size) {
             self.pyramid = Some(gpu.device.create_texture(&descriptor));
         }
+    }
+
+    /// Memory of the pyramid, in bytes.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.pyramid.as_ref().map_or(0, texture_bytes)
     }
 
     /// The whole pyramid, if the search needs one.
@@ -144,6 +149,19 @@ impl Tracer {
             finer = into;
         }
     }
+}
+
+/// Size of the pyramid's first level: rounded up to whole cells of the last one, so that downsampling covers every pixel.
+fn pyramid_size((width, height): (u32, u32)) -> (u32, u32) {
+    let side = |side: u32| side.next_multiple_of(1 << PYRAMID_LEVELS) / 2;
+    (side(width), side(height))
+}
+
+/// Memory of the pyramid for a picture of a size, in bytes.
+pub(crate) fn pyramid_bytes(size: (u32, u32)) -> u64 {
+    let (width, height) = pyramid_size(size);
+    let texels = |level: u32| u64::from(width >> level) * u64::from(height >> level);
+    (0..PYRAMID_LEVELS).map(texels).sum::<u64>() * texel_bytes(PYRAMID)
 }
 
 /// Format of the pyramid's depths.

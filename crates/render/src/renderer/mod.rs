@@ -1,5 +1,6 @@
 //! The renderer: its state between frames, and the planning of a frame. `passes` records the planned passes.
 
+mod memory;
 mod passes;
 
 use std::sync::Arc;
@@ -499,10 +500,12 @@ fn drawn_size(target: &Target<'_>, scale: f32) -> (u32, u32) {
     if target.depth.is_some() || target.load == Load::Keep || !enlarged {
         return target.size;
     }
-    // At least a pixel, at most the target's size.
-    let side =
-        |side: u32| ((side as f32 * scale.max(MIN_RENDER_SCALE)).round() as u32).clamp(1.min(side), side);
-    (side(target.size.0), side(target.size.1))
+    (drawn_side(target.size.0, scale), drawn_side(target.size.1, scale))
+}
+
+/// The side of a picture that is drawn at a scale: at least a pixel, at most the target's side.
+fn drawn_side(side: u32, scale: f32) -> u32 {
+    ((side as f32 * scale.max(MIN_RENDER_SCALE)).round() as u32).clamp(1.min(side), side)
 }
 
 /// Clears a target's depth when no surface is drawn.

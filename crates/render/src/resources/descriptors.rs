@@ -21,6 +21,21 @@ pub(crate) fn texture_2d(
     }
 }
 
+/// Memory of a texture's texels, in bytes; devices may add some.
+pub(crate) fn texture_bytes(texture: &wgpu::Texture) -> u64 {
+    let side = |side: u32, level: u32| u64::from((side >> level).max(1));
+    let texels: u64 = (0..texture.mip_level_count())
+        .map(|level| side(texture.width(), level) * side(texture.height(), level))
+        .sum();
+    let layers = u64::from(texture.depth_or_array_layers());
+    texels * layers * texel_bytes(texture.format())
+}
+
+/// Memory of a texel of a format that is not compressed, in bytes.
+pub(crate) fn texel_bytes(format: wgpu::TextureFormat) -> u64 {
+    format.block_copy_size(None).unwrap_or(4).into()
+}
+
 /// A texture that passes draw into and sample, and that can be read back.
 pub(crate) const DRAWN_AND_SAMPLED: wgpu::TextureUsages = wgpu::TextureUsages::RENDER_ATTACHMENT
     .union(wgpu::TextureUsages::TEXTURE_BINDING)

@@ -101,7 +101,6 @@ pub(crate) struct PageRange {
 }
 
 /// Pages and memory of a pool.
-#[cfg(test)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct PoolUse {
     /// Shared pages.
@@ -202,7 +201,6 @@ impl PagePool {
     }
 
     /// Pages and memory.
-    #[cfg(test)]
     pub(crate) fn used(&self) -> PoolUse {
         let state = self.state();
         let blocks = state.pages.values().map(|page| u64::from(page.blocks)).sum::<u64>() + state.alone;

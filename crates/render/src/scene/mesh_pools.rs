@@ -1,9 +1,7 @@
 //! Memory of all meshes: vertices and faces in pages that small meshes share.
 
 use crate::resources::gpu::Gpu;
-#[cfg(test)]
-use crate::resources::pages::PoolUse;
-use crate::resources::pages::{PagePool, PageSizes};
+use crate::resources::pages::{PagePool, PageSizes, PoolUse};
 use crate::resources::vertex::PackedVertex;
 
 /// Blocks of 64 vertices: pages of 0.2 to 6.8 MB; meshes from 16,384 vertices on have their own buffer.
@@ -36,7 +34,6 @@ impl MeshPools {
     }
 
     /// Shared pages and memory of vertices and faces.
-    #[cfg(test)]
     pub(crate) fn used(&self) -> [PoolUse; 2] {
         [&self.vertices, &self.faces].map(PagePool::used)
     }

@@ -424,7 +424,13 @@ impl SceneView {
     #[must_use]
     pub fn geometry_bytes(&self) -> u64 {
         let assets: u64 = self.assets.iter().flatten().map(AssetGpu::geometry_bytes).sum();
-        assets + self.ground.as_ref().map_or(0, TerrainRenderer::bytes)
+        assets + self.terrain_bytes()
+    }
+
+    /// GPU memory of the terrain, in bytes: of fixed size, 0 without one.
+    #[must_use]
+    pub fn terrain_bytes(&self) -> u64 {
+        self.ground.as_ref().map_or(0, TerrainRenderer::bytes)
     }
 
     /// Number of textures, shared ones counted once, and their GPU memory in bytes.

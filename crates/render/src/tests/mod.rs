@@ -39,6 +39,7 @@ mod spheres;
 mod staged;
 mod streaming;
 mod switches;
+mod target_memory;
 mod temporal;
 pub(crate) mod terrain;
 mod timing;

@@ -14,7 +14,7 @@ use crate::frame::settings::{Frame, MAP_SIDES, MAX_CASCADES, Shadows};
 use crate::frame::targets::DEPTH;
 use crate::frame::timing::PassEncoder;
 use crate::frame::uniforms::FrameUniform;
-use crate::resources::descriptors::{DRAWN_AND_SAMPLED, texture_2d, uniform_buffer};
+use crate::resources::descriptors::{DRAWN_AND_SAMPLED, texture_2d, texture_bytes, uniform_buffer};
 use crate::resources::gpu::Gpu;
 
 /// Largest ratio of terrain screen errors for which a late map may be reused.
@@ -95,6 +95,11 @@ impl ShadowMaps {
     pub(crate) fn drawn(&self) -> Option<(&wgpu::Texture, Vec<(Cascade, f64)>)> {
         let drawn = self.drawn.iter().flatten().map(|drawn| (drawn.cascade, drawn.top));
         Some((self.texture.as_ref()?, drawn.collect()))
+    }
+
+    /// Memory of the maps, in bytes.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.texture.as_ref().map_or(0, texture_bytes)
     }
 
     /// Bindings of the shadow lookup from binding 2: maps, comparison sampler and cascades.

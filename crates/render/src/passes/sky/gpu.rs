@@ -10,7 +10,7 @@ use super::map::{LOBE_SIDE, LOBES, SEEN_SIDE, SkyMap};
 use super::maps::{Key, SkyMaps, SunPlace};
 use super::octahedral::Octahedral;
 use super::prefilter::{SPLIT_SUM_SIDE, split_sum};
-use crate::resources::descriptors::texture_2d;
+use crate::resources::descriptors::{texture_2d, texture_bytes};
 use crate::resources::gpu::Gpu;
 use crate::scene::environment::{Atmosphere, Environment};
 
@@ -76,6 +76,11 @@ impl SkyGpu {
             #[cfg(test)]
             computed: 0,
         }
+    }
+
+    /// Memory of the maps, in bytes.
+    pub(crate) fn bytes(&self) -> u64 {
+        [&self.seen, &self.lobes, &self.split_sum].map(texture_bytes).iter().sum()
     }
 
     /// The light of an environment. Uploads its maps if they have changed, and computes them if `given` holds other

@@ -15,6 +15,7 @@ use crate::frame::placed::PlacedInstances;
 use crate::frame::settings::Frame;
 use crate::frame::timing::PassEncoder;
 use crate::resources::buffer::GrowingBuffer;
+use crate::resources::descriptors::texture_bytes;
 use crate::resources::gpu::{Gpu, RenderError};
 use crate::scene::placement::InstanceRaw;
 
@@ -179,6 +180,11 @@ impl Temporal {
     /// The current history.
     pub(crate) fn history(&self) -> Option<&wgpu::Texture> {
         self.histories.as_ref().map(|[_, new]| new)
+    }
+
+    /// Memory of the histories, in bytes.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.histories.iter().flatten().map(texture_bytes).sum()
     }
 
     /// Blends radiance into the history, using depth and, if objects move, motion.
