@@ -172,7 +172,7 @@ fn many_instances_on_terrain_begin_as_proxies() {
     });
     let first = cuts.next().expect("a cut through proxies");
     assert!(!first.proxies.is_empty(), "{first:?}");
-    let last = cuts.last().expect("a finer cut");
+    let last = cuts.next_back().expect("a finer cut");
     let covered = |cut: &Cut| cut.covered.iter().map(|[first, end]| end - first).sum::<u32>();
     assert!(covered(last) < covered(first), "the near ones are drawn themselves: {first:?} {last:?}");
     let header = viewer.changes.iter().find_map(|change| match change {
