@@ -1,9 +1,9 @@
 //! Instances of a scene page, each coded by its differences from the one before.
 //!
 //! Programs that export buildings repeat windows, lamps and seats in rows: neighbours share the asset, the rotation, the
-//! scale and often a coordinate, and their places are multiples of a power of two ([`Form::Steps`]). Such an instance
-//! takes 6 to 11 bytes; one without a rule, 12 for its translation, up to 16 for its rotation and 4 for its scale. Nothing
-//! is lost, and an instance has one encoding.
+//! scale and often a coordinate, and their places are multiples of a power of two. Such an instance takes 6 to 11 bytes;
+//! one without a rule, 12 for its translation, up to 16 for its rotation and 4 for its scale. Nothing is lost, and an
+//! instance has one encoding.
 
 use crate::description::Instance;
 use crate::encoding::{

@@ -87,11 +87,13 @@ fn compose_with(
         None => visible_first(&camera, &spheres),
     };
     let mut pages = Pages::default();
-    if let Some((forest, of_proxies)) = forest {
-        pages.add_proxies(&forest.proxies, of_proxies, entries.len());
+    match forest {
+        Some((forest, of_proxies)) => {
+            pages.add_forest(&forest.proxies, of_proxies, &instances, entries, &order);
+        }
+        None => pages.add_instances(&instances, entries, &order),
     }
-    pages.add_instances(&instances, entries, &order);
-    let Pages { mut pages, asset_order } = pages;
+    let Pages { mut pages, asset_order, .. } = pages;
     share_textures(&mut pages, &asset_order, textures);
     let header = SceneHeader {
         name: scene.name.clone(),

@@ -116,11 +116,15 @@ fn each_level_stands_for_each_instance_once_and_errors_hold() {
     let text = forest.to_string();
     assert!(forest.prepared == forest.packs.len() && text.contains("bytes of base meshes"), "{text}");
     let meshes: Vec<_> = forest.packs.iter().map(|pack| (finest(pack), pack.base().unwrap())).collect();
+    let first_proxy = packs.len();
     let (description, in_order) = describe(&scene, packs, Some(forest)).unwrap();
     let (proxies, instances) = received(&description);
     assert!(proxies.len() > 9 && proxies.roots() == [0], "{}", proxies.len());
     assert_eq!(in_order.len(), description.header.asset_count as usize);
-    assert_eq!((instances.len(), description.pages[0].proxies.len()), (320, proxies.len().min(16) as usize));
+    assert_eq!(instances.len(), 320);
+    let [first, second] = [0, 1].map(|page: usize| &description.pages[page]);
+    assert!((2..=16).contains(&first.proxies.len()) && first.instances.is_empty(), "{first:?}");
+    assert!(!second.instances.is_empty(), "what is near comes before the other proxies");
     let deepest = proxies.nodes().iter().map(|node| node.depth).max().unwrap();
     for depth in 0..=deepest {
         let level = proxies.nodes().iter().filter(|node| {
@@ -131,7 +135,8 @@ fn each_level_stands_for_each_instance_once_and_errors_hold() {
         covered.sort_unstable();
         assert!(covered.into_iter().eq(0..320), "level {depth}");
     }
-    for (node, (mesh, base)) in proxies.nodes().iter().zip(&meshes) {
+    for node in proxies.nodes() {
+        let (mesh, base) = &meshes[description.asset_order[node.proxy.asset as usize] - first_proxy];
         let to_proxy = surface(mesh);
         let error = f64::from(node.proxy.error);
         let mut largest = 0.0_f64;
