@@ -11,8 +11,8 @@ export const NO_WEBGPU =
   'Safari have it, on pages from this machine or over https; it may be switched off on this device.';
 /** Bytes of steps that one task decodes after the first picture; a larger step is alone. */
 const MAX_STEP_BYTES = 1 << 20;
-/** Megabytes for the heaps of worker and page, and GPU memory. */
-const MEMORY_MB = { desktop: 512, phone: 256 };
+/** Megabytes for the heaps of worker and page, and GPU memory; the least is what an empty scene and a page of meshes take. */
+const MEMORY_MB = { desktop: 512, phone: 256, least: 96 };
 /** Share of it that the scene may use until the viewer knows what render targets leave: less than that. */
 const FIRST_SHARE = 0.2;
 /** Adapters that draw on the CPU, by the architecture that the browser tells. */
@@ -151,7 +151,8 @@ export class View extends EventTarget {
 
   /** Most bytes of heaps and GPU memory. */
   get #memoryCap() {
-    return (this.#options.memory || (isPhone() ? MEMORY_MB.phone : MEMORY_MB.desktop)) * 2 ** 20;
+    const megabytes = this.#options.memory || (isPhone() ? MEMORY_MB.phone : MEMORY_MB.desktop);
+    return Math.max(megabytes, MEMORY_MB.least) * 2 ** 20;
   }
 
   #startWorker() {

@@ -12,6 +12,7 @@ use crate::encoding::{
     CodingError, Decode, Encode, Reader, Writer, decode_vector, encode_fields, encode_vector, vector_fits_f32,
 };
 use crate::instances;
+pub use crate::instances::Instance;
 use crate::limits::{
     MAX_ASSETS, MAX_BLOB_BYTES, MAX_CHUNKS, MAX_ENTRIES_PER_PAGE, MAX_INSTANCES, MAX_NAME_BYTES,
     MAX_SCENE_PAGES,
@@ -212,29 +213,6 @@ impl AssetEntry {
     pub fn index_pages(&self) -> u32 {
         #[expect(clippy::cast_possible_truncation, reason = "`CHUNKS_PER_PAGE` is a small constant")]
         self.chunk_count.div_ceil(CHUNKS_PER_PAGE as u32)
-    }
-}
-
-/// One placed asset.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Instance {
-    /// Number of the asset.
-    pub asset: u32,
-    /// Where the asset stands.
-    pub placement: Placement,
-}
-
-impl Instance {
-    /// An instance without rotation and scale.
-    #[must_use]
-    pub const fn at(asset: u32, translation: [f64; 3]) -> Self {
-        Self { asset, placement: Placement::at(translation) }
-    }
-
-    /// World position of a point given in asset units relative to the grid origin `origin`.
-    #[must_use]
-    pub fn to_world(&self, origin: [f64; 3], point: [f32; 3]) -> DVec3 {
-        self.placement.to_world(DVec3::from(origin) + Vec3::from(point).as_dvec3())
     }
 }
 

@@ -5,11 +5,35 @@
 //! one without a rule, 12 for its translation, up to 16 for its rotation and 4 for its scale. Nothing is lost, and an
 //! instance has one encoding.
 
-use crate::description::Instance;
+use glam::{DVec3, Vec3};
+
 use crate::encoding::{
     CodingError, Decode, Encode, Reader, Writer, decode_vector, encode_vector, vector_fits_f32,
 };
 use crate::placement::Placement;
+
+/// One placed asset.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Instance {
+    /// Number of the asset.
+    pub asset: u32,
+    /// Where the asset stands.
+    pub placement: Placement,
+}
+
+impl Instance {
+    /// An instance without rotation and scale.
+    #[must_use]
+    pub const fn at(asset: u32, translation: [f64; 3]) -> Self {
+        Self { asset, placement: Placement::at(translation) }
+    }
+
+    /// World position of a point given in asset units relative to the grid origin `origin`.
+    #[must_use]
+    pub fn to_world(&self, origin: [f64; 3], point: [f32; 3]) -> DVec3 {
+        self.placement.to_world(DVec3::from(origin) + Vec3::from(point).as_dvec3())
+    }
+}
 
 const FORM: u8 = 0b11;
 const OTHER_ASSET: u8 = 1 << 2;

@@ -11,9 +11,9 @@ use super::tab;
 use crate::support::PICTURE_PX;
 use crate::support::scene::{TestScene, prepare_all};
 
-/// Megabytes for heaps and GPU memory.
-const MEMORY_MB: u64 = 64;
-/// A canvas whose render targets, at full size, would take more than [`MEMORY_MB`].
+/// Megabytes for heaps and GPU memory, the least that a page takes.
+const MEMORY_MB: u64 = 96;
+/// A canvas whose render targets, at full size, would take more than their share of [`MEMORY_MB`].
 const LARGE_PX: [u32; 2] = [1600, 1000];
 /// Bytes that one task may upload after the first picture: 2 MiB, and at most one part more.
 const MAX_UPLOAD_BYTES: f64 = 3e6;
