@@ -74,6 +74,7 @@ impl Pages {
             let children = &below[proxy];
             add(self, children);
             open.extend(children.iter().rev());
+            // The children of a proxy divide its instances (`proxies::tree`).
             if children.is_empty() {
                 let [first, end] =
                     [proxies[proxy].instances().start, proxies[proxy].instances().end].map(|at| at as usize);
