@@ -8,6 +8,7 @@ use lodestream_geometry::index::{ChunkInfo, encode_pages};
 use crate::source::{Reading, SceneSource, SourceError};
 use lodestream_scene::blob::{BlobId, BlobPart};
 use lodestream_scene::description::{Camera, Instance, SceneHeader, SceneLighting, ScenePage};
+use lodestream_scene::proxy::Proxy;
 use lodestream_select::Occluder;
 use lodestream_select::testing::{plane, plane_entry};
 
@@ -25,6 +26,29 @@ pub(crate) struct MemoryScene {
 }
 
 impl MemoryScene {
+    /// 32 planes behind each other; a root, four children, and four of each.
+    pub(crate) fn with_proxies() -> Arc<Self> {
+        let mut scene = Self::new(32, 1, 2);
+        let of = |parent: u32, first_instance, instance_count, child_count, error| Proxy {
+            asset: first_instance / 8,
+            parent,
+            first_instance,
+            instance_count,
+            child_count,
+            error,
+        };
+        let root = of(0, 0, 32, 4, 4.0);
+        let children = (0..4).map(|n| of(1, 8 * n, 8, 4, 1.0));
+        let leaves = (0..16).map(|n| of(2 + n / 4, 2 * n, 2, 0, 0.25));
+        let pages = &mut Arc::get_mut(&mut scene).unwrap().pages;
+        // Their assets stand in the first page for simplicity: those of the first planes.
+        let assets = pages[0].assets.len() as u32;
+        let fits = |proxy: Proxy| Proxy { asset: proxy.asset.min(assets - 1), ..proxy };
+        Arc::get_mut(&mut pages[0]).unwrap().proxies =
+            [root].into_iter().chain(children).chain(leaves).map(fits).collect();
+        scene
+    }
+
     /// `assets` planes of the given depth in a row along −z, each with `instances` instances side by side.
     pub(crate) fn new(assets: u32, instances: u32, levels: u8) -> Arc<Self> {
         let chunks: Vec<_> = (0..assets).map(|_| plane(levels)).collect();

@@ -45,11 +45,11 @@ impl Picture {
         (SHAPE * error_px * radius).min(radius * radius)
     }
 
-    /// Difference of an object within `radius_px` for which a surface with an error of `error_px` stands: no more than its
-    /// own area, however far off the surface is.
+    /// Difference of an object within `radius_px` for which a surface with an error of `error_px` stands: the share of the
+    /// error in the radius, of the area in the picture.
     pub fn object_px2(&self, error_px: f32, radius_px: f32) -> f32 {
         let radius = radius_px.min(self.radius_px);
-        (SHAPE * error_px * radius).min(radius * radius)
+        radius * radius * (SHAPE * error_px / radius_px.max(f32::MIN_POSITIVE)).min(1.0)
     }
 
     /// Difference of a texture with texels of `texel_px` on a surface of radius `coverage_px`; `weight` is the share

@@ -24,6 +24,8 @@ pub struct Bounds {
     pub depth: f64,
     /// Radius on the screen in pixels, by distance, so that it is defined out of view too.
     pub coverage_px: f32,
+    /// Pixels per world unit at the distance of its centre, or of its radius if that is larger.
+    pub px_per_unit: f32,
     /// 1 in the middle of the picture, falling outwards.
     pub foveation: f32,
 }
@@ -55,10 +57,12 @@ impl Projection {
     }
 
     fn of_sphere(&self, center: Vec3, radius: f32) -> Bounds {
+        let px_per_unit = self.px_per_unit_at(center, radius);
         Bounds {
             visible: self.frustum.sees(center, radius),
             depth: f64::from(self.frustum.depth(center, radius)),
-            coverage_px: self.radius_px(center, radius),
+            coverage_px: radius * px_per_unit,
+            px_per_unit,
             foveation: foveation(&self.frustum, center, radius),
         }
     }
@@ -73,13 +77,13 @@ impl Projection {
     /// Radius of an instance on the screen, in pixels, as [`Bounds::coverage_px`].
     pub fn coverage_px(&self, asset: &AssetEntry, instance: &Instance) -> f32 {
         let (center, radius) = self.sphere(asset, instance);
-        self.radius_px(center, radius)
+        radius * self.px_per_unit_at(center, radius)
     }
 
     #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
-    fn radius_px(&self, center: Vec3, radius: f32) -> f32 {
-        let distance = f64::from(center.length()).max(f64::from(radius)).max(f64::MIN_POSITIVE);
-        (f64::from(radius) * self.scale_px / distance) as f32
+    fn px_per_unit_at(&self, center: Vec3, radius: f32) -> f32 {
+        let distance = f64::from(center.length()).max(f64::from(radius)).max(f64::from(f32::MIN_POSITIVE));
+        (self.scale_px / distance).min(f64::from(f32::MAX)) as f32
     }
 
     /// Position of the eye.

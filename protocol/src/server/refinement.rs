@@ -97,10 +97,28 @@ pub(super) fn first_refinement(
         }
         out.push(chunk);
     }
+    // A base mesh that replaces a part of a proxy is less urgent than what refines it, but comes first.
+    let of_bases = base_priorities(flight);
+    for next in &mut out {
+        if let BlobId::Asset { asset, .. } = next.id
+            && let Some(&base) = of_bases.get(&asset)
+        {
+            next.priority = next.priority.min(base.saturating_sub(1));
+        }
+    }
     // The sort is stable: pages stay before chunks of equal priority.
     out.sort_by_key(|next| std::cmp::Reverse(next.priority));
     let is_final = !failed.get() && assets.iter().all(|asset| asset.occluder().is_some());
     Ok(Refinement { pushed: out, is_final })
+}
+
+/// Priorities of base meshes by asset.
+fn base_priorities(flight: &[(Priority, Unit)]) -> HashMap<u32, Priority> {
+    let of_base = |&(priority, unit): &(Priority, Unit)| match unit {
+        Unit::Blob(BlobId::Asset { asset, part: BlobPart::Base }) => Some((asset, priority)),
+        Unit::Blob(_) | Unit::Page(_) => None,
+    };
+    flight.iter().filter_map(of_base).collect()
 }
 
 /// The index page that lists a chunk.
@@ -224,7 +242,10 @@ fn visible_assets(
     // Ordered by number, as the occlusion test expects.
     let placed: BTreeMap<u32, &Instance> = in_view
         .chain(largest)
-        .filter(|(number, instance)| !cut.covers(*number) && local.contains_key(&instance.asset))
+        .filter(|(number, instance)| {
+            let replaces = || cut.finer.iter().any(|(_, asset)| *asset == instance.asset);
+            local.contains_key(&instance.asset) && (!cut.covers(*number) || replaces())
+        })
         .collect();
     let renumber =
         |instance: &&Instance| Some(Instance { asset: *local.get(&instance.asset)?, ..**instance });
@@ -282,6 +303,25 @@ mod tests {
             }
         }
         panic!("never complete");
+    }
+
+    #[test]
+    fn what_refines_a_base_mesh_comes_after_it() {
+        let scene = MemoryScene::with_proxies();
+        let view = scene.header.camera.view([1280, 720], 1.0);
+        let index = SceneIndex::new(&*scene);
+        let bases = base_priorities(&first_flight(&*scene, &index, &view));
+        let refinement = refinement(&scene, 1 << 20);
+        assert!(refinement.is_sorted_by(|a, b| a.priority >= b.priority));
+        let cut = first_cut(&index, &view);
+        let later: Vec<u32> = cut.finer.iter().map(|(_, asset)| *asset).collect();
+        let mut refined = 0;
+        for next in &refinement {
+            let BlobId::Asset { asset, .. } = next.id else { continue };
+            assert!(next.priority < bases[&asset], "{next:?}");
+            refined += usize::from(later.contains(&asset));
+        }
+        assert!(refined > 0, "{later:?}: {refinement:?}");
     }
 
     #[test]

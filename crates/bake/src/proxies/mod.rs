@@ -142,6 +142,7 @@ pub fn make_with(
     }
     let item = |(at, instance): (usize, &Instance)| Item {
         center: spheres[at].0,
+        radius: spheres[at].1,
         asset: instance.asset,
         base_bytes: u64::from(entries[instance.asset as usize].base_bytes),
         faces: faces.get(&instance.asset).copied().unwrap_or(0),

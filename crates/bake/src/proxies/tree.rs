@@ -12,6 +12,8 @@ const MAX_LEAF_BYTES: u64 = 16 << 10;
 const MAX_LEAF_FACES: u64 = 20_000;
 /// What an instance weighs besides its base mesh, in bytes: some 14 in a page, and its part of a proxy.
 const INSTANCE_BYTES: u64 = 20;
+/// An instance is small if its radius is so many times below the mean, weighted by area.
+const SMALL: f64 = 8.0;
 /// Each kept level of the binary tree is this many below the one before, so a node has at most eight children.
 const KEPT_LEVELS: usize = 3;
 
@@ -20,6 +22,8 @@ const KEPT_LEVELS: usize = 3;
 pub(super) struct Item {
     /// Centre in the world.
     pub(super) center: DVec3,
+    /// Radius of its bounding sphere in the world.
+    pub(super) radius: f64,
     /// Its asset.
     pub(super) asset: u32,
     /// Length of the asset's base mesh.
@@ -99,11 +103,14 @@ fn grow(items: &[Item], members: &mut [usize], level: usize) -> Vec<Branch> {
         return vec![Branch { members: members.to_vec(), children: Vec::new(), rank }];
     }
     let few_enough = members.len() <= MAX_PARTS as usize;
-    let at = split(items, members);
+    let by_size = if level == 0 { split_by_size(items, members) } else { None };
+    let at = by_size.unwrap_or_else(|| split(items, members));
     let (left, right) = members.split_at_mut(at);
     let mut below = grow(items, left, level + 1);
     below.extend(grow(items, right, level + 1));
-    below.sort_by_key(|branch| branch.rank);
+    if by_size.is_none() {
+        below.sort_by_key(|branch| branch.rank);
+    }
     if level.is_multiple_of(KEPT_LEVELS) && few_enough {
         return vec![Branch { members: Vec::new(), children: below, rank }];
     }
@@ -117,6 +124,17 @@ fn is_leaf(items: &[Item], members: &[usize]) -> bool {
     let bytes = assets.values().sum::<u64>() + INSTANCE_BYTES * members.len() as u64;
     let faces: u64 = members.iter().map(|&member| items[member].faces).sum();
     members.len() <= 1 || bytes <= MAX_LEAF_BYTES && faces <= MAX_LEAF_FACES
+}
+
+/// Sorts members by size, if some are much smaller than those that cover most of the area, and returns where the small ones
+/// begin. Large ones come first in the pages, since a picture is wrong without them: buildings before their windows.
+fn split_by_size(items: &[Item], members: &mut [usize]) -> Option<usize> {
+    let sum = |power| members.iter().map(|&member| items[member].radius.powi(power)).sum::<f64>();
+    let least = sum(3) / sum(2) / SMALL;
+    let is_small = |&member: &usize| items[member].radius < least;
+    members.sort_unstable_by_key(|member| (is_small(member), *member));
+    let large = members.partition_point(|member| !is_small(member));
+    (large < members.len()).then_some(large)
 }
 
 /// Sorts at least two members along the longest axis of their centres and returns where to split them: where half of the
@@ -146,7 +164,7 @@ mod tests {
     use super::*;
 
     fn item(x: f64, z: f64, base_bytes: u64, rank: usize) -> Item {
-        Item { center: DVec3::new(x, 0.0, z), asset: rank as u32, base_bytes, faces: 10, rank }
+        Item { center: DVec3::new(x, 0.0, z), radius: 1.0, asset: rank as u32, base_bytes, faces: 10, rank }
     }
 
     #[test]
@@ -175,6 +193,28 @@ mod tests {
             assert!(node.parent.is_none_or(|parent| tree.nodes[parent].depth + 1 == node.depth));
         }
         assert_eq!(tree.nodes.iter().map(|node| node.depth).max(), Some(2));
+    }
+
+    #[test]
+    fn large_instances_come_before_small_ones() {
+        let size = |i: usize| Item {
+            radius: if i.is_multiple_of(10) { 20.0 } else { 1.0 },
+            ..item(i as f64, 0.0, 4000, i)
+        };
+        let tree = build(&(0..100).map(size).collect::<Vec<_>>());
+        let (large, small) = tree.order.split_at(10);
+        assert!(large.iter().all(|i| i.is_multiple_of(10)) && small.contains(&1), "{:?}", tree.order);
+        assert!(
+            tree.nodes
+                .iter()
+                .filter(|node| node.depth > 0)
+                .all(|node| node.instances.end <= 10 || node.instances.start >= 10)
+        );
+        let of_one_size = |i: usize| Item { radius: 1.0 + i as f64 / 25.0, ..item(i as f64, 0.0, 4000, i) };
+        assert_eq!(
+            split_by_size(&(0..100).map(of_one_size).collect::<Vec<_>>(), &mut (0..100).collect::<Vec<_>>()),
+            None
+        );
     }
 
     #[test]

@@ -4,7 +4,8 @@
 //! proxy's error makes there, per byte. Wanted are the base meshes of the final cut; of a proxy between only if it is the
 //! better bargain, so a near view does not fetch every level.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 
 use lodestream_scene::description::{AssetEntry, Instance};
 use lodestream_scene::proxy::Proxies;
@@ -12,6 +13,9 @@ use lodestream_scene::proxy::Proxies;
 use crate::difference::Picture;
 use crate::priority::{Priority, refine_priority};
 use crate::project::{Bounds, Projection};
+
+/// Least share of a difference that a base mesh makes, however large its error: what refines it comes after it.
+const LEAST_GAIN: f32 = 0.1;
 
 /// What a scene consists of, and what of it a cut has.
 pub trait Forest {
@@ -72,56 +76,134 @@ impl Finer {
 }
 
 /// The base meshes that make drawn proxies finer, by asset. Cost: a sphere test for each proxy and instance below them down
-/// to the final cut.
+/// to the final cut, and a difference for each of these and each proxy above it.
 pub fn finer(
     forest: &impl Forest,
     projection: &Projection,
     picture: &Picture,
     drawn: impl IntoIterator<Item = u32>,
 ) -> Vec<Finer> {
-    let mut search = Search { forest, projection, picture, found: BTreeMap::new() };
+    let mut found = Found::default();
     for number in drawn {
         let proxy = forest.proxies().nodes()[number as usize].proxy;
         if let Some(entry) = forest.entry(proxy.asset) {
-            let drawn = Drawn { error: f64::from(proxy.error) + f64::from(entry.root_error) };
-            search.below(number, drawn);
+            let mut search = Search { forest, projection, below: Below::default(), found: &mut found };
+            search.look_below(number);
+            search.below.choose(picture, proxy.error + entry.root_error, &mut found);
         }
     }
-    search.found.into_values().collect()
+    found.finer.into_values().collect()
 }
 
-/// A proxy that is drawn by its base mesh.
-#[derive(Clone, Copy)]
-struct Drawn {
-    /// Largest error, in world units.
-    error: f64,
+/// Base meshes, each once.
+#[derive(Default)]
+struct Found {
+    finer: BTreeMap<u32, Finer>,
+    /// Assets whose bytes a piece has.
+    counted: BTreeSet<u32>,
 }
 
-/// What replaces a part of a drawn proxy.
-#[derive(Clone, Copy, Default)]
-struct Sum {
-    difference_px2: f32,
-    bytes: f32,
+impl Found {
+    /// Adds a use of a base mesh.
+    fn add(&mut self, new: Finer) {
+        let found = self.finer.entry(new.asset).or_insert(Finer { difference_px2: 0.0, ..new });
+        found.difference_px2 += new.difference_px2;
+        found.foveation = found.foveation.max(new.foveation);
+    }
+}
+
+/// What is below a drawn proxy in view.
+#[derive(Default)]
+struct Below {
+    /// What the final cut consists of.
+    pieces: Vec<Piece>,
+    /// Proxies between, each before those below it.
+    between: Vec<Between>,
+}
+
+/// A base mesh of the final cut.
+struct Piece {
+    asset: u32,
+    placed: Placed,
+    bounds: Bounds,
+    /// Error of the base mesh, in world units.
+    error: f32,
+    bytes: u32,
+    /// Whether an earlier piece has the same base mesh.
+    is_shared: bool,
+}
+
+/// A proxy that is opened in the final cut.
+struct Between {
+    proxy: u32,
+    asset: u32,
+    error: f32,
+    bytes: u32,
+    foveation: f32,
+    /// The pieces that it stands for.
+    pieces: Range<usize>,
+}
+
+impl Piece {
+    /// Difference of a surface with an error in world units that stands for it.
+    fn difference_px2(&self, picture: &Picture, error: f32) -> f32 {
+        picture.object_px2(error * self.bounds.px_per_unit, self.bounds.coverage_px)
+    }
+
+    /// How much less the difference is with its base mesh than with an error.
+    fn gain_px2(&self, picture: &Picture, error: f32) -> f32 {
+        let before = self.difference_px2(picture, error);
+        (before - self.difference_px2(picture, self.error)).max(LEAST_GAIN * before)
+    }
+}
+
+impl Below {
+    /// Lists the pieces, and each proxy between that makes more difference per byte than the pieces for which it stands:
+    /// these count from its error then.
+    fn choose(&self, picture: &Picture, drawn_error: f32, found: &mut Found) {
+        let mut errors = vec![drawn_error; self.pieces.len()];
+        for of in &self.between {
+            let (pieces, errors) = (&self.pieces[of.pieces.clone()], &mut errors[of.pieces.clone()]);
+            let (mut own, mut below, mut bytes) = (0.0, 0.0, 0.0);
+            for (piece, error) in pieces.iter().zip(&*errors) {
+                own += piece.difference_px2(picture, *error)
+                    - piece.difference_px2(picture, of.error.min(*error));
+                below += piece.gain_px2(picture, *error);
+                bytes += if piece.is_shared { 0.0 } else { as_f32(piece.bytes) };
+            }
+            if own * bytes > below * as_f32(of.bytes) {
+                errors.iter_mut().for_each(|error| *error = error.min(of.error));
+                found.add(Finer {
+                    asset: of.asset,
+                    first: Placed::Proxy(of.proxy),
+                    difference_px2: own,
+                    bytes: of.bytes,
+                    foveation: of.foveation,
+                });
+            }
+        }
+        for (piece, error) in self.pieces.iter().zip(errors) {
+            found.add(Finer {
+                asset: piece.asset,
+                first: piece.placed,
+                difference_px2: piece.gain_px2(picture, error),
+                bytes: piece.bytes,
+                foveation: piece.bounds.foveation,
+            });
+        }
+    }
 }
 
 struct Search<'a, F> {
     forest: &'a F,
     projection: &'a Projection,
-    picture: &'a Picture,
-    found: BTreeMap<u32, Finer>,
+    below: Below,
+    found: &'a mut Found,
 }
 
 impl<'a, F: Forest> Search<'a, F> {
-    /// Difference that an error in world units makes.
-    fn difference_px2(&self, error: f64, bounds: &Bounds) -> f32 {
-        #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
-        let error_px = self.projection.error_px(error, bounds.depth) as f32;
-        self.picture.object_px2(error_px, bounds.coverage_px)
-    }
-
-    /// Adds what replaces the part of a drawn proxy that another proxy stands for.
-    fn below(&mut self, number: u32, drawn: Drawn) -> Sum {
-        let mut sum = Sum::default();
+    /// Adds what is below a proxy.
+    fn look_below(&mut self, number: u32) {
         let forest: &'a F = self.forest;
         let proxies = forest.proxies();
         for &child in &proxies.nodes()[number as usize].children {
@@ -134,57 +216,142 @@ impl<'a, F: Forest> Search<'a, F> {
             }
             #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
             let error_px = self.projection.error_px(f64::from(proxy.error), bounds.depth) as f32;
-            let base_error = f64::from(proxy.error) + f64::from(entry.root_error);
-            let (before, after) =
-                (self.difference_px2(drawn.error, &bounds), self.difference_px2(base_error, &bounds));
+            let error = proxy.error + entry.root_error;
             if !forest.must_open(child, error_px) {
-                sum = sum.with(self.add(proxy.asset, Placed::Proxy(child), before, &bounds));
+                self.add(proxy.asset, Placed::Proxy(child), error, bounds);
                 continue;
             }
-            let below = self.below(child, drawn);
-            #[expect(
-                clippy::cast_precision_loss,
-                reason = "a priority needs no more of a length than 24 bits"
-            )]
-            let own_bytes = entry.base_bytes as f32;
-            let gain = before - after;
-            if gain * below.bytes > below.difference_px2 * own_bytes {
-                self.add(proxy.asset, Placed::Proxy(child), gain, &bounds);
+            let at = self.below.between.len();
+            let first = self.below.pieces.len();
+            if forest.is_missing(proxy.asset) {
+                self.below.between.push(Between {
+                    proxy: child,
+                    asset: proxy.asset,
+                    error,
+                    bytes: entry.base_bytes,
+                    foveation: bounds.foveation,
+                    pieces: first..first,
+                });
             }
-            sum = sum.with(below);
+            self.look_below(child);
+            if let Some(of) = self.below.between.get_mut(at).filter(|of| of.proxy == child) {
+                of.pieces.end = self.below.pieces.len();
+            }
         }
         for instance in proxies.own_instances(number).into_iter().flatten() {
             let Some(of) = forest.instance(instance) else { continue };
-            let Some(entry) = forest.entry(of.asset).filter(|_| forest.is_missing(of.asset)) else {
-                continue;
-            };
+            let Some(entry) = forest.entry(of.asset) else { continue };
             let bounds = self.projection.bounds(entry, of);
             if bounds.visible {
-                let difference_px2 = self.difference_px2(drawn.error, &bounds);
-                sum = sum.with(self.add(of.asset, Placed::Instance(instance), difference_px2, &bounds));
+                self.add(of.asset, Placed::Instance(instance), entry.root_error * of.placement.scale, bounds);
             }
         }
-        sum
     }
 
-    /// Adds a use of a base mesh, whose bytes count once.
-    fn add(&mut self, asset: u32, first: Placed, difference_px2: f32, bounds: &Bounds) -> Sum {
-        if !self.forest.is_missing(asset) {
-            return Sum::default();
+    /// Adds a use of a base mesh that is missing.
+    fn add(&mut self, asset: u32, placed: Placed, error: f32, bounds: Bounds) {
+        if let Some(entry) = self.forest.entry(asset).filter(|_| self.forest.is_missing(asset)) {
+            let is_shared = !self.found.counted.insert(asset);
+            let bytes = entry.base_bytes;
+            self.below.pieces.push(Piece { asset, placed, bounds, error, bytes, is_shared });
         }
-        let bytes = self.forest.entry(asset).map_or(0, |entry| entry.base_bytes);
-        let new = Finer { asset, first, difference_px2: 0.0, bytes, foveation: 0.0 };
-        let is_new = !self.found.contains_key(&asset);
-        let found = self.found.entry(asset).or_insert(new);
-        found.difference_px2 += difference_px2;
-        found.foveation = found.foveation.max(bounds.foveation);
-        #[expect(clippy::cast_precision_loss, reason = "a priority needs no more of a length than 24 bits")]
-        Sum { difference_px2, bytes: if is_new { bytes as f32 } else { 0.0 } }
     }
 }
 
-impl Sum {
-    fn with(self, other: Self) -> Self {
-        Self { difference_px2: self.difference_px2 + other.difference_px2, bytes: self.bytes + other.bytes }
+#[expect(clippy::cast_precision_loss, reason = "a priority needs no more of a length than 24 bits")]
+const fn as_f32(bytes: u32) -> f32 {
+    bytes as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use lodestream_scene::proxy::Proxy;
+
+    use super::*;
+    use crate::testing::plane_entry;
+
+    /// A root, a proxy below it, and two instances: all in view of a camera 20 units away.
+    struct Scene {
+        proxies: Proxies,
+        instances: Vec<Instance>,
+        /// Of the root, the proxy between and the instances.
+        entries: Vec<AssetEntry>,
+    }
+
+    impl Scene {
+        /// `errors` are those of the two proxies, `bytes` the lengths of the base mesh of the lower one and of the instances.
+        fn new(errors: [f32; 2], bytes: [u32; 2]) -> Self {
+            let mut proxies = Proxies::default();
+            let root =
+                Proxy { asset: 0, instance_count: 2, child_count: 1, error: errors[0], ..Proxy::default() };
+            let between = Proxy { asset: 1, parent: 1, error: errors[1], child_count: 0, ..root };
+            proxies.add(0, &[root, between], 4, 2).unwrap();
+            let entry = |bytes| AssetEntry { root_error: 0.0, ..plane_entry("", &[], bytes) };
+            Self {
+                proxies,
+                instances: vec![Instance::at(2, [0.0; 3]), Instance::at(3, [1.0, 0.0, 0.0])],
+                entries: vec![entry(100), entry(bytes[0]), entry(bytes[1]), entry(bytes[1])],
+            }
+        }
+
+        /// Assets and differences of what makes the root finer.
+        fn finer(&self) -> Vec<(u32, f32)> {
+            let camera = lodestream_scene::description::Camera {
+                eye: [0.0, 0.0, 20.0],
+                target: [0.0; 3],
+                up: [0.0, 1.0, 0.0],
+                fov_y: 1.0,
+            };
+            let view = camera.view([1280, 720], 1.0);
+            let list = finer(self, &Projection::new(&view), &Picture::new(&view), [0]);
+            list.iter().map(|finer| (finer.asset, finer.difference_px2())).collect()
+        }
+    }
+
+    impl Forest for Scene {
+        fn proxies(&self) -> &Proxies {
+            &self.proxies
+        }
+
+        fn instance(&self, number: u32) -> Option<&Instance> {
+            self.instances.get(number as usize)
+        }
+
+        fn entry(&self, asset: u32) -> Option<&AssetEntry> {
+            self.entries.get(asset as usize)
+        }
+
+        fn is_missing(&self, asset: u32) -> bool {
+            asset > 0
+        }
+
+        fn is_there(&self, asset: u32) -> bool {
+            asset == 0
+        }
+
+        fn must_open(&self, _: u32, _: f32) -> bool {
+            true
+        }
+    }
+
+    #[test]
+    fn a_proxy_between_is_wanted_if_it_helps_what_it_stands_for() {
+        let assets = |errors, bytes| {
+            Scene::new(errors, bytes).finer().iter().map(|(asset, _)| *asset).collect::<Vec<_>>()
+        };
+        assert_eq!(assets([8.0, 0.1], [100, 5000]), [1, 2, 3], "fine and short");
+        assert_eq!(assets([8.0, 0.1], [100, 60]), [2, 3], "more bytes than what it stands for");
+        // As large as the instances: nothing of them looks right with it, although it is much finer than the root.
+        assert_eq!(assets([8.0, 1.5], [100, 5000]), [2, 3]);
+    }
+
+    #[test]
+    fn what_a_proxy_between_has_shown_counts_once() {
+        let all: f32 =
+            Scene::new([8.0, 0.1], [100, 60]).finer().iter().map(|(_, difference)| difference).sum();
+        let parts = Scene::new([8.0, 0.1], [100, 5000]).finer();
+        assert!(parts[0].1 > parts[1].1 + parts[2].1, "most by the proxy: {parts:?}");
+        let sum: f32 = parts.iter().map(|(_, difference)| difference).sum();
+        assert!((sum - all).abs() < 1e-3 * all, "{sum} {all}");
     }
 }
