@@ -57,12 +57,11 @@ impl Projection {
     }
 
     fn of_sphere(&self, center: Vec3, radius: f32) -> Bounds {
-        let px_per_unit = self.px_per_unit_at(center, radius);
         Bounds {
             visible: self.frustum.sees(center, radius),
             depth: f64::from(self.frustum.depth(center, radius)),
-            coverage_px: radius * px_per_unit,
-            px_per_unit,
+            coverage_px: self.radius_px(center, radius),
+            px_per_unit: self.length_px(1.0, center, radius),
             foveation: foveation(&self.frustum, center, radius),
         }
     }
@@ -77,13 +76,18 @@ impl Projection {
     /// Radius of an instance on the screen, in pixels, as [`Bounds::coverage_px`].
     pub fn coverage_px(&self, asset: &AssetEntry, instance: &Instance) -> f32 {
         let (center, radius) = self.sphere(asset, instance);
-        radius * self.px_per_unit_at(center, radius)
+        self.radius_px(center, radius)
     }
 
+    fn radius_px(&self, center: Vec3, radius: f32) -> f32 {
+        self.length_px(radius, center, radius)
+    }
+
+    /// A length in pixels at the distance of a sphere's centre, or of its radius if that is larger.
     #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
-    fn px_per_unit_at(&self, center: Vec3, radius: f32) -> f32 {
+    fn length_px(&self, length: f32, center: Vec3, radius: f32) -> f32 {
         let distance = f64::from(center.length()).max(f64::from(radius)).max(f64::from(f32::MIN_POSITIVE));
-        (self.scale_px / distance).min(f64::from(f32::MAX)) as f32
+        (f64::from(length) * self.scale_px / distance).min(f64::from(f32::MAX)) as f32
     }
 
     /// Position of the eye.

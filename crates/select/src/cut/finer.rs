@@ -4,7 +4,7 @@
 //! proxy's error makes there, per byte. Wanted are the base meshes of the final cut; of a proxy between only if it is the
 //! better bargain, so a near view does not fetch every level.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 use lodestream_scene::description::{AssetEntry, Instance};
@@ -99,11 +99,18 @@ pub fn finer(
 #[derive(Default)]
 struct Found {
     finer: BTreeMap<u32, Finer>,
-    /// Assets whose bytes a piece has.
-    counted: BTreeSet<u32>,
+    /// By asset: whether a piece has its bytes.
+    counted: Vec<bool>,
 }
 
 impl Found {
+    /// Whether an asset's bytes are counted already; they are from now on.
+    fn count(&mut self, asset: u32) -> bool {
+        let asset = asset as usize;
+        self.counted.resize(self.counted.len().max(asset + 1), false);
+        std::mem::replace(&mut self.counted[asset], true)
+    }
+
     /// Adds a use of a base mesh.
     fn add(&mut self, new: Finer) {
         let found = self.finer.entry(new.asset).or_insert(Finer { difference_px2: 0.0, ..new });
@@ -251,7 +258,7 @@ impl<'a, F: Forest> Search<'a, F> {
     /// Adds a use of a base mesh that is missing.
     fn add(&mut self, asset: u32, placed: Placed, error: f32, bounds: Bounds) {
         if let Some(entry) = self.forest.entry(asset).filter(|_| self.forest.is_missing(asset)) {
-            let is_shared = !self.found.counted.insert(asset);
+            let is_shared = self.found.count(asset);
             let bytes = entry.base_bytes;
             self.below.pieces.push(Piece { asset, placed, bounds, error, bytes, is_shared });
         }
