@@ -315,7 +315,7 @@ export function connect(src: string | URL, options?: ConnectOptions): Connection
 /**
  * `<lodestream-viewer src="ws://host:port/scene">`, or `src="https://host/path/NAME.lss"`. Further attributes: `scene` (in place of the address's), `token`,
  * `target-px` (error on the screen to refine to, by default 1), `memory` (most megabytes of heaps and GPU memory, by
- * default 512, on phones 256, at least 96), `camera` (`eye=x,y,z;target=x,y,z;up=x,y,z;fov=degrees`).
+ * default 512, on phones 256, at least 64), `camera` (`eye=x,y,z;target=x,y,z;up=x,y,z;fov=degrees`).
  * It has the attribute `shown` once there is a picture; until then, and without WebGPU, its children are shown. Events:
  * `firstframe`, `progress`, `settled` (detail: `Stats`) and `error` (detail: text). Removal ends the session and frees
  * worker and device. Styles reach the canvas as `::part(canvas)`.

@@ -11,8 +11,8 @@ export const NO_WEBGPU =
   'Safari have it, on pages from this machine or over https; it may be switched off on this device.';
 /** Bytes of steps that one task decodes after the first picture; a larger step is alone. */
 const MAX_STEP_BYTES = 1 << 20;
-/** Megabytes for the heaps of worker and page, and GPU memory. Less than `least` is not held: meshes grow by whole pages. */
-const MEMORY_MB = { desktop: 512, phone: 256, least: 96 };
+/** Megabytes for the heaps of worker and page, and GPU memory. Less than `least` is not held: heaps and render targets. */
+const MEMORY_MB = { desktop: 512, phone: 256, least: 64 };
 /** Share of it that the scene may use until the viewer knows what render targets leave: less than that. */
 const FIRST_SHARE = 0.2;
 /** Adapters that draw on the CPU, by the architecture that the browser tells. */

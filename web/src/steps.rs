@@ -192,7 +192,7 @@ fn encode_mesh(mesh: &MeshChange, out: &mut Vec<u8>) -> Result<(), CodingError> 
             out.extend_from_slice(&index.to_le_bytes());
         }
     }
-    Ok(())
+    (mesh.vertex_slots, &mesh.index_slots).encode(out)
 }
 
 fn vertex_bytes(vertex: &Vertex) -> [u8; VERTEX_BYTES] {
@@ -248,7 +248,8 @@ fn decode_mesh<R: Reader>(reader: &mut R) -> Result<MeshChange, CodingError> {
         let face = |face: &[u8]| [0, 4, 8].map(|at| index(&face[at..at + 4]));
         indices.push(IndexRun { material, first, faces: bytes.chunks_exact(FACE_BYTES).map(face).collect() });
     }
-    Ok(MeshChange { asset, vertices, indices })
+    let (vertex_slots, index_slots) = (get(reader)?, get(reader)?);
+    Ok(MeshChange { asset, vertices, indices, vertex_slots, index_slots })
 }
 
 /// Reads a counted list of elements of `size` bytes.

@@ -77,10 +77,20 @@ pub(crate) struct RefinedAsset {
     levels: BTreeMap<u32, u8>,
     /// Faces of the last occluder.
     occluder_faces: usize,
+    /// Faces and bytes as of the last [`Self::growth`].
+    pub(crate) counted: (u64, u64),
 }
 
 /// Faces beyond which an occluder is not refined: its error is then far below the sizes of regions.
 const MAX_OCCLUDER_FACES: usize = 2048;
+
+/// Bytes of a vertex in GPU memory. A renderer keeps up to half as many in reserve.
+const RENDERER_VERTEX_BYTES: u64 = 52;
+/// Slots of each kind that one step of compaction moves, and at most a chunk more: about the work of applying a few
+/// chunks.
+const COMPACTED_SLOTS: u32 = 1024;
+/// Dirty slots beyond which compaction waits for the renderer, so that no step of changes is large because of it.
+const MAX_DIRTY_COMPACTED: usize = 1 << 14;
 
 impl RefinedAsset {
     /// Decodes a base blob. `track_changes`: record changes for a renderer.
@@ -104,6 +114,7 @@ impl RefinedAsset {
             births: BTreeMap::new(),
             levels: BTreeMap::new(),
             occluder_faces: 0,
+            counted: (0, 0),
         };
         asset.touch_all();
         Ok(asset)
@@ -197,6 +208,23 @@ impl RefinedAsset {
         Ok(())
     }
 
+    /// Whether [`Self::compact`] has work: more was undone than is applied.
+    pub(crate) fn is_sparse(&self) -> bool {
+        self.mesh.is_sparse()
+    }
+
+    /// Moves chunks, a few at a time, into slots that undone ones have left. Waits, and returns false, while many changes
+    /// have not been fetched: what moves is fetched again.
+    pub(crate) fn compact(&mut self) -> bool {
+        let waits = |dirty: &Dirty| dirty.wedges.len() + dirty.draws.len() > MAX_DIRTY_COMPACTED;
+        if self.dirty.as_ref().is_some_and(waits) {
+            return false;
+        }
+        let touched = self.mesh.compact(COMPACTED_SLOTS);
+        self.note(touched);
+        true
+    }
+
     fn note(&mut self, touched: DirtySlots) {
         if let Some(dirty) = &mut self.dirty {
             dirty.add(touched);
@@ -212,6 +240,17 @@ impl RefinedAsset {
         self.occluder_faces = faces;
         let (positions, faces) = self.mesh.surface();
         Some(Occluder::new(positions, faces))
+    }
+
+    /// Faces and bytes, in client and renderer, as of the last call and now.
+    pub(crate) fn growth(&mut self) -> [(u64, u64); 2] {
+        let mesh = &self.mesh;
+        let faces = (0..mesh.material_count()).map(|material| mesh.indices(material).len()).sum::<usize>();
+        let drawn = RENDERER_VERTEX_BYTES * u64::from(mesh.wedge_slots())
+            + size_of::<[u32; 3]>() as u64 * faces as u64;
+        let drawn = drawn + drawn / 2;
+        let now = (mesh.face_count() as u64, mesh.bytes() as u64 + drawn);
+        [std::mem::replace(&mut self.counted, now), now]
     }
 
     /// The mesh at the current refinement.
@@ -270,7 +309,9 @@ impl RefinedAsset {
                 indices.push(IndexRun { material, first: run.start, faces });
             }
         }
-        Some(MeshChange { asset, vertices, indices })
+        let length = |material| u32::try_from(mesh.indices(material).len()).unwrap_or(NONE);
+        let index_slots = (0..mesh.material_count()).map(length).collect();
+        Some(MeshChange { asset, vertices, indices, vertex_slots: slots, index_slots })
     }
 }
 

@@ -109,6 +109,10 @@ pub struct MeshChange {
     pub vertices: Vec<(u32, Vec<Vertex>)>,
     /// Runs of faces.
     pub indices: Vec<IndexRun>,
+    /// Number of vertex slots from now on: no face names a later one.
+    pub vertex_slots: u32,
+    /// Length of each material's index list from now on.
+    pub index_slots: Vec<u32>,
 }
 
 /// A texture level.

@@ -33,6 +33,9 @@ pub struct Config {
     pub select: SelectSettings,
     /// The camera at the start.
     pub start: StartView,
+    /// Most bytes that meshes may take in client and renderer, with what undone chunks have left: fewer faces are selected
+    /// while they take more than faces usually do.
+    pub max_mesh_bytes: u64,
     /// Size of the cache of received blobs, in bytes. With a smaller cache, undone chunks are fetched again more often.
     pub cache_bytes: u64,
     /// Where chunks are decoded: by default on the thread that calls [`super::ClientCore::update`].
@@ -52,9 +55,11 @@ pub struct Config {
     pub max_entries: u32,
 }
 
-/// Memory of a face in bytes, rounded up from what the test of a tab's memory shows: 221 in the client's mesh and 116 in
-/// the renderer's buffers.
+/// Memory of a face in bytes: in the tests of memory at most 157 in the client's mesh and 116 in the renderer's buffers, and
+/// reserve for what chunks leave until meshes are compacted.
 const FACE_BYTES: u64 = 360;
+/// Steps by which the faces that are selected follow the memory that meshes take: small changes change no selection.
+const MESH_STEPS: u64 = 16;
 /// Bytes of a texel in GPU memory.
 const TEXEL_BYTES: u64 = 4;
 
@@ -67,9 +72,17 @@ impl Config {
         self.cache_bytes = eighth;
         self.select.max_bytes = eighth;
         self.select.max_texels = 2 * eighth / TEXEL_BYTES;
-        self.select.max_faces = 3 * eighth / FACE_BYTES;
+        self.max_mesh_bytes = 3 * eighth;
+        self.select.max_faces = self.max_mesh_bytes / FACE_BYTES;
         self.max_waiting_bytes =
             self.max_waiting_bytes.min(usize::try_from(eighth / 2).unwrap_or(usize::MAX));
+    }
+
+    /// Most faces to select while meshes of so many faces take so many bytes.
+    pub(crate) fn max_faces(&self, faces: u64, bytes: u64) -> u64 {
+        let step = (self.max_mesh_bytes / MESH_STEPS).max(1);
+        let more = bytes.saturating_sub(faces.saturating_mul(FACE_BYTES)) / step * step;
+        self.select.max_faces.min(self.max_mesh_bytes.saturating_sub(more) / FACE_BYTES)
     }
 
     /// Defaults for a start view.
@@ -80,6 +93,7 @@ impl Config {
             ranges: RangeSettings::default(),
             select: SelectSettings::default(),
             start,
+            max_mesh_bytes: u64::MAX,
             cache_bytes: 128 << 20,
             decoders: Decoders::default(),
             select_interval: Duration::from_millis(10),
@@ -113,5 +127,21 @@ mod tests {
             assert!(parts.iter().all(|part| *part > 0), "{parts:?}");
             assert!(parts.iter().sum::<u64>() < memory, "{parts:?}");
         }
+    }
+
+    #[test]
+    fn fewer_faces_are_selected_while_meshes_take_more_than_usual() {
+        let mut config = Config::new(StartView::OfScene { viewport_px: [1, 1], target_px: 1.0 });
+        assert_eq!(config.max_faces(1, u64::MAX / 2), config.select.max_faces);
+        config.bound_memory(64 << 20);
+        let (most, usual) = (config.select.max_faces, 10_000 * FACE_BYTES);
+        let limits = [0, 1, 4, 16, 99].map(|steps| {
+            let more = steps * config.max_mesh_bytes / MESH_STEPS;
+            config.max_faces(10_000, usual + more)
+        });
+        assert_eq!([limits[0], limits[3], limits[4]], [most, 0, 0]);
+        assert!(limits[1] < most && limits[2].abs_diff(most * 3 / 4) < 2, "{limits:?} of {most}");
+        config.bound_memory(0);
+        assert_eq!(config.max_faces(10_000, usual), 0);
     }
 }

@@ -2,7 +2,7 @@
 
 mod restate;
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
 use lodestream_scene::blob::{BlobId, BlobPart};
@@ -51,6 +51,12 @@ pub(crate) struct Scene {
     /// Assets whose meshes have changed since the last fetch, in the order of their first change: chunks are applied in
     /// order of priority.
     changed: VecDeque<u32>,
+    /// Assets whose meshes have changed since they were counted, with repetitions.
+    uncounted: Vec<u32>,
+    /// Faces and bytes of all meshes, in client and renderer, as of the last count.
+    counted: (u64, u64),
+    /// Assets whose meshes use less than half of their slots.
+    sparse: BTreeSet<u32>,
     /// Changes of textures, which may be many megabytes.
     textures: VecDeque<Change>,
     waiting_bytes: usize,
@@ -284,8 +290,11 @@ impl Scene {
     }
 
     /// Adds an asset's decoded base mesh.
-    pub(crate) fn set_base(&mut self, asset: u32, refined: RefinedAsset) {
+    pub(crate) fn set_base(&mut self, asset: u32, mut refined: RefinedAsset) {
         let Some(state) = self.states.get_mut(asset as usize) else { return };
+        if let Some(before) = &self.refined[asset as usize] {
+            refined.counted = before.counted;
+        }
         state.set_description(&refined.description, refined.uv_per_unit);
         self.refined[asset as usize] = Some(refined);
         if let Some(new) = self.new_asset(asset) {
@@ -315,10 +324,48 @@ impl Scene {
 
     /// Queues an asset whose mesh has changed for the renderer, unless it is queued already.
     pub(crate) fn note_changed(&mut self, asset: u32) {
+        if self.uncounted.last() != Some(&asset) {
+            self.uncounted.push(asset);
+        }
         let refined = self.refined.get_mut(asset as usize).and_then(Option::as_mut);
         if refined.is_some_and(RefinedAsset::enqueue) {
             self.changed.push_back(asset);
         }
+    }
+
+    /// Notes an asset of which a chunk was undone.
+    pub(crate) fn note_undone(&mut self, asset: u32) {
+        let refined = self.refined.get(asset as usize).and_then(Option::as_ref);
+        if refined.is_some_and(RefinedAsset::is_sparse) {
+            self.sparse.insert(asset);
+        }
+    }
+
+    /// Takes a step of compacting a mesh that uses less than half of its slots; returns whether there was one.
+    pub(crate) fn compact(&mut self) -> bool {
+        let mut sparse = std::mem::take(&mut self.sparse);
+        let mut compacted = None;
+        sparse.retain(|&asset| {
+            let refined = self.refined.get_mut(asset as usize).and_then(Option::as_mut);
+            let Some(refined) = refined.filter(|refined| refined.is_sparse()) else { return false };
+            if compacted.is_none() && refined.compact() {
+                compacted = Some(asset);
+            }
+            refined.is_sparse()
+        });
+        self.sparse = sparse;
+        compacted.inspect(|&asset| self.note_changed(asset)).is_some()
+    }
+
+    /// Faces and bytes of all meshes, in client and renderer. Costs what has changed since the last call.
+    pub(crate) fn update_mesh_bytes(&mut self) -> (u64, u64) {
+        for asset in self.uncounted.drain(..) {
+            let refined = self.refined.get_mut(asset as usize).and_then(Option::as_mut);
+            let Some([before, now]) = refined.map(RefinedAsset::growth) else { continue };
+            self.counted.0 = self.counted.0 + now.0 - before.0;
+            self.counted.1 = self.counted.1 + now.1 - before.1;
+        }
+        self.counted
     }
 
     /// Updates the occluders that selections use.

@@ -2,6 +2,7 @@
 
 mod decoding;
 mod faults;
+mod memory;
 mod parts;
 mod picking;
 mod proxies;

@@ -163,6 +163,8 @@ impl TestScene {
             asset: number,
             vertices: vec![(0, (0..mesh.wedge_slots()).map(vertex).collect())],
             indices: (0..mesh.material_count()).map(run).collect(),
+            vertex_slots: mesh.wedge_slots(),
+            index_slots: (0..mesh.material_count()).map(|m| mesh.indices(m).len() as u32).collect(),
         }));
         for (texture, info) in (0..).zip(&description.textures) {
             for level in 0..u8::try_from(info.levels.len()).unwrap() {

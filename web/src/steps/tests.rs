@@ -52,6 +52,8 @@ fn step() -> Vec<Change> {
             asset: 7,
             vertices: vec![(0, vec![vertex_of(0), vertex_of(3)]), (9, vec![vertex_of(12)])],
             indices: vec![IndexRun { material: 0, first: 2, faces: vec![[0, 1, 0x0102_0304], [0; 3]] }],
+            vertex_slots: 10,
+            index_slots: vec![4, 0],
         }),
         Change::FirstFrame,
         Change::Texture(TextureChange {

@@ -165,9 +165,9 @@ impl ClientCore {
     /// bound; chunks are undone, and blobs evicted, until the rest fits.
     pub fn bound_memory(&mut self, memory_bytes: u64) {
         self.config.bound_memory(memory_bytes);
-        let SelectSettings { max_bytes, max_texels, max_faces, .. } = self.config.select;
+        let SelectSettings { max_bytes, max_texels, .. } = self.config.select;
         let settings = self.selection.selector.settings_mut();
-        *settings = SelectSettings { max_bytes, max_texels, max_faces, ..*settings };
+        *settings = SelectSettings { max_bytes, max_texels, ..*settings };
         self.cache.set_capacity(self.config.cache_bytes);
         self.selection.stale = true;
     }

@@ -11,6 +11,8 @@ use super::source::Source;
 
 /// Cost of handling a blob besides its bytes, in units of [`ClientCore::update`]'s budget.
 pub(super) const BLOB_COST: u64 = 256;
+/// Cost of a step of compaction in the same units: about that of four chunks of usual size.
+pub(super) const COMPACTION_COST: u64 = 4096;
 
 /// The present session, and what earlier ones leave to it.
 #[derive(Debug, Default)]

@@ -7,7 +7,7 @@ use lodestream_scene::blob::{BlobId, BlobPart};
 use lodestream_scene::description::SceneLighting;
 use lodestream_select::State;
 
-use super::state::BLOB_COST;
+use super::state::{BLOB_COST, COMPACTION_COST};
 use super::{ClientCore, Progress};
 use crate::core::milestones::is_drawable;
 
@@ -31,6 +31,9 @@ impl ClientCore {
             self.select(now);
         }
         budget = self.apply_wanted(now, budget);
+        while budget > 0 && self.scene.compact() {
+            budget = budget.saturating_sub(COMPACTION_COST);
+        }
         if budget < before && self.connection.session.is_some() {
             self.send_requests(now, &[]);
         }
@@ -56,6 +59,8 @@ impl ClientCore {
         self.counts.selections += 1;
         self.scene.update_occluders();
         self.scene.update_tree();
+        let (faces, bytes) = self.scene.update_mesh_bytes();
+        self.selection.selector.settings_mut().max_faces = self.config.max_faces(faces, bytes);
         let round_trip = self.connection.session.as_ref().and_then(|session| session.stats().rtt);
         self.selection
             .selector
@@ -142,6 +147,7 @@ impl ClientCore {
         match refined.undo(chunk) {
             Ok(()) => {
                 self.counts.undone += 1;
+                self.scene.note_undone(asset);
                 self.selection.stale = true;
                 self.set_truncation(id, None);
                 if self.cache.contains(id) {

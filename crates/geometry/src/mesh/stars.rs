@@ -1,7 +1,10 @@
 //! Vertex stars as linked lists through the corners of faces: constant memory per corner, cheap
 //! insertion, removal in the length of one star.
 
+use std::ops::Range;
+
 use crate::entropy::steps;
+use crate::refine::shorten;
 
 /// Marks the end of a list.
 pub(crate) const END: u32 = u32::MAX;
@@ -25,6 +28,35 @@ impl Stars {
         }
         if self.next.len() < faces * 3 {
             self.next.resize(faces * 3, END);
+        }
+    }
+
+    /// Shrinks to this many vertices and faces; the others must have no corners.
+    pub(crate) fn shorten(&mut self, vertices: usize, faces: usize) {
+        shorten(&mut self.head, vertices);
+        shorten(&mut self.next, faces * 3);
+    }
+
+    /// Moves the stars of a range of vertices to those from `to` on.
+    pub(crate) fn move_heads(&mut self, from: Range<usize>, to: usize) {
+        self.head.copy_within(from, to);
+    }
+
+    /// Gives a corner of a star another number, which no star has; its place in the list stays.
+    pub(crate) fn rename(&mut self, vertex: u32, corner: u32, new: u32) {
+        self.next[new as usize] = self.next[corner as usize];
+        if self.head[vertex as usize] == corner {
+            self.head[vertex as usize] = new;
+            return;
+        }
+        let mut at = self.head[vertex as usize];
+        while at != END {
+            let next = self.next[at as usize];
+            if next == corner {
+                self.next[at as usize] = new;
+                return;
+            }
+            at = next;
         }
     }
 

@@ -106,6 +106,11 @@ impl AppliedOwners {
         )
     }
 
+    /// As [`Self::iter`], mutable.
+    pub(crate) fn iter_mut(&mut self) -> impl Iterator<Item = &mut AppliedOwner> {
+        self.pages.iter_mut().flatten().flat_map(|page| page.iter_mut().flatten())
+    }
+
     /// Memory held, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         self.pages.capacity() * size_of::<Option<Box<[Option<AppliedOwner>; PAGE]>>>()

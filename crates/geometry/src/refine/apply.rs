@@ -48,7 +48,8 @@ impl ActiveMesh {
         self.may_apply(delta).map(drop)
     }
 
-    /// Undoes an applied chunk; none of its children may be applied.
+    /// Undoes an applied chunk; none of its children may be applied. Slots at the end are given up at once,
+    /// others by [`Self::compact`].
     ///
     /// # Errors
     /// See [`RefineError`]; the mesh is then unchanged.
@@ -56,7 +57,9 @@ impl ActiveMesh {
         let (_, applied) = self.take_applied(chunk, false)?;
         let draws = self.take_out(&applied);
         self.release(applied);
-        Ok(self.finish_touched(draws))
+        let mut touched = self.finish_touched(draws);
+        self.give_up_slots(&mut touched);
+        Ok(touched)
     }
 
     /// Raises a chunk that is applied up to a truncation point to another one, or to the whole chunk (`None`): undoes
@@ -81,6 +84,7 @@ impl ActiveMesh {
                 self.release(applied);
                 let mut touched = self.finish_touched(draws);
                 touched.merge(self.insert(&delta, checked));
+                self.give_up_slots(&mut touched);
                 Ok(touched)
             }
             Err(why) => {
@@ -238,6 +242,8 @@ impl ActiveMesh {
         self.live_faces -= applied.faces.len();
         self.live_vertices -= applied.vertices.len();
         self.applied_chunks -= 1;
+        // Free wedges name a vertex that exists as long as there are wedges.
+        self.wedges[applied.wedges.start as usize..applied.wedges.end as usize].fill(Wedge::default());
         self.vertex_slots.give_back(applied.vertices);
         self.wedge_slots.give_back(applied.wedges);
         self.face_slots.give_back(applied.faces);

@@ -13,6 +13,7 @@
 mod active;
 mod applied;
 mod apply;
+mod compact;
 mod delta;
 mod dirty_slots;
 mod error;
@@ -23,6 +24,7 @@ mod render;
 mod slots;
 mod snapshot;
 
+pub(crate) use compact::shorten;
 pub(crate) use owners::Owners;
 
 pub use active::ActiveMesh;

@@ -210,6 +210,72 @@ fn random_walks_of_apply_and_undo_leave_no_trace() {
     }
 }
 
+/// Undoes down to a part of the mesh and applies again, several times, compacting in small steps: the mesh is the same as
+/// without, and what it holds follows what is applied.
+#[test]
+fn compaction_changes_nothing_but_slots_and_memory() {
+    let mut compacted = 0;
+    for (name, source) in all() {
+        let asset = prepared(&quantised(&source), &with_truncation_points(100));
+        let chunks = asset.infos.len();
+        let mut active = ActiveMesh::new(&asset.base);
+        let mut random = Random::new(33);
+        let full = deltas(&asset).0.bytes();
+        for swing in 0..6 {
+            let high = chunks - random.below(chunks / 8 + 1);
+            for _ in 0..8 * chunks {
+                let (up, _) = moves(&asset.infos, &active);
+                if active.applied_count() >= high || up.is_empty() {
+                    break;
+                }
+                let id = up[random.below(up.len())];
+                if active.is_applied(id) {
+                    active.undo(id).unwrap();
+                }
+                apply(&mut active, &asset, Member { chunk: id, truncation: None });
+                if random.below(3) == 0 && active.is_sparse() {
+                    active.compact(100);
+                }
+            }
+            let low = random.below(chunks / 4 + 1);
+            while active.applied_count() > low {
+                let (_, down) = moves(&asset.infos, &active);
+                active.undo(down[random.below(down.len())]).unwrap();
+                if random.below(3) == 0 && active.is_sparse() {
+                    compacted += 1;
+                    active.compact(100);
+                }
+            }
+            let before = (active.snapshot(), plain_faces(&active.to_mesh()));
+            for _ in 0..chunks {
+                active.compact(100);
+            }
+            assert!(!active.is_sparse(), "{name}: compaction ends");
+            assert!(active.snapshot() == before.0, "{name}, swing {swing}");
+            let mut fresh = ActiveMesh::new(&asset.base);
+            for (id, info) in (0..).zip(&asset.infos).filter(|(id, _)| active.is_applied(*id)) {
+                let delta = fresh.decode(id, info, &asset.chunks[id as usize]).unwrap();
+                fresh.apply(&delta).unwrap();
+            }
+            assert!(fresh.snapshot() == before.0 && plain_faces(&fresh.to_mesh()) == before.1, "{name}");
+            let (bytes, needed) = (active.bytes(), fresh.bytes());
+            assert!(
+                bytes <= 2 * needed + full / 16 + (1 << 16),
+                "{name}: {bytes} of {needed} bytes, full {full}"
+            );
+        }
+        while active.applied_count() > 0 {
+            let (_, down) = moves(&asset.infos, &active);
+            active.undo(down[random.below(down.len())]).unwrap();
+            if active.is_sparse() {
+                active.compact(1000);
+            }
+        }
+        assert!(active.snapshot() == ActiveMesh::new(&asset.base).snapshot(), "{name}");
+    }
+    assert!(compacted > 100, "compacted {compacted} times");
+}
+
 /// Raises every chunk from truncation point to truncation point; returns the number of steps.
 fn raise_all(asset: &Prepared) -> usize {
     let mut active = ActiveMesh::new(&asset.base);

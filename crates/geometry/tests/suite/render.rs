@@ -157,6 +157,9 @@ impl UploadMirror {
             list.resize(source.len(), [0; 3]);
             list[at as usize] = source[at as usize];
         }
+        for (m, list) in (0..).zip(&mut self.indices) {
+            list.truncate(mesh.indices(m).len());
+        }
     }
 
     fn agrees(&self, mesh: &ActiveMesh) {
@@ -171,6 +174,7 @@ impl UploadMirror {
 
 #[test]
 fn dirty_slots_cover_every_change() {
+    let mut total = 0;
     for (name, source) in [
         ("materials", shapes::materials(shapes::torus(30, 40), 5)),
         ("seams", shapes::frigate(12)),
@@ -182,9 +186,14 @@ fn dirty_slots_cover_every_change() {
         let mut active = ActiveMesh::new(&asset.base);
         let mut mirror = UploadMirror::new(&active);
         let mut random = Random::new(8);
-        let (mut applied, mut undone) = (0, 0);
-        for _ in 0..200 {
+        let (mut applied, mut undone, mut compacted) = (0, 0, 0);
+        for step in 0..400 {
+            // Up and down.
+            let up = step / 100 % 2 == 0;
             let delta = &deltas[random.below(deltas.len())];
+            if up == active.is_applied(delta.chunk) && random.below(4) > 0 {
+                continue;
+            }
             let dirty = if active.is_applied(delta.chunk) {
                 active.undo(delta.chunk).inspect(|_| undone += 1)
             } else {
@@ -193,9 +202,17 @@ fn dirty_slots_cover_every_change() {
             let Ok(dirty) = dirty else { continue };
             mirror.upload(&active, &dirty);
             mirror.agrees(&active);
+            while active.is_sparse() {
+                let dirty = active.compact(100);
+                mirror.upload(&active, &dirty);
+                mirror.agrees(&active);
+                compacted += 1;
+            }
         }
         assert!(applied > 5 && undone > 5, "{name}: {applied} applied, {undone} undone");
+        total += compacted;
     }
+    assert!(total > 10, "compacted {total} times");
 }
 
 #[test]

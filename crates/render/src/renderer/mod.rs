@@ -447,7 +447,7 @@ impl Renderer {
     }
 
     /// Memory of meshes.
-    #[cfg(test)]
+    #[cfg(any(test, feature = "client"))]
     pub(crate) fn mesh_pools(&self) -> &MeshPools {
         &self.pools
     }

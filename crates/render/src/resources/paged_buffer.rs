@@ -151,16 +151,57 @@ impl<T: Pod> PagedBuffer<T> {
         Ok(())
     }
 
-    /// Makes the staged contents current.
+    /// Forgets elements past `len` with the next [`PagedBuffer::commit`].
+    #[cfg(feature = "client")]
+    pub(crate) fn stage_len(&mut self, len: u64) {
+        if self.staged.as_ref().unwrap_or(&self.shown).len > len {
+            self.staged.get_or_insert_with(|| self.shown.clone()).len = len;
+        }
+    }
+
+    /// Makes the staged contents current. A range that is half as long again as they are, or longer, gives its end back.
     #[cfg(feature = "client")]
     pub(crate) fn commit(&mut self) {
         if let Some(staged) = self.staged.take() {
             self.shown = staged;
         }
         self.outgrown.clear();
+        let len = self.shown.len;
+        if len == 0 {
+            self.shown.range = None;
+        } else if let Some(range) = self.shown.range.as_mut().and_then(Arc::get_mut) {
+            range.shorten(len, with_reserve(len));
+        }
     }
 
-    /// A larger range, at least twice as large, if `end` lies beyond what there is.
+    /// Whether it has a buffer of its own that has become too large.
+    #[cfg(feature = "client")]
+    pub(crate) fn is_roomy(&self) -> bool {
+        self.shown.range.as_ref().is_some_and(|range| range.is_roomy_buffer(self.shown.len))
+    }
+
+    /// Stages a copy to another range, if the present one is in a page that is evacuated, or has a buffer of its own that is
+    /// half as long again as the contents, or longer. Returns the number of bytes, 0 if there is nothing to do or no room.
+    #[cfg(feature = "client")]
+    pub(crate) fn stage_repacked(&mut self, gpu: &Gpu, uploads: &mut Uploads) -> Result<u64, RenderError> {
+        let len = self.shown.len;
+        let (Some(old), None, 1..) = (&self.shown.range, &self.staged, len) else { return Ok(0) };
+        let new = if old.is_evacuated() {
+            self.pool.allocate_there(old.capacity().min(with_reserve(len)))
+        } else if old.is_roomy_buffer(len) {
+            Some(self.pool.allocate(gpu, with_reserve(len), Some(old))?)
+        } else {
+            None
+        };
+        let Some(new) = new else { return Ok(0) };
+        let bytes = len * size_of::<T>() as u64;
+        uploads.copy((old.buffer(), old.offset(0)), (new.buffer(), new.offset(0)), bytes);
+        self.outgrown.push(Arc::clone(old));
+        self.staged = Some(Contents { range: Some(Arc::new(new)), len });
+        Ok(bytes)
+    }
+
+    /// A larger range, at least half as large again, if `end` lies beyond what there is.
     fn grown(&self, gpu: &Gpu, now: &Contents, end: u64) -> Result<Option<Arc<PageRange>>, RenderError> {
         let capacity = now.capacity();
         if end <= capacity {
@@ -168,9 +209,15 @@ impl<T: Pod> PagedBuffer<T> {
         }
         let old = now.range.as_deref();
         // Near the device's limit, without reserve.
-        let roomy = self.pool.allocate(gpu, end.max(2 * capacity), old);
+        let roomy = self.pool.allocate(gpu, end.max(capacity + capacity / 2), old);
         Ok(Some(Arc::new(roomy.or_else(|_| self.pool.allocate(gpu, end, old))?)))
     }
+}
+
+/// Elements to allocate for so many where others may follow.
+#[cfg(feature = "client")]
+const fn with_reserve(len: u64) -> u64 {
+    len + len / 4
 }
 
 #[cfg(test)]

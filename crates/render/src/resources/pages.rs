@@ -3,6 +3,9 @@
 //! Ranges are whole blocks of [`BLOCK`] elements, allocated first fit. A block of vertices (52 bytes each) or faces (12)
 //! is a multiple of 256 bytes, so that any device can bind a range as a storage buffer. Large ranges have a buffer of
 //! their own.
+//!
+//! Meshes shrink too, and leave gaps. While more than half of what is in use is free, the page with the least in use is
+//! *evacuated*: nothing more is allocated in it, and those who hold its ranges move them ([`PageRange::is_evacuated`]).
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -13,8 +16,8 @@ use crate::resources::gpu::{Gpu, RenderError};
 /// Elements of a block.
 pub(crate) const BLOCK: u64 = 64;
 
-/// Blocks of the first and of the largest page; pages double what there is. Small scenes take little memory, large ones
-/// have few pages.
+/// Blocks of the first and of the largest page; each adds half of what there is. Small scenes take little memory, large
+/// ones have few pages.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PageSizes {
     pub(crate) first: u32,
@@ -43,6 +46,11 @@ impl Page {
 
     fn is_empty(&self) -> bool {
         self.free.first() == Some(&(0..self.blocks))
+    }
+
+    #[cfg(feature = "client")]
+    fn free_blocks(&self) -> u32 {
+        self.free.iter().map(|range| range.end - range.start).sum()
     }
 }
 
@@ -77,6 +85,46 @@ struct PoolState {
     given_back: Vec<(u32, Range<u32>)>,
     /// Blocks of ranges with a buffer of their own.
     alone: u64,
+    /// The page that is evacuated.
+    evacuated: Option<u32>,
+    /// More than half of what was in use was free, and no less than an eighth since.
+    #[cfg(feature = "client")]
+    sparse: bool,
+    /// Blocks in use when a page could not be evacuated: none is while there are as many.
+    #[cfg(feature = "client")]
+    stuck: Option<u32>,
+}
+
+impl PoolState {
+    /// Takes blocks of a page, neither of `other` nor of the one that is evacuated.
+    fn take(&mut self, blocks: u32, other: Option<u32>) -> Option<(u32, wgpu::Buffer, u32)> {
+        let evacuated = self.evacuated;
+        self.pages
+            .iter_mut()
+            .filter(|(number, _)| Some(**number) != other && Some(**number) != evacuated)
+            .find_map(|(&number, page)| page.take(blocks).map(|start| (number, page.buffer.clone(), start)))
+    }
+
+    /// Chooses a page to evacuate: that with the smallest share in use of those whose ranges fit into the others, such that
+    /// an eighth of what is in use stays free.
+    #[cfg(feature = "client")]
+    fn choose_evacuated(&mut self, first: u32) {
+        let free: u32 = self.pages.values().map(Page::free_blocks).sum();
+        let all: u32 = self.pages.values().map(|page| page.blocks).sum();
+        let used = all - free;
+        self.sparse = free > used / 2 + first || (self.sparse && free > used / 8);
+        if self.stuck.is_some_and(|stuck| stuck != used) {
+            self.stuck = None;
+        }
+        if !self.sparse || self.stuck.is_some() || self.evacuated.is_some() {
+            return;
+        }
+        let fits = |page: &Page| free - page.free_blocks() >= page.blocks - page.free_blocks() + used / 8;
+        let candidates = self.pages.iter().filter(|(_, page)| fits(page));
+        let share =
+            |page: &Page| u64::from(page.blocks - page.free_blocks()) * (1 << 20) / u64::from(page.blocks);
+        self.evacuated = candidates.min_by_key(|(_, page)| share(page)).map(|(&number, _)| number);
+    }
 }
 
 /// A pool of equal elements. Clones share it.
@@ -159,13 +207,9 @@ impl PagePool {
             return Ok(PageRange { pool: self.clone(), buffer, page, blocks: 0..blocks, alone: true });
         }
         let other = other.filter(|other| !other.alone).map(|other| other.page);
-        let there =
-            state.pages.iter_mut().filter(|(number, _)| Some(**number) != other).find_map(
-                |(number, page)| page.take(blocks).map(|start| (*number, page.buffer.clone(), start)),
-            );
-        let (page, buffer, start) = there.unwrap_or_else(|| {
+        let (page, buffer, start) = state.take(blocks, other).unwrap_or_else(|| {
             let all: u32 = state.pages.values().map(|page| page.blocks).sum();
-            let size = all.clamp(self.sizes.first, self.sizes.largest).max(blocks).min(limit as u32);
+            let size = (all / 2).clamp(self.sizes.first, self.sizes.largest).max(blocks).min(limit as u32);
             let buffer = self.buffer(gpu, size);
             state.next += 1;
             let number = state.next;
@@ -174,6 +218,40 @@ impl PagePool {
             (number, buffer, 0)
         });
         Ok(PageRange { pool: self.clone(), buffer, page, blocks: start..start + blocks, alone: false })
+    }
+
+    /// A range of at least `elements` in a page that is there and that is not evacuated; `None` if it has no room, or if the
+    /// range is large. A range of the page that is evacuated then stays, and the page with it.
+    #[cfg(feature = "client")]
+    pub(crate) fn allocate_there(&self, elements: u64) -> Option<PageRange> {
+        let blocks = u32::try_from(elements.div_ceil(BLOCK).max(1)).unwrap_or(u32::MAX);
+        let (page, buffer, start) = self.state().take(blocks, None)?;
+        Some(PageRange { pool: self.clone(), buffer, page, blocks: start..start + blocks, alone: false })
+    }
+
+    /// Chooses a page to evacuate, if none is and one should be; returns whether one is.
+    #[cfg(feature = "client")]
+    pub(crate) fn evacuate(&self) -> bool {
+        let mut state = self.state();
+        state.choose_evacuated(self.sizes.first);
+        state.evacuated.is_some()
+    }
+
+    /// Ends the evacuation of a page of which nothing can be moved any more: it goes with its last range, or is used
+    /// again.
+    #[cfg(feature = "client")]
+    pub(crate) fn end_evacuation(&self) {
+        let mut state = self.state();
+        let Some(page) = state.evacuated.and_then(|number| Some((number, state.pages.get(&number)?))) else {
+            return;
+        };
+        let leaving = state.given_back.iter().filter(|(number, _)| *number == page.0);
+        let leaving: u32 = leaving.map(|(_, range)| range.end - range.start).sum();
+        if leaving + page.1.free_blocks() < page.1.blocks {
+            let used = state.pages.values().map(|page| page.blocks - page.free_blocks()).sum();
+            state.stuck = Some(used);
+            state.evacuated = None;
+        }
     }
 
     fn buffer(&self, gpu: &Gpu, blocks: u32) -> wgpu::Buffer {
@@ -198,6 +276,9 @@ impl PagePool {
             }
         }
         state.pages.retain(|_, page| !page.is_empty());
+        if state.evacuated.is_some_and(|number| !state.pages.contains_key(&number)) {
+            state.evacuated = None;
+        }
     }
 
     /// Pages and memory.
@@ -231,6 +312,35 @@ impl PageRange {
     /// Byte offset of an element of the range.
     pub(crate) fn offset(&self, element: u64) -> u64 {
         (self.first() + element) * self.pool.stride
+    }
+
+    /// Whether its page is evacuated.
+    #[cfg(feature = "client")]
+    pub(crate) fn is_evacuated(&self) -> bool {
+        !self.alone && self.pool.state().evacuated == Some(self.page)
+    }
+
+    /// Whether it has a buffer of its own, with room for other elements by more than half of so many.
+    #[cfg(feature = "client")]
+    pub(crate) fn is_roomy_buffer(&self, elements: u64) -> bool {
+        self.alone && self.is_roomy(elements)
+    }
+
+    #[cfg(feature = "client")]
+    fn is_roomy(&self, elements: u64) -> bool {
+        2 * u64::from(self.blocks.end - self.blocks.start) > 3 * elements.div_ceil(BLOCK).max(1)
+    }
+
+    /// If a range of a shared page has room for other elements by more than half of so many, gives back what lies past
+    /// `kept` elements.
+    #[cfg(feature = "client")]
+    pub(crate) fn shorten(&mut self, elements: u64, kept: u64) {
+        let kept = u32::try_from(kept.div_ceil(BLOCK).max(1)).unwrap_or(u32::MAX);
+        let end = self.blocks.start.saturating_add(kept);
+        if !self.alone && end < self.blocks.end && self.is_roomy(elements) {
+            self.pool.state().given_back.push((self.page, end..self.blocks.end));
+            self.blocks.end = end;
+        }
     }
 
     /// The range as a binding.

@@ -178,7 +178,7 @@ impl AssetGpu {
         (centre - self.origin, radius)
     }
 
-    /// Equal for equal geometry, morphs aside.
+    /// Equal for equal geometry at the same place in memory, morphs aside.
     pub(crate) fn stamp(&self) -> u64 {
         self.stamp
     }
@@ -229,6 +229,35 @@ impl AssetGpu {
         let reach = &mut self.reach;
         let vertices = vertices.inspect(|vertex| reach.note(vertex));
         self.vertices.stage(gpu, uploads, first as u64, vertices)
+    }
+
+    /// Forgets vertex slots, and face slots of each material, past these lengths with the next [`AssetGpu::commit`].
+    #[cfg(feature = "client")]
+    pub(crate) fn stage_lengths(&mut self, vertices: u32, faces: &[u32]) {
+        self.vertices.stage_len(vertices.into());
+        for (part, &len) in self.parts.iter_mut().zip(faces) {
+            part.indices.stage_len(len.into());
+        }
+    }
+
+    /// Moves vertices and faces out of pages that are evacuated, and out of buffers that have become too large. Nothing may
+    /// be staged; the uploads must be submitted before the next frame. Returns the number of bytes copied.
+    #[cfg(feature = "client")]
+    pub(crate) fn repack(&mut self, gpu: &Gpu, uploads: &mut Uploads) -> Result<u64, RenderError> {
+        let mut bytes = self.vertices.stage_repacked(gpu, uploads)?;
+        for part in &mut self.parts {
+            bytes += part.indices.stage_repacked(gpu, uploads)?;
+        }
+        if bytes > 0 {
+            self.commit();
+        }
+        Ok(bytes)
+    }
+
+    /// Whether a buffer has become too large.
+    #[cfg(feature = "client")]
+    pub(crate) fn is_roomy(&self) -> bool {
+        self.vertices.is_roomy() || self.parts.iter().any(|part| part.indices.is_roomy())
     }
 
     /// Makes staged data current; its uploads must be submitted before the next frame.

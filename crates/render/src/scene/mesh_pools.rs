@@ -33,6 +33,20 @@ impl MeshPools {
         self.faces.begin_frame();
     }
 
+    /// [`PagePool::evacuate`].
+    #[cfg(feature = "client")]
+    pub(crate) fn evacuate(&self) -> bool {
+        // Both, whatever the first gives.
+        self.vertices.evacuate() | self.faces.evacuate()
+    }
+
+    /// [`PagePool::end_evacuation`].
+    #[cfg(feature = "client")]
+    pub(crate) fn end_evacuation(&self) {
+        self.vertices.end_evacuation();
+        self.faces.end_evacuation();
+    }
+
     /// Shared pages and memory of vertices and faces.
     pub(crate) fn used(&self) -> [PoolUse; 2] {
         [&self.vertices, &self.faces].map(PagePool::used)

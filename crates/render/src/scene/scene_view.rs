@@ -67,6 +67,8 @@ pub struct SceneView {
     waiting: VecDeque<VecDeque<Change>>,
     /// The mesh change before them that is partly staged.
     refining: Option<StreamedMeshChange>,
+    /// Assets with buffers that have become too large.
+    shrunk: BTreeSet<u32>,
     /// Staged mesh data that is not submitted yet.
     uploads: Uploads,
     /// Uploaded rows of the texture level at the front of `waiting`.
@@ -166,10 +168,11 @@ impl SceneView {
         now_s: f32,
     ) -> Result<usize, RenderError> {
         let (mut lit, was_whole) = (false, self.whole);
-        let bytes = self.upload_steps(gpu, renderer, budget_bytes, now_s, &mut lit)?;
+        let mut bytes = self.upload_steps(gpu, renderer, budget_bytes, now_s, &mut lit)?;
         if self.refining.is_some() {
             self.uploads.record(gpu)?;
         } else {
+            bytes += self.repack(gpu, renderer, budget_bytes.saturating_sub(bytes))?;
             self.uploads.submit(gpu)?;
         }
         if lit {
@@ -184,6 +187,27 @@ impl SceneView {
         if let Some(ahead) = self.sky_task.take_if(|ahead| self.whole || ahead.is_finished()) {
             self.sky = ahead.finish();
         }
+        Ok(bytes)
+    }
+
+    /// Moves meshes out of pages that are evacuated, and out of buffers that have become too large, about `budget_bytes`
+    /// of them. Returns the number of bytes.
+    fn repack(&mut self, gpu: &Gpu, renderer: &Renderer, budget_bytes: usize) -> Result<usize, RenderError> {
+        let mut bytes = 0;
+        let pools = renderer.mesh_pools();
+        let evacuates = pools.evacuate();
+        let shrunk = std::mem::take(&mut self.shrunk);
+        for (number, asset) in (0..).zip(&mut self.assets).filter(|_| evacuates || !shrunk.is_empty()) {
+            let Some(asset) = asset.as_mut().filter(|_| evacuates || shrunk.contains(&number)) else {
+                continue;
+            };
+            if bytes >= budget_bytes {
+                self.shrunk = shrunk;
+                return Ok(bytes);
+            }
+            bytes += usize::try_from(asset.repack(gpu, &mut self.uploads)?).unwrap_or(usize::MAX);
+        }
+        pools.end_evacuation();
         Ok(bytes)
     }
 
@@ -401,6 +425,9 @@ impl SceneView {
         let (bytes, all) = refining.stage(gpu, &mut self.uploads, asset, budget_bytes)?;
         if all {
             asset.commit();
+            if asset.is_roomy() {
+                self.shrunk.insert(refining.asset);
+            }
             self.changed_s = now_s;
         } else {
             self.refining = Some(refining);

@@ -21,6 +21,8 @@ pub(crate) struct StreamedMeshChange {
     vertices: IntoIter<(u32, Vec<Vertex>)>,
     indices: IntoIter<IndexRun>,
     run: Run,
+    vertex_slots: u32,
+    index_slots: Vec<u32>,
 }
 
 /// The rest of a run of slots, with its first slot.
@@ -33,8 +35,9 @@ enum Run {
 impl StreamedMeshChange {
     pub(crate) fn new(change: MeshChange) -> Self {
         let run = Run::Vertices(0, Vec::new().into_iter());
-        let (vertices, indices) = (change.vertices.into_iter(), change.indices.into_iter());
-        Self { asset: change.asset, vertices, indices, run }
+        let MeshChange { asset, vertices, indices, vertex_slots, index_slots } = change;
+        let (vertices, indices) = (vertices.into_iter(), indices.into_iter());
+        Self { asset, vertices, indices, run, vertex_slots, index_slots }
     }
 
     /// Stages about `budget_bytes`, at least one slot. Returns the number of bytes and whether the change is complete.
@@ -68,6 +71,7 @@ impl StreamedMeshChange {
                 }
             };
         }
+        asset.stage_lengths(self.vertex_slots, &self.index_slots);
         Ok((bytes, true))
     }
 

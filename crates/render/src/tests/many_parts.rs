@@ -36,7 +36,7 @@ fn asset(number: u32, parts: u32, materials: u32) -> [Change; 2] {
     let triangle = |part| [[0.0, 0.0], [0.8, 0.0], [0.4, 0.8]].map(|at| corner(part, at));
     let faces = |material: u32| {
         let own = (0..parts).filter(move |part| part % materials == material);
-        own.map(|part| [3 * part, 3 * part + 1, 3 * part + 2]).collect()
+        own.map(|part| [3 * part, 3 * part + 1, 3 * part + 2]).collect::<Vec<_>>()
     };
     [
         Change::Asset(NewAsset {
@@ -54,6 +54,8 @@ fn asset(number: u32, parts: u32, materials: u32) -> [Change; 2] {
             indices: (0..materials)
                 .map(|i| IndexRun { material: i as u16, first: 0, faces: faces(i) })
                 .collect(),
+            vertex_slots: 3 * parts,
+            index_slots: (0..materials).map(|i| faces(i).len() as u32).collect(),
         }),
     ]
 }

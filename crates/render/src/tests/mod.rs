@@ -21,6 +21,8 @@ mod many_assets_cost;
 #[cfg(feature = "client")]
 mod many_parts;
 mod materials;
+#[cfg(feature = "client")]
+mod mesh_memory;
 mod moved_parts;
 mod occlusion;
 mod occlusion_half;

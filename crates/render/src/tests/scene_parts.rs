@@ -42,6 +42,8 @@ fn asset(number: u32, color: [u8; 4]) -> Vec<Change> {
         Change::Mesh(MeshChange {
             asset: number,
             vertices: vec![(0, [square(0.0, 0), square(1.0, 1)].concat())],
+            vertex_slots: 8,
+            index_slots: vec![faces.len() as u32],
             indices: vec![IndexRun { material: 0, first: 0, faces }],
         }),
     ]

@@ -45,6 +45,8 @@ fn grid(side: u32, color: [u8; 4]) -> MeshChange {
         asset: 0,
         vertices: runs.map(|(first, run)| (first, run.to_vec())).collect(),
         indices: face_runs.map(|(first, run)| IndexRun { material: 0, first, faces: run.to_vec() }).collect(),
+        vertex_slots: vertices.len() as u32,
+        index_slots: vec![faces.len() as u32],
     }
 }
 
@@ -74,6 +76,8 @@ fn square() -> Vec<Change> {
             asset: 0,
             vertices: vec![(0, corners.map(|(x, y)| vertex(x, y, [255; 4])).to_vec())],
             indices: vec![IndexRun { material: 0, first: 0, faces: vec![[0, 1, 2], [0, 2, 3]] }],
+            vertex_slots: 4,
+            index_slots: vec![2],
         }),
         Change::FirstFrame,
     ]
