@@ -15,6 +15,7 @@ pub(crate) mod orientation_class;
 pub(crate) mod principal_axes;
 mod ray;
 pub(crate) mod rows;
+pub(crate) mod shorten;
 pub(crate) mod slot_map;
 pub(crate) mod stars;
 pub(crate) mod vec3;

@@ -4,7 +4,7 @@
 use std::ops::Range;
 
 use crate::entropy::steps;
-use crate::refine::shorten;
+use crate::mesh::shorten::shorten;
 
 /// Marks the end of a list.
 pub(crate) const END: u32 = u32::MAX;

@@ -3,12 +3,10 @@
 
 use crate::mesh::Wedge;
 use crate::mesh::corner::{self, corner, face_of, side_of};
+use crate::mesh::shorten::shorten;
 use crate::refine::active::ActiveMesh;
 use crate::refine::dirty_slots::DirtySlots;
 use crate::refine::slots::{Move, after};
-
-/// Capacity that a list may have beyond twice its length.
-const SPARE: usize = 256;
 
 /// Planned moves of each kind of slots.
 #[derive(Debug, Default)]
@@ -251,15 +249,6 @@ impl ActiveMesh {
         self.stars.shorten(v, f);
         touched.wedges.truncate(touched.wedges.partition_point(|&slot| (slot as usize) < w));
         touched.draws.retain(|&(material, slot)| slot < self.index_slots[usize::from(material)].high());
-    }
-}
-
-/// Shortens a list. A list that uses less than half of its memory keeps a quarter of reserve: by then as many elements
-/// have gone as are copied.
-pub(crate) fn shorten<T>(list: &mut Vec<T>, len: usize) {
-    list.truncate(len);
-    if list.capacity() > 2 * list.len() + SPARE {
-        list.shrink_to(list.len() + list.len() / 4);
     }
 }
 

@@ -24,7 +24,6 @@ mod render;
 mod slots;
 mod snapshot;
 
-pub(crate) use compact::shorten;
 pub(crate) use owners::Owners;
 
 pub use active::ActiveMesh;
