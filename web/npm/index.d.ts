@@ -194,7 +194,7 @@ export interface MeshChange {
   }[];
   /** Runs of faces from face `first` on of a material's list. */
   faces: { material: number; first: number; indices: Uint32Array }[];
-  /** Whether the mesh's arrays of vertices are new ones, because they had to grow. */
+  /** Whether the mesh's arrays of vertices are new ones, because others were too short, or far too long. */
   verticesReplaced: boolean;
   /** Materials whose arrays of indices are new ones. */
   indicesReplaced: number[];

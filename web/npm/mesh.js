@@ -11,12 +11,13 @@ const ATTRIBUTES = {
 /** Least elements of an array. */
 const MIN_CAPACITY = 256;
 
-/** The array itself if it has `length` elements of `size` numbers, else a copy that has at least twice as many. */
-function grown(array, length, size) {
-  if (array.length >= length * size) return array;
-  const larger = new array.constructor(Math.max(length, (2 * array.length) / size, MIN_CAPACITY) * size);
-  larger.set(array);
-  return larger;
+/** The array itself if it fits `length` elements of `size` numbers, else a copy of twice as many as it has or needs. */
+function fitted(array, length, size) {
+  const capacity = array.length / size;
+  if (capacity >= length && capacity <= Math.max(4 * length, MIN_CAPACITY)) return array;
+  const other = new array.constructor(Math.max(length, 2 * Math.min(capacity, length), MIN_CAPACITY) * size);
+  other.set(array.subarray(0, other.length));
+  return other;
 }
 
 /** See `Mesh` in index.d.ts. */
@@ -33,26 +34,22 @@ export class Mesh {
     }
   }
 
-  /** Takes a change; whether arrays of vertices, and which lists of indices, were replaced by longer ones. */
-  apply({ vertices, faces }) {
+  /** Takes a change; whether arrays of vertices, and which lists of indices, were replaced by others. */
+  apply({ vertices, faces, vertexCount, faceCounts }) {
     const before = this.positions;
-    for (const run of vertices) {
-      const end = run.first + run.positions.length / 3;
-      this.vertexCount = Math.max(this.vertexCount, end);
-      for (const [name, [size]] of Object.entries(ATTRIBUTES)) {
-        this[name] = grown(this[name], end, size);
-        this[name].set(run[name], run.first * size);
-      }
+    this.vertexCount = vertexCount;
+    for (const [name, [size]] of Object.entries(ATTRIBUTES)) {
+      this[name] = fitted(this[name], vertexCount, size);
+      for (const run of vertices) this[name].set(run[name], run.first * size);
     }
-    const replaced = new Set();
-    for (const { material, first, indices } of faces) {
-      const end = 3 * first + indices.length;
-      const list = grown(this.indices[material], end, 1);
-      if (list !== this.indices[material]) replaced.add(material);
-      list.set(indices, 3 * first);
+    const indicesReplaced = [];
+    faceCounts.forEach((count, material) => {
+      const list = fitted(this.indices[material], 3 * count, 1);
+      if (list !== this.indices[material]) indicesReplaced.push(material);
       this.indices[material] = list;
-      this.indexCounts[material] = Math.max(this.indexCounts[material], end);
-    }
-    return { verticesReplaced: this.positions !== before, indicesReplaced: [...replaced] };
+      this.indexCounts[material] = 3 * count;
+    });
+    for (const { material, first, indices } of faces) this.indices[material].set(indices, 3 * first);
+    return { verticesReplaced: this.positions !== before, indicesReplaced };
   }
 }

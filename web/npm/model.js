@@ -137,9 +137,10 @@ export class Model {
     return events;
   }
 
-  _mesh({ asset, vertices, faces }) {
+  _mesh({ asset, ...change }) {
     const { mesh } = this.assets.get(asset);
-    return [['mesh', { asset, mesh, ...mesh.apply({ vertices, faces }), vertices, faces }]];
+    const { vertices, faces } = change;
+    return [['mesh', { asset, mesh, ...mesh.apply(change), vertices, faces }]];
   }
 
   _texture(texture) {

@@ -272,6 +272,11 @@ fn mesh(change: &MeshChange, transfer: &mut Transfer) -> Object {
         ("asset", change.asset.into()),
         ("vertices", vertices.into()),
         ("faces", faces.into()),
+        ("vertexCount", change.vertex_slots.into()),
+        (
+            "faceCounts",
+            change.index_slots.iter().map(|&count| JsValue::from(count)).collect::<Array>().into(),
+        ),
     ])
 }
 

@@ -77,6 +77,8 @@ pub(crate) struct RefinedAsset {
     levels: BTreeMap<u32, u8>,
     /// Faces of the last occluder.
     occluder_faces: usize,
+    /// Slots of vertices and of each material's faces as of the last [`Self::take_changes`].
+    fetched: (u32, Vec<u32>),
     /// Faces and bytes as of the last [`Self::growth`].
     pub(crate) counted: (u64, u64),
 }
@@ -114,6 +116,7 @@ impl RefinedAsset {
             births: BTreeMap::new(),
             levels: BTreeMap::new(),
             occluder_faces: 0,
+            fetched: (0, Vec::new()),
             counted: (0, 0),
         };
         asset.touch_all();
@@ -266,18 +269,30 @@ impl RefinedAsset {
 
     /// Whether [`RefinedAsset::take_changes`] has a change.
     pub(crate) fn has_changes(&self) -> bool {
-        self.dirty.as_ref().is_some_and(|d| !d.wedges.is_empty() || !d.draws.is_empty())
+        let is_dirty = |dirty: &Dirty| !dirty.wedges.is_empty() || !dirty.draws.is_empty();
+        self.dirty.as_ref().is_some_and(|dirty| is_dirty(dirty) || self.is_shorter())
+    }
+
+    /// Whether slots at the end were given up since the last call of [`Self::take_changes`].
+    fn is_shorter(&self) -> bool {
+        let (vertices, faces) = &self.fetched;
+        let lists = faces.iter().zip(0..).any(|(&before, material)| self.index_slots(material) < before);
+        lists || self.mesh.wedge_slots() < *vertices
+    }
+
+    /// Length of a material's index list.
+    fn index_slots(&self, material: u16) -> u32 {
+        u32::try_from(self.mesh.indices(material).len()).unwrap_or(NONE)
     }
 
     /// Takes the changes since the last call; all changes together give the current mesh. The morph of new vertices
     /// starts at `now_s`.
     pub(crate) fn take_changes(&mut self, asset: u32, now_s: f32) -> Option<MeshChange> {
         self.is_queued = false;
-        let dirty = self.dirty.as_mut()?;
-        if dirty.wedges.is_empty() && dirty.draws.is_empty() {
+        if !self.has_changes() {
             return None;
         }
-        let mut dirty = std::mem::take(dirty);
+        let mut dirty = std::mem::take(self.dirty.as_mut()?);
         dirty.merge();
         let mesh = &self.mesh;
         let slots = mesh.wedge_slots();
@@ -309,8 +324,9 @@ impl RefinedAsset {
                 indices.push(IndexRun { material, first: run.start, faces });
             }
         }
-        let length = |material| u32::try_from(mesh.indices(material).len()).unwrap_or(NONE);
-        let index_slots = (0..mesh.material_count()).map(length).collect();
+        let index_slots: Vec<u32> =
+            (0..mesh.material_count()).map(|material| self.index_slots(material)).collect();
+        self.fetched = (slots, index_slots.clone());
         Some(MeshChange { asset, vertices, indices, vertex_slots: slots, index_slots })
     }
 }

@@ -94,6 +94,10 @@ fn sums(changes: &[Change]) -> BTreeMap<String, [u32; 2]> {
                 *place = [x, y, z, u, v, vertex.data.part];
             }
         }
+        vertices.truncate(change.vertex_slots as usize);
+        for (material, &count) in (0..).zip(&change.index_slots) {
+            lists.entry(material).or_default().truncate(count as usize);
+        }
         for run in &change.indices {
             let list = lists.entry(run.material).or_default();
             let first = run.first as usize;
@@ -238,6 +242,48 @@ fn connect_gives_the_parts_of_the_native_client() {
     assert_eq!(tab.console, Vec::<String>::new());
     server.assert_healthy();
 }
+
+/// What undone chunks leave at the end of a mesh is neither drawn nor kept.
+#[test]
+fn arrays_become_shorter_as_meshes_do() {
+    let Some(mut tab) = tab_with([64, 64], WEBGL) else { return };
+    let site = Files::start(built_package(), PAGE_OF_A_MESH.to_owned());
+    tab.navigate(&format!("{}/page.html", site.origin()));
+    let steps = tab.wait("the page", "window.steps ?? null", |steps| !steps.is_null());
+    // Vertices, numbers of indices, whether arrays were replaced, capacity in vertices, the last index.
+    assert_eq!(
+        steps,
+        serde_json::json!([
+            [1000, 3000, true, [0], 1000, 1],
+            [900, 2700, false, [], 1000, 1],
+            [20, 30, true, [0], 256, 1],
+            [20, 30, false, [], 256, 7],
+        ])
+    );
+    assert_eq!(tab.console, Vec::<String>::new());
+}
+
+const PAGE_OF_A_MESH: &str = r#"<!doctype html>
+<script type="module">
+  const { Mesh } = await import('./mesh.js');
+  const mesh = new Mesh(1);
+  const run = (first, count) => ({
+    first, positions: new Float32Array(3 * count), normals: new Float32Array(3 * count), uvs: new Float32Array(2 * count),
+    colors: new Uint16Array(4 * count), parts: new Uint32Array(count),
+  });
+  const faces = (first, count, index) => ({ material: 0, first, indices: new Uint32Array(3 * count).fill(index) });
+  const changes = [
+    { vertices: [run(0, 1000)], faces: [faces(0, 1000, 1)], vertexCount: 1000, faceCounts: [1000] },
+    { vertices: [], faces: [], vertexCount: 900, faceCounts: [900] },
+    { vertices: [], faces: [], vertexCount: 20, faceCounts: [10] },
+    { vertices: [run(3, 2)], faces: [faces(9, 1, 7)], vertexCount: 20, faceCounts: [10] },
+  ];
+  window.steps = changes.map((change) => {
+    const { verticesReplaced, indicesReplaced } = mesh.apply(change);
+    const { vertexCount, indexCounts: [count], indices: [list], positions } = mesh;
+    return [vertexCount, count, verticesReplaced, indicesReplaced, positions.length / 3, list[count - 1]];
+  });
+</script>"#;
 
 #[test]
 fn a_page_that_the_server_does_not_allow_is_told_that_the_connection_is_lost() {

@@ -56,7 +56,7 @@ class Asset {
     this.#meshes.forEach((instanced, material) => (instanced.geometry = this.#geometries[material]));
   }
 
-  /** Shows a change of the mesh: uploads what has changed, or all of it where arrays had to grow. */
+  /** Shows a change of the mesh: uploads what has changed, or all of it where arrays are new. */
   update({ mesh, vertices, faces, verticesReplaced, indicesReplaced }) {
     if (verticesReplaced || indicesReplaced.length) return this.#build();
     for (const [name, [array, size]] of Object.entries(ATTRIBUTES)) {
@@ -70,8 +70,9 @@ class Asset {
       const geometry = this.#geometries[material];
       geometry.index.addUpdateRange(3 * first, indices.length);
       geometry.index.needsUpdate = true;
-      geometry.setDrawRange(0, mesh.indexCounts[material]);
     }
+    // Lists become shorter, too.
+    this.#geometries.forEach((geometry, material) => geometry.setDrawRange(0, mesh.indexCounts[material]));
   }
 
   /** Adds instances, and places those that are drawn. */
