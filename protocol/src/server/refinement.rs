@@ -1,7 +1,7 @@
 //! The first refinement for a view, which the server pushes after the base meshes.
 
 use std::cell::Cell;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_stated_page};
 
@@ -239,12 +239,13 @@ fn visible_assets(
     let cut = first_cut(index, view);
     let in_view = index.near(&projection).into_iter().map(|(number, _, instance)| (number, instance));
     let largest = numbers.iter().filter_map(|&asset| index.largest(asset, &projection));
+    let replacing: HashSet<u32> = cut.finer.iter().map(|(_, asset)| *asset).collect();
     // Ordered by number, as the occlusion test expects.
     let placed: BTreeMap<u32, &Instance> = in_view
         .chain(largest)
         .filter(|(number, instance)| {
-            let replaces = || cut.finer.iter().any(|(_, asset)| *asset == instance.asset);
-            local.contains_key(&instance.asset) && (!cut.covers(*number) || replaces())
+            local.contains_key(&instance.asset)
+                && (!cut.covers(*number) || replacing.contains(&instance.asset))
         })
         .collect();
     let renumber =
@@ -266,7 +267,6 @@ mod tests {
     use crate::server::coarse_textures::COARSE_LEVELS;
     use crate::server::first_flight::first_flight;
     use crate::testing::MemoryScene;
-    use std::collections::HashSet;
 
     fn refinement_for(scene: &MemoryScene, view: &View, budget: u64) -> Vec<PushedBlob> {
         let index = SceneIndex::new(scene);
