@@ -57,6 +57,11 @@ impl Flight {
             self.link.run(1);
             self.take();
         }
+        for (asset, slots) in (0..).zip(&self.slots) {
+            let Some(mesh) = self.link.core.mesh(asset) else { continue };
+            let faces = (0..mesh.material_count()).map(|material| mesh.indices(material).len() as u64).sum();
+            assert_eq!(*slots, [mesh.wedge_slots().into(), faces], "a renderer knows the lengths of lists");
+        }
         let stats = self.link.core.stats();
         let slots = self.slots.iter().fold([0, 0], |sum, of| [sum[0] + of[0], sum[1] + of[1]]);
         Room { bytes: stats.mesh_bytes, slots, faces: stats.faces }
