@@ -49,7 +49,13 @@ impl Picture {
     /// error in the radius, of the area in the picture.
     pub fn object_px2(&self, error_px: f32, radius_px: f32) -> f32 {
         let radius = radius_px.min(self.radius_px);
-        radius * radius * (SHAPE * error_px / radius_px.max(f32::MIN_POSITIVE)).min(1.0)
+        self.error_px2(error_px, radius_px).min(radius * radius)
+    }
+
+    /// [`Picture::object_px2`], without its bound on what an error may make.
+    pub fn error_px2(&self, error_px: f32, radius_px: f32) -> f32 {
+        let radius = radius_px.min(self.radius_px);
+        radius * radius * (SHAPE * error_px / radius_px.max(f32::MIN_POSITIVE))
     }
 
     /// Difference of a texture with texels of `texel_px` on a surface of radius `coverage_px`; `weight` is the share

@@ -160,6 +160,15 @@ impl LocalView {
         Some((px, foveation(&self.frustum, center, sphere.radius)))
     }
 
+    /// Pixels per unit at the distance of a sphere's centre, or of its radius if that is larger.
+    #[inline]
+    #[must_use]
+    #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
+    pub(super) fn px_per_unit(&self, sphere: &Sphere) -> f32 {
+        let distance = (Vec3::from(sphere.center) - self.eye).length();
+        (self.scale_px / f64::from(distance.max(sphere.radius).max(f32::MIN_POSITIVE))) as f32
+    }
+
     /// Displacement in pixels of the shadow of a sphere out of view by an error within it, and pixels per unit there.
     /// The shadow is swept along `sweep`, in the instance's local axes and units. `None` if the sphere is in view or
     /// its shadow is not.

@@ -14,9 +14,6 @@ use crate::difference::Picture;
 use crate::priority::{Priority, refine_priority};
 use crate::project::{Bounds, Projection};
 
-/// Least share of a difference that a base mesh makes, however large its error: what refines it comes after it.
-const LEAST_GAIN: f32 = 0.1;
-
 /// What a scene consists of, and what of it a cut has.
 pub trait Forest {
     /// The proxies.
@@ -157,10 +154,12 @@ impl Piece {
         picture.object_px2(error * self.bounds.px_per_unit, self.bounds.coverage_px)
     }
 
-    /// How much less the difference is with its base mesh than with an error.
+    /// How much less the difference is with its base mesh than with an error, or with as many of its chunks as make most
+    /// of their bytes, per length of the base mesh: the error falls as the bytes grow.
     fn gain_px2(&self, picture: &Picture, error: f32) -> f32 {
         let before = self.difference_px2(picture, error);
-        (before - self.difference_px2(picture, self.error)).max(LEAST_GAIN * before)
+        let base = picture.error_px2(self.error * self.bounds.px_per_unit, self.bounds.coverage_px);
+        if 2.0 * base > before { before * before / (4.0 * base) } else { before - base }
     }
 }
 

@@ -191,7 +191,9 @@ impl Selector {
                 {
                     evaluation.own_px = evaluation.own_px.max(px as f32);
                     evaluation.error_px = evaluation.own_px;
-                    let px_per_unit = px as f32 / error.max(f32::MIN_POSITIVE);
+                    // A bound uses the nearest point, which a region around the eye has everywhere; a difference is
+                    // an estimate of what most of the region shows.
+                    let px_per_unit = local.px_per_unit(&info.sphere);
                     let difference_error_px =
                         px_per_unit * difference_error(info.error, info.attribute_error, share);
                     let whole = picture.shape_px2(difference_error_px, px_per_unit * info.sphere.radius);
