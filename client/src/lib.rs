@@ -11,7 +11,7 @@
 //! | `tls` | `wss://` addresses (rustls), and with it `websocket` | the same |
 //! | `http` | `https://`, `http://` and `file:` addresses of published scenes (hyper), and with it `tls` | the same |
 //! | `zstd` | the C decoder of zstd frames: packs of the codec `Zstd`, and base meshes that zstd makes smaller | a slower decoder in Rust |
-//! | `images` | decoders of PNG and JPEG texture levels | the host decodes them (`core::TexturePixels::File`) |
+//! | `images` | decoders of PNG, JPEG and WebP texture levels | the host decodes them (`core::TexturePixels::File`) |
 //! | `runtime` | sessions on the host's tokio runtime, in virtual time too | only `Streaming`, which runs its own |
 //!
 //! All but `runtime` are on by default. Without transports there is neither `streaming` nor tokio: the host passes

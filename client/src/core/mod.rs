@@ -38,6 +38,7 @@ pub(crate) mod testing;
 #[cfg(test)]
 mod tests;
 mod texture_file;
+mod texture_header;
 
 pub use asset::uv_per_unit;
 pub use changes::{Change, IndexRun, MeshChange, NewAsset, TextureChange, Vertex};

@@ -7,6 +7,8 @@ use image::{DynamicImage, ImageError, ImageReader, Limits};
 use lodestream_scene::asset::{TextureInfo, TextureKind, level_size};
 use thiserror::Error;
 
+use super::texture_header::header_size;
+
 /// A texture level that cannot be used.
 #[derive(Debug, Error)]
 #[error("texture level {level} ({width}×{height}): {fault}")]
@@ -36,8 +38,8 @@ pub enum TextureFileFault {
     #[cfg(feature = "images")]
     #[error(transparent)]
     Image(#[from] ImageError),
-    /// The file does not begin as a PNG or JPEG file does.
-    #[error("the file has no header of a PNG or JPEG image")]
+    /// The file does not begin as a PNG, JPEG or WebP file does.
+    #[error("the file has no header of a PNG, JPEG or WebP image")]
     Header,
     /// The host could not decode the file.
     #[error("{0}")]
@@ -61,7 +63,7 @@ pub enum TexturePixels {
     R8(Vec<u8>),
     /// One 16-bit value per texel.
     R16(Vec<u16>),
-    /// The level's PNG or JPEG file, for the host to decode; its header gives the level's size.
+    /// The level's PNG, JPEG or WebP file, for the host to decode; its header gives the level's size.
     File {
         /// The file.
         file: Bytes,
@@ -80,14 +82,14 @@ pub enum TexturePixels {
 }
 
 impl TexturePixels {
-    /// Decodes the image file (PNG or JPEG) of a level; level 0 is the coarsest. The image must have the level's size;
-    /// memory is reserved only after its header has been checked.
+    /// Decodes the image file (PNG, JPEG or WebP) of a level; level 0 is the coarsest. The image must have the level's
+    /// size; memory is reserved only after its header has been checked.
     ///
     /// # Errors
     /// The file is not an intact image of that size.
     #[cfg(feature = "images")]
     pub fn decode(file: &[u8], info: &TextureInfo, level: u32) -> Result<Self, TextureFileError> {
-        let [width, height] = size_of_level(info, level);
+        let [width, height] = checked_size(file, info, level)?;
         let error = |fault: TextureFileFault| TextureFileError { level, width, height, fault };
         let reader = ImageReader::new(std::io::Cursor::new(file)).with_guessed_format();
         let mut reader = reader.map_err(|why| error(ImageError::IoError(why).into()))?;
@@ -113,17 +115,10 @@ impl TexturePixels {
     /// bounded by the level's size.
     ///
     /// # Errors
-    /// The file does not begin as a PNG or JPEG file of that size.
+    /// The file does not begin as a PNG, JPEG or WebP file of that size.
     pub fn for_host(file: &Bytes, info: &TextureInfo, level: u32) -> Result<Self, TextureFileError> {
-        let size @ [width, height] = size_of_level(info, level);
-        let fault = match header_size(file) {
-            Some(found) if found == size => {
-                return Ok(Self::File { file: file.clone(), kind: info.kind, size });
-            }
-            Some([width, height]) => TextureFileFault::Size { width, height },
-            None => TextureFileFault::Header,
-        };
-        Err(TextureFileError { level, width, height, fault })
+        let size = checked_size(file, info, level)?;
+        Ok(Self::File { file: file.clone(), kind: info.kind, size })
     }
 
     /// Size of the pixels in bytes.
@@ -144,31 +139,15 @@ fn size_of_level(info: &TextureInfo, level: u32) -> [u32; 2] {
     level_size([info.width, info.height], levels, level)
 }
 
-/// Width and height in the header of a PNG file (ISO/IEC 15948, 11.2.2) or of a JPEG file's frame (ITU-T T.81, B.2.2).
-fn header_size(file: &[u8]) -> Option<[u32; 2]> {
-    if file.starts_with(b"\x89PNG\r\n\x1a\n") {
-        let header = file.get(12..24)?.strip_prefix(b"IHDR")?;
-        let side = |at: usize| Some(u32::from_be_bytes(header.get(at..at + 4)?.try_into().ok()?));
-        return Some([side(0)?, side(4)?]);
-    }
-    let mut rest = file.strip_prefix(&[0xff, 0xd8])?;
-    // Segments: 0xff, possibly repeated, a marker, a length that counts itself, data.
-    while let [0xff, marker, after @ ..] = rest {
-        if *marker == 0xff {
-            rest = &rest[1..];
-            continue;
-        }
-        let length = usize::from(u16::from_be_bytes(after.get(..2)?.try_into().ok()?));
-        let segment = after.get(2..length)?;
-        // Frames of all processes; 0xc4, 0xc8 and 0xcc are tables.
-        if (0xc0..=0xcf).contains(marker) && !matches!(marker, 0xc4 | 0xc8 | 0xcc) {
-            let side =
-                |at: usize| Some(u32::from(u16::from_be_bytes(segment.get(at..at + 2)?.try_into().ok()?)));
-            return Some([side(3)?, side(1)?]);
-        }
-        rest = after.get(length..)?;
-    }
-    None
+/// The level's size, which the file's header must state.
+fn checked_size(file: &[u8], info: &TextureInfo, level: u32) -> Result<[u32; 2], TextureFileError> {
+    let size @ [width, height] = size_of_level(info, level);
+    let fault = match header_size(file) {
+        Some(found) if found == size => return Ok(size),
+        Some([width, height]) => TextureFileFault::Size { width, height },
+        None => TextureFileFault::Header,
+    };
+    Err(TextureFileError { level, width, height, fault })
 }
 
 #[cfg(test)]
@@ -209,6 +188,35 @@ mod tests {
         assert_eq!(pixels, TexturePixels::R16(vec![54_321; 2]));
     }
 
+    /// A lossy WebP file of 8×4 texels, red 200, green 60, blue 30, by libwebp.
+    const WEBP: &[u8] = b"RIFF\x3e\0\0\0WEBPVP8 \x32\0\0\0\xd0\x01\0\x9d\x01\x2a\x08\0\x04\0\0\xc0\x12\x25\xa0\x02\x74\xba\
+        \x01\xf8\0\x03\xb0\0\xfe\xf2\xa9\x7f\xfd\xbb\x3f\xae\xcf\xeb\xb3\xfe\xed\xbf\xfe\xb6\x0f\xeb\x60\xfe\xb6\x0f\xfe\xb4\0\0";
+
+    #[test]
+    fn webp_levels_decode() {
+        let shape = full(8, 4, TextureKind::Color);
+        let TexturePixels::Rgba8(texels) = TexturePixels::decode(WEBP, &shape, 3).unwrap() else { panic!() };
+        assert_eq!(texels.len(), 8 * 4 * 4);
+        for texel in texels.chunks(4) {
+            let off = texel.iter().zip([200, 60, 30, 255]).map(|(a, b)| a.abs_diff(b)).max();
+            assert!(off <= Some(3), "{texel:?}");
+        }
+        // Cut anywhere it is an error or, in its last bytes, a picture; it never panics.
+        let decodes = |length| TexturePixels::decode(&WEBP[..length], &shape, 3).is_ok();
+        let shortest = (0..=WEBP.len()).find(|&length| decodes(length)).unwrap();
+        assert!(shortest > 40, "{shortest}");
+    }
+
+    #[test]
+    fn a_webp_picture_larger_than_its_canvas_is_refused_before_memory_is_reserved() {
+        let mut huge = WEBP[12..].to_vec();
+        huge[14..18].copy_from_slice(&[0xff, 0x3f, 0xff, 0x3f]);
+        let canvas = [&b"VP8X\x0a\0\0\0\0\0\0\0\x07\0\0\x03\0\0"[..], &huge].concat();
+        let file = [b"RIFF", &(canvas.len() as u32 + 4).to_le_bytes()[..], b"WEBP", &canvas].concat();
+        let fault = TexturePixels::decode(&file, &full(8, 4, TextureKind::Color), 3).unwrap_err().fault;
+        assert!(matches!(fault, TextureFileFault::Header), "{fault}");
+    }
+
     #[test]
     fn files_that_do_not_match_the_level_are_errors() {
         let shape = full(8, 8, TextureKind::Color);
@@ -236,7 +244,7 @@ mod tests {
             RgbImage::new(width, height).write_to(&mut file, ImageFormat::Jpeg).unwrap();
             file.into_inner()
         };
-        for file in [png(RgbImage::new(8, 4)), jpeg(8, 4)] {
+        for file in [png(RgbImage::new(8, 4)), jpeg(8, 4), WEBP.to_vec()] {
             let file = Bytes::from(file);
             let given = TexturePixels::for_host(&file, &shape, 3).unwrap();
             assert_eq!(

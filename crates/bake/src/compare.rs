@@ -18,6 +18,7 @@ use lodestream_import::Part;
 use lodestream_scene::asset::AssetDescription;
 
 use crate::prepare::PrepareError;
+use crate::prepare::Threads;
 use crate::prepare::describe::describe;
 use lodestream_store::{LoadedAsset, PackFile, StoreError};
 
@@ -87,8 +88,8 @@ pub fn compare(pack: &PackFile, model: &Path, part: &Part) -> Result<Difference,
         return Err(CompareError::Grid { model: model.to_owned(), pack: pack.path().to_owned() });
     }
     let error = |source| PrepareError::Describe { path: model.to_owned(), source };
-    let described = describe(&asset.description.name, &imported.materials, preparation_settings.relief_depth)
-        .map_err(error)?;
+    let (name, depth) = (&asset.description.name, preparation_settings.relief_depth);
+    let described = describe(name, &imported.materials, depth, &Threads::all_cores()).map_err(error)?;
     // Encoding quantises descriptions, so the decoded one is compared.
     let again = described.description.encode().and_then(|bytes| AssetDescription::decode(&bytes));
     let theirs = again.map_err(|e| error(e.into()))?;

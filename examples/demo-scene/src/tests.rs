@@ -145,6 +145,7 @@ fn the_importer_gives_no_warnings() {
             &asset.name,
             &imported.materials,
             asset.preparation_settings.relief_depth,
+            &lodestream_bake::prepare::Threads::all_cores(),
         )
         .unwrap();
         assert_eq!(described.warnings, Vec::<String>::new(), "{}", asset.name);

@@ -129,7 +129,7 @@ pub(super) fn messages() -> Vec<(String, Vec<u8>)> {
         width: 8,
         height: 8,
         mean: None,
-        levels: vec![TextureLevel { width: 8, height: 8, bytes: 99, format: TextureFormat::Jpeg }],
+        levels: vec![TextureLevel { width: 8, height: 8, bytes: 99, format: TextureFormat::WebP }],
     };
     let full = Material {
         metallic: 0.5,

@@ -518,7 +518,11 @@ fn material(material: &Material) -> Value {
 }
 
 fn texture(texture: &TextureInfo) -> Value {
-    let format = |format| if format == TextureFormat::Jpeg { "jpeg" } else { "png" };
+    let format = |format| match format {
+        TextureFormat::Jpeg => "jpeg",
+        TextureFormat::Png => "png",
+        TextureFormat::WebP => "webp",
+    };
     let levels = texture.levels.iter();
     let levels = levels
         .map(|l| json!({"width": l.width, "height": l.height, "bytes": l.bytes, "format": format(l.format)}));

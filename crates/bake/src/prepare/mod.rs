@@ -407,7 +407,9 @@ fn prepare_with_key(keyed: Keyed, options: &Options, pack: &Path) -> Result<Repo
     let mesh_error = |source| PrepareError::Mesh { path: model.clone(), source };
     let imported = imported.map_or_else(|| source.model.import(part), Ok)?;
     let mut warnings = imported.warnings;
-    let described = describe::describe(name, &imported.materials, preparation_settings.relief_depth)
+    let threads = options.threads.map_or_else(Threads::all_cores, Threads::new);
+    let depth = preparation_settings.relief_depth;
+    let described = describe::describe(name, &imported.materials, depth, &threads)
         .map_err(|source| PrepareError::Describe { path: model.clone(), source })?;
     warnings.extend(described.warnings);
     let description = described
@@ -423,7 +425,6 @@ fn prepare_with_key(keyed: Keyed, options: &Options, pack: &Path) -> Result<Repo
         checkpoint_folder_for(pack, &key, options.keep_levels || mesh.faces.len() >= CHECKPOINT_MIN_FACES);
     let checkpoints = checkpoints.map_err(|source| PrepareError::Write { path: pack.to_owned(), source })?;
     let reporter = Reporter::new(name, options.quiet);
-    let threads = options.threads.map_or_else(Threads::all_cores, Threads::new);
     let mut hooks = Hooks::new(&threads, &reporter);
     if let Some(checkpoints) = &checkpoints {
         hooks = hooks.with_checkpoints(checkpoints);

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use crate::preparation_settings::{Precision, PreparationSettings};
 use lodestream_geometry::Codec;
+use lodestream_geometry::pool::Serial;
 use tempfile::TempDir;
 
 use super::{Cached, Options, prepare_all, prepare_cached};
@@ -126,7 +127,7 @@ fn no_sample_is_refused_for_its_materials() {
         let name = path.file_name().unwrap().to_string_lossy().into_owned();
         match lodestream_import::import(&path) {
             Ok(imported) => {
-                let described = super::describe::describe(&name, &imported.materials, None).unwrap();
+                let described = super::describe::describe(&name, &imported.materials, None, &Serial).unwrap();
                 let lost: Vec<_> = imported.warnings.iter().chain(&described.warnings).collect();
                 println!(
                     "{name}: {} materials, {} textures",

@@ -10,14 +10,15 @@ use std::sync::{Arc, Mutex, PoisonError};
 use bytes::Bytes;
 use gltf::json;
 
-use super::root::{COMPRESSED_VIEWS, DRACO, Root};
+use super::root::{COMPRESSED_VIEWS, DRACO, Root, TEXTURE_WEBP};
 use crate::content::{Content, OpenFile};
 use crate::error::ImportError;
 use crate::file::{MAX_FILE_BYTES, read_file};
 
 /// Extensions that a file may require, besides [`COMPRESSED_VIEWS`] and, with the feature `draco`, [`DRACO`].
-const SUPPORTED: [&str; 6] = [
+const SUPPORTED: [&str; 7] = [
     "EXT_mesh_gpu_instancing",
+    TEXTURE_WEBP,
     "KHR_lights_punctual",
     "KHR_mesh_quantization",
     "KHR_texture_transform",

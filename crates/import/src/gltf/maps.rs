@@ -9,6 +9,7 @@ use serde_json::{Map, Value};
 
 use super::accessor::Buffers;
 use super::container::{Document, Location};
+use super::root::TEXTURE_WEBP;
 use crate::model::ImageSource;
 
 /// `KHR_texture_transform`: `uv' = offset + rotation × scale × uv`, `v` down.
@@ -168,11 +169,15 @@ fn wrap(document: &Document, texture: usize) -> [Wrap; 2] {
 
 fn find_image(document: &Document, texture: usize, buffers: &mut Buffers<'_>) -> Result<ImageSource, String> {
     let root = &document.root;
-    let Some(source) = root.textures.get(texture).map(|texture| texture.source.value()) else {
+    let Some(stated) = root.textures.get(texture) else {
         return Err(format!("textures[{texture}] does not exist"));
     };
+    // The extension's WebP image is what the author prefers; the other is for programs that cannot read it.
+    let webp = stated.extensions.as_ref().and_then(|all| all.others.get(TEXTURE_WEBP));
+    let webp = webp.and_then(|webp| webp.get("source")?.as_u64()?.try_into().ok());
+    let source = webp.unwrap_or_else(|| stated.source.value());
     let Some(image) = root.images.get(source) else {
-        return Err(format!("textures[{texture}] has no PNG or JPEG image"));
+        return Err(format!("textures[{texture}] has no PNG, JPEG or WebP image"));
     };
     // A name for messages; no file has it.
     let label = || {

@@ -17,6 +17,9 @@ use serde_json::{Map, Value};
 /// The extension of meshes that are compressed with Draco.
 pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
 
+/// The extension of textures whose image is a WebP file.
+pub(super) const TEXTURE_WEBP: &str = "EXT_texture_webp";
+
 /// Extensions that compress buffer views.
 pub(super) const COMPRESSED_VIEWS: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 

@@ -349,6 +349,38 @@ fn materials_bring_colour_texture_and_its_transformation() {
 }
 
 #[test]
+fn a_webp_texture_takes_the_place_of_its_fallback() {
+    let mut model = Model::quad();
+    let uvs = model.floats("VEC2", 2, &[0., 0., 1., 0., 1., 1., 0., 1.]);
+    model.attribute("TEXCOORD_0", uvs);
+    let mut file = std::io::Cursor::new(Vec::new());
+    let image = image::RgbImage::from_fn(64, 64, |x, y| image::Rgb([x as u8 * 4, y as u8 * 4, 90]));
+    image.write_to(&mut file, image::ImageFormat::WebP).unwrap();
+    let view = model.view(file.get_ref());
+    model.json["images"] = json!([{"uri": "fallback.png"}, {"bufferView": view, "mimeType": "image/webp"}]);
+    model.json["textures"] = json!([{"source": 0, "extensions": {"EXT_texture_webp": {"source": 1}}}]);
+    model.json["materials"] = json!([{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]);
+    model.json["extensionsUsed"] = json!(["EXT_texture_webp"]);
+    model.json["extensionsRequired"] = json!(["EXT_texture_webp"]);
+    model.primitive()["material"] = json!(0);
+    let color = |model: &Model| {
+        let imported = model.read().unwrap();
+        assert!(imported.warnings.is_empty(), "{:?}", imported.warnings);
+        imported.materials[0].maps.color.clone().unwrap()
+    };
+    let with_fallback = color(&model);
+    assert_eq!(with_fallback.bytes.as_deref(), Some(file.get_ref().as_slice()));
+    model.json["textures"][0].as_object_mut().unwrap().remove("source");
+    assert_eq!(color(&model).bytes, with_fallback.bytes);
+    let source = crate::texture::TextureSource::opaque(with_fallback);
+    let texture = crate::texture::load(&source, &lodestream_geometry::pool::Serial).unwrap();
+    assert_eq!((texture.width_px, texture.levels.len()), (64, 4));
+    model.json["textures"] = json!([{"extensions": {"EXT_texture_webp": {"source": 9}}}]);
+    let missing = model.read().unwrap();
+    assert!(missing.warnings[0].contains("no PNG, JPEG or WebP image"), "{:?}", missing.warnings);
+}
+
+#[test]
 fn what_is_not_drawn_is_named() {
     let mut model = Model::quad();
     let tangents = model.floats("VEC4", 4, &[0.; 16]);

@@ -3,26 +3,28 @@
 use std::path::{Path, PathBuf};
 
 use image::{ExtendedColorType, ImageError, Rgba, RgbaImage};
+use lodestream_geometry::pool::Pool;
 use lodestream_scene::asset::TextureKind;
 
 use super::channel::Channels;
 use super::coverage::Coverage;
 use super::decode::decode;
-use super::encode::{levels, png, smaller};
+use super::encode::{Rectangle, levels};
 use super::error::TextureError;
 use super::levels::Texture;
 use super::mip::Plane;
 use super::source::{Opacity, Transparency};
+use super::webp;
 use crate::model::{Channel, ImageSource};
 
-/// Quality of colour JPEGs, 1–100. 85 is where the artefacts of a photograph stop being visible at
-/// its own resolution; the size grows by half from there to 92.
+/// Quality of JPEGs, 1–100, of colours too wide or high for WebP: about as good as that.
 const JPEG_QUALITY: u8 = 85;
 
 pub(super) fn load(
     image: Option<&ImageSource>,
     opacity: Option<&Channel>,
     used: Opacity,
+    pool: &dyn Pool,
 ) -> Result<Texture, TextureError> {
     let (path, mut rgba) = composed(image, opacity)?;
     let transparency = if used == Opacity::Ignored {
@@ -38,7 +40,7 @@ pub(super) fn load(
         _ => None,
     };
     let coverage = threshold.map(|threshold| Coverage::of(&rgba, threshold));
-    encode(&path, &rgba, transparency, coverage.as_ref())
+    encode(&path, rgba, transparency, coverage.as_ref(), pool)
 }
 
 /// Combines colours and opacity at the larger size of the two.
@@ -83,17 +85,18 @@ fn transparency(rgba: &RgbaImage) -> Transparency {
 
 fn encode(
     path: &Path,
-    rgba: &RgbaImage,
+    rgba: RgbaImage,
     transparency: Transparency,
     coverage: Option<&Coverage>,
+    pool: &dyn Pool,
 ) -> Result<Texture, TextureError> {
     let (width_px, height_px) = rgba.dimensions();
     let grey = rgba.pixels().all(|p| p.0[0] == p.0[1] && p.0[1] == p.0[2]);
     let alpha = transparency != Transparency::None;
-    let (levels, coarsest) =
-        levels(path, Plane::<4>::from_srgb(rgba), Plane::halve_premultiplied, |plane| {
-            encode_level(plane, alpha, grey, coverage)
-        })?;
+    let plane = Plane::<4>::from_srgb(&rgba);
+    drop(rgba);
+    let encode = |plane: &Plane<4>| encode_level(plane, alpha, grey, coverage);
+    let (levels, coarsest) = levels(path, plane, Plane::halve_premultiplied, encode, pool)?;
     let mean = Some(coarsest.mean_srgb());
     Ok(Texture { kind: TextureKind::Color, width_px, height_px, transparency, mean, levels })
 }
@@ -106,17 +109,22 @@ fn encode_level(
 ) -> Result<Vec<u8>, ImageError> {
     let mut rgba = plane.to_srgb();
     let (width, height) = (plane.width, plane.height);
+    let webp_holds = width.max(height) <= webp::MAX_SIDE_PX;
+    let rectangle = |bytes, format| Rectangle { bytes, width, height, format };
     if alpha {
         if let Some(coverage) = coverage {
             coverage.restore(&mut rgba);
         }
-        return png(&rgba, width, height, ExtendedColorType::Rgba8);
+        let whole = rectangle(&rgba, ExtendedColorType::Rgba8);
+        return if webp_holds { whole.png_or(webp::with_alpha(&rgba, width, height)?) } else { whole.png() };
     }
     let pixels = rgba.as_chunks::<4>().0;
-    let (bytes, format): (Vec<u8>, _) = if grey {
-        (pixels.iter().map(|p| p[0]).collect(), ExtendedColorType::L8)
-    } else {
-        (pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect(), ExtendedColorType::Rgb8)
-    };
-    smaller(&bytes, width, height, format, JPEG_QUALITY)
+    let rgb: Vec<u8> = pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
+    let one: Vec<u8> = if grey { pixels.iter().map(|p| p[0]).collect() } else { Vec::new() };
+    drop(rgba);
+    let whole =
+        if grey { rectangle(&one, ExtendedColorType::L8) } else { rectangle(&rgb, ExtendedColorType::Rgb8) };
+    // JPEG was longer than WebP for every level of the pictures that were measured, so it is not tried beside it.
+    let lossy = if webp_holds { webp::opaque(&rgb, width, height)? } else { whole.jpeg(JPEG_QUALITY)? };
+    whole.png_or(lossy)
 }

@@ -1,10 +1,12 @@
 //! Levels from fine to coarse, and their image files.
 
 use std::path::Path;
+use std::sync::OnceLock;
 
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder as _, ImageError};
+use lodestream_geometry::pool::Pool;
 
 use super::error::{TextureError, one_line};
 use super::mip::Plane;
@@ -12,51 +14,106 @@ use super::mip::Plane;
 /// Halving stops at a level whose longer side is at most this: smaller levels cost a message each
 /// and save nothing, since an 8 × 8 level is about 200 bytes.
 const COARSEST_SIDE_PX: u32 = 8;
+/// PNG is taken up to these many bytes above 4/3 of the lossy file: what it codes so well is flat or drawn, and shows
+/// errors most.
+const WORTH_BYTES: usize = 64;
+/// Most texels of a rectangle of which PNG is tried without a sample.
+const SMALL_TEXELS: usize = 1 << 16;
+/// Rows of each band of the sample, of so many rows. A band is longer than deflate's window of 32 kB at 1,000 pixels and
+/// more, so what PNG saves by repetition shows within it.
+const SAMPLE: (usize, usize) = (16, 128);
+/// How many times too long the sample may find PNG for PNG to be tried.
+const SAMPLE_SLACK: usize = 2;
 
-/// Encoded levels, coarse first, and the coarsest as a plane.
+/// Encoded levels, coarse first, and the coarsest as a plane. The pool runs a task for each level.
 pub(super) fn levels<const N: usize>(
     path: &Path,
-    mut plane: Plane<N>,
+    plane: Plane<N>,
     halve: impl Fn(&Plane<N>) -> Plane<N>,
-    encode: impl Fn(&Plane<N>) -> Result<Vec<u8>, ImageError>,
+    encode: impl Fn(&Plane<N>) -> Result<Vec<u8>, ImageError> + Sync,
+    pool: &dyn Pool,
 ) -> Result<(Vec<Vec<u8>>, Plane<N>), TextureError> {
-    let mut levels = Vec::new();
-    loop {
-        let encoded = encode(&plane).map_err(|error| TextureError::Encode {
-            path: path.to_owned(),
-            why: one_line(&error.to_string()),
-        })?;
-        levels.push(encoded);
-        if plane.width.max(plane.height) <= COARSEST_SIDE_PX {
-            levels.reverse();
-            return Ok((levels, plane));
-        }
-        plane = halve(&plane);
+    let (mut finer, mut coarsest) = (Vec::new(), plane);
+    while coarsest.width.max(coarsest.height) > COARSEST_SIDE_PX {
+        let next = halve(&coarsest);
+        finer.push(std::mem::replace(&mut coarsest, next));
     }
+    let planes: Vec<&Plane<N>> = finer.iter().chain([&coarsest]).collect();
+    let encoded: Vec<OnceLock<_>> = planes.iter().map(|_| OnceLock::new()).collect();
+    // Fine first: it takes longest.
+    pool.run(planes.len(), &|i| {
+        encoded[i].get_or_init(|| encode(planes[i]));
+    });
+    let failed = |why: String| TextureError::Encode { path: path.to_owned(), why: one_line(&why) };
+    let taken = encoded.into_iter().rev().map(|level| {
+        let level = level.into_inner().ok_or_else(|| failed("its task did not run".to_owned()))?;
+        level.map_err(|error| failed(error.to_string()))
+    });
+    Ok((taken.collect::<Result<_, _>>()?, coarsest))
 }
 
-/// JPEG of three full channels or of grey, or PNG where that is smaller.
-pub(super) fn smaller(
-    bytes: &[u8],
-    width: u32,
-    height: u32,
-    format: ExtendedColorType,
-    quality: u8,
-) -> Result<Vec<u8>, ImageError> {
-    let lossless = png(bytes, width, height, format)?;
-    let mut jpeg = Vec::new();
-    JpegEncoder::new_with_quality(&mut jpeg, quality).encode(bytes, width, height, format)?;
-    Ok(if lossless.len() <= jpeg.len() { lossless } else { jpeg })
+/// Texels of a rectangle, row by row. Its files depend on nothing else.
+#[derive(Clone, Copy)]
+pub(super) struct Rectangle<'a> {
+    pub(super) bytes: &'a [u8],
+    pub(super) width: u32,
+    pub(super) height: u32,
+    pub(super) format: ExtendedColorType,
 }
 
-pub(super) fn png(
-    bytes: &[u8],
-    width: u32,
-    height: u32,
-    format: ExtendedColorType,
-) -> Result<Vec<u8>, ImageError> {
-    let mut out = Vec::new();
-    PngEncoder::new_with_quality(&mut out, CompressionType::Default, FilterType::Adaptive)
-        .write_image(bytes, width, height, format)?;
-    Ok(out)
+impl Rectangle<'_> {
+    pub(super) fn png(self) -> Result<Vec<u8>, ImageError> {
+        let mut out = Vec::new();
+        PngEncoder::new_with_quality(&mut out, CompressionType::Default, FilterType::Adaptive).write_image(
+            self.bytes,
+            self.width,
+            self.height,
+            self.format,
+        )?;
+        Ok(out)
+    }
+
+    /// JPEG of three full channels or of grey.
+    pub(super) fn jpeg(self, quality: u8) -> Result<Vec<u8>, ImageError> {
+        let mut out = Vec::new();
+        JpegEncoder::new_with_quality(&mut out, quality).encode(
+            self.bytes,
+            self.width,
+            self.height,
+            self.format,
+        )?;
+        Ok(out)
+    }
+
+    /// PNG, or the lossy file if that saves enough.
+    pub(super) fn png_or(self, lossy: Vec<u8>) -> Result<Vec<u8>, ImageError> {
+        let longest = lossy.len() + lossy.len() / 3 + WORTH_BYTES;
+        if !self.png_may_take(longest)? {
+            return Ok(lossy);
+        }
+        let lossless = self.png()?;
+        Ok(if lossless.len() <= longest { lossless } else { lossy })
+    }
+
+    /// Whether PNG may take at most so many bytes, by a sample of rows: it takes ten times as long as JPEG, and of
+    /// large photographs is many times as long.
+    fn png_may_take(self, longest: usize) -> Result<bool, ImageError> {
+        let (width, height) = (self.width as usize, self.height as usize);
+        if width * height <= SMALL_TEXELS {
+            return Ok(true);
+        }
+        let (rows, of) = SAMPLE;
+        let stride = self.bytes.len() / height;
+        let mut bytes = 0;
+        for top in ((of - rows) / 2..height).step_by(of) {
+            let band = top..height.min(top + rows);
+            let height = band.len() as u32;
+            let bytes_of_band = &self.bytes[band.start * stride..band.end * stride];
+            bytes += Rectangle { bytes: bytes_of_band, height, ..self }.png()?.len();
+            if bytes * of / rows > longest * SAMPLE_SLACK {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
 }

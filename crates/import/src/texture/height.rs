@@ -1,17 +1,18 @@
 //! Height textures, encoded losslessly.
 
 use image::{DynamicImage, ExtendedColorType};
+use lodestream_geometry::pool::Pool;
 use lodestream_scene::asset::TextureKind;
 
 use super::decode::decode;
-use super::encode::{levels, png};
+use super::encode::{Rectangle, levels};
 use super::error::TextureError;
 use super::levels::Texture;
 use super::mip::Plane;
 use super::source::Transparency;
 use crate::model::ImageSource;
 
-pub(super) fn load(source: &ImageSource) -> Result<Texture, TextureError> {
+pub(super) fn load(source: &ImageSource, pool: &dyn Pool) -> Result<Texture, TextureError> {
     let image = decode(source)?;
     if looks_like_normals(&image) {
         return Err(TextureError::NormalMap { path: source.path.clone() });
@@ -26,15 +27,17 @@ pub(super) fn load(source: &ImageSource) -> Result<Texture, TextureError> {
     let (width_px, height_px) = (image.width(), image.height());
     let plane = Plane::<1>::from_heights(&image, deep);
     drop(image);
-    let (levels, _) = levels(&source.path, plane, Plane::halve, |plane| {
+    let encode = |plane: &Plane<1>| {
         let (bytes, format) = if deep {
             // Sixteen-bit samples are taken in native order and written in PNG's.
             (plane.samples.iter().flat_map(|s| s[0].to_ne_bytes()).collect(), ExtendedColorType::L16)
         } else {
             (plane.samples.iter().map(|s| s[0] as u8).collect::<Vec<u8>>(), ExtendedColorType::L8)
         };
-        png(&bytes, plane.width, plane.height, format)
-    })?;
+        let Plane { width, height, .. } = *plane;
+        Rectangle { bytes: &bytes, width, height, format }.png()
+    };
+    let (levels, _) = levels(&source.path, plane, Plane::halve, encode, pool)?;
     let transparency = Transparency::None;
     Ok(Texture { kind: TextureKind::Height, width_px, height_px, transparency, mean: None, levels })
 }

@@ -1,10 +1,11 @@
 //! Normal maps: mip levels are normalised means of directions.
 
 use image::ExtendedColorType;
+use lodestream_geometry::pool::Pool;
 use lodestream_scene::asset::TextureKind;
 
 use super::decode::decode;
-use super::encode::{levels, smaller};
+use super::encode::{Rectangle, levels};
 use super::error::TextureError;
 use super::levels::Texture;
 use super::mip::Plane;
@@ -19,7 +20,7 @@ pub(super) const JPEG_QUALITY: u8 = 90;
 /// Sample value of 0: samples are signed values with this offset.
 const ZERO: i32 = 1 << 15;
 
-pub(super) fn load(source: &ImageSource) -> Result<Texture, TextureError> {
+pub(super) fn load(source: &ImageSource, pool: &dyn Pool) -> Result<Texture, TextureError> {
     let image = decode(source)?;
     let (width_px, height_px) = (image.width(), image.height());
     let rgb = image.into_rgb16();
@@ -28,10 +29,13 @@ pub(super) fn load(source: &ImageSource) -> Result<Texture, TextureError> {
     let plane = Plane::<3> { width: width_px, height: height_px, samples };
     // Planes hold unnormalised means of unit vectors, normalised only for writing: a level is the direction of the mean
     // over all texels that it covers.
-    let (levels, _) = levels(&source.path, plane, Plane::halve, |plane| {
+    let encode = |plane: &Plane<3>| {
         let bytes: Vec<u8> = plane.samples.iter().flat_map(|s| bytes(unit(s.map(signed)))).collect();
-        smaller(&bytes, plane.width, plane.height, ExtendedColorType::Rgb8, JPEG_QUALITY)
-    })?;
+        let Plane { width, height, .. } = *plane;
+        let whole = Rectangle { bytes: &bytes, width, height, format: ExtendedColorType::Rgb8 };
+        whole.png_or(whole.jpeg(JPEG_QUALITY)?)
+    };
+    let (levels, _) = levels(&source.path, plane, Plane::halve, encode, pool)?;
     let transparency = Transparency::None;
     Ok(Texture { kind: TextureKind::Normal, width_px, height_px, transparency, mean: None, levels })
 }

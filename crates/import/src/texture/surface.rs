@@ -1,10 +1,11 @@
 //! Surface textures: occlusion, roughness and metal from one image or several.
 
 use image::ExtendedColorType;
+use lodestream_geometry::pool::Pool;
 use lodestream_scene::asset::TextureKind;
 
 use super::channel::{Channels, larger};
-use super::encode::{levels, smaller};
+use super::encode::{Rectangle, levels};
 use super::error::TextureError;
 use super::levels::Texture;
 use super::mip::Plane;
@@ -16,7 +17,7 @@ use crate::model::SurfaceMap;
 /// 1.9 and 9, 1.4 and 11, in 489 kB; as PNG they take 1,434 kB.
 pub(super) const JPEG_QUALITY: u8 = 85;
 
-pub(super) fn load(map: &SurfaceMap) -> Result<Texture, TextureError> {
+pub(super) fn load(map: &SurfaceMap, pool: &dyn Pool) -> Result<Texture, TextureError> {
     let mut images = Channels::default();
     let mut planes = Vec::new();
     for channel in map.channels() {
@@ -34,10 +35,13 @@ pub(super) fn load(map: &SurfaceMap) -> Result<Texture, TextureError> {
         }
     }
     let plane = Plane { width: width_px, height: height_px, samples };
-    let (levels, coarsest) = levels(&path, plane, Plane::halve, |plane| {
+    let encode = |plane: &Plane<3>| {
         let bytes: Vec<u8> = plane.samples.iter().flat_map(|s| s.map(byte)).collect();
-        smaller(&bytes, plane.width, plane.height, ExtendedColorType::Rgb8, JPEG_QUALITY)
-    })?;
+        let Plane { width, height, .. } = *plane;
+        let whole = Rectangle { bytes: &bytes, width, height, format: ExtendedColorType::Rgb8 };
+        whole.png_or(whole.jpeg(JPEG_QUALITY)?)
+    };
+    let (levels, coarsest) = levels(&path, plane, Plane::halve, encode, pool)?;
     let mean = Some(coarsest.mean().map(byte));
     let transparency = Transparency::None;
     Ok(Texture { kind: TextureKind::Surface, width_px, height_px, transparency, mean, levels })

@@ -50,13 +50,15 @@ encode_variants!(TextureKind { 0 => Color, 1 => Height, 2 => Normal, 3 => Surfac
 /// Image format of a texture level.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TextureFormat {
-    /// JPEG, for opaque colour, surfaces and normals.
+    /// JPEG, for surfaces and normals.
     Jpeg,
-    /// PNG, for heights, for colour with alpha, and where it is smaller.
+    /// PNG, for heights, and where it is smaller.
     Png,
+    /// WebP, for colour, with alpha or without.
+    WebP,
 }
 
-encode_variants!(TextureFormat { 0 => Jpeg, 1 => Png });
+encode_variants!(TextureFormat { 0 => Jpeg, 1 => Png, 2 => WebP });
 
 /// A texture: its size and its levels.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -237,6 +239,7 @@ mod tests {
                     mean: (kind == TextureKind::Color).then_some([180, 90, 40]),
                     levels: vec![
                         TextureLevel { width: 64, height: 32, bytes: 900, format: TextureFormat::Jpeg },
+                        TextureLevel { width: 256, height: 128, bytes: 9000, format: TextureFormat::WebP },
                         TextureLevel { width: 512, height: 256, bytes: 30_000, format: TextureFormat::Png },
                     ],
                 })

@@ -1,6 +1,7 @@
 //! Tests of the city: bytes, counts, files that are imported as any user's.
 
 use glam::{DVec2, DVec3};
+use lodestream_bake::prepare::Threads;
 use lodestream_import::Part as ImportedPart;
 use lodestream_import::gltf;
 
@@ -64,8 +65,13 @@ fn the_importer_reads_every_part_without_a_warning() {
         let imported = lodestream_import::import_part(&path, &ImportedPart::Whole).unwrap();
         assert_eq!(imported.warnings, Vec::<String>::new(), "{name}");
         faces += imported.mesh.faces.len();
-        let described =
-            lodestream_bake::prepare::describe::describe(name, &imported.materials, None).unwrap();
+        let described = lodestream_bake::prepare::describe::describe(
+            name,
+            &imported.materials,
+            None,
+            &Threads::all_cores(),
+        )
+        .unwrap();
         assert_eq!(described.warnings, Vec::<String>::new(), "{name}");
         // Everything may be in a batch, but cars, of many materials, and large grounds.
         for (name, size) in contents.names.iter().zip(&contents.sizes) {

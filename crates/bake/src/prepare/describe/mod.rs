@@ -6,6 +6,7 @@ mod tests;
 mod textures;
 
 use crate::preparation_settings::ReliefDepth;
+use lodestream_geometry::pool::Pool;
 use lodestream_import::ImportedMaterial;
 use lodestream_import::srgb::srgb_to_linear;
 use lodestream_import::texture::{Opacity, TextureKind, TextureSource, Transparency};
@@ -35,7 +36,7 @@ pub struct EncodedDescription {
 /// Describes an asset: reads and encodes the textures of its materials.
 ///
 /// Missing and unreadable textures become warnings, and the material's factors replace them. Equal textures are stored
-/// once.
+/// once. The pool does not change the result.
 ///
 /// # Errors
 /// See [`DescribeError`].
@@ -43,8 +44,9 @@ pub fn describe(
     name: &str,
     materials: &[ImportedMaterial],
     relief_depth: Option<ReliefDepth>,
+    pool: &dyn Pool,
 ) -> Result<EncodedDescription, DescribeError> {
-    let mut textures = Textures::default();
+    let mut textures = Textures::new(pool);
     let materials: Result<Vec<Material>, DescribeError> =
         materials.iter().map(|material| describe_one(material, relief_depth, &mut textures)).collect();
     let description =
@@ -57,7 +59,7 @@ pub fn describe(
 fn describe_one(
     imported: &ImportedMaterial,
     relief_depth: Option<ReliefDepth>,
-    textures: &mut Textures,
+    textures: &mut Textures<'_>,
 ) -> Result<Material, DescribeError> {
     let ImportedMaterial { material, maps, .. } = imported;
     let color = textures.make(color_source(imported))?;

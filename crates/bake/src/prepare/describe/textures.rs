@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use lodestream_geometry::pool::Pool;
 use lodestream_import::ImageSource;
 use lodestream_import::texture::{self, Texture, TextureError, TextureSource, Transparency};
 use lodestream_scene::asset::{MAX_TEXTURES, TextureFormat, TextureInfo, TextureLevel};
@@ -11,8 +12,8 @@ use lodestream_scene::limits::MAX_BLOB_BYTES;
 use super::error::DescribeError;
 
 /// Textures encoded so far.
-#[derive(Default)]
-pub(super) struct Textures {
+pub(super) struct Textures<'a> {
+    pool: &'a dyn Pool,
     known: BTreeMap<(TextureSource, bool), Option<EncodedTexture>>,
     pub(super) infos: Vec<TextureInfo>,
     pub(super) levels: Vec<Vec<Vec<u8>>>,
@@ -28,7 +29,13 @@ pub(super) struct EncodedTexture {
     pub(super) of: TextureSource,
 }
 
-impl Textures {
+impl<'a> Textures<'a> {
+    /// None; the pool encodes them.
+    pub(super) fn new(pool: &'a dyn Pool) -> Self {
+        let (known, infos, levels, warnings) = Default::default();
+        Self { pool, known, infos, levels, warnings }
+    }
+
     /// Encodes a source's texture. Unreadable images become warnings and are omitted from it.
     pub(super) fn make(
         &mut self,
@@ -57,7 +64,7 @@ impl Textures {
         let mut left = Some(source);
         let mut made = None;
         while let Some(of) = left.take() {
-            match (texture::load(&of), &of) {
+            match (texture::load(&of, self.pool), &of) {
                 (Ok(texture), _) => {
                     let transparency = texture.transparency;
                     let path = of.first_image().map(|image| image.path.clone()).unwrap_or_default();
@@ -100,7 +107,7 @@ impl Textures {
                 width: (texture.width_px >> shift).max(1),
                 height: (texture.height_px >> shift).max(1),
                 bytes,
-                format: if blob.starts_with(b"\x89PNG") { TextureFormat::Png } else { TextureFormat::Jpeg },
+                format: format(blob),
             });
         }
         self.infos.push(TextureInfo {
@@ -112,5 +119,14 @@ impl Textures {
         });
         self.levels.push(texture.levels);
         Ok((self.infos.len() - 1) as u16)
+    }
+}
+
+/// Format of a file that the importer has written.
+fn format(file: &[u8]) -> TextureFormat {
+    match file {
+        [b'R', b'I', b'F', b'F', ..] => TextureFormat::WebP,
+        [0x89, ..] => TextureFormat::Png,
+        _ => TextureFormat::Jpeg,
     }
 }

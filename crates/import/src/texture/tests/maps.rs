@@ -3,8 +3,8 @@
 use image::{DynamicImage, GrayImage, Luma, Rgb, RgbImage, Rgba, RgbaImage};
 use tempfile::TempDir;
 
-use super::super::{Opacity, Texture, TextureSource, Transparency, load};
-use super::{noise, save};
+use super::super::{Opacity, Texture, TextureSource, Transparency};
+use super::{load, noise, save};
 use crate::model::{Channel, Component, SurfaceMap};
 
 fn finest(texture: &Texture) -> DynamicImage {

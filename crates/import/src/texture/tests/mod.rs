@@ -10,6 +10,12 @@ use image::{DynamicImage, GrayImage, ImageFormat, Luma, Rgb, RgbImage, Rgba, Rgb
 use tempfile::TempDir;
 
 use super::*;
+use lodestream_geometry::pool::Serial;
+
+/// On one thread.
+fn load(source: &TextureSource) -> Result<Texture, TextureError> {
+    super::load(source, &Serial)
+}
 
 fn save(dir: &TempDir, name: &str, image: impl Into<DynamicImage>) -> PathBuf {
     let path = dir.path().join(name);
@@ -25,6 +31,19 @@ fn noise(x: u32, y: u32) -> u8 {
     (x.wrapping_mul(0x9E37_79B9) ^ y.wrapping_mul(0x85EB_CA6B)).wrapping_mul(0xC2B2_AE35).to_be_bytes()[0]
 }
 
+/// A thread for each task, the last started first.
+struct Backwards;
+
+impl Pool for Backwards {
+    fn run(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
+        std::thread::scope(|scope| {
+            for i in (0..count).rev() {
+                scope.spawn(move || task(i));
+            }
+        });
+    }
+}
+
 #[test]
 fn levels_halve_from_coarse_to_fine_and_are_the_same_every_time() {
     let dir = TempDir::new().unwrap();
@@ -38,7 +57,8 @@ fn levels_halve_from_coarse_to_fine_and_are_the_same_every_time() {
         .collect();
     assert_eq!(sizes, [(6, 2), (12, 4), (25, 9), (50, 18), (100, 37)]);
     assert_eq!((texture.width_px, texture.height_px, texture.transparency), (100, 37, Transparency::None));
-    assert_eq!(load(&color(path.clone())).unwrap(), texture);
+    // As on several threads that take the levels in any order.
+    assert_eq!(super::load(&color(path), &Backwards).unwrap(), texture);
 }
 
 #[test]
@@ -52,18 +72,80 @@ fn colours_are_averaged_in_linear_light() {
 }
 
 #[test]
-fn noise_is_jpeg_flat_colour_png_and_transparency_png() {
+fn noisy_colour_is_webp_and_flat_colour_png() {
     let dir = TempDir::new().unwrap();
     let format = |texture: &Texture| image::guess_format(texture.levels.last().unwrap()).unwrap();
     let noisy = RgbImage::from_fn(64, 64, |x, y| Rgb([noise(x, y), noise(y, x), noise(x + 7, y)]));
     let texture = load(&color(save(&dir, "n.png", noisy))).unwrap();
-    assert_eq!(format(&texture), ImageFormat::Jpeg);
+    assert_eq!(format(&texture), ImageFormat::WebP);
     let flat = load(&color(save(&dir, "f.png", RgbImage::new(64, 64)))).unwrap();
     assert_eq!(format(&flat), ImageFormat::Png);
     let clear = RgbaImage::from_fn(64, 64, |x, y| Rgba([noise(x, y), 0, 0, if x < 32 { 0 } else { 255 }]));
     let texture = load(&color(save(&dir, "c.png", clear))).unwrap();
     assert_eq!(texture.transparency, Transparency::Holes);
-    assert_eq!(format(&texture), ImageFormat::Png);
+    assert_eq!(format(&texture), ImageFormat::WebP);
+}
+
+/// Waves of all three channels, some 30 texels long.
+fn waves(side: u32) -> RgbImage {
+    let wave =
+        |a: u32, b: u32| (127.5 + 100.0 * (f64::from(a) / 5.0).sin() * (f64::from(b) / 7.0).cos()) as u8;
+    RgbImage::from_fn(side, side, |x, y| Rgb([wave(x, y), wave(y, x + 9), wave(x + y, 3)]))
+}
+
+#[test]
+fn webp_changes_colours_by_little_and_keeps_opacity() {
+    let dir = TempDir::new().unwrap();
+    let opaque = waves(96);
+    let seen = |x: u32, y: u32| if (x / 13 + y / 11).is_multiple_of(3) { 0 } else { (55 + x + y) as u8 };
+    let clear = RgbaImage::from_fn(96, 96, |x, y| {
+        let [r, g, b] = opaque.get_pixel(x, y).0;
+        Rgba([r, g, b, seen(x, y)])
+    });
+    for (name, image) in [("o.png", DynamicImage::from(opaque)), ("c.png", clear.into())] {
+        let image = image.into_rgba8();
+        let texture = load(&color(save(&dir, name, image.clone()))).unwrap();
+        let file = texture.levels.last().unwrap();
+        assert_eq!(image::guess_format(file).unwrap(), ImageFormat::WebP);
+        let coded = image::load_from_memory(file).unwrap().into_rgba8();
+        let (mut sum, mut count) = (0, 0);
+        for (a, b) in image.pixels().zip(coded.pixels()) {
+            assert_eq!(a.0[3], b.0[3]);
+            if a.0[3] > 0 {
+                let off = |c: usize| u32::from(a.0[c].abs_diff(b.0[c]));
+                sum += off(0) + off(1) + off(2);
+                count += 3;
+            }
+        }
+        assert!(sum < 3 * count, "{name}: {} of 255 in the mean", f64::from(sum) / f64::from(count));
+    }
+}
+
+#[test]
+fn png_is_tried_where_a_sample_of_large_pictures_suggests_it() {
+    let dir = TempDir::new().unwrap();
+    let format = |name: &str, image: RgbImage| {
+        image::guess_format(load(&color(save(&dir, name, image))).unwrap().levels.last().unwrap()).unwrap()
+    };
+    assert_eq!(format("w.png", waves(400)), ImageFormat::WebP);
+    let checks = RgbImage::from_fn(400, 400, |x, y| Rgb([255 * ((x ^ y) % 2) as u8, 0, 90]));
+    assert_eq!(format("s.png", checks), ImageFormat::Png);
+}
+
+#[test]
+fn webp_files_are_read_with_and_without_loss() {
+    let dir = TempDir::new().unwrap();
+    let image = RgbaImage::from_fn(40, 24, |x, y| Rgba([x as u8 * 6, y as u8 * 10, 7, 255 - x as u8]));
+    let lossless = load(&color(save(&dir, "a.webp", image.clone()))).unwrap();
+    assert_eq!(lossless, load(&color(save(&dir, "a.png", image.clone()))).unwrap());
+    let lossy = super::webp::with_alpha(&image, 40, 24).unwrap();
+    let path = dir.path().join("named wrongly.png");
+    std::fs::write(&path, &lossy).unwrap();
+    let texture = load(&color(path.clone())).unwrap();
+    assert_eq!((texture.width_px, texture.height_px, texture.transparency), (40, 24, Transparency::Graded));
+    std::fs::write(&path, &lossy[..lossy.len() / 2]).unwrap();
+    let cut = load(&color(path)).unwrap_err().to_string();
+    assert!(cut.contains("not a readable PNG, JPEG or WebP") && !cut.contains('\n'), "{cut}");
 }
 
 #[test]
@@ -109,7 +191,7 @@ fn bad_files_say_what_is_wrong_in_one_line() {
     let path = dir.path().join("noise.png");
     std::fs::write(&path, [7; 100]).unwrap();
     let noise = load(&color(path.clone())).unwrap_err().to_string();
-    assert!(noise.contains("not a readable PNG or JPEG"), "{noise}");
+    assert!(noise.contains("not a readable PNG, JPEG or WebP"), "{noise}");
     let mut truncated = Vec::new();
     let image = DynamicImage::from(RgbImage::from_fn(64, 64, |x, y| Rgb([noise_of(x), noise_of(y), 0])));
     image.write_to(&mut Cursor::new(&mut truncated), ImageFormat::Png).unwrap();

@@ -7,10 +7,9 @@
 
 use std::path::Path;
 
-use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, Rgb, RgbImage};
 
-use super::super::encode::png;
+use super::super::encode::Rectangle;
 use super::super::{normal, surface};
 use super::noise;
 
@@ -50,11 +49,13 @@ fn real(ending: &str) -> Vec<(String, RgbImage)> {
     paths.iter().map(|path| (name(path), image::open(path).unwrap().to_rgb8())).collect()
 }
 
+fn whole(image: &RgbImage) -> Rectangle<'_> {
+    let (width, height) = image.dimensions();
+    Rectangle { bytes: image, width, height, format: ExtendedColorType::Rgb8 }
+}
+
 fn jpeg(image: &RgbImage, quality: u8) -> (RgbImage, usize) {
-    let mut bytes = Vec::new();
-    JpegEncoder::new_with_quality(&mut bytes, quality)
-        .encode(image, image.width(), image.height(), ExtendedColorType::Rgb8)
-        .unwrap();
+    let bytes = whole(image).jpeg(quality).unwrap();
     (image::load_from_memory(&bytes).unwrap().to_rgb8(), bytes.len())
 }
 
@@ -84,7 +85,7 @@ fn spread(mut values: Vec<f64>) -> [f64; 3] {
 fn jpeg_turns_normals_by_less_than_is_seen() {
     let maps = generated().map(|(name, map)| (name.to_owned(), map));
     for (name, map) in maps.into_iter().chain(real("Normal.png")) {
-        let lossless = png(map.as_raw(), map.width(), map.height(), ExtendedColorType::Rgb8).unwrap().len();
+        let lossless = whole(&map).png().unwrap().len();
         for quality in [85, 90, 95] {
             let (coded, bytes) = jpeg(&map, quality);
             let [mean, most, max] = angles(&map, &coded);
@@ -100,7 +101,7 @@ fn jpeg_turns_normals_by_less_than_is_seen() {
 #[test]
 fn jpeg_changes_surfaces_by_less_than_is_seen() {
     for (name, map) in real("OcclusionRoughMetal.png") {
-        let lossless = png(map.as_raw(), map.width(), map.height(), ExtendedColorType::Rgb8).unwrap().len();
+        let lossless = whole(&map).png().unwrap().len();
         for quality in [80, 85, 90] {
             let (coded, bytes) = jpeg(&map, quality);
             let off = |c: usize| {
