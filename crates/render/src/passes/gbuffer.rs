@@ -92,8 +92,7 @@ impl GeometryPass<'_> {
         constants: &[(&str, f64)],
     ) -> wgpu::RenderPipeline {
         let target = wgpu::ColorTargetState { blend: Some(ADD), ..RADIANCE.into() };
-        let fragment =
-            Fragment { module: self.module, entry: entry[1], constants, targets: &[Some(target)] };
+        let fragment = Fragment { module: self.module, entry: entry[1], constants, targets: &[Some(target)] };
         let raster = Raster { compare: wgpu::CompareFunction::Equal, write: false, ..Raster::FILL };
         self.pipeline(gpu, entry[0], Some(fragment), raster)
     }

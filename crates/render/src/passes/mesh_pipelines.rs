@@ -288,14 +288,15 @@ impl MeshPipelines {
         if acceleration.is_none() && !deep {
             return self.surface(gpu, material, true);
         }
-        self.reliefs[acceleration.map_or(0, |acceleration| 1 + acceleration.number())][usize::from(deep)][variant(material)]
-            .get_or_init(|| {
-                let module = acceleration
-                    .map_or_else(|| self.module(gpu), |acceleration| self.accelerated(gpu, acceleration));
-                let layout = if acceleration.is_some() { &self.accelerated_layout } else { &self.layout };
-                let fragment = if deep { "fs_deep_surface" } else { "fs_surface" };
-                self.pass_of(module, layout).surface(gpu, ["vs_surface", fragment], &constants(true, material))
-            })
+        self.reliefs[acceleration.map_or(0, |acceleration| 1 + acceleration.number())][usize::from(deep)]
+            [variant(material)]
+        .get_or_init(|| {
+            let module = acceleration
+                .map_or_else(|| self.module(gpu), |acceleration| self.accelerated(gpu, acceleration));
+            let layout = if acceleration.is_some() { &self.accelerated_layout } else { &self.layout };
+            let fragment = if deep { "fs_deep_surface" } else { "fs_surface" };
+            self.pass_of(module, layout).surface(gpu, ["vs_surface", fragment], &constants(true, material))
+        })
     }
 
     fn accelerated(&self, gpu: &Gpu, acceleration: ReliefAcceleration) -> &wgpu::ShaderModule {
@@ -330,9 +331,8 @@ impl MeshPipelines {
 
     /// Emission, added to the lit picture.
     pub(crate) fn emission(&self, gpu: &Gpu, material: Features) -> &wgpu::RenderPipeline {
-        self.emission[usize::from(material.tiled)].get_or_init(|| {
-            self.pass(gpu).emission(gpu, ["vs_surface", "fs_emission"], &tiled(material))
-        })
+        self.emission[usize::from(material.tiled)]
+            .get_or_init(|| self.pass(gpu).emission(gpu, ["vs_surface", "fs_emission"], &tiled(material)))
     }
 
     fn lit(&self, gpu: &Gpu, punctual_lights: bool) -> &ForwardPipelines {
@@ -379,11 +379,10 @@ impl MeshPipelines {
             Features { blend: true, .. } => {
                 self.overdraw[1].get_or_init(|| pass.transparent_overdraw(gpu, "vs_caster"))
             }
-            Features { mask: true, tiled: by_tiles, .. } => {
-                self.overdraw[2 + usize::from(by_tiles)].get_or_init(|| {
+            Features { mask: true, tiled: by_tiles, .. } => self.overdraw[2 + usize::from(by_tiles)]
+                .get_or_init(|| {
                     pass.pierced_overdraw(gpu, ["vs_pierced", "fs_pierced_overdraw"], &tiled(material))
-                })
-            }
+                }),
             _ => self.overdraw[0].get_or_init(|| pass.overdraw(gpu, "vs_caster")),
         }
     }

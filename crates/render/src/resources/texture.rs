@@ -19,7 +19,7 @@ use crate::resources::descriptors::{STREAMED, texture_2d};
 use crate::resources::gpu::{Gpu, RenderError};
 use crate::resources::texture_data::TextureData;
 use crate::resources::texture_shape::TextureShape;
-use crate::resources::texture_tiles::{TextureTiles, TiledMap, TilePlace, TileSet};
+use crate::resources::texture_tiles::{TextureTiles, TilePlace, TileSet, TiledMap};
 use crate::scene::relief_acceleration::ReliefAcceleration;
 
 /// Longest allocated side; finer levels are dropped, so that a forged size cannot claim gigabytes.
@@ -196,7 +196,13 @@ impl StreamedTexture {
         Ok(tile_size(size, column, row))
     }
 
-    fn set_tile(&self, gpu: &Gpu, place: TilePlace, data: TextureData<'_>, shared: bool) -> Result<(), RenderError> {
+    fn set_tile(
+        &self,
+        gpu: &Gpu,
+        place: TilePlace,
+        data: TextureData<'_>,
+        shared: bool,
+    ) -> Result<(), RenderError> {
         let size @ [width, height] = self.tile_size(place)?;
         if !data.has_size(size) {
             let TilePlace { level, column, row } = place;

@@ -108,7 +108,11 @@ mod tests {
         assert_eq!(full.whole(), 11, "all");
         assert_eq!(TextureShape { whole_levels: 10, ..full }.whole(), 10);
         assert_eq!(TextureShape { whole_levels: 0, ..full }.whole(), 9);
-        assert_eq!(TextureShape { levels: 2, ..full }.tiled().whole(), 1, "the coarsest, though it is larger");
+        assert_eq!(
+            TextureShape { levels: 2, ..full }.tiled().whole(),
+            1,
+            "the coarsest, though it is larger"
+        );
     }
 
     #[test]

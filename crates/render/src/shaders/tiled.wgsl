@@ -30,10 +30,10 @@ fn page_texel(pages: texture_2d_array<f32>, page: u32, place: vec2<f32>) -> vec4
 
 // The bilinear texel of a tiled level, or of the next coarser one that is there. What fades in lies over that one.
 fn tiled_texel(
-    pages: texture_2d_array<f32>, rest: texture_2d<f32>, of: u32, uv: vec2<f32>, place: vec2<f32>, finest: u32,
+    pages: texture_2d_array<f32>, rest: texture_2d<f32>, slot: u32, uv: vec2<f32>, place: vec2<f32>, finest: u32,
 ) -> vec4<f32> {
-    let whole = material.tiled[of].whole;
-    let last = material.tiled[of].levels - 1u;
+    let whole = material.tiled[slot].whole;
+    let last = material.tiled[slot].levels - 1u;
     // Where the texture does not repeat, its outermost texels go on. Where it does, the pages' borders have the others.
     let inset = select(vec2(0.5), vec2(0.0), vec2(material.wrap & 255u, material.wrap >> 8u) == vec2(0u));
     var level = finest;
@@ -41,17 +41,17 @@ fn tiled_texel(
     var left = 1.0;
     // Levels become coarser, each at most once.
     for (; level >= whole; level--) {
-        let own_size = max(material.tiled[of].size >> vec2(last - level), vec2(1u));
+        let own_size = max(material.tiled[slot].size >> vec2(last - level), vec2(1u));
         let own_place = clamp(place * vec2<f32>(own_size), inset, vec2<f32>(own_size) - inset);
         let grid = (own_size + TILE_SIDE - 1u) / TILE_SIDE;
         let own_tile = min(vec2<u32>(own_place) / TILE_SIDE, grid - 1u);
-        let at = material.tiled[of].tables[(level - whole) / 4u][(level - whole) % 4u] + own_tile.y * grid.x + own_tile.x;
+        let at = material.tiled[slot].tables[(level - whole) / 4u][(level - whole) % 4u] + own_tile.y * grid.x + own_tile.x;
         let word = textureLoad(page_table, vec2(at % PAGE_TABLE_WIDTH, at / PAGE_TABLE_WIDTH), 0).x;
         let there = (word >> 12u) & 31u;
         if (there < whole) {
             break;
         }
-        let size = max(material.tiled[of].size >> vec2(last - there), vec2(1u));
+        let size = max(material.tiled[slot].size >> vec2(last - there), vec2(1u));
         let tile = min(own_tile >> vec2(level - there), (size + TILE_SIDE - 1u) / TILE_SIDE - 1u);
         let inside = clamp(place * vec2<f32>(size), inset, vec2<f32>(size) - inset) - vec2<f32>(tile * TILE_SIDE);
         let share = left * f32(word >> 24u) / 255.0;
@@ -68,21 +68,21 @@ fn tiled_texel(
 }
 
 // The texel at a place of a tiled map, trilinear. `level` is counted from the coarsest.
-fn tiled_lookup(pages: texture_2d_array<f32>, rest: texture_2d<f32>, of: u32, uv: vec2<f32>, level: f32) -> vec4<f32> {
-    let whole = material.tiled[of].whole;
+fn tiled_lookup(pages: texture_2d_array<f32>, rest: texture_2d<f32>, slot: u32, uv: vec2<f32>, level: f32) -> vec4<f32> {
+    let whole = material.tiled[slot].whole;
     let top = f32(textureNumLevels(rest)) - 1.0; // as many of the whole levels as are there
     let finer = ceil(level);
     if (finer < f32(whole)) {
         return textureSampleLevel(rest, map_sampler, uv, max(top - level, 0.0));
     }
     let place = vec2(wrapped(uv.x, material.wrap & 255u), wrapped(uv.y, material.wrap >> 8u));
-    let texel = tiled_texel(pages, rest, of, uv, place, u32(finer));
+    let texel = tiled_texel(pages, rest, slot, uv, place, u32(finer));
     if (finer == level) {
         return texel;
     }
     var coarser: vec4<f32>;
     if (finer > f32(whole)) {
-        coarser = tiled_texel(pages, rest, of, uv, place, u32(finer) - 1u);
+        coarser = tiled_texel(pages, rest, slot, uv, place, u32(finer) - 1u);
     } else {
         coarser = textureSampleLevel(rest, map_sampler, uv, max(top - finer + 1.0, 0.0));
     }
@@ -91,28 +91,28 @@ fn tiled_lookup(pages: texture_2d_array<f32>, rest: texture_2d<f32>, of: u32, uv
 
 // A tiled map filtered over a footprint of at most so many lookups.
 fn tiled_filtered(
-    pages: texture_2d_array<f32>, rest: texture_2d<f32>, of: u32,
+    pages: texture_2d_array<f32>, rest: texture_2d<f32>, slot: u32,
     uv: vec2<f32>, dx: vec2<f32>, dy: vec2<f32>, most: f32,
 ) -> vec4<f32> {
-    let size = vec2<f32>(material.tiled[of].size);
+    let size = vec2<f32>(material.tiled[slot].size);
     let f = footprint_of(dx, dy, size, most);
-    let finest = f32(material.tiled[of].levels - 1u);
+    let finest = f32(material.tiled[slot].levels - 1u);
     let across = max(max(length(f.dx * size), length(f.dy * size)), 1e-6);
     let level = finest - clamp(log2(across), 0.0, finest);
     var sum = vec4(0.0);
     for (var i = 0; i < f.count; i++) {
-        sum += tiled_lookup(pages, rest, of, looked_up(f, uv, i), level);
+        sum += tiled_lookup(pages, rest, slot, looked_up(f, uv, i), level);
     }
     return sum / f32(f.count);
 }
 
 // A colour, surface or normal map.
-fn filtered(map: texture_2d<f32>, of: u32, uv: vec2<f32>, dx: vec2<f32>, dy: vec2<f32>) -> vec4<f32> {
-    if (TILED && material.tiled[of].levels > 0u) {
-        if (of == COLOUR) {
-            return tiled_filtered(colour_pages, map, of, uv, dx, dy, abs(frame.lookups));
+fn filtered(map: texture_2d<f32>, slot: u32, uv: vec2<f32>, dx: vec2<f32>, dy: vec2<f32>) -> vec4<f32> {
+    if (TILED && material.tiled[slot].levels > 0u) {
+        if (slot == COLOUR) {
+            return tiled_filtered(colour_pages, map, slot, uv, dx, dy, abs(frame.lookups));
         }
-        return tiled_filtered(other_pages, map, of, uv, dx, dy, abs(frame.lookups));
+        return tiled_filtered(other_pages, map, slot, uv, dx, dy, abs(frame.lookups));
     }
     return anisotropic(map, map_sampler, uv, footprint(dx, dy, vec2<f32>(textureDimensions(map))));
 }

@@ -237,7 +237,8 @@ mod tests {
                 assert_eq!(seen, words, "all that was written is reported");
             }
             for (number, level) in (shape.whole_levels..).zip(&grid.levels) {
-                for (row, column) in (0..level.rows).flat_map(|row| (0..level.columns).map(move |c| (row, c))) {
+                for (row, column) in (0..level.rows).flat_map(|row| (0..level.columns).map(move |c| (row, c)))
+                {
                     let word = words[level.first as usize + level.index(column, row)];
                     assert_eq!(word, expected(&grid, TilePlace { level: number, column, row }), "{size:?}");
                 }

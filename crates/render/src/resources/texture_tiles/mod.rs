@@ -24,8 +24,8 @@ use self::pages::{LAYER_BYTES, PageArray, has_view_formats};
 use self::table::PageTable;
 pub(crate) use self::uniform::TiledMap;
 use crate::resources::gpu::{Gpu, RenderError};
-use crate::resources::texture_shape::TextureShape;
 use crate::resources::stamp::new_stamp;
+use crate::resources::texture_shape::TextureShape;
 
 /// Time in which a new tile fades in over what was there before.
 pub(crate) const FADE_S: f32 = 0.15;
@@ -136,7 +136,8 @@ impl State {
             let most = self.most_layers(gpu, array);
             let Some(layers) = self.arrays[array].shrunk(most) else { continue };
             let own = || self.textures.values().filter(|texture| texture.array == array);
-            let mut used: Vec<_> = own().flat_map(|texture| texture.grid.tiles().map(|(_, tile)| tile.page)).collect();
+            let mut used: Vec<_> =
+                own().flat_map(|texture| texture.grid.tiles().map(|(_, tile)| tile.page)).collect();
             used.sort_unstable();
             self.arrays[array].shrink(gpu, layers, &used);
             let moved = |page| used.partition_point(|other| *other < page) as PageNumber;
