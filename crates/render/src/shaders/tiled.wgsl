@@ -28,65 +28,66 @@ fn page_texel(pages: texture_2d_array<f32>, page: u32, place: vec2<f32>) -> vec4
     return textureSampleLevel(pages, page_sampler, (corner + place) / (f32(PAGES) * PAGE_SIDE), page / (PAGES * PAGES), 0.0);
 }
 
-// The bilinear texel of a tiled level, or of the next coarser one that is there. What fades in lies over that one.
-fn tiled_texel(
-    pages: texture_2d_array<f32>, rest: texture_2d<f32>, slot: u32, uv: vec2<f32>, place: vec2<f32>, finest: u32,
-) -> vec4<f32> {
-    let whole = material.tiled[slot].whole;
-    let last = material.tiled[slot].levels - 1u;
-    // Where the texture does not repeat, its outermost texels go on. Where it does, the pages' borders have the others.
-    let inset = select(vec2(0.5), vec2(0.0), vec2(material.wrap & 255u, material.wrap >> 8u) == vec2(0u));
-    var level = finest;
-    var texel = vec4(0.0);
-    var left = 1.0;
-    // Levels become coarser, each at most once.
-    for (; level >= whole; level--) {
-        let own_size = max(material.tiled[slot].size >> vec2(last - level), vec2(1u));
-        let own_place = clamp(place * vec2<f32>(own_size), inset, vec2<f32>(own_size) - inset);
-        let grid = (own_size + TILE_SIDE - 1u) / TILE_SIDE;
-        let own_tile = min(vec2<u32>(own_place) / TILE_SIDE, grid - 1u);
-        let at = material.tiled[slot].tables[(level - whole) / 4u][(level - whole) % 4u] + own_tile.y * grid.x + own_tile.x;
-        let word = textureLoad(page_table, vec2(at % PAGE_TABLE_WIDTH, at / PAGE_TABLE_WIDTH), 0).x;
-        let there = (word >> 12u) & 31u;
-        if (there < whole) {
-            break;
-        }
-        let size = max(material.tiled[slot].size >> vec2(last - there), vec2(1u));
-        let tile = min(own_tile >> vec2(level - there), (size + TILE_SIDE - 1u) / TILE_SIDE - 1u);
-        let inside = clamp(place * vec2<f32>(size), inset, vec2<f32>(size) - inset) - vec2<f32>(tile * TILE_SIDE);
-        let share = left * f32(word >> 24u) / 255.0;
-        if (share > 0.0) {
-            texel += share * page_texel(pages, word & 4095u, inside);
-            left -= share;
-        }
-        if (left <= 0.001) {
-            return texel / (1.0 - left);
-        }
-        level = there;
-    }
-    return texel + left * textureSampleLevel(rest, map_sampler, uv, 0.0);
+// Size of a tiled map's level in texels.
+fn tiled_size(slot: u32, level: u32) -> vec2<u32> {
+    return max(material.tiled[slot].size >> vec2(material.tiled[slot].levels - 1u - level), vec2(1u));
 }
 
-// The texel at a place of a tiled map, trilinear. `level` is counted from the coarsest.
-fn tiled_lookup(pages: texture_2d_array<f32>, rest: texture_2d<f32>, slot: u32, uv: vec2<f32>, level: f32) -> vec4<f32> {
+// The texel at a place of a tiled map, trilinear. `exact` is the level of detail, counted from the coarsest level.
+// One loop for all that may be mixed, as some devices go through every branch: the finer level and what its tile fades in
+// over, coarser and coarser, then the coarser level in the same way.
+fn tiled_lookup(pages: texture_2d_array<f32>, rest: texture_2d<f32>, slot: u32, uv: vec2<f32>, exact: f32) -> vec4<f32> {
     let whole = material.tiled[slot].whole;
-    let top = f32(textureNumLevels(rest)) - 1.0; // as many of the whole levels as are there
-    let finer = ceil(level);
-    if (finer < f32(whole)) {
-        return textureSampleLevel(rest, map_sampler, uv, max(top - level, 0.0));
+    let wrap = vec2(material.wrap & 255u, material.wrap >> 8u);
+    let place = vec2(wrapped(uv.x, wrap.x), wrapped(uv.y, wrap.y));
+    // Where the texture does not repeat, its outermost texels go on. Where it does, the pages' borders have the others.
+    let inset = select(vec2(0.5), vec2(0.0), wrap == vec2(0u));
+    let finer = u32(ceil(exact));
+    // The texture has as many of the whole levels as are there, and its sampler mixes two.
+    let all_whole = finer < whole;
+    let top = f32(textureNumLevels(rest)) - 1.0;
+    var level = finer;
+    var left = 1.0;
+    var left_for_coarser = 0.0;
+    if (!all_whole) {
+        left_for_coarser = f32(finer) - exact;
+        left -= left_for_coarser;
     }
-    let place = vec2(wrapped(uv.x, material.wrap & 255u), wrapped(uv.y, material.wrap >> 8u));
-    let texel = tiled_texel(pages, rest, slot, uv, place, u32(finer));
-    if (finer == level) {
-        return texel;
+    var sum = vec4(0.0);
+    loop {
+        if (level < whole) {
+            let lod = top - select(f32(level), exact, all_whole);
+            sum += left * textureSampleLevel(rest, map_sampler, uv, max(lod, 0.0));
+            left = 0.0;
+        } else {
+            let own_size = tiled_size(slot, level);
+            let grid = (own_size + TILE_SIDE - 1u) / TILE_SIDE;
+            let own_place = clamp(place * vec2<f32>(own_size), inset, vec2<f32>(own_size) - inset);
+            let own_tile = min(vec2<u32>(own_place) / TILE_SIDE, grid - 1u);
+            let number = level - whole;
+            let at = material.tiled[slot].tables[number / 4u][number % 4u] + own_tile.y * grid.x + own_tile.x;
+            let word = textureLoad(page_table, vec2(at % PAGE_TABLE_WIDTH, at / PAGE_TABLE_WIDTH), 0).x;
+            let there = (word >> 12u) & 31u;
+            if (there >= whole) {
+                let size = tiled_size(slot, there);
+                let tile = min(own_tile >> vec2(level - there), (size - 1u) / TILE_SIDE);
+                let inside = clamp(place * vec2<f32>(size), inset, vec2<f32>(size) - inset) - vec2<f32>(tile * TILE_SIDE);
+                let share = left * f32(word >> 24u) / 255.0;
+                sum += share * page_texel(pages, word & 4095u, inside);
+                left -= share;
+            }
+            level = max(there, whole) - 1u;
+        }
+        if (left <= 0.001) {
+            if (left_for_coarser <= 0.001) {
+                break;
+            }
+            left = left_for_coarser;
+            left_for_coarser = 0.0;
+            level = finer - 1u;
+        }
     }
-    var coarser: vec4<f32>;
-    if (finer > f32(whole)) {
-        coarser = tiled_texel(pages, rest, slot, uv, place, u32(finer) - 1u);
-    } else {
-        coarser = textureSampleLevel(rest, map_sampler, uv, max(top - finer + 1.0, 0.0));
-    }
-    return mix(texel, coarser, finer - level);
+    return sum;
 }
 
 // A tiled map filtered over a footprint of at most so many lookups.

@@ -6,7 +6,7 @@ use glam::DVec3;
 use image::RgbaImage;
 use lodestream_scene::asset::tiles::{TILE_BORDER, tile_grid, tile_size, tile_texels};
 
-use super::shapes::{Mesh, fill, sphere};
+use super::shapes::{Mesh, fill, quad, sphere};
 use super::{headless, keep};
 use crate::resources::gpu::RenderError;
 use crate::{
@@ -249,15 +249,6 @@ fn missing_tiles_show_the_next_coarser_level() {
     let picture = Picture::colours(1024, 1024);
     let material = colour_material(Wrap::Repeat);
     let whole = asset(&h, &sheet(), &material, &[&picture], false);
-    // The finest level replaced by the next coarser one, and by the finest whole one.
-    let blurred = |down: u32| {
-        let coarse = &picture.levels[(picture.shape.levels - 1 - down) as usize];
-        let filter = image::imageops::FilterType::Triangle;
-        let finest = image::imageops::resize(coarse, 1024, 1024, filter);
-        let mut blurred = picture.clone();
-        *blurred.levels.last_mut().unwrap() = finest;
-        blurred
-    };
     let tiled = all_tiled(&h, &sheet(), &material, &[&picture]);
     let camera = before([0.25, 0.25], 0.9, 1024, &h);
     let full = shot(&mut h, &whole, camera, albedo());
@@ -266,14 +257,19 @@ fn missing_tiles_show_the_next_coarser_level() {
             assert!(tiled.remove_texture_tile(0, level, at).unwrap());
             assert!(!tiled.remove_texture_tile(0, level, at).unwrap(), "it is gone");
         }
-        let coarser = asset(&h, &sheet(), &material, &[&blurred(down)], false);
+        // A texture without the finest levels.
+        let mut blurred = picture.clone();
+        blurred.levels.truncate(blurred.levels.len() - down);
+        let (width, height) = blurred.levels.last().unwrap().dimensions();
+        blurred.shape = TextureShape::full(width, height, TextureKind::Color);
+        let coarser = asset(&h, &sheet(), &material, &[&blurred], false);
         let coarse = shot(&mut h, &coarser, camera, albedo());
         let got = shot(&mut h, &tiled, camera, albedo());
         keep(&h, &format!("tiles-missing-{down}"));
         // The tile is the upper left quarter of the picture.
         let part = |image: &RgbaImage, x, y| image::imageops::crop_imm(image, x, y, 120, 120).to_image();
         let (most, many) = difference(&part(&got, 0, 0), &part(&coarse, 0, 0));
-        assert!(most <= 8 && many < 3000, "{down}: {most}, {many} from the coarser level");
+        assert!(most <= 3, "{down}: {most}, {many} from the coarser level");
         assert!(difference(&part(&got, 0, 0), &part(&full, 0, 0)).0 > 20, "it is coarser");
         for (x, y) in [(136, 0), (0, 136), (136, 136)] {
             assert!(difference(&part(&got, x, y), &part(&full, x, y)).0 <= 3, "{down} {x} {y}");
@@ -334,7 +330,9 @@ fn any_tiles_stay_within_the_budget_and_look_as_in_a_new_renderer() {
                     let camera = before(place, 2.0, 1024, &h);
                     let got = shot(&mut h, &assets[number], camera, albedo());
                     let want = shot(&mut fresh, &new, camera, albedo());
-                    assert!(got == want, "turn {turn} {number} {place:?}: {:?}", difference(&got, &want));
+                    // Places in other pages are rounded differently.
+                    let (most, _) = difference(&got, &want);
+                    assert!(most <= 1, "turn {turn} {number} {place:?}: {most}");
                 }
             }
         }
@@ -411,10 +409,12 @@ fn shadows_of_tiled_holes_follow_their_tiles() {
     let open =
         Picture::new(RgbaImage::from_pixel(1024, 1024, image::Rgba([255, 255, 255, 0])), TextureKind::Color);
     let material = Material { alpha: Alpha::Mask(0.5), ..colour_material(Wrap::Repeat) };
-    let fence = asset(&h, &sheet(), &material, &[&closed], true);
+    // So large that shadow maps look into the finest level.
+    let pane = quad([-2.0, -2.0, 0.0], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0], 0.25);
+    let fence = asset(&h, &pane, &material, &[&closed], true);
     let wall = super::shapes::asset(
         &h,
-        &super::shapes::quad([-4.0, -4.0, -1.0], [8.0, 0.0, 0.0], [0.0, 8.0, 0.0], 1.0),
+        &quad([-4.0, -4.0, -1.0], [8.0, 0.0, 0.0], [0.0, 8.0, 0.0], 1.0),
         Material::default(),
     );
     let here = [Placement::default()];
@@ -522,8 +522,7 @@ fn new_tiles_fade_in_over_what_was_there() {
     let (coarse, middle, fine) = (even(40), even(120), even(220));
     let tiled = asset(&h, &sheet(), &colour_material(Wrap::Repeat), &[&coarse], true);
     let camera = before([0.5, 0.5], 0.8, 1024, &h);
-    let mut value =
-        |h: &mut Headless, time_s| shot_at(h, &tiled, camera, albedo(), time_s).get_pixel(32, 32)[0];
+    let value = |h: &mut Headless, time_s| shot_at(h, &tiled, camera, albedo(), time_s).get_pixel(32, 32)[0];
     assert_eq!(value(&mut h, 10.0), 40);
     for place in fine.places().into_iter().filter(|(level, _)| *level == 10) {
         fine.set_tile(&h, &tiled, 0, place).unwrap();
