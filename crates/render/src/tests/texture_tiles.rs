@@ -11,7 +11,8 @@ use super::{headless, keep};
 use crate::resources::gpu::RenderError;
 use crate::{
     Alpha, AntiAliasing, AssetGpu, DebugView, Drawable, Environment, Frame, Headless, Material, PackedVertex,
-    Placement, Pose, Settings, Texture, TextureData, TextureKind, TextureShape, Wrap,
+    Placement, PnTriangles, Pose, ReliefMethod, Settings, Texture, TextureData, TextureKind, TextureShape,
+    Wrap,
 };
 
 const WRAPS: [Wrap; 3] = [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror];
@@ -481,8 +482,12 @@ fn shared_textures_take_a_tile_once_and_free_it_with_the_last() {
     let material = colour_material(Wrap::Repeat);
     let texture = Texture::new(h.gpu(), picture.shape);
     let new = |h: &Headless, texture: Texture| {
-        let mut asset =
-            h.renderer().create_asset_with(h.gpu(), DVec3::ZERO, &[material.clone()], vec![texture]);
+        let mut asset = h.renderer().create_asset_with(
+            h.gpu(),
+            DVec3::ZERO,
+            std::slice::from_ref(&material),
+            vec![texture],
+        );
         fill(h, &mut asset, &sheet());
         for level in 0..picture.shape.whole() {
             let texels = TextureData::Rgba8(&picture.levels[level as usize]);
@@ -549,6 +554,75 @@ fn new_tiles_fade_in_over_what_was_there() {
         fine.set_tile(&h, &tiled, 0, place).unwrap();
     }
     assert_eq!(value(&mut h, f32::MAX), 220, "settled");
+}
+
+#[test]
+fn tiles_wait_for_the_coarsest_level() {
+    let Some(mut h) = headless(32, 32) else { return };
+    let picture = Picture::colours(1024, 1024);
+    let shape = TextureShape { mean: [0.0, 1.0, 0.0], ..picture.shape };
+    let material = colour_material(Wrap::Repeat);
+    let mut tiled = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[material], &[shape]);
+    fill(&h, &mut tiled, &sheet());
+    for place in picture.places() {
+        picture.set_tile(&h, &tiled, 0, place).unwrap();
+    }
+    let camera = before([0.3, 0.3], 1.0, 1024, &h);
+    let mean = shot(&mut h, &tiled, camera, albedo());
+    assert!(mean.pixels().all(|pixel| pixel.0 == [0, 255, 0, 255]), "{:?}", mean.get_pixel(9, 9));
+    tiled.update_texture(h.gpu(), 0, 0, TextureData::Rgba8(&picture.levels[0])).unwrap();
+    let whole = asset(&h, &sheet(), &colour_material(Wrap::Repeat), &[&picture], false);
+    let [a, b] = [&tiled, &whole].map(|asset| shot(&mut h, asset, camera, albedo()));
+    assert!(difference(&a, &b).0 <= 3, "finer whole levels are not needed where there are tiles");
+}
+
+#[test]
+fn tiled_maps_go_with_relief_curves_and_motion() {
+    let colours = Picture::colours(1024, 1024);
+    let bumps = |x: u32, y: u32| {
+        let wave = |t: u32| (t as f32 / 128.0 * std::f32::consts::TAU).sin() * 50.0;
+        image::Rgba([(128.0 + wave(x) + wave(y)) as u8; 4])
+    };
+    let heights = Picture::new(RgbaImage::from_fn(256, 256, bumps), TextureKind::Height);
+    let material = Material { height_texture: Some(1), relief_depth: 0.05, ..colour_material(Wrap::Repeat) };
+    let pictures = [&colours, &heights];
+    let plain = Settings { anti_aliasing: AntiAliasing::None, ..Settings::default() };
+    let all = [
+        Settings { relief_method: ReliefMethod::Quadtree, ..plain },
+        Settings { relief_in_depth: true, relief_shadows: true, ..plain },
+        Settings { pn_triangles: Some(PnTriangles::default()), relief: false, ..plain },
+        Settings { anti_aliasing: AntiAliasing::Temporal, ..plain },
+    ];
+    let eye = DVec3::new(0.2, -0.5, 0.75);
+    let camera = Pose::look_at(eye, DVec3::new(0.1, 0.1, 0.1), DVec3::Y, 0.5);
+    for mesh in [sheet(), sphere(16)] {
+        // A renderer each, as frames follow one another in temporal anti-aliasing.
+        let pictures = [false, true].map(|tiled| {
+            let mut h = headless(128, 128)?;
+            let asset = if tiled {
+                all_tiled(&h, &mesh, &material, &pictures)
+            } else {
+                asset(&h, &mesh, &material, &pictures, false)
+            };
+            let shots = all.map(|settings| {
+                // The second frame of moving instances needs their motion.
+                let drawables = |x| [Placement::at([x, 0.0, 0.0])];
+                for instances in [drawables(0.0), drawables(0.01)] {
+                    let drawables = [Drawable { asset: &asset, instances: &instances }];
+                    h.frame(&Frame { settings, ..Frame::new(camera, &drawables) }).unwrap();
+                }
+                h.picture().unwrap()
+            });
+            keep(&h, &format!("tiled-in-motion-{tiled}"));
+            Some(shots)
+        });
+        let [Some(whole), Some(tiled)] = pictures else { return };
+        for (number, (a, b)) in whole.iter().zip(&tiled).enumerate() {
+            let (most, many) = difference(a, b);
+            println!("{number}: {most}, {many}");
+            assert!(many < 200, "{number}: {most}, {many}");
+        }
+    }
 }
 
 /// Frame time of a close-up of a tiled texture over that of the same whole: `--ignored --nocapture`.

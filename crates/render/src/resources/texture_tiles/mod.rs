@@ -20,7 +20,7 @@ use lodestream_scene::asset::TextureKind;
 pub(crate) use self::bindings::TileBindings;
 pub(crate) use self::grid::TilePlace;
 use self::grid::{FADED_IN, MAX_PAGES, PageNumber, Tile, TileGrid};
-use self::pages::{LAYER_BYTES, PageArray, has_view_formats};
+use self::pages::{LAYER_BYTES, PAGES_OF_LAYER, PageArray, has_view_formats};
 use self::table::PageTable;
 pub(crate) use self::uniform::TiledMap;
 use crate::resources::gpu::{Gpu, RenderError};
@@ -95,14 +95,24 @@ pub(crate) struct TileSet {
     stamp: Arc<AtomicU64>,
 }
 
+/// Most layers of an array.
+fn most_layers_of_array(gpu: &Gpu) -> u32 {
+    gpu.device.limits().max_texture_array_layers.min(MAX_PAGES / PAGES_OF_LAYER)
+}
+
 impl State {
     /// Most layers of an array, beside what others have.
     fn most_layers(&self, gpu: &Gpu, array: usize) -> u32 {
         let others = (0..).zip(&self.arrays).filter(|(at, _)| *at != array);
         let others: u64 = others.map(|(_, other)| other.bytes()).sum();
         let within = self.budget_bytes.saturating_sub(others) / LAYER_BYTES;
-        let limit = gpu.device.limits().max_texture_array_layers.min(MAX_PAGES / 16);
-        u32::try_from(within).unwrap_or(u32::MAX).min(limit)
+        u32::try_from(within).unwrap_or(u32::MAX).min(most_layers_of_array(gpu))
+    }
+
+    /// Most pages of all arrays.
+    fn most_pages(&self, gpu: &Gpu) -> u32 {
+        let within = u32::try_from(self.budget_bytes / LAYER_BYTES).unwrap_or(u32::MAX);
+        within.min(most_layers_of_array(gpu) * self.arrays.len() as u32) * PAGES_OF_LAYER
     }
 
     /// Replaces a tile, and what the table says of it.
@@ -169,8 +179,13 @@ impl State {
 
 impl TextureTiles {
     pub(crate) fn new(gpu: &Gpu) -> Self {
+        Self::with_arrays(gpu, if has_view_formats(gpu) { 1 } else { 2 })
+    }
+
+    /// With one array of pages for all textures, or with two.
+    fn with_arrays(gpu: &Gpu, count: usize) -> Self {
         use wgpu::TextureFormat::{Rgba8Unorm, Rgba8UnormSrgb};
-        let formats: &[_] = if has_view_formats(gpu) { &[Rgba8Unorm] } else { &[Rgba8UnormSrgb, Rgba8Unorm] };
+        let formats: &[_] = if count == 1 { &[Rgba8Unorm] } else { &[Rgba8UnormSrgb, Rgba8Unorm] };
         let bindings = TileBindings::new(gpu);
         let state = State {
             arrays: formats.iter().map(|format| PageArray::new(*format)).collect(),
@@ -236,7 +251,7 @@ impl TextureTiles {
             bytes: state.arrays.iter().map(PageArray::bytes).sum(),
             budget_bytes: state.budget_bytes,
             pages: state.arrays.iter().map(PageArray::used).sum(),
-            most_pages: state.most_layers(gpu, 0) * 16,
+            most_pages: state.most_pages(gpu),
         }
     }
 
@@ -310,5 +325,55 @@ impl Drop for TileSet {
         }
         state.table.free(texture.words);
         state.fading.retain(|fading| fading.texture != self.number);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tests::headless;
+
+    #[test]
+    fn without_view_formats_colours_and_other_maps_share_the_budget() {
+        let Some(h) = headless(1, 1) else { return };
+        let gpu = h.gpu();
+        let pool = TextureTiles::with_arrays(gpu, 2);
+        pool.set_budget(3 * LAYER_BYTES);
+        let sets = [TextureKind::Color, TextureKind::Normal].map(|kind| {
+            let shape = TextureShape::full(2048, 2048, kind).tiled();
+            pool.add(gpu, &shape, shape.whole()).unwrap()
+        });
+        let place = |number: u32| TilePlace { level: 11, column: number % 8, row: number / 8 };
+        let mut formats = Vec::new();
+        // The first array doubles to two layers, the other has what is left.
+        for (set, count) in sets.iter().zip([32, 16]) {
+            for number in 0..count {
+                set.set(gpu, place(number), |_, format| formats.push(format)).unwrap();
+            }
+            formats.dedup();
+        }
+        assert_eq!(formats, [wgpu::TextureFormat::Rgba8UnormSrgb, wgpu::TextureFormat::Rgba8Unorm]);
+        for set in &sets {
+            let refused = set.set(gpu, place(40), |_, _| panic!("nothing is written"));
+            assert!(matches!(refused, Err(RenderError::NoTileRoom { .. })));
+        }
+        let used = pool.used(gpu);
+        assert_eq!((used.bytes, used.pages, used.most_pages), (3 * LAYER_BYTES, 48, 48));
+        pool.begin_frame(gpu, f32::MAX);
+        gpu.check().unwrap();
+        // A smaller budget takes effect as tiles go.
+        pool.set_budget(LAYER_BYTES);
+        pool.begin_frame(gpu, f32::MAX);
+        assert_eq!(pool.used(gpu).bytes, 3 * LAYER_BYTES);
+        let [colours, normals] = sets;
+        drop(normals);
+        assert!((0..16).all(|number| colours.remove(place(number))));
+        pool.begin_frame(gpu, f32::MAX);
+        assert_eq!(pool.used(gpu).bytes, LAYER_BYTES);
+        assert!((16..32).all(|number| colours.has(place(number))));
+        drop(colours);
+        pool.begin_frame(gpu, f32::MAX);
+        assert_eq!((pool.used(gpu).bytes, pool.used(gpu).pages), (0, 0));
+        gpu.check().unwrap();
     }
 }

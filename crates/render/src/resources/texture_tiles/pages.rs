@@ -10,7 +10,8 @@ use crate::resources::gpu::Gpu;
 
 /// Pages along a layer's side: `PAGES` of `tiled.wgsl`.
 const PAGES_ALONG: u32 = 4;
-const PAGES_OF_LAYER: u32 = PAGES_ALONG * PAGES_ALONG;
+/// Pages of a layer.
+pub(super) const PAGES_OF_LAYER: u32 = PAGES_ALONG * PAGES_ALONG;
 /// Texels along a page: `PAGE_SIDE` of `tiled.wgsl`.
 const PAGE_SIDE: u32 = TILE_SIDE + 2 * TILE_BORDER;
 const LAYER_SIDE: u32 = PAGES_ALONG * PAGE_SIDE;
