@@ -256,15 +256,16 @@ impl Texture {
         self.streamed().bytes()
     }
 
-    /// Sets a tile of a tiled level (0 is the texture's coarsest level, whole or not). `data` is the tile's image with its
-    /// borders, of [`lodestream_scene::asset::tiles::tile_size`]. It fades in over a seventh of a second from the next
-    /// frame on, over what was there before. The texture must be an asset's; a shared one takes each tile once, and all
-    /// assets show it. Between frames only: not while a recorded one waits to be submitted.
+    /// Sets a tile of a tiled level; level 0 is the texture's coarsest, whole or not. `data` is the tile's image with
+    /// its borders, of [`lodestream_scene::asset::tiles::tile_size`]. From the next frame on it fades in for 0.15
+    /// seconds, over what was there before; a frame at `f32::MAX` seconds ends that. The texture must be an asset's; a
+    /// shared one takes each tile once, and all assets show it. Only between frames: not while a recorded one waits to
+    /// be submitted.
     ///
     /// # Errors
-    /// [`RenderError::NoSuch`], [`RenderError::TileSize`], or [`RenderError::NoTilePool`] before an asset has the texture;
-    /// [`RenderError::NoTileRoom`] if the budget ([`crate::Renderer::set_texture_tile_budget`]) is used up: other tiles
-    /// must be removed first. Nothing is changed then.
+    /// [`RenderError::NoSuch`], [`RenderError::TileSize`], or [`RenderError::NoTilePool`] before an asset has the
+    /// texture; [`RenderError::NoTileRoom`] if the budget ([`crate::Renderer::set_texture_tile_budget`]) is used up:
+    /// other tiles must be removed first. Nothing is changed then.
     pub fn set_tile(
         &self,
         gpu: &Gpu,

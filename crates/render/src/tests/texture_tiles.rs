@@ -460,6 +460,7 @@ fn wrong_sizes_and_places_of_tiles_are_refused() {
     assert!(matches!(tiled.remove_texture_tile(0, 3, [0, 0]), Err(RenderError::NoSuch { .. })));
     assert!(matches!(tiled.remove_texture_tile(0, 9, [0, 9]), Err(RenderError::NoSuch { .. })));
     assert!(!tiled.remove_texture_tile(0, 9, [0, 0]).unwrap(), "not there");
+    assert!(!tiled.textures()[0].has_tile(9, 4, 0));
     assert_eq!(h.renderer().texture_tiles(h.gpu()).bytes, 0, "nothing was reserved");
     let mut tiled = tiled;
     let level = TextureData::Rgba8(&picture.levels[8]);

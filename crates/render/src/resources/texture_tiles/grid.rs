@@ -96,7 +96,7 @@ impl TileGrid {
 
     /// The tile at a place.
     pub(super) fn tile(&self, place: TilePlace) -> Option<Tile> {
-        let level = self.level(place)?;
+        let level = self.level(place).filter(|level| place.column < level.columns)?;
         *level.tiles.get(level.index(place.column, place.row))?
     }
 

@@ -129,11 +129,12 @@ impl State {
 
     /// A free page, of a new layer if there must be one.
     fn page(&mut self, gpu: &Gpu, array: usize) -> Result<PageNumber, RenderError> {
-        if let Some(page) = self.arrays[array].take() {
-            return Ok(page);
-        }
         let (most, layers) = (self.most_layers(gpu, array), self.arrays[array].layers());
-        if layers < most {
+        // A budget that has become smaller is not exceeded by more tiles.
+        if self.arrays[array].used() >= most * PAGES_OF_LAYER {
+            return Err(RenderError::NoTileRoom { budget_bytes: self.budget_bytes });
+        }
+        if self.arrays[array].is_full() {
             self.arrays[array].grow(gpu, (2 * layers).clamp(1, most));
             self.bindings.forget();
         }
@@ -361,13 +362,14 @@ mod tests {
         assert_eq!((used.bytes, used.pages, used.most_pages), (3 * LAYER_BYTES, 48, 48));
         pool.begin_frame(gpu, f32::MAX);
         gpu.check().unwrap();
-        // A smaller budget takes effect as tiles go.
+        // A smaller budget takes effect as tiles go; none comes in their place.
         pool.set_budget(LAYER_BYTES);
         pool.begin_frame(gpu, f32::MAX);
         assert_eq!(pool.used(gpu).bytes, 3 * LAYER_BYTES);
         let [colours, normals] = sets;
         drop(normals);
         assert!((0..16).all(|number| colours.remove(place(number))));
+        assert!(matches!(colours.set(gpu, place(0), |_, _| {}), Err(RenderError::NoTileRoom { .. })));
         pool.begin_frame(gpu, f32::MAX);
         assert_eq!(pool.used(gpu).bytes, LAYER_BYTES);
         assert!((16..32).all(|number| colours.has(place(number))));

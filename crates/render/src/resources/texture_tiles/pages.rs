@@ -60,6 +60,11 @@ impl PageArray {
         self.layers() * PAGES_OF_LAYER - self.free.len() as u32
     }
 
+    /// Whether all pages have a tile.
+    pub(super) fn is_full(&self) -> bool {
+        self.free.is_empty()
+    }
+
     /// The texture, if there are pages.
     pub(super) fn texture(&self) -> Option<&wgpu::Texture> {
         self.texture.as_ref()

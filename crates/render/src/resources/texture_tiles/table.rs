@@ -10,6 +10,8 @@ use crate::resources::pages::{give, take};
 
 /// Words of a row: `PAGE_TABLE_WIDTH` of `tiled.wgsl`.
 const WIDTH: u32 = 1024;
+/// Most rows, 16 MB: enough for 3000 textures of 8192² texels, and forged sizes cannot claim more.
+const MAX_ROWS: u32 = 4096;
 
 /// Words of all tiled textures.
 #[derive(Debug, Default)]
@@ -21,16 +23,20 @@ pub(super) struct PageTable {
     texture: Option<wgpu::Texture>,
 }
 
+fn most_rows(gpu: &Gpu) -> u32 {
+    gpu.device.limits().max_texture_dimension_2d.min(MAX_ROWS)
+}
+
 impl PageTable {
     /// A range of `count` words, all 0.
     ///
     /// # Errors
-    /// [`RenderError::TooLarge`] past the device's limit of textures.
+    /// [`RenderError::TooLarge`] past [`MAX_ROWS`], or past the device's limit of textures.
     pub(super) fn allocate(&mut self, gpu: &Gpu, count: u32) -> Result<Range<u32>, RenderError> {
         let start = match take(&mut self.free, count) {
             Some(start) => start,
             None => {
-                let (len, rows) = (self.words.len() as u32, gpu.device.limits().max_texture_dimension_2d);
+                let (len, rows) = (self.words.len() as u32, most_rows(gpu));
                 let end = (len + count).next_multiple_of(WIDTH);
                 if end / WIDTH > rows {
                     let [needed, allowed] = [end / WIDTH, rows].map(|rows| u64::from(rows * WIDTH) * 4);
@@ -77,7 +83,7 @@ impl PageTable {
         let rows = self.words.len() as u32 / WIDTH;
         let grown = self.texture.as_ref().is_none_or(|texture| texture.height() < rows);
         if grown {
-            let height = rows.next_power_of_two().min(gpu.device.limits().max_texture_dimension_2d);
+            let height = rows.next_power_of_two().min(most_rows(gpu));
             let usage = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST;
             let descriptor = texture_2d("page table", (WIDTH, height), wgpu::TextureFormat::R32Uint, usage);
             self.texture = Some(gpu.device.create_texture(&descriptor));
