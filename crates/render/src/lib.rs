@@ -70,7 +70,10 @@ pub use resources::gpu::{Gpu, RenderError};
 pub use resources::readback::TargetCopy;
 #[cfg(feature = "client")]
 pub use resources::staging::{MAX_WAITING_STEPS, upload_budget};
-pub use resources::texture::{Texture, TextureData, TextureShape};
+pub use resources::texture::Texture;
+pub use resources::texture_data::TextureData;
+pub use resources::texture_shape::TextureShape;
+pub use resources::texture_tiles::TextureTileUse;
 #[cfg(any(test, feature = "methods"))]
 pub use resources::vertex::mark_smooth;
 pub use resources::vertex::{HostMesh, MAX_PARTS, PackedVertex};

@@ -66,4 +66,6 @@ pub(crate) struct Meshes<'a> {
     pub(crate) curved: Option<(&'a PatchPipelines, &'a PatchLists)>,
     /// Arguments of the frame's draws.
     pub(crate) calls: &'a DrawCalls,
+    /// Group 2: tiles of textures.
+    pub(crate) tiles: &'a wgpu::BindGroup,
 }

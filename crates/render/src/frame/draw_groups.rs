@@ -158,6 +158,7 @@ impl<'a> DrawGroups<'a> {
             &mut Counters,
         ) -> bool,
     ) {
+        pass.set_bind_group(2, meshes.tiles, &[]);
         pass.set_vertex_buffer(1, meshes.instances.slice(..));
         let mut set = [None; 2];
         for group in &self.groups {

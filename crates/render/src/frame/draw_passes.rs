@@ -40,7 +40,7 @@ impl DrawGroups<'_> {
                         Some((acceleration, material.acceleration(gpu, acceleration)?))
                     });
                     if let Some((_, group)) = known {
-                        pass.set_bind_group(2, group, &[]);
+                        pass.set_bind_group(3, group, &[]);
                     }
                     let how = ReliefDraw {
                         acceleration: known.map(|(acceleration, _)| acceleration),
@@ -65,7 +65,7 @@ impl DrawGroups<'_> {
         counters: &mut Counters,
     ) {
         self.draw_with(pass, meshes, counters, |pipelines, of| {
-            (of.emits && !of.blend).then(|| pipelines.emission(gpu))
+            (of.emits && !of.blend).then(|| pipelines.emission(gpu, of))
         });
     }
 
@@ -149,6 +149,7 @@ impl DrawList<'_> {
             .map(|(batch, instance)| (self.distance(batch, instance), batch, instance))
             .collect();
         order.sort_by(|(a, ..), (b, ..)| b.total_cmp(a));
+        pass.set_bind_group(2, meshes.tiles, &[]);
         for (_, batch, instance) in order {
             for facing in 0..2 {
                 draw_instance(batch, instance, pass, meshes, counters, |pipelines, material| {

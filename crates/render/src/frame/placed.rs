@@ -134,7 +134,7 @@ struct Record {
     cells: Range<usize>,
     parts: Range<usize>,
     /// State of the asset from which follow `look` to `moved_s`, and `parts`.
-    stamps: [u64; 2],
+    stamps: [u64; 3],
     look: Option<Look>,
     has_no_states: bool,
     unbounded: bool,

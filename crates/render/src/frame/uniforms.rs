@@ -51,13 +51,14 @@ pub(crate) struct FrameUniform {
     /// Bits: 1 nothing changed since the previous frame; 2 surfaces emit light; 4 and 8 [`relief_method`]; 16 relief
     /// self-shadowing; from bit 8 the accumulation of occlusion.
     flags: u32,
+    /// Texture lookups along a pixel's footprint; negative where samplers do it for textures that are whole.
     lookups: f32,
     kernel: [[f32; 4]; MAX_SAMPLES as usize],
 }
 
 impl FrameUniform {
     /// The uniform block of a frame drawn at one size and shown at another; sides fit into 16 bits. `lookups` is the
-    /// number of texture lookups along a pixel's footprint.
+    /// number of texture lookups along a pixel's footprint, negative where samplers do it.
     pub(crate) fn new(
         frame: &Frame<'_>,
         sky: &SkyLight,

@@ -63,8 +63,13 @@ impl GeometryPass<'_> {
     }
 
     /// Depth-only pipeline with alpha test.
-    pub(crate) fn pierced_caster(&self, gpu: &Gpu, entry: [&str; 2]) -> wgpu::RenderPipeline {
-        let fragment = Fragment { module: self.module, entry: entry[1], constants: &[], targets: &[] };
+    pub(crate) fn pierced_caster(
+        &self,
+        gpu: &Gpu,
+        entry: [&str; 2],
+        constants: &[(&str, f64)],
+    ) -> wgpu::RenderPipeline {
+        let fragment = Fragment { module: self.module, entry: entry[1], constants, targets: &[] };
         self.pipeline(gpu, entry[0], Some(fragment), Raster::FILL)
     }
 
@@ -80,10 +85,14 @@ impl GeometryPass<'_> {
     }
 
     /// Adds emission to the picture, where depth equals the G-buffer's.
-    pub(crate) fn emission(&self, gpu: &Gpu, entry: [&str; 2]) -> wgpu::RenderPipeline {
+    pub(crate) fn emission(
+        &self,
+        gpu: &Gpu,
+        entry: [&str; 2],
+        constants: &[(&str, f64)],
+    ) -> wgpu::RenderPipeline {
         let target = wgpu::ColorTargetState { blend: Some(ADD), ..RADIANCE.into() };
-        let fragment =
-            Fragment { module: self.module, entry: entry[1], constants: &[], targets: &[Some(target)] };
+        let fragment = Fragment { module: self.module, entry: entry[1], constants, targets: &[Some(target)] };
         let raster = Raster { compare: wgpu::CompareFunction::Equal, write: false, ..Raster::FILL };
         self.pipeline(gpu, entry[0], Some(fragment), raster)
     }
@@ -124,28 +133,34 @@ impl GeometryPass<'_> {
 
     /// Counts fragments that pass the depth test.
     pub(crate) fn overdraw(&self, gpu: &Gpu, entry: &str) -> wgpu::RenderPipeline {
-        self.count(gpu, (&shader(gpu, "overdraw", COUNT), [entry, "fs_overdraw"]), Raster::FILL)
+        self.count(gpu, (&shader(gpu, "overdraw", COUNT), [entry, "fs_overdraw"]), &[], Raster::FILL)
     }
 
     /// Counts fragments that pass the depth test and the shader's alpha test.
-    pub(crate) fn pierced_overdraw(&self, gpu: &Gpu, entry: [&str; 2]) -> wgpu::RenderPipeline {
-        self.count(gpu, (self.module, entry), Raster::FILL)
+    pub(crate) fn pierced_overdraw(
+        &self,
+        gpu: &Gpu,
+        entry: [&str; 2],
+        constants: &[(&str, f64)],
+    ) -> wgpu::RenderPipeline {
+        self.count(gpu, (self.module, entry), constants, Raster::FILL)
     }
 
     /// Counts transparent fragments, without writing depth.
     pub(crate) fn transparent_overdraw(&self, gpu: &Gpu, entry: &str) -> wgpu::RenderPipeline {
         let raster = Raster { write: false, ..Raster::FILL };
-        self.count(gpu, (&shader(gpu, "overdraw", COUNT), [entry, "fs_overdraw"]), raster)
+        self.count(gpu, (&shader(gpu, "overdraw", COUNT), [entry, "fs_overdraw"]), &[], raster)
     }
 
     fn count(
         &self,
         gpu: &Gpu,
         (module, entry): (&wgpu::ShaderModule, [&str; 2]),
+        constants: &[(&str, f64)],
         raster: Raster,
     ) -> wgpu::RenderPipeline {
         let target = wgpu::ColorTargetState { blend: Some(ADD), ..OVERDRAW.into() };
-        let fragment = Fragment { module, entry: entry[1], constants: &[], targets: &[Some(target)] };
+        let fragment = Fragment { module, entry: entry[1], constants, targets: &[Some(target)] };
         self.pipeline(gpu, entry[0], Some(fragment), raster)
     }
 

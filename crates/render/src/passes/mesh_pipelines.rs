@@ -41,7 +41,7 @@ macro_rules! relief_searches {
 macro_rules! text {
     ($found:literal, [$($vertex:literal),+] $(, $more:literal)*) => {
         concat!(
-            wgsl!("common", "targets", "anisotropic", "gbuffer", "relief"),
+            wgsl!("common", "targets", "anisotropic", "gbuffer", "tiled", "relief"),
             relief_searches!(),
             wgsl!($found, "placement", $($vertex,)+ $($more),*)
         )
@@ -77,12 +77,12 @@ const ACCELERATED: [&str; ReliefAcceleration::COUNT] = [];
 struct ForwardPipelines {
     /// Group 0: frame, shadow maps, sky and, if compiled in, punctual lights.
     light: wgpu::BindGroupLayout,
-    /// `light` and the material.
+    /// `light`, the material and tiles.
     layout: wgpu::PipelineLayout,
     /// Not needed by water, which shares `light`.
     module: OnceLock<wgpu::ShaderModule>,
-    /// Without and with textures of the material.
-    pipelines: [OnceLock<[wgpu::RenderPipeline; 2]>; 2],
+    /// By [`variant`], without alpha test.
+    pipelines: [OnceLock<[wgpu::RenderPipeline; 2]>; VARIANTS],
 }
 
 /// Variant of relief mapping, if it is not a linear search that keeps the mesh's depth.
@@ -100,33 +100,35 @@ pub(crate) struct MeshPipelines {
     texts: &'static Texts,
     /// Vertex buffer layouts: of all passes but motion, and of the motion pass.
     buffers: [&'static [Option<wgpu::VertexBufferLayout<'static>>]; 2],
-    /// Layout of group 2: patch lists, for PN triangles.
+    /// Layout of group 3: patch lists, for PN triangles.
     lists: Option<wgpu::BindGroupLayout>,
     module: OnceLock<wgpu::ShaderModule>,
-    /// Groups of frame and material.
+    /// Groups of frame, material and tiles.
     layout: wgpu::PipelineLayout,
-    /// Group of materials.
+    /// Groups of materials and of tiles of textures.
     material: wgpu::BindGroupLayout,
+    tiles: wgpu::BindGroupLayout,
     /// Without and with punctual lights, which not every device supports.
     lit: [OnceLock<ForwardPipelines>; 2],
-    /// Indexed by relief, maps and mask.
-    surfaces: [OnceLock<wgpu::RenderPipeline>; 8],
+    /// Indexed by relief and [`variant`].
+    surfaces: [[OnceLock<wgpu::RenderPipeline>; VARIANTS]; 2],
     /// Modules with a relief acceleration texture.
     accelerated: [OnceLock<wgpu::ShaderModule>; ReliefAcceleration::COUNT],
-    /// Surfaces with relief: by acceleration (none first), by depth written or not, by maps and mask.
-    reliefs: [[[OnceLock<wgpu::RenderPipeline>; 4]; 2]; 1 + ReliefAcceleration::COUNT],
-    /// Without and with alpha test.
-    sunken_casters: [OnceLock<wgpu::RenderPipeline>; 2],
-    /// Groups of frame, material and acceleration texture.
+    /// Surfaces with relief: by acceleration (none first), by depth written or not, by [`variant`].
+    reliefs: [[[OnceLock<wgpu::RenderPipeline>; VARIANTS]; 2]; 1 + ReliefAcceleration::COUNT],
+    /// By [`variant`], without maps.
+    sunken_casters: [OnceLock<wgpu::RenderPipeline>; VARIANTS],
+    /// Groups of frame, material, tiles and acceleration texture.
     accelerated_layout: wgpu::PipelineLayout,
     /// `None` where the device cannot draw triangles as lines.
     wire: OnceLock<Option<wgpu::RenderPipeline>>,
     caster: OnceLock<wgpu::RenderPipeline>,
-    pierced_caster: OnceLock<wgpu::RenderPipeline>,
+    /// Without and with tiled maps, as are `emission` and the last two of `overdraw`.
+    pierced_caster: [OnceLock<wgpu::RenderPipeline>; 2],
     motion: OnceLock<wgpu::RenderPipeline>,
-    emission: OnceLock<wgpu::RenderPipeline>,
-    /// Opaque, alpha-tested and transparent.
-    overdraw: [OnceLock<wgpu::RenderPipeline>; 3],
+    emission: [OnceLock<wgpu::RenderPipeline>; 2],
+    /// Opaque, transparent and alpha-tested.
+    overdraw: [OnceLock<wgpu::RenderPipeline>; 4],
 }
 
 static BUFFERS: [Option<wgpu::VertexBufferLayout<'_>>; 3] = [
@@ -148,9 +150,23 @@ static BUFFERS: [Option<wgpu::VertexBufferLayout<'_>>; 3] = [
     }),
 ];
 
+/// Variants of a shader besides relief.
+const VARIANTS: usize = 8;
+
+/// Number of a material's variant.
+fn variant(of: Features) -> usize {
+    usize::from(of.maps) | usize::from(of.mask) << 1 | usize::from(of.tiled) << 2
+}
+
 /// Override constants of a variant.
-fn constants([relief, maps, mask]: [bool; 3]) -> [(&'static str, f64); 3] {
-    [("RELIEF", relief), ("MAPS", maps), ("MASK", mask)].map(|(name, on)| (name, f64::from(u8::from(on))))
+fn constants(relief: bool, of: Features) -> [(&'static str, f64); 4] {
+    [("RELIEF", relief), ("MAPS", of.maps), ("MASK", of.mask), ("TILED", of.tiled)]
+        .map(|(name, on)| (name, f64::from(u8::from(on))))
+}
+
+/// Override constant of shaders that look only at tiles.
+fn tiled(of: Features) -> [(&'static str, f64); 1] {
+    [("TILED", f64::from(u8::from(of.tiled)))]
 }
 
 impl MeshPipelines {
@@ -178,11 +194,13 @@ impl MeshPipelines {
         (kit, frame): (&MaterialBindings, &wgpu::BindGroupLayout),
     ) -> Self {
         let material = &kit.layout;
-        let groups = [Some(frame), Some(material), lists.as_ref()];
-        let groups = if lists.is_some() { &groups[..] } else { &groups[..2] };
+        let tiles = &kit.tiles.layout;
+        let groups = [Some(frame), Some(material), Some(tiles), lists.as_ref()];
+        let groups = if lists.is_some() { &groups[..] } else { &groups[..3] };
         Self {
             layout: pipeline_layout(gpu, "meshes", groups),
             material: material.clone(),
+            tiles: tiles.clone(),
             texts,
             buffers,
             lists,
@@ -195,13 +213,13 @@ impl MeshPipelines {
             accelerated_layout: pipeline_layout(
                 gpu,
                 "meshes with relief acceleration",
-                &[Some(frame), Some(material), Some(&kit.acceleration_layout)],
+                &[Some(frame), Some(material), Some(tiles), Some(&kit.acceleration_layout)],
             ),
             wire: OnceLock::new(),
             caster: OnceLock::new(),
-            pierced_caster: OnceLock::new(),
+            pierced_caster: Default::default(),
             motion: OnceLock::new(),
-            emission: OnceLock::new(),
+            emission: Default::default(),
             overdraw: Default::default(),
         }
     }
@@ -223,14 +241,6 @@ impl MeshPipelines {
         self.pass_of(self.module(gpu), &self.layout)
     }
 
-    fn variant(&self, gpu: &Gpu, [relief, maps, mask]: [bool; 3]) -> &wgpu::RenderPipeline {
-        let at = usize::from(relief) | usize::from(maps) << 1 | usize::from(mask) << 2;
-        self.surfaces[at].get_or_init(|| {
-            let constants = constants([relief, maps, mask]);
-            self.pass(gpu).surface(gpu, ["vs_surface", "fs_surface"], &constants)
-        })
-    }
-
     /// Wireframe; `None` where the device cannot draw triangles as lines.
     pub(crate) fn wire(&self, gpu: &Gpu) -> Option<&wgpu::RenderPipeline> {
         self.wire.get_or_init(|| self.pass(gpu).wire(gpu, ["vs_wire", "fs_wire"])).as_ref()
@@ -248,20 +258,23 @@ impl MeshPipelines {
             self.transparent(gpu, material, false);
             return;
         }
-        if material.maps || material.mask {
+        if material.maps || material.mask || material.tiled {
             self.surface(gpu, material, true);
         }
         if material.mask {
-            self.pierced_caster(gpu);
+            self.pierced_caster(gpu, material);
         }
         if material.emits {
-            self.emission(gpu);
+            self.emission(gpu, material);
         }
     }
 
     /// Surfaces into the G-buffer; `relief` enables relief mapping.
     pub(crate) fn surface(&self, gpu: &Gpu, material: Features, relief: bool) -> &wgpu::RenderPipeline {
-        self.variant(gpu, [relief && material.relief, material.maps, material.mask])
+        let relief = relief && material.relief;
+        self.surfaces[usize::from(relief)][variant(material)].get_or_init(|| {
+            self.pass(gpu).surface(gpu, ["vs_surface", "fs_surface"], &constants(relief, material))
+        })
     }
 
     /// Whether surfaces can use relief acceleration textures.
@@ -269,22 +282,21 @@ impl MeshPipelines {
         self.lists.is_none()
     }
 
-    /// Surfaces with relief into the G-buffer; the acceleration texture is group 2.
+    /// Surfaces with relief into the G-buffer; the acceleration texture is group 3.
     pub(crate) fn relief(&self, gpu: &Gpu, material: Features, how: ReliefDraw) -> &wgpu::RenderPipeline {
         let ReliefDraw { acceleration, deep } = how;
         if acceleration.is_none() && !deep {
             return self.surface(gpu, material, true);
         }
-        let at = usize::from(material.maps) | usize::from(material.mask) << 1;
-        self.reliefs[acceleration.map_or(0, |acceleration| 1 + acceleration.number())][usize::from(deep)][at]
-            .get_or_init(|| {
-                let module = acceleration
-                    .map_or_else(|| self.module(gpu), |acceleration| self.accelerated(gpu, acceleration));
-                let layout = if acceleration.is_some() { &self.accelerated_layout } else { &self.layout };
-                let fragment = if deep { "fs_deep_surface" } else { "fs_surface" };
-                let constants = constants([true, material.maps, material.mask]);
-                self.pass_of(module, layout).surface(gpu, ["vs_surface", fragment], &constants)
-            })
+        self.reliefs[acceleration.map_or(0, |acceleration| 1 + acceleration.number())][usize::from(deep)]
+            [variant(material)]
+        .get_or_init(|| {
+            let module = acceleration
+                .map_or_else(|| self.module(gpu), |acceleration| self.accelerated(gpu, acceleration));
+            let layout = if acceleration.is_some() { &self.accelerated_layout } else { &self.layout };
+            let fragment = if deep { "fs_deep_surface" } else { "fs_surface" };
+            self.pass_of(module, layout).surface(gpu, ["vs_surface", fragment], &constants(true, material))
+        })
     }
 
     fn accelerated(&self, gpu: &Gpu, acceleration: ReliefAcceleration) -> &wgpu::ShaderModule {
@@ -294,15 +306,17 @@ impl MeshPipelines {
 
     /// Shadow casters of materials whose relief writes depth; needs group 1.
     pub(crate) fn sunken_caster(&self, gpu: &Gpu, material: Features) -> &wgpu::RenderPipeline {
-        self.sunken_casters[usize::from(material.mask)].get_or_init(|| {
-            let constants = constants([false, false, material.mask]);
-            self.pass(gpu).sunken_caster(gpu, ["vs_surface", "fs_sunken"], &constants)
+        let material = Features { maps: false, ..material };
+        self.sunken_casters[variant(material)].get_or_init(|| {
+            self.pass(gpu).sunken_caster(gpu, ["vs_surface", "fs_sunken"], &constants(false, material))
         })
     }
 
     /// Alpha-tested shadow casters; needs group 1.
-    pub(crate) fn pierced_caster(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
-        self.pierced_caster.get_or_init(|| self.pass(gpu).pierced_caster(gpu, ["vs_pierced", "fs_pierced"]))
+    pub(crate) fn pierced_caster(&self, gpu: &Gpu, material: Features) -> &wgpu::RenderPipeline {
+        self.pierced_caster[usize::from(material.tiled)].get_or_init(|| {
+            self.pass(gpu).pierced_caster(gpu, ["vs_pierced", "fs_pierced"], &tiled(material))
+        })
     }
 
     /// Motion vectors; needs group 1; a third buffer holds the previous instances.
@@ -316,15 +330,17 @@ impl MeshPipelines {
     }
 
     /// Emission, added to the lit picture.
-    pub(crate) fn emission(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
-        self.emission.get_or_init(|| self.pass(gpu).emission(gpu, ["vs_surface", "fs_emission"]))
+    pub(crate) fn emission(&self, gpu: &Gpu, material: Features) -> &wgpu::RenderPipeline {
+        self.emission[usize::from(material.tiled)]
+            .get_or_init(|| self.pass(gpu).emission(gpu, ["vs_surface", "fs_emission"], &tiled(material)))
     }
 
     fn lit(&self, gpu: &Gpu, punctual_lights: bool) -> &ForwardPipelines {
         self.lit[usize::from(punctual_lights)].get_or_init(|| {
             let light = light_layout(gpu, punctual_lights);
             let lists = self.lists.as_ref().map(Some);
-            let groups: Vec<_> = [Some(&light), Some(&self.material)].into_iter().chain(lists).collect();
+            let groups = [Some(&light), Some(&self.material), Some(&self.tiles)];
+            let groups: Vec<_> = groups.into_iter().chain(lists).collect();
             ForwardPipelines {
                 layout: pipeline_layout(gpu, "lit meshes", &groups),
                 light,
@@ -347,11 +363,12 @@ impl MeshPipelines {
         punctual_lights: bool,
     ) -> &[wgpu::RenderPipeline; 2] {
         let lit = self.lit(gpu, punctual_lights);
-        lit.pipelines[usize::from(material.maps)].get_or_init(|| {
-            let maps = [("MAPS", f64::from(u8::from(material.maps)))];
+        let material = Features { mask: false, ..material };
+        lit.pipelines[variant(material)].get_or_init(|| {
+            let constants = constants(false, material);
             let text = self.texts.transparent[usize::from(punctual_lights)];
             let module = lit.module.get_or_init(|| shader(gpu, "transparent", text));
-            self.pass_of(module, &lit.layout).transparent(gpu, ["vs_surface", "fs_transparent"], &maps)
+            self.pass_of(module, &lit.layout).transparent(gpu, ["vs_surface", "fs_transparent"], &constants)
         })
     }
 
@@ -360,10 +377,12 @@ impl MeshPipelines {
         let pass = self.pass(gpu);
         match material {
             Features { blend: true, .. } => {
-                self.overdraw[2].get_or_init(|| pass.transparent_overdraw(gpu, "vs_caster"))
+                self.overdraw[1].get_or_init(|| pass.transparent_overdraw(gpu, "vs_caster"))
             }
-            Features { mask: true, .. } => self.overdraw[1]
-                .get_or_init(|| pass.pierced_overdraw(gpu, ["vs_pierced", "fs_pierced_overdraw"])),
+            Features { mask: true, tiled: by_tiles, .. } => self.overdraw[2 + usize::from(by_tiles)]
+                .get_or_init(|| {
+                    pass.pierced_overdraw(gpu, ["vs_pierced", "fs_pierced_overdraw"], &tiled(material))
+                }),
             _ => self.overdraw[0].get_or_init(|| pass.overdraw(gpu, "vs_caster")),
         }
     }

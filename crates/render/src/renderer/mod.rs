@@ -43,7 +43,9 @@ use crate::passes::water::{WaterPass, WaterView};
 use crate::resources::buffer::GrowingBuffer;
 use crate::resources::descriptors::uniform_buffer;
 use crate::resources::gpu::{Gpu, RenderError};
-use crate::resources::texture::{Texture, TextureShape};
+use crate::resources::texture::Texture;
+use crate::resources::texture_shape::TextureShape;
+use crate::resources::texture_tiles::TextureTileUse;
 use crate::scene::asset::AssetGpu;
 use crate::scene::bound_material::Features;
 use crate::scene::environment::Environment;
@@ -64,6 +66,8 @@ pub struct Renderer {
     targets: Targets,
     frame_buffer: wgpu::Buffer,
     frame_group: wgpu::BindGroup,
+    /// Group 2 of meshes: pages and page table of textures.
+    texture_tiles: wgpu::BindGroup,
     /// Placements of the last frame's drawables.
     placed: PlacedInstances,
     memory: ListMemory,
@@ -124,6 +128,7 @@ impl Renderer {
         let temporal = Temporal::new(Arc::clone(&pipelines.resolve), read);
         gpu.check()?;
         Ok(Self {
+            texture_tiles: kit.tiles.begin_frame(gpu, f32::MAX),
             kit,
             pools: MeshPools::new(gpu),
             pipelines,
@@ -209,8 +214,31 @@ impl Renderer {
         materials: &[Material],
         textures: Vec<Texture>,
     ) -> AssetGpu {
-        materials.iter().for_each(|material| self.pipelines.meshes.ensure(gpu, Features::of(material)));
+        for material in materials {
+            let mut named = material.textures().filter_map(|texture| textures.get(usize::from(texture)));
+            let features = Features { tiled: named.any(Texture::is_tiled), ..Features::of(material) };
+            self.pipelines.meshes.ensure(gpu, features);
+        }
         AssetGpu::new(gpu, (self.kit.clone(), &self.pools), origin, materials, textures)
+    }
+
+    /// Memory of the tiles of textures ([`Texture::set_tile`]).
+    #[must_use]
+    pub fn texture_tiles(&self, gpu: &Gpu) -> TextureTileUse {
+        self.kit.tiles.used(gpu)
+    }
+
+    /// Sets the most memory that tiles of textures take, in bytes (default: 256 MiB). It is allocated as tiles come, in
+    /// doubling pieces: while one is replaced by the next, both are there. A smaller budget takes effect as tiles are
+    /// removed.
+    pub fn set_texture_tile_budget(&self, bytes: u64) {
+        self.kit.tiles.set_budget(bytes);
+    }
+
+    /// Whether tiles of textures fade in, so that a frame at a later time differs from the last one.
+    #[must_use]
+    pub fn fades_texture_tiles(&self) -> bool {
+        self.kit.tiles.are_fading()
     }
 
     /// Creates a terrain without tiles.
@@ -239,6 +267,7 @@ impl Renderer {
     ) -> Result<Counters, RenderError> {
         target.check(self.target_format)?;
         self.pools.begin_frame();
+        self.texture_tiles = self.kit.tiles.begin_frame(gpu, frame.time_s);
         let mut passes = PassEncoder::new(encoder, self.timer.as_mut().map(Timer::begin));
         let (size, mut counters) = (drawn_size(target, frame.settings.render_scale), Counters::default());
         self.placed.update(frame.drawables);
@@ -386,8 +415,8 @@ impl Renderer {
         if let Some(water) = &water {
             self.water.prepare(gpu, water);
         }
-        let lookups = if gpu.has_anisotropic_filter() { 1 } else { frame.settings.anisotropy };
-        let lookups = lookups.clamp(1, MAX_ANISOTROPY) as f32;
+        let lookups = frame.settings.anisotropy.clamp(1, MAX_ANISOTROPY) as f32;
+        let lookups = if gpu.has_anisotropic_filter() { -lookups } else { lookups };
         let uniform = FrameUniform::new(frame, &sky, size, target.size, &step, lookups, accumulated);
         gpu.queue.write_buffer(&self.frame_buffer, 0, bytemuck::bytes_of(&uniform));
         let runs = |id| plan.iter().any(|pass| pass.id == id);
@@ -409,7 +438,8 @@ impl Renderer {
             let eye = frame.camera.eye;
             let (cascades, redrawn) = (casters.as_slice(), redrawn.as_slice());
             let sun = Sun { shadows, cascades, redrawn, frame: &uniform, eye, sunken };
-            let meshes = meshes(gpu, frame, &self.pipelines, (&self.instances, &self.patches, &self.calls));
+            let of_meshes = (&self.instances, &self.patches, &self.calls, &self.texture_tiles);
+            let meshes = meshes(gpu, frame, &self.pipelines, of_meshes);
             self.shadow_maps.record(
                 gpu,
                 &mut passes,
@@ -488,10 +518,15 @@ fn meshes<'a>(
     gpu: &Gpu,
     frame: &Frame<'_>,
     pipelines: &'a Pipelines,
-    (instances, lists, calls): (&'a GrowingBuffer<InstanceRaw>, &'a PatchLists, &'a DrawCalls),
+    (instances, lists, calls, tiles): (
+        &'a GrowingBuffer<InstanceRaw>,
+        &'a PatchLists,
+        &'a DrawCalls,
+        &'a wgpu::BindGroup,
+    ),
 ) -> Option<Meshes<'a>> {
     let curved = frame.settings.curves(gpu).map(|settings| (pipelines.patches(gpu, settings), lists));
-    Some(Meshes { plain: &pipelines.meshes, instances: instances.buffer()?, curved, calls })
+    Some(Meshes { plain: &pipelines.meshes, instances: instances.buffer()?, curved, calls, tiles })
 }
 
 /// The render size for a target.

@@ -168,7 +168,8 @@ impl Renderer {
     }
 
     fn meshes(&self, gpu: &Gpu, frame: &Frame<'_>) -> Option<Meshes<'_>> {
-        super::meshes(gpu, frame, &self.pipelines, (&self.instances, &self.patches, &self.calls))
+        let of_meshes = (&self.instances, &self.patches, &self.calls, &self.texture_tiles);
+        super::meshes(gpu, frame, &self.pipelines, of_meshes)
     }
 
     /// Draws motion vectors of moving objects.

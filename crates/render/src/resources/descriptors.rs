@@ -46,6 +46,13 @@ pub(crate) const SAMPLED_AND_COPIED: wgpu::TextureUsages = wgpu::TextureUsages::
     .union(wgpu::TextureUsages::COPY_DST)
     .union(wgpu::TextureUsages::COPY_SRC);
 
+/// A texture that is streamed. Browsers write pictures into textures by drawing.
+pub(crate) const STREAMED: wgpu::TextureUsages = if cfg!(target_family = "wasm") {
+    SAMPLED_AND_COPIED.union(wgpu::TextureUsages::RENDER_ATTACHMENT)
+} else {
+    SAMPLED_AND_COPIED
+};
+
 /// Blending that is the same for colour and alpha.
 pub(crate) const fn blend(
     src_factor: wgpu::BlendFactor,

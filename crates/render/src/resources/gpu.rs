@@ -63,6 +63,31 @@ pub enum RenderError {
         /// Samples handed in.
         got: usize,
     },
+    /// The pixels handed in do not fit the tile's image.
+    #[error("tile {column}, {row} of texture level {level}: expected {width}×{height} samples, got {got}")]
+    TileSize {
+        /// Mip level, 0 = coarsest.
+        level: u32,
+        /// Column of the tile.
+        column: u32,
+        /// Row of the tile.
+        row: u32,
+        /// Width of its image in texels, with borders.
+        width: u32,
+        /// Height of its image in texels, with borders.
+        height: u32,
+        /// Samples handed in.
+        got: usize,
+    },
+    /// A texture that no asset has yet has no memory for tiles.
+    #[error("the texture belongs to no renderer; create an asset with it before its tiles are set")]
+    NoTilePool,
+    /// All pages have a tile.
+    #[error("texture tiles have used up their {budget_bytes} bytes; remove some, or set a larger budget")]
+    NoTileRoom {
+        /// The budget in bytes.
+        budget_bytes: u64,
+    },
     /// A host's view cannot be drawn into.
     #[error("target: {0}")]
     Target(String),
@@ -271,7 +296,7 @@ impl Gpu {
             && self.adapter.get_downlevel_capabilities().flags.contains(needed)
             && limits.max_compute_invocations_per_workgroup >= 64
             && limits.max_storage_buffers_per_shader_stage >= 7
-            && limits.max_bind_groups >= 3
+            && limits.max_bind_groups >= 4
     }
 
     /// Whether ink is supported: the needs of PN triangles, and workgroups of 256.

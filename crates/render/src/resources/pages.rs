@@ -55,7 +55,7 @@ impl Page {
 }
 
 /// Takes the first free range of a length; returns its start.
-fn take(free: &mut Vec<Range<u32>>, blocks: u32) -> Option<u32> {
+pub(crate) fn take(free: &mut Vec<Range<u32>>, blocks: u32) -> Option<u32> {
     let at = free.iter().position(|range| range.end - range.start >= blocks)?;
     let start = free[at].start;
     free[at].start += blocks;
@@ -66,7 +66,7 @@ fn take(free: &mut Vec<Range<u32>>, blocks: u32) -> Option<u32> {
 }
 
 /// Gives a range back, joined with its neighbours.
-fn give(free: &mut Vec<Range<u32>>, mut range: Range<u32>) {
+pub(crate) fn give(free: &mut Vec<Range<u32>>, mut range: Range<u32>) {
     let at = free.partition_point(|other| other.end < range.start);
     let joined = free[at..].iter().take_while(|other| other.start <= range.end).count();
     for other in free.drain(at..at + joined) {

@@ -3,160 +3,27 @@
 //! GPU memory follows the received levels: the texture is allocated down to the finest received level, and replaced by
 //! a larger one (levels copied on the GPU) when a finer one arrives. Views cover only the unbroken run of levels from
 //! the coarsest up, so that trilinear filtering never reads a missing level.
+//!
+//! Levels from [`TextureShape::whole_levels`] on are in tiles, which come and go one by one (`texture_tiles`).
 
-use std::borrow::Cow;
 use std::ops::Range;
 #[cfg(any(test, feature = "client"))]
 use std::sync::Weak;
+use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use lodestream_scene::asset::{TextureInfo, TextureKind, level_size};
+use lodestream_scene::asset::TextureKind;
+use lodestream_scene::asset::tiles::{tile_grid, tile_size};
 
-use crate::resources::descriptors::{SAMPLED_AND_COPIED, texture_2d};
+use crate::resources::descriptors::{STREAMED, texture_2d};
 use crate::resources::gpu::{Gpu, RenderError};
+use crate::resources::texture_data::TextureData;
+use crate::resources::texture_shape::TextureShape;
+use crate::resources::texture_tiles::{TextureTiles, TilePlace, TileSet, TiledMap};
 use crate::scene::relief_acceleration::ReliefAcceleration;
 
-/// Browsers write pictures into textures by drawing.
-const STREAMED: wgpu::TextureUsages = if cfg!(target_family = "wasm") {
-    SAMPLED_AND_COPIED.union(wgpu::TextureUsages::RENDER_ATTACHMENT)
-} else {
-    SAMPLED_AND_COPIED
-};
 /// Longest allocated side; finer levels are dropped, so that a forged size cannot claim gigabytes.
 const MAX_SIDE_PX: u32 = 8192;
-
-/// Size and purpose of a texture, known before any of its levels.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TextureShape {
-    /// Width of the finest level in texels.
-    pub width: u32,
-    /// Height of the finest level in texels.
-    pub height: u32,
-    /// Number of levels, each half as wide and high as the next finer one (at least 1; a chain
-    /// need not go down to 1×1).
-    pub levels: u32,
-    /// Purpose.
-    pub kind: TextureKind,
-    /// Mean of the texels, colours linear: stands for a colour or surface texture until its coarsest level is here.
-    pub mean: [f32; 3],
-}
-
-impl TextureShape {
-    /// A shape with all levels down to 1×1, white until then.
-    #[must_use]
-    pub fn full(width: u32, height: u32, kind: TextureKind) -> Self {
-        Self { width, height, levels: width.max(height).max(1).ilog2() + 1, kind, mean: [1.0; 3] }
-    }
-
-    /// Width and height of a level; level 0 is the coarsest, as on the wire.
-    #[must_use]
-    pub fn level_size(&self, level: u32) -> (u32, u32) {
-        level_size([self.width, self.height], self.levels, level).into()
-    }
-}
-
-/// Linear light of an sRGB byte (IEC 61966-2-1).
-fn from_srgb(encoded: u8) -> f32 {
-    let encoded = f32::from(encoded) / 255.0;
-    if encoded <= 0.04045 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
-}
-
-impl From<&TextureInfo> for TextureShape {
-    fn from(info: &TextureInfo) -> Self {
-        let &TextureInfo { kind, width, height, mean, ref levels } = info;
-        let decode = |encoded| match kind {
-            TextureKind::Color => from_srgb(encoded),
-            TextureKind::Height | TextureKind::Normal | TextureKind::Surface => f32::from(encoded) / 255.0,
-        };
-        let mean = mean.map_or([1.0; 3], |mean| mean.map(decode));
-        Self { width, height, levels: levels.len() as u32, kind, mean }
-    }
-}
-
-/// Decoded pixels of one mip level, rows from the top, tightly packed.
-#[derive(Clone, Copy, Debug)]
-pub enum TextureData<'a> {
-    /// Four bytes per texel. A height texture takes the red channel.
-    Rgba8(&'a [u8]),
-    /// One byte per texel. A colour texture takes it as grey.
-    R8(&'a [u8]),
-    /// One 16-bit value per texel. A colour texture takes the high byte as grey.
-    R16(&'a [u16]),
-    /// A picture that the browser has decoded.
-    #[cfg(target_family = "wasm")]
-    Bitmap(&'a web_sys::ImageBitmap),
-}
-
-impl<'a> TextureData<'a> {
-    /// The given rows, of `width` texels each.
-    fn rows(self, width: u32, rows: &Range<u32>) -> Self {
-        let [first, end] = [rows.start, rows.end].map(|row| row as usize * width as usize);
-        match self {
-            Self::Rgba8(d) => Self::Rgba8(&d[4 * first..4 * end]),
-            Self::R8(d) => Self::R8(&d[first..end]),
-            Self::R16(d) => Self::R16(&d[first..end]),
-            #[cfg(target_family = "wasm")]
-            Self::Bitmap(_) => self,
-        }
-    }
-
-    fn texels(&self) -> usize {
-        match self {
-            Self::Rgba8(d) if d.len().is_multiple_of(4) => d.len() / 4,
-            Self::Rgba8(_) => 0,
-            Self::R8(d) => d.len(),
-            Self::R16(d) => d.len(),
-            #[cfg(target_family = "wasm")]
-            Self::Bitmap(picture) => picture.width() as usize * picture.height() as usize,
-        }
-    }
-
-    fn convert(self, format: wgpu::TextureFormat) -> Cow<'a, [u8]> {
-        let grey = |g: u8| [g, g, g, 255];
-        use wgpu::TextureFormat::{R16Unorm, Rgba8Unorm, Rgba8UnormSrgb};
-        match (format, self) {
-            (Rgba8UnormSrgb | Rgba8Unorm, Self::Rgba8(d)) => d.into(),
-            (Rgba8UnormSrgb | Rgba8Unorm, Self::R8(d)) => d.iter().flat_map(|&g| grey(g)).collect(),
-            (Rgba8UnormSrgb | Rgba8Unorm, Self::R16(d)) => {
-                d.iter().flat_map(|&g| grey((g >> 8) as u8)).collect()
-            }
-            // × 257 maps 0..=255 onto 0..=65535 exactly.
-            (R16Unorm, Self::Rgba8(d)) => {
-                d.chunks_exact(4).flat_map(|p| (u16::from(p[0]) * 257).to_le_bytes()).collect()
-            }
-            (R16Unorm, Self::R8(d)) => d.iter().flat_map(|&g| (u16::from(g) * 257).to_le_bytes()).collect(),
-            (R16Unorm, Self::R16(d)) => d.iter().flat_map(|g| g.to_le_bytes()).collect(),
-            (_, Self::Rgba8(d)) => d.chunks_exact(4).map(|p| p[0]).collect(),
-            (_, Self::R8(d)) => d.into(),
-            (_, Self::R16(d)) => d.iter().map(|g| (g >> 8) as u8).collect(),
-            // Not read by the CPU.
-            #[cfg(target_family = "wasm")]
-            (_, Self::Bitmap(_)) => Cow::default(),
-        }
-    }
-}
-
-/// Copies rows of a picture, as its file has them: neither colour space nor alpha is converted. They begin at the
-/// target's row.
-#[cfg(target_family = "wasm")]
-fn copy_bitmap(
-    gpu: &Gpu,
-    picture: &web_sys::ImageBitmap,
-    to: wgpu::TexelCopyTextureInfo<'_>,
-    [width, height]: [u32; 2],
-) {
-    let from = wgpu::CopyExternalImageSourceInfo {
-        source: wgpu::ExternalImageSource::ImageBitmap(picture.clone()),
-        origin: wgpu::Origin2d { x: 0, y: to.origin.y },
-        flip_y: false,
-    };
-    let to = to.to_tagged(wgpu::PredefinedColorSpace::Srgb, false);
-    gpu.queue.copy_external_image_to_texture(
-        &from,
-        to,
-        wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-    );
-}
 
 /// The finest level of the unbroken run from the coarsest; `None` while the coarsest is missing.
 fn finest_usable(present: &[bool]) -> Option<u32> {
@@ -170,6 +37,7 @@ struct StreamedTexture {
     /// Shape with all its levels.
     shape: TextureShape,
     format: wgpu::TextureFormat,
+    /// Of the whole levels.
     present: Vec<bool>,
     /// Finest level that may be allocated on this device, if any.
     limit: Option<u32>,
@@ -178,6 +46,8 @@ struct StreamedTexture {
     /// Relief acceleration textures, with the level that they were built from; the inner `None` marks height maps that
     /// are too large.
     accelerations: [Option<(u32, Option<wgpu::Texture>)>; ReliefAcceleration::COUNT],
+    /// Its tiles in the pool of the renderer that first drew it, if it has tiled levels.
+    tiles: Option<TileSet>,
 }
 
 impl StreamedTexture {
@@ -190,7 +60,7 @@ impl StreamedTexture {
             let (w, h) = shape.level_size(*level);
             w.max(h) <= side
         };
-        let limit = (0..shape.levels).rev().find(fits);
+        let limit = (0..shape.whole()).rev().find(fits);
         let format = match shape.kind {
             TextureKind::Color => wgpu::TextureFormat::Rgba8UnormSrgb,
             TextureKind::Normal | TextureKind::Surface => wgpu::TextureFormat::Rgba8Unorm,
@@ -201,8 +71,9 @@ impl StreamedTexture {
             }
             TextureKind::Height => wgpu::TextureFormat::R8Unorm,
         };
-        let present = vec![false; shape.levels as usize];
-        Self { declared, shape, format, present, limit, allocated: None, accelerations: Default::default() }
+        let present = vec![false; shape.whole() as usize];
+        let accelerations = Default::default();
+        Self { declared, shape, format, present, limit, allocated: None, accelerations, tiles: None }
     }
 
     /// Bytes of the allocated levels.
@@ -252,22 +123,7 @@ impl StreamedTexture {
                 origin: wgpu::Origin3d { x: 0, y: rows.start, z: 0 },
                 aspect: wgpu::TextureAspect::All,
             };
-            #[cfg(target_family = "wasm")]
-            if let TextureData::Bitmap(picture) = data {
-                copy_bitmap(gpu, picture, to, [width, rows.end - rows.start]);
-                return Ok(whole);
-            }
-            let pixels = data.rows(width, &rows).convert(self.format);
-            gpu.queue.write_texture(
-                to,
-                &pixels,
-                wgpu::TexelCopyBufferLayout {
-                    offset: 0,
-                    bytes_per_row: Some(width * self.format.block_copy_size(None).unwrap_or(1)),
-                    rows_per_image: None,
-                },
-                wgpu::Extent3d { width, height: rows.end - rows.start, depth_or_array_layers: 1 },
-            );
+            data.write(gpu, to, self.format, (width, &rows));
         }
         Ok(whole)
     }
@@ -277,10 +133,9 @@ impl StreamedTexture {
         if self.allocated.as_ref().is_some_and(|(_, top)| *top >= level) {
             return;
         }
-        let usage = STREAMED;
         let new = gpu.device.create_texture(&wgpu::TextureDescriptor {
             mip_level_count: level + 1,
-            ..texture_2d("streamed texture", self.shape.level_size(level), self.format, usage)
+            ..texture_2d("streamed texture", self.shape.level_size(level), self.format, STREAMED)
         });
         if let Some((old, top)) = &self.allocated {
             let mut encoder = gpu.device.create_command_encoder(&Default::default());
@@ -320,6 +175,47 @@ impl StreamedTexture {
         Some((self.allocated.as_ref()?.0.clone(), self.finest()?))
     }
 
+    /// Checks the place of a tile, and returns the size of its image.
+    fn tile_size(&self, TilePlace { level, column, row }: TilePlace) -> Result<[u32; 2], RenderError> {
+        let no = |what, index: u32, count: u32| RenderError::NoSuch {
+            what,
+            index: index as usize,
+            count: count as usize,
+        };
+        if level < self.shape.whole() || level >= self.shape.levels {
+            return Err(no("tiled texture level", level, self.shape.levels));
+        }
+        let size = self.shape.level_size(level).into();
+        let [columns, rows] = tile_grid(size);
+        if column >= columns {
+            return Err(no("column of tiles", column, columns));
+        }
+        if row >= rows {
+            return Err(no("row of tiles", row, rows));
+        }
+        Ok(tile_size(size, column, row))
+    }
+
+    fn set_tile(
+        &self,
+        gpu: &Gpu,
+        place: TilePlace,
+        data: TextureData<'_>,
+        shared: bool,
+    ) -> Result<(), RenderError> {
+        let size @ [width, height] = self.tile_size(place)?;
+        if !data.has_size(size) {
+            let TilePlace { level, column, row } = place;
+            let got = data.texels();
+            return Err(RenderError::TileSize { level, column, row, width, height, got });
+        }
+        let tiles = self.tiles.as_ref().ok_or(RenderError::NoTilePool)?;
+        if shared && tiles.has(place) {
+            return Ok(());
+        }
+        tiles.set(gpu, place, |to, format| data.write(gpu, to, format, (width, &(0..height))))
+    }
+
     /// The relief acceleration texture of the finest level in use. Built once per level, which waits for the device;
     /// `None` for maps that are too large, without a level, or if readback fails.
     fn acceleration(&mut self, gpu: &Gpu, acceleration: ReliefAcceleration) -> Option<wgpu::TextureView> {
@@ -354,10 +250,80 @@ impl Texture {
         self.streamed().declared
     }
 
-    /// GPU memory of the levels that are allocated, in bytes.
+    /// GPU memory of the whole levels that are allocated, in bytes; tiles are in [`crate::Renderer::texture_tiles`].
     #[must_use]
     pub fn bytes(&self) -> u64 {
         self.streamed().bytes()
+    }
+
+    /// Sets a tile of a tiled level; level 0 is the texture's coarsest, whole or not. `data` is the tile's image with
+    /// its borders, of [`lodestream_scene::asset::tiles::tile_size`]. From the next frame on it fades in for 0.15
+    /// seconds, over what was there before; a frame at `f32::MAX` seconds ends that. The texture must be an asset's; a
+    /// shared one takes each tile once, and all assets show it. Only between frames: not while a recorded one waits to
+    /// be submitted.
+    ///
+    /// # Errors
+    /// [`RenderError::NoSuch`], [`RenderError::TileSize`], or [`RenderError::NoTilePool`] before an asset has the
+    /// texture; [`RenderError::NoTileRoom`] if the budget ([`crate::Renderer::set_texture_tile_budget`]) is used up:
+    /// other tiles must be removed first. Nothing is changed then.
+    pub fn set_tile(
+        &self,
+        gpu: &Gpu,
+        level: u32,
+        column: u32,
+        row: u32,
+        data: TextureData<'_>,
+    ) -> Result<(), RenderError> {
+        let shared = Arc::strong_count(&self.0) > 1;
+        self.streamed().set_tile(gpu, TilePlace { level, column, row }, data, shared)
+    }
+
+    /// Removes a tile: the next coarser one is shown in its place, or the finest whole level. Returns whether it was
+    /// there. Its memory can be used at once.
+    ///
+    /// # Errors
+    /// [`RenderError::NoSuch`]; nothing is changed then.
+    pub fn remove_tile(&self, level: u32, column: u32, row: u32) -> Result<bool, RenderError> {
+        let (streamed, place) = (self.streamed(), TilePlace { level, column, row });
+        streamed.tile_size(place)?;
+        Ok(streamed.tiles.as_ref().is_some_and(|tiles| tiles.remove(place)))
+    }
+
+    /// Whether a tile is there.
+    #[must_use]
+    pub fn has_tile(&self, level: u32, column: u32, row: u32) -> bool {
+        let place = TilePlace { level, column, row };
+        self.streamed().tiles.as_ref().is_some_and(|tiles| tiles.has(place))
+    }
+
+    /// Whether levels are tiled.
+    #[must_use]
+    pub fn is_tiled(&self) -> bool {
+        let shape = self.streamed().shape;
+        shape.whole() < shape.levels
+    }
+
+    /// Gives the texture a place in a renderer's pool of tiles, if it needs one and has none. Without room in the page
+    /// table the texture stays as coarse as its whole levels.
+    pub(crate) fn attach(&self, gpu: &Gpu, pool: &TextureTiles) {
+        let mut streamed = self.streamed();
+        let whole = streamed.shape.whole();
+        if whole < streamed.shape.levels && streamed.tiles.is_none() {
+            let added = pool.add(gpu, &streamed.shape, whole);
+            streamed.tiles = added.inspect_err(|why| tracing::warn!("texture without tiles: {why}")).ok();
+        }
+    }
+
+    /// What materials of a renderer say of the texture's tiles, once the coarsest level is there.
+    pub(crate) fn tiled_map(&self, pool: &TextureTiles) -> Option<TiledMap> {
+        let streamed = self.streamed();
+        streamed.finest()?;
+        streamed.tiles.as_ref()?.map(pool)
+    }
+
+    /// Another number for each change of tiles, if the texture has any.
+    pub(crate) fn tile_stamp(&self) -> Option<Arc<AtomicU64>> {
+        Some(Arc::clone(self.streamed().tiles.as_ref()?.stamp()))
     }
 
     #[cfg(any(test, feature = "client"))]
@@ -436,8 +402,6 @@ impl WeakTexture {
 
 #[cfg(test)]
 mod tests {
-    use lodestream_scene::asset::{TextureFormat, TextureLevel};
-
     use super::*;
 
     #[test]
@@ -447,42 +411,5 @@ mod tests {
         assert_eq!(finest_usable(&[true, false, false]), Some(0));
         assert_eq!(finest_usable(&[true, false, true]), Some(0));
         assert_eq!(finest_usable(&[true, true, true]), Some(2));
-    }
-
-    #[test]
-    fn level_sizes_follow_the_halving_rule() {
-        let shape = TextureShape::full(300, 7, TextureKind::Color);
-        assert_eq!(shape.levels, 9);
-        assert_eq!(shape.level_size(8), (300, 7));
-        assert_eq!(shape.level_size(7), (150, 3));
-        assert_eq!(shape.level_size(0), (1, 1));
-        let short = TextureShape { levels: 2, ..shape };
-        assert_eq!((short.level_size(0), short.level_size(1)), ((150, 3), (300, 7)));
-    }
-
-    #[test]
-    fn conversions_keep_the_extremes() {
-        let r16 = TextureData::R8(&[0, 255]).convert(wgpu::TextureFormat::R16Unorm);
-        assert_eq!(*r16, [0, 0, 255, 255]);
-        let rgba = TextureData::R16(&[0xffff]).convert(wgpu::TextureFormat::Rgba8UnormSrgb);
-        assert_eq!(*rgba, [255; 4]);
-        assert_eq!(TextureData::Rgba8(&[1, 2, 3]).texels(), 0);
-    }
-
-    #[test]
-    fn the_mean_colour_is_linear_and_white_where_none_is_said() {
-        let info = |mean| TextureInfo {
-            kind: TextureKind::Color,
-            width: 8,
-            height: 8,
-            mean,
-            levels: vec![TextureLevel { width: 8, height: 8, bytes: 100, format: TextureFormat::Png }],
-        };
-        assert_eq!(TextureShape::from(&info(None)).mean, [1.0; 3]);
-        let [r, g, b] = TextureShape::from(&info(Some([255, 188, 10]))).mean;
-        assert!(
-            (r - 1.0).abs() < 1e-6 && (g - 0.5029).abs() < 1e-4 && (b - 0.003_035).abs() < 1e-6,
-            "{r} {g} {b}"
-        );
     }
 }

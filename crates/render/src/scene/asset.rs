@@ -12,7 +12,9 @@ use lodestream_scene::parts::PartTransform;
 use crate::resources::gpu::{Gpu, RenderError};
 use crate::resources::paged_buffer::PagedBuffer;
 use crate::resources::pages::PageRange;
-use crate::resources::texture::{Texture, TextureData};
+use crate::resources::stamp::new_stamp;
+use crate::resources::texture::Texture;
+use crate::resources::texture_data::TextureData;
 #[cfg(feature = "client")]
 use crate::resources::uploads::Uploads;
 #[cfg(any(test, feature = "methods"))]
@@ -37,12 +39,6 @@ fn runs(slots: &[u32], gap: u32) -> impl Iterator<Item = RangeInclusive<u32>> + 
         .filter_map(|run| Some(*run.first()?..=*run.last()?))
 }
 
-/// A unique number for an asset or for a state of one.
-fn new_stamp() -> u64 {
-    static NEXT: AtomicU64 = AtomicU64::new(0);
-    NEXT.fetch_add(1, Ordering::Relaxed)
-}
-
 /// An asset that the renderer draws. Created by [`crate::Renderer::create_asset`].
 ///
 /// Vertices are addressed by wedge slot, faces by face slot within their material; an unused face
@@ -59,6 +55,8 @@ pub struct AssetGpu {
     vertices: PagedBuffer<PackedVertex>,
     parts: Vec<Part>,
     textures: Vec<Texture>,
+    /// Numbers of the states of textures' tiles.
+    tile_stamps: Vec<Arc<AtomicU64>>,
     states: PartTable,
     /// Indices of the placements that are drawn; all if `None`.
     drawn: Option<IndexSet>,
@@ -119,6 +117,8 @@ impl AssetGpu {
         materials: &[Material],
         textures: Vec<Texture>,
     ) -> Self {
+        textures.iter().for_each(|texture| texture.attach(gpu, &kit.tiles));
+        let tile_stamps = textures.iter().filter_map(Texture::tile_stamp).collect();
         let parts = materials
             .iter()
             .map(|material| Part {
@@ -138,6 +138,7 @@ impl AssetGpu {
             vertices: PagedBuffer::new(&pools.vertices),
             parts,
             textures,
+            tile_stamps,
             states: PartTable::default(),
             drawn: None,
         }
@@ -188,9 +189,19 @@ impl AssetGpu {
         self.number
     }
 
-    /// Equal for equal geometry ([`AssetGpu::stamp`]) and for equal materials and textures.
-    pub(crate) fn stamps(&self) -> [u64; 2] {
-        [self.stamp, self.look_stamp]
+    /// Equal for equal geometry ([`AssetGpu::stamp`]), for equal materials and textures, and for equal tiles of these.
+    pub(crate) fn stamps(&self) -> [u64; 3] {
+        [self.stamp, self.look_stamp, self.tile_stamp()]
+    }
+
+    /// Equal for equal tiles of textures, 0 without: each change has a greater number than all before.
+    fn tile_stamp(&self) -> u64 {
+        self.tile_stamps.iter().map(|stamp| stamp.load(Ordering::Relaxed)).max().unwrap_or(0)
+    }
+
+    /// The same if tiles may have holes, which shadows show; else 0.
+    pub(crate) fn hole_stamp(&self) -> u64 {
+        if self.parts.iter().any(|part| part.bound.features.mask) { self.tile_stamp() } else { 0 }
     }
 
     /// Latest birth of a vertex that morphs.
@@ -398,13 +409,7 @@ impl AssetGpu {
         data: TextureData<'_>,
         rows: Range<u32>,
     ) -> Result<(), RenderError> {
-        let count = self.textures.len();
-        let slot = self.textures.get(texture).ok_or(RenderError::NoSuch {
-            what: "texture",
-            index: texture,
-            count,
-        })?;
-        if slot.upload(gpu, level, data, &rows)? {
+        if self.texture(texture)?.upload(gpu, level, data, &rows)? {
             let mut holes = false;
             for part in &mut self.parts {
                 let material = &part.material;
@@ -416,6 +421,39 @@ impl AssetGpu {
             self.changed_look(holes);
         }
         Ok(())
+    }
+
+    /// [`Texture::set_tile`] of one of the asset's textures.
+    ///
+    /// # Errors
+    /// As there; [`RenderError::NoSuch`] for an unknown texture.
+    pub fn update_texture_tile(
+        &self,
+        gpu: &Gpu,
+        texture: usize,
+        level: u32,
+        [column, row]: [u32; 2],
+        data: TextureData<'_>,
+    ) -> Result<(), RenderError> {
+        self.texture(texture)?.set_tile(gpu, level, column, row, data)
+    }
+
+    /// [`Texture::remove_tile`] of one of the asset's textures.
+    ///
+    /// # Errors
+    /// [`RenderError::NoSuch`] for an unknown texture, level or place.
+    pub fn remove_texture_tile(
+        &self,
+        texture: usize,
+        level: u32,
+        [column, row]: [u32; 2],
+    ) -> Result<bool, RenderError> {
+        self.texture(texture)?.remove_tile(level, column, row)
+    }
+
+    fn texture(&self, index: usize) -> Result<&Texture, RenderError> {
+        let count = self.textures.len();
+        self.textures.get(index).ok_or(RenderError::NoSuch { what: "texture", index, count })
     }
 
     /// Hides, tints or moves parts ([`PackedVertex::of_part`]) of the asset's instances, which are numbered as in

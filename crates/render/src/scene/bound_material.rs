@@ -19,7 +19,7 @@ pub(crate) struct BoundMaterial {
     pub(crate) features: Features,
     /// The height map, if it may have an acceleration texture.
     heights: Option<Texture>,
-    /// Group 2 with each acceleration texture; the inner `None` marks maps without one.
+    /// Group 3 with each acceleration texture; the inner `None` marks maps without one.
     accelerations: [OnceLock<Option<wgpu::BindGroup>>; ReliefAcceleration::COUNT],
     acceleration_layout: wgpu::BindGroupLayout,
     key: MaterialKey,
@@ -97,7 +97,7 @@ impl Drop for BoundMaterial {
 }
 
 impl BoundMaterial {
-    /// Group 2 with an acceleration texture, built on first use; `None` if the search must do without.
+    /// Group 3 with an acceleration texture, built on first use; `None` if the search must do without.
     pub(crate) fn acceleration(
         &self,
         gpu: &Gpu,
@@ -131,6 +131,8 @@ pub(crate) struct Features {
     pub(crate) blend: bool,
     /// Emission.
     pub(crate) emits: bool,
+    /// A map with tiled levels.
+    pub(crate) tiled: bool,
 }
 
 impl Features {
@@ -139,7 +141,7 @@ impl Features {
         self.relief && !self.emits && !self.blend
     }
 
-    /// Features once all textures have arrived.
+    /// Features once all textures have arrived, if they are whole.
     pub(crate) fn of(material: &Material) -> Self {
         Self {
             relief: material.height_texture.is_some() && material.relief_depth > 0.0,
@@ -147,6 +149,7 @@ impl Features {
             mask: matches!(material.alpha, Alpha::Mask(_)),
             blend: material.alpha == Alpha::Blend,
             emits: material.emits(),
+            tiled: false,
         }
     }
 }

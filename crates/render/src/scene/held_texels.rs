@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use lodestream_client::core::TexturePixels;
 
-use crate::resources::texture::TextureData;
+use crate::resources::texture_data::TextureData;
 
 /// Texels of one level from a host.
 #[derive(Debug)]

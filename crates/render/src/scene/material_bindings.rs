@@ -8,6 +8,7 @@ use wgpu::util::DeviceExt;
 
 use crate::resources::gpu::Gpu;
 use crate::resources::texture::Texture;
+use crate::resources::texture_tiles::{TextureTiles, TiledMap};
 use crate::scene::bound_material::{BoundMaterial, Features, MaterialCache, MaterialKey};
 use crate::scene::part_table::PartTable;
 use crate::scene::relief_acceleration::ReliefAcceleration;
@@ -25,7 +26,11 @@ struct MaterialUniform {
     cutoff: f32,
     relief_depth: f32,
     unlit: u32,
-    padding: [f32; 2],
+    /// Wrap modes as indices of [`WRAPS`]: of u, and of v from bit 8.
+    wrap: u32,
+    padding: u32,
+    /// Tiled maps: colour, surface, normal and emission.
+    tiled: [TiledMap; 4],
 }
 
 /// Textures of a material in binding order, with their kinds.
@@ -58,6 +63,8 @@ pub(crate) struct MaterialBindings {
     /// Placeholder of [`PartTable`].
     no_states: wgpu::TextureView,
     pub(crate) cache: MaterialCache,
+    /// Tiles of all textures.
+    pub(crate) tiles: TextureTiles,
 }
 
 fn sampler(gpu: &Gpu, [u, v]: [Wrap; 2]) -> wgpu::Sampler {
@@ -142,6 +149,7 @@ impl MaterialBindings {
             straight: texel(gpu, wgpu::TextureFormat::Rgba8Unorm, &[128, 128, 255, 255]),
             no_states: texel(gpu, wgpu::TextureFormat::R32Uint, &[0; 4]),
             cache: MaterialCache::default(),
+            tiles: TextureTiles::new(gpu),
         }
     }
 
@@ -175,6 +183,12 @@ impl MaterialBindings {
         let [colour, surface, given] = [stand_in(0), stand_in(2), stand_in(4)];
         let [_, height, surfaces, normals, _] = used.each_ref().map(Option::is_some);
         let relief = height && material.relief_depth > 0.0;
+        let wrap = material.wrap.map(|wrap| WRAPS.iter().position(|w| *w == wrap).unwrap_or(0));
+        // Tiles stand beside whole levels: until the coarsest is there, the mean does.
+        let tiled = [0, 2, 3, 4].map(|i: usize| {
+            let map = found[i].and_then(|texture| texture.tiled_map(&self.tiles));
+            map.unwrap_or(TiledMap::zeroed())
+        });
         let [r, g, b, opacity] = material.base_color;
         let cutoff = if let Alpha::Mask(cutoff) = material.alpha { cutoff } else { 0.0 };
         let uniform = MaterialUniform {
@@ -187,9 +201,10 @@ impl MaterialBindings {
             cutoff,
             relief_depth: if relief { material.relief_depth.min(1.0) } else { 0.0 },
             unlit: u32::from(material.unlit),
-            padding: [0.0; 2],
+            wrap: wrap[0] as u32 | (wrap[1] as u32) << 8,
+            padding: 0,
+            tiled,
         };
-        let wrap = material.wrap.map(|wrap| WRAPS.iter().position(|w| *w == wrap).unwrap_or(0));
         // Acceleration textures assume a repeating map.
         let heights = found[1].filter(|_| relief && material.wrap == [Wrap::Repeat; 2]).cloned();
         let key = MaterialKey {
@@ -197,7 +212,12 @@ impl MaterialBindings {
             wrap,
             textures: used,
             states: states.texture().cloned(),
-            features: Features { relief, maps: surfaces || normals, ..Features::of(material) },
+            features: Features {
+                relief,
+                maps: surfaces || normals,
+                tiled: tiled.iter().any(|map| *map != TiledMap::zeroed()),
+                ..Features::of(material)
+            },
             accelerated: heights.is_some(),
         };
         self.cache.get(key, heights, &self.acceleration_layout, || {

@@ -17,7 +17,7 @@ impl ReliefAcceleration {
         match self {}
     }
 
-    /// Layout of group 2, which is empty.
+    /// Layout of group 3, which is empty.
     pub(crate) fn layout(gpu: &Gpu) -> wgpu::BindGroupLayout {
         group_layout(gpu, "no relief acceleration", &[])
     }

@@ -43,7 +43,7 @@ impl ReliefAcceleration {
         u64::from(width) * u64::from(height) <= most
     }
 
-    /// Layout of group 2: the acceleration texture.
+    /// Layout of group 3: the acceleration texture.
     pub(crate) fn layout(gpu: &Gpu) -> wgpu::BindGroupLayout {
         let texture = texture_binding(false, wgpu::TextureViewDimension::D2);
         group_layout(gpu, "relief acceleration", &[layout_entry(0, wgpu::ShaderStages::FRAGMENT, texture)])

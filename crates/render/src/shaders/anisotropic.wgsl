@@ -11,7 +11,11 @@ struct Footprint {
 
 // The footprint of a pixel with such derivatives on a texture of `size` texels. One lookup where the sampler does the rest.
 fn footprint(dx: vec2<f32>, dy: vec2<f32>, size: vec2<f32>) -> Footprint {
-    if (frame.lookups <= 1.0) {
+    return footprint_of(dx, dy, size, frame.lookups);
+}
+
+fn footprint_of(dx: vec2<f32>, dy: vec2<f32>, size: vec2<f32>, most: f32) -> Footprint {
+    if (most <= 1.0) {
         return Footprint(1, vec2(0.0), dx, dy);
     }
     // The ellipse that a pixel's circle becomes: axes are the square roots of its matrix' eigenvalues.
@@ -25,7 +29,7 @@ fn footprint(dx: vec2<f32>, dy: vec2<f32>, size: vec2<f32>) -> Footprint {
     let longer = sqrt(middle + off);
     // Below a texel nothing is gained.
     let shorter = max(sqrt(max(middle - off, 0.0)), 1.0);
-    let count = clamp(ceil(longer / shorter - 0.25), 1.0, frame.lookups);
+    let count = clamp(ceil(longer / shorter - 0.25), 1.0, most);
     if (count <= 1.0) {
         return Footprint(1, vec2(0.0), dx, dy);
     }

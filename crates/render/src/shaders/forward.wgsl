@@ -14,7 +14,7 @@ fn fs_transparent(s: Surface, @builtin(front_facing) front: bool) -> @location(0
         sun = frame.sun.rgb * sunlight_at(s.position, surface.normal, cosine).x;
     }
     let r = Reflector(surface.albedo, surface.metal, surface.roughness, surface.normal, to_eye, surface.occlusion);
-    let texel = textureSampleGrad(emission_map, map_sampler, s.uv, dpdx(s.uv), dpdy(s.uv)).rgb;
+    let texel = emitted(s.uv);
     let given = select(vec3(0.0), material.emission * texel, (frame.flags & 2u) != 0u);
     let punctual_lights = from_punctual_lights(r, s.position, vec2<u32>(s.clip.xy), view_depth(s.clip.z));
     let seen = min(lit(r, sun) + punctual_lights + given, vec3(MAX_RADIANCE));

@@ -1,9 +1,18 @@
 // Writes the G-buffer: depth, world normal, roughness, occlusion, albedo and metalness.
 
-// Compiled in only for materials with a height map, a normal or surface map, or alpha test.
+// Compiled in only for materials with a height map, a normal or surface map, alpha test, or maps with tiled levels.
 override RELIEF: bool = false;
 override MAPS: bool = false;
 override MASK: bool = false;
+override TILED: bool = false;
+
+// A map with tiled levels (tiled.wgsl).
+struct TiledMap {
+    levels: u32, // 0: all of the map is in its texture
+    whole: u32, // levels that are in its texture, coarsest first
+    size: vec2<u32>, // of the finest, texels
+    tables: array<vec4<u32>, 2>, // where in the page table the words of each tiled level begin, coarsest first
+}
 
 struct Material {
     base_colour: vec4<f32>, // with opacity
@@ -15,7 +24,14 @@ struct Material {
     cutoff: f32, // of opacity
     relief_depth: f32, // units of texture coordinates
     unlit: u32,
+    wrap: u32, // of u, and of v from bit 8 on: 0 repeat, 1 clamp, 2 mirror
+    tiled: array<TiledMap, 4>, // colour, surface, normal, emission
 }
+
+const COLOUR: u32 = 0u;
+const SURFACE: u32 = 1u;
+const NORMAL: u32 = 2u;
+const EMISSION: u32 = 3u;
 
 @group(1) @binding(0) var<uniform> material: Material;
 @group(1) @binding(1) var colour_map: texture_2d<f32>;
@@ -120,15 +136,15 @@ fn shaded(s: Surface, front: bool) -> Shaded {
             out.at += hit.sunk;
         }
         if (MAPS) {
-            let texel = anisotropic(normal_map, map_sampler, uv, footprint(duv_dx, duv_dy, vec2<f32>(textureDimensions(normal_map)))).xyz;
+            let texel = filtered(normal_map, NORMAL, uv, duv_dx, duv_dy).xyz;
             out.normal = mapped_normal(texel, out.normal, along);
-            let surface = anisotropic(surface_map, map_sampler, uv, footprint(duv_dx, duv_dy, vec2<f32>(textureDimensions(surface_map))));
+            let surface = filtered(surface_map, SURFACE, uv, duv_dx, duv_dy);
             out.occlusion *= surface.r;
             out.roughness *= surface.g;
             out.metal *= surface.b;
         }
     }
-    let texel = anisotropic(colour_map, map_sampler, uv, footprint(duv_dx, duv_dy, vec2<f32>(textureDimensions(colour_map))));
+    let texel = filtered(colour_map, COLOUR, uv, duv_dx, duv_dy);
     let colour = material.base_colour * s.colour * texel;
     out.albedo = tinted(colour.rgb, s.tint);
     out.opacity = colour.a;
@@ -173,7 +189,7 @@ fn fs_deep_surface(s: Surface, @builtin(front_facing) front: bool) -> DeepGBuffe
 // Emission over the lit picture.
 @fragment
 fn fs_emission(s: Surface) -> @location(0) vec4<f32> {
-    let texel = textureSampleGrad(emission_map, map_sampler, s.uv, dpdx(s.uv), dpdy(s.uv)).rgb;
+    let texel = emitted(s.uv);
     // Haze takes its share; what it adds is there already.
     let left = exp(-min(max(frame.sky_side.w, 0.0) * length(s.position), 80.0));
     return vec4(min(material.emission * texel, vec3(MAX_RADIANCE)) * left, 0.0);
@@ -185,7 +201,7 @@ fn fs_emission(s: Surface) -> @location(0) vec4<f32> {
 fn fs_sunken(s: Surface, @builtin(front_facing) front: bool) -> @builtin(frag_depth) f32 {
     let normal = normalize(select(-s.normal, s.normal, front));
     let along = gradients(normal, dpdx(s.position), dpdy(s.position), dpdx(s.uv), dpdy(s.uv));
-    if (MASK && material.base_colour.a * s.colour.a * textureSample(colour_map, map_sampler, s.uv).a < material.cutoff) {
+    if (MASK && material.base_colour.a * s.colour.a * map_opacity(s.uv) < material.cutoff) {
         discard;
     }
     let density = sqrt(length(along.u) * length(along.v));
@@ -203,7 +219,7 @@ struct Pierced {
 }
 
 fn is_hole(p: Pierced) -> bool {
-    return material.base_colour.a * p.opacity * textureSample(colour_map, map_sampler, p.uv).a < material.cutoff;
+    return material.base_colour.a * p.opacity * map_opacity(p.uv) < material.cutoff;
 }
 
 @fragment

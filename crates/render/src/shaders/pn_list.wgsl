@@ -26,12 +26,12 @@ struct Listed {
     steps: u32, // of edges AB, BC, CA, three bits each
 }
 
-@group(2) @binding(0) var<storage, read_write> job: Job;
-@group(2) @binding(4) var<storage, read_write> listed: array<Listed>;
+@group(3) @binding(0) var<storage, read_write> job: Job;
+@group(3) @binding(4) var<storage, read_write> listed: array<Listed>;
 // Of each triangle the step of its list, and from bit 4 on those of its edges.
-@group(2) @binding(5) var<storage, read_write> steps_of: array<u32>;
+@group(3) @binding(5) var<storage, read_write> steps_of: array<u32>;
 // Of each group and step how many there are, then how many there are before.
-@group(2) @binding(6) var<storage, read_write> counts: array<u32>;
+@group(3) @binding(6) var<storage, read_write> counts: array<u32>;
 
 // The step of an edge: the least power of two of pieces whose chords are nowhere further off the curve than allowed, at
 // the nearer end's distance from the eye. A cubic is off its chord by |C''| / 8 n² at most; of its second derivative, which

@@ -1,6 +1,6 @@
 // Motion vectors of PN triangles.
 
-@group(2) @binding(5) var<storage, read> instances_before: array<vec4<f32>>;
+@group(3) @binding(5) var<storage, read> instances_before: array<vec4<f32>>;
 
 @vertex
 fn vs_motion(v: VertexIn) -> Moved {

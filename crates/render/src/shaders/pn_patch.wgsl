@@ -5,9 +5,9 @@
 // reproduced exactly.
 
 // `PackedVertex`, 13 words a slot; `InstanceRaw`; wedge slots, three a face.
-@group(2) @binding(1) var<storage, read> vertices: array<u32>;
-@group(2) @binding(2) var<storage, read> faces: array<u32>;
-@group(2) @binding(3) var<storage, read> instances: array<vec4<f32>>;
+@group(3) @binding(1) var<storage, read> vertices: array<u32>;
+@group(3) @binding(2) var<storage, read> faces: array<u32>;
+@group(3) @binding(3) var<storage, read> instances: array<vec4<f32>>;
 
 const VERTEX_WORDS: u32 = 13u;
 

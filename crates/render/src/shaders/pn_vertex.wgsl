@@ -11,8 +11,8 @@ struct Listed {
     steps: u32,
 }
 
-@group(2) @binding(0) var<storage, read> job: Job;
-@group(2) @binding(4) var<storage, read> listed: array<Listed>;
+@group(3) @binding(0) var<storage, read> job: Job;
+@group(3) @binding(4) var<storage, read> listed: array<Listed>;
 
 struct VertexIn {
     // Numbers of pieces from the edges across corners B and C, and the grid's step.

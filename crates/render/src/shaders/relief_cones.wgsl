@@ -2,7 +2,7 @@
 // 3, 2007). CPU reference: cpu_reference/relief/cones.rs.
 
 // Per texel, the radius of its cone over the height above it, in texture widths per depth.
-@group(2) @binding(0) var relief_cones: texture_2d<f32>;
+@group(3) @binding(0) var relief_cones: texture_2d<f32>;
 
 // Largest step along the surface in texture widths: cones beyond were not searched.
 const RELIEF_CONE_WINDOW: f32 = 0.25;

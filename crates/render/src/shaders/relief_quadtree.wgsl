@@ -3,7 +3,7 @@
 // mapping with height blending", GPU Pro, 2010). CPU reference: cpu_reference/relief/pyramid.rs.
 
 // Level 0: the maximum of four adjacent texels; each further level: of four cells.
-@group(2) @binding(0) var relief_pyramid: texture_2d<f32>;
+@group(3) @binding(0) var relief_pyramid: texture_2d<f32>;
 
 // Offset that moves a position on a cell's edge into the next cell, in cells.
 const RELIEF_NUDGE: f32 = 1e-4;

@@ -44,6 +44,7 @@ mod switches;
 mod target_memory;
 mod temporal;
 pub(crate) mod terrain;
+mod texture_tiles;
 mod timing;
 mod water;
 mod wgsl_operators;

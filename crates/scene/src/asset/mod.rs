@@ -4,6 +4,7 @@
 //! the first flight: an untextured mesh of one material takes about 20 bytes.
 
 mod material;
+pub mod tiles;
 
 pub use self::material::{Alpha, MAX_EMISSION, MAX_NORMAL_SCALE, Material, Wrap};
 pub use crate::encoding::CodingError;

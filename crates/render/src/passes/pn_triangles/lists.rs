@@ -184,7 +184,7 @@ impl PatchLists {
         for (pipeline, alone) in [(&makers.measure, false), (&makers.arrange, true), (&makers.list, false)] {
             pass.set_pipeline(pipeline);
             for job in &jobs {
-                pass.set_bind_group(2, &job.make, &[]);
+                pass.set_bind_group(3, &job.make, &[]);
                 pass.dispatch_workgroups(if alone { 1 } else { job.groups }, 1, 1);
             }
         }
@@ -202,7 +202,7 @@ impl PatchLists {
         else {
             return;
         };
-        pass.set_bind_group(2, &job.draw, &[]);
+        pass.set_bind_group(3, &job.draw, &[]);
         pass.set_vertex_buffer(0, grids.vertices.slice(..));
         pass.set_index_buffer(grids.indices.slice(..), wgpu::IndexFormat::Uint16);
         for step in 0..u64::from(STEPS) {

@@ -8,7 +8,7 @@ use crate::resources::gpu::Gpu;
 
 const LIST: &str = wgsl!("common", "placement", "pn_patch", "pn_list");
 
-/// Layout of a list in the vertex stage: group 2.
+/// Layout of a list in the vertex stage: group 3.
 pub(super) fn list_layout(gpu: &Gpu) -> wgpu::BindGroupLayout {
     layout(gpu, wgpu::ShaderStages::VERTEX, [true; 6])
 }
@@ -41,7 +41,8 @@ impl PatchListPipelines {
     pub(super) fn new(gpu: &Gpu, frame_layout: &wgpu::BindGroupLayout) -> Self {
         let read_only = [false, true, true, true, false, false, false];
         let layout = layout(gpu, wgpu::ShaderStages::COMPUTE, read_only);
-        let pipeline_layout = pipeline_layout(gpu, "patch lists", &[Some(frame_layout), None, Some(&layout)]);
+        let pipeline_layout =
+            pipeline_layout(gpu, "patch lists", &[Some(frame_layout), None, None, Some(&layout)]);
         let module = shader(gpu, "patch lists", LIST);
         let pipeline = |entry| compute_pipeline(gpu, &module, entry, &pipeline_layout);
         let [measure, arrange, list] = ["cs_measure", "cs_arrange", "cs_list"].map(pipeline);

@@ -247,7 +247,7 @@ impl ShadowMaps {
                     pass.set_pipeline(if sunken && features.relief_may_be_deep() {
                         pipelines.sunken_caster(gpu, features)
                     } else if features.mask {
-                        pipelines.pierced_caster(gpu)
+                        pipelines.pierced_caster(gpu, features)
                     } else {
                         pipelines.caster(gpu)
                     });

@@ -111,7 +111,7 @@ impl MeshCasters {
         if selected.is_empty() {
             return;
         }
-        self.key.push(asset.stamp());
+        self.key.extend([asset.stamp(), asset.hole_stamp()]);
         if *deep {
             // Their depth depends on the material.
             self.key.extend(asset.stamps());
