@@ -200,17 +200,30 @@ export interface MeshChange {
   indicesReplaced: number[];
 }
 
-/** A decoded level of a texture. */
+/** A decoded level of a texture, or a tile of one: levels with a side of over 256 texels have tiles, except heights. */
 export interface TextureChange {
   asset: number;
   texture: number;
-  /** 0 is the coarsest. */
+  /** 0 is the coarsest. Its size is in `TextureInfo.levels`. */
   level: number;
+  /** Number of the tile, row by row; null for a whole level. Tiles have 256² texels, at the right and lower edge fewer. */
+  tile: number | null;
+  /** First texel within the level, from the left and the top, and size. */
+  x: number;
+  y: number;
   width: number;
   height: number;
   /** Rows from the top. Height maps are `r8` or `r16`. */
   format: 'rgba8' | 'r8' | 'r16';
   texels: Uint8Array | Uint16Array;
+}
+
+/** A tile that is no longer needed and may be dropped. It comes again if it is needed again. */
+export interface TileRemoved {
+  asset: number;
+  texture: number;
+  level: number;
+  tile: number;
 }
 
 /** A part of an instance: 0 for assets that are not divided. */
@@ -268,6 +281,7 @@ export interface ConnectionEvents {
   drawn: CustomEvent<{ instances: Instance[] }>;
   mesh: CustomEvent<MeshChange>;
   texture: CustomEvent<TextureChange>;
+  tileremoved: CustomEvent<TileRemoved>;
   lights: CustomEvent<LightPage>;
   /** At least a coarse mesh of all that is visible has come. Once for each scene. */
   firstframe: CustomEvent<Model>;

@@ -2,6 +2,10 @@
 
 import { Mesh } from './mesh.js';
 
+/** Side of tiles of textures, and their border on each side, in texels; as crates/scene/src/asset/tiles.rs has them. */
+const TILE_SIDE = 256;
+const TILE_BORDER = 2;
+
 /** Product of a rotation (unit quaternion) and a scale, and the image of a point under it, as a matrix by columns. */
 function matrixOf([x, y, z, w], scale, translation, origin, relativeTo) {
   const columns = [
@@ -14,6 +18,24 @@ function matrixOf([x, y, z, w], scale, translation, origin, relativeTo) {
       translation[row] - relativeTo[row] + columns.reduce((sum, column, axis) => sum + column[row] * origin[axis], 0),
   );
   return Float64Array.from([...columns.flatMap((column) => [...column, 0]), ...moved, 1]);
+}
+
+/** The texels that a tile of a level covers. */
+function tilePlace(tile, level) {
+  const columns = Math.ceil(level.width / TILE_SIDE);
+  const [x, y] = [(tile % columns) * TILE_SIDE, Math.floor(tile / columns) * TILE_SIDE];
+  return { x, y, width: Math.min(TILE_SIDE, level.width - x), height: Math.min(TILE_SIDE, level.height - y) };
+}
+
+/** The texels (RGBA) of a tile of this size, from its image with a border. */
+function withoutBorder(image, width, height) {
+  const [row, rowOfImage] = [4 * width, 4 * (width + 2 * TILE_BORDER)];
+  const texels = new Uint8Array(row * height);
+  for (let y = 0; y < height; y += 1) {
+    const first = (y + TILE_BORDER) * rowOfImage + 4 * TILE_BORDER;
+    texels.set(image.subarray(first, first + row), y * row);
+  }
+  return texels;
 }
 
 /** See `Model` in index.d.ts. */
@@ -144,7 +166,14 @@ export class Model {
   }
 
   _texture(texture) {
-    const { width, height } = this.assets.get(texture.asset).textures[texture.texture].levels[texture.level];
-    return [['texture', { ...texture, width, height }]];
+    const level = this.assets.get(texture.asset).textures[texture.texture].levels[texture.level];
+    if (texture.tile === null) return [['texture', { ...texture, x: 0, y: 0, ...level }]];
+    const place = tilePlace(texture.tile, level);
+    const texels = withoutBorder(texture.texels, place.width, place.height);
+    return [['texture', { ...texture, ...place, texels }]];
+  }
+
+  _tileRemoved(tile) {
+    return [['tileremoved', tile]];
   }
 }

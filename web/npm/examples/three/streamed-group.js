@@ -2,6 +2,7 @@
 
 import * as THREE from 'three';
 import { connect } from 'lodestream/connect';
+import { Texels } from './texels.js';
 
 const WRAP = {
   repeat: THREE.RepeatWrapping,
@@ -10,6 +11,8 @@ const WRAP = {
 };
 /** Texels that are drawn until the first level of a texture has arrived, by the kind of texture. */
 const UNKNOWN = { color: [255, 255, 255], surface: [255, 255, 255], normal: [128, 128, 255] };
+/** Texels that are uploaded per frame, on average: three uploads whole textures. */
+const FRAME_TEXELS = 1 << 22;
 /** Attributes of three's geometries: array of the mesh, numbers for each vertex, whether 65535 is 1. */
 const ATTRIBUTES = {
   position: ['positions', 3, false],
@@ -98,15 +101,11 @@ class Asset {
     this.#meshes = [];
   }
 
-  /** Shows a level of a texture, if it is finer than what is shown. */
-  texture({ texture, level, width, height, format, texels }) {
-    const shown = this.#textures[texture];
-    if (!shown || format !== 'rgba8' || level < shown.userData.level) return;
-    // Another size needs another texture of the device.
-    shown.dispose();
-    shown.image = { data: texels, width, height };
-    shown.userData.level = level;
-    shown.needsUpdate = true;
+  /** Takes a level of a texture or a tile; the texture, if it is to be uploaded. */
+  texture(change) {
+    const texture = this.#textures[change.texture];
+    const size = this.#asset.textures[change.texture].levels[change.level];
+    return texture?.userData.texels.put(change, size) ? texture : null;
   }
 
   /** Faces that are drawn, for each instance. */
@@ -128,8 +127,8 @@ class Asset {
 /** A texture of one texel. None for heights: three's materials have no relief. */
 function firstTexture({ kind, mean }) {
   if (kind === 'height') return null;
-  const texel = Uint8Array.of(...(mean ?? UNKNOWN[kind]), 255);
-  const texture = new THREE.DataTexture(texel, 1, 1);
+  const texels = new Texels([...(mean ?? UNKNOWN[kind]), 255]);
+  const texture = new THREE.DataTexture(texels.data, 1, 1);
   texture.colorSpace = kind === 'color' ? THREE.SRGBColorSpace : THREE.NoColorSpace;
   texture.magFilter = THREE.LinearFilter;
   texture.minFilter = THREE.LinearMipmapLinearFilter;
@@ -137,9 +136,21 @@ function firstTexture({ kind, mean }) {
   texture.anisotropy = 4;
   // Texels begin at the top, texture coordinates at the bottom.
   texture.flipY = true;
-  texture.userData.level = -1;
+  texture.userData.texels = texels;
   texture.needsUpdate = true;
   return texture;
+}
+
+/** Has a texture uploaded with the next picture; the number of its texels. */
+function upload(texture) {
+  const { width, height, data } = texture.userData.texels;
+  if (data.buffer !== texture.image.data.buffer) {
+    // Another size needs another texture of the device.
+    texture.dispose();
+    texture.image = { data, width, height };
+  }
+  texture.needsUpdate = true;
+  return width * height;
 }
 
 /** A material of three.js for one of the scene. */
@@ -179,6 +190,9 @@ function materialOf(material, infos, textures) {
 /** A scene from a server. Its `connection` has the events; `follow` asks for what a camera sees. */
 export class StreamedGroup extends THREE.Group {
   #assets = new Map();
+  /** Textures to upload, and how many texels may be. */
+  #changed = new Set();
+  #texels = 0;
   #relativeTo;
 
   /** `options`: those of `connect`; the group's axes are the scene's, moved to `relativeTo`. */
@@ -190,7 +204,10 @@ export class StreamedGroup extends THREE.Group {
     on('scene', () => this.#clear());
     on('asset', (asset) => this.#assets.set(asset.asset, new Asset(asset, this)));
     on('mesh', (change) => this.#assets.get(change.asset).update(change));
-    on('texture', (change) => this.#assets.get(change.asset).texture(change));
+    on('texture', (change) => {
+      const texture = this.#assets.get(change.asset).texture(change);
+      if (texture) this.#changed.add(texture);
+    });
     on('instances', ({ instances }) => {
       const byAsset = Map.groupBy(instances, ({ asset }) => asset);
       for (const [asset, list] of byAsset) this.#assets.get(asset).place(list);
@@ -202,7 +219,10 @@ export class StreamedGroup extends THREE.Group {
     this.addEventListener('removed', () => this.dispose());
   }
 
-  /** Refines what a camera sees in a picture of a size, in pixels of the device. Cheap where nothing has changed. */
+  /**
+   * Refines what a camera sees in a picture of a size, in pixels of the device, and shows new texels. For each frame; cheap
+   * where nothing has changed.
+   */
   follow(camera, { x: width, y: height }, targetPx = 1) {
     this.updateWorldMatrix(true, false);
     camera.updateWorldMatrix(true, false);
@@ -217,6 +237,17 @@ export class StreamedGroup extends THREE.Group {
       height,
       targetPx,
     });
+    this.#upload();
+  }
+
+  /** Uploads some of the changed textures. Large ones use up the texels of several frames. */
+  #upload() {
+    this.#texels = Math.min(this.#texels, 0) + FRAME_TEXELS;
+    for (const texture of this.#changed) {
+      if (this.#texels <= 0) break;
+      this.#changed.delete(texture);
+      this.#texels -= upload(texture);
+    }
   }
 
   /** Faces of all assets. */
@@ -227,6 +258,7 @@ export class StreamedGroup extends THREE.Group {
   #clear() {
     for (const asset of this.#assets.values()) asset.dispose();
     this.#assets.clear();
+    this.#changed.clear();
   }
 
   /** Ends the session and frees the device's memory; also done when the group is removed from its parent. */
