@@ -203,6 +203,10 @@ class Reader:
             blob["chunk"] = self.b.u32()
         elif kind == 3:
             blob["texture"], blob["level"] = self.b.u16(), self.b.u8()
+        elif kind == 10:
+            blob["texture_regions"] = True
+        elif kind == 11:
+            blob["texture"], blob["level"], blob["tile"] = self.b.u16(), self.b.u8(), self.b.u16()
         else:
             raise Broken(f"a blob id of kind {kind}")
         return blob
@@ -514,13 +518,14 @@ class Reader:
                 "width": self.f("width", self.b.u32),
                 "height": self.f("height", self.b.u32),
                 "bytes": self.f("bytes", self.b.u32),
-                "format": self.named("format", ["jpeg", "png"]),
+                "format": self.named("format", ["jpeg", "png", "webp"]),
             }
         return {
             "kind": self.named("kind", ["color", "height", "normal", "surface"]),
             "width": self.f("width", self.b.u32),
             "height": self.f("height", self.b.u32),
             "mean": self.option("mean", lambda: self.f("sRGB", lambda: list(self.b.take(3)))),
+            "uv_per_unit": self.number("uv_per_unit", self.b.f32),
             "levels": self.vec("levels", level, 16),
         }
 

@@ -115,7 +115,7 @@ impl SceneSource for MemoryScene {
             BlobPart::Texture { texture: 0, level } if level < self.texture_levels => {
                 Some(200 << u32::from(level))
             }
-            BlobPart::Texture { .. } => None,
+            BlobPart::Texture { .. } | BlobPart::TextureRegions | BlobPart::Tile(_) => None,
         }
     }
 

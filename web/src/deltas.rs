@@ -118,6 +118,13 @@ fn delta(change: &Change, transfer: &mut Transfer) -> Option<JsValue> {
         Change::Mesh(change) => mesh(change, transfer),
         Change::FirstFrame => fields([("kind", "firstframe".into())]),
         Change::Texture(change) => texture(change, transfer),
+        Change::TileRemoved { asset, tile } => fields([
+            ("kind", "tileRemoved".into()),
+            ("asset", (*asset).into()),
+            ("texture", tile.texture.into()),
+            ("level", tile.level.into()),
+            ("tile", tile.tile.into()),
+        ]),
     };
     Some(object.into())
 }
@@ -321,6 +328,7 @@ fn texture(change: &TextureChange, transfer: &mut Transfer) -> Object {
         ("asset", change.asset.into()),
         ("texture", change.texture.into()),
         ("level", change.level.into()),
+        ("tile", change.tile.map_or(JsValue::NULL, JsValue::from)),
         ("format", format.into()),
         ("texels", texels),
     ])

@@ -20,8 +20,8 @@ pub(crate) struct Picture {
     pub(crate) is_height: bool,
 }
 
-/// The first change that names a picture: asset, texture and level.
-pub(crate) type Level = (u32, u16, u8);
+/// The first change that names a picture: asset, texture, level and tile.
+pub(crate) type Level = (u32, u16, u8, Option<u16>);
 
 /// Pictures whose decoding has not been reported.
 #[derive(Debug, Default)]
@@ -35,7 +35,9 @@ impl Pictures {
     pub(crate) fn take(&mut self, step: &mut [Change]) -> Vec<Picture> {
         let mut taken: Vec<(Arc<TexturePixels>, Picture)> = Vec::new();
         for change in step {
-            let Change::Texture(TextureChange { asset, texture, level, pixels }) = change else { continue };
+            let Change::Texture(TextureChange { asset, texture, level, tile, pixels }) = change else {
+                continue;
+            };
             let TexturePixels::File { file, kind, size } = &**pixels else { continue };
             let bytes = u32::try_from(pixels.bytes()).unwrap_or(u32::MAX);
             let known = taken.iter_mut().find(|(other, _)| Arc::ptr_eq(other, pixels));
@@ -45,7 +47,7 @@ impl Pictures {
             } else {
                 let number = self.next;
                 self.next = self.next.wrapping_add(1);
-                self.open.insert(number, (*asset, *texture, *level));
+                self.open.insert(number, (*asset, *texture, *level, *tile));
                 let is_height = *kind == TextureKind::Height;
                 let picture = Picture { number, uses: 1, file: file.clone(), size: *size, is_height };
                 taken.push((Arc::clone(pixels), picture));
@@ -79,7 +81,13 @@ mod tests {
         };
         let (one, other) = (file(8), file(4));
         let change = |asset, level, pixels: &Arc<_>| {
-            Change::Texture(TextureChange { asset, texture: 1, level, pixels: Arc::clone(pixels) })
+            Change::Texture(TextureChange {
+                asset,
+                texture: 1,
+                level,
+                tile: None,
+                pixels: Arc::clone(pixels),
+            })
         };
         let mut step = [change(3, 2, &one), Change::FirstFrame, change(5, 2, &one), change(3, 1, &other)];
         let mut pictures = Pictures::default();
@@ -95,9 +103,9 @@ mod tests {
             .collect();
         let held = |number, bytes| TexturePixels::Held { number, bytes };
         assert_eq!(numbers, [held(0, 256), held(0, 256), held(1, 64)]);
-        assert_eq!((pictures.report(1), pictures.report(1)), (Some((3, 1, 1)), None));
+        assert_eq!((pictures.report(1), pictures.report(1)), (Some((3, 1, 1, None)), None));
         assert!(pictures.is_decoding());
-        assert_eq!(pictures.report(0), Some((3, 1, 2)));
+        assert_eq!(pictures.report(0), Some((3, 1, 2, None)));
         assert!(!pictures.is_decoding());
     }
 }

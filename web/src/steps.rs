@@ -3,6 +3,7 @@
 
 use lodestream_client::core::{Change, IndexRun, MeshChange, NewAsset, TextureChange, TexturePixels, Vertex};
 use lodestream_geometry::refine::RenderVertex;
+use lodestream_scene::blob::Tile;
 use lodestream_scene::encoding::{CodingError, Decode, Encode, Reader, SliceReader};
 use lodestream_scene::instances;
 use lodestream_scene::punctual_lights::{PunctualLight, Spot};
@@ -96,8 +97,13 @@ fn encode_change(change: &Change, out: &mut Vec<u8>) -> Result<(), StepError> {
         }
         Change::Mesh(mesh) => encode_mesh(mesh, out)?,
         Change::FirstFrame => 6_u8.encode(out)?,
+        &Change::TileRemoved { asset, tile: Tile { texture, level, tile } } => {
+            (11_u8, asset).encode(out)?;
+            (texture, level, tile).encode(out)?;
+        }
         Change::Texture(texture) => {
             (7_u8, texture.asset, texture.texture, texture.level).encode(out)?;
+            texture.tile.encode(out)?;
             encode_pixels(&texture.pixels, out)?;
         }
         Change::HeightOverrides { x, y, overrides } => {
@@ -135,10 +141,15 @@ fn decode_change<R: Reader>(reader: &mut R) -> Result<Change, StepError> {
         }),
         5 => Change::Mesh(decode_mesh(reader)?),
         6 => Change::FirstFrame,
+        11 => Change::TileRemoved {
+            asset: get(reader)?,
+            tile: Tile { texture: get(reader)?, level: get(reader)?, tile: get(reader)? },
+        },
         7 => Change::Texture(TextureChange {
             asset: get(reader)?,
             texture: get(reader)?,
             level: get(reader)?,
+            tile: get(reader)?,
             pixels: decode_pixels(reader)?.into(),
         }),
         8 => {

@@ -182,8 +182,8 @@ impl Streamer {
     /// requested again.
     pub fn decoded(&mut self, now_ms: f64, number: u32, failure: Option<String>) {
         let level = self.pictures.report(number);
-        if let (Some((asset, texture, level)), Some(why)) = (level, failure) {
-            self.core.handle_texture_failure(time(now_ms), asset, texture, level, why);
+        if let (Some((asset, texture, level, tile)), Some(why)) = (level, failure) {
+            self.core.handle_texture_failure(time(now_ms), (asset, texture), (level, tile), why);
         }
     }
 

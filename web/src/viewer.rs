@@ -264,7 +264,8 @@ impl Viewer {
         self.gpu.queue.submit([encoder.finish()]);
         self.gpu.queue.present(frame);
         self.note_submitted(now_ms);
-        let morphs = now_s - self.scene.changed_s() <= self.settings.morph_s;
+        let morphs =
+            now_s - self.scene.changed_s() <= self.settings.morph_s || self.renderer.fades_texture_tiles();
         let full = !self.adapt || self.quality.is_full();
         let complete = !morphs
             && !moves

@@ -3,14 +3,13 @@
 use std::collections::BTreeMap;
 
 use geometry::DecodeError;
-use geometry::base::Base;
 use geometry::index::ChunkInfo;
 use geometry::mesh::NONE;
 use geometry::refine::{ActiveMesh, ChunkDelta, ChunkError, DirtySlots, RefineError};
 use lodestream_compress::{decode_base, decode_prefix};
 use lodestream_geometry as geometry;
 use lodestream_scene::asset::{AssetDescription, DescriptionError};
-use lodestream_scene::blob::BlobPart;
+use lodestream_scene::blob::{BlobPart, Tile};
 use lodestream_select::Occluder;
 
 use super::changes::{IndexRun, MeshChange, Vertex, runs};
@@ -65,8 +64,6 @@ impl Dirty {
 pub(crate) struct RefinedAsset {
     pub(crate) description: AssetDescription,
     pub(crate) origin: [f64; 3],
-    /// Texture coordinates per asset unit; 0 without texture coordinates.
-    pub(crate) uv_per_unit: f32,
     mesh: ActiveMesh,
     dirty: Option<Dirty>,
     /// Whether the asset is in the queue of changed assets.
@@ -109,7 +106,6 @@ impl RefinedAsset {
         let mut asset = Self {
             description,
             origin: base.grid.origin,
-            uv_per_unit: uv_per_unit(&base),
             mesh: ActiveMesh::new(&base),
             dirty: track_changes.then(Dirty::default),
             is_queued: false,
@@ -123,10 +119,16 @@ impl RefinedAsset {
         Ok(asset)
     }
 
-    /// All levels of the asset's textures.
-    pub(crate) fn texture_levels(&self) -> impl Iterator<Item = BlobPart> + use<'_> {
+    /// All levels of the asset's textures, and all tiles of those that are cut.
+    pub(crate) fn texture_images(&self) -> impl Iterator<Item = BlobPart> + use<'_> {
         (0..).zip(&self.description.textures).flat_map(|(texture, info)| {
-            (0..).zip(&info.levels).map(move |(level, _)| BlobPart::Texture { texture, level })
+            let whole = info.whole_levels();
+            (0..).zip(0..info.levels.len()).flat_map(move |(level, at)| {
+                (0..info.images(at)).map(move |tile| match u16::try_from(tile) {
+                    Ok(tile) if at >= whole => BlobPart::Tile(Tile { texture, level, tile }),
+                    _ => BlobPart::Texture { texture, level },
+                })
+            })
         })
     }
 
@@ -338,26 +340,3 @@ const LONG_AGO_S: f32 = -1e9;
 const VERTEX_GAP: u32 = 8;
 /// As [`VERTEX_GAP`], for faces, which are only copied.
 const INDEX_GAP: u32 = 64;
-
-/// Texture coordinates per unit of length: square root of uv area over surface area in the base mesh; 0 without
-/// texture coordinates.
-#[must_use]
-pub fn uv_per_unit(base: &Base) -> f32 {
-    let (mut surface, mut uv) = (0.0_f64, 0.0_f64);
-    for face in &base.faces {
-        let Some([a, b, c]) = wedges_of(base, face.wedges) else { continue };
-        let p = [a, b, c].map(|w| base.positions.get(w.vertex as usize).map(|&q| base.grid.position(q)));
-        let [Some(p), Some(q), Some(r)] = p else { continue };
-        let (p, q, r) = (glam::DVec3::from(p), glam::DVec3::from(q), glam::DVec3::from(r));
-        let [s, t, u] = [a, b, c].map(|w| glam::DVec2::from(base.uv_grid.uv(w.attributes.uv)));
-        surface += (q - p).cross(r - p).length();
-        uv += (t - s).perp_dot(u - s).abs();
-    }
-    // A density, not a count.
-    if surface > 0.0 { (uv / surface).sqrt() as f32 } else { 0.0 }
-}
-
-fn wedges_of(base: &Base, wedges: [u32; 3]) -> Option<[geometry::mesh::Wedge; 3]> {
-    let get = |w: u32| base.wedges.get(w as usize).copied();
-    Some([get(wedges[0])?, get(wedges[1])?, get(wedges[2])?])
-}

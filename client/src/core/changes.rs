@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use lodestream_geometry::refine::RenderVertex;
 use lodestream_scene::asset::{Material, TextureInfo};
+use lodestream_scene::blob::Tile;
 use lodestream_scene::description::{Instance, SceneHeader};
 use lodestream_scene::proxy::{Cut, Proxy};
 use lodestream_scene::punctual_lights::PunctualLight;
@@ -44,8 +45,15 @@ pub enum Change {
     /// The changes before this one suffice for the first frame: at least the base mesh of every visible instance. Once
     /// per scene, and again after [`ClientCore::restate`](super::ClientCore::restate).
     FirstFrame,
-    /// A decoded level of a texture.
+    /// A decoded level of a texture, or a tile of one.
     Texture(TextureChange),
+    /// A tile is no longer needed: what is coarser is drawn in its place.
+    TileRemoved {
+        /// The asset's number.
+        asset: u32,
+        /// The tile.
+        tile: Tile,
+    },
     /// The height overrides of a terrain patch; they replace earlier ones.
     HeightOverrides {
         /// Column of the patch.
@@ -115,7 +123,7 @@ pub struct MeshChange {
     pub index_slots: Vec<u32>,
 }
 
-/// A texture level.
+/// A texture level, or a tile of one.
 #[derive(Clone, Debug)]
 pub struct TextureChange {
     /// The asset's number.
@@ -124,6 +132,8 @@ pub struct TextureChange {
     pub texture: u16,
     /// The level; 0 is the coarsest.
     pub level: u8,
+    /// The tile, of a level that is cut.
+    pub tile: Option<u16>,
     /// The texels; shared by all assets with the same texture.
     pub pixels: Arc<TexturePixels>,
 }
@@ -134,7 +144,7 @@ impl Change {
     pub fn bytes(&self) -> usize {
         match self {
             Self::Scene(_) => size_of::<SceneHeader>(),
-            Self::FirstFrame | Self::PunctualLights { .. } => 0,
+            Self::FirstFrame | Self::PunctualLights { .. } | Self::TileRemoved { .. } => 0,
             Self::PunctualLightPage { punctual_lights, .. } => {
                 punctual_lights.len() * size_of::<PunctualLight>()
             }

@@ -40,7 +40,6 @@ mod tests;
 mod texture_file;
 mod texture_header;
 
-pub use asset::uv_per_unit;
 pub use changes::{Change, IndexRun, MeshChange, NewAsset, TextureChange, Vertex};
 pub use client_core::{ClientCore, Progress};
 pub use config::{Config, StartView};

@@ -235,14 +235,12 @@ impl Scene {
         self.states.get_mut(asset as usize).map(|state| (state, part))
     }
 
-    /// The assets and textures that share a texture level and do not have it applied yet.
+    /// The assets and textures that share a texture level or tile and do not have it applied yet.
     pub(crate) fn unapplied_sharers(&self, id: BlobId) -> Vec<(u32, u16)> {
-        let of = |id| match self.asset(id)? {
-            (asset, part @ BlobPart::Texture { texture, .. }) => {
-                let waits = asset.blob_bytes(part).is_some() && asset.state(part) != State::Applied;
-                waits.then_some((id.asset()?, texture))
-            }
-            _ => None,
+        let of = |id| {
+            let (asset, part) = self.asset(id)?;
+            let waits = asset.has_image(part) && asset.state(part) != State::Applied;
+            Some((id.asset()?, part.texture()?)).filter(|_| waits)
         };
         self.shared.same(id).filter_map(of).collect()
     }
@@ -250,14 +248,14 @@ impl Scene {
     /// State of an asset's blob. For a shared texture: the state for those assets that do not have it applied yet.
     pub(crate) fn state(&self, id: BlobId) -> State {
         let Some((asset, part)) = self.asset(id) else { return State::Absent };
-        if !matches!(part, BlobPart::Texture { .. }) {
+        if part.texture().is_none() {
             return asset.state(part);
         }
         // Assets without a base mesh have no known textures yet.
         let described = self
             .shared
             .same(id)
-            .filter_map(|id| self.asset(id).filter(|(asset, part)| asset.blob_bytes(*part).is_some()));
+            .filter_map(|id| self.asset(id).filter(|(asset, part)| asset.has_image(*part)));
         let states = described.map(|(asset, part)| asset.state(part));
         states.reduce(|one, other| if one == State::Applied { other } else { one }).unwrap_or_default()
     }
@@ -267,19 +265,32 @@ impl Scene {
         for id in self.shared.same(id) {
             let BlobId::Asset { asset, part } = id else { continue };
             let Some(state) = self.states.get_mut(asset as usize) else { continue };
-            let is_applied = matches!(part, BlobPart::Texture { .. }) && state.state(part) == State::Applied;
+            let is_applied = part.texture().is_some() && state.state(part) == State::Applied;
             if !is_applied {
                 state.set_state(part, new);
             }
         }
     }
 
-    /// Marks a texture level as not applied, for all assets that share it.
+    /// Marks a texture level or tile as not applied, for all assets that share it.
     pub(crate) fn set_unapplied(&mut self, id: BlobId) {
         for id in self.shared.same(id) {
-            let BlobId::Asset { asset, part: part @ BlobPart::Texture { .. } } = id else { continue };
-            if let Some(state) = self.states.get_mut(asset as usize) {
+            let BlobId::Asset { asset, part } = id else { continue };
+            if let Some(state) = self.states.get_mut(asset as usize).filter(|_| part.texture().is_some()) {
                 state.set_state(part, State::Absent);
+            }
+        }
+    }
+
+    /// Takes a tile from all assets that have it applied.
+    pub(crate) fn remove_tile(&mut self, id: BlobId) {
+        let applied =
+            |id: &BlobId| self.asset(*id).is_some_and(|(asset, part)| asset.state(part) == State::Applied);
+        let applied: Vec<BlobId> = self.shared.same(id).filter(applied).collect();
+        self.set_unapplied(id);
+        for id in applied {
+            if let BlobId::Asset { asset, part: BlobPart::Tile(tile) } = id {
+                self.push_change(Change::TileRemoved { asset, tile });
             }
         }
     }
@@ -295,7 +306,7 @@ impl Scene {
         if let Some(before) = &self.refined[asset as usize] {
             refined.counted = before.counted;
         }
-        state.set_description(&refined.description, refined.uv_per_unit);
+        state.set_description(&refined.description);
         self.refined[asset as usize] = Some(refined);
         if let Some(new) = self.new_asset(asset) {
             self.push_change(Change::Asset(new));
@@ -381,7 +392,7 @@ impl Scene {
     pub(crate) fn push_change(&mut self, change: Change) {
         self.waiting_bytes += change.bytes();
         match change {
-            Change::Texture(_) => self.textures.push_back(change),
+            Change::Texture(_) | Change::TileRemoved { .. } => self.textures.push_back(change),
             _ => self.changes.push_back(change),
         }
     }

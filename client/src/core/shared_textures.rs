@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_scene::blob::BlobId;
 use lodestream_scene::description::AssetEntry;
 use lodestream_select::AssetState;
 
@@ -51,14 +51,15 @@ impl SharedTextures {
 
     /// All blobs with the bytes of a requested one, itself first.
     pub(crate) fn same(&self, id: BlobId) -> impl Iterator<Item = BlobId> + use<'_> {
-        let others = match id {
-            BlobId::Asset { asset, part: BlobPart::Texture { texture, level } } => {
-                self.others.get(&(asset, texture)).map(|others| (others, level))
-            }
-            _ => None,
-        };
-        let others = others.into_iter().flat_map(|(others, level)| {
-            others.iter().map(move |&(asset, texture)| BlobId::texture(asset, texture, level))
+        let image = id.asset().zip(id.part()).and_then(|(asset, part)| Some((asset, part, part.texture()?)));
+        let others =
+            image.and_then(|(asset, part, texture)| Some((self.others.get(&(asset, texture))?, part)));
+        let others = others.into_iter().flat_map(|(others, part)| {
+            let of = move |&(asset, texture): &(u32, u16)| BlobId::Asset {
+                asset,
+                part: part.with_texture(texture),
+            };
+            others.iter().map(of)
         });
         std::iter::once(id).chain(others)
     }

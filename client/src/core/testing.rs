@@ -7,6 +7,7 @@ use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
 
 use bytes::Bytes;
+use geometry::index::Sphere;
 use geometry::mesh::{Corner, QuantisedMesh, SourceMesh};
 use geometry::pool::{Serial, Silent};
 use geometry::prepare::Prepared;
@@ -18,9 +19,10 @@ use lodestream_protocol::server::{ServerConfig, ServerSession, Transmit};
 use lodestream_protocol::source::{SceneSource, SourceError};
 use lodestream_protocol::time::Time;
 use lodestream_scene::asset::{
-    AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, TextureLevel,
+    AssetDescription, Material, TILE_BORDER, TILE_SIDE, TextureFormat, TextureInfo, TextureKind,
+    TextureLevel, TexturePatch, TextureRegion, TextureRegions, tile_grid,
 };
-use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_scene::blob::{BlobId, BlobPart, Tile};
 use lodestream_scene::description::{AssetEntry, Camera, Instance, SceneHeader, SceneLighting, ScenePage};
 use lodestream_scene::parts::{self, INSTANCES_PER_PAGE, PartInfo, PartTable, RECORDS_PER_PAGE};
 use lodestream_scene::proxy::Proxy;
@@ -104,9 +106,34 @@ fn description() -> AssetDescription {
             width: 32,
             height: 32,
             mean: Some([59, 59, 9]),
+            uv_per_unit: 0.5,
             levels: levels.into(),
         }],
     }
+}
+
+fn tiled_levels() -> [TextureLevel; 4] {
+    [128, 256, 512, 1024].map(|side: u32| TextureLevel {
+        width: side,
+        height: side,
+        bytes: picture(side.min(256)).len() as u32,
+        format: TextureFormat::Png,
+    })
+}
+
+/// Texture regions of the hills, 8 × 8. Of the texture, u runs along x, v along z; rows of texels run down.
+fn regions(origin: [f64; 3]) -> TextureRegions {
+    let region = |at: u16| {
+        let (column, row) = (at % 8, at / 8);
+        let [x, z] = [column, row].map(|at| 0.25 * (f32::from(at) + 0.5) - 1.0);
+        let cell = (3 - row / 2) * 4 + column / 2;
+        let center = [f64::from(x) - origin[0], -origin[1], f64::from(z) - origin[2]].map(|part| part as f32);
+        let cells = std::iter::once(cell..cell + 1).collect();
+        let patch = TexturePatch { material: 0, area: 0.07, uv_per_unit: 0.5, cells };
+        TextureRegion { sphere: Sphere { center, radius: 0.35 }, patches: vec![patch] }
+    };
+    let regions: Vec<TextureRegion> = (0..64).map(region).collect();
+    TextureRegions { low: regions[0].sphere.center, size: 1.75, regions }
 }
 
 /// The server's scene: several assets in a row, all with the test mesh.
@@ -133,6 +160,35 @@ pub(crate) struct TestScene {
 impl TestScene {
     pub(crate) fn new(assets: u32) -> Self {
         Self::of(&prepared().1, assets)
+    }
+
+    /// The same mesh with a texture of 1024 texels, of whose levels the finer two are cut into tiles.
+    pub(crate) fn tiled(assets: u32) -> Self {
+        let (level, mut prepared) = (tiled_levels(), prepared().1.clone());
+        let texture = TextureInfo {
+            width: 1024,
+            height: 1024,
+            levels: level.to_vec(),
+            ..description().textures.remove(0)
+        };
+        let description = AssetDescription { textures: vec![texture], ..description() };
+        prepared.base.description = description.encode().unwrap();
+        let mut scene = Self::of(&prepared, assets);
+        scene.blobs.retain(|part, _| part.texture().is_none());
+        for (number, level) in (0..).zip(level) {
+            if number < 2 {
+                scene.blobs.insert(BlobPart::Texture { texture: 0, level: number }, picture(level.width));
+                continue;
+            }
+            let [columns, rows] = tile_grid(level.size());
+            for tile in 0..(columns * rows) as u16 {
+                let part = BlobPart::Tile(Tile { texture: 0, level: number, tile });
+                scene.blobs.insert(part, picture(TILE_SIDE + 2 * TILE_BORDER));
+            }
+        }
+        let regions = regions(prepared.base.grid.origin).encode().unwrap();
+        scene.blobs.insert(BlobPart::TextureRegions, regions.into());
+        scene
     }
 
     /// The same mesh, coded by zstd.

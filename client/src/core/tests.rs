@@ -9,6 +9,7 @@ mod proxies;
 mod punctual_lights;
 mod restated;
 mod shared;
+mod tiles;
 mod truncation_points;
 
 use std::collections::BTreeMap;

@@ -4,12 +4,12 @@
 use bytes::Bytes;
 #[cfg(feature = "images")]
 use image::{DynamicImage, ImageError, ImageReader, Limits};
-use lodestream_scene::asset::{TextureInfo, TextureKind, level_size};
+use lodestream_scene::asset::{TextureInfo, TextureKind, level_size, tile_place, tile_size};
 use thiserror::Error;
 
 use super::texture_header::header_size;
 
-/// A texture level that cannot be used.
+/// A texture level, or a tile of one, that cannot be used.
 #[derive(Debug, Error)]
 #[error("texture level {level} ({width}×{height}): {fault}")]
 pub struct TextureFileError {
@@ -25,8 +25,12 @@ pub struct TextureFileError {
 }
 
 impl TextureFileError {
-    pub(in crate::core) fn by_host(info: &TextureInfo, level: u32, why: String) -> Self {
-        let [width, height] = size_of_level(info, level);
+    pub(in crate::core) fn by_host(
+        info: &TextureInfo,
+        (level, tile): (u32, Option<u16>),
+        why: String,
+    ) -> Self {
+        let [width, height] = size_of_image(info, (level, tile));
         Self { level, width, height, fault: TextureFileFault::Host(why) }
     }
 }
@@ -82,14 +86,18 @@ pub enum TexturePixels {
 }
 
 impl TexturePixels {
-    /// Decodes the image file (PNG, JPEG or WebP) of a level; level 0 is the coarsest. The image must have the level's
-    /// size; memory is reserved only after its header has been checked.
+    /// Decodes the image file (PNG, JPEG or WebP) of a level, or of a tile of it; level 0 is the coarsest. The image must
+    /// have the size of the level or tile; memory is reserved only after its header has been checked.
     ///
     /// # Errors
     /// The file is not an intact image of that size.
     #[cfg(feature = "images")]
-    pub fn decode(file: &[u8], info: &TextureInfo, level: u32) -> Result<Self, TextureFileError> {
-        let [width, height] = checked_size(file, info, level)?;
+    pub fn decode(
+        file: &[u8],
+        info: &TextureInfo,
+        (level, tile): (u32, Option<u16>),
+    ) -> Result<Self, TextureFileError> {
+        let [width, height] = checked_size(file, info, (level, tile))?;
         let error = |fault: TextureFileFault| TextureFileError { level, width, height, fault };
         let reader = ImageReader::new(std::io::Cursor::new(file)).with_guessed_format();
         let mut reader = reader.map_err(|why| error(ImageError::IoError(why).into()))?;
@@ -111,13 +119,17 @@ impl TexturePixels {
         })
     }
 
-    /// The image file of a level for the host to decode, once its header has been checked: what the host reserves is
-    /// bounded by the level's size.
+    /// The image file of a level or tile for the host to decode, once its header has been checked: what the host
+    /// reserves is bounded by its size.
     ///
     /// # Errors
     /// The file does not begin as a PNG, JPEG or WebP file of that size.
-    pub fn for_host(file: &Bytes, info: &TextureInfo, level: u32) -> Result<Self, TextureFileError> {
-        let size = checked_size(file, info, level)?;
+    pub fn for_host(
+        file: &Bytes,
+        info: &TextureInfo,
+        image: (u32, Option<u16>),
+    ) -> Result<Self, TextureFileError> {
+        let size = checked_size(file, info, image)?;
         Ok(Self::File { file: file.clone(), kind: info.kind, size })
     }
 
@@ -134,14 +146,23 @@ impl TexturePixels {
     }
 }
 
-fn size_of_level(info: &TextureInfo, level: u32) -> [u32; 2] {
+/// Width and height of a level, or of a tile with its border.
+fn size_of_image(info: &TextureInfo, (level, tile): (u32, Option<u16>)) -> [u32; 2] {
     let levels = u32::try_from(info.levels.len()).unwrap_or(u32::MAX);
-    level_size([info.width, info.height], levels, level)
+    let size = level_size([info.width, info.height], levels, level);
+    tile.map_or(size, |tile| {
+        let [column, row] = tile_place(size, tile);
+        tile_size(size, column, row)
+    })
 }
 
-/// The level's size, which the file's header must state.
-fn checked_size(file: &[u8], info: &TextureInfo, level: u32) -> Result<[u32; 2], TextureFileError> {
-    let size @ [width, height] = size_of_level(info, level);
+/// The size of the level or tile, which the file's header must state.
+fn checked_size(
+    file: &[u8],
+    info: &TextureInfo,
+    (level, tile): (u32, Option<u16>),
+) -> Result<[u32; 2], TextureFileError> {
+    let size @ [width, height] = size_of_image(info, (level, tile));
     let fault = match header_size(file) {
         Some(found) if found == size => return Ok(size),
         Some([width, height]) => TextureFileFault::Size { width, height },
@@ -164,7 +185,14 @@ mod tests {
             let [width, height] = level_size([width, height], count, level);
             TextureLevel { width, height, bytes: 1, format: TextureFormat::Png }
         };
-        TextureInfo { kind, width, height, mean: None, levels: (0..count).map(level).collect() }
+        TextureInfo {
+            kind,
+            width,
+            height,
+            mean: None,
+            uv_per_unit: 1.0,
+            levels: (0..count).map(level).collect(),
+        }
     }
 
     fn png(image: impl Into<DynamicImage>) -> Vec<u8> {
@@ -177,14 +205,14 @@ mod tests {
     fn levels_decode_in_the_format_of_their_kind() {
         let colour = full(4, 2, TextureKind::Color);
         let file = png(RgbImage::from_pixel(4, 2, image::Rgb([1, 2, 3])));
-        let pixels = TexturePixels::decode(&file, &colour, 2).unwrap();
+        let pixels = TexturePixels::decode(&file, &colour, (2, None)).unwrap();
         assert_eq!(pixels, TexturePixels::Rgba8([1, 2, 3, 255].repeat(8)));
 
         let height = TextureInfo { kind: TextureKind::Height, ..colour };
         let file = png(GrayImage::from_pixel(2, 1, Luma([77])));
-        assert_eq!(TexturePixels::decode(&file, &height, 1).unwrap(), TexturePixels::R8(vec![77; 2]));
+        assert_eq!(TexturePixels::decode(&file, &height, (1, None)).unwrap(), TexturePixels::R8(vec![77; 2]));
         let deep: ImageBuffer<Luma<u16>, _> = ImageBuffer::from_pixel(2, 1, Luma([54_321u16]));
-        let pixels = TexturePixels::decode(&png(deep), &height, 1).unwrap();
+        let pixels = TexturePixels::decode(&png(deep), &height, (1, None)).unwrap();
         assert_eq!(pixels, TexturePixels::R16(vec![54_321; 2]));
     }
 
@@ -195,14 +223,16 @@ mod tests {
     #[test]
     fn webp_levels_decode() {
         let shape = full(8, 4, TextureKind::Color);
-        let TexturePixels::Rgba8(texels) = TexturePixels::decode(WEBP, &shape, 3).unwrap() else { panic!() };
+        let TexturePixels::Rgba8(texels) = TexturePixels::decode(WEBP, &shape, (3, None)).unwrap() else {
+            panic!()
+        };
         assert_eq!(texels.len(), 8 * 4 * 4);
         for texel in texels.chunks(4) {
             let off = texel.iter().zip([200, 60, 30, 255]).map(|(a, b)| a.abs_diff(b)).max();
             assert!(off <= Some(3), "{texel:?}");
         }
         // Cut anywhere it is an error or, in its last bytes, a picture; it never panics.
-        let decodes = |length| TexturePixels::decode(&WEBP[..length], &shape, 3).is_ok();
+        let decodes = |length| TexturePixels::decode(&WEBP[..length], &shape, (3, None)).is_ok();
         let shortest = (0..=WEBP.len()).find(|&length| decodes(length)).unwrap();
         assert!(shortest > 40, "{shortest}");
     }
@@ -213,7 +243,8 @@ mod tests {
         huge[14..18].copy_from_slice(&[0xff, 0x3f, 0xff, 0x3f]);
         let canvas = [&b"VP8X\x0a\0\0\0\0\0\0\0\x07\0\0\x03\0\0"[..], &huge].concat();
         let file = [b"RIFF", &(canvas.len() as u32 + 4).to_le_bytes()[..], b"WEBP", &canvas].concat();
-        let fault = TexturePixels::decode(&file, &full(8, 4, TextureKind::Color), 3).unwrap_err().fault;
+        let fault =
+            TexturePixels::decode(&file, &full(8, 4, TextureKind::Color), (3, None)).unwrap_err().fault;
         assert!(matches!(fault, TextureFileFault::Header), "{fault}");
     }
 
@@ -221,8 +252,9 @@ mod tests {
     fn files_that_do_not_match_the_level_are_errors() {
         let shape = full(8, 8, TextureKind::Color);
         let right = png(RgbImage::new(8, 8));
-        let fault =
-            |file: &[u8], level| TexturePixels::decode(file, &shape, level).err().map(|why| why.fault);
+        let fault = |file: &[u8], level| {
+            TexturePixels::decode(file, &shape, (level, None)).err().map(|why| why.fault)
+        };
         let refused = |file: &[u8], level| fault(file, level).is_some();
         assert!(!refused(&right, 3));
         assert!(refused(&right, 2), "larger than the level");
@@ -231,7 +263,7 @@ mod tests {
         assert!(refused(b"not an image", 3));
         for length in 0..right.len() - 1 {
             // Cutting off the end marker alone may pass; cutting off pixels may not.
-            let _ = TexturePixels::decode(&right[..length], &shape, 3);
+            let _ = TexturePixels::decode(&right[..length], &shape, (3, None));
         }
         assert!(refused(&right[..right.len() / 2], 3));
     }
@@ -246,22 +278,22 @@ mod tests {
         };
         for file in [png(RgbImage::new(8, 4)), jpeg(8, 4), WEBP.to_vec()] {
             let file = Bytes::from(file);
-            let given = TexturePixels::for_host(&file, &shape, 3).unwrap();
+            let given = TexturePixels::for_host(&file, &shape, (3, None)).unwrap();
             assert_eq!(
                 given,
                 TexturePixels::File { file: file.clone(), kind: TextureKind::Color, size: [8, 4] }
             );
-            assert!(TexturePixels::for_host(&file, &shape, 2).is_err(), "larger than the level");
+            assert!(TexturePixels::for_host(&file, &shape, (2, None)).is_err(), "larger than the level");
             // Every cut header is refused, and none panics.
-            let accepted = |length| TexturePixels::for_host(&file.slice(..length), &shape, 3).is_ok();
+            let accepted = |length| TexturePixels::for_host(&file.slice(..length), &shape, (3, None)).is_ok();
             let shortest = (0..=file.len()).find(|length| accepted(*length)).unwrap();
             assert!((24..file.len()).contains(&shortest), "{shortest}");
         }
         for file in [png(RgbImage::new(4, 8)), jpeg(4, 8)] {
-            let fault = TexturePixels::for_host(&file.into(), &shape, 3).unwrap_err().fault;
+            let fault = TexturePixels::for_host(&file.into(), &shape, (3, None)).unwrap_err().fault;
             assert!(matches!(fault, TextureFileFault::Size { width: 4, height: 8 }), "{fault}");
         }
         let forged = [&[0xff, 0xd8][..], &[0xff; 64], &[0xc0, 0, 0]].concat();
-        assert!(TexturePixels::for_host(&forged.into(), &shape, 3).is_err());
+        assert!(TexturePixels::for_host(&forged.into(), &shape, (3, None)).is_err());
     }
 }

@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 
 use lodestream_geometry::index::CHUNKS_PER_PAGE;
-use lodestream_scene::blob::{BlobId, BlobPart, PartBlob, PunctualLightBlob, TerrainBlob};
+use lodestream_scene::blob::{BlobId, BlobPart, PartBlob, PunctualLightBlob, TerrainBlob, Tile};
 use lodestream_scene::description::AssetEntry;
 use lodestream_scene::published::{
     AssetSource, Behind, BlobTable, ChunkTable, Head, Opening, PART_PAGES_PER_TABLE, PageRecord, Part,
-    PartHash, PublishedError, SegmentHash, SourceRecord, part_hash, segment_hash,
+    PartHash, PublishedError, SegmentHash, SourceRecord, TileTable, part_hash, segment_hash,
 };
 use lodestream_scene::punctual_lights::{LISTED_PER_PAGE, PunctualLights};
 use lodestream_scene::terrain::PATCHES_PER_PAGE;
@@ -23,6 +23,8 @@ pub(super) enum Item {
     Source(u32),
     /// An index page of an asset, and the table of its chunks.
     Index(u32, u32),
+    /// Texture regions of an asset, and the table of its tiles.
+    TextureRegions(u32),
     /// Places of the height overrides of a page of the directory.
     TerrainTable(u32),
     /// Places of the pages of punctual lights of a page of the directory.
@@ -38,19 +40,21 @@ impl Item {
     pub(super) const fn of_blob(id: BlobId) -> Self {
         match id {
             BlobId::Asset { asset, part: BlobPart::IndexPage(page) } => Self::Index(asset, page),
+            BlobId::Asset { asset, part: BlobPart::TextureRegions } => Self::TextureRegions(asset),
             id => Self::Blob(id),
         }
     }
 
-    /// Whether it can lie in the published scene itself: chunks never do.
+    /// Whether it can lie in the published scene itself: chunks and tiles never do.
     pub(super) const fn may_be_in_scene(self) -> bool {
-        !matches!(self, Self::Blob(BlobId::Asset { part: BlobPart::Chunk(_), .. }))
+        !matches!(self, Self::Blob(BlobId::Asset { part: BlobPart::Chunk(_) | BlobPart::Tile(_), .. }))
     }
 
     /// The blob that it brings.
     pub(super) const fn blob(self) -> Option<BlobId> {
         match self {
             Self::Index(asset, page) => Some(BlobId::index_page(asset, page)),
+            Self::TextureRegions(asset) => Some(BlobId::texture_regions(asset)),
             Self::Blob(id) => Some(id),
             Self::Page(_)
             | Self::Source(_)
@@ -125,6 +129,7 @@ pub(super) struct Directory {
     /// Scene page of each asset of the leading pages that have arrived.
     page_of_asset: Vec<u32>,
     chunks: BTreeMap<(u32, u32), ChunkTable>,
+    tiles: BTreeMap<u32, TileTable>,
     terrain: BTreeMap<u32, BlobTable>,
     lights: BTreeMap<u32, BlobTable>,
     parts: BTreeMap<u32, BlobTable>,
@@ -192,6 +197,16 @@ impl Directory {
         Ok(length)
     }
 
+    /// Adds the table of an asset's tiles; gives the length of the texture regions before it.
+    pub(super) fn add_tiles(&mut self, asset: u32, bytes: &[u8]) -> Result<usize, PublishedError> {
+        let unknown = PublishedError::Contradiction("texture regions came before their list of packs");
+        let source = self.source(asset).ok_or(unknown.clone())?;
+        let (regions, table) = source.tiles.ok_or(unknown)?.split_tiles(bytes, source.pack_bytes)?;
+        let length = regions.len();
+        self.tiles.insert(asset, table);
+        Ok(length)
+    }
+
     pub(super) fn add_terrain_table(&mut self, page: u32, bytes: &[u8]) -> Result<(), PublishedError> {
         let terrain = self.opening().and_then(|opening| opening.header.terrain.as_ref());
         let patches = terrain.map_or(0, |terrain| terrain.patches);
@@ -242,11 +257,14 @@ impl Directory {
         let item = |(at, behind, _)| {
             let asset = page.page.first_asset + u32::try_from(at).unwrap_or(0);
             match behind {
-                Behind::Texture(place) => Item::Blob(BlobId::texture(asset, place.texture, place.level)),
-                Behind::Index(page, _) => Item::Index(asset, page),
+                Behind::Texture(place) => {
+                    Some(Item::Blob(BlobId::texture(asset, place.texture, place.level)))
+                }
+                Behind::Index(page, _) => Some(Item::Index(asset, page)),
+                Behind::Tiles(_) => None,
             }
         };
-        source.behind(&place.source).map(item).collect()
+        source.behind(&place.source).filter_map(item).collect()
     }
 
     /// Where an item lies.
@@ -271,6 +289,9 @@ impl Directory {
             Item::PartTable(number) => listed(&opening.parts.tables, number),
             Item::Index(asset, page) => self
                 .locate_behind(asset, |behind| matches!(behind, Behind::Index(number, _) if number == page)),
+            Item::TextureRegions(asset) => {
+                self.locate_behind(asset, |behind| matches!(behind, Behind::Tiles(_)))
+            }
             Item::Blob(BlobId::Terrain(TerrainBlob::DirectoryPage(page))) => {
                 listed(&opening.terrain_directory, page)
             }
@@ -309,6 +330,8 @@ impl Directory {
                 }),
                 BlobPart::IndexPage(page) => self.locate(Item::Index(asset, page)),
                 BlobPart::Chunk(chunk) => self.locate_chunk(asset, chunk),
+                BlobPart::TextureRegions => self.locate(Item::TextureRegions(asset)),
+                BlobPart::Tile(tile) => self.locate_tile(asset, tile),
                 BlobPart::Texture { texture, level } => {
                     let copy = self.locate_behind(asset, |behind| {
                         matches!(behind, Behind::Texture(place) if (place.texture, place.level) == (texture, level))
@@ -340,6 +363,21 @@ impl Directory {
             }
             _ => Location::Needs(Item::Source(number)),
         }
+    }
+
+    fn locate_tile(&self, asset: u32, tile: Tile) -> Location {
+        let Some(table) = self.tiles.get(&asset) else {
+            return match self.source(asset) {
+                Some(AssetSource { tiles: None, .. }) => Location::Nowhere,
+                _ => Location::Needs(Item::TextureRegions(asset)),
+            };
+        };
+        let Some((source, (start, place))) = self.source(asset).zip(table.tile(tile)) else {
+            return Location::Nowhere;
+        };
+        let segment = Segment { start: 0, end: place.bytes, hash: RunHash::Segment(place.hash) };
+        let object = Object::Pack(source.key, source.pack_bytes);
+        Location::At(Place { object, start, bytes: place.bytes, segments: vec![segment] })
     }
 
     fn locate_chunk(&self, asset: u32, chunk: u32) -> Location {

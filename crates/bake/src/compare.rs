@@ -20,6 +20,7 @@ use lodestream_scene::asset::AssetDescription;
 use crate::prepare::PrepareError;
 use crate::prepare::Threads;
 use crate::prepare::describe::describe;
+use crate::prepare::texture_regions;
 use lodestream_store::{LoadedAsset, PackFile, StoreError};
 
 /// Numbers of differences; zero in a correct pack.
@@ -90,8 +91,10 @@ pub fn compare(pack: &PackFile, model: &Path, part: &Part) -> Result<Difference,
     let error = |source| PrepareError::Describe { path: model.to_owned(), source };
     let (name, depth) = (&asset.description.name, preparation_settings.relief_depth);
     let described = describe(name, &imported.materials, depth, &Threads::all_cores()).map_err(error)?;
+    let mut description = described.description;
+    texture_regions::measure(&imported.mesh, &mut description, asset.base.grid.origin);
     // Encoding quantises descriptions, so the decoded one is compared.
-    let again = described.description.encode().and_then(|bytes| AssetDescription::decode(&bytes));
+    let again = description.encode().and_then(|bytes| AssetDescription::decode(&bytes));
     let theirs = again.map_err(|e| error(e.into()))?;
     let mut found = geometry(&asset, &mesh).map_err(|source| pack.damaged(source))?;
     let ours = &asset.description;

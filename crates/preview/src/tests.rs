@@ -151,7 +151,7 @@ fn blob(prepared: &Prepared, part: BlobPart) -> Option<Vec<u8>> {
         BlobPart::Base => lodestream_compress::encode_base(&prepared.base).ok(),
         BlobPart::IndexPage(page) => prepared.pages.get(page as usize).cloned(),
         BlobPart::Chunk(chunk) => prepared.chunks.get(chunk as usize).cloned(),
-        BlobPart::Texture { .. } => None,
+        BlobPart::Texture { .. } | BlobPart::TextureRegions | BlobPart::Tile(_) => None,
     }
 }
 

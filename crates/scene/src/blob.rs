@@ -14,13 +14,49 @@ pub enum BlobPart {
     IndexPage(u32),
     /// The vertex splits of one chunk.
     Chunk(u32),
-    /// One level of a texture or height map; level 0 is the coarsest.
+    /// One level of a texture or height map that is one image; level 0 is the coarsest.
     Texture {
         /// Index into [`crate::asset::AssetDescription::textures`].
         texture: u16,
         /// Index into [`crate::asset::TextureInfo::levels`].
         level: u8,
     },
+    /// Where the asset's surface is in its textures ([`crate::asset::TextureRegions`]).
+    TextureRegions,
+    /// One tile of a level of a texture that is cut ([`crate::asset::is_tiled`]).
+    Tile(Tile),
+}
+
+/// A tile of a texture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Tile {
+    /// Index into [`crate::asset::AssetDescription::textures`].
+    pub texture: u16,
+    /// Index into [`crate::asset::TextureInfo::levels`].
+    pub level: u8,
+    /// Number of the tile in the level, row by row.
+    pub tile: u16,
+}
+
+impl BlobPart {
+    /// The texture of which it is an image.
+    #[must_use]
+    pub const fn texture(&self) -> Option<u16> {
+        match *self {
+            Self::Texture { texture, .. } | Self::Tile(Tile { texture, .. }) => Some(texture),
+            Self::Base | Self::IndexPage(_) | Self::Chunk(_) | Self::TextureRegions => None,
+        }
+    }
+
+    /// The same image of another texture.
+    #[must_use]
+    pub const fn with_texture(self, of: u16) -> Self {
+        match self {
+            Self::Texture { level, .. } => Self::Texture { texture: of, level },
+            Self::Tile(tile) => Self::Tile(Tile { texture: of, ..tile }),
+            Self::Base | Self::IndexPage(_) | Self::Chunk(_) | Self::TextureRegions => self,
+        }
+    }
 }
 
 /// A part of a scene's terrain that is sent as one blob.
@@ -52,7 +88,7 @@ pub enum PartBlob {
 
 /// Name of one blob within a scene.
 ///
-/// Two to eleven bytes on the wire: a number, then the kind. The number is the asset's index where the kind is a part
+/// Two to fourteen bytes on the wire: a number, then the kind. The number is the asset's index where the kind is a part
 /// of an asset, and the index of the page or patch for terrain, punctual lights and parts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum BlobId {
@@ -83,6 +119,8 @@ mod kind {
     pub(super) const PUNCTUAL_LIGHT_PAGE: u32 = 7;
     pub(super) const PART_DIRECTORY_PAGE: u32 = 8;
     pub(super) const PART_PAGE: u32 = 9;
+    pub(super) const TEXTURE_REGIONS: u32 = 10;
+    pub(super) const TILE: u32 = 11;
 }
 
 impl BlobId {
@@ -108,6 +146,18 @@ impl BlobId {
     #[must_use]
     pub const fn texture(asset: u32, texture: u16, level: u8) -> Self {
         Self::Asset { asset, part: BlobPart::Texture { texture, level } }
+    }
+
+    /// The texture regions of an asset.
+    #[must_use]
+    pub const fn texture_regions(asset: u32) -> Self {
+        Self::Asset { asset, part: BlobPart::TextureRegions }
+    }
+
+    /// A tile of an asset's texture.
+    #[must_use]
+    pub const fn tile(asset: u32, tile: Tile) -> Self {
+        Self::Asset { asset, part: BlobPart::Tile(tile) }
     }
 
     /// A page of the terrain's directory of patches with height overrides.
@@ -173,6 +223,11 @@ impl Encode for BlobId {
                 BlobPart::IndexPage(page) => (asset, kind::INDEX_PAGE, page).encode(writer),
                 BlobPart::Chunk(chunk) => (asset, kind::CHUNK, chunk).encode(writer),
                 BlobPart::Texture { texture, level } => (asset, kind::TEXTURE, texture, level).encode(writer),
+                BlobPart::TextureRegions => (asset, kind::TEXTURE_REGIONS).encode(writer),
+                BlobPart::Tile(Tile { texture, level, tile }) => {
+                    (asset, kind::TILE, texture, level).encode(writer)?;
+                    tile.encode(writer)
+                }
             },
             Self::Terrain(TerrainBlob::DirectoryPage(page)) => {
                 (page, kind::TERRAIN_DIRECTORY_PAGE).encode(writer)
@@ -206,6 +261,12 @@ impl Decode for BlobId {
             kind::PUNCTUAL_LIGHT_PAGE => Self::punctual_light_page(number),
             kind::PART_DIRECTORY_PAGE => Self::part_directory(number),
             kind::PART_PAGE => Self::part_page(number),
+            kind::TEXTURE_REGIONS => Self::Asset { asset: number, part: BlobPart::TextureRegions },
+            kind::TILE => {
+                let (texture, level, tile) =
+                    (u16::decode(reader)?, u8::decode(reader)?, u16::decode(reader)?);
+                Self::tile(number, Tile { texture, level, tile })
+            }
             _ => return Err(CodingError::UnknownVariant("BlobId")),
         })
     }
@@ -220,6 +281,10 @@ impl std::fmt::Display for BlobId {
                 BlobPart::Chunk(chunk) => write!(f, "asset {asset} chunk {chunk}"),
                 BlobPart::Texture { texture, level } => {
                     write!(f, "asset {asset} texture {texture} level {level}")
+                }
+                BlobPart::TextureRegions => write!(f, "asset {asset} texture regions"),
+                BlobPart::Tile(Tile { texture, level, tile }) => {
+                    write!(f, "asset {asset} texture {texture} level {level} tile {tile}")
                 }
             },
             Self::Terrain(TerrainBlob::DirectoryPage(page)) => write!(f, "terrain directory page {page}"),
@@ -263,6 +328,8 @@ mod tests {
             (BlobId::punctual_light_page(4000), &[251, 160, 15, 7]),
             (BlobId::part_directory(5), &[5, 8]),
             (BlobId::part_page(300), &[251, 44, 1, 9]),
+            (BlobId::texture_regions(6), &[6, 10]),
+            (BlobId::tile(7, Tile { texture: 3, level: 11, tile: 300 }), &[7, 11, 3, 11, 251, 44, 1]),
         ] {
             assert_eq!(encoded(&id), bytes, "{id}");
             assert_eq!(decoded(bytes).unwrap(), id);
@@ -271,7 +338,7 @@ mod tests {
 
     #[test]
     fn unknown_kinds_are_refused() {
-        for kind in [10, 250] {
+        for kind in [12, 250] {
             assert!(decoded(&[0, kind, 0, 0]).is_err());
         }
     }

@@ -199,13 +199,9 @@ impl AssetEntry {
     /// The blob to request for `part` of this asset, whose number is `asset`.
     #[must_use]
     pub fn sent_blob(&self, asset: u32, part: BlobPart) -> BlobId {
-        match part {
-            BlobPart::Texture { texture, level } => {
-                let (asset, texture) = self.sent_as(asset, texture);
-                BlobId::texture(asset, texture, level)
-            }
-            part => BlobId::Asset { asset, part },
-        }
+        let Some(texture) = part.texture() else { return BlobId::Asset { asset, part } };
+        let (asset, of) = self.sent_as(asset, texture);
+        BlobId::Asset { asset, part: part.with_texture(of) }
     }
 
     /// Number of index pages.

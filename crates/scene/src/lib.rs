@@ -44,5 +44,5 @@ pub mod shared;
 pub mod terrain;
 pub mod view;
 
-pub use blob::{BlobId, BlobPart, PartBlob, PunctualLightBlob, TerrainBlob};
+pub use blob::{BlobId, BlobPart, PartBlob, PunctualLightBlob, TerrainBlob, Tile};
 pub use view::View;

@@ -47,6 +47,7 @@ pub mod testing;
 #[cfg(test)]
 mod tests;
 pub mod textures;
+mod tile_demand;
 pub mod visibility;
 
 pub use difference::{punctual_light_priority, shape_priority};

@@ -138,6 +138,20 @@ impl Projection {
     }
 }
 
+/// Least depth of a region's nearest point, in radii: the eye may be within its sphere, and the surface further away.
+const LEAST_DEPTH: f32 = 0.1;
+
+/// A region of a surface on the screen, in the units of its asset.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct RegionView {
+    /// Pixels per unit at the nearest point.
+    pub(super) px_per_unit: f32,
+    /// Pixels per unit at the centre.
+    pub(super) middle_px_per_unit: f32,
+    /// 1 in the middle of the picture, falling outwards.
+    pub(super) foveation: f32,
+}
+
 /// A view in an instance's own axes. The scale cancels in the screen error.
 #[derive(Clone, Copy, Debug)]
 pub struct LocalView {
@@ -158,6 +172,22 @@ impl LocalView {
         let depth = self.frustum.depth(center, sphere.radius);
         let px = screen_error_px(f64::from(error), f64::from(depth), self.scale_px);
         Some((px, foveation(&self.frustum, center, sphere.radius)))
+    }
+
+    /// Where a region of the surface is on the screen; `None` out of view.
+    pub(super) fn region(&self, sphere: &Sphere) -> Option<RegionView> {
+        let center = Vec3::from(sphere.center) - self.eye;
+        if !self.frustum.sees(center, sphere.radius) {
+            return None;
+        }
+        let nearest = self.frustum.depth(center, sphere.radius).max(LEAST_DEPTH * sphere.radius);
+        #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
+        let px_per_unit = (self.scale_px / f64::from(nearest.max(f32::MIN_POSITIVE))) as f32;
+        Some(RegionView {
+            px_per_unit,
+            middle_px_per_unit: self.px_per_unit(sphere),
+            foveation: foveation(&self.frustum, center, sphere.radius),
+        })
     }
 
     /// Pixels per unit at the distance of a sphere's centre, or of its radius if that is larger.

@@ -5,6 +5,7 @@ mod chunks;
 mod evaluate;
 mod shadows;
 mod threshold;
+mod tiles;
 
 use std::cmp::Reverse;
 
@@ -19,6 +20,7 @@ use super::selection::{Counters, Selection, Wanted};
 use super::settings::SelectSettings;
 use super::state::{AssetState, Chunk};
 use super::textures::{Textures, texels_in_use};
+use super::tile_demand::TileDemand;
 use super::visibility::Visibility;
 use lodestream_scene::description::Instance;
 use lodestream_scene::parts::PartTransform;
@@ -52,6 +54,7 @@ pub struct Selector {
     to_sun: Option<Vec3>,
     /// Wanted texture levels.
     textures: Textures,
+    demand: TileDemand,
     cut: CutSelector,
     /// Whether the server still pushes base meshes.
     awaits_push: bool,
@@ -152,6 +155,7 @@ impl Selector {
             travel: 0.0,
             to_sun: None,
             textures: Textures::default(),
+            demand: TileDemand::default(),
             cut: CutSelector::default(),
             awaits_push: false,
             drawn: Vec::new(),
@@ -260,9 +264,11 @@ impl Selector {
             self.visibility.draw(view, self.travel, instances, assets);
             self.textures.apply_visibility(&self.visibility, view, instances.all(), assets);
         }
+        self.want_tiles(view, threshold, instances, assets);
         let texels = texels_in_use(assets);
         self.selection.counters.texels = texels;
-        self.textures.list(&mut self.selection, self.settings.max_texels.saturating_sub(texels));
+        let room = self.settings.max_texels.saturating_sub(texels);
+        self.textures.list(&mut self.selection, room, assets);
         self.finish()
     }
 

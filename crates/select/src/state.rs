@@ -7,8 +7,8 @@ use lodestream_geometry::index::{
 };
 use lodestream_geometry::numbers::id32;
 
-use lodestream_scene::asset::{AssetDescription, TextureLevel};
-use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_scene::asset::{AssetDescription, TextureInfo, TextureLevel, TextureRegions, cells_of};
+use lodestream_scene::blob::{BlobId, BlobPart, Tile};
 use lodestream_scene::description::AssetEntry;
 
 use super::occluder::Occluder;
@@ -101,15 +101,42 @@ pub struct AssetState {
     /// Upper bound on the error of any chunk whose index page is not known yet.
     unknown_error: f32,
     textures: Vec<TextureState>,
+    /// By material.
+    materials: Vec<MaterialCells>,
+    regions: (State, Option<Arc<TextureRegions>>),
     occluder: Option<Arc<Occluder>>,
 }
 
 /// A texture's levels and density.
 #[derive(Clone, Debug)]
 pub(super) struct TextureState {
+    /// Levels that are one image each.
     pub(super) levels: Vec<(TextureLevel, State)>,
+    /// Levels that are cut, with the states of their tiles.
+    pub(super) tiled: Vec<(TextureLevel, Vec<State>)>,
     /// Texture coordinates per asset unit.
     pub(super) uv_per_unit: f32,
+}
+
+impl TextureState {
+    fn tile(&self, tile: Tile) -> Option<&State> {
+        let level = usize::from(tile.level).checked_sub(self.levels.len())?;
+        self.tiled.get(level)?.1.get(usize::from(tile.tile))
+    }
+
+    fn tile_mut(&mut self, tile: Tile) -> Option<&mut State> {
+        let level = usize::from(tile.level).checked_sub(self.levels.len())?;
+        self.tiled.get_mut(level)?.1.get_mut(usize::from(tile.tile))
+    }
+}
+
+/// What the cells of a material's patches stand for.
+#[derive(Clone, Debug)]
+pub(super) struct MaterialCells {
+    /// Size of the level whose tiles are the cells.
+    pub(super) size: [u32; 2],
+    /// Textures that have tiles, each once.
+    pub(super) textures: Vec<u16>,
 }
 
 /// An index page that does not fit its asset.
@@ -149,6 +176,8 @@ impl AssetState {
             rest_errors: vec![None; page_count],
             unknown_error,
             textures: Vec::new(),
+            materials: Vec::new(),
+            regions: (State::Absent, None),
             occluder: None,
         }
     }
@@ -157,6 +186,17 @@ impl AssetState {
     #[must_use]
     pub const fn entry(&self) -> &AssetEntry {
         &self.entry
+    }
+
+    /// Whether an image of a texture exists, as far as the description is known.
+    #[must_use]
+    pub fn has_image(&self, part: BlobPart) -> bool {
+        let texture = part.texture().and_then(|texture| self.textures.get(usize::from(texture)));
+        texture.is_some_and(|texture| match part {
+            BlobPart::Texture { level, .. } => usize::from(level) < texture.levels.len(),
+            BlobPart::Tile(tile) => texture.tile(tile).is_some(),
+            _ => false,
+        })
     }
 
     /// State of a blob; absent if it does not exist or its page is not known.
@@ -171,6 +211,11 @@ impl AssetState {
                 .get(usize::from(texture))
                 .and_then(|t| t.levels.get(usize::from(level)))
                 .map_or(State::Absent, |(_, state)| *state),
+            BlobPart::TextureRegions => self.regions.0,
+            BlobPart::Tile(tile) => {
+                let texture = self.textures.get(usize::from(tile.texture));
+                texture.and_then(|texture| texture.tile(tile)).copied().unwrap_or_default()
+            }
         }
     }
 
@@ -218,7 +263,7 @@ impl AssetState {
     }
 
     /// Sets the state of a blob; ignores blobs that do not exist. An index page becomes [`State::Applied`] only by
-    /// [`AssetState::add_index_page`].
+    /// [`AssetState::add_index_page`], texture regions by [`AssetState::set_texture_regions`].
     pub fn set_state(&mut self, part: BlobPart, state: State) {
         let slot = match part {
             BlobPart::Base => Some(&mut self.base),
@@ -231,6 +276,10 @@ impl AssetState {
                 .get_mut(usize::from(texture))
                 .and_then(|t| t.levels.get_mut(usize::from(level)))
                 .map(|(_, state)| state),
+            BlobPart::TextureRegions => Some(&mut self.regions.0).filter(|old| **old != State::Applied),
+            BlobPart::Tile(tile) => {
+                self.textures.get_mut(usize::from(tile.texture)).and_then(|texture| texture.tile_mut(tile))
+            }
         };
         if let Some(slot) = slot {
             *slot = state;
@@ -314,17 +363,46 @@ impl AssetState {
         stated.unwrap_or_else(|| expected_rest_error(known.map(Chunk::info))).min(self.entry.root_error)
     }
 
-    /// Sets the description, which arrives with the base mesh. `uv_per_unit` is the texture coordinates per asset
-    /// unit (the square root of uv area over surface area), for the texel density.
-    pub fn set_description(&mut self, description: &AssetDescription, uv_per_unit: f32) {
-        self.textures = description
-            .textures
-            .iter()
-            .map(|t| TextureState {
-                levels: t.levels.iter().map(|level| (*level, State::Absent)).collect(),
-                uv_per_unit,
+    /// Sets the description, which arrives with the base mesh.
+    pub fn set_description(&mut self, description: &AssetDescription) {
+        let texture = |info: &TextureInfo| {
+            let (whole, cut) = info.levels.split_at(info.whole_levels());
+            let tiles = |(level, number): (&TextureLevel, usize)| {
+                (*level, vec![State::Absent; info.images(number) as usize])
+            };
+            TextureState {
+                levels: whole.iter().map(|level| (*level, State::Absent)).collect(),
+                tiled: cut.iter().zip(whole.len()..).map(tiles).collect(),
+                uv_per_unit: info.uv_per_unit,
+            }
+        };
+        self.textures = description.textures.iter().map(texture).collect();
+        let materials = (0..).zip(&description.materials);
+        self.materials = materials
+            .map(|(number, material)| {
+                let mut textures: Vec<u16> = material.textures().collect();
+                textures.retain(|&texture| {
+                    self.textures.get(usize::from(texture)).is_some_and(|texture| !texture.tiled.is_empty())
+                });
+                textures.sort_unstable();
+                textures.dedup();
+                MaterialCells { size: cells_of(description, number), textures }
             })
             .collect();
+    }
+
+    /// Sets where the surface is in its textures. Regions that do not [fit](TextureRegions::fit) the description show no
+    /// tile.
+    pub fn set_texture_regions(&mut self, regions: TextureRegions) {
+        self.regions = (State::Applied, Some(Arc::new(regions)));
+    }
+
+    pub(super) fn texture_regions(&self) -> Option<&Arc<TextureRegions>> {
+        self.regions.1.as_ref()
+    }
+
+    pub(super) fn material_cells(&self, material: u16) -> Option<&MaterialCells> {
+        self.materials.get(usize::from(material))
     }
 
     /// A chunk's index entry, if its page is known.
@@ -367,6 +445,7 @@ impl AssetState {
                 let texture = self.textures.get(usize::from(texture))?;
                 texture.levels.get(usize::from(level)).map(|(level, _)| level.bytes)
             }
+            BlobPart::TextureRegions | BlobPart::Tile(_) => None,
         }
     }
 

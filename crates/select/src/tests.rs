@@ -20,6 +20,7 @@ mod hidden_textures;
 mod many_instances;
 mod shadows;
 mod texels;
+mod tiles;
 
 /// An asset whose base is applied and whose index is known.
 fn known_asset(levels: u8) -> AssetState {
@@ -405,7 +406,7 @@ fn textured(mut asset: AssetState) -> AssetState {
     let level = |side: u32| TextureLevel {
         width: side,
         height: side,
-        bytes: side * side / 8,
+        bytes: 8 * side * side,
         format: TextureFormat::Jpeg,
     };
     let description = AssetDescription {
@@ -413,13 +414,14 @@ fn textured(mut asset: AssetState) -> AssetState {
         materials: vec![Material { base_color_texture: Some(0), ..Material::default() }],
         textures: vec![TextureInfo {
             kind: TextureKind::Color,
-            width: 2048,
-            height: 2048,
+            width: 256,
+            height: 256,
             mean: None,
-            levels: [32, 128, 512, 2048].map(level).to_vec(),
+            uv_per_unit: 0.5,
+            levels: [4, 16, 64, 256].map(level).to_vec(),
         }],
     };
-    asset.set_description(&description, 0.5);
+    asset.set_description(&description);
     asset
 }
 
@@ -433,10 +435,10 @@ fn texture_levels_follow_texel_density() {
         assert!((held as u8..4).all(|l| !here(l)));
         held
     };
-    // At 100 units the plane covers about 15 px, at 10 about 150.
-    assert_eq!(finest([0.0, 60.0, 80.0]), 1);
-    assert_eq!(finest([0.0, 6.0, 8.0]), 3);
-    assert_eq!(finest([0.0, 0.5, 0.5]), 4);
+    // At 800 units the plane covers about 2 px, at 80 about 19.
+    assert_eq!(finest([0.0, 480.0, 640.0]), 1);
+    assert_eq!(finest([0.0, 48.0, 64.0]), 3);
+    assert_eq!(finest([0.0, 4.0, 4.0]), 4);
 }
 
 #[test]

@@ -211,21 +211,22 @@ impl PackFile {
         Ok(self.summary.get_or_init(|| Summary { entry, base_faces }))
     }
 
-    /// Fingerprint of each texture, by number: equal if all levels have equal bytes.
+    /// Fingerprint of each texture, by number: equal if all levels and tiles have equal bytes.
     pub fn textures(&self) -> Vec<(u16, Fingerprint)> {
-        let mut levels: Vec<(u16, u8, &Entry)> = self
+        let mut levels: Vec<(u16, u8, u16, &Entry)> = self
             .table
             .entries
             .iter()
             .filter_map(|entry| match entry.kind {
-                BlobKind::Texture { texture, level } => Some((texture, level, entry)),
+                BlobKind::Texture { texture, level } => Some((texture, level, 0, entry)),
+                BlobKind::Tile { texture, level, tile } => Some((texture, level, tile, entry)),
                 _ => None,
             })
             .collect();
-        levels.sort_unstable_by_key(|&(texture, level, _)| (texture, level));
-        let of = |levels: &[(u16, u8, &Entry)]| {
+        levels.sort_unstable_by_key(|&(texture, level, tile, _)| (texture, level, tile));
+        let of = |levels: &[(u16, u8, u16, &Entry)]| {
             let mut hasher = blake3::Hasher::new();
-            for (_, level, entry) in levels {
+            for (_, level, _, entry) in levels {
                 hasher.update(&[*level]).update(&entry.length.to_le_bytes()).update(&entry.hash());
             }
             let mut fingerprint = Fingerprint::default();

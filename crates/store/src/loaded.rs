@@ -82,29 +82,39 @@ impl PackFile {
         }
     }
 
-    /// Number of texture levels that differ from the given ones (by texture, coarse first).
+    /// Number of texture levels and tiles that differ from the given ones (by texture and level, coarse first).
     ///
     /// # Errors
-    /// A damaged texture level.
-    pub fn differing_textures(&self, textures: &[Vec<Vec<u8>>]) -> Result<usize, StoreError> {
+    /// A damaged image.
+    pub fn differing_textures(&self, textures: &[Vec<Vec<Vec<u8>>>]) -> Result<usize, StoreError> {
         let mut differing = 0;
         let mut held = 0;
         for entry in self.entries() {
-            let BlobKind::Texture { texture, level } = entry.kind else { continue };
+            let (texture, level, tile) = match entry.kind {
+                BlobKind::Texture { texture, level } => (texture, level, 0),
+                BlobKind::Tile { texture, level, tile } => (texture, level, tile),
+                _ => continue,
+            };
             held += 1;
             let wanted = textures.get(usize::from(texture)).and_then(|t| t.get(usize::from(level)));
+            let wanted = wanted.and_then(|images| images.get(usize::from(tile)));
             differing += usize::from(wanted != Some(&self.read_entry(entry)?));
         }
-        Ok(differing + textures.iter().map(Vec::len).sum::<usize>().saturating_sub(held))
+        let all = textures.iter().flatten().map(Vec::len).sum::<usize>();
+        Ok(differing + all.saturating_sub(held))
     }
 
-    /// Reads every texture level, which checks its hash, and returns their length.
+    /// Reads every texture level and tile, which checks its hash, and returns their length.
     ///
     /// # Errors
-    /// A damaged texture level.
+    /// A damaged image.
     pub fn verify_textures(&self) -> Result<u64, StoreError> {
         let mut total = 0;
-        for entry in self.entries().iter().filter(|e| matches!(e.kind, BlobKind::Texture { .. })) {
+        for entry in self
+            .entries()
+            .iter()
+            .filter(|e| matches!(e.kind, BlobKind::Texture { .. } | BlobKind::Tile { .. }))
+        {
             total += self.read_entry(entry)?.len() as u64;
         }
         Ok(total)

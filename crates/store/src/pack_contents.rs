@@ -2,8 +2,8 @@
 
 use lodestream_geometry::DecodeError;
 use lodestream_geometry::pack::BlobKind;
-use lodestream_scene::BlobPart;
 use lodestream_scene::published::{PackContents, PublishedError};
+use lodestream_scene::{BlobPart, Tile};
 
 use super::error::StoreError;
 use super::file::PackFile;
@@ -24,6 +24,13 @@ impl PackFile {
                 BlobKind::Chunk(chunk) => contents.add_chunk(chunk, entry.offset, &read()?),
                 BlobKind::Texture { texture, level } => {
                     contents.add_texture(texture, level, entry.offset, read()?.into())
+                }
+                BlobKind::TextureRegions => {
+                    contents.add_texture_regions(read()?.into());
+                    Ok(())
+                }
+                BlobKind::Tile { texture, level, tile } => {
+                    contents.add_tile(Tile { texture, level, tile }, entry.offset, &read()?)
                 }
             };
             added.map_err(|why: PublishedError| self.damaged(DecodeError::new("pack", why.to_string())))?;

@@ -4,8 +4,8 @@ use std::ops::Range;
 
 use lodestream_geometry::DecodeError;
 use lodestream_geometry::pack::{BlobKind, Entry, HEAD_BYTES, Head, find};
-use lodestream_scene::BlobPart;
 use lodestream_scene::description::Fingerprint;
+use lodestream_scene::{BlobPart, Tile};
 
 /// Head and table of a pack.
 #[derive(Debug)]
@@ -55,6 +55,10 @@ pub(super) fn blob_name(part: BlobPart) -> String {
         BlobPart::IndexPage(page) => format!("index page {page}"),
         BlobPart::Chunk(chunk) => format!("chunk {chunk}"),
         BlobPart::Texture { texture, level } => format!("level {level} of texture {texture}"),
+        BlobPart::TextureRegions => "texture regions".into(),
+        BlobPart::Tile(Tile { texture, level, tile }) => {
+            format!("tile {tile} of level {level} of texture {texture}")
+        }
     }
 }
 
@@ -65,5 +69,7 @@ pub(super) fn kind(part: BlobPart) -> BlobKind {
         BlobPart::IndexPage(page) => BlobKind::IndexPage(page),
         BlobPart::Chunk(chunk) => BlobKind::Chunk(chunk),
         BlobPart::Texture { texture, level } => BlobKind::Texture { texture, level },
+        BlobPart::TextureRegions => BlobKind::TextureRegions,
+        BlobPart::Tile(Tile { texture, level, tile }) => BlobKind::Tile { texture, level, tile },
     }
 }

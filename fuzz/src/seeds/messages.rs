@@ -129,6 +129,7 @@ pub(super) fn messages() -> Vec<(String, Vec<u8>)> {
         width: 8,
         height: 8,
         mean: None,
+        uv_per_unit: 1.0,
         levels: vec![TextureLevel { width: 8, height: 8, bytes: 99, format: TextureFormat::WebP }],
     };
     let full = Material {

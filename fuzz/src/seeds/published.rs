@@ -7,7 +7,8 @@ use lodestream_bake::scene;
 use lodestream_geometry::index::{self, ChunkInfo, Sphere, TruncationPoint};
 use lodestream_scene::description::AssetEntry;
 use lodestream_scene::published::{
-    ChunkPlace, ChunkTable, IndexPage, PackContents, Texture, TexturePlace, part_hash,
+    ChunkPlace, ChunkTable, IndexPage, PackContents, Texture, TexturePlace, TileLevel, TilePlace, TileTable,
+    Tiles, part_hash,
 };
 use lodestream_store::SceneObject;
 
@@ -50,6 +51,17 @@ fn published_pack(asset: &AssetEntry) -> PackContents {
         }],
         textures_offset: 2000,
         textures: vec![texture(0), texture(1)],
+        tiles: Some(Tiles {
+            regions: vec![7; 12].into(),
+            table: TileTable {
+                offset: 2018,
+                levels: vec![TileLevel {
+                    texture: 0,
+                    level: 2,
+                    tiles: vec![TilePlace { bytes: 20, hash: [1, 2, 3, 4] }; 4],
+                }],
+            },
+        }),
     }
 }
 

@@ -6,6 +6,7 @@ use lodestream_geometry::base::Base;
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, decode_page};
 use lodestream_geometry::pack::{BlobKind, ENTRY_BYTES, Entry, HEAD_BYTES, Head};
 use lodestream_geometry::refine::ActiveMesh;
+use lodestream_scene::asset::TextureRegions;
 
 use crate::fixtures;
 use crate::input::Input;
@@ -53,7 +54,12 @@ fn read_pack(file: &[u8]) -> Result<(), DecodeError> {
                 let delta = decode_chunk(mesh, chunk, info, bytes)?;
                 mesh.apply(&delta).map_err(|e| DecodeError::new("chunk", e.to_string()))?;
             }
-            BlobKind::Texture { .. } | BlobKind::Settings => {}
+            BlobKind::TextureRegions => {
+                let regions = TextureRegions::decode(bytes)
+                    .map_err(|why| DecodeError::new("texture regions", why.to_string()))?;
+                assert!(regions.encode().is_ok(), "decoded regions are encoded");
+            }
+            BlobKind::Texture { .. } | BlobKind::Tile { .. } | BlobKind::Settings => {}
         }
     }
     Ok(())

@@ -111,6 +111,7 @@ fn rehash_source(body: &mut [u8], part: &Part) {
         let asset = &mut record.assets[asset];
         match behind {
             Behind::Index(page, _) => asset.index[page as usize].hash = part.hash,
+            Behind::Tiles(_) => asset.tiles.iter_mut().for_each(|place| place.hash = part.hash),
             Behind::Texture(place) => {
                 asset
                     .coarse

@@ -12,7 +12,7 @@ use lodestream_protocol::source::{SceneSource, SourceError};
 use lodestream_scene::description::{AssetEntry, SceneHeader, ScenePage};
 use lodestream_scene::parts::PartTable;
 use lodestream_scene::punctual_lights::{PunctualLight, PunctualLights, decode_page};
-use lodestream_scene::{BlobId, BlobPart};
+use lodestream_scene::{BlobId, BlobPart, Tile};
 use lodestream_store::{BlobCache, DEFAULT_CACHE_BYTES, LoadedAsset, PackFile, SceneStore};
 
 use super::shapes::write_scene;
@@ -167,16 +167,16 @@ impl TestScene {
             index_slots: (0..mesh.material_count()).map(|m| mesh.indices(m).len() as u32).collect(),
         }));
         for (texture, info) in (0..).zip(&description.textures) {
-            for level in 0..u8::try_from(info.levels.len()).unwrap() {
-                let id = BlobId::Asset { asset: number, part: BlobPart::Texture { texture, level } };
-                let file = self.store.read(&id).unwrap();
-                let pixels = TexturePixels::decode(&file, info, u32::from(level)).unwrap();
-                changes.push(Change::Texture(TextureChange {
-                    asset: number,
-                    texture,
-                    level,
-                    pixels: pixels.into(),
-                }));
+            let images = (0..info.levels.len()).flat_map(|level| {
+                let tiled = level >= info.whole_levels();
+                (0..info.images(level)).map(move |tile| (level as u8, tiled.then_some(tile as u16)))
+            });
+            for (level, tile) in images {
+                let whole = BlobPart::Texture { texture, level };
+                let part = tile.map_or(whole, |tile| BlobPart::Tile(Tile { texture, level, tile }));
+                let file = self.store.read(&BlobId::Asset { asset: number, part }).unwrap();
+                let pixels = TexturePixels::decode(&file, info, (u32::from(level), tile)).unwrap().into();
+                changes.push(Change::Texture(TextureChange { asset: number, texture, level, tile, pixels }));
             }
         }
     }

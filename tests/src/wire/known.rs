@@ -20,7 +20,7 @@ use lodestream_scene::punctual_lights::{
     decode_page,
 };
 use lodestream_scene::terrain::{TerrainEntry, decode_directory};
-use lodestream_scene::{BlobId, BlobPart, View};
+use lodestream_scene::{BlobId, BlobPart, Tile, View};
 use lodestream_terrain::{Distribution, Mode, Shape, Stamp};
 use serde_json::{Value, json};
 
@@ -306,6 +306,10 @@ fn blob_id(id: BlobId) -> Value {
             BlobPart::Texture { texture, level } => {
                 json!({"asset": asset, "texture": texture, "level": level})
             }
+            BlobPart::TextureRegions => json!({"asset": asset, "texture_regions": true}),
+            BlobPart::Tile(Tile { texture, level, tile }) => {
+                json!({"asset": asset, "texture": texture, "level": level, "tile": tile})
+            }
         },
     }
 }
@@ -536,6 +540,7 @@ fn texture(texture: &TextureInfo) -> Value {
         "width": texture.width,
         "height": texture.height,
         "mean": texture.mean,
+        "uv_per_unit": texture.uv_per_unit,
         "levels": levels.collect::<Vec<_>>(),
     })
 }

@@ -293,7 +293,9 @@ impl Running {
         }
         let drawn = FrameStatus {
             shows,
-            morphing: self.ground_moves || now_s - self.scene.changed_s() <= self.settings.morph_s,
+            morphing: self.ground_moves
+                || now_s - self.scene.changed_s() <= self.settings.morph_s
+                || self.painter.renderer.fades_texture_tiles(),
             unfinished: self.counters.is_unfinished(),
             full,
             late_shadow_maps: self.counters.late_shadow_maps,

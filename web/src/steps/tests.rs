@@ -60,18 +60,21 @@ fn step() -> Vec<Change> {
             asset: 7,
             texture: 1,
             level: 2,
+            tile: None,
             pixels: TexturePixels::R16(vec![0, 0x1234, u16::MAX]).into(),
         }),
         Change::Texture(TextureChange {
             asset: 7,
             texture: 0,
             level: 0,
+            tile: None,
             pixels: TexturePixels::Rgba8(vec![1, 2, 3, 4]).into(),
         }),
         Change::Texture(TextureChange {
             asset: 7,
             texture: 2,
             level: 0,
+            tile: Some(3),
             pixels: TexturePixels::Held { number: 70_000, bytes: 256 }.into(),
         }),
         Change::HeightOverrides { x: -3, y: 5, overrides: HeightOverrides::new(15, points).unwrap() },
@@ -101,7 +104,7 @@ fn a_file_is_not_passed_as_texels() {
         kind: lodestream_scene::asset::TextureKind::Color,
         size: [1, 1],
     };
-    let change = TextureChange { asset: 0, texture: 0, level: 0, pixels: pixels.into() };
+    let change = TextureChange { asset: 0, texture: 0, level: 0, tile: None, pixels: pixels.into() };
     assert_eq!(encode(&[Change::Texture(change)]), Err(StepError::File));
 }
 

@@ -9,7 +9,7 @@ use lodestream_geometry::index::ChunkInfo;
 use lodestream_geometry::refine::ChunkDelta;
 use lodestream_protocol::time::Time;
 use lodestream_scene::asset::TextureInfo;
-use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_scene::blob::{BlobId, BlobPart, Tile};
 use lodestream_select::{State, Wanted};
 
 use super::ClientCore;
@@ -129,10 +129,16 @@ impl ClientCore {
                 self.apply_chunk(asset, chunk, truncation, &bytes, error_px)
             }
             BlobId::Asset { part: BlobPart::Texture { level, .. }, .. } => {
-                self.apply_texture(id, level, &bytes)
+                self.apply_texture(id, level, None, &bytes)
+            }
+            BlobId::Asset { part: BlobPart::Tile(Tile { level, tile, .. }), .. } => {
+                self.apply_texture(id, level, Some(tile), &bytes)
             }
             // Decoded when they arrive.
-            BlobId::Asset { part: BlobPart::Base | BlobPart::IndexPage(_), .. }
+            BlobId::Asset {
+                part: BlobPart::Base | BlobPart::IndexPage(_) | BlobPart::TextureRegions,
+                ..
+            }
             | BlobId::Terrain(_)
             | BlobId::PunctualLights(_)
             | BlobId::Parts(_) => Ok(()),
@@ -171,8 +177,10 @@ impl ClientCore {
                     is_applied(BlobPart::Base) && info.parents.iter().all(|p| is_applied(BlobPart::Chunk(*p)))
                 })
             }
-            BlobPart::Texture { .. } => self.scene.waiting_bytes() < self.config.max_waiting_bytes,
-            BlobPart::Base | BlobPart::IndexPage(_) => false,
+            BlobPart::Texture { .. } | BlobPart::Tile(_) => {
+                self.scene.waiting_bytes() < self.config.max_waiting_bytes
+            }
+            BlobPart::Base | BlobPart::IndexPage(_) | BlobPart::TextureRegions => false,
         }
     }
 
@@ -210,8 +218,14 @@ impl ClientCore {
         }
     }
 
-    /// Applies a texture level to all known assets that share it; identical levels are decoded once.
-    fn apply_texture(&mut self, id: BlobId, level: u8, bytes: &Bytes) -> Result<(), BlobError> {
+    /// Applies a texture level or a tile of one to all known assets that share it; identical ones are decoded once.
+    fn apply_texture(
+        &mut self,
+        id: BlobId,
+        level: u8,
+        tile: Option<u16>,
+        bytes: &Bytes,
+    ) -> Result<(), BlobError> {
         let sharers = self.scene.unapplied_sharers(id);
         if sharers.is_empty() {
             return Err(BlobError::UnknownTexture);
@@ -225,10 +239,10 @@ impl ClientCore {
             let info = info.ok_or(BlobError::UnknownTexture)?;
             let pixels = match decoded.iter().find(|(other, _)| *other == texels(info)) {
                 Some((_, pixels)) => Arc::clone(pixels),
-                None => Arc::new(self.pixels(bytes, info, u32::from(level))?),
+                None => Arc::new(self.pixels(bytes, info, (u32::from(level), tile))?),
             };
             decoded.push((texels(info), Arc::clone(&pixels)));
-            changes.push(TextureChange { asset, texture, level, pixels });
+            changes.push(TextureChange { asset, texture, level, tile, pixels });
         }
         for change in changes {
             self.scene.push_change(Change::Texture(change));
@@ -241,24 +255,32 @@ impl ClientCore {
         &self,
         file: &Bytes,
         info: &TextureInfo,
-        level: u32,
+        image: (u32, Option<u16>),
     ) -> Result<TexturePixels, TextureFileError> {
         #[cfg(feature = "images")]
         if !self.config.host_decodes_textures {
-            return TexturePixels::decode(file, info, level);
+            return TexturePixels::decode(file, info, image);
         }
-        TexturePixels::for_host(file, info, level)
+        TexturePixels::for_host(file, info, image)
     }
 
-    /// Takes the host's word that it cannot decode a texture level that a change gave it: the level counts as damaged,
+    /// Takes the host's word that it cannot decode a texture level or tile that a change gave it: it counts as damaged,
     /// as one that this crate cannot decode.
-    pub fn handle_texture_failure(&mut self, now: Time, asset: u32, texture: u16, level: u8, why: String) {
-        let id = BlobId::Asset { asset, part: BlobPart::Texture { texture, level } };
+    pub fn handle_texture_failure(
+        &mut self,
+        now: Time,
+        (asset, texture): (u32, u16),
+        (level, tile): (u8, Option<u16>),
+        why: String,
+    ) {
+        let whole = BlobPart::Texture { texture, level };
+        let part = tile.map_or(whole, |tile| BlobPart::Tile(Tile { texture, level, tile }));
+        let id = BlobId::Asset { asset, part };
         let described = self.scene.refined.get(asset as usize).and_then(Option::as_ref);
         let Some(info) = described.and_then(|r| r.description.textures.get(usize::from(texture))) else {
             return;
         };
-        let why = TextureFileError::by_host(info, level.into(), why);
+        let why = TextureFileError::by_host(info, (level.into(), tile), why);
         self.scene.set_unapplied(id);
         self.mark_failed(now, id, &why.into());
     }

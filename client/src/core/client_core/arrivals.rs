@@ -2,6 +2,7 @@
 
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_stated_page};
 use lodestream_protocol::time::Time;
+use lodestream_scene::asset::TextureRegions;
 use lodestream_scene::blob::{BlobId, BlobPart, PunctualLightBlob, TerrainBlob};
 use lodestream_select::State;
 
@@ -45,8 +46,10 @@ impl ClientCore {
                 None => self.mark_absent(now, id),
             },
             _ if !whole => self.mark_failed(now, id, &BlobError::Partial),
-            BlobPart::Base | BlobPart::IndexPage(_) => self.undecoded.push_back((id, bytes)),
-            BlobPart::Texture { .. } => {
+            BlobPart::Base | BlobPart::IndexPage(_) | BlobPart::TextureRegions => {
+                self.undecoded.push_back((id, bytes));
+            }
+            BlobPart::Texture { .. } | BlobPart::Tile(_) => {
                 self.cache.insert(id, bytes);
                 self.trim_cache(now);
             }
@@ -115,7 +118,30 @@ impl ClientCore {
         match part {
             BlobPart::Base => self.decode_base(now, asset, bytes),
             BlobPart::IndexPage(page) => self.decode_index_page(now, asset, page, bytes),
-            BlobPart::Chunk(_) | BlobPart::Texture { .. } => {}
+            BlobPart::TextureRegions => self.decode_texture_regions(now, asset, bytes),
+            BlobPart::Chunk(_) | BlobPart::Texture { .. } | BlobPart::Tile(_) => {}
+        }
+    }
+
+    fn decode_texture_regions(&mut self, now: Time, asset: u32, bytes: &[u8]) {
+        let id = BlobId::texture_regions(asset);
+        if self.state(id) == State::Applied {
+            return;
+        }
+        let refined = self.scene.refined.get(asset as usize).and_then(Option::as_ref);
+        let decoded = match (refined, TextureRegions::decode(bytes)) {
+            (None, _) => Err(BlobError::UnknownAsset),
+            (Some(refined), Ok(regions)) if regions.fit(&refined.description) => Ok(regions),
+            (Some(_), Ok(_)) => Err(BlobError::TextureRegions),
+            (_, Err(why)) => Err(why.into()),
+        };
+        match (decoded, self.scene.states.get_mut(asset as usize)) {
+            (Ok(regions), Some(state)) => {
+                state.set_texture_regions(regions);
+                self.failures.clear(id);
+            }
+            (Ok(_), None) => {}
+            (Err(why), _) => self.mark_failed(now, id, &why),
         }
     }
 
@@ -128,7 +154,7 @@ impl ClientCore {
         match RefinedAsset::decode(bytes, state.entry().chunk_count, self.config.track_changes) {
             Ok(refined) => {
                 let levels =
-                    refined.texture_levels().map(|part| state.entry().sent_blob(asset, part)).collect();
+                    refined.texture_images().map(|part| state.entry().sent_blob(asset, part)).collect();
                 state.set_state(BlobPart::Base, State::Applied);
                 self.counts.decoded_faces += refined.mesh().face_count() as u64;
                 self.scene.set_base(asset, refined);

@@ -1,6 +1,7 @@
 //! Why a received blob cannot be used.
 
 use lodestream_geometry::DecodeError;
+use lodestream_scene::encoding::CodingError;
 use lodestream_select::PageError;
 
 use crate::core::asset::AssetError;
@@ -32,6 +33,10 @@ pub(super) enum BlobError {
     Asset(#[from] AssetError),
     #[error(transparent)]
     Texture(#[from] TextureFileError),
+    #[error("its texture regions name a material or a cell that it has not")]
+    TextureRegions,
+    #[error(transparent)]
+    Coding(#[from] CodingError),
     #[error(transparent)]
     HeightOverrides(#[from] HeightOverrideBlobError),
     #[error(transparent)]

@@ -158,7 +158,7 @@ impl ClientCore {
             let pages = (0..state.entry().index_pages()).map(BlobPart::IndexPage);
             let chunks = (0..).zip(state.chunks()).map(|(chunk, _)| BlobPart::Chunk(chunk));
             let refined = self.scene.refined.get(asset as usize).and_then(Option::as_ref);
-            let textures = refined.into_iter().flat_map(RefinedAsset::texture_levels);
+            let textures = refined.into_iter().flat_map(RefinedAsset::texture_images);
             for part in std::iter::once(BlobPart::Base).chain(pages).chain(chunks).chain(textures) {
                 let id = state.entry().sent_blob(asset, part);
                 match state.state(part) {

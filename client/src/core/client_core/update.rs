@@ -133,15 +133,30 @@ impl ClientCore {
             wanted.state = punctual_lights.state(blob);
         } else if let BlobId::Parts(blob) = wanted.id {
             wanted.state = self.parts.state(blob);
-        } else if let Some(BlobPart::Texture { .. }) = wanted.id.part() {
+        } else if wanted.id.part().is_some_and(|part| part.texture().is_some()) {
             wanted.state = self.scene.state(wanted.id);
         } else if let Some((asset, _)) = self.scene.asset(wanted.id) {
             asset.refresh(wanted);
         }
     }
 
+    fn undo_tile(&mut self, now: Time, id: BlobId) {
+        self.scene.remove_tile(id);
+        self.counts.undone += 1;
+        if !self.config.track_changes {
+            self.scene.drop_changes();
+        }
+        if self.cache.contains(id) {
+            self.set_state(id, self.unused_state(id));
+        } else {
+            self.mark_absent(now, id);
+        }
+    }
+
     fn undo(&mut self, now: Time, id: BlobId) {
-        let BlobId::Asset { asset, part: BlobPart::Chunk(chunk) } = id else { return };
+        let BlobId::Asset { asset, part: BlobPart::Chunk(chunk) } = id else {
+            return self.undo_tile(now, id);
+        };
         self.scene.note_changed(asset);
         let Some(Some(refined)) = self.scene.refined.get_mut(asset as usize) else { return };
         match refined.undo(chunk) {

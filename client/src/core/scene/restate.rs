@@ -11,7 +11,7 @@ const INSTANCES_PER_CHANGE: usize = 8192;
 
 impl Scene {
     /// Replaces the queued changes by all that make up the scene now, in the order of a first time: header, punctual
-    /// lights, proxies, instances, assets, whole meshes, first frame, height overrides. Texture levels are left out: they are
+    /// lights, proxies, instances, assets, whole meshes, first frame, height overrides. Texture levels and tiles are left out: they are
     /// marked as not applied, and returned as the blobs that were requested for them, each once.
     pub(crate) fn restate(&mut self) -> Vec<BlobId> {
         let Some(header) = self.header.clone() else { return Vec::new() };
@@ -42,7 +42,7 @@ impl Scene {
             if let Some(refined) = &mut self.refined[asset as usize] {
                 refined.restate();
                 let entry = self.states[asset as usize].entry();
-                levels.extend(refined.texture_levels().map(|part| entry.sent_blob(asset, part)));
+                levels.extend(refined.texture_images().map(|part| entry.sent_blob(asset, part)));
             }
             self.note_changed(asset);
         }

@@ -59,6 +59,7 @@ impl Drawn {
                 let level = (texture.asset, texture.texture, texture.level);
                 self.textures.insert(level, texels.clone());
             }
+            Change::TileRemoved { .. } => panic!("no level of these textures is cut"),
             Change::HeightOverrides { x, y, overrides } => {
                 self.heights.insert((x, y), format!("{overrides:?}"));
             }

@@ -104,7 +104,7 @@ fn a_level_that_the_host_cannot_decode_counts_as_damaged_on_all_assets() {
     };
     assert_eq!(changes.iter().filter_map(is_file).collect::<Vec<_>>(), [true; 6]);
     let id = BlobId::texture(0, 0, 1);
-    link.core.handle_texture_failure(link.now, 0, 0, 1, "no such picture".into());
+    link.core.handle_texture_failure(link.now, (0, 0), (1, None), "no such picture".into());
     assert!(!link.core.is_settled());
     assert_eq!(link.core.stats().decode_failures, 1);
     // Another attempt gives it to the host again, for both assets.

@@ -38,17 +38,14 @@ impl RangeSession {
             Item::TerrainTable(page) => self.directory.add_terrain_table(page, &bytes),
             Item::LightTable(page) => self.directory.add_light_table(page, &bytes),
             Item::PartTable(number) => self.directory.add_part_table(number, &bytes),
-            Item::Index(asset, page) => self.directory.add_index(asset, page, &bytes).map(|length| {
-                self.blobs += 1;
-                let bytes = bytes.slice(..length);
-                let total = u32::try_from(length).unwrap_or(u32::MAX);
-                self.events.push_back(ClientEvent::Blob {
-                    id: BlobId::index_page(asset, page),
-                    offset: 0,
-                    total,
-                    bytes,
-                });
-            }),
+            Item::Index(asset, page) => {
+                let length = self.directory.add_index(asset, page, &bytes);
+                length.map(|length| self.deliver_first(BlobId::index_page(asset, page), &bytes, length))
+            }
+            Item::TextureRegions(asset) => {
+                let length = self.directory.add_tiles(asset, &bytes);
+                length.map(|length| self.deliver_first(BlobId::texture_regions(asset), &bytes, length))
+            }
             Item::Blob(id) => {
                 self.blobs += 1;
                 let total = match self.directory.locate(one.item) {
@@ -67,6 +64,13 @@ impl RangeSession {
         if let Err(why) = added {
             self.fail(&why);
         }
+    }
+
+    /// Hands out a blob behind which a table lies.
+    fn deliver_first(&mut self, id: BlobId, bytes: &Bytes, length: usize) {
+        self.blobs += 1;
+        let total = u32::try_from(length).unwrap_or(u32::MAX);
+        self.events.push_back(ClientEvent::Blob { id, offset: 0, total, bytes: bytes.slice(..length) });
     }
 
     /// An item's bytes do not have their hash. They are fetched once more, past all caches.

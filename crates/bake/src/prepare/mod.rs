@@ -10,6 +10,7 @@ pub(crate) mod settings_key;
 mod sizes;
 #[cfg(test)]
 mod tests;
+pub(crate) mod texture_regions;
 
 use std::fmt;
 use std::num::NonZeroUsize;
@@ -26,6 +27,7 @@ use lodestream_geometry::prepare::{Hooks, suit};
 use lodestream_geometry::quantise::quantise;
 use lodestream_geometry::{MeshError, Settings};
 use lodestream_import::{ImportError, Imported, Part};
+use lodestream_scene::asset::{DescriptionError, TextureInfo};
 
 use crate::mapping_allocator::MappingAllocator;
 use crate::scene::Asset;
@@ -34,6 +36,7 @@ use lodestream_store::{PackFile, StoreError};
 
 use checkpoint_folder::CheckpointFolder;
 pub use checkpoint_folder::{Resumed, remove_stale_levels};
+use describe::DescribeError;
 use known_keys::KnownKeys;
 pub use lodestream_threads::Threads;
 pub use progress::Reporter;
@@ -412,14 +415,18 @@ fn prepare_with_key(keyed: Keyed, options: &Options, pack: &Path) -> Result<Repo
     let described = describe::describe(name, &imported.materials, depth, &threads)
         .map_err(|source| PrepareError::Describe { path: model.clone(), source })?;
     warnings.extend(described.warnings);
-    let description = described
-        .description
-        .encode()
-        .map_err(|error| PrepareError::Describe { path: model.clone(), source: error.into() })?;
 
     let start = Instant::now();
     let mut mesh = quantise(&imported.mesh, &preparation_settings.quantise_settings()).map_err(mesh_error)?;
+    let mut description = described.description;
+    let regions = texture_regions::measure(&imported.mesh, &mut description, mesh.grid.origin);
     drop(imported.mesh);
+    let describe_error = |source| PrepareError::Describe { path: model.clone(), source };
+    let regions = regions.map(|regions| regions.encode()).transpose();
+    let regions =
+        regions.map_err(|error| describe_error(DescribeError::from(DescriptionError::from(error))))?;
+    let whole: Vec<usize> = description.textures.iter().map(TextureInfo::whole_levels).collect();
+    let description = description.encode().map_err(|error| describe_error(error.into()))?;
     PrepareError::room(model, mesh.faces.len(), MappingAllocator::free_bytes())?;
     let checkpoints =
         checkpoint_folder_for(pack, &key, options.keep_levels || mesh.faces.len() >= CHECKPOINT_MIN_FACES);
@@ -445,10 +452,16 @@ fn prepare_with_key(keyed: Keyed, options: &Options, pack: &Path) -> Result<Repo
     blobs.extend(prepared.chunks.iter().zip(0..).map(|(chunk, i)| (BlobKind::Chunk(i), &chunk[..])));
     let settings = preparation_settings.to_string();
     let geometry_bytes = blobs.iter().map(|(_, blob)| blob.len() as u64).sum();
-    for (levels, texture) in described.textures.iter().zip(0..) {
-        let levels = levels.iter().zip(0..);
-        blobs.extend(levels.map(|(blob, level)| (BlobKind::Texture { texture, level }, &blob[..])));
+    for ((levels, texture), whole) in described.textures.iter().zip(0..).zip(whole) {
+        let images = levels.iter().zip(0..).flat_map(|(images, level)| {
+            images.iter().zip(0..).map(move |(image, tile)| (image, level, tile))
+        });
+        blobs.extend(images.map(|(image, level, tile)| match level {
+            level if usize::from(level) < whole => (BlobKind::Texture { texture, level }, &image[..]),
+            level => (BlobKind::Tile { texture, level, tile }, &image[..]),
+        }));
     }
+    blobs.extend(regions.iter().map(|regions| (BlobKind::TextureRegions, &regions[..])));
     blobs.push((BlobKind::Settings, settings.as_bytes()));
     let write_error = |source| PrepareError::Write { path: pack.to_owned(), source };
     let bytes = lodestream_geometry::pack::write(key.bytes(), &blobs)

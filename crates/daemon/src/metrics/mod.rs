@@ -93,7 +93,7 @@ pub struct Metrics {
 const fn kind(id: &BlobId) -> usize {
     match id {
         BlobId::Asset { part: BlobPart::Base, .. } => 1,
-        BlobId::Asset { part: BlobPart::IndexPage(_), .. }
+        BlobId::Asset { part: BlobPart::IndexPage(_) | BlobPart::TextureRegions, .. }
         | BlobId::Terrain(TerrainBlob::DirectoryPage(_))
         | BlobId::PunctualLights(PunctualLightBlob::DirectoryPage(_))
         | BlobId::Parts(PartBlob::DirectoryPage(_)) => 2,
@@ -101,7 +101,7 @@ const fn kind(id: &BlobId) -> usize {
         | BlobId::Terrain(TerrainBlob::HeightOverrides(_))
         | BlobId::PunctualLights(PunctualLightBlob::Page(_))
         | BlobId::Parts(PartBlob::Page(_)) => 3,
-        BlobId::Asset { part: BlobPart::Texture { .. }, .. } => 4,
+        BlobId::Asset { part: BlobPart::Texture { .. } | BlobPart::Tile(_), .. } => 4,
     }
 }
 

@@ -3,7 +3,7 @@
 //! ```text
 //! magic "LODSPACK" | version u16 | 0 u16 | blobs u32 | fingerprint [32] | hash of head and table [16]
 //! table: per blob  kind u8 | level u8 | texture u16 | index u32 | offset u64 | length u32 | hash [16]
-//! blobs, in the table's order: base, index pages, chunks, settings, textures
+//! blobs, in the table's order: base, index pages, chunks, settings, textures, texture regions, tiles
 //! ```
 //! All numbers little-endian; hashes are the first 16 bytes of BLAKE3. The crate reads and writes byte
 //! slices; files are the caller's.
@@ -14,7 +14,7 @@ use crate::error::DecodeError;
 /// First bytes of every pack.
 pub const MAGIC: [u8; 8] = *b"LODSPACK";
 /// Version of the file's layout.
-pub const PACK_VERSION: u16 = 2;
+pub const PACK_VERSION: u16 = 3;
 /// Bytes of the head.
 pub const HEAD_BYTES: usize = 64;
 /// Bytes of a table entry.
@@ -39,6 +39,17 @@ pub enum BlobKind {
         texture: u16,
         /// Number of the level, 0 for the coarsest.
         level: u8,
+    },
+    /// Where the surface is in the textures.
+    TextureRegions,
+    /// A tile of a mip level of a texture.
+    Tile {
+        /// Number of the texture.
+        texture: u16,
+        /// Number of the level, 0 for the coarsest.
+        level: u8,
+        /// Number of the tile, row by row.
+        tile: u16,
     },
 }
 
@@ -139,6 +150,11 @@ impl Head {
                 2 => BlobKind::Chunk(index),
                 3 => BlobKind::Texture { texture, level },
                 4 => BlobKind::Settings,
+                5 => BlobKind::TextureRegions,
+                6 => {
+                    let tile = u16::try_from(index).map_err(|_| r.error("a tile beyond the last"))?;
+                    BlobKind::Tile { texture, level, tile }
+                }
                 other => return Err(r.error(format!("unknown kind of blob {other}"))),
             };
             let offset = u64::from_le_bytes(r.array()?);
@@ -187,6 +203,8 @@ pub fn write(fingerprint: [u8; 32], blobs: &[(BlobKind, &[u8])]) -> Result<Vec<u
             BlobKind::Chunk(chunk) => (2, 0, 0, chunk),
             BlobKind::Texture { texture, level } => (3, level, texture, 0),
             BlobKind::Settings => (4, 0, 0, 0),
+            BlobKind::TextureRegions => (5, 0, 0, 0),
+            BlobKind::Tile { texture, level, tile } => (6, level, texture, tile.into()),
         };
         let length = u32::try_from(bytes.len()).map_err(|_| too_large("a blob"))?;
         table.extend([tag, level]);

@@ -17,7 +17,7 @@ use super::source::{Opacity, Transparency};
 use super::webp;
 use crate::model::{Channel, ImageSource};
 
-/// Quality of JPEGs, 1–100, of colours too wide or high for WebP: about as good as that.
+/// Quality of JPEGs, 1–100, of colours that are too wide or high for WebP, or have too fine chroma: about as good as that.
 const JPEG_QUALITY: u8 = 85;
 
 pub(super) fn load(
@@ -96,7 +96,8 @@ fn encode(
     let plane = Plane::<4>::from_srgb(&rgba);
     drop(rgba);
     let encode = |plane: &Plane<4>| encode_level(plane, alpha, grey, coverage);
-    let (levels, coarsest) = levels(path, plane, Plane::halve_premultiplied, encode, pool)?;
+    let (levels, coarsest) =
+        levels((path, TextureKind::Color), plane, Plane::halve_premultiplied, encode, pool)?;
     let mean = Some(coarsest.mean_srgb());
     Ok(Texture { kind: TextureKind::Color, width_px, height_px, transparency, mean, levels })
 }
@@ -124,7 +125,11 @@ fn encode_level(
     drop(rgba);
     let whole =
         if grey { rectangle(&one, ExtendedColorType::L8) } else { rectangle(&rgb, ExtendedColorType::Rgb8) };
-    // JPEG was longer than WebP for every level of the pictures that were measured, so it is not tried beside it.
-    let lossy = if webp_holds { webp::opaque(&rgb, width, height)? } else { whole.jpeg(JPEG_QUALITY)? };
-    whole.png_or(lossy)
+    if webp_holds {
+        let file = webp::opaque(&rgb, width, height)?;
+        if webp::keeps_chroma(&file, &rgb)? {
+            return whole.png_or(file);
+        }
+    }
+    whole.png_or(whole.jpeg(JPEG_QUALITY)?)
 }

@@ -7,8 +7,10 @@ use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder as _, ImageError};
 use lodestream_geometry::pool::Pool;
+use lodestream_scene::asset::{TextureKind, is_tiled, tile_grid};
 
 use super::error::{TextureError, one_line};
+use super::levels::Level;
 use super::mip::Plane;
 
 /// Halving stops at a level whose longer side is at most this: smaller levels cost a message each
@@ -25,31 +27,49 @@ const SAMPLE: (usize, usize) = (16, 128);
 /// How many times too long the sample may find PNG for PNG to be tried.
 const SAMPLE_SLACK: usize = 2;
 
-/// Encoded levels, coarse first, and the coarsest as a plane. The pool runs a task for each level.
+/// Encoded levels, coarse first, and the coarsest as a plane. The pool runs a task for each image.
 pub(super) fn levels<const N: usize>(
-    path: &Path,
+    (path, kind): (&Path, TextureKind),
     plane: Plane<N>,
     halve: impl Fn(&Plane<N>) -> Plane<N>,
     encode: impl Fn(&Plane<N>) -> Result<Vec<u8>, ImageError> + Sync,
     pool: &dyn Pool,
-) -> Result<(Vec<Vec<u8>>, Plane<N>), TextureError> {
+) -> Result<(Vec<Level>, Plane<N>), TextureError> {
     let (mut finer, mut coarsest) = (Vec::new(), plane);
     while coarsest.width.max(coarsest.height) > COARSEST_SIDE_PX {
         let next = halve(&coarsest);
         finer.push(std::mem::replace(&mut coarsest, next));
     }
     let planes: Vec<&Plane<N>> = finer.iter().chain([&coarsest]).collect();
-    let encoded: Vec<OnceLock<_>> = planes.iter().map(|_| OnceLock::new()).collect();
-    // Fine first: it takes longest.
-    pool.run(planes.len(), &|i| {
-        encoded[i].get_or_init(|| encode(planes[i]));
+    // Fine first, as whole levels take longest.
+    let images: Vec<(usize, Option<[u32; 2]>)> =
+        (0..).zip(&planes).flat_map(|(at, plane)| images(at, plane, kind)).collect();
+    let encoded: Vec<OnceLock<_>> = images.iter().map(|_| OnceLock::new()).collect();
+    pool.run(images.len(), &|i| {
+        let (at, tile) = images[i];
+        encoded[i].get_or_init(|| match tile {
+            Some(tile) => encode(&planes[at].tile(tile)),
+            None => encode(planes[at]),
+        });
     });
     let failed = |why: String| TextureError::Encode { path: path.to_owned(), why: one_line(&why) };
-    let taken = encoded.into_iter().rev().map(|level| {
-        let level = level.into_inner().ok_or_else(|| failed("its task did not run".to_owned()))?;
-        level.map_err(|error| failed(error.to_string()))
-    });
-    Ok((taken.collect::<Result<_, _>>()?, coarsest))
+    let mut levels: Vec<Level> = planes.iter().map(|_| Level::new()).collect();
+    for ((at, _), image) in images.into_iter().zip(encoded) {
+        let image = image.into_inner().ok_or_else(|| failed("its task did not run".to_owned()))?;
+        levels[at].push(image.map_err(|error| failed(error.to_string()))?);
+    }
+    levels.reverse();
+    Ok((levels, coarsest))
+}
+
+/// The images of a level, by its number from the finest: itself, or its tiles.
+fn images<const N: usize>(at: usize, plane: &Plane<N>, kind: TextureKind) -> Vec<(usize, Option<[u32; 2]>)> {
+    let size = [plane.width, plane.height];
+    if !is_tiled(kind, size) {
+        return vec![(at, None)];
+    }
+    let [columns, rows] = tile_grid(size);
+    (0..rows).flat_map(|row| (0..columns).map(move |column| (at, Some([column, row])))).collect()
 }
 
 /// Texels of a rectangle, row by row. Its files depend on nothing else.

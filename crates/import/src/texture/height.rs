@@ -37,7 +37,7 @@ pub(super) fn load(source: &ImageSource, pool: &dyn Pool) -> Result<Texture, Tex
         let Plane { width, height, .. } = *plane;
         Rectangle { bytes: &bytes, width, height, format }.png()
     };
-    let (levels, _) = levels(&source.path, plane, Plane::halve, encode, pool)?;
+    let (levels, _) = levels((&source.path, TextureKind::Height), plane, Plane::halve, encode, pool)?;
     let transparency = Transparency::None;
     Ok(Texture { kind: TextureKind::Height, width_px, height_px, transparency, mean: None, levels })
 }

@@ -20,5 +20,8 @@ pub struct Texture {
     pub mean: Option<[u8; 3]>,
     /// Encoded levels, coarse first. Counted from the finest, level k is
     /// `max(1, width_px >> k) × max(1, height_px >> k)`, as GPUs have it.
-    pub levels: Vec<Vec<u8>>,
+    pub levels: Vec<Level>,
 }
+
+/// The image files of a level: one, or those of its tiles row by row ([`lodestream_scene::asset::is_tiled`]).
+pub type Level = Vec<Vec<u8>>;

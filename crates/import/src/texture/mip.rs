@@ -5,6 +5,8 @@
 
 use image::{DynamicImage, RgbaImage};
 
+use lodestream_scene::asset::{TILE_BORDER, TILE_SIDE, tile_size};
+
 use crate::srgb;
 
 /// An image with `N` 16-bit channels, row by row.
@@ -51,6 +53,18 @@ impl<const N: usize> Plane<N> {
             }
         }
         Self { width, height, samples }
+    }
+
+    /// A tile with its border, which continues at the opposite edge.
+    pub(super) fn tile(&self, place: [u32; 2]) -> Self {
+        let [width, height] = tile_size([self.width, self.height], place[0], place[1]);
+        let [left, top] = place.map(|at| at * TILE_SIDE);
+        let wrapped = |at: u32, side: u32| ((at + side * TILE_BORDER) - TILE_BORDER) % side;
+        let rows = (top..top + height).map(|y| wrapped(y, self.height) as usize * self.width as usize);
+        let samples = rows.flat_map(|row| {
+            (left..left + width).map(move |x| self.samples[row + wrapped(x, self.width) as usize])
+        });
+        Self { width, height, samples: samples.collect() }
     }
 
     /// [`Self::halve`] of even sides, where all weights are equal: the same sums, divided once.

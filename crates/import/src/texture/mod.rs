@@ -23,7 +23,7 @@ use lodestream_geometry::pool::Pool;
 pub use lodestream_scene::asset::TextureKind;
 
 pub use error::TextureError;
-pub use levels::Texture;
+pub use levels::{Level, Texture};
 pub use limits::{MAX_PIXELS, MAX_SIDE_PX};
 pub use source::{Opacity, TextureSource, Transparency};
 

@@ -35,7 +35,7 @@ pub(super) fn load(source: &ImageSource, pool: &dyn Pool) -> Result<Texture, Tex
         let whole = Rectangle { bytes: &bytes, width, height, format: ExtendedColorType::Rgb8 };
         whole.png_or(whole.jpeg(JPEG_QUALITY)?)
     };
-    let (levels, _) = levels(&source.path, plane, Plane::halve, encode, pool)?;
+    let (levels, _) = levels((&source.path, TextureKind::Normal), plane, Plane::halve, encode, pool)?;
     let transparency = Transparency::None;
     Ok(Texture { kind: TextureKind::Normal, width_px, height_px, transparency, mean: None, levels })
 }

@@ -41,7 +41,7 @@ pub(super) fn load(map: &SurfaceMap, pool: &dyn Pool) -> Result<Texture, Texture
         let whole = Rectangle { bytes: &bytes, width, height, format: ExtendedColorType::Rgb8 };
         whole.png_or(whole.jpeg(JPEG_QUALITY)?)
     };
-    let (levels, coarsest) = levels(&path, plane, Plane::halve, encode, pool)?;
+    let (levels, coarsest) = levels((&path, TextureKind::Surface), plane, Plane::halve, encode, pool)?;
     let mean = Some(coarsest.mean().map(byte));
     let transparency = Transparency::None;
     Ok(Texture { kind: TextureKind::Surface, width_px, height_px, transparency, mean, levels })

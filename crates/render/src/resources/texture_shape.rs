@@ -68,13 +68,14 @@ fn from_srgb(encoded: u8) -> f32 {
 
 impl From<&TextureInfo> for TextureShape {
     fn from(info: &TextureInfo) -> Self {
-        let &TextureInfo { kind, width, height, mean, ref levels } = info;
+        let &TextureInfo { kind, width, height, mean, ref levels, .. } = info;
         let decode = |encoded| match kind {
             TextureKind::Color => from_srgb(encoded),
             TextureKind::Height | TextureKind::Normal | TextureKind::Surface => f32::from(encoded) / 255.0,
         };
         let mean = mean.map_or([1.0; 3], |mean| mean.map(decode));
-        Self { width, height, levels: levels.len() as u32, kind, whole_levels: u32::MAX, mean }
+        let whole_levels = info.whole_levels() as u32;
+        Self { width, height, levels: levels.len() as u32, kind, whole_levels, mean }
     }
 }
 
@@ -122,6 +123,7 @@ mod tests {
             width: 8,
             height: 8,
             mean,
+            uv_per_unit: 1.0,
             levels: vec![TextureLevel { width: 8, height: 8, bytes: 100, format: TextureFormat::Png }],
         };
         assert_eq!(TextureShape::from(&info(None)).mean, [1.0; 3]);

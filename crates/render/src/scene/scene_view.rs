@@ -7,6 +7,8 @@ use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 use lodestream_client::core::{Change, NewAsset, TextureChange};
+use lodestream_scene::asset::tile_place;
+use lodestream_scene::blob::Tile;
 use lodestream_scene::description::SceneHeader;
 use lodestream_scene::placement::Placement;
 use lodestream_scene::pose::Pose;
@@ -347,6 +349,11 @@ impl SceneView {
                     self.anchored.iter_mut().for_each(TerrainAnchored::invalidate);
                 }
             }
+            Change::TileRemoved { asset, tile } => {
+                if let Some(asset) = self.assets.get(asset as usize).and_then(Option::as_ref) {
+                    remove_tile(asset, tile)?;
+                }
+            }
             // Uploaded in pieces elsewhere.
             Change::Mesh(_) | Change::Texture(_) => {}
         }
@@ -377,6 +384,16 @@ impl SceneView {
         };
         let (index, level) = (usize::from(texture.texture), u32::from(texture.level));
         let shape = asset.textures().get(index).map(Texture::declared_shape);
+        if let (Some(tile), Some(shape)) = (texture.tile, shape) {
+            let place = tile_place(shape.level_size(level).into(), tile);
+            match asset.update_texture_tile(gpu, index, level, place, texels) {
+                // The selection's budget is for all texels; what it does not count is drawn coarser.
+                Err(why @ RenderError::NoTileRoom { .. }) => tracing::debug!("a tile is left out: {why}"),
+                painted => painted?,
+            }
+            self.held.used(&texture.pixels);
+            return Ok(texture.pixels.bytes());
+        }
         let height = shape.map_or(1, |shape| shape.level_size(level).1).max(1);
         let of_row = texture.pixels.bytes().div_ceil(height as usize).max(1);
         let rows = u32::try_from(budget_bytes / of_row).unwrap_or(u32::MAX).max(1).min(height - first);
@@ -665,4 +682,12 @@ fn environment(header: &SceneHeader, plain: bool) -> Environment {
             Haze { visibility: HAZE_OVER_REACH * half * f64::from(terrain.unit) }
         }),
     }
+}
+
+fn remove_tile(asset: &AssetGpu, tile: Tile) -> Result<(), RenderError> {
+    let (texture, level) = (usize::from(tile.texture), u32::from(tile.level));
+    if let Some(shape) = asset.textures().get(texture).map(Texture::declared_shape) {
+        asset.remove_texture_tile(texture, level, tile_place(shape.level_size(level).into(), tile.tile))?;
+    }
+    Ok(())
 }

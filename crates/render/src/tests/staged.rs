@@ -58,6 +58,7 @@ fn square() -> Vec<Change> {
         width: SIDE,
         height: SIDE,
         mean: Some([255; 3]),
+        uv_per_unit: 1.0,
         levels: [SIDE / 2, SIDE].map(level).to_vec(),
     };
     let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
@@ -88,7 +89,7 @@ fn level(level: u8, side: u32, colours: [[u8; 4]; 2]) -> Change {
     let half = (side * side / 2) as usize;
     let texels = [colours[0].repeat(half), colours[1].repeat(half)].concat();
     let pixels = Arc::new(TexturePixels::Rgba8(texels));
-    Change::Texture(TextureChange { asset: 0, texture: 0, level, pixels })
+    Change::Texture(TextureChange { asset: 0, texture: 0, level, tile: None, pixels })
 }
 
 fn picture(h: &mut Headless, scene: &SceneView) -> Vec<u8> {

@@ -4,7 +4,11 @@
 //! the first flight: an untextured mesh of one material takes about 20 bytes.
 
 mod material;
+mod texture_regions;
 pub mod tiles;
+
+pub use self::texture_regions::{MAX_TEXTURE_REGIONS, TexturePatch, TextureRegion, TextureRegions, cells_of};
+pub use self::tiles::{TILE_BORDER, TILE_SIDE, is_tiled, tile_grid, tile_place, tile_size};
 
 pub use self::material::{Alpha, MAX_EMISSION, MAX_NORMAL_SCALE, Material, Wrap};
 pub use crate::encoding::CodingError;
@@ -62,7 +66,7 @@ pub enum TextureFormat {
 encode_variants!(TextureFormat { 0 => Jpeg, 1 => Png, 2 => WebP });
 
 /// A texture: its size and its levels.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct TextureInfo {
     /// Meaning of the texels.
     pub kind: TextureKind,
@@ -73,22 +77,25 @@ pub struct TextureInfo {
     /// Mean colour, drawn until the first level arrives: sRGB, averaged in linear light and weighted by opacity; for
     /// surface textures the mean of each channel. `None` for heights and normals.
     pub mean: Option<[u8; 3]>,
-    /// Levels, coarsest first, at least one; each is an image of its own.
+    /// Texture coordinates per unit of the asset: the square root of uv area over area, of the input's faces that show
+    /// it. 0 if none has an area.
+    pub uv_per_unit: f32,
+    /// Levels, coarsest first, at least one; each is an image of its own, or cut into tiles ([`is_tiled`]).
     pub levels: Vec<TextureLevel>,
 }
 
-encode_fields!(TextureInfo { kind, width, height, mean, levels });
+encode_fields!(TextureInfo { kind, width, height, mean, uv_per_unit, levels });
 
-/// One level of a texture: one blob.
+/// One level of a texture: one blob, or one for each of its tiles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TextureLevel {
     /// Width in texels.
     pub width: u32,
     /// Height in texels.
     pub height: u32,
-    /// Length of the image file, in bytes.
+    /// Length of the image file, in bytes; of a level that is cut, the mean over its tiles.
     pub bytes: u32,
-    /// Format of the image file.
+    /// Format of the image file; of a level that is cut, of its first tile.
     pub format: TextureFormat,
 }
 
@@ -141,6 +148,12 @@ pub enum DescriptionError {
     /// A size other than the texture's.
     #[error("a texture's finest level has another size")]
     FinestLevel,
+    /// A coarsest level that is cut into tiles.
+    #[error("a texture's coarsest level is larger than a tile")]
+    CoarsestLevel,
+    /// A density that is not a finite number from 0.
+    #[error("a texture's density is not a finite number that is not below 0")]
+    TextureDensity,
     /// More than 2^15 texels a side.
     #[error("a texture is too large")]
     TextureTooLarge,
@@ -210,6 +223,11 @@ impl AssetDescription {
                 last = (level.width, level.height);
             }
             ensure(last == (texture.width, texture.height), DescriptionError::FinestLevel)?;
+            ensure(texture.whole_levels() > 0, DescriptionError::CoarsestLevel)?;
+            ensure(
+                texture.uv_per_unit >= 0.0 && texture.uv_per_unit.is_finite(),
+                DescriptionError::TextureDensity,
+            )?;
             ensure(texture.width <= 1 << 15 && texture.height <= 1 << 15, DescriptionError::TextureTooLarge)?;
         }
         Ok(())
@@ -238,6 +256,7 @@ mod tests {
                     width: 512,
                     height: 256,
                     mean: (kind == TextureKind::Color).then_some([180, 90, 40]),
+                    uv_per_unit: 0.5,
                     levels: vec![
                         TextureLevel { width: 64, height: 32, bytes: 900, format: TextureFormat::Jpeg },
                         TextureLevel { width: 256, height: 128, bytes: 9000, format: TextureFormat::WebP },

@@ -7,6 +7,8 @@
 
 use std::ops::Range;
 
+use super::{TextureInfo, TextureKind, TextureLevel};
+
 /// Texels along the side of a tile, without borders.
 pub const TILE_SIDE: u32 = 256;
 /// Texels of the border on each side of a tile's image.
@@ -40,6 +42,45 @@ pub fn is_whole(level_size: [u32; 2]) -> bool {
     level_size.iter().all(|side| *side <= TILE_SIDE)
 }
 
+/// Whether a level of a texture is cut into tiles. Heights are not: relief mapping follows rays through them.
+#[must_use]
+pub fn is_tiled(kind: TextureKind, level_size: [u32; 2]) -> bool {
+    kind != TextureKind::Height && !is_whole(level_size)
+}
+
+/// Column and row of the `tile`-th tile of a level, row by row.
+#[must_use]
+pub fn tile_place(level_size: [u32; 2], tile: u16) -> [u32; 2] {
+    let columns = tile_grid(level_size)[0];
+    [u32::from(tile) % columns, u32::from(tile) / columns]
+}
+
+impl TextureLevel {
+    /// Width and height, in texels.
+    #[must_use]
+    pub const fn size(&self) -> [u32; 2] {
+        [self.width, self.height]
+    }
+}
+
+impl TextureInfo {
+    /// Number of levels that are one image each: the coarser ones.
+    #[must_use]
+    pub fn whole_levels(&self) -> usize {
+        self.levels.partition_point(|level| !is_tiled(self.kind, level.size()))
+    }
+
+    /// Number of images of a level: 1, or that of its tiles.
+    #[must_use]
+    pub fn images(&self, level: usize) -> u32 {
+        match self.levels.get(level) {
+            Some(level) if is_tiled(self.kind, level.size()) => tile_grid(level.size()).iter().product(),
+            Some(_) => 1,
+            None => 0,
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -68,5 +109,8 @@ mod tests {
     fn levels_of_a_tile_or_less_stay_whole() {
         assert!(is_whole([256, 1]) && is_whole([256, 256]));
         assert!(!is_whole([257, 1]) && !is_whole([4, 512]));
+        assert!(is_tiled(TextureKind::Color, [1, 257]) && !is_tiled(TextureKind::Height, [4096, 4096]));
+        assert_eq!(tile_place([1000, 700], 6), [2, 1]);
+        assert!(u16::try_from(tile_grid([1 << 15; 2]).iter().product::<u32>() - 1).is_ok());
     }
 }

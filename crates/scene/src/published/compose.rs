@@ -7,7 +7,8 @@ use super::PublishedError;
 use super::contents::{IndexPage, PackContents, Texture};
 use super::part::part_hash;
 use super::records::TexturePlace;
-use super::tables::{ChunkPlace, ChunkTable};
+use super::tables::{ChunkPlace, ChunkTable, TileLevel, TilePlace, segment_hash};
+use crate::blob::Tile;
 use crate::encoding::CodingError;
 
 /// Longest texture level that the published scene has a copy of, in bytes: the coarsest of most textures.
@@ -72,6 +73,34 @@ impl PackContents {
         let place = TexturePlace { texture, level, bytes: length, hash: part_hash(&bytes) };
         let copied = level < COPIED_LEVELS && length <= MAX_COPY_BYTES;
         self.textures.push(Texture { place, copy: copied.then_some(bytes) });
+        Ok(())
+    }
+
+    /// Adds the texture regions.
+    pub fn add_texture_regions(&mut self, bytes: Bytes) {
+        self.tiles.get_or_insert_default().regions = bytes;
+    }
+
+    /// Adds the next tile, which begins at `offset` in the pack.
+    ///
+    /// # Errors
+    /// A tile that does not follow the one before it.
+    pub fn add_tile(&mut self, tile: Tile, offset: u64, bytes: &[u8]) -> Result<(), PublishedError> {
+        let table = &mut self.tiles.get_or_insert_default().table;
+        if table.levels.is_empty() {
+            table.offset = offset;
+        }
+        let begins = table.end() == offset;
+        let level = (tile.texture, tile.level);
+        if table.levels.last().is_none_or(|last| (last.texture, last.level) != level) {
+            table.levels.push(TileLevel { texture: tile.texture, level: tile.level, tiles: Vec::new() });
+        }
+        let tiles = table.levels.last_mut().map(|last| &mut last.tiles);
+        let Some(tiles) = tiles.filter(|tiles| begins && tiles.len() == usize::from(tile.tile)) else {
+            return Err(PublishedError::Contradiction("a pack's tiles are not adjacent"));
+        };
+        let length = u32::try_from(bytes.len()).map_err(|_| PublishedError::TooLong)?;
+        tiles.push(TilePlace { bytes: length, hash: segment_hash(bytes) });
         Ok(())
     }
 }

@@ -3,7 +3,7 @@
 use bytes::Bytes;
 
 use super::records::TexturePlace;
-use super::tables::ChunkTable;
+use super::tables::{ChunkTable, TileTable};
 use crate::description::{SceneHeader, ScenePage};
 use crate::parts::PartTable;
 use crate::punctual_lights::PunctualLights;
@@ -50,6 +50,17 @@ pub struct PackContents {
     pub textures_offset: u64,
     /// Levels of textures, in the pack's order.
     pub textures: Vec<Texture>,
+    /// Texture regions and tiles, if a level is cut.
+    pub tiles: Option<Tiles>,
+}
+
+/// Texture regions, and where the tiles lie in the pack.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Tiles {
+    /// The regions.
+    pub regions: Bytes,
+    /// The tiles.
+    pub table: TileTable,
 }
 
 /// An index page, and where its chunks lie in the pack.

@@ -25,13 +25,15 @@ mod tables;
 mod tests;
 mod write;
 
-pub use contents::{Contents, IndexPage, PackContents, Texture};
+pub use contents::{Contents, IndexPage, PackContents, Texture, Tiles};
 pub use opening::{
     HEAD_BYTES, Head, MAX_OPENING_BYTES, Opening, PART_PAGES_PER_TABLE, PagePlace, PartPlaces, VERSION,
 };
 pub use part::{HASH_BYTES, Part, PartHash, part_hash};
 pub use records::{AssetSource, Behind, IndexPlace, PageRecord, SourceRecord, TexturePlace, pack_name};
-pub use tables::{BlobTable, ChunkPlace, ChunkTable, SegmentHash, segment_hash};
+pub use tables::{
+    BlobTable, ChunkPlace, ChunkTable, SegmentHash, TileLevel, TilePlace, TileTable, segment_hash,
+};
 
 use crate::encoding::CodingError;
 

@@ -10,7 +10,7 @@ use crate::punctual_lights::{MAX_PUNCTUAL_LIGHTS, PunctualLights};
 /// First bytes of every published scene.
 const MAGIC: [u8; 8] = *b"LODSCENE";
 /// Version of the layout, the encoding of header and pages included.
-pub const VERSION: u16 = 5;
+pub const VERSION: u16 = 6;
 /// Pages of records of a [`PartPlaces::tables`] entry.
 pub const PART_PAGES_PER_TABLE: u32 = 256;
 /// Bytes of the head.

@@ -2,7 +2,7 @@
 
 use bytes::Bytes;
 
-use super::contents::{Contents, IndexPage, PackContents, Texture};
+use super::contents::{Contents, IndexPage, PackContents, Texture, Tiles};
 use super::opening::{HEAD_BYTES, Head};
 use super::part::Part;
 use super::records::{AssetSource, Behind, PageRecord, SourceRecord};
@@ -72,6 +72,11 @@ impl Contents {
                         let entry = &record.page.assets[asset];
                         let (index, chunks) = place.split(&bytes, (entry, page), pack.bytes)?;
                         pack.index.push(IndexPage { bytes: bytes.slice_ref(index), chunks });
+                    }
+                    Behind::Tiles(place) => {
+                        let bytes = body.get(&part, "texture regions")?;
+                        let (regions, table) = place.split_tiles(&bytes, pack.bytes)?;
+                        pack.tiles = Some(Tiles { regions: bytes.slice_ref(regions), table });
                     }
                 }
             }
@@ -175,6 +180,7 @@ impl Body {
             index: Vec::new(),
             textures_offset: source.textures_offset,
             textures: source.textures.iter().map(|place| Texture { place: *place, copy: None }).collect(),
+            tiles: None,
         })
     }
 }

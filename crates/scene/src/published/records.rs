@@ -5,7 +5,7 @@ use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_stated_page};
 
 use super::PublishedError;
 use super::part::{Part, PartHash};
-use super::tables::{ChunkHashes, ChunkTable};
+use super::tables::{ChunkHashes, ChunkTable, TileTable};
 use crate::description::{AssetEntry, ScenePage};
 use crate::encoding::{self, CodingError, Decode, encode_fields};
 use crate::limits::{MAX_BLOB_BYTES, MAX_DECODED_BYTES};
@@ -68,12 +68,12 @@ fn adjacent(start: u64, parts: impl Iterator<Item = (u32, PartHash)>) -> impl It
     })
 }
 
-/// An index page with the table of its chunks behind it.
+/// An index page with the table of its chunks behind it, or texture regions with the table of tiles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct IndexPlace {
-    /// Length of page and table.
+    /// Length of both.
     pub bytes: u32,
-    /// Length of the page.
+    /// Length of the first.
     pub index_bytes: u32,
     /// Hash of both.
     pub hash: PartHash,
@@ -82,6 +82,29 @@ pub struct IndexPlace {
 encode_fields!(IndexPlace { bytes, index_bytes, hash });
 
 impl IndexPlace {
+    /// Splits verified bytes into texture regions and the table of tiles.
+    ///
+    /// # Errors
+    /// Bytes that are no such table.
+    pub fn split_tiles<'a>(
+        &self,
+        bytes: &'a [u8],
+        pack_bytes: u64,
+    ) -> Result<(&'a [u8], TileTable), PublishedError> {
+        let what = "texture regions";
+        let (regions, table) =
+            bytes.split_at_checked(self.index_bytes as usize).ok_or(PublishedError::Truncated(what))?;
+        let table: TileTable = encoding::decode(table, 1024 + 16 * table.len())
+            .map_err(|why| PublishedError::Record { what, why })?;
+        let short =
+            table.levels.iter().flat_map(|level| &level.tiles).all(|tile| tile.bytes <= MAX_BLOB_BYTES);
+        if short && table.end() <= pack_bytes {
+            Ok((regions, table))
+        } else {
+            Err(PublishedError::Contradiction("a table of tiles does not fit its pack"))
+        }
+    }
+
     /// Splits verified bytes into index page `page` of an asset and the table of its chunks.
     ///
     /// # Errors
@@ -138,9 +161,11 @@ pub struct AssetSource {
     pub coarse: Vec<TexturePlace>,
     /// Index pages, in the published scene.
     pub index: Vec<IndexPlace>,
+    /// Texture regions with the table of tiles behind them, in the published scene; none if no level is cut.
+    pub tiles: Option<IndexPlace>,
 }
 
-encode_fields!(AssetSource { key, pack_bytes, textures_offset, textures, coarse, index });
+encode_fields!(AssetSource { key, pack_bytes, textures_offset, textures, coarse, index, tiles });
 
 impl AssetSource {
     /// Place of a level of a texture in the pack.
@@ -183,7 +208,7 @@ impl SourceRecord {
             let lengths = source.textures.iter().map(|place| u64::from(place.bytes));
             let textures_end = lengths.fold(source.textures_offset, u64::saturating_add);
             source.index.len() == pages as usize
-                && source.index.iter().all(|place| place.index_bytes <= place.bytes)
+                && source.index.iter().chain(&source.tiles).all(|place| place.index_bytes <= place.bytes)
                 && source.textures.iter().chain(&source.coarse).all(|place| place.bytes <= MAX_BLOB_BYTES)
                 && textures_end <= source.pack_bytes
         };
@@ -199,7 +224,7 @@ impl SourceRecord {
     }
 
     /// What follows the record, which is `part`: copies of textures, then index pages, the first of all assets first,
-    /// since they have the coarsest chunks. Each with the number of its asset on the page.
+    /// since they have the coarsest chunks, then texture regions. Each with the number of its asset on the page.
     pub fn behind(&self, part: &Part) -> impl Iterator<Item = (usize, Behind, Part)> {
         let assets = || self.assets.iter().enumerate();
         let copies = assets().flat_map(|(asset, source)| {
@@ -213,7 +238,11 @@ impl SourceRecord {
                 Some((asset, Behind::Index(number, *place), place.bytes, place.hash))
             })
         });
-        copies.chain(pages).scan(part.end(), |next, (asset, behind, bytes, hash)| {
+        let tiles = assets().filter_map(|(asset, source)| {
+            let place = source.tiles?;
+            Some((asset, Behind::Tiles(place), place.bytes, place.hash))
+        });
+        copies.chain(pages).chain(tiles).scan(part.end(), |next, (asset, behind, bytes, hash)| {
             let part = Part { offset: *next, bytes, hash };
             *next = part.end();
             Some((asset, behind, part))
@@ -228,4 +257,6 @@ pub enum Behind {
     Texture(TexturePlace),
     /// An index page of this number, with the hashes of its chunks.
     Index(u32, IndexPlace),
+    /// Texture regions with the table of tiles.
+    Tiles(IndexPlace),
 }

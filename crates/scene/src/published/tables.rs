@@ -3,6 +3,7 @@
 use lodestream_geometry::index::ChunkInfo;
 
 use super::part::{Part, PartHash};
+use crate::blob::Tile;
 use crate::encoding::{CodingError, Decode, Encode, Reader, Writer, encode_fields};
 
 /// Adjacent blobs.
@@ -142,6 +143,66 @@ impl ChunkTable {
     #[must_use]
     pub fn end(&self) -> u64 {
         self.chunks.iter().fold(self.offset, |end, chunk| end.saturating_add(chunk.bytes.into()))
+    }
+}
+
+/// Tiles of a pack's textures, adjacent in the pack.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct TileTable {
+    /// Where the first begins.
+    pub offset: u64,
+    /// The levels that are cut, in the pack's order.
+    pub levels: Vec<TileLevel>,
+}
+
+encode_fields!(TileTable { offset, levels });
+
+/// The tiles of a level.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct TileLevel {
+    /// Number of the texture.
+    pub texture: u16,
+    /// Number of the level, 0 for the coarsest.
+    pub level: u8,
+    /// Length and hash of each tile, row by row.
+    pub tiles: Vec<TilePlace>,
+}
+
+encode_fields!(TileLevel { texture, level, tiles });
+
+/// Length and hash of a tile.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TilePlace {
+    /// Its length.
+    pub bytes: u32,
+    /// Its hash.
+    pub hash: SegmentHash,
+}
+
+encode_fields!(TilePlace { bytes, hash });
+
+impl TileTable {
+    /// Where a tile begins, and its place.
+    #[must_use]
+    pub fn tile(&self, tile: Tile) -> Option<(u64, TilePlace)> {
+        let lengths = |places: &[TilePlace]| places.iter().map(|place| u64::from(place.bytes)).sum::<u64>();
+        let mut offset = self.offset;
+        for level in &self.levels {
+            if (level.texture, level.level) == (tile.texture, tile.level) {
+                let at = usize::from(tile.tile);
+                let place = *level.tiles.get(at)?;
+                return Some((offset.checked_add(lengths(&level.tiles[..at]))?, place));
+            }
+            offset = offset.checked_add(lengths(&level.tiles))?;
+        }
+        None
+    }
+
+    /// Where the last ends.
+    #[must_use]
+    pub fn end(&self) -> u64 {
+        let places = self.levels.iter().flat_map(|level| &level.tiles);
+        places.fold(self.offset, |end, place| end.saturating_add(place.bytes.into()))
     }
 }
 

@@ -3,7 +3,7 @@
 use bytes::Bytes;
 use glam::{DVec3, Vec3};
 
-use super::contents::{Contents, IndexPage, PackContents};
+use super::contents::{Contents, IndexPage, PackContents, Tiles};
 use super::opening::{Head, Opening, PART_PAGES_PER_TABLE, PagePlace, PartPlaces};
 use super::part::{Part, PartHash, part_hash};
 use super::records::{AssetSource, Behind, IndexPlace, PageRecord, SourceRecord};
@@ -103,7 +103,12 @@ impl Contents {
         let packs = self.packs(&self.pages[number])?;
         let indices: Vec<Vec<(IndexPlace, Vec<u8>)>> =
             packs.iter().map(|pack| pack.index.iter().map(index_part).collect()).collect::<Result<_, _>>()?;
-        let sources = packs.iter().zip(&indices).map(|(pack, index)| AssetSource {
+        let tiles: Vec<Option<(IndexPlace, Vec<u8>)>> = packs
+            .iter()
+            .map(|pack| pack.tiles.as_ref().map(tiles_part).transpose())
+            .collect::<Result<_, _>>()?;
+        let both = indices.iter().zip(&tiles);
+        let sources = packs.iter().zip(both).map(|(pack, (index, tiles))| AssetSource {
             key: pack.key,
             pack_bytes: pack.bytes,
             textures_offset: pack.textures_offset,
@@ -115,6 +120,7 @@ impl Contents {
                 .map(|texture| texture.place)
                 .collect(),
             index: index.iter().map(|(place, _)| *place).collect(),
+            tiles: tiles.as_ref().map(|(place, _)| *place),
         });
         let record = SourceRecord { assets: sources.collect() };
         let part = body.put(&encode(&record, "a list of packs")?)?;
@@ -126,6 +132,7 @@ impl Contents {
                     body.put(copy.ok_or(PublishedError::Contradiction("a texture is listed twice"))?)?
                 }
                 Behind::Index(page, _) => body.put(&indices[asset][page as usize].1)?,
+                Behind::Tiles(_) => body.put(tiles[asset].as_ref().map_or(&[][..], |(_, bytes)| bytes))?,
             };
             debug_assert_eq!(put, place, "what follows a list of packs lies where the list says");
         }
@@ -168,10 +175,16 @@ impl Contents {
 }
 
 fn index_part(page: &IndexPage) -> Result<(IndexPlace, Vec<u8>), PublishedError> {
-    let table = encode(&page.chunks.hashes(), "a table of chunks")?;
-    let bytes = [&page.bytes[..], &table].concat();
-    let place =
-        IndexPlace { bytes: length(&bytes)?, index_bytes: length(&page.bytes)?, hash: part_hash(&bytes) };
+    with_table(&page.bytes, &encode(&page.chunks.hashes(), "a table of chunks")?)
+}
+
+fn tiles_part(tiles: &Tiles) -> Result<(IndexPlace, Vec<u8>), PublishedError> {
+    with_table(&tiles.regions, &encode(&tiles.table, "a table of tiles")?)
+}
+
+fn with_table(first: &[u8], table: &[u8]) -> Result<(IndexPlace, Vec<u8>), PublishedError> {
+    let bytes = [first, table].concat();
+    let place = IndexPlace { bytes: length(&bytes)?, index_bytes: length(first)?, hash: part_hash(&bytes) };
     Ok((place, bytes))
 }
 

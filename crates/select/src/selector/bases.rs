@@ -74,6 +74,7 @@ impl Selector {
         if !on_screen.visible || asset.state(BlobPart::Base) != State::Applied {
             return;
         }
+        self.want_texture_regions(number, asset, threshold, picture);
         for (texture, info) in (0..).zip(asset.textures()) {
             let px_per_uv = on_screen.px_per_unit / info.uv_per_unit.max(f32::MIN_POSITIVE);
             let mut texel_px = px_per_uv.min(f32::MAX);

@@ -25,9 +25,9 @@ fn texture_levels_stay_within_their_bound_and_the_coarse_ones_come_first() {
     settle(&mut with_room(u64::MAX), &view, &unbounded.1, &mut unbounded.0);
     let all = [0, 1].map(|asset| levels_of(&unbounded.0[asset]));
     assert!(all[0] == 4 && all[1] > 0, "{all:?}");
-    let side = |level: usize| [32_u64, 128, 512, 2048][level];
+    let side = |level: usize| [4_u64, 16, 64, 256][level];
     let texels = |levels: usize| (0..levels).map(|level| side(level).pow(2)).sum::<u64>();
-    for max_texels in [0, 1023, 1024, 20_000, 300_000, 600_000, 4_000_000, 10_000_000] {
+    for max_texels in [0, 15, 16, 312, 4687, 9375, 62_500, 156_250] {
         let (mut assets, instances) = two_in_view();
         let mut selector = with_room(max_texels);
         settle(&mut selector, &view, &instances, &mut assets);
@@ -56,8 +56,8 @@ fn shared_texels_count_once() {
     let texels = |assets: &[AssetState]| {
         Selector::default().select(&above([0.0, 1.0, 0.5]), &instances, assets).counters.texels
     };
-    assert_eq!(texels(&assets), 128 * 128);
+    assert_eq!(texels(&assets), 16 * 16);
     // The asset that it is requested for may lack it.
     assets[0].set_state(BlobPart::Texture { texture: 0, level: 1 }, State::Absent);
-    assert_eq!(texels(&assets), 128 * 128);
+    assert_eq!(texels(&assets), 16 * 16);
 }

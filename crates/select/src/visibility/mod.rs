@@ -254,6 +254,22 @@ impl Visibility {
         self.visible_share(own, &region, radius)
     }
 
+    /// Visible share of a part of an instance's surface within a sphere, in the asset's units; the drawn surface errs by at
+    /// most `margin`. As [`Visibility::shown`].
+    pub fn region_share(&self, number: u32, placed: &Placed, sphere: &Sphere, margin: f32) -> f32 {
+        let Some(frame) = self.drawn.as_ref().and_then(|drawn| drawn.frame(number)) else { return 1.0 };
+        let (center, radius) = (placed.place(sphere.center), sphere.radius * placed.scale);
+        let error = (margin * placed.scale).min(radius);
+        let reach = radius + error;
+        let mut own = 0_u32;
+        let Some(weight) = self.buffer.points_around(number, frame, center, reach, |_, _| own += 1) else {
+            return 1.0;
+        };
+        #[expect(clippy::cast_precision_loss, reason = "fewer than the buffer has pixels")]
+        let own = own as f32 * weight;
+        self.visible_share(own, &Region { center, radius, reach, error }, CORE * radius + error)
+    }
+
     /// Square root of the visible share of a region's disc: from the number of its own pixels, and those where the
     /// buffer is behind its core.
     fn visible_share(&self, own: f32, region: &Region, core: f32) -> f32 {

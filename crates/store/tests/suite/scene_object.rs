@@ -62,6 +62,7 @@ fn pack(n: u8) -> PackContents {
         Texture { place, copy: copied.then(|| bytes.into()) }
     };
     PackContents {
+        tiles: None,
         key: [n; 32],
         bytes: 500,
         base: vec![n; 100].into(),
@@ -135,7 +136,7 @@ fn openings_of_other_bytes_are_refused() {
 fn other_kinds_and_versions_say_so() {
     let mut bytes = object().encode().unwrap();
     bytes[8] = 2;
-    assert!(decode(&bytes).unwrap_err().to_string().contains("version 2, and this program reads version 5"));
+    assert!(decode(&bytes).unwrap_err().to_string().contains("version 2, and this program reads version 6"));
     bytes[0] = b'X';
     assert!(decode(&bytes).unwrap_err().to_string().contains("not a published scene"));
 }

@@ -6,7 +6,6 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::Context as _;
 use glam::Vec3;
-use lodestream_client::core::uv_per_unit;
 use lodestream_protocol::source::SceneSource;
 use lodestream_store::LoadedAsset;
 
@@ -207,10 +206,7 @@ fn measure(
     draco: Option<&Encoder>,
 ) -> anyhow::Result<AssetFigures> {
     let asset = levels::load(scene, number)?;
-    let mut found = AssetFigures {
-        textures: Texture::of(&asset.description, uv_per_unit(&asset.base)),
-        ..AssetFigures::default()
-    };
+    let mut found = AssetFigures { textures: Texture::of(&asset.description), ..AssetFigures::default() };
     let all = levels::faces(&asset);
     let wants = |technique| wanted.contains(&technique);
     if [Technique::Obj, Technique::ObjGzip, Technique::Draco].into_iter().any(wants) {

@@ -84,13 +84,17 @@ pub struct Stage {
 }
 
 impl Texture {
-    /// The textures of an asset.
+    /// The textures of an asset. A level that is cut has the bytes of all of its tiles.
     #[must_use]
-    pub fn of(description: &AssetDescription, uv_per_unit: f32) -> Vec<Self> {
-        let level = |l: &lodestream_scene::asset::TextureLevel| (l.bytes, l.width.max(l.height));
-        let texture = |t: &lodestream_scene::asset::TextureInfo| Self {
-            uv_per_unit,
-            levels: t.levels.iter().map(level).collect(),
+    pub fn of(description: &AssetDescription) -> Vec<Self> {
+        let texture = |info: &lodestream_scene::asset::TextureInfo| {
+            let level = |(number, level): (usize, &lodestream_scene::asset::TextureLevel)| {
+                (level.bytes.saturating_mul(info.images(number)), level.width.max(level.height))
+            };
+            Self {
+                uv_per_unit: info.uv_per_unit,
+                levels: info.levels.iter().enumerate().map(level).collect(),
+            }
         };
         description.textures.iter().map(texture).collect()
     }

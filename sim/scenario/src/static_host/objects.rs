@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use bytes::Bytes;
 use lodestream_client::ranges::Object;
 use lodestream_protocol::source::SceneSource;
+use lodestream_scene::asset::MAX_TEXTURE_LEVELS;
 use lodestream_scene::published::{Contents, PackContents};
-use lodestream_scene::{BlobId, BlobPart};
+use lodestream_scene::{BlobId, BlobPart, Tile};
 
 /// Objects of a published scene.
 #[derive(Debug)]
@@ -76,6 +77,22 @@ fn pack(scene: &dyn SceneSource, asset: u32, index_pages: u32) -> anyhow::Result
             let bytes = read(BlobPart::Texture { texture, level })?;
             contents.add_texture(texture, level, pack.len() as u64, bytes.clone())?;
             pack.extend_from_slice(&bytes);
+        }
+    }
+    let regions = BlobId::texture_regions(asset);
+    if scene.blob_len(&regions).is_some() {
+        contents.add_texture_regions(scene.read(&regions)?);
+        let has = |tile| scene.blob_len(&BlobId::tile(asset, tile)).is_some();
+        let first = |texture, level| Tile { texture, level, tile: 0 };
+        let count = contents.textures.last().map_or(0, |last| last.place.texture + 1);
+        let most = u8::try_from(MAX_TEXTURE_LEVELS)?;
+        let levels = (0..count).flat_map(|texture| (0..most).map(move |level| first(texture, level)));
+        for first in levels.filter(|first| has(*first)) {
+            for tile in (0..).map(|tile| Tile { tile, ..first }).take_while(|tile| has(*tile)) {
+                let bytes = read(BlobPart::Tile(tile))?;
+                contents.add_tile(tile, pack.len() as u64, &bytes)?;
+                pack.extend_from_slice(&bytes);
+            }
         }
     }
     contents.bytes = pack.len() as u64;

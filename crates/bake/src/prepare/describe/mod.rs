@@ -9,7 +9,7 @@ use crate::preparation_settings::ReliefDepth;
 use lodestream_geometry::pool::Pool;
 use lodestream_import::ImportedMaterial;
 use lodestream_import::srgb::srgb_to_linear;
-use lodestream_import::texture::{Opacity, TextureKind, TextureSource, Transparency};
+use lodestream_import::texture::{Level, Opacity, TextureKind, TextureSource, Transparency};
 use lodestream_scene::asset::{Alpha, AssetDescription, MAX_NORMAL_SCALE, Material};
 use lodestream_scene::limits::MAX_NAME_BYTES;
 
@@ -28,7 +28,7 @@ pub struct EncodedDescription {
     /// Materials and textures.
     pub description: AssetDescription,
     /// For each texture its levels, coarse first.
-    pub textures: Vec<Vec<Vec<u8>>>,
+    pub textures: Vec<Vec<Level>>,
     /// Warnings, one line each.
     pub warnings: Vec<String>,
 }

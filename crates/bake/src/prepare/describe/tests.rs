@@ -40,7 +40,7 @@ fn a_textured_material_names_its_blobs() {
     assert_eq!(textures.iter().map(|texture| texture.mean).collect::<Vec<_>>(), [Some([9, 200, 30]), None]);
     for (info, blobs) in textures.iter().zip(&described.textures) {
         let lengths: Vec<usize> = info.levels.iter().map(|l| l.bytes as usize).collect();
-        assert_eq!(lengths, blobs.iter().map(Vec::len).collect::<Vec<_>>());
+        assert_eq!(lengths, blobs.iter().map(|images| images[0].len()).collect::<Vec<_>>());
     }
     let fixed =
         describe("wall", &[ImportedMaterial::default()], ReliefDepth::try_from(0.3).ok(), &Serial).unwrap();

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use lodestream_geometry::pool::Pool;
 use lodestream_import::ImageSource;
-use lodestream_import::texture::{self, Texture, TextureError, TextureSource, Transparency};
+use lodestream_import::texture::{self, Level, Texture, TextureError, TextureSource, Transparency};
 use lodestream_scene::asset::{MAX_TEXTURES, TextureFormat, TextureInfo, TextureLevel};
 use lodestream_scene::limits::MAX_BLOB_BYTES;
 
@@ -16,7 +16,7 @@ pub(super) struct Textures<'a> {
     pool: &'a dyn Pool,
     known: BTreeMap<(TextureSource, bool), Option<EncodedTexture>>,
     pub(super) infos: Vec<TextureInfo>,
-    pub(super) levels: Vec<Vec<Vec<u8>>>,
+    pub(super) levels: Vec<Vec<Level>>,
     pub(super) warnings: Vec<String>,
 }
 
@@ -98,16 +98,19 @@ impl<'a> Textures<'a> {
         }
         let finest = texture.levels.len() - 1;
         let mut levels = Vec::with_capacity(texture.levels.len());
-        for (i, blob) in texture.levels.iter().enumerate() {
-            let bytes = u32::try_from(blob.len()).ok().filter(|&bytes| bytes <= MAX_BLOB_BYTES);
-            let bytes =
-                bytes.ok_or_else(|| DescribeError::LongLevel { path: path.to_owned(), bytes: blob.len() })?;
+        for (i, images) in texture.levels.iter().enumerate() {
+            let longest = images.iter().map(Vec::len).max().unwrap_or_default();
+            if longest > MAX_BLOB_BYTES as usize {
+                return Err(DescribeError::LongLevel { path: path.to_owned(), bytes: longest });
+            }
+            let all: usize = images.iter().map(Vec::len).sum();
+            let bytes = u32::try_from(all.div_ceil(images.len().max(1))).unwrap_or(u32::MAX);
             let shift = finest - i;
             levels.push(TextureLevel {
                 width: (texture.width_px >> shift).max(1),
                 height: (texture.height_px >> shift).max(1),
                 bytes,
-                format: format(blob),
+                format: format(images.first().map_or(&[], |image| image)),
             });
         }
         self.infos.push(TextureInfo {
@@ -115,6 +118,8 @@ impl<'a> Textures<'a> {
             width: texture.width_px,
             height: texture.height_px,
             mean: texture.mean,
+            // Known once the mesh is (`texture_regions`).
+            uv_per_unit: 0.0,
             levels,
         });
         self.levels.push(texture.levels);

@@ -3,16 +3,16 @@
 use image::{DynamicImage, GrayImage, Luma, Rgb, RgbImage, Rgba, RgbaImage};
 use tempfile::TempDir;
 
-use super::super::{Opacity, Texture, TextureSource, Transparency};
+use super::super::{Level, Opacity, Texture, TextureSource, Transparency};
 use super::{load, noise, save};
 use crate::model::{Channel, Component, SurfaceMap};
 
 fn finest(texture: &Texture) -> DynamicImage {
-    image::load_from_memory(texture.levels.last().unwrap()).unwrap()
+    image::load_from_memory(&texture.levels.last().unwrap()[0]).unwrap()
 }
 
 fn coarsest(texture: &Texture) -> DynamicImage {
-    image::load_from_memory(&texture.levels[0]).unwrap()
+    image::load_from_memory(&texture.levels[0][0]).unwrap()
 }
 
 #[test]
@@ -77,8 +77,8 @@ fn coarser_normals_point_where_the_finer_do_together_and_are_unit() {
     });
     let texture = load(&TextureSource::Normal(save(&dir, "n.png", ridges).into())).unwrap();
     assert_eq!((texture.mean, texture.levels.len()), (None, 4));
-    for (level, bytes) in texture.levels.iter().enumerate() {
-        for pixel in image::load_from_memory(bytes).unwrap().to_rgb8().pixels() {
+    for (level, images) in texture.levels.iter().enumerate() {
+        for pixel in image::load_from_memory(&images[0]).unwrap().to_rgb8().pixels() {
             let vector = pixel.0.map(|c| f64::from(c) / 127.5 - 1.0);
             let length = vector.iter().map(|c| c * c).sum::<f64>().sqrt();
             assert!((length - 1.0).abs() < 0.03, "level {level}: {pixel:?} has length {length}");
@@ -110,8 +110,8 @@ fn masks_keep_their_coverage_in_coarser_levels() {
         let source = TextureSource::Color { image: Some(path.clone().into()), opacity: None, used };
         let texture = load(&source).unwrap();
         assert_eq!(load(&source).unwrap(), texture);
-        let share = |bytes: &Vec<u8>| {
-            let image = image::load_from_memory(bytes).unwrap().to_rgba8();
+        let share = |images: &Level| {
+            let image = image::load_from_memory(&images[0]).unwrap().to_rgba8();
             image.pixels().filter(|p| p.0[3] >= 128).count() as f64 / image.pixels().len() as f64
         };
         texture.levels.iter().map(share).collect::<Vec<f64>>()

@@ -53,7 +53,7 @@ fn levels_halve_from_coarse_to_fine_and_are_the_same_every_time() {
     let sizes: Vec<_> = texture
         .levels
         .iter()
-        .map(|bytes| image::load_from_memory(bytes).map(|i| (i.width(), i.height())).unwrap())
+        .map(|images| image::load_from_memory(&images[0]).map(|i| (i.width(), i.height())).unwrap())
         .collect();
     assert_eq!(sizes, [(6, 2), (12, 4), (25, 9), (50, 18), (100, 37)]);
     assert_eq!((texture.width_px, texture.height_px, texture.transparency), (100, 37, Transparency::None));
@@ -66,18 +66,22 @@ fn colours_are_averaged_in_linear_light() {
     let dir = TempDir::new().unwrap();
     let image = RgbImage::from_fn(16, 16, |x, y| Rgb([if (x + y) % 2 == 0 { 255 } else { 0 }; 3]));
     let texture = load(&color(save(&dir, "a.png", image))).unwrap();
-    let coarse = image::load_from_memory(&texture.levels[0]).unwrap().to_rgb8();
+    let coarse = image::load_from_memory(&texture.levels[0][0]).unwrap().to_rgb8();
     // Half the light is 188 in sRGB, not 128.
     assert!(coarse.pixels().all(|p| p.0 == [188; 3]), "{:?}", coarse.get_pixel(0, 0));
 }
 
 #[test]
-fn noisy_colour_is_webp_and_flat_colour_png() {
+fn noisy_colour_is_webp_finely_coloured_jpeg_and_flat_png() {
     let dir = TempDir::new().unwrap();
-    let format = |texture: &Texture| image::guess_format(texture.levels.last().unwrap()).unwrap();
-    let noisy = RgbImage::from_fn(64, 64, |x, y| Rgb([noise(x, y), noise(y, x), noise(x + 7, y)]));
+    let format = |texture: &Texture| image::guess_format(&texture.levels.last().unwrap()[0]).unwrap();
+    let noisy =
+        RgbImage::from_fn(64, 64, |x, y| Rgb([noise(x, y), noise(x, y), noise(x, y) - noise(x, y) / 64]));
     let texture = load(&color(save(&dir, "n.png", noisy))).unwrap();
     assert_eq!(format(&texture), ImageFormat::WebP);
+    let colourful = RgbImage::from_fn(64, 64, |x, y| Rgb([noise(x, y), noise(y, x), noise(x + 7, y)]));
+    let texture = load(&color(save(&dir, "j.png", colourful))).unwrap();
+    assert_eq!(format(&texture), ImageFormat::Jpeg);
     let flat = load(&color(save(&dir, "f.png", RgbImage::new(64, 64)))).unwrap();
     assert_eq!(format(&flat), ImageFormat::Png);
     let clear = RgbaImage::from_fn(64, 64, |x, y| Rgba([noise(x, y), 0, 0, if x < 32 { 0 } else { 255 }]));
@@ -105,7 +109,7 @@ fn webp_changes_colours_by_little_and_keeps_opacity() {
     for (name, image) in [("o.png", DynamicImage::from(opaque)), ("c.png", clear.into())] {
         let image = image.into_rgba8();
         let texture = load(&color(save(&dir, name, image.clone()))).unwrap();
-        let file = texture.levels.last().unwrap();
+        let file = &texture.levels.last().unwrap()[0];
         assert_eq!(image::guess_format(file).unwrap(), ImageFormat::WebP);
         let coded = image::load_from_memory(file).unwrap().into_rgba8();
         let (mut sum, mut count) = (0, 0);
@@ -125,7 +129,8 @@ fn webp_changes_colours_by_little_and_keeps_opacity() {
 fn png_is_tried_where_a_sample_of_large_pictures_suggests_it() {
     let dir = TempDir::new().unwrap();
     let format = |name: &str, image: RgbImage| {
-        image::guess_format(load(&color(save(&dir, name, image))).unwrap().levels.last().unwrap()).unwrap()
+        image::guess_format(&load(&color(save(&dir, name, image))).unwrap().levels.last().unwrap()[0])
+            .unwrap()
     };
     assert_eq!(format("w.png", waves(400)), ImageFormat::WebP);
     let checks = RgbImage::from_fn(400, 400, |x, y| Rgb([255 * ((x ^ y) % 2) as u8, 0, 90]));
@@ -158,7 +163,7 @@ fn invisible_colours_do_not_bleed() {
             |x, _| if x % 2 == 0 { Rgba([200, 0, 0, 255]) } else { Rgba([0, 255, 0, 0]) },
         );
     let texture = load(&color(save(&dir, "a.png", image))).unwrap();
-    let coarse = image::load_from_memory(&texture.levels[0]).unwrap().to_rgba8();
+    let coarse = image::load_from_memory(&texture.levels[0][0]).unwrap().to_rgba8();
     assert!(coarse.pixels().all(|p| p.0 == [200, 0, 0, 128]), "{:?}", coarse.get_pixel(0, 0));
 }
 
@@ -167,11 +172,11 @@ fn heights_are_lossless_in_their_own_depth() {
     let dir = TempDir::new().unwrap();
     let shallow = GrayImage::from_fn(32, 32, |x, y| Luma([noise(x, y)]));
     let texture = load(&TextureSource::Height(save(&dir, "8.png", shallow.clone()).into())).unwrap();
-    assert_eq!(image::load_from_memory(&texture.levels[2]).unwrap(), DynamicImage::from(shallow));
+    assert_eq!(image::load_from_memory(&texture.levels[2][0]).unwrap(), DynamicImage::from(shallow));
     let deep =
         image::ImageBuffer::<Luma<u16>, _>::from_fn(32, 32, |x, y| Luma([u16::from(noise(x, y)) * 251 + 3]));
     let texture = load(&TextureSource::Height(save(&dir, "16.png", deep.clone()).into())).unwrap();
-    assert_eq!(image::load_from_memory(&texture.levels[2]).unwrap(), DynamicImage::from(deep));
+    assert_eq!(image::load_from_memory(&texture.levels[2][0]).unwrap(), DynamicImage::from(deep));
     assert_eq!(texture.levels.len(), 3);
 }
 
