@@ -60,6 +60,10 @@ pub(super) struct InView {
     pub(super) coverage_px: f32,
 }
 
+/// Side of a level's texels on the screen, in pixels or in the threshold if that is larger, up to which no finer level is
+/// wanted: the level whose texels are nearest to a pixel suffices. A scan with a texture of 8192 texels, close, takes 1.01
+/// MB so and 1.49 MB with 1, whose pictures differ by 66 dB.
+pub(super) const LARGEST_TEXEL: f32 = std::f32::consts::SQRT_2;
 /// Most tiles of which it is known when they were needed: beyond, only those of the last selection.
 const MAX_NEEDED: usize = 1 << 16;
 /// Length of texture regions and of the tiles that they lead to, for the priority of a request.

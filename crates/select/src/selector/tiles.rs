@@ -1,7 +1,8 @@
 //! Wanted tiles of textures.
 //!
-//! Texture regions state where the surface is in its textures. A region that is in view and not hidden wants the tiles of its cells, of all levels until a texel covers no more than a pixel at its nearest point. The
-//! difference of a tile is that of a texture on the surface that shows it, summed over regions and instances.
+//! Texture regions state where the surface is in its textures. A region that is in view and not hidden wants the tiles of
+//! its cells, of all levels up to the one whose texels are nearest to a pixel at its nearest point. The difference of a tile is
+//! that of a texture on the surface that shows it, summed over regions and instances.
 
 use lodestream_scene::asset::{TILE_SIDE, TextureLevel, TexturePatch, tile_grid};
 use lodestream_scene::blob::{BlobId, BlobPart, Tile};
@@ -13,7 +14,7 @@ use crate::instance_tree::Instances;
 use crate::project::{Projection, RegionView};
 use crate::selection::State;
 use crate::state::{AssetState, TextureState};
-use crate::textures::{InView, TILE_TEXELS, WantedLevel};
+use crate::textures::{InView, LARGEST_TEXEL, TILE_TEXELS, WantedLevel};
 use crate::tile_demand::TileDemand;
 use crate::visibility::Placed;
 
@@ -152,7 +153,7 @@ impl Selector {
             Some(on_screen.px_per_unit / (info.uv_per_unit * longer_side(last)).max(f32::MIN_POSITIVE))
         };
         let largest = asset.textures().iter().filter_map(texel_px).fold(0.0, f32::max);
-        if largest <= threshold.max(1.0) {
+        if largest <= LARGEST_TEXEL * threshold.max(1.0) {
             return;
         }
         if state == State::Failed {
@@ -197,7 +198,7 @@ fn add_patch(
             let side = coarser.replace(level).map_or(1.0, longer_side);
             // Of the coarser level: a finer one adds nothing to texels within a pixel.
             let texel_px = px_per_unit / (patch.uv_per_unit * side).max(f32::MIN_POSITIVE);
-            if texel_px <= threshold.max(1.0) {
+            if texel_px <= LARGEST_TEXEL * threshold.max(1.0) {
                 break;
             }
             let difference_px2 = picture.texture_px2(texel_px, area_px2.sqrt(), weight) * per_cell;
