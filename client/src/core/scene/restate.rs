@@ -11,8 +11,8 @@ const INSTANCES_PER_CHANGE: usize = 8192;
 
 impl Scene {
     /// Replaces the queued changes by all that make up the scene now, in the order of a first time: header, punctual
-    /// lights, proxies, instances, assets, whole meshes, first frame, height overrides. Texture levels and tiles are left out: they are
-    /// marked as not applied, and returned as the blobs that were requested for them, each once.
+    /// lights, proxies, instances, assets, whole meshes, first frame, height overrides. Texture levels and tiles are left
+    /// out: they are marked as not applied, and returned as the blobs that were requested for them, each once.
     pub(crate) fn restate(&mut self) -> Vec<BlobId> {
         let Some(header) = self.header.clone() else { return Vec::new() };
         self.drop_changes();

@@ -17,7 +17,8 @@ use super::source::{Opacity, Transparency};
 use super::webp;
 use crate::model::{Channel, ImageSource};
 
-/// Quality of JPEGs, 1–100, of colours that are too wide or high for WebP, or have too fine chroma: about as good as that.
+/// Quality of JPEGs, 1–100, of colours that are too wide or high for WebP, or have too fine chroma: about as good as
+/// that.
 const JPEG_QUALITY: u8 = 85;
 
 pub(super) fn load(
