@@ -84,11 +84,39 @@ pub fn compress(plain: &[u8]) -> Result<Vec<u8>, DecodeError> {
 pub fn decompress(stored: &[u8]) -> Result<Vec<u8>, DecodeError> {
     let fail = |why: String| DecodeError::new("compressed blob", why);
     let size = checked_size(stored).map_err(fail)?;
-    #[cfg(feature = "c")]
-    let plain = zstd::bulk::decompress(stored, size).map_err(|e| fail(e.to_string()))?;
-    #[cfg(not(feature = "c"))]
-    let plain = decompress_in_rust(stored, size).map_err(fail)?;
+    let plain = decompress_frame(stored, size).map_err(fail)?;
     if plain.len() == size { Ok(plain) } else { Err(fail(format!("{} bytes of {size}", plain.len()))) }
+}
+
+/// Decompresses a frame of another format, whose file states the decompressed size: texels, for instance.
+///
+/// # Errors
+/// If the bytes are not one frame that decompresses to `size` bytes. At most that and the window of a frame of that size
+/// are allocated.
+pub fn decompress_to(stored: &[u8], size: usize) -> Result<Vec<u8>, DecodeError> {
+    let fail = |why: String| DecodeError::new("zstd frame", why);
+    let header = FrameHeader::parse(stored).map_err(|why| fail(why.to_owned()))?;
+    if header.content_bytes.is_some_and(|stated| stated != size as u64) {
+        return Err(fail(format!("it states another size than {size} bytes")));
+    }
+    check_window(&header, size).map_err(fail)?;
+    let plain = decompress_frame(stored, size).map_err(fail)?;
+    if plain.len() == size { Ok(plain) } else { Err(fail(format!("{} bytes of {size}", plain.len()))) }
+}
+
+fn decompress_frame(stored: &[u8], size: usize) -> Result<Vec<u8>, String> {
+    #[cfg(feature = "c")]
+    return zstd::bulk::decompress(stored, size).map_err(|e| e.to_string());
+    #[cfg(not(feature = "c"))]
+    decompress_in_rust(stored, size)
+}
+
+/// Refuses a window, which a decoder reserves, that is much larger than the content: no encoder makes one.
+fn check_window(header: &FrameHeader, size: usize) -> Result<(), String> {
+    if header.window_bytes > size.next_power_of_two().max(FREE_BYTES) as u64 {
+        return Err(format!("its window of {} bytes is larger than its content needs", header.window_bytes));
+    }
+    Ok(())
 }
 
 /// The decompressed size that a frame states, if it is allowed.
@@ -99,11 +127,7 @@ fn checked_size(stored: &[u8]) -> Result<usize, String> {
     let size = usize::try_from(size).ok().filter(|&size| size <= limit);
     let size =
         size.ok_or_else(|| format!("it claims more than the {limit} bytes that {} allow", stored.len()))?;
-    // A decoder reserves the window, which no encoder makes much larger than the content.
-    let window_limit = size.next_power_of_two().max(FREE_BYTES);
-    if header.window_bytes > window_limit as u64 {
-        return Err(format!("its window of {} bytes is larger than its content needs", header.window_bytes));
-    }
+    check_window(&header, size)?;
     Ok(size)
 }
 
@@ -266,6 +290,21 @@ mod tests {
             let cut = decompress_in_rust(&good[..length], 300);
             assert!(cut.is_err() || cut.is_ok_and(|plain| plain.len() < 300), "{length}");
         }
+    }
+
+    #[test]
+    fn frames_of_other_formats_have_the_size_that_their_file_states() {
+        // More than a blob may be per stored byte.
+        let plain = vec![7; 1 << 24];
+        let frame = zstd::bulk::compress(&plain, 3).unwrap();
+        assert!(decompress(&frame).is_err());
+        assert_eq!(decompress_to(&frame, plain.len()).unwrap(), plain);
+        let unstated = zstd::stream::encode_all(&plain[..3000], 1).unwrap();
+        for (frame, size) in [(&frame, 1 << 20), (&frame, 1 << 30), (&unstated, 2999), (&unstated, 3001)] {
+            assert!(decompress_to(frame, size).is_err(), "{size}");
+        }
+        assert!(decompress_to(&frame[..frame.len() - 1], plain.len()).is_err());
+        assert!(decompress_to(b"no frame", 8).is_err());
     }
 
     #[test]
