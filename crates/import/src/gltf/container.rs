@@ -10,15 +10,16 @@ use std::sync::{Arc, Mutex, PoisonError};
 use bytes::Bytes;
 use gltf::json;
 
-use super::root::{COMPRESSED_VIEWS, DRACO, Root, TEXTURE_WEBP};
+use super::root::{COMPRESSED_VIEWS, DRACO, Root, TEXTURE_BASISU, TEXTURE_WEBP};
 use crate::content::{Content, OpenFile};
 use crate::error::ImportError;
 use crate::file::{MAX_FILE_BYTES, read_file};
 
 /// Extensions that a file may require, besides [`COMPRESSED_VIEWS`] and, with the feature `draco`, [`DRACO`].
-const SUPPORTED: [&str; 7] = [
+const SUPPORTED: [&str; 8] = [
     "EXT_mesh_gpu_instancing",
     TEXTURE_WEBP,
+    TEXTURE_BASISU,
     "KHR_lights_punctual",
     "KHR_mesh_quantization",
     "KHR_texture_transform",
@@ -124,7 +125,7 @@ impl Document {
             let names = missing.join(", ");
             return Err(error(format!(
                 "requires extensions that are not supported: {names}; export it without them (compressed \
-                 meshes and textures uncompressed)"
+                 meshes uncompressed)"
             )));
         }
         let mut root: Root = json::deserialize::from_slice(text)

@@ -9,7 +9,7 @@ use serde_json::{Map, Value};
 
 use super::accessor::Buffers;
 use super::container::{Document, Location};
-use super::root::TEXTURE_WEBP;
+use super::root::{TEXTURE_BASISU, TEXTURE_WEBP};
 use crate::model::ImageSource;
 
 /// `KHR_texture_transform`: `uv' = offset + rotation × scale × uv`, `v` down.
@@ -172,12 +172,13 @@ fn find_image(document: &Document, texture: usize, buffers: &mut Buffers<'_>) ->
     let Some(stated) = root.textures.get(texture) else {
         return Err(format!("textures[{texture}] does not exist"));
     };
-    // The extension's WebP image is what the author prefers; the other is for programs that cannot read it.
-    let webp = stated.extensions.as_ref().and_then(|all| all.others.get(TEXTURE_WEBP));
-    let webp = webp.and_then(|webp| webp.get("source")?.as_u64()?.try_into().ok());
-    let source = webp.unwrap_or_else(|| stated.source.value());
+    let extension = |name: &str| stated.extensions.as_ref()?.others.get(name);
+    // An extension's image is what the author prefers; the texture's own is for programs that cannot read it.
+    let source = [TEXTURE_WEBP, TEXTURE_BASISU].into_iter().find_map(extension);
+    let source = source.and_then(|of| of.get("source")?.as_u64()?.try_into().ok());
+    let source = source.unwrap_or_else(|| stated.source.value());
     let Some(image) = root.images.get(source) else {
-        return Err(format!("textures[{texture}] has no PNG, JPEG or WebP image"));
+        return Err(format!("textures[{texture}] has no PNG, JPEG, WebP or KTX2 image"));
     };
     // A name for messages; no file has it.
     let label = || {

@@ -377,7 +377,30 @@ fn a_webp_texture_takes_the_place_of_its_fallback() {
     assert_eq!((texture.width_px, texture.levels.len()), (64, 4));
     model.json["textures"] = json!([{"extensions": {"EXT_texture_webp": {"source": 9}}}]);
     let missing = model.read().unwrap();
-    assert!(missing.warnings[0].contains("no PNG, JPEG or WebP image"), "{:?}", missing.warnings);
+    assert!(missing.warnings[0].contains("no PNG, JPEG, WebP or KTX2 image"), "{:?}", missing.warnings);
+}
+
+#[test]
+fn a_basis_universal_texture_takes_the_place_of_its_fallback() {
+    let mut model = Model::quad();
+    let uvs = model.floats("VEC2", 2, &[0., 0., 1., 0., 1., 1., 0., 1.]);
+    model.attribute("TEXCOORD_0", uvs);
+    let file = include_bytes!("../texture/tests/etc1s.ktx2");
+    let view = model.view(file);
+    model.json["images"] = json!([{"uri": "fallback.png"}, {"bufferView": view, "mimeType": "image/ktx2"}]);
+    model.json["textures"] = json!([{"source": 0, "extensions": {"KHR_texture_basisu": {"source": 1}}}]);
+    model.json["materials"] = json!([{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]);
+    model.json["extensionsRequired"] = json!(["KHR_texture_basisu"]);
+    model.primitive()["material"] = json!(0);
+    let imported = model.read().unwrap();
+    assert!(imported.warnings.is_empty(), "{:?}", imported.warnings);
+    let source = crate::texture::TextureSource::opaque(imported.materials[0].maps.color.clone().unwrap());
+    let texture = crate::texture::load(&source, &lodestream_geometry::pool::Serial).unwrap();
+    assert_eq!((texture.width_px, texture.height_px), (14, 10));
+    // Files beside the model, too, whatever extension names them.
+    model.json["images"][1] = json!({"uri": "beside.ktx2"});
+    let beside = model.read().unwrap().materials[0].maps.color.clone().unwrap();
+    assert!(beside.path.ends_with("beside.ktx2") && beside.bytes.is_none(), "{beside:?}");
 }
 
 #[test]
@@ -411,8 +434,8 @@ fn what_is_not_drawn_is_named() {
 #[test]
 fn required_extensions_that_are_not_supported_are_named() {
     let mut model = Model::quad();
-    model.json["extensionsRequired"] = json!(["KHR_texture_basisu", "KHR_texture_transform"]);
-    model.refused(&["requires", "KHR_texture_basisu", "export it without"]);
+    model.json["extensionsRequired"] = json!(["KHR_texture_video", "KHR_texture_transform"]);
+    model.refused(&["requires", "KHR_texture_video", "export it without"]);
 }
 
 #[test]

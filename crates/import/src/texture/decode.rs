@@ -6,6 +6,7 @@ use std::path::Path;
 use image::{DynamicImage, ImageError, ImageReader, Limits};
 
 use super::error::{TextureError, one_line};
+use super::ktx2::Ktx2;
 use super::limits::{MAX_PIXELS, MAX_SIDE_PX};
 use crate::error::ImportError;
 use crate::file::read_file;
@@ -15,11 +16,29 @@ use crate::model::ImageSource;
 const MAX_FILE_BYTES: u64 = 1 << 30;
 
 /// Reads an image. The size is checked before anything is decoded.
-pub(super) fn decode(source: &ImageSource) -> Result<DynamicImage, TextureError> {
+///
+/// # Errors
+/// Files that cannot be read or decoded, and sizes beyond [`MAX_SIDE_PX`] and [`MAX_PIXELS`].
+pub fn decode(source: &ImageSource) -> Result<DynamicImage, TextureError> {
+    opened(source, |image| image.decode())
+}
+
+/// Width and height of an image, in pixels, from its header.
+///
+/// # Errors
+/// As [`decode`], but for what the header does not tell.
+pub fn size(source: &ImageSource) -> Result<(u32, u32), TextureError> {
+    opened(source, |image| Ok(image.size_px))
+}
+
+fn opened<T>(
+    source: &ImageSource,
+    then: impl FnOnce(&ImageFile<'_>) -> Result<T, TextureError>,
+) -> Result<T, TextureError> {
     let path = &*source.path;
     match &source.bytes {
-        Some(bytes) => decode_bytes(path, bytes),
-        None => decode_bytes(path, &read(path)?),
+        Some(bytes) => then(&ImageFile::open(path, bytes)?),
+        None => then(&ImageFile::open(path, &read(path)?)?),
     }
 }
 
@@ -33,30 +52,59 @@ fn read(path: &Path) -> Result<Vec<u8>, TextureError> {
     })
 }
 
-fn decode_bytes(path: &Path, bytes: &[u8]) -> Result<DynamicImage, TextureError> {
-    let bad = |why: String| TextureError::Decode { path: path.to_owned(), why: one_line(&why) };
-    let reader = || {
-        let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format();
-        reader.map_err(|error| bad(error.to_string()))
-    };
-    let (width_px, height_px) = reader()?.into_dimensions().map_err(|error| bad(error.to_string()))?;
-    let too_large = || TextureError::TooLarge { path: path.to_owned(), width_px, height_px };
-    let pixels = u64::from(width_px) * u64::from(height_px);
-    if width_px > MAX_SIDE_PX || height_px > MAX_SIDE_PX || pixels > MAX_PIXELS {
-        return Err(too_large());
+/// An image file whose size is within the limits.
+struct ImageFile<'a> {
+    /// For messages.
+    path: &'a Path,
+    bytes: &'a [u8],
+    /// The file, if it is of this format: the crate `image` reads the others.
+    ktx2: Option<Ktx2<'a>>,
+    size_px: (u32, u32),
+}
+
+impl<'a> ImageFile<'a> {
+    fn open(path: &'a Path, bytes: &'a [u8]) -> Result<Self, TextureError> {
+        let bad = |why: String| TextureError::Decode { path: path.to_owned(), why: one_line(&why) };
+        let ktx2 = Ktx2::is_one(bytes).then(|| Ktx2::open(bytes)).transpose().map_err(bad)?;
+        let size_px = match &ktx2 {
+            Some(file) => file.size(),
+            None => reader(bytes)
+                .and_then(ImageReader::into_dimensions)
+                .map_err(|error| bad(error.to_string()))?,
+        };
+        let (width_px, height_px) = size_px;
+        let pixels = u64::from(width_px) * u64::from(height_px);
+        if width_px > MAX_SIDE_PX || height_px > MAX_SIDE_PX || pixels > MAX_PIXELS {
+            return Err(TextureError::TooLarge { path: path.to_owned(), width_px, height_px });
+        }
+        if pixels == 0 {
+            return Err(bad("it has no pixels".to_owned()));
+        }
+        Ok(Self { path, bytes, ktx2, size_px })
     }
-    if pixels == 0 {
-        return Err(bad("it has no pixels".to_owned()));
+
+    fn decode(&self) -> Result<DynamicImage, TextureError> {
+        let bad = |why: String| TextureError::Decode { path: self.path.to_owned(), why: one_line(&why) };
+        if let Some(file) = &self.ktx2 {
+            return file.decode().map_err(bad);
+        }
+        let mut reader = reader(self.bytes).map_err(|error| bad(error.to_string()))?;
+        let mut limits = Limits::default();
+        limits.max_image_width = Some(MAX_SIDE_PX);
+        limits.max_image_height = Some(MAX_SIDE_PX);
+        // Eight bytes a pixel is the widest format (16-bit RGBA); the rest is the decoders' own.
+        limits.max_alloc = Some(MAX_PIXELS * 8 + (64 << 20));
+        reader.limits(limits);
+        let (width_px, height_px) = self.size_px;
+        reader.decode().map_err(|error| match error {
+            ImageError::Limits(_) => {
+                TextureError::TooLarge { path: self.path.to_owned(), width_px, height_px }
+            }
+            other => bad(other.to_string()),
+        })
     }
-    let mut reader = reader()?;
-    let mut limits = Limits::default();
-    limits.max_image_width = Some(MAX_SIDE_PX);
-    limits.max_image_height = Some(MAX_SIDE_PX);
-    // Eight bytes a pixel is the widest format (16-bit RGBA); the rest is the decoders' own.
-    limits.max_alloc = Some(MAX_PIXELS * 8 + (64 << 20));
-    reader.limits(limits);
-    reader.decode().map_err(|error| match error {
-        ImageError::Limits(_) => too_large(),
-        other => bad(other.to_string()),
-    })
+}
+
+fn reader(bytes: &[u8]) -> Result<ImageReader<Cursor<&[u8]>>, ImageError> {
+    Ok(ImageReader::new(Cursor::new(bytes)).with_guessed_format()?)
 }

@@ -11,6 +11,7 @@ mod decode;
 mod encode;
 mod error;
 mod height;
+mod ktx2;
 mod levels;
 mod limits;
 mod mip;
@@ -22,6 +23,7 @@ mod webp;
 use lodestream_geometry::pool::Pool;
 pub use lodestream_scene::asset::TextureKind;
 
+pub use decode::{decode, size};
 pub use error::TextureError;
 pub use levels::{Level, Texture};
 pub use limits::{MAX_PIXELS, MAX_SIDE_PX};

@@ -1,5 +1,6 @@
 //! Sizes, formats, colour averages and refusals.
 
+mod ktx2;
 mod maps;
 mod quality;
 
@@ -150,7 +151,7 @@ fn webp_files_are_read_with_and_without_loss() {
     assert_eq!((texture.width_px, texture.height_px, texture.transparency), (40, 24, Transparency::Graded));
     std::fs::write(&path, &lossy[..lossy.len() / 2]).unwrap();
     let cut = load(&color(path)).unwrap_err().to_string();
-    assert!(cut.contains("not a readable PNG, JPEG or WebP") && !cut.contains('\n'), "{cut}");
+    assert!(cut.contains("not a readable PNG, JPEG, WebP or KTX2") && !cut.contains('\n'), "{cut}");
 }
 
 #[test]
@@ -196,7 +197,7 @@ fn bad_files_say_what_is_wrong_in_one_line() {
     let path = dir.path().join("noise.png");
     std::fs::write(&path, [7; 100]).unwrap();
     let noise = load(&color(path.clone())).unwrap_err().to_string();
-    assert!(noise.contains("not a readable PNG, JPEG or WebP"), "{noise}");
+    assert!(noise.contains("not a readable PNG, JPEG, WebP or KTX2"), "{noise}");
     let mut truncated = Vec::new();
     let image = DynamicImage::from(RgbImage::from_fn(64, 64, |x, y| Rgb([noise_of(x), noise_of(y), 0])));
     image.write_to(&mut Cursor::new(&mut truncated), ImageFormat::Png).unwrap();
