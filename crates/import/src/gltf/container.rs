@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use bytes::Bytes;
 use gltf::json;
 
-use super::root::{COMPRESSED_VIEWS, DRACO, Root, TEXTURE_BASISU, TEXTURE_WEBP};
+use super::root::{COMPRESSED_VIEWS, DRACO, Root, TEXTURE_AVIF, TEXTURE_BASISU, TEXTURE_WEBP};
 use crate::content::{Content, OpenFile};
 use crate::error::ImportError;
 use crate::file::{MAX_FILE_BYTES, read_file};
@@ -33,10 +33,12 @@ fn supported(name: &str) -> bool {
         || (cfg!(feature = "draco") && name == DRACO)
 }
 
-/// Whether a file is imported without the extension even if it requires it: extensions of materials and lights, and
-/// metadata.
+/// Whether a file is imported without the extension even if it requires it: extensions of materials and lights, images of
+/// textures, and metadata.
 fn dispensable(name: &str) -> bool {
-    name.contains("_materials_") || name.contains("_lights_") || name == "KHR_xmp_json_ld"
+    name.contains("_materials_")
+        || name.contains("_lights_")
+        || [TEXTURE_AVIF, "KHR_xmp_json_ld"].contains(&name)
 }
 
 const MAGIC: &[u8; 4] = b"glTF";

@@ -9,7 +9,7 @@ use serde_json::{Map, Value};
 
 use super::accessor::Buffers;
 use super::container::{Document, Location};
-use super::root::{TEXTURE_BASISU, TEXTURE_WEBP};
+use super::root::{TEXTURE_AVIF, TEXTURE_BASISU, TEXTURE_WEBP};
 use crate::model::ImageSource;
 
 /// `KHR_texture_transform`: `uv' = offset + rotation × scale × uv`, `v` down.
@@ -178,7 +178,12 @@ fn find_image(document: &Document, texture: usize, buffers: &mut Buffers<'_>) ->
     let source = source.and_then(|of| of.get("source")?.as_u64()?.try_into().ok());
     let source = source.unwrap_or_else(|| stated.source.value());
     let Some(image) = root.images.get(source) else {
-        return Err(format!("textures[{texture}] has no PNG, JPEG, WebP or KTX2 image"));
+        return Err(match extension(TEXTURE_AVIF) {
+            Some(_) => {
+                format!("textures[{texture}] has only an AVIF image; convert it to PNG, JPEG, WebP or KTX2")
+            }
+            None => format!("textures[{texture}] has no PNG, JPEG, WebP or KTX2 image"),
+        });
     };
     // A name for messages; no file has it.
     let label = || {

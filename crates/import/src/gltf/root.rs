@@ -21,6 +21,9 @@ pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
 pub(super) const TEXTURE_WEBP: &str = "EXT_texture_webp";
 pub(super) const TEXTURE_BASISU: &str = "KHR_texture_basisu";
 
+/// The extension of textures whose image is an AVIF file, which is not read.
+pub(super) const TEXTURE_AVIF: &str = "EXT_texture_avif";
+
 /// Extensions that compress buffer views.
 pub(super) const COMPRESSED_VIEWS: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 

@@ -404,6 +404,29 @@ fn a_basis_universal_texture_takes_the_place_of_its_fallback() {
 }
 
 #[test]
+fn an_avif_texture_is_drawn_by_its_fallback_and_named() {
+    let mut model = Model::quad();
+    let uvs = model.floats("VEC2", 2, &[0., 0., 1., 0., 1., 1., 0., 1.]);
+    model.attribute("TEXCOORD_0", uvs);
+    model.json["images"] = json!([{"uri": "fallback.png"}, {"uri": "small.avif"}]);
+    model.json["textures"] = json!([{"source": 0, "extensions": {"EXT_texture_avif": {"source": 1}}}]);
+    model.json["materials"] = json!([{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]);
+    model.json["extensionsUsed"] = json!(["EXT_texture_avif"]);
+    model.json["extensionsRequired"] = json!(["EXT_texture_avif"]);
+    model.primitive()["material"] = json!(0);
+    let imported = model.read().unwrap();
+    let color = imported.materials[0].maps.color.clone().unwrap();
+    assert!(color.path.ends_with("fallback.png"), "{color:?}");
+    let [warning] = &imported.warnings[..] else { panic!("{:?}", imported.warnings) };
+    assert!(warning.contains("extension EXT_texture_avif (AVIF is not read; textures show"), "{warning}");
+    model.json["textures"][0].as_object_mut().unwrap().remove("source");
+    let without = model.read().unwrap();
+    assert_eq!(without.materials[0].maps.color, None);
+    let wanted = "textures[0] has only an AVIF image; convert it to PNG, JPEG, WebP or KTX2";
+    assert!(without.warnings.iter().any(|warning| warning.contains(wanted)), "{:?}", without.warnings);
+}
+
+#[test]
 fn what_is_not_drawn_is_named() {
     let mut model = Model::quad();
     let tangents = model.floats("VEC4", 4, &[0.; 16]);

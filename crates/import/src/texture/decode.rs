@@ -65,6 +65,9 @@ struct ImageFile<'a> {
 impl<'a> ImageFile<'a> {
     fn open(path: &'a Path, bytes: &'a [u8]) -> Result<Self, TextureError> {
         let bad = |why: String| TextureError::Decode { path: path.to_owned(), why: one_line(&why) };
+        if bytes.get(4..8) == Some(b"ftyp") {
+            return Err(bad("AVIF and HEIF are not read; convert it to one of these".to_owned()));
+        }
         let ktx2 = Ktx2::is_one(bytes).then(|| Ktx2::open(bytes)).transpose().map_err(bad)?;
         let size_px = match &ktx2 {
             Some(file) => file.size(),

@@ -212,6 +212,15 @@ fn noise_of(x: u32) -> u8 {
 }
 
 #[test]
+fn avif_is_named_as_such() {
+    let dir = TempDir::new().unwrap();
+    let path = dir.path().join("photo.png");
+    std::fs::write(&path, b"\0\0\0\x1cftypavif\0\0\0\0mif1avif").unwrap();
+    let avif = load(&color(path)).unwrap_err().to_string();
+    assert!(avif.contains("photo.png") && avif.contains("AVIF and HEIF are not read; convert"), "{avif}");
+}
+
+#[test]
 fn absurd_sizes_are_refused_before_decoding() {
     let dir = TempDir::new().unwrap();
     for (width, height) in [(MAX_SIDE_PX + 1, 1), (MAX_SIDE_PX, MAX_SIDE_PX)] {
