@@ -2,6 +2,9 @@
 
 mod mtl;
 mod parse;
+#[cfg(test)]
+mod tests;
+mod udim;
 
 use std::path::{Path, PathBuf};
 
@@ -14,6 +17,7 @@ use crate::triangulate::triangulate;
 use crate::weld::Weld;
 use mtl::Library;
 use parse::{Parsed, logical_lines, parse};
+use udim::Tiles;
 
 /// Most materials of one asset, as the protocol describes them.
 const MAX_MATERIALS: usize = lodestream_scene::asset::MAX_MATERIALS;
@@ -48,8 +52,17 @@ pub(super) fn import(path: &Path) -> Result<Imported, ImportError> {
             parsed.clamped_colors
         ));
     }
-    let materials = materials(path, &parsed.material_names, &library, &mut warnings)?;
-    let mesh = build(&parsed);
+    let tiles = Tiles::new(folder(path), &parsed, &library);
+    if tiles.materials() > MAX_MATERIALS {
+        return Err(ImportError::TooManyMaterials {
+            path: path.to_owned(),
+            count: tiles.materials(),
+            limit: MAX_MATERIALS,
+        });
+    }
+    let materials = materials(path, &parsed.material_names, &library, &mut warnings);
+    let materials = tiles.split(path, materials, &mut warnings);
+    let mesh = build(&parsed, &tiles);
     Ok(Imported { mesh, materials, warnings })
 }
 
@@ -61,11 +74,15 @@ pub(super) fn dependencies(path: &Path, bytes: &[u8]) -> Vec<PathBuf> {
     for file in &files {
         mtl::load(folder(path), file, &mut library, &mut Vec::new());
     }
-    for material in library.values() {
-        for image in material.maps.images() {
-            if !files.contains(&image.path) {
-                files.push(image.path.clone());
-            }
+    let folder = folder(path);
+    let images = library.values().flat_map(|material| material.maps.images());
+    let images = images.filter(|image| !udim::is_set(folder, image)).map(|image| image.path.clone());
+    // Which tiles there are, only the faces tell.
+    let parsed = if udim::any_set(folder, &library) { parse(path, bytes).ok() } else { None };
+    let tiles = parsed.map(|parsed| Tiles::new(folder, &parsed, &library).images(&parsed, &library));
+    for image in images.chain(tiles.into_iter().flatten()) {
+        if !files.contains(&image) {
+            files.push(image);
         }
     }
     files
@@ -108,14 +125,7 @@ fn materials(
     names: &[String],
     library: &Library,
     warnings: &mut Vec<String>,
-) -> Result<Vec<ImportedMaterial>, ImportError> {
-    if names.len() > MAX_MATERIALS {
-        return Err(ImportError::TooManyMaterials {
-            path: path.to_owned(),
-            count: names.len(),
-            limit: MAX_MATERIALS,
-        });
-    }
+) -> Vec<ImportedMaterial> {
     let mut undefined = Vec::new();
     let materials = names
         .iter()
@@ -135,11 +145,11 @@ fn materials(
             undefined.len()
         ));
     }
-    Ok(materials)
+    materials
 }
 
 /// Welds the values that faces use, in the order of the faces, and triangulates.
-fn build(parsed: &Parsed) -> SourceMesh {
+fn build(parsed: &Parsed, tiles: &Tiles<'_>) -> SourceMesh {
     let mut weld = Weld::default();
     let mut corners: &[[u32; 3]] = &parsed.corners;
     let mut polygon: Vec<Corner> = Vec::new();
@@ -147,8 +157,9 @@ fn build(parsed: &Parsed) -> SourceMesh {
     for face in &parsed.faces {
         let (own, rest) = corners.split_at(face.corners);
         corners = rest;
+        let (material, shifted) = tiles.place(parsed, face.material, own);
         // More than MAX_MATERIALS were refused, so the index fits.
-        let material = u16::try_from(face.material).unwrap_or(0);
+        let material = u16::try_from(material).unwrap_or(0);
         // An attribute that a corner lacks is not used at the others.
         let all_have = |kind: usize| own.iter().all(|corner| corner[kind] != 0);
         let (has_uv, has_normal) = (all_have(1), all_have(2));
@@ -161,7 +172,7 @@ fn build(parsed: &Parsed) -> SourceMesh {
             points.push(weld.mesh.positions[position as usize]);
             polygon.push(Corner {
                 position,
-                uv: if has_uv { weld.uv(parsed.uvs[uv]) } else { NONE },
+                uv: if has_uv { weld.uv(shifted(parsed.uvs[uv])) } else { NONE },
                 normal: if has_normal { weld.normal(parsed.normals[normal]) } else { NONE },
                 color: color.map_or(NONE, |color| weld.color(color)),
             });
