@@ -1,5 +1,6 @@
 //! Seed inputs, encoded by the project's own writers: regenerate them after a format change.
 
+mod images;
 mod meshes;
 mod messages;
 mod models;
@@ -22,6 +23,7 @@ pub fn of(target: &str) -> Vec<(String, Vec<u8>)> {
         "apply_undo" => meshes::sequences(),
         "obj_import" => models::models(),
         "gltf_import" => models::scenes(),
+        "image_import" => images::images(),
         "gltf_compressed" => compressed::seeds(),
         "ply_import" => models::scans(),
         "messages" => messages::messages(),

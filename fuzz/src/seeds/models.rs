@@ -92,11 +92,20 @@ pub(super) fn models() -> Vec<(String, Vec<u8>)> {
         ("odd", "\u{feff}# x\r\nf 1/1 2/1 \\\r\n  3/1 # f\r\nv 0 0 0 2\r\nv 2 0 0 2\r\nv 0 1 0 1 0 0\r\nvt 0.5\r\nl 1 2\r\n".into()),
         ("concave", "v 0 2 0\nv -1 0 0\nv 0 1 0\nv 1 0 0\nvn 0 0 4\nusemtl a b\nf 1//1 2//1 3//1 4//1\n".into()),
     ];
-    texts.map(|(name, text)| seed(name, [text.as_bytes(), b"\0", MTL.as_bytes()].concat())).into()
+    let tiles = "mtllib m.mtl\nusemtl t\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1.5 1\nvt -1 0\nvt 9 899\n\
+                 f 1/1 2/1 3/1\nf 1/2 2/2 3/2\nf 1/3 2/3 3/3\nf 1/4 2/4 3/4\nf 1 2 3\n";
+    let set = "newmtl t\nmap_Kd a.<UDIM>.png\nmap_d b/<UDIM>.png\nmap_Pm <UDIM>-<UDIM>.png\nnorm n.png\n";
+    let mut seeds: Vec<_> =
+        texts.map(|(name, text)| seed(name, [text.as_bytes(), b"\0", MTL.as_bytes()].concat())).into();
+    seeds.push(seed("tiles", [tiles.as_bytes(), b"\0", set.as_bytes()].concat()));
+    seeds
 }
 
 /// The beginning of a material with all properties, and the textures that it uses.
 const MAPS: &str = r#""images":[{"uri":"a.png"},{"bufferView":1,"mimeType":"image/png"}],"samplers":[{"wrapS":33071,"wrapT":33648}],"textures":[{"source":0,"sampler":0},{"source":1,"sampler":0}],"extensionsUsed":["KHR_materials_emissive_strength"],"extensionsRequired":["KHR_materials_transmission"],"materials":[{"normalTexture":{"index":0,"scale":0.5,"extensions":{"KHR_texture_transform":{"offset":[0.5,0],"rotation":1,"scale":[2,1]}}},"occlusionTexture":{"index":1,"strength":0.5,"texCoord":1},"emissiveTexture":{"index":0},"emissiveFactor":[1,0.5,0],"alphaMode":"MASK","alphaCutoff":0.25,"doubleSided":true,"extensions":{"KHR_materials_emissive_strength":{"emissiveStrength":4},"KHR_materials_unlit":{},"KHR_materials_transmission":{"transmissionFactor":0.5},"KHR_materials_pbrSpecularGlossiness":{"diffuseFactor":[0,0,0,1],"glossinessFactor":0.5,"specularGlossinessTexture":{"index":1}}},"name":"m","#;
+
+/// The beginning of a material with textures of extensions.
+const IMAGES: &str = r#""images":[{"uri":"a.png"},{"uri":"a.ktx2"},{"uri":"a.avif"}],"textures":[{"source":0,"extensions":{"KHR_texture_basisu":{"source":1}}},{"extensions":{"EXT_texture_avif":{"source":2}}}],"extensionsRequired":["KHR_texture_basisu","EXT_texture_avif"],"materials":[{"normalTexture":{"index":0},"emissiveTexture":{"index":1},"emissiveFactor":[1,1,1],"name":"m","#;
 
 /// Nodes with lights of every kind, and the lights.
 const LIGHTS: &str = r#""extensionsRequired":["KHR_lights_punctual"],"extensions":{"KHR_lights_punctual":{"lights":[{"type":"point","color":[1,0.5,0],"intensity":40,"range":9},{"type":"spot","intensity":9,"spot":{"innerConeAngle":0.25,"outerConeAngle":0.5}},{"type":"directional"}]}},"nodes":[{"mesh":0,"children":[1,2,3]},{"translation":[1,2,3],"extensions":{"KHR_lights_punctual":{"light":0}}},{"scale":[2,-1,0.5],"extensions":{"KHR_lights_punctual":{"light":1}}},{"extensions":{"KHR_lights_punctual":{"light":2}}}]"#;
@@ -128,6 +137,7 @@ pub(super) fn scenes() -> Vec<(String, Vec<u8>)> {
         seed("places.glb", glb(&file("", 4, places, ""), &bin)),
         seed("data-uri.gltf", file(&data, 4, nested, "").into_bytes()),
         seed("materials.glb", glb(&file("", 4, one, r#","material":0"#).replace(r#""materials":[{"name":"m","#, MAPS), &bin)),
+        seed("images.glb", glb(&file("", 4, one, r#","material":0"#).replace(r#""materials":[{"name":"m","#, IMAGES), &bin)),
         seed("lights.glb", glb(&file("", 4, LIGHTS, ""), &bin)),
         seed("sparse.glb", glb(&file("", 4, one, "").replace(r#","count":4,"min":[0,0,0]"#, r#","count":4,"sparse":{"count":1,"indices":{"bufferView":2,"componentType":5121},"values":{"bufferView":0}},"min":[0,0,0]"#), &bin)),
     ]

@@ -4,8 +4,8 @@ use std::cell::RefCell;
 
 use lodestream_geometry::mesh::{NONE, SourceMesh};
 use lodestream_geometry::quantise::{QuantiseSettings, quantise};
-use lodestream_import::Part;
 use lodestream_import::gltf::CopyTolerance;
+use lodestream_import::{ImageSource, Part, texture};
 use lodestream_scene::placement::Placement;
 use tempfile::TempDir;
 
@@ -110,6 +110,28 @@ const GLTF: Ceiling = Ceiling { base_bytes: 1 << 22, bytes_per_byte: 4096, base_
 /// bytes in the decoder, its result and the mesh. A byte may also be one more instance of a mesh.
 const COMPRESSED: Ceiling =
     Ceiling { base_bytes: 1 << 23, bytes_per_byte: 1 << 16, base_steps: 0, steps_per_byte: 0 };
+
+/// An image file of any format: its header and, if they are few, its texels.
+pub fn image_import(data: &[u8]) -> bool {
+    let source = ImageSource { path: "a".into(), bytes: Some(data.to_vec().into()) };
+    let Ok((width, height)) = within(IMAGE, data.len(), || texture::size(&source)) else { return false };
+    let texels = width as usize * height as usize;
+    if texels > MOST_TEXELS {
+        return false;
+    }
+    let ceiling = Ceiling { base_bytes: IMAGE.base_bytes + BYTES_PER_TEXEL * texels, ..IMAGE };
+    let Ok(image) = within(ceiling, data.len(), || texture::decode(&source)) else { return false };
+    assert_eq!((image.width(), image.height()), (width, height));
+    true
+}
+
+/// Texels that are decoded: larger images only take longer.
+const MOST_TEXELS: usize = 1 << 16;
+
+/// Codebooks of Basis Universal have up to 65,535 entries of 20 bytes, whatever their length; tables of the other formats
+/// are smaller. A texel has up to eight bytes, which decoders hold a few times.
+const IMAGE: Ceiling = Ceiling { base_bytes: 1 << 22, bytes_per_byte: 64, base_steps: 0, steps_per_byte: 0 };
+const BYTES_PER_TEXEL: usize = 32;
 
 /// Whether all vertices that faces refer to exist; and whether the mesh can be quantised.
 fn consistent(mesh: &SourceMesh, materials: usize) {

@@ -10,7 +10,7 @@ mod sequence;
 mod terrain;
 
 pub use asset::{base_decoder, chunk_decoder, pack_reader, rehashed};
-pub use import::{gltf_compressed, gltf_import, obj_import, ply_import};
+pub use import::{gltf_compressed, gltf_import, image_import, obj_import, ply_import};
 pub use messages::messages;
 pub use parts::parts;
 pub use punctual_lights::punctual_lights;
@@ -22,7 +22,7 @@ pub use terrain::terrain;
 pub type Target = fn(&[u8]) -> bool;
 
 /// Every target by the name of its corpus.
-pub const ALL: [(&str, Target); 14] = [
+pub const ALL: [(&str, Target); 15] = [
     ("pack_reader", pack_reader),
     ("base_decoder", base_decoder),
     ("chunk_decoder", chunk_decoder),
@@ -30,6 +30,7 @@ pub const ALL: [(&str, Target); 14] = [
     ("obj_import", obj_import),
     ("gltf_import", gltf_import),
     ("gltf_compressed", gltf_compressed),
+    ("image_import", image_import),
     ("ply_import", ply_import),
     ("messages", messages),
     ("terrain", terrain),

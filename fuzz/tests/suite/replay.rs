@@ -62,6 +62,11 @@ fn gltf_compressed() {
 }
 
 #[test]
+fn image_import() {
+    replay("image_import");
+}
+
+#[test]
 fn ply_import() {
     replay("ply_import");
 }
