@@ -430,7 +430,7 @@ class Reader:
     def base(self):
         b = self.b
         version = self.f("version", b.u8)
-        ensure(version == 4, f"a base mesh of format version {version}")
+        ensure(version == 5, f"a base mesh of format version {version}")
         bits = self.f("position bits", b.u8)
         kinds = self.f("kinds", b.u8)
         levels = self.f("level_count", b.u8)
@@ -524,6 +524,7 @@ class Reader:
             "kind": self.named("kind", ["color", "height", "normal", "surface"]),
             "width": self.f("width", self.b.u32),
             "height": self.f("height", self.b.u32),
+            "planes": self.f("planes", self.b.u8),
             "mean": self.option("mean", lambda: self.f("sRGB", lambda: list(self.b.take(3)))),
             "uv_per_unit": self.number("uv_per_unit", self.b.f32),
             "levels": self.vec("levels", level, 16),

@@ -6,6 +6,7 @@
 //! | `first_flight` | the server's push alone makes every visible instance drawable, in few bytes and round trips |
 //! | `settled` | a streamed scene ends up looking like the model |
 //! | `textures` | a texture shared by assets is uploaded once |
+//! | `texture_quality` | bytes of textures against the error of the picture |
 //! | `walls` | neither background nor sunlight is visible through the demo's closed walls |
 //! | `silence` | a vanished server is reported |
 //! | `limiter` | bytes on the wire against the rate limit |
@@ -91,6 +92,8 @@ mod stores;
 mod support;
 #[cfg(test)]
 mod terrain;
+#[cfg(test)]
+mod texture_quality;
 #[cfg(test)]
 mod textures;
 #[cfg(test)]

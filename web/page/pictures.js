@@ -3,15 +3,32 @@
 const PNG_SIGNATURE = 8;
 
 /**
- * Decodes a picture of `Streamer.pictures()`. Gives what the page holds: `bitmap`, or `heights` with `bits` per texel.
- * The header of the file was compared with `width` and `height`; the result is again.
+ * Decodes a picture of `Streamer.pictures()`. Gives what the page holds: `bitmap`, or `texels` of `bits` each; of planes
+ * the picture's pixels, in place of the texels that `Streamer.texels()` makes of them. The header of the file was compared
+ * with `width` and `height`; the result is again.
  */
-export async function decode({ file, width, height, height_map: isHeights }) {
+export async function decode({ file, width, height, height_map: isHeights, planes }) {
   if (isHeights) return decodeHeights(file, width, height);
   const bitmap = await createImageBitmap(new Blob([file]), { colorSpaceConversion: 'none', premultiplyAlpha: 'none' });
-  if (bitmap.width === width && bitmap.height === height) return { bitmap };
+  const [columns, rows] = [bitmap.width, bitmap.height];
+  if (columns === width && rows === height) return planes ? { texels: await pixelsOf(bitmap), bits: 32 } : { bitmap };
   bitmap.close();
-  throw new Error(`the image has ${bitmap.width}×${bitmap.height} pixels`);
+  throw new Error(`the image has ${columns}×${rows} pixels`);
+}
+
+/** The pixels of a grey picture, four bytes each. Not by a canvas: where those could identify a user, their pixels differ. */
+async function pixelsOf(bitmap) {
+  const { width, height } = bitmap;
+  const frame = new VideoFrame(bitmap, { timestamp: 0 });
+  bitmap.close();
+  try {
+    const pixels = new Uint8Array(4 * width * height);
+    if (frame.allocationSize() !== pixels.length) throw new Error(`pixels of the format ${frame.format}`);
+    await frame.copyTo(pixels, { layout: [{ offset: 0, stride: 4 * width }] });
+    return pixels;
+  } finally {
+    frame.close();
+  }
 }
 
 /** The texels of a grey PNG (ISO/IEC 15948) of 8 or 16 bits: pictures of the browser have 8. */
@@ -31,7 +48,7 @@ async function decodeHeights(file, width, height) {
   if (![8, 16].includes(bits) || colour !== 0 || interlaced !== 0) throw new Error('it is no grey PNG of 8 or 16 bits');
   const pixel = bits / 8;
   const rows = await inflate(parts, height * (1 + width * pixel));
-  return { heights: unfilter(rows, height, width * pixel, pixel), bits };
+  return { texels: unfilter(rows, height, width * pixel, pixel), bits };
 }
 
 /** Inflates exactly `length` bytes; more or fewer are an error. */

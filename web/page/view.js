@@ -256,9 +256,9 @@ export class View extends EventTarget {
       if (viewer.is_busy(begun)) return this.redraw();
       const times = [now()];
       for (const { step, pictures } of this.#steps.splice(0, this.#countNext())) {
-        for (const { number, uses, bitmap, heights, bits } of pictures) {
+        for (const { number, uses, bitmap, texels, bits } of pictures) {
           if (bitmap) viewer.hold_picture(number, uses, bitmap);
-          else viewer.hold_heights(number, uses, bits, heights);
+          else viewer.hold_texels(number, uses, bits, texels);
         }
         viewer.push(step);
         this.#worker.postMessage({ kind: 'taken' });

@@ -169,7 +169,7 @@ function post(step, pictures) {
   const of = generation;
   posted = posted.then(async () => {
     const held = (await Promise.all(decoded)).filter(Boolean);
-    const moved = held.map(({ bitmap, heights }) => bitmap ?? heights.buffer);
+    const moved = held.map(({ bitmap, texels }) => bitmap ?? texels.buffer);
     postMessage({ step, pictures: held, generation: of }, [step.buffer, ...moved]);
     for (const { number } of held) streamer.decoded(now(), number, undefined);
     if (pictures.length) turnSoon();
@@ -180,7 +180,9 @@ function post(step, pictures) {
 async function decodeOne(picture) {
   const { number, uses } = picture;
   try {
-    return { number, uses, ...(await decode(picture)) };
+    const decoded = await decode(picture);
+    if (picture.planes) decoded.texels = streamer.texels(number, decoded.texels);
+    return { number, uses, ...decoded };
   } catch (why) {
     streamer.decoded(now(), number, String(why?.message ?? why));
     turnSoon();

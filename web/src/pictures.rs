@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use bytes::Bytes;
 use lodestream_client::core::{Change, TextureChange, TexturePixels};
-use lodestream_scene::asset::TextureKind;
+use lodestream_scene::asset::{Planes, TextureKind};
 
 /// A file to decode.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -16,6 +16,8 @@ pub(crate) struct Picture {
     pub(crate) file: Bytes,
     /// Width and height that it must have.
     pub(crate) size: [u32; 2],
+    /// It is made of planes, which [`Pictures::texels`] makes texels of.
+    pub(crate) has_planes: bool,
     /// It is a height map: grey, of 8 or 16 bits, which the browser's decoder would round to 8.
     pub(crate) is_height: bool,
 }
@@ -27,7 +29,7 @@ pub(crate) type Level = (u32, u16, u8, Option<u16>);
 #[derive(Debug, Default)]
 pub(crate) struct Pictures {
     next: u32,
-    open: BTreeMap<u32, Level>,
+    open: BTreeMap<u32, (Level, Option<Planes>)>,
 }
 
 impl Pictures {
@@ -38,7 +40,7 @@ impl Pictures {
             let Change::Texture(TextureChange { asset, texture, level, tile, pixels }) = change else {
                 continue;
             };
-            let TexturePixels::File { file, kind, size } = &**pixels else { continue };
+            let TexturePixels::File { file, kind, size, planes } = &**pixels else { continue };
             let bytes = u32::try_from(pixels.bytes()).unwrap_or(u32::MAX);
             let known = taken.iter_mut().find(|(other, _)| Arc::ptr_eq(other, pixels));
             let number = if let Some((_, picture)) = known {
@@ -47,9 +49,11 @@ impl Pictures {
             } else {
                 let number = self.next;
                 self.next = self.next.wrapping_add(1);
-                self.open.insert(number, (*asset, *texture, *level, *tile));
+                self.open.insert(number, ((*asset, *texture, *level, *tile), *planes));
                 let is_height = *kind == TextureKind::Height;
-                let picture = Picture { number, uses: 1, file: file.clone(), size: *size, is_height };
+                let size = planes.map_or(*size, |planes| planes.stacked(*size));
+                let has_planes = planes.is_some();
+                let picture = Picture { number, uses: 1, file: file.clone(), size, has_planes, is_height };
                 taken.push((Arc::clone(pixels), picture));
                 number
             };
@@ -60,7 +64,13 @@ impl Pictures {
 
     /// Notes that a picture is decoded, or is not; gives its level.
     pub(crate) fn report(&mut self, number: u32) -> Option<Level> {
-        self.open.remove(&number)
+        self.open.remove(&number).map(|(level, _)| level)
+    }
+
+    /// The texels of a picture that is made of planes, from its pixels of four bytes; empty for others.
+    pub(crate) fn texels(&self, number: u32, pixels: &[u8]) -> Vec<u8> {
+        let planes = self.open.get(&number).and_then(|(_, planes)| *planes);
+        planes.map_or_else(Vec::new, |planes| planes.texels(pixels.as_chunks::<4>().0))
     }
 
     /// Whether decoding of a picture has not been reported.
@@ -77,7 +87,7 @@ mod tests {
     fn changes_that_share_texels_share_a_number_and_reports_name_the_level() {
         let file = |side| {
             let (file, kind) = (Bytes::from_static(b"file"), TextureKind::Height);
-            Arc::new(TexturePixels::File { file, kind, size: [side, side] })
+            Arc::new(TexturePixels::File { file, kind, size: [side, side], planes: None })
         };
         let (one, other) = (file(8), file(4));
         let change = |asset, level, pixels: &Arc<_>| {

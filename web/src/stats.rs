@@ -63,6 +63,7 @@ pub(crate) fn picture(picture: &Picture) -> JsValue {
         ("width", width.into()),
         ("height", height.into()),
         ("height_map", picture.is_height.into()),
+        ("planes", picture.has_planes.into()),
     ]);
     object.into()
 }

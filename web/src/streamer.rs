@@ -172,10 +172,16 @@ impl Streamer {
     }
 
     /// The pictures of the last step, to decode before it goes to the page: objects with `number`, `uses`, `file`
-    /// (`Uint8Array`), `width`, `height` and `height_map`.
+    /// (`Uint8Array`), `width`, `height`, `height_map` and `planes`.
     #[must_use]
     pub fn pictures(&mut self) -> js_sys::Array {
         std::mem::take(&mut self.to_decode).iter().map(stats::picture).collect()
+    }
+
+    /// The texels of a picture with `planes`, from its pixels.
+    #[must_use]
+    pub fn texels(&self, number: u32, pixels: &[u8]) -> Vec<u8> {
+        self.pictures.texels(number, pixels)
     }
 
     /// Takes the result for a picture: none, or why it cannot be decoded. It then counts as damaged and may be

@@ -153,13 +153,15 @@ impl Viewer {
         self.scene.hold(number, uses, Texels::Bitmap(picture));
     }
 
-    /// Takes a decoded height map of 8 or 16 bits (little-endian) per texel before the step that names it.
-    pub fn hold_heights(&mut self, number: u32, uses: u32, bits: u32, heights: Vec<u8>) {
-        let pixels = if bits == 8 {
-            TexturePixels::R8(heights)
-        } else {
-            let texels = heights.chunks_exact(2).map(|texel| u16::from_le_bytes([texel[0], texel[1]]));
-            TexturePixels::R16(texels.collect())
+    /// Takes decoded texels before the step that names them: heights of 8 or 16 bits (little-endian), or four bytes each.
+    pub fn hold_texels(&mut self, number: u32, uses: u32, bits: u32, texels: Vec<u8>) {
+        let pixels = match bits {
+            8 => TexturePixels::R8(texels),
+            16 => {
+                let heights = texels.chunks_exact(2).map(|texel| u16::from_le_bytes([texel[0], texel[1]]));
+                TexturePixels::R16(heights.collect())
+            }
+            _ => TexturePixels::Rgba8(texels),
         };
         self.scene.hold(number, uses, Texels::Pixels(pixels));
     }

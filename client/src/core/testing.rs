@@ -105,6 +105,7 @@ fn description() -> AssetDescription {
             kind: TextureKind::Color,
             width: 32,
             height: 32,
+            planes: 0,
             mean: Some([59, 59, 9]),
             uv_per_unit: 0.5,
             levels: levels.into(),

@@ -4,10 +4,10 @@
 use bytes::Bytes;
 #[cfg(feature = "images")]
 use image::{DynamicImage, ImageError, ImageReader, Limits};
-use lodestream_scene::asset::{TextureInfo, TextureKind, level_size, tile_place, tile_size};
+use lodestream_scene::asset::{Planes, TextureInfo, TextureKind, level_size, tile_place, tile_size};
 use thiserror::Error;
 
-use super::texture_header::header_size;
+use super::texture_header::{header_size, is_webp};
 
 /// A texture level, or a tile of one, that cannot be used.
 #[derive(Debug, Error)]
@@ -67,7 +67,8 @@ pub enum TexturePixels {
     R8(Vec<u8>),
     /// One 16-bit value per texel.
     R16(Vec<u16>),
-    /// The level's PNG, JPEG or WebP file, for the host to decode; its header gives the level's size.
+    /// The level's PNG, JPEG or WebP file, for the host to decode; its header gives the level's size, or that of its
+    /// planes.
     File {
         /// The file.
         file: Bytes,
@@ -75,6 +76,8 @@ pub enum TexturePixels {
         kind: TextureKind,
         /// Width and height, in texels.
         size: [u32; 2],
+        /// The planes that the file's picture is made of, if it is: [`Planes::texels`] gives the texels.
+        planes: Option<Planes>,
     },
     /// Texels that the host has decoded and keeps under a number.
     Held {
@@ -87,7 +90,7 @@ pub enum TexturePixels {
 
 impl TexturePixels {
     /// Decodes the image file (PNG, JPEG or WebP) of a level, or of a tile of it; level 0 is the coarsest. The image must
-    /// have the size of the level or tile; memory is reserved only after its header has been checked.
+    /// have the size of the level or tile, or of its planes; memory is reserved only after its header has been checked.
     ///
     /// # Errors
     /// The file is not an intact image of that size.
@@ -97,6 +100,7 @@ impl TexturePixels {
         info: &TextureInfo,
         (level, tile): (u32, Option<u16>),
     ) -> Result<Self, TextureFileError> {
+        let planes = planes_of(file, info);
         let [width, height] = checked_size(file, info, (level, tile))?;
         let error = |fault: TextureFileFault| TextureFileError { level, width, height, fault };
         let reader = ImageReader::new(std::io::Cursor::new(file)).with_guessed_format();
@@ -111,6 +115,9 @@ impl TexturePixels {
         let size = (image.width(), image.height());
         if size != (width, height) {
             return Err(error(TextureFileFault::Size { width: size.0, height: size.1 }));
+        }
+        if let Some(planes) = planes {
+            return Ok(Self::Rgba8(planes.texels(image.into_rgb8().as_raw().as_chunks::<3>().0)));
         }
         Ok(match (info.kind, image) {
             (TextureKind::Height, DynamicImage::ImageLuma8(grey)) => Self::R8(grey.into_raw()),
@@ -129,8 +136,9 @@ impl TexturePixels {
         info: &TextureInfo,
         image: (u32, Option<u16>),
     ) -> Result<Self, TextureFileError> {
-        let size = checked_size(file, info, image)?;
-        Ok(Self::File { file: file.clone(), kind: info.kind, size })
+        checked_size(file, info, image)?;
+        let (size, planes) = (size_of_image(info, image), planes_of(file, info));
+        Ok(Self::File { file: file.clone(), kind: info.kind, size, planes })
     }
 
     /// Size of the pixels in bytes.
@@ -156,15 +164,22 @@ fn size_of_image(info: &TextureInfo, (level, tile): (u32, Option<u16>)) -> [u32;
     })
 }
 
-/// The size of the level or tile, which the file's header must state.
+/// The planes that a file's picture is made of; `None` if it is the image itself.
+fn planes_of(file: &[u8], info: &TextureInfo) -> Option<Planes> {
+    info.planes().filter(|_| is_webp(file))
+}
+
+/// The size of the picture of a level or tile, which the file's header must state.
 fn checked_size(
     file: &[u8],
     info: &TextureInfo,
     (level, tile): (u32, Option<u16>),
 ) -> Result<[u32; 2], TextureFileError> {
-    let size @ [width, height] = size_of_image(info, (level, tile));
+    let size = size_of_image(info, (level, tile));
+    let size @ [width, height] = planes_of(file, info).map_or(size, |planes| planes.stacked(size));
     let fault = match header_size(file) {
-        Some(found) if found == size => return Ok(size),
+        // A surface without planes has no WebP files.
+        Some(found) if found == size && height > 0 => return Ok(size),
         Some([width, height]) => TextureFileFault::Size { width, height },
         None => TextureFileFault::Header,
     };
@@ -176,7 +191,7 @@ fn checked_size(
 mod tests {
     use super::*;
     use image::{GrayImage, ImageBuffer, ImageFormat, Luma, RgbImage};
-    use lodestream_scene::asset::{TextureFormat, TextureLevel};
+    use lodestream_scene::asset::{NORMAL_PLANES, TextureFormat, TextureLevel};
 
     /// A texture with all levels down to 1×1.
     fn full(width: u32, height: u32, kind: TextureKind) -> TextureInfo {
@@ -189,6 +204,7 @@ mod tests {
             kind,
             width,
             height,
+            planes: if kind == TextureKind::Normal { NORMAL_PLANES } else { 0 },
             mean: None,
             uv_per_unit: 1.0,
             levels: (0..count).map(level).collect(),
@@ -248,6 +264,79 @@ mod tests {
         assert!(matches!(fault, TextureFileFault::Header), "{fault}");
     }
 
+    /// A WebP file of grey values, without loss.
+    fn grey_webp(width: u32, height: u32) -> Vec<u8> {
+        let image = RgbImage::from_fn(width, height, |x, y| image::Rgb([(20 + 25 * x + 7 * y) as u8; 3]));
+        let mut file = std::io::Cursor::new(Vec::new());
+        image.write_to(&mut file, ImageFormat::WebP).unwrap();
+        file.into_inner()
+    }
+
+    #[test]
+    fn planes_of_normals_and_surfaces_become_texels() {
+        let normal = full(8, 4, TextureKind::Normal);
+        let value = |x: u32, y: u32| (20 + 25 * x + 7 * y) as u8;
+        let texels = |info: &TextureInfo, rows: u32| {
+            let file = Bytes::from(grey_webp(8, rows));
+            let TexturePixels::Rgba8(texels) = TexturePixels::decode(&file, info, (3, None)).unwrap() else {
+                panic!()
+            };
+            // A host gets the picture's size from the planes.
+            let given = TexturePixels::for_host(&file, info, (3, None)).unwrap();
+            let TexturePixels::File { size, planes, .. } = given else { panic!() };
+            assert_eq!((size, planes.unwrap().stacked(size)), ([8, 4], [8, rows]));
+            texels
+        };
+        for (at, texel) in (0..).zip(texels(&normal, 8).chunks(4)) {
+            let (x, y) = (at % 8, at / 8);
+            assert_eq!([texel[0], texel[1], texel[3]], [value(x, y), value(x, y + 4), 255]);
+            assert!(texel[2] >= 128, "{texel:?} points out of the surface");
+        }
+        let (kind, mean) = (TextureKind::Surface, Some([9, 8, 7]));
+        let surface = TextureInfo { kind, planes: 0b101, mean, ..normal.clone() };
+        for (at, texel) in (0..).zip(texels(&surface, 8).chunks(4)) {
+            assert_eq!(texel, [value(at % 8, at / 8), 8, value(at % 8, at / 8 + 4), 255]);
+        }
+        // PNG has all channels.
+        let file = png(RgbImage::from_pixel(8, 4, image::Rgb([1, 2, 3])));
+        let whole = TexturePixels::decode(&file, &surface, (3, None)).unwrap();
+        assert_eq!(whole, TexturePixels::Rgba8([1, 2, 3, 255].repeat(32)));
+    }
+
+    #[test]
+    fn planes_of_other_sizes_are_refused() {
+        let normal = full(8, 4, TextureKind::Normal);
+        let (kind, mean) = (TextureKind::Surface, Some([9, 8, 7]));
+        let surface = |planes| TextureInfo { kind, planes, mean, ..normal.clone() };
+        let refused = |file: Vec<u8>, info: &TextureInfo| {
+            let file = Bytes::from(file);
+            let [ours, hosts] = [
+                TexturePixels::decode(&file, info, (3, None)).unwrap_err(),
+                TexturePixels::for_host(&file, info, (3, None)).unwrap_err(),
+            ];
+            assert_eq!(ours.to_string(), hosts.to_string());
+            assert!(matches!(ours.fault, TextureFileFault::Size { .. }), "{ours}");
+        };
+        for rows in [1, 4, 7, 9, 12] {
+            refused(grey_webp(8, rows), &normal);
+        }
+        refused(grey_webp(16, 4), &normal);
+        refused(grey_webp(8, 8), &surface(7));
+        refused(grey_webp(8, 8), &surface(1));
+        refused(grey_webp(8, 4), &surface(0));
+        refused(png(RgbImage::new(8, 8)), &normal);
+        // Of no rows, as a surface without planes would have.
+        let mut none = WEBP.to_vec();
+        none[28..30].copy_from_slice(&[0, 0]);
+        refused(none, &surface(0));
+        // Tiles have the same number of planes.
+        let tiled = full(512, 512, TextureKind::Normal);
+        assert!(TexturePixels::decode(&grey_webp(260, 520), &tiled, (9, Some(0))).is_ok());
+        for rows in [260, 512, 519, 521, 780] {
+            assert!(TexturePixels::decode(&grey_webp(260, rows), &tiled, (9, Some(0))).is_err(), "{rows}");
+        }
+    }
+
     #[test]
     fn files_that_do_not_match_the_level_are_errors() {
         let shape = full(8, 8, TextureKind::Color);
@@ -281,7 +370,12 @@ mod tests {
             let given = TexturePixels::for_host(&file, &shape, (3, None)).unwrap();
             assert_eq!(
                 given,
-                TexturePixels::File { file: file.clone(), kind: TextureKind::Color, size: [8, 4] }
+                TexturePixels::File {
+                    file: file.clone(),
+                    kind: TextureKind::Color,
+                    size: [8, 4],
+                    planes: None
+                }
             );
             assert!(TexturePixels::for_host(&file, &shape, (2, None)).is_err(), "larger than the level");
             // Every cut header is refused, and none panics.

@@ -8,6 +8,11 @@ pub(super) fn header_size(file: &[u8]) -> Option<[u32; 2]> {
     png(file).or_else(|| jpeg(file)).or_else(|| webp(file))
 }
 
+/// Whether a file begins as a WebP file does.
+pub(super) fn is_webp(file: &[u8]) -> bool {
+    file.starts_with(b"RIFF")
+}
+
 /// ISO/IEC 15948, 11.2.2.
 fn png(file: &[u8]) -> Option<[u32; 2]> {
     let header = file.strip_prefix(b"\x89PNG\r\n\x1a\n")?.get(4..16)?.strip_prefix(b"IHDR")?;

@@ -89,8 +89,9 @@ pub fn compare(pack: &PackFile, model: &Path, part: &Part) -> Result<Difference,
         return Err(CompareError::Grid { model: model.to_owned(), pack: pack.path().to_owned() });
     }
     let error = |source| PrepareError::Describe { path: model.to_owned(), source };
-    let (name, depth) = (&asset.description.name, preparation_settings.relief_depth);
-    let described = describe(name, &imported.materials, depth, &Threads::all_cores()).map_err(error)?;
+    let name = &asset.description.name;
+    let described = describe(name, &imported.materials, &preparation_settings, &Threads::all_cores());
+    let described = described.map_err(error)?;
     let mut description = described.description;
     texture_regions::measure(&imported.mesh, &mut description, asset.base.grid.origin);
     // Encoding quantises descriptions, so the decoded one is compared.

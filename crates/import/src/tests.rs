@@ -159,7 +159,7 @@ fn a_pipe_in_place_of_a_file_is_refused() {
     let Imported { warnings, .. } = import(&path).unwrap();
     assert!(warnings.iter().any(|w| w.contains("not a regular file")), "{warnings:?}");
     let picture = crate::texture::TextureSource::opaque(dir.path().join("red.png").into());
-    assert!(crate::texture::load(&picture, &lodestream_geometry::pool::Serial).is_err());
+    assert!(crate::texture::load(&picture, Default::default(), &lodestream_geometry::pool::Serial).is_err());
 }
 
 #[test]

@@ -416,6 +416,7 @@ fn textured(mut asset: AssetState) -> AssetState {
             kind: TextureKind::Color,
             width: 256,
             height: 256,
+            planes: 0,
             mean: None,
             uv_per_unit: 0.5,
             levels: [4, 16, 64, 256].map(level).to_vec(),

@@ -6,7 +6,8 @@ use lodestream_protocol::message::{
 };
 use lodestream_protocol::stream::blob_head;
 use lodestream_scene::asset::{
-    Alpha, AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, TextureLevel, Wrap,
+    Alpha, AssetDescription, Material, NORMAL_PLANES, TextureFormat, TextureInfo, TextureKind, TextureLevel,
+    Wrap,
 };
 use lodestream_scene::blob::BlobId;
 use lodestream_scene::description::{AssetEntry, Camera, Instance, SceneHeader, SceneLighting, ScenePage};
@@ -128,6 +129,11 @@ pub(super) fn messages() -> Vec<(String, Vec<u8>)> {
         kind,
         width: 8,
         height: 8,
+        planes: match kind {
+            TextureKind::Normal => NORMAL_PLANES,
+            TextureKind::Surface => 7,
+            TextureKind::Color | TextureKind::Height => 0,
+        },
         mean: None,
         uv_per_unit: 1.0,
         levels: vec![TextureLevel { width: 8, height: 8, bytes: 99, format: TextureFormat::WebP }],

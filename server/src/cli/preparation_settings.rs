@@ -4,7 +4,7 @@ use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use lodestream_bake::preparation_settings::{
     Batching, BlockFaces, CodecChoice, NormalTolerance, PositionBits, Precision, PreparationSettings,
-    ReliefDepth, Round, Tolerance, UvBits,
+    ReliefDepth, Round, TextureQuality, Tolerance, UvBits,
 };
 use lodestream_geometry::{Metric, Named};
 
@@ -51,6 +51,9 @@ pub(super) struct PreparationArguments {
     /// Depth of relief in units of texture coordinates, 0 to 1; replaces that of the materials.
     #[arg(long, value_name = "DEPTH")]
     relief_depth: Option<ReliefDepth>,
+    /// Quality of textures (WebP), 1 to 100; 100 is lossless [default: 80].
+    #[arg(long, value_name = "N")]
+    texture_quality: Option<TextureQuality>,
 }
 
 /// Preparation settings of scenes, whose models may have many meshes.
@@ -86,6 +89,7 @@ impl PreparationArguments {
             codec: self.codec,
             block_faces: self.block_faces,
             relief_depth: self.relief_depth,
+            texture_quality: self.texture_quality,
             // One model is one pack.
             batching: None,
             proxies: None,

@@ -1,8 +1,11 @@
 //! The daemon's page in a tab.
 
 use data_encoding::BASE64;
+use lodestream_bake::scene::of_files;
+use lodestream_client::core::Change;
 use lodestream_daemon::{Page, PageSetting, SessionSettings};
 use lodestream_report::image_error::image_error;
+use lodestream_scene::asset::{TextureFormat, TextureInfo};
 use serde_json::{Value, json};
 
 use super::devtools::{Tab, WEBGPU_AND_WEBGL};
@@ -11,7 +14,7 @@ use super::{built_page, image, tab, tab_with};
 use crate::support::PICTURE_PX;
 use crate::support::daemon::Server;
 use crate::support::picture::{Picture, draw, headless, keep};
-use crate::support::scene::TestScene;
+use crate::support::scene::{TestScene, prepare_all};
 
 /// Largest FLIP error of the settled tab against the settled native picture: two drivers round differently, and edges
 /// are smoothed from other samples.
@@ -56,6 +59,62 @@ fn a_tab_shows_what_the_native_viewer_shows() {
     let flip = image_error(&shown.image, &native.image).unwrap().flip;
     println!("FLIP {flip}, {stats}");
     assert!(flip <= MAX_FLIP, "{flip}: {stats}");
+    assert_eq!(tab.console, Vec::<String>::new());
+    server.assert_healthy();
+}
+
+/// A plate with a normal map and maps of roughness and metal, of 300 texels a side: whole levels and tiles of planes.
+fn plate() -> TestScene {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    write(
+        "plate.obj",
+        "mtllib plate.mtl\nusemtl plate\nv -2 -1.2 0\nv 2 -1.2 0\nv 2 1.2 0\nv -2 1.2 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 \
+         1\nf 1/1 2/2 3/3 4/4\n",
+    );
+    write("plate.mtl", "newmtl plate\nKd 0.7 0.6 0.5\nPr 1\nPm 1\nnorm n.png\nmap_Pr r.png\nmap_Pm m.png\n");
+    let wave = |at: u32, length: f64| (f64::from(at) / length).sin();
+    let byte = |value: f64| (127.5 + 127.5 * value) as u8;
+    let save = |name: &str, texel: &dyn Fn(u32, u32) -> [u8; 3]| {
+        let image = image::RgbImage::from_fn(300, 300, |x, y| image::Rgb(texel(x, y)));
+        image.save(folder.path().join(name)).unwrap();
+    };
+    save("n.png", &|x, y| {
+        let (a, b) = (0.6 * wave(x + y / 7, 9.0), 0.6 * wave(y + x / 5, 13.0));
+        [byte(a), byte(b), byte((1.0 - a * a - b * b).sqrt())]
+    });
+    save("r.png", &|x, y| [byte(wave(x, 17.0) * wave(y + x / 9, 21.0)); 3]);
+    save("m.png", &|x, y| [byte(wave(x + y, 31.0)); 3]);
+    let scene = "name = \"plate\"\n[light]\ndirection = [0.4, 0.5, 0.8]\n[camera]\neye = [0.0, 0.0, 3.0]\ntarget = \
+                 [0.0, 0.0, 0.0]\nfov_y_degrees = 42.0\n[[asset]]\nname = \"plate\"\nfile = \
+                 \"plate.obj\"\n[[instance]]\nasset = \"plate\"\n";
+    write("scene.toml", scene);
+    let scene = of_files(&[folder.path().join("scene.toml")]).unwrap();
+    TestScene::open(&scene, prepare_all(&scene, &folder.path().join("cache")))
+}
+
+#[test]
+fn normals_and_surfaces_look_in_a_tab_as_natively() {
+    let (Some(mut tab), Some(mut headless)) = (tab(PICTURE_PX), headless()) else { return };
+    let scene = plate();
+    let textures = &scene.assets[0].description.textures;
+    let webp = |texture: &TextureInfo| texture.levels.last().unwrap().format == TextureFormat::WebP;
+    assert!(textures.len() == 2 && textures.iter().all(webp), "{textures:?}");
+    let server = serve(&scene);
+    let stats = settle(&mut tab, &server.page_url());
+    assert_eq!(stats["decode_failures"].as_f64(), Some(0.0), "{stats}");
+    let native = draw(&mut headless, scene.whole());
+    let mut bare = scene.whole();
+    bare.retain(|change| !matches!(change, Change::Texture(_)));
+    let bare = draw(&mut headless, bare);
+    let shown = image(&mut tab, "lodestream.view.picture()");
+    let off = |picture| image_error(picture, &native.image).unwrap().flip;
+    let (flip, without) = (off(&shown), off(&bare.image));
+    println!("FLIP {flip}, without maps {without}");
+    keep(&Picture { image: shown, covered: native.covered.clone() }, "tab-maps");
+    keep(&native, "tab-maps-native");
+    // Highlights on bumps differ more than the surfaces of other scenes.
+    assert!(flip <= without / 8.0, "{flip}, without maps {without}");
     assert_eq!(tab.console, Vec::<String>::new());
     server.assert_healthy();
 }
@@ -142,16 +201,17 @@ pub(super) fn script(name: &str) -> String {
     names.find(|file| file.starts_with(&begins) && file.ends_with(".js")).expect("the page has the script")
 }
 
-/// Runs the page's decoder of texture levels on a file; the texels as numbers, or the error's text.
-fn decoded(tab: &mut Tab, file: &[u8], [width, height]: [u32; 2], height_map: bool) -> Value {
+/// Runs the page's decoder of texture levels on a file that is `height_map`, `planes` or another picture; the texels as
+/// numbers, or the error's text.
+fn decoded(tab: &mut Tab, file: &[u8], [width, height]: [u32; 2], what: &str) -> Value {
     let (script, file) = (script("pictures"), BASE64.encode(file));
     tab.evaluate(&format!(
         "import('/{script}').then(({{ decode }}) => decode({{
             file: Uint8Array.from(atob('{file}'), (c) => c.charCodeAt(0)),
-            width: {width}, height: {height}, height_map: {height_map},
+            width: {width}, height: {height}, {what}: true,
         }})).then(
-            ({{ bitmap, heights, bits }}) => {{
-                if (heights) return Array.from(bits === 16 ? new Uint16Array(heights.buffer) : heights);
+            ({{ bitmap, texels, bits }}) => {{
+                if (texels) return Array.from(bits === 16 ? new Uint16Array(texels.buffer) : texels);
                 const canvas = new OffscreenCanvas(bitmap.width, bitmap.height).getContext('2d');
                 canvas.drawImage(bitmap, 0, 0);
                 return Array.from(canvas.getImageData(0, 0, bitmap.width, bitmap.height).data);
@@ -168,32 +228,41 @@ fn texture_levels_decode_in_a_tab_as_they_do_natively() {
     let server = serve(TestScene::small());
     tab.navigate(&server.page_url());
     tab.wait("the page is there", "document.readyState", |state| state == "complete");
-    let png = |image: DynamicImage| {
+    let encoded = |image: DynamicImage, format| {
         let mut file = std::io::Cursor::new(Vec::new());
-        image.write_to(&mut file, ImageFormat::Png).unwrap();
+        image.write_to(&mut file, format).unwrap();
         file.into_inner()
     };
+    let png = |image| encoded(image, ImageFormat::Png);
     let size = [13, 9];
     let deep = ImageBuffer::from_fn(13, 9, |x, y| Luma([(x * x * 977 + y * 7919) as u16]));
     let flat = ImageBuffer::from_fn(13, 9, |x, y| Luma([(x * x * 3 + y * 29) as u8]));
     let colours = ImageBuffer::from_fn(13, 9, |x, y| image::Rgb([x as u8 * 19, y as u8 * 28, 200]));
     let of_deep = png(DynamicImage::ImageLuma16(deep.clone()));
-    assert_eq!(decoded(&mut tab, &of_deep, size, true), json!(deep.into_raw()));
+    assert_eq!(decoded(&mut tab, &of_deep, size, "height_map"), json!(deep.into_raw()));
     let of_flat = png(DynamicImage::ImageLuma8(flat.clone()));
-    assert_eq!(decoded(&mut tab, &of_flat, size, true), json!(flat.into_raw()));
+    assert_eq!(decoded(&mut tab, &of_flat, size, "height_map"), json!(flat.into_raw()));
     let colours = DynamicImage::ImageRgb8(colours);
     let of_colours = png(colours.clone());
-    assert_eq!(decoded(&mut tab, &of_colours, size, false), json!(colours.into_rgba8().into_raw()));
+    assert_eq!(decoded(&mut tab, &of_colours, size, "picture"), json!(colours.into_rgba8().into_raw()));
+    // Of planes the first bytes of pixels count.
+    let grey = ImageBuffer::from_fn(13, 18, |x, y| image::Rgb([(x * x + y * 13) as u8; 3]));
+    let of_planes = encoded(DynamicImage::ImageRgb8(grey.clone()), ImageFormat::WebP);
+    let pixels = decoded(&mut tab, &of_planes, [13, 18], "planes");
+    let first: Vec<&Value> = pixels.as_array().unwrap().iter().step_by(4).collect();
+    assert_eq!(json!(first), json!(grey.pixels().map(|pixel| pixel.0[0]).collect::<Vec<u8>>()));
     // Damaged, cut, and of another size: errors, as natively.
-    for (file, size, height_map) in [
-        (&of_deep[..of_deep.len() / 2], size, true),
-        (&of_deep, [13, 8], true),
-        (&of_deep, [13, 10], true),
-        (&of_colours, size, true),
-        (b"no picture", size, false),
-        (&of_colours, [13, 8], false),
+    for (file, size, what) in [
+        (&of_deep[..of_deep.len() / 2], size, "height_map"),
+        (&of_deep, [13, 8], "height_map"),
+        (&of_deep, [13, 10], "height_map"),
+        (&of_colours, size, "height_map"),
+        (b"no picture", size, "picture"),
+        (&of_colours, [13, 8], "picture"),
+        (&of_planes, size, "planes"),
+        (&of_planes[..40], [13, 18], "planes"),
     ] {
-        assert!(decoded(&mut tab, file, size, height_map).is_string(), "{size:?} {height_map}");
+        assert!(decoded(&mut tab, file, size, what).is_string(), "{size:?} {what}");
     }
     server.assert_healthy();
 }

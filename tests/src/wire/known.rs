@@ -539,6 +539,7 @@ fn texture(texture: &TextureInfo) -> Value {
         },
         "width": texture.width,
         "height": texture.height,
+        "planes": texture.planes,
         "mean": texture.mean,
         "uv_per_unit": texture.uv_per_unit,
         "levels": levels.collect::<Vec<_>>(),

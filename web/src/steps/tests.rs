@@ -103,6 +103,7 @@ fn a_file_is_not_passed_as_texels() {
         file: bytes::Bytes::new(),
         kind: lodestream_scene::asset::TextureKind::Color,
         size: [1, 1],
+        planes: None,
     };
     let change = TextureChange { asset: 0, texture: 0, level: 0, tile: None, pixels: pixels.into() };
     assert_eq!(encode(&[Change::Texture(change)]), Err(StepError::File));

@@ -230,7 +230,8 @@ impl ClientCore {
         if sharers.is_empty() {
             return Err(BlobError::UnknownTexture);
         }
-        let texels = |info: &TextureInfo| (info.kind, info.width, info.height, info.levels.len());
+        let texels =
+            |info: &TextureInfo| (info.kind, info.width, info.height, info.levels.len(), info.planes());
         let mut decoded: Vec<(_, Arc<TexturePixels>)> = Vec::new();
         let mut changes = Vec::new();
         for (asset, texture) in sharers.into_iter().filter(|_| self.config.track_changes) {

@@ -7,6 +7,7 @@ use lodestream_geometry::quantise::{self, QuantiseSettings};
 use lodestream_geometry::{Metric, Settings};
 
 use lodestream_import::setting::InvalidValue;
+use lodestream_import::texture::TextureQuality;
 
 use super::batching::Batching;
 use super::codec_choice::CodecChoice;
@@ -42,6 +43,8 @@ pub struct PreparationSettings {
     pub block_faces: Option<BlockFaces>,
     /// Depth of relief instead of the materials' own.
     pub relief_depth: Option<ReliefDepth>,
+    /// Quality of textures.
+    pub texture_quality: Option<TextureQuality>,
     /// Which assets the meshes of a file become. No pack contains it.
     pub batching: Option<Batching>,
     /// Whether scenes of many instances get proxies. No pack contains it.
@@ -61,6 +64,7 @@ impl PreparationSettings {
             codec: self.codec.or(other.codec),
             block_faces: self.block_faces.or(other.block_faces),
             relief_depth: self.relief_depth.or(other.relief_depth),
+            texture_quality: self.texture_quality.or(other.texture_quality),
             batching: self.batching.or(other.batching),
             proxies: self.proxies.or(other.proxies),
         }
@@ -117,7 +121,8 @@ impl fmt::Display for PreparationSettings {
         write!(f, ", region-faces {}, codec {}", settings.region_faces, self.codec())?;
         // Written only if set: nearly all meshes are smaller.
         self.block_faces.map_or(Ok(()), |faces| write!(f, ", block-faces {}", faces.get()))?;
-        self.relief_depth.map_or(Ok(()), |depth| write!(f, ", relief-depth {depth}"))
+        self.relief_depth.map_or(Ok(()), |depth| write!(f, ", relief-depth {depth}"))?;
+        self.texture_quality.map_or(Ok(()), |quality| write!(f, ", texture-quality {quality}"))
     }
 }
 
@@ -179,6 +184,7 @@ impl PreparationSettings {
             "block-faces" => self.block_faces = Some(value.parse()?),
             "codec" => self.codec = Some(value.parse::<CodecChoice>()?),
             "relief-depth" => self.relief_depth = Some(value.parse()?),
+            "texture-quality" => self.texture_quality = Some(value.parse()?),
             // Written for information, but not a setting yet.
             "region-faces" => drop(value.parse::<RegionFaces>()?),
             _ => return Ok(false),
@@ -241,6 +247,7 @@ mod tests {
             codec: Some(Codec::Zstd.into()),
             block_faces: BlockFaces::try_from(1_000_000).ok(),
             relief_depth: ReliefDepth::try_from(0.1).ok(),
+            texture_quality: TextureQuality::try_from(90).ok(),
             batching: None,
             proxies: None,
         };

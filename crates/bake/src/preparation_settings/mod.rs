@@ -7,6 +7,7 @@
 //! | uv bits | [`UvBits`] | 1 to 16 | grid of texture coordinates |
 //! | normal tolerance | [`NormalTolerance`] | 0 to 180 degrees | which normals are sent |
 //! | relief depth | [`ReliefDepth`] | 0 to 1 of texture coordinates | materials |
+//! | texture quality | [`TextureQuality`] | 1 to 100: lossless | textures |
 //! | metric | [`Metric`](lodestream_geometry::Metric) | `qem`, `melax`, `clustering`, `clustering-seams` | order of collapses |
 //! | round size | [`Round`] | `heap`, or a share of 0.01 to 0.5 | order of collapses |
 //! | codec | [`CodecChoice`] | `auto`, `range`, `axis-aligned`, `zstd` | base mesh and chunks |
@@ -27,6 +28,7 @@ mod setting;
 pub use batching::Batching;
 pub use choices::{Precision, PreparationSettings, ReadError};
 pub use codec_choice::CodecChoice;
+pub use lodestream_import::texture::TextureQuality;
 pub use setting::{
     BatchFaces, BlockFaces, CoarseGrid, LevelShare, NormalTolerance, PositionBits, RegionFaces, ReliefDepth,
     Round, RoundShare, Tolerance, TopRegions, UvBits,

@@ -411,8 +411,7 @@ fn prepare_with_key(keyed: Keyed, options: &Options, pack: &Path) -> Result<Repo
     let imported = imported.map_or_else(|| source.model.import(part), Ok)?;
     let mut warnings = imported.warnings;
     let threads = options.threads.map_or_else(Threads::all_cores, Threads::new);
-    let depth = preparation_settings.relief_depth;
-    let described = describe::describe(name, &imported.materials, depth, &threads)
+    let described = describe::describe(name, &imported.materials, preparation_settings, &threads)
         .map_err(|source| PrepareError::Describe { path: model.clone(), source })?;
     warnings.extend(described.warnings);
 

@@ -127,7 +127,9 @@ fn no_sample_is_refused_for_its_materials() {
         let name = path.file_name().unwrap().to_string_lossy().into_owned();
         match lodestream_import::import(&path) {
             Ok(imported) => {
-                let described = super::describe::describe(&name, &imported.materials, None, &Serial).unwrap();
+                let described =
+                    super::describe::describe(&name, &imported.materials, &Default::default(), &Serial)
+                        .unwrap();
                 let lost: Vec<_> = imported.warnings.iter().chain(&described.warnings).collect();
                 println!(
                     "{name}: {} materials, {} textures",

@@ -311,6 +311,7 @@ mod tests {
             kind: TextureKind::Color,
             width: size[0],
             height: size[1],
+            planes: 0,
             mean: None,
             uv_per_unit: 0.0,
             levels: (0..10).map(level).collect(),

@@ -83,6 +83,7 @@ struct RawAsset {
     codec: Option<String>,
     block_faces: Option<usize>,
     relief_depth: Option<f32>,
+    texture_quality: Option<u8>,
     batch: Option<RawBatch>,
 }
 
@@ -327,6 +328,7 @@ impl Source<'_> {
             codec: choice(raw.codec.as_deref()).map_err(bad("codec"))?,
             block_faces: setting(raw.block_faces).map_err(bad("block_faces"))?,
             relief_depth: setting(raw.relief_depth).map_err(bad("relief_depth"))?,
+            texture_quality: setting(raw.texture_quality).map_err(bad("texture_quality"))?,
             batching: batching.transpose().map_err(bad("batch"))?,
             // A setting of the scene, not of a model.
             proxies: None,

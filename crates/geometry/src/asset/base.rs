@@ -6,7 +6,7 @@ pub use crate::mesh::MAX_PARTS;
 use crate::mesh::{Face, Grid, Kinds, UvGrid, Wedge};
 
 /// Version of the base blob, of index pages and of chunk payloads.
-pub const FORMAT_VERSION: u8 = 4;
+pub const FORMAT_VERSION: u8 = 5;
 /// Most faces of a base mesh: bounds a decoder's memory.
 pub const MAX_BASE_FACES: usize = 1 << 20;
 /// Most chunks per asset.

@@ -373,7 +373,8 @@ fn a_webp_texture_takes_the_place_of_its_fallback() {
     model.json["textures"][0].as_object_mut().unwrap().remove("source");
     assert_eq!(color(&model).bytes, with_fallback.bytes);
     let source = crate::texture::TextureSource::opaque(with_fallback);
-    let texture = crate::texture::load(&source, &lodestream_geometry::pool::Serial).unwrap();
+    let texture =
+        crate::texture::load(&source, Default::default(), &lodestream_geometry::pool::Serial).unwrap();
     assert_eq!((texture.width_px, texture.levels.len()), (64, 4));
     model.json["textures"] = json!([{"extensions": {"EXT_texture_webp": {"source": 9}}}]);
     let missing = model.read().unwrap();
@@ -395,7 +396,7 @@ fn a_basis_universal_texture_takes_the_place_of_its_fallback() {
     let imported = model.read().unwrap();
     assert!(imported.warnings.is_empty(), "{:?}", imported.warnings);
     let source = crate::texture::TextureSource::opaque(imported.materials[0].maps.color.clone().unwrap());
-    let texture = crate::texture::load(&source, &lodestream_geometry::pool::Serial).unwrap();
+    let texture = crate::texture::load(&source, Default::default(), &lodestream_geometry::pool::Serial).unwrap();
     assert_eq!((texture.width_px, texture.height_px), (14, 10));
     // Files beside the model, too, whatever extension names them.
     model.json["images"][1] = json!({"uri": "beside.ktx2"});

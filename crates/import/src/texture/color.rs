@@ -7,25 +7,23 @@ use lodestream_geometry::pool::Pool;
 use lodestream_scene::asset::TextureKind;
 
 use super::channel::Channels;
+use super::chroma;
 use super::coverage::Coverage;
 use super::decode::decode;
 use super::encode::{Rectangle, levels};
 use super::error::TextureError;
 use super::levels::Texture;
 use super::mip::Plane;
+use super::quality::TextureQuality;
 use super::source::{Opacity, Transparency};
 use super::webp;
 use crate::model::{Channel, ImageSource};
-
-/// Quality of JPEGs, 1–100, of colours that are too wide or high for WebP, or have too fine chroma: about as good as
-/// that.
-const JPEG_QUALITY: u8 = 85;
 
 pub(super) fn load(
     image: Option<&ImageSource>,
     opacity: Option<&Channel>,
     used: Opacity,
-    pool: &dyn Pool,
+    (quality, pool): (TextureQuality, &dyn Pool),
 ) -> Result<Texture, TextureError> {
     let (path, mut rgba) = composed(image, opacity)?;
     let transparency = if used == Opacity::Ignored {
@@ -41,7 +39,7 @@ pub(super) fn load(
         _ => None,
     };
     let coverage = threshold.map(|threshold| Coverage::of(&rgba, threshold));
-    encode(&path, rgba, transparency, coverage.as_ref(), pool)
+    encode(&path, rgba, transparency, coverage.as_ref(), (quality, pool))
 }
 
 /// Combines colours and opacity at the larger size of the two.
@@ -89,36 +87,40 @@ fn encode(
     rgba: RgbaImage,
     transparency: Transparency,
     coverage: Option<&Coverage>,
-    pool: &dyn Pool,
+    (quality, pool): (TextureQuality, &dyn Pool),
 ) -> Result<Texture, TextureError> {
     let (width_px, height_px) = rgba.dimensions();
     let grey = rgba.pixels().all(|p| p.0[0] == p.0[1] && p.0[1] == p.0[2]);
     let alpha = transparency != Transparency::None;
     let plane = Plane::<4>::from_srgb(&rgba);
     drop(rgba);
-    let encode = |plane: &Plane<4>| encode_level(plane, alpha, grey, coverage);
+    let encode = |plane: &Plane<4>| encode_level(plane, (alpha, grey), coverage, quality);
     let (levels, coarsest) =
         levels((path, TextureKind::Color), plane, Plane::halve_premultiplied, encode, pool)?;
     let mean = Some(coarsest.mean_srgb());
-    Ok(Texture { kind: TextureKind::Color, width_px, height_px, transparency, mean, levels })
+    Ok(Texture { kind: TextureKind::Color, width_px, height_px, planes: 0, transparency, mean, levels })
 }
 
 fn encode_level(
     plane: &Plane<4>,
-    alpha: bool,
-    grey: bool,
+    (alpha, grey): (bool, bool),
     coverage: Option<&Coverage>,
+    quality: TextureQuality,
 ) -> Result<Vec<u8>, ImageError> {
     let mut rgba = plane.to_srgb();
     let (width, height) = (plane.width, plane.height);
-    let webp_holds = width.max(height) <= webp::MAX_SIDE_PX;
     let rectangle = |bytes, format| Rectangle { bytes, width, height, format };
     if alpha {
         if let Some(coverage) = coverage {
             coverage.restore(&mut rgba);
         }
         let whole = rectangle(&rgba, ExtendedColorType::Rgba8);
-        return if webp_holds { whole.png_or(webp::with_alpha(&rgba, width, height)?) } else { whole.png() };
+        let lossy = !quality.is_lossless() && width.max(height) <= webp::MAX_SIDE_PX;
+        return if lossy {
+            whole.png_or(webp::with_alpha(&rgba, (width, height), quality)?)
+        } else {
+            whole.png()
+        };
     }
     let pixels = rgba.as_chunks::<4>().0;
     let rgb: Vec<u8> = pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
@@ -126,11 +128,5 @@ fn encode_level(
     drop(rgba);
     let whole =
         if grey { rectangle(&one, ExtendedColorType::L8) } else { rectangle(&rgb, ExtendedColorType::Rgb8) };
-    if webp_holds {
-        let file = webp::opaque(&rgb, width, height)?;
-        if webp::keeps_chroma(&file, &rgb)? {
-            return whole.png_or(file);
-        }
-    }
-    whole.png_or(whole.jpeg(JPEG_QUALITY)?)
+    if quality.is_lossless() { whole.png() } else { whole.png_or(chroma::lossy(&rgb, whole, quality)?) }
 }

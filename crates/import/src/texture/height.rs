@@ -39,7 +39,15 @@ pub(super) fn load(source: &ImageSource, pool: &dyn Pool) -> Result<Texture, Tex
     };
     let (levels, _) = levels((&source.path, TextureKind::Height), plane, Plane::halve, encode, pool)?;
     let transparency = Transparency::None;
-    Ok(Texture { kind: TextureKind::Height, width_px, height_px, transparency, mean: None, levels })
+    Ok(Texture {
+        kind: TextureKind::Height,
+        width_px,
+        height_px,
+        planes: 0,
+        transparency,
+        mean: None,
+        levels,
+    })
 }
 
 /// Exporters often write normal maps as `map_Bump`: bluish, with red and green about the middle.

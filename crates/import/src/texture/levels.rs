@@ -13,6 +13,8 @@ pub struct Texture {
     pub width_px: u32,
     /// Height of the finest level, in pixels.
     pub height_px: u32,
+    /// Channels that WebP files hold as grey planes, as [`lodestream_scene::asset::TextureInfo`] has them.
+    pub planes: u8,
     /// Transparency of the texels.
     pub transparency: Transparency,
     /// Mean colour, sRGB, taken in linear light and weighted by opacity; of surfaces the mean of each channel; of

@@ -1,10 +1,11 @@
 //! Encoding of texture files as mip levels, one blob each, coarse first.
 //!
-//! Colours become WebP, normals and surfaces JPEG, all of them PNG where that is smaller; heights stay lossless, as grey
-//! PNG of 8 or 16 bits. The same file gives the same bytes on every machine and number of threads: mips are integer
-//! arithmetic, and the encoders are too.
+//! Colours, normals and surfaces become WebP, or PNG where that is about as small; heights stay lossless, as grey PNG of
+//! 8 or 16 bits. The same file gives the same bytes on every machine and number of threads: mips are integer arithmetic,
+//! and the encoders are too.
 
 mod channel;
+mod chroma;
 mod color;
 mod coverage;
 mod decode;
@@ -16,6 +17,8 @@ mod levels;
 mod limits;
 mod mip;
 mod normal;
+mod planes;
+mod quality;
 mod source;
 mod surface;
 mod webp;
@@ -27,20 +30,25 @@ pub use decode::{decode, size};
 pub use error::TextureError;
 pub use levels::{Level, Texture};
 pub use limits::{MAX_PIXELS, MAX_SIDE_PX};
+pub use quality::TextureQuality;
 pub use source::{Opacity, TextureSource, Transparency};
 
 /// Reads a texture's images and encodes its mip levels, each in a task of the pool.
 ///
 /// # Errors
 /// See [`TextureError`]. The size is checked before anything is decoded.
-pub fn load(source: &TextureSource, pool: &dyn Pool) -> Result<Texture, TextureError> {
+pub fn load(
+    source: &TextureSource,
+    quality: TextureQuality,
+    pool: &dyn Pool,
+) -> Result<Texture, TextureError> {
     match source {
         TextureSource::Color { image, opacity, used } => {
-            color::load(image.as_ref(), opacity.as_ref(), *used, pool)
+            color::load(image.as_ref(), opacity.as_ref(), *used, (quality, pool))
         }
         TextureSource::Height(image) => height::load(image, pool),
-        TextureSource::Normal(image) => normal::load(image, pool),
-        TextureSource::Surface(map) => surface::load(map, pool),
+        TextureSource::Normal(image) => normal::load(image, (quality, pool)),
+        TextureSource::Surface(map) => surface::load(map, (quality, pool)),
     }
 }
 

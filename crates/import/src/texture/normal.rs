@@ -1,26 +1,25 @@
 //! Normal maps: mip levels are normalised means of directions.
 
-use image::ExtendedColorType;
 use lodestream_geometry::pool::Pool;
-use lodestream_scene::asset::TextureKind;
+use lodestream_scene::asset::{NORMAL_PLANES, TextureKind};
 
 use super::decode::decode;
-use super::encode::{Rectangle, levels};
+use super::encode::levels;
 use super::error::TextureError;
 use super::levels::Texture;
 use super::mip::Plane;
+use super::planes;
+use super::quality::TextureQuality;
 use super::source::Transparency;
 use crate::model::ImageSource;
 
-/// Quality of JPEGs of normal maps, chroma not halved. FlightHelmet's four larger maps (512 × 512) are turned by 1.5° in
-/// the mean and 6.3° at the 99th percentile, in 291 kB; at 85 by 1.7° and 8.0° in 221 kB, at 95 by 1.1° and 4.0° in
-/// 461 kB; as PNG they take 1,234 kB. Waves are turned by 0.63° (0.73, 0.48), bricks by 1.1° (1.6, 0.77), where PNG is
-/// smaller and taken.
-pub(super) const JPEG_QUALITY: u8 = 90;
 /// Sample value of 0: samples are signed values with this offset.
 const ZERO: i32 = 1 << 15;
 
-pub(super) fn load(source: &ImageSource, pool: &dyn Pool) -> Result<Texture, TextureError> {
+pub(super) fn load(
+    source: &ImageSource,
+    (quality, pool): (TextureQuality, &dyn Pool),
+) -> Result<Texture, TextureError> {
     let image = decode(source)?;
     let (width_px, height_px) = (image.width(), image.height());
     let rgb = image.into_rgb16();
@@ -32,18 +31,25 @@ pub(super) fn load(source: &ImageSource, pool: &dyn Pool) -> Result<Texture, Tex
     let encode = |plane: &Plane<3>| {
         let bytes: Vec<u8> = plane.samples.iter().flat_map(|s| bytes(unit(s.map(signed)))).collect();
         let Plane { width, height, .. } = *plane;
-        let whole = Rectangle { bytes: &bytes, width, height, format: ExtendedColorType::Rgb8 };
-        whole.png_or(whole.jpeg(JPEG_QUALITY)?)
+        planes::encode(&bytes, (width, height), NORMAL_PLANES, quality)
     };
     let (levels, _) = levels((&source.path, TextureKind::Normal), plane, Plane::halve, encode, pool)?;
     let transparency = Transparency::None;
-    Ok(Texture { kind: TextureKind::Normal, width_px, height_px, transparency, mean: None, levels })
+    Ok(Texture {
+        kind: TextureKind::Normal,
+        width_px,
+        height_px,
+        planes: NORMAL_PLANES,
+        transparency,
+        mean: None,
+        levels,
+    })
 }
 
-/// The unit vector of a texel.
+/// The unit vector of a texel. Those that point into the surface are level: files have x and y only.
 fn sample(texel: [u16; 3]) -> [u16; 3] {
-    let vector = texel.map(|c| f64::from(2 * i32::from(c) - i32::from(u16::MAX)));
-    unit(vector).map(|x| (ZERO + (x * 32_767.0).round() as i32) as u16)
+    let [x, y, z] = texel.map(|c| f64::from(2 * i32::from(c) - i32::from(u16::MAX)));
+    unit([x, y, z.max(0.0)]).map(|x| (ZERO + (x * 32_767.0).round() as i32) as u16)
 }
 
 fn signed(sample: u16) -> f64 {

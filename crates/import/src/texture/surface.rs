@@ -1,23 +1,22 @@
 //! Surface textures: occlusion, roughness and metal from one image or several.
 
-use image::ExtendedColorType;
 use lodestream_geometry::pool::Pool;
 use lodestream_scene::asset::TextureKind;
 
 use super::channel::{Channels, larger};
-use super::encode::{Rectangle, levels};
+use super::encode::levels;
 use super::error::TextureError;
 use super::levels::Texture;
 use super::mip::Plane;
+use super::planes;
+use super::quality::TextureQuality;
 use super::source::Transparency;
 use crate::model::SurfaceMap;
 
-/// Quality of JPEGs of surfaces, whose three channels are nearly independent. Of FlightHelmet's five maps
-/// roughness is off by 2.2 of 255 in the mean and 11 at the 99th percentile, metal by 1.6 and 13, in 383 kB; at 90 by
-/// 1.9 and 9, 1.4 and 11, in 489 kB; as PNG they take 1,434 kB.
-pub(super) const JPEG_QUALITY: u8 = 85;
-
-pub(super) fn load(map: &SurfaceMap, pool: &dyn Pool) -> Result<Texture, TextureError> {
+pub(super) fn load(
+    map: &SurfaceMap,
+    (quality, pool): (TextureQuality, &dyn Pool),
+) -> Result<Texture, TextureError> {
     let mut images = Channels::default();
     let mut planes = Vec::new();
     for channel in map.channels() {
@@ -35,16 +34,27 @@ pub(super) fn load(map: &SurfaceMap, pool: &dyn Pool) -> Result<Texture, Texture
         }
     }
     let plane = Plane { width: width_px, height: height_px, samples };
+    // A mean of equal bytes is that byte, so what varies does so in the finest level.
+    let first = plane.samples.first().map_or([0; 3], |sample| sample.map(byte));
+    let varies = |c: usize| plane.samples.iter().any(|sample| byte(sample[c]) != first[c]);
+    let channels = (0..3).filter(|&c| varies(c)).fold(0, |channels, c| channels | 1 << c);
     let encode = |plane: &Plane<3>| {
         let bytes: Vec<u8> = plane.samples.iter().flat_map(|s| s.map(byte)).collect();
         let Plane { width, height, .. } = *plane;
-        let whole = Rectangle { bytes: &bytes, width, height, format: ExtendedColorType::Rgb8 };
-        whole.png_or(whole.jpeg(JPEG_QUALITY)?)
+        planes::encode(&bytes, (width, height), channels, quality)
     };
     let (levels, coarsest) = levels((&path, TextureKind::Surface), plane, Plane::halve, encode, pool)?;
     let mean = Some(coarsest.mean().map(byte));
     let transparency = Transparency::None;
-    Ok(Texture { kind: TextureKind::Surface, width_px, height_px, transparency, mean, levels })
+    Ok(Texture {
+        kind: TextureKind::Surface,
+        width_px,
+        height_px,
+        planes: channels,
+        transparency,
+        mean,
+        levels,
+    })
 }
 
 fn byte(value: u16) -> u8 {

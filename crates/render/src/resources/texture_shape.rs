@@ -122,6 +122,7 @@ mod tests {
             kind: TextureKind::Color,
             width: 8,
             height: 8,
+            planes: 0,
             mean,
             uv_per_unit: 1.0,
             levels: vec![TextureLevel { width: 8, height: 8, bytes: 100, format: TextureFormat::Png }],

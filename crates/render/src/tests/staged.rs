@@ -57,6 +57,7 @@ fn square() -> Vec<Change> {
         kind: TextureKind::Color,
         width: SIDE,
         height: SIDE,
+        planes: 0,
         mean: Some([255; 3]),
         uv_per_unit: 1.0,
         levels: [SIDE / 2, SIDE].map(level).to_vec(),

@@ -4,9 +4,11 @@
 //! the first flight: an untextured mesh of one material takes about 20 bytes.
 
 mod material;
+mod planes;
 mod texture_regions;
 pub mod tiles;
 
+pub use self::planes::{NORMAL_PLANES, Planes};
 pub use self::texture_regions::{MAX_TEXTURE_REGIONS, TexturePatch, TextureRegion, TextureRegions, cells_of};
 pub use self::tiles::{TILE_BORDER, TILE_SIDE, is_tiled, tile_grid, tile_place, tile_size};
 
@@ -55,11 +57,11 @@ encode_variants!(TextureKind { 0 => Color, 1 => Height, 2 => Normal, 3 => Surfac
 /// Image format of a texture level.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TextureFormat {
-    /// JPEG, for surfaces and normals.
+    /// JPEG, for colours with fine chroma.
     Jpeg,
     /// PNG, for heights, and where it is smaller.
     Png,
-    /// WebP, for colour, with alpha or without.
+    /// WebP: colours, with alpha or without, or grey [`Planes`].
     WebP,
 }
 
@@ -74,6 +76,9 @@ pub struct TextureInfo {
     pub width: u32,
     /// Height of the finest level, in texels.
     pub height: u32,
+    /// Channels that WebP files hold as [`Planes`]: 1 red, 2 green, 4 blue. [`NORMAL_PLANES`] for normals; for surfaces
+    /// those that are not `mean` everywhere; 0 for colours and heights.
+    pub planes: u8,
     /// Mean colour, drawn until the first level arrives: sRGB, averaged in linear light and weighted by opacity; for
     /// surface textures the mean of each channel. `None` for heights and normals.
     pub mean: Option<[u8; 3]>,
@@ -84,7 +89,7 @@ pub struct TextureInfo {
     pub levels: Vec<TextureLevel>,
 }
 
-encode_fields!(TextureInfo { kind, width, height, mean, uv_per_unit, levels });
+encode_fields!(TextureInfo { kind, width, height, planes, mean, uv_per_unit, levels });
 
 /// One level of a texture: one blob, or one for each of its tiles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -151,6 +156,9 @@ pub enum DescriptionError {
     /// A coarsest level that is cut into tiles.
     #[error("a texture's coarsest level is larger than a tile")]
     CoarsestLevel,
+    /// Planes that textures of the kind do not have, or a surface without a mean.
+    #[error("a texture has planes that its kind does not have")]
+    Planes,
     /// A density that is not a finite number from 0.
     #[error("a texture's density is not a finite number that is not below 0")]
     TextureDensity,
@@ -223,6 +231,7 @@ impl AssetDescription {
                 last = (level.width, level.height);
             }
             ensure(last == (texture.width, texture.height), DescriptionError::FinestLevel)?;
+            ensure(texture.has_valid_planes(), DescriptionError::Planes)?;
             ensure(texture.whole_levels() > 0, DescriptionError::CoarsestLevel)?;
             ensure(
                 texture.uv_per_unit >= 0.0 && texture.uv_per_unit.is_finite(),
@@ -255,6 +264,7 @@ mod tests {
                     kind,
                     width: 512,
                     height: 256,
+                    planes: 0,
                     mean: (kind == TextureKind::Color).then_some([180, 90, 40]),
                     uv_per_unit: 0.5,
                     levels: vec![
@@ -305,6 +315,25 @@ mod tests {
         let mut unordered = textured();
         unordered.textures[0].levels.reverse();
         assert!(unordered.encode().is_err());
+    }
+
+    #[test]
+    fn planes_that_a_kind_does_not_have_are_refused() {
+        use TextureKind::{Color, Height, Normal, Surface};
+        let encoded = |kind, planes, mean: Option<[u8; 3]>| {
+            let mut description = textured();
+            description.textures[0] = TextureInfo { kind, planes, mean, ..description.textures[0].clone() };
+            description.encode().map(|bytes| AssetDescription::decode(&bytes).unwrap().textures[0].planes)
+        };
+        let (mean, refused) = (Some([1, 2, 3]), Err(DescriptionError::Planes));
+        for planes in 0..=u8::MAX {
+            let only = |right: bool| if right { Ok(planes) } else { refused.clone() };
+            assert_eq!(encoded(Color, planes, mean), only(planes == 0));
+            assert_eq!(encoded(Height, planes, None), only(planes == 0));
+            assert_eq!(encoded(Normal, planes, None), only(planes == NORMAL_PLANES));
+            assert_eq!(encoded(Surface, planes, mean), only(planes < 8));
+            assert_eq!(encoded(Surface, planes, None), only(planes == 7), "others need a value");
+        }
     }
 
     fn full_material() -> Material {

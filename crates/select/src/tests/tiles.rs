@@ -21,6 +21,7 @@ fn tiled(entry: AssetEntry) -> AssetState {
             kind: TextureKind::Color,
             width: 2048,
             height: 2048,
+            planes: 0,
             mean: None,
             uv_per_unit: 0.5,
             levels: SIDES.map(level).to_vec(),

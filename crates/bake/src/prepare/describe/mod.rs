@@ -5,7 +5,7 @@ mod error;
 mod tests;
 mod textures;
 
-use crate::preparation_settings::ReliefDepth;
+use crate::preparation_settings::{PreparationSettings, ReliefDepth};
 use lodestream_geometry::pool::Pool;
 use lodestream_import::ImportedMaterial;
 use lodestream_import::srgb::srgb_to_linear;
@@ -43,12 +43,14 @@ pub struct EncodedDescription {
 pub fn describe(
     name: &str,
     materials: &[ImportedMaterial],
-    relief_depth: Option<ReliefDepth>,
+    settings: &PreparationSettings,
     pool: &dyn Pool,
 ) -> Result<EncodedDescription, DescribeError> {
-    let mut textures = Textures::new(pool);
-    let materials: Result<Vec<Material>, DescribeError> =
-        materials.iter().map(|material| describe_one(material, relief_depth, &mut textures)).collect();
+    let mut textures = Textures::new(settings.texture_quality.unwrap_or_default(), pool);
+    let materials: Result<Vec<Material>, DescribeError> = materials
+        .iter()
+        .map(|material| describe_one(material, settings.relief_depth, &mut textures))
+        .collect();
     let description =
         AssetDescription { name: truncated(name), materials: materials?, textures: textures.infos };
     // The encoder checks all limits: fail before the preparation, not after it.

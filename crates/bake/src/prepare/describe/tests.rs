@@ -26,7 +26,7 @@ fn a_textured_material_names_its_blobs() {
         ..ImportedMaterial::default()
     };
     let again = ImportedMaterial { maps: brick.maps.clone(), ..ImportedMaterial::named("same") };
-    let described = describe("wall", &[brick, again], None, &Serial).unwrap();
+    let described = describe("wall", &[brick, again], &PreparationSettings::default(), &Serial).unwrap();
     assert!(described.warnings.is_empty(), "{:?}", described.warnings);
     let AssetDescription { materials, textures, .. } = &described.description;
     assert_eq!(materials[0].name.len(), MAX_NAME_BYTES);
@@ -42,8 +42,8 @@ fn a_textured_material_names_its_blobs() {
         let lengths: Vec<usize> = info.levels.iter().map(|l| l.bytes as usize).collect();
         assert_eq!(lengths, blobs.iter().map(|images| images[0].len()).collect::<Vec<_>>());
     }
-    let fixed =
-        describe("wall", &[ImportedMaterial::default()], ReliefDepth::try_from(0.3).ok(), &Serial).unwrap();
+    let deep = PreparationSettings { relief_depth: ReliefDepth::try_from(0.3).ok(), ..Default::default() };
+    let fixed = describe("wall", &[ImportedMaterial::default()], &deep, &Serial).unwrap();
     assert_eq!(fixed.description.materials[0].relief_depth, 0.0);
 }
 
@@ -54,7 +54,7 @@ fn a_missing_texture_is_a_warning_and_a_colour() {
         maps: MaterialMaps { color: Some(PathBuf::from("/no/brick.png").into()), ..MaterialMaps::default() },
         ..ImportedMaterial::default()
     };
-    let described = describe("wall", &[material], None, &Serial).unwrap();
+    let described = describe("wall", &[material], &PreparationSettings::default(), &Serial).unwrap();
     assert_eq!(described.warnings.len(), 1);
     assert!(described.warnings[0].contains("/no/brick.png: cannot be read"), "{:?}", described.warnings);
     let shown = &described.description.materials[0];
@@ -97,7 +97,8 @@ fn every_field_and_map_is_described() {
         },
         ..ImportedMaterial::default()
     };
-    let described = describe("a", &[material.clone(), material], None, &Serial).unwrap();
+    let described =
+        describe("a", &[material.clone(), material], &PreparationSettings::default(), &Serial).unwrap();
     assert!(described.warnings.is_empty(), "{:?}", described.warnings);
     let AssetDescription { materials, textures, .. } = described.description;
     assert_eq!(materials[0], materials[1]);
@@ -133,7 +134,7 @@ fn a_lost_map_does_not_make_everything_metal_or_light() {
         },
         ..ImportedMaterial::default()
     };
-    let described = describe("a", &[material], None, &Serial).unwrap();
+    let described = describe("a", &[material], &PreparationSettings::default(), &Serial).unwrap();
     assert_eq!(described.warnings.len(), 1, "once a file: {:?}", described.warnings);
     let shown = &described.description.materials[0];
     assert_eq!((shown.metallic, shown.emission, shown.normal_texture), (0.0, [0.0; 3], None));
@@ -149,7 +150,8 @@ fn a_normal_map_where_heights_belong_is_drawn_as_one() {
         maps: MaterialMaps { height, ..MaterialMaps::default() },
         ..ImportedMaterial::default()
     };
-    let described = describe("a", std::slice::from_ref(&material), None, &Serial).unwrap();
+    let described =
+        describe("a", std::slice::from_ref(&material), &PreparationSettings::default(), &Serial).unwrap();
     assert!(described.warnings.is_empty(), "{:?}", described.warnings);
     let shown = &described.description.materials[0];
     assert_eq!((shown.height_texture, shown.normal_texture, shown.normal_scale), (None, Some(0), 0.5));
@@ -157,7 +159,7 @@ fn a_normal_map_where_heights_belong_is_drawn_as_one() {
     // A material with a normal map ignores it.
     let mut both = material;
     both.maps.normal = Some(image(&dir, "n.png", [128, 128, 255]));
-    let described = describe("a", &[both], None, &Serial).unwrap();
+    let described = describe("a", &[both], &PreparationSettings::default(), &Serial).unwrap();
     assert!(described.warnings[0].contains("looks like a normal map"), "{:?}", described.warnings);
     assert_eq!(described.description.textures.len(), 1);
 }
@@ -174,7 +176,8 @@ fn opacity_maps_say_whether_they_are_masks() {
             alpha_from_map: true,
             ..ImportedMaterial::default()
         };
-        describe("a", &[material], None, &Serial).unwrap().description.materials[0].alpha
+        describe("a", &[material], &PreparationSettings::default(), &Serial).unwrap().description.materials[0]
+            .alpha
     };
     assert_eq!(alpha("holes.png", &|x| if x < 8 { 0 } else { 255 }), Alpha::Mask(0.5));
     assert_eq!(alpha("graded.png", &|x| x as u8 * 16), Alpha::Blend);
@@ -184,7 +187,11 @@ fn opacity_maps_say_whether_they_are_masks() {
 #[test]
 fn a_plain_material_takes_11_bytes() {
     let plain = ImportedMaterial::named("m");
-    let bytes = describe("a", &[plain], None, &Serial).unwrap().description.encode().unwrap();
+    let bytes = describe("a", &[plain], &PreparationSettings::default(), &Serial)
+        .unwrap()
+        .description
+        .encode()
+        .unwrap();
     // Name, one material of 11 bytes and its name, no texture.
     assert_eq!(bytes.len(), 2 + 1 + 11 + 1 + 1, "{bytes:?}");
 }

@@ -5,7 +5,9 @@ use std::path::Path;
 
 use lodestream_geometry::pool::Pool;
 use lodestream_import::ImageSource;
-use lodestream_import::texture::{self, Level, Texture, TextureError, TextureSource, Transparency};
+use lodestream_import::texture::{
+    self, Level, Texture, TextureError, TextureQuality, TextureSource, Transparency,
+};
 use lodestream_scene::asset::{MAX_TEXTURES, TextureFormat, TextureInfo, TextureLevel};
 use lodestream_scene::limits::MAX_BLOB_BYTES;
 
@@ -13,6 +15,7 @@ use super::error::DescribeError;
 
 /// Textures encoded so far.
 pub(super) struct Textures<'a> {
+    quality: TextureQuality,
     pool: &'a dyn Pool,
     known: BTreeMap<(TextureSource, bool), Option<EncodedTexture>>,
     pub(super) infos: Vec<TextureInfo>,
@@ -31,9 +34,9 @@ pub(super) struct EncodedTexture {
 
 impl<'a> Textures<'a> {
     /// None; the pool encodes them.
-    pub(super) fn new(pool: &'a dyn Pool) -> Self {
+    pub(super) fn new(quality: TextureQuality, pool: &'a dyn Pool) -> Self {
         let (known, infos, levels, warnings) = Default::default();
-        Self { pool, known, infos, levels, warnings }
+        Self { quality, pool, known, infos, levels, warnings }
     }
 
     /// Encodes a source's texture. Unreadable images become warnings and are omitted from it.
@@ -64,7 +67,7 @@ impl<'a> Textures<'a> {
         let mut left = Some(source);
         let mut made = None;
         while let Some(of) = left.take() {
-            match (texture::load(&of, self.pool), &of) {
+            match (texture::load(&of, self.quality, self.pool), &of) {
                 (Ok(texture), _) => {
                     let transparency = texture.transparency;
                     let path = of.first_image().map(|image| image.path.clone()).unwrap_or_default();
@@ -117,6 +120,7 @@ impl<'a> Textures<'a> {
             kind: texture.kind,
             width: texture.width_px,
             height: texture.height_px,
+            planes: texture.planes,
             mean: texture.mean,
             // Known once the mesh is (`texture_regions`).
             uv_per_unit: 0.0,

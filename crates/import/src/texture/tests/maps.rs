@@ -4,21 +4,21 @@ use image::{DynamicImage, GrayImage, Luma, Rgb, RgbImage, Rgba, RgbaImage};
 use tempfile::TempDir;
 
 use super::super::{Level, Opacity, Texture, TextureSource, Transparency};
-use super::{load, noise, save};
+use super::{decoded, load, noise, save};
 use crate::model::{Channel, Component, SurfaceMap};
 
-fn finest(texture: &Texture) -> DynamicImage {
-    image::load_from_memory(&texture.levels.last().unwrap()[0]).unwrap()
+fn finest(texture: &Texture) -> RgbaImage {
+    decoded(texture, &texture.levels.last().unwrap()[0])
 }
 
-fn coarsest(texture: &Texture) -> DynamicImage {
-    image::load_from_memory(&texture.levels[0][0]).unwrap()
+fn coarsest(texture: &Texture) -> RgbaImage {
+    decoded(texture, &texture.levels[0][0])
 }
 
 #[test]
 fn a_surface_is_composed_of_its_images_at_the_larger_size() {
     let dir = TempDir::new().unwrap();
-    // The left half is 55/255 open, the right half fully; both are flat, so that JPEG does not change them.
+    // The left half is 55/255 open, the right half fully; both are flat, so that no code changes them.
     let occlusion = GrayImage::from_fn(2, 2, |x, _| Luma([if x == 0 { 55 } else { 255 }]));
     let occlusion = save(&dir, "o.png", occlusion);
     let rough = save(&dir, "r.png", RgbImage::from_pixel(32, 16, Rgb([9, 102, 51])));
@@ -30,9 +30,10 @@ fn a_surface_is_composed_of_its_images_at_the_larger_size() {
     };
     let texture = load(&TextureSource::Surface(map.clone())).unwrap();
     assert_eq!((texture.width_px, texture.height_px, texture.levels.len()), (32, 16, 3));
-    let image = finest(&texture).to_rgb8();
+    let image = finest(&texture);
     let near = |at: (u32, u32), expected: [u8; 3]| {
-        let texel = image.get_pixel(at.0, at.1).0;
+        let [r, g, b, _] = image.get_pixel(at.0, at.1).0;
+        let texel = [r, g, b];
         assert!(texel.iter().zip(expected).all(|(a, b)| a.abs_diff(b) <= 2), "{texel:?} {expected:?}");
     };
     // 1 + (55/255 − 1) / 2.
@@ -46,6 +47,40 @@ fn a_surface_is_composed_of_its_images_at_the_larger_size() {
     let glossy = Channel { inverted: true, ..Channel::plain(rough.into(), Component::Red) };
     let map = SurfaceMap { roughness: Some(glossy), ..SurfaceMap::default() };
     assert_eq!(load(&TextureSource::Surface(map)).unwrap().mean, Some([255, 246, 255]));
+}
+
+#[test]
+fn channels_that_are_the_same_everywhere_take_no_bytes() {
+    let dir = TempDir::new().unwrap();
+    let image = RgbImage::from_fn(64, 64, |x, y| Rgb([40, 100 + noise(x, y) / 4, 90 + noise(y, x) / 4]));
+    let path = save(&dir, "s.png", image.clone());
+    let channel = |component| Some(Channel::plain(path.clone().into(), component));
+    let (green, blue) = (Component::Green, Component::Blue);
+    let rough = SurfaceMap { roughness: channel(green), ..SurfaceMap::default() };
+    let metal = SurfaceMap { occlusion: channel(Component::Red), metallic: channel(blue), ..rough.clone() };
+    let [rough, metal] = [rough, metal].map(|map| load(&TextureSource::Surface(map)).unwrap());
+    assert_eq!([rough.planes, metal.planes], [0b010, 0b110]);
+    let file = |texture: &Texture| {
+        let file = texture.levels.last().unwrap()[0].clone();
+        let picture = image::load_from_memory_with_format(&file, image::ImageFormat::WebP).unwrap();
+        (file.len(), [picture.width(), picture.height()])
+    };
+    let ((one, size), (two, tall)) = (file(&rough), file(&metal));
+    assert_eq!([size, tall], [[64, 64], [64, 128]]);
+    assert!(one < two, "{one} {two}");
+    for (texture, red, varying_blue) in [(rough, 255, false), (metal, 40, true)] {
+        for (pixel, source) in finest(&texture).pixels().zip(image.pixels()) {
+            let ([r, g, b, _], [_, green, blue]) = (pixel.0, source.0);
+            let blue_is_near = if varying_blue { b.abs_diff(blue) < 32 } else { b == 255 };
+            assert!(r == red && g.abs_diff(green) < 32 && blue_is_near, "{pixel:?} {source:?}");
+        }
+    }
+    // Nothing varies: PNG.
+    let flat = save(&dir, "f.png", RgbImage::from_pixel(300, 20, Rgb([1, 2, 3])));
+    let map = SurfaceMap { roughness: Some(Channel::plain(flat.into(), green)), ..SurfaceMap::default() };
+    let flat = load(&TextureSource::Surface(map)).unwrap();
+    assert_eq!((flat.planes, flat.mean), (0, Some([255, 2, 255])));
+    assert!(flat.levels.iter().flatten().all(|file| file.starts_with(b"\x89PNG")));
 }
 
 #[test]
@@ -78,13 +113,13 @@ fn coarser_normals_point_where_the_finer_do_together_and_are_unit() {
     let texture = load(&TextureSource::Normal(save(&dir, "n.png", ridges).into())).unwrap();
     assert_eq!((texture.mean, texture.levels.len()), (None, 4));
     for (level, images) in texture.levels.iter().enumerate() {
-        for pixel in image::load_from_memory(&images[0]).unwrap().to_rgb8().pixels() {
+        for pixel in decoded(&texture, &images[0]).pixels() {
             let vector = pixel.0.map(|c| f64::from(c) / 127.5 - 1.0);
-            let length = vector.iter().map(|c| c * c).sum::<f64>().sqrt();
+            let length = vector[..3].iter().map(|c| c * c).sum::<f64>().sqrt();
             assert!((length - 1.0).abs() < 0.03, "level {level}: {pixel:?} has length {length}");
         }
     }
-    let coarse = coarsest(&texture).to_rgb8().get_pixel(0, 0).0;
+    let coarse = coarsest(&texture).get_pixel(0, 0).0;
     let length = (0.4_f64 * 0.4 * 2.0 + 0.36).sqrt();
     let expected = [-0.4, 0.4, 0.6].map(|x| byte(x / length));
     assert!(coarse.iter().zip(expected).all(|(a, b)| a.abs_diff(b) <= 2), "{coarse:?} {expected:?}");
@@ -92,7 +127,7 @@ fn coarser_normals_point_where_the_finer_do_together_and_are_unit() {
     let opposed =
         RgbImage::from_fn(16, 16, |x, _| if x % 2 == 0 { Rgb([0, 127, 127]) } else { Rgb([255, 128, 128]) });
     let texture = load(&TextureSource::Normal(save(&dir, "o.png", opposed).into())).unwrap();
-    let [x, y, z] = coarsest(&texture).to_rgb8().get_pixel(0, 0).0;
+    let [x, y, z, _] = coarsest(&texture).get_pixel(0, 0).0;
     assert!(x.abs_diff(128) <= 2 && y.abs_diff(128) <= 2 && z >= 253, "{x} {y} {z}");
 }
 
@@ -165,13 +200,13 @@ fn a_separate_opacity_map_replaces_the_images_alpha() {
     };
     let cut = load(&source(Some(color.clone()), save(&dir, "m.png", grey))).unwrap();
     assert_eq!((cut.width_px, cut.transparency), (32, Transparency::Holes));
-    let image = finest(&cut).to_rgba8();
+    let image = finest(&cut);
     assert_eq!([image.get_pixel(0, 0).0, image.get_pixel(31, 9).0], [[200, 100, 50, 0], [200, 100, 50, 255]]);
     // Opacity in the alpha channel, without a colour.
     let graded = RgbaImage::from_fn(16, 16, |x, _| Rgba([0, 0, 0, x as u8 * 16]));
     let faded = load(&source(None, save(&dir, "g.png", graded))).unwrap();
     assert_eq!(faded.transparency, Transparency::Graded);
-    assert_eq!(finest(&faded).to_rgba8().get_pixel(8, 0).0, [255, 255, 255, 128]);
+    assert_eq!(finest(&faded).get_pixel(8, 0).0, [255, 255, 255, 128]);
     let white =
         load(&source(Some(color), save(&dir, "w.png", GrayImage::from_pixel(4, 4, Luma([255]))))).unwrap();
     assert_eq!(white.transparency, Transparency::None);
