@@ -144,7 +144,7 @@ fn the_importer_gives_no_warnings() {
         let described = lodestream_bake::prepare::describe::describe(
             &asset.name,
             &imported.materials,
-            asset.preparation_settings.relief_depth,
+            &asset.preparation_settings,
             &lodestream_bake::prepare::Threads::all_cores(),
         )
         .unwrap();

@@ -68,7 +68,7 @@ fn the_importer_reads_every_part_without_a_warning() {
         let described = lodestream_bake::prepare::describe::describe(
             name,
             &imported.materials,
-            None,
+            &Default::default(),
             &Threads::all_cores(),
         )
         .unwrap();
